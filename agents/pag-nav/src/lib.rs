@@ -1,0 +1,1 @@
+//! PAG-Nav: the reference agent, a client like everyone else.

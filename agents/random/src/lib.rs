@@ -1,0 +1,1 @@
+//! The random agent: the floor of every leaderboard.

@@ -1,0 +1,1 @@
+//! The Rust client of LH-AVLN Arena: connection, episodes, steps.

@@ -1,0 +1,1 @@
+//! Instances to cues to missions to splits.

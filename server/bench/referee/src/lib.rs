@@ -1,0 +1,1 @@
+//! Runs one episode: legal actions, budgets, alternation of sounds, building observations.

@@ -1,0 +1,1 @@
+//! Pure: (truth, record) to metrics; aggregates, intervals, ranks.

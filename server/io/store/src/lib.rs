@@ -1,0 +1,1 @@
+//! SQLite rows to domain types and back; blobs; visibility applied on read.

@@ -1,0 +1,1 @@
+//! Sound: propagation, ears and convolution.

@@ -1,0 +1,1 @@
+//! Light: RGB, planar depth and hidden instance ids.

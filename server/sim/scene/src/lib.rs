@@ -1,0 +1,9 @@
+//! What a building is: mesh, materials, regions and objects; importers, exporter and procedural houses.
+//!
+//! Start reading at [`Scene`].
+//!
+//! *Never*: decides where one can walk, what is seen or what is heard; knows of missions.
+
+mod scene;
+
+pub use scene::{Attributes, InstanceId, Material, Mesh, Object, Region, Scene, SceneError, Texture};

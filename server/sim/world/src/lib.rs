@@ -1,0 +1,1 @@
+//! One body moving in one building, one step at a time.

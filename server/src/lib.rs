@@ -1,0 +1,1 @@
+//! The binary avln: command line, configuration and wiring.
