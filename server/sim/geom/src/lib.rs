@@ -17,5 +17,5 @@ mod rng;
 pub use aabb::Aabb;
 pub use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector2, Vector3};
 pub use pose::Pose;
-pub use ray_mesh::{Hit, RayMesh};
+pub use ray_mesh::{Hit, RayMesh, Visitor};
 pub use rng::Rng;

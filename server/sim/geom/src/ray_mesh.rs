@@ -1,10 +1,11 @@
-use crate::convert::{glam_from_point, glam_from_vector};
-use nalgebra::{Point3, Vector3};
-use parry3d::{
-    bounding_volume::Aabb as ParryAabb,
-    partitioning::{Bvh, BvhBuildStrategy},
-    query::Ray,
-};
+mod packet;
+mod tree;
+mod walk;
+
+use crate::{Aabb, Point3, Vector3};
+use packet::Packet;
+use tree::{Child, Node, Tree};
+pub use walk::Visitor;
 
 /// Where a ray met a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,15 +20,9 @@ pub struct Hit {
 
 /// A triangle soup that answers rays. Triangles have two sides; degenerate ones are never hit.
 pub struct RayMesh {
-    bvh: Bvh,
-    triangles: Vec<Corners>,
-}
-
-/// A triangle as the intersection test wants it: a corner and the two edges that leave it.
-struct Corners {
-    origin: Vector3<f32>,
-    edge_u: Vector3<f32>,
-    edge_v: Vector3<f32>,
+    nodes: Vec<Node>,
+    packets: Vec<Packet>,
+    triangle_count: usize,
 }
 
 impl RayMesh {
@@ -36,34 +31,26 @@ impl RayMesh {
     /// # Panics
     /// When an index lies outside of `positions`.
     pub fn new(positions: &[Point3<f32>], triangles: &[[u32; 3]]) -> Self {
-        let corners: Vec<_> = triangles.iter().map(|t| t.map(|i| positions[i as usize])).collect();
-        let leaves: Vec<_> = corners.iter().map(leaf_box).collect();
-        let bvh = Bvh::from_leaves(BvhBuildStrategy::Binned, &leaves);
-        Self { bvh, triangles: corners.iter().map(Corners::new).collect() }
+        let corners = |index: u32| triangles[index as usize].map(|i| positions[i as usize]);
+        let boxes: Vec<_> = (0..triangles.len() as u32).map(|i| box_around(&corners(i))).collect();
+        let Tree { nodes, leaves } = Tree::new(&boxes);
+        let packets = leaves.iter().map(|members| Packet::new(members, corners)).collect();
+        Self { nodes, packets, triangle_count: triangles.len() }
     }
 
     /// How many triangles there are.
     pub fn len(&self) -> usize {
-        self.triangles.len()
+        self.triangle_count
     }
 
     /// Whether there is nothing to hit.
     pub fn is_empty(&self) -> bool {
-        self.triangles.is_empty()
+        self.triangle_count == 0
     }
 
     /// The first triangle along `direction` from `origin`, no farther than `max_distance` lengths of `direction`.
     pub fn cast(&self, origin: &Point3<f32>, direction: &Vector3<f32>, max_distance: f32) -> Option<Hit> {
-        if self.triangles.is_empty() {
-            return None;
-        }
-        let ray = Ray::new(glam_from_point(origin), glam_from_vector(direction));
-        let (triangle, distance) = self.bvh.cast_ray(&ray, max_distance, |index, best| {
-            let (distance, ..) = self.triangles[index as usize].intersect(&origin.coords, direction)?;
-            (distance < best).then_some(distance)
-        })?;
-        let (_, u, v) = self.triangles[triangle as usize].intersect(&origin.coords, direction)?;
-        Some(Hit { triangle, distance, barycentric: [u, v] })
+        walk::nearest(self, origin, direction, max_distance)
     }
 
     /// Whether nothing lies between `from` and `to`, both ends left out by a millimetre.
@@ -76,41 +63,35 @@ impl RayMesh {
         }
         let direction = offset / length_m;
         let start = from + direction * END_GAP_M;
-        self.cast(&start, &direction, length_m - 2.0 * END_GAP_M).is_none()
+        !walk::any(self, &start, &direction, length_m - 2.0 * END_GAP_M)
+    }
+
+    /// Walks the tree of boxes, near ones first, and shows `visitor` every triangle of the boxes that it enters.
+    pub fn visit(&self, visitor: &mut impl Visitor) {
+        walk::visit(self, visitor);
     }
 }
 
-fn leaf_box(corners: &[Point3<f32>; 3]) -> ParryAabb {
-    let [a, b, c] = corners;
-    ParryAabb::new(glam_from_point(&a.inf(b).inf(c)), glam_from_point(&a.sup(b).sup(c)))
-}
-
-impl Corners {
-    fn new([a, b, c]: &[Point3<f32>; 3]) -> Self {
-        Self { origin: a.coords, edge_u: b - a, edge_v: c - a }
-    }
-
-    /// Distance and barycentric weights of the hit (Möller and Trumbore 1997, both sides).
-    fn intersect(&self, origin: &Vector3<f32>, direction: &Vector3<f32>) -> Option<(f32, f32, f32)> {
-        let p = direction.cross(&self.edge_v);
-        let determinant = self.edge_u.dot(&p);
-        if determinant == 0.0 {
-            return None;
-        }
-        let inverse = 1.0 / determinant;
-        let to_origin = origin - self.origin;
-        let u = to_origin.dot(&p) * inverse;
-        let q = to_origin.cross(&self.edge_u);
-        let v = direction.dot(&q) * inverse;
-        let distance = self.edge_v.dot(&q) * inverse;
-        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > 0.0).then_some((distance, u, v))
-    }
+fn box_around([a, b, c]: &[Point3<f32>; 3]) -> Aabb {
+    Aabb { min: a.inf(b).inf(c), max: a.sup(b).sup(c) }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::Rng;
+
+    /// Distance of the hit on one triangle, straight from the paper of Möller and Trumbore.
+    fn distance_to([a, b, c]: [Point3<f32>; 3], origin: &Point3<f32>, direction: &Vector3<f32>) -> Option<f32> {
+        let (edge_u, edge_v, to_origin) = (b - a, c - a, origin - a);
+        let p = direction.cross(&edge_v);
+        let inverse = 1.0 / edge_u.dot(&p);
+        let u = to_origin.dot(&p) * inverse;
+        let q = to_origin.cross(&edge_u);
+        let v = direction.dot(&q) * inverse;
+        let distance = edge_v.dot(&q) * inverse;
+        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && distance > 0.0).then_some(distance)
+    }
 
     fn random_soup(rng: &mut Rng, count: usize) -> (Vec<Point3<f32>>, Vec<[u32; 3]>) {
         let mut point = || Point3::from(Vector3::from_fn(|_, _| rng.range(-3.0, 3.0)));
@@ -121,19 +102,41 @@ mod tests {
     #[test]
     fn the_tree_agrees_with_brute_force() {
         let mut rng = Rng::new(5);
-        let (positions, triangles) = random_soup(&mut rng, 60);
-        let mesh = RayMesh::new(&positions, &triangles);
-        for _ in 0..500 {
-            let mut point = || Vector3::from_fn(|_, _| rng.range(-4.0, 4.0));
-            let (origin, direction) = (Point3::from(point()), point().normalize());
-            let expected = mesh
-                .triangles
-                .iter()
-                .filter_map(|t| t.intersect(&origin.coords, &direction))
-                .map(|(distance, ..)| distance)
-                .min_by(f32::total_cmp);
-            assert_eq!(mesh.cast(&origin, &direction, 100.0).map(|hit| hit.distance), expected);
+        for count in [1, 2, 3, 4, 5, 9, 60, 300] {
+            let (positions, triangles) = random_soup(&mut rng, count);
+            let mesh = RayMesh::new(&positions, &triangles);
+            for _ in 0..200 {
+                let mut point = || Vector3::from_fn(|_, _| rng.range(-4.0, 4.0));
+                let (origin, direction) = (Point3::from(point()), point().normalize());
+                let expected = triangles
+                    .iter()
+                    .filter_map(|t| distance_to(t.map(|i| positions[i as usize]), &origin, &direction))
+                    .min_by(f32::total_cmp);
+                let hit = mesh.cast(&origin, &direction, 100.0);
+                assert_eq!(hit.map(|hit| hit.distance), expected, "{count} triangles");
+                let (reach, target) = (expected.unwrap_or(50.0), |t: f32| origin + direction * t);
+                assert!(mesh.is_clear(&origin, &target(0.99 * reach)));
+                assert_eq!(mesh.is_clear(&origin, &target(1.01 * reach + 0.01)), expected.is_none());
+                assert_eq!(mesh.cast(&origin, &direction, 0.99 * reach), None);
+            }
         }
+    }
+
+    #[test]
+    fn barycentric_weights_lead_to_the_point_that_was_hit() {
+        let mut rng = Rng::new(8);
+        let (positions, triangles) = random_soup(&mut rng, 40);
+        let mesh = RayMesh::new(&positions, &triangles);
+        let mut hits = 0;
+        for _ in 0..200 {
+            let direction = Vector3::from_fn(|_, _| rng.range(-1.0, 1.0));
+            let Some(hit) = mesh.cast(&Point3::origin(), &direction, 100.0) else { continue };
+            let [a, b, c] = triangles[hit.triangle as usize].map(|i| positions[i as usize]);
+            let weighted = a + (b - a) * hit.barycentric[0] + (c - a) * hit.barycentric[1];
+            assert!((weighted.coords - direction * hit.distance).norm() < 1e-3);
+            hits += 1;
+        }
+        assert!(hits > 50, "only {hits} rays hit");
     }
 
     #[test]
@@ -150,5 +153,44 @@ mod tests {
     #[test]
     fn nothing_is_never_hit() {
         assert!(RayMesh::new(&[], &[]).cast(&Point3::origin(), &Vector3::x(), 1.0).is_none());
+    }
+
+    #[test]
+    fn many_copies_of_one_triangle_are_a_tree_too() {
+        let positions = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)].map(|(x, y)| Point3::new(x, y, 0.0));
+        let mesh = RayMesh::new(&positions, &[[0, 1, 2]; 500]);
+        let hit = mesh.cast(&Point3::new(0.2, 0.2, 1.0), &Vector3::new(0.0, 0.0, -1.0), 5.0);
+        assert_eq!(hit.expect("in the middle").distance, 1.0);
+    }
+
+    /// Enters every box that reaches beyond x = 0 and remembers what it saw.
+    struct RightHalf(Vec<u32>);
+
+    impl Visitor for RightHalf {
+        fn distance(&self, bounds: &Aabb) -> f32 {
+            bounds.min.x
+        }
+
+        fn enters(&mut self, bounds: &Aabb) -> bool {
+            bounds.max.x > 0.0
+        }
+
+        fn triangle(&mut self, index: u32) {
+            self.0.push(index);
+        }
+    }
+
+    #[test]
+    fn a_visitor_sees_every_triangle_of_the_boxes_it_enters_once() {
+        let (positions, triangles) = random_soup(&mut Rng::new(2), 200);
+        let mut visitor = RightHalf(Vec::new());
+        RayMesh::new(&positions, &triangles).visit(&mut visitor);
+        let mut seen = visitor.0;
+        seen.sort_unstable();
+        assert!(seen.windows(2).all(|pair| pair[0] < pair[1]), "a triangle was shown twice");
+        for (index, triangle) in triangles.iter().enumerate() {
+            let reaches = triangle.iter().any(|&i| positions[i as usize].x > 0.0);
+            assert!(!reaches || seen.binary_search(&(index as u32)).is_ok());
+        }
     }
 }
