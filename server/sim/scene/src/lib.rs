@@ -4,6 +4,8 @@
 //!
 //! *Never*: decides where one can walk, what is seen or what is heard; knows of missions.
 
+pub mod categories;
+pub mod digest;
 mod scene;
 
 pub use scene::{Attributes, InstanceId, Material, Mesh, Object, Region, Scene, SceneError, Texture};

@@ -1,0 +1,281 @@
+//! Category names: what annotators write, in the vocabulary of mpcat40 (the 40 categories of Matterport3D).
+
+/// The 21 mpcat40 categories that missions may ask for: those of the MP3D object-goal and SAVi tasks.
+pub const TARGET_CATEGORIES: [&str; 21] = [
+    "chair",
+    "table",
+    "picture",
+    "cabinet",
+    "cushion",
+    "sofa",
+    "bed",
+    "chest_of_drawers",
+    "plant",
+    "sink",
+    "toilet",
+    "stool",
+    "towel",
+    "tv_monitor",
+    "shower",
+    "bathtub",
+    "counter",
+    "fireplace",
+    "gym_equipment",
+    "seating",
+    "clothes",
+];
+
+/// Whether missions may ask for `category`, an mpcat40 name.
+pub fn is_target(category: &str) -> bool {
+    TARGET_CATEGORIES.contains(&category)
+}
+
+/// The mpcat40 name of what an annotator called `raw_name`; `None` for words that no table entry covers.
+///
+/// Case, underscores, hyphens and `#` do not matter. A name that is not listed takes the category of its
+/// longest listed ending (`black leather sofa` is a `sofa`), and a plural that of its singular.
+pub fn mpcat40(raw_name: &str) -> Option<&'static str> {
+    let name = normalised(raw_name);
+    let words: Vec<&str> = name.split(' ').collect();
+    (0..words.len()).find_map(|first| listed(&words[first..].join(" ")))
+}
+
+fn normalised(raw_name: &str) -> String {
+    let spaced = raw_name.to_lowercase().replace(['_', '-', '#'], " ");
+    spaced.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+fn listed(name: &str) -> Option<&'static str> {
+    let singular = name.strip_suffix('s').unwrap_or(name);
+    let is_it = |entry: &&str| *entry == name || *entry == singular;
+    let row = SYNONYMS.iter().find(|(category, words)| {
+        words.iter().any(|word| is_it(&word)) || is_it(&category.replace('_', " ").as_str())
+    })?;
+    Some(row.0)
+}
+
+/// Each mpcat40 category with the names, in the singular, that mean it.
+const SYNONYMS: &[(&str, &[&str])] = &[
+    ("wall", &["baseboard", "crown molding", "molding", "moulding", "wainscotting", "paneling", "wall panel"]),
+    ("floor", &["rug", "mat", "carpet", "bath mat", "doormat", "landing", "ground"]),
+    ("chair", &["armchair", "recliner", "highchair", "beanbag", "chaise", "throne"]),
+    (
+        "door",
+        &["doorframe", "door frame", "doorway", "doorknob", "archway", "garage door", "folding door", "gate"],
+    ),
+    (
+        "table",
+        &["desk", "coffee table", "side table", "nighttable", "vanity", "workbench", "altar", "sidetable"],
+    ),
+    (
+        "picture",
+        &["picture frame", "painting", "photo", "photograph", "poster", "portrait", "artwork", "wall art", "art"],
+    ),
+    (
+        "cabinet",
+        &["cupboard", "wardrobe", "closet", "tv stand", "sideboard", "showcase", "hutch", "credenza", "locker"],
+    ),
+    ("cushion", &["pillow", "bolster"]),
+    ("window", &["window frame", "windowsill", "window sill", "windowpane", "skylight"]),
+    ("sofa", &["couch", "loveseat", "settee"]),
+    ("bed", &["headboard", "footboard", "mattress", "bed frame", "crib", "bed sheet", "bedspread", "bunk"]),
+    ("curtain", &["drape", "curtain rod", "shower curtain", "shower rod", "shower curtain rod", "valence"]),
+    (
+        "chest_of_drawers",
+        &["dresser", "nightstand", "night stand", "drawer", "bedside table", "bureau", "bedside cabinet"],
+    ),
+    ("plant", &["flower", "tree", "bush", "potted plant", "houseplant", "house plant", "grass", "flowerpot"]),
+    ("sink", &["washbasin", "wash basin", "basin"]),
+    ("stairs", &["stair", "step", "staircase", "stairway", "stairwell", "ladder"]),
+    ("ceiling", &["roof"]),
+    ("toilet", &["bidet", "commode", "urinal", "toilet seat", "toilet bowl"]),
+    ("stool", &["ottoman", "footstool", "footrest", "bar stool", "barstool"]),
+    ("towel", &["paper towel", "washcloth"]),
+    ("mirror", &["mirror frame"]),
+    (
+        "tv_monitor",
+        &["tv", "television", "monitor", "display", "screen", "computer monitor", "computer screen"],
+    ),
+    (
+        "shower",
+        &["shower head", "showerhead", "shower wall", "shower floor", "shower door", "shower stall"],
+    ),
+    ("column", &["pillar", "post"]),
+    ("bathtub", &["bath", "tub", "hot tub", "bath tub"]),
+    (
+        "counter",
+        &["countertop", "counter top", "kitchen island", "island", "kitchen counter", "worktop", "wet bar"],
+    ),
+    ("fireplace", &["mantel", "mantle", "hearth", "wood stove"]),
+    (
+        "lighting",
+        &[
+            "lamp",
+            "light",
+            "chandelier",
+            "lampshade",
+            "sconce",
+            "spotlight",
+            "light fixture",
+            "wall sconce",
+            "lantern",
+        ],
+    ),
+    ("beam", &["rafter", "lintel"]),
+    ("railing", &["handrail", "rail", "banister", "bannister", "balustrade"]),
+    ("shelving", &["shelf", "shelves", "bookshelf", "bookcase", "rack", "shoe rack", "shelving unit"]),
+    ("blinds", &["blind", "window blind", "window shade"]),
+    (
+        "gym_equipment",
+        &[
+            "treadmill",
+            "exercise machine",
+            "exercise bike",
+            "stationary bike",
+            "exercise equipment",
+            "exercise mat",
+            "exercise ball",
+            "dumbbell",
+            "weight bench",
+            "weight machine",
+            "weight",
+            "elliptical",
+            "yoga mat",
+        ],
+    ),
+    ("seating", &["bench", "pew", "seat", "pouffe", "pouf", "window seat"]),
+    ("board_panel", &["board", "panel", "whiteboard", "blackboard", "bulletin board"]),
+    ("furniture", &["piece of furniture"]),
+    (
+        "appliances",
+        &[
+            "appliance",
+            "refrigerator",
+            "fridge",
+            "freezer",
+            "oven",
+            "stove",
+            "cooker",
+            "hob",
+            "microwave",
+            "dishwasher",
+            "washing machine",
+            "washer",
+            "dryer",
+            "clothes dryer",
+            "toaster",
+            "kettle",
+            "coffee maker",
+            "coffee machine",
+            "range hood",
+            "extractor hood",
+            "air conditioner",
+            "vacuum cleaner",
+        ],
+    ),
+    (
+        "clothes",
+        &["clothing", "coat", "jacket", "shirt", "dress", "robe", "bathrobe", "hat", "scarf", "laundry"],
+    ),
+    (
+        "objects",
+        &[
+            "object",
+            "decoration",
+            "decor",
+            "vase",
+            "pot",
+            "box",
+            "trash can",
+            "trashcan",
+            "bin",
+            "basket",
+            "book",
+            "bottle",
+            "bowl",
+            "plate",
+            "cup",
+            "clock",
+            "fan",
+            "bag",
+            "handbag",
+            "shoe",
+            "statue",
+            "faucet",
+            "handle",
+            "toilet paper",
+            "toilet brush",
+            "tableware",
+            "utensil",
+            "kitchen utensil",
+            "tablet",
+            "laptop",
+            "phone",
+            "candle",
+            "toy",
+            "camera",
+            "light switch",
+            "radiator",
+            "instrument",
+            "piano",
+        ],
+    ),
+    ("misc", &["pipe", "sign", "fence", "vent", "arch", "clutter"]),
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn endings_plurals_and_spelling_do_not_matter() {
+        for (raw, category) in [
+            ("Sofa", "sofa"),
+            ("black leather sofa", "sofa"),
+            ("night_stand", "chest_of_drawers"),
+            ("chest of drawers", "chest_of_drawers"),
+            ("TV-stand", "cabinet"),
+            ("towels", "towel"),
+            ("shower curtain", "curtain"),
+            ("office#desk", "table"),
+            ("paper towels", "towel"),
+            ("bathroom sink", "sink"),
+            ("shelves", "shelving"),
+        ] {
+            assert_eq!(mpcat40(raw), Some(category), "{raw}");
+        }
+        assert_eq!(mpcat40("quxotron"), None);
+        assert_eq!(mpcat40("  "), None);
+    }
+
+    #[test]
+    fn every_target_means_itself_and_no_name_is_listed_twice() {
+        for category in TARGET_CATEGORIES {
+            assert_eq!(mpcat40(category), Some(category));
+            assert!(is_target(category));
+        }
+        let mut names: Vec<_> = SYNONYMS.iter().flat_map(|(_, names)| names.iter()).collect();
+        let count = names.len();
+        names.sort();
+        names.dedup();
+        assert_eq!(names.len(), count);
+        assert!(!is_target("wall"));
+    }
+
+    #[test]
+    fn the_labels_of_a_real_house_get_the_categories_their_annotators_gave() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../../../../shared/scenes/aws_small_house/instances.json");
+        let Ok(text) = std::fs::read_to_string(&path) else {
+            println!("skipped: labels of a real house: needs ../shared/scenes");
+            return;
+        };
+        let instances: Vec<serde_json::Value> = serde_json::from_str(&text).expect("a list of instances");
+        assert_eq!(instances.len(), 85);
+        for instance in instances {
+            let (raw, expected) = (instance["category"].as_str(), instance["mpcat40"].as_str());
+            assert_eq!(mpcat40(raw.expect("a category")), expected, "{raw:?}");
+        }
+    }
+}
