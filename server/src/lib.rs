@@ -1,1 +1,11 @@
-//! The binary avln: command line, configuration and wiring.
+//! The binary `avln`: command line, configuration and wiring, and nothing else.
+//!
+//! Start reading at [`run`], then `arena`, where the agents' door meets the rules and the store.
+
+pub mod arena;
+mod cli;
+pub mod commands;
+mod failure;
+
+pub use cli::{Cli, run};
+pub use failure::{Failure, FailureKind};

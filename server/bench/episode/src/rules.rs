@@ -120,6 +120,8 @@ impl Rules {
     pub const PAPER: &str = "lh-avln-v1";
     /// Name of the rule set of the authors' released code.
     pub const AUTHORS: &str = "lh-avln-authors-v1";
+    /// Elevation up and down that counts as in view, radians: a square picture of 90 degrees.
+    pub const HALF_VIEW_RAD: f32 = std::f32::consts::FRAC_PI_4;
 
     /// The rule set called `name`.
     ///

@@ -1,1 +1,12 @@
-//! Runs one episode: legal actions, budgets, alternation of sounds, building observations.
+//! Runs one episode: legal actions, budgets, alternation of sounds, and the only place that builds observations.
+//!
+//! Start reading at [`Referee`].
+//!
+//! *Never*: reads a clock, draws without the episode's seed, or tells the agent more than
+//! [`Observation`](avln_episode::Observation) can hold.
+
+mod referee;
+mod schedule;
+mod success;
+
+pub use referee::{Referee, RefereeError, StepOutcome};

@@ -1,4 +1,4 @@
-use avln_episode::{Modality, Order};
+use avln_episode::{Modality, Order, Rules};
 use avln_geom::{Aabb, Point3, Pose};
 use serde::{Deserialize, Serialize};
 
@@ -44,4 +44,28 @@ pub struct Target {
     pub viewpoints: Vec<Pose>,
     /// Shortest walk from the start to the success region, metres.
     pub start_distance_m: f64,
+}
+
+impl Target {
+    /// How far apart two storeys' floors are at least, metres: places nearer than half of it share a floor.
+    const STOREY_M: f32 = 2.0;
+
+    /// Distance from the camera of a body that stands at `base` to the target's box, metres, when `base` lies in
+    /// the success region of the rule [`DistanceRule::CameraToBox`](avln_episode::DistanceRule::CameraToBox).
+    ///
+    /// `sees` tells whether any point of the target is in line of sight from an eye, at some heading, within an
+    /// elevation of so many radians.
+    pub fn distance_within_region(
+        &self,
+        base: &Point3<f32>,
+        rules: &Rules,
+        sees: impl FnOnce(&Point3<f32>, f32) -> bool,
+    ) -> Option<f64> {
+        let mut eye = *base;
+        eye.y += rules.camera_height_m;
+        let distance_m = self.bounds.distance_m(&eye);
+        let on_its_floor = (base.y - self.floor_y_m).abs() < 0.5 * Self::STOREY_M;
+        let within = distance_m <= rules.success_radius_m && on_its_floor && sees(&eye, Rules::HALF_VIEW_RAD);
+        within.then_some(f64::from(distance_m))
+    }
 }

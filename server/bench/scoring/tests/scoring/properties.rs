@@ -1,10 +1,8 @@
 //! What holds for every record, tried on many random ones.
 
-mod common;
-
+use crate::script::{Did, record, truth};
 use avln_episode::{Action, EndReason, Order, Rules};
 use avln_scoring::{Entry, EpisodeScore, Key, Summary, rank, score, summarise};
-use common::{Did, record, truth};
 
 /// A small generator for test data (Knuth's MMIX constants).
 struct Draw(u64);

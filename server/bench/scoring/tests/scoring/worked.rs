@@ -1,12 +1,10 @@
 //! The examples of docs/scoring.md, computed: the page and the code say the same.
 
-mod common;
-
+use crate::script::{Did, record, truth};
 use avln_episode::{Action, EndReason, Order, Rules};
 use avln_scoring::{EpisodeScore, Key, Metrics, score, summarise};
-use common::{Did, record, truth};
 
-const PAGE: &str = include_str!("../../../../docs/scoring.md");
+const PAGE: &str = include_str!("../../../../../docs/scoring.md");
 
 fn scored(
     episode: &str,

@@ -5,7 +5,13 @@ use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
 use serde_json::json;
 
 /// A truth with `goals` targets and a reference of `reference_m`; the tests' targets have no shape.
-pub fn truth(episode: &str, scene: &str, order: Order, goals: usize, reference_m: f64) -> EpisodeTruth {
+pub(crate) fn truth(
+    episode: &str,
+    scene: &str,
+    order: Order,
+    goals: usize,
+    reference_m: f64,
+) -> EpisodeTruth {
     let target = json!({
         "instance": 1, "category": "chair", "modality": "category",
         "bounds": { "min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 1.0] },
@@ -23,26 +29,26 @@ pub fn truth(episode: &str, scene: &str, order: Order, goals: usize, reference_m
 
 /// One action of a script: what it is, how far it moved, the regions it ended in, and the goal it completed.
 #[derive(Clone, Copy)]
-pub struct Did {
-    pub action: Action,
-    pub moved_m: f32,
-    pub collided: bool,
-    pub in_region: u8,
-    pub completed: Option<u8>,
+pub(crate) struct Did {
+    pub(crate) action: Action,
+    pub(crate) moved_m: f32,
+    pub(crate) collided: bool,
+    pub(crate) in_region: u8,
+    pub(crate) completed: Option<u8>,
 }
 
 impl Did {
-    pub fn plain(action: Action) -> Self {
+    pub(crate) fn plain(action: Action) -> Self {
         let moved_m = if action == Action::MoveForward { 0.25 } else { 0.0 };
         Self { action, moved_m, collided: false, in_region: 0, completed: None }
     }
-    pub fn claim(action: Action, completed: Option<u8>) -> Self {
+    pub(crate) fn claim(action: Action, completed: Option<u8>) -> Self {
         Self { completed, ..Self::plain(action) }
     }
 }
 
 /// The record of a script, walked along -Z.
-pub fn record(script: &[Did], in_region_at_start: Vec<bool>, end: EndReason) -> Record {
+pub(crate) fn record(script: &[Did], in_region_at_start: Vec<bool>, end: EndReason) -> Record {
     let start = Pose::new(Point3::origin(), 0.0);
     let (mut steps, mut submits, mut at) = (Vec::new(), Vec::new(), start);
     for (index, did) in script.iter().enumerate() {

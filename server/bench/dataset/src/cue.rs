@@ -1,0 +1,83 @@
+use avln_episode::{GoalCue, Modality, RgbImage, Rules};
+use avln_geom::Pose;
+use avln_scene::InstanceId;
+use avln_truth::Target;
+use avln_world::{Camera, Frame, SceneAssets};
+use serde::{Deserialize, Serialize};
+
+/// Side of a reference picture, pixels.
+const CUE_SIDE_PX: u32 = 256;
+
+/// How one goal is described, as the data set stores it: pictures are rendered when an episode starts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CueSpec {
+    /// By the label of the target's category.
+    Category,
+    /// By this sentence.
+    Description(String),
+    /// By the picture that this view shows.
+    Image(View),
+}
+
+/// A square picture that can be rendered again at any time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct View {
+    /// Where the body stands and looks.
+    pub pose: Pose,
+    /// Field of view, radians.
+    pub hfov_rad: f32,
+    /// Pixels a side.
+    pub side_px: u32,
+}
+
+impl View {
+    /// The picture.
+    pub(crate) fn render(&self, assets: &SceneAssets, rules: &Rules) -> Frame {
+        let mut eye = self.pose.position;
+        eye.y += rules.camera_height_m;
+        assets.render(&Camera {
+            eye,
+            heading_rad: self.pose.heading_rad,
+            width: self.side_px,
+            height: self.side_px,
+            hfov_rad: self.hfov_rad,
+            depth_max_m: rules.depth_max_m,
+        })
+    }
+
+    /// Share of the picture that `instance` fills, 0 to 1.
+    pub(crate) fn share_of(&self, assets: &SceneAssets, rules: &Rules, instance: InstanceId) -> f32 {
+        let frame = self.render(assets, rules);
+        let pixels = frame.instances.iter().filter(|&&id| id == instance).count();
+        pixels as f32 / frame.instances.len().max(1) as f32
+    }
+
+    /// The same view as a reference picture.
+    pub(crate) fn as_cue(&self) -> Self {
+        Self { side_px: CUE_SIDE_PX, ..*self }
+    }
+}
+
+impl CueSpec {
+    /// Which kind of cue this is.
+    pub fn modality(&self) -> Modality {
+        match self {
+            Self::Category => Modality::Category,
+            Self::Description(_) => Modality::Description,
+            Self::Image(_) => Modality::Image,
+        }
+    }
+
+    /// What the agent is given.
+    pub(crate) fn present(&self, assets: &SceneAssets, rules: &Rules, target: &Target) -> GoalCue {
+        match self {
+            Self::Category => GoalCue::Category(target.category.clone()),
+            Self::Description(sentence) => GoalCue::Description(sentence.clone()),
+            Self::Image(view) => {
+                let frame = view.render(assets, rules);
+                GoalCue::Image(RgbImage { width: frame.width, height: frame.height, pixels: frame.rgb })
+            }
+        }
+    }
+}

@@ -1,0 +1,206 @@
+use crate::{EpisodeSpec, MissionOptions, sample_missions, survey};
+use avln_episode::Rules;
+use avln_scene::{Scene, SceneError, digest::digest, open::open, procedural};
+use avln_world::{Body, PrepareError, SceneAssets};
+use serde::{Deserialize, Serialize};
+use std::{ops::RangeInclusive, path::PathBuf};
+
+/// Scenes and the missions in them. Splits are disjoint by scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Split {
+    /// Version of this file's layout.
+    pub format: u32,
+    /// Name of the split.
+    pub name: String,
+    /// The rules under which success regions and references were computed.
+    pub rules: String,
+    /// The scenes, each with what it takes to make it again.
+    pub scenes: Vec<SceneSpec>,
+    /// The missions, scene by scene.
+    pub episodes: Vec<EpisodeSpec>,
+}
+
+/// A scene of a split.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SceneSpec {
+    /// Its name.
+    pub name: String,
+    /// Where it comes from.
+    pub source: SceneSource,
+    /// Digest of its content; checked when it is opened again.
+    pub digest: String,
+}
+
+/// Where a scene comes from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SceneSource {
+    /// Grown from a seed.
+    Procedural {
+        /// The seed.
+        seed: u64,
+        /// Fewest and most rooms.
+        rooms: RangeInclusive<u8>,
+    },
+    /// Read from a file or a folder.
+    File {
+        /// Where it lies.
+        path: PathBuf,
+    },
+}
+
+/// Why a split could not be made or used.
+#[derive(Debug, thiserror::Error)]
+pub enum DatasetError {
+    /// A scene could not be read.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// A scene was read, and no body can move in it.
+    #[error("scene {scene}: {source}")]
+    Prepare {
+        /// Its name.
+        scene: String,
+        /// What is wrong.
+        source: PrepareError,
+    },
+    /// A scene holds no mission that the options allow.
+    #[error(
+        "scene {scene} holds no mission: {instances} of its {objects} labelled instances can be targets, and no two \
+         or more of them are far enough from a start and from each other; use a larger scene or one with more labels"
+    )]
+    NoMission {
+        /// Its name.
+        scene: String,
+        /// Instances that can be targets.
+        instances: usize,
+        /// Labelled instances.
+        objects: usize,
+    },
+    /// A scene is not what it was when the split was made.
+    #[error("scene {scene} has digest {found}, the split was made with {expected}; restore the file or make the split again")]
+    Changed {
+        /// Its name.
+        scene: String,
+        /// Digest now.
+        found: String,
+        /// Digest then.
+        expected: String,
+    },
+    /// A split file is not one that this version reads.
+    #[error("split file cannot be used: {reason}")]
+    Malformed {
+        /// What is wrong with it.
+        reason: String,
+    },
+}
+
+impl SceneSpec {
+    /// Makes or reads the scene called `name` and notes its digest.
+    ///
+    /// # Errors
+    /// When its file cannot be read.
+    pub fn new(name: &str, source: SceneSource) -> Result<(Self, Scene), DatasetError> {
+        let scene = source.make(name)?;
+        Ok((Self { name: name.to_owned(), source, digest: digest(&scene) }, scene))
+    }
+
+    /// Makes or reads the scene again and prepares it for bodies of the rules' size.
+    ///
+    /// # Errors
+    /// When it cannot be read, has changed, or no body can move in it.
+    pub fn open(&self, rules: &Rules) -> Result<SceneAssets, DatasetError> {
+        let scene = self.source.make(&self.name)?;
+        let found = digest(&scene);
+        if found != self.digest {
+            return Err(DatasetError::Changed { scene: self.name.clone(), found, expected: self.digest.clone() });
+        }
+        prepare(scene, rules)
+    }
+}
+
+impl SceneSource {
+    fn make(&self, name: &str) -> Result<Scene, DatasetError> {
+        match self {
+            Self::Procedural { seed, rooms } => {
+                let options = procedural::HouseOptions { rooms: rooms.clone() };
+                Ok(procedural::house(name, *seed, &options))
+            }
+            Self::File { path } => Ok(Scene { name: name.to_owned(), ..open(path)? }),
+        }
+    }
+}
+
+/// Prepares `scene` for bodies of the rules' size.
+fn prepare(scene: Scene, rules: &Rules) -> Result<SceneAssets, DatasetError> {
+    let name = scene.name.clone();
+    let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
+    SceneAssets::prepare(scene, &body).map_err(|source| DatasetError::Prepare { scene: name, source })
+}
+
+impl Split {
+    /// Version of the layout that this code writes and reads.
+    pub const FORMAT: u32 = 1;
+
+    /// An empty split.
+    pub fn new(name: &str, rules: &Rules) -> Self {
+        Self {
+            format: Self::FORMAT,
+            name: name.to_owned(),
+            rules: rules.name.clone(),
+            scenes: Vec::new(),
+            episodes: Vec::new(),
+        }
+    }
+
+    /// Adds a scene and missions drawn in it; gives back the prepared scene.
+    ///
+    /// # Errors
+    /// When the scene cannot be used or holds no mission.
+    pub fn add_scene(
+        &mut self,
+        name: &str,
+        source: SceneSource,
+        rules: &Rules,
+        options: &MissionOptions,
+    ) -> Result<SceneAssets, DatasetError> {
+        let (spec, scene) = SceneSpec::new(name, source)?;
+        let assets = prepare(scene, rules)?;
+        let instances = survey(&assets, rules);
+        let episodes = sample_missions(&assets, &instances, options);
+        if episodes.is_empty() {
+            let objects = assets.scene.objects.len();
+            return Err(DatasetError::NoMission { scene: name.to_owned(), instances: instances.len(), objects });
+        }
+        self.scenes.push(spec);
+        self.episodes.extend(episodes);
+        Ok(assets)
+    }
+
+    /// The scene that an episode plays in.
+    pub fn scene(&self, name: &str) -> Option<&SceneSpec> {
+        self.scenes.iter().find(|scene| scene.name == name)
+    }
+
+    /// The split as a file.
+    ///
+    /// # Errors
+    /// When a number in it cannot be written.
+    pub fn to_json(&self) -> Result<Vec<u8>, DatasetError> {
+        serde_json::to_vec(self).map_err(|error| DatasetError::Malformed { reason: error.to_string() })
+    }
+
+    /// Reads a split file.
+    ///
+    /// # Errors
+    /// When it is not one, or of another format.
+    pub fn from_json(bytes: &[u8]) -> Result<Self, DatasetError> {
+        let split: Self =
+            serde_json::from_slice(bytes).map_err(|error| DatasetError::Malformed { reason: error.to_string() })?;
+        if split.format != Self::FORMAT {
+            let reason = format!("it has format {}, this version reads {}", split.format, Self::FORMAT);
+            return Err(DatasetError::Malformed { reason });
+        }
+        Ok(split)
+    }
+}

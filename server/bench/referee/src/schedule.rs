@@ -1,0 +1,105 @@
+use avln_episode::{Rules, SoundingRule};
+use avln_world::Rng;
+
+/// Which target sounds when: a pure function of the seed, the rules and the steps at which targets fell silent.
+#[derive(Clone, Debug)]
+pub(crate) struct Schedule {
+    turn: Turn,
+    window_steps: u32,
+}
+
+#[derive(Clone, Debug)]
+enum Turn {
+    /// Cycles through a drawn order and leaves out what is silent.
+    Drawn { order: Vec<usize>, place: usize, steps_left: u32 },
+    /// Cycles through the goals in their order, whatever happens; counts moves only.
+    Goals { count: usize, moves: u32 },
+}
+
+impl Schedule {
+    pub(crate) fn new(rules: &Rules, goal_count: usize, rng: &mut Rng) -> Self {
+        let window_steps = rules.sounding_window_steps.max(1);
+        let turn = match rules.sounding {
+            SoundingRule::UnfinishedInDrawnOrder => {
+                let mut order: Vec<_> = (0..goal_count).collect();
+                rng.shuffle(&mut order);
+                Turn::Drawn { order, place: 0, steps_left: window_steps }
+            }
+            SoundingRule::AllInGoalOrder => Turn::Goals { count: goal_count, moves: 0 },
+        };
+        Self { turn, window_steps }
+    }
+
+    /// The target that sounds in the next observation; `None` when all are silent.
+    ///
+    /// `silent[goal]` says whose sound has ended, `moved` whether the action was a move or a turn.
+    pub(crate) fn next(&mut self, silent: &[bool], moved: bool) -> Option<usize> {
+        match &mut self.turn {
+            Turn::Drawn { order, place, steps_left } => {
+                if silent.iter().all(|&silent| silent) {
+                    return None;
+                }
+                if *steps_left == 0 || silent[order[*place]] {
+                    *place = next_place(order, *place, silent);
+                    *steps_left = self.window_steps;
+                }
+                *steps_left -= 1;
+                Some(order[*place])
+            }
+            Turn::Goals { count, moves } => {
+                *moves += u32::from(moved);
+                Some((moves.saturating_sub(1) / self.window_steps) as usize % *count)
+            }
+        }
+    }
+}
+
+/// The next place in the cycle whose target still sounds; at least one does.
+fn next_place(order: &[usize], place: usize, silent: &[bool]) -> usize {
+    let cycle = (1..=order.len()).map(|ahead| (place + ahead) % order.len());
+    cycle.into_iter().find(|&next| !silent[order[next]]).unwrap_or(place)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(rules: &Rules, silent_from: [u32; 3], steps: u32) -> Vec<usize> {
+        let mut schedule = Schedule::new(rules, 3, &mut Rng::new(4));
+        (0..steps)
+            .filter_map(|step| schedule.next(&silent_from.map(|from| step >= from), step > 0))
+            .collect()
+    }
+
+    #[test]
+    fn unfinished_targets_take_turns_of_one_window() {
+        let heard = run(&Rules::paper(), [u32::MAX; 3], 150);
+        let turns: Vec<_> = heard.chunks(25).map(|turn| turn[0]).collect();
+        assert!(heard.chunks(25).all(|turn| turn.iter().all(|&target| target == turn[0])));
+        assert_eq!(turns[..3], turns[3..]);
+        let mut once = turns[..3].to_vec();
+        once.sort_unstable();
+        assert_eq!(once, [0, 1, 2]);
+    }
+
+    #[test]
+    fn a_found_target_is_silent_from_the_same_step() {
+        let first = run(&Rules::paper(), [u32::MAX; 3], 1)[0];
+        let mut silent_from = [u32::MAX; 3];
+        silent_from[first] = 10;
+        let heard = run(&Rules::paper(), silent_from, 200);
+        assert!(heard[..10].iter().all(|&target| target == first));
+        assert!(heard[10..].iter().all(|&target| target != first));
+    }
+
+    #[test]
+    fn nobody_sounds_when_all_are_found() {
+        assert_eq!(run(&Rules::paper(), [5; 3], 30).len(), 5);
+    }
+
+    #[test]
+    fn the_authors_schedule_switches_at_the_26th_observation() {
+        let heard = run(&Rules::authors(), [0; 3], 52);
+        assert_eq!((heard[0], heard[25], heard[26], heard[51]), (0, 0, 1, 2));
+    }
+}

@@ -1,0 +1,198 @@
+use crate::{refusal::Refusal, seat::Seat};
+use avln_episode::{FeedbackRule, Order, Rules, Sensors};
+
+/// What the door needs from the house behind it. The server implements it over its phases, data sets and store.
+///
+/// Methods may be called at the same time from many tasks. A panic in one of them ends that call with a server
+/// fault and nothing else. Heavy work inside an `async` method belongs on a blocking thread.
+#[tonic::async_trait]
+pub trait Host: Send + Sync + 'static {
+    /// Who this server is.
+    fn info(&self) -> ServerInfo;
+
+    /// What anonymous visitors may see of the phases.
+    async fn phases(&self) -> Result<Vec<PhaseInfo>, Refusal>;
+
+    /// Whose account token this is.
+    async fn account(&self, token: &str) -> Result<Account, Refusal>;
+
+    /// Starts a run, or finds the one that the same `client_request_id` started before.
+    async fn start_run(&self, account: &Account, request: RunRequest) -> Result<RunTicket, Refusal>;
+
+    /// One run of the account's team.
+    async fn run(&self, account: &Account, run: &str) -> Result<RunStatus, Refusal>;
+
+    /// All runs of the account's team, newest first.
+    async fn runs(&self, account: &Account) -> Result<Vec<RunStatus>, Refusal>;
+
+    /// Ends a run early; what was scored stays.
+    async fn cancel_run(&self, account: &Account, run: &str) -> Result<RunStatus, Refusal>;
+
+    /// The run that a run token plays.
+    async fn open_run(&self, run_token: &str) -> Result<OpenRun, Refusal>;
+
+    /// The next episode of the run, or `None` when none is left to hand out.
+    async fn next_episode(&self, run: &str, sensors: &Sensors) -> Result<Option<Seat>, Refusal>;
+
+    /// Stores what happened in the episode. `Some` only where the phase shows results to agents.
+    ///
+    /// A referee whose `end()` is `None` here broke down: the episode is a server fault.
+    async fn conclude(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal>;
+
+    /// Closes the run when none of its episodes is left, and says how it stands.
+    async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal>;
+}
+
+/// Who this server is and what it speaks.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ServerInfo {
+    /// Name of the installation.
+    pub name: String,
+    /// Version of the server.
+    pub version: String,
+    /// Version of the benchmark: changes whenever a score could change.
+    pub benchmark: String,
+    /// Minor number of the API `avln.v1`.
+    pub api_minor: u32,
+    /// Oldest client library that is welcome.
+    pub client_min: String,
+    /// Newest client library that was tested.
+    pub client_max: String,
+}
+
+/// What anonymous visitors may see of a phase.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PhaseInfo {
+    /// Id, as used in `RunRequest`.
+    pub id: String,
+    /// Title for people.
+    pub title: String,
+    /// Orders that can be played.
+    pub orders: Vec<Order>,
+    /// Name of the rule set.
+    pub rules: String,
+    /// Episodes of a run.
+    pub episode_count: u32,
+    /// What an agent learns from a Submit.
+    pub feedback: FeedbackRule,
+    /// Most slots of a Play stream.
+    pub max_slots: u32,
+    /// Sensors that an agent may ask for, at the largest size.
+    pub sensors: Sensors,
+    /// Whether a run can be started now.
+    pub state: PhaseState,
+}
+
+/// Whether runs can be started in a phase.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PhaseState {
+    /// Not yet.
+    Upcoming,
+    /// Yes.
+    Open,
+    /// Not until the organiser goes on.
+    Paused,
+    /// No more.
+    Closed,
+}
+
+/// Who is calling.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Account {
+    /// Id of the team.
+    pub team: String,
+}
+
+/// What an agent says when it starts a run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RunRequest {
+    /// Id of the phase.
+    pub phase: String,
+    /// Name of the method on the leaderboard.
+    pub method: String,
+    /// Version of the method, may be empty.
+    pub method_version: String,
+    /// Chosen by the client: the same id starts no second run. May be empty.
+    pub client_request_id: String,
+    /// Which order of missions is played.
+    pub order: Order,
+}
+
+/// A started run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RunTicket {
+    /// Id of the run.
+    pub run: String,
+    /// Bearer token that plays this run and nothing else.
+    pub token: String,
+    /// Episodes of the run.
+    pub episodes: u32,
+    /// Most slots of its Play stream.
+    pub max_slots: u32,
+}
+
+/// How a run stands.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunStatus {
+    /// Id of the run.
+    pub run: String,
+    /// Id of its phase.
+    pub phase: String,
+    /// Name of the method.
+    pub method: String,
+    /// Which order of missions is played.
+    pub order: Order,
+    /// Where it stands.
+    pub state: RunState,
+    /// Episodes of the run.
+    pub episodes: u32,
+    /// Episodes that are over and stored.
+    pub done: u32,
+    /// Start, milliseconds since 1970-01-01 UTC.
+    pub started_unix_ms: u64,
+    /// Last change, milliseconds since 1970-01-01 UTC.
+    pub updated_unix_ms: u64,
+    /// Name and value of each metric; empty where the phase shows none.
+    pub metrics: Vec<(String, f64)>,
+}
+
+/// Where a run stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RunState {
+    /// Stored, nothing played.
+    Created,
+    /// Episodes are left.
+    Running,
+    /// All episodes are over.
+    Completed,
+    /// Ended by the server before all episodes were played.
+    Failed,
+    /// Ended by its team.
+    Cancelled,
+    /// Ran out of wall time.
+    Expired,
+}
+
+/// What the holder of a run token may play.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OpenRun {
+    /// Id of the run.
+    pub run: String,
+    /// Most slots of its Play stream.
+    pub max_slots: u32,
+    /// Rules in force.
+    pub rules: Rules,
+    /// Episodes of the run.
+    pub episodes: u32,
+    /// Episodes that are over and stored.
+    pub done: u32,
+    /// Name and digest of what decides scores: engine, data set, scorer, configuration.
+    pub digests: Vec<(String, String)>,
+}
+
+/// What an agent may know of a stored episode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EpisodeOutcome {
+    /// Name and value of each metric.
+    pub metrics: Vec<(String, f64)>,
+}

@@ -1,0 +1,213 @@
+//! The air of a building on a grid: which cells are open, and which steps between them no surface blocks.
+
+use avln_geom::{Aabb, Point3, RayMesh, Vector3};
+use avln_scene::Scene;
+use std::sync::Arc;
+
+mod raster;
+
+/// Edge of a cell, metres.
+const CELL_M: f32 = 0.2;
+
+/// More cells than this make the cells larger.
+const MAX_CELLS: f32 = 4.0e6;
+
+/// Connected air below this volume is the inside of a piece of furniture or of a wall, cubic metres.
+const MIN_ROOM_M3: f32 = 3.0;
+
+/// Where sound can travel in a building.
+pub(crate) struct Air {
+    rays: Arc<RayMesh>,
+    grid: Grid,
+    /// Per cell: whether its centre is in the air of a room.
+    in_room: Vec<bool>,
+    /// Per cell: whether the steps to the next cell along x, y, z are free.
+    free_steps: Vec<[bool; 3]>,
+}
+
+/// A box of cubic cells; cell (x, y, z) has index `(z * size_y + y) * size_x + x`.
+#[derive(Clone, Debug)]
+pub(crate) struct Grid {
+    /// Centre of cell 0.
+    pub(crate) first_center: Point3<f32>,
+    pub(crate) cell_m: f32,
+    pub(crate) size: [usize; 3],
+}
+
+impl Grid {
+    fn new(bounds: Option<Aabb>) -> Self {
+        let finite = |bounds: &Aabb| bounds.size().iter().all(|edge_m| edge_m.is_finite());
+        let Some(bounds) = bounds.filter(finite) else {
+            return Self { first_center: Point3::origin(), cell_m: CELL_M, size: [0; 3] };
+        };
+        let edges = bounds.size();
+        let mut cell_m = CELL_M;
+        while edges.iter().map(|edge_m| (edge_m / cell_m).ceil().max(1.0)).product::<f32>() > MAX_CELLS {
+            cell_m *= 1.25;
+        }
+        let size = [edges.x, edges.y, edges.z].map(|edge_m| ((edge_m / cell_m) as usize).max(1));
+        let used = Vector3::from_fn(|axis, _| (size[axis] - 1) as f32 * cell_m);
+        Self { first_center: bounds.min + (edges - used) * 0.5, cell_m, size }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.size.iter().product()
+    }
+
+    pub(crate) fn index(&self, cell: [usize; 3]) -> usize {
+        (cell[2] * self.size[1] + cell[1]) * self.size[0] + cell[0]
+    }
+
+    pub(crate) fn cell(&self, index: usize) -> [usize; 3] {
+        let [size_x, size_y, _] = self.size;
+        [index % size_x, index / size_x % size_y, index / (size_x * size_y)]
+    }
+
+    pub(crate) fn center(&self, index: usize) -> Point3<f32> {
+        let cell = self.cell(index);
+        self.first_center + Vector3::from_fn(|axis, _| cell[axis] as f32 * self.cell_m)
+    }
+
+    /// Index distance between neighbours along `axis`.
+    pub(crate) fn stride(&self, axis: usize) -> usize {
+        [1, self.size[0], self.size[0] * self.size[1]][axis]
+    }
+
+    /// The cells within `reach` cells of the one that holds `point` (of the nearest one when it lies outside).
+    fn around(&self, point: &Point3<f32>, reach: usize) -> Vec<usize> {
+        if self.len() == 0 {
+            return Vec::new();
+        }
+        let ranges = [0, 1, 2].map(|axis| {
+            let position = ((point[axis] - self.first_center[axis]) / self.cell_m).round();
+            let middle = (position.max(0.0) as usize).min(self.size[axis] - 1);
+            middle.saturating_sub(reach)..=(middle + reach).min(self.size[axis] - 1)
+        });
+        let [xs, ys, zs] = ranges;
+        let rows = zs.flat_map(|z| ys.clone().map(move |y| (y, z)));
+        rows.flat_map(|(y, z)| xs.clone().map(move |x| self.index([x, y, z]))).collect()
+    }
+}
+
+impl Air {
+    /// Scans the surfaces of `scene`; `rays` must be built over the same triangles.
+    pub(crate) fn new(scene: &Scene, rays: Arc<RayMesh>) -> Self {
+        let grid = Grid::new(scene.bounds());
+        let mut open = vec![true; grid.len()];
+        let mut free_steps = vec![[true; 3]; grid.len()];
+        for triangle in 0..scene.mesh.triangles.len() {
+            let corners = scene.corners(triangle);
+            raster::close_cells_near(&grid, &corners, &mut open);
+            raster::block_steps_through(&grid, &corners, &mut free_steps);
+        }
+        let mut air = Self { rays, grid, in_room: open, free_steps };
+        air.keep_rooms();
+        air
+    }
+
+    pub(crate) fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    pub(crate) fn rays(&self) -> &RayMesh {
+        &self.rays
+    }
+
+    /// The open cells that are one free step away from `cell`.
+    pub(crate) fn neighbours(&self, cell: usize) -> impl Iterator<Item = usize> + '_ {
+        let position = self.grid.cell(cell);
+        (0..3).flat_map(move |axis| {
+            let stride = self.grid.stride(axis);
+            let up = position[axis] + 1 < self.grid.size[axis] && self.free_steps[cell][axis];
+            let down = position[axis] > 0 && self.free_steps[cell - stride][axis];
+            let up = (up && self.in_room[cell + stride]).then(|| cell + stride);
+            let down = (down && self.in_room[cell - stride]).then(|| cell - stride);
+            [down, up].into_iter().flatten()
+        })
+    }
+
+    /// Closes all connected air that is too small to be a room; the largest one always stays.
+    fn keep_rooms(&mut self) {
+        let mut group_of = vec![u32::MAX; self.grid.len()];
+        let mut counts: Vec<usize> = Vec::new();
+        for seed in 0..self.grid.len() {
+            if self.in_room[seed] && group_of[seed] == u32::MAX {
+                let group = counts.len() as u32;
+                counts.push(self.flood(seed, group, &mut group_of));
+            }
+        }
+        let least = (MIN_ROOM_M3 / (self.grid.cell_m * self.grid.cell_m * self.grid.cell_m)) as usize;
+        let least = least.min(counts.iter().copied().max().unwrap_or(0));
+        for (in_room, group) in self.in_room.iter_mut().zip(group_of) {
+            *in_room = *in_room && counts[group as usize] >= least;
+        }
+    }
+
+    fn flood(&self, seed: usize, group: u32, group_of: &mut [u32]) -> usize {
+        let mut stack = vec![seed];
+        let mut count = 0;
+        group_of[seed] = group;
+        while let Some(cell) = stack.pop() {
+            count += 1;
+            for next in self.neighbours(cell) {
+                if group_of[next] == u32::MAX {
+                    group_of[next] = group;
+                    stack.push(next);
+                }
+            }
+        }
+        count
+    }
+
+    /// Room cells around `point` that nothing hides from it; a few, the nearest first.
+    pub(crate) fn clear_cells(&self, point: &Point3<f32>) -> Vec<usize> {
+        for reach in 1..=2 {
+            let mut cells = self.room_cells(point, reach);
+            cells.retain(|cell| self.rays.is_clear(point, &self.grid.center(*cell)));
+            if !cells.is_empty() {
+                cells.truncate(8);
+                return cells;
+            }
+        }
+        Vec::new()
+    }
+
+    /// The room cell to which a point that is shut in by furniture or lies outside belongs: behind the fewest
+    /// surfaces, then the nearest. `None` when there is no room air at all.
+    pub(crate) fn nearest_cell(&self, point: &Point3<f32>) -> Option<usize> {
+        let reach = (1.6 / self.grid.cell_m) as usize;
+        let near = self.room_cells(point, reach);
+        if !near.is_empty() {
+            return near.into_iter().min_by_key(|cell| self.surfaces_between(point, &self.grid.center(*cell)));
+        }
+        let rooms = (0..self.grid.len()).filter(|cell| self.in_room[*cell]);
+        rooms.min_by(|a, b| self.distance_to(point, *a).total_cmp(&self.distance_to(point, *b)))
+    }
+
+    fn room_cells(&self, point: &Point3<f32>, reach: usize) -> Vec<usize> {
+        let mut cells = self.grid.around(point, reach);
+        cells.retain(|cell| self.in_room[*cell]);
+        cells.sort_by(|a, b| self.distance_to(point, *a).total_cmp(&self.distance_to(point, *b)));
+        cells
+    }
+
+    fn distance_to(&self, point: &Point3<f32>, cell: usize) -> f32 {
+        (self.grid.center(cell) - point).norm_squared()
+    }
+
+    fn surfaces_between(&self, from: &Point3<f32>, to: &Point3<f32>) -> usize {
+        const SKIP_M: f32 = 1e-3;
+        const ENOUGH: usize = 16;
+        let offset = to - from;
+        let length_m = offset.norm();
+        let direction = offset / length_m.max(f32::MIN_POSITIVE);
+        let (mut travelled_m, mut count) = (0.0, 0);
+        while count < ENOUGH && travelled_m < length_m {
+            let start = from + direction * travelled_m;
+            let Some(hit) = self.rays.cast(&start, &direction, length_m - travelled_m) else { break };
+            travelled_m += hit.distance + SKIP_M;
+            count += 1;
+        }
+        count
+    }
+}

@@ -1,0 +1,132 @@
+//! The head: what each ear makes of a wave from a given direction and range.
+
+use crate::SAMPLE_RATE_HZ;
+use crate::sphere::{SphereResponse, onset_delay_s};
+use realfft::num_complex::Complex64;
+use std::f64::consts::{PI, TAU};
+use std::sync::OnceLock;
+
+/// Taps of a head filter.
+pub(crate) const HEAD_TAPS: usize = 64;
+
+/// Samples of a head filter that lie before the arrival of the wave front.
+pub(crate) const HEAD_LEAD: usize = 16;
+
+/// Inverse ranges of the table, per metre: 0.25, 0.5, 1, 2, 4 metres and a plane wave.
+const INVERSE_RANGES: [f32; 6] = [4.0, 2.0, 1.0, 0.5, 0.25, 0.0];
+
+/// Angles of incidence of the table: 0 to 180 degrees, one degree apart.
+const ANGLES: usize = 181;
+
+/// Points of the discrete Fourier transform that designs the filters.
+const DESIGN_POINTS: usize = 256;
+
+/// Above this the response is rolled off to silence at half the sample rate, so that filters are short.
+const ROLL_OFF_FROM_HZ: f64 = 6000.0;
+
+type Filter = [f32; HEAD_TAPS];
+
+/// Filters of an ear on a rigid sphere for every incidence and range, aligned on the wave front.
+pub(crate) struct HeadTable {
+    /// `INVERSE_RANGES × ANGLES`, row by row.
+    filters: Vec<Filter>,
+}
+
+/// An ear's answer to one wave.
+pub(crate) struct EarResponse {
+    /// Filter whose tap [`HEAD_LEAD`] is the wave front.
+    pub(crate) filter: Filter,
+    /// Wave front at this ear after the wave front at the centre of the head, seconds; negative is earlier.
+    pub(crate) delay_s: f64,
+}
+
+/// The table, computed on first use.
+pub(crate) fn head() -> &'static HeadTable {
+    static HEAD: OnceLock<HeadTable> = OnceLock::new();
+    HEAD.get_or_init(HeadTable::new)
+}
+
+impl HeadTable {
+    fn new() -> Self {
+        let filters = INVERSE_RANGES.iter().flat_map(|inverse| design_range(1.0 / f64::from(*inverse)));
+        Self { filters: filters.collect() }
+    }
+
+    /// The response to a source at `range_m` (at least 0.1) whose direction makes an angle of the given cosine
+    /// with the axis of the ear. Relative to the free field at the centre of the head.
+    pub(crate) fn ear(&self, cos_incidence: f32, range_m: f32) -> EarResponse {
+        let cos_incidence = cos_incidence.clamp(-1.0, 1.0);
+        let (row, row_weight) = range_position(range_m);
+        let degrees = libm::acosf(cos_incidence).to_degrees().clamp(0.0, 180.0);
+        let column = (degrees as usize).min(ANGLES - 2);
+        let column_weight = degrees - column as f32;
+        let corners = [
+            (row, column, (1.0 - row_weight) * (1.0 - column_weight)),
+            (row, column + 1, (1.0 - row_weight) * column_weight),
+            (row + 1, column, row_weight * (1.0 - column_weight)),
+            (row + 1, column + 1, row_weight * column_weight),
+        ];
+        let mut filter = [0.0; HEAD_TAPS];
+        for (row, column, weight) in corners {
+            let known = &self.filters[row * ANGLES + column];
+            filter.iter_mut().zip(known).for_each(|(sum, tap)| *sum += weight * tap);
+        }
+        EarResponse { filter, delay_s: onset_delay_s(f64::from(cos_incidence), f64::from(range_m)) }
+    }
+}
+
+/// The row of the table just beyond `range_m` on the near side, and the weight of the next row.
+fn range_position(range_m: f32) -> (usize, f32) {
+    let inverse = (1.0 / range_m).clamp(0.0, INVERSE_RANGES[0]);
+    let row = (0..INVERSE_RANGES.len() - 2).find(|row| inverse >= INVERSE_RANGES[row + 1]);
+    let row = row.unwrap_or(INVERSE_RANGES.len() - 2);
+    (row, (INVERSE_RANGES[row] - inverse) / (INVERSE_RANGES[row] - INVERSE_RANGES[row + 1]))
+}
+
+/// The filters of all angles at one range.
+fn design_range(range_m: f64) -> Vec<Filter> {
+    let bin_hz = f64::from(SAMPLE_RATE_HZ) / DESIGN_POINTS as f64;
+    let responses: Vec<_> = (0..=DESIGN_POINTS / 2)
+        .map(|bin| SphereResponse::new((bin as f64 * bin_hz).max(20.0), range_m))
+        .collect();
+    let turns: Vec<_> = (0..DESIGN_POINTS).map(|i| unit_phasor(TAU * i as f64 / DESIGN_POINTS as f64)).collect();
+    (0..ANGLES).map(|degrees| design(&responses, &turns, (degrees as f64).to_radians(), range_m)).collect()
+}
+
+/// One filter: the exact response with its wave front moved to tap [`HEAD_LEAD`], back in time.
+fn design(responses: &[SphereResponse], turns: &[Complex64], incidence_rad: f64, range_m: f64) -> Filter {
+    let cos_incidence = libm::cos(incidence_rad);
+    let onset_s = onset_delay_s(cos_incidence, range_m);
+    let bin_hz = f64::from(SAMPLE_RATE_HZ) / DESIGN_POINTS as f64;
+    let aligned = |(bin, response): (usize, &SphereResponse)| {
+        let frequency_hz = bin as f64 * bin_hz;
+        let value = response.pressure(cos_incidence) * unit_phasor(TAU * frequency_hz * onset_s);
+        // The two halves of the spectrum are conjugates: every bin but the first stands for two.
+        if bin == 0 { Complex64::new(value.norm(), 0.0) } else { value * 2.0 * roll_off(frequency_hz) }
+    };
+    let spectrum: Vec<_> = responses.iter().enumerate().map(aligned).collect();
+    std::array::from_fn(|tap| {
+        let sample = (tap + DESIGN_POINTS - HEAD_LEAD) % DESIGN_POINTS;
+        let terms = spectrum.iter().enumerate();
+        let sum: f64 = terms.map(|(bin, value)| (value * turns[bin * sample % DESIGN_POINTS]).re).sum();
+        (sum / DESIGN_POINTS as f64 * edge_fade(tap)) as f32
+    })
+}
+
+/// 1 below [`ROLL_OFF_FROM_HZ`], a raised cosine down to 0 at half the sample rate.
+fn roll_off(frequency_hz: f64) -> f64 {
+    let nyquist_hz = f64::from(SAMPLE_RATE_HZ) / 2.0;
+    let position = ((frequency_hz - ROLL_OFF_FROM_HZ) / (nyquist_hz - ROLL_OFF_FROM_HZ)).clamp(0.0, 1.0);
+    0.5 + 0.5 * libm::cos(PI * position)
+}
+
+/// Fades the first and last taps, so that cutting the response there makes no step.
+fn edge_fade(tap: usize) -> f64 {
+    const FADE: usize = 8;
+    let from_edge = tap.min(HEAD_TAPS - 1 - tap);
+    if from_edge >= FADE { 1.0 } else { 0.5 - 0.5 * libm::cos(PI * (from_edge as f64 + 0.5) / FADE as f64) }
+}
+
+fn unit_phasor(angle_rad: f64) -> Complex64 {
+    Complex64::new(libm::cos(angle_rad), libm::sin(angle_rad))
+}

@@ -1,0 +1,157 @@
+//! From waves that arrive at a head to one impulse response per ear.
+
+use crate::bands::{BandLoss, LOSS_TAPS, loss_filter};
+use crate::head::{HEAD_LEAD, HEAD_TAPS, head};
+use crate::{Listener, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
+use avln_geom::{Vector3, angle};
+use std::f32::consts::PI;
+
+/// The longest impulse response, samples: one second. What arrives after it is not heard.
+pub const MAX_RESPONSE_SAMPLES: usize = SAMPLE_RATE_HZ as usize;
+
+/// Azimuth of the ears, degrees from straight ahead.
+const EAR_AZIMUTH_DEG: f32 = 100.0;
+
+/// Sources nearer than this sound as if they were this far, metres.
+const MIN_DISTANCE_M: f32 = 0.1;
+
+/// Half the taps of the filter that delays by parts of a sample.
+const DELAY_HALF_TAPS: usize = 16;
+
+/// A wave that reaches the listener.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Arrival {
+    /// Unit vector from the listener towards where the wave comes from, world frame.
+    pub(crate) direction: Vector3<f32>,
+    /// Length of its path, metres: gives delay, 1/r level and the curvature of the wave front.
+    pub(crate) length_m: f32,
+    /// Factor on the pressure, the same for all bands.
+    pub(crate) gain: f32,
+    /// What the bands lost on the way beyond 1/r.
+    pub(crate) loss: BandLoss,
+}
+
+/// What one source at one place does to the two ears of a listener: a filter for each.
+///
+/// The sample index is the time since emission at [`SAMPLE_RATE_HZ`]; a source of unit pressure at 1 m has gain 1.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ImpulseResponse {
+    /// Left ear; at most [`MAX_RESPONSE_SAMPLES`], not padded to the length of the other.
+    pub left: Vec<f32>,
+    /// Right ear.
+    pub right: Vec<f32>,
+}
+
+impl ImpulseResponse {
+    /// Both ears' answer to all of `arrivals`.
+    pub(crate) fn new(listener: &Listener, arrivals: &[Arrival]) -> Self {
+        let mut response = Self::default();
+        for arrival in arrivals {
+            response.add(listener, arrival);
+        }
+        response
+    }
+
+    /// Samples of the longer ear.
+    pub fn len(&self) -> usize {
+        self.left.len().max(self.right.len())
+    }
+
+    /// Whether nothing arrives.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    fn add(&mut self, listener: &Listener, arrival: &Arrival) {
+        let distance_m = arrival.length_m.max(MIN_DISTANCE_M);
+        let gain = arrival.gain / distance_m;
+        let loss = loss_filter(&arrival.loss).map(|tap| tap * gain);
+        for (ear, axis) in [&mut self.left, &mut self.right].into_iter().zip(ear_axes(listener.heading_rad)) {
+            let response = head().ear(axis.dot(&arrival.direction), distance_m);
+            let delay_s = f64::from(distance_m) / f64::from(SPEED_OF_SOUND_M_S) + response.delay_s;
+            let taps = convolve(&response.filter, &loss);
+            let start = delay_s * f64::from(SAMPLE_RATE_HZ) - HEAD_LEAD as f64;
+            add_delayed(ear, &taps, start);
+        }
+    }
+}
+
+/// Unit vectors out of the left and the right ear, world frame.
+fn ear_axes(heading_rad: f32) -> [Vector3<f32>; 2] {
+    let (sin, cos) = angle::sin_cos(heading_rad);
+    let (forward, left) = (Vector3::new(-sin, 0.0, -cos), Vector3::new(-cos, 0.0, sin));
+    let (ear_sin, ear_cos) = angle::sin_cos(EAR_AZIMUTH_DEG.to_radians());
+    [forward * ear_cos + left * ear_sin, forward * ear_cos - left * ear_sin]
+}
+
+fn convolve(filter: &[f32; HEAD_TAPS], loss: &[f32; LOSS_TAPS]) -> [f32; HEAD_TAPS + LOSS_TAPS - 1] {
+    let mut taps = [0.0; HEAD_TAPS + LOSS_TAPS - 1];
+    for (offset, factor) in loss.iter().enumerate().filter(|(_, factor)| **factor != 0.0) {
+        taps[offset..].iter_mut().zip(filter).for_each(|(sum, tap)| *sum += factor * tap);
+    }
+    taps
+}
+
+/// Adds `taps` to `ear` from sample `start` on, which may lie between samples and before 0 (what lies there is
+/// the run-up of a band-limited pulse, and is cut).
+fn add_delayed(ear: &mut Vec<f32>, taps: &[f32], start: f64) {
+    let whole = libm::floor(start);
+    let kernel = delay_kernel((start - whole) as f32);
+    let first = whole as i64 + 1 - DELAY_HALF_TAPS as i64;
+    let end = (first + (taps.len() + kernel.len()) as i64 - 1).clamp(0, MAX_RESPONSE_SAMPLES as i64) as usize;
+    if ear.len() < end {
+        ear.resize(end, 0.0);
+    }
+    for (offset, factor) in kernel.iter().enumerate() {
+        let from = first + offset as i64;
+        let skipped = (-from).max(0) as usize;
+        let target = ear.get_mut(from.max(0) as usize..).unwrap_or_default();
+        target.iter_mut().zip(taps.iter().skip(skipped)).for_each(|(sum, tap)| *sum += factor * tap);
+    }
+}
+
+/// A windowed sinc that delays by [`DELAY_HALF_TAPS`] - 1 samples and `fraction` (0 to 1) of a sample.
+fn delay_kernel(fraction: f32) -> [f32; 2 * DELAY_HALF_TAPS] {
+    let sin_fraction = libm::sinf(PI * fraction);
+    std::array::from_fn(|tap| {
+        let whole = tap as i32 + 1 - DELAY_HALF_TAPS as i32;
+        let time = whole as f32 - fraction;
+        let window = 0.5 + 0.5 * libm::cosf(PI * time / DELAY_HALF_TAPS as f32);
+        // sin(pi (n - f)) is sin(pi f), with the sign of n's parity turned.
+        let sine = if whole % 2 == 0 { -sin_fraction } else { sin_fraction };
+        let sinc = if time.abs() < 1e-6 { 1.0 } else { sine / (PI * time) };
+        sinc * window
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fractions_of_a_sample_are_delayed_to_a_microsecond() {
+        for fraction in [0.0, 0.1, 0.37, 0.5, 0.93] {
+            let mut ear = Vec::new();
+            add_delayed(&mut ear, &[1.0], 40.0 + fraction);
+            for frequency_hz in [200.0, 1000.0, 4000.0, 6000.0] {
+                let turn = std::f64::consts::TAU * frequency_hz / f64::from(SAMPLE_RATE_HZ);
+                let (re, im) = ear.iter().enumerate().fold((0.0, 0.0), |(re, im), (n, tap)| {
+                    let phase = turn * (n as f64 - 40.0 - fraction);
+                    (re + f64::from(*tap) * libm::cos(phase), im - f64::from(*tap) * libm::sin(phase))
+                });
+                let error_s = -libm::atan2(im, re) / (turn * f64::from(SAMPLE_RATE_HZ));
+                assert!(error_s.abs() < 1e-6, "{fraction} at {frequency_hz} Hz: off by {error_s} s");
+                assert!((re - 1.0).abs() < 0.02, "{fraction} at {frequency_hz} Hz: gain {re}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_would_arrive_before_zero_or_after_the_end_is_cut() {
+        let mut ear = Vec::new();
+        add_delayed(&mut ear, &[1.0; 4], -3.0);
+        assert!((ear[0] - 1.0).abs() < 1e-6 && ear.len() < 40);
+        add_delayed(&mut ear, &[1.0; 4], MAX_RESPONSE_SAMPLES as f64 + 100.0);
+        assert_eq!(ear.len(), MAX_RESPONSE_SAMPLES);
+    }
+}

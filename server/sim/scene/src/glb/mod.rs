@@ -1,0 +1,118 @@
+//! Buildings as glTF 2.0 files (Khronos, glTF 2.0 specification 2.0.1): export of any scene, import of any `.glb` or `.gltf`.
+//!
+//! Units are metres and Y is up, as the specification demands. What glTF has no word for (instance numbers,
+//! attributes, regions) travels in `extras` under the key `avln`, so that an exported scene comes back whole.
+//! In foreign files a node is an instance when its name, or its nearest ancestor's, says a category
+//! (`chair_3`, `KitchenTable_01`); walls, floors, doors and the like are surfaces without an instance.
+
+mod accessor;
+mod container;
+mod export;
+mod extras;
+mod image;
+mod instances;
+pub mod limits;
+mod materials;
+mod names;
+mod schema;
+mod surfaces;
+mod transform;
+mod uri;
+
+use crate::{Material, Mesh, Scene, SceneError, Texture};
+use container::Source;
+use extras::NodeExtras;
+use limits::{MAX_FILE_BYTES, MAX_SCENE_SIDE_M, MIN_SCENE_SIDE_M};
+use std::path::Path;
+
+pub use export::export;
+pub(crate) use uri::read_limited;
+
+/// `Err` is the reason, in words that continue "… is not a usable scene: ".
+pub(crate) type Checked<T> = Result<T, String>;
+
+/// A file's surfaces before anyone said which of them form an instance.
+pub(crate) struct Model {
+    /// All instances are [`InstanceId::NONE`](crate::InstanceId::NONE).
+    pub(crate) mesh: Mesh,
+    pub(crate) materials: Vec<Material>,
+    pub(crate) textures: Vec<Texture>,
+    /// Index into `nodes` of each triangle.
+    node_of: Vec<u32>,
+    nodes: Vec<ModelNode>,
+    scene_extras: serde_json::Value,
+}
+
+struct ModelNode {
+    name: String,
+    parent: Option<usize>,
+    extras: Option<NodeExtras>,
+}
+
+/// Reads a `.glb` or `.gltf` file, Y up, metres. The scene is named after the file.
+///
+/// # Errors
+/// [`SceneError::Read`] when the file itself cannot be read; [`SceneError::Malformed`] when it is damaged, exceeds one of
+/// the [`limits`], uses a compression or texture format that is not read, or cannot be in metres.
+pub fn import(path: &Path) -> Result<Scene, SceneError> {
+    let label = path.display().to_string();
+    let model = read_model(path)?;
+    instances::scene(scene_name(path), model).map_err(|reason| SceneError::Malformed { path: label, reason })
+}
+
+/// The same as [`import`] for bytes at hand, which must hold all their data (`.glb`, or `data:` URIs).
+/// `label_for_errors` takes the place of the path in errors.
+///
+/// # Errors
+/// [`SceneError::Malformed`], as for [`import`].
+pub fn from_bytes(name: &str, label_for_errors: &str, bytes: &[u8]) -> Result<Scene, SceneError> {
+    parse(bytes, None)
+        .and_then(|model| instances::scene(name.to_owned(), model))
+        .map_err(|reason| SceneError::Malformed { path: label_for_errors.to_owned(), reason })
+}
+
+/// The surfaces of a file, checked, without instances.
+pub(crate) fn read_model(path: &Path) -> Result<Model, SceneError> {
+    let label = || path.display().to_string();
+    let bytes =
+        read_limited(path, MAX_FILE_BYTES).map_err(|source| SceneError::Read { path: label(), source })?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    parse(&bytes, Some(folder)).map_err(|reason| SceneError::Malformed { path: label(), reason })
+}
+
+/// The part of a file name before the first dot, with what a scene name may not hold replaced by `_`.
+pub(crate) fn scene_name(path: &Path) -> String {
+    let file = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let stem = file.split('.').next().unwrap_or_default();
+    let allowed = |letter: char| letter.is_ascii_alphanumeric() || letter == '-' || letter == '_';
+    let name: String = stem.chars().map(|letter| if allowed(letter) { letter } else { '_' }).collect();
+    if name.is_empty() { "scene".to_owned() } else { name }
+}
+
+fn parse(bytes: &[u8], folder: Option<&Path>) -> Checked<Model> {
+    let model = surfaces::model(&Source::parse(bytes, folder)?)?;
+    check_units(&model.mesh)?;
+    Ok(model)
+}
+
+/// Refuses a scene whose size says that it is not in metres.
+fn check_units(mesh: &Mesh) -> Checked<()> {
+    let bounds = avln_geom::Aabb::around(&mesh.positions).ok_or("it holds no triangles; export the meshes with it")?;
+    let size = bounds.size();
+    let longest = size.max();
+    if (MIN_SCENE_SIDE_M..=MAX_SCENE_SIDE_M).contains(&longest) {
+        return Ok(());
+    }
+    let hint = if longest > MAX_SCENE_SIDE_M {
+        "by 0.01 if it is in centimetres, by 0.001 if in millimetres"
+    } else {
+        "up until a door is about 2 m high"
+    };
+    Err(format!(
+        "it measures {} x {} x {} m, a building is {MIN_SCENE_SIDE_M} to {MAX_SCENE_SIDE_M} m long; scale it in a 3D editor ({hint}) and export it in metres",
+        size.x, size.y, size.z
+    ))
+}
+
+#[cfg(test)]
+mod tests;

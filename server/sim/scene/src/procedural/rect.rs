@@ -1,0 +1,143 @@
+use avln_geom::{Aabb, Point3};
+
+/// A rectangle on the floor, metres in world x and z.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Rect {
+    pub(super) x: [f32; 2],
+    pub(super) z: [f32; 2],
+}
+
+impl Rect {
+    pub(super) fn new(x: [f32; 2], z: [f32; 2]) -> Self {
+        Self { x: sorted(x), z: sorted(z) }
+    }
+
+    pub(super) fn around(center: [f32; 2], size: [f32; 2]) -> Self {
+        let span = |axis: usize| [center[axis] - size[axis] / 2.0, center[axis] + size[axis] / 2.0];
+        Self::new(span(0), span(1))
+    }
+
+    pub(super) fn of(bounds: &Aabb) -> Self {
+        Self { x: [bounds.min.x, bounds.max.x], z: [bounds.min.z, bounds.max.z] }
+    }
+
+    pub(super) fn size(&self) -> [f32; 2] {
+        [self.x[1] - self.x[0], self.z[1] - self.z[0]]
+    }
+
+    pub(super) fn center(&self) -> [f32; 2] {
+        [(self.x[0] + self.x[1]) / 2.0, (self.z[0] + self.z[1]) / 2.0]
+    }
+
+    /// Every side moved inwards by `margin_m`; outwards when it is negative.
+    pub(super) fn inset(&self, margin_m: f32) -> Self {
+        let shrink = |[low, high]: [f32; 2]| [low + margin_m, high - margin_m];
+        Self { x: shrink(self.x), z: shrink(self.z) }
+    }
+
+    /// Whether the two share more than an edge.
+    pub(super) fn overlaps(&self, other: &Self) -> bool {
+        common(self.x, other.x) > 1e-4 && common(self.z, other.z) > 1e-4
+    }
+
+    pub(super) fn holds(&self, inner: &Self) -> bool {
+        let within = |outer: [f32; 2], inner: [f32; 2]| {
+            outer[0] <= inner[0] + 1e-4 && inner[1] <= outer[1] + 1e-4
+        };
+        within(self.x, inner.x) && within(self.z, inner.z)
+    }
+
+    pub(super) fn union(&self, other: &Self) -> Self {
+        let join = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        Self { x: join(self.x, other.x), z: join(self.z, other.z) }
+    }
+
+    /// Euclidean distance from a point to the rectangle; 0 inside.
+    pub(super) fn distance_m(&self, [x, z]: [f32; 2]) -> f32 {
+        let beyond = |[low, high]: [f32; 2], value: f32| (low - value).max(value - high).max(0.0);
+        let (dx, dz) = (beyond(self.x, x), beyond(self.z, z));
+        (dx * dx + dz * dz).sqrt()
+    }
+
+    /// The box over this rectangle between two heights.
+    pub(super) fn raised(&self, y: [f32; 2]) -> Aabb {
+        Aabb::new(Point3::new(self.x[0], y[0], self.z[0]), Point3::new(self.x[1], y[1], self.z[1]))
+    }
+}
+
+/// Length that two ranges share; negative when there is a gap between them.
+pub(super) fn common(a: [f32; 2], b: [f32; 2]) -> f32 {
+    a[1].min(b[1]) - a[0].max(b[0])
+}
+
+fn sorted([a, b]: [f32; 2]) -> [f32; 2] {
+    [a.min(b), a.max(b)]
+}
+
+/// A side of a room, named by the direction from which its wall looks into the room.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Side {
+    /// The wall at the smallest z; it faces +z.
+    North,
+    /// The wall at the smallest x; it faces +x.
+    West,
+    /// The wall at the largest z; it faces -z.
+    South,
+    /// The wall at the largest x; it faces -x.
+    East,
+}
+
+impl Side {
+    pub(super) const ALL: [Side; 4] = [Side::North, Side::West, Side::South, Side::East];
+
+    /// Quarter turns about +Y (counter-clockwise from above) that bring +z into the room.
+    pub(super) fn quarter(self) -> u8 {
+        self as u8
+    }
+
+    pub(super) fn opposite(self) -> Self {
+        Self::ALL[(self as usize + 2) % 4]
+    }
+
+    /// Whether the wall runs along x (otherwise along z).
+    pub(super) fn runs_along_x(self) -> bool {
+        matches!(self, Self::North | Self::South)
+    }
+
+    /// Where the wall stands, on the axis across it.
+    pub(super) fn line_m(self, room: &Rect) -> f32 {
+        match self {
+            Self::North => room.z[0],
+            Self::South => room.z[1],
+            Self::West => room.x[0],
+            Self::East => room.x[1],
+        }
+    }
+
+    /// The range that the wall covers on the axis along it.
+    pub(super) fn span(self, room: &Rect) -> [f32; 2] {
+        if self.runs_along_x() { room.x } else { room.z }
+    }
+
+    /// 1 where the room lies on the larger side of the wall, -1 otherwise.
+    pub(super) fn inward(self) -> f32 {
+        if matches!(self, Self::North | Self::West) { 1.0 } else { -1.0 }
+    }
+
+    /// The rectangle that touches this wall of `room` along `along` and reaches `depth_m` inwards.
+    pub(super) fn strip(self, room: &Rect, along: [f32; 2], depth_m: f32) -> Rect {
+        let line = self.line_m(room);
+        let across = [line, line + self.inward() * depth_m];
+        if self.runs_along_x() { Rect::new(along, across) } else { Rect::new(across, along) }
+    }
+}
+
+/// `[x, z]` after `quarter` turns about +Y.
+pub(super) fn turned(quarter: u8, [x, z]: [f32; 2]) -> [f32; 2] {
+    match quarter % 4 {
+        0 => [x, z],
+        1 => [z, -x],
+        2 => [-x, -z],
+        _ => [-z, x],
+    }
+}

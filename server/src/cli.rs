@@ -1,0 +1,74 @@
+use crate::{Failure, FailureKind, commands, failure::EXIT_CODES};
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+use tracing_subscriber::EnvFilter;
+
+/// LH-AVLN Arena: hosts long-horizon audio-visual-language navigation episodes, scores them and shows the results
+#[derive(Debug, Parser)]
+#[command(name = "avln", version, after_help = EXIT_CODES)]
+pub struct Cli {
+    /// Where database, splits and caches lie
+    #[arg(long, global = true, env = "AVLN_DATA", default_value = "avln-data", value_name = "FOLDER")]
+    pub data: PathBuf,
+    /// What to log to standard error, such as info or avln_grpc=debug
+    #[arg(long, global = true, env = "AVLN_LOG", default_value = "warn", value_name = "FILTER")]
+    pub log: String,
+    /// What to do
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The commands, one file each.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Build houses and missions, run two agents over gRPC, show the leaderboard
+    Demo(commands::demo::Options),
+    /// Host the phases of the data folder for remote agents
+    Serve(commands::serve::Options),
+    /// Run one of the agents that come with the arena against a server
+    #[command(subcommand)]
+    Agent(commands::agent::Agent),
+    /// Make splits of scenes and missions
+    #[command(subcommand)]
+    Split(commands::split::Command),
+    /// Open phases on a split
+    #[command(subcommand)]
+    Phase(commands::phase::Command),
+    /// Admit teams and issue their tokens
+    #[command(subcommand)]
+    Team(commands::team::Command),
+    /// Look at scenes and export them
+    #[command(subcommand)]
+    Scene(commands::scene::Command),
+}
+
+/// Carries out one command line.
+///
+/// # Errors
+/// When the command fails; the failure carries the exit code and the next step.
+pub fn run(cli: Cli) -> Result<(), Failure> {
+    let filter = EnvFilter::try_new(&cli.log).map_err(|error| {
+        Failure::new(FailureKind::Internal, format!("cannot read the log filter '{}': {error}", cli.log))
+            .hinted("use a level such as info, or target=level pairs separated by commas")
+    })?;
+    let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    // A second subscriber in one process (a test) keeps the first.
+    let _ = subscriber.try_init();
+    match cli.command {
+        Command::Scene(command) => commands::scene::run(command),
+        other => asynchronous(&cli.data, other),
+    }
+}
+
+#[tokio::main]
+async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Failure> {
+    match command {
+        Command::Demo(options) => commands::demo::run(data, options).await,
+        Command::Serve(options) => commands::serve::run(data, options).await,
+        Command::Agent(agent) => commands::agent::run(agent).await,
+        Command::Split(command) => commands::split::run(data, command).await,
+        Command::Phase(command) => commands::phase::run(data, command).await,
+        Command::Team(command) => commands::team::run(data, command).await,
+        Command::Scene(command) => commands::scene::run(command),
+    }
+}

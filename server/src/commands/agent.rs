@@ -1,0 +1,24 @@
+use crate::Failure;
+use clap::Subcommand;
+
+/// The agents that come with the arena; each connects as a client like everyone else.
+#[derive(Debug, Subcommand)]
+pub enum Agent {
+    /// Walk at random: the floor of every leaderboard
+    Random(avln_random::Options),
+    /// PAG-Nav, the reference agent
+    PagNav(avln_pag_nav::Options),
+}
+
+/// Runs an agent to the end of its run.
+///
+/// # Errors
+/// When the run fails.
+pub async fn run(agent: Agent) -> Result<(), Failure> {
+    let summary = match agent {
+        Agent::Random(options) => avln_random::run(options).await?,
+        Agent::PagNav(options) => avln_pag_nav::run(options).await?,
+    };
+    println!("{summary}");
+    Ok(())
+}

@@ -1,0 +1,9 @@
+//! One file for each command: its options, whose documentation is the help text, and what it does.
+
+pub mod agent;
+pub mod demo;
+pub mod phase;
+pub mod scene;
+pub mod serve;
+pub mod split;
+pub mod team;

@@ -1,0 +1,89 @@
+use crate::{Failure, FailureKind};
+use avln_scene::{Scene, glb, open, procedural};
+use clap::{Args, Subcommand};
+use std::path::{Path, PathBuf};
+
+/// Commands about scenes.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Write a scene as a standard GLB file, for Blender or Habitat
+    Export {
+        /// The scene to export
+        #[command(flatten)]
+        scene: Choice,
+        /// The file to write
+        #[arg(value_name = "OUT.glb")]
+        out: PathBuf,
+    },
+    /// Print what a scene holds
+    Info {
+        /// The scene to look at
+        #[command(flatten)]
+        scene: Choice,
+    },
+}
+
+/// A scene from a file, or grown from a seed.
+#[derive(Debug, Args)]
+#[group(required = true, multiple = false)]
+pub struct Choice {
+    /// A GLB or glTF file, or a folder in the HM3D layout
+    #[arg(long, value_name = "PATH")]
+    scene: Option<PathBuf>,
+    /// Seed of a procedural house
+    #[arg(long)]
+    seed: Option<u64>,
+}
+
+/// Carries out a command about scenes.
+///
+/// # Errors
+/// When the scene cannot be read or the file cannot be written.
+pub fn run(command: Command) -> Result<(), Failure> {
+    match command {
+        Command::Export { scene, out } => export(&load(&scene)?, &out),
+        Command::Info { scene } => {
+            print_info(&load(&scene)?);
+            Ok(())
+        }
+    }
+}
+
+fn load(choice: &Choice) -> Result<Scene, Failure> {
+    match (&choice.scene, choice.seed) {
+        (Some(path), _) => open::open(path).map_err(|error| Failure::new(FailureKind::Scene, error)),
+        (None, seed) => {
+            let seed = seed.unwrap_or_default();
+            Ok(procedural::house(&format!("house-{seed}"), seed, &procedural::HouseOptions::default()))
+        }
+    }
+}
+
+fn export(scene: &Scene, out: &Path) -> Result<(), Failure> {
+    let bytes = glb::export(scene);
+    std::fs::write(out, &bytes)
+        .map_err(|error| Failure::new(FailureKind::Data, format!("cannot write {}: {error}", out.display())))?;
+    println!("{}: {} bytes, {} triangles", out.display(), bytes.len(), scene.mesh.triangles.len());
+    Ok(())
+}
+
+fn print_info(scene: &Scene) {
+    println!("scene      {}", scene.name);
+    println!("digest     {}", avln_scene::digest::digest(scene));
+    println!("triangles  {}", scene.mesh.triangles.len());
+    if let Some(bounds) = scene.bounds() {
+        let size = bounds.size();
+        println!("size       {:.1} x {:.1} x {:.1} m", size.x, size.y, size.z);
+    }
+    println!("regions    {}", scene.regions.len());
+    println!("objects    {}", scene.objects.len());
+    for object in &scene.objects {
+        let (at, words) = (object.bounds.center(), &object.attributes);
+        let looks = [&words.size, &words.shape, &words.color, &words.material].map(String::as_str);
+        let looks: Vec<_> = looks.into_iter().filter(|word| !word.is_empty()).collect();
+        println!(
+            "  {:>4} {:<18} {:>7.2} {:>6.2} {:>7.2}  {}",
+            object.id.0, object.category, at.x, at.y, at.z, looks.join(" ")
+        );
+    }
+}
