@@ -4,7 +4,7 @@ mod walk;
 
 use crate::{Aabb, Point3, Vector3};
 use packet::Packet;
-use tree::{Child, Node, Tree};
+use tree::{Node, Tree};
 pub use walk::Visitor;
 
 /// Where a ray met a triangle.
@@ -82,7 +82,11 @@ mod tests {
     use crate::Rng;
 
     /// Distance of the hit on one triangle, straight from the paper of Möller and Trumbore.
-    fn distance_to([a, b, c]: [Point3<f32>; 3], origin: &Point3<f32>, direction: &Vector3<f32>) -> Option<f32> {
+    fn distance_to(
+        [a, b, c]: [Point3<f32>; 3],
+        origin: &Point3<f32>,
+        direction: &Vector3<f32>,
+    ) -> Option<f32> {
         let (edge_u, edge_v, to_origin) = (b - a, c - a, origin - a);
         let p = direction.cross(&edge_v);
         let inverse = 1.0 / edge_u.dot(&p);

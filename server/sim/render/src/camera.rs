@@ -50,11 +50,18 @@ impl Camera {
     pub(crate) fn lens(&self) -> Lens {
         /// Keeps the tangent of half the angle finite and above 0.
         const NARROWEST_RAD: f32 = 1e-3;
-        let half_angle = (0.5 * self.hfov_rad).clamp(NARROWEST_RAD, 0.5 * std::f32::consts::PI - NARROWEST_RAD);
+        let half_angle =
+            (0.5 * self.hfov_rad).clamp(NARROWEST_RAD, 0.5 * std::f32::consts::PI - NARROWEST_RAD);
         let (sin, cos) = angle::sin_cos(half_angle);
         let half = [0.5 * self.width as f32, 0.5 * self.height as f32];
         let pose = Pose { position: self.eye, heading_rad: self.heading_rad };
-        Lens { eye: self.eye, right: pose.right(), forward: pose.forward(), focal_px: half[0] * cos / sin, half }
+        Lens {
+            eye: self.eye,
+            right: pose.right(),
+            forward: pose.forward(),
+            focal_px: half[0] * cos / sin,
+            half,
+        }
     }
 }
 
@@ -66,6 +73,11 @@ impl Lens {
         let x = self.right.x * offset.x + self.right.z * offset.z;
         let z = self.forward.x * offset.x + self.forward.z * offset.z;
         Vector3::new(x * self.focal_px, -offset.y * self.focal_px, z)
+    }
+
+    /// The pinhole, world frame.
+    pub(crate) fn eye(&self) -> Point3<f32> {
+        self.eye
     }
 
     /// Pixels that a metre covers at a metre of depth.

@@ -66,7 +66,8 @@ impl Canvas {
     #[inline]
     pub(crate) fn rect(&self, min: [f32; 2], max: [f32; 2], half: [f32; 2]) -> TileRect {
         // Casts from float saturate: borders far outside of the picture end at its edge.
-        let tile_of = |axis: usize, at: f32| ((at + half[axis]).max(0.0) as usize / SIDE).min(self.tiles[axis]);
+        let tile_of =
+            |axis: usize, at: f32| ((at + half[axis]).max(0.0) as usize / SIDE).min(self.tiles[axis]);
         let first = [0, 1].map(|axis| tile_of(axis, min[axis]));
         let outside = |axis: usize| max[axis] + half[axis] < 0.0;
         let end = [0, 1].map(|axis| {

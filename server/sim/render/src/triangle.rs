@@ -19,6 +19,8 @@ pub(crate) struct Outline {
     pub(crate) weights: [Plane; 3],
     /// One over the planar depth, 1/metres.
     pub(crate) nearness: Plane,
+    /// What turns weights into barycentric weights over depth.
+    pub(crate) scale: f32,
 }
 
 impl Plane {
@@ -37,13 +39,14 @@ impl Plane {
         Self { x: v.x as f32, y: v.y as f32, constant: v.z as f32 }
     }
 
-    /// The sum of three planes, each taken `factors` times.
-    pub(crate) fn blend(planes: &[Self; 3], factors: [f32; 3]) -> Self {
-        let sum = |part: fn(&Self) -> f32| {
-            let [a, b, c] = [0, 1, 2].map(|i| part(&planes[i]) * factors[i]);
-            a + b + c
-        };
-        Self { x: sum(|p| p.x), y: sum(|p| p.y), constant: sum(|p| p.constant) }
+    /// The plane `a·self + b·other`.
+    pub(crate) fn mixed(&self, a: f32, other: &Self, b: f32) -> Self {
+        let mix = |x: f32, y: f32| x * a + y * b;
+        Self {
+            x: mix(self.x, other.x),
+            y: mix(self.y, other.y),
+            constant: mix(self.constant, other.constant),
+        }
     }
 }
 
@@ -60,6 +63,6 @@ impl Outline {
         }
         let side = volume.signum();
         let weights = [b.cross(&c), c.cross(&a), a.cross(&b)].map(|w| Plane::from_vector(&(w * side)));
-        Some(Self { weights, nearness })
+        Some(Self { weights, nearness, scale: (1.0 / volume.abs()) as f32 })
     }
 }

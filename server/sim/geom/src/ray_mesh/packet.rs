@@ -54,7 +54,8 @@ impl Packet {
         let to_origin = difference(origin, &self.origin);
         let q = cross(&to_origin, &self.edge_u);
         let scaled = |lanes: Lanes| each(|i| lanes[i] * inverse[i]);
-        let (u, v, t) = (scaled(dot(&to_origin, &p)), scaled(dot(direction, &q)), scaled(dot(&self.edge_v, &q)));
+        let (u, v, t) =
+            (scaled(dot(&to_origin, &p)), scaled(dot(direction, &q)), scaled(dot(&self.edge_v, &q)));
         // A degenerate triangle has infinite or undefined weights, which fail these comparisons.
         let meets = |i: usize| (u[i] >= 0.0) & (v[i] >= 0.0) & (u[i] + v[i] <= 1.0) & (t[i] > 0.0);
         PacketHits { distance: each(|i| if meets(i) { t[i] } else { f32::INFINITY }), u, v }

@@ -113,9 +113,10 @@ impl Node {
 fn opened(binary: &[Binary], top: usize) -> Vec<usize> {
     let mut shown = vec![top];
     while shown.len() < WIDTH {
-        let largest = (0..shown.len())
-            .filter(|&at| binary[shown[at]].count as usize > WIDTH)
-            .max_by(|&a, &b| half_area(&binary[shown[a]].bounds).total_cmp(&half_area(&binary[shown[b]].bounds)));
+        let largest =
+            (0..shown.len()).filter(|&at| binary[shown[at]].count as usize > WIDTH).max_by(|&a, &b| {
+                half_area(&binary[shown[a]].bounds).total_cmp(&half_area(&binary[shown[b]].bounds))
+            });
         let Some((at, &Content::Pair(left))) = largest.map(|at| (at, &binary[shown[at]].content)) else {
             break;
         };
@@ -146,7 +147,11 @@ fn binary_tree(boxes: &[Aabb]) -> Vec<Binary> {
     let leaves: Vec<_> =
         boxes.iter().map(|b| ParryAabb::new(glam_from_point(&b.min), glam_from_point(&b.max))).collect();
     let bvh = Bvh::from_leaves(BvhBuildStrategy::Binned, &leaves);
-    let mut copy = vec![Binary { bounds: Aabb::new(Point3::origin(), Point3::origin()), count: 0, content: Content::Pair(1) }];
+    let mut copy = vec![Binary {
+        bounds: Aabb::new(Point3::origin(), Point3::origin()),
+        count: 0,
+        content: Content::Pair(1),
+    }];
     let mut parents = vec![0];
     bvh.traverse_indexed(None, |node, index| {
         let (_, is_right) = index.decompose();
