@@ -1,0 +1,147 @@
+use crate::{
+    Failure, FailureKind,
+    arena::{data::DataFolder, now_unix_ms, register},
+};
+use avln_episode::{FeedbackRule, Order, Sensors};
+use avln_store::{Phase, PhaseState, Store, Visibility};
+use clap::{Args, Subcommand, ValueEnum};
+use std::path::Path;
+
+/// Commands about phases.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Open a phase on a split, or change one
+    Open(Open),
+    /// Let no more runs start in a phase
+    Close {
+        /// Id of the phase
+        id: String,
+    },
+}
+
+/// How a phase is set up.
+#[derive(Clone, Debug, Args)]
+pub struct Open {
+    /// Id, used in URLs and by agents
+    pub id: String,
+    /// The split that is played
+    #[arg(long)]
+    pub split: String,
+    /// Heading on pages; the id by default
+    #[arg(long)]
+    pub title: Option<String>,
+    /// Who may see scores
+    #[arg(long, value_enum, default_value_t = Who::Public)]
+    pub scores: Who,
+    /// Who may see paths, maps and targets
+    #[arg(long, value_enum, default_value_t = Who::Public)]
+    pub replays: Who,
+    /// What an agent learns from a Submit; the rule set says it by default
+    #[arg(long, value_enum)]
+    pub feedback: Option<Told>,
+    /// Runs that a team may start; any number by default
+    #[arg(long, value_name = "RUNS")]
+    pub quota: Option<u32>,
+    /// Episodes that a run may play side by side
+    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub max_slots: u32,
+    /// Largest side of a picture that an agent may ask for, pixels
+    #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(64..=1024))]
+    pub max_side: u32,
+}
+
+/// Who may see something.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Who {
+    /// Everybody.
+    Public,
+    /// The team whose run it is.
+    Team,
+    /// The organiser alone.
+    Organiser,
+}
+
+/// What an agent learns from a Submit.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Told {
+    /// Nothing.
+    None,
+    /// That it was counted.
+    Accepted,
+    /// Whether it completed a goal.
+    Verdict,
+}
+
+/// Carries out a command about phases.
+///
+/// # Errors
+/// When the split is unknown or the database refuses.
+pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
+    let data = DataFolder::open(data)?;
+    let store = data.store().await?;
+    match command {
+        Command::Open(options) => {
+            let phase = open(&data, &store, &options).await?;
+            println!("phase {} is open: {} episodes under {}", phase.id, phase.episodes.len(), phase.rules.name);
+            println!("host it with: avln serve");
+        }
+        Command::Close { id } => {
+            let closed = Phase { state: PhaseState::Closed, ..store.phase(&id).await? };
+            store.upsert_phase(&closed, now_unix_ms()).await?;
+            println!("phase {id} is closed; its results stay");
+        }
+    }
+    Ok(())
+}
+
+/// Opens a phase on a split of the data folder.
+///
+/// # Errors
+/// When the split is unknown or the database refuses.
+pub async fn open(data: &DataFolder, store: &Store, options: &Open) -> Result<Phase, Failure> {
+    crate::arena::data::check_name("phase", &options.id)?;
+    let split = data.split(&options.split)?;
+    let mut rules = register::rules_of(&split)?;
+    if let Some(told) = options.feedback {
+        rules.feedback = told.into();
+    }
+    let phase = Phase {
+        id: options.id.clone(),
+        title: options.title.clone().unwrap_or_else(|| options.id.clone()),
+        split: split.name.clone(),
+        rules,
+        orders: vec![Order::Ordered, Order::Unordered],
+        sensors: Sensors::all(options.max_side, options.max_side),
+        scores: options.scores.into(),
+        replays: options.replays.into(),
+        max_slots: options.max_slots,
+        quota: options.quota,
+        state: PhaseState::Open,
+        episodes: register::phase_episodes(&split),
+    };
+    if phase.episodes.is_empty() {
+        return Err(Failure::new(FailureKind::Scene, format!("split '{}' has no episodes", split.name)));
+    }
+    store.upsert_phase(&phase, now_unix_ms()).await?;
+    Ok(phase)
+}
+
+impl From<Who> for Visibility {
+    fn from(who: Who) -> Self {
+        match who {
+            Who::Public => Self::Public,
+            Who::Team => Self::Team,
+            Who::Organiser => Self::Organiser,
+        }
+    }
+}
+
+impl From<Told> for FeedbackRule {
+    fn from(told: Told) -> Self {
+        match told {
+            Told::None => Self::None,
+            Told::Accepted => Self::Accepted,
+            Told::Verdict => Self::Verdict,
+        }
+    }
+}

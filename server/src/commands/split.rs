@@ -1,0 +1,114 @@
+use crate::{
+    Failure, FailureKind,
+    arena::{data::DataFolder, register},
+};
+use avln_dataset::{MissionOptions, SceneSource, Split};
+use avln_episode::Rules;
+use avln_store::SceneMap;
+use clap::{Args, Subcommand};
+use std::path::{Path, PathBuf};
+
+/// Commands about splits.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Build scenes, find targets in them, draw missions
+    Make(Make),
+}
+
+/// What to make a split of.
+#[derive(Clone, Debug, Args)]
+pub struct Make {
+    /// Name of the split
+    pub name: String,
+    /// Procedural houses to build
+    #[arg(long, default_value_t = 2, conflicts_with = "scene")]
+    pub houses: u32,
+    /// A scene to use: a GLB or glTF file, or a folder in the HM3D layout (can be repeated)
+    #[arg(long, value_name = "PATH")]
+    pub scene: Vec<PathBuf>,
+    /// Missions to draw in each scene
+    #[arg(long, default_value_t = 4)]
+    pub missions: usize,
+    /// Seed of houses and missions
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// The rule set
+    #[arg(long, default_value = Rules::PAPER)]
+    pub rules: String,
+}
+
+/// Carries out a command about splits.
+///
+/// # Errors
+/// When a scene cannot be used or the data folder cannot be written.
+pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
+    let Command::Make(options) = command;
+    let data = DataFolder::open(data)?;
+    let store = data.store().await?;
+    let split = make(&data, &store, options, |line| println!("{line}")).await?;
+    println!("split {}: {} scenes, {} missions", split.name, split.scenes.len(), split.episodes.len());
+    println!("open a phase on it with: avln phase open ID --split {}", split.name);
+    Ok(())
+}
+
+/// Makes a split, saves it and makes it known to the database; `say` is told about each scene.
+///
+/// # Errors
+/// When a scene cannot be used or the data folder cannot be written.
+pub async fn make(
+    data: &DataFolder,
+    store: &avln_store::Store,
+    options: Make,
+    say: impl Fn(String) + Send + 'static,
+) -> Result<Split, Failure> {
+    crate::arena::data::check_name("split", &options.name)?;
+    let built = tokio::task::spawn_blocking(move || build(&options, say)).await;
+    let (split, maps) = built.map_err(|error| Failure::new(FailureKind::Internal, error))??;
+    data.save_split(&split)?;
+    register::register_split(data, store, &split, &maps).await?;
+    Ok(split)
+}
+
+/// Builds the scenes one after the other and draws missions in each.
+fn build(options: &Make, say: impl Fn(String)) -> Result<(Split, Vec<SceneMap>), Failure> {
+    let rules = Rules::named(&options.rules).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    let mut split = Split::new(&options.name, &rules);
+    let mut maps = Vec::new();
+    for (index, (name, source)) in sources(options)?.into_iter().enumerate() {
+        let missions = MissionOptions::new(options.missions, options.seed.wrapping_add(index as u64));
+        let before = split.episodes.len();
+        let assets = split.add_scene(&name, source, &rules, &missions)?;
+        say(format!(
+            "  {name}: {} triangles, {} objects, {:.0} m2 to walk on, {} missions",
+            assets.scene.mesh.triangles.len(),
+            assets.scene.objects.len(),
+            assets.navmesh.area_m2(),
+            split.episodes.len() - before,
+        ));
+        maps.push(register::map_of(&assets));
+    }
+    Ok((split, maps))
+}
+
+/// Names and origins of the scenes: the files that were given, or houses grown from the seed.
+fn sources(options: &Make) -> Result<Vec<(String, SceneSource)>, Failure> {
+    if options.scene.is_empty() {
+        let house = |number: u32| {
+            let seed = options.seed.wrapping_mul(1000).wrapping_add(u64::from(number));
+            (format!("{}-house-{number:03}", options.name), SceneSource::Procedural { seed, rooms: 5..=8 })
+        };
+        return Ok((0..options.houses).map(house).collect());
+    }
+    options.scene.iter().map(|path| file_source(&options.name, path)).collect()
+}
+
+fn file_source(split: &str, path: &Path) -> Result<(String, SceneSource), Failure> {
+    let path = path.canonicalize().map_err(|error| {
+        Failure::new(FailureKind::Scene, format!("cannot find scene {}: {error}", path.display()))
+            .hinted("name a .glb or .gltf file, or a folder that holds one with its semantics beside it")
+    })?;
+    let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+    let fits = |letter: &char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_');
+    let name = format!("{split}-{}", stem.chars().filter(fits).take(40).collect::<String>());
+    Ok((name, SceneSource::File { path }))
+}
