@@ -161,11 +161,12 @@ impl Air {
 
     /// Room cells around `point` that nothing hides from it; a few, the nearest first.
     pub(crate) fn clear_cells(&self, point: &Point3<f32>) -> Vec<usize> {
+        const ENOUGH: usize = 8;
         for reach in 1..=2 {
-            let mut cells = self.room_cells(point, reach);
-            cells.retain(|cell| self.rays.is_clear(point, &self.grid.center(*cell)));
+            let cells = self.room_cells(point, reach).into_iter();
+            let clear = cells.filter(|cell| self.rays.is_clear(point, &self.grid.center(*cell)));
+            let cells: Vec<_> = clear.take(ENOUGH).collect();
             if !cells.is_empty() {
-                cells.truncate(8);
                 return cells;
             }
         }
@@ -175,8 +176,10 @@ impl Air {
     /// The room cell to which a point that is shut in by furniture or lies outside belongs: behind the fewest
     /// surfaces, then the nearest. `None` when there is no room air at all.
     pub(crate) fn nearest_cell(&self, point: &Point3<f32>) -> Option<usize> {
+        const ENOUGH: usize = 256;
         let reach = (1.6 / self.grid.cell_m) as usize;
-        let near = self.room_cells(point, reach);
+        let mut near = self.room_cells(point, reach);
+        near.truncate(ENOUGH);
         if !near.is_empty() {
             return near.into_iter().min_by_key(|cell| self.surfaces_between(point, &self.grid.center(*cell)));
         }

@@ -1,1 +1,30 @@
-//! Sound: propagation, ears and convolution.
+//! Sound: propagation through a building, the ears of a listener, and the clips that sources play.
+//!
+//! Start reading at [`Acoustics`] (a building), [`Source`] (its cached answer for one place) and [`Ears`]
+//! (what a listener hears, step by step). Everything that a source does to a listener is one impulse response
+//! per ear and pose ([`ImpulseResponse`]); whatever else reaches the ears only adds taps to it.
+//!
+//! *Never*: pans, normalises, reads files or clocks, or knows which source is a goal. Equal inputs give equal bits.
+
+mod air;
+mod bands;
+mod clip;
+mod convolver;
+mod ears;
+mod geodesic;
+mod head;
+mod impulse;
+mod source;
+mod sphere;
+mod visibility;
+
+pub use clip::{Clip, clip_bank};
+pub use ears::{Ears, Emitter, Listener};
+pub use impulse::{ImpulseResponse, MAX_RESPONSE_SAMPLES};
+pub use source::{Acoustics, Source};
+
+/// Samples a second of everything that is heard.
+pub const SAMPLE_RATE_HZ: u32 = 16_000;
+
+/// Speed of sound in air of 20 degrees Celsius, metres a second.
+pub const SPEED_OF_SOUND_M_S: f32 = 343.0;

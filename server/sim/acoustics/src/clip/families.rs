@@ -1,0 +1,147 @@
+//! The families of clips.
+
+use super::synth::{add, beats, hump, pink, resonate, samples, shaped, silence, sweep, white};
+use crate::SAMPLE_RATE_HZ;
+use avln_geom::Rng;
+use std::f32::consts::TAU;
+
+/// A kind of sound with a few random traits.
+pub(super) struct Family {
+    pub(super) name: &'static str,
+    /// One loop, of any level.
+    pub(super) make: fn(&mut Rng) -> Vec<f32>,
+}
+
+/// All families.
+pub(super) const FAMILIES: [Family; 6] = [
+    Family { name: "pink-bursts", make: pink_bursts },
+    Family { name: "claps", make: claps },
+    Family { name: "chirps", make: chirps },
+    Family { name: "babble", make: babble },
+    Family { name: "rattle", make: rattle },
+    Family { name: "grains", make: grains },
+];
+
+/// Even bursts of pink noise, three and a half to seven a second.
+fn pink_bursts(rng: &mut Rng) -> Vec<f32> {
+    let noise = pink(rng);
+    let (rate_hz, duty) = (rng.range(3.5, 7.0), rng.range(0.6, 0.75));
+    let attack = rng.range(0.05, 0.2);
+    let mut sound = silence();
+    for start in beats(rng, rate_hz, 0.1) {
+        let burst = hump(samples(duty / rate_hz), attack);
+        add(&mut sound, &shaped(&noise[start % (noise.len() / 2)..], &burst), start, 1.0);
+    }
+    sound
+}
+
+/// Claps: short decays of coloured noise, nine to sixteen a second.
+fn claps(rng: &mut Rng) -> Vec<f32> {
+    let color_hz = rng.range(700.0, 2500.0);
+    let raw = white(rng);
+    let mut noise = resonate(&raw, color_hz, color_hz);
+    add(&mut noise, &raw, 0, 0.1);
+    let rate_hz = rng.range(9.0, 16.0);
+    let length = samples(rng.range(0.03, 0.05));
+    let mut sound = silence();
+    for start in beats(rng, rate_hz, 0.4) {
+        let from = rng.below(noise.len() / 2);
+        add(&mut sound, &shaped(&noise[from..], &hump(length, 0.04)), start, rng.range(0.7, 1.0));
+    }
+    sound
+}
+
+/// Sweeps over five octaves, up, down or in turn, five to eight a second.
+fn chirps(rng: &mut Rng) -> Vec<f32> {
+    let (low_hz, high_hz) = (rng.range(180.0, 300.0), rng.range(6000.0, 7300.0));
+    let rate_hz = rng.range(5.0, 8.0);
+    let manner = rng.below(3);
+    let mut sound = silence();
+    for (number, start) in beats(rng, rate_hz, 0.15).into_iter().enumerate() {
+        let up = manner == 0 || (manner == 2 && number % 2 == 0);
+        let (from_hz, to_hz) = if up { (low_hz, high_hz) } else { (high_hz, low_hz) };
+        let length = samples(0.85 / rate_hz);
+        add(&mut sound, &shaped(&sweep(from_hz, to_hz, length), &hump(length, 0.1)), start, 1.0);
+    }
+    sound
+}
+
+/// Something like speech: a buzzing voice through four formants, with hisses between.
+fn babble(rng: &mut Rng) -> Vec<f32> {
+    let (pitch_hz, rate_hz) = (rng.range(95.0, 230.0), rng.range(3.8, 5.5));
+    let stretch = rng.range(0.9, 1.2);
+    let (mut voice, mut hiss) = (silence(), silence());
+    let breath = white(rng);
+    for start in beats(rng, rate_hz, 0.25) {
+        let length = samples(rng.range(0.6, 0.75) / rate_hz);
+        let syllable = buzz(pitch_hz * rng.range(0.85, 1.2), length);
+        add(&mut voice, &shaped(&syllable, &hump(length, 0.2)), start, 1.0);
+        let length = samples(rng.range(0.3, 0.4) / rate_hz);
+        let start = start + samples(0.68 / rate_hz);
+        add(&mut hiss, &shaped(&breath[length..], &hump(length, 0.15)), start, rng.range(0.6, 1.0));
+    }
+    let mut sound = silence();
+    for (formant_hz, width_hz, gain) in
+        [(550.0, 90.0, 1.0), (1400.0, 120.0, 0.8), (2500.0, 180.0, 0.7), (3500.0, 250.0, 0.6)]
+    {
+        add(&mut sound, &resonate(&voice, formant_hz * stretch, width_hz), 0, gain);
+    }
+    add(&mut sound, &resonate(&hiss, 4800.0 * stretch, 2500.0), 0, 0.6);
+    sound
+}
+
+/// A train of smooth pulses at `pitch_hz`.
+fn buzz(pitch_hz: f32, count: usize) -> Vec<f32> {
+    let turn = TAU * pitch_hz / SAMPLE_RATE_HZ as f32;
+    // A power of a raised cosine: one narrow hump a period.
+    let pulse = |n: usize| {
+        let cosine = 0.5 + 0.5 * libm::cosf((turn * n as f32) % TAU);
+        let squared = cosine * cosine;
+        let fourth = squared * squared;
+        fourth * fourth * fourth - 0.15
+    };
+    (0..count).map(pulse).collect()
+}
+
+/// A shaken box: random knocks on a handful of resonances, louder four to six times a second.
+fn rattle(rng: &mut Rng) -> Vec<f32> {
+    let mut knocks = silence();
+    let accents = beats(rng, rng.clone().range(4.0, 6.0), 0.1);
+    for start in beats(rng, 45.0, 1.0) {
+        add(&mut knocks, &[rng.range(-0.5, 0.5)], start, 1.0);
+    }
+    for start in accents {
+        for _ in 0..12 {
+            add(&mut knocks, &[rng.range(-1.0, 1.0)], start + rng.below(samples(0.06)), 1.0);
+        }
+    }
+    let mut sound = silence();
+    for octave in 0..8 {
+        let center_hz = 300.0 * libm::expf(octave as f32 * 0.43) * rng.range(0.85, 1.15);
+        let width_hz = rng.range(0.04, 0.1) * center_hz;
+        add(&mut sound, &resonate(&knocks, center_hz.min(7000.0), width_hz + 20.0), 0, rng.range(0.6, 1.0));
+    }
+    sound
+}
+
+/// A swarm of grains, tonal sweeps and noise, that thickens four to six times a second.
+fn grains(rng: &mut Rng) -> Vec<f32> {
+    let noise = pink(rng);
+    let (rate_hz, tonal) = (rng.range(4.0, 6.0), rng.range(0.3, 0.7));
+    let mut sound = silence();
+    for beat in beats(rng, rate_hz, 0.1) {
+        for number in 0..8 {
+            let length = samples(rng.range(0.02, 0.06));
+            let start = beat + if number < 5 { rng.below(200) } else { rng.below(samples(1.0 / rate_hz)) };
+            let grain = if rng.chance(f64::from(tonal)) {
+                let from_hz = 250.0 * libm::expf(rng.range(0.0, 3.2));
+                sweep(from_hz, from_hz * rng.range(0.7, 1.4), length)
+            } else {
+                noise[rng.below(noise.len() / 2)..].to_vec()
+            };
+            let gain = if number < 5 { 1.0 } else { 0.35 };
+            add(&mut sound, &shaped(&grain, &hump(length, 0.1)), start, gain);
+        }
+    }
+    sound
+}

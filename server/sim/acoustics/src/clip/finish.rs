@@ -1,0 +1,94 @@
+//! What all clips have in common: balance of the spectrum, peaks, level.
+
+use crate::SAMPLE_RATE_HZ;
+use realfft::RealFftPlanner;
+use realfft::num_complex::Complex32;
+
+/// Root mean square of every clip.
+const LEVEL: f32 = 0.05;
+
+/// Largest peak over the root mean square: 13 dB.
+const CREST: f32 = 4.467;
+
+/// Where the low part of the spectrum ends and the high one begins, hertz.
+const LOW_END_HZ: f32 = 1200.0;
+const HIGH_START_HZ: f32 = 2000.0;
+
+/// Shares of the energy that the low and the high part are brought up to.
+const LEAST_SHARE: f32 = 0.3;
+
+/// Lowest frequency of a clip, hertz.
+const CUT_HZ: f32 = 80.0;
+
+/// Balances, limits and levels a loop in place.
+pub(super) fn finish(sound: &mut [f32]) {
+    const ROUNDS: usize = 4;
+    balance(sound);
+    set_level(sound);
+    for _ in 0..ROUNDS {
+        limit(sound);
+        set_level(sound);
+    }
+}
+
+/// Weighs the low and the high part of the spectrum so that neither is missing.
+fn balance(sound: &mut [f32]) {
+    let mut planner = RealFftPlanner::<f32>::new();
+    let (forward, inverse) = (planner.plan_fft_forward(sound.len()), planner.plan_fft_inverse(sound.len()));
+    let mut spectrum = forward.make_output_vec();
+    let done = forward.process(sound, &mut spectrum);
+    let bin_hz = SAMPLE_RATE_HZ as f32 / sound.len() as f32;
+    weigh(&mut spectrum, bin_hz);
+    let done = done.and_then(|()| inverse.process(&mut spectrum, sound));
+    debug_assert!(done.is_ok());
+}
+
+fn weigh(spectrum: &mut [Complex32], bin_hz: f32) {
+    let cut = (CUT_HZ / bin_hz) as usize;
+    spectrum[..cut].fill(Complex32::default());
+    let last = spectrum.len() - 1;
+    spectrum[last] = Complex32::default();
+    let energy = |from_hz: f32, to_hz: f32| -> f32 {
+        let bins = &spectrum[(from_hz / bin_hz) as usize..(to_hz / bin_hz) as usize];
+        bins.iter().map(Complex32::norm_sqr).sum::<f32>().max(f32::MIN_POSITIVE)
+    };
+    let top_hz = last as f32 * bin_hz;
+    let parts = [energy(0.0, LOW_END_HZ), energy(LOW_END_HZ, HIGH_START_HZ), energy(HIGH_START_HZ, top_hz)];
+    let total: f32 = parts.iter().sum();
+    let [low, high] = [parts[0] / total, parts[2] / total].map(|share| share.max(LEAST_SHARE));
+    let middle = (parts[1] / total).min(1.0 - 2.0 * LEAST_SHARE);
+    let wanted = [low, middle, high].map(|share| share / (low + middle + high));
+    let gains: [f32; 3] = std::array::from_fn(|part| (wanted[part] * total / parts[part]).sqrt());
+    for (bin, value) in spectrum.iter_mut().enumerate() {
+        *value *= gain_at(bin as f32 * bin_hz, &gains);
+    }
+}
+
+/// The gains of the low, middle and high part, joined over a fifth of an octave around their borders.
+fn gain_at(frequency_hz: f32, gains: &[f32; 3]) -> f32 {
+    const HALF_WIDTH: f32 = 0.07;
+    let passed = |border_hz: f32| {
+        ((frequency_hz / border_hz - 1.0) / (2.0 * HALF_WIDTH) + 0.5).clamp(0.0, 1.0)
+    };
+    let lower = gains[0] + (gains[1] - gains[0]) * passed(LOW_END_HZ);
+    lower + (gains[2] - lower) * passed(HIGH_START_HZ)
+}
+
+fn set_level(sound: &mut [f32]) {
+    let mean_square = sound.iter().map(|sample| f64::from(sample * sample)).sum::<f64>() / sound.len() as f64;
+    let gain = LEVEL / (mean_square.sqrt() as f32).max(f32::MIN_POSITIVE);
+    sound.iter_mut().for_each(|sample| *sample *= gain);
+}
+
+/// Rounds peaks off: straight up to half of the largest one allowed, then bending towards it.
+fn limit(sound: &mut [f32]) {
+    const KNEE: f32 = 0.5;
+    let ceiling = LEVEL * CREST;
+    for sample in sound {
+        let share = sample.abs() / ceiling;
+        if share > KNEE {
+            let bent = KNEE + (1.0 - KNEE) * libm::tanhf((share - KNEE) / (1.0 - KNEE));
+            *sample = sample.signum() * bent * ceiling;
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! Building blocks of clips. All of them live on a loop: what runs over the end comes in at the start.
+
+use super::CLIP_SAMPLES;
+use crate::SAMPLE_RATE_HZ;
+use avln_geom::Rng;
+use std::f32::consts::{PI, TAU};
+
+/// A loop of silence.
+pub(super) fn silence() -> Vec<f32> {
+    vec![0.0; CLIP_SAMPLES]
+}
+
+/// A loop of white noise, -1 to 1.
+pub(super) fn white(rng: &mut Rng) -> Vec<f32> {
+    (0..CLIP_SAMPLES).map(|_| rng.range(-1.0, 1.0)).collect()
+}
+
+/// A loop of noise that falls by about 3 dB an octave: three leaky sums of white noise, one per two octaves.
+pub(super) fn pink(rng: &mut Rng) -> Vec<f32> {
+    let white = white(rng);
+    let mut pink: Vec<f32> = white.iter().map(|sample| 0.2 * sample).collect();
+    for (keep, gain) in [(0.995, 0.1), (0.96, 0.3), (0.6, 1.0)] {
+        let mut leaky = white.clone();
+        recur(&mut leaky, keep, 0.0);
+        add(&mut pink, &leaky, 0, gain);
+    }
+    pink
+}
+
+/// Samples in `seconds`.
+pub(super) fn samples(seconds: f32) -> usize {
+    (seconds * SAMPLE_RATE_HZ as f32) as usize
+}
+
+/// Adds `event` times `gain` to the loop from sample `start` on, around the end.
+pub(super) fn add(target: &mut [f32], event: &[f32], start: usize, gain: f32) {
+    let length = target.len();
+    for (offset, sample) in event.iter().enumerate() {
+        target[(start + offset) % length] += gain * sample;
+    }
+}
+
+/// `y[n] = x[n] + a y[n-1] + b y[n-2]` in place, in the steady state that a loop settles into.
+pub(super) fn recur(signal: &mut [f32], a: f32, b: f32) {
+    let input = signal.to_vec();
+    let (mut last, mut before) = (0.0, 0.0);
+    for _ in 0..2 {
+        for (sample, input) in signal.iter_mut().zip(&input) {
+            *sample = input + a * last + b * before;
+            (before, last) = (last, *sample);
+        }
+    }
+}
+
+/// A copy of the loop through a resonance at `frequency_hz`, `bandwidth_hz` wide, of gain about 1 at its peak.
+pub(super) fn resonate(signal: &[f32], frequency_hz: f32, bandwidth_hz: f32) -> Vec<f32> {
+    let rate = SAMPLE_RATE_HZ as f32;
+    let radius = libm::expf(-PI * bandwidth_hz / rate);
+    let gain = (1.0 - radius) * 2.0 * libm::sinf(PI * frequency_hz.min(rate / 4.0) / rate).max(0.05);
+    let mut resonant: Vec<f32> = signal.iter().map(|sample| gain * sample).collect();
+    recur(&mut resonant, 2.0 * radius * libm::cosf(TAU * frequency_hz / rate), -radius * radius);
+    resonant
+}
+
+/// A hump of `count` samples: rises over the first `attack` share, falls over the rest, both half cosines.
+pub(super) fn hump(count: usize, attack: f32) -> Vec<f32> {
+    let peak = (attack * count as f32).max(1.0);
+    let fall = (count as f32 - peak).max(1.0);
+    let height = |n: usize| {
+        let n = n as f32 + 0.5;
+        let share = if n < peak { n / peak } else { 1.0 - (n - peak) / fall };
+        0.5 - 0.5 * libm::cosf(PI * share)
+    };
+    (0..count).map(height).collect()
+}
+
+/// A sweep from `from_hz` to `to_hz`, even in octaves, over `count` samples.
+pub(super) fn sweep(from_hz: f32, to_hz: f32, count: usize) -> Vec<f32> {
+    let step = libm::expf(libm::logf(to_hz / from_hz) / count as f32);
+    let (mut frequency_hz, mut phase) = (from_hz, 0.0_f32);
+    let next = |_| {
+        phase = (phase + TAU * frequency_hz / SAMPLE_RATE_HZ as f32) % TAU;
+        frequency_hz *= step;
+        libm::sinf(phase)
+    };
+    (0..count).map(next).collect()
+}
+
+/// Start samples of events around the loop: about `rate_hz` a second, each moved by up to `jitter` of its share.
+pub(super) fn beats(rng: &mut Rng, rate_hz: f32, jitter: f32) -> Vec<usize> {
+    let count = (rate_hz * CLIP_SAMPLES as f32 / SAMPLE_RATE_HZ as f32).round().max(1.0) as usize;
+    let share = CLIP_SAMPLES as f32 / count as f32;
+    let place = |beat: usize| (beat as f32 + 0.5 + rng.range(-0.5, 0.5) * jitter) * share;
+    (0..count).map(place).map(|start| start as usize).collect()
+}
+
+/// The product of two signals, as long as the shorter.
+pub(super) fn shaped(signal: &[f32], envelope: &[f32]) -> Vec<f32> {
+    signal.iter().zip(envelope).map(|(sample, gain)| sample * gain).collect()
+}

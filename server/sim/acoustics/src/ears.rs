@@ -1,0 +1,155 @@
+//! What two ears hear while a listener moves and sources take turns.
+
+use crate::convolver::Convolver;
+use crate::impulse::{ImpulseResponse, MAX_RESPONSE_SAMPLES};
+use crate::{Clip, SAMPLE_RATE_HZ, Source};
+use avln_geom::Point3;
+
+/// From one impulse response of an emitter to its next, samples: 50 ms.
+const CROSSFADE_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 20;
+
+/// Fade of the dry signal when an emitter starts or stops, samples: 10 ms.
+const SWITCH_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 100;
+
+/// A source that plays a clip.
+///
+/// The clip runs on with simulated time whether it is heard or not: at sample `t` since the first call of
+/// [`Ears::hear`] it stands at `(offset_samples + t) mod length`.
+#[derive(Clone)]
+pub struct Emitter {
+    /// Where the sound comes from.
+    pub source: Source,
+    /// What it plays, over and over.
+    pub clip: Clip,
+    /// Where in the clip time 0 falls, samples.
+    pub offset_samples: usize,
+}
+
+/// A head.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Listener {
+    /// Its centre, world frame, metres.
+    pub position: Point3<f32>,
+    /// Rotation about +Y, radians; 0 looks along -Z, positive is to the left.
+    pub heading_rad: f32,
+}
+
+/// The two ears of one listener through an episode. Remembers what still rings.
+pub struct Ears {
+    channels: Vec<Channel>,
+    samples_per_step: usize,
+    heard_samples: usize,
+    convolver: Convolver,
+}
+
+/// One emitter on its way to the ears.
+struct Channel {
+    emitter: Emitter,
+    /// Dry signal, newest last: as far back as an impulse response reaches, and the current step.
+    dry: Vec<f32>,
+    /// Samples since the dry signal was last fed; the whole of `dry` when all is quiet.
+    quiet_samples: usize,
+    sounding: bool,
+    /// Where the previous step was heard, and how.
+    previous: Option<(Listener, ImpulseResponse)>,
+}
+
+impl Ears {
+    /// Ears at time 0 that hear nothing yet.
+    pub fn new(emitters: Vec<Emitter>, samples_per_step: usize) -> Self {
+        let channels = emitters.into_iter().map(|emitter| Channel::new(emitter, samples_per_step)).collect();
+        Self { channels, samples_per_step, heard_samples: 0, convolver: Convolver::default() }
+    }
+
+    /// The sound of the next step: `2 × samples_per_step` samples at [`SAMPLE_RATE_HZ`], the left ear first.
+    ///
+    /// `listener` is the head during the whole step; coming from another pose, the first 50 ms fade over.
+    /// Only the emitter with index `sounding` is fed (none for `None` or an index that does not exist); it
+    /// starts and stops within 10 ms, and what it emitted before rings out. Amplitude: a clip of unit pressure
+    /// at 1 m in the free field; no normalisation, so that level tells distance.
+    pub fn hear(&mut self, listener: &Listener, sounding: Option<usize>) -> Vec<f32> {
+        let count = self.samples_per_step;
+        let mut heard = vec![0.0; 2 * count];
+        if count == 0 {
+            return heard;
+        }
+        for (index, channel) in self.channels.iter_mut().enumerate() {
+            channel.feed(self.heard_samples, count, sounding == Some(index));
+            if channel.is_quiet() {
+                channel.previous = None;
+                continue;
+            }
+            for (sum, ear) in heard.chunks_mut(count).zip(channel.render(listener, count, &mut self.convolver)) {
+                sum.iter_mut().zip(ear).for_each(|(sum, sample)| *sum += sample);
+            }
+        }
+        self.heard_samples += count;
+        heard
+    }
+}
+
+impl Channel {
+    fn new(emitter: Emitter, samples_per_step: usize) -> Self {
+        let dry = vec![0.0; MAX_RESPONSE_SAMPLES + samples_per_step];
+        Self { emitter, quiet_samples: dry.len(), dry, sounding: false, previous: None }
+    }
+
+    fn is_quiet(&self) -> bool {
+        self.quiet_samples >= self.dry.len()
+    }
+
+    /// Appends one step of the clip, or of silence, to the dry signal.
+    fn feed(&mut self, start: usize, count: usize, sounding: bool) {
+        let was_sounding = std::mem::replace(&mut self.sounding, sounding);
+        if !sounding && !was_sounding && self.is_quiet() {
+            return;
+        }
+        self.dry.copy_within(count.., 0);
+        let now = self.dry.len() - count;
+        let clip = &self.emitter.clip.samples;
+        for (offset, sample) in self.dry[now..].iter_mut().enumerate() {
+            let gain = switch_gain(offset, was_sounding, sounding);
+            let place = self.emitter.offset_samples.wrapping_add(start + offset);
+            *sample = if gain == 0.0 || clip.is_empty() { 0.0 } else { gain * clip[place % clip.len()] };
+        }
+        let fed = sounding || was_sounding;
+        self.quiet_samples = if fed { 0 } else { self.quiet_samples + count };
+    }
+
+    /// This step at both ears.
+    fn render(&mut self, listener: &Listener, count: usize, convolver: &mut Convolver) -> [Vec<f32>; 2] {
+        let (response, before) = match self.previous.take() {
+            Some((place, response)) if place == *listener => (response, None),
+            before => (self.emitter.source.impulse_response(listener), before.map(|(_, response)| response)),
+        };
+        let mut ears = convolver.latest(&self.dry, [&response.left, &response.right], count);
+        if let Some(before) = before {
+            let fade = CROSSFADE_SAMPLES.min(count);
+            let until_fade_end = &self.dry[..self.dry.len() - count + fade];
+            let old = convolver.latest(until_fade_end, [&before.left, &before.right], fade);
+            ears.iter_mut().zip(&old).for_each(|(new, old)| crossfade(old, new));
+        }
+        self.previous = Some((*listener, response));
+        ears
+    }
+}
+
+/// Factor on the dry signal `offset` samples into a step.
+fn switch_gain(offset: usize, was_sounding: bool, sounding: bool) -> f32 {
+    let share = ((offset as f32 + 0.5) / SWITCH_SAMPLES as f32).min(1.0);
+    match (was_sounding, sounding) {
+        (true, true) => 1.0,
+        (false, true) => share,
+        (true, false) => 1.0 - share,
+        (false, false) => 0.0,
+    }
+}
+
+/// Fades linearly from `old` to `new` over the length of `old`.
+fn crossfade(old: &[f32], new: &mut [f32]) {
+    let length = old.len() as f32;
+    for (offset, (new, old)) in new.iter_mut().zip(old).enumerate() {
+        let share = (offset as f32 + 0.5) / length;
+        *new = old + (*new - old) * share;
+    }
+}

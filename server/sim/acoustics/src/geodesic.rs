@@ -1,0 +1,229 @@
+//! The shortest way of sound through the air from a source to every cell, by any angle.
+//!
+//! Source: Nash, Koenig and Tovey (2010), "Lazy Theta*", without a goal, so that all cells are reached in the
+//! order of their distance.
+
+use crate::air::Air;
+use avln_geom::Point3;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// Shortest ways from one source.
+pub(crate) struct GeodesicField {
+    /// Where ways bend, the source first.
+    corners: Vec<Corner>,
+    /// Per cell: the corner last passed on the way there, [`UNREACHED`] where none leads.
+    last_corner: Vec<u32>,
+}
+
+const UNREACHED: u32 = u32::MAX;
+
+#[derive(Clone, Copy, Debug)]
+struct Corner {
+    point: Point3<f32>,
+    distance_m: f32,
+    /// The corner before it; the source is its own.
+    before: u32,
+}
+
+/// A way through the air: the listener, the corners and the source, in this order; two points when it is straight.
+pub(crate) type Way = Vec<Point3<f32>>;
+
+/// Length of a way, metres.
+pub(crate) fn length_m(way: &[Point3<f32>]) -> f32 {
+    way.windows(2).map(|leg| (leg[1] - leg[0]).norm()).sum()
+}
+
+impl GeodesicField {
+    /// Explores the air around `source`, from the cells in `seeds`, which must see it.
+    pub(crate) fn new(air: &Air, source: &Point3<f32>, seeds: &[usize]) -> Self {
+        let mut search = Search::new(air, source);
+        for seed in seeds {
+            search.offer(*seed, SOURCE, true);
+        }
+        search.run();
+        Self { corners: search.corners, last_corner: search.parent }
+    }
+
+    /// The shortest way from `listener` to the source, taut to a centimetre or two; `None` when no air leads
+    /// there. `near_cells` must be visible from the listener.
+    pub(crate) fn way(&self, air: &Air, listener: &Point3<f32>, near_cells: &[usize]) -> Option<Way> {
+        let options = near_cells.iter().filter_map(|cell| self.way_by(air, listener, *cell));
+        let (_, mut way) = options.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        tighten(air, &mut way);
+        Some(way)
+    }
+
+    /// The way through one cell and its length, metres.
+    fn way_by(&self, air: &Air, listener: &Point3<f32>, cell: usize) -> Option<(f32, Way)> {
+        let last = self.last_corner[cell];
+        let corner = *self.corners.get(last as usize)?;
+        let mut way = vec![*listener];
+        if !air.rays().is_clear(listener, &corner.point) {
+            way.push(air.grid().center(cell));
+        }
+        let mut next = last;
+        loop {
+            way.push(self.corners[next as usize].point);
+            if next == SOURCE {
+                break;
+            }
+            next = self.corners[next as usize].before;
+        }
+        Some((length_m(&way), way))
+    }
+}
+
+/// Index of the source among the corners.
+const SOURCE: u32 = 0;
+
+/// The state of the exploration.
+struct Search<'a> {
+    air: &'a Air,
+    corners: Vec<Corner>,
+    /// Per cell: the corner that it is a copy of, once something bends there.
+    corner_of: Vec<u32>,
+    distance_m: Vec<f32>,
+    parent: Vec<u32>,
+    /// Per cell: the last corner that turned out not to be visible from it.
+    refuted: Vec<u32>,
+    /// Per cell: whether its parent is known to be visible from it.
+    verified: Vec<bool>,
+    closed: Vec<bool>,
+    /// Smallest distance first (bits of positive floats sort like the floats), then smallest cell.
+    queue: BinaryHeap<Reverse<(u32, usize)>>,
+}
+
+impl<'a> Search<'a> {
+    fn new(air: &'a Air, source: &Point3<f32>) -> Self {
+        let cells = air.grid().len();
+        Self {
+            air,
+            corners: vec![Corner { point: *source, distance_m: 0.0, before: SOURCE }],
+            corner_of: vec![UNREACHED; cells],
+            distance_m: vec![f32::INFINITY; cells],
+            parent: vec![UNREACHED; cells],
+            refuted: vec![UNREACHED; cells],
+            verified: vec![false; cells],
+            closed: vec![false; cells],
+            queue: BinaryHeap::new(),
+        }
+    }
+
+    fn run(&mut self) {
+        while let Some(Reverse((bits, cell))) = self.queue.pop() {
+            if self.closed[cell] || bits != self.distance_m[cell].to_bits() {
+                continue;
+            }
+            if self.verified[cell] || self.sees(cell, self.parent[cell]) {
+                self.close(cell);
+            } else {
+                self.fall_back(cell);
+            }
+        }
+    }
+
+    fn sees(&self, cell: usize, corner: u32) -> bool {
+        self.air.rays().is_clear(&self.corners[corner as usize].point, &self.air.grid().center(cell))
+    }
+
+    fn distance_by(&self, cell: usize, corner: u32) -> f32 {
+        let corner = &self.corners[corner as usize];
+        corner.distance_m + (self.air.grid().center(cell) - corner.point).norm()
+    }
+
+    /// Proposes to reach `cell` straight from `corner`.
+    fn offer(&mut self, cell: usize, corner: u32, verified: bool) {
+        let distance_m = self.distance_by(cell, corner);
+        if distance_m < self.distance_m[cell] {
+            self.distance_m[cell] = distance_m;
+            self.parent[cell] = corner;
+            self.verified[cell] = verified;
+            self.queue.push(Reverse((distance_m.to_bits(), cell)));
+        }
+    }
+
+    fn close(&mut self, cell: usize) {
+        self.closed[cell] = true;
+        self.verified[cell] = true;
+        let (air, parent) = (self.air, self.parent[cell]);
+        for next in air.neighbours(cell) {
+            if !self.closed[next] && self.refuted[next] != parent {
+                self.offer(next, parent, false);
+            }
+        }
+    }
+
+    /// The parent of `cell` is hidden from it: its way bends at the best neighbour that is already reached.
+    fn fall_back(&mut self, cell: usize) {
+        self.refuted[cell] = self.parent[cell];
+        self.distance_m[cell] = f32::INFINITY;
+        let air = self.air;
+        let reached = air.neighbours(cell).filter(|next| self.closed[*next]);
+        let best = reached.min_by(|a, b| self.distance_m[*a].total_cmp(&self.distance_m[*b]));
+        if let Some(neighbour) = best {
+            let corner = self.corner_at(neighbour);
+            self.offer(cell, corner, true);
+        }
+    }
+
+    fn corner_at(&mut self, cell: usize) -> u32 {
+        if self.corner_of[cell] == UNREACHED {
+            self.corner_of[cell] = self.corners.len() as u32;
+            self.corners.push(Corner {
+                point: self.air.grid().center(cell),
+                distance_m: self.distance_m[cell],
+                before: self.parent[cell],
+            });
+        }
+        self.corner_of[cell]
+    }
+}
+
+/// Pulls a way taut: drops corners that can be passed by, and moves the others towards the straight line.
+fn tighten(air: &Air, way: &mut Way) {
+    const SWEEPS: usize = 2;
+    for _ in 0..SWEEPS {
+        let mut corner = 1;
+        while corner + 1 < way.len() {
+            if air.rays().is_clear(&way[corner - 1], &way[corner + 1]) {
+                way.remove(corner);
+            } else {
+                pull(air, way, corner);
+                corner += 1;
+            }
+        }
+    }
+}
+
+/// Moves one corner towards the straight line between its neighbours, first only up or down, then freely.
+fn pull(air: &Air, way: &mut Way, corner: usize) {
+    let (before, after) = (way[corner - 1], way[corner + 1]);
+    let leg = after - before;
+    for level_only in [true, false] {
+        let from = way[corner];
+        let along = (from - before).dot(&leg) / leg.norm_squared().max(f32::MIN_POSITIVE);
+        let mut offset = before + leg * along.clamp(0.0, 1.0) - from;
+        if level_only {
+            (offset.x, offset.z) = (0.0, 0.0);
+        }
+        let fits = |share: f32| {
+            let point = from + offset * share;
+            air.rays().is_clear(&before, &point) && air.rays().is_clear(&point, &after)
+        };
+        way[corner] = from + offset * largest_share(fits);
+    }
+}
+
+/// The largest share, to one part in 64, up to which `fits` holds; it is taken to hold at 0.
+fn largest_share(fits: impl Fn(f32) -> bool) -> f32 {
+    if fits(1.0) {
+        return 1.0;
+    }
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..6 {
+        let middle = 0.5 * (low + high);
+        if fits(middle) { low = middle } else { high = middle }
+    }
+    low
+}

@@ -1,0 +1,164 @@
+//! Sound sources in a building, and the waves that reach a listener from them.
+
+use crate::air::Air;
+use crate::bands::{air_loss, both, diffraction_loss, partition_loss};
+use crate::geodesic::{GeodesicField, Way, length_m};
+use crate::impulse::{Arrival, ImpulseResponse};
+use crate::visibility::visibility;
+use crate::Listener;
+use avln_geom::{Point3, RayMesh, Vector3};
+use avln_scene::Scene;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+/// Sources kept per building, each up to half a megabyte; more of them and the smallest key is forgotten.
+const MAX_SOURCES: usize = 256;
+
+/// What a building does to sound. Shared by all who listen in it; answers do not depend on who asked before.
+pub struct Acoustics {
+    air: Arc<Air>,
+    sources: Mutex<BTreeMap<[u32; 3], Arc<OnceLock<Source>>>>,
+}
+
+/// A place from which sound comes, with all that is known of its ways through the building. Cheap to clone.
+#[derive(Clone)]
+pub struct Source {
+    known: Arc<Known>,
+}
+
+struct Known {
+    air: Arc<Air>,
+    position: Point3<f32>,
+    /// Where sound leaves into the air of a room: `position`, unless that is shut in by furniture.
+    outlet: Point3<f32>,
+    field: GeodesicField,
+}
+
+impl Acoustics {
+    /// Prepares `scene`; `rays` must be built over the triangles of its mesh.
+    pub fn new(scene: Arc<Scene>, rays: Arc<RayMesh>) -> Self {
+        Self { air: Arc::new(Air::new(&scene, rays)), sources: Mutex::default() }
+    }
+
+    /// The source at `position`, world frame, metres; computed on first use.
+    ///
+    /// A position inside a closed piece of furniture sounds from the air next to it.
+    pub fn source(&self, position: &Point3<f32>) -> Source {
+        let key = [0, 1, 2].map(|axis| position[axis].to_bits());
+        let slot = {
+            let mut sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
+            if sources.len() >= MAX_SOURCES && !sources.contains_key(&key) {
+                sources.pop_first();
+            }
+            Arc::clone(sources.entry(key).or_default())
+        };
+        slot.get_or_init(|| Source::new(Arc::clone(&self.air), position)).clone()
+    }
+}
+
+impl Source {
+    fn new(air: Arc<Air>, position: &Point3<f32>) -> Self {
+        let mut outlet = *position;
+        let mut seeds = if finite(position) { air.clear_cells(position) } else { Vec::new() };
+        if seeds.is_empty() && finite(position) {
+            seeds.extend(air.nearest_cell(position));
+            outlet = seeds.first().map_or(outlet, |cell| air.grid().center(*cell));
+        }
+        let field = GeodesicField::new(&air, &outlet, &seeds);
+        Self { known: Arc::new(Known { air, position: *position, outlet, field }) }
+    }
+
+    /// Where the source was put, world frame, metres.
+    pub fn position(&self) -> Point3<f32> {
+        self.known.position
+    }
+
+    /// What this source does to the two ears of `listener`. Empty for positions that are not finite.
+    pub fn impulse_response(&self, listener: &Listener) -> ImpulseResponse {
+        ImpulseResponse::new(listener, &self.known.arrivals(&listener.position, listener.heading_rad))
+    }
+
+    /// Metres that the first sound travels to `point`; `None` when no air leads there.
+    pub fn distance_m(&self, point: &Point3<f32>) -> Option<f32> {
+        if !finite(point) || !finite(&self.known.outlet) {
+            return None;
+        }
+        if self.known.air.rays().is_clear(point, &self.known.outlet) {
+            return Some((self.known.outlet - point).norm());
+        }
+        self.known.way_from(point).map(|way| length_m(&way))
+    }
+}
+
+impl Known {
+    fn arrivals(&self, listener: &Point3<f32>, heading_rad: f32) -> Vec<Arrival> {
+        if !finite(listener) || !finite(&self.outlet) || !heading_rad.is_finite() {
+            return Vec::new();
+        }
+        let seen = visibility(self.air.rays(), listener, &self.outlet);
+        let mut arrivals = Vec::with_capacity(2);
+        if seen.share > 0.0 {
+            arrivals.push(self.straight(listener, seen.share));
+        }
+        if seen.share < 1.0 {
+            arrivals.push(self.bent(listener, seen.center, 1.0 - seen.share));
+        }
+        arrivals
+    }
+
+    /// The direct wave.
+    fn straight(&self, listener: &Point3<f32>, gain: f32) -> Arrival {
+        let (direction, length_m) = bearing(listener, &self.outlet);
+        Arrival { direction, length_m, gain, loss: air_loss(length_m) }
+    }
+
+    /// The wave that bends around the edges of the shadow; through the walls where no air leads.
+    fn bent(&self, listener: &Point3<f32>, in_line: bool, gain: f32) -> Arrival {
+        let mut arrival = self.straight(listener, gain);
+        if in_line {
+            arrival.loss = both(&arrival.loss, &diffraction_loss(0.0));
+            return arrival;
+        }
+        let Some(way) = self.way_from(listener) else {
+            arrival.loss = both(&arrival.loss, &partition_loss());
+            return arrival;
+        };
+        let straight_m = arrival.length_m;
+        arrival.length_m = length_m(&way);
+        arrival.direction = first_leg(&way);
+        arrival.loss = both(&air_loss(arrival.length_m), &diffraction_loss(arrival.length_m - straight_m));
+        arrival
+    }
+
+    fn way_from(&self, listener: &Point3<f32>) -> Option<Way> {
+        let near = self.air.clear_cells(listener);
+        if !near.is_empty() {
+            return self.field.way(&self.air, listener, &near);
+        }
+        // Shut in or outside: the way is that of the air next to the listener.
+        let cell = self.air.nearest_cell(listener)?;
+        let mut way = self.field.way(&self.air, &self.air.grid().center(cell), &[cell])?;
+        way.insert(0, *listener);
+        Some(way)
+    }
+}
+
+/// Unit vector from `from` towards `to` and the distance, metres; straight ahead of heading 0 for equal points.
+fn bearing(from: &Point3<f32>, to: &Point3<f32>) -> (Vector3<f32>, f32) {
+    let offset = to - from;
+    let length_m = offset.norm();
+    if length_m < 1e-6 { (Vector3::new(0.0, 0.0, -1.0), length_m) } else { (offset / length_m, length_m) }
+}
+
+/// Direction in which a way leaves the listener, past corners that are next to it.
+fn first_leg(way: &[Point3<f32>]) -> Vector3<f32> {
+    const NEAR_M: f32 = 0.02;
+    let ahead = way[1..].iter().find(|point| (*point - way[0]).norm() > NEAR_M);
+    bearing(&way[0], ahead.unwrap_or(&way[way.len() - 1])).0
+}
+
+fn finite(point: &Point3<f32>) -> bool {
+    // Beyond this a house is not a house, and squares overflow.
+    const FAR_M: f32 = 1e6;
+    point.iter().all(|coordinate| coordinate.abs() < FAR_M)
+}

@@ -1,0 +1,125 @@
+//! Small buildings and measurements that several tests share.
+#![allow(dead_code)]
+
+use avln_acoustics::{Acoustics, Clip, ImpulseResponse, Listener, SAMPLE_RATE_HZ};
+use avln_geom::{Aabb, Point3, RayMesh, Rng};
+use avln_scene::{InstanceId, Mesh, Scene};
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+/// Acoustics of solid boxes, each given by two opposite corners.
+pub fn building(boxes: &[[[f32; 3]; 2]]) -> Acoustics {
+    let mut mesh = Mesh::default();
+    for [low, high] in boxes {
+        add_box(&mut mesh, &Aabb::new((*low).into(), (*high).into()));
+    }
+    let rays = Arc::new(RayMesh::new(&mesh.positions, &mesh.triangles));
+    let scene = Scene {
+        name: "test".into(),
+        mesh,
+        materials: Vec::new(),
+        textures: Vec::new(),
+        regions: Vec::new(),
+        objects: Vec::new(),
+    };
+    Acoustics::new(Arc::new(scene), rays)
+}
+
+fn add_box(mesh: &mut Mesh, bounds: &Aabb) {
+    const FACES: [[usize; 4]; 6] =
+        [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
+    let first = mesh.positions.len() as u32;
+    let ends = [bounds.min, bounds.max];
+    for corner in 0..8_usize {
+        mesh.positions.push(Point3::new(ends[corner >> 2].x, ends[corner >> 1 & 1].y, ends[corner & 1].z));
+        mesh.uvs.push(Default::default());
+        mesh.colors.push([255; 3]);
+    }
+    for [a, b, c, d] in FACES.map(|face| face.map(|corner| first + corner as u32)) {
+        for triangle in [[a, b, c], [a, c, d]] {
+            mesh.triangles.push(triangle);
+            mesh.material_of.push(0);
+            mesh.instance_of.push(InstanceId::NONE);
+        }
+    }
+}
+
+/// Nothing but air.
+pub fn free_field() -> Acoustics {
+    building(&[])
+}
+
+/// Two rooms of 4 x 4 x 2.6 m along x, divided at x = 4.0 to 4.2 by a wall whose door is at z = 1.0 to 1.9, as high
+/// as the rooms where `door` is set, else closed.
+pub fn two_rooms(door: bool) -> Acoustics {
+    let mut boxes = vec![
+        [[-0.2, -0.2, -0.2], [8.4, 0.0, 4.2]],
+        [[-0.2, 2.6, -0.2], [8.4, 2.8, 4.2]],
+        [[-0.2, 0.0, -0.2], [0.0, 2.6, 4.2]],
+        [[8.2, 0.0, -0.2], [8.4, 2.6, 4.2]],
+        [[0.0, 0.0, -0.2], [8.2, 2.6, 0.0]],
+        [[0.0, 0.0, 4.0], [8.2, 2.6, 4.2]],
+        [[4.0, 0.0, 0.0], [4.2, 2.6, 1.0]],
+        [[4.0, 0.0, 1.9], [4.2, 2.6, 4.0]],
+    ];
+    if !door {
+        boxes.push([[4.0, 0.0, 1.0], [4.2, 2.6, 1.9]]);
+    }
+    building(&boxes)
+}
+
+pub fn point(x: f32, y: f32, z: f32) -> Point3<f32> {
+    Point3::new(x, y, z)
+}
+
+/// A listener at the origin's height of 1 m.
+pub fn listener(x: f32, z: f32, heading_deg: f32) -> Listener {
+    Listener { position: point(x, 1.0, z), heading_rad: heading_deg.to_radians() }
+}
+
+/// Real and imaginary part of the response at one frequency.
+pub fn bin(ear: &[f32], frequency_hz: f64) -> (f64, f64) {
+    let turn = TAU * frequency_hz / f64::from(SAMPLE_RATE_HZ);
+    ear.iter().enumerate().fold((0.0, 0.0), |(re, im), (n, tap)| {
+        let phase = turn * n as f64;
+        (re + f64::from(*tap) * phase.cos(), im - f64::from(*tap) * phase.sin())
+    })
+}
+
+/// Level at one frequency, decibels.
+pub fn level_db(ear: &[f32], frequency_hz: f64) -> f64 {
+    let (re, im) = bin(ear, frequency_hz);
+    10.0 * (re * re + im * im).log10()
+}
+
+/// Energy of both ears, decibels.
+pub fn energy_db(response: &ImpulseResponse) -> f64 {
+    let energy = |ear: &[f32]| ear.iter().map(|tap| f64::from(tap * tap)).sum::<f64>();
+    10.0 * (energy(&response.left) + energy(&response.right)).log10()
+}
+
+/// The lag of the left ear behind the right one, microseconds: peak of their cross-correlation from `low_hz` to
+/// `high_hz`, searched over 1 ms either way.
+pub fn lag_us(response: &ImpulseResponse, low_hz: f64, high_hz: f64) -> f64 {
+    let steps = 40;
+    let products: Vec<_> = (0..=steps)
+        .map(|i| low_hz + (high_hz - low_hz) * f64::from(i) / f64::from(steps))
+        .map(|hz| (hz, bin(&response.left, hz), bin(&response.right, hz)))
+        .map(|(hz, l, r)| (hz, l.0 * r.0 + l.1 * r.1, l.1 * r.0 - l.0 * r.1))
+        .collect();
+    let similarity = |lag_us: f64| -> f64 {
+        let turned = |(hz, re, im): &(f64, f64, f64)| {
+            let phase = TAU * hz * lag_us * 1e-6;
+            re * phase.cos() - im * phase.sin()
+        };
+        products.iter().map(turned).sum()
+    };
+    let lags = (-1000..=1000).map(f64::from);
+    lags.max_by(|a, b| similarity(*a).total_cmp(&similarity(*b))).unwrap_or(f64::NAN)
+}
+
+/// A clip of white noise of the given length, samples.
+pub fn noise(seed: u64, length: usize) -> Clip {
+    let mut rng = Rng::new(seed);
+    Clip { name: "noise".into(), samples: (0..length).map(|_| rng.range(-1.0, 1.0)).collect() }
+}
