@@ -19,15 +19,21 @@ impl Reason {
     pub fn code(self) -> Code {
         match self {
             Self::Unspecified => Code::Unknown,
-            Self::TokenMissing | Self::TokenMalformed | Self::TokenExpired | Self::TokenRevoked => Code::Unauthenticated,
+            Self::TokenMissing | Self::TokenMalformed | Self::TokenExpired | Self::TokenRevoked => {
+                Code::Unauthenticated
+            }
             Self::TeamNotApproved | Self::PhaseNotVisible | Self::TokenScope => Code::PermissionDenied,
-            Self::QuotaDay | Self::QuotaMonth | Self::QuotaTotal | Self::QuotaConcurrent => Code::ResourceExhausted,
+            Self::QuotaDay | Self::QuotaMonth | Self::QuotaTotal | Self::QuotaConcurrent => {
+                Code::ResourceExhausted
+            }
             Self::NoCapacity | Self::RateLimit => Code::ResourceExhausted,
             Self::PhaseNotOpen | Self::PhaseClosed | Self::PhasePaused => Code::FailedPrecondition,
             Self::ClientTooOld | Self::ClientTooNew => Code::FailedPrecondition,
             Self::EncodingUnsupported | Self::SensorNotAllowed => Code::FailedPrecondition,
             Self::StepAhead | Self::EpisodeOver | Self::RunOver => Code::FailedPrecondition,
-            Self::PhaseUnknown | Self::RunUnknown | Self::SlotUnknown | Self::EpisodeUnknown => Code::NotFound,
+            Self::PhaseUnknown | Self::RunUnknown | Self::SlotUnknown | Self::EpisodeUnknown => {
+                Code::NotFound
+            }
             Self::ActionOutOfRange | Self::BadRequest => Code::InvalidArgument,
             Self::StepConflict | Self::Superseded => Code::Aborted,
             Self::Draining => Code::Unavailable,

@@ -1,0 +1,170 @@
+use avln_proto::v1;
+use std::{fmt, str::FromStr};
+
+/// What an agent can do in one step. Every action counts as one of the episode's steps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Action {
+    /// Walk forward, sliding along walls.
+    MoveForward,
+    /// Turn left on the spot.
+    TurnLeft,
+    /// Turn right on the spot.
+    TurnRight,
+    /// Claim that a target is here.
+    Submit,
+    /// Claim the last target and end the episode.
+    Stop,
+}
+
+impl Action {
+    /// All actions, in the order of action spaces: index 0 is MoveForward, index 4 is Stop.
+    pub const ALL: [Self; 5] = [Self::MoveForward, Self::TurnLeft, Self::TurnRight, Self::Submit, Self::Stop];
+
+    pub(crate) fn to_wire(self) -> v1::Action {
+        match self {
+            Self::MoveForward => v1::Action::MoveForward,
+            Self::TurnLeft => v1::Action::TurnLeft,
+            Self::TurnRight => v1::Action::TurnRight,
+            Self::Submit => v1::Action::Submit,
+            Self::Stop => v1::Action::Stop,
+        }
+    }
+}
+
+impl fmt::Display for Action {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(self, f)
+    }
+}
+
+/// Whether the goals of a mission have an order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Order {
+    /// Goals count in the order of the mission only.
+    Ordered,
+    /// Goals count in any order.
+    #[default]
+    Unordered,
+}
+
+/// A word that names no order.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("order '{0}' does not exist; use ordered or unordered")]
+pub struct UnknownOrder(pub String);
+
+impl Order {
+    pub(crate) fn to_wire(self) -> v1::Order {
+        match self {
+            Self::Ordered => v1::Order::Ordered,
+            Self::Unordered => v1::Order::Unordered,
+        }
+    }
+
+    pub(crate) fn from_wire(number: i32) -> Option<Self> {
+        match v1::Order::try_from(number) {
+            Ok(v1::Order::Ordered) => Some(Self::Ordered),
+            Ok(v1::Order::Unordered) => Some(Self::Unordered),
+            _ => None,
+        }
+    }
+}
+
+impl FromStr for Order {
+    type Err = UnknownOrder;
+
+    fn from_str(word: &str) -> Result<Self, UnknownOrder> {
+        match word {
+            "ordered" => Ok(Self::Ordered),
+            "unordered" => Ok(Self::Unordered),
+            other => Err(UnknownOrder(other.to_owned())),
+        }
+    }
+}
+
+impl fmt::Display for Order {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Ordered => "ordered",
+            Self::Unordered => "unordered",
+        })
+    }
+}
+
+/// Why an episode ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum EndReason {
+    /// The agent chose Stop.
+    Stopped,
+    /// The agent used its last Submit.
+    FinalSubmit,
+    /// The agent took as many steps as the rules allow.
+    StepLimit,
+    /// The agent thought for longer than its time allowed.
+    TimeBudget,
+    /// The agent gave the episode up.
+    Abandoned,
+    /// The agent went away and did not come back in time.
+    Disconnected,
+    /// The server failed; the episode does not count.
+    ServerFault,
+    /// A reason that this client does not know.
+    Other,
+}
+
+impl EndReason {
+    pub(crate) fn from_wire(number: i32) -> Self {
+        match v1::EndReason::try_from(number) {
+            Ok(v1::EndReason::Stopped) => Self::Stopped,
+            Ok(v1::EndReason::FinalSubmit) => Self::FinalSubmit,
+            Ok(v1::EndReason::StepLimit) => Self::StepLimit,
+            Ok(v1::EndReason::TimeBudget) => Self::TimeBudget,
+            Ok(v1::EndReason::Abandoned) => Self::Abandoned,
+            Ok(v1::EndReason::Disconnected) => Self::Disconnected,
+            Ok(v1::EndReason::ServerFault) => Self::ServerFault,
+            _ => Self::Other,
+        }
+    }
+}
+
+impl fmt::Display for EndReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Stopped => "stopped",
+            Self::FinalSubmit => "final submit",
+            Self::StepLimit => "step limit",
+            Self::TimeBudget => "time budget",
+            Self::Abandoned => "abandoned",
+            Self::Disconnected => "disconnected",
+            Self::ServerFault => "server fault",
+            Self::Other => "another reason",
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_wire_number_of_an_action_is_its_index_plus_one() {
+        for (index, action) in Action::ALL.into_iter().enumerate() {
+            assert_eq!(action.to_wire() as usize, index + 1);
+        }
+    }
+
+    #[test]
+    fn orders_go_through_words_and_through_the_wire() {
+        for order in [Order::Ordered, Order::Unordered] {
+            assert_eq!(order.to_string().parse(), Ok(order));
+            assert_eq!(Order::from_wire(order.to_wire() as i32), Some(order));
+        }
+        assert_eq!("any".parse::<Order>(), Err(UnknownOrder("any".into())));
+        assert_eq!(Order::from_wire(0), None);
+    }
+
+    #[test]
+    fn an_end_reason_of_a_newer_server_is_another_reason() {
+        assert_eq!(EndReason::from_wire(v1::EndReason::StepLimit as i32), EndReason::StepLimit);
+        assert_eq!(EndReason::from_wire(77), EndReason::Other);
+    }
+}

@@ -1,0 +1,308 @@
+use crate::{
+    Account, Error, Phase, Play, Quota, Run, RunOptions, RunStatus, RunWatch, Sensors, ServerInfo,
+    error::chain,
+    line::{Line, closed},
+    welcome::Agreement,
+};
+use avln_proto::{
+    API_MINOR, MAX_MESSAGE_BYTES,
+    v1::{
+        self, info_service_client::InfoServiceClient, play_request, play_response::Frame,
+        play_service_client::PlayServiceClient, run_service_client::RunServiceClient,
+    },
+};
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::{
+    Request, Status, Streaming,
+    transport::{Channel, Endpoint},
+};
+
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
+const CALL_TIMEOUT: Duration = Duration::from_secs(30);
+const KEEP_ALIVE: Duration = Duration::from_secs(30);
+const KEEP_ALIVE_TIMEOUT: Duration = Duration::from_secs(20);
+const STREAM_WINDOW: u32 = 2 << 20;
+const CONNECTION_WINDOW: u32 = 16 << 20;
+const FRAME_BYTES: u32 = 256 << 10;
+const USER_AGENT: &str = concat!("avln-client/", env!("CARGO_PKG_VERSION"));
+const PLAY: &str = "open the run's stream";
+
+/// A connection to a server. Clones share it.
+#[derive(Clone, Debug)]
+pub struct Arena {
+    channel: Channel,
+    token: String,
+}
+
+impl Arena {
+    /// Connects to `server`, like `http://127.0.0.1:50051`, and checks that it is one and takes the account's `token`.
+    /// An empty token is good for [`server_info`](Self::server_info), [`phases`](Self::phases) and for playing a
+    /// [`Run::from_token`].
+    ///
+    /// # Errors
+    /// When the address makes no sense, nothing answers there within ten seconds, what answers is no such server, or
+    /// it refuses the token.
+    pub async fn connect(server: impl AsRef<str>, token: impl Into<String>) -> Result<Self, Error> {
+        let address = server.as_ref();
+        let channel = endpoint(address)?.connect().await;
+        let channel = channel
+            .map_err(|error| Error::Unreachable { address: address.to_owned(), detail: chain(&error) })?;
+        let arena = Self { channel, token: token.into() };
+        arena.server_info().await.map_err(|error| not_arena(address, error))?;
+        if !arena.token.is_empty() {
+            arena.whoami().await?;
+        }
+        Ok(arena)
+    }
+
+    /// What the server is.
+    ///
+    /// # Errors
+    /// When the connection is lost.
+    pub async fn server_info(&self) -> Result<ServerInfo, Error> {
+        let request = plain(v1::GetServerInfoRequest {});
+        let answer = InfoServiceClient::new(self.channel.clone()).get_server_info(request).await;
+        Ok(ServerInfo::from_wire(unwrap("ask what the server is", answer)?))
+    }
+
+    /// The phases that anyone may see, in the organiser's order.
+    ///
+    /// # Errors
+    /// When the connection is lost.
+    pub async fn phases(&self) -> Result<Vec<Phase>, Error> {
+        let answer =
+            InfoServiceClient::new(self.channel.clone()).list_phases(plain(v1::ListPhasesRequest {})).await;
+        Ok(unwrap("list phases", answer)?.phases.into_iter().map(Phase::from_wire).collect())
+    }
+
+    /// Whose token this is.
+    ///
+    /// # Errors
+    /// When the server refuses the token or the connection is lost.
+    pub async fn whoami(&self) -> Result<Account, Error> {
+        let request = self.request(v1::WhoAmIRequest {})?;
+        Ok(Account::from_wire(unwrap("ask whose token this is", self.runs_client().who_am_i(request).await)?))
+    }
+
+    /// Begins a run.
+    ///
+    /// # Errors
+    /// When the phase is unknown, closed or not for this team, the quota is used up, the server is full, or the
+    /// connection is lost.
+    pub async fn start_run(&self, options: RunOptions) -> Result<Run, Error> {
+        let request = self.request(options.into_wire(client_info()))?;
+        Run::from_wire(unwrap("start a run", self.runs_client().start_run(request).await)?)
+    }
+
+    /// How a run of the team stands.
+    ///
+    /// # Errors
+    /// When there is no such run or the connection is lost.
+    pub async fn run(&self, id: &str) -> Result<RunStatus, Error> {
+        let request = self.request(v1::GetRunRequest { run: id.to_owned() })?;
+        RunStatus::from_wire(unwrap("look at a run", self.runs_client().get_run(request).await)?.run)
+    }
+
+    /// How a run of the team stands, again whenever it changes, until it is over.
+    ///
+    /// # Errors
+    /// When there is no such run or the connection is lost.
+    pub async fn watch(&self, id: &str) -> Result<RunWatch, Error> {
+        let mut request = self.request(v1::WatchRunRequest { run: id.to_owned() })?;
+        request.metadata_mut().remove("grpc-timeout");
+        Ok(RunWatch(unwrap("watch a run", self.runs_client().watch_run(request).await)?))
+    }
+
+    /// The team's runs, newest first.
+    ///
+    /// # Errors
+    /// When the connection is lost.
+    pub async fn runs(&self) -> Result<Vec<RunStatus>, Error> {
+        let (mut runs, mut page_token) = (Vec::new(), String::new());
+        loop {
+            let request =
+                self.request(v1::ListRunsRequest { phase: String::new(), page_size: 200, page_token })?;
+            let page = unwrap("list runs", self.runs_client().list_runs(request).await)?;
+            for run in page.runs {
+                runs.push(RunStatus::from_wire(Some(run))?);
+            }
+            if page.next_page_token.is_empty() {
+                return Ok(runs);
+            }
+            page_token = page.next_page_token;
+        }
+    }
+
+    /// Ends a run of the team; its open episodes end as abandoned.
+    ///
+    /// # Errors
+    /// When there is no such run or the connection is lost.
+    pub async fn cancel_run(&self, id: &str) -> Result<RunStatus, Error> {
+        let request = self.request(v1::CancelRunRequest { run: id.to_owned() })?;
+        RunStatus::from_wire(unwrap("cancel a run", self.runs_client().cancel_run(request).await)?.run)
+    }
+
+    /// What the team has left in every phase that it can see.
+    ///
+    /// # Errors
+    /// When the connection is lost.
+    pub async fn quota(&self) -> Result<Vec<Quota>, Error> {
+        let request = self.request(v1::GetQuotaRequest { phase: String::new() })?;
+        let answer = unwrap("ask for the quota", self.runs_client().get_quota(request).await)?;
+        Ok(answer.quotas.into_iter().map(Quota::from_wire).collect())
+    }
+
+    /// Opens the run's stream for one episode at a time.
+    ///
+    /// # Errors
+    /// When `sensors` are outside of the limits or not allowed, the run is over, the server does not take this
+    /// client's version, breaks the protocol, or the connection is lost.
+    pub async fn play(&self, run: &Run, sensors: Sensors) -> Result<Play, Error> {
+        let slots = self.play_slots(run, sensors, 1).await?;
+        slots.into_iter().next().ok_or_else(|| Error::protocol("Welcome grants no slot"))
+    }
+
+    /// Opens the run's stream for up to `slots` episodes at the same time; returns as many as the server grants, which
+    /// may be driven from different tasks.
+    ///
+    /// # Errors
+    /// As for [`play`](Self::play).
+    pub async fn play_slots(&self, run: &Run, sensors: Sensors, slots: u32) -> Result<Vec<Play>, Error> {
+        let wish = slots.max(1);
+        let hello = v1::Hello {
+            run: run.id.clone(),
+            client: Some(client_info()),
+            slots: wish,
+            sensors: Some(sensors.to_wire()?),
+            resume: false,
+            known: Vec::new(),
+        };
+        let (requests, responses, welcome) = self.greet(&run.token, hello).await?;
+        let mut agreement = Agreement::new(welcome, &sensors)?;
+        agreement.slots = agreement.slots.min(wish);
+        let (line, receivers) = Line::open(agreement, requests, responses);
+        Ok((0..).zip(receivers).map(|(slot, events)| Play::new(line.clone(), slot, events)).collect())
+    }
+
+    async fn greet(&self, token: &str, hello: v1::Hello) -> Result<Stream, Error> {
+        let (requests, outbound) = mpsc::channel(2 * hello.slots.min(64) as usize + 4);
+        let _ = requests.try_send(v1::PlayRequest { frame: Some(play_request::Frame::Hello(hello)) });
+        let request = bearer(Request::new(ReceiverStream::new(outbound)), token)?;
+        let mut client = PlayServiceClient::new(self.channel.clone())
+            .max_decoding_message_size(MAX_MESSAGE_BYTES)
+            .max_encoding_message_size(MAX_MESSAGE_BYTES);
+        let mut responses = unwrap(PLAY, client.play(request).await)?;
+        let welcome = await_welcome(&mut responses).await?;
+        Ok((requests, responses, welcome))
+    }
+
+    fn runs_client(&self) -> RunServiceClient<Channel> {
+        RunServiceClient::new(self.channel.clone())
+    }
+
+    fn request<T>(&self, message: T) -> Result<Request<T>, Error> {
+        bearer(plain(message), &self.token)
+    }
+}
+
+type Stream = (mpsc::Sender<v1::PlayRequest>, Streaming<v1::PlayResponse>, v1::Welcome);
+
+fn endpoint(address: &str) -> Result<Endpoint, Error> {
+    let wrong = |problem: &str| Error::Address { address: address.to_owned(), problem: problem.to_owned() };
+    match address.split_once("://") {
+        Some(("http", _)) => {}
+        Some(("https", _)) => {
+            return Err(wrong("this client speaks plain http only; put a TLS proxy in front of it"));
+        }
+        Some((scheme, _)) => return Err(wrong(&format!("the scheme '{scheme}' is not one that it knows"))),
+        None => return Err(wrong("the scheme is missing")),
+    }
+    let endpoint = Endpoint::from_shared(address.to_owned()).map_err(|error| wrong(&chain(&error)))?;
+    Ok(endpoint
+        .user_agent(USER_AGENT)
+        .map_err(|error| wrong(&chain(&error)))?
+        .connect_timeout(CONNECT_TIMEOUT)
+        .tcp_nodelay(true)
+        .initial_stream_window_size(STREAM_WINDOW)
+        .initial_connection_window_size(CONNECTION_WINDOW)
+        .max_frame_size(FRAME_BYTES)
+        .http2_keep_alive_interval(KEEP_ALIVE)
+        .keep_alive_timeout(KEEP_ALIVE_TIMEOUT))
+}
+
+fn client_info() -> v1::ClientInfo {
+    v1::ClientInfo {
+        name: "avln-client".to_owned(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        api_minor: API_MINOR,
+    }
+}
+
+fn plain<T>(message: T) -> Request<T> {
+    let mut request = Request::new(message);
+    request.set_timeout(CALL_TIMEOUT);
+    request
+}
+
+fn bearer<T>(mut request: Request<T>, token: &str) -> Result<Request<T>, Error> {
+    let value = format!("Bearer {token}").parse().map_err(|_| Error::Token {
+        attempted: "send the token",
+        reason: v1::Reason::TokenMalformed,
+        message: "it holds characters that no token has".to_owned(),
+    })?;
+    request.metadata_mut().insert("authorization", value);
+    Ok(request)
+}
+
+fn unwrap<T>(attempted: &'static str, answer: Result<tonic::Response<T>, Status>) -> Result<T, Error> {
+    answer.map(tonic::Response::into_inner).map_err(|status| Error::from_status(attempted, &status))
+}
+
+async fn await_welcome(responses: &mut Streaming<v1::PlayResponse>) -> Result<v1::Welcome, Error> {
+    loop {
+        let next = responses.message().await.map_err(|status| Error::from_status(PLAY, &status))?;
+        let Some(response) = next else { return Err(closed(PLAY, None)) };
+        match response.frame {
+            Some(Frame::Welcome(welcome)) => return Ok(welcome),
+            Some(Frame::Fault(fault)) => return Err(Error::from_fault(PLAY, &fault)),
+            Some(Frame::Ping(_) | Frame::Notice(_)) | None => {}
+            Some(_) => return Err(Error::protocol("the first frame was not Welcome")),
+        }
+    }
+}
+
+/// Tells a server of another kind from one that merely refused.
+fn not_arena(address: &str, error: Error) -> Error {
+    let foreign = |detail: String| Error::NotArena { address: address.to_owned(), detail };
+    match error {
+        Error::Refused { reason: v1::Reason::Unspecified, message, .. } => foreign(message),
+        Error::Lost { detail, .. } => foreign(detail),
+        other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn problem(address: &str) -> String {
+        endpoint(address).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn addresses_that_cannot_work_say_how_to_write_them() {
+        for address in ["localhost:50051", "https://arena.example", "ftp://x", "http://", "http://a b"] {
+            let text = problem(address);
+            assert!(text.contains(address) && text.contains("http://127.0.0.1:50051"), "{text}");
+        }
+        assert!(problem("https://arena.example").contains("plain http only"));
+        assert!(endpoint("http://localhost:50051").is_ok());
+    }
+
+    #[test]
+    fn a_token_with_a_line_break_is_never_sent() {
+        assert!(matches!(bearer(Request::new(()), "a\nb"), Err(Error::Token { .. })));
+    }
+}

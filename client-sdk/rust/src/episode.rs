@@ -1,0 +1,273 @@
+use crate::{
+    Action, EpisodeEnd, Error, Mission, Observation, Play, Progress,
+    line::{Event, Line, closed},
+};
+use avln_proto::v1::{self, play_request::Frame};
+use std::time::Duration;
+use tokio::sync::mpsc;
+
+/// An episode that is being played.
+#[derive(Debug)]
+pub struct Episode<'play> {
+    pub(crate) play: &'play mut Play,
+}
+
+/// Time that an agent has for its next action.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TimeLeft {
+    /// Thinking time that costs nothing; `None`: unlimited.
+    pub step: Option<Duration>,
+    /// What the episode may still overrun `step` by in total.
+    pub bank: Duration,
+}
+
+impl Episode<'_> {
+    /// Random handle of the episode, good for this run only.
+    pub fn id(&self) -> &str {
+        &self.play.seat.id
+    }
+
+    /// Which episode of the run this is, counted in order of start from 1.
+    pub fn ordinal(&self) -> u32 {
+        self.play.seat.ordinal
+    }
+
+    /// What to find.
+    pub fn mission(&self) -> &Mission {
+        &self.play.seat.mission
+    }
+
+    /// What the agent senses now: at the start, or after its last step.
+    pub fn observation(&self) -> &Observation {
+        &self.play.seat.observation
+    }
+
+    /// Time for the next action.
+    pub fn time_left(&self) -> TimeLeft {
+        self.play.seat.time
+    }
+
+    /// How far the run is.
+    pub fn progress(&self) -> Progress {
+        self.play.progress()
+    }
+
+    /// Whether the episode has ended: [`end`](Self::end) says how.
+    pub fn is_over(&self) -> bool {
+        self.play.seat.is_over()
+    }
+
+    /// How the episode ended; `None` while it goes on.
+    pub fn end(&self) -> Option<&EpisodeEnd> {
+        self.play.seat.end()
+    }
+
+    /// What failed on the server when the episode ended with [`EndReason::ServerFault`](crate::EndReason::ServerFault).
+    pub fn fault(&self) -> Option<&Error> {
+        self.play.seat.fault.as_ref()
+    }
+
+    /// Takes one step. A limit may end the episode before the step is taken: ask [`is_over`](Self::is_over).
+    ///
+    /// # Errors
+    /// [`Error::EpisodeOver`] after the end; [`Error::Refused`] when the server refuses the step and the episode goes
+    /// on; otherwise when the protocol is broken or the connection is lost.
+    pub async fn step(&mut self, action: Action) -> Result<&Observation, Error> {
+        let play = &mut *self.play;
+        play.seat.step(&play.line, action).await?;
+        play.note_progress();
+        Ok(&play.seat.observation)
+    }
+
+    /// Gives the episode up: it ends as abandoned and counts as it stands. Nothing happens after the end.
+    ///
+    /// # Errors
+    /// When the protocol is broken or the connection is lost.
+    pub async fn abandon(&mut self) -> Result<(), Error> {
+        let play = &mut *self.play;
+        if !play.seat.is_over() {
+            play.seat.abandon(&play.line).await?;
+        }
+        play.note_progress();
+        Ok(())
+    }
+}
+
+/// What a slot holds: the episode, as the server last told it.
+#[derive(Debug)]
+pub(crate) struct Seat {
+    slot: u32,
+    events: mpsc::Receiver<Event>,
+    id: String,
+    ordinal: u32,
+    mission: Mission,
+    observation: Observation,
+    time: TimeLeft,
+    fault: Option<Error>,
+    phase: Phase,
+}
+
+#[derive(Debug)]
+enum Phase {
+    Idle,
+    Playing,
+    Over(EpisodeEnd),
+}
+
+/// What came of Ready.
+pub(crate) enum Begun {
+    Episode(Progress),
+    RunEnd(v1::RunEnd),
+}
+
+const BEGIN: &str = "begin an episode";
+const STEP: &str = "take a step";
+const ABANDON: &str = "give an episode up";
+
+impl Seat {
+    pub(crate) fn new(slot: u32, events: mpsc::Receiver<Event>) -> Self {
+        Self {
+            slot,
+            events,
+            id: String::new(),
+            ordinal: 0,
+            mission: Mission::default(),
+            observation: Observation::default(),
+            time: TimeLeft::default(),
+            fault: None,
+            phase: Phase::Idle,
+        }
+    }
+
+    pub(crate) fn is_over(&self) -> bool {
+        !matches!(self.phase, Phase::Playing)
+    }
+
+    pub(crate) fn end(&self) -> Option<&EpisodeEnd> {
+        match &self.phase {
+            Phase::Over(end) => Some(end),
+            Phase::Idle | Phase::Playing => None,
+        }
+    }
+
+    /// The next thing that happens to the slot.
+    pub(crate) async fn next(&mut self) -> Event {
+        self.events.recv().await.unwrap_or(Event::Closed(None))
+    }
+
+    /// Waits for the answer to Ready.
+    pub(crate) async fn begin(&mut self, line: &Line) -> Result<Begun, Error> {
+        loop {
+            match self.next().await {
+                Event::Start(start) => return self.start(line, *start).map(Begun::Episode),
+                Event::RunEnd(end) => return Ok(Begun::RunEnd(end)),
+                Event::Fault(fault) if fault.episode.is_empty() => {
+                    return Err(Error::from_fault(BEGIN, &fault));
+                }
+                Event::Closed(end) => return Err(closed(BEGIN, end)),
+                Event::Observation(_) | Event::End(_) | Event::Fault(_) => {} // of the episode before
+            }
+        }
+    }
+
+    fn start(&mut self, line: &Line, start: v1::EpisodeStart) -> Result<Progress, Error> {
+        let first =
+            start.observation.ok_or_else(|| Error::protocol("an episode began without an observation"))?;
+        self.id = start.episode;
+        self.ordinal = start.ordinal;
+        self.mission = Mission::from_wire(start.mission)?;
+        self.time = time_left(first.time);
+        self.observation = line.agreement.unpack(first)?;
+        self.fault = None;
+        self.phase = Phase::Playing;
+        Ok(Progress::from_wire(start.progress))
+    }
+
+    /// Sends one action and waits for what comes of it.
+    pub(crate) async fn step(&mut self, line: &Line, action: Action) -> Result<(), Error> {
+        if self.is_over() {
+            return Err(Error::EpisodeOver);
+        }
+        let step = self.observation.step + 1;
+        let act =
+            v1::Act { slot: self.slot, episode: self.id.clone(), step, action: action.to_wire() as i32 };
+        line.send(Frame::Act(act)).await;
+        loop {
+            match self.next().await {
+                Event::Observation(seen) if seen.episode == self.id => {
+                    let last = seen.terminated || seen.truncated;
+                    self.see(line, *seen, step)?;
+                    return if last { self.await_end(STEP).await } else { Ok(()) };
+                }
+                other => {
+                    if self.settle(STEP, other)? {
+                        return Ok(());
+                    }
+                }
+            }
+        }
+    }
+
+    pub(crate) async fn abandon(&mut self, line: &Line) -> Result<(), Error> {
+        let abandon = v1::Abandon { slot: self.slot, episode: self.id.clone(), step: self.observation.step };
+        line.send(Frame::Abandon(abandon)).await;
+        self.await_end(ABANDON).await
+    }
+
+    async fn await_end(&mut self, attempted: &'static str) -> Result<(), Error> {
+        loop {
+            let event = self.next().await;
+            if self.settle(attempted, event)? {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Handles whatever may come while an answer is awaited; true when the episode is over.
+    fn settle(&mut self, attempted: &'static str, event: Event) -> Result<bool, Error> {
+        match event {
+            Event::End(end) if end.episode == self.id => {
+                self.phase = Phase::Over(EpisodeEnd::from_wire(end));
+                return Ok(true);
+            }
+            Event::Fault(fault) => self.weigh(attempted, &fault)?,
+            Event::Closed(end) => return Err(closed(attempted, end)),
+            Event::RunEnd(_) => return Err(Error::protocol("the run ended while an episode was open")),
+            Event::Start(_) => return Err(Error::protocol("an episode began while another was open")),
+            Event::Observation(_) | Event::End(_) => {} // of the episode before
+        }
+        Ok(false)
+    }
+
+    /// A fault that ends the episode is kept, for EpisodeEnd follows; one of another episode is stale.
+    fn weigh(&mut self, attempted: &'static str, fault: &v1::Fault) -> Result<(), Error> {
+        let stale = !fault.episode.is_empty() && fault.episode != self.id;
+        if stale {
+            return Ok(());
+        }
+        let error = Error::from_fault(attempted, fault);
+        if fault.recoverable || fault.slot.is_none() {
+            return Err(error);
+        }
+        self.fault = Some(error);
+        Ok(())
+    }
+
+    fn see(&mut self, line: &Line, seen: v1::Observation, step: u32) -> Result<(), Error> {
+        if seen.step != step {
+            return Err(Error::protocol(format!(
+                "step {step} was answered by the observation of step {}",
+                seen.step
+            )));
+        }
+        self.time = time_left(seen.time);
+        self.observation = line.agreement.unpack(seen)?;
+        Ok(())
+    }
+}
+
+fn time_left(time: Option<v1::TimeAccount>) -> TimeLeft {
+    let millis = |ms: u32| Duration::from_millis(u64::from(ms));
+    let time = time.unwrap_or_default();
+    TimeLeft { step: (time.step_ms > 0).then(|| millis(time.step_ms)), bank: millis(time.bank_ms) }
+}

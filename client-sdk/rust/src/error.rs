@@ -1,0 +1,227 @@
+use avln_proto::{REASON_KEY, RETRY_AFTER_KEY, v1};
+use std::{error::Error as StdError, fmt::Write};
+use tonic::{Code, Status};
+use v1::Reason;
+
+/// What can go wrong between an agent and its server. Every text says what was attempted and what to do next.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum Error {
+    /// The server's address makes no sense.
+    #[error("server address '{address}': {problem}; write it like http://127.0.0.1:50051")]
+    Address {
+        /// As given.
+        address: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// Nothing answers at the server's address.
+    #[error(
+        "cannot reach {address}: {detail}; is the server running there, and is this its gRPC port? \
+         Set the address with --server"
+    )]
+    Unreachable {
+        /// As given.
+        address: String,
+        /// What the network said.
+        detail: String,
+    },
+    /// Something answers, but not in `avln.v1`.
+    #[error(
+        "{address} answers, but not as an LH-AVLN Arena gRPC server ({detail}); \
+         use its gRPC port, not that of its web pages"
+    )]
+    NotArena {
+        /// As given.
+        address: String,
+        /// What came back.
+        detail: String,
+    },
+    /// The server does not take the token.
+    #[error("{attempted}: the server refused the token ({word}): {message}{}", token_hint(*reason), word = reason.word())]
+    Token {
+        /// What was attempted.
+        attempted: &'static str,
+        /// Why, from a closed list.
+        reason: Reason,
+        /// Why, in the server's words.
+        message: String,
+    },
+    /// The server refused something.
+    #[error("{attempted}: refused ({word}): {message}{}", retry_hint(*retry_after_s), word = reason.word())]
+    Refused {
+        /// What was attempted.
+        attempted: &'static str,
+        /// Why, from a closed list.
+        reason: Reason,
+        /// Why, in the server's words.
+        message: String,
+        /// When trying again makes sense, seconds.
+        retry_after_s: Option<u32>,
+    },
+    /// The connection is gone: what the server stored stays, open episodes end as disconnected.
+    #[error(
+        "{attempted}: the connection to the server was lost ({detail}); stored episodes are safe, start again to play more"
+    )]
+    Lost {
+        /// What was attempted.
+        attempted: &'static str,
+        /// What is known about it.
+        detail: String,
+    },
+    /// The server said something that `avln.v1` does not allow.
+    #[error("the server broke the protocol: {detail}; client {version} and the server may not fit together", version = env!("CARGO_PKG_VERSION"))]
+    Protocol {
+        /// What it said.
+        detail: String,
+    },
+    /// The sensors asked for are outside of what any server offers.
+    #[error(
+        "camera of {width} x {height} pixels with hfov {hfov_rad} rad: sides go from 64 to 1024 pixels, hfov from 0.35 to 2.4 rad"
+    )]
+    Sensors {
+        /// Pixels in a row, as asked.
+        width: u32,
+        /// Rows, as asked.
+        height: u32,
+        /// Radians, as asked.
+        hfov_rad: f32,
+    },
+    /// A step was asked for in an episode that is over.
+    #[error("the episode is over; ask Play::next_episode for another")]
+    EpisodeOver,
+}
+
+impl Error {
+    /// The server's reason, where it gave one.
+    pub fn reason(&self) -> Option<Reason> {
+        match self {
+            Self::Token { reason, .. } | Self::Refused { reason, .. } => Some(*reason),
+            _ => None,
+        }
+    }
+
+    pub(crate) fn protocol(detail: impl Into<String>) -> Self {
+        Self::Protocol { detail: detail.into() }
+    }
+
+    /// A gRPC status that ended a call.
+    pub(crate) fn from_status(attempted: &'static str, status: &Status) -> Self {
+        let word = metadata(status, REASON_KEY);
+        let reason = word.and_then(Reason::from_word).unwrap_or(Reason::Unspecified);
+        let retry_after_s = metadata(status, RETRY_AFTER_KEY).and_then(|text| text.parse().ok());
+        let lost = matches!(status.code(), Code::Unavailable | Code::Cancelled | Code::Unknown);
+        if reason == Reason::Unspecified && lost {
+            return Self::Lost { attempted, detail: chain(status) };
+        }
+        Self::refused(attempted, status.code(), reason, status.message(), retry_after_s)
+    }
+
+    /// A fault that arrived on a stream.
+    pub(crate) fn from_fault(attempted: &'static str, fault: &v1::Fault) -> Self {
+        let code = Code::from(i32::try_from(fault.code).unwrap_or(i32::MAX));
+        let message = match fault.id.as_str() {
+            "" => fault.message.clone(),
+            id => format!("{} (server log {id})", fault.message),
+        };
+        Self::refused(attempted, code, fault.reason(), &message, fault.retry_after_s)
+    }
+
+    fn refused(
+        attempted: &'static str,
+        code: Code,
+        reason: Reason,
+        message: &str,
+        retry_after_s: Option<u32>,
+    ) -> Self {
+        let message = if message.is_empty() { code.description().to_owned() } else { message.to_owned() };
+        let about_token = code == Code::Unauthenticated || reason == Reason::TokenScope;
+        if about_token {
+            Self::Token { attempted, reason, message }
+        } else {
+            Self::Refused { attempted, reason, message, retry_after_s }
+        }
+    }
+}
+
+/// All sources of an error in one line, outermost first, without repetition.
+pub(crate) fn chain(error: &dyn StdError) -> String {
+    let mut text = String::new();
+    let mut next = Some(error);
+    while let Some(error) = next {
+        let part = error.to_string();
+        if !text.contains(&part) {
+            let colon = if text.is_empty() { "" } else { ": " };
+            let _ = write!(text, "{colon}{part}");
+        }
+        next = error.source();
+    }
+    text
+}
+
+fn metadata<'a>(status: &'a Status, key: &str) -> Option<&'a str> {
+    status.metadata().get(key)?.to_str().ok()
+}
+
+fn token_hint(reason: Reason) -> &'static str {
+    match reason {
+        Reason::TokenExpired | Reason::TokenRevoked => {
+            "; ask the organiser for a new one and give it with --token or AVLN_TOKEN"
+        }
+        Reason::TokenScope => "; account tokens start runs, run tokens play them",
+        _ => "; give the account's token with --token or AVLN_TOKEN",
+    }
+}
+
+fn retry_hint(retry_after_s: Option<u32>) -> String {
+    retry_after_s.map(|s| format!("; try again in {s} s")).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tonic::metadata::MetadataMap;
+
+    fn status(code: Code, reason: &str, retry: Option<&str>) -> Status {
+        let mut map = MetadataMap::new();
+        map.insert(REASON_KEY, reason.parse().unwrap());
+        if let Some(seconds) = retry {
+            map.insert(RETRY_AFTER_KEY, seconds.parse().unwrap());
+        }
+        Status::with_metadata(code, "no", map)
+    }
+
+    #[test]
+    fn a_bad_token_names_the_flag() {
+        let error =
+            Error::from_status("start a run", &status(Code::Unauthenticated, "TOKEN_MALFORMED", None));
+        assert!(matches!(error, Error::Token { reason: Reason::TokenMalformed, .. }));
+        let text = error.to_string();
+        assert!(
+            text.contains("--token") && text.contains("AVLN_TOKEN") && text.contains("TOKEN_MALFORMED"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn a_full_server_says_when_to_come_back() {
+        let error =
+            Error::from_status("start a run", &status(Code::ResourceExhausted, "NO_CAPACITY", Some("7")));
+        assert_eq!(error.reason(), Some(Reason::NoCapacity));
+        assert!(error.to_string().ends_with("try again in 7 s"), "{error}");
+    }
+
+    #[test]
+    fn a_draining_server_is_refusing_and_a_silent_one_is_lost() {
+        let draining = Error::from_status("play", &status(Code::Unavailable, "DRAINING", Some("60")));
+        assert_eq!(draining.reason(), Some(Reason::Draining));
+        assert!(matches!(Error::from_status("play", &Status::unavailable("gone")), Error::Lost { .. }));
+    }
+
+    #[test]
+    fn a_word_of_a_newer_server_still_gives_its_text() {
+        let error = Error::from_status("play", &status(Code::PermissionDenied, "MOON_PHASE", None));
+        assert!(
+            matches!(&error, Error::Refused { reason: Reason::Unspecified, message, .. } if message == "no")
+        );
+    }
+}

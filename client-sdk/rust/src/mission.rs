@@ -1,0 +1,126 @@
+use crate::{Error, Order};
+use avln_proto::v1;
+use std::fmt;
+
+/// Everything that an agent is told at the start of an episode.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Mission {
+    /// Whether the goals must be completed in the order given.
+    pub order: Order,
+    /// The goals, 2 to 4; the index of a goal is its place here.
+    pub goals: Vec<GoalCue>,
+}
+
+/// One goal, described in one way.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum GoalCue {
+    /// The label of the target's category.
+    Category(String),
+    /// A sentence that fits the target alone.
+    Description(String),
+    /// A picture of the target.
+    Image(RgbImage),
+}
+
+/// A picture: `height × width × 3` bytes, row-major from the top-left pixel, RGB.
+#[derive(Clone, Default, PartialEq, Eq)]
+pub struct RgbImage {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// The bytes.
+    pub pixels: Vec<u8>,
+}
+
+/// A colour picture of the agent's camera.
+pub type Image = RgbImage;
+
+impl fmt::Debug for RgbImage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "RgbImage({} x {})", self.width, self.height)
+    }
+}
+
+impl Mission {
+    pub(crate) fn from_wire(mission: Option<v1::Mission>) -> Result<Self, Error> {
+        let mission = mission.ok_or_else(|| Error::protocol("an episode began without a mission"))?;
+        let order = Order::from_wire(mission.order)
+            .ok_or_else(|| Error::protocol(format!("order {} does not exist", mission.order)))?;
+        let goals = mission.goals.into_iter().map(GoalCue::from_wire).collect::<Result<_, _>>()?;
+        Ok(Self { order, goals })
+    }
+}
+
+impl GoalCue {
+    fn from_wire(goal: v1::Goal) -> Result<Self, Error> {
+        use v1::goal::Cue;
+        match goal.cue {
+            Some(Cue::Category(label)) => Ok(Self::Category(label)),
+            Some(Cue::Description(text)) => Ok(Self::Description(text)),
+            Some(Cue::Image(tensor)) => picture(tensor).map(Self::Image),
+            None => Err(Error::protocol("a goal came without a cue that this client knows")),
+        }
+    }
+}
+
+fn picture(tensor: v1::Tensor) -> Result<RgbImage, Error> {
+    let raw = tensor.encoding() == v1::Encoding::Raw && tensor.dtype() == v1::Dtype::U8;
+    let &[height, width, 3] = tensor.shape.as_slice() else {
+        return Err(Error::protocol(format!(
+            "a goal's picture has shape {:?}, not [height, width, 3]",
+            tensor.shape
+        )));
+    };
+    let bytes = u64::from(height) * u64::from(width) * 3;
+    if !raw || tensor.data.len() as u64 != bytes {
+        return Err(Error::protocol(format!(
+            "a goal's picture of {width} x {height} pixels came as {} bytes, not as {bytes} raw ones",
+            tensor.data.len()
+        )));
+    }
+    Ok(RgbImage { width, height, pixels: tensor.data.into() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use v1::goal::Cue;
+
+    fn goal_with_picture(shape: Vec<u32>, bytes: usize) -> v1::Goal {
+        let tensor = v1::Tensor {
+            id: 0,
+            dtype: v1::Dtype::U8 as i32,
+            shape,
+            encoding: v1::Encoding::Raw as i32,
+            data: vec![7; bytes].into(),
+        };
+        v1::Goal { cue: Some(Cue::Image(tensor)) }
+    }
+
+    #[test]
+    fn the_three_kinds_of_cue_arrive() {
+        let wire = v1::Mission {
+            order: v1::Order::Ordered as i32,
+            goals: vec![
+                v1::Goal { cue: Some(Cue::Category("chair".into())) },
+                v1::Goal { cue: Some(Cue::Description("the red lamp".into())) },
+                goal_with_picture(vec![2, 4, 3], 24),
+            ],
+        };
+        let mission = Mission::from_wire(Some(wire)).unwrap();
+        assert_eq!(mission.order, Order::Ordered);
+        assert_eq!(mission.goals[0], GoalCue::Category("chair".into()));
+        assert_eq!(mission.goals[1], GoalCue::Description("the red lamp".into()));
+        assert_eq!(mission.goals[2], GoalCue::Image(RgbImage { width: 4, height: 2, pixels: vec![7; 24] }));
+    }
+
+    #[test]
+    fn broken_cues_are_refused() {
+        assert!(GoalCue::from_wire(v1::Goal { cue: None }).is_err());
+        assert!(GoalCue::from_wire(goal_with_picture(vec![2, 4], 24)).is_err());
+        assert!(GoalCue::from_wire(goal_with_picture(vec![2, 4, 3], 23)).is_err());
+        assert!(GoalCue::from_wire(goal_with_picture(vec![u32::MAX, u32::MAX, 3], 23)).is_err());
+        assert!(Mission::from_wire(None).is_err());
+    }
+}

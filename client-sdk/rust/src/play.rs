@@ -1,0 +1,130 @@
+use crate::{
+    Episode, Error, Notice, Progress, RunSummary, TaskSpec,
+    episode::{Begun, Seat},
+    line::{Event, Line, closed},
+};
+use avln_proto::v1::{self, play_request::Frame};
+use std::{sync::Arc, time::Duration};
+use tokio::{sync::mpsc, time};
+
+/// How long [`Play::finish`] waits for the run's summary.
+const FAREWELL: Duration = Duration::from_secs(60);
+
+/// One slot of a run: it plays episodes one after the other.
+///
+/// Dropped before [`finish`](Self::finish), an open episode ends as disconnected, once the last slot is dropped.
+#[derive(Debug)]
+pub struct Play {
+    pub(crate) line: Arc<Line>,
+    pub(crate) seat: Seat,
+    slot: u32,
+    progress: Progress,
+    summary: Option<RunSummary>,
+}
+
+impl Play {
+    pub(crate) fn new(line: Arc<Line>, slot: u32, events: mpsc::Receiver<Event>) -> Self {
+        let progress = Progress::from_wire(Some(line.agreement.progress));
+        Self { seat: Seat::new(slot, events), line, slot, progress, summary: None }
+    }
+
+    /// The facts of the rules.
+    pub fn task(&self) -> &TaskSpec {
+        &self.line.agreement.task
+    }
+
+    /// Id of the run.
+    pub fn run(&self) -> &str {
+        &self.line.agreement.run
+    }
+
+    /// Number of this slot, 0 or more.
+    pub fn slot(&self) -> u32 {
+        self.slot
+    }
+
+    /// How far the run is, as last heard of on this slot.
+    pub fn progress(&self) -> Progress {
+        self.progress
+    }
+
+    /// Takes the server's notices that arrived since the last call; at most 64 are kept.
+    pub fn take_notices(&mut self) -> Vec<Notice> {
+        self.line.take_notices()
+    }
+
+    /// Begins the next episode; `None` when the run has none left. An episode that was left open is given up first.
+    ///
+    /// The clock of its first action starts now: load models before.
+    ///
+    /// # Errors
+    /// When the server refuses, breaks the protocol or the connection is lost.
+    pub async fn next_episode(&mut self) -> Result<Option<Episode<'_>>, Error> {
+        if self.summary.is_some() {
+            return Ok(None);
+        }
+        self.give_up_open_episode().await?;
+        self.line.send(Frame::Ready(v1::Ready { slot: self.slot })).await;
+        match self.seat.begin(&self.line).await? {
+            Begun::Episode(progress) => {
+                self.progress = progress;
+                Ok(Some(Episode { play: self }))
+            }
+            Begun::RunEnd(end) => {
+                self.keep(end);
+                Ok(None)
+            }
+        }
+    }
+
+    /// Says Goodbye: the run ends, on all of its slots, and open episodes end as abandoned.
+    ///
+    /// # Errors
+    /// When the connection is lost or the server does not answer within a minute.
+    pub async fn finish(mut self) -> Result<RunSummary, Error> {
+        self.line.send(Frame::Goodbye(v1::Goodbye { pause: false })).await;
+        if let Some(summary) = self.summary {
+            return Ok(summary);
+        }
+        let waited = time::timeout(FAREWELL, self.await_run_end()).await;
+        waited.unwrap_or_else(|_| {
+            Err(Error::Lost {
+                attempted: "finish the run",
+                detail: "no summary came within a minute".to_owned(),
+            })
+        })
+    }
+
+    async fn await_run_end(&mut self) -> Result<RunSummary, Error> {
+        loop {
+            match self.seat.next().await {
+                Event::RunEnd(end) => return Ok(RunSummary::from_wire(end)),
+                Event::Closed(end) => return Err(closed("finish the run", end)),
+                Event::Fault(fault) if fault.slot.is_none() && !fault.recoverable => {
+                    return Err(Error::from_fault("finish the run", &fault));
+                }
+                _ => {} // the last frames of an episode that Goodbye ended
+            }
+        }
+    }
+
+    async fn give_up_open_episode(&mut self) -> Result<(), Error> {
+        if !self.seat.is_over() {
+            self.seat.abandon(&self.line).await?;
+        }
+        self.note_progress();
+        Ok(())
+    }
+
+    pub(crate) fn note_progress(&mut self) {
+        if let Some(end) = self.seat.end() {
+            self.progress = end.progress;
+        }
+    }
+
+    fn keep(&mut self, end: v1::RunEnd) {
+        let summary = RunSummary::from_wire(end);
+        self.progress = summary.progress;
+        self.summary = Some(summary);
+    }
+}

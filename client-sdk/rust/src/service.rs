@@ -1,0 +1,350 @@
+//! What surrounds playing: phases, runs, quota, account.
+
+use crate::{EndReason, Error, FeedbackRule, Metric, Order, Progress, summary};
+use avln_proto::v1;
+use tonic::Streaming;
+
+/// What the server is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ServerInfo {
+    /// Name that the organiser gave it.
+    pub name: String,
+    /// Version of the server program.
+    pub version: String,
+    /// Highest minor number of `avln.v1` that it speaks.
+    pub api_minor: u32,
+    /// Version of the benchmark: changes whenever a score could change.
+    pub benchmark: String,
+    /// Whether it is about to stop and begins no runs.
+    pub draining: bool,
+    /// Announcement for people; empty: none.
+    pub notice: String,
+}
+
+/// Episodes that are played under the same conditions.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Phase {
+    /// Id used in [`RunOptions::new`].
+    pub id: String,
+    /// Name for people.
+    pub title: String,
+    /// Text for people.
+    pub description: String,
+    /// Orders that a run can choose from.
+    pub orders: Vec<Order>,
+    /// Episodes in a run.
+    pub episodes: u32,
+    /// Most slots of a run.
+    pub max_slots: u32,
+    /// What agents learn from a Submit.
+    pub feedback: FeedbackRule,
+    /// Whether runs can begin.
+    pub state: PhaseState,
+    /// Name and version of the rule set.
+    pub rules: String,
+}
+
+/// Whether runs of a phase can begin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PhaseState {
+    /// It has not begun.
+    Upcoming,
+    /// They can.
+    Open,
+    /// The organiser paused it; open runs go on.
+    Paused,
+    /// It is over.
+    Closed,
+    /// A state that this client does not know.
+    Other,
+}
+
+/// What a run is to be.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RunOptions {
+    phase: String,
+    method: v1::MethodInfo,
+    order: Order,
+    request_id: String,
+}
+
+impl RunOptions {
+    /// A run of `method`, its name on the leaderboard, in `phase`; unordered missions.
+    pub fn new(phase: impl Into<String>, method: impl Into<String>) -> Self {
+        let method = v1::MethodInfo { name: method.into(), ..v1::MethodInfo::default() };
+        Self { phase: phase.into(), method, order: Order::default(), request_id: String::new() }
+    }
+
+    /// Plays missions of this order.
+    pub fn order(mut self, order: Order) -> Self {
+        self.order = order;
+        self
+    }
+
+    /// Version of the method.
+    pub fn method_version(mut self, version: impl Into<String>) -> Self {
+        self.method.version = version.into();
+        self
+    }
+
+    /// Text about the method, for people.
+    pub fn description(mut self, text: impl Into<String>) -> Self {
+        self.method.description = text.into();
+        self
+    }
+
+    /// Where the method's code is: an http(s) address.
+    pub fn code_url(mut self, url: impl Into<String>) -> Self {
+        self.method.code_url = url.into();
+        self
+    }
+
+    /// A name for this request, at most 64 characters: starting again under the same name yields the same run.
+    pub fn request_id(mut self, id: impl Into<String>) -> Self {
+        self.request_id = id.into();
+        self
+    }
+
+    pub(crate) fn into_wire(self, client: v1::ClientInfo) -> v1::StartRunRequest {
+        v1::StartRunRequest {
+            phase: self.phase,
+            order: self.order.to_wire() as i32,
+            method: Some(self.method),
+            client_request_id: self.request_id,
+            client: Some(client),
+        }
+    }
+}
+
+/// A run that can be played.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Run {
+    /// Id; empty when only the token is known.
+    pub id: String,
+    /// Good for playing this run, and for nothing else.
+    pub token: String,
+    /// Episodes of the run; 0 when only the token is known.
+    pub episodes: u32,
+    /// Most slots; 0 when only the token is known.
+    pub max_slots: u32,
+}
+
+impl Run {
+    /// A run of which only the token is at hand, as in a container that never sees the account.
+    pub fn from_token(token: impl Into<String>) -> Self {
+        Self { id: String::new(), token: token.into(), episodes: 0, max_slots: 0 }
+    }
+
+    pub(crate) fn from_wire(started: v1::StartRunResponse) -> Result<Self, Error> {
+        let run = started.run.ok_or_else(|| Error::protocol("StartRun began no run"))?;
+        let episodes = run.progress.unwrap_or_default().total;
+        Ok(Self { id: run.id, token: started.run_token, episodes, max_slots: started.max_slots })
+    }
+}
+
+/// State of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RunState {
+    /// Begun, never connected.
+    Created,
+    /// Being played.
+    Running,
+    /// The server is about to stop: open episodes finish, no others begin.
+    Draining,
+    /// Over: every episode was played or the agent said Goodbye.
+    Completed,
+    /// Over: the server failed.
+    Failed,
+    /// Over: cancelled.
+    Cancelled,
+    /// Over: out of wall time.
+    Expired,
+    /// A state that this client does not know.
+    Other,
+}
+
+/// How a run stands.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunStatus {
+    /// Id.
+    pub id: String,
+    /// Phase.
+    pub phase: String,
+    /// Name of the method.
+    pub method: String,
+    /// State.
+    pub state: RunState,
+    /// Why it is in that state, for people.
+    pub state_reason: String,
+    /// How far it is.
+    pub progress: Progress,
+    /// How its episodes ended, and how many of them.
+    pub ends: Vec<(EndReason, u32)>,
+    /// Its metrics; `None` where the phase shows none.
+    pub metrics: Option<Vec<Metric>>,
+    /// Where people find it; empty: nowhere.
+    pub url: String,
+}
+
+/// How a quota fills up again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Window {
+    /// Calendar day, UTC.
+    Day,
+    /// Calendar month, UTC.
+    Month,
+    /// Never: the whole phase.
+    Total,
+    /// Runs that are open at the same time.
+    Concurrent,
+    /// A window that this client does not know.
+    Other,
+}
+
+/// What a team has left.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Quota {
+    /// Phase.
+    pub phase: String,
+    /// How it fills up again.
+    pub window: Window,
+    /// Runs granted in the window; `None`: unlimited.
+    pub limit: Option<u32>,
+    /// Runs charged in the window.
+    pub used: u32,
+    /// Runs left; `None`: unlimited.
+    pub remaining: Option<u32>,
+    /// When `remaining` next grows, seconds since 1970 UTC; 0: never by waiting.
+    pub next_increase_unix_s: i64,
+}
+
+/// Whose token it is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Account {
+    /// Name of the team.
+    pub team: String,
+    /// Name of the token, as its maker called it.
+    pub token_name: String,
+    /// When the token expires, seconds since 1970 UTC; 0: never.
+    pub expires_unix_s: i64,
+}
+
+/// A run's states as they change.
+#[derive(Debug)]
+pub struct RunWatch(pub(crate) Streaming<v1::WatchRunResponse>);
+
+impl RunWatch {
+    /// The next state; `None` after one that is over.
+    ///
+    /// # Errors
+    /// When the connection is lost or the server refuses.
+    pub async fn next(&mut self) -> Result<Option<RunStatus>, Error> {
+        let next = self.0.message().await.map_err(|status| Error::from_status("watch a run", &status))?;
+        next.map(|response| RunStatus::from_wire(response.run)).transpose()
+    }
+}
+
+impl ServerInfo {
+    pub(crate) fn from_wire(info: v1::GetServerInfoResponse) -> Self {
+        let draining = info.state() == v1::ServerState::Draining;
+        Self {
+            name: info.name,
+            version: info.version,
+            api_minor: info.api_minor,
+            benchmark: info.benchmark,
+            draining,
+            notice: info.notice,
+        }
+    }
+}
+
+impl Phase {
+    pub(crate) fn from_wire(phase: v1::Phase) -> Self {
+        Self {
+            orders: phase.orders.iter().filter_map(|&order| Order::from_wire(order)).collect(),
+            feedback: FeedbackRule::from_wire(phase.feedback),
+            state: PhaseState::from_wire(phase.state()),
+            id: phase.id,
+            title: phase.title,
+            description: phase.description,
+            episodes: phase.episodes,
+            max_slots: phase.max_slots,
+            rules: phase.rules,
+        }
+    }
+}
+
+impl PhaseState {
+    fn from_wire(state: v1::PhaseState) -> Self {
+        match state {
+            v1::PhaseState::Upcoming => Self::Upcoming,
+            v1::PhaseState::Open => Self::Open,
+            v1::PhaseState::Paused => Self::Paused,
+            v1::PhaseState::Closed => Self::Closed,
+            v1::PhaseState::Unspecified => Self::Other,
+        }
+    }
+}
+
+impl RunStatus {
+    pub(crate) fn from_wire(run: Option<v1::Run>) -> Result<Self, Error> {
+        let run = run.ok_or_else(|| Error::protocol("a run's status came empty"))?;
+        Ok(Self {
+            state: RunState::from_wire(run.state()),
+            progress: Progress::from_wire(run.progress),
+            ends: summary::ends(&run.ends),
+            metrics: run.metrics.map(summary::metrics),
+            id: run.id,
+            phase: run.phase,
+            method: run.method.unwrap_or_default().name,
+            state_reason: run.state_reason,
+            url: run.url,
+        })
+    }
+}
+
+impl RunState {
+    /// Whether the run can no longer be played.
+    pub fn is_over(self) -> bool {
+        matches!(self, Self::Completed | Self::Failed | Self::Cancelled | Self::Expired)
+    }
+
+    fn from_wire(state: v1::RunState) -> Self {
+        match state {
+            v1::RunState::Created => Self::Created,
+            v1::RunState::Running => Self::Running,
+            v1::RunState::Draining => Self::Draining,
+            v1::RunState::Completed => Self::Completed,
+            v1::RunState::Failed => Self::Failed,
+            v1::RunState::Cancelled => Self::Cancelled,
+            v1::RunState::Expired => Self::Expired,
+            v1::RunState::Unspecified => Self::Other,
+        }
+    }
+}
+
+impl Quota {
+    pub(crate) fn from_wire(quota: v1::Quota) -> Self {
+        let window = match quota.window() {
+            v1::QuotaWindow::Day => Window::Day,
+            v1::QuotaWindow::Month => Window::Month,
+            v1::QuotaWindow::Total => Window::Total,
+            v1::QuotaWindow::Concurrent => Window::Concurrent,
+            v1::QuotaWindow::Unspecified => Window::Other,
+        };
+        Self {
+            window,
+            phase: quota.phase,
+            limit: quota.limit,
+            used: quota.used,
+            remaining: quota.remaining,
+            next_increase_unix_s: quota.next_increase_unix_s,
+        }
+    }
+}
+
+impl Account {
+    pub(crate) fn from_wire(answer: v1::WhoAmIResponse) -> Self {
+        Self { team: answer.team, token_name: answer.token_name, expires_unix_s: answer.expires_unix_s }
+    }
+}

@@ -1,0 +1,184 @@
+use crate::EndReason;
+use avln_proto::v1;
+use std::fmt;
+
+/// How far a run is, in episodes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// Episodes of the run.
+    pub total: u32,
+    /// Episodes that ended and are stored.
+    pub done: u32,
+    /// Episodes that are being played.
+    pub in_flight: u32,
+    /// Estimated seconds to the end, once an episode has ended.
+    pub eta_s: Option<u32>,
+}
+
+/// A number that a phase shows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Metric {
+    /// Name, lower snake case: `sr`, `isr`, `osr`, `spl`, `soft_spl` …
+    pub name: String,
+    /// Value, in the unit that the name ends in, else without unit.
+    pub value: f64,
+    /// Both ends of the 95 % interval, where there is one.
+    pub interval: Option<(f64, f64)>,
+}
+
+/// How an episode ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EpisodeEnd {
+    /// Random handle of the episode, good for this run only.
+    pub episode: String,
+    /// Why it ended.
+    pub reason: EndReason,
+    /// Whether the task itself ended it; otherwise it was truncated.
+    pub terminated: bool,
+    /// Steps taken.
+    pub steps: u32,
+    /// Its metrics; `None` where the phase shows none.
+    pub metrics: Option<Vec<Metric>>,
+    /// How far the run is now.
+    pub progress: Progress,
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RunSummary {
+    /// Id of the run.
+    pub run: String,
+    /// How far it came.
+    pub progress: Progress,
+    /// Whether every episode was played.
+    pub complete: bool,
+    /// How its episodes ended, and how many of them.
+    pub ends: Vec<(EndReason, u32)>,
+    /// Its metrics; `None` where the phase shows none.
+    pub metrics: Option<Vec<Metric>>,
+    /// Where people find the result; empty: nowhere.
+    pub url: String,
+}
+
+/// News from the server that needs no answer, for people: it drains, time runs low, maintenance is announced.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Notice {
+    /// The text.
+    pub message: String,
+    /// When it takes effect, milliseconds since 1970 UTC; 0: now.
+    pub effective_unix_ms: i64,
+}
+
+impl RunSummary {
+    /// The metric called `name`, where the phase shows it.
+    pub fn metric(&self, name: &str) -> Option<&Metric> {
+        self.metrics.iter().flatten().find(|metric| metric.name == name)
+    }
+
+    pub(crate) fn from_wire(end: v1::RunEnd) -> Self {
+        Self {
+            run: end.run,
+            progress: Progress::from_wire(end.progress),
+            complete: end.complete,
+            ends: ends(&end.ends),
+            metrics: end.metrics.map(metrics),
+            url: end.url,
+        }
+    }
+}
+
+impl EpisodeEnd {
+    pub(crate) fn from_wire(end: v1::EpisodeEnd) -> Self {
+        Self {
+            reason: EndReason::from_wire(end.reason),
+            episode: end.episode,
+            terminated: end.terminated,
+            steps: end.step,
+            metrics: end.metrics.map(metrics),
+            progress: Progress::from_wire(end.progress),
+        }
+    }
+}
+
+impl Progress {
+    pub(crate) fn from_wire(progress: Option<v1::RunProgress>) -> Self {
+        let progress = progress.unwrap_or_default();
+        Self {
+            total: progress.total,
+            done: progress.done,
+            in_flight: progress.in_flight,
+            eta_s: progress.eta_s,
+        }
+    }
+}
+
+pub(crate) fn ends(counts: &[v1::EndCount]) -> Vec<(EndReason, u32)> {
+    counts.iter().map(|count| (EndReason::from_wire(count.reason), count.episodes)).collect()
+}
+
+pub(crate) fn metrics(shown: v1::PublicMetrics) -> Vec<Metric> {
+    let metric = |m: v1::Metric| Metric { name: m.name, value: m.value, interval: m.low.zip(m.high) };
+    shown.metrics.into_iter().map(metric).collect()
+}
+
+impl fmt::Display for Metric {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {:.3}", self.name, self.value)?;
+        match self.interval {
+            Some((low, high)) => write!(f, " [{low:.3}, {high:.3}]"),
+            None => Ok(()),
+        }
+    }
+}
+
+impl fmt::Display for RunSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let state = if self.complete { "complete" } else { "incomplete" };
+        write!(f, "{}: {} of {} episodes, {state}", self.run, self.progress.done, self.progress.total)?;
+        for (reason, episodes) in &self.ends {
+            write!(f, "; {episodes} {reason}")?;
+        }
+        match &self.metrics {
+            Some(metrics) => metrics.iter().try_for_each(|metric| write!(f, "\n  {metric}"))?,
+            None => write!(f, "\n  this phase shows no metrics")?,
+        }
+        if self.url.is_empty() { Ok(()) } else { write!(f, "\n  {}", self.url) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_summary_reads_like_a_sentence_and_hides_nothing_it_was_told() {
+        let end = v1::RunEnd {
+            run: "run_1".into(),
+            progress: Some(v1::RunProgress { total: 3, done: 2, in_flight: 0, eta_s: None }),
+            ends: vec![v1::EndCount { reason: v1::EndReason::Stopped as i32, episodes: 2 }],
+            metrics: Some(v1::PublicMetrics {
+                metrics: vec![v1::Metric {
+                    name: "isr".into(),
+                    value: 0.25,
+                    low: Some(0.1),
+                    high: Some(0.5),
+                    n: 2,
+                }],
+            }),
+            complete: false,
+            url: String::new(),
+        };
+        let summary = RunSummary::from_wire(end);
+        assert_eq!(summary.metric("isr").and_then(|m| m.interval), Some((0.1, 0.5)));
+        assert_eq!(
+            summary.to_string(),
+            "run_1: 2 of 3 episodes, incomplete; 2 stopped\n  isr 0.250 [0.100, 0.500]"
+        );
+    }
+
+    #[test]
+    fn hidden_metrics_are_none_and_not_empty() {
+        assert_eq!(RunSummary::from_wire(v1::RunEnd::default()).metrics, None);
+        assert_eq!(EpisodeEnd::from_wire(v1::EpisodeEnd::default()).metrics, None);
+    }
+}

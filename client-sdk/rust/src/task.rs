@@ -1,0 +1,302 @@
+use crate::Error;
+use avln_proto::v1;
+use std::f32::consts::{FRAC_PI_2, PI};
+
+/// Which sensors an agent asks for, and how they are set up. What is not asked for is neither rendered nor sent.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sensors {
+    /// Whether colour pictures are wanted.
+    pub rgb: bool,
+    /// Whether depth pictures are wanted.
+    pub depth: bool,
+    /// Whether sound is wanted.
+    pub audio: bool,
+    /// Pixels in a row, 64 to 1024.
+    pub width: u32,
+    /// Rows, 64 to 1024.
+    pub height: u32,
+    /// Horizontal field of view, radians, 0.35 to 2.4.
+    pub hfov_rad: f32,
+}
+
+impl Default for Sensors {
+    /// All sensors at 256 × 256 pixels with 90 degrees of view.
+    fn default() -> Self {
+        Self::square(256)
+    }
+}
+
+impl Sensors {
+    /// All sensors at `side` × `side` pixels with 90 degrees of view.
+    pub fn square(side: u32) -> Self {
+        Self { rgb: true, depth: true, audio: true, width: side, height: side, hfov_rad: FRAC_PI_2 }
+    }
+
+    pub(crate) fn to_wire(&self) -> Result<v1::SensorSubscription, Error> {
+        let (width, height, hfov_rad) = (self.width, self.height, self.hfov_rad);
+        let side = 64..=1024;
+        if !(side.contains(&width) && side.contains(&height) && (0.35..=2.4).contains(&hfov_rad)) {
+            return Err(Error::Sensors { width, height, hfov_rad });
+        }
+        let wishes = self
+            .kinds()
+            .map(|kind| v1::SensorWish { kind: kind as i32, encodings: vec![v1::Encoding::Raw as i32] });
+        Ok(v1::SensorSubscription { wishes: wishes.collect(), width, height, hfov_rad })
+    }
+
+    pub(crate) fn kinds(&self) -> impl Iterator<Item = v1::SensorKind> {
+        use v1::SensorKind::{Audio, Depth, Rgb};
+        let wanted = [(self.rgb, Rgb), (self.depth, Depth), (self.audio, Audio)];
+        wanted.into_iter().filter_map(|(wanted, kind)| wanted.then_some(kind))
+    }
+}
+
+macro_rules! rule {
+    ($(#[$doc:meta])* $name:ident { $($(#[$variant_doc:meta])* $variant:ident,)+ }) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum $name {
+            $($(#[$variant_doc])* $variant,)+
+            /// A rule that this client does not know.
+            Other,
+        }
+
+        impl $name {
+            pub(crate) fn from_wire(number: i32) -> Self {
+                match v1::$name::try_from(number) {
+                    $(Ok(v1::$name::$variant) => Self::$variant,)+
+                    _ => Self::Other,
+                }
+            }
+        }
+    };
+}
+
+rule! {
+    /// Frame of the pose that the agent is told.
+    PoseFrame {
+        /// Relative to the pose at the start: the first pose is all zeros.
+        Start,
+        /// The scene's own frame.
+        World,
+    }
+}
+rule! {
+    /// What the radius of success is measured between, and what must be seen.
+    DistanceRule {
+        /// Camera to the target's box, Euclidean, on the target's floor, with a line of sight at some heading.
+        CameraToBox,
+        /// Base to the nearest viewpoint along the floor, with a pixel of the target in the picture.
+        BaseToViewpoint,
+    }
+}
+rule! {
+    /// What a wrong Submit does in an ordered mission.
+    WrongSubmit {
+        /// The Submit is spent, the goal stays next.
+        KeepsGoal,
+        /// The Submit is spent and the goal can no longer be found.
+        SkipsGoal,
+    }
+}
+rule! {
+    /// What the agent learns from a Submit.
+    FeedbackRule {
+        /// Nothing.
+        None,
+        /// That it was counted.
+        Accepted,
+        /// Whether it completed a goal.
+        Verdict,
+    }
+}
+rule! {
+    /// Which targets sound, and when.
+    SoundingRule {
+        /// Unfinished targets in turn, in an order drawn per episode; a found one falls silent at once.
+        UnfinishedInDrawnOrder,
+        /// All targets in goal order for ever.
+        AllInGoalOrder,
+    }
+}
+rule! {
+    /// Where the sound itself comes from.
+    SoundClip {
+        /// One clip for the whole episode, drawn without regard to its targets.
+        Anonymous,
+        /// A clip chosen by the target's category.
+        ByCategory,
+    }
+}
+
+/// The facts of the rules, the same for every episode of a run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TaskSpec {
+    /// Name and version of the rule set, for example `lh-avln-v1`.
+    pub rules: String,
+    /// Length of MoveForward, metres.
+    pub forward_m: f32,
+    /// Angle of TurnLeft and TurnRight, radians.
+    pub turn_rad: f32,
+    /// Angle of TurnLeft and TurnRight, degrees; divides 360.
+    pub turn_deg: u32,
+    /// Simulated time of one step, seconds.
+    pub step_s: f32,
+    /// Most actions in an episode; all five kinds count.
+    pub max_steps: u32,
+    /// Radius of the body, metres.
+    pub body_radius_m: f32,
+    /// Height of the body, metres.
+    pub body_height_m: f32,
+    /// Pixels in a row of colour and depth.
+    pub width: u32,
+    /// Rows of colour and depth.
+    pub height: u32,
+    /// Horizontal field of view, radians. Pixels are square, the camera looks level.
+    pub hfov_rad: f32,
+    /// Height of the camera above the base, metres.
+    pub camera_height_m: f32,
+    /// Height of the ears above the base, metres.
+    pub ear_height_m: f32,
+    /// Range of the depth sensor, metres; beyond it depth is 0.
+    pub depth_max_m: f32,
+    /// Samples a second of each ear.
+    pub sample_rate_hz: u32,
+    /// Samples of each ear in an observation.
+    pub audio_samples: u32,
+    /// Samples of each ear that one step of simulated time fills; the rest is 0.
+    pub samples_per_step: u32,
+    /// Frame of the pose.
+    pub pose_frame: PoseFrame,
+    /// Radius of success, metres.
+    pub success_radius_m: f32,
+    /// What the radius is measured between.
+    pub success_distance: DistanceRule,
+    /// What a wrong Submit does in an ordered mission.
+    pub wrong_submit: WrongSubmit,
+    /// What the agent learns from a Submit.
+    pub feedback: FeedbackRule,
+    /// Which targets sound, and when.
+    pub sounding: SoundingRule,
+    /// Steps for which one target sounds before the next.
+    pub sounding_window_steps: u32,
+    /// Where the sound itself comes from.
+    pub sound_clip: SoundClip,
+    /// Height of a source above the centre of its target, metres.
+    pub source_lift_m: f32,
+}
+
+impl Default for TaskSpec {
+    /// The rule set `lh-avln-v1` with [`Sensors::default`].
+    fn default() -> Self {
+        Self {
+            rules: "lh-avln-v1".to_owned(),
+            forward_m: 0.25,
+            turn_rad: PI / 6.0,
+            turn_deg: 30,
+            step_s: 0.25,
+            max_steps: 1000,
+            body_radius_m: 0.1,
+            body_height_m: 1.5,
+            width: 256,
+            height: 256,
+            hfov_rad: FRAC_PI_2,
+            camera_height_m: 1.0,
+            ear_height_m: 1.0,
+            depth_max_m: 10.0,
+            sample_rate_hz: 16_000,
+            audio_samples: 4000,
+            samples_per_step: 4000,
+            pose_frame: PoseFrame::Start,
+            success_radius_m: 2.0,
+            success_distance: DistanceRule::CameraToBox,
+            wrong_submit: WrongSubmit::KeepsGoal,
+            feedback: FeedbackRule::None,
+            sounding: SoundingRule::UnfinishedInDrawnOrder,
+            sounding_window_steps: 25,
+            sound_clip: SoundClip::Anonymous,
+            source_lift_m: 0.0,
+        }
+    }
+}
+
+impl TaskSpec {
+    pub(crate) fn from_wire(task: &v1::TaskSpec) -> Result<Self, Error> {
+        check_numbers(task)?;
+        Ok(Self {
+            rules: task.rules.clone(),
+            forward_m: task.forward_m,
+            turn_rad: (task.turn_deg as f32).to_radians(),
+            turn_deg: task.turn_deg,
+            step_s: task.step_s,
+            max_steps: task.max_steps,
+            body_radius_m: task.body_radius_m,
+            body_height_m: task.body_height_m,
+            width: task.width,
+            height: task.height,
+            hfov_rad: task.hfov_rad,
+            camera_height_m: task.camera_height_m,
+            ear_height_m: task.ear_height_m,
+            depth_max_m: task.depth_max_m,
+            sample_rate_hz: task.sample_rate_hz,
+            audio_samples: task.audio_samples,
+            samples_per_step: task.samples_per_step,
+            pose_frame: PoseFrame::from_wire(task.pose_frame),
+            success_radius_m: task.success_radius_m,
+            success_distance: DistanceRule::from_wire(task.success_distance),
+            wrong_submit: WrongSubmit::from_wire(task.wrong_submit),
+            feedback: FeedbackRule::from_wire(task.feedback),
+            sounding: SoundingRule::from_wire(task.sounding),
+            sounding_window_steps: task.sounding_window_steps,
+            sound_clip: SoundClip::from_wire(task.sound_clip),
+            source_lift_m: task.source_lift_m,
+        })
+    }
+}
+
+/// Refuses numbers with which no agent could calculate.
+fn check_numbers(task: &v1::TaskSpec) -> Result<(), Error> {
+    let positive = [
+        ("forward_m", task.forward_m),
+        ("step_s", task.step_s),
+        ("hfov_rad", task.hfov_rad),
+        ("depth_max_m", task.depth_max_m),
+        ("depth_divisor", task.depth_divisor),
+        ("success_radius_m", task.success_radius_m),
+        ("turn_deg", task.turn_deg as f32),
+        ("max_steps", task.max_steps as f32),
+        ("sample_rate_hz", task.sample_rate_hz as f32),
+    ];
+    match positive.iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
+        Some((name, value)) => {
+            Err(Error::protocol(format!("Welcome.task.{name} is {value}, not a positive number")))
+        }
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sensors_outside_of_the_limits_are_refused_before_anything_is_sent() {
+        assert!(Sensors::default().to_wire().is_ok());
+        assert!(matches!(Sensors::square(63).to_wire(), Err(Error::Sensors { width: 63, .. })));
+        assert!(Sensors { hfov_rad: f32::NAN, ..Sensors::default() }.to_wire().is_err());
+    }
+
+    #[test]
+    fn only_wanted_sensors_are_subscribed() {
+        let wire = Sensors { rgb: false, ..Sensors::default() }.to_wire().unwrap();
+        let kinds: Vec<_> = wire.wishes.iter().map(v1::SensorWish::kind).collect();
+        assert_eq!(kinds, [v1::SensorKind::Depth, v1::SensorKind::Audio]);
+    }
+
+    #[test]
+    fn a_rule_of_a_newer_server_is_other() {
+        assert_eq!(PoseFrame::from_wire(v1::PoseFrame::World as i32), PoseFrame::World);
+        assert_eq!(FeedbackRule::from_wire(v1::FeedbackRule::None as i32), FeedbackRule::None);
+        assert_eq!(SoundClip::from_wire(9), SoundClip::Other);
+    }
+}
