@@ -1,0 +1,100 @@
+//! Where the agents' door meets the rules and the store.
+//!
+//! [`Arena`] implements the door's `Host`: it admits teams, hands out episodes with a referee each, scores what comes
+//! back and stores it.
+
+pub mod data;
+mod host;
+mod play;
+mod refusals;
+pub mod register;
+mod scenes;
+pub mod secret;
+
+use crate::{Failure, FailureKind};
+use avln_dataset::Split;
+use avln_episode::{FeedbackRule, Rules};
+use avln_store::{Phase, PhaseState, Store};
+use data::DataFolder;
+use scenes::SceneCache;
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex},
+    time::{SystemTime, UNIX_EPOCH},
+};
+
+/// Version of the benchmark: it changes whenever a score could change.
+pub const BENCHMARK_VERSION: &str = "1.0.0";
+
+/// What hosts the phases of a data folder.
+pub struct Arena {
+    store: Store,
+    /// Phases by id, each with its missions.
+    phases: BTreeMap<String, Arc<Stage>>,
+    scenes: Arc<SceneCache>,
+    /// What is being played, by ticket.
+    playing: Mutex<play::Playing>,
+}
+
+/// A phase and the missions that are played in it.
+struct Stage {
+    phase: Phase,
+    split: Split,
+    split_digest: String,
+}
+
+impl Arena {
+    /// Reads the phases of the data folder and their splits, and takes up what a stopped server left.
+    ///
+    /// # Errors
+    /// When the database or a split cannot be read.
+    pub async fn open(data: &DataFolder, store: Store) -> Result<Self, Failure> {
+        let reopened = store.reopen_interrupted(now_unix_ms()).await?;
+        if reopened > 0 {
+            tracing::info!(reopened, "episodes that were being played when the server stopped are pending again");
+        }
+        let mut phases = BTreeMap::new();
+        for phase in store.phases().await? {
+            let stage = Stage::read(data, phase)?;
+            phases.insert(stage.phase.id.clone(), Arc::new(stage));
+        }
+        Ok(Self { store, phases, scenes: Arc::default(), playing: Mutex::default() })
+    }
+
+    /// Ids of the phases, and how many episodes each has.
+    pub fn phases(&self) -> impl Iterator<Item = (&str, usize)> {
+        self.phases.values().map(|stage| (stage.phase.id.as_str(), stage.phase.episodes.len()))
+    }
+}
+
+impl Stage {
+    fn read(data: &DataFolder, phase: Phase) -> Result<Self, Failure> {
+        let split = data.split(&phase.split)?;
+        let known = |id: &str| split.episodes.iter().any(|episode| episode.id == id);
+        if let Some(missing) = phase.episodes.iter().find(|episode| !known(&episode.episode)) {
+            let message =
+                format!("phase '{}' plays episode {}, split '{}' has none", phase.id, missing.episode, split.name);
+            return Err(Failure::new(FailureKind::Scene, message).hinted("restore the split file from a backup"));
+        }
+        let split_digest = data.split_digest(&split.name)?;
+        Ok(Self { phase, split, split_digest })
+    }
+
+    fn is_open(&self) -> bool {
+        self.phase.state == PhaseState::Open
+    }
+
+    fn rules(&self) -> &Rules {
+        &self.phase.rules
+    }
+
+    fn feedback(&self) -> FeedbackRule {
+        self.phase.rules.feedback
+    }
+}
+
+/// The clock that results carry: milliseconds since 1970-01-01 UTC.
+pub fn now_unix_ms() -> i64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
+}

@@ -1,0 +1,133 @@
+//! Handing out episodes and taking them back.
+
+use super::{Arena, Stage, now_unix_ms, refusals::refusal, secret};
+use avln_dataset::EpisodeSpec;
+use avln_episode::{EndReason, Order, Sensors};
+use avln_grpc::{EpisodeOutcome, Reason, Refusal, Seat};
+use avln_referee::{Referee, RefereeError};
+use avln_scoring::{Metrics, score};
+use avln_store::{Finished, TimeAccount, Visibility};
+use avln_truth::{EpisodeTruth, Record};
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, PoisonError},
+};
+
+/// Episodes that were handed out and have not come back.
+#[derive(Default)]
+pub(super) struct Playing {
+    next_ticket: u64,
+    stages: BTreeMap<u64, Arc<Stage>>,
+}
+
+impl Arena {
+    /// Hands out the next episode of a run: scene, pictures of goals and referee are made on a blocking thread.
+    pub(super) async fn seat_next(&self, run: &str, sensors: &Sensors) -> Result<Option<Seat>, Refusal> {
+        let row = self.store.run(run).await.map_err(refusal)?;
+        let stage = self.stage(&row.phase)?.clone();
+        check_sensors(&stage.phase.sensors, sensors)?;
+        if row.sensors.as_ref() != Some(sensors) {
+            self.store.set_sensors(run, sensors).await.map_err(refusal)?;
+        }
+        let handle = format!("ep_{}", secret::random_hex().map_err(Refusal::internal)?);
+        let assigned = self.store.assign_next_episode(run, &handle, now_unix_ms()).await.map_err(refusal)?;
+        let Some(assigned) = assigned else { return Ok(None) };
+        let (scenes, sensors, order) = (self.scenes.clone(), sensors.clone(), row.order);
+        let ticket = self.take_ticket(&stage);
+        let make = move || {
+            let spec = stage.split.episodes.iter().find(|spec| spec.id == assigned.episode);
+            let spec = spec.ok_or_else(|| Refusal::internal(format!("no episode {} in the split", assigned.episode)))?;
+            seat(&stage, &scenes, spec, order, sensors)
+        };
+        let made = tokio::task::spawn_blocking(make).await.map_err(Refusal::internal).and_then(|made| made);
+        match made {
+            Ok(referee) => Ok(Some(Seat { handle, referee: Box::new(referee), ticket })),
+            Err(refusal) => {
+                self.return_ticket(ticket);
+                Err(refusal)
+            }
+        }
+    }
+
+    /// Scores what happened and stores it in one transaction.
+    pub(super) async fn conclude_seat(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal> {
+        let handle = seat.handle.clone();
+        let stage = self.return_ticket(seat.ticket);
+        let stage = stage.ok_or_else(|| Refusal::internal(format!("episode {handle} was never handed out")))?;
+        let referee = seat.into_referee().ok_or_else(|| Refusal::internal("a seat without our referee"))?;
+        let broken = referee.end().is_none();
+        let scoring = stage.clone();
+        let sealed = tokio::task::spawn_blocking(move || settle(*referee, broken, &scoring)).await;
+        let (truth, record, metrics) = sealed.map_err(Refusal::internal)?;
+        let time = TimeAccount::default();
+        let finished =
+            Finished { run, handle: &handle, truth: &truth, record: &record, metrics: &metrics, time: &time };
+        let recorded = self.store.record_result(&finished, now_unix_ms()).await.map_err(refusal)?;
+        let shown = recorded.counts && stage.phase.scores != Visibility::Organiser;
+        Ok(shown.then(|| outcome(&metrics)))
+    }
+
+    fn take_ticket(&self, stage: &Arc<Stage>) -> u64 {
+        let mut playing = self.playing.lock().unwrap_or_else(PoisonError::into_inner);
+        playing.next_ticket += 1;
+        let ticket = playing.next_ticket;
+        playing.stages.insert(ticket, stage.clone());
+        ticket
+    }
+
+    fn return_ticket(&self, ticket: u64) -> Option<Arc<Stage>> {
+        self.playing.lock().unwrap_or_else(PoisonError::into_inner).stages.remove(&ticket)
+    }
+}
+
+/// The phase's sensors are the most that an agent may ask for.
+fn check_sensors(most: &Sensors, asked: &Sensors) -> Result<(), Refusal> {
+    let too_large = asked.width > most.width || asked.height > most.height;
+    let missing = (asked.rgb && !most.rgb) || (asked.depth && !most.depth) || (asked.audio && !most.audio);
+    if !too_large && !missing {
+        return Ok(());
+    }
+    let message = format!(
+        "the phase allows pictures up to {} x {} and the sensors rgb {}, depth {}, audio {}; asked for {} x {}, rgb {}, depth {}, audio {}",
+        most.width, most.height, most.rgb, most.depth, most.audio, asked.width, asked.height, asked.rgb, asked.depth, asked.audio,
+    );
+    Err(Refusal::new(Reason::SensorNotAllowed, message))
+}
+
+fn seat(
+    stage: &Stage,
+    scenes: &super::scenes::SceneCache,
+    spec: &EpisodeSpec,
+    order: Order,
+    sensors: Sensors,
+) -> Result<Referee, Refusal> {
+    let scene = stage.split.scene(&spec.scene).ok_or_else(|| Refusal::internal(format!("no scene {}", spec.scene)))?;
+    let assets = scenes.get(scene, stage.rules()).map_err(Refusal::internal)?;
+    let mission = spec.mission(&assets, stage.rules(), order);
+    let referee = Referee::new(assets, mission, spec.truth(order), stage.rules().clone(), sensors);
+    referee.map_err(|error| match error {
+        RefereeError::Sensors(error) => Refusal::new(Reason::BadRequest, error.to_string()),
+        other => Refusal::internal(other),
+    })
+}
+
+/// Seals the record. An episode that broke down is the server's fault.
+fn settle(mut referee: Referee, broken: bool, stage: &Stage) -> (EpisodeTruth, Record, Metrics) {
+    if broken {
+        referee.truncate(EndReason::ServerFault);
+    }
+    let (truth, record) = referee.into_record();
+    let metrics = score(&truth, &record, stage.rules());
+    (truth, record, metrics)
+}
+
+fn outcome(metrics: &Metrics) -> EpisodeOutcome {
+    let values = [
+        ("sr", metrics.sr),
+        ("isr", metrics.isr),
+        ("osr", metrics.osr),
+        ("spl", metrics.spl),
+        ("soft_spl", metrics.soft_spl),
+    ];
+    EpisodeOutcome { metrics: values.into_iter().map(|(name, value)| (name.to_owned(), value)).collect() }
+}
