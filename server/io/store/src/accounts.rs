@@ -1,0 +1,175 @@
+use crate::{Store, StoreError, words::words};
+use sqlx::{Sqlite, SqlitePool, Transaction};
+
+/// A participant.
+#[derive(Clone, Debug, PartialEq, Eq, sqlx::FromRow)]
+pub struct Team {
+    /// Public name.
+    pub name: String,
+    /// Whether it stands for the organiser's reference agents.
+    pub baseline: bool,
+}
+
+/// Which door a token opens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TokenKind {
+    /// A team's own: starts runs and sees the team's results.
+    Account,
+    /// The organiser's: sees everything.
+    Organiser,
+    /// One run's: plays its episodes.
+    Run,
+}
+words!(TokenKind, "token kind", { Account => "account", Organiser => "organiser", Run => "run" });
+
+/// A secret to be stored.
+#[derive(Clone, Copy, Debug)]
+pub struct NewToken<'a> {
+    /// The secret itself, 128 random bits or more; only its hash is kept.
+    pub secret: &'a str,
+    /// Which door it opens; run tokens are made by [`Store::start_run`].
+    pub kind: TokenKind,
+    /// Whose it is; `None` for an organiser.
+    pub team: Option<&'a str>,
+    /// From when it is void.
+    pub expires_unix_ms: Option<i64>,
+}
+
+/// A token that is known.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Token {
+    /// Which door it opens.
+    pub kind: TokenKind,
+    /// Whose it is; `None` for an organiser.
+    pub team: Option<String>,
+    /// The run it plays; `None` unless `kind` is run.
+    pub run: Option<String>,
+}
+
+/// What a secret is worth at a given time.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum TokenState {
+    /// It holds.
+    Valid(Token),
+    /// Its time is over.
+    Expired,
+    /// It was taken back.
+    Revoked,
+    /// Nobody issued it.
+    Unknown,
+}
+
+#[derive(sqlx::FromRow)]
+struct TokenRow {
+    kind: String,
+    team: Option<String>,
+    run: Option<String>,
+    expires_ms: Option<i64>,
+    revoked_ms: Option<i64>,
+}
+
+impl Store {
+    /// Adds a team; adding it again with the same baseline flag changes nothing.
+    ///
+    /// # Errors
+    /// When the name is taken by a team with the other flag, or the database fails.
+    pub async fn create_team(&self, name: &str, baseline: bool, now_unix_ms: i64) -> Result<(), StoreError> {
+        let insert =
+            "INSERT INTO teams (name, baseline, created_ms) VALUES ($1, $2, $3) ON CONFLICT DO NOTHING";
+        sqlx::query(insert).bind(name).bind(baseline).bind(now_unix_ms).execute(&self.write).await?;
+        match self.team(name).await? {
+            Some(team) if team.baseline == baseline => Ok(()),
+            _ => Err(StoreError::Taken { what: "team", name: name.to_owned() }),
+        }
+    }
+
+    /// The team called `name`.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn team(&self, name: &str) -> Result<Option<Team>, StoreError> {
+        let select = "SELECT name, baseline FROM teams WHERE name = $1";
+        Ok(sqlx::query_as(select).bind(name).fetch_optional(&self.read).await?)
+    }
+
+    /// Stores the hash of a secret; storing the same one again changes nothing.
+    ///
+    /// # Errors
+    /// When the team is unknown or the database fails.
+    pub async fn issue_token(&self, token: &NewToken<'_>, now_unix_ms: i64) -> Result<(), StoreError> {
+        if let Some(team) = token.team
+            && self.team(team).await?.is_none()
+        {
+            return Err(StoreError::unknown("team", team));
+        }
+        let mut tx = self.begin().await?;
+        insert_token(&mut tx, token, None, now_unix_ms).await?;
+        Ok(tx.commit().await?)
+    }
+
+    /// What `secret` is worth at `now_unix_ms`.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn find_token(&self, secret: &str, now_unix_ms: i64) -> Result<TokenState, StoreError> {
+        find_token(&self.read, secret, now_unix_ms).await
+    }
+
+    /// Takes back every token of `team`, its runs' included; says how many held.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn revoke_tokens(&self, team: &str, now_unix_ms: i64) -> Result<u64, StoreError> {
+        let update = "UPDATE tokens SET revoked_ms = $1 WHERE team = $2 AND revoked_ms IS NULL";
+        Ok(sqlx::query(update).bind(now_unix_ms).bind(team).execute(&self.write).await?.rows_affected())
+    }
+}
+
+/// Letters of a secret that are kept, so that people can tell tokens apart.
+const PREFIX_LETTERS: usize = 12;
+
+fn shown_prefix(secret: &str) -> String {
+    secret.chars().take(PREFIX_LETTERS).collect()
+}
+
+fn hash(secret: &str) -> String {
+    blake3::hash(secret.as_bytes()).to_hex().to_string()
+}
+
+pub(crate) async fn insert_token(
+    tx: &mut Transaction<'_, Sqlite>,
+    token: &NewToken<'_>,
+    run: Option<&str>,
+    now_unix_ms: i64,
+) -> Result<(), StoreError> {
+    let insert = "INSERT INTO tokens (hash, prefix, kind, team, run, created_ms, expires_ms) \
+                  VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT DO NOTHING";
+    sqlx::query(insert)
+        .bind(hash(token.secret))
+        .bind(shown_prefix(token.secret))
+        .bind(token.kind.as_str())
+        .bind(token.team)
+        .bind(run)
+        .bind(now_unix_ms)
+        .bind(token.expires_unix_ms)
+        .execute(&mut **tx)
+        .await?;
+    Ok(())
+}
+
+pub(crate) async fn find_token(
+    pool: &SqlitePool,
+    secret: &str,
+    now_unix_ms: i64,
+) -> Result<TokenState, StoreError> {
+    let select = "SELECT kind, team, run, expires_ms, revoked_ms FROM tokens WHERE hash = $1";
+    let row: Option<TokenRow> = sqlx::query_as(select).bind(hash(secret)).fetch_optional(pool).await?;
+    Ok(match row {
+        None => TokenState::Unknown,
+        Some(row) if row.revoked_ms.is_some() => TokenState::Revoked,
+        Some(row) if row.expires_ms.is_some_and(|expires| expires <= now_unix_ms) => TokenState::Expired,
+        Some(TokenRow { kind, team, run, .. }) => {
+            TokenState::Valid(Token { kind: TokenKind::from_word(&kind)?, team, run })
+        }
+    })
+}

@@ -1,0 +1,191 @@
+//! Records as bytes, exact to the last bit: 28 bytes a step instead of JSON's 250.
+//!
+//! Little-endian. Version 1: `u8` version; rules as `u16` length and UTF-8; start pose (x, y, z, heading as `f32`);
+//! `u8` place of the end reason in `EndReason::ALL`; `u8` count and one `u8` each for the regions at the start;
+//! `u8` count and (`u8` present, `f64`) each for the final distances; `u32` count of steps, each `u8` action with bit 7
+//! for a collision, `u8` regions, `u8` sounding goal or 255, pose, `u64` state hash; `u32` count of submits, each `u32` step,
+//! `u8` completed goal or 255, `u8` skipped goal or 255.
+
+use crate::StoreError;
+use avln_episode::{Action, EndReason, Point3, Pose};
+use avln_truth::{Record, StepFacts, SubmitFacts};
+
+const VERSION: u8 = 1;
+const NONE: u8 = 255;
+const COLLIDED: u8 = 0x80;
+
+pub(crate) fn pack(record: &Record) -> Vec<u8> {
+    let mut out = Vec::with_capacity(64 + record.steps.len() * 28 + record.submits.len() * 6);
+    out.push(VERSION);
+    let rules = &record.rules.as_bytes()[..record.rules.len().min(usize::from(u16::MAX))];
+    out.extend((rules.len() as u16).to_le_bytes());
+    out.extend(rules);
+    pack_pose(&mut out, &record.start);
+    out.push(EndReason::ALL.iter().position(|&end| end == record.end).unwrap_or(0) as u8);
+    pack_goals(&mut out, record);
+    out.extend((record.steps.len() as u32).to_le_bytes());
+    record.steps.iter().for_each(|step| pack_step(&mut out, step));
+    out.extend((record.submits.len() as u32).to_le_bytes());
+    for submit in &record.submits {
+        out.extend(submit.step.to_le_bytes());
+        out.extend([submit.completed.unwrap_or(NONE), submit.skipped.unwrap_or(NONE)]);
+    }
+    out
+}
+
+fn pack_goals(out: &mut Vec<u8>, record: &Record) {
+    out.push(record.in_region_at_start.len() as u8);
+    out.extend(record.in_region_at_start.iter().map(|&inside| u8::from(inside)));
+    out.push(record.final_distance_m.len() as u8);
+    for distance in &record.final_distance_m {
+        out.push(u8::from(distance.is_some()));
+        out.extend(distance.unwrap_or(0.0).to_le_bytes());
+    }
+}
+
+fn pack_step(out: &mut Vec<u8>, step: &StepFacts) {
+    let collided = if step.collided { COLLIDED } else { 0 };
+    out.extend([step.action.index() | collided, step.in_region, step.sounding.unwrap_or(NONE)]);
+    pack_pose(out, &step.pose);
+    out.extend(step.state_hash.to_le_bytes());
+}
+
+fn pack_pose(out: &mut Vec<u8>, pose: &Pose) {
+    for value in [pose.position.x, pose.position.y, pose.position.z, pose.heading_rad] {
+        out.extend(value.to_le_bytes());
+    }
+}
+
+pub(crate) fn unpack(bytes: &[u8]) -> Result<Record, StoreError> {
+    let mut from = Unpack { bytes };
+    let record = from.record();
+    record
+        .filter(|_| from.bytes.is_empty())
+        .ok_or_else(|| StoreError::damaged("record", "its bytes do not fit"))
+}
+
+struct Unpack<'a> {
+    bytes: &'a [u8],
+}
+
+impl Unpack<'_> {
+    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (head, rest) = self.bytes.split_first_chunk::<N>()?;
+        self.bytes = rest;
+        Some(*head)
+    }
+
+    fn byte(&mut self) -> Option<u8> {
+        self.take().map(|[byte]| byte)
+    }
+
+    /// A byte that is `NONE` for nothing; the outer option is the failure.
+    fn optional(&mut self) -> Option<Option<u8>> {
+        self.byte().map(|byte| (byte != NONE).then_some(byte))
+    }
+
+    fn count(&mut self) -> Option<u32> {
+        self.take().map(u32::from_le_bytes)
+    }
+
+    fn record(&mut self) -> Option<Record> {
+        if self.byte()? != VERSION {
+            return None;
+        }
+        let rules = self.text()?;
+        let start = self.pose()?;
+        let end = *EndReason::ALL.get(usize::from(self.byte()?))?;
+        let in_region_at_start = (0..self.byte()?).map(|_| Some(self.byte()? != 0)).collect::<Option<_>>()?;
+        let final_distance_m = (0..self.byte()?).map(|_| self.distance()).collect::<Option<_>>()?;
+        let steps = (0..self.count()?).map(|_| self.step()).collect::<Option<_>>()?;
+        let submits = (0..self.count()?).map(|_| self.submit()).collect::<Option<_>>()?;
+        Some(Record { rules, start, steps, submits, in_region_at_start, final_distance_m, end })
+    }
+
+    fn text(&mut self) -> Option<String> {
+        let length = usize::from(u16::from_le_bytes(self.take()?));
+        let (text, rest) = self.bytes.split_at_checked(length)?;
+        self.bytes = rest;
+        String::from_utf8(text.to_vec()).ok()
+    }
+
+    fn distance(&mut self) -> Option<Option<f64>> {
+        let present = self.byte()? != 0;
+        let distance = f64::from_le_bytes(self.take()?);
+        Some(present.then_some(distance))
+    }
+
+    fn pose(&mut self) -> Option<Pose> {
+        let mut value = || self.take().map(f32::from_le_bytes);
+        // Built field by field: a heading must come back as the bits that were stored.
+        Some(Pose { position: Point3::new(value()?, value()?, value()?), heading_rad: value()? })
+    }
+
+    fn step(&mut self) -> Option<StepFacts> {
+        let byte = self.byte()?;
+        Some(StepFacts {
+            action: Action::try_from(u32::from(byte & !COLLIDED)).ok()?,
+            collided: byte & COLLIDED != 0,
+            in_region: self.byte()?,
+            sounding: self.optional()?,
+            pose: self.pose()?,
+            state_hash: u64::from_le_bytes(self.take()?),
+        })
+    }
+
+    fn submit(&mut self) -> Option<SubmitFacts> {
+        Some(SubmitFacts { step: self.count()?, completed: self.optional()?, skipped: self.optional()? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample() -> Record {
+        let pose = |x: f32| Pose { position: Point3::new(x, 0.1, -3.7), heading_rad: -1.000_000_1 };
+        let step = |index: u32| StepFacts {
+            action: Action::ALL[index as usize % 5],
+            pose: pose(index as f32 * 0.1),
+            collided: index % 3 == 0,
+            in_region: index as u8,
+            sounding: (index % 2 == 0).then_some(3),
+            state_hash: u64::MAX - u64::from(index),
+        };
+        Record {
+            rules: "lh-avln-v1".to_owned(),
+            start: pose(0.0),
+            steps: (0..7).map(step).collect(),
+            submits: vec![
+                SubmitFacts { step: 4, completed: Some(1), skipped: None },
+                SubmitFacts { step: 5, completed: None, skipped: Some(0) },
+            ],
+            in_region_at_start: vec![true, false],
+            final_distance_m: vec![Some(0.1 + 0.2), None],
+            end: EndReason::Disconnected,
+        }
+    }
+
+    #[test]
+    fn a_record_comes_back_bit_for_bit() {
+        let record = sample();
+        assert_eq!(unpack(&pack(&record)).expect("our own bytes"), record);
+    }
+
+    #[test]
+    fn every_cut_and_every_addition_is_noticed() {
+        let bytes = pack(&sample());
+        for length in 0..bytes.len() {
+            assert!(unpack(&bytes[..length]).is_err(), "cut to {length} bytes");
+        }
+        assert!(unpack(&[bytes, vec![0]].concat()).is_err());
+    }
+
+    #[test]
+    fn a_count_without_content_is_refused_before_memory_is_spent() {
+        let mut bytes = pack(&Record { steps: vec![], submits: vec![], ..sample() });
+        let steps_at = bytes.len() - 8;
+        bytes[steps_at..steps_at + 4].copy_from_slice(&u32::MAX.to_le_bytes());
+        assert!(unpack(&bytes).is_err());
+    }
+}

@@ -1,0 +1,313 @@
+use crate::{
+    Run, RunState, Store, StoreError, packed,
+    runs::read_run,
+    totals::{add_to_totals, count_fault, settle_run},
+    words::{count, to_json, words},
+};
+use avln_episode::EndReason;
+use avln_scoring::Metrics;
+use avln_truth::{EpisodeTruth, Record};
+use serde::{Deserialize, Serialize};
+use sqlx::{Sqlite, Transaction};
+
+/// Attempts after which an episode that the server keeps losing is given up.
+const MAX_ATTEMPTS: i64 = 3;
+
+/// How far an episode of a run is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EpisodeState {
+    /// Not handed out yet.
+    Pending,
+    /// Being played.
+    Running,
+    /// Ended as the task defines it.
+    Terminated,
+    /// Ended by a limit or by the agent's absence.
+    Truncated,
+    /// Given up because the server failed repeatedly; does not count.
+    Infra,
+}
+words!(EpisodeState, "episode state", {
+    Pending => "pending", Running => "running", Terminated => "terminated", Truncated => "truncated", Infra => "infra",
+});
+
+/// An episode that was handed out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Assigned {
+    /// The name that the agent sees.
+    pub handle: String,
+    /// Place in the phase's list, from 0.
+    pub ordinal: u32,
+    /// Id of the episode inside the split.
+    pub episode: String,
+    /// Name of the scene.
+    pub scene: String,
+}
+
+/// Where the time of an episode went, seconds of wall clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TimeAccount {
+    /// Simulating: motion, sight and sound.
+    pub simulation_s: f64,
+    /// Encoding observations.
+    pub encoding_s: f64,
+    /// Waiting for a free core.
+    pub queue_s: f64,
+    /// On the wire, as far as the server can tell.
+    pub network_s: f64,
+    /// Waiting for the agent.
+    pub thinking_s: f64,
+}
+
+impl TimeAccount {
+    /// Both together.
+    pub fn plus(&self, other: &Self) -> Self {
+        Self {
+            simulation_s: self.simulation_s + other.simulation_s,
+            encoding_s: self.encoding_s + other.encoding_s,
+            queue_s: self.queue_s + other.queue_s,
+            network_s: self.network_s + other.network_s,
+            thinking_s: self.thinking_s + other.thinking_s,
+        }
+    }
+}
+
+/// What is known of an episode when it ends.
+#[derive(Clone, Copy, Debug)]
+pub struct Finished<'a> {
+    /// The run.
+    pub run: &'a str,
+    /// The name under which the episode was handed out.
+    pub handle: &'a str,
+    /// What was hidden.
+    pub truth: &'a EpisodeTruth,
+    /// What happened.
+    pub record: &'a Record,
+    /// What it was worth.
+    pub metrics: &'a Metrics,
+    /// Where the time went.
+    pub time: &'a TimeAccount,
+}
+
+/// What became of a result.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recorded {
+    /// False when the episode had a result already, which stays.
+    pub is_new: bool,
+    /// False when the server's fault ended the episode, which is then pending again or given up.
+    pub counts: bool,
+    /// The run afterwards; completed with its last episode.
+    pub run: Run,
+}
+
+#[derive(sqlx::FromRow)]
+struct OpenEpisode {
+    ordinal: i64,
+    state: String,
+    attempts: i64,
+}
+
+impl Store {
+    /// Hands out the next pending episode of a run under the random name `handle`; `None` when none is pending.
+    ///
+    /// # Errors
+    /// When the run is unknown or cancelled, the handle was used before, or the database fails.
+    pub async fn assign_next_episode(
+        &self,
+        run: &str,
+        handle: &str,
+        now_unix_ms: i64,
+    ) -> Result<Option<Assigned>, StoreError> {
+        let mut tx = self.begin().await?;
+        if read_run(&mut tx, run).await?.state == RunState::Cancelled {
+            return Err(StoreError::RunOver { run: run.to_owned(), state: RunState::Cancelled.as_str() });
+        }
+        let take = "UPDATE episodes SET state = 'running', handle = $2, attempts = attempts + 1, started_ms = $3 \
+                    WHERE run = $1 AND ordinal = (SELECT MIN(ordinal) FROM episodes WHERE run = $1 AND state = 'pending') \
+                    RETURNING ordinal, episode, scene";
+        let taken: Option<(i64, String, String)> =
+            sqlx::query_as(take).bind(run).bind(handle).bind(now_unix_ms).fetch_optional(&mut *tx).await?;
+        let Some((ordinal, episode, scene)) = taken else { return Ok(None) };
+        let update = "UPDATE runs SET state = 'running' WHERE id = $1 AND state = 'created'";
+        sqlx::query(update).bind(run).execute(&mut *tx).await?;
+        tx.commit().await?;
+        Ok(Some(Assigned { handle: handle.to_owned(), ordinal: count(ordinal), episode, scene }))
+    }
+
+    /// Stores the result of an episode, adds it to the run's sums and completes the run with its last episode, all in
+    /// one transaction. A result for an episode that has one changes nothing. An episode that ended by the server's fault
+    /// becomes pending again, up to three attempts.
+    ///
+    /// # Errors
+    /// When no such episode is being played or the database fails; then nothing was stored.
+    pub async fn record_result(
+        &self,
+        finished: &Finished<'_>,
+        now_unix_ms: i64,
+    ) -> Result<Recorded, StoreError> {
+        let mut tx = self.begin().await?;
+        let (is_new, counts) = write_result(&mut tx, finished, now_unix_ms).await?;
+        let run = read_run(&mut tx, finished.run).await?;
+        tx.commit().await?;
+        Ok(Recorded { is_new, counts, run })
+    }
+
+    /// Completes a run whose episodes are all done; any other run stays as it is, to be played on.
+    ///
+    /// # Errors
+    /// When the run is unknown or the database fails.
+    pub async fn finish_run(&self, run: &str, now_unix_ms: i64) -> Result<Run, StoreError> {
+        let mut tx = self.begin().await?;
+        settle_run(&mut tx, run, now_unix_ms).await?;
+        let run = read_run(&mut tx, run).await?;
+        tx.commit().await?;
+        Ok(run)
+    }
+
+    /// Makes episodes pending again that were being played when the server went down; says how many there were.
+    /// An episode that was lost three times is given up. To be called once at the start, by the server alone.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn reopen_interrupted(&self, now_unix_ms: i64) -> Result<u32, StoreError> {
+        let mut tx = self.begin().await?;
+        let reopen = "UPDATE episodes SET interruptions = interruptions + 1, \
+             state = CASE WHEN attempts >= $1 THEN 'infra' ELSE 'pending' END, \
+             end_reason = CASE WHEN attempts >= $1 THEN 'server_fault' END, \
+             finished_ms = CASE WHEN attempts >= $1 THEN $2 END \
+             WHERE state = 'running' RETURNING run";
+        let mut runs: Vec<String> =
+            sqlx::query_scalar(reopen).bind(MAX_ATTEMPTS).bind(now_unix_ms).fetch_all(&mut *tx).await?;
+        let reopened = runs.len() as u32;
+        for run in &runs {
+            count_fault(&mut tx, run).await?;
+        }
+        runs.sort();
+        runs.dedup();
+        for run in &runs {
+            settle_run(&mut tx, run, now_unix_ms).await?;
+        }
+        tx.commit().await?;
+        Ok(reopened)
+    }
+}
+
+/// Writes all that a result changes; says whether it was new and whether it counts.
+pub(crate) async fn write_result(
+    tx: &mut Transaction<'_, Sqlite>,
+    finished: &Finished<'_>,
+    now_unix_ms: i64,
+) -> Result<(bool, bool), StoreError> {
+    let counts = finished.record.end != EndReason::ServerFault;
+    let episode = find_episode(tx, finished).await?;
+    match EpisodeState::from_word(&episode.state)? {
+        EpisodeState::Running => {}
+        EpisodeState::Pending => return Err(StoreError::unknown("running episode", finished.handle)),
+        _ => return Ok((false, counts)),
+    }
+    if counts {
+        write_metrics(tx, finished, episode.ordinal).await?;
+        add_to_totals(tx, finished).await?;
+    } else {
+        count_fault(tx, finished.run).await?;
+    }
+    let again = !counts && episode.attempts < MAX_ATTEMPTS;
+    close_episode(tx, finished, episode.ordinal, again, now_unix_ms).await?;
+    if !again {
+        write_facts(tx, finished, episode.ordinal).await?;
+    }
+    settle_run(tx, finished.run, now_unix_ms).await?;
+    Ok((true, counts))
+}
+
+async fn find_episode(
+    tx: &mut Transaction<'_, Sqlite>,
+    finished: &Finished<'_>,
+) -> Result<OpenEpisode, StoreError> {
+    let select = "SELECT ordinal, state, attempts FROM episodes WHERE run = $1 AND handle = $2";
+    let found =
+        sqlx::query_as(select).bind(finished.run).bind(finished.handle).fetch_optional(&mut **tx).await?;
+    found.ok_or_else(|| StoreError::unknown("episode", finished.handle))
+}
+
+async fn close_episode(
+    tx: &mut Transaction<'_, Sqlite>,
+    finished: &Finished<'_>,
+    ordinal: i64,
+    again: bool,
+    now_unix_ms: i64,
+) -> Result<(), StoreError> {
+    let end = finished.record.end;
+    let state = match end {
+        EndReason::ServerFault if again => EpisodeState::Pending,
+        EndReason::ServerFault => EpisodeState::Infra,
+        end if end.is_terminated() => EpisodeState::Terminated,
+        _ => EpisodeState::Truncated,
+    };
+    let update = "UPDATE episodes SET state = $3, end_reason = $4, finished_ms = $5, time_account = $6, \
+                  interruptions = interruptions + $7 WHERE run = $1 AND ordinal = $2";
+    sqlx::query(update)
+        .bind(finished.run)
+        .bind(ordinal)
+        .bind(state.as_str())
+        .bind((!again).then(|| end.as_str()))
+        .bind((!again).then_some(now_unix_ms))
+        .bind(to_json("time account", finished.time)?)
+        .bind(i64::from(end == EndReason::ServerFault))
+        .execute(&mut **tx)
+        .await?;
+    Ok(())
+}
+
+async fn write_metrics(
+    tx: &mut Transaction<'_, Sqlite>,
+    finished: &Finished<'_>,
+    ordinal: i64,
+) -> Result<(), StoreError> {
+    let m = finished.metrics;
+    let update = "UPDATE episodes SET goals = $3, found = $4, sr = $5, isr = $6, osr = $7, osr_all = $8, spl = $9, \
+                  soft_spl = $10, sna = $11, steps = $12, path_m = $13, reference_m = $14, collisions = $15, \
+                  wrong_submits = $16, metrics = $17 WHERE run = $1 AND ordinal = $2";
+    sqlx::query(update)
+        .bind(finished.run)
+        .bind(ordinal)
+        .bind(m.goals)
+        .bind(m.found)
+        .bind(m.sr)
+        .bind(m.isr)
+        .bind(m.osr)
+        .bind(m.osr_all)
+        .bind(m.spl)
+        .bind(m.soft_spl)
+        .bind(m.sna)
+        .bind(m.steps)
+        .bind(m.path_m)
+        .bind(m.reference_m)
+        .bind(m.collisions)
+        .bind(m.wrong_submits)
+        .bind(to_json("metrics", m)?)
+        .execute(&mut **tx)
+        .await?;
+    Ok(())
+}
+
+async fn write_facts(
+    tx: &mut Transaction<'_, Sqlite>,
+    finished: &Finished<'_>,
+    ordinal: i64,
+) -> Result<(), StoreError> {
+    let truth = to_json("truth", finished.truth)?;
+    let digest = blake3::hash(truth.as_bytes()).to_hex().to_string();
+    let keep = "INSERT INTO truths (digest, body) VALUES ($1, $2) ON CONFLICT DO NOTHING";
+    sqlx::query(keep).bind(&digest).bind(truth.into_bytes()).execute(&mut **tx).await?;
+    let insert = "INSERT INTO records (run, ordinal, truth, body) VALUES ($1, $2, $3, $4)";
+    sqlx::query(insert)
+        .bind(finished.run)
+        .bind(ordinal)
+        .bind(&digest)
+        .bind(packed::pack(finished.record))
+        .execute(&mut **tx)
+        .await?;
+    Ok(())
+}

@@ -1,0 +1,332 @@
+use crate::{
+    NewToken, Phase, PhaseState, Store, StoreError, TokenKind,
+    accounts::insert_token,
+    catalogue::read_phases,
+    words::{self, count, from_json, to_json, words},
+};
+use avln_episode::{Order, Sensors};
+use serde::{Deserialize, Serialize};
+use sqlx::{Sqlite, Transaction};
+use std::collections::BTreeMap;
+
+/// How far a run is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RunState {
+    /// No episode was handed out yet.
+    Created,
+    /// Episodes are being played.
+    Running,
+    /// Every episode is done.
+    Completed,
+    /// It was given up.
+    Cancelled,
+}
+words!(RunState, "run state", {
+    Created => "created", Running => "running", Completed => "completed", Cancelled => "cancelled",
+});
+
+impl RunState {
+    /// Whether episodes may still be handed out.
+    pub fn is_open(self) -> bool {
+        matches!(self, Self::Created | Self::Running)
+    }
+}
+
+/// A run to be started.
+#[derive(Clone, Copy, Debug)]
+pub struct NewRun<'a> {
+    /// Id for the run, if it is new: `run_` and random letters.
+    pub id: &'a str,
+    /// Random secret that plays the run; only its hash is kept.
+    pub token: &'a str,
+    /// What is played.
+    pub phase: &'a str,
+    /// Who plays.
+    pub team: &'a str,
+    /// Name of the method.
+    pub method: &'a str,
+    /// Version of the method.
+    pub version: &'a str,
+    /// How goals count.
+    pub order: Order,
+    /// The client's own id of this request: asking again with it gives the same run.
+    pub client_request_id: Option<&'a str>,
+    /// What is in force, by name: digests and versions of the program, the split, the scorer.
+    pub digests: &'a BTreeMap<String, String>,
+}
+
+/// A run that was started, now or by an earlier request with the same id.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StartedRun {
+    /// The run.
+    pub run: Run,
+    /// Whether this request made it.
+    pub is_new: bool,
+    /// Runs that the team may still start in the phase; `None` for any number.
+    pub quota_left: Option<u32>,
+}
+
+/// One pass of one method over all episodes of a phase.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Run {
+    /// Its id.
+    pub id: String,
+    /// What is played.
+    pub phase: String,
+    /// Who plays.
+    pub team: String,
+    /// Name of the method.
+    pub method: String,
+    /// Version of the method.
+    pub version: String,
+    /// How goals count.
+    pub order: Order,
+    /// How far it is.
+    pub state: RunState,
+    /// Episodes in all.
+    pub episodes: u32,
+    /// Episodes done.
+    pub done: u32,
+    /// What the agent asked to sense; `None` before it did.
+    pub sensors: Option<Sensors>,
+    /// What was in force, by name.
+    pub digests: BTreeMap<String, String>,
+    /// When it was started.
+    pub created_unix_ms: i64,
+    /// When it was completed or cancelled.
+    pub finished_unix_ms: Option<i64>,
+}
+
+#[derive(sqlx::FromRow)]
+pub(crate) struct RunRow {
+    id: String,
+    phase: String,
+    team: String,
+    method: String,
+    version: String,
+    mission_order: String,
+    state: String,
+    sensors: Option<String>,
+    digests: String,
+    created_ms: i64,
+    finished_ms: Option<i64>,
+    episodes: i64,
+    done: i64,
+}
+
+/// Reads runs; `$1` id, `$2` team, `$3` phase, `$4` state, each null for any.
+const SELECT_RUNS: &str = "SELECT r.id, r.phase, r.team, r.method, r.version, r.mission_order, r.state, r.sensors, \
+     r.digests, r.created_ms, r.finished_ms, COUNT(e.run) AS episodes, \
+     COALESCE(SUM(e.state IN ('terminated', 'truncated', 'infra')), 0) AS done \
+     FROM runs r LEFT JOIN episodes e ON e.run = r.id \
+     WHERE ($1 IS NULL OR r.id = $1) AND ($2 IS NULL OR r.team = $2) AND ($3 IS NULL OR r.phase = $3) \
+     AND ($4 IS NULL OR r.state = $4) GROUP BY r.id ORDER BY r.created_ms DESC, r.id";
+
+/// Which runs are wanted; `None` for any.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct RunFilter<'a> {
+    pub(crate) id: Option<&'a str>,
+    pub(crate) team: Option<&'a str>,
+    pub(crate) phase: Option<&'a str>,
+    pub(crate) state: Option<RunState>,
+}
+
+impl Store {
+    /// Starts a run with all episodes of its phase pending, and stores its token.
+    ///
+    /// A request with the `client_request_id` of an earlier one gives the earlier run, which the new token plays too.
+    ///
+    /// # Errors
+    /// When the phase or team is unknown, the phase is closed or not played in this order, the quota is used up, the
+    /// request id belongs to a different request, or the database fails.
+    pub async fn start_run(&self, new: &NewRun<'_>, now_unix_ms: i64) -> Result<StartedRun, StoreError> {
+        if self.team(new.team).await?.is_none() {
+            return Err(StoreError::unknown("team", new.team));
+        }
+        let mut tx = self.begin().await?;
+        let phase = read_phases(&mut tx, Some(new.phase)).await?.pop();
+        let phase = phase.ok_or_else(|| StoreError::unknown("phase", new.phase))?;
+        let earlier = earlier_run(&mut tx, new).await?;
+        let is_new = earlier.is_none();
+        let id = earlier.unwrap_or_else(|| new.id.to_owned());
+        if is_new {
+            refuse_start(&mut tx, new, &phase).await?;
+            insert_run(&mut tx, new, now_unix_ms).await?;
+        }
+        let token =
+            NewToken { secret: new.token, kind: TokenKind::Run, team: Some(new.team), expires_unix_ms: None };
+        insert_token(&mut tx, &token, Some(&id), now_unix_ms).await?;
+        let run = read_run(&mut tx, &id).await?;
+        let used = runs_that_count(&mut tx, new).await?;
+        tx.commit().await?;
+        Ok(StartedRun { run, is_new, quota_left: phase.quota.map(|quota| quota.saturating_sub(used)) })
+    }
+
+    /// The run called `id`.
+    ///
+    /// # Errors
+    /// When there is none ([`StoreError::Unknown`]) or the database fails.
+    pub async fn run(&self, id: &str) -> Result<Run, StoreError> {
+        let mut tx = self.read.begin().await?;
+        read_run(&mut tx, id).await
+    }
+
+    /// The runs of a team, the newest first.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn runs_of(&self, team: &str) -> Result<Vec<Run>, StoreError> {
+        let mut tx = self.read.begin().await?;
+        read_runs(&mut tx, &RunFilter { team: Some(team), ..RunFilter::default() }).await
+    }
+
+    /// The runs that may still be played, the newest first.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn open_runs(&self) -> Result<Vec<Run>, StoreError> {
+        let mut tx = self.read.begin().await?;
+        let any = read_runs(&mut tx, &RunFilter::default()).await?;
+        Ok(any.into_iter().filter(|run| run.state.is_open()).collect())
+    }
+
+    /// Notes what the agent of a run asked to sense.
+    ///
+    /// # Errors
+    /// When the run is unknown or the database fails.
+    pub async fn set_sensors(&self, run: &str, sensors: &Sensors) -> Result<(), StoreError> {
+        let json = to_json("sensors", sensors)?;
+        let update = "UPDATE runs SET sensors = $1 WHERE id = $2";
+        let changed = sqlx::query(update).bind(json).bind(run).execute(&self.write).await?.rows_affected();
+        if changed == 1 { Ok(()) } else { Err(StoreError::unknown("run", run)) }
+    }
+
+    /// Gives a run up. A run that is over stays as it is; episodes being played may still be recorded.
+    ///
+    /// # Errors
+    /// When the run is unknown or the database fails.
+    pub async fn cancel_run(&self, run: &str, now_unix_ms: i64) -> Result<Run, StoreError> {
+        let mut tx = self.begin().await?;
+        let update = "UPDATE runs SET state = 'cancelled', finished_ms = $1 \
+                      WHERE id = $2 AND state IN ('created', 'running')";
+        sqlx::query(update).bind(now_unix_ms).bind(run).execute(&mut *tx).await?;
+        let run = read_run(&mut tx, run).await?;
+        tx.commit().await?;
+        Ok(run)
+    }
+}
+
+/// The run that the same request made before; an error when the id was used for something else.
+async fn earlier_run(
+    tx: &mut Transaction<'_, Sqlite>,
+    new: &NewRun<'_>,
+) -> Result<Option<String>, StoreError> {
+    let Some(request) = new.client_request_id else { return Ok(None) };
+    let select = "SELECT id, phase = $3 AND method = $4 AND version = $5 AND mission_order = $6 \
+                  FROM runs WHERE team = $1 AND client_request_id = $2";
+    let found: Option<(String, bool)> = sqlx::query_as(select)
+        .bind(new.team)
+        .bind(request)
+        .bind(new.phase)
+        .bind(new.method)
+        .bind(new.version)
+        .bind(new.order.as_str())
+        .fetch_optional(&mut **tx)
+        .await?;
+    match found {
+        Some((_, false)) => Err(StoreError::Taken { what: "client request id", name: request.to_owned() }),
+        found => Ok(found.map(|(id, _)| id)),
+    }
+}
+
+async fn refuse_start(
+    tx: &mut Transaction<'_, Sqlite>,
+    new: &NewRun<'_>,
+    phase: &Phase,
+) -> Result<(), StoreError> {
+    if phase.state == PhaseState::Closed {
+        return Err(StoreError::PhaseClosed(phase.id.clone()));
+    }
+    if !phase.orders.contains(&new.order) {
+        return Err(StoreError::OrderNotAllowed { phase: phase.id.clone(), order: new.order.as_str() });
+    }
+    let used = runs_that_count(tx, new).await?;
+    match phase.quota {
+        Some(limit) if used >= limit => Err(StoreError::QuotaUsed { phase: phase.id.clone(), limit }),
+        _ => Ok(()),
+    }
+}
+
+/// Runs that are charged: all but those that were cancelled before an episode was done.
+async fn runs_that_count(tx: &mut Transaction<'_, Sqlite>, new: &NewRun<'_>) -> Result<u32, StoreError> {
+    let select = "SELECT COUNT(*) FROM runs r WHERE phase = $1 AND team = $2 AND (state <> 'cancelled' OR EXISTS \
+                  (SELECT 1 FROM episodes e WHERE e.run = r.id AND e.state IN ('terminated', 'truncated')))";
+    let used: i64 = sqlx::query_scalar(select).bind(new.phase).bind(new.team).fetch_one(&mut **tx).await?;
+    Ok(count(used))
+}
+
+async fn insert_run(
+    tx: &mut Transaction<'_, Sqlite>,
+    new: &NewRun<'_>,
+    now_unix_ms: i64,
+) -> Result<(), StoreError> {
+    let insert = "INSERT INTO runs (id, phase, team, method, version, mission_order, state, client_request_id, digests, \
+                  created_ms) VALUES ($1, $2, $3, $4, $5, $6, 'created', $7, $8, $9)";
+    sqlx::query(insert)
+        .bind(new.id)
+        .bind(new.phase)
+        .bind(new.team)
+        .bind(new.method)
+        .bind(new.version)
+        .bind(new.order.as_str())
+        .bind(new.client_request_id)
+        .bind(to_json("digests", new.digests)?)
+        .bind(now_unix_ms)
+        .execute(&mut **tx)
+        .await?;
+    let episodes = "INSERT INTO episodes (run, ordinal, episode, scene, state) \
+                    SELECT $1, ordinal, episode, scene, 'pending' FROM phase_episodes WHERE phase = $2";
+    sqlx::query(episodes).bind(new.id).bind(new.phase).execute(&mut **tx).await?;
+    sqlx::query("INSERT INTO run_summaries (run) VALUES ($1)").bind(new.id).execute(&mut **tx).await?;
+    Ok(())
+}
+
+pub(crate) async fn read_run(tx: &mut Transaction<'_, Sqlite>, id: &str) -> Result<Run, StoreError> {
+    let runs = read_runs(tx, &RunFilter { id: Some(id), ..RunFilter::default() }).await?;
+    runs.into_iter().next().ok_or_else(|| StoreError::unknown("run", id))
+}
+
+pub(crate) async fn read_runs(
+    tx: &mut Transaction<'_, Sqlite>,
+    filter: &RunFilter<'_>,
+) -> Result<Vec<Run>, StoreError> {
+    let rows: Vec<RunRow> = sqlx::query_as(SELECT_RUNS)
+        .bind(filter.id)
+        .bind(filter.team)
+        .bind(filter.phase)
+        .bind(filter.state.map(RunState::as_str))
+        .fetch_all(&mut **tx)
+        .await?;
+    rows.into_iter().map(RunRow::into_run).collect()
+}
+
+impl RunRow {
+    fn into_run(self) -> Result<Run, StoreError> {
+        Ok(Run {
+            order: words::order(&self.mission_order)?,
+            state: RunState::from_word(&self.state)?,
+            sensors: self.sensors.map(|json| from_json("sensors", &json)).transpose()?,
+            digests: from_json("digests", &self.digests)?,
+            episodes: count(self.episodes),
+            done: count(self.done),
+            id: self.id,
+            phase: self.phase,
+            team: self.team,
+            method: self.method,
+            version: self.version,
+            created_unix_ms: self.created_ms,
+            finished_unix_ms: self.finished_ms,
+        })
+    }
+}

@@ -1,0 +1,91 @@
+//! What pages show. Every view is built for a [`Viewer`] and holds nothing that the phase hides from that viewer.
+
+mod board;
+mod episode;
+mod phase;
+mod run;
+
+pub use board::{Board, LeaderboardRow, LeaderboardView, Pick};
+pub use episode::{EpisodeView, GoalView, MissionView, Replay, SubmitMark, TargetView};
+pub use phase::PhaseView;
+pub use run::{EpisodeLine, ModalityView, RunLine, RunView};
+
+use crate::{StoreError, TokenKind, TokenState, Visibility, accounts::find_token};
+use sqlx::{Sqlite, SqlitePool, Transaction};
+
+/// Who looks.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Viewer {
+    /// Anybody.
+    Anonymous,
+    /// A team that showed its token.
+    Team(String),
+    /// The organiser.
+    Organiser,
+}
+
+impl Viewer {
+    /// Whether this viewer may see a thing of `team` that has this visibility.
+    pub(crate) fn may_see(&self, visibility: Visibility, team: &str) -> bool {
+        match visibility {
+            Visibility::Public => true,
+            Visibility::Team => self.owns(team),
+            Visibility::Organiser => *self == Self::Organiser,
+        }
+    }
+
+    /// Whether the thing of `team` is this viewer's own; everything is the organiser's.
+    pub(crate) fn owns(&self, team: &str) -> bool {
+        match self {
+            Self::Anonymous => false,
+            Self::Team(own) => own == team,
+            Self::Organiser => true,
+        }
+    }
+
+    /// Whether this viewer sees the things of all teams.
+    pub(crate) fn sees_all(&self, visibility: Visibility) -> bool {
+        visibility == Visibility::Public || *self == Self::Organiser
+    }
+}
+
+/// The reading half of the store: the only half that pages are given.
+#[derive(Clone, Debug)]
+pub struct Reader {
+    pool: SqlitePool,
+}
+
+impl Reader {
+    pub(crate) fn new(pool: SqlitePool) -> Self {
+        Self { pool }
+    }
+
+    /// Who holds the token `secret` at `now_unix_ms`; `None` when it is not a valid account's or organiser's token.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn viewer(&self, secret: &str, now_unix_ms: i64) -> Result<Option<Viewer>, StoreError> {
+        let TokenState::Valid(token) = find_token(&self.pool, secret, now_unix_ms).await? else {
+            return Ok(None);
+        };
+        Ok(match (token.kind, token.team) {
+            (TokenKind::Organiser, _) => Some(Viewer::Organiser),
+            (TokenKind::Account, Some(team)) => Some(Viewer::Team(team)),
+            _ => None,
+        })
+    }
+
+    /// Answers when the database can be read.
+    ///
+    /// # Errors
+    /// When it cannot.
+    pub async fn ping(&self) -> Result<(), StoreError> {
+        let _: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM phases").fetch_one(&self.pool).await?;
+        Ok(())
+    }
+
+    /// One view of the database as it is now, unmoved by writes that follow.
+    async fn snapshot(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
+        Ok(self.pool.begin().await?)
+    }
+}

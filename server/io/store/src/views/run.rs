@@ -1,0 +1,318 @@
+use super::{Reader, Viewer};
+use crate::{
+    EpisodeState, Phase, Run, RunState, StoreError, TimeAccount, Visibility,
+    catalogue::read_phases,
+    runs::{RunFilter, read_run, read_runs},
+    totals::{INTERVAL_SEED, full_scores},
+    words::{count, end_reason, from_json},
+};
+use avln_episode::{EndReason, Modality, Order, Sensors};
+use avln_scoring::{Metrics, Summary, summarise};
+use serde::Serialize;
+use sqlx::{Sqlite, Transaction};
+use std::collections::BTreeMap;
+
+/// A run in a list.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RunLine {
+    /// Id of the run.
+    pub run: String,
+    /// What is played.
+    pub phase: String,
+    /// Who plays.
+    pub team: String,
+    /// Whether the team stands for the organiser's reference agents.
+    pub baseline: bool,
+    /// Name of the method.
+    pub method: String,
+    /// Version of the method.
+    pub version: String,
+    /// How goals count.
+    pub order: Order,
+    /// How far it is.
+    pub state: RunState,
+    /// Episodes in all.
+    pub episodes: u32,
+    /// Episodes done.
+    pub done: u32,
+    /// Share of goals found so far, mean over scored episodes; `None` when hidden or none is scored.
+    pub isr: Option<f64>,
+    /// When it was started, milliseconds since 1970-01-01 UTC.
+    pub created_unix_ms: i64,
+    /// When it was completed or cancelled.
+    pub finished_unix_ms: Option<i64>,
+}
+
+/// A run with its episodes. What the viewer may not see is `None` or empty.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RunView {
+    /// The run.
+    pub line: RunLine,
+    /// Whether the viewer may see the scores.
+    pub scores_visible: bool,
+    /// Whether the viewer may see paths, maps and targets.
+    pub replays_visible: bool,
+    /// Whether the run is ranked: completed, and every episode counts.
+    pub eligible: bool,
+    /// Means and intervals over the episodes scored so far.
+    pub summary: Option<Summary>,
+    /// Goals by the way they were told.
+    pub modalities: Vec<ModalityView>,
+    /// Episodes by end reason.
+    pub health: BTreeMap<&'static str, u32>,
+    /// Attempts that the server lost and that do not count.
+    pub server_faults: u32,
+    /// Where the time went, over all episodes.
+    pub time: TimeAccount,
+    /// What the agent asked to sense; `None` before it did.
+    pub sensors: Option<Sensors>,
+    /// What was in force, by name.
+    pub digests: BTreeMap<String, String>,
+    /// The episodes in playing order.
+    pub episodes: Vec<EpisodeLine>,
+}
+
+/// Goals told in one way.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ModalityView {
+    /// The way.
+    pub modality: Modality,
+    /// Goals of scored episodes.
+    pub goals: u32,
+    /// Goals found.
+    pub found: u32,
+    /// Share found; `None` when there are none.
+    pub isr: Option<f64>,
+}
+
+/// An episode in a run's list.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct EpisodeLine {
+    /// Place in the phase's list, from 0.
+    pub ordinal: u32,
+    /// How far it is.
+    pub state: EpisodeState,
+    /// Why it ended.
+    pub end: Option<EndReason>,
+    /// Id of the episode inside the split; `None` when replays are hidden.
+    pub episode: Option<String>,
+    /// Name of the scene; `None` when replays are hidden.
+    pub scene: Option<String>,
+    /// What it was worth; `None` when hidden or not scored.
+    pub metrics: Option<Metrics>,
+    /// When the result was stored, milliseconds since 1970-01-01 UTC.
+    pub finished_unix_ms: Option<i64>,
+}
+
+/// What a viewer may see of a run.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sight {
+    pub(super) scores: bool,
+    pub(super) replays: bool,
+}
+
+impl Sight {
+    /// `None` when the viewer may not even know of the run.
+    pub(super) fn of(viewer: &Viewer, team: &str, scores: Visibility, replays: Visibility) -> Option<Self> {
+        let scores = viewer.may_see(scores, team);
+        // A replay tells the score.
+        let replays = scores && viewer.may_see(replays, team);
+        (scores || viewer.owns(team)).then_some(Self { scores, replays })
+    }
+
+    pub(super) fn of_phase(viewer: &Viewer, team: &str, phase: &Phase) -> Option<Self> {
+        Self::of(viewer, team, phase.scores, phase.replays)
+    }
+}
+
+#[derive(Default, sqlx::FromRow)]
+pub(super) struct TotalsRow {
+    scored: i64,
+    isr: f64,
+    category_goals: i64,
+    category_found: i64,
+    description_goals: i64,
+    description_found: i64,
+    image_goals: i64,
+    image_found: i64,
+    server_faults: i64,
+}
+
+#[derive(sqlx::FromRow)]
+pub(super) struct EpisodeRow {
+    pub(super) ordinal: i64,
+    pub(super) state: String,
+    pub(super) end_reason: Option<String>,
+    pub(super) episode: String,
+    pub(super) scene: String,
+    pub(super) metrics: Option<String>,
+    pub(super) time_account: Option<String>,
+    pub(super) finished_ms: Option<i64>,
+}
+
+impl Reader {
+    /// The runs that the viewer may know of, the newest first, `limit` at most; `phase` `None` for all phases.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn runs(
+        &self,
+        viewer: &Viewer,
+        phase: Option<&str>,
+        limit: u32,
+    ) -> Result<Vec<RunLine>, StoreError> {
+        let mut tx = self.snapshot().await?;
+        let phases = read_phases(&mut tx, phase).await?;
+        let runs = read_runs(&mut tx, &RunFilter { phase, ..RunFilter::default() }).await?;
+        let mut lines = Vec::new();
+        for run in runs {
+            let sight =
+                phases.iter().find(|p| p.id == run.phase).and_then(|p| Sight::of_phase(viewer, &run.team, p));
+            if let Some(sight) = sight {
+                lines.push(line(&mut tx, run, sight).await?);
+            }
+            if lines.len() >= limit as usize {
+                break;
+            }
+        }
+        Ok(lines)
+    }
+
+    /// The run called `id`; `None` when there is none that the viewer may know of.
+    ///
+    /// # Errors
+    /// When the database fails or holds damaged rows.
+    pub async fn run(&self, viewer: &Viewer, id: &str) -> Result<Option<RunView>, StoreError> {
+        let mut tx = self.snapshot().await?;
+        let Some((run, sight)) = find_run(&mut tx, viewer, id).await? else { return Ok(None) };
+        let totals = read_totals(&mut tx, id).await?;
+        let rows = read_episodes(&mut tx, id, None).await?;
+        let scores = if sight.scores { full_scores(&mut tx, id).await? } else { vec![] };
+        let (sensors, digests) = (run.sensors.clone(), run.digests.clone());
+        let eligible = run.state == RunState::Completed && count(totals.scored) == run.episodes;
+        Ok(Some(RunView {
+            scores_visible: sight.scores,
+            replays_visible: sight.replays,
+            eligible,
+            summary: summarise(&scores, INTERVAL_SEED),
+            modalities: if sight.scores { totals.modalities() } else { vec![] },
+            health: health(&rows)?,
+            server_faults: count(totals.server_faults),
+            time: time_of_all(&rows)?,
+            sensors,
+            digests,
+            episodes: rows.into_iter().map(|row| row.into_line(sight)).collect::<Result<_, _>>()?,
+            line: line(&mut tx, run, sight).await?,
+        }))
+    }
+}
+
+/// A run and what the viewer may see of it; `None` when there is none that the viewer may know of.
+pub(super) async fn find_run(
+    tx: &mut Transaction<'_, Sqlite>,
+    viewer: &Viewer,
+    id: &str,
+) -> Result<Option<(Run, Sight)>, StoreError> {
+    let run = match read_run(tx, id).await {
+        Ok(run) => run,
+        Err(StoreError::Unknown { .. }) => return Ok(None),
+        Err(error) => return Err(error),
+    };
+    let phase = read_phases(tx, Some(&run.phase)).await?.pop();
+    let sight = phase.and_then(|phase| Sight::of_phase(viewer, &run.team, &phase));
+    Ok(sight.map(|sight| (run, sight)))
+}
+
+pub(super) async fn line(
+    tx: &mut Transaction<'_, Sqlite>,
+    run: Run,
+    sight: Sight,
+) -> Result<RunLine, StoreError> {
+    let select = "SELECT baseline FROM teams WHERE name = $1";
+    let baseline: bool = sqlx::query_scalar(select).bind(&run.team).fetch_one(&mut **tx).await?;
+    let totals = read_totals(tx, &run.id).await?;
+    Ok(RunLine {
+        baseline,
+        isr: (sight.scores && totals.scored > 0).then(|| totals.isr / totals.scored as f64),
+        run: run.id,
+        phase: run.phase,
+        team: run.team,
+        method: run.method,
+        version: run.version,
+        order: run.order,
+        state: run.state,
+        episodes: run.episodes,
+        done: run.done,
+        created_unix_ms: run.created_unix_ms,
+        finished_unix_ms: run.finished_unix_ms,
+    })
+}
+
+async fn read_totals(tx: &mut Transaction<'_, Sqlite>, run: &str) -> Result<TotalsRow, StoreError> {
+    let select = "SELECT scored, isr, category_goals, category_found, description_goals, description_found, \
+                  image_goals, image_found, server_faults FROM run_summaries WHERE run = $1";
+    Ok(sqlx::query_as(select).bind(run).fetch_optional(&mut **tx).await?.unwrap_or_default())
+}
+
+/// The episodes of a run, or the one at place `ordinal`.
+pub(super) async fn read_episodes(
+    tx: &mut Transaction<'_, Sqlite>,
+    run: &str,
+    ordinal: Option<u32>,
+) -> Result<Vec<EpisodeRow>, StoreError> {
+    let select = "SELECT ordinal, state, end_reason, episode, scene, metrics, time_account, finished_ms \
+                  FROM episodes WHERE run = $1 AND ($2 IS NULL OR ordinal = $2) ORDER BY ordinal";
+    Ok(sqlx::query_as(select).bind(run).bind(ordinal).fetch_all(&mut **tx).await?)
+}
+
+impl TotalsRow {
+    fn modalities(&self) -> Vec<ModalityView> {
+        let view = |modality, goals: i64, found: i64| ModalityView {
+            modality,
+            goals: count(goals),
+            found: count(found),
+            isr: (goals > 0).then(|| found as f64 / goals as f64),
+        };
+        vec![
+            view(Modality::Category, self.category_goals, self.category_found),
+            view(Modality::Description, self.description_goals, self.description_found),
+            view(Modality::Image, self.image_goals, self.image_found),
+        ]
+    }
+}
+
+impl EpisodeRow {
+    pub(super) fn into_line(self, sight: Sight) -> Result<EpisodeLine, StoreError> {
+        let metrics = self.metrics.filter(|_| sight.scores);
+        Ok(EpisodeLine {
+            ordinal: count(self.ordinal),
+            state: EpisodeState::from_word(&self.state)?,
+            end: self.end_reason.map(|word| end_reason(&word)).transpose()?,
+            episode: sight.replays.then_some(self.episode),
+            scene: sight.replays.then_some(self.scene),
+            metrics: metrics.map(|json| from_json("metrics", &json)).transpose()?,
+            finished_unix_ms: self.finished_ms,
+        })
+    }
+
+    pub(super) fn time(&self) -> Result<TimeAccount, StoreError> {
+        Ok(self
+            .time_account
+            .as_deref()
+            .map(|json| from_json("time account", json))
+            .transpose()?
+            .unwrap_or_default())
+    }
+}
+
+fn health(rows: &[EpisodeRow]) -> Result<BTreeMap<&'static str, u32>, StoreError> {
+    let mut health = BTreeMap::new();
+    for word in rows.iter().filter_map(|row| row.end_reason.as_deref()) {
+        *health.entry(end_reason(word)?.as_str()).or_default() += 1;
+    }
+    Ok(health)
+}
+
+fn time_of_all(rows: &[EpisodeRow]) -> Result<TimeAccount, StoreError> {
+    rows.iter().try_fold(TimeAccount::default(), |sum, row| Ok(sum.plus(&row.time()?)))
+}

@@ -1,0 +1,49 @@
+//! Words and JSON in columns.
+
+use crate::StoreError;
+use avln_episode::{EndReason, Order};
+use serde::{Serialize, de::DeserializeOwned};
+
+/// Gives an enum the words by which columns, files and URLs know its values.
+macro_rules! words {
+    ($name:ident, $what:literal, { $($variant:ident => $word:literal),+ $(,)? }) => {
+        impl $name {
+            /// The word used in files and URLs.
+            pub fn as_str(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $word,)+
+                }
+            }
+
+            pub(crate) fn from_word(word: &str) -> Result<Self, StoreError> {
+                match word {
+                    $($word => Ok(Self::$variant),)+
+                    other => Err(StoreError::damaged($what, format!("unknown word '{other}'"))),
+                }
+            }
+        }
+    };
+}
+pub(crate) use words;
+
+pub(crate) fn order(word: &str) -> Result<Order, StoreError> {
+    word.parse().map_err(|error| StoreError::damaged("order", error))
+}
+
+pub(crate) fn end_reason(word: &str) -> Result<EndReason, StoreError> {
+    let found = EndReason::ALL.into_iter().find(|reason| reason.as_str() == word);
+    found.ok_or_else(|| StoreError::damaged("end reason", format!("unknown word '{word}'")))
+}
+
+pub(crate) fn to_json<T: Serialize>(what: &'static str, value: &T) -> Result<String, StoreError> {
+    serde_json::to_string(value).map_err(|error| StoreError::damaged(what, error))
+}
+
+pub(crate) fn from_json<T: DeserializeOwned>(what: &'static str, text: &str) -> Result<T, StoreError> {
+    serde_json::from_str(text).map_err(|error| StoreError::damaged(what, error))
+}
+
+/// A count from a column; SQLite's integers are signed.
+pub(crate) fn count(value: i64) -> u32 {
+    u32::try_from(value).unwrap_or(if value < 0 { 0 } else { u32::MAX })
+}
