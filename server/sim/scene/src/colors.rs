@@ -18,7 +18,8 @@ pub const PALETTE: [(&str, [u8; 3]); 12] = [
     ("white", [242, 242, 240]),
 ];
 
-static LIGHT: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|code| linear(code as f32 / 255.0)));
+static LIGHT: LazyLock<[f32; 256]> =
+    LazyLock::new(|| std::array::from_fn(|code| linear(code as f32 / 255.0)));
 
 /// `BETWEEN[i]` is the light half-way, in sRGB, from code `i` to code `i + 1`.
 static BETWEEN: LazyLock<[f32; 255]> =
@@ -30,7 +31,8 @@ static PALETTE_LAB: LazyLock<[[f32; 3]; 12]> = LazyLock::new(|| PALETTE.map(|(_,
 pub fn name_of(rgb: [u8; 3]) -> &'static str {
     let wanted = lab(rgb);
     let difference = |entry: usize| distance_squared(&wanted, &PALETTE_LAB[entry]);
-    let nearest = (1..PALETTE.len()).fold(0, |best, entry| if difference(entry) < difference(best) { entry } else { best });
+    let nearest = (1..PALETTE.len())
+        .fold(0, |best, entry| if difference(entry) < difference(best) { entry } else { best });
     PALETTE[nearest].0
 }
 

@@ -5,7 +5,12 @@
 //! *Never*: decides where one can walk, what is seen or what is heard; knows of missions.
 
 pub mod categories;
+pub mod colors;
+mod describe;
 pub mod digest;
+pub mod glb;
+pub mod hm3d;
+pub mod open;
 mod scene;
 
 pub use scene::{Attributes, InstanceId, Material, Mesh, Object, Region, Scene, SceneError, Texture};

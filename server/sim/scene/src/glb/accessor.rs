@@ -27,16 +27,22 @@ impl<'a> Elements<'a> {
         let accessor = source.document.accessors.get(index).ok_or_else(|| missing("accessor", index))?;
         let view = match (accessor.buffer_view, &accessor.sparse) {
             (Some(view), None) => view,
-            _ => return Err(format!("accessor {index} is sparse or empty; export the file without sparse accessors")),
+            _ => {
+                return Err(format!(
+                    "accessor {index} is sparse or empty; export the file without sparse accessors"
+                ));
+            }
         };
-        let component_bytes = component_bytes(accessor.component_type)
-            .ok_or_else(|| format!("accessor {index} has unknown component type {}", accessor.component_type))?;
+        let component_bytes = component_bytes(accessor.component_type).ok_or_else(|| {
+            format!("accessor {index} has unknown component type {}", accessor.component_type)
+        })?;
         let components = components(&accessor.kind)
             .ok_or_else(|| format!("accessor {index} has unsupported type {:?}", accessor.kind))?;
         let size = component_bytes * components;
         let bytes = source.view(view)?.get(accessor.byte_offset..).unwrap_or_default();
         let stride = source.document.buffer_views[view].byte_stride.unwrap_or(size);
-        let needed = accessor.count.checked_sub(1).map_or(Some(0), |last| last.checked_mul(stride)?.checked_add(size));
+        let needed =
+            accessor.count.checked_sub(1).map_or(Some(0), |last| last.checked_mul(stride)?.checked_add(size));
         if stride < size || needed.is_none_or(|needed| needed > bytes.len()) {
             return Err(format!("accessor {index} reaches beyond its data; export the file again"));
         }

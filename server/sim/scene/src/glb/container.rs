@@ -24,15 +24,18 @@ pub(super) struct Source<'a> {
 impl<'a> Source<'a> {
     /// Parses a `.glb` or `.gltf` file's bytes and reads the buffers it names.
     pub(super) fn parse(bytes: &'a [u8], folder: Option<&'a Path>) -> Checked<Self> {
-        let (json, bin) = if bytes.starts_with(MAGIC) { chunks(bytes)? } else { (bytes, None) };
+        let is_binary = bytes.starts_with(MAGIC);
+        let (json, bin) = if is_binary { chunks(bytes)? } else { (bytes, None) };
         if json.len() > MAX_JSON_BYTES {
             return Err(format!(
                 "its JSON part is {} bytes long, at most {MAX_JSON_BYTES} are read; save it as .glb",
                 json.len()
             ));
         }
+        let kind =
+            if is_binary { "its JSON part is damaged" } else { "it is neither binary glTF nor glTF JSON" };
         let document: Document = serde_json::from_slice(json)
-            .map_err(|error| format!("it is neither binary glTF nor glTF JSON ({error}); export it as .glb"))?;
+            .map_err(|error| format!("{kind} ({error}); export it as .glb again"))?;
         let buffers = load_buffers(&document, bin, folder)?;
         Ok(Self { document, buffers, folder })
     }
@@ -43,7 +46,10 @@ impl<'a> Source<'a> {
         let buffer = self.buffers.get(view.buffer).ok_or_else(|| missing("buffer", view.buffer))?;
         let end = view.byte_offset.checked_add(view.byte_length);
         end.and_then(|end| buffer.get(view.byte_offset..end)).ok_or_else(|| {
-            format!("buffer view {index} reaches beyond its buffer of {} bytes; export the file again", buffer.len())
+            format!(
+                "buffer view {index} reaches beyond its buffer of {} bytes; export the file again",
+                buffer.len()
+            )
         })
     }
 }
@@ -59,7 +65,9 @@ type Chunks<'a> = (&'a [u8], Option<&'a [u8]>);
 fn chunks(bytes: &[u8]) -> Checked<Chunks<'_>> {
     let version = word(bytes, 4).ok_or("it ends inside its header; copy the file again")?;
     if version != 2 {
-        return Err(format!("it is binary glTF version {version}, only version 2 is read; export it as glTF 2.0"));
+        return Err(format!(
+            "it is binary glTF version {version}, only version 2 is read; export it as glTF 2.0"
+        ));
     }
     let length = word(bytes, 8).ok_or("it ends inside its header; copy the file again")?;
     if length > bytes.len() {
@@ -105,7 +113,9 @@ fn load_buffers<'a>(
     for (index, buffer) in document.buffers.iter().enumerate() {
         let bytes = match &buffer.uri {
             Some(address) => Cow::Owned(uri::load(address, folder, &mut budget)?),
-            None if index == 0 => Cow::Borrowed(bin.ok_or("its binary chunk is missing; copy the file again")?),
+            None if index == 0 => {
+                Cow::Borrowed(bin.ok_or("its binary chunk is missing; copy the file again")?)
+            }
             None => return Err(format!("buffer {index} names no file; export the file again")),
         };
         if bytes.len() < buffer.byte_length {

@@ -46,8 +46,13 @@ impl NodeExtras {
         let fail = |reason: &str| format!("extras.{KEY} of node {name:?} {reason}; correct or remove it");
         let read = Self::deserialize(ours).map_err(|error| fail(&format!("cannot be read ({error})")))?;
         let words = [&read.category, &read.color, &read.material, &read.size, &read.shape];
-        if words.iter().any(|word| word.chars().count() > MAX_WORD_CHARS || word.chars().any(char::is_control)) {
-            return Err(fail(&format!("holds a word of more than {MAX_WORD_CHARS} characters or with control characters")));
+        if words
+            .iter()
+            .any(|word| word.chars().count() > MAX_WORD_CHARS || word.chars().any(char::is_control))
+        {
+            return Err(fail(&format!(
+                "holds a word of more than {MAX_WORD_CHARS} characters or with control characters"
+            )));
         }
         if read.instance != 0 && read.category.trim().is_empty() {
             return Err(fail("names an instance without a category"));
@@ -111,8 +116,13 @@ pub(super) fn read_regions(extras: &Value) -> Checked<Vec<Region>> {
         return Err(fail("lists more than 65535 regions"));
     }
     let region = |region: RegionExtras| {
-        let bounds = finite_box(region.min, region.max).ok_or_else(|| fail("gives a region no finite box"))?;
-        Ok(Region { label: region.label.chars().take(MAX_WORD_CHARS).collect(), bounds, storey: region.storey })
+        let bounds =
+            finite_box(region.min, region.max).ok_or_else(|| fail("gives a region no finite box"))?;
+        Ok(Region {
+            label: region.label.chars().take(MAX_WORD_CHARS).collect(),
+            bounds,
+            storey: region.storey,
+        })
     };
     read.regions.into_iter().map(region).collect()
 }

@@ -11,7 +11,8 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 const JPEG_MAGIC: &[u8] = &[0xff, 0xd8, 0xff];
-const SUPPORTED: &str = "PNG and JPEG are read: convert the textures (the glb archives of HM3D hold JPEG ones)";
+const SUPPORTED: &str =
+    "PNG and JPEG are read: convert the textures (the glb archives of HM3D hold JPEG ones)";
 
 /// Decodes a PNG or JPEG file without touching its colours; takes the texels from `budget`.
 pub(super) fn decode(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
@@ -62,7 +63,8 @@ fn decode_png(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
 }
 
 fn decode_jpeg(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
-    let fail = |error: zune_jpeg::errors::DecodeErrors| format!("it is a damaged JPEG ({error:?}); export it again");
+    let fail =
+        |error: zune_jpeg::errors::DecodeErrors| format!("it is a damaged JPEG ({error:?}); export it again");
     // Portable arithmetic: the same texels on every processor.
     let options = DecoderOptions::default()
         .set_use_unsafe(false)

@@ -49,7 +49,8 @@ impl<'a> Palette<'a> {
         }
         let default = MaterialEntry::default();
         let entry = self.entry(index)?.unwrap_or(&default);
-        let texture = entry.pbr_metallic_roughness.base_color_texture.map(|used| self.texture(used)).transpose()?;
+        let texture =
+            entry.pbr_metallic_roughness.base_color_texture.map(|used| self.texture(used)).transpose()?;
         self.materials.push(material(entry, texture));
         let number = number(self.materials.len(), "materials")?;
         self.material_of.insert(index, number);
@@ -73,8 +74,9 @@ impl<'a> Palette<'a> {
             return Ok(known);
         }
         let bytes = self.image_bytes(image)?;
-        let texture = image::decode(&bytes, &mut self.texels_left)
-            .map_err(|reason| format!("its texture image {} cannot be used: {reason}", self.image_label(image)))?;
+        let texture = image::decode(&bytes, &mut self.texels_left).map_err(|reason| {
+            format!("its texture image {} cannot be used: {reason}", self.image_label(image))
+        })?;
         self.textures.push(texture);
         let number = number(self.textures.len(), "textures")?;
         self.texture_of.insert(image, number);
@@ -85,10 +87,15 @@ impl<'a> Palette<'a> {
     fn image_of(&self, texture: usize) -> Checked<usize> {
         let entry = self.source.document.textures.get(texture).ok_or_else(|| missing("texture", texture))?;
         let offered = || {
-            let sources = TEXTURE_EXTENSIONS.iter().filter_map(|name| entry.extensions.get(*name)?.get("source")?.as_u64());
+            let sources = TEXTURE_EXTENSIONS
+                .iter()
+                .filter_map(|name| entry.extensions.get(*name)?.get("source")?.as_u64());
             sources.map(|source| source as usize).next()
         };
-        entry.source.or_else(offered).ok_or_else(|| format!("texture {texture} has no image; export the textures with it"))
+        entry
+            .source
+            .or_else(offered)
+            .ok_or_else(|| format!("texture {texture} has no image; export the textures with it"))
     }
 
     fn image_bytes(&mut self, index: usize) -> Checked<Cow<'a, [u8]>> {
@@ -105,7 +112,10 @@ impl<'a> Palette<'a> {
         let image = &self.source.document.images[index];
         match &image.uri {
             Some(address) if !address.starts_with("data:") => format!("{address:?}"),
-            _ => format!("{index} ({})", if image.mime_type.is_empty() { "no type given" } else { &image.mime_type }),
+            _ => format!(
+                "{index} ({})",
+                if image.mime_type.is_empty() { "no type given" } else { &image.mime_type }
+            ),
         }
     }
 }

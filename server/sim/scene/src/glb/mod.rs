@@ -43,8 +43,10 @@ pub(crate) struct Model {
     scene_extras: serde_json::Value,
 }
 
+/// A node of the default scene; parents stand before their children.
 struct ModelNode {
     name: String,
+    /// Index into [`Model::nodes`].
     parent: Option<usize>,
     extras: Option<NodeExtras>,
 }
@@ -97,7 +99,8 @@ fn parse(bytes: &[u8], folder: Option<&Path>) -> Checked<Model> {
 
 /// Refuses a scene whose size says that it is not in metres.
 fn check_units(mesh: &Mesh) -> Checked<()> {
-    let bounds = avln_geom::Aabb::around(&mesh.positions).ok_or("it holds no triangles; export the meshes with it")?;
+    let bounds =
+        avln_geom::Aabb::around(&mesh.positions).ok_or("it holds no triangles; export the meshes with it")?;
     let size = bounds.size();
     let longest = size.max();
     if (MIN_SCENE_SIDE_M..=MAX_SCENE_SIDE_M).contains(&longest) {

@@ -33,8 +33,8 @@ pub(super) fn model(source: &Source<'_>) -> Checked<Model> {
     check_extensions(&source.document.extensions_required)?;
     let placed = placed_nodes(&source.document)?;
     let mut builder = Builder::new(source);
-    for place in &placed {
-        builder.add_node(place)?;
+    for (number, place) in placed.iter().enumerate() {
+        builder.add_node(number as u32, place)?;
     }
     let scene = source.document.scenes.get(source.document.scene.unwrap_or(0));
     Ok(Model {
@@ -50,21 +50,20 @@ pub(super) fn model(source: &Source<'_>) -> Checked<Model> {
 fn check_extensions(required: &[String]) -> Checked<()> {
     let understood = |name: &str| name.starts_with("KHR_materials_") || UNDERSTOOD.contains(&name);
     match required.iter().find(|name| !understood(name)) {
-        Some(name) => Err(format!("it needs the glTF extension {name:?}, which is not read; export it without (for example uncompressed)")),
+        Some(name) => Err(format!(
+            "it needs the glTF extension {name:?}, which is not read; export it without (for example uncompressed)"
+        )),
         None => Ok(()),
     }
 }
 
 fn nodes(source: &Source<'_>, placed: &[Placed]) -> Checked<Vec<ModelNode>> {
-    let mut parents = vec![None; source.document.nodes.len()];
-    for place in placed {
-        parents[place.node] = place.parent;
-    }
-    let node = |(index, parent): (usize, Option<usize>)| {
-        let entry = &source.document.nodes[index];
-        Ok(ModelNode { name: entry.name.clone(), parent, extras: NodeExtras::read(&entry.extras, &entry.name)? })
+    let node = |place: &Placed| {
+        let entry = &source.document.nodes[place.node];
+        let extras = NodeExtras::read(&entry.extras, &entry.name)?;
+        Ok(ModelNode { name: entry.name.clone(), parent: place.parent, extras })
     };
-    parents.into_iter().enumerate().map(node).collect()
+    placed.iter().map(node).collect()
 }
 
 struct Builder<'a> {
@@ -93,23 +92,26 @@ impl<'a> Builder<'a> {
         }
     }
 
-    fn add_node(&mut self, place: &Placed) -> Checked<()> {
+    fn add_node(&mut self, number: u32, place: &Placed) -> Checked<()> {
         let Some(index) = self.source.document.nodes[place.node].mesh else { return Ok(()) };
         let mesh = self.source.document.meshes.get(index).ok_or_else(|| missing("mesh", index))?;
         for primitive in &mesh.primitives {
-            self.add_primitive(primitive, place)?;
+            self.add_primitive(primitive, &place.world_from_node)?;
         }
+        self.node_of.resize(self.mesh.triangles.len(), number);
         Ok(())
     }
 
     /// Adds the triangles of a primitive; points and lines are no surfaces and are left out.
-    fn add_primitive(&mut self, primitive: &Primitive, place: &Placed) -> Checked<()> {
+    fn add_primitive(&mut self, primitive: &Primitive, world_from_node: &Matrix4<f64>) -> Checked<()> {
         let mode = primitive.mode.unwrap_or(TRIANGLES);
         if !(TRIANGLES..=TRIANGLE_FAN).contains(&mode) {
             return Ok(());
         }
         if let Some(name) = primitive.extensions.keys().find(|name| name.ends_with("_compression")) {
-            return Err(format!("its meshes are packed with {name:?}, which is not read; export it uncompressed"));
+            return Err(format!(
+                "its meshes are packed with {name:?}, which is not read; export it uncompressed"
+            ));
         }
         let corners = self.corners(primitive)?;
         let order = match primitive.indices {
@@ -123,16 +125,15 @@ impl<'a> Builder<'a> {
         if self.mesh.triangles.len() + triangles.len() > MAX_TRIANGLES {
             return Err(format!("it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor"));
         }
-        if place.world_from_node.fixed_view::<3, 3>(0, 0).determinant() < 0.0 {
+        if world_from_node.fixed_view::<3, 3>(0, 0).determinant() < 0.0 {
             triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
         }
         let material = self.palette.material(primitive.material)?;
-        self.append_vertices(&corners, &mut triangles, &place.world_from_node)?;
+        self.append_vertices(&corners, &mut triangles, world_from_node)?;
         let total = self.mesh.triangles.len() + triangles.len();
         self.mesh.triangles.append(&mut triangles);
         self.mesh.material_of.resize(total, material);
         self.mesh.instance_of.resize(total, InstanceId::NONE);
-        self.node_of.resize(total, place.node as u32);
         Ok(())
     }
 
@@ -150,9 +151,10 @@ impl<'a> Builder<'a> {
         let attribute = |name: &str| {
             let found = find(name)?;
             match found {
-                Some(elements) if elements.count() != count => {
-                    Err(format!("{name} has {} elements for {count} vertices; export the file again", elements.count()))
-                }
+                Some(elements) if elements.count() != count => Err(format!(
+                    "{name} has {} elements for {count} vertices; export the file again",
+                    elements.count()
+                )),
                 found => Ok(found),
             }
         };
@@ -164,16 +166,23 @@ impl<'a> Builder<'a> {
     }
 
     /// Appends the vertices that `triangles` use and renumbers these.
-    fn append_vertices(&mut self, corners: &Corners, triangles: &mut [[u32; 3]], world: &Matrix4<f64>) -> Checked<()> {
+    fn append_vertices(
+        &mut self,
+        corners: &Corners,
+        triangles: &mut [[u32; 3]],
+        world_from_node: &Matrix4<f64>,
+    ) -> Checked<()> {
         const UNUSED: u32 = u32::MAX;
         let mut number = vec![UNUSED; corners.positions.len()];
         triangles.iter().flatten().for_each(|&corner| number[corner as usize] = 0);
         let used = (0..number.len()).filter(|&corner| number[corner] != UNUSED).collect::<Vec<_>>();
         for corner in used {
             number[corner] = self.mesh.positions.len() as u32;
-            self.mesh.positions.push(transformed(world, corners.positions[corner])?);
+            self.mesh.positions.push(transformed(world_from_node, corners.positions[corner])?);
             self.mesh.uvs.push(corners.uvs.as_ref().map_or(Point2::origin(), |uvs| sane_uv(uvs[corner])));
-            self.mesh.colors.push(corners.colors.as_ref().map_or([255; 3], |colors| colors[corner].map(code_of)));
+            self.mesh
+                .colors
+                .push(corners.colors.as_ref().map_or([255; 3], |colors| colors[corner].map(code_of)));
         }
         triangles.iter_mut().flatten().for_each(|corner| *corner = number[*corner as usize]);
         Ok(())
@@ -195,23 +204,30 @@ fn sane_uv(uv: [f32; 2]) -> Point2<f32> {
 
 /// Triangles of a list, strip or fan (glTF 2.0, section 3.7.2.1), without those that use a vertex twice.
 fn triangles(order: &[u32], mode: u32) -> Checked<Vec<[u32; 3]>> {
-    let all: Vec<[u32; 3]> = match mode {
-        TRIANGLE_STRIP => order
-            .windows(3)
-            .enumerate()
-            .map(|(index, three)| if index % 2 == 0 { [three[0], three[1], three[2]] } else { [three[0], three[2], three[1]] })
-            .collect(),
-        TRIANGLE_FAN => order
-            .get(1..)
-            .unwrap_or_default()
-            .windows(2)
-            .map(|two| [two[0], two[1], order[0]])
-            .collect(),
-        _ if order.len() % 3 != 0 => {
-            return Err(format!("a triangle list has {} corners, no multiple of 3; export the file again", order.len()));
-        }
-        _ => order.chunks_exact(3).map(|three| [three[0], three[1], three[2]]).collect(),
-    };
+    let all: Vec<[u32; 3]> =
+        match mode {
+            TRIANGLE_STRIP => order
+                .windows(3)
+                .enumerate()
+                .map(|(index, three)| {
+                    if index % 2 == 0 {
+                        [three[0], three[1], three[2]]
+                    } else {
+                        [three[0], three[2], three[1]]
+                    }
+                })
+                .collect(),
+            TRIANGLE_FAN => {
+                order.get(1..).unwrap_or_default().windows(2).map(|two| [two[0], two[1], order[0]]).collect()
+            }
+            _ if order.len() % 3 != 0 => {
+                return Err(format!(
+                    "a triangle list has {} corners, no multiple of 3; export the file again",
+                    order.len()
+                ));
+            }
+            _ => order.chunks_exact(3).map(|three| [three[0], three[1], three[2]]).collect(),
+        };
     Ok(all.into_iter().filter(|[a, b, c]| a != b && b != c && c != a).collect())
 }
 

@@ -8,6 +8,7 @@ use nalgebra::{Matrix4, Quaternion, UnitQuaternion, Vector3};
 /// A node of the scene with its parent and its transform.
 pub(super) struct Placed {
     pub(super) node: usize,
+    /// Index of the parent among the placed nodes.
     pub(super) parent: Option<usize>,
     pub(super) world_from_node: Matrix4<f64>,
 }
@@ -27,7 +28,11 @@ pub(super) fn placed_nodes(document: &Document) -> Checked<Vec<Placed>> {
         }
         next.world_from_node *= local_matrix(node);
         for &child in node.children.iter().rev() {
-            open.push(Placed { node: child, parent: Some(next.node), world_from_node: next.world_from_node });
+            open.push(Placed {
+                node: child,
+                parent: Some(placed.len()),
+                world_from_node: next.world_from_node,
+            });
         }
         placed.push(next);
     }

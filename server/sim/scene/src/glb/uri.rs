@@ -9,18 +9,23 @@ use std::path::{Component, Path, PathBuf};
 /// The bytes behind `address`; takes their number from `budget`.
 pub(super) fn load(address: &str, folder: Option<&Path>, budget: &mut u64) -> Checked<Vec<u8>> {
     let bytes = if let Some(data) = address.strip_prefix("data:") {
-        let (_, encoded) = data.split_once(";base64,").ok_or("a data: URI is not base64; export it as .glb")?;
+        let (_, encoded) =
+            data.split_once(";base64,").ok_or("a data: URI is not base64; export it as .glb")?;
         base64(encoded).ok_or("a data: URI is not valid base64; export it as .glb")?
     } else {
         let folder = folder.ok_or_else(|| {
             format!("it keeps data in another file, {address:?}; open it by its path, or export it as .glb")
         })?;
         read_limited(&neighbour(folder, address)?, *budget).map_err(|error| {
-            format!("its file {address:?} cannot be read ({error}); put it beside the scene, or export it as .glb")
+            format!(
+                "its file {address:?} cannot be read ({error}); put it beside the scene, or export it as .glb"
+            )
         })?
     };
     *budget = budget.checked_sub(bytes.len() as u64).ok_or_else(|| {
-        format!("the files it names hold more than {MAX_FILE_BYTES} bytes together; split or simplify the scene")
+        format!(
+            "the files it names hold more than {MAX_FILE_BYTES} bytes together; split or simplify the scene"
+        )
     })?;
     Ok(bytes)
 }
@@ -42,7 +47,8 @@ pub(crate) fn read_limited(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> 
 
 /// The file that a relative URI names, which must lie in `folder` or below it.
 fn neighbour(folder: &Path, address: &str) -> Checked<PathBuf> {
-    let outside = || format!("it names {address:?}, which does not lie in its own folder; move that file beside it");
+    let outside =
+        || format!("it names {address:?}, which does not lie in its own folder; move that file beside it");
     let decoded = percent_decoded(address).ok_or_else(outside)?;
     let mut relative = PathBuf::new();
     for component in Path::new(&decoded).components() {
@@ -109,7 +115,9 @@ mod tests {
 
     #[test]
     fn base64_follows_the_test_vectors_of_rfc_4648() {
-        for (plain, coded) in [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foobar", "Zm9vYmFy")] {
+        for (plain, coded) in
+            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foobar", "Zm9vYmFy")]
+        {
             assert_eq!(base64(coded).unwrap(), plain.as_bytes());
         }
         assert_eq!([base64("Z"), base64("Zm9v!")], [None, None]);
@@ -119,7 +127,9 @@ mod tests {
     fn a_neighbour_stays_in_the_folder() {
         let folder = Path::new("scenes");
         assert_eq!(neighbour(folder, "a%20b/../c.bin").unwrap(), Path::new("scenes/c.bin"));
-        for address in ["../secret", "a/../../secret", "/etc/passwd", "https://example.org/a.bin", "", "%00", "%2e%2e/x"] {
+        for address in
+            ["../secret", "a/../../secret", "/etc/passwd", "https://example.org/a.bin", "", "%00", "%2e%2e/x"]
+        {
             assert!(neighbour(folder, address).unwrap_err().contains("its own folder"), "{address}");
         }
     }

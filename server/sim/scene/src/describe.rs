@@ -1,0 +1,176 @@
+//! What can be said of an instance by looking at its surfaces.
+
+use crate::colors::{code_of, light_of, name_of};
+use crate::{Attributes, Material, Mesh, Texture};
+use avln_geom::{Aabb, Point2, Vector3};
+
+/// mpcat40 categories of what a building itself consists of: such surfaces are no objects.
+const STRUCTURE: [&str; 12] = [
+    "void",
+    "wall",
+    "floor",
+    "ceiling",
+    "door",
+    "window",
+    "stairs",
+    "column",
+    "beam",
+    "railing",
+    "misc",
+    "unlabeled",
+];
+
+/// A small thing is nowhere longer than this, metres.
+const SMALL_M: f32 = 0.35;
+/// A tall thing is at least this high, metres, and [`SLENDER`] times higher than wide.
+const TALL_M: f32 = 1.6;
+/// A long thing is at least this long, metres, and [`SLENDER`] times longer than deep.
+const LONG_M: f32 = 1.5;
+const SLENDER: f32 = 2.0;
+/// A large thing fills at least this box, cubic metres.
+const LARGE_M3: f32 = 1.5;
+
+/// Whether a category is part of the building and not a thing in it.
+pub(crate) fn is_structure(category: &str) -> bool {
+    STRUCTURE.contains(&category)
+}
+
+/// Surfaces that can be looked at.
+pub(crate) struct Surfaces<'a> {
+    pub(crate) mesh: &'a Mesh,
+    pub(crate) materials: &'a [Material],
+    pub(crate) textures: &'a [Texture],
+}
+
+impl Surfaces<'_> {
+    /// Colour and size words of the instance made of `triangles`.
+    pub(crate) fn attributes(&self, triangles: &[u32], bounds: &Aabb) -> Attributes {
+        let color = self.mean_color(triangles).map_or("", name_of);
+        Attributes { color: color.to_owned(), size: size_word(bounds).to_owned(), ..Attributes::default() }
+    }
+
+    /// Mean colour over the area, averaged as light; `None` where nothing can be seen.
+    fn mean_color(&self, triangles: &[u32]) -> Option<[u8; 3]> {
+        let mut sum = [0.0_f64; 3];
+        let mut weight = 0.0_f64;
+        for &triangle in triangles {
+            let area = f64::from(self.area_m2(triangle as usize));
+            for color in self.samples(triangle as usize).into_iter().flatten() {
+                (0..3).for_each(|channel| sum[channel] += area * f64::from(light_of(color[channel])));
+                weight += area;
+            }
+        }
+        (weight > 0.0).then(|| sum.map(|light| code_of((light / weight) as f32)))
+    }
+
+    fn area_m2(&self, triangle: usize) -> f32 {
+        let [a, b, c] = self.mesh.triangles[triangle].map(|corner| self.mesh.positions[corner as usize]);
+        let normal: Vector3<f32> = (b - a).cross(&(c - a));
+        normal.norm() / 2.0
+    }
+
+    /// Colours at the middle and towards the corners of a triangle; `None` where it is cut out.
+    fn samples(&self, triangle: usize) -> [Option<[u8; 3]>; 4] {
+        let corners = self.mesh.triangles[triangle];
+        let light = corners.map(|corner| self.mesh.colors[corner as usize]);
+        let light: [u8; 3] = std::array::from_fn(|channel| {
+            (light.iter().map(|corner| u16::from(corner[channel])).sum::<u16>() / 3) as u8
+        });
+        let material = &self.materials[usize::from(self.mesh.material_of[triangle])];
+        let texture = material.texture.map(|index| &self.textures[usize::from(index)]);
+        inner_points(&corners.map(|corner| self.mesh.uvs[corner as usize])).map(|uv| {
+            let texel = texture.map_or([255; 4], |texture| texel_at(texture, &uv));
+            let color: [u8; 4] =
+                std::array::from_fn(|channel| scaled(texel[channel], material.base_color[channel]));
+            let visible = color[3] >= material.alpha_cutoff.unwrap_or(0);
+            visible.then(|| std::array::from_fn(|channel| scaled(color[channel], light[channel])))
+        })
+    }
+}
+
+/// The centre of a triangle and the points half-way from there to its corners.
+pub(crate) fn inner_points(corners: &[Point2<f32>; 3]) -> [Point2<f32>; 4] {
+    let [a, b, c] = corners.map(|corner| corner.coords);
+    let center = (a + b + c) / 3.0;
+    [center, (center + a) / 2.0, (center + b) / 2.0, (center + c) / 2.0].map(Point2::from)
+}
+
+/// The texel under a texture coordinate, the texture repeating.
+pub(crate) fn texel_at(texture: &Texture, uv: &Point2<f32>) -> [u8; 4] {
+    let along =
+        |share: f32, side: u32| (((share - share.floor()) * side as f32) as u32).min(side - 1) as usize;
+    let (column, row) = (along(uv.x, texture.width), along(uv.y, texture.height));
+    let start = 4 * (row * texture.width as usize + column);
+    std::array::from_fn(|channel| texture.pixels[start + channel])
+}
+
+fn scaled(value: u8, by: u8) -> u8 {
+    ((u16::from(value) * u16::from(by) + 127) / 255) as u8
+}
+
+/// A size word where the box leaves no doubt, else an empty one.
+fn size_word(bounds: &Aabb) -> &'static str {
+    let size = bounds.size();
+    let (long, deep) = (size.x.max(size.z), size.x.min(size.z));
+    if size.max() <= SMALL_M {
+        "small"
+    } else if size.y >= TALL_M && size.y >= SLENDER * long {
+        "tall"
+    } else if size.x * size.y * size.z >= LARGE_M3 {
+        "large"
+    } else if long >= LONG_M && long >= SLENDER * deep && long >= size.y {
+        "long"
+    } else {
+        ""
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use avln_geom::Point3;
+
+    fn size_word_of(x: f32, y: f32, z: f32) -> &'static str {
+        size_word(&Aabb::new(Point3::origin(), Point3::new(x, y, z)))
+    }
+
+    #[test]
+    fn size_words_need_an_obvious_size() {
+        assert_eq!(size_word_of(0.2, 0.3, 0.2), "small");
+        assert_eq!(size_word_of(0.6, 1.9, 0.6), "tall");
+        assert_eq!(size_word_of(2.0, 1.9, 0.6), "large");
+        assert_eq!(size_word_of(2.0, 0.5, 0.6), "long");
+        assert_eq!(size_word_of(0.5, 0.9, 0.5), "");
+    }
+
+    #[test]
+    fn the_mean_colour_is_of_the_texels_seen_times_the_material() {
+        let texture = Texture { width: 2, height: 1, pixels: vec![255, 255, 255, 255, 9, 9, 9, 255] };
+        let material = Material {
+            name: String::new(),
+            base_color: [200, 30, 30, 255],
+            texture: Some(0),
+            alpha_cutoff: None,
+        };
+        let mesh = Mesh {
+            positions: vec![Point3::origin(), Point3::new(1.0, 0.0, 0.0), Point3::new(0.0, 1.0, 0.0)],
+            uvs: vec![Point2::new(0.1, 0.1), Point2::new(0.2, 0.1), Point2::new(0.1, 0.2)],
+            colors: vec![[255; 3]; 3],
+            triangles: vec![[0, 1, 2]],
+            material_of: vec![0],
+            instance_of: vec![crate::InstanceId::NONE],
+        };
+        let (materials, textures) = ([material], [texture]);
+        let surfaces = Surfaces { mesh: &mesh, materials: &materials, textures: &textures };
+        assert_eq!(surfaces.mean_color(&[0]), Some([200, 30, 30]));
+        assert_eq!(surfaces.mean_color(&[]), None);
+    }
+
+    #[test]
+    fn texels_repeat_in_both_directions() {
+        let texture = Texture { width: 2, height: 1, pixels: vec![1, 1, 1, 1, 2, 2, 2, 2] };
+        for (u, expected) in [(0.25, 1), (0.75, 2), (1.25, 1), (-0.25, 2), (1.0, 1)] {
+            assert_eq!(texel_at(&texture, &Point2::new(u, 3.5))[0], expected, "{u}");
+        }
+    }
+}
