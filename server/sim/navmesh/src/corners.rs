@@ -1,0 +1,146 @@
+use crate::plane::{Spot, turn};
+use crate::polygons::{NONE, Polygons};
+use crate::sight::{Eye, View, look};
+use std::ops::Range;
+
+/// Slack of the tangent test, cells squared.
+const SLACK: f64 = 1e-7;
+
+/// The corners that shortest paths bend around, and which of them reach each other in a straight line.
+///
+/// A shortest path on the mesh bends only where a wall turns away from it (Lozano-Pérez and Wesley 1979).
+pub(crate) struct Corners {
+    corners: Vec<Corner>,
+    /// Corner at the beginning of each edge; `NONE` where walls do not turn away.
+    at_edge: Vec<u32>,
+    first_link: Vec<u32>,
+    links: Vec<Link>,
+}
+
+/// A corner of the walls as seen from the floor.
+#[derive(Clone, Copy)]
+pub(crate) struct Corner {
+    pub(crate) eye: Eye,
+    /// Where the wall that arrives begins, and where the wall that leaves ends; the floor is on their left.
+    before: Spot,
+    after: Spot,
+}
+
+/// A straight way between two corners.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) struct Link {
+    pub(crate) to: u32,
+    pub(crate) cells: f64,
+}
+
+impl Corner {
+    /// Whether a way from `spot` can bend here: the wall lies on one side of the line through both.
+    fn is_tangent(&self, spot: &Spot) -> bool {
+        let before = turn(spot, &self.eye.spot, &self.before);
+        let after = turn(spot, &self.eye.spot, &self.after);
+        !(before > SLACK && after < -SLACK || before < -SLACK && after > SLACK)
+    }
+}
+
+impl Corners {
+    pub(crate) fn new(polygons: &Polygons) -> Self {
+        let (corners, at_edge) = find(polygons);
+        let mut found = Self { corners, at_edge, first_link: vec![0], links: Vec::new() };
+        for id in 0..found.corners.len() as u32 {
+            let links = found.links_of(polygons, id);
+            found.links.extend(links);
+            found.first_link.push(found.links.len() as u32);
+        }
+        found
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.corners.len()
+    }
+
+    pub(crate) fn get(&self, corner: u32) -> &Corner {
+        &self.corners[corner as usize]
+    }
+
+    pub(crate) fn links(&self, corner: u32) -> &[Link] {
+        let range = |index: usize| self.first_link[index] as usize;
+        &self.links[range(corner as usize)..range(corner as usize + 1)]
+    }
+
+    /// Calls `found` for the corners among `edges` of one polygon that are in `view` from `spot` and useful from there.
+    pub(crate) fn in_view(&self, edges: Range<u32>, view: &View, spot: &Spot, mut found: impl FnMut(Link)) {
+        for &to in &self.at_edge[edges.start as usize..edges.end as usize] {
+            if to == NONE {
+                continue;
+            }
+            let corner = &self.corners[to as usize];
+            if view.holds(&corner.eye.spot) && corner.is_tangent(spot) {
+                found(Link { to, cells: (corner.eye.spot - spot).norm() });
+            }
+        }
+    }
+
+    fn links_of(&self, polygons: &Polygons, id: u32) -> Vec<Link> {
+        let corner = self.corners[id as usize];
+        let mut links = Vec::new();
+        look(polygons, &corner.eye, |polygon, view| {
+            self.in_view(polygons.edges(polygon), view, &corner.eye.spot, |link| {
+                let other = self.corners[link.to as usize].eye.spot;
+                if link.cells > 0.0 && corner.is_tangent(&other) {
+                    links.push(link);
+                }
+            });
+        });
+        links.sort_unstable_by_key(|link| link.to);
+        links.dedup();
+        links
+    }
+}
+
+/// Walks around the end of every wall to the wall that goes on from there, and keeps the ends where it turns right.
+fn find(polygons: &Polygons) -> (Vec<Corner>, Vec<u32>) {
+    let edges = 0..polygons.edges(polygons.len() - 1).end;
+    let mut at_edge = vec![NONE; edges.len()];
+    let mut corners = Vec::new();
+    for wall in edges.filter(|&edge| polygons.twin(edge).is_none()) {
+        let fan = fan(polygons, wall);
+        let leaving = fan[fan.len() - 1];
+        let spot = *polygons.to(wall);
+        let (before, after) = (*polygons.from(wall), *polygons.to(leaving));
+        let side = turn(&before, &spot, &after);
+        let is_dead_end = side == 0.0 && (after - spot).dot(&(spot - before)) < 0.0;
+        if side < 0.0 || is_dead_end {
+            fan.iter().for_each(|&edge| at_edge[edge as usize] = corners.len() as u32);
+            let eye = Eye { spot, polygon: polygons.owner(leaving) };
+            corners.push(Corner { eye, before, after });
+        }
+    }
+    (corners, at_edge)
+}
+
+/// The edges that leave the end of `wall`, from polygon to polygon, up to the next wall.
+fn fan(polygons: &Polygons, wall: u32) -> Vec<u32> {
+    let mut fan = vec![polygons.next(wall)];
+    while let Some(twin) = polygons.twin(fan[fan.len() - 1]) {
+        fan.push(polygons.next(twin));
+    }
+    fan
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::polygons::tests::letter_l;
+
+    #[test]
+    fn an_l_has_one_corner_to_bend_around() {
+        let polygons = letter_l();
+        let corners = Corners::new(&polygons);
+        assert_eq!(corners.len(), 1);
+        assert_eq!(corners.get(0).eye.spot, Spot::new(10.0, 10.0));
+        assert!(corners.links(0).is_empty());
+        // From (2, 18) a way may go on behind the corner; from (5, 5) it would run into the wall.
+        assert!(corners.get(0).is_tangent(&Spot::new(2.0, 18.0)));
+        assert!(!corners.get(0).is_tangent(&Spot::new(5.0, 5.0)));
+    }
+}

@@ -1,0 +1,70 @@
+/// Why there is no navmesh.
+#[derive(Debug, thiserror::Error)]
+pub enum NavMeshError {
+    /// A measure of the body is out of range.
+    #[error("the body's {field} is {value}; a navmesh can be built for {low} to {high}")]
+    Body {
+        /// The field of [`Body`](crate::Body).
+        field: &'static str,
+        /// What it says.
+        value: f32,
+        /// The smallest value allowed.
+        low: f32,
+        /// The largest value allowed.
+        high: f32,
+    },
+    /// The scene has no triangles.
+    #[error("scene `{scene}` has no triangles, so nobody can stand in it; check that its mesh was imported")]
+    Empty {
+        /// Name of the scene.
+        scene: String,
+    },
+    /// The scene's mesh is not a mesh.
+    #[error("the mesh of scene `{scene}` is broken: {what}; repair or re-export the file")]
+    Malformed {
+        /// Name of the scene.
+        scene: String,
+        /// Which part, with its value and the limit.
+        what: String,
+    },
+    /// The scene is larger than the lattice can be.
+    #[error(
+        "scene `{scene}` measures {width_m:.1} x {height_m:.1} x {depth_m:.1} m; a navmesh covers at most {limit}: \
+         check the unit (metres) and remove far-away stray geometry"
+    )]
+    TooLarge {
+        /// Name of the scene.
+        scene: String,
+        /// Extent along x.
+        width_m: f32,
+        /// Extent along y.
+        height_m: f32,
+        /// Extent along z.
+        depth_m: f32,
+        /// What would be accepted.
+        limit: &'static str,
+    },
+    /// No surface is large, level and free enough.
+    #[error(
+        "scene `{scene}` has no floor for a body of radius {radius_m} m and height {height_m} m: no upward surface of \
+         1 square metre with that headroom; check that Y is up, the unit is metres and floors face upwards"
+    )]
+    NoFloor {
+        /// Name of the scene.
+        scene: String,
+        /// Radius of the body.
+        radius_m: f32,
+        /// Height of the body.
+        height_m: f32,
+    },
+    /// The polygon builder gave up.
+    #[error("cannot turn scene `{scene}` into walkable polygons: {stage} failed: {reason}")]
+    Voxels {
+        /// Name of the scene.
+        scene: String,
+        /// Step of the pipeline.
+        stage: &'static str,
+        /// What it said.
+        reason: String,
+    },
+}

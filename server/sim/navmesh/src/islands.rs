@@ -1,0 +1,120 @@
+use crate::plane::{CELL_M, Spot};
+use crate::polygons::{NONE, Polygons};
+use avln_geom::Rng;
+
+const SQUARE_CELL_M2: f64 = CELL_M as f64 * CELL_M as f64;
+
+/// The connected parts of the mesh, the one to live on first.
+pub(crate) struct Islands {
+    of_polygon: Vec<u32>,
+    parts: Vec<Island>,
+}
+
+struct Island {
+    area_m2: f64,
+    /// Triangles of the island with the area, in cells squared, of all up to and including them.
+    triangles: Vec<(f64, Triangle)>,
+}
+
+#[derive(Clone, Copy)]
+struct Triangle {
+    polygon: u32,
+    /// The triangle's second corner in the polygon; the first is corner 0, the third the next one.
+    corner: u32,
+}
+
+impl Islands {
+    /// Numbers the parts: those where `is_roof` (by polygon) holds for most of the area come last, larger ones first.
+    pub(crate) fn new(polygons: &Polygons, is_roof: impl Fn(u32) -> bool) -> Self {
+        let (mut of_polygon, members) = components(polygons);
+        let mut ranked: Vec<_> =
+            members.into_iter().map(|members| rank(polygons, members, &is_roof)).collect();
+        ranked.sort_by(|a, b| (a.0.cmp(&b.0)).then(b.1.total_cmp(&a.1)).then(a.2.cmp(&b.2)));
+        let mut parts = Vec::with_capacity(ranked.len());
+        for ((_, area, members), number) in ranked.into_iter().zip(0..) {
+            members.iter().for_each(|&polygon| of_polygon[polygon as usize] = number);
+            parts.push(Island { area_m2: area * SQUARE_CELL_M2, triangles: triangles(polygons, &members) });
+        }
+        Self { of_polygon, parts }
+    }
+
+    pub(crate) fn of(&self, polygon: u32) -> u32 {
+        self.of_polygon[polygon as usize]
+    }
+
+    pub(crate) fn area_m2(&self, island: u32) -> f64 {
+        self.parts[island as usize].area_m2
+    }
+
+    pub(crate) fn total_area_m2(&self) -> f64 {
+        self.parts.iter().map(|part| part.area_m2).sum()
+    }
+
+    pub(crate) fn count(&self) -> u32 {
+        self.parts.len() as u32
+    }
+
+    /// A spot of `island` and its polygon, uniform by area in the plane.
+    pub(crate) fn sample(&self, polygons: &Polygons, rng: &mut Rng, island: u32) -> (Spot, u32) {
+        let triangles = &self.parts[island as usize].triangles;
+        let total = triangles.last().map_or(0.0, |entry| entry.0);
+        let draw = rng.unit() * total;
+        let index = triangles.partition_point(|entry| entry.0 <= draw).min(triangles.len() - 1);
+        let Triangle { polygon, corner } = triangles[index].1;
+        let corners = polygons.corners(polygon);
+        let [a, b, c] = [0, corner, corner + 1].map(|i| corners[i as usize]);
+        let (mut u, mut v) = (rng.unit(), rng.unit());
+        if u + v > 1.0 {
+            (u, v) = (1.0 - u, 1.0 - v);
+        }
+        (a + (b - a) * u + (c - a) * v, polygon)
+    }
+}
+
+/// Number of the part of each polygon, and the members of each part in ascending order.
+fn components(polygons: &Polygons) -> (Vec<u32>, Vec<Vec<u32>>) {
+    let mut of_polygon = vec![NONE; polygons.len() as usize];
+    let mut parts = Vec::new();
+    for seed in 0..polygons.len() {
+        if of_polygon[seed as usize] != NONE {
+            continue;
+        }
+        let number = parts.len() as u32;
+        let mut members = vec![seed];
+        of_polygon[seed as usize] = number;
+        let mut next = 0;
+        while let Some(&polygon) = members.get(next) {
+            next += 1;
+            for neighbour in polygons.edges(polygon).filter_map(|edge| polygons.neighbour(edge)) {
+                if of_polygon[neighbour as usize] == NONE {
+                    of_polygon[neighbour as usize] = number;
+                    members.push(neighbour);
+                }
+            }
+        }
+        members.sort_unstable();
+        parts.push(members);
+    }
+    (of_polygon, parts)
+}
+
+fn rank(polygons: &Polygons, members: Vec<u32>, is_roof: impl Fn(u32) -> bool) -> (bool, f64, Vec<u32>) {
+    let area_of = |chosen: &dyn Fn(u32) -> bool| -> f64 {
+        members.iter().filter(|&&polygon| chosen(polygon)).map(|&polygon| polygons.area(polygon)).sum()
+    };
+    let area = area_of(&|_| true);
+    (area_of(&is_roof) > 0.5 * area, area, members)
+}
+
+fn triangles(polygons: &Polygons, members: &[u32]) -> Vec<(f64, Triangle)> {
+    let mut total = 0.0;
+    let mut triangles = Vec::new();
+    for &polygon in members {
+        let corners = polygons.corners(polygon);
+        for corner in 1..corners.len().saturating_sub(1) {
+            total += 0.5 * crate::plane::turn(&corners[0], &corners[corner], &corners[corner + 1]);
+            triangles.push((total, Triangle { polygon, corner: corner as u32 }));
+        }
+    }
+    triangles
+}

@@ -1,0 +1,137 @@
+//! What is in straight reach of a spot: the view is cut at every portal that it passes (triangular expansion, Bungiu and
+//! others 2014), so it follows the floor and never mixes storeys.
+
+use crate::plane::{Spot, nearest_on_segment, turn};
+use crate::polygons::Polygons;
+
+/// A spot this close to a portal stands on both sides of it, cells (5 nm).
+const ON_EDGE_CELLS: f64 = 1e-7;
+/// Slack of "inside the view", cells squared: seen along a wall, the wall's far end stays visible despite rounding.
+/// Between corners of the lattice all values are whole and the test is exact.
+const SLACK: f64 = 1e-7;
+/// Views narrower than this end, cells squared.
+const NARROWEST: f64 = 1e-9;
+
+/// A place to look from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Eye {
+    pub(crate) spot: Spot,
+    pub(crate) polygon: u32,
+}
+
+/// The part of a polygon that is in view: all of it, or what lies between two rays.
+pub(crate) enum View {
+    Whole,
+    Between { eye: Spot, right: Spot, left: Spot },
+}
+
+impl View {
+    /// Whether a spot of the viewed polygon is in view.
+    pub(crate) fn holds(&self, spot: &Spot) -> bool {
+        match self {
+            Self::Whole => true,
+            Self::Between { eye, right, left } => {
+                turn(eye, right, spot) >= -SLACK && turn(eye, left, spot) <= SLACK
+            }
+        }
+    }
+}
+
+/// A view about to enter a polygon through a portal.
+struct Beam {
+    /// The portal as the polygon that is entered names it.
+    entry: u32,
+    right: Spot,
+    left: Spot,
+}
+
+/// Calls `see` for every polygon in straight reach of `eye`, once for each way that leads there.
+pub(crate) fn look(polygons: &Polygons, eye: &Eye, mut see: impl FnMut(u32, &View)) {
+    let around = polygons_around(polygons, eye);
+    let spot = &eye.spot;
+    let mut beams = Vec::new();
+    for &polygon in &around {
+        see(polygon, &View::Whole);
+        for edge in polygons.edges(polygon) {
+            let (right, left) = (*polygons.from(edge), *polygons.to(edge));
+            if let Some(entry) = polygons.twin(edge)
+                && !around.contains(&polygons.owner(entry))
+                && turn(spot, &right, &left) > NARROWEST
+            {
+                beams.push(Beam { entry, right, left });
+            }
+        }
+    }
+    while let Some(Beam { entry, right, left }) = beams.pop() {
+        see(polygons.owner(entry), &View::Between { eye: *spot, right, left });
+        spread(polygons, spot, &Beam { entry, right, left }, &mut beams);
+    }
+}
+
+/// Pushes what is left of `beam` behind the other portals of the polygon that it enters.
+fn spread(polygons: &Polygons, eye: &Spot, beam: &Beam, beams: &mut Vec<Beam>) {
+    let mut edge = polygons.next(beam.entry);
+    while edge != beam.entry {
+        let following = polygons.next(edge);
+        if let Some(entry) = polygons.twin(edge) {
+            let (from, to) = (polygons.from(edge), polygons.from(following));
+            let right = if turn(eye, &beam.right, from) > 0.0 { *from } else { beam.right };
+            let left = if turn(eye, &beam.left, to) < 0.0 { *to } else { beam.left };
+            if turn(eye, &right, &left) > NARROWEST {
+                beams.push(Beam { entry, right, left });
+            }
+        }
+        edge = following;
+    }
+}
+
+/// The polygon of `eye` and those that it touches as well, standing on a portal or a corner.
+fn polygons_around(polygons: &Polygons, eye: &Eye) -> Vec<u32> {
+    let mut around = vec![eye.polygon];
+    let mut next = 0;
+    while let Some(&polygon) = around.get(next) {
+        next += 1;
+        for edge in polygons.edges(polygon) {
+            let Some(neighbour) = polygons.neighbour(edge) else { continue };
+            let gap = nearest_on_segment(&eye.spot, polygons.from(edge), polygons.to(edge)) - eye.spot;
+            if gap.norm_squared() <= ON_EDGE_CELLS * ON_EDGE_CELLS && !around.contains(&neighbour) {
+                around.push(neighbour);
+            }
+        }
+    }
+    around
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::polygons::tests::letter_l;
+
+    fn sees(eye: (f64, f64, u32), target: (f64, f64, u32)) -> bool {
+        let eye = Eye { spot: Spot::new(eye.0, eye.1), polygon: eye.2 };
+        let mut seen = false;
+        look(&letter_l(), &eye, |polygon, view| {
+            seen |= polygon == target.2 && view.holds(&Spot::new(target.0, target.1));
+        });
+        seen
+    }
+
+    #[test]
+    fn the_inner_corner_of_an_l_hides_what_lies_behind() {
+        // The corner is at (10, 10): from (5, 15) one sees it, and along the diagonal no farther.
+        assert!(sees((5.0, 15.0, 1), (10.0, 10.0, 2)));
+        assert!(sees((5.0, 15.0, 1), (14.0, 6.0, 2)));
+        assert!(!sees((5.0, 15.0, 1), (14.1, 6.0, 2)));
+        assert!(sees((14.0, 6.0, 2), (5.0, 15.0, 1)));
+        assert!(!sees((14.1, 6.0, 2), (5.0, 15.0, 1)));
+    }
+
+    #[test]
+    fn walls_are_seen_along_and_storeys_are_not_seen() {
+        assert!(sees((0.0, 0.0, 0), (20.0, 0.0, 2)));
+        assert!(sees((10.0, 5.0, 0), (20.0, 10.0, 2)));
+        assert!(sees((10.0, 10.0, 1), (20.0, 10.0, 2)));
+        assert!(!sees((5.0, 5.0, 0), (5.0, 5.0, 3)));
+        assert!(sees((5.0, 5.0, 3), (1.0, 1.0, 3)));
+    }
+}

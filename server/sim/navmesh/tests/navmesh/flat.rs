@@ -1,0 +1,197 @@
+use crate::build::{Builder, hall, two_rooms};
+use avln_geom::{Aabb, Point3, Rng, Vector3};
+use avln_navmesh::{NavMesh, NavPoint};
+
+/// A lattice cell: what rasterising may add to a way around a wall.
+const CELL_M: f64 = 0.05;
+
+fn at(mesh: &NavMesh, x: f32, z: f32) -> NavPoint {
+    mesh.snap(&Point3::new(x, 0.0, z), 0.1).expect("on the floor")
+}
+
+fn flat_distance(a: &NavPoint, b: &NavPoint) -> f64 {
+    f64::from((a.position() - b.position()).xz().norm())
+}
+
+#[test]
+fn the_area_is_the_floor_without_a_rim_of_the_bodys_radius() {
+    let mesh = hall().build();
+    let expected = 9.8 * 5.8;
+    let island = mesh.largest_island();
+    assert!((mesh.island_area_m2(island) - expected).abs() < 1.0, "{}", mesh.island_area_m2(island));
+    assert!(mesh.area_m2() >= mesh.island_area_m2(island));
+}
+
+#[test]
+fn distances_around_a_wall_are_those_worked_by_hand() {
+    let mesh = two_rooms();
+    // Straight through the doorway.
+    let (a, b) = (at(&mesh, 2.0, 3.0), at(&mesh, 8.0, 3.0));
+    assert!((mesh.distance_m(&a, &b).unwrap() - 6.0).abs() < 1e-5);
+    // Around both ends of the lower wall at the body's radius, (4.95, 2.6) and (5.05, 2.6):
+    // 2 * sqrt(2.95^2 + 1.6^2) + 0.1 = 6.812.
+    let (a, b) = (at(&mesh, 2.0, 1.0), at(&mesh, 8.0, 1.0));
+    let distance = mesh.distance_m(&a, &b).unwrap();
+    assert!((distance - 6.812).abs() < CELL_M, "{distance}");
+    // Diagonally: below the upper end on the left, above the lower end on the right; the straight line is free.
+    let (a, b) = (at(&mesh, 4.0, 2.4), at(&mesh, 6.0, 3.6));
+    let distance = mesh.distance_m(&a, &b).unwrap();
+    assert!((distance - 4_f64.mul_add(1.0, 1.44).sqrt()).abs() < 1e-5, "{distance}");
+}
+
+#[test]
+fn a_path_is_as_long_as_its_distance_and_begins_and_ends_right() {
+    let mesh = two_rooms();
+    let mut rng = Rng::new(11);
+    for _ in 0..200 {
+        let (a, b) = (mesh.sample(&mut rng, 0), mesh.sample(&mut rng, 0));
+        let path = mesh.path(&a, &b).unwrap();
+        assert_eq!((path[0], path[path.len() - 1]), (a.position(), b.position()));
+        let length: f64 = path.windows(2).map(|leg| f64::from((leg[1] - leg[0]).xz().norm())).sum();
+        let distance = mesh.distance_m(&a, &b).unwrap();
+        assert!((length - distance).abs() < 1e-4, "{length} {distance}");
+    }
+}
+
+#[test]
+fn distance_is_a_metric() {
+    let mesh = two_rooms();
+    let mut rng = Rng::new(12);
+    for _ in 0..300 {
+        let [a, b, c] = [(); 3].map(|()| mesh.sample(&mut rng, 0));
+        let distance = |p: &NavPoint, q: &NavPoint| mesh.distance_m(p, q).unwrap();
+        assert_eq!(distance(&a, &b).to_bits(), distance(&b, &a).to_bits());
+        assert!(distance(&a, &c) <= distance(&a, &b) + distance(&b, &c) + 1e-9);
+        assert!(distance(&a, &b) >= flat_distance(&a, &b) - 1e-5);
+        assert!(distance(&a, &a) < 1e-9);
+    }
+}
+
+#[test]
+fn rooms_without_an_opening_are_two_islands() {
+    let mesh = hall().block([4.95, 0.0, 0.0], [5.05, 2.5, 6.0]).build();
+    let (a, b) = (at(&mesh, 2.0, 3.0), at(&mesh, 8.0, 3.0));
+    assert_ne!(mesh.island_of(&a), mesh.island_of(&b));
+    assert_eq!((mesh.distance_m(&a, &b), mesh.path(&a, &b)), (None, None));
+    let field = mesh.field(&[(a, 0.0)]);
+    assert_eq!((field.distance_m(&mesh, &b), field.path(&mesh, &b)), (None, None));
+    assert_eq!(mesh.field(&[]).distance_m(&mesh, &b), None);
+}
+
+#[test]
+fn sliding_along_a_wall_keeps_the_part_along_it() {
+    let mesh = two_rooms();
+    let free = mesh.slide(&at(&mesh, 2.0, 2.0), &Vector3::new(0.15, 0.0, -0.2));
+    assert!(!free.blocked);
+    assert!((free.end.position() - Point3::new(2.15, 0.0, 1.8)).norm() < 1e-5);
+    // The wall at z = 0 keeps the body's middle at z = 0.1; of 0.25 m, 0.15 m lead along it.
+    let start = at(&mesh, 2.0, 0.12);
+    let along = mesh.slide(&start, &Vector3::new(0.15, 0.0, -0.2));
+    assert!(along.blocked);
+    assert!((along.end.position().x - 2.15).abs() < 1e-5, "{:?}", along.end);
+    assert!((f64::from(along.end.position().z) - 0.1).abs() < CELL_M);
+    let against = mesh.slide(&along.end, &Vector3::new(0.0, 0.0, -0.25));
+    assert!(against.blocked);
+    assert!((against.end.position() - along.end.position()).norm() < 1e-5);
+    assert_eq!(mesh.slide(&start, &Vector3::new(f32::NAN, 0.0, 0.0)).end, start);
+}
+
+#[test]
+fn a_random_walk_stays_on_its_island_and_never_gains() {
+    let mesh = two_rooms();
+    let mut rng = Rng::new(13);
+    let mut here = mesh.sample(&mut rng, 0);
+    for _ in 0..20_000 {
+        let asked = Vector3::new(rng.range(-0.5, 0.5), 0.0, rng.range(-0.5, 0.5));
+        let slide = mesh.slide(&here, &asked);
+        let moved = flat_distance(&here, &slide.end);
+        assert!(moved <= f64::from(asked.norm()) + 1e-6, "{moved} of {asked}");
+        assert!(slide.blocked || moved > f64::from(asked.norm()) - 1e-5);
+        let snapped = mesh.snap(&slide.end.position(), 1e-3).expect("still on the mesh");
+        assert_eq!(mesh.island_of(&slide.end), mesh.island_of(&snapped));
+        assert!(mesh.distance_m(&here, &slide.end).unwrap() <= f64::from(asked.norm()) + 1e-5);
+        here = slide.end;
+    }
+}
+
+#[test]
+fn a_field_is_the_least_over_its_seeds() {
+    let mesh = two_rooms();
+    let mut rng = Rng::new(14);
+    let seeds: Vec<_> = (0..7).map(|_| (mesh.sample(&mut rng, 0), rng.unit() * 3.0)).collect();
+    let field = mesh.field(&seeds);
+    for _ in 0..200 {
+        let point = mesh.sample(&mut rng, 0);
+        let ways = seeds.iter().map(|(seed, weight)| weight + mesh.distance_m(&point, seed).unwrap());
+        let expected = ways.fold(f64::INFINITY, f64::min);
+        let distance = field.distance_m(&mesh, &point).unwrap();
+        assert!((distance - expected).abs() < 1e-9, "{distance} {expected}");
+        let path = field.path(&mesh, &point).unwrap();
+        assert!(seeds.iter().any(|(seed, _)| seed.position() == path[path.len() - 1]));
+    }
+}
+
+#[test]
+fn grids_and_samples_repeat_and_cover() {
+    let mesh = two_rooms();
+    let bounds = Aabb::new(Point3::new(1.0, -0.5, 1.0), Point3::new(3.0, 0.5, 2.0));
+    let grid = mesh.grid(&bounds, 0.5);
+    let places: Vec<_> = grid.iter().map(|point| (point.position().x, point.position().z)).collect();
+    let expected: Vec<_> =
+        (2..=6).flat_map(|x| (2..=4).map(move |z| (x as f32 * 0.5, z as f32 * 0.5))).collect();
+    assert_eq!(places.len(), expected.len());
+    for (place, expected) in places.iter().zip(&expected) {
+        assert!((place.0 - expected.0).abs() + (place.1 - expected.1).abs() < 1e-5, "{place:?} {expected:?}");
+    }
+    assert!(mesh.grid(&bounds, 0.0).is_empty() && mesh.grid(&bounds, f32::NAN).is_empty());
+
+    let again = two_rooms();
+    assert_eq!(mesh.polygons(), again.polygons());
+    assert_eq!(grid, again.grid(&bounds, 0.5));
+    let draw = |mesh: &NavMesh| {
+        let mut rng = Rng::new(15);
+        (0..4000).map(|_| mesh.sample(&mut rng, 0)).collect::<Vec<_>>()
+    };
+    let samples = draw(&mesh);
+    assert_eq!(samples, draw(&again));
+    // The rooms are equal, so half of the samples fall into each.
+    let left = samples.iter().filter(|point| point.position().x < 5.0).count();
+    assert!((1850..2150).contains(&left), "{left}");
+}
+
+#[test]
+fn snapping_finds_the_nearest_floor_within_reach() {
+    let mesh = two_rooms();
+    let over_the_wall = Point3::new(5.0, 0.0, 1.0);
+    assert_eq!(mesh.snap(&over_the_wall, 0.1), None);
+    let beside = mesh.snap(&over_the_wall, 0.3).expect("15 cm away");
+    assert!((f64::from((beside.position().x - 5.0).abs()) - 0.15).abs() < CELL_M, "{beside:?}");
+    let far = mesh.snap(&Point3::new(-30.0, 0.0, 3.0), 100.0).expect("30 m away");
+    assert!((far.position() - Point3::new(0.1, 0.0, 3.0)).norm() < 0.06, "{far:?}");
+    assert_eq!(mesh.snap(&Point3::new(-30.0, 0.0, 3.0), 1.0), None);
+    assert_eq!(mesh.snap(&Point3::new(f32::NAN, 0.0, 3.0), 1.0), None);
+    assert_eq!(mesh.snap(&Point3::new(2.0, 0.05, 3.0), 0.1).unwrap().position().y, 0.0);
+}
+
+#[test]
+fn roofs_and_tables_are_not_the_island_to_live_on() {
+    let table = hall().block([2.0, 0.7, 2.0], [4.0, 0.75, 4.0]);
+    let mesh = table.block([-0.2, 2.5, -0.2], [10.2, 2.7, 6.2]).build();
+    let floor = at(&mesh, 8.0, 3.0);
+    assert_eq!(mesh.island_of(&floor), mesh.largest_island());
+    let roof = mesh.snap(&Point3::new(5.0, 2.7, 3.0), 0.1).expect("a flat roof");
+    assert!(mesh.island_area_m2(mesh.island_of(&roof)) > mesh.island_area_m2(mesh.largest_island()));
+    let top = mesh.snap(&Point3::new(3.0, 0.75, 3.0), 0.1).expect("a table top with headroom");
+    assert_eq!(mesh.distance_m(&floor, &top), None);
+    assert_eq!(mesh.island_count(), 3);
+}
+
+#[test]
+fn a_body_keeps_its_radius() {
+    let scene =
+        Builder::default().floor([0.0; 3], [10.0, 0.0, 6.0]).walls_around([0.0, 0.0], [10.0, 6.0]).scene();
+    let wide = avln_navmesh::Body { radius_m: 0.5, ..Default::default() };
+    let mesh = NavMesh::build(&scene, &wide).unwrap();
+    let corner = mesh.snap(&Point3::origin(), 2.0).unwrap();
+    assert!((corner.position() - Point3::new(0.5, 0.0, 0.5)).norm() < 0.1, "{corner:?}");
+}
