@@ -5,6 +5,7 @@
 pub mod arena;
 mod cli;
 pub mod commands;
+pub mod doors;
 mod failure;
 
 pub use cli::{Cli, run};

@@ -12,9 +12,9 @@ mod scenes;
 pub mod secret;
 
 use crate::{Failure, FailureKind};
-use avln_dataset::Split;
+use avln_dataset::{EpisodeSpec, Split};
 use avln_episode::{FeedbackRule, Rules};
-use avln_store::{Phase, PhaseState, Store};
+use avln_store::{Phase, PhaseEpisode, PhaseState, Store};
 use data::DataFolder;
 use scenes::SceneCache;
 use std::{
@@ -70,14 +70,19 @@ impl Arena {
 impl Stage {
     fn read(data: &DataFolder, phase: Phase) -> Result<Self, Failure> {
         let split = data.split(&phase.split)?;
-        let known = |id: &str| split.episodes.iter().any(|episode| episode.id == id);
-        if let Some(missing) = phase.episodes.iter().find(|episode| !known(&episode.episode)) {
+        let stage = Self { split_digest: data.split_digest(&split.name)?, phase, split };
+        let unknown = |episode: &&PhaseEpisode| stage.episode(&episode.episode).is_none();
+        let Self { phase, split, .. } = &stage;
+        if let Some(missing) = phase.episodes.iter().find(unknown) {
             let message =
                 format!("phase '{}' plays episode {}, split '{}' has none", phase.id, missing.episode, split.name);
             return Err(Failure::new(FailureKind::Scene, message).hinted("restore the split file from a backup"));
         }
-        let split_digest = data.split_digest(&split.name)?;
-        Ok(Self { phase, split, split_digest })
+        Ok(stage)
+    }
+
+    fn episode(&self, id: &str) -> Option<&EpisodeSpec> {
+        self.split.episodes.iter().find(|episode| episode.id == id)
     }
 
     fn is_open(&self) -> bool {

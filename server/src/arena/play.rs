@@ -2,7 +2,7 @@
 
 use super::{Arena, Stage, now_unix_ms, refusals::refusal, secret};
 use avln_dataset::EpisodeSpec;
-use avln_episode::{EndReason, Order, Sensors};
+use avln_episode::{EndReason, Order, Rules, Sensors};
 use avln_grpc::{EpisodeOutcome, Reason, Refusal, Seat};
 use avln_referee::{Referee, RefereeError};
 use avln_scoring::{Metrics, score};
@@ -34,9 +34,10 @@ impl Arena {
         let Some(assigned) = assigned else { return Ok(None) };
         let (scenes, sensors, order) = (self.scenes.clone(), sensors.clone(), row.order);
         let ticket = self.take_ticket(&stage);
+        let truth = stage.episode(&assigned.episode).map(|spec| spec.truth(order));
         let make = move || {
-            let spec = stage.split.episodes.iter().find(|spec| spec.id == assigned.episode);
-            let spec = spec.ok_or_else(|| Refusal::internal(format!("no episode {} in the split", assigned.episode)))?;
+            let missing = || Refusal::internal(format!("no episode {} in the split", assigned.episode));
+            let spec = stage.episode(&assigned.episode).ok_or_else(missing)?;
             seat(&stage, &scenes, spec, order, sensors)
         };
         let made = tokio::task::spawn_blocking(make).await.map_err(Refusal::internal).and_then(|made| made);
@@ -44,9 +45,21 @@ impl Arena {
             Ok(referee) => Ok(Some(Seat { handle, referee: Box::new(referee), ticket })),
             Err(refusal) => {
                 self.return_ticket(ticket);
+                self.take_back(run, &handle, truth).await?;
                 Err(refusal)
             }
         }
+    }
+
+    /// Notes that an episode never started by the server's fault: it is pending again, or given up.
+    async fn take_back(&self, run: &str, handle: &str, truth: Option<EpisodeTruth>) -> Result<(), Refusal> {
+        let Some(truth) = truth else { return Ok(()) };
+        let record = unplayed(&truth);
+        let metrics = score(&truth, &record, &Rules::paper());
+        let time = TimeAccount::default();
+        let finished = Finished { run, handle, truth: &truth, record: &record, metrics: &metrics, time: &time };
+        self.store.record_result(&finished, now_unix_ms()).await.map_err(refusal)?;
+        Ok(())
     }
 
     /// Scores what happened and stores it in one transaction.
@@ -109,6 +122,19 @@ fn seat(
         RefereeError::Sensors(error) => Refusal::new(Reason::BadRequest, error.to_string()),
         other => Refusal::internal(other),
     })
+}
+
+/// The record of an episode that never started.
+fn unplayed(truth: &EpisodeTruth) -> Record {
+    Record {
+        rules: String::new(),
+        start: truth.start,
+        steps: Vec::new(),
+        submits: Vec::new(),
+        in_region_at_start: vec![false; truth.targets.len()],
+        final_distance_m: vec![None; truth.targets.len()],
+        end: EndReason::ServerFault,
+    }
 }
 
 /// Seals the record. An episode that broke down is the server's fault.

@@ -1,0 +1,40 @@
+use crate::{
+    Failure, FailureKind,
+    arena::{Arena, data::DataFolder},
+    doors::{Addresses, Doors},
+};
+use std::{path::Path, sync::Arc};
+
+/// How to host.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Options {
+    /// Where the doors are
+    #[command(flatten)]
+    pub addresses: Addresses,
+}
+
+/// Hosts the phases of the data folder until it is stopped.
+///
+/// # Errors
+/// When the data folder cannot be used or an address is taken.
+pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
+    let data = DataFolder::open(data)?;
+    let doors = Doors::bind(&options.addresses).await?;
+    let store = data.store().await?;
+    let arena = Arena::open(&data, store.clone()).await?;
+    let phases: Vec<_> = arena.phases().map(|(id, episodes)| format!("{id} ({episodes} episodes)")).collect();
+    if phases.is_empty() {
+        let message = format!("data folder {} has no phase to host", data.root().display());
+        return Err(Failure::new(FailureKind::Data, message)
+            .hinted("make one with: avln split make NAME && avln phase open ID --split NAME"));
+    }
+    let open = doors.open(Arc::new(arena), store.reader())?;
+    println!("data         {}", data.root().display());
+    println!("phases       {}", phases.join(", "));
+    println!("agents       http://{}", open.grpc);
+    println!("leaderboard  http://{}", open.web);
+    println!("Stop with Ctrl-C.");
+    let ended = open.wait().await;
+    store.close().await;
+    ended
+}
