@@ -72,7 +72,7 @@ fn picture(tensor: v1::Tensor) -> Result<RgbImage, Error> {
             tensor.shape
         )));
     };
-    let bytes = u64::from(height) * u64::from(width) * 3;
+    let bytes = (u64::from(height) * u64::from(width)).saturating_mul(3);
     if !raw || tensor.data.len() as u64 != bytes {
         return Err(Error::protocol(format!(
             "a goal's picture of {width} x {height} pixels came as {} bytes, not as {bytes} raw ones",
