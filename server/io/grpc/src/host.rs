@@ -1,5 +1,5 @@
 use crate::{refusal::Refusal, seat::Seat};
-use avln_episode::{FeedbackRule, Order, Rules, Sensors};
+use avln_episode::{EndReason, FeedbackRule, Order, Rules, Sensors};
 
 /// What the door needs from the house behind it. The server implements it over its phases, data sets and store.
 ///
@@ -39,7 +39,7 @@ pub trait Host: Send + Sync + 'static {
     /// A referee whose `end()` is `None` here broke down: the episode is a server fault.
     async fn conclude(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal>;
 
-    /// Closes the run when none of its episodes is left, and says how it stands.
+    /// Closes the run: every episode was played or the agent left for good. Says how it stands.
     async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal>;
 }
 
@@ -52,16 +52,27 @@ pub struct ServerInfo {
     pub version: String,
     /// Version of the benchmark: changes whenever a score could change.
     pub benchmark: String,
-    /// Minor number of the API `avln.v1`.
+    /// Minor number of the API `avln.v1`, see `avln_proto::API_MINOR`.
     pub api_minor: u32,
-    /// Oldest client library that is welcome.
-    pub client_min: String,
-    /// Newest client library that was tested.
-    pub client_max: String,
+    /// Client libraries that are accepted in some versions only; all others are accepted.
+    pub clients: Vec<ClientRange>,
+}
+
+/// Versions of a client library that are accepted.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ClientRange {
+    /// Name of the library.
+    pub name: String,
+    /// Oldest version accepted, `major.minor.patch`; empty: any.
+    pub min_version: String,
+    /// Newest version accepted, `major.minor.patch`; empty: any.
+    pub max_version: String,
+    /// How to install an accepted one.
+    pub install: String,
 }
 
 /// What anonymous visitors may see of a phase.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PhaseInfo {
     /// Id, as used in `RunRequest`.
     pub id: String,
@@ -77,7 +88,7 @@ pub struct PhaseInfo {
     pub feedback: FeedbackRule,
     /// Most slots of a Play stream.
     pub max_slots: u32,
-    /// Sensors that an agent may ask for, at the largest size.
+    /// Sensors that an agent may ask for; width and height are the largest allowed.
     pub sensors: Sensors,
     /// Whether a run can be started now.
     pub state: PhaseState,
@@ -140,6 +151,8 @@ pub struct RunStatus {
     pub phase: String,
     /// Name of the method.
     pub method: String,
+    /// Version of the method, may be empty.
+    pub method_version: String,
     /// Which order of missions is played.
     pub order: Order,
     /// Where it stands.
@@ -149,11 +162,17 @@ pub struct RunStatus {
     /// Episodes that are over and stored.
     pub done: u32,
     /// Start, milliseconds since 1970-01-01 UTC.
-    pub started_unix_ms: u64,
-    /// Last change, milliseconds since 1970-01-01 UTC.
-    pub updated_unix_ms: u64,
-    /// Name and value of each metric; empty where the phase shows none.
-    pub metrics: Vec<(String, f64)>,
+    pub created_unix_ms: i64,
+    /// Last change of state, milliseconds since 1970-01-01 UTC.
+    pub updated_unix_ms: i64,
+    /// How many episodes ended for which reason; reasons with none are left out.
+    pub ends: Vec<(EndReason, u32)>,
+    /// Name and value of each metric, in the order of the phase's columns; `None` where the phase shows none.
+    pub metrics: Option<Vec<(String, f64)>>,
+    /// Rules that keep it out of the ranking; empty: it takes part.
+    pub ineligible_because: Vec<String>,
+    /// Where people find it; may be empty.
+    pub url: String,
 }
 
 /// Where a run stands.
@@ -186,8 +205,21 @@ pub struct OpenRun {
     pub episodes: u32,
     /// Episodes that are over and stored.
     pub done: u32,
-    /// Name and digest of what decides scores: engine, data set, scorer, configuration.
-    pub digests: Vec<(String, String)>,
+    /// What decides scores.
+    pub digests: Digests,
+}
+
+/// Hexadecimal digests of what decides scores; empty where the phase hides one.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Digests {
+    /// Simulator.
+    pub engine: String,
+    /// Scenes and missions.
+    pub dataset: String,
+    /// Formulas.
+    pub scorer: String,
+    /// Rules, limits and settings of the phase.
+    pub config: String,
 }
 
 /// What an agent may know of a stored episode.

@@ -1,1 +1,63 @@
-//! The agents' door.
+//! The agents' door: gRPC services that let agents play episodes, and nothing else.
+//!
+//! Start reading at [`Host`], which the server implements, and [`serve`]. `PROTOCOL.md` of `avln-proto` tells
+//! what travels; this crate keeps the order of frames, the clocks and the limits.
+//!
+//! A session is one run that is being played. Each of its slots is a task of its own that owns its episode:
+//!
+//! ```text
+//!         Ready               EpisodeStart                Act
+//!  Idle ---------> starting --------------> Playing -----------> stepping
+//!   ^  (host.next_episode, start)            ^  |                  |  |
+//!   |                                        |  |   Observation    |  |
+//!   |                                        +--|------------------+  |
+//!   |   Ready                                   | Abandon, time up,   | terminated, truncated,
+//!   +--------- Over <---------------------------+ leaving             | simulator fault
+//!               ^                                                     |
+//!               +-----------------------------------------------------+
+//!        every way into Over: truncate where needed, host.conclude, EpisodeEnd
+//! ```
+//!
+//! *Never*: sees hidden truth, builds a message from anything but `avln-episode` types and what its host calls
+//! public, blocks an async thread with simulation, or lets one agent's fault reach another.
+//!
+//! What agents must not see cannot even be named here:
+//!
+//! ```
+//! use avln_episode::Observation; // what agents may know can
+//! ```
+//! ```compile_fail,E0432
+//! use avln_truth::EpisodeTruth;
+//! ```
+//! ```compile_fail,E0432
+//! use avln_world::World;
+//! ```
+//! ```compile_fail,E0432
+//! use avln_store::Store;
+//! ```
+
+mod auth;
+mod door;
+mod gate;
+mod host;
+mod limits;
+mod outbound;
+mod places;
+mod play;
+mod refusal;
+mod seat;
+mod serve;
+mod service;
+mod session;
+mod unary;
+mod wire;
+
+pub use avln_proto::v1::Reason;
+pub use host::{
+    Account, ClientRange, Digests, EpisodeOutcome, Host, OpenRun, PhaseInfo, PhaseState, RunRequest,
+    RunState, RunStatus, RunTicket, ServerInfo,
+};
+pub use limits::Limits;
+pub use refusal::Refusal;
+pub use seat::{EpisodeRunner, Seat};
+pub use serve::{ServeError, serve};

@@ -86,6 +86,17 @@ impl Limits {
     /// Room in one frame for field tags, ids and texts.
     const ENVELOPE_BYTES: u64 = 64 << 10;
 
+    /// What is left of a text of an agent when it is repeated to it.
+    pub(crate) fn shorten(text: &str) -> &str {
+        let end = text.floor_char_boundary(Self::MAX_TEXT_BYTES);
+        &text[..end]
+    }
+
+    /// [`Limits::step_time`] as the wire tells it, milliseconds.
+    pub(crate) fn step_ms(&self) -> u32 {
+        u32::try_from(self.step_time.as_millis()).unwrap_or(u32::MAX)
+    }
+
     /// Size of the largest frame that an agent with these sensors can be sent, bytes.
     ///
     /// `audio_samples` counts one ear.

@@ -78,6 +78,9 @@ impl Seat {
 
 impl std::fmt::Debug for Seat {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Seat").field("handle", &self.handle).field("ticket", &self.ticket).finish_non_exhaustive()
+        f.debug_struct("Seat")
+            .field("handle", &self.handle)
+            .field("ticket", &self.ticket)
+            .finish_non_exhaustive()
     }
 }

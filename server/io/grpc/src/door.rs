@@ -1,0 +1,129 @@
+use crate::{
+    gate::Gate,
+    host::{Host, OpenRun, RunStatus},
+    limits::Limits,
+    outbound::Outbound,
+    refusal::{Failure, Refusal, ask},
+    session::Session,
+    wire,
+};
+use avln_episode::Sensors;
+use avln_proto::v1::{self, Reason};
+use std::sync::Arc;
+use tokio::sync::Semaphore;
+
+/// What all services of the door share.
+#[derive(Clone)]
+pub(crate) struct Door {
+    pub(crate) host: Arc<dyn Host>,
+    pub(crate) limits: Arc<Limits>,
+    pub(crate) gate: Arc<Gate>,
+    simulations: Arc<Semaphore>,
+}
+
+/// What a Hello was granted.
+pub(crate) struct Terms {
+    pub(crate) sensors: Sensors,
+    pub(crate) slots: u32,
+    pub(crate) api_minor: u32,
+}
+
+impl Door {
+    pub(crate) fn new(host: Arc<dyn Host>, limits: Limits) -> Self {
+        let limits = Arc::new(limits);
+        let simulations = Arc::new(Semaphore::new(limits.max_simulations.max(1)));
+        Self { host, gate: Gate::new(limits.clone()), limits, simulations }
+    }
+
+    /// The run that a run token plays.
+    pub(crate) async fn open_run(&self, token: &str) -> Result<OpenRun, Failure> {
+        let (host, token) = (self.host.clone(), token.to_owned());
+        ask("open a run", async move { host.open_run(&token).await }).await
+    }
+
+    /// Closes the run and says how it stands.
+    pub(crate) async fn finish_run(&self, run: &str) -> Result<v1::RunEnd, Failure> {
+        let (host, run) = (self.host.clone(), run.to_owned());
+        ask("finish a run", async move { host.finish_run(&run).await }).await.map(run_end)
+    }
+
+    /// Checks a Hello against the run and the server.
+    pub(crate) fn terms(&self, hello: &v1::Hello, open: &OpenRun) -> Result<Terms, Refusal> {
+        if !hello.run.is_empty() && hello.run != open.run {
+            let named = Limits::shorten(&hello.run);
+            let message =
+                format!("the token plays run {}, not '{named}'; use that run's own token", open.run);
+            return Err(Refusal::new(Reason::TokenScope, message));
+        }
+        if hello.resume {
+            let message = "resume is not offered: lost episodes were put away; say Hello without it";
+            return Err(Refusal::new(Reason::Unsupported, message));
+        }
+        let info = self.host.info();
+        wire::client_is_welcome(hello.client.as_ref(), &info.clients)?;
+        let client_minor = hello.client.as_ref().map_or(0, |client| client.api_minor);
+        Ok(Terms {
+            sensors: wire::sensors(hello.sensors.as_ref())?,
+            slots: hello.slots.clamp(1, most_slots(open)),
+            api_minor: client_minor.min(info.api_minor),
+        })
+    }
+
+    /// Opens a run's slots.
+    pub(crate) fn session(&self, open: &OpenRun, terms: &Terms, out: Option<&Outbound>) -> Session {
+        let (host, limits) = (self.host.clone(), self.limits.clone());
+        Session::open(host, limits, self.simulations.clone(), open, terms, out)
+    }
+
+    /// The frame that answers a Hello.
+    pub(crate) fn welcome(&self, open: &OpenRun, terms: &Terms, session: &Session) -> v1::Welcome {
+        let info = self.host.info();
+        let frame_bytes = Limits::frame_bytes(&terms.sensors, open.rules.audio_samples);
+        v1::Welcome {
+            run: open.run.clone(),
+            api_minor: terms.api_minor,
+            slots: terms.slots,
+            task: Some(wire::task_spec(&open.rules, &terms.sensors)),
+            tensors: wire::tensor_specs(&terms.sensors, &open.rules),
+            max_message_bytes: u32::try_from(frame_bytes).unwrap_or(u32::MAX),
+            time: Some(self.time_limits()),
+            progress: Some(session.progress()),
+            resumed: Vec::new(),
+            digests: Some(wire::digests(&open.digests)),
+            benchmark: info.benchmark,
+            server_version: info.version,
+            sealed: false,
+            server_time_unix_ms: wire::unix_ms(),
+            run_deadline_unix_ms: 0,
+        }
+    }
+
+    /// Time that agents have. No time is granted to lost connections.
+    pub(crate) fn time_limits(&self) -> v1::TimeLimits {
+        v1::TimeLimits {
+            step_ms: self.limits.step_ms(),
+            bank_ms: 0,
+            run_s: 0,
+            disconnect_s: 0,
+            disconnect_total_s: 0,
+        }
+    }
+}
+
+/// Most slots of one stream of the run.
+pub(crate) fn most_slots(open: &OpenRun) -> u32 {
+    open.max_slots.clamp(1, Limits::MAX_SLOTS)
+}
+
+/// How a run stands at the end of a stream.
+fn run_end(status: RunStatus) -> v1::RunEnd {
+    let progress = v1::RunProgress { total: status.episodes, done: status.done, in_flight: 0, eta_s: None };
+    v1::RunEnd {
+        run: status.run,
+        progress: Some(progress),
+        ends: wire::end_counts(&status.ends),
+        metrics: status.metrics.map(|metrics| wire::public_metrics(metrics, status.done)),
+        complete: status.done >= status.episodes,
+        url: status.url,
+    }
+}

@@ -1,0 +1,220 @@
+//! The stream: one run, many slots, from Hello to Goodbye.
+
+use crate::{
+    door::Door,
+    gate::{Pass, Stop},
+    limits::Limits,
+    outbound::Outbound,
+    refusal::{About, Failure, Refusal},
+    session::{Order, Over, Session},
+    wire,
+};
+use avln_episode::EndReason;
+use avln_proto::v1::{self, Reason, play_request, play_response::Frame};
+use tokio::time::{sleep_until, timeout};
+use tonic::{Status, Streaming};
+
+/// Why the reading of a stream stopped.
+enum Ending {
+    /// The agent is no longer there, or no longer makes sense.
+    Lost(Failure),
+    Goodbye,
+    Over(Over),
+    Stopped(Stop),
+}
+
+/// One Play stream.
+pub(crate) struct Stage {
+    pub(crate) door: Door,
+    pub(crate) token: String,
+    pub(crate) inbound: Streaming<v1::PlayRequest>,
+    pub(crate) out: Outbound,
+}
+
+impl Stage {
+    /// Plays the run until one side ends it. Every way out puts the open episodes away first.
+    pub(crate) async fn run(mut self) {
+        if let Err(failure) = self.play().await {
+            self.out.fail(failure).await;
+        }
+    }
+
+    async fn play(&mut self) -> Result<(), Failure> {
+        let hello = self.hello().await?;
+        let open = self.door.open_run(&self.token).await?;
+        self.door.terms(&hello, &open)?;
+        let mut pass = self.door.gate.enter(&open.run).await?;
+        // A session that was superseded has just stored its episodes: ask again how far the run is.
+        let open = self.door.open_run(&self.token).await?;
+        let terms = self.door.terms(&hello, &open)?;
+        let session = self.door.session(&open, &terms, Some(&self.out));
+        let welcome = self.door.welcome(&open, &terms, &session);
+        let ending = match self.out.send(Frame::Welcome(welcome)).await {
+            Ok(()) => self.conduct(&session, &mut pass).await,
+            Err(_) => Ending::Lost(gone()),
+        };
+        self.finish(&session, &pass, ending).await
+    }
+
+    async fn hello(&mut self) -> Result<v1::Hello, Failure> {
+        let limit = self.door.limits.hello;
+        let first = timeout(limit, self.inbound.message()).await.map_err(|_| {
+            let message = format!("no Hello within {limit:?} of opening the stream; send it first");
+            Failure::new(Reason::TooSlow, message)
+        })?;
+        match first.map_err(broken)?.and_then(|request| request.frame) {
+            Some(play_request::Frame::Hello(hello)) => Ok(hello),
+            _ => Err(Failure::new(Reason::BadRequest, "the first frame of a stream must be Hello")),
+        }
+    }
+
+    /// Reads frames and hands them to the slots.
+    async fn conduct(&mut self, session: &Session, pass: &mut Pass) -> Ending {
+        let out = self.out.clone();
+        let mut gone_away = std::pin::pin!(out.gone());
+        let mut over = std::pin::pin!(session.over());
+        loop {
+            let silence = out.last_sent() + self.door.limits.ping_interval;
+            tokio::select! {
+                biased;
+                stop = pass.stopped() => return Ending::Stopped(stop),
+                () = &mut gone_away => return Ending::Lost(gone()),
+                over = &mut over => return Ending::Over(over),
+                request = self.inbound.message() => match request {
+                    Ok(Some(request)) => if let Some(ending) = self.receive(session, request).await {
+                        return ending;
+                    },
+                    Ok(None) => return Ending::Lost(no_goodbye()),
+                    Err(status) => return Ending::Lost(broken(status)),
+                },
+                () = sleep_until(silence) => self.ping().await,
+            }
+        }
+    }
+
+    async fn receive(&self, session: &Session, request: v1::PlayRequest) -> Option<Ending> {
+        use play_request::Frame as Request;
+        let (slot, order) = match request.frame {
+            Some(Request::Ready(ready)) => (ready.slot, Order::Ready),
+            Some(Request::Act(act)) => (act.slot, Order::Act(act)),
+            Some(Request::Abandon(abandon)) => (abandon.slot, Order::Abandon(abandon)),
+            Some(Request::Pong(_)) => return None,
+            Some(Request::Goodbye(goodbye)) if !goodbye.pause => return Some(Ending::Goodbye),
+            Some(Request::Goodbye(_)) => {
+                return self
+                    .refuse(Reason::Unsupported, "pause is not offered; say Goodbye without it")
+                    .await;
+            }
+            Some(Request::Hello(_)) => {
+                return self
+                    .refuse(Reason::BadRequest, "Hello was said already; send Ready, Act or Goodbye")
+                    .await;
+            }
+            None => return self.refuse(Reason::Unsupported, "the frame is empty or not known here").await,
+        };
+        if let Err(failure) = session.order(slot, order.clone()) {
+            self.fault(&failure, order.about(slot)).await;
+        }
+        None
+    }
+
+    async fn refuse(&self, reason: Reason, message: &str) -> Option<Ending> {
+        self.fault(&Failure::new(reason, message), About::default()).await;
+        None
+    }
+
+    /// Tells of a refused frame; the stream goes on. One that cannot be told is noticed as gone.
+    async fn fault(&self, failure: &Failure, about: About<'_>) {
+        let _ = self.out.send(Frame::Fault(failure.frame(about, true))).await;
+    }
+
+    async fn ping(&self) {
+        let now = wire::unix_ms();
+        let ping = v1::Ping { nonce: now.unsigned_abs(), server_time_unix_ms: now, run_remaining_s: None };
+        let _ = self.out.send(Frame::Ping(ping)).await;
+    }
+
+    /// Puts open episodes away, then says how the stream ends.
+    async fn finish(&self, session: &Session, pass: &Pass, ending: Ending) -> Result<(), Failure> {
+        match ending {
+            Ending::Lost(why) => {
+                self.out.cut();
+                session.close(EndReason::Disconnected).await;
+                Err(why)
+            }
+            Ending::Goodbye => {
+                session.close(EndReason::Abandoned).await;
+                self.run_end(&pass.run).await
+            }
+            Ending::Over(Over::NothingLeft) => {
+                session.close(EndReason::Abandoned).await;
+                self.run_end(&pass.run).await
+            }
+            Ending::Over(Over::AgentHangs) => {
+                let failure = hangs(&self.door.limits);
+                let frame = Frame::Fault(failure.frame(About::default(), false));
+                let _ = self.out.send(frame).await;
+                session.close(EndReason::TimeBudget).await;
+                self.run_end(&pass.run).await
+            }
+            Ending::Stopped(stop) => self.stopped(session, stop).await,
+        }
+    }
+
+    async fn run_end(&self, run: &str) -> Result<(), Failure> {
+        let run_end = self.door.finish_run(run).await?;
+        let _ = self.out.send(Frame::RunEnd(run_end)).await;
+        Ok(())
+    }
+
+    async fn stopped(&self, session: &Session, stop: Stop) -> Result<(), Failure> {
+        self.out.cut();
+        let (reason, why) = match stop {
+            Stop::Superseded => {
+                let message = "another stream took this run over; open episodes were put away";
+                (EndReason::Disconnected, Refusal::new(Reason::Superseded, message))
+            }
+            Stop::Left => {
+                (EndReason::Abandoned, Refusal::new(Reason::RunOver, "the run was ended by its own team"))
+            }
+            Stop::Draining => {
+                let _ = self.out.send(Frame::Notice(draining_notice())).await;
+                let message = "the server stops; episodes that were open do not count, connect again later";
+                (EndReason::ServerFault, Refusal::new(Reason::Draining, message).retry_after(30))
+            }
+        };
+        session.close(reason).await;
+        Err(why.into())
+    }
+}
+
+/// What ends a run whose agent does not answer any more.
+pub(crate) fn hangs(limits: &Limits) -> Failure {
+    let message = format!(
+        "{} episodes in a row ran out of time ({:?} a step); the run ends here",
+        limits.timeouts_in_a_row, limits.step_time
+    );
+    Failure::new(Reason::TooSlow, message)
+}
+
+fn draining_notice() -> v1::Notice {
+    v1::Notice {
+        kind: v1::NoticeKind::Draining.into(),
+        message: "the server stops now; open episodes do not count".to_owned(),
+        effective_unix_ms: 0,
+    }
+}
+
+fn gone() -> Failure {
+    Failure::new(Reason::TooSlow, "a frame was left unread for too long; read the stream while thinking")
+}
+
+fn no_goodbye() -> Failure {
+    let message = "the stream ended without Goodbye: open episodes end disconnected";
+    Failure::new(Reason::BadRequest, message)
+}
+
+/// The transport or the decoder refused what came; its words are about the bytes, not about the server.
+fn broken(status: Status) -> Failure {
+    Failure::new(Reason::BadRequest, format!("the stream broke: {}", Limits::shorten(status.message())))
+}

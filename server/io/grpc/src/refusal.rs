@@ -1,0 +1,204 @@
+use avln_proto::v1::{self, Reason};
+use avln_proto::{REASON_KEY, RETRY_AFTER_KEY};
+use std::{
+    fmt::Display,
+    future::Future,
+    hash::{BuildHasher, Hasher},
+};
+use tonic::{Code, Status, metadata::MetadataValue};
+
+/// The agent asked for something that it cannot have. Its fault, or nobody's; never the server's.
+///
+/// With the reasons [`Reason::Internal`] and [`Reason::SimFault`] the message goes to the log and not to the agent.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{message}")]
+pub struct Refusal {
+    /// Why, for programs.
+    pub reason: Reason,
+    /// What was attempted with what value, the limit, and the next step, for people.
+    pub message: String,
+    /// When trying again makes sense, seconds.
+    pub retry_after_s: Option<u32>,
+}
+
+impl Refusal {
+    /// A refusal that waiting does not cure.
+    pub fn new(reason: Reason, message: impl Into<String>) -> Self {
+        Self { reason, message: message.into(), retry_after_s: None }
+    }
+
+    /// Says when trying again makes sense, seconds.
+    pub fn retry_after(self, seconds: u32) -> Self {
+        Self { retry_after_s: Some(seconds), ..self }
+    }
+
+    /// A failure of the server itself: `detail` is logged, the agent gets an id to ask about.
+    pub fn internal(detail: impl Display) -> Self {
+        Self::new(Reason::Internal, detail.to_string())
+    }
+}
+
+/// The server failed. The detail is in its log under the id; the agent sees the id alone.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct ServerFault {
+    reason: Reason,
+    id: String,
+}
+
+impl ServerFault {
+    /// Logs a failure of anything but the simulator.
+    pub(crate) fn log(attempt: &str, detail: impl Display) -> Self {
+        Self::record(Reason::Internal, attempt, detail)
+    }
+
+    /// Logs a failure of the simulator.
+    pub(crate) fn simulator(attempt: &str, detail: impl Display) -> Self {
+        Self::record(Reason::SimFault, attempt, detail)
+    }
+
+    fn record(reason: Reason, attempt: &str, detail: impl Display) -> Self {
+        let random = std::hash::RandomState::new().build_hasher().finish();
+        let id = format!("inc_{random:016x}");
+        tracing::error!(id, attempt, %detail, "server fault");
+        Self { reason, id }
+    }
+
+    fn message(&self) -> String {
+        match self.reason {
+            Reason::SimFault => format!("the simulator failed ({}); the episode does not count", self.id),
+            _ => format!("the server failed; ask its organiser about {}", self.id),
+        }
+    }
+}
+
+/// Whose fault it was.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Failure {
+    Refused(Refusal),
+    Fault(ServerFault),
+}
+
+impl Failure {
+    pub(crate) fn new(reason: Reason, message: impl Into<String>) -> Self {
+        Self::from(Refusal::new(reason, message))
+    }
+
+    pub(crate) fn reason(&self) -> Reason {
+        match self {
+            Self::Refused(refusal) => refusal.reason,
+            Self::Fault(fault) => fault.reason,
+        }
+    }
+
+    pub(crate) fn message(&self) -> String {
+        match self {
+            Self::Refused(refusal) => refusal.message.clone(),
+            Self::Fault(fault) => fault.message(),
+        }
+    }
+
+    fn retry_after_s(&self) -> Option<u32> {
+        match self {
+            Self::Refused(refusal) => refusal.retry_after_s,
+            Self::Fault(_) => None,
+        }
+    }
+
+    /// The frame that tells a stream about it.
+    pub(crate) fn frame(&self, about: About<'_>, recoverable: bool) -> v1::Fault {
+        v1::Fault {
+            slot: about.slot,
+            episode: about.episode.to_owned(),
+            step: about.step,
+            code: self.reason().code() as u32,
+            reason: self.reason().into(),
+            message: self.message(),
+            recoverable,
+            retry_after_s: self.retry_after_s(),
+            id: match self {
+                Self::Refused(_) => String::new(),
+                Self::Fault(fault) => fault.id.clone(),
+            },
+        }
+    }
+}
+
+/// What a fault concerns; the default is the whole stream.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct About<'a> {
+    pub(crate) slot: Option<u32>,
+    pub(crate) episode: &'a str,
+    pub(crate) step: u32,
+}
+
+impl From<Refusal> for Failure {
+    fn from(refusal: Refusal) -> Self {
+        match refusal.reason {
+            Reason::SimFault => Self::Fault(ServerFault::simulator("host", refusal.message)),
+            reason if matches!(reason.code(), Code::Internal | Code::Unknown) => {
+                Self::Fault(ServerFault::log("host", refusal.message))
+            }
+            _ => Self::Refused(refusal),
+        }
+    }
+}
+
+impl From<ServerFault> for Failure {
+    fn from(fault: ServerFault) -> Self {
+        Self::Fault(fault)
+    }
+}
+
+impl From<Failure> for Status {
+    fn from(failure: Failure) -> Self {
+        let mut status = Self::new(failure.reason().code(), failure.message());
+        let trailers = status.metadata_mut();
+        trailers.insert(REASON_KEY, MetadataValue::from_static(failure.reason().word()));
+        if let Some(seconds) = failure.retry_after_s() {
+            trailers.insert(RETRY_AFTER_KEY, MetadataValue::from(seconds));
+        }
+        status
+    }
+}
+
+/// Asks the host in a task of its own: a panic there becomes a server fault, and a caller that hangs up
+/// does not leave the work half done.
+pub(crate) async fn ask<T: Send + 'static>(
+    attempt: &'static str,
+    work: impl Future<Output = Result<T, Refusal>> + Send + 'static,
+) -> Result<T, Failure> {
+    match tokio::spawn(work).await {
+        Ok(answer) => answer.map_err(Failure::from),
+        Err(broken) => Err(ServerFault::log(attempt, broken).into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_carries_code_reason_and_delay() {
+        let refusal = Refusal::new(Reason::NoCapacity, "the server is full").retry_after(7);
+        let status = Status::from(Failure::from(refusal));
+        assert_eq!(status.code(), Code::ResourceExhausted);
+        assert_eq!(status.message(), "the server is full");
+        assert_eq!(status.metadata().get(REASON_KEY).unwrap(), "NO_CAPACITY");
+        assert_eq!(status.metadata().get(RETRY_AFTER_KEY).unwrap(), "7");
+    }
+
+    #[test]
+    fn the_detail_of_a_server_fault_stays_inside() {
+        let status = Status::from(Failure::from(Refusal::internal("target 17 is a sofa")));
+        assert_eq!(status.code(), Code::Internal);
+        assert!(!status.message().contains("sofa"), "{}", status.message());
+        assert!(status.message().contains("inc_"), "{}", status.message());
+    }
+
+    #[tokio::test]
+    async fn a_panic_of_the_host_is_a_server_fault() {
+        let failure = ask::<()>("test", async { panic!("secret") }).await.unwrap_err();
+        assert_eq!(failure.reason(), Reason::Internal);
+        assert!(!failure.message().contains("secret"));
+    }
+}

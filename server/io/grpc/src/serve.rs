@@ -1,0 +1,175 @@
+//! The listener: our own accept loop over hyper, because every limit of a connection is set here.
+
+use crate::{
+    door::Door,
+    host::Host,
+    limits::Limits,
+    places::{Place, Places},
+    service,
+};
+use hyper::{body::Incoming, server::conn::http2, service::service_fn};
+use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
+use std::{
+    future::Future,
+    io,
+    pin::pin,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
+use tokio::{
+    net::{TcpListener, TcpStream},
+    sync::watch,
+    task::JoinSet,
+    time::{sleep, timeout},
+};
+use tonic::service::Routes;
+use tower::Service;
+
+/// Pause after a failed accept: with no file descriptors left, trying on at once would burn a core.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
+/// Bytes that an agent may send unread on one call; its frames are tiny.
+const STREAM_WINDOW_BYTES: u32 = 64 << 10;
+/// Bytes that an agent may send unread on one connection.
+const CONNECTION_WINDOW_BYTES: u32 = 1 << 20;
+/// Bytes that wait for the socket on one call: a whole observation.
+const SEND_BUFFER_BYTES: usize = 1 << 20;
+/// Calls that an agent may open and reset at once before the connection is closed.
+const PENDING_RESETS: usize = 20;
+/// Calls that the server may have to reset before it closes the connection.
+const LOCAL_RESETS: usize = 64;
+
+/// Why the door could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The compiled `.proto` files could not be read back.
+    #[error("reading the protocol's own descriptors: {0}; rebuild the server")]
+    Reflection(#[from] tonic_reflection::server::Error),
+}
+
+/// Serves agents on `listener` until `shutdown` is ready and all that runs is put away.
+///
+/// Running episodes then end as server faults, which never count against an agent.
+///
+/// # Errors
+/// When the door cannot be opened. Nothing that an agent does is an error here.
+pub async fn serve(
+    listener: TcpListener,
+    host: Arc<dyn Host>,
+    limits: Limits,
+    shutdown: impl Future<Output = ()> + Send,
+) -> Result<(), ServeError> {
+    let door = Door::new(host, limits);
+    let (routes, health) = service::routes(&door).await?;
+    let (closing, _) = watch::channel(false);
+    let mut connections = JoinSet::new();
+    tokio::select! {
+        () = accept(&listener, &door.limits, &routes, &closing, &mut connections) => {}
+        () = shutdown => {}
+    }
+    drop(listener);
+    service::set_health(&health, false).await;
+    if timeout(door.limits.drain, door.gate.shut()).await.is_err() {
+        tracing::warn!("sessions were cut at the end of the drain time");
+    }
+    closing.send_replace(true);
+    let all_closed = async { while connections.join_next().await.is_some() {} };
+    if timeout(door.limits.drain, all_closed).await.is_err() {
+        tracing::warn!("connections were cut at the end of the drain time");
+    }
+    Ok(())
+}
+
+/// Accepts for ever, within the limits of places.
+async fn accept(
+    listener: &TcpListener,
+    limits: &Arc<Limits>,
+    routes: &Routes,
+    closing: &watch::Sender<bool>,
+    connections: &mut JoinSet<()>,
+) {
+    let places = Places::new(limits.max_connections, limits.max_connections_per_address);
+    loop {
+        while connections.try_join_next().is_some() {}
+        match listener.accept().await {
+            Ok((stream, peer)) => match places.take(peer.ip()) {
+                Some(place) => {
+                    let connection =
+                        Connection { limits: limits.clone(), closing: closing.subscribe(), _place: place };
+                    connections.spawn(connection.serve(stream, routes.clone()));
+                }
+                // Closing at once tells the client more than a connection that never answers.
+                None => tracing::warn!(%peer, "connection refused: no place left"),
+            },
+            Err(error) => pause(&error).await,
+        }
+    }
+}
+
+async fn pause(error: &io::Error) {
+    tracing::warn!(%error, "accept failed");
+    sleep(ACCEPT_PAUSE).await;
+}
+
+struct Connection {
+    limits: Arc<Limits>,
+    closing: watch::Receiver<bool>,
+    _place: Place,
+}
+
+impl Connection {
+    /// Serves one connection until either side closes it.
+    async fn serve(mut self, stream: TcpStream, routes: Routes) {
+        // Without it small frames wait for acknowledgements; a socket that refuses still works.
+        let _ = stream.set_nodelay(true);
+        let seen = Arc::new(AtomicBool::new(false));
+        let mark = seen.clone();
+        let service = service_fn(move |request: hyper::Request<Incoming>| {
+            mark.store(true, Ordering::Relaxed);
+            routes.clone().call(request)
+        });
+        let mut connection = pin!(self.http2().serve_connection(TokioIo::new(stream), service));
+        let mut first_request = pin!(sleep(self.limits.first_request));
+        let (mut waiting, mut closing) = (true, false);
+        loop {
+            tokio::select! {
+                ended = &mut connection => {
+                    if let Err(error) = ended {
+                        tracing::debug!(%error, "connection ended");
+                    }
+                    return;
+                }
+                () = &mut first_request, if waiting => {
+                    waiting = false;
+                    if !seen.load(Ordering::Relaxed) {
+                        tracing::debug!("connection without a request closed");
+                        return;
+                    }
+                }
+                _ = self.closing.wait_for(|closing| *closing), if !closing => {
+                    closing = true;
+                    connection.as_mut().graceful_shutdown();
+                }
+            }
+        }
+    }
+
+    fn http2(&self) -> http2::Builder<TokioExecutor> {
+        let mut builder = http2::Builder::new(TokioExecutor::new());
+        builder
+            .timer(TokioTimer::new())
+            .max_concurrent_streams(self.limits.http2_streams)
+            .max_pending_accept_reset_streams(PENDING_RESETS)
+            .max_local_error_reset_streams(LOCAL_RESETS)
+            .max_header_list_size(self.limits.header_bytes)
+            .max_frame_size(self.limits.http2_frame_bytes)
+            .initial_stream_window_size(STREAM_WINDOW_BYTES)
+            .initial_connection_window_size(CONNECTION_WINDOW_BYTES)
+            .max_send_buf_size(SEND_BUFFER_BYTES)
+            .keep_alive_interval(self.limits.keepalive_interval)
+            .keep_alive_timeout(self.limits.keepalive_timeout);
+        builder
+    }
+}

@@ -1,0 +1,29 @@
+use crate::{door::Door, refusal::ask, wire};
+use avln_proto::v1::{self, info_service_server::InfoService};
+use tonic::{Request, Response, Status};
+
+/// What anyone may know.
+#[derive(Clone)]
+pub(crate) struct Info(pub(crate) Door);
+
+#[tonic::async_trait]
+impl InfoService for Info {
+    async fn get_server_info(
+        &self,
+        _: Request<v1::GetServerInfoRequest>,
+    ) -> Result<Response<v1::GetServerInfoResponse>, Status> {
+        let Door { host, limits, gate, .. } = &self.0;
+        Ok(Response::new(wire::server_info(host.info(), limits, gate.is_shut())))
+    }
+
+    async fn list_phases(
+        &self,
+        _: Request<v1::ListPhasesRequest>,
+    ) -> Result<Response<v1::ListPhasesResponse>, Status> {
+        let host = self.0.host.clone();
+        let phases = ask("list phases", async move { host.phases().await }).await?;
+        let time = self.0.time_limits();
+        let phases = phases.into_iter().map(|phase| wire::phase(phase, time)).collect();
+        Ok(Response::new(v1::ListPhasesResponse { phases }))
+    }
+}

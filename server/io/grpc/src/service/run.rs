@@ -1,0 +1,247 @@
+use super::WATCH_INTERVAL;
+use crate::{
+    auth::bearer,
+    door::Door,
+    gate::Stop,
+    host::{Account, PhaseInfo, RunRequest, RunStatus},
+    limits::Limits,
+    refusal::{Failure, Refusal, ask},
+    wire,
+};
+use avln_episode::Order;
+use avln_proto::v1::{self, Reason, run_service_server::RunService};
+use tokio::{sync::mpsc, time::sleep};
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::{Request, Response, Status, metadata::MetadataMap};
+
+/// Runs that a page holds when the caller does not say.
+const PAGE: usize = 50;
+/// Most runs that a page holds.
+const LARGEST_PAGE: usize = 200;
+/// Longest name of a method, characters.
+const MAX_METHOD_CHARS: usize = 80;
+/// Longest version of a method, characters.
+const MAX_VERSION_CHARS: usize = 40;
+/// Longest id of a request, characters.
+const MAX_REQUEST_ID_CHARS: usize = 64;
+
+/// A team's runs.
+#[derive(Clone)]
+pub(crate) struct Runs(pub(crate) Door);
+
+impl Runs {
+    async fn account(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
+        let token = bearer(metadata)?;
+        let host = self.0.host.clone();
+        ask("look an account up", async move { host.account(&token).await }).await
+    }
+
+    async fn status(&self, account: &Account, run: &str) -> Result<RunStatus, Failure> {
+        let (host, account, run) = (self.0.host.clone(), account.clone(), checked_id(run)?);
+        ask("look a run up", async move { host.run(&account, &run).await }).await
+    }
+
+    /// The order that is asked for, or the only one that the phase has.
+    async fn order(&self, wanted: v1::Order, phase: &str) -> Result<Order, Failure> {
+        match wanted {
+            v1::Order::Ordered => return Ok(Order::Ordered),
+            v1::Order::Unordered => return Ok(Order::Unordered),
+            v1::Order::Unspecified => {}
+        }
+        let host = self.0.host.clone();
+        let phases = ask("list phases", async move { host.phases().await }).await?;
+        Ok(only_order(&phases, phase)?)
+    }
+
+    async fn request(&self, start: v1::StartRunRequest) -> Result<RunRequest, Failure> {
+        let info = self.0.host.info();
+        wire::client_is_welcome(start.client.as_ref(), &info.clients)?;
+        let method = start.method.clone().unwrap_or_default();
+        let phase = checked_id(&start.phase)?;
+        Ok(RunRequest {
+            method: text("method.name", method.name.trim(), 1, MAX_METHOD_CHARS)?,
+            method_version: text("method.version", method.version.trim(), 0, MAX_VERSION_CHARS)?,
+            client_request_id: text("client_request_id", &start.client_request_id, 0, MAX_REQUEST_ID_CHARS)?,
+            order: self.order(start.order(), &phase).await?,
+            phase,
+        })
+    }
+}
+
+#[tonic::async_trait]
+impl RunService for Runs {
+    type WatchRunStream = ReceiverStream<Result<v1::WatchRunResponse, Status>>;
+
+    async fn start_run(
+        &self,
+        request: Request<v1::StartRunRequest>,
+    ) -> Result<Response<v1::StartRunResponse>, Status> {
+        let account = self.account(request.metadata()).await?;
+        self.0.gate.check_open().map_err(Failure::from)?;
+        let asked = self.request(request.into_inner()).await?;
+        let (host, team) = (self.0.host.clone(), account.clone());
+        let ticket = ask("start a run", async move { host.start_run(&team, asked).await }).await?;
+        let status = self.status(&account, &ticket.run).await?;
+        Ok(Response::new(v1::StartRunResponse {
+            run: Some(wire::run(status)),
+            run_token: ticket.token,
+            max_slots: ticket.max_slots.clamp(1, Limits::MAX_SLOTS),
+            time: Some(self.0.time_limits()),
+            quota: None,
+        }))
+    }
+
+    async fn get_run(
+        &self,
+        request: Request<v1::GetRunRequest>,
+    ) -> Result<Response<v1::GetRunResponse>, Status> {
+        let account = self.account(request.metadata()).await?;
+        let status = self.status(&account, &request.get_ref().run).await?;
+        Ok(Response::new(v1::GetRunResponse { run: Some(wire::run(status)) }))
+    }
+
+    async fn watch_run(
+        &self,
+        request: Request<v1::WatchRunRequest>,
+    ) -> Result<Response<Self::WatchRunStream>, Status> {
+        let account = self.account(request.metadata()).await?;
+        let run = request.into_inner().run;
+        let first = self.status(&account, &run).await?;
+        let (updates, stream) = mpsc::channel(1);
+        let runs = self.clone();
+        tokio::spawn(async move { runs.watch(account, first, updates).await });
+        Ok(Response::new(ReceiverStream::new(stream)))
+    }
+
+    async fn cancel_run(
+        &self,
+        request: Request<v1::CancelRunRequest>,
+    ) -> Result<Response<v1::CancelRunResponse>, Status> {
+        let account = self.account(request.metadata()).await?;
+        // Only the run's own team may stop its session.
+        let run = self.status(&account, &request.get_ref().run).await?.run;
+        self.0.gate.stop(&run, Stop::Left).await;
+        let host = self.0.host.clone();
+        let status = ask("cancel a run", async move { host.cancel_run(&account, &run).await }).await?;
+        Ok(Response::new(v1::CancelRunResponse { run: Some(wire::run(status)) }))
+    }
+
+    async fn list_runs(
+        &self,
+        request: Request<v1::ListRunsRequest>,
+    ) -> Result<Response<v1::ListRunsResponse>, Status> {
+        let account = self.account(request.metadata()).await?;
+        let host = self.0.host.clone();
+        let runs = ask("list runs", async move { host.runs(&account).await }).await?;
+        Ok(Response::new(page(runs, request.get_ref()).map_err(Failure::from)?))
+    }
+
+    async fn get_quota(
+        &self,
+        request: Request<v1::GetQuotaRequest>,
+    ) -> Result<Response<v1::GetQuotaResponse>, Status> {
+        self.account(request.metadata()).await?;
+        // No window limits the runs of a team.
+        Ok(Response::new(v1::GetQuotaResponse { quotas: Vec::new() }))
+    }
+
+    async fn who_am_i(
+        &self,
+        request: Request<v1::WhoAmIRequest>,
+    ) -> Result<Response<v1::WhoAmIResponse>, Status> {
+        let account = self.account(request.metadata()).await?;
+        Ok(Response::new(v1::WhoAmIResponse {
+            team: account.team,
+            token_name: String::new(),
+            scope: v1::TokenScope::Participant.into(),
+            expires_unix_s: 0,
+        }))
+    }
+}
+
+impl Runs {
+    /// Tells of the run whenever it changed, until it is over, the caller hangs up or the server stops.
+    async fn watch(
+        self,
+        account: Account,
+        first: RunStatus,
+        updates: mpsc::Sender<Result<v1::WatchRunResponse, Status>>,
+    ) {
+        let mut told: Option<v1::Run> = None;
+        let run = first.run.clone();
+        let mut status = Ok(first);
+        loop {
+            let update = status.map(wire::run);
+            let over = update.as_ref().map_or(true, |run| run.ended_unix_ms != 0);
+            if update.as_ref().ok() != told.as_ref() || over {
+                told = update.as_ref().ok().cloned();
+                let response = update.map(|run| v1::WatchRunResponse { run: Some(run) });
+                if updates.send(response.map_err(Status::from)).await.is_err() || over {
+                    return;
+                }
+            }
+            tokio::select! {
+                () = updates.closed() => return,
+                () = self.0.gate.shutting() => {}
+                () = sleep(WATCH_INTERVAL) => {}
+            }
+            status = match self.0.gate.check_open() {
+                Ok(()) => self.status(&account, &run).await,
+                Err(draining) => Err(draining.into()),
+            };
+        }
+    }
+}
+
+fn only_order(phases: &[PhaseInfo], id: &str) -> Result<Order, Refusal> {
+    let Some(phase) = phases.iter().find(|phase| phase.id == id) else {
+        let message = format!("phase '{id}' is unknown; ListPhases tells which there are");
+        return Err(Refusal::new(Reason::PhaseUnknown, message));
+    };
+    match phase.orders[..] {
+        [order] => Ok(order),
+        _ => {
+            let message = format!("phase '{id}' has several orders; set order to ORDERED or UNORDERED");
+            Err(Refusal::new(Reason::BadRequest, message))
+        }
+    }
+}
+
+fn checked_id(id: &str) -> Result<String, Refusal> {
+    text("id", id, 1, Limits::MAX_TEXT_BYTES)
+}
+
+/// A text of the agent within its length, counted in characters, and without control characters.
+fn text(field: &str, value: &str, min: usize, max: usize) -> Result<String, Refusal> {
+    let length = value.chars().count();
+    if !(min..=max).contains(&length) || value.chars().any(char::is_control) {
+        let message =
+            format!("{field} has {length} characters; use {min} to {max}, none of them a control character");
+        return Err(Refusal::new(Reason::BadRequest, message));
+    }
+    Ok(value.to_owned())
+}
+
+/// One page of the runs; the token of a page is the id of the run before it.
+fn page(runs: Vec<RunStatus>, request: &v1::ListRunsRequest) -> Result<v1::ListRunsResponse, Refusal> {
+    let size = match request.page_size as usize {
+        0 => PAGE,
+        size => size.min(LARGEST_PAGE),
+    };
+    let wanted = |run: &RunStatus| request.phase.is_empty() || run.phase == request.phase;
+    let mut runs: Vec<_> = runs.into_iter().filter(wanted).collect();
+    if !request.page_token.is_empty() {
+        let last = runs.iter().position(|run| run.run == request.page_token);
+        let last = last.ok_or_else(|| {
+            Refusal::new(Reason::BadRequest, "page_token is not one that ListRuns gave; start without it")
+        })?;
+        runs.drain(..=last);
+    }
+    let more = runs.len() > size;
+    runs.truncate(size);
+    let next = runs.last().filter(|_| more).map(|run| run.run.clone());
+    Ok(v1::ListRunsResponse {
+        runs: runs.into_iter().map(wire::run).collect(),
+        next_page_token: next.unwrap_or_default(),
+    })
+}

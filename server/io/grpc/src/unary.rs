@@ -1,0 +1,189 @@
+//! The unary mirror: the same session as a stream's, with one slot, found again by the run of the token.
+
+use crate::{
+    door::{Door, Terms},
+    gate::{Pass, Stop},
+    refusal::{Failure, Refusal, ServerFault},
+    session::{Answer, Order, Over, Session},
+};
+use avln_episode::{EndReason, Sensors};
+use avln_proto::v1::{self, Reason, end_request, end_response, reset_response::Outcome};
+use std::{sync::Arc, time::Duration};
+use tokio::{
+    sync::watch,
+    time::{Instant, sleep_until},
+};
+
+/// The slot that unary calls play.
+const SLOT: u32 = 0;
+
+/// Where unary calls find the session of their run.
+pub(crate) struct Desk {
+    session: Session,
+    welcome: v1::Welcome,
+    sensors: Sensors,
+    last_call: watch::Sender<Instant>,
+}
+
+impl Desk {
+    async fn ask(&self, order: Order) -> Result<Answer, Failure> {
+        self.last_call.send_replace(Instant::now());
+        let answer = self.session.ask(SLOT, order).await;
+        self.last_call.send_replace(Instant::now());
+        answer
+    }
+
+    /// The sensors of a run are those of its first Hello.
+    fn check_sensors(&self, wanted: &Sensors) -> Result<(), Refusal> {
+        if self.sensors == *wanted {
+            return Ok(());
+        }
+        let message = "the sensors of a run are fixed by its first Hello; ask for the same ones";
+        Err(Refusal::new(Reason::SensorNotAllowed, message))
+    }
+
+    /// Watches over the session until it is over, then puts it away.
+    async fn keep(self: Arc<Self>, door: Door, mut pass: Pass) {
+        let reason = tokio::select! {
+            stop = pass.stopped() => match stop {
+                Stop::Superseded => EndReason::Disconnected,
+                Stop::Draining => EndReason::ServerFault,
+                Stop::Left => EndReason::Abandoned,
+            },
+            over = self.session.over() => match over {
+                Over::NothingLeft => EndReason::Abandoned,
+                Over::AgentHangs => EndReason::TimeBudget,
+            },
+            () = self.idle(door.limits.unary_idle) => EndReason::Disconnected,
+        };
+        self.session.close(reason).await;
+        if reason == EndReason::TimeBudget
+            && let Err(failure) = door.finish_run(&pass.run).await
+        {
+            tracing::warn!(run = pass.run, why = failure.message(), "run not finished");
+        }
+    }
+
+    /// Waits until no call has come for `limit`.
+    async fn idle(&self, limit: Duration) {
+        loop {
+            let end = *self.last_call.borrow() + limit;
+            if end <= Instant::now() {
+                return;
+            }
+            sleep_until(end).await;
+        }
+    }
+}
+
+impl std::fmt::Debug for Desk {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Desk").field("run", &self.welcome.run).finish_non_exhaustive()
+    }
+}
+
+/// Hello and Ready.
+pub(crate) async fn reset(
+    door: &Door,
+    token: &str,
+    request: v1::ResetRequest,
+) -> Result<v1::ResetResponse, Failure> {
+    door.gate.check_open()?;
+    let hello = request.hello.unwrap_or_default();
+    let slot = request.ready.unwrap_or_default().slot;
+    only_slot(slot)?;
+    let open = door.open_run(token).await?;
+    let terms = Terms { slots: 1, ..door.terms(&hello, &open)? };
+    let desk = match door.gate.desk(&open.run) {
+        Some(desk) => desk,
+        None => open_desk(door, token, &hello).await?,
+    };
+    desk.check_sensors(&terms.sensors)?;
+    let welcome = Some(desk.welcome.clone());
+    let outcome = match desk.ask(Order::Ready).await? {
+        Answer::Start(start) => Outcome::EpisodeStart(*start),
+        _ => Outcome::RunEnd(leave(door, &open.run).await?),
+    };
+    Ok(v1::ResetResponse { welcome, outcome: Some(outcome) })
+}
+
+/// Act.
+pub(crate) async fn step(
+    door: &Door,
+    token: &str,
+    request: v1::StepRequest,
+) -> Result<v1::StepResponse, Failure> {
+    let act = request.act.ok_or_else(|| Failure::new(Reason::BadRequest, "Step needs an Act"))?;
+    only_slot(act.slot)?;
+    match found(door, token).await?.ask(Order::Act(act)).await? {
+        Answer::Step(response) => Ok(*response),
+        other => Err(out_of_turn(&other)),
+    }
+}
+
+/// Abandon or Goodbye.
+pub(crate) async fn end(
+    door: &Door,
+    token: &str,
+    request: v1::EndRequest,
+) -> Result<v1::EndResponse, Failure> {
+    let frame = match request.frame {
+        Some(end_request::Frame::Abandon(abandon)) => {
+            only_slot(abandon.slot)?;
+            match found(door, token).await?.ask(Order::Abandon(abandon)).await? {
+                Answer::Ended(end) => end_response::Frame::EpisodeEnd(*end),
+                other => return Err(out_of_turn(&other)),
+            }
+        }
+        Some(end_request::Frame::Goodbye(goodbye)) if !goodbye.pause => {
+            let open = door.open_run(token).await?;
+            end_response::Frame::RunEnd(leave(door, &open.run).await?)
+        }
+        Some(end_request::Frame::Goodbye(_)) => {
+            return Err(Failure::new(Reason::Unsupported, "pause is not offered; say Goodbye without it"));
+        }
+        None => return Err(Failure::new(Reason::BadRequest, "End needs an Abandon or a Goodbye")),
+    };
+    Ok(v1::EndResponse { frame: Some(frame) })
+}
+
+async fn open_desk(door: &Door, token: &str, hello: &v1::Hello) -> Result<Arc<Desk>, Failure> {
+    let run = door.open_run(token).await?.run;
+    let pass = door.gate.enter(&run).await?;
+    // A session that was superseded has just stored its episodes: ask again how far the run is.
+    let open = door.open_run(token).await?;
+    let terms = Terms { slots: 1, ..door.terms(hello, &open)? };
+    let session = door.session(&open, &terms, None);
+    let welcome = door.welcome(&open, &terms, &session);
+    let last_call = watch::Sender::new(Instant::now());
+    let desk = Arc::new(Desk { session, welcome, sensors: terms.sensors, last_call });
+    pass.open_desk(desk.clone());
+    tokio::spawn(desk.clone().keep(door.clone(), pass));
+    Ok(desk)
+}
+
+fn only_slot(slot: u32) -> Result<(), Failure> {
+    if slot == SLOT {
+        return Ok(());
+    }
+    let message = format!("slot {slot} does not exist: unary calls play slot {SLOT}; use Play for more");
+    Err(Failure::new(Reason::SlotUnknown, message))
+}
+
+fn out_of_turn(answer: &Answer) -> Failure {
+    ServerFault::log("answer a unary call", format!("{answer:?}")).into()
+}
+
+async fn found(door: &Door, token: &str) -> Result<Arc<Desk>, Failure> {
+    let open = door.open_run(token).await?;
+    door.gate.desk(&open.run).ok_or_else(|| {
+        let message = format!("run {} has no open episode here; begin one with Reset", open.run);
+        Failure::new(Reason::EpisodeUnknown, message)
+    })
+}
+
+/// Ends the run's session, whatever kind it is, and the run with it.
+async fn leave(door: &Door, run: &str) -> Result<v1::RunEnd, Failure> {
+    door.gate.stop(run, Stop::Left).await;
+    door.finish_run(run).await
+}

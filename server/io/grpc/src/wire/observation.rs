@@ -1,0 +1,180 @@
+use avln_episode::{EndReason, Feedback, Observation, Rules, Sensors};
+use avln_proto::v1::{self, Dtype, Encoding, SensorKind};
+use bytes::Bytes;
+
+const RGB_ID: u32 = 1;
+const DEPTH_ID: u32 = 2;
+const AUDIO_ID: u32 = 3;
+
+/// What the tensors of an observation look like: rgb, depth, audio, those of them that were asked for.
+pub(crate) fn tensor_specs(sensors: &Sensors, rules: &Rules) -> Vec<v1::TensorSpec> {
+    let (width, height) = (sensors.width, sensors.height);
+    let mut specs = Vec::with_capacity(3);
+    if sensors.rgb {
+        specs.push(spec(RGB_ID, SensorKind::Rgb, Dtype::U8, vec![height, width, 3], 0.0, 255.0));
+    }
+    if sensors.depth {
+        let farthest = rules.depth_max_m / rules.depth_divisor;
+        specs.push(spec(DEPTH_ID, SensorKind::Depth, Dtype::F32, vec![height, width], 0.0, farthest));
+    }
+    if sensors.audio {
+        let shape = vec![Sensors::AUDIO_CHANNELS, rules.audio_samples];
+        specs.push(spec(AUDIO_ID, SensorKind::Audio, Dtype::F32, shape, -1.0, 1.0));
+    }
+    specs
+}
+
+fn spec(
+    id: u32,
+    kind: SensorKind,
+    dtype: Dtype,
+    shape: Vec<u32>,
+    minimum: f32,
+    maximum: f32,
+) -> v1::TensorSpec {
+    let name = match kind {
+        SensorKind::Rgb => "rgb",
+        SensorKind::Depth => "depth",
+        SensorKind::Audio => "audio",
+        SensorKind::Unspecified => "",
+    };
+    v1::TensorSpec {
+        id,
+        name: name.to_owned(),
+        kind: kind.into(),
+        dtype: dtype.into(),
+        shape,
+        encoding: Encoding::Raw.into(),
+        minimum,
+        maximum,
+    }
+}
+
+/// The frame for what the agent senses now. Pixels and samples are moved, not copied.
+pub(crate) fn observation(
+    slot: u32,
+    episode: &str,
+    observation: Observation,
+    sensors: &Sensors,
+    end: Option<EndReason>,
+    step_ms: u32,
+) -> v1::Observation {
+    let pose = observation.pose;
+    v1::Observation {
+        slot,
+        episode: episode.to_owned(),
+        step: observation.step,
+        pose: Some(v1::Pose {
+            x_m: pose.position.x,
+            y_m: pose.position.y,
+            z_m: pose.position.z,
+            heading_rad: pose.heading_rad,
+        }),
+        remaining_steps: observation.remaining_steps,
+        remaining_submits: observation.remaining_submits,
+        feedback: feedback(observation.feedback).into(),
+        terminated: end.is_some_and(EndReason::is_terminated),
+        truncated: end.is_some_and(|reason| !reason.is_terminated()),
+        reason: end.map_or(v1::EndReason::Unspecified, super::end_reason).into(),
+        time: Some(v1::TimeAccount { step_ms, bank_ms: 0 }),
+        tensors: tensors(observation, sensors),
+    }
+}
+
+fn tensors(observation: Observation, sensors: &Sensors) -> Vec<v1::Tensor> {
+    let (width, height) = (sensors.width, sensors.height);
+    let mut tensors = Vec::with_capacity(3);
+    if let Some(rgb) = observation.rgb {
+        tensors.push(tensor(RGB_ID, Dtype::U8, vec![height, width, 3], rgb.into()));
+    }
+    if let Some(depth) = observation.depth {
+        tensors.push(tensor(DEPTH_ID, Dtype::F32, vec![height, width], floats(depth)));
+    }
+    if let Some(audio) = observation.audio {
+        let shape = vec![Sensors::AUDIO_CHANNELS, audio.len() as u32 / Sensors::AUDIO_CHANNELS];
+        tensors.push(tensor(AUDIO_ID, Dtype::F32, shape, floats(audio)));
+    }
+    tensors
+}
+
+pub(super) fn tensor(id: u32, dtype: Dtype, shape: Vec<u32>, data: Bytes) -> v1::Tensor {
+    v1::Tensor { id, dtype: dtype.into(), shape, encoding: Encoding::Raw.into(), data }
+}
+
+fn feedback(feedback: Feedback) -> v1::SubmitFeedback {
+    match feedback {
+        Feedback::None => v1::SubmitFeedback::Unspecified,
+        Feedback::Accepted => v1::SubmitFeedback::Accepted,
+        Feedback::Verdict(true) => v1::SubmitFeedback::Correct,
+        Feedback::Verdict(false) => v1::SubmitFeedback::Wrong,
+    }
+}
+
+/// The bytes of `values`, little-endian.
+#[cfg(target_endian = "little")]
+fn floats(values: Vec<f32>) -> Bytes {
+    struct Owner(Vec<f32>);
+    impl AsRef<[u8]> for Owner {
+        fn as_ref(&self) -> &[u8] {
+            bytemuck::cast_slice(&self.0)
+        }
+    }
+    Bytes::from_owner(Owner(values))
+}
+
+/// The bytes of `values`, little-endian.
+#[cfg(target_endian = "big")]
+fn floats(values: Vec<f32>) -> Bytes {
+    values.iter().flat_map(|value| value.to_le_bytes()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use avln_episode::{Point3, Pose};
+
+    fn sensed() -> Observation {
+        Observation {
+            step: 3,
+            rgb: Some((0..64 * 64 * 3).map(|i| i as u8).collect()),
+            depth: Some((0..64 * 64).map(|i| i as f32 / 8.0).collect()),
+            audio: Some(vec![0.5, -0.25, 1.0, 0.0]),
+            pose: Pose { position: Point3::new(1.0, 2.0, -3.0), heading_rad: 0.5 },
+            remaining_steps: 997,
+            remaining_submits: 1,
+            feedback: Feedback::Verdict(false),
+        }
+    }
+
+    #[test]
+    fn numbers_arrive_as_they_were() {
+        let sensors = Sensors::all(64, 64);
+        let sent = observation(2, "ep_x", sensed(), &sensors, Some(EndReason::StepLimit), 500);
+        let decoded = |tensor: &v1::Tensor| -> Vec<f32> {
+            let words = tensor.data.chunks_exact(4);
+            words.map(|word| f32::from_le_bytes(word.try_into().unwrap())).collect()
+        };
+        assert_eq!(sent.tensors[0].data, sensed().rgb.unwrap());
+        assert_eq!(sent.tensors[0].shape, [64, 64, 3]);
+        assert_eq!(decoded(&sent.tensors[1]), sensed().depth.unwrap());
+        assert_eq!(decoded(&sent.tensors[2]), [0.5, -0.25, 1.0, 0.0]);
+        assert_eq!(sent.tensors[2].shape, [2, 2]);
+        assert_eq!(sent.pose, Some(v1::Pose { x_m: 1.0, y_m: 2.0, z_m: -3.0, heading_rad: 0.5 }));
+        assert_eq!((sent.terminated, sent.truncated), (false, true));
+        assert_eq!(sent.feedback(), v1::SubmitFeedback::Wrong);
+    }
+
+    #[test]
+    fn specs_describe_the_tensors_that_come() {
+        let sensors = Sensors { depth: false, ..Sensors::all(64, 64) };
+        let mut rules = Rules::paper();
+        rules.audio_samples = 2;
+        let sent = observation(0, "e", Observation { depth: None, ..sensed() }, &sensors, None, 0);
+        let specs = tensor_specs(&sensors, &rules);
+        assert_eq!(specs.len(), sent.tensors.len());
+        for (spec, tensor) in specs.iter().zip(&sent.tensors) {
+            assert_eq!((spec.id, spec.dtype, &spec.shape), (tensor.id, tensor.dtype, &tensor.shape));
+        }
+        assert!(!sent.terminated && !sent.truncated && sent.reason() == v1::EndReason::Unspecified);
+    }
+}

@@ -1,0 +1,114 @@
+use crate::{
+    host::{PhaseInfo, PhaseState, RunState, RunStatus, ServerInfo},
+    limits::Limits,
+};
+use avln_episode::EndReason;
+use avln_proto::v1::{self, Encoding, SensorKind};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// The server's clock, milliseconds since 1970-01-01 UTC.
+pub(crate) fn unix_ms() -> i64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as i64)
+}
+
+pub(crate) fn server_info(info: ServerInfo, limits: &Limits, draining: bool) -> v1::GetServerInfoResponse {
+    let state = if draining { v1::ServerState::Draining } else { v1::ServerState::Up };
+    let clients = info.clients.into_iter().map(|range| v1::ClientRange {
+        name: range.name,
+        min_version: range.min_version,
+        max_version: range.max_version,
+        min_api_minor: 0,
+        install: range.install,
+    });
+    v1::GetServerInfoResponse {
+        name: info.name,
+        version: info.version,
+        api_minor: info.api_minor,
+        benchmark: info.benchmark,
+        digests: None,
+        clients: clients.collect(),
+        encodings: vec![Encoding::Raw.into()],
+        max_request_bytes: limits.decode_bytes as u32,
+        server_time_unix_ms: unix_ms(),
+        state: state.into(),
+        notice: String::new(),
+    }
+}
+
+pub(crate) fn phase(phase: PhaseInfo, time: v1::TimeLimits) -> v1::Phase {
+    let sensors = [
+        (phase.sensors.rgb, SensorKind::Rgb),
+        (phase.sensors.depth, SensorKind::Depth),
+        (phase.sensors.audio, SensorKind::Audio),
+    ];
+    let state = match phase.state {
+        PhaseState::Upcoming => v1::PhaseState::Upcoming,
+        PhaseState::Open => v1::PhaseState::Open,
+        PhaseState::Paused => v1::PhaseState::Paused,
+        PhaseState::Closed => v1::PhaseState::Closed,
+    };
+    v1::Phase {
+        id: phase.id,
+        title: phase.title,
+        orders: phase.orders.into_iter().map(|order| super::order(order).into()).collect(),
+        episodes: phase.episode_count,
+        max_slots: phase.max_slots.min(Limits::MAX_SLOTS),
+        feedback: super::feedback_rule(phase.feedback).into(),
+        sensors: sensors.into_iter().filter(|(on, _)| *on).map(|(_, kind)| kind.into()).collect(),
+        encodings: vec![Encoding::Raw.into()],
+        state: state.into(),
+        time: Some(time),
+        rules: phase.rules,
+        max_side: phase.sensors.width.max(phase.sensors.height),
+        ..v1::Phase::default()
+    }
+}
+
+pub(crate) fn run(status: RunStatus) -> v1::Run {
+    let state = run_state(status.state);
+    let over = !matches!(status.state, RunState::Created | RunState::Running);
+    let progress = v1::RunProgress { total: status.episodes, done: status.done, in_flight: 0, eta_s: None };
+    v1::Run {
+        id: status.run,
+        phase: status.phase,
+        order: super::order(status.order).into(),
+        method: Some(v1::MethodInfo {
+            name: status.method,
+            version: status.method_version,
+            ..v1::MethodInfo::default()
+        }),
+        state: state.into(),
+        state_since_unix_ms: status.updated_unix_ms,
+        created_unix_ms: status.created_unix_ms,
+        ended_unix_ms: if over { status.updated_unix_ms } else { 0 },
+        progress: Some(progress),
+        ends: end_counts(&status.ends),
+        eligible: status.ineligible_because.is_empty(),
+        ineligible_because: status.ineligible_because,
+        metrics: status.metrics.map(|metrics| public_metrics(metrics, status.done)),
+        url: status.url,
+        ..v1::Run::default()
+    }
+}
+
+fn run_state(state: RunState) -> v1::RunState {
+    match state {
+        RunState::Created => v1::RunState::Created,
+        RunState::Running => v1::RunState::Running,
+        RunState::Completed => v1::RunState::Completed,
+        RunState::Failed => v1::RunState::Failed,
+        RunState::Cancelled => v1::RunState::Cancelled,
+        RunState::Expired => v1::RunState::Expired,
+    }
+}
+
+pub(crate) fn end_counts(ends: &[(EndReason, u32)]) -> Vec<v1::EndCount> {
+    let count = |&(reason, episodes)| v1::EndCount { reason: super::end_reason(reason).into(), episodes };
+    ends.iter().map(count).collect()
+}
+
+/// `episodes` is how many the values are taken over; 0 for a single one.
+pub(crate) fn public_metrics(metrics: Vec<(String, f64)>, episodes: u32) -> v1::PublicMetrics {
+    let metric = |(name, value)| v1::Metric { name, value, low: None, high: None, n: episodes };
+    v1::PublicMetrics { metrics: metrics.into_iter().map(metric).collect() }
+}

@@ -1,0 +1,133 @@
+use super::observation::tensor;
+use crate::host::Digests;
+use avln_episode::{
+    DistanceRule, GoalCue, Mission, PoseFrame, RgbImage, Rules, Sensors, SoundClip, SoundingRule, WrongSubmit,
+};
+use avln_proto::v1::{self, Dtype, goal::Cue};
+use bytes::Bytes;
+
+/// The facts of the rules and of the sensors.
+pub(crate) fn task_spec(rules: &Rules, sensors: &Sensors) -> v1::TaskSpec {
+    v1::TaskSpec {
+        rules: rules.name.clone(),
+        forward_m: rules.forward_m,
+        turn_deg: rules.turn_deg,
+        step_s: rules.step_s,
+        max_steps: rules.max_steps,
+        body_radius_m: rules.body_radius_m,
+        body_height_m: rules.body_height_m,
+        width: sensors.width,
+        height: sensors.height,
+        hfov_rad: sensors.hfov_rad,
+        camera_height_m: rules.camera_height_m,
+        ear_height_m: rules.ear_height_m,
+        depth_max_m: rules.depth_max_m,
+        depth_divisor: rules.depth_divisor,
+        sample_rate_hz: Sensors::SAMPLE_RATE_HZ,
+        audio_samples: rules.audio_samples,
+        samples_per_step: rules.samples_per_step(),
+        pose_frame: pose_frame(rules.pose_frame).into(),
+        success_radius_m: rules.success_radius_m,
+        success_distance: distance_rule(rules.success_distance).into(),
+        wrong_submit: wrong_submit(rules.wrong_submit).into(),
+        feedback: super::feedback_rule(rules.feedback).into(),
+        sounding: sounding_rule(rules.sounding).into(),
+        sounding_window_steps: rules.sounding_window_steps,
+        sound_clip: sound_clip(rules.sound_clip).into(),
+        source_lift_m: rules.source_lift_m,
+    }
+}
+
+fn pose_frame(frame: PoseFrame) -> v1::PoseFrame {
+    match frame {
+        PoseFrame::Start => v1::PoseFrame::Start,
+        PoseFrame::World => v1::PoseFrame::World,
+    }
+}
+
+fn distance_rule(rule: DistanceRule) -> v1::DistanceRule {
+    match rule {
+        DistanceRule::CameraToBox => v1::DistanceRule::CameraToBox,
+        DistanceRule::BaseToViewpoint => v1::DistanceRule::BaseToViewpoint,
+    }
+}
+
+fn wrong_submit(rule: WrongSubmit) -> v1::WrongSubmit {
+    match rule {
+        WrongSubmit::KeepsGoal => v1::WrongSubmit::KeepsGoal,
+        WrongSubmit::SkipsGoal => v1::WrongSubmit::SkipsGoal,
+    }
+}
+
+fn sounding_rule(rule: SoundingRule) -> v1::SoundingRule {
+    match rule {
+        SoundingRule::UnfinishedInDrawnOrder => v1::SoundingRule::UnfinishedInDrawnOrder,
+        SoundingRule::AllInGoalOrder => v1::SoundingRule::AllInGoalOrder,
+    }
+}
+
+fn sound_clip(clip: SoundClip) -> v1::SoundClip {
+    match clip {
+        SoundClip::Anonymous => v1::SoundClip::Anonymous,
+        SoundClip::ByCategory => v1::SoundClip::ByCategory,
+    }
+}
+
+/// What the agent is told to find.
+pub(crate) fn mission(mission: &Mission) -> v1::Mission {
+    let goals = mission.goals.iter().map(|cue| v1::Goal { cue: Some(goal_cue(cue)) });
+    v1::Mission { order: super::order(mission.order).into(), goals: goals.collect() }
+}
+
+fn goal_cue(cue: &GoalCue) -> Cue {
+    match cue {
+        GoalCue::Category(label) => Cue::Category(label.clone()),
+        GoalCue::Description(sentence) => Cue::Description(sentence.clone()),
+        GoalCue::Image(RgbImage { width, height, pixels }) => {
+            Cue::Image(tensor(0, Dtype::U8, vec![*height, *width, 3], Bytes::copy_from_slice(pixels)))
+        }
+    }
+}
+
+/// What results depend on.
+pub(crate) fn digests(digests: &Digests) -> v1::Digests {
+    let Digests { engine, dataset, scorer, config } = digests.clone();
+    v1::Digests { engine, dataset, scorer, config }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use avln_episode::Order;
+
+    #[test]
+    fn a_mission_keeps_its_goals_in_order() {
+        let image = RgbImage { width: 2, height: 1, pixels: vec![1, 2, 3, 4, 5, 6] };
+        let told = mission(&Mission {
+            order: Order::Ordered,
+            goals: vec![
+                GoalCue::Category("sofa".into()),
+                GoalCue::Description("the red one".into()),
+                GoalCue::Image(image),
+            ],
+        });
+        assert_eq!(told.order(), v1::Order::Ordered);
+        let cues: Vec<_> = told.goals.into_iter().map(|goal| goal.cue.unwrap()).collect();
+        assert_eq!(cues[0], Cue::Category("sofa".into()));
+        assert_eq!(cues[1], Cue::Description("the red one".into()));
+        let Cue::Image(picture) = &cues[2] else { panic!("no picture: {:?}", cues[2]) };
+        assert_eq!((picture.shape.as_slice(), &picture.data[..]), (&[1, 2, 3][..], &[1, 2, 3, 4, 5, 6][..]));
+    }
+
+    #[test]
+    fn the_rule_sets_differ_on_the_wire_where_they_differ() {
+        let sensors = Sensors::all(256, 256);
+        let paper = task_spec(&Rules::paper(), &sensors);
+        let authors = task_spec(&Rules::authors(), &sensors);
+        assert_eq!((paper.audio_samples, authors.audio_samples), (4000, 16_000));
+        assert_eq!(paper.pose_frame(), v1::PoseFrame::Start);
+        assert_eq!(authors.pose_frame(), v1::PoseFrame::World);
+        assert_eq!(paper.sound_clip(), v1::SoundClip::Anonymous);
+        assert_eq!(paper.samples_per_step, 4000);
+    }
+}
