@@ -1,1 +1,1 @@
-//! What only the whole house can show.
+//! What only the whole house can show: the tests lie in `tests/`.

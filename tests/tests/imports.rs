@@ -1,0 +1,95 @@
+//! Who may import whom: the edges between our crates are this list and no others.
+
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::process::Command;
+
+/// Each crate and the crates of ours that it may import.
+const ALLOWED: &[(&str, &[&str])] = &[
+    ("geom", &[]),
+    ("scene", &["geom"]),
+    ("navmesh", &["geom", "scene"]),
+    ("render", &["geom", "scene"]),
+    ("acoustics", &["geom", "scene"]),
+    ("world", &["geom", "scene", "navmesh", "render", "acoustics"]),
+    ("episode", &["geom"]),
+    ("truth", &["geom", "episode"]),
+    ("dataset", &["geom", "scene", "navmesh", "world", "episode", "truth"]),
+    ("referee", &["world", "episode", "truth"]),
+    ("scoring", &["episode", "truth"]),
+    ("store", &["episode", "truth", "scoring"]),
+    ("proto", &[]),
+    ("grpc", &["proto", "episode", "referee"]),
+    ("web", &["episode", "scoring", "store"]),
+    ("client", &["proto"]),
+    ("random", &["client"]),
+    ("pag-nav", &["client"]),
+    (
+        "server",
+        &[
+            "geom", "scene", "navmesh", "render", "acoustics", "world", "episode", "truth", "dataset", "referee",
+            "scoring", "store", "proto", "grpc", "web", "client", "random", "pag-nav",
+        ],
+    ),
+    ("tests", &["server", "client", "truth"]),
+];
+
+fn short(name: &str) -> Option<&str> {
+    name.strip_prefix("avln-")
+}
+
+/// (importer, imported) of all kinds of dependencies, as cargo sees them.
+fn edges(metadata: &Value) -> BTreeSet<(String, String)> {
+    let packages = metadata["packages"].as_array().expect("cargo lists packages");
+    let edges_of = |package: &Value| {
+        let from = short(package["name"].as_str()?)?.to_owned();
+        let imported = package["dependencies"].as_array()?.iter().filter_map(|d| short(d["name"].as_str()?));
+        Some(imported.map(|to| (from.clone(), to.to_owned())).collect::<Vec<_>>())
+    };
+    packages.iter().filter_map(edges_of).flatten().collect()
+}
+
+fn metadata() -> Value {
+    let output = Command::new(env!("CARGO"))
+        .args(["metadata", "--no-deps", "--format-version", "1", "--offline"])
+        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+        .output()
+        .expect("cargo runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("cargo writes JSON")
+}
+
+#[test]
+fn crates_import_only_what_the_table_allows() {
+    let allowed: BTreeSet<_> = ALLOWED
+        .iter()
+        .flat_map(|(from, to)| to.iter().map(|to| ((*from).to_owned(), (*to).to_owned())))
+        .collect();
+    let forbidden: Vec<_> = edges(&metadata()).difference(&allowed).cloned().collect();
+    assert!(forbidden.is_empty(), "edges outside of the table: {forbidden:?}");
+}
+
+#[test]
+fn every_crate_is_in_the_table_and_on_the_architecture_page() {
+    let metadata = metadata();
+    let names: BTreeSet<_> = metadata["packages"]
+        .as_array()
+        .expect("cargo lists packages")
+        .iter()
+        .filter_map(|package| short(package["name"].as_str()?))
+        .collect();
+    let table: BTreeSet<_> = ALLOWED.iter().map(|(name, _)| *name).collect();
+    assert_eq!(names, table);
+    let page = include_str!("../../docs/ARCHITECTURE.md");
+    for name in names {
+        assert!(page.contains(&format!("`avln-{name}`")), "docs/ARCHITECTURE.md does not mention avln-{name}");
+    }
+}
+
+#[test]
+fn the_check_sees_a_forbidden_edge() {
+    let sample = serde_json::json!({ "packages": [
+        { "name": "avln-grpc", "dependencies": [{ "name": "avln-truth" }, { "name": "tokio" }] }
+    ]});
+    assert_eq!(edges(&sample), BTreeSet::from([("grpc".to_owned(), "truth".to_owned())]));
+}
