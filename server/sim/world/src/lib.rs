@@ -1,1 +1,20 @@
 //! One body moving in one building, one step at a time.
+//!
+//! [`SceneAssets`] is what all episodes in a building share; a [`World`] is one body in it. Equal assets, options and
+//! motions give equal senses and equal [`World::state_hash`]es.
+//!
+//! Start reading at [`World`].
+//!
+//! *Never*: knows of goals, budgets or scores; reads a clock; starts threads.
+
+mod assets;
+mod sight;
+mod world;
+
+pub use assets::{PrepareError, SceneAssets};
+pub use avln_acoustics::{Clip, clip_bank};
+pub use avln_geom::{Aabb, Point3, Pose, Rng};
+pub use avln_navmesh::{Body, DistanceField, NavMesh, NavPoint};
+pub use avln_render::{Camera, Frame};
+pub use avln_scene::{InstanceId, Scene};
+pub use world::{Motion, Moved, Senses, SoundSource, StartError, View, World, WorldOptions};

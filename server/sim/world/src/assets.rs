@@ -1,0 +1,135 @@
+use crate::sight::Surfaces;
+use avln_acoustics::{Acoustics, Source};
+use avln_geom::{Point3, RayMesh};
+use avln_navmesh::{Body, NavMesh, NavMeshError};
+use avln_render::{Camera, Frame, Renderer};
+use avln_scene::{InstanceId, Scene};
+use std::sync::{Arc, OnceLock};
+
+/// Everything immutable that episodes in one building share.
+pub struct SceneAssets {
+    /// The building.
+    pub scene: Arc<Scene>,
+    /// Where one can walk in it.
+    pub navmesh: NavMesh,
+    rays: Arc<RayMesh>,
+    renderer: Renderer,
+    /// Made when somebody first listens.
+    acoustics: OnceLock<Acoustics>,
+    surfaces: Surfaces,
+}
+
+/// Why a building cannot be lived in.
+#[derive(Debug, thiserror::Error)]
+pub enum PrepareError {
+    /// Nobody can walk in it.
+    #[error("cannot prepare scene `{scene}`: {source}")]
+    NavMesh {
+        /// Name of the scene.
+        scene: String,
+        /// What the navmesh says.
+        source: NavMeshError,
+    },
+    /// A list of its mesh has the wrong length.
+    #[error(
+        "cannot prepare scene `{scene}`: its mesh has {found} entries in `{list}` where {expected} belong; \
+         import the file again"
+    )]
+    Malformed {
+        /// Name of the scene.
+        scene: String,
+        /// The list.
+        list: &'static str,
+        /// Its length.
+        found: usize,
+        /// The length it should have.
+        expected: usize,
+    },
+}
+
+impl SceneAssets {
+    /// Makes `scene` ready for a body: where to walk, what to see, what to hear.
+    ///
+    /// # Errors
+    /// When the mesh is broken or nobody can stand in it.
+    pub fn prepare(scene: Scene, body: &Body) -> Result<SceneAssets, PrepareError> {
+        check_lists(&scene)?;
+        // The navmesh checks corners and indices, on which all else relies.
+        let navmesh = NavMesh::build(&scene, body)
+            .map_err(|source| PrepareError::NavMesh { scene: scene.name.clone(), source })?;
+        let scene = Arc::new(scene);
+        let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
+        let renderer = Renderer::new(Arc::clone(&scene), Arc::clone(&rays));
+        let surfaces = Surfaces::new(&scene);
+        Ok(Self { scene, navmesh, rays, renderer, acoustics: OnceLock::new(), surfaces })
+    }
+
+    /// What a camera sees.
+    pub fn render(&self, camera: &Camera) -> Frame {
+        self.renderer.render(camera)
+    }
+
+    /// Whether some sampled surface point of `instance` is in line of sight from `eye`, at some heading, no more than
+    /// `half_vfov_rad` above or below the horizon. False for instances without surface.
+    pub fn sees(&self, eye: &Point3<f32>, instance: InstanceId, half_vfov_rad: f32) -> bool {
+        let is_of_instance = |triangle: u32| self.scene.mesh.instance_of[triangle as usize] == instance;
+        self.surfaces.any_visible(&self.rays, eye, instance, half_vfov_rad, is_of_instance)
+    }
+
+    /// The source of sound at `position`; shared by all who ask for it.
+    pub(crate) fn source(&self, position: &Point3<f32>) -> Source {
+        let listen = || Acoustics::new(Arc::clone(&self.scene), Arc::clone(&self.rays));
+        self.acoustics.get_or_init(listen).source(position)
+    }
+}
+
+fn check_lists(scene: &Scene) -> Result<(), PrepareError> {
+    let mesh = &scene.mesh;
+    let (corners, triangles) = (mesh.positions.len(), mesh.triangles.len());
+    let lists = [
+        ("uvs", mesh.uvs.len(), corners),
+        ("colors", mesh.colors.len(), corners),
+        ("material_of", mesh.material_of.len(), triangles),
+        ("instance_of", mesh.instance_of.len(), triangles),
+    ];
+    match lists.into_iter().find(|(_, found, expected)| found != expected) {
+        Some((list, found, expected)) => {
+            Err(PrepareError::Malformed { scene: scene.name.clone(), list, found, expected })
+        }
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use avln_geom::Point2;
+    use avln_scene::Mesh;
+
+    #[test]
+    fn assets_are_shared_between_threads() {
+        fn shared<T: Send + Sync>() {}
+        fn moved<T: Send>() {}
+        shared::<SceneAssets>();
+        moved::<crate::World>();
+    }
+
+    #[test]
+    fn broken_scenes_are_refused_with_their_name() {
+        let mut scene = Scene {
+            name: "ruin".into(),
+            mesh: Mesh::default(),
+            materials: Vec::new(),
+            textures: Vec::new(),
+            regions: Vec::new(),
+            objects: Vec::new(),
+        };
+        let refusal = |scene: &Scene| match SceneAssets::prepare(scene.clone(), &Body::default()) {
+            Ok(_) => panic!("a ruin was prepared"),
+            Err(error) => error.to_string(),
+        };
+        assert!(refusal(&scene).contains("`ruin` has no triangles"));
+        scene.mesh.uvs.push(Point2::origin());
+        assert!(refusal(&scene).contains("1 entries in `uvs` where 0 belong"));
+    }
+}

@@ -1,0 +1,92 @@
+use avln_geom::{Point3, RayMesh, Rng, Vector3, angle};
+use avln_scene::{InstanceId, Scene};
+
+/// Points sampled on each instance.
+const POINTS: usize = 64;
+/// How far behind a sampled point its own surface may be met, metres.
+const TOLERANCE_M: f32 = 0.01;
+
+/// Points on the surfaces of every instance, spread evenly over their area.
+pub(crate) struct Surfaces {
+    /// By the number of the instance.
+    points: Vec<Vec<Point3<f32>>>,
+}
+
+impl Surfaces {
+    pub(crate) fn new(scene: &Scene) -> Self {
+        let count = scene.mesh.instance_of.iter().map(|id| usize::from(id.0) + 1).max().unwrap_or(0);
+        let mut triangles = vec![Vec::new(); count];
+        for (triangle, id) in
+            scene.mesh.instance_of.iter().enumerate().filter(|(_, id)| **id != InstanceId::NONE)
+        {
+            triangles[usize::from(id.0)].push(scene.corners(triangle));
+        }
+        let points = triangles.iter().enumerate().map(|(id, triangles)| spread(triangles, id as u64));
+        Self { points: points.collect() }
+    }
+
+    /// Whether a ray from `eye` to some point of `instance` first meets a triangle that `is_own`.
+    pub(crate) fn any_visible(
+        &self,
+        rays: &RayMesh,
+        eye: &Point3<f32>,
+        instance: InstanceId,
+        half_vfov_rad: f32,
+        is_own: impl Fn(u32) -> bool,
+    ) -> bool {
+        let (sin, cos) = angle::sin_cos(half_vfov_rad.clamp(0.0, std::f32::consts::FRAC_PI_2));
+        let points = self.points.get(usize::from(instance.0)).map_or(&[][..], Vec::as_slice);
+        points.iter().map(|point| point - eye).any(|offset| {
+            let across_m = (offset.x * offset.x + offset.z * offset.z).sqrt();
+            if offset.y.abs() * cos > across_m * sin {
+                return false;
+            }
+            let distance_m = offset.norm();
+            let reach = 1.0 + TOLERANCE_M / distance_m.max(TOLERANCE_M);
+            distance_m == 0.0 || rays.cast(eye, &offset, reach).is_some_and(|hit| is_own(hit.triangle))
+        })
+    }
+}
+
+/// [`POINTS`] points on `triangles`, one on each equal share of their area; none when there is no area.
+fn spread(triangles: &[[Point3<f32>; 3]], seed: u64) -> Vec<Point3<f32>> {
+    let mut rng = Rng::new(seed);
+    let area = |[a, b, c]: &[Point3<f32>; 3]| f64::from((b - a).cross(&(c - a)).norm());
+    let total: f64 = triangles.iter().map(area).sum();
+    let mut points = Vec::new();
+    let mut passed = 0.0;
+    for triangle in triangles {
+        passed += area(triangle);
+        while points.len() < POINTS && passed > total * (points.len() as f64 + 0.5) / POINTS as f64 {
+            points.push(inside(triangle, &mut rng));
+        }
+    }
+    points
+}
+
+/// A random point of a triangle, uniform over its area.
+fn inside([a, b, c]: &[Point3<f32>; 3], rng: &mut Rng) -> Point3<f32> {
+    let (u, v) = (rng.range(0.0, 1.0), rng.range(0.0, 1.0));
+    let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+    let offset: Vector3<f32> = (b - a) * u + (c - a) * v;
+    a + offset
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_are_shared_out_by_area() {
+        let triangle = |size: f32, x: f32| {
+            [Point3::new(x, 0.0, 0.0), Point3::new(x + size, 0.0, 0.0), Point3::new(x, size, 0.0)]
+        };
+        // Areas 9 to 1 in the ratio of their squares.
+        let points = spread(&[triangle(3.0, 0.0), triangle(1.0, 10.0)], 1);
+        assert_eq!(points.len(), POINTS);
+        let on_small = points.iter().filter(|point| point.x >= 10.0).count();
+        assert!((5..=8).contains(&on_small), "{on_small} of {POINTS} points on a tenth of the area");
+        assert!(points.iter().all(|p| p.y >= 0.0 && (p.x % 10.0) + p.y <= 3.0 + 1e-5));
+        assert!(spread(&[[Point3::origin(); 3]], 1).is_empty(), "a point has no area");
+    }
+}

@@ -1,0 +1,253 @@
+use crate::SceneAssets;
+use avln_acoustics::{Ears, Emitter, Listener, clip_bank};
+use avln_geom::{Point3, Pose, Vector3};
+use avln_navmesh::NavPoint;
+use avln_render::{Camera, Frame};
+use std::sync::Arc;
+
+/// The farthest that a start may lie from the navmesh, metres.
+const MAX_SNAP_M: f32 = 0.3;
+/// A step forward that gets less far than this share of what was asked has collided.
+const FULL_STEP: f32 = 0.99;
+
+/// The body's measures and senses.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WorldOptions {
+    /// Length of a step forward, metres.
+    pub forward_m: f32,
+    /// Angle of a turn, degrees.
+    pub turn_deg: u32,
+    /// Camera above the base, metres.
+    pub camera_height_m: f32,
+    /// Ears above the base, metres.
+    pub ear_height_m: f32,
+    /// Reach of depth, metres.
+    pub depth_max_m: f32,
+    /// Samples that each ear hears in a step, at 16 kHz.
+    pub samples_per_step: usize,
+    /// The picture taken each step; `None` for none.
+    pub view: Option<View>,
+    /// Whether to listen.
+    pub audio: bool,
+}
+
+/// Size and angle of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Angle between left and right border, radians, in (0, pi).
+    pub hfov_rad: f32,
+}
+
+/// Something that can sound.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SoundSource {
+    /// Where, world frame.
+    pub position: Point3<f32>,
+    /// What it plays: an index into [`clip_bank`].
+    pub clip: usize,
+    /// Where in the clip the episode begins, samples.
+    pub offset_samples: usize,
+}
+
+/// What a body can do in a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    /// Stand still.
+    Stay,
+    /// One step ahead, sliding along what is in the way.
+    Forward,
+    /// Turn to the left on the spot.
+    Left,
+    /// Turn to the right on the spot.
+    Right,
+}
+
+/// How a motion went.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moved {
+    /// Whether a step forward was stopped or turned aside.
+    pub collided: bool,
+    /// Distance between its ends along the floor plane, metres.
+    pub displacement_m: f32,
+}
+
+/// What a body perceives in a step.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Senses {
+    /// The picture, if one was asked for.
+    pub frame: Option<Frame>,
+    /// `2 × samples_per_step` samples, the left ear first, if audio was asked for.
+    pub audio: Option<Vec<f32>>,
+}
+
+/// Why a body cannot start.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum StartError {
+    /// It would not stand on the floor.
+    #[error(
+        "cannot start in scene `{scene}` at ({x}, {y}, {z}): the floor is more than {limit_m} m away; \
+         choose a start on the navmesh"
+    )]
+    OffNavMesh {
+        /// Name of the scene.
+        scene: String,
+        /// World position, metres.
+        x: f32,
+        /// World position, metres.
+        y: f32,
+        /// World position, metres.
+        z: f32,
+        /// The farthest that it may be.
+        limit_m: f32,
+    },
+    /// A source plays what does not exist.
+    #[error("sound source {index} plays clip {clip}, but the bank holds {count}; use an index below {count}")]
+    UnknownClip {
+        /// Index of the source.
+        index: usize,
+        /// The clip it asks for.
+        clip: usize,
+        /// Clips in the bank.
+        count: usize,
+    },
+}
+
+/// One body in one building.
+pub struct World {
+    assets: Arc<SceneAssets>,
+    options: WorldOptions,
+    start_heading_rad: f32,
+    /// Degrees turned to the left since the start, 0 to 359.
+    turned_deg: u32,
+    standing: NavPoint,
+    /// Motions so far.
+    steps: u64,
+    ears: Option<Ears>,
+}
+
+impl World {
+    /// A body at `start`, put onto the floor, and the things that may sound around it.
+    ///
+    /// # Errors
+    /// When the start is off the navmesh or a source names an unknown clip.
+    pub fn new(
+        assets: Arc<SceneAssets>,
+        start: Pose,
+        options: WorldOptions,
+        sources: Vec<SoundSource>,
+    ) -> Result<World, StartError> {
+        let standing = stand(&assets, &start.position)?;
+        let ears = if options.audio { Some(ears(&assets, &options, &sources)?) } else { None };
+        let start_heading_rad = start.heading_rad;
+        Ok(Self { assets, options, start_heading_rad, turned_deg: 0, standing, steps: 0, ears })
+    }
+
+    /// Moves the body.
+    pub fn advance(&mut self, motion: Motion) -> Moved {
+        self.steps += 1;
+        let turn_deg = self.options.turn_deg % 360;
+        match motion {
+            Motion::Stay => Moved::NOT,
+            Motion::Forward => self.step_forward(),
+            Motion::Left => self.turn(turn_deg),
+            Motion::Right => self.turn(360 - turn_deg),
+        }
+    }
+
+    fn turn(&mut self, left_deg: u32) -> Moved {
+        self.turned_deg = (self.turned_deg + left_deg) % 360;
+        Moved::NOT
+    }
+
+    fn step_forward(&mut self) -> Moved {
+        let asked = self.pose().forward() * self.options.forward_m;
+        let slide = self.assets.navmesh.slide(&self.standing, &asked);
+        let offset = slide.end.position() - self.standing.position();
+        let displacement_m = Vector3::new(offset.x, 0.0, offset.z).norm();
+        self.standing = slide.end;
+        let collided = slide.blocked || displacement_m < FULL_STEP * self.options.forward_m;
+        Moved { collided, displacement_m }
+    }
+
+    /// Where the body stands and faces, world frame.
+    pub fn pose(&self) -> Pose {
+        let turned_rad = (self.turned_deg as f32).to_radians();
+        Pose::new(self.standing.position(), self.start_heading_rad + turned_rad)
+    }
+
+    /// The camera's pinhole, world frame.
+    pub fn eye(&self) -> Point3<f32> {
+        self.standing.position() + Vector3::y() * self.options.camera_height_m
+    }
+
+    /// What the body perceives now. One call a step: each lets the sound run on by a step.
+    /// Of the sources, only the one with index `sounding` emits; earlier ones ring out.
+    pub fn sense(&mut self, sounding: Option<usize>) -> Senses {
+        let frame = self.options.view.map(|view| self.assets.render(&self.camera(&view)));
+        let pose = self.pose();
+        let position = pose.position + Vector3::y() * self.options.ear_height_m;
+        let listener = Listener { position, heading_rad: pose.heading_rad };
+        let audio = self.ears.as_mut().map(|ears| ears.hear(&listener, sounding));
+        Senses { frame, audio }
+    }
+
+    fn camera(&self, view: &View) -> Camera {
+        Camera {
+            eye: self.eye(),
+            heading_rad: self.pose().heading_rad,
+            width: view.width,
+            height: view.height,
+            hfov_rad: view.hfov_rad,
+            depth_max_m: self.options.depth_max_m,
+        }
+    }
+
+    /// A number that tells this state from others: two runs that agree in it after every motion went the same way.
+    /// FNV-1a over the bits of the pose, the turns and the number of motions.
+    pub fn state_hash(&self) -> u64 {
+        let pose = self.pose();
+        let bits = [pose.position.x, pose.position.y, pose.position.z, pose.heading_rad].map(f32::to_bits);
+        let words = bits.into_iter().map(u64::from).chain([u64::from(self.turned_deg), self.steps]);
+        words.flat_map(u64::to_le_bytes).fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+        })
+    }
+
+    /// What this body shares with others in the building.
+    pub fn assets(&self) -> &Arc<SceneAssets> {
+        &self.assets
+    }
+
+    /// The point of the navmesh under the body.
+    pub fn standing(&self) -> NavPoint {
+        self.standing
+    }
+}
+
+impl Moved {
+    const NOT: Self = Self { collided: false, displacement_m: 0.0 };
+}
+
+fn stand(assets: &SceneAssets, position: &Point3<f32>) -> Result<NavPoint, StartError> {
+    assets.navmesh.snap(position, MAX_SNAP_M).ok_or_else(|| StartError::OffNavMesh {
+        scene: assets.scene.name.clone(),
+        x: position.x,
+        y: position.y,
+        z: position.z,
+        limit_m: MAX_SNAP_M,
+    })
+}
+
+fn ears(assets: &SceneAssets, options: &WorldOptions, sources: &[SoundSource]) -> Result<Ears, StartError> {
+    let bank = clip_bank();
+    let emitters = sources.iter().enumerate().map(|(index, sound)| {
+        let unknown = StartError::UnknownClip { index, clip: sound.clip, count: bank.len() };
+        let clip = bank.get(sound.clip).ok_or(unknown)?.clone();
+        Ok(Emitter { source: assets.source(&sound.position), clip, offset_samples: sound.offset_samples })
+    });
+    Ok(Ears::new(emitters.collect::<Result<_, _>>()?, options.samples_per_step))
+}
