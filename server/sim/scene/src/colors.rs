@@ -18,6 +18,25 @@ pub const PALETTE: [(&str, [u8; 3]); 12] = [
     ("white", [242, 242, 240]),
 ];
 
+/// Further colours that people call by the same words: dark and light kinds, and the hues of wood.
+const VARIANTS: [(&str, [u8; 3]); 15] = [
+    ("red", [122, 18, 22]),
+    ("yellow", [214, 184, 40]),
+    ("green", [34, 78, 40]),
+    ("green", [146, 196, 120]),
+    ("teal", [20, 90, 92]),
+    ("blue", [22, 32, 96]),
+    ("blue", [126, 170, 222]),
+    ("purple", [176, 130, 204]),
+    ("brown", [74, 46, 28]),
+    ("brown", [147, 67, 31]),
+    ("brown", [170, 116, 72]),
+    ("brown", [217, 159, 101]),
+    ("black", [46, 46, 48]),
+    ("grey", [84, 84, 86]),
+    ("grey", [178, 178, 178]),
+];
+
 static LIGHT: LazyLock<[f32; 256]> =
     LazyLock::new(|| std::array::from_fn(|code| linear(code as f32 / 255.0)));
 
@@ -25,15 +44,17 @@ static LIGHT: LazyLock<[f32; 256]> =
 static BETWEEN: LazyLock<[f32; 255]> =
     LazyLock::new(|| std::array::from_fn(|code| linear((code as f32 + 0.5) / 255.0)));
 
-static PALETTE_LAB: LazyLock<[[f32; 3]; 12]> = LazyLock::new(|| PALETTE.map(|(_, rgb)| lab(rgb)));
+/// Palette and variants in CIE L\*a\*b\*.
+static NAMED: LazyLock<Vec<(&str, [f32; 3])>> =
+    LazyLock::new(|| PALETTE.iter().chain(&VARIANTS).map(|&(name, rgb)| (name, lab(rgb))).collect());
 
-/// The colour word of an sRGB colour: the palette entry at the smallest distance in CIE L\*a\*b\* (CIE 1976 colour difference).
+/// The colour word of an sRGB colour: that of the known colour at the smallest distance in CIE L\*a\*b\*
+/// (CIE 1976 colour difference). Every colour of [`PALETTE`] has its own word.
 pub fn name_of(rgb: [u8; 3]) -> &'static str {
     let wanted = lab(rgb);
-    let difference = |entry: usize| distance_squared(&wanted, &PALETTE_LAB[entry]);
-    let nearest = (1..PALETTE.len())
-        .fold(0, |best, entry| if difference(entry) < difference(best) { entry } else { best });
-    PALETTE[nearest].0
+    let difference = |known: &[f32; 3]| distance_squared(&wanted, known);
+    let nearest = NAMED.iter().min_by(|a, b| difference(&a.1).total_cmp(&difference(&b.1)));
+    nearest.map_or("", |(name, _)| name)
 }
 
 /// Linear light, 0 to 1, of an sRGB byte.
@@ -85,7 +106,9 @@ mod tests {
         for (rgb, word) in [
             ([255, 0, 0], "red"),
             ([92, 60, 30], "brown"),
-            ([150, 105, 65], "brown"),
+            ([217, 159, 101], "brown"),
+            ([255, 140, 0], "orange"),
+            ([245, 240, 225], "white"),
             ([0, 0, 0], "black"),
             ([255, 255, 255], "white"),
             ([160, 160, 165], "grey"),

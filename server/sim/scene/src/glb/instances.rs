@@ -13,17 +13,24 @@ const PIECE_GAP_M: f32 = 0.05;
 /// What a node says of its surfaces and of those below it.
 #[derive(Clone, Copy)]
 enum Claim<'a> {
-    /// Our extras say which instance it is.
-    Marked(&'a NodeExtras),
-    /// Its name says a category.
-    Named(&'static str),
-    /// It belongs to no instance.
+    /// They form an instance.
+    Instance(Identity<'a>),
+    /// They belong to no instance.
     Structure,
+}
+
+/// How an instance is known.
+#[derive(Clone, Copy)]
+enum Identity<'a> {
+    /// Our extras describe it.
+    Marked(&'a NodeExtras),
+    /// The node's name says its category.
+    Named(&'static str),
 }
 
 /// An instance with its triangles.
 struct Found<'a> {
-    claim: Claim<'a>,
+    identity: Identity<'a>,
     name: &'a str,
     triangles: Vec<u32>,
     bounds: Aabb,
@@ -57,10 +64,10 @@ fn found<'a>(mesh: &Mesh, node_of: &[u32], nodes: &'a [ModelNode]) -> Vec<Found<
         }
     }
     let instance = |(node, claim): (usize, Option<Claim<'a>>)| {
-        let claim = claim.filter(|claim| !matches!(claim, Claim::Structure))?;
+        let Some(Claim::Instance(identity)) = claim else { return None };
         let triangles = triangles_of.remove(&node).unwrap_or_default();
-        let bounds = Aabb::around(&corners(mesh, &triangles)).or_else(|| stored_bounds(&claim))?;
-        Some(Found { claim, name: &nodes[node].name, triangles, bounds })
+        let bounds = Aabb::around(&corners(mesh, &triangles)).or_else(|| stored_bounds(identity))?;
+        Some(Found { identity, name: &nodes[node].name, triangles, bounds })
     };
     claims.into_iter().enumerate().filter_map(instance).collect()
 }
@@ -70,19 +77,20 @@ fn corners(mesh: &Mesh, triangles: &[u32]) -> Vec<Point3<f32>> {
     corners.map(|corner| mesh.positions[corner as usize]).collect()
 }
 
-fn stored_bounds(claim: &Claim<'_>) -> Option<Aabb> {
-    match claim {
-        Claim::Marked(extras) => extras.bounds(),
-        _ => None,
+fn stored_bounds(identity: Identity<'_>) -> Option<Aabb> {
+    match identity {
+        Identity::Marked(extras) => extras.bounds(),
+        Identity::Named(_) => None,
     }
 }
 
 fn claim(node: &ModelNode) -> Option<Claim<'_>> {
     match &node.extras {
         Some(extras) if extras.instance == InstanceId::NONE.0 => Some(Claim::Structure),
-        Some(extras) => Some(Claim::Marked(extras)),
-        None => names::category(&node.name)
-            .map(|category| if is_structure(category) { Claim::Structure } else { Claim::Named(category) }),
+        Some(extras) => Some(Claim::Instance(Identity::Marked(extras))),
+        None => names::category(&node.name).map(|category| {
+            if is_structure(category) { Claim::Structure } else { Claim::Instance(Identity::Named(category)) }
+        }),
     }
 }
 
@@ -102,7 +110,8 @@ fn merged(found: Vec<Found<'_>>) -> Vec<Found<'_>> {
     let mut whole_instances: Vec<Found<'_>> = Vec::new();
     let mut known: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
     for piece in found {
-        let whole = names::whole_of_piece(piece.name).filter(|_| matches!(piece.claim, Claim::Named(_)));
+        let whole =
+            names::whole_of_piece(piece.name).filter(|_| matches!(piece.identity, Identity::Named(_)));
         let Some(whole) = whole else {
             whole_instances.push(piece);
             continue;
@@ -129,8 +138,8 @@ fn numbers(found: &[Found<'_>]) -> Checked<Vec<InstanceId>> {
     let mut taken = BTreeSet::new();
     let own: Vec<Option<u16>> = found
         .iter()
-        .map(|instance| match instance.claim {
-            Claim::Marked(extras) if taken.insert(extras.instance) => Some(extras.instance),
+        .map(|instance| match instance.identity {
+            Identity::Marked(extras) if taken.insert(extras.instance) => Some(extras.instance),
             _ => None,
         })
         .collect();
@@ -142,18 +151,17 @@ fn numbers(found: &[Found<'_>]) -> Checked<Vec<InstanceId>> {
 
 fn object(instance: &Found<'_>, id: InstanceId, surfaces: &Surfaces<'_>, regions: usize) -> Object {
     let bounds = instance.bounds;
-    match instance.claim {
-        Claim::Marked(extras) => Object {
+    match instance.identity {
+        Identity::Marked(extras) => Object {
             id,
             category: extras.category.clone(),
             bounds,
             region: extras.region.filter(|&region| usize::from(region) < regions),
             attributes: extras.attributes(),
         },
-        Claim::Named(category) => {
+        Identity::Named(category) => {
             let attributes = surfaces.attributes(&instance.triangles, &bounds);
             Object { id, category: category.to_owned(), bounds, region: None, attributes }
         }
-        Claim::Structure => unreachable!("structure is filtered out where instances are found"),
     }
 }

@@ -220,7 +220,7 @@ fn triangles(order: &[u32], mode: u32) -> Checked<Vec<[u32; 3]>> {
             TRIANGLE_FAN => {
                 order.get(1..).unwrap_or_default().windows(2).map(|two| [two[0], two[1], order[0]]).collect()
             }
-            _ if order.len() % 3 != 0 => {
+            _ if !order.len().is_multiple_of(3) => {
                 return Err(format!(
                     "a triangle list has {} corners, no multiple of 3; export the file again",
                     order.len()

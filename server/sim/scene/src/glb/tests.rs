@@ -77,8 +77,11 @@ fn sample() -> Scene {
     }
 }
 
-/// Corner positions, colours and material of every triangle, in an order that does not depend on the scene's.
-fn surfaces(scene: &Scene) -> Vec<(InstanceId, String, Vec<[i64; 3]>, Vec<[u8; 3]>)> {
+/// Instance, material, corners in micrometres and corner colours of a triangle.
+type Surface = (InstanceId, String, Vec<[i64; 3]>, Vec<[u8; 3]>);
+
+/// Every triangle, in an order that does not depend on the scene's.
+fn surfaces(scene: &Scene) -> Vec<Surface> {
     let micrometres =
         |point: &Point3<f32>| std::array::from_fn(|axis| (f64::from(point[axis]) * 1e6).round() as i64);
     let mut all: Vec<_> = (0..scene.mesh.triangles.len())
@@ -272,4 +275,52 @@ fn an_external_file_may_not_lie_outside_the_folder() {
 fn scene_names_hold_no_other_letters() {
     assert_eq!(scene_name(Path::new("a/00800-TEEsavR23oF.basis.glb")), "00800-TEEsavR23oF");
     assert_eq!(scene_name(Path::new("my house!.glb")), "my_house_");
+}
+
+/// A JPEG of 16 x 8 texels, the left half (200, 40, 30), the right one (20, 60, 210).
+const JPEG: &str = concat!(
+    "data:image/jpeg;base64,",
+    "/9j/4AAQSkZJRgABAQAAAQABAAD/2wBDABALDA4MChAODQ4SERATGCgaGBYWGDEjJR0oOjM9PDkzODdASFxOQERXRTc4UG1R",
+    "V19iZ2hnPk1xeXBkeFxlZ2P/2wBDARESEhgVGC8aGi9jQjhCY2NjY2NjY2NjY2NjY2NjY2NjY2NjY2NjY2NjY2NjY2NjY2Nj",
+    "Y2NjY2NjY2NjY2NjY2P/wAARCAAIABADAREAAhEBAxEB/8QAFQABAQAAAAAAAAAAAAAAAAAABAX/xAAUEAEAAAAAAAAAAAAA",
+    "AAAAAAAA/8QAFQEBAQAAAAAAAAAAAAAAAAAABgT/xAAUEQEAAAAAAAAAAAAAAAAAAAAA/9oADAMBAAIRAxEAPwCUgJhDYKf/",
+    "2Q==",
+);
+
+#[test]
+fn a_jpeg_texture_gives_the_surface_its_colour() {
+    let scene = patched(&TRIANGLE, |document| {
+        document["meshes"][0]["primitives"][0]["material"] = 0.into();
+        document["materials"] =
+            serde_json::json!([{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }]);
+        document["textures"] = serde_json::json!([{ "source": 0 }]);
+        document["images"] = serde_json::json!([{ "uri": JPEG }]);
+    })
+    .unwrap();
+    let texture = &scene.textures[0];
+    assert_eq!((texture.width, texture.height), (16, 8));
+    for (column, expected) in [(2, [200, 40, 30, 255]), (13, [20, 60, 210, 255])] {
+        let texel = &texture.pixels[4 * column..4 * column + 4];
+        let close = texel.iter().zip(expected).all(|(&found, expected)| found.abs_diff(expected) < 12);
+        assert!(close, "{texel:?} is not {expected:?}");
+    }
+    assert_eq!(scene.objects[0].attributes.color, "red");
+}
+
+#[test]
+fn damaged_pictures_are_refused_or_read_but_never_stop_the_program() {
+    let jpeg = uri::load(JPEG, None, &mut 1000).unwrap();
+    let png = image::encode_png(&texture(5, 7, 200));
+    let mut rng = Rng::new(3);
+    for whole in [jpeg, png] {
+        let mut refused = 0;
+        for _ in 0..1500 {
+            let mut bytes = whole.clone();
+            let at = rng.below(bytes.len());
+            bytes[at] ^= 1 << rng.below(8);
+            bytes.truncate(1 + rng.below(2 * whole.len()));
+            refused += u32::from(image::decode(&bytes, &mut 1_000_000).is_err());
+        }
+        assert!(refused > 50, "{refused}");
+    }
 }
