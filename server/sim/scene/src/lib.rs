@@ -11,6 +11,7 @@ pub mod digest;
 pub mod glb;
 pub mod hm3d;
 pub mod open;
+pub mod procedural;
 mod scene;
 
 pub use scene::{Attributes, InstanceId, Material, Mesh, Object, Region, Scene, SceneError, Texture};

@@ -84,13 +84,6 @@ impl Plan {
         let openings = openings::connect(&mut rng.fork("openings"), &rooms);
         Self { rooms, openings }
     }
-
-    /// Rectangle around all rooms, to the outer faces of the walls.
-    pub(super) fn outline(&self) -> Rect {
-        let cells = self.rooms.iter().map(|room| room.cell);
-        let around = cells.reduce(|all, cell| all.union(&cell)).expect("a plan has a room");
-        around.inset(-WALL_M / 2.0)
-    }
 }
 
 /// The uses of `count` rooms. Every house of four rooms or more has a hallway and the four basic rooms.

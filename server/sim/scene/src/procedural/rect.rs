@@ -41,15 +41,9 @@ impl Rect {
     }
 
     pub(super) fn holds(&self, inner: &Self) -> bool {
-        let within = |outer: [f32; 2], inner: [f32; 2]| {
-            outer[0] <= inner[0] + 1e-4 && inner[1] <= outer[1] + 1e-4
-        };
+        let within =
+            |outer: [f32; 2], inner: [f32; 2]| outer[0] <= inner[0] + 1e-4 && inner[1] <= outer[1] + 1e-4;
         within(self.x, inner.x) && within(self.z, inner.z)
-    }
-
-    pub(super) fn union(&self, other: &Self) -> Self {
-        let join = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
-        Self { x: join(self.x, other.x), z: join(self.z, other.z) }
     }
 
     /// Euclidean distance from a point to the rectangle; 0 inside.
@@ -126,8 +120,12 @@ impl Side {
 
     /// The rectangle that touches this wall of `room` along `along` and reaches `depth_m` inwards.
     pub(super) fn strip(self, room: &Rect, along: [f32; 2], depth_m: f32) -> Rect {
-        let line = self.line_m(room);
-        let across = [line, line + self.inward() * depth_m];
+        self.band(room, along, [0.0, depth_m])
+    }
+
+    /// The rectangle along `along` between two distances from this wall of `room`.
+    pub(super) fn band(self, room: &Rect, along: [f32; 2], depths_m: [f32; 2]) -> Rect {
+        let across = depths_m.map(|depth| self.line_m(room) + self.inward() * depth);
         if self.runs_along_x() { Rect::new(along, across) } else { Rect::new(across, along) }
     }
 }

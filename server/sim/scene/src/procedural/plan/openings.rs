@@ -13,7 +13,7 @@ const ARCH_HEIGHT_M: f32 = 2.2;
 pub(super) fn connect(rng: &mut Rng, rooms: &[Room]) -> Vec<Opening> {
     let mut shared = shared_walls(rooms);
     rng.shuffle(&mut shared);
-    shared.sort_by_key(|wall| !touches_hall(rooms, wall));
+    shared.sort_by_key(|wall| privacy(rooms, wall));
     let (tree, mut rest) = spanning_tree(rooms.len(), shared);
     rest.sort_by_key(|wall| !friendly(&wall.rooms.map(|room| rooms[room].kind)));
     let loops = if rng.chance(0.3) { 2 } else { 1 };
@@ -48,13 +48,15 @@ fn shared_wall(rooms: &[Room], pair: [usize; 2]) -> Option<SharedWall> {
         let (p, q) = (along(&a), along(&b));
         let usable = WALL_M / 2.0 + CORNER_M;
         let along = [p[0].max(q[0]) + usable, p[1].min(q[1]) - usable];
-        (common(p, q) > 1.5).then_some(SharedWall { rooms: pair, along_x, line_m, along })
+        (common(p, q) > 1.4).then_some(SharedWall { rooms: pair, along_x, line_m, along })
     };
     wall(true, |r| r.z, |r| r.x).or_else(|| wall(false, |r| r.x, |r| r.z))
 }
 
-fn touches_hall(rooms: &[Room], wall: &SharedWall) -> bool {
-    wall.rooms.iter().any(|&room| rooms[room].kind == RoomKind::Hallway)
+/// How much one would rather not walk through this wall: 0 from the hallway, 1 from a public room, 2 otherwise.
+fn privacy(rooms: &[Room], wall: &SharedWall) -> u8 {
+    let kinds = wall.rooms.map(|room| rooms[room].kind);
+    if kinds.contains(&RoomKind::Hallway) { 0 } else { 2 - u8::from(kinds.into_iter().any(is_public)) }
 }
 
 /// The walls, taken in order, that join rooms not joined before; then all the others.

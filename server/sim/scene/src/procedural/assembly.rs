@@ -1,0 +1,135 @@
+//! Collects shapes into a scene and bakes simple light into them.
+
+use super::model::{Corner, Model};
+use super::paint::Paint;
+use super::texture::Pattern;
+use crate::{Attributes, InstanceId, Material, Mesh, Object, Region, Scene, Texture};
+use avln_geom::{Aabb, Point3, Vector3};
+use std::collections::BTreeMap;
+
+/// A scene that is being put together.
+#[derive(Default)]
+pub(super) struct Assembly {
+    mesh: Mesh,
+    materials: Vec<Material>,
+    textures: Vec<Texture>,
+    objects: Vec<Object>,
+    material_of: BTreeMap<Paint, u16>,
+    texture_of: BTreeMap<Pattern, u16>,
+}
+
+/// A piece of furniture in its own frame, and what can be said of it.
+#[derive(Clone, Debug)]
+pub(super) struct Piece {
+    pub(super) category: &'static str,
+    pub(super) model: Model,
+    pub(super) attributes: Attributes,
+}
+
+impl Piece {
+    pub(super) fn new(category: &'static str, model: Model, attributes: Attributes) -> Self {
+        Self { category, model, attributes }
+    }
+
+    /// Edge lengths along x, y, z.
+    pub(super) fn size(&self) -> Vector3<f32> {
+        self.model.bounds().size()
+    }
+}
+
+impl Assembly {
+    /// Adds what belongs to no object; `light` gives the brightness, 0 to 1, of a corner.
+    pub(super) fn add_shell(&mut self, model: &Model, light: impl Fn(&Corner) -> f32) {
+        self.add(model, InstanceId::NONE, light);
+    }
+
+    /// Adds an object, its model already in the world frame; returns its box.
+    pub(super) fn add_object(&mut self, piece: &Piece, region: usize) -> Aabb {
+        let id = InstanceId(self.objects.len() as u16 + 1);
+        self.add(&piece.model, id, furniture_light);
+        let bounds = piece.model.bounds();
+        self.objects.push(Object {
+            id,
+            category: piece.category.to_owned(),
+            bounds,
+            region: Some(region as u16),
+            attributes: piece.attributes.clone(),
+        });
+        bounds
+    }
+
+    /// The finished scene.
+    pub(super) fn into_scene(self, name: &str, regions: Vec<Region>) -> Scene {
+        Scene {
+            name: name.to_owned(),
+            mesh: self.mesh,
+            materials: self.materials,
+            textures: self.textures,
+            regions,
+            objects: self.objects,
+        }
+    }
+
+    fn add(&mut self, model: &Model, id: InstanceId, light: impl Fn(&Corner) -> f32) {
+        let first = self.mesh.positions.len() as u32;
+        for corner in &model.corners {
+            let shade = (light(corner).clamp(0.0, 1.0) * 255.0).round() as u8;
+            self.mesh.positions.push(corner.position);
+            self.mesh.uvs.push(corner.uv);
+            self.mesh.colors.push([shade; 3]);
+        }
+        for &(corners, paint) in &model.triangles {
+            let material = self.material(paint);
+            self.mesh.triangles.push(corners.map(|corner| corner + first));
+            self.mesh.material_of.push(material);
+            self.mesh.instance_of.push(id);
+        }
+    }
+
+    fn material(&mut self, paint: Paint) -> u16 {
+        if let Some(&index) = self.material_of.get(&paint) {
+            return index;
+        }
+        let index = self.materials.len() as u16;
+        let [r, g, b] = paint.rgb;
+        let texture = paint.pattern.map(|pattern| self.texture(pattern));
+        let name = paint.material.to_owned();
+        self.materials.push(Material { name, base_color: [r, g, b, 255], texture, alpha_cutoff: None });
+        self.material_of.insert(paint, index);
+        index
+    }
+
+    fn texture(&mut self, pattern: Pattern) -> u16 {
+        let textures = &mut self.textures;
+        *self.texture_of.entry(pattern).or_insert_with(|| {
+            textures.push(pattern.draw());
+            textures.len() as u16 - 1
+        })
+    }
+}
+
+/// Brightness of a surface by the direction that it faces: daylight from above and one side, so that
+/// neighbouring faces of a box differ. 0.7 (facing down) to 1.
+pub(super) fn facing_light(normal: &Vector3<f32>) -> f32 {
+    let towards_light = Vector3::new(0.27, 0.80, 0.53);
+    0.85 + 0.15 * normal.dot(&towards_light)
+}
+
+/// Light on furniture: by direction, and a little darker towards the floor.
+fn furniture_light(corner: &Corner) -> f32 {
+    let lift = (corner.position.y / 0.5).clamp(0.0, 1.0);
+    facing_light(&corner.normal) * (0.88 + 0.12 * lift)
+}
+
+/// Light in the corners of a room: 1 in the open, darker where `distance_m` to the nearest surface is small.
+pub(super) fn corner_light(distance_m: f32, reach_m: f32, darkest: f32) -> f32 {
+    let t = (distance_m / reach_m).clamp(0.0, 1.0);
+    darkest + (1.0 - darkest) * t * (2.0 - t)
+}
+
+/// Distance of `point` to the nearest of the six sides of `bounds` other than those that it lies on.
+pub(super) fn distance_to_sides_m(point: &Point3<f32>, bounds: &Aabb, across: &Vector3<f32>) -> f32 {
+    let axes = (0..3).filter(|&axis| across[axis].abs() < 0.5);
+    let gap = |axis: usize| (point[axis] - bounds.min[axis]).min(bounds.max[axis] - point[axis]);
+    axes.map(gap).fold(f32::INFINITY, f32::min).max(0.0)
+}

@@ -1,0 +1,256 @@
+//! Puts furniture into rooms.
+
+mod bathroom;
+mod bedroom;
+mod eating;
+mod living;
+mod study;
+mod walls;
+
+use super::assembly::{Assembly, Piece};
+use super::model::about;
+use super::plan::{CEILING_M, Plan, RoomKind};
+use super::rect::{Rect, Side, turned};
+use super::shell::openings_on;
+use super::space::{Claim, Patch, Space};
+use super::taste::Taste;
+use avln_geom::{Aabb, Rng, Vector3};
+
+/// One room that is being furnished.
+pub(super) struct Decorator<'a> {
+    assembly: &'a mut Assembly,
+    taste: &'a mut Taste,
+    rng: Rng,
+    plan: &'a Plan,
+    index: usize,
+    space: Space,
+    /// How many of the free zones belong to doors.
+    doors: usize,
+    /// What stands on the floor.
+    covered: Vec<Rect>,
+}
+
+/// Where a piece ended up.
+#[derive(Clone, Copy, Debug)]
+struct Spot {
+    /// Where the origin of the piece's own frame lies.
+    origin: Vector3<f32>,
+    /// The wall that its back is turned to.
+    side: Side,
+    bounds: Aabb,
+}
+
+/// Which place along the walls a piece prefers.
+#[derive(Clone, Copy, Debug)]
+enum Wish {
+    Anywhere,
+    Corner,
+    Middle,
+    /// On this wall, near this place along it.
+    Facing(Side, f32),
+}
+
+/// Distance that furniture keeps from walls and from other furniture at its side, metres.
+const GAP_M: f32 = 0.015;
+
+/// Furnishes one room and returns what stands on its floor.
+pub(super) fn furnish(
+    assembly: &mut Assembly,
+    taste: &mut Taste,
+    rng: Rng,
+    plan: &Plan,
+    index: usize,
+) -> Vec<Rect> {
+    let room = &plan.rooms[index];
+    let mut space = Space::new(room.interior());
+    let mut doors = 0;
+    for side in Side::ALL {
+        for opening in openings_on(plan, index, side) {
+            space.add_door(side, opening.along, opening.height_m);
+            doors += 1;
+        }
+    }
+    let mut decorator = Decorator { assembly, taste, rng, plan, index, space, doors, covered: vec![] };
+    decorator.fit_out(room.kind);
+    decorator.covered
+}
+
+impl Decorator<'_> {
+    fn fit_out(&mut self, kind: RoomKind) {
+        if self.index == 0 {
+            self.entrance();
+        }
+        self.windows(kind);
+        match kind {
+            RoomKind::Hallway => self.hallway(),
+            RoomKind::LivingRoom => self.living_room(),
+            RoomKind::Kitchen => self.kitchen(),
+            RoomKind::DiningRoom => self.dining_room(),
+            RoomKind::Bedroom => self.bedroom(),
+            RoomKind::Bathroom => self.bathroom(),
+            RoomKind::Office => self.office(),
+            RoomKind::Gym => self.gym(),
+        }
+        self.ceiling_lamp();
+    }
+
+    /// Whether the house has a room of this kind.
+    fn house_has(&self, kind: RoomKind) -> bool {
+        self.plan.rooms.iter().any(|room| room.kind == kind)
+    }
+
+    /// Stands a piece with its back to a wall, `front_m` of floor before it free.
+    fn stand(&mut self, piece: &Piece, wish: Wish, front_m: f32) -> Option<Spot> {
+        let size = piece.size();
+        let mut places = self.wall_places(size.x, wish);
+        places.sort_by(|a, b| a.2.total_cmp(&b.2));
+        let claims = places.into_iter().map(|(side, start, _)| {
+            let along = [start, start + size.x];
+            (side, self.claim_at_wall(side, along, size, front_m))
+        });
+        let (side, claim) = claims.into_iter().find(|(_, claim)| self.space.fits(claim))?;
+        self.space.take(&claim);
+        Some(self.set(piece, side, &claim.rect, 0.0))
+    }
+
+    /// Every 5 cm of every wall: the side, where the piece starts, and a cost that is least where it is wished.
+    fn wall_places(&mut self, length_m: f32, wish: Wish) -> Vec<(Side, f32, f32)> {
+        const STEP_M: f32 = 0.05;
+        let mut places = Vec::new();
+        for side in Side::ALL {
+            let span = side.span(&self.space.room);
+            let play = span[1] - span[0] - length_m - 2.0 * GAP_M;
+            let whim = self.rng.range(0.0, 0.6);
+            for step in 0..=(play / STEP_M).max(-1.0) as i32 {
+                let start = span[0] + GAP_M + (play - step as f32 * STEP_M);
+                let from_middle =
+                    (start + length_m / 2.0 - (span[0] + span[1]) / 2.0).abs() / (play / 2.0).max(0.1);
+                let cost = match wish {
+                    Wish::Anywhere => self.rng.range(0.0, 1.0),
+                    Wish::Corner => 1.0 - from_middle + whim,
+                    Wish::Middle => from_middle + whim,
+                    Wish::Facing(wanted, _) if wanted != side => 10.0 + whim,
+                    Wish::Facing(_, place) => (start + length_m / 2.0 - place).abs(),
+                };
+                places.push((side, start, cost));
+            }
+        }
+        places
+    }
+
+    fn claim_at_wall(&self, side: Side, along: [f32; 2], size: Vector3<f32>, front_m: f32) -> Claim {
+        let near = GAP_M + size.z;
+        let front = side.band(&self.space.room, along, [near, near + front_m]);
+        Claim {
+            rect: side.band(&self.space.room, along, [GAP_M, near]),
+            y: [0.0, size.y],
+            front: (front_m > 0.0).then_some(front),
+        }
+    }
+
+    /// Stands a piece beside another one along the same wall; `hand` is -1 or 1.
+    fn beside(&mut self, piece: &Piece, other: &Spot, hand: f32) -> Option<Spot> {
+        let size = piece.size();
+        let span = other.side.span(&Rect::of(&other.bounds));
+        let along = match hand < 0.0 {
+            true => [span[0] - 0.03 - size.x, span[0] - 0.03],
+            false => [span[1] + 0.03, span[1] + 0.03 + size.x],
+        };
+        let claim = self.claim_at_wall(other.side, along, size, 0.0);
+        if !self.space.fits(&claim) {
+            return None;
+        }
+        self.space.take(&claim);
+        Some(self.set(piece, other.side, &claim.rect, 0.0))
+    }
+
+    /// Stands a piece away from walls, around `rect`'s middle, if nothing but a free front is there.
+    fn stand_at(&mut self, piece: &Piece, side: Side, center: [f32; 2]) -> Option<Spot> {
+        let size = piece.size();
+        let size_xz = if side.runs_along_x() { [size.x, size.z] } else { [size.z, size.x] };
+        let claim = Claim { rect: Rect::around(center, size_xz), y: [0.0, size.y], front: None };
+        if !self.space.fits_in_front(&claim, self.doors) {
+            return None;
+        }
+        self.space.take(&claim);
+        Some(self.set(piece, side, &claim.rect, 0.0))
+    }
+
+    /// The middle of a free rectangle of the given size, as near to the middle of the room as possible.
+    fn open_floor(&mut self, size: [f32; 2]) -> Option<[f32; 2]> {
+        const STEP_M: f32 = 0.1;
+        let room = self.space.room;
+        let middle = room.center();
+        let play = [0, 1].map(|axis| (room.size()[axis] - size[axis]) / 2.0);
+        let steps = play.map(|play| (play / STEP_M).floor() as i32);
+        let mut places: Vec<[f32; 2]> = Vec::new();
+        for i in -steps[0]..=steps[0] {
+            places.extend((-steps[1]..=steps[1]).map(|k| [i as f32 * STEP_M, k as f32 * STEP_M]));
+        }
+        places.sort_by(|a, b| (a[0] * a[0] + a[1] * a[1]).total_cmp(&(b[0] * b[0] + b[1] * b[1])));
+        let center = |offset: [f32; 2]| [middle[0] + offset[0], middle[1] + offset[1]];
+        places.into_iter().map(center).find(|&center| {
+            self.space.fits(&Claim { rect: Rect::around(center, size), y: [0.0, 1.0], front: None })
+        })
+    }
+
+    /// Lays a piece on top of another one; `offset` is in the other's own frame.
+    fn lay(&mut self, piece: &Piece, other: &Spot, offset: [f32; 3]) {
+        let [x, z] = turned(other.side.quarter(), [offset[0], offset[2]]);
+        let origin = other.origin + Vector3::new(x, offset[1], z);
+        self.add(piece, other.side, origin);
+    }
+
+    /// Lays a rug on the floor around `center`, wide along `side`, if the room holds it.
+    fn lay_rug(&mut self, size: [f32; 2], side: Side, center: [f32; 2]) {
+        let size_xz = if side.runs_along_x() { size } else { [size[1], size[0]] };
+        let rect = Rect::around(center, size_xz);
+        if self.space.room.holds(&rect) {
+            let rug = super::furniture::decor::rug(self.taste, size);
+            self.add(&rug, side, Vector3::new(center[0], 0.0, center[1]));
+        }
+    }
+
+    /// Sets a piece so that its footprint begins at `rect`'s smallest corner and its base is at `base_m`.
+    fn set(&mut self, piece: &Piece, side: Side, rect: &Rect, base_m: f32) -> Spot {
+        let bounds = piece.model.moved(side.quarter(), Vector3::zeros()).bounds();
+        let lift = base_m - bounds.min.y;
+        let origin = Vector3::new(rect.x[0] - bounds.min.x, lift, rect.z[0] - bounds.min.z);
+        if base_m == 0.0 {
+            self.covered.push(*rect);
+        }
+        self.add(piece, side, origin)
+    }
+
+    fn add(&mut self, piece: &Piece, side: Side, origin: Vector3<f32>) -> Spot {
+        let model = piece.model.moved(side.quarter(), origin);
+        let placed = Piece { model, ..piece.clone() };
+        let bounds = self.assembly.add_object(&placed, self.index);
+        Spot { origin, side, bounds }
+    }
+}
+
+impl Spot {
+    /// The middle on the floor.
+    fn center(&self) -> [f32; 2] {
+        Rect::of(&self.bounds).center()
+    }
+
+    /// The point `distance_m` before the middle of the front.
+    fn before(&self, distance_m: f32) -> [f32; 2] {
+        let rect = Rect::of(&self.bounds);
+        let front = self.side.opposite().line_m(&rect) + self.side.inward() * distance_m;
+        let [x, z] = rect.center();
+        if self.side.runs_along_x() { [x, front] } else { [front, z] }
+    }
+
+    /// The middle along the wall behind.
+    fn along(&self) -> f32 {
+        let span = self.side.span(&Rect::of(&self.bounds));
+        (span[0] + span[1]) / 2.0
+    }
+
+    fn height_m(&self) -> f32 {
+        self.bounds.max.y - self.origin.y
+    }
+}

@@ -1,0 +1,176 @@
+//! What hangs on walls and ceilings: windows, the front door, pictures, towels, coats, lamps.
+
+use super::super::furniture::{decor, lights, openings};
+use super::super::shell::outer_parts;
+use super::*;
+
+impl Decorator<'_> {
+    /// The closed front door of the house.
+    pub(super) fn entrance(&mut self) {
+        let door = openings::door(self.taste);
+        let width = door.size().x + 0.06;
+        let mut walls = self.outer_walls();
+        walls.sort_by(|a, b| (a.1[1] - a.1[0]).total_cmp(&(b.1[1] - b.1[0])));
+        for (side, part) in walls {
+            let along = about((part[0] + part[1]) / 2.0, width);
+            let patch = Patch { along, y: [0.0, 2.1] };
+            if part[1] - part[0] >= width && self.space.wall_is_free(side, &patch) {
+                self.fix(&door, side, (along[0] + along[1]) / 2.0, 0.0);
+                self.space.add_door(side, along, 2.1);
+                self.doors += 1;
+                return;
+            }
+        }
+    }
+
+    /// Windows in the outer walls, some with curtains.
+    pub(super) fn windows(&mut self, kind: RoomKind) {
+        let (sill, head, widest): (f32, f32, f32) = match kind {
+            RoomKind::Bathroom => (1.45, 2.1, 0.7),
+            RoomKind::Kitchen => (1.12, 2.1, 1.3),
+            _ => (0.92, 2.15, 1.8),
+        };
+        for (side, part) in self.outer_walls() {
+            let length = part[1] - part[0];
+            let count = (length / 2.6).floor().clamp(0.0, 2.0) as usize;
+            for i in 0..count {
+                let slot = length / count as f32;
+                let width = self.taste.length_m(0.6, 0.95).min(1.0) * widest.min(slot - 0.9);
+                let middle = part[0] + slot * (i as f32 + 0.5);
+                self.window(kind, side, middle, [width, sill, head]);
+            }
+        }
+    }
+
+    fn window(&mut self, kind: RoomKind, side: Side, middle: f32, [width, sill, head]: [f32; 3]) {
+        let patch = Patch { along: about(middle, width + 0.1), y: [sill - 0.03, head] };
+        if width < 0.4 || !self.space.wall_is_free(side, &patch) {
+            return;
+        }
+        self.fix(&openings::window(width, head - sill), side, middle, sill - 0.03);
+        self.space.take_wall(side, patch);
+        if matches!(kind, RoomKind::LivingRoom | RoomKind::Bedroom | RoomKind::DiningRoom | RoomKind::Office)
+        {
+            self.curtains(side, middle, [width, sill, head]);
+        }
+    }
+
+    fn curtains(&mut self, side: Side, middle: f32, [width, sill, head]: [f32; 3]) {
+        let tint = self.taste.tint("curtain", super::super::taste::CLOTH);
+        for hand in [-1.0, 1.0] {
+            let place = middle + hand * (width / 2.0 + 0.2);
+            let y = [sill - 0.12, head + 0.08];
+            let patch = Patch { along: about(place, 0.3), y };
+            if self.space.wall_is_free(side, &patch) {
+                self.fix(&decor::curtain(tint, 0.26, y[1] - y[0]), side, place, y[0]);
+                self.space.take_wall(side, patch);
+            }
+        }
+    }
+
+    /// The walls of this room that have the open air behind them.
+    fn outer_walls(&self) -> Vec<(Side, [f32; 2])> {
+        let room = self.space.room;
+        let parts = |side: Side| {
+            let span = side.span(&room);
+            let inside = move |part: [f32; 2]| (side, [part[0].max(span[0]), part[1].min(span[1])]);
+            outer_parts(self.plan, self.index, side).into_iter().map(inside)
+        };
+        Side::ALL.into_iter().flat_map(parts).collect()
+    }
+
+    /// Hangs a shallow piece somewhere on a wall, its lower edge at `base_m`.
+    pub(super) fn hang(&mut self, piece: &Piece, base_m: f32, wish: Wish) -> Option<Spot> {
+        const MARGIN_M: f32 = 0.07;
+        let size = piece.size();
+        let mut places = self.wall_places(size.x + 2.0 * MARGIN_M, wish);
+        places.sort_by(|a, b| a.2.total_cmp(&b.2));
+        let (side, middle) = places.into_iter().find_map(|(side, start, _)| {
+            let along = [start, start + size.x + 2.0 * MARGIN_M];
+            let patch = Patch { along, y: [base_m - MARGIN_M, base_m + size.y + MARGIN_M] };
+            self.space.wall_is_free(side, &patch).then_some((side, (along[0] + along[1]) / 2.0))
+        })?;
+        let y = [base_m, base_m + size.y];
+        self.space.take_wall(side, Patch { along: about(middle, size.x), y });
+        Some(self.fix(piece, side, middle, base_m))
+    }
+
+    /// Hangs a deep piece, which takes floor as well when it hangs low.
+    pub(super) fn hang_deep(&mut self, piece: &Piece, base_m: f32, side: Side, middle: f32) -> Option<Spot> {
+        let size = piece.size();
+        let rect = side.band(&self.space.room, about(middle, size.x), [0.0, size.z]);
+        let claim = Claim { rect, y: [base_m, base_m + size.y], front: None };
+        let patch = Patch { along: about(middle, size.x), y: claim.y };
+        if !self.space.room.holds(&rect) || !self.space.wall_is_free(side, &patch) {
+            return None;
+        }
+        self.space.take(&claim);
+        Some(self.fix(piece, side, middle, base_m))
+    }
+
+    /// Fixes a piece to a wall without asking.
+    pub(super) fn fix(&mut self, piece: &Piece, side: Side, middle: f32, base_m: f32) -> Spot {
+        let size = piece.size();
+        let rect = side.band(&self.space.room, about(middle, size.x), [0.002, size.z + 0.002]);
+        let covered = self.covered.len();
+        let spot = self.set(piece, side, &rect, base_m);
+        self.covered.truncate(covered);
+        spot
+    }
+
+    /// Pictures at eye height.
+    pub(super) fn pictures(&mut self, count: usize) {
+        for _ in 0..count {
+            let (width, height) = (self.taste.length_m(0.4, 1.0), self.taste.length_m(0.4, 0.75));
+            let picture = decor::picture(self.taste, width, height);
+            self.hang(&picture, 1.5 - height / 2.0, Wish::Middle);
+        }
+    }
+
+    /// Towels at hand height; returns how many there was room for.
+    pub(super) fn towels(&mut self, count: usize) {
+        for _ in 0..count {
+            let towel = super::super::furniture::baths::towel(self.taste);
+            let base = 1.42 - towel.size().y / 2.0;
+            self.hang(&towel, base, Wish::Anywhere);
+        }
+    }
+
+    /// Coats on hooks along one wall.
+    pub(super) fn coats(&mut self, count: usize) {
+        for _ in 0..count {
+            let coat = decor::coat(self.taste);
+            let size = coat.size();
+            let base = 1.78 - size.y;
+            let mut places = self.wall_places(size.x, Wish::Anywhere);
+            places.sort_by(|a, b| a.2.total_cmp(&b.2));
+            let fitting = places.into_iter().find(|&(side, start, _)| {
+                let claim =
+                    Claim { y: [base, 1.8], ..self.claim_at_wall(side, [start, start + size.x], size, 0.0) };
+                self.space.fits(&claim)
+            });
+            if let Some((side, start, _)) = fitting {
+                self.hang_deep(&coat, base, side, start + size.x / 2.0);
+            }
+        }
+    }
+
+    /// A lamp in the middle of the ceiling.
+    pub(super) fn ceiling_lamp(&mut self) {
+        let lamp = lights::pendant(self.taste);
+        let [x, z] = self.space.room.center();
+        self.add(&lamp, Side::North, Vector3::new(x, CEILING_M, z));
+    }
+
+    /// A mirror, if there is room for it.
+    pub(super) fn mirror(&mut self, width: f32, height: f32, wish: Wish) {
+        let mirror = decor::mirror(self.taste, width, height);
+        self.hang(&mirror, 1.5 - height / 2.0, wish);
+    }
+
+    /// A plant on the floor.
+    pub(super) fn floor_plant(&mut self) {
+        let plant = decor::plant(self.taste, true);
+        self.stand(&plant, Wish::Corner, 0.0);
+    }
+}

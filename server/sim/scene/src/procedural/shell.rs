@@ -1,0 +1,255 @@
+//! Floors, walls, ceilings, thresholds: all that belongs to no object.
+
+use super::assembly::{Assembly, corner_light, distance_to_sides_m, facing_light};
+use super::model::Model;
+use super::paint::Paint;
+use super::plan::{CEILING_M, Opening, Plan, Room, RoomKind, WALL_M};
+use super::rect::{Rect, Side, common};
+use super::texture::Pattern;
+use avln_geom::{Point3, Rng};
+
+/// What the surfaces of a room are painted with.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Finish {
+    floor: Paint,
+    wall: Paint,
+    /// One wall of a room may differ.
+    accent: (Side, Paint),
+    skirting: Paint,
+    ceiling: Paint,
+}
+
+/// Height of the skirting board, metres.
+const SKIRTING_M: f32 = 0.08;
+
+impl Finish {
+    /// Paints that suit the room.
+    pub(super) fn choose(rng: &mut Rng, kind: RoomKind) -> Self {
+        let wall = wall_paint(rng, kind);
+        let accent = if rng.chance(0.35) { accent_paint(rng, kind) } else { wall };
+        let side = Side::ALL[rng.below(4)];
+        let wet = matches!(kind, RoomKind::Bathroom | RoomKind::Kitchen);
+        let skirting =
+            if wet { Paint::plain("tile", [206, 208, 206]) } else { Paint::plain("wood", [232, 230, 224]) };
+        let ceiling = Paint::plain("plaster", [244, 243, 238]);
+        Self { floor: floor_paint(rng, kind), wall, accent: (side, accent), skirting, ceiling }
+    }
+
+    fn wall(&self, side: Side) -> Paint {
+        if side == self.accent.0 { self.accent.1 } else { self.wall }
+    }
+}
+
+fn wall_paint(rng: &mut Rng, kind: RoomKind) -> Paint {
+    const PASTELS: [[u8; 3]; 8] = [
+        [228, 222, 208],
+        [214, 222, 214],
+        [206, 216, 226],
+        [230, 214, 204],
+        [222, 212, 226],
+        [232, 226, 190],
+        [210, 208, 204],
+        [236, 234, 228],
+    ];
+    let rgb = *rng.choose(&PASTELS).expect("there are pastels");
+    match kind {
+        RoomKind::Bathroom => Paint::plain("tile", rgb).with(Pattern::WallTiles),
+        _ => Paint::plain("plaster", rgb).with(Pattern::Plaster),
+    }
+}
+
+fn accent_paint(rng: &mut Rng, kind: RoomKind) -> Paint {
+    const DEEP: [[u8; 3]; 6] = [
+        [128, 152, 168],
+        [150, 168, 140],
+        [196, 150, 124],
+        [168, 152, 178],
+        [200, 176, 120],
+        [122, 134, 140],
+    ];
+    let rgb = *rng.choose(&DEEP).expect("there are colours");
+    match kind {
+        RoomKind::LivingRoom | RoomKind::Gym if rng.chance(0.4) => {
+            Paint::plain("brick", [176, 116, 96]).with(Pattern::Brick)
+        }
+        RoomKind::Bedroom if rng.chance(0.5) => Paint::plain("plaster", rgb).with(Pattern::Stripes),
+        RoomKind::Bathroom => Paint::plain("tile", rgb).with(Pattern::WallTiles),
+        _ => Paint::plain("plaster", rgb).with(Pattern::Plaster),
+    }
+}
+
+fn floor_paint(rng: &mut Rng, kind: RoomKind) -> Paint {
+    const WOODS: [[u8; 3]; 4] = [[192, 150, 106], [158, 112, 74], [214, 180, 136], [176, 146, 122]];
+    const TILES: [[u8; 3]; 4] = [[206, 204, 198], [178, 190, 196], [198, 182, 160], [168, 170, 172]];
+    const PILES: [[u8; 3]; 4] = [[170, 160, 150], [146, 156, 166], [182, 170, 146], [166, 148, 152]];
+    let pick = |rng: &mut Rng, colors: &[[u8; 3]; 4]| colors[rng.below(4)];
+    match kind {
+        RoomKind::Bathroom | RoomKind::Kitchen => {
+            let pattern = if rng.chance(0.3) { Pattern::Checker } else { Pattern::Tiles };
+            Paint::plain("tile", pick(rng, &TILES)).with(pattern)
+        }
+        RoomKind::Bedroom | RoomKind::Gym if rng.chance(0.5) => {
+            Paint::plain("carpet", pick(rng, &PILES)).with(Pattern::Carpet)
+        }
+        _ => {
+            let pattern = if rng.chance(0.4) { Pattern::Parquet } else { Pattern::Planks };
+            Paint::plain("wood", pick(rng, &WOODS)).with(pattern)
+        }
+    }
+}
+
+/// Walls and ceiling of one room, with a hole for each opening.
+pub(super) fn add_room(assembly: &mut Assembly, plan: &Plan, index: usize, finish: &Finish) {
+    let room = &plan.rooms[index];
+    let bounds = room.interior().raised([0.0, CEILING_M]);
+    let mut model = Model::new();
+    for side in Side::ALL {
+        inner_wall(&mut model, plan, index, side, finish);
+    }
+    let inner = room.interior();
+    let lines = |span: [f32; 2]| grid_lines(span, &[span[0] + 0.4, span[1] - 0.4], 1.0);
+    for x in lines(inner.x).windows(2) {
+        for z in lines(inner.z).windows(2) {
+            model.quad(flat([x[0], x[1]], [z[1], z[0]], CEILING_M), finish.ceiling);
+        }
+    }
+    assembly.add_shell(&model, |corner| {
+        let gap = distance_to_sides_m(&corner.position, &bounds, &corner.normal);
+        let base = if corner.normal.y < -0.5 { 0.95 } else { 0.08 + facing_light(&corner.normal) };
+        base * corner_light(gap, 0.5, 0.82)
+    });
+}
+
+/// The floor of a room, darker along its walls and under `covered`, the furniture that stands on it.
+pub(super) fn add_floor(assembly: &mut Assembly, room: &Room, finish: &Finish, covered: &[Rect]) {
+    const CELL_M: f32 = 0.3;
+    let inner = room.interior();
+    let mut model = Model::new();
+    for x in grid_lines(inner.x, &[], CELL_M).windows(2) {
+        for z in grid_lines(inner.z, &[], CELL_M).windows(2) {
+            model.quad(flat([x[0], x[1]], [z[0], z[1]], 0.0), finish.floor);
+        }
+    }
+    let bounds = inner.raised([0.0, CEILING_M]);
+    assembly.add_shell(&model, |corner| {
+        let place = [corner.position.x, corner.position.z];
+        let furniture = covered.iter().map(|rect| rect.distance_m(place)).fold(f32::INFINITY, f32::min);
+        let walls = distance_to_sides_m(&corner.position, &bounds, &corner.normal);
+        corner_light(furniture, 0.35, 0.6).min(corner_light(walls, 0.4, 0.8))
+    });
+}
+
+/// An upward rectangle at height `y`; downward when z runs backwards.
+fn flat(x: [f32; 2], z: [f32; 2], y: f32) -> [Point3<f32>; 4] {
+    [(0, 1), (1, 1), (1, 0), (0, 0)].map(|(i, k)| Point3::new(x[i], y, z[k]))
+}
+
+/// Increasing values that start and end with `span`, hold those of `extra` inside it, and are at most `step` apart.
+fn grid_lines(span: [f32; 2], extra: &[f32], step: f32) -> Vec<f32> {
+    let inside = extra.iter().copied().filter(|value| span[0] + 1e-3 < *value && *value < span[1] - 1e-3);
+    let mut fixed: Vec<f32> = inside.chain(span).collect();
+    fixed.sort_by(f32::total_cmp);
+    fixed.dedup_by(|a, b| (*a - *b).abs() < 1e-3);
+    let mut lines = vec![fixed[0]];
+    for pair in fixed.windows(2) {
+        let parts = ((pair[1] - pair[0]) / step).ceil().max(1.0) as usize;
+        lines.extend((1..parts).map(|i| pair[0] + (pair[1] - pair[0]) * i as f32 / parts as f32));
+        lines.push(pair[1]);
+    }
+    lines
+}
+
+/// The point of a vertical surface at `along` the wall, `y` up, on the line `line_m`.
+fn wall_point(along_x: bool, line_m: f32, along: f32, y: f32) -> Point3<f32> {
+    if along_x { Point3::new(along, y, line_m) } else { Point3::new(line_m, y, along) }
+}
+
+/// A vertical rectangle on a wall line that faces the larger (`inward` = 1) or smaller side of it.
+fn upright(side: Side, line_m: f32, along: [f32; 2], y: [f32; 2]) -> [Point3<f32>; 4] {
+    // Seen from inside, +x runs to the right on the north wall and +z to the right on the east wall.
+    let forwards = matches!(side, Side::North | Side::East);
+    let [left, right] = if forwards { along } else { [along[1], along[0]] };
+    let point = |a: f32, y: f32| wall_point(side.runs_along_x(), line_m, a, y);
+    [point(left, y[0]), point(right, y[0]), point(right, y[1]), point(left, y[1])]
+}
+
+fn inner_wall(model: &mut Model, plan: &Plan, index: usize, side: Side, finish: &Finish) {
+    let inner = plan.rooms[index].interior();
+    let span = side.span(&inner);
+    let holes: Vec<&Opening> = openings_on(plan, index, side).collect();
+    let edges = holes.iter().flat_map(|hole| hole.along).chain([span[0] + 0.3, span[1] - 0.3]);
+    let columns = grid_lines(span, &edges.collect::<Vec<_>>(), 1.2);
+    let tops = holes.iter().map(|hole| hole.height_m).chain([SKIRTING_M, 0.4, CEILING_M - 0.3]);
+    let rows = grid_lines([0.0, CEILING_M], &tops.collect::<Vec<_>>(), 1.0);
+    for along in columns.windows(2) {
+        for y in rows.windows(2) {
+            let middle = (along[0] + along[1]) / 2.0;
+            let open = |hole: &&&Opening| {
+                hole.along[0] < middle && middle < hole.along[1] && y[1] <= hole.height_m + 1e-3
+            };
+            if holes.iter().find(open).is_none() {
+                let paint = if y[1] <= SKIRTING_M + 1e-3 { finish.skirting } else { finish.wall(side) };
+                let line = side.line_m(&inner);
+                model.quad(upright(side, line, [along[0], along[1]], [y[0], y[1]]), paint);
+            }
+        }
+    }
+}
+
+/// The openings in one wall of a room.
+pub(super) fn openings_on(plan: &Plan, index: usize, side: Side) -> impl Iterator<Item = &Opening> {
+    let line = side.line_m(&plan.rooms[index].cell);
+    let on_side = move |opening: &&Opening| {
+        opening.rooms.contains(&index) && opening.along_x == side.runs_along_x() && opening.line_m == line
+    };
+    plan.openings.iter().filter(on_side)
+}
+
+/// The parts of a room's wall that have no other room behind them.
+pub(super) fn outer_parts(plan: &Plan, index: usize, side: Side) -> Vec<[f32; 2]> {
+    let cell = plan.rooms[index].cell;
+    let behind = |room: &&Room| side.opposite().line_m(&room.cell) == side.line_m(&cell);
+    let mut taken: Vec<[f32; 2]> =
+        plan.rooms.iter().filter(behind).map(|room| side.span(&room.cell)).collect();
+    taken.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let span = side.span(&cell);
+    let mut parts = Vec::new();
+    let mut start = span[0];
+    for other in taken.into_iter().filter(|other| common(*other, span) > 1e-3) {
+        parts.push([start, other[0]]);
+        start = start.max(other[1]);
+    }
+    parts.push([start, span[1]]);
+    parts.retain(|part| part[1] - part[0] > 1e-3);
+    parts
+}
+
+/// The outer faces of the house.
+pub(super) fn add_facade(assembly: &mut Assembly, plan: &Plan) {
+    let paint = Paint::plain("plaster", [216, 208, 194]).with(Pattern::Plaster);
+    let mut model = Model::new();
+    for (index, room) in plan.rooms.iter().enumerate() {
+        for side in Side::ALL {
+            let line = side.line_m(&room.cell) - side.inward() * WALL_M / 2.0;
+            for part in outer_parts(plan, index, side) {
+                let along = [part[0] - WALL_M / 2.0, part[1] + WALL_M / 2.0];
+                model.quad(upright(side.opposite(), line, along, [0.0, CEILING_M]), paint);
+            }
+        }
+    }
+    assembly.add_shell(&model, |corner| facing_light(&corner.normal));
+}
+
+/// Jambs, lintel and threshold of an opening.
+pub(super) fn add_opening(assembly: &mut Assembly, opening: &Opening, floor: &Finish) {
+    let frame = Paint::plain("wood", [226, 222, 212]);
+    let across = [opening.line_m - WALL_M / 2.0, opening.line_m + WALL_M / 2.0];
+    let (low, high) = if opening.along_x { (Side::West, Side::East) } else { (Side::North, Side::South) };
+    let mut model = Model::new();
+    model.quad(upright(low, opening.along[0], across, [0.0, opening.height_m]), frame);
+    model.quad(upright(high, opening.along[1], across, [0.0, opening.height_m]), frame);
+    let (x, z) = if opening.along_x { (opening.along, across) } else { (across, opening.along) };
+    model.quad(flat(x, [z[1], z[0]], opening.height_m), frame);
+    model.quad(flat(x, z, 0.0), floor.floor);
+    assembly.add_shell(&model, |corner| 0.9 * facing_light(&corner.normal) + 0.08);
+}

@@ -1,0 +1,243 @@
+//! Which parts of a room are taken, and where a piece of furniture still fits.
+
+use super::plan::CEILING_M;
+use super::rect::{Rect, Side, common};
+
+/// Depth that stays free on both sides of a door, metres.
+pub(super) const DOOR_CLEAR_M: f32 = 0.9;
+
+/// Half the width of the aisles that furniture leaves, metres.
+const AISLE_RADIUS_M: f32 = 0.3;
+
+/// What reaches lower than this blocks a walking body, metres.
+const BODY_HEIGHT_M: f32 = 1.5;
+
+/// Furniture this near to a wall hides the wall behind it, metres.
+const NEAR_WALL_M: f32 = 0.3;
+
+/// The floor and the walls of one room, and what is taken of them.
+pub(super) struct Space {
+    pub(super) room: Rect,
+    /// What stands on the floor or hangs low.
+    solids: Vec<Rect>,
+    /// Where nothing may stand: in front of doors and of furniture.
+    free: Vec<Rect>,
+    /// Places that one must be able to walk to.
+    goals: Vec<Rect>,
+    /// Taken parts of the four walls, in the order of [`Side::ALL`].
+    patches: [Vec<Patch>; 4],
+}
+
+/// A rectangle on a wall: a range along it and a range of heights.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Patch {
+    pub(super) along: [f32; 2],
+    pub(super) y: [f32; 2],
+}
+
+impl Patch {
+    fn overlaps(&self, other: &Patch) -> bool {
+        common(self.along, other.along) > 0.0 && common(self.y, other.y) > 0.0
+    }
+}
+
+/// A place for something with the range of heights that it takes and the floor in front of it that stays free.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Claim {
+    pub(super) rect: Rect,
+    pub(super) y: [f32; 2],
+    pub(super) front: Option<Rect>,
+}
+
+impl Space {
+    pub(super) fn new(room: Rect) -> Self {
+        Self { room, solids: vec![], free: vec![], goals: vec![], patches: Default::default() }
+    }
+
+    /// Keeps the floor in front of a door free.
+    pub(super) fn add_door(&mut self, side: Side, along: [f32; 2], height_m: f32) {
+        let depth_m = DOOR_CLEAR_M.min(self.depth_m(side));
+        let zone = side.strip(&self.room, along, depth_m);
+        self.free.push(zone);
+        self.goals.push(zone);
+        self.take_wall(side, Patch { along: [along[0] - 0.08, along[1] + 0.08], y: [0.0, height_m + 0.08] });
+    }
+
+    /// Marks a part of a wall as taken.
+    pub(super) fn take_wall(&mut self, side: Side, patch: Patch) {
+        self.patches[side as usize].push(patch);
+    }
+
+    /// Whether a part of a wall is free.
+    pub(super) fn wall_is_free(&self, side: Side, patch: &Patch) -> bool {
+        let span = side.span(&self.room);
+        let inside = span[0] <= patch.along[0] && patch.along[1] <= span[1] && patch.y[1] <= CEILING_M;
+        inside && !self.patches[side as usize].iter().any(|taken| taken.overlaps(patch))
+    }
+
+    /// Whether a piece may stand there: inside, off the free zones, its wall not taken, and all doors and
+    /// fronts still within reach of each other.
+    pub(super) fn fits(&self, claim: &Claim) -> bool {
+        self.stands(claim) && self.still_connected(claim)
+    }
+
+    /// Like [`Space::fits`], but the piece may stand in the free floor in front of furniture (not of doors).
+    pub(super) fn fits_in_front(&self, claim: &Claim, doors: usize) -> bool {
+        let clear = |rect: &Rect| !self.solids.iter().any(|solid| solid.overlaps(rect));
+        self.room.holds(&claim.rect)
+            && clear(&claim.rect)
+            && !self.free[..doors].iter().any(|zone| zone.overlaps(&claim.rect))
+            && self.still_connected(claim)
+    }
+
+    fn stands(&self, claim: &Claim) -> bool {
+        let clear = |rect: &Rect| !self.solids.iter().any(|solid| solid.overlaps(rect));
+        let front_ok = |front: &Rect| self.room.holds(front) && clear(front);
+        self.room.holds(&claim.rect)
+            && clear(&claim.rect)
+            && !self.free.iter().any(|zone| zone.overlaps(&claim.rect))
+            && claim.front.iter().all(front_ok)
+            && self.near_patches(claim).iter().all(|(side, patch)| self.wall_is_free(*side, patch))
+    }
+
+    /// Takes the floor and the wall of `claim`.
+    pub(super) fn take(&mut self, claim: &Claim) {
+        for (side, patch) in self.near_patches(claim) {
+            self.take_wall(side, patch);
+        }
+        if claim.y[0] < BODY_HEIGHT_M {
+            self.solids.push(claim.rect);
+        }
+        if let Some(front) = claim.front {
+            self.free.push(front);
+            self.goals.push(front);
+        }
+    }
+
+    /// The wall that a piece hides.
+    fn near_patches(&self, claim: &Claim) -> Vec<(Side, Patch)> {
+        let near = |side: Side| {
+            let along = side.span(&claim.rect);
+            let gap = side.line_m(&claim.rect) - side.line_m(&self.room);
+            (gap.abs() < NEAR_WALL_M).then_some((side, Patch { along, y: claim.y }))
+        };
+        Side::ALL.into_iter().filter_map(near).collect()
+    }
+
+    /// How far the room reaches from the wall on `side`.
+    pub(super) fn depth_m(&self, side: Side) -> f32 {
+        self.room.size()[usize::from(side.runs_along_x())]
+    }
+
+    /// Whether a body of the aisles' width could still walk between all doors and fronts.
+    fn still_connected(&self, claim: &Claim) -> bool {
+        if claim.y[0] >= BODY_HEIGHT_M {
+            return true;
+        }
+        let mut solids = self.solids.clone();
+        solids.push(claim.rect);
+        let goals: Vec<Rect> = self.goals.iter().copied().chain(claim.front).collect();
+        connected(&self.room, &solids, &goals, AISLE_RADIUS_M - 0.02)
+    }
+}
+
+/// Whether a disc of radius `radius_m` can move inside `room`, around `solids`, between all `goals`.
+fn connected(room: &Rect, solids: &[Rect], goals: &[Rect], radius_m: f32) -> bool {
+    let grid = Grid::new(room, solids, radius_m);
+    let Some(first) = goals.first() else { return true };
+    let reached = grid.flood(first);
+    goals.iter().all(|goal| grid.cells_in(goal).any(|cell| reached[cell]))
+}
+
+/// Square cells over a room, each free or blocked.
+struct Grid {
+    origin: [f32; 2],
+    counts: [usize; 2],
+    free: Vec<bool>,
+}
+
+const CELL_M: f32 = 0.1;
+
+impl Grid {
+    fn new(room: &Rect, solids: &[Rect], radius_m: f32) -> Self {
+        let walkable = room.inset(radius_m.min(room.size()[0] / 2.0 - 0.05).min(room.size()[1] / 2.0 - 0.05));
+        let counts = room.size().map(|length| (length / CELL_M).ceil() as usize);
+        let mut grid = Self { origin: [room.x[0], room.z[0]], counts, free: vec![] };
+        let is_free = |cell: usize| {
+            let place = grid.center(cell);
+            walkable.distance_m(place) == 0.0
+                && solids.iter().all(|solid| solid.distance_m(place) >= radius_m)
+        };
+        grid.free = (0..counts[0] * counts[1]).map(is_free).collect();
+        grid
+    }
+
+    fn center(&self, cell: usize) -> [f32; 2] {
+        let (i, k) = (cell % self.counts[0], cell / self.counts[0]);
+        [self.origin[0] + (i as f32 + 0.5) * CELL_M, self.origin[1] + (k as f32 + 0.5) * CELL_M]
+    }
+
+    fn cells_in(&self, zone: &Rect) -> impl Iterator<Item = usize> {
+        (0..self.free.len()).filter(move |&cell| self.free[cell] && zone.distance_m(self.center(cell)) == 0.0)
+    }
+
+    /// The cells that can be reached from the first free one in `zone`.
+    fn flood(&self, zone: &Rect) -> Vec<bool> {
+        let mut reached = vec![false; self.free.len()];
+        let mut open: Vec<usize> = self.cells_in(zone).take(1).collect();
+        while let Some(cell) = open.pop() {
+            if self.free[cell] && !reached[cell] {
+                reached[cell] = true;
+                open.extend(self.neighbours(cell));
+            }
+        }
+        reached
+    }
+
+    fn neighbours(&self, cell: usize) -> impl Iterator<Item = usize> {
+        let (width, count) = (self.counts[0], self.free.len());
+        let column = cell % width;
+        let left = (column > 0).then(|| cell - 1);
+        let right = (column + 1 < width).then_some(cell + 1);
+        let below = cell.checked_sub(width);
+        let above = (cell + width < count).then_some(cell + width);
+        [left, right, below, above].into_iter().flatten()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn room() -> Space {
+        let mut space = Space::new(Rect::new([0.0, 4.0], [0.0, 3.0]));
+        space.add_door(Side::North, [0.5, 1.4], 2.05);
+        space.add_door(Side::South, [2.6, 3.5], 2.05);
+        space
+    }
+
+    fn claim(x: [f32; 2], z: [f32; 2]) -> Claim {
+        Claim { rect: Rect::new(x, z), y: [0.0, 1.0], front: None }
+    }
+
+    #[test]
+    fn doors_walls_and_aisles_stay_free() {
+        let space = room();
+        assert!(!space.fits(&claim([1.0, 1.5], [0.5, 1.0])), "in front of the door");
+        assert!(!space.fits(&claim([3.8, 4.3], [1.0, 1.5])), "through the wall");
+        assert!(!space.fits(&claim([0.0, 3.6], [1.3, 1.7])), "leaves 0.4 m between the doors");
+        assert!(space.fits(&claim([0.0, 3.3], [1.3, 1.7])), "leaves 0.7 m between the doors");
+    }
+
+    #[test]
+    fn what_stands_before_a_window_must_be_low() {
+        let mut space = room();
+        space.take_wall(Side::West, Patch { along: [1.0, 2.0], y: [0.9, 2.1] });
+        let low = Claim { y: [0.0, 0.8], ..claim([0.0, 0.4], [1.2, 1.8]) };
+        assert!(space.fits(&low));
+        assert!(!space.fits(&Claim { y: [0.0, 1.4], ..low }));
+        space.take(&low);
+        assert!(!space.fits(&claim([0.2, 0.6], [1.6, 2.0])), "taken");
+        assert!(!space.wall_is_free(Side::West, &Patch { along: [1.3, 1.5], y: [0.5, 0.7] }));
+    }
+}
