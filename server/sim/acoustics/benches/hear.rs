@@ -1,1 +1,78 @@
-fn main() {}
+//! Steps a second of hearing, and the time to prepare a building and a source in it.
+//!
+//! `cargo bench -p avln-acoustics`; the first argument that is a path is opened as a scene instead.
+
+use avln_acoustics::{Acoustics, Ears, Emitter, Listener, clip_bank};
+use avln_geom::{Point3, RayMesh, Rng};
+use avln_scene::Scene;
+use avln_scene::procedural::{HouseOptions, house};
+use std::hint::black_box;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+const SAMPLES_PER_STEP: usize = 4000;
+
+fn main() {
+    let (_, bank) = timed("clip bank", clip_bank);
+    let given = std::env::args().skip(1).find(|argument| std::path::Path::new(argument).exists());
+    let scene = match given {
+        Some(path) => avln_scene::open::open(path.as_ref()).expect("a scene"),
+        None => house("bench", 7, &HouseOptions { rooms: 10..=10 }),
+    };
+    let scene = Arc::new(scene);
+    println!("{}: {} triangles, {} rooms", scene.name, scene.mesh.triangles.len(), scene.regions.len());
+    let (_, rays) = timed("rays", || Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles)));
+    let (_, acoustics) = timed("building", || Acoustics::new(Arc::clone(&scene), Arc::clone(&rays)));
+    let places: Vec<_> = scene.objects.iter().map(|object| object.bounds.center()).collect();
+    let places: Vec<Point3<f32>> = places.iter().step_by(places.len().div_ceil(8).max(1)).copied().collect();
+    let mut emitters = Vec::new();
+    for (place, clip) in places.iter().zip(bank) {
+        let (_, source) = timed("source", || acoustics.source(place));
+        emitters.push(Emitter { source, clip, offset_samples: 0 });
+    }
+    responses(&scene, &emitters);
+    steps(&scene, emitters);
+}
+
+/// Random places a metre above the floor of the lowest storey, inside rooms.
+fn wander(scene: &Scene, rng: &mut Rng) -> Listener {
+    let room = scene.regions[rng.below(scene.regions.len())].bounds;
+    let along = |rng: &mut Rng, axis: usize| rng.range(room.min[axis] + 0.3, room.max[axis] - 0.3);
+    let position = Point3::new(along(rng, 0), room.min.y + 1.0, along(rng, 2));
+    Listener { position, heading_rad: rng.range(-3.0, 3.0) }
+}
+
+fn responses(scene: &Scene, emitters: &[Emitter]) {
+    let mut rng = Rng::new(1);
+    let mut times: Vec<Duration> = (0..2000)
+        .map(|call| {
+            let place = wander(scene, &mut rng);
+            let start = Instant::now();
+            black_box(emitters[call % emitters.len()].source.impulse_response(&place));
+            start.elapsed()
+        })
+        .collect();
+    times.sort();
+    println!("impulse response: median {:?}, 99 % {:?}, worst {:?}", times[1000], times[1980], times[1999]);
+}
+
+/// Every step at a new place, sources taking turns every 25 steps.
+fn steps(scene: &Scene, emitters: Vec<Emitter>) {
+    let mut rng = Rng::new(2);
+    let count = emitters.len();
+    let mut ears = Ears::new(emitters, SAMPLES_PER_STEP);
+    const STEPS: usize = 2000;
+    let start = Instant::now();
+    for step in 0..STEPS {
+        black_box(ears.hear(&wander(scene, &mut rng), Some(step / 25 % count)));
+    }
+    let seconds = start.elapsed().as_secs_f64();
+    println!("steps: {:.0} a second, {:.3} ms each", STEPS as f64 / seconds, 1e3 * seconds / STEPS as f64);
+}
+
+fn timed<T>(what: &str, work: impl FnOnce() -> T) -> (Duration, T) {
+    let start = Instant::now();
+    let result = work();
+    println!("{what}: {:?}", start.elapsed());
+    (start.elapsed(), result)
+}

@@ -12,8 +12,9 @@ const CELL_M: f32 = 0.2;
 /// More cells than this make the cells larger.
 const MAX_CELLS: f32 = 4.0e6;
 
-/// Connected air below this volume is the inside of a piece of furniture or of a wall, cubic metres.
-const MIN_ROOM_M3: f32 = 3.0;
+/// Connected air with less than this around cells whose six neighbours are air too is the inside of a wall, a slab
+/// or a piece of furniture, cubic metres.
+const MIN_ROOM_M3: f32 = 0.8;
 
 /// Where sound can travel in a building.
 pub(crate) struct Air {
@@ -126,7 +127,7 @@ impl Air {
         })
     }
 
-    /// Closes all connected air that is too small to be a room; the largest one always stays.
+    /// Closes all connected air that is too small or too thin to be a room; the largest one always stays.
     fn keep_rooms(&mut self) {
         let mut group_of = vec![u32::MAX; self.grid.len()];
         let mut counts: Vec<usize> = Vec::new();
@@ -143,12 +144,13 @@ impl Air {
         }
     }
 
+    /// Marks all cells that lead to `seed` and counts those in the midst of others.
     fn flood(&self, seed: usize, group: u32, group_of: &mut [u32]) -> usize {
         let mut stack = vec![seed];
         let mut count = 0;
         group_of[seed] = group;
         while let Some(cell) = stack.pop() {
-            count += 1;
+            count += usize::from(self.neighbours(cell).count() == 6);
             for next in self.neighbours(cell) {
                 if group_of[next] == u32::MAX {
                     group_of[next] = group;

@@ -4,6 +4,7 @@
 //! order of their distance.
 
 use crate::air::Air;
+use crate::taut::tighten;
 use avln_geom::Point3;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -50,7 +51,7 @@ impl GeodesicField {
     pub(crate) fn way(&self, air: &Air, listener: &Point3<f32>, near_cells: &[usize]) -> Option<Way> {
         let options = near_cells.iter().filter_map(|cell| self.way_by(air, listener, *cell));
         let (_, mut way) = options.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        tighten(air, &mut way);
+        tighten(air.rays(), &mut way);
         Some(way)
     }
 
@@ -178,52 +179,4 @@ impl<'a> Search<'a> {
         }
         self.corner_of[cell]
     }
-}
-
-/// Pulls a way taut: drops corners that can be passed by, and moves the others towards the straight line.
-fn tighten(air: &Air, way: &mut Way) {
-    const SWEEPS: usize = 2;
-    for _ in 0..SWEEPS {
-        let mut corner = 1;
-        while corner + 1 < way.len() {
-            if air.rays().is_clear(&way[corner - 1], &way[corner + 1]) {
-                way.remove(corner);
-            } else {
-                pull(air, way, corner);
-                corner += 1;
-            }
-        }
-    }
-}
-
-/// Moves one corner towards the straight line between its neighbours, first only up or down, then freely.
-fn pull(air: &Air, way: &mut Way, corner: usize) {
-    let (before, after) = (way[corner - 1], way[corner + 1]);
-    let leg = after - before;
-    for level_only in [true, false] {
-        let from = way[corner];
-        let along = (from - before).dot(&leg) / leg.norm_squared().max(f32::MIN_POSITIVE);
-        let mut offset = before + leg * along.clamp(0.0, 1.0) - from;
-        if level_only {
-            (offset.x, offset.z) = (0.0, 0.0);
-        }
-        let fits = |share: f32| {
-            let point = from + offset * share;
-            air.rays().is_clear(&before, &point) && air.rays().is_clear(&point, &after)
-        };
-        way[corner] = from + offset * largest_share(fits);
-    }
-}
-
-/// The largest share, to one part in 64, up to which `fits` holds; it is taken to hold at 0.
-fn largest_share(fits: impl Fn(f32) -> bool) -> f32 {
-    if fits(1.0) {
-        return 1.0;
-    }
-    let (mut low, mut high) = (0.0, 1.0);
-    for _ in 0..6 {
-        let middle = 0.5 * (low + high);
-        if fits(middle) { low = middle } else { high = middle }
-    }
-    low
 }

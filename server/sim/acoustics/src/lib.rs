@@ -16,6 +16,7 @@ mod head;
 mod impulse;
 mod source;
 mod sphere;
+mod taut;
 mod visibility;
 
 pub use clip::{Clip, clip_bank};
