@@ -1,8 +1,11 @@
-use crate::{Store, StoreError, words::words};
+use crate::{
+    Store, StoreError,
+    words::{row, words},
+};
 use sqlx::{Sqlite, SqlitePool, Transaction};
 
 /// A participant.
-#[derive(Clone, Debug, PartialEq, Eq, sqlx::FromRow)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Team {
     /// Public name.
     pub name: String,
@@ -59,13 +62,14 @@ pub enum TokenState {
     Unknown,
 }
 
-#[derive(sqlx::FromRow)]
-struct TokenRow {
-    kind: String,
-    team: Option<String>,
-    run: Option<String>,
-    expires_ms: Option<i64>,
-    revoked_ms: Option<i64>,
+row! {
+    struct TokenRow {
+        kind: String,
+        team: Option<String>,
+        run: Option<String>,
+        expires_ms: Option<i64>,
+        revoked_ms: Option<i64>,
+    }
 }
 
 impl Store {
@@ -88,8 +92,9 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn team(&self, name: &str) -> Result<Option<Team>, StoreError> {
-        let select = "SELECT name, baseline FROM teams WHERE name = $1";
-        Ok(sqlx::query_as(select).bind(name).fetch_optional(&self.read).await?)
+        let select = "SELECT baseline FROM teams WHERE name = $1";
+        let baseline: Option<bool> = sqlx::query_scalar(select).bind(name).fetch_optional(&self.read).await?;
+        Ok(baseline.map(|baseline| Team { name: name.to_owned(), baseline }))
     }
 
     /// Stores the hash of a secret; storing the same one again changes nothing.

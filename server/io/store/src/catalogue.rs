@@ -1,6 +1,6 @@
 use crate::{
     Store, StoreError,
-    words::{count, from_json, to_json, words},
+    words::{count, from_json, row, to_json, words},
 };
 use avln_episode::{Modality, Order, Rules, Sensors};
 use serde::{Deserialize, Serialize};
@@ -114,19 +114,20 @@ pub struct GoalText {
     pub text: Option<String>,
 }
 
-#[derive(sqlx::FromRow)]
-struct PhaseRow {
-    id: String,
-    title: String,
-    split: String,
-    rules: String,
-    orders: String,
-    sensors: String,
-    scores: String,
-    replays: String,
-    max_slots: i64,
-    quota: Option<i64>,
-    state: String,
+row! {
+    struct PhaseRow {
+        id: String,
+        title: String,
+        split: String,
+        rules: String,
+        orders: String,
+        sensors: String,
+        scores: String,
+        replays: String,
+        max_slots: i64,
+        quota: Option<i64>,
+        state: String,
+    }
 }
 
 const SELECT_PHASES: &str = "SELECT id, title, split, rules, orders, sensors, scores, replays, max_slots, quota, state \

@@ -147,9 +147,9 @@ mod tests {
         let step = |index: u32| StepFacts {
             action: Action::ALL[index as usize % 5],
             pose: pose(index as f32 * 0.1),
-            collided: index % 3 == 0,
+            collided: index.is_multiple_of(3),
             in_region: index as u8,
-            sounding: (index % 2 == 0).then_some(3),
+            sounding: index.is_multiple_of(2).then_some(3),
             state_hash: u64::MAX - u64::from(index),
         };
         Record {

@@ -2,7 +2,7 @@ use crate::{
     Run, RunState, Store, StoreError, packed,
     runs::read_run,
     totals::{add_to_totals, count_fault, settle_run},
-    words::{count, to_json, words},
+    words::{count, row, to_json, words},
 };
 use avln_episode::EndReason;
 use avln_scoring::Metrics;
@@ -101,11 +101,12 @@ pub struct Recorded {
     pub run: Run,
 }
 
-#[derive(sqlx::FromRow)]
-struct OpenEpisode {
-    ordinal: i64,
-    state: String,
-    attempts: i64,
+row! {
+    struct OpenEpisode {
+        ordinal: i64,
+        state: String,
+        attempts: i64,
+    }
 }
 
 impl Store {
@@ -311,3 +312,6 @@ async fn write_facts(
         .await?;
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;

@@ -2,7 +2,7 @@ use crate::{
     NewToken, Phase, PhaseState, Store, StoreError, TokenKind,
     accounts::insert_token,
     catalogue::read_phases,
-    words::{self, count, from_json, to_json, words},
+    words::{self, count, from_json, row, to_json, words},
 };
 use avln_episode::{Order, Sensors};
 use serde::{Deserialize, Serialize};
@@ -98,21 +98,22 @@ pub struct Run {
     pub finished_unix_ms: Option<i64>,
 }
 
-#[derive(sqlx::FromRow)]
-pub(crate) struct RunRow {
-    id: String,
-    phase: String,
-    team: String,
-    method: String,
-    version: String,
-    mission_order: String,
-    state: String,
-    sensors: Option<String>,
-    digests: String,
-    created_ms: i64,
-    finished_ms: Option<i64>,
-    episodes: i64,
-    done: i64,
+row! {
+    pub(crate) struct RunRow {
+        id: String,
+        phase: String,
+        team: String,
+        method: String,
+        version: String,
+        mission_order: String,
+        state: String,
+        sensors: Option<String>,
+        digests: String,
+        created_ms: i64,
+        finished_ms: Option<i64>,
+        episodes: i64,
+        done: i64,
+    }
 }
 
 /// Reads runs; `$1` id, `$2` team, `$3` phase, `$4` state, each null for any.

@@ -2,7 +2,7 @@
 
 use crate::{
     Finished, StoreError,
-    words::{self, count, from_json, to_json},
+    words::{self, count, from_json, row, to_json},
 };
 use avln_episode::{Modality, Order};
 use avln_scoring::{EpisodeScore, Metrics, summarise};
@@ -98,24 +98,25 @@ pub(crate) async fn full_scores(
     rows.into_iter().map(read).collect()
 }
 
-#[derive(sqlx::FromRow)]
-struct ScoreRow {
-    episode: String,
-    scene: String,
-    goals: i64,
-    found: i64,
-    sr: f64,
-    isr: f64,
-    osr: f64,
-    osr_all: f64,
-    spl: f64,
-    soft_spl: f64,
-    sna: f64,
-    steps: i64,
-    path_m: f64,
-    reference_m: f64,
-    collisions: i64,
-    wrong_submits: i64,
+row! {
+    struct ScoreRow {
+        episode: String,
+        scene: String,
+        goals: i64,
+        found: i64,
+        sr: f64,
+        isr: f64,
+        osr: f64,
+        osr_all: f64,
+        spl: f64,
+        soft_spl: f64,
+        sna: f64,
+        steps: i64,
+        path_m: f64,
+        reference_m: f64,
+        collisions: i64,
+        wrong_submits: i64,
+    }
 }
 
 /// The scored episodes of a run without the numbers of each goal: enough to compare runs, and quick to read.

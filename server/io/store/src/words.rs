@@ -26,6 +26,23 @@ macro_rules! words {
 }
 pub(crate) use words;
 
+/// A struct that is read from the columns with the names of its fields.
+macro_rules! row {
+    ($(#[$attribute:meta])* $vis:vis struct $name:ident { $($field_vis:vis $field:ident: $type:ty),+ $(,)? }) => {
+        $(#[$attribute])*
+        $vis struct $name {
+            $($field_vis $field: $type,)+
+        }
+
+        impl sqlx::FromRow<'_, sqlx::sqlite::SqliteRow> for $name {
+            fn from_row(row: &sqlx::sqlite::SqliteRow) -> Result<Self, sqlx::Error> {
+                Ok(Self { $($field: sqlx::Row::try_get(row, stringify!($field))?,)+ })
+            }
+        }
+    };
+}
+pub(crate) use row;
+
 pub(crate) fn order(word: &str) -> Result<Order, StoreError> {
     word.parse().map_err(|error| StoreError::damaged("order", error))
 }

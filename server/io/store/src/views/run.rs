@@ -4,7 +4,7 @@ use crate::{
     catalogue::read_phases,
     runs::{RunFilter, read_run, read_runs},
     totals::{INTERVAL_SEED, full_scores},
-    words::{count, end_reason, from_json},
+    words::{count, end_reason, from_json, row},
 };
 use avln_episode::{EndReason, Modality, Order, Sensors};
 use avln_scoring::{Metrics, Summary, summarise};
@@ -125,29 +125,32 @@ impl Sight {
     }
 }
 
-#[derive(Default, sqlx::FromRow)]
-pub(super) struct TotalsRow {
-    scored: i64,
-    isr: f64,
-    category_goals: i64,
-    category_found: i64,
-    description_goals: i64,
-    description_found: i64,
-    image_goals: i64,
-    image_found: i64,
-    server_faults: i64,
+row! {
+    #[derive(Default)]
+    pub(super) struct TotalsRow {
+        scored: i64,
+        isr: f64,
+        category_goals: i64,
+        category_found: i64,
+        description_goals: i64,
+        description_found: i64,
+        image_goals: i64,
+        image_found: i64,
+        server_faults: i64,
+    }
 }
 
-#[derive(sqlx::FromRow)]
-pub(super) struct EpisodeRow {
-    pub(super) ordinal: i64,
-    pub(super) state: String,
-    pub(super) end_reason: Option<String>,
-    pub(super) episode: String,
-    pub(super) scene: String,
-    pub(super) metrics: Option<String>,
-    pub(super) time_account: Option<String>,
-    pub(super) finished_ms: Option<i64>,
+row! {
+    pub(super) struct EpisodeRow {
+        pub(super) ordinal: i64,
+        pub(super) state: String,
+        pub(super) end_reason: Option<String>,
+        pub(super) episode: String,
+        pub(super) scene: String,
+        pub(super) metrics: Option<String>,
+        pub(super) time_account: Option<String>,
+        pub(super) finished_ms: Option<i64>,
+    }
 }
 
 impl Reader {
