@@ -60,7 +60,7 @@ pub enum Error {
     },
     /// The connection is gone: what the server stored stays, open episodes end as disconnected.
     #[error(
-        "{attempted}: the connection to the server was lost ({detail}); stored episodes are safe, start again to play more"
+        "{attempted}: the connection to the server was lost ({detail}); stored episodes are safe, play the run again for the others"
     )]
     Lost {
         /// What was attempted.

@@ -65,8 +65,7 @@ impl Agreement {
         match spec.kind() {
             SensorKind::Rgb => seen.rgb = Some(Image { width, height, pixels: tensor.data.into() }),
             SensorKind::Depth => {
-                let metres = floats(&tensor.data).map(|value| value * self.depth_divisor).collect();
-                seen.depth = Some(DepthImage { width, height, metres });
+                seen.depth = Some(DepthImage { width, height, metres: self.metres(&tensor.data) });
             }
             SensorKind::Audio => seen.audio = Some(self.ears(&tensor.data)),
             SensorKind::Unspecified => {}
@@ -74,12 +73,20 @@ impl Agreement {
         Ok(())
     }
 
+    fn metres(&self, data: &Bytes) -> Vec<f32> {
+        let mut metres = floats(data);
+        if self.depth_divisor != 1.0 {
+            metres.iter_mut().for_each(|value| *value *= self.depth_divisor);
+        }
+        metres
+    }
+
     fn ears(&self, data: &Bytes) -> Audio {
         let half = data.len() / 2;
         Audio {
             sample_rate_hz: self.task.sample_rate_hz,
-            left: floats(&data[..half]).collect(),
-            right: floats(&data[half..]).collect(),
+            left: floats(&data[..half]),
+            right: floats(&data[half..]),
         }
     }
 }
@@ -166,8 +173,12 @@ fn is_missing(kind: SensorKind, seen: &Observation) -> bool {
     }
 }
 
-fn floats(data: &[u8]) -> impl Iterator<Item = f32> {
-    data.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+/// Little-endian numbers; that they are whole ones was checked against the agreement.
+fn floats(data: &[u8]) -> Vec<f32> {
+    if cfg!(target_endian = "little") {
+        return bytemuck::pod_collect_to_vec(data);
+    }
+    data.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
 }
 
 fn pose(wire: Option<v1::Pose>) -> Result<Pose, Error> {
