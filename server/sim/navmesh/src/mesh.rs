@@ -12,6 +12,9 @@ use crate::{Body, NavMeshError};
 use avln_geom::{Aabb, Point3, Rng, Vector3};
 use avln_scene::Scene;
 
+/// What rounding a position to f32 may do to it, cells (5 micrometres).
+const ROUNDING_CELLS: f64 = 1e-4;
+
 /// A point that stands on a [`NavMesh`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NavPoint {
@@ -205,9 +208,11 @@ impl NavMesh {
     }
 
     pub(crate) fn eye(&self, point: &NavPoint) -> Eye {
-        // Rounding to f32 may have moved the point over the rim of its polygon.
+        // Rounding to f32 may have moved the point over the rim of its polygon or off a corner.
         let spot = self.polygons.nearest(point.polygon, &self.lattice.spot(&point.position));
-        Eye { spot, polygon: point.polygon }
+        let is_here = |corner: &&Spot| (*corner - spot).norm_squared() < ROUNDING_CELLS * ROUNDING_CELLS;
+        let corner = self.polygons.corners(point.polygon).iter().find(is_here);
+        Eye { spot: corner.copied().unwrap_or(spot), polygon: point.polygon }
     }
 
     pub(crate) fn corner_position(&self, corner: u32) -> Point3<f32> {

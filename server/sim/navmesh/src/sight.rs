@@ -85,8 +85,8 @@ fn spread(polygons: &Polygons, eye: &Spot, beam: &Beam, beams: &mut Vec<Beam>) {
     }
 }
 
-/// The polygon of `eye` and those that it touches as well, standing on a portal or a corner.
-fn polygons_around(polygons: &Polygons, eye: &Eye) -> Vec<u32> {
+/// The polygon of `eye`, first, and those that it touches as well, standing on a portal or a corner.
+pub(crate) fn polygons_around(polygons: &Polygons, eye: &Eye) -> Vec<u32> {
     let mut around = vec![eye.polygon];
     let mut next = 0;
     while let Some(&polygon) = around.get(next) {

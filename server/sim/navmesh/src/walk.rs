@@ -1,11 +1,13 @@
 use crate::plane::{Offset, nearest_on_segment};
 use crate::polygons::Polygons;
-use crate::sight::Eye;
+use crate::sight::{Eye, polygons_around};
 
 /// How often a step is turned along another wall before it ends.
 const MAX_TURNS: usize = 8;
 /// Directions are parallel to a wall when they leave it by less than this part of their length.
 const PARALLEL: f64 = 1e-9;
+/// A way this short is none, cells.
+const STUCK_CELLS: f64 = 1e-6;
 
 /// Where a step ends, and whether a wall took something of it.
 pub(crate) struct Walked {
@@ -33,15 +35,36 @@ fn straight(polygons: &Polygons, at: &mut Eye, rest: &mut Offset) -> Option<u32>
             at.spot += *rest;
             return None;
         };
-        let crossing = at.spot + *rest * share;
-        at.spot = nearest_on_segment(&crossing, polygons.from(edge), polygons.to(edge));
-        *rest *= 1.0 - share;
-        match polygons.neighbour(edge) {
-            Some(neighbour) => at.polygon = neighbour,
-            None => return Some(edge),
+        if let Some(neighbour) = polygons.neighbour(edge) {
+            advance(polygons, at, rest, edge, share);
+            at.polygon = neighbour;
+        } else if let Some(open) = way_around(polygons, at, rest, share) {
+            at.polygon = open;
+        } else {
+            advance(polygons, at, rest, edge, share);
+            return Some(edge);
         }
     }
     None
+}
+
+fn advance(polygons: &Polygons, at: &mut Eye, rest: &mut Offset, edge: u32, share: f64) {
+    let crossing = at.spot + *rest * share;
+    at.spot = nearest_on_segment(&crossing, polygons.from(edge), polygons.to(edge));
+    *rest *= 1.0 - share;
+}
+
+/// Standing on a corner, the polygon that the way `rest` leads into when the polygon of `at` has a wall there.
+fn way_around(polygons: &Polygons, at: &Eye, rest: &Offset, share: f64) -> Option<u32> {
+    let is_stuck = |share: f64| share * rest.norm() < STUCK_CELLS;
+    if !is_stuck(share) {
+        return None;
+    }
+    let mut others = polygons_around(polygons, at).into_iter().skip(1);
+    others.find(|&polygon| {
+        let there = Eye { spot: at.spot, polygon };
+        exit(polygons, &there, rest).is_none_or(|(_, share)| !is_stuck(share))
+    })
 }
 
 /// The edge through which the way `rest` leaves the polygon of `at`, and the share of `rest` walked until there.
@@ -107,5 +130,15 @@ mod tests {
         assert_step((3.0, 0.0, 0), (0.0, 4.0), (3.0, 4.0, 0), false);
         assert_step((0.0, 0.0, 0), (-1.0, -1.0), (0.0, 0.0, 0), true);
         assert_step((3.0, 3.0, 0), (0.0, 0.0), (3.0, 3.0, 0), false);
+    }
+
+    #[test]
+    fn standing_on_a_corner_one_leaves_it_every_way_that_is_open() {
+        for polygon in [0, 1, 2] {
+            assert_step((10.0, 10.0, polygon), (8.0, -1.0), (18.0, 9.0, 2), false);
+            assert_step((10.0, 10.0, polygon), (-1.0, 8.0), (9.0, 18.0, 1), false);
+            assert_step((10.0, 10.0, polygon), (-3.0, -5.0), (7.0, 5.0, 0), false);
+            assert_step((10.0, 10.0, polygon), (5.0, 0.0), (15.0, 10.0, 2), false);
+        }
     }
 }

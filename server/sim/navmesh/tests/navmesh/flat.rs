@@ -105,7 +105,7 @@ fn a_random_walk_stays_on_its_island_and_never_gains() {
         let asked = Vector3::new(rng.range(-0.5, 0.5), 0.0, rng.range(-0.5, 0.5));
         let slide = mesh.slide(&here, &asked);
         let moved = flat_distance(&here, &slide.end);
-        assert!(moved <= f64::from(asked.norm()) + 1e-6, "{moved} of {asked}");
+        assert!(moved <= f64::from(asked.norm()) + 1e-5, "{moved} of {asked}");
         assert!(slide.blocked || moved > f64::from(asked.norm()) - 1e-5);
         let snapped = mesh.snap(&slide.end.position(), 1e-3).expect("still on the mesh");
         assert_eq!(mesh.island_of(&slide.end), mesh.island_of(&snapped));
