@@ -354,8 +354,7 @@ async fn a_status_without_a_reason_keeps_its_text() {
 /// Plays one episode in each of two slots, step by step in turn: both are open at the same time.
 async fn two_slots(mut stage: Stage) {
     assert_eq!(stage.greet().await.slots, 2);
-    for _ in 0..2 {
-        let slot = stage.hear_ready().await.slot;
+    for slot in [stage.hear_ready().await.slot, stage.hear_ready().await.slot] {
         stage.begin(slot, &format!("ep_{slot}"), slot + 1).await;
     }
     let (mut done, mut ready) = (0, 0);
