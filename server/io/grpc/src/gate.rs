@@ -1,7 +1,7 @@
 use crate::{limits::Limits, refusal::Refusal, unary::Desk};
 use avln_proto::v1::Reason;
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, HashMap},
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 use tokio::{
@@ -38,6 +38,8 @@ struct State {
 #[derive(Debug, Default)]
 struct Rooms {
     by_run: BTreeMap<String, Room>,
+    /// Runs whose unary sessions are open, by run token. Keyed hashing tells nothing about tokens by its timing.
+    by_token: HashMap<String, String>,
     passes: u64,
 }
 
@@ -136,10 +138,10 @@ impl Gate {
         Ok(Pass { run: run.to_owned(), stop: stopped, number, gate: self.clone(), _over: over })
     }
 
-    /// The desk of the run's unary session, if it has one that goes on.
-    pub(crate) fn desk(&self, run: &str) -> Option<Arc<Desk>> {
+    /// The desk of the unary session that the token opened, if that goes on.
+    pub(crate) fn desk(&self, token: &str) -> Option<Arc<Desk>> {
         let rooms = self.rooms();
-        let room = rooms.by_run.get(run)?;
+        let room = rooms.by_run.get(rooms.by_token.get(token)?)?;
         room.desk.clone().filter(|_| room.stop.borrow().is_none())
     }
 
@@ -169,9 +171,11 @@ impl Room {
 }
 
 impl Pass {
-    /// Opens a desk where unary calls find the session.
-    pub(crate) fn open_desk(&self, desk: Arc<Desk>) {
-        if let Some(room) = self.gate.rooms().by_run.get_mut(&self.run) {
+    /// Opens a desk where unary calls with this token find the session.
+    pub(crate) fn open_desk(&self, token: &str, desk: Arc<Desk>) {
+        let mut rooms = self.gate.rooms();
+        rooms.by_token.insert(token.to_owned(), self.run.clone());
+        if let Some(room) = rooms.by_run.get_mut(&self.run) {
             room.desk = Some(desk);
         }
     }
@@ -190,6 +194,7 @@ impl Drop for Pass {
         let mut rooms = self.gate.rooms();
         if rooms.by_run.get(&self.run).is_some_and(|room| room.pass == self.number) {
             rooms.by_run.remove(&self.run);
+            rooms.by_token.retain(|_, run| *run != self.run);
         }
         self.gate.state.send_modify(|state| state.sessions = rooms.by_run.len());
     }

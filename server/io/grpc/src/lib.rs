@@ -52,7 +52,7 @@ mod session;
 mod unary;
 mod wire;
 
-pub use avln_proto::v1::Reason;
+pub use avln_proto::{API_MINOR, v1::Reason};
 pub use host::{
     Account, ClientRange, Digests, EpisodeOutcome, Host, OpenRun, PhaseInfo, PhaseState, RunRequest,
     RunState, RunStatus, RunTicket, ServerInfo,

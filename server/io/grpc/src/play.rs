@@ -184,7 +184,9 @@ impl Stage {
             }
         };
         session.close(reason).await;
-        Err(why.into())
+        let failure = Failure::from(why);
+        let _ = self.out.send(Frame::Fault(failure.frame(About::default(), false))).await;
+        Err(failure)
     }
 }
 

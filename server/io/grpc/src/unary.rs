@@ -94,7 +94,7 @@ pub(crate) async fn reset(
     only_slot(slot)?;
     let open = door.open_run(token).await?;
     let terms = Terms { slots: 1, ..door.terms(&hello, &open)? };
-    let desk = match door.gate.desk(&open.run) {
+    let desk = match door.gate.desk(token) {
         Some(desk) => desk,
         None => open_desk(door, token, &hello).await?,
     };
@@ -157,7 +157,7 @@ async fn open_desk(door: &Door, token: &str, hello: &v1::Hello) -> Result<Arc<De
     let welcome = door.welcome(&open, &terms, &session);
     let last_call = watch::Sender::new(Instant::now());
     let desk = Arc::new(Desk { session, welcome, sensors: terms.sensors, last_call });
-    pass.open_desk(desk.clone());
+    pass.open_desk(token, desk.clone());
     tokio::spawn(desk.clone().keep(door.clone(), pass));
     Ok(desk)
 }
@@ -174,12 +174,14 @@ fn out_of_turn(answer: &Answer) -> Failure {
     ServerFault::log("answer a unary call", format!("{answer:?}")).into()
 }
 
+/// The session that the token opened. The host is asked only where there is none: its answer says why.
 async fn found(door: &Door, token: &str) -> Result<Arc<Desk>, Failure> {
-    let open = door.open_run(token).await?;
-    door.gate.desk(&open.run).ok_or_else(|| {
-        let message = format!("run {} has no open episode here; begin one with Reset", open.run);
-        Failure::new(Reason::EpisodeUnknown, message)
-    })
+    if let Some(desk) = door.gate.desk(token) {
+        return Ok(desk);
+    }
+    let run = door.open_run(token).await?.run;
+    let message = format!("run {run} has no open episode here; begin one with Reset");
+    Err(Failure::new(Reason::EpisodeUnknown, message))
 }
 
 /// Ends the run's session, whatever kind it is, and the run with it.

@@ -28,6 +28,8 @@ struct Tally {
     busy: u32,
     /// The host has no further episode.
     dry: bool,
+    /// Episodes that may have gone back to the host, to be played again.
+    returned: u32,
     timeouts_in_a_row: u32,
 }
 
@@ -39,6 +41,17 @@ impl Board {
     /// A slot asks for an episode.
     pub(super) fn asking(&self) {
         self.tally.send_modify(|tally| tally.busy += 1);
+    }
+
+    /// How many episodes may have gone back to the host so far.
+    pub(super) fn returned(&self) -> u32 {
+        self.tally.borrow().returned
+    }
+
+    /// Waits until more than `seen` episodes have gone back.
+    pub(super) async fn refilled(&self, seen: u32) {
+        // The sender lives in self, so waiting cannot fail.
+        let _ = self.tally.subscribe().wait_for(|tally| tally.returned > seen).await;
     }
 
     /// It got none.
@@ -59,12 +72,20 @@ impl Board {
     pub(super) fn ended(&self, reason: EndReason) {
         self.tally.send_modify(|tally| {
             tally.busy -= 1;
-            tally.done += u32::from(reason != EndReason::ServerFault);
-            tally.timeouts_in_a_row = match reason {
-                EndReason::TimeBudget => tally.timeouts_in_a_row + 1,
-                EndReason::ServerFault => tally.timeouts_in_a_row,
-                _ => 0,
-            };
+            match reason {
+                EndReason::ServerFault => {
+                    tally.returned += 1;
+                    tally.dry = false;
+                }
+                EndReason::TimeBudget => {
+                    tally.done += 1;
+                    tally.timeouts_in_a_row += 1;
+                }
+                _ => {
+                    tally.done += 1;
+                    tally.timeouts_in_a_row = 0;
+                }
+            }
         });
     }
 
@@ -112,6 +133,19 @@ mod tests {
         let progress = board.progress();
         assert_eq!((progress.total, progress.done, progress.in_flight), (5, 3, 0));
         assert_eq!(progress.eta_s, Some(2), "one episode took the second that passed; two are left");
+    }
+
+    #[tokio::test]
+    async fn an_episode_that_failed_may_be_had_again() {
+        let board = Board::new(2, 0, 20);
+        board.asking();
+        let seen = board.returned();
+        board.asking();
+        board.refused(true);
+        board.ended(EndReason::ServerFault);
+        board.refilled(seen).await;
+        assert_eq!(board.judge(&board.tally.borrow()), None, "somebody has to ask again first");
+        assert_eq!(board.progress().done, 0);
     }
 
     #[tokio::test]

@@ -45,6 +45,8 @@ pub(super) struct Slot {
     shared: Arc<Shared>,
     out: Option<Outbound>,
     state: State,
+    /// How many episodes had gone back to the host when it had none for this slot.
+    waiting: Option<u32>,
 }
 
 enum State {
@@ -76,7 +78,7 @@ struct Over {
 
 impl Slot {
     pub(super) fn new(id: u32, shared: Arc<Shared>, out: Option<Outbound>) -> Self {
-        Self { id, shared, out, state: State::Idle }
+        Self { id, shared, out, state: State::Idle, waiting: None }
     }
 
     /// Serves orders until `leave` says for which reason an open episode ends.
@@ -86,6 +88,7 @@ impl Slot {
         mut leave: watch::Receiver<Option<EndReason>>,
     ) {
         loop {
+            let shared = self.shared.clone();
             tokio::select! {
                 biased;
                 reason = left(&mut leave) => return self.put_away_and_tell(reason).await,
@@ -94,6 +97,9 @@ impl Slot {
                     Some(command) => self.obey(command).await,
                     None => return self.put_away_and_tell(left(&mut leave).await).await,
                 },
+                () = refilled(&shared, self.waiting) => {
+                    self.obey(Command { order: Order::Ready, reply: None }).await;
+                }
             }
         }
     }
@@ -126,10 +132,13 @@ impl Slot {
         }
     }
 
+    /// Asks the host for an episode. A slot of a stream that gets none asks again when one has gone back.
     async fn begin(&mut self) -> Result<Answer, Failure> {
         if let State::Playing(playing) = &self.state {
             return self.already_playing(playing);
         }
+        self.waiting = None;
+        let returned = self.shared.board.returned();
         self.shared.board.asking();
         let (host, run) = (self.shared.host.clone(), self.shared.run.clone());
         let sensors = self.shared.sensors.clone();
@@ -137,6 +146,7 @@ impl Slot {
         match seat {
             Ok(Some(seat)) => self.take(seat).await,
             Ok(None) => {
+                self.waiting = self.out.is_some().then_some(returned);
                 self.shared.board.refused(true);
                 Ok(Answer::NothingLeft)
             }
@@ -441,6 +451,14 @@ async fn left(leave: &mut watch::Receiver<Option<EndReason>>) -> EndReason {
     match leave.wait_for(Option::is_some).await {
         Ok(reason) => reason.unwrap_or(EndReason::ServerFault),
         Err(_) => EndReason::ServerFault,
+    }
+}
+
+/// Waits until a slot that was told that nothing is left may ask again.
+async fn refilled(shared: &Shared, waiting: Option<u32>) {
+    match waiting {
+        Some(seen) => shared.board.refilled(seen).await,
+        None => std::future::pending().await,
     }
 }
 

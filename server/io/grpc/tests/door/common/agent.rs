@@ -1,0 +1,153 @@
+use super::{House, RUN_TOKEN, soon};
+use avln_proto::v1::{
+    self, PlayRequest, PlayResponse, play_request::Frame as Up, play_response::Frame as Down,
+    play_service_client::PlayServiceClient,
+};
+use tokio::sync::mpsc;
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::{
+    Request, Status, Streaming,
+    transport::{Channel, Endpoint},
+};
+
+pub(crate) async fn channel(house: &House) -> Channel {
+    let endpoint = Endpoint::from_shared(format!("http://{}", house.address)).unwrap();
+    soon(endpoint.connect()).await.unwrap()
+}
+
+pub(crate) async fn play_client(house: &House) -> PlayServiceClient<Channel> {
+    PlayServiceClient::new(channel(house).await).max_decoding_message_size(avln_proto::MAX_MESSAGE_BYTES)
+}
+
+pub(crate) fn authorised<T>(message: T, token: &str) -> Request<T> {
+    let mut request = Request::new(message);
+    request.metadata_mut().insert("authorization", format!("Bearer {token}").parse().unwrap());
+    request
+}
+
+/// The reason in a status' trailer.
+pub(crate) fn reason(status: &Status) -> String {
+    let word = status.metadata().get(avln_proto::REASON_KEY);
+    word.map(|word| word.to_str().unwrap().to_owned()).unwrap_or_default()
+}
+
+/// A Hello for small pictures, so that tests are quick.
+pub(crate) fn hello(slots: u32) -> v1::Hello {
+    let wish = |kind: v1::SensorKind| v1::SensorWish { kind: kind.into(), encodings: vec![] };
+    let kinds = [v1::SensorKind::Rgb, v1::SensorKind::Depth, v1::SensorKind::Audio];
+    v1::Hello {
+        slots,
+        client: Some(v1::ClientInfo { name: "toy".into(), version: "1.0.0".into(), api_minor: 0 }),
+        sensors: Some(v1::SensorSubscription {
+            wishes: kinds.map(wish).to_vec(),
+            width: 64,
+            height: 64,
+            hfov_rad: 1.5,
+        }),
+        ..v1::Hello::default()
+    }
+}
+
+/// An agent on a Play stream.
+pub(crate) struct Agent {
+    up: Option<mpsc::Sender<PlayRequest>>,
+    down: Streaming<PlayResponse>,
+    pub(crate) welcome: v1::Welcome,
+}
+
+impl Agent {
+    /// Opens the stream with any first frames.
+    pub(crate) async fn dial(house: &House, token: &str, frames: Vec<Up>) -> Result<Self, Status> {
+        let (up, queue) = mpsc::channel(256);
+        for frame in frames {
+            up.send(PlayRequest { frame: Some(frame) }).await.unwrap();
+        }
+        let request = authorised(ReceiverStream::new(queue), token);
+        let down = soon(play_client(house).await.play(request)).await?.into_inner();
+        Ok(Self { up: Some(up), down, welcome: v1::Welcome::default() })
+    }
+
+    /// Opens the stream properly.
+    pub(crate) async fn enter(house: &House, slots: u32) -> Self {
+        let mut agent = Self::dial(house, RUN_TOKEN, vec![Up::Hello(hello(slots))]).await.unwrap();
+        agent.welcome = match agent.next().await {
+            Ok(Some(Down::Welcome(welcome))) => welcome,
+            other => panic!("no Welcome but {other:?}"),
+        };
+        agent
+    }
+
+    pub(crate) async fn send(&self, frame: Up) {
+        self.send_raw(PlayRequest { frame: Some(frame) }).await;
+    }
+
+    pub(crate) async fn send_raw(&self, request: PlayRequest) {
+        self.up.as_ref().unwrap().send(request).await.unwrap();
+    }
+
+    pub(crate) async fn act(&self, slot: u32, episode: &str, step: u32, action: i32) {
+        self.send(Up::Act(v1::Act { slot, episode: episode.into(), step, action })).await;
+    }
+
+    pub(crate) async fn goodbye(&self) {
+        self.send(Up::Goodbye(v1::Goodbye { pause: false })).await;
+    }
+
+    /// Ends the sending half without a word.
+    pub(crate) fn hang_up(&mut self) {
+        self.up = None;
+    }
+
+    /// The next frame; `None` when the stream ended well.
+    pub(crate) async fn next(&mut self) -> Result<Option<Down>, Status> {
+        Ok(soon(self.down.message()).await?.map(|response| response.frame.unwrap()))
+    }
+
+    async fn frame(&mut self) -> Down {
+        match self.next().await {
+            Ok(Some(frame)) => frame,
+            other => panic!("the stream ended: {other:?}"),
+        }
+    }
+
+    /// Asks for an episode and gets one.
+    pub(crate) async fn ready(&mut self, slot: u32) -> v1::EpisodeStart {
+        self.send(Up::Ready(v1::Ready { slot })).await;
+        self.episode_start().await
+    }
+
+    pub(crate) async fn episode_start(&mut self) -> v1::EpisodeStart {
+        match self.frame().await {
+            Down::EpisodeStart(start) => start,
+            other => panic!("no EpisodeStart but {other:?}"),
+        }
+    }
+
+    pub(crate) async fn observation(&mut self) -> v1::Observation {
+        match self.frame().await {
+            Down::Observation(observation) => observation,
+            other => panic!("no Observation but {other:?}"),
+        }
+    }
+
+    pub(crate) async fn episode_end(&mut self) -> v1::EpisodeEnd {
+        match self.frame().await {
+            Down::EpisodeEnd(end) => end,
+            other => panic!("no EpisodeEnd but {other:?}"),
+        }
+    }
+
+    pub(crate) async fn fault(&mut self) -> v1::Fault {
+        match self.frame().await {
+            Down::Fault(fault) => fault,
+            other => panic!("no Fault but {other:?}"),
+        }
+    }
+
+    pub(crate) async fn run_end(&mut self) -> v1::RunEnd {
+        match self.frame().await {
+            Down::RunEnd(end) => end,
+            other => panic!("no RunEnd but {other:?}"),
+        }
+    }
+}

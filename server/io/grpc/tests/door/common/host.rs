@@ -1,0 +1,248 @@
+use super::{
+    runner::{Quirk, ToyRunner},
+    soon,
+};
+use avln_episode::{EndReason, FeedbackRule, Order, Rules, Sensors};
+use avln_grpc::{
+    Account, ClientRange, Digests, EpisodeOutcome, EpisodeRunner, Host, OpenRun, PhaseInfo, PhaseState,
+    Reason, Refusal, RunRequest, RunState, RunStatus, RunTicket, Seat, ServerInfo,
+};
+use std::{
+    collections::VecDeque,
+    sync::{Mutex, MutexGuard},
+};
+use tokio::sync::watch;
+
+pub(crate) const ACCOUNT: &str = "account-token";
+pub(crate) const RUN: &str = "run_toy";
+pub(crate) const RUN_TOKEN: &str = "run-token";
+
+/// What the toy house hosts.
+pub(crate) struct Plan {
+    /// One entry an episode.
+    pub(crate) episodes: Vec<Quirk>,
+    pub(crate) max_steps: u32,
+    pub(crate) shows_metrics: bool,
+}
+
+impl Plan {
+    pub(crate) fn plain(episodes: usize) -> Self {
+        Self::odd((0..episodes).map(|_| Quirk::None).collect())
+    }
+
+    pub(crate) fn odd(episodes: Vec<Quirk>) -> Self {
+        Self { episodes, max_steps: 10, shows_metrics: true }
+    }
+}
+
+/// How an episode came back.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Concluded {
+    pub(crate) handle: String,
+    pub(crate) end: Option<EndReason>,
+    pub(crate) steps: u32,
+}
+
+pub(crate) struct ToyHost {
+    state: Mutex<State>,
+    concluded: watch::Sender<Vec<Concluded>>,
+    total: u32,
+    max_steps: u32,
+    shows_metrics: bool,
+}
+
+struct State {
+    left: VecDeque<Quirk>,
+    handed_out: u64,
+    finished: bool,
+    cancelled: bool,
+    requests: Vec<RunRequest>,
+}
+
+impl ToyHost {
+    pub(crate) fn new(plan: Plan) -> Self {
+        let state = State {
+            left: plan.episodes.into(),
+            handed_out: 0,
+            finished: false,
+            cancelled: false,
+            requests: Vec::new(),
+        };
+        Self {
+            total: state.left.len() as u32,
+            state: Mutex::new(state),
+            concluded: watch::Sender::default(),
+            max_steps: plan.max_steps,
+            shows_metrics: plan.shows_metrics,
+        }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap()
+    }
+
+    /// One more plain episode, and the run open again.
+    pub(crate) fn refill(&self) {
+        let mut state = self.state();
+        state.finished = false;
+        state.left.push_back(Quirk::None);
+    }
+
+    pub(crate) fn finished(&self) -> bool {
+        self.state().finished
+    }
+
+    pub(crate) fn requests(&self) -> Vec<RunRequest> {
+        self.state().requests.clone()
+    }
+
+    /// The episodes that came back, once there are `count`.
+    pub(crate) async fn concluded(&self, count: usize) -> Vec<Concluded> {
+        let mut watch = self.concluded.subscribe();
+        soon(watch.wait_for(|list| list.len() >= count)).await.unwrap().clone()
+    }
+
+    /// Why the first `count` episodes ended, in order of their end.
+    pub(crate) async fn ends(&self, count: usize) -> Vec<Option<EndReason>> {
+        self.concluded(count).await.into_iter().map(|concluded| concluded.end).collect()
+    }
+
+    fn done(&self) -> u32 {
+        self.concluded.borrow().len() as u32
+    }
+
+    fn status(&self) -> RunStatus {
+        let state = self.state();
+        RunStatus {
+            run: RUN.into(),
+            phase: "practice".into(),
+            method: "toy".into(),
+            method_version: "1".into(),
+            order: Order::Unordered,
+            state: match (state.cancelled, state.finished) {
+                (true, _) => RunState::Cancelled,
+                (_, true) => RunState::Completed,
+                _ => RunState::Running,
+            },
+            episodes: self.total,
+            done: self.done(),
+            created_unix_ms: 1_000,
+            updated_unix_ms: 2_000,
+            ends: vec![],
+            metrics: self.shows_metrics.then(|| vec![("sr".into(), 0.5)]),
+            ineligible_because: vec![],
+            url: String::new(),
+        }
+    }
+}
+
+fn own(run: &str) -> Result<(), Refusal> {
+    match run {
+        RUN => Ok(()),
+        other => Err(Refusal::new(Reason::RunUnknown, format!("the team has no run '{other}'"))),
+    }
+}
+
+#[tonic::async_trait]
+impl Host for ToyHost {
+    fn info(&self) -> ServerInfo {
+        let range = ClientRange {
+            name: "old-client".into(),
+            min_version: "2.0.0".into(),
+            install: "get version 2".into(),
+            ..ClientRange::default()
+        };
+        ServerInfo {
+            name: "toy".into(),
+            version: "0.1.0".into(),
+            benchmark: "1.0.0".into(),
+            api_minor: 0,
+            clients: vec![range],
+        }
+    }
+
+    async fn phases(&self) -> Result<Vec<PhaseInfo>, Refusal> {
+        Ok(vec![PhaseInfo {
+            id: "practice".into(),
+            title: "Practice".into(),
+            orders: vec![Order::Unordered],
+            rules: Rules::PAPER.into(),
+            episode_count: self.total,
+            feedback: FeedbackRule::None,
+            max_slots: 4,
+            sensors: Sensors::all(512, 512),
+            state: PhaseState::Open,
+        }])
+    }
+
+    async fn account(&self, token: &str) -> Result<Account, Refusal> {
+        match token {
+            ACCOUNT => Ok(Account { team: "red".into() }),
+            "break" => panic!("the host's secret"),
+            _ => Err(Refusal::new(Reason::TokenMalformed, "the token is not one of this server's")),
+        }
+    }
+
+    async fn start_run(&self, _: &Account, request: RunRequest) -> Result<RunTicket, Refusal> {
+        if request.phase != "practice" {
+            let message = format!("there is no phase '{}'", request.phase);
+            return Err(Refusal::new(Reason::PhaseUnknown, message));
+        }
+        self.state().requests.push(request);
+        Ok(RunTicket { run: RUN.into(), token: RUN_TOKEN.into(), episodes: self.total, max_slots: 4 })
+    }
+
+    async fn run(&self, _: &Account, run: &str) -> Result<RunStatus, Refusal> {
+        own(run).map(|()| self.status())
+    }
+
+    async fn runs(&self, _: &Account) -> Result<Vec<RunStatus>, Refusal> {
+        let named = |run: &str| RunStatus { run: run.into(), ..self.status() };
+        Ok(["run_c", "run_b", "run_a"].map(named).to_vec())
+    }
+
+    async fn cancel_run(&self, _: &Account, run: &str) -> Result<RunStatus, Refusal> {
+        own(run)?;
+        self.state().cancelled = true;
+        Ok(self.status())
+    }
+
+    async fn open_run(&self, run_token: &str) -> Result<OpenRun, Refusal> {
+        match run_token {
+            RUN_TOKEN => Ok(OpenRun {
+                run: RUN.into(),
+                max_slots: 4,
+                rules: Rules { max_steps: self.max_steps, ..Rules::paper() },
+                episodes: self.total,
+                done: self.done(),
+                digests: Digests::default(),
+            }),
+            ACCOUNT => Err(Refusal::new(Reason::TokenScope, "an account token plays nothing")),
+            _ => Err(Refusal::new(Reason::TokenMalformed, "the token is not one of this server's")),
+        }
+    }
+
+    async fn next_episode(&self, run: &str, sensors: &Sensors) -> Result<Option<Seat>, Refusal> {
+        own(run)?;
+        let mut state = self.state();
+        let Some(quirk) = state.left.pop_front() else { return Ok(None) };
+        state.handed_out += 1;
+        let ticket = state.handed_out;
+        let referee = Box::new(ToyRunner::new(self.max_steps, sensors.clone(), quirk));
+        Ok(Some(Seat { handle: format!("ep_{ticket}"), referee, ticket }))
+    }
+
+    async fn conclude(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal> {
+        own(run)?;
+        let toy = seat.referee.into_any().downcast::<ToyRunner>().expect("the host gets its own type back");
+        let concluded = Concluded { handle: seat.handle, end: toy.end(), steps: toy.steps() };
+        self.concluded.send_modify(|list| list.push(concluded));
+        Ok(self.shows_metrics.then(|| EpisodeOutcome { metrics: vec![("isr".into(), 0.25)] }))
+    }
+
+    async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal> {
+        own(run)?;
+        self.state().finished = true;
+        Ok(self.status())
+    }
+}

@@ -1,0 +1,61 @@
+//! A toy house behind the door, and an agent in front of it.
+
+mod agent;
+mod host;
+mod runner;
+
+pub(crate) use agent::{Agent, authorised, channel, hello, play_client, reason};
+pub(crate) use host::{ACCOUNT, Plan, RUN, RUN_TOKEN, ToyHost};
+pub(crate) use runner::Quirk;
+
+use avln_grpc::{Limits, serve};
+use std::{net::SocketAddr, sync::Arc, time::Duration};
+use tokio::{net::TcpListener, sync::oneshot, task::JoinHandle, time::timeout};
+
+/// A door that is open on a port of its own.
+pub(crate) struct House {
+    pub(crate) host: Arc<ToyHost>,
+    pub(crate) address: SocketAddr,
+    stop: oneshot::Sender<()>,
+    served: JoinHandle<()>,
+}
+
+impl House {
+    pub(crate) async fn open(plan: Plan) -> Self {
+        Self::with_limits(plan, Limits::default()).await
+    }
+
+    pub(crate) async fn with_limits(plan: Plan, limits: Limits) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap();
+        let host = Arc::new(ToyHost::new(plan));
+        let (stop, stopped) = oneshot::channel::<()>();
+        let behind = host.clone();
+        let served = tokio::spawn(async move {
+            let until = async { drop(stopped.await) };
+            serve(listener, behind, limits, until).await.unwrap();
+        });
+        Self { host, address, stop, served }
+    }
+
+    /// Asks the server to stop.
+    pub(crate) fn close(self) -> JoinHandle<()> {
+        self.stop.send(()).unwrap();
+        self.served
+    }
+
+    /// Plays a whole run: proof that the server still serves.
+    pub(crate) async fn still_serves(&self) {
+        self.host.refill();
+        let mut agent = Agent::enter(self, 1).await;
+        let start = agent.ready(0).await;
+        agent.act(0, &start.episode, 1, 5).await;
+        assert!(agent.observation().await.terminated);
+        agent.episode_end().await;
+    }
+}
+
+/// Waits for what must come soon.
+pub(crate) async fn soon<T>(what: impl Future<Output = T>) -> T {
+    timeout(Duration::from_secs(20), what).await.expect("this should have happened within 20 s")
+}

@@ -1,0 +1,8 @@
+//! The door in front of a toy house, seen by real clients over real connections.
+
+mod common;
+mod endings;
+mod misuse;
+mod play;
+mod services;
+mod unary;

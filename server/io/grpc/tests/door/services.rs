@@ -1,0 +1,191 @@
+//! What is not play: runs, phases, health, reflection, and connections that mean no good.
+
+use avln_episode::{EndReason, Order};
+use avln_grpc::Limits;
+use avln_proto::v1::{self, info_service_client::InfoServiceClient, run_service_client::RunServiceClient};
+use crate::common::{ACCOUNT, Agent, House, Plan, RUN, RUN_TOKEN, authorised, channel, reason, soon};
+use std::time::Duration;
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    net::TcpStream,
+};
+use tonic::{Code, Request};
+use tonic_health::pb::{
+    HealthCheckRequest, health_check_response::ServingStatus, health_client::HealthClient,
+};
+
+fn start_request(phase: &str) -> v1::StartRunRequest {
+    let method = v1::MethodInfo { name: " walker ".into(), version: "2".into(), ..v1::MethodInfo::default() };
+    v1::StartRunRequest { phase: phase.into(), method: Some(method), ..v1::StartRunRequest::default() }
+}
+
+#[tokio::test]
+async fn anyone_may_ask_what_the_server_is() {
+    let house = House::open(Plan::plain(2)).await;
+    let mut client = InfoServiceClient::new(channel(&house).await);
+    let info = client.get_server_info(v1::GetServerInfoRequest {}).await.unwrap().into_inner();
+    assert_eq!((info.name.as_str(), info.state()), ("toy", v1::ServerState::Up));
+    assert_eq!(info.max_request_bytes as usize, Limits::default().decode_bytes);
+    let phases = client.list_phases(v1::ListPhasesRequest {}).await.unwrap().into_inner().phases;
+    assert_eq!((phases[0].id.as_str(), phases[0].episodes, phases[0].sensors.len()), ("practice", 2, 3));
+}
+
+#[tokio::test]
+async fn a_team_starts_looks_at_and_lists_its_runs() {
+    let house = House::open(Plan::plain(2)).await;
+    let mut client = RunServiceClient::new(channel(&house).await);
+    let started =
+        client.start_run(authorised(start_request("practice"), ACCOUNT)).await.unwrap().into_inner();
+    assert_eq!((started.run_token.as_str(), started.run.unwrap().id.as_str()), (RUN_TOKEN, RUN));
+    let request = &house.host.requests()[0];
+    assert_eq!((request.method.as_str(), request.order), ("walker", Order::Unordered));
+
+    let get = authorised(v1::GetRunRequest { run: RUN.into() }, ACCOUNT);
+    let run = client.get_run(get).await.unwrap().into_inner().run.unwrap();
+    assert_eq!((run.state(), run.progress.unwrap().total), (v1::RunState::Running, 2));
+
+    let mut page = v1::ListRunsRequest { page_size: 2, ..v1::ListRunsRequest::default() };
+    let first = client.list_runs(authorised(page.clone(), ACCOUNT)).await.unwrap().into_inner();
+    assert_eq!(first.runs.iter().map(|run| run.id.as_str()).collect::<Vec<_>>(), ["run_c", "run_b"]);
+    page.page_token = first.next_page_token;
+    let rest = client.list_runs(authorised(page, ACCOUNT)).await.unwrap().into_inner();
+    assert_eq!((rest.runs[0].id.as_str(), rest.next_page_token.as_str()), ("run_a", ""));
+
+    let who = client.who_am_i(authorised(v1::WhoAmIRequest {}, ACCOUNT)).await.unwrap().into_inner();
+    assert_eq!(who.team, "red");
+}
+
+#[tokio::test]
+async fn bad_requests_for_runs_are_told_what_is_wrong() {
+    let house = House::open(Plan::plain(1)).await;
+    let mut client = RunServiceClient::new(channel(&house).await);
+    let nameless = v1::StartRunRequest { method: None, ..start_request("practice") };
+    let cases = [
+        (Request::new(start_request("practice")), "TOKEN_MISSING"),
+        (authorised(start_request("practice"), "guess"), "TOKEN_MALFORMED"),
+        (authorised(start_request("secret"), ACCOUNT), "PHASE_UNKNOWN"),
+        (authorised(start_request(""), ACCOUNT), "BAD_REQUEST"),
+        (authorised(nameless, ACCOUNT), "BAD_REQUEST"),
+    ];
+    for (request, word) in cases {
+        assert_eq!(reason(&client.start_run(request).await.unwrap_err()), word);
+    }
+    let unknown = authorised(v1::GetRunRequest { run: "run_other".into() }, ACCOUNT);
+    let status = client.get_run(unknown).await.unwrap_err();
+    assert_eq!((status.code(), reason(&status).as_str()), (Code::NotFound, "RUN_UNKNOWN"));
+}
+
+#[tokio::test]
+async fn a_panic_of_the_host_is_an_incident_without_detail() {
+    let house = House::open(Plan::plain(1)).await;
+    let mut client = RunServiceClient::new(channel(&house).await);
+    let status = client.who_am_i(authorised(v1::WhoAmIRequest {}, "break")).await.unwrap_err();
+    assert_eq!((status.code(), reason(&status).as_str()), (Code::Internal, "INTERNAL"));
+    assert!(status.message().contains("inc_") && !status.message().contains("secret"), "{status:?}");
+    house.still_serves().await;
+}
+
+#[tokio::test]
+async fn cancelling_a_run_ends_its_stream() {
+    let house = House::open(Plan::plain(2)).await;
+    let mut agent = Agent::enter(&house, 1).await;
+    agent.ready(0).await;
+    let mut client = RunServiceClient::new(channel(&house).await);
+    let cancel = authorised(v1::CancelRunRequest { run: RUN.into() }, ACCOUNT);
+    let run = client.cancel_run(cancel).await.unwrap().into_inner().run.unwrap();
+    assert_eq!(run.state(), v1::RunState::Cancelled);
+    assert_eq!(house.host.ends(1).await, [Some(EndReason::Abandoned)]);
+    assert_eq!(agent.episode_end().await.reason(), v1::EndReason::Abandoned);
+    assert_eq!(agent.fault().await.reason(), v1::Reason::RunOver);
+}
+
+#[tokio::test]
+async fn a_watched_run_is_told_until_it_is_over() {
+    let house = House::open(Plan::plain(1)).await;
+    let mut client = RunServiceClient::new(channel(&house).await);
+    let watch = |run: &str| authorised(v1::WatchRunRequest { run: run.into() }, ACCOUNT);
+    let mut updates = client.watch_run(watch(RUN)).await.unwrap().into_inner();
+    let first = soon(updates.message()).await.unwrap().unwrap().run.unwrap();
+    assert_eq!(first.state(), v1::RunState::Running);
+    let mut agent = Agent::enter(&house, 1).await;
+    agent.goodbye().await;
+    agent.run_end().await;
+    let last = soon(updates.message()).await.unwrap().unwrap().run.unwrap();
+    assert_eq!(last.state(), v1::RunState::Completed);
+    assert_eq!(soon(updates.message()).await.unwrap(), None);
+    assert_eq!(reason(&client.watch_run(watch("run_other")).await.unwrap_err()), "RUN_UNKNOWN");
+}
+
+#[tokio::test]
+async fn health_is_reported_until_the_server_stops() {
+    let house = House::open(Plan::plain(1)).await;
+    let mut client = HealthClient::new(channel(&house).await);
+    for service in ["", "avln.v1.PlayService", "avln.v1.RunService", "avln.v1.InfoService"] {
+        let request = HealthCheckRequest { service: service.into() };
+        let answer = client.check(request).await.unwrap().into_inner();
+        assert_eq!(answer.status(), ServingStatus::Serving, "{service}");
+    }
+    let unknown = client.check(HealthCheckRequest { service: "avln.v9.Nothing".into() }).await.unwrap_err();
+    assert_eq!(unknown.code(), Code::NotFound);
+    let watch = HealthCheckRequest { service: "avln.v1.PlayService".into() };
+    let mut watched = client.watch(watch).await.unwrap().into_inner();
+    assert_eq!(watched.message().await.unwrap().unwrap().status(), ServingStatus::Serving);
+    let closed = house.close();
+    assert_eq!(soon(watched.message()).await.unwrap().unwrap().status(), ServingStatus::NotServing);
+    drop((watched, client));
+    soon(closed).await.unwrap();
+}
+
+#[tokio::test]
+async fn reflection_names_the_services() {
+    use tonic_reflection::pb::v1::{
+        ServerReflectionRequest, server_reflection_client::ServerReflectionClient,
+        server_reflection_request::MessageRequest, server_reflection_response::MessageResponse,
+    };
+    let house = House::open(Plan::plain(1)).await;
+    let mut client = ServerReflectionClient::new(channel(&house).await);
+    let ask = ServerReflectionRequest {
+        host: String::new(),
+        message_request: Some(MessageRequest::ListServices(String::new())),
+    };
+    let mut answers = client.server_reflection_info(tokio_stream::once(ask)).await.unwrap().into_inner();
+    let answer = soon(answers.message()).await.unwrap().unwrap();
+    let Some(MessageResponse::ListServicesResponse(list)) = answer.message_response else {
+        panic!("no list")
+    };
+    let names: Vec<_> = list.service.into_iter().map(|service| service.name).collect();
+    for name in ["avln.v1.PlayService", "avln.v1.RunService", "avln.v1.InfoService", "grpc.health.v1.Health"]
+    {
+        assert!(names.iter().any(|known| known == name), "{name} is not among {names:?}");
+    }
+}
+
+#[tokio::test]
+async fn connections_that_ask_nothing_are_closed_and_places_are_limited() {
+    let limits = Limits { first_request: Duration::from_millis(50), max_connections: 2, ..Limits::default() };
+    let house = House::with_limits(Plan::plain(1), limits).await;
+    let mut idle = TcpStream::connect(house.address).await.unwrap();
+    let mut half = TcpStream::connect(house.address).await.unwrap();
+    half.write_all(b"PRI * HTTP/2.0\r\n").await.unwrap();
+    let mut third = TcpStream::connect(house.address).await.unwrap();
+    for connection in [&mut third, &mut idle, &mut half] {
+        let mut rest = Vec::new();
+        // Both a clean end and a reset mean that the server let go.
+        let _ = soon(connection.read_to_end(&mut rest)).await;
+    }
+    house.still_serves().await;
+}
+
+#[tokio::test]
+async fn nonsense_on_the_wire_harms_only_its_own_connection() {
+    let house = House::open(Plan::plain(1)).await;
+    let preface = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n".to_vec();
+    let garbage = [preface, vec![0xff; 4096]].concat();
+    for bytes in [b"GET / HTTP/1.1\r\nHost: x\r\n\r\n".to_vec(), garbage, vec![0; 100_000]] {
+        let mut connection = TcpStream::connect(house.address).await.unwrap();
+        let _ = connection.write_all(&bytes).await;
+        let mut rest = Vec::new();
+        let _ = soon(connection.read_to_end(&mut rest)).await;
+    }
+    house.still_serves().await;
+}
