@@ -10,7 +10,7 @@ use crate::{
 use avln_episode::Sensors;
 use avln_proto::v1::{self, Reason};
 use std::sync::Arc;
-use tokio::sync::Semaphore;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 /// What all services of the door share.
 #[derive(Clone)]
@@ -19,6 +19,7 @@ pub(crate) struct Door {
     pub(crate) limits: Arc<Limits>,
     pub(crate) gate: Arc<Gate>,
     simulations: Arc<Semaphore>,
+    watchers: Arc<Semaphore>,
 }
 
 /// What a Hello was granted.
@@ -32,7 +33,16 @@ impl Door {
     pub(crate) fn new(host: Arc<dyn Host>, limits: Limits) -> Self {
         let limits = Arc::new(limits);
         let simulations = Arc::new(Semaphore::new(limits.max_simulations.max(1)));
-        Self { host, gate: Gate::new(limits.clone()), limits, simulations }
+        let watchers = Arc::new(Semaphore::new(limits.max_watchers));
+        Self { host, gate: Gate::new(limits.clone()), limits, simulations, watchers }
+    }
+
+    /// A place among those who watch runs, until it is dropped.
+    pub(crate) fn watch(&self) -> Result<OwnedSemaphorePermit, Refusal> {
+        self.watchers.clone().try_acquire_owned().map_err(|_| {
+            let message = format!("{} runs are being watched; ask with GetRun", self.limits.max_watchers);
+            Refusal::new(Reason::NoCapacity, message).retry_after(60)
+        })
     }
 
     /// The run that a run token plays.

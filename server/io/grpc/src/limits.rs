@@ -10,6 +10,8 @@ pub struct Limits {
     pub max_connections_per_address: usize,
     /// Play sessions at once: each holds at least one scene alive.
     pub max_sessions: usize,
+    /// Runs watched at once through WatchRun: each is looked up once a second.
+    pub max_watchers: usize,
     /// Steps simulated at once: more than there are processor cores only makes every step slower.
     pub max_simulations: usize,
     /// Bytes in one message of an agent: actions take tens of bytes.
@@ -53,6 +55,7 @@ impl Default for Limits {
             max_connections: 1024,
             max_connections_per_address: 256,
             max_sessions: 256,
+            max_watchers: 256,
             max_simulations: std::thread::available_parallelism().map_or(2, usize::from),
             decode_bytes: 64 << 10,
             encode_bytes: 16 << 20,

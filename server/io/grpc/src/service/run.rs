@@ -107,9 +107,13 @@ impl RunService for Runs {
         let account = self.account(request.metadata()).await?;
         let run = request.into_inner().run;
         let first = self.status(&account, &run).await?;
+        let place = self.0.watch().map_err(Failure::from)?;
         let (updates, stream) = mpsc::channel(1);
         let runs = self.clone();
-        tokio::spawn(async move { runs.watch(account, first, updates).await });
+        tokio::spawn(async move {
+            runs.watch(account, first, updates).await;
+            drop(place);
+        });
         Ok(Response::new(ReceiverStream::new(stream)))
     }
 

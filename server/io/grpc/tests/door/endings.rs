@@ -1,9 +1,9 @@
 //! How sessions end when something goes wrong: on the agent's side, in the simulator, in the server.
 
+use crate::common::{Agent, House, Plan, Quirk, RUN_TOKEN, reason, soon};
 use avln_episode::EndReason;
 use avln_grpc::Limits;
 use avln_proto::v1::{self, Reason, play_request::Frame as Up, play_response::Frame as Down};
-use crate::common::{Agent, House, Plan, Quirk, RUN_TOKEN, reason, soon};
 use std::time::Duration;
 use tonic::Code;
 

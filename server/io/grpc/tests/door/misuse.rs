@@ -1,9 +1,9 @@
 //! Agents that misbehave: each gets its reason, and no episode is harmed.
 
+use crate::common::{ACCOUNT, Agent, House, Plan, RUN_TOKEN, authorised, hello, play_client, reason};
 use avln_episode::EndReason;
 use avln_grpc::Limits;
 use avln_proto::v1::{self, Reason, play_request::Frame as Up};
-use crate::common::{ACCOUNT, Agent, House, Plan, RUN_TOKEN, authorised, hello, play_client, reason};
 use tonic::Code;
 
 const FORWARD: i32 = 1;

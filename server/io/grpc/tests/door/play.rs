@@ -1,11 +1,12 @@
 //! Agents that behave: whole runs through the stream.
 
+use crate::common::{Agent, House, Plan, Quirk};
 use avln_episode::EndReason;
 use avln_proto::v1::{self, goal::Cue, play_request::Frame as Up};
-use crate::common::{Agent, House, Plan, Quirk};
 use std::sync::mpsc;
 
 const FORWARD: i32 = 1;
+const SUBMIT: i32 = 4;
 const STOP: i32 = 5;
 
 #[tokio::test]
@@ -67,13 +68,8 @@ async fn two_slots_play_at_the_same_time() {
     let mut agent = Agent::enter(&house, 2).await;
     let (left, right) = (agent.ready(0).await, agent.ready(1).await);
     assert_ne!(left.episode, right.episode);
-    for step in 1..=3 {
-        agent.act(0, &left.episode, step, FORWARD).await;
-        agent.act(1, &right.episode, step, STOP + i32::from(step > 1) * -1).await;
-        if step == 1 {
-            break;
-        }
-    }
+    agent.act(0, &left.episode, 1, FORWARD).await;
+    agent.act(1, &right.episode, 1, STOP).await;
     let mut seen = Vec::new();
     for _ in 0..3 {
         match agent.next().await.unwrap().unwrap() {
@@ -117,6 +113,24 @@ async fn ready_without_episodes_waits_for_those_that_are_played() {
     agent.observation().await;
     agent.episode_end().await;
     assert!(agent.run_end().await.complete);
+}
+
+#[tokio::test]
+async fn a_waiting_slot_gets_the_episode_that_another_broke() {
+    let house = House::open(Plan::odd(vec![Quirk::Fragile])).await;
+    let mut agent = Agent::enter(&house, 2).await;
+    let fragile = agent.ready(0).await;
+    agent.send(Up::Ready(v1::Ready { slot: 1 })).await;
+    agent.act(0, &fragile.episode, 1, FORWARD).await;
+    agent.observation().await;
+    house.host.refill();
+    agent.act(0, &fragile.episode, 2, SUBMIT).await;
+    agent.fault().await;
+    assert_eq!(agent.episode_end().await.reason(), v1::EndReason::ServerFault);
+    let again = agent.episode_start().await;
+    assert_eq!(again.slot, 1);
+    agent.act(1, &again.episode, 1, STOP).await;
+    assert!(agent.observation().await.terminated);
 }
 
 #[tokio::test]

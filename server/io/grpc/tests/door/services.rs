@@ -1,9 +1,9 @@
 //! What is not play: runs, phases, health, reflection, and connections that mean no good.
 
+use crate::common::{ACCOUNT, Agent, House, Plan, RUN, RUN_TOKEN, authorised, channel, reason, soon};
 use avln_episode::{EndReason, Order};
 use avln_grpc::Limits;
 use avln_proto::v1::{self, info_service_client::InfoServiceClient, run_service_client::RunServiceClient};
-use crate::common::{ACCOUNT, Agent, House, Plan, RUN, RUN_TOKEN, authorised, channel, reason, soon};
 use std::time::Duration;
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
@@ -101,12 +101,14 @@ async fn cancelling_a_run_ends_its_stream() {
 
 #[tokio::test]
 async fn a_watched_run_is_told_until_it_is_over() {
-    let house = House::open(Plan::plain(1)).await;
+    let limits = Limits { max_watchers: 1, ..Limits::default() };
+    let house = House::with_limits(Plan::plain(1), limits).await;
     let mut client = RunServiceClient::new(channel(&house).await);
     let watch = |run: &str| authorised(v1::WatchRunRequest { run: run.into() }, ACCOUNT);
     let mut updates = client.watch_run(watch(RUN)).await.unwrap().into_inner();
     let first = soon(updates.message()).await.unwrap().unwrap().run.unwrap();
     assert_eq!(first.state(), v1::RunState::Running);
+    assert_eq!(reason(&client.watch_run(watch(RUN)).await.unwrap_err()), "NO_CAPACITY");
     let mut agent = Agent::enter(&house, 1).await;
     agent.goodbye().await;
     agent.run_end().await;

@@ -1,9 +1,9 @@
 //! The unary mirror: the same session, one call at a time.
 
+use crate::common::{Agent, House, Plan, Quirk, RUN_TOKEN, authorised, hello, play_client, reason};
 use avln_episode::EndReason;
 use avln_grpc::Limits;
 use avln_proto::v1::{self, end_request, end_response, reset_response::Outcome};
-use crate::common::{Agent, House, Plan, Quirk, RUN_TOKEN, authorised, hello, play_client, reason};
 use std::time::Duration;
 use tonic::Status;
 

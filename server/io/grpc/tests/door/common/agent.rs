@@ -12,6 +12,7 @@ use tonic::{
 
 pub(crate) async fn channel(house: &House) -> Channel {
     let endpoint = Endpoint::from_shared(format!("http://{}", house.address)).unwrap();
+    let endpoint = endpoint.max_frame_size(256 << 10).initial_stream_window_size(2 << 20);
     soon(endpoint.connect()).await.unwrap()
 }
 
@@ -69,7 +70,16 @@ impl Agent {
 
     /// Opens the stream properly.
     pub(crate) async fn enter(house: &House, slots: u32) -> Self {
-        let mut agent = Self::dial(house, RUN_TOKEN, vec![Up::Hello(hello(slots))]).await.unwrap();
+        Self::enter_with(house, slots, 64).await
+    }
+
+    /// The same, with pictures of another size.
+    pub(crate) async fn enter_with(house: &House, slots: u32, side: u32) -> Self {
+        let mut hello = hello(slots);
+        if let Some(sensors) = &mut hello.sensors {
+            (sensors.width, sensors.height) = (side, side);
+        }
+        let mut agent = Self::dial(house, RUN_TOKEN, vec![Up::Hello(hello)]).await.unwrap();
         agent.welcome = match agent.next().await {
             Ok(Some(Down::Welcome(welcome))) => welcome,
             other => panic!("no Welcome but {other:?}"),
