@@ -77,6 +77,7 @@ CREATE TABLE runs (
   version           TEXT    NOT NULL,                           -- version of the method, as the team gave it
   mission_order     TEXT    NOT NULL CHECK (mission_order IN ('ordered', 'unordered')), -- how goals count
   state             TEXT    NOT NULL CHECK (state IN ('created', 'running', 'completed', 'cancelled')), -- how far it is
+  episodes          INTEGER NOT NULL CHECK (episodes >= 0),     -- episodes in all
   client_request_id TEXT,                                       -- the client's own id of its request; null for none
   sensors           TEXT,                                       -- JSON of Sensors that the agent asked for; null before
   digests           TEXT    NOT NULL,                           -- JSON object: what was in force, by name
@@ -139,6 +140,7 @@ CREATE TABLE records (
 CREATE TABLE run_summaries (
   run               TEXT    NOT NULL PRIMARY KEY REFERENCES runs (id), -- the run
   scored            INTEGER NOT NULL DEFAULT 0,                 -- episodes that count
+  given_up          INTEGER NOT NULL DEFAULT 0,                 -- episodes that the server lost for good; done, but do not count
   goals             INTEGER NOT NULL DEFAULT 0,                 -- their goals
   found             INTEGER NOT NULL DEFAULT 0,                 -- goals found
   sr                REAL    NOT NULL DEFAULT 0,                 -- sum of sr

@@ -67,14 +67,18 @@ fn better(a: &Summary, b: &Summary, key: Key) -> Ordering {
     TIE_BREAKS.into_iter().fold(by(key), |so_far, next| so_far.then_with(|| by(next)))
 }
 
+/// What makes an episode the same for both: its id and the order of its goals.
+fn episode(score: &EpisodeScore) -> (&str, &str) {
+    (&score.episode, score.order.as_str())
+}
+
 /// Whether the paired difference of the key over the episodes that both played is surely not 0.
 /// Two episodes at least are needed to be sure of anything.
 fn differ(a: &Entry<'_>, b: &Entry<'_>, key: Key, seed: u64) -> bool {
-    let id = |s: &EpisodeScore| (s.episode.clone(), s.order.as_str());
-    let of_a: BTreeMap<_, f64> = a.scores.iter().map(|s| (id(s), key.of(&s.metrics))).collect();
+    let of_a: BTreeMap<_, f64> = a.scores.iter().map(|s| (episode(s), key.of(&s.metrics))).collect();
     let rows: Vec<(&str, [f64; 1])> = sorted(b.scores)
         .into_iter()
-        .filter_map(|s| Some((s.scene.as_str(), [of_a.get(&id(s))? - key.of(&s.metrics)])))
+        .filter_map(|s| Some((s.scene.as_str(), [of_a.get(&episode(s))? - key.of(&s.metrics)])))
         .collect();
     if rows.len() < 2 {
         return false;

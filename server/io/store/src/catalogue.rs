@@ -278,6 +278,34 @@ async fn write_phase_episodes(tx: &mut Transaction<'_, Sqlite>, phase: &Phase) -
     Ok(())
 }
 
+/// A phase without its episodes, and how many there are.
+#[derive(Clone, Debug)]
+pub(crate) struct PhaseHead {
+    pub(crate) phase: Phase,
+    pub(crate) episodes: u32,
+    pub(crate) scenes: u32,
+}
+
+/// The head of the phase called `id`, or of all phases.
+pub(crate) async fn read_heads(
+    tx: &mut Transaction<'_, Sqlite>,
+    id: Option<&str>,
+) -> Result<Vec<PhaseHead>, StoreError> {
+    let rows: Vec<PhaseRow> = sqlx::query_as(SELECT_PHASES).bind(id).fetch_all(&mut **tx).await?;
+    let counts = "SELECT COUNT(*), COUNT(DISTINCT scene) FROM phase_episodes WHERE phase = $1";
+    let mut heads = Vec::with_capacity(rows.len());
+    for row in rows {
+        let (episodes, scenes): (i64, i64) =
+            sqlx::query_as(counts).bind(&row.id).fetch_one(&mut **tx).await?;
+        heads.push(PhaseHead {
+            phase: row.into_phase(vec![])?,
+            episodes: count(episodes),
+            scenes: count(scenes),
+        });
+    }
+    Ok(heads)
+}
+
 /// The phase called `id`, or all of them.
 pub(crate) async fn read_phases(
     tx: &mut Transaction<'_, Sqlite>,

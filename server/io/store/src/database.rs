@@ -20,6 +20,7 @@ pub struct Store {
     /// One connection: SQLite has one writer, so callers queue here and not in SQLITE_BUSY.
     pub(crate) write: SqlitePool,
     pub(crate) read: SqlitePool,
+    reader: Reader,
 }
 
 impl Store {
@@ -46,12 +47,12 @@ impl Store {
             .connect_with(read_options)
             .await
             .map_err(refused)?;
-        Ok(Self { write, read })
+        Ok(Self { write, reader: Reader::new(read.clone()), read })
     }
 
     /// The half of the store that pages are given.
     pub fn reader(&self) -> Reader {
-        Reader::new(self.read.clone())
+        self.reader.clone()
     }
 
     /// Waits for running statements and closes the file.

@@ -1,13 +1,13 @@
 //! Records as bytes, exact to the last bit: 28 bytes a step instead of JSON's 250.
 //!
 //! Little-endian. Version 1: `u8` version; rules as `u16` length and UTF-8; start pose (x, y, z, heading as `f32`);
-//! `u8` place of the end reason in `EndReason::ALL`; `u8` count and one `u8` each for the regions at the start;
+//! word of the end reason like the rules; `u8` count and one `u8` each for the regions at the start;
 //! `u8` count and (`u8` present, `f64`) each for the final distances; `u32` count of steps, each `u8` action with bit 7
 //! for a collision, `u8` regions, `u8` sounding goal or 255, pose, `u64` state hash; `u32` count of submits, each `u32` step,
 //! `u8` completed goal or 255, `u8` skipped goal or 255.
 
-use crate::StoreError;
-use avln_episode::{Action, EndReason, Point3, Pose};
+use crate::{StoreError, words};
+use avln_episode::{Action, Point3, Pose};
 use avln_truth::{Record, StepFacts, SubmitFacts};
 
 const VERSION: u8 = 1;
@@ -17,11 +17,9 @@ const COLLIDED: u8 = 0x80;
 pub(crate) fn pack(record: &Record) -> Vec<u8> {
     let mut out = Vec::with_capacity(64 + record.steps.len() * 28 + record.submits.len() * 6);
     out.push(VERSION);
-    let rules = &record.rules.as_bytes()[..record.rules.len().min(usize::from(u16::MAX))];
-    out.extend((rules.len() as u16).to_le_bytes());
-    out.extend(rules);
+    pack_text(&mut out, &record.rules);
     pack_pose(&mut out, &record.start);
-    out.push(EndReason::ALL.iter().position(|&end| end == record.end).unwrap_or(0) as u8);
+    pack_text(&mut out, record.end.as_str());
     pack_goals(&mut out, record);
     out.extend((record.steps.len() as u32).to_le_bytes());
     record.steps.iter().for_each(|step| pack_step(&mut out, step));
@@ -31,6 +29,13 @@ pub(crate) fn pack(record: &Record) -> Vec<u8> {
         out.extend([submit.completed.unwrap_or(NONE), submit.skipped.unwrap_or(NONE)]);
     }
     out
+}
+
+/// Names are short; what would not fit the length is cut.
+fn pack_text(out: &mut Vec<u8>, text: &str) {
+    let bytes = &text.as_bytes()[..text.floor_char_boundary(usize::from(u16::MAX))];
+    out.extend((bytes.len() as u16).to_le_bytes());
+    out.extend(bytes);
 }
 
 fn pack_goals(out: &mut Vec<u8>, record: &Record) {
@@ -94,7 +99,7 @@ impl Unpack<'_> {
         }
         let rules = self.text()?;
         let start = self.pose()?;
-        let end = *EndReason::ALL.get(usize::from(self.byte()?))?;
+        let end = words::end_reason(&self.text()?).ok()?;
         let in_region_at_start = (0..self.byte()?).map(|_| Some(self.byte()? != 0)).collect::<Option<_>>()?;
         let final_distance_m = (0..self.byte()?).map(|_| self.distance()).collect::<Option<_>>()?;
         let steps = (0..self.count()?).map(|_| self.step()).collect::<Option<_>>()?;
@@ -141,6 +146,7 @@ impl Unpack<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use avln_episode::EndReason;
 
     fn sample() -> Record {
         let pose = |x: f32| Pose { position: Point3::new(x, 0.1, -3.7), heading_rad: -1.000_000_1 };

@@ -177,20 +177,15 @@ impl Store {
              state = CASE WHEN attempts >= $1 THEN 'infra' ELSE 'pending' END, \
              end_reason = CASE WHEN attempts >= $1 THEN 'server_fault' END, \
              finished_ms = CASE WHEN attempts >= $1 THEN $2 END \
-             WHERE state = 'running' RETURNING run";
-        let mut runs: Vec<String> =
-            sqlx::query_scalar(reopen).bind(MAX_ATTEMPTS).bind(now_unix_ms).fetch_all(&mut *tx).await?;
-        let reopened = runs.len() as u32;
-        for run in &runs {
-            count_fault(&mut tx, run).await?;
-        }
-        runs.sort();
-        runs.dedup();
-        for run in &runs {
+             WHERE state = 'running' RETURNING run, state = 'infra'";
+        let lost: Vec<(String, bool)> =
+            sqlx::query_as(reopen).bind(MAX_ATTEMPTS).bind(now_unix_ms).fetch_all(&mut *tx).await?;
+        for (run, given_up) in &lost {
+            count_fault(&mut tx, run, *given_up).await?;
             settle_run(&mut tx, run, now_unix_ms).await?;
         }
         tx.commit().await?;
-        Ok(reopened)
+        Ok(lost.len() as u32)
     }
 }
 
@@ -207,13 +202,13 @@ pub(crate) async fn write_result(
         EpisodeState::Pending => return Err(StoreError::unknown("running episode", finished.handle)),
         _ => return Ok((false, counts)),
     }
+    let again = !counts && episode.attempts < MAX_ATTEMPTS;
     if counts {
         write_metrics(tx, finished, episode.ordinal).await?;
         add_to_totals(tx, finished).await?;
     } else {
-        count_fault(tx, finished.run).await?;
+        count_fault(tx, finished.run, !again).await?;
     }
-    let again = !counts && episode.attempts < MAX_ATTEMPTS;
     close_episode(tx, finished, episode.ordinal, again, now_unix_ms).await?;
     if !again {
         write_facts(tx, finished, episode.ordinal).await?;

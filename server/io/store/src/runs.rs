@@ -118,11 +118,10 @@ row! {
 
 /// Reads runs; `$1` id, `$2` team, `$3` phase, `$4` state, each null for any.
 const SELECT_RUNS: &str = "SELECT r.id, r.phase, r.team, r.method, r.version, r.mission_order, r.state, r.sensors, \
-     r.digests, r.created_ms, r.finished_ms, COUNT(e.run) AS episodes, \
-     COALESCE(SUM(e.state IN ('terminated', 'truncated', 'infra')), 0) AS done \
-     FROM runs r LEFT JOIN episodes e ON e.run = r.id \
+     r.digests, r.created_ms, r.finished_ms, r.episodes, s.scored + s.given_up AS done \
+     FROM runs r JOIN run_summaries s ON s.run = r.id \
      WHERE ($1 IS NULL OR r.id = $1) AND ($2 IS NULL OR r.team = $2) AND ($3 IS NULL OR r.phase = $3) \
-     AND ($4 IS NULL OR r.state = $4) GROUP BY r.id ORDER BY r.created_ms DESC, r.id";
+     AND ($4 IS NULL OR r.state = $4) ORDER BY r.created_ms DESC, r.id";
 
 /// Which runs are wanted; `None` for any.
 #[derive(Clone, Copy, Debug, Default)]
@@ -153,7 +152,7 @@ impl Store {
         let id = earlier.unwrap_or_else(|| new.id.to_owned());
         if is_new {
             refuse_start(&mut tx, new, &phase).await?;
-            insert_run(&mut tx, new, now_unix_ms).await?;
+            insert_run(&mut tx, new, phase.episodes.len(), now_unix_ms).await?;
         }
         let token =
             NewToken { secret: new.token, kind: TokenKind::Run, team: Some(new.team), expires_unix_ms: None };
@@ -270,10 +269,11 @@ async fn runs_that_count(tx: &mut Transaction<'_, Sqlite>, new: &NewRun<'_>) -> 
 async fn insert_run(
     tx: &mut Transaction<'_, Sqlite>,
     new: &NewRun<'_>,
+    episodes: usize,
     now_unix_ms: i64,
 ) -> Result<(), StoreError> {
     let insert = "INSERT INTO runs (id, phase, team, method, version, mission_order, state, client_request_id, digests, \
-                  created_ms) VALUES ($1, $2, $3, $4, $5, $6, 'created', $7, $8, $9)";
+                  created_ms, episodes) VALUES ($1, $2, $3, $4, $5, $6, 'created', $7, $8, $9, $10)";
     sqlx::query(insert)
         .bind(new.id)
         .bind(new.phase)
@@ -284,6 +284,7 @@ async fn insert_run(
         .bind(new.client_request_id)
         .bind(to_json("digests", new.digests)?)
         .bind(now_unix_ms)
+        .bind(episodes as i64)
         .execute(&mut **tx)
         .await?;
     let episodes = "INSERT INTO episodes (run, ordinal, episode, scene, state) \

@@ -54,10 +54,15 @@ fn by_modality(finished: &Finished<'_>) -> [(u32, u32); 3] {
     })
 }
 
-/// Counts an attempt that the server lost.
-pub(crate) async fn count_fault(tx: &mut Transaction<'_, Sqlite>, run: &str) -> Result<(), StoreError> {
-    let update = "UPDATE run_summaries SET server_faults = server_faults + 1 WHERE run = $1";
-    sqlx::query(update).bind(run).execute(&mut **tx).await?;
+/// Counts an attempt that the server lost, and whether it was the episode's last.
+pub(crate) async fn count_fault(
+    tx: &mut Transaction<'_, Sqlite>,
+    run: &str,
+    last: bool,
+) -> Result<(), StoreError> {
+    let update =
+        "UPDATE run_summaries SET server_faults = server_faults + 1, given_up = given_up + $2 WHERE run = $1";
+    sqlx::query(update).bind(run).bind(last).execute(&mut **tx).await?;
     Ok(())
 }
 

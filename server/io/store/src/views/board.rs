@@ -1,7 +1,7 @@
 use super::{PhaseView, Reader, Viewer};
 use crate::{
     Phase, Run, RunState, StoreError,
-    catalogue::read_phases,
+    catalogue::read_heads,
     runs::{RunFilter, read_runs},
     totals::{INTERVAL_SEED, plain_scores},
     words::{count, end_reason, from_json},
@@ -10,7 +10,10 @@ use avln_episode::Order;
 use avln_scoring::{Direction, Entry, EpisodeScore, Key, Place, Summary, rank};
 use serde::{Deserialize, Serialize};
 use sqlx::{Sqlite, Transaction};
-use std::collections::BTreeMap;
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, PoisonError},
+};
 
 /// Which board is wanted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,7 +29,7 @@ pub struct Board<'a> {
 }
 
 /// Which of its runs stands for a method of a team.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Pick {
     /// The one that ranks first.
@@ -84,6 +87,27 @@ pub struct LeaderboardRow {
     pub server_faults: u32,
 }
 
+/// Boards that were ranked before. Completed runs never change, so the runs, the key and the pick say everything.
+#[derive(Clone, Debug, Default)]
+pub(super) struct RankedBoards(Arc<Mutex<BTreeMap<(Vec<String>, Key, Pick), Vec<LeaderboardRow>>>>);
+
+impl RankedBoards {
+    /// Boards kept at a time; there are few phases, and old lists of runs are asked for no more.
+    const KEPT: usize = 64;
+
+    fn find(&self, board: &(Vec<String>, Key, Pick)) -> Option<Vec<LeaderboardRow>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).get(board).cloned()
+    }
+
+    fn keep(&self, board: (Vec<String>, Key, Pick), rows: Vec<LeaderboardRow>) {
+        let mut boards = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if boards.len() >= Self::KEPT {
+            boards.clear();
+        }
+        boards.insert(board, rows);
+    }
+}
+
 /// A run that may stand on the board.
 struct Candidate {
     run: Run,
@@ -104,21 +128,39 @@ impl Reader {
         board: &Board<'_>,
     ) -> Result<Option<LeaderboardView>, StoreError> {
         let mut tx = self.snapshot().await?;
-        let Some(phase) = read_phases(&mut tx, Some(board.phase)).await?.pop() else { return Ok(None) };
-        let candidates = candidates(&mut tx, viewer, &phase, board.order).await?;
-        let mut chosen = one_per_method(candidates, board);
-        for candidate in &mut chosen {
-            candidate.scores = plain_scores(&mut tx, &candidate.run.id, board.order).await?;
-        }
-        let mut rows = Vec::with_capacity(chosen.len());
-        for place in ranked(&chosen, board.key) {
-            rows.push(row(&mut tx, &chosen[place.entry], place).await?);
-        }
-        let phase = PhaseView::new(phase, viewer);
+        let Some(head) = read_heads(&mut tx, Some(board.phase)).await?.pop() else { return Ok(None) };
+        let candidates = candidates(&mut tx, viewer, &head.phase, board.order).await?;
+        let runs: Vec<String> = candidates.iter().map(|candidate| candidate.run.id.clone()).collect();
+        let question = (runs, board.key, board.pick);
+        let rows = match self.boards.find(&question) {
+            Some(rows) => rows,
+            None => {
+                let rows = rank_rows(&mut tx, candidates, board).await?;
+                self.boards.keep(question, rows.clone());
+                rows
+            }
+        };
+        let phase = PhaseView::new(head, viewer);
         let Board { order, key, pick, .. } = *board;
         let complete = phase.all_scores_visible;
         Ok(Some(LeaderboardView { phase, order, key, direction: key.direction(), pick, complete, rows }))
     }
+}
+
+async fn rank_rows(
+    tx: &mut Transaction<'_, Sqlite>,
+    candidates: Vec<Candidate>,
+    board: &Board<'_>,
+) -> Result<Vec<LeaderboardRow>, StoreError> {
+    let mut chosen = one_per_method(candidates, board);
+    for candidate in &mut chosen {
+        candidate.scores = plain_scores(tx, &candidate.run.id, board.order).await?;
+    }
+    let mut rows = Vec::with_capacity(chosen.len());
+    for place in ranked(&chosen, board.key) {
+        rows.push(row(tx, &chosen[place.entry], place).await?);
+    }
+    Ok(rows)
 }
 
 /// Completed runs that the viewer may see the scores of and whose every episode counts, the newest first.

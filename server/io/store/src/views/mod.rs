@@ -5,6 +5,7 @@ mod episode;
 mod phase;
 mod run;
 
+use board::RankedBoards;
 pub use board::{Board, LeaderboardRow, LeaderboardView, Pick};
 pub use episode::{EpisodeView, GoalView, MissionView, Replay, SubmitMark, TargetView};
 pub use phase::PhaseView;
@@ -53,11 +54,12 @@ impl Viewer {
 #[derive(Clone, Debug)]
 pub struct Reader {
     pool: SqlitePool,
+    boards: RankedBoards,
 }
 
 impl Reader {
     pub(crate) fn new(pool: SqlitePool) -> Self {
-        Self { pool }
+        Self { pool, boards: RankedBoards::default() }
     }
 
     /// Who holds the token `secret` at `now_unix_ms`; `None` when it is not a valid account's or organiser's token.

@@ -1,8 +1,10 @@
 use super::{Reader, Viewer};
-use crate::{Phase, PhaseState, StoreError, Visibility, catalogue::read_phases};
+use crate::{
+    PhaseState, StoreError, Visibility,
+    catalogue::{PhaseHead, read_heads},
+};
 use avln_episode::{FeedbackRule, Order, Rules, Sensors};
 use serde::Serialize;
-use std::collections::BTreeSet;
 
 /// A phase as pages show it. Everybody may know that a phase exists and how it is played.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -38,11 +40,11 @@ pub struct PhaseView {
 }
 
 impl PhaseView {
-    pub(super) fn new(phase: Phase, viewer: &Viewer) -> Self {
-        let scenes: BTreeSet<&str> = phase.episodes.iter().map(|episode| episode.scene.as_str()).collect();
+    pub(super) fn new(head: PhaseHead, viewer: &Viewer) -> Self {
+        let PhaseHead { phase, episodes, scenes } = head;
         Self {
-            scenes: scenes.len() as u32,
-            episodes: phase.episodes.len() as u32,
+            scenes,
+            episodes,
             feedback: phase.rules.feedback,
             all_scores_visible: viewer.sees_all(phase.scores),
             id: phase.id,
@@ -66,7 +68,7 @@ impl Reader {
     /// When the database fails.
     pub async fn phases(&self, viewer: &Viewer) -> Result<Vec<PhaseView>, StoreError> {
         let mut tx = self.snapshot().await?;
-        let phases = read_phases(&mut tx, None).await?;
+        let phases = read_heads(&mut tx, None).await?;
         Ok(phases.into_iter().map(|phase| PhaseView::new(phase, viewer)).collect())
     }
 
@@ -76,7 +78,7 @@ impl Reader {
     /// When the database fails.
     pub async fn phase(&self, viewer: &Viewer, id: &str) -> Result<Option<PhaseView>, StoreError> {
         let mut tx = self.snapshot().await?;
-        let phase = read_phases(&mut tx, Some(id)).await?.pop();
+        let phase = read_heads(&mut tx, Some(id)).await?.pop();
         Ok(phase.map(|phase| PhaseView::new(phase, viewer)))
     }
 }

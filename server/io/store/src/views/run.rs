@@ -1,7 +1,7 @@
 use super::{Reader, Viewer};
 use crate::{
-    EpisodeState, Phase, Run, RunState, StoreError, TimeAccount, Visibility,
-    catalogue::read_phases,
+    EpisodeState, Phase, Run, RunState, StoreError, TimeAccount,
+    catalogue::read_heads,
     runs::{RunFilter, read_run, read_runs},
     totals::{INTERVAL_SEED, full_scores},
     words::{count, end_reason, from_json, row},
@@ -113,15 +113,11 @@ pub(super) struct Sight {
 
 impl Sight {
     /// `None` when the viewer may not even know of the run.
-    pub(super) fn of(viewer: &Viewer, team: &str, scores: Visibility, replays: Visibility) -> Option<Self> {
-        let scores = viewer.may_see(scores, team);
+    pub(super) fn of(viewer: &Viewer, team: &str, phase: &Phase) -> Option<Self> {
+        let scores = viewer.may_see(phase.scores, team);
         // A replay tells the score.
-        let replays = scores && viewer.may_see(replays, team);
+        let replays = scores && viewer.may_see(phase.replays, team);
         (scores || viewer.owns(team)).then_some(Self { scores, replays })
-    }
-
-    pub(super) fn of_phase(viewer: &Viewer, team: &str, phase: &Phase) -> Option<Self> {
-        Self::of(viewer, team, phase.scores, phase.replays)
     }
 }
 
@@ -165,12 +161,14 @@ impl Reader {
         limit: u32,
     ) -> Result<Vec<RunLine>, StoreError> {
         let mut tx = self.snapshot().await?;
-        let phases = read_phases(&mut tx, phase).await?;
+        let phases = read_heads(&mut tx, phase).await?;
         let runs = read_runs(&mut tx, &RunFilter { phase, ..RunFilter::default() }).await?;
         let mut lines = Vec::new();
         for run in runs {
-            let sight =
-                phases.iter().find(|p| p.id == run.phase).and_then(|p| Sight::of_phase(viewer, &run.team, p));
+            let sight = phases
+                .iter()
+                .find(|p| p.phase.id == run.phase)
+                .and_then(|p| Sight::of(viewer, &run.team, &p.phase));
             if let Some(sight) = sight {
                 lines.push(line(&mut tx, run, sight).await?);
             }
@@ -221,8 +219,8 @@ pub(super) async fn find_run(
         Err(StoreError::Unknown { .. }) => return Ok(None),
         Err(error) => return Err(error),
     };
-    let phase = read_phases(tx, Some(&run.phase)).await?.pop();
-    let sight = phase.and_then(|phase| Sight::of_phase(viewer, &run.team, &phase));
+    let phase = read_heads(tx, Some(&run.phase)).await?.pop();
+    let sight = phase.and_then(|head| Sight::of(viewer, &run.team, &head.phase));
     Ok(sight.map(|sight| (run, sight)))
 }
 

@@ -28,6 +28,9 @@ async fn the_best_run_of_each_method_is_ranked_and_orders_do_not_mix() {
         .map(|r| (r.rank, r.tie_group, r.run.as_str(), r.runs_count, r.summary.isr.value))
         .collect();
     assert_eq!(lines, [(1, 1, "run_best", 1, 1.0), (2, 2, "run_same", 1, 0.5), (2, 2, "run_good", 2, 0.5)]);
+    assert_eq!(board(&arena, &BOARD).await, view, "asked twice");
+    arena.play("run_late", "late", Order::Unordered, 0).await;
+    assert_eq!(board(&arena, &BOARD).await.rows.len(), 4);
     let ordered = board(&arena, &Board { order: Order::Ordered, ..BOARD }).await;
     assert_eq!(ordered.rows.len(), 1);
     assert_eq!(ordered.rows[0].health, BTreeMap::from([("stopped", 4)]));
