@@ -71,16 +71,17 @@ impl Level {
     fn bilinear(&self, [u, v]: [f32; 2]) -> [u8; 4] {
         let (x0, x1, right) = neighbours(u, self.width);
         let (y0, y1, below) = neighbours(v, self.height);
-        let [top, bottom] = [y0, y1].map(|y| {
-            let row = &self.texels[y * self.width..(y + 1) * self.width];
-            (row[x0], row[x1])
-        });
-        std::array::from_fn(|channel| {
-            let mix = |(a, b): ([u8; 4], [u8; 4])| {
-                u32::from(a[channel]) * (256 - right) + u32::from(b[channel]) * right
-            };
-            ((mix(top) * (256 - below) + mix(bottom) * below + (1 << 15)) >> 16) as u8
-        })
+        let (top, bottom) = (y0 * self.width, y1 * self.width);
+        let corners =
+            [(top + x0, 256 - right), (top + x1, right), (bottom + x0, 256 - right), (bottom + x1, right)];
+        let rows = [256 - below, 256 - below, below, below];
+        let mut sum = [1_u32 << 15; 4];
+        for ((at, weight), row) in corners.into_iter().zip(rows) {
+            for (sum, value) in sum.iter_mut().zip(self.texels[at]) {
+                *sum += u32::from(value) * (weight * row);
+            }
+        }
+        sum.map(|sum| (sum >> 16) as u8)
     }
 }
 
@@ -91,7 +92,8 @@ fn neighbours(coordinate: f32, count: usize) -> (usize, usize, u32) {
     let within = (coordinate - whole as f32).clamp(0.0, 1.0);
     // Texel centres lie half a texel, 128 of 256 steps, after their beginnings.
     let steps = (within * (count as f32 * 256.0)) as usize + 128;
-    let (second, weight) = ((steps >> 8) % count, (steps & 255) as u32);
+    let (second, weight) = (steps >> 8, (steps & 255) as u32);
+    let second = if second < count { second } else { 0 };
     (if second == 0 { count - 1 } else { second - 1 }, second, weight)
 }
 
