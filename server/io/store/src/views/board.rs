@@ -89,22 +89,25 @@ pub struct LeaderboardRow {
 
 /// Boards that were ranked before. Completed runs never change, so the runs, the key and the pick say everything.
 #[derive(Clone, Debug, Default)]
-pub(super) struct RankedBoards(Arc<Mutex<BTreeMap<(Vec<String>, Key, Pick), Vec<LeaderboardRow>>>>);
+pub(super) struct RankedBoards(Arc<Mutex<BTreeMap<Question, Vec<LeaderboardRow>>>>);
+
+/// The runs that may stand on a board, what they are ranked by and which stands for its method.
+type Question = (Vec<String>, Key, Pick);
 
 impl RankedBoards {
     /// Boards kept at a time; there are few phases, and old lists of runs are asked for no more.
     const KEPT: usize = 64;
 
-    fn find(&self, board: &(Vec<String>, Key, Pick)) -> Option<Vec<LeaderboardRow>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).get(board).cloned()
+    fn find(&self, question: &Question) -> Option<Vec<LeaderboardRow>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).get(question).cloned()
     }
 
-    fn keep(&self, board: (Vec<String>, Key, Pick), rows: Vec<LeaderboardRow>) {
+    fn keep(&self, question: Question, rows: Vec<LeaderboardRow>) {
         let mut boards = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if boards.len() >= Self::KEPT {
             boards.clear();
         }
-        boards.insert(board, rows);
+        boards.insert(question, rows);
     }
 }
 
