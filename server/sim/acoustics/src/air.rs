@@ -10,7 +10,7 @@ mod raster;
 const CELL_M: f32 = 0.2;
 
 /// More cells than this make the cells larger.
-const MAX_CELLS: f32 = 4.0e6;
+const MAX_CELLS: f32 = 1.0e6;
 
 /// Connected air with less than this around cells whose six neighbours are air too is the inside of a wall, a slab
 /// or a piece of furniture, cubic metres.
@@ -175,16 +175,26 @@ impl Air {
         Vec::new()
     }
 
-    /// The room cell to which a point that is shut in by furniture or lies outside belongs: behind the fewest
-    /// surfaces, then the nearest. `None` when there is no room air at all.
+    /// The room cell to which a point that is shut in by furniture or lies outside belongs: the nearest one behind
+    /// a single surface, else the one behind the fewest. `None` when there is no room air at all.
     pub(crate) fn nearest_cell(&self, point: &Point3<f32>) -> Option<usize> {
-        const ENOUGH: usize = 256;
-        let reach = (1.6 / self.grid.cell_m) as usize;
-        let mut near = self.room_cells(point, reach);
-        near.truncate(ENOUGH);
-        if !near.is_empty() {
-            return near.into_iter().min_by_key(|cell| self.surfaces_between(point, &self.grid.center(*cell)));
+        const REACH_M: f32 = 1.2;
+        const ENOUGH: usize = 128;
+        let near = self.room_cells(point, (REACH_M / self.grid.cell_m) as usize);
+        let mut best = None;
+        for cell in near.into_iter().take(ENOUGH) {
+            let surfaces = self.surfaces_between(point, &self.grid.center(cell));
+            if best.is_none_or(|(fewest, _)| surfaces < fewest) {
+                best = Some((surfaces, cell));
+            }
+            if surfaces <= 1 {
+                break;
+            }
         }
+        best.map(|(_, cell)| cell).or_else(|| self.nearest_of_all(point))
+    }
+
+    fn nearest_of_all(&self, point: &Point3<f32>) -> Option<usize> {
         let rooms = (0..self.grid.len()).filter(|cell| self.in_room[*cell]);
         rooms.min_by(|a, b| self.distance_to(point, *a).total_cmp(&self.distance_to(point, *b)))
     }

@@ -88,7 +88,8 @@ fn band_cepstrum(band: usize) -> [f32; LOSS_TAPS] {
         (0..POINTS).map(|i| band_share(band, (i as f64 + 0.5) / POINTS as f64 * nyquist_hz)).collect();
     std::array::from_fn(|n| {
         let cosines = (0..POINTS).map(|i| libm::cos((i as f64 + 0.5) * step_rad * n as f64));
-        let mean = shares.iter().zip(cosines).map(|(share, cosine)| share * cosine).sum::<f64>() / POINTS as f64;
+        let mean =
+            shares.iter().zip(cosines).map(|(share, cosine)| share * cosine).sum::<f64>() / POINTS as f64;
         // Folding the negative half of the cepstrum onto the positive one makes the filter minimum-phase.
         (if n == 0 { mean } else { 2.0 * mean }) as f32
     })
@@ -106,7 +107,8 @@ mod tests {
 
     fn magnitude_db(taps: &[f32], frequency_hz: f32) -> f32 {
         let turn = 2.0 * PI * frequency_hz / SAMPLE_RATE_HZ as f32;
-        let sum = |f: fn(f32) -> f32| taps.iter().enumerate().map(|(n, tap)| tap * f(turn * n as f32)).sum::<f32>();
+        let sum =
+            |f: fn(f32) -> f32| taps.iter().enumerate().map(|(n, tap)| tap * f(turn * n as f32)).sum::<f32>();
         let (re, im) = (sum(libm::cosf), sum(libm::sinf));
         10.0 * libm::log10f(re * re + im * im)
     }
@@ -120,7 +122,8 @@ mod tests {
 
     #[test]
     fn a_loss_filter_takes_what_it_should_in_every_band() {
-        for loss in [diffraction_loss(0.02), diffraction_loss(1.5), both(&air_loss(20.0), &partition_loss())] {
+        for loss in [diffraction_loss(0.02), diffraction_loss(1.5), both(&air_loss(20.0), &partition_loss())]
+        {
             let taps = loss_filter(&loss);
             for (db, frequency_hz) in loss.iter().zip(BAND_HZ).take(BANDS - 1) {
                 let taken = -magnitude_db(&taps, frequency_hz);

@@ -34,16 +34,24 @@ pub struct Clip {
 /// Made on the first call; cheap after it.
 pub fn clip_bank() -> Vec<Clip> {
     static BANK: OnceLock<Vec<Clip>> = OnceLock::new();
-    BANK.get_or_init(|| families::FAMILIES.iter().flat_map(|family| make_family(family)).collect()).clone()
+    BANK.get_or_init(make_bank).clone()
 }
 
-fn make_family(family: &'static families::Family) -> impl Iterator<Item = Clip> {
-    (0..CLIPS_PER_FAMILY).map(|number| {
-        let name = format!("{}-{number}", family.name);
-        let mut raw = (family.make)(&mut Rng::new(BANK_SEED).fork(&name));
-        finish::finish(&mut raw);
-        Clip { name, samples: raw.into() }
-    })
+fn make_bank() -> Vec<Clip> {
+    let finish = finish::Finish::new(CLIP_SAMPLES);
+    let numbers = |family| (0..CLIPS_PER_FAMILY).map(move |number| (family, number));
+    families::FAMILIES
+        .iter()
+        .flat_map(numbers)
+        .map(|(family, number)| make(family, number, &finish))
+        .collect()
+}
+
+fn make(family: &families::Family, number: usize, finish: &finish::Finish) -> Clip {
+    let name = format!("{}-{number}", family.name);
+    let mut samples = (family.make)(&mut Rng::new(BANK_SEED).fork(&name));
+    finish.apply(&mut samples);
+    Clip { name, samples: samples.into() }
 }
 
 #[cfg(test)]

@@ -79,7 +79,9 @@ impl Ears {
                 channel.previous = None;
                 continue;
             }
-            for (sum, ear) in heard.chunks_mut(count).zip(channel.render(listener, count, &mut self.convolver)) {
+            for (sum, ear) in
+                heard.chunks_mut(count).zip(channel.render(listener, count, &mut self.convolver))
+            {
                 sum.iter_mut().zip(ear).for_each(|(sum, sample)| *sum += sample);
             }
         }
@@ -151,5 +153,25 @@ fn crossfade(old: &[f32], new: &mut [f32]) {
     for (offset, (new, old)) in new.iter_mut().zip(old).enumerate() {
         let share = (offset as f32 + 0.5) / length;
         *new = old + (*new - old) * share;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_switch_fades_over_ten_milliseconds() {
+        assert_eq!(SWITCH_SAMPLES, 160);
+        assert_eq!(switch_gain(0, false, true) + switch_gain(0, true, false), 1.0);
+        assert!((switch_gain(79, false, true) - 0.496_875).abs() < 1e-6);
+        assert_eq!((switch_gain(160, false, true), switch_gain(160, true, false)), (1.0, 0.0));
+        assert_eq!((switch_gain(0, true, true), switch_gain(0, false, false)), (1.0, 0.0));
+    }
+
+    #[test]
+    fn ears_may_move_between_threads() {
+        fn movable<T: Send + 'static>() {}
+        movable::<Ears>();
     }
 }

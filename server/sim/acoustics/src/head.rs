@@ -89,7 +89,8 @@ fn design_range(range_m: f64) -> Vec<Filter> {
     let responses: Vec<_> = (0..=DESIGN_POINTS / 2)
         .map(|bin| SphereResponse::new((bin as f64 * bin_hz).max(20.0), range_m))
         .collect();
-    let turns: Vec<_> = (0..DESIGN_POINTS).map(|i| unit_phasor(TAU * i as f64 / DESIGN_POINTS as f64)).collect();
+    let turns: Vec<_> =
+        (0..DESIGN_POINTS).map(|i| unit_phasor(TAU * i as f64 / DESIGN_POINTS as f64)).collect();
     (0..ANGLES).map(|degrees| design(&responses, &turns, (degrees as f64).to_radians(), range_m)).collect()
 }
 

@@ -25,8 +25,6 @@ pub(crate) struct Arrival {
     pub(crate) direction: Vector3<f32>,
     /// Length of its path, metres: gives delay, 1/r level and the curvature of the wave front.
     pub(crate) length_m: f32,
-    /// Factor on the pressure, the same for all bands.
-    pub(crate) gain: f32,
     /// What the bands lost on the way beyond 1/r.
     pub(crate) loss: BandLoss,
 }
@@ -64,8 +62,7 @@ impl ImpulseResponse {
 
     fn add(&mut self, listener: &Listener, arrival: &Arrival) {
         let distance_m = arrival.length_m.max(MIN_DISTANCE_M);
-        let gain = arrival.gain / distance_m;
-        let loss = loss_filter(&arrival.loss).map(|tap| tap * gain);
+        let loss = loss_filter(&arrival.loss).map(|tap| tap / distance_m);
         for (ear, axis) in [&mut self.left, &mut self.right].into_iter().zip(ear_axes(listener.heading_rad)) {
             let response = head().ear(axis.dot(&arrival.direction), distance_m);
             let delay_s = f64::from(distance_m) / f64::from(SPEED_OF_SOUND_M_S) + response.delay_s;

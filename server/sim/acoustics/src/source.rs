@@ -1,11 +1,11 @@
 //! Sound sources in a building, and the waves that reach a listener from them.
 
+use crate::Listener;
 use crate::air::Air;
-use crate::bands::{air_loss, both, diffraction_loss, partition_loss};
+use crate::bands::{BandLoss, air_loss, both, diffraction_loss, partition_loss};
 use crate::geodesic::{GeodesicField, Way, length_m};
 use crate::impulse::{Arrival, ImpulseResponse};
 use crate::visibility::visibility;
-use crate::Listener;
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_scene::Scene;
 use std::collections::BTreeMap;
@@ -92,42 +92,36 @@ impl Source {
 
 impl Known {
     fn arrivals(&self, listener: &Point3<f32>, heading_rad: f32) -> Vec<Arrival> {
-        if !finite(listener) || !finite(&self.outlet) || !heading_rad.is_finite() {
-            return Vec::new();
+        if finite(listener) && finite(&self.outlet) && heading_rad.is_finite() {
+            vec![self.first_arrival(listener)]
+        } else {
+            Vec::new()
         }
+    }
+
+    /// The direct wave, or the one that bends around the edges of the shadow; through the walls where no air leads.
+    ///
+    /// At the border of a shadow the decibels lost to diffraction fade in with what the edge hides of the source.
+    fn first_arrival(&self, listener: &Point3<f32>) -> Arrival {
+        let (direction, straight_m) = bearing(listener, &self.outlet);
         let seen = visibility(self.air.rays(), listener, &self.outlet);
-        let mut arrivals = Vec::with_capacity(2);
-        if seen.share > 0.0 {
-            arrivals.push(self.straight(listener, seen.share));
-        }
-        if seen.share < 1.0 {
-            arrivals.push(self.bent(listener, seen.center, 1.0 - seen.share));
-        }
-        arrivals
-    }
-
-    /// The direct wave.
-    fn straight(&self, listener: &Point3<f32>, gain: f32) -> Arrival {
-        let (direction, length_m) = bearing(listener, &self.outlet);
-        Arrival { direction, length_m, gain, loss: air_loss(length_m) }
-    }
-
-    /// The wave that bends around the edges of the shadow; through the walls where no air leads.
-    fn bent(&self, listener: &Point3<f32>, in_line: bool, gain: f32) -> Arrival {
-        let mut arrival = self.straight(listener, gain);
-        if in_line {
-            arrival.loss = both(&arrival.loss, &diffraction_loss(0.0));
-            return arrival;
-        }
-        let Some(way) = self.way_from(listener) else {
-            arrival.loss = both(&arrival.loss, &partition_loss());
-            return arrival;
+        let hidden = 1.0 - seen.share;
+        let arrival = |direction, length_m, loss: BandLoss| Arrival {
+            direction,
+            length_m,
+            loss: both(&air_loss(length_m), &loss),
         };
-        let straight_m = arrival.length_m;
-        arrival.length_m = length_m(&way);
-        arrival.direction = first_leg(&way);
-        arrival.loss = both(&air_loss(arrival.length_m), &diffraction_loss(arrival.length_m - straight_m));
-        arrival
+        if seen.center {
+            return arrival(direction, straight_m, diffraction_loss(0.0).map(|db| db * hidden));
+        }
+        match self.way_from(listener) {
+            None => arrival(direction, straight_m, partition_loss()),
+            Some(way) => {
+                let length_m = length_m(&way);
+                let loss = diffraction_loss(length_m - straight_m).map(|db| db * hidden);
+                arrival(first_leg(&way), length_m, loss)
+            }
+        }
     }
 
     fn way_from(&self, listener: &Point3<f32>) -> Option<Way> {

@@ -96,7 +96,8 @@ mod tests {
         let end = [(0.0, 0.0, 0.0), (thick_m, 0.0, 0.0), (thick_m, 10.0, 0.0), (0.0, 10.0, 0.0)];
         let corners: Vec<_> = [sheet(0.0), sheet(thick_m), end].concat();
         let corners: Vec<_> = corners.into_iter().map(|(x, y, z)| Point3::new(x, y, z)).collect();
-        let triangles: Vec<_> = [0, 4, 8].iter().flat_map(|i| [[*i, i + 1, i + 2], [*i, i + 2, i + 3]]).collect();
+        let triangles: Vec<_> =
+            [0, 4, 8].iter().flat_map(|i| [[*i, i + 1, i + 2], [*i, i + 2, i + 3]]).collect();
         RayMesh::new(&corners, &triangles)
     }
 
@@ -111,13 +112,18 @@ mod tests {
         for (thick_m, taut_m) in [(0.001, 2.5 + 3.2016), (0.5, 2.5 + 0.5 + 2.8284)] {
             let mut way = vec![from, Point3::new(0.1, 4.3, -0.3), to];
             tighten(&wall(thick_m), &mut way);
-            assert!((-0.002..0.03).contains(&(length_m(&way) - taut_m)), "{} m of {taut_m} m", length_m(&way));
+            assert!(
+                (-0.002..0.03).contains(&(length_m(&way) - taut_m)),
+                "{} m of {taut_m} m",
+                length_m(&way)
+            );
         }
     }
 
     #[test]
     fn a_bend_around_nothing_is_straightened() {
-        let mut way = vec![Point3::new(-2.0, 1.0, -1.0), Point3::new(0.0, 3.0, -4.0), Point3::new(2.0, 1.0, -1.0)];
+        let mut way =
+            vec![Point3::new(-2.0, 1.0, -1.0), Point3::new(0.0, 3.0, -4.0), Point3::new(2.0, 1.0, -1.0)];
         tighten(&wall(0.2), &mut way);
         assert_eq!(way.len(), 2);
     }

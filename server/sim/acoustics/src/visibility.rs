@@ -4,10 +4,10 @@ use avln_geom::{Point3, RayMesh, Vector3, angle};
 use std::f32::consts::TAU;
 
 /// Rays of a bundle.
-const RAYS: usize = 24;
+const RAYS: usize = 32;
 
 /// Radius of the bundle, metres.
-const RADIUS_M: f32 = 0.15;
+const RADIUS_M: f32 = 0.25;
 
 /// What a bundle of parallel rays around the straight line found.
 pub(crate) struct Visibility {

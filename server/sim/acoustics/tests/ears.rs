@@ -36,7 +36,11 @@ fn standing_still_is_one_long_convolution() {
         let reach = response.left.len().min(now + 1);
         let tap = |k: usize| f64::from(response.left[k] * fade(now - k) * clip[(17 + now - k) % clip.len()]);
         let expected: f64 = (0..reach).map(tap).sum();
-        assert!((expected - f64::from(heard[now])).abs() < 1e-6, "sample {now}: {} not {expected}", heard[now]);
+        assert!(
+            (expected - f64::from(heard[now])).abs() < 1e-6,
+            "sample {now}: {} not {expected}",
+            heard[now]
+        );
     }
 }
 
@@ -70,10 +74,14 @@ fn moving_and_turning_makes_no_clicks() {
         let heard = left(&(0..40).map(|step| ears.hear(&pose(step), Some(0))).collect::<Vec<_>>());
         let bend = |n: usize| (heard[n - 1] - 2.0 * heard[n] + heard[n + 1]).abs();
         for border in (2 * STEP..39 * STEP).step_by(STEP) {
-            let mut inside: Vec<f32> = (border - 3000..border + 3000).filter(|n| n.abs_diff(border) > 8).map(bend).collect();
+            let mut inside: Vec<f32> =
+                (border - 3000..border + 3000).filter(|n| n.abs_diff(border) > 8).map(bend).collect();
             inside.sort_by(f32::total_cmp);
             let worst = (border - 2..=border + 2).map(bend).fold(0.0, f32::max);
-            assert!(worst <= 1.5 * inside[inside.len() * 999 / 1000], "a click of {worst} at sample {border}");
+            assert!(
+                worst <= 1.5 * inside[inside.len() * 999 / 1000],
+                "a click of {worst} at sample {border}"
+            );
         }
     }
 }
@@ -191,8 +199,11 @@ fn the_same_episode_has_the_same_bits_and_leaves_no_trace() {
 #[test]
 fn a_clip_at_one_metre_has_its_own_level() {
     let house = free_field();
-    let emitter =
-        Emitter { source: house.source(&point(0.0, 1.0, -1.0)), clip: clip_bank()[0].clone(), offset_samples: 0 };
+    let emitter = Emitter {
+        source: house.source(&point(0.0, 1.0, -1.0)),
+        clip: clip_bank()[0].clone(),
+        offset_samples: 0,
+    };
     let mut ears = Ears::new(vec![emitter], SAMPLE_RATE_HZ as usize);
     let place = listener(0.0, 0.0, 0.0);
     let heard: Vec<f32> = (0..12).flat_map(|_| ears.hear(&place, Some(0))).collect();

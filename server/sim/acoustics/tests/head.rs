@@ -42,7 +42,10 @@ fn level_differences_are_those_of_the_sphere() {
             [500.0, 2000.0, 4000.0].into_iter().zip(levels_db).zip([1.0, 1.0, 2.0])
         {
             let measured = level_db(&response.right, frequency_hz) - level_db(&response.left, frequency_hz);
-            assert!((measured - expected).abs() <= tolerance, "{azimuth_deg}, {frequency_hz} Hz: {measured} dB");
+            assert!(
+                (measured - expected).abs() <= tolerance,
+                "{azimuth_deg}, {frequency_hz} Hz: {measured} dB"
+            );
         }
     }
 }
@@ -54,7 +57,8 @@ fn the_nearer_ear_leads_and_is_louder_in_every_octave() {
             let response = from_azimuth(azimuth_deg as f32, range_m);
             for center_hz in [125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0] {
                 let place = format!("{azimuth_deg} degrees, {range_m} m, {center_hz} Hz");
-                let (left, right) = (level_db(&response.left, center_hz), level_db(&response.right, center_hz));
+                let (left, right) =
+                    (level_db(&response.left, center_hz), level_db(&response.right, center_hz));
                 assert!(right > left, "{place}: {right} and {left} dB");
                 let lag = lag_us(&response, center_hz * 0.71, center_hz * 1.41);
                 // Above 1.5 kHz the correlation of an octave may slip by a period; its envelope does not.
@@ -139,7 +143,13 @@ fn sound_takes_its_time() {
     for (near_m, far_m) in [(4.0, 9.37), (4.0, 19.99), (5.5, 5.6)] {
         let expected_s = f64::from((far_m - near_m) / SPEED_OF_SOUND_M_S);
         let error_s = (phase_s(far_m) - phase_s(near_m) - expected_s) % 1e-3;
-        let error_s = if error_s > 5e-4 { error_s - 1e-3 } else if error_s < -5e-4 { error_s + 1e-3 } else { error_s };
+        let error_s = if error_s > 5e-4 {
+            error_s - 1e-3
+        } else if error_s < -5e-4 {
+            error_s + 1e-3
+        } else {
+            error_s
+        };
         assert!(error_s.abs() < 4e-6, "{near_m} to {far_m} m: {error_s} s off");
     }
     // The peak comes within a sample of d / c, corrected for the ear 100 degrees from the front.
@@ -165,7 +175,8 @@ fn far_air_dulls_the_sound() {
 #[test]
 fn a_full_turn_changes_nothing_audible() {
     let source = free_field().source(&point(2.0, 1.5, -3.0));
-    let response = |heading_rad| source.impulse_response(&Listener { heading_rad, ..listener(0.0, 0.0, 0.0) });
+    let response =
+        |heading_rad| source.impulse_response(&Listener { heading_rad, ..listener(0.0, 0.0, 0.0) });
     let (start, end) = (response(0.3), response(0.3 + std::f32::consts::TAU));
     assert!(start.left.iter().zip(&end.left).all(|(a, b)| (a - b).abs() < 1e-4));
 }

@@ -23,7 +23,8 @@ fn onset(response: &ImpulseResponse) -> usize {
 /// Energy of both ears before sample `end`, relative to all, decibels.
 fn early_db(response: &ImpulseResponse, end: usize) -> f64 {
     let cut = |ear: &[f32]| ear[..end.min(ear.len())].to_vec();
-    energy_db(&ImpulseResponse { left: cut(&response.left), right: cut(&response.right) }) - energy_db(response)
+    energy_db(&ImpulseResponse { left: cut(&response.left), right: cut(&response.right) })
+        - energy_db(response)
 }
 
 /// Shortest way through the door, around its two jamb corners at z = 1.9, at one height.
@@ -34,7 +35,13 @@ fn around_the_jamb_m(source: &Point3<f32>, listener: &Point3<f32>) -> f32 {
     // Where the line from a corner passes the other one freely, only one corner bends the way.
     let slope_in = (1.9 - source.z) / (4.0 - source.x);
     let slope_out = (listener.z - 1.9) / (listener.x - 4.2);
-    if slope_in >= 0.0 { direct(&near) } else if slope_out <= 0.0 { direct(&far) } else { both }
+    if slope_in >= 0.0 {
+        direct(&near)
+    } else if slope_out <= 0.0 {
+        direct(&far)
+    } else {
+        both
+    }
 }
 
 #[test]
@@ -44,7 +51,8 @@ fn the_way_through_a_door_is_the_taut_string() {
     let source = house.source(&from);
     for (x, z) in [(5.0, 3.0), (6.0, 3.5), (7.5, 2.2), (4.6, 3.7), (5.2, 2.4)] {
         let to = point(x, 1.0, z);
-        let (expected, found) = (around_the_jamb_m(&from, &to), source.distance_m(&to).expect("through the door"));
+        let (expected, found) =
+            (around_the_jamb_m(&from, &to), source.distance_m(&to).expect("through the door"));
         assert!((-0.005..0.04).contains(&(found - expected)), "({x}, {z}): {found} m, not {expected} m");
     }
 }
@@ -74,7 +82,13 @@ fn door_is_ahead(source: &Source, place: &Listener) -> bool {
         (-offset.x).atan2(-offset.z).to_degrees()
     };
     let (one, other) = (azimuth_deg(1.0), azimuth_deg(1.9));
-    let side = |heading_deg: f32| lag_us(&source.impulse_response(&listener(place.position.x, place.position.z, heading_deg)), 100.0, 1500.0);
+    let side = |heading_deg: f32| {
+        lag_us(
+            &source.impulse_response(&listener(place.position.x, place.position.z, heading_deg)),
+            100.0,
+            1500.0,
+        )
+    };
     // Heading is positive to the left; a source to the right makes the left ear lag.
     side(one.min(other) - 5.0) < 0.0 && side(one.max(other) + 5.0) > 0.0
 }
@@ -84,14 +98,14 @@ fn walls_block_and_shadows_are_dull() {
     let house = two_rooms(true);
     let source = house.source(&point(3.6, 1.0, 3.4));
     let (this_side, other_side) = (listener(3.6, 2.4, 0.0), listener(4.6, 3.4, 0.0));
-    let step = energy_db(&source.impulse_response(&this_side)) - energy_db(&source.impulse_response(&other_side));
+    let step =
+        energy_db(&source.impulse_response(&this_side)) - energy_db(&source.impulse_response(&other_side));
     assert!(step >= 10.0, "only {step} dB across the wall");
     // The deeper the shadow the more the highs lose against the lows.
     let tilt = |x, z| {
         let response = source.impulse_response(&listener(x, z, 90.0));
         level_db(&response.left, 125.0) - level_db(&response.left, 2000.0)
     };
-    println!("{} {} {}", tilt(4.6, 3.4), tilt(6.0, 1.2), tilt(7.0, 0.4));
     assert!(tilt(4.6, 3.4) > tilt(6.0, 1.2) && tilt(6.0, 1.2) > tilt(7.0, 0.4) - 1.0);
 }
 
@@ -100,14 +114,20 @@ fn walking_past_a_doorway_changes_level_and_bearing_smoothly() {
     let house = two_rooms(true);
     for from in [source_beside_the_door(), point(1.0, 1.2, 1.3), point(3.0, 0.6, 0.5)] {
         let source = house.source(&from);
-        for walk in [along((5.0, 0.3), (5.0, 3.7)), along((7.5, 3.0), (3.0, 1.2)), along((4.6, 3.8), (4.6, 0.2))] {
-            let responses: Vec<_> = walk.iter().map(|(x, z)| source.impulse_response(&listener(*x, *z, 40.0))).collect();
+        for walk in
+            [along((5.0, 0.3), (5.0, 3.7)), along((7.5, 3.0), (3.0, 1.2)), along((4.6, 3.8), (4.6, 0.2))]
+        {
+            let responses: Vec<_> =
+                walk.iter().map(|(x, z)| source.impulse_response(&listener(*x, *z, 40.0))).collect();
             for (pair, place) in responses.windows(2).zip(&walk) {
                 let step_db = (energy_db(&pair[1]) - energy_db(&pair[0])).abs();
                 assert!(step_db <= 3.0, "{step_db} dB within 5 cm at {place:?} from {from}");
                 let turn_us = (lag_us(&pair[1], 100.0, 1000.0) - lag_us(&pair[0], 100.0, 1000.0)).abs();
                 // Beside the jamb itself a small step is a large angle.
-                assert!(turn_us <= 120.0 || (place.0 - 4.1).abs() < 0.5, "{turn_us} us within 5 cm at {place:?} from {from}");
+                assert!(
+                    turn_us <= 120.0 || (place.0 - 4.1).abs() < 0.5,
+                    "{turn_us} us within 5 cm at {place:?} from {from}"
+                );
             }
         }
     }
@@ -140,7 +160,8 @@ fn furniture_does_not_silence_what_stands_in_it() {
     let open = building(&table(0.01)).source(&point(0.0, 0.4, 0.0));
     let shut_in = building(&table(0.8)).source(&point(0.0, 0.4, 0.0));
     for place in [listener(2.0, 0.0, 0.0), listener(-1.5, 2.0, 100.0)] {
-        let loss_db = energy_db(&open.impulse_response(&place)) - energy_db(&shut_in.impulse_response(&place));
+        let loss_db =
+            energy_db(&open.impulse_response(&place)) - energy_db(&shut_in.impulse_response(&place));
         assert!(loss_db.abs() < 16.0, "{loss_db} dB lost inside a box");
     }
 }
@@ -163,7 +184,10 @@ fn odd_places_are_heard_as_finite_numbers() {
         for position in places {
             for heading_rad in [0.0, 1e6, f32::NAN] {
                 let response = source.impulse_response(&Listener { position, heading_rad });
-                assert!(response.left.iter().chain(&response.right).all(|tap| tap.is_finite()), "{from} {position}");
+                assert!(
+                    response.left.iter().chain(&response.right).all(|tap| tap.is_finite()),
+                    "{from} {position}"
+                );
             }
         }
     }

@@ -25,7 +25,8 @@ pub(super) fn close_cells_near(grid: &Grid, corners: &[Point3<f32>; 3], open: &m
 pub(super) fn block_steps_through(grid: &Grid, corners: &[Point3<f32>; 3], free_steps: &mut [[bool; 3]]) {
     for axis in 0..3 {
         let across = [(axis + 1) % 3, (axis + 2) % 3];
-        let (Some(us), Some(vs)) = (span(grid, corners, across[0], 1e-4), span(grid, corners, across[1], 1e-4))
+        let (Some(us), Some(vs)) =
+            (span(grid, corners, across[0], 1e-4), span(grid, corners, across[1], 1e-4))
         else {
             continue;
         };
@@ -71,12 +72,17 @@ fn weights_at_origin(corners: &[[f32; 2]; 3]) -> Option<[f32; 3]> {
 }
 
 /// The indices along `axis` whose centres lie within `margin_m` of the triangle's extent.
-fn span(grid: &Grid, corners: &[Point3<f32>; 3], axis: usize, margin_m: f32) -> Option<RangeInclusive<usize>> {
+fn span(
+    grid: &Grid,
+    corners: &[Point3<f32>; 3],
+    axis: usize,
+    margin_m: f32,
+) -> Option<RangeInclusive<usize>> {
     let [a, b, c] = corners.map(|corner| corner[axis]);
     let position = |at: f32| (at - grid.first_center[axis]) / grid.cell_m;
     let low = position(a.min(b).min(c) - margin_m).ceil().max(0.0);
     let high = position(a.max(b).max(c) + margin_m).floor().min(grid.size[axis] as f32 - 1.0);
-    (low <= high).then(|| low as usize..=high as usize)
+    (low <= high).then_some(low as usize..=high as usize)
 }
 
 /// Squared distance from `point` to the triangle (Ericson, "Real-Time Collision Detection", 5.1.5).
@@ -85,7 +91,8 @@ fn distance_squared(point: &Point3<f32>, corners: &[Point3<f32>; 3]) -> f32 {
     let (ab, ac) = (b - a, c - a);
     let normal = ab.cross(&ac);
     let area = normal.norm_squared();
-    let inside = |from: &Point3<f32>, to: &Point3<f32>| (to - from).cross(&(point - from)).dot(&normal) >= 0.0;
+    let inside =
+        |from: &Point3<f32>, to: &Point3<f32>| (to - from).cross(&(point - from)).dot(&normal) >= 0.0;
     if area > 0.0 && inside(a, b) && inside(b, c) && inside(c, a) {
         let height = (point - a).dot(&normal);
         return height * height / area;

@@ -1,8 +1,9 @@
 //! What all clips have in common: balance of the spectrum, peaks, level.
 
 use crate::SAMPLE_RATE_HZ;
-use realfft::RealFftPlanner;
 use realfft::num_complex::Complex32;
+use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+use std::sync::Arc;
 
 /// Root mean square of every clip.
 const LEVEL: f32 = 0.05;
@@ -20,27 +21,38 @@ const LEAST_SHARE: f32 = 0.3;
 /// Lowest frequency of a clip, hertz.
 const CUT_HZ: f32 = 80.0;
 
-/// Balances, limits and levels a loop in place.
-pub(super) fn finish(sound: &mut [f32]) {
-    const ROUNDS: usize = 4;
-    balance(sound);
-    set_level(sound);
-    for _ in 0..ROUNDS {
-        limit(sound);
-        set_level(sound);
-    }
+/// Brings raw loops into their common form; all of one length.
+pub(super) struct Finish {
+    forward: Arc<dyn RealToComplex<f32>>,
+    inverse: Arc<dyn ComplexToReal<f32>>,
 }
 
-/// Weighs the low and the high part of the spectrum so that neither is missing.
-fn balance(sound: &mut [f32]) {
-    let mut planner = RealFftPlanner::<f32>::new();
-    let (forward, inverse) = (planner.plan_fft_forward(sound.len()), planner.plan_fft_inverse(sound.len()));
-    let mut spectrum = forward.make_output_vec();
-    let done = forward.process(sound, &mut spectrum);
-    let bin_hz = SAMPLE_RATE_HZ as f32 / sound.len() as f32;
-    weigh(&mut spectrum, bin_hz);
-    let done = done.and_then(|()| inverse.process(&mut spectrum, sound));
-    debug_assert!(done.is_ok());
+impl Finish {
+    /// For loops of `length` samples.
+    pub(super) fn new(length: usize) -> Self {
+        let mut planner = RealFftPlanner::<f32>::new();
+        Self { forward: planner.plan_fft_forward(length), inverse: planner.plan_fft_inverse(length) }
+    }
+
+    /// Balances, limits and levels a loop in place.
+    pub(super) fn apply(&self, sound: &mut [f32]) {
+        const ROUNDS: usize = 4;
+        self.balance(sound);
+        set_level(sound);
+        for _ in 0..ROUNDS {
+            limit(sound);
+            set_level(sound);
+        }
+    }
+
+    /// Weighs the low and the high part of the spectrum so that neither is missing.
+    fn balance(&self, sound: &mut [f32]) {
+        let mut spectrum = self.forward.make_output_vec();
+        let done = self.forward.process(sound, &mut spectrum);
+        weigh(&mut spectrum, SAMPLE_RATE_HZ as f32 / sound.len() as f32);
+        let done = done.and_then(|()| self.inverse.process(&mut spectrum, sound));
+        debug_assert!(done.is_ok());
+    }
 }
 
 fn weigh(spectrum: &mut [Complex32], bin_hz: f32) {
@@ -67,9 +79,8 @@ fn weigh(spectrum: &mut [Complex32], bin_hz: f32) {
 /// The gains of the low, middle and high part, joined over a fifth of an octave around their borders.
 fn gain_at(frequency_hz: f32, gains: &[f32; 3]) -> f32 {
     const HALF_WIDTH: f32 = 0.07;
-    let passed = |border_hz: f32| {
-        ((frequency_hz / border_hz - 1.0) / (2.0 * HALF_WIDTH) + 0.5).clamp(0.0, 1.0)
-    };
+    let passed =
+        |border_hz: f32| ((frequency_hz / border_hz - 1.0) / (2.0 * HALF_WIDTH) + 0.5).clamp(0.0, 1.0);
     let lower = gains[0] + (gains[1] - gains[0]) * passed(LOW_END_HZ);
     lower + (gains[2] - lower) * passed(HIGH_START_HZ)
 }

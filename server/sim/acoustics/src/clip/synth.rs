@@ -34,9 +34,13 @@ pub(super) fn samples(seconds: f32) -> usize {
 
 /// Adds `event` times `gain` to the loop from sample `start` on, around the end.
 pub(super) fn add(target: &mut [f32], event: &[f32], start: usize, gain: f32) {
-    let length = target.len();
-    for (offset, sample) in event.iter().enumerate() {
-        target[(start + offset) % length] += gain * sample;
+    let mut place = start % target.len();
+    for part in event.chunks(target.len()) {
+        let (before_end, after_end) = part.split_at(part.len().min(target.len() - place));
+        for (from, samples) in [(place, before_end), (0, after_end)] {
+            target[from..].iter_mut().zip(samples).for_each(|(sum, sample)| *sum += gain * sample);
+        }
+        place = (place + part.len()) % target.len();
     }
 }
 

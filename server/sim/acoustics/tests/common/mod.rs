@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 /// Acoustics of solid boxes, each given by two opposite corners.
-pub fn building(boxes: &[[[f32; 3]; 2]]) -> Acoustics {
+pub(crate) fn building(boxes: &[[[f32; 3]; 2]]) -> Acoustics {
     let mut mesh = Mesh::default();
     for [low, high] in boxes {
         add_box(&mut mesh, &Aabb::new((*low).into(), (*high).into()));
@@ -45,13 +45,13 @@ fn add_box(mesh: &mut Mesh, bounds: &Aabb) {
 }
 
 /// Nothing but air.
-pub fn free_field() -> Acoustics {
+pub(crate) fn free_field() -> Acoustics {
     building(&[])
 }
 
 /// Two rooms of 4 x 4 x 2.6 m along x, divided at x = 4.0 to 4.2 by a wall whose door is at z = 1.0 to 1.9, as high
 /// as the rooms where `door` is set, else closed.
-pub fn two_rooms(door: bool) -> Acoustics {
+pub(crate) fn two_rooms(door: bool) -> Acoustics {
     let mut boxes = vec![
         [[-0.2, -0.2, -0.2], [8.4, 0.0, 4.2]],
         [[-0.2, 2.6, -0.2], [8.4, 2.8, 4.2]],
@@ -68,17 +68,17 @@ pub fn two_rooms(door: bool) -> Acoustics {
     building(&boxes)
 }
 
-pub fn point(x: f32, y: f32, z: f32) -> Point3<f32> {
+pub(crate) fn point(x: f32, y: f32, z: f32) -> Point3<f32> {
     Point3::new(x, y, z)
 }
 
 /// A listener at the origin's height of 1 m.
-pub fn listener(x: f32, z: f32, heading_deg: f32) -> Listener {
+pub(crate) fn listener(x: f32, z: f32, heading_deg: f32) -> Listener {
     Listener { position: point(x, 1.0, z), heading_rad: heading_deg.to_radians() }
 }
 
 /// Real and imaginary part of the response at one frequency.
-pub fn bin(ear: &[f32], frequency_hz: f64) -> (f64, f64) {
+pub(crate) fn bin(ear: &[f32], frequency_hz: f64) -> (f64, f64) {
     let turn = TAU * frequency_hz / f64::from(SAMPLE_RATE_HZ);
     ear.iter().enumerate().fold((0.0, 0.0), |(re, im), (n, tap)| {
         let phase = turn * n as f64;
@@ -87,20 +87,20 @@ pub fn bin(ear: &[f32], frequency_hz: f64) -> (f64, f64) {
 }
 
 /// Level at one frequency, decibels.
-pub fn level_db(ear: &[f32], frequency_hz: f64) -> f64 {
+pub(crate) fn level_db(ear: &[f32], frequency_hz: f64) -> f64 {
     let (re, im) = bin(ear, frequency_hz);
     10.0 * (re * re + im * im).log10()
 }
 
 /// Energy of both ears, decibels.
-pub fn energy_db(response: &ImpulseResponse) -> f64 {
+pub(crate) fn energy_db(response: &ImpulseResponse) -> f64 {
     let energy = |ear: &[f32]| ear.iter().map(|tap| f64::from(tap * tap)).sum::<f64>();
     10.0 * (energy(&response.left) + energy(&response.right)).log10()
 }
 
 /// The lag of the left ear behind the right one, microseconds: peak of their cross-correlation from `low_hz` to
 /// `high_hz`, searched over 1 ms either way.
-pub fn lag_us(response: &ImpulseResponse, low_hz: f64, high_hz: f64) -> f64 {
+pub(crate) fn lag_us(response: &ImpulseResponse, low_hz: f64, high_hz: f64) -> f64 {
     let steps = 40;
     let products: Vec<_> = (0..=steps)
         .map(|i| low_hz + (high_hz - low_hz) * f64::from(i) / f64::from(steps))
@@ -114,12 +114,17 @@ pub fn lag_us(response: &ImpulseResponse, low_hz: f64, high_hz: f64) -> f64 {
         };
         products.iter().map(turned).sum()
     };
-    let lags = (-1000..=1000).map(f64::from);
-    lags.max_by(|a, b| similarity(*a).total_cmp(&similarity(*b))).unwrap_or(f64::NAN)
+    let best_of = |middle_us: f64, reach: i32, step_us: f64| {
+        let lags = (-reach..=reach)
+            .map(|step| middle_us + f64::from(step) * step_us)
+            .map(|lag| (similarity(lag), lag));
+        lags.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(f64::NAN, |(_, lag)| lag)
+    };
+    best_of(best_of(0.0, 100, 10.0), 10, 1.0)
 }
 
 /// A clip of white noise of the given length, samples.
-pub fn noise(seed: u64, length: usize) -> Clip {
+pub(crate) fn noise(seed: u64, length: usize) -> Clip {
     let mut rng = Rng::new(seed);
     Clip { name: "noise".into(), samples: (0..length).map(|_| rng.range(-1.0, 1.0)).collect() }
 }
