@@ -26,11 +26,12 @@ pub(crate) struct Desk {
 }
 
 impl Desk {
-    async fn ask(&self, order: Order) -> Result<Answer, Failure> {
+    async fn ask(&self, door: &Door, order: Order) -> Result<Answer, Failure> {
         self.last_call.send_replace(Instant::now());
         let answer = self.session.ask(SLOT, order).await;
         self.last_call.send_replace(Instant::now());
-        answer
+        // What fails while the server stops fails because it stops.
+        answer.map_err(|failure| door.gate.check_open().err().map_or(failure, Failure::from))
     }
 
     /// The sensors of a run are those of its first Hello.
@@ -100,7 +101,7 @@ pub(crate) async fn reset(
     };
     desk.check_sensors(&terms.sensors)?;
     let welcome = Some(desk.welcome.clone());
-    let outcome = match desk.ask(Order::Ready).await? {
+    let outcome = match desk.ask(door, Order::Ready).await? {
         Answer::Start(start) => Outcome::EpisodeStart(*start),
         _ => Outcome::RunEnd(leave(door, &open.run).await?),
     };
@@ -115,7 +116,7 @@ pub(crate) async fn step(
 ) -> Result<v1::StepResponse, Failure> {
     let act = request.act.ok_or_else(|| Failure::new(Reason::BadRequest, "Step needs an Act"))?;
     only_slot(act.slot)?;
-    match found(door, token).await?.ask(Order::Act(act)).await? {
+    match found(door, token).await?.ask(door, Order::Act(act)).await? {
         Answer::Step(response) => Ok(*response),
         other => Err(out_of_turn(&other)),
     }
@@ -130,7 +131,7 @@ pub(crate) async fn end(
     let frame = match request.frame {
         Some(end_request::Frame::Abandon(abandon)) => {
             only_slot(abandon.slot)?;
-            match found(door, token).await?.ask(Order::Abandon(abandon)).await? {
+            match found(door, token).await?.ask(door, Order::Abandon(abandon)).await? {
                 Answer::Ended(end) => end_response::Frame::EpisodeEnd(*end),
                 other => return Err(out_of_turn(&other)),
             }
@@ -179,6 +180,7 @@ async fn found(door: &Door, token: &str) -> Result<Arc<Desk>, Failure> {
     if let Some(desk) = door.gate.desk(token) {
         return Ok(desk);
     }
+    door.gate.check_open()?;
     let run = door.open_run(token).await?.run;
     let message = format!("run {run} has no open episode here; begin one with Reset");
     Err(Failure::new(Reason::EpisodeUnknown, message))

@@ -1,6 +1,6 @@
 //! The unary mirror: the same session, one call at a time.
 
-use crate::common::{Agent, House, Plan, Quirk, RUN_TOKEN, authorised, hello, play_client, reason};
+use crate::common::{Agent, House, Plan, Quirk, RUN_TOKEN, authorised, hello, play_client, reason, soon};
 use avln_episode::EndReason;
 use avln_grpc::Limits;
 use avln_proto::v1::{self, end_request, end_response, reset_response::Outcome};
@@ -108,18 +108,35 @@ async fn a_caller_that_falls_silent_is_put_away() {
 }
 
 #[tokio::test]
-async fn ends_that_the_caller_could_not_see_are_told_at_the_next_step() {
+async fn time_that_ran_out_between_calls_is_told_at_the_next_step() {
     let limits = Limits { step_time: Duration::from_millis(30), ..Limits::default() };
-    let house = House::with_limits(Plan::odd(vec![Quirk::None, Quirk::Fragile]), limits).await;
+    let house = House::with_limits(Plan::plain(1), limits).await;
     let slow = start(&house).await.episode;
     assert_eq!(house.host.ends(1).await, [Some(EndReason::TimeBudget)]);
     let told = step(&house, &slow, 1, FORWARD).await.unwrap();
     assert_eq!(told.observation, None);
     assert_eq!(told.episode_end.unwrap().reason(), v1::EndReason::TimeBudget);
+}
 
+#[tokio::test]
+async fn a_panic_in_the_simulator_ends_the_episode_and_not_the_run() {
+    let house = House::open(Plan::odd(vec![Quirk::Stillborn, Quirk::Fragile, Quirk::None])).await;
+    assert_eq!(reason(&reset_with(&house, hello(1)).await.unwrap_err()), "SIM_FAULT");
     let fragile = start(&house).await.episode;
     let told = step(&house, &fragile, 1, SUBMIT).await.unwrap();
     assert_eq!(told.episode_end.unwrap().reason(), v1::EndReason::ServerFault);
+    assert_eq!(house.host.ends(2).await, [Some(EndReason::ServerFault); 2]);
+    start(&house).await;
+}
+
+#[tokio::test]
+async fn stopping_the_server_puts_unary_episodes_away() {
+    let house = House::open(Plan::plain(1)).await;
+    start(&house).await;
+    let host = house.host.clone();
+    let closed = house.close();
+    assert_eq!(host.ends(1).await, [Some(EndReason::ServerFault)]);
+    soon(closed).await.unwrap();
 }
 
 #[tokio::test]
