@@ -61,3 +61,5 @@ pub use limits::Limits;
 pub use refusal::Refusal;
 pub use seat::{EpisodeRunner, Seat};
 pub use serve::{ServeError, serve};
+/// Goes above every implementation of [`Host`].
+pub use tonic::async_trait;

@@ -143,7 +143,7 @@ fn own(run: &str) -> Result<(), Refusal> {
     }
 }
 
-#[tonic::async_trait]
+#[avln_grpc::async_trait]
 impl Host for ToyHost {
     fn info(&self) -> ServerInfo {
         let range = ClientRange {
