@@ -24,16 +24,16 @@
 //! What agents must not see cannot even be named here:
 //!
 //! ```
-//! use avln_episode::Observation; // what agents may know can
+//! use avln_episode as shown; // what agents may know can
 //! ```
 //! ```compile_fail,E0432
-//! use avln_truth::EpisodeTruth;
+//! use avln_truth as hidden;
 //! ```
 //! ```compile_fail,E0432
-//! use avln_world::World;
+//! use avln_world as hidden;
 //! ```
 //! ```compile_fail,E0432
-//! use avln_store::Store;
+//! use avln_store as hidden;
 //! ```
 
 mod auth;
