@@ -1,5 +1,5 @@
 use avln_geom::{Point3, Pose, Vector3, angle};
-use avln_scene::InstanceId;
+use avln_scene::{InstanceId, Scene};
 
 /// A pinhole that looks horizontally; pixels are square and looked at through their centres.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,6 +73,14 @@ impl Lens {
         let x = self.right.x * offset.x + self.right.z * offset.z;
         let z = self.forward.x * offset.x + self.forward.z * offset.z;
         Vector3::new(x * self.focal_px, -offset.y * self.focal_px, z)
+    }
+
+    /// The corners of a triangle in the camera frame.
+    #[inline]
+    pub(crate) fn corners(&self, scene: &Scene, triangle: u32) -> [Vector3<f32>; 3] {
+        let place = |corner: u32| self.camera_from_world(&scene.mesh.positions[corner as usize]);
+        let [a, b, c] = scene.mesh.triangles[triangle as usize];
+        [place(a), place(b), place(c)]
     }
 
     /// The pinhole, world frame.

@@ -49,10 +49,7 @@ impl Visitor for Raster<'_> {
     }
 
     fn triangle(&mut self, index: u32) {
-        let mesh = &self.scene.mesh;
-        let place = |corner: u32| self.lens.camera_from_world(&mesh.positions[corner as usize]);
-        let [a, b, c] = mesh.triangles[index as usize];
-        let corners = [place(a), place(b), place(c)];
+        let corners = self.lens.corners(self.scene, index);
         let (nearest_m, farthest_m) = depth_range(&corners);
         if farthest_m < NEAR_M {
             return;

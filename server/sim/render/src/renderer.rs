@@ -79,7 +79,7 @@ impl Renderer {
     }
 
     fn surface(&self, lens: &Lens, triangle: u32) -> Option<Surface<'_>> {
-        let corners = self.scene.corners(triangle as usize).map(|corner| lens.camera_from_world(&corner));
+        let corners = lens.corners(&self.scene, triangle);
         let outline = Outline::new(&corners)?;
         Some(self.shader.surface(&self.scene, lens, triangle, &corners, &outline))
     }

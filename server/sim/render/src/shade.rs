@@ -1,5 +1,5 @@
 use crate::camera::Lens;
-use crate::texture::Pyramid;
+use crate::texture::{Pyramid, rounded};
 use crate::triangle::{Outline, Plane};
 use avln_geom::Vector3;
 use avln_scene::Scene;
@@ -143,7 +143,9 @@ impl Surface<'_> {
     #[inline]
     pub(crate) fn color(&self, x: f32, y: f32, depth_m: f32) -> [u8; 3] {
         let texel = self.texel(x, y, depth_m);
-        let shade = |factor: f32, channel: usize| (f32::from(texel[channel]) * factor + 0.5) as u8;
+        let shade = |factor: f32, channel: usize| {
+            rounded((f32::from(texel[channel]) * factor).clamp(0.0, 255.0)) as u8
+        };
         match &self.tint {
             Tint::Even(tint) => [0, 1, 2].map(|channel| shade(tint[channel], channel)),
             Tint::Varying(tint) => [0, 1, 2].map(|channel| shade(tint[channel].at(x, y, depth_m), channel)),

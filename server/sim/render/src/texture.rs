@@ -6,6 +6,9 @@ pub(crate) struct Pyramid {
     levels: Vec<Level>,
 }
 
+/// Texels in a row or column, at most: more would not fit the arithmetic of [`neighbours`].
+const LARGEST: usize = 16_384;
+
 struct Level {
     width: usize,
     height: usize,
@@ -14,11 +17,16 @@ struct Level {
 }
 
 impl Pyramid {
-    /// `None` for a picture without texels or with another number of bytes than its size asks for.
+    /// `None` for a picture without texels, of more than 16,384 in a row or column, or with another number of bytes
+    /// than its size asks for.
     pub(crate) fn new(texture: &Texture) -> Option<Self> {
         let (width, height) = (texture.width as usize, texture.height as usize);
         let (texels, rest) = texture.pixels.as_chunks::<4>();
-        if texels.is_empty() || !rest.is_empty() || width.checked_mul(height) != Some(texels.len()) {
+        if width.max(height) > LARGEST
+            || texels.is_empty()
+            || !rest.is_empty()
+            || width.checked_mul(height) != Some(texels.len())
+        {
             return None;
         }
         let mut levels = vec![Level { width, height, texels: texels.to_vec() }];
@@ -88,13 +96,31 @@ impl Level {
 /// The two texels of `count` around a repeating coordinate, and the weight of the second, 0 to 256.
 #[inline]
 fn neighbours(coordinate: f32, count: usize) -> (usize, usize, u32) {
-    let whole = (coordinate as i32).saturating_sub(i32::from(coordinate < 0.0));
-    let within = (coordinate - whole as f32).clamp(0.0, 1.0);
+    let within = fraction(coordinate);
     // Texel centres lie half a texel, 128 of 256 steps, after their beginnings.
-    let steps = (within * (count as f32 * 256.0)) as usize + 128;
-    let (second, weight) = (steps >> 8, (steps & 255) as u32);
+    let steps = rounded(within * (count as f32 * 256.0)) + 128;
+    let (second, weight) = ((steps >> 8) as usize, steps & 255);
     let second = if second < count { second } else { 0 };
     (if second == 0 { count - 1 } else { second - 1 }, second, weight)
+}
+
+/// The distance from the whole number below, 0 to 1; 0 for what is not a number.
+#[inline]
+fn fraction(value: f32) -> f32 {
+    /// Numbers of this size have no binary places left, so that adding it rounds.
+    const ROUNDER: f32 = 12_582_912.0;
+    let nearest = (value + ROUNDER) - ROUNDER;
+    let floor = if nearest > value { nearest - 1.0 } else { nearest };
+    let within = value - floor;
+    if within > 0.0 { within.min(1.0) } else { 0.0 }
+}
+
+/// The nearest whole number to `value`, which must lie between 0 and 2^23. A cast would check for more.
+#[inline]
+pub(crate) fn rounded(value: f32) -> u32 {
+    /// From 2^23 on floats are whole, with the number's bits at the end.
+    const WHOLE: f32 = 8_388_608.0;
+    (value + WHOLE).to_bits() & 0x007f_ffff
 }
 
 /// The mean colour of four texels, of which clear ones count less, and their mean alpha.
@@ -148,6 +174,18 @@ mod tests {
     }
 
     #[test]
+    fn fractions_and_rounding_are_exact() {
+        for (value, expected) in
+            [(0.25, 0.25), (-0.25, 0.75), (7.5, 0.5), (-3.0, 0.0), (8.0, 0.0), (-2.5, 0.5)]
+        {
+            assert_eq!(fraction(value), expected, "{value}");
+        }
+        for (value, expected) in [(0.0, 0), (0.4, 0), (0.6, 1), (254.7, 255), (4_194_304.0, 4_194_304)] {
+            assert_eq!(rounded(value), expected, "{value}");
+        }
+    }
+
+    #[test]
     fn clear_texels_do_not_darken_smaller_versions() {
         let mixed = mean_of([[0, 0, 0, 0], [200, 100, 50, 255], [0, 0, 0, 0], [200, 100, 50, 255]]);
         assert_eq!(mixed, [200, 100, 50, 128]);
@@ -162,6 +200,8 @@ mod tests {
         );
         assert!(Pyramid::new(&grey(2, 2, &[1, 2, 3])).is_none());
         assert!(Pyramid::new(&grey(0, 0, &[])).is_none());
-        pyramid.sample([f32::NAN, f32::INFINITY], f32::NAN);
+        for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, -1e-30, 1e7] {
+            pyramid.sample([odd, odd], odd);
+        }
     }
 }

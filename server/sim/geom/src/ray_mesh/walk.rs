@@ -143,10 +143,10 @@ fn push_sorted(stack: &mut Stack, bottom: usize, entry: (u32, f32)) {
 
 #[inline]
 fn closest(hits: &PacketHits, triangles: &[u32; WIDTH], best: &mut Hit) {
-    for lane in 0..WIDTH {
-        if hits.distance[lane] < best.distance {
-            let barycentric = [hits.u[lane], hits.v[lane]];
-            *best = Hit { triangle: triangles[lane], distance: hits.distance[lane], barycentric };
+    for (lane, &triangle) in triangles.iter().enumerate() {
+        let distance = hits.distance[lane];
+        if distance < best.distance {
+            *best = Hit { triangle, distance, barycentric: [hits.u[lane], hits.v[lane]] };
         }
     }
 }
