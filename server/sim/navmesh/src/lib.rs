@@ -18,6 +18,7 @@ mod locate;
 mod mesh;
 mod plane;
 mod polygons;
+mod regions;
 mod sight;
 mod surface;
 mod voxels;

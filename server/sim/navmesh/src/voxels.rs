@@ -1,23 +1,25 @@
 //! From triangles to walkable polygons: the one place that speaks with `rerecast`.
 
 use crate::plane::{CELL_M, LEVEL_M, Lattice};
+use crate::regions::divide;
 use crate::{Body, NavMeshError};
-use avln_geom::{Aabb, Point3};
+use avln_geom::Aabb;
 use avln_scene::Scene;
 use rerecast::{
     Aabb3d, AreaType, BuildContoursFlags, CompactHeightfield, HeightfieldBuilder, PolygonNavmesh, TriMesh,
 };
 use std::fmt::Display;
 
-/// Habitat's build settings, in cells: regions below 1 square metre go, small ones are merged, edges are cut at 12 m and
-/// follow the raster within 1.3 cells, polygons have at most six corners.
-const MIN_REGION_CELLS: u16 = 400;
-const MERGE_REGION_CELLS: u16 = 400;
+/// As Habitat builds: parts below 1 square metre go, walls are cut at 12 m, polygons have at most six corners. Unlike
+/// there, outlines follow the raster within less than one cell, so that no passage of a single row collapses.
+const MIN_PART_CELLS: u32 = 400;
 const MAX_EDGE_CELLS: u16 = 240;
-const MAX_EDGE_ERROR_CELLS: f32 = 1.3;
+const MAX_EDGE_ERRORS_CELLS: [f32; 3] = [0.99, 0.5, 0.0];
 const MAX_CORNERS: u16 = 6;
 
-const MARGIN_CELLS: f32 = 3.5;
+/// Free cells around the scene. Odd parts of a cell keep walls at round numbers off the cell borders, where rounding
+/// would file them under one cell or the next; a scene that defeats one lattice is tried on the next.
+const MARGINS_CELLS: [f32; 3] = [3.4373, 3.5721, 3.2917];
 const MAX_SIDE_CELLS: f32 = 60_000.0;
 const MAX_LEVELS: f32 = 60_000.0;
 const MAX_COLUMNS: f32 = 3.0e7;
@@ -58,18 +60,28 @@ impl Floors {
 /// Rasterises the scene, erodes what is walkable by the body and cuts it into convex polygons.
 pub(crate) fn voxelise(scene: &Scene, body: &Body) -> Result<Voxels, NavMeshError> {
     let bounds = check(scene)?;
-    let lattice = lattice_under(&bounds);
-    // The pipeline indexes by what it finds in the file's geometry: a fault in it must not take the server down.
-    let run = || pipeline(scene, body, &lattice, &bounds);
-    let (field, mesh) = std::panic::catch_unwind(std::panic::AssertUnwindSafe(run))
-        .unwrap_or_else(|_| Err(Failure { stage: "building polygons", reason: "it panicked".into() }))
-        .map_err(|failure| failure.of(scene))?;
-    let polygons = raw_polygons(&mesh);
-    if polygons.is_empty() {
+    let tries = MARGINS_CELLS.map(|margin| margin * CELL_M);
+    let first = on_lattice(scene, body, &bounds, tries[0]);
+    let built = tries[1..]
+        .iter()
+        .fold(first, |built, &margin_m| built.or_else(|_| on_lattice(scene, body, &bounds, margin_m)));
+    let voxels = built.map_err(|failure| failure.of(scene))?;
+    if voxels.polygons.is_empty() {
         let (radius_m, height_m) = (body.radius_m, body.height_m);
         return Err(NavMeshError::NoFloor { scene: scene.name.clone(), radius_m, height_m });
     }
-    Ok(Voxels { lattice, polygons, floors: floors(&field) })
+    Ok(voxels)
+}
+
+fn on_lattice(scene: &Scene, body: &Body, bounds: &Aabb, margin_m: f32) -> Result<Voxels, Failure> {
+    let around = bounds.grown(margin_m);
+    // The pipeline indexes by what it finds in the file's geometry: a fault in it must not take the server down.
+    let run = || pipeline(scene, body, &around);
+    let (field, mesh) = std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).unwrap_or_else(|_| {
+        Err(Failure { stage: "rasterising", reason: "the geometry defeats it".into() })
+    })?;
+    let lattice = Lattice { origin: around.min };
+    Ok(Voxels { lattice, polygons: raw_polygons(&mesh), floors: floors(&field) })
 }
 
 fn check(scene: &Scene) -> Result<Aabb, NavMeshError> {
@@ -101,14 +113,6 @@ fn check(scene: &Scene) -> Result<Aabb, NavMeshError> {
     })
 }
 
-/// A margin keeps every side at least a few cells long. Its half cells keep walls and floors at round numbers away from
-/// the cell borders, where rounding would file them under one cell or the next.
-fn lattice_under(bounds: &Aabb) -> Lattice {
-    let margin = MARGIN_CELLS * CELL_M;
-    let min = bounds.min;
-    Lattice { origin: Point3::new(min.x - margin, min.y - 0.5 * LEVEL_M, min.z - margin) }
-}
-
 struct Failure {
     stage: &'static str,
     reason: String,
@@ -131,31 +135,36 @@ pub(crate) fn climb_levels(body: &Body) -> u16 {
 
 type Built = (CompactHeightfield, PolygonNavmesh);
 
-fn pipeline(scene: &Scene, body: &Body, lattice: &Lattice, bounds: &Aabb) -> Result<Built, Failure> {
-    let levels = |metres: f32| metres / LEVEL_M;
-    let height = levels(body.height_m).ceil() as u16;
+fn pipeline(scene: &Scene, body: &Body, around: &Aabb) -> Result<Built, Failure> {
+    let height = (body.height_m / LEVEL_M).ceil() as u16;
     let climb = climb_levels(body);
-    let radius = (body.radius_m / CELL_M - 1e-3).ceil().max(0.0) as u16;
+    let radius = (body.radius_m / CELL_M - 1e-3).ceil() as u16;
 
-    let (min, max) = (lattice.origin, bounds.max.coords.add_scalar(MARGIN_CELLS * CELL_M));
-    let aabb = Aabb3d { min: [min.x, min.y, min.z].into(), max: [max.x, max.y, max.z].into() };
-    let builder = HeightfieldBuilder { aabb, cell_size: CELL_M, cell_height: LEVEL_M };
+    let [min, max] = [around.min, around.max].map(|corner| [corner.x, corner.y, corner.z].into());
+    let builder = HeightfieldBuilder { aabb: Aabb3d { min, max }, cell_size: CELL_M, cell_height: LEVEL_M };
     let mut field = builder.build().map_err(Failure::at("laying out the lattice"))?;
-    let triangles = triangles(scene, body);
-    field.rasterize_triangles(&triangles, climb).map_err(Failure::at("rasterising"))?;
+    field.rasterize_triangles(&triangles(scene, body), climb).map_err(Failure::at("rasterising"))?;
     field.filter_low_hanging_walkable_obstacles(climb);
     field.filter_ledge_spans(height, climb);
     field.filter_walkable_low_height_spans(height);
 
     let mut field = field.into_compact(height, climb).map_err(Failure::at("finding floors"))?;
-    field.erode_walkable_area(radius);
-    field.build_distance_field();
-    field
-        .build_regions(0, MIN_REGION_CELLS, MERGE_REGION_CELLS)
-        .map_err(Failure::at("dividing into regions"))?;
-    let contours = field.build_contours(MAX_EDGE_ERROR_CELLS, MAX_EDGE_CELLS, BuildContoursFlags::DEFAULT);
-    let mesh = contours.into_polygon_mesh(MAX_CORNERS).map_err(Failure::at("cutting polygons"))?;
+    // One cell at least: it leaves no crack between cells that touch without a way from one to the other.
+    field.erode_walkable_area(radius.max(1));
+    let too_many = |count| format!("{count} regions are more than 32767");
+    divide(&mut field, MIN_PART_CELLS).map_err(too_many).map_err(Failure::at("dividing into regions"))?;
+    let mesh = cut(&field)?;
     Ok((field, mesh))
+}
+
+/// Outlines that cross themselves cannot be cut: they are tried again, following the raster closer.
+fn cut(field: &CompactHeightfield) -> Result<PolygonNavmesh, Failure> {
+    let attempt = |max_error| {
+        let contours = field.build_contours(max_error, MAX_EDGE_CELLS, BuildContoursFlags::DEFAULT);
+        contours.into_polygon_mesh(MAX_CORNERS).map_err(Failure::at("cutting polygons"))
+    };
+    let [loosest, closer @ ..] = MAX_EDGE_ERRORS_CELLS;
+    closer.into_iter().fold(attempt(loosest), |cut, max_error| cut.or_else(|_| attempt(max_error)))
 }
 
 fn triangles(scene: &Scene, body: &Body) -> TriMesh {

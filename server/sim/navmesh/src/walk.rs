@@ -38,11 +38,15 @@ fn straight(polygons: &Polygons, at: &mut Eye, rest: &mut Offset) -> Option<u32>
         if let Some(neighbour) = polygons.neighbour(edge) {
             advance(polygons, at, rest, edge, share);
             at.polygon = neighbour;
-        } else if let Some(open) = way_around(polygons, at, rest, share) {
-            at.polygon = open;
-        } else {
+            continue;
+        }
+        let Some(around) = around_corner(polygons, at, rest, share) else {
             advance(polygons, at, rest, edge, share);
             return Some(edge);
+        };
+        at.polygon = around.polygon;
+        if around.wall.is_some() {
+            return around.wall;
         }
     }
     None
@@ -54,17 +58,33 @@ fn advance(polygons: &Polygons, at: &mut Eye, rest: &mut Offset, edge: u32, shar
     *rest *= 1.0 - share;
 }
 
-/// Standing on a corner, the polygon that the way `rest` leads into when the polygon of `at` has a wall there.
-fn way_around(polygons: &Polygons, at: &Eye, rest: &Offset, share: f64) -> Option<u32> {
+/// Where to go on from a corner.
+struct Around {
+    polygon: u32,
+    /// The wall to go along; `None` where the way is open.
+    wall: Option<u32>,
+}
+
+/// Standing on a corner before a wall: of all polygons there the one that the way `rest` leads into, or else the one
+/// whose wall takes least of it. `None` when the wall is farther than that.
+fn around_corner(polygons: &Polygons, at: &Eye, rest: &Offset, share: f64) -> Option<Around> {
     let is_stuck = |share: f64| share * rest.norm() < STUCK_CELLS;
     if !is_stuck(share) {
         return None;
     }
-    let mut others = polygons_around(polygons, at).into_iter().skip(1);
-    others.find(|&polygon| {
+    let mut best: Option<(f64, Around)> = None;
+    for polygon in polygons_around(polygons, at) {
         let there = Eye { spot: at.spot, polygon };
-        exit(polygons, &there, rest).is_none_or(|(_, share)| !is_stuck(share))
-    })
+        let Some((wall, _)) = exit(polygons, &there, rest).filter(|exit| is_stuck(exit.1)) else {
+            return Some(Around { polygon, wall: None });
+        };
+        let along = (polygons.to(wall) - polygons.from(wall)).normalize();
+        let kept = along.dot(rest).abs();
+        if polygons.twin(wall).is_none() && best.as_ref().is_none_or(|(most, _)| kept > *most) {
+            best = Some((kept, Around { polygon, wall: Some(wall) }));
+        }
+    }
+    best.map(|(_, around)| around)
 }
 
 /// The edge through which the way `rest` leaves the polygon of `at`, and the share of `rest` walked until there.

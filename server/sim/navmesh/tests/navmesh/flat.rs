@@ -23,6 +23,19 @@ fn the_area_is_the_floor_without_a_rim_of_the_bodys_radius() {
 }
 
 #[test]
+fn furniture_in_the_middle_of_a_room_is_left_out() {
+    let mesh = hall().block([3.0, 0.0, 2.0], [5.0, 1.0, 4.0]).block([7.0, 0.0, 3.0], [8.0, 3.0, 4.0]).build();
+    // The hall less its rim, 9.8 x 5.8 m, less two blocks with theirs, 2.2 x 2.2 m and 1.2 x 1.2 m.
+    let area_m2 = mesh.island_area_m2(mesh.largest_island());
+    assert!((area_m2 - (56.84 - 4.84 - 1.44)).abs() < 1.5, "{area_m2}");
+    assert_eq!(mesh.snap(&Point3::new(7.5, 0.0, 3.5), 0.5), None);
+    let (left, right) = (at(&mesh, 2.5, 3.0), at(&mesh, 5.5, 3.0));
+    // Around two corners of the first block, (3, 2) and (5, 2), 0.1 m off: 2 * sqrt(0.4^2 + 1.1^2) + 2.2 = 4.541.
+    let distance = mesh.distance_m(&left, &right).unwrap();
+    assert!((distance - 4.541).abs() < 2.0 * CELL_M, "{distance}");
+}
+
+#[test]
 fn distances_around_a_wall_are_those_worked_by_hand() {
     let mesh = two_rooms();
     // Straight through the doorway.

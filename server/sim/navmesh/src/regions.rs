@@ -1,0 +1,141 @@
+//! Divides floors into regions without holes: what the outlines of `rerecast` can be cut from.
+//!
+//! Sweep over rows of cells: a run of connected cells goes on with the region of the row before it where the two touch
+//! each other and nothing else; otherwise it opens a region. So a region has one run a row, and its borders with other
+//! regions are straight.
+
+use rerecast::{CompactHeightfield, RegionId};
+
+/// Regions are numbered from 1 to this; the upper half of the numbers has another meaning to `rerecast`.
+const MAX_REGIONS: usize = 0x7fff;
+/// The neighbours of a cell as `rerecast` numbers its directions: towards lower x, and towards lower z.
+const LOWER_X: u8 = 0;
+const LOWER_Z: u8 = 3;
+const NONE: u32 = u32::MAX;
+
+/// Gives every walkable floor cell its region; those of connected parts below `min_cells` get none.
+///
+/// # Errors
+/// The number of regions, when there are more than 32,767.
+pub(crate) fn divide(field: &mut CompactHeightfield, min_cells: u32) -> Result<(), usize> {
+    let links = Links::new(field);
+    let large = in_large_parts(&links, min_cells);
+    let (region_of, count) = sweep(field, &links, &large);
+    if count > MAX_REGIONS {
+        return Err(count);
+    }
+    for (span, region) in field.spans.iter_mut().zip(region_of) {
+        span.region = RegionId::from(if region == NONE { 0 } else { region as u16 + 1 });
+    }
+    field.max_region = RegionId::from(count as u16);
+    Ok(())
+}
+
+/// For each floor cell the floor cell one step towards lower x and z, `NONE` where none can be walked to.
+struct Links {
+    walkable: Vec<bool>,
+    lower_x: Vec<u32>,
+    lower_z: Vec<u32>,
+}
+
+impl Links {
+    fn new(field: &CompactHeightfield) -> Self {
+        let walkable: Vec<_> = field.areas.iter().map(|area| area.is_walkable()).collect();
+        let (mut lower_x, mut lower_z) = (vec![NONE; walkable.len()], vec![NONE; walkable.len()]);
+        let width = usize::from(field.width);
+        for (column, cell) in field.cells.iter().enumerate() {
+            for span in cell.index_range().filter(|&span| walkable[span]) {
+                let link = |direction: u8, step: usize| {
+                    let layer = field.spans[span].con(direction)?;
+                    let other = field.cells[column - step].index() + u32::from(layer);
+                    walkable[other as usize].then_some(other)
+                };
+                lower_x[span] = link(LOWER_X, 1).unwrap_or(NONE);
+                lower_z[span] = link(LOWER_Z, width).unwrap_or(NONE);
+            }
+        }
+        Self { walkable, lower_x, lower_z }
+    }
+}
+
+/// Whether each cell is walkable and belongs to a connected part of at least `min_cells`.
+fn in_large_parts(links: &Links, min_cells: u32) -> Vec<bool> {
+    let count = links.walkable.len() as u32;
+    let mut parent: Vec<u32> = (0..count).collect();
+    for span in 0..count {
+        let neighbours = [links.lower_x[span as usize], links.lower_z[span as usize]];
+        for neighbour in neighbours.into_iter().filter(|&neighbour| neighbour != NONE) {
+            let (a, b) = (root(&mut parent, span), root(&mut parent, neighbour));
+            parent[a.max(b) as usize] = a.min(b);
+        }
+    }
+    let roots: Vec<_> = (0..count).map(|span| root(&mut parent, span)).collect();
+    let mut cells = vec![0; roots.len()];
+    roots.iter().for_each(|&root| cells[root as usize] += 1);
+    let is_large = roots.iter().map(|&root| cells[root as usize] >= min_cells);
+    is_large.zip(&links.walkable).map(|(large, &walkable)| large && walkable).collect()
+}
+
+fn root(parent: &mut [u32], mut span: u32) -> u32 {
+    while parent[span as usize] != span {
+        parent[span as usize] = parent[parent[span as usize] as usize];
+        span = parent[span as usize];
+    }
+    span
+}
+
+/// What a run of cells touches in the row before: at how many cells the region that it met first, and whether others too.
+struct Below {
+    region: u32,
+    cells: u32,
+    others: bool,
+}
+
+impl Below {
+    fn add(&mut self, region: u32) {
+        if self.region == NONE {
+            self.region = region;
+        }
+        self.others |= self.region != region;
+        self.cells += 1;
+    }
+
+    /// The region that the run goes on with: the only one that it touches, if that touches no other run.
+    fn goes_on(&self, touched: &[u32]) -> Option<u32> {
+        let alone = self.region != NONE && !self.others && touched[self.region as usize] == self.cells;
+        alone.then_some(self.region)
+    }
+}
+
+/// Region of each chosen cell, and how many regions there are.
+fn sweep(field: &CompactHeightfield, links: &Links, chosen: &[bool]) -> (Vec<u32>, usize) {
+    let (mut region_of, mut run_of) = (vec![NONE; chosen.len()], vec![0; chosen.len()]);
+    let mut count = 0;
+    for row in field.cells.chunks(usize::from(field.width).max(1)) {
+        let spans: Vec<_> = row.iter().flat_map(|cell| cell.index_range()).filter(|&s| chosen[s]).collect();
+        let mut runs: Vec<Below> = Vec::new();
+        let mut touched = vec![0; count];
+        for &span in &spans {
+            run_of[span] = match links.lower_x[span] {
+                NONE => {
+                    runs.push(Below { region: NONE, cells: 0, others: false });
+                    runs.len() - 1
+                }
+                before => run_of[before as usize],
+            };
+            if links.lower_z[span] != NONE {
+                let region = region_of[links.lower_z[span] as usize];
+                touched[region as usize] += 1;
+                runs[run_of[span]].add(region);
+            }
+        }
+        let mut open = || {
+            count += 1;
+            count as u32 - 1
+        };
+        let regions: Vec<_> =
+            runs.iter().map(|run| run.goes_on(&touched).unwrap_or_else(&mut open)).collect();
+        spans.iter().for_each(|&span| region_of[span] = regions[run_of[span]]);
+    }
+    (region_of, count)
+}
