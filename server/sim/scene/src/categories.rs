@@ -56,7 +56,10 @@ fn listed(name: &str) -> Option<&'static str> {
 
 /// Each mpcat40 category with the names, in the singular, that mean it.
 const SYNONYMS: &[(&str, &[&str])] = &[
-    ("wall", &["baseboard", "crown molding", "molding", "moulding", "wainscotting", "paneling", "wall panel"]),
+    (
+        "wall",
+        &["baseboard", "crown molding", "molding", "moulding", "wainscotting", "paneling", "wall panel"],
+    ),
     ("floor", &["rug", "mat", "carpet", "bath mat", "doormat", "landing", "ground"]),
     ("chair", &["armchair", "recliner", "highchair", "beanbag", "chaise", "throne"]),
     (
@@ -69,11 +72,31 @@ const SYNONYMS: &[(&str, &[&str])] = &[
     ),
     (
         "picture",
-        &["picture frame", "painting", "photo", "photograph", "poster", "portrait", "artwork", "wall art", "art"],
+        &[
+            "picture frame",
+            "painting",
+            "photo",
+            "photograph",
+            "poster",
+            "portrait",
+            "artwork",
+            "wall art",
+            "art",
+        ],
     ),
     (
         "cabinet",
-        &["cupboard", "wardrobe", "closet", "tv stand", "sideboard", "showcase", "hutch", "credenza", "locker"],
+        &[
+            "cupboard",
+            "wardrobe",
+            "closet",
+            "tv stand",
+            "sideboard",
+            "showcase",
+            "hutch",
+            "credenza",
+            "locker",
+        ],
     ),
     ("cushion", &["pillow", "bolster"]),
     ("window", &["window frame", "windowsill", "window sill", "windowpane", "skylight"]),
@@ -96,10 +119,7 @@ const SYNONYMS: &[(&str, &[&str])] = &[
         "tv_monitor",
         &["tv", "television", "monitor", "display", "screen", "computer monitor", "computer screen"],
     ),
-    (
-        "shower",
-        &["shower head", "showerhead", "shower wall", "shower floor", "shower door", "shower stall"],
-    ),
+    ("shower", &["shower head", "showerhead", "shower wall", "shower floor", "shower door", "shower stall"]),
     ("column", &["pillar", "post"]),
     ("bathtub", &["bath", "tub", "hot tub", "bath tub"]),
     (

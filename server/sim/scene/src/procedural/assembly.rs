@@ -72,11 +72,15 @@ impl Assembly {
 
     fn add(&mut self, model: &Model, id: InstanceId, light: impl Fn(&Corner) -> f32) {
         let first = self.mesh.positions.len() as u32;
-        for corner in &model.corners {
-            let shade = (light(corner).clamp(0.0, 1.0) * 255.0).round() as u8;
+        let mut softness = vec![0.0_f32; model.corners.len()];
+        for (corners, paint) in &model.triangles {
+            corners.iter().for_each(|&corner| softness[corner as usize] = soften(paint));
+        }
+        for (corner, softness) in model.corners.iter().zip(softness) {
+            let shadow = (1.0 - light(corner)).clamp(0.0, 1.0) * softness;
             self.mesh.positions.push(corner.position);
             self.mesh.uvs.push(corner.uv);
-            self.mesh.colors.push([shade; 3]);
+            self.mesh.colors.push([((1.0 - shadow) * 255.0).round() as u8; 3]);
         }
         for &(corners, paint) in &model.triangles {
             let material = self.material(paint);
@@ -108,6 +112,11 @@ impl Assembly {
     }
 }
 
+/// How much of its shadows a surface keeps: bright ones light their surroundings and so themselves.
+fn soften(paint: &Paint) -> f32 {
+    1.0 - 0.45 * ((paint.brightness() - 0.5) / 0.5).clamp(0.0, 1.0)
+}
+
 /// Brightness of a surface by the direction that it faces: daylight from above and one side, so that
 /// neighbouring faces of a box differ. 0.7 (facing down) to 1.
 pub(super) fn facing_light(normal: &Vector3<f32>) -> f32 {
@@ -118,7 +127,7 @@ pub(super) fn facing_light(normal: &Vector3<f32>) -> f32 {
 /// Light on furniture: by direction, and a little darker towards the floor.
 fn furniture_light(corner: &Corner) -> f32 {
     let lift = (corner.position.y / 0.5).clamp(0.0, 1.0);
-    facing_light(&corner.normal) * (0.88 + 0.12 * lift)
+    facing_light(&corner.normal) * (0.93 + 0.07 * lift)
 }
 
 /// Light in the corners of a room: 1 in the open, darker where `distance_m` to the nearest surface is small.

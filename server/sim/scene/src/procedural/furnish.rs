@@ -120,7 +120,7 @@ impl Decorator<'_> {
         for side in Side::ALL {
             let span = side.span(&self.space.room);
             let play = span[1] - span[0] - length_m - 2.0 * GAP_M;
-            let whim = self.rng.range(0.0, 0.6);
+            let whim = self.rng.range(0.0, 0.4);
             for step in 0..=(play / STEP_M).max(-1.0) as i32 {
                 let start = span[0] + GAP_M + (play - step as f32 * STEP_M);
                 let from_middle =
@@ -176,8 +176,9 @@ impl Decorator<'_> {
         Some(self.set(piece, side, &claim.rect, 0.0))
     }
 
-    /// The middle of a free rectangle of the given size, as near to the middle of the room as possible.
-    fn open_floor(&mut self, size: [f32; 2]) -> Option<[f32; 2]> {
+    /// The middle of a free rectangle of the given size, as near to the middle of the room as possible; if need
+    /// be in front of furniture, as long as one still gets there.
+    fn open_floor(&self, size: [f32; 2]) -> Option<[f32; 2]> {
         const STEP_M: f32 = 0.1;
         let room = self.space.room;
         let middle = room.center();
@@ -188,10 +189,15 @@ impl Decorator<'_> {
             places.extend((-steps[1]..=steps[1]).map(|k| [i as f32 * STEP_M, k as f32 * STEP_M]));
         }
         places.sort_by(|a, b| (a[0] * a[0] + a[1] * a[1]).total_cmp(&(b[0] * b[0] + b[1] * b[1])));
-        let center = |offset: [f32; 2]| [middle[0] + offset[0], middle[1] + offset[1]];
-        places.into_iter().map(center).find(|&center| {
-            self.space.fits(&Claim { rect: Rect::around(center, size), y: [0.0, 1.0], front: None })
-        })
+        let claim = |offset: [f32; 2]| Claim {
+            rect: Rect::around([middle[0] + offset[0], middle[1] + offset[1]], size),
+            y: [0.0, 1.0],
+            front: None,
+        };
+        let claims: Vec<Claim> = places.into_iter().map(claim).collect();
+        let clear = claims.iter().find(|claim| self.space.fits(claim));
+        let tight = || claims.iter().find(|claim| self.space.fits_in_front(claim, self.doors));
+        clear.or_else(tight).map(|claim| claim.rect.center())
     }
 
     /// Lays a piece on top of another one; `offset` is in the other's own frame.

@@ -48,7 +48,7 @@ impl Pattern {
             Self::Parquet => Some(0.6),
             Self::Grain => Some(0.6),
             Self::Tiles => Some(0.6),
-            Self::WallTiles => Some(0.5),
+            Self::WallTiles => Some(0.32),
             Self::Checker => Some(0.8),
             Self::Plaster => Some(1.2),
             Self::Weave => Some(0.25),
@@ -107,8 +107,8 @@ impl Pattern {
             Self::WallTiles => tiles(noise, x, y, [32, 16], 16),
             Self::Checker => [0.55, 1.0][((x / 32 + y / 32) % 2) as usize],
             Self::Plaster => 0.95 + 0.05 * noise.smooth(x, y, 4, 4),
-            Self::Weave => 0.88 + 0.1 * ((x / 2 + y / 2) % 2) as f32 + 0.02 * noise.at(x, y),
-            Self::Carpet => 0.82 + 0.18 * noise.at(x, y),
+            Self::Weave => 0.9 + 0.08 * ((x / 2 + y / 2) % 2) as f32 + 0.02 * noise.at(x, y),
+            Self::Carpet => 0.88 + 0.12 * noise.at(x, y),
             Self::Stripes => [0.72, 1.0][((x / 16) % 2) as usize],
             Self::Brick => tiles(noise, x, y, [32, 16], 16) - 0.12 * noise.smooth(x, y, 4, 4),
             Self::Marble | Self::Art(_) => veins(noise, x, y),
@@ -131,7 +131,7 @@ fn tiles(noise: &Noise, x: u32, y: u32, [width, height]: [u32; 2], shift: u32) -
     let row = y / height;
     let along = (x + row * shift) % SIZE;
     let joint = y % height == 0 || along.is_multiple_of(width);
-    if joint { 0.66 } else { 0.93 + 0.07 * noise.at(row * 5 + 1, along / width * 9 + 2) }
+    if joint { 0.8 } else { 0.93 + 0.07 * noise.at(row * 5 + 1, along / width * 9 + 2) }
 }
 
 fn veins(noise: &Noise, x: u32, y: u32) -> f32 {

@@ -84,8 +84,7 @@ impl Decorator<'_> {
     /// An island with stools before it; whether there was room.
     fn island(&mut self) -> bool {
         let width = self.taste.length_m(1.1, 1.5);
-        let (size, side) = self.oriented([width, 0.7 + 0.5]);
-        let Some(center) = self.open_floor(size) else { return false };
+        let Some((side, center)) = self.place_for([width, 0.7 + 0.5]) else { return false };
         let island = kitchen::island(self.taste, width);
         let back = [0.0, -0.25];
         let Some(spot) = self.stand_at(&island, side, shifted(side, center, back)) else { return false };
@@ -116,27 +115,21 @@ impl Decorator<'_> {
     /// A table with chairs around it; smaller ones are tried where the wished one has no room.
     fn dining_set(&mut self, chairs: usize) {
         let round = self.rng.chance(0.35);
-        let whole = |chairs: usize| {
-            if chairs > 4 {
-                [1.7, 0.9]
-            } else if chairs > 2 {
-                [1.25, 0.8]
-            } else {
-                [0.8, 0.8]
-            }
-        };
-        let mut wanted = chairs;
-        while wanted >= 2 {
-            let [width, depth] = if round && wanted <= 4 { [1.05, 1.05] } else { whole(wanted) };
-            let (size, side) = self.oriented([width + 0.1, depth + 2.0 * 0.56]);
-            if let Some(center) = self.open_floor(size) {
-                self.table_with_chairs([width, depth], round && wanted <= 4, wanted, side, center);
+        for wanted in [6, 4, 2].into_iter().filter(|&wanted| wanted <= chairs) {
+            let round = round && wanted <= 4;
+            let table = match wanted {
+                _ if round => [1.05, 1.05],
+                6 => [1.7, 0.9],
+                4 => [1.25, 0.8],
+                _ => [0.8, 0.8],
+            };
+            if let Some((side, center)) = self.place_for([table[0] + 0.1, table[1] + 2.0 * 0.56]) {
+                self.table_with_chairs(table, round, wanted, side, center);
                 return;
             }
-            wanted -= 2;
         }
         let table = tables::dining_table(self.taste, [0.8, 0.6], false);
-        if let Some(table) = self.stand(&table, Wish::Anywhere, 0.6) {
+        if let Some(table) = self.stand(&table, Wish::Anywhere, 0.9) {
             let chair = seats::chair(self.taste);
             let distance = chair.size().z / 2.0 + 0.04;
             self.stand_at(&chair, table.side.opposite(), table.before(distance));
@@ -166,11 +159,15 @@ impl Decorator<'_> {
         self.lay(&vase, &table, [0.0, height, 0.0]);
     }
 
-    /// A size in x and z, and the side to turn the back to, so that the long edge lies along the long edge of
-    /// the room.
-    fn oriented(&self, [width, depth]: [f32; 2]) -> ([f32; 2], Side) {
+    /// An open place for something `width` by `depth` and the side to turn its back to; its width along the
+    /// room's longer edge if possible.
+    fn place_for(&self, [width, depth]: [f32; 2]) -> Option<(Side, [f32; 2])> {
         let room = self.space.room.size();
-        if room[0] >= room[1] { ([width, depth], Side::North) } else { ([depth, width], Side::West) }
+        let mut turns = [(Side::North, [width, depth]), (Side::West, [depth, width])];
+        if room[0] < room[1] {
+            turns.reverse();
+        }
+        turns.into_iter().find_map(|(side, size)| Some((side, self.open_floor(size)?)))
     }
 }
 

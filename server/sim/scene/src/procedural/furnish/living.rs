@@ -35,7 +35,7 @@ impl Decorator<'_> {
     fn sofa_group(&mut self) -> Option<Spot> {
         let seats_wanted = 2 + self.rng.below(2);
         let mut sofa = seats::sofa(self.taste, seats_wanted);
-        let mut spot = self.stand(&sofa, Wish::Middle, 1.1);
+        let mut spot = self.stand(&sofa, Wish::Middle, 1.4);
         if spot.is_none() {
             sofa = seats::sofa(self.taste, 2);
             spot = self.stand(&sofa, Wish::Anywhere, 0.6);

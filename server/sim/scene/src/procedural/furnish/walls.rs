@@ -121,7 +121,7 @@ impl Decorator<'_> {
     /// Pictures at eye height.
     pub(super) fn pictures(&mut self, count: usize) {
         for _ in 0..count {
-            let (width, height) = (self.taste.length_m(0.4, 1.0), self.taste.length_m(0.4, 0.75));
+            let (width, height) = (self.taste.length_m(0.45, 1.0), self.taste.length_m(0.45, 0.75));
             let picture = decor::picture(self.taste, width, height);
             self.hang(&picture, 1.5 - height / 2.0, Wish::Middle);
         }

@@ -59,7 +59,10 @@ fn basin(m: &mut Model, [w, d]: [f32; 2], low: f32, high: f32, round: bool, pain
         m.pair([w / 2.0 - 0.03, w / 2.0], [floor, high], about(0.0, d), paint);
         m.block(about(0.0, w - 0.06), [floor, high], [d / 2.0 - 0.03, d / 2.0], paint);
         m.block(about(0.0, w - 0.06), [floor, high], [-d / 2.0, -d / 2.0 + 0.09], paint);
+        let bottom = [-d / 2.0 + 0.09, d / 2.0 - 0.03];
+        m.block(about(0.0, w - 0.06), [floor, floor + 0.002], bottom, paint.times(0.86));
     }
+    m.cylinder([0.0, 0.02], [high - 0.1, high - 0.094], 0.025, 8, Paint::CHROME);
     tap(m, [0.0, -d / 2.0 + 0.04], high);
 }
 
@@ -110,7 +113,7 @@ pub(in crate::procedural) fn bathtub(taste: &mut Taste) -> Piece {
 
 /// A shower: a tray, a tiled back, glass at one side, a pipe with a head.
 pub(in crate::procedural) fn shower(taste: &mut Taste) -> Piece {
-    let tint = taste.tint("shower", &["white", "blue", "teal", "grey", "green", "pink", "black", "yellow"]);
+    let tint = taste.tint("shower", &["blue", "teal", "grey", "green", "pink", "black", "yellow", "brown"]);
     let tile = Paint::plain("tile", tint.rgb).with(Pattern::WallTiles);
     let size = taste.length_m(0.82, 0.95);
     let half = size / 2.0;

@@ -6,35 +6,30 @@ use super::*;
 pub(in crate::procedural) fn bed(taste: &mut Taste, width: f32) -> Piece {
     let tint = taste.tint("bed", CLOTH);
     let cloth = Paint::fabric(tint);
-    let white_frame = taste.style(3) == 0;
-    let frame_tint = Tint::shade(&mut taste.rng, if white_frame { "white" } else { "brown" });
+    let dark = taste.style(3) == 0;
+    let frame_tint = Tint::shade(&mut taste.rng, if dark { "black" } else { "brown" });
     let (frame, length) = (Paint::wood(frame_tint), 2.08);
     let head = -length / 2.0;
     let mut m = Model::new();
     legs(&mut m, [width, length], 0.14, 0.07, 0.02, frame);
-    m.block(about(0.0, width), [0.14, 0.3], about(0.0, length), frame);
-    m.soft(
-        about(0.0, width - 0.04),
-        [0.3, 0.5],
-        [head + 0.06, -head - 0.03],
-        0.05,
-        Paint::fabric(Tint::plain("white")),
-    );
-    m.soft(about(0.0, width + 0.03), [0.2, 0.55], [head + 0.55, -head + 0.02], 0.05, cloth);
+    m.block(about(0.0, width - 0.06), [0.14, 0.3], [-head - 0.03, -head], frame);
+    let sheet = Paint::fabric(Tint::plain("white"));
+    m.soft(about(0.0, width - 0.04), [0.3, 0.5], [head + 0.06, head + 0.56], 0.04, sheet);
+    m.soft(about(0.0, width + 0.03), [0.14, 0.55], [head + 0.44, -head + 0.02], 0.05, cloth);
     headboard(taste, &mut m, width, head, frame, cloth);
     if taste.rng.chance(0.3) {
-        m.block(about(0.0, width), [0.0, 0.62], [-head + 0.02, -head + 0.06], frame);
+        m.block(about(0.0, width), [0.2, 0.62], [-head + 0.02, -head + 0.05], frame);
     }
     let pillows = if width > 1.2 { 2 } else { 1 };
     for i in 0..pillows {
         let x = (i as f32 - (pillows - 1) as f32 / 2.0) * width * 0.46;
-        m.pillow(about(x, 0.58), [0.49, 0.63], [head + 0.1, head + 0.5], Paint::fabric(Tint::plain("white")));
+        m.pillow(about(x, 0.58), [0.49, 0.63], [head + 0.1, head + 0.5], sheet);
     }
     Piece::new("bed", m, said(tint, "fabric", if width > 1.2 { "large" } else { "narrow" }, ""))
 }
 
 fn headboard(taste: &mut Taste, m: &mut Model, width: f32, head: f32, frame: Paint, cloth: Paint) {
-    let top = taste.length_m(0.85, 1.15);
+    let top = taste.length_m(0.85, 1.1);
     match taste.style(3) {
         0 => m.block(about(0.0, width), [0.14, top], [head - 0.02, head + 0.04], frame),
         1 => {
@@ -42,7 +37,7 @@ fn headboard(taste: &mut Taste, m: &mut Model, width: f32, head: f32, frame: Pai
         }
         _ => {
             m.pair([width / 2.0 - 0.07, width / 2.0], [0.0, top], [head - 0.03, head + 0.04], frame);
-            for y in [top - 0.1, top - 0.3, top - 0.5] {
+            for y in [top - 0.1, top - 0.34] {
                 m.block(about(0.0, width - 0.14), [y, y + 0.08], [head - 0.01, head + 0.02], frame);
             }
         }

@@ -12,12 +12,12 @@ pub(in crate::procedural) fn picture(taste: &mut Taste, width: f32, height: f32)
     let frames =
         [Paint::wood(Tint::plain("brown")), Paint::DARK_METAL, Paint::plain("wood", [236, 234, 228])];
     let frame = *taste.rng.choose(&frames).expect("not empty");
-    let (bar, half) = (taste.length_m(0.02, 0.045), width / 2.0);
+    let (bar, half) = (taste.length_m(0.015, 0.025), width / 2.0);
     let mut m = Model::new();
-    m.block(about(0.0, width), [0.0, bar], [0.0, 0.03], frame);
-    m.block(about(0.0, width), [height - bar, height], [0.0, 0.03], frame);
-    m.pair([half - bar, half], [bar, height - bar], [0.0, 0.03], frame);
-    let p = |x: f32, y: f32| Point3::new(x, y, 0.018);
+    m.block(about(0.0, width), [0.0, bar], [0.0, 0.02], frame);
+    m.block(about(0.0, width), [height - bar, height], [0.0, 0.02], frame);
+    m.pair([half - bar, half], [bar, height - bar], [0.0, 0.02], frame);
+    let p = |x: f32, y: f32| Point3::new(x, y, 0.012);
     let (x, y) = (half - bar, [bar, height - bar]);
     m.picture([p(-x, y[0]), p(x, y[0]), p(x, y[1]), p(-x, y[1])], canvas);
     let shape = size_word(width / height, 0.9, 1.15, ["upright", "wide"]);
@@ -43,9 +43,11 @@ pub(in crate::procedural) fn mirror(taste: &mut Taste, width: f32, height: f32) 
     Piece::new("mirror", m, crate::Attributes { color: String::new(), ..words })
 }
 
+const POTS: &[&str] = &["white", "orange", "grey", "blue", "black", "teal", "red", "yellow"];
+
 /// A plant in a pot: a bush, spears, or a small tree.
 pub(in crate::procedural) fn plant(taste: &mut Taste, tall: bool) -> Piece {
-    let pot_tint = taste.tint("pot", CLOTH);
+    let pot_tint = taste.tint("pot", POTS);
     let scale = if tall { taste.length_m(0.9, 1.15) } else { taste.length_m(0.4, 0.5) };
     let pot = scale * 0.28;
     let mut m = Model::new();
@@ -117,14 +119,15 @@ fn fronds(taste: &mut Taste, m: &mut Model, [base, top]: Span, leaf: Paint) {
 
 /// A flat rug.
 pub(in crate::procedural) fn rug(taste: &mut Taste, size: [f32; 2]) -> Piece {
-    let tint = taste.tint("rug", CLOTH);
+    let words = CLOTH.split_last().expect("there are colours").1;
+    let tint = taste.tint("rug", words);
     let paint = Paint { material: "carpet", ..Paint::fabric(tint) }.with(Pattern::Carpet);
     let round = taste.rng.chance(0.25);
     let mut m = Model::new();
     if round {
         m.cylinder([0.0, 0.0], [0.0, 0.012], size[0].min(size[1]) / 2.0, 24, paint);
     } else {
-        m.block(about(0.0, size[0]), [0.0, 0.01], about(0.0, size[1]), paint.times(0.8));
+        m.block(about(0.0, size[0]), [0.0, 0.01], about(0.0, size[1]), paint.times(0.94));
         m.block(about(0.0, size[0] - 0.2), [0.01, 0.014], about(0.0, size[1] - 0.2), paint);
     }
     Piece::new("rug", m, said(tint, "fabric", "", if round { "round" } else { "rectangular" }))
@@ -169,18 +172,18 @@ pub(in crate::procedural) fn coat(taste: &mut Taste) -> Piece {
 
 /// A vase.
 pub(in crate::procedural) fn vase(taste: &mut Taste) -> Piece {
-    let tint = taste.tint("objects", CLOTH);
+    let tint = taste.tint("vase", CLOTH);
     let (h, r) = (taste.length_m(0.2, 0.32), taste.length_m(0.06, 0.09));
     let profile =
         [[0.6, 0.0], [1.0, 0.35], [0.9, 0.6], [0.4, 0.85], [0.55, 1.0]].map(|[s, y]| [s * r, y * h]);
     let mut m = Model::new();
     m.lathe([0.0, 0.0], &profile, 12, Paint::ceramic(tint));
-    Piece::new("objects", m, said(tint, "ceramic", "", "round"))
+    Piece::new("vase", m, said(tint, "ceramic", "", "round"))
 }
 
 /// A waste bin.
 pub(in crate::procedural) fn bin(taste: &mut Taste) -> Piece {
-    let tint = taste.tint("objects", &["grey", "black", "white", "red", "blue", "green"]);
+    let tint = taste.tint("bin", &["grey", "black", "white", "red", "blue", "green"]);
     let (h, r) = (taste.length_m(0.3, 0.5), taste.length_m(0.12, 0.16));
     let mut m = Model::new();
     m.lathe(
@@ -189,5 +192,5 @@ pub(in crate::procedural) fn bin(taste: &mut Taste) -> Piece {
         12,
         Paint::plastic(tint),
     );
-    Piece::new("objects", m, said(tint, "plastic", "small", "round"))
+    Piece::new("bin", m, said(tint, "plastic", "small", "round"))
 }

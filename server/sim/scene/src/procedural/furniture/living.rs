@@ -45,7 +45,7 @@ pub(in crate::procedural) fn fireplace(taste: &mut Taste) -> Piece {
     let style = taste.style(3);
     let tint = match style {
         0 => taste.tint("fireplace", &["red"]),
-        1 => taste.tint("fireplace", &["white", "grey", "black"]),
+        1 => taste.tint("fireplace", &["grey", "black"]),
         _ => taste.tint("fireplace", &["brown", "white", "black"]),
     };
     let (paint, material) = match style {

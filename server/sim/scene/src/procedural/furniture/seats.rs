@@ -55,7 +55,7 @@ fn sled(m: &mut Model, [w, d]: [f32; 2], height: f32) {
     m.pair(x, [0.0, 0.025], about(0.0, d), Paint::STEEL);
     m.pair(x, [0.025, height], [-d / 2.0, -d / 2.0 + 0.025], Paint::STEEL);
     m.pair(x, [0.025, height], [d / 2.0 - 0.025, d / 2.0], Paint::STEEL);
-    m.block(about(0.0, w), [height - 0.02, height], about(0.0, d * 0.9), Paint::STEEL);
+    m.block(about(0.0, w), [height - 0.02, height], about(0.0, 0.04), Paint::STEEL);
 }
 
 /// A swivel chair on five castors.
@@ -203,8 +203,8 @@ pub(in crate::procedural) fn bench(taste: &mut Taste, depth: f32) -> Piece {
             m.soft(about(0.0, width), [height - 0.16, height], about(0.0, depth), 0.04, cloth);
         }
         _ => {
-            sled(&mut m, [width, depth], height - 0.12);
-            m.soft(about(0.0, width), [height - 0.14, height], about(0.0, depth), 0.05, cloth);
+            sled(&mut m, [width, depth], height - 0.15);
+            m.soft(about(0.0, width), [height - 0.17, height], about(0.0, depth), 0.05, cloth);
         }
     }
     let material = if style == 0 { "wooden" } else { "fabric" };

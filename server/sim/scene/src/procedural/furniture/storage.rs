@@ -18,7 +18,7 @@ fn carcass(body: &Carcass, paint: Paint, handle: Paint) -> Model {
         feet if feet > 0.09 => legs(&mut m, [width, depth], feet, 0.05, 0.02, paint.times(0.8)),
         feet => m.block(about(0.0, width - 0.06), [0.0, feet], about(-0.02, depth - 0.08), paint.times(0.6)),
     }
-    m.block(about(0.0, width), [body.feet, height], about(0.0, depth), paint);
+    m.block(about(0.0, width), [body.feet, height], about(0.0, depth), paint.times(0.98));
     m.block(
         about(0.0, width + 0.02),
         [height, height + 0.025],
@@ -69,7 +69,16 @@ pub(in crate::procedural) fn sideboard(taste: &mut Taste, width: f32, depth: f32
     let rows = 1 + taste.style(2);
     let body = Carcass { size: [width, height, depth], feet, cells: [columns, rows], doors: rows == 1 };
     let m = carcass(&body, Paint::wood(tint), handle);
-    Piece::new("cabinet", m, said(tint, "wooden", "low", "long"))
+    Piece::new(
+        "cabinet",
+        m,
+        said(
+            tint,
+            "wooden",
+            size_word(height, 0.65, 0.9, ["low", "tall"]),
+            size_word(width, 0.0, 1.2, ["", "long"]),
+        ),
+    )
 }
 
 /// A stand for a television, with an open shelf.
@@ -140,7 +149,7 @@ pub(in crate::procedural) fn bookshelf(taste: &mut Taste) -> Piece {
     let height = 0.06 + 0.36 * levels as f32;
     let mut m = Model::new();
     m.pair([width / 2.0 - 0.03, width / 2.0], [0.0, height], about(0.0, depth), paint);
-    m.block(about(0.0, width), [0.04, height], [-depth / 2.0, -depth / 2.0 + 0.015], paint.times(0.9));
+    m.block(about(0.0, width), [0.04, height], [-depth / 2.0, -depth / 2.0 + 0.015], paint);
     for level in 0..=levels {
         let y = 0.04 + (height - 0.065) * level as f32 / levels as f32;
         m.block(about(0.0, width - 0.06), [y, y + 0.025], about(0.0, depth), paint);

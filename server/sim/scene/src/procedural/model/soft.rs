@@ -54,7 +54,7 @@ impl Model {
         let tip = |at: [usize; 3], side: usize| soft_tip(spans, at, side, bevel);
         let points = [tip(at, u), tip(at, v), tip(far, v), tip(far, u)];
         let flip = at[u] != at[v];
-        self.quad(if flip { points } else { [points[3], points[2], points[1], points[0]] }, paint);
+        self.quad(if flip { [points[3], points[2], points[1], points[0]] } else { points }, paint);
     }
 
     /// A flat triangle, counter-clockwise from the side that one sees.

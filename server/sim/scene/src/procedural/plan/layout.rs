@@ -24,7 +24,7 @@ fn target_area_m2(rng: &mut Rng, kind: RoomKind) -> f32 {
         RoomKind::Kitchen => (13.0, 17.0),
         RoomKind::DiningRoom => (13.0, 17.0),
         RoomKind::Bedroom => (14.0, 18.0),
-        RoomKind::Bathroom => (7.6, 9.5),
+        RoomKind::Bathroom => (8.0, 10.0),
         RoomKind::Office => (10.0, 13.0),
         RoomKind::Gym => (11.0, 15.0),
     };
@@ -94,8 +94,19 @@ impl Row {
         self.widths.iter().sum::<f32>() + self.reserved_m
     }
 
+    /// How far the rooms fall short of a good width once they fill `length_m`, metres.
+    fn narrowness_m(&self, length_m: f32) -> f32 {
+        const WIDE_M: f32 = 2.2;
+        let scale = self.scale_to(length_m);
+        self.widths.iter().map(|width| (WIDE_M - width * scale).max(0.0)).sum()
+    }
+
+    fn scale_to(&self, length_m: f32) -> f32 {
+        (length_m - self.reserved_m) / (self.length_m() - self.reserved_m)
+    }
+
     fn scaled_to(mut self, length_m: f32) -> Self {
-        let scale = (length_m - self.reserved_m) / (self.length_m() - self.reserved_m);
+        let scale = self.scale_to(length_m);
         self.widths.iter_mut().for_each(|width| *width *= scale);
         self
     }
@@ -134,8 +145,10 @@ fn cost_of(sides: &[Row; 2]) -> f32 {
     let misplaced = sides[0].kinds.iter().filter(|kind| wants_depth(**kind)).count()
         + sides[1].kinds.iter().filter(|kind| !wants_depth(**kind)).count();
     let friends: usize = sides.iter().flat_map(|side| side.kinds.windows(2)).filter(|w| friendly(w)).count();
+    let length_m = (sides[0].length_m() + sides[1].length_m()) / 2.0;
+    let narrow: f32 = sides.iter().map(|side| side.narrowness_m(length_m)).sum();
     let empty = sides.iter().filter(|side| side.kinds.is_empty() && side.reserved_m == 0.0).count();
-    2.0 * mismatch + 1.2 * misplaced as f32 - 1.0 * friends as f32 + 100.0 * empty as f32
+    2.0 * mismatch + 1.2 * misplaced as f32 - 1.0 * friends as f32 + 8.0 * narrow + 100.0 * empty as f32
 }
 
 /// Whether a room suits the deep side of the house.

@@ -21,10 +21,14 @@ impl Art {
         let mut rng = Rng::new(u64::from(self.seed));
         let ground = PALETTE[usize::from(self.ground)].1;
         let mut canvas = vec![ground; (SIZE * SIZE) as usize];
+        // Brown and black are the colours of frames.
+        let shapes =
+            PALETTE.iter().filter(|(word, _)| !["brown", "black"].contains(word)).map(|(_, rgb)| *rgb);
+        let shapes: Vec<[u8; 3]> = shapes.collect();
         let shape = rng.below(4);
         let count = 3 + rng.below(3);
         for _ in 0..count {
-            let color = PALETTE[rng.below(PALETTE.len())].1;
+            let color = shapes[rng.below(shapes.len())];
             draw_shape(&mut rng, &mut canvas, shape, color);
         }
         let pixels = canvas.iter().flat_map(|&[r, g, b]| [r, g, b, 255]).collect();
@@ -34,7 +38,7 @@ impl Art {
 
 fn draw_shape(rng: &mut Rng, canvas: &mut [[u8; 3]], shape: usize, color: [u8; 3]) {
     let (cx, cy) = (rng.range(10.0, 54.0), rng.range(10.0, 54.0));
-    let size = rng.range(5.0, 11.0);
+    let size = rng.range(4.5, 9.0);
     for y in 0..SIZE {
         for x in 0..SIZE {
             let (dx, dy) = (x as f32 + 0.5 - cx, y as f32 + 0.5 - cy);
