@@ -12,12 +12,10 @@ pub(in crate::procedural) fn picture(taste: &mut Taste, width: f32, height: f32)
     let frames =
         [Paint::wood(Tint::plain("brown")), Paint::DARK_METAL, Paint::plain("wood", [236, 234, 228])];
     let frame = *taste.rng.choose(&frames).expect("not empty");
-    let (bar, half) = (taste.length_m(0.015, 0.025), width / 2.0);
+    let (bar, half) = (taste.length_m(0.015, 0.022), width / 2.0);
     let mut m = Model::new();
-    m.block(about(0.0, width), [0.0, bar], [0.0, 0.02], frame);
-    m.block(about(0.0, width), [height - bar, height], [0.0, 0.02], frame);
-    m.pair([half - bar, half], [bar, height - bar], [0.0, 0.02], frame);
-    let p = |x: f32, y: f32| Point3::new(x, y, 0.012);
+    picture_frame(&mut m, [half, height], bar, frame);
+    let p = |x: f32, y: f32| Point3::new(x, y, 0.018);
     let (x, y) = (half - bar, [bar, height - bar]);
     m.picture([p(-x, y[0]), p(x, y[0]), p(x, y[1]), p(-x, y[1])], canvas);
     let shape = size_word(width / height, 0.9, 1.15, ["upright", "wide"]);
@@ -27,6 +25,21 @@ pub(in crate::procedural) fn picture(taste: &mut Taste, width: f32, height: f32)
         m,
         said(tint, "painted", size_word(width * height, 0.25, 0.6, ["small", "large"]), shape),
     )
+}
+
+/// What one sees of a frame that lies on a wall: its front and its outer sides.
+fn picture_frame(m: &mut Model, [half, height]: [f32; 2], bar: f32, paint: Paint) {
+    let outer = [[-half, 0.0], [half, 0.0], [half, height], [-half, height]];
+    let inner =
+        [[bar - half, bar], [half - bar, bar], [half - bar, height - bar], [bar - half, height - bar]];
+    let p = |[x, y]: [f32; 2], z: f32| Point3::new(x, y, z);
+    for side in 0..4 {
+        let next = (side + 1) % 4;
+        let front = [outer[side], outer[next], inner[next], inner[side]];
+        m.quad(front.map(|corner| p(corner, 0.02)), paint);
+        let (a, b) = (outer[side], outer[next]);
+        m.quad([p(a, 0.0), p(b, 0.0), p(b, 0.02), p(a, 0.02)], paint);
+    }
 }
 
 /// A mirror for a wall; its lower edge is on y = 0.

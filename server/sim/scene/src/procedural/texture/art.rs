@@ -2,6 +2,7 @@
 
 use super::Texture;
 use crate::colors::PALETTE;
+use crate::procedural::paint::Tint;
 use avln_geom::Rng;
 
 /// A picture for a wall.
@@ -16,10 +17,14 @@ pub(in crate::procedural) struct Art {
 const SIZE: u32 = 64;
 
 impl Art {
+    fn ground_rgb(self) -> [u8; 3] {
+        Tint::plain(PALETTE[usize::from(self.ground)].0).rgb
+    }
+
     /// Draws the picture; the ground stays visible on more than half of it.
     pub(super) fn draw(self) -> Texture {
         let mut rng = Rng::new(u64::from(self.seed));
-        let ground = PALETTE[usize::from(self.ground)].1;
+        let ground = self.ground_rgb();
         let mut canvas = vec![ground; (SIZE * SIZE) as usize];
         // Brown and black are the colours of frames.
         let shapes =
@@ -63,7 +68,7 @@ mod tests {
     fn the_ground_covers_more_than_half() {
         for seed in 0..60 {
             let art = Art { ground: (seed % 12) as u8, seed };
-            let ground = PALETTE[usize::from(art.ground)].1;
+            let ground = art.ground_rgb();
             let texture = art.draw();
             let same = texture.pixels.chunks(4).filter(|texel| texel[..3] == ground).count();
             assert!(same > (SIZE * SIZE / 2) as usize, "seed {seed}: {same}");
