@@ -1,1 +1,11 @@
 //! PAG-Nav: the reference agent, a client like everyone else.
+//!
+//! Start reading at [`PagNav`] and [`run`].
+//!
+//! *Never*: links anything of the server; learns anything but what its observations say.
+
+mod agent;
+mod options;
+
+pub use agent::PagNav;
+pub use options::{Options, run, run_with};

@@ -1,0 +1,49 @@
+use crate::PagNav;
+use avln_client::{Arena, EpisodeEnd, Error, Order, RunOptions, RunSummary, Sensors, evaluate_with};
+use clap::Args;
+
+/// What the agent is told on the command line.
+#[derive(Args, Clone, Debug)]
+pub struct Options {
+    /// Address of the server's gRPC port
+    #[arg(long, default_value = "http://127.0.0.1:50051", value_name = "URL")]
+    pub server: String,
+    /// Token of the account
+    #[arg(long, env = "AVLN_TOKEN", hide_env_values = true, value_name = "TOKEN")]
+    pub token: String,
+    /// Phase to play in
+    #[arg(long, default_value = "practice")]
+    pub phase: String,
+    /// Order of the missions: ordered or unordered
+    #[arg(long, default_value = "unordered")]
+    pub order: Order,
+    /// Pixels a side of the pictures, 64 to 1024
+    #[arg(long, default_value_t = 128, value_name = "PIXELS")]
+    pub size: u32,
+    /// Name of the method on the board
+    #[arg(long, default_value = "PAG-Nav", value_name = "NAME")]
+    pub method: String,
+}
+
+/// Plays one run with [`PagNav`].
+///
+/// # Errors
+/// As for [`avln_client::evaluate`] and for beginning a run.
+pub async fn run(options: Options) -> Result<RunSummary, Error> {
+    run_with(options, &mut |_| {}).await
+}
+
+/// As [`run`], telling `on_end` about every episode that ended.
+///
+/// # Errors
+/// As for [`run`].
+pub async fn run_with(
+    options: Options,
+    on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
+) -> Result<RunSummary, Error> {
+    let arena = Arena::connect(&options.server, options.token).await?;
+    let method = RunOptions::new(options.phase, options.method).method_version(env!("CARGO_PKG_VERSION"));
+    let run = arena.start_run(method.order(options.order)).await?;
+    let mut agent = PagNav::new();
+    evaluate_with(&arena, &run, Sensors::square(options.size), &mut agent, on_end).await
+}
