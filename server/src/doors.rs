@@ -104,12 +104,14 @@ fn refuse_open_plain_text(addresses: &Addresses) -> Result<(), Failure> {
 
 async fn listen(address: SocketAddr, what: &str, flag: &str) -> Result<TcpListener, Failure> {
     TcpListener::bind(address).await.map_err(|error| {
-        Failure::new(FailureKind::Address, format!("cannot listen on {address} for {what}: {error}")).hinted(format!(
-            "stop what uses port {}, or choose another with {flag} {}:{}",
-            address.port(),
-            address.ip(),
-            address.port().wrapping_add(1).max(1024)
-        ))
+        Failure::new(FailureKind::Address, format!("cannot listen on {address} for {what}: {error}")).hinted(
+            format!(
+                "stop what uses port {}, or choose another with {flag} {}:{}",
+                address.port(),
+                address.ip(),
+                address.port().wrapping_add(1).max(1024)
+            ),
+        )
     })
 }
 

@@ -27,8 +27,24 @@ const ALLOWED: &[(&str, &[&str])] = &[
     (
         "server",
         &[
-            "geom", "scene", "navmesh", "render", "acoustics", "world", "episode", "truth", "dataset", "referee",
-            "scoring", "store", "proto", "grpc", "web", "client", "random", "pag-nav",
+            "geom",
+            "scene",
+            "navmesh",
+            "render",
+            "acoustics",
+            "world",
+            "episode",
+            "truth",
+            "dataset",
+            "referee",
+            "scoring",
+            "store",
+            "proto",
+            "grpc",
+            "web",
+            "client",
+            "random",
+            "pag-nav",
         ],
     ),
     ("tests", &["server", "client", "truth"]),
@@ -82,7 +98,10 @@ fn every_crate_is_in_the_table_and_on_the_architecture_page() {
     assert_eq!(names, table);
     let page = include_str!("../../docs/ARCHITECTURE.md");
     for name in names {
-        assert!(page.contains(&format!("`avln-{name}`")), "docs/ARCHITECTURE.md does not mention avln-{name}");
+        assert!(
+            page.contains(&format!("`avln-{name}`")),
+            "docs/ARCHITECTURE.md does not mention avln-{name}"
+        );
     }
 }
 

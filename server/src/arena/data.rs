@@ -19,8 +19,11 @@ impl DataFolder {
     /// When it cannot be made or written to.
     pub fn open(root: &Path) -> Result<Self, Failure> {
         let failed = |error: io::Error| {
-            Failure::new(FailureKind::Data, format!("cannot write to data folder {}: {error}", root.display()))
-                .hinted("choose a folder of your own with --data FOLDER, or give this one write permission")
+            Failure::new(
+                FailureKind::Data,
+                format!("cannot write to data folder {}: {error}", root.display()),
+            )
+            .hinted("choose a folder of your own with --data FOLDER, or give this one write permission")
         };
         std::fs::create_dir_all(root.join("splits")).map_err(failed)?;
         let probe = root.join(".writable");
@@ -49,8 +52,11 @@ impl DataFolder {
     pub fn save_split(&self, split: &Split) -> Result<(), Failure> {
         let (path, bytes) = (self.split_path(&split.name)?, split.to_json()?);
         if path.exists() && self.split_bytes(&split.name)? != bytes {
-            return Err(Failure::new(FailureKind::Scene, format!("split '{}' exists with other missions", split.name))
-                .hinted("give the new split another name"));
+            return Err(Failure::new(
+                FailureKind::Scene,
+                format!("split '{}' exists with other missions", split.name),
+            )
+            .hinted("give the new split another name"));
         }
         // A file under its final name is always whole.
         let partial = path.with_extension("json.partial");
@@ -78,8 +84,11 @@ impl DataFolder {
     fn split_bytes(&self, name: &str) -> Result<Vec<u8>, Failure> {
         let path = self.split_path(name)?;
         std::fs::read(&path).map_err(|error| {
-            Failure::new(FailureKind::Data, format!("cannot read split '{name}' at {}: {error}", path.display()))
-                .hinted("make it with: avln split make NAME")
+            Failure::new(
+                FailureKind::Data,
+                format!("cannot read split '{name}' at {}: {error}", path.display()),
+            )
+            .hinted("make it with: avln split make NAME")
         })
     }
 

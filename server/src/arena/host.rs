@@ -5,14 +5,14 @@ use super::{
 };
 use avln_episode::Sensors;
 use avln_grpc::{
-    Account, ClientRange, Digests, EpisodeOutcome, Host, OpenRun, PhaseInfo, PhaseState, Reason, Refusal, RunRequest,
-    RunState, RunStatus, RunTicket, Seat, ServerInfo,
+    Account, ClientRange, Digests, EpisodeOutcome, Host, OpenRun, PhaseInfo, PhaseState, Reason, Refusal,
+    RunRequest, RunState, RunStatus, RunTicket, Seat, ServerInfo,
 };
 use avln_scoring::Summary;
 use avln_store::{NewRun, RunView, Token, TokenKind, TokenState, Viewer};
 use std::{collections::BTreeMap, sync::Arc};
 
-#[tonic::async_trait]
+#[avln_grpc::async_trait]
 impl Host for Arena {
     fn info(&self) -> ServerInfo {
         ServerInfo {
@@ -59,7 +59,8 @@ impl Host for Arena {
         let viewer = Viewer::Team(account.team.clone());
         let view = self.store.reader().run(&viewer, run).await.map_err(refusal)?;
         let own = view.filter(|view| view.line.team == account.team);
-        own.map(status).ok_or_else(|| Refusal::new(Reason::RunUnknown, format!("the team has no run '{run}'")))
+        own.map(status)
+            .ok_or_else(|| Refusal::new(Reason::RunUnknown, format!("the team has no run '{run}'")))
     }
 
     async fn runs(&self, account: &Account) -> Result<Vec<RunStatus>, Refusal> {

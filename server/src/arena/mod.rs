@@ -51,7 +51,10 @@ impl Arena {
     pub async fn open(data: &DataFolder, store: Store) -> Result<Self, Failure> {
         let reopened = store.reopen_interrupted(now_unix_ms()).await?;
         if reopened > 0 {
-            tracing::info!(reopened, "episodes that were being played when the server stopped are pending again");
+            tracing::info!(
+                reopened,
+                "episodes that were being played when the server stopped are pending again"
+            );
         }
         let mut phases = BTreeMap::new();
         for phase in store.phases().await? {
@@ -74,9 +77,13 @@ impl Stage {
         let unknown = |episode: &&PhaseEpisode| stage.episode(&episode.episode).is_none();
         let Self { phase, split, .. } = &stage;
         if let Some(missing) = phase.episodes.iter().find(unknown) {
-            let message =
-                format!("phase '{}' plays episode {}, split '{}' has none", phase.id, missing.episode, split.name);
-            return Err(Failure::new(FailureKind::Scene, message).hinted("restore the split file from a backup"));
+            let message = format!(
+                "phase '{}' plays episode {}, split '{}' has none",
+                phase.id, missing.episode, split.name
+            );
+            return Err(
+                Failure::new(FailureKind::Scene, message).hinted("restore the split file from a backup")
+            );
         }
         Ok(stage)
     }

@@ -57,16 +57,22 @@ impl Arena {
         let record = unplayed(&truth);
         let metrics = score(&truth, &record, &Rules::paper());
         let time = TimeAccount::default();
-        let finished = Finished { run, handle, truth: &truth, record: &record, metrics: &metrics, time: &time };
+        let finished =
+            Finished { run, handle, truth: &truth, record: &record, metrics: &metrics, time: &time };
         self.store.record_result(&finished, now_unix_ms()).await.map_err(refusal)?;
         Ok(())
     }
 
     /// Scores what happened and stores it in one transaction.
-    pub(super) async fn conclude_seat(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal> {
+    pub(super) async fn conclude_seat(
+        &self,
+        run: &str,
+        seat: Seat,
+    ) -> Result<Option<EpisodeOutcome>, Refusal> {
         let handle = seat.handle.clone();
         let stage = self.return_ticket(seat.ticket);
-        let stage = stage.ok_or_else(|| Refusal::internal(format!("episode {handle} was never handed out")))?;
+        let stage =
+            stage.ok_or_else(|| Refusal::internal(format!("episode {handle} was never handed out")))?;
         let referee = seat.into_referee().ok_or_else(|| Refusal::internal("a seat without our referee"))?;
         let broken = referee.end().is_none();
         let scoring = stage.clone();
@@ -102,7 +108,16 @@ fn check_sensors(most: &Sensors, asked: &Sensors) -> Result<(), Refusal> {
     }
     let message = format!(
         "the phase allows pictures up to {} x {} and the sensors rgb {}, depth {}, audio {}; asked for {} x {}, rgb {}, depth {}, audio {}",
-        most.width, most.height, most.rgb, most.depth, most.audio, asked.width, asked.height, asked.rgb, asked.depth, asked.audio,
+        most.width,
+        most.height,
+        most.rgb,
+        most.depth,
+        most.audio,
+        asked.width,
+        asked.height,
+        asked.rgb,
+        asked.depth,
+        asked.audio,
     );
     Err(Refusal::new(Reason::SensorNotAllowed, message))
 }
@@ -114,7 +129,10 @@ fn seat(
     order: Order,
     sensors: Sensors,
 ) -> Result<Referee, Refusal> {
-    let scene = stage.split.scene(&spec.scene).ok_or_else(|| Refusal::internal(format!("no scene {}", spec.scene)))?;
+    let scene = stage
+        .split
+        .scene(&spec.scene)
+        .ok_or_else(|| Refusal::internal(format!("no scene {}", spec.scene)))?;
     let assets = scenes.get(scene, stage.rules()).map_err(Refusal::internal)?;
     let mission = spec.mission(&assets, stage.rules(), order);
     let referee = Referee::new(assets, mission, spec.truth(order), stage.rules().clone(), sensors);

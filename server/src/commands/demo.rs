@@ -170,7 +170,10 @@ async fn reap(playing: &mut Vec<Child>) -> Result<(), Failure> {
         let output = output.map_err(|error| Failure::new(FailureKind::Internal, error))?;
         if !output.status.success() {
             let words = String::from_utf8_lossy(&output.stderr).trim().to_owned();
-            return Err(Failure::new(FailureKind::Run, format!("an agent failed ({}): {words}", output.status)));
+            return Err(Failure::new(
+                FailureKind::Run,
+                format!("an agent failed ({}): {words}", output.status),
+            ));
         }
     }
     Ok(())
@@ -201,7 +204,10 @@ impl Watch {
         let isr_of = |run: &RunLine| Some(format!("{} {} {:.2}", run.method, run.order, run.isr?));
         let mut shares: Vec<_> = new.iter().filter_map(isr_of).collect();
         shares.sort();
-        self.bar.set_message(format!("ISR {}", if shares.is_empty() { "-".to_owned() } else { shares.join(", ") }));
+        self.bar.set_message(format!(
+            "ISR {}",
+            if shares.is_empty() { "-".to_owned() } else { shares.join(", ") }
+        ));
         Ok(())
     }
 }

@@ -82,7 +82,12 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
     match command {
         Command::Open(options) => {
             let phase = open(&data, &store, &options).await?;
-            println!("phase {} is open: {} episodes under {}", phase.id, phase.episodes.len(), phase.rules.name);
+            println!(
+                "phase {} is open: {} episodes under {}",
+                phase.id,
+                phase.episodes.len(),
+                phase.rules.name
+            );
             println!("host it with: avln serve");
         }
         Command::Close { id } => {

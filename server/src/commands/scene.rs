@@ -61,8 +61,9 @@ fn load(choice: &Choice) -> Result<Scene, Failure> {
 
 fn export(scene: &Scene, out: &Path) -> Result<(), Failure> {
     let bytes = glb::export(scene);
-    std::fs::write(out, &bytes)
-        .map_err(|error| Failure::new(FailureKind::Data, format!("cannot write {}: {error}", out.display())))?;
+    std::fs::write(out, &bytes).map_err(|error| {
+        Failure::new(FailureKind::Data, format!("cannot write {}: {error}", out.display()))
+    })?;
     println!("{}: {} bytes, {} triangles", out.display(), bytes.len(), scene.mesh.triangles.len());
     Ok(())
 }
@@ -83,7 +84,12 @@ fn print_info(scene: &Scene) {
         let looks: Vec<_> = looks.into_iter().filter(|word| !word.is_empty()).collect();
         println!(
             "  {:>4} {:<18} {:>7.2} {:>6.2} {:>7.2}  {}",
-            object.id.0, object.category, at.x, at.y, at.z, looks.join(" ")
+            object.id.0,
+            object.category,
+            at.x,
+            at.y,
+            at.z,
+            looks.join(" ")
         );
     }
 }

@@ -18,10 +18,14 @@ enum Trait<'a> {
 /// The fewest traits that tell it apart are used, looks before place.
 pub(crate) fn describe(scene: &Scene, object: &Object) -> Option<String> {
     let traits = traits_of(scene, object);
-    let rivals: Vec<_> =
-        scene.objects.iter().filter(|other| other.category == object.category && other.id != object.id).collect();
+    let rivals: Vec<_> = scene
+        .objects
+        .iter()
+        .filter(|other| other.category == object.category && other.id != object.id)
+        .collect();
     let unique = |chosen: &[&Trait]| !rivals.iter().any(|rival| chosen.iter().all(|t| t.holds(scene, rival)));
-    let chosen = (1..=traits.len().min(4)).flat_map(|size| subsets(&traits, size)).find(|chosen| unique(chosen))?;
+    let chosen =
+        (1..=traits.len().min(4)).flat_map(|size| subsets(&traits, size)).find(|chosen| unique(chosen))?;
     Some(sentence(&object.category, &chosen))
 }
 
@@ -72,7 +76,12 @@ fn landmarks<'a>(scene: &'a Scene, object: &Object) -> Vec<&'a str> {
 impl Trait<'_> {
     fn word(&self) -> &str {
         match self {
-            Self::Color(w) | Self::Material(w) | Self::Size(w) | Self::Shape(w) | Self::Room(w) | Self::Near(w) => w,
+            Self::Color(w)
+            | Self::Material(w)
+            | Self::Size(w)
+            | Self::Shape(w)
+            | Self::Room(w)
+            | Self::Near(w) => w,
         }
     }
 

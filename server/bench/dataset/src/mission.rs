@@ -98,7 +98,11 @@ const ATTEMPTS: usize = 200;
 ///
 /// Every mission has at least two modalities and no category twice; its targets are reachable, apart from each
 /// other and from the start; instances that were used less are preferred.
-pub fn sample_missions(assets: &SceneAssets, instances: &[Instance], options: &MissionOptions) -> Vec<EpisodeSpec> {
+pub fn sample_missions(
+    assets: &SceneAssets,
+    instances: &[Instance],
+    options: &MissionOptions,
+) -> Vec<EpisodeSpec> {
     let rng = Rng::new(options.seed);
     let mut uses = vec![0_u32; instances.len()];
     let mut episodes = Vec::new();
@@ -132,8 +136,7 @@ fn draw(
     let reference = |(length_m, path)| ReferenceTour { length_m, path };
     let goal = |(&index, cue): (&usize, CueSpec)| {
         let start_distance_m = regions.start_distance_m(&instances[index])?;
-        let target =
-            Target { modality: cue.modality(), start_distance_m, ..instances[index].target.clone() };
+        let target = Target { modality: cue.modality(), start_distance_m, ..instances[index].target.clone() };
         Some(GoalSpec { target, cue })
     };
     let turns = rng.below(12) as f32;
@@ -195,7 +198,8 @@ fn choose_targets(
         let instance = &instances[index];
         let new_category =
             chosen.iter().all(|&other| instances[other].target.category != instance.target.category);
-        let far = |distance_m: Option<f64>, least_m| distance_m.is_some_and(|distance_m| distance_m >= least_m);
+        let far =
+            |distance_m: Option<f64>, least_m| distance_m.is_some_and(|distance_m| distance_m >= least_m);
         let apart = |field| far(regions.nearest_m(field, instance), options.min_separation_m);
         if new_category
             && far(regions.start_distance_m(instance), options.min_start_m)

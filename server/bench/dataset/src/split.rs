@@ -78,7 +78,9 @@ pub enum DatasetError {
         objects: usize,
     },
     /// A scene is not what it was when the split was made.
-    #[error("scene {scene} has digest {found}, the split was made with {expected}; restore the file or make the split again")]
+    #[error(
+        "scene {scene} has digest {found}, the split was made with {expected}; restore the file or make the split again"
+    )]
     Changed {
         /// Its name.
         scene: String,
@@ -113,7 +115,11 @@ impl SceneSpec {
         let scene = self.source.make(&self.name)?;
         let found = digest(&scene);
         if found != self.digest {
-            return Err(DatasetError::Changed { scene: self.name.clone(), found, expected: self.digest.clone() });
+            return Err(DatasetError::Changed {
+                scene: self.name.clone(),
+                found,
+                expected: self.digest.clone(),
+            });
         }
         prepare(scene, rules)
     }
@@ -170,7 +176,11 @@ impl Split {
         let episodes = sample_missions(&assets, &instances, options);
         if episodes.is_empty() {
             let objects = assets.scene.objects.len();
-            return Err(DatasetError::NoMission { scene: name.to_owned(), instances: instances.len(), objects });
+            return Err(DatasetError::NoMission {
+                scene: name.to_owned(),
+                instances: instances.len(),
+                objects,
+            });
         }
         self.scenes.push(spec);
         self.episodes.extend(episodes);
@@ -195,8 +205,8 @@ impl Split {
     /// # Errors
     /// When it is not one, or of another format.
     pub fn from_json(bytes: &[u8]) -> Result<Self, DatasetError> {
-        let split: Self =
-            serde_json::from_slice(bytes).map_err(|error| DatasetError::Malformed { reason: error.to_string() })?;
+        let split: Self = serde_json::from_slice(bytes)
+            .map_err(|error| DatasetError::Malformed { reason: error.to_string() })?;
         if split.format != Self::FORMAT {
             let reason = format!("it has format {}, this version reads {}", split.format, Self::FORMAT);
             return Err(DatasetError::Malformed { reason });

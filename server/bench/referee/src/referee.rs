@@ -4,7 +4,9 @@ use avln_episode::{
     SensorsError, SoundClip, SoundingRule, WrongSubmit,
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
-use avln_world::{Motion, Rng, SceneAssets, Senses, SoundSource, StartError, View, World, WorldOptions, clip_bank};
+use avln_world::{
+    Motion, Rng, SceneAssets, Senses, SoundSource, StartError, View, World, WorldOptions, clip_bank,
+};
 use std::sync::Arc;
 
 /// One running episode: the rules applied to a world, from the first observation to the sealed record.
@@ -58,7 +60,9 @@ pub enum RefereeError {
     #[error(transparent)]
     Sensors(#[from] SensorsError),
     /// Mission and truth do not belong together.
-    #[error("episode {episode}: the mission has {goals} goals, its truth {targets} targets (1 to 8 are possible)")]
+    #[error(
+        "episode {episode}: the mission has {goals} goals, its truth {targets} targets (1 to 8 are possible)"
+    )]
     Mismatch {
         /// Id of the episode.
         episode: String,

@@ -66,9 +66,7 @@ mod tests {
 
     fn run(rules: &Rules, silent_from: [u32; 3], steps: u32) -> Vec<usize> {
         let mut schedule = Schedule::new(rules, 3, &mut Rng::new(4));
-        (0..steps)
-            .filter_map(|step| schedule.next(&silent_from.map(|from| step >= from), step > 0))
-            .collect()
+        (0..steps).filter_map(|step| schedule.next(&silent_from.map(|from| step >= from), step > 0)).collect()
     }
 
     #[test]

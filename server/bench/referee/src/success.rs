@@ -19,27 +19,40 @@ pub(crate) struct SuccessTest {
 impl SuccessTest {
     pub(crate) fn new(assets: &SceneAssets, targets: &[Target], rules: &Rules) -> Self {
         let field = |places: &mut dyn Iterator<Item = avln_episode::Point3<f32>>| {
-            let seeds: Vec<(NavPoint, f64)> =
-                places.filter_map(|place| assets.navmesh.snap(&place, SNAP_M)).map(|point| (point, 0.0)).collect();
+            let seeds: Vec<(NavPoint, f64)> = places
+                .filter_map(|place| assets.navmesh.snap(&place, SNAP_M))
+                .map(|point| (point, 0.0))
+                .collect();
             assets.navmesh.field(&seeds)
         };
         Self {
             rule: rules.success_distance,
             to_region: targets.iter().map(|t| field(&mut t.region.iter().copied())).collect(),
-            to_viewpoint: targets.iter().map(|t| field(&mut t.viewpoints.iter().map(|v| v.position))).collect(),
+            to_viewpoint: targets
+                .iter()
+                .map(|t| field(&mut t.viewpoints.iter().map(|v| v.position)))
+                .collect(),
         }
     }
 
     /// How far the body is from goal `goal` by the measure of the rules, when it stands in its success region.
-    pub(crate) fn distance_within(&self, world: &World, goal: usize, target: &Target, rules: &Rules) -> Option<f64> {
+    pub(crate) fn distance_within(
+        &self,
+        world: &World,
+        goal: usize,
+        target: &Target,
+        rules: &Rules,
+    ) -> Option<f64> {
         match self.rule {
             DistanceRule::CameraToBox => {
                 let assets = world.assets();
-                let sees = |eye: &_, half_view_rad| assets.sees(eye, InstanceId(target.instance), half_view_rad);
+                let sees =
+                    |eye: &_, half_view_rad| assets.sees(eye, InstanceId(target.instance), half_view_rad);
                 target.distance_within_region(&world.pose().position, rules, sees)
             }
             DistanceRule::BaseToViewpoint => {
-                let distance_m = self.to_viewpoint[goal].distance_m(&world.assets().navmesh, &world.standing())?;
+                let distance_m =
+                    self.to_viewpoint[goal].distance_m(&world.assets().navmesh, &world.standing())?;
                 let near = distance_m < f64::from(rules.success_radius_m);
                 (near && in_picture(world, target, rules)).then_some(distance_m)
             }

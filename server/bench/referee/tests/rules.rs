@@ -1,0 +1,300 @@
+//! Every rule of the task on a hand-made floor: three boxes far apart, the body between them.
+
+use avln_episode::{
+    Action, EndReason, Feedback, FeedbackRule, GoalCue, Mission, Modality, Order, Point3, Pose, Rules,
+    Sensors,
+};
+use avln_referee::{Referee, RefereeError, StepOutcome};
+use avln_truth::{EpisodeTruth, Record, Target};
+use avln_world::{Aabb, Attributes, Body, InstanceId, Material, Mesh, Object, Scene, SceneAssets};
+use std::{
+    f32::consts::FRAC_PI_2,
+    sync::{Arc, LazyLock},
+};
+
+const HALF_FLOOR_M: f32 = 10.0;
+/// Centres of the three targets on the floor (x, z): ahead, to the left and to the right of the start.
+const PLACES: [(f32, f32); 3] = [(0.0, -5.0), (-5.0, 0.0), (5.0, 0.0)];
+
+fn quad(mesh: &mut Mesh, corners: [[f32; 3]; 4], instance: InstanceId) {
+    let first = mesh.positions.len() as u32;
+    for [x, y, z] in corners {
+        mesh.positions.push(Point3::new(x, y, z));
+        mesh.uvs.push(Default::default());
+        mesh.colors.push([255; 3]);
+    }
+    for triangle in [[0, 1, 2], [0, 2, 3]] {
+        mesh.triangles.push(triangle.map(|corner| first + corner));
+        mesh.material_of.push(0);
+        mesh.instance_of.push(instance);
+    }
+}
+
+fn cube(mesh: &mut Mesh, b: &Aabb, instance: InstanceId) {
+    let (l, h) = (b.min, b.max);
+    quad(mesh, [[l.x, h.y, h.z], [h.x, h.y, h.z], [h.x, h.y, l.z], [l.x, h.y, l.z]], instance);
+    quad(mesh, [[l.x, l.y, h.z], [h.x, l.y, h.z], [h.x, h.y, h.z], [l.x, h.y, h.z]], instance);
+    quad(mesh, [[h.x, l.y, l.z], [l.x, l.y, l.z], [l.x, h.y, l.z], [h.x, h.y, l.z]], instance);
+    quad(mesh, [[l.x, l.y, l.z], [l.x, l.y, h.z], [l.x, h.y, h.z], [l.x, h.y, l.z]], instance);
+    quad(mesh, [[h.x, l.y, h.z], [h.x, l.y, l.z], [h.x, h.y, l.z], [h.x, h.y, h.z]], instance);
+}
+
+fn bounds((x, z): (f32, f32)) -> Aabb {
+    Aabb::new(Point3::new(x - 0.25, 0.0, z - 0.25), Point3::new(x + 0.25, 1.0, z + 0.25))
+}
+
+fn prepare() -> Arc<SceneAssets> {
+    let mut mesh = Mesh::default();
+    let f = HALF_FLOOR_M;
+    quad(&mut mesh, [[-f, 0.0, f], [f, 0.0, f], [f, 0.0, -f], [-f, 0.0, -f]], InstanceId::NONE);
+    // A lid, so that the floor is not taken for a roof.
+    quad(&mut mesh, [[-f, 3.0, -f], [f, 3.0, -f], [f, 3.0, f], [-f, 3.0, f]], InstanceId::NONE);
+    let objects = PLACES.iter().enumerate().map(|(index, &place)| {
+        let id = InstanceId(index as u16 + 1);
+        cube(&mut mesh, &bounds(place), id);
+        let attributes = Attributes::default();
+        Object { id, category: format!("box{index}"), bounds: bounds(place), region: None, attributes }
+    });
+    let objects = objects.collect();
+    let material = Material {
+        name: "plaster".to_owned(),
+        base_color: [200, 200, 200, 255],
+        texture: None,
+        alpha_cutoff: None,
+    };
+    let scene = Scene {
+        name: "floor".to_owned(),
+        mesh,
+        materials: vec![material],
+        textures: vec![],
+        regions: vec![],
+        objects,
+    };
+    Arc::new(SceneAssets::prepare(scene, &Body::default()).expect("one can walk on it"))
+}
+
+static ASSETS: LazyLock<Arc<SceneAssets>> = LazyLock::new(prepare);
+
+fn target(index: usize) -> Target {
+    let (x, z) = PLACES[index];
+    let toward_start = Point3::new(x * 0.75, 0.0, z * 0.75);
+    Target {
+        instance: index as u16 + 1,
+        category: format!("box{index}"),
+        modality: Modality::Category,
+        bounds: bounds(PLACES[index]),
+        source: bounds(PLACES[index]).center(),
+        floor_y_m: 0.0,
+        region: vec![toward_start],
+        viewpoints: vec![Pose::new(toward_start, 0.0)],
+        start_distance_m: 3.75,
+    }
+}
+
+fn episode(order: Order, rules: Rules, sensors: Sensors) -> Referee {
+    let goals = (0..3).map(|index| GoalCue::Category(format!("box{index}"))).collect();
+    let truth = EpisodeTruth {
+        episode: "floor-0000".to_owned(),
+        scene: "floor".to_owned(),
+        seed: 9,
+        start: Pose::new(Point3::origin(), 0.0),
+        order,
+        targets: (0..3).map(target).collect(),
+        reference_m: 12.0,
+        reference_path: vec![],
+    };
+    Referee::new(ASSETS.clone(), Mission { order, goals }, truth, rules, sensors).expect("a legal episode")
+}
+
+fn blind() -> Sensors {
+    Sensors { rgb: false, depth: false, audio: false, ..Sensors::all(64, 64) }
+}
+
+fn quick(order: Order) -> Referee {
+    episode(order, Rules::paper(), blind())
+}
+
+fn go(referee: &mut Referee, actions: &[(Action, usize)]) -> StepOutcome {
+    let each = actions.iter().flat_map(|&(action, times)| std::iter::repeat_n(action, times));
+    each.map(|action| referee.step(action).expect("still running")).last().expect("at least one action")
+}
+
+fn record(referee: Referee) -> Record {
+    referee.into_record().1
+}
+
+use Action::{MoveForward, Stop, Submit, TurnLeft, TurnRight};
+/// From the start to the success region of the target ahead, and back.
+const AHEAD: [(Action, usize); 1] = [(MoveForward, 12)];
+const BACK: [(Action, usize); 2] = [(TurnLeft, 6), (MoveForward, 12)];
+
+#[test]
+fn success_reaches_two_metres_from_the_camera_to_the_box() {
+    // The box's near face is at z = -4.75 and lower than the camera of 1 m only at its rim: 2 m away is z = -2.75.
+    let mut referee = quick(Order::Unordered);
+    go(&mut referee, &[(MoveForward, 10)]);
+    let outside = go(&mut referee, &[(Submit, 1)]);
+    assert_eq!(outside.end, None);
+    go(&mut referee, &[(MoveForward, 1), (Submit, 1)]);
+    let facts = record(referee);
+    assert_eq!(facts.found_at(3), [Some(13), None, None]);
+    assert_eq!(facts.submits[0].completed, None);
+    assert_eq!(facts.steps[9].in_region, 0);
+    assert_eq!(facts.steps[11].in_region, 0b001);
+}
+
+#[test]
+fn ordered_missions_take_the_next_goal_only_and_a_wrong_submit_keeps_it() {
+    let mut referee = quick(Order::Ordered);
+    // To the second target first: it does not count yet.
+    go(&mut referee, &[(TurnLeft, 3), (MoveForward, 12), (Submit, 1)]);
+    go(&mut referee, &[(TurnLeft, 6), (MoveForward, 12), (TurnLeft, 3)]);
+    go(&mut referee, &AHEAD);
+    go(&mut referee, &[(Submit, 1)]);
+    let completed: Vec<_> = record(referee).submits.iter().map(|submit| submit.completed).collect();
+    assert_eq!(completed, [None, Some(0)]);
+}
+
+#[test]
+fn the_authors_rules_skip_a_goal_after_a_wrong_submit() {
+    let mut referee = episode(Order::Ordered, Rules::authors(), blind());
+    go(&mut referee, &[(Submit, 1)]);
+    let facts = record(referee);
+    assert_eq!((facts.submits[0].completed, facts.submits[0].skipped), (None, Some(0)));
+}
+
+#[test]
+fn the_last_submit_is_final_and_may_complete_a_goal() {
+    let mut referee = quick(Order::Unordered);
+    let first = go(&mut referee, &[(Submit, 1)]);
+    assert_eq!((first.observation.remaining_submits, first.end), (1, None));
+    assert_eq!(go(&mut referee, &[(Submit, 1)]).end, None);
+    go(&mut referee, &AHEAD);
+    assert_eq!(go(&mut referee, &[(Submit, 1)]).end, Some(EndReason::FinalSubmit));
+    assert_eq!(record(referee).found_at(3), [Some(15), None, None]);
+}
+
+#[test]
+fn stop_ends_the_episode_at_once_and_nothing_can_follow() {
+    let mut referee = quick(Order::Unordered);
+    assert_eq!(go(&mut referee, &[(Stop, 1)]).end, Some(EndReason::Stopped));
+    let error = referee.step(MoveForward).expect_err("it is over");
+    assert!(matches!(error, RefereeError::Over { reason: EndReason::Stopped, steps: 1 }), "{error}");
+    referee.truncate(EndReason::Disconnected);
+    assert_eq!(record(referee).end, EndReason::Stopped);
+}
+
+#[test]
+fn a_whole_mission_can_be_completed() {
+    let mut referee = quick(Order::Ordered);
+    go(&mut referee, &AHEAD);
+    go(&mut referee, &[(Submit, 1)]);
+    go(&mut referee, &BACK);
+    go(&mut referee, &[(TurnRight, 3), (MoveForward, 12), (Submit, 1), (TurnLeft, 6), (MoveForward, 24)]);
+    assert_eq!(go(&mut referee, &[(Stop, 1)]).end, Some(EndReason::Stopped));
+    assert!(record(referee).found_at(3).iter().all(Option::is_some));
+}
+
+#[test]
+fn all_five_actions_count_as_steps_and_the_last_one_is_carried_out() {
+    let rules = Rules { max_steps: 13, ..Rules::paper() };
+    let mut referee = episode(Order::Unordered, rules, blind());
+    let before = go(&mut referee, &AHEAD);
+    assert_eq!((before.observation.step, before.observation.remaining_steps, before.end), (12, 1, None));
+    let last = go(&mut referee, &[(Submit, 1)]);
+    assert_eq!((last.observation.remaining_steps, last.end), (0, Some(EndReason::StepLimit)));
+    assert_eq!(record(referee).found_at(3), [Some(13), None, None]);
+}
+
+#[test]
+fn the_pose_is_told_relative_to_the_start() {
+    let mut referee = quick(Order::Unordered);
+    let told = go(&mut referee, &[(TurnLeft, 3), (MoveForward, 4)]).observation.pose;
+    assert!((told.position - Point3::new(-1.0, 0.0, 0.0)).norm() < 0.02, "{told:?}");
+    assert!((told.heading_rad - FRAC_PI_2).abs() < 1e-5);
+}
+
+#[test]
+fn a_found_target_falls_silent_and_the_others_take_turns() {
+    let sensors = Sensors { rgb: false, depth: false, ..Sensors::all(64, 64) };
+    let mut referee = episode(Order::Unordered, Rules::paper(), sensors);
+    go(&mut referee, &AHEAD);
+    let heard = go(&mut referee, &[(Submit, 1)]).observation.audio.expect("audio was asked for");
+    assert_eq!(heard.len(), 8000);
+    assert!(heard.iter().any(|sample| sample.abs() > 1e-4));
+    go(&mut referee, &[(TurnLeft, 80)]);
+    let facts = record(referee);
+    let sounding: Vec<_> = facts.steps[12..].iter().map(|step| step.sounding).collect();
+    assert!(!sounding.contains(&Some(0)) && !sounding.contains(&None));
+    assert!(sounding.contains(&Some(1)) && sounding.contains(&Some(2)));
+}
+
+#[test]
+fn feedback_is_what_the_rules_allow() {
+    for (rule, right, wrong) in [
+        (FeedbackRule::None, Feedback::None, Feedback::None),
+        (FeedbackRule::Accepted, Feedback::Accepted, Feedback::Accepted),
+        (FeedbackRule::Verdict, Feedback::Verdict(true), Feedback::Verdict(false)),
+    ] {
+        let mut referee = episode(Order::Unordered, Rules { feedback: rule, ..Rules::paper() }, blind());
+        assert_eq!(go(&mut referee, &[(Submit, 1)]).observation.feedback, wrong);
+        assert_eq!(go(&mut referee, &AHEAD).observation.feedback, Feedback::None);
+        assert_eq!(go(&mut referee, &[(Submit, 1)]).observation.feedback, right);
+    }
+}
+
+#[test]
+fn the_same_actions_give_the_same_observations_and_hashes() {
+    let walk = [(MoveForward, 3), (TurnRight, 2), (MoveForward, 5), (Submit, 1), (TurnLeft, 1)];
+    let play = || {
+        let mut referee = episode(Order::Unordered, Rules::paper(), Sensors::all(64, 64));
+        let last = go(&mut referee, &walk).observation;
+        (last, record(referee))
+    };
+    let (a, b) = (play(), play());
+    assert_eq!(a, b);
+    let hashes: std::collections::BTreeSet<_> = a.1.steps.iter().map(|step| step.state_hash).collect();
+    assert_eq!(hashes.len(), a.1.steps.len(), "every step has a state of its own");
+}
+
+#[test]
+fn asking_for_the_start_again_changes_nothing() {
+    let mut referee = episode(Order::Unordered, Rules::paper(), Sensors::all(64, 64));
+    let first = referee.start();
+    assert_eq!(referee.start(), first);
+    assert_eq!(first.step, 0);
+    let mut other = episode(Order::Unordered, Rules::paper(), Sensors::all(64, 64));
+    assert_eq!(
+        referee.step(TurnLeft).expect("runs"),
+        other.step(TurnLeft).expect("runs"),
+        "start is implied"
+    );
+}
+
+#[test]
+fn the_authors_rules_pad_the_sound_and_divide_the_depth() {
+    let paper = episode(Order::Unordered, Rules::paper(), Sensors::all(64, 64)).start();
+    let raised = Rules { camera_height_m: 1.0, ..Rules::authors() };
+    let authors = episode(Order::Unordered, raised, Sensors::all(64, 64)).start();
+    assert_eq!(authors.audio.expect("audio").len(), 32_000);
+    let (near, far) = (paper.depth.expect("depth"), authors.depth.expect("depth"));
+    assert!(near.iter().zip(&far).all(|(metres, share)| (metres / 10.0 - share).abs() < 1e-6));
+}
+
+#[test]
+fn impossible_episodes_are_refused_with_a_reason() {
+    let small = Sensors { width: 8, ..Sensors::all(64, 64) };
+    let truth = || episode(Order::Ordered, Rules::paper(), blind()).into_record().0;
+    let mission = |goals: usize| Mission {
+        order: Order::Ordered,
+        goals: (0..goals).map(|_| GoalCue::Category("box".to_owned())).collect(),
+    };
+    let new = |mission, truth, sensors| Referee::new(ASSETS.clone(), mission, truth, Rules::paper(), sensors);
+    assert!(matches!(new(mission(3), truth(), small), Err(RefereeError::Sensors(_))));
+    assert!(matches!(
+        new(mission(2), truth(), blind()),
+        Err(RefereeError::Mismatch { goals: 2, targets: 3, .. })
+    ));
+    let outside = EpisodeTruth { start: Pose::new(Point3::new(99.0, 0.0, 0.0), 0.0), ..truth() };
+    assert!(matches!(new(mission(3), outside, blind()), Err(RefereeError::Start { .. })));
+}
