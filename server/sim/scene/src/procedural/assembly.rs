@@ -118,10 +118,10 @@ fn soften(paint: &Paint) -> f32 {
 }
 
 /// Brightness of a surface by the direction that it faces: daylight from above and one side, so that
-/// neighbouring faces of a box differ. 0.7 (facing down) to 1.
+/// neighbouring faces of a box differ; the floor throws some of it back up. 0.76 to 1.
 pub(super) fn facing_light(normal: &Vector3<f32>) -> f32 {
-    let towards_light = Vector3::new(0.27, 0.80, 0.53);
-    0.85 + 0.15 * normal.dot(&towards_light)
+    let above = if normal.y > 0.0 { 0.80 } else { 0.40 };
+    0.85 + 0.15 * normal.dot(&Vector3::new(0.27, above, 0.53))
 }
 
 /// Light on furniture: by direction, and a little darker towards the floor.

@@ -196,7 +196,7 @@ impl Decorator<'_> {
         };
         let claims: Vec<Claim> = places.into_iter().map(claim).collect();
         let clear = claims.iter().find(|claim| self.space.fits(claim));
-        let tight = || claims.iter().find(|claim| self.space.fits_in_front(claim, self.doors));
+        let tight = || claims.iter().find(|claim| self.space.fits_closely(claim, self.doors));
         clear.or_else(tight).map(|claim| claim.rect.center())
     }
 

@@ -90,6 +90,13 @@ impl Space {
             && self.still_connected(claim)
     }
 
+    /// Like [`Space::fits`], but the piece may reach 0.2 m into the free floor in front of furniture.
+    pub(super) fn fits_closely(&self, claim: &Claim, doors: usize) -> bool {
+        const REACH_M: f32 = 0.2;
+        let blocked = |zone: &Rect| zone.inset(REACH_M).overlaps(&claim.rect);
+        !self.free[doors..].iter().any(blocked) && self.fits_in_front(claim, doors)
+    }
+
     fn stands(&self, claim: &Claim) -> bool {
         let clear = |rect: &Rect| !self.solids.iter().any(|solid| solid.overlaps(rect));
         let front_ok = |front: &Rect| self.room.holds(front) && clear(front);
@@ -141,12 +148,18 @@ impl Space {
     }
 }
 
-/// Whether a disc of radius `radius_m` can move inside `room`, around `solids`, between all `goals`.
+/// Share of the free floor that must stay one piece.
+const WHOLE_FLOOR: f32 = 0.92;
+
+/// Whether a disc of radius `radius_m` can move inside `room`, around `solids`, between all `goals`, and nearly
+/// everywhere else.
 fn connected(room: &Rect, solids: &[Rect], goals: &[Rect], radius_m: f32) -> bool {
     let grid = Grid::new(room, solids, radius_m);
     let Some(first) = goals.first() else { return true };
     let reached = grid.flood(first);
-    goals.iter().all(|goal| grid.cells_in(goal).any(|cell| reached[cell]))
+    let count = |cells: &[bool]| cells.iter().filter(|&&cell| cell).count() as f32;
+    let whole = count(&reached) >= WHOLE_FLOOR * count(&grid.free);
+    whole && goals.iter().all(|goal| grid.cells_in(goal).any(|cell| reached[cell]))
 }
 
 /// Square cells over a room, each free or blocked.

@@ -31,7 +31,7 @@ pub(in crate::procedural) fn bed(taste: &mut Taste, width: f32) -> Piece {
 fn headboard(taste: &mut Taste, m: &mut Model, width: f32, head: f32, frame: Paint, cloth: Paint) {
     let top = taste.length_m(0.85, 1.1);
     match taste.style(3) {
-        0 => m.block(about(0.0, width), [0.14, top], [head - 0.02, head + 0.04], frame),
+        0 => m.block(about(0.0, width), [0.42, top], [head - 0.02, head + 0.04], frame),
         1 => {
             m.soft(about(0.0, width + 0.04), [0.2, top], [head - 0.04, head + 0.06], 0.04, cloth.times(0.95))
         }

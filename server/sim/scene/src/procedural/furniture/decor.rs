@@ -140,7 +140,7 @@ pub(in crate::procedural) fn rug(taste: &mut Taste, size: [f32; 2]) -> Piece {
     if round {
         m.cylinder([0.0, 0.0], [0.0, 0.012], size[0].min(size[1]) / 2.0, 24, paint);
     } else {
-        m.block(about(0.0, size[0]), [0.0, 0.01], about(0.0, size[1]), paint.times(0.94));
+        m.block(about(0.0, size[0]), [0.0, 0.01], about(0.0, size[1]), paint.times(0.96));
         m.block(about(0.0, size[0] - 0.2), [0.01, 0.014], about(0.0, size[1] - 0.2), paint);
     }
     Piece::new("rug", m, said(tint, "fabric", "", if round { "round" } else { "rectangular" }))

@@ -181,11 +181,13 @@ pub(in crate::procedural) fn stool(taste: &mut Taste, tall: bool) -> Piece {
     Piece::new("stool", m, said(tint, "wooden", size, if round { "round" } else { "square" }))
 }
 
+const SLATS: &[&str] = &["brown", "black", "grey", "teal", "blue", "green", "red"];
+
 /// A bench for two: slatted wood, a box with a seat cushion, or a padded top on metal legs.
 pub(in crate::procedural) fn bench(taste: &mut Taste, depth: f32) -> Piece {
     let (width, height) = (taste.length_m(0.95, 1.3), taste.length_m(0.43, 0.48));
     let style = taste.style(3);
-    let tint = taste.tint("seating", if style == 0 { WOOD } else { CLOTH });
+    let tint = taste.tint("seating", if style == 0 { SLATS } else { CLOTH });
     let (wood, cloth) = (Paint::wood(tint), Paint::fabric(tint));
     let mut m = Model::new();
     match style {
@@ -199,7 +201,7 @@ pub(in crate::procedural) fn bench(taste: &mut Taste, depth: f32) -> Piece {
             m.block(about(0.0, width - 0.16), [0.12, 0.16], about(0.0, 0.05), wood);
         }
         1 => {
-            m.block(about(0.0, width), [0.0, height - 0.16], about(0.0, depth), wood.times(0.85));
+            m.block(about(0.0, width), [0.0, height - 0.16], about(0.0, depth), wood.times(0.97));
             m.soft(about(0.0, width), [height - 0.16, height], about(0.0, depth), 0.04, cloth);
         }
         _ => {
