@@ -24,7 +24,7 @@ pub enum FailureKind {
 }
 
 /// The exit codes, as `avln --help` prints them.
-pub const EXIT_CODES: &str = "Exit codes:
+pub(crate) const EXIT_CODES: &str = "Exit codes:
   0  done
   1  something that should not have happened
   2  the command line is wrong

@@ -1,3 +1,5 @@
+//! The folder that holds everything the server keeps.
+
 use crate::{Failure, FailureKind};
 use avln_dataset::Split;
 use avln_store::Store;

@@ -8,7 +8,7 @@ use std::{
 
 /// Prepared scenes that running episodes share; the one that was not used for longest goes first.
 #[derive(Default)]
-pub struct SceneCache {
+pub(super) struct SceneCache {
     shelf: Mutex<VecDeque<Place>>,
 }
 
@@ -26,7 +26,7 @@ impl SceneCache {
     ///
     /// # Errors
     /// When the scene cannot be read, has changed, or no body can move in it.
-    pub fn get(&self, scene: &SceneSpec, rules: &Rules) -> Result<Arc<SceneAssets>, DatasetError> {
+    pub(super) fn get(&self, scene: &SceneSpec, rules: &Rules) -> Result<Arc<SceneAssets>, DatasetError> {
         let place = self.place((scene.digest.clone(), rules.name.clone()));
         let mut assets = place.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(ready) = &*assets {

@@ -1,3 +1,5 @@
+//! Runs the agents that come with the arena.
+
 use crate::Failure;
 use clap::Subcommand;
 

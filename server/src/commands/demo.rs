@@ -1,3 +1,5 @@
+//! Houses, missions, two agents and a leaderboard in one command.
+
 use crate::{
     Failure, FailureKind,
     arena::{Arena, data::DataFolder},

@@ -1,3 +1,5 @@
+//! Phases: what can be played, and who may see the results.
+
 use crate::{
     Failure, FailureKind,
     arena::{data::DataFolder, now_unix_ms, register},

@@ -1,3 +1,5 @@
+//! Looks at scenes and exports them.
+
 use crate::{Failure, FailureKind};
 use avln_scene::{Scene, glb, open, procedural};
 use clap::{Args, Subcommand};

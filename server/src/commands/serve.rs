@@ -1,3 +1,5 @@
+//! Hosts the phases of a data folder.
+
 use crate::{
     Failure, FailureKind,
     arena::{Arena, data::DataFolder},

@@ -1,3 +1,5 @@
+//! Makes splits of scenes and missions.
+
 use crate::{
     Failure, FailureKind,
     arena::{data::DataFolder, register},

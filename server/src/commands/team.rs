@@ -1,3 +1,5 @@
+//! Admits teams and issues tokens.
+
 use crate::{
     Failure, FailureKind,
     arena::{data::DataFolder, now_unix_ms, secret::new_token},
