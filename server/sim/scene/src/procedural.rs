@@ -1,7 +1,7 @@
 //! Furnished houses from a seed: one storey, a hallway, rooms around it.
 //!
 //! The same name, seed and options give the same bits on every platform. Every room can be reached by a body of
-//! 0.28 m radius; furniture leaves the doors free.
+//! 0.25 m radius; furniture leaves the doors free.
 
 mod assembly;
 mod furnish;

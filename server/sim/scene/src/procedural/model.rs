@@ -129,6 +129,7 @@ pub(super) fn flat_uv(point: &Point3<f32>, normal: &Vector3<f32>, paint: Paint) 
 mod tests {
     use super::*;
     use crate::procedural::paint::Paint;
+    use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
     const PAINT: Paint = Paint::CHROME;
 
@@ -159,9 +160,9 @@ mod tests {
         let (x, y, z) = ([-1.0, 1.0], [0.5, 1.0], [2.0, 5.0]);
         check("block", |m| m.block(x, y, z, PAINT), 3.0, 1e-4);
         check("soft", |m| m.soft(x, y, z, 0.05, PAINT), 3.0, 0.05);
-        check("cylinder", |m| m.cylinder([1.0, 2.0], [1.0, 3.0], 0.5, 64, PAINT), 1.5708, 0.01);
-        check("cone", |m| m.lathe([0.0, 0.0], &[[1.0, 0.0], [0.0, 3.0]], 64, PAINT), 3.1416, 0.02);
-        check("oval", |m| m.oval([0.0, 0.0], [2.0, 1.0], &[[1.0, 0.0], [1.0, 1.0]], 64, PAINT), 6.2832, 0.02);
+        check("cylinder", |m| m.cylinder([1.0, 2.0], [1.0, 3.0], 0.5, 64, PAINT), FRAC_PI_2, 0.01);
+        check("cone", |m| m.lathe([0.0, 0.0], &[[1.0, 0.0], [0.0, 3.0]], 64, PAINT), PI, 0.02);
+        check("oval", |m| m.oval([0.0, 0.0], [2.0, 1.0], &[[1.0, 0.0], [1.0, 1.0]], 64, PAINT), TAU, 0.02);
         // Along each axis the mean height over six cells is 0.7965 of the full one.
         check("pillow", |m| m.pillow(x, y, z, PAINT), 3.0 * 0.7965 * 0.7965, 0.01);
     }

@@ -121,7 +121,7 @@ fn boards(noise: &Noise, x: u32, y: u32, width: u32, length: u32) -> f32 {
     let row = y / width;
     let along = x + row * length * 5 / 8;
     let board = (along / length) % (SIZE / length);
-    let gap = y % width == 0 || along.is_multiple_of(length);
+    let gap = y.is_multiple_of(width) || along.is_multiple_of(length);
     let tone = 0.82 + 0.16 * noise.at(row * 7 + 3, board * 11 + 5);
     if gap { 0.55 } else { tone - 0.08 * noise.smooth(x, y, 32, 2) }
 }
@@ -130,7 +130,7 @@ fn boards(noise: &Noise, x: u32, y: u32, width: u32, length: u32) -> f32 {
 fn tiles(noise: &Noise, x: u32, y: u32, [width, height]: [u32; 2], shift: u32) -> f32 {
     let row = y / height;
     let along = (x + row * shift) % SIZE;
-    let joint = y % height == 0 || along.is_multiple_of(width);
+    let joint = y.is_multiple_of(height) || along.is_multiple_of(width);
     if joint { 0.8 } else { 0.93 + 0.07 * noise.at(row * 5 + 1, along / width * 9 + 2) }
 }
 

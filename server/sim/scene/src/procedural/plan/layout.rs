@@ -190,3 +190,22 @@ fn placed(rng: &mut Rng, strips: Vec<Strip>) -> Vec<Room> {
     };
     strips.iter().map(room).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::procedural::plan::Plan;
+
+    #[test]
+    fn rooms_do_not_overlap_and_are_wide_enough_to_turn_in() {
+        for seed in 0..200 {
+            let plan = Plan::draw(&mut Rng::new(seed), 5 + seed as usize % 4);
+            for (index, room) in plan.rooms.iter().enumerate() {
+                let [width, depth] = room.interior().size();
+                assert!(width.min(depth) > 1.3, "seed {seed}: {:?} of {width} by {depth} m", room.kind);
+                let others = &plan.rooms[index + 1..];
+                assert!(others.iter().all(|other| !other.cell.overlaps(&room.cell)), "seed {seed}");
+            }
+        }
+    }
+}

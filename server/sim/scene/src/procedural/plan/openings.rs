@@ -89,3 +89,41 @@ fn is_public(kind: RoomKind) -> bool {
     use RoomKind::*;
     matches!(kind, Hallway | LivingRoom | Kitchen | DiningRoom)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::procedural::plan::Plan;
+
+    #[test]
+    fn doors_join_all_rooms_with_a_loop_or_two() {
+        for seed in 0..200 {
+            let count = 5 + seed as usize % 4;
+            let plan = Plan::draw(&mut Rng::new(seed), count);
+            let walls = plan.openings.iter().map(|opening| SharedWall {
+                rooms: opening.rooms,
+                along_x: opening.along_x,
+                line_m: opening.line_m,
+                along: opening.along,
+            });
+            let (tree, loops) = spanning_tree(count, walls.collect());
+            assert_eq!(tree.len(), count - 1, "seed {seed}");
+            assert!((1..=2).contains(&loops.len()), "seed {seed}: {} loops", loops.len());
+        }
+    }
+
+    #[test]
+    fn doors_lie_in_the_walls_of_both_rooms() {
+        for seed in 0..200 {
+            let plan = Plan::draw(&mut Rng::new(seed), 6);
+            for opening in &plan.openings {
+                let width_m = opening.along[1] - opening.along[0];
+                assert!((0.89..1.81).contains(&width_m), "seed {seed}: {width_m} m wide");
+                for room in opening.rooms.map(|room| plan.rooms[room].interior()) {
+                    let wall = if opening.along_x { room.x } else { room.z };
+                    assert!(wall[0] < opening.along[0] && opening.along[1] < wall[1], "seed {seed}");
+                }
+            }
+        }
+    }
+}
