@@ -1,1 +1,103 @@
-//! What only the whole house can show: the tests lie in `tests/`.
+//! What only the whole house can show. The tests lie in `tests/`; here is the house that they open.
+
+use avln_server::{
+    arena::{Arena, data::DataFolder},
+    commands::{phase, split, team},
+    doors::{Addresses, Doors, OpenDoors},
+};
+use std::{path::Path, sync::Arc};
+use tempfile::TempDir;
+
+/// A server with both doors open on ports of its own, over a data folder of its own, with one phase and one team.
+pub struct House {
+    /// The data folder; it goes with the house.
+    pub folder: TempDir,
+    /// Both doors.
+    pub doors: OpenDoors,
+    /// Account token of the team [`TEAM`].
+    pub token: String,
+}
+
+/// The team of every house.
+pub const TEAM: &str = "test team";
+/// The phase of every house, and its split.
+pub const PHASE: &str = "trial";
+
+/// How a house is furnished.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Procedural houses in the split.
+    pub houses: u32,
+    /// Missions in each.
+    pub missions: usize,
+    /// Who may see scores and replays.
+    pub visible_to: phase::Who,
+}
+
+impl Default for Plan {
+    fn default() -> Self {
+        Self { houses: 1, missions: 2, visible_to: phase::Who::Public }
+    }
+}
+
+impl House {
+    /// Builds scenes and missions, opens the phase and both doors.
+    pub async fn open(plan: &Plan) -> Self {
+        let folder = TempDir::new().expect("a folder for temporary files");
+        let token = furnish(folder.path(), plan).await;
+        let doors = open_doors(folder.path()).await;
+        Self { folder, doors, token }
+    }
+
+    /// Address of the agents' door.
+    pub fn agents_url(&self) -> String {
+        format!("http://{}", self.doors.grpc)
+    }
+
+    /// Closes the doors and opens them again over the same folder.
+    pub async fn reopen(self) -> Self {
+        self.doors.close().await.expect("both doors close");
+        let doors = open_doors(self.folder.path()).await;
+        Self { doors, ..self }
+    }
+}
+
+/// Fills a data folder with a split, a phase and a team; gives back the team's token.
+pub async fn furnish(folder: &Path, plan: &Plan) -> String {
+    let data = DataFolder::open(folder).expect("the folder is writable");
+    let store = data.store().await.expect("a new database");
+    let make = split::Make {
+        name: PHASE.to_owned(),
+        houses: plan.houses,
+        scene: vec![],
+        missions: plan.missions,
+        seed: 5,
+        rules: "lh-avln-v1".to_owned(),
+    };
+    split::make(&data, &store, make, |_| ()).await.expect("houses hold missions");
+    let open = phase::Open {
+        id: PHASE.to_owned(),
+        split: PHASE.to_owned(),
+        title: None,
+        scores: plan.visible_to,
+        replays: plan.visible_to,
+        feedback: None,
+        quota: None,
+        max_slots: 4,
+        max_side: 256,
+    };
+    phase::open(&data, &store, &open).await.expect("the phase can be opened");
+    let token = team::admit(&store, TEAM, false).await.expect("the team can be admitted");
+    store.close().await;
+    token
+}
+
+/// Opens both doors of a furnished folder on free ports.
+pub async fn open_doors(folder: &Path) -> OpenDoors {
+    let data = DataFolder::open(folder).expect("the folder is writable");
+    let store = data.store().await.expect("its database");
+    let arena = Arena::open(&data, store.clone()).await.expect("its phases");
+    let free = "127.0.0.1:0".parse().expect("an address");
+    let doors = Doors::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
+    doors.open(Arc::new(arena), store.reader()).expect("both doors")
+}
