@@ -46,7 +46,7 @@ enum Wish {
     Anywhere,
     Corner,
     Middle,
-    /// On this wall, near this place along it.
+    /// On this wall and no other, near this place along it.
     Facing(Side, f32),
 }
 
@@ -129,7 +129,7 @@ impl Decorator<'_> {
                     Wish::Anywhere => self.rng.range(0.0, 1.0),
                     Wish::Corner => 1.0 - from_middle + whim,
                     Wish::Middle => from_middle + whim,
-                    Wish::Facing(wanted, _) if wanted != side => 10.0 + whim,
+                    Wish::Facing(wanted, _) if wanted != side => continue,
                     Wish::Facing(_, place) => (start + length_m / 2.0 - place).abs(),
                 };
                 places.push((side, start, cost));

@@ -73,7 +73,8 @@ impl Decorator<'_> {
     fn chest(&mut self, bed: Option<&Spot>) {
         let chest = storage::chest_of_drawers(self.taste);
         let wish = bed.map_or(Wish::Anywhere, |bed| Wish::Facing(bed.side.opposite(), bed.along()));
-        let Some(spot) = self.stand(&chest, wish, 0.6) else { return };
+        let facing = self.stand(&chest, wish, 0.6);
+        let Some(spot) = facing.or_else(|| self.stand(&chest, Wish::Anywhere, 0.6)) else { return };
         let height = spot.height_m();
         if self.rng.chance(0.4) {
             let tv = living::standing_tv(self.taste, 0.68);

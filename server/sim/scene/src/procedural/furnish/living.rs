@@ -57,21 +57,22 @@ impl Decorator<'_> {
         Some(spot)
     }
 
-    /// A television on a stand, on a wall above a cabinet, or on the bare wall.
+    /// A television on a stand or above it, or on the bare wall; where `wish` says if possible.
     fn television(&mut self, wish: Wish) {
         let width = self.taste.length_m(0.95, 1.25);
         let stand = storage::tv_stand(self.taste, width + 0.25);
         let Some(stand) = self.stand(&stand, wish, 0.6) else {
             let tv = living::wall_tv(self.taste, width);
-            self.hang(&tv, 1.05, wish);
+            if self.hang(&tv, 1.05, wish).is_none() && !matches!(wish, Wish::Anywhere) {
+                self.television(Wish::Anywhere);
+            }
             return;
         };
-        if self.rng.chance(0.6) {
+        let above = self.rng.chance(0.4);
+        let tv = living::wall_tv(self.taste, width);
+        if !above || self.hang(&tv, 0.95, Wish::Facing(stand.side, stand.along())).is_none() {
             let tv = living::standing_tv(self.taste, width);
             self.lay(&tv, &stand, [0.0, stand.height_m(), 0.0]);
-        } else {
-            let tv = living::wall_tv(self.taste, width);
-            self.hang(&tv, 0.95, Wish::Facing(stand.side, stand.along()));
         }
     }
 
