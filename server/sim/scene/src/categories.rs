@@ -49,7 +49,7 @@ fn listed(name: &str) -> Option<&'static str> {
     let singular = name.strip_suffix('s').unwrap_or(name);
     let is_it = |entry: &&str| *entry == name || *entry == singular;
     let row = SYNONYMS.iter().find(|(category, words)| {
-        words.iter().any(|word| is_it(word)) || is_it(&category.replace('_', " ").as_str())
+        words.iter().any(is_it) || is_it(&category.replace('_', " ").as_str())
     })?;
     Some(row.0)
 }
