@@ -48,9 +48,9 @@ fn normalised(raw_name: &str) -> String {
 fn listed(name: &str) -> Option<&'static str> {
     let singular = name.strip_suffix('s').unwrap_or(name);
     let is_it = |entry: &&str| *entry == name || *entry == singular;
-    let row = SYNONYMS.iter().find(|(category, words)| {
-        words.iter().any(is_it) || is_it(&category.replace('_', " ").as_str())
-    })?;
+    let row = SYNONYMS
+        .iter()
+        .find(|(category, words)| words.iter().any(is_it) || is_it(&category.replace('_', " ").as_str()))?;
     Some(row.0)
 }
 
