@@ -68,7 +68,7 @@ async fn play(house: &House, order: Order) -> avln_client::RunSummary {
     let blind = Sensors { rgb: false, depth: false, audio: false, ..Sensors::default() };
     let mut play = arena.play(&run, blind).await.expect("a stream");
     while let Some(mut episode) = play.next_episode().await.expect("an episode or the end") {
-        let spec = &split.episodes[episode.ordinal() as usize];
+        let spec = &split.episodes[episode.ordinal() as usize - 1];
         let truth = spec
             .truth(if order == Order::Ordered { "ordered" } else { "unordered" }.parse().expect("an order"));
         let assets = split.scene(&spec.scene).expect("its scene").open(&rules).expect("it opens");
