@@ -1,6 +1,6 @@
 //! The people's door: pages, REST API, plots.
 //!
-//! Start reading at [`router`]: every page and every answer is one line of it.
+//! Start reading at [`router`]: `pages` answers people, `api` answers programs, `guard` stands around both.
 //!
 //! *Never*: knows what a mission hides. It sees what [`avln_store::Reader`] shows this viewer, and cannot name the truth:
 //!
@@ -8,14 +8,35 @@
 //! let truth: avln_truth::EpisodeTruth;
 //! ```
 
+mod api;
 mod door;
+mod guard;
+mod map;
+mod pages;
+mod trouble;
+mod visit;
+mod words;
 
 pub use door::{WebError, serve};
 
 use avln_store::Reader;
-use axum::{Router, routing::get};
+use axum::{Router, extract::State, routing::get};
+use trouble::Trouble;
 
-/// Everything that this door answers, over what `reader` shows.
+/// Everything that this door answers, over what `reader` shows: pages for people, `/api/v1` for programs, `/healthz`
+/// (alive) and `/readyz` (the database answers). Limits, headers and caching are part of it.
 pub fn router(reader: Reader) -> Router {
-    Router::new().route("/healthz", get(async || "alive\n")).with_state(reader)
+    let open = Router::new()
+        .route("/healthz", get(async || "alive\n"))
+        .route("/readyz", get(ready))
+        .merge(pages::router())
+        .merge(api::router())
+        .fallback(async || Trouble::NoPage)
+        .with_state(reader);
+    guard::guarded(open)
+}
+
+async fn ready(State(reader): State<Reader>) -> Result<&'static str, Trouble> {
+    reader.ping().await.map_err(|_| Trouble::Busy)?;
+    Ok("ready\n")
 }

@@ -1,0 +1,123 @@
+use super::SCHEMA_VERSION;
+use crate::{
+    trouble::Trouble,
+    visit::{self, Asked, BoardQuery, Nothing, RunsQuery, Visit},
+    words,
+};
+use avln_episode::Order;
+use avln_store::{Board, EpisodeView, LeaderboardView, PhaseView, RunView};
+use axum::{Json, extract::Path};
+use serde::Serialize;
+use serde_json::{Value, json};
+
+type Answer = Result<Json<Value>, Trouble>;
+
+pub(super) async fn status(visit: Visit, _: Asked<Nothing>) -> Answer {
+    visit.reader.ping().await?;
+    answer(&json!({ "name": "LH-AVLN Arena", "version": env!("CARGO_PKG_VERSION"), "state": "up" }))
+}
+
+pub(super) async fn phases(visit: Visit, _: Asked<Nothing>) -> Answer {
+    answer(&json!({ "phases": visit.reader.phases(&visit.viewer).await? }))
+}
+
+pub(super) async fn phase(visit: Visit, Path(id): Path<String>, _: Asked<Nothing>) -> Answer {
+    answer(&json!({ "phase": find_phase(&visit, &id).await? }))
+}
+
+pub(super) async fn leaderboard(
+    visit: Visit,
+    Path(id): Path<String>,
+    Asked(query): Asked<BoardQuery>,
+) -> Answer {
+    answer(&find_board(&visit, &id, query).await?)
+}
+
+pub(super) async fn runs(visit: Visit, Asked(query): Asked<RunsQuery>) -> Answer {
+    let limit = query.limit()?;
+    answer(&json!({ "runs": visit.reader.runs(&visit.viewer, query.phase.as_deref(), limit).await? }))
+}
+
+pub(super) async fn run(visit: Visit, Path(id): Path<String>, _: Asked<Nothing>) -> Answer {
+    answer(&find_run(&visit, &id).await?)
+}
+
+pub(super) async fn episodes(visit: Visit, Path(id): Path<String>, _: Asked<Nothing>) -> Answer {
+    let RunView { line, episodes, .. } = find_run(&visit, &id).await?;
+    answer(&json!({ "run": line.run, "episodes": episodes }))
+}
+
+pub(super) async fn episode(
+    visit: Visit,
+    Path((run, place)): Path<(String, String)>,
+    _: Asked<Nothing>,
+) -> Answer {
+    let view: Option<EpisodeView> =
+        visit.reader.episode(&visit.viewer, &run, visit::ordinal(&place)?).await?;
+    answer(&view.ok_or_else(|| Trouble::Unknown { what: "episode", name: format!("{place} of run {run}") })?)
+}
+
+pub(super) async fn find_run(visit: &Visit, id: &str) -> Result<RunView, Trouble> {
+    let view = visit.reader.run(&visit.viewer, id).await?;
+    view.ok_or_else(|| Trouble::Unknown { what: "run", name: id.to_owned() })
+}
+
+async fn find_phase(visit: &Visit, id: &str) -> Result<PhaseView, Trouble> {
+    let view = visit.reader.phase(&visit.viewer, id).await?;
+    view.ok_or_else(|| Trouble::Unknown { what: "phase", name: id.to_owned() })
+}
+
+/// The board that `query` asks for; without an order, the first that the phase allows.
+pub(super) async fn find_board(
+    visit: &Visit,
+    id: &str,
+    query: BoardQuery,
+) -> Result<LeaderboardView, Trouble> {
+    let phase = find_phase(visit, id).await?;
+    let order = query.order.or_else(|| phase.orders.first().copied()).unwrap_or(Order::Unordered);
+    let board = Board { phase: id, order, key: query.sort, pick: query.pick };
+    let view = visit.reader.leaderboard(&visit.viewer, &board).await?;
+    view.ok_or_else(|| Trouble::Unknown { what: "phase", name: id.to_owned() })
+}
+
+/// The object `body` with the version of its schema, and with moments by RFC 3339.
+fn answer(body: &impl Serialize) -> Answer {
+    let mut value = serde_json::to_value(body)?;
+    name_moments(&mut value);
+    if let Value::Object(fields) = &mut value {
+        fields.insert("schema_version".to_owned(), SCHEMA_VERSION.into());
+    }
+    Ok(Json(value))
+}
+
+/// Turns every `x_unix_ms` into `x_at`.
+fn name_moments(value: &mut Value) {
+    match value {
+        Value::Array(items) => items.iter_mut().for_each(name_moments),
+        Value::Object(fields) => {
+            for (mut name, mut value) in std::mem::take(fields) {
+                name_moments(&mut value);
+                if let Some(stem) = name.strip_suffix("_unix_ms") {
+                    value = value.as_i64().map_or(Value::Null, |ms| words::rfc3339(ms).into());
+                    name = format!("{stem}_at");
+                }
+                fields.insert(name, value);
+            }
+        }
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moments_are_told_by_rfc_3339_at_every_depth() {
+        let mut value = json!({ "finished_unix_ms": null, "runs": [{ "created_unix_ms": 1000, "n": 2 }] });
+        name_moments(&mut value);
+        let expected =
+            json!({ "finished_at": null, "runs": [{ "created_at": "1970-01-01T00:00:01Z", "n": 2 }] });
+        assert_eq!(value, expected);
+    }
+}

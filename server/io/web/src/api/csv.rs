@@ -1,0 +1,163 @@
+//! Tables by RFC 4180: a header, CRLF, quotes where they are needed, numbers in full.
+
+use super::answers::{find_board, find_run};
+use crate::{
+    trouble::Trouble,
+    visit::{Asked, BoardQuery, Nothing, Visit},
+    words::{self, estimate},
+};
+use avln_episode::EndReason;
+use avln_scoring::{Key, Metrics};
+use avln_store::{EpisodeLine, LeaderboardRow};
+use axum::{
+    extract::Path,
+    http::header,
+    response::{IntoResponse, Response},
+};
+
+pub(super) async fn leaderboard(
+    visit: Visit,
+    Path(id): Path<String>,
+    Asked(query): Asked<BoardQuery>,
+) -> Result<Response, Trouble> {
+    let view = find_board(&visit, &id, query).await?;
+    Ok(file(board_header(), view.rows.iter().map(board_row)))
+}
+
+pub(super) async fn episodes(
+    visit: Visit,
+    Path(id): Path<String>,
+    _: Asked<Nothing>,
+) -> Result<Response, Trouble> {
+    let view = find_run(&visit, &id).await?;
+    Ok(file(episodes_header(), view.episodes.iter().map(episode_row)))
+}
+
+fn file(header: Vec<String>, rows: impl Iterator<Item = Vec<String>>) -> Response {
+    let mut table = line(&header);
+    rows.for_each(|row| table += &line(&row));
+    ([(header::CONTENT_TYPE, "text/csv; charset=utf-8; header=present")], table).into_response()
+}
+
+fn line(cells: &[String]) -> String {
+    cells.join(",") + "\r\n"
+}
+
+/// A cell of text. What a spreadsheet would take for a formula begins with an apostrophe.
+fn text(text: &str) -> String {
+    let guard = if text.starts_with(['=', '+', '-', '@', '\t', '\r']) { "'" } else { "" };
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{guard}{}\"", text.replace('"', "\"\""))
+    } else {
+        format!("{guard}{text}")
+    }
+}
+
+/// A cell that is empty where there is nothing.
+fn maybe(value: Option<impl ToString>) -> String {
+    value.map(|value| value.to_string()).unwrap_or_default()
+}
+
+fn moment(unix_ms: Option<i64>) -> String {
+    maybe(unix_ms.map(words::rfc3339))
+}
+
+fn names(names: &[&str]) -> Vec<String> {
+    names.iter().map(|&name| name.to_owned()).collect()
+}
+
+fn board_header() -> Vec<String> {
+    let mut header =
+        names(&["rank", "tie_group", "team", "baseline", "method", "version", "run", "runs_count"]);
+    header.extend(names(&["finished_at", "episodes", "scenes"]));
+    for key in Key::ALL {
+        header.push(key.to_string());
+        if has_interval(key) {
+            header.extend([format!("{key}_low"), format!("{key}_high")]);
+        }
+    }
+    header.extend(names(&["isr_by_goal", "osr_all", "steps_to_goal", "final_distance_m"]));
+    header.extend(EndReason::ALL.map(|reason| format!("ended_{}", reason.as_str())));
+    header.push("server_faults".to_owned());
+    header
+}
+
+fn has_interval(key: Key) -> bool {
+    !matches!(key, Key::Steps | Key::PathM | Key::Collisions | Key::WrongSubmits)
+}
+
+fn board_row(row: &LeaderboardRow) -> Vec<String> {
+    let summary = &row.summary;
+    let mut cells = vec![row.rank.to_string(), row.tie_group.to_string(), text(&row.team)];
+    cells.extend([row.baseline.to_string(), text(&row.method), text(&row.version), text(&row.run)]);
+    cells.extend([row.runs_count.to_string(), moment(row.finished_unix_ms)]);
+    cells.extend([summary.episodes.to_string(), summary.scenes.to_string()]);
+    for key in Key::ALL {
+        cells.push(key.mean_of(summary).to_string());
+        if let Some(estimate) = estimate(key, summary) {
+            cells.extend([estimate.low.to_string(), estimate.high.to_string()]);
+        }
+    }
+    cells.extend([summary.isr_by_goal.to_string(), summary.osr_all.to_string()]);
+    cells.extend([maybe(summary.steps_to_goal), maybe(summary.final_distance_m)]);
+    cells.extend(EndReason::ALL.map(|reason| maybe(row.health.get(reason.as_str()).or(Some(&0)))));
+    cells.push(row.server_faults.to_string());
+    cells
+}
+
+fn episodes_header() -> Vec<String> {
+    let mut header = names(&["ordinal", "state", "end", "episode", "scene", "finished_at", "goals", "found"]);
+    header.extend(names(&["sr", "isr", "osr", "osr_all", "spl", "soft_spl", "sna", "steps", "path_m"]));
+    header.extend(names(&["reference_m", "collisions", "wrong_submits"]));
+    header
+}
+
+fn episode_row(line: &EpisodeLine) -> Vec<String> {
+    let mut cells = vec![line.ordinal.to_string(), text(line.state.as_str())];
+    cells.push(maybe(line.end.map(EndReason::as_str)));
+    cells.push(text(line.episode.as_deref().unwrap_or_default()));
+    cells.push(text(line.scene.as_deref().unwrap_or_default()));
+    cells.push(moment(line.finished_unix_ms));
+    match &line.metrics {
+        Some(metrics) => cells.extend(metric_cells(metrics)),
+        None => cells.extend(std::iter::repeat_n(String::new(), 14)),
+    }
+    cells
+}
+
+fn metric_cells(m: &Metrics) -> [String; 14] {
+    [
+        m.goals.to_string(),
+        m.found.to_string(),
+        m.sr.to_string(),
+        m.isr.to_string(),
+        m.osr.to_string(),
+        m.osr_all.to_string(),
+        m.spl.to_string(),
+        m.soft_spl.to_string(),
+        m.sna.to_string(),
+        m.steps.to_string(),
+        m.path_m.to_string(),
+        m.reference_m.to_string(),
+        m.collisions.to_string(),
+        m.wrong_submits.to_string(),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_is_quoted_and_never_a_formula() {
+        assert_eq!(text("plain"), "plain");
+        assert_eq!(text("a,b"), "\"a,b\"");
+        assert_eq!(text("say \"hi\""), "\"say \"\"hi\"\"\"");
+        for start in ['=', '+', '-', '@', '\t'] {
+            assert_eq!(text(&format!("{start}1")), format!("'{start}1"));
+        }
+        assert_eq!(text("\rx"), "\"'\rx\"");
+        assert_eq!(text("=1,2"), "\"'=1,2\"");
+        assert_eq!(text("1-2"), "1-2");
+    }
+}

@@ -1,0 +1,110 @@
+//! The same facts for programs: JSON and CSV below `/api/v1`, described by `/api/v1/openapi.json`.
+
+mod answers;
+mod csv;
+mod openapi;
+
+use avln_store::Reader;
+use axum::{
+    Router,
+    http::header,
+    response::IntoResponse,
+    routing::{MethodRouter, get},
+};
+
+/// Where the API begins.
+const BASE: &str = "/api/v1";
+/// Changes when a field loses its meaning or leaves.
+const SCHEMA_VERSION: u32 = 1;
+
+/// A way into the API, with what its description says of it.
+struct Endpoint {
+    /// Path below [`BASE`].
+    path: &'static str,
+    /// One sentence.
+    summary: &'static str,
+    /// Names of the parameters in the query.
+    query: &'static [&'static str],
+    answer: Answer,
+    route: MethodRouter<Reader>,
+}
+
+/// What comes back.
+#[derive(Clone, Copy)]
+enum Answer {
+    /// A JSON object: the name of its schema.
+    Json(&'static str),
+    /// A table.
+    Csv,
+}
+
+const BOARD_QUERY: &[&str] = &["order", "sort", "pick"];
+const RUNS_QUERY: &[&str] = &["phase", "limit"];
+
+fn endpoints() -> Vec<Endpoint> {
+    use Answer::{Csv, Json};
+    let endpoint = |path, summary, query, answer, route| Endpoint { path, summary, query, answer, route };
+    vec![
+        endpoint(
+            "/status",
+            "Whether the server answers, and what it is.",
+            &[],
+            Json("Status"),
+            get(answers::status),
+        ),
+        endpoint("/phases", "All phases.", &[], Json("Phases"), get(answers::phases)),
+        endpoint("/phases/{phase}", "A phase with its rules.", &[], Json("PhaseAnswer"), get(answers::phase)),
+        endpoint(
+            "/phases/{phase}/leaderboard",
+            "A leaderboard, best first. Entries of one tie_group cannot be told apart from its first.",
+            BOARD_QUERY,
+            Json("Leaderboard"),
+            get(answers::leaderboard),
+        ),
+        endpoint(
+            "/phases/{phase}/leaderboard.json",
+            "The same leaderboard under the name of a file.",
+            BOARD_QUERY,
+            Json("Leaderboard"),
+            get(answers::leaderboard),
+        ),
+        endpoint(
+            "/phases/{phase}/leaderboard.csv",
+            "The same leaderboard as a table.",
+            BOARD_QUERY,
+            Csv,
+            get(csv::leaderboard),
+        ),
+        endpoint("/runs", "The latest runs, the newest first.", RUNS_QUERY, Json("Runs"), get(answers::runs)),
+        endpoint("/runs/{run}", "A run with its episodes.", &[], Json("Run"), get(answers::run)),
+        endpoint(
+            "/runs/{run}/episodes",
+            "The episodes of a run in playing order.",
+            &[],
+            Json("Episodes"),
+            get(answers::episodes),
+        ),
+        endpoint("/runs/{run}/episodes.csv", "The same episodes as a table.", &[], Csv, get(csv::episodes)),
+        endpoint(
+            "/runs/{run}/episodes/{ordinal}",
+            "One episode; with its replay where the phase shows it.",
+            &[],
+            Json("Episode"),
+            get(answers::episode),
+        ),
+    ]
+}
+
+/// Where the answers are.
+pub(crate) fn router() -> Router<Reader> {
+    let endpoints = endpoints();
+    let document = openapi::document(&endpoints).to_string();
+    let router = Router::new().route(
+        &format!("{BASE}/openapi.json"),
+        get(async move || ([(header::CONTENT_TYPE, "application/json")], document).into_response()),
+    );
+    let add = |router: Router<Reader>, endpoint: Endpoint| {
+        router.route(&format!("{BASE}{}", endpoint.path), endpoint.route)
+    };
+    endpoints.into_iter().fold(router, add)
+}

@@ -1,0 +1,222 @@
+//! The API's description by OpenAPI 3.1, made from the same list as its routes.
+
+use super::{Answer, BASE, Endpoint, SCHEMA_VERSION};
+use crate::visit::RunsQuery;
+use avln_scoring::Key;
+use serde_json::{Map, Value, json};
+
+/// The description of `endpoints`.
+pub(super) fn document(endpoints: &[Endpoint]) -> Value {
+    let paths: Map<String, Value> =
+        endpoints.iter().map(|endpoint| (format!("{BASE}{}", endpoint.path), path_item(endpoint))).collect();
+    json!({
+        "openapi": "3.1.0",
+        "info": {
+            "title": "LH-AVLN Arena",
+            "version": env!("CARGO_PKG_VERSION"),
+            "description": "Phases, leaderboards, runs and episodes. A team's token shows what only it may see. \
+                            Shares are 0 to 1, lengths metres, times seconds, moments RFC 3339 in UTC.",
+        },
+        "security": [{}, { "token": [] }],
+        "paths": paths,
+        "components": {
+            "securitySchemes": { "token": { "type": "http", "scheme": "bearer" } },
+            "schemas": schemas(),
+        },
+    })
+}
+
+fn path_item(endpoint: &Endpoint) -> Value {
+    let in_path = endpoint.path.split('/').filter_map(|part| part.strip_prefix('{')?.strip_suffix('}'));
+    let parameters: Vec<Value> =
+        in_path.map(path_parameter).chain(endpoint.query.iter().map(|name| query_parameter(name))).collect();
+    let (kind, schema) = match endpoint.answer {
+        Answer::Json(name) => ("application/json", reference(name)),
+        Answer::Csv => ("text/csv", json!({ "type": "string" })),
+    };
+    json!({ "get": {
+        "summary": endpoint.summary,
+        "operationId": operation_id(endpoint.path),
+        "parameters": parameters,
+        "responses": {
+            "200": { "description": "The answer, with an ETag.", "content": { kind: { "schema": schema } } },
+            "304": { "description": "The answer has the ETag of If-None-Match." },
+            "default": {
+                "description": "Why there is no answer.",
+                "content": { "application/problem+json": { "schema": reference("Problem") } },
+            },
+        },
+    } })
+}
+
+/// The letters of a path as one word.
+fn operation_id(path: &str) -> String {
+    let words = path.split(|letter: char| !letter.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
+    words.collect::<Vec<_>>().join("_")
+}
+
+fn path_parameter(name: &str) -> Value {
+    let schema = if name == "ordinal" { json!({ "type": "integer", "minimum": 0 }) } else { string() };
+    json!({ "name": name, "in": "path", "required": true, "schema": schema })
+}
+
+fn query_parameter(name: &str) -> Value {
+    let schema = match name {
+        "order" => words(&["ordered", "unordered"]),
+        "sort" => words(&Key::ALL.map(Key::as_str)),
+        "pick" => words(&["best", "latest"]),
+        "limit" => json!({ "type": "integer", "minimum": 1, "maximum": RunsQuery::LIMITS.1 }),
+        _ => string(),
+    };
+    json!({ "name": name, "in": "query", "schema": schema })
+}
+
+fn reference(name: &str) -> Value {
+    json!({ "$ref": format!("#/components/schemas/{name}") })
+}
+
+fn string() -> Value {
+    json!({ "type": "string" })
+}
+
+fn words(words: &[&str]) -> Value {
+    json!({ "type": "string", "enum": words })
+}
+
+fn list(of: &str) -> Value {
+    json!({ "type": "array", "items": reference(of) })
+}
+
+/// An object: each field by `name`, `name?` where it may be null, and its kind.
+fn object(fields: &[(&str, Value)]) -> Value {
+    let mut properties = Map::new();
+    let mut required = Vec::new();
+    for (name, schema) in fields {
+        let plain = name.trim_end_matches('?');
+        let null = json!({ "anyOf": [schema, { "type": "null" }] });
+        properties.insert(plain.to_owned(), if plain == *name { schema.clone() } else { null });
+        required.push(plain);
+    }
+    json!({ "type": "object", "properties": properties, "required": required })
+}
+
+/// An object that is an answer of its own.
+fn answer(fields: &[(&str, Value)]) -> Value {
+    let version = ("schema_version", json!({ "const": SCHEMA_VERSION }));
+    object(&[&[version], fields].concat())
+}
+
+/// Fields of one kind.
+fn all<'a>(names: &[&'a str], kind: &str) -> Vec<(&'a str, Value)> {
+    let schema = match kind {
+        "moment" => json!({ "type": "string", "format": "date-time" }),
+        "list" => json!({ "type": "array" }),
+        kind => json!({ "type": kind }),
+    };
+    names.iter().map(|&name| (name, schema.clone())).collect()
+}
+
+fn schemas() -> Value {
+    json!({
+        "Problem": object(&[all(&["type", "title", "detail", "instance", "reason"], "string"), all(&["status"], "integer")].concat()),
+        "Status": answer(&all(&["name", "version", "state"], "string")),
+        "Phases": answer(&[("phases", list("Phase"))]),
+        "PhaseAnswer": answer(&[("phase", reference("Phase"))]),
+        "Phase": phase(),
+        "Leaderboard": leaderboard(),
+        "LeaderboardRow": row(),
+        "Summary": summary(),
+        "Estimate": object(&all(&["value", "low", "high"], "number")),
+        "Runs": answer(&[("runs", list("RunLine"))]),
+        "RunLine": run_line(),
+        "Run": run(),
+        "Episodes": answer(&[all(&["run"], "string"), vec![("episodes", list("EpisodeLine"))]].concat()),
+        "EpisodeLine": episode_line(),
+        "Metrics": metrics(),
+        "Episode": episode(),
+    })
+}
+
+fn phase() -> Value {
+    let visible = || words(&["public", "team", "organiser"]);
+    let mut fields = all(&["id", "title", "state", "feedback"], "string");
+    fields.extend(all(&["orders"], "list"));
+    fields.extend(all(&["rules", "sensors"], "object"));
+    fields.extend(all(&["episodes", "scenes", "max_slots", "quota?"], "integer"));
+    fields.extend([("scores", visible()), ("replays", visible())]);
+    fields.extend(all(&["all_scores_visible"], "boolean"));
+    object(&fields)
+}
+
+fn leaderboard() -> Value {
+    let mut fields = vec![("phase", reference("Phase")), ("rows", list("LeaderboardRow"))];
+    fields.extend(all(&["order", "key", "direction", "pick"], "string"));
+    fields.extend(all(&["complete"], "boolean"));
+    answer(&fields)
+}
+
+fn row() -> Value {
+    let mut fields = all(&["rank", "tie_group", "runs_count", "server_faults"], "integer");
+    fields.extend(all(&["team", "method", "version", "run"], "string"));
+    fields.extend(all(&["baseline"], "boolean"));
+    fields.extend(all(&["health"], "object"));
+    fields.extend(all(&["finished_at?"], "moment"));
+    fields.push(("summary", reference("Summary")));
+    object(&fields)
+}
+
+fn summary() -> Value {
+    let estimates = ["sr", "isr", "osr", "spl", "soft_spl", "sna"].map(|name| (name, reference("Estimate")));
+    let mut fields = estimates.to_vec();
+    fields.extend(all(&["episodes", "scenes"], "integer"));
+    fields
+        .extend(all(&["isr_by_goal", "osr_all", "steps", "path_m", "collisions", "wrong_submits"], "number"));
+    fields.extend(all(&["steps_to_goal?", "final_distance_m?"], "number"));
+    object(&fields)
+}
+
+fn run_line() -> Value {
+    let mut fields = all(&["run", "phase", "team", "method", "version", "order", "state"], "string");
+    fields.extend(all(&["baseline"], "boolean"));
+    fields.extend(all(&["episodes", "done"], "integer"));
+    fields.extend(all(&["isr?"], "number"));
+    fields.extend(all(&["created_at", "finished_at?"], "moment"));
+    object(&fields)
+}
+
+fn run() -> Value {
+    let mut fields = vec![("line", reference("RunLine")), ("summary?", reference("Summary"))];
+    fields.extend(all(&["scores_visible", "replays_visible", "eligible"], "boolean"));
+    fields.extend(all(&["modalities"], "list"));
+    fields.extend(all(&["health", "time", "sensors?", "digests"], "object"));
+    fields.extend(all(&["server_faults"], "integer"));
+    fields.push(("episodes", list("EpisodeLine")));
+    answer(&fields)
+}
+
+fn episode_line() -> Value {
+    let mut fields = all(&["ordinal"], "integer");
+    fields.extend(all(&["state", "end?", "episode?", "scene?"], "string"));
+    fields.extend(all(&["finished_at?"], "moment"));
+    fields.push(("metrics?", reference("Metrics")));
+    object(&fields)
+}
+
+fn metrics() -> Value {
+    let mut fields = all(&["goals", "found", "steps", "collisions", "wrong_submits"], "integer");
+    fields.extend(all(
+        &["sr", "isr", "osr", "osr_all", "spl", "soft_spl", "sna", "path_m", "reference_m"],
+        "number",
+    ));
+    fields.extend(all(&["steps_to_goal", "final_distance_m"], "list"));
+    object(&fields)
+}
+
+fn episode() -> Value {
+    let mut fields = vec![("run", reference("RunLine")), ("metrics?", reference("Metrics"))];
+    fields.extend(all(&["ordinal"], "integer"));
+    fields.extend(all(&["state", "end?"], "string"));
+    fields.extend(all(&["finished_at?"], "moment"));
+    fields.extend(all(&["mission?", "time", "replay?"], "object"));
+    answer(&fields)
+}

@@ -1,0 +1,131 @@
+//! What holds for every answer: limits, headers, caching, and errors in the visitor's format.
+
+use crate::{pages, trouble::Trouble};
+use axum::{
+    Router,
+    body::{Body, to_bytes},
+    extract::Request,
+    http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header},
+    middleware::{Next, from_fn},
+    response::{IntoResponse, Response},
+};
+use serde_json::json;
+use std::time::Duration;
+use tower_http::{catch_panic::CatchPanicLayer, limit::RequestBodyLimitLayer};
+
+/// Most bytes of an address.
+pub(crate) const MAX_ADDRESS_BYTES: usize = 2048;
+/// Bodies are read by nobody.
+const MAX_BODY_BYTES: usize = 1024;
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// Headers of every answer. Nothing is loaded from elsewhere, nothing is scripted, no other site may frame a page.
+const HEADERS: [(HeaderName, &str); 5] = [
+    (
+        header::CONTENT_SECURITY_POLICY,
+        "default-src 'none'; style-src 'self'; img-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
+    ),
+    (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+    (header::REFERRER_POLICY, "no-referrer"),
+    (header::X_FRAME_OPTIONS, "DENY"),
+    (header::VARY, "authorization"),
+];
+
+/// Puts the guard around `router`.
+pub(crate) fn guarded(router: Router) -> Router {
+    router
+        .layer(from_fn(cached))
+        .layer(RequestBodyLimitLayer::new(MAX_BODY_BYTES))
+        .layer(CatchPanicLayer::new())
+        .layer(from_fn(dressed))
+}
+
+/// Limits time and length, gives errors a body and every answer its headers.
+async fn dressed(request: Request, next: Next) -> Response {
+    let path = request.uri().path().to_owned();
+    let for_programs = path.starts_with("/api/") || path == "/readyz";
+    let too_long = request.uri().path_and_query().is_some_and(|a| a.as_str().len() > MAX_ADDRESS_BYTES);
+    let mut response = if too_long {
+        Trouble::TooLong { limit: MAX_ADDRESS_BYTES }.into_response()
+    } else {
+        let answer = tokio::time::timeout(ANSWER_TIMEOUT, next.run(request)).await;
+        answer.unwrap_or_else(|_| Trouble::Busy.into_response())
+    };
+    let status = response.status();
+    if status.is_client_error() || status.is_server_error() {
+        response = explained(response, for_programs, &path);
+    }
+    for (name, value) in HEADERS {
+        response.headers_mut().insert(name, HeaderValue::from_static(value));
+    }
+    if for_programs {
+        response.headers_mut().insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, HeaderValue::from_static("*"));
+    }
+    response
+}
+
+/// An error with a body: problem details (RFC 9457) for programs, a page for people.
+fn explained(bare: Response, for_programs: bool, path: &str) -> Response {
+    let trouble = bare.extensions().get::<Trouble>().cloned();
+    let trouble = trouble.unwrap_or_else(|| Trouble::of_status(bare.status()));
+    let (mut parts, _) = bare.into_parts();
+    let (kind, body) = if for_programs {
+        ("application/problem+json", problem(&trouble, path))
+    } else {
+        ("text/html; charset=utf-8", pages::trouble(&trouble))
+    };
+    parts.status = trouble.status();
+    parts.headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
+    parts.headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    parts.headers.remove(header::CONTENT_LENGTH);
+    Response::from_parts(parts, Body::from(body))
+}
+
+fn problem(trouble: &Trouble, path: &str) -> String {
+    json!({
+        "type": "about:blank",
+        "title": trouble.title(),
+        "status": trouble.status().as_u16(),
+        "detail": trouble.to_string(),
+        "instance": path,
+        "reason": trouble.reason(),
+    })
+    .to_string()
+}
+
+/// Tags good answers with a hash of their body, and says when the visitor has that body already.
+async fn cached(request: Request, next: Next) -> Response {
+    let known = request.headers().get(header::IF_NONE_MATCH).cloned();
+    let private = request.headers().contains_key(header::AUTHORIZATION);
+    let is_get = request.method() == Method::GET;
+    let response = next.run(request).await;
+    if !is_get || response.status() != StatusCode::OK {
+        return response;
+    }
+    let (mut parts, body) = response.into_parts();
+    // Every body here is in memory already.
+    let Ok(body) = to_bytes(body, usize::MAX).await else { return Trouble::Internal.into_response() };
+    let tag = format!("\"{}\"", &blake3::hash(&body).to_hex()[..32]);
+    set_caching(&mut parts.headers, &tag, private);
+    if known.is_some_and(|known| matches_tag(&known, &tag)) {
+        parts.status = StatusCode::NOT_MODIFIED;
+        parts.headers.remove(header::CONTENT_TYPE);
+        parts.headers.remove(header::CONTENT_LENGTH);
+        return Response::from_parts(parts, Body::empty());
+    }
+    Response::from_parts(parts, Body::from(body))
+}
+
+/// Copies are kept but asked for again; what a token opened is kept by nobody.
+fn set_caching(headers: &mut HeaderMap, tag: &str, private: bool) {
+    let control = if private { "private, no-store" } else { "public, no-cache" };
+    headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static(control));
+    if let Ok(tag) = HeaderValue::from_str(tag) {
+        headers.insert(header::ETAG, tag);
+    }
+}
+
+fn matches_tag(known: &HeaderValue, tag: &str) -> bool {
+    let known = known.to_str().unwrap_or_default();
+    known.split(',').map(str::trim).any(|one| one == "*" || one.trim_start_matches("W/") == tag)
+}

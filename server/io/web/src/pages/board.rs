@@ -1,0 +1,118 @@
+use super::{Page, Part, Shell, phase, segment, write};
+use crate::{
+    visit::{Asked, BoardQuery, Visit},
+    words,
+};
+use askama::Template;
+use avln_episode::Order;
+use avln_scoring::{Direction, Key};
+use avln_store::{Board, LeaderboardRow, LeaderboardView, Pick};
+use axum::extract::Path;
+
+/// Metrics of the table.
+const COLUMNS: [Key; 9] = [
+    Key::Sr,
+    Key::Isr,
+    Key::Osr,
+    Key::Spl,
+    Key::SoftSpl,
+    Key::Steps,
+    Key::PathM,
+    Key::Collisions,
+    Key::WrongSubmits,
+];
+
+#[derive(Template)]
+#[template(path = "leaderboard.html")]
+pub(super) struct BoardPage {
+    shell: Shell,
+    caption: String,
+    view: LeaderboardView,
+    columns: [Key; 9],
+}
+
+/// One board.
+pub(super) async fn page(visit: Visit, Path(id): Path<String>, Asked(query): Asked<BoardQuery>) -> Page {
+    let phase = phase(&visit, &id).await?;
+    let order = query.order.or_else(|| phase.orders.first().copied()).unwrap_or(Order::Unordered);
+    let board = Board { phase: &id, order, key: query.sort, pick: query.pick };
+    let view = visit.reader.leaderboard(&visit.viewer, &board).await?;
+    let view = view.ok_or(crate::trouble::Trouble::NoPage)?;
+    write(&BoardPage::new(view))
+}
+
+impl BoardPage {
+    pub(super) fn new(view: LeaderboardView) -> Self {
+        let title = format!("{}: {} goals", view.phase.title, words::order(&view.order).to_lowercase());
+        let shell = Shell::new(title, Part::Boards).below("Leaderboards", "/leaderboard");
+        Self { shell, caption: caption(&view), view, columns: COLUMNS }
+    }
+
+    /// What stands behind `?` for the same board with something changed; what is usual is left out.
+    fn query(&self, order: Order, key: Key, pick: Pick) -> String {
+        let mut parts = Vec::new();
+        if self.view.phase.orders.first() != Some(&order) {
+            parts.push(format!("order={order}"));
+        }
+        if key != Key::default() {
+            parts.push(format!("sort={key}"));
+        }
+        if pick != Pick::default() {
+            parts.push(format!("pick={}", words::pick(&pick)));
+        }
+        if parts.is_empty() { String::new() } else { format!("?{}", parts.join("&")) }
+    }
+
+    fn path(&self) -> String {
+        format!("/leaderboard/{}", segment(&self.view.phase.id))
+    }
+
+    fn sorted_by(&self, key: &Key) -> String {
+        self.path() + &self.query(self.view.order, *key, self.view.pick)
+    }
+
+    fn ordered_by(&self, order: &Order) -> String {
+        self.path() + &self.query(*order, self.view.key, self.view.pick)
+    }
+
+    fn picked_by(&self, pick: Pick) -> String {
+        self.path() + &self.query(self.view.order, self.view.key, pick)
+    }
+
+    /// The same board for programs.
+    fn twin(&self, suffix: &str) -> String {
+        let query = self.query(self.view.order, self.view.key, self.view.pick);
+        format!("/api/v1/phases/{}/leaderboard{suffix}{query}", segment(&self.view.phase.id))
+    }
+
+    fn is_key(&self, key: &Key) -> bool {
+        self.view.key == *key
+    }
+
+    /// The value of `aria-sort`.
+    fn aria_sort(&self, key: &Key) -> &'static str {
+        match key.direction() {
+            _ if !self.is_key(key) => "none",
+            Direction::Higher => "descending",
+            Direction::Lower => "ascending",
+        }
+    }
+
+    /// The rank of the entry that this one cannot be told apart from.
+    fn tied_with(&self, row: &LeaderboardRow) -> Option<u32> {
+        let first = self.view.rows.iter().find(|other| other.tie_group == row.tie_group)?;
+        (first.run != row.run).then_some(first.rank)
+    }
+}
+
+fn caption(view: &LeaderboardView) -> String {
+    format!(
+        "{} over {} in {}, ordered by {} ({}); the {} run stands for each method.",
+        words::plural(&(view.rows.len() as u32), "method"),
+        words::plural(&view.phase.episodes, "episode"),
+        words::plural(&view.phase.scenes, "scene"),
+        words::metric(&view.key),
+        words::better(&view.direction),
+        words::pick(&view.pick),
+    )
+}

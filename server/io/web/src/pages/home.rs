@@ -1,0 +1,63 @@
+use super::{Page, Part, Shell, write};
+use crate::{
+    visit::{Asked, Nothing, Visit},
+    words,
+};
+use askama::Template;
+use avln_scoring::Key;
+use avln_store::{Board, LeaderboardView, PhaseView, Pick};
+
+/// Entries of a board that the first page shows.
+const TOP: usize = 3;
+
+#[derive(Template)]
+#[template(path = "home.html")]
+struct HomePage {
+    shell: Shell,
+    phases: Vec<PhaseView>,
+    example: String,
+    boards: Vec<LeaderboardView>,
+    columns: [Key; 4],
+}
+
+#[derive(Template)]
+#[template(path = "boards.html")]
+struct BoardsPage {
+    shell: Shell,
+    phases: Vec<PhaseView>,
+}
+
+#[derive(Template)]
+#[template(path = "docs.html")]
+struct DocsPage {
+    shell: Shell,
+    keys: [Key; 10],
+}
+
+/// Phases, how to take part, and who leads.
+pub(super) async fn home(visit: Visit, _: Asked<Nothing>) -> Page {
+    let phases = visit.reader.phases(&visit.viewer).await?;
+    let mut boards = Vec::new();
+    for phase in &phases {
+        for &order in &phase.orders {
+            let board = Board { phase: &phase.id, order, key: Key::default(), pick: Pick::Best };
+            boards.extend(visit.reader.leaderboard(&visit.viewer, &board).await?);
+        }
+    }
+    boards.retain(|board| !board.rows.is_empty());
+    boards.iter_mut().for_each(|board| board.rows.truncate(TOP));
+    let example = phases.first().map_or_else(|| "practice".to_owned(), |phase| phase.id.clone());
+    let columns = [Key::Sr, Key::Isr, Key::Spl, Key::SoftSpl];
+    write(&HomePage { shell: Shell::new("LH-AVLN Arena", Part::Home), phases, example, boards, columns })
+}
+
+/// A list of all boards.
+pub(super) async fn boards(visit: Visit, _: Asked<Nothing>) -> Page {
+    let phases = visit.reader.phases(&visit.viewer).await?;
+    write(&BoardsPage { shell: Shell::new("Leaderboards", Part::Boards), phases })
+}
+
+/// How to take part, and what the numbers mean.
+pub(super) async fn docs(_: Asked<Nothing>) -> Page {
+    write(&DocsPage { shell: Shell::new("How to take part", Part::Docs), keys: Key::ALL })
+}

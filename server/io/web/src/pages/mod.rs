@@ -1,0 +1,118 @@
+//! Pages for people: plain HTML, no script.
+
+mod board;
+mod episode;
+mod home;
+mod runs;
+
+use crate::{trouble::Trouble, visit::Visit};
+use askama::Template;
+use avln_store::Reader;
+use axum::{
+    Router,
+    http::header,
+    response::{Html, IntoResponse},
+    routing::get,
+};
+
+/// Version that the foot of every page tells.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// Where the pages are.
+pub(crate) fn router() -> Router<Reader> {
+    Router::new()
+        .route("/", get(home::home))
+        .route("/docs", get(home::docs))
+        .route("/leaderboard", get(home::boards))
+        .route("/leaderboard/{phase}", get(board::page))
+        .route("/runs", get(runs::list))
+        .route("/runs/{run}", get(runs::one))
+        .route("/runs/{run}/episodes/{ordinal}", get(episode::page))
+        .route(
+            "/assets/app.css",
+            get(async || asset("text/css; charset=utf-8", include_str!("../../assets/app.css"))),
+        )
+        .route(
+            "/assets/icon.svg",
+            get(async || asset("image/svg+xml", include_str!("../../assets/icon.svg"))),
+        )
+}
+
+fn asset(kind: &'static str, text: &'static str) -> impl IntoResponse {
+    ([(header::CONTENT_TYPE, kind), (header::CACHE_CONTROL, "public, max-age=300")], text)
+}
+
+/// A page, or why there is none.
+type Page = Result<Html<String>, Trouble>;
+
+fn write(page: &impl Template) -> Page {
+    Ok(Html(page.render()?))
+}
+
+/// What stands around the content of every page.
+#[derive(Debug)]
+struct Shell {
+    /// Heading of the page and of its tab.
+    title: String,
+    /// The pages above this one, the highest first, without the first page.
+    trail: Vec<Crumb>,
+    /// Which part of the site this is.
+    part: Part,
+}
+
+#[derive(Debug)]
+struct Crumb {
+    name: String,
+    href: String,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Part {
+    Home,
+    Boards,
+    Runs,
+    Docs,
+    Elsewhere,
+}
+
+impl Shell {
+    fn new(title: impl Into<String>, part: Part) -> Self {
+        Self { title: title.into(), trail: vec![], part }
+    }
+
+    /// Adds the next page above this one.
+    fn below(mut self, name: impl Into<String>, href: impl Into<String>) -> Self {
+        self.trail.push(Crumb { name: name.into(), href: href.into() });
+        self
+    }
+
+    /// `page` where `part` is shown; the value of `aria-current` in the menu.
+    fn current(&self, part: &Part) -> &'static str {
+        if self.part == *part { "page" } else { "false" }
+    }
+}
+
+#[derive(Template)]
+#[template(path = "trouble.html")]
+struct TroublePage {
+    shell: Shell,
+    words: String,
+}
+
+/// A page for what went wrong.
+pub(crate) fn trouble(trouble: &Trouble) -> String {
+    let words = format!("Sorry, {trouble}.");
+    let page = TroublePage { shell: Shell::new(trouble.title(), Part::Elsewhere), words };
+    page.render().unwrap_or_else(|_| trouble.title().to_owned())
+}
+
+/// A segment of an address.
+fn segment(text: &str) -> String {
+    askama::filters::urlencode_strict(text).map(|encoded| encoded.to_string()).unwrap_or_default()
+}
+
+/// The phase called `id`.
+async fn phase(visit: &Visit, id: &str) -> Result<avln_store::PhaseView, Trouble> {
+    let found = visit.reader.phase(&visit.viewer, id).await?;
+    found.ok_or_else(|| Trouble::Unknown { what: "phase", name: id.to_owned() })
+}

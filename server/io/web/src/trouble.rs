@@ -1,0 +1,124 @@
+//! What goes wrong, in the words that a visitor may read.
+
+use avln_store::StoreError;
+use axum::{
+    http::{StatusCode, header},
+    response::{IntoResponse, Response},
+};
+
+/// Why a visitor gets no answer. It travels as an extension of the response; [`crate::guard`] gives it a body.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub(crate) enum Trouble {
+    #[error("there is no {what} '{name}' that you may see")]
+    Unknown { what: &'static str, name: String },
+    #[error("there is nothing at this address")]
+    NoPage,
+    #[error("{0}")]
+    Invalid(String),
+    #[error(
+        "the token is not valid or has expired; leave it out to look as anybody, or ask the organiser for a new one"
+    )]
+    BadToken,
+    #[error("the address is longer than {limit} bytes")]
+    TooLong { limit: usize },
+    #[error("this address answers GET and HEAD only")]
+    Method,
+    #[error("the request has a body, which nothing here reads")]
+    Body,
+    #[error("the server is busy; try again in a few seconds")]
+    Busy,
+    #[error("the server failed at this; the organiser finds the cause in its log")]
+    Internal,
+}
+
+impl Trouble {
+    /// The trouble that a bare status stands for.
+    pub(crate) fn of_status(status: StatusCode) -> Self {
+        match status {
+            StatusCode::NOT_FOUND => Self::NoPage,
+            StatusCode::METHOD_NOT_ALLOWED => Self::Method,
+            StatusCode::PAYLOAD_TOO_LARGE => Self::Body,
+            StatusCode::REQUEST_TIMEOUT | StatusCode::SERVICE_UNAVAILABLE => Self::Busy,
+            status if status.is_server_error() => Self::Internal,
+            _ => Self::Invalid("the address cannot be understood".to_owned()),
+        }
+    }
+
+    pub(crate) fn status(&self) -> StatusCode {
+        match self {
+            Self::Unknown { .. } | Self::NoPage => StatusCode::NOT_FOUND,
+            Self::Invalid(_) => StatusCode::BAD_REQUEST,
+            Self::BadToken => StatusCode::UNAUTHORIZED,
+            Self::TooLong { .. } => StatusCode::URI_TOO_LONG,
+            Self::Method => StatusCode::METHOD_NOT_ALLOWED,
+            Self::Body => StatusCode::PAYLOAD_TOO_LARGE,
+            Self::Busy => StatusCode::SERVICE_UNAVAILABLE,
+            Self::Internal => StatusCode::INTERNAL_SERVER_ERROR,
+        }
+    }
+
+    /// A word for programs.
+    pub(crate) fn reason(&self) -> &'static str {
+        match self {
+            Self::Unknown { .. } | Self::NoPage => "NOT_FOUND",
+            Self::Invalid(_) | Self::TooLong { .. } | Self::Body => "INVALID_ARGUMENT",
+            Self::BadToken => "UNAUTHENTICATED",
+            Self::Method => "METHOD_NOT_ALLOWED",
+            Self::Busy => "UNAVAILABLE",
+            Self::Internal => "INTERNAL",
+        }
+    }
+
+    /// A heading.
+    pub(crate) fn title(&self) -> &'static str {
+        match self {
+            Self::Unknown { .. } | Self::NoPage => "Not found",
+            Self::Invalid(_) => "Not understood",
+            Self::BadToken => "Token not accepted",
+            Self::TooLong { .. } => "Address too long",
+            Self::Method => "Only for reading",
+            Self::Body => "Too much sent",
+            Self::Busy => "Busy",
+            Self::Internal => "Something broke",
+        }
+    }
+}
+
+impl IntoResponse for Trouble {
+    fn into_response(self) -> Response {
+        let mut response = self.status().into_response();
+        let headers = response.headers_mut();
+        match self {
+            Self::BadToken => {
+                headers.insert(header::WWW_AUTHENTICATE, header::HeaderValue::from_static("Bearer"));
+            }
+            Self::Busy => {
+                headers.insert(header::RETRY_AFTER, header::HeaderValue::from_static("5"));
+            }
+            _ => {}
+        }
+        response.extensions_mut().insert(self);
+        response
+    }
+}
+
+impl From<StoreError> for Trouble {
+    fn from(error: StoreError) -> Self {
+        tracing::error!(%error, "the store failed");
+        Self::Internal
+    }
+}
+
+impl From<askama::Error> for Trouble {
+    fn from(error: askama::Error) -> Self {
+        tracing::error!(%error, "a page could not be written");
+        Self::Internal
+    }
+}
+
+impl From<serde_json::Error> for Trouble {
+    fn from(error: serde_json::Error) -> Self {
+        tracing::error!(%error, "an answer could not be written");
+        Self::Internal
+    }
+}

@@ -1,0 +1,115 @@
+//! Who asks, and for what.
+
+use crate::trouble::Trouble;
+use avln_episode::Order;
+use avln_scoring::Key;
+use avln_store::{Pick, Reader, Viewer};
+use axum::{
+    extract::{FromRequestParts, Query},
+    http::{header, request::Parts},
+};
+use serde::{Deserialize, de::DeserializeOwned};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// A visitor with the reading half of the store.
+pub(crate) struct Visit {
+    pub(crate) reader: Reader,
+    pub(crate) viewer: Viewer,
+}
+
+impl FromRequestParts<Reader> for Visit {
+    type Rejection = Trouble;
+
+    async fn from_request_parts(parts: &mut Parts, reader: &Reader) -> Result<Self, Trouble> {
+        let viewer = match parts.headers.get(header::AUTHORIZATION) {
+            None => Viewer::Anonymous,
+            Some(value) => {
+                let secret = value.to_str().ok().and_then(bearer).ok_or(Trouble::BadToken)?;
+                reader.viewer(secret, now_unix_ms()).await?.ok_or(Trouble::BadToken)?
+            }
+        };
+        Ok(Self { reader: reader.clone(), viewer })
+    }
+}
+
+/// The secret of an `Authorization` header of the kind `Bearer`.
+fn bearer(value: &str) -> Option<&str> {
+    let (scheme, secret) = value.split_once(' ')?;
+    (scheme.eq_ignore_ascii_case("bearer") && secret.len() <= 512).then(|| secret.trim())
+}
+
+fn now_unix_ms() -> i64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
+}
+
+/// The part of the address behind `?`; words that are not known are refused.
+pub(crate) struct Asked<T>(pub(crate) T);
+
+impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for Asked<T> {
+    type Rejection = Trouble;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Trouble> {
+        match Query::<T>::try_from_uri(&parts.uri) {
+            Ok(Query(asked)) => Ok(Self(asked)),
+            Err(error) => Err(Trouble::Invalid(error.body_text())),
+        }
+    }
+}
+
+/// Nothing may be asked.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Nothing {}
+
+/// Which board is asked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct BoardQuery {
+    pub(crate) order: Option<Order>,
+    #[serde(default)]
+    pub(crate) sort: Key,
+    #[serde(default)]
+    pub(crate) pick: Pick,
+}
+
+/// Which runs are asked for.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RunsQuery {
+    pub(crate) phase: Option<String>,
+    pub(crate) limit: Option<u32>,
+}
+
+impl RunsQuery {
+    /// Runs in a list when nothing is said, and the most that may be asked for.
+    pub(crate) const LIMITS: (u32, u32) = (50, 200);
+
+    /// How many runs are wanted.
+    pub(crate) fn limit(&self) -> Result<u32, Trouble> {
+        let (usual, most) = Self::LIMITS;
+        match self.limit.unwrap_or(usual) {
+            limit if (1..=most).contains(&limit) => Ok(limit),
+            limit => Err(Trouble::Invalid(format!("limit is {limit} and must be 1 to {most}"))),
+        }
+    }
+}
+
+/// A place in a phase's list, as it stands in an address.
+pub(crate) fn ordinal(word: &str) -> Result<u32, Trouble> {
+    word.parse().map_err(|_| Trouble::Unknown { what: "episode", name: word.to_owned() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn secrets_come_from_bearer_headers_only() {
+        assert_eq!(bearer("Bearer abc"), Some("abc"));
+        assert_eq!(bearer("bearer  abc "), Some("abc"));
+        assert_eq!(bearer("Basic abc"), None);
+        assert_eq!(bearer("abc"), None);
+        assert_eq!(bearer(&format!("Bearer {}", "x".repeat(513))), None);
+    }
+}

@@ -1,0 +1,313 @@
+//! Numbers, times and enums in the words of the pages.
+
+use avln_episode::{EndReason, Modality, Order, Sensors};
+use avln_scoring::{Direction, Estimate, Key, Summary};
+use avln_store::{EpisodeState, PhaseState, Pick, RunState, Visibility};
+use std::{collections::BTreeMap, fmt::Write};
+
+/// What stands where there is nothing to say.
+pub(crate) const NOTHING: &str = "–";
+
+/// A share as a percentage with one decimal.
+pub(crate) fn share(value: &f64) -> String {
+    format!("{:.1} %", value * 100.0)
+}
+
+/// The same, for what may be missing.
+pub(crate) fn maybe_share(value: &Option<f64>) -> String {
+    value.as_ref().map_or_else(|| NOTHING.to_owned(), share)
+}
+
+/// A number with one decimal.
+pub(crate) fn number(value: &f64) -> String {
+    format!("{value:.1}")
+}
+
+/// A length in metres with two decimals.
+pub(crate) fn metres(value: &f64) -> String {
+    format!("{value:.2} m")
+}
+
+/// The same, for what may be missing.
+pub(crate) fn maybe_metres(value: &Option<f64>) -> String {
+    value.as_ref().map_or_else(|| NOTHING.to_owned(), metres)
+}
+
+/// A stretch of time.
+pub(crate) fn duration(seconds: &f64) -> String {
+    match *seconds {
+        s if s < 100.0 => format!("{s:.2} s"),
+        s if s < 6000.0 => format!("{:.1} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}
+
+/// A moment by RFC 3339, UTC, whole seconds.
+pub(crate) fn rfc3339(unix_ms: i64) -> String {
+    let (year, month, day) = civil(unix_ms.div_euclid(86_400_000));
+    let second = unix_ms.rem_euclid(86_400_000) / 1000;
+    format!("{year:04}-{month:02}-{day:02}T{:02}:{:02}:{:02}Z", second / 3600, second / 60 % 60, second % 60)
+}
+
+/// A moment for people, UTC, whole minutes.
+pub(crate) fn moment(unix_ms: i64) -> String {
+    let stamp = rfc3339(unix_ms);
+    format!("{} {} UTC", &stamp[..stamp.len() - 10], &stamp[stamp.len() - 9..stamp.len() - 4])
+}
+
+/// A `time` element. Digits only, so it needs no escaping.
+pub(crate) fn time_html(unix_ms: &i64) -> String {
+    format!("<time datetime=\"{}\">{}</time>", rfc3339(*unix_ms), moment(*unix_ms))
+}
+
+/// The same, for what may be missing.
+pub(crate) fn maybe_time_html(unix_ms: &Option<i64>) -> String {
+    unix_ms.as_ref().map_or_else(|| NOTHING.to_owned(), time_html)
+}
+
+/// Year, month and day of a day counted from 1970-01-01 in the Gregorian calendar.
+/// Years begin in March here, so that leap days come last; 400 years have 146 097 days.
+fn civil(days: i64) -> (i64, i64, i64) {
+    let shifted = days + 719_468;
+    let (era, day_of_era) = (shifted.div_euclid(146_097), shifted.rem_euclid(146_097));
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month + 2) / 5 + 1;
+    let (month, next) = if month < 10 { (month + 3, 0) } else { (month - 9, 1) };
+    (year_of_era + era * 400 + next, month, day)
+}
+
+/// Heading of a metric.
+pub(crate) fn metric(key: &Key) -> &'static str {
+    match key {
+        Key::Sr => "SR",
+        Key::Isr => "ISR",
+        Key::Osr => "OSR",
+        Key::Spl => "SPL",
+        Key::SoftSpl => "SoftSPL",
+        Key::Sna => "SNA",
+        Key::Steps => "Steps",
+        Key::PathM => "Path",
+        Key::Collisions => "Collisions",
+        Key::WrongSubmits => "Wrong submits",
+    }
+}
+
+/// One sentence on a metric.
+pub(crate) fn meaning(key: &Key) -> &'static str {
+    match key {
+        Key::Sr => "Success rate: share of episodes in which every goal was found",
+        Key::Isr => "Share of the goals that were found, mean over episodes",
+        Key::Osr => "Share of the goals whose success region was entered, claimed or not",
+        Key::Spl => {
+            "Success weighted by path length: SR times reference tour over the longer of tour and walk"
+        }
+        Key::SoftSpl => {
+            "ISR weighted by path length: ISR times reference tour over the longer of tour and walk"
+        }
+        Key::Sna => "Success weighted by the number of actions",
+        Key::Steps => "Actions taken in an episode",
+        Key::PathM => "Length of the walk, metres",
+        Key::Collisions => "Actions in which an obstacle held the body back",
+        Key::WrongSubmits => "Claims that completed no goal",
+    }
+}
+
+/// Which end of a metric is good.
+pub(crate) fn better(direction: &Direction) -> &'static str {
+    match direction {
+        Direction::Higher => "more is better",
+        Direction::Lower => "less is better",
+    }
+}
+
+/// The estimate of a metric, for those that have an interval.
+pub(crate) fn estimate(key: Key, summary: &Summary) -> Option<Estimate> {
+    match key {
+        Key::Sr => Some(summary.sr),
+        Key::Isr => Some(summary.isr),
+        Key::Osr => Some(summary.osr),
+        Key::Spl => Some(summary.spl),
+        Key::SoftSpl => Some(summary.soft_spl),
+        Key::Sna => Some(summary.sna),
+        Key::Steps | Key::PathM | Key::Collisions | Key::WrongSubmits => None,
+    }
+}
+
+/// A metric of a summary as the inside of a cell: the number and, where there is one, its interval as text and bar.
+/// Digits only, so it needs no escaping.
+pub(crate) fn cell_html(key: &Key, summary: &Summary) -> String {
+    match estimate(*key, summary) {
+        Some(estimate) => estimate_html(&estimate),
+        None if *key == Key::PathM => metres(&key.mean_of(summary)),
+        None => number(&key.mean_of(summary)),
+    }
+}
+
+/// A share with its interval as text and bar. Digits only, so it needs no escaping.
+pub(crate) fn estimate_html(estimate: &Estimate) -> String {
+    let at = |share: f64| (share.clamp(0.0, 1.0) * 96.0 + 2.0).round() as i64;
+    let (low, value, high) = (at(estimate.low), at(estimate.value), at(estimate.high));
+    let mut html = format!("<span class=\"value\">{}</span>", share(&estimate.value));
+    let _ = write!(
+        html,
+        "<svg class=\"bar\" viewBox=\"0 0 100 10\" aria-hidden=\"true\">\
+         <line class=\"axis\" x1=\"2\" y1=\"5\" x2=\"98\" y2=\"5\"/>\
+         <line class=\"reach\" x1=\"{low}\" y1=\"5\" x2=\"{high}\" y2=\"5\"/>\
+         <circle cx=\"{value}\" cy=\"5\" r=\"4\"/></svg>\
+         <span class=\"interval\"><span class=\"hidden\">95 % interval </span>{:.1} to {:.1}</span>",
+        estimate.low * 100.0,
+        estimate.high * 100.0
+    );
+    html
+}
+
+/// How goals count.
+pub(crate) fn order(order: &Order) -> &'static str {
+    match order {
+        Order::Ordered => "Ordered",
+        Order::Unordered => "Unordered",
+    }
+}
+
+/// Which run stands for a method.
+pub(crate) fn pick(pick: &Pick) -> &'static str {
+    match pick {
+        Pick::Best => "best",
+        Pick::Latest => "latest",
+    }
+}
+
+/// How a goal was told.
+pub(crate) fn modality(modality: &Modality) -> &'static str {
+    match modality {
+        Modality::Category => "category",
+        Modality::Description => "sentence",
+        Modality::Image => "picture",
+    }
+}
+
+/// How far a run is.
+pub(crate) fn run_state(state: &RunState) -> &'static str {
+    match state {
+        RunState::Created => "not begun",
+        RunState::Running => "running",
+        RunState::Completed => "completed",
+        RunState::Cancelled => "cancelled",
+    }
+}
+
+/// How far an episode is.
+pub(crate) fn episode_state(state: &EpisodeState) -> &'static str {
+    match state {
+        EpisodeState::Pending => "pending",
+        EpisodeState::Running => "being played",
+        EpisodeState::Terminated => "ended",
+        EpisodeState::Truncated => "cut off",
+        EpisodeState::Infra => "lost by the server",
+    }
+}
+
+/// Whether runs may start.
+pub(crate) fn phase_state(state: &PhaseState) -> &'static str {
+    match state {
+        PhaseState::Open => "open",
+        PhaseState::Closed => "closed",
+    }
+}
+
+/// Who may see something.
+pub(crate) fn visibility(visibility: &Visibility) -> &'static str {
+    match visibility {
+        Visibility::Public => "everybody",
+        Visibility::Team => "each team its own",
+        Visibility::Organiser => "the organiser",
+    }
+}
+
+/// Why an episode ended.
+pub(crate) fn end(reason: &EndReason) -> &'static str {
+    match reason {
+        EndReason::Stopped => "stopped",
+        EndReason::FinalSubmit => "last submit",
+        EndReason::StepLimit => "step limit",
+        EndReason::TimeBudget => "out of time",
+        EndReason::Abandoned => "abandoned",
+        EndReason::Disconnected => "disconnected",
+        EndReason::ServerFault => "server fault",
+    }
+}
+
+/// Why an episode ended, if it did.
+pub(crate) fn maybe_end(reason: &Option<EndReason>) -> &'static str {
+    reason.as_ref().map_or(NOTHING, end)
+}
+
+/// Episodes by end reason, the most frequent first; lost attempts last.
+pub(crate) fn health(counts: &BTreeMap<&'static str, u32>, server_faults: &u32) -> String {
+    let named =
+        |word: &str| EndReason::ALL.into_iter().find(|r| r.as_str() == word).as_ref().map_or("other", end);
+    let mut parts: Vec<(u32, &str)> = counts.iter().map(|(word, &times)| (times, named(word))).collect();
+    parts.sort_by_key(|&(times, _)| std::cmp::Reverse(times));
+    let mut words: Vec<String> = parts.iter().map(|(times, word)| format!("{times} {word}")).collect();
+    if *server_faults > 0 {
+        words.push(format!("{} lost by the server and repeated", plural(server_faults, "attempt")));
+    }
+    if words.is_empty() { NOTHING.to_owned() } else { words.join(", ") }
+}
+
+/// What an agent senses.
+pub(crate) fn sensors(sensors: &Sensors) -> String {
+    let Sensors { rgb, depth, audio, width, height, hfov_rad } = sensors;
+    let chosen = [(*rgb, "colour"), (*depth, "depth"), (*audio, "sound")];
+    let chosen: Vec<&str> = chosen.iter().filter(|(on, _)| *on).map(|&(_, name)| name).collect();
+    let chosen = if chosen.is_empty() { "pose alone".to_owned() } else { chosen.join(", ") };
+    format!("{chosen}; pictures of {width} × {height} pixels, {:.0}° wide", hfov_rad.to_degrees())
+}
+
+/// A count with its noun, whose plural ends in s.
+pub(crate) fn plural(count: &u32, noun: &str) -> String {
+    let s = if *count == 1 { "" } else { "s" };
+    format!("{count} {noun}{s}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moments_follow_the_calendar() {
+        assert_eq!(rfc3339(0), "1970-01-01T00:00:00Z");
+        assert_eq!(rfc3339(951_782_399_999), "2000-02-28T23:59:59Z");
+        assert_eq!(rfc3339(951_782_400_000), "2000-02-29T00:00:00Z");
+        assert_eq!(rfc3339(4_107_542_400_000), "2100-03-01T00:00:00Z");
+        assert_eq!(rfc3339(-1), "1969-12-31T23:59:59Z");
+        assert_eq!(moment(1_795_266_906_000), "2026-11-21 13:15 UTC");
+    }
+
+    #[test]
+    fn an_interval_is_told_in_digits_and_drawn() {
+        let html = estimate_html(&Estimate { value: 0.5, low: 0.25, high: 0.75 });
+        assert!(html.contains("50.0 %") && html.contains("25.0 to 75.0"), "{html}");
+        assert!(html.contains("x1=\"26\" y1=\"5\" x2=\"74\"") && html.contains("cx=\"50\""), "{html}");
+    }
+
+    #[test]
+    fn health_names_the_most_frequent_end_first() {
+        let counts = BTreeMap::from([("final_submit", 2), ("stopped", 5)]);
+        assert_eq!(health(&counts, &0), "5 stopped, 2 last submit");
+        assert_eq!(
+            health(&counts, &1),
+            "5 stopped, 2 last submit, 1 attempt lost by the server and repeated"
+        );
+        assert_eq!(health(&BTreeMap::new(), &0), NOTHING);
+    }
+
+    #[test]
+    fn stretches_of_time_choose_their_unit() {
+        assert_eq!(duration(&1.5), "1.50 s");
+        assert_eq!(duration(&120.0), "2.0 min");
+        assert_eq!(duration(&7200.0), "2.0 h");
+    }
+}

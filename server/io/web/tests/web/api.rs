@@ -1,0 +1,172 @@
+use crate::fixture::{Answer, Arena};
+use axum::{
+    body::Body,
+    http::{Request, StatusCode, header},
+};
+use serde_json::Value;
+
+#[tokio::test]
+async fn every_described_path_answers_with_what_is_described() {
+    let arena = Arena::new().await;
+    let document = arena.get("/api/v1/openapi.json").await.json();
+    let paths = document["paths"].as_object().expect("paths");
+    assert_eq!(paths.len(), 11);
+    for (path, item) in paths {
+        let address = path.replace("{phase}", "open").replace("{run}", "run_rude").replace("{ordinal}", "0");
+        let answer = arena.get(&address).await;
+        assert_eq!(answer.status, StatusCode::OK, "{address}: {}", answer.body);
+        let content = item["get"]["responses"]["200"]["content"].as_object().expect("content");
+        let (kind, described) = content.iter().next().expect("one kind");
+        assert!(answer.header(header::CONTENT_TYPE).starts_with(kind), "{address}");
+        if kind == "application/json" {
+            check(&document, &described["schema"], &answer.json(), &address);
+        }
+    }
+}
+
+/// Whether `value` has the fields that `schema` names, and no others, at every depth that the schema names.
+fn check(document: &Value, schema: &Value, value: &Value, place: &str) {
+    if let Some(reference) = schema["$ref"].as_str() {
+        let schema = document.pointer(reference.trim_start_matches('#')).expect("a schema");
+        return check(document, schema, value, &format!("{place} {reference}"));
+    }
+    if let Some(choices) = schema["anyOf"].as_array() {
+        return if value.is_null() { () } else { check(document, &choices[0], value, place) };
+    }
+    match schema["type"].as_str() {
+        Some("integer") => assert!(value.is_u64() || value.is_i64(), "{place}: {value}"),
+        Some("number") => assert!(value.is_number(), "{place}: {value}"),
+        Some("string") => assert!(value.is_string(), "{place}: {value}"),
+        Some("boolean") => assert!(value.is_boolean(), "{place}: {value}"),
+        Some("array") => {
+            let items = value.as_array().unwrap_or_else(|| panic!("{place}: {value}"));
+            if schema["items"].is_object() {
+                items.iter().for_each(|item| check(document, &schema["items"], item, place));
+            }
+        }
+        Some("object") => {
+            let fields = value.as_object().unwrap_or_else(|| panic!("{place}: {value}"));
+            let Some(properties) = schema["properties"].as_object() else { return };
+            let described: Vec<&String> = properties.keys().collect();
+            assert_eq!(fields.keys().collect::<Vec<_>>(), described, "{place}");
+            fields.iter().for_each(|(name, field)| {
+                check(document, &properties[name], field, &format!("{place}.{name}"));
+            });
+        }
+        _ => assert_eq!(&schema["const"], value, "{place}"),
+    }
+}
+
+#[tokio::test]
+async fn a_board_in_json_says_rank_scores_and_moment() {
+    let arena = Arena::new().await;
+    let board = arena.get("/api/v1/phases/open/leaderboard?sort=isr").await.json();
+    assert_eq!(board["schema_version"], 1);
+    assert_eq!(board["key"], "isr");
+    assert_eq!(board["rows"][0]["team"], "<script>alert(1)</script>");
+    assert_eq!(board["rows"][0]["summary"]["isr"]["value"], 1.0);
+    assert_eq!(board["rows"][1]["summary"]["isr"]["value"], 0.5);
+    assert_eq!(board["rows"][1]["finished_at"], "1970-01-01T00:00:00Z");
+}
+
+#[tokio::test]
+async fn a_table_is_csv_that_no_spreadsheet_runs() {
+    let arena = Arena::new().await;
+    let table = arena.get("/api/v1/phases/open/leaderboard.csv").await;
+    assert_eq!(table.header(header::CONTENT_TYPE), "text/csv; charset=utf-8; header=present");
+    let lines: Vec<&str> = table.body.split_terminator("\r\n").collect();
+    assert_eq!(lines.len(), 3, "{}", table.body);
+    assert!(lines[0].starts_with("rank,tie_group,team,baseline,method,version,run,"));
+    assert!(
+        lines[2].starts_with("2,2,'=1+1,false,'@walker,1.0,run_formula,") || lines[2].contains(",'=1+1,"),
+        "{}",
+        lines[2]
+    );
+    let columns = |line: &str| line.split(',').count();
+    assert_eq!(columns(lines[1]), columns(lines[0]));
+    let episodes = arena.get("/api/v1/runs/run_begun/episodes.csv").await.body;
+    let lines: Vec<&str> = episodes.split_terminator("\r\n").collect();
+    assert_eq!(columns(lines[1]), columns(lines[0]));
+    assert_eq!(columns(lines[2]), columns(lines[0]), "a pending episode has empty cells");
+}
+
+#[tokio::test]
+async fn an_answer_that_is_known_already_is_not_sent_again() {
+    let arena = Arena::new().await;
+    for address in
+        ["/api/v1/phases", "/leaderboard/open", "/api/v1/phases/open/leaderboard.csv", "/assets/app.css"]
+    {
+        let first = arena.get(address).await;
+        let tag = first.header(header::ETAG).to_owned();
+        assert!(tag.len() > 10, "{address}");
+        let again = known(&arena, address, &format!("\"other\", W/{tag}")).await;
+        assert_eq!((again.status, again.body.as_str()), (StatusCode::NOT_MODIFIED, ""), "{address}");
+        assert_eq!(again.header(header::ETAG), tag);
+        assert_eq!(known(&arena, address, "\"other\"").await.status, StatusCode::OK, "{address}");
+    }
+}
+
+async fn known(arena: &Arena, address: &str, tag: &str) -> Answer {
+    let request = Request::get(address).header(header::IF_NONE_MATCH, tag);
+    arena.ask(request.body(Body::empty()).expect("a request")).await
+}
+
+#[tokio::test]
+async fn trouble_is_told_as_problem_details_with_a_reason() {
+    let arena = Arena::new().await;
+    for (address, status, reason) in [
+        ("/api/v1/nowhere", 404, "NOT_FOUND"),
+        ("/api/v1/phases/nowhere", 404, "NOT_FOUND"),
+        ("/api/v1/phases/nowhere/leaderboard.csv", 404, "NOT_FOUND"),
+        ("/api/v1/runs/run_rude/episodes/-1", 404, "NOT_FOUND"),
+        ("/api/v1/runs?limit=201", 400, "INVALID_ARGUMENT"),
+        ("/api/v1/phases?limit=1", 400, "INVALID_ARGUMENT"),
+        ("/api/v1/phases/open/leaderboard?order=sideways", 400, "INVALID_ARGUMENT"),
+    ] {
+        let answer = arena.get(address).await;
+        assert_eq!(answer.header(header::CONTENT_TYPE), "application/problem+json", "{address}");
+        let problem = answer.json();
+        assert_eq!(problem["status"], status, "{address}");
+        assert_eq!(answer.status.as_u16(), status, "{address}");
+        assert_eq!(problem["reason"], reason, "{address}");
+    }
+    let long = format!("/api/v1/runs?phase={}", "x".repeat(3000));
+    assert_eq!(arena.get(&long).await.status, StatusCode::URI_TOO_LONG);
+    let post = Request::post("/api/v1/runs").body(Body::empty()).expect("a request");
+    let post = arena.ask(post).await;
+    assert_eq!(
+        (post.status, post.json()["reason"].as_str()),
+        (StatusCode::METHOD_NOT_ALLOWED, Some("METHOD_NOT_ALLOWED"))
+    );
+}
+
+#[tokio::test]
+async fn every_answer_has_its_guard() {
+    let arena = Arena::new().await;
+    for address in ["/", "/api/v1/phases", "/nowhere", "/healthz", "/readyz"] {
+        let answer = arena.get(address).await;
+        assert!(
+            answer.header(header::CONTENT_SECURITY_POLICY).contains("frame-ancestors 'none'"),
+            "{address}"
+        );
+        assert_eq!(answer.header(header::X_CONTENT_TYPE_OPTIONS), "nosniff", "{address}");
+        let shared = answer.header(header::ACCESS_CONTROL_ALLOW_ORIGIN) == "*";
+        assert_eq!(shared, address.starts_with("/api/") || address == "/readyz", "{address}");
+    }
+}
+
+#[tokio::test]
+async fn readiness_follows_the_database_and_life_does_not() {
+    let arena = Arena::new().await;
+    assert_eq!(arena.get("/readyz").await.status, StatusCode::OK);
+    arena.store.clone().close().await;
+    assert_eq!(arena.get("/readyz").await.status, StatusCode::SERVICE_UNAVAILABLE);
+    assert_eq!(arena.get("/healthz").await.status, StatusCode::OK);
+    let broken = arena.get("/runs").await;
+    assert_eq!(broken.status, StatusCode::INTERNAL_SERVER_ERROR);
+    assert!(
+        broken.body.contains("<h1>Something broke</h1>") && !broken.body.contains("pool"),
+        "{}",
+        broken.body
+    );
+}

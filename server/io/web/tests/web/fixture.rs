@@ -1,0 +1,221 @@
+//! An arena with a public phase that two teams have played, and a hidden phase that one of them has.
+
+use avln_episode::{EndReason, Modality, Order, Rules, Sensors};
+use avln_scoring::Metrics;
+use avln_store::{
+    Finished, GoalText, NewRun, NewToken, Phase, PhaseEpisode, PhaseState, Scene, SceneMap, Split, Store,
+    TimeAccount, TokenKind, Visibility,
+};
+use axum::{
+    Router,
+    body::Body,
+    http::{HeaderMap, Request, StatusCode, header},
+};
+use http_body_util::BodyExt;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use tempfile::TempDir;
+use tower::ServiceExt;
+
+pub(crate) const RUDE_TEAM: &str = "<script>alert(1)</script>";
+pub(crate) const FORMULA_TEAM: &str = "=1+1";
+pub(crate) const RUDE_SENTENCE: &str = "a chair & a <b>table</b>";
+pub(crate) const TOKEN: &str = "the-token-of-the-rude-team";
+pub(crate) const ORGANISER: &str = "the-token-of-the-organiser";
+
+pub(crate) struct Arena {
+    _folder: TempDir,
+    pub(crate) store: Store,
+    router: Router,
+}
+
+/// An answer that was read to its end.
+pub(crate) struct Answer {
+    pub(crate) status: StatusCode,
+    pub(crate) headers: HeaderMap,
+    pub(crate) body: String,
+}
+
+impl Answer {
+    pub(crate) fn json(&self) -> Value {
+        serde_json::from_str(&self.body).unwrap_or_else(|error| panic!("{error} in {}", self.body))
+    }
+
+    pub(crate) fn header(&self, name: header::HeaderName) -> &str {
+        self.headers.get(&name).map_or("", |value| value.to_str().expect("a header in ASCII"))
+    }
+}
+
+impl Arena {
+    /// `open` with the runs `run_rude` (finds all goals) and `run_formula` (finds one of two), `sealed` with `run_sealed`,
+    /// and `run_begun` in `open`, where one of two episodes is played.
+    pub(crate) async fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = Store::open(&folder.path().join("arena.db")).await.expect("a new database");
+        let router = avln_web::router(store.reader());
+        let arena = Self { _folder: folder, store, router };
+        arena.furnish().await;
+        arena.play("run_rude", "open", RUDE_TEAM, "good walker", 2, 2).await;
+        arena.play("run_formula", "open", FORMULA_TEAM, "@walker", 1, 2).await;
+        arena.play("run_begun", "open", FORMULA_TEAM, "slow walker", 1, 1).await;
+        arena.play("run_sealed", "sealed", RUDE_TEAM, "secret walker", 2, 2).await;
+        arena
+    }
+
+    async fn furnish(&self) {
+        let split = Split { name: "val".to_owned(), digest: "d".to_owned(), scenes: 1, episodes: 2 };
+        self.store.upsert_split(&split).await.expect("a split");
+        let polygons = vec![vec![[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 0.0, 4.25]]];
+        let map = SceneMap { min: [0.0; 3], max: [4.0, 3.0, 4.25], polygons };
+        let scene = Scene { name: "canary-scene".to_owned(), digest: "s".to_owned(), map };
+        self.store.upsert_scene(&scene).await.expect("a scene");
+        self.store.upsert_phase(&phase("open", Visibility::Public), 1).await.expect("a phase");
+        self.store.upsert_phase(&phase("sealed", Visibility::Organiser), 2).await.expect("a phase");
+        for team in [RUDE_TEAM, FORMULA_TEAM] {
+            self.store.create_team(team, false, 1).await.expect("a team");
+        }
+        self.issue(TOKEN, TokenKind::Account, Some(RUDE_TEAM)).await;
+        self.issue(ORGANISER, TokenKind::Organiser, None).await;
+    }
+
+    async fn issue(&self, secret: &str, kind: TokenKind, team: Option<&str>) {
+        let token = NewToken { secret, kind, team, expires_unix_ms: None };
+        self.store.issue_token(&token, 1).await.expect("a token");
+    }
+
+    async fn play(&self, run: &str, phase: &str, team: &str, method: &str, found: u32, episodes: u32) {
+        let digests = BTreeMap::from([("scorer".to_owned(), "abc123".to_owned())]);
+        let order = Order::Unordered;
+        let new = NewRun {
+            id: run,
+            token: run,
+            phase,
+            team,
+            method,
+            version: "1.0",
+            order,
+            client_request_id: None,
+            digests: &digests,
+        };
+        self.store.start_run(&new, 10).await.expect("a run");
+        for index in 0..episodes {
+            let handle = format!("{run}-{index}");
+            let assigned = self.store.assign_next_episode(run, &handle, 20).await.expect("an open run");
+            let episode = assigned.expect("an episode").episode;
+            self.finish(run, &handle, &episode, found).await;
+        }
+    }
+
+    /// Stores a played episode. What is hidden of it goes in as JSON: this crate has no name for it.
+    async fn finish(&self, run: &str, handle: &str, episode: &str, found: u32) {
+        let finished = Finished {
+            run,
+            handle,
+            truth: &serde_json::from_value(truth(episode)).expect("a truth"),
+            record: &serde_json::from_value(record(found)).expect("a record"),
+            metrics: &metrics(found),
+            time: &TimeAccount { simulation_s: 0.5, thinking_s: 1.5, ..TimeAccount::default() },
+        };
+        self.store.record_result(&finished, 30).await.expect("a result");
+    }
+
+    pub(crate) async fn ask(&self, request: Request<Body>) -> Answer {
+        let response = self.router.clone().oneshot(request).await.expect("an answer");
+        let (parts, body) = response.into_parts();
+        let body = body.collect().await.expect("a body").to_bytes();
+        let body = String::from_utf8(body.to_vec()).expect("text");
+        Answer { status: parts.status, headers: parts.headers, body }
+    }
+
+    pub(crate) async fn get(&self, address: &str) -> Answer {
+        self.ask(Request::get(address).body(Body::empty()).expect("a request")).await
+    }
+
+    pub(crate) async fn get_as(&self, address: &str, token: &str) -> Answer {
+        let request = Request::get(address).header(header::AUTHORIZATION, format!("Bearer {token}"));
+        self.ask(request.body(Body::empty()).expect("a request")).await
+    }
+}
+
+fn phase(id: &str, visibility: Visibility) -> Phase {
+    let goals = vec![
+        GoalText { modality: Modality::Category, text: Some("chair".to_owned()) },
+        GoalText { modality: Modality::Description, text: Some(RUDE_SENTENCE.to_owned()) },
+    ];
+    let episode = |index| PhaseEpisode {
+        episode: format!("canary-episode-{index}"),
+        scene: "canary-scene".to_owned(),
+        goals: goals.clone(),
+    };
+    Phase {
+        id: id.to_owned(),
+        title: format!("The {id} phase"),
+        split: "val".to_owned(),
+        rules: Rules::paper(),
+        orders: vec![Order::Unordered, Order::Ordered],
+        sensors: Sensors::all(256, 256),
+        scores: visibility,
+        replays: visibility,
+        max_slots: 4,
+        quota: None,
+        state: PhaseState::Open,
+        episodes: (0..2).map(episode).collect(),
+    }
+}
+
+fn truth(episode: &str) -> Value {
+    let target = |category: &str, modality: &str| {
+        json!({
+            "instance": 1, "category": category, "modality": modality,
+            "bounds": { "min": [1.0, 0.0, 1.0], "max": [2.0, 1.0, 2.0] }, "source": [1.5, 0.5, 1.5],
+            "floor_y_m": 0.0, "region": [[1.0, 0.0, 0.5]], "viewpoints": [], "start_distance_m": 1.0,
+        })
+    };
+    json!({
+        "episode": episode, "scene": "canary-scene", "seed": 7, "order": "unordered",
+        "start": { "position": [0.5, 0.0, 2.0], "heading_rad": 0.0 },
+        "targets": [target("chair", "category"), target("<i>table</i>", "description")],
+        "reference_m": 1.0, "reference_path": [[0.5, 0.0, 2.0], [1.5, 0.0, 1.0]],
+    })
+}
+
+fn record(found: u32) -> Value {
+    let pose = |z: f64| json!({ "position": [0.5, 0.0, z], "heading_rad": 0.0 });
+    let step = |index: u32| {
+        let action = if index < 4 { "MoveForward" } else { "Submit" };
+        json!({
+            "action": action, "pose": pose(2.0 - 0.25 * f64::from(index.min(3) + 1)), "collided": index == 2,
+            "in_region": 0, "sounding": 0, "state_hash": 5,
+        })
+    };
+    let submit =
+        |goal: u32| json!({ "step": 5 + goal, "completed": (goal < found).then_some(goal), "skipped": null });
+    json!({
+        "rules": Rules::PAPER, "start": pose(2.0), "steps": (0..6).map(step).collect::<Vec<_>>(),
+        "submits": (0..2).map(submit).collect::<Vec<_>>(), "in_region_at_start": [false, false],
+        "final_distance_m": [0.5, null], "end": EndReason::FinalSubmit,
+    })
+}
+
+fn metrics(found: u32) -> Metrics {
+    let isr = f64::from(found) / 2.0;
+    let sr = if found == 2 { 1.0 } else { 0.0 };
+    Metrics {
+        goals: 2,
+        found,
+        sr,
+        isr,
+        osr: isr,
+        osr_all: sr,
+        spl: sr,
+        soft_spl: isr,
+        sna: sr,
+        steps: 6,
+        path_m: 1.0,
+        reference_m: 1.0,
+        collisions: 1,
+        wrong_submits: 2 - found,
+        steps_to_goal: (0..2).map(|goal| (goal < found).then_some(5 + goal)).collect(),
+        final_distance_m: vec![Some(0.5), None],
+    }
+}

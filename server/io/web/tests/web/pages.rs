@@ -1,0 +1,97 @@
+use crate::fixture::{Arena, RUDE_TEAM};
+use axum::http::{StatusCode, header};
+
+const PAGES: [&str; 9] = [
+    "/",
+    "/docs",
+    "/leaderboard",
+    "/leaderboard/open",
+    "/leaderboard/open?order=ordered",
+    "/runs",
+    "/runs/run_rude",
+    "/runs/run_begun",
+    "/runs/run_rude/episodes/0",
+];
+
+#[tokio::test]
+async fn every_page_has_one_heading_a_title_a_way_past_the_menu_and_names_in_plain_letters() {
+    let arena = Arena::new().await;
+    for address in PAGES {
+        let page = arena.get(address).await;
+        assert_eq!(page.status, StatusCode::OK, "{address}: {}", page.body);
+        assert_eq!(page.header(header::CONTENT_TYPE), "text/html; charset=utf-8");
+        assert_eq!(page.body.matches("<h1>").count(), 1, "{address}");
+        assert!(page.body.contains("<title>") && page.body.contains("href=\"#main\""), "{address}");
+        assert!(!page.body.contains("<script"), "{address}");
+        assert!(!page.body.contains("style="), "{address}: the policy forbids styles in elements");
+        assert!(page.body.matches("<table").count() == page.body.matches("<caption>").count(), "{address}");
+    }
+}
+
+#[tokio::test]
+async fn names_that_are_html_stay_text() {
+    let arena = Arena::new().await;
+    for address in ["/", "/leaderboard/open", "/runs", "/runs/run_rude"] {
+        let page = arena.get(address).await.body;
+        assert!(!page.contains(RUDE_TEAM), "{address}");
+        assert!(page.contains("&#60;script&#62;alert(1)&#60;/script&#62;"), "{address}");
+    }
+    let episode = arena.get("/runs/run_rude/episodes/0").await.body;
+    assert!(!episode.contains("<b>table") && !episode.contains("<i>table"), "{episode}");
+    assert!(episode.contains("&#60;i&#62;table"), "{episode}");
+}
+
+#[tokio::test]
+async fn a_board_says_what_it_is_ordered_by_and_its_links_keep_the_rest() {
+    let arena = Arena::new().await;
+    let page = arena.get("/leaderboard/open?sort=isr&pick=latest").await.body;
+    let caption = "2 methods over 2 episodes in 1 scene, ordered by ISR (more is better); the latest run";
+    assert!(page.contains(caption), "{page}");
+    assert_eq!(page.matches("aria-sort=\"descending\"").count(), 1);
+    assert!(page.contains("href=\"/leaderboard/open?sort=spl&#38;pick=latest\""), "{page}");
+    assert!(page.contains("href=\"/leaderboard/open?order=ordered&#38;sort=isr&#38;pick=latest\""), "{page}");
+    assert!(page.contains("href=\"/api/v1/phases/open/leaderboard.csv?sort=isr&#38;pick=latest\""), "{page}");
+    assert!(page.contains("href=\"/leaderboard/open?pick=latest\""), "the usual key is left out");
+    let steps = arena.get("/leaderboard/open?sort=steps").await.body;
+    assert!(steps.contains("aria-sort=\"ascending\"") && steps.contains("less is better"));
+    let first = page.find("good walker").expect("a row");
+    assert!(first < page.find("@walker").expect("a row"), "the better method comes first");
+}
+
+#[tokio::test]
+async fn an_episode_is_told_in_words_and_drawn() {
+    let arena = Arena::new().await;
+    let page = arena.get("/runs/run_formula/episodes/1").await.body;
+    assert!(page.contains("Episode 2 of 2") && page.contains("last submit"));
+    assert!(page.contains("✓ step 5") && page.contains("✕ not found"), "{page}");
+    assert!(page.contains("d=\"M0.00 0.00L4.00 0.00L0.00 4.25Z\""), "the floor");
+    assert!(page.contains("d=\"M0.50 2.00L0.50 1.75\" stroke=\"#0072b2\""), "the first step of the walk");
+    assert!(page.contains("Step 5: claim of goal 1, right") && page.contains("Step 6: claim, wrong"));
+    assert!(page.contains("1 m</text>"), "the scale");
+    assert!(page.contains("rel=\"prev\"") && !page.contains("rel=\"next\""));
+    let pending = arena.get("/runs/run_begun/episodes/1").await.body;
+    assert!(pending.contains("There is a map here once the episode is over") && !pending.contains("<figure"));
+}
+
+#[tokio::test]
+async fn what_is_not_there_is_said_kindly() {
+    let arena = Arena::new().await;
+    for address in [
+        "/nowhere",
+        "/leaderboard/nowhere",
+        "/runs/nowhere",
+        "/runs/run_rude/episodes/9",
+        "/runs/run_rude/episodes/x",
+    ] {
+        let page = arena.get(address).await;
+        assert_eq!(page.status, StatusCode::NOT_FOUND, "{address}");
+        assert!(page.body.contains("<h1>Not found</h1>"), "{address}: {}", page.body);
+    }
+    let rude = arena.get("/runs/%3Cscript%3E").await;
+    assert!(!rude.body.contains("<script>") && rude.body.contains("&#60;script"), "{}", rude.body);
+    for address in ["/leaderboard/open?sort=fame", "/leaderboard/open?colour=red", "/runs?limit=0"] {
+        let page = arena.get(address).await;
+        assert_eq!(page.status, StatusCode::BAD_REQUEST, "{address}");
+        assert!(page.body.contains("<h1>Not understood</h1>"), "{address}");
+    }
+}

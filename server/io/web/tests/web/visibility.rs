@@ -1,0 +1,55 @@
+use crate::fixture::{Arena, ORGANISER, TOKEN};
+use axum::http::{StatusCode, header};
+
+const SEALED: [&str; 8] = [
+    "/",
+    "/leaderboard/sealed",
+    "/runs",
+    "/runs/run_sealed",
+    "/runs/run_sealed/episodes/0",
+    "/api/v1/phases/sealed/leaderboard",
+    "/api/v1/phases/sealed/leaderboard.csv",
+    "/api/v1/runs/run_sealed/episodes.csv",
+];
+
+#[tokio::test]
+async fn nobody_learns_of_sealed_runs_without_a_token() {
+    let arena = Arena::new().await;
+    for address in SEALED {
+        let answer = arena.get(address).await;
+        assert!(!answer.body.contains("secret walker"), "{address}: {}", answer.body);
+        let gone = address.contains("run_sealed");
+        assert_eq!(answer.status, if gone { StatusCode::NOT_FOUND } else { StatusCode::OK }, "{address}");
+    }
+    let board = arena.get("/leaderboard/sealed").await.body;
+    assert!(board.contains("shown to the organiser"), "{board}");
+}
+
+#[tokio::test]
+async fn a_team_follows_its_sealed_run_without_scores_and_the_organiser_sees_them() {
+    let arena = Arena::new().await;
+    let own = arena.get_as("/runs/run_sealed", TOKEN).await;
+    assert_eq!(own.status, StatusCode::OK);
+    assert!(own.body.contains("The scores of this phase are hidden") && own.body.contains("2 of 2 episodes"));
+    assert!(!own.body.contains("id=\"scores\"") && !own.body.contains("canary"), "{}", own.body);
+    let json = arena.get_as("/api/v1/runs/run_sealed", TOKEN).await;
+    assert!(json.json()["summary"].is_null());
+    let episode = arena.get_as("/runs/run_sealed/episodes/0", TOKEN).await.body;
+    assert!(!episode.contains("<figure") && !episode.contains("canary"), "{episode}");
+    let seen = arena.get_as("/runs/run_sealed", ORGANISER).await.body;
+    assert!(seen.contains("id=\"scores\"") && seen.contains("canary-scene"));
+    let board = arena.get_as("/leaderboard/sealed", ORGANISER).await.body;
+    assert!(board.contains("secret walker"));
+}
+
+#[tokio::test]
+async fn what_a_token_opened_is_kept_by_no_cache() {
+    let arena = Arena::new().await;
+    let own = arena.get_as("/runs/run_sealed", TOKEN).await;
+    assert_eq!(own.header(header::CACHE_CONTROL), "private, no-store");
+    assert_eq!(own.header(header::VARY), "authorization");
+    let bad = arena.get_as("/api/v1/runs", "no such token").await;
+    assert_eq!(bad.status, StatusCode::UNAUTHORIZED);
+    assert_eq!(bad.header(header::WWW_AUTHENTICATE), "Bearer");
+    assert_eq!(bad.json()["reason"], "UNAUTHENTICATED");
+}
