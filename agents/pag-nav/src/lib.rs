@@ -5,7 +5,11 @@
 //! *Never*: links anything of the server; learns anything but what its observations say.
 
 mod agent;
+mod map;
 mod options;
+mod perception;
+mod planner;
 
 pub use agent::PagNav;
 pub use options::{Options, run, run_with};
+pub use planner::Weights;

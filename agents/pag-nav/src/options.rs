@@ -44,6 +44,6 @@ pub async fn run_with(
     let arena = Arena::connect(&options.server, options.token).await?;
     let method = RunOptions::new(options.phase, options.method).method_version(env!("CARGO_PKG_VERSION"));
     let run = arena.start_run(method.order(options.order)).await?;
-    let mut agent = PagNav::new();
+    let mut agent = PagNav::default();
     evaluate_with(&arena, &run, Sensors::square(options.size), &mut agent, on_end).await
 }

@@ -1,0 +1,134 @@
+use super::sound::{SIDE, SoundField, center};
+use crate::perception::{Heard, Place, Stand, itd_s};
+
+/// Level of a source 1 m away in the free field.
+const LEVEL_AT_1_M: f32 = 0.05;
+/// Spread of the measured delay, seconds: its own error, and what is added per metre since places are only cells and
+/// maps only known in part.
+const ITD_SIGMA_S: f32 = 45e-6;
+const ITD_SIGMA_PER_M_S: f32 = 8e-6;
+/// Mean and spread of the logarithm of the range that the level tells by the length of the way: straight ways, and ways
+/// around corners, which take level away.
+const STRAIGHT: [f32; 2] = [0.0, 0.3];
+const BENT: [f32; 2] = [1.0, 0.6];
+/// Worst that one sound can say against a place, in units of log-likelihood.
+const WORST: f32 = -4.0;
+/// Weight of one sound: sounds of neighbouring steps err alike.
+const WEIGHT: f32 = 0.5;
+/// What is kept of older evidence at each sound: it was judged by an older map.
+const KEPT: f32 = 0.97;
+/// What speaks against a place where the floor has been seen free, and per metre of way.
+const FREE: f32 = -1.5;
+const PER_M: f32 = -0.1;
+/// Mass within this distance of the best place is what is called certain, metres.
+const CERTAIN_M: f32 = 0.75;
+
+/// Where one source may be: a likelihood over the floor plan, accumulated from bearings and levels (the bearing memory
+/// of the paper).
+pub(crate) struct SourceBelief {
+    scores: Vec<f32>,
+}
+
+/// The best guess about a source.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Estimate {
+    pub(crate) place: Place,
+    /// Probability that it is within 0.75 m of `place`, 0 to 1.
+    pub(crate) certainty: f32,
+}
+
+impl Default for SourceBelief {
+    fn default() -> Self {
+        Self { scores: vec![0.0; SIDE * SIDE] }
+    }
+}
+
+/// How far away a source of this level would be in the free field, metres.
+pub(crate) fn range_m(level: f32) -> f32 {
+    (LEVEL_AT_1_M / level.max(1e-6)).clamp(0.1, 100.0)
+}
+
+impl SourceBelief {
+    /// Adds one sound of the source, heard at `stand`, from where `field` spreads.
+    pub(crate) fn hear(&mut self, field: &SoundField, stand: &Stand, heard: &Heard) {
+        let range_m = range_m(heard.level);
+        for (index, score) in self.scores.iter_mut().enumerate() {
+            let said = field.ray(index).map_or(2.0 * WORST, |ray| {
+                let sigma_s = ITD_SIGMA_S + ITD_SIGMA_PER_M_S * ray.length_m;
+                let late = (itd_s(stand.bearing_rad(ray.from)) - heard.itd_s) / sigma_s;
+                let [mean, sigma] = if field.is_straight(index) { STRAIGHT } else { BENT };
+                let loss = ((range_m / ray.length_m.max(0.2)).ln() - mean) / sigma;
+                (-0.5 * late * late).max(WORST) + (-0.5 * loss * loss).max(WORST)
+            });
+            *score = KEPT * *score + WEIGHT * said;
+        }
+    }
+
+    /// The best place by all that was heard, in view of where the floor is free now; `None` when sound reaches nothing.
+    pub(crate) fn estimate(&self, field: &SoundField, is_free: impl Fn(Place) -> bool) -> Option<Estimate> {
+        let top = self.scores.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let plausible = self.scores.iter().enumerate().filter(|(_, score)| **score > top - 8.0);
+        let weighed: Vec<(Place, f32)> = plausible
+            .filter_map(|(index, score)| {
+                let place = center(index);
+                let free = if is_free(place) { FREE } else { 0.0 };
+                Some((place, (score - top + free + PER_M * field.ray(index)?.length_m).exp()))
+            })
+            .collect();
+        let (best, _) = *weighed.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let (mut mass, mut x, mut z) = (0.0, 0.0, 0.0);
+        for (place, weight) in weighed.iter().filter(|(place, _)| place.distance_m(best) <= CERTAIN_M) {
+            (mass, x, z) = (mass + weight, x + weight * place.x, z + weight * place.z);
+        }
+        let total: f32 = weighed.iter().map(|(_, weight)| weight).sum();
+        Some(Estimate { place: Place::new(x / mass, z / mass), certainty: mass / total })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::Occupancy;
+    use avln_client::Pose;
+
+    const AREA: [Place; 2] = [Place { x: -8.0, z: -8.0 }, Place { x: 8.0, z: 8.0 }];
+
+    fn heard_from(stand: &Stand, source: Place) -> Heard {
+        let level = LEVEL_AT_1_M / stand.place.distance_m(source);
+        Heard { itd_s: itd_s(stand.bearing_rad(source)), level }
+    }
+
+    #[test]
+    fn bearings_from_several_headings_and_places_find_the_source() {
+        for source in [Place::new(3.0, -4.0), Place::new(-2.0, 5.0), Place::new(0.5, 1.5)] {
+            let (mut belief, mut field) = (SourceBelief::default(), None);
+            for step in 0..12 {
+                let heading_rad = step as f32 * 30_f32.to_radians();
+                let position = [0.1 * step as f32, 0.0, -0.05 * step as f32];
+                let stand = Stand::new(&Pose { position, heading_rad });
+                let spread = SoundField::new(&Occupancy::default(), stand.place, AREA);
+                belief.hear(&spread, &stand, &heard_from(&stand, source));
+                field = Some(spread);
+            }
+            let found = belief.estimate(&field.unwrap(), |_| false).unwrap();
+            assert!(found.place.distance_m(source) < 0.4, "{found:?} for {source:?}");
+            assert!(found.certainty > 0.4, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn one_heading_leaves_front_and_back_open() {
+        let mut belief = SourceBelief::default();
+        let stand = Stand::new(&Pose::default());
+        let field = SoundField::new(&Occupancy::default(), stand.place, AREA);
+        belief.hear(&field, &stand, &heard_from(&stand, Place::new(0.0, -4.0)));
+        assert!(belief.estimate(&field, |_| false).unwrap().certainty < 0.5);
+        let behind = belief.estimate(&field, |place| place.z < 0.0).unwrap();
+        assert!(behind.place.z > 2.0, "{behind:?}");
+    }
+
+    #[test]
+    fn level_tells_range() {
+        assert!((range_m(0.05) - 1.0).abs() < 1e-6 && (range_m(0.005) - 10.0).abs() < 1e-4);
+    }
+}
