@@ -4,21 +4,23 @@
 use avln_client::{Action, Arena, Order, Pose, RunOptions, Sensors};
 use avln_server::arena::{data::DataFolder, register};
 use avln_tests::{House, PHASE, Plan};
-use avln_truth::Target;
+use avln_truth::{EpisodeTruth, Target};
 
 /// A place on the floor: x and z in the world, metres.
 type Place = [f32; 2];
 
-/// Follows a polyline; knows where the body is from the start pose and what the agent is told.
+/// Walks shortest paths; knows where the body is from the start pose and what the agent is told.
 struct Walker {
     start: Place,
     start_heading_rad: f32,
-    corners: Vec<Place>,
-    next: usize,
+    before: Place,
+    last: Action,
+    /// Moves that lead out of a place where one is stuck, the next one last.
+    way_out: Vec<Action>,
 }
 
 /// A corner nearer than this is passed, metres.
-const PASSED_M: f32 = 0.2;
+const PASSED_M: f32 = 0.15;
 const HALF_TURN_RAD: f32 = 15.0 * std::f32::consts::PI / 180.0;
 
 fn distance_m(a: Place, b: Place) -> f32 {
@@ -34,29 +36,49 @@ impl Walker {
         (place, self.start_heading_rad + told.heading_rad)
     }
 
-    /// The next move along the corners; at the last one, toward `inner`.
-    fn step(&mut self, told: &Pose, inner: Place) -> Action {
+    /// The next move along `leg`, the shortest path to the aim. A body that is stuck turns once and goes on.
+    fn step(&mut self, told: &Pose, leg: &[Place]) -> Action {
         let (place, heading_rad) = self.locate(told);
-        while self.next < self.corners.len() && distance_m(self.corners[self.next], place) < PASSED_M {
-            self.next += 1;
-        }
-        let aim = self.corners.get(self.next).copied().unwrap_or(inner);
+        let ahead = leg.iter().copied().find(|corner| distance_m(*corner, place) >= PASSED_M);
+        let aim = ahead.or(leg.last().copied()).unwrap_or(place);
         let bearing_rad = (place[0] - aim[0]).atan2(place[1] - aim[1]);
         let turn_rad = (bearing_rad - heading_rad + std::f32::consts::PI).rem_euclid(std::f32::consts::TAU)
             - std::f32::consts::PI;
-        match turn_rad {
-            turn if turn > HALF_TURN_RAD + 1e-3 => Action::TurnLeft,
-            turn if turn < -HALF_TURN_RAD - 1e-3 => Action::TurnRight,
-            _ => Action::MoveForward,
+        let toward = if turn_rad > 0.0 { Action::TurnLeft } else { Action::TurnRight };
+        if self.last == Action::MoveForward && distance_m(self.before, place) < 0.02 {
+            self.way_out = vec![Action::MoveForward, toward];
         }
+        let aligned = turn_rad.abs() <= HALF_TURN_RAD + 1e-3;
+        let action = self.way_out.pop().unwrap_or(if aligned { Action::MoveForward } else { toward });
+        (self.before, self.last) = (place, action);
+        action
     }
 }
 
-/// The place of the region nearest to the target's box: where one goes when the tour's own point is not enough.
-fn innermost(target: &Target) -> Place {
+/// The corner of the reference tour that lies in the region of goal `goal`.
+fn tour_corner(truth: &EpisodeTruth, goal: usize) -> Option<usize> {
+    let region = &truth.targets[goal].region;
+    let in_region =
+        |corner: &Place| region.iter().any(|place| distance_m(*corner, [place.x, place.z]) < 1e-3);
+    truth.reference_path.iter().map(|corner| [corner.x, corner.z]).position(|corner| in_region(&corner))
+}
+
+/// The goals in the order in which the reference tour visits them.
+fn visits(truth: &EpisodeTruth) -> Vec<usize> {
+    let mut goals: Vec<usize> = (0..truth.targets.len()).collect();
+    if truth.order.as_str() == "unordered" {
+        goals.sort_by_key(|&goal| tour_corner(truth, goal));
+    }
+    goals
+}
+
+/// Where the tour visits a goal; the place of its region nearest to the target where that is not enough.
+fn aim_of(truth: &EpisodeTruth, goal: usize, from: Place) -> Place {
+    let target = &truth.targets[goal];
+    let corner = tour_corner(truth, goal).map(|corner| truth.reference_path[corner]).map(|c| [c.x, c.z]);
     let nearest = |a: &&_, b: &&_| target.bounds.distance_m(a).total_cmp(&target.bounds.distance_m(b));
-    let place = target.region.iter().min_by(nearest).expect("regions have places");
-    [place.x, place.z]
+    let innermost = target.region.iter().min_by(nearest).map(|place| [place.x, place.z]);
+    corner.filter(|corner| distance_m(*corner, from) >= PASSED_M).or(innermost).expect("regions have places")
 }
 
 async fn play(house: &House, order: Order) -> avln_client::RunSummary {
@@ -75,10 +97,12 @@ async fn play(house: &House, order: Order) -> avln_client::RunSummary {
         let mut walker = Walker {
             start: [truth.start.position.x, truth.start.position.z],
             start_heading_rad: truth.start.heading_rad,
-            corners: truth.reference_path.iter().map(|corner| [corner.x, corner.z]).collect(),
-            next: 0,
+            before: [f32::MAX; 2],
+            last: Action::TurnLeft,
+            way_out: vec![],
         };
         let mut open: Vec<usize> = (0..truth.targets.len()).collect();
+        let visits = visits(&truth);
         while !episode.is_over() {
             let told = episode.observation().pose;
             let (place, _) = walker.locate(&told);
@@ -98,7 +122,16 @@ async fn play(house: &House, order: Order) -> avln_client::RunSummary {
                     open.retain(|&other| other != goal);
                     Action::Submit
                 }
-                None => walker.step(&told, innermost(&truth.targets[open[0]])),
+                None => {
+                    let goal = *visits.iter().find(|goal| open.contains(goal)).expect("a goal is open");
+                    let aim = aim_of(&truth, goal, place);
+                    let mut there = base;
+                    (there.x, there.z) = (aim[0], aim[1]);
+                    let ends =
+                        [&base, &there].map(|end| assets.navmesh.snap(end, 0.5).expect("on the floor"));
+                    let leg = assets.navmesh.path(&ends[0], &ends[1]).unwrap_or_default();
+                    walker.step(&told, &leg.iter().map(|corner| [corner.x, corner.z]).collect::<Vec<_>>())
+                }
             };
             episode.step(action).await.expect("a legal step");
         }
