@@ -173,7 +173,9 @@ impl Referee {
         if let Some(reason) = self.end {
             return Err(RefereeError::Over { reason, steps: self.steps() });
         }
-        self.start();
+        if self.first.is_none() {
+            self.start();
+        }
         let motion = motion_of(action);
         let moved = self.world.advance(motion);
         let feedback = match action {
