@@ -1,11 +1,11 @@
 use crate::{Failure, FailureKind, commands, failure::EXIT_CODES};
 use clap::{Parser, Subcommand};
-use std::path::PathBuf;
+use std::{path::PathBuf, process::ExitCode};
 use tracing_subscriber::EnvFilter;
 
 /// LH-AVLN Arena: hosts long-horizon audio-visual-language navigation episodes, scores them and shows the results
 #[derive(Debug, Parser)]
-#[command(name = "avln", version, after_help = EXIT_CODES)]
+#[command(name = "avln", bin_name = "avln", version, after_help = EXIT_CODES)]
 pub struct Cli {
     /// Where database, splits and caches lie
     #[arg(long, global = true, env = "AVLN_DATA", default_value = "avln-data", value_name = "FOLDER")]
@@ -40,6 +40,17 @@ pub enum Command {
     /// Look at scenes and export them
     #[command(subcommand)]
     Scene(commands::scene::Command),
+}
+
+/// The whole program: carries out the command line of this process, and says on standard error why it could not.
+pub fn main() -> ExitCode {
+    match run(Cli::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            failure.exit_code()
+        }
+    }
 }
 
 /// Carries out one command line.

@@ -8,5 +8,5 @@ pub mod commands;
 pub mod doors;
 mod failure;
 
-pub use cli::{Cli, run};
+pub use cli::{Cli, main, run};
 pub use failure::{Failure, FailureKind};

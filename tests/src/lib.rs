@@ -1,5 +1,8 @@
 //! What only the whole house can show. The tests lie in `tests/`; here is the house that they open.
 
+pub mod http;
+pub mod tap;
+
 use avln_server::{
     arena::{Arena, data::DataFolder},
     commands::{phase, split, team},

@@ -110,6 +110,6 @@ pub fn check_name(what: &str, name: &str) -> Result<(), Failure> {
     if !name.is_empty() && name.len() <= LONGEST && name.chars().all(fits) {
         return Ok(());
     }
-    Err(Failure::new(FailureKind::Scene, format!("'{name}' cannot be the name of a {what}"))
+    Err(Failure::new(FailureKind::Scene, format!("'{}' cannot be the name of a {what}", name.escape_debug()))
         .hinted(format!("use 1 to {LONGEST} letters, digits, - and _")))
 }

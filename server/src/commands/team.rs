@@ -51,8 +51,11 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
 pub async fn admit(store: &Store, name: &str, baseline: bool) -> Result<String, Failure> {
     let printable = |letter: char| !letter.is_control();
     if name.trim().is_empty() || name.len() > 64 || !name.chars().all(printable) {
-        return Err(Failure::new(FailureKind::Data, format!("'{name}' cannot be the name of a team"))
-            .hinted("use 1 to 64 bytes of printable text"));
+        return Err(Failure::new(
+            FailureKind::Data,
+            format!("'{}' cannot be the name of a team", name.escape_debug()),
+        )
+        .hinted("use 1 to 64 bytes of printable text"));
     }
     let secret = new_token("account").map_err(|error| Failure::new(FailureKind::Internal, error))?;
     store.create_team(name, baseline, now_unix_ms()).await?;

@@ -1,0 +1,7 @@
+//! The program `avln`, built with the tests, so that they run what they were built with.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    avln_server::main()
+}

@@ -1,0 +1,180 @@
+//! What an agent can do wrong is answered in words, and takes neither the server down nor a score away.
+
+use avln_client::{Action, Arena, EndReason, Error, Reason, Run, RunOptions, RunState, Sensors};
+use avln_tests::{House, PHASE, Plan, http, tap, tap::Tap};
+use std::{net::SocketAddr, time::Duration};
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    net::TcpStream,
+    time::timeout,
+};
+
+const BLIND: Sensors =
+    Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
+/// Long enough for a busy machine; only a test that fails waits for so long.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+async fn start(house: &House) -> (Arena, Run) {
+    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let run = arena.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
+    (arena, run)
+}
+
+async fn play_one(arena: &Arena, run: &Run) -> avln_client::EpisodeEnd {
+    let mut play = arena.play(run, BLIND).await.expect("a stream");
+    let mut episode = play.next_episode().await.expect("the run goes on").expect("an episode is left");
+    episode.step(Action::MoveForward).await.expect("a legal step");
+    episode.step(Action::Stop).await.expect("a legal step");
+    episode.end().expect("a Stop ends").clone()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn tokens_that_open_nothing_are_refused_with_the_next_step() {
+    let house = House::open(&Plan::default()).await;
+    let refused = Arena::connect(house.agents_url(), "avln_account_wrong").await.expect_err("a wrong token");
+    assert!(matches!(&refused, Error::Token { reason: Reason::TokenMalformed, .. }), "{refused}");
+    assert!(refused.to_string().contains("--token"), "{refused}");
+
+    let nobody =
+        Arena::connect(house.agents_url(), "").await.expect("asking what a server is needs no token");
+    let refused = nobody.start_run(RunOptions::new(PHASE, "clumsy")).await.expect_err("a missing token");
+    assert!(matches!(refused, Error::Token { .. }), "{refused}");
+
+    let refused =
+        nobody.play(&Run::from_token(&house.token), BLIND).await.expect_err("a token of another kind");
+    assert!(matches!(refused, Error::Token { .. }), "{refused}");
+    assert!(refused.to_string().contains("run token"), "{refused}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_unknown_phase_is_refused_with_the_names_of_the_known_ones() {
+    let house = House::open(&Plan::default()).await;
+    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let refused = arena.start_run(RunOptions::new("finals", "clumsy")).await.expect_err("no such phase");
+    assert_eq!(refused.reason(), Some(Reason::PhaseUnknown), "{refused}");
+    assert!(refused.to_string().contains("'finals'") && refused.to_string().contains(PHASE), "{refused}");
+    let refused = arena.run("run_of_nobody").await.expect_err("no such run");
+    assert_eq!(refused.reason(), Some(Reason::RunUnknown), "{refused}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn sensors_outside_of_the_limits_are_refused_and_the_run_can_still_be_played() {
+    let house = House::open(&Plan::default()).await;
+    let (arena, run) = start(&house).await;
+    let absurd = arena.play(&run, Sensors::square(4096)).await.expect_err("more than any server offers");
+    assert!(matches!(absurd, Error::Sensors { width: 4096, .. }), "{absurd}");
+    let refused = match arena.play(&run, Sensors::square(512)).await {
+        Err(refused) => refused,
+        Ok(mut play) => play.next_episode().await.err().expect("more than the phase allows"),
+    };
+    assert_eq!(refused.reason(), Some(Reason::SensorNotAllowed), "{refused}");
+    assert!(refused.to_string().contains("256 x 256"), "{refused}");
+    assert_eq!(play_one(&arena, &run).await.reason, EndReason::Stopped);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_illegal_action_and_a_step_out_of_order_are_refused_and_the_episode_goes_on() {
+    let house = House::open(&Plan::default()).await;
+    let tap = Tap::open(house.doors.grpc).await;
+    let arena = Arena::connect(tap.url(), &house.token).await.expect("the door is open");
+    let run = arena.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
+    let mut play = arena.play(&run, BLIND).await.expect("a stream");
+    let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
+    for (spoiler, reason) in
+        [(tap::illegal_action(), Reason::ActionOutOfRange), (tap::wrong_step(9), Reason::StepAhead)]
+    {
+        tap.spoil(spoiler);
+        let step = timeout(PATIENCE, episode.step(Action::MoveForward)).await.expect("an answer");
+        let refused = step.expect_err("a spoiled step");
+        assert_eq!(refused.reason(), Some(reason), "{refused}");
+        assert!(!episode.is_over());
+    }
+    episode.step(Action::MoveForward).await.expect("a legal step");
+    assert_eq!(episode.observation().step, 1, "refused steps do not count");
+    episode.step(Action::Stop).await.expect("a legal step");
+    assert_eq!(episode.end().map(|end| end.reason), Some(EndReason::Stopped));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_client_that_vanishes_loses_one_episode_and_the_run_goes_on() {
+    let house = House::open(&Plan::default()).await;
+    let tap = Tap::open(house.doors.grpc).await;
+    let vanishing = Arena::connect(tap.url(), &house.token).await.expect("the door is open");
+    let run = vanishing.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
+    let mut play = vanishing.play(&run, BLIND).await.expect("a stream");
+    let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
+    episode.step(Action::MoveForward).await.expect("a legal step");
+    let lost = episode.id().to_owned();
+    tap.cut();
+    let cut = timeout(PATIENCE, episode.step(Action::MoveForward)).await.expect("the client notices");
+    assert!(matches!(cut, Err(Error::Lost { .. })), "{cut:?}");
+
+    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let end = timeout(PATIENCE, play_one(&arena, &run)).await.expect("the next episode");
+    assert_ne!(end.episode, lost);
+    let status = arena.run(&run.id).await.expect("the run");
+    assert_eq!(status.progress.done, 2);
+    assert_eq!(status.ends, [(EndReason::Stopped, 1), (EndReason::Disconnected, 1)]);
+}
+
+/// Says `bytes` to a door and reads until it hangs up or `PATIENCE` is over.
+async fn shout(door: SocketAddr, bytes: &[u8]) {
+    let mut stream = TcpStream::connect(door).await.expect("the door is open");
+    // The door may hang up in the middle.
+    let _ = stream.write_all(bytes).await;
+    let _ = stream.shutdown().await;
+    let mut answer = Vec::new();
+    let ended = timeout(PATIENCE, stream.read_to_end(&mut answer)).await;
+    assert!(ended.is_ok(), "the door {door} neither answers nor hangs up");
+}
+
+/// An HTTP/2 connection whose first frame claims to be `length` bytes long and is not.
+fn oversized_frame(length: u32) -> Vec<u8> {
+    let mut bytes = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n".to_vec();
+    bytes.extend_from_slice(&length.to_be_bytes()[1..]);
+    bytes.extend_from_slice(&[0, 0, 0, 0, 0, 1]);
+    bytes.resize(bytes.len() + (1 << 20), 0x55);
+    bytes
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn noise_and_idle_visitors_do_not_stop_the_server() {
+    let house = House::open(&Plan::default()).await;
+    let (arena, run) = start(&house).await;
+    let mut idle = Vec::new();
+    for door in [house.doors.grpc, house.doors.web] {
+        for _ in 0..25 {
+            idle.push(TcpStream::connect(door).await.expect("the door is open"));
+        }
+        let noise: Vec<u8> = (0..100_000_u32).map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+        shout(door, &noise).await;
+        shout(door, &oversized_frame(0x00ff_ffff)).await;
+        shout(door, &[b"GET /".as_slice(), &vec![b'a'; 1 << 20]].concat()).await;
+    }
+    assert_eq!(play_one(&arena, &run).await.reason, EndReason::Stopped);
+    assert_eq!(http::get(house.doors.web, "/healthz").await.status, 200);
+    assert_eq!(idle.len(), 50);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_restarted_server_keeps_results_and_goes_on_with_the_run() {
+    let house = House::open(&Plan::default()).await;
+    let (arena, run) = start(&house).await;
+    let first = play_one(&arena, &run).await;
+    drop(arena);
+    let house = timeout(PATIENCE, house.reopen()).await.expect("the doors close in time");
+    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open again");
+    assert_eq!(arena.run(&run.id).await.expect("the run").progress.done, 1);
+    let second = play_one(&arena, &run).await;
+    assert_ne!(first.episode, second.episode);
+    let over = arena.play(&run, BLIND).await.expect_err("both episodes were played");
+    assert_eq!(over.reason(), Some(Reason::RunOver), "{over}");
+    let scored = arena.run(&run.id).await.expect("the run").metrics;
+    assert!(scored.as_ref().is_some_and(|metrics| !metrics.is_empty()), "a public phase shows metrics");
+    drop(arena);
+    let house = timeout(PATIENCE, house.reopen()).await.expect("the doors close in time");
+    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open again");
+    let kept = arena.run(&run.id).await.expect("the run");
+    assert_eq!((kept.state, kept.progress.done), (RunState::Completed, 2));
+    assert_eq!(kept.metrics, scored);
+}

@@ -1,0 +1,276 @@
+//! The program as its users meet it: help, hints and exit codes.
+
+use avln_tests::{Plan, TEAM, furnish};
+use std::{
+    fs,
+    net::TcpListener,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+};
+use tempfile::TempDir;
+
+/// What came of one call.
+#[derive(Debug)]
+struct Outcome {
+    code: Option<i32>,
+    out: String,
+    err: String,
+}
+
+/// Calls the program with the data folder `data` and nothing from the environment of this process.
+fn avln(data: &Path, arguments: &[&str]) -> Outcome {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
+    for name in ["AVLN_LOG", "AVLN_GRPC", "AVLN_WEB", "AVLN_SERVER", "AVLN_TOKEN", "AVLN_ALLOW_PLAIN_TEXT"] {
+        command.env_remove(name);
+    }
+    let output = command
+        .args(arguments)
+        .env("AVLN_DATA", data)
+        .stdin(Stdio::null())
+        .output()
+        .expect("the program starts");
+    Outcome {
+        code: output.status.code(),
+        out: String::from_utf8(output.stdout).expect("text"),
+        err: String::from_utf8(output.stderr).expect("text"),
+    }
+}
+
+/// A call that must fail with `code` and with one line of error and at most one hint.
+fn refused(data: &Path, arguments: &[&str], code: i32) -> String {
+    let outcome = avln(data, arguments);
+    assert_eq!(outcome.code, Some(code), "{outcome:?}");
+    let lines: Vec<_> = outcome.err.lines().collect();
+    assert!(lines.first().is_some_and(|line| line.starts_with("error: ")), "{outcome:?}");
+    assert!(lines.len() == 1 || (lines.len() == 2 && lines[1].starts_with("hint: ")), "{outcome:?}");
+    assert!(!outcome.err.contains("panicked") && !outcome.err.contains("backtrace"), "{outcome:?}");
+    outcome.err
+}
+
+fn hinted(data: &Path, arguments: &[&str], code: i32, words: &[&str]) {
+    let err = refused(data, arguments, code);
+    assert!(err.contains("\nhint: "), "{err}");
+    assert!(words.iter().all(|word| err.contains(word)), "{words:?} in: {err}");
+}
+
+const COMMANDS: [&str; 7] = ["demo", "serve", "agent", "split", "phase", "team", "scene"];
+const FREE: [&str; 4] = ["--grpc", "127.0.0.1:0", "--web", "127.0.0.1:0"];
+
+fn house() -> (TempDir, PathBuf) {
+    let folder = TempDir::new().expect("a folder for temporary files");
+    let data = folder.path().join("data");
+    (folder, data)
+}
+
+#[test]
+fn help_names_every_command_and_every_exit_code() {
+    let (_folder, data) = house();
+    let help = avln(&data, &["--help"]);
+    assert_eq!(help.code, Some(0));
+    for command in COMMANDS {
+        assert!(help.out.contains(&format!("\n  {command} ")), "{command} in: {}", help.out);
+    }
+    for code in [0, 1, 2, 3, 4, 5, 6] {
+        assert!(help.out.contains(&format!("\n  {code}  ")), "exit code {code} in: {}", help.out);
+    }
+}
+
+#[test]
+fn a_wrong_command_line_is_code_2_and_leads_to_the_help() {
+    let (_folder, data) = house();
+    for arguments in [&["dance"][..], &["demo", "--houses", "many"], &["scene", "info"], &[]] {
+        let outcome = avln(&data, arguments);
+        assert_eq!(outcome.code, Some(2), "{outcome:?}");
+        assert!(outcome.err.contains("--help") || outcome.err.contains("Usage: avln"), "{outcome:?}");
+    }
+    assert!(!data.exists(), "nothing was made");
+}
+
+#[test]
+fn a_data_folder_that_cannot_be_used_is_code_3() {
+    let (folder, _) = house();
+    let file = folder.path().join("file");
+    fs::write(&file, "not a folder").expect("a file");
+    hinted(&file.join("data"), &["team", "add", "A"], 3, &["data folder", "--data FOLDER"]);
+
+    let data = folder.path().join("data");
+    hinted(
+        &data,
+        &["serve", FREE[0], FREE[1], FREE[2], FREE[3]],
+        3,
+        &["no phase to host", "avln phase open"],
+    );
+    hinted(&data, &["phase", "open", "p", "--split", "absent"], 3, &["'absent'", "avln split make"]);
+}
+
+#[test]
+fn a_file_that_is_no_database_is_code_3_and_is_left_alone() {
+    let (_folder, data) = house();
+    fs::create_dir_all(&data).expect("a folder");
+    let letter = "Dear diary, this is no database at all.\n".repeat(100);
+    fs::write(data.join("avln.db"), &letter).expect("a file");
+    let err = refused(&data, &["team", "add", "A"], 3);
+    assert!(err.contains("avln.db is not an LH-AVLN Arena database"), "{err}");
+    assert_eq!(fs::read_to_string(data.join("avln.db")).expect("still a text"), letter);
+}
+
+#[test]
+fn a_taken_port_is_code_4_and_says_which_and_how_to_choose_another() {
+    let (_folder, data) = house();
+    let taken = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    let address = taken.local_addr().expect("its address").to_string();
+    for (flag, other) in [("--grpc", "--web"), ("--web", "--grpc")] {
+        let arguments = ["serve", flag, &address, other, "127.0.0.1:0"];
+        hinted(&data, &arguments, 4, &[&address, flag]);
+    }
+    let open = ["serve", "--grpc", "0.0.0.0:0", "--web", "127.0.0.1:0"];
+    hinted(&data, &open, 4, &["0.0.0.0:0", "plain text"]);
+}
+
+#[test]
+fn a_corrupt_scene_is_code_5_and_one_line() {
+    let (folder, data) = house();
+    let scene = folder.path().join("house.glb");
+    let path = scene.to_str().expect("a path in Unicode");
+    let exported = avln(&data, &["scene", "export", "--seed", "3", path]);
+    assert_eq!(exported.code, Some(0), "{exported:?}");
+    let whole = fs::read(&scene).expect("the file that was written");
+    let mut scrambled = whole.clone();
+    scrambled[40..4000].reverse();
+    let mut wrong_length = whole.clone();
+    wrong_length[8..12].copy_from_slice(&u32::MAX.to_le_bytes());
+    let truncated = whole[..whole.len() / 2].to_vec();
+    let noise = b"glTF is a fine format, but this is a letter".to_vec();
+    for corrupt in [scrambled, wrong_length, truncated, noise, vec![]] {
+        fs::write(&scene, corrupt).expect("a file");
+        refused(&data, &["scene", "info", "--scene", path], 5);
+    }
+    let demo = ["demo", "--once", "--scene", path, FREE[0], FREE[1], FREE[2], FREE[3]];
+    let outcome = avln(&data, &demo);
+    assert_eq!(outcome.code, Some(5), "{outcome:?}");
+    assert_eq!(outcome.err.lines().count(), 1, "{outcome:?}");
+    let absent = folder.path().join("absent.glb");
+    refused(&data, &["scene", "info", "--scene", absent.to_str().expect("Unicode")], 5);
+}
+
+#[test]
+fn an_exported_scene_holds_the_same_objects() {
+    let (folder, data) = house();
+    let path = folder.path().join("house.glb");
+    let path = path.to_str().expect("a path in Unicode");
+    assert_eq!(avln(&data, &["scene", "export", "--seed", "3", path]).code, Some(0));
+    let lines = |outcome: &Outcome| {
+        let counts =
+            outcome.out.lines().filter(|line| line.starts_with("triangles") || line.starts_with("objects"));
+        counts.map(str::to_owned).collect::<Vec<_>>()
+    };
+    let (grown, read) =
+        (avln(&data, &["scene", "info", "--seed", "3"]), avln(&data, &["scene", "info", "--scene", path]));
+    assert_eq!(lines(&grown).len(), 2, "{grown:?}");
+    assert_eq!(lines(&grown), lines(&read));
+}
+
+#[test]
+fn an_agent_without_a_server_is_code_6() {
+    let (_folder, data) = house();
+    let nobody = TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address");
+    let url = format!("http://{nobody}");
+    let err = refused(&data, &["agent", "random", "--server", &url, "--token", "t", "--phase", "p"], 6);
+    assert!(err.contains(&url) && err.contains("--server"), "{err}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_agent_with_a_wrong_token_or_phase_is_code_6() {
+    let house = avln_tests::House::open(&Plan::default()).await;
+    let (url, token) = (house.agents_url(), house.token.clone());
+    let data = house.folder.path().to_owned();
+    let calls = tokio::task::spawn_blocking(move || {
+        let agent = |token: &str, phase: &str| {
+            refused(&data, &["agent", "random", "--server", &url, "--token", token, "--phase", phase], 6)
+        };
+        (agent("wrong", avln_tests::PHASE), agent(&token, "finals"))
+    });
+    let (token, phase) = calls.await.expect("the calls end");
+    assert!(token.contains("--token"), "{token}");
+    assert!(phase.contains("'finals'") && phase.contains(avln_tests::PHASE), "{phase}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn teams_are_admitted_and_refused_by_name() {
+    let (_folder, data) = house();
+    furnish(&data, &Plan { missions: 1, ..Plan::default() }).await;
+    let added = avln(&data, &["team", "add", "Another"]);
+    assert_eq!(added.code, Some(0), "{added:?}");
+    assert!(added.out.contains("token  "), "{added:?}");
+    let revoked = avln(&data, &["team", "revoke", TEAM]);
+    assert!(revoked.out.starts_with("1 tokens"), "{revoked:?}");
+    hinted(&data, &["team", "add", "two\nlines"], 3, &["printable"]);
+    hinted(&data, &["phase", "open", "../up", "--split", avln_tests::PHASE], 5, &["'../up'", "letters"]);
+}
+
+#[test]
+fn a_demo_ends_with_two_tables_and_the_next_one_finds_its_data() {
+    let (_folder, data) = house();
+    let demo = || {
+        let small = ["demo", "--once", "--houses", "1", "--missions", "1"];
+        let outcome = avln(&data, &[&small[..], &FREE[..]].concat());
+        assert_eq!(outcome.code, Some(0), "{outcome:?}");
+        outcome.out
+    };
+    let (first, second) = (demo(), demo());
+    let tables = |out: &str| {
+        let from = out.find("\nordered (").unwrap_or_else(|| panic!("a table of ordered missions: {out}"));
+        out[from..].to_owned()
+    };
+    for words in ["\nordered (1 episodes", "\nunordered (1 episodes", "Data lies in"] {
+        assert!(first.contains(words), "'{words}' in: {first}");
+    }
+    for method in ["random", "PAG-Nav"] {
+        let rows = first.lines().filter(|line| line.contains(&format!("  {method} "))).count();
+        assert_eq!(rows, 2, "{method} in both tables: {first}");
+    }
+    assert!(second.contains("Found phase"), "{second}");
+    assert_eq!(tables(&first), tables(&second));
+}
+
+/// Help texts of all commands as one page.
+fn manual(data: &Path) -> String {
+    let mut page =
+        "# Command line of `avln`\n\nThe help texts of all commands. `AVLN_BLESS=1 cargo test -p avln-tests \
+                    --test command_line` writes this page.\n"
+            .to_owned();
+    let mut waiting = vec![Vec::<String>::new()];
+    while let Some(command) = waiting.pop() {
+        let arguments: Vec<&str> = command.iter().map(String::as_str).chain(["--help"]).collect();
+        let help = avln(data, &arguments);
+        assert_eq!(help.code, Some(0), "{help:?}");
+        let shown = help.out.replace(&format!("[env: AVLN_DATA={}]", data.display()), "[env: AVLN_DATA=]");
+        let name = [&["avln".to_owned()], &command[..]].concat().join(" ");
+        let trimmed: Vec<_> = shown.lines().map(str::trim_end).collect();
+        page += &format!("\n## {name}\n\n```text\n{}\n```\n", trimmed.join("\n").trim_end());
+        waiting.extend(children(&shown).rev().map(|child| [&command[..], &[child]].concat()));
+    }
+    page
+}
+
+/// Names below the heading `Commands:` of a help text.
+fn children(help: &str) -> impl DoubleEndedIterator<Item = String> {
+    let below = help.split_once("Commands:\n").map_or("", |(_, below)| below);
+    let section = below.split("\n\n").next().unwrap_or_default();
+    let names = section.lines().filter(|line| line.starts_with("  ") && !line.starts_with("   "));
+    let names = names.filter_map(|line| line.split_whitespace().next()).filter(|name| *name != "help");
+    names.map(str::to_owned).collect::<Vec<_>>().into_iter()
+}
+
+#[test]
+fn the_page_of_the_command_line_is_what_the_program_says() {
+    let (_folder, data) = house();
+    let page = manual(&data);
+    assert!(page.contains("## avln scene export\n"), "{page}");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/CLI.md");
+    if std::env::var_os("AVLN_BLESS").is_some() {
+        fs::write(&path, &page).expect("the page can be written");
+    }
+    let written = fs::read_to_string(&path).unwrap_or_default();
+    assert!(written == page, "docs/CLI.md is out of date; run this test with AVLN_BLESS=1");
+}
