@@ -129,3 +129,48 @@ fn matches_tag(known: &HeaderValue, tag: &str) -> bool {
     let known = known.to_str().unwrap_or_default();
     known.split(',').map(str::trim).any(|one| one == "*" || one.trim_start_matches("W/") == tag)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use axum::routing::get;
+    use http_body_util::BodyExt;
+    use tower::ServiceExt;
+
+    /// Status and body of the answer at `address` of a router where everything breaks.
+    async fn ask(address: &str) -> (StatusCode, String) {
+        let broken = Router::new()
+            .route("/panic", get(async || if true { panic!("a secret reason") } else { "" }))
+            .route("/api/panic", get(async || if true { panic!("a secret reason") } else { "" }))
+            .route("/endless", get(async || std::future::pending::<&str>().await));
+        let request = Request::get(address).body(Body::empty()).expect("a request");
+        let response = guarded(broken).oneshot(request).await.expect("an answer");
+        let status = response.status();
+        let body = response.into_body().collect().await.expect("a body").to_bytes();
+        (status, String::from_utf8(body.to_vec()).expect("text"))
+    }
+
+    #[tokio::test]
+    async fn a_panic_is_an_answer_without_its_reason() {
+        let (status, page) = ask("/panic").await;
+        assert_eq!(status, StatusCode::INTERNAL_SERVER_ERROR);
+        assert!(page.contains("<h1>Something broke</h1>") && !page.contains("secret"), "{page}");
+        let (status, problem) = ask("/api/panic").await;
+        assert_eq!(status, StatusCode::INTERNAL_SERVER_ERROR);
+        assert!(problem.contains("\"reason\":\"INTERNAL\"") && !problem.contains("secret"), "{problem}");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_answer_that_takes_too_long_is_given_up() {
+        let (status, page) = ask("/endless").await;
+        assert_eq!(status, StatusCode::SERVICE_UNAVAILABLE);
+        assert!(page.contains("<h1>Busy</h1>"), "{page}");
+    }
+
+    #[test]
+    fn tags_are_compared_weakly_and_in_lists() {
+        let matches = |known: &'static str| matches_tag(&HeaderValue::from_static(known), "\"a\"");
+        assert!(matches("\"a\"") && matches("W/\"a\"") && matches("\"b\", \"a\"") && matches("*"));
+        assert!(!matches("\"b\"") && !matches("a") && !matches(""));
+    }
+}

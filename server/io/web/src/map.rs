@@ -19,6 +19,8 @@ pub(crate) struct MapView {
     pub(crate) view_box: String,
     /// Height of letters.
     pub(crate) letter_m: f32,
+    /// Half the height of a mark.
+    pub(crate) mark_m: f32,
     /// Floors that were walked on.
     pub(crate) floor: String,
     /// Other storeys.
@@ -90,6 +92,7 @@ impl MapView {
         Self {
             view_box: frame.view_box(),
             letter_m: frame.letter_m(),
+            mark_m: frame.letter_m() * 0.7,
             floor: floors(&replay.map, |y| storeys.include(y)),
             faint_floor: floors(&replay.map, |y| !storeys.include(y)),
             reference: line(&replay.reference_path.iter().map(spot).collect::<Vec<_>>()),
@@ -137,7 +140,7 @@ impl Frame {
     }
 
     fn letter_m(&self) -> f32 {
-        (self.width().max(self.height()) * 0.028).max(0.15)
+        (self.width().max(self.height()) * 0.03).max(0.15)
     }
 
     /// The building with a margin, and room below for the scale.
@@ -247,7 +250,7 @@ fn targets(replay: &Replay, mission: Option<&MissionView>, frame: &Frame) -> Vec
             corner,
             width: (opposite.x - corner.x).max(0.05),
             height: (opposite.y - corner.y).max(0.05),
-            label: format!("{} {}", index + 1, target.category),
+            label: format!("{} {}", index + 1, target.category.replace('_', " ")),
             label_at: Spot { x: label_x, y: corner.y - 0.3 * frame.letter_m() },
             leftwards,
             found: found(index),

@@ -9,7 +9,11 @@ use axum::{
     http::{header, request::Parts},
 };
 use serde::{Deserialize, de::DeserializeOwned};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::{
+    convert::Infallible,
+    fmt,
+    time::{SystemTime, UNIX_EPOCH},
+};
 
 /// A visitor with the reading half of the store.
 pub(crate) struct Visit {
@@ -41,6 +45,31 @@ fn bearer(value: &str) -> Option<&str> {
 fn now_unix_ms() -> i64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
+}
+
+/// The name under which the visitor knows this machine, without a port.
+pub(crate) struct Host(String);
+
+impl fmt::Display for Host {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl<S: Sync> FromRequestParts<S> for Host {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
+        let value = parts.headers.get(header::HOST).and_then(|value| value.to_str().ok());
+        Ok(Self(value.and_then(host).unwrap_or("127.0.0.1").to_owned()))
+    }
+}
+
+/// The name in a `Host` header; `None` when it is none that a shell would take as one word.
+fn host(value: &str) -> Option<&str> {
+    let name = value.rsplit_once(':').map_or(value, |(name, _)| name);
+    let plain = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '.' | '-');
+    (!name.is_empty() && name.len() <= 253 && name.chars().all(plain)).then_some(name)
 }
 
 /// The part of the address behind `?`; words that are not known are refused.
@@ -103,6 +132,15 @@ pub(crate) fn ordinal(word: &str) -> Result<u32, Trouble> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn hosts_are_names_and_nothing_else() {
+        assert_eq!(host("arena.example:8080"), Some("arena.example"));
+        assert_eq!(host("127.0.0.1"), Some("127.0.0.1"));
+        assert_eq!(host("a;reboot"), None);
+        assert_eq!(host(":80"), None);
+        assert_eq!(host("[::1]:8080"), None);
+    }
 
     #[test]
     fn secrets_come_from_bearer_headers_only() {

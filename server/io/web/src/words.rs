@@ -147,13 +147,13 @@ pub(crate) fn cell_html(key: &Key, summary: &Summary) -> String {
 
 /// A share with its interval as text and bar. Digits only, so it needs no escaping.
 pub(crate) fn estimate_html(estimate: &Estimate) -> String {
-    let at = |share: f64| (share.clamp(0.0, 1.0) * 96.0 + 2.0).round() as i64;
+    let at = |share: f64| (share.clamp(0.0, 1.0) * 90.0 + 5.0).round() as i64;
     let (low, value, high) = (at(estimate.low), at(estimate.value), at(estimate.high));
     let mut html = format!("<span class=\"value\">{}</span>", share(&estimate.value));
     let _ = write!(
         html,
         "<svg class=\"bar\" viewBox=\"0 0 100 10\" aria-hidden=\"true\">\
-         <line class=\"axis\" x1=\"2\" y1=\"5\" x2=\"98\" y2=\"5\"/>\
+         <line class=\"axis\" x1=\"5\" y1=\"5\" x2=\"95\" y2=\"5\"/>\
          <line class=\"reach\" x1=\"{low}\" y1=\"5\" x2=\"{high}\" y2=\"5\"/>\
          <circle cx=\"{value}\" cy=\"5\" r=\"4\"/></svg>\
          <span class=\"interval\"><span class=\"hidden\">95 % interval </span>{:.1} to {:.1}</span>",
@@ -290,7 +290,7 @@ mod tests {
     fn an_interval_is_told_in_digits_and_drawn() {
         let html = estimate_html(&Estimate { value: 0.5, low: 0.25, high: 0.75 });
         assert!(html.contains("50.0 %") && html.contains("25.0 to 75.0"), "{html}");
-        assert!(html.contains("x1=\"26\" y1=\"5\" x2=\"74\"") && html.contains("cx=\"50\""), "{html}");
+        assert!(html.contains("x1=\"28\" y1=\"5\" x2=\"73\"") && html.contains("cx=\"50\""), "{html}");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 use super::{Page, Part, Shell, write};
 use crate::{
-    visit::{Asked, Nothing, Visit},
+    visit::{Asked, Host, Nothing, Visit},
     words,
 };
 use askama::Template;
@@ -15,6 +15,7 @@ const TOP: usize = 3;
 struct HomePage {
     shell: Shell,
     phases: Vec<PhaseView>,
+    host: Host,
     example: String,
     boards: Vec<LeaderboardView>,
     columns: [Key; 4],
@@ -31,11 +32,12 @@ struct BoardsPage {
 #[template(path = "docs.html")]
 struct DocsPage {
     shell: Shell,
+    host: Host,
     keys: [Key; 10],
 }
 
 /// Phases, how to take part, and who leads.
-pub(super) async fn home(visit: Visit, _: Asked<Nothing>) -> Page {
+pub(super) async fn home(visit: Visit, host: Host, _: Asked<Nothing>) -> Page {
     let phases = visit.reader.phases(&visit.viewer).await?;
     let mut boards = Vec::new();
     for phase in &phases {
@@ -48,7 +50,14 @@ pub(super) async fn home(visit: Visit, _: Asked<Nothing>) -> Page {
     boards.iter_mut().for_each(|board| board.rows.truncate(TOP));
     let example = phases.first().map_or_else(|| "practice".to_owned(), |phase| phase.id.clone());
     let columns = [Key::Sr, Key::Isr, Key::Spl, Key::SoftSpl];
-    write(&HomePage { shell: Shell::new("LH-AVLN Arena", Part::Home), phases, example, boards, columns })
+    write(&HomePage {
+        shell: Shell::new("LH-AVLN Arena", Part::Home),
+        phases,
+        host,
+        example,
+        boards,
+        columns,
+    })
 }
 
 /// A list of all boards.
@@ -58,6 +67,6 @@ pub(super) async fn boards(visit: Visit, _: Asked<Nothing>) -> Page {
 }
 
 /// How to take part, and what the numbers mean.
-pub(super) async fn docs(_: Asked<Nothing>) -> Page {
-    write(&DocsPage { shell: Shell::new("How to take part", Part::Docs), keys: Key::ALL })
+pub(super) async fn docs(host: Host, _: Asked<Nothing>) -> Page {
+    write(&DocsPage { shell: Shell::new("How to take part", Part::Docs), host, keys: Key::ALL })
 }

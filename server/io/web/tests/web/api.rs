@@ -31,7 +31,10 @@ fn check(document: &Value, schema: &Value, value: &Value, place: &str) {
         return check(document, schema, value, &format!("{place} {reference}"));
     }
     if let Some(choices) = schema["anyOf"].as_array() {
-        return if value.is_null() { () } else { check(document, &choices[0], value, place) };
+        if !value.is_null() {
+            check(document, &choices[0], value, place);
+        }
+        return;
     }
     match schema["type"].as_str() {
         Some("integer") => assert!(value.is_u64() || value.is_i64(), "{place}: {value}"),
@@ -77,11 +80,8 @@ async fn a_table_is_csv_that_no_spreadsheet_runs() {
     let lines: Vec<&str> = table.body.split_terminator("\r\n").collect();
     assert_eq!(lines.len(), 3, "{}", table.body);
     assert!(lines[0].starts_with("rank,tie_group,team,baseline,method,version,run,"));
-    assert!(
-        lines[2].starts_with("2,2,'=1+1,false,'@walker,1.0,run_formula,") || lines[2].contains(",'=1+1,"),
-        "{}",
-        lines[2]
-    );
+    let worse = ",'=1+1,false,'@walker,1.0,run_formula,1,1970-01-01T00:00:00Z,2,1,0,0,0,0.5,0.5,0.5,";
+    assert!(lines[2].starts_with('2') && lines[2].contains(worse), "{}", lines[2]);
     let columns = |line: &str| line.split(',').count();
     assert_eq!(columns(lines[1]), columns(lines[0]));
     let episodes = arena.get("/api/v1/runs/run_begun/episodes.csv").await.body;
