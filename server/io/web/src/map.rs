@@ -92,7 +92,7 @@ impl MapView {
         Self {
             view_box: frame.view_box(),
             letter_m: frame.letter_m(),
-            mark_m: frame.letter_m() * 0.7,
+            mark_m: frame.letter_m() * 0.75,
             floor: floors(&replay.map, |y| storeys.include(y)),
             faint_floor: floors(&replay.map, |y| !storeys.include(y)),
             reference: line(&replay.reference_path.iter().map(spot).collect::<Vec<_>>()),
@@ -140,7 +140,7 @@ impl Frame {
     }
 
     fn letter_m(&self) -> f32 {
-        (self.width().max(self.height()) * 0.03).max(0.15)
+        (self.width().max(self.height()) * 0.024).max(0.15)
     }
 
     /// The building with a margin, and room below for the scale.

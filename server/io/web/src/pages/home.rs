@@ -5,7 +5,7 @@ use crate::{
 };
 use askama::Template;
 use avln_scoring::Key;
-use avln_store::{Board, LeaderboardView, PhaseView, Pick};
+use avln_store::{Board, LeaderboardView, PhaseState, PhaseView, Pick};
 
 /// Entries of a board that the first page shows.
 const TOP: usize = 3;
@@ -48,7 +48,8 @@ pub(super) async fn home(visit: Visit, host: Host, _: Asked<Nothing>) -> Page {
     }
     boards.retain(|board| !board.rows.is_empty());
     boards.iter_mut().for_each(|board| board.rows.truncate(TOP));
-    let example = phases.first().map_or_else(|| "practice".to_owned(), |phase| phase.id.clone());
+    let example = phases.iter().find(|phase| phase.state == PhaseState::Open);
+    let example = example.map_or_else(|| "PHASE".to_owned(), |phase| phase.id.clone());
     let columns = [Key::Sr, Key::Isr, Key::Spl, Key::SoftSpl];
     write(&HomePage {
         shell: Shell::new("LH-AVLN Arena", Part::Home),

@@ -48,7 +48,7 @@ impl RunPage {
         Self { shell, view, keys: Key::ALL }
     }
 
-    /// Where the time went: the words, how long, and which share of all.
+    /// Where the time went: the words, how long, and which share of all; empty when nothing was measured.
     fn times(&self) -> Vec<(&'static str, String, String)> {
         let TimeAccount { simulation_s, encoding_s, queue_s, network_s, thinking_s } = self.view.time;
         let parts = [
@@ -59,8 +59,10 @@ impl RunPage {
             ("On the wire", network_s),
         ];
         let all: f64 = parts.iter().map(|(_, seconds)| seconds).sum();
-        let of_all =
-            |seconds| if all > 0.0 { words::share(&(seconds / all)) } else { words::NOTHING.to_owned() };
+        if all <= 0.0 {
+            return vec![];
+        }
+        let of_all = |seconds| words::share(&(seconds / all));
         parts.iter().map(|&(name, seconds)| (name, words::duration(&seconds), of_all(seconds))).collect()
     }
 }

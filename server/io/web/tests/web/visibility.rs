@@ -22,7 +22,7 @@ async fn nobody_learns_of_sealed_runs_without_a_token() {
         assert_eq!(answer.status, if gone { StatusCode::NOT_FOUND } else { StatusCode::OK }, "{address}");
     }
     let board = arena.get("/leaderboard/sealed").await.body;
-    assert!(board.contains("shown to the organiser"), "{board}");
+    assert!(board.contains("Who sees the scores of this phase: the organiser"), "{board}");
 }
 
 #[tokio::test]
