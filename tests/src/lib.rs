@@ -33,13 +33,15 @@ pub struct Plan {
     pub houses: u32,
     /// Missions in each.
     pub missions: usize,
-    /// Who may see scores and replays.
+    /// Who may see scores, and replays where `replays_to` does not say otherwise.
     pub visible_to: phase::Who,
+    /// Who may see replays, where that is not who may see scores.
+    pub replays_to: Option<phase::Who>,
 }
 
 impl Default for Plan {
     fn default() -> Self {
-        Self { houses: 1, missions: 2, visible_to: phase::Who::Public }
+        Self { houses: 1, missions: 2, visible_to: phase::Who::Public, replays_to: None }
     }
 }
 
@@ -83,7 +85,7 @@ pub async fn furnish(folder: &Path, plan: &Plan) -> String {
         split: PHASE.to_owned(),
         title: None,
         scores: plan.visible_to,
-        replays: plan.visible_to,
+        replays: plan.replays_to.unwrap_or(plan.visible_to),
         feedback: None,
         quota: None,
         max_slots: 4,

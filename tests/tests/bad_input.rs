@@ -65,7 +65,7 @@ async fn sensors_outside_of_the_limits_are_refused_and_the_run_can_still_be_play
     assert!(matches!(absurd, Error::Sensors { width: 4096, .. }), "{absurd}");
     let refused = match arena.play(&run, Sensors::square(512)).await {
         Err(refused) => refused,
-        Ok(mut play) => play.next_episode().await.err().expect("more than the phase allows"),
+        Ok(mut play) => play.next_episode().await.map(drop).expect_err("more than the phase allows"),
     };
     assert_eq!(refused.reason(), Some(Reason::SensorNotAllowed), "{refused}");
     assert!(refused.to_string().contains("256 x 256"), "{refused}");

@@ -37,12 +37,13 @@ impl Canaries {
         self.0.push(Canary { what, bytes, then: vec![] });
     }
 
-    /// Decimal text of a number, cut and not rounded; round numbers occur everywhere and are left out.
+    /// Decimal text of a number, cut and not rounded. Left out are round numbers, which occur everywhere, and those
+    /// that could as well be shares.
     fn text(&mut self, what: &str, value: f64) {
         let text = format!("{value:.6}");
         let cut = &text[..text.len() - 3];
         let decimals = &text[text.len() - 6..];
-        if !decimals.ends_with("0000") && cut.len() >= 5 {
+        if !decimals.ends_with("0000") && cut.len() >= 5 && value.abs() > 1.0 {
             self.bytes(&format!("{what} as text {cut}"), cut);
         }
     }
@@ -162,6 +163,8 @@ fn categories(house: &House) -> (Canaries, Canaries) {
         categories.insert(category);
     }
     let (mut untold, mut shown) = (Canaries::default(), Canaries::default());
+    // Pages call a cue that is a picture by this word.
+    categories.remove("picture");
     for category in &categories {
         if category.len() >= 4 && !told.contains(category.as_str()) {
             untold.bytes(&format!("category {category}"), category);
@@ -387,6 +390,26 @@ async fn nothing_hidden_reaches_an_agent_or_a_visitor() {
     assert_eq!(paths_with_metrics(&received), Vec::<&str>::new());
     for name in ["soft_spl", "isr"] {
         assert!(!holds(&received.noisy, "soft_spl") && !holds(&received.plain, name), "{name} on the wire");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn public_scores_do_not_show_what_hidden_replays_hide() {
+    let plan = Plan { visible_to: Who::Public, replays_to: Some(Who::Organiser), ..Plan::default() };
+    let house = House::open(&plan).await;
+    let received = receive(&house).await;
+    let canaries = hidden(&house);
+    let (untold, shown) = categories(&house);
+    assert!(!paths_with_metrics(&received).is_empty(), "scores are public");
+    assert_eq!(canaries.found_in_noise(&received.noisy), BTreeSet::new(), "with pictures and sound");
+    assert_eq!(canaries.found_in(&received.plain), BTreeSet::new(), "without pictures and sound");
+    assert_eq!(untold.found_in(&received.plain), BTreeSet::new(), "categories that no mission tells");
+    for (path, answer) in &received.pages {
+        let mut found = canaries.found_in(&answer.bytes);
+        // The metrics of an episode, which are scores, hold the length of its reference tour.
+        found.retain(|what| !what.starts_with("reference length"));
+        assert_eq!(found, BTreeSet::new(), "{path}");
+        assert_eq!(shown.found_in(&answer.bytes), BTreeSet::new(), "{path}");
     }
 }
 
