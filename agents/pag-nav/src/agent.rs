@@ -1,43 +1,52 @@
-use crate::map::{Cell, Estimate, Occupancy, SoundField, SourceBelief, range_m};
-use crate::perception::{Ear, Heard, Stand, View};
-use crate::planner::{Motion, Turns, Weights, path};
-use avln_client::{Action, Agent, Feedback, Mission, Observation, TaskSpec};
+use crate::map::{Cell, Estimate, Occupancy, SoundField, SourceBelief, Things, range_m};
+use crate::perception::{Ear, Heard, Layout, Place, Query, Stand, View, things};
+use crate::planner::{Goals, Motion, Turns, Weights};
+use avln_client::{Action, Agent, Feedback, Image, Mission, Observation, Order, TaskSpec};
 
-/// Steps of sound whose mean tells how loud it is here.
-const RECENT: usize = 3;
 /// How far beyond everything seen sources may be, metres.
-const AROUND_M: f32 = 3.0;
-/// Within this distance of a believed source the way to it ends, metres.
-const REACH_M: f32 = 0.5;
-
+const AROUND_M: f32 = 1.5;
 /// The reference agent of the paper (section 4): hears where targets are, maps the way, looks at what it found and
 /// claims it. Training-free; forgets everything between episodes.
 pub struct PagNav {
-    weights: Weights,
+    pub(crate) weights: Weights,
     ear: Ear,
     view: View,
-    map: Occupancy,
+    pub(crate) map: Occupancy,
+    pub(crate) things: Things,
     field: Option<SoundField>,
-    motion: Motion,
-    turns: Turns,
-    sources: Vec<Source>,
-    focus: Option<usize>,
-    claim: Option<Claim>,
-    levels: Vec<f32>,
+    pub(crate) motion: Motion,
+    pub(crate) turns: Turns,
+    pub(crate) queries: Vec<Query>,
+    pub(crate) goals: Goals,
+    pub(crate) sources: Vec<Source>,
+    /// The source that the agent heads for.
+    pub(crate) focus: Option<usize>,
+    pub(crate) claim: Option<Claim>,
+    /// Levels of the source that sounds, since its turn began.
+    pub(crate) levels: Vec<f32>,
 }
 
 /// What is known of one sounding target.
 #[derive(Default)]
-struct Source {
+pub(crate) struct Source {
     belief: SourceBelief,
-    estimate: Option<Estimate>,
-    wrong_submits: i32,
+    pub(crate) estimate: Option<Estimate>,
+    pub(crate) wrong_submits: i32,
+    /// Loudest that it was heard (the intensity memory of the paper).
+    loudest: f32,
+    /// Pictures that showed the place from nearby, and the place that they showed.
+    pub(crate) looks: u32,
+    looked_at: Place,
+    /// Steps for which the agent has headed for it.
+    pub(crate) sought_steps: u32,
+    /// How much the best of these pictures resembled the picture of each goal, 0 to 1.
+    resemblance: Vec<f32>,
 }
 
 /// A Submit whose outcome is not known yet.
-struct Claim {
-    source: usize,
-    level: f32,
+pub(crate) struct Claim {
+    pub(crate) source: usize,
+    pub(crate) level: f32,
 }
 
 impl Default for PagNav {
@@ -55,9 +64,12 @@ impl PagNav {
             ear: Ear::default(),
             view: View::new(&task),
             map: Occupancy::default(),
+            things: Things::default(),
             field: None,
             motion: Motion::new(&task),
             turns: Turns::new(0, task.sounding_window_steps),
+            queries: Vec::new(),
+            goals: Goals::new(0, false),
             sources: Vec::new(),
             focus: None,
             claim: None,
@@ -76,6 +88,11 @@ impl PagNav {
         if let (Some(source), Some(heard)) = (self.turns.next(), heard) {
             self.listen(source, stand, &heard);
         }
+        if let (Some(image), Some(depth)) = (&observation.rgb, &observation.depth) {
+            let map = &self.map;
+            self.things.see(things(&self.view, stand, image, depth, |place| map.is_wall(Cell::at(place))));
+            self.look(stand, image);
+        }
     }
 
     /// Finds out what became of the last Submit: a target that was found falls silent.
@@ -88,9 +105,36 @@ impl PagNav {
         };
         if found {
             self.turns.silence(claim.source);
+            self.goals.found(claim.source);
             self.focus = None;
         } else {
+            self.goals.missed(claim.source);
             self.sources[claim.source].wrong_submits += 1;
+        }
+    }
+
+    /// Compares what is before the camera at the believed sources with the goals.
+    fn look(&mut self, stand: &Stand, image: &Image) {
+        let layout = Layout::of(image);
+        for (index, source) in self.sources.iter_mut().enumerate() {
+            let Some(estimate) = source.estimate.filter(|e| e.certainty >= self.weights.submit_certainty)
+            else {
+                continue;
+            };
+            let is_loud = range_m(source.loudest) <= self.weights.look_range_m;
+            if !is_loud || !is_in_view(stand, &self.map, &estimate) {
+                continue;
+            }
+            source.look_at(estimate.place, self.queries.len());
+            for (goal, query) in self.queries.iter().enumerate() {
+                let mut fit = self.things.fit(estimate.place, query).unwrap_or(0.0);
+                if let Query::Picture { layout: wanted, .. } = query {
+                    let best = &mut source.resemblance[goal];
+                    *best = best.max(layout.likeness(wanted));
+                    fit = self.weights.middle * fit + self.weights.layout * *best;
+                }
+                self.goals.see(index, goal, fit);
+            }
         }
     }
 
@@ -102,63 +146,10 @@ impl PagNav {
         let (map, source) = (&self.map, &mut self.sources[index]);
         let field = self.field.take().filter(|field| field.listener() == stand.place);
         let field = field.unwrap_or_else(|| SoundField::new(map, stand.place, map.area(AROUND_M)));
+        source.loudest = source.loudest.max(heard.level);
         source.belief.hear(&field, stand, heard);
-        source.estimate = source.belief.estimate(&field, |place| map.is_free(Cell::at(place)));
+        source.estimate = source.belief.estimate(&field, map);
         self.field = Some(field);
-    }
-
-    /// Level of the current source here, over the last steps.
-    fn level(&self) -> f32 {
-        let recent = &self.levels[self.levels.len().saturating_sub(RECENT)..];
-        recent.iter().sum::<f32>() / recent.len().max(1) as f32
-    }
-
-    fn decide(&mut self, observation: &Observation, stand: &Stand) -> Action {
-        if observation.remaining_steps <= 1 {
-            return Action::Stop;
-        }
-        let Some((focus, estimate)) = self.choose(stand) else { return Action::TurnLeft };
-        let way = path(&self.map, stand.place, estimate.place, REACH_M);
-        let step = self.motion.along(&way, stand, &self.map);
-        if self.is_near(focus, &estimate, stand, step.is_none()) {
-            return match self.motion.toward(stand.bearing_rad(estimate.place)) {
-                Some(turn) if stand.bearing_rad(estimate.place).abs() > self.weights.submit_rad => turn,
-                _ => self.submit(focus),
-            };
-        }
-        step.unwrap_or(Action::TurnLeft)
-    }
-
-    /// The source to head for: the one that can be claimed first.
-    fn choose(&mut self, stand: &Stand) -> Option<(usize, Estimate)> {
-        let cost = |index: usize, estimate: &Estimate| {
-            let walk_steps = estimate.place.distance_m(stand.place) * self.weights.steps_per_m;
-            let loyalty = if self.focus == Some(index) { self.weights.loyalty_steps } else { 0.0 };
-            walk_steps.max(self.turns.wait_steps(index) as f32) - loyalty
-        };
-        let open = self.sources.iter().enumerate().filter(|(index, _)| !self.turns.is_silent(*index));
-        let heard = open.filter_map(|(index, source)| Some((index, source.estimate?)));
-        let best = heard.min_by(|a, b| cost(a.0, &a.1).total_cmp(&cost(b.0, &b.1)));
-        self.focus = best.map(|(index, _)| index);
-        best
-    }
-
-    /// The gate of the paper: near enough, sure enough, and loud enough to be in sight.
-    fn is_near(&self, index: usize, estimate: &Estimate, stand: &Stand, at_end: bool) -> bool {
-        let weights = &self.weights;
-        let nearer = weights.nearer.powi(self.sources[index].wrong_submits);
-        let limit_m = nearer * if at_end { weights.submit_blocked_m } else { weights.submit_m };
-        self.turns.current() == index
-            && self.levels.len() >= RECENT
-            && estimate.certainty >= weights.submit_certainty
-            && estimate.place.distance_m(stand.place) <= limit_m
-            && range_m(self.level()) <= weights.submit_range_m
-            && self.map.is_clear(stand.place, estimate.place, 0.8)
-    }
-
-    fn submit(&mut self, source: usize) -> Action {
-        self.claim = Some(Claim { source, level: self.level() });
-        Action::Submit
     }
 }
 
@@ -168,6 +159,8 @@ impl Agent for PagNav {
             view: View::new(task),
             motion: Motion::new(task),
             turns: Turns::new(mission.goals.len(), task.sounding_window_steps),
+            queries: mission.goals.iter().map(Query::new).collect(),
+            goals: Goals::new(mission.goals.len(), mission.order == Order::Ordered),
             sources: mission.goals.iter().map(|_| Source::default()).collect(),
             ..Self::new(self.weights.clone())
         };
@@ -180,4 +173,25 @@ impl Agent for PagNav {
         self.motion.note(action, &stand);
         action
     }
+}
+
+impl Source {
+    /// Counts a look; looks at another place than this do not count.
+    fn look_at(&mut self, place: Place, goals: usize) {
+        const SAME_M: f32 = 1.0;
+        if self.looks == 0 || self.looked_at.distance_m(place) > SAME_M {
+            (self.looks, self.resemblance) = (0, vec![0.0; goals]);
+            self.looked_at = place;
+        }
+        self.looks += 1;
+    }
+}
+
+/// Whether a place lies before the camera, near and not behind a wall.
+fn is_in_view(stand: &Stand, map: &Occupancy, estimate: &Estimate) -> bool {
+    const NEAR_M: f32 = 2.8;
+    const ASIDE_RAD: f32 = 0.6;
+    estimate.place.distance_m(stand.place) <= NEAR_M
+        && stand.bearing_rad(estimate.place).abs() <= ASIDE_RAD
+        && map.hears(stand.place, estimate.place)
 }

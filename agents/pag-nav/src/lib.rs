@@ -5,6 +5,7 @@
 //! *Never*: links anything of the server; learns anything but what its observations say.
 
 mod agent;
+mod decide;
 mod map;
 mod options;
 mod perception;

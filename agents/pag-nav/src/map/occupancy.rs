@@ -43,6 +43,8 @@ impl Cell {
 pub(crate) struct Occupancy {
     /// Positive: seen as an obstacle; negative: seen free; 0: unknown.
     evidence: Vec<i8>,
+    /// The body was blocked here, whatever the camera shows.
+    bumps: Vec<bool>,
     /// Something was seen here at the height of heads.
     walls: Vec<bool>,
     /// Corners of the rectangle of everything seen.
@@ -57,9 +59,10 @@ impl Default for Occupancy {
     fn default() -> Self {
         let count = (SIDE * SIDE) as usize;
         let disks = [disk(HARD_M), disk(SOFT_M)];
-        let (evidence, walls) = (vec![0; count], vec![false; count]);
+        let (evidence, walls, bumps) = (vec![0; count], vec![false; count], vec![false; count]);
         Self {
             evidence,
+            bumps,
             walls,
             seen: [Place::default(); 2],
             hard: vec![0; count],
@@ -102,10 +105,8 @@ impl Occupancy {
         for row in 0..view.height {
             let Some(seen) = view.seen(stand, depth, column, row) else { continue };
             self.widen(seen.place);
-            if (WALL_M[0]..WALL_M[1]).contains(&seen.height_m)
-                && let Some(index) = index(Cell::at(seen.place))
-            {
-                self.walls[index] = true;
+            if (WALL_M[0]..WALL_M[1]).contains(&seen.height_m) {
+                self.wall(stand.place, seen.place);
             }
             farthest_m = farthest_m.max(seen.range_m);
             if (OBSTACLE_M[0]..OBSTACLE_M[1]).contains(&seen.height_m) {
@@ -114,6 +115,14 @@ impl Occupancy {
             }
         }
         (nearest_m - 1.5 * CELL_M).min(farthest_m).min(CARVE_M)
+    }
+
+    /// Marks a wall seen from a place two cells thick, so that no line of samples slips through.
+    fn wall(&mut self, from: Place, place: Place) {
+        let behind = from.toward(place, 1.0 + CELL_M / from.distance_m(place).max(CELL_M));
+        for cell in [Cell::at(place), Cell::at(behind)] {
+            index(cell).into_iter().for_each(|index| self.walls[index] = true);
+        }
     }
 
     fn widen(&mut self, place: Place) {
@@ -126,6 +135,13 @@ impl Occupancy {
     pub(crate) fn area(&self, margin_m: f32) -> [Place; 2] {
         let [low, high] = self.seen;
         [Place::new(low.x - margin_m, low.z - margin_m), Place::new(high.x + margin_m, high.z + margin_m)]
+    }
+
+    /// How far a place lies outside of the rectangle of everything seen, metres; 0 inside.
+    pub(crate) fn outside_m(&self, place: Place) -> f32 {
+        let [low, high] = self.seen;
+        let dx = (low.x - place.x).max(place.x - high.x).max(0.0);
+        dx.hypot((low.z - place.z).max(place.z - high.z).max(0.0))
     }
 
     /// The body has been here: there is room.
@@ -141,10 +157,11 @@ impl Occupancy {
     /// The body was blocked here by something that the camera did not show.
     pub(crate) fn bumped(&mut self, place: Place) {
         self.add(Cell::at(place), 2 * Self::LIMIT);
+        index(Cell::at(place)).into_iter().for_each(|index| self.bumps[index] = true);
     }
 
     fn add(&mut self, cell: Cell, amount: i8) {
-        let Some(index) = index(cell) else { return };
+        let Some(index) = index(cell).filter(|&index| !self.bumps[index] || amount > 0) else { return };
         let before = self.evidence[index];
         let after = (before + amount).clamp(-Self::LIMIT, Self::LIMIT);
         self.evidence[index] = if after == 0 { amount.signum() } else { after };
@@ -192,14 +209,14 @@ impl Occupancy {
         index(cell).is_none_or(|index| self.soft[index] > 0)
     }
 
-    /// Whether a straight line crosses no obstacle, apart from its last `tail_m` metres.
-    pub(crate) fn is_clear(&self, from: Place, to: Place, tail_m: f32) -> bool {
+    /// Whether no wall keeps sound away on the straight line between two places, but for its end: a source may be fixed
+    /// to a wall.
+    pub(crate) fn hears(&self, from: Place, to: Place) -> bool {
+        const SAMPLE_M: f32 = 0.09;
+        const TAIL_M: f32 = 0.25;
         let length_m = from.distance_m(to);
-        let steps = ((length_m - tail_m) / CELL_M).max(0.0) as i32;
-        (0..=steps).all(|step| {
-            let share = step as f32 * CELL_M / length_m.max(CELL_M);
-            !self.is_obstacle(Cell::at(from.toward(to, share)))
-        })
+        let steps = ((length_m - TAIL_M) / SAMPLE_M).max(0.0) as i32;
+        (1..=steps).all(|step| !self.is_wall(Cell::at(from.toward(to, step as f32 * SAMPLE_M / length_m))))
     }
 
     /// Centres of the stretches of border between free floor and the unknown, each with its length in cells.
@@ -255,6 +272,12 @@ pub(crate) mod tests {
             self
         }
 
+        /// Seen somehow in a rectangle.
+        pub(crate) fn with_area(mut self, area: [Place; 2]) -> Self {
+            area.into_iter().for_each(|corner| self.widen(corner));
+            self
+        }
+
         /// A wall in a rectangle.
         pub(crate) fn with_wall(mut self, from: Place, to: Place) -> Self {
             self.fill(from, to, Self::LIMIT);
@@ -294,8 +317,8 @@ pub(crate) mod tests {
         assert!(
             map.is_unknown(Cell::at(Place::new(0.0, -3.5))) && map.is_unknown(Cell::at(Place::new(0.0, 1.0)))
         );
-        assert!(!map.is_clear(Place::default(), Place::new(0.0, -3.5), 0.0));
-        assert!(map.is_clear(Place::default(), Place::new(0.0, -3.2), 0.5));
+        assert!(!map.hears(Place::default(), Place::new(0.0, -3.9)));
+        assert!(map.hears(Place::default(), Place::new(0.0, -3.1)));
     }
 
     #[test]

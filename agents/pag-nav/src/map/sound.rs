@@ -7,12 +7,8 @@ use std::collections::BinaryHeap;
 pub(crate) const STEP_M: f32 = 0.25;
 /// Cells a side: a square of 40 m around the start.
 pub(crate) const SIDE: usize = 160;
-/// Distance of the samples on a line of sound, metres.
-const SAMPLE_M: f32 = 0.1;
 /// Nearer than this nothing shuts the listener in, metres.
 const NEAR_M: f32 = 0.5;
-/// The last stretch of a line of sound may lie in what the source is fixed to, metres.
-const TAIL_M: f32 = 0.2;
 
 /// How sound of a source at some place would reach the listener: around the walls that are known, straight through what
 /// is unknown.
@@ -54,7 +50,7 @@ impl SoundField {
         }
         while let Some((_, at)) = open.pop() {
             let Some(mut here) = reached[at].filter(|reached| !reached.done) else { continue };
-            if !hears(map, here.bend, center(at)) {
+            if !map.hears(here.bend, center(at)) {
                 here = around_corner(&reached, listener, at, area).unwrap_or(here);
             }
             let passes = here.ray.length_m < NEAR_M || !is_wall(map, center(at));
@@ -124,13 +120,6 @@ fn around_corner(
         Some(way.bent(listener, center(next), center(at)))
     });
     ways.min_by(|a, b| a.ray.length_m.total_cmp(&b.ray.length_m))
-}
-
-/// Whether no wall lies between two places, but for the end of the line.
-fn hears(map: &Occupancy, from: Place, to: Place) -> bool {
-    let length_m = from.distance_m(to);
-    let steps = ((length_m - TAIL_M) / SAMPLE_M).max(0.0) as i32;
-    (1..=steps).all(|step| !is_wall(map, from.toward(to, step as f32 * SAMPLE_M / length_m)))
 }
 
 fn is_wall(map: &Occupancy, place: Place) -> bool {

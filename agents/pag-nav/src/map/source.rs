@@ -1,4 +1,5 @@
 use super::sound::{SIDE, SoundField, center};
+use super::{Cell, Occupancy};
 use crate::perception::{Heard, Place, Stand, itd_s};
 
 /// Level of a source 1 m away in the free field.
@@ -11,14 +12,19 @@ const ITD_SIGMA_PER_M_S: f32 = 8e-6;
 /// around corners, which take level away.
 const STRAIGHT: [f32; 2] = [0.0, 0.3];
 const BENT: [f32; 2] = [1.0, 0.6];
+/// What speaks against furniture hiding a source to which no wall bars the way.
+const HIDDEN: f32 = -2.5;
 /// Worst that one sound can say against a place, in units of log-likelihood.
 const WORST: f32 = -4.0;
 /// Weight of one sound: sounds of neighbouring steps err alike.
 const WEIGHT: f32 = 0.5;
 /// What is kept of older evidence at each sound: it was judged by an older map.
 const KEPT: f32 = 0.97;
-/// What speaks against a place where the floor has been seen free, and per metre of way.
+/// What speaks against a place where the floor has been seen free, where nothing has been seen, per
+/// metre outside of the rectangle of all that has been seen, and per metre of way.
 const FREE: f32 = -1.5;
+const UNKNOWN: f32 = -1.0;
+const OUTSIDE_PER_M: f32 = -1.5;
 const PER_M: f32 = -0.1;
 /// Mass within this distance of the best place is what is called certain, metres.
 const CERTAIN_M: f32 = 0.75;
@@ -56,23 +62,32 @@ impl SourceBelief {
             let said = field.ray(index).map_or(2.0 * WORST, |ray| {
                 let sigma_s = ITD_SIGMA_S + ITD_SIGMA_PER_M_S * ray.length_m;
                 let late = (itd_s(stand.bearing_rad(ray.from)) - heard.itd_s) / sigma_s;
-                let [mean, sigma] = if field.is_straight(index) { STRAIGHT } else { BENT };
-                let loss = ((range_m / ray.length_m.max(0.2)).ln() - mean) / sigma;
-                (-0.5 * late * late).max(WORST) + (-0.5 * loss * loss).max(WORST)
+                let loss = (range_m / ray.length_m.max(0.2)).ln();
+                let level = if field.is_straight(index) {
+                    bell(loss, STRAIGHT).max(bell(loss, BENT) + HIDDEN)
+                } else {
+                    bell(loss, BENT)
+                };
+                (-0.5 * late * late).max(WORST) + level.max(WORST)
             });
             *score = KEPT * *score + WEIGHT * said;
         }
     }
 
-    /// The best place by all that was heard, in view of where the floor is free now; `None` when sound reaches nothing.
-    pub(crate) fn estimate(&self, field: &SoundField, is_free: impl Fn(Place) -> bool) -> Option<Estimate> {
+    /// The best place by all that was heard, in view of what is known of the map; `None` when sound reaches nothing.
+    pub(crate) fn estimate(&self, field: &SoundField, map: &Occupancy) -> Option<Estimate> {
         let top = self.scores.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         let plausible = self.scores.iter().enumerate().filter(|(_, score)| **score > top - 8.0);
         let weighed: Vec<(Place, f32)> = plausible
             .filter_map(|(index, score)| {
                 let place = center(index);
-                let free = if is_free(place) { FREE } else { 0.0 };
-                Some((place, (score - top + free + PER_M * field.ray(index)?.length_m).exp()))
+                let prior = match Cell::at(place) {
+                    cell if map.is_free(cell) => FREE,
+                    cell if map.is_unknown(cell) => UNKNOWN,
+                    _ => 0.0,
+                };
+                let prior = prior + OUTSIDE_PER_M * map.outside_m(place);
+                Some((place, (score - top + prior + PER_M * field.ray(index)?.length_m).exp()))
             })
             .collect();
         let (best, _) = *weighed.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -85,10 +100,15 @@ impl SourceBelief {
     }
 }
 
+/// Logarithm of a bell curve of height 1.
+fn bell(value: f32, [mean, sigma]: [f32; 2]) -> f32 {
+    let off = (value - mean) / sigma;
+    -0.5 * off * off
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::Occupancy;
     use avln_client::Pose;
 
     const AREA: [Place; 2] = [Place { x: -8.0, z: -8.0 }, Place { x: 8.0, z: 8.0 }];
@@ -110,7 +130,7 @@ mod tests {
                 belief.hear(&spread, &stand, &heard_from(&stand, source));
                 field = Some(spread);
             }
-            let found = belief.estimate(&field.unwrap(), |_| false).unwrap();
+            let found = belief.estimate(&field.unwrap(), &Occupancy::default().with_area(AREA)).unwrap();
             assert!(found.place.distance_m(source) < 0.4, "{found:?} for {source:?}");
             assert!(found.certainty > 0.4, "{found:?}");
         }
@@ -122,8 +142,10 @@ mod tests {
         let stand = Stand::new(&Pose::default());
         let field = SoundField::new(&Occupancy::default(), stand.place, AREA);
         belief.hear(&field, &stand, &heard_from(&stand, Place::new(0.0, -4.0)));
-        assert!(belief.estimate(&field, |_| false).unwrap().certainty < 0.5);
-        let behind = belief.estimate(&field, |place| place.z < 0.0).unwrap();
+        assert!(belief.estimate(&field, &Occupancy::default().with_area(AREA)).unwrap().certainty < 0.5);
+        let ahead = [Place::new(-7.9, -7.9), Place::new(7.9, -0.1)];
+        let map = Occupancy::default().with_area(AREA).with_floor(ahead[0], ahead[1]);
+        let behind = belief.estimate(&field, &map).unwrap();
         assert!(behind.place.z > 2.0, "{behind:?}");
     }
 
