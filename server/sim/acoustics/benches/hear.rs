@@ -2,6 +2,8 @@
 //!
 //! `cargo bench -p avln-acoustics`; the first argument that is a path is opened as a scene instead.
 
+#![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
+
 use avln_acoustics::{Acoustics, Ears, Emitter, Listener, clip_bank};
 use avln_geom::{Point3, RayMesh, Rng};
 use avln_scene::Scene;

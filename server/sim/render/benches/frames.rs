@@ -1,5 +1,7 @@
 //! Frames per second on one core, in a procedural house: `cargo bench -p avln-render`.
 
+#![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
+
 use avln_geom::{Point3, RayMesh, Rng};
 use avln_render::{Camera, Renderer};
 use avln_scene::Scene;
