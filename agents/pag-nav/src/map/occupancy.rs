@@ -44,7 +44,7 @@ pub(crate) struct Occupancy {
     /// Positive: seen as an obstacle; negative: seen free; 0: unknown.
     evidence: Vec<i8>,
     /// The body was blocked here, whatever the camera shows.
-    bumps: Vec<bool>,
+    bumps: Vec<u8>,
     /// Something was seen here at the height of heads.
     walls: Vec<bool>,
     /// Corners of the rectangle of everything seen.
@@ -59,7 +59,7 @@ impl Default for Occupancy {
     fn default() -> Self {
         let count = (SIDE * SIDE) as usize;
         let disks = [disk(HARD_M), disk(SOFT_M)];
-        let (evidence, walls, bumps) = (vec![0; count], vec![false; count], vec![false; count]);
+        let (evidence, walls, bumps) = (vec![0; count], vec![false; count], vec![0; count]);
         Self {
             evidence,
             bumps,
@@ -154,14 +154,21 @@ impl Occupancy {
         }
     }
 
-    /// The body was blocked here by something that the camera did not show.
+    /// The body was blocked here by something that the camera did not show; ways had better lead elsewhere.
     pub(crate) fn bumped(&mut self, place: Place) {
-        self.add(Cell::at(place), 2 * Self::LIMIT);
-        index(Cell::at(place)).into_iter().for_each(|index| self.bumps[index] = true);
+        for &(dc, dr) in &self.disks[0] {
+            let cell = Cell::at(place).moved(dc, dr);
+            index(cell).into_iter().for_each(|index| self.bumps[index] = self.bumps[index].saturating_add(1));
+        }
+    }
+
+    /// How often the body was blocked here.
+    pub(crate) fn bumps(&self, cell: Cell) -> u8 {
+        index(cell).map_or(0, |index| self.bumps[index])
     }
 
     fn add(&mut self, cell: Cell, amount: i8) {
-        let Some(index) = index(cell).filter(|&index| !self.bumps[index] || amount > 0) else { return };
+        let Some(index) = index(cell) else { return };
         let before = self.evidence[index];
         let after = (before + amount).clamp(-Self::LIMIT, Self::LIMIT);
         self.evidence[index] = if after == 0 { amount.signum() } else { after };

@@ -113,7 +113,7 @@ mod tests {
         let stand = Stand::new(&Pose::default());
         motion.note(Action::MoveForward, &stand);
         motion.feel(&stand, &mut map);
-        assert!(map.is_obstacle(Cell::at(stand.offset(0.2, 0.0))));
+        assert_eq!(map.bumps(Cell::at(stand.offset(0.2, 0.0))), 1);
         let way = path(&Occupancy::default(), stand.place, Place::new(0.0, -2.0), 0.1);
         let actions: Vec<_> =
             (0..20).filter_map(|_| motion.along(&way, &stand, &Occupancy::default())).collect();

@@ -8,6 +8,8 @@ const STRIDE: i32 = 2;
 /// What a metre costs near obstacles and through the unknown, in metres of open floor.
 const TIGHT: f32 = 2.5;
 const UNKNOWN: f32 = 1.3;
+/// What is added to that for every time that the body was blocked there.
+const BUMP: f32 = 6.0;
 /// Most nodes that one search opens.
 const MOST_NODES: usize = 40_000;
 const SIDES: [(i32, i32); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
@@ -73,7 +75,7 @@ fn step_cost_m(map: &Occupancy, cell: Cell, next: Cell, from: Place) -> Option<f
         (false, true) => UNKNOWN,
         (false, false) => 1.0,
     };
-    Some(length_m * factor)
+    Some(length_m * (factor + BUMP * f32::from(map.bumps(next))))
 }
 
 fn trace(nodes: &HashMap<Cell, Node>, start: Cell, (left_m, end): (f32, Cell), from: Place) -> Path {
@@ -100,7 +102,8 @@ impl Path {
             let steps = (from.distance_m(place) / CELL_M) as i32;
             (4..=steps).all(|step| {
                 let share = step as f32 * CELL_M / from.distance_m(place).max(CELL_M);
-                !map.is_blocked(Cell::at(from.toward(place, share)))
+                let cell = Cell::at(from.toward(place, share));
+                !map.is_blocked(cell) && map.bumps(cell) == 0
             })
         };
         let ahead = self.places[1..].iter().copied();
