@@ -82,7 +82,9 @@ impl Arena {
         let finished =
             Finished { run, handle: &handle, truth: &truth, record: &record, metrics: &metrics, time: &time };
         let recorded = self.store.record_result(&finished, now_unix_ms()).await.map_err(refusal)?;
-        let shown = recorded.counts && stage.phase.scores != Visibility::Organiser;
+        // An episode's lengths tell where its targets are, so its numbers are shown where its replay is.
+        let hidden = [stage.phase.scores, stage.phase.replays].contains(&Visibility::Organiser);
+        let shown = recorded.counts && !hidden;
         Ok(shown.then(|| outcome(&metrics)))
     }
 

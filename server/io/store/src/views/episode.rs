@@ -24,7 +24,7 @@ pub struct EpisodeView {
     pub state: EpisodeState,
     /// Why it ended.
     pub end: Option<EndReason>,
-    /// What it was worth; `None` when hidden or not scored.
+    /// What it was worth; `None` when not scored, or when replays are hidden: its lengths tell where the targets are.
     pub metrics: Option<Metrics>,
     /// The mission; `None` when scores are hidden.
     pub mission: Option<MissionView>,
@@ -125,7 +125,7 @@ impl Reader {
         let Some(row) = read_episodes(&mut tx, &run.id, Some(ordinal)).await?.pop() else { return Ok(None) };
         let facts = if sight.replays { read_facts(&mut tx, &run.id, ordinal).await? } else { None };
         let goals = read_goals(&mut tx, &run.phase, ordinal).await?;
-        let metrics = row.metrics.as_deref().filter(|_| sight.scores);
+        let metrics = row.metrics.as_deref().filter(|_| sight.replays);
         let metrics: Option<Metrics> = metrics.map(|json| from_json("metrics", json)).transpose()?;
         let order = run.order;
         Ok(Some(EpisodeView {

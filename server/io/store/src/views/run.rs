@@ -98,7 +98,7 @@ pub struct EpisodeLine {
     pub episode: Option<String>,
     /// Name of the scene; `None` when replays are hidden.
     pub scene: Option<String>,
-    /// What it was worth; `None` when hidden or not scored.
+    /// What it was worth; `None` when not scored, or when replays are hidden: an episode's lengths tell where its targets are.
     pub metrics: Option<Metrics>,
     /// When the result was stored, milliseconds since 1970-01-01 UTC.
     pub finished_unix_ms: Option<i64>,
@@ -284,7 +284,7 @@ impl TotalsRow {
 
 impl EpisodeRow {
     pub(super) fn into_line(self, sight: Sight) -> Result<EpisodeLine, StoreError> {
-        let metrics = self.metrics.filter(|_| sight.scores);
+        let metrics = self.metrics.filter(|_| sight.replays);
         Ok(EpisodeLine {
             ordinal: count(self.ordinal),
             state: EpisodeState::from_word(&self.state)?,
