@@ -19,6 +19,25 @@ enum Stage {
     Verify,
 }
 
+/// What a Submit depends on, besides the goal.
+#[derive(Clone, Copy, Debug)]
+struct Gate {
+    /// The source is heard now.
+    sounds: bool,
+    /// No wall lies between.
+    in_sight: bool,
+    /// Distance to the believed source, metres.
+    distance_m: f32,
+    /// Distance that the loudness allows, metres.
+    range_m: f32,
+}
+
+impl Gate {
+    fn is_open(&self, limit_m: f32, range_limit_m: f32) -> bool {
+        self.sounds && self.in_sight && self.distance_m <= limit_m && self.range_m <= range_limit_m
+    }
+}
+
 impl PagNav {
     /// The next action.
     pub(crate) fn decide(&mut self, observation: &Observation, stand: &Stand) -> Action {
@@ -101,11 +120,13 @@ impl PagNav {
         let nearer = weights.nearer.powi(self.sources[index].wrong_submits);
         let patience = if self.sources[index].sought_steps < weights.patience_steps { 1.0 } else { 1.3 };
         let limit_m = nearer * if at_end { weights.submit_blocked_m } else { weights.submit_m };
-        self.turns.current() == index
-            && self.levels.len() >= RECENT
-            && estimate.place.distance_m(stand.place) <= limit_m
-            && range_m(self.level()) <= patience * weights.submit_range_m
-            && self.map.hears(stand.place, estimate.place)
+        let gate = Gate {
+            sounds: self.turns.current() == index && self.levels.len() >= RECENT,
+            in_sight: self.map.hears(stand.place, estimate.place),
+            distance_m: estimate.place.distance_m(stand.place),
+            range_m: range_m(self.level()),
+        };
+        gate.is_open(limit_m, patience * weights.submit_range_m)
     }
 
     /// The turn that brings a place into view; `None` when it is.
@@ -149,5 +170,24 @@ impl PagNav {
     pub(crate) fn level(&self) -> f32 {
         let recent = &self.levels[self.levels.len().saturating_sub(RECENT)..];
         recent.iter().sum::<f32>() / recent.len().max(1) as f32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_gate_opens_only_when_all_is_right() {
+        for case in 0..16 {
+            let right = |bit: u32| case >> bit & 1 == 1;
+            let gate = Gate {
+                sounds: right(0),
+                in_sight: right(1),
+                distance_m: if right(2) { 1.2 } else { 1.3 },
+                range_m: if right(3) { 2.0 } else { 2.3 },
+            };
+            assert_eq!(gate.is_open(1.2, 2.2), case == 15, "{gate:?}");
+        }
     }
 }
