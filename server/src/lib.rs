@@ -7,6 +7,7 @@ mod cli;
 pub mod commands;
 pub mod doors;
 mod failure;
+mod say;
 
 pub use cli::{Cli, main, run};
 pub use failure::{Failure, FailureKind};

@@ -1,6 +1,7 @@
 //! Runs the agents that come with the arena.
 
 use crate::Failure;
+use crate::say::say;
 use clap::Subcommand;
 
 /// The agents that come with the arena; each connects as a client like everyone else.
@@ -21,6 +22,6 @@ pub async fn run(agent: Agent) -> Result<(), Failure> {
         Agent::Random(options) => avln_random::run(options).await?,
         Agent::PagNav(options) => avln_pag_nav::run(options).await?,
     };
-    println!("{summary}");
+    say!("{summary}");
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! Houses, missions, two agents and a leaderboard in one command.
 
+use crate::say::say;
 use crate::{
     Failure, FailureKind,
     arena::{Arena, data::DataFolder},
@@ -82,10 +83,10 @@ async fn prepare(data: &DataFolder, store: &Store, options: &Options) -> Result<
         }
     };
     if store.phases().await?.iter().any(|phase| phase.id == name) {
-        println!("Found phase {name} of an earlier demo in {}", data.root().display());
+        say!("Found phase {name} of an earlier demo in {}", data.root().display());
         return Ok(name);
     }
-    println!("Building scenes and missions");
+    say!("Building scenes and missions");
     let make = split::Make {
         name: name.clone(),
         houses: options.houses,
@@ -94,7 +95,7 @@ async fn prepare(data: &DataFolder, store: &Store, options: &Options) -> Result<
         seed: options.seed,
         rules: Rules::PAPER.to_owned(),
     };
-    let split = split::make(data, store, make, |line| println!("{line}")).await?;
+    let split = split::make(data, store, make, |line| say!("{line}")).await?;
     let real = split.scenes.iter().any(|scene| matches!(scene.source, SceneSource::File { .. }));
     let open = phase::Open {
         id: name.clone(),
@@ -122,10 +123,10 @@ async fn play(store: &Store, open: &OpenDoors, phase: &str, token: &str) -> Resu
     let all = AGENTS.iter().flat_map(|&agent| ORDERS.map(|order| (agent, order)));
     let mut waiting: Vec<_> = all.filter(|&(agent, order)| !done(agent, order)).rev().collect();
     if waiting.is_empty() {
-        println!("All agents have played this phase; here is the table of their runs");
+        say!("All agents have played this phase; here is the table of their runs");
         return Ok(());
     }
-    println!("Running {} agents over gRPC: {} runs", AGENTS.len(), waiting.len());
+    say!("Running {} agents over gRPC: {} runs", AGENTS.len(), waiting.len());
     let mut watch = Watch::new(store, phase, before, waiting.len() as u64).await?;
     let mut playing: Vec<Child> = Vec::new();
     while !waiting.is_empty() || !playing.is_empty() {
@@ -218,10 +219,16 @@ async fn print_table(store: &Store, phase: &str) -> Result<(), Failure> {
     for order in ORDERS {
         let board = Board { phase, order, key: Key::default(), pick: Pick::Latest };
         let Some(view) = store.reader().leaderboard(&Viewer::Organiser, &board).await? else { continue };
-        println!("\n{order} ({} episodes a run; mean and 95 % interval over scenes)", view.phase.episodes);
-        println!(
+        say!("\n{order} ({} episodes a run; mean and 95 % interval over scenes)", view.phase.episodes);
+        say!(
             "{:>4}  {:<12} {:>17} {:>17} {:>17} {:>17} {:>17}",
-            "rank", "method", "SR", "ISR", "OSR", "SPL", "SoftSPL"
+            "rank",
+            "method",
+            "SR",
+            "ISR",
+            "OSR",
+            "SPL",
+            "SoftSPL"
         );
         view.rows.iter().for_each(print_row);
     }
@@ -232,21 +239,27 @@ fn print_row(row: &LeaderboardRow) {
     let summary = &row.summary;
     let cells = [&summary.sr, &summary.isr, &summary.osr, &summary.spl, &summary.soft_spl]
         .map(|e| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high));
-    println!(
+    say!(
         "{:>4}  {:<12} {:>17} {:>17} {:>17} {:>17} {:>17}",
-        row.rank, row.method, cells[0], cells[1], cells[2], cells[3], cells[4]
+        row.rank,
+        row.method,
+        cells[0],
+        cells[1],
+        cells[2],
+        cells[3],
+        cells[4]
     );
 }
 
 fn print_outlook(data: &DataFolder, open: &OpenDoors, phase: &str, options: &Options) {
-    println!("\nData lies in  {}", data.root().display());
+    say!("\nData lies in  {}", data.root().display());
     if options.once {
         return;
     }
-    println!("Leaderboard   http://{}", open.web);
-    println!("Agents        http://{}", open.grpc);
-    println!("Stop with     Ctrl-C; the next start finds its data again");
-    println!("Try next      avln team add \"My team\"");
-    println!("              avln agent random --server http://{} --phase {phase} --token TOKEN", open.grpc);
-    println!("              avln demo --scene PATH/TO/HOUSE.glb");
+    say!("Leaderboard   http://{}", open.web);
+    say!("Agents        http://{}", open.grpc);
+    say!("Stop with     Ctrl-C; the next start finds its data again");
+    say!("Try next      avln team add \"My team\"");
+    say!("              avln agent random --server http://{} --phase {phase} --token TOKEN", open.grpc);
+    say!("              avln demo --scene PATH/TO/HOUSE.glb");
 }

@@ -1,5 +1,6 @@
 //! Phases: what can be played, and who may see the results.
 
+use crate::say::say;
 use crate::{
     Failure, FailureKind,
     arena::{data::DataFolder, now_unix_ms, register},
@@ -84,18 +85,13 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
     match command {
         Command::Open(options) => {
             let phase = open(&data, &store, &options).await?;
-            println!(
-                "phase {} is open: {} episodes under {}",
-                phase.id,
-                phase.episodes.len(),
-                phase.rules.name
-            );
-            println!("host it with: avln serve");
+            say!("phase {} is open: {} episodes under {}", phase.id, phase.episodes.len(), phase.rules.name);
+            say!("host it with: avln serve");
         }
         Command::Close { id } => {
             let closed = Phase { state: PhaseState::Closed, ..store.phase(&id).await? };
             store.upsert_phase(&closed, now_unix_ms()).await?;
-            println!("phase {id} is closed; its results stay");
+            say!("phase {id} is closed; its results stay");
         }
     }
     Ok(())

@@ -1,5 +1,6 @@
 //! Looks at scenes and exports them.
 
+use crate::say::say;
 use crate::{Failure, FailureKind};
 use avln_scene::{Scene, glb, open, procedural};
 use clap::{Args, Subcommand};
@@ -66,25 +67,25 @@ fn export(scene: &Scene, out: &Path) -> Result<(), Failure> {
     std::fs::write(out, &bytes).map_err(|error| {
         Failure::new(FailureKind::Data, format!("cannot write {}: {error}", out.display()))
     })?;
-    println!("{}: {} bytes, {} triangles", out.display(), bytes.len(), scene.mesh.triangles.len());
+    say!("{}: {} bytes, {} triangles", out.display(), bytes.len(), scene.mesh.triangles.len());
     Ok(())
 }
 
 fn print_info(scene: &Scene) {
-    println!("scene      {}", scene.name);
-    println!("digest     {}", avln_scene::digest::digest(scene));
-    println!("triangles  {}", scene.mesh.triangles.len());
+    say!("scene      {}", scene.name);
+    say!("digest     {}", avln_scene::digest::digest(scene));
+    say!("triangles  {}", scene.mesh.triangles.len());
     if let Some(bounds) = scene.bounds() {
         let size = bounds.size();
-        println!("size       {:.1} x {:.1} x {:.1} m", size.x, size.y, size.z);
+        say!("size       {:.1} x {:.1} x {:.1} m", size.x, size.y, size.z);
     }
-    println!("regions    {}", scene.regions.len());
-    println!("objects    {}", scene.objects.len());
+    say!("regions    {}", scene.regions.len());
+    say!("objects    {}", scene.objects.len());
     for object in &scene.objects {
         let (at, words) = (object.bounds.center(), &object.attributes);
         let looks = [&words.size, &words.shape, &words.color, &words.material].map(String::as_str);
         let looks: Vec<_> = looks.into_iter().filter(|word| !word.is_empty()).collect();
-        println!(
+        say!(
             "  {:>4} {:<18} {:>7.2} {:>6.2} {:>7.2}  {}",
             object.id.0,
             object.category,

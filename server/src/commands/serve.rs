@@ -1,5 +1,6 @@
 //! Hosts the phases of a data folder.
 
+use crate::say::say;
 use crate::{
     Failure, FailureKind,
     arena::{Arena, data::DataFolder},
@@ -31,11 +32,11 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
             .hinted("make one with: avln split make NAME && avln phase open ID --split NAME"));
     }
     let open = doors.open(Arc::new(arena), store.reader())?;
-    println!("data         {}", data.root().display());
-    println!("phases       {}", phases.join(", "));
-    println!("agents       http://{}", open.grpc);
-    println!("leaderboard  http://{}", open.web);
-    println!("Stop with Ctrl-C.");
+    say!("data         {}", data.root().display());
+    say!("phases       {}", phases.join(", "));
+    say!("agents       http://{}", open.grpc);
+    say!("leaderboard  http://{}", open.web);
+    say!("Stop with Ctrl-C.");
     let ended = open.wait().await;
     store.close().await;
     ended

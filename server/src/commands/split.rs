@@ -1,5 +1,6 @@
 //! Makes splits of scenes and missions.
 
+use crate::say::say;
 use crate::{
     Failure, FailureKind,
     arena::{data::DataFolder, register},
@@ -47,9 +48,9 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
     let Command::Make(options) = command;
     let data = DataFolder::open(data)?;
     let store = data.store().await?;
-    let split = make(&data, &store, options, |line| println!("{line}")).await?;
-    println!("split {}: {} scenes, {} missions", split.name, split.scenes.len(), split.episodes.len());
-    println!("open a phase on it with: avln phase open ID --split {}", split.name);
+    let split = make(&data, &store, options, |line| say!("{line}")).await?;
+    say!("split {}: {} scenes, {} missions", split.name, split.scenes.len(), split.episodes.len());
+    say!("open a phase on it with: avln phase open ID --split {}", split.name);
     Ok(())
 }
 

@@ -1,5 +1,6 @@
 //! Admits teams and issues tokens.
 
+use crate::say::say;
 use crate::{
     Failure, FailureKind,
     arena::{data::DataFolder, now_unix_ms, secret::new_token},
@@ -32,13 +33,13 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
     match command {
         Command::Add { name } => {
             let token = admit(&store, &name, false).await?;
-            println!("team   {name}");
-            println!("token  {token}");
-            println!("The token is shown this once. Agents take it with --token or from AVLN_TOKEN.");
+            say!("team   {name}");
+            say!("token  {token}");
+            say!("The token is shown this once. Agents take it with --token or from AVLN_TOKEN.");
         }
         Command::Revoke { name } => {
             let count = store.revoke_tokens(&name, now_unix_ms()).await?;
-            println!("{count} tokens of team {name} are void now");
+            say!("{count} tokens of team {name} are void now");
         }
     }
     Ok(())
