@@ -11,7 +11,8 @@ const REACH_M: f32 = 0.5;
 /// Looks at a source after which its association with goals is settled.
 const LOOKS: u32 = 3;
 
-/// The stages of the paper: search for a source, ground it in what is seen there, verify and claim it.
+/// The stages of the paper. Search looks for a source; Ground walks up to it, where what is seen updates the pairing
+/// of sources and goals; Verify claims it through a gate that is acoustic, where the paper's is visual.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     Search,
@@ -114,7 +115,8 @@ impl PagNav {
         }
     }
 
-    /// The gate of the paper: near enough, sure enough, and loud enough to be in sight.
+    /// Near enough, without a wall between, and loud enough to be in sight. The paper asks for a visual match here; what
+    /// was seen enters through [`Self::may_submit`] alone, which tells goals apart in ordered missions.
     fn is_near(&self, index: usize, estimate: &Estimate, stand: &Stand, at_end: bool) -> bool {
         let weights = &self.weights;
         let nearer = weights.nearer.powi(self.sources[index].wrong_submits);
