@@ -141,7 +141,7 @@ mod tests {
     use avln_geom::{Aabb, Point3};
     use avln_scene::{Attributes, InstanceId, Mesh, Region};
 
-    fn object(id: u16, category: &str, color: &str, region: u16, x: f32) -> Object {
+    fn object(id: u32, category: &str, color: &str, region: u16, x: f32) -> Object {
         let corner = Point3::new(x, 0.0, 0.0);
         Object {
             id: InstanceId(id),

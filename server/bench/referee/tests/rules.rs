@@ -50,7 +50,7 @@ fn prepare() -> Arc<SceneAssets> {
     // A lid, so that the floor is not taken for a roof.
     quad(&mut mesh, [[-f, 3.0, -f], [f, 3.0, -f], [f, 3.0, f], [-f, 3.0, f]], InstanceId::NONE);
     let objects = PLACES.iter().enumerate().map(|(index, &place)| {
-        let id = InstanceId(index as u16 + 1);
+        let id = InstanceId(index as u32 + 1);
         cube(&mut mesh, &bounds(place), id);
         let attributes = Attributes::default();
         Object { id, category: format!("box{index}"), bounds: bounds(place), region: None, attributes }
@@ -79,7 +79,7 @@ fn target(index: usize) -> Target {
     let (x, z) = PLACES[index];
     let toward_start = Point3::new(x * 0.75, 0.0, z * 0.75);
     Target {
-        instance: index as u16 + 1,
+        instance: index as u32 + 1,
         category: format!("box{index}"),
         modality: Modality::Category,
         bounds: bounds(PLACES[index]),

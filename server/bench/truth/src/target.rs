@@ -27,7 +27,7 @@ pub struct EpisodeTruth {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Target {
     /// Instance id in the scene; never 0.
-    pub instance: u16,
+    pub instance: u32,
     /// Category of the instance.
     pub category: String,
     /// How the goal is described to the agent.

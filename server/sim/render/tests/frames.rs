@@ -27,7 +27,7 @@ fn material(scene: &mut Scene, base_color: [u8; 4], texture: Option<u16>, alpha_
 }
 
 /// Adds a quad: corners in the order of `WHOLE_TEXTURE` as seen from its front.
-fn quad(scene: &mut Scene, corners: [(f32, f32, f32); 4], material: u16, instance: u16) {
+fn quad(scene: &mut Scene, corners: [(f32, f32, f32); 4], material: u16, instance: u32) {
     let mesh = &mut scene.mesh;
     let base = mesh.positions.len() as u32;
     mesh.positions.extend(corners.map(|(x, y, z)| Point3::new(x, y, z)));
@@ -39,12 +39,12 @@ fn quad(scene: &mut Scene, corners: [(f32, f32, f32); 4], material: u16, instanc
 }
 
 /// A wall across the view at `z`, from `x0` to `x1` and from `y0` to `y1`.
-fn wall(scene: &mut Scene, [x0, x1]: [f32; 2], [y0, y1]: [f32; 2], z: f32, material: u16, instance: u16) {
+fn wall(scene: &mut Scene, [x0, x1]: [f32; 2], [y0, y1]: [f32; 2], z: f32, material: u16, instance: u32) {
     quad(scene, [(x0, y1, z), (x0, y0, z), (x1, y0, z), (x1, y1, z)], material, instance);
 }
 
 /// A floor (or ceiling) at height `y` over the square of half side `half`.
-fn floor(scene: &mut Scene, half: f32, y: f32, material: u16, instance: u16) {
+fn floor(scene: &mut Scene, half: f32, y: f32, material: u16, instance: u32) {
     quad(scene, [(-half, y, -half), (-half, y, half), (half, y, half), (half, y, -half)], material, instance);
 }
 
@@ -240,7 +240,7 @@ fn fine_patterns_fade_to_their_mean_in_the_distance() {
 }
 
 /// A pile of random plates around and behind the eye.
-fn clutter(rng: &mut Rng, count: u16) -> Scene {
+fn clutter(rng: &mut Rng, count: u32) -> Scene {
     let mut scene = empty_scene();
     let paint = material(&mut scene, WHITE, None, None);
     for instance in 1..=count {

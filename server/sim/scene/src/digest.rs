@@ -61,8 +61,8 @@ impl Writer {
             out.text(&object.category);
             out.bounds(&object.bounds);
             out.optional(object.region.as_ref(), |out, index| out.bytes(&index.to_le_bytes()));
-            let Attributes { color, material, size, shape } = &object.attributes;
-            [color, material, size, shape].iter().for_each(|word| out.text(word));
+            let Attributes { noun, color, material, size, shape } = &object.attributes;
+            [noun, color, material, size, shape].iter().for_each(|word| out.text(word));
         });
     }
 

@@ -36,9 +36,11 @@ pub struct Mesh {
 
 /// Number of a labelled instance inside its scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct InstanceId(pub u16);
+pub struct InstanceId(pub u32);
 
 impl InstanceId {
+    /// The largest number that a scene may use: 2^24 - 1, so that ids fit the mantissa of a 32-bit float.
+    pub const MAX: u32 = (1 << 24) - 1;
     /// No instance at all.
     pub const NONE: Self = Self(0);
 }
@@ -96,6 +98,8 @@ pub struct Object {
 /// What can be said of an instance in words; empty strings are unknown.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Attributes {
+    /// What people call it where the category is a more general word: `armchair`, `nightstand`, `refrigerator` …
+    pub noun: String,
     /// Colour word: `red`, `orange`, `yellow`, `green`, `teal`, `blue`, `purple`, `pink`, `brown`, `black`, `grey`, `white`.
     pub color: String,
     /// Material word: `wooden`, `metal`, `fabric`, `leather`, `glass`, `plastic`, `ceramic` …

@@ -39,7 +39,7 @@ fn meshes_are_whole_and_small() {
         assert!(coordinates.chain(uvs).all(f32::is_finite), "seed {seed}");
         assert!(triangles < 30_000, "seed {seed}: {triangles} triangles");
         for (index, object) in scene.objects.iter().enumerate() {
-            assert_eq!(object.id, InstanceId(index as u16 + 1));
+            assert_eq!(object.id, InstanceId(index as u32 + 1));
         }
     }
 }

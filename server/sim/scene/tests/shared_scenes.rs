@@ -36,7 +36,7 @@ fn check_consistent(scene: &Scene) {
 
 /// Number, category and box of an instance in the list that came with the house.
 struct Expected {
-    id: u16,
+    id: u32,
     category: String,
     bounds: Aabb,
 }
@@ -48,7 +48,7 @@ fn expected_instances(shared: &Path) -> Vec<Expected> {
         Point3::from(std::array::from_fn(|axis| entry[key][axis].as_f64().unwrap() as f32))
     };
     let read = |entry: &serde_json::Value| Expected {
-        id: entry["id"].as_u64().unwrap() as u16,
+        id: entry["id"].as_u64().unwrap() as u32,
         category: entry["mpcat40"].as_str().unwrap().to_owned(),
         bounds: Aabb::new(corner(entry, "aabb_min"), corner(entry, "aabb_max")),
     };

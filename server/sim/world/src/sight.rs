@@ -1,5 +1,6 @@
 use avln_geom::{Point3, RayMesh, Rng, Vector3, angle};
 use avln_scene::{InstanceId, Scene};
+use std::collections::BTreeMap;
 
 /// Points sampled on each instance.
 const POINTS: usize = 64;
@@ -8,20 +9,18 @@ const TOLERANCE_M: f32 = 0.01;
 
 /// Points on the surfaces of every instance, spread evenly over their area.
 pub(crate) struct Surfaces {
-    /// By the number of the instance.
-    points: Vec<Vec<Point3<f32>>>,
+    points: BTreeMap<InstanceId, Vec<Point3<f32>>>,
 }
 
 impl Surfaces {
     pub(crate) fn new(scene: &Scene) -> Self {
-        let count = scene.mesh.instance_of.iter().map(|id| usize::from(id.0) + 1).max().unwrap_or(0);
-        let mut triangles = vec![Vec::new(); count];
-        for (triangle, id) in
-            scene.mesh.instance_of.iter().enumerate().filter(|(_, id)| **id != InstanceId::NONE)
-        {
-            triangles[usize::from(id.0)].push(scene.corners(triangle));
+        let mut triangles = BTreeMap::<InstanceId, Vec<_>>::new();
+        for (triangle, &id) in scene.mesh.instance_of.iter().enumerate() {
+            if id != InstanceId::NONE {
+                triangles.entry(id).or_default().push(scene.corners(triangle));
+            }
         }
-        let points = triangles.iter().enumerate().map(|(id, triangles)| spread(triangles, id as u64));
+        let points = triangles.iter().map(|(&id, triangles)| (id, spread(triangles, u64::from(id.0))));
         Self { points: points.collect() }
     }
 
@@ -35,7 +34,7 @@ impl Surfaces {
         is_own: impl Fn(u32) -> bool,
     ) -> bool {
         let (sin, cos) = angle::sin_cos(half_vfov_rad.clamp(0.0, std::f32::consts::FRAC_PI_2));
-        let points = self.points.get(usize::from(instance.0)).map_or(&[][..], Vec::as_slice);
+        let points = self.points.get(&instance).map_or(&[][..], Vec::as_slice);
         points.iter().map(|point| point - eye).any(|offset| {
             let across_m = (offset.x * offset.x + offset.z * offset.z).sqrt();
             if offset.y.abs() * cos > across_m * sin {

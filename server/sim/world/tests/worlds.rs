@@ -22,7 +22,7 @@ use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
 use std::sync::{Arc, OnceLock};
 
 /// Adds a box with its faces outwards.
-fn put(mesh: &mut Mesh, low: [f32; 3], high: [f32; 3], material: u16, instance: u16) {
+fn put(mesh: &mut Mesh, low: [f32; 3], high: [f32; 3], material: u16, instance: u32) {
     for axis in 0..3 {
         for (at, flip) in [(low, true), (high, false)] {
             let corner = |u: bool, v: bool| {

@@ -13,9 +13,10 @@ const KEY: &str = "avln";
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub(super) struct NodeExtras {
-    pub(super) instance: u16,
+    pub(super) instance: u32,
     pub(super) category: String,
     pub(super) region: Option<u16>,
+    noun: String,
     color: String,
     material: String,
     size: String,
@@ -45,13 +46,20 @@ impl NodeExtras {
         let Some(ours) = extras.get(KEY) else { return Ok(None) };
         let fail = |reason: &str| format!("extras.{KEY} of node {name:?} {reason}; correct or remove it");
         let read = Self::deserialize(ours).map_err(|error| fail(&format!("cannot be read ({error})")))?;
-        let words = [&read.category, &read.color, &read.material, &read.size, &read.shape];
+        let words = [&read.category, &read.noun, &read.color, &read.material, &read.size, &read.shape];
         if words
             .iter()
             .any(|word| word.chars().count() > MAX_WORD_CHARS || word.chars().any(char::is_control))
         {
             return Err(fail(&format!(
                 "holds a word of more than {MAX_WORD_CHARS} characters or with control characters"
+            )));
+        }
+        if read.instance > InstanceId::MAX {
+            return Err(fail(&format!(
+                "names instance {}; the largest number is {}",
+                read.instance,
+                InstanceId::MAX
             )));
         }
         if read.instance != 0 && read.category.trim().is_empty() {
@@ -62,6 +70,7 @@ impl NodeExtras {
 
     pub(super) fn attributes(&self) -> Attributes {
         Attributes {
+            noun: self.noun.clone(),
             color: self.color.clone(),
             material: self.material.clone(),
             size: self.size.clone(),
@@ -77,11 +86,12 @@ impl NodeExtras {
 
 /// `extras` of the node of `object`.
 pub(super) fn of_object(object: &Object) -> Value {
-    let Attributes { color, material, size, shape } = object.attributes.clone();
+    let Attributes { noun, color, material, size, shape } = object.attributes.clone();
     json!({ KEY: NodeExtras {
         instance: object.id.0,
         category: object.category.clone(),
         region: object.region,
+        noun,
         color,
         material,
         size,

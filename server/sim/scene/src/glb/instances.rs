@@ -136,17 +136,17 @@ fn merged(found: Vec<Found<'_>>) -> Vec<Found<'_>> {
 /// A number for each instance: its own where it brings one that is free, else the next free one.
 fn numbers(found: &[Found<'_>]) -> Checked<Vec<InstanceId>> {
     let mut taken = BTreeSet::new();
-    let own: Vec<Option<u16>> = found
+    let own: Vec<Option<u32>> = found
         .iter()
         .map(|instance| match instance.identity {
             Identity::Marked(extras) if taken.insert(extras.instance) => Some(extras.instance),
             _ => None,
         })
         .collect();
-    let mut free = (1..=u16::MAX).filter(|number| !taken.contains(number));
-    let number = |own: Option<u16>| own.or_else(|| free.next()).map(InstanceId);
+    let mut free = (1..=InstanceId::MAX).filter(|number| !taken.contains(number));
+    let number = |own: Option<u32>| own.or_else(|| free.next()).map(InstanceId);
     let numbers: Option<Vec<InstanceId>> = own.into_iter().map(number).collect();
-    numbers.ok_or_else(|| format!("it has more than {} instances; merge some of them", u16::MAX))
+    numbers.ok_or_else(|| format!("it has more than {} instances; merge some of them", InstanceId::MAX))
 }
 
 fn object(instance: &Found<'_>, id: InstanceId, surfaces: &Surfaces<'_>, regions: usize) -> Object {

@@ -52,6 +52,7 @@ fn sample() -> Scene {
         attributes,
     };
     let words = |color: &str, material: &str, size: &str, shape: &str| Attributes {
+        noun: "easel".to_owned(),
         color: color.to_owned(),
         material: material.to_owned(),
         size: size.to_owned(),

@@ -1,5 +1,6 @@
 //! The table `X.semantic.txt`.
 
+use crate::InstanceId;
 use crate::glb::Checked;
 use crate::glb::limits::MAX_WORD_CHARS;
 use std::collections::BTreeSet;
@@ -10,7 +11,7 @@ const HEADER: &str = "HM3D Semantic Annotations";
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Annotation {
     /// Instance number, at least 1.
-    pub(super) id: u16,
+    pub(super) id: u32,
     /// The colour it is painted in.
     pub(super) color: [u8; 3],
     /// What the annotator called it.
@@ -32,7 +33,7 @@ pub(super) fn parse(text: &str) -> Checked<Vec<Annotation>> {
         let annotation = annotation(line.trim()).ok_or_else(|| {
             let start: String = line.chars().take(MAX_WORD_CHARS).collect();
             format!(
-                "line {} is {start:?}, not: number up to 65535, hex colour, quoted category, region",
+                "line {} is {start:?}, not: number up to 16777215, hex colour, quoted category, region",
                 index + 1
             )
         })?;
@@ -54,7 +55,7 @@ fn annotation(line: &str) -> Option<Annotation> {
     let (hex, rest) = rest.split_once(',')?;
     let (category, region) = rest.rsplit_once(',')?;
     Some(Annotation {
-        id: id.trim().parse().ok()?,
+        id: id.trim().parse().ok().filter(|&id| id <= InstanceId::MAX)?,
         color: color(hex.trim())?,
         category: category
             .trim()
@@ -92,7 +93,7 @@ mod tests {
 
     #[test]
     fn a_bad_line_is_named() {
-        for bad in ["7,12,\"x\",0", "70000,123456,\"x\",0", "7,123456,\"x\"", "7,123456,\"x\",one", "x"] {
+        for bad in ["7,12,\"x\",0", "16777216,123456,\"x\",0", "7,123456,\"x\"", "7,123456,\"x\",one", "x"] {
             let error = parse(&format!("{HEADER}\n1,AABBCC,\"bed\",0\n{bad}\n")).unwrap_err();
             assert!(error.starts_with("line 3"), "{error}");
         }

@@ -18,7 +18,7 @@ const MAX_CUTS: usize = 64;
 
 /// A number for each triangle of `render`: that of the same triangle of `semantic` where the meshes correspond in order,
 /// else that of the nearest semantic surface, else 0.
-pub(super) fn transfer(semantic: &Mesh, labels: &[u16], render: &Mesh) -> Vec<u16> {
+pub(super) fn transfer(semantic: &Mesh, labels: &[u32], render: &Mesh) -> Vec<u32> {
     let from = centers(semantic);
     let to = centers(render);
     let same = from.len() == to.len() && from.iter().zip(&to).all(|(a, b)| (a - b).norm() <= SAME_TRIANGLE_M);

@@ -97,13 +97,13 @@ fn turn_y_up(mesh: &mut Mesh) {
 }
 
 /// Joins mesh and table; `labels` holds an instance number for each triangle, 0 for none.
-fn scene(name: String, render: Model, labels: &[u16], annotations: &[Annotation]) -> Checked<Scene> {
+fn scene(name: String, render: Model, labels: &[u32], annotations: &[Annotation]) -> Checked<Scene> {
     let Model { mut mesh, materials, textures, .. } = render;
-    let mut triangles_of: BTreeMap<u16, Vec<u32>> = BTreeMap::new();
+    let mut triangles_of: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for (triangle, &label) in labels.iter().enumerate() {
         triangles_of.entry(label).or_default().push(triangle as u32);
     }
-    let bounds_of: BTreeMap<u16, Aabb> = triangles_of
+    let bounds_of: BTreeMap<u32, Aabb> = triangles_of
         .iter()
         .filter_map(|(&label, triangles)| Some((label, bounds(&mesh, triangles)?)))
         .collect();

@@ -13,7 +13,7 @@ type Regions = (Vec<Region>, BTreeMap<i32, u16>);
 
 /// The rooms in the order of their numbers in the file, and where each of those numbers is found.
 /// A room is the box around its instances; rooms without any are left out.
-pub(super) fn regions(annotations: &[Annotation], bounds_of: &BTreeMap<u16, Aabb>) -> Checked<Regions> {
+pub(super) fn regions(annotations: &[Annotation], bounds_of: &BTreeMap<u32, Aabb>) -> Checked<Regions> {
     let mut boxes: BTreeMap<i32, Aabb> = BTreeMap::new();
     for annotation in annotations.iter().filter(|annotation| annotation.region >= 0) {
         let Some(bounds) = bounds_of.get(&annotation.id) else { continue };

@@ -65,7 +65,7 @@ fn imported(pieces: u32) -> Scene {
 fn painted_instances_become_objects_and_walls_do_not() {
     let scene = imported(1);
     assert_eq!(scene.name, "00001-made");
-    let ids: Vec<u16> = scene.mesh.instance_of.iter().map(|id| id.0).collect();
+    let ids: Vec<u32> = scene.mesh.instance_of.iter().map(|id| id.0).collect();
     assert_eq!(ids, [3, 3, 0, 0, 6, 6, 0, 0]);
     let [bed, lamp] = &scene.objects[..] else { panic!("{:?}", scene.objects) };
     assert_eq!((bed.category.as_str(), bed.region), ("bed", Some(0)));

@@ -45,7 +45,7 @@ impl Assembly {
 
     /// Adds an object, its model already in the world frame; returns its box.
     pub(super) fn add_object(&mut self, piece: &Piece, region: usize) -> Aabb {
-        let id = InstanceId(self.objects.len() as u16 + 1);
+        let id = InstanceId(self.objects.len() as u32 + 1);
         self.add(&piece.model, id, furniture_light);
         let bounds = piece.model.bounds();
         self.objects.push(Object {

@@ -50,6 +50,7 @@ impl Taste {
 /// Attributes in words; empty for what is not said.
 pub(super) fn said(tint: Tint, material: &str, size: &str, shape: &str) -> Attributes {
     Attributes {
+        noun: String::new(),
         color: tint.word.to_owned(),
         material: material.to_owned(),
         size: size.to_owned(),
