@@ -226,7 +226,8 @@ fn choose_cues(instances: &[Instance], chosen: &[usize], rng: &mut Rng) -> Optio
 }
 
 fn choose_cue(instance: &Instance, rng: &mut Rng) -> CueSpec {
-    let mut cues = vec![CueSpec::Category, CueSpec::Image(instance.views[0].as_cue())];
-    cues.extend(instance.description.clone().map(CueSpec::Description));
+    let mut cues = vec![CueSpec::Category];
+    cues.extend(instance.images.first().copied().map(CueSpec::Image));
+    cues.extend(instance.sentences.first().cloned().map(CueSpec::Description));
     cues.swap_remove(rng.below(cues.len()))
 }

@@ -13,6 +13,8 @@ const MIN_REGION_POINTS: usize = 4;
 const LOOKS: usize = 10;
 /// Viewpoints that are kept, best first.
 const MAX_VIEWPOINTS: usize = 4;
+/// Reference pictures of an image goal at most.
+const MAX_IMAGES: usize = 3;
 /// Side of the pictures with which visibility is checked, pixels.
 const LOOK_SIDE_PX: u32 = 96;
 /// Share of such a picture that a recognisable target fills at least.
@@ -25,8 +27,12 @@ pub struct Instance {
     pub target: Target,
     /// Views of it, the one that shows most of it first; never empty.
     pub views: Vec<View>,
-    /// A sentence that fits this instance of the scene alone, when there is one.
-    pub description: Option<String>,
+    /// Sentences that fit this instance of the scene alone, the plainest first; empty when words do not suffice.
+    pub sentences: Vec<String>,
+    /// One to three reference pictures that tell it from its kind, the best first; empty when pictures do not suffice.
+    pub images: Vec<View>,
+    /// Other instances of its category in the scene, 255 for more.
+    pub distractors: u8,
 }
 
 /// Finds the instances of the target categories that are reachable from the largest island and can be seen.
@@ -53,8 +59,16 @@ fn inspect(assets: &SceneAssets, rules: &Rules, object: &Object) -> Option<Insta
     }
     let views = views_of(assets, rules, object, &target.region);
     target.viewpoints = views.iter().map(|view| view.pose).collect();
-    let description = crate::describe::describe(&assets.scene, object);
-    (!views.is_empty()).then_some(Instance { target, views, description })
+    let sentences = crate::describe::describe(&assets.scene, object).into_iter().collect();
+    let images = views.iter().take(MAX_IMAGES).map(View::as_cue).collect();
+    let distractors = distractors(assets, object);
+    (!views.is_empty()).then_some(Instance { target, views, sentences, images, distractors })
+}
+
+/// How many other objects of the scene share the category.
+fn distractors(assets: &SceneAssets, object: &Object) -> u8 {
+    let same = |other: &&Object| other.category == object.category && other.id != object.id;
+    u8::try_from(assets.scene.objects.iter().filter(same).count()).unwrap_or(u8::MAX)
 }
 
 /// Height of the highest floor of the largest island near the box that is not above its lower half.
