@@ -12,6 +12,8 @@ pub mod glb;
 pub mod hm3d;
 pub mod open;
 pub mod procedural;
+mod report;
 mod scene;
 
+pub use report::Report;
 pub use scene::{Attributes, InstanceId, Material, Mesh, Object, Region, Scene, SceneError, Texture};

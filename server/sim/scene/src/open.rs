@@ -1,17 +1,27 @@
 //! Opens a building in whatever layout it comes.
 
-use crate::{Scene, SceneError, glb, hm3d};
+use crate::{Report, Scene, SceneError, glb, hm3d};
 use std::path::{Path, PathBuf};
+
+/// [`open_with`] for callers who do not care about warnings.
+///
+/// # Errors
+/// Those of [`open_with`].
+pub fn open(path: &Path) -> Result<Scene, SceneError> {
+    open_with(path, &mut Report::default())
+}
 
 /// Opens a folder or file: HM3D where semantics lie beside the mesh ([`hm3d::import`]), else plain glTF
 /// ([`glb::import`]); a folder without semantics must hold exactly one `.glb` or `.gltf`.
 ///
 /// # Errors
 /// Those of the importer chosen; [`SceneError::Malformed`] for a folder that holds no scene, or several.
-pub fn open(path: &Path) -> Result<Scene, SceneError> {
+pub fn open_with(path: &Path, report: &mut Report) -> Result<Scene, SceneError> {
     if hm3d::is_hm3d(path) {
+        report.layout = "HM3D";
         return hm3d::import(path);
     }
+    report.layout = "glTF";
     if !path.is_dir() {
         return glb::import(path);
     }
