@@ -1,6 +1,5 @@
 use avln_episode::{GoalCue, Modality, RgbImage, Rules};
 use avln_geom::Pose;
-use avln_scene::InstanceId;
 use avln_truth::Target;
 use avln_world::{Camera, Frame, SceneAssets};
 use serde::{Deserialize, Serialize};
@@ -44,13 +43,6 @@ impl View {
             hfov_rad: self.hfov_rad,
             depth_max_m: rules.depth_max_m,
         })
-    }
-
-    /// Share of the picture that `instance` fills, 0 to 1.
-    pub(crate) fn share_of(&self, assets: &SceneAssets, rules: &Rules, instance: InstanceId) -> f32 {
-        let frame = self.render(assets, rules);
-        let pixels = frame.instances.iter().filter(|&&id| id == instance).count();
-        pixels as f32 / frame.instances.len().max(1) as f32
     }
 
     /// The same view as a reference picture.

@@ -8,6 +8,7 @@
 mod cue;
 mod describe;
 mod mission;
+mod picture;
 mod reference;
 mod split;
 mod survey;
@@ -15,4 +16,4 @@ mod survey;
 pub use cue::{CueSpec, View};
 pub use mission::{EpisodeSpec, GoalSpec, MissionOptions, ReferenceTour, sample_missions};
 pub use split::{DatasetError, SceneSource, SceneSpec, Split};
-pub use survey::{Instance, survey};
+pub use survey::{Instance, SurveyOptions, ThresholdsOnly, Verifier, survey, survey_with};

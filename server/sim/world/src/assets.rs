@@ -1,6 +1,6 @@
 use crate::sight::Surfaces;
 use avln_acoustics::{Acoustics, Source};
-use avln_geom::{Point3, RayMesh};
+use avln_geom::{Point3, RayMesh, Vector3};
 use avln_navmesh::{Body, NavMesh, NavMeshError};
 use avln_render::{Camera, Frame, Renderer};
 use avln_scene::{InstanceId, Scene};
@@ -17,6 +17,15 @@ pub struct SceneAssets {
     /// Made when somebody first listens.
     acoustics: OnceLock<Acoustics>,
     surfaces: Surfaces,
+}
+
+/// What a ray meets first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Struck {
+    /// How far away, metres.
+    pub distance_m: f32,
+    /// Of which instance the surface is; [`InstanceId::NONE`] for the building itself.
+    pub instance: InstanceId,
 }
 
 /// Why a building cannot be lived in.
@@ -67,6 +76,13 @@ impl SceneAssets {
     /// What a camera sees.
     pub fn render(&self, camera: &Camera) -> Frame {
         self.renderer.render(camera)
+    }
+
+    /// The first surface along `direction` (of length 1) from `origin`, no farther than `reach_m`.
+    pub fn cast(&self, origin: &Point3<f32>, direction: &Vector3<f32>, reach_m: f32) -> Option<Struck> {
+        let hit = self.rays.cast(origin, direction, reach_m)?;
+        let instance = self.scene.mesh.instance_of[hit.triangle as usize];
+        Some(Struck { distance_m: hit.distance, instance })
     }
 
     /// Whether some sampled surface point of `instance` is in line of sight from `eye`, at some heading, no more than

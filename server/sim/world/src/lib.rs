@@ -11,7 +11,7 @@ mod assets;
 mod sight;
 mod world;
 
-pub use assets::{PrepareError, SceneAssets};
+pub use assets::{PrepareError, SceneAssets, Struck};
 pub use avln_acoustics::{Clip, clip_bank};
 pub use avln_geom::{Aabb, Point3, Pose, Rng};
 pub use avln_navmesh::{Body, DistanceField, NavMesh, NavPoint};

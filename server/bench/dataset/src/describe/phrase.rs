@@ -1,0 +1,212 @@
+//! Claims in words.
+
+use super::{
+    claim::{Claim, Landmark, Relation},
+    frames::Frame,
+    lexicon::{article, plural, substance},
+};
+use avln_geom::Rng;
+
+/// What a frame needs to become a sentence.
+pub(crate) struct Words<'a> {
+    /// The noun.
+    pub(crate) noun: &'a str,
+    /// Size, shape, colour and material claims, in this order.
+    pub(crate) looks: Vec<&'a Claim>,
+    /// Places, in the order in which they are said.
+    pub(crate) places: Vec<&'a Claim>,
+    /// Kind of room, and whether the house has only one of it.
+    pub(crate) room: Option<(&'a str, bool)>,
+    /// How the target is where it is: `stands`, `hangs`, `lies` or `is`.
+    pub(crate) verb: &'static str,
+}
+
+/// A place in words: after a noun, and as verb and rest after *it*.
+struct Said {
+    after_noun: String,
+    verb: &'static str,
+    rest: String,
+}
+
+impl Words<'_> {
+    /// The sentence; `rng` chooses among words that mean the same.
+    pub(crate) fn fill(&self, frame: &Frame, rng: &mut Rng) -> String {
+        let places: Vec<Said> = self.places.iter().filter_map(|claim| self.place(claim, rng)).collect();
+        let room = self.room_phrase(rng);
+        let with_adjectives = self.noun_phrase(rng);
+        let mut text = String::new();
+        let (mut rest, mut last) = (frame.text, "");
+        while let Some((before, after)) = rest.split_once('{') {
+            let Some((slot, after)) = after.split_once('}') else { break };
+            let said = self.slot(slot, &with_adjectives, &places, &room);
+            // After "it is red and" no second "is" is said.
+            let goes_on = last == "be" && before == " and ";
+            text.push_str(before);
+            text.push_str(said.strip_prefix("is ").filter(|_| goes_on).unwrap_or(&said));
+            (rest, last) = (after, slot);
+        }
+        text + rest
+    }
+
+    fn slot(&self, slot: &str, np: &str, places: &[Said], room: &str) -> String {
+        let joined = |digits: &str| {
+            let numbers = digits.bytes().map(|digit| usize::from(digit - b'1'));
+            predicate(&numbers.filter_map(|number| places.get(number)).collect::<Vec<_>>())
+        };
+        let after_noun = |digits: &str| {
+            let number = digits.parse::<usize>().unwrap_or(1) - 1;
+            places.get(number).map_or(String::new(), |said| said.after_noun.clone())
+        };
+        match slot {
+            "np" => np.to_owned(),
+            "the np" | "The np" => cased(slot, &format!("the {np}")),
+            "a np" | "A np" => cased(slot, &format!("{} {np}", article(np))),
+            "noun" => self.noun.to_owned(),
+            "a noun" | "A noun" => cased(slot, &format!("{} {}", article(self.noun), self.noun)),
+            "be" => self.predicative(),
+            "in" | "In" => cased(slot, room),
+            _ if slot.starts_with("also") => with_also(&joined(&slot[4..])),
+            _ if slot.starts_with('p') => joined(&slot[1..]),
+            _ => after_noun(&slot[1..]),
+        }
+    }
+
+    /// The noun with its adjectives: `large red wooden table`, sometimes `large red table made of wood`.
+    fn noun_phrase(&self, rng: &mut Rng) -> String {
+        let made_of = rng.chance(0.3);
+        let mut words: Vec<&str> = Vec::new();
+        let mut tail = String::new();
+        for look in &self.looks {
+            match look {
+                Claim::Material(word) => match substance(word).filter(|_| made_of && self.places.len() < 3) {
+                    Some(substance) => tail = format!(" made of {substance}"),
+                    None => words.push(word),
+                },
+                Claim::Size(word) | Claim::Shape(word) | Claim::Color(word) => words.push(word),
+                Claim::Room(_) | Claim::Place(..) => {}
+            }
+        }
+        words.push(self.noun);
+        words.join(" ") + &tail
+    }
+
+    /// The adjectives after *is*: `large, red and made of wood`.
+    fn predicative(&self) -> String {
+        let word = |look: &&Claim| match look {
+            Claim::Material(word) => Some(substance(word).map_or(word.clone(), |of| format!("made of {of}"))),
+            Claim::Size(word) | Claim::Shape(word) | Claim::Color(word) => Some(word.clone()),
+            Claim::Room(_) | Claim::Place(..) => None,
+        };
+        listed(&self.looks.iter().filter_map(word).collect::<Vec<_>>())
+    }
+
+    fn room_phrase(&self, rng: &mut Rng) -> String {
+        match self.room {
+            Some((noun, true)) => format!("in the {noun}"),
+            Some((noun, false)) if rng.chance(0.5) => format!("in one of the {}", plural(noun)),
+            Some((noun, false)) => format!("in {} {noun}", article(noun)),
+            None => String::new(),
+        }
+    }
+
+    fn place(&self, claim: &Claim, rng: &mut Rng) -> Option<Said> {
+        let Claim::Place(relation, landmarks) = claim else { return None };
+        let things = things(landmarks);
+        if *relation == Relation::Holds {
+            let after_noun = format!("with {things} on it");
+            return Some(Said { after_noun, verb: "has", rest: format!("{things} on it") });
+        }
+        let prepositions = self.prepositions(*relation, landmarks);
+        let chosen = rng.choose(prepositions).copied().unwrap_or("near {}");
+        let phrase = chosen.replace("{}", &things);
+        let hanging = self.verb == "hangs" && *relation == Relation::Above && rng.chance(0.5);
+        let after_noun = if hanging { format!("hanging {phrase}") } else { phrase.clone() };
+        Some(Said { after_noun, verb: self.verb, rest: phrase })
+    }
+
+    fn prepositions(&self, relation: Relation, landmarks: &[Landmark]) -> &'static [&'static str] {
+        let opening = |landmark: &Landmark| ["door", "window"].contains(&landmark.name.category.as_str());
+        let soft = |landmark: &Landmark| {
+            ["bed", "sofa", "chair", "seating"].contains(&landmark.name.category.as_str())
+        };
+        match relation {
+            Relation::Near | Relation::NextTo if landmarks.iter().all(opening) => {
+                &["by {}", "near {}", "close to {}"]
+            }
+            Relation::Near => &["near {}", "close to {}", "not far from {}"],
+            Relation::NextTo => &["next to {}", "beside {}", "right next to {}"],
+            Relation::On if landmarks.iter().all(soft) => &["on {}"],
+            Relation::On => &["on {}", "on top of {}"],
+            Relation::Holds => &["under {}"],
+            Relation::Under => &["under {}", "underneath {}"],
+            Relation::Above => &["above {}", "over {}"],
+            Relation::Below => &["below {}", "beneath {}"],
+            Relation::LeftOf => {
+                &["to the left of {} as you face the wall", "to the left of {} when facing the wall"]
+            }
+            Relation::RightOf => {
+                &["to the right of {} as you face the wall", "to the right of {} when facing the wall"]
+            }
+            Relation::Between => &["between {}", "in between {}"],
+            Relation::Opposite => &["opposite {}", "across from {}", "on the other side of the room from {}"],
+            Relation::Corner => &["in a corner", "in the corner"],
+            Relation::AgainstWall => &["against the wall", "against a wall"],
+        }
+    }
+}
+
+/// Landmarks with their articles: `the red sofa`, `a lamp and the door`, `two chairs`.
+fn things(landmarks: &[Landmark]) -> String {
+    let phrase = |landmark: &Landmark, noun: &str| match &landmark.color {
+        Some(color) => format!("{color} {noun}"),
+        None => noun.to_owned(),
+    };
+    if let [a, b] = landmarks
+        && a.name.noun == b.name.noun
+        && a.color == b.color
+    {
+        return format!("two {}", phrase(a, &plural(&a.name.noun)));
+    }
+    let said = |landmark: &Landmark| {
+        let phrase = phrase(landmark, &landmark.name.noun);
+        let article = if landmark.only { "the" } else { article(&phrase) };
+        format!("{article} {phrase}")
+    };
+    landmarks.iter().map(said).collect::<Vec<_>>().join(" and ")
+}
+
+/// Verb and places, each verb once where it can be: `stands next to the bed and near a window`.
+fn predicate(places: &[&Said]) -> String {
+    let groups = places.chunk_by(|a, b| a.verb == b.verb);
+    let clause = |group: &[&Said]| {
+        let rests: Vec<String> = group.iter().map(|said| said.rest.clone()).collect();
+        format!("{} {}", group[0].verb, listed(&rests))
+    };
+    groups.map(clause).collect::<Vec<_>>().join(" and ")
+}
+
+/// `also stands next to the bed`, `is also next to the bed`.
+fn with_also(predicate: &str) -> String {
+    match predicate.strip_prefix("is ") {
+        Some(rest) => format!("is also {rest}"),
+        None => format!("also {predicate}"),
+    }
+}
+
+/// `a`, `a and b`, `a, b and c`.
+fn listed(parts: &[String]) -> String {
+    match parts {
+        [] => String::new(),
+        [one] => one.clone(),
+        [first @ .., last] => format!("{} and {last}", first.join(", ")),
+    }
+}
+
+/// With a capital where the slot has one.
+fn cased(slot: &str, text: &str) -> String {
+    let mut letters = text.chars();
+    match letters.next() {
+        Some(first) if slot.starts_with(char::is_uppercase) => first.to_uppercase().chain(letters).collect(),
+        _ => text.to_owned(),
+    }
+}

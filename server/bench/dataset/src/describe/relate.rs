@@ -1,0 +1,314 @@
+//! Finds what can be said of where an object is: only what nobody would dispute.
+
+use super::{
+    claim::{Claim, Landmark, Relation},
+    facts::{Facts, SIDES},
+    lexicon::{is_landmark, may_be_called, names},
+};
+use avln_geom::{Aabb, Vector3};
+use avln_scene::Object;
+
+/// Things that can hold others, and those of them whose top is soft and lower than their back.
+const HARD_TOPS: &[&str] = &[
+    "table",
+    "desk",
+    "cabinet",
+    "chest_of_drawers",
+    "counter",
+    "shelving",
+    "fireplace",
+    "stool",
+    "appliances",
+];
+const SOFT_TOPS: &[&str] = &["bed", "sofa", "chair", "seating"];
+/// Things that one can be under.
+const ON_LEGS: &[&str] = &["table", "desk"];
+/// Things that stand or hang where they do in every house: that a wall is behind them says nothing.
+const ALWAYS_AT_WALLS: &[&str] = &[
+    "picture",
+    "mirror",
+    "counter",
+    "sink",
+    "toilet",
+    "bathtub",
+    "shower",
+    "fireplace",
+    "curtain",
+    "towel",
+    "door",
+    "window",
+    "radiator",
+    "tv_monitor",
+    "cushion",
+    "blinds",
+    "clock",
+    "rug",
+];
+/// Things whose colour is that of what is behind or before them.
+const COLORLESS: &[&str] = &["window", "mirror", "door", "shower"];
+/// A thing whose bottom is higher above the floor than this and that stands on nothing hangs, metres.
+const HANGING_M: f32 = 0.4;
+
+/// Where the objects of a scene are.
+pub(crate) struct Relater<'a> {
+    pub(crate) facts: Facts<'a>,
+    /// For each object, which of its four sides have a wall close behind them.
+    walls: Vec<[bool; 4]>,
+    /// For each object, whether it hangs: it is above the floor and stands on nothing.
+    hangs: Vec<bool>,
+}
+
+impl<'a> Relater<'a> {
+    pub(crate) fn new(facts: Facts<'a>) -> Self {
+        let walls = facts.scene.objects.iter().map(|object| walls_of(&facts, object)).collect();
+        let objects = &facts.scene.objects;
+        let hangs = objects.iter().map(|object| {
+            let high = object.bounds.min.y - floor_y(&facts, object) > HANGING_M;
+            high && !objects.iter().any(|other| other.id != object.id && rests_on(object, other))
+        });
+        Self { walls, hangs: hangs.collect(), facts }
+    }
+
+    /// Everything that can be said of the place of object `index` by objects that are `seen` with it.
+    pub(crate) fn places(&self, index: usize, seen: &[usize]) -> Vec<Claim> {
+        let objects = &self.facts.scene.objects;
+        let usable = |other: &&usize| {
+            let other = &objects[**other];
+            other.category != objects[index].category
+                && is_landmark(other)
+                && same_room(&objects[index], other)
+        };
+        let landmarks: Vec<usize> = seen.iter().filter(usable).copied().collect();
+        let mut found = Vec::new();
+        for &landmark in &landmarks {
+            found.extend(self.relation(index, landmark).map(|relation| (relation, vec![landmark])));
+        }
+        found.extend(self.between(index, &landmarks).map(|pair| (Relation::Between, pair.to_vec())));
+        found.extend(self.at_walls(index).map(|relation| (relation, Vec::new())));
+        found.into_iter().flat_map(|(relation, things)| self.variants(relation, &things)).collect()
+    }
+
+    /// How object `index` lies to one landmark, by the most telling relation that holds.
+    fn relation(&self, index: usize, landmark: usize) -> Option<Relation> {
+        let objects = &self.facts.scene.objects;
+        let (own, other) = (&objects[index], &objects[landmark]);
+        let (a, b) = (&own.bounds, &other.bounds);
+        let gap_m = flat_gap_m(a, b);
+        if rests_on(own, other) {
+            return Some(Relation::On);
+        } else if rests_on(other, own) {
+            return Some(Relation::Holds);
+        } else if ON_LEGS.contains(&other.category.as_str()) && is_over(b, a, 0.0) && a.max.y < b.max.y {
+            return Some(Relation::Under);
+        } else if self.hangs[index] && has_an_under(other) && hangs_over(a, b) {
+            return Some(Relation::Above);
+        } else if self.hangs[landmark] && has_an_under(other) && hangs_over(b, a) {
+            return Some(Relation::Below);
+        } else if gap_m <= 0.0 {
+            return None;
+        } else if let Some(side) = self.side_on_wall(index, landmark) {
+            return Some(side);
+        }
+        let level = overlap_m([a.min.y, a.max.y], [b.min.y, b.max.y]) > 0.1;
+        match gap_m {
+            gap_m if level && gap_m <= 0.35 => Some(Relation::NextTo),
+            _ if near_m(a, b) <= 1.0 => Some(Relation::Near),
+            _ if self.is_opposite(index, landmark) => Some(Relation::Opposite),
+            _ => None,
+        }
+    }
+
+    /// Left or right of something at the same wall, as one sees it who faces the wall.
+    fn side_on_wall(&self, index: usize, landmark: usize) -> Option<Relation> {
+        let objects = &self.facts.scene.objects;
+        let (a, b) = (&objects[index].bounds, &objects[landmark].bounds);
+        let side = (0..4).find(|&side| self.walls[index][side] && self.walls[landmark][side])?;
+        let [x, z] = SIDES[side];
+        // Who looks along (x, z) has (-z, x) on the right.
+        let span = |bounds: &Aabb| {
+            let ends = [bounds.min, bounds.max].map(|corner| corner.z * x - corner.x * z);
+            [ends[0].min(ends[1]), ends[0].max(ends[1])]
+        };
+        let (own, other) = (span(a), span(b));
+        let both_hang = self.hangs[index] && self.hangs[landmark];
+        let level = overlap_m([a.min.y, a.max.y], [b.min.y, b.max.y]) > 0.1 || both_hang;
+        let gap_m = (own[0] - other[1]).max(other[0] - own[1]);
+        if !level || !(0.0..=0.9).contains(&gap_m) {
+            return None;
+        }
+        Some(if own[0] >= other[1] { Relation::RightOf } else { Relation::LeftOf })
+    }
+
+    /// Whether an object hangs: it is above the floor and stands on nothing.
+    pub(crate) fn hangs(&self, index: usize) -> bool {
+        self.hangs[index]
+    }
+
+    /// Whether both stand at opposite walls and look at each other across some floor.
+    fn is_opposite(&self, index: usize, landmark: usize) -> bool {
+        let objects = &self.facts.scene.objects;
+        let (a, b) = (&objects[index].bounds, &objects[landmark].bounds);
+        let faces = |side: usize| {
+            let [x, z] = SIDES[side];
+            let behind = (a.center() - b.center()).dot(&Vector3::new(x, 0.0, z));
+            let shared = if x == 0.0 {
+                overlap_m([a.min.x, a.max.x], [b.min.x, b.max.x]) / a.size().x.min(b.size().x)
+            } else {
+                overlap_m([a.min.z, a.max.z], [b.min.z, b.max.z]) / a.size().z.min(b.size().z)
+            };
+            self.walls[index][side] && self.walls[landmark][side ^ 1] && behind > 0.0 && shared > 0.6
+        };
+        let gap_m = flat_gap_m(a, b);
+        (1.2..=4.5).contains(&gap_m) && (0..4).any(faces)
+    }
+
+    /// The two things that an object stands between most closely.
+    fn between(&self, index: usize, landmarks: &[usize]) -> Option<[usize; 2]> {
+        let objects = &self.facts.scene.objects;
+        let own = &objects[index].bounds;
+        let near: Vec<usize> = landmarks
+            .iter()
+            .copied()
+            .filter(|&landmark| {
+                let other = &objects[landmark].bounds;
+                let level = overlap_m([own.min.y, own.max.y], [other.min.y, other.max.y]) > 0.1;
+                level && (0.01..=1.0).contains(&flat_gap_m(own, other))
+            })
+            .collect();
+        let pairs = near.iter().enumerate().flat_map(|(i, &a)| near[i + 1..].iter().map(move |&b| [a, b]));
+        let width_m =
+            |[a, b]: &[usize; 2]| flat_gap_m(own, &objects[*a].bounds) + flat_gap_m(own, &objects[*b].bounds);
+        pairs.filter(|pair| self.is_between(index, *pair)).min_by(|a, b| width_m(a).total_cmp(&width_m(b)))
+    }
+
+    fn is_between(&self, index: usize, pair: [usize; 2]) -> bool {
+        const COS_150_DEG: f32 = -0.866;
+        let objects = &self.facts.scene.objects;
+        let center = objects[index].bounds.center();
+        let [a, b] = pair.map(|other| {
+            let mut offset = objects[other].bounds.center() - center;
+            offset.y = 0.0;
+            offset
+        });
+        let lengths = a.norm() * b.norm();
+        lengths > 0.0 && a.dot(&b) <= COS_150_DEG * lengths
+    }
+
+    fn at_walls(&self, index: usize) -> Option<Relation> {
+        let object = &self.facts.scene.objects[index];
+        let stands = object.bounds.min.y - floor_y(&self.facts, object) < HANGING_M;
+        let free = !ALWAYS_AT_WALLS.contains(&object.category.as_str());
+        let [east, west, south, north] = self.walls[index];
+        if !stands || !free {
+            return None;
+        } else if (east || west) && (south || north) {
+            return Some(Relation::Corner);
+        }
+        [east, west, south, north].contains(&true).then_some(Relation::AgainstWall)
+    }
+
+    /// The claim with and without the colours of its landmarks.
+    fn variants(&self, relation: Relation, things: &[usize]) -> Vec<Claim> {
+        let plain: Vec<Landmark> = things.iter().map(|&thing| self.landmark(thing, None)).collect();
+        let objects = &self.facts.scene.objects;
+        let color = |&thing: &usize| {
+            let object =
+                Some(&objects[thing]).filter(|object| !COLORLESS.contains(&object.category.as_str()));
+            self.facts.color_of(object?).map(str::to_owned)
+        };
+        let colored = things.iter().map(|thing| color(thing).map(|color| self.landmark(*thing, Some(color))));
+        let mut variants = vec![Claim::Place(relation, plain)];
+        if let Some(colored) = colored.collect::<Option<Vec<_>>>().filter(|list| !list.is_empty()) {
+            variants.push(Claim::Place(relation, colored));
+        }
+        variants
+    }
+
+    fn landmark(&self, thing: usize, color: Option<String>) -> Landmark {
+        let objects = &self.facts.scene.objects;
+        let object = &objects[thing];
+        let name = names(object).swap_remove(0);
+        let twin = |other: &&Object| {
+            other.id != object.id && other.region == object.region && may_be_called(other, &name)
+        };
+        let only = object.region.is_some() && objects.iter().find(twin).is_none();
+        Landmark { name, color, only }
+    }
+}
+
+/// Height of the floor of the room that an object is in; its own bottom where that is not known, metres.
+fn floor_y(facts: &Facts, object: &Object) -> f32 {
+    let region = object.region.and_then(|region| facts.scene.regions.get(usize::from(region)));
+    region.map_or(object.bounds.min.y, |region| region.bounds.min.y)
+}
+
+/// Whether two objects are said to be in the same room; doors and windows belong to all that is around them.
+fn same_room(a: &Object, b: &Object) -> bool {
+    a.region == b.region || ["door", "window"].contains(&b.category.as_str())
+}
+
+/// Horizontal distance between two boxes, metres; not positive when their floor plans overlap.
+fn flat_gap_m(a: &Aabb, b: &Aabb) -> f32 {
+    let x = (a.min.x - b.max.x).max(b.min.x - a.max.x);
+    let z = (a.min.z - b.max.z).max(b.min.z - a.max.z);
+    if x > 0.0 && z > 0.0 { (x * x + z * z).sqrt() } else { x.max(z) }
+}
+
+/// Distance between two boxes in space, metres.
+fn near_m(a: &Aabb, b: &Aabb) -> f32 {
+    let flat = flat_gap_m(a, b).max(0.0);
+    let y = (a.min.y - b.max.y).max(b.min.y - a.max.y).max(0.0);
+    (flat * flat + y * y).sqrt()
+}
+
+/// How much two spans share.
+fn overlap_m(a: [f32; 2], b: [f32; 2]) -> f32 {
+    a[1].min(b[1]) - a[0].max(b[0])
+}
+
+/// Whether the middle of `upper` lies over or under the floor plan of `lower`, grown by `margin_m`.
+fn is_over(lower: &Aabb, upper: &Aabb, margin_m: f32) -> bool {
+    let mut middle = upper.center();
+    middle.y = lower.min.y;
+    lower.grown(margin_m).contains(&middle)
+}
+
+/// Whether `own` stands or lies on `other`.
+fn rests_on(own: &Object, other: &Object) -> bool {
+    let (a, b) = (&own.bounds, &other.bounds);
+    let smaller = a.size().x.max(a.size().z) < 1.05 * b.size().x.max(b.size().z);
+    let category = other.category.as_str();
+    if !smaller || !is_over(b, a, 0.0) {
+        return false;
+    }
+    let on_top = (a.min.y - b.max.y).abs() <= 0.06 && HARD_TOPS.contains(&category);
+    let height_m = b.size().y;
+    let on_seat = (b.min.y + 0.25 * height_m..b.max.y - 0.02).contains(&a.min.y) && a.max.y <= b.max.y + 0.8;
+    on_top || on_seat && SOFT_TOPS.contains(&category)
+}
+
+/// Whether one may speak of what is over or under a thing: a curtain reaches down to the floor.
+fn has_an_under(object: &Object) -> bool {
+    !["curtain", "door", "rug", "blinds"].contains(&object.category.as_str())
+}
+
+/// Whether `upper` hangs over `lower` with some wall in between.
+fn hangs_over(upper: &Aabb, lower: &Aabb) -> bool {
+    let gap_m = upper.min.y - lower.max.y;
+    (0.03..=1.2).contains(&gap_m) && (is_over(lower, upper, 0.15) && upper.max.y - lower.min.y < 2.6)
+}
+
+/// Which sides of an object have a wall close behind most of them.
+fn walls_of(facts: &Facts, object: &Object) -> [bool; 4] {
+    const INSIDE_M: f32 = 0.1;
+    const BEHIND_M: f32 = 0.12;
+    let (center, half) = (object.bounds.center(), object.bounds.size() / 2.0);
+    SIDES.map(|[x, z]| {
+        let depth_m = half.x * x.abs() + half.z * z.abs();
+        let inside_m = INSIDE_M.min(depth_m);
+        let face = center + Vector3::new(x, 0.0, z) * (depth_m - inside_m);
+        let across = Vector3::new(half.x * z.abs(), 0.0, half.z * x.abs());
+        let behind = |share: f32| facts.wall_m(face + across * share, [x, z], inside_m + BEHIND_M).is_some();
+        [-0.8, -0.3, 0.3, 0.8].into_iter().filter(|&share| behind(share)).count() >= 3
+    })
+}

@@ -1,0 +1,2 @@
+mod flat;
+mod houses;

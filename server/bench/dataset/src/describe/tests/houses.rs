@@ -1,0 +1,211 @@
+//! Every sentence of some procedural houses, against rules that are written here once more and differently.
+
+use crate::{
+    describe::{
+        claim::{Claim, Landmark, Relation},
+        lexicon,
+        writer::{Sentence, Writer},
+    },
+    survey::{SurveyOptions, ThresholdsOnly, look_around},
+};
+use avln_episode::Rules;
+use avln_geom::{Aabb, Rng};
+use avln_scene::{
+    Object, Scene,
+    procedural::{self, HouseOptions},
+};
+use avln_world::{Body, SceneAssets};
+use std::{collections::BTreeSet, sync::LazyLock};
+
+struct Written {
+    assets: SceneAssets,
+    /// Index of each object that was recognised, with its sentences.
+    sentences: Vec<(usize, Vec<Sentence>)>,
+}
+
+static HOUSES: LazyLock<Vec<Written>> = LazyLock::new(|| (0..3).map(write).collect());
+
+fn write(seed: u64) -> Written {
+    let rules = Rules::paper();
+    let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
+    let options = HouseOptions { rooms: 6..=8, ..HouseOptions::default() };
+    let scene = procedural::house(&format!("house-{seed}"), seed, &options);
+    let assets = SceneAssets::prepare(scene, &body).expect("a house can be lived in");
+    let options = SurveyOptions { looks: 6, look_px: 64, ..SurveyOptions::default() };
+    let (sightings, palettes) = look_around(&assets, &rules, &options, &ThresholdsOnly);
+    let writer = Writer::new(&assets, &palettes, &options);
+    let rng = |index: usize| Rng::new(seed).fork(&index.to_string());
+    let sentences = sightings.iter().map(|s| (s.index, writer.sentences(s, rng(s.index)))).collect();
+    Written { assets, sentences }
+}
+
+fn each_sentence(mut check: impl FnMut(&Scene, usize, &Sentence)) {
+    for house in HOUSES.iter() {
+        for (index, sentences) in &house.sentences {
+            sentences.iter().for_each(|sentence| check(&house.assets.scene, *index, sentence));
+        }
+    }
+}
+
+#[test]
+fn most_things_can_be_told_in_words_and_few_need_many_tries() {
+    let all: Vec<usize> =
+        HOUSES.iter().flat_map(|house| &house.sentences).map(|(_, sentences)| sentences.len()).collect();
+    let told = all.iter().filter(|&&count| count > 0).count();
+    assert!(all.len() > 100 && told * 10 >= all.len() * 7, "{told} of {}", all.len());
+    assert!(all.iter().filter(|&&count| count == 3).count() * 10 >= told * 8);
+}
+
+#[test]
+fn sentences_are_english_of_the_right_length() {
+    each_sentence(|_, _, sentence| {
+        let text = &sentence.text;
+        let words: Vec<&str> = text.split_whitespace().collect();
+        assert!((8..=35).contains(&words.len()), "{text}");
+        assert!(text.starts_with(|c: char| c.is_ascii_uppercase()), "{text}");
+        assert!(text.ends_with(['.', '?']) && !text.contains(['_', '{', '}', '#']), "{text}");
+        assert!(!text.chars().any(|c| c.is_ascii_digit()) && !text.contains("  "), "{text}");
+        for pair in words.windows(2) {
+            let vowel = pair[1].starts_with(['a', 'e', 'i', 'o', 'u']);
+            match pair[0].to_lowercase().as_str() {
+                "a" => assert!(!vowel, "{text}"),
+                "an" => assert!(vowel, "{text}"),
+                word => assert!(word != pair[1], "a word twice: {text}"),
+            }
+        }
+    });
+}
+
+#[test]
+fn the_words_of_every_claim_are_in_its_sentence() {
+    each_sentence(|_, _, sentence| {
+        let text = sentence.text.to_lowercase();
+        assert!(text.contains(&sentence.claims.head.noun.to_lowercase()), "{text}");
+        for claim in &sentence.claims.list {
+            let words: Vec<String> = match claim {
+                Claim::Material(word) if word == "wooden" => vec!["wood".to_owned()],
+                Claim::Color(word) | Claim::Material(word) | Claim::Shape(word) | Claim::Size(word) => {
+                    vec![word.clone()]
+                }
+                Claim::Room(noun) => vec![noun.clone()],
+                Claim::Place(relation, landmarks) => {
+                    let marks = landmarks.iter().flat_map(|mark| mark.color.iter().chain([&mark.name.noun]));
+                    let side = match relation {
+                        Relation::LeftOf => Some("to the left of".to_owned()),
+                        Relation::RightOf => Some("to the right of".to_owned()),
+                        Relation::Between => Some("between".to_owned()),
+                        Relation::Corner => Some("corner".to_owned()),
+                        Relation::AgainstWall => Some("wall".to_owned()),
+                        _ => None,
+                    };
+                    marks.cloned().chain(side).collect()
+                }
+            };
+            let said = |word: &String| text.contains(word.as_str()) || text.contains(&lexicon::plural(word));
+            assert!(words.iter().all(said), "{words:?}: {text}");
+        }
+        let places = sentence.claims.list.iter().filter(|claim| matches!(claim, Claim::Place(..))).count();
+        assert!((1..=3).contains(&places), "{text}");
+    });
+}
+
+#[test]
+fn more_than_forty_frames_are_in_use() {
+    let mut frames = BTreeSet::new();
+    each_sentence(|_, _, sentence| {
+        frames.insert(sentence.frame);
+    });
+    assert!(frames.len() >= 40, "{} frames", frames.len());
+}
+
+#[test]
+fn the_same_seed_writes_the_same_sentences() {
+    assert_eq!(write(0).sentences, HOUSES[0].sentences);
+}
+
+#[test]
+fn no_other_thing_of_the_house_fits_a_sentence() {
+    each_sentence(|scene, index, sentence| {
+        let target = &scene.objects[index];
+        for other in scene.objects.iter().filter(|other| other.id != target.id) {
+            let named = other.category == target.category
+                && (other.attributes.noun.is_empty() || sentence.claims.head.noun == other.attributes.noun);
+            let fits = sentence.claims.list.iter().all(|claim| fits(scene, other, claim));
+            assert!(!(named && fits), "{}: also {other:?}", sentence.text);
+        }
+        let own = |claim: &Claim| fits(scene, target, claim);
+        assert!(sentence.claims.list.iter().all(own), "{}: not {target:?}", sentence.text);
+    });
+}
+
+/// Whether a claim holds, by labels and boxes alone.
+fn fits(scene: &Scene, object: &Object, claim: &Claim) -> bool {
+    let words = &object.attributes;
+    match claim {
+        Claim::Color(word) => words.color == *word,
+        Claim::Material(word) => words.material == *word,
+        Claim::Shape(word) => words.shape == *word,
+        Claim::Size(word) => words.size == *word,
+        Claim::Room(noun) => object
+            .region
+            .is_some_and(|region| scene.regions[usize::from(region)].label.replace('_', " ") == *noun),
+        Claim::Place(Relation::Between, marks) => {
+            let near = |mark| things(scene, object, mark).filter(|thing| gap_m(object, thing) <= 1.2);
+            near(&marks[0]).any(|a| near(&marks[1]).any(|b| a.id != b.id && is_amid(object, a, b)))
+        }
+        Claim::Place(relation, marks) => {
+            marks.iter().all(|mark| things(scene, object, mark).any(|thing| is_so(*relation, object, thing)))
+        }
+    }
+}
+
+/// Whether the way from one thing past the object to the other turns by less than 50 degrees.
+fn is_amid(object: &Object, a: &Object, b: &Object) -> bool {
+    let flat = |from: &Object, to: &Object| (to.bounds.center() - from.bounds.center()).xz();
+    flat(a, object).angle(&flat(object, b)) < 50_f32.to_radians()
+}
+
+fn things<'a>(scene: &'a Scene, object: &'a Object, mark: &'a Landmark) -> impl Iterator<Item = &'a Object> {
+    scene.objects.iter().filter(move |thing| {
+        let noun = &thing.attributes.noun;
+        thing.id != object.id
+            && thing.category == mark.name.category
+            && (noun.is_empty() || *noun == mark.name.noun)
+            && mark.color.as_ref().is_none_or(|color| thing.attributes.color == *color)
+    })
+}
+
+/// Only what boxes show; sides and walls are taken for true when the things are close.
+fn is_so(relation: Relation, object: &Object, thing: &Object) -> bool {
+    let (own, other) = (&object.bounds, &thing.bounds);
+    let gap_m = gap_m(object, thing);
+    match relation {
+        Relation::NextTo => gap_m < 0.6,
+        Relation::Near => gap_m < 1.3,
+        Relation::On => is_stacked(own, other),
+        Relation::Holds => is_stacked(other, own),
+        Relation::Under => gap_m <= 0.0 && own.max.y < other.max.y,
+        Relation::Above => is_over(own, other),
+        Relation::Below => is_over(other, own),
+        Relation::LeftOf | Relation::RightOf => gap_m < 1.6,
+        Relation::Opposite => (0.9..6.0).contains(&gap_m) && object.region == thing.region,
+        Relation::Between | Relation::Corner | Relation::AgainstWall => true,
+    }
+}
+
+fn is_over(upper: &Aabb, lower: &Aabb) -> bool {
+    let mut column = lower.grown(0.3);
+    column.max.y += 2.0;
+    upper.min.y > lower.max.y && column.intersects(&Aabb::new(upper.center(), upper.center()))
+}
+
+fn is_stacked(upper: &Aabb, lower: &Aabb) -> bool {
+    let mut column = lower.grown(0.1);
+    column.max.y += 0.1;
+    column.contains(&upper.center()) || column.contains(&upper.min) || upper.intersects(&column)
+}
+
+fn gap_m(a: &Object, b: &Object) -> f32 {
+    let center = a.bounds.closest_point(&b.bounds.closest_point(&a.bounds.center()));
+    b.bounds.distance_m(&center)
+}

@@ -1,0 +1,100 @@
+//! Where one can stand to look at a target.
+
+use avln_episode::Rules;
+use avln_geom::{Aabb, Point3, Pose, Vector3, angle};
+use avln_scene::InstanceId;
+use avln_truth::Target;
+use avln_world::{NavPoint, SceneAssets};
+use std::f32::consts::TAU;
+
+/// Spacing of the sampled points of a success region, metres.
+const REGION_SPACING_M: f32 = 0.25;
+
+/// Height of the highest floor of the largest island near the box that is not above its lower half.
+pub(super) fn floor_below(assets: &SceneAssets, bounds: &Aabb) -> Option<f32> {
+    const SEARCH_M: f32 = 1.5;
+    let mut column = bounds.grown(SEARCH_M);
+    column.min.y = bounds.min.y - 3.0;
+    column.max.y = bounds.center().y;
+    let floors = island_grid(assets, &column).into_iter().map(|point| point.position().y);
+    floors.max_by(f32::total_cmp)
+}
+
+fn island_grid(assets: &SceneAssets, bounds: &Aabb) -> Vec<NavPoint> {
+    let island = assets.navmesh.largest_island();
+    let points = assets.navmesh.grid(bounds, REGION_SPACING_M);
+    points.into_iter().filter(|point| assets.navmesh.island_of(point) == island).collect()
+}
+
+/// The grid points from which a Submit would count.
+pub(super) fn success_region(assets: &SceneAssets, rules: &Rules, target: &Target) -> Vec<Point3<f32>> {
+    let mut around = target.bounds.grown(rules.success_radius_m);
+    (around.min.y, around.max.y) = (target.floor_y_m - 1.0, target.floor_y_m + 1.0);
+    let sees =
+        |eye: &Point3<f32>, half_view_rad| assets.sees(eye, InstanceId(target.instance), half_view_rad);
+    island_grid(assets, &around)
+        .into_iter()
+        .map(|point| point.position())
+        .filter(|base| target.distance_within_region(base, rules, sees).is_some())
+        .collect()
+}
+
+/// Up to `count` of `places`, in all directions from `center`, near and far ones in turn.
+pub(super) fn spread(places: &[Point3<f32>], center: &Point3<f32>, count: usize) -> Vec<Point3<f32>> {
+    let sectors = count.max(1);
+    let mut around: Vec<Vec<(f32, Point3<f32>)>> = vec![Vec::new(); sectors];
+    for place in places {
+        let offset = place - center;
+        let turn = (angle::atan2(offset.z, offset.x) / TAU + 1.0).fract();
+        let sector = ((turn * sectors as f32) as usize).min(sectors - 1);
+        around[sector].push((offset.norm(), *place));
+    }
+    around.iter_mut().for_each(|sector| sector.sort_by(|a, b| a.0.total_cmp(&b.0)));
+    // The middle of each sector first, then what is farther and what is nearer.
+    let rounds = [(1, 2), (5, 6), (1, 6), (2, 3), (1, 3)];
+    let mut chosen: Vec<Point3<f32>> = Vec::new();
+    for (over, under) in rounds {
+        // Opposite sectors follow each other, so that a few looks already come from all sides.
+        for sector in (0..2).flat_map(|half| (half..sectors).step_by(2)).map(|sector| &around[sector]) {
+            let Some((_, place)) = sector.get(sector.len() * over / under) else { continue };
+            if chosen.len() < count && !chosen.contains(place) {
+                chosen.push(*place);
+            }
+        }
+    }
+    chosen
+}
+
+/// The pose at `base` that faces `place`.
+pub(super) fn facing(base: &Point3<f32>, place: &Point3<f32>) -> Pose {
+    let offset: Vector3<f32> = place - base;
+    Pose::new(*base, angle::atan2(-offset.x, -offset.z))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn facing_looks_at_the_place() {
+        let pose = facing(&Point3::new(1.0, 0.0, 1.0), &Point3::new(-2.0, 1.0, 1.0));
+        assert!((pose.forward() - Vector3::new(-1.0, 0.0, 0.0)).norm() < 1e-6);
+    }
+
+    #[test]
+    fn places_are_spread_over_all_sides() {
+        let ring = |i: usize| {
+            let (sin, cos) = angle::sin_cos(i as f32 * TAU / 40.0);
+            Point3::new(2.0 + 1.5 * cos, 0.0, 1.5 * sin)
+        };
+        let places: Vec<_> = (0..40).map(ring).collect();
+        let center = Point3::new(2.0, 0.5, 0.0);
+        let chosen = spread(&places, &center, 4);
+        assert_eq!(chosen.len(), 4);
+        let sides: std::collections::BTreeSet<_> =
+            chosen.iter().map(|place| (place.x > 2.0, place.z > 0.0)).collect();
+        assert_eq!(sides.len(), 4, "{chosen:?}");
+        assert_eq!(spread(&places[..3], &center, 10).len(), 3, "no place twice");
+        assert!(spread(&[], &center, 4).is_empty());
+    }
+}
