@@ -28,6 +28,7 @@ static HOUSES: LazyLock<Vec<Written>> = LazyLock::new(|| (0..3).map(write).colle
 fn write(seed: u64) -> Written {
     let rules = Rules::paper();
     let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
+    #[allow(clippy::needless_update)]
     let options = HouseOptions { rooms: 6..=8, ..HouseOptions::default() };
     let scene = procedural::house(&format!("house-{seed}"), seed, &options);
     let assets = SceneAssets::prepare(scene, &body).expect("a house can be lived in");
@@ -146,9 +147,9 @@ fn fits(scene: &Scene, object: &Object, claim: &Claim) -> bool {
         Claim::Material(word) => words.material == *word,
         Claim::Shape(word) => words.shape == *word,
         Claim::Size(word) => words.size == *word,
-        Claim::Room(noun) => object
-            .region
-            .is_some_and(|region| scene.regions[usize::from(region)].label.replace('_', " ") == *noun),
+        Claim::Room(noun) => object.region.is_some_and(|region| {
+            lexicon::room_noun(&scene.regions[usize::from(region)].label).as_ref() == Some(noun)
+        }),
         Claim::Place(Relation::Between, marks) => {
             let near = |mark| things(scene, object, mark).filter(|thing| gap_m(object, thing) <= 1.2);
             near(&marks[0]).any(|a| near(&marks[1]).any(|b| a.id != b.id && is_amid(object, a, b)))
