@@ -59,7 +59,7 @@ impl Doors {
         let mut tasks = JoinSet::new();
         let agents = avln_grpc::serve(self.grpc, arena, Limits::default(), until(stopped.clone()));
         tasks.spawn(async { agents.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
-        let people = avln_web::serve(self.web, reader, until(stopped));
+        let people = avln_web::serve(self.web, reader, grpc.port(), until(stopped));
         tasks.spawn(async { people.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
         Ok(OpenDoors { grpc, web, stop, tasks })
     }

@@ -1,7 +1,10 @@
 //! What only the whole house can show. The tests lie in `tests/`; here is the house that they open.
 
+pub mod canary;
 pub mod http;
+pub mod raw;
 pub mod tap;
+pub mod walk;
 
 use avln_server::{
     arena::{Arena, data::DataFolder},

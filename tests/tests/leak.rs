@@ -1,120 +1,26 @@
 //! Hidden data stays hidden: everything that a split hides is looked for in every byte that an agent or an anonymous
 //! visitor receives of a phase whose results are the organiser's alone. The same search finds it in a public phase.
 
-use avln_client::{Action, Arena, Episode, Error, Order, Pose, Run, RunOptions, Sensors};
+use avln_client::{Action, Arena, Episode, Error, Order, Run, RunOptions, Sensors};
 use avln_server::{
     arena::{data::DataFolder, register},
     commands::phase::Who,
 };
-use avln_tests::{House, PHASE, Plan, http, tap, tap::Tap};
+use avln_tests::{
+    House, PHASE, Plan,
+    canary::Canaries,
+    http,
+    raw::{Caller, MOVE_FORWARD, SUBMIT},
+    tap,
+    tap::Tap,
+    walk::{PASSED_M, Walker, distance_m},
+};
 use serde_json::Value;
-use std::collections::{BTreeSet, HashMap};
+use std::collections::BTreeSet;
 
 const BLIND: Sensors =
     Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
-/// Pictures and sound are noise, in which shorter patterns occur by chance.
-const LONG_ENOUGH_FOR_NOISE: usize = 8;
-/// Two coordinates of one place lie at most so many bytes apart in any message.
-const NEAR_BYTES: usize = 16;
-
-/// Something that nobody may receive.
-#[derive(Debug)]
-struct Canary {
-    what: String,
-    bytes: Vec<u8>,
-    /// Bytes that must follow nearby for it to count.
-    then: Vec<u8>,
-}
-
-#[derive(Default)]
-struct Canaries(Vec<Canary>);
-
-impl Canaries {
-    fn bytes(&mut self, what: &str, bytes: impl AsRef<[u8]>) {
-        let (what, bytes) = (what.to_owned(), bytes.as_ref().to_vec());
-        assert!(bytes.len() >= 4, "{what} is long enough to be told from chance");
-        self.0.push(Canary { what, bytes, then: vec![] });
-    }
-
-    /// Decimal text of a number, cut and not rounded. Left out are round numbers, which occur everywhere, and those
-    /// that could as well be shares.
-    fn text(&mut self, what: &str, value: f64) {
-        let text = format!("{value:.6}");
-        let cut = &text[..text.len() - 3];
-        let decimals = &text[text.len() - 6..];
-        if !decimals.ends_with("0000") && cut.len() >= 5 && value.abs() > 1.0 {
-            self.bytes(&format!("{what} as text {cut}"), cut);
-        }
-    }
-
-    fn length(&mut self, what: &str, metres: f64) {
-        self.text(what, metres);
-        self.bytes(&format!("{what} as f64"), metres.to_le_bytes());
-        self.bytes(&format!("{what} as f32"), (metres as f32).to_le_bytes());
-    }
-
-    fn seed(&mut self, what: &str, seed: u64) {
-        let mut varint = Vec::new();
-        let mut rest = seed;
-        while rest > 0 {
-            varint.push((rest & 0x7f) as u8 | if rest > 0x7f { 0x80 } else { 0 });
-            rest >>= 7;
-        }
-        if seed > u64::from(u32::MAX) {
-            self.bytes(&format!("{what} as text"), seed.to_string());
-            self.bytes(&format!("{what} as u64"), seed.to_le_bytes());
-            self.bytes(&format!("{what} as varint"), varint);
-        }
-    }
-
-    fn place(&mut self, what: &str, x: f32, z: f32) {
-        self.text(&format!("{what} x"), x.into());
-        self.text(&format!("{what} z"), z.into());
-        let (single, double) = ([x, z].map(f32::to_le_bytes), [x, z].map(|m| f64::from(m).to_le_bytes()));
-        let pair = |bytes: &[u8], then: &[u8], kind| Canary {
-            what: format!("{what} as {kind}"),
-            bytes: bytes.to_vec(),
-            then: then.to_vec(),
-        };
-        self.0.push(pair(&single[0], &single[1], "f32"));
-        self.0.push(pair(&double[0], &double[1], "f64"));
-    }
-
-    /// What of this `bytes` hold.
-    fn found_in(&self, bytes: &[u8]) -> BTreeSet<String> {
-        let mut by_start = HashMap::<[u8; 4], Vec<&Canary>>::new();
-        for canary in &self.0 {
-            by_start.entry(canary.bytes[..4].try_into().expect("four bytes")).or_default().push(canary);
-        }
-        let mut found = BTreeSet::new();
-        for (at, start) in bytes.windows(4).enumerate() {
-            let Some(canaries) = start.first_chunk().and_then(|start| by_start.get(start)) else { continue };
-            for canary in canaries.iter().filter(|canary| canary.is_at(&bytes[at..])) {
-                found.insert(canary.what.clone());
-            }
-        }
-        found
-    }
-
-    /// The same among noise.
-    fn found_in_noise(&self, bytes: &[u8]) -> BTreeSet<String> {
-        let mut found = self.found_in(bytes);
-        let long = |c: &Canary| c.bytes.len() + c.then.len() >= LONG_ENOUGH_FOR_NOISE;
-        let long: BTreeSet<_> = self.0.iter().filter(|c| long(c)).map(|c| &c.what).collect();
-        found.retain(|what| long.contains(what));
-        found
-    }
-}
-
-impl Canary {
-    fn is_at(&self, bytes: &[u8]) -> bool {
-        let Some(rest) = bytes.strip_prefix(&self.bytes[..]) else { return false };
-        let near = &rest[..rest.len().min(NEAR_BYTES)];
-        self.then.is_empty() || near.windows(self.then.len()).any(|window| window == self.then)
-    }
-}
-
 /// What the split of a house hides from everybody.
 fn hidden(house: &House) -> Canaries {
     let split = DataFolder::open(house.folder.path()).and_then(|data| data.split(PHASE)).expect("its split");
@@ -172,7 +78,7 @@ fn categories(house: &House) -> (Canaries, Canaries) {
         shown.bytes(&format!("category {category}"), format!("\"{category}\""));
         shown.bytes(&format!("category {category}"), format!(">{category}<"));
     }
-    assert!(!shown.0.is_empty());
+    assert!(shown.count() > 0);
     (untold, shown)
 }
 
@@ -183,12 +89,14 @@ async fn claim_first_target(house: &House, episode: &mut Episode<'_>, order: Ord
     let spec = &split.episodes[episode.ordinal() as usize - 1];
     let truth = spec.truth(order.to_string().parse().expect("an order"));
     let assets = split.scene(&spec.scene).expect("its scene").open(&rules).expect("it opens");
-    let mut corners: Vec<_> = truth.reference_path.iter().rev().map(|corner| [corner.x, corner.z]).collect();
+    let tour: Vec<_> = truth.reference_path.iter().map(|corner| [corner.x, corner.z]).collect();
+    let start = [truth.start.position.x, truth.start.position.z];
+    let mut walker = Walker::new(start, truth.start.heading_rad);
     let candidates = if order == Order::Ordered { &truth.targets[..1] } else { &truth.targets[..] };
+    let mut passed = 0;
     while !episode.is_over() {
         let told = episode.observation().pose;
-        let (place, heading_rad) =
-            in_world([truth.start.position.x, truth.start.position.z], truth.start.heading_rad, &told);
+        let (place, _) = walker.locate(&told);
         let mut base = truth.start.position;
         (base.x, base.y, base.z) = (place[0], base.y + told.position[1], place[1]);
         let reached = candidates.iter().any(|target| {
@@ -200,33 +108,9 @@ async fn claim_first_target(house: &House, episode: &mut Episode<'_>, order: Ord
             episode.step(Action::Submit).await.expect("a legal step");
             return;
         }
-        episode.step(toward(&mut corners, place, heading_rad)).await.expect("a legal step");
-    }
-}
-
-/// The told pose in the world: x and z, metres, and heading, radians.
-fn in_world(start: [f32; 2], start_heading_rad: f32, told: &Pose) -> ([f32; 2], f32) {
-    let (sin, cos) = start_heading_rad.sin_cos();
-    let [x, _, z] = told.position;
-    ([start[0] + x * cos + z * sin, start[1] - x * sin + z * cos], start_heading_rad + told.heading_rad)
-}
-
-/// The next move to the last of `corners`; those that are reached are taken out.
-fn toward(corners: &mut Vec<[f32; 2]>, place: [f32; 2], heading_rad: f32) -> Action {
-    use std::f32::consts::{PI, TAU};
-    const REACHED_M: f32 = 0.2;
-    const HALF_TURN_RAD: f32 = PI / 12.0 + 1e-3;
-    let offset = |corner: &[f32; 2]| [place[0] - corner[0], place[1] - corner[1]];
-    while let Some([x, z]) = corners.last().map(offset)
-        && x.hypot(z) < REACHED_M
-    {
-        corners.pop();
-    }
-    let Some([x, z]) = corners.last().map(offset) else { return Action::Stop };
-    match (x.atan2(z) - heading_rad + PI).rem_euclid(TAU) - PI {
-        turn_rad if turn_rad > HALF_TURN_RAD => Action::TurnLeft,
-        turn_rad if turn_rad < -HALF_TURN_RAD => Action::TurnRight,
-        _ => Action::MoveForward,
+        passed += usize::from(passed + 1 < tour.len() && distance_m(tour[passed], place) < PASSED_M);
+        let action = walker.step(&told, &tour[passed..]);
+        episode.step(action).await.expect("a legal step");
     }
 }
 
@@ -274,12 +158,31 @@ async fn claim(house: &House, arena: &Arena, run: &Run, order: Order) -> Vec<(St
     metrics.map(|metric| (metric.name, metric.value)).collect()
 }
 
+/// Plays one step through the unary mirror, gives episode and run up, and asks for health and reflection.
+async fn go_unary(tap: &Tap, arena: &Arena) -> String {
+    let run = arena.start_run(RunOptions::new(PHASE, "mirror")).await.expect("a run");
+    let mut caller = Caller::connect(&tap.url(), &run.token).await;
+    caller.play(&[MOVE_FORWARD, SUBMIT], true).await.expect("legal calls");
+    caller.play(&[MOVE_FORWARD], false).await.expect("legal calls");
+    caller.play(&[], false).await.expect_err("the run is over");
+    let symbols = ["PlayService", "RunService", "InfoService"].map(|name| format!("avln.v1.{name}"));
+    caller.inspect(&symbols.each_ref().map(String::as_str)).await.expect("health and reflection answer");
+    run.id
+}
+
+/// Watches a run until it is over.
+async fn watch(arena: &Arena, run: &str) {
+    let mut states = arena.watch(run).await.expect("a stream");
+    while states.next().await.expect("a state").is_some() {}
+}
+
 /// Asks for everything else that the agents' door answers.
 async fn ask_around(house: &House, tap: &Tap, arena: &Arena) {
     arena.server_info().await.expect("an answer");
     arena.phases().await.expect("an answer");
     arena.quota().await.expect("an answer");
     arena.runs().await.expect("an answer");
+    arena.whoami().await.expect("an answer");
     arena.run("run_of_nobody").await.expect_err("no such run");
     arena.start_run(RunOptions::new("finals", "curious")).await.expect_err("no such phase");
     Arena::connect(tap.url(), "wrong").await.expect_err("no such token");
@@ -295,9 +198,11 @@ async fn receive(house: &House) -> Received {
     for order in ORDERS {
         let run = curious.start_run(RunOptions::new(PHASE, "curious").order(order)).await.expect("a run");
         fumble(&noisy, &curious, &run).await;
-        metrics.extend(claim(house, &sober, &run, order).await);
+        let (shown, ()) = tokio::join!(claim(house, &sober, &run, order), watch(&sober, &run.id));
+        metrics.extend(shown);
         runs.push(run.id);
     }
+    runs.push(go_unary(&noisy, &curious).await);
     ask_around(house, &plain, &sober).await;
     let mut pages = Vec::new();
     for path in paths(&runs) {
@@ -362,6 +267,24 @@ fn paths_with_metrics(received: &Received) -> Vec<&str> {
     received.pages.iter().filter(shows).map(|(path, _)| path.as_str()).collect()
 }
 
+/// The results that the pages and the agents' door of a house showed which shows them: the same runs in another house
+/// have the same.
+fn results(shown: &Received) -> Canaries {
+    const DECIMALS: usize = 5;
+    let mut canaries = Canaries::default();
+    for (name, value) in &shown.metrics {
+        canaries.share(name, *value);
+    }
+    for (path, answer) in shown.pages.iter().filter(|(path, _)| path.contains(".csv")) {
+        let numbers = answer.body.split(|letter: char| !letter.is_ascii_digit() && letter != '.');
+        let long = |number: &&str| number.split_once('.').is_some_and(|(_, rest)| rest.len() >= DECIMALS);
+        for number in numbers.filter(long) {
+            canaries.bytes(&format!("{number} of {path}"), number);
+        }
+    }
+    canaries
+}
+
 fn holds(bytes: &[u8], word: &str) -> bool {
     bytes.windows(word.len()).any(|window| window == word.as_bytes())
 }
@@ -372,10 +295,18 @@ async fn house(visible_to: Who) -> House {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn nothing_hidden_reaches_an_agent_or_a_visitor() {
+    let open = receive(&house(Who::Public).await).await;
+    let results = results(&open);
     let house = house(Who::Organiser).await;
     let received = receive(&house).await;
     let canaries = hidden(&house);
     let (untold, shown) = categories(&house);
+    for (path, answer) in open.pages.iter().filter(|(path, _)| path.ends_with("/episodes.csv")) {
+        assert!(!results.found_in(&answer.bytes).is_empty(), "{path} of a public phase shows results");
+    }
+    assert!(!results.found_in(&open.plain).is_empty(), "an agent of a public phase is told results");
+    assert_eq!(results.found_in_noise(&received.noisy), BTreeSet::new(), "results, with pictures and sound");
+    assert_eq!(results.found_in(&received.plain), BTreeSet::new(), "results, without pictures and sound");
     assert!(received.noisy.len() > 100_000 && received.plain.len() > 10_000, "bytes were recorded");
     assert!(holds(&received.plain, "ep_"), "messages can be read on the wire");
     assert_eq!(canaries.found_in_noise(&received.noisy), BTreeSet::new(), "with pictures and sound");
@@ -385,6 +316,7 @@ async fn nothing_hidden_reaches_an_agent_or_a_visitor() {
         assert!(answer.status < 500, "{path}: {}", answer.status);
         assert_eq!(canaries.found_in(&answer.bytes), BTreeSet::new(), "{path}");
         assert_eq!(shown.found_in(&answer.bytes), BTreeSet::new(), "{path}");
+        assert_eq!(results.found_in(&answer.bytes), BTreeSet::new(), "results on {path}");
     }
     assert_eq!(received.metrics, [], "metrics of a phase that shows none");
     assert_eq!(paths_with_metrics(&received), Vec::<&str>::new());
@@ -425,22 +357,9 @@ async fn the_same_search_finds_what_a_public_phase_shows() {
     assert!(received.metrics.iter().any(|(name, value)| name == "isr" && *value > 0.0), "a Submit was right");
     assert!(paths_with_metrics(&received).len() > 2);
     assert!(holds(&received.plain, "soft_spl"));
-}
-
-#[test]
-fn the_search_knows_every_form_of_a_secret() {
-    let mut canaries = Canaries::default();
-    canaries.place("place", 1.234_567, -9.876_543);
-    canaries.seed("seed", 0x0123_4567_89ab_cdef);
-    let near = [&1.234_567_f32.to_le_bytes()[..], &[0x1d], &(-9.876_543_f32).to_le_bytes()].concat();
-    assert_eq!(canaries.found_in(&near).into_iter().collect::<Vec<_>>(), ["place as f32"]);
-    let far = [&1.234_567_f32.to_le_bytes()[..], &[0; 20], &(-9.876_543_f32).to_le_bytes()].concat();
-    assert!(canaries.found_in(&far).is_empty());
-    assert_eq!(
-        canaries.found_in(b"at -9.87654 m").into_iter().collect::<Vec<_>>(),
-        ["place z as text -9.876"]
-    );
-    assert_eq!(canaries.found_in(b"81985529216486895").into_iter().collect::<Vec<_>>(), ["seed as text"]);
-    let varint = [0xef, 0x9b, 0xaf, 0xcd, 0xf8, 0xac, 0xd1, 0x91, 0x01];
-    assert_eq!(canaries.found_in(&varint).into_iter().collect::<Vec<_>>(), ["seed as varint"]);
+    let run = received.pages.iter().find(|(path, _)| path.starts_with("/api/v1/runs/")).expect("a run");
+    let time = &serde_json::from_str::<Value>(&run.1.body).expect("an object")["time"];
+    for part in ["simulation_s", "thinking_s"] {
+        assert!(time[part].as_f64().is_some_and(|seconds| seconds > 0.0), "{part} was measured: {time}");
+    }
 }

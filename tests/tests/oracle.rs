@@ -1,59 +1,13 @@
 //! The oracle knows everything, follows the shortest tour through the real protocol, and must succeed: this proves
 //! that every mission can be solved and that rules, references and regions agree with each other.
 
-use avln_client::{Action, Arena, Order, Pose, RunOptions, Sensors};
+use avln_client::{Action, Arena, Order, RunOptions, Sensors};
 use avln_server::arena::{data::DataFolder, register};
-use avln_tests::{House, PHASE, Plan};
+use avln_tests::{
+    House, PHASE, Plan,
+    walk::{PASSED_M, Place, Walker, distance_m},
+};
 use avln_truth::{EpisodeTruth, Target};
-
-/// A place on the floor: x and z in the world, metres.
-type Place = [f32; 2];
-
-/// Walks shortest paths; knows where the body is from the start pose and what the agent is told.
-struct Walker {
-    start: Place,
-    start_heading_rad: f32,
-    before: Place,
-    last: Action,
-    /// Moves that lead out of a place where one is stuck, the next one last.
-    way_out: Vec<Action>,
-}
-
-/// A corner nearer than this is passed, metres.
-const PASSED_M: f32 = 0.15;
-const HALF_TURN_RAD: f32 = 15.0 * std::f32::consts::PI / 180.0;
-
-fn distance_m(a: Place, b: Place) -> f32 {
-    (a[0] - b[0]).hypot(a[1] - b[1])
-}
-
-impl Walker {
-    /// The told pose in the world: place and heading.
-    fn locate(&self, told: &Pose) -> (Place, f32) {
-        let (sin, cos) = self.start_heading_rad.sin_cos();
-        let [x, _, z] = told.position;
-        let place = [self.start[0] + x * cos + z * sin, self.start[1] - x * sin + z * cos];
-        (place, self.start_heading_rad + told.heading_rad)
-    }
-
-    /// The next move along `leg`, the shortest path to the aim. A body that is stuck turns once and goes on.
-    fn step(&mut self, told: &Pose, leg: &[Place]) -> Action {
-        let (place, heading_rad) = self.locate(told);
-        let ahead = leg.iter().copied().find(|corner| distance_m(*corner, place) >= PASSED_M);
-        let aim = ahead.or(leg.last().copied()).unwrap_or(place);
-        let bearing_rad = (place[0] - aim[0]).atan2(place[1] - aim[1]);
-        let turn_rad = (bearing_rad - heading_rad + std::f32::consts::PI).rem_euclid(std::f32::consts::TAU)
-            - std::f32::consts::PI;
-        let toward = if turn_rad > 0.0 { Action::TurnLeft } else { Action::TurnRight };
-        if self.last == Action::MoveForward && distance_m(self.before, place) < 0.02 {
-            self.way_out = vec![Action::MoveForward, toward];
-        }
-        let aligned = turn_rad.abs() <= HALF_TURN_RAD + 1e-3;
-        let action = self.way_out.pop().unwrap_or(if aligned { Action::MoveForward } else { toward });
-        (self.before, self.last) = (place, action);
-        action
-    }
-}
 
 /// The corner of the reference tour that lies in the region of goal `goal`.
 fn tour_corner(truth: &EpisodeTruth, goal: usize) -> Option<usize> {
@@ -94,13 +48,8 @@ async fn play(house: &House, order: Order) -> avln_client::RunSummary {
         let truth = spec
             .truth(if order == Order::Ordered { "ordered" } else { "unordered" }.parse().expect("an order"));
         let assets = split.scene(&spec.scene).expect("its scene").open(&rules).expect("it opens");
-        let mut walker = Walker {
-            start: [truth.start.position.x, truth.start.position.z],
-            start_heading_rad: truth.start.heading_rad,
-            before: [f32::MAX; 2],
-            last: Action::TurnLeft,
-            way_out: vec![],
-        };
+        let start = [truth.start.position.x, truth.start.position.z];
+        let mut walker = Walker::new(start, truth.start.heading_rad);
         let mut open: Vec<usize> = (0..truth.targets.len()).collect();
         let visits = visits(&truth);
         while !episode.is_over() {

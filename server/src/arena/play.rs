@@ -3,7 +3,7 @@
 use super::{Arena, Stage, now_unix_ms, refusals::refusal, secret};
 use avln_dataset::EpisodeSpec;
 use avln_episode::{EndReason, Order, Rules, Sensors};
-use avln_grpc::{EpisodeOutcome, Reason, Refusal, Seat};
+use avln_grpc::{EpisodeOutcome, Reason, Refusal, Seat, TimeSpent};
 use avln_referee::{Referee, RefereeError};
 use avln_scoring::{Metrics, score};
 use avln_store::{Finished, TimeAccount, Visibility};
@@ -34,7 +34,8 @@ impl Arena {
         let Some(assigned) = assigned else { return Ok(None) };
         let (scenes, sensors, order) = (self.scenes.clone(), sensors.clone(), row.order);
         let ticket = self.take_ticket(&stage);
-        let truth = stage.episode(&assigned.episode).map(|spec| spec.truth(order));
+        let unplayed =
+            stage.episode(&assigned.episode).map(|spec| Unplayed::new(spec.truth(order), stage.rules()));
         let make = move || {
             let missing = || Refusal::internal(format!("no episode {} in the split", assigned.episode));
             let spec = stage.episode(&assigned.episode).ok_or_else(missing)?;
@@ -42,20 +43,20 @@ impl Arena {
         };
         let made = tokio::task::spawn_blocking(make).await.map_err(Refusal::internal).and_then(|made| made);
         match made {
-            Ok(referee) => Ok(Some(Seat { handle, referee: Box::new(referee), ticket })),
+            Ok(referee) => {
+                Ok(Some(Seat { handle, referee: Box::new(referee), ticket, time: TimeSpent::default() }))
+            }
             Err(refusal) => {
                 self.return_ticket(ticket);
-                self.take_back(run, &handle, truth).await?;
+                self.take_back(run, &handle, unplayed).await?;
                 Err(refusal)
             }
         }
     }
 
     /// Notes that an episode never started by the server's fault: it is pending again, or given up.
-    async fn take_back(&self, run: &str, handle: &str, truth: Option<EpisodeTruth>) -> Result<(), Refusal> {
-        let Some(truth) = truth else { return Ok(()) };
-        let record = unplayed(&truth);
-        let metrics = score(&truth, &record, &Rules::paper());
+    async fn take_back(&self, run: &str, handle: &str, unplayed: Option<Unplayed>) -> Result<(), Refusal> {
+        let Some(Unplayed { truth, record, metrics }) = unplayed else { return Ok(()) };
         let time = TimeAccount::default();
         let finished =
             Finished { run, handle, truth: &truth, record: &record, metrics: &metrics, time: &time };
@@ -73,12 +74,12 @@ impl Arena {
         let stage = self.return_ticket(seat.ticket);
         let stage =
             stage.ok_or_else(|| Refusal::internal(format!("episode {handle} was never handed out")))?;
+        let time = account(&seat.time);
         let referee = seat.into_referee().ok_or_else(|| Refusal::internal("a seat without our referee"))?;
         let broken = referee.end().is_none();
         let scoring = stage.clone();
         let sealed = tokio::task::spawn_blocking(move || settle(*referee, broken, &scoring)).await;
         let (truth, record, metrics) = sealed.map_err(Refusal::internal)?;
-        let time = TimeAccount::default();
         let finished =
             Finished { run, handle: &handle, truth: &truth, record: &record, metrics: &metrics, time: &time };
         let recorded = self.store.record_result(&finished, now_unix_ms()).await.map_err(refusal)?;
@@ -144,16 +145,36 @@ fn seat(
     })
 }
 
-/// The record of an episode that never started.
-fn unplayed(truth: &EpisodeTruth) -> Record {
-    Record {
-        rules: String::new(),
-        start: truth.start,
-        steps: Vec::new(),
-        submits: Vec::new(),
-        in_region_at_start: vec![false; truth.targets.len()],
-        final_distance_m: vec![None; truth.targets.len()],
-        end: EndReason::ServerFault,
+/// What is stored of an episode that never started.
+struct Unplayed {
+    truth: EpisodeTruth,
+    record: Record,
+    metrics: Metrics,
+}
+
+impl Unplayed {
+    fn new(truth: EpisodeTruth, rules: &Rules) -> Self {
+        let record = Record {
+            rules: rules.name.clone(),
+            start: truth.start,
+            steps: Vec::new(),
+            submits: Vec::new(),
+            in_region_at_start: vec![false; truth.targets.len()],
+            final_distance_m: vec![None; truth.targets.len()],
+            end: EndReason::ServerFault,
+        };
+        let metrics = score(&truth, &record, rules);
+        Self { truth, record, metrics }
+    }
+}
+
+/// The door's measurements as they are stored.
+fn account(time: &TimeSpent) -> TimeAccount {
+    TimeAccount {
+        simulation_s: time.simulation.as_secs_f64(),
+        encoding_s: time.encoding.as_secs_f64(),
+        queue_s: time.queue.as_secs_f64(),
+        thinking_s: time.thinking.as_secs_f64(),
     }
 }
 

@@ -59,7 +59,7 @@ pub use host::{
 };
 pub use limits::Limits;
 pub use refusal::Refusal;
-pub use seat::{EpisodeRunner, Seat};
+pub use seat::{EpisodeRunner, Seat, TimeSpent};
 pub use serve::{ServeError, serve};
 /// Goes above every implementation of [`Host`].
 pub use tonic::async_trait;

@@ -1,6 +1,6 @@
 use avln_episode::{Action, EndReason, Mission, Observation, Rules, Sensors};
 use avln_referee::{Referee, RefereeError, StepOutcome};
-use std::any::Any;
+use std::{any::Any, time::Duration};
 
 /// One running episode as the door sees it: what [`Referee`] does, and nothing about truth.
 ///
@@ -67,6 +67,21 @@ pub struct Seat {
     pub referee: Box<dyn EpisodeRunner>,
     /// The host's own number for the episode; agents never see it.
     pub ticket: u64,
+    /// Where the time went; zero when it is handed out, the door adds to it.
+    pub time: TimeSpent,
+}
+
+/// Where the time of an episode went, wall clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TimeSpent {
+    /// Simulating: motion, sight and sound.
+    pub simulation: Duration,
+    /// Making frames of observations.
+    pub encoding: Duration,
+    /// Waiting for a free core.
+    pub queue: Duration,
+    /// From the moment when an observation was queued for the agent until its action came, the wire both ways included.
+    pub thinking: Duration,
 }
 
 impl Seat {

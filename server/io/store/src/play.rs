@@ -54,9 +54,7 @@ pub struct TimeAccount {
     pub encoding_s: f64,
     /// Waiting for a free core.
     pub queue_s: f64,
-    /// On the wire, as far as the server can tell.
-    pub network_s: f64,
-    /// Waiting for the agent.
+    /// Waiting for the agent, the wire both ways included.
     pub thinking_s: f64,
 }
 
@@ -67,7 +65,6 @@ impl TimeAccount {
             simulation_s: self.simulation_s + other.simulation_s,
             encoding_s: self.encoding_s + other.encoding_s,
             queue_s: self.queue_s + other.queue_s,
-            network_s: self.network_s + other.network_s,
             thinking_s: self.thinking_s + other.thinking_s,
         }
     }

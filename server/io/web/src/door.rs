@@ -35,16 +35,18 @@ const MAX_HEAD_BYTES: usize = 16 * 1024;
 const ACCEPT_ATTEMPTS: u32 = 100;
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
-/// Answers visitors until `shutdown` ends; answers that were begun are finished.
+/// Answers visitors until `shutdown` ends; answers that were begun are finished. Pages tell participants to let their
+/// agents connect to `agents_port`.
 ///
 /// # Errors
 /// When the listener keeps failing.
 pub async fn serve(
     listener: TcpListener,
     reader: Reader,
+    agents_port: u16,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), WebError> {
-    let router = router(reader);
+    let router = router(reader, agents_port);
     let (closing, closed) = watch::channel(());
     let mut visitors = JoinSet::new();
     let accepted = tokio::select! {

@@ -20,18 +20,20 @@ mod words;
 pub use door::{WebError, serve};
 
 use avln_store::Reader;
-use axum::{Router, extract::State, routing::get};
+use axum::{Extension, Router, extract::State, routing::get};
 use trouble::Trouble;
+use visit::AgentsPort;
 
 /// Everything that this door answers, over what `reader` shows: pages for people, `/api/v1` for programs, `/healthz`
 /// (alive) and `/readyz` (the database answers). Limits, headers and caching are part of it.
-pub fn router(reader: Reader) -> Router {
+pub fn router(reader: Reader, agents_port: u16) -> Router {
     let open = Router::new()
         .route("/healthz", get(async || "alive\n"))
         .route("/readyz", get(ready))
         .merge(pages::router())
         .merge(api::router())
         .fallback(async || Trouble::NoPage)
+        .layer(Extension(AgentsPort(agents_port)))
         .with_state(reader);
     guard::guarded(open)
 }

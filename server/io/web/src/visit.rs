@@ -47,12 +47,19 @@ fn now_unix_ms() -> i64 {
     i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
 }
 
-/// The name under which the visitor knows this machine, without a port.
-pub(crate) struct Host(String);
+/// The port of the agents' door.
+#[derive(Clone, Copy)]
+pub(crate) struct AgentsPort(pub(crate) u16);
+
+/// Where agents connect: the name under which the visitor knows this machine, with the port of the agents' door.
+pub(crate) struct Host {
+    name: String,
+    port: AgentsPort,
+}
 
 impl fmt::Display for Host {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
+        write!(f, "{}:{}", self.name, self.port.0)
     }
 }
 
@@ -61,7 +68,8 @@ impl<S: Sync> FromRequestParts<S> for Host {
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
         let value = parts.headers.get(header::HOST).and_then(|value| value.to_str().ok());
-        Ok(Self(value.and_then(host).unwrap_or("127.0.0.1").to_owned()))
+        let port = parts.extensions.get().copied().unwrap_or(AgentsPort(0));
+        Ok(Self { name: value.and_then(host).unwrap_or("127.0.0.1").to_owned(), port })
     }
 }
 

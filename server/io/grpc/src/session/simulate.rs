@@ -7,6 +7,7 @@ use std::{
     any::Any,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::Arc,
+    time::Instant,
 };
 use tokio::{sync::Semaphore, task::spawn_blocking};
 
@@ -22,10 +23,14 @@ impl Crew {
         work: impl FnOnce(&mut dyn EpisodeRunner) -> T + Send + 'static,
     ) -> Result<(Seat, Result<T, ServerFault>), ServerFault> {
         // Nobody closes the semaphore; if it were closed, the work would merely run at once.
+        let asked = Instant::now();
         let _place = self.0.acquire().await;
         let done = spawn_blocking(move || {
+            let begun = Instant::now();
             let result = catch_unwind(AssertUnwindSafe(|| work(seat.referee.as_mut())));
             let result = result.map_err(|panic| ServerFault::simulator("simulate", text(&*panic)));
+            seat.time.queue += begun - asked;
+            seat.time.simulation += begun.elapsed();
             (seat, result)
         });
         done.await.map_err(|broken| ServerFault::log("simulate", broken))

@@ -60,8 +60,8 @@ struct Playing {
     /// The frame that began the episode, until the first step.
     start: Option<v1::EpisodeStart>,
     last: Last,
-    /// When the agent's time is up; not set until the last observation has left.
-    deadline: Option<Instant>,
+    /// Since when the agent thinks; not set until the last observation has left.
+    thinks_since: Option<Instant>,
 }
 
 /// The last observation and the action that led to it: sent again to an agent that asks again.
@@ -106,7 +106,7 @@ impl Slot {
 
     fn deadline(&self) -> Option<Instant> {
         match &self.state {
-            State::Playing(playing) => playing.deadline,
+            State::Playing(playing) => playing.thinks_since.map(|since| since + self.shared.limits.step_time),
             _ => None,
         }
     }
@@ -128,7 +128,7 @@ impl Slot {
     /// The agent's time runs from the moment when its observation has left.
     fn start_clock(&mut self) {
         if let State::Playing(playing) = &mut self.state {
-            playing.deadline.get_or_insert_with(|| Instant::now() + self.shared.limits.step_time);
+            playing.thinks_since.get_or_insert_with(Instant::now);
         }
     }
 
@@ -177,7 +177,7 @@ impl Slot {
             Ok(start) => {
                 let observation = start.observation.clone().unwrap_or_default();
                 let last = Last { action: None, observation };
-                let playing = Playing { seat, start: Some(start.clone()), last, deadline: None };
+                let playing = Playing { seat, start: Some(start.clone()), last, thinks_since: None };
                 self.state = State::Playing(Box::new(playing));
                 Ok(Answer::Start(Box::new(start)))
             }
@@ -246,7 +246,7 @@ impl Slot {
 
     /// Carries out an action that is legal and due.
     async fn step(&mut self, playing: Playing, act: &v1::Act, action: Action) -> Result<Answer, Failure> {
-        let Playing { seat, last, .. } = playing;
+        let (seat, last) = playing.thought();
         let result = self.shared.crew.simulate(seat, move |episode| episode.step(action)).await;
         let (seat, outcome) = result.inspect_err(|_| self.shared.board.ended(EndReason::ServerFault))?;
         let refused = |error| ServerFault::simulator("step", error);
@@ -256,15 +256,17 @@ impl Slot {
         }
     }
 
-    async fn stepped(&mut self, seat: Seat, action: i32, outcome: StepOutcome) -> Answer {
+    async fn stepped(&mut self, mut seat: Seat, action: i32, outcome: StepOutcome) -> Answer {
         let StepOutcome { observation, end } = outcome;
+        let begun = Instant::now();
         let observation = self.observation(&seat, observation, end);
+        seat.time.encoding += begun.elapsed();
         let last = Last { action: Some(action), observation: observation.clone() };
         let mut response = v1::StepResponse { observation: Some(observation), episode_end: None };
         if end.is_some() {
             response.episode_end = Some(self.end_with(seat, last).await);
         } else {
-            let playing = Playing { seat, start: None, last, deadline: None };
+            let playing = Playing { seat, start: None, last, thinks_since: None };
             self.state = State::Playing(Box::new(playing));
         }
         Answer::Step(Box::new(response))
@@ -301,7 +303,7 @@ impl Slot {
     async fn put_away(&mut self, reason: EndReason) -> Option<v1::EpisodeEnd> {
         match std::mem::replace(&mut self.state, State::Idle) {
             State::Playing(playing) => {
-                let Playing { mut seat, last, .. } = *playing;
+                let (mut seat, last) = playing.thought();
                 simulate::truncate(&mut seat, reason);
                 Some(self.end_with(seat, last).await)
             }
@@ -385,6 +387,15 @@ impl Last {
         }
         let message = format!("step {} is past, {taken} steps were taken; send step {}", act.step, taken + 1);
         Err(Failure::new(Reason::StepConflict, message))
+    }
+}
+
+impl Playing {
+    /// Seat and last observation, the time that the agent took included.
+    fn thought(self) -> (Seat, Last) {
+        let Self { mut seat, last, thinks_since, .. } = self;
+        seat.time.thinking += thinks_since.map(|since| since.elapsed()).unwrap_or_default();
+        (seat, last)
     }
 }
 

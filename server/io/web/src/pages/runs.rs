@@ -50,13 +50,12 @@ impl RunPage {
 
     /// Where the time went: the words, how long, and which share of all; empty when nothing was measured.
     fn times(&self) -> Vec<(&'static str, String, String)> {
-        let TimeAccount { simulation_s, encoding_s, queue_s, network_s, thinking_s } = self.view.time;
+        let TimeAccount { simulation_s, encoding_s, queue_s, thinking_s } = self.view.time;
         let parts = [
-            ("Agent thinking", thinking_s),
+            ("Agent thinking, and the wire", thinking_s),
             ("Simulating motion, sight and sound", simulation_s),
             ("Encoding observations", encoding_s),
             ("Waiting for a free core", queue_s),
-            ("On the wire", network_s),
         ];
         let all: f64 = parts.iter().map(|(_, seconds)| seconds).sum();
         if all <= 0.0 {

@@ -52,7 +52,7 @@ impl Arena {
     pub(crate) async fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let store = Store::open(&folder.path().join("arena.db")).await.expect("a new database");
-        let router = avln_web::router(store.reader());
+        let router = avln_web::router(store.reader(), 50051);
         let arena = Self { _folder: folder, store, router };
         arena.furnish().await;
         arena.play("run_rude", "open", RUDE_TEAM, "good walker", 2, 2).await;

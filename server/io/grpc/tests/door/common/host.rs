@@ -229,7 +229,12 @@ impl Host for ToyHost {
         state.handed_out += 1;
         let ticket = state.handed_out;
         let referee = Box::new(ToyRunner::new(self.max_steps, sensors.clone(), quirk));
-        Ok(Some(Seat { handle: format!("ep_{ticket}"), referee, ticket }))
+        Ok(Some(Seat {
+            handle: format!("ep_{ticket}"),
+            referee,
+            ticket,
+            time: avln_grpc::TimeSpent::default(),
+        }))
     }
 
     async fn conclude(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal> {
