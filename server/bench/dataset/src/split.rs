@@ -1,6 +1,7 @@
 use crate::{EpisodeSpec, MissionOptions, sample_missions, survey};
 use avln_episode::Rules;
-use avln_scene::{Scene, SceneError, digest::digest, open::open, procedural};
+use avln_scene::procedural::{self, HouseOptions, Pool};
+use avln_scene::{Scene, SceneError, digest::digest, open::open};
 use avln_world::{Body, PrepareError, SceneAssets};
 use serde::{Deserialize, Serialize};
 use std::{ops::RangeInclusive, path::PathBuf};
@@ -42,6 +43,12 @@ pub enum SceneSource {
         seed: u64,
         /// Fewest and most rooms.
         rooms: RangeInclusive<u8>,
+        /// Fewest and most storeys; one where a file does not say.
+        #[serde(default = "one_storey")]
+        storeys: RangeInclusive<u8>,
+        /// What its furniture is drawn from; the training pool where a file does not say.
+        #[serde(default)]
+        pool: Pool,
     },
     /// Read from a file or a folder.
     File {
@@ -125,11 +132,16 @@ impl SceneSpec {
     }
 }
 
+fn one_storey() -> RangeInclusive<u8> {
+    1..=1
+}
+
 impl SceneSource {
     fn make(&self, name: &str) -> Result<Scene, DatasetError> {
         match self {
-            Self::Procedural { seed, rooms } => {
-                let options = procedural::HouseOptions { rooms: rooms.clone() };
+            Self::Procedural { seed, rooms, storeys, pool } => {
+                let (rooms, storeys) = (rooms.clone(), storeys.clone());
+                let options = HouseOptions { rooms, storeys, pool: *pool };
                 Ok(procedural::house(name, *seed, &options))
             }
             Self::File { path } => Ok(Scene { name: name.to_owned(), ..open(path)? }),

@@ -2,7 +2,7 @@
 
 use avln_dataset::{CueSpec, EpisodeSpec, MissionOptions, SceneSource, Split};
 use avln_episode::{GoalCue, Order, Rules};
-use avln_scene::InstanceId;
+use avln_scene::{InstanceId, procedural::Pool};
 use avln_world::SceneAssets;
 use std::{collections::BTreeSet, sync::LazyLock};
 
@@ -15,7 +15,7 @@ struct Made {
 fn make() -> Made {
     let mut split = Split::new("test", &Rules::paper());
     let options = MissionOptions::new(6, 11);
-    let source = SceneSource::Procedural { seed: 3, rooms: 5..=6 };
+    let source = SceneSource::Procedural { seed: 3, rooms: 5..=6, storeys: 1..=1, pool: Pool::Train };
     let assets =
         split.add_scene("test-house", source, &Rules::paper(), &options).expect("a house holds missions");
     Made { split, assets, options }

@@ -19,7 +19,7 @@ fn main() {
     let given = std::env::args().skip(1).find(|argument| std::path::Path::new(argument).exists());
     let scene = match given {
         Some(path) => avln_scene::open::open(path.as_ref()).expect("a scene"),
-        None => house("bench", 7, &HouseOptions { rooms: 10..=10 }),
+        None => house("bench", 7, &HouseOptions { rooms: 10..=10, ..Default::default() }),
     };
     let scene = Arc::new(scene);
     println!("{}: {} triangles, {} rooms", scene.name, scene.mesh.triangles.len(), scene.regions.len());

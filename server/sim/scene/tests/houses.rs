@@ -282,7 +282,7 @@ impl WalkableFloor {
 #[test]
 fn any_number_of_rooms_can_be_asked_for() {
     for rooms in [0, 1, 2, 3, 4, 12, 20] {
-        let scene = house("sized", 3, &HouseOptions { rooms: rooms..=rooms });
+        let scene = house("sized", 3, &HouseOptions { rooms: rooms..=rooms, ..Default::default() });
         assert_eq!(scene.regions.len(), usize::from(rooms.max(1)));
         assert!(scene.objects.len() >= scene.regions.len());
     }

@@ -4,7 +4,7 @@ use super::model::{Corner, Model};
 use super::paint::Paint;
 use super::texture::Pattern;
 use crate::{Attributes, InstanceId, Material, Mesh, Object, Region, Scene, Texture};
-use avln_geom::{Aabb, Point3, Vector3};
+use avln_geom::{Aabb, Vector3};
 use std::collections::BTreeMap;
 
 /// A scene that is being put together.
@@ -14,6 +14,8 @@ pub(super) struct Assembly {
     materials: Vec<Material>,
     textures: Vec<Texture>,
     objects: Vec<Object>,
+    /// Height of the floor that heights count from.
+    floor_m: f32,
     material_of: BTreeMap<Paint, u16>,
     texture_of: BTreeMap<Pattern, u16>,
 }
@@ -38,12 +40,17 @@ impl Piece {
 }
 
 impl Assembly {
+    /// Counts heights of all that is added from now on from a floor at `floor_m`.
+    pub(super) fn on_floor_at(&mut self, floor_m: f32) {
+        self.floor_m = floor_m;
+    }
+
     /// Adds what belongs to no object; `light` gives the brightness, 0 to 1, of a corner.
     pub(super) fn add_shell(&mut self, model: &Model, light: impl Fn(&Corner) -> f32) {
         self.add(model, InstanceId::NONE, light);
     }
 
-    /// Adds an object, its model already in the world frame; returns its box.
+    /// Adds an object, its model already where it belongs, heights from the floor; returns its box in the same frame.
     pub(super) fn add_object(&mut self, piece: &Piece, region: usize) -> Aabb {
         let id = InstanceId(self.objects.len() as u32 + 1);
         self.add(&piece.model, id, furniture_light);
@@ -51,7 +58,7 @@ impl Assembly {
         self.objects.push(Object {
             id,
             category: piece.category.to_owned(),
-            bounds,
+            bounds: Aabb::new(bounds.min + self.lift(), bounds.max + self.lift()),
             region: Some(region as u16),
             attributes: piece.attributes.clone(),
         });
@@ -78,7 +85,7 @@ impl Assembly {
         }
         for (corner, softness) in model.corners.iter().zip(softness) {
             let shadow = (1.0 - light(corner)).clamp(0.0, 1.0) * softness;
-            self.mesh.positions.push(corner.position);
+            self.mesh.positions.push(corner.position + self.lift());
             self.mesh.uvs.push(corner.uv);
             self.mesh.colors.push([((1.0 - shadow) * 255.0).round() as u8; 3]);
         }
@@ -88,6 +95,10 @@ impl Assembly {
             self.mesh.material_of.push(material);
             self.mesh.instance_of.push(id);
         }
+    }
+
+    fn lift(&self) -> Vector3<f32> {
+        Vector3::new(0.0, self.floor_m, 0.0)
     }
 
     fn material(&mut self, paint: Paint) -> u16 {
@@ -134,11 +145,4 @@ fn furniture_light(corner: &Corner) -> f32 {
 pub(super) fn corner_light(distance_m: f32, reach_m: f32, darkest: f32) -> f32 {
     let t = (distance_m / reach_m).clamp(0.0, 1.0);
     darkest + (1.0 - darkest) * t * (2.0 - t)
-}
-
-/// Distance of `point` to the nearest of the six sides of `bounds` other than those that it lies on.
-pub(super) fn distance_to_sides_m(point: &Point3<f32>, bounds: &Aabb, across: &Vector3<f32>) -> f32 {
-    let axes = (0..3).filter(|&axis| across[axis].abs() < 0.5);
-    let gap = |axis: usize| (point[axis] - bounds.min[axis]).min(bounds.max[axis] - point[axis]);
-    axes.map(gap).fold(f32::INFINITY, f32::min).max(0.0)
 }

@@ -11,7 +11,6 @@ use super::assembly::{Assembly, Piece};
 use super::model::about;
 use super::plan::{CEILING_M, Plan, RoomKind};
 use super::rect::{Rect, Side, turned};
-use super::shell::openings_on;
 use super::space::{Claim, Patch, Space};
 use super::taste::Taste;
 use avln_geom::{Aabb, Rng, Vector3};
@@ -65,8 +64,12 @@ pub(super) fn furnish(
     let mut space = Space::new(room.interior());
     let mut doors = 0;
     for side in Side::ALL {
-        for opening in openings_on(plan, index, side) {
+        for opening in plan.openings_on(index, side) {
             space.add_door(side, opening.along, opening.height_m);
+            doors += 1;
+        }
+        for gap in plan.gaps(index, side) {
+            space.add_door(side, gap, CEILING_M);
             doors += 1;
         }
     }
@@ -77,13 +80,13 @@ pub(super) fn furnish(
 
 impl Decorator<'_> {
     fn fit_out(&mut self, kind: RoomKind) {
-        if self.index == 0 {
-            self.entrance();
-        }
+        self.entrance();
         self.windows(kind);
         match kind {
-            RoomKind::Hallway => self.hallway(),
-            RoomKind::LivingRoom => self.living_room(),
+            RoomKind::Stairs => return,
+            RoomKind::Hallway | RoomKind::Entryway => self.hallway(),
+            RoomKind::Closet | RoomKind::Laundry | RoomKind::Utility | RoomKind::Garage => self.store_room(),
+            RoomKind::Library | RoomKind::GameRoom | RoomKind::LivingRoom => self.living_room(),
             RoomKind::Kitchen => self.kitchen(),
             RoomKind::DiningRoom => self.dining_room(),
             RoomKind::Bedroom => self.bedroom(),

@@ -2,56 +2,116 @@
 
 mod layout;
 mod openings;
+mod outline;
+mod windows;
 
-use super::rect::Rect;
+use super::rect::{Rect, Side, common};
 use avln_geom::Rng;
+pub(super) use outline::{Face, Outline};
 
 /// Thickness of every wall, metres.
 pub(super) const WALL_M: f32 = 0.12;
 
-/// Height of every ceiling, metres.
+/// Height of every ceiling above its floor, metres.
 pub(super) const CEILING_M: f32 = 2.6;
+
+/// Height of a floor above the floor of the storey below, metres.
+pub(super) const STOREY_M: f32 = 2.8;
 
 /// What a room is used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum RoomKind {
     Hallway,
+    Entryway,
+    Stairs,
     LivingRoom,
     Kitchen,
     DiningRoom,
     Bedroom,
     Bathroom,
+    Closet,
+    Laundry,
+    Utility,
     Office,
+    Library,
     Gym,
+    GameRoom,
+    Garage,
 }
 
 impl RoomKind {
     pub(super) fn label(self) -> &'static str {
         match self {
             Self::Hallway => "hallway",
+            Self::Entryway => "entryway",
+            Self::Stairs => "stairs",
             Self::LivingRoom => "living_room",
             Self::Kitchen => "kitchen",
             Self::DiningRoom => "dining_room",
             Self::Bedroom => "bedroom",
             Self::Bathroom => "bathroom",
+            Self::Closet => "closet",
+            Self::Laundry => "laundry_room",
+            Self::Utility => "utility_room",
             Self::Office => "office",
+            Self::Library => "library",
             Self::Gym => "gym",
+            Self::GameRoom => "game_room",
+            Self::Garage => "garage",
         }
+    }
+
+    /// Whether the room is there to be walked through.
+    pub(super) fn is_passage(self) -> bool {
+        matches!(self, Self::Hallway | Self::Entryway | Self::Stairs)
     }
 }
 
-/// A room; `cell` reaches to the middle of its walls.
-#[derive(Clone, Copy, Debug)]
+/// A room: one rectangle, or several that touch (an L or a T).
+#[derive(Clone, Debug)]
 pub(super) struct Room {
     pub(super) kind: RoomKind,
-    pub(super) cell: Rect,
+    /// 0 is the lowest. Heights inside a room count from its own floor.
+    pub(super) storey: usize,
+    /// Rectangles without overlap whose union reaches to the middle of the room's walls.
+    pub(super) cells: Vec<Rect>,
 }
 
 impl Room {
-    /// The floor between the walls.
+    /// The largest rectangle of floor between the walls; only part of its edge may be walls ([`Plan::gaps`]).
     pub(super) fn interior(&self) -> Rect {
-        self.cell.inset(WALL_M / 2.0)
+        self.outline().largest().expect("a room is wider than its walls are thick")
     }
+
+    /// All of the floor between the walls.
+    pub(super) fn outline(&self) -> Outline {
+        Outline::inset(&self.cells, WALL_M / 2.0)
+    }
+
+    /// Rectangles without overlap that cover the floor between the walls, the largest first.
+    pub(super) fn floor(&self) -> Vec<Rect> {
+        self.outline().rects()
+    }
+
+    /// The inner surfaces of the walls.
+    pub(super) fn faces(&self) -> Vec<Face> {
+        self.outline().faces()
+    }
+
+    /// The rectangle around the floor.
+    pub(super) fn extent(&self) -> Rect {
+        around(&self.floor())
+    }
+}
+
+/// The smallest rectangle around `rects`; empty at the origin for none.
+pub(super) fn around(rects: &[Rect]) -> Rect {
+    let union = |a: Rect, b: &Rect| {
+        let hull = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        Rect { x: hull(a.x, b.x), z: hull(a.z, b.z) }
+    };
+    let first = rects.first().copied().unwrap_or(Rect::new([0.0; 2], [0.0; 2]));
+    rects.iter().fold(first, union)
 }
 
 /// A hole in the wall between two rooms, from the floor up.
@@ -65,8 +125,23 @@ pub(super) struct Opening {
     pub(super) line_m: f32,
     /// The hole on the axis along the wall.
     pub(super) along: [f32; 2],
-    /// Height of the lintel's lower edge.
+    /// Height of the lintel's lower edge above the floor.
     pub(super) height_m: f32,
+}
+
+/// A place in an outer wall, for a window or the front door.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Window {
+    /// Index into [`Plan::rooms`].
+    pub(super) room: usize,
+    /// The side of the room that the wall stands on.
+    pub(super) side: Side,
+    /// The inner surface of the wall, on the axis across it.
+    pub(super) line_m: f32,
+    /// The hole on the axis along the wall.
+    pub(super) along: [f32; 2],
+    /// The hole's lower and upper edge above the floor.
+    pub(super) y: [f32; 2],
 }
 
 /// Rooms and the openings between them.
@@ -74,6 +149,9 @@ pub(super) struct Opening {
 pub(super) struct Plan {
     pub(super) rooms: Vec<Room>,
     pub(super) openings: Vec<Opening>,
+    pub(super) windows: Vec<Window>,
+    /// The closed front door.
+    pub(super) entrance: Option<Window>,
 }
 
 impl Plan {
@@ -82,8 +160,64 @@ impl Plan {
         let kinds = programme(&mut rng.fork("programme"), count.max(1));
         let rooms = layout::lay_out(&mut rng.fork("layout"), &kinds);
         let openings = openings::connect(&mut rng.fork("openings"), &rooms);
-        Self { rooms, openings }
+        let entrance = windows::entrance(&rooms);
+        let windows = windows::draw(&mut rng.fork("windows"), &rooms, entrance);
+        Self { rooms, openings, windows, entrance }
     }
+
+    /// How many storeys there are.
+    pub(super) fn storeys(&self) -> usize {
+        self.rooms.iter().map(|room| room.storey + 1).max().unwrap_or(0)
+    }
+
+    /// The openings in the wall on one side of a room's [`Room::interior`].
+    pub(super) fn openings_on(&self, index: usize, side: Side) -> impl Iterator<Item = &Opening> {
+        let inner = self.rooms[index].interior();
+        let (line, span) = (side.line_m(&inner) - side.inward() * WALL_M / 2.0, side.span(&inner));
+        let on_side = move |opening: &&Opening| {
+            opening.rooms.contains(&index)
+                && opening.along_x == side.runs_along_x()
+                && (opening.line_m - line).abs() < 1e-3
+                && common(opening.along, span) > 0.0
+        };
+        self.openings.iter().filter(on_side)
+    }
+
+    /// The windows in the wall on one side of a room's [`Room::interior`].
+    pub(super) fn windows_on(&self, index: usize, side: Side) -> impl Iterator<Item = &Window> {
+        let inner = self.rooms[index].interior();
+        let (line, span) = (side.line_m(&inner), side.span(&inner));
+        let on_side = move |window: &&Window| {
+            window.room == index
+                && window.side == side
+                && (window.line_m - line).abs() < 1e-3
+                && common(window.along, span) > 0.0
+        };
+        self.windows.iter().filter(on_side)
+    }
+
+    /// The parts of one side of a room's [`Room::interior`] that have no wall: the room goes on behind them.
+    pub(super) fn gaps(&self, index: usize, side: Side) -> Vec<[f32; 2]> {
+        let inner = self.rooms[index].interior();
+        let on_side = |face: &&Face| face.side == side && (face.line_m - side.line_m(&inner)).abs() < 1e-3;
+        let faces = self.rooms[index].faces();
+        remainder(side.span(&inner), faces.iter().filter(on_side).map(|face| face.along))
+    }
+}
+
+/// What `taken` leaves of `span`, in order; pieces shorter than a millimetre are none.
+pub(super) fn remainder(span: [f32; 2], taken: impl Iterator<Item = [f32; 2]>) -> Vec<[f32; 2]> {
+    let mut taken: Vec<[f32; 2]> = taken.filter(|other| common(*other, span) > 1e-3).collect();
+    taken.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let mut parts = Vec::new();
+    let mut start = span[0];
+    for other in taken {
+        parts.push([start, other[0]]);
+        start = start.max(other[1]);
+    }
+    parts.push([start, span[1]]);
+    parts.retain(|part| part[1] - part[0] > 1e-3);
+    parts
 }
 
 /// The uses of `count` rooms. Every house of four rooms or more has a hallway and the four basic rooms.

@@ -25,6 +25,11 @@ impl Rect {
         [self.x[1] - self.x[0], self.z[1] - self.z[0]]
     }
 
+    pub(super) fn area_m2(&self) -> f32 {
+        let [width, depth] = self.size();
+        width * depth
+    }
+
     pub(super) fn center(&self) -> [f32; 2] {
         [(self.x[0] + self.x[1]) / 2.0, (self.z[0] + self.z[1]) / 2.0]
     }

@@ -1,9 +1,9 @@
 //! Floors, walls, ceilings, thresholds: all that belongs to no object.
 
-use super::assembly::{Assembly, corner_light, distance_to_sides_m, facing_light};
-use super::model::Model;
+use super::assembly::{Assembly, corner_light, facing_light};
+use super::model::{Corner, Model};
 use super::paint::Paint;
-use super::plan::{CEILING_M, Opening, Plan, Room, RoomKind, WALL_M};
+use super::plan::{CEILING_M, Face, Opening, Outline, Plan, Room, RoomKind, STOREY_M, WALL_M};
 use super::rect::{Rect, Side, common};
 use super::texture::Pattern;
 use avln_geom::{Point3, Rng};
@@ -35,8 +35,12 @@ impl Finish {
         Self { floor: floor_paint(rng, kind), wall, accent: (side, accent), skirting, ceiling }
     }
 
-    fn wall(&self, side: Side) -> Paint {
-        if side == self.accent.0 { self.accent.1 } else { self.wall }
+    fn wall_at(&self, side: Side, y_m: f32) -> Paint {
+        match (y_m < SKIRTING_M, side == self.accent.0) {
+            (true, _) => self.skirting,
+            (false, true) => self.accent.1,
+            (false, false) => self.wall,
+        }
     }
 }
 
@@ -101,41 +105,57 @@ fn floor_paint(rng: &mut Rng, kind: RoomKind) -> Paint {
 /// Walls and ceiling of one room, with a hole for each opening.
 pub(super) fn add_room(assembly: &mut Assembly, plan: &Plan, index: usize, finish: &Finish) {
     let room = &plan.rooms[index];
-    let bounds = room.interior().raised([0.0, CEILING_M]);
+    let faces = room.faces();
     let mut model = Model::new();
-    for side in Side::ALL {
-        inner_wall(&mut model, plan, index, side, finish);
+    for face in &faces {
+        let holes: Vec<Hole> = doors_in(plan, index, face).map(Hole::of).collect();
+        wall(&mut model, face, [0.0, CEILING_M], &holes, |y| finish.wall_at(face.side, y));
     }
-    let inner = room.interior();
-    let lines = |span: [f32; 2]| grid_lines(span, &[span[0] + 0.4, span[1] - 0.4], 1.0);
-    for x in lines(inner.x).windows(2) {
-        for z in lines(inner.z).windows(2) {
-            model.quad(flat([x[0], x[1]], [z[1], z[0]], CEILING_M), finish.ceiling);
+    for rect in room.floor() {
+        let lines = |span: [f32; 2]| grid_lines(span, &[span[0] + 0.4, span[1] - 0.4], 1.0);
+        for x in lines(rect.x).windows(2) {
+            for z in lines(rect.z).windows(2) {
+                model.quad(flat([x[0], x[1]], [z[1], z[0]], CEILING_M), finish.ceiling);
+            }
         }
     }
-    assembly.add_shell(&model, |corner| {
-        let gap = distance_to_sides_m(&corner.position, &bounds, &corner.normal);
-        let base = if corner.normal.y < -0.5 { 0.95 } else { 0.08 + facing_light(&corner.normal) };
-        base * corner_light(gap, 0.5, 0.82)
-    });
+    assembly.add_shell(&model, |corner| room_light(corner, &faces));
+}
+
+/// Light on the walls and the ceiling of a room: darker where surfaces meet.
+fn room_light(corner: &Corner, faces: &[Face]) -> f32 {
+    let base = if corner.normal.y < -0.5 { 0.95 } else { 0.08 + facing_light(&corner.normal) };
+    base * corner_light(gap_m(corner, faces), 0.5, 0.82)
+}
+
+/// Distance from a corner to the nearest floor, ceiling or wall other than the one that it lies on.
+fn gap_m(corner: &Corner, faces: &[Face]) -> f32 {
+    let level = corner.normal.y.abs() > 0.5;
+    let place = [corner.position.x, corner.position.z];
+    let other = |face: &&Face| {
+        let across = if face.side.runs_along_x() { corner.normal.z } else { corner.normal.x };
+        level || across.abs() < 0.5
+    };
+    let walls = faces.iter().filter(other).map(|face| face.distance_m(place)).fold(f32::INFINITY, f32::min);
+    if level { walls } else { walls.min(corner.position.y).min(CEILING_M - corner.position.y) }.max(0.0)
 }
 
 /// The floor of a room, darker along its walls and under `covered`, the furniture that stands on it.
 pub(super) fn add_floor(assembly: &mut Assembly, room: &Room, finish: &Finish, covered: &[Rect]) {
     const CELL_M: f32 = 0.3;
-    let inner = room.interior();
+    let faces = room.faces();
     let mut model = Model::new();
-    for x in grid_lines(inner.x, &[], CELL_M).windows(2) {
-        for z in grid_lines(inner.z, &[], CELL_M).windows(2) {
-            model.quad(flat([x[0], x[1]], [z[0], z[1]], 0.0), finish.floor);
+    for rect in room.floor() {
+        for x in grid_lines(rect.x, &[], CELL_M).windows(2) {
+            for z in grid_lines(rect.z, &[], CELL_M).windows(2) {
+                model.quad(flat([x[0], x[1]], [z[0], z[1]], 0.0), finish.floor);
+            }
         }
     }
-    let bounds = inner.raised([0.0, CEILING_M]);
     assembly.add_shell(&model, |corner| {
         let place = [corner.position.x, corner.position.z];
         let furniture = covered.iter().map(|rect| rect.distance_m(place)).fold(f32::INFINITY, f32::min);
-        let walls = distance_to_sides_m(&corner.position, &bounds, &corner.normal);
-        corner_light(furniture, 0.35, 0.6).min(corner_light(walls, 0.4, 0.8))
+        corner_light(furniture, 0.35, 0.6).min(corner_light(gap_m(corner, &faces), 0.4, 0.8))
     });
 }
 
@@ -173,69 +193,59 @@ fn upright(side: Side, line_m: f32, along: [f32; 2], y: [f32; 2]) -> [Point3<f32
     [point(left, y[0]), point(right, y[0]), point(right, y[1]), point(left, y[1])]
 }
 
-fn inner_wall(model: &mut Model, plan: &Plan, index: usize, side: Side, finish: &Finish) {
-    let inner = plan.rooms[index].interior();
-    let span = side.span(&inner);
-    let holes: Vec<&Opening> = openings_on(plan, index, side).collect();
-    let edges = holes.iter().flat_map(|hole| hole.along).chain([span[0] + 0.3, span[1] - 0.3]);
-    let columns = grid_lines(span, &edges.collect::<Vec<_>>(), 1.2);
-    let tops = holes.iter().map(|hole| hole.height_m).chain([SKIRTING_M, 0.4, CEILING_M - 0.3]);
-    let rows = grid_lines([0.0, CEILING_M], &tops.collect::<Vec<_>>(), 1.0);
+/// A rectangular hole in a wall.
+#[derive(Clone, Copy)]
+struct Hole {
+    along: [f32; 2],
+    y: [f32; 2],
+}
+
+impl Hole {
+    fn of(opening: &Opening) -> Self {
+        Self { along: opening.along, y: [0.0, opening.height_m] }
+    }
+
+    fn holds(&self, along: f32, y: f32) -> bool {
+        self.along[0] < along && along < self.along[1] && self.y[0] < y && y < self.y[1]
+    }
+}
+
+/// A wall between two heights with holes in it; `paint` gives its paint by height.
+fn wall(model: &mut Model, face: &Face, y: [f32; 2], holes: &[Hole], paint: impl Fn(f32) -> Paint) {
+    let edges = holes.iter().flat_map(|hole| hole.along).chain([face.along[0] + 0.3, face.along[1] - 0.3]);
+    let columns = grid_lines(face.along, &edges.collect::<Vec<_>>(), 1.2);
+    let levels = holes.iter().flat_map(|hole| hole.y).chain([SKIRTING_M, 0.4, CEILING_M - 0.3]);
+    let rows = grid_lines(y, &levels.collect::<Vec<_>>(), 1.0);
     for along in columns.windows(2) {
         for y in rows.windows(2) {
-            let middle = (along[0] + along[1]) / 2.0;
-            let open = |hole: &&&Opening| {
-                hole.along[0] < middle && middle < hole.along[1] && y[1] <= hole.height_m + 1e-3
-            };
-            if holes.iter().find(open).is_none() {
-                let paint = if y[1] <= SKIRTING_M + 1e-3 { finish.skirting } else { finish.wall(side) };
-                let line = side.line_m(&inner);
-                model.quad(upright(side, line, [along[0], along[1]], [y[0], y[1]]), paint);
+            let middle = [(along[0] + along[1]) / 2.0, (y[0] + y[1]) / 2.0];
+            if !holes.iter().any(|hole| hole.holds(middle[0], middle[1])) {
+                let quad = upright(face.side, face.line_m, [along[0], along[1]], [y[0], y[1]]);
+                model.quad(quad, paint(middle[1]));
             }
         }
     }
 }
 
 /// The openings in one wall of a room.
-pub(super) fn openings_on(plan: &Plan, index: usize, side: Side) -> impl Iterator<Item = &Opening> {
-    let line = side.line_m(&plan.rooms[index].cell);
-    let on_side = move |opening: &&Opening| {
-        opening.rooms.contains(&index) && opening.along_x == side.runs_along_x() && opening.line_m == line
-    };
-    plan.openings.iter().filter(on_side)
+fn doors_in<'a>(plan: &'a Plan, index: usize, face: &'a Face) -> impl Iterator<Item = &'a Opening> {
+    let line = face.line_m - face.side.inward() * WALL_M / 2.0;
+    plan.openings.iter().filter(move |opening| {
+        opening.rooms.contains(&index)
+            && opening.along_x == face.side.runs_along_x()
+            && (opening.line_m - line).abs() < 1e-3
+            && common(opening.along, face.along) > 0.0
+    })
 }
 
-/// The parts of a room's wall that have no other room behind them.
-pub(super) fn outer_parts(plan: &Plan, index: usize, side: Side) -> Vec<[f32; 2]> {
-    let cell = plan.rooms[index].cell;
-    let behind = |room: &&Room| side.opposite().line_m(&room.cell) == side.line_m(&cell);
-    let mut taken: Vec<[f32; 2]> =
-        plan.rooms.iter().filter(behind).map(|room| side.span(&room.cell)).collect();
-    taken.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let span = side.span(&cell);
-    let mut parts = Vec::new();
-    let mut start = span[0];
-    for other in taken.into_iter().filter(|other| common(*other, span) > 1e-3) {
-        parts.push([start, other[0]]);
-        start = start.max(other[1]);
-    }
-    parts.push([start, span[1]]);
-    parts.retain(|part| part[1] - part[0] > 1e-3);
-    parts
-}
-
-/// The outer faces of the house.
-pub(super) fn add_facade(assembly: &mut Assembly, plan: &Plan) {
+/// The outer faces of one storey of the house.
+pub(super) fn add_facade(assembly: &mut Assembly, plan: &Plan, storey: usize) {
     let paint = Paint::plain("plaster", [216, 208, 194]).with(Pattern::Plaster);
+    let rooms = plan.rooms.iter().filter(|room| room.storey == storey);
+    let cells: Vec<Rect> = rooms.flat_map(|room| room.cells.iter().copied()).collect();
     let mut model = Model::new();
-    for (index, room) in plan.rooms.iter().enumerate() {
-        for side in Side::ALL {
-            let line = side.line_m(&room.cell) - side.inward() * WALL_M / 2.0;
-            for part in outer_parts(plan, index, side) {
-                let along = [part[0] - WALL_M / 2.0, part[1] + WALL_M / 2.0];
-                model.quad(upright(side.opposite(), line, along, [0.0, CEILING_M]), paint);
-            }
-        }
+    for face in Outline::inset(&cells, -WALL_M / 2.0).faces() {
+        model.quad(upright(face.side.opposite(), face.line_m, face.along, [0.0, STOREY_M]), paint);
     }
     assembly.add_shell(&model, |corner| facing_light(&corner.normal));
 }

@@ -1,5 +1,6 @@
 //! Random choices of colour that do not repeat sooner than they must.
 
+use super::Pool;
 use super::paint::Tint;
 use crate::Attributes;
 use avln_geom::Rng;
@@ -21,7 +22,8 @@ pub(super) struct Taste {
 }
 
 impl Taste {
-    pub(super) fn new(rng: Rng) -> Self {
+    pub(super) fn new(rng: Rng, pool: Pool) -> Self {
+        let rng = if pool == Pool::Train { rng } else { rng.fork(pool.name()) };
         Self { rng, used: BTreeMap::new() }
     }
 

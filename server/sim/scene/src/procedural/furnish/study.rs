@@ -54,4 +54,21 @@ impl Decorator<'_> {
         self.floor_plant();
         self.pictures(1);
     }
+
+    /// Closets, laundries and garages: cupboards, shelves, coats.
+    pub(super) fn store_room(&mut self) {
+        let room = self.space.room.size();
+        let count = 1 + self.rng.below(1 + (room[0] * room[1] / 6.0) as usize).min(4);
+        for _ in 0..count {
+            let shelf = storage::bookshelf(self.taste);
+            self.stand(&shelf, Wish::Anywhere, 0.5);
+            let width = self.taste.length_m(0.7, 0.95);
+            let cupboard = storage::wardrobe(self.taste, width);
+            self.stand(&cupboard, Wish::Corner, 0.5);
+        }
+        let bin = decor::bin(self.taste);
+        self.stand(&bin, Wish::Corner, 0.0);
+        let coats = 1 + self.rng.below(3);
+        self.coats(coats);
+    }
 }

@@ -1,57 +1,53 @@
 //! What hangs on walls and ceilings: windows, the front door, pictures, towels, coats, lamps.
 
 use super::super::furniture::{decor, lights, openings};
-use super::super::shell::outer_parts;
+use super::super::plan::Window;
 use super::*;
 
 impl Decorator<'_> {
     /// The closed front door of the house.
     pub(super) fn entrance(&mut self) {
-        let door = openings::door(self.taste);
-        let width = door.size().x + 0.06;
-        let mut walls = self.outer_walls();
-        walls.sort_by(|a, b| (a.1[1] - a.1[0]).total_cmp(&(b.1[1] - b.1[0])));
-        for (side, part) in walls {
-            let along = about((part[0] + part[1]) / 2.0, width);
-            let patch = Patch { along, y: [0.0, 2.1] };
-            if part[1] - part[0] >= width && self.space.wall_is_free(side, &patch) {
-                self.fix(&door, side, (along[0] + along[1]) / 2.0, 0.0);
-                self.space.add_door(side, along, 2.1);
-                self.doors += 1;
-                return;
-            }
+        let here = |door: &Window| door.room == self.index && self.on_wall(door);
+        if let Some(place) = self.plan.entrance.filter(here) {
+            let door = openings::door(self.taste);
+            self.fix(&door, place.side, (place.along[0] + place.along[1]) / 2.0, 0.0);
+            self.space.add_door(place.side, place.along, place.y[1]);
+            self.doors += 1;
         }
     }
 
-    /// Windows in the outer walls, some with curtains.
+    /// Whether a window stands in the wall of the rectangle that is being furnished.
+    fn on_wall(&self, window: &Window) -> bool {
+        let room = &self.space.room;
+        let span = window.side.span(room);
+        let along = span[0] <= window.along[0] && window.along[1] <= span[1];
+        along && (window.side.line_m(room) - window.line_m).abs() < 1e-3
+    }
+
+    /// The windows of the plan, some with curtains.
     pub(super) fn windows(&mut self, kind: RoomKind) {
-        let (sill, head, widest): (f32, f32, f32) = match kind {
-            RoomKind::Bathroom => (1.45, 2.1, 0.7),
-            RoomKind::Kitchen => (1.12, 2.1, 1.3),
-            _ => (0.92, 2.15, 1.8),
-        };
-        for (side, part) in self.outer_walls() {
-            let length = part[1] - part[0];
-            let count = (length / 2.6).floor().clamp(0.0, 2.0) as usize;
-            for i in 0..count {
-                let slot = length / count as f32;
-                let width = self.taste.length_m(0.6, 0.95).min(1.0) * widest.min(slot - 0.9);
-                let middle = part[0] + slot * (i as f32 + 0.5);
-                self.window(kind, side, middle, [width, sill, head]);
+        let plan = self.plan;
+        for side in Side::ALL {
+            for window in plan
+                .windows_on(self.index, side)
+                .filter(|window| self.on_wall(window))
+                .copied()
+                .collect::<Vec<_>>()
+            {
+                self.window(kind, &window);
             }
         }
     }
 
-    fn window(&mut self, kind: RoomKind, side: Side, middle: f32, [width, sill, head]: [f32; 3]) {
+    fn window(&mut self, kind: RoomKind, window: &Window) {
+        let width = window.along[1] - window.along[0];
+        let (middle, [sill, head]) = ((window.along[0] + window.along[1]) / 2.0, window.y);
         let patch = Patch { along: about(middle, width + 0.1), y: [sill - 0.03, head] };
-        if width < 0.4 || !self.space.wall_is_free(side, &patch) {
-            return;
-        }
-        self.fix(&openings::window(width, head - sill), side, middle, sill - 0.03);
-        self.space.take_wall(side, patch);
+        self.fix(&openings::window(width, head - sill), window.side, middle, sill - 0.03);
+        self.space.take_wall(window.side, patch);
         if matches!(kind, RoomKind::LivingRoom | RoomKind::Bedroom | RoomKind::DiningRoom | RoomKind::Office)
         {
-            self.curtains(side, middle, [width, sill, head]);
+            self.curtains(window.side, middle, [width, sill, head]);
         }
     }
 
@@ -66,17 +62,6 @@ impl Decorator<'_> {
                 self.space.take_wall(side, patch);
             }
         }
-    }
-
-    /// The walls of this room that have the open air behind them.
-    fn outer_walls(&self) -> Vec<(Side, [f32; 2])> {
-        let room = self.space.room;
-        let parts = |side: Side| {
-            let span = side.span(&room);
-            let inside = move |part: [f32; 2]| (side, [part[0].max(span[0]), part[1].min(span[1])]);
-            outer_parts(self.plan, self.index, side).into_iter().map(inside)
-        };
-        Side::ALL.into_iter().flat_map(parts).collect()
     }
 
     /// Hangs a shallow piece somewhere on a wall, its lower edge at `base_m`.

@@ -27,6 +27,7 @@ fn target_area_m2(rng: &mut Rng, kind: RoomKind) -> f32 {
         RoomKind::Bathroom => (8.0, 10.0),
         RoomKind::Office => (10.0, 13.0),
         RoomKind::Gym => (11.0, 15.0),
+        _ => (10.0, 13.0),
     };
     rng.range(low, high)
 }
@@ -186,7 +187,7 @@ fn placed(rng: &mut Rng, strips: Vec<Strip>) -> Vec<Room> {
     let room = |strip: &Strip| {
         let (u, v) = (moved(strip.u, middle_u, mirror_u), moved(strip.v, middle_v, mirror_v));
         let cell = if swap { Rect::new(v, u) } else { Rect::new(u, v) };
-        Room { kind: strip.kind, cell }
+        Room { kind: strip.kind, storey: 0, cells: vec![cell] }
     };
     strips.iter().map(room).collect()
 }
@@ -204,7 +205,7 @@ mod tests {
                 let [width, depth] = room.interior().size();
                 assert!(width.min(depth) > 1.3, "seed {seed}: {:?} of {width} by {depth} m", room.kind);
                 let others = &plan.rooms[index + 1..];
-                assert!(others.iter().all(|other| !other.cell.overlaps(&room.cell)), "seed {seed}");
+                assert!(others.iter().all(|other| !other.cells[0].overlaps(&room.cells[0])), "seed {seed}");
             }
         }
     }

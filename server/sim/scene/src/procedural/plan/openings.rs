@@ -41,7 +41,7 @@ fn shared_walls(rooms: &[Room]) -> Vec<SharedWall> {
 }
 
 fn shared_wall(rooms: &[Room], pair: [usize; 2]) -> Option<SharedWall> {
-    let [a, b] = pair.map(|room| rooms[room].cell);
+    let [a, b] = pair.map(|room| rooms[room].cells[0]);
     let touching = |a: [f32; 2], b: [f32; 2]| [(a[1], b[0]), (a[0], b[1])].into_iter().find(|(p, q)| p == q);
     let wall = |along_x: bool, across: fn(&Rect) -> [f32; 2], along: fn(&Rect) -> [f32; 2]| {
         let (line_m, _) = touching(across(&a), across(&b))?;
