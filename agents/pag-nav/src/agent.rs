@@ -1,18 +1,21 @@
-use crate::map::{Cell, Estimate, Occupancy, SoundField, SourceBelief, Things, range_m};
+use crate::map::{Cell, Estimate, Intensity, Objects, Occupancy, SoundField, SourceBelief, range_m};
 use crate::perception::{Ear, Heard, Layout, Place, Query, Stand, View, things};
-use crate::planner::{Goals, Motion, Turns, Weights};
-use avln_client::{Action, Agent, Feedback, Image, Mission, Observation, Order, TaskSpec};
+use crate::planner::{Evidence, Goals, Motion, Turns, Weights};
+use avln_client::{Action, Agent, Feedback, FeedbackRule, Image, Mission, Observation, Order, TaskSpec};
 
 /// How far beyond everything seen sources may be, metres.
 const AROUND_M: f32 = 1.5;
-/// The reference agent of the paper (section 4): hears where targets are, maps the way, looks at what it found and
-/// claims it. Training-free; forgets everything between episodes.
+/// Steps of sound whose mean tells how loud it is here.
+const RECENT: usize = 3;
+
+/// The reference agent of the paper (section 4): hears where targets are, maps the way, looks at the things there and
+/// submits those that pass its visual gate. Training-free; forgets everything between episodes.
 pub struct PagNav {
     pub(crate) weights: Weights,
     ear: Ear,
     view: View,
     pub(crate) map: Occupancy,
-    pub(crate) things: Things,
+    pub(crate) objects: Objects,
     field: Option<SoundField>,
     pub(crate) motion: Motion,
     pub(crate) turns: Turns,
@@ -21,32 +24,32 @@ pub struct PagNav {
     pub(crate) sources: Vec<Source>,
     /// The source that the agent heads for.
     pub(crate) focus: Option<usize>,
-    pub(crate) claim: Option<Claim>,
+    claim: Option<Claim>,
     /// Levels of the source that sounds, since its turn began.
-    pub(crate) levels: Vec<f32>,
+    levels: Vec<f32>,
+    /// Whether the rules tell what became of a Submit.
+    is_told: bool,
+    pub(crate) remaining_steps: u32,
 }
 
-/// What is known of one sounding target.
+/// What is known of one sounding target: the audio memories A_bear and A_int of the paper.
 #[derive(Default)]
 pub(crate) struct Source {
     belief: SourceBelief,
     pub(crate) estimate: Option<Estimate>,
-    pub(crate) wrong_submits: i32,
-    /// Loudest that it was heard (the intensity memory of the paper).
-    loudest: f32,
+    pub(crate) intensity: Intensity,
     /// Pictures that showed the place from nearby, and the place that they showed.
     pub(crate) looks: u32,
     looked_at: Place,
     /// Steps for which the agent has headed for it.
     pub(crate) sought_steps: u32,
-    /// How much the best of these pictures resembled the picture of each goal, 0 to 1.
-    resemblance: Vec<f32>,
 }
 
 /// A Submit whose outcome is not known yet.
-pub(crate) struct Claim {
-    pub(crate) source: usize,
-    pub(crate) level: f32,
+struct Claim {
+    source: usize,
+    object: usize,
+    level: f32,
 }
 
 impl Default for PagNav {
@@ -64,7 +67,7 @@ impl PagNav {
             ear: Ear::default(),
             view: View::new(&task),
             map: Occupancy::default(),
-            things: Things::default(),
+            objects: Objects::default(),
             field: None,
             motion: Motion::new(&task),
             turns: Turns::new(0, task.sounding_window_steps),
@@ -74,11 +77,14 @@ impl PagNav {
             focus: None,
             claim: None,
             levels: Vec::new(),
+            is_told: false,
+            remaining_steps: task.max_steps,
         }
     }
 
     /// Takes in one observation.
     fn perceive(&mut self, observation: &Observation, stand: &Stand) {
+        self.remaining_steps = observation.remaining_steps;
         self.motion.feel(stand, &mut self.map);
         if let Some(depth) = &observation.depth {
             self.map.see(&self.view, stand, depth);
@@ -90,8 +96,9 @@ impl PagNav {
         }
         if let (Some(image), Some(depth)) = (&observation.rgb, &observation.depth) {
             let map = &self.map;
-            self.things.see(things(&self.view, stand, image, depth, |place| map.is_wall(Cell::at(place))));
-            self.look(stand, image);
+            self.objects.see(things(&self.view, stand, image, depth, |place| map.is_wall(Cell::at(place))));
+            self.look_at_objects(stand, image);
+            self.look_at_sources(stand);
         }
     }
 
@@ -109,33 +116,53 @@ impl PagNav {
             self.focus = None;
         } else {
             self.goals.missed(claim.source);
-            self.sources[claim.source].wrong_submits += 1;
+            self.objects.refute(claim.object);
         }
     }
 
-    /// Compares what is before the camera at the believed sources with the goals.
-    fn look(&mut self, stand: &Stand, image: &Image) {
+    /// Compares every hypothesis that is near and before the camera with the goals.
+    fn look_at_objects(&mut self, stand: &Stand, image: &Image) {
         let layout = Layout::of(image);
-        for (index, source) in self.sources.iter_mut().enumerate() {
-            let Some(estimate) = source.estimate.filter(|e| e.certainty >= self.weights.submit_certainty)
-            else {
-                continue;
-            };
-            let is_loud = range_m(source.loudest) <= self.weights.look_range_m;
-            if !is_loud || !is_in_view(stand, &self.map, &estimate) {
-                continue;
-            }
-            source.look_at(estimate.place, self.queries.len());
-            for (goal, query) in self.queries.iter().enumerate() {
-                let mut fit = self.things.fit(estimate.place, query).unwrap_or(0.0);
-                if let Query::Picture { layout: wanted, .. } = query {
-                    let best = &mut source.resemblance[goal];
-                    *best = best.max(layout.likeness(wanted));
-                    fit = self.weights.middle * fit + self.weights.layout * *best;
-                }
-                self.goals.see(index, goal, fit);
+        let (map, queries) = (&self.map, &self.queries);
+        for object in self.objects.iter_mut() {
+            if is_in_view(stand, map, object.thing.center()) {
+                let fits: Vec<f32> = queries.iter().map(|query| query.fit(&object.thing, &layout)).collect();
+                object.look(&fits);
             }
         }
+    }
+
+    /// Notes how well what stands at the believed sources in view fits each goal.
+    fn look_at_sources(&mut self, stand: &Stand) {
+        for index in 0..self.sources.len() {
+            let estimate = self.sources[index].estimate;
+            let Some(estimate) = estimate.filter(|estimate| self.is_located(index, estimate)) else {
+                continue;
+            };
+            if is_in_view(stand, &self.map, estimate.place) {
+                self.sources[index].look_at(estimate.place);
+                for goal in 0..self.queries.len() {
+                    self.goals.see(index, goal, self.fit_at(estimate.place, goal));
+                }
+            }
+        }
+    }
+
+    /// How well the best of the things at a place fits a goal by what is seen, 0 to 1.
+    fn fit_at(&self, place: Place, goal: usize) -> f32 {
+        const AT_M: f32 = 0.4;
+        let at = self.objects.all().iter().filter(|object| object.thing.distance_m(place) <= AT_M);
+        let fits = at.map(|object| {
+            let context = self.objects.context(object.thing.center(), &self.queries[goal]);
+            Evidence { vis: object.vis(goal), context, sound: 0.0 }.seen(&self.weights)
+        });
+        fits.fold(0.0, f32::max)
+    }
+
+    /// Whether a believed source is certain, and has been heard from so near that it can be seen.
+    pub(crate) fn is_located(&self, source: usize, estimate: &Estimate) -> bool {
+        let heard_m = range_m(self.sources[source].intensity.loudest());
+        estimate.certainty >= self.weights.certain && heard_m <= self.weights.look_range_m
     }
 
     fn listen(&mut self, index: usize, stand: &Stand, heard: &Heard) {
@@ -146,22 +173,40 @@ impl PagNav {
         let (map, source) = (&self.map, &mut self.sources[index]);
         let field = self.field.take().filter(|field| field.listener() == stand.place);
         let field = field.unwrap_or_else(|| SoundField::new(map, stand.place, map.area(AROUND_M)));
-        source.loudest = source.loudest.max(heard.level);
+        source.intensity.hear(stand.place, heard.level);
         source.belief.hear(&field, stand, heard);
         source.estimate = source.belief.estimate(&field, map);
         self.field = Some(field);
+    }
+
+    /// Submits a candidate, unless its outcome would stay unknown: where the rules tell none, only the silence of a
+    /// source that was loud before does.
+    pub(crate) fn submit(&mut self, object: usize, source: usize) -> Option<Action> {
+        let recent = &self.levels[self.levels.len().saturating_sub(RECENT)..];
+        let level = recent.iter().sum::<f32>() / recent.len().max(1) as f32;
+        let is_heard = self.turns.current() == source
+            && recent.len() == RECENT
+            && range_m(level) <= self.weights.look_range_m;
+        if !is_heard && !self.is_told {
+            return None;
+        }
+        self.claim = Some(Claim { source, object, level });
+        Some(Action::Submit)
     }
 }
 
 impl Agent for PagNav {
     fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
+        let count = mission.goals.len();
         *self = Self {
             view: View::new(task),
             motion: Motion::new(task),
-            turns: Turns::new(mission.goals.len(), task.sounding_window_steps),
+            objects: Objects::new(count),
+            turns: Turns::new(count, task.sounding_window_steps),
             queries: mission.goals.iter().map(Query::new).collect(),
-            goals: Goals::new(mission.goals.len(), mission.order == Order::Ordered),
+            goals: Goals::new(count, mission.order == Order::Ordered),
             sources: mission.goals.iter().map(|_| Source::default()).collect(),
+            is_told: task.feedback == FeedbackRule::Verdict,
             ..Self::new(self.weights.clone())
         };
     }
@@ -169,7 +214,7 @@ impl Agent for PagNav {
     fn act(&mut self, observation: &Observation) -> Action {
         let stand = Stand::new(&observation.pose);
         self.perceive(observation, &stand);
-        let action = self.decide(observation, &stand);
+        let action = self.decide(&stand);
         self.motion.note(action, &stand);
         action
     }
@@ -177,21 +222,20 @@ impl Agent for PagNav {
 
 impl Source {
     /// Counts a look; looks at another place than this do not count.
-    fn look_at(&mut self, place: Place, goals: usize) {
+    fn look_at(&mut self, place: Place) {
         const SAME_M: f32 = 1.0;
         if self.looks == 0 || self.looked_at.distance_m(place) > SAME_M {
-            (self.looks, self.resemblance) = (0, vec![0.0; goals]);
-            self.looked_at = place;
+            (self.looks, self.looked_at) = (0, place);
         }
         self.looks += 1;
     }
 }
 
 /// Whether a place lies before the camera, near and not behind a wall.
-fn is_in_view(stand: &Stand, map: &Occupancy, estimate: &Estimate) -> bool {
+fn is_in_view(stand: &Stand, map: &Occupancy, place: Place) -> bool {
     const NEAR_M: f32 = 2.8;
     const ASIDE_RAD: f32 = 0.6;
-    estimate.place.distance_m(stand.place) <= NEAR_M
-        && stand.bearing_rad(estimate.place).abs() <= ASIDE_RAD
-        && map.hears(stand.place, estimate.place)
+    place.distance_m(stand.place) <= NEAR_M
+        && stand.bearing_rad(place).abs() <= ASIDE_RAD
+        && map.hears(stand.place, place)
 }

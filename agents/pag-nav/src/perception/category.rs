@@ -20,8 +20,8 @@ const fn prior(
     Prior { name, long_m, top_m, low_m, colors }
 }
 
-/// From everyday sizes of furniture.
-const PRIORS: [Prior; 21] = [
+/// From everyday sizes of furniture: the categories of missions, then kinds of them and other things that cues name.
+const PRIORS: &[Prior] = &[
     prior("chair", [0.35, 0.8], [0.7, 1.15], [0.0, 0.15], &[]),
     prior("table", [0.5, 2.2], [0.65, 0.85], [0.0, 0.15], &[]),
     prior("picture", [0.25, 1.5], [1.3, 2.2], [0.8, 1.7], &[]),
@@ -43,6 +43,74 @@ const PRIORS: [Prior; 21] = [
     prior("gym_equipment", [0.6, 2.2], [0.4, 1.7], [0.0, 0.15], &["black", "grey"]),
     prior("seating", [0.8, 2.2], [0.35, 1.0], [0.0, 0.15], &[]),
     prior("clothes", [0.3, 1.2], [0.9, 1.9], [0.2, 1.3], &[]),
+    prior("armchair", [0.65, 1.1], [0.7, 1.15], [0.0, 0.15], &[]),
+    prior("coffee_table", [0.5, 1.4], [0.3, 0.55], [0.0, 0.15], &[]),
+    prior("nightstand", [0.3, 0.65], [0.4, 0.75], [0.0, 0.15], &["brown", "white"]),
+    prior("desk", [0.9, 1.9], [0.68, 0.85], [0.0, 0.15], &[]),
+    prior("wardrobe", [0.7, 2.4], [1.7, 2.4], [0.0, 0.15], &["brown", "white"]),
+    prior("bookshelf", [0.5, 1.8], [1.0, 2.3], [0.0, 0.3], &[]),
+    prior("bench", [0.8, 2.0], [0.35, 0.55], [0.0, 0.15], &[]),
+    prior("ottoman", [0.35, 1.0], [0.3, 0.55], [0.0, 0.15], &[]),
+    prior("refrigerator", [0.5, 1.0], [1.3, 2.0], [0.0, 0.1], &["white", "grey"]),
+    prior("stove", [0.5, 0.95], [0.8, 1.1], [0.0, 0.1], &["white", "grey", "black"]),
+    prior("washing_machine", [0.5, 0.75], [0.75, 1.0], [0.0, 0.1], &["white"]),
+    prior("lamp", [0.15, 0.5], [0.4, 1.1], [0.0, 0.9], &[]),
+    prior("floor_lamp", [0.2, 0.6], [1.2, 1.9], [0.0, 0.3], &[]),
+    prior("mirror", [0.3, 1.4], [1.3, 2.2], [0.2, 1.4], &[]),
+    prior("curtain", [0.4, 2.4], [1.6, 2.4], [0.0, 0.9], &[]),
+    prior("vase", [0.1, 0.4], [0.2, 1.2], [0.0, 1.0], &[]),
+    prior("bin", [0.2, 0.5], [0.25, 0.8], [0.0, 0.1], &[]),
+    prior("door", [0.7, 1.1], [1.9, 2.3], [0.0, 0.1], &[]),
+];
+
+/// Other words for what [`PRIORS`] knows.
+const SYNONYMS: &[(&str, &str)] = &[
+    ("couch", "sofa"),
+    ("loveseat", "sofa"),
+    ("recliner", "armchair"),
+    ("dresser", "chest_of_drawers"),
+    ("drawers", "chest_of_drawers"),
+    ("commode", "chest_of_drawers"),
+    ("television", "tv_monitor"),
+    ("tv", "tv_monitor"),
+    ("monitor", "tv_monitor"),
+    ("screen", "tv_monitor"),
+    ("painting", "picture"),
+    ("poster", "picture"),
+    ("photo", "picture"),
+    ("frame", "picture"),
+    ("pillow", "cushion"),
+    ("flowerpot", "plant"),
+    ("tree", "plant"),
+    ("basin", "sink"),
+    ("washbasin", "sink"),
+    ("tub", "bathtub"),
+    ("island", "counter"),
+    ("worktop", "counter"),
+    ("seat", "seating"),
+    ("treadmill", "gym_equipment"),
+    ("dumbbells", "gym_equipment"),
+    ("cupboard", "cabinet"),
+    ("sideboard", "cabinet"),
+    ("closet", "wardrobe"),
+    ("bedside_table", "nightstand"),
+    ("side_table", "nightstand"),
+    ("end_table", "nightstand"),
+    ("bookcase", "bookshelf"),
+    ("shelf", "bookshelf"),
+    ("shelves", "bookshelf"),
+    ("shelving", "bookshelf"),
+    ("footstool", "ottoman"),
+    ("pouf", "ottoman"),
+    ("fridge", "refrigerator"),
+    ("freezer", "refrigerator"),
+    ("oven", "stove"),
+    ("cooker", "stove"),
+    ("dishwasher", "washing_machine"),
+    ("dryer", "washing_machine"),
+    ("lighting", "lamp"),
+    ("curtains", "curtain"),
+    ("hanging_clothes", "clothes"),
 ];
 
 /// How well the shape and the colours of `thing` fit a category, 0 to 1; 0.5 for a category that is not known.
@@ -56,25 +124,38 @@ pub(crate) fn likeness(thing: &Thing, category: &str) -> f32 {
     fit * color.map_or(0.7, |share| 0.2 + 0.8 * share.min(1.0))
 }
 
-/// The category that a noun means; the noun itself with underscores where it is none.
-pub(crate) fn category_of(noun: &str) -> String {
-    const SYNONYMS: [(&str, &str); 8] = [
-        ("couch", "sofa"),
-        ("armchair", "chair"),
-        ("dresser", "chest_of_drawers"),
-        ("television", "tv_monitor"),
-        ("tv", "tv_monitor"),
-        ("painting", "picture"),
-        ("pillow", "cushion"),
-        ("potted plant", "plant"),
-    ];
-    let known = SYNONYMS.iter().find(|(word, _)| *word == noun);
-    known.map_or_else(|| noun.replace(' ', "_"), |(_, name)| (*name).to_owned())
+/// What `words` call a thing that is known, by the longest known ending: `old floor lamp` is a `floor_lamp`, `desk lamp`
+/// a `lamp`; with the number of words of that ending. A plural is what its singular is.
+pub(crate) fn noun_of(words: &[&str]) -> Option<(&'static str, usize)> {
+    (0..words.len()).find_map(|from| Some((known(&words[from..].join("_"))?, words.len() - from)))
 }
 
-/// Whether `category` is one of the target categories.
-pub(crate) fn is_known(category: &str) -> bool {
-    PRIORS.iter().any(|prior| prior.name == category)
+fn known(noun: &str) -> Option<&'static str> {
+    let singular = noun.strip_suffix('s').unwrap_or(noun);
+    let is = |name: &str| name == noun || name == singular;
+    let prior = PRIORS.iter().map(|prior| prior.name).find(|name| is(name));
+    prior.or_else(|| SYNONYMS.iter().find(|(word, _)| is(word)).map(|(_, name)| *name))
+}
+
+/// How well a thing has the looks that an adjective names, 0 to 1, by its extent against what is usual for `category`;
+/// `None` for words of which boxes say nothing. Materials are such words: at this resolution texture does not tell wood
+/// from painted metal.
+pub(crate) fn has_trait(thing: &Thing, category: &str, word: &str) -> Option<f32> {
+    let prior = PRIORS.iter().find(|prior| prior.name == category)?;
+    let share = |value: f32, [low, high]: [f32; 2]| ((value - low) / (high - low)).clamp(0.0, 1.0);
+    let long = share(thing.long_m(), prior.long_m);
+    let top = share(thing.high_m, prior.top_m);
+    let slender = thing.short_m() / thing.long_m().max(0.01);
+    match word {
+        "large" | "big" | "long" | "wide" => Some(long),
+        "small" | "short" | "narrow" | "little" => Some(1.0 - long),
+        "tall" | "high" => Some(top),
+        "low" => Some(1.0 - top),
+        "upright" => Some(share((thing.high_m - thing.low_m) / thing.long_m().max(0.01), [0.7, 1.3])),
+        "round" | "square" | "circular" => Some(share(slender, [0.4, 0.9])),
+        "rectangular" | "oval" => Some(1.0 - share(slender, [0.6, 1.0])),
+        _ => None,
+    }
 }
 
 /// 1 inside a range, falling to 0 like a bell with `spread` outside.
@@ -115,9 +196,26 @@ mod tests {
 
     #[test]
     fn nouns_are_understood() {
-        assert_eq!(category_of("chest of drawers"), "chest_of_drawers");
-        assert_eq!(category_of("tv"), "tv_monitor");
-        assert!(is_known("sofa") && !is_known("ceiling"));
+        assert_eq!(noun_of(&["chest", "of", "drawers"]), Some(("chest_of_drawers", 3)));
+        assert_eq!(noun_of(&["wooden", "tv"]), Some(("tv_monitor", 1)));
+        assert_eq!(noun_of(&["old", "floor", "lamp"]), Some(("floor_lamp", 2)));
+        assert_eq!(noun_of(&["desk", "lamp"]), Some(("lamp", 1)));
+        assert_eq!(noun_of(&["two", "armchairs"]), Some(("armchair", 1)));
+        assert_eq!(noun_of(&["bathtub"]), Some(("bathtub", 1)));
+        assert_eq!((noun_of(&["unicorn"]), noun_of(&[])), (None, None));
         assert_eq!(likeness(&thing([1.0, 1.0], 0.0, 1.0, [0; 3]), "unicorn"), 0.5);
+    }
+
+    #[test]
+    fn sizes_and_shapes_are_judged_by_what_is_usual() {
+        // Tables are 0.5 to 2.2 m long and 0.65 to 0.85 m high.
+        let table = thing([1.84, 0.46], 0.0, 0.7, [120, 80, 50]);
+        let has = |word: &str| has_trait(&table, "table", word);
+        assert!((has("long").unwrap() - 1.34 / 1.7).abs() < 1e-3);
+        assert!((has("small").unwrap() - 0.36 / 1.7).abs() < 1e-3);
+        assert!((has("tall").unwrap() - 0.25).abs() < 1e-3 && (has("low").unwrap() - 0.75).abs() < 1e-3);
+        // Its sides are as 1 to 4.
+        assert_eq!((has("round"), has("rectangular")), (Some(0.0), Some(1.0)));
+        assert_eq!((has("wooden"), has_trait(&table, "unicorn", "long")), (None, None));
     }
 }

@@ -1,4 +1,4 @@
-use super::{Palette, category, color::is_color};
+use super::{Palette, Thing, category, color::is_color};
 use avln_client::{GoalCue, Image, RgbImage};
 
 /// Sides of the layout grid of a picture.
@@ -28,51 +28,102 @@ pub(crate) struct Words {
     pub(crate) near: Option<String>,
 }
 
+/// Words that end the part of a sentence that names the thing itself.
+const LINKS: [&str; 17] = [
+    "in", "near", "next", "beside", "by", "on", "under", "above", "below", "with", "that", "which",
+    "between", "behind", "at", "against", "closest",
+];
+/// Rooms that sentences name.
+const ROOMS: [&str; 12] = [
+    "living room",
+    "dining room",
+    "bathroom",
+    "bedroom",
+    "kitchen",
+    "office",
+    "gym",
+    "hallway",
+    "laundry room",
+    "corridor",
+    "closet",
+    "study",
+];
+
 impl Query {
     pub(crate) fn new(cue: &GoalCue) -> Self {
         match cue {
-            GoalCue::Category(label) => {
-                Self::Words(Words { category: category::category_of(label), ..Words::default() })
-            }
+            GoalCue::Category(label) => Self::Words(Words::parse(&label.replace('_', " "))),
             GoalCue::Description(sentence) => Self::Words(Words::parse(sentence)),
             GoalCue::Image(image) => Self::Picture { middle: middle(image), layout: Layout::of(image) },
         }
     }
-}
 
-impl Words {
-    /// Understands "the ADJECTIVES NOUN near a NOUN in the ROOM".
-    pub(crate) fn parse(sentence: &str) -> Self {
-        let text = sentence.to_lowercase().replace(['.', ','], "");
-        let (text, room) = split(&text, " in the ");
-        let (text, near) = split(&text, " near a ");
-        let text = text.trim_start_matches("the ").trim_start_matches("a ");
-        let text = text.replace("pair of ", "").replace("piece of ", "").replace("set of ", "");
-        let words: Vec<&str> = text.split_whitespace().collect();
-        let noun_from =
-            (0..words.len()).find(|&from| is_noun(&words[from..])).unwrap_or(words.len().saturating_sub(1));
-        let (before, noun) = words.split_at(noun_from);
-        let (colors, traits): (Vec<&str>, Vec<&str>) = before.iter().partition(|word| is_color(word));
-        Self {
-            category: category::category_of(&noun.join(" ")),
-            color: colors.first().map(|&word| word.to_owned()),
-            traits: traits.into_iter().map(str::to_owned).collect(),
-            room,
-            near: near.map(|noun| category::category_of(&noun)),
+    /// How well one look at `thing` in a picture laid out as `layout` fits the cue by what is seen alone, 0 to 1 (s_vis
+    /// of the paper for one look).
+    pub(crate) fn fit(&self, thing: &Thing, layout: &Layout) -> f32 {
+        match self {
+            Self::Words(words) => words.fit(thing),
+            Self::Picture { middle, layout: wanted } => {
+                let view = stretched(layout.likeness(wanted), ALIKE);
+                VIEW * view + (1.0 - VIEW) * thing.palette.likeness(middle)
+            }
         }
     }
 }
 
-fn is_noun(words: &[&str]) -> bool {
-    category::is_known(&category::category_of(&words.join(" ")))
+/// Share of the whole view, against that of the thing's own colours, in the fit with a picture.
+const VIEW: f32 = 0.75;
+/// Likenesses of views that show different things and of views that show the same.
+const ALIKE: [f32; 2] = [0.4, 0.9];
+
+fn stretched(value: f32, [low, high]: [f32; 2]) -> f32 {
+    ((value - low) / (high - low)).clamp(0.0, 1.0)
 }
 
-/// The text before and after the last `separator`.
-fn split(text: &str, separator: &str) -> (String, Option<String>) {
-    match text.rsplit_once(separator) {
-        Some((before, after)) => (before.to_owned(), Some(after.trim().to_owned())),
-        None => (text.to_owned(), None),
+impl Words {
+    /// Understands sentences like "the ADJECTIVES NOUN next to a NOUN in the ROOM"; the noun may be any that is known,
+    /// in the words before the first link, and is the last of these words where none is.
+    pub(crate) fn parse(sentence: &str) -> Self {
+        let text = sentence.to_lowercase().replace(|c: char| !c.is_alphanumeric(), " ");
+        let all: Vec<&str> = text.split_whitespace().collect();
+        let words = all.strip_prefix(&["the"]).or(all.strip_prefix(&["a"])).unwrap_or(&all);
+        let until = words.iter().position(|word| LINKS.contains(word)).unwrap_or(words.len());
+        let (head, tail) = words.split_at(until);
+        let (noun, length) = category::noun_of(head).unzip();
+        let (before, last) = head.split_at(head.len() - length.unwrap_or(usize::from(!head.is_empty())));
+        let (colors, traits): (Vec<&str>, Vec<&str>) = before.iter().partition(|word| is_color(word));
+        let after = tail.join(" ");
+        let room = ROOMS.iter().find(|room| after.contains(*room));
+        Self {
+            category: noun.map_or_else(|| last.join("_"), str::to_owned),
+            color: colors.first().map(|&word| word.to_owned()),
+            traits: traits.into_iter().map(str::to_owned).collect(),
+            room: room.map(|&room| room.to_owned()),
+            near: landmark(tail).map(str::to_owned),
+        }
     }
+
+    /// How well a thing fits by extent, height and colours, 0 to 1.
+    fn fit(&self, thing: &Thing) -> f32 {
+        let color = self.color.as_deref().and_then(|word| thing.palette.share_of(word));
+        let traits = self.traits.iter().filter_map(|word| category::has_trait(thing, &self.category, word));
+        let factor = |fit: f32, least: f32| least + (1.0 - least) * fit;
+        category::likeness(thing, &self.category)
+            * color.map_or(1.0, |share| factor((2.0 * share).min(1.0), WRONG_COLOR))
+            * traits.map(|fit| factor(fit, WRONG_TRAIT)).product::<f32>()
+    }
+}
+
+/// What is left of a fit where the colour, and where the size or shape is the opposite of what the cue says: extents of
+/// things that were seen from one side only are too small.
+const WRONG_COLOR: f32 = 0.15;
+const WRONG_TRAIT: f32 = 0.6;
+
+/// The first known thing in the words after the noun.
+fn landmark(words: &[&str]) -> Option<&'static str> {
+    const LONGEST: usize = 3;
+    let ending = |end: usize| category::noun_of(&words[end.saturating_sub(LONGEST)..end]);
+    (1..=words.len()).find_map(ending).map(|(noun, _)| noun)
 }
 
 /// Colours of the fields of a picture, row by row.
@@ -117,6 +168,7 @@ fn palette(image: &Image, columns: [usize; 2], rows: [usize; 2]) -> Palette {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::perception::Place;
 
     #[test]
     fn sentences_are_understood() {
@@ -127,8 +179,39 @@ mod tests {
         assert_eq!((words.near.as_deref(), words.room.as_deref()), (Some("bed"), Some("living room")));
         let words = Words::parse("the yellow piece of gym equipment");
         assert_eq!((words.category.as_str(), words.color.as_deref()), ("gym_equipment", Some("yellow")));
-        assert_eq!(Words::parse("the lamp"), Words { category: "lamp".into(), ..Words::default() });
+        let words = Words::parse("A small black fridge, next to the coffee table");
+        assert_eq!((words.category.as_str(), words.near.as_deref()), ("refrigerator", Some("coffee_table")));
+        assert_eq!((words.color.as_deref(), words.traits), (Some("black"), vec!["small".to_owned()]));
+        assert_eq!(Words::parse("the unicorn"), Words { category: "unicorn".into(), ..Words::default() });
         assert_eq!(Words::parse("").category, "");
+        let label = Query::new(&GoalCue::Category("tv_monitor".into()));
+        assert_eq!(label, Query::Words(Words { category: "tv_monitor".into(), ..Words::default() }));
+    }
+
+    #[test]
+    fn a_look_is_scored_by_form_and_colour() {
+        // A bed of 2 x 1.6 m, 0.6 m high: inside of all that is usual, so 0.7 before colour and size count.
+        let bed = Thing {
+            max: Place::new(2.0, 1.6),
+            high_m: 0.6,
+            palette: Palette::of([[45, 85, 190]; 50].into_iter()),
+            ..Thing::default()
+        };
+        let fit = |sentence: &str| Words::parse(sentence).fit(&bed);
+        assert!((fit("the bed") - 0.7).abs() < 1e-4 && (fit("the blue bed") - 0.7).abs() < 1e-4);
+        assert!((fit("the red bed") - 0.7 * 0.15).abs() < 0.02, "{}", fit("the red bed"));
+        // It is 0.3 m longer than the shortest, of a range of 0.7 m.
+        assert!((fit("the large bed") - 0.7 * (0.6 + 0.4 * 3.0 / 7.0)).abs() < 1e-3);
+        assert!(fit("the bed") > 3.0 * fit("the sink"));
+    }
+
+    #[test]
+    fn a_look_is_scored_by_the_view_where_the_cue_is_a_picture() {
+        let red = Image { width: 30, height: 30, pixels: [200, 30, 30].repeat(900) };
+        let query = Query::new(&GoalCue::Image(red.clone()));
+        let thing = Thing { palette: Palette::of([[30, 30, 200]; 9].into_iter()), ..Thing::default() };
+        // The view is the same, the colours of the thing are others.
+        assert!((query.fit(&thing, &Layout::of(&red)) - 0.75).abs() < 0.02);
     }
 
     #[test]

@@ -37,15 +37,28 @@ impl Thing {
         (self.max.x - self.min.x).max(self.max.z - self.min.z)
     }
 
+    /// Short side on the floor plan, metres.
+    pub(crate) fn short_m(&self) -> f32 {
+        (self.max.x - self.min.x).min(self.max.z - self.min.z)
+    }
+
+    /// The place of the box on the floor plan that is nearest to `place`.
+    pub(crate) fn nearest(&self, place: Place) -> Place {
+        Place::new(place.x.clamp(self.min.x, self.max.x), place.z.clamp(self.min.z, self.max.z))
+    }
+
     /// Distance on the floor plan from `place` to the box, metres.
     pub(crate) fn distance_m(&self, place: Place) -> f32 {
-        let dx = (self.min.x - place.x).max(place.x - self.max.x).max(0.0);
-        let dz = (self.min.z - place.z).max(place.z - self.max.z).max(0.0);
-        dx.hypot(dz)
+        self.nearest(place).distance_m(place)
     }
 
     pub(crate) fn center(&self) -> Place {
         self.min.toward(self.max, 0.5)
+    }
+
+    /// Whether this is a stretch of wall: thin, long and as high as what is looked at.
+    fn is_wall(&self) -> bool {
+        self.high_m - self.low_m > 1.7 && self.long_m() > 1.2 && self.short_m() < 0.2
     }
 
     /// Whether both may be one: boxes that touch, and colours alike.
@@ -155,7 +168,7 @@ fn thing(nodes: &[Node]) -> Option<Thing> {
         palette: Palette::of(nodes.iter().map(|node| node.rgb)),
         views: 1,
     };
-    (thing.long_m() < LONGEST_M).then_some(thing)
+    (thing.long_m() < LONGEST_M && !thing.is_wall()).then_some(thing)
 }
 
 #[cfg(test)]

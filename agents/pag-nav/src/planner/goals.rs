@@ -26,12 +26,21 @@ impl Goals {
     }
 
     /// Number of goals and of sources.
-    pub(crate) fn count(&self) -> usize {
+    fn count(&self) -> usize {
         self.done.len()
     }
 
+    /// The goals that a Submit may be for.
+    pub(crate) fn active(&self) -> impl Iterator<Item = usize> {
+        let next = self.next();
+        (0..self.count()).filter(move |&goal| match next {
+            Some(next) => goal == next,
+            None => self.done[goal].is_none(),
+        })
+    }
+
     /// The goal that a Submit is for, where there is an order.
-    pub(crate) fn next(&self) -> Option<usize> {
+    fn next(&self) -> Option<usize> {
         self.ordered.then(|| self.done.iter().position(Option::is_none)).flatten()
     }
 
@@ -105,7 +114,7 @@ mod tests {
         let mut goals = Goals::new(3, false);
         assert_eq!((goals.right(2), goals.next()), (1.0, None));
         goals.found(1);
-        assert_eq!(goals.done.iter().flatten().count(), 1);
+        assert_eq!(goals.active().count(), 2);
     }
 
     #[test]
@@ -115,7 +124,7 @@ mod tests {
         goals.missed(0);
         assert!(goals.right(0) < 0.01 && (goals.right(1) - 0.5).abs() < 0.01);
         goals.found(1);
-        assert_eq!(goals.next(), Some(1));
+        assert_eq!(goals.active().collect::<Vec<_>>(), [1]);
         assert!((goals.right(0) - 0.5).abs() < 1e-4 && goals.right(1) == 0.0);
     }
 

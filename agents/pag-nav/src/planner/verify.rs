@@ -1,0 +1,114 @@
+use super::Weights;
+
+/// The stages of the paper, by how far the grounding of a goal has come: no reliable candidate, a plausible one, a
+/// confirmed one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stage {
+    Search,
+    Ground,
+    Verify,
+}
+
+impl Stage {
+    /// The stage for the best candidate, given whether it has been verified; `None` where there is none.
+    pub(crate) fn of(is_verified: Option<bool>) -> Self {
+        match is_verified {
+            None => Self::Search,
+            Some(false) => Self::Ground,
+            Some(true) => Self::Verify,
+        }
+    }
+}
+
+/// What visual-semantic verification asks of a candidate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Demand {
+    /// Looks from nearby.
+    pub(crate) looks: u32,
+    /// Share of what can be seen that speaks for the goal, 0 to 1.
+    pub(crate) fit: f32,
+}
+
+impl Demand {
+    /// The demand after a source has been sought for `sought_steps`, with `remaining_steps` left in the episode.
+    ///
+    /// Classical perception cannot verify everything that a person could, so the demand relaxes: in proportion to the
+    /// steps beyond `patience_steps` for which the agent has sought this source, down to nothing but one look after
+    /// twice the patience; and all at once in the last `hurry_steps` of the episode.
+    pub(crate) fn after(sought_steps: u32, remaining_steps: u32, weights: &Weights) -> Self {
+        let beyond = sought_steps.saturating_sub(weights.patience_steps) as f32;
+        let is_hurry = remaining_steps < weights.hurry_steps;
+        let share = if is_hurry { 0.0 } else { 1.0 - beyond / weights.patience_steps.max(1) as f32 };
+        let share = share.max(0.0);
+        let looks = (share * weights.verify_looks as f32).ceil() as u32;
+        Self { looks: looks.max(1), fit: share * weights.verify_fit }
+    }
+
+    /// Whether a candidate that was looked at `looks` times and fits as well as `fit` meets it (V of the paper).
+    pub(crate) fn is_met(&self, looks: u32, fit: f32) -> bool {
+        looks >= self.looks && fit >= self.fit
+    }
+}
+
+/// The Submit gate of the paper.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Gate {
+    /// The candidate passed visual-semantic verification: V(o*, g).
+    pub(crate) is_verified: bool,
+    /// Distance from the body to the candidate, metres: |p - p(o*)|.
+    pub(crate) distance_m: f32,
+    /// Angle between heading and candidate, radians.
+    pub(crate) bearing_rad: f32,
+}
+
+impl Gate {
+    /// Whether a Submit is allowed within `delta_sub_m` and `theta_sub_rad`.
+    pub(crate) fn is_open(&self, delta_sub_m: f32, theta_sub_rad: f32) -> bool {
+        self.is_verified && self.distance_m <= delta_sub_m && self.bearing_rad.abs() <= theta_sub_rad
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stages_follow_the_grounding() {
+        assert_eq!(Stage::of(None), Stage::Search);
+        assert_eq!(Stage::of(Some(false)), Stage::Ground);
+        assert_eq!(Stage::of(Some(true)), Stage::Verify);
+    }
+
+    #[test]
+    fn the_gate_opens_only_when_all_is_right() {
+        for case in 0..8 {
+            let right = |bit: u32| case >> bit & 1 == 1;
+            let gate = Gate {
+                is_verified: right(0),
+                distance_m: if right(1) { 1.2 } else { 1.3 },
+                bearing_rad: if right(2) { -0.5 } else { -0.7 },
+            };
+            assert_eq!(gate.is_open(1.2, 0.6), case == 7, "{gate:?}");
+        }
+    }
+
+    #[test]
+    fn the_demand_relaxes_with_patience_and_in_a_hurry() {
+        let weights = Weights {
+            verify_looks: 3,
+            verify_fit: 0.4,
+            patience_steps: 100,
+            hurry_steps: 150,
+            ..Weights::default()
+        };
+        let demand = |sought, remaining| Demand::after(sought, remaining, &weights);
+        assert_eq!(demand(0, 800), Demand { looks: 3, fit: 0.4 });
+        assert_eq!(demand(100, 800), Demand { looks: 3, fit: 0.4 });
+        let half = demand(150, 800);
+        assert!(half.looks == 2 && (half.fit - 0.2).abs() < 1e-6, "{half:?}");
+        assert_eq!(demand(500, 800), Demand { looks: 1, fit: 0.0 });
+        assert_eq!(demand(0, 149), Demand { looks: 1, fit: 0.0 });
+        assert!(demand(0, 800).is_met(3, 0.4) && !demand(0, 800).is_met(3, 0.39));
+        assert!(!demand(0, 800).is_met(2, 0.9) && !demand(500, 800).is_met(0, 1.0));
+    }
+}

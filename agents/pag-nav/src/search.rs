@@ -1,0 +1,80 @@
+use crate::agent::PagNav;
+use crate::map::Estimate;
+use crate::perception::{Place, Stand};
+use crate::planner::path;
+use avln_client::Action;
+
+/// Within this distance of a believed source the way to it ends, metres.
+const REACH_M: f32 = 0.5;
+
+impl PagNav {
+    /// Cue-guided search: towards a source, where the way there is known, else by way of the best frontier; at the
+    /// source it looks around.
+    pub(crate) fn search(&mut self, stand: &Stand) -> Action {
+        let Some((source, estimate)) = self.choose(stand) else { return Action::TurnLeft };
+        self.head_for(source);
+        let way = path(&self.map, stand.place, estimate.place, REACH_M);
+        let step = self.motion.along(&way, stand, &self.map);
+        let is_there = estimate.certainty >= self.weights.certain
+            && estimate.place.distance_m(stand.place) <= self.weights.arrived_m;
+        let onward = if is_there {
+            step.or(self.face(stand, estimate.place))
+        } else {
+            let straight = step.filter(|_| way.left_m <= self.weights.lost_m);
+            straight.or_else(|| self.explore(estimate.place, stand)).or(step)
+        };
+        onward.unwrap_or(Action::TurnLeft)
+    }
+
+    /// The source to head for: the right one once that is known, before that the one that can be looked at first.
+    fn choose(&self, stand: &Stand) -> Option<(usize, Estimate)> {
+        let open = (0..self.sources.len()).filter(|&source| !self.turns.is_silent(source));
+        let heard: Vec<(usize, Estimate)> =
+            open.filter_map(|source| Some((source, self.sources[source].estimate?))).collect();
+        let wanted =
+            heard.iter().filter(|(source, _)| self.is_right_goal(*source) || !self.is_settled(*source));
+        let cost = |(source, estimate): &(usize, Estimate)| self.cost_steps(*source, estimate.place, stand);
+        wanted.min_by(|a, b| cost(a).total_cmp(&cost(b))).or(heard.first()).copied()
+    }
+
+    /// Steps until something at a source can be submitted: the way to `place`, and the source's turn to sound.
+    pub(crate) fn cost_steps(&self, source: usize, place: Place, stand: &Stand) -> f32 {
+        let walk_steps = place.distance_m(stand.place) * self.weights.steps_per_m;
+        let loyalty_steps = if self.focus == Some(source) { self.weights.loyalty_steps } else { 0.0 };
+        let vain_steps = self.weights.vain * self.sources[source].sought_steps as f32;
+        walk_steps.max(self.turns.wait_steps(source) as f32) + vain_steps - loyalty_steps
+    }
+
+    /// Notes that this step goes to a source.
+    pub(crate) fn head_for(&mut self, source: usize) {
+        self.focus = Some(source);
+        self.sources[source].sought_steps += 1;
+    }
+
+    /// A step towards the frontier with the best S_search: x* of the paper.
+    fn explore(&mut self, heard: Place, stand: &Stand) -> Option<Action> {
+        const LOOKED_AT: usize = 8;
+        const NEAR_M: f32 = 0.4;
+        let sound = |place: Place| {
+            self.weights.search_audio * (-place.distance_m(heard) / self.weights.search_scale_m).exp()
+                - self.weights.search_way * place.distance_m(stand.place)
+        };
+        let frontiers = self.map.frontiers().into_iter().map(|(place, _)| (sound(place), place));
+        let mut scored: Vec<(f32, Place)> =
+            frontiers.filter(|(_, place)| place.distance_m(stand.place) > NEAR_M).collect();
+        scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+        scored.truncate(LOOKED_AT);
+        for (score, place) in &mut scored {
+            *score += self.weights.search_context * self.expects(*place);
+        }
+        let (_, best) = scored.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let way = path(&self.map, stand.place, best, 0.2);
+        self.motion.along(&way, stand, &self.map)
+    }
+
+    /// What rooms and things around a frontier say for the goals that may be next (P_room and P_obj), 0 to 1.
+    fn expects(&self, place: Place) -> f32 {
+        let fits = self.goals.active().map(|goal| self.objects.context(place, &self.queries[goal]));
+        fits.fold(0.0, f32::max)
+    }
+}
