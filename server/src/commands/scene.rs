@@ -18,6 +18,8 @@ pub enum Command {
         #[arg(value_name = "OUT.glb")]
         out: PathBuf,
     },
+    /// Measure scenes: size, clutter, how hard they are to walk in, next to real buildings
+    Stats(super::scene_stats::Options),
     /// Print what a scene holds
     Info {
         /// The scene to look at
@@ -45,6 +47,7 @@ pub struct Choice {
 pub fn run(command: Command) -> Result<(), Failure> {
     match command {
         Command::Export { scene, out } => export(&load(&scene)?, &out),
+        Command::Stats(options) => super::scene_stats::run(&options),
         Command::Info { scene } => {
             print_info(&load(&scene)?);
             Ok(())

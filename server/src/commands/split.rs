@@ -7,7 +7,7 @@ use crate::{
 };
 use avln_dataset::{MissionOptions, SceneSource, Split};
 use avln_episode::Rules;
-use avln_scene::procedural::Pool;
+use avln_scene::procedural::HouseOptions;
 use avln_store::SceneMap;
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
@@ -99,7 +99,7 @@ fn sources(options: &Make) -> Result<Vec<(String, SceneSource)>, Failure> {
     if options.scene.is_empty() {
         let house = |number: u32| {
             let seed = options.seed.wrapping_mul(1000).wrapping_add(u64::from(number));
-            let (rooms, storeys, pool) = (5..=8, 1..=1, Pool::Train);
+            let HouseOptions { rooms, storeys, pool } = HouseOptions::small();
             let source = SceneSource::Procedural { seed, rooms, storeys, pool };
             (format!("{}-house-{number:03}", options.name), source)
         };

@@ -14,7 +14,7 @@ const VIEWS: usize = 48;
 const ROUNDS: usize = 5;
 
 fn main() {
-    let scene = Arc::new(house("bench", 7, &HouseOptions::default()));
+    let scene = Arc::new(house("bench", 7, &HouseOptions::small()));
     let start = Instant::now();
     let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
     let renderer = Renderer::new(Arc::clone(&scene), rays);

@@ -14,6 +14,7 @@ pub mod open;
 pub mod procedural;
 mod report;
 mod scene;
+pub mod stats;
 
 pub use report::Report;
 pub use scene::{Attributes, InstanceId, Material, Mesh, Object, Region, Scene, SceneError, Texture};

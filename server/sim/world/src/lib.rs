@@ -9,6 +9,7 @@
 
 mod assets;
 mod sight;
+pub mod stats;
 mod world;
 
 pub use assets::{PrepareError, SceneAssets, Struck};

@@ -65,6 +65,34 @@ impl Assembly {
         bounds
     }
 
+    /// What has been added so far, in the order of its ids.
+    pub(super) fn objects(&self) -> &[Object] {
+        &self.objects
+    }
+
+    /// Takes objects away again; those after them get smaller ids.
+    pub(super) fn remove(&mut self, unwanted: impl Fn(&Object) -> bool) {
+        let kept: Vec<bool> = self.objects.iter().map(|object| !unwanted(object)).collect();
+        let new_id = |id: InstanceId| match id {
+            InstanceId::NONE => Some(id),
+            InstanceId(number) if kept[number as usize - 1] => {
+                Some(InstanceId(1 + kept[..number as usize - 1].iter().filter(|kept| **kept).count() as u32))
+            }
+            _ => None,
+        };
+        let ids: Vec<Option<InstanceId>> = self.mesh.instance_of.iter().map(|&id| new_id(id)).collect();
+        let stays = |index: &usize| ids[*index].is_some();
+        let left: Vec<usize> = (0..ids.len()).filter(stays).collect();
+        self.mesh.triangles = left.iter().map(|&index| self.mesh.triangles[index]).collect();
+        self.mesh.material_of = left.iter().map(|&index| self.mesh.material_of[index]).collect();
+        self.mesh.instance_of = ids.into_iter().flatten().collect();
+        let mut keep = kept.into_iter();
+        self.objects.retain(|_| keep.next().unwrap_or(true));
+        for (index, object) in self.objects.iter_mut().enumerate() {
+            object.id = InstanceId(index as u32 + 1);
+        }
+    }
+
     /// The finished scene.
     pub(super) fn into_scene(self, name: &str, regions: Vec<Region>) -> Scene {
         Scene {

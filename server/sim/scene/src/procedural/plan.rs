@@ -1,12 +1,16 @@
 //! The floor plan: which rooms there are, where they lie and how one walks between them.
 
+mod deal;
 mod layout;
 mod openings;
 mod outline;
+mod programme;
+mod skeleton;
 mod windows;
 
 use super::rect::{Rect, Side, common};
 use avln_geom::Rng;
+pub(super) use layout::STAIRS_FROM;
 pub(super) use outline::{Face, Outline};
 
 /// Thickness of every wall, metres.
@@ -75,6 +79,8 @@ pub(super) struct Room {
     pub(super) storey: usize,
     /// Rectangles without overlap whose union reaches to the middle of the room's walls.
     pub(super) cells: Vec<Rect>,
+    /// The room that this one is entered through, for a small room in a corner of a larger one.
+    pub(super) host: Option<usize>,
 }
 
 impl Room {
@@ -155,14 +161,19 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// A plan with `count` rooms (at least 1), the middle of the house near the origin.
-    pub(super) fn draw(rng: &mut Rng, count: usize) -> Self {
-        let kinds = programme(&mut rng.fork("programme"), count.max(1));
-        let rooms = layout::lay_out(&mut rng.fork("layout"), &kinds);
+    /// A plan with `count` rooms (at least 1) on one or two storeys, the middle of the house near the origin.
+    pub(super) fn draw(rng: &Rng, count: usize, storeys: usize) -> Self {
+        let rooms = layout::lay_out(&rng.fork("layout"), count.max(1), storeys);
         let openings = openings::connect(&mut rng.fork("openings"), &rooms);
         let entrance = windows::entrance(&rooms);
         let windows = windows::draw(&mut rng.fork("windows"), &rooms, entrance);
         Self { rooms, openings, windows, entrance }
+    }
+
+    /// Whether a room is where stairs begin.
+    pub(super) fn begins_stairs(&self, index: usize) -> bool {
+        let room = &self.rooms[index];
+        room.kind == RoomKind::Stairs && room.storey + 1 < self.storeys()
     }
 
     /// How many storeys there are.
@@ -218,20 +229,4 @@ pub(super) fn remainder(span: [f32; 2], taken: impl Iterator<Item = [f32; 2]>) -
     parts.push([start, span[1]]);
     parts.retain(|part| part[1] - part[0] > 1e-3);
     parts
-}
-
-/// The uses of `count` rooms. Every house of four rooms or more has a hallway and the four basic rooms.
-fn programme(rng: &mut Rng, count: usize) -> Vec<RoomKind> {
-    use RoomKind::*;
-    let mut kinds = match count {
-        1..=4 => vec![LivingRoom, Bedroom, Bathroom, Kitchen],
-        _ => vec![Hallway, LivingRoom, Kitchen, Bedroom, Bathroom],
-    };
-    kinds.truncate(count);
-    while kinds.len() < count {
-        let mut extra = [DiningRoom, Office, Bedroom, Gym, Bathroom];
-        rng.shuffle(&mut extra);
-        kinds.extend(extra.iter().take(count - kinds.len()));
-    }
-    kinds
 }

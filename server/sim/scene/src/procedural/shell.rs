@@ -1,12 +1,15 @@
 //! Floors, walls, ceilings, thresholds: all that belongs to no object.
 
-use super::assembly::{Assembly, corner_light, facing_light};
-use super::model::{Corner, Model};
+pub(super) mod stairs;
+
+use super::assembly::{Assembly, Piece, corner_light, facing_light};
+use super::furniture::openings;
+use super::model::{Corner, Model, about};
 use super::paint::Paint;
-use super::plan::{CEILING_M, Face, Opening, Outline, Plan, Room, RoomKind, STOREY_M, WALL_M};
+use super::plan::{CEILING_M, Face, Opening, Outline, Plan, RoomKind, STOREY_M, WALL_M, Window};
 use super::rect::{Rect, Side, common};
 use super::texture::Pattern;
-use avln_geom::{Point3, Rng};
+use avln_geom::{Aabb, Point3, Rng, Vector3};
 
 /// What the surfaces of a room are painted with.
 #[derive(Clone, Copy, Debug)]
@@ -28,7 +31,7 @@ impl Finish {
         let wall = wall_paint(rng, kind);
         let accent = if rng.chance(0.35) { accent_paint(rng, kind) } else { wall };
         let side = Side::ALL[rng.below(4)];
-        let wet = matches!(kind, RoomKind::Bathroom | RoomKind::Kitchen);
+        let wet = matches!(kind, RoomKind::Bathroom | RoomKind::Kitchen | RoomKind::Laundry);
         let skirting =
             if wet { Paint::plain("tile", [206, 208, 206]) } else { Paint::plain("wood", [232, 230, 224]) };
         let ceiling = Paint::plain("plaster", [244, 243, 238]);
@@ -88,11 +91,14 @@ fn floor_paint(rng: &mut Rng, kind: RoomKind) -> Paint {
     const PILES: [[u8; 3]; 4] = [[170, 160, 150], [146, 156, 166], [182, 170, 146], [166, 148, 152]];
     let pick = |rng: &mut Rng, colors: &[[u8; 3]; 4]| colors[rng.below(4)];
     match kind {
-        RoomKind::Bathroom | RoomKind::Kitchen => {
+        RoomKind::Bathroom | RoomKind::Kitchen | RoomKind::Laundry => {
             let pattern = if rng.chance(0.3) { Pattern::Checker } else { Pattern::Tiles };
             Paint::plain("tile", pick(rng, &TILES)).with(pattern)
         }
-        RoomKind::Bedroom | RoomKind::Gym if rng.chance(0.5) => {
+        RoomKind::Garage | RoomKind::Utility => {
+            Paint::plain("concrete", [168, 166, 162]).with(Pattern::Plaster)
+        }
+        RoomKind::Bedroom | RoomKind::Gym | RoomKind::Library if rng.chance(0.5) => {
             Paint::plain("carpet", pick(rng, &PILES)).with(Pattern::Carpet)
         }
         _ => {
@@ -104,14 +110,13 @@ fn floor_paint(rng: &mut Rng, kind: RoomKind) -> Paint {
 
 /// Walls and ceiling of one room, with a hole for each opening.
 pub(super) fn add_room(assembly: &mut Assembly, plan: &Plan, index: usize, finish: &Finish) {
-    let room = &plan.rooms[index];
-    let faces = room.faces();
+    let faces = plan.rooms[index].faces();
     let mut model = Model::new();
     for face in &faces {
         let holes: Vec<Hole> = doors_in(plan, index, face).map(Hole::of).collect();
-        wall(&mut model, face, [0.0, CEILING_M], &holes, |y| finish.wall_at(face.side, y));
+        wall(&mut model, face, [0.0, wall_top_m(plan, index)], &holes, |y| finish.wall_at(face.side, y));
     }
-    for rect in room.floor() {
+    for rect in ceiling_of(plan, index) {
         let lines = |span: [f32; 2]| grid_lines(span, &[span[0] + 0.4, span[1] - 0.4], 1.0);
         for x in lines(rect.x).windows(2) {
             for z in lines(rect.z).windows(2) {
@@ -120,6 +125,27 @@ pub(super) fn add_room(assembly: &mut Assembly, plan: &Plan, index: usize, finis
         }
     }
     assembly.add_shell(&model, |corner| room_light(corner, &faces));
+}
+
+/// Height of a room's walls: those of lower stairs reach up to the floor above.
+fn wall_top_m(plan: &Plan, index: usize) -> f32 {
+    if plan.begins_stairs(index) { STOREY_M } else { CEILING_M }
+}
+
+/// The rectangles that a room's ceiling covers.
+fn ceiling_of(plan: &Plan, index: usize) -> Vec<Rect> {
+    match plan.begins_stairs(index) {
+        true => stairs::landing(plan, index).into_iter().collect(),
+        false => plan.rooms[index].floor(),
+    }
+}
+
+/// The rectangles that a room's floor covers.
+pub(super) fn floor_of(plan: &Plan, index: usize) -> Vec<Rect> {
+    match plan.rooms[index].kind {
+        RoomKind::Stairs => stairs::landing(plan, index).into_iter().collect(),
+        _ => plan.rooms[index].floor(),
+    }
 }
 
 /// Light on the walls and the ceiling of a room: darker where surfaces meet.
@@ -141,11 +167,17 @@ fn gap_m(corner: &Corner, faces: &[Face]) -> f32 {
 }
 
 /// The floor of a room, darker along its walls and under `covered`, the furniture that stands on it.
-pub(super) fn add_floor(assembly: &mut Assembly, room: &Room, finish: &Finish, covered: &[Rect]) {
+pub(super) fn add_floor(
+    assembly: &mut Assembly,
+    plan: &Plan,
+    index: usize,
+    finish: &Finish,
+    covered: &[Rect],
+) {
     const CELL_M: f32 = 0.3;
-    let faces = room.faces();
+    let faces = plan.rooms[index].faces();
     let mut model = Model::new();
-    for rect in room.floor() {
+    for rect in floor_of(plan, index) {
         for x in grid_lines(rect.x, &[], CELL_M).windows(2) {
             for z in grid_lines(rect.z, &[], CELL_M).windows(2) {
                 model.quad(flat([x[0], x[1]], [z[0], z[1]], 0.0), finish.floor);
@@ -248,6 +280,42 @@ pub(super) fn add_facade(assembly: &mut Assembly, plan: &Plan, storey: usize) {
         model.quad(upright(face.side.opposite(), face.line_m, face.along, [0.0, STOREY_M]), paint);
     }
     assembly.add_shell(&model, |corner| facing_light(&corner.normal));
+}
+
+/// The windows of a room that are not in the walls of its [`super::plan::Room::interior`], which is furnished.
+pub(super) fn add_far_windows(assembly: &mut Assembly, plan: &Plan, index: usize) {
+    let inner = plan.rooms[index].interior();
+    let near = |window: &Window| {
+        let span = window.side.span(&inner);
+        let on_line = (window.side.line_m(&inner) - window.line_m).abs() < 1e-3;
+        on_line && span[0] <= window.along[0] && window.along[1] <= span[1]
+    };
+    for window in plan.windows.iter().filter(|window| window.room == index && !near(window)) {
+        let [width, height] = [window.along, window.y].map(|span| span[1] - span[0]);
+        let piece = openings::window(width, height);
+        let quarter = window.side.quarter();
+        let bounds = piece.model.moved(quarter, Vector3::zeros()).bounds();
+        let wall = match window.side.runs_along_x() {
+            true => Rect::new(window.along, [window.line_m; 2]),
+            false => Rect::new([window.line_m; 2], window.along),
+        };
+        let place =
+            window.side.strip(&wall, about((window.along[0] + window.along[1]) / 2.0, piece.size().x), 0.01);
+        let origin = [place.x[0] - bounds.min.x, window.y[0], place.z[0] - bounds.min.z];
+        let model = piece.model.moved(quarter, wall_origin(window.side, origin, &bounds, window.line_m));
+        assembly.add_object(&Piece { model, ..piece }, index);
+    }
+}
+
+/// Where a model's origin lies so that its back touches the wall.
+fn wall_origin(side: Side, [x, y, z]: [f32; 3], bounds: &Aabb, line_m: f32) -> Vector3<f32> {
+    const GAP_M: f32 = 0.002;
+    match side {
+        Side::North => Vector3::new(x, y, line_m + GAP_M - bounds.min.z),
+        Side::South => Vector3::new(x, y, line_m - GAP_M - bounds.max.z),
+        Side::West => Vector3::new(line_m + GAP_M - bounds.min.x, y, z),
+        Side::East => Vector3::new(line_m - GAP_M - bounds.max.x, y, z),
+    }
 }
 
 /// Jambs, lintel and threshold of an opening.

@@ -1,211 +1,215 @@
-//! Rooms on both sides of a straight hallway, with a living room across its end in some houses.
+//! Where rooms lie: storeys of arms around hallways, or a row of rooms in the smallest houses.
 
-use super::{Rect, Room, RoomKind};
+use super::deal::{self, Piece};
+use super::programme::{self, Unit};
+use super::skeleton::{Frame, Skeleton, Wanted};
+use super::{Outline, Rect, Room, RoomKind, WALL_M, around};
 use avln_geom::Rng;
 
-/// Lays the rooms side by side; the first one is the hallway where there is one.
-pub(super) fn lay_out(rng: &mut Rng, kinds: &[RoomKind]) -> Vec<Room> {
-    let strips = if kinds[0] == RoomKind::Hallway { corridor(rng, kinds) } else { row(rng, kinds) };
-    placed(rng, strips)
-}
+/// The fewest rooms of a house with a hallway.
+const HALLWAY_FROM: usize = 5;
 
-/// A room in the frame of the hallway: u along it, v across it.
-struct Strip {
-    kind: RoomKind,
-    u: [f32; 2],
-    v: [f32; 2],
-}
+/// The fewest rooms of a house with an entryway.
+const ENTRYWAY_FROM: usize = 8;
 
-/// Floor area that a room should have, square metres.
-fn target_area_m2(rng: &mut Rng, kind: RoomKind) -> f32 {
-    let (low, high) = match kind {
-        RoomKind::Hallway => (8.0, 12.0),
-        RoomKind::LivingRoom => (21.0, 28.0),
-        RoomKind::Kitchen => (13.0, 17.0),
-        RoomKind::DiningRoom => (13.0, 17.0),
-        RoomKind::Bedroom => (14.0, 18.0),
-        RoomKind::Bathroom => (8.0, 10.0),
-        RoomKind::Office => (10.0, 13.0),
-        RoomKind::Gym => (11.0, 15.0),
-        _ => (10.0, 13.0),
-    };
-    rng.range(low, high)
+/// The fewest rooms of a house with two storeys.
+pub(in crate::procedural) const STAIRS_FROM: usize = 11;
+
+/// Floor area that the rooms of one storey take at most and at least, hallways not counted, square metres.
+const STOREY_M2: [f32; 2] = [46.0, 202.0];
+
+/// Lays out `count` rooms (at least 1) on up to `storeys` storeys; the best of several draws.
+pub(super) fn lay_out(rng: &Rng, count: usize, storeys: usize) -> Vec<Room> {
+    const DRAWS: usize = 60;
+    if count < HALLWAY_FROM {
+        return row(&mut rng.fork("row"), count);
+    }
+    let storeys = if count < STAIRS_FROM { 1 } else { storeys };
+    let mut best: Option<(f32, Vec<Room>)> = None;
+    for draw in 0..DRAWS {
+        let Some(rooms) = arms(&mut rng.fork(&format!("draw {draw}")), count, storeys) else { continue };
+        let faults = faults(&rooms);
+        if best.as_ref().is_none_or(|(least, _)| faults < *least) {
+            best = Some((faults, rooms));
+        }
+        if faults == 0.0 {
+            break;
+        }
+    }
+    best.map_or_else(|| row(&mut rng.fork("row"), count), |(_, rooms)| rooms)
 }
 
 /// Houses without a hallway: one row of rooms.
-fn row(rng: &mut Rng, kinds: &[RoomKind]) -> Vec<Strip> {
+fn row(rng: &mut Rng, count: usize) -> Vec<Room> {
+    let kinds = programme::programme(rng, count);
     let depth_m = rng.range(4.0, 4.8);
-    let widths: Vec<f32> = kinds.iter().map(|&kind| target_area_m2(rng, kind) / depth_m).collect();
-    side_by_side(kinds, &widths, [0.0, depth_m], 0.0)
-}
-
-fn side_by_side(kinds: &[RoomKind], widths: &[f32], v: [f32; 2], start: f32) -> Vec<Strip> {
-    let mut edge = start;
-    let strips = kinds.iter().zip(widths).map(|(&kind, &width)| {
-        let u = [edge, edge + width];
-        edge = u[1];
-        Strip { kind, u, v }
+    let mut edge = 0.0;
+    let pieces = kinds.iter().map(|&kind| {
+        let width = programme::area_m2(rng, kind) / depth_m;
+        let cell = Rect::new([edge, edge + width], [0.0, depth_m]);
+        edge += width;
+        Room { kind, storey: 0, cells: vec![cell], host: None }
     });
-    strips.collect()
+    let rooms = pieces.collect();
+    placed(rng, rooms)
 }
 
-/// How the end of the hallway is closed.
-#[derive(Clone, Copy, PartialEq)]
-enum End {
-    /// By an outer wall.
-    Wall,
-    /// By the living room, which spans the hallway and the deep side.
-    LivingRoom,
+/// Houses with hallways.
+fn arms(rng: &mut Rng, count: usize, storeys: usize) -> Option<Vec<Room>> {
+    let wings = wing_count(rng, count, storeys);
+    let entry = count >= ENTRYWAY_FROM;
+    let upper_wings = if storeys == 2 { rng.below(wings + 1) } else { 0 };
+    let passages = usize::from(entry) + wings + 1 + if storeys == 2 { upper_wings + 3 } else { 0 };
+    let kinds = programme::programme(rng, count.checked_sub(passages)?);
+    let mut by_storey = [programme::units(rng, &kinds), vec![]];
+    if storeys == 2 {
+        by_storey = programme::by_storey(rng, by_storey[0].clone());
+    }
+    by_storey.iter_mut().for_each(|units| programme::fit(units, STOREY_M2[1]));
+    let rooms_m2 = by_storey[0].iter().map(Unit::total_m2).sum::<f32>().max(STOREY_M2[0]);
+    let frame = Frame::draw(rng, Wanted { rooms_m2, wings, entry, stairs: storeys == 2 })?;
+    let mut rooms = Vec::new();
+    for (storey, units) in by_storey[..storeys].iter().enumerate() {
+        let skeleton = frame.storey(if storey == 0 { wings } else { upper_wings }, storey == 0);
+        fill(rng, &mut rooms, storey, &skeleton, units)?;
+    }
+    let rooms = placed(rng, rooms);
+    fit_together(&rooms).then_some(rooms)
 }
 
-fn corridor(rng: &mut Rng, kinds: &[RoomKind]) -> Vec<Strip> {
-    let hall_m = rng.range(1.5, 1.9);
-    let depths = [rng.range(3.3, 3.7), rng.range(4.1, 4.7)];
-    let end = if kinds.len() > 5 && rng.chance(0.5) { End::LivingRoom } else { End::Wall };
-    let mut rooms: Vec<RoomKind> = kinds[1..].to_vec();
-    let mut end_m = 0.0;
-    if end == End::LivingRoom {
-        rooms.retain(|&kind| kind != RoomKind::LivingRoom);
-        end_m = rng.range(4.0, 4.6);
-    }
-    let sides = split(rng, &rooms, depths, end_m);
-    let total_m = sides.iter().map(|side| side.length_m()).sum::<f32>() / 2.0;
-    let [shallow, deep] = sides.map(|side| side.scaled_to(total_m));
-    let hall_end = total_m - end_m;
-    let mut strips = vec![Strip { kind: RoomKind::Hallway, u: [0.0, hall_end], v: [0.0, hall_m] }];
-    strips.extend(side_by_side(&shallow.kinds, &shallow.widths, [-depths[0], 0.0], 0.0));
-    strips.extend(side_by_side(&deep.kinds, &deep.widths, [hall_m, hall_m + depths[1]], 0.0));
-    if end == End::LivingRoom {
-        let v = [0.0, hall_m + depths[1]];
-        strips.push(Strip { kind: RoomKind::LivingRoom, u: [hall_end, total_m], v });
-    }
-    strips
+/// Whether every room has a floor and none lies inside another.
+fn fit_together(rooms: &[Room]) -> bool {
+    let apart = |index: usize, room: &Room| {
+        let others = rooms[index + 1..].iter().filter(|other| other.storey == room.storey);
+        let mut cells = others.flat_map(|other| &other.cells);
+        cells.all(|other| room.cells.iter().all(|cell| !cell.overlaps(other)))
+    };
+    rooms.iter().enumerate().all(|(index, room)| room.outline().largest().is_some() && apart(index, room))
 }
 
-/// Rooms along one side of the hallway.
-struct Row {
-    kinds: Vec<RoomKind>,
-    widths: Vec<f32>,
-    /// Length beyond the last room that another room takes.
-    reserved_m: f32,
-}
-
-impl Row {
-    fn length_m(&self) -> f32 {
-        self.widths.iter().sum::<f32>() + self.reserved_m
-    }
-
-    /// How far the rooms fall short of a good width once they fill `length_m`, metres.
-    fn narrowness_m(&self, length_m: f32) -> f32 {
-        const WIDE_M: f32 = 2.2;
-        let scale = self.scale_to(length_m);
-        self.widths.iter().map(|width| (WIDE_M - width * scale).max(0.0)).sum()
-    }
-
-    fn scale_to(&self, length_m: f32) -> f32 {
-        (length_m - self.reserved_m) / (self.length_m() - self.reserved_m)
-    }
-
-    fn scaled_to(mut self, length_m: f32) -> Self {
-        let scale = self.scale_to(length_m);
-        self.widths.iter_mut().for_each(|width| *width *= scale);
-        self
+fn wing_count(rng: &mut Rng, count: usize, storeys: usize) -> usize {
+    let per_storey = count / storeys;
+    match per_storey {
+        0..8 => usize::from(rng.chance(0.15)),
+        8..11 => rng.below(2),
+        11..16 => 1 + usize::from(rng.chance(0.4)),
+        _ => 1 + usize::from(rng.chance(0.8)),
     }
 }
 
-/// Deals the rooms to the shallow and the deep side; `end_m` of the deep side is taken already.
-/// Of many random deals, the one with the best match of lengths, sides and neighbours is kept.
-fn split(rng: &mut Rng, rooms: &[RoomKind], depths: [f32; 2], end_m: f32) -> [Row; 2] {
-    const DEALS: usize = 200;
-    let areas: Vec<f32> = rooms.iter().map(|&kind| target_area_m2(rng, kind)).collect();
-    let mut best: Option<(f32, [Row; 2])> = None;
-    for _ in 0..DEALS {
-        let sides = deal(rng, rooms, &areas, depths, end_m);
-        let cost = cost_of(&sides);
-        if best.as_ref().is_none_or(|(least, _)| cost < *least) {
-            best = Some((cost, sides));
+/// Adds the rooms of one storey; `None` when there are too few of them to go round.
+fn fill(
+    rng: &mut Rng,
+    rooms: &mut Vec<Room>,
+    storey: usize,
+    skeleton: &Skeleton,
+    units: &[Unit],
+) -> Option<()> {
+    if units.len() < skeleton.blocks.len() {
+        return None;
+    }
+    for &(kind, cell) in &skeleton.passages {
+        rooms.push(Room { kind, storey, cells: vec![cell], host: None });
+    }
+    let deal = deal::deal(rng, &skeleton.blocks, units);
+    for (block, members) in skeleton.blocks.iter().zip(&deal) {
+        for Piece { kind, cells, host } in deal::cut(rng, block, members, units) {
+            let host = (host > 0).then(|| rooms.len() - host);
+            rooms.push(Room { kind, storey, cells, host });
         }
     }
-    best.expect("there are deals").1
+    deal.iter().all(|members| !members.is_empty()).then_some(())
 }
 
-fn deal(rng: &mut Rng, rooms: &[RoomKind], areas: &[f32], depths: [f32; 2], end_m: f32) -> [Row; 2] {
-    let mut order: Vec<usize> = (0..rooms.len()).collect();
-    rng.shuffle(&mut order);
-    let cut = 1 + rng.below(rooms.len().max(2) - 1);
-    let row = |indices: &[usize], depth_m: f32, reserved_m: f32| Row {
-        kinds: indices.iter().map(|&index| rooms[index]).collect(),
-        widths: indices.iter().map(|&index| areas[index] / depth_m).collect(),
-        reserved_m,
+/// How much is wrong with the shapes of the rooms; 0 is good.
+fn faults(rooms: &[Room]) -> f32 {
+    let storey_m2 = |storey: usize| {
+        let cells = rooms.iter().filter(|room| room.storey == storey).flat_map(|room| &room.cells);
+        cells.map(Rect::area_m2).sum::<f32>()
     };
-    [row(&order[..cut], depths[0], 0.0), row(&order[cut..], depths[1], end_m)]
+    let storeys = rooms.iter().map(|room| room.storey + 1).max().unwrap_or(0);
+    let off = (0..storeys).map(storey_m2).map(|m2| (60.0 - m2).max(m2 - 250.0).max(0.0) / 10.0);
+    off.sum::<f32>() + rooms.iter().map(room_faults).sum::<f32>()
 }
 
-fn cost_of(sides: &[Row; 2]) -> f32 {
-    let mismatch = (sides[0].length_m() - sides[1].length_m()).abs();
-    let misplaced = sides[0].kinds.iter().filter(|kind| wants_depth(**kind)).count()
-        + sides[1].kinds.iter().filter(|kind| !wants_depth(**kind)).count();
-    let friends: usize = sides.iter().flat_map(|side| side.kinds.windows(2)).filter(|w| friendly(w)).count();
-    let length_m = (sides[0].length_m() + sides[1].length_m()) / 2.0;
-    let narrow: f32 = sides.iter().map(|side| side.narrowness_m(length_m)).sum();
-    let empty = sides.iter().filter(|side| side.kinds.is_empty() && side.reserved_m == 0.0).count();
-    2.0 * mismatch + 1.2 * misplaced as f32 - 1.0 * friends as f32 + 8.0 * narrow + 100.0 * empty as f32
+fn room_faults(room: &Room) -> f32 {
+    if room.kind.is_passage() {
+        return 0.0;
+    }
+    let Some(inner) = Outline::inset(&room.cells, WALL_M / 2.0).largest() else { return 10.0 };
+    let [short, long] = [inner.size()[0].min(inner.size()[1]), inner.size()[0].max(inner.size()[1])];
+    let small =
+        matches!(room.kind, RoomKind::Bathroom | RoomKind::Closet | RoomKind::Laundry | RoomKind::Utility);
+    let narrow = (if small { 1.5 } else { 2.3 } - short).max(0.0);
+    let area: f32 = room.cells.iter().map(Rect::area_m2).sum();
+    let thin = (long / short.max(0.1) - 2.8).max(0.0);
+    let broken = (0.5 - inner.area_m2() / area).max(0.0);
+    4.0 * narrow + 2.0 * thin + 4.0 * broken
 }
 
-/// Whether a room suits the deep side of the house.
-fn wants_depth(kind: RoomKind) -> bool {
-    matches!(kind, RoomKind::LivingRoom | RoomKind::Bedroom | RoomKind::DiningRoom | RoomKind::Gym)
-}
-
-/// Whether two neighbours suit each other.
-pub(super) fn friendly(pair: &[RoomKind]) -> bool {
-    use RoomKind::*;
-    const FRIENDS: [[RoomKind; 2]; 6] = [
-        [Kitchen, DiningRoom],
-        [Kitchen, LivingRoom],
-        [DiningRoom, LivingRoom],
-        [Bedroom, Bathroom],
-        [Bedroom, Office],
-        [Gym, Bathroom],
-    ];
-    FRIENDS.iter().any(|[a, b]| pair == [*a, *b] || pair == [*b, *a])
-}
-
-/// Turns and mirrors the plan at random, in whole centimetres, the middle at the origin.
-fn placed(rng: &mut Rng, strips: Vec<Strip>) -> Vec<Room> {
-    let (swap, mirror_u, mirror_v) = (rng.chance(0.5), rng.chance(0.5), rng.chance(0.5));
-    let middle = |range: fn(&Strip) -> [f32; 2]| {
-        let low = strips.iter().map(|strip| range(strip)[0]).fold(f32::INFINITY, f32::min);
-        let high = strips.iter().map(|strip| range(strip)[1]).fold(f32::NEG_INFINITY, f32::max);
-        (low + high) / 2.0
-    };
-    let (middle_u, middle_v) = (middle(|strip| strip.u), middle(|strip| strip.v));
+/// Turns and mirrors the rooms at random, in whole centimetres, the middle at the origin.
+fn placed(rng: &mut Rng, rooms: Vec<Room>) -> Vec<Room> {
+    let (swap, mirror_x, mirror_z) = (rng.chance(0.5), rng.chance(0.5), rng.chance(0.5));
+    let cells: Vec<Rect> = rooms.iter().flat_map(|room| room.cells.iter().copied()).collect();
+    let middle = around(&cells).center();
     let moved = |range: [f32; 2], middle: f32, mirror: bool| {
         let sign = if mirror { -1.0 } else { 1.0 };
         range.map(|value| sign * ((value - middle) * 100.0).round() / 100.0)
     };
-    let room = |strip: &Strip| {
-        let (u, v) = (moved(strip.u, middle_u, mirror_u), moved(strip.v, middle_v, mirror_v));
-        let cell = if swap { Rect::new(v, u) } else { Rect::new(u, v) };
-        Room { kind: strip.kind, storey: 0, cells: vec![cell] }
+    let cell = |cell: &Rect| {
+        let (x, z) = (moved(cell.x, middle[0], mirror_x), moved(cell.z, middle[1], mirror_z));
+        if swap { Rect::new(z, x) } else { Rect::new(x, z) }
     };
-    strips.iter().map(room).collect()
+    rooms.into_iter().map(|room| Room { cells: room.cells.iter().map(cell).collect(), ..room }).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::procedural::plan::Plan;
+
+    fn houses() -> impl Iterator<Item = (u64, Vec<Room>)> {
+        (0..120).map(|seed| {
+            let count = 5 + seed as usize % 20;
+            (seed, lay_out(&Rng::new(seed), count, 1 + seed as usize / 20 % 2))
+        })
+    }
 
     #[test]
-    fn rooms_do_not_overlap_and_are_wide_enough_to_turn_in() {
-        for seed in 0..200 {
-            let plan = Plan::draw(&mut Rng::new(seed), 5 + seed as usize % 4);
-            for (index, room) in plan.rooms.iter().enumerate() {
-                let [width, depth] = room.interior().size();
-                assert!(width.min(depth) > 1.3, "seed {seed}: {:?} of {width} by {depth} m", room.kind);
-                let others = &plan.rooms[index + 1..];
-                assert!(others.iter().all(|other| !other.cells[0].overlaps(&room.cells[0])), "seed {seed}");
+    fn rooms_do_not_overlap_and_are_as_many_as_were_asked_for() {
+        for (seed, rooms) in houses() {
+            assert_eq!(rooms.len(), 5 + seed as usize % 20);
+            for (index, room) in rooms.iter().enumerate() {
+                let others = rooms[index + 1..].iter().filter(|other| other.storey == room.storey);
+                for other in others.flat_map(|other| &other.cells) {
+                    assert!(room.cells.iter().all(|cell| !cell.overlaps(other)), "seed {seed}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn rooms_are_well_shaped_and_storeys_are_neither_huts_nor_halls() {
+        let mut faulty = 0;
+        for (seed, rooms) in houses() {
+            faulty += usize::from(faults(&rooms) > 0.0);
+            for room in &rooms {
+                let inner = room.interior().size();
+                let least = if room.kind.is_passage() { 1.2 } else { 1.35 };
+                assert!(inner[0].min(inner[1]) > least, "seed {seed}: {room:?}");
+            }
+        }
+        assert!(faulty <= 6, "{faulty} of 120 houses have rooms of bad shape");
+    }
+
+    #[test]
+    fn stairs_lie_above_each_other() {
+        for (seed, rooms) in houses() {
+            let stairs: Vec<&Room> = rooms.iter().filter(|room| room.kind == RoomKind::Stairs).collect();
+            if rooms.iter().any(|room| room.storey == 1) {
+                assert_eq!(stairs.len(), 2, "seed {seed}");
+                assert_eq!(stairs[0].cells, stairs[1].cells, "seed {seed}");
+            } else {
+                assert!(stairs.is_empty(), "seed {seed}");
             }
         }
     }

@@ -101,7 +101,7 @@ mod tests {
     #[test]
     fn windows_lie_in_outer_walls_of_their_rooms_and_apart() {
         for seed in 0..60 {
-            let plan = Plan::draw(&mut Rng::new(seed), 5 + seed as usize % 12);
+            let plan = Plan::draw(&Rng::new(seed), 5 + seed as usize % 12, 1);
             let door = plan.entrance.expect("a front door");
             let all: Vec<Window> = plan.windows.iter().copied().chain([door]).collect();
             assert!(plan.windows.len() >= 4, "seed {seed}: {} windows", plan.windows.len());
@@ -128,6 +128,7 @@ mod tests {
             kind: RoomKind::Office,
             storey: 0,
             cells: vec![Rect::new(x, z)],
+            host: None,
         };
         let rooms = [room([0.0, 4.0], [0.0, 3.0]), room([4.0, 6.0], [0.0, 1.0])];
         let east: Vec<Face> =

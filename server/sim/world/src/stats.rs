@@ -1,0 +1,206 @@
+//! How a building is to walk in, in numbers that can be laid next to those of real buildings.
+//!
+//! The measures are those of the HM3D paper (Ramakrishnan et al. 2021): a body of radius 0.1 m and height 1.5 m.
+
+use avln_geom::{Point3, RayMesh, Rng, Vector3};
+use avln_navmesh::{Body, NavMesh, NavMeshError, NavPoint};
+use avln_scene::Scene;
+
+/// How a building is to walk in.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WalkStats {
+    /// Floor where the body can stand and that hangs together: the largest island, square metres.
+    pub navigable_m2: f64,
+    /// Share of all standing places on floors that the largest island holds, 0 to 1; places on furniture do not count.
+    pub largest_island: f64,
+    /// The largest ratio of walking to straight distance over 20 000 pairs of places on one floor.
+    pub complexity: f64,
+    /// The same over the pairs that are a metre apart or more.
+    pub complexity_beyond_1_m: f64,
+    /// Mesh area within 0.5 m of the navigable floor over navigable area.
+    pub clutter: f64,
+    /// Convex hulls of the navigable floor, summed over floors, square metres.
+    pub floor_m2: f64,
+    /// Share of the rooms that a body of radius 0.25 m gets into from its largest island, 0 to 1; 1 where no room is
+    /// known.
+    pub rooms_reached: f64,
+}
+
+/// A body as wide as a person, for which doors must be passable.
+const WIDE_BODY: Body = Body { radius_m: 0.25, height_m: 1.5, climb_m: 0.2, slope_deg: 45.0 };
+
+/// Start places, and places to go to from each, of the pairs for navigation complexity.
+const PAIRS: [usize; 2] = [200, 100];
+
+/// Places of different height are on different floors beyond this difference, metres.
+const SAME_FLOOR_M: f32 = 0.5;
+
+/// Measures `scene`; `seed` draws the sampled places.
+///
+/// # Errors
+/// When nobody can walk in it.
+pub fn walk_stats(scene: &Scene, seed: u64) -> Result<WalkStats, NavMeshError> {
+    let navmesh = NavMesh::build(scene, &Body::default())?;
+    let wide = NavMesh::build(scene, &WIDE_BODY)?;
+    let rng = Rng::new(seed);
+    let navigable_m2 = navmesh.island_area_m2(navmesh.largest_island());
+    let [complexity, complexity_beyond_1_m] = complexity(&navmesh, &mut rng.fork("pairs"));
+    Ok(WalkStats {
+        navigable_m2,
+        largest_island: largest_share(&navmesh, scene, &rng),
+        complexity,
+        complexity_beyond_1_m,
+        clutter: clutter_m2(&navmesh, scene) / navigable_m2,
+        floor_m2: floor_m2(&navmesh, &mut rng.fork("floors")),
+        rooms_reached: rooms_reached(&wide, scene),
+    })
+}
+
+/// Share of the largest island in all islands that lie on a floor of the building: no higher than 0.3 m above the lowest
+/// place of some room, or of the building where no room is known.
+fn largest_share(navmesh: &NavMesh, scene: &Scene, rng: &Rng) -> f64 {
+    let floors: Vec<f32> = match scene.regions.as_slice() {
+        [] => scene.bounds().iter().map(|bounds| bounds.min.y).collect(),
+        regions => regions.iter().map(|region| region.bounds.min.y).collect(),
+    };
+    let largest = navmesh.largest_island();
+    let on_floor = |island: &u32| {
+        let y = navmesh.sample(&mut rng.fork("island"), *island).position().y;
+        *island == largest || floors.iter().any(|floor| (y - floor).abs() < 0.3)
+    };
+    let islands = (0..navmesh.island_count()).filter(on_floor);
+    navmesh.island_area_m2(largest) / islands.map(|island| navmesh.island_area_m2(island)).sum::<f64>()
+}
+
+/// Largest ratio of walking to straight distance: of all pairs, and of those at least a metre apart.
+fn complexity(navmesh: &NavMesh, rng: &mut Rng) -> [f64; 2] {
+    let island = navmesh.largest_island();
+    let mut most = [1.0_f64; 2];
+    for _ in 0..PAIRS[0] {
+        let start = navmesh.sample(rng, island);
+        let field = navmesh.field(&[(start, 0.0)]);
+        let mut left = PAIRS[1];
+        // A floor with few places would never fill its share of the pairs.
+        for _ in 0..20 * PAIRS[1] {
+            let goal = navmesh.sample(rng, island);
+            let offset = goal.position() - start.position();
+            if left == 0 || offset.y.abs() > SAME_FLOOR_M {
+                continue;
+            }
+            left -= 1;
+            let straight = f64::from(offset.norm());
+            let ratio = field.distance_m(navmesh, &goal).map_or(1.0, |walk| walk / straight.max(1e-3));
+            most[0] = most[0].max(ratio);
+            most[1] = if straight >= 1.0 { most[1].max(ratio) } else { most[1] };
+        }
+    }
+    most
+}
+
+/// Area of the triangles that come within 0.5 m of the largest island, judged at their corners and middle.
+fn clutter_m2(navmesh: &NavMesh, scene: &Scene) -> f64 {
+    const NEAR_M: f32 = 0.5;
+    let near = |point: &Point3<f32>| {
+        let found = navmesh.snap(point, NEAR_M);
+        found.is_some_and(|found| navmesh.island_of(&found) == navmesh.largest_island())
+    };
+    let area_m2 = |index: usize| {
+        let [a, b, c] = scene.corners(index);
+        let middle = Point3::from((a.coords + b.coords + c.coords) / 3.0);
+        let counts = [a, b, c, middle].iter().any(near);
+        if counts { f64::from((b - a).cross(&(c - a)).norm()) / 2.0 } else { 0.0 }
+    };
+    (0..scene.mesh.triangles.len()).map(area_m2).sum()
+}
+
+/// Convex hulls of the floors: heights in bands of 0.2 m that hold a twentieth of the places or more, neighbouring bands
+/// joined.
+fn floor_m2(navmesh: &NavMesh, rng: &mut Rng) -> f64 {
+    const PLACES: usize = 4000;
+    const BAND_M: f32 = 0.2;
+    let island = navmesh.largest_island();
+    let mut places: Vec<Point3<f32>> = (0..PLACES).map(|_| navmesh.sample(rng, island).position()).collect();
+    places.sort_by(|a, b| a.y.total_cmp(&b.y));
+    let band = |place: &Point3<f32>| (place.y / BAND_M + 0.5).floor() as i64;
+    let mut floors: Vec<(i64, Vec<[f32; 2]>)> = Vec::new();
+    for group in places.chunk_by(|a, b| band(a) == band(b)).filter(|group| group.len() >= PLACES / 20) {
+        let flat = group.iter().map(|place| [place.x, place.z]);
+        match floors.last_mut().filter(|(last, _)| band(&group[0]) - last <= 1) {
+            Some((last, floor)) => {
+                *last = band(&group[0]);
+                floor.extend(flat);
+            }
+            None => floors.push((band(&group[0]), flat.collect())),
+        }
+    }
+    floors.into_iter().map(|(_, floor)| hull_m2(floor)).sum()
+}
+
+/// Area of the convex hull (monotone chain).
+fn hull_m2(mut points: Vec<[f32; 2]>) -> f64 {
+    points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    let turn = |a: [f32; 2], b: [f32; 2], c: [f32; 2]| {
+        let [ab, ac] = [b, c].map(|p| [f64::from(p[0] - a[0]), f64::from(p[1] - a[1])]);
+        ab[0] * ac[1] - ab[1] * ac[0]
+    };
+    let chain = |points: &mut dyn Iterator<Item = [f32; 2]>| {
+        let mut chain: Vec<[f32; 2]> = Vec::new();
+        for point in points {
+            while chain.len() >= 2 && turn(chain[chain.len() - 2], chain[chain.len() - 1], point) <= 0.0 {
+                chain.pop();
+            }
+            chain.push(point);
+        }
+        chain
+    };
+    let mut hull = chain(&mut points.iter().copied());
+    hull.extend(chain(&mut points.iter().rev().copied()));
+    (1..hull.len()).map(|i| turn(hull[0], hull[i - 1], hull[i])).sum::<f64>() / 2.0
+}
+
+/// Share of the rooms in which the largest island has a place.
+fn rooms_reached(navmesh: &NavMesh, scene: &Scene) -> f64 {
+    if scene.regions.is_empty() {
+        return 1.0;
+    }
+    let largest = navmesh.largest_island();
+    let entered = |region: &&avln_scene::Region| {
+        let inside = |place: &NavPoint| navmesh.island_of(place) == largest;
+        navmesh.grid(&region.bounds.grown(0.05), 0.1).iter().any(inside)
+    };
+    scene.regions.iter().filter(entered).count() as f64 / scene.regions.len() as f64
+}
+
+/// Share of rays from the middles of rooms, 1.3 m above the floor, that meet a surface within 100 m, 0 to 1: 1 for closed
+/// buildings. Directions are spread evenly over the sphere.
+pub fn closed_share(scene: &Scene) -> f64 {
+    const RAYS: usize = 400;
+    let mesh = RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles);
+    let direction = |index: usize| {
+        // A Fibonacci sphere: https://arxiv.org/abs/0912.4540
+        let y = 1.0 - (2 * index + 1) as f32 / RAYS as f32;
+        let (sin, cos) = avln_geom::angle::sin_cos(2.399_963_2 * index as f32);
+        let radius = (1.0 - y * y).sqrt();
+        Vector3::new(radius * cos, y, radius * sin)
+    };
+    let (mut met, mut all) = (0_usize, 0_usize);
+    for region in &scene.regions {
+        let mut eye = region.bounds.center();
+        eye.y = region.bounds.min.y + 1.3;
+        met += (0..RAYS).filter(|&index| mesh.cast(&eye, &direction(index), 100.0).is_some()).count();
+        all += RAYS;
+    }
+    met as f64 / all.max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_hull_of_a_square_with_points_inside_is_the_square() {
+        let square = vec![[0.0, 0.0], [2.0, 0.0], [1.0, 1.0], [2.0, 2.0], [0.0, 2.0], [0.5, 1.5], [1.0, 0.0]];
+        assert!((hull_m2(square) - 4.0).abs() < 1e-9);
+        assert_eq!(hull_m2(vec![[1.0, 1.0]; 3]), 0.0);
+    }
+}
