@@ -5,5 +5,6 @@ pub mod demo;
 pub mod phase;
 pub mod scene;
 pub mod serve;
+pub mod sim;
 pub mod split;
 pub mod team;

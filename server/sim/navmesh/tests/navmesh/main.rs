@@ -2,6 +2,7 @@
 
 mod broken;
 mod build;
+mod detour;
 mod flat;
 mod houses;
 mod oracle;
