@@ -2,10 +2,11 @@
 //! Sources: habitat-sim `src/esp/nav/PathFinder.cpp`, Detour `findNearestPoly` and `findStraightPath`.
 
 use crate::corridor::{End, corridor_m};
-use crate::mesh::{NavMesh, NavPoint};
+use crate::mesh::{NavMesh, NavPoint, Slide};
 use crate::plane::{Spot, share_of_segment};
 use crate::polygons::Corner;
 use crate::sight::Eye;
+use crate::stop::stop;
 use crate::surface::Surface;
 use avln_geom::Point3;
 
@@ -51,13 +52,16 @@ impl NavMesh {
         }
         let eye = Eye { spot: self.lattice().spot(&from.position), polygon: from.polygon };
         let length_m = f64::from((end - from.position).norm());
-        let reached = self.step(eye, self.lattice().spot(end), length_m, slides)?.end;
-        let again = self.project(&reached.position)?;
+        let Slide { end: reached, blocked } = self.step(eye, self.lattice().spot(end), length_m, slides)?;
+        let exact = matches!(self.surface, Surface::Detail(_)) && blocked && slides;
+        let stopped = exact.then(|| stop(self, reached.polygon, end)).flatten();
+        let place = stopped.unwrap_or(reached.position);
+        let again = self.project(&place)?;
         if self.island_of(&again) == self.island_of(&from) {
-            return Some(reached.position);
+            return Some(place);
         }
-        let inwards = self.middle(reached.polygon) - reached.position;
-        Some(reached.position + inwards * (NUDGE_M / inwards.norm().max(NUDGE_M)))
+        let inwards = self.middle(reached.polygon) - place;
+        Some(place + inwards * (NUDGE_M / inwards.norm().max(NUDGE_M)))
     }
 
     /// Length of the path that Habitat finds between two points, metres: both are taken to the mesh first, but keep their

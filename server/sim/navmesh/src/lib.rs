@@ -31,6 +31,7 @@ mod regions;
 mod route;
 mod settings;
 mod sight;
+mod stop;
 mod surface;
 mod voxels;
 mod walk;

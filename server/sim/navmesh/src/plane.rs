@@ -27,6 +27,12 @@ impl Lattice {
         Point3::new(back(spot.x, self.origin.x), height_m, back(spot.y, self.origin.z))
     }
 
+    /// [`Lattice::point`] of a lattice corner, rounded as Recast rounds it.
+    pub(crate) fn corner(&self, spot: &Spot, height_m: f32) -> Point3<f32> {
+        let back = |cells: f64, origin: f32| origin + cells as f32 * self.cell_m;
+        Point3::new(back(spot.x, self.origin.x), height_m, back(spot.y, self.origin.z))
+    }
+
     /// World height of a level of the lattice.
     pub(crate) fn height_m(&self, level: u16) -> f32 {
         self.origin.y + f32::from(level) * self.level_m

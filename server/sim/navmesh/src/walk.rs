@@ -37,7 +37,8 @@ pub(crate) fn walk(polygons: &Polygons, step: &Step) -> Option<Walked> {
         if holds(polygons, polygon, &step.target) {
             return Some(Walked { end: Eye { spot: step.target, polygon }, blocked: false });
         }
-        for edge in polygons.edges(polygon) {
+        // Outlines are kept the other way around than Detour keeps them; of equal places the first counts.
+        for edge in polygons.edges(polygon).rev() {
             let (from, to) = (polygons.from(edge), polygons.to(edge));
             if let Some(neighbour) = polygons.neighbour(edge) {
                 let gap = (nearest_on_segment(&middle, from, to) - middle).norm();

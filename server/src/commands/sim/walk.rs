@@ -152,6 +152,27 @@ mod tests {
     }
 
     #[test]
+    fn a_walk_slides_along_walls_and_says_so() {
+        let scene = avln_scene::procedural::house("house-1", 1, &Default::default());
+        let mesh = NavMesh::build_with(&scene, &Default::default()).expect("a house to walk in");
+        let on_floor = mesh.sample(&mut avln_geom::Rng::new(2), mesh.largest_island());
+        let start = Start { position: on_floor.position(), heading_deg: 170.0 };
+        let motion = Motion { forward: 0.25, turn: 30.0, no_sliding: false };
+        // Straight on for longer than the house is: in the end nothing is left of a step.
+        let actions = [vec![Action::Left], vec![Action::Forward; 200], vec![Action::Stay; 2]].concat();
+        let walked = walk(&mesh, &start, &actions, &motion);
+        assert_eq!((walked.poses.len(), walked.collided.len()), (203, 203));
+        assert_eq!((walked.poses[0].3, walked.collided[0]), (-160.0, false));
+        assert!(walked.collided[200] && !walked.collided[202]);
+        let (before, last) = (walked.poses[190], walked.poses[202]);
+        assert!((before.0 - last.0).hypot(before.2 - last.2) < 1e-3, "{before:?} {last:?}");
+        for pair in walked.poses.windows(2) {
+            let moved = (pair[1].0 - pair[0].0).hypot(pair[1].2 - pair[0].2);
+            assert!(moved < 0.51, "{pair:?}");
+        }
+    }
+
+    #[test]
     fn headings_stay_within_one_turn() {
         assert_eq!(
             (wrapped(190.0), wrapped(-180.0), wrapped(-30.0), wrapped(720.0)),

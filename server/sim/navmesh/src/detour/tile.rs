@@ -3,7 +3,7 @@
 use super::DetourError;
 use super::bytes::Reader;
 use crate::mesh::Parts;
-use crate::plane::{Lattice, Spot};
+use crate::plane::{Lattice, Spot, turn};
 use crate::polygons::{Corner, RawPolygon};
 use avln_geom::Point3;
 
@@ -18,6 +18,10 @@ const WALKABLE: u16 = 1;
 const OUTSIDE: u16 = 0x8000;
 /// Polygons below this area are none to Habitat, square metres.
 const MIN_POLYGON_M2: f64 = 1e-5;
+/// What rounding may turn a straight corner inwards, cells squared.
+const SLACK: f64 = 0.5;
+const MAX_SIDE_CELLS: f64 = 60_000.0;
+const MAX_CELLS: f64 = 3.0e7;
 /// Coordinates this close to a lattice corner are that corner, cells: what f32 does to them.
 const ROUNDING_CELLS: f64 = 2e-3;
 
@@ -35,6 +39,7 @@ struct Header {
 
 /// A polygon as it is stored.
 struct Stored {
+    offset: usize,
     corners: Vec<usize>,
     walkable: bool,
 }
@@ -48,7 +53,9 @@ struct Part {
 
 pub(super) fn read(mut reader: Reader<'_>) -> Result<Parts, DetourError> {
     let header = header(&mut reader)?;
+    let corners_at = reader.at();
     let places = corners(&mut reader, "a corner", header.corners)?;
+    check_extent(&reader, corners_at, &places, &header.lattice)?;
     let stored: Vec<_> =
         (0..header.polygons).map(|_| polygon(&mut reader, places.len())).collect::<Result<_, _>>()?;
     reader.take("the links", header.links * LINK_BYTES)?;
@@ -115,6 +122,29 @@ fn corners(reader: &mut Reader<'_>, what: &'static str, count: usize) -> Result<
     (0..count).map(|_| block.corner(what)).collect()
 }
 
+/// Refuses corners outside of the tile and tiles larger than any scene may be.
+fn check_extent(
+    reader: &Reader<'_>,
+    offset: usize,
+    places: &[[f32; 3]],
+    lattice: &Lattice,
+) -> Result<(), DetourError> {
+    let mut reach = Spot::origin();
+    for (index, &[x, y, z]) in places.iter().enumerate() {
+        let spot = lattice.spot(&Point3::new(x, y, z));
+        let found = || format!("({x}, {y}, {z})");
+        let inside = spot.x > -1.0 && spot.y > -1.0;
+        reader.demand(inside, "a corner", offset + 12 * index, found(), || {
+            "the tile begins behind it".into()
+        })?;
+        reach = reach.sup(&spot);
+    }
+    let fits = reach.x.max(reach.y) < MAX_SIDE_CELLS && reach.x * reach.y < MAX_CELLS;
+    let expected = || format!("{MAX_SIDE_CELLS} a side and {MAX_CELLS} in all can be read");
+    let found = format!("{:.0} x {:.0} cells", reach.x, reach.y);
+    reader.demand(fits, "the extent of the corners", offset, found, expected)
+}
+
 fn polygon(reader: &mut Reader<'_>, corners: usize) -> Result<Stored, DetourError> {
     let offset = reader.at();
     reader.take("a polygon", 4)?;
@@ -144,7 +174,7 @@ fn polygon(reader: &mut Reader<'_>, corners: usize) -> Result<Stored, DetourErro
     }
     let whole = || "tiles that lead to others cannot be read".to_owned();
     reader.demand(!leaves, "a polygon", offset, "one that leads to another tile".into(), whole)?;
-    Ok(Stored { corners: used.to_vec(), walkable: flags & WALKABLE != 0 && !is_connection })
+    Ok(Stored { offset, corners: used.to_vec(), walkable: flags & WALKABLE != 0 && !is_connection })
 }
 
 fn part(reader: &mut Reader<'_>) -> Result<Part, DetourError> {
@@ -171,6 +201,9 @@ impl Tile<'_> {
     fn raw(&self, reader: &Reader<'_>, index: usize, polygon: &Stored) -> Result<RawPolygon, DetourError> {
         let corners: Vec<_> =
             polygon.corners.iter().map(|&corner| self.on_lattice(self.places[corner])).collect();
+        let shape = || "its corners must go around it once, turning one way".to_owned();
+        let found = "one that is not convex".to_owned();
+        reader.demand(is_convex(&corners), "a polygon", polygon.offset, found, shape)?;
         let Some(part) = self.parts.get(index) else {
             let detail = (1..corners.len() - 1).map(|i| [corners[0], corners[i], corners[i + 1]]).collect();
             return Ok(RawPolygon { corners, region: 0, detail });
@@ -206,6 +239,15 @@ impl Tile<'_> {
         let corner = self.corner(place);
         let snap =
             |value: f64| if (value - value.round()).abs() < ROUNDING_CELLS { value.round() } else { value };
-        Corner { spot: Spot::new(snap(corner.spot.x), snap(corner.spot.y)), ..corner }
+        Corner { spot: Spot::new(snap(corner.spot.x).max(0.0), snap(corner.spot.y).max(0.0)), ..corner }
     }
+}
+
+/// Whether the way around turns to one side only, but for what rounding does, and once.
+fn is_convex(corners: &[Corner]) -> bool {
+    let spot = |index: usize| &corners[index % corners.len()].spot;
+    let turns: Vec<_> = (0..corners.len()).map(|i| turn(spot(i), spot(i + 1), spot(i + 2))).collect();
+    let area: f64 = (2..corners.len()).map(|i| turn(spot(0), spot(i - 1), spot(i))).sum();
+    let fans = (2..corners.len()).map(|i| turn(spot(0), spot(i - 1), spot(i)));
+    turns.into_iter().chain(fans).all(|turn| turn * area.signum() >= -SLACK)
 }

@@ -165,6 +165,7 @@ fn values_that_cannot_be_are_named_with_their_place() {
         (File { tiles: 2, ..File::default() }, "byte 8 is 2"),
         (File { tile_version: 6, ..File::default() }, "byte 52 is 6"),
         (File { corner: [1, 4, 99, 2, 0, 0], ..File::default() }, "one with corner 99"),
+        (File { corner: [1, 5, 4, 2, 0, 0], ..File::default() }, "not convex"),
         (File { neighbour: 0x8001, ..File::default() }, "leads to another tile"),
         (File { cells_per_m: f32::NAN, ..File::default() }, "NaN"),
         (File { cells_per_m: 0.0, ..File::default() }, "0.01 to 10000"),
@@ -177,6 +178,14 @@ fn values_that_cannot_be_are_named_with_their_place() {
     bytes[72..76].copy_from_slice(&i32::MAX.to_le_bytes());
     let error = NavMesh::from_detour(&bytes).err().expect("too many polygons").to_string();
     assert!(error.contains("number of polygons"), "{error}");
+    // The first corner lies at byte 148: a tile that is kilometres wide, and a corner before its beginning.
+    for (x, words) in [(9e5_f32, "the extent of the corners"), (-50.0, "a corner at byte 148 is (-50, 0, 5)")]
+    {
+        let mut bytes = File::default().bytes();
+        bytes[148..152].copy_from_slice(&x.to_le_bytes());
+        let error = NavMesh::from_detour(&bytes).err().expect("a corner far away").to_string();
+        assert!(error.contains(words), "{error}");
+    }
 }
 
 #[test]

@@ -4,6 +4,7 @@ mod broken;
 mod build;
 mod detour;
 mod flat;
+mod habitat;
 mod houses;
 mod oracle;
 mod storeys;
