@@ -40,6 +40,9 @@ pub enum Command {
     /// Look at scenes and export them
     #[command(subcommand)]
     Scene(commands::scene::Command),
+    /// Ask how far it is to walk in a scene and where actions lead, as Habitat would
+    #[command(subcommand)]
+    Sim(commands::sim::Command),
 }
 
 /// The whole program: carries out the command line of this process, and says on standard error why it could not.
@@ -67,6 +70,7 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
     let _ = subscriber.try_init();
     match cli.command {
         Command::Scene(command) => commands::scene::run(command),
+        Command::Sim(command) => commands::sim::run(command),
         other => asynchronous(&cli.data, other),
     }
 }
@@ -81,5 +85,6 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
         Command::Phase(command) => commands::phase::run(data, command).await,
         Command::Team(command) => commands::team::run(data, command).await,
         Command::Scene(command) => commands::scene::run(command),
+        Command::Sim(command) => commands::sim::run(command),
     }
 }

@@ -6,5 +6,6 @@ pub mod phase;
 pub mod scene;
 pub mod scene_stats;
 pub mod serve;
+pub mod sim;
 pub mod split;
 pub mod team;

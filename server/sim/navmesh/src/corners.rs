@@ -1,4 +1,4 @@
-use crate::plane::{Spot, turn};
+use crate::plane::{Lattice, Spot, turn};
 use crate::polygons::{NONE, Polygons};
 use crate::sight::{Eye, View, look};
 use std::ops::Range;
@@ -10,6 +10,7 @@ const SLACK: f64 = 1e-7;
 ///
 /// A shortest path on the mesh bends only where a wall turns away from it (Lozano-Pérez and Wesley 1979).
 pub(crate) struct Corners {
+    lattice: Lattice,
     corners: Vec<Corner>,
     /// Corner at the beginning of each edge; `NONE` where walls do not turn away.
     at_edge: Vec<u32>,
@@ -21,16 +22,19 @@ pub(crate) struct Corners {
 #[derive(Clone, Copy)]
 pub(crate) struct Corner {
     pub(crate) eye: Eye,
+    /// Height of the ground there, metres.
+    pub(crate) height_m: f64,
     /// Where the wall that arrives begins, and where the wall that leaves ends; the floor is on their left.
     before: Spot,
     after: Spot,
 }
 
-/// A straight way between two corners.
+/// A straight way to a corner.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) struct Link {
     pub(crate) to: u32,
-    pub(crate) cells: f64,
+    /// How long it is in space, metres.
+    pub(crate) metres: f64,
 }
 
 impl Corner {
@@ -43,9 +47,10 @@ impl Corner {
 }
 
 impl Corners {
-    pub(crate) fn new(polygons: &Polygons) -> Self {
-        let (corners, at_edge) = find(polygons);
-        let mut found = Self { corners, at_edge, first_link: vec![0], links: Vec::new() };
+    /// Finds the corners; `height_m` tells how high the ground is at the beginning of an edge.
+    pub(crate) fn new(polygons: &Polygons, lattice: Lattice, height_m: impl Fn(u32) -> f64) -> Self {
+        let (corners, at_edge) = find(polygons, height_m);
+        let mut found = Self { lattice, corners, at_edge, first_link: vec![0], links: Vec::new() };
         for id in 0..found.corners.len() as u32 {
             let links = found.links_of(polygons, id);
             found.links.extend(links);
@@ -67,15 +72,27 @@ impl Corners {
         &self.links[range(corner as usize)..range(corner as usize + 1)]
     }
 
-    /// Calls `found` for the corners among `edges` of one polygon that are in `view` from `spot` and useful from there.
-    pub(crate) fn in_view(&self, edges: Range<u32>, view: &View, spot: &Spot, mut found: impl FnMut(Link)) {
+    /// Distance in space between a corner and a place (a spot and its height), metres.
+    pub(crate) fn metres_to(&self, corner: u32, place: (&Spot, f64)) -> f64 {
+        let corner = self.get(corner);
+        self.lattice.apart_m((&corner.eye.spot, corner.height_m), place)
+    }
+
+    /// Calls `found` for the corners among `edges` of one polygon that are in `view` from `place` and useful from there.
+    pub(crate) fn in_view(
+        &self,
+        edges: Range<u32>,
+        view: &View,
+        place: (&Spot, f64),
+        mut found: impl FnMut(Link),
+    ) {
         for &to in &self.at_edge[edges.start as usize..edges.end as usize] {
             if to == NONE {
                 continue;
             }
             let corner = &self.corners[to as usize];
-            if view.holds(&corner.eye.spot) && corner.is_tangent(spot) {
-                found(Link { to, cells: (corner.eye.spot - spot).norm() });
+            if view.holds(&corner.eye.spot) && corner.is_tangent(place.0) {
+                found(Link { to, metres: self.metres_to(to, place) });
             }
         }
     }
@@ -84,9 +101,9 @@ impl Corners {
         let corner = self.corners[id as usize];
         let mut links = Vec::new();
         look(polygons, &corner.eye, |polygon, view| {
-            self.in_view(polygons.edges(polygon), view, &corner.eye.spot, |link| {
+            self.in_view(polygons.edges(polygon), view, (&corner.eye.spot, corner.height_m), |link| {
                 let other = self.corners[link.to as usize].eye.spot;
-                if link.cells > 0.0 && corner.is_tangent(&other) {
+                if other != corner.eye.spot && corner.is_tangent(&other) {
                     links.push(link);
                 }
             });
@@ -98,7 +115,7 @@ impl Corners {
 }
 
 /// Walks around the end of every wall to the wall that goes on from there, and keeps the ends where it turns right.
-fn find(polygons: &Polygons) -> (Vec<Corner>, Vec<u32>) {
+fn find(polygons: &Polygons, height_m: impl Fn(u32) -> f64) -> (Vec<Corner>, Vec<u32>) {
     let edges = 0..polygons.edges(polygons.len() - 1).end;
     let mut at_edge = vec![NONE; edges.len()];
     let mut corners = Vec::new();
@@ -112,7 +129,7 @@ fn find(polygons: &Polygons) -> (Vec<Corner>, Vec<u32>) {
         if side < 0.0 || is_dead_end {
             fan.iter().for_each(|&edge| at_edge[edge as usize] = corners.len() as u32);
             let eye = Eye { spot, polygon: polygons.owner(leaving) };
-            corners.push(Corner { eye, before, after });
+            corners.push(Corner { eye, height_m: height_m(leaving), before, after });
         }
     }
     (corners, at_edge)
@@ -131,12 +148,15 @@ fn fan(polygons: &Polygons, wall: u32) -> Vec<u32> {
 mod tests {
     use super::*;
     use crate::polygons::tests::letter_l;
+    use avln_geom::Point3;
 
     #[test]
     fn an_l_has_one_corner_to_bend_around() {
         let polygons = letter_l();
-        let corners = Corners::new(&polygons);
+        let lattice = Lattice { origin: Point3::origin(), cell_m: 0.5, level_m: 0.2 };
+        let corners = Corners::new(&polygons, lattice, |_| 3.0);
         assert_eq!(corners.len(), 1);
+        assert_eq!(corners.metres_to(0, (&Spot::new(2.0, 10.0), 0.0)), 5.0);
         assert_eq!(corners.get(0).eye.spot, Spot::new(10.0, 10.0));
         assert!(corners.links(0).is_empty());
         // From (2, 18) a way may go on behind the corner; from (5, 5) it would run into the wall.

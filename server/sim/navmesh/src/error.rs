@@ -13,6 +13,18 @@ pub enum NavMeshError {
         /// The largest value allowed.
         high: f32,
     },
+    /// A setting is out of range.
+    #[error("the navmesh setting {field} is {value}; it can be {low} to {high}")]
+    Settings {
+        /// The field of [`NavMeshSettings`](crate::NavMeshSettings).
+        field: &'static str,
+        /// What it says.
+        value: f32,
+        /// The smallest value allowed.
+        low: f32,
+        /// The largest value allowed.
+        high: f32,
+    },
     /// The scene has no triangles.
     #[error("scene `{scene}` has no triangles, so nobody can stand in it; check that its mesh was imported")]
     Empty {
@@ -42,7 +54,7 @@ pub enum NavMeshError {
         /// Extent along z.
         depth_m: f32,
         /// What would be accepted.
-        limit: &'static str,
+        limit: String,
     },
     /// No surface is large, level and free enough.
     #[error(

@@ -1,8 +1,6 @@
-use crate::plane::{CELL_M, Spot};
+use crate::plane::Spot;
 use crate::polygons::{NONE, Polygons};
 use avln_geom::Rng;
-
-const SQUARE_CELL_M2: f64 = CELL_M as f64 * CELL_M as f64;
 
 /// The connected parts of the mesh, the one to live on first.
 pub(crate) struct Islands {
@@ -25,7 +23,8 @@ struct Triangle {
 
 impl Islands {
     /// Numbers the parts: those where `is_roof` (by polygon) holds for most of the area come last, larger ones first.
-    pub(crate) fn new(polygons: &Polygons, is_roof: impl Fn(u32) -> bool) -> Self {
+    pub(crate) fn new(polygons: &Polygons, cell_m: f32, is_roof: impl Fn(u32) -> bool) -> Self {
+        let square_cell_m2 = f64::from(cell_m) * f64::from(cell_m);
         let (mut of_polygon, members) = components(polygons);
         let mut ranked: Vec<_> =
             members.into_iter().map(|members| rank(polygons, members, &is_roof)).collect();
@@ -33,7 +32,7 @@ impl Islands {
         let mut parts = Vec::with_capacity(ranked.len());
         for ((_, area, members), number) in ranked.into_iter().zip(0..) {
             members.iter().for_each(|&polygon| of_polygon[polygon as usize] = number);
-            parts.push(Island { area_m2: area * SQUARE_CELL_M2, triangles: triangles(polygons, &members) });
+            parts.push(Island { area_m2: area * square_cell_m2, triangles: triangles(polygons, &members) });
         }
         Self { of_polygon, parts }
     }

@@ -1,25 +1,34 @@
 use crate::corners::Corners;
+use crate::detail::Detail;
+use crate::detour::{self, DetourError};
 use crate::field::DistanceField;
 use crate::islands::Islands;
 use crate::locate::Bins;
-use crate::plane::{CELL_M, LEVEL_M, Lattice, Offset, Spot};
-use crate::polygons::Polygons;
+use crate::outlook::Outlook;
+use crate::plane::{Lattice, Spot};
+use crate::polygons::{Polygons, RawPolygon};
+use crate::route::route;
+use crate::settings::Cells;
 use crate::sight::Eye;
-use crate::surface::Surface;
-use crate::voxels::{RawPolygon, Voxels, climb_levels, voxelise};
-use crate::walk::walk;
-use crate::{Body, NavMeshError};
+use crate::surface::{Ground, Surface};
+use crate::voxels::{Voxels, voxelise};
+use crate::walk::{Step, walk};
+use crate::{Body, NavMeshError, NavMeshSettings};
 use avln_geom::{Aabb, Point3, Rng, Vector3};
 use avln_scene::Scene;
 
 /// What rounding a position to f32 may do to it, cells (5 micrometres).
 const ROUNDING_CELLS: f64 = 1e-4;
+/// How far beyond the middle of a step, besides half of its length, walls are looked at, metres (Detour's).
+const STEP_RIM_M: f64 = 0.001;
+/// Corners that Recast shares between polygons are the same to the bit.
+const SHARED_M: f64 = 1e-6;
 
 /// A point that stands on a [`NavMesh`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NavPoint {
-    position: Point3<f32>,
-    polygon: u32,
+    pub(crate) position: Point3<f32>,
+    pub(crate) polygon: u32,
 }
 
 impl NavPoint {
@@ -47,36 +56,80 @@ pub struct Slide {
 pub struct NavMesh {
     lattice: Lattice,
     headroom_m: f32,
+    climb_m: f32,
     pub(crate) polygons: Polygons,
     pub(crate) corners: Corners,
-    corner_positions: Vec<Point3<f32>>,
     islands: Islands,
-    bins: Bins,
-    surface: Surface,
+    pub(crate) bins: Bins,
+    pub(crate) surface: Surface,
+}
+
+/// A mesh before its polygons are joined.
+pub(crate) struct Parts {
+    pub(crate) lattice: Lattice,
+    pub(crate) headroom_m: f32,
+    pub(crate) climb_m: f32,
+    pub(crate) raw: Vec<RawPolygon>,
 }
 
 impl NavMesh {
-    /// Builds the mesh of `scene` for `body`: a lattice of 5 cm, Habitat's settings otherwise. Triangles that face
-    /// upwards are floor; parts below about 1 square metre are left out.
+    /// Builds the mesh of `scene` for `body` with the arena's own settings: a lattice of 5 cm, heights of the scene,
+    /// Habitat's settings otherwise. Triangles that face upwards are floor; parts below about 1 square metre are left out.
     ///
     /// # Errors
     /// When the body's measures are out of range, when the scene's mesh is empty, broken or too large, or when nobody
     /// can stand in it.
     pub fn build(scene: &Scene, body: &Body) -> Result<NavMesh, NavMeshError> {
-        body.check()?;
-        let Voxels { lattice, polygons: raw, floors } = voxelise(scene, body)?;
-        let polygons = Polygons::new(&raw, climb_levels(body));
-        let levels: Vec<_> = raw.iter().map(middle_level).collect();
+        Self::build_with(scene, &NavMeshSettings::from(body))
+    }
+
+    /// Builds the mesh of `scene` as `settings` say; by default they are Habitat's.
+    ///
+    /// # Errors
+    /// When a setting is out of range, when the scene's mesh is empty, broken or too large, or when nobody can stand in
+    /// it.
+    pub fn build_with(scene: &Scene, settings: &NavMeshSettings) -> Result<NavMesh, NavMeshError> {
+        settings.check()?;
+        let body = &settings.body;
+        let Voxels { lattice, polygons: raw, floors } = voxelise(scene, settings)?;
         let top_m = scene.bounds().map_or(0.0, |bounds| bounds.max.y) - body.height_m;
-        let islands = Islands::new(&polygons, |p| lattice.height_m(levels[p as usize]) > top_m);
-        let patches = raw.iter().map(|polygon| polygon.region).zip(levels.iter().copied()).collect();
-        let surface = Surface::new(lattice, floors, patches, scene);
-        let corners = Corners::new(&polygons);
+        let climb_m = f32::from(Cells::new(settings).climb) * settings.level_m;
+        let (surface, max_gap_m) = match floors {
+            Some(floors) => {
+                let patches = raw.iter().map(|polygon| (polygon.region, middle_m(polygon) as f32)).collect();
+                let ground = Ground::new(lattice, floors, patches, scene);
+                (Surface::Scene(Box::new(ground)), f64::from(climb_m) + SHARED_M)
+            }
+            None => (Surface::Detail(Detail::new(&raw)), SHARED_M),
+        };
+        let parts = Parts { lattice, headroom_m: body.height_m, climb_m: body.climb_m, raw };
+        Ok(Self::assemble(parts, surface, max_gap_m, top_m))
+    }
+
+    /// Reads a Detour navmesh as Habitat saves it (`.navmesh`, set versions 1 and 2): polygons that Habitat walks, their
+    /// heights, and the measures of the body that it was built for.
+    ///
+    /// # Errors
+    /// When the bytes are not such a file: what was read at which byte, and what was expected.
+    pub fn from_detour(bytes: &[u8]) -> Result<NavMesh, DetourError> {
+        let parts = detour::read(bytes)?;
+        let surface = Surface::Detail(Detail::new(&parts.raw));
+        Ok(Self::assemble(parts, surface, SHARED_M, f32::INFINITY))
+    }
+
+    /// Joins polygons whose edges differ by at most `max_gap_m` in height; those above `top_m` are roofs.
+    fn assemble(parts: Parts, surface: Surface, max_gap_m: f64, top_m: f32) -> Self {
+        let Parts { lattice, headroom_m, climb_m, raw } = parts;
+        let polygons = Polygons::new(&raw, max_gap_m);
+        let middles_m: Vec<_> = raw.iter().map(middle_m).collect();
+        let is_roof = |polygon: u32| middles_m[polygon as usize] > f64::from(top_m);
+        let islands = Islands::new(&polygons, lattice.cell_m, is_roof);
+        let corners = Corners::new(&polygons, lattice, |edge| match &surface {
+            Surface::Scene(_) => f64::from(surface.height_m(polygons.owner(edge), polygons.from(edge))),
+            Surface::Detail(_) => polygons.height_m(edge),
+        });
         let bins = Bins::new(&polygons);
-        let place = |eye: &Eye| lattice.point(&eye.spot, surface.height_m(eye.polygon, &eye.spot));
-        let corner_positions = (0..corners.len() as u32).map(|id| place(&corners.get(id).eye)).collect();
-        let headroom_m = body.height_m;
-        Ok(Self { lattice, headroom_m, polygons, corners, corner_positions, islands, bins, surface })
+        Self { lattice, headroom_m, climb_m, polygons, corners, islands, bins, surface }
     }
 
     /// The point of the mesh nearest to `point`, if it is no farther than `max_distance_m` (in space).
@@ -84,15 +137,15 @@ impl NavMesh {
     /// Polygons are compared by their point nearest in the plane, at its own height.
     pub fn snap(&self, point: &Point3<f32>, max_distance_m: f32) -> Option<NavPoint> {
         let spot = self.lattice.spot(point);
-        let cell_m = f64::from(CELL_M);
+        let cell_m = f64::from(self.lattice.cell_m);
         // Heights are compared by lattice level first: the limit is checked exactly at the end.
-        let reach_m = f64::from(max_distance_m + 2.0 * LEVEL_M);
+        let reach_m = f64::from(max_distance_m + 2.0 * self.lattice.level_m);
         let mut best = (reach_m * reach_m, None);
         self.bins.around(&spot, reach_m / cell_m, |polygon| {
             let nearest = self.polygons.nearest(polygon, &spot);
             let flat = (nearest - spot).norm_squared() * cell_m * cell_m;
             if flat < best.0 {
-                let rise = self.surface.rough_height_m(polygon, &nearest) - 0.5 * LEVEL_M - point.y;
+                let rise = self.surface.rough_height_m(polygon, &nearest) - point.y;
                 let distance_squared = flat + f64::from(rise) * f64::from(rise);
                 if distance_squared < best.0 {
                     best = (distance_squared, Some((nearest, polygon)));
@@ -143,9 +196,9 @@ impl NavMesh {
     }
 
     /// All points of the mesh inside `bounds` whose x and z are whole multiples of `spacing_m`, on every storey; ordered
-    /// by x, then z, then height. None for a spacing below a lattice cell (5 cm).
+    /// by x, then z, then height. None for a spacing below a lattice cell.
     pub fn grid(&self, bounds: &Aabb, spacing_m: f32) -> Vec<NavPoint> {
-        if spacing_m.is_nan() || spacing_m < CELL_M {
+        if spacing_m.is_nan() || spacing_m < self.lattice.cell_m {
             return Vec::new();
         }
         let Some(reach) = self.reach() else { return Vec::new() };
@@ -164,32 +217,64 @@ impl NavMesh {
         points
     }
 
-    /// Walks `displacement` from `from` along the surface; at walls the rest of the way goes on along the wall. Only the
-    /// horizontal part of `displacement` counts, and no more than its length is walked in the plane.
+    /// Walks `displacement` from `from` along the surface, as Habitat does: where walls are in the way, it ends at the place
+    /// nearest to where it would have ended of those that can be walked to around the step, which is along the wall. Only
+    /// the horizontal part of `displacement` counts.
     pub fn slide(&self, from: &NavPoint, displacement: &Vector3<f32>) -> Slide {
-        let cells = |metres: f32| f64::from(metres) / f64::from(CELL_M);
-        let offset = Offset::new(cells(displacement.x), cells(displacement.z));
-        if !(offset.x.is_finite() && offset.y.is_finite()) {
-            return Slide { end: *from, blocked: true };
-        }
-        let walked = walk(&self.polygons, &self.eye(from), &offset);
-        Slide { end: self.point(&walked.end.spot, walked.end.polygon), blocked: walked.blocked }
+        let start = self.eye(from);
+        let cells = |metres: f32| self.lattice.cells(f64::from(metres));
+        let target = Spot::new(start.spot.x + cells(displacement.x), start.spot.y + cells(displacement.z));
+        let length_m = f64::from(displacement.xz().norm());
+        self.step(start, target, length_m, true).unwrap_or(Slide { end: *from, blocked: true })
     }
 
-    /// Length of the shortest path from `a` to `b` over the mesh, measured in the ground plane, metres; `None` across
-    /// islands. Exact for the polygons of the mesh, and the same to the bit both ways.
+    /// A step to `target` that measures `length_m`; `None` when it ends nowhere.
+    pub(crate) fn step(&self, start: Eye, target: Spot, length_m: f64, slides: bool) -> Option<Slide> {
+        if !(target.x.is_finite() && target.y.is_finite()) {
+            return None;
+        }
+        let reach_cells = self.lattice.cells(0.5 * length_m + STEP_RIM_M);
+        let walked = walk(&self.polygons, &Step { start, target, reach_cells, slides })?;
+        Some(Slide { end: self.point(&walked.end.spot, walked.end.polygon), blocked: walked.blocked })
+    }
+
+    /// Length of the shortest path from `a` to `b` over the mesh, metres; `None` across islands. The path is exact in the
+    /// ground plane of the polygons; its legs are measured in space, from corner to corner. The same to the bit both ways.
     pub fn distance_m(&self, a: &NavPoint, b: &NavPoint) -> Option<f64> {
         if self.island_of(a) != self.island_of(b) {
             return None;
         }
-        let key = |point: &NavPoint| (point.polygon, point.position.x.to_bits(), point.position.z.to_bits());
-        let (a, b) = if key(a) <= key(b) { (a, b) } else { (b, a) };
-        self.field(&[(*b, 0.0)]).distance_m(self, a)
+        let (a, b) = if order(a) <= order(b) { (a, b) } else { (b, a) };
+        route(self, a, b).map(|route| route.metres)
     }
 
     /// The shortest path from `a` to `b`: `a`, the corners where it bends, `b`; `None` across islands.
     pub fn path(&self, a: &NavPoint, b: &NavPoint) -> Option<Vec<Point3<f32>>> {
-        self.field(&[(*b, 0.0)]).path(self, a)
+        if self.island_of(a) != self.island_of(b) {
+            return None;
+        }
+        let bends = route(self, a, b)?.bends;
+        let between = bends.into_iter().map(|corner| self.corner_position(corner));
+        Some(std::iter::once(a.position).chain(between).chain([b.position]).collect())
+    }
+
+    /// Distances from each of `from` (outer) to each of `to` (inner), metres; `None` across islands. Far cheaper than one
+    /// by one: every point is looked around from once.
+    pub fn distances_m(&self, from: &[NavPoint], to: &[NavPoint]) -> Vec<Vec<Option<f64>>> {
+        let outlooks: Vec<_> = from.iter().map(|point| self.outlook(point)).collect();
+        let mut distances = vec![Vec::with_capacity(to.len()); from.len()];
+        for target in to {
+            let field = self.field(&[(*target, 0.0)]);
+            for (row, outlook) in distances.iter_mut().zip(&outlooks) {
+                row.push(field.distance_from_m(self, outlook));
+            }
+        }
+        distances
+    }
+
+    /// What `point` sees of the mesh, for many fields.
+    pub fn outlook(&self, point: &NavPoint) -> Outlook {
+        Outlook::new(self, point)
     }
 
     /// Distances to the nearest of `seeds`, each with a weight in metres that is added to the way to it.
@@ -216,10 +301,20 @@ impl NavMesh {
     }
 
     pub(crate) fn corner_position(&self, corner: u32) -> Point3<f32> {
-        self.corner_positions[corner as usize]
+        let corner = self.corners.get(corner);
+        self.lattice.point(&corner.eye.spot, corner.height_m as f32)
     }
 
-    fn point(&self, spot: &Spot, polygon: u32) -> NavPoint {
+    pub(crate) fn lattice(&self) -> &Lattice {
+        &self.lattice
+    }
+
+    /// The highest step that the body walks, metres.
+    pub(crate) fn climb_m(&self) -> f32 {
+        self.climb_m
+    }
+
+    pub(crate) fn point(&self, spot: &Spot, polygon: u32) -> NavPoint {
         let height_m = self.surface.height_m(polygon, spot);
         NavPoint { position: self.lattice.point(spot, height_m), polygon }
     }
@@ -243,7 +338,12 @@ impl NavMesh {
     }
 }
 
-fn middle_level(polygon: &RawPolygon) -> u16 {
-    let sum: u32 = polygon.corners.iter().map(|corner| u32::from(corner[1])).sum();
-    (sum / polygon.corners.len() as u32) as u16
+/// Mean height of the corners, metres.
+fn middle_m(polygon: &RawPolygon) -> f64 {
+    let sum: f64 = polygon.corners.iter().map(|corner| corner.height_m).sum();
+    sum / polygon.corners.len() as f64
+}
+
+fn order(point: &NavPoint) -> (u32, [u32; 3]) {
+    (point.polygon, [point.position.x, point.position.y, point.position.z].map(f32::to_bits))
 }

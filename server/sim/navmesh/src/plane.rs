@@ -1,38 +1,53 @@
 //! The ground plane in lattice units: where corners of the mesh have whole coordinates, so that what a corner
 //! sees of other corners is decided exactly.
 
-use avln_geom::{Point2, Point3, Vector2};
+use avln_geom::{Point2, Point3};
 
 /// A place in the ground plane, in cells: world x and z from the lattice's origin.
 pub(crate) type Spot = Point2<f64>;
-/// An offset in the ground plane, in cells.
-pub(crate) type Offset = Vector2<f64>;
-
-/// Width of a lattice cell, metres.
-pub(crate) const CELL_M: f32 = 0.05;
-/// Height of a lattice cell, metres.
-pub(crate) const LEVEL_M: f32 = 0.05;
 
 /// Ties lattice coordinates to the world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Lattice {
     pub(crate) origin: Point3<f32>,
+    /// Width of a cell, metres.
+    pub(crate) cell_m: f32,
+    /// Height of a cell, metres.
+    pub(crate) level_m: f32,
 }
 
 impl Lattice {
     pub(crate) fn spot(&self, point: &Point3<f32>) -> Spot {
-        let along = |value: f32, origin: f32| (f64::from(value) - f64::from(origin)) / f64::from(CELL_M);
+        let along = |value: f32, origin: f32| (f64::from(value) - f64::from(origin)) / f64::from(self.cell_m);
         Spot::new(along(point.x, self.origin.x), along(point.z, self.origin.z))
     }
 
     pub(crate) fn point(&self, spot: &Spot, height_m: f32) -> Point3<f32> {
-        let back = |cells: f64, origin: f32| (f64::from(origin) + cells * f64::from(CELL_M)) as f32;
+        let back = |cells: f64, origin: f32| (f64::from(origin) + cells * f64::from(self.cell_m)) as f32;
+        Point3::new(back(spot.x, self.origin.x), height_m, back(spot.y, self.origin.z))
+    }
+
+    /// [`Lattice::point`] of a lattice corner, rounded as Recast rounds it.
+    pub(crate) fn corner(&self, spot: &Spot, height_m: f32) -> Point3<f32> {
+        let back = |cells: f64, origin: f32| origin + cells as f32 * self.cell_m;
         Point3::new(back(spot.x, self.origin.x), height_m, back(spot.y, self.origin.z))
     }
 
     /// World height of a level of the lattice.
     pub(crate) fn height_m(&self, level: u16) -> f32 {
-        self.origin.y + f32::from(level) * LEVEL_M
+        self.origin.y + f32::from(level) * self.level_m
+    }
+
+    /// Metres in the plane as cells.
+    pub(crate) fn cells(&self, metres: f64) -> f64 {
+        metres / f64::from(self.cell_m)
+    }
+
+    /// Distance in space between two places, metres; a place is a spot and its height in metres.
+    pub(crate) fn apart_m(&self, a: (&Spot, f64), b: (&Spot, f64)) -> f64 {
+        let flat_m = (a.0 - b.0).norm() * f64::from(self.cell_m);
+        let rise_m = a.1 - b.1;
+        if rise_m == 0.0 { flat_m } else { (flat_m * flat_m + rise_m * rise_m).sqrt() }
     }
 }
 
@@ -43,12 +58,14 @@ pub(crate) fn turn(a: &Spot, b: &Spot, c: &Spot) -> f64 {
 
 /// The point of the segment from `a` to `b` nearest to `p`.
 pub(crate) fn nearest_on_segment(p: &Spot, a: &Spot, b: &Spot) -> Spot {
+    a + (b - a) * share_of_segment(p, a, b)
+}
+
+/// How far along the segment from `a` (0) to `b` (1) its point nearest to `p` lies.
+pub(crate) fn share_of_segment(p: &Spot, a: &Spot, b: &Spot) -> f64 {
     let along = b - a;
     let length_squared = along.norm_squared();
-    if length_squared == 0.0 {
-        return *a;
-    }
-    a + along * ((p - a).dot(&along) / length_squared).clamp(0.0, 1.0)
+    if length_squared == 0.0 { 0.0 } else { ((p - a).dot(&along) / length_squared).clamp(0.0, 1.0) }
 }
 
 #[cfg(test)]
@@ -57,12 +74,20 @@ mod tests {
 
     #[test]
     fn the_lattice_goes_there_and_back() {
-        let lattice = Lattice { origin: Point3::new(-3.0, 1.0, 2.0) };
+        let lattice = Lattice { origin: Point3::new(-3.0, 1.0, 2.0), cell_m: 0.05, level_m: 0.2 };
         let point = Point3::new(-2.5, 1.25, 2.1);
         let spot = lattice.spot(&point);
         assert!((spot - Spot::new(10.0, 2.0)).norm() < 1e-5, "{spot}");
         assert!((lattice.point(&spot, 1.25) - point).norm() < 1e-6);
-        assert_eq!(lattice.height_m(5), 1.25);
+        assert_eq!(lattice.height_m(5), 2.0);
+    }
+
+    #[test]
+    fn places_are_apart_in_space() {
+        let lattice = Lattice { origin: Point3::origin(), cell_m: 0.5, level_m: 0.2 };
+        let (a, b) = (Spot::new(0.0, 0.0), Spot::new(6.0, 0.0));
+        assert_eq!(lattice.apart_m((&a, 1.0), (&b, 1.0)), 3.0);
+        assert_eq!(lattice.apart_m((&a, 1.0), (&b, 5.0)), 5.0);
     }
 
     #[test]

@@ -1,9 +1,72 @@
-use crate::plane::{Spot, nearest_on_segment, turn};
-use crate::voxels::RawPolygon;
+use crate::plane::{Lattice, Spot, nearest_on_segment, turn};
 use std::ops::Range;
 
 /// No edge, no polygon, no corner.
 pub(crate) const NONE: u32 = u32::MAX;
+
+/// A convex polygon before it is joined to others: its corners in order, either way around.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct RawPolygon {
+    pub(crate) corners: Vec<Corner>,
+    /// The patch of floor that it covers.
+    pub(crate) region: u16,
+    /// Triangles that cover it in the plane and give its heights; none where the scene gives them.
+    pub(crate) detail: Vec<[Corner; 3]>,
+}
+
+/// A corner of a polygon or of one of its triangles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Corner {
+    pub(crate) spot: Spot,
+    pub(crate) height_m: f64,
+}
+
+impl RawPolygon {
+    /// Area of its triangles in space, square metres.
+    pub(crate) fn detail_m2(&self, lattice: &Lattice) -> f64 {
+        let cell_m = f64::from(lattice.cell_m);
+        let area = |[a, b, c]: &[Corner; 3]| {
+            let side = |to: &Corner| {
+                let flat = (to.spot - a.spot) * cell_m;
+                avln_geom::Vector3::new(flat.x, to.height_m - a.height_m, flat.y)
+            };
+            0.5 * side(b).cross(&side(c)).norm()
+        };
+        self.detail.iter().map(area).sum()
+    }
+
+    /// Whether at least three of its corners differ in the plane.
+    pub(crate) fn has_three_sides(&self) -> bool {
+        let mut plan: Vec<_> = self.corners.iter().map(|corner| key(&corner.spot)).collect();
+        plan.sort_unstable();
+        plan.dedup();
+        plan.len() >= 3
+    }
+
+    /// The same without corners that repeat in the plane, counter-clockwise.
+    fn tidy(&self) -> Vec<Corner> {
+        let mut corners = self.corners.clone();
+        corners.dedup_by_key(|corner| key(&corner.spot));
+        while corners.len() > 1 && key(&corners[0].spot) == key(&corners[corners.len() - 1].spot) {
+            corners.pop();
+        }
+        let first = corners[0].spot;
+        let area: f64 = corners.windows(2).map(|pair| turn(&first, &pair[0].spot, &pair[1].spot)).sum();
+        if area < 0.0 {
+            corners.reverse();
+        }
+        corners
+    }
+}
+
+/// Orders spots and tells equal ones.
+fn key(spot: &Spot) -> (i64, i64) {
+    let ordered = |value: f64| {
+        let bits = (value + 0.0).to_bits() as i64;
+        bits ^ ((bits >> 63) & i64::MAX)
+    };
+    (ordered(spot.x), ordered(spot.y))
+}
 
 /// Convex polygons in the ground plane, joined along shared edges.
 ///
@@ -12,23 +75,24 @@ pub(crate) const NONE: u32 = u32::MAX;
 pub(crate) struct Polygons {
     first_edge: Vec<u32>,
     from: Vec<Spot>,
+    height_m: Vec<f64>,
     twin: Vec<u32>,
     owner: Vec<u32>,
 }
 
 impl Polygons {
-    /// Joins polygons whose edges coincide in the plane and differ by no more than `climb_levels` in height.
-    pub(crate) fn new(raw: &[RawPolygon], climb_levels: u16) -> Self {
-        let outlines: Vec<_> = raw.iter().map(outline).collect();
+    /// Joins polygons whose edges coincide in the plane and differ by no more than `max_gap_m` in height.
+    pub(crate) fn new(raw: &[RawPolygon], max_gap_m: f64) -> Self {
+        let outlines: Vec<_> = raw.iter().map(RawPolygon::tidy).collect();
         let mut first_edge = vec![0];
         first_edge.extend(outlines.iter().scan(0, |count, outline| {
             *count += outline.len() as u32;
             Some(*count)
         }));
         let owner = outlines.iter().zip(0..).flat_map(|(outline, id)| vec![id; outline.len()]).collect();
-        let corners = outlines.iter().flatten();
-        let from = corners.map(|&[x, _, z]| Spot::new(f64::from(x), f64::from(z))).collect();
-        Self { first_edge, from, twin: twins(&outlines, climb_levels), owner }
+        let from = outlines.iter().flatten().map(|corner| corner.spot).collect();
+        let height_m = outlines.iter().flatten().map(|corner| corner.height_m).collect();
+        Self { first_edge, from, height_m, twin: twins(&outlines, max_gap_m), owner }
     }
 
     /// How many polygons there are.
@@ -45,9 +109,20 @@ impl Polygons {
         &self.from[edges.start as usize..edges.end as usize]
     }
 
+    /// Heights of the corners of `polygon`, metres.
+    pub(crate) fn heights_m(&self, polygon: u32) -> &[f64] {
+        let edges = self.edges(polygon);
+        &self.height_m[edges.start as usize..edges.end as usize]
+    }
+
     /// Where `edge` begins.
     pub(crate) fn from(&self, edge: u32) -> &Spot {
         &self.from[edge as usize]
+    }
+
+    /// Height of the corner where `edge` begins, metres.
+    pub(crate) fn height_m(&self, edge: u32) -> f64 {
+        self.height_m[edge as usize]
     }
 
     /// Where `edge` ends.
@@ -99,38 +174,18 @@ impl Polygons {
     }
 }
 
-/// The corners of a polygon counter-clockwise, without repeated ones.
-fn outline(raw: &RawPolygon) -> Vec<[u16; 3]> {
-    let mut corners = raw.corners.clone();
-    corners.dedup_by_key(|corner| (corner[0], corner[2]));
-    while corners.len() > 1 && (corners[0][0], corners[0][2]) == (last(&corners)[0], last(&corners)[2]) {
-        corners.pop();
-    }
-    let spot = |&[x, _, z]: &[u16; 3]| Spot::new(f64::from(x), f64::from(z));
-    let area: f64 =
-        corners.windows(2).map(|pair| turn(&spot(&corners[0]), &spot(&pair[0]), &spot(&pair[1]))).sum();
-    if area < 0.0 {
-        corners.reverse();
-    }
-    corners
-}
-
-fn last(corners: &[[u16; 3]]) -> &[u16; 3] {
-    &corners[corners.len() - 1]
-}
-
 /// Pairs up edges that run along the same line in opposite directions: lowest edge first, each with the twin nearest in
 /// height.
-fn twins(outlines: &[Vec<[u16; 3]>], climb_levels: u16) -> Vec<u32> {
+fn twins(outlines: &[Vec<Corner>], max_gap_m: f64) -> Vec<u32> {
     let ends: Vec<_> = outlines
         .iter()
         .flat_map(|outline| (0..outline.len()).map(|i| (outline[i], outline[(i + 1) % outline.len()])))
         .collect();
-    let plan = |corner: [u16; 3]| (corner[0], corner[2]);
-    let mut by_plan: Vec<_> = ends.iter().zip(0_u32..).map(|(&(a, b), e)| (plan(a), plan(b), e)).collect();
+    let plan = |corner: &Corner| key(&corner.spot);
+    let mut by_plan: Vec<_> = ends.iter().zip(0_u32..).map(|((a, b), e)| (plan(a), plan(b), e)).collect();
     by_plan.sort_unstable();
     let mut twins = vec![NONE; ends.len()];
-    for (edge, &(a, b)) in ends.iter().enumerate() {
+    for (edge, (a, b)) in ends.iter().enumerate() {
         if twins[edge] != NONE {
             continue;
         }
@@ -138,12 +193,12 @@ fn twins(outlines: &[Vec<[u16; 3]>], climb_levels: u16) -> Vec<u32> {
         let begin = by_plan.partition_point(|entry| (entry.0, entry.1) < key);
         let alike =
             by_plan[begin..].iter().take_while(|entry| (entry.0, entry.1) == key).map(|entry| entry.2);
-        let gap = |other: u32| {
-            let (from, to) = ends[other as usize];
-            from[1].abs_diff(b[1]).max(to[1].abs_diff(a[1]))
+        let gap_m = |other: u32| {
+            let (from, to) = &ends[other as usize];
+            (from.height_m - b.height_m).abs().max((to.height_m - a.height_m).abs())
         };
-        let free = alike.filter(|&other| twins[other as usize] == NONE && gap(other) <= climb_levels);
-        if let Some(other) = free.min_by_key(|&other| (gap(other), other)) {
+        let free = alike.filter(|&other| twins[other as usize] == NONE && gap_m(other) <= max_gap_m);
+        if let Some(other) = free.min_by(|&a, &b| gap_m(a).total_cmp(&gap_m(b)).then(a.cmp(&b))) {
             twins[edge] = other;
             twins[other as usize] = edge as u32;
         }
@@ -155,16 +210,20 @@ fn twins(outlines: &[Vec<[u16; 3]>], climb_levels: u16) -> Vec<u32> {
 pub(crate) mod tests {
     use super::*;
 
-    /// An L of three unit-10 squares (right of the origin, above the first, right of the first) and, 60 levels above
-    /// the first, a square on its own; the second is given clockwise.
+    /// A square with sides of 10 cells at one height, as its outline and two triangles.
+    pub(crate) fn square(x: f64, z: f64, height_m: f64) -> RawPolygon {
+        let corner = |dx, dz| Corner { spot: Spot::new(x + dx, z + dz), height_m };
+        let corners = vec![corner(0.0, 0.0), corner(10.0, 0.0), corner(10.0, 10.0), corner(0.0, 10.0)];
+        let detail = vec![[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]];
+        RawPolygon { corners, region: 1, detail }
+    }
+
+    /// An L of three squares (right of the origin, above the first, right of the first) and, 3 m above the first, a
+    /// square on its own; the second is given clockwise.
     pub(crate) fn letter_l() -> Polygons {
-        let square = |x: u16, z: u16, level: u16| RawPolygon {
-            corners: vec![[x, level, z], [x + 10, level, z], [x + 10, level, z + 10], [x, level, z + 10]],
-            region: 1,
-        };
-        let mut second = square(0, 10, 2);
+        let mut second = square(0.0, 10.0, 0.1);
         second.corners.reverse();
-        Polygons::new(&[square(0, 0, 0), second, square(10, 0, 0), square(0, 0, 60)], 4)
+        Polygons::new(&[square(0.0, 0.0, 0.0), second, square(10.0, 0.0, 0.0), square(0.0, 0.0, 3.0)], 0.2)
     }
 
     #[test]

@@ -20,6 +20,7 @@ pub(crate) struct Eye {
 }
 
 /// The part of a polygon that is in view: all of it, or what lies between two rays.
+#[derive(Clone, Copy)]
 pub(crate) enum View {
     Whole,
     Between { eye: Spot, right: Spot, left: Spot },

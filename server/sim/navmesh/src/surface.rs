@@ -1,4 +1,5 @@
-use crate::plane::{LEVEL_M, Lattice, Spot};
+use crate::detail::Detail;
+use crate::plane::{Lattice, Spot};
 use crate::voxels::Floors;
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_scene::Scene;
@@ -7,33 +8,59 @@ use avln_scene::Scene;
 const SEARCH_CELLS: i64 = 4;
 
 /// The height of the ground under the polygons.
-pub(crate) struct Surface {
-    lattice: Lattice,
-    floors: Floors,
-    /// Region of each polygon and, where the raster knows nothing, its level.
-    patches: Vec<(u16, u16)>,
-    ground: RayMesh,
+pub(crate) enum Surface {
+    /// That of the scene.
+    Scene(Box<Ground>),
+    /// That of the triangles that came with the polygons.
+    Detail(Detail),
 }
 
 impl Surface {
-    pub(crate) fn new(lattice: Lattice, floors: Floors, patches: Vec<(u16, u16)>, scene: &Scene) -> Self {
-        Self { lattice, floors, patches, ground: upward_faces(scene) }
-    }
-
-    /// Height of `spot` on `polygon`, metres: the scene's own surface, or half a level (2.5 cm) below the top of its
-    /// lattice cell where the surface has a gap.
+    /// Height of `spot` on `polygon`, metres.
     pub(crate) fn height_m(&self, polygon: u32, spot: &Spot) -> f32 {
-        let top = self.rough_height_m(polygon, spot) + LEVEL_M;
-        let above = self.lattice.point(spot, top);
-        let hit = self.ground.cast(&above, &-Vector3::y(), 3.0 * LEVEL_M);
-        hit.map_or(top - 1.5 * LEVEL_M, |hit| top - hit.distance)
+        match self {
+            Self::Scene(ground) => ground.height_m(polygon, spot),
+            Self::Detail(detail) => detail.height_m(polygon, spot) as f32,
+        }
     }
 
-    /// [`Surface::height_m`] to the next higher level of the lattice; cheap.
+    /// [`Surface::height_m`] to within a level of the lattice; cheap.
     pub(crate) fn rough_height_m(&self, polygon: u32, spot: &Spot) -> f32 {
-        let (region, fallback) = self.patches[polygon as usize];
+        match self {
+            Self::Scene(ground) => ground.top_m(polygon, spot) - 0.5 * ground.lattice.level_m,
+            Self::Detail(detail) => detail.height_m(polygon, spot) as f32,
+        }
+    }
+}
+
+/// The surfaces of a scene that one can stand on, found through the floors of its lattice.
+pub(crate) struct Ground {
+    lattice: Lattice,
+    floors: Floors,
+    /// Region of each polygon and its height where the lattice knows nothing, metres.
+    patches: Vec<(u16, f32)>,
+    faces: RayMesh,
+}
+
+impl Ground {
+    pub(crate) fn new(lattice: Lattice, floors: Floors, patches: Vec<(u16, f32)>, scene: &Scene) -> Self {
+        Self { lattice, floors, patches, faces: upward_faces(scene) }
+    }
+
+    /// The scene's own surface, or half a level below the top of its lattice cell where the surface has a gap.
+    fn height_m(&self, polygon: u32, spot: &Spot) -> f32 {
+        let level_m = self.lattice.level_m;
+        let top = self.top_m(polygon, spot) + level_m;
+        let above = self.lattice.point(spot, top);
+        let hit = self.faces.cast(&above, &-Vector3::y(), 3.0 * level_m);
+        hit.map_or(top - 1.5 * level_m, |hit| top - hit.distance)
+    }
+
+    /// The top of the lattice cell under `spot`.
+    fn top_m(&self, polygon: u32, spot: &Spot) -> f32 {
+        let (region, fallback_m) = self.patches[polygon as usize];
         let level = self.level_near(spot.x.floor() as i64, spot.y.floor() as i64, region);
-        self.lattice.height_m(level.unwrap_or(fallback))
+        level.map_or(fallback_m, |level| self.lattice.height_m(level))
     }
 
     fn level_near(&self, x: i64, z: i64, region: u16) -> Option<u16> {

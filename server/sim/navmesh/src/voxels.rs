@@ -1,21 +1,25 @@
 //! From triangles to walkable polygons: the one place that speaks with `rerecast`.
 
-use crate::plane::{CELL_M, LEVEL_M, Lattice};
+use crate::plane::Lattice;
+use crate::polygons::{Corner, RawPolygon};
+use crate::raster::rasterise;
 use crate::regions::divide;
-use crate::{Body, NavMeshError};
-use avln_geom::Aabb;
+use crate::settings::Cells;
+use crate::{Finish, NavMeshError, NavMeshSettings};
+use avln_geom::angle::sin_cos;
+use avln_geom::{Aabb, Point2, Point3};
 use avln_scene::Scene;
 use rerecast::{
-    Aabb3d, AreaType, BuildContoursFlags, CompactHeightfield, HeightfieldBuilder, PolygonNavmesh, TriMesh,
+    Aabb3d, AreaType, BuildContoursFlags, CompactHeightfield, DetailNavmesh, HeightfieldBuilder,
+    PolygonNavmesh,
 };
 use std::fmt::Display;
 
-/// As Habitat builds: parts below 1 square metre go, walls are cut at 12 m, polygons have at most six corners. Unlike
-/// there, outlines follow the raster within less than one cell, so that no passage of a single row collapses.
-const MIN_PART_CELLS: u32 = 400;
-const MAX_EDGE_CELLS: u16 = 240;
-const MAX_EDGE_ERRORS_CELLS: [f32; 3] = [0.99, 0.5, 0.0];
 const MAX_CORNERS: u16 = 6;
+/// Outlines that cannot be cut are tried again closer to the raster.
+const CLOSER_EDGE_ERRORS_CELLS: [f32; 2] = [0.5, 0.0];
+/// Polygons below this area are none to Habitat, square metres.
+const MIN_POLYGON_M2: f64 = 1e-5;
 
 /// Free cells around the scene. Odd parts of a cell keep walls at round numbers off the cell borders, where rounding
 /// would file them under one cell or the next; a scene that defeats one lattice is tried on the next.
@@ -23,19 +27,13 @@ const MARGINS_CELLS: [f32; 3] = [3.4373, 3.5721, 3.2917];
 const MAX_SIDE_CELLS: f32 = 60_000.0;
 const MAX_LEVELS: f32 = 60_000.0;
 const MAX_COLUMNS: f32 = 3.0e7;
-const SIZE_LIMIT: &str = "75,000 square metres, 3000 m a side and 3000 m high";
 
 /// The walkable part of a scene, before its polygons are joined.
 pub(crate) struct Voxels {
     pub(crate) lattice: Lattice,
     pub(crate) polygons: Vec<RawPolygon>,
-    pub(crate) floors: Floors,
-}
-
-/// A convex polygon: its corners in order (x, level, z of the lattice) and the patch of floor that it covers.
-pub(crate) struct RawPolygon {
-    pub(crate) corners: Vec<[u16; 3]>,
-    pub(crate) region: u16,
+    /// Where the finish asks for the scene's heights.
+    pub(crate) floors: Option<Floors>,
 }
 
 /// Which floors each column of the lattice has. A region never has two floors in one column.
@@ -58,33 +56,49 @@ impl Floors {
 }
 
 /// Rasterises the scene, erodes what is walkable by the body and cuts it into convex polygons.
-pub(crate) fn voxelise(scene: &Scene, body: &Body) -> Result<Voxels, NavMeshError> {
-    let bounds = check(scene)?;
-    let tries = MARGINS_CELLS.map(|margin| margin * CELL_M);
-    let first = on_lattice(scene, body, &bounds, tries[0]);
-    let built = tries[1..]
-        .iter()
-        .fold(first, |built, &margin_m| built.or_else(|_| on_lattice(scene, body, &bounds, margin_m)));
+pub(crate) fn voxelise(scene: &Scene, settings: &NavMeshSettings) -> Result<Voxels, NavMeshError> {
+    let bounds = check(scene, settings)?;
+    let mut tries: Vec<_> =
+        MARGINS_CELLS.iter().map(|margin| (Finish::Scene, margin * settings.cell_m)).collect();
+    if settings.finish == Finish::Habitat {
+        tries.insert(0, (Finish::Habitat, 0.0));
+        tries[1].1 = 0.0;
+    }
+    let attempt =
+        |&(regions, margin_m): &(Finish, f32)| on_lattice(scene, settings, &bounds, regions, margin_m);
+    let first = attempt(&tries[0]);
+    let built = tries[1..].iter().fold(first, |built, next| built.or_else(|_| attempt(next)));
     let voxels = built.map_err(|failure| failure.of(scene))?;
     if voxels.polygons.is_empty() {
-        let (radius_m, height_m) = (body.radius_m, body.height_m);
+        let (radius_m, height_m) = (settings.body.radius_m, settings.body.height_m);
         return Err(NavMeshError::NoFloor { scene: scene.name.clone(), radius_m, height_m });
     }
     Ok(voxels)
 }
 
-fn on_lattice(scene: &Scene, body: &Body, bounds: &Aabb, margin_m: f32) -> Result<Voxels, Failure> {
+/// One run of the pipeline: floors divided as `regions` does, a margin around the scene's bounds.
+fn on_lattice(
+    scene: &Scene,
+    settings: &NavMeshSettings,
+    bounds: &Aabb,
+    regions: Finish,
+    margin_m: f32,
+) -> Result<Voxels, Failure> {
     let around = bounds.grown(margin_m);
-    // The pipeline indexes by what it finds in the file's geometry: a fault in it must not take the server down.
-    let run = || pipeline(scene, body, &around);
-    let (field, mesh) = std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).unwrap_or_else(|_| {
-        Err(Failure { stage: "rasterising", reason: "the geometry defeats it".into() })
-    })?;
-    let lattice = Lattice { origin: around.min };
-    Ok(Voxels { lattice, polygons: raw_polygons(&mesh), floors: floors(&field) })
+    let Built { field, mesh, detail } = guarded(|| pipeline(scene, settings, &around, regions))?;
+    let lattice = Lattice { origin: around.min, cell_m: settings.cell_m, level_m: settings.level_m };
+    let polygons = raw_polygons(&mesh, detail.as_ref(), &lattice);
+    let floors = detail.is_none().then(|| floors(&field));
+    Ok(Voxels { lattice, polygons, floors })
 }
 
-fn check(scene: &Scene) -> Result<Aabb, NavMeshError> {
+/// The pipeline indexes by what it finds in the file's geometry: a fault in it must not take the server down.
+fn guarded<T>(run: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(run))
+        .unwrap_or_else(|_| Err(Failure { stage: "rasterising", reason: "the geometry defeats it".into() }))
+}
+
+fn check(scene: &Scene, settings: &NavMeshSettings) -> Result<Aabb, NavMeshError> {
     let mesh = &scene.mesh;
     let malformed = |what: String| NavMeshError::Malformed { scene: scene.name.clone(), what };
     if let Some(index) = mesh.positions.iter().position(|p| !p.coords.iter().all(|value| value.is_finite())) {
@@ -99,18 +113,25 @@ fn check(scene: &Scene) -> Result<Aabb, NavMeshError> {
     let used = mesh.triangles.iter().flatten().map(|&corner| &mesh.positions[corner as usize]);
     let bounds = Aabb::around(used).ok_or_else(|| NavMeshError::Empty { scene: scene.name.clone() })?;
     let size = bounds.size();
-    let (width, depth) = (size.x / CELL_M, size.z / CELL_M);
-    let fits =
-        width.max(depth) < MAX_SIDE_CELLS && width * depth < MAX_COLUMNS && size.y / LEVEL_M < MAX_LEVELS;
+    let (width, depth) = (size.x / settings.cell_m, size.z / settings.cell_m);
+    let fits = width.max(depth) < MAX_SIDE_CELLS
+        && width * depth < MAX_COLUMNS
+        && size.y / settings.level_m < MAX_LEVELS;
     let (width_m, height_m, depth_m) = (size.x, size.y, size.z);
-    let limit = SIZE_LIMIT;
     fits.then_some(bounds).ok_or_else(|| NavMeshError::TooLarge {
         scene: scene.name.clone(),
         width_m,
         height_m,
         depth_m,
-        limit,
+        limit: size_limit(settings),
     })
+}
+
+fn size_limit(settings: &NavMeshSettings) -> String {
+    let (side_m, area_m2) =
+        (MAX_SIDE_CELLS * settings.cell_m, MAX_COLUMNS * settings.cell_m * settings.cell_m);
+    let high_m = MAX_LEVELS * settings.level_m;
+    format!("{area_m2:.0} square metres, {side_m:.0} m a side and {high_m:.0} m high")
 }
 
 struct Failure {
@@ -128,72 +149,132 @@ impl Failure {
     }
 }
 
-/// The highest step that `body` walks, in whole levels; 0.2 m are four of them whatever f32 makes of it.
-pub(crate) fn climb_levels(body: &Body) -> u16 {
-    (body.climb_m / LEVEL_M + 1e-3).floor() as u16
+struct Built {
+    field: CompactHeightfield,
+    mesh: PolygonNavmesh,
+    /// Where the finish asks for the lattice's heights.
+    detail: Option<DetailNavmesh>,
 }
 
-type Built = (CompactHeightfield, PolygonNavmesh);
+fn pipeline(
+    scene: &Scene,
+    settings: &NavMeshSettings,
+    around: &Aabb,
+    regions: Finish,
+) -> Result<Built, Failure> {
+    let cells = Cells::new(settings);
+    let mut field = open_floor(scene, settings, &cells, around)?;
+    match regions {
+        Finish::Habitat => {
+            field.build_distance_field();
+            let built = field.build_regions(0, cells.min_area, cells.merge_area);
+            built.map_err(Failure::at("dividing into regions"))?;
+        }
+        Finish::Scene => {
+            let too_many = |count| format!("{count} regions are more than 32767");
+            let divided = divide(&mut field, u32::from(cells.min_area)).map_err(too_many);
+            divided.map_err(Failure::at("dividing into regions"))?;
+        }
+    }
+    let mesh = cut(&field, settings, &cells)?;
+    let (spacing_m, error_m) =
+        (settings.detail_cells * settings.cell_m, settings.detail_error_levels * settings.level_m);
+    let spacing_m = if settings.detail_cells < 0.9 { 0.0 } else { spacing_m };
+    let detail = match settings.finish {
+        Finish::Habitat => Some(DetailNavmesh::new(&mesh, &field, spacing_m, error_m)),
+        Finish::Scene => None,
+    };
+    let detail = detail.transpose().map_err(Failure::at("sampling heights"))?;
+    Ok(Built { field, mesh, detail })
+}
 
-fn pipeline(scene: &Scene, body: &Body, around: &Aabb) -> Result<Built, Failure> {
-    let height = (body.height_m / LEVEL_M).ceil() as u16;
-    let climb = climb_levels(body);
-    let radius = (body.radius_m / CELL_M - 1e-3).ceil() as u16;
-
+/// The floor cells on which the middle of the body may stand.
+fn open_floor(
+    scene: &Scene,
+    settings: &NavMeshSettings,
+    cells: &Cells,
+    around: &Aabb,
+) -> Result<CompactHeightfield, Failure> {
     let [min, max] = [around.min, around.max].map(|corner| [corner.x, corner.y, corner.z].into());
-    let builder = HeightfieldBuilder { aabb: Aabb3d { min, max }, cell_size: CELL_M, cell_height: LEVEL_M };
+    let aabb = Aabb3d { min, max };
+    let builder = HeightfieldBuilder { aabb, cell_size: settings.cell_m, cell_height: settings.level_m };
     let mut field = builder.build().map_err(Failure::at("laying out the lattice"))?;
-    field.rasterize_triangles(&triangles(scene, body), climb).map_err(Failure::at("rasterising"))?;
-    field.filter_low_hanging_walkable_obstacles(climb);
-    field.filter_ledge_spans(height, climb);
-    field.filter_walkable_low_height_spans(height);
-
-    let mut field = field.into_compact(height, climb).map_err(Failure::at("finding floors"))?;
-    // One cell at least: it leaves no crack between cells that touch without a way from one to the other.
-    field.erode_walkable_area(radius.max(1));
-    let too_many = |count| format!("{count} regions are more than 32767");
-    divide(&mut field, MIN_PART_CELLS).map_err(too_many).map_err(Failure::at("dividing into regions"))?;
-    let mesh = cut(&field)?;
-    Ok((field, mesh))
+    let (_, least) = sin_cos(settings.body.slope_deg.to_radians());
+    for index in 0..scene.mesh.triangles.len() {
+        let corners = scene.corners(index);
+        let walkable = upward(&corners) > least;
+        let area = if walkable { AreaType::DEFAULT_WALKABLE } else { AreaType::NOT_WALKABLE };
+        rasterise(&mut field, corners, area, cells.climb);
+    }
+    field.filter_low_hanging_walkable_obstacles(cells.climb);
+    field.filter_ledge_spans(cells.clearance, cells.climb);
+    field.filter_walkable_low_height_spans(cells.clearance);
+    let mut field = field.into_compact(cells.height, cells.climb).map_err(Failure::at("finding floors"))?;
+    field.erode_walkable_area(cells.radius);
+    Ok(field)
 }
 
 /// Outlines that cross themselves cannot be cut: they are tried again, following the raster closer.
-fn cut(field: &CompactHeightfield) -> Result<PolygonNavmesh, Failure> {
+fn cut(
+    field: &CompactHeightfield,
+    settings: &NavMeshSettings,
+    cells: &Cells,
+) -> Result<PolygonNavmesh, Failure> {
     let attempt = |max_error| {
-        let contours = field.build_contours(max_error, MAX_EDGE_CELLS, BuildContoursFlags::DEFAULT);
+        let contours = field.build_contours(max_error, cells.edge_max, BuildContoursFlags::DEFAULT);
         contours.into_polygon_mesh(MAX_CORNERS).map_err(Failure::at("cutting polygons"))
     };
-    let [loosest, closer @ ..] = MAX_EDGE_ERRORS_CELLS;
-    closer.into_iter().fold(attempt(loosest), |cut, max_error| cut.or_else(|_| attempt(max_error)))
+    let loosest = guarded(|| attempt(settings.edge_error_cells));
+    CLOSER_EDGE_ERRORS_CELLS.into_iter().fold(loosest, |cut, max_error| cut.or_else(|_| attempt(max_error)))
 }
 
-fn triangles(scene: &Scene, body: &Body) -> TriMesh {
-    let mesh = &scene.mesh;
-    let mut triangles = TriMesh {
-        vertices: mesh.positions.iter().map(|p| [p.x, p.y, p.z].into()).collect(),
-        indices: mesh.triangles.iter().map(|&corners| corners.into()).collect(),
-        area_types: vec![AreaType::NOT_WALKABLE; mesh.triangles.len()],
-    };
-    triangles.mark_walkable_triangles(body.slope_deg.to_radians());
-    triangles
+/// The upward part of a triangle's unit normal; NaN for one without area. Bevels of exactly 45 degrees are common: whether
+/// they are floor hangs on the last bit, so the operations are those of Recast, one by one.
+fn upward([a, b, c]: &[Point3<f32>; 3]) -> f32 {
+    let normal = (b - a).cross(&(c - a));
+    let length = (normal.x * normal.x + normal.y * normal.y + normal.z * normal.z).sqrt();
+    normal.y * (1.0 / length)
 }
 
-fn raw_polygons(mesh: &PolygonNavmesh) -> Vec<RawPolygon> {
+fn raw_polygons(mesh: &PolygonNavmesh, detail: Option<&DetailNavmesh>, lattice: &Lattice) -> Vec<RawPolygon> {
     if mesh.vertices.is_empty() {
         return Vec::new();
     }
-    let corner = |index: u16| mesh.vertices[usize::from(index)].to_array();
-    let outlines = mesh.polygons().map(|outline| outline.map(corner).collect());
-    let numbered = outlines.zip(&mesh.regions);
-    let polygons = numbered.map(|(corners, region)| RawPolygon { corners, region: region.bits() });
-    polygons.filter(has_three_sides).collect()
+    let corner = |index: u16| {
+        let [x, level, z] = mesh.vertices[usize::from(index)].to_array();
+        Corner { spot: Point2::new(f64::from(x), f64::from(z)), height_m: f64::from(lattice.height_m(level)) }
+    };
+    let raw = mesh.polygons().enumerate().map(|(index, outline)| {
+        let corners: Vec<_> = outline.map(corner).collect();
+        let detail = detail.map(|detail| detail_triangles(detail, index, &corners, lattice));
+        RawPolygon { corners, region: mesh.regions[index].bits(), detail: detail.unwrap_or_default() }
+    });
+    let is_polygon = |polygon: &RawPolygon| match detail {
+        Some(_) => polygon.detail_m2(lattice) >= MIN_POLYGON_M2,
+        None => polygon.has_three_sides(),
+    };
+    raw.filter(is_polygon).collect()
 }
 
-fn has_three_sides(polygon: &RawPolygon) -> bool {
-    let mut plan: Vec<_> = polygon.corners.iter().map(|corner| (corner[0], corner[2])).collect();
-    plan.sort_unstable();
-    plan.dedup();
-    plan.len() >= 3
+/// As Detour has them: corners of the polygon at their own height, samples one level above the lattice.
+fn detail_triangles(
+    detail: &DetailNavmesh,
+    polygon: usize,
+    corners: &[Corner],
+    lattice: &Lattice,
+) -> Vec<[Corner; 3]> {
+    let part = &detail.meshes[polygon];
+    let place = |local: u8| match corners.get(usize::from(local)) {
+        Some(corner) => *corner,
+        None => {
+            let sample = detail.vertices[part.base_vertex_index as usize + usize::from(local)];
+            let point = Point3::new(sample.x, sample.y, sample.z);
+            Corner { spot: lattice.spot(&point), height_m: f64::from(point.y) }
+        }
+    };
+    let first = part.base_triangle_index as usize;
+    let triangles = &detail.triangles[first..first + part.triangle_count as usize];
+    triangles.iter().map(|corners| corners.map(place)).collect()
 }
 
 fn floors(field: &CompactHeightfield) -> Floors {

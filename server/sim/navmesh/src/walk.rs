@@ -1,13 +1,25 @@
-use crate::plane::{Offset, nearest_on_segment};
-use crate::polygons::Polygons;
-use crate::sight::{Eye, polygons_around};
+//! Steps along the surface that slide at walls, as `dtNavMeshQuery::moveAlongSurface` takes them: of all places around the
+//! step that can be walked to, the one nearest to where the step would have ended.
 
-/// How often a step is turned along another wall before it ends.
-const MAX_TURNS: usize = 8;
-/// Directions are parallel to a wall when they leave it by less than this part of their length.
+use crate::plane::{Spot, nearest_on_segment, turn};
+use crate::polygons::Polygons;
+use crate::sight::Eye;
+use std::collections::VecDeque;
+
+/// An end this close to the one that was asked for is that one, cells (5 micrometres).
+const SAME_CELLS: f64 = 1e-4;
+/// Directions whose cross product is smaller are parallel, cells squared.
 const PARALLEL: f64 = 1e-9;
-/// A way this short is none, cells.
-const STUCK_CELLS: f64 = 1e-6;
+
+/// A step that is asked for.
+pub(crate) struct Step {
+    pub(crate) start: Eye,
+    pub(crate) target: Spot,
+    /// How far from the middle of the step portals are passed, cells.
+    pub(crate) reach_cells: f64,
+    /// Whether walls are slid along; otherwise the step ends at the first one.
+    pub(crate) slides: bool,
+}
 
 /// Where a step ends, and whether a wall took something of it.
 pub(crate) struct Walked {
@@ -15,115 +27,74 @@ pub(crate) struct Walked {
     pub(crate) blocked: bool,
 }
 
-/// Walks `offset` from `start` along the polygons; at a wall the rest of the way is projected on the wall.
-pub(crate) fn walk(polygons: &Polygons, start: &Eye, offset: &Offset) -> Walked {
-    let (mut end, mut rest, mut blocked) = (*start, *offset, false);
-    for _ in 0..MAX_TURNS {
-        let Some(wall) = straight(polygons, &mut end, &mut rest) else { break };
-        blocked = true;
-        let along = polygons.to(wall) - polygons.from(wall);
-        rest = along * (rest.dot(&along) / along.norm_squared());
-    }
-    Walked { end, blocked }
-}
-
-/// Moves `at` by `rest` or up to the first wall, which is returned; `rest` is what could not be walked.
-fn straight(polygons: &Polygons, at: &mut Eye, rest: &mut Offset) -> Option<u32> {
-    // Every portal is crossed in the direction of the step, so none is crossed twice: this loop ends.
-    for _ in 0..polygons.len().saturating_add(1) {
-        let Some((edge, share)) = exit(polygons, at, rest) else {
-            at.spot += *rest;
-            return None;
-        };
-        if let Some(neighbour) = polygons.neighbour(edge) {
-            advance(polygons, at, rest, edge, share);
-            at.polygon = neighbour;
-            continue;
+/// Takes a step; `None` when no place was found to end at.
+pub(crate) fn walk(polygons: &Polygons, step: &Step) -> Option<Walked> {
+    let middle = step.start.spot + (step.target - step.start.spot) * 0.5;
+    let mut seen = vec![step.start.polygon];
+    let mut queue = VecDeque::from([step.start.polygon]);
+    let mut best: Option<(f64, Eye)> = None;
+    while let Some(polygon) = queue.pop_front() {
+        if holds(polygons, polygon, &step.target) {
+            return Some(Walked { end: Eye { spot: step.target, polygon }, blocked: false });
         }
-        let Some(around) = around_corner(polygons, at, rest, share) else {
-            advance(polygons, at, rest, edge, share);
-            return Some(edge);
-        };
-        at.polygon = around.polygon;
-        if around.wall.is_some() {
-            return around.wall;
+        // Outlines are kept the other way around than Detour keeps them; of equal places the first counts.
+        for edge in polygons.edges(polygon).rev() {
+            let (from, to) = (polygons.from(edge), polygons.to(edge));
+            if let Some(neighbour) = polygons.neighbour(edge) {
+                let gap = (nearest_on_segment(&middle, from, to) - middle).norm();
+                let passes = step.slides || crossing(step, from, to).is_some();
+                if gap <= step.reach_cells && passes && !seen.contains(&neighbour) {
+                    seen.push(neighbour);
+                    queue.push_back(neighbour);
+                }
+            } else if let Some(spot) = stop(step, from, to) {
+                let gap = (spot - step.target).norm_squared();
+                if best.is_none_or(|(least, _)| gap < least) {
+                    best = Some((gap, Eye { spot, polygon }));
+                }
+            }
         }
     }
-    None
+    best.map(|(gap, end)| Walked { end, blocked: gap > SAME_CELLS * SAME_CELLS })
 }
 
-fn advance(polygons: &Polygons, at: &mut Eye, rest: &mut Offset, edge: u32, share: f64) {
-    let crossing = at.spot + *rest * share;
-    at.spot = nearest_on_segment(&crossing, polygons.from(edge), polygons.to(edge));
-    *rest *= 1.0 - share;
+/// Where the step could end at a wall.
+fn stop(step: &Step, from: &Spot, to: &Spot) -> Option<Spot> {
+    if step.slides { Some(nearest_on_segment(&step.target, from, to)) } else { crossing(step, from, to) }
 }
 
-/// Where to go on from a corner.
-struct Around {
-    polygon: u32,
-    /// The wall to go along; `None` where the way is open.
-    wall: Option<u32>,
-}
-
-/// Standing on a corner before a wall: of all polygons there the one that the way `rest` leads into, or else the one
-/// whose wall takes least of it. `None` when the wall is farther than that.
-fn around_corner(polygons: &Polygons, at: &Eye, rest: &Offset, share: f64) -> Option<Around> {
-    let is_stuck = |share: f64| share * rest.norm() < STUCK_CELLS;
-    if !is_stuck(share) {
+/// Where the straight step crosses a segment.
+fn crossing(step: &Step, from: &Spot, to: &Spot) -> Option<Spot> {
+    let (along, way) = (to - from, step.target - step.start.spot);
+    let cross = along.perp(&way);
+    if cross.abs() < PARALLEL {
         return None;
     }
-    let mut best: Option<(f64, Around)> = None;
-    for polygon in polygons_around(polygons, at) {
-        let there = Eye { spot: at.spot, polygon };
-        let Some((wall, _)) = exit(polygons, &there, rest).filter(|exit| is_stuck(exit.1)) else {
-            return Some(Around { polygon, wall: None });
-        };
-        let along = (polygons.to(wall) - polygons.from(wall)).normalize();
-        let kept = along.dot(rest).abs();
-        if polygons.twin(wall).is_none() && best.as_ref().is_none_or(|(most, _)| kept > *most) {
-            best = Some((kept, Around { polygon, wall: Some(wall) }));
-        }
-    }
-    best.map(|(_, around)| around)
+    let offset = step.start.spot - from;
+    let (share, passed) = (offset.perp(&way) / cross, offset.perp(&along) / cross);
+    let meets = (0.0..=1.0).contains(&share) && (0.0..=1.0).contains(&passed);
+    meets.then(|| from + along * share)
 }
 
-/// The edge through which the way `rest` leaves the polygon of `at`, and the share of `rest` walked until there.
-fn exit(polygons: &Polygons, at: &Eye, rest: &Offset) -> Option<(u32, f64)> {
-    let length = rest.norm();
-    let mut best: Option<(f64, u32, f64)> = None;
-    for edge in polygons.edges(at.polygon) {
-        let (a, b) = (polygons.from(edge), polygons.to(edge));
-        let along = b - a;
-        // Positive when the way leads out, the floor being on the left of the edge.
-        let outwards = rest.perp(&along);
-        if outwards <= PARALLEL * length * along.norm() {
-            continue;
-        }
-        let share = ((a - at.spot).perp(&along) / outwards).max(0.0);
-        if share >= 1.0 {
-            continue;
-        }
-        let crossing = at.spot + rest * share;
-        let miss = (nearest_on_segment(&crossing, a, b) - crossing).norm();
-        // Where edges lie on one line or meet in the crossing, the one that is really hit counts, portals first.
-        let wall = if polygons.twin(edge).is_none() { PARALLEL } else { 0.0 };
-        let cost = share * length + miss + wall;
-        if best.is_none_or(|(least, ..)| cost < least) {
-            best = Some((cost, edge, share));
-        }
-    }
-    best.map(|(_, edge, share)| (edge, share))
+fn holds(polygons: &Polygons, polygon: u32, spot: &Spot) -> bool {
+    polygons.edges(polygon).all(|edge| turn(polygons.from(edge), polygons.to(edge), spot) >= 0.0)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plane::Spot;
     use crate::polygons::tests::letter_l;
+    use avln_geom::Vector2;
+
+    fn step(from: (f64, f64, u32), by: (f64, f64), slides: bool) -> Option<Walked> {
+        let start = Eye { spot: Spot::new(from.0, from.1), polygon: from.2 };
+        let offset = Vector2::new(by.0, by.1);
+        let reach_cells = 0.5 * offset.norm() + 0.02;
+        walk(&letter_l(), &Step { start, target: start.spot + offset, reach_cells, slides })
+    }
 
     fn assert_step(from: (f64, f64, u32), by: (f64, f64), to: (f64, f64, u32), blocked: bool) {
-        let start = Eye { spot: Spot::new(from.0, from.1), polygon: from.2 };
-        let walked = walk(&letter_l(), &start, &Offset::new(by.0, by.1));
+        let walked = step(from, by, true).expect("an end");
         let spot = walked.end.spot;
         assert!((spot - Spot::new(to.0, to.1)).norm() < 1e-12, "{from:?} by {by:?} ends at {spot}");
         assert_eq!((walked.end.polygon, walked.blocked), (to.2, blocked), "{from:?} by {by:?}");
@@ -141,7 +112,7 @@ mod tests {
         // From one wall into the next: the step ends in the room's corner.
         assert_step((15.0, 5.0, 2), (9.0, -9.0), (20.0, 0.0, 2), true);
         // Along a wall and past its end, the inner corner of the L.
-        assert_step((18.0, 9.0, 2), (-12.0, 3.0), (6.0, 10.0, 0), true);
+        assert_step((18.0, 9.0, 2), (-12.0, 3.0), (6.0, 12.0, 1), false);
     }
 
     #[test]
@@ -153,12 +124,20 @@ mod tests {
     }
 
     #[test]
-    fn standing_on_a_corner_one_leaves_it_every_way_that_is_open() {
-        for polygon in [0, 1, 2] {
-            assert_step((10.0, 10.0, polygon), (8.0, -1.0), (18.0, 9.0, 2), false);
-            assert_step((10.0, 10.0, polygon), (-1.0, 8.0), (9.0, 18.0, 1), false);
-            assert_step((10.0, 10.0, polygon), (-3.0, -5.0), (7.0, 5.0, 0), false);
-            assert_step((10.0, 10.0, polygon), (5.0, 0.0), (15.0, 10.0, 2), false);
-        }
+    fn without_sliding_a_step_ends_where_it_meets_the_wall() {
+        let at_wall = step((5.0, 5.0, 0), (4.0, -8.0), false).expect("an end");
+        assert!((at_wall.end.spot - Spot::new(7.5, 0.0)).norm() < 1e-12 && at_wall.blocked);
+        let free = step((5.0, 5.0, 0), (10.0, 2.0), false).expect("an end");
+        assert!(free.end.spot == Spot::new(15.0, 7.0) && !free.blocked);
+        // Out through one wall and in again through another is no way.
+        let out = step((18.0, 9.0, 2), (-12.0, 5.0), false).expect("an end");
+        assert!((out.end.spot - Spot::new(15.6, 10.0)).norm() < 1e-12 && out.blocked);
+    }
+
+    #[test]
+    fn a_step_off_the_mesh_that_crosses_nothing_has_no_end() {
+        let start = Eye { spot: Spot::new(5.0, -5.0), polygon: 0 };
+        let step = Step { start, target: Spot::new(5.0, -6.0), reach_cells: 1.0, slides: false };
+        assert!(walk(&letter_l(), &step).is_none());
     }
 }

@@ -110,19 +110,20 @@ fn sliding_along_a_wall_keeps_the_part_along_it() {
 }
 
 #[test]
-fn a_random_walk_stays_on_its_island_and_never_gains() {
+fn a_random_walk_stays_on_its_island_and_ends_near_where_it_was_bound() {
     let mesh = two_rooms();
     let mut rng = Rng::new(13);
     let mut here = mesh.sample(&mut rng, 0);
     for _ in 0..20_000 {
         let asked = Vector3::new(rng.range(-0.5, 0.5), 0.0, rng.range(-0.5, 0.5));
         let slide = mesh.slide(&here, &asked);
-        let moved = flat_distance(&here, &slide.end);
-        assert!(moved <= f64::from(asked.norm()) + 1e-5, "{moved} of {asked}");
-        assert!(slide.blocked || moved > f64::from(asked.norm()) - 1e-5);
+        // The first wall on the way is a place to end at, so the end is no farther from the aim than the start was.
+        let (moved, length) = (flat_distance(&here, &slide.end), f64::from(asked.norm()));
+        let missed = f64::from((here.position() + asked - slide.end.position()).xz().norm());
+        assert!(missed <= length + 1e-5, "{missed} of {asked}");
+        assert!(slide.blocked == (missed > 1e-5) && (slide.blocked || moved > length - 1e-5), "{slide:?}");
         let snapped = mesh.snap(&slide.end.position(), 1e-3).expect("still on the mesh");
         assert_eq!(mesh.island_of(&slide.end), mesh.island_of(&snapped));
-        assert!(mesh.distance_m(&here, &slide.end).unwrap() <= f64::from(asked.norm()) + 1e-5);
         here = slide.end;
     }
 }
@@ -207,4 +208,20 @@ fn a_body_keeps_its_radius() {
     let mesh = NavMesh::build(&scene, &wide).unwrap();
     let corner = mesh.snap(&Point3::origin(), 2.0).unwrap();
     assert!((corner.position() - Point3::new(0.5, 0.0, 0.5)).norm() < 0.1, "{corner:?}");
+}
+
+#[test]
+fn many_to_many_is_one_by_one() {
+    let mesh = two_rooms();
+    let mut rng = Rng::new(16);
+    let [from, to] = [12, 9].map(|count| (0..count).map(|_| mesh.sample(&mut rng, 0)).collect::<Vec<_>>());
+    let table = mesh.distances_m(&from, &to);
+    assert_eq!((table.len(), table[0].len()), (12, 9));
+    for (row, a) in table.iter().zip(&from) {
+        for (entry, b) in row.iter().zip(&to) {
+            let (one, field) =
+                (mesh.distance_m(a, b).unwrap(), mesh.field(&[(*b, 0.0)]).distance_m(&mesh, a));
+            assert!((entry.unwrap() - one).abs() < 1e-9 && *entry == field, "{entry:?} {one}");
+        }
+    }
 }

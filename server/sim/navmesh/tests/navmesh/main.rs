@@ -2,7 +2,9 @@
 
 mod broken;
 mod build;
+mod detour;
 mod flat;
+mod habitat;
 mod houses;
 mod oracle;
 mod storeys;

@@ -33,8 +33,9 @@ fn stairs_join_two_storeys_and_points_above_each_other_stay_apart() {
     let distance = mesh.distance_m(&below, &above).unwrap();
     // The side of the flight divides it from the floor beside it from the second step on, (4.28, 3.0). One walks there,
     // 0.1 m off, turns around it, goes up to the end of the opening at (8.2, 3.0), again 0.1 m off, and on from there:
-    // sqrt(5.72^2 + 1.9^2) + 0.1 * pi + 3.92 + 0.1 + sqrt(1.7^2 + 2.1^2) = 13.06.
-    assert!((distance - 13.06).abs() < 0.25, "{distance}");
+    // sqrt(5.72^2 + 1.9^2) + 0.1 * pi + sqrt(3.92^2 + 2.5^2) + 0.1 + sqrt(1.7^2 + 2.1^2) = 13.79, where 2.5 m are what the
+    // flight rises from there: its 2.7 m less a step or two.
+    assert!((distance - 13.79).abs() < 0.3, "{distance}");
     let path = mesh.path(&below, &above).unwrap();
     assert!(path.iter().any(|corner| corner.x < 4.5), "{path:?}");
 }

@@ -1,0 +1,236 @@
+//! The path that Detour finds: the best chain of polygons by the middles of their portals (`dtNavMeshQuery::findPath`),
+//! and the string pulled tight through it (`findStraightPath`).
+
+use crate::plane::{Lattice, share_of_segment, turn};
+use crate::polygons::{Corner, NONE, Polygons};
+use std::cmp::{Ordering, Reverse};
+use std::collections::BinaryHeap;
+
+/// Detour's factor on the straight way that is left, so that none is over-estimated.
+const HEURISTIC: f64 = 0.999;
+/// A first portal this close to the start is passed, metres.
+const AT_PORTAL_M: f64 = 0.001;
+/// Places closer than this are one, metres.
+const SAME_M: f64 = 1.0 / 16384.0;
+
+/// One end of a path and its polygon.
+#[derive(Clone, Copy)]
+pub(crate) struct End {
+    pub(crate) place: Corner,
+    pub(crate) polygon: u32,
+}
+
+/// Length of Detour's path, metres: from `from` to `to` on the mesh, drawn between `start` and `end`, which may be above or
+/// below them. `None` when there is no path.
+pub(crate) fn corridor_m(
+    polygons: &Polygons,
+    lattice: &Lattice,
+    [from, to]: [End; 2],
+    [start, end]: [Corner; 2],
+) -> Option<f64> {
+    let chain = Search::new(polygons, lattice, to).run(from)?;
+    let points = Pull { polygons, lattice, portals: &chain, end }.points(start);
+    let length = |leg: &[Corner]| apart_m(lattice, &leg[0], &leg[1]);
+    Some(points.windows(2).map(length).sum())
+}
+
+fn apart_m(lattice: &Lattice, a: &Corner, b: &Corner) -> f64 {
+    lattice.apart_m((&a.spot, a.height_m), (&b.spot, b.height_m))
+}
+
+/// A polygon that waits for its turn.
+#[derive(PartialEq)]
+struct Waiting {
+    total_m: f64,
+    polygon: u32,
+}
+
+impl Eq for Waiting {}
+
+impl PartialOrd for Waiting {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Waiting {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.total_m.total_cmp(&other.total_m).then(self.polygon.cmp(&other.polygon))
+    }
+}
+
+/// What is known of a polygon: where it was first entered, and the best way to it.
+#[derive(Clone, Copy)]
+struct Node {
+    place: Corner,
+    cost_m: f64,
+    total_m: f64,
+    /// The portal that it is entered by, as the polygon before it names it.
+    portal: u32,
+}
+
+struct Search<'a> {
+    polygons: &'a Polygons,
+    lattice: &'a Lattice,
+    goal: End,
+    nodes: Vec<Option<Node>>,
+    waiting: BinaryHeap<Reverse<Waiting>>,
+}
+
+impl<'a> Search<'a> {
+    fn new(polygons: &'a Polygons, lattice: &'a Lattice, goal: End) -> Self {
+        let nodes = vec![None; polygons.len() as usize];
+        Self { polygons, lattice, goal, nodes, waiting: BinaryHeap::new() }
+    }
+
+    /// The portals from the polygon of `from` to the goal's.
+    fn run(mut self, from: End) -> Option<Vec<u32>> {
+        let total_m = HEURISTIC * apart_m(self.lattice, &from.place, &self.goal.place);
+        self.nodes[from.polygon as usize] =
+            Some(Node { place: from.place, cost_m: 0.0, total_m, portal: NONE });
+        self.waiting.push(Reverse(Waiting { total_m, polygon: from.polygon }));
+        while let Some(Reverse(Waiting { total_m, polygon })) = self.waiting.pop() {
+            let node = self.nodes[polygon as usize]?;
+            if total_m > node.total_m {
+                continue;
+            }
+            if polygon == self.goal.polygon {
+                return Some(self.portals(polygon));
+            }
+            self.expand(polygon, &node);
+        }
+        None
+    }
+
+    fn expand(&mut self, polygon: u32, node: &Node) {
+        let edges = self.polygons.edges(polygon);
+        let before = (node.portal != NONE).then(|| self.polygons.owner(node.portal));
+        // The last edge comes last: outlines are kept the other way around than Detour keeps them.
+        for edge in (edges.start..edges.end - 1).rev().chain([edges.end - 1]) {
+            let Some(neighbour) = self.polygons.neighbour(edge).filter(|&next| Some(next) != before) else {
+                continue;
+            };
+            let known = self.nodes[neighbour as usize];
+            let place = known.map_or_else(|| self.middle(edge), |known| known.place);
+            let mut cost_m = node.cost_m + apart_m(self.lattice, &node.place, &place);
+            let left_m = apart_m(self.lattice, &place, &self.goal.place);
+            let total_m = if neighbour == self.goal.polygon {
+                cost_m += left_m;
+                cost_m
+            } else {
+                cost_m + HEURISTIC * left_m
+            };
+            if known.is_none_or(|known| total_m < known.total_m) {
+                self.nodes[neighbour as usize] = Some(Node { place, cost_m, total_m, portal: edge });
+                self.waiting.push(Reverse(Waiting { total_m, polygon: neighbour }));
+            }
+        }
+    }
+
+    fn middle(&self, edge: u32) -> Corner {
+        let (a, b) = (begin(self.polygons, edge), begin(self.polygons, self.polygons.next(edge)));
+        Corner { spot: a.spot + (b.spot - a.spot) * 0.5, height_m: 0.5 * (a.height_m + b.height_m) }
+    }
+
+    fn portals(&self, last: u32) -> Vec<u32> {
+        let entered = |polygon: u32| self.nodes[polygon as usize].map_or(NONE, |node| node.portal);
+        let before = |&portal: &u32| Some(entered(self.polygons.owner(portal))).filter(|&next| next != NONE);
+        let first = Some(entered(last)).filter(|&portal| portal != NONE);
+        let mut portals: Vec<_> = std::iter::successors(first, before).collect();
+        portals.reverse();
+        portals
+    }
+}
+
+fn begin(polygons: &Polygons, edge: u32) -> Corner {
+    Corner { spot: *polygons.from(edge), height_m: polygons.height_m(edge) }
+}
+
+/// A side of the funnel: its tip and the portal that the tip belongs to.
+#[derive(Clone, Copy)]
+struct Side {
+    tip: Corner,
+    portal: usize,
+}
+
+/// The string through a chain of portals (Mononen 2010, simple stupid funnel).
+struct Pull<'a> {
+    polygons: &'a Polygons,
+    lattice: &'a Lattice,
+    portals: &'a [u32],
+    end: Corner,
+}
+
+impl Pull<'_> {
+    fn points(&self, start: Corner) -> Vec<Corner> {
+        let mut points = vec![start];
+        let (mut apex, mut right, mut left) =
+            (start, Side { tip: start, portal: 0 }, Side { tip: start, portal: 0 });
+        let mut at = 0;
+        while at <= self.portals.len() {
+            let (next_right, next_left) = self.portal(at);
+            if at == 0 && !self.portals.is_empty() && self.stands_at(&start, &next_right, &next_left) {
+                at += 1;
+                continue;
+            }
+            let corner = match self.narrow(&apex, &mut right, &left, next_right, at, 1.0) {
+                Some(corner) => Some(corner),
+                None => self.narrow(&apex, &mut left, &right, next_left, at, -1.0),
+            };
+            if let Some(corner) = corner {
+                apex = corner.tip;
+                self.append(&mut points, apex);
+                (right, left, at) = (corner, corner, corner.portal);
+            }
+            at += 1;
+        }
+        self.append(&mut points, self.end);
+        points
+    }
+
+    /// Right and left end of a portal; behind the last one lies the end of the path.
+    fn portal(&self, at: usize) -> (Corner, Corner) {
+        match self.portals.get(at) {
+            Some(&edge) => (begin(self.polygons, edge), begin(self.polygons, self.polygons.next(edge))),
+            None => (self.end, self.end),
+        }
+    }
+
+    fn stands_at(&self, start: &Corner, right: &Corner, left: &Corner) -> bool {
+        let share = share_of_segment(&start.spot, &left.spot, &right.spot);
+        let nearest = left.spot + (right.spot - left.spot) * share;
+        (nearest - start.spot).norm() * f64::from(self.lattice.cell_m) < AT_PORTAL_M
+    }
+
+    /// Moves `side` in to `next` where that narrows the funnel; the tip of `other`, where `next` lies beyond it. `sign` is 1
+    /// for the right side and -1 for the left.
+    fn narrow(
+        &self,
+        apex: &Corner,
+        side: &mut Side,
+        other: &Side,
+        next: Corner,
+        at: usize,
+        sign: f64,
+    ) -> Option<Side> {
+        if sign * turn(&apex.spot, &side.tip.spot, &next.spot) < 0.0 {
+            return None;
+        }
+        let beyond = sign * turn(&apex.spot, &other.tip.spot, &next.spot) >= 0.0;
+        if beyond && !self.same(apex, &side.tip) {
+            return Some(*other);
+        }
+        *side = Side { tip: next, portal: at };
+        None
+    }
+
+    fn same(&self, a: &Corner, b: &Corner) -> bool {
+        apart_m(self.lattice, a, b) < SAME_M
+    }
+
+    fn append(&self, points: &mut Vec<Corner>, point: Corner) {
+        if points.last().is_none_or(|last| !self.same(last, &point)) {
+            points.push(point);
+        }
+    }
+}

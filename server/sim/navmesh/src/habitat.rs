@@ -1,0 +1,164 @@
+//! What habitat-sim's `PathFinder` answers, by its rules: how points are taken to the mesh, what a step is, how long a path.
+//! Sources: habitat-sim `src/esp/nav/PathFinder.cpp`, Detour `findNearestPoly` and `findStraightPath`.
+
+use crate::corridor::{End, corridor_m};
+use crate::mesh::{NavMesh, NavPoint, Slide};
+use crate::plane::{Spot, share_of_segment};
+use crate::polygons::Corner;
+use crate::sight::Eye;
+use crate::stop::stop;
+use crate::surface::Surface;
+use avln_geom::Point3;
+
+/// Half of the box in which a polygon is looked for: along x and z, and along y, metres.
+const BOX_M: (f64, f64) = (2.0, 4.0);
+/// Ends closer than this share of their distance from the origin are one point.
+const SAME: f32 = 1e-5;
+/// How far a point on a crack between two islands is moved into its polygon, metres.
+const NUDGE_M: f32 = 1e-4;
+
+impl NavMesh {
+    /// The point of the mesh that Habitat takes `point` to; `None` where the box of 4 x 8 x 4 m around it has no polygon.
+    ///
+    /// A polygon under or over the point within the body's climb comes before nearer ones beside it.
+    pub fn project(&self, point: &Point3<f32>) -> Option<NavPoint> {
+        let (spot, height_m) = (self.lattice().spot(point), f64::from(point.y));
+        let reach_cells = self.lattice().cells(BOX_M.0);
+        let mut best: Option<(f64, u32, Spot)> = None;
+        self.bins.around(&spot, reach_cells, |polygon| {
+            if self.is_in_box(polygon, &spot, height_m) {
+                let nearest = self.polygons.nearest(polygon, &spot);
+                let cost = self.nearness(polygon, &spot, &nearest, height_m);
+                if best.is_none_or(|(least, first, _)| cost < least || cost == least && polygon < first) {
+                    best = Some((cost, polygon, nearest));
+                }
+            }
+            reach_cells
+        });
+        best.map(|(_, polygon, nearest)| self.point(&nearest, polygon))
+    }
+
+    /// Where a step from `start` to `end` leads, as Habitat's `try_step` (or, where it must not slide along walls,
+    /// `try_step_no_sliding`): `start` itself when either is off the mesh or `end` is nearest to another island.
+    pub fn try_step(&self, start: &Point3<f32>, end: &Point3<f32>, slides: bool) -> Point3<f32> {
+        self.stepped(start, end, slides).unwrap_or(*start)
+    }
+
+    fn stepped(&self, start: &Point3<f32>, end: &Point3<f32>, slides: bool) -> Option<Point3<f32>> {
+        let from = self.project(start)?;
+        let towards = self.project(end)?;
+        if self.island_of(&from) != self.island_of(&towards) {
+            return None;
+        }
+        let eye = Eye { spot: self.lattice().spot(&from.position), polygon: from.polygon };
+        let length_m = f64::from((end - from.position).norm());
+        let Slide { end: reached, blocked } = self.step(eye, self.lattice().spot(end), length_m, slides)?;
+        let exact = matches!(self.surface, Surface::Detail(_)) && blocked && slides;
+        let stopped = exact.then(|| stop(self, reached.polygon, end)).flatten();
+        let place = stopped.unwrap_or(reached.position);
+        let again = self.project(&place)?;
+        if self.island_of(&again) == self.island_of(&from) {
+            return Some(place);
+        }
+        let inwards = self.middle(reached.polygon) - place;
+        Some(place + inwards * (NUDGE_M / inwards.norm().max(NUDGE_M)))
+    }
+
+    /// Length of the path that Habitat finds between two points, metres: both are taken to the mesh first, but keep their
+    /// own heights; the path is pulled tight through the best chain of polygons, which is not always the shortest one, and
+    /// its legs are measured in space. `None` where there is no path.
+    pub fn geodesic_m(&self, a: &Point3<f32>, b: &Point3<f32>) -> Option<f64> {
+        let (on_a, on_b) = (self.project(a)?, self.project(b)?);
+        if self.island_of(&on_a) != self.island_of(&on_b) {
+            return None;
+        }
+        if are_same(&on_a, &on_b) {
+            return Some(0.0);
+        }
+        let ends = [&on_a, &on_b].map(|on| End { place: self.place(on), polygon: on.polygon });
+        let drawn = [self.place(&self.end_of_path(a, &on_a)), self.place(&self.end_of_path(b, &on_b))];
+        corridor_m(&self.polygons, self.lattice(), ends, drawn)
+    }
+
+    /// Length of the shortest of all paths between the points that [`NavMesh::geodesic_m`] measures between; never longer
+    /// than that.
+    pub fn shortest_m(&self, a: &Point3<f32>, b: &Point3<f32>) -> Option<f64> {
+        let (on_a, on_b) = (self.project(a)?, self.project(b)?);
+        if are_same(&on_a, &on_b) {
+            return Some(0.0);
+        }
+        self.distance_m(&self.end_of_path(a, &on_a), &self.end_of_path(b, &on_b))
+    }
+
+    fn place(&self, point: &NavPoint) -> Corner {
+        let position = point.position;
+        Corner { spot: self.lattice().spot(&position), height_m: f64::from(position.y) }
+    }
+
+    /// `point` itself over its polygon, or else the place on the polygon's rim, at the height of the rim.
+    fn end_of_path(&self, point: &Point3<f32>, on: &NavPoint) -> NavPoint {
+        let spot = self.lattice().spot(point);
+        let nearest = self.polygons.nearest(on.polygon, &spot);
+        let height_m = if nearest == spot { point.y } else { self.rim_m(on.polygon, &nearest) as f32 };
+        NavPoint { position: self.lattice().point(&nearest, height_m), polygon: on.polygon }
+    }
+
+    /// Height of the straight rim of `polygon` nearest to `spot`, metres.
+    fn rim_m(&self, polygon: u32, spot: &Spot) -> f64 {
+        let (corners, heights) = (self.polygons.corners(polygon), self.polygons.heights_m(polygon));
+        let mut best = (f64::INFINITY, 0.0);
+        for (i, a) in corners.iter().enumerate() {
+            let j = (i + 1) % corners.len();
+            let share = share_of_segment(spot, a, &corners[j]);
+            let gap = (a + (corners[j] - a) * share - spot).norm_squared();
+            if gap < best.0 {
+                best = (gap, heights[i] + (heights[j] - heights[i]) * share);
+            }
+        }
+        best.1
+    }
+
+    fn is_in_box(&self, polygon: u32, spot: &Spot, height_m: f64) -> bool {
+        let corners = self.polygons.corners(polygon);
+        let (low, high) = corners.iter().fold((corners[0], corners[0]), |(l, h), c| (l.inf(c), h.sup(c)));
+        let reach = self.lattice().cells(BOX_M.0);
+        let beside = low.x <= spot.x + reach
+            && high.x >= spot.x - reach
+            && low.y <= spot.y + reach
+            && high.y >= spot.y - reach;
+        let (bottom_m, top_m) = match &self.surface {
+            Surface::Detail(detail) => detail.reach_m(polygon),
+            Surface::Scene(_) => {
+                let heights = self.polygons.heights_m(polygon).iter();
+                heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &y| (l.min(y), h.max(y)))
+            }
+        };
+        beside && bottom_m <= height_m + BOX_M.1 && top_m >= height_m - BOX_M.1
+    }
+
+    /// What Habitat compares polygons by, square metres: over or under one, what the rise is more than a climb; beside
+    /// it, the distance in space.
+    fn nearness(&self, polygon: u32, spot: &Spot, nearest: &Spot, height_m: f64) -> f64 {
+        let rise_m = f64::from(self.surface.height_m(polygon, nearest)) - height_m;
+        if nearest == spot {
+            (rise_m.abs() - f64::from(self.climb_m())).max(0.0).powi(2)
+        } else {
+            let flat_m = (nearest - spot).norm() * f64::from(self.lattice().cell_m);
+            flat_m * flat_m + rise_m * rise_m
+        }
+    }
+
+    /// Mean of a polygon's corners.
+    fn middle(&self, polygon: u32) -> Point3<f32> {
+        let (corners, heights) = (self.polygons.corners(polygon), self.polygons.heights_m(polygon));
+        let count = corners.len() as f64;
+        let sum = corners.iter().fold(Spot::origin(), |sum, corner| sum + corner.coords);
+        self.lattice().point(&(sum / count), (heights.iter().sum::<f64>() / count) as f32)
+    }
+}
+
+/// Whether Habitat takes two points of the mesh for one.
+fn are_same(a: &NavPoint, b: &NavPoint) -> bool {
+    let least = a.position.coords.norm_squared().min(b.position.coords.norm_squared());
+    (a.position - b.position).norm_squared() <= SAME * SAME * least
+}

@@ -1,0 +1,122 @@
+//! The shortest way between two points, without a field: best first over the corners (Hart, Nilsson and Raphael 1968).
+
+use crate::field::Waiting;
+use crate::mesh::{NavMesh, NavPoint};
+use crate::plane::Spot;
+use crate::polygons::NONE;
+use crate::sight::{Eye, look};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// A way between two points.
+pub(crate) struct Route {
+    pub(crate) metres: f64,
+    /// The corners where it bends, in order.
+    pub(crate) bends: Vec<u32>,
+}
+
+/// Where a way begins or ends.
+struct End {
+    eye: Eye,
+    height_m: f64,
+}
+
+impl End {
+    fn new(mesh: &NavMesh, point: &NavPoint) -> Self {
+        Self { eye: mesh.eye(point), height_m: f64::from(point.position().y) }
+    }
+
+    fn place(&self) -> (&Spot, f64) {
+        (&self.eye.spot, self.height_m)
+    }
+}
+
+/// The best known way to a corner.
+#[derive(Clone, Copy)]
+struct Reached {
+    metres: f64,
+    from: u32,
+}
+
+/// The shortest route from `a` to `b`; `None` when there is none.
+pub(crate) fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route> {
+    let (a, b) = (End::new(mesh, a), End::new(mesh, b));
+    let mut search = Search::new(mesh, &b);
+    if let Some(metres) = search.start(&a) {
+        return Some(Route { metres, bends: Vec::new() });
+    }
+    search.run()
+}
+
+struct Search<'a> {
+    mesh: &'a NavMesh,
+    goal: &'a End,
+    /// For each corner how far the goal is in a straight line, infinite where it is not in view.
+    last_m: Vec<f64>,
+    reached: Vec<Reached>,
+    waiting: BinaryHeap<Reverse<Waiting>>,
+}
+
+impl<'a> Search<'a> {
+    fn new(mesh: &'a NavMesh, goal: &'a End) -> Self {
+        let mut last_m = vec![f64::INFINITY; mesh.corners.len()];
+        look(&mesh.polygons, &goal.eye, |polygon, view| {
+            mesh.corners.in_view(mesh.polygons.edges(polygon), view, goal.place(), |link| {
+                last_m[link.to as usize] = link.metres;
+            });
+        });
+        let reached = vec![Reached { metres: f64::INFINITY, from: NONE }; mesh.corners.len()];
+        Self { mesh, goal, last_m, reached, waiting: BinaryHeap::new() }
+    }
+
+    /// Opens the corners in view of `start`; or the distance, when the goal itself is in view.
+    fn start(&mut self, start: &End) -> Option<f64> {
+        let (mesh, goal) = (self.mesh, self.goal);
+        let mut straight = None;
+        look(&mesh.polygons, &start.eye, |polygon, view| {
+            if polygon == goal.eye.polygon && view.holds(&goal.eye.spot) {
+                straight = Some(mesh.lattice().apart_m(start.place(), goal.place()));
+            }
+            let edges = mesh.polygons.edges(polygon);
+            mesh.corners.in_view(edges, view, start.place(), |link| self.open(link.to, link.metres, NONE));
+        });
+        straight
+    }
+
+    fn open(&mut self, corner: u32, metres: f64, from: u32) {
+        let known = &mut self.reached[corner as usize];
+        if metres < known.metres {
+            *known = Reached { metres, from };
+            let at_least = metres + self.mesh.corners.metres_to(corner, self.goal.place());
+            self.waiting.push(Reverse(Waiting { metres: at_least, corner }));
+        }
+    }
+
+    fn run(mut self) -> Option<Route> {
+        let mut best = (f64::INFINITY, NONE);
+        while let Some(Reverse(Waiting { metres: at_least, corner })) = self.waiting.pop() {
+            if at_least >= best.0 {
+                break;
+            }
+            let metres = self.reached[corner as usize].metres;
+            if at_least > metres + self.mesh.corners.metres_to(corner, self.goal.place()) {
+                continue;
+            }
+            let whole = metres + self.last_m[corner as usize];
+            if whole < best.0 {
+                best = (whole, corner);
+            }
+            for link in self.mesh.corners.links(corner) {
+                self.open(link.to, metres + link.metres, corner);
+            }
+        }
+        (best.1 != NONE).then(|| Route { metres: best.0, bends: self.bends(best.1) })
+    }
+
+    fn bends(&self, last: u32) -> Vec<u32> {
+        let before = |&corner: &u32| Some(self.reached[corner as usize].from).filter(|&from| from != NONE);
+        let mut bends: Vec<_> = std::iter::successors(Some(last), before).collect();
+        bends.reverse();
+        bends
+    }
+}

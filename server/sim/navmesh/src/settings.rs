@@ -1,0 +1,149 @@
+use crate::{Body, NavMeshError};
+
+/// How a navmesh is built. The default is Habitat's (habitat-sim, `NavMeshSettings::setDefaults`): cells of 5 cm by 20 cm,
+/// regions of at least 20 x 20 cells, outlines within 1.3 cells of the raster, walls cut at 12 m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NavMeshSettings {
+    /// Who walks.
+    pub body: Body,
+    /// Width of a lattice cell, metres, 0.01 to 1.
+    pub cell_m: f32,
+    /// Height of a lattice cell, metres, 0.01 to 1. Heights and steps are known to this only.
+    pub level_m: f32,
+    /// Side, in cells, of the square that the smallest part of floor must cover, 0 to 200.
+    pub region_min_cells: f32,
+    /// Side, in cells, of the square below which a region is merged with its neighbour, 0 to 200.
+    pub region_merge_cells: f32,
+    /// Length at which the outline of a wall is cut, metres, 0 (never) to 1000.
+    pub edge_max_m: f32,
+    /// How far an outline may leave the raster, cells, 0 to 10.
+    pub edge_error_cells: f32,
+    /// Spacing of the height samples, cells, 0 (none) to 100; below 0.9 there are none.
+    pub detail_cells: f32,
+    /// How far the heights between samples may be off, levels, 0 to 100.
+    pub detail_error_levels: f32,
+    /// What the mesh keeps to.
+    pub finish: Finish,
+}
+
+/// What a navmesh keeps to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Finish {
+    /// Recast and Detour as Habitat uses them: regions by watershed, no margin around the scene, heights from the
+    /// lattice (up to one level above the ground), clearance of one level more than the body is high.
+    Habitat,
+    /// The scene: outlines that never lose a passage of one cell, heights of the surfaces that one stands on.
+    Scene,
+}
+
+impl Default for NavMeshSettings {
+    fn default() -> Self {
+        Self {
+            body: Body::default(),
+            cell_m: 0.05,
+            level_m: 0.2,
+            region_min_cells: 20.0,
+            region_merge_cells: 20.0,
+            edge_max_m: 12.0,
+            edge_error_cells: 1.3,
+            detail_cells: 6.0,
+            detail_error_levels: 1.0,
+            finish: Finish::Habitat,
+        }
+    }
+}
+
+impl From<&Body> for NavMeshSettings {
+    /// The arena's own: levels of 5 cm, so that a step is climbed up to the body's measure and no higher, and the heights
+    /// of the scene.
+    fn from(body: &Body) -> Self {
+        let (level_m, edge_error_cells, finish) = (0.05, 0.99, Finish::Scene);
+        Self { body: *body, level_m, edge_error_cells, finish, ..Self::default() }
+    }
+}
+
+impl NavMeshSettings {
+    /// Refuses values outside of the ranges that the fields name.
+    pub(crate) fn check(&self) -> Result<(), NavMeshError> {
+        self.body.check()?;
+        let checks = [
+            ("cell_m", self.cell_m, 0.01, 1.0),
+            ("level_m", self.level_m, 0.01, 1.0),
+            ("region_min_cells", self.region_min_cells, 0.0, 200.0),
+            ("region_merge_cells", self.region_merge_cells, 0.0, 200.0),
+            ("edge_max_m", self.edge_max_m, 0.0, 1000.0),
+            ("edge_error_cells", self.edge_error_cells, 0.0, 10.0),
+            ("detail_cells", self.detail_cells, 0.0, 100.0),
+            ("detail_error_levels", self.detail_error_levels, 0.0, 100.0),
+        ];
+        for (field, value, low, high) in checks {
+            if !(low..=high).contains(&value) {
+                return Err(NavMeshError::Settings { field, value, low, high });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The settings in whole cells, rounded as the finish says.
+pub(crate) struct Cells {
+    pub(crate) radius: u16,
+    pub(crate) height: u16,
+    /// Free levels that are asked for above a floor: in Habitat's Recast one more than the height.
+    pub(crate) clearance: u16,
+    pub(crate) climb: u16,
+    pub(crate) min_area: u16,
+    pub(crate) merge_area: u16,
+    pub(crate) edge_max: u16,
+}
+
+impl Cells {
+    pub(crate) fn new(settings: &NavMeshSettings) -> Self {
+        let (body, cell_m, level_m) = (&settings.body, settings.cell_m, settings.level_m);
+        let (radius, climb) = (body.radius_m / cell_m, body.climb_m / level_m);
+        let height = (body.height_m / level_m).ceil() as u16;
+        let (radius, climb, clearance) = match settings.finish {
+            Finish::Habitat => (radius.ceil(), climb.floor(), height + 1),
+            // 0.2 m are four levels of 0.05 m whatever f32 makes of it. One cell of radius at least: it leaves no crack
+            // between cells that touch without a way from one to the other.
+            Finish::Scene => ((radius - 1e-3).ceil().max(1.0), (climb + 1e-3).floor(), height),
+        };
+        let square = |side: f32| (side * side) as u16;
+        Self {
+            radius: radius as u16,
+            height,
+            clearance,
+            climb: climb as u16,
+            min_area: square(settings.region_min_cells),
+            merge_area: square(settings.region_merge_cells),
+            edge_max: (settings.edge_max_m / cell_m) as u16,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn habitats_defaults_are_its_documented_cells() {
+        let cells = Cells::new(&NavMeshSettings::default());
+        assert_eq!((cells.radius, cells.height, cells.clearance, cells.climb), (2, 8, 9, 1));
+        assert_eq!((cells.min_area, cells.merge_area, cells.edge_max), (400, 400, 240));
+    }
+
+    #[test]
+    fn the_arenas_own_are_finer_in_height() {
+        let cells = Cells::new(&NavMeshSettings::from(&Body::default()));
+        assert_eq!((cells.radius, cells.height, cells.clearance, cells.climb), (2, 30, 30, 4));
+        let thin = Body { radius_m: 0.0, ..Body::default() };
+        assert_eq!(Cells::new(&NavMeshSettings::from(&thin)).radius, 1);
+    }
+
+    #[test]
+    fn values_out_of_range_are_named() {
+        let bad = NavMeshSettings { cell_m: f32::NAN, ..Default::default() };
+        assert!(bad.check().is_err_and(|error| error.to_string().contains("cell_m is NaN")));
+        assert!(NavMeshSettings::default().check().is_ok());
+    }
+}
