@@ -9,9 +9,11 @@ pub mod colors;
 mod describe;
 pub mod digest;
 pub mod glb;
+pub mod habitat;
 pub mod hm3d;
 pub mod open;
 pub mod procedural;
+pub mod procthor;
 mod report;
 mod scene;
 
