@@ -40,6 +40,43 @@ pub fn mpcat40(raw_name: &str) -> Option<&'static str> {
     (0..words.len()).find_map(|first| listed(&words[first..].join(" ")))
 }
 
+/// What people call the thing where its mpcat40 category is a more general word: `black armchair` is an `armchair`, and
+/// that a `chair`. `None` where the category says it all, or nothing is known.
+pub fn noun(raw_name: &str) -> Option<&'static str> {
+    let name = normalised(raw_name);
+    let words: Vec<&str> = name.split(' ').collect();
+    let endings = (0..words.len()).map(|first| words[first..].join(" "));
+    let ending = endings.into_iter().find(|ending| listed(ending).is_some())?;
+    let singular = ending.strip_suffix('s').unwrap_or(&ending);
+    let mut listed_names = SYNONYMS.iter().flat_map(|(_, names)| names.iter());
+    let noun = *listed_names.find(|name| **name == ending || **name == singular)?;
+    (!SAME_THING.contains(&noun)).then_some(noun)
+}
+
+/// Names that mean no more than their category does.
+const SAME_THING: [&str; 20] = [
+    "couch",
+    "settee",
+    "tv",
+    "television",
+    "display",
+    "screen",
+    "pillow",
+    "bath",
+    "tub",
+    "bath tub",
+    "light",
+    "appliance",
+    "object",
+    "decoration",
+    "decor",
+    "clothing",
+    "piece of furniture",
+    "board",
+    "panel",
+    "shelf",
+];
+
 fn normalised(raw_name: &str) -> String {
     let spaced = raw_name.to_lowercase().replace(['_', '-', '#'], " ");
     spaced.split_whitespace().collect::<Vec<_>>().join(" ")
@@ -267,6 +304,20 @@ mod tests {
         }
         assert_eq!(mpcat40("quxotron"), None);
         assert_eq!(mpcat40("  "), None);
+    }
+
+    #[test]
+    fn the_noun_is_the_more_exact_word() {
+        for (raw, expected) in [
+            ("black leather Armchair", Some("armchair")),
+            ("office#desk", Some("desk")),
+            ("nightstands", Some("nightstand")),
+            ("sofa", None),
+            ("couch", None),
+            ("quxotron", None),
+        ] {
+            assert_eq!(noun(raw), expected, "{raw}");
+        }
     }
 
     #[test]

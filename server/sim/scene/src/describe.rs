@@ -1,6 +1,8 @@
 //! What can be said of an instance by looking at its surfaces.
 
+use crate::categories::{mpcat40, noun};
 use crate::colors::{code_of, light_of, name_of};
+use crate::glb::limits::MAX_WORD_CHARS;
 use crate::{Attributes, Material, Mesh, Texture};
 use avln_geom::{Aabb, Point2, Vector3};
 
@@ -20,6 +22,8 @@ const STRUCTURE: [&str; 12] = [
     "unlabeled",
 ];
 
+/// Room floors that differ by more than this belong to different storeys, metres.
+const STOREY_STEP_M: f32 = 1.8;
 /// A small thing is nowhere longer than this, metres.
 const SMALL_M: f32 = 0.35;
 /// A tall thing is at least this high, metres, and [`SLENDER`] times higher than wide.
@@ -33,6 +37,50 @@ const LARGE_M3: f32 = 1.5;
 /// Whether a category is part of the building and not a thing in it.
 pub(crate) fn is_structure(category: &str) -> bool {
     STRUCTURE.contains(&category)
+}
+
+/// What an annotator's words mean.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Meaning {
+    /// A thing: its category, mpcat40 where there is one, and the noun that people use where that is more exact.
+    Object { category: String, noun: String },
+    /// A part of the building itself.
+    Structure,
+    /// Nothing is said.
+    Nothing,
+}
+
+/// What `words` mean; words without an mpcat40 category stay as they are, in lower case.
+pub(crate) fn meaning(words: &str) -> Meaning {
+    if let Some(category) = mpcat40(words) {
+        let noun = noun(words).unwrap_or_default().to_owned();
+        return match is_structure(category) {
+            true => Meaning::Structure,
+            false => Meaning::Object { category: category.to_owned(), noun },
+        };
+    }
+    let plain = words.trim().to_lowercase();
+    let category: String = plain.chars().filter(|letter| !letter.is_control()).take(MAX_WORD_CHARS).collect();
+    let is_said = !category.is_empty()
+        && !["unknown", "undefined", "unlabeled"].iter().any(|no| category.starts_with(no));
+    if is_said { Meaning::Object { category, noun: String::new() } } else { Meaning::Nothing }
+}
+
+/// The storey of each floor height, metres: a new one begins where the sorted heights jump.
+pub(crate) fn storeys(floors_m: &[f32]) -> Vec<u16> {
+    let mut order: Vec<usize> = (0..floors_m.len()).collect();
+    order.sort_by(|&a, &b| floors_m[a].total_cmp(&floors_m[b]));
+    let mut storeys = vec![0; floors_m.len()];
+    let mut storey = 0;
+    let mut base_m = order.first().map_or(0.0, |&lowest| floors_m[lowest]);
+    for index in order {
+        if floors_m[index] - base_m > STOREY_STEP_M {
+            storey += 1;
+            base_m = floors_m[index];
+        }
+        storeys[index] = storey;
+    }
+    storeys
 }
 
 /// Surfaces that can be looked at.
@@ -132,6 +180,23 @@ mod tests {
 
     fn size_word_of(x: f32, y: f32, z: f32) -> &'static str {
         size_word(&Aabb::new(Point3::origin(), Point3::new(x, y, z)))
+    }
+
+    #[test]
+    fn words_mean_things_parts_of_the_building_or_nothing() {
+        let thing =
+            |category: &str, noun: &str| Meaning::Object { category: category.into(), noun: noun.into() };
+        assert_eq!(meaning("Air-conditioner"), thing("appliances", "air conditioner"));
+        assert_eq!(meaning("bed"), thing("bed", ""));
+        assert_eq!(meaning(" Quxotron 7 "), thing("quxotron 7", ""));
+        assert_eq!(meaning("door frame"), Meaning::Structure);
+        assert_eq!([meaning("Unknown"), meaning(" ")], [Meaning::Nothing, Meaning::Nothing]);
+    }
+
+    #[test]
+    fn a_new_storey_begins_where_floors_jump() {
+        assert_eq!(storeys(&[2.9, 0.0, 0.3, 6.0, -0.1]), [1, 0, 0, 2, 0]);
+        assert!(storeys(&[]).is_empty());
     }
 
     #[test]

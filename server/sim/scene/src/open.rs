@@ -1,6 +1,6 @@
 //! Opens a building in whatever layout it comes.
 
-use crate::{Report, Scene, SceneError, glb, hm3d};
+use crate::{Report, Scene, SceneError, glb, habitat, hm3d, procthor};
 use std::path::{Path, PathBuf};
 
 /// [`open_with`] for callers who do not care about warnings.
@@ -11,23 +11,31 @@ pub fn open(path: &Path) -> Result<Scene, SceneError> {
     open_with(path, &mut Report::default())
 }
 
-/// Opens a folder or file: HM3D where semantics lie beside the mesh ([`hm3d::import`]), else plain glTF
-/// ([`glb::import`]); a folder without semantics must hold exactly one `.glb` or `.gltf`.
+/// Opens a folder or file: HM3D where semantics lie beside the mesh ([`hm3d::import`]), scenes composed by
+/// Habitat's configurations ([`habitat::import`]), houses of ProcTHOR ([`procthor::import`]), else plain glTF ([`glb::import`]); a folder without semantics must hold exactly one `.glb` or `.gltf`.
 ///
 /// # Errors
 /// Those of the importer chosen; [`SceneError::Malformed`] for a folder that holds no scene, or several.
 pub fn open_with(path: &Path, report: &mut Report) -> Result<Scene, SceneError> {
     if hm3d::is_hm3d(path) {
         report.layout = "HM3D";
-        return hm3d::import(path);
+        return hm3d::import(path, report);
+    }
+    if habitat::is_habitat(path) {
+        report.layout = "Habitat scene instance";
+        return habitat::import(path, report);
+    }
+    if procthor::is_procthor(path) {
+        report.layout = "ProcTHOR house";
+        return procthor::import(path, report);
     }
     report.layout = "glTF";
     if !path.is_dir() {
-        return glb::import(path);
+        return glb::import(path, report);
     }
     let mut scenes = scene_files(path)?;
     match (scenes.pop(), scenes.pop()) {
-        (Some(only), None) => glb::import(&only),
+        (Some(only), None) => glb::import(&only, report),
         (None, _) => {
             Err(malformed(path, "the folder holds no .glb or .gltf; name a folder or file that does"))
         }

@@ -1,7 +1,7 @@
 //! Real files of other people's tools, where `../shared/scenes` lies beside the repository.
 
 use avln_geom::{Aabb, Point3};
-use avln_scene::{InstanceId, Scene, glb, hm3d, open};
+use avln_scene::{InstanceId, Scene, glb, open};
 use std::path::{Path, PathBuf};
 
 /// The folder of shared scenes; says that `test` is skipped where there is none.
@@ -62,7 +62,7 @@ fn close(a: &Aabb, b: &Aabb, tolerance_m: f32) -> bool {
 #[test]
 fn the_small_house_in_hm3d_layout_has_its_labelled_instances() {
     let Some(shared) = shared("the_small_house_in_hm3d_layout_has_its_labelled_instances") else { return };
-    let scene = hm3d::import(&shared.join("aws_small_house/hm3d_style/00000-SmallHouse")).unwrap();
+    let scene = open::open(&shared.join("aws_small_house/hm3d_style/00000-SmallHouse")).unwrap();
     check_consistent(&scene);
     assert_eq!(scene.name, "SmallHouse");
     assert!((140_000..=145_844).contains(&scene.mesh.triangles.len()), "{}", scene.mesh.triangles.len());

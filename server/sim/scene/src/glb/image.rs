@@ -1,6 +1,7 @@
-//! Pictures: PNG and JPEG in, PNG out.
+//! Pictures: PNG, JPEG and Basis Universal in, PNG out.
 
 use super::Checked;
+use super::basis;
 use super::limits::MAX_TEXTURE_SIDE;
 use crate::Texture;
 use std::io::Cursor;
@@ -11,15 +12,16 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 const JPEG_MAGIC: &[u8] = &[0xff, 0xd8, 0xff];
-const SUPPORTED: &str =
-    "PNG and JPEG are read: convert the textures (the glb archives of HM3D hold JPEG ones)";
+const SUPPORTED: &str = "PNG, JPEG, KTX2 and .basis pictures are read: convert the textures";
 
-/// Decodes a PNG or JPEG file without touching its colours; takes the texels from `budget`.
+/// Decodes a picture without touching its colours; takes the texels from `budget`.
 pub(super) fn decode(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
     if bytes.starts_with(PNG_MAGIC) {
         decode_png(bytes, budget)
     } else if bytes.starts_with(JPEG_MAGIC) {
         decode_jpeg(bytes, budget)
+    } else if basis::is_basis(bytes) {
+        basis::decode(bytes, budget)
     } else {
         Err(format!("it is {}; {SUPPORTED}", kind_of(bytes)))
     }
@@ -28,14 +30,14 @@ pub(super) fn decode(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
 /// What a picture in no supported format seems to be.
 fn kind_of(bytes: &[u8]) -> &'static str {
     match bytes {
-        [b's', b'B', ..] => "a Basis Universal (.basis) texture",
-        [0xab, b'K', b'T', b'X', ..] => "a KTX2 texture",
+        [0xab, b'K', b'T', b'X', ..] => "a KTX texture of version 1",
         [b'R', b'I', b'F', b'F', ..] => "a WebP texture",
+        [b'D', b'D', b'S', b' ', ..] => "a DDS texture",
         _ => "in an unknown format",
     }
 }
 
-fn check_size(width: usize, height: usize, budget: &mut u64) -> Checked<()> {
+pub(super) fn check_size(width: usize, height: usize, budget: &mut u64) -> Checked<()> {
     let side = MAX_TEXTURE_SIDE as usize;
     if width > side || height > side || width == 0 || height == 0 {
         return Err(format!("it has {width} x {height} texels, sides of 1 to {side} are read; resize it"));
@@ -96,6 +98,15 @@ fn texture(width: u32, height: u32, raw: &[u8], samples: usize) -> Checked<Textu
     Ok(Texture { width, height, pixels })
 }
 
+/// What stands in for a picture that is not there: a checker of magenta and black.
+pub(super) fn checker() -> Texture {
+    const SIDE: u32 = 16;
+    let is_lit = |texel: u32| (texel / SIDE / 4 + texel % SIDE / 4).is_multiple_of(2);
+    let pixels =
+        (0..SIDE * SIDE).flat_map(|texel| if is_lit(texel) { [255, 0, 255, 255] } else { [0, 0, 0, 255] });
+    Texture { width: SIDE, height: SIDE, pixels: pixels.collect() }
+}
+
 /// A texture as a PNG file: RGB where it is opaque, RGBA elsewhere.
 pub(super) fn encode_png(texture: &Texture) -> Vec<u8> {
     let opaque = texture.pixels.chunks_exact(4).all(|texel| texel[3] == 255);
@@ -136,7 +147,16 @@ mod tests {
     }
 
     #[test]
-    fn a_basis_texture_is_named_with_the_next_step() {
+    fn a_picture_in_another_format_is_named_with_the_next_step() {
+        for (bytes, name) in [
+            (&b"RIFF1234WEBP"[..], "WebP"),
+            (b"DDS rest", "DDS"),
+            (b"\xabKTX 11\xbb", "KTX"),
+            (b"", "unknown"),
+        ] {
+            let error = decode(bytes, &mut 100).unwrap_err();
+            assert!(error.contains(name) && error.contains("convert"), "{error}");
+        }
         let error = decode(b"sB\x13\0rest", &mut 100).unwrap_err();
         assert!(error.contains("Basis") && error.contains("convert"), "{error}");
     }

@@ -7,7 +7,7 @@ use super::limits::{MAX_FILE_BYTES, MAX_TEXELS};
 use super::schema::{MaterialEntry, TextureUse};
 use super::uri;
 use crate::colors::code_of;
-use crate::{Material, Texture};
+use crate::{Material, Report, Texture};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
@@ -19,20 +19,23 @@ const DEFAULT_CUTOFF: f32 = 0.5;
 const TEXTURE_EXTENSIONS: [&str; 4] =
     ["GOOGLE_texture_basis", "KHR_texture_basisu", "EXT_texture_webp", "MSFT_texture_dds"];
 
-pub(super) struct Palette<'a> {
+pub(super) struct Palette<'a, 'r> {
     source: &'a Source<'a>,
+    report: &'r mut Report,
     pub(super) materials: Vec<Material>,
     pub(super) textures: Vec<Texture>,
     material_of: BTreeMap<Option<usize>, u16>,
-    texture_of: BTreeMap<usize, u16>,
+    /// By image; `None` is the picture that is missing.
+    texture_of: BTreeMap<Option<usize>, u16>,
     texels_left: u64,
     bytes_left: u64,
 }
 
-impl<'a> Palette<'a> {
-    pub(super) fn new(source: &'a Source<'a>) -> Self {
+impl<'a, 'r> Palette<'a, 'r> {
+    pub(super) fn new(source: &'a Source<'a>, report: &'r mut Report) -> Self {
         Self {
             source,
+            report,
             materials: Vec::new(),
             textures: Vec::new(),
             material_of: BTreeMap::new(),
@@ -49,18 +52,16 @@ impl<'a> Palette<'a> {
         }
         let default = MaterialEntry::default();
         let entry = self.entry(index)?.unwrap_or(&default);
-        let texture =
-            entry.pbr_metallic_roughness.base_color_texture.map(|used| self.texture(used)).transpose()?;
+        let texture = entry.texture().map(|used| self.texture(used)).transpose()?;
         self.materials.push(material(entry, texture));
         let number = number(self.materials.len(), "materials")?;
         self.material_of.insert(index, number);
         Ok(number)
     }
 
-    /// Which set of texture coordinates material `index` uses.
-    pub(super) fn coordinate_set(&self, index: Option<usize>) -> Checked<u32> {
-        let used = self.entry(index)?.and_then(|entry| entry.pbr_metallic_roughness.base_color_texture);
-        Ok(used.map_or(0, |used| used.tex_coord))
+    /// How material `index` uses its texture.
+    pub(super) fn texture_use(&self, index: Option<usize>) -> Checked<Option<TextureUse>> {
+        Ok(self.entry(index)?.and_then(MaterialEntry::texture))
     }
 
     fn entry(&self, index: Option<usize>) -> Checked<Option<&'a MaterialEntry>> {
@@ -73,18 +74,31 @@ impl<'a> Palette<'a> {
         if let Some(&known) = self.texture_of.get(&image) {
             return Ok(known);
         }
-        let bytes = self.image_bytes(image)?;
-        let texture = image::decode(&bytes, &mut self.texels_left).map_err(|reason| {
-            format!("its texture image {} cannot be used: {reason}", self.image_label(image))
-        })?;
+        let texture = match image.map(|image| self.picture(image)).transpose()?.flatten() {
+            Some(texture) => texture,
+            None => {
+                let name = image
+                    .map_or_else(|| format!("of texture {}", used.index), |image| self.image_label(image));
+                self.report.warn(format!("texture image {name} is missing; a checker is shown in its place"));
+                image::checker()
+            }
+        };
         self.textures.push(texture);
         let number = number(self.textures.len(), "textures")?;
         self.texture_of.insert(image, number);
         Ok(number)
     }
 
+    /// The decoded picture of image `index`; `None` when it is not there.
+    fn picture(&mut self, index: usize) -> Checked<Option<Texture>> {
+        let Some(bytes) = self.image_bytes(index)? else { return Ok(None) };
+        let decoded = image::decode(&bytes, &mut self.texels_left);
+        let fail = |reason| format!("its texture image {} cannot be used: {reason}", self.image_label(index));
+        decoded.map(Some).map_err(fail)
+    }
+
     /// The image of a texture: its plain one, else the one that an extension offers.
-    fn image_of(&self, texture: usize) -> Checked<usize> {
+    fn image_of(&self, texture: usize) -> Checked<Option<usize>> {
         let entry = self.source.document.textures.get(texture).ok_or_else(|| missing("texture", texture))?;
         let offered = || {
             let sources = TEXTURE_EXTENSIONS
@@ -92,19 +106,19 @@ impl<'a> Palette<'a> {
                 .filter_map(|name| entry.extensions.get(*name)?.get("source")?.as_u64());
             sources.map(|source| source as usize).next()
         };
-        entry
-            .source
-            .or_else(offered)
-            .ok_or_else(|| format!("texture {texture} has no image; export the textures with it"))
+        Ok(entry.source.or_else(offered))
     }
 
-    fn image_bytes(&mut self, index: usize) -> Checked<Cow<'a, [u8]>> {
+    fn image_bytes(&mut self, index: usize) -> Checked<Option<Cow<'a, [u8]>>> {
         let source = self.source;
         let image = source.document.images.get(index).ok_or_else(|| missing("image", index))?;
         match (&image.uri, image.buffer_view) {
-            (_, Some(view)) => Ok(Cow::Borrowed(source.view(view)?)),
-            (Some(address), None) => Ok(Cow::Owned(uri::load(address, source.folder, &mut self.bytes_left)?)),
-            (None, None) => Err(format!("image {index} has no data; export the textures with it")),
+            (_, Some(view)) => Ok(Some(Cow::Borrowed(source.view(view)?))),
+            (Some(address), None) if uri::is_absent(address, source.folder) => Ok(None),
+            (Some(address), None) => {
+                uri::load(address, source.folder, &mut self.bytes_left).map(|bytes| Some(Cow::Owned(bytes)))
+            }
+            (None, None) => Ok(None),
         }
     }
 
@@ -125,7 +139,7 @@ fn number(count: usize, what: &str) -> Checked<u16> {
 }
 
 fn material(entry: &MaterialEntry, texture: Option<u16>) -> Material {
-    let [r, g, b, a] = entry.pbr_metallic_roughness.base_color_factor.unwrap_or([1.0; 4]);
+    let [r, g, b, a] = entry.color();
     let cutoff = entry.alpha_cutoff.unwrap_or(DEFAULT_CUTOFF);
     Material {
         name: entry.name.clone(),

@@ -6,7 +6,10 @@
 //! (`chair_3`, `KitchenTable_01`); walls, floors, doors and the like are surfaces without an instance.
 
 mod accessor;
+mod basis;
+mod bounded;
 mod container;
+mod draco;
 mod export;
 mod extras;
 mod image;
@@ -19,13 +22,15 @@ mod surfaces;
 mod transform;
 mod uri;
 
-use crate::{Material, Mesh, Scene, SceneError, Texture};
+use crate::{Material, Mesh, Report, Scene, SceneError, Texture};
 use container::Source;
 use extras::NodeExtras;
 use limits::{MAX_FILE_BYTES, MAX_SCENE_SIDE_M, MIN_SCENE_SIDE_M};
 use std::path::Path;
 
+pub(crate) use bounded::bounded;
 pub use export::export;
+pub(crate) use names::category as category_of_name;
 pub(crate) use uri::read_limited;
 
 /// `Err` is the reason, in words that continue "… is not a usable scene: ".
@@ -53,12 +58,14 @@ struct ModelNode {
 
 /// Reads a `.glb` or `.gltf` file, Y up, metres. The scene is named after the file.
 ///
+/// Files that it names must lie in its own folder or below. A missing picture is a warning, and a checker stands in for it.
+///
 /// # Errors
 /// [`SceneError::Read`] when the file itself cannot be read; [`SceneError::Malformed`] when it is damaged, exceeds one of
 /// the [`limits`], uses a compression or texture format that is not read, or cannot be in metres.
-pub fn import(path: &Path) -> Result<Scene, SceneError> {
+pub fn import(path: &Path, report: &mut Report) -> Result<Scene, SceneError> {
     let label = path.display().to_string();
-    let model = read_model(path)?;
+    let model = read_model(path, report)?;
     instances::scene(scene_name(path), model).map_err(|reason| SceneError::Malformed { path: label, reason })
 }
 
@@ -68,18 +75,28 @@ pub fn import(path: &Path) -> Result<Scene, SceneError> {
 /// # Errors
 /// [`SceneError::Malformed`], as for [`import`].
 pub fn from_bytes(name: &str, label_for_errors: &str, bytes: &[u8]) -> Result<Scene, SceneError> {
-    parse(bytes, None)
+    parse(bytes, None, &mut Report::default())
+        .and_then(|model| check_units(&model.mesh).map(|()| model))
         .and_then(|model| instances::scene(name.to_owned(), model))
         .map_err(|reason| SceneError::Malformed { path: label_for_errors.to_owned(), reason })
 }
 
-/// The surfaces of a file, checked, without instances.
-pub(crate) fn read_model(path: &Path) -> Result<Model, SceneError> {
+/// The surfaces of a building's file, checked, without instances.
+pub(crate) fn read_model(path: &Path, report: &mut Report) -> Result<Model, SceneError> {
+    let model = read_part(path, report)?;
+    match check_units(&model.mesh) {
+        Ok(()) => Ok(model),
+        Err(reason) => Err(SceneError::Malformed { path: path.display().to_string(), reason }),
+    }
+}
+
+/// The surfaces of a file that may be of any size, even none.
+pub(crate) fn read_part(path: &Path, report: &mut Report) -> Result<Model, SceneError> {
     let label = || path.display().to_string();
     let bytes =
         read_limited(path, MAX_FILE_BYTES).map_err(|source| SceneError::Read { path: label(), source })?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    parse(&bytes, Some(folder)).map_err(|reason| SceneError::Malformed { path: label(), reason })
+    parse(&bytes, Some(folder), report).map_err(|reason| SceneError::Malformed { path: label(), reason })
 }
 
 /// The part of a file name before the first dot, with what a scene name may not hold replaced by `_`.
@@ -91,14 +108,12 @@ pub(crate) fn scene_name(path: &Path) -> String {
     if name.is_empty() { "scene".to_owned() } else { name }
 }
 
-fn parse(bytes: &[u8], folder: Option<&Path>) -> Checked<Model> {
-    let model = surfaces::model(&Source::parse(bytes, folder)?)?;
-    check_units(&model.mesh)?;
-    Ok(model)
+fn parse(bytes: &[u8], folder: Option<&Path>, report: &mut Report) -> Checked<Model> {
+    surfaces::model(&Source::parse(bytes, folder)?, report)
 }
 
 /// Refuses a scene whose size says that it is not in metres.
-fn check_units(mesh: &Mesh) -> Checked<()> {
+pub(crate) fn check_units(mesh: &Mesh) -> Checked<()> {
     let bounds =
         avln_geom::Aabb::around(&mesh.positions).ok_or("it holds no triangles; export the meshes with it")?;
     let size = bounds.size();

@@ -3,7 +3,7 @@
 use crate::categories::mpcat40;
 
 /// The mpcat40 category that a node's name says, numbers and a letter of the variant at its end aside.
-pub(super) fn category(name: &str) -> Option<&'static str> {
+pub(crate) fn category(name: &str) -> Option<&'static str> {
     let phrase = phrase(name);
     if phrase.is_empty() {
         return None;

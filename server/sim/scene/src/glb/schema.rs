@@ -1,10 +1,8 @@
 //! The part of the glTF 2.0 schema that holds surfaces. Names follow the specification's JSON keys.
 
-use super::limits::MAX_ENTRIES;
-use serde::de::{Deserialize, Deserializer, Error, SeqAccess, Visitor};
+use super::bounded::bounded;
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::marker::PhantomData;
 
 #[derive(Debug, Default, serde::Deserialize)]
 #[serde(default, rename_all = "camelCase")]
@@ -76,24 +74,89 @@ pub(super) struct Primitive {
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct MaterialEntry {
     pub(super) name: String,
-    pub(super) pbr_metallic_roughness: Pbr,
+    pbr_metallic_roughness: Pbr,
     pub(super) alpha_mode: String,
     pub(super) alpha_cutoff: Option<f32>,
+    extensions: MaterialExtensions,
+}
+
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(default)]
+struct MaterialExtensions {
+    #[serde(rename = "KHR_materials_pbrSpecularGlossiness")]
+    specular_glossiness: Option<SpecularGlossiness>,
+}
+
+/// The older way to give a surface its colour.
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+struct SpecularGlossiness {
+    diffuse_factor: Option<[f32; 4]>,
+    diffuse_texture: Option<TextureUse>,
+}
+
+impl MaterialEntry {
+    /// Linear RGBA.
+    pub(super) fn color(&self) -> [f32; 4] {
+        let older = || self.extensions.specular_glossiness.as_ref()?.diffuse_factor;
+        self.pbr_metallic_roughness.base_color_factor.or_else(older).unwrap_or([1.0; 4])
+    }
+
+    pub(super) fn texture(&self) -> Option<TextureUse> {
+        let older = || self.extensions.specular_glossiness.as_ref()?.diffuse_texture;
+        self.pbr_metallic_roughness.base_color_texture.or_else(older)
+    }
 }
 
 #[derive(Debug, Default, serde::Deserialize)]
 #[serde(default, rename_all = "camelCase")]
-pub(super) struct Pbr {
-    /// Linear RGBA.
-    pub(super) base_color_factor: Option<[f32; 4]>,
-    pub(super) base_color_texture: Option<TextureUse>,
+struct Pbr {
+    base_color_factor: Option<[f32; 4]>,
+    base_color_texture: Option<TextureUse>,
 }
 
 #[derive(Clone, Copy, Debug, Default, serde::Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct TextureUse {
     pub(super) index: usize,
-    pub(super) tex_coord: u32,
+    tex_coord: u32,
+    extensions: TextureExtensions,
+}
+
+#[derive(Clone, Copy, Debug, Default, serde::Deserialize)]
+#[serde(default)]
+struct TextureExtensions {
+    #[serde(rename = "KHR_texture_transform")]
+    transform: Option<TextureTransform>,
+}
+
+/// `KHR_texture_transform`: scale, then rotation, then offset of texture coordinates.
+#[derive(Clone, Copy, Debug, serde::Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct TextureTransform {
+    pub(super) offset: [f32; 2],
+    /// Counter-clockwise as seen, v pointing down.
+    #[serde(rename = "rotation")]
+    pub(super) rotation_rad: f32,
+    pub(super) scale: [f32; 2],
+    tex_coord: Option<u32>,
+}
+
+impl Default for TextureTransform {
+    fn default() -> Self {
+        Self { offset: [0.0; 2], rotation_rad: 0.0, scale: [1.0; 2], tex_coord: None }
+    }
+}
+
+impl TextureUse {
+    /// Which set of texture coordinates is used.
+    pub(super) fn coordinate_set(&self) -> u32 {
+        self.transform().and_then(|transform| transform.tex_coord).unwrap_or(self.tex_coord)
+    }
+
+    pub(super) fn transform(&self) -> Option<TextureTransform> {
+        self.extensions.transform
+    }
 }
 
 #[derive(Debug, Default, serde::Deserialize)]
@@ -121,7 +184,24 @@ pub(super) struct Accessor {
     pub(super) count: usize,
     #[serde(rename = "type")]
     pub(super) kind: String,
-    pub(super) sparse: Option<Value>,
+    pub(super) sparse: Option<Sparse>,
+}
+
+/// Elements that differ from the accessor's others.
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(default)]
+pub(super) struct Sparse {
+    pub(super) count: usize,
+    pub(super) indices: SparsePart,
+    pub(super) values: SparsePart,
+}
+
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct SparsePart {
+    pub(super) buffer_view: usize,
+    pub(super) byte_offset: usize,
+    pub(super) component_type: u32,
 }
 
 #[derive(Debug, Default, serde::Deserialize)]
@@ -138,30 +218,4 @@ pub(super) struct BufferView {
 pub(super) struct Buffer {
     pub(super) uri: Option<String>,
     pub(super) byte_length: usize,
-}
-
-/// Reads a list and refuses one with more than [`MAX_ENTRIES`] entries: a short JSON text can name many defaults.
-fn bounded<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Result<Vec<T>, D::Error> {
-    deserializer.deserialize_seq(Bounded(PhantomData))
-}
-
-struct Bounded<T>(PhantomData<T>);
-
-impl<'de, T: Deserialize<'de>> Visitor<'de> for Bounded<T> {
-    type Value = Vec<T>;
-
-    fn expecting(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(formatter, "a list of at most {MAX_ENTRIES} entries")
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, mut entries: A) -> Result<Vec<T>, A::Error> {
-        let mut found = Vec::new();
-        while let Some(entry) = entries.next_element()? {
-            if found.len() == MAX_ENTRIES {
-                return Err(A::Error::custom(format!("a list has more than {MAX_ENTRIES} entries")));
-            }
-            found.push(entry);
-        }
-        Ok(found)
-    }
 }

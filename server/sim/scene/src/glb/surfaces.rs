@@ -2,14 +2,15 @@
 
 use super::accessor::Elements;
 use super::container::{Source, missing};
+use super::draco;
 use super::extras::NodeExtras;
 use super::limits::{MAX_TRIANGLES, MAX_VERTICES};
 use super::materials::Palette;
-use super::schema::Primitive;
+use super::schema::{Primitive, TextureTransform};
 use super::transform::{Placed, placed_nodes};
 use super::{Checked, Model, ModelNode};
 use crate::colors::code_of;
-use crate::{InstanceId, Mesh};
+use crate::{InstanceId, Mesh, Report};
 use avln_geom::{Point2, Point3};
 use nalgebra::Matrix4;
 
@@ -18,8 +19,11 @@ const TRIANGLE_STRIP: u32 = 5;
 const TRIANGLE_FAN: u32 = 6;
 /// Texture coordinates beyond this carry no position inside a texel any more.
 const MAX_UV: f32 = 1.0e5;
+/// Primitives that nodes may ask for together.
+const MAX_PRIMITIVES: usize = 1 << 20;
 /// Extensions that may be demanded: they change nothing here, or are understood.
-const UNDERSTOOD: [&str; 6] = [
+const UNDERSTOOD: [&str; 7] = [
+    draco::NAME,
     "KHR_mesh_quantization",
     "KHR_texture_transform",
     "KHR_lights_punctual",
@@ -29,10 +33,16 @@ const UNDERSTOOD: [&str; 6] = [
 ];
 
 /// Reads all surfaces of the default scene.
-pub(super) fn model(source: &Source<'_>) -> Checked<Model> {
+pub(super) fn model(source: &Source<'_>, report: &mut Report) -> Checked<Model> {
     check_extensions(&source.document.extensions_required)?;
     let placed = placed_nodes(&source.document)?;
-    let mut builder = Builder::new(source);
+    if source.document.scene.is_none() && source.document.scenes.len() > 1 {
+        report.warn(format!(
+            "it has {} scenes and none is the default; the first is read",
+            source.document.scenes.len()
+        ));
+    }
+    let mut builder = Builder::new(source, report);
     for (number, place) in placed.iter().enumerate() {
         builder.add_node(number as u32, place)?;
     }
@@ -66,29 +76,35 @@ fn nodes(source: &Source<'_>, placed: &[Placed]) -> Checked<Vec<ModelNode>> {
     placed.iter().map(node).collect()
 }
 
-struct Builder<'a> {
+struct Builder<'a, 'r> {
     source: &'a Source<'a>,
-    palette: Palette<'a>,
+    palette: Palette<'a, 'r>,
     mesh: Mesh,
     node_of: Vec<u32>,
+    /// What the file may still ask for, drawn triangles or not.
     vertices_left: usize,
+    corners_left: usize,
+    primitives_left: usize,
 }
 
 /// What a primitive adds, with its own vertex numbers.
-struct Corners {
-    positions: Vec<[f32; 3]>,
-    uvs: Option<Vec<[f32; 2]>>,
-    colors: Option<Vec<[f32; 3]>>,
+pub(super) struct Corners {
+    pub(super) positions: Vec<[f32; 3]>,
+    pub(super) uvs: Option<Vec<[f32; 2]>>,
+    /// Linear light, 0 to 1.
+    pub(super) colors: Option<Vec<[f32; 3]>>,
 }
 
-impl<'a> Builder<'a> {
-    fn new(source: &'a Source<'a>) -> Self {
+impl<'a, 'r> Builder<'a, 'r> {
+    fn new(source: &'a Source<'a>, report: &'r mut Report) -> Self {
         Self {
             source,
-            palette: Palette::new(source),
+            palette: Palette::new(source, report),
             mesh: Mesh::default(),
             node_of: Vec::new(),
             vertices_left: MAX_VERTICES,
+            corners_left: 3 * MAX_TRIANGLES,
+            primitives_left: MAX_PRIMITIVES,
         }
     }
 
@@ -104,21 +120,14 @@ impl<'a> Builder<'a> {
 
     /// Adds the triangles of a primitive; points and lines are no surfaces and are left out.
     fn add_primitive(&mut self, primitive: &Primitive, world_from_node: &Matrix4<f64>) -> Checked<()> {
+        self.primitives_left = self.primitives_left.checked_sub(1).ok_or_else(|| {
+            format!("its nodes hold more than {MAX_PRIMITIVES} primitives; join its meshes")
+        })?;
         let mode = primitive.mode.unwrap_or(TRIANGLES);
         if !(TRIANGLES..=TRIANGLE_FAN).contains(&mode) {
             return Ok(());
         }
-        if let Some(name) = primitive.extensions.keys().find(|name| name.ends_with("_compression")) {
-            return Err(format!(
-                "its meshes are packed with {name:?}, which is not read; export it uncompressed"
-            ));
-        }
-        let corners = self.corners(primitive)?;
-        let order = match primitive.indices {
-            Some(index) => Elements::find(self.source, index)?.indices()?,
-            None => (0..corners.positions.len() as u32).collect(),
-        };
-        let mut triangles = triangles(&order, mode)?;
+        let (corners, mut triangles) = self.unpacked(primitive, mode)?;
         if triangles.iter().flatten().any(|&corner| corner as usize >= corners.positions.len()) {
             return Err("a triangle refers to a vertex that does not exist; export the file again".to_owned());
         }
@@ -137,8 +146,40 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
-    fn corners(&mut self, primitive: &Primitive) -> Checked<Corners> {
-        let set = self.palette.coordinate_set(primitive.material)?;
+    /// The vertices and triangles of a primitive, decoded where it is packed.
+    fn unpacked(&mut self, primitive: &Primitive, mode: u32) -> Checked<(Corners, Vec<[u32; 3]>)> {
+        let packed = primitive.extensions.iter().find(|(name, _)| name.ends_with("_compression"));
+        let used = self.palette.texture_use(primitive.material)?;
+        let set = used.map_or(0, |used| used.coordinate_set());
+        let (mut corners, order) = match packed {
+            Some((name, packed)) if name == draco::NAME => {
+                draco::decode(self.source, primitive, packed, set)?
+            }
+            Some((name, _)) => {
+                return Err(format!(
+                    "its meshes are packed with {name:?}, which is not read; export it uncompressed"
+                ));
+            }
+            None => {
+                let corners = self.corners(primitive, set)?;
+                let order = match primitive.indices {
+                    Some(index) => Elements::find(self.source, index)?.indices()?,
+                    None => (0..corners.positions.len() as u32).collect(),
+                };
+                (corners, order)
+            }
+        };
+        self.corners_left = self.corners_left.checked_sub(order.len()).ok_or_else(|| {
+            format!("it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor")
+        })?;
+        if let (Some(uvs), Some(transform)) = (&mut corners.uvs, used.and_then(|used| used.transform())) {
+            transform_uvs(uvs, &transform);
+        }
+        let mode = if packed.is_some() { TRIANGLES } else { mode };
+        Ok((corners, triangles(&order, mode)?))
+    }
+
+    fn corners(&mut self, primitive: &Primitive, set: u32) -> Checked<Corners> {
         let find = |name: &str| {
             primitive.attributes.get(name).map(|&index| Elements::find(self.source, index)).transpose()
         };
@@ -195,6 +236,16 @@ fn transformed(world_from_node: &Matrix4<f64>, position: [f32; 3]) -> Checked<Po
         Ok(point)
     } else {
         Err("a vertex has no finite position; repair the mesh in a 3D editor".to_owned())
+    }
+}
+
+/// Scale, rotation and offset as `KHR_texture_transform` orders them.
+fn transform_uvs(uvs: &mut [[f32; 2]], transform: &TextureTransform) {
+    let TextureTransform { offset, rotation_rad, scale, .. } = *transform;
+    let (sine, cosine) = (libm::sinf(rotation_rad), libm::cosf(rotation_rad));
+    for uv in uvs {
+        let [u, v] = [uv[0] * scale[0], uv[1] * scale[1]];
+        *uv = [cosine * u + sine * v + offset[0], cosine * v - sine * u + offset[1]];
     }
 }
 

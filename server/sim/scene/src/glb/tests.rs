@@ -1,6 +1,8 @@
 use super::*;
-use crate::{Attributes, InstanceId, Object, Region, Texture};
+use crate::{Attributes, InstanceId, Object, Region, Report, Texture};
 use avln_geom::{Aabb, Point2, Point3, Rng, Vector3};
+
+mod formats;
 
 /// Appends a box with a material; the corners of its six sides carry texture coordinates and a shade.
 fn add_box(mesh: &mut Mesh, bounds: &Aabb, material: u16, instance: InstanceId, shade: [u8; 3]) {
@@ -214,8 +216,8 @@ fn each_fault_is_named_with_the_next_step() {
         ("twice", |document| document["nodes"][0]["children"] = serde_json::json!([0])),
         ("node 5", |document| document["nodes"][0]["children"] = serde_json::json!([5])),
         ("material 3", |document| document["meshes"][0]["primitives"][0]["material"] = 3.into()),
-        ("KHR_draco", |document| {
-            document["extensionsRequired"] = serde_json::json!(["KHR_draco_mesh_compression"])
+        ("EXT_meshopt", |document| {
+            document["extensionsRequired"] = serde_json::json!(["EXT_meshopt_compression"])
         }),
         ("open it by its path", |document| document["buffers"][0]["uri"] = "other.bin".into()),
         ("extras.avln", |document| {
@@ -266,9 +268,9 @@ fn an_external_file_may_not_lie_outside_the_folder() {
     std::fs::write(folder.path().join("secret.bin"), [0; 36]).unwrap();
     let scene = inside.join("scene.gltf");
     std::fs::write(&scene, r#"{"buffers":[{"byteLength":36,"uri":"../secret.bin"}]}"#).unwrap();
-    let error = import(&scene).unwrap_err().to_string();
+    let error = import(&scene, &mut Report::default()).unwrap_err().to_string();
     assert!(error.contains("own folder"), "{error}");
-    let error = import(&inside.join("absent.glb")).unwrap_err().to_string();
+    let error = import(&inside.join("absent.glb"), &mut Report::default()).unwrap_err().to_string();
     assert!(error.starts_with("cannot read"), "{error}");
 }
 

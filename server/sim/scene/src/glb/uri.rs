@@ -6,6 +6,9 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
+/// How the text begins that Git LFS keeps instead of a file.
+const LFS_POINTER: &[u8] = b"version https://git-lfs";
+
 /// The bytes behind `address`; takes their number from `budget`.
 pub(super) fn load(address: &str, folder: Option<&Path>, budget: &mut u64) -> Checked<Vec<u8>> {
     let bytes = if let Some(data) = address.strip_prefix("data:") {
@@ -30,7 +33,14 @@ pub(super) fn load(address: &str, folder: Option<&Path>, budget: &mut u64) -> Ch
     Ok(bytes)
 }
 
-/// Reads an ordinary file of at most `limit` bytes.
+/// Whether `address` names a neighbouring file that does not exist.
+pub(super) fn is_absent(address: &str, folder: Option<&Path>) -> bool {
+    let path =
+        folder.filter(|_| !address.starts_with("data:")).and_then(|folder| neighbour(folder, address).ok());
+    path.is_some_and(|path| !path.exists())
+}
+
+/// Reads an ordinary file of at most `limit` bytes; refuses the pointer that Git LFS leaves in a file's place.
 pub(crate) fn read_limited(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> {
     let refuse = |reason: String| Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, reason));
     let metadata = std::fs::metadata(path)?;
@@ -42,6 +52,11 @@ pub(crate) fn read_limited(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> 
     }
     let mut bytes = Vec::with_capacity(metadata.len() as usize);
     File::open(path)?.take(limit).read_to_end(&mut bytes)?;
+    if bytes.starts_with(LFS_POINTER) {
+        return refuse(
+            "it is a Git LFS pointer in the file's place; run `git lfs pull` in its folder".to_owned(),
+        );
+    }
     Ok(bytes)
 }
 

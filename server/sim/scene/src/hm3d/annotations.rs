@@ -5,7 +5,8 @@ use crate::glb::Checked;
 use crate::glb::limits::MAX_WORD_CHARS;
 use std::collections::BTreeSet;
 
-const HEADER: &str = "HM3D Semantic Annotations";
+/// What the first line holds.
+pub(super) const HEADER: &str = "HM3D Semantic Annotations";
 
 /// One line of the table.
 #[derive(Clone, Debug, PartialEq, Eq)]

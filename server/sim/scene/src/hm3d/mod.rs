@@ -3,17 +3,19 @@
 
 mod annotations;
 mod bake;
+mod export;
 mod paint;
 mod regions;
 
-use crate::categories::mpcat40;
-use crate::describe::{Surfaces, is_structure};
+use crate::describe::{Meaning, Surfaces, meaning};
 use crate::glb::{self, Checked, Model, read_limited};
-use crate::{InstanceId, Mesh, Object, Scene, SceneError};
+use crate::{Attributes, InstanceId, Mesh, Object, Report, Scene, SceneError};
 use annotations::Annotation;
 use avln_geom::{Aabb, Point3};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+
+pub use export::{Exported, dataset_config, export};
 
 const SEMANTIC_MESH: &str = ".semantic.glb";
 const SEMANTIC_TABLE: &str = ".semantic.txt";
@@ -41,15 +43,15 @@ pub(crate) fn is_hm3d(path: &Path) -> bool {
 /// # Errors
 /// [`SceneError::Read`] for a file that cannot be read, [`SceneError::Malformed`] for one that does not hold what it
 /// should, and where there are no semantics.
-pub fn import(folder_or_glb: &Path) -> Result<Scene, SceneError> {
+pub fn import(folder_or_glb: &Path, report: &mut Report) -> Result<Scene, SceneError> {
     let files = files(folder_or_glb).ok_or_else(|| {
         malformed(folder_or_glb, "no X.glb with X.semantic.glb and X.semantic.txt is there; add the semantic files of HM3D, or open the .glb without them")
     })?;
     let annotations = read_annotations(&files.table)?;
-    let mut render = glb::read_model(&files.render)?;
-    let semantic = glb::read_model(&files.semantic)?;
+    let mut render = glb::read_model(&files.render, report)?;
+    let semantic = glb::read_model(&files.semantic, report)?;
     turn_y_up(&mut render.mesh);
-    let labels = paint::labels(&semantic, &annotations);
+    let labels = paint::labels(&semantic, &annotations, report);
     let mut painted = semantic.mesh;
     turn_y_up(&mut painted);
     let labels = bake::transfer(&painted, &labels, &render.mesh);
@@ -111,7 +113,9 @@ fn scene(name: String, render: Model, labels: &[u32], annotations: &[Annotation]
     let surfaces = Surfaces { mesh: &mesh, materials: &materials, textures: &textures };
     let mut objects = Vec::new();
     for annotation in annotations {
-        let (Some(category), Some(&bounds)) = (category(annotation), bounds_of.get(&annotation.id)) else {
+        let (Meaning::Object { category, noun }, Some(&bounds)) =
+            (meaning(&annotation.category), bounds_of.get(&annotation.id))
+        else {
             continue;
         };
         objects.push(Object {
@@ -119,7 +123,7 @@ fn scene(name: String, render: Model, labels: &[u32], annotations: &[Annotation]
             category,
             bounds,
             region: region_of.get(&annotation.region).copied(),
-            attributes: surfaces.attributes(&triangles_of[&annotation.id], &bounds),
+            attributes: Attributes { noun, ..surfaces.attributes(&triangles_of[&annotation.id], &bounds) },
         });
     }
     objects.sort_by_key(|object| object.id);
@@ -135,17 +139,6 @@ fn bounds(mesh: &Mesh, triangles: &[u32]) -> Option<Aabb> {
     let corners = triangles.iter().flat_map(|&triangle| mesh.triangles[triangle as usize]);
     let positions: Vec<Point3<f32>> = corners.map(|corner| mesh.positions[corner as usize]).collect();
     Aabb::around(&positions)
-}
-
-/// The object category of an annotation: its mpcat40 name, else its own words; `None` for the building itself.
-fn category(annotation: &Annotation) -> Option<String> {
-    match mpcat40(&annotation.category) {
-        Some(category) => (!is_structure(category)).then(|| category.to_owned()),
-        None => {
-            let words = annotation.category.to_lowercase();
-            (!words.is_empty() && !words.starts_with("unknown")).then_some(words)
-        }
-    }
 }
 
 #[cfg(test)]

@@ -58,7 +58,7 @@ fn imported(pieces: u32) -> Scene {
     let semantic = flat(&RECTANGLES, &[BED, WALL, LAMP, [7, 7, 7]], 1);
     write("00001-made.semantic.glb", &glb::export(&semantic));
     write("00001-made.semantic.txt", TABLE.as_bytes());
-    import(folder.path()).unwrap()
+    import(folder.path(), &mut Report::default()).unwrap()
 }
 
 #[test]
@@ -96,11 +96,118 @@ fn another_tessellation_takes_the_nearest_label() {
 #[test]
 fn missing_semantics_are_named() {
     let folder = tempfile::tempdir().unwrap();
-    let error = import(folder.path()).unwrap_err().to_string();
+    let error = import(folder.path(), &mut Report::default()).unwrap_err().to_string();
     assert!(error.contains("semantic.txt"), "{error}");
     let flat = glb::export(&flat(&RECTANGLES, &[BED; 4], 1));
     std::fs::write(folder.path().join("X.basis.glb"), &flat).unwrap();
     std::fs::write(folder.path().join("X.semantic.glb"), &flat).unwrap();
-    let error = import(&folder.path().join("X.basis.glb")).unwrap_err().to_string();
+    let error = import(&folder.path().join("X.basis.glb"), &mut Report::default()).unwrap_err().to_string();
     assert!(error.starts_with("cannot read") && error.contains("X.semantic.txt"), "{error}");
+}
+
+#[test]
+fn colours_and_numbers_without_a_partner_are_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    let painted = glb::export(&flat(&RECTANGLES, &[BED, WALL, LAMP, [7, 7, 7]], 1));
+    write("X.glb", &painted);
+    write("X.semantic.glb", &painted);
+    let table = format!("{TABLE}8,010203,\"chair\",1\n9,0AC81E,\"sofa\",1\n");
+    write("X.semantic.txt", table.as_bytes());
+    let mut report = Report::default();
+    let scene = import(folder.path(), &mut report).unwrap();
+    assert_eq!(scene.objects.len(), 2);
+    let warnings = report.warnings.join("\n");
+    for part in [
+        "instances 3 and 9",
+        "1 painted colours are not in the table, 070707",
+        "2 instances of the table have no surface",
+    ] {
+        assert!(warnings.contains(part), "{part} is not in {warnings}");
+    }
+}
+
+/// Writes what [`export`] makes of a scene and imports it.
+fn back(scene: &Scene) -> (Scene, Report) {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    let exported = export(scene);
+    write("back.glb", &exported.render);
+    write("back.semantic.glb", &exported.semantic);
+    write("back.semantic.txt", exported.table.as_bytes());
+    let mut report = Report::default();
+    (import(folder.path(), &mut report).unwrap(), report)
+}
+
+#[test]
+fn an_exported_house_comes_back_with_its_instances() {
+    let scene = crate::procedural::house("made", 3, &crate::procedural::HouseOptions::default());
+    let (back, report) = back(&scene);
+    assert_eq!(report.warnings, [""; 0]);
+    assert_eq!(back.mesh.triangles.len(), scene.mesh.triangles.len());
+    // A rug is a thing to its maker and a part of the floor to mpcat40.
+    let is_thing = |object: &&Object| matches!(meaning(&object.category), Meaning::Object { .. });
+    let things: Vec<&Object> = scene.objects.iter().filter(is_thing).collect();
+    assert_eq!(back.objects.len(), things.len());
+    for (found, object) in back.objects.iter().zip(things) {
+        // A vase is one of mpcat40's objects.
+        let Meaning::Object { category, .. } = meaning(&object.category) else { panic!("{object:?}") };
+        assert_eq!((found.id, &found.category), (object.id, &category));
+        let (a, b) = (&found.bounds, &object.bounds);
+        let off = (a.min - b.min).abs().max().max((a.max - b.max).abs().max());
+        assert!(off < 1e-5, "{:?} {off}", object.category);
+        assert_eq!(found.region.is_some(), object.region.is_some());
+        let count = |scene: &Scene| scene.mesh.instance_of.iter().filter(|id| **id == object.id).count();
+        assert_eq!(count(&back), count(&scene));
+    }
+}
+
+#[test]
+fn the_table_names_instances_as_hm3d_does() {
+    let mut scene = flat(&[[0.0, 0.0, 2.0, 1.5]], &[BED], 1);
+    let bounds = scene.bounds().unwrap();
+    let object = |id: u32, category: &str, noun: &str, region| Object {
+        id: InstanceId(id),
+        category: category.to_owned(),
+        bounds,
+        region,
+        attributes: Attributes { noun: noun.to_owned(), ..Attributes::default() },
+    };
+    scene.objects = vec![
+        object(1, "chest_of_drawers", "nightstand", Some(2)),
+        object(2, "chest_of_drawers", "quxotron", None),
+        object(700, "a \"thing\"", "", Some(0)),
+    ];
+    let table = export(&scene).table;
+    let lines: Vec<&str> = table.lines().collect();
+    assert_eq!(lines[0], "HM3D Semantic Annotations");
+    assert_eq!(lines[1], "1,9E37B1,\"nightstand\",2");
+    assert!(
+        lines[2].ends_with(",\"chest of drawers\",-1") && lines[3].ends_with(",\"a 'thing'\",0"),
+        "{table}"
+    );
+    let colors: std::collections::BTreeSet<String> =
+        lines[1..].iter().map(|line| line.split(',').nth(1).unwrap().to_owned()).collect();
+    assert_eq!(colors.len(), 3);
+}
+
+#[test]
+fn damaged_tables_are_refused_or_read_but_never_stop_the_program() {
+    let folder = tempfile::tempdir().unwrap();
+    let painted = glb::export(&flat(&RECTANGLES, &[BED, WALL, LAMP, [7, 7, 7]], 1));
+    std::fs::write(folder.path().join("X.glb"), &painted).unwrap();
+    std::fs::write(folder.path().join("X.semantic.glb"), &painted).unwrap();
+    let mut rng = avln_geom::Rng::new(2);
+    let mut refused = 0;
+    for _ in 0..1000 {
+        let mut bytes = TABLE.as_bytes().to_vec();
+        for _ in 0..=rng.below(3) {
+            let at = rng.below(bytes.len());
+            bytes[at] ^= 1 << rng.below(8);
+        }
+        bytes.truncate(1 + rng.below(2 * TABLE.len()));
+        std::fs::write(folder.path().join("X.semantic.txt"), bytes).unwrap();
+        refused += u32::from(import(folder.path(), &mut Report::default()).is_err());
+    }
+    assert!(refused > 300, "{refused}");
 }
