@@ -12,13 +12,13 @@ use std::{collections::BTreeMap, path::PathBuf};
 /// Which scenes to measure, and how to print it.
 #[derive(Debug, Args)]
 pub struct Options {
-    /// Scene files or folders to measure; may be given several times
+    /// A scene to measure: a file or a folder (can be repeated)
     #[arg(long, value_name = "PATH")]
     scene: Vec<PathBuf>,
-    /// Seed of a procedural house to measure; may be given several times
+    /// Seed of a procedural house to measure (can be repeated)
     #[arg(long)]
     seed: Vec<u64>,
-    /// Seeds A to B, B not included
+    /// Procedural houses of the seeds from A to B, B not included
     #[arg(long, value_name = "A..B", value_parser = seeds)]
     seeds: Option<std::ops::Range<u64>>,
     /// Print JSON instead of a table
@@ -102,13 +102,8 @@ fn lines(measured: &Measured) -> Vec<Line> {
         line("storeys", census.storeys as f64, [1.0, 2.0], "MP3D 2.0, Gibson 2.8"),
         line("navigable m2", walk.navigable_m2, [25.0, 400.0], "HM3D 113, HSSD 37 to 132 (r 0.3)"),
         line("floor m2", walk.floor_m2, [50.0, 700.0], "HM3D 366, Gibson 360 (median)"),
-        line(
-            "complexity",
-            walk.complexity,
-            BAND_OF_COMPLEXITY,
-            "HM3D 13.3, Gibson 2.7 (median, its own measure)",
-        ),
-        line("complexity beyond 1 m", walk.complexity_beyond_1_m, [2.0, 10.0], "-"),
+        line("complexity beyond 2 m", walk.complexity, [2.0, 10.0], "Gibson 2.7 (median, its own measure)"),
+        line("complexity of all pairs", walk.complexity_of_all, [2.0, most], "HM3D 13.3"),
         line("clutter", walk.clutter, [1.0, 4.0], "HM3D 3.9, Gibson 1.38 (median)"),
         line("objects", census.objects as f64, [20.0, most], "HM3D 660, MP3D 565"),
         line("objects per 100 m2", per_100_m2(measured), [25.0, most], "HM3D 180"),
@@ -122,9 +117,6 @@ fn lines(measured: &Measured) -> Vec<Line> {
         ),
     ]
 }
-
-/// Stated band of navigation complexity, the largest ratio of walking to straight distance.
-const BAND_OF_COMPLEXITY: [f64; 2] = [2.0, 10.0];
 
 fn per_100_m2(measured: &Measured) -> f64 {
     100.0 * measured.census.objects as f64 / measured.walk.floor_m2.max(1.0)
@@ -164,7 +156,7 @@ fn summary(all: &[Measured]) -> serde_json::Value {
 
 fn medians(all: &[Measured]) -> Vec<(&'static str, f64)> {
     let names = lines(&all[0]).into_iter().map(|line| line.name);
-    let median = |(index, name)| {
+    let median = |(index, name): (usize, &'static str)| {
         let mut values: Vec<f64> = all.iter().map(|measured| lines(measured)[index].value).collect();
         values.sort_by(f64::total_cmp);
         (name, values[values.len() / 2])

@@ -13,10 +13,11 @@ pub struct WalkStats {
     pub navigable_m2: f64,
     /// Share of all standing places on floors that the largest island holds, 0 to 1; places on furniture do not count.
     pub largest_island: f64,
-    /// The largest ratio of walking to straight distance over 20 000 pairs of places on one floor.
+    /// The largest ratio of walking to straight distance over 20 000 pairs of places on one floor that are at least 2 m
+    /// apart. Nearer pairs tell how thick the walls are.
     pub complexity: f64,
-    /// The same over the pairs that are a metre apart or more.
-    pub complexity_beyond_1_m: f64,
+    /// The same over all of the pairs, as the HM3D paper has it.
+    pub complexity_of_all: f64,
     /// Mesh area within 0.5 m of the navigable floor over navigable area.
     pub clutter: f64,
     /// Convex hulls of the navigable floor, summed over floors, square metres.
@@ -44,12 +45,12 @@ pub fn walk_stats(scene: &Scene, seed: u64) -> Result<WalkStats, NavMeshError> {
     let wide = NavMesh::build(scene, &WIDE_BODY)?;
     let rng = Rng::new(seed);
     let navigable_m2 = navmesh.island_area_m2(navmesh.largest_island());
-    let [complexity, complexity_beyond_1_m] = complexity(&navmesh, &mut rng.fork("pairs"));
+    let [complexity_of_all, complexity] = complexity(&navmesh, &mut rng.fork("pairs"));
     Ok(WalkStats {
         navigable_m2,
         largest_island: largest_share(&navmesh, scene, &rng),
         complexity,
-        complexity_beyond_1_m,
+        complexity_of_all,
         clutter: clutter_m2(&navmesh, scene) / navigable_m2,
         floor_m2: floor_m2(&navmesh, &mut rng.fork("floors")),
         rooms_reached: rooms_reached(&wide, scene),
@@ -72,7 +73,10 @@ fn largest_share(navmesh: &NavMesh, scene: &Scene, rng: &Rng) -> f64 {
     navmesh.island_area_m2(largest) / islands.map(|island| navmesh.island_area_m2(island)).sum::<f64>()
 }
 
-/// Largest ratio of walking to straight distance: of all pairs, and of those at least a metre apart.
+/// Pairs that are nearer than this do not count for [`WalkStats::complexity`], metres.
+const APART_M: f64 = 2.0;
+
+/// Largest ratio of walking to straight distance: of all pairs, and of those far enough apart.
 fn complexity(navmesh: &NavMesh, rng: &mut Rng) -> [f64; 2] {
     let island = navmesh.largest_island();
     let mut most = [1.0_f64; 2];
@@ -91,26 +95,41 @@ fn complexity(navmesh: &NavMesh, rng: &mut Rng) -> [f64; 2] {
             let straight = f64::from(offset.norm());
             let ratio = field.distance_m(navmesh, &goal).map_or(1.0, |walk| walk / straight.max(1e-3));
             most[0] = most[0].max(ratio);
-            most[1] = if straight >= 1.0 { most[1].max(ratio) } else { most[1] };
+            most[1] = if straight >= APART_M { most[1].max(ratio) } else { most[1] };
         }
     }
     most
 }
 
-/// Area of the triangles that come within 0.5 m of the largest island, judged at their corners and middle.
+/// Surface that lies within 0.5 m of the largest island: triangles cut into quarters until they are small, judged at
+/// their middles.
 fn clutter_m2(navmesh: &NavMesh, scene: &Scene) -> f64 {
     const NEAR_M: f32 = 0.5;
+    const SMALL_M: f32 = 0.3;
     let near = |point: &Point3<f32>| {
         let found = navmesh.snap(point, NEAR_M);
         found.is_some_and(|found| navmesh.island_of(&found) == navmesh.largest_island())
     };
-    let area_m2 = |index: usize| {
-        let [a, b, c] = scene.corners(index);
-        let middle = Point3::from((a.coords + b.coords + c.coords) / 3.0);
-        let counts = [a, b, c, middle].iter().any(near);
-        if counts { f64::from((b - a).cross(&(c - a)).norm()) / 2.0 } else { 0.0 }
-    };
-    (0..scene.mesh.triangles.len()).map(area_m2).sum()
+    let mut area_m2 = 0.0;
+    for index in 0..scene.mesh.triangles.len() {
+        let mut open = vec![scene.corners(index)];
+        while let Some([a, b, c]) = open.pop() {
+            let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+            if longest > SMALL_M {
+                open.extend(quarters([a, b, c]));
+            } else if near(&Point3::from((a.coords + b.coords + c.coords) / 3.0)) {
+                area_m2 += f64::from((b - a).cross(&(c - a)).norm()) / 2.0;
+            }
+        }
+    }
+    area_m2
+}
+
+/// The four triangles that the middles of the edges make.
+fn quarters([a, b, c]: [Point3<f32>; 3]) -> [[Point3<f32>; 3]; 4] {
+    let middle = |p: Point3<f32>, q: Point3<f32>| Point3::from((p.coords + q.coords) / 2.0);
+    let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+    [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
 }
 
 /// Convex hulls of the floors: heights in bands of 0.2 m that hold a twentieth of the places or more, neighbouring bands

@@ -230,3 +230,35 @@ pub(super) fn remainder(span: [f32; 2], taken: impl Iterator<Item = [f32; 2]>) -
     parts.retain(|part| part[1] - part[0] > 1e-3);
     parts
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn plans_of_these_seeds_stay_what_they_are() {
+        let measured: Vec<_> = (0..12)
+            .map(|seed| {
+                let plan = Plan::draw(&Rng::new(seed), 6 + 2 * seed as usize % 19, 1 + seed as usize % 2);
+                let floor_m2: f32 = plan.rooms.iter().flat_map(Room::floor).map(|rect| rect.area_m2()).sum();
+                let (doors, windows) = (plan.openings.len(), plan.windows.len());
+                (plan.rooms.len(), plan.storeys(), floor_m2.round() as u32, doors, windows)
+            })
+            .collect();
+        let expected = [
+            (6, 1, 82, 6, 11),
+            (8, 1, 100, 8, 13),
+            (10, 1, 123, 11, 14),
+            (12, 2, 128, 12, 18),
+            (14, 1, 186, 15, 20),
+            (16, 2, 171, 16, 20),
+            (18, 1, 200, 21, 20),
+            (20, 2, 209, 22, 22),
+            (22, 1, 222, 25, 22),
+            (24, 2, 291, 27, 26),
+            (7, 1, 101, 7, 12),
+            (9, 1, 94, 9, 12),
+        ];
+        assert_eq!(measured, expected, "rooms, storeys, floor, doors, windows");
+    }
+}

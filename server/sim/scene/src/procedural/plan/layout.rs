@@ -15,7 +15,7 @@ const ENTRYWAY_FROM: usize = 8;
 /// The fewest rooms of a house with two storeys.
 pub(in crate::procedural) const STAIRS_FROM: usize = 11;
 
-/// Floor area that the rooms of one storey take at most and at least, hallways not counted, square metres.
+/// Floor area that the rooms of one storey take at least and at most, hallways not counted, square metres.
 const STOREY_M2: [f32; 2] = [46.0, 202.0];
 
 /// Lays out `count` rooms (at least 1) on up to `storeys` storeys; the best of several draws.
