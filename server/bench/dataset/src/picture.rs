@@ -74,3 +74,105 @@ fn company(scene: &Scene, own: &Object, look: &Look, other: &Object) -> f32 {
     let missing = seen.difference(&around(other, FAR_M)).count();
     if seen.is_empty() { 0.0 } else { missing as f32 / seen.len() as f32 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::survey::Histogram;
+    use avln_episode::Modality;
+    use avln_geom::{Aabb, Point3, Pose};
+    use avln_scene::{Attributes, InstanceId, Mesh};
+    use avln_truth::Target;
+    use std::collections::BTreeMap;
+
+    const RED: [u8; 3] = [200, 30, 30];
+    const BLUE: [u8; 3] = [30, 30, 200];
+    const WHITE: [u8; 3] = [240, 240, 240];
+
+    /// Two sofas 10 m apart, with a lamp next to the first one only.
+    fn scene(regions: [u16; 2]) -> Scene {
+        let object = |id: u32, category: &str, x: f32, region: u16| Object {
+            id: InstanceId(id),
+            category: category.to_owned(),
+            bounds: Aabb::new(Point3::new(x, 0.0, 0.0), Point3::new(x + 1.0, 1.0, 1.0)),
+            region: Some(region),
+            attributes: Attributes::default(),
+        };
+        let objects = vec![
+            object(1, "sofa", 0.0, regions[0]),
+            object(2, "sofa", 10.0, regions[1]),
+            object(3, "lamp", 1.5, regions[0]),
+        ];
+        Scene {
+            name: "sofas".into(),
+            mesh: Mesh::default(),
+            materials: vec![],
+            textures: vec![],
+            regions: vec![],
+            objects,
+        }
+    }
+
+    /// The sofa `index`, seen once in one colour before one other colour, with or without the lamp.
+    fn sighting(scene: &Scene, index: usize, color: [u8; 3], around: [u8; 3], lamp: bool) -> Sighting {
+        let bounds = scene.objects[index].bounds;
+        let view = View { pose: Pose::new(bounds.center(), 0.0), hfov_rad: 1.5, side_px: 96 };
+        let of = |rgb: [u8; 3]| Histogram::of(std::iter::once(rgb));
+        let look = Look {
+            view,
+            share: 0.2,
+            truncation: 0.0,
+            contrast: 1.0,
+            distinctness: 1.0,
+            object: of(color),
+            context: of(around),
+            beside: if lamp { BTreeMap::from([(InstanceId(3), 400)]) } else { BTreeMap::new() },
+        };
+        let target = Target {
+            instance: index as u32 + 1,
+            category: "sofa".into(),
+            modality: Modality::Image,
+            bounds,
+            source: bounds.center(),
+            floor_y_m: 0.0,
+            region: vec![],
+            viewpoints: vec![],
+            start_distance_m: 0.0,
+        };
+        Sighting { index, target, looks: vec![look] }
+    }
+
+    /// Pictures and margin of the first sofa, which is red before white.
+    fn chosen(regions: [u16; 2], lamp: bool, color: [u8; 3], around: [u8; 3]) -> (usize, f32) {
+        let scene = scene(regions);
+        let all = [sighting(&scene, 0, RED, WHITE, lamp), sighting(&scene, 1, color, around, false)];
+        let (views, margin) = choose(&scene, &all[0], &all, &SurveyOptions::default());
+        assert!(views.iter().all(|view| view.side_px == 256));
+        (views.len(), margin)
+    }
+
+    #[test]
+    fn a_twin_in_the_same_room_rules_pictures_out() {
+        assert_eq!(
+            chosen([0, 0], false, RED, BLUE),
+            (0, 0.0),
+            "the room is the same, however it looks from there"
+        );
+    }
+
+    #[test]
+    fn colours_company_and_another_room_tell_apart() {
+        assert_eq!(chosen([0, 0], false, BLUE, WHITE), (1, 1.0));
+        assert_eq!(chosen([0, 0], true, RED, WHITE), (1, 1.0), "only the first one has a lamp next to it");
+        assert_eq!(chosen([0, 1], false, RED, BLUE), (1, 1.0));
+        assert_eq!(chosen([0, 1], false, RED, WHITE), (0, 0.0), "the other room looks the same");
+    }
+
+    #[test]
+    fn the_only_one_of_its_kind_is_told_apart() {
+        let scene = scene([0, 0]);
+        let all = [sighting(&scene, 0, RED, WHITE, false)];
+        let (views, margin) = choose(&scene, &all[0], &all, &SurveyOptions::default());
+        assert_eq!((views.len(), margin), (1, 1.0));
+    }
+}

@@ -5,6 +5,8 @@ mod options;
 mod palette;
 mod place;
 
+#[cfg(test)]
+pub(crate) use look::Histogram;
 pub(crate) use look::Look;
 pub use options::SurveyOptions;
 pub(crate) use palette::Palette;

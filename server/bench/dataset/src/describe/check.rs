@@ -168,7 +168,9 @@ fn within_plan(a: &Aabb, b: &Aabb, slack_m: f32) -> bool {
 
 /// Whether the lower box carries the upper one, on its top or on its seat.
 fn carries(lower: &Aabb, upper: &Aabb, reading: Reading) -> bool {
-    let seat_y = lower.min.y + reading.pick(0.2, 0.1) * lower.size().y;
+    /// Things stand in a thick rug rather than on it.
+    const SINKS_IN_M: f32 = 0.03;
+    let seat_y = lower.min.y + reading.pick(0.2, 0.1) * lower.size().y - SINKS_IN_M;
     within_plan(lower, upper, reading.pick(0.02, 0.25))
         && upper.min.y >= seat_y
         && upper.min.y <= lower.max.y + reading.pick(0.08, 0.2)

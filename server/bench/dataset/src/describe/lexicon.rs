@@ -58,9 +58,22 @@ const NAMELESS: &[&str] = &[
     "appliances",
 ];
 
-/// Endings of annotators' names for rooms that say nothing.
-const NAMELESS_ROOMS: &[&str] =
-    &["", "other", "other room", "unknown", "junk", "misc", "no label", "none", "room"];
+/// Labels of rooms that say nothing, or of places that one is not *in*.
+const NAMELESS_ROOMS: &[&str] = &[
+    "",
+    "other",
+    "other room",
+    "unknown",
+    "junk",
+    "misc",
+    "no label",
+    "none",
+    "room",
+    "outdoor",
+    "outside",
+    "porch",
+    "balcony",
+];
 
 /// Size words with the measure that they speak of.
 pub(crate) const SIZES: &[(&str, Measure)] = &[
@@ -94,10 +107,20 @@ pub(crate) struct Name {
 
 /// The nouns that fit an object, the most telling one first.
 pub(crate) fn names(object: &Object) -> Vec<Name> {
-    let specific = clean(&object.attributes.noun).map(str::to_owned);
-    let general = general_nouns(&object.category);
-    let nouns = if let Some(noun) = specific { vec![noun] } else { general };
+    let nouns = own_noun(object).map_or_else(|| general_nouns(&object.category), |noun| vec![noun]);
     nouns.into_iter().map(|noun| Name { noun, category: object.category.clone() }).collect()
+}
+
+/// What people call this very object, where its source says so.
+fn own_noun(object: &Object) -> Option<String> {
+    clean(&object.attributes.noun).map(|noun| match noun {
+        "trousers" | "jeans" | "shorts" | "pyjamas" | "glasses" | "scissors" => format!("pair of {noun}"),
+        "curtains" | "shoes" | "boots" | "slippers" | "gloves" => format!("pair of {noun}"),
+        "shelves" | "drawers" => format!("set of {noun}"),
+        "tv stand" => "TV stand".to_owned(),
+        "tv" => "TV".to_owned(),
+        _ => noun.to_owned(),
+    })
 }
 
 /// The nouns for anything of `category`, the usual one first; none for what has no name.
@@ -125,7 +148,7 @@ pub(crate) fn may_be_called(object: &Object, name: &Name) -> bool {
         || KIN
             .iter()
             .any(|group| [&object.category, &name.category].iter().all(|c| group.contains(&c.as_str())));
-    match clean(&object.attributes.noun) {
+    match own_noun(object) {
         Some(own) => own == name.noun || own.ends_with(&format!(" {}", name.noun)),
         None => kin || general_nouns(&object.category).contains(&name.noun),
     }
@@ -150,6 +173,7 @@ pub(crate) fn room_noun(label: &str) -> Option<String> {
         "rec" => "recreation room",
         "workout" | "gym" => "home gym",
         "tv" => "television room",
+        "stairs" => "stairwell",
         "toilet" => "toilet room",
         other => other,
     };
@@ -184,7 +208,8 @@ pub(crate) fn substance(material: &str) -> Option<&str> {
         "wooden" => Some("wood"),
         "woollen" | "woolen" => Some("wool"),
         "metal" | "leather" | "glass" | "plastic" | "fabric" | "stone" | "marble" | "rattan" | "wicker"
-        | "velvet" | "steel" | "brass" | "concrete" | "bamboo" | "linen" | "cotton" => Some(material),
+        | "velvet" | "steel" | "brass" | "concrete" | "bamboo" | "linen" | "cotton" | "paper" | "rubber"
+        | "denim" | "terrazzo" | "brick" | "corduroy" => Some(material),
         _ => None,
     }
 }

@@ -127,7 +127,7 @@ impl Words<'_> {
     fn prepositions(&self, relation: Relation, landmarks: &[Landmark]) -> &'static [&'static str] {
         let opening = |landmark: &Landmark| ["door", "window"].contains(&landmark.name.category.as_str());
         let soft = |landmark: &Landmark| {
-            ["bed", "sofa", "chair", "seating"].contains(&landmark.name.category.as_str())
+            ["bed", "sofa", "chair", "seating", "rug"].contains(&landmark.name.category.as_str())
         };
         match relation {
             Relation::Near | Relation::NextTo if landmarks.iter().all(opening) => {

@@ -19,6 +19,7 @@ const HARD_TOPS: &[&str] = &[
     "fireplace",
     "stool",
     "appliances",
+    "rug",
 ];
 const SOFT_TOPS: &[&str] = &["bed", "sofa", "chair", "seating"];
 /// Things that one can be under.

@@ -1,0 +1,90 @@
+//! What a survey of a procedural house finds, looked at from outside.
+
+use avln_dataset::{Instance, SurveyOptions, ThresholdsOnly, Verifier, View, survey_with};
+use avln_episode::Rules;
+use avln_scene::{
+    InstanceId, Object,
+    procedural::{HouseOptions, house},
+};
+use avln_world::{Body, Camera, Frame, SceneAssets};
+use std::sync::LazyLock;
+
+static ASSETS: LazyLock<SceneAssets> = LazyLock::new(|| {
+    let rules = Rules::paper();
+    let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
+    #[allow(clippy::needless_update)]
+    let options = HouseOptions { rooms: 4..=5, ..HouseOptions::default() };
+    SceneAssets::prepare(house("survey", 5, &options), &body).expect("a house can be lived in")
+});
+
+static FOUND: LazyLock<Vec<Instance>> = LazyLock::new(|| found(&ThresholdsOnly));
+
+fn found(verifier: &dyn Verifier) -> Vec<Instance> {
+    survey_with(&ASSETS, &Rules::paper(), &SurveyOptions::default(), verifier)
+}
+
+fn render(view: &View, side_px: u32) -> Frame {
+    let rules = Rules::paper();
+    let mut eye = view.pose.position;
+    eye.y += rules.camera_height_m;
+    ASSETS.render(&Camera {
+        eye,
+        heading_rad: view.pose.heading_rad,
+        width: side_px,
+        height: side_px,
+        hfov_rad: view.hfov_rad,
+        depth_max_m: rules.depth_max_m,
+    })
+}
+
+#[test]
+fn every_view_and_every_reference_picture_shows_its_instance() {
+    assert!(FOUND.len() > 20, "{}", FOUND.len());
+    for instance in FOUND.iter() {
+        assert!((1..=6).contains(&instance.views.len()) && instance.images.len() <= 3);
+        for view in instance.views.iter().chain(&instance.images) {
+            let frame = render(view, 128);
+            let own = frame.instances.iter().filter(|id| id.0 == instance.target.instance).count();
+            assert!(own as f32 >= 0.005 * 128.0 * 128.0, "{} fills {own} pixels", instance.target.category);
+        }
+        let viewpoints: Vec<_> = instance.views.iter().map(|view| view.pose).collect();
+        assert_eq!(viewpoints, instance.target.viewpoints);
+    }
+}
+
+#[test]
+fn margins_and_distractors_are_recorded() {
+    for instance in FOUND.iter() {
+        let category = &instance.target.category;
+        let others = ASSETS.scene.objects.iter().filter(|object| object.category == *category).count() - 1;
+        assert_eq!(usize::from(instance.distractors), others, "{category}");
+        let range = if instance.images.is_empty() { 0.0..=0.0 } else { 0.35..=1.0 };
+        assert!(range.contains(&instance.image_margin), "{category}: {}", instance.image_margin);
+    }
+    let with = |has: fn(&Instance) -> bool| FOUND.iter().filter(|instance| has(instance)).count();
+    assert!(with(|instance| !instance.images.is_empty()) * 2 > FOUND.len());
+    assert!(with(|instance| !instance.sentences.is_empty()) * 2 > FOUND.len());
+}
+
+#[test]
+fn a_survey_can_be_repeated() {
+    assert_eq!(found(&ThresholdsOnly), *FOUND);
+}
+
+/// Recognises nothing but beds.
+struct Beds;
+
+impl Verifier for Beds {
+    fn recognises(&self, frame: &Frame, object: &Object) -> bool {
+        assert!(frame.instances.contains(&object.id) && object.id != InstanceId::NONE);
+        object.category == "bed"
+    }
+}
+
+#[test]
+fn a_verifier_has_the_last_word() {
+    let beds = found(&Beds);
+    assert!(!beds.is_empty() && beds.iter().all(|instance| instance.target.category == "bed"));
+    let all = FOUND.iter().filter(|instance| instance.target.category == "bed").count();
+    assert_eq!(beds.len(), all);
+}
