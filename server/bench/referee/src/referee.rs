@@ -222,6 +222,7 @@ impl Referee {
     /// Judges a Submit or a Stop at the place where the body stands.
     fn submit(&mut self, action: Action) -> Feedback {
         let completed = self.matching_goal();
+        let wrong_instance = if completed.is_none() { self.goal_of_a_distractor() } else { None };
         let skipped = match completed {
             None if self.skips_on_failure() => self.open_goals().next(),
             _ => None,
@@ -240,6 +241,7 @@ impl Referee {
             step: self.steps() + 1,
             completed: completed.map(as_goal),
             skipped: skipped.map(as_goal),
+            wrong_instance: wrong_instance.map(as_goal),
         };
         self.submits.push(facts);
         match self.rules.feedback {
@@ -251,14 +253,26 @@ impl Referee {
 
     /// The open goal that a Submit here completes: the next one, or in any order the nearest one.
     fn matching_goal(&self) -> Option<usize> {
-        let candidates = self.open_goals().take(match self.mission.order {
-            Order::Ordered => 1,
-            Order::Unordered => self.goals.len(),
-        });
-        candidates
+        self.claimable_goals()
             .filter_map(|goal| Some((self.distance_within(goal)?, goal)))
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .map(|(_, goal)| goal)
+    }
+
+    /// The first goal that a Submit here would complete if a distractor were its target.
+    fn goal_of_a_distractor(&self) -> Option<usize> {
+        let targets = &self.truth.targets;
+        let at_distractor =
+            |&goal: &usize| SuccessTest::is_at_distractor(&self.world, &targets[goal], &self.rules);
+        self.claimable_goals().find(at_distractor)
+    }
+
+    /// The goals that a Submit can complete now: the next one, or in any order all that are open.
+    fn claimable_goals(&self) -> impl Iterator<Item = usize> {
+        self.open_goals().take(match self.mission.order {
+            Order::Ordered => 1,
+            Order::Unordered => self.goals.len(),
+        })
     }
 
     fn open_goals(&self) -> impl Iterator<Item = usize> {

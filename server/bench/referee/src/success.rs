@@ -59,6 +59,31 @@ impl SuccessTest {
         }
     }
 
+    /// Whether the body stands within the radius of success of the box of another instance of the target's category,
+    /// in sight of it. Under every rule set this is measured from the camera to the box.
+    pub(crate) fn is_at_distractor(world: &World, target: &Target, rules: &Rules) -> bool {
+        let assets = world.assets();
+        let base = world.pose().position;
+        let distractors =
+            assets.scene.objects.iter().filter(|object| {
+                object.category == target.category && object.id != InstanceId(target.instance)
+            });
+        distractors.into_iter().any(|object| {
+            let sees = |eye: &_, half_view_rad| assets.sees(eye, object.id, half_view_rad);
+            // Its own floor is not known: what is in sight within the radius is on the floor where the body stands.
+            let it = Target {
+                instance: object.id.0,
+                bounds: object.bounds,
+                floor_y_m: base.y,
+                region: Vec::new(),
+                viewpoints: Vec::new(),
+                category: String::new(),
+                ..*target
+            };
+            it.distance_within_region(&base, rules, sees).is_some()
+        })
+    }
+
     /// Walking distance from where the body stands to the success region of goal `goal`, metres.
     pub(crate) fn walk_m(&self, world: &World, goal: usize) -> Option<f64> {
         self.to_region[goal].distance_m(&world.assets().navmesh, &world.standing())

@@ -15,6 +15,8 @@ use std::{
 const HALF_FLOOR_M: f32 = 10.0;
 /// Centres of the three targets on the floor (x, z): ahead, to the left and to the right of the start.
 const PLACES: [(f32, f32); 3] = [(0.0, -5.0), (-5.0, 0.0), (5.0, 0.0)];
+/// Centre of another thing of the first target's category, 6 m behind the start and 6 m to its right.
+const DISTRACTOR: (f32, f32) = (6.0, 6.0);
 
 fn quad(mesh: &mut Mesh, corners: [[f32; 3]; 4], instance: InstanceId) {
     let first = mesh.positions.len() as u32;
@@ -49,11 +51,17 @@ fn prepare() -> Arc<SceneAssets> {
     quad(&mut mesh, [[-f, 0.0, f], [f, 0.0, f], [f, 0.0, -f], [-f, 0.0, -f]], InstanceId::NONE);
     // A lid, so that the floor is not taken for a roof.
     quad(&mut mesh, [[-f, 3.0, -f], [f, 3.0, -f], [f, 3.0, f], [-f, 3.0, f]], InstanceId::NONE);
-    let objects = PLACES.iter().enumerate().map(|(index, &place)| {
+    let objects = PLACES.iter().chain([&DISTRACTOR]).enumerate().map(|(index, &place)| {
         let id = InstanceId(index as u32 + 1);
         cube(&mut mesh, &bounds(place), id);
         let attributes = Attributes::default();
-        Object { id, category: format!("box{index}"), bounds: bounds(place), region: None, attributes }
+        Object {
+            id,
+            category: format!("box{}", index % PLACES.len()),
+            bounds: bounds(place),
+            region: None,
+            attributes,
+        }
     });
     let objects = objects.collect();
     let material = Material {
@@ -153,6 +161,30 @@ fn ordered_missions_take_the_next_goal_only_and_a_wrong_submit_keeps_it() {
     go(&mut referee, &[(Submit, 1)]);
     let completed: Vec<_> = record(referee).submits.iter().map(|submit| submit.completed).collect();
     assert_eq!(completed, [None, Some(0)]);
+}
+
+#[test]
+fn a_claim_at_another_thing_of_the_right_category_is_told_apart() {
+    const TO_DISTRACTOR: [(Action, usize); 4] =
+        [(TurnLeft, 6), (MoveForward, 24), (TurnLeft, 3), (MoveForward, 16)];
+    for order in [Order::Ordered, Order::Unordered] {
+        let mut referee = quick(order);
+        go(&mut referee, &[(Submit, 1)]);
+        go(&mut referee, &TO_DISTRACTOR);
+        go(&mut referee, &[(Submit, 1)]);
+        let submits = record(referee).submits;
+        let completed: Vec<_> = submits.iter().map(|submit| submit.completed).collect();
+        let wrong: Vec<_> = submits.iter().map(|submit| submit.wrong_instance).collect();
+        assert_eq!((completed, wrong), (vec![None, None], vec![None, Some(0)]));
+    }
+    let mut referee = quick(Order::Ordered);
+    go(&mut referee, &AHEAD);
+    go(&mut referee, &[(Submit, 1)]);
+    go(&mut referee, &BACK);
+    go(&mut referee, &TO_DISTRACTOR[1..]);
+    go(&mut referee, &[(Submit, 1)]);
+    let submits = record(referee).submits;
+    assert_eq!((submits[1].completed, submits[1].wrong_instance), (None, None), "that goal is found already");
 }
 
 #[test]

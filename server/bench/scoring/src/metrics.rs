@@ -33,6 +33,9 @@ pub struct Metrics {
     pub collisions: u32,
     /// Submits and Stops that completed no goal.
     pub wrong_submits: u32,
+    /// Those of them at an instance of the right category that is not the target.
+    #[serde(default)]
+    pub wrong_instance_submits: u32,
     /// For each goal, the number of the step that found it, counted from 1.
     pub steps_to_goal: Vec<Option<u32>>,
     /// For each goal, the walk from the last pose to its success region, metres; `None` when unreachable.
@@ -41,7 +44,7 @@ pub struct Metrics {
 
 impl Metrics {
     /// Every number that an episode has one of, with its name in files and URLs.
-    pub fn named(&self) -> [(&'static str, f64); 14] {
+    pub fn named(&self) -> [(&'static str, f64); 15] {
         [
             ("goals", f64::from(self.goals)),
             ("found", f64::from(self.found)),
@@ -57,6 +60,7 @@ impl Metrics {
             ("reference_m", self.reference_m),
             ("collisions", f64::from(self.collisions)),
             ("wrong_submits", f64::from(self.wrong_submits)),
+            ("wrong_instance_submits", f64::from(self.wrong_instance_submits)),
         ]
     }
 }
@@ -89,6 +93,8 @@ pub fn score(truth: &EpisodeTruth, record: &Record, rules: &Rules) -> Metrics {
         reference_m: truth.reference_m,
         collisions: record.steps.iter().filter(|step| step.collided).count() as u32,
         wrong_submits: record.submits.iter().filter(|submit| submit.completed.is_none()).count() as u32,
+        wrong_instance_submits: record.submits.iter().filter(|submit| submit.wrong_instance.is_some()).count()
+            as u32,
         steps_to_goal,
         final_distance_m: (0..goals)
             .map(|goal| record.final_distance_m.get(goal).copied().flatten())

@@ -60,6 +60,9 @@ pub struct Summary {
     pub collisions: f64,
     /// Claims that completed nothing.
     pub wrong_submits: f64,
+    /// Those of them at an instance of the right category that is not the target.
+    #[serde(default)]
+    pub wrong_instance_submits: f64,
     /// Steps to a goal, over the goals found; `None` when none was.
     pub steps_to_goal: Option<f64>,
     /// Final distance to a goal, metres, over the goals that can be reached; `None` when none can.
@@ -91,6 +94,7 @@ pub fn summarise(scores: &[EpisodeScore], seed: u64) -> Option<Summary> {
         path_m: mean(|m| m.path_m),
         collisions: mean(|m| f64::from(m.collisions)),
         wrong_submits: mean(|m| f64::from(m.wrong_submits)),
+        wrong_instance_submits: mean(|m| f64::from(m.wrong_instance_submits)),
         steps_to_goal: average(
             scores.iter().flat_map(|s| s.metrics.steps_to_goal.iter().flatten()).map(|&step| f64::from(step)),
         ),

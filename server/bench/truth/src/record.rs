@@ -46,6 +46,9 @@ pub struct SubmitFacts {
     pub completed: Option<u8>,
     /// The goal that it made impossible (rule `skips_goal`).
     pub skipped: Option<u8>,
+    /// The goal that it would have completed if another instance of the target's category were the target.
+    #[serde(default)]
+    pub wrong_instance: Option<u8>,
 }
 
 impl Record {

@@ -4,18 +4,20 @@
 //! word of the end reason like the rules; `u8` count and one `u8` each for the regions at the start;
 //! `u8` count and (`u8` present, `f64`) each for the final distances; `u32` count of steps, each `u8` action with bit 7
 //! for a collision, `u8` regions, `u8` sounding goal or 255, pose, `u64` state hash; `u32` count of submits, each `u32` step,
-//! `u8` completed goal or 255, `u8` skipped goal or 255.
+//! `u8` completed goal or 255, `u8` skipped goal or 255. Version 2 adds to each submit: `u8` goal of the wrong instance or 255.
 
 use crate::{StoreError, words};
 use avln_episode::{Action, Point3, Pose};
 use avln_truth::{Record, StepFacts, SubmitFacts};
 
-const VERSION: u8 = 1;
+const VERSION: u8 = 2;
+/// The version before the goals of wrong instances.
+const WITHOUT_WRONG_INSTANCES: u8 = 1;
 const NONE: u8 = 255;
 const COLLIDED: u8 = 0x80;
 
 pub(crate) fn pack(record: &Record) -> Vec<u8> {
-    let mut out = Vec::with_capacity(64 + record.steps.len() * 28 + record.submits.len() * 6);
+    let mut out = Vec::with_capacity(64 + record.steps.len() * 28 + record.submits.len() * 7);
     out.push(VERSION);
     pack_text(&mut out, &record.rules);
     pack_pose(&mut out, &record.start);
@@ -26,7 +28,8 @@ pub(crate) fn pack(record: &Record) -> Vec<u8> {
     out.extend((record.submits.len() as u32).to_le_bytes());
     for submit in &record.submits {
         out.extend(submit.step.to_le_bytes());
-        out.extend([submit.completed.unwrap_or(NONE), submit.skipped.unwrap_or(NONE)]);
+        let goals = [submit.completed, submit.skipped, submit.wrong_instance];
+        out.extend(goals.map(|goal| goal.unwrap_or(NONE)));
     }
     out
 }
@@ -94,7 +97,8 @@ impl Unpack<'_> {
     }
 
     fn record(&mut self) -> Option<Record> {
-        if self.byte()? != VERSION {
+        let version = self.byte()?;
+        if ![WITHOUT_WRONG_INSTANCES, VERSION].contains(&version) {
             return None;
         }
         let rules = self.text()?;
@@ -103,7 +107,7 @@ impl Unpack<'_> {
         let in_region_at_start = (0..self.byte()?).map(|_| Some(self.byte()? != 0)).collect::<Option<_>>()?;
         let final_distance_m = (0..self.byte()?).map(|_| self.distance()).collect::<Option<_>>()?;
         let steps = (0..self.count()?).map(|_| self.step()).collect::<Option<_>>()?;
-        let submits = (0..self.count()?).map(|_| self.submit()).collect::<Option<_>>()?;
+        let submits = (0..self.count()?).map(|_| self.submit(version)).collect::<Option<_>>()?;
         Some(Record { rules, start, steps, submits, in_region_at_start, final_distance_m, end })
     }
 
@@ -138,8 +142,13 @@ impl Unpack<'_> {
         })
     }
 
-    fn submit(&mut self) -> Option<SubmitFacts> {
-        Some(SubmitFacts { step: self.count()?, completed: self.optional()?, skipped: self.optional()? })
+    fn submit(&mut self, version: u8) -> Option<SubmitFacts> {
+        Some(SubmitFacts {
+            step: self.count()?,
+            completed: self.optional()?,
+            skipped: self.optional()?,
+            wrong_instance: if version == VERSION { self.optional()? } else { None },
+        })
     }
 }
 
@@ -163,8 +172,8 @@ mod tests {
             start: pose(0.0),
             steps: (0..7).map(step).collect(),
             submits: vec![
-                SubmitFacts { step: 4, completed: Some(1), skipped: None },
-                SubmitFacts { step: 5, completed: None, skipped: Some(0) },
+                SubmitFacts { step: 4, completed: Some(1), skipped: None, wrong_instance: None },
+                SubmitFacts { step: 5, completed: None, skipped: Some(0), wrong_instance: Some(1) },
             ],
             in_region_at_start: vec![true, false],
             final_distance_m: vec![Some(0.1 + 0.2), None],
@@ -176,6 +185,17 @@ mod tests {
     fn a_record_comes_back_bit_for_bit() {
         let record = sample();
         assert_eq!(unpack(&pack(&record)).expect("our own bytes"), record);
+    }
+
+    #[test]
+    fn a_record_of_the_first_version_knows_of_no_wrong_instance() {
+        let one_submit =
+            |wrong_instance| vec![SubmitFacts { step: 4, completed: None, skipped: None, wrong_instance }];
+        let mut bytes = pack(&Record { submits: one_submit(Some(1)), ..sample() });
+        bytes.pop();
+        bytes[0] = WITHOUT_WRONG_INSTANCES;
+        let expected = Record { submits: one_submit(None), ..sample() };
+        assert_eq!(unpack(&bytes).expect("the layout of the first version"), expected);
     }
 
     #[test]

@@ -121,6 +121,7 @@ row! {
         reference_m: f64,
         collisions: i64,
         wrong_submits: i64,
+        wrong_instance_submits: i64,
     }
 }
 
@@ -131,8 +132,9 @@ pub(crate) async fn plain_scores(
     order: Order,
 ) -> Result<Vec<EpisodeScore>, StoreError> {
     let select = "SELECT episode, scene, goals, found, sr, isr, osr, osr_all, spl, soft_spl, sna, steps, path_m, \
-                  reference_m, collisions, wrong_submits FROM episodes WHERE run = $1 AND metrics IS NOT NULL \
-                  ORDER BY ordinal";
+                  reference_m, collisions, wrong_submits, \
+                  COALESCE(json_extract(metrics, '$.wrong_instance_submits'), 0) AS wrong_instance_submits \
+                  FROM episodes WHERE run = $1 AND metrics IS NOT NULL ORDER BY ordinal";
     let rows: Vec<ScoreRow> = sqlx::query_as(select).bind(run).fetch_all(&mut **tx).await?;
     Ok(rows.into_iter().map(|row| row.into_score(order)).collect())
 }
@@ -154,6 +156,7 @@ impl ScoreRow {
             reference_m: self.reference_m,
             collisions: count(self.collisions),
             wrong_submits: count(self.wrong_submits),
+            wrong_instance_submits: count(self.wrong_instance_submits),
             steps_to_goal: vec![],
             final_distance_m: vec![],
         };

@@ -22,7 +22,7 @@ fn random_did(draw: &mut Draw, goals: u64) -> Did {
     let completed = draw.chance(40).then(|| draw.below(goals) as u8);
     let moved_m = if action == Action::MoveForward { draw.below(100) as f32 / 400.0 } else { 0.0 };
     let in_region = if draw.chance(5) { draw.below(16) as u8 } else { 0 };
-    Did { action, moved_m, collided: draw.chance(10), in_region, completed }
+    Did { action, moved_m, collided: draw.chance(10), in_region, completed, wrong_instance: None }
 }
 
 fn random_score(draw: &mut Draw, index: u64) -> EpisodeScore {

@@ -35,12 +35,13 @@ pub(crate) struct Did {
     pub(crate) collided: bool,
     pub(crate) in_region: u8,
     pub(crate) completed: Option<u8>,
+    pub(crate) wrong_instance: Option<u8>,
 }
 
 impl Did {
     pub(crate) fn plain(action: Action) -> Self {
         let moved_m = if action == Action::MoveForward { 0.25 } else { 0.0 };
-        Self { action, moved_m, collided: false, in_region: 0, completed: None }
+        Self { action, moved_m, collided: false, in_region: 0, completed: None, wrong_instance: None }
     }
     pub(crate) fn claim(action: Action, completed: Option<u8>) -> Self {
         Self { completed, ..Self::plain(action) }
@@ -54,7 +55,12 @@ pub(crate) fn record(script: &[Did], in_region_at_start: Vec<bool>, end: EndReas
     for (index, did) in script.iter().enumerate() {
         at.position.z -= did.moved_m;
         if matches!(did.action, Action::Submit | Action::Stop) {
-            submits.push(SubmitFacts { step: index as u32 + 1, completed: did.completed, skipped: None });
+            submits.push(SubmitFacts {
+                step: index as u32 + 1,
+                completed: did.completed,
+                skipped: None,
+                wrong_instance: did.wrong_instance,
+            });
         }
         let Did { action, collided, in_region, .. } = *did;
         steps.push(StepFacts { action, pose: at, collided, in_region, sounding: None, state_hash: 0 });

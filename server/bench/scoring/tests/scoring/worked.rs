@@ -79,6 +79,16 @@ fn the_tables_of_the_page_are_what_the_code_computes() {
 }
 
 #[test]
+fn claims_at_wrong_instances_are_among_the_wrong_claims() {
+    let claim = |wrong_instance| Did { wrong_instance, ..Did::claim(Action::Submit, None) };
+    let script = [claim(Some(1)), claim(None), Did::claim(Action::Submit, Some(0)), claim(Some(1))];
+    let episode = scored("A", "first", Order::Unordered, 3.0, &[false, false], &script);
+    assert_eq!((episode.metrics.wrong_submits, episode.metrics.wrong_instance_submits), (3, 2));
+    let summary = summarise(&[episode, episode_a()], 1).expect("two episodes");
+    assert_eq!((summary.wrong_submits, summary.wrong_instance_submits), (1.5, 1.0));
+}
+
+#[test]
 fn the_goals_of_the_examples_were_found_when_the_page_says() {
     let found = |episode: EpisodeScore| episode.metrics.steps_to_goal;
     assert_eq!(found(episode_a()), [Some(9), Some(21)]);

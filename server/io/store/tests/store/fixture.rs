@@ -185,6 +185,7 @@ fn record(found: u8, end: EndReason) -> Record {
         step: 5 + u32::from(goal),
         completed: (goal < found).then_some(goal),
         skipped: None,
+        wrong_instance: None,
     };
     Record {
         rules: Rules::PAPER.to_owned(),

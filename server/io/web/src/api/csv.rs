@@ -76,7 +76,8 @@ fn board_header() -> Vec<String> {
             header.extend([format!("{key}_low"), format!("{key}_high")]);
         }
     }
-    header.extend(names(&["isr_by_goal", "osr_all", "steps_to_goal", "final_distance_m"]));
+    header.extend(names(&["isr_by_goal", "osr_all", "wrong_instance_submits"]));
+    header.extend(names(&["steps_to_goal", "final_distance_m"]));
     header.extend(EndReason::ALL.map(|reason| format!("ended_{}", reason.as_str())));
     header.push("server_faults".to_owned());
     header
@@ -99,6 +100,7 @@ fn board_row(row: &LeaderboardRow) -> Vec<String> {
         }
     }
     cells.extend([summary.isr_by_goal.to_string(), summary.osr_all.to_string()]);
+    cells.push(summary.wrong_instance_submits.to_string());
     cells.extend([maybe(summary.steps_to_goal), maybe(summary.final_distance_m)]);
     cells.extend(EndReason::ALL.map(|reason| maybe(row.health.get(reason.as_str()).or(Some(&0)))));
     cells.push(row.server_faults.to_string());
@@ -108,7 +110,7 @@ fn board_row(row: &LeaderboardRow) -> Vec<String> {
 fn episodes_header() -> Vec<String> {
     let mut header = names(&["ordinal", "state", "end", "episode", "scene", "finished_at", "goals", "found"]);
     header.extend(names(&["sr", "isr", "osr", "osr_all", "spl", "soft_spl", "sna", "steps", "path_m"]));
-    header.extend(names(&["reference_m", "collisions", "wrong_submits"]));
+    header.extend(names(&["reference_m", "collisions", "wrong_submits", "wrong_instance_submits"]));
     header
 }
 
@@ -120,12 +122,12 @@ fn episode_row(line: &EpisodeLine) -> Vec<String> {
     cells.push(moment(line.finished_unix_ms));
     match &line.metrics {
         Some(metrics) => cells.extend(metric_cells(metrics)),
-        None => cells.extend(std::iter::repeat_n(String::new(), 14)),
+        None => cells.extend(std::iter::repeat_n(String::new(), 15)),
     }
     cells
 }
 
-fn metric_cells(m: &Metrics) -> [String; 14] {
+fn metric_cells(m: &Metrics) -> [String; 15] {
     [
         m.goals.to_string(),
         m.found.to_string(),
@@ -141,6 +143,7 @@ fn metric_cells(m: &Metrics) -> [String; 14] {
         m.reference_m.to_string(),
         m.collisions.to_string(),
         m.wrong_submits.to_string(),
+        m.wrong_instance_submits.to_string(),
     ]
 }
 

@@ -169,8 +169,18 @@ fn summary() -> Value {
     let estimates = ["sr", "isr", "osr", "spl", "soft_spl", "sna"].map(|name| (name, reference("Estimate")));
     let mut fields = estimates.to_vec();
     fields.extend(all(&["episodes", "scenes"], "integer"));
-    fields
-        .extend(all(&["isr_by_goal", "osr_all", "steps", "path_m", "collisions", "wrong_submits"], "number"));
+    fields.extend(all(
+        &[
+            "isr_by_goal",
+            "osr_all",
+            "steps",
+            "path_m",
+            "collisions",
+            "wrong_submits",
+            "wrong_instance_submits",
+        ],
+        "number",
+    ));
     fields.extend(all(&["steps_to_goal?", "final_distance_m?"], "number"));
     object(&fields)
 }
@@ -203,7 +213,8 @@ fn episode_line() -> Value {
 }
 
 fn metrics() -> Value {
-    let mut fields = all(&["goals", "found", "steps", "collisions", "wrong_submits"], "integer");
+    let mut fields =
+        all(&["goals", "found", "steps", "collisions", "wrong_submits", "wrong_instance_submits"], "integer");
     fields.extend(all(
         &["sr", "isr", "osr", "osr_all", "spl", "soft_spl", "sna", "path_m", "reference_m"],
         "number",

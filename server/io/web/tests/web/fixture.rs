@@ -215,6 +215,7 @@ fn metrics(found: u32) -> Metrics {
         reference_m: 1.0,
         collisions: 1,
         wrong_submits: 2 - found,
+        wrong_instance_submits: 0,
         steps_to_goal: (0..2).map(|goal| (goal < found).then_some(5 + goal)).collect(),
         final_distance_m: vec![Some(0.5), None],
     }
