@@ -32,7 +32,6 @@ fn main() {
 fn prepare(seed: u64) -> SceneAssets {
     let rules = Rules::paper();
     let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
-    #[allow(clippy::needless_update)]
     let options = HouseOptions { rooms: 12..=12, ..HouseOptions::default() };
     SceneAssets::prepare(house("bench", seed, &options), &body).expect("a house can be lived in")
 }

@@ -4,15 +4,15 @@ use avln_dataset::{Instance, SurveyOptions, ThresholdsOnly, Verifier, View, surv
 use avln_episode::Rules;
 use avln_scene::{
     InstanceId, Object,
+    open::open,
     procedural::{HouseOptions, house},
 };
 use avln_world::{Body, Camera, Frame, SceneAssets};
-use std::sync::LazyLock;
+use std::{path::Path, sync::LazyLock};
 
 static ASSETS: LazyLock<SceneAssets> = LazyLock::new(|| {
     let rules = Rules::paper();
     let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
-    #[allow(clippy::needless_update)]
     let options = HouseOptions { rooms: 4..=5, ..HouseOptions::default() };
     SceneAssets::prepare(house("survey", 5, &options), &body).expect("a house can be lived in")
 });
@@ -87,4 +87,22 @@ fn a_verifier_has_the_last_word() {
     assert!(!beds.is_empty() && beds.iter().all(|instance| instance.target.category == "bed"));
     let all = FOUND.iter().filter(|instance| instance.target.category == "bed").count();
     assert_eq!(beds.len(), all);
+}
+
+#[test]
+fn a_house_that_people_modelled_can_be_surveyed() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../../../shared/scenes/aws_small_house/hm3d_style/00000-SmallHouse");
+    if !path.exists() {
+        println!("skipped: survey of a modelled house: needs ../shared/scenes");
+        return;
+    }
+    let scene = open(&path).expect("a house in the layout of HM3D");
+    let rules = Rules::paper();
+    let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
+    let assets = SceneAssets::prepare(scene, &body).expect("one can live in it");
+    let instances = survey_with(&assets, &rules, &SurveyOptions::default(), &ThresholdsOnly);
+    let sentences: Vec<&String> = instances.iter().flat_map(|instance| &instance.sentences).collect();
+    assert!(instances.len() >= 10 && sentences.len() >= 10, "{} instances, {sentences:#?}", instances.len());
+    assert!(sentences.iter().all(|text| !text.contains('_')), "{sentences:#?}");
 }

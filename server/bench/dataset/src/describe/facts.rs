@@ -62,13 +62,28 @@ impl<'a> Facts<'a> {
 
     /// How far the building's own surface is from `origin`, through all that stands between, metres.
     pub(crate) fn wall_m(&self, origin: Point3<f32>, [x, z]: [f32; 2], reach_m: f32) -> Option<f32> {
+        self.structure_m(&origin, &Vector3::new(x, 0.0, z), reach_m)
+    }
+
+    /// Height of the floor under an object: that of its room, or of the building's own surface below it, metres.
+    pub(crate) fn floor_y(&self, object: &Object) -> f32 {
+        const STOREY_M: f32 = 4.0;
+        let region = object.region.and_then(|region| self.scene.regions.get(usize::from(region)));
+        let center = object.bounds.center();
+        let below = || self.structure_m(&center, &Vector3::new(0.0, -1.0, 0.0), STOREY_M);
+        match region {
+            Some(region) => region.bounds.min.y,
+            None => below().map_or(object.bounds.min.y, |down_m| center.y - down_m),
+        }
+    }
+
+    /// How far the building's own surface is along `direction` (of length 1), through all that stands between, metres.
+    fn structure_m(&self, origin: &Point3<f32>, direction: &Vector3<f32>, reach_m: f32) -> Option<f32> {
         const PAST_M: f32 = 1e-3;
         const THINGS: usize = 24;
-        let direction = Vector3::new(x, 0.0, z);
         let mut passed_m = 0.0;
         for _ in 0..THINGS {
-            let struck =
-                self.assets.cast(&(origin + direction * passed_m), &direction, reach_m - passed_m)?;
+            let struck = self.assets.cast(&(origin + direction * passed_m), direction, reach_m - passed_m)?;
             passed_m += struck.distance_m;
             if struck.instance == InstanceId::NONE {
                 return Some(passed_m);

@@ -22,6 +22,8 @@ const HARD_TOPS: &[&str] = &[
     "rug",
 ];
 const SOFT_TOPS: &[&str] = &["bed", "sofa", "chair", "seating"];
+/// Things that touch what is below them without resting on it.
+const NEVER_RESTS: &[&str] = &["curtain", "blinds", "door", "window", "picture", "mirror", "rug", "radiator"];
 /// Things that one can be under.
 const ON_LEGS: &[&str] = &["table", "desk"];
 /// Things that stand or hang where they do in every house: that a wall is behind them says nothing.
@@ -64,7 +66,7 @@ impl<'a> Relater<'a> {
         let walls = facts.scene.objects.iter().map(|object| walls_of(&facts, object)).collect();
         let objects = &facts.scene.objects;
         let hangs = objects.iter().map(|object| {
-            let high = object.bounds.min.y - floor_y(&facts, object) > HANGING_M;
+            let high = object.bounds.min.y - facts.floor_y(object) > HANGING_M;
             high && !objects.iter().any(|other| other.id != object.id && rests_on(object, other))
         });
         Self { walls, hangs: hangs.collect(), facts }
@@ -197,7 +199,7 @@ impl<'a> Relater<'a> {
 
     fn at_walls(&self, index: usize) -> Option<Relation> {
         let object = &self.facts.scene.objects[index];
-        let stands = object.bounds.min.y - floor_y(&self.facts, object) < HANGING_M;
+        let stands = object.bounds.min.y - self.facts.floor_y(object) < HANGING_M;
         let free = !ALWAYS_AT_WALLS.contains(&object.category.as_str());
         let [east, west, south, north] = self.walls[index];
         if !stands || !free {
@@ -237,12 +239,6 @@ impl<'a> Relater<'a> {
     }
 }
 
-/// Height of the floor of the room that an object is in; its own bottom where that is not known, metres.
-fn floor_y(facts: &Facts, object: &Object) -> f32 {
-    let region = object.region.and_then(|region| facts.scene.regions.get(usize::from(region)));
-    region.map_or(object.bounds.min.y, |region| region.bounds.min.y)
-}
-
 /// Whether two objects are said to be in the same room; doors and windows belong to all that is around them.
 fn same_room(a: &Object, b: &Object) -> bool {
     a.region == b.region || ["door", "window"].contains(&b.category.as_str())
@@ -279,7 +275,7 @@ fn rests_on(own: &Object, other: &Object) -> bool {
     let (a, b) = (&own.bounds, &other.bounds);
     let smaller = a.size().x.max(a.size().z) < 1.05 * b.size().x.max(b.size().z);
     let category = other.category.as_str();
-    if !smaller || !is_over(b, a, 0.0) {
+    if !smaller || NEVER_RESTS.contains(&own.category.as_str()) || !is_over(b, a, 0.0) {
         return false;
     }
     let on_top = (a.min.y - b.max.y).abs() <= 0.06 && HARD_TOPS.contains(&category);

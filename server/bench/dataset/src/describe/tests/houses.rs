@@ -28,7 +28,6 @@ static HOUSES: LazyLock<Vec<Written>> = LazyLock::new(|| (0..3).map(write).colle
 fn write(seed: u64) -> Written {
     let rules = Rules::paper();
     let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
-    #[allow(clippy::needless_update)]
     let options = HouseOptions { rooms: 6..=8, ..HouseOptions::default() };
     let scene = procedural::house(&format!("house-{seed}"), seed, &options);
     let assets = SceneAssets::prepare(scene, &body).expect("a house can be lived in");
@@ -188,10 +187,24 @@ fn is_so(relation: Relation, object: &Object, thing: &Object) -> bool {
         Relation::Under => gap_m <= 0.0 && own.max.y < other.max.y,
         Relation::Above => is_over(own, other),
         Relation::Below => is_over(other, own),
-        Relation::LeftOf | Relation::RightOf => gap_m < 1.6,
+        Relation::LeftOf => gap_m < 1.6 && may_be_right_of(other, own),
+        Relation::RightOf => gap_m < 1.6 && may_be_right_of(own, other),
         Relation::Opposite => (0.9..6.0).contains(&gap_m) && object.region == thing.region,
         Relation::Between | Relation::Corner | Relation::AgainstWall => true,
     }
+}
+
+/// Whether one box is to the right of another for somebody who faces a wall at which the backs of both may stand.
+fn may_be_right_of(own: &Aabb, other: &Aabb) -> bool {
+    const DEEP_M: f32 = 0.25;
+    let offset = own.center() - other.center();
+    let low = |axis: usize| (own.min[axis] - other.min[axis]).abs() < DEEP_M;
+    let high = |axis: usize| (own.max[axis] - other.max[axis]).abs() < DEEP_M;
+    let north = low(2) && offset.x > 0.0;
+    let south = high(2) && offset.x < 0.0;
+    let west = low(0) && offset.z < 0.0;
+    let east = high(0) && offset.z > 0.0;
+    north || south || west || east
 }
 
 fn is_over(upper: &Aabb, lower: &Aabb) -> bool {
