@@ -1,10 +1,11 @@
 //! Looks at scenes and exports them.
 
+use super::scene_export::{Semantics, export};
 use crate::say::say;
 use crate::{Failure, FailureKind};
-use avln_scene::{Scene, glb, open, procedural};
+use avln_scene::{Scene, open, procedural};
 use clap::{Args, Subcommand};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Commands about scenes.
 #[derive(Debug, Subcommand)]
@@ -17,6 +18,9 @@ pub enum Command {
         /// The file to write
         #[arg(value_name = "OUT.glb")]
         out: PathBuf,
+        /// Also write what instances are, in files beside OUT.glb
+        #[arg(long, value_name = "LAYOUT")]
+        semantics: Option<Semantics>,
     },
     /// Measure scenes: size, clutter, how hard they are to walk in, next to real buildings
     Stats(super::scene_stats::Options),
@@ -46,7 +50,7 @@ pub struct Choice {
 /// When the scene cannot be read or the file cannot be written.
 pub fn run(command: Command) -> Result<(), Failure> {
     match command {
-        Command::Export { scene, out } => export(&load(&scene)?, &out),
+        Command::Export { scene, out, semantics } => export(&load(&scene)?, &out, semantics),
         Command::Stats(options) => super::scene_stats::run(&options),
         Command::Info { scene } => {
             print_info(&load(&scene)?);
@@ -63,15 +67,6 @@ fn load(choice: &Choice) -> Result<Scene, Failure> {
             Ok(procedural::house(&format!("house-{seed}"), seed, &procedural::HouseOptions::default()))
         }
     }
-}
-
-fn export(scene: &Scene, out: &Path) -> Result<(), Failure> {
-    let bytes = glb::export(scene);
-    std::fs::write(out, &bytes).map_err(|error| {
-        Failure::new(FailureKind::Data, format!("cannot write {}: {error}", out.display()))
-    })?;
-    say!("{}: {} bytes, {} triangles", out.display(), bytes.len(), scene.mesh.triangles.len());
-    Ok(())
 }
 
 fn print_info(scene: &Scene) {
