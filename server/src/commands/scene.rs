@@ -18,8 +18,8 @@ pub enum Command {
         /// The file to write
         #[arg(value_name = "OUT.glb")]
         out: PathBuf,
-        /// Also write what instances are, in files beside OUT.glb
-        #[arg(long, value_name = "LAYOUT")]
+        /// Also write what instances are, in files beside OUT.glb: hm3d, as Habitat loads them
+        #[arg(long, value_name = "LAYOUT", hide_possible_values = true)]
         semantics: Option<Semantics>,
     },
     /// Measure scenes: size, clutter, how hard they are to walk in, next to real buildings

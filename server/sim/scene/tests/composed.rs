@@ -1,7 +1,7 @@
 //! Scenes composed of parts, in other people's files, where `../shared/scenes` lies beside the repository.
 
 use avln_geom::{Aabb, Point3};
-use avln_scene::{InstanceId, Report, habitat, open};
+use avln_scene::{InstanceId, Report, habitat, hm3d, open};
 use std::path::{Path, PathBuf};
 
 /// The folder of shared scenes; says that `test` is skipped where there is none.
@@ -42,6 +42,26 @@ fn the_small_house_of_parts_has_its_labelled_instances() {
         assert!(off < 0.002, "{instance} lies {off} m off");
     }
     assert_eq!(scene.objects.len(), things);
+}
+
+#[test]
+fn the_small_house_of_parts_comes_back_from_hm3d_layout() {
+    let Some(shared) = shared("the_small_house_of_parts_comes_back_from_hm3d_layout") else { return };
+    let scene = open::open(&shared.join("aws_small_house")).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let exported = hm3d::export(&scene);
+    let files = [
+        ("house.glb", exported.render.as_slice()),
+        ("house.semantic.glb", &exported.semantic),
+        ("house.semantic.txt", exported.table.as_bytes()),
+        ("house.scene_dataset_config.json", hm3d::dataset_config("house.glb").as_bytes()),
+    ];
+    files.iter().for_each(|(name, bytes)| std::fs::write(folder.path().join(name), bytes).unwrap());
+    let mut report = Report::default();
+    let back = open::open_with(folder.path(), &mut report).unwrap();
+    assert_eq!((report.layout, report.warnings), ("HM3D", Vec::new()));
+    assert_eq!(back.objects, scene.objects);
+    assert_eq!(back.mesh.triangles.len(), scene.mesh.triangles.len());
 }
 
 #[test]
