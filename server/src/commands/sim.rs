@@ -100,3 +100,28 @@ fn unusable(file: &Path, why: impl std::fmt::Display, hint: impl std::fmt::Displ
 fn text(value: &impl serde::Serialize) -> Result<String, Failure> {
     serde_json::to_string(value).map_err(|error| Failure::new(FailureKind::Internal, error))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_that_hold_something_else_are_refused_with_a_hint() {
+        let folder = tempfile::tempdir().expect("a folder for temporary files");
+        let file = folder.path().join("pairs.json");
+        for text in ["", "{}", "[[1,2,3]]", "[[[0,0,0],[0,0]]]", "[[[0,0,0],[0,0,1e999]]]"] {
+            std::fs::write(&file, text).expect("a file");
+            let refused = read::<Vec<[[f32; 3]; 2]>>(&file, "pairs").err();
+            assert!(refused.is_some_and(|failure| failure.kind() == FailureKind::Data), "{text}");
+        }
+        std::fs::write(&file, "[[[0, 1, 2.5], [3, 4, 5]]]").expect("a file");
+        let pairs: Vec<[[f32; 3]; 2]> = read(&file, "pairs").expect("pairs");
+        assert_eq!(pairs, [[[0.0, 1.0, 2.5], [3.0, 4.0, 5.0]]]);
+        assert!(read::<Vec<String>>(&folder.path().join("none.json"), "names").is_err());
+    }
+
+    #[test]
+    fn no_way_is_null() {
+        assert_eq!(text(&[Some(1.5), None]).expect("text"), "[1.5,null]");
+    }
+}

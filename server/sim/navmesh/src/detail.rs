@@ -58,7 +58,8 @@ fn height_inside([a, b, c]: &[Corner; 3], spot: &Spot) -> Option<f64> {
     let beta = turn(&a.spot, spot, &c.spot) / area;
     let gamma = turn(&a.spot, &b.spot, spot) / area;
     let inside = beta >= -RIM && gamma >= -RIM && beta + gamma <= 1.0 + RIM;
-    inside.then(|| a.height_m + (b.height_m - a.height_m) * beta + (c.height_m - a.height_m) * gamma)
+    let height_m = a.height_m + (b.height_m - a.height_m) * beta + (c.height_m - a.height_m) * gamma;
+    inside.then_some(height_m)
 }
 
 #[cfg(test)]
