@@ -32,8 +32,12 @@ fn each(mut work: impl FnMut(usize)) -> Duration {
 
 fn measure(scene: &Scene) {
     let body = Body::default();
-    let own = each(|_| drop(black_box(NavMesh::build(scene, &body))));
-    let habitats = each(|_| drop(black_box(NavMesh::build_with(scene, &NavMeshSettings::default()))));
+    let own = each(|_| {
+        drop(black_box(NavMesh::build(scene, &body)));
+    });
+    let habitats = each(|_| {
+        drop(black_box(NavMesh::build_with(scene, &NavMeshSettings::default())));
+    });
     println!("{}: {} triangles", scene.name, scene.mesh.triangles.len());
     println!("  build, the arena's settings   {own:>12.2?}");
     println!("  build, Habitat's settings     {habitats:>12.2?}");
@@ -43,15 +47,27 @@ fn measure(scene: &Scene) {
     let mut rng = Rng::new(1);
     let points: Vec<NavPoint> = (0..POINTS).map(|_| mesh.sample(&mut rng, mesh.largest_island())).collect();
     let pair = |call: usize| (&points[call % POINTS], &points[(7 * call + 3) % POINTS]);
-    let path = each(|call| drop(black_box(mesh.path(pair(call).0, pair(call).1))));
-    let field = each(|call| drop(black_box(mesh.field(&[(points[call % POINTS], 0.0)]))));
+    let path = each(|call| {
+        black_box(mesh.path(pair(call).0, pair(call).1));
+    });
+    let field = each(|call| {
+        black_box(mesh.field(&[(points[call % POINTS], 0.0)]));
+    });
     let one = mesh.field(&[(points[0], 0.0)]);
-    let ask = each(|call| drop(black_box(one.distance_m(&mesh, &points[call % POINTS]))));
+    let ask = each(|call| {
+        black_box(one.distance_m(&mesh, &points[call % POINTS]));
+    });
     let outlooks: Vec<_> = points.iter().map(|point| mesh.outlook(point)).collect();
-    let ask_again = each(|call| drop(black_box(one.distance_from_m(&mesh, &outlooks[call % POINTS]))));
-    let table = each(|_| drop(black_box(mesh.distances_m(&points, &points))));
+    let ask_again = each(|call| {
+        black_box(one.distance_from_m(&mesh, &outlooks[call % POINTS]));
+    });
+    let table = each(|_| {
+        black_box(mesh.distances_m(&points, &points));
+    });
     let step = Vector3::new(0.15, 0.0, -0.2);
-    let slide = each(|call| drop(black_box(mesh.slide(&points[call % POINTS], &step))));
+    let slide = each(|call| {
+        black_box(mesh.slide(&points[call % POINTS], &step));
+    });
     println!("  path                          {path:>12.2?}");
     println!("  field                         {field:>12.2?}");
     println!("  distance from a field         {ask:>12.2?}");
