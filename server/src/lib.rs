@@ -7,6 +7,7 @@ mod cli;
 pub mod commands;
 pub mod doors;
 mod failure;
+pub mod preview;
 mod say;
 
 pub use cli::{Cli, main, run};

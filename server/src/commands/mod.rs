@@ -5,6 +5,7 @@ pub mod demo;
 pub mod phase;
 pub mod scene;
 pub mod scene_export;
+pub mod scene_preview;
 pub mod scene_stats;
 pub mod serve;
 pub mod sim;

@@ -30,6 +30,8 @@ pub enum Command {
         #[command(flatten)]
         scene: Choice,
     },
+    /// Draw a scene: each storey from above, and views from inside its rooms
+    Preview(super::scene_preview::Options),
 }
 
 /// A scene from a file, or grown from a seed.
@@ -56,15 +58,22 @@ pub fn run(command: Command) -> Result<(), Failure> {
             print_info(&load(&scene)?);
             Ok(())
         }
+        Command::Preview(options) => super::scene_preview::run(&options),
     }
 }
 
 fn load(choice: &Choice) -> Result<Scene, Failure> {
+    load_from(choice, procedural::Pool::default())
+}
+
+/// The scene of `choice`; a house from a seed shows the furniture of `pool`.
+pub(super) fn load_from(choice: &Choice, pool: procedural::Pool) -> Result<Scene, Failure> {
     match (&choice.scene, choice.seed) {
         (Some(path), _) => open::open(path).map_err(|error| Failure::new(FailureKind::Scene, error)),
         (None, seed) => {
             let seed = seed.unwrap_or_default();
-            Ok(procedural::house(&format!("house-{seed}"), seed, &procedural::HouseOptions::default()))
+            let options = procedural::HouseOptions { pool, ..Default::default() };
+            Ok(procedural::house(&format!("house-{seed}"), seed, &options))
         }
     }
 }

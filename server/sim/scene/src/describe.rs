@@ -98,7 +98,7 @@ impl Surfaces<'_> {
     }
 
     /// Mean colour over the area, averaged as light; `None` where nothing can be seen.
-    fn mean_color(&self, triangles: &[u32]) -> Option<[u8; 3]> {
+    pub(crate) fn mean_color(&self, triangles: &[u32]) -> Option<[u8; 3]> {
         let mut sum = [0.0_f64; 3];
         let mut weight = 0.0_f64;
         for &triangle in triangles {

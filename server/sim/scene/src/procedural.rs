@@ -14,8 +14,10 @@ mod reach;
 mod rect;
 mod shell;
 mod space;
+mod substance;
 mod taste;
 mod texture;
+mod tints;
 
 use crate::{Region, Scene};
 use assembly::Assembly;

@@ -3,6 +3,8 @@
 use super::model::{Corner, Model};
 use super::paint::Paint;
 use super::texture::Pattern;
+use crate::colors::name_of;
+use crate::describe::Surfaces;
 use crate::{Attributes, InstanceId, Material, Mesh, Object, Region, Scene, Texture};
 use avln_geom::{Aabb, Vector3};
 use std::collections::BTreeMap;
@@ -53,14 +55,16 @@ impl Assembly {
     /// Adds an object, its model already where it belongs, heights from the floor; returns its box in the same frame.
     pub(super) fn add_object(&mut self, piece: &Piece, region: usize) -> Aabb {
         let id = InstanceId(self.objects.len() as u32 + 1);
+        let first = self.mesh.triangles.len();
         self.add(&piece.model, id, furniture_light);
         let bounds = piece.model.bounds();
+        let attributes = self.truthful(piece, first);
         self.objects.push(Object {
             id,
             category: piece.category.to_owned(),
             bounds: Aabb::new(bounds.min + self.lift(), bounds.max + self.lift()),
             region: Some(region as u16),
-            attributes: piece.attributes.clone(),
+            attributes,
         });
         bounds
     }
@@ -90,6 +94,18 @@ impl Assembly {
         self.objects.retain(|_| keep.next().unwrap_or(true));
         for (index, object) in self.objects.iter_mut().enumerate() {
             object.id = InstanceId(index as u32 + 1);
+        }
+    }
+
+    /// The piece's attributes; no colour where the mean colour of its triangles, those from `first` on, goes by
+    /// another word.
+    fn truthful(&self, piece: &Piece, first: usize) -> Attributes {
+        let triangles: Vec<u32> = (first as u32..self.mesh.triangles.len() as u32).collect();
+        let surfaces = Surfaces { mesh: &self.mesh, materials: &self.materials, textures: &self.textures };
+        let said = piece.attributes.clone();
+        match surfaces.mean_color(&triangles).map(name_of) {
+            Some(word) if word == said.color => said,
+            _ => Attributes { color: String::new(), ..said },
         }
     }
 

@@ -1,13 +1,18 @@
-//! Puts furniture into rooms.
+//! Puts furniture into rooms: groups first, then single things until the room is full, then what hangs and lies.
 
 mod bathroom;
 mod bedroom;
-mod eating;
+mod dining;
+mod extras;
+mod kitchen;
 mod living;
-mod study;
+mod service;
+mod tops;
 mod walls;
+mod work;
 
 use super::assembly::{Assembly, Piece};
+use super::furniture::Make;
 use super::model::about;
 use super::plan::{CEILING_M, Plan, RoomKind};
 use super::rect::{Rect, Side, turned};
@@ -27,6 +32,10 @@ pub(super) struct Decorator<'a> {
     doors: usize,
     /// What stands on the floor.
     covered: Vec<Rect>,
+    /// Rugs.
+    rugs: Vec<Rect>,
+    /// What lies on other things.
+    laid: Vec<Aabb>,
 }
 
 /// Where a piece ended up.
@@ -37,6 +46,8 @@ struct Spot {
     /// The wall that its back is turned to.
     side: Side,
     bounds: Aabb,
+    /// Its top has no corners.
+    round: bool,
 }
 
 /// Which place along the walls a piece prefers.
@@ -73,7 +84,18 @@ pub(super) fn furnish(
             doors += 1;
         }
     }
-    let mut decorator = Decorator { assembly, taste, rng, plan, index, space, doors, covered: vec![] };
+    let mut decorator = Decorator {
+        assembly,
+        taste,
+        rng,
+        plan,
+        index,
+        space,
+        doors,
+        covered: vec![],
+        rugs: vec![],
+        laid: vec![],
+    };
     decorator.fit_out(room.kind);
     decorator.covered
 }
@@ -85,8 +107,13 @@ impl Decorator<'_> {
         match kind {
             RoomKind::Stairs => return,
             RoomKind::Hallway | RoomKind::Entryway => self.hallway(),
-            RoomKind::Closet | RoomKind::Laundry | RoomKind::Utility | RoomKind::Garage => self.store_room(),
-            RoomKind::Library | RoomKind::GameRoom | RoomKind::LivingRoom => self.living_room(),
+            RoomKind::Closet => self.closet(),
+            RoomKind::Laundry => self.laundry(),
+            RoomKind::Utility => self.utility(),
+            RoomKind::Garage => self.garage(),
+            RoomKind::LivingRoom => self.living_room(),
+            RoomKind::Library => self.library(),
+            RoomKind::GameRoom => self.game_room(),
             RoomKind::Kitchen => self.kitchen(),
             RoomKind::DiningRoom => self.dining_room(),
             RoomKind::Bedroom => self.bedroom(),
@@ -94,7 +121,8 @@ impl Decorator<'_> {
             RoomKind::Office => self.office(),
             RoomKind::Gym => self.gym(),
         }
-        self.ceiling_lamp();
+        self.extras(kind);
+        self.ceiling_lamps();
     }
 
     /// Whether the house has a room of this kind.
@@ -102,16 +130,45 @@ impl Decorator<'_> {
         self.plan.rooms.iter().any(|room| room.kind == kind)
     }
 
+    /// True with the given probability.
+    fn maybe(&mut self, probability: f64) -> bool {
+        self.rng.chance(probability)
+    }
+
+    /// A number between two, both included.
+    fn count(&mut self, low: usize, high: usize) -> usize {
+        low + self.rng.below(high - low + 1)
+    }
+
+    /// Area of the floor, square metres.
+    fn area_m2(&self) -> f32 {
+        let [x, z] = self.space.room.size();
+        x * z
+    }
+
+    /// Stands a piece of a make with its back to a wall, `front_m` of floor before it free.
+    fn put(&mut self, make: &Make, wish: Wish, front_m: f32) -> Option<Spot> {
+        let piece = make.any(self.taste);
+        self.stand(&piece, wish, front_m)
+    }
+
+    /// The same for a piece of about a wished width, height and depth.
+    fn put_sized(&mut self, make: &Make, size: [f32; 3], wish: Wish, front_m: f32) -> Option<Spot> {
+        let piece = make.sized(self.taste, size);
+        self.stand(&piece, wish, front_m)
+    }
+
     /// Stands a piece with its back to a wall, `front_m` of floor before it free.
     fn stand(&mut self, piece: &Piece, wish: Wish, front_m: f32) -> Option<Spot> {
         let size = piece.size();
         let mut places = self.wall_places(size.x, wish);
         places.sort_by(|a, b| a.2.total_cmp(&b.2));
-        let claims = places.into_iter().map(|(side, start, _)| {
-            let along = [start, start + size.x];
-            (side, self.claim_at_wall(side, along, size, front_m))
-        });
-        let (side, claim) = claims.into_iter().find(|(_, claim)| self.space.fits(claim))?;
+        let claims: Vec<(Side, Claim)> = places
+            .into_iter()
+            .map(|(side, start, _)| (side, self.claim_at_wall(side, [start, start + size.x], size, front_m)))
+            .collect();
+        let claim = self.space.first_fit(claims.iter().map(|(_, claim)| *claim))?;
+        let (side, _) = claims.into_iter().find(|(_, other)| other.rect == claim.rect)?;
         self.space.take(&claim);
         Some(self.set(piece, side, &claim.rect, 0.0))
     }
@@ -198,9 +255,10 @@ impl Decorator<'_> {
             front: None,
         };
         let claims: Vec<Claim> = places.into_iter().map(claim).collect();
-        let clear = claims.iter().find(|claim| self.space.fits(claim));
-        let tight = || claims.iter().find(|claim| self.space.fits_closely(claim, self.doors));
-        clear.or_else(tight).map(|claim| claim.rect.center())
+        let clear = self.space.first_fit(claims.iter().copied());
+        let close =
+            || claims.iter().step_by(3).take(120).find(|claim| self.space.fits_closely(claim, self.doors));
+        clear.or_else(|| close().copied()).map(|claim| claim.rect.center())
     }
 
     /// Lays a piece on top of another one; `offset` is in the other's own frame.
@@ -211,12 +269,15 @@ impl Decorator<'_> {
     }
 
     /// Lays a rug on the floor around `center`, wide along `side`, if the room holds it.
-    fn lay_rug(&mut self, size: [f32; 2], side: Side, center: [f32; 2]) {
-        let size_xz = if side.runs_along_x() { size } else { [size[1], size[0]] };
+    fn lay_rug(&mut self, [width, depth]: [f32; 2], side: Side, center: [f32; 2]) {
+        let rug = super::furniture::floor::RUG.sized(self.taste, [width, 0.0, depth]);
+        let size = rug.size();
+        let size_xz = if side.runs_along_x() { [size.x, size.z] } else { [size.z, size.x] };
         let rect = Rect::around(center, size_xz);
-        if self.space.room.holds(&rect) {
-            let rug = super::furniture::decor::rug(self.taste, size);
+        let clear = !self.rugs.iter().any(|other| other.overlaps(&rect));
+        if clear && self.space.room.inset(0.05).holds(&rect) {
             self.add(&rug, side, Vector3::new(center[0], 0.0, center[1]));
+            self.rugs.push(rect);
         }
     }
 
@@ -235,7 +296,9 @@ impl Decorator<'_> {
         let model = piece.model.moved(side.quarter(), origin);
         let placed = Piece { model, ..piece.clone() };
         let bounds = self.assembly.add_object(&placed, self.index);
-        Spot { origin, side, bounds }
+        let round = ["round", "oval", "hexagonal", "octagonal", "drum-shaped"]
+            .contains(&piece.attributes.shape.as_str());
+        Spot { origin, side, bounds, round }
     }
 }
 

@@ -1,11 +1,12 @@
 //! Shapes that furniture is built of, in the furniture's own frame: the base on y = 0, the front towards +z.
 
+mod prism;
 mod round;
 mod soft;
 
 use super::paint::Paint;
 use super::rect::turned;
-use avln_geom::{Aabb, Point2, Point3, Vector3};
+use avln_geom::{Aabb, Point2, Point3, Vector3, angle};
 
 /// A corner of a triangle.
 #[derive(Clone, Copy, Debug)]
@@ -111,6 +112,20 @@ impl Model {
     }
 }
 
+impl Model {
+    /// This model leant back by 70 degrees: what lay on its base stands on its front edge.
+    pub(super) fn leaning(&self) -> Model {
+        let (sin, cos) = angle::sin_cos(1.22);
+        let lean = |v: Vector3<f32>| Vector3::new(v.x, v.y * cos - v.z * sin, v.y * sin + v.z * cos);
+        let corner = |c: &Corner| Corner {
+            position: Point3::from(lean(c.position.coords)),
+            normal: lean(c.normal),
+            uv: c.uv,
+        };
+        Model { corners: self.corners.iter().map(corner).collect(), triangles: self.triangles.clone() }
+    }
+}
+
 /// Texture coordinates of a point on a flat face: metres along the face's own axes, in tiles of the pattern.
 pub(super) fn flat_uv(point: &Point3<f32>, normal: &Vector3<f32>, paint: Paint) -> Point2<f32> {
     let tile_m = paint.pattern.and_then(|pattern| pattern.tile_m()).unwrap_or(1.0);
@@ -163,8 +178,12 @@ mod tests {
         check("cylinder", |m| m.cylinder([1.0, 2.0], [1.0, 3.0], 0.5, 64, PAINT), FRAC_PI_2, 0.01);
         check("cone", |m| m.lathe([0.0, 0.0], &[[1.0, 0.0], [0.0, 3.0]], 64, PAINT), PI, 0.02);
         check("oval", |m| m.oval([0.0, 0.0], [2.0, 1.0], &[[1.0, 0.0], [1.0, 1.0]], 64, PAINT), TAU, 0.02);
-        // Along each axis the mean height over six cells is 0.7965 of the full one.
-        check("pillow", |m| m.pillow(x, y, z, PAINT), 3.0 * 0.7965 * 0.7965, 0.01);
+        // Along each axis the mean height over five cells is 0.7729 of the full one.
+        check("pillow", |m| m.pillow(x, y, z, PAINT), 3.0 * 0.7729 * 0.7729, 0.02);
+        let square = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+        check("prism along z", |m| m.prism_z(&square, [0.0, 3.0], PAINT), 12.0, 1e-4);
+        check("prism along y", |m| m.prism_y(&square, [0.0, 3.0], PAINT), 12.0, 1e-4);
+        check("prism along x", |m| m.prism_x(&square, [0.0, 3.0], PAINT), 12.0, 1e-4);
     }
 
     #[test]

@@ -79,7 +79,10 @@ fn accent_paint(rng: &mut Rng, kind: RoomKind) -> Paint {
         RoomKind::LivingRoom | RoomKind::Gym if rng.chance(0.4) => {
             Paint::plain("brick", [176, 116, 96]).with(Pattern::Brick)
         }
-        RoomKind::Bedroom if rng.chance(0.5) => Paint::plain("plaster", rgb).with(Pattern::Stripes),
+        RoomKind::Bedroom | RoomKind::LivingRoom | RoomKind::DiningRoom if rng.chance(0.6) => {
+            let papers = [Pattern::Stripes, Pattern::Damask, Pattern::Floral, Pattern::Trellis];
+            Paint::plain("plaster", rgb).with(*rng.choose(&papers).expect("there are papers"))
+        }
         RoomKind::Bathroom => Paint::plain("tile", rgb).with(Pattern::WallTiles),
         _ => Paint::plain("plaster", rgb).with(Pattern::Plaster),
     }

@@ -97,6 +97,13 @@ impl Space {
         !self.free[doors..].iter().any(blocked) && self.fits_in_front(claim, doors)
     }
 
+    /// The first of `claims` that fits; only some of those that could stand are tried, as each costs a walk
+    /// through the room.
+    pub(super) fn first_fit(&self, claims: impl Iterator<Item = Claim>) -> Option<Claim> {
+        const TRIES: usize = 14;
+        claims.filter(|claim| self.stands(claim)).take(TRIES).find(|claim| self.still_connected(claim))
+    }
+
     fn stands(&self, claim: &Claim) -> bool {
         let clear = |rect: &Rect| !self.solids.iter().any(|solid| solid.overlaps(rect));
         let front_ok = |front: &Rect| self.room.holds(front) && clear(front);

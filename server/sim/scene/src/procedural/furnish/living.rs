@@ -1,107 +1,197 @@
-//! Living rooms and hallways.
+//! Living rooms, libraries, game rooms and hallways.
 
-use super::super::furniture::{beds, decor, lights, living, seats, storage, tables};
+use super::super::furniture::{
+    cabinets, chairs, counters, curtains, decor, hearths, lights, pictures, screens, shelves, sofas, stools,
+    tables,
+};
 use super::*;
 
 impl Decorator<'_> {
     pub(super) fn living_room(&mut self) {
-        if let Some(sofa) = self.sofa_group() {
+        if let Some(sofa) = self.sofa_group(2.15) {
             self.television(Wish::Facing(sofa.side.opposite(), sofa.along()));
-            let table = tables::side_table(self.taste);
-            if let Some(table) = self.beside(&table, &sofa, 1.0) {
-                self.lamp_on(&table);
+            for hand in [1.0, -1.0] {
+                let table = tables::SIDE_TABLE.any(self.taste);
+                if let Some(table) = self.beside(&table, &sofa, hand) {
+                    self.lamp_on(&table, 0.0);
+                }
+                if self.maybe(0.5) {
+                    break;
+                }
             }
         }
-        if self.rng.chance(0.75) {
-            let fireplace = living::fireplace(self.taste);
-            self.stand(&fireplace, Wish::Middle, 0.7);
+        if self.maybe(0.55) {
+            if let Some(hearth) = self.put(&hearths::FIREPLACE, Wish::Middle, 0.7) {
+                if hearth.height_m() < 1.35 && hearth.footprint()[1] < 0.45 {
+                    let wish = Wish::Facing(hearth.side, hearth.along());
+                    self.picture_sized([0.7, 0.55], wish, 1.75);
+                }
+            }
         }
-        for _ in 0..1 + self.rng.below(2) {
-            let chair = seats::armchair(self.taste);
-            self.stand(&chair, Wish::Anywhere, 0.6);
+        for _ in 0..self.count(1, 3) {
+            self.armchair(Wish::Anywhere);
         }
-        let shelf = storage::bookshelf(self.taste);
-        self.stand(&shelf, Wish::Corner, 0.6);
-        let lamp = lights::floor_lamp(self.taste);
-        self.stand(&lamp, Wish::Corner, 0.0);
-        let stool = seats::footstool(self.taste);
-        self.stand(&stool, Wish::Anywhere, 0.3);
-        self.floor_plant();
-        let pictures = 2 + self.rng.below(2);
-        self.pictures(pictures);
+        if self.area_m2() > 20.0 && self.maybe(0.8) {
+            self.sofa_group(1.7);
+        }
+        if self.maybe(0.6) {
+            self.put(&shelves::BOOKCASE, Wish::Corner, 0.6);
+        }
     }
 
     /// A sofa with cushions, a low table and a rug before it.
-    fn sofa_group(&mut self) -> Option<Spot> {
-        let seats_wanted = 2 + self.rng.below(2);
-        let mut sofa = seats::sofa(self.taste, seats_wanted);
-        let mut spot = self.stand(&sofa, Wish::Middle, 1.4);
+    fn sofa_group(&mut self, width: f32) -> Option<Spot> {
+        let width = width + self.taste.rng.range(-0.3, 0.25);
+        let mut sofa = sofas::SOFA.sized(self.taste, [width, 0.0, 0.0]);
+        let mut spot = self.stand(&sofa, Wish::Middle, 1.3);
         if spot.is_none() {
-            sofa = seats::sofa(self.taste, 2);
+            sofa = sofas::SOFA.sized(self.taste, [1.5, 0.0, 0.0]);
             spot = self.stand(&sofa, Wish::Anywhere, 0.6);
         }
         let spot = spot?;
-        let width = sofa.size().x;
-        for hand in [-1.0, 1.0] {
-            let cushion = beds::cushion(self.taste, &sofa.attributes.color);
-            self.lay(&cushion, &spot, [hand * (width / 2.0 - 0.42), 0.45, 0.12]);
-        }
-        let table = tables::coffee_table(self.taste);
+        let (width, depth) = (sofa.size().x, sofa.size().z);
+        let x = width / 2.0 - 0.45;
+        let all = [-x, x, -x + 0.42, x - 0.42];
+        let count = self.count(2, if width > 1.9 { 4 } else { 2 });
+        let back = match sofa.attributes.shape.as_str() {
+            "tufted" => 0.31,
+            "framed" | "open" => 0.21,
+            _ => 0.35,
+        };
+        self.lean_cushions(&spot, &sofa.attributes.color, &all[..count], [0.455, back - depth / 2.0]);
+        let table = tables::COFFEE_TABLE.any(self.taste);
         let center = spot.before(0.42 + table.size().z / 2.0);
         if let Some(table) = self.stand_at(&table, spot.side, center) {
-            let vase = decor::vase(self.taste);
-            let height = table.height_m();
-            self.lay(&vase, &table, [0.12, height, 0.05]);
+            self.clutter(&table, 2);
         }
-        self.lay_rug([2.0, 1.4], spot.side, center);
+        if self.maybe(0.65) {
+            self.lay_rug([2.1, 1.5], spot.side, center);
+        }
+        Some(spot)
+    }
+
+    /// An armchair, often with a cushion.
+    pub(super) fn armchair(&mut self, wish: Wish) -> Option<Spot> {
+        let chair = chairs::ARMCHAIR.any(self.taste);
+        let spot = self.stand(&chair, wish, 0.5)?;
+        let deep = !["round", "open"].contains(&chair.attributes.shape.as_str());
+        if deep && self.maybe(0.8) {
+            let back = if chair.attributes.shape == "tufted" { 0.31 } else { 0.35 };
+            self.lean_cushions(&spot, &chair.attributes.color, &[0.0], [0.455, back - chair.size().z / 2.0]);
+        }
         Some(spot)
     }
 
     /// A television on a stand or above it, or on the bare wall; where `wish` says if possible.
-    fn television(&mut self, wish: Wish) {
-        let width = self.taste.length_m(0.95, 1.25);
-        let stand = storage::tv_stand(self.taste, width + 0.25);
-        let Some(stand) = self.stand(&stand, wish, 0.6) else {
-            let tv = living::wall_tv(self.taste, width);
+    pub(super) fn television(&mut self, wish: Wish) {
+        let width = self.taste.rng.range(0.95, 1.25);
+        let Some(stand) = self.put_sized(&cabinets::TV_STAND, [width + 0.3, 0.0, 0.0], wish, 0.6) else {
+            let tv = screens::WALL_TV.sized(self.taste, [width, 0.0, 0.0]);
             if self.hang(&tv, 1.05, wish).is_none() && !matches!(wish, Wish::Anywhere) {
                 self.television(Wish::Anywhere);
             }
             return;
         };
-        let above = self.rng.chance(0.4);
-        let tv = living::wall_tv(self.taste, width);
+        let above = self.maybe(0.4);
+        let tv = screens::WALL_TV.sized(self.taste, [width, 0.0, 0.0]);
         if !above || self.hang(&tv, 0.95, Wish::Facing(stand.side, stand.along())).is_none() {
-            let tv = living::standing_tv(self.taste, width);
-            self.lay(&tv, &stand, [0.0, stand.height_m(), 0.0]);
+            let tv = screens::TV.sized(self.taste, [width, 0.0, 0.0]);
+            self.piece_on_top(&tv, &stand, [0.0, -0.2]);
         }
     }
 
-    /// A lamp on a table.
-    pub(super) fn lamp_on(&mut self, table: &Spot) {
-        let lamp = lights::table_lamp(self.taste);
-        let height = table.height_m();
-        self.lay(&lamp, table, [0.0, height, 0.0]);
+    pub(super) fn library(&mut self) {
+        for _ in 0..self.count(2, 4) {
+            self.put(&shelves::BOOKCASE, Wish::Anywhere, 0.6);
+        }
+        for _ in 0..self.count(1, 2) {
+            if let Some(chair) = self.armchair(Wish::Corner) {
+                let table = tables::SIDE_TABLE.any(self.taste);
+                if let Some(table) = self.beside(&table, &chair, 1.0) {
+                    self.clutter(&table, 1);
+                }
+            }
+        }
+        self.desk();
+        self.put(&lights::FLOOR_LAMP, Wish::Corner, 0.0);
+    }
+
+    pub(super) fn game_room(&mut self) {
+        if let Some(sofa) = self.sofa_group(1.9) {
+            self.television(Wish::Facing(sofa.side.opposite(), sofa.along()));
+        }
+        self.dining_set(4);
+        if self.maybe(0.5) {
+            self.put(&counters::ISLAND, Wish::Anywhere, 0.8);
+        }
+        self.put(&stools::BAR_STOOL, Wish::Anywhere, 0.0);
+        self.put(&cabinets::SIDEBOARD, Wish::Anywhere, 0.6);
     }
 
     pub(super) fn hallway(&mut self) {
-        let bench = seats::bench(self.taste, 0.34);
-        self.stand(&bench, Wish::Anywhere, 0.0);
-        let coats = 1 + self.rng.below(2);
+        if self.maybe(0.45) {
+            self.put_sized(&stools::SEATING, [0.0, 0.0, 0.34], Wish::Anywhere, 0.0);
+        }
+        let coats = self.count(0, 1);
         self.coats(coats);
-        let cabinet = storage::sideboard(self.taste, 0.8, 0.28);
-        if let Some(cabinet) = self.stand(&cabinet, Wish::Anywhere, 0.0) {
-            let vase = decor::vase(self.taste);
-            let height = cabinet.height_m();
-            self.lay(&vase, &cabinet, [0.2, height, 0.0]);
-            self.mirror(0.5, 0.8, Wish::Facing(cabinet.side, cabinet.along()));
+        let narrow = [0.9, 0.0, 0.28];
+        let console = match self.maybe(0.5) {
+            true => self.put_sized(&tables::CONSOLE, narrow, Wish::Anywhere, 0.0),
+            false => self.put_sized(&cabinets::SIDEBOARD, narrow, Wish::Anywhere, 0.0),
+        };
+        if let Some(console) = console {
+            self.clutter(&console, 2);
+            self.mirror([0.55, 0.8], Wish::Facing(console.side, console.along()));
         }
-        if self.rng.chance(0.6) {
-            self.floor_plant();
-        }
-        let pictures = 1 + self.rng.below(2);
-        self.pictures(pictures);
         let room = self.space.room;
         let side = if room.size()[0] > room.size()[1] { Side::North } else { Side::West };
         self.lay_rug([1.8, 0.7], side, room.center());
+    }
+
+    /// Curtains at both sides of a window, or a blind before its upper part, or a radiator below it.
+    pub(super) fn dress_window(
+        &mut self,
+        side: Side,
+        middle: f32,
+        [width, sill, head]: [f32; 3],
+        curtained: bool,
+    ) {
+        if curtained && self.maybe(0.36) {
+            let low = if self.maybe(0.5) { 0.06 } else { sill - 0.12 };
+            let curtain = curtains::CURTAIN.sized(self.taste, [0.28, head + 0.12 - low, 0.0]);
+            for hand in [-1.0, 1.0] {
+                self.fix_if_free(&curtain, side, middle + hand * (width / 2.0 + 0.22), low, true);
+            }
+        } else if self.maybe(0.2) {
+            let height = (head - sill) * self.rng.range(0.3, 0.6);
+            let blind = curtains::BLIND.sized(self.taste, [width + 0.02, height, 0.0]);
+            self.fix_over(&blind, side, middle, head + 0.02 - height);
+        }
+        if sill > 0.8 && self.maybe(0.3) {
+            let radiator = hearths::RADIATOR.sized(self.taste, [(width * 0.8).max(0.6), 0.0, 0.0]);
+            self.stand(&radiator, Wish::Facing(side, middle), 0.0);
+        }
+    }
+
+    /// A picture of about the given width and height, its middle at `eye_m`.
+    pub(super) fn picture_sized(
+        &mut self,
+        [width, height]: [f32; 2],
+        wish: Wish,
+        eye_m: f32,
+    ) -> Option<Spot> {
+        let picture = pictures::PICTURE.sized(self.taste, [width, height, 0.0]);
+        self.hang(&picture, eye_m - picture.size().y / 2.0, wish)
+    }
+
+    /// A mirror, if there is room for it.
+    pub(super) fn mirror(&mut self, [width, height]: [f32; 2], wish: Wish) {
+        let mirror = pictures::MIRROR.sized(self.taste, [width, height, 0.0]);
+        self.hang(&mirror, 1.5 - mirror.size().y / 2.0, wish);
+    }
+
+    /// A bin in a corner.
+    pub(super) fn bin(&mut self) {
+        self.put(&decor::BIN, Wish::Corner, 0.0);
     }
 }

@@ -1,6 +1,6 @@
 //! What hangs on walls and ceilings: windows, the front door, pictures, towels, coats, lamps.
 
-use super::super::furniture::{decor, lights, openings};
+use super::super::furniture::{clothes, lights, openings, towels};
 use super::super::plan::Window;
 use super::*;
 
@@ -45,22 +45,32 @@ impl Decorator<'_> {
         let patch = Patch { along: about(middle, width + 0.1), y: [sill - 0.03, head] };
         self.fix(&openings::window(width, head - sill), window.side, middle, sill - 0.03);
         self.space.take_wall(window.side, patch);
-        if matches!(kind, RoomKind::LivingRoom | RoomKind::Bedroom | RoomKind::DiningRoom | RoomKind::Office)
-        {
-            self.curtains(window.side, middle, [width, sill, head]);
+        use RoomKind::*;
+        let curtained = matches!(kind, LivingRoom | Bedroom | DiningRoom | Office | Library | GameRoom);
+        self.dress_window(window.side, middle, [width, sill, head], curtained);
+    }
+
+    /// Fixes a piece to a wall if that is free there; the wall is taken then if `take` says so.
+    pub(super) fn fix_if_free(&mut self, piece: &Piece, side: Side, middle: f32, base_m: f32, take: bool) {
+        let size = piece.size();
+        let patch = Patch { along: about(middle, size.x), y: [base_m, base_m + size.y] };
+        if self.space.wall_is_free(side, &patch) {
+            self.fix(piece, side, middle, base_m);
+            if take {
+                self.space.take_wall(side, patch);
+            }
         }
     }
 
-    fn curtains(&mut self, side: Side, middle: f32, [width, sill, head]: [f32; 3]) {
-        let tint = self.taste.tint("curtain", super::super::taste::CLOTH);
-        for hand in [-1.0, 1.0] {
-            let place = middle + hand * (width / 2.0 + 0.2);
-            let y = [sill - 0.12, head + 0.08];
-            let patch = Patch { along: about(place, 0.3), y };
-            if self.space.wall_is_free(side, &patch) {
-                self.fix(&decor::curtain(tint, 0.26, y[1] - y[0]), side, place, y[0]);
-                self.space.take_wall(side, patch);
-            }
+    /// Fixes a piece before something flat that hangs on the wall already.
+    pub(super) fn fix_over(&mut self, piece: &Piece, side: Side, middle: f32, base_m: f32) {
+        const FRONT_M: f32 = 0.04;
+        let size = piece.size();
+        let rect = side.band(&self.space.room, about(middle, size.x), [FRONT_M, FRONT_M + size.z]);
+        if self.space.room.holds(&rect) {
+            let covered = self.covered.len();
+            self.set(piece, side, &rect, base_m);
+            self.covered.truncate(covered);
         }
     }
 
@@ -103,59 +113,60 @@ impl Decorator<'_> {
         spot
     }
 
-    /// Pictures at eye height.
+    /// Hangs a deep piece where the wall and the floor below are free.
+    pub(super) fn hang_somewhere(&mut self, piece: &Piece, base_m: f32) -> Option<Spot> {
+        let size = piece.size();
+        let mut places = self.wall_places(size.x, Wish::Anywhere);
+        places.sort_by(|a, b| a.2.total_cmp(&b.2));
+        let fitting = places.into_iter().find(|&(side, start, _)| {
+            let claim = self.claim_at_wall(side, [start, start + size.x], size, 0.0);
+            self.space.fits(&Claim { y: [base_m, base_m + size.y], ..claim })
+        });
+        let (side, start, _) = fitting?;
+        self.hang_deep(piece, base_m, side, start + size.x / 2.0)
+    }
+
+    /// Pictures of one format side by side at eye height.
     pub(super) fn pictures(&mut self, count: usize) {
+        let format =
+            [[0.45, 0.6], [0.6, 0.45], [0.9, 0.6], [0.5, 0.5], [0.7, 0.95], [1.1, 0.7], [0.35, 0.45]];
+        let [width, height] = format[self.rng.below(format.len())];
+        let mut wish = Wish::Middle;
         for _ in 0..count {
-            let (width, height) = (self.taste.length_m(0.45, 1.0), self.taste.length_m(0.45, 0.75));
-            let picture = decor::picture(self.taste, width, height);
-            self.hang(&picture, 1.5 - height / 2.0, Wish::Middle);
+            if let Some(spot) = self.picture_sized([width, height], wish, 1.5) {
+                wish = Wish::Facing(spot.side, spot.along() + width + 0.2);
+            }
         }
     }
 
-    /// Towels at hand height; returns how many there was room for.
+    /// Towels at hand height.
     pub(super) fn towels(&mut self, count: usize) {
         for _ in 0..count {
-            let towel = super::super::furniture::baths::towel(self.taste);
+            let towel = towels::TOWEL.any(self.taste);
             let base = 1.42 - towel.size().y / 2.0;
             self.hang(&towel, base, Wish::Anywhere);
         }
     }
 
-    /// Coats on hooks along one wall.
+    /// Clothes on hooks.
     pub(super) fn coats(&mut self, count: usize) {
         for _ in 0..count {
-            let coat = decor::coat(self.taste);
-            let size = coat.size();
-            let base = 1.78 - size.y;
-            let mut places = self.wall_places(size.x, Wish::Anywhere);
-            places.sort_by(|a, b| a.2.total_cmp(&b.2));
-            let fitting = places.into_iter().find(|&(side, start, _)| {
-                let claim =
-                    Claim { y: [base, 1.8], ..self.claim_at_wall(side, [start, start + size.x], size, 0.0) };
-                self.space.fits(&claim)
-            });
-            if let Some((side, start, _)) = fitting {
-                self.hang_deep(&coat, base, side, start + size.x / 2.0);
-            }
+            let coat = clothes::HANGING.any(self.taste);
+            self.hang_somewhere(&coat, 1.78 - coat.size().y);
         }
     }
 
-    /// A lamp in the middle of the ceiling.
-    pub(super) fn ceiling_lamp(&mut self) {
-        let lamp = lights::pendant(self.taste);
-        let [x, z] = self.space.room.center();
-        self.add(&lamp, Side::North, Vector3::new(x, CEILING_M, z));
-    }
-
-    /// A mirror, if there is room for it.
-    pub(super) fn mirror(&mut self, width: f32, height: f32, wish: Wish) {
-        let mirror = decor::mirror(self.taste, width, height);
-        self.hang(&mirror, 1.5 - height / 2.0, wish);
-    }
-
-    /// A plant on the floor.
-    pub(super) fn floor_plant(&mut self) {
-        let plant = decor::plant(self.taste, true);
-        self.stand(&plant, Wish::Corner, 0.0);
+    /// Lamps under the ceiling, one for every 16 square metres.
+    pub(super) fn ceiling_lamps(&mut self) {
+        let lamp = lights::PENDANT.any(self.taste);
+        let room = self.space.room;
+        let [x, z] = room.center();
+        let count = ((self.area_m2() / 16.0) as usize).clamp(1, 3);
+        for i in 0..count {
+            let share = (i as f32 + 0.5) / count as f32 - 0.5;
+            let [dx, dz] = if room.size()[0] > room.size()[1] { [share, 0.0] } else { [0.0, share] };
+            let place = Vector3::new(x + dx * room.size()[0], CEILING_M, z + dz * room.size()[1]);
+            self.add(&lamp, Side::North, place);
+        }
     }
 }

@@ -70,7 +70,7 @@ impl Model {
 
     /// A stuffed pillow that lies on y = `y[0]`: thick in the middle, thin at its seam.
     pub(in crate::procedural) fn pillow(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
-        const CELLS: usize = 6;
+        const CELLS: usize = 5;
         let half = (y[1] - y[0]) / 2.0;
         let seam = y[0] + half;
         let at = |span: Span, index: usize| span[0] + (span[1] - span[0]) * index as f32 / CELLS as f32;

@@ -1,0 +1,122 @@
+//! Single things, drawn by weights that depend on the room, until it is as full as homes are.
+
+use super::super::furniture::*;
+use super::*;
+
+/// How a single thing is put up.
+#[derive(Clone, Copy)]
+enum Way {
+    /// With its back to a wall, so much floor before it free, metres.
+    Stand(Wish, f32),
+    /// On a wall, its middle so high, metres.
+    Hang(f32),
+    /// A picture of a drawn format, at eye height.
+    Picture,
+    /// A towel, a coat.
+    Towel,
+    Coat,
+}
+
+use Way::*;
+use Wish::*;
+
+/// A make, how likely it is, and how it is put up.
+type Extra = (&'static Make, f32, Way);
+
+const PICTURE: Extra = (&pictures::PICTURE, 2.60, Picture);
+const PLANT: Extra = (&plants::FLOOR_PLANT, 1.00, Stand(Corner, 0.0));
+const CLOCK: Extra = (&boards::CLOCK, 0.35, Hang(1.8));
+const LAMP: Extra = (&lights::FLOOR_LAMP, 0.20, Stand(Corner, 0.0));
+const SCONCE: Extra = (&lights::SCONCE, 0.12, Hang(1.75));
+const MIRROR: Extra = (&pictures::MIRROR, 0.25, Hang(1.5));
+const CHAIR: Extra = (&chairs::CHAIR, 3.60, Stand(Anywhere, 0.3));
+const ARMCHAIR: Extra = (&chairs::ARMCHAIR, 0.90, Stand(Anywhere, 0.4));
+const STOOL: Extra = (&stools::STOOL, 0.80, Stand(Anywhere, 0.0));
+const FOOTSTOOL: Extra = (&stools::FOOTSTOOL, 0.6, Stand(Anywhere, 0.2));
+const CABINET: Extra = (&cabinets::SIDEBOARD, 0.7, Stand(Anywhere, 0.5));
+const TABLE: Extra = (&tables::SIDE_TABLE, 2.40, Stand(Anywhere, 0.2));
+const SHELF: Extra = (&shelves::WALL_SHELF, 1.10, Hang(1.5));
+const CONSOLE: Extra = (&tables::CONSOLE, 1.50, Stand(Anywhere, 0.4));
+const BOOKCASE: Extra = (&shelves::BOOKCASE, 1.0, Stand(Corner, 0.5));
+const BENCH: Extra = (&stools::SEATING, 0.60, Stand(Anywhere, 0.3));
+const BASKET: Extra = (&decor::BASKET, 0.35, Stand(Corner, 0.0));
+const BIN: Extra = (&decor::BIN, 0.3, Stand(Corner, 0.0));
+const STATUE: Extra = (&decor::STATUE, 0.15, Stand(Corner, 0.0));
+const TOWEL: Extra = (&towels::TOWEL, 0.80, Towel);
+const COAT: Extra = (&clothes::HANGING, 0.10, Coat);
+const RADIATOR: Extra = (&hearths::RADIATOR, 0.25, Stand(Anywhere, 0.0));
+const BOARD: Extra = (&boards::BOARD, 0.5, Hang(1.5));
+
+/// What may be added to a room of a kind.
+fn choice(kind: RoomKind) -> &'static [Extra] {
+    match kind {
+        RoomKind::Hallway | RoomKind::Entryway => {
+            &[PICTURE, PLANT, CHAIR, BENCH, SCONCE, COAT, MIRROR, RADIATOR, CLOCK]
+        }
+        RoomKind::LivingRoom | RoomKind::GameRoom => &[
+            PICTURE, PLANT, LAMP, ARMCHAIR, CONSOLE, BOOKCASE, BENCH, FOOTSTOOL, CABINET, TABLE, SHELF,
+            CLOCK, STATUE, BASKET, CHAIR, SCONCE,
+        ],
+        RoomKind::Library => &[PICTURE, PLANT, ARMCHAIR, FOOTSTOOL, TABLE, CLOCK, STATUE, CHAIR],
+        RoomKind::Kitchen => &[PICTURE, STOOL, CHAIR, BIN, CLOCK, SHELF, PLANT, TOWEL, CABINET],
+        RoomKind::DiningRoom => &[PICTURE, PLANT, CHAIR, CABINET, CONSOLE, CLOCK, MIRROR, SCONCE, STATUE],
+        RoomKind::Bedroom => &[
+            PICTURE, PLANT, CHAIR, MIRROR, BOOKCASE, BENCH, FOOTSTOOL, BASKET, COAT, SHELF, TABLE, LAMP,
+            RADIATOR, STOOL,
+        ],
+        RoomKind::Bathroom => &[TOWEL, PLANT, STOOL, BIN, BASKET, PICTURE, SHELF, RADIATOR, SCONCE, COAT],
+        RoomKind::Closet => &[COAT, BASKET, STOOL, MIRROR, SHELF],
+        RoomKind::Office => &[PICTURE, PLANT, CHAIR, CLOCK, SHELF, BIN, LAMP, BOARD, CABINET],
+        RoomKind::Gym => &[PICTURE, TOWEL, MIRROR, STOOL, CLOCK, PLANT],
+        RoomKind::Laundry | RoomKind::Utility | RoomKind::Garage => {
+            &[BASKET, STOOL, CHAIR, BIN, SHELF, CABINET, COAT, CLOCK, BOARD, RADIATOR]
+        }
+        RoomKind::Stairs => &[PICTURE],
+    }
+}
+
+impl Decorator<'_> {
+    /// Adds single things, more where there is more floor.
+    pub(super) fn extras(&mut self, kind: RoomKind) {
+        let choice = choice(kind);
+        let weights: Vec<f32> = choice.iter().map(|(_, weight, _)| *weight).collect();
+        let wanted = (2.0 + self.area_m2() * 0.28).clamp(2.0, 11.0) as usize;
+        for _ in 0..wanted {
+            let (make, _, way) = choice[self.taste.weighted(&weights)];
+            self.extra(make, way);
+        }
+    }
+
+    fn extra(&mut self, make: &'static Make, way: Way) {
+        match way {
+            Stand(wish, front_m) => {
+                let spot = self.put(make, wish, front_m);
+                let low =
+                    spot.filter(|spot| matches!(make.category, "table" | "cabinet") && spot.height_m() < 1.1);
+                if let Some(spot) = low {
+                    self.clutter(&spot, 2);
+                }
+                if let Some(bench) = spot.filter(|_| make.category == "seating") {
+                    if self.maybe(0.6) {
+                        self.on_top(&beds::CUSHION, &bench, [-0.8, 0.0]);
+                    }
+                }
+            }
+            Hang(middle_m) => {
+                let piece = make.any(self.taste);
+                let base_m = middle_m - piece.size().y / 2.0;
+                if piece.size().z > 0.12 {
+                    self.hang_somewhere(&piece, base_m);
+                } else {
+                    self.hang(&piece, base_m, Middle);
+                }
+            }
+            Picture => {
+                let count = [1, 1, 1, 2, 2, 3][self.rng.below(6)];
+                self.pictures(count);
+            }
+            Towel => self.towels(1),
+            Coat => self.coats(1),
+        }
+    }
+}
