@@ -4,6 +4,7 @@ pub mod agent;
 pub mod demo;
 pub mod phase;
 pub mod scene;
+pub mod scene_import;
 pub mod scene_stats;
 pub mod serve;
 pub mod sim;

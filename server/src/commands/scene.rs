@@ -1,5 +1,6 @@
 //! Looks at scenes and exports them.
 
+use super::scene_import;
 use crate::say::say;
 use crate::{Failure, FailureKind};
 use avln_scene::{Scene, glb, open, procedural};
@@ -18,6 +19,8 @@ pub enum Command {
         #[arg(value_name = "OUT.glb")]
         out: PathBuf,
     },
+    /// Read a scan in whatever layout it comes and write it as a scene of the arena
+    Import(scene_import::Options),
     /// Measure scenes: size, clutter, how hard they are to walk in, next to real buildings
     Stats(super::scene_stats::Options),
     /// Print what a scene holds
@@ -32,7 +35,7 @@ pub enum Command {
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 pub struct Choice {
-    /// A GLB or glTF file, or a folder in the HM3D layout
+    /// A scene file or folder, in any layout that `avln scene import` reads
     #[arg(long, value_name = "PATH")]
     scene: Option<PathBuf>,
     /// Seed of a procedural house
@@ -46,6 +49,7 @@ pub struct Choice {
 /// When the scene cannot be read or the file cannot be written.
 pub fn run(command: Command) -> Result<(), Failure> {
     match command {
+        Command::Import(options) => scene_import::run(&options),
         Command::Export { scene, out } => export(&load(&scene)?, &out),
         Command::Stats(options) => super::scene_stats::run(&options),
         Command::Info { scene } => {
