@@ -6,6 +6,7 @@ pub mod phase;
 pub mod scene;
 pub mod scene_export;
 pub mod scene_preview;
+pub mod scene_import;
 pub mod scene_stats;
 pub mod serve;
 pub mod sim;

@@ -1,6 +1,7 @@
 //! Looks at scenes and exports them.
 
 use super::scene_export::{Semantics, export};
+use super::scene_import;
 use crate::say::say;
 use crate::{Failure, FailureKind};
 use avln_scene::{Scene, open, procedural};
@@ -22,6 +23,8 @@ pub enum Command {
         #[arg(long, value_name = "LAYOUT", hide_possible_values = true)]
         semantics: Option<Semantics>,
     },
+    /// Read a scan in whatever layout it comes and write it as a scene of the arena
+    Import(scene_import::Options),
     /// Measure scenes: size, clutter, how hard they are to walk in, next to real buildings
     Stats(super::scene_stats::Options),
     /// Print what a scene holds
@@ -38,7 +41,7 @@ pub enum Command {
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 pub struct Choice {
-    /// A GLB or glTF file, or a folder in the HM3D layout
+    /// A scene file or folder, in any layout that `avln scene import` reads
     #[arg(long, value_name = "PATH")]
     scene: Option<PathBuf>,
     /// Seed of a procedural house
@@ -53,6 +56,7 @@ pub struct Choice {
 pub fn run(command: Command) -> Result<(), Failure> {
     match command {
         Command::Export { scene, out, semantics } => export(&load(&scene)?, &out, semantics),
+        Command::Import(options) => scene_import::run(&options),
         Command::Stats(options) => super::scene_stats::run(&options),
         Command::Info { scene } => {
             print_info(&load(&scene)?);

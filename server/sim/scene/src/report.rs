@@ -1,5 +1,7 @@
 //! What an importer noticed that does not stop it.
 
+use std::path::PathBuf;
+
 /// Warnings beyond this many are counted in one line.
 const MAX_WARNINGS: usize = 100;
 const MORE: &str = "there are further warnings, which are not listed";
@@ -9,6 +11,8 @@ const MORE: &str = "there are further warnings, which are not listed";
 pub struct Report {
     /// The layout that was recognised (`HM3D`, `glTF` …); empty before.
     pub layout: &'static str,
+    /// The file with the navigation mesh that lies beside the scene.
+    pub navmesh: Option<PathBuf>,
     /// One sentence each, in the order in which they came up; none twice, at most 100 and a last one that says so.
     pub warnings: Vec<String>,
 }

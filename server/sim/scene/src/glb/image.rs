@@ -15,7 +15,7 @@ const JPEG_MAGIC: &[u8] = &[0xff, 0xd8, 0xff];
 const SUPPORTED: &str = "PNG, JPEG, KTX2 and .basis pictures are read: convert the textures";
 
 /// Decodes a picture without touching its colours; takes the texels from `budget`.
-pub(super) fn decode(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
+pub(crate) fn decode(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
     if bytes.starts_with(PNG_MAGIC) {
         decode_png(bytes, budget)
     } else if bytes.starts_with(JPEG_MAGIC) {
@@ -99,7 +99,7 @@ fn texture(width: u32, height: u32, raw: &[u8], samples: usize) -> Checked<Textu
 }
 
 /// What stands in for a picture that is not there: a checker of magenta and black.
-pub(super) fn checker() -> Texture {
+pub(crate) fn checker() -> Texture {
     const SIDE: u32 = 16;
     let is_lit = |texel: u32| (texel / SIDE / 4 + texel % SIDE / 4).is_multiple_of(2);
     let pixels =

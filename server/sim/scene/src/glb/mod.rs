@@ -22,16 +22,18 @@ mod surfaces;
 mod transform;
 mod uri;
 
-use crate::{Material, Mesh, Report, Scene, SceneError, Texture};
+use crate::frame::{Convention, Frame, check_size};
+use crate::{Material, Mesh, Options, Report, Scene, SceneError, Texture, Up, files};
 use container::Source;
 use extras::NodeExtras;
-use limits::{MAX_FILE_BYTES, MAX_SCENE_SIDE_M, MIN_SCENE_SIDE_M};
+use limits::MAX_FILE_BYTES;
 use std::path::Path;
 
 pub(crate) use bounded::bounded;
 pub use export::export;
+pub(crate) use image::{checker, decode as decode_picture};
 pub(crate) use names::category as category_of_name;
-pub(crate) use uri::read_limited;
+pub(crate) use uri::{neighbour, read_limited};
 
 /// `Err` is the reason, in words that continue "… is not a usable scene: ".
 pub(crate) type Checked<T> = Result<T, String>;
@@ -46,6 +48,26 @@ pub(crate) struct Model {
     node_of: Vec<u32>,
     nodes: Vec<ModelNode>,
     scene_extras: serde_json::Value,
+}
+
+impl Model {
+    /// Surfaces of parts with names; `part_of` holds an index into `names` for each triangle.
+    pub(crate) fn of_parts(
+        mesh: Mesh,
+        materials: Vec<Material>,
+        textures: Vec<Texture>,
+        part_of: Vec<u32>,
+        names: Vec<String>,
+    ) -> Self {
+        let node = |name| ModelNode { name, parent: None, extras: None };
+        let nodes = names.into_iter().map(node).collect();
+        Self { mesh, materials, textures, node_of: part_of, nodes, scene_extras: serde_json::Value::Null }
+    }
+}
+
+/// The scene of a model, with the instances that its nodes' extras or names tell.
+pub(crate) fn named_scene(name: String, model: Model) -> Checked<Scene> {
+    instances::scene(name, model)
 }
 
 /// A node of the default scene; parents stand before their children.
@@ -64,9 +86,19 @@ struct ModelNode {
 /// [`SceneError::Read`] when the file itself cannot be read; [`SceneError::Malformed`] when it is damaged, exceeds one of
 /// the [`limits`], uses a compression or texture format that is not read, or cannot be in metres.
 pub fn import(path: &Path, report: &mut Report) -> Result<Scene, SceneError> {
-    let label = path.display().to_string();
-    let model = read_model(path, report)?;
-    instances::scene(scene_name(path), model).map_err(|reason| SceneError::Malformed { path: label, reason })
+    import_as(path, &Options::default(), report)
+}
+
+/// [`import`] with axes and unit as the caller knows them.
+///
+/// # Errors
+/// Those of [`import`].
+pub fn import_as(path: &Path, options: &Options, report: &mut Report) -> Result<Scene, SceneError> {
+    let fail = |reason| files::malformed(path, reason);
+    let mut model = read_part(path, report)?;
+    Frame::of(&model.mesh, options, Convention::Fixed(Up::Y), report).apply(&mut model.mesh);
+    check_size(&model.mesh, report).map_err(fail)?;
+    named_scene(scene_name(path), model).map_err(fail)
 }
 
 /// The same as [`import`] for bytes at hand, which must hold all their data (`.glb`, or `data:` URIs).
@@ -76,27 +108,25 @@ pub fn import(path: &Path, report: &mut Report) -> Result<Scene, SceneError> {
 /// [`SceneError::Malformed`], as for [`import`].
 pub fn from_bytes(name: &str, label_for_errors: &str, bytes: &[u8]) -> Result<Scene, SceneError> {
     parse(bytes, None, &mut Report::default())
-        .and_then(|model| check_units(&model.mesh).map(|()| model))
-        .and_then(|model| instances::scene(name.to_owned(), model))
+        .and_then(|model| check_size(&model.mesh, &mut Report::default()).map(|()| model))
+        .and_then(|model| named_scene(name.to_owned(), model))
         .map_err(|reason| SceneError::Malformed { path: label_for_errors.to_owned(), reason })
 }
 
 /// The surfaces of a building's file, checked, without instances.
 pub(crate) fn read_model(path: &Path, report: &mut Report) -> Result<Model, SceneError> {
     let model = read_part(path, report)?;
-    match check_units(&model.mesh) {
-        Ok(()) => Ok(model),
-        Err(reason) => Err(SceneError::Malformed { path: path.display().to_string(), reason }),
-    }
+    // Which axis is the height is not settled yet: what is said of it would mislead.
+    check_size(&model.mesh, &mut Report::default()).map_err(|reason| files::malformed(path, reason))?;
+    Ok(model)
 }
 
 /// The surfaces of a file that may be of any size, even none.
 pub(crate) fn read_part(path: &Path, report: &mut Report) -> Result<Model, SceneError> {
-    let label = || path.display().to_string();
-    let bytes =
-        read_limited(path, MAX_FILE_BYTES).map_err(|source| SceneError::Read { path: label(), source })?;
+    let path = &files::resolve(path, report)?;
+    let bytes = files::read(path, MAX_FILE_BYTES, report)?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    parse(&bytes, Some(folder), report).map_err(|reason| SceneError::Malformed { path: label(), reason })
+    parse(&bytes, Some(folder), report).map_err(|reason| files::malformed(path, reason))
 }
 
 /// The part of a file name before the first dot, with what a scene name may not hold replaced by `_`.
@@ -110,26 +140,6 @@ pub(crate) fn scene_name(path: &Path) -> String {
 
 fn parse(bytes: &[u8], folder: Option<&Path>, report: &mut Report) -> Checked<Model> {
     surfaces::model(&Source::parse(bytes, folder)?, report)
-}
-
-/// Refuses a scene whose size says that it is not in metres.
-pub(crate) fn check_units(mesh: &Mesh) -> Checked<()> {
-    let bounds =
-        avln_geom::Aabb::around(&mesh.positions).ok_or("it holds no triangles; export the meshes with it")?;
-    let size = bounds.size();
-    let longest = size.max();
-    if (MIN_SCENE_SIDE_M..=MAX_SCENE_SIDE_M).contains(&longest) {
-        return Ok(());
-    }
-    let hint = if longest > MAX_SCENE_SIDE_M {
-        "by 0.01 if it is in centimetres, by 0.001 if in millimetres"
-    } else {
-        "up until a door is about 2 m high"
-    };
-    Err(format!(
-        "it measures {} x {} x {} m, a building is {MIN_SCENE_SIDE_M} to {MAX_SCENE_SIDE_M} m long; scale it in a 3D editor ({hint}) and export it in metres",
-        size.x, size.y, size.z
-    ))
 }
 
 #[cfg(test)]

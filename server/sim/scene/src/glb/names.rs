@@ -27,19 +27,20 @@ fn without_number(name: &str) -> Option<&str> {
     is_number.then_some(rest)
 }
 
-/// `KitchenTable_01.002` as `kitchen table`.
+/// `KitchenTable_01.002` as `kitchen table`, `TVCabinet` as `tv cabinet`.
 fn phrase(name: &str) -> String {
     let trimmed = name.trim_end_matches(|letter: char| letter.is_ascii_digit() || "_-. ".contains(letter));
+    let letters: Vec<char> = trimmed.chars().collect();
     let mut phrase = String::new();
-    let mut before = ' ';
-    for letter in trimmed.chars() {
-        let begins_word = letter.is_uppercase() && (before.is_lowercase() || before.is_ascii_digit());
-        if begins_word && before != ' ' {
+    for (index, &letter) in letters.iter().enumerate() {
+        let before = index.checked_sub(1).map_or(' ', |before| letters[before]);
+        let is_followed_by_small = letters.get(index + 1).is_some_and(|next| next.is_lowercase());
+        let ends_acronym = before.is_uppercase() && is_followed_by_small;
+        if letter.is_uppercase() && (before.is_lowercase() || before.is_ascii_digit() || ends_acronym) {
             phrase.push(' ');
         }
         let shown = if "_-.".contains(letter) { ' ' } else { letter };
         phrase.extend(shown.to_lowercase());
-        before = shown;
     }
     phrase.split_whitespace().collect::<Vec<_>>().join(" ")
 }
@@ -55,6 +56,10 @@ mod tests {
             ("KitchenTable_01_001_26", Some("table")),
             ("SofaC_01_001_89", Some("sofa")),
             ("bed.002", Some("bed")),
+            ("TVCabinet_01_001", Some("cabinet")),
+            ("TV_01_001", Some("tv_monitor")),
+            ("CookingBench_01_001_3", Some("counter")),
+            ("AirconditionerA_01_001", Some("appliances")),
             ("HouseWallB_01_001_36", Some("wall")),
             ("mesh2057757694", None),
             ("", None),

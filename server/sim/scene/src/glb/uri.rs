@@ -61,7 +61,7 @@ pub(crate) fn read_limited(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> 
 }
 
 /// The file that a relative URI names, which must lie in `folder` or below it.
-fn neighbour(folder: &Path, address: &str) -> Checked<PathBuf> {
+pub(crate) fn neighbour(folder: &Path, address: &str) -> Checked<PathBuf> {
     let outside =
         || format!("it names {address:?}, which does not lie in its own folder; move that file beside it");
     let decoded = percent_decoded(address).ok_or_else(outside)?;

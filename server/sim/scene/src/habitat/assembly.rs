@@ -5,8 +5,9 @@ use super::placing;
 use super::rooms::Room;
 use super::templates::Template;
 use crate::describe::{Meaning, Surfaces};
+use crate::frame::check_size;
 use crate::glb::limits::{MAX_TEXELS, MAX_TRIANGLES, MAX_VERTICES};
-use crate::glb::{self, Checked, check_units};
+use crate::glb::{self, Checked};
 use crate::{Attributes, InstanceId, Material, Mesh, Object, Report, Scene, SceneError, Texture};
 use avln_geom::{Aabb, Point3};
 use nalgebra::Matrix4;
@@ -157,7 +158,7 @@ impl Assembly {
 
     /// Numbers and describes the instances; `rooms` are the scene's.
     pub(super) fn finish(mut self, rooms: Vec<Room>, report: &mut Report) -> Checked<Scene> {
-        check_units(&self.mesh)?;
+        check_size(&self.mesh, report)?;
         if let Some(example) = self.unlabelled.first() {
             report.warn(format!(
                 "{} templates have no category, {example:?} for one; their instances are surfaces without a label",

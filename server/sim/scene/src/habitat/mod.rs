@@ -20,7 +20,7 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use templates::{Kind, Templates};
 
-const DATASET_SUFFIX: &str = ".scene_dataset_config.json";
+pub(crate) const DATASET_SUFFIX: &str = ".scene_dataset_config.json";
 const SCENE_SUFFIX: &str = ".scene_instance.json";
 /// Folders above a scene instance that are searched for its data set.
 const MAX_PARENTS: usize = 6;

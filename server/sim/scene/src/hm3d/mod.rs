@@ -2,14 +2,13 @@
 //! (colour to category and region). The result has the triangles of `X.glb`, turned Y up.
 
 mod annotations;
-mod bake;
 mod export;
 mod paint;
 mod regions;
 
 use crate::describe::{Meaning, Surfaces, meaning};
 use crate::glb::{self, Checked, Model, read_limited};
-use crate::{Attributes, InstanceId, Mesh, Object, Report, Scene, SceneError};
+use crate::{Attributes, InstanceId, Mesh, Object, Report, Scene, SceneError, bake};
 use annotations::Annotation;
 use avln_geom::{Aabb, Point3};
 use std::collections::BTreeMap;

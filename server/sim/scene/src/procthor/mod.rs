@@ -11,7 +11,8 @@ mod shell;
 mod sizes;
 mod things;
 
-use crate::glb::{self, check_units, limits::MAX_WORD_CHARS, read_limited};
+use crate::frame::check_size;
+use crate::glb::{self, limits::MAX_WORD_CHARS, read_limited};
 use crate::{InstanceId, Material, Mesh, Region, Report, Scene, SceneError};
 use avln_geom::{Aabb, Point2, Point3};
 use schema::House;
@@ -53,7 +54,7 @@ pub fn import(path: &Path, report: &mut Report) -> Result<Scene, SceneError> {
     let mut builder = Builder::default();
     let rooms = shell::build(&house, &mut builder, report).map_err(fail)?;
     let objects = things::build(&house, &sizes, &rooms, &mut builder, report).map_err(fail)?;
-    check_units(&builder.mesh).map_err(fail)?;
+    check_size(&builder.mesh, report).map_err(fail)?;
     let region = |room: &shell::Room| Region { label: room.label.clone(), bounds: room.bounds, storey: 0 };
     Ok(Scene {
         name: glb::scene_name(path),

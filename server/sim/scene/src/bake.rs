@@ -5,6 +5,8 @@ use avln_geom::{Aabb, Point3};
 
 /// Centres of corresponding triangles lie at most this far apart, metres.
 const SAME_TRIANGLE_M: f32 = 0.01;
+/// Triangles of meshes in another order are the same where their centres lie at most this far apart, metres.
+const TWIN_M: f32 = 0.0005;
 /// A triangle takes its number from the semantic surface at most this far from its centre, metres.
 const REACH_M: f32 = 0.5;
 /// Edge of a search cell, metres, unless the scene would need more than [`MAX_CELLS`] of them.
@@ -16,9 +18,9 @@ const SAMPLE_M: f32 = 0.2;
 const MAX_EXTRA_SAMPLES: usize = 4_000_000;
 const MAX_CUTS: usize = 64;
 
-/// A number for each triangle of `render`: that of the same triangle of `semantic` where the meshes correspond in order,
-/// else that of the nearest semantic surface, else 0.
-pub(super) fn transfer(semantic: &Mesh, labels: &[u32], render: &Mesh) -> Vec<u32> {
+/// A number for each triangle of `render`: that of the same triangle of `semantic` where the meshes correspond in order or
+/// a triangle has its centre in the same place, else that of the nearest semantic surface, else 0.
+pub(crate) fn transfer(semantic: &Mesh, labels: &[u32], render: &Mesh) -> Vec<u32> {
     let from = centers(semantic);
     let to = centers(render);
     let same = from.len() == to.len() && from.iter().zip(&to).all(|(a, b)| (a - b).norm() <= SAME_TRIANGLE_M);
@@ -26,9 +28,15 @@ pub(super) fn transfer(semantic: &Mesh, labels: &[u32], render: &Mesh) -> Vec<u3
         return labels.to_vec();
     }
     let (points, triangle_of) = samples(semantic);
-    let Some(grid) = Grid::new(&points) else { return vec![0; to.len()] };
-    let label = |point: usize| labels[triangle_of[point] as usize];
-    to.iter().map(|center| grid.nearest(center).map_or(0, label)).collect()
+    let (Some(surfaces), Some(wholes)) = (Grid::new(&points), Grid::new(&from)) else {
+        return vec![0; to.len()];
+    };
+    let label = |center: &Point3<f32>| {
+        let twin = wholes.nearest(center).filter(|&twin| (from[twin] - center).norm() <= TWIN_M);
+        let triangle = twin.or_else(|| surfaces.nearest(center).map(|point| triangle_of[point] as usize));
+        triangle.map_or(0, |triangle| labels[triangle])
+    };
+    to.iter().map(label).collect()
 }
 
 /// Points spread over the mesh, and the triangle of each.
