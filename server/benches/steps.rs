@@ -259,6 +259,7 @@ async fn furnish(folder: &Path) -> String {
     let open = phase::Open {
         id: PHASE.to_owned(),
         split: PHASE.to_owned(),
+        dataset: None,
         title: None,
         scores: phase::Who::Public,
         replays: phase::Who::Public,

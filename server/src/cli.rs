@@ -31,6 +31,9 @@ pub enum Command {
     /// Make splits of scenes and missions
     #[command(subcommand)]
     Split(commands::split::Command),
+    /// Build data sets by recipe, count them, check them
+    #[command(subcommand)]
+    Dataset(commands::dataset::Command),
     /// Open phases on a split
     #[command(subcommand)]
     Phase(commands::phase::Command),
@@ -71,6 +74,7 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
     match cli.command {
         Command::Scene(command) => commands::scene::run(command),
         Command::Sim(command) => commands::sim::run(command),
+        Command::Dataset(command) => commands::dataset::run(command),
         other => asynchronous(&cli.data, other),
     }
 }
@@ -86,5 +90,6 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
         Command::Team(command) => commands::team::run(data, command).await,
         Command::Scene(command) => commands::scene::run(command),
         Command::Sim(command) => commands::sim::run(command),
+        Command::Dataset(command) => commands::dataset::run(command),
     }
 }

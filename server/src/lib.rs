@@ -5,6 +5,7 @@
 pub mod arena;
 mod cli;
 pub mod commands;
+pub mod dataset;
 pub mod doors;
 mod failure;
 pub mod preview;

@@ -86,6 +86,7 @@ pub async fn furnish(folder: &Path, plan: &Plan) -> String {
     let open = phase::Open {
         id: PHASE.to_owned(),
         split: PHASE.to_owned(),
+        dataset: None,
         title: None,
         scores: plan.visible_to,
         replays: plan.replays_to.unwrap_or(plan.visible_to),

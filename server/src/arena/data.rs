@@ -1,8 +1,12 @@
 //! The folder that holds everything the server keeps.
 
-use crate::{Failure, FailureKind};
+use crate::{
+    Failure, FailureKind,
+    dataset::{DatasetFiles, SplitFolder},
+};
 use avln_dataset::Split;
 use avln_store::Store;
+use serde::{Deserialize, Serialize};
 use std::{
     io,
     path::{Path, PathBuf},
@@ -47,57 +51,94 @@ impl DataFolder {
         Ok(Store::open(&self.root.join("avln.db")).await?)
     }
 
-    /// Writes a split; its name must be free.
+    /// Writes a split as a data set of its own; its name must be free.
     ///
     /// # Errors
-    /// When there is one of that name with other content, or the file cannot be written.
+    /// When there is one of that name with other missions, or it cannot be written.
     pub fn save_split(&self, split: &Split) -> Result<(), Failure> {
-        let (path, bytes) = (self.split_path(&split.name)?, split.to_json()?);
-        if path.exists() && self.split_bytes(&split.name)? != bytes {
-            return Err(Failure::new(
-                FailureKind::Scene,
-                format!("split '{}' exists with other missions", split.name),
-            )
-            .hinted("give the new split another name"));
+        let folder = self.split_folder(&split.name)?;
+        if self.knows(&split.name)? && self.split(&split.name)? != *split {
+            return Err(taken(&split.name));
         }
-        // A file under its final name is always whole.
-        let partial = path.with_extension("json.partial");
-        std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, &path)).map_err(|error| {
-            Failure::new(FailureKind::Data, format!("cannot write split file {}: {error}", path.display()))
-        })
+        DatasetFiles::at(&folder).write_split(split)
     }
 
-    /// Reads the split called `name`.
+    /// Makes a split of a data set elsewhere known under a name of its own; gives back the name.
     ///
     /// # Errors
-    /// When there is none, or its file cannot be used.
-    pub fn split(&self, name: &str) -> Result<Split, Failure> {
-        Ok(Split::from_json(&self.split_bytes(name)?)?)
+    /// When there is no such split, or the name is taken by another one.
+    pub fn link_split(&self, dataset: &Path, split: &str) -> Result<String, Failure> {
+        let root = dataset.canonicalize().map_err(|error| {
+            Failure::new(FailureKind::Data, format!("cannot find data set {}: {error}", dataset.display()))
+        })?;
+        let name = format!("{}-{split}", DatasetFiles::at(&root).manifest()?.name);
+        let (digest, path) = (SplitFolder::open(&root, split)?.digest().to_owned(), self.link_path(&name)?);
+        if self.knows(&name)? && self.missions(&name)?.digest() != digest {
+            return Err(taken(&name));
+        }
+        let link = Link { dataset: root, split: split.to_owned() };
+        let json = serde_json::to_vec(&link).map_err(|error| Failure::new(FailureKind::Internal, error))?;
+        std::fs::write(&path, json).map_err(|error| {
+            Failure::new(FailureKind::Data, format!("cannot write {}: {error}", path.display()))
+        })?;
+        Ok(name)
     }
 
-    /// Digest of the split file: it changes whenever a mission does.
+    /// The split called `name`; its missions stay on disk until somebody asks.
     ///
     /// # Errors
-    /// When there is no such split.
-    pub fn split_digest(&self, name: &str) -> Result<String, Failure> {
-        Ok(blake3::hash(&self.split_bytes(name)?).to_hex().to_string())
-    }
-
-    fn split_bytes(&self, name: &str) -> Result<Vec<u8>, Failure> {
-        let path = self.split_path(name)?;
-        std::fs::read(&path).map_err(|error| {
+    /// When there is none, or its files cannot be used.
+    pub fn missions(&self, name: &str) -> Result<SplitFolder, Failure> {
+        let (folder, path) = (self.split_folder(name)?, self.link_path(name)?);
+        if folder.is_dir() {
+            return SplitFolder::open(&folder, name);
+        }
+        let unreadable = |error: String| {
             Failure::new(
                 FailureKind::Data,
                 format!("cannot read split '{name}' at {}: {error}", path.display()),
             )
-            .hinted("make it with: avln split make NAME")
-        })
+            .hinted("make it with: avln split make NAME, or open a phase on a data set with --dataset")
+        };
+        let bytes = std::fs::read(&path).map_err(|error| unreadable(error.to_string()))?;
+        let link: Link = serde_json::from_slice(&bytes).map_err(|error| unreadable(error.to_string()))?;
+        SplitFolder::open(&link.dataset, &link.split)
     }
 
-    fn split_path(&self, name: &str) -> Result<PathBuf, Failure> {
-        check_name("split", name)?;
-        Ok(self.root.join("splits").join(format!("{name}.json")))
+    /// The split called `name`, with all missions in memory.
+    ///
+    /// # Errors
+    /// When there is none, or its files cannot be used.
+    pub fn split(&self, name: &str) -> Result<Split, Failure> {
+        Ok(Split { name: name.to_owned(), ..self.missions(name)?.load()? })
     }
+
+    fn knows(&self, name: &str) -> Result<bool, Failure> {
+        Ok(self.split_folder(name)?.is_dir() || self.link_path(name)?.is_file())
+    }
+
+    fn split_folder(&self, name: &str) -> Result<PathBuf, Failure> {
+        check_name("split", name)?;
+        Ok(self.root.join("splits").join(name))
+    }
+
+    fn link_path(&self, name: &str) -> Result<PathBuf, Failure> {
+        check_name("split", name)?;
+        Ok(self.root.join("splits").join(format!("{name}.link.json")))
+    }
+}
+
+/// Where a split lies that is not in the data folder.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Link {
+    dataset: PathBuf,
+    split: String,
+}
+
+fn taken(name: &str) -> Failure {
+    Failure::new(FailureKind::Scene, format!("split '{name}' exists with other missions"))
+        .hinted("give the new split another name")
 }
 
 /// Names become file names and parts of URLs: letters, digits, `-` and `_`, at most 64.

@@ -95,7 +95,7 @@ impl Host for Arena {
             done: run.done,
             digests: Digests {
                 engine: format!("avln {}", env!("CARGO_PKG_VERSION")),
-                dataset: stage.split_digest.clone(),
+                dataset: stage.split.digest().to_owned(),
                 scorer: BENCHMARK_VERSION.to_owned(),
                 config: stage.config_digest(),
             },
@@ -139,7 +139,7 @@ impl Stage {
         let digests = [
             ("benchmark", BENCHMARK_VERSION.to_owned()),
             ("server", env!("CARGO_PKG_VERSION").to_owned()),
-            ("split", self.split_digest.clone()),
+            ("split", self.split.digest().to_owned()),
             ("config", self.config_digest()),
         ];
         digests.into_iter().map(|(name, digest)| (name.to_owned(), digest)).collect()

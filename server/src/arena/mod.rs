@@ -11,8 +11,8 @@ pub mod register;
 mod scenes;
 pub mod secret;
 
-use crate::{Failure, FailureKind};
-use avln_dataset::{EpisodeSpec, Split};
+use crate::{Failure, FailureKind, dataset::SplitFolder};
+use avln_dataset::EpisodeSpec;
 use avln_episode::{FeedbackRule, Rules};
 use avln_store::{Phase, PhaseEpisode, PhaseState, Store};
 use data::DataFolder;
@@ -39,8 +39,7 @@ pub struct Arena {
 /// A phase and the missions that are played in it.
 struct Stage {
     phase: Phase,
-    split: Split,
-    split_digest: String,
+    split: SplitFolder,
 }
 
 impl Arena {
@@ -72,24 +71,25 @@ impl Arena {
 
 impl Stage {
     fn read(data: &DataFolder, phase: Phase) -> Result<Self, Failure> {
-        let split = data.split(&phase.split)?;
-        let stage = Self { split_digest: data.split_digest(&split.name)?, phase, split };
-        let unknown = |episode: &&PhaseEpisode| stage.episode(&episode.episode).is_none();
-        let Self { phase, split, .. } = &stage;
+        let split = data.missions(&phase.split)?;
+        let unknown = |episode: &&PhaseEpisode| !split.may_hold(&episode.scene, &episode.episode);
         if let Some(missing) = phase.episodes.iter().find(unknown) {
             let message = format!(
                 "phase '{}' plays episode {}, split '{}' has none",
-                phase.id, missing.episode, split.name
+                phase.id, missing.episode, phase.split
             );
             return Err(
-                Failure::new(FailureKind::Scene, message).hinted("restore the split file from a backup")
+                Failure::new(FailureKind::Scene, message).hinted("restore the split's files from a backup")
             );
         }
-        Ok(stage)
+        Ok(Self { phase, split })
     }
 
-    fn episode(&self, id: &str) -> Option<&EpisodeSpec> {
-        self.split.episodes.iter().find(|episode| episode.id == id)
+    /// The mission called `id`. Reads the files of its scene when they are not at hand.
+    fn episode(&self, id: &str) -> Result<EpisodeSpec, Failure> {
+        let missing =
+            || Failure::new(FailureKind::Scene, format!("no episode {id} in split '{}'", self.phase.split));
+        self.split.episode(id)?.ok_or_else(missing)
     }
 
     fn is_open(&self) -> bool {

@@ -1,12 +1,12 @@
 //! Handing out episodes and taking them back.
 
-use super::{Arena, Stage, now_unix_ms, refusals::refusal, secret};
+use super::{Arena, Stage, now_unix_ms, refusals::refusal, register, secret};
 use avln_dataset::EpisodeSpec;
 use avln_episode::{EndReason, Order, Rules, Sensors};
 use avln_grpc::{EpisodeOutcome, Reason, Refusal, Seat, TimeSpent};
 use avln_referee::{Referee, RefereeError};
 use avln_scoring::{Metrics, score};
-use avln_store::{Finished, TimeAccount, Visibility};
+use avln_store::{Finished, Scene, TimeAccount, Visibility};
 use avln_truth::{EpisodeTruth, Record};
 use std::{
     collections::BTreeMap,
@@ -34,32 +34,32 @@ impl Arena {
         let Some(assigned) = assigned else { return Ok(None) };
         let (scenes, sensors, order) = (self.scenes.clone(), sensors.clone(), row.order);
         let ticket = self.take_ticket(&stage);
-        let unplayed =
-            stage.episode(&assigned.episode).map(|spec| Unplayed::new(spec.truth(order), stage.rules()));
-        let make = move || {
-            let missing = || Refusal::internal(format!("no episode {} in the split", assigned.episode));
-            let spec = stage.episode(&assigned.episode).ok_or_else(missing)?;
-            seat(&stage, &scenes, spec, order, sensors)
-        };
+        let read = read_spec(stage.clone(), assigned.episode).await;
+        let spec = read.inspect_err(|_| drop(self.return_ticket(ticket)))?;
+        let unplayed = Unplayed::new(spec.truth(order), stage.rules());
+        let playing = stage.clone();
+        let make = move || seat(&playing, &scenes, &spec, order, sensors);
         let made = tokio::task::spawn_blocking(make).await.map_err(Refusal::internal).and_then(|made| made);
         match made {
-            Ok(referee) => {
+            Ok((referee, map)) => {
+                if let Some(map) = map {
+                    self.store.upsert_scene(&map).await.map_err(refusal)?;
+                }
                 Ok(Some(Seat { handle, referee: Box::new(referee), ticket, time: TimeSpent::default() }))
             }
             Err(refusal) => {
                 self.return_ticket(ticket);
-                self.take_back(run, &handle, unplayed).await?;
+                self.take_back(run, &handle, &unplayed).await?;
                 Err(refusal)
             }
         }
     }
 
     /// Notes that an episode never started by the server's fault: it is pending again, or given up.
-    async fn take_back(&self, run: &str, handle: &str, unplayed: Option<Unplayed>) -> Result<(), Refusal> {
-        let Some(Unplayed { truth, record, metrics }) = unplayed else { return Ok(()) };
+    async fn take_back(&self, run: &str, handle: &str, unplayed: &Unplayed) -> Result<(), Refusal> {
+        let Unplayed { truth, record, metrics } = unplayed;
         let time = TimeAccount::default();
-        let finished =
-            Finished { run, handle, truth: &truth, record: &record, metrics: &metrics, time: &time };
+        let finished = Finished { run, handle, truth, record, metrics, time: &time };
         self.store.record_result(&finished, now_unix_ms()).await.map_err(refusal)?;
         Ok(())
     }
@@ -125,24 +125,34 @@ fn check_sensors(most: &Sensors, asked: &Sensors) -> Result<(), Refusal> {
     Err(Refusal::new(Reason::SensorNotAllowed, message))
 }
 
+/// Reads a mission from its split; files are read on a blocking thread.
+async fn read_spec(stage: Arc<Stage>, id: String) -> Result<EpisodeSpec, Refusal> {
+    let read = tokio::task::spawn_blocking(move || stage.episode(&id)).await.map_err(Refusal::internal)?;
+    read.map_err(Refusal::internal)
+}
+
+/// A referee for the episode, and the scene's map when the scene was made for it.
 fn seat(
     stage: &Stage,
     scenes: &super::scenes::SceneCache,
     spec: &EpisodeSpec,
     order: Order,
     sensors: Sensors,
-) -> Result<Referee, Refusal> {
+) -> Result<(Referee, Option<Scene>), Refusal> {
     let scene = stage
         .split
         .scene(&spec.scene)
         .ok_or_else(|| Refusal::internal(format!("no scene {}", spec.scene)))?;
-    let assets = scenes.get(scene, stage.rules()).map_err(Refusal::internal)?;
+    let (assets, made) = scenes.get(&scene, stage.rules()).map_err(Refusal::internal)?;
+    let map = made.then(|| register::map_of(&assets));
+    let map = map.map(|map| Scene { name: scene.name, digest: scene.digest, map });
     let mission = spec.mission(&assets, stage.rules(), order);
     let referee = Referee::new(assets, mission, spec.truth(order), stage.rules().clone(), sensors);
-    referee.map_err(|error| match error {
+    let referee = referee.map_err(|error| match error {
         RefereeError::Sensors(error) => Refusal::new(Reason::BadRequest, error.to_string()),
         other => Refusal::internal(other),
-    })
+    })?;
+    Ok((referee, map))
 }
 
 /// What is stored of an episode that never started.

@@ -1,31 +1,31 @@
 //! Makes splits known to the database: what pages and runs need of them.
 
-use super::data::DataFolder;
-use crate::{Failure, FailureKind};
-use avln_dataset::{CueSpec, EpisodeSpec, Split};
+use crate::{Failure, FailureKind, dataset::SplitFolder};
+use avln_dataset::{PublicGoal, PublicMission};
 use avln_episode::{Modality, Rules};
 use avln_store::{GoalText, PhaseEpisode, Scene, SceneMap, Store};
 use avln_world::SceneAssets;
 
-/// Stores a split and the maps of its scenes.
+/// Stores a split and its scenes; a scene without a map gets one when it is first played.
 ///
 /// # Errors
 /// When the database refuses.
 pub async fn register_split(
-    data: &DataFolder,
     store: &Store,
-    split: &Split,
+    name: &str,
+    split: &SplitFolder,
     maps: &[SceneMap],
 ) -> Result<(), Failure> {
-    for (scene, map) in split.scenes.iter().zip(maps) {
-        let row = Scene { name: scene.name.clone(), digest: scene.digest.clone(), map: map.clone() };
+    for (index, scene) in split.scenes().iter().enumerate() {
+        let map = maps.get(index).cloned().unwrap_or_default();
+        let row = Scene { name: scene.name.clone(), digest: scene.digest.clone(), map };
         store.upsert_scene(&row).await?;
     }
     let row = avln_store::Split {
-        name: split.name.clone(),
-        digest: data.split_digest(&split.name)?,
-        scenes: split.scenes.len() as u32,
-        episodes: split.episodes.len() as u32,
+        name: name.to_owned(),
+        digest: split.digest().to_owned(),
+        scenes: split.scenes().len() as u32,
+        episodes: split.mission_count() as u32,
     };
     Ok(store.upsert_split(&row).await?)
 }
@@ -43,32 +43,39 @@ pub fn map_of(assets: &SceneAssets) -> SceneMap {
 }
 
 /// The episodes of a split as a phase lists them.
-pub fn phase_episodes(split: &Split) -> Vec<PhaseEpisode> {
-    let episode = |spec: &EpisodeSpec| PhaseEpisode {
-        episode: spec.id.clone(),
-        scene: spec.scene.clone(),
-        goals: spec.goals.iter().map(|goal| goal_text(&goal.cue, &goal.target.category)).collect(),
-    };
-    split.episodes.iter().map(episode).collect()
+///
+/// # Errors
+/// When a file of the split cannot be used.
+pub fn phase_episodes(split: &SplitFolder) -> Result<Vec<PhaseEpisode>, Failure> {
+    let mut episodes = Vec::with_capacity(split.mission_count());
+    for scene in split.scenes() {
+        let episode = |mission: PublicMission| PhaseEpisode {
+            episode: mission.id,
+            scene: scene.name.clone(),
+            goals: mission.goals.into_iter().map(goal_text).collect(),
+        };
+        episodes.extend(split.public(scene)?.into_iter().map(episode));
+    }
+    Ok(episodes)
 }
 
-fn goal_text(cue: &CueSpec, category: &str) -> GoalText {
-    let text = match cue {
-        CueSpec::Category => Some(category.to_owned()),
-        CueSpec::Description(sentence) => Some(sentence.clone()),
-        CueSpec::Image(_) => None,
-    };
-    debug_assert_eq!(text.is_none(), cue.modality() == Modality::Image);
-    GoalText { modality: cue.modality(), text }
+fn goal_text(goal: PublicGoal) -> GoalText {
+    match goal {
+        PublicGoal::Category(label) => GoalText { modality: Modality::Category, text: Some(label) },
+        PublicGoal::Description(sentence) => {
+            GoalText { modality: Modality::Description, text: Some(sentence) }
+        }
+        PublicGoal::Image => GoalText { modality: Modality::Image, text: None },
+    }
 }
 
 /// The rule set that a split was made for.
 ///
 /// # Errors
 /// When this version does not know it.
-pub fn rules_of(split: &Split) -> Result<Rules, Failure> {
-    Rules::named(&split.rules).map_err(|error| {
-        Failure::new(FailureKind::Scene, format!("split '{}': {error}", split.name))
+pub fn rules_of(name: &str, split: &SplitFolder) -> Result<Rules, Failure> {
+    Rules::named(split.rules()).map_err(|error| {
+        Failure::new(FailureKind::Scene, format!("split '{name}': {error}"))
             .hinted("make the split again with: avln split make NAME --rules RULES")
     })
 }

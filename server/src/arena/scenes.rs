@@ -22,19 +22,24 @@ impl SceneCache {
     /// Scenes that are kept ready. A house takes some tens of megabytes.
     const CAPACITY: usize = 16;
 
-    /// The scene, prepared for the rules' body; makes it when it is not ready. Heavy on the processor then.
+    /// The scene, prepared for the rules' body, and whether it was made now because it was not ready: heavy on the
+    /// processor then.
     ///
     /// # Errors
     /// When the scene cannot be read, has changed, or no body can move in it.
-    pub(super) fn get(&self, scene: &SceneSpec, rules: &Rules) -> Result<Arc<SceneAssets>, DatasetError> {
+    pub(super) fn get(
+        &self,
+        scene: &SceneSpec,
+        rules: &Rules,
+    ) -> Result<(Arc<SceneAssets>, bool), DatasetError> {
         let place = self.place((scene.digest.clone(), rules.name.clone()));
         let mut assets = place.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(ready) = &*assets {
-            return Ok(ready.clone());
+            return Ok((ready.clone(), false));
         }
         let made = Arc::new(scene.open(rules)?);
         *assets = Some(made.clone());
-        Ok(made)
+        Ok((made, true))
     }
 
     /// Takes the place of `key` to the front of the shelf.

@@ -100,6 +100,7 @@ async fn prepare(data: &DataFolder, store: &Store, options: &Options) -> Result<
     let open = phase::Open {
         id: name.clone(),
         split: name.clone(),
+        dataset: None,
         title: Some(if real { "Practice in a real house".to_owned() } else { "Practice".to_owned() }),
         scores: phase::Who::Public,
         replays: phase::Who::Public,

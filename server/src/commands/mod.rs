@@ -1,6 +1,7 @@
 //! One file for each command: its options, whose documentation is the help text, and what it does.
 
 pub mod agent;
+pub mod dataset;
 pub mod demo;
 pub mod phase;
 pub mod scene;

@@ -8,7 +8,7 @@ use crate::{
 use avln_episode::{FeedbackRule, Order, Sensors};
 use avln_store::{Phase, PhaseState, Store, Visibility};
 use clap::{Args, Subcommand, ValueEnum};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Commands about phases.
 #[derive(Debug, Subcommand)]
@@ -27,9 +27,12 @@ pub enum Command {
 pub struct Open {
     /// Id, used in URLs and by agents
     pub id: String,
-    /// The split that is played
+    /// The split that is played: one of the data folder, or one of the data set of --dataset
     #[arg(long)]
     pub split: String,
+    /// The folder of a data set, as avln dataset build makes it
+    #[arg(long, value_name = "DIR")]
+    pub dataset: Option<PathBuf>,
     /// Heading on pages; the id by default
     #[arg(long)]
     pub title: Option<String>,
@@ -103,15 +106,22 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
 /// When the split is unknown or the database refuses.
 pub async fn open(data: &DataFolder, store: &Store, options: &Open) -> Result<Phase, Failure> {
     crate::arena::data::check_name("phase", &options.id)?;
-    let split = data.split(&options.split)?;
-    let mut rules = register::rules_of(&split)?;
+    let name = match &options.dataset {
+        Some(dataset) => data.link_split(dataset, &options.split)?,
+        None => options.split.clone(),
+    };
+    let split = data.missions(&name)?;
+    if options.dataset.is_some() {
+        register::register_split(store, &name, &split, &[]).await?;
+    }
+    let mut rules = register::rules_of(&name, &split)?;
     if let Some(told) = options.feedback {
         rules.feedback = told.into();
     }
     let phase = Phase {
         id: options.id.clone(),
         title: options.title.clone().unwrap_or_else(|| options.id.clone()),
-        split: split.name.clone(),
+        split: name.clone(),
         rules,
         orders: vec![Order::Ordered, Order::Unordered],
         sensors: Sensors::all(options.max_side, options.max_side),
@@ -120,10 +130,10 @@ pub async fn open(data: &DataFolder, store: &Store, options: &Open) -> Result<Ph
         max_slots: options.max_slots,
         quota: options.quota,
         state: PhaseState::Open,
-        episodes: register::phase_episodes(&split),
+        episodes: register::phase_episodes(&split)?,
     };
     if phase.episodes.is_empty() {
-        return Err(Failure::new(FailureKind::Scene, format!("split '{}' has no episodes", split.name)));
+        return Err(Failure::new(FailureKind::Scene, format!("split '{name}' has no episodes")));
     }
     store.upsert_phase(&phase, now_unix_ms()).await?;
     Ok(phase)

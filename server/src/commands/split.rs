@@ -69,7 +69,7 @@ pub async fn make(
     let built = tokio::task::spawn_blocking(move || build(&options, say)).await;
     let (split, maps) = built.map_err(|error| Failure::new(FailureKind::Internal, error))??;
     data.save_split(&split)?;
-    register::register_split(data, store, &split, &maps).await?;
+    register::register_split(store, &split.name, &data.missions(&split.name)?, &maps).await?;
     Ok(split)
 }
 

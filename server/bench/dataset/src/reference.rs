@@ -1,98 +1,128 @@
+//! Reference tours: the shortest walks from a start through the success regions of a mission.
+
+mod atlas;
+mod look;
+mod steps;
+
+use atlas::Way;
+pub(crate) use atlas::{Atlas, Departure};
 use avln_geom::Point3;
-use avln_world::{DistanceField, NavMesh, NavPoint};
+pub(crate) use steps::reference_steps;
 
-/// The shortest tour from a start through one point of each region.
+/// A tour before it is written down.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Tour {
+    /// Its length, metres.
+    pub(crate) length_m: f64,
+    /// Its corners on the floor, the start first.
+    pub(crate) path: Vec<Point3<f32>>,
+}
+
+/// Cheapest way to every stand of one region, metres; infinite where there is none.
+type Costs = Vec<f64>;
+
+/// The shortest tour that visits `regions` as listed; `None` when one is out of reach.
 ///
-/// Exact over the points of the regions: dynamic programming over (regions visited, last region), where each
-/// state holds the cheapest way to every point of its last region.
-pub(crate) struct Tour<'a> {
-    navmesh: &'a NavMesh,
-    start: NavPoint,
-    regions: &'a [Vec<NavPoint>],
-}
-
-/// The cheapest ways to the points of the region that was visited last.
-struct State {
-    region: usize,
-    /// State before this one; `None` when the tour came straight from the start.
-    previous: Option<usize>,
-    /// Cheapest way of all, metres; infinite when the region cannot be reached.
-    best_m: f64,
-    /// Distance of any place by way of this state.
-    field: DistanceField,
-}
-
-impl<'a> Tour<'a> {
-    pub(crate) fn new(navmesh: &'a NavMesh, start: NavPoint, regions: &'a [Vec<NavPoint>]) -> Self {
-        Self { navmesh, start, regions }
+/// Exact over the stands of the regions: dynamic programming from region to region.
+pub(crate) fn ordered(atlas: &Atlas, start: &Departure, regions: &[usize]) -> Option<Tour> {
+    let (&first, rest) = regions.split_first()?;
+    let mut stages: Vec<Costs> = vec![atlas.depart(start, first)];
+    for (&to, &from) in rest.iter().zip(regions) {
+        let before = stages.last()?;
+        stages.push(atlas.onward(from, before, to));
     }
+    let (mut stand, length_m) = cheapest(stages.last()?)?;
+    let mut tail = Vec::new();
+    for stage in (1..regions.len()).rev() {
+        let (from, to) = (regions[stage - 1], regions[stage]);
+        let (before, way) = arrival(atlas, from, &stages[stage - 1], (to, stand))?;
+        prepend(&mut tail, atlas.leg((from, before), (to, stand), &way));
+        stand = before;
+    }
+    prepend(&mut tail, atlas.first_leg(start, (first, stand)));
+    Some(Tour { length_m, path: tail })
+}
 
-    /// Length, metres, and corners of the tour that visits the regions as listed; `None` when one is out of reach.
-    pub(crate) fn ordered(&self) -> Option<(f64, Vec<Point3<f32>>)> {
-        let mut states: Vec<State> = Vec::new();
-        for region in 0..self.regions.len() {
-            let previous = region.checked_sub(1);
-            states.push(self.visit(&states, previous, region));
+/// The same for the best of all orders (Bellman 1962, Held and Karp 1962).
+pub(crate) fn unordered(atlas: &Atlas, start: &Departure, regions: &[usize]) -> Option<Tour> {
+    let table = Table::fill(atlas, start, regions);
+    let mut visited = (1 << regions.len()) - 1;
+    let ends = (0..regions.len()).filter_map(|last| Some((last, cheapest(table.costs(visited, last))?)));
+    let (mut last, (mut stand, length_m)) = ends.min_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
+    let mut tail = Vec::new();
+    loop {
+        let before = visited & !(1 << last);
+        let to = (regions[last], stand);
+        if before == 0 {
+            prepend(&mut tail, atlas.first_leg(start, to));
+            return Some(Tour { length_m, path: tail });
         }
-        self.finish(&states, self.regions.len().checked_sub(1)?)
+        let earlier = (0..regions.len()).filter(|earlier| before >> earlier & 1 == 1);
+        let came = earlier.filter_map(|earlier| {
+            let (stand, way) = arrival(atlas, regions[earlier], table.costs(before, earlier), to)?;
+            Some((earlier, stand, way, table.costs(before, earlier)[stand] + way.distance_m))
+        });
+        let (earlier, from, way, _) = came.min_by(|a, b| a.3.total_cmp(&b.3))?;
+        prepend(&mut tail, atlas.leg((regions[earlier], from), to, &way));
+        (visited, last, stand) = (before, earlier, from);
     }
+}
 
-    /// The same for the best of all orders.
-    pub(crate) fn unordered(&self) -> Option<(f64, Vec<Point3<f32>>)> {
-        let count = self.regions.len();
-        let mut states: Vec<State> = Vec::new();
-        let mut ending_with = vec![Vec::new(); 1 << count];
+/// For each set of visited regions and each last one of them: the cheapest ways to its stands.
+struct Table {
+    regions: usize,
+    costs: Vec<Costs>,
+}
+
+impl Table {
+    fn fill(atlas: &Atlas, start: &Departure, regions: &[usize]) -> Self {
+        let count = regions.len();
+        let mut table = Self { regions: count, costs: vec![Costs::new(); count << count] };
         for visited in 1_usize..1 << count {
             for last in (0..count).filter(|last| visited >> last & 1 == 1) {
                 let before = visited & !(1 << last);
-                let options: Vec<Option<usize>> = match before {
-                    0 => vec![None],
-                    _ => ending_with[before].iter().copied().map(Some).collect(),
+                let costs = if before == 0 {
+                    atlas.depart(start, regions[last])
+                } else {
+                    let earlier = (0..count).filter(|earlier| before >> earlier & 1 == 1);
+                    let ways = earlier
+                        .map(|from| atlas.onward(regions[from], table.costs(before, from), regions[last]));
+                    ways.reduce(least).unwrap_or_default()
                 };
-                let ways = options.into_iter().map(|previous| self.visit(&states, previous, last));
-                let way = ways.min_by(|a, b| a.best_m.total_cmp(&b.best_m))?;
-                ending_with[visited].push(states.len());
-                states.push(way);
+                table.costs[visited * count + last] = costs;
             }
         }
-        let complete = ending_with.last()?.iter().copied();
-        let best = complete.min_by(|&a, &b| states[a].best_m.total_cmp(&states[b].best_m))?;
-        self.finish(&states, best)
+        table
     }
 
-    /// Goes on from state `previous`, or from the start, to every point of `region`.
-    fn visit(&self, states: &[State], previous: Option<usize>, region: usize) -> State {
-        let from_start = previous.is_none().then(|| self.navmesh.field(&[(self.start, 0.0)]));
-        let reached = from_start.as_ref().or(previous.map(|index| &states[index].field));
-        let cost = |point: &NavPoint| reached.and_then(|field| field.distance_m(self.navmesh, point));
-        let points = self.regions[region].iter();
-        let seeds: Vec<_> = points.filter_map(|point| Some((*point, cost(point)?))).collect();
-        let best_m = seeds.iter().map(|(_, cost_m)| *cost_m).fold(f64::INFINITY, f64::min);
-        State { region, previous, best_m, field: self.navmesh.field(&seeds) }
+    fn costs(&self, visited: usize, last: usize) -> &Costs {
+        &self.costs[visited * self.regions + last]
     }
+}
 
-    fn finish(&self, states: &[State], last: usize) -> Option<(f64, Vec<Point3<f32>>)> {
-        let length_m = states[last].best_m;
-        length_m.is_finite().then(|| (length_m, self.corners(states, last).unwrap_or_default()))
-    }
+fn least(mut a: Costs, b: Costs) -> Costs {
+    a.iter_mut().zip(b).for_each(|(a, b)| *a = a.min(b));
+    a
+}
 
-    /// Walks the states backwards from the cheapest point of `last` to the start.
-    fn corners(&self, states: &[State], last: usize) -> Option<Vec<Point3<f32>>> {
-        let mut state = &states[last];
-        let mut point = *self.regions[state.region].iter().min_by(|a, b| {
-            let cost = |p| state.field.distance_m(self.navmesh, p).unwrap_or(f64::INFINITY);
-            cost(a).total_cmp(&cost(b))
-        })?;
-        let mut backwards = Vec::new();
-        while let Some(previous) = state.previous {
-            state = &states[previous];
-            let leg = state.field.path(self.navmesh, &point)?;
-            point = self.navmesh.snap(leg.last()?, 0.1)?;
-            backwards.extend(leg);
-        }
-        backwards.extend(self.navmesh.path(&point, &self.start)?);
-        backwards.reverse();
-        backwards.dedup();
-        Some(backwards)
-    }
+/// The cheapest stand and its cost, when there is one.
+fn cheapest(costs: &Costs) -> Option<(usize, f64)> {
+    let best = costs.iter().copied().enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    best.1.is_finite().then_some(best)
+}
+
+/// The stand of `from` over which the cheapest way to the stand `to` goes.
+fn arrival(atlas: &Atlas, from: usize, costs: &Costs, to: (usize, usize)) -> Option<(usize, Way)> {
+    let ways = atlas.back(to, from);
+    let all = ways.into_iter().enumerate();
+    let (stand, way) =
+        all.min_by(|(a, x), (b, y)| (costs[*a] + x.distance_m).total_cmp(&(costs[*b] + y.distance_m)))?;
+    way.distance_m.is_finite().then_some((stand, way))
+}
+
+/// Puts `leg` before `tail`, whose first point is the leg's last.
+fn prepend(tail: &mut Vec<Point3<f32>>, mut leg: Vec<Point3<f32>>) {
+    leg.append(tail);
+    leg.dedup();
+    *tail = leg;
 }

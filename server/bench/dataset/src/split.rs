@@ -7,11 +7,8 @@ use serde::{Deserialize, Serialize};
 use std::{ops::RangeInclusive, path::PathBuf};
 
 /// Scenes and the missions in them. Splits are disjoint by scene.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Split {
-    /// Version of this file's layout.
-    pub format: u32,
     /// Name of the split.
     pub name: String,
     /// The rules under which success regions and references were computed.
@@ -96,6 +93,15 @@ pub enum DatasetError {
         /// Digest then.
         expected: String,
     },
+    /// A recipe asks for what cannot be.
+    #[error("recipe cannot be used: {reason}")]
+    Recipe {
+        /// Which field, with its value and what is possible.
+        reason: String,
+    },
+    /// A file of a data set cannot be used.
+    #[error(transparent)]
+    Format(#[from] crate::format::FormatError),
     /// A split file is not one that this version reads.
     #[error("split file cannot be used: {reason}")]
     Malformed {
@@ -150,25 +156,16 @@ impl SceneSource {
 }
 
 /// Prepares `scene` for bodies of the rules' size.
-fn prepare(scene: Scene, rules: &Rules) -> Result<SceneAssets, DatasetError> {
+pub(crate) fn prepare(scene: Scene, rules: &Rules) -> Result<SceneAssets, DatasetError> {
     let name = scene.name.clone();
     let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
     SceneAssets::prepare(scene, &body).map_err(|source| DatasetError::Prepare { scene: name, source })
 }
 
 impl Split {
-    /// Version of the layout that this code writes and reads.
-    pub const FORMAT: u32 = 1;
-
     /// An empty split.
     pub fn new(name: &str, rules: &Rules) -> Self {
-        Self {
-            format: Self::FORMAT,
-            name: name.to_owned(),
-            rules: rules.name.clone(),
-            scenes: Vec::new(),
-            episodes: Vec::new(),
-        }
+        Self { name: name.to_owned(), rules: rules.name.clone(), scenes: Vec::new(), episodes: Vec::new() }
     }
 
     /// Adds a scene and missions drawn in it; gives back the prepared scene.
@@ -185,7 +182,7 @@ impl Split {
         let (spec, scene) = SceneSpec::new(name, source)?;
         let assets = prepare(scene, rules)?;
         let instances = survey(&assets, rules);
-        let episodes = sample_missions(&assets, &instances, options);
+        let episodes = sample_missions(&assets, &instances, rules, options);
         if episodes.is_empty() {
             let objects = assets.scene.objects.len();
             return Err(DatasetError::NoMission {
@@ -202,27 +199,5 @@ impl Split {
     /// The scene that an episode plays in.
     pub fn scene(&self, name: &str) -> Option<&SceneSpec> {
         self.scenes.iter().find(|scene| scene.name == name)
-    }
-
-    /// The split as a file.
-    ///
-    /// # Errors
-    /// When a number in it cannot be written.
-    pub fn to_json(&self) -> Result<Vec<u8>, DatasetError> {
-        serde_json::to_vec(self).map_err(|error| DatasetError::Malformed { reason: error.to_string() })
-    }
-
-    /// Reads a split file.
-    ///
-    /// # Errors
-    /// When it is not one, or of another format.
-    pub fn from_json(bytes: &[u8]) -> Result<Self, DatasetError> {
-        let split: Self = serde_json::from_slice(bytes)
-            .map_err(|error| DatasetError::Malformed { reason: error.to_string() })?;
-        if split.format != Self::FORMAT {
-            let reason = format!("it has format {}, this version reads {}", split.format, Self::FORMAT);
-            return Err(DatasetError::Malformed { reason });
-        }
-        Ok(split)
     }
 }

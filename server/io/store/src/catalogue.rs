@@ -152,7 +152,7 @@ impl Store {
         same_digest("split", &split.name, &stored, &split.digest)
     }
 
-    /// Adds a scene, or gives the same scene a new map.
+    /// Adds a scene, or gives the same scene a new map; a map without polygons leaves the one that is there.
     ///
     /// # Errors
     /// When the name is taken by a scene with another digest, or the database fails.
@@ -165,9 +165,11 @@ impl Store {
             same_digest("scene", &scene.name, &stored, &scene.digest)?;
         }
         let upsert = "INSERT INTO scenes (name, digest, map) VALUES ($1, $2, $3) \
-                      ON CONFLICT (name) DO UPDATE SET map = excluded.map";
+                      ON CONFLICT (name) DO UPDATE SET map = excluded.map WHERE $4";
         let map = to_json("map", &scene.map)?;
-        sqlx::query(upsert).bind(&scene.name).bind(&scene.digest).bind(map).execute(&mut *tx).await?;
+        let drawn = !scene.map.polygons.is_empty();
+        let insert = sqlx::query(upsert).bind(&scene.name).bind(&scene.digest).bind(map).bind(drawn);
+        insert.execute(&mut *tx).await?;
         Ok(tx.commit().await?)
     }
 

@@ -31,7 +31,7 @@ impl Seed {
 
 /// The next stop on the way to the best seed.
 #[derive(Clone, Copy, PartialEq)]
-enum Next {
+pub(crate) enum Next {
     Nowhere,
     Corner(u32),
     Seed(u32),
@@ -177,7 +177,7 @@ impl Ord for Waiting {
 }
 
 /// Lowers the costs of all corners to what their links allow (Dijkstra 1959).
-fn spread(corners: &Corners, costs: &mut [(f64, Next)]) {
+pub(crate) fn spread(corners: &Corners, costs: &mut [(f64, Next)]) {
     let seeded = costs.iter().zip(0..).filter(|(cost, _)| cost.0.is_finite());
     let mut waiting: BinaryHeap<_> =
         seeded.map(|(cost, corner)| Reverse(Waiting { metres: cost.0, corner })).collect();

@@ -3,6 +3,7 @@
 mod broken;
 mod build;
 mod detour;
+mod exits;
 mod flat;
 mod habitat;
 mod houses;

@@ -1,0 +1,216 @@
+//! Checks missions against their constraints, from what the files say and what the scene is.
+//!
+//! Nothing here is used to draw missions: distances come from plain fields, tours from trying every order.
+
+mod fault;
+mod goals;
+mod tour;
+
+use crate::{EpisodeSpec, MissionRules, reference::reference_steps};
+use avln_episode::Rules;
+use avln_world::{NavPoint, SceneAssets};
+pub use fault::{Constraint, Fault};
+use goals::GoalCheck;
+use std::collections::{BTreeMap, BTreeSet};
+use tour::Tours;
+
+/// How far lengths may differ from those that are stored, metres.
+const LENGTH_M: f64 = 1e-3;
+/// How far a stored place may lie from the mesh, metres.
+const SNAP_M: f32 = 0.1;
+/// Missions of a scene from which on its targets must be asked for about equally often.
+const BALANCED_FROM: usize = 50;
+/// How many times the mean a target may be asked for at most, plus [`REUSE_SLACK`].
+const REUSE_FACTOR: f64 = 4.0;
+const REUSE_SLACK: f64 = 8.0;
+
+/// How thoroughly to check.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Depth {
+    /// Every so manieth mission has its tours computed again and its pictures rendered; 1 for all of them.
+    pub every: usize,
+}
+
+/// Checks all missions of one scene.
+pub fn check_scene(
+    assets: &SceneAssets,
+    rules: &Rules,
+    limits: &MissionRules,
+    episodes: &[EpisodeSpec],
+    depth: Depth,
+) -> Vec<Fault> {
+    let mut check =
+        SceneCheck { assets, rules, limits, goals: GoalCheck::new(assets, rules), faults: Vec::new() };
+    let mut ids = BTreeSet::new();
+    for (index, episode) in episodes.iter().enumerate() {
+        if !ids.insert(&episode.id) {
+            check.fault(episode, Constraint::UniqueIds, "its id occurs twice".to_owned());
+        }
+        check.mission(episode, index % depth.every.max(1) == 0);
+    }
+    check.reuse(episodes);
+    check.faults
+}
+
+struct SceneCheck<'a> {
+    assets: &'a SceneAssets,
+    rules: &'a Rules,
+    limits: &'a MissionRules,
+    goals: GoalCheck<'a>,
+    faults: Vec<Fault>,
+}
+
+impl SceneCheck<'_> {
+    fn fault(&mut self, episode: &EpisodeSpec, constraint: Constraint, found: String) {
+        self.faults.push(Fault { mission: episode.id.clone(), constraint, found });
+    }
+
+    fn mission(&mut self, episode: &EpisodeSpec, thorough: bool) {
+        self.composition(episode);
+        for goal in &episode.goals {
+            let faults = self.goals.check(goal, self.limits, thorough);
+            self.faults.extend(faults.into_iter().map(|(constraint, found)| Fault {
+                mission: episode.id.clone(),
+                constraint,
+                found,
+            }));
+        }
+        let navmesh = &self.assets.navmesh;
+        let start = navmesh.snap(&episode.start.position, SNAP_M);
+        let Some(start) = start.filter(|start| navmesh.island_of(start) == navmesh.largest_island()) else {
+            let found = format!("nobody can stand at {}", episode.start.position);
+            return self.fault(episode, Constraint::Start, found);
+        };
+        self.distances(episode, &start);
+        self.paths(episode);
+        if thorough {
+            self.tours(episode, start);
+        }
+    }
+
+    /// Number of goals, modalities, categories.
+    fn composition(&mut self, episode: &EpisodeSpec) {
+        let (count, [fewest, most]) = (episode.goals.len(), self.limits.goals);
+        if !(fewest..=most).contains(&count) {
+            self.fault(
+                episode,
+                Constraint::GoalCount,
+                format!("{count} goals, {fewest} to {most} are allowed"),
+            );
+        }
+        let modalities: BTreeSet<_> = episode.goals.iter().map(|goal| goal.cue.modality()).collect();
+        if modalities.len() < 2.min(count) {
+            self.fault(episode, Constraint::Modalities, "all goals have one modality".to_owned());
+        }
+        let categories: BTreeSet<_> = episode.goals.iter().map(|goal| &goal.target.category).collect();
+        if categories.len() < count {
+            self.fault(episode, Constraint::Categories, "two targets have one category".to_owned());
+        }
+    }
+
+    /// Reachability, distances from the start, separation.
+    fn distances(&mut self, episode: &EpisodeSpec, start: &NavPoint) {
+        let navmesh = &self.assets.navmesh;
+        let from_start = navmesh.field(&[(*start, 0.0)]);
+        let stands: Vec<Vec<NavPoint>> =
+            episode.goals.iter().map(|goal| self.goals.stands(goal).to_vec()).collect();
+        let mut fields = Vec::new();
+        for (goal, points) in episode.goals.iter().zip(&stands) {
+            let least = |field: &avln_world::DistanceField| {
+                let ways = points.iter().filter_map(|point| field.distance_m(navmesh, point));
+                ways.fold(f64::INFINITY, f64::min)
+            };
+            let (found_m, told_m) = (least(&from_start), goal.target.start_distance_m);
+            let instance = goal.target.instance;
+            if !found_m.is_finite() {
+                self.fault(episode, Constraint::Reachable, format!("no way leads to instance {instance}"));
+            } else if (found_m - told_m).abs() > LENGTH_M {
+                let found = format!(
+                    "instance {instance} is {found_m:.3} m from the start, the file says {told_m:.3} m"
+                );
+                self.fault(episode, Constraint::StartDistance, found);
+            }
+            if found_m < self.limits.min_start_m - LENGTH_M {
+                let found = format!(
+                    "instance {instance} is {found_m:.3} m from the start, less than {} m",
+                    self.limits.min_start_m
+                );
+                self.fault(episode, Constraint::StartDistance, found);
+            }
+            let apart_m = fields.iter().map(least).fold(f64::INFINITY, f64::min);
+            if apart_m < self.limits.min_separation_m - LENGTH_M {
+                let found = format!(
+                    "instance {instance} is {apart_m:.3} m from another target, less than {} m",
+                    self.limits.min_separation_m
+                );
+                self.fault(episode, Constraint::Separation, found);
+            }
+            let seeds: Vec<_> = points.iter().map(|point| (*point, 0.0)).collect();
+            fields.push(navmesh.field(&seeds));
+        }
+    }
+
+    /// The stored tours: as long as they say, from the start, as many steps as they say.
+    fn paths(&mut self, episode: &EpisodeSpec) {
+        for (name, tour) in [("ordered", &episode.ordered), ("unordered", &episode.unordered)] {
+            let walked: f64 =
+                tour.path.windows(2).map(|leg| f64::from((leg[1] - leg[0]).norm())).sum();
+            if (walked - tour.length_m).abs() > 0.02 + 1e-4 * tour.length_m {
+                let found =
+                    format!("the {name} tour is {walked:.3} m long, the file says {:.3} m", tour.length_m);
+                self.fault(episode, Constraint::ReferencePath, found);
+            }
+            let begins =
+                tour.path.first().map_or(f32::INFINITY, |first| (first - episode.start.position).norm());
+            if begins > SNAP_M {
+                let found = format!("the {name} tour begins {begins} m from the start");
+                self.fault(episode, Constraint::ReferencePath, found);
+            }
+            let steps =
+                reference_steps(self.rules, &episode.start, &tour.path, tour.length_m, episode.goals.len());
+            if steps != tour.steps {
+                let found = format!("the {name} tour takes {steps} steps, the file says {}", tour.steps);
+                self.fault(episode, Constraint::ReferenceSteps, found);
+            }
+        }
+    }
+
+    /// The lengths of both tours, computed again.
+    fn tours(&mut self, episode: &EpisodeSpec, start: NavPoint) {
+        let stands: Vec<Vec<NavPoint>> =
+            episode.goals.iter().map(|goal| self.goals.stands(goal).to_vec()).collect();
+        let tours = Tours::new(&self.assets.navmesh, &stands);
+        let told = [
+            ("ordered", tours.ordered_m(start), episode.ordered.length_m),
+            ("unordered", tours.unordered_m(start), episode.unordered.length_m),
+        ];
+        for (name, found_m, told_m) in told {
+            // Not `>`: a length that is no number is a fault as well.
+            if !((found_m - told_m).abs() <= LENGTH_M) {
+                let found =
+                    format!("the shortest {name} tour is {found_m:.4} m, the file says {told_m:.4} m");
+                self.fault(episode, Constraint::ReferenceLength, found);
+            }
+        }
+    }
+
+    /// No target is asked for much more often than others.
+    fn reuse(&mut self, episodes: &[EpisodeSpec]) {
+        let mut uses: BTreeMap<u32, usize> = BTreeMap::new();
+        let goals = episodes.iter().flat_map(|episode| &episode.goals);
+        goals.for_each(|goal| *uses.entry(goal.target.instance).or_default() += 1);
+        let mean = uses.values().sum::<usize>() as f64 / uses.len().max(1) as f64;
+        let most = uses.iter().max_by_key(|(_, count)| **count);
+        if episodes.len() < BALANCED_FROM {
+            return;
+        }
+        if let Some((instance, &count)) = most
+            && count as f64 > REUSE_FACTOR * mean + REUSE_SLACK
+        {
+            let found = format!(
+                "instance {instance} is asked for {count} times, a target {mean:.1} times in the mean"
+            );
+            self.fault(&episodes[0], Constraint::Reuse, found);
+        }
+    }
+}

@@ -1,0 +1,146 @@
+use super::{Constraint, SNAP_M};
+use crate::{GoalSpec, MissionRules, cue::CueSpec};
+use avln_episode::Rules;
+use avln_scene::InstanceId;
+use avln_truth::Target;
+use avln_world::{NavPoint, SceneAssets};
+use std::collections::{BTreeMap, btree_map::Entry};
+
+/// Most words of a description.
+const MAX_WORDS: usize = 60;
+/// How far a box may differ from the scene's, metres.
+const BOX_M: f32 = 1e-3;
+
+type Faults = Vec<(Constraint, String)>;
+
+/// Checks goals one by one; what belongs to the target alone is checked once for each target.
+pub(super) struct GoalCheck<'a> {
+    assets: &'a SceneAssets,
+    rules: &'a Rules,
+    known: BTreeMap<u32, Known>,
+}
+
+/// A target that was checked.
+struct Known {
+    target: Target,
+    distractors: u8,
+    /// Its success region on the mesh.
+    stands: Vec<NavPoint>,
+}
+
+impl<'a> GoalCheck<'a> {
+    pub(super) fn new(assets: &'a SceneAssets, rules: &'a Rules) -> Self {
+        Self { assets, rules, known: BTreeMap::new() }
+    }
+
+    /// The success region of a goal on the mesh; empty for one that was not checked.
+    pub(super) fn stands(&self, goal: &GoalSpec) -> &[NavPoint] {
+        self.known.get(&goal.target.instance).map_or(&[], |known| &known.stands)
+    }
+
+    /// What is wrong with a goal; pictures are rendered when `thorough`.
+    pub(super) fn check(&mut self, goal: &GoalSpec, limits: &MissionRules, thorough: bool) -> Faults {
+        let mut faults = Faults::new();
+        let target = Target {
+            modality: avln_episode::Modality::Category,
+            start_distance_m: 0.0,
+            ..goal.target.clone()
+        };
+        match self.known.entry(goal.target.instance) {
+            Entry::Vacant(entry) => {
+                let (stands, found) = inspect(self.assets, self.rules, &target);
+                faults.extend(found);
+                entry.insert(Known { target, distractors: goal.distractors, stands });
+                faults.extend(distractors(self.assets, goal, limits));
+            }
+            Entry::Occupied(entry)
+                if entry.get().target != target || entry.get().distractors != goal.distractors =>
+            {
+                faults
+                    .push((Constraint::Target, format!("instance {} is told in two ways", target.instance)));
+            }
+            Entry::Occupied(_) => {}
+        }
+        faults.extend(self.cue(goal, thorough));
+        faults
+    }
+
+    fn cue(&self, goal: &GoalSpec, thorough: bool) -> Faults {
+        let mut faults = Faults::new();
+        match &goal.cue {
+            CueSpec::Category => {}
+            CueSpec::Description(sentence) => {
+                let words = sentence.split_whitespace().count();
+                if !(1..=MAX_WORDS).contains(&words) {
+                    faults.push((Constraint::Cue, format!("a description of {words} words")));
+                }
+            }
+            CueSpec::Image(view) if thorough => {
+                let id = InstanceId(goal.target.instance);
+                if !view.render(self.assets, self.rules).instances.contains(&id) {
+                    faults.push((Constraint::Cue, format!("the picture does not show instance {}", id.0)));
+                }
+            }
+            CueSpec::Image(_) => {}
+        }
+        faults
+    }
+}
+
+/// Checks what a target says of itself; gives back its region on the mesh.
+fn inspect(assets: &SceneAssets, rules: &Rules, target: &Target) -> (Vec<NavPoint>, Faults) {
+    let mut faults = Faults::new();
+    let id = target.instance;
+    let object = assets.scene.objects.iter().find(|object| object.id.0 == id);
+    let same = object.is_some_and(|object| {
+        let off = (object.bounds.min - target.bounds.min)
+            .amax()
+            .max((object.bounds.max - target.bounds.max).amax());
+        object.category == target.category && off <= BOX_M
+    });
+    if !same {
+        let found = format!("the scene has no {} of number {id} in that box", target.category);
+        faults.push((Constraint::Target, found));
+    }
+    if target.bounds.distance_m(&target.source) > BOX_M {
+        faults
+            .push((Constraint::Source, format!("the sound of instance {id} comes from outside of its box")));
+    }
+    let navmesh = &assets.navmesh;
+    let stand = |place| {
+        let point = navmesh.snap(place, SNAP_M)?;
+        (navmesh.island_of(&point) == navmesh.largest_island()).then_some(point)
+    };
+    let stands: Vec<NavPoint> = target.region.iter().filter_map(stand).collect();
+    if stands.is_empty() || stands.len() < target.region.len() {
+        let found =
+            format!("{} of {} places of instance {id} can be reached", stands.len(), target.region.len());
+        faults.push((Constraint::Region, found));
+    }
+    let sees = |eye: &_, half_view_rad| assets.sees(eye, InstanceId(id), half_view_rad);
+    let outside = |base: &&avln_geom::Point3<f32>| target.distance_within_region(base, rules, sees).is_none();
+    if let Some(base) = target.region.iter().find(outside) {
+        faults.push((Constraint::Region, format!("a Submit for instance {id} would not count at {base}")));
+    }
+    if target.viewpoints.is_empty() {
+        faults.push((Constraint::Region, format!("instance {id} has no viewpoint")));
+    }
+    (stands, faults)
+}
+
+fn distractors(assets: &SceneAssets, goal: &GoalSpec, limits: &MissionRules) -> Faults {
+    let (id, category) = (goal.target.instance, &goal.target.category);
+    let others =
+        assets.scene.objects.iter().filter(|other| other.category == *category && other.id.0 != id).count();
+    let (count, [fewest, most]) = (u8::try_from(others).unwrap_or(u8::MAX), limits.distractors);
+    let mut faults = Faults::new();
+    if count != goal.distractors {
+        let found = format!("instance {id} has {count} distractors, the file says {}", goal.distractors);
+        faults.push((Constraint::Distractors, found));
+    }
+    if !(fewest..=most).contains(&count) {
+        let found = format!("instance {id} has {count} distractors, {fewest} to {most} are allowed");
+        faults.push((Constraint::Distractors, found));
+    }
+    faults
+}

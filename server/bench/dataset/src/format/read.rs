@@ -1,0 +1,283 @@
+use super::{
+    DATASET_VERSION, FormatCause, FormatError, Manifest, PublicGoal, PublicMission, SceneLine, digest_of,
+    finite,
+    lines::{Header, SealedGoal, SealedMission, SealedTarget},
+};
+use crate::{
+    cue::CueSpec,
+    mission::{EpisodeSpec, GoalSpec},
+};
+use avln_truth::Target;
+use serde::de::DeserializeOwned;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Most missions in a scene that are read.
+const MAX_MISSIONS: usize = 100_000;
+/// Most targets of a scene.
+const MAX_TARGETS: usize = 100_000;
+/// Most goals of a mission: one bit each in the record.
+const MAX_GOALS: usize = 8;
+/// Most scenes of a split.
+const MAX_SCENES: usize = 1_000_000;
+
+/// A file that was read: its name is for messages.
+#[derive(Clone, Copy, Debug)]
+pub struct File<'a> {
+    /// What to call it.
+    pub name: &'a str,
+    /// What it holds.
+    pub bytes: &'a [u8],
+}
+
+impl<'a> File<'a> {
+    fn error(&self, line: Option<usize>, cause: FormatCause) -> FormatError {
+        FormatError { file: self.name.to_owned(), line, cause }
+    }
+
+    /// Its lines, numbered from 1, without empty ones at the end.
+    fn lines(&self) -> impl Iterator<Item = (usize, &'a [u8])> + use<'a> {
+        let body = self.bytes.strip_suffix(b"\n").unwrap_or(self.bytes);
+        let lines = body.split(|&byte| byte == b'\n').zip(1..).map(|(line, number)| (number, line));
+        lines.take(if body.is_empty() { 0 } else { usize::MAX })
+    }
+
+    fn parse<T: DeserializeOwned>(&self, (number, line): (usize, &[u8])) -> Result<T, FormatError> {
+        serde_json::from_slice(line)
+            .map_err(|error| self.error(Some(number), FormatCause::Json(json_error(&error))))
+    }
+
+    fn limit(&self, what: &'static str, found: usize, limit: usize) -> Result<(), FormatError> {
+        let too_many = FormatCause::TooMany { what, found, limit };
+        if found > limit { Err(self.error(None, too_many)) } else { Ok(()) }
+    }
+
+    fn finite(&self, line: usize, bad: finite::Bad) -> Result<(), FormatError> {
+        bad.map_or(Ok(()), |what| Err(self.error(Some(line), FormatCause::NotFinite { what })))
+    }
+
+    /// Reads the first line and checks what file it is.
+    fn header(&self, format: &'static str, scene: &str) -> Result<Header, FormatError> {
+        let nothing = || self.error(None, FormatCause::Json("the file is empty".to_owned()));
+        let header: Header = self.parse(self.lines().next().ok_or_else(nothing)?)?;
+        if header.format != format {
+            let cause = FormatCause::Other { found: header.format, expected: format.to_owned() };
+            return Err(self.error(Some(1), cause));
+        }
+        self.version(header.version)?;
+        if header.scene != scene {
+            let cause = FormatCause::Other { found: header.scene, expected: scene.to_owned() };
+            return Err(self.error(Some(1), cause));
+        }
+        self.limit("missions", header.missions, MAX_MISSIONS)?;
+        self.limit("targets", header.targets.unwrap_or(0), MAX_TARGETS)?;
+        Ok(header)
+    }
+
+    fn version(&self, found: u32) -> Result<(), FormatError> {
+        let cause = FormatCause::Version { found, read: DATASET_VERSION };
+        if found == DATASET_VERSION { Ok(()) } else { Err(self.error(Some(1), cause)) }
+    }
+
+    fn count(&self, what: &'static str, found: usize, promised: usize) -> Result<(), FormatError> {
+        let cause = FormatCause::Count { what, found, promised };
+        if found == promised { Ok(()) } else { Err(self.error(None, cause)) }
+    }
+
+    fn tied(&self, expected: &str) -> Result<(), FormatError> {
+        let found = digest_of(self.bytes);
+        if found == expected {
+            return Ok(());
+        }
+        Err(self.error(None, FormatCause::Digest { found, expected: expected.to_owned() }))
+    }
+}
+
+/// Reads `dataset.json`.
+///
+/// # Errors
+/// When it is none, or of another version.
+pub fn read_manifest(file: File) -> Result<Manifest, FormatError> {
+    let manifest: Manifest = serde_json::from_slice(file.bytes).map_err(|error| {
+        let line = Some(error.line()).filter(|line| *line > 0);
+        file.error(line, FormatCause::Json(error.to_string()))
+    })?;
+    if manifest.format != Manifest::FORMAT {
+        let cause = FormatCause::Other { found: manifest.format, expected: Manifest::FORMAT.to_owned() };
+        return Err(file.error(None, cause));
+    }
+    file.version(manifest.version)?;
+    Ok(manifest)
+}
+
+/// Reads `scenes.jsonl`, whose digest is `expected`.
+///
+/// # Errors
+/// When a line is none, a name occurs twice, or the digest is another.
+pub fn read_scenes(file: File, expected: &str) -> Result<Vec<SceneLine>, FormatError> {
+    let (mut scenes, mut names) = (Vec::new(), BTreeSet::new());
+    for line in file.lines() {
+        let scene: SceneLine = file.parse(line)?;
+        if !names.insert(scene.name.clone()) {
+            return Err(file.error(Some(line.0), FormatCause::Duplicate { what: "scene", id: scene.name }));
+        }
+        file.finite(line.0, scene.facts.and_then(|facts| finite::number(facts.area_m2, "facts.area_m2")))?;
+        scenes.push(scene);
+        file.limit("scenes", scenes.len(), MAX_SCENES)?;
+    }
+    file.tied(expected)?;
+    Ok(scenes)
+}
+
+/// Reads the missions file of `scene`: what agents may know.
+///
+/// # Errors
+/// When it is not that file, truncated, or holds what cannot be.
+pub fn read_missions(file: File, scene: &str) -> Result<Vec<PublicMission>, FormatError> {
+    let header = file.header(Header::MISSIONS, scene)?;
+    let (mut missions, mut ids) = (Vec::new(), BTreeSet::new());
+    for line in file.lines().skip(1) {
+        let mission: PublicMission = file.parse(line)?;
+        if !ids.insert(mission.id.clone()) {
+            let cause = FormatCause::Duplicate { what: "mission", id: mission.id };
+            return Err(file.error(Some(line.0), cause));
+        }
+        file.finite(line.0, finite::pose(&mission.start, "start"))?;
+        if !(1..=MAX_GOALS).contains(&mission.goals.len()) {
+            let cause = FormatCause::TooMany { what: "goals", found: mission.goals.len(), limit: MAX_GOALS };
+            return Err(file.error(Some(line.0), cause));
+        }
+        missions.push(mission);
+        file.limit("missions", missions.len(), header.missions.max(1))?;
+    }
+    file.count("missions", missions.len(), header.missions)?;
+    Ok(missions)
+}
+
+/// Reads both files of a scene and puts its missions together.
+///
+/// # Errors
+/// When a file is not what the scene's line says, truncated, or the two do not fit together.
+pub fn read_scene(line: &SceneLine, missions: File, sealed: File) -> Result<Vec<EpisodeSpec>, FormatError> {
+    let public = read_missions(missions, &line.name)?;
+    missions.tied(&line.public)?;
+    let header = sealed.header(Header::SEALED, &line.name)?;
+    if header.public.as_deref() != Some(line.public.as_str()) {
+        let cause =
+            FormatCause::Digest { found: header.public.unwrap_or_default(), expected: line.public.clone() };
+        return Err(sealed.error(Some(1), cause));
+    }
+    let targets = read_targets(&sealed, header.targets.unwrap_or(0))?;
+    let rest = sealed.lines().skip(1 + targets.len());
+    let mut episodes = Vec::with_capacity(public.len());
+    for (line_of, public) in rest.zip(&public) {
+        let hidden: SealedMission = sealed.parse(line_of)?;
+        let put = put_together(&line.name, public, hidden, &targets);
+        episodes.push(put.map_err(|cause| sealed.error(Some(line_of.0), cause))?);
+    }
+    let found = sealed.lines().count().saturating_sub(1 + targets.len());
+    sealed.count("missions", found, public.len())?;
+    sealed.tied(&line.sealed)?;
+    Ok(episodes)
+}
+
+fn read_targets(file: &File, count: usize) -> Result<BTreeMap<u32, SealedTarget>, FormatError> {
+    let mut targets = BTreeMap::new();
+    for line in file.lines().skip(1).take(count) {
+        let sealed: SealedTarget = file.parse(line)?;
+        file.finite(line.0, finite::target(&sealed.target))?;
+        let id = sealed.target.instance;
+        if targets.insert(id, sealed).is_some() {
+            let cause = FormatCause::Duplicate { what: "target", id: id.to_string() };
+            return Err(file.error(Some(line.0), cause));
+        }
+    }
+    file.count("targets", targets.len(), count)?;
+    Ok(targets)
+}
+
+fn put_together(
+    scene: &str,
+    public: &PublicMission,
+    hidden: SealedMission,
+    targets: &BTreeMap<u32, SealedTarget>,
+) -> Result<EpisodeSpec, FormatCause> {
+    let mismatch = |what| FormatCause::Mismatch { mission: public.id.clone(), what };
+    if hidden.id != public.id {
+        return Err(mismatch("the sealed file has another mission in its place"));
+    }
+    if hidden.goals.len() != public.goals.len() {
+        return Err(mismatch("public and sealed part have different numbers of goals"));
+    }
+    let bad =
+        finite::tour(&hidden.ordered, "ordered").or_else(|| finite::tour(&hidden.unordered, "unordered"));
+    if let Some(what) = bad {
+        return Err(FormatCause::NotFinite { what });
+    }
+    let goal = |(public_goal, sealed): (&PublicGoal, &SealedGoal)| {
+        let Some(target) = targets.get(&sealed.instance) else {
+            let id = sealed.instance.to_string();
+            return Err(FormatCause::Unknown { mission: public.id.clone(), what: "target", id });
+        };
+        goal_of(public_goal, sealed, target).map_err(&mismatch)
+    };
+    let goals = public.goals.iter().zip(&hidden.goals).map(goal).collect::<Result<_, _>>()?;
+    Ok(EpisodeSpec {
+        id: hidden.id,
+        scene: scene.to_owned(),
+        seed: hidden.seed,
+        start: public.start,
+        goals,
+        ordered: hidden.ordered,
+        unordered: hidden.unordered,
+    })
+}
+
+fn goal_of(
+    public: &PublicGoal,
+    sealed: &SealedGoal,
+    target: &SealedTarget,
+) -> Result<GoalSpec, &'static str> {
+    let cue = match (public, &sealed.view) {
+        (PublicGoal::Category(label), None) if *label == target.target.category => CueSpec::Category,
+        (PublicGoal::Category(_), None) => {
+            return Err("a category goal names another category than its target's");
+        }
+        (PublicGoal::Description(sentence), None) => CueSpec::Description(sentence.clone()),
+        (PublicGoal::Image, Some(view)) if finite::view(view).is_none() => CueSpec::Image(*view),
+        (PublicGoal::Image, Some(_)) => return Err("the view of a picture is not finite"),
+        (PublicGoal::Image, None) => return Err("an image goal has no view"),
+        (_, Some(_)) => return Err("a goal without a picture has a view"),
+    };
+    if finite::number(sealed.start_distance_m, "").is_some() {
+        return Err("a start distance is not finite");
+    }
+    let filled = Target {
+        modality: cue.modality(),
+        start_distance_m: sealed.start_distance_m,
+        ..target.target.clone()
+    };
+    Ok(GoalSpec { target: filled, cue, distractors: target.distractors })
+}
+
+impl Header {
+    /// Kind of a missions file.
+    pub(super) const MISSIONS: &str = "avln-missions";
+    /// Kind of a sealed file.
+    pub(super) const SEALED: &str = "avln-sealed";
+}
+
+impl Manifest {
+    /// Kind of the file `dataset.json`.
+    pub const FORMAT: &str = "avln-dataset";
+}
+
+/// What serde says, with the column and without the line, which is always 1 here.
+fn json_error(error: &serde_json::Error) -> String {
+    let text = error.to_string();
+    let place = format!(" at line {} column {}", error.line(), error.column());
+    let what = text.strip_suffix(&place).unwrap_or(&text);
+    if error.is_eof() {
+        return format!("it ends in the middle of a line, after {} bytes: {what}", error.column());
+    }
+    format!("{what} (column {})", error.column())
+}

@@ -1,0 +1,205 @@
+use super::look::{self, Region, Stand, Straight};
+use avln_geom::Point3;
+use avln_navmesh::{CornerWays, Exits, NavMesh, NavPoint, Places};
+use std::cell::OnceCell;
+
+/// What the tours of one house need to know of its success regions, looked up once: what each sampled place of a
+/// region sees, and how far the corners of the walls are from each other. A mission is then sums over tables.
+pub(crate) struct Atlas<'a> {
+    navmesh: &'a NavMesh,
+    regions: Vec<Region>,
+    /// All places of all regions, one region after the other.
+    places: Places,
+    /// Shortest ways to each corner, made when somebody first asks.
+    ways: Vec<OnceCell<CornerWays>>,
+    /// For each pair of regions, the smaller number first: places in straight reach of each other.
+    straight: Vec<Vec<Straight>>,
+    /// For each pair: the shortest way between them, metres.
+    apart_m: Vec<f64>,
+}
+
+/// Where a tour starts.
+pub(crate) struct Departure {
+    position: Point3<f32>,
+    pub(super) exits: Exits,
+}
+
+/// How one stand is reached from another.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Way {
+    pub(crate) distance_m: f64,
+    /// First and last corner on the way; `None` for a straight one.
+    corners: Option<(u32, u32)>,
+}
+
+const NO_WAY: Way = Way { distance_m: f64::INFINITY, corners: None };
+
+impl Way {
+    fn improve(&mut self, distance_m: f64, corners: Option<(u32, u32)>) {
+        if distance_m < self.distance_m {
+            *self = Self { distance_m, corners };
+        }
+    }
+}
+
+impl<'a> Atlas<'a> {
+    /// Looks around in `regions`. Pairs nearer to each other than `least_apart_m` need no tours between them.
+    pub(crate) fn new(navmesh: &'a NavMesh, regions: &[Vec<NavPoint>], least_apart_m: f64) -> Self {
+        let found = look::around(navmesh, regions, least_apart_m);
+        let ways = (0..navmesh.corner_count()).map(|_| OnceCell::new()).collect();
+        let look::Found { regions, places, straight, straight_m } = found;
+        let mut atlas = Self { navmesh, regions, places, ways, straight, apart_m: straight_m };
+        atlas.measure();
+        atlas
+    }
+
+    /// Lowers the distances of all pairs to what ways around corners allow.
+    fn measure(&mut self) {
+        let count = self.len();
+        for (a, b) in (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))) {
+            let (here, there) = (&self.regions[a], &self.regions[b]);
+            let mut least_m = self.apart_m[a * count + b];
+            for (&home, near_m) in there.gates.iter().zip(&there.near_m) {
+                let ways = self.ways_to(home);
+                for (&out, left_m) in here.gates.iter().zip(&here.near_m) {
+                    least_m = least_m.min(left_m + ways.distance_m(out) + near_m);
+                }
+            }
+            self.apart_m[a * count + b] = least_m;
+        }
+    }
+
+    /// How many regions there are.
+    pub(crate) fn len(&self) -> usize {
+        self.regions.len()
+    }
+
+    /// The shortest way between two regions, metres; infinite when there is none.
+    pub(crate) fn apart_m(&self, a: usize, b: usize) -> f64 {
+        self.apart_m[a.min(b) * self.len() + a.max(b)]
+    }
+
+    /// What a body at `start` sees.
+    pub(crate) fn departure(&self, start: &NavPoint) -> Departure {
+        Departure { position: start.position(), exits: self.navmesh.exits(start, &self.places) }
+    }
+
+    /// The shortest way from the start to a region, metres; infinite when there is none.
+    pub(crate) fn start_m(&self, start: &Departure, to: usize) -> f64 {
+        let region = &self.regions[to];
+        let gates = region.gates.iter().zip(&region.near_m);
+        let bent = gates.map(|(&gate, near_m)| self.gate_m(start, gate) + near_m);
+        let straight = region.seen_from(start).map(|(_, distance_m)| distance_m);
+        bent.chain(straight).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The shortest way from the start to a corner, metres.
+    fn gate_m(&self, start: &Departure, gate: u32) -> f64 {
+        let ways = self.ways_to(gate);
+        let exits = start.exits.corners.iter();
+        exits.map(|exit| exit.distance_m + ways.distance_m(exit.corner)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Shortest ways from the start to every stand of a region, metres.
+    pub(crate) fn depart(&self, start: &Departure, to: usize) -> Vec<f64> {
+        let region = &self.regions[to];
+        let gates: Vec<f64> = region.gates.iter().map(|&gate| self.gate_m(start, gate)).collect();
+        let mut costs = region.spread(&gates);
+        for (stand, distance_m) in region.seen_from(start) {
+            costs[stand] = costs[stand].min(distance_m);
+        }
+        costs
+    }
+
+    /// Cheapest ways to every stand of `to` when the stands of `from` have been reached at `costs`, metres.
+    pub(crate) fn onward(&self, from: usize, costs: &[f64], to: usize) -> Vec<f64> {
+        let (here, there) = (&self.regions[from], &self.regions[to]);
+        let left = here.gather(costs);
+        let to_gate = |&gate: &u32| {
+            let ways = self.ways_to(gate);
+            let by = here.gates.iter().zip(&left);
+            by.map(|(&corner, cost)| cost + ways.distance_m(corner)).fold(f64::INFINITY, f64::min)
+        };
+        let mut reached = there.spread(&there.gates.iter().map(to_gate).collect::<Vec<_>>());
+        for (a, b, distance_m) in self.straight(from, to) {
+            reached[b] = reached[b].min(costs[a] + distance_m);
+        }
+        reached
+    }
+
+    /// The ways from every stand of `from` to one stand.
+    pub(crate) fn back(&self, to: (usize, usize), from: usize) -> Vec<Way> {
+        let (here, there) = (&self.regions[from], &self.regions[to.0]);
+        let exits: Vec<_> =
+            there.stands[to.1].exits.iter().map(|(gate, m)| (there.gates[*gate as usize], *m)).collect();
+        let by_gate: Vec<Way> = here.gates.iter().map(|&gate| self.way_out(gate, &exits)).collect();
+        let bent = |stand: &Stand| {
+            let mut way = NO_WAY;
+            for (gate, distance_m) in &stand.exits {
+                let onward = by_gate[*gate as usize];
+                way.improve(distance_m + onward.distance_m, onward.corners);
+            }
+            way
+        };
+        let mut ways: Vec<Way> = here.stands.iter().map(bent).collect();
+        for (a, b, distance_m) in self.straight(from, to.0) {
+            if b == to.1 {
+                ways[a].improve(distance_m, None);
+            }
+        }
+        ways
+    }
+
+    /// The corners of a way between two stands, both ends included.
+    pub(crate) fn leg(&self, from: (usize, usize), to: (usize, usize), way: &Way) -> Vec<Point3<f32>> {
+        let end = |(region, stand): (usize, usize)| self.regions[region].stands[stand].position;
+        self.between(end(from), way, end(to))
+    }
+
+    /// The corners of the way from the start to a stand, both ends included.
+    pub(crate) fn first_leg(&self, start: &Departure, to: (usize, usize)) -> Vec<Point3<f32>> {
+        let region = &self.regions[to.0];
+        let stand = &region.stands[to.1];
+        let exits: Vec<_> = stand.exits.iter().map(|(gate, m)| (region.gates[*gate as usize], *m)).collect();
+        let mut way = NO_WAY;
+        for exit in &start.exits.corners {
+            let onward = self.way_out(exit.corner, &exits);
+            way.improve(exit.distance_m + onward.distance_m, onward.corners);
+        }
+        for (_, distance_m) in region.seen_from(start).filter(|seen| seen.0 == to.1) {
+            way.improve(distance_m, None);
+        }
+        self.between(start.position, &way, stand.position)
+    }
+
+    fn between(&self, from: Point3<f32>, way: &Way, to: Point3<f32>) -> Vec<Point3<f32>> {
+        let mut leg = vec![from];
+        if let Some((out, home)) = way.corners {
+            leg.extend(self.ways_to(home).path(self.navmesh, out));
+        }
+        leg.push(to);
+        leg
+    }
+
+    /// The best way from a corner over one of `exits`.
+    fn way_out(&self, corner: u32, exits: &[(u32, f64)]) -> Way {
+        let mut way = NO_WAY;
+        for &(home, distance_m) in exits {
+            way.improve(self.ways_to(home).distance_m(corner) + distance_m, Some((corner, home)));
+        }
+        way
+    }
+
+    fn ways_to(&self, corner: u32) -> &CornerWays {
+        self.ways[corner as usize].get_or_init(|| self.navmesh.corner_ways(corner))
+    }
+
+    /// Stands of two regions in straight reach of each other.
+    fn straight(&self, from: usize, to: usize) -> impl Iterator<Item = (usize, usize, f64)> {
+        let turned = from > to;
+        self.straight[from.min(to) * self.len() + from.max(to)].iter().map(move |pair| {
+            let (a, b) = (pair.from as usize, pair.to as usize);
+            if turned { (b, a, pair.distance_m) } else { (a, b, pair.distance_m) }
+        })
+    }
+}

@@ -1,0 +1,173 @@
+use crate::{Failure, FailureKind};
+use avln_dataset::{
+    DatasetError, Manifest, SceneLine, Split, SplitLine, Statistics,
+    format::{
+        DATASET_VERSION, File, digest_of, manifest_bytes, read_manifest, read_scenes, scenes_bytes,
+        write_scene,
+    },
+};
+use std::{
+    io::{self, Read},
+    path::{Path, PathBuf},
+};
+
+/// Largest file of a data set that is read, bytes: one scene's missions take some megabytes.
+const MAX_FILE_BYTES: u64 = 1 << 30;
+
+/// Where the files of a data set lie.
+#[derive(Clone, Debug)]
+pub struct DatasetFiles {
+    root: PathBuf,
+}
+
+impl DatasetFiles {
+    /// The data set in `root`, whether it is there or not.
+    pub fn at(root: &Path) -> Self {
+        Self { root: root.to_owned() }
+    }
+
+    /// Its folder.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    pub(super) fn manifest_path(&self) -> PathBuf {
+        self.root.join("dataset.json")
+    }
+
+    pub(super) fn scenes_path(&self, split: &str) -> PathBuf {
+        self.root.join(split).join("scenes.jsonl")
+    }
+
+    pub(super) fn missions_path(&self, split: &str, scene: &str) -> PathBuf {
+        self.root.join(split).join("missions").join(format!("{scene}.jsonl"))
+    }
+
+    pub(super) fn sealed_path(&self, split: &str, scene: &str) -> PathBuf {
+        self.root.join(split).join("sealed").join(format!("{scene}.jsonl"))
+    }
+
+    /// Whether a complete data set lies here.
+    pub fn is_complete(&self) -> bool {
+        self.manifest_path().is_file()
+    }
+
+    /// Reads what the data set is.
+    ///
+    /// # Errors
+    /// When there is none, or it is of another version.
+    pub fn manifest(&self) -> Result<Manifest, Failure> {
+        let path = self.manifest_path();
+        let bytes = read(&path).map_err(|failure| {
+            failure.hinted("build a data set there with: avln dataset build CONFIG --out FOLDER")
+        })?;
+        Ok(read_manifest(File { name: &path.display().to_string(), bytes: &bytes })
+            .map_err(DatasetError::from)?)
+    }
+
+    /// Reads the list of scenes of a split.
+    ///
+    /// # Errors
+    /// When it cannot be read or is not the one that the manifest names.
+    pub fn scenes(&self, split: &SplitLine) -> Result<Vec<SceneLine>, Failure> {
+        check_plain(&split.name)?;
+        let path = self.scenes_path(&split.name);
+        let bytes = read(&path)?;
+        let scenes = read_scenes(File { name: &path.display().to_string(), bytes: &bytes }, &split.digest)
+            .map_err(DatasetError::from)?;
+        scenes.iter().try_for_each(|scene| check_plain(&scene.name))?;
+        Ok(scenes)
+    }
+
+    /// Writes the list of scenes of a split; gives back its line in the manifest.
+    pub(super) fn write_scenes(&self, split: &str, scenes: &[SceneLine]) -> Result<SplitLine, Failure> {
+        let bytes = scenes_bytes(scenes)?;
+        write_whole(&self.scenes_path(split), &bytes)?;
+        let missions = scenes.iter().map(|scene| scene.missions).sum();
+        Ok(SplitLine { name: split.to_owned(), scenes: scenes.len(), missions, digest: digest_of(&bytes) })
+    }
+
+    pub(super) fn write_manifest(&self, manifest: &Manifest) -> Result<(), Failure> {
+        write_whole(&self.manifest_path(), &manifest_bytes(manifest)?)
+    }
+
+    /// Writes the statistics, as numbers and as a page.
+    ///
+    /// # Errors
+    /// When the folder cannot be written.
+    pub fn write_statistics(&self, name: &str, splits: &[(String, Statistics)]) -> Result<PathBuf, Failure> {
+        let numbers: std::collections::BTreeMap<_, _> =
+            splits.iter().map(|(split, numbers)| (split.as_str(), numbers)).collect();
+        let json = serde_json::to_vec_pretty(&numbers)
+            .map_err(|error| Failure::new(FailureKind::Internal, error))?;
+        write_whole(&self.root.join("statistics.json"), &json)?;
+        let page = self.root.join("statistics.html");
+        write_whole(&page, avln_dataset::page(name, splits).as_bytes())?;
+        Ok(page)
+    }
+
+    /// Writes a split that was put together in memory as a data set of its own.
+    ///
+    /// # Errors
+    /// When the folder cannot be written.
+    pub fn write_split(&self, split: &Split) -> Result<(), Failure> {
+        let mut lines = Vec::new();
+        for scene in &split.scenes {
+            let episodes: Vec<_> =
+                split.episodes.iter().filter(|episode| episode.scene == scene.name).cloned().collect();
+            let written = write_scene(scene, None, &episodes)?;
+            write_whole(&self.missions_path(&split.name, &scene.name), &written.missions)?;
+            write_whole(&self.sealed_path(&split.name, &scene.name), &written.sealed)?;
+            lines.push(written.line);
+        }
+        let line = self.write_scenes(&split.name, &lines)?;
+        self.write_manifest(&Manifest {
+            format: Manifest::FORMAT.to_owned(),
+            version: DATASET_VERSION,
+            name: split.name.clone(),
+            rules: split.rules.clone(),
+            recipe: None,
+            splits: vec![line],
+        })
+    }
+}
+
+/// Names in a data set become file names.
+fn check_plain(name: &str) -> Result<(), Failure> {
+    let fits = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_' | '.');
+    if (1..=100).contains(&name.len()) && name.chars().all(fits) && !name.starts_with('.') {
+        return Ok(());
+    }
+    Err(Failure::new(
+        FailureKind::Scene,
+        format!("'{}' cannot be the name of a scene or split of a data set", name.escape_debug()),
+    ))
+}
+
+/// Reads a file that is not larger than any file of a data set.
+pub(super) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
+    let mut bytes = Vec::new();
+    let limited = |file: std::fs::File| file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes);
+    std::fs::File::open(path).and_then(limited).map_err(|error| cannot("read", path, &error))?;
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        let message = format!("{} is larger than the {MAX_FILE_BYTES} bytes that are read", path.display());
+        return Err(Failure::new(FailureKind::Data, message));
+    }
+    Ok(bytes)
+}
+
+/// Writes a file so that it is whole whenever it is there under its name.
+pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(".partial");
+    let partial = path.with_file_name(name);
+    let folder = path.parent().unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder)
+        .and_then(|()| std::fs::write(&partial, bytes))
+        .and_then(|()| std::fs::rename(&partial, path))
+        .map_err(|error| cannot("write", path, &error))
+}
+
+pub(super) fn cannot(what: &str, path: &Path, error: &io::Error) -> Failure {
+    Failure::new(FailureKind::Data, format!("cannot {what} {}: {error}", path.display()))
+}

@@ -1,0 +1,175 @@
+//! Building, checking and playing a data set on disk.
+
+use avln_dataset::{Depth, Recipe};
+use avln_server::{
+    FailureKind,
+    arena::data::DataFolder,
+    commands::phase,
+    dataset::{
+        DatasetFiles, SplitFolder,
+        build::Builder,
+        check::{self, Report, Scope},
+    },
+};
+use std::{
+    collections::BTreeMap,
+    fs,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::{Path, PathBuf},
+    sync::LazyLock,
+};
+use tempfile::TempDir;
+
+const RECIPE: &str = r#"{
+  "name": "tiny", "rules": "lh-avln-v1", "seed": 4,
+  "missions": { "goals": [2, 3], "min_start_m": 1.0, "min_separation_m": 0.5, "distractors": [0, 255] },
+  "splits": [
+    { "name": "val", "scenes": { "houses": { "count": 2, "rooms": [5, 5], "storeys": [1, 1], "pool": "validation" } },
+      "missions_per_scene": 3 },
+    { "name": "train", "scenes": { "houses": { "count": 1, "rooms": [5, 5], "storeys": [1, 1], "pool": "train" } },
+      "missions_per_scene": 4 }
+  ]
+}"#;
+
+fn recipe() -> Recipe {
+    Recipe::from_json(RECIPE).expect("a recipe")
+}
+
+fn build(folder: &Path, threads: usize) {
+    let builder = Builder::open(DatasetFiles::at(folder), recipe()).expect("a free folder");
+    builder.run(Some(threads), |_| {}).expect("built");
+}
+
+/// A data set that tests read and do not change.
+static BUILT: LazyLock<TempDir> = LazyLock::new(|| {
+    let folder = TempDir::new().expect("a folder");
+    build(folder.path(), 2);
+    folder
+});
+
+/// All files below a folder, by path.
+fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(next) = folders.pop() {
+        for entry in fs::read_dir(next).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let name = path.strip_prefix(folder).expect("below it").to_owned();
+                found.insert(name, fs::read(&path).expect("a file"));
+            }
+        }
+    }
+    found
+}
+
+/// A copy that a test may break.
+fn copy() -> TempDir {
+    let folder = TempDir::new().expect("a folder");
+    for (name, bytes) in contents(BUILT.path()) {
+        let path = folder.path().join(name);
+        fs::create_dir_all(path.parent().expect("a parent")).expect("writable");
+        fs::write(path, bytes).expect("writable");
+    }
+    folder
+}
+
+fn checked(folder: &Path) -> Result<Report, avln_server::Failure> {
+    let scope = Scope { split: None, scenes: None, depth: Depth { every: 1 }, threads: Some(2) };
+    check::run(&DatasetFiles::at(folder), &scope, |_, _| {})
+}
+
+#[test]
+fn one_and_eight_threads_give_the_same_bytes() {
+    for threads in [1, 8] {
+        let folder = TempDir::new().expect("a folder");
+        build(folder.path(), threads);
+        assert_eq!(contents(folder.path()), contents(BUILT.path()), "{threads} threads");
+    }
+}
+
+#[test]
+fn a_build_that_was_killed_goes_on_and_ends_the_same() {
+    let folder = TempDir::new().expect("a folder");
+    let builder = Builder::open(DatasetFiles::at(folder.path()), recipe()).expect("a free folder");
+    let killed = catch_unwind(AssertUnwindSafe(|| {
+        builder.run(Some(1), |progress| assert!(progress.done < 3, "killed after the first scene"))
+    }));
+    assert!(killed.is_err());
+    let half = contents(folder.path());
+    assert!(half.contains_key(Path::new("val/missions/tiny-val-0000.jsonl")));
+    assert!(!half.contains_key(Path::new("dataset.json")));
+    // A file that a crash cut off is made again, one that is whole is not.
+    let kept = folder.path().join("val/missions/tiny-val-0000.jsonl");
+    let before = fs::metadata(&kept).and_then(|data| data.modified()).expect("a time");
+    fs::write(folder.path().join("val/missions/tiny-val-0001.jsonl"), "{").expect("writable");
+    build(folder.path(), 2);
+    assert_eq!(fs::metadata(&kept).and_then(|data| data.modified()).expect("a time"), before);
+    assert_eq!(contents(folder.path()), contents(BUILT.path()));
+}
+
+#[test]
+fn a_complete_data_set_is_not_built_again_and_another_recipe_is_refused() {
+    build(BUILT.path(), 1);
+    let other = Recipe { seed: 5, ..recipe() };
+    let refused = Builder::open(DatasetFiles::at(BUILT.path()), other).err().expect("another recipe");
+    assert_eq!(refused.kind(), FailureKind::Data);
+    assert!(refused.to_string().contains("another recipe"), "{refused}");
+}
+
+#[test]
+fn a_fresh_data_set_passes_its_check() {
+    let report = checked(BUILT.path()).expect("readable");
+    assert_eq!((report.scenes, report.missions), (3, 10));
+    assert_eq!(report.faults, Vec::<String>::new());
+}
+
+#[test]
+fn changed_files_are_refused_by_name() {
+    let folder = copy();
+    let path = folder.path().join("val/sealed/tiny-val-0001.jsonl");
+    let text = fs::read_to_string(&path).expect("text");
+    fs::write(&path, text.replacen("\"seed\":", "\"seed\":1", 1)).expect("writable");
+    let failure = checked(folder.path()).expect_err("changed").to_string();
+    assert!(failure.contains("tiny-val-0001.jsonl") && failure.contains("digest"), "{failure}");
+    fs::remove_file(&path).expect("removable");
+    let failure = checked(folder.path()).expect_err("gone").to_string();
+    assert!(failure.contains("cannot read") && failure.contains("tiny-val-0001.jsonl"), "{failure}");
+    fs::write(folder.path().join("dataset.json"), "{\n\"format\": 3").expect("writable");
+    let failure = checked(folder.path()).expect_err("broken").to_string();
+    assert!(failure.contains("dataset.json, line 2"), "{failure}");
+}
+
+#[tokio::test]
+async fn a_phase_opens_on_a_split_of_a_data_set_and_reads_missions_one_scene_at_a_time() {
+    let home = TempDir::new().expect("a folder");
+    let data = DataFolder::open(home.path()).expect("writable");
+    let store = data.store().await.expect("a database");
+    let options = phase::Open {
+        id: "val".to_owned(),
+        split: "val".to_owned(),
+        dataset: Some(BUILT.path().to_owned()),
+        title: None,
+        scores: phase::Who::Public,
+        replays: phase::Who::Public,
+        feedback: None,
+        quota: None,
+        max_slots: 4,
+        max_side: 256,
+    };
+    let phase = phase::open(&data, &store, &options).await.expect("opens");
+    assert_eq!((phase.split.as_str(), phase.episodes.len()), ("tiny-val", 6));
+    let missions = data.missions("tiny-val").expect("known by its name");
+    let id = &phase.episodes[4].episode;
+    let episode = missions.episode(id).expect("readable").expect("there");
+    assert_eq!((&episode.id, &episode.scene), (id, &phase.episodes[4].scene));
+    assert_eq!(missions.episode("tiny-val-0000-9999").expect("readable"), None);
+    assert_eq!(missions.episode("elsewhere").expect("readable"), None);
+    // The same split again is no other split; a split that is not there is refused with those that are.
+    assert_eq!(data.link_split(BUILT.path(), "val").expect("the same"), "tiny-val");
+    let failure = SplitFolder::open(BUILT.path(), "test").err().expect("no such split").to_string();
+    assert!(failure.contains("val, train"), "{failure}");
+    store.close().await;
+}
