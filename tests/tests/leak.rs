@@ -84,8 +84,9 @@ fn categories(house: &House) -> (Canaries, Canaries) {
 
 /// Walks along the reference tour until the first target on it can be claimed.
 async fn claim_first_target(house: &House, episode: &mut Episode<'_>, order: Order) {
-    let split = DataFolder::open(house.folder.path()).and_then(|data| data.split(PHASE)).expect("its split");
-    let rules = register::rules_of(&split).expect("its rules");
+    let data = DataFolder::open(house.folder.path()).expect("the data folder");
+    let split = data.split(PHASE).expect("its split");
+    let rules = register::rules_of(PHASE, &data.missions(PHASE).expect("its files")).expect("its rules");
     let spec = &split.episodes[episode.ordinal() as usize - 1];
     let truth = spec.truth(order.to_string().parse().expect("an order"));
     let assets = split.scene(&spec.scene).expect("its scene").open(&rules).expect("it opens");

@@ -28,7 +28,10 @@ fn export_hm3d(scene: &Scene, out: &Path) -> Result<(), Failure> {
     let Some(stem) = name.strip_suffix(".glb").filter(|stem| !stem.is_empty()) else {
         return Err(Failure::new(
             FailureKind::Data,
-            format!("{} does not end in .glb, by which Habitat finds the semantics; name it so", out.display()),
+            format!(
+                "{} does not end in .glb, by which Habitat finds the semantics; name it so",
+                out.display()
+            ),
         ));
     };
     let beside = |suffix: &str| -> PathBuf { out.with_file_name(format!("{stem}{suffix}")) };

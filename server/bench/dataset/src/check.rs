@@ -153,8 +153,7 @@ impl SceneCheck<'_> {
     /// The stored tours: as long as they say, from the start, as many steps as they say.
     fn paths(&mut self, episode: &EpisodeSpec) {
         for (name, tour) in [("ordered", &episode.ordered), ("unordered", &episode.unordered)] {
-            let walked: f64 =
-                tour.path.windows(2).map(|leg| f64::from((leg[1] - leg[0]).norm())).sum();
+            let walked: f64 = tour.path.windows(2).map(|leg| f64::from((leg[1] - leg[0]).norm())).sum();
             if (walked - tour.length_m).abs() > 0.02 + 1e-4 * tour.length_m {
                 let found =
                     format!("the {name} tour is {walked:.3} m long, the file says {:.3} m", tour.length_m);

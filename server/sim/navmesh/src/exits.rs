@@ -65,8 +65,7 @@ impl NavMesh {
     pub fn exits(&self, point: &NavPoint, places: &Places) -> Exits {
         let outlook = self.outlook(point);
         let exit = |link: &crate::corners::Link| Exit { corner: link.to, distance_m: link.metres };
-        let mut exits =
-            Exits { corners: outlook.links().iter().map(exit).collect(), places: Vec::new() };
+        let mut exits = Exits { corners: outlook.links().iter().map(exit).collect(), places: Vec::new() };
         for (polygon, view) in outlook.views() {
             let here = places.on(*polygon).filter(|(_, _, spot, _)| view.holds(spot));
             let apart_m = |spot, height_m| self.lattice().apart_m((spot, height_m), outlook.place());

@@ -50,11 +50,12 @@ fn the_small_house_of_parts_comes_back_from_hm3d_layout() {
     let scene = open::open(&shared.join("aws_small_house")).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let exported = hm3d::export(&scene);
+    let config = hm3d::dataset_config("house.glb");
     let files = [
         ("house.glb", exported.render.as_slice()),
         ("house.semantic.glb", &exported.semantic),
         ("house.semantic.txt", exported.table.as_bytes()),
-        ("house.scene_dataset_config.json", hm3d::dataset_config("house.glb").as_bytes()),
+        ("house.scene_dataset_config.json", config.as_bytes()),
     ];
     files.iter().for_each(|(name, bytes)| std::fs::write(folder.path().join(name), bytes).unwrap());
     let mut report = Report::default();
