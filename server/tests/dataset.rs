@@ -131,7 +131,7 @@ fn changed_files_are_refused_by_name() {
     let folder = copy();
     let path = folder.path().join("val/sealed/tiny-val-0001.jsonl");
     let text = fs::read_to_string(&path).expect("text");
-    fs::write(&path, text.replacen("\"seed\":", "\"seed\":1", 1)).expect("writable");
+    fs::write(&path, text.replacen("\"category\":\"", "\"category\":\"x", 1)).expect("writable");
     let failure = checked(folder.path()).expect_err("changed").to_string();
     assert!(failure.contains("tiny-val-0001.jsonl") && failure.contains("digest"), "{failure}");
     fs::remove_file(&path).expect("removable");

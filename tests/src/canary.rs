@@ -84,8 +84,12 @@ impl Canaries {
             bytes: bytes.to_vec(),
             then: then.to_vec(),
         };
-        self.0.push(pair(&single[0], &single[1], "f32"));
-        self.0.push(pair(&double[0], &double[1], "f64"));
+        // Round numbers occur by chance in flat pictures.
+        let is_round = |m: f32| (m * 64.0).fract() == 0.0;
+        if !is_round(x) && !is_round(z) {
+            self.0.push(pair(&single[0], &single[1], "f32"));
+            self.0.push(pair(&double[0], &double[1], "f64"));
+        }
     }
 
     /// How many there are.

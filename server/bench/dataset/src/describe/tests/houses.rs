@@ -101,7 +101,11 @@ fn the_words_of_every_claim_are_in_its_sentence() {
                     marks.cloned().chain(side).collect()
                 }
             };
-            let said = |word: &String| text.contains(word.as_str()) || text.contains(&lexicon::plural(word));
+            let text = text.to_lowercase();
+            let said = |word: &String| {
+                let word = word.to_lowercase();
+                text.contains(&word) || text.contains(&lexicon::plural(&word))
+            };
             assert!(words.iter().all(said), "{words:?}: {text}");
         }
         let places = sentence.claims.list.iter().filter(|claim| matches!(claim, Claim::Place(..))).count();
@@ -129,7 +133,7 @@ fn no_other_thing_of_the_house_fits_a_sentence() {
         let target = &scene.objects[index];
         for other in scene.objects.iter().filter(|other| other.id != target.id) {
             let named = other.category == target.category
-                && (other.attributes.noun.is_empty() || sentence.claims.head.noun == other.attributes.noun);
+                && is_called(&sentence.claims.head.noun, &other.attributes.noun);
             let fits = sentence.claims.list.iter().all(|claim| fits(scene, other, claim));
             assert!(!(named && fits), "{}: also {other:?}", sentence.text);
         }
@@ -165,12 +169,17 @@ fn is_amid(object: &Object, a: &Object, b: &Object) -> bool {
     flat(a, object).angle(&flat(object, b)) < 50_f32.to_radians()
 }
 
+/// Whether a sentence's word may mean a thing with this label: `pair of trousers` is said of `trousers`.
+fn is_called(said: &str, label: &str) -> bool {
+    said.to_lowercase().ends_with(&label.to_lowercase())
+}
+
 fn things<'a>(scene: &'a Scene, object: &'a Object, mark: &'a Landmark) -> impl Iterator<Item = &'a Object> {
     scene.objects.iter().filter(move |thing| {
         let noun = &thing.attributes.noun;
         thing.id != object.id
             && thing.category == mark.name.category
-            && (noun.is_empty() || *noun == mark.name.noun)
+            && is_called(&mark.name.noun, noun)
             && mark.color.as_ref().is_none_or(|color| thing.attributes.color == *color)
     })
 }

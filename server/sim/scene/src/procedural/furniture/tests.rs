@@ -204,7 +204,6 @@ fn size_words_fit_the_sizes() {
     for (make, small, large, axis) in [
         (&sofas::SOFA, "small", "large", 0),
         (&tables::DESK, "small", "large", 0),
-        (&decor::VASE, "small", "tall", 1),
         (&cabinets::SIDEBOARD, "low", "tall", 1),
     ] {
         let sized: Vec<(String, f32)> = (0..120)
