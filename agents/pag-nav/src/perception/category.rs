@@ -110,7 +110,8 @@ const SYNONYMS: &[(&str, &str)] = &[
     ("dryer", "washing_machine"),
     ("lighting", "lamp"),
     ("curtains", "curtain"),
-    ("hanging_clothes", "clothes"),
+    ("machine", "gym_equipment"),
+    ("blind", "curtain"),
 ];
 
 /// How well the shape and the colours of `thing` fit a category, 0 to 1; 0.5 for a category that is not known.

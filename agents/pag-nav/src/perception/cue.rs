@@ -1,5 +1,6 @@
 use super::{Palette, Thing, category, color::is_color};
 use avln_client::{GoalCue, Image, RgbImage};
+use std::ops::Range;
 
 /// Sides of the layout grid of a picture.
 const LAYOUT: usize = 3;
@@ -28,11 +29,6 @@ pub(crate) struct Words {
     pub(crate) near: Option<String>,
 }
 
-/// Words that end the part of a sentence that names the thing itself.
-const LINKS: [&str; 17] = [
-    "in", "near", "next", "beside", "by", "on", "under", "above", "below", "with", "that", "which",
-    "between", "behind", "at", "against", "closest",
-];
 /// Rooms that sentences name.
 const ROOMS: [&str; 12] = [
     "living room",
@@ -81,25 +77,26 @@ fn stretched(value: f32, [low, high]: [f32; 2]) -> f32 {
 }
 
 impl Words {
-    /// Understands sentences like "the ADJECTIVES NOUN next to a NOUN in the ROOM"; the noun may be any that is known,
-    /// in the words before the first link, and is the last of these words where none is.
+    /// Understands sentences about one thing: its noun is the first that is known, what stands directly before it and
+    /// after a later *is* are its looks, the next noun is what it is near to. Without a known noun the last word is it.
     pub(crate) fn parse(sentence: &str) -> Self {
         let text = sentence.to_lowercase().replace(|c: char| !c.is_alphanumeric(), " ");
-        let all: Vec<&str> = text.split_whitespace().collect();
-        let words = all.strip_prefix(&["the"]).or(all.strip_prefix(&["a"])).unwrap_or(&all);
-        let until = words.iter().position(|word| LINKS.contains(word)).unwrap_or(words.len());
-        let (head, tail) = words.split_at(until);
-        let (noun, length) = category::noun_of(head).unzip();
-        let (before, last) = head.split_at(head.len() - length.unwrap_or(usize::from(!head.is_empty())));
-        let (colors, traits): (Vec<&str>, Vec<&str>) = before.iter().partition(|word| is_color(word));
-        let after = tail.join(" ");
-        let room = ROOMS.iter().find(|room| after.contains(*room));
+        let words: Vec<&str> = text.split_whitespace().collect();
+        let mut nouns = nouns(&words).into_iter();
+        let last = words.len().saturating_sub(1)..words.len();
+        let (span, name) = nouns.next().map_or_else(
+            || (last.clone(), words.last().map_or(String::new(), |word| (*word).to_owned())),
+            |(span, name)| (span, name.to_owned()),
+        );
+        let looks = looks(&words, &span);
+        let (colors, traits): (Vec<&str>, Vec<&str>) = looks.into_iter().partition(|word| is_color(word));
+        let spaced = words.join(" ");
         Self {
-            category: noun.map_or_else(|| last.join("_"), str::to_owned),
+            category: name,
             color: colors.first().map(|&word| word.to_owned()),
             traits: traits.into_iter().map(str::to_owned).collect(),
-            room: room.map(|&room| room.to_owned()),
-            near: landmark(tail).map(str::to_owned),
+            room: ROOMS.iter().find(|room| spaced.contains(*room)).map(|&room| room.to_owned()),
+            near: nouns.next().map(|(_, name)| name.to_owned()),
         }
     }
 
@@ -119,11 +116,38 @@ impl Words {
 const WRONG_COLOR: f32 = 0.15;
 const WRONG_TRAIT: f32 = 0.6;
 
-/// The first known thing in the words after the noun.
-fn landmark(words: &[&str]) -> Option<&'static str> {
+/// The known nouns of a sentence, each with the words that it takes; `floor lamp` is one, `television room` none.
+fn nouns(words: &[&str]) -> Vec<(Range<usize>, &'static str)> {
     const LONGEST: usize = 3;
-    let ending = |end: usize| category::noun_of(&words[end.saturating_sub(LONGEST)..end]);
-    (1..=words.len()).find_map(ending).map(|(noun, _)| noun)
+    let mut found = Vec::new();
+    let mut from = 0;
+    for end in 1..=words.len() {
+        let ending = |end: usize| category::noun_of(&words[from.max(end.saturating_sub(LONGEST))..end]);
+        let Some((name, length)) = ending(end) else { continue };
+        let next = words.get(end).copied().unwrap_or_default();
+        if next.starts_with("room") || (!next.is_empty() && ending(end + 1).is_some()) {
+            continue;
+        }
+        found.push((end - length..end, name));
+        from = end;
+    }
+    found
+}
+
+/// The adjectives of the noun at `span`: those before it back to its article, and those after the first *is* behind it.
+fn looks<'a>(words: &[&'a str], span: &Range<usize>) -> Vec<&'a str> {
+    const ARTICLES: [&str; 4] = ["the", "a", "an", "one"];
+    const MOST: usize = 4;
+    let before = words[..span.start].iter().rev().take(MOST).take_while(|word| !ARTICLES.contains(word));
+    let before: Vec<&str> = before.copied().collect();
+    let mut looks: Vec<&str> = before.into_iter().rev().collect();
+    if let Some(is) = words[span.end..].iter().position(|word| *word == "is") {
+        let after = words[span.end + is + 1..].iter();
+        looks.extend(
+            after.take(MOST).take_while(|word| !ARTICLES.contains(word)).filter(|word| **word != "and"),
+        );
+    }
+    looks
 }
 
 /// Colours of the fields of a picture, row by row.
@@ -182,6 +206,24 @@ mod tests {
         let words = Words::parse("A small black fridge, next to the coffee table");
         assert_eq!((words.category.as_str(), words.near.as_deref()), ("refrigerator", Some("coffee_table")));
         assert_eq!((words.color.as_deref(), words.traits), (Some("black"), vec!["small".to_owned()]));
+    }
+
+    #[test]
+    fn orders_and_relative_clauses_are_understood() {
+        let words = Words::parse("In one of the bedrooms, find the tall lamp that stands by the red sofa.");
+        assert_eq!((words.category.as_str(), words.color), ("lamp", None));
+        assert_eq!(words.traits, ["tall"]);
+        assert_eq!((words.near.as_deref(), words.room.as_deref()), (Some("sofa"), Some("bedroom")));
+        let words =
+            Words::parse("The armchair that stands opposite the door is large, green and made of wood.");
+        assert_eq!((words.category.as_str(), words.color.as_deref()), ("armchair", Some("green")));
+        assert!(words.traits.contains(&"large".to_owned()) && words.near.as_deref() == Some("door"));
+        let words = Words::parse("Look in the television room for a blue desk chair.");
+        assert_eq!((words.category.as_str(), words.color.as_deref()), ("chair", Some("blue")));
+    }
+
+    #[test]
+    fn labels_and_unknown_words_are_nouns() {
         assert_eq!(Words::parse("the unicorn"), Words { category: "unicorn".into(), ..Words::default() });
         assert_eq!(Words::parse("").category, "");
         let label = Query::new(&GoalCue::Category("tv_monitor".into()));
