@@ -88,7 +88,11 @@ impl Format {
 /// # Errors
 /// When the file is cut, is no JSON, of no known format, or holds what cannot be: wrong types, an id twice, numbers that
 /// are not finite. The error names file, place and cause.
-pub fn read(file: &str, bytes: &[u8], format: Option<Format>) -> Result<(Option<Format>, Foreign), FormatsError> {
+pub fn read(
+    file: &str,
+    bytes: &[u8],
+    format: Option<Format>,
+) -> Result<(Option<Format>, Foreign), FormatsError> {
     let value = pack::unpack(file, bytes)?;
     let root = Cursor::root(file, &value);
     if root.get("episodes")?.list()?.is_empty() {

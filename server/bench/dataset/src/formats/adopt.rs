@@ -64,7 +64,8 @@ impl<'a> Adopter<'a> {
     fn mission(&mut self, foreign: &ForeignEpisode, adopted: &mut Adopted) -> Result<EpisodeSpec, String> {
         let navmesh = &self.assets.navmesh;
         let start = navmesh.snap(&foreign.start.position, SNAP_M);
-        let start = start.ok_or_else(|| format!("its start is more than {SNAP_M} m off the walkable floor"))?;
+        let start =
+            start.ok_or_else(|| format!("its start is more than {SNAP_M} m off the walkable floor"))?;
         let field = navmesh.field(&[(start, 0.0)]);
         let mut goals: Vec<GoalSpec> = Vec::new();
         for goal in &foreign.goals {
@@ -96,7 +97,9 @@ impl<'a> Adopter<'a> {
         for (stated_m, ours_m) in foreign.stated_m.into_iter().zip([ordered_m, unordered_m]) {
             let Some(stated_m) = stated_m.filter(|stated_m| whole && *stated_m > 1e-6) else { continue };
             if (stated_m - ours_m).abs() > OFF * stated_m {
-                adopted.notes.push("reference lengths that differ from the file's by more than a tenth".to_owned());
+                adopted
+                    .notes
+                    .push("reference lengths that differ from the file's by more than a tenth".to_owned());
             }
         }
     }
@@ -128,14 +131,20 @@ impl<'a> Adopter<'a> {
     }
 
     /// The target with its distance, unless it cannot be reached or is another goal's.
-    fn reached(&self, target: Target, others: &[GoalSpec], from_start: &DistanceField) -> Result<Target, String> {
+    fn reached(
+        &self,
+        target: Target,
+        others: &[GoalSpec],
+        from_start: &DistanceField,
+    ) -> Result<Target, String> {
         if others.iter().any(|other| other.target.instance == target.instance) {
             return Err("its instance is a goal of this mission already".to_owned());
         }
         let navmesh = &self.assets.navmesh;
         let points = target.region.iter().filter_map(|place| navmesh.snap(place, 0.1));
         let distances = points.filter_map(|point| from_start.distance_m(navmesh, &point));
-        let start_distance_m = distances.min_by(f64::total_cmp).ok_or("no walk leads there from the start")?;
+        let start_distance_m =
+            distances.min_by(f64::total_cmp).ok_or("no walk leads there from the start")?;
         Ok(Target { start_distance_m, ..target })
     }
 
@@ -144,7 +153,8 @@ impl<'a> Adopter<'a> {
     fn target(&mut self, object: &Object, named: &ForeignInstance) -> Result<Target, String> {
         let (assets, rules) = (self.assets, self.rules);
         let made = self.targets.entry(object.id).or_insert_with(|| target(assets, rules, object, named));
-        made.clone().ok_or_else(|| "there is too little floor from which it can be seen and reached".to_owned())
+        made.clone()
+            .ok_or_else(|| "there is too little floor from which it can be seen and reached".to_owned())
     }
 
     fn cue(&self, cue: &ForeignCue, adopted: &mut Adopted) -> Result<CueSpec, String> {

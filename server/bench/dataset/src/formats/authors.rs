@@ -77,7 +77,9 @@ fn pair<'a>(goal: &Cursor<'a>) -> Result<(&'a str, String), FormatsError> {
     }
     match &goal.list()?[..] {
         [key, modality] => Ok((key.text()?, modality.text()?.to_lowercase())),
-        other => Err(goal.error(format!("expected an instance key and a modality, found {} entries", other.len()))),
+        other => {
+            Err(goal.error(format!("expected an instance key and a modality, found {} entries", other.len())))
+        }
     }
 }
 

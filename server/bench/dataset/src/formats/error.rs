@@ -12,7 +12,9 @@ pub enum FormatsError {
         cause: String,
     },
     /// It is of no known format.
-    #[error("{file} is of no format that is known: it has the keys {keys}; name one of {known} if it is one of them")]
+    #[error(
+        "{file} is of no format that is known: it has the keys {keys}; name one of {known} if it is one of them"
+    )]
     Unknown {
         /// The file.
         file: String,

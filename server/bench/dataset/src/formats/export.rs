@@ -9,8 +9,7 @@ use avln_scene::categories::TARGET_CATEGORIES;
 use serde_json::{Map, Value, json};
 
 /// Numbers of [`TARGET_CATEGORIES`] in mpcat40, in the same order.
-const MPCAT40: [u32; 21] =
-    [3, 5, 6, 7, 8, 10, 11, 13, 14, 15, 18, 19, 20, 22, 23, 25, 26, 27, 33, 34, 38];
+const MPCAT40: [u32; 21] = [3, 5, 6, 7, 8, 10, 11, 13, 14, 15, 18, 19, 20, 22, 23, 25, 26, 27, 33, 34, 38];
 
 /// A file of an exported data set.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -35,7 +34,11 @@ pub fn write_authors(
     rules: &Rules,
 ) -> Result<Vec<ExportedFile>, FormatsError> {
     let numbered = |numbers: &mut dyn Iterator<Item = u32>| -> Map<String, Value> {
-        TARGET_CATEGORIES.iter().zip(numbers).map(|(name, number)| ((*name).to_owned(), number.into())).collect()
+        TARGET_CATEGORIES
+            .iter()
+            .zip(numbers)
+            .map(|(name, number)| ((*name).to_owned(), number.into()))
+            .collect()
     };
     let index = json!({
         "dataset": "omni_long_nav",
@@ -60,16 +63,11 @@ fn file(path: String, value: &Value) -> Result<ExportedFile, FormatsError> {
 }
 
 fn content(scene: &str, episodes: &[EpisodeSpec], rules: &Rules) -> Value {
-    let mut records = Records::default();
+    let mut records = Records { camera_m: rules.camera_height_m, all: Vec::new() };
     let scene_id = format!("{scene}/{scene}.glb");
-    let prefix = format!("{scene}-");
-    let episodes: Vec<Value> = episodes
-        .iter()
-        .enumerate()
-        .map(|(number, episode)| {
-            let own = episode.id.strip_prefix(&prefix).and_then(|own| own.parse::<u64>().ok());
-            self::episode(episode, own.unwrap_or(number as u64), &scene_id, &mut records, rules)
-        })
+    let numbered = numbers(scene, episodes).into_iter().zip(episodes);
+    let episodes: Vec<Value> = numbered
+        .map(|(number, episode)| self::episode(episode, number, &scene_id, &mut records, rules))
         .collect();
     json!({
         "dataset": "valid_instance_trajectory_dataset",
@@ -82,8 +80,21 @@ fn content(scene: &str, episodes: &[EpisodeSpec], rules: &Rules) -> Value {
     })
 }
 
-fn episode(episode: &EpisodeSpec, number: u64, scene_id: &str, records: &mut Records, rules: &Rules) -> Value {
-    let goals: Vec<Value> = episode.goals.iter().map(|goal| records.pair(goal, rules)).collect();
+/// The numbers of episodes: those that their ids end in, else their places, since their loader wants numbers.
+fn numbers(scene: &str, episodes: &[EpisodeSpec]) -> Vec<u64> {
+    let own = |episode: &EpisodeSpec| episode.id.strip_prefix(scene)?.strip_prefix('-')?.parse().ok();
+    let all: Option<Vec<u64>> = episodes.iter().map(own).collect();
+    all.unwrap_or_else(|| (0..episodes.len() as u64).collect())
+}
+
+fn episode(
+    episode: &EpisodeSpec,
+    number: u64,
+    scene_id: &str,
+    records: &mut Records,
+    rules: &Rules,
+) -> Value {
+    let goals: Vec<Value> = episode.goals.iter().map(|goal| records.pair(goal)).collect();
     json!({
         "episode_id": number.to_string(),
         "scene_id": scene_id,
@@ -99,9 +110,9 @@ fn episode(episode: &EpisodeSpec, number: u64, scene_id: &str, records: &mut Rec
 }
 
 /// The instance records of a scene, as goals name them.
-#[derive(Default)]
 struct Records {
-    records: Vec<Record>,
+    camera_m: f32,
+    all: Vec<Record>,
 }
 
 struct Record {
@@ -113,12 +124,12 @@ struct Record {
 
 impl Records {
     /// Key and modality of a goal, whose record is added where it is new.
-    fn pair(&mut self, goal: &GoalSpec, rules: &Rules) -> Value {
+    fn pair(&mut self, goal: &GoalSpec) -> Value {
         let sentence = match &goal.cue {
             CueSpec::Description(sentence) => Some(sentence),
             CueSpec::Category | CueSpec::Image(_) => None,
         };
-        let record = self.record(goal, sentence, rules);
+        let record = self.record(goal, sentence);
         let modality = match &goal.cue {
             CueSpec::Category => "object".to_owned(),
             CueSpec::Description(sentence) => {
@@ -131,27 +142,28 @@ impl Records {
     }
 
     /// The first record of the instance that has no other sentence.
-    fn record(&mut self, goal: &GoalSpec, sentence: Option<&String>, rules: &Rules) -> &mut Record {
+    fn record(&mut self, goal: &GoalSpec, sentence: Option<&String>) -> &mut Record {
         let mut number = 1;
         loop {
             let base = format!("{}_{}", goal.target.category, goal.target.instance);
             let key = if number == 1 { base } else { format!("{base}_sentence{number}") };
-            let Some(index) = self.records.iter().position(|record| record.key == key) else {
-                let fields = fields(goal, rules);
-                self.records.push(Record { key, fields, description: None, pictures: Vec::new() });
-                let last = self.records.len() - 1;
-                return &mut self.records[last];
+            let Some(index) = self.all.iter().position(|record| record.key == key) else {
+                let fields = fields(goal);
+                self.all.push(Record { key, fields, description: None, pictures: Vec::new() });
+                let last = self.all.len() - 1;
+                return &mut self.all[last];
             };
-            let known = &self.records[index].description;
+            let known = &self.all[index].description;
             if sentence.is_none() || known.is_none() || known.as_ref() == sentence {
-                return &mut self.records[index];
+                return &mut self.all[index];
             }
             number += 1;
         }
     }
 
     fn finish(self) -> Map<String, Value> {
-        self.records.into_iter().map(|record| (record.key.clone(), record.finish())).collect()
+        let camera_m = self.camera_m;
+        self.all.into_iter().map(|record| (record.key.clone(), record.finish(camera_m))).collect()
     }
 }
 
@@ -164,8 +176,7 @@ impl Record {
         })
     }
 
-    fn finish(mut self) -> Value {
-        let camera_m = self.fields.remove("camera_m").and_then(|height| height.as_f64()).unwrap_or(0.0) as f32;
+    fn finish(mut self, camera_m: f32) -> Value {
         let pictures: Vec<Value> = self.pictures.iter().map(|view| picture(view, camera_m)).collect();
         let has_text = self.description.is_some();
         self.fields.insert("num_render_view_points".to_owned(), pictures.len().into());
@@ -182,7 +193,7 @@ impl Record {
     }
 }
 
-fn fields(goal: &GoalSpec, rules: &Rules) -> Map<String, Value> {
+fn fields(goal: &GoalSpec) -> Map<String, Value> {
     let target = &goal.target;
     let (bounds, size) = (&target.bounds, target.bounds.size());
     let view = |pose: &Pose| json!({"agent_state": state(pose)});
@@ -197,7 +208,6 @@ fn fields(goal: &GoalSpec, rules: &Rules) -> Map<String, Value> {
         "nav_position": target.viewpoints.first().map(|pose| place(&pose.position)),
         "view_points": target.viewpoints.iter().map(view).collect::<Vec<_>>(),
         "num_view_points": target.viewpoints.len(),
-        "camera_m": rules.camera_height_m,
     });
     match fields {
         Value::Object(fields) => fields,

@@ -112,7 +112,9 @@ pub(super) fn goat(root: &Cursor) -> Result<Foreign, FormatsError> {
         for task in cursor.get("tasks")?.list()? {
             let parts = task.list()?;
             let [category, modality, rest @ ..] = &parts[..] else {
-                return Err(task.error(format!("expected category and modality, found {} entries", parts.len())));
+                return Err(
+                    task.error(format!("expected category and modality, found {} entries", parts.len()))
+                );
             };
             let (category, modality) = (category.text()?, modality.text()?.to_lowercase());
             let id = rest.first().and_then(|id| id.id().ok());
@@ -144,7 +146,8 @@ fn goat_task(
     let cue = match modality {
         "image" => return push_image(episode, foreign, first, &name, index),
         "description" => {
-            let sentence = first.find("lang_desc").and_then(|text| text.text().ok()).filter(|text| !text.is_empty());
+            let sentence =
+                first.find("lang_desc").and_then(|text| text.text().ok()).filter(|text| !text.is_empty());
             let Some(sentence) = sentence else {
                 foreign.losses.push(Loss::goal(episode, &name, "it has no description"));
                 return Ok(());

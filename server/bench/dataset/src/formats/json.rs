@@ -93,7 +93,11 @@ impl<'a> Cursor<'a> {
     /// A number that is finite as an `f32`.
     pub(super) fn number(&self) -> Result<f64, FormatsError> {
         let number = self.value.as_f64().ok_or_else(|| self.wanted("a number"))?;
-        if (number as f32).is_finite() { Ok(number) } else { Err(self.error(format!("{number} is no finite number"))) }
+        if (number as f32).is_finite() {
+            Ok(number)
+        } else {
+            Err(self.error(format!("{number} is no finite number")))
+        }
     }
 
     fn numbers<const N: usize>(&self) -> Result<[f64; N], FormatsError> {

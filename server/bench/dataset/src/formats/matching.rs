@@ -16,13 +16,16 @@ pub(super) fn find<'a>(scene: &'a Scene, wanted: &ForeignInstance) -> Result<&'a
     if let Some(bounds) = &wanted.bounds {
         return by_box(scene, wanted, bounds);
     }
-    let near = |object: &Object| wanted.center.is_none_or(|center| object.bounds.distance_m(&center) <= NEAR_M);
+    let near =
+        |object: &Object| wanted.center.is_none_or(|center| object.bounds.distance_m(&center) <= NEAR_M);
     let numbered = scene.objects.iter().find(|object| Some(object.id.0) == wanted.id);
     if let Some(object) = numbered.filter(|object| is_kind(object, wanted) && near(object)) {
         return Ok(object);
     }
     let Some(center) = wanted.center else {
-        return Err("the scene has no such object, and the file gives neither its box nor its place".to_owned());
+        return Err(
+            "the scene has no such object, and the file gives neither its box nor its place".to_owned()
+        );
     };
     let kind = scene.objects.iter().filter(|object| is_kind(object, wanted) && near(object));
     let off = |object: &&Object| (object.bounds.center() - center).norm();
@@ -32,7 +35,8 @@ pub(super) fn find<'a>(scene: &'a Scene, wanted: &ForeignInstance) -> Result<&'a
 
 fn by_box<'a>(scene: &'a Scene, wanted: &ForeignInstance, bounds: &Aabb) -> Result<&'a Object, String> {
     let shared = |object: &Object| overlap(&object.bounds, bounds);
-    let fits = |object: &&Object| shared(object) >= if is_kind(object, wanted) { SAME_KIND } else { ANY_KIND };
+    let fits =
+        |object: &&Object| shared(object) >= if is_kind(object, wanted) { SAME_KIND } else { ANY_KIND };
     let best = scene.objects.iter().filter(fits).max_by(|a, b| shared(a).total_cmp(&shared(b)));
     best.ok_or_else(|| format!("the scene has no {} in its box", wanted.category))
 }

@@ -12,19 +12,23 @@ pub(super) fn unpack(file: &str, bytes: &[u8]) -> Result<serde_json::Value, Form
 }
 
 fn unpack_within(file: &str, bytes: &[u8], limit: u64) -> Result<serde_json::Value, FormatsError> {
-    let malformed = |place: String, cause: String| FormatsError::Malformed { file: file.to_owned(), place, cause };
+    let malformed =
+        |place: String, cause: String| FormatsError::Malformed { file: file.to_owned(), place, cause };
     let mut plain = Vec::new();
     let text = if bytes.starts_with(&MAGIC) {
         let mut reader = MultiGzDecoder::new(bytes).take(limit + 1);
-        reader
-            .read_to_end(&mut plain)
-            .map_err(|error| malformed("its gzip stream".to_owned(), format!("{error}; copy the file again")))?;
+        reader.read_to_end(&mut plain).map_err(|error| {
+            malformed("its gzip stream".to_owned(), format!("{error}; copy the file again"))
+        })?;
         &plain[..]
     } else {
         bytes
     };
     if text.len() as u64 > limit {
-        return Err(malformed("its end".to_owned(), format!("it holds more than {limit} bytes; split it by scene")));
+        return Err(malformed(
+            "its end".to_owned(),
+            format!("it holds more than {limit} bytes; split it by scene"),
+        ));
     }
     serde_json::from_slice(text).map_err(|error| {
         malformed(format!("line {}, column {}", error.line(), error.column()), format!("no JSON: {error}"))
