@@ -84,14 +84,18 @@ pub fn import(options: &ImportOptions) -> Result<(), Failure> {
     };
     let account = import.run(|scene| say!("scene {scene}"))?;
     let (read, kept) = (account.episodes, account.missions);
-    say!("read {read} episodes in {} files, kept {kept} missions in {} scenes", account.files, account.scenes);
+    say!(
+        "read {read} episodes in {} files, kept {kept} missions in {} scenes",
+        account.files,
+        account.scenes
+    );
     account.notes.iter().for_each(|(note, times)| say!("  {times} x {note}"));
     show_losses(&account.losses);
     if !account.losses.is_empty() {
         say!("All of it      {}", import.report_path().display());
     }
     say!("Data set       {}", options.out.display());
-    say!("Check it       avln dataset check {}", options.out.display());
+    say!("Play it        avln phase open ID --dataset {} --split {}", options.out.display(), options.split);
     Ok(())
 }
 
@@ -121,5 +125,7 @@ fn format(name: &str) -> Result<Choice, String> {
         return Ok(Choice(None));
     }
     let known = Format::ALL.map(Format::name).join(", ");
-    Format::from_name(name).map(|format| Choice(Some(format))).ok_or_else(|| format!("use auto or one of: {known}"))
+    Format::from_name(name)
+        .map(|format| Choice(Some(format)))
+        .ok_or_else(|| format!("use auto or one of: {known}"))
 }

@@ -34,7 +34,8 @@ fn export_split(split: &SplitFolder, name: &str, out: &Path) -> Result<usize, Fa
         loaded.scenes.iter().map(|scene| (scene.name.as_str(), of_scene(&scene.name))).collect();
     let borrowed: Vec<(&str, &[EpisodeSpec])> =
         scenes.iter().map(|(scene, episodes)| (*scene, episodes.as_slice())).collect();
-    let files = write_authors(name, &borrowed, &rules).map_err(|error| Failure::new(FailureKind::Data, error))?;
+    let files =
+        write_authors(name, &borrowed, &rules).map_err(|error| Failure::new(FailureKind::Data, error))?;
     files.iter().try_for_each(|file| write_whole(&out.join(&file.path), &file.bytes))?;
     Ok(loaded.episodes.len())
 }

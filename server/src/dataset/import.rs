@@ -129,8 +129,9 @@ impl Import<'_> {
         account: &mut Account,
     ) -> Result<(SceneSpec, Vec<EpisodeSpec>), String> {
         let stated = episodes.first().map_or("", |episode| episode.scene_path.as_str());
-        let path = locate(self.scenes, name, stated)
-            .ok_or_else(|| format!("its scene is not known: nothing called {name} in {}", self.scenes.display()))?;
+        let path = locate(self.scenes, name, stated).ok_or_else(|| {
+            format!("its scene is not known: nothing called {name} in {}", self.scenes.display())
+        })?;
         let source = SceneSource::File { path };
         let (spec, _) = SceneSpec::new(name, source).map_err(|error| error.to_string())?;
         let assets = spec.open(self.rules).map_err(|error| error.to_string())?;
@@ -182,7 +183,8 @@ fn collect(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<(), 
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         if path.is_dir() && depth > 0 {
             collect(&path, depth - 1, found)?;
-        } else if (name.ends_with(".json.gz") || name == "trajectory_dataset.json") && found.len() < MAX_FILES {
+        } else if (name.ends_with(".json.gz") || name == "trajectory_dataset.json") && found.len() < MAX_FILES
+        {
             found.push(path);
         }
     }

@@ -6,7 +6,7 @@ use crate::{
 };
 use avln_episode::{Modality, Rules};
 use avln_geom::{Point3, Pose, Rng, Vector3};
-use avln_scene::{InstanceId, Object};
+use avln_scene::{InstanceId, Object, Scene};
 use avln_truth::Target;
 use avln_world::{DistanceField, SceneAssets};
 use std::collections::BTreeMap;
@@ -127,7 +127,9 @@ impl<'a> Adopter<'a> {
             }
         }
         let target = best.ok_or(reason)?;
-        Ok(tours::goal(Target { modality: cue.modality(), ..target }, cue, &self.assets.scene))
+        let target = Target { modality: cue.modality(), ..target };
+        let distractors = distractors(&self.assets.scene, target.instance);
+        Ok(GoalSpec { target, cue, distractors })
     }
 
     /// The target with its distance, unless it cannot be reached or is another goal's.
@@ -201,6 +203,13 @@ fn target(assets: &SceneAssets, rules: &Rules, object: &Object, named: &ForeignI
         target.viewpoints = spread.iter().map(|base| place::facing(base, &center)).collect();
     }
     (target.region.len() >= FEWEST_PLACES).then_some(target)
+}
+
+/// Other objects of the category that an object has in the scene, 255 for more.
+fn distractors(scene: &Scene, instance: u32) -> u8 {
+    let own = scene.objects.iter().find(|object| object.id.0 == instance);
+    let same = |other: &&Object| own.is_some_and(|own| own.category == other.category && own.id != other.id);
+    u8::try_from(scene.objects.iter().filter(same).count()).unwrap_or(u8::MAX)
 }
 
 /// The poses that are on the floor.
