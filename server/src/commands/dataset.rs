@@ -2,6 +2,7 @@
 
 use crate::{
     Failure, FailureKind,
+    commands::dataset_formats,
     dataset::{
         DatasetFiles,
         build::{Builder, Progress},
@@ -30,6 +31,10 @@ pub enum Command {
     },
     /// Verify every mission against its constraints, from the files and the scenes alone
     Check(Check),
+    /// Take in missions of another data set: LH-AVLN as its authors publish it, GOAT-Bench, ObjectNav, InstanceImageNav, MultiON
+    Import(dataset_formats::ImportOptions),
+    /// Write a data set as others read it
+    Export(dataset_formats::ExportOptions),
 }
 
 /// What to build, and where.
@@ -78,6 +83,8 @@ pub fn run(command: Command) -> Result<(), Failure> {
         Command::Build(options) => build(&options),
         Command::Stats { folder } => stats(&DatasetFiles::at(&folder)),
         Command::Check(options) => check(&options),
+        Command::Import(options) => dataset_formats::import(&options),
+        Command::Export(options) => dataset_formats::export(&options),
     }
 }
 

@@ -2,6 +2,7 @@
 
 pub mod agent;
 pub mod dataset;
+pub mod dataset_formats;
 pub mod demo;
 pub mod phase;
 pub mod scene;

@@ -1,9 +1,12 @@
-//! Data sets on disk: reading them scene by scene, building them on all processors, checking them.
+//! Data sets on disk: reading them scene by scene, building them on all processors, checking them, taking in those of
+//! others.
 
 pub mod build;
 pub mod check;
+pub mod export;
 mod files;
 mod folder;
+pub mod import;
 mod shares;
 
 pub use files::DatasetFiles;

@@ -12,6 +12,7 @@ mod check;
 mod cue;
 mod describe;
 pub mod format;
+pub mod formats;
 mod mission;
 mod picture;
 mod reference;

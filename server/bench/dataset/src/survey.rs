@@ -3,7 +3,7 @@
 mod look;
 mod options;
 mod palette;
-mod place;
+pub(crate) mod place;
 
 #[cfg(test)]
 pub(crate) use look::Histogram;

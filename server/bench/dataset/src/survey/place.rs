@@ -11,7 +11,7 @@ use std::f32::consts::TAU;
 const REGION_SPACING_M: f32 = 0.25;
 
 /// Height of the highest floor of the largest island near the box that is not above its lower half.
-pub(super) fn floor_below(assets: &SceneAssets, bounds: &Aabb) -> Option<f32> {
+pub(crate) fn floor_below(assets: &SceneAssets, bounds: &Aabb) -> Option<f32> {
     const SEARCH_M: f32 = 1.5;
     let mut column = bounds.grown(SEARCH_M);
     column.min.y = bounds.min.y - 3.0;
@@ -27,7 +27,7 @@ fn island_grid(assets: &SceneAssets, bounds: &Aabb) -> Vec<NavPoint> {
 }
 
 /// The grid points from which a Submit would count.
-pub(super) fn success_region(assets: &SceneAssets, rules: &Rules, target: &Target) -> Vec<Point3<f32>> {
+pub(crate) fn success_region(assets: &SceneAssets, rules: &Rules, target: &Target) -> Vec<Point3<f32>> {
     let mut around = target.bounds.grown(rules.success_radius_m);
     (around.min.y, around.max.y) = (target.floor_y_m - 1.0, target.floor_y_m + 1.0);
     let sees =
@@ -40,7 +40,7 @@ pub(super) fn success_region(assets: &SceneAssets, rules: &Rules, target: &Targe
 }
 
 /// Up to `count` of `places`, in all directions from `center`, near and far ones in turn.
-pub(super) fn spread(places: &[Point3<f32>], center: &Point3<f32>, count: usize) -> Vec<Point3<f32>> {
+pub(crate) fn spread(places: &[Point3<f32>], center: &Point3<f32>, count: usize) -> Vec<Point3<f32>> {
     let sectors = count.max(1);
     let mut around: Vec<Vec<(f32, Point3<f32>)>> = vec![Vec::new(); sectors];
     for place in places {
@@ -66,7 +66,7 @@ pub(super) fn spread(places: &[Point3<f32>], center: &Point3<f32>, count: usize)
 }
 
 /// The pose at `base` that faces `place`.
-pub(super) fn facing(base: &Point3<f32>, place: &Point3<f32>) -> Pose {
+pub(crate) fn facing(base: &Point3<f32>, place: &Point3<f32>) -> Pose {
     let offset: Vector3<f32> = place - base;
     Pose::new(*base, angle::atan2(-offset.x, -offset.z))
 }

@@ -1,0 +1,131 @@
+//! Imports missions of other data sets, and exports ours.
+
+use crate::{
+    Failure, FailureKind,
+    dataset::{export::export_authors, import::Import},
+    say::say,
+};
+use avln_dataset::formats::{Format, Loss};
+use avln_episode::Rules;
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+
+/// Losses that are printed one by one.
+const SHOWN: usize = 20;
+
+/// What to import.
+#[derive(Debug, Args)]
+pub struct ImportOptions {
+    /// auto, authors, goat, objectnav, instanceimagenav or multion
+    #[arg(value_name = "FORMAT", value_parser = format)]
+    pub format: Choice,
+    /// A .json or .json.gz file, with the folder content beside it, or a folder of such files
+    #[arg(value_name = "SRC")]
+    pub source: PathBuf,
+    /// Folder of the scenes that the missions name
+    #[arg(long, value_name = "DIR")]
+    pub scenes: PathBuf,
+    /// Folder of the data set that is written
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Name of the split that the missions become
+    #[arg(long, default_value = "val")]
+    pub split: String,
+    /// The rule set by which success regions and reference tours are computed
+    #[arg(long, default_value = Rules::PAPER)]
+    pub rules: String,
+    /// Seed of what is drawn while episodes run
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// A format, or whatever the keys of a file say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Choice(Option<Format>);
+
+/// What to export.
+#[derive(Debug, Args)]
+pub struct ExportOptions {
+    /// The folder of the data set
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// The format
+    #[arg(long, value_enum, default_value_t = Target::Authors)]
+    pub format: Target,
+    /// One split; all by default
+    #[arg(long)]
+    pub split: Option<String>,
+    /// Folder of the files that are written
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+/// Formats that can be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Target {
+    /// LH-AVLN as its authors publish it
+    Authors,
+}
+
+/// Imports and tells what was kept and what was not.
+///
+/// # Errors
+/// When a file is malformed, nothing can be kept, or the folder cannot be written.
+pub fn import(options: &ImportOptions) -> Result<(), Failure> {
+    let rules = Rules::named(&options.rules).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    let import = Import {
+        format: options.format.0,
+        source: &options.source,
+        scenes: &options.scenes,
+        out: &options.out,
+        split: &options.split,
+        rules: &rules,
+        seed: options.seed,
+    };
+    let account = import.run(|scene| say!("scene {scene}"))?;
+    let (read, kept) = (account.episodes, account.missions);
+    say!(
+        "read {read} episodes in {} files, kept {kept} missions in {} scenes",
+        account.files,
+        account.scenes
+    );
+    account.notes.iter().for_each(|(note, times)| say!("  {times} x {note}"));
+    show_losses(&account.losses);
+    if !account.losses.is_empty() {
+        say!("All of it      {}", import.report_path().display());
+    }
+    say!("Data set       {}", options.out.display());
+    say!("Play it        avln phase open ID --dataset {} --split {}", options.out.display(), options.split);
+    Ok(())
+}
+
+fn show_losses(losses: &[Loss]) {
+    let goals = losses.iter().filter(|loss| !loss.goal.is_empty()).count();
+    if losses.is_empty() {
+        return;
+    }
+    say!("left out {} goals and {} whole episodes:", goals, losses.len() - goals);
+    losses.iter().take(SHOWN).for_each(|loss| say!("  {loss}"));
+}
+
+/// Exports and tells how much.
+///
+/// # Errors
+/// When the data set cannot be read or the folder cannot be written.
+pub fn export(options: &ExportOptions) -> Result<(), Failure> {
+    let missions = match options.format {
+        Target::Authors => export_authors(&options.folder, options.split.as_deref(), &options.out)?,
+    };
+    say!("wrote {missions} missions to {}", options.out.display());
+    Ok(())
+}
+
+fn format(name: &str) -> Result<Choice, String> {
+    if name == "auto" {
+        return Ok(Choice(None));
+    }
+    let known = Format::ALL.map(Format::name).join(", ");
+    Format::from_name(name)
+        .map(|format| Choice(Some(format)))
+        .ok_or_else(|| format!("use auto or one of: {known}"))
+}
