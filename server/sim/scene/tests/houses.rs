@@ -97,7 +97,8 @@ fn furniture_on_the_floor_does_not_overlap() {
 /// Whether something upright of the building itself lies at a box.
 fn touches_wall(scene: &Scene, bounds: &Aabb) -> bool {
     let around = bounds.grown(0.05);
-    let structure = (0..scene.mesh.triangles.len()).filter(|&index| scene.mesh.instance_of[index] == InstanceId::NONE);
+    let structure =
+        (0..scene.mesh.triangles.len()).filter(|&index| scene.mesh.instance_of[index] == InstanceId::NONE);
     let mut boxes = structure.filter_map(|index| Aabb::around(&scene.corners(index)));
     boxes.any(|wall| wall.size().y > 0.3 && wall.intersects(&around))
 }
