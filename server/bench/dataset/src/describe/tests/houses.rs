@@ -209,10 +209,12 @@ fn may_be_right_of(own: &Aabb, other: &Aabb) -> bool {
     let offset = own.center() - other.center();
     let low = |axis: usize| (own.min[axis] - other.min[axis]).abs() < DEEP_M;
     let high = |axis: usize| (own.max[axis] - other.max[axis]).abs() < DEEP_M;
-    let north = low(2) && offset.x > 0.0;
-    let south = high(2) && offset.x < 0.0;
-    let west = low(0) && offset.z < 0.0;
-    let east = high(0) && offset.z > 0.0;
+    // What is deeper than wide has its back to another wall.
+    let wide = |axis: usize, deep: usize| [own, other].iter().all(|b| b.size()[axis] > 0.8 * b.size()[deep]);
+    let north = low(2) && wide(0, 2) && offset.x > 0.0;
+    let south = high(2) && wide(0, 2) && offset.x < 0.0;
+    let west = low(0) && wide(2, 0) && offset.z < 0.0;
+    let east = high(0) && wide(2, 0) && offset.z > 0.0;
     north || south || west || east
 }
 
