@@ -184,8 +184,8 @@ impl SceneCheck<'_> {
             ("unordered", tours.unordered_m(start), episode.unordered.length_m),
         ];
         for (name, found_m, told_m) in told {
-            // Not `>`: a length that is no number is a fault as well.
-            if !((found_m - told_m).abs() <= LENGTH_M) {
+            let off_m = (found_m - told_m).abs();
+            if off_m.is_nan() || off_m > LENGTH_M {
                 let found =
                     format!("the shortest {name} tour is {found_m:.4} m, the file says {told_m:.4} m");
                 self.fault(episode, Constraint::ReferenceLength, found);

@@ -27,15 +27,13 @@ impl Decorator<'_> {
     /// A sink on a pedestal, or on a cabinet; a mirror above it.
     pub(super) fn wash_place(&mut self) {
         let on_cabinet = self.maybe(0.55);
-        if on_cabinet {
-            if let Some(spot) = self.put(&cabinets::VANITY, Wish::Anywhere, 0.6) {
-                self.on_top(&sinks::VESSEL_SINK, &spot, [0.0, 0.0]);
-                self.mirror([0.55, 0.7], Wish::Facing(spot.side, spot.along()));
-                if self.maybe(0.3) {
-                    self.on_top(&towels::TOWEL_PILE, &spot, [1.0, 0.0]);
-                }
-                return;
+        if on_cabinet && let Some(spot) = self.put(&cabinets::VANITY, Wish::Anywhere, 0.6) {
+            self.on_top(&sinks::VESSEL_SINK, &spot, [0.0, 0.0]);
+            self.mirror([0.55, 0.7], Wish::Facing(spot.side, spot.along()));
+            if self.maybe(0.3) {
+                self.on_top(&towels::TOWEL_PILE, &spot, [1.0, 0.0]);
             }
+            return;
         }
         if let Some(spot) = self.put(&sinks::PEDESTAL_SINK, Wish::Anywhere, 0.6) {
             self.mirror([0.5, 0.7], Wish::Facing(spot.side, spot.along()));

@@ -19,11 +19,12 @@ impl Decorator<'_> {
         } else {
             self.put(&chairs::CHAIR, Wish::Corner, 0.4);
         }
-        if self.area_m2() > 18.0 && self.maybe(0.3) {
-            if let Some(sofa) = self.put_sized(&sofas::SOFA, [1.5, 0.0, 0.0], Wish::Anywhere, 0.6) {
-                let depth = sofa.footprint()[1];
-                self.lean_cushions(&sofa, "", &[-0.3], [0.455, 0.35 - depth / 2.0]);
-            }
+        if self.area_m2() > 18.0
+            && self.maybe(0.3)
+            && let Some(sofa) = self.put_sized(&sofas::SOFA, [1.5, 0.0, 0.0], Wish::Anywhere, 0.6)
+        {
+            let depth = sofa.footprint()[1];
+            self.lean_cushions(&sofa, "", &[-0.3], [0.455, 0.35 - depth / 2.0]);
         }
         if self.area_m2() > 14.0 && self.maybe(0.3) {
             self.desk();

@@ -96,10 +96,10 @@ impl Decorator<'_> {
                 if let Some(spot) = low {
                     self.clutter(&spot, 2);
                 }
-                if let Some(bench) = spot.filter(|_| make.category == "seating") {
-                    if self.maybe(0.6) {
-                        self.on_top(&beds::CUSHION, &bench, [-0.8, 0.0]);
-                    }
+                if let Some(bench) = spot.filter(|_| make.category == "seating")
+                    && self.maybe(0.6)
+                {
+                    self.on_top(&beds::CUSHION, &bench, [-0.8, 0.0]);
                 }
             }
             Hang(middle_m) => {

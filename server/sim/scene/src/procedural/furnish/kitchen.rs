@@ -158,11 +158,11 @@ impl Decorator<'_> {
         let chairs = [4, 6, 6, 8][self.rng.below(4)];
         self.dining_set(chairs);
         let make = if self.maybe(0.7) { &cabinets::SIDEBOARD } else { &cabinets::TALL_CABINET };
-        if let Some(cabinet) = self.put(make, Wish::Middle, 0.6) {
-            if cabinet.height_m() < 1.1 {
-                self.clutter(&cabinet, 2);
-                self.picture_sized([0.7, 0.5], Wish::Facing(cabinet.side, cabinet.along()), 1.6);
-            }
+        if let Some(cabinet) = self.put(make, Wish::Middle, 0.6)
+            && cabinet.height_m() < 1.1
+        {
+            self.clutter(&cabinet, 2);
+            self.picture_sized([0.7, 0.5], Wish::Facing(cabinet.side, cabinet.along()), 1.6);
         }
         if self.maybe(0.4) {
             self.put(&chests::CHEST, Wish::Anywhere, 0.6);

@@ -20,13 +20,13 @@ impl Decorator<'_> {
                 }
             }
         }
-        if self.maybe(0.55) {
-            if let Some(hearth) = self.put(&hearths::FIREPLACE, Wish::Middle, 0.7) {
-                if hearth.height_m() < 1.35 && hearth.footprint()[1] < 0.45 {
-                    let wish = Wish::Facing(hearth.side, hearth.along());
-                    self.picture_sized([0.7, 0.55], wish, 1.75);
-                }
-            }
+        if self.maybe(0.55)
+            && let Some(hearth) = self.put(&hearths::FIREPLACE, Wish::Middle, 0.7)
+            && hearth.height_m() < 1.35
+            && hearth.footprint()[1] < 0.45
+        {
+            let wish = Wish::Facing(hearth.side, hearth.along());
+            self.picture_sized([0.7, 0.55], wish, 1.75);
         }
         for _ in 0..self.count(1, 3) {
             self.armchair(Wish::Anywhere);

@@ -26,10 +26,10 @@ impl Decorator<'_> {
     pub(super) fn laundry(&mut self) {
         let machines = self.count(1, 2);
         for _ in 0..machines {
-            if let Some(machine) = self.put(&washing::WASHER, Wish::Corner, 0.6) {
-                if self.maybe(0.5) {
-                    self.on_top(&towels::TOWEL_PILE, &machine, [0.0, 0.0]);
-                }
+            if let Some(machine) = self.put(&washing::WASHER, Wish::Corner, 0.6)
+                && self.maybe(0.5)
+            {
+                self.on_top(&towels::TOWEL_PILE, &machine, [0.0, 0.0]);
             }
         }
         if self.maybe(0.6) {

@@ -84,7 +84,7 @@ fn bathtub(k: &mut Draft) -> Words {
         k.m.oval([0.0, 0.0], [l / w, 1.0], &profile.map(|[s, y]| [s * r, y]), 18, p);
     };
     let shape = match k.style {
-        0 | 1 | 2 => {
+        0..=2 => {
             walls(k, [l, h, w], [0.1, 0.08, 0.05][k.style]);
             let panel = [0.05, h - 0.06];
             if k.style == 1 {

@@ -36,7 +36,7 @@ impl Outline {
     /// the union are wider than twice the margin.
     pub(in crate::procedural) fn inset(rects: &[Rect], margin_m: f32) -> Self {
         let lines = |axis: fn(&Rect) -> [f32; 2]| {
-            let both = rects.iter().flat_map(|rect| axis(rect)).flat_map(|v| [v - margin_m, v + margin_m]);
+            let both = rects.iter().flat_map(&axis).flat_map(|v| [v - margin_m, v + margin_m]);
             sorted_lines(both.collect())
         };
         let holds = |place: [f32; 2]| rects.iter().any(|rect| rect.distance_m(place) < 1e-4);
@@ -52,7 +52,7 @@ impl Outline {
     pub(in crate::procedural) fn without(rect: &Rect, holes: &[Rect]) -> Self {
         let lines = |axis: fn(&Rect) -> [f32; 2]| {
             let [low, high] = axis(rect);
-            let cuts = holes.iter().flat_map(|hole| axis(hole)).map(|value| value.clamp(low, high));
+            let cuts = holes.iter().flat_map(&axis).map(|value| value.clamp(low, high));
             sorted_lines(cuts.chain([low, high]).collect())
         };
         Self::filled(lines(|rect| rect.x), lines(|rect| rect.z), |place| {

@@ -229,7 +229,7 @@ fn place(rng: &mut Rng, wings: &mut [Wing], length: f32) -> Option<()> {
         let fits = |from: &f32| {
             let span = [*from, *from + wing.width()];
             let hall = [span[0] + wing.sides[0], span[0] + wing.sides[0] + wing.hall];
-            let whole = |gap: f32| gap < 1e-3 || gap >= LEAST_M;
+            let whole = |gap: f32| !(1e-3..LEAST_M).contains(&gap);
             whole(hall[0])
                 && whole(length - hall[1])
                 && row.iter().all(|other| other[0] - span[1] > LEAST_M || span[0] - other[1] > LEAST_M)
@@ -254,7 +254,7 @@ fn stairs_start(rng: &mut Rng, length: f32, stop: f32) -> Option<f32> {
     let free = rng.range(LEAST_M, last.max(LEAST_M + 0.1));
     let fits = |start: &f32| {
         let after = length - start - STAIRS_M[0];
-        *start <= last + 1e-3 && (*start < 1e-3 || *start >= LEAST_M) && (after < 1e-3 || after >= LEAST_M)
+        *start <= last + 1e-3 && (*start < 1e-3 || *start >= LEAST_M) && !(1e-3..LEAST_M).contains(&after)
     };
     let mut starts = [free, free, last];
     rng.shuffle(&mut starts);
