@@ -134,19 +134,19 @@ fn no_other_thing_of_the_house_fits_a_sentence() {
         for other in scene.objects.iter().filter(|other| other.id != target.id) {
             let named = other.category == target.category
                 && is_called(&sentence.claims.head.noun, &other.attributes.noun);
-            let fits = sentence.claims.list.iter().all(|claim| fits(scene, other, claim));
+            let fits = sentence.claims.list.iter().all(|claim| fits(scene, other, claim, false));
             assert!(!(named && fits), "{}: also {other:?}", sentence.text);
         }
-        let own = |claim: &Claim| fits(scene, target, claim);
+        let own = |claim: &Claim| fits(scene, target, claim, true);
         assert!(sentence.claims.list.iter().all(own), "{}: not {target:?}", sentence.text);
     });
 }
 
-/// Whether a claim holds, by labels and boxes alone.
-fn fits(scene: &Scene, object: &Object, claim: &Claim) -> bool {
+/// Whether a claim holds, by labels and boxes alone. Whether a thing without a colour of its own may have any is `blank`.
+fn fits(scene: &Scene, object: &Object, claim: &Claim, blank: bool) -> bool {
     let words = &object.attributes;
     match claim {
-        Claim::Color(word) => words.color == *word,
+        Claim::Color(word) => has_color(object, word, blank),
         Claim::Material(word) => words.material == *word,
         Claim::Shape(word) => words.shape == *word,
         Claim::Size(word) => words.size == *word,
@@ -154,12 +154,12 @@ fn fits(scene: &Scene, object: &Object, claim: &Claim) -> bool {
             lexicon::room_noun(&scene.regions[usize::from(region)].label).as_ref() == Some(noun)
         }),
         Claim::Place(Relation::Between, marks) => {
-            let near = |mark| things(scene, object, mark).filter(|thing| gap_m(object, thing) <= 1.2);
+            let near = |mark| things(scene, object, mark, blank).filter(|thing| gap_m(object, thing) <= 1.2);
             near(&marks[0]).any(|a| near(&marks[1]).any(|b| a.id != b.id && is_amid(object, a, b)))
         }
-        Claim::Place(relation, marks) => {
-            marks.iter().all(|mark| things(scene, object, mark).any(|thing| is_so(*relation, object, thing)))
-        }
+        Claim::Place(relation, marks) => marks.iter().all(|mark| {
+            things(scene, object, mark, blank).any(|thing| is_so(scene, *relation, object, thing))
+        }),
     }
 }
 
@@ -174,18 +174,27 @@ fn is_called(said: &str, label: &str) -> bool {
     said.to_lowercase().ends_with(&label.to_lowercase())
 }
 
-fn things<'a>(scene: &'a Scene, object: &'a Object, mark: &'a Landmark) -> impl Iterator<Item = &'a Object> {
+fn has_color(object: &Object, word: &str, blank: bool) -> bool {
+    object.attributes.color == word || blank && object.attributes.color.is_empty()
+}
+
+fn things<'a>(
+    scene: &'a Scene,
+    object: &'a Object,
+    mark: &'a Landmark,
+    blank: bool,
+) -> impl Iterator<Item = &'a Object> {
     scene.objects.iter().filter(move |thing| {
         let noun = &thing.attributes.noun;
         thing.id != object.id
             && thing.category == mark.name.category
             && is_called(&mark.name.noun, noun)
-            && mark.color.as_ref().is_none_or(|color| thing.attributes.color == *color)
+            && mark.color.as_ref().is_none_or(|color| has_color(thing, color, blank))
     })
 }
 
 /// Only what boxes show; sides and walls are taken for true when the things are close.
-fn is_so(relation: Relation, object: &Object, thing: &Object) -> bool {
+fn is_so(scene: &Scene, relation: Relation, object: &Object, thing: &Object) -> bool {
     let (own, other) = (&object.bounds, &thing.bounds);
     let gap_m = gap_m(object, thing);
     match relation {
@@ -196,26 +205,34 @@ fn is_so(relation: Relation, object: &Object, thing: &Object) -> bool {
         Relation::Under => gap_m <= 0.0 && own.max.y < other.max.y,
         Relation::Above => is_over(own, other),
         Relation::Below => is_over(other, own),
-        Relation::LeftOf => gap_m < 1.6 && may_be_right_of(other, own),
-        Relation::RightOf => gap_m < 1.6 && may_be_right_of(own, other),
+        Relation::LeftOf => gap_m < 1.6 && may_be_right_of(scene, thing, object),
+        Relation::RightOf => gap_m < 1.6 && may_be_right_of(scene, object, thing),
         Relation::Opposite => (0.9..6.0).contains(&gap_m) && object.region == thing.region,
         Relation::Between | Relation::Corner | Relation::AgainstWall => true,
     }
 }
 
-/// Whether one box is to the right of another for somebody who faces a wall at which the backs of both may stand.
-fn may_be_right_of(own: &Aabb, other: &Aabb) -> bool {
+/// Whether one thing is to the right of another for somebody who faces a wall at which the backs of both may stand.
+fn may_be_right_of(scene: &Scene, object: &Object, thing: &Object) -> bool {
     const DEEP_M: f32 = 0.25;
+    let (own, other) = (&object.bounds, &thing.bounds);
     let offset = own.center() - other.center();
-    let low = |axis: usize| (own.min[axis] - other.min[axis]).abs() < DEEP_M;
-    let high = |axis: usize| (own.max[axis] - other.max[axis]).abs() < DEEP_M;
-    // What is deeper than wide has its back to another wall.
-    let wide = |axis: usize, deep: usize| [own, other].iter().all(|b| b.size()[axis] > 0.8 * b.size()[deep]);
-    let north = low(2) && wide(0, 2) && offset.x > 0.0;
-    let south = high(2) && wide(0, 2) && offset.x < 0.0;
-    let west = low(0) && wide(2, 0) && offset.z < 0.0;
-    let east = high(0) && wide(2, 0) && offset.z > 0.0;
+    let backs = |axis: usize, end: usize| [object, thing].iter().all(|o| may_stand_at(scene, o, axis, end));
+    let low = |axis: usize| (own.min[axis] - other.min[axis]).abs() < DEEP_M && backs(axis, 0);
+    let high = |axis: usize| (own.max[axis] - other.max[axis]).abs() < DEEP_M && backs(axis, 1);
+    let (north, south) = (low(2) && offset.x > 0.0, high(2) && offset.x < 0.0);
+    let (west, east) = (low(0) && offset.z < 0.0, high(0) && offset.z > 0.0);
     north || south || west || east
+}
+
+/// Whether a thing has its back to a side of its room's box (0 where the axis begins, 1 where it ends) or, when it is at
+/// neither of the two, may have it to an inner wall: then it is wider than deep.
+fn may_stand_at(scene: &Scene, object: &Object, axis: usize, end: usize) -> bool {
+    const CLOSE_M: f32 = 0.3;
+    let (own, size) = (&object.bounds, object.bounds.size());
+    let room = object.region.map_or(*own, |region| scene.regions[usize::from(region)].bounds);
+    let from_sides_m = [own.min[axis] - room.min[axis], room.max[axis] - own.max[axis]];
+    from_sides_m[end] < CLOSE_M || from_sides_m[1 - end] >= CLOSE_M && size[2 - axis] > 0.7 * size[axis]
 }
 
 fn is_over(upper: &Aabb, lower: &Aabb) -> bool {
