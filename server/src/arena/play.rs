@@ -1,8 +1,7 @@
 //! Handing out episodes and taking them back.
 
 use super::{Arena, Stage, now_unix_ms, refusals::refusal, register, secret};
-use avln_dataset::EpisodeSpec;
-use avln_episode::{EndReason, Order, Rules, Sensors};
+use avln_episode::{EndReason, Order, Sensors};
 use avln_grpc::{EpisodeOutcome, Reason, Refusal, Seat, TimeSpent};
 use avln_referee::{Referee, RefereeError};
 use avln_scoring::{Metrics, score};
@@ -32,36 +31,34 @@ impl Arena {
         let handle = format!("ep_{}", secret::random_hex().map_err(Refusal::internal)?);
         let assigned = self.store.assign_next_episode(run, &handle, now_unix_ms()).await.map_err(refusal)?;
         let Some(assigned) = assigned else { return Ok(None) };
-        let (scenes, sensors, order) = (self.scenes.clone(), sensors.clone(), row.order);
-        let ticket = self.take_ticket(&stage);
-        let read = read_spec(stage.clone(), assigned.episode).await;
-        let spec = read.inspect_err(|_| drop(self.return_ticket(ticket)))?;
-        let unplayed = Unplayed::new(spec.truth(order), stage.rules());
-        let playing = stage.clone();
-        let make = move || seat(&playing, &scenes, &spec, order, sensors);
-        let made = tokio::task::spawn_blocking(make).await.map_err(Refusal::internal).and_then(|made| made);
-        match made {
-            Ok((referee, map)) => {
-                if let Some(map) = map {
-                    self.store.upsert_scene(&map).await.map_err(refusal)?;
-                }
+        let seated = self.seat(&stage, assigned.episode, row.order, sensors.clone()).await;
+        match seated {
+            Ok(referee) => {
+                let ticket = self.take_ticket(&stage);
                 Ok(Some(Seat { handle, referee: Box::new(referee), ticket, time: TimeSpent::default() }))
             }
-            Err(refusal) => {
-                self.return_ticket(ticket);
-                self.take_back(run, &handle, &unplayed).await?;
-                Err(refusal)
+            Err(refused) => {
+                self.store.take_back(run, &handle, now_unix_ms()).await.map_err(refusal)?;
+                Err(refused)
             }
         }
     }
 
-    /// Notes that an episode never started by the server's fault: it is pending again, or given up.
-    async fn take_back(&self, run: &str, handle: &str, unplayed: &Unplayed) -> Result<(), Refusal> {
-        let Unplayed { truth, record, metrics } = unplayed;
-        let time = TimeAccount::default();
-        let finished = Finished { run, handle, truth, record, metrics, time: &time };
-        self.store.record_result(&finished, now_unix_ms()).await.map_err(refusal)?;
-        Ok(())
+    /// A referee for an episode, made on a blocking thread; stores the scene's map when the scene was made for it.
+    async fn seat(
+        &self,
+        stage: &Arc<Stage>,
+        episode: String,
+        order: Order,
+        sensors: Sensors,
+    ) -> Result<Referee, Refusal> {
+        let (stage, scenes) = (stage.clone(), self.scenes.clone());
+        let make = move || make_referee(&stage, &scenes, &episode, order, sensors);
+        let (referee, map) = tokio::task::spawn_blocking(make).await.map_err(Refusal::internal)??;
+        if let Some(map) = map {
+            self.store.upsert_scene(&map).await.map_err(refusal)?;
+        }
+        Ok(referee)
     }
 
     /// Scores what happened and stores it in one transaction.
@@ -125,20 +122,15 @@ fn check_sensors(most: &Sensors, asked: &Sensors) -> Result<(), Refusal> {
     Err(Refusal::new(Reason::SensorNotAllowed, message))
 }
 
-/// Reads a mission from its split; files are read on a blocking thread.
-async fn read_spec(stage: Arc<Stage>, id: String) -> Result<EpisodeSpec, Refusal> {
-    let read = tokio::task::spawn_blocking(move || stage.episode(&id)).await.map_err(Refusal::internal)?;
-    read.map_err(Refusal::internal)
-}
-
-/// A referee for the episode, and the scene's map when the scene was made for it.
-fn seat(
+/// Reads the mission and makes a referee for it; and the scene's map, when the scene was made for it.
+fn make_referee(
     stage: &Stage,
     scenes: &super::scenes::SceneCache,
-    spec: &EpisodeSpec,
+    episode: &str,
     order: Order,
     sensors: Sensors,
 ) -> Result<(Referee, Option<Scene>), Refusal> {
+    let spec = stage.episode(episode).map_err(Refusal::internal)?;
     let scene = stage
         .split
         .scene(&spec.scene)
@@ -153,29 +145,6 @@ fn seat(
         other => Refusal::internal(other),
     })?;
     Ok((referee, map))
-}
-
-/// What is stored of an episode that never started.
-struct Unplayed {
-    truth: EpisodeTruth,
-    record: Record,
-    metrics: Metrics,
-}
-
-impl Unplayed {
-    fn new(truth: EpisodeTruth, rules: &Rules) -> Self {
-        let record = Record {
-            rules: rules.name.clone(),
-            start: truth.start,
-            steps: Vec::new(),
-            submits: Vec::new(),
-            in_region_at_start: vec![false; truth.targets.len()],
-            final_distance_m: vec![None; truth.targets.len()],
-            end: EndReason::ServerFault,
-        };
-        let metrics = score(&truth, &record, rules);
-        Self { truth, record, metrics }
-    }
 }
 
 /// The door's measurements as they are stored.

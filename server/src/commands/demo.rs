@@ -26,7 +26,7 @@ pub struct Options {
     /// Where the doors are
     #[command(flatten)]
     pub addresses: Addresses,
-    /// A real scene instead of procedural houses: a GLB or glTF file, or a folder in the HM3D layout
+    /// A real scene instead of procedural houses: a file or a folder in any layout that `avln scene import` reads
     #[arg(long, value_name = "PATH")]
     pub scene: Option<PathBuf>,
     /// Procedural houses to build

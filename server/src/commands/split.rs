@@ -27,7 +27,7 @@ pub struct Make {
     /// Procedural houses to build
     #[arg(long, default_value_t = 2, conflicts_with = "scene")]
     pub houses: u32,
-    /// A scene to use: a GLB or glTF file, or a folder in the HM3D layout (can be repeated)
+    /// A scene to use: a file or a folder in any layout that `avln scene import` reads (can be repeated)
     #[arg(long, value_name = "PATH")]
     pub scene: Vec<PathBuf>,
     /// Missions to draw in each scene

@@ -163,20 +163,39 @@ impl Store {
         Ok(run)
     }
 
+    /// Takes back an episode that was handed out and could not be started: it is pending again, up to three attempts.
+    /// One that is not being played stays as it is.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn take_back(&self, run: &str, handle: &str, now_unix_ms: i64) -> Result<(), StoreError> {
+        self.reopen(Some((run, handle)), now_unix_ms).await.map(drop)
+    }
+
     /// Makes episodes pending again that were being played when the server went down; says how many there were.
     /// An episode that was lost three times is given up. To be called once at the start, by the server alone.
     ///
     /// # Errors
     /// When the database fails.
     pub async fn reopen_interrupted(&self, now_unix_ms: i64) -> Result<u32, StoreError> {
+        self.reopen(None, now_unix_ms).await
+    }
+
+    /// Reopens one episode that is being played, by run and handle, or all; says how many there were.
+    async fn reopen(&self, only: Option<(&str, &str)>, now_unix_ms: i64) -> Result<u32, StoreError> {
         let mut tx = self.begin().await?;
         let reopen = "UPDATE episodes SET interruptions = interruptions + 1, \
              state = CASE WHEN attempts >= $1 THEN 'infra' ELSE 'pending' END, \
              end_reason = CASE WHEN attempts >= $1 THEN 'server_fault' END, \
              finished_ms = CASE WHEN attempts >= $1 THEN $2 END \
-             WHERE state = 'running' RETURNING run, state = 'infra'";
-        let lost: Vec<(String, bool)> =
-            sqlx::query_as(reopen).bind(MAX_ATTEMPTS).bind(now_unix_ms).fetch_all(&mut *tx).await?;
+             WHERE state = 'running' AND ($3 IS NULL OR run = $3 AND handle = $4) RETURNING run, state = 'infra'";
+        let lost: Vec<(String, bool)> = sqlx::query_as(reopen)
+            .bind(MAX_ATTEMPTS)
+            .bind(now_unix_ms)
+            .bind(only.map(|only| only.0))
+            .bind(only.map(|only| only.1))
+            .fetch_all(&mut *tx)
+            .await?;
         for (run, given_up) in &lost {
             count_fault(&mut tx, run, *given_up).await?;
             settle_run(&mut tx, run, now_unix_ms).await?;

@@ -115,6 +115,20 @@ async fn an_episode_that_takes_the_server_down_is_given_up() {
 }
 
 #[tokio::test]
+async fn an_episode_that_cannot_be_started_is_taken_back_and_given_up_in_the_end() {
+    let arena = started(1).await;
+    for attempt in 1..=3 {
+        let handle = format!("h{attempt}");
+        arena.assign("run_1", &handle).await.expect("an attempt");
+        arena.store.take_back("run_1", "other", 40).await.expect("nobody's episode");
+        assert_eq!(arena.store.run("run_1").await.expect("the run").state, RunState::Running);
+        arena.store.take_back("run_1", &handle, 40).await.expect("taken back");
+    }
+    assert_eq!(arena.assign("run_1", "h4").await, None);
+    assert_eq!(arena.store.run("run_1").await.expect("the run").state, RunState::Completed);
+}
+
+#[tokio::test]
 async fn results_of_many_slots_at_once_add_up() {
     let arena = started(8).await;
     let mut seats = Vec::new();
