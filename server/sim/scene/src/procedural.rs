@@ -148,7 +148,10 @@ fn add_building(assembly: &mut Assembly, plan: &Plan, finishes: &[Finish]) {
 }
 
 /// Radius of the body that gets through every door, and of the one whose floor is one piece, metres.
-const BODIES_M: [f32; 2] = [0.25, 0.1];
+const BODIES_M: [f32; 2] = [0.25 + RASTER_M, 0.1 + RASTER_M];
+
+/// What a lattice of 5 cm takes of a gap at each side, when a navmesh is cut from it, metres.
+const RASTER_M: f32 = 0.075;
 
 /// Share of the floor that must be one piece.
 const ONE_PIECE: f32 = 0.95;

@@ -7,7 +7,7 @@ use super::rect::{Rect, Side, common};
 pub(super) const DOOR_CLEAR_M: f32 = 0.9;
 
 /// Half the width of the aisles that furniture leaves, metres.
-const AISLE_RADIUS_M: f32 = 0.3;
+const AISLE_RADIUS_M: f32 = 0.33;
 
 /// What reaches lower than this blocks a walking body, metres.
 const BODY_HEIGHT_M: f32 = 1.5;
@@ -151,7 +151,7 @@ impl Space {
         let mut solids = self.solids.clone();
         solids.push(claim.rect);
         let goals: Vec<Rect> = self.goals.iter().copied().chain(claim.front).collect();
-        connected(&self.room, &solids, &goals, AISLE_RADIUS_M - 0.02)
+        connected(&self.room, &solids, &goals, AISLE_RADIUS_M)
     }
 }
 

@@ -7,6 +7,8 @@ use avln_geom::Rng;
 
 /// Distance that a door keeps from the corners of a room, metres.
 const CORNER_M: f32 = 0.12;
+/// Widths of doors between their jambs, metres.
+const DOOR_M: [f32; 2] = [0.85, 0.95];
 const DOOR_HEIGHT_M: f32 = 2.05;
 const ARCH_HEIGHT_M: f32 = 2.25;
 
@@ -65,7 +67,7 @@ fn shared_wall(rooms: &[Room], pair: [usize; 2]) -> Option<SharedWall> {
     let longest = walls.into_iter().max_by(|a, b| length_m(a).total_cmp(&length_m(b)))?;
     let usable = WALL_M / 2.0 + CORNER_M;
     let along = [longest.along[0] + usable, longest.along[1] - usable];
-    (along[1] - along[0] > 0.8).then_some(SharedWall { along, ..longest })
+    (along[1] - along[0] > DOOR_M[0]).then_some(SharedWall { along, ..longest })
 }
 
 fn length_m(wall: &SharedWall) -> f32 {
@@ -160,7 +162,7 @@ fn opening(rng: &mut Rng, rooms: &[Room], wall: &SharedWall) -> Opening {
     let (width_m, height_m) = match kinds(rooms, wall) {
         [a, b] if a.is_passage() && b.is_passage() => (room_m + 2.0 * CORNER_M - 0.02, ARCH_HEIGHT_M),
         kinds if open(rng, kinds) && room_m > 1.4 => (rng.range(1.2, 1.9).min(room_m), ARCH_HEIGHT_M),
-        _ => (rng.range(0.82, 1.0).min(room_m), DOOR_HEIGHT_M),
+        _ => (rng.range(DOOR_M[0], DOOR_M[1]).min(room_m), DOOR_HEIGHT_M),
     };
     let play_m = room_m - width_m;
     // Doors near a corner leave longer walls for furniture.
@@ -223,7 +225,7 @@ mod tests {
         for (seed, plan) in plans() {
             for opening in &plan.openings {
                 let width_m = opening.along[1] - opening.along[0];
-                assert!((0.79..2.3).contains(&width_m), "seed {seed}: {width_m} m wide");
+                assert!((0.84..2.3).contains(&width_m), "seed {seed}: {width_m} m wide");
                 for room in opening.rooms {
                     let holds = |face: &super::super::Face| {
                         let line = face.line_m - face.side.inward() * WALL_M / 2.0;
