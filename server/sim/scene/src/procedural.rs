@@ -92,7 +92,7 @@ impl Pool {
     }
 }
 
-/// Builds the house of `seed`. The lowest floor lies on y = 0, its ceiling at 2.6 m, the next floor at 2.8 m, the middle
+/// Builds the house of `seed`. The lowest floor lies on y = 0, its ceiling at 2.6 m, the next floor at 3.12 m, the middle
 /// of the house near the origin. Houses of five rooms or more have a hallway, a living room, a kitchen, a bedroom and a
 /// bathroom.
 pub fn house(name: &str, seed: u64, options: &HouseOptions) -> Scene {

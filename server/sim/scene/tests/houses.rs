@@ -54,9 +54,9 @@ fn floors_look_up_and_ceilings_down() {
             // Undersides of jambs and railings are no floors.
             const SMALL_M2: f32 = 0.2;
             if scene.mesh.instance_of[index] == InstanceId::NONE && up.abs() > 2.0 * SMALL_M2 {
-                let floor = level(0.0) || level(2.8);
+                let floor = level(0.0) || level(3.12);
                 assert!(!floor || up > 0.0, "seed {seed}: a floor looks down: {a} {b} {c}");
-                let ceiling = level(2.6) || level(2.8 + 2.6);
+                let ceiling = level(2.6) || level(3.12 + 2.6);
                 assert!(!ceiling || up < 0.0, "seed {seed}: a ceiling looks up");
             }
         }

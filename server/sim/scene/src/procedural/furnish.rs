@@ -13,12 +13,12 @@ mod work;
 
 use super::assembly::{Assembly, Piece};
 use super::furniture::Make;
-use super::model::about;
+use super::model::{Facet, Model, about};
 use super::plan::{CEILING_M, Plan, RoomKind};
 use super::rect::{Rect, Side, turned};
 use super::space::{Claim, Patch, Space};
 use super::taste::Taste;
-use avln_geom::{Aabb, Rng, Vector3};
+use avln_geom::{Aabb, Point3, Rng, Vector3};
 
 /// One room that is being furnished.
 pub(super) struct Decorator<'a> {
@@ -62,6 +62,9 @@ enum Wish {
 
 /// Distance that furniture keeps from walls and from other furniture at its side, metres.
 const GAP_M: f32 = 0.015;
+
+/// No camera is lower, metres.
+const LOWEST_EYE_M: f32 = 0.5;
 
 /// Furnishes one room and returns what stands on its floor.
 pub(super) fn furnish(
@@ -293,12 +296,24 @@ impl Decorator<'_> {
     }
 
     fn add(&mut self, piece: &Piece, side: Side, origin: Vector3<f32>) -> Spot {
-        let model = piece.model.moved(side.quarter(), origin);
+        let model = self.shown(piece.model.moved(side.quarter(), origin));
         let placed = Piece { model, ..piece.clone() };
         let bounds = self.assembly.add_object(&placed, self.index);
         let round = ["round", "oval", "hexagonal", "octagonal", "drum-shaped"]
             .contains(&piece.attributes.shape.as_str());
         Spot { origin, side, bounds, round }
+    }
+
+    /// A placed model without the faces that walls, floor and ceiling hide, those inside of it, and undersides that no
+    /// eye is low enough to see.
+    fn shown(&self, model: Model) -> Model {
+        let floor = self.plan.rooms[self.index].floor();
+        let inside = |point: &Point3<f32>| {
+            let place = [point.x, point.z];
+            (0.0..=CEILING_M).contains(&point.y) && floor.iter().any(|rect| rect.distance_m(place) == 0.0)
+        };
+        let before = |face: &Facet| face.moved(GAP_M + 0.003);
+        model.seen().without(|face| face.is_underside(LOWEST_EYE_M) || !before(face).iter().any(inside))
     }
 }
 

@@ -2,11 +2,13 @@
 
 mod prism;
 mod round;
+mod seen;
 mod soft;
 
 use super::paint::Paint;
 use super::rect::turned;
 use avln_geom::{Aabb, Point2, Point3, Vector3, angle};
+pub(super) use seen::Facet;
 
 /// A corner of a triangle.
 #[derive(Clone, Copy, Debug)]
@@ -21,6 +23,8 @@ pub(super) struct Corner {
 pub(super) struct Model {
     pub(super) corners: Vec<Corner>,
     pub(super) triangles: Vec<([u32; 3], Paint)>,
+    /// Boxes that are part of the shape: what lies inside of them is not seen.
+    solids: Vec<Aabb>,
 }
 
 /// A range along one axis, metres.
@@ -46,6 +50,7 @@ impl Model {
 
     /// A box with sharp edges.
     pub(super) fn block(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
+        self.solid(x, y, z);
         let p = |i: usize, j: usize, k: usize| Point3::new(x[i], y[j], z[k]);
         self.quad([p(0, 0, 1), p(1, 0, 1), p(1, 1, 1), p(0, 1, 1)], paint);
         self.quad([p(1, 0, 0), p(0, 0, 0), p(0, 1, 0), p(1, 1, 0)], paint);
@@ -53,6 +58,12 @@ impl Model {
         self.quad([p(0, 0, 0), p(0, 0, 1), p(0, 1, 1), p(0, 1, 0)], paint);
         self.quad([p(0, 1, 1), p(1, 1, 1), p(1, 1, 0), p(0, 1, 0)], paint);
         self.quad([p(0, 0, 0), p(1, 0, 0), p(1, 0, 1), p(0, 0, 1)], paint);
+    }
+
+    /// Remembers that a box is full.
+    fn solid(&mut self, x: Span, y: Span, z: Span) {
+        let corner = |end: usize| Point3::new(x[end], y[end], z[end]);
+        self.solids.push(Aabb::new(corner(0), corner(1)));
     }
 
     /// The same box mirrored to -x, both sides of the furniture.
@@ -92,6 +103,7 @@ impl Model {
         let first = self.corners.len() as u32;
         let moved = other.moved(quarter, offset);
         self.corners.extend(moved.corners);
+        self.solids.extend(moved.solids);
         let triangles = moved.triangles.iter();
         self.triangles
             .extend(triangles.map(|&(corners, paint)| (corners.map(|corner| corner + first), paint)));
@@ -108,7 +120,16 @@ impl Model {
             normal: turn(c.normal),
             uv: c.uv,
         };
-        Model { corners: self.corners.iter().map(corner).collect(), triangles: self.triangles.clone() }
+        let place = |point: &Point3<f32>| Point3::from(turn(point.coords) + offset);
+        let solid = |solid: &Aabb| {
+            let (a, b) = (place(&solid.min), place(&solid.max));
+            Aabb::new(a.inf(&b), a.sup(&b))
+        };
+        Model {
+            corners: self.corners.iter().map(corner).collect(),
+            triangles: self.triangles.clone(),
+            solids: self.solids.iter().map(solid).collect(),
+        }
     }
 }
 
@@ -122,7 +143,11 @@ impl Model {
             normal: lean(c.normal),
             uv: c.uv,
         };
-        Model { corners: self.corners.iter().map(corner).collect(), triangles: self.triangles.clone() }
+        Model {
+            corners: self.corners.iter().map(corner).collect(),
+            triangles: self.triangles.clone(),
+            solids: vec![],
+        }
     }
 }
 

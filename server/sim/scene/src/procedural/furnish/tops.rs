@@ -27,7 +27,7 @@ impl Decorator<'_> {
         );
         let [cx, cz] = spot.center();
         let origin = Vector3::new(cx + x, spot.bounds.max.y - own.min.y, cz + z);
-        self.add_if_free(piece, spot.side, origin)
+        self.add_if_free(&without_base(piece), spot.side, origin)
     }
 
     /// Adds a piece unless it meets another that lies there already.
@@ -107,6 +107,13 @@ impl Decorator<'_> {
         let origin = Vector3::new(spot.origin.x + x, height_m, spot.origin.z + z);
         self.add_if_free(&piece, spot.side, origin);
     }
+}
+
+/// A piece without what it rests on.
+fn without_base(piece: &Piece) -> Piece {
+    let base_m = piece.model.bounds().min.y;
+    let model = piece.model.without(|face| face.is_underside(base_m + 0.001));
+    Piece { model, ..piece.clone() }
 }
 
 impl Spot {

@@ -41,6 +41,7 @@ impl Model {
 
     /// A box on something behind it: its back is left out.
     pub(in crate::procedural) fn lid(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
+        self.solid(x, y, z);
         let p = |i: usize, j: usize, k: usize| Point3::new(x[i], y[j], z[k]);
         self.quad([p(0, 0, 1), p(1, 0, 1), p(1, 1, 1), p(0, 1, 1)], paint);
         self.quad([p(1, 0, 1), p(1, 0, 0), p(1, 1, 0), p(1, 1, 1)], paint);
@@ -51,6 +52,7 @@ impl Model {
 
     /// A box on something below it: its underside is left out.
     pub(in crate::procedural) fn slab(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
+        self.solid(x, y, z);
         self.rim(x, y, z, paint);
         let p = |i: usize, k: usize| Point3::new(x[i], y[1], z[k]);
         self.quad([p(0, 1), p(1, 1), p(1, 0), p(0, 0)], paint);

@@ -7,6 +7,7 @@ use avln_geom::{Point3, Vector3};
 impl Model {
     /// A box whose edges are cut off by `bevel` metres and shaded round.
     pub(in crate::procedural) fn soft(&mut self, x: Span, y: Span, z: Span, bevel: f32, paint: Paint) {
+        self.solid(x, y, z);
         let spans = [x, y, z];
         let bevel = spans.iter().map(|[low, high]| (high - low) / 2.1).fold(bevel, f32::min);
         for axis in 0..3 {

@@ -8,7 +8,7 @@ use crate::procedural::rect::{Rect, Side};
 use avln_geom::Rng;
 
 /// Width of the stairs' cell, and its least depth, metres.
-const STAIRS_M: [f32; 2] = [2.24, 4.12];
+const STAIRS_M: [f32; 2] = [2.24, 4.37];
 
 /// The shortest stretch beside a hallway that is worth a room, metres.
 const LEAST_M: f32 = 2.6;

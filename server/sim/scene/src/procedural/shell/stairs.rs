@@ -11,7 +11,7 @@ use crate::procedural::plan::{CEILING_M, Plan, STOREY_M};
 use crate::procedural::rect::{Rect, Side};
 
 /// Steps of each flight; the last one of each is a landing.
-const STEPS: usize = 8;
+const STEPS: usize = 9;
 
 /// Height of a step, metres.
 const RISE_M: f32 = STOREY_M / (2 * STEPS) as f32;
