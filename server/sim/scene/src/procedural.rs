@@ -124,7 +124,7 @@ fn build(rng: &Rng, options: &HouseOptions) -> (Plan, Assembly) {
         assembly.on_floor_at(floor_m(plan.rooms[index].storey));
         shell::add_room(&mut assembly, &plan, index, finish);
         let room_rng = rng.fork(&format!("room {index}"));
-        let covered = furnish::furnish(&mut assembly, &mut taste, room_rng, &plan, index);
+        let covered = furnish::furnish(&mut assembly, &mut taste, &room_rng, &plan, index);
         shell::add_floor(&mut assembly, &plan, index, finish, &covered);
         shell::add_far_windows(&mut assembly, &plan, index);
     }

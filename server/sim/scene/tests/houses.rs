@@ -51,9 +51,7 @@ fn floors_look_up_and_ceilings_down() {
             let [a, b, c] = scene.corners(index);
             let level = |y: f32| [a, b, c].iter().all(|corner| corner.y == y);
             let up = (b - a).cross(&(c - a)).y;
-            // Undersides of jambs and railings are no floors.
-            const SMALL_M2: f32 = 0.2;
-            if scene.mesh.instance_of[index] == InstanceId::NONE && up.abs() > 2.0 * SMALL_M2 {
+            if scene.mesh.instance_of[index] == InstanceId::NONE {
                 let floor = level(0.0) || level(3.12);
                 assert!(!floor || up > 0.0, "seed {seed}: a floor looks down: {a} {b} {c}");
                 let ceiling = level(2.6) || level(3.12 + 2.6);
@@ -75,7 +73,7 @@ fn boxes_are_those_of_the_triangles_and_lie_in_their_rooms() {
         assert_eq!(around.len(), scene.objects.len() + 1);
         for object in &scene.objects {
             assert_eq!(around[&object.id], object.bounds, "seed {seed}: {object:?}");
-            let room = scene.regions[usize::from(object.region.expect("a room"))].bounds.grown(0.01);
+            let room = scene.regions[usize::from(object.region.expect("a room"))].bounds.grown(0.001);
             let inside = room.contains(&object.bounds.min) && room.contains(&object.bounds.max);
             assert!(inside, "seed {seed}: {object:?} leaves {room:?}");
         }
@@ -207,7 +205,7 @@ fn all_rooms_are_one_floor_for_a_walking_body() {
         for region in &scene.regions {
             let cells = floor.cells_in(&region.bounds);
             let share = cells.iter().filter(|&&cell| reached[cell]).count() as f32 / cells.len() as f32;
-            assert!(share > 0.7, "seed {seed}: {share} of the {} can be reached", region.label);
+            assert!(share > 0.8, "seed {seed}: {share} of the {} can be reached", region.label);
         }
         for object in scene.objects.iter().filter(|object| is_target(&object.category)) {
             let near = object.bounds.grown(1.5);

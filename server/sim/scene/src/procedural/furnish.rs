@@ -2,6 +2,7 @@
 
 mod bathroom;
 mod bedroom;
+mod corners;
 mod dining;
 mod extras;
 mod kitchen;
@@ -66,41 +67,49 @@ const GAP_M: f32 = 0.015;
 /// No camera is lower, metres.
 const LOWEST_EYE_M: f32 = 0.5;
 
+/// Depth of floor that stays free before the rest of a room that goes on there, metres: in its main part, and elsewhere.
+const PASSAGE_M: [f32; 2] = [0.8, 0.5];
+
 /// Furnishes one room and returns what stands on its floor.
 pub(super) fn furnish(
     assembly: &mut Assembly,
     taste: &mut Taste,
-    rng: Rng,
+    rng: &Rng,
     plan: &Plan,
     index: usize,
 ) -> Vec<Rect> {
     let room = &plan.rooms[index];
-    let mut space = Space::new(room.interior());
+    let mut covered = Vec::new();
+    for (number, part) in room.parts().into_iter().enumerate() {
+        let (space, doors) = empty(plan, index, part, PASSAGE_M[number.min(1)]);
+        let rng = rng.fork(&format!("part {number}"));
+        let (laid, rugs) = (vec![], vec![]);
+        let mut decorator =
+            Decorator { assembly, taste, rng, plan, index, space, doors, covered, rugs, laid };
+        match number {
+            0 => decorator.fit_out(room.kind),
+            _ => decorator.fit_out_rest(room.kind),
+        }
+        covered = decorator.covered;
+    }
+    covered
+}
+
+/// A part of a room with nothing in it, its doors kept free, and how many of them there are.
+fn empty(plan: &Plan, index: usize, part: Rect, passage_m: f32) -> (Space, usize) {
+    let mut space = Space::new(part);
     let mut doors = 0;
     for side in Side::ALL {
-        for opening in plan.openings_on(index, side) {
+        for opening in plan.openings_on(index, &part, side) {
             space.add_door(side, opening.along, opening.height_m);
             doors += 1;
         }
-        for gap in plan.gaps(index, side) {
-            space.add_door(side, gap, CEILING_M);
+        for gap in plan.gaps(index, &part, side) {
+            space.add_passage(side, gap, passage_m);
             doors += 1;
         }
     }
-    let mut decorator = Decorator {
-        assembly,
-        taste,
-        rng,
-        plan,
-        index,
-        space,
-        doors,
-        covered: vec![],
-        rugs: vec![],
-        laid: vec![],
-    };
-    decorator.fit_out(room.kind);
-    decorator.covered
+    (space, doors)
 }
 
 impl Decorator<'_> {
@@ -126,6 +135,25 @@ impl Decorator<'_> {
         }
         self.extras(kind);
         self.ceiling_lamps();
+    }
+
+    /// What stands in the smaller parts of a room that is no rectangle.
+    fn fit_out_rest(&mut self, kind: RoomKind) {
+        self.entrance();
+        self.windows(kind);
+        match kind {
+            RoomKind::Stairs => return,
+            RoomKind::LivingRoom | RoomKind::Library | RoomKind::Bedroom | RoomKind::GameRoom => {
+                self.corner()
+            }
+            RoomKind::Office | RoomKind::Garage => self.work_corner(),
+            RoomKind::Kitchen | RoomKind::DiningRoom => self.pantry(),
+            _ => {}
+        }
+        self.extras(kind);
+        if self.area_m2() > 3.0 {
+            self.ceiling_lamps();
+        }
     }
 
     /// Whether the house has a room of this kind.

@@ -97,6 +97,20 @@ impl Room {
         self.outline().largest().expect("a room is wider than its walls are thick")
     }
 
+    /// Rectangles of floor without overlap that are large enough for furniture, [`Room::interior`] first.
+    pub(super) fn parts(&self) -> Vec<Rect> {
+        const LEAST_M: f32 = 1.0;
+        let mut rest = self.outline();
+        let mut parts = vec![self.interior()];
+        loop {
+            rest = rest.less(&parts[parts.len() - 1]);
+            match rest.largest().filter(|rect| rect.size().iter().all(|length| *length >= LEAST_M)) {
+                Some(rect) => parts.push(rect),
+                None => return parts,
+            }
+        }
+    }
+
     /// All of the floor between the walls.
     pub(super) fn outline(&self) -> Outline {
         Outline::inset(&self.cells, WALL_M / 2.0)
@@ -203,10 +217,14 @@ impl Plan {
         self.rooms.iter().map(|room| room.storey + 1).max().unwrap_or(0)
     }
 
-    /// The openings in the wall on one side of a room's [`Room::interior`].
-    pub(super) fn openings_on(&self, index: usize, side: Side) -> impl Iterator<Item = &Opening> {
-        let inner = self.rooms[index].interior();
-        let (line, span) = (side.line_m(&inner) - side.inward() * WALL_M / 2.0, side.span(&inner));
+    /// The openings in the wall on one side of a part of a room's floor.
+    pub(super) fn openings_on(
+        &self,
+        index: usize,
+        part: &Rect,
+        side: Side,
+    ) -> impl Iterator<Item = &Opening> {
+        let (line, span) = (side.line_m(part) - side.inward() * WALL_M / 2.0, side.span(part));
         let on_side = move |opening: &&Opening| {
             opening.rooms.contains(&index)
                 && opening.along_x == side.runs_along_x()
@@ -216,25 +234,28 @@ impl Plan {
         self.openings.iter().filter(on_side)
     }
 
-    /// The windows in the wall on one side of a room's [`Room::interior`].
-    pub(super) fn windows_on(&self, index: usize, side: Side) -> impl Iterator<Item = &Window> {
-        let inner = self.rooms[index].interior();
-        let (line, span) = (side.line_m(&inner), side.span(&inner));
-        let on_side = move |window: &&Window| {
-            window.room == index
-                && window.side == side
-                && (window.line_m - line).abs() < 1e-3
-                && common(window.along, span) > 0.0
-        };
+    /// The windows that lie wholly in the wall on one side of a part of a room's floor.
+    pub(super) fn windows_on(&self, index: usize, part: &Rect, side: Side) -> impl Iterator<Item = &Window> {
+        let part = *part;
+        let on_side =
+            move |window: &&Window| window.room == index && window.side == side && window.is_on(&part);
         self.windows.iter().filter(on_side)
     }
 
-    /// The parts of one side of a room's [`Room::interior`] that have no wall: the room goes on behind them.
-    pub(super) fn gaps(&self, index: usize, side: Side) -> Vec<[f32; 2]> {
-        let inner = self.rooms[index].interior();
-        let on_side = |face: &&Face| face.side == side && (face.line_m - side.line_m(&inner)).abs() < 1e-3;
+    /// The stretches of one side of a part of a room's floor that have no wall: the room goes on behind them.
+    pub(super) fn gaps(&self, index: usize, part: &Rect, side: Side) -> Vec<[f32; 2]> {
+        let on_side = |face: &&Face| face.side == side && (face.line_m - side.line_m(part)).abs() < 1e-3;
         let faces = self.rooms[index].faces();
-        remainder(side.span(&inner), faces.iter().filter(on_side).map(|face| face.along))
+        remainder(side.span(part), faces.iter().filter(on_side).map(|face| face.along))
+    }
+}
+
+impl Window {
+    /// Whether the whole of it lies in the wall of a part of its room's floor.
+    pub(super) fn is_on(&self, part: &Rect) -> bool {
+        let span = self.side.span(part);
+        let within = span[0] <= self.along[0] && self.along[1] <= span[1];
+        within && (self.side.line_m(part) - self.line_m).abs() < 1e-3
     }
 }
 

@@ -285,14 +285,10 @@ pub(super) fn add_facade(assembly: &mut Assembly, plan: &Plan, storey: usize) {
     assembly.add_shell(&model, |corner| facing_light(&corner.normal));
 }
 
-/// The windows of a room that are not in the walls of its [`super::plan::Room::interior`], which is furnished.
+/// The windows of a room that are in the walls of none of its [`super::plan::Room::parts`], which are furnished.
 pub(super) fn add_far_windows(assembly: &mut Assembly, plan: &Plan, index: usize) {
-    let inner = plan.rooms[index].interior();
-    let near = |window: &Window| {
-        let span = window.side.span(&inner);
-        let on_line = (window.side.line_m(&inner) - window.line_m).abs() < 1e-3;
-        on_line && span[0] <= window.along[0] && window.along[1] <= span[1]
-    };
+    let parts = plan.rooms[index].parts();
+    let near = |window: &Window| parts.iter().any(|part| window.is_on(part));
     for window in plan.windows.iter().filter(|window| window.room == index && !near(window)) {
         let [width, height] = [window.along, window.y].map(|span| span[1] - span[0]);
         let piece = openings::window(width, height);

@@ -56,11 +56,20 @@ impl Space {
 
     /// Keeps the floor in front of a door free.
     pub(super) fn add_door(&mut self, side: Side, along: [f32; 2], height_m: f32) {
-        let depth_m = DOOR_CLEAR_M.min(self.depth_m(side));
-        let zone = side.strip(&self.room, along, depth_m);
+        self.keep_free(side, along, DOOR_CLEAR_M);
+        self.take_wall(side, Patch { along: [along[0] - 0.08, along[1] + 0.08], y: [0.0, height_m + 0.08] });
+    }
+
+    /// Keeps the floor free where the room goes on without a wall.
+    pub(super) fn add_passage(&mut self, side: Side, along: [f32; 2], depth_m: f32) {
+        self.keep_free(side, along, depth_m);
+        self.take_wall(side, Patch { along, y: [0.0, CEILING_M] });
+    }
+
+    fn keep_free(&mut self, side: Side, along: [f32; 2], depth_m: f32) {
+        let zone = side.strip(&self.room, along, depth_m.min(self.depth_m(side)));
         self.free.push(zone);
         self.goals.push(zone);
-        self.take_wall(side, Patch { along: [along[0] - 0.08, along[1] + 0.08], y: [0.0, height_m + 0.08] });
     }
 
     /// Marks a part of a wall as taken.

@@ -7,7 +7,7 @@ use super::*;
 impl Decorator<'_> {
     /// The closed front door of the house.
     pub(super) fn entrance(&mut self) {
-        let here = |door: &Window| door.room == self.index && self.on_wall(door);
+        let here = |door: &Window| door.room == self.index && door.is_on(&self.space.room);
         if let Some(place) = self.plan.entrance.filter(here) {
             let door = openings::door(self.taste);
             self.fix(&door, place.side, (place.along[0] + place.along[1]) / 2.0, 0.0);
@@ -16,26 +16,11 @@ impl Decorator<'_> {
         }
     }
 
-    /// Whether a window stands in the wall of the rectangle that is being furnished.
-    fn on_wall(&self, window: &Window) -> bool {
-        let room = &self.space.room;
-        let span = window.side.span(room);
-        let along = span[0] <= window.along[0] && window.along[1] <= span[1];
-        along && (window.side.line_m(room) - window.line_m).abs() < 1e-3
-    }
-
     /// The windows of the plan, some with curtains.
     pub(super) fn windows(&mut self, kind: RoomKind) {
-        let plan = self.plan;
+        let (plan, part) = (self.plan, self.space.room);
         for side in Side::ALL {
-            for window in plan
-                .windows_on(self.index, side)
-                .filter(|window| self.on_wall(window))
-                .copied()
-                .collect::<Vec<_>>()
-            {
-                self.window(kind, &window);
-            }
+            plan.windows_on(self.index, &part, side).for_each(|window| self.window(kind, window));
         }
     }
 

@@ -100,7 +100,7 @@ fn vase(k: &mut Draft) -> Words {
             "hexagonal"
         }
     };
-    [size_word(h, 0.23, 0.3, ["small", "tall"]), shape]
+    [size_word(k.m.bounds().size().y, 0.23, 0.3, ["small", "tall"]), shape]
 }
 
 fn statue(k: &mut Draft) -> Words {

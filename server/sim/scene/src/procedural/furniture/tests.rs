@@ -205,6 +205,10 @@ fn size_words_fit_the_sizes() {
         (&sofas::SOFA, "small", "large", 0),
         (&tables::DESK, "small", "large", 0),
         (&cabinets::SIDEBOARD, "low", "tall", 1),
+        (&decor::VASE, "small", "tall", 1),
+        (&shelves::BOOKCASE, "low", "tall", 1),
+        (&shelves::WALL_SHELF, "short", "long", 0),
+        (&hearths::RADIATOR, "short", "long", 0),
     ] {
         let sized: Vec<(String, f32)> = (0..120)
             .map(|seed| piece(make, seed as usize % make.styles, seed))

@@ -60,6 +60,18 @@ impl Outline {
         })
     }
 
+    /// What remains without `rect`, whose edges lie on the grid.
+    pub(in crate::procedural) fn less(&self, rect: &Rect) -> Self {
+        Self::filled(self.x.clone(), self.z.clone(), |place| {
+            rect.distance_m(place) > 0.0 && self.contains(place)
+        })
+    }
+
+    fn contains(&self, [x, z]: [f32; 2]) -> bool {
+        let cell = |lines: &[f32], value: f32| lines.partition_point(|line| *line <= value) as isize - 1;
+        self.holds(cell(&self.x, x), cell(&self.z, z))
+    }
+
     fn filled(x: Vec<f32>, z: Vec<f32>, is_inside: impl Fn([f32; 2]) -> bool) -> Self {
         let middles = |lines: &[f32]| lines.windows(2).map(|w| (w[0] + w[1]) / 2.0).collect::<Vec<f32>>();
         let (columns, rows) = (middles(&x), middles(&z));

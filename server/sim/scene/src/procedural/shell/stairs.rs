@@ -35,9 +35,10 @@ struct Well {
 impl Well {
     /// `None` when the stairs have no door.
     fn of(plan: &Plan, index: usize) -> Option<Self> {
-        let has_door = |side: &Side| plan.openings_on(index, *side).next().is_some();
+        let floor = plan.rooms[index].interior();
+        let has_door = |side: &Side| plan.openings_on(index, &floor, *side).next().is_some();
         let door = Side::ALL.into_iter().find(has_door)?;
-        Some(Self { floor: plan.rooms[index].interior(), door })
+        Some(Self { floor, door })
     }
 
     fn width_m(&self) -> f32 {
@@ -75,7 +76,7 @@ impl Well {
 
     fn block(&self, model: &mut Model, along: [f32; 2], across: [f32; 2], y: [f32; 2], paint: Paint) {
         let rect = self.rect(along, across);
-        model.block(rect.x, y, rect.z, paint);
+        model.slab(rect.x, y, rect.z, paint);
     }
 }
 
