@@ -98,10 +98,11 @@ impl Pool {
 pub fn house(name: &str, seed: u64, options: &HouseOptions) -> Scene {
     const DRAWS: u32 = 8;
     let rng = Rng::new(seed).fork("house");
+    let (rooms, storeys) = size(&mut rng.fork("size"), options);
     let mut draw = 0;
     loop {
         let rng = if draw == 0 { rng.clone() } else { rng.fork(&format!("draw {draw}")) };
-        let (plan, mut assembly) = build(&rng, options);
+        let (plan, mut assembly) = build(&rng, rooms, storeys, options.pool);
         let sound = repair(&plan, &mut assembly);
         draw += 1;
         if sound || draw == DRAWS {
@@ -111,15 +112,14 @@ pub fn house(name: &str, seed: u64, options: &HouseOptions) -> Scene {
 }
 
 /// One draw of a house.
-fn build(rng: &Rng, options: &HouseOptions) -> (Plan, Assembly) {
-    let (rooms, storeys) = size(&mut rng.fork("size"), options);
+fn build(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly) {
     let plan = Plan::draw(&rng.fork("plan"), rooms, storeys);
     let mut finish_rng = rng.fork("finish");
     let finishes: Vec<Finish> =
         plan.rooms.iter().map(|room| Finish::choose(&mut finish_rng, room.kind)).collect();
     let mut assembly = Assembly::default();
     add_building(&mut assembly, &plan, &finishes);
-    let mut taste = Taste::new(rng.fork("taste"), options.pool);
+    let mut taste = Taste::new(rng.fork("taste"), pool);
     for (index, finish) in finishes.iter().enumerate() {
         assembly.on_floor_at(floor_m(plan.rooms[index].storey));
         shell::add_room(&mut assembly, &plan, index, finish);
