@@ -138,24 +138,25 @@ impl NavMesh {
     pub fn snap(&self, point: &Point3<f32>, max_distance_m: f32) -> Option<NavPoint> {
         let spot = self.lattice.spot(point);
         let cell_m = f64::from(self.lattice.cell_m);
-        // Heights are compared by lattice level first: the limit is checked exactly at the end.
-        let reach_m = f64::from(max_distance_m + 2.0 * self.lattice.level_m);
-        let mut best = (reach_m * reach_m, None);
-        self.bins.around(&spot, reach_m / cell_m, |polygon| {
+        let mut best = (f64::from(max_distance_m).powi(2), None);
+        let rise_m = |height_m: f32| f64::from((height_m - point.y).abs());
+        self.bins.around(&spot, f64::from(max_distance_m) / cell_m, |polygon| {
             let nearest = self.polygons.nearest(polygon, &spot);
             let flat = (nearest - spot).norm_squared() * cell_m * cell_m;
-            if flat < best.0 {
-                let rise = self.surface.rough_height_m(polygon, &nearest) - point.y;
-                let distance_squared = flat + f64::from(rise) * f64::from(rise);
-                if distance_squared < best.0 {
+            // The height itself is dear: it is looked up where the level leaves it open.
+            let rough_m = self.surface.rough_height_m(polygon, &nearest);
+            let least_m = (rise_m(rough_m) - 2.0 * f64::from(self.lattice.level_m)).max(0.0);
+            if flat + least_m * least_m <= best.0 {
+                let rise_m = rise_m(self.surface.height_m(polygon, &nearest));
+                let distance_squared = flat + rise_m * rise_m;
+                if distance_squared < best.0 || best.1.is_none() && distance_squared == best.0 {
                     best = (distance_squared, Some((nearest, polygon)));
                 }
             }
             best.0.sqrt() / cell_m
         });
         let (nearest, polygon) = best.1?;
-        let found = self.point(&nearest, polygon);
-        ((found.position - point).norm() <= max_distance_m).then_some(found)
+        Some(self.point(&nearest, polygon))
     }
 
     /// Number of the island that `point` stands on.
