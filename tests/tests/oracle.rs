@@ -26,13 +26,17 @@ fn visits(truth: &EpisodeTruth) -> Vec<usize> {
     goals
 }
 
-/// Where the tour visits a goal; the place of its region nearest to the target where that is not enough.
-fn aim_of(truth: &EpisodeTruth, goal: usize, from: Place) -> Place {
-    let target = &truth.targets[goal];
-    let corner = tour_corner(truth, goal).map(|corner| truth.reference_path[corner]).map(|c| [c.x, c.z]);
-    let nearest = |a: &&_, b: &&_| target.bounds.distance_m(a).total_cmp(&target.bounds.distance_m(b));
-    let innermost = target.region.iter().min_by(nearest).map(|place| [place.x, place.z]);
-    corner.filter(|corner| distance_m(*corner, from) >= PASSED_M).or(innermost).expect("regions have places")
+/// Where the tour visits a goal; then, where that is not enough, the nearest place of its region that was not `tried`.
+fn aim_of(truth: &EpisodeTruth, goal: usize, from: Place, tried: &mut Vec<(usize, Place)>) -> Place {
+    let corner = tour_corner(truth, goal).map(|corner| truth.reference_path[corner]);
+    let region = truth.targets[goal].region.iter();
+    let places: Vec<Place> = corner.iter().chain(region).map(|place| [place.x, place.z]).collect();
+    let passed = places.iter().filter(|place| distance_m(**place, from) < PASSED_M);
+    tried.extend(passed.map(|place| (goal, *place)));
+    let mut open = places.iter().copied().filter(|place| !tried.contains(&(goal, *place)));
+    let corner = corner.map(|corner| [corner.x, corner.z]).filter(|corner| !tried.contains(&(goal, *corner)));
+    let nearest = |a: &Place, b: &Place| distance_m(*a, from).total_cmp(&distance_m(*b, from));
+    corner.or_else(|| open.by_ref().min_by(nearest)).unwrap_or(places[0])
 }
 
 async fn play(house: &House, order: Order) -> avln_client::RunSummary {
@@ -52,6 +56,7 @@ async fn play(house: &House, order: Order) -> avln_client::RunSummary {
         let mut walker = Walker::new(start, truth.start.heading_rad);
         let mut open: Vec<usize> = (0..truth.targets.len()).collect();
         let visits = visits(&truth);
+        let mut tried = Vec::new();
         while !episode.is_over() {
             let told = episode.observation().pose;
             let (place, _) = walker.locate(&told);
@@ -73,7 +78,7 @@ async fn play(house: &House, order: Order) -> avln_client::RunSummary {
                 }
                 None => {
                     let goal = *visits.iter().find(|goal| open.contains(goal)).expect("a goal is open");
-                    let aim = aim_of(&truth, goal, place);
+                    let aim = aim_of(&truth, goal, place, &mut tried);
                     let mut there = base;
                     (there.x, there.z) = (aim[0], aim[1]);
                     let ends =
