@@ -10,7 +10,7 @@ use crate::{
     },
     say::say,
 };
-use avln_dataset::{Depth, Recipe, SceneChoice, Statistics, summary};
+use avln_dataset::{Recipe, SceneChoice, Statistics, summary};
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::path::{Path, PathBuf};
@@ -66,7 +66,7 @@ pub struct Check {
     /// Compute the tours of one mission in so many again, and render its pictures
     #[arg(long, value_name = "COUNT", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
     pub every: u32,
-    /// Do so for every mission
+    /// Do so for every mission, and hold every sentence and picture against a survey of the scene
     #[arg(long, conflicts_with = "every")]
     pub full: bool,
     /// Threads; one for each processor by default
@@ -152,7 +152,8 @@ fn check(options: &Check) -> Result<(), Failure> {
     let scope = Scope {
         split: options.split.as_deref(),
         scenes: options.scenes,
-        depth: Depth { every: if options.full { 1 } else { options.every as usize } },
+        every: if options.full { 1 } else { options.every as usize },
+        cues: options.full,
         threads: options.threads.map(usize::from),
     };
     let bar = bar("{bar:30} {pos}/{len} scenes, {elapsed} gone, {eta} left");

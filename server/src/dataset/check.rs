@@ -18,8 +18,10 @@ pub struct Scope<'a> {
     pub split: Option<&'a str>,
     /// Scenes of each split that are checked, spread evenly; all when none.
     pub scenes: Option<usize>,
-    /// How thoroughly missions are checked.
-    pub depth: Depth,
+    /// Every so manieth mission has its tours computed again and its pictures rendered; 1 for all of them.
+    pub every: usize,
+    /// Whether the house is surveyed again, and every cue held against what was seen.
+    pub cues: bool,
     /// Threads; one for each processor when none.
     pub threads: Option<usize>,
 }
@@ -60,9 +62,11 @@ pub fn run(
     if work.is_empty() {
         SplitFolder::open(files.root(), scope.split.unwrap_or_default())?;
     }
+    let survey = manifest.recipe.as_ref().map(|recipe| &recipe.survey).filter(|_| scope.cues);
+    let depth = Depth { every: scope.every, survey };
     let mut found: BTreeMap<usize, (usize, Vec<Fault>)> = BTreeMap::new();
     let check = |(folder, limits, scene): &(Arc<SplitFolder>, MissionRules, SceneLine)| {
-        check_one(folder, limits, scene, &rules, scope.depth)
+        check_one(folder, limits, scene, &rules, depth)
     };
     let total = work.len();
     watch(0, total);
@@ -84,7 +88,7 @@ fn check_one(
     limits: &MissionRules,
     scene: &SceneLine,
     rules: &Rules,
-    depth: Depth,
+    depth: Depth<'_>,
 ) -> Result<(usize, Vec<Fault>), Failure> {
     let episodes = folder.episodes(scene)?;
     let assets = scene.spec().open(rules).map_err(Failure::from)?;

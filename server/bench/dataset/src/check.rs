@@ -4,13 +4,15 @@
 
 mod fault;
 mod goals;
+mod seen;
 mod tour;
 
-use crate::{EpisodeSpec, MissionRules, reference::reference_steps};
+use crate::{EpisodeSpec, MissionRules, SurveyOptions, reference::reference_steps};
 use avln_episode::Rules;
 use avln_world::{NavPoint, SceneAssets};
 pub use fault::{Constraint, Fault};
 use goals::GoalCheck;
+use seen::Seen;
 use std::collections::{BTreeMap, BTreeSet};
 use tour::Tours;
 
@@ -25,10 +27,13 @@ const REUSE_FACTOR: f64 = 4.0;
 const REUSE_SLACK: f64 = 8.0;
 
 /// How thoroughly to check.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Depth {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Depth<'a> {
     /// Every so manieth mission has its tours computed again and its pictures rendered; 1 for all of them.
     pub every: usize,
+    /// With the options of the survey, its looks are taken again: every sentence must fit its target alone, every
+    /// picture must be told apart from the others of its kind.
+    pub survey: Option<&'a SurveyOptions>,
 }
 
 /// Checks all missions of one scene.
@@ -37,10 +42,11 @@ pub fn check_scene(
     rules: &Rules,
     limits: &MissionRules,
     episodes: &[EpisodeSpec],
-    depth: Depth,
+    depth: Depth<'_>,
 ) -> Vec<Fault> {
-    let mut check =
-        SceneCheck { assets, rules, limits, goals: GoalCheck::new(assets, rules), faults: Vec::new() };
+    let seen = depth.survey.map(|options| Seen::of(assets, rules, options));
+    let goals = GoalCheck::new(assets, rules, seen.as_ref());
+    let mut check = SceneCheck { assets, rules, limits, goals, faults: Vec::new() };
     let mut ids = BTreeSet::new();
     for (index, episode) in episodes.iter().enumerate() {
         if !ids.insert(&episode.id) {

@@ -1,3 +1,4 @@
+use crate::describe::Claims;
 use avln_episode::{GoalCue, Modality, RgbImage, Rules};
 use avln_geom::Pose;
 use avln_truth::Target;
@@ -13,10 +14,20 @@ const CUE_SIDE_PX: u32 = 256;
 pub enum CueSpec {
     /// By the label of the target's category.
     Category,
-    /// By this sentence.
-    Description(String),
+    /// By a sentence.
+    Description(Description),
     /// By the picture that this view shows.
     Image(View),
+}
+
+/// A sentence, and what it claims of its target where that is known: sentences of other data sets claim nothing that could
+/// be checked.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Description {
+    /// The sentence as the agent reads it.
+    pub text: String,
+    /// What it says.
+    pub claims: Option<Claims>,
 }
 
 /// A square picture that can be rendered again at any time.
@@ -65,7 +76,7 @@ impl CueSpec {
     pub(crate) fn present(&self, assets: &SceneAssets, rules: &Rules, target: &Target) -> GoalCue {
         match self {
             Self::Category => GoalCue::Category(target.category.clone()),
-            Self::Description(sentence) => GoalCue::Description(sentence.clone()),
+            Self::Description(sentence) => GoalCue::Description(sentence.text.clone()),
             Self::Image(view) => {
                 let frame = view.render(assets, rules);
                 GoalCue::Image(RgbImage { width: frame.width, height: frame.height, pixels: frame.rgb })

@@ -7,8 +7,13 @@ mod frames;
 mod lexicon;
 mod phrase;
 mod relate;
+mod spoken;
 #[cfg(test)]
 mod tests;
 mod writer;
 
+pub(crate) use check::fits_only;
+pub use claim::Claims;
+pub(crate) use facts::Facts;
+pub(crate) use spoken::unsaid;
 pub(crate) use writer::Writer;

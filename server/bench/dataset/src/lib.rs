@@ -22,7 +22,8 @@ mod survey;
 
 pub use build::{BuiltScene, Job, MissionRules, Recipe, SceneChoice, SplitRecipe, build_scene};
 pub use check::{Constraint, Depth, Fault, check_scene};
-pub use cue::{CueSpec, View};
+pub use cue::{CueSpec, Description, View};
+pub use describe::Claims;
 pub use format::{FormatError, Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine, SplitLine};
 pub use mission::{EpisodeSpec, GoalSpec, MissionOptions, ReferenceTour, StepGoal, sample_missions};
 pub use split::{DatasetError, SceneSource, SceneSpec, Split};

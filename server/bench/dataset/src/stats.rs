@@ -119,7 +119,7 @@ impl Statistics {
         *self.distractors.entry(goal.distractors).or_default() += 1;
         self.start_m.note(goal.target.start_distance_m);
         if let CueSpec::Description(sentence) = &goal.cue {
-            self.words.note(sentence.split_whitespace().count() as f64);
+            self.words.note(sentence.text.split_whitespace().count() as f64);
         }
     }
 

@@ -11,7 +11,11 @@ pub(crate) use look::Look;
 pub use options::SurveyOptions;
 pub(crate) use palette::Palette;
 
-use crate::{cue::View, describe::Writer, picture};
+use crate::{
+    cue::{Description, View},
+    describe::Writer,
+    picture,
+};
 use avln_episode::{Modality, Rules};
 use avln_geom::{Point3, Pose, Rng};
 use avln_scene::{InstanceId, Object, categories};
@@ -32,7 +36,7 @@ pub struct Instance {
     /// Views of it, the one that shows it best first; never empty.
     pub views: Vec<View>,
     /// Sentences that fit this instance of the scene alone; empty when words do not suffice.
-    pub sentences: Vec<String>,
+    pub sentences: Vec<Description>,
     /// One to three reference pictures that tell it from its kind, the best first; empty when pictures do not suffice.
     pub images: Vec<View>,
     /// The least margin by which its reference pictures differ from its kind: 1 when it is the only one of it, 0 without
@@ -116,7 +120,7 @@ fn instance(
     Instance {
         target: sighting.target.clone(),
         views: sighting.looks.iter().map(|look| look.view).collect(),
-        sentences: sentences.into_iter().map(|sentence| sentence.text).collect(),
+        sentences: sentences.into_iter().map(Description::from).collect(),
         images,
         image_margin,
         distractors: u8::try_from(scene.objects.iter().filter(same).count()).unwrap_or(u8::MAX),

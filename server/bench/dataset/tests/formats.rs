@@ -1,7 +1,7 @@
 //! Missions of other data sets: files as they are published, written here, read and played in a house of ours.
 
 use avln_dataset::formats::{Adopter, Foreign, ForeignCue, Format, Loss, MAX_GOALS, read, write_authors};
-use avln_dataset::{EpisodeSpec, Instance, survey};
+use avln_dataset::{CueSpec, Description, EpisodeSpec, Instance, survey};
 use avln_episode::Rules;
 use avln_scene::procedural::{self, HouseOptions};
 use avln_world::{Body, SceneAssets};
@@ -275,7 +275,7 @@ fn what_is_exported_comes_back() {
     // The same instance told by another sentence needs a record of its own.
     let mut second = first[0].clone();
     second.id = "house-8".to_owned();
-    second.goals[1].cue = avln_dataset::CueSpec::Description("Another sentence.".to_owned());
+    second.goals[1].cue = CueSpec::Description(Description { text: "Another sentence.".to_owned(), claims: None });
     let ours = vec![first[0].clone(), second];
     let files = write_authors("val", &[("house", &ours)], &HOUSE.rules).unwrap();
     let paths: Vec<&str> = files.iter().map(|file| file.path.as_str()).collect();

@@ -1,7 +1,7 @@
 //! Hundreds of missions in one house keep every constraint; a mission that breaks one is caught, with its name.
 
 use avln_dataset::{
-    Constraint, CueSpec, Depth, EpisodeSpec, Fault, Instance, MissionRules, SceneSource, SceneSpec, StepGoal,
+    Constraint, CueSpec, Depth, Description, EpisodeSpec, Fault, Instance, MissionRules, SceneSource, SceneSpec, StepGoal, SurveyOptions,
     check_scene, sample_missions, survey,
 };
 use avln_episode::{Modality, Rules};
@@ -11,7 +11,7 @@ use avln_world::SceneAssets;
 use std::{collections::BTreeMap, sync::LazyLock};
 
 const MISSIONS: usize = 1500;
-const ALL: Depth = Depth { every: 1 };
+const ALL: Depth = Depth { every: 1, survey: None };
 
 struct House {
     assets: SceneAssets,
@@ -45,7 +45,8 @@ fn check(missions: &[EpisodeSpec], depth: Depth) -> Vec<Fault> {
 #[test]
 fn every_mission_keeps_every_constraint() {
     assert_eq!(HOUSE.missions.len(), MISSIONS);
-    assert_eq!(check(&HOUSE.missions, Depth { every: 25 }), []);
+    let survey = SurveyOptions::default();
+    assert_eq!(check(&HOUSE.missions, Depth { every: 25, survey: Some(&survey) }), []);
 }
 
 #[test]
@@ -121,8 +122,42 @@ fn targets_and_cues_are_checked_against_the_scene() {
     assert!(far.contains(&Constraint::Region), "{far:?}");
     let nowhere = broken(|m| m.goals[0].target.region.push(Point3::new(500.0, 0.0, 0.0)));
     assert!(nowhere.contains(&Constraint::Region), "{nowhere:?}");
-    let silent = broken(|m| m.goals[0].cue = CueSpec::Description(String::new()));
+    let text = String::new();
+    let silent =
+        broken(|m| m.goals[0].cue = CueSpec::Description(Description { text: text.clone(), claims: None }));
     assert!(silent.contains(&Constraint::Cue), "{silent:?}");
+}
+
+#[test]
+fn cues_must_tell_their_target_from_its_kind() {
+    let survey = SurveyOptions::default();
+    let faults = |change: &dyn Fn(&Instance, &Instance) -> Option<CueSpec>| {
+        let all = HOUSE.missions.iter().flat_map(|m| (0..m.goals.len()).map(move |goal| (m, goal)));
+        let swapped = all.filter_map(|(mission, goal)| {
+            let of = |id: u32| HOUSE.instances.iter().find(|instance| instance.target.instance == id);
+            let own = of(mission.goals[goal].target.instance)?;
+            let twin = HOUSE.instances.iter().find(|other| {
+                other.target.category == own.target.category && other.target.instance != own.target.instance
+            })?;
+            let mut mission = mission.clone();
+            mission.goals[goal].cue = change(own, twin)?;
+            Some(mission)
+        });
+        let missions: Vec<EpisodeSpec> = swapped.take(10).collect();
+        assert_eq!(missions.len(), 10);
+        let found = check(&missions, Depth { every: 1000, survey: Some(&survey) });
+        found.iter().filter(|fault| fault.constraint == Constraint::Cue).count()
+    };
+    let sentence_of = |instance: &Instance| instance.sentences.first().cloned().map(CueSpec::Description);
+    let picture_of = |instance: &Instance| instance.images.first().copied().map(CueSpec::Image);
+    assert_eq!(faults(&|own, _| sentence_of(own)), 0);
+    assert!(faults(&|_, twin| sentence_of(twin)) > 0);
+    assert!(faults(&|_, twin| picture_of(twin)) > 0);
+    let unsaid = |own: &Instance, twin: &Instance| {
+        let text = twin.sentences.first()?.text.clone();
+        Some(CueSpec::Description(Description { text, claims: own.sentences.first()?.claims.clone() }))
+    };
+    assert!(faults(&unsaid) > 0);
 }
 
 #[test]

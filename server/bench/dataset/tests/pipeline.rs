@@ -101,7 +101,7 @@ fn cues_tell_what_they_should_and_no_more() {
         for (goal, cue) in episode.goals.iter().zip(&mission.goals) {
             match (&goal.cue, cue) {
                 (CueSpec::Category, GoalCue::Category(label)) => assert_eq!(label, &goal.target.category),
-                (CueSpec::Description(said), GoalCue::Description(text)) => assert_eq!(said, text),
+                (CueSpec::Description(said), GoalCue::Description(text)) => assert_eq!(&said.text, text),
                 (CueSpec::Image(view), GoalCue::Image(image)) => {
                     assert_eq!(image.pixels.len() as u32, 3 * view.side_px * view.side_px);
                     assert!(image.pixels.iter().any(|&byte| byte != image.pixels[0]), "a picture of nothing");

@@ -103,7 +103,8 @@ fn a_house_that_people_modelled_can_be_surveyed() {
     let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
     let assets = SceneAssets::prepare(scene, &body).expect("one can live in it");
     let instances = survey_with(&assets, &rules, &SurveyOptions::default(), &ThresholdsOnly);
-    let sentences: Vec<&String> = instances.iter().flat_map(|instance| &instance.sentences).collect();
+    let sentences: Vec<&String> =
+        instances.iter().flat_map(|instance| &instance.sentences).map(|sentence| &sentence.text).collect();
     assert!(instances.len() >= 10 && sentences.len() >= 10, "{} instances, {sentences:#?}", instances.len());
     assert!(sentences.iter().all(|text| !text.contains('_')), "{sentences:#?}");
 }

@@ -1,4 +1,4 @@
-use crate::{MissionOptions, StepGoal, split::DatasetError};
+use crate::{MissionOptions, StepGoal, SurveyOptions, split::DatasetError};
 use avln_episode::Rules;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -15,6 +15,9 @@ pub struct Recipe {
     pub seed: u64,
     /// What makes a mission worth playing.
     pub missions: MissionRules,
+    /// What counts as recognisable and as told apart; the defaults where a recipe does not say.
+    #[serde(default)]
+    pub survey: SurveyOptions,
     /// The splits, made in this order. No scene is in two of them.
     pub splits: Vec<SplitRecipe>,
 }
@@ -112,6 +115,7 @@ impl Recipe {
             return Err(refused("`splits` is empty; list at least one".to_owned()));
         }
         self.missions.check()?;
+        self.survey.check().map_err(refused)?;
         for (index, split) in self.splits.iter().enumerate() {
             check_name("splits.name", &split.name)?;
             if self.splits[..index].iter().any(|other| other.name == split.name) {

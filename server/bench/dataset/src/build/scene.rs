@@ -1,10 +1,10 @@
 use super::{Recipe, SceneChoice, SplitRecipe};
 use crate::{
-    EpisodeSpec, SceneLine, SceneSource, SceneSpec, Statistics,
+    EpisodeSpec, SceneLine, SceneSource, SceneSpec, Statistics, ThresholdsOnly,
     format::{SceneFacts, write_scene},
     sample_missions,
     split::{DatasetError, prepare},
-    survey,
+    survey_with,
 };
 use avln_episode::Rules;
 use avln_geom::Rng;
@@ -104,7 +104,7 @@ fn build(
 ) -> Result<BuiltScene, DatasetError> {
     let (spec, scene) = SceneSpec::new(name, source)?;
     let assets = prepare(scene, rules)?;
-    let instances = survey(&assets, rules);
+    let instances = survey_with(&assets, rules, &recipe.survey, &ThresholdsOnly);
     let options = recipe.mission_rules(split).options(split.missions_per_scene, missions_seed);
     let episodes = sample_missions(&assets, &instances, rules, &options);
     if episodes.len() < least {

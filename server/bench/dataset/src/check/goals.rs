@@ -1,5 +1,5 @@
-use super::{Constraint, SNAP_M};
-use crate::{GoalSpec, MissionRules, cue::CueSpec};
+use super::{Constraint, SNAP_M, seen::Seen};
+use crate::{GoalSpec, MissionRules, cue::CueSpec, describe::unsaid};
 use avln_episode::Rules;
 use avln_scene::InstanceId;
 use avln_truth::Target;
@@ -17,7 +17,10 @@ type Faults = Vec<(Constraint, String)>;
 pub(super) struct GoalCheck<'a> {
     assets: &'a SceneAssets,
     rules: &'a Rules,
+    seen: Option<&'a Seen<'a>>,
     known: BTreeMap<u32, Known>,
+    /// Sentences and pictures that were held against what was seen, by target.
+    cues: Vec<(u32, CueSpec)>,
 }
 
 /// A target that was checked.
@@ -29,8 +32,8 @@ struct Known {
 }
 
 impl<'a> GoalCheck<'a> {
-    pub(super) fn new(assets: &'a SceneAssets, rules: &'a Rules) -> Self {
-        Self { assets, rules, known: BTreeMap::new() }
+    pub(super) fn new(assets: &'a SceneAssets, rules: &'a Rules, seen: Option<&'a Seen<'a>>) -> Self {
+        Self { assets, rules, seen, known: BTreeMap::new(), cues: Vec::new() }
     }
 
     /// The success region of a goal on the mesh; empty for one that was not checked.
@@ -62,7 +65,23 @@ impl<'a> GoalCheck<'a> {
             Entry::Occupied(_) => {}
         }
         faults.extend(self.cue(goal, thorough));
+        faults.extend(self.told_apart(goal).map(|found| (Constraint::Cue, found)));
         faults
+    }
+
+    /// Why a cue might mean another instance; each cue is looked at once.
+    fn told_apart(&mut self, goal: &GoalSpec) -> Option<String> {
+        let seen = self.seen?;
+        let (instance, cue) = (goal.target.instance, &goal.cue);
+        if self.cues.iter().any(|(known, told)| *known == instance && told == cue) {
+            return None;
+        }
+        self.cues.push((instance, cue.clone()));
+        match cue {
+            CueSpec::Category => None,
+            CueSpec::Description(said) => seen.sentence(instance, said),
+            CueSpec::Image(view) => seen.picture(instance, view),
+        }
     }
 
     fn cue(&self, goal: &GoalSpec, thorough: bool) -> Faults {
@@ -70,9 +89,12 @@ impl<'a> GoalCheck<'a> {
         match &goal.cue {
             CueSpec::Category => {}
             CueSpec::Description(sentence) => {
-                let words = sentence.split_whitespace().count();
+                let words = sentence.text.split_whitespace().count();
                 if !(1..=MAX_WORDS).contains(&words) {
                     faults.push((Constraint::Cue, format!("a description of {words} words")));
+                }
+                if let Some(word) = sentence.claims.as_ref().and_then(|claims| unsaid(&sentence.text, claims)) {
+                    faults.push((Constraint::Cue, format!("'{}' does not say {word}", sentence.text)));
                 }
             }
             CueSpec::Image(view) if thorough => {

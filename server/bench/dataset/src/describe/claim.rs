@@ -1,8 +1,10 @@
 use super::lexicon::Name;
+use serde::{Deserialize, Serialize};
 
 /// What a sentence says of its target, apart from the words.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Claims {
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Claims {
     /// What it is called.
     pub(crate) head: Name,
     /// What is said of it.
@@ -10,7 +12,8 @@ pub(crate) struct Claims {
 }
 
 /// One thing that is said of a target.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub(crate) enum Claim {
     Size(String),
     Shape(String),
@@ -23,7 +26,8 @@ pub(crate) enum Claim {
 }
 
 /// Where a thing is, as seen from where one can stand.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub(crate) enum Relation {
     /// With something standing or lying on it.
     Holds,
@@ -54,7 +58,8 @@ pub(crate) enum Relation {
 }
 
 /// A thing that says where another one is.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(crate) struct Landmark {
     pub(crate) name: Name,
     pub(crate) color: Option<String>,

@@ -1,6 +1,7 @@
 //! English for what a scene knows: nouns, plurals, articles, rooms and the words for looks.
 
 use avln_scene::Object;
+use serde::{Deserialize, Serialize};
 
 /// What people call a category: the first noun is the usual one. What is not listed is called by its own name.
 const NOUNS: &[(&str, &[&str])] = &[
@@ -99,7 +100,8 @@ pub(crate) enum Measure {
 }
 
 /// A noun and the category of what it stands for.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(crate) struct Name {
     pub(crate) noun: String,
     pub(crate) category: String,

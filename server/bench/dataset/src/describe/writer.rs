@@ -7,7 +7,10 @@ use super::{
     phrase::Words,
     relate::Relater,
 };
-use crate::survey::{Palette, Sighting, SurveyOptions};
+use crate::{
+    cue::Description,
+    survey::{Palette, Sighting, SurveyOptions},
+};
 use avln_geom::Rng;
 use avln_scene::{InstanceId, Object};
 use avln_world::SceneAssets;
@@ -27,6 +30,12 @@ pub(crate) struct Sentence {
     pub(crate) claims: Claims,
     /// The frame that it was made with.
     pub(crate) frame: &'static str,
+}
+
+impl From<Sentence> for Description {
+    fn from(sentence: Sentence) -> Self {
+        Self { text: sentence.text, claims: Some(sentence.claims) }
+    }
 }
 
 /// Writes the sentences of one scene.

@@ -1,6 +1,7 @@
 use crate::{
     build::Recipe,
     cue::View,
+    describe::Claims,
     mission::ReferenceTour,
     split::{SceneSource, SceneSpec},
 };
@@ -149,6 +150,9 @@ pub(super) struct SealedGoal {
     /// Where the reference picture is taken; image goals only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) view: Option<View>,
+    /// What the sentence claims of the target; description goals only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) claims: Option<Claims>,
 }
 
 impl SceneLine {

@@ -4,9 +4,10 @@ use super::{
     lines::{Header, SealedGoal, SealedMission, SealedTarget},
 };
 use crate::{
-    cue::CueSpec,
+    cue::{CueSpec, Description},
     mission::{EpisodeSpec, GoalSpec},
 };
+use avln_episode::Modality;
 use avln_truth::Target;
 use serde::de::DeserializeOwned;
 use std::collections::{BTreeMap, BTreeSet};
@@ -242,12 +243,17 @@ fn goal_of(
         (PublicGoal::Category(_), None) => {
             return Err("a category goal names another category than its target's");
         }
-        (PublicGoal::Description(sentence), None) => CueSpec::Description(sentence.clone()),
+        (PublicGoal::Description(sentence), None) => {
+            CueSpec::Description(Description { text: sentence.clone(), claims: sealed.claims.clone() })
+        }
         (PublicGoal::Image, Some(view)) if finite::view(view).is_none() => CueSpec::Image(*view),
         (PublicGoal::Image, Some(_)) => return Err("the view of a picture is not finite"),
         (PublicGoal::Image, None) => return Err("an image goal has no view"),
         (_, Some(_)) => return Err("a goal without a picture has a view"),
     };
+    if sealed.claims.is_some() && cue.modality() != Modality::Description {
+        return Err("a goal without a sentence has claims");
+    }
     if finite::number(sealed.start_distance_m, "").is_some() {
         return Err("a start distance is not finite");
     }

@@ -124,17 +124,18 @@ fn sealed_bytes(spec: &SceneSpec, public: &str, episodes: &[EpisodeSpec]) -> Res
 fn public_goal(goal: &GoalSpec) -> PublicGoal {
     match &goal.cue {
         CueSpec::Category => PublicGoal::Category(goal.target.category.clone()),
-        CueSpec::Description(sentence) => PublicGoal::Description(sentence.clone()),
+        CueSpec::Description(sentence) => PublicGoal::Description(sentence.text.clone()),
         CueSpec::Image(_) => PublicGoal::Image,
     }
 }
 
 fn sealed_goal(goal: &GoalSpec) -> SealedGoal {
-    let view = match &goal.cue {
-        CueSpec::Image(view) => Some(*view),
-        CueSpec::Category | CueSpec::Description(_) => None,
+    let (view, claims) = match &goal.cue {
+        CueSpec::Category => (None, None),
+        CueSpec::Description(sentence) => (None, sentence.claims.clone()),
+        CueSpec::Image(view) => (Some(*view), None),
     };
-    SealedGoal { instance: goal.target.instance, start_distance_m: goal.target.start_distance_m, view }
+    SealedGoal { instance: goal.target.instance, start_distance_m: goal.target.start_distance_m, view, claims }
 }
 
 fn push(bytes: &mut Vec<u8>, line: &impl Serialize) -> Result<(), DatasetError> {

@@ -1,6 +1,6 @@
 use super::{Foreign, ForeignCue, ForeignEpisode, ForeignGoal, ForeignInstance, Loss, Shot, matching, tours};
 use crate::{
-    cue::{CueSpec, View},
+    cue::{CueSpec, Description, View},
     mission::{EpisodeSpec, GoalSpec},
     survey::place,
 };
@@ -162,7 +162,9 @@ impl<'a> Adopter<'a> {
     fn cue(&self, cue: &ForeignCue, adopted: &mut Adopted) -> Result<CueSpec, String> {
         match cue {
             ForeignCue::Category => Ok(CueSpec::Category),
-            ForeignCue::Description(sentence) => Ok(CueSpec::Description(sentence.clone())),
+            ForeignCue::Description(sentence) => {
+                Ok(CueSpec::Description(Description { text: sentence.clone(), claims: None }))
+            },
             ForeignCue::Image(shot) if shot.pitch_rad.abs() > MOST_TILT_RAD => Err(format!(
                 "its picture was taken with the camera tilted by {:.0} degrees, ours look level",
                 shot.pitch_rad.to_degrees()

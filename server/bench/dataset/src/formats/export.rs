@@ -126,14 +126,14 @@ impl Records {
     /// Key and modality of a goal, whose record is added where it is new.
     fn pair(&mut self, goal: &GoalSpec) -> Value {
         let sentence = match &goal.cue {
-            CueSpec::Description(sentence) => Some(sentence),
+            CueSpec::Description(sentence) => Some(&sentence.text),
             CueSpec::Category | CueSpec::Image(_) => None,
         };
         let record = self.record(goal, sentence);
         let modality = match &goal.cue {
             CueSpec::Category => "object".to_owned(),
             CueSpec::Description(sentence) => {
-                record.description = Some(sentence.clone());
+                record.description = Some(sentence.text.clone());
                 "description".to_owned()
             }
             CueSpec::Image(view) => format!("image_{}", record.picture(view)),

@@ -58,3 +58,35 @@ impl Default for SurveyOptions {
         }
     }
 }
+
+impl SurveyOptions {
+    /// Says which option is beyond its limits, when one is.
+    pub(crate) fn check(&self) -> Result<(), String> {
+        let counts = [
+            ("look_px", self.look_px as usize, 16, 1024),
+            ("looks", self.looks, 1, 64),
+            ("viewpoints", self.viewpoints, 1, 64),
+            ("sentences", self.sentences, 0, 16),
+            ("min_words", self.min_words, 1, self.max_words),
+            ("max_words", self.max_words, self.min_words, 60),
+            ("images", self.images, 0, 3),
+        ];
+        let shares = [
+            ("min_share", self.min_share),
+            ("max_share", self.max_share),
+            ("max_truncation", self.max_truncation),
+            ("min_contrast", self.min_contrast),
+            ("min_distinctness", self.min_distinctness),
+            ("min_image_margin", self.min_image_margin),
+        ];
+        for (name, value, least, most) in counts {
+            if !(least..=most).contains(&value) {
+                return Err(format!("`survey.{name}` is {value}; {least} to {most} are possible"));
+            }
+        }
+        match shares.into_iter().find(|(_, value)| !(0.0..=1.0).contains(value)) {
+            Some((name, value)) => Err(format!("`survey.{name}` is {value}; 0 to 1 are possible")),
+            None => Ok(()),
+        }
+    }
+}
