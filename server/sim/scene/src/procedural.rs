@@ -96,17 +96,25 @@ impl Pool {
 /// of the house near the origin. Houses of five rooms or more have a hallway, a living room, a kitchen, a bedroom and a
 /// bathroom.
 pub fn house(name: &str, seed: u64, options: &HouseOptions) -> Scene {
-    const DRAWS: u32 = 8;
     let rng = Rng::new(seed).fork("house");
     let (rooms, storeys) = size(&mut rng.fork("size"), options);
+    let (plan, assembly) = sound(&rng, rooms, storeys, options.pool);
+    assembly.into_scene(name, regions(&plan))
+}
+
+/// How often a house is drawn until a body gets everywhere.
+const DRAWS: u32 = 8;
+
+/// The first draw of a house in which a body gets everywhere, or else the last one.
+fn sound(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly) {
     let mut draw = 0;
     loop {
         let rng = if draw == 0 { rng.clone() } else { rng.fork(&format!("draw {draw}")) };
-        let (plan, mut assembly) = build(&rng, rooms, storeys, options.pool);
+        let (plan, mut assembly) = build(&rng, rooms, storeys, pool);
         let sound = repair(&plan, &mut assembly);
         draw += 1;
         if sound || draw == DRAWS {
-            return assembly.into_scene(name, regions(&plan));
+            return (plan, assembly);
         }
     }
 }
@@ -220,6 +228,20 @@ fn floor_m(storey: usize) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn furnished_houses_let_a_wide_body_through_every_door_into_every_room() {
+        for seed in 0..120 {
+            let options = HouseOptions { pool: Pool::ALL[seed as usize % 3], ..HouseOptions::default() };
+            let rng = Rng::new(seed).fork("house");
+            let (rooms, storeys) = size(&mut rng.fork("size"), &options);
+            let (plan, assembly) = sound(&rng, rooms, storeys, options.pool);
+            assert_eq!((plan.rooms.len(), plan.storeys()), (rooms, storeys), "seed {seed}");
+            let reach = Reach::of(&plan, assembly.objects(), 0.25);
+            assert_eq!(reach.sealed(), Vec::<usize>::new(), "seed {seed}");
+            assert!(reach.blocked(&plan, 0.25).is_empty(), "seed {seed}");
+        }
+    }
 
     #[test]
     fn pools_are_found_by_their_names() {

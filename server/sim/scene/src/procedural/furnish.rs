@@ -15,8 +15,8 @@ mod work;
 use super::assembly::{Assembly, Piece};
 use super::furniture::Make;
 use super::model::{Facet, Model, about};
-use super::plan::{CEILING_M, Plan, RoomKind};
-use super::rect::{Rect, Side, turned};
+use super::plan::{CEILING_M, Plan, RoomKind, remainder};
+use super::rect::{Rect, Side, common, turned};
 use super::space::{Claim, Patch, Space};
 use super::taste::Taste;
 use avln_geom::{Aabb, Point3, Rng, Vector3};
@@ -70,6 +70,9 @@ const LOWEST_EYE_M: f32 = 0.5;
 /// Depth of floor that stays free before the rest of a room that goes on there, metres: in its main part, and elsewhere.
 const PASSAGE_M: [f32; 2] = [0.8, 0.5];
 
+/// Width of what stays free there, metres.
+const PASSAGE_WIDTH_M: f32 = 1.0;
+
 /// Furnishes one room and returns what stands on its floor.
 pub(super) fn furnish(
     assembly: &mut Assembly,
@@ -80,8 +83,9 @@ pub(super) fn furnish(
 ) -> Vec<Rect> {
     let room = &plan.rooms[index];
     let mut covered = Vec::new();
-    for (number, part) in room.parts().into_iter().enumerate() {
-        let (space, doors) = empty(plan, index, part, PASSAGE_M[number.min(1)]);
+    let parts = room.parts();
+    for number in 0..parts.len() {
+        let (space, doors) = empty(plan, index, &parts, number);
         let rng = rng.fork(&format!("part {number}"));
         let (laid, rugs) = (vec![], vec![]);
         let mut decorator =
@@ -95,21 +99,40 @@ pub(super) fn furnish(
     covered
 }
 
-/// A part of a room with nothing in it, its doors kept free, and how many of them there are.
-fn empty(plan: &Plan, index: usize, part: Rect, passage_m: f32) -> (Space, usize) {
+/// The part `number` of a room with nothing in it, its doors kept free, and how many free zones those take.
+fn empty(plan: &Plan, index: usize, parts: &[Rect], number: usize) -> (Space, usize) {
+    let part = parts[number];
+    let passage_m = PASSAGE_M[number.min(1)];
     let mut space = Space::new(part);
-    let mut doors = 0;
     for side in Side::ALL {
         for opening in plan.openings_on(index, &part, side) {
             space.add_door(side, opening.along, opening.height_m);
-            doors += 1;
         }
+        let seams = seams(parts, number, side);
         for gap in plan.gaps(index, &part, side) {
-            space.add_passage(side, gap, passage_m);
-            doors += 1;
+            space.take_wall(side, Patch { along: gap, y: [0.0, CEILING_M] });
+            for rest in remainder(gap, seams.iter().copied()) {
+                space.keep_free(side, rest, passage_m);
+            }
+        }
+        for seam in seams {
+            let width_m = (seam[1] - seam[0]).min(PASSAGE_WIDTH_M);
+            space.keep_free(side, about((seam[0] + seam[1]) / 2.0, width_m), passage_m);
         }
     }
+    let doors = space.zones();
     (space, doors)
+}
+
+/// Where other parts of the room go on behind one side of the part `number`.
+fn seams(parts: &[Rect], number: usize, side: Side) -> Vec<[f32; 2]> {
+    let part = &parts[number];
+    let seam = |other: &Rect| {
+        let touching = (side.opposite().line_m(other) - side.line_m(part)).abs() < 1e-3;
+        let [a, b] = [side.span(part), side.span(other)];
+        (touching && common(a, b) > 1e-3).then_some([a[0].max(b[0]), a[1].min(b[1])])
+    };
+    parts.iter().filter_map(seam).collect()
 }
 
 impl Decorator<'_> {
@@ -133,7 +156,7 @@ impl Decorator<'_> {
             RoomKind::Office => self.office(),
             RoomKind::Gym => self.gym(),
         }
-        self.extras(kind);
+        self.extras(kind, 2.0);
         self.ceiling_lamps();
     }
 
@@ -143,14 +166,13 @@ impl Decorator<'_> {
         self.windows(kind);
         match kind {
             RoomKind::Stairs => return,
-            RoomKind::LivingRoom | RoomKind::Library | RoomKind::Bedroom | RoomKind::GameRoom => {
-                self.corner()
-            }
+            RoomKind::Bedroom => self.bedroom_corner(),
+            RoomKind::LivingRoom | RoomKind::Library | RoomKind::GameRoom => self.corner(),
             RoomKind::Office | RoomKind::Garage => self.work_corner(),
             RoomKind::Kitchen | RoomKind::DiningRoom => self.pantry(),
             _ => {}
         }
-        self.extras(kind);
+        self.extras(kind, 0.5);
         if self.area_m2() > 3.0 {
             self.ceiling_lamps();
         }
@@ -159,6 +181,12 @@ impl Decorator<'_> {
     /// Whether the house has a room of this kind.
     fn house_has(&self, kind: RoomKind) -> bool {
         self.plan.rooms.iter().any(|room| room.kind == kind)
+    }
+
+    /// Whether something of a category is in this room.
+    fn has(&self, category: &str) -> bool {
+        let here = Some(self.index as u16);
+        self.assembly.objects().iter().any(|object| object.region == here && object.category == category)
     }
 
     /// True with the given probability.

@@ -60,13 +60,13 @@ impl Space {
         self.take_wall(side, Patch { along: [along[0] - 0.08, along[1] + 0.08], y: [0.0, height_m + 0.08] });
     }
 
-    /// Keeps the floor free where the room goes on without a wall.
-    pub(super) fn add_passage(&mut self, side: Side, along: [f32; 2], depth_m: f32) {
-        self.keep_free(side, along, depth_m);
-        self.take_wall(side, Patch { along, y: [0.0, CEILING_M] });
+    /// How many zones are kept free.
+    pub(super) fn zones(&self) -> usize {
+        self.free.len()
     }
 
-    fn keep_free(&mut self, side: Side, along: [f32; 2], depth_m: f32) {
+    /// Keeps the floor free on which one enters through one side.
+    pub(super) fn keep_free(&mut self, side: Side, along: [f32; 2], depth_m: f32) {
         let zone = side.strip(&self.room, along, depth_m.min(self.depth_m(side)));
         self.free.push(zone);
         self.goals.push(zone);
@@ -109,7 +109,7 @@ impl Space {
     /// The first of `claims` that fits; only some of those that could stand are tried, as each costs a walk
     /// through the room.
     pub(super) fn first_fit(&self, claims: impl Iterator<Item = Claim>) -> Option<Claim> {
-        const TRIES: usize = 14;
+        const TRIES: usize = 40;
         claims.filter(|claim| self.stands(claim)).take(TRIES).find(|claim| self.still_connected(claim))
     }
 

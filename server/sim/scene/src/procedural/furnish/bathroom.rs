@@ -5,15 +5,16 @@ use super::*;
 
 impl Decorator<'_> {
     pub(super) fn bathroom(&mut self) {
-        let small = self.area_m2() < 4.5;
-        let tub = self.maybe(0.42);
-        if tub && !small {
+        let small = self.area_m2() < 5.5;
+        let tub = self.maybe(0.42) && !small;
+        if tub {
             self.put(&baths::BATHTUB, Wish::Corner, 0.6);
         }
-        if !tub || self.maybe(0.9) {
-            self.put(&baths::SHOWER, Wish::Corner, 0.6);
+        let toilet = |this: &mut Self, front_m| this.put(&baths::TOILET, Wish::Corner, front_m).is_some();
+        let _ = toilet(self, 0.6) || toilet(self, 0.4);
+        if !tub || self.maybe(0.8) {
+            self.put(&baths::SHOWER, Wish::Corner, 0.5);
         }
-        self.put(&baths::TOILET, Wish::Anywhere, 0.6);
         self.wash_place();
         if self.area_m2() > 7.0 && self.maybe(0.55) {
             self.wash_place();
@@ -26,7 +27,7 @@ impl Decorator<'_> {
 
     /// A sink on a pedestal, or on a cabinet; a mirror above it.
     pub(super) fn wash_place(&mut self) {
-        let on_cabinet = self.maybe(0.55);
+        let on_cabinet = self.maybe(0.55) && self.area_m2() > 4.5;
         if on_cabinet && let Some(spot) = self.put(&cabinets::VANITY, Wish::Anywhere, 0.6) {
             self.on_top(&sinks::VESSEL_SINK, &spot, [0.0, 0.0]);
             self.mirror([0.55, 0.7], Wish::Facing(spot.side, spot.along()));
@@ -35,7 +36,8 @@ impl Decorator<'_> {
             }
             return;
         }
-        if let Some(spot) = self.put(&sinks::PEDESTAL_SINK, Wish::Anywhere, 0.6) {
+        let sink = |this: &mut Self, front_m| this.put(&sinks::PEDESTAL_SINK, Wish::Anywhere, front_m);
+        if let Some(spot) = sink(self, 0.6).or_else(|| sink(self, 0.4)) {
             self.mirror([0.5, 0.7], Wish::Facing(spot.side, spot.along()));
         }
     }

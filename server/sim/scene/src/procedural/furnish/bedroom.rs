@@ -3,16 +3,16 @@
 use super::super::furniture::{beds, cabinets, chairs, chests, clothes, screens, sofas, stools};
 use super::*;
 
+/// How many narrow beds are tried where a wide one has no room: low ones fit below windows.
+const NARROW_BEDS: usize = 5;
+
 impl Decorator<'_> {
     pub(super) fn bedroom(&mut self) {
         let bed = self.bed_group();
         if self.area_m2() > 20.0 && self.maybe(0.3) {
             self.bed_group();
         }
-        let width = self.taste.rng.range(0.95, 1.5);
-        if self.put_sized(&cabinets::WARDROBE, [width, 0.0, 0.0], Wish::Corner, 0.6).is_none() {
-            self.put_sized(&cabinets::WARDROBE, [0.8, 0.0, 0.0], Wish::Anywhere, 0.5);
-        }
+        self.wardrobe();
         self.chest(bed.as_ref());
         if self.maybe(0.4) {
             self.armchair(Wish::Corner);
@@ -31,21 +31,53 @@ impl Decorator<'_> {
         }
     }
 
+    /// What the main part of a bedroom had no room for, and a place to read.
+    pub(super) fn bedroom_corner(&mut self) {
+        if !self.has("bed") {
+            self.bed_group();
+        }
+        if !self.has("cabinet") {
+            self.wardrobe();
+        }
+        self.corner();
+    }
+
+    fn wardrobe(&mut self) {
+        let width = self.taste.rng.range(0.95, 1.5);
+        for (width, wish, front) in [(width, Wish::Corner, 0.6), (0.8, Wish::Anywhere, 0.45)] {
+            if self.put_sized(&cabinets::WARDROBE, [width, 0.0, 0.0], wish, front).is_some() {
+                return;
+            }
+        }
+    }
+
+    /// Stands a bed with its long side to a wall; the spot's own back is its head.
+    fn stand_along_wall(&mut self, bed: &Piece) -> Option<Spot> {
+        const TURN: u8 = 1;
+        let turned = Piece { model: bed.model.moved(TURN, Vector3::zeros()), ..bed.clone() };
+        let spot = self.stand(&turned, Wish::Corner, 0.4)?;
+        Some(Spot { side: Side::ALL[(spot.side as usize + usize::from(TURN)) % 4], ..spot })
+    }
+
     /// A bed with cushions, clothes, nightstands, a bench and a rug.
     fn bed_group(&mut self) -> Option<Spot> {
         let wide = self.maybe(0.7);
         let width = if wide { self.taste.rng.range(1.4, 1.7) } else { self.taste.rng.range(0.95, 1.1) };
         let mut bed = beds::BED.sized(self.taste, [width, 0.0, 0.0]);
         let mut spot = self.stand(&bed, Wish::Middle, 0.6);
-        if spot.is_none() {
+        for _ in 0..NARROW_BEDS {
+            if spot.is_some() {
+                break;
+            }
             bed = beds::BED.sized(self.taste, [0.95, 0.0, 0.0]);
-            spot = self.stand(&bed, Wish::Anywhere, 0.0);
+            spot = self.stand(&bed, Wish::Anywhere, 0.0).or_else(|| self.stand_along_wall(&bed));
         }
         let spot = spot?;
+        let width = spot.footprint()[0];
         let cushions = self.count(2, 4);
-        let places = [-0.22, 0.24, -0.62, 0.62];
-        let fitting = if width > 1.3 { &places[..cushions] } else { &places[..cushions.min(1)] };
-        self.lean_cushions(&spot, &bed.attributes.color, fitting, [beds::COVER_M, -0.5]);
+        let fitting: &[f32] = if width > 1.3 { &[-0.24, 0.24, -0.7, 0.7][..cushions] } else { &[0.0] };
+        let inside: Vec<f32> = fitting.iter().copied().filter(|x| x.abs() + 0.24 <= width / 2.0).collect();
+        self.lean_cushions(&spot, &bed.attributes.color, &inside, [beds::COVER_M, -0.5]);
         if self.maybe(0.2) {
             self.lay_flat(&clothes::FOLDED, &spot, [width * 0.2, 0.6], beds::COVER_M);
         }

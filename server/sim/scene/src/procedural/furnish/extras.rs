@@ -76,11 +76,11 @@ fn choice(kind: RoomKind) -> &'static [Extra] {
 }
 
 impl Decorator<'_> {
-    /// Adds single things, more where there is more floor.
-    pub(super) fn extras(&mut self, kind: RoomKind) {
+    /// Adds single things, more where there is more floor, and `least` at least.
+    pub(super) fn extras(&mut self, kind: RoomKind, least: f32) {
         let choice = choice(kind);
         let weights: Vec<f32> = choice.iter().map(|(_, weight, _)| *weight).collect();
-        let wanted = (2.0 + self.area_m2() * 0.28).clamp(2.0, 11.0) as usize;
+        let wanted = (least + self.area_m2() * 0.26).min(11.0) as usize;
         for _ in 0..wanted {
             let (make, _, way) = choice[self.taste.weighted(&weights)];
             self.extra(make, way);

@@ -170,6 +170,9 @@ fn split(rng: &mut Rng, slot: Rect, hall: Side, unit: &Unit) -> Vec<Piece> {
     pieces
 }
 
+/// Least width of what a closet leaves of its room beside it, metres.
+const BESIDE_M: f32 = 1.4;
+
 /// The place of one annex: closets beside the hallway, what has a window at the outer wall.
 fn corner(rng: &mut Rng, slot: &Rect, hall: Side, annex: &Annex) -> Rect {
     let span = hall.span(slot);
@@ -177,12 +180,13 @@ fn corner(rng: &mut Rng, slot: &Rect, hall: Side, annex: &Annex) -> Rect {
     let wanted = annex.area_m2 * rng.range(0.8, 1.3);
     let mut along = libm::sqrtf(wanted).max(NARROW_M).min(width);
     let rest = width - along;
-    // What is left beside it must be wide enough to stand in, else it takes the whole width (not at the hallway).
-    if annex.kind != Closet && rest < NARROW_M {
+    // What is left beside it must be wide enough to stand in, else it takes the whole width, away from the hallway.
+    let at_hall = annex.kind == Closet && rest >= BESIDE_M;
+    if !at_hall && rest < NARROW_M {
         along = width;
     }
     let across = (annex.area_m2 / along).clamp(NARROW_M, (depth - 2.6).max(NARROW_M));
-    let depths = if annex.kind == Closet { [0.0, across] } else { [depth - across, depth] };
+    let depths = if at_hall { [0.0, across] } else { [depth - across, depth] };
     let [along, depths] = [[0.0, along], depths].map(|pair| pair.map(|v| (v * 100.0).round() / 100.0));
     let along = if rng.chance(0.5) { [span[0], span[0] + along[1]] } else { [span[1] - along[1], span[1]] };
     snapped(slot, hall.band(slot, along, depths))
