@@ -24,7 +24,10 @@ fn main() {
         let seconds = start.elapsed().as_secs_f64();
         report(seed, &assets, &instances, seconds);
         if words && seed == 0 {
-            instances.iter().flat_map(|instance| &instance.sentences).for_each(|sentence| println!("  {}", sentence.text));
+            instances
+                .iter()
+                .flat_map(|instance| &instance.sentences)
+                .for_each(|sentence| println!("  {}", sentence.text));
         }
     }
 }

@@ -275,7 +275,8 @@ fn what_is_exported_comes_back() {
     // The same instance told by another sentence needs a record of its own.
     let mut second = first[0].clone();
     second.id = "house-8".to_owned();
-    second.goals[1].cue = CueSpec::Description(Description { text: "Another sentence.".to_owned(), claims: None });
+    second.goals[1].cue =
+        CueSpec::Description(Description { text: "Another sentence.".to_owned(), claims: None });
     let ours = vec![first[0].clone(), second];
     let files = write_authors("val", &[("house", &ours)], &HOUSE.rules).unwrap();
     let paths: Vec<&str> = files.iter().map(|file| file.path.as_str()).collect();

@@ -1,8 +1,8 @@
 //! Hundreds of missions in one house keep every constraint; a mission that breaks one is caught, with its name.
 
 use avln_dataset::{
-    Constraint, CueSpec, Depth, Description, EpisodeSpec, Fault, Instance, MissionRules, SceneSource, SceneSpec, StepGoal, SurveyOptions,
-    check_scene, sample_missions, survey,
+    Constraint, CueSpec, Depth, Description, EpisodeSpec, Fault, Instance, MissionRules, SceneSource,
+    SceneSpec, StepGoal, SurveyOptions, check_scene, sample_missions, survey,
 };
 use avln_episode::{Modality, Rules};
 use avln_geom::Point3;

@@ -93,7 +93,8 @@ impl<'a> GoalCheck<'a> {
                 if !(1..=MAX_WORDS).contains(&words) {
                     faults.push((Constraint::Cue, format!("a description of {words} words")));
                 }
-                if let Some(word) = sentence.claims.as_ref().and_then(|claims| unsaid(&sentence.text, claims)) {
+                if let Some(word) = sentence.claims.as_ref().and_then(|claims| unsaid(&sentence.text, claims))
+                {
                     faults.push((Constraint::Cue, format!("'{}' does not say {word}", sentence.text)));
                 }
             }

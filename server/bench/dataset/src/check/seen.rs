@@ -25,7 +25,9 @@ impl<'a> Seen<'a> {
 
     /// What is wrong with a sentence that was said of `instance`.
     pub(super) fn sentence(&self, instance: u32, said: &Description) -> Option<String> {
-        let Some(claims) = &said.claims else { return Some("the description comes without its claims".to_owned()) };
+        let Some(claims) = &said.claims else {
+            return Some("the description comes without its claims".to_owned());
+        };
         let facts = Facts::new(self.assets, &self.palettes);
         let index = self.assets.scene.objects.iter().position(|object| object.id.0 == instance)?;
         let fits = fits_only(&facts, claims, index);

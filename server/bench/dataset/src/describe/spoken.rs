@@ -18,7 +18,9 @@ pub(crate) fn unsaid(text: &str, claims: &Claims) -> Option<String> {
 fn words(claim: &Claim) -> Vec<String> {
     match claim {
         Claim::Material(word) if word == "wooden" => vec!["wood".to_owned()],
-        Claim::Color(word) | Claim::Material(word) | Claim::Shape(word) | Claim::Size(word) => vec![word.clone()],
+        Claim::Color(word) | Claim::Material(word) | Claim::Shape(word) | Claim::Size(word) => {
+            vec![word.clone()]
+        }
         Claim::Room(noun) => vec![noun.clone()],
         Claim::Place(relation, landmarks) => {
             let side = side(*relation).map(str::to_owned);

@@ -164,7 +164,7 @@ impl<'a> Adopter<'a> {
             ForeignCue::Category => Ok(CueSpec::Category),
             ForeignCue::Description(sentence) => {
                 Ok(CueSpec::Description(Description { text: sentence.clone(), claims: None }))
-            },
+            }
             ForeignCue::Image(shot) if shot.pitch_rad.abs() > MOST_TILT_RAD => Err(format!(
                 "its picture was taken with the camera tilted by {:.0} degrees, ours look level",
                 shot.pitch_rad.to_degrees()
