@@ -17,10 +17,9 @@ pub(crate) fn unsaid(text: &str, claims: &Claims) -> Option<String> {
 /// The words without which a claim is not made.
 fn words(claim: &Claim) -> Vec<String> {
     match claim {
-        Claim::Material(word) if word == "wooden" => vec!["wood".to_owned()],
-        Claim::Color(word) | Claim::Material(word) | Claim::Shape(word) | Claim::Size(word) => {
-            vec![word.clone()]
-        }
+        Claim::Color(word) | Claim::Shape(word) | Claim::Size(word) => vec![word.clone()],
+        // `wool` is in `woollen`, `wood` in `wooden`: said as adjective or as what it is made of.
+        Claim::Material(word) => vec![lexicon::substance(word).unwrap_or(word).to_owned()],
         Claim::Room(noun) => vec![noun.clone()],
         Claim::Place(relation, landmarks) => {
             let side = side(*relation).map(str::to_owned);
