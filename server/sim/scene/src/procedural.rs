@@ -22,7 +22,7 @@ mod tints;
 use crate::{Region, Scene};
 use assembly::Assembly;
 use avln_geom::Rng;
-use plan::{CEILING_M, Plan, STOREY_M};
+use plan::{CEILING_M, Plan, RoomKind, STOREY_M};
 use reach::Reach;
 use rect::Rect;
 use serde::{Deserialize, Serialize};
@@ -123,8 +123,13 @@ fn sound(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly
 fn build(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly) {
     let plan = Plan::draw(&rng.fork("plan"), rooms, storeys);
     let mut finish_rng = rng.fork("finish");
-    let finishes: Vec<Finish> =
+    let mut finishes: Vec<Finish> =
         plan.rooms.iter().map(|room| Finish::choose(&mut finish_rng, room.kind)).collect();
+    let wells: Vec<usize> =
+        (0..plan.rooms.len()).filter(|&index| plan.rooms[index].kind == RoomKind::Stairs).collect();
+    if let [lower, upper, ..] = wells[..] {
+        finishes[upper] = finishes[lower].above();
+    }
     let mut assembly = Assembly::default();
     add_building(&mut assembly, &plan, &finishes);
     let mut taste = Taste::new(rng.fork("taste"), pool);

@@ -140,7 +140,7 @@ impl Decorator<'_> {
         self.entrance();
         self.windows(kind);
         match kind {
-            RoomKind::Stairs => return,
+            RoomKind::Stairs => return self.stairwell(),
             RoomKind::Hallway | RoomKind::Entryway => self.hallway(),
             RoomKind::Closet => self.closet(),
             RoomKind::Laundry => self.laundry(),

@@ -19,6 +19,7 @@ pub(super) struct Finish {
     /// One wall of a room may differ.
     accent: (Side, Paint),
     skirting: Paint,
+    skirting_m: f32,
     ceiling: Paint,
 }
 
@@ -35,11 +36,23 @@ impl Finish {
         let skirting =
             if wet { Paint::plain("tile", [206, 208, 206]) } else { Paint::plain("wood", [232, 230, 224]) };
         let ceiling = Paint::plain("plaster", [244, 243, 238]);
-        Self { floor: floor_paint(rng, kind), wall, accent: (side, accent), skirting, ceiling }
+        Self {
+            floor: floor_paint(rng, kind),
+            wall,
+            accent: (side, accent),
+            skirting,
+            skirting_m: SKIRTING_M,
+            ceiling,
+        }
+    }
+
+    /// The same paints farther up in the same room: without a skirting board.
+    pub(super) fn above(&self) -> Self {
+        Self { skirting_m: 0.0, ..*self }
     }
 
     fn wall_at(&self, side: Side, y_m: f32) -> Paint {
-        match (y_m < SKIRTING_M, side == self.accent.0) {
+        match (y_m < self.skirting_m, side == self.accent.0) {
             (true, _) => self.skirting,
             (false, true) => self.accent.1,
             (false, false) => self.wall,

@@ -32,7 +32,9 @@ impl Decorator<'_> {
         self.space.take_wall(window.side, patch);
         use RoomKind::*;
         let curtained = matches!(kind, LivingRoom | Bedroom | DiningRoom | Office | Library | GameRoom);
-        self.dress_window(window.side, middle, [width, sill, head], curtained);
+        if kind != Stairs {
+            self.dress_window(window.side, middle, [width, sill, head], curtained);
+        }
     }
 
     /// Fixes a piece to a wall if that is free there; the wall is taken then if `take` says so.
@@ -138,6 +140,15 @@ impl Decorator<'_> {
         for _ in 0..count {
             let coat = clothes::HANGING.any(self.taste);
             self.hang_somewhere(&coat, 1.78 - coat.size().y);
+        }
+    }
+
+    /// Pictures and a lamp over the stairs; on the lower storey the flights are in the way.
+    pub(super) fn stairwell(&mut self) {
+        if !self.plan.begins_stairs(self.index) {
+            let count = self.count(1, 3);
+            self.pictures(count);
+            self.ceiling_lamps();
         }
     }
 

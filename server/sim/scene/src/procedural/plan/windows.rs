@@ -33,7 +33,7 @@ pub(super) fn draw(rng: &mut Rng, rooms: &[Room], entrance: Option<Window>) -> V
             });
             let walls = remainder(wall.along, door.iter().map(|door| door.along));
             for along in walls {
-                windows.extend(row(rng, room.kind, index, Face { along, ..wall }));
+                windows.extend(row(rng, room, index, Face { along, ..wall }));
             }
         }
     }
@@ -41,9 +41,11 @@ pub(super) fn draw(rng: &mut Rng, rooms: &[Room], entrance: Option<Window>) -> V
 }
 
 /// Sill, head and greatest width of the windows of a room; `None` where there are none.
-fn kind_of_window(kind: RoomKind) -> Option<[f32; 3]> {
-    match kind {
-        RoomKind::Stairs | RoomKind::Closet => None,
+fn kind_of_window(room: &Room) -> Option<[f32; 3]> {
+    match room.kind {
+        RoomKind::Closet => None,
+        // The flights are in the way.
+        RoomKind::Stairs if room.storey == 0 => None,
         RoomKind::Bathroom | RoomKind::Laundry | RoomKind::Utility => Some([1.45, 2.1, 0.7]),
         RoomKind::Garage => Some([1.5, 2.1, 0.9]),
         RoomKind::Kitchen => Some([1.12, 2.1, 1.3]),
@@ -52,10 +54,10 @@ fn kind_of_window(kind: RoomKind) -> Option<[f32; 3]> {
 }
 
 /// One or two windows in one piece of outer wall, if it is long enough.
-fn row(rng: &mut Rng, kind: RoomKind, room: usize, wall: Face) -> Vec<Window> {
-    let Some([sill, head, widest]) = kind_of_window(kind) else { return vec![] };
+fn row(rng: &mut Rng, of: &Room, room: usize, wall: Face) -> Vec<Window> {
+    let Some([sill, head, widest]) = kind_of_window(of) else { return vec![] };
     let length = wall.along[1] - wall.along[0];
-    let least = if kind.is_passage() { 1.0 } else { 1.6 };
+    let least = if of.kind.is_passage() { 1.0 } else { 1.6 };
     if length < least {
         return vec![];
     }

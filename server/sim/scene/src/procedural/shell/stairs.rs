@@ -74,6 +74,13 @@ impl Well {
         model.quad(upright(side, far.line_m(&rect), self.door.span(&rect), y), paint);
     }
 
+    /// A wooden rail on top of a wall.
+    fn rail(&self, model: &mut Model, along: [f32; 2], across: [f32; 2], y: f32) {
+        let wider = [(across[0] - RAIL_M[1]).max(0.0), across[1] + RAIL_M[1]];
+        let rect = self.rect(along, wider);
+        model.block(rect.x, [y, y + RAIL_M[0]], rect.z, Paint::plain("wood", [134, 92, 58]));
+    }
+
     fn block(&self, model: &mut Model, along: [f32; 2], across: [f32; 2], y: [f32; 2], paint: Paint) {
         let rect = self.rect(along, across);
         model.slab(rect.x, y, rect.z, paint);
@@ -127,6 +134,9 @@ fn second_flight(model: &mut Model, well: &Well, finish: &Finish) {
     well.riser(model, LANDING_M, beside, [CEILING_M, STOREY_M], false, finish.ceiling);
 }
 
+/// Thickness of the rail on the wall between the flights, and how far it stands out at each side, metres.
+const RAIL_M: [f32; 2] = [0.05, 0.025];
+
 /// The wall between the flights, as high above the second one as a banister, and the railing of the upper floor.
 fn banisters(model: &mut Model, well: &Well) {
     let paint = Paint::plain("wood", [224, 218, 206]);
@@ -137,7 +147,10 @@ fn banisters(model: &mut Model, well: &Well) {
         let start = far - step as f32 * TREAD_M;
         let top = (STEPS + step) as f32 * RISE_M + SPINE_M[1];
         well.block(model, [start, start + TREAD_M], between, [0.0, top], paint);
+        well.rail(model, [start, start + TREAD_M], between, top);
     }
-    let railing = [LANDING_M - SPINE_M[0], LANDING_M];
-    well.block(model, railing, [0.0, between[1]], [STOREY_M, STOREY_M + SPINE_M[1]], paint);
+    let (railing, across, top) =
+        ([LANDING_M - SPINE_M[0], LANDING_M], [0.0, between[1]], STOREY_M + SPINE_M[1]);
+    well.block(model, railing, across, [STOREY_M, top], paint);
+    well.rail(model, [railing[0] - RAIL_M[1], railing[1] + RAIL_M[1]], [0.0, across[1] - RAIL_M[1]], top);
 }
