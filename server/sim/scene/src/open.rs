@@ -65,9 +65,8 @@ fn recognised(path: &Path) -> Result<Candidate, SceneError> {
     for layout in LAYOUTS {
         candidates.extend(in_folder(path, layout)?.into_iter().map(|scene| (layout, scene)));
     }
-    if candidates.iter().any(|(layout, _)| layout.is_labelled) {
-        candidates.retain(|(layout, _)| layout.is_labelled);
-    }
+    let most = candidates.iter().map(|(layout, _)| layout.tells).max();
+    candidates.retain(|(layout, _)| Some(layout.tells) == most);
     match candidates.len() {
         0 => Err(files::malformed(path, nothing(path))),
         1 => Ok(candidates.swap_remove(0)),

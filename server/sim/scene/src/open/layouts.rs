@@ -14,8 +14,8 @@ pub(super) struct Layout {
     pub(super) sign: &'static str,
     /// Folders inside a scene's that hold its files.
     pub(super) inner_folders: &'static [&'static str],
-    /// Whether it says which thing is where: such a layout takes precedence over the plain meshes that it consists of.
-    pub(super) is_labelled: bool,
+    /// Which layouts it hides in its folder: those that tell less.
+    pub(super) tells: Tells,
     /// The scene that a file of a folder betrays: the file that the importer takes.
     pub(super) scene_in_folder: fn(&Path) -> Option<PathBuf>,
     /// The scene that a file named by itself belongs to.
@@ -23,12 +23,23 @@ pub(super) struct Layout {
     pub(super) import: fn(&Path, &Options, &mut Report) -> Result<Scene, SceneError>,
 }
 
+/// What the files of a layout tell, the least first.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Tells {
+    /// Surfaces.
+    Mesh,
+    /// Which files make up a scene, or only how Habitat loads a scan.
+    Composition,
+    /// Which thing is where.
+    Labels,
+}
+
 pub(super) const LAYOUTS: &[Layout] = &[
     Layout {
         name: "HM3D",
         sign: "X.semantic.txt beside X.glb",
         inner_folders: &[],
-        is_labelled: true,
+        tells: Tells::Labels,
         scene_in_folder: hm3d_mesh,
         scene_of_file: |file| hm3d::is_hm3d(file).then(|| file.to_owned()),
         import: |path, options, report| {
@@ -39,7 +50,7 @@ pub(super) const LAYOUTS: &[Layout] = &[
         name: "Habitat scene instance",
         sign: "X.scene_instance.json in a data set",
         inner_folders: &[],
-        is_labelled: true,
+        tells: Tells::Composition,
         scene_in_folder: |file| ends_with(file, habitat::DATASET_SUFFIX).then(|| file.to_owned()),
         scene_of_file: |file| habitat::is_habitat(file).then(|| file.to_owned()),
         import: |path, options, report| {
@@ -50,7 +61,7 @@ pub(super) const LAYOUTS: &[Layout] = &[
         name: "ProcTHOR house",
         sign: "X.json",
         inner_folders: &[],
-        is_labelled: true,
+        tells: Tells::Labels,
         scene_in_folder: |file| procthor::is_procthor(file).then(|| file.to_owned()),
         scene_of_file: |file| procthor::is_procthor(file).then(|| file.to_owned()),
         import: |path, options, report| {
@@ -61,7 +72,7 @@ pub(super) const LAYOUTS: &[Layout] = &[
         name: "Matterport3D",
         sign: "X.house",
         inner_folders: &[],
-        is_labelled: true,
+        tells: Tells::Labels,
         scene_in_folder: |file| ends_with(file, mp3d::TABLE).then(|| file.to_owned()),
         scene_of_file: |file| companion(file, mp3d::TABLE),
         import: mp3d::import_as,
@@ -70,7 +81,7 @@ pub(super) const LAYOUTS: &[Layout] = &[
         name: "Replica",
         sign: "habitat/info_semantic.json",
         inner_folders: &[replica::SEMANTIC_FOLDER],
-        is_labelled: true,
+        tells: Tells::Labels,
         scene_in_folder: |file| ends_with(file, replica::TABLE).then(|| file.to_owned()),
         scene_of_file: replica_table,
         import: replica::import_as,
@@ -79,7 +90,7 @@ pub(super) const LAYOUTS: &[Layout] = &[
         name: "Gibson",
         sign: "X.scn",
         inner_folders: &[],
-        is_labelled: true,
+        tells: Tells::Labels,
         scene_in_folder: |file| ends_with(file, gibson::TABLE).then(|| file.to_owned()),
         scene_of_file: |file| companion(file, gibson::TABLE),
         import: gibson::import_as,
@@ -88,7 +99,7 @@ pub(super) const LAYOUTS: &[Layout] = &[
         name: "glTF",
         sign: "X.glb or X.gltf",
         inner_folders: &[],
-        is_labelled: false,
+        tells: Tells::Mesh,
         scene_in_folder: |file| has_extension(file, &["glb", "gltf"]).then(|| file.to_owned()),
         scene_of_file: |file| has_extension(file, &["glb", "gltf"]).then(|| file.to_owned()),
         import: glb::import_as,
@@ -97,7 +108,7 @@ pub(super) const LAYOUTS: &[Layout] = &[
         name: "OBJ",
         sign: "X.obj",
         inner_folders: &[],
-        is_labelled: false,
+        tells: Tells::Mesh,
         scene_in_folder: |file| has_extension(file, &["obj"]).then(|| file.to_owned()),
         scene_of_file: |file| has_extension(file, &["obj"]).then(|| file.to_owned()),
         import: obj::import_as,
@@ -106,7 +117,7 @@ pub(super) const LAYOUTS: &[Layout] = &[
         name: "PLY",
         sign: "X.ply",
         inner_folders: &[],
-        is_labelled: false,
+        tells: Tells::Mesh,
         scene_in_folder: |file| has_extension(file, &["ply"]).then(|| file.to_owned()),
         scene_of_file: |file| has_extension(file, &["ply"]).then(|| file.to_owned()),
         import: ply::import_as,

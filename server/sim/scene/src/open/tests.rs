@@ -58,6 +58,9 @@ fn several_scenes_are_listed() {
     write(folder.path(), "a.scn", GIBSON);
     write(folder.path(), "a_semantic.ply", testing::ply("ascii"));
     assert_eq!(opened(folder.path()).0, "Gibson");
+    // How Habitat loads it is no second scene.
+    write(folder.path(), "a.scene_dataset_config.json", "{}");
+    assert_eq!(opened(folder.path()).0, "Gibson");
     write(folder.path(), "c.house", HOUSE);
     let error = refusal(folder.path());
     assert!(error.contains("c.house (Matterport3D)") && error.contains("a.scn (Gibson)"), "{error}");
