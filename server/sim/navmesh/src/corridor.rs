@@ -3,7 +3,8 @@
 
 use crate::plane::{Lattice, share_of_segment, turn};
 use crate::polygons::{Corner, NONE, Polygons};
-use std::cmp::{Ordering, Reverse};
+use crate::waiting::Waiting;
+use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 /// Detour's factor on the straight way that is left, so that none is over-estimated.
@@ -38,27 +39,6 @@ fn apart_m(lattice: &Lattice, a: &Corner, b: &Corner) -> f64 {
     lattice.apart_m((&a.spot, a.height_m), (&b.spot, b.height_m))
 }
 
-/// A polygon that waits for its turn.
-#[derive(PartialEq)]
-struct Waiting {
-    total_m: f64,
-    polygon: u32,
-}
-
-impl Eq for Waiting {}
-
-impl PartialOrd for Waiting {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Waiting {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.total_m.total_cmp(&other.total_m).then(self.polygon.cmp(&other.polygon))
-    }
-}
-
 /// What is known of a polygon: where it was first entered, and the best way to it.
 #[derive(Clone, Copy)]
 struct Node {
@@ -88,8 +68,8 @@ impl<'a> Search<'a> {
         let total_m = HEURISTIC * apart_m(self.lattice, &from.place, &self.goal.place);
         self.nodes[from.polygon as usize] =
             Some(Node { place: from.place, cost_m: 0.0, total_m, portal: NONE });
-        self.waiting.push(Reverse(Waiting { total_m, polygon: from.polygon }));
-        while let Some(Reverse(Waiting { total_m, polygon })) = self.waiting.pop() {
+        self.waiting.push(Reverse(Waiting { metres: total_m, number: from.polygon }));
+        while let Some(Reverse(Waiting { metres: total_m, number: polygon })) = self.waiting.pop() {
             let node = self.nodes[polygon as usize]?;
             if total_m > node.total_m {
                 continue;
@@ -122,7 +102,7 @@ impl<'a> Search<'a> {
             };
             if known.is_none_or(|known| total_m < known.total_m) {
                 self.nodes[neighbour as usize] = Some(Node { place, cost_m, total_m, portal: edge });
-                self.waiting.push(Reverse(Waiting { total_m, polygon: neighbour }));
+                self.waiting.push(Reverse(Waiting { metres: total_m, number: neighbour }));
             }
         }
     }

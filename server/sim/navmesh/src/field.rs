@@ -3,8 +3,9 @@ use crate::mesh::{NavMesh, NavPoint};
 use crate::outlook::Outlook;
 use crate::plane::Spot;
 use crate::sight::{Eye, View, look};
+use crate::waiting::Waiting;
 use avln_geom::Point3;
-use std::cmp::{Ordering, Reverse};
+use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 /// Distances over one [`NavMesh`] to the nearest of some weighted seeds.
@@ -155,33 +156,12 @@ impl DistanceField {
     }
 }
 
-/// A corner that waits for its turn, ordered by cost, then by number.
-#[derive(PartialEq)]
-pub(crate) struct Waiting {
-    pub(crate) metres: f64,
-    pub(crate) corner: u32,
-}
-
-impl Eq for Waiting {}
-
-impl PartialOrd for Waiting {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Waiting {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.metres.total_cmp(&other.metres).then(self.corner.cmp(&other.corner))
-    }
-}
-
 /// Lowers the costs of all corners to what their links allow (Dijkstra 1959).
 pub(crate) fn spread(corners: &Corners, costs: &mut [(f64, Next)]) {
     let seeded = costs.iter().zip(0..).filter(|(cost, _)| cost.0.is_finite());
     let mut waiting: BinaryHeap<_> =
-        seeded.map(|(cost, corner)| Reverse(Waiting { metres: cost.0, corner })).collect();
-    while let Some(Reverse(Waiting { metres, corner })) = waiting.pop() {
+        seeded.map(|(cost, corner)| Reverse(Waiting { metres: cost.0, number: corner })).collect();
+    while let Some(Reverse(Waiting { metres, number: corner })) = waiting.pop() {
         if metres > costs[corner as usize].0 {
             continue;
         }
@@ -189,7 +169,7 @@ pub(crate) fn spread(corners: &Corners, costs: &mut [(f64, Next)]) {
             let through = metres + link.metres;
             if through < costs[link.to as usize].0 {
                 costs[link.to as usize] = (through, Next::Corner(corner));
-                waiting.push(Reverse(Waiting { metres: through, corner: link.to }));
+                waiting.push(Reverse(Waiting { metres: through, number: link.to }));
             }
         }
     }

@@ -35,6 +35,7 @@ mod sight;
 mod stop;
 mod surface;
 mod voxels;
+mod waiting;
 mod walk;
 
 pub use body::Body;

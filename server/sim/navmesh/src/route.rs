@@ -1,10 +1,10 @@
 //! The shortest way between two points, without a field: best first over the corners (Hart, Nilsson and Raphael 1968).
 
-use crate::field::Waiting;
 use crate::mesh::{NavMesh, NavPoint};
 use crate::plane::Spot;
 use crate::polygons::NONE;
 use crate::sight::{Eye, look};
+use crate::waiting::Waiting;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -88,13 +88,13 @@ impl<'a> Search<'a> {
         if metres < known.metres {
             *known = Reached { metres, from };
             let at_least = metres + self.mesh.corners.metres_to(corner, self.goal.place());
-            self.waiting.push(Reverse(Waiting { metres: at_least, corner }));
+            self.waiting.push(Reverse(Waiting { metres: at_least, number: corner }));
         }
     }
 
     fn run(mut self) -> Option<Route> {
         let mut best = (f64::INFINITY, NONE);
-        while let Some(Reverse(Waiting { metres: at_least, corner })) = self.waiting.pop() {
+        while let Some(Reverse(Waiting { metres: at_least, number: corner })) = self.waiting.pop() {
             if at_least >= best.0 {
                 break;
             }
