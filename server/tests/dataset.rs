@@ -1,6 +1,6 @@
 //! Building, checking and playing a data set on disk.
 
-use avln_dataset::{Depth, Recipe};
+use avln_dataset::Recipe;
 use avln_server::{
     FailureKind,
     arena::data::DataFolder,
@@ -77,7 +77,7 @@ fn copy() -> TempDir {
 }
 
 fn checked(folder: &Path) -> Result<Report, avln_server::Failure> {
-    let scope = Scope { split: None, scenes: None, depth: Depth { every: 1 }, threads: Some(2) };
+    let scope = Scope { split: None, scenes: None, every: 1, cues: true, threads: Some(2) };
     check::run(&DatasetFiles::at(folder), &scope, |_, _| {})
 }
 
