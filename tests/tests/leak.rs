@@ -305,6 +305,8 @@ async fn nothing_hidden_reaches_an_agent_or_a_visitor() {
     for (path, answer) in open.pages.iter().filter(|(path, _)| path.ends_with("/episodes.csv")) {
         assert!(!results.found_in(&answer.bytes).is_empty(), "{path} of a public phase shows results");
     }
+    assert!(holds(&open.plain, "soft_spl"), "an agent of a public phase is told results");
+    assert!(!holds(&received.plain, "soft_spl"), "an agent of a hidden phase is told none");
     assert_eq!(results.found_in_noise(&received.noisy), BTreeSet::new(), "results, with pictures and sound");
     assert_eq!(results.found_in(&received.plain), BTreeSet::new(), "results, without pictures and sound");
     assert!(received.noisy.len() > 100_000 && received.plain.len() > 10_000, "bytes were recorded");

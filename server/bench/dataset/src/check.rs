@@ -1,6 +1,7 @@
 //! Checks missions against their constraints, from what the files say and what the scene is.
 //!
-//! Nothing here is used to draw missions: distances come from plain fields, tours from trying every order.
+//! Distances come from plain fields, tours from trying every order: nothing of this is used to draw missions. Cues alone are
+//! held against the survey's own looks, taken again, by the rules by which it accepts them.
 
 mod fault;
 mod goals;

@@ -59,7 +59,7 @@ fn the_small_house_of_parts_comes_back_from_hm3d_layout() {
     ];
     files.iter().for_each(|(name, bytes)| std::fs::write(folder.path().join(name), bytes).unwrap());
     let mut report = Report::default();
-    let back = open::open_with(&folder.path().join("house.glb"), &mut report).unwrap();
+    let back = open::open_with(folder.path(), &mut report).unwrap();
     assert_eq!((report.layout, report.warnings), ("HM3D", Vec::new()));
     assert_eq!(back.objects, scene.objects);
     assert_eq!(back.mesh.triangles.len(), scene.mesh.triangles.len());

@@ -182,7 +182,7 @@ fn one_walks_through_the_door_and_not_through_the_wall() {
 }
 
 /// A body that slides ends at the reachable place nearest to its aim, which can lie a little beyond.
-const BEYOND_M: f32 = 5e-3;
+const BEYOND_M: f32 = 2e-3;
 
 #[test]
 fn two_thousand_random_motions_never_leave_the_floor() {
