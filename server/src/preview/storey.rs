@@ -1,5 +1,5 @@
 use super::Picture;
-use avln_geom::{Aabb, Point2, Point3, RayMesh};
+use avln_geom::{Aabb, Point2, Point3, RayMesh, UnitQuaternion};
 use avln_render::{Camera, Frame, Renderer};
 use avln_scene::{Mesh, Scene};
 use std::sync::Arc;
@@ -60,7 +60,7 @@ fn from_above(scene: &Scene, bounds: &Aabb) -> Option<Frame> {
     let height_m = size.x / 2.0 / half_tangent;
     let camera = Camera {
         eye: Point3::new(middle.x, -middle.z, bounds.min.y + height_m),
-        heading_rad: 0.0,
+        world_from_camera: UnitQuaternion::identity(),
         width: (size.x * scale).ceil().max(1.0) as u32,
         height: (size.z * scale).ceil().max(1.0) as u32,
         hfov_rad: 2.0 * half_tangent,

@@ -48,7 +48,8 @@ impl Viewer {
     /// What one sees from `eye` in the direction `heading_rad`.
     fn look(&self, eye: Point3<f32>, heading_rad: f32, width: u32) -> Frame {
         let height = width * 3 / 4;
-        let camera = Camera { eye, heading_rad, width, height, hfov_rad: HFOV_RAD, depth_max_m: 100.0 };
+        let world_from_camera = angle::about_up(heading_rad);
+        let camera = Camera { eye, world_from_camera, width, height, hfov_rad: HFOV_RAD, depth_max_m: 100.0 };
         self.renderer.render(&camera)
     }
 

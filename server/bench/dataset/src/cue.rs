@@ -48,7 +48,7 @@ impl View {
         eye.y += rules.camera_height_m;
         assets.render(&Camera {
             eye,
-            heading_rad: self.pose.heading_rad,
+            world_from_camera: self.pose.rotation(),
             width: self.side_px,
             height: self.side_px,
             hfov_rad: self.hfov_rad,

@@ -29,7 +29,7 @@ fn render(view: &View, side_px: u32) -> Frame {
     eye.y += rules.camera_height_m;
     ASSETS.render(&Camera {
         eye,
-        heading_rad: view.pose.heading_rad,
+        world_from_camera: view.pose.rotation(),
         width: side_px,
         height: side_px,
         hfov_rad: view.hfov_rad,

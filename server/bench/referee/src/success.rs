@@ -93,7 +93,7 @@ impl SuccessTest {
 fn in_picture(world: &World, target: &Target, rules: &Rules) -> bool {
     let camera = Camera {
         eye: world.eye(),
-        heading_rad: world.pose().heading_rad,
+        world_from_camera: world.pose().rotation(),
         width: LOOK_SIDE_PX,
         height: LOOK_SIDE_PX,
         hfov_rad: 2.0 * Rules::HALF_VIEW_RAD,

@@ -1,10 +1,17 @@
 //! Angles in radians. Sines and cosines come from `libm`, so that every platform gets the same bits.
 
+use nalgebra::{Quaternion, UnitQuaternion};
 use std::f32::consts::{PI, TAU};
 
 /// Sine and cosine of `angle_rad`, equal bits on every platform.
 pub fn sin_cos(angle_rad: f32) -> (f32, f32) {
     (libm::sinf(angle_rad), libm::cosf(angle_rad))
+}
+
+/// The rotation by `heading_rad` about +Y, equal bits on every platform.
+pub fn about_up(heading_rad: f32) -> UnitQuaternion<f32> {
+    let (sin, cos) = sin_cos(heading_rad * 0.5);
+    UnitQuaternion::new_unchecked(Quaternion::new(cos, 0.0, sin, 0.0))
 }
 
 /// Angle of the vector (`x`, `y`) from the +x axis, in (-pi, pi], equal bits on every platform.

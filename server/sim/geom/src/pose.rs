@@ -31,8 +31,7 @@ impl Pose {
 
     /// The rotation as a quaternion.
     pub fn rotation(&self) -> UnitQuaternion<f32> {
-        let (sin, cos) = angle::sin_cos(self.heading_rad * 0.5);
-        UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(cos, 0.0, sin, 0.0))
+        angle::about_up(self.heading_rad)
     }
 
     /// The transform that takes points of the agent's frame into the world.

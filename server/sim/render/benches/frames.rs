@@ -2,7 +2,7 @@
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
-use avln_geom::{Point3, RayMesh, Rng};
+use avln_geom::{Point3, RayMesh, Rng, angle};
 use avln_render::{Camera, Renderer};
 use avln_scene::Scene;
 use avln_scene::procedural::{HouseOptions, house};
@@ -50,7 +50,7 @@ fn cameras(scene: &Scene) -> Vec<Camera> {
         let middle = scene.regions[index % scene.regions.len()].bounds.center();
         Camera {
             eye: Point3::new(middle.x, 1.0, middle.z),
-            heading_rad: rng.range(-PI, PI),
+            world_from_camera: angle::about_up(rng.range(-PI, PI)),
             width: 0,
             height: 0,
             hfov_rad: FRAC_PI_2,

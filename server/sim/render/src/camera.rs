@@ -1,13 +1,14 @@
-use avln_geom::{Point3, Pose, Vector3, angle};
+use avln_geom::{Point3, UnitQuaternion, Vector3, angle};
 use avln_scene::{InstanceId, Scene};
 
-/// A pinhole that looks horizontally; pixels are square and looked at through their centres.
+/// A pinhole; pixels are square and looked at through their centres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// The pinhole, world frame.
     pub eye: Point3<f32>,
-    /// Where it looks, radians about +Y; 0 is -Z, positive is to the left.
-    pub heading_rad: f32,
+    /// The camera's frame in the world: it looks along its -Z, +Y is up in the picture, +X to the right.
+    /// [`angle::about_up`] gives that of a level camera.
+    pub world_from_camera: UnitQuaternion<f32>,
     /// Pixels in a row.
     pub width: u32,
     /// Rows.
@@ -40,6 +41,7 @@ pub struct Frame {
 pub(crate) struct Lens {
     eye: Point3<f32>,
     right: Vector3<f32>,
+    down: Vector3<f32>,
     forward: Vector3<f32>,
     focal_px: f32,
     /// Half of the picture, pixels.
@@ -54,12 +56,15 @@ impl Camera {
             (0.5 * self.hfov_rad).clamp(NARROWEST_RAD, 0.5 * std::f32::consts::PI - NARROWEST_RAD);
         let (sin, cos) = angle::sin_cos(half_angle);
         let half = [0.5 * self.width as f32, 0.5 * self.height as f32];
-        let pose = Pose { position: self.eye, heading_rad: self.heading_rad };
+        let focal_px = half[0] * cos / sin;
+        let axes = self.world_from_camera.to_rotation_matrix();
+        let axis = |column: usize| Vector3::from(axes.matrix().column(column));
         Lens {
             eye: self.eye,
-            right: pose.right(),
-            forward: pose.forward(),
-            focal_px: half[0] * cos / sin,
+            right: axis(0) * focal_px,
+            down: -axis(1) * focal_px,
+            forward: -axis(2),
+            focal_px,
             half,
         }
     }
@@ -70,9 +75,7 @@ impl Lens {
     #[inline]
     pub(crate) fn camera_from_world(&self, point: &Point3<f32>) -> Vector3<f32> {
         let offset = point - self.eye;
-        let x = self.right.x * offset.x + self.right.z * offset.z;
-        let z = self.forward.x * offset.x + self.forward.z * offset.z;
-        Vector3::new(x * self.focal_px, -offset.y * self.focal_px, z)
+        Vector3::new(self.right.dot(&offset), self.down.dot(&offset), self.forward.dot(&offset))
     }
 
     /// The corners of a triangle in the camera frame.

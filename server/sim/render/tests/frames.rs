@@ -1,6 +1,6 @@
 //! Frames of small hand-made scenes, whose every number can be worked out on paper.
 
-use avln_geom::{Point2, Point3, RayMesh, Rng, Vector3};
+use avln_geom::{Point2, Point3, RayMesh, Rng, Vector3, angle};
 use avln_render::{Camera, Frame, Renderer, SKY_RGB};
 use avln_scene::{InstanceId, Material, Mesh, Scene, Texture};
 use std::f32::consts::{FRAC_PI_2, PI};
@@ -51,7 +51,7 @@ fn floor(scene: &mut Scene, half: f32, y: f32, material: u16, instance: u32) {
 fn camera(width: u32, height: u32) -> Camera {
     Camera {
         eye: Point3::new(0.0, 1.0, 0.0),
-        heading_rad: 0.0,
+        world_from_camera: angle::about_up(0.0),
         width,
         height,
         hfov_rad: FRAC_PI_2,
@@ -151,7 +151,10 @@ fn a_left_turn_shows_what_stands_on_the_left() {
     let paint = material(&mut scene, WHITE, None, None);
     quad(&mut scene, [(-2.0, 2.0, 1.0), (-2.0, 0.0, 1.0), (-2.0, 0.0, -1.0), (-2.0, 2.0, -1.0)], paint, 5);
     for (heading_rad, seen) in [(0.0, false), (FRAC_PI_2, true), (-FRAC_PI_2, false), (PI, false)] {
-        let frame = shoot(scene.clone(), &Camera { heading_rad, ..camera(32, 32) });
+        let frame = shoot(
+            scene.clone(),
+            &Camera { world_from_camera: angle::about_up(heading_rad), ..camera(32, 32) },
+        );
         assert_eq!(frame.instances[16 * 32 + 16] == InstanceId(5), seen, "heading {heading_rad}");
     }
 }
@@ -264,7 +267,8 @@ fn frames_agree_with_single_rays() {
     for heading_rad in [0.0, 0.7, 2.0, -1.3] {
         let scene = clutter(&mut rng, 400);
         let rays = RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles);
-        let camera = Camera { heading_rad, depth_max_m: 100.0, ..camera(61, 43) };
+        let camera =
+            Camera { world_from_camera: angle::about_up(heading_rad), depth_max_m: 100.0, ..camera(61, 43) };
         let frame = shoot(scene, &camera);
         let (forward, right) = (
             Vector3::new(-heading_rad.sin(), 0.0, -heading_rad.cos()),
@@ -301,7 +305,10 @@ fn no_ray_slips_between_the_triangles_of_a_closed_surface() {
         quad(&mut scene, corners.map(|(ring, sector)| point(ring, sector)), paint, 1);
     }
     for step in 0..12 {
-        let frame = shoot(scene.clone(), &Camera { heading_rad: 0.53 * step as f32, ..camera(128, 128) });
+        let frame = shoot(
+            scene.clone(),
+            &Camera { world_from_camera: angle::about_up(0.53 * step as f32), ..camera(128, 128) },
+        );
         assert!(frame.depth.iter().all(|&depth| depth > 0.0), "a hole at step {step}");
     }
 }

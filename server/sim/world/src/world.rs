@@ -198,7 +198,7 @@ impl World {
     fn camera(&self, view: &View) -> Camera {
         Camera {
             eye: self.eye(),
-            heading_rad: self.pose().heading_rad,
+            world_from_camera: self.pose().rotation(),
             width: view.width,
             height: view.height,
             hfov_rad: view.hfov_rad,

@@ -1,5 +1,6 @@
 //! A body in procedural houses.
 
+use avln_geom::angle;
 use avln_scene::procedural::{HouseOptions, house};
 use avln_world::{Body, Camera, InstanceId, Point3, Rng, SceneAssets};
 use std::collections::BTreeMap;
@@ -9,9 +10,9 @@ use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
 fn pixels_around(assets: &SceneAssets, eye: Point3<f32>) -> BTreeMap<InstanceId, usize> {
     let mut pixels = BTreeMap::new();
     for quarter in 0..4 {
-        let heading_rad = quarter as f32 * FRAC_PI_2;
+        let world_from_camera = angle::about_up(quarter as f32 * FRAC_PI_2);
         let camera =
-            Camera { eye, heading_rad, width: 64, height: 64, hfov_rad: FRAC_PI_2, depth_max_m: 10.0 };
+            Camera { eye, world_from_camera, width: 64, height: 64, hfov_rad: FRAC_PI_2, depth_max_m: 10.0 };
         for instance in assets.render(&camera).instances {
             *pixels.entry(instance).or_insert(0) += 1;
         }
