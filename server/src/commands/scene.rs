@@ -4,7 +4,8 @@ use super::scene_export::{Semantics, export};
 use super::scene_import;
 use crate::say::say;
 use crate::{Failure, FailureKind};
-use avln_scene::{Scene, open, procedural};
+use avln_scene::procedural::{self, Pool};
+use avln_scene::{Scene, open};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 
@@ -49,6 +50,34 @@ pub struct Choice {
     seed: Option<u64>,
 }
 
+/// A scene, and the furniture of one that is grown.
+#[derive(Debug, Args)]
+pub struct Furnished {
+    /// The scene
+    #[command(flatten)]
+    choice: Choice,
+    /// Which furniture a house from a seed shows: train, validation or test
+    #[arg(long, default_value = "train", value_parser = pool)]
+    pool: Pool,
+}
+
+impl Furnished {
+    /// Reads or grows the scene.
+    pub(super) fn load(&self) -> Result<Scene, Failure> {
+        load_from(&self.choice, self.pool)
+    }
+
+    /// The house of `seed`.
+    #[cfg(test)]
+    pub(super) fn grown(seed: u64) -> Self {
+        Self { choice: Choice { scene: None, seed: Some(seed) }, pool: Pool::default() }
+    }
+}
+
+fn pool(name: &str) -> Result<Pool, String> {
+    Pool::from_name(name).ok_or_else(|| format!("no pool is called `{name}`; use train, validation or test"))
+}
+
 /// Carries out a command about scenes.
 ///
 /// # Errors
@@ -67,11 +96,11 @@ pub fn run(command: Command) -> Result<(), Failure> {
 }
 
 fn load(choice: &Choice) -> Result<Scene, Failure> {
-    load_from(choice, procedural::Pool::default())
+    load_from(choice, Pool::default())
 }
 
 /// The scene of `choice`; a house from a seed shows the furniture of `pool`.
-pub(super) fn load_from(choice: &Choice, pool: procedural::Pool) -> Result<Scene, Failure> {
+fn load_from(choice: &Choice, pool: Pool) -> Result<Scene, Failure> {
     match (&choice.scene, choice.seed) {
         (Some(path), _) => open::open(path).map_err(|error| Failure::new(FailureKind::Scene, error)),
         (None, seed) => {

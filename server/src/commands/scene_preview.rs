@@ -1,10 +1,9 @@
 //! Draws what a scene looks like, for people.
 
-use super::scene::{Choice, load_from};
+use super::scene::Furnished;
 use crate::preview::{Picture, Viewer, indoors, storeys};
 use crate::say::say;
 use crate::{Failure, FailureKind};
-use avln_scene::procedural::Pool;
 use clap::Args;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
@@ -14,10 +13,7 @@ use std::path::{Path, PathBuf};
 pub struct Options {
     /// The scene to draw
     #[command(flatten)]
-    scene: Choice,
-    /// Which furniture a house from a seed shows: train, validation or test
-    #[arg(long, default_value = "train", value_parser = pool)]
-    pool: Pool,
+    scene: Furnished,
     /// The folder for the pictures; made if it does not exist
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
@@ -31,7 +27,7 @@ pub struct Options {
 /// # Errors
 /// When the scene cannot be read or the folder cannot be written.
 pub fn run(options: &Options) -> Result<(), Failure> {
-    let scene = load_from(&options.scene, options.pool)?;
+    let scene = options.scene.load()?;
     std::fs::create_dir_all(&options.out).map_err(|error| unwritten(&options.out, error))?;
     let mut pictures = storeys(&scene);
     let name = scene.name.clone();
@@ -42,10 +38,6 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     let names: Vec<&str> = pictures.iter().map(|picture| picture.name.as_str()).collect();
     say!("{name}: {} pictures in {}: {}", pictures.len(), options.out.display(), names.join(" "));
     Ok(())
-}
-
-fn pool(name: &str) -> Result<Pool, String> {
-    Pool::from_name(name).ok_or_else(|| format!("no pool is called `{name}`; use train, validation or test"))
 }
 
 fn write(picture: &Picture, path: &Path) -> Result<(), Failure> {

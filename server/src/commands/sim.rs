@@ -1,6 +1,9 @@
-//! Answers about walking in a scene, by Habitat's rules: how far it is, and where actions lead.
+//! Asks the simulator of a scene: how far it is to walk and where actions lead, by Habitat's rules, and what a camera sees.
 
+mod bench;
 mod ground;
+mod render;
+mod shot;
 mod walk;
 
 use crate::say::say;
@@ -13,8 +16,8 @@ use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 use walk::{Motion, Start};
 
-/// Commands about walking in a scene. Positions are in metres in Habitat's frame: Y up, heading 0 looks along -Z, left
-/// turns are positive.
+/// Commands about walking and seeing in a scene. Positions are in metres in Habitat's frame: Y up, heading 0 looks along
+/// -Z, left turns are positive.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Print how far it is to walk between pairs of points
@@ -50,18 +53,24 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Take pictures: colours, depth and the numbers of instances
+    Render(Box<render::Options>),
+    /// Measure how many pictures a second one core takes
+    Bench(bench::Options),
 }
 
-/// Carries out a command about walking.
+/// Carries out a command about walking or seeing.
 ///
 /// # Errors
-/// When the scene, the navmesh or the file of points or actions cannot be used.
+/// When the scene, the navmesh or the file of points, actions or poses cannot be used, or a picture cannot be written.
 pub fn run(command: Command) -> Result<(), Failure> {
     match command {
         Command::Geodesic { ground, pairs, exact, json } => geodesic(&ground, &pairs, exact, json),
         Command::Walk { ground, start, actions, motion, json } => {
             walk::run(&ground, &start, &actions, &motion, json)
         }
+        Command::Render(options) => render::run(&options),
+        Command::Bench(options) => bench::run(&options),
     }
 }
 

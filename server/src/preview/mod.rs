@@ -25,7 +25,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    fn of(name: String, frame: Frame) -> Self {
+    pub(crate) fn of(name: String, frame: Frame) -> Self {
         Self { name, width: frame.width, height: frame.height, rgb: frame.rgb }
     }
 
@@ -37,6 +37,7 @@ impl Picture {
         let mut encoder = png::Encoder::new(out, self.width, self.height);
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::Fast);
         encoder.write_header()?.write_image_data(&self.rgb)
     }
 }

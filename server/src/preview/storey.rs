@@ -1,7 +1,8 @@
 use super::Picture;
-use avln_geom::{Aabb, Point2, Point3, RayMesh, UnitQuaternion};
+use avln_geom::{Aabb, Point2, Point3, RayMesh, angle};
 use avln_render::{Camera, Frame, Renderer};
 use avln_scene::{Mesh, Scene};
+use std::f32::consts::FRAC_PI_2;
 use std::sync::Arc;
 
 /// Walls and furniture are cut off at this height above the floor, metres.
@@ -48,25 +49,25 @@ fn floors(scene: &Scene) -> Vec<Aabb> {
 
 /// What a camera high above `bounds` sees of what lies less than [`CUT_M`] above its floor.
 fn from_above(scene: &Scene, bounds: &Aabb) -> Option<Frame> {
-    let tipped = Arc::new(tipped(scene, bounds.min.y));
-    if tipped.mesh.triangles.is_empty() {
+    let cut = Arc::new(cut(scene, bounds.min.y));
+    if cut.mesh.triangles.is_empty() {
         return None;
     }
-    let rays = Arc::new(RayMesh::new(&tipped.mesh.positions, &tipped.mesh.triangles));
+    let rays = Arc::new(RayMesh::new(&cut.mesh.positions, &cut.mesh.triangles));
     let margin = bounds.grown(0.3);
     let size = margin.size();
     let scale = PIXELS_PER_M.min(LONGEST_PX / size.x.max(size.z));
     let (half_tangent, middle) = (HALF_VIEW_RAD, margin.center());
     let height_m = size.x / 2.0 / half_tangent;
     let camera = Camera {
-        eye: Point3::new(middle.x, -middle.z, bounds.min.y + height_m),
-        world_from_camera: UnitQuaternion::identity(),
+        eye: Point3::new(middle.x, bounds.min.y + height_m, middle.z),
+        world_from_camera: angle::about_right(-FRAC_PI_2),
         width: (size.x * scale).ceil().max(1.0) as u32,
         height: (size.z * scale).ceil().max(1.0) as u32,
         hfov_rad: 2.0 * half_tangent,
         depth_max_m: 2.0 * height_m,
     };
-    let mut frame = Renderer::new(Arc::clone(&tipped), rays).render(&camera);
+    let mut frame = Renderer::new(cut, rays).render(&camera);
     for (pixel, depth) in frame.rgb.as_chunks_mut::<3>().0.iter_mut().zip(&frame.depth) {
         if *depth == 0.0 {
             *pixel = PAPER_RGB;
@@ -75,18 +76,14 @@ fn from_above(scene: &Scene, bounds: &Aabb) -> Option<Frame> {
     Some(frame)
 }
 
-/// The scene tipped forwards, so that a camera that looks ahead looks down: x stays, -z is up, y comes nearer.
-/// Only what lies between the floor and the cut is kept.
-fn tipped(scene: &Scene, floor_m: f32) -> Scene {
+/// What lies between the floor at `floor_m` and the cut above it.
+fn cut(scene: &Scene, floor_m: f32) -> Scene {
     let mut mesh = Mesh::default();
     for index in 0..scene.mesh.triangles.len() {
         let low = scene.corners(index).iter().map(|corner| corner.y).fold(f32::INFINITY, f32::min);
         if low >= floor_m - BELOW_M && low < floor_m + CUT_M {
             add_cut(&mut mesh, &scene.mesh, index, floor_m + CUT_M);
         }
-    }
-    for point in &mut mesh.positions {
-        *point = Point3::new(point.x, -point.z, point.y);
     }
     Scene { mesh, regions: vec![], objects: vec![], ..scene.clone() }
 }
@@ -161,8 +158,8 @@ mod tests {
             let inside = picture.rgb.as_chunks::<3>().0.iter().filter(|pixel| **pixel != PAPER_RGB).count();
             assert!(inside * 3 > picture.rgb.len() / 3, "{}: {inside} pixels", picture.name);
         }
-        let cut = tipped(&scene, 0.0);
-        assert!(cut.mesh.positions.iter().all(|point| point.z <= CUT_M + 1e-4));
+        let cut = cut(&scene, 0.0);
+        assert!(cut.mesh.positions.iter().all(|point| point.y <= CUT_M + 1e-4));
     }
 
     #[test]

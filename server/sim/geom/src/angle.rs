@@ -14,6 +14,25 @@ pub fn about_up(heading_rad: f32) -> UnitQuaternion<f32> {
     UnitQuaternion::new_unchecked(Quaternion::new(cos, 0.0, sin, 0.0))
 }
 
+/// The rotation by `pitch_rad` about +X, equal bits on every platform: what looks along -Z looks up where it is positive.
+pub fn about_right(pitch_rad: f32) -> UnitQuaternion<f32> {
+    let (sin, cos) = sin_cos(pitch_rad * 0.5);
+    UnitQuaternion::new_unchecked(Quaternion::new(cos, sin, 0.0, 0.0))
+}
+
+/// The rotation of the quaternion x, y, z, w of any length; `None` where it is 0 or not finite.
+pub fn rotation(quaternion: [f64; 4]) -> Option<UnitQuaternion<f32>> {
+    let largest = quaternion.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+    if largest == 0.0 || !quaternion.iter().all(|value| value.is_finite()) {
+        return None;
+    }
+    // Divided by the largest, the squares can neither overflow nor vanish.
+    let scaled = quaternion.map(|value| value / largest);
+    let length = scaled.iter().map(|value| value * value).sum::<f64>().sqrt();
+    let [x, y, z, w] = scaled.map(|value| (value / length) as f32);
+    Some(UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)))
+}
+
 /// Angle of the vector (`x`, `y`) from the +x axis, in (-pi, pi], equal bits on every platform.
 pub fn atan2(y: f32, x: f32) -> f32 {
     libm::atan2f(y, x)
@@ -34,5 +53,24 @@ mod tests {
         for (angle, wrapped) in [(0.0, 0.0), (PI, PI), (-PI, PI), (3.0 * PI, PI), (TAU, 0.0), (-0.5, -0.5)] {
             assert!((wrap(angle) - wrapped).abs() < 1e-5, "wrap({angle}) = {}", wrap(angle));
         }
+    }
+
+    #[test]
+    fn quaternions_of_any_length_are_the_same_rotation() {
+        let wanted = about_up(1.0) * about_right(0.5);
+        let [x, y, z, w] = <[f32; 4]>::from(wanted.coords).map(f64::from);
+        for scale in [-1.0, 1e-300, 1e-20, 3.0, 1e300] {
+            let scaled = rotation([x, y, z, w].map(|value| value * scale)).expect("a rotation");
+            assert!(scaled.angle_to(&wanted) < 1e-3 && (scaled.norm() - 1.0).abs() < 1e-6, "{scale}");
+        }
+        for none in [[0.0; 4], [f64::NAN, 0.0, 0.0, 1.0], [0.0, f64::INFINITY, 0.0, 1.0]] {
+            assert_eq!(rotation(none), None);
+        }
+    }
+
+    #[test]
+    fn a_pitch_looks_up() {
+        let ahead = about_right(0.5) * -nalgebra::Vector3::z();
+        assert!((ahead.y - 0.5_f32.sin()).abs() < 1e-6 && (ahead.z + 0.5_f32.cos()).abs() < 1e-6, "{ahead}");
     }
 }

@@ -1,0 +1,103 @@
+//! NumPy's `.npy` files, format version 1.0: a picture's numbers row by row, little-endian.
+
+use std::io::{self, Write};
+
+/// A kind of number that an array can hold.
+pub(crate) trait Element: Copy {
+    /// NumPy's word for it.
+    const KIND: &str;
+    /// Its four bytes, the lowest first.
+    fn bytes(self) -> [u8; 4];
+}
+
+impl Element for f32 {
+    const KIND: &str = "<f4";
+    fn bytes(self) -> [u8; 4] {
+        self.to_le_bytes()
+    }
+}
+
+impl Element for u32 {
+    const KIND: &str = "<u4";
+    fn bytes(self) -> [u8; 4] {
+        self.to_le_bytes()
+    }
+}
+
+/// What stands before the header: the magic word, the version, and the header's length in two bytes.
+const PREAMBLE_BYTES: usize = 10;
+/// The numbers begin at a multiple of this.
+const ALIGNMENT_BYTES: usize = 64;
+
+/// Writes `rows × columns` numbers, row-major.
+///
+/// # Errors
+/// When `out` cannot be written.
+pub(crate) fn write<T: Element>(
+    mut out: impl Write,
+    [rows, columns]: [u32; 2],
+    values: impl Iterator<Item = T>,
+) -> io::Result<()> {
+    let kind = T::KIND;
+    let mut header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({rows}, {columns}), }}");
+    let whole = (PREAMBLE_BYTES + header.len() + 1).next_multiple_of(ALIGNMENT_BYTES);
+    let length = whole - PREAMBLE_BYTES;
+    header.extend(std::iter::repeat_n(' ', length - 1 - header.len()));
+    header.push('\n');
+    out.write_all(b"\x93NUMPY\x01\x00")?;
+    out.write_all(&(length as u16).to_le_bytes())?;
+    out.write_all(header.as_bytes())?;
+    let bytes: Vec<u8> = values.flat_map(T::bytes).collect();
+    out.write_all(&bytes)
+}
+
+#[cfg(test)]
+pub(crate) mod reading {
+    /// What a `.npy` file of two dimensions says: kind, rows and columns, and the numbers' bytes.
+    pub(crate) fn read(file: &[u8]) -> (String, [usize; 2], Vec<[u8; 4]>) {
+        assert_eq!(&file[..8], b"\x93NUMPY\x01\x00");
+        let length = usize::from(u16::from_le_bytes([file[8], file[9]]));
+        assert_eq!((10 + length) % 64, 0, "the numbers are aligned");
+        let header = std::str::from_utf8(&file[10..10 + length]).expect("a text");
+        assert!(header.ends_with('\n') && header.contains("'fortran_order': False"), "{header}");
+        let after = |word: &str| header.split_once(word).expect("a key").1;
+        let kind = after("'descr': '").split('\'').next().expect("a kind").to_owned();
+        let shape = after("'shape': (").split(')').next().expect("a shape");
+        let sides: Vec<usize> = shape.split(", ").map(|side| side.parse().expect("a number")).collect();
+        let (numbers, rest) = file[10 + length..].as_chunks::<4>();
+        assert_eq!((numbers.len(), rest.len()), (sides[0] * sides[1], 0));
+        (kind, [sides[0], sides[1]], numbers.to_vec())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written<T: Element>(shape: [u32; 2], values: &[T]) -> Vec<u8> {
+        let mut file = Vec::new();
+        write(&mut file, shape, values.iter().copied()).expect("memory can be written");
+        file
+    }
+
+    #[test]
+    fn numbers_are_read_back_as_they_were() {
+        let depth = [0.0, 1.5, f32::MIN_POSITIVE, 3.25e7, -0.1, 7.0];
+        let (kind, shape, numbers) = reading::read(&written([2, 3], &depth));
+        assert_eq!((kind.as_str(), shape), ("<f4", [2, 3]));
+        assert_eq!(numbers.into_iter().map(f32::from_le_bytes).collect::<Vec<_>>(), depth);
+        let (kind, shape, numbers) = reading::read(&written([1, 2], &[7_u32, u32::MAX]));
+        assert_eq!((kind.as_str(), shape), ("<u4", [1, 2]));
+        assert_eq!(numbers.into_iter().map(u32::from_le_bytes).collect::<Vec<_>>(), [7, u32::MAX]);
+    }
+
+    #[test]
+    fn headers_of_any_length_are_padded() {
+        for shape in [[1, 1], [4096, 4096], [1, 1_000_000]] {
+            let (_, read, _) = reading::read(&written(shape, &vec![0_u32; (shape[0] * shape[1]) as usize]));
+            assert_eq!(read.map(|side| side as u32), shape);
+        }
+        let small = written([1, 1], &[258_u32]);
+        assert_eq!((small.len(), &small[128..]), (132, &[2, 1, 0, 0][..]));
+    }
+}
