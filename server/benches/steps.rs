@@ -263,6 +263,7 @@ async fn furnish(folder: &Path) -> String {
         title: None,
         scores: phase::Who::Public,
         replays: phase::Who::Public,
+        rules: None,
         feedback: None,
         quota: None,
         max_slots: 1,

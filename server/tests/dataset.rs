@@ -1,6 +1,7 @@
 //! Building, checking and playing a data set on disk.
 
 use avln_dataset::Recipe;
+use avln_episode::Rules;
 use avln_server::{
     FailureKind,
     arena::data::DataFolder,
@@ -154,6 +155,7 @@ async fn a_phase_opens_on_a_split_of_a_data_set_and_reads_missions_one_scene_at_
         title: None,
         scores: phase::Who::Public,
         replays: phase::Who::Public,
+        rules: None,
         feedback: None,
         quota: None,
         max_slots: 4,
@@ -161,6 +163,17 @@ async fn a_phase_opens_on_a_split_of_a_data_set_and_reads_missions_one_scene_at_
     };
     let phase = phase::open(&data, &store, &options).await.expect("opens");
     assert_eq!((phase.split.as_str(), phase.episodes.len()), ("tiny-val", 6));
+    let by = |rules: &str| phase::Open {
+        id: "noisy".to_owned(),
+        rules: Some(rules.to_owned()),
+        ..options.clone()
+    };
+    let noisy = phase::open(&data, &store, &by("lh-avln-noisy-v1")).await.expect("differs in noise alone");
+    assert_eq!((&noisy.rules, &noisy.episodes), (&Rules::noisy(), &phase.episodes));
+    for (rules, named) in [("lh-avln-authors-v1", "lh-avln-v1"), ("habitat", "lh-avln-noisy-v1")] {
+        let refused = phase::open(&data, &store, &by(rules)).await.expect_err("other rules").to_string();
+        assert!(refused.contains(rules) && refused.contains(named), "{refused}");
+    }
     let missions = data.missions("tiny-val").expect("known by its name");
     let id = &phase.episodes[4].episode;
     let episode = missions.episode(id).expect("readable").expect("there");

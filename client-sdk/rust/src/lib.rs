@@ -58,5 +58,6 @@ pub use service::{
 };
 pub use summary::{EpisodeEnd, Metric, Notice, Progress, RunSummary};
 pub use task::{
-    DistanceRule, FeedbackRule, PoseFrame, Sensors, SoundClip, SoundingRule, TaskSpec, WrongSubmit,
+    DepthNoise, DistanceRule, FeedbackRule, PoseFrame, RgbNoise, Sensors, SoundClip, SoundingRule, TaskSpec,
+    WrongSubmit,
 };

@@ -129,6 +129,26 @@ rule! {
     }
 }
 
+rule! {
+    /// Noise of the depth that is sent; a server that does not know of noise is [`Other`](DepthNoise::Other) and has none.
+    DepthNoise {
+        /// None.
+        None,
+        /// A structured-light camera (Choi, Zhou and Koltun 2015): edges jitter by 0.25 pixels and lie on every other
+        /// pixel; disparity, 35.13 pixels at 1 m, has a deviation of 1/36 pixel and comes in steps of 1/8.
+        Redwood,
+    }
+}
+rule! {
+    /// Noise of the colours that are sent; a server that does not know of noise is [`Other`](RgbNoise::Other) and has none.
+    RgbNoise {
+        /// None.
+        None,
+        /// A normal deviate of 51 grey levels in every channel, cut off at 0 and 255.
+        Gaussian,
+    }
+}
+
 /// The facts of the rules, the same for every episode of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TaskSpec {
@@ -184,6 +204,10 @@ pub struct TaskSpec {
     pub sound_clip: SoundClip,
     /// Height of a source above the centre of its target, metres.
     pub source_lift_m: f32,
+    /// Noise of depth. The server judges without noise, and pictures of goals have none.
+    pub depth_noise: DepthNoise,
+    /// Noise of colours.
+    pub rgb_noise: RgbNoise,
 }
 
 impl Default for TaskSpec {
@@ -216,6 +240,8 @@ impl Default for TaskSpec {
             sounding_window_steps: 25,
             sound_clip: SoundClip::Anonymous,
             source_lift_m: 0.0,
+            depth_noise: DepthNoise::None,
+            rgb_noise: RgbNoise::None,
         }
     }
 }
@@ -250,6 +276,8 @@ impl TaskSpec {
             sounding_window_steps: task.sounding_window_steps,
             sound_clip: SoundClip::from_wire(task.sound_clip),
             source_lift_m: task.source_lift_m,
+            depth_noise: DepthNoise::from_wire(task.depth_noise),
+            rgb_noise: RgbNoise::from_wire(task.rgb_noise),
         })
     }
 }
@@ -298,5 +326,7 @@ mod tests {
         assert_eq!(PoseFrame::from_wire(v1::PoseFrame::World as i32), PoseFrame::World);
         assert_eq!(FeedbackRule::from_wire(v1::FeedbackRule::None as i32), FeedbackRule::None);
         assert_eq!(SoundClip::from_wire(9), SoundClip::Other);
+        assert_eq!(DepthNoise::from_wire(v1::DepthNoise::Redwood as i32), DepthNoise::Redwood);
+        assert_eq!(RgbNoise::from_wire(0), RgbNoise::Other);
     }
 }

@@ -104,6 +104,7 @@ async fn prepare(data: &DataFolder, store: &Store, options: &Options) -> Result<
         title: Some(if real { "Practice in a real house".to_owned() } else { "Practice".to_owned() }),
         scores: phase::Who::Public,
         replays: phase::Who::Public,
+        rules: None,
         feedback: None,
         quota: None,
         max_slots: 16,

@@ -5,7 +5,7 @@ use crate::{
     Failure, FailureKind,
     arena::{data::DataFolder, now_unix_ms, register},
 };
-use avln_episode::{FeedbackRule, Order, Sensors};
+use avln_episode::{FeedbackRule, Order, Rules, Sensors};
 use avln_store::{Phase, PhaseState, Store, Visibility};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::{Path, PathBuf};
@@ -42,6 +42,10 @@ pub struct Open {
     /// Who may see paths, maps and targets
     #[arg(long, value_enum, default_value_t = Who::Public)]
     pub replays: Who,
+    /// The rule set that is played; the split's by default. Another must differ from it in noise alone: a split made for
+    /// lh-avln-v1 can be played by lh-avln-noisy-v1
+    #[arg(long)]
+    pub rules: Option<String>,
     /// What an agent learns from a Submit; the rule set says it by default
     #[arg(long, value_enum)]
     pub feedback: Option<Told>,
@@ -114,7 +118,7 @@ pub async fn open(data: &DataFolder, store: &Store, options: &Open) -> Result<Ph
     if options.dataset.is_some() {
         register::register_split(store, &name, &split, &[]).await?;
     }
-    let mut rules = register::rules_of(&name, &split)?;
+    let mut rules = played(register::rules_of(&name, &split)?, options.rules.as_deref())?;
     if let Some(told) = options.feedback {
         rules.feedback = told.into();
     }
@@ -137,6 +141,21 @@ pub async fn open(data: &DataFolder, store: &Store, options: &Open) -> Result<Ph
     }
     store.upsert_phase(&phase, now_unix_ms()).await?;
     Ok(phase)
+}
+
+/// The rules called `name` instead of those of the split, where its episodes can be played by them.
+fn played(of_split: Rules, name: Option<&str>) -> Result<Rules, Failure> {
+    let Some(name) = name else { return Ok(of_split) };
+    let rules = Rules::named(name).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    if rules.fits_episodes_of(&of_split) {
+        return Ok(rules);
+    }
+    let message = format!(
+        "rule sets '{name}' and '{}', which the split was made for, differ in more than noise",
+        of_split.name
+    );
+    Err(Failure::new(FailureKind::Scene, message)
+        .hinted("make a split with: avln split make NAME --rules RULES"))
 }
 
 impl From<Who> for Visibility {

@@ -46,6 +46,12 @@ pub struct Rules {
     pub wrong_submit: WrongSubmit,
     /// What the agent learns from a Submit.
     pub feedback: FeedbackRule,
+    /// Noise of the depth that the agent sees; the referee judges without.
+    #[serde(default)]
+    pub depth_noise: DepthNoise,
+    /// Noise of the colours that the agent sees.
+    #[serde(default)]
+    pub rgb_noise: RgbNoise,
 }
 
 /// Frame of the pose that the agent is told.
@@ -110,9 +116,31 @@ pub enum FeedbackRule {
     Verdict,
 }
 
+/// Noise of the depth that the agent sees; `avln_render::DepthNoise` says what each model does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DepthNoise {
+    /// None.
+    #[default]
+    None,
+    /// A structured-light camera: edges jitter, disparity is rounded and noisy.
+    Redwood,
+}
+
+/// Noise of the colours that the agent sees; `avln_render::RgbNoise` says what each model does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RgbNoise {
+    /// None.
+    #[default]
+    None,
+    /// A normal deviate of 51 grey levels.
+    Gaussian,
+}
+
 /// A name that no rule set has.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("rule set '{0}' does not exist; use {paper} or {authors}", paper = Rules::PAPER, authors = Rules::AUTHORS)]
+#[error("rule set '{0}' does not exist; use {names}", names = Rules::NAMES.join(", "))]
 pub struct UnknownRules(pub String);
 
 impl Rules {
@@ -120,6 +148,10 @@ impl Rules {
     pub const PAPER: &str = "lh-avln-v1";
     /// Name of the rule set of the authors' released code.
     pub const AUTHORS: &str = "lh-avln-authors-v1";
+    /// Name of the default rule set with noisy sensors.
+    pub const NOISY: &str = "lh-avln-noisy-v1";
+    /// Names of all rule sets.
+    pub const NAMES: [&str; 3] = [Self::PAPER, Self::AUTHORS, Self::NOISY];
     /// Elevation up and down that counts as in view, radians: a square picture of 90 degrees.
     pub const HALF_VIEW_RAD: f32 = std::f32::consts::FRAC_PI_4;
 
@@ -131,6 +163,7 @@ impl Rules {
         match name {
             Self::PAPER => Ok(Self::paper()),
             Self::AUTHORS => Ok(Self::authors()),
+            Self::NOISY => Ok(Self::noisy()),
             other => Err(UnknownRules(other.to_owned())),
         }
     }
@@ -159,6 +192,18 @@ impl Rules {
             success_distance: DistanceRule::CameraToBox,
             wrong_submit: WrongSubmit::KeepsGoal,
             feedback: FeedbackRule::None,
+            depth_noise: DepthNoise::None,
+            rgb_noise: RgbNoise::None,
+        }
+    }
+
+    /// [`Rules::paper`] seen through the sensors of a real robot.
+    pub fn noisy() -> Self {
+        Self {
+            name: Self::NOISY.to_owned(),
+            depth_noise: DepthNoise::Redwood,
+            rgb_noise: RgbNoise::Gaussian,
+            ..Self::paper()
         }
     }
 
@@ -182,6 +227,12 @@ impl Rules {
         }
     }
 
+    /// Whether an episode made for `other` can be played by these rules: they differ in name and noise at most.
+    pub fn fits_episodes_of(&self, other: &Self) -> bool {
+        let Self { name, depth_noise, rgb_noise, .. } = self.clone();
+        *self == Self { name, depth_noise, rgb_noise, ..other.clone() }
+    }
+
     /// Samples of each ear that one step of simulated time fills.
     pub fn samples_per_step(&self) -> u32 {
         (self.step_s * crate::Sensors::SAMPLE_RATE_HZ as f32).round() as u32
@@ -193,10 +244,36 @@ mod tests {
     use super::*;
 
     #[test]
-    fn both_rule_sets_have_names_and_an_unknown_one_is_refused() {
+    fn rule_sets_have_names_and_an_unknown_one_is_refused() {
+        for name in Rules::NAMES {
+            assert_eq!(Rules::named(name).map(|rules| rules.name), Ok(name.to_owned()));
+        }
         assert_eq!(Rules::named(Rules::PAPER), Ok(Rules::paper()));
-        assert_eq!(Rules::named(Rules::AUTHORS), Ok(Rules::authors()));
-        assert!(Rules::named("habitat").is_err());
+        let refused = Rules::named("habitat").expect_err("no such rules").to_string();
+        assert!(Rules::NAMES.iter().all(|name| refused.contains(name)), "{refused}");
+    }
+
+    #[test]
+    fn only_the_noisy_rules_have_noise_and_they_fit_the_episodes_of_the_paper() {
+        for rules in [Rules::paper(), Rules::authors()] {
+            assert_eq!((rules.depth_noise, rules.rgb_noise), (DepthNoise::None, RgbNoise::None));
+        }
+        let noisy = Rules::noisy();
+        assert_eq!((noisy.depth_noise, noisy.rgb_noise), (DepthNoise::Redwood, RgbNoise::Gaussian));
+        assert!(noisy.fits_episodes_of(&Rules::paper()) && Rules::paper().fits_episodes_of(&noisy));
+        assert!(!noisy.fits_episodes_of(&Rules::authors()));
+    }
+
+    #[test]
+    fn rules_that_were_stored_before_there_was_noise_have_none() {
+        let mut stored = serde_json::to_value(Rules::paper()).expect("JSON");
+        let fields = stored.as_object_mut().expect("an object");
+        assert_eq!(fields.remove("depth_noise"), Some("none".into()));
+        assert_eq!(fields.remove("rgb_noise"), Some("none".into()));
+        assert_eq!(serde_json::from_value::<Rules>(stored).expect("rules"), Rules::paper());
+        let noisy = serde_json::to_string(&Rules::noisy()).expect("JSON");
+        assert!(noisy.contains(r#""depth_noise":"redwood","rgb_noise":"gaussian""#), "{noisy}");
+        assert_eq!(serde_json::from_str::<Rules>(&noisy).expect("rules"), Rules::noisy());
     }
 
     #[test]

@@ -1,11 +1,12 @@
 use crate::{schedule::Schedule, success::SuccessTest};
 use avln_episode::{
-    Action, EndReason, Feedback, FeedbackRule, Mission, Observation, Order, Pose, PoseFrame, Rules, Sensors,
-    SensorsError, SoundClip, SoundingRule, WrongSubmit,
+    self as episode, Action, EndReason, Feedback, FeedbackRule, Mission, Observation, Order, Pose, PoseFrame,
+    Rules, Sensors, SensorsError, SoundClip, SoundingRule, WrongSubmit,
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
 use avln_world::{
-    Motion, Rng, SceneAssets, Senses, SoundSource, StartError, View, World, WorldOptions, clip_bank,
+    DepthNoise, Motion, Noise, RgbNoise, Rng, SceneAssets, Senses, SoundSource, StartError, View, World,
+    WorldOptions, clip_bank,
 };
 use std::sync::Arc;
 
@@ -105,7 +106,10 @@ impl Referee {
         let sources = sound_sources(&rules, &truth, &mut rng.fork("clips"));
         let success = SuccessTest::new(&assets, &truth.targets, &rules);
         let schedule = Schedule::new(&rules, goals, &mut rng.fork("schedule"));
-        let options = world_options(&rules, &sensors);
+        let options = WorldOptions {
+            noise: noise(&rules, rng.fork("noise").next_u64()),
+            ..world_options(&rules, &sensors)
+        };
         let world = World::new(assets, truth.start, options, sources)
             .map_err(|source| RefereeError::Start { episode: truth.episode.clone(), source })?;
         let mut referee = Self {
@@ -350,7 +354,20 @@ fn world_options(rules: &Rules, sensors: &Sensors) -> WorldOptions {
         samples_per_step: rules.samples_per_step() as usize,
         view: (sensors.rgb || sensors.depth).then_some(view),
         audio: sensors.audio,
+        noise: Noise::default(),
     }
+}
+
+fn noise(rules: &Rules, seed: u64) -> Noise {
+    let depth = match rules.depth_noise {
+        episode::DepthNoise::None => DepthNoise::None,
+        episode::DepthNoise::Redwood => DepthNoise::Redwood,
+    };
+    let rgb = match rules.rgb_noise {
+        episode::RgbNoise::None => RgbNoise::None,
+        episode::RgbNoise::Gaussian => RgbNoise::Gaussian,
+    };
+    Noise { depth, rgb, seed }
 }
 
 /// One source for each target. Clip and offset are drawn without a look at the targets, unless the rules say so.

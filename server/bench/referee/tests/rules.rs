@@ -1,8 +1,8 @@
 //! Every rule of the task on a hand-made floor: three boxes far apart, the body between them.
 
 use avln_episode::{
-    Action, EndReason, Feedback, FeedbackRule, GoalCue, Mission, Modality, Order, Point3, Pose, Rules,
-    Sensors,
+    Action, EndReason, Feedback, FeedbackRule, GoalCue, Mission, Modality, Observation, Order, Point3, Pose,
+    RgbNoise, Rules, Sensors,
 };
 use avln_referee::{Referee, RefereeError, StepOutcome};
 use avln_truth::{EpisodeTruth, Record, Target};
@@ -311,6 +311,30 @@ fn the_authors_rules_pad_the_sound_and_divide_the_depth() {
     assert_eq!(authors.audio.expect("audio").len(), 32_000);
     let (near, far) = (paper.depth.expect("depth"), authors.depth.expect("depth"));
     assert!(near.iter().zip(&far).all(|(metres, share)| (metres / 10.0 - share).abs() < 1e-6));
+}
+
+#[test]
+fn noisy_sensors_change_pixels_and_never_facts() {
+    let walk = [(MoveForward, 3), (TurnRight, 2), (TurnLeft, 2), (MoveForward, 9), (Submit, 1)];
+    let play = |rules: Rules| {
+        let mut referee = episode(Order::Unordered, rules, Sensors::all(64, 64));
+        let start = referee.start();
+        let last = go(&mut referee, &walk).observation;
+        ([start, last], Record { rules: String::new(), ..record(referee) })
+    };
+    let ((clean, clean_facts), (noisy, noisy_facts)) = (play(Rules::paper()), play(Rules::noisy()));
+    assert_eq!(clean_facts, noisy_facts);
+    assert_eq!(clean_facts.submits[0].completed, Some(0));
+    assert_eq!(play(Rules::noisy()).0, noisy, "the same episode again");
+    for (clean, noisy) in clean.iter().zip(&noisy) {
+        assert_ne!(clean.rgb, noisy.rgb);
+        assert_ne!(clean.depth, noisy.depth);
+        let without = |seen: &Observation| Observation { rgb: None, depth: None, ..seen.clone() };
+        assert_eq!(without(clean), without(noisy));
+    }
+    let one = Rules { rgb_noise: RgbNoise::None, ..Rules::noisy() };
+    let (half, _) = play(one);
+    assert_eq!((&half[1].rgb, &half[1].depth), (&clean[1].rgb, &noisy[1].depth));
 }
 
 #[test]

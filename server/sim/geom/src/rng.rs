@@ -23,6 +23,12 @@ impl Rng {
         Self::new(self.state[0].rotate_left(17) ^ self.state[2] ^ hash)
     }
 
+    /// The 64 random bits at place `index` of the stream of `key` (SplitMix64): what is drawn at one place does not depend
+    /// on what is drawn elsewhere.
+    pub fn word(key: u64, index: u64) -> u64 {
+        split_mix(&mut key.wrapping_add(index.wrapping_mul(GAMMA)))
+    }
+
     /// 64 random bits.
     pub fn next_u64(&mut self) -> u64 {
         let s = &mut self.state;
@@ -74,8 +80,11 @@ impl Rng {
     }
 }
 
+/// What SplitMix64's counter grows by.
+const GAMMA: u64 = 0x9e37_79b9_7f4a_7c15;
+
 fn split_mix(counter: &mut u64) -> u64 {
-    *counter = counter.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    *counter = counter.wrapping_add(GAMMA);
     let mut z = *counter;
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -92,6 +101,13 @@ mod tests {
         assert_eq!(split_mix(&mut 0), 0xe220_a839_7b1d_cdaf);
         let (mut a, mut b) = (Rng::new(7), Rng::new(7));
         assert!((0..100).all(|_| a.next_u64() == b.next_u64()));
+    }
+
+    #[test]
+    fn words_are_the_stream_of_their_key_in_any_order() {
+        let mut counter = 77;
+        let stream: Vec<u64> = (0..50).map(|_| split_mix(&mut counter)).collect();
+        assert!((0..50).rev().all(|index| Rng::word(77, index) == stream[index as usize]));
     }
 
     #[test]

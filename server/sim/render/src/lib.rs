@@ -10,6 +10,7 @@
 
 mod camera;
 mod canvas;
+mod noise;
 mod raster;
 mod renderer;
 mod shade;
@@ -17,4 +18,5 @@ mod texture;
 mod triangle;
 
 pub use camera::{Camera, Frame};
+pub use noise::{DepthNoise, Noise, RgbNoise};
 pub use renderer::{Renderer, SKY_RGB};

@@ -2,7 +2,7 @@ use crate::SceneAssets;
 use avln_acoustics::{Ears, Emitter, Listener, clip_bank};
 use avln_geom::{Point3, Pose, Vector3};
 use avln_navmesh::NavPoint;
-use avln_render::{Camera, Frame};
+use avln_render::{Camera, Frame, Noise};
 use std::sync::Arc;
 
 /// The farthest that a start may lie from the navmesh, metres.
@@ -29,6 +29,8 @@ pub struct WorldOptions {
     pub view: Option<View>,
     /// Whether to listen.
     pub audio: bool,
+    /// Noise of the pictures that the body perceives; none in those taken by [`SceneAssets::render`].
+    pub noise: Noise,
 }
 
 /// Size and angle of a picture.
@@ -187,12 +189,18 @@ impl World {
     /// What the body perceives now. One call a step: each lets the sound run on by a step.
     /// Of the sources, only the one with index `sounding` emits; earlier ones ring out.
     pub fn sense(&mut self, sounding: Option<usize>) -> Senses {
-        let frame = self.options.view.map(|view| self.assets.render(&self.camera(&view)));
+        let frame = self.options.view.map(|view| self.look(&view));
         let pose = self.pose();
         let position = pose.position + Vector3::y() * self.options.ear_height_m;
         let listener = Listener { position, heading_rad: pose.heading_rad };
         let audio = self.ears.as_mut().map(|ears| ears.hear(&listener, sounding));
         Senses { frame, audio }
+    }
+
+    fn look(&self, view: &View) -> Frame {
+        let mut frame = self.assets.render(&self.camera(view));
+        self.options.noise.apply(&mut frame, self.steps, self.options.depth_max_m);
+        frame
     }
 
     fn camera(&self, view: &View) -> Camera {

@@ -15,8 +15,8 @@
 use avln_geom::{Point2, Vector3};
 use avln_scene::{Material, Mesh};
 use avln_world::{
-    Body, InstanceId, Motion, Moved, Point3, Pose, Rng, Scene, SceneAssets, SoundSource, StartError, View,
-    World, WorldOptions,
+    Body, DepthNoise, InstanceId, Motion, Moved, Noise, Point3, Pose, RgbNoise, Rng, Scene, SceneAssets,
+    SoundSource, StartError, View, World, WorldOptions,
 };
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
 use std::sync::{Arc, OnceLock};
@@ -96,6 +96,7 @@ fn options() -> WorldOptions {
         samples_per_step: 4000,
         view: None,
         audio: false,
+        noise: Noise::default(),
     }
 }
 
@@ -273,6 +274,32 @@ fn the_camera_stands_at_its_height_and_looks_along_the_heading() {
     let below = (33 / 2 + 1) * 33 + 33 / 2;
     assert_eq!(frame.instances[below], InstanceId(1));
     assert!((frame.depth[below] - 2.2).abs() < 0.03, "{}", frame.depth[below]);
+}
+
+#[test]
+fn noise_changes_what_is_perceived_and_nothing_else() {
+    let view = Some(View { width: 32, height: 24, hfov_rad: FRAC_PI_2 });
+    let walk = |noise: Noise| {
+        let start = Pose::new(Point3::new(1.0, 0.0, 0.0), -FRAC_PI_2);
+        let options = WorldOptions { view, noise, ..options() };
+        let mut world = World::new(assets(), start, options, Vec::new()).expect("on the floor");
+        let mut step = |motion| {
+            world.advance(motion);
+            let hash = world.state_hash();
+            (world.sense(None).frame.expect("a view was asked for"), hash)
+        };
+        [Motion::Stay, Motion::Stay, Motion::Left].map(&mut step)
+    };
+    let noise = Noise { depth: DepthNoise::Redwood, rgb: RgbNoise::Gaussian, seed: 3 };
+    let (clean, noisy) = (walk(Noise::default()), walk(noise));
+    assert_eq!(noisy, walk(noise));
+    assert_ne!(noisy[0].0, noisy[1].0, "standing still, every step has noise of its own");
+    assert_eq!(clean[0].0, clean[1].0);
+    for ((clean, clean_hash), (noisy, noisy_hash)) in clean.iter().zip(&noisy) {
+        assert_eq!((clean_hash, &clean.instances), (noisy_hash, &noisy.instances));
+        assert!(clean.rgb != noisy.rgb && clean.depth != noisy.depth);
+    }
+    assert_ne!(noisy[0].0.rgb, walk(Noise { seed: 4, ..noise })[0].0.rgb);
 }
 
 #[test]

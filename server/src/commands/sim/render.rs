@@ -7,7 +7,7 @@ use crate::commands::scene::Furnished;
 use crate::say::say;
 use crate::{Failure, FailureKind};
 use avln_geom::RayMesh;
-use avln_render::{Camera, Renderer};
+use avln_render::{Camera, DepthNoise, Noise, Renderer, RgbNoise};
 use clap::Args;
 use files::Files;
 use poses::Wanted;
@@ -60,6 +60,15 @@ pub struct Options {
     /// Depth is 0 beyond this distance, metres; unlimited unless given
     #[arg(long, value_name = "METRES")]
     max_depth: Option<Reach>,
+    /// Noise of depth: none or redwood, a structured-light camera after Choi, Zhou and Koltun (2015)
+    #[arg(long, value_name = "MODEL", default_value = "none", value_parser = depth_noise)]
+    depth_noise: DepthNoise,
+    /// Noise of colours: none or gaussian, a deviate of 51 grey levels
+    #[arg(long, value_name = "MODEL", default_value = "none", value_parser = rgb_noise)]
+    rgb_noise: RgbNoise,
+    /// What noise is drawn with; each picture has its own by its number
+    #[arg(long, value_name = "SEED", default_value_t = 0)]
+    noise_seed: u64,
     /// Threads that take pictures, 1 to 256 [default: one for each core]; files do not depend on it
     #[arg(long, value_name = "COUNT", requires = "poses", conflicts_with = "pose", value_parser = clap::value_parser!(u16).range(1..=256))]
     threads: Option<u16>,
@@ -78,7 +87,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     if let Some(folder) = &options.out_dir {
         std::fs::create_dir_all(folder).map_err(|error| files::unwritten(folder, error))?;
     }
-    take(&Renderer::new(scene, rays), &shots, options.threads())?;
+    take(&Renderer::new(scene, rays), &shots, &options.noise(), options.threads())?;
     match (&options.out_dir, shots.as_slice()) {
         (Some(folder), _) => say!("{} pictures in {}", shots.len(), folder.display()),
         (None, shots) => {
@@ -115,23 +124,40 @@ impl Options {
         entries.iter().enumerate().map(shot).collect()
     }
 
+    fn noise(&self) -> Noise {
+        Noise { depth: self.depth_noise, rgb: self.rgb_noise, seed: self.noise_seed }
+    }
+
     fn threads(&self) -> usize {
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         self.threads.map_or_else(cores, usize::from)
     }
 }
 
+fn depth_noise(name: &str) -> Result<DepthNoise, String> {
+    DepthNoise::from_name(name)
+        .ok_or_else(|| format!("no noise of depth is called `{name}`; use none or redwood"))
+}
+
+fn rgb_noise(name: &str) -> Result<RgbNoise, String> {
+    RgbNoise::from_name(name)
+        .ok_or_else(|| format!("no noise of colours is called `{name}`; use none or gaussian"))
+}
+
 /// Takes and writes all pictures, and stops at the first that cannot be written.
-fn take(renderer: &Renderer, shots: &[Shot], threads: usize) -> Result<(), Failure> {
+fn take(renderer: &Renderer, shots: &[Shot], noise: &Noise, threads: usize) -> Result<(), Failure> {
     let next = AtomicUsize::new(0);
     let work = || {
-        while let Some(shot) = shots.get(next.fetch_add(1, Ordering::Relaxed)) {
-            if let Err(failure) = shot.files.write(renderer.render(&shot.camera)) {
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(shot) = shots.get(index) else { return Ok(()) };
+            let mut frame = renderer.render(&shot.camera);
+            noise.apply(&mut frame, index as u64, shot.camera.depth_max_m);
+            if let Err(failure) = shot.files.write(frame) {
                 next.store(shots.len(), Ordering::Relaxed);
                 return Err(failure);
             }
         }
-        Ok(())
     };
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..threads.min(shots.len())).map(|_| scope.spawn(work)).collect();

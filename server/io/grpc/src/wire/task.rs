@@ -1,7 +1,8 @@
 use super::observation::tensor;
 use crate::host::Digests;
 use avln_episode::{
-    DistanceRule, GoalCue, Mission, PoseFrame, RgbImage, Rules, Sensors, SoundClip, SoundingRule, WrongSubmit,
+    DepthNoise, DistanceRule, GoalCue, Mission, PoseFrame, RgbImage, RgbNoise, Rules, Sensors, SoundClip,
+    SoundingRule, WrongSubmit,
 };
 use avln_proto::v1::{self, Dtype, goal::Cue};
 use bytes::Bytes;
@@ -35,6 +36,22 @@ pub(crate) fn task_spec(rules: &Rules, sensors: &Sensors) -> v1::TaskSpec {
         sounding_window_steps: rules.sounding_window_steps,
         sound_clip: sound_clip(rules.sound_clip).into(),
         source_lift_m: rules.source_lift_m,
+        depth_noise: depth_noise(rules.depth_noise).into(),
+        rgb_noise: rgb_noise(rules.rgb_noise).into(),
+    }
+}
+
+fn depth_noise(noise: DepthNoise) -> v1::DepthNoise {
+    match noise {
+        DepthNoise::None => v1::DepthNoise::None,
+        DepthNoise::Redwood => v1::DepthNoise::Redwood,
+    }
+}
+
+fn rgb_noise(noise: RgbNoise) -> v1::RgbNoise {
+    match noise {
+        RgbNoise::None => v1::RgbNoise::None,
+        RgbNoise::Gaussian => v1::RgbNoise::Gaussian,
     }
 }
 
@@ -129,5 +146,11 @@ mod tests {
         assert_eq!(authors.pose_frame(), v1::PoseFrame::World);
         assert_eq!(paper.sound_clip(), v1::SoundClip::Anonymous);
         assert_eq!(paper.samples_per_step, 4000);
+        let noisy = task_spec(&Rules::noisy(), &sensors);
+        assert_eq!(
+            (noisy.depth_noise(), noisy.rgb_noise()),
+            (v1::DepthNoise::Redwood, v1::RgbNoise::Gaussian)
+        );
+        assert_eq!((paper.depth_noise(), paper.rgb_noise()), (v1::DepthNoise::None, v1::RgbNoise::None));
     }
 }

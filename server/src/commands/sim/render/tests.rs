@@ -154,6 +154,32 @@ fn depth_has_no_limit_unless_one_is_given() {
 }
 
 #[test]
+fn noise_is_drawn_by_seed_and_number_and_leaves_instances_alone() {
+    let (_folder, at) = folder();
+    let room = house("house-4", 4, &Default::default()).regions[0].bounds.center();
+    let pose = format!("{},1.2,{},40,-10", room.x, room.z);
+    let take = |name: &str, noise: &[&str]| {
+        let (rgb, depth, numbers) = (at(&format!("{name}.png")), at(&format!("{name}.npy")), at("ids.npy"));
+        let call = ["--seed", "4", "--pose", &pose, "--size", "48x48"];
+        render(&[&call[..], &["--out", &rgb, "--depth", &depth, "--ids", &numbers], noise].concat())
+            .expect("a picture");
+        (png(&rgb).2, depths(&depth).1, ids(&numbers))
+    };
+    let clean = take("clean", &[]);
+    let both = ["--depth-noise", "redwood", "--rgb-noise", "gaussian", "--noise-seed", "5"];
+    let noisy = take("noisy", &both);
+    assert_eq!(noisy, take("again", &both));
+    assert_eq!(clean.2, noisy.2);
+    assert!(clean.0 != noisy.0 && clean.1 != noisy.1);
+    assert_ne!(noisy, take("other", &[&both[..5], &["6"]].concat()));
+    let depth_alone = take("depth", &["--depth-noise", "redwood", "--noise-seed", "5"]);
+    assert_eq!((depth_alone.0, depth_alone.1), (clean.0, noisy.1));
+    for bad in [["--depth-noise", "gaussian"], ["--rgb-noise", "loud"], ["--noise-seed", "-1"]] {
+        assert!(called(&[&["--seed", "4", "--pose", &pose, "--ids", "i.npy"][..], &bad].concat()).is_err());
+    }
+}
+
+#[test]
 fn bad_poses_are_refused_by_index_and_field_before_anything_is_written() {
     let (_folder, at) = folder();
     let good = json!({"position": [0, 1, 0], "rotation": [0, 0, 0, 1]});
