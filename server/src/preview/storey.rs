@@ -1,7 +1,7 @@
 use super::Picture;
 use avln_geom::{Aabb, Point2, Point3, RayMesh, angle};
 use avln_render::{Camera, Frame, Renderer};
-use avln_scene::{Mesh, Scene};
+use avln_scene::{Lighting, Mesh, Scene};
 use std::f32::consts::FRAC_PI_2;
 use std::sync::Arc;
 
@@ -76,7 +76,7 @@ fn from_above(scene: &Scene, bounds: &Aabb) -> Option<Frame> {
     Some(frame)
 }
 
-/// What lies between the floor at `floor_m` and the cut above it.
+/// What lies between the floor at `floor_m` and the cut above it, in the rough light of its own colours.
 fn cut(scene: &Scene, floor_m: f32) -> Scene {
     let mut mesh = Mesh::default();
     for index in 0..scene.mesh.triangles.len() {
@@ -85,7 +85,7 @@ fn cut(scene: &Scene, floor_m: f32) -> Scene {
             add_cut(&mut mesh, &scene.mesh, index, floor_m + CUT_M);
         }
     }
-    Scene { mesh, regions: vec![], objects: vec![], ..scene.clone() }
+    Scene { mesh, regions: vec![], objects: vec![], lighting: Lighting::Painted, ..scene.clone() }
 }
 
 /// Adds the part of a triangle that lies below the height `top_m`.

@@ -81,7 +81,7 @@ mod tests {
     use crate::survey::Histogram;
     use avln_episode::Modality;
     use avln_geom::{Aabb, Point3, Pose};
-    use avln_scene::{Attributes, InstanceId, Mesh};
+    use avln_scene::{Attributes, InstanceId, Lighting, Mesh};
     use avln_truth::Target;
     use std::collections::BTreeMap;
 
@@ -110,6 +110,7 @@ mod tests {
             textures: vec![],
             regions: vec![],
             objects,
+            lighting: Lighting::Painted,
         }
     }
 

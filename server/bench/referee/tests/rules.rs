@@ -6,7 +6,7 @@ use avln_episode::{
 };
 use avln_referee::{Referee, RefereeError, StepOutcome};
 use avln_truth::{EpisodeTruth, Record, Target};
-use avln_world::{Aabb, Attributes, Body, InstanceId, Material, Mesh, Object, Scene, SceneAssets};
+use avln_world::{Aabb, Attributes, Body, InstanceId, Lighting, Material, Mesh, Object, Scene, SceneAssets};
 use std::{
     f32::consts::FRAC_PI_2,
     sync::{Arc, LazyLock},
@@ -77,6 +77,7 @@ fn prepare() -> Arc<SceneAssets> {
         textures: vec![],
         regions: vec![],
         objects,
+        lighting: Lighting::Painted,
     };
     Arc::new(SceneAssets::prepare(scene, &Body::default()).expect("one can walk on it"))
 }

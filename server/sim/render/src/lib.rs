@@ -1,8 +1,8 @@
 //! Light: RGB, planar depth and hidden instance ids.
 //!
 //! Every pixel's ray is met with every triangle that it may hit, many rays at a time: the building's tree is walked
-//! from near to far, and boxes behind what was seen already are left out. Surfaces shine by their own colour; there
-//! are no lamps.
+//! from near to far, and boxes behind what was seen already are left out. Surfaces shine by their own colour; where
+//! a scene has lamps, their light is worked into it before the first picture.
 //!
 //! Start reading at [`Renderer`].
 //!
@@ -10,6 +10,7 @@
 
 mod camera;
 mod canvas;
+mod light;
 mod noise;
 mod raster;
 mod renderer;
@@ -19,4 +20,4 @@ mod triangle;
 
 pub use camera::{Camera, Frame};
 pub use noise::{DepthNoise, Noise, RgbNoise};
-pub use renderer::{Renderer, SKY_RGB};
+pub use renderer::Renderer;

@@ -1,8 +1,8 @@
 //! Frames of small hand-made scenes, whose every number can be worked out on paper.
 
 use avln_geom::{Point2, Point3, RayMesh, Rng, Vector3, angle};
-use avln_render::{Camera, Frame, Renderer, SKY_RGB};
-use avln_scene::{InstanceId, Material, Mesh, Scene, Texture};
+use avln_render::{Camera, Frame, Renderer};
+use avln_scene::{InstanceId, Lighting, Material, Mesh, Scene, Texture};
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 
@@ -18,6 +18,7 @@ fn empty_scene() -> Scene {
         textures: Vec::new(),
         regions: Vec::new(),
         objects: Vec::new(),
+        lighting: Lighting::Painted,
     }
 }
 
@@ -221,9 +222,12 @@ fn without_a_cutoff_alpha_does_not_matter() {
 }
 
 #[test]
-fn an_empty_scene_is_sky_and_an_empty_picture_has_no_pixels() {
+fn an_empty_scene_is_its_backdrop_and_an_empty_picture_has_no_pixels() {
     let frame = shoot(empty_scene(), &camera(5, 3));
-    assert_eq!(frame.rgb, SKY_RGB.repeat(15));
+    assert_eq!(frame.rgb, [0; 45], "around a scan there is nothing");
+    let house = Scene { lighting: Lighting::Lamps(vec![]), ..empty_scene() };
+    let sky = house.lighting.backdrop_rgb();
+    assert_eq!(shoot(house, &camera(5, 3)).rgb, sky.repeat(15));
     assert!(frame.depth.iter().all(|&depth| depth == 0.0));
     assert!(frame.instances.iter().all(|&instance| instance == InstanceId::NONE));
     assert_eq!(shoot(empty_scene(), &camera(0, 7)).rgb.len(), 0);

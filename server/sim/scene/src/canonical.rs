@@ -82,7 +82,7 @@ fn looks(
 mod tests {
     use super::*;
     use crate::digest::digest;
-    use crate::{Attributes, Object, glb};
+    use crate::{Attributes, Lighting, Object, glb};
     use avln_geom::{Aabb, Point2, Point3, Rng};
 
     /// Triangles at random places, of random things and materials.
@@ -120,6 +120,7 @@ mod tests {
             regions: Vec::new(),
             objects: [1, 3, 4].map(object).to_vec(),
             mesh,
+            lighting: Lighting::Painted,
         };
         for object in &mut scene.objects {
             let mesh = &scene.mesh;

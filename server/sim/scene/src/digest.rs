@@ -1,10 +1,10 @@
 //! One short name for everything that a scene is made of.
 
-use crate::{Attributes, InstanceId, Scene};
+use crate::{Attributes, InstanceId, Lamp, Lighting, Scene};
 use avln_geom::Aabb;
 
 /// The BLAKE3 hash, 64 hexadecimal digits, of all that can change an episode: mesh, materials, textures,
-/// regions and objects, in their order. The scene's name is not part of it. Equal scenes have equal digests on
+/// regions, objects and lamps, in their order. The scene's name is not part of it. Equal scenes have equal digests on
 /// every platform.
 pub fn digest(scene: &Scene) -> String {
     let mut writer = Writer(blake3::Hasher::new());
@@ -13,6 +13,7 @@ pub fn digest(scene: &Scene) -> String {
     writer.looks(scene);
     writer.rooms(scene);
     writer.objects(scene);
+    writer.lighting(scene);
     writer.0.finalize().to_hex().to_string()
 }
 
@@ -64,6 +65,20 @@ impl Writer {
             let Attributes { noun, color, material, size, shape } = &object.attributes;
             [noun, color, material, size, shape].iter().for_each(|word| out.text(word));
         });
+    }
+
+    /// Nothing for a painted scene.
+    fn lighting(&mut self, scene: &Scene) {
+        if let Lighting::Lamps(lamps) = &scene.lighting {
+            self.list(lamps, |out, Lamp { position, facing, radius_m, strength }| {
+                position.iter().for_each(|&value| out.float(value));
+                out.optional(facing.as_ref(), |out, facing| {
+                    facing.iter().for_each(|&value| out.float(value))
+                });
+                out.float(*radius_m);
+                strength.iter().for_each(|&value| out.float(value));
+            });
+        }
     }
 
     fn bounds(&mut self, bounds: &Aabb) {
@@ -134,6 +149,7 @@ mod tests {
                 region: Some(0),
                 attributes: Attributes::default(),
             }],
+            lighting: Lighting::Painted,
         }
     }
 
@@ -142,7 +158,7 @@ mod tests {
         let original = digest(&scene());
         assert_eq!(original.len(), 64);
         assert_eq!(digest(&Scene { name: "two".into(), ..scene() }), original);
-        let changes: [fn(&mut Scene); 12] = [
+        let changes: [fn(&mut Scene); 13] = [
             |s| s.mesh.positions[0].x = -0.0,
             |s| s.mesh.uvs[2].y = 0.5,
             |s| s.mesh.colors[1] = [255, 254, 255],
@@ -155,6 +171,7 @@ mod tests {
             |s| s.regions[0].storey = 1,
             |s| s.objects[0].attributes.size = "long".into(),
             |s| s.objects[0].region = None,
+            |s| s.lighting = Lighting::Lamps(vec![]),
         ];
         for (index, change) in changes.iter().enumerate() {
             let mut changed = scene();

@@ -1,7 +1,7 @@
 //! A scene from surfaces and a list of what is where.
 
 use crate::describe::{Meaning, Surfaces, meaning};
-use crate::{Attributes, InstanceId, Material, Mesh, Object, Region, Report, Scene, Texture, bake};
+use crate::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Region, Report, Scene, Texture, bake};
 use avln_geom::{Aabb, Point3};
 use std::collections::BTreeMap;
 
@@ -89,7 +89,7 @@ pub(crate) fn scene(
             .iter()
             .for_each(|&triangle| mesh.instance_of[triangle as usize] = object.id);
     }
-    Scene { name, mesh, materials, textures, regions, objects }
+    Scene { name, mesh, materials, textures, regions, objects, lighting: Lighting::Painted }
 }
 
 /// The triangles of each label.

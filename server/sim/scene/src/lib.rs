@@ -17,6 +17,7 @@ pub mod glb;
 pub mod habitat;
 pub mod hm3d;
 mod labelled;
+mod lighting;
 pub mod mp3d;
 pub mod obj;
 pub mod open;
@@ -34,6 +35,7 @@ mod summary;
 mod testing;
 
 pub use frame::{Options, Unit, Up};
+pub use lighting::{Lamp, Lighting};
 pub use report::Report;
 pub use scene::{Attributes, InstanceId, Material, Mesh, Object, Region, Scene, SceneError, Texture};
 pub use summary::Summary;

@@ -1,3 +1,4 @@
+use crate::Lighting;
 use avln_geom::{Aabb, Point2, Point3};
 
 /// A building, in the world frame of `avln-geom`.
@@ -15,6 +16,8 @@ pub struct Scene {
     pub regions: Vec<Region>,
     /// Labelled instances, in the order of their ids.
     pub objects: Vec<Object>,
+    /// Where the light on the surfaces comes from.
+    pub lighting: Lighting,
 }
 
 /// An indexed triangle mesh. The three per-triangle lists are as long as `triangles`.

@@ -120,7 +120,7 @@ fn check_lists(scene: &Scene) -> Result<(), PrepareError> {
 mod tests {
     use super::*;
     use avln_geom::Point2;
-    use avln_scene::Mesh;
+    use avln_scene::{Lighting, Mesh};
 
     #[test]
     fn assets_are_shared_between_threads() {
@@ -139,6 +139,7 @@ mod tests {
             textures: Vec::new(),
             regions: Vec::new(),
             objects: Vec::new(),
+            lighting: Lighting::Painted,
         };
         let refusal = |scene: &Scene| match SceneAssets::prepare(scene.clone(), &Body::default()) {
             Ok(_) => panic!("a ruin was prepared"),

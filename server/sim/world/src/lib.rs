@@ -17,5 +17,5 @@ pub use avln_acoustics::{Clip, clip_bank};
 pub use avln_geom::{Aabb, Point3, Pose, Rng};
 pub use avln_navmesh::{Body, DistanceField, NavMesh, NavPoint};
 pub use avln_render::{Camera, DepthNoise, Frame, Noise, RgbNoise};
-pub use avln_scene::{Attributes, InstanceId, Material, Mesh, Object, Scene};
+pub use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Scene};
 pub use world::{Motion, Moved, Senses, SoundSource, StartError, View, World, WorldOptions};

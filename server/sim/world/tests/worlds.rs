@@ -13,7 +13,7 @@
 //! Instance 2 is a lamp under the ceiling of the west room, instance 3 a picture on the north wall of the east room.
 
 use avln_geom::{Point2, Vector3};
-use avln_scene::{Material, Mesh};
+use avln_scene::{Lighting, Material, Mesh};
 use avln_world::{
     Body, DepthNoise, InstanceId, Motion, Moved, Noise, Point3, Pose, RgbNoise, Rng, Scene, SceneAssets,
     SoundSource, StartError, View, World, WorldOptions,
@@ -77,6 +77,7 @@ fn two_rooms() -> Scene {
         textures: Vec::new(),
         regions: Vec::new(),
         objects: Vec::new(),
+        lighting: Lighting::Painted,
     }
 }
 

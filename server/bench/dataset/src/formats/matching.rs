@@ -64,7 +64,7 @@ fn overlap(a: &Aabb, b: &Aabb) -> f32 {
 mod tests {
     use super::*;
     use avln_geom::Point3;
-    use avln_scene::{Attributes, InstanceId, Mesh};
+    use avln_scene::{Attributes, InstanceId, Lighting, Mesh};
 
     fn object(id: u32, category: &str, x: f32) -> Object {
         Object {
@@ -84,6 +84,7 @@ mod tests {
             textures: vec![],
             regions: vec![],
             objects: vec![object(1, "chair", 0.0), object(2, "table", 3.0), object(3, "chair", 6.0)],
+            lighting: Lighting::Painted,
         }
     }
 

@@ -3,7 +3,7 @@
 
 use avln_acoustics::{Acoustics, Clip, ImpulseResponse, Listener, SAMPLE_RATE_HZ};
 use avln_geom::{Aabb, Point3, RayMesh, Rng};
-use avln_scene::{InstanceId, Mesh, Scene};
+use avln_scene::{InstanceId, Lighting, Mesh, Scene};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -21,6 +21,7 @@ pub(crate) fn building(boxes: &[[[f32; 3]; 2]]) -> Acoustics {
         textures: Vec::new(),
         regions: Vec::new(),
         objects: Vec::new(),
+        lighting: Lighting::Painted,
     };
     Acoustics::new(Arc::new(scene), rays)
 }

@@ -2,7 +2,7 @@
 
 use avln_geom::{Point2, Point3};
 use avln_navmesh::{Body, NavMesh};
-use avln_scene::{InstanceId, Material, Mesh, Scene};
+use avln_scene::{InstanceId, Lighting, Material, Mesh, Scene};
 
 pub(crate) type Corner = [f32; 3];
 
@@ -60,6 +60,7 @@ impl Builder {
             textures: Vec::new(),
             regions: Vec::new(),
             objects: Vec::new(),
+            lighting: Lighting::Painted,
         }
     }
 

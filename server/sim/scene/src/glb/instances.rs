@@ -3,7 +3,7 @@
 use super::extras::{self, NodeExtras};
 use super::{Checked, Model, ModelNode, names};
 use crate::describe::{Surfaces, is_structure};
-use crate::{InstanceId, Mesh, Object, Scene};
+use crate::{InstanceId, Lighting, Mesh, Object, Scene};
 use avln_geom::{Aabb, Point3};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -50,7 +50,7 @@ pub(super) fn scene(name: String, model: Model) -> Checked<Scene> {
     for (instance, &id) in found.iter().zip(&ids) {
         instance.triangles.iter().for_each(|&triangle| mesh.instance_of[triangle as usize] = id);
     }
-    Ok(Scene { name, mesh, materials, textures, regions, objects })
+    Ok(Scene { name, mesh, materials, textures, regions, objects, lighting: Lighting::Painted })
 }
 
 /// The instances in the order of their nodes.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{Attributes, InstanceId, Object, Region, Report, Texture};
+use crate::{Attributes, InstanceId, Lighting, Object, Region, Report, Texture};
 use avln_geom::{Aabb, Point2, Point3, Rng, Vector3};
 
 mod formats;
@@ -77,6 +77,7 @@ fn sample() -> Scene {
             object(4, "sofa", sofa, Some(0), words("red", "fabric", "large", "")),
             object(9, "chest_of_drawers", chest, None, words("", "wooden", "", "square")),
         ],
+        lighting: Lighting::Painted,
     }
 }
 

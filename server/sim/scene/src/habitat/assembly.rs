@@ -8,7 +8,7 @@ use crate::describe::{Meaning, Surfaces};
 use crate::frame::check_size;
 use crate::glb::limits::{MAX_TEXELS, MAX_TRIANGLES, MAX_VERTICES};
 use crate::glb::{self, Checked};
-use crate::{Attributes, InstanceId, Material, Mesh, Object, Report, Scene, SceneError, Texture};
+use crate::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Report, Scene, SceneError, Texture};
 use avln_geom::{Aabb, Point3};
 use nalgebra::Matrix4;
 use std::collections::{BTreeMap, BTreeSet};
@@ -181,6 +181,7 @@ impl Assembly {
             textures: self.textures,
             regions: rooms.into_iter().map(|room| room.region).collect(),
             objects,
+            lighting: Lighting::Painted,
         })
     }
 

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{InstanceId, Material, Mesh};
+use crate::{InstanceId, Lighting, Material, Mesh};
 use avln_geom::{Aabb, Point2, Point3, Rng};
 use serde_json::json;
 use tempfile::TempDir;
@@ -28,6 +28,7 @@ fn sheet(x: f32, y: f32, z: f32) -> Vec<u8> {
         textures: Vec::new(),
         regions: Vec::new(),
         objects: Vec::new(),
+        lighting: Lighting::Painted,
     })
 }
 

@@ -1,7 +1,7 @@
 //! A scene as the files of an HM3D scene with semantics, for Habitat and for tools that read HM3D.
 
 use crate::describe::{Meaning, meaning};
-use crate::{InstanceId, Material, Mesh, Object, Scene, Texture, glb};
+use crate::{InstanceId, Lighting, Material, Mesh, Object, Scene, Texture, glb};
 use avln_geom::{Point2, Point3};
 use std::collections::BTreeMap;
 
@@ -40,6 +40,7 @@ pub fn export(scene: &Scene) -> Exported {
         textures: scene.textures.clone(),
         regions: Vec::new(),
         objects: Vec::new(),
+        lighting: Lighting::Painted,
     };
     Exported { render: glb::export(&render), semantic, table: table(&scene.objects) }
 }
@@ -115,6 +116,7 @@ fn painted(scene: &Scene, mesh: &Mesh) -> Scene {
         textures: vec![Texture { width: PALETTE_WIDTH as u32, height: height as u32, pixels }],
         regions: Vec::new(),
         objects: Vec::new(),
+        lighting: Lighting::Painted,
     }
 }
 

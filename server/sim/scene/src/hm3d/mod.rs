@@ -8,7 +8,7 @@ mod regions;
 
 use crate::describe::{Meaning, Surfaces, meaning};
 use crate::glb::{self, Checked, Model, read_limited};
-use crate::{Attributes, InstanceId, Mesh, Object, Report, Scene, SceneError, bake};
+use crate::{Attributes, InstanceId, Lighting, Mesh, Object, Report, Scene, SceneError, bake};
 use annotations::Annotation;
 use avln_geom::{Aabb, Point3};
 use std::collections::BTreeMap;
@@ -131,7 +131,7 @@ fn scene(name: String, render: Model, labels: &[u32], annotations: &[Annotation]
             .iter()
             .for_each(|&triangle| mesh.instance_of[triangle as usize] = object.id);
     }
-    Ok(Scene { name, mesh, materials, textures, regions, objects })
+    Ok(Scene { name, mesh, materials, textures, regions, objects, lighting: Lighting::Painted })
 }
 
 fn bounds(mesh: &Mesh, triangles: &[u32]) -> Option<Aabb> {

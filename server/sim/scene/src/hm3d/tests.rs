@@ -43,6 +43,7 @@ fn flat(rectangles: &[[f32; 4]], colors: &[[u8; 3]], pieces: u32) -> Scene {
         textures: vec![Texture { width: colors.len() as u32, height: 1, pixels }],
         regions: Vec::new(),
         objects: Vec::new(),
+        lighting: Lighting::Painted,
     }
 }
 

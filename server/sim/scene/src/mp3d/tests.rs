@@ -1,4 +1,5 @@
 use super::*;
+use crate::Lighting;
 use crate::glb::export;
 use crate::testing::{self, damaged};
 use avln_geom::{Aabb, Point3};
@@ -31,6 +32,7 @@ fn render() -> Vec<u8> {
         textures: Vec::new(),
         regions: Vec::new(),
         objects: Vec::new(),
+        lighting: Lighting::Painted,
     })
 }
 

@@ -10,7 +10,7 @@ use crate::frame::{Convention, Frame, Options, Up, check_size};
 use crate::glb::limits::{MAX_FILE_BYTES, MAX_TEXELS};
 use crate::glb::{Checked, scene_name};
 use crate::pictures::Pictures;
-use crate::{InstanceId, Material, Mesh, Report, Scene, SceneError, files, polygon};
+use crate::{InstanceId, Lighting, Material, Mesh, Report, Scene, SceneError, files, polygon};
 use std::path::Path;
 use tables::Tables;
 
@@ -64,6 +64,7 @@ pub fn import_as(path: &Path, options: &Options, report: &mut Report) -> Result<
         textures: pictures.into_textures(),
         regions: Vec::new(),
         objects: Vec::new(),
+        lighting: Lighting::Painted,
     })
 }
 

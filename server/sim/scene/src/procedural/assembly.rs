@@ -5,7 +5,7 @@ use super::paint::Paint;
 use super::texture::Pattern;
 use crate::colors::name_of;
 use crate::describe::Surfaces;
-use crate::{Attributes, InstanceId, Material, Mesh, Object, Region, Scene, Texture};
+use crate::{Attributes, InstanceId, Lamp, Lighting, Material, Mesh, Object, Region, Scene, Texture};
 use avln_geom::{Aabb, Vector3};
 use std::collections::BTreeMap;
 
@@ -16,6 +16,8 @@ pub(super) struct Assembly {
     materials: Vec<Material>,
     textures: Vec<Texture>,
     objects: Vec<Object>,
+    /// Each with the object that it belongs to.
+    lamps: Vec<(InstanceId, Lamp)>,
     /// Height of the floor that heights count from.
     floor_m: f32,
     material_of: BTreeMap<Paint, u16>,
@@ -90,6 +92,7 @@ impl Assembly {
         self.mesh.triangles = left.iter().map(|&index| self.mesh.triangles[index]).collect();
         self.mesh.material_of = left.iter().map(|&index| self.mesh.material_of[index]).collect();
         self.mesh.instance_of = ids.into_iter().flatten().collect();
+        self.lamps = self.lamps.iter().filter_map(|&(id, lamp)| Some((new_id(id)?, lamp))).collect();
         let mut keep = kept.into_iter();
         self.objects.retain(|_| keep.next().unwrap_or(true));
         for (index, object) in self.objects.iter_mut().enumerate() {
@@ -118,6 +121,7 @@ impl Assembly {
             textures: self.textures,
             regions,
             objects: self.objects,
+            lighting: Lighting::Lamps(self.lamps.into_iter().map(|(_, lamp)| lamp).collect()),
         }
     }
 
@@ -139,6 +143,9 @@ impl Assembly {
             self.mesh.material_of.push(material);
             self.mesh.instance_of.push(id);
         }
+        let lift = self.lift();
+        let lifted = |lamp: &Lamp| (id, Lamp { position: lamp.position + lift, ..*lamp });
+        self.lamps.extend(model.lamps.iter().map(lifted));
     }
 
     fn lift(&self) -> Vector3<f32> {

@@ -7,6 +7,7 @@ mod soft;
 
 use super::paint::Paint;
 use super::rect::turned;
+use crate::Lamp;
 use avln_geom::{Aabb, Point2, Point3, Vector3, angle};
 pub(super) use seen::Facet;
 
@@ -25,6 +26,8 @@ pub(super) struct Model {
     pub(super) triangles: Vec<([u32; 3], Paint)>,
     /// Boxes that are part of the shape: what lies inside of them is not seen.
     solids: Vec<Aabb>,
+    /// What shines.
+    pub(super) lamps: Vec<Lamp>,
 }
 
 /// A range along one axis, metres.
@@ -104,6 +107,7 @@ impl Model {
         let moved = other.moved(quarter, offset);
         self.corners.extend(moved.corners);
         self.solids.extend(moved.solids);
+        self.lamps.extend(moved.lamps);
         let triangles = moved.triangles.iter();
         self.triangles
             .extend(triangles.map(|&(corners, paint)| (corners.map(|corner| corner + first), paint)));
@@ -125,10 +129,13 @@ impl Model {
             let (a, b) = (place(&solid.min), place(&solid.max));
             Aabb::new(a.inf(&b), a.sup(&b))
         };
+        let lamp =
+            |lamp: &Lamp| Lamp { position: place(&lamp.position), facing: lamp.facing.map(turn), ..*lamp };
         Model {
             corners: self.corners.iter().map(corner).collect(),
             triangles: self.triangles.clone(),
             solids: self.solids.iter().map(solid).collect(),
+            lamps: self.lamps.iter().map(lamp).collect(),
         }
     }
 }
@@ -147,6 +154,7 @@ impl Model {
             corners: self.corners.iter().map(corner).collect(),
             triangles: self.triangles.clone(),
             solids: vec![],
+            lamps: vec![],
         }
     }
 }

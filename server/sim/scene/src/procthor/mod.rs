@@ -13,7 +13,7 @@ mod things;
 
 use crate::frame::check_size;
 use crate::glb::{self, limits::MAX_WORD_CHARS, read_limited};
-use crate::{InstanceId, Material, Mesh, Region, Report, Scene, SceneError};
+use crate::{InstanceId, Lighting, Material, Mesh, Region, Report, Scene, SceneError};
 use avln_geom::{Aabb, Point2, Point3};
 use schema::House;
 use std::collections::BTreeMap;
@@ -63,6 +63,7 @@ pub fn import(path: &Path, report: &mut Report) -> Result<Scene, SceneError> {
         textures: Vec::new(),
         regions: rooms.iter().map(region).collect(),
         objects,
+        lighting: Lighting::Painted,
     })
 }
 

@@ -11,7 +11,7 @@ use crate::{
     survey::Palette,
 };
 use avln_geom::{Aabb, Point2, Point3};
-use avln_scene::{Attributes, InstanceId, Material, Mesh, Object, Region, Scene, colors};
+use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Region, Scene, colors};
 use avln_world::{Body, SceneAssets};
 use std::collections::BTreeMap;
 
@@ -32,6 +32,7 @@ impl Flat {
             textures: Vec::new(),
             regions: vec![Region { label: "bedroom".into(), bounds, storey: 0 }],
             objects: Vec::new(),
+            lighting: Lighting::Painted,
         };
         let mut flat = Self { scene };
         for (min, max) in [

@@ -2,6 +2,7 @@
 
 use super::parts::*;
 use super::*;
+use crate::Lamp;
 use Substance::*;
 
 const SHADES: &[Substance] = &[Fabric, Metal, Paper, Glass, Wicker, Bamboo, Plastic];
@@ -56,11 +57,29 @@ const PROFILES: [&[[f32; 2]]; 4] = [
 
 const SHAPES: [&str; 4] = ["conical", "cylindrical", "bell-shaped", "spherical"];
 
+/// How much light a lamp gives for each metre of its shade's radius; see [`Lamp::strength`].
+const STRENGTH_PER_M: f32 = 11.0;
+
+/// The colour of a lamp: a little warm.
+const LAMPLIGHT: [f32; 3] = [1.0, 0.975, 0.93];
+
+/// Something that shines around the axis at (x, z).
+fn shine(k: &mut Draft, [x, z]: [f32; 2], radius: f32, [low, high]: Span) {
+    let half = 0.5 * (high - low);
+    k.m.lamps.push(Lamp {
+        position: Point3::new(x, low + half, z),
+        facing: None,
+        radius_m: (radius * radius + half * half).sqrt(),
+        strength: LAMPLIGHT.map(|channel| channel * STRENGTH_PER_M * radius),
+    });
+}
+
 /// A lampshade around the axis at (x, z).
 fn shade(k: &mut Draft, kind: usize, center: [f32; 2], radius: f32, [low, high]: Span) {
     let profile: Vec<[f32; 2]> =
         PROFILES[kind % 4].iter().map(|[s, y]| [s * radius, low + y * (high - low)]).collect();
     k.m.lathe(center, &profile, 12, k.p);
+    shine(k, center, radius, [low, high]);
 }
 
 fn pendant(k: &mut Draft) -> Words {
@@ -78,6 +97,7 @@ fn pendant(k: &mut Draft) -> Words {
         }
         4 => {
             k.m.lathe([0.0, 0.0], &[[r * 0.8, -0.12], [r * 1.2, -0.06], [r * 1.2, -0.02]], 16, k.p);
+            shine(k, [0.0, 0.0], r * 1.2, [-0.12, -0.02]);
             [size, "flat"]
         }
         5 => {
@@ -98,6 +118,7 @@ fn pendant(k: &mut Draft) -> Words {
                 let bulb = [[0.4, 0.0], [1.0, 0.5], [0.8, 1.0]];
                 let profile = bulb.map(|[s, y]| [s * 0.06, -drop + y * 0.1]);
                 k.m.lathe([0.28 * sin, 0.28 * cos], &profile, 8, k.p);
+                shine(k, [0.28 * sin, 0.28 * cos], 0.06, [-drop, -drop + 0.1]);
             }
             k.noun = "chandelier";
             ["large", "many-armed"]
@@ -105,6 +126,7 @@ fn pendant(k: &mut Draft) -> Words {
         _ => {
             cord(k, 0.0, 0.0, -drop + 0.1);
             k.m.soft(about(0.0, r * 1.6), [-drop, -drop + r], about(0.0, r * 1.6), 0.01, k.p);
+            shine(k, [0.0, 0.0], r, [-drop, -drop + r]);
             [size, "square"]
         }
     }

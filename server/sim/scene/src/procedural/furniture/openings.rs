@@ -2,6 +2,7 @@
 
 use super::parts::*;
 use super::*;
+use crate::Lamp;
 use Substance::*;
 
 const DOOR: Make = Make {
@@ -35,9 +36,26 @@ pub(in crate::procedural) fn window(width: f32, height: f32) -> Piece {
     let (x, y) = (half - bar, [bar, height - bar]);
     m.quad([p(-x, y[0]), p(x, y[0]), p(x, y[1]), p(-x, y[1])], pane);
     m.block(about(0.0, width + 0.08), [-0.03, 0.0], [0.0, 0.08], frame);
+    m.lamps = daylight([width, height]);
     let size = size_word(width, 0.8, 1.4, ["small", "wide"]).to_owned();
     let (material, shape) = ("glass".to_owned(), "rectangular".to_owned());
     Piece::new("window", m, Attributes { material, size, shape, ..Attributes::default() })
+}
+
+/// The light that comes in through a window: lamps side by side just inside.
+fn daylight([width, height]: [f32; 2]) -> Vec<Lamp> {
+    const WIDEST_M: f32 = 0.8;
+    const STRENGTH_PER_M2: f32 = 2.2;
+    const SKYLIGHT: [f32; 3] = [0.96, 0.98, 1.0];
+    let count = (width / WIDEST_M).ceil().max(1.0);
+    let piece = width / count;
+    let lamp = |index: usize| Lamp {
+        position: Point3::new((index as f32 + 0.5) * piece - width / 2.0, height / 2.0, 0.1),
+        facing: Some(Vector3::z()),
+        radius_m: 0.25,
+        strength: SKYLIGHT.map(|channel| channel * STRENGTH_PER_M2 * piece * height),
+    };
+    (0..count as usize).map(lamp).collect()
 }
 
 fn panelled_door(k: &mut Draft) -> Words {

@@ -18,7 +18,7 @@ impl Model {
 
     /// This model without the triangles for which `hidden` holds.
     pub(in crate::procedural) fn without(&self, hidden: impl Fn(&Facet) -> bool) -> Model {
-        let mut model = Model { solids: self.solids.clone(), ..Model::default() };
+        let mut model = Model { solids: self.solids.clone(), lamps: self.lamps.clone(), ..Model::default() };
         let mut moved: Vec<Option<u32>> = vec![None; self.corners.len()];
         for &(corners, paint) in &self.triangles {
             let points = corners.map(|corner| self.corners[corner as usize].position);
