@@ -7,8 +7,10 @@ use std::collections::BTreeMap;
 
 /// Surfaces go on smoothly where their normals differ by less than 50 degrees: the cosine.
 const SMOOTH: f32 = 0.643;
-/// This much light shows a surface in its own colour.
-const WHITE: f32 = 3.0;
+/// How bright the picture is made before its curve.
+const EXPOSURE: f32 = 2.8;
+/// This much exposed light shows a surface in its own colour.
+const WHITE: f32 = 6.0;
 /// How often covered triangles take over light from those beside them.
 const ROUNDS: usize = 2;
 /// What a triangle that took over its light says of its corners.
@@ -127,6 +129,7 @@ fn mean_light(around: &[Sample], normal: &Vector3<f32>) -> Option<[f32; 3]> {
 /// The factor of a surface's sRGB colour, 0 to 255, for some light: Reinhard's extended curve (2002) up to the white point,
 /// then a gamma of 2.
 fn shown(light: f32) -> u8 {
-    let compressed = light * (1.0 + light / (WHITE * WHITE)) / (1.0 + light);
+    let exposed = EXPOSURE * light;
+    let compressed = exposed * (1.0 + exposed / (WHITE * WHITE)) / (1.0 + exposed);
     (255.0 * compressed.sqrt()).round().clamp(0.0, 255.0) as u8
 }
