@@ -1,5 +1,5 @@
 use avln_geom::{Point3, UnitQuaternion, Vector3, angle};
-use avln_scene::{InstanceId, Scene};
+use avln_scene::InstanceId;
 
 /// A pinhole; pixels are square and looked at through their centres.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,17 +35,16 @@ pub struct Frame {
 }
 
 /// The camera frame: x to the right and y down, both in pixels at one metre of depth, z ahead in metres.
-///
-/// The ray through the point (x, y) of the picture, counted in pixels from its middle, is (x, y, 1) in this frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Lens {
-    eye: Point3<f32>,
-    right: Vector3<f32>,
-    down: Vector3<f32>,
-    forward: Vector3<f32>,
-    focal_px: f32,
+    pub(crate) eye: Point3<f32>,
+    pub(crate) right: Vector3<f32>,
+    pub(crate) down: Vector3<f32>,
+    pub(crate) forward: Vector3<f32>,
     /// Half of the picture, pixels.
     pub(crate) half: [f32; 2],
+    /// Column and row of the middle, pixels from the centre of the first one.
+    pub(crate) middle: [f32; 2],
 }
 
 impl Camera {
@@ -64,8 +63,8 @@ impl Camera {
             right: axis(0) * focal_px,
             down: -axis(1) * focal_px,
             forward: -axis(2),
-            focal_px,
             half,
+            middle: half.map(|half| half - 0.5),
         }
     }
 }
@@ -76,23 +75,5 @@ impl Lens {
     pub(crate) fn camera_from_world(&self, point: &Point3<f32>) -> Vector3<f32> {
         let offset = point - self.eye;
         Vector3::new(self.right.dot(&offset), self.down.dot(&offset), self.forward.dot(&offset))
-    }
-
-    /// The corners of a triangle in the camera frame.
-    #[inline]
-    pub(crate) fn corners(&self, scene: &Scene, triangle: u32) -> [Vector3<f32>; 3] {
-        let place = |corner: u32| self.camera_from_world(&scene.mesh.positions[corner as usize]);
-        let [a, b, c] = scene.mesh.triangles[triangle as usize];
-        [place(a), place(b), place(c)]
-    }
-
-    /// The pinhole, world frame.
-    pub(crate) fn eye(&self) -> Point3<f32> {
-        self.eye
-    }
-
-    /// Pixels that a metre covers at a metre of depth.
-    pub(crate) fn focal_px(&self) -> f32 {
-        self.focal_px
     }
 }

@@ -1,127 +1,129 @@
-use crate::camera::{Camera, Frame, Lens};
-use crate::canvas::{Canvas, NOTHING, SIDE};
+use crate::camera::{Camera, Frame};
 use crate::light::lit;
-use crate::raster::Raster;
-use crate::shade::{Shader, Surface};
-use crate::triangle::Outline;
+use crate::model::Model;
+use crate::raster::{Raster, Scratch};
+use crate::shade::Developer;
 use avln_geom::RayMesh;
-use avln_scene::{InstanceId, Scene};
-use std::sync::{Arc, OnceLock};
+use avln_machine::{Width, run_at};
+use avln_scene::{InstanceId, Scene, Texture};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// Takes pictures of one building. The same camera always gives the same bytes.
+/// Takes pictures of one scene. The same camera always gives the same bytes.
 pub struct Renderer {
-    scene: Arc<Scene>,
-    rays: Arc<RayMesh>,
-    shader: Shader,
-    /// What is drawn; made for the first picture.
-    drawn: OnceLock<Drawn>,
+    /// Made for the first picture.
+    model: OnceLock<Model>,
+    /// What it is made from; nothing once it is made.
+    source: Mutex<Option<Source>>,
+    /// Memory of pictures that are finished, for those to come.
+    idle: Mutex<Vec<Scratch>>,
 }
 
-/// The surfaces with their light; of the scene, only what they need.
-struct Drawn {
+/// Where models are kept from one run of the program to the next.
+pub trait Shelf: Send + Sync {
+    /// The model that was kept as `name`, if it is there and sound.
+    fn find(&self, name: &str) -> Option<Model>;
+    /// Keeps a model. Gives back the same one, in memory that others may share.
+    fn keep(&self, name: &str, model: Model) -> Model;
+}
+
+/// A place on a shelf.
+#[derive(Clone)]
+pub struct Place {
+    /// The shelf.
+    pub shelf: Arc<dyn Shelf>,
+    /// A name that only scenes with the same content have.
+    pub name: String,
+}
+
+#[derive(Clone)]
+struct Source {
     scene: Arc<Scene>,
+    /// Those that materials use instead of the scene's own.
+    textures: Option<Arc<Vec<Texture>>>,
     rays: Arc<RayMesh>,
+    place: Option<Place>,
+}
+
+impl Source {
+    fn model(&self) -> Model {
+        let Some(Place { shelf, name }) = &self.place else { return self.build() };
+        shelf.find(name).unwrap_or_else(|| shelf.keep(name, self.build()))
+    }
+
+    fn build(&self) -> Model {
+        let lit = lit(&self.scene, &self.rays);
+        let textures = self.textures.as_deref().unwrap_or(&self.scene.textures);
+        Model::build(&self.scene, lit.as_ref().unwrap_or(&self.scene.mesh), textures)
+    }
 }
 
 impl Renderer {
     /// A renderer of `scene`, whose triangles `rays` holds in the same order.
     pub fn new(scene: Arc<Scene>, rays: Arc<RayMesh>) -> Self {
-        let shader = Shader::new(&scene);
-        Self { scene, rays, shader, drawn: OnceLock::new() }
+        Self::of(Source { scene, textures: None, rays, place: None })
     }
 
-    /// What is drawn: the scene itself, or its surfaces with the light of its lamps.
-    fn drawn(&self) -> &Drawn {
-        self.drawn.get_or_init(|| match lit(&self.scene, &self.rays) {
-            None => Drawn { scene: Arc::clone(&self.scene), rays: Arc::clone(&self.rays) },
-            Some(mesh) => {
-                let rays = Arc::new(RayMesh::new(&mesh.positions, &mesh.triangles));
-                let Scene { materials, lighting, .. } = &*self.scene;
-                let scene = Scene {
-                    name: String::new(),
-                    mesh,
-                    materials: materials.clone(),
-                    textures: Vec::new(),
-                    regions: Vec::new(),
-                    objects: Vec::new(),
-                    lighting: lighting.clone(),
-                };
-                Drawn { scene: Arc::new(scene), rays }
-            }
-        })
+    /// A renderer of `scene`, whose triangles `rays` holds in the same order and whose materials use `textures` instead of its
+    /// own. The model is looked for and kept at `place`. Textures are let go when the model is there.
+    pub fn shelved(
+        scene: Arc<Scene>,
+        textures: Vec<Texture>,
+        rays: Arc<RayMesh>,
+        place: Option<Place>,
+    ) -> Self {
+        Self::of(Source { scene, textures: Some(Arc::new(textures)), rays, place })
     }
 
-    /// What `camera` sees. The first picture of a scene with lamps takes longer: it waits for their light. Surfaces have two sides; texels below their material's alpha cutoff are not there.
+    fn of(source: Source) -> Self {
+        Self { model: OnceLock::new(), source: Mutex::new(Some(source)), idle: Mutex::default() }
+    }
+
+    /// What pictures are made from. The first call takes longer: surfaces are sorted and, where there are lamps, their light
+    /// is worked out.
+    pub fn model(&self) -> &Model {
+        let source = || self.source.lock().unwrap_or_else(PoisonError::into_inner);
+        let model = self.model.get_or_init(|| {
+            let source = source().clone();
+            source.map_or_else(Model::default, |source| source.model())
+        });
+        *source() = None;
+        model
+    }
+
+    /// Bytes of what pictures are made from; 0 before the first picture.
+    pub fn resident_bytes(&self) -> usize {
+        self.model.get().map_or(0, Model::byte_count)
+    }
+
+    /// What `camera` sees. The first picture takes longer, as [`Renderer::model`] tells. Surfaces have two sides; texels
+    /// below their material's alpha cutoff are not there.
     pub fn render(&self, camera: &Camera) -> Frame {
-        let lens = camera.lens();
-        let canvas = self.trace(camera, &lens);
-        let mut frame = Frame::empty(camera, self.scene.lighting.backdrop_rgb());
-        for row in 0..canvas.tiles[1] {
-            for column in 0..canvas.tiles[0] {
-                self.develop(&canvas, [column, row], &lens, camera.depth_max_m, &mut frame);
-            }
-        }
+        self.render_with(camera, Width::Eight)
+    }
+
+    /// [`Renderer::render`] with vector instructions of at most this width; the frame is the same for all.
+    pub fn render_with(&self, camera: &Camera, width: Width) -> Frame {
+        let mut frame = Frame::empty(camera);
+        let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut scratch = idle().pop().unwrap_or_default();
+        let (view, lens) = (self.model().view(), camera.lens());
+        scratch.screen.clear(camera.width as usize, camera.height as usize);
+        run_at(width, Raster { view, lens, scratch: &mut scratch });
+        let depth_max_m = camera.depth_max_m;
+        run_at(width, Developer { view, depth_max_m, scratch: &scratch, frame: &mut frame });
+        idle().push(scratch);
         frame
-    }
-
-    /// The nearest hit of every pixel's ray.
-    fn trace(&self, camera: &Camera, lens: &Lens) -> Canvas {
-        let canvas = Canvas::new([camera.width as usize, camera.height as usize]);
-        let mut raster = Raster { scene: &self.drawn().scene, lens: *lens, canvas, shader: &self.shader };
-        self.drawn().rays.visit(&mut raster);
-        raster.canvas
-    }
-
-    /// Writes one tile's pixels into the frame.
-    fn develop(
-        &self,
-        canvas: &Canvas,
-        [column, row]: [usize; 2],
-        lens: &Lens,
-        depth_max_m: f32,
-        frame: &mut Frame,
-    ) {
-        let tile = canvas.tile(column, row);
-        let scene = &self.drawn().scene;
-        let (left, top) = (column * SIDE, row * SIDE);
-        let (width, height) = (SIDE.min(canvas.size[0] - left), SIDE.min(canvas.size[1] - top));
-        let mut current: Option<(u32, Surface)> = None;
-        for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
-            let triangle = tile.triangle[y * SIDE + x];
-            if triangle == NOTHING {
-                continue;
-            }
-            if current.as_ref().is_none_or(|(of, _)| *of != triangle) {
-                current = self.surface(lens, triangle).map(|surface| (triangle, surface));
-            }
-            let pixel = (top + y) * canvas.size[0] + left + x;
-            let depth_m = 1.0 / tile.nearness[y * SIDE + x];
-            frame.depth[pixel] = if depth_m <= depth_max_m { depth_m } else { 0.0 };
-            frame.instances[pixel] = scene.mesh.instance_of[triangle as usize];
-            if let Some((_, surface)) = &current {
-                let at = |index: usize, half: f32| index as f32 + 0.5 - half;
-                let color = surface.color(at(left + x, lens.half[0]), at(top + y, lens.half[1]), depth_m);
-                frame.rgb[3 * pixel..3 * pixel + 3].copy_from_slice(&color);
-            }
-        }
-    }
-
-    fn surface(&self, lens: &Lens, triangle: u32) -> Option<Surface<'_>> {
-        let scene = &self.drawn().scene;
-        let corners = lens.corners(scene, triangle);
-        let outline = Outline::new(&corners)?;
-        Some(self.shader.surface(scene, lens, triangle, &corners, &outline))
     }
 }
 
 impl Frame {
-    /// Nothing but the backdrop.
-    fn empty(camera: &Camera, backdrop_rgb: [u8; 3]) -> Self {
+    /// A picture of nothing.
+    fn empty(camera: &Camera) -> Self {
         let pixels = camera.width as usize * camera.height as usize;
         Self {
             width: camera.width,
             height: camera.height,
-            rgb: backdrop_rgb.repeat(pixels),
+            rgb: vec![0; 3 * pixels],
             depth: vec![0.0; pixels],
             instances: vec![InstanceId::NONE; pixels],
         }

@@ -1,0 +1,87 @@
+/// How many numbers vector instructions work on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Width {
+    /// As many as on every processor that the program was built for.
+    Portable,
+    /// Eight floats (AVX2, x86-64-v3), where the processor has them.
+    Eight,
+}
+
+/// Something to be computed. All that matters for speed must be `#[inline(always)]`, the method too: what is called instead
+/// of inlined is not compiled anew.
+pub trait Work {
+    /// What is found.
+    type Output;
+    /// Computes it.
+    fn run(self) -> Self::Output;
+}
+
+impl Width {
+    /// The widest that this processor has.
+    pub fn widest() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if has_eight() {
+            return Self::Eight;
+        }
+        Self::Portable
+    }
+}
+
+/// Does `work` with the widest vector instructions of this processor.
+#[inline]
+pub fn run_widest<W: Work>(work: W) -> W::Output {
+    run_at(Width::Eight, work)
+}
+
+/// Does `work` with vector instructions of at most this width. The result is the same for all.
+#[inline]
+pub fn run_at<W: Work>(width: Width, work: W) -> W::Output {
+    #[cfg(target_arch = "x86_64")]
+    if width == Width::Eight && has_eight() {
+        // SAFETY: the processor has the instructions that the function is compiled for.
+        return unsafe { run_eight(work) };
+    }
+    let _ = width;
+    work.run()
+}
+
+#[cfg(target_arch = "x86_64")]
+fn has_eight() -> bool {
+    // The standard library detects once and remembers.
+    is_x86_feature_detected!("avx2")
+        && is_x86_feature_detected!("bmi1")
+        && is_x86_feature_detected!("bmi2")
+        && is_x86_feature_detected!("lzcnt")
+        && is_x86_feature_detected!("popcnt")
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+fn run_eight<W: Work>(work: W) -> W::Output {
+    work.run()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Sum([f32; 64]);
+
+    impl Work for Sum {
+        type Output = f32;
+
+        #[inline(always)]
+        fn run(self) -> f32 {
+            self.0.iter().map(|value| value * 1.1 + 0.3).sum()
+        }
+    }
+
+    #[test]
+    fn results_do_not_depend_on_the_width() {
+        let values = std::array::from_fn(|i| (i as f32).sqrt());
+        let portable = run_at(Width::Portable, Sum(values));
+        assert_eq!(run_at(Width::Eight, Sum(values)).to_bits(), portable.to_bits());
+        assert_eq!(run_widest(Sum(values)).to_bits(), portable.to_bits());
+        assert!(Width::widest() >= Width::Portable);
+    }
+}

@@ -1,0 +1,152 @@
+//! A model as one block of bytes: a header that tells the length of each section, then the sections.
+//!
+//! Numbers are little-endian words of four bytes. The header: the letters `AVLN`, the version of the layout, the number of
+//! words in each section, and the BLAKE3 hash of all sections.
+
+use super::{Model, SECTIONS};
+use std::io::{self, Write};
+use std::ops::Range;
+
+const MAGIC: u32 = u32::from_le_bytes(*b"AVLN");
+/// Counts changes of the layout, of how models are built and of how light is worked out.
+const VERSION: u32 = 1;
+const HASH_WORDS: usize = 8;
+const HEADER_WORDS: usize = 2 + SECTIONS + HASH_WORDS;
+const WORD: usize = size_of::<u32>();
+/// Words of one entry of each section.
+const ENTRY_WORDS: [usize; SECTIONS] = [8, 4, 1, 3, 2, 2, 4, 4, 1, 2];
+
+/// Why bytes are not a model.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+pub enum ModelError {
+    /// They are something else, or of another version of this program.
+    #[error(
+        "it was not written by this version of the program (layout {found:#x}, expected {VERSION:#x}); delete it, it will be made anew"
+    )]
+    Foreign {
+        /// The version they tell, or 0.
+        found: u32,
+    },
+    /// Some are missing or changed.
+    #[error("it is damaged: {0}; delete it, it will be made anew")]
+    Damaged(&'static str),
+}
+
+impl Model {
+    /// The model in `bytes`, as [`Model::write`] wrote it; they may be a file that is mapped into memory.
+    ///
+    /// # Errors
+    /// When they are something else, cut short or changed.
+    pub fn read(bytes: impl AsRef<[u8]> + Send + Sync + 'static) -> Result<Self, ModelError> {
+        let sections = sections(bytes.as_ref())?;
+        Ok(Self::new(Box::new(bytes), sections))
+    }
+
+    /// Writes the model's bytes.
+    ///
+    /// # Errors
+    /// When `out` takes no more.
+    pub fn write(&self, mut out: impl Write) -> io::Result<()> {
+        out.write_all((*self.bytes).as_ref())
+    }
+}
+
+/// Words whose bytes can be borrowed.
+struct Words(Vec<u32>);
+
+impl AsRef<[u8]> for Words {
+    fn as_ref(&self) -> &[u8] {
+        bytemuck::cast_slice(&self.0)
+    }
+}
+
+/// The model with these sections.
+pub(super) fn assemble(contents: &[&[u32]; SECTIONS]) -> Model {
+    let mut words = vec![MAGIC, VERSION];
+    words.extend(contents.iter().map(|section| section.len() as u32));
+    let mut hasher = blake3::Hasher::new();
+    contents.iter().for_each(|section| {
+        hasher.update(bytemuck::cast_slice(section));
+    });
+    words.extend(hasher.finalize().as_bytes().as_chunks::<WORD>().0.iter().copied().map(u32::from_ne_bytes));
+    contents.iter().for_each(|section| words.extend_from_slice(section));
+    let lengths = contents.map(|section| section.len());
+    Model::new(Box::new(Words(words)), ranges(lengths))
+}
+
+fn ranges(lengths: [usize; SECTIONS]) -> [Range<usize>; SECTIONS] {
+    let mut start = HEADER_WORDS * WORD;
+    lengths.map(|length| {
+        let range = start..start + length * WORD;
+        start = range.end;
+        range
+    })
+}
+
+fn sections(bytes: &[u8]) -> Result<[Range<usize>; SECTIONS], ModelError> {
+    let words: &[u32] =
+        bytemuck::try_cast_slice(bytes).map_err(|_| ModelError::Damaged("its length or place is odd"))?;
+    let (header, content) =
+        words.split_at_checked(HEADER_WORDS).ok_or(ModelError::Damaged("its header is cut short"))?;
+    if header[..2] != [MAGIC, VERSION] {
+        return Err(ModelError::Foreign { found: if header[0] == MAGIC { header[1] } else { 0 } });
+    }
+    let lengths: [usize; SECTIONS] = std::array::from_fn(|section| header[2 + section] as usize);
+    if lengths.iter().sum::<usize>() != content.len() {
+        return Err(ModelError::Damaged("its length is not what its header tells"));
+    }
+    if lengths.iter().zip(ENTRY_WORDS).any(|(length, entry)| length % entry != 0) {
+        return Err(ModelError::Damaged("a section is cut short"));
+    }
+    let hash = blake3::hash(bytemuck::cast_slice(content));
+    if bytemuck::cast_slice::<u32, u8>(&header[2 + SECTIONS..]) != hash.as_bytes() {
+        return Err(ModelError::Damaged("its content has changed"));
+    }
+    Ok(ranges(lengths))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn model() -> Model {
+        let part = [1, 2, 3, 4, 5, 6, 7, 8];
+        assemble(&[&part, &part, &part, &part[..3], &part, &part, &part, &part, &part, &part[..2]])
+    }
+
+    fn bytes_of(model: &Model) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        model.write(&mut bytes).expect("memory takes all");
+        bytes
+    }
+
+    /// Bytes at an address that words may lie at.
+    fn read(bytes: &[u8]) -> Result<Model, ModelError> {
+        Model::read(Words(
+            bytes.chunks(WORD).map(|word| word.iter().rev().fold(0, |w, &b| w << 8 | u32::from(b))).collect(),
+        ))
+    }
+
+    #[test]
+    fn what_was_written_is_read() {
+        let bytes = bytes_of(&model());
+        let again = read(&bytes).expect("a model");
+        assert_eq!(bytes_of(&again), bytes);
+        assert_eq!(again.view().nodes, [[1, 2, 3, 4, 5, 6, 7, 8]]);
+        assert_eq!(again.view().corners, [[1, 2, 3]]);
+    }
+
+    #[test]
+    fn other_bytes_are_refused() {
+        let bytes = bytes_of(&model());
+        for at in 0..bytes.len() {
+            let mut changed = bytes.clone();
+            changed[at] ^= 1;
+            assert!(read(&changed).is_err(), "byte {at}");
+        }
+        for end in (0..bytes.len()).step_by(WORD) {
+            assert!(read(&bytes[..end]).is_err(), "{end} bytes");
+        }
+        assert_eq!(read(&[0; 200]).err(), Some(ModelError::Foreign { found: 0 }));
+    }
+}

@@ -1,0 +1,233 @@
+//! What is needed to colour the pixels of each triangle that was seen.
+
+use super::Raster;
+use super::batch::{Batch, Plane, Stroke};
+use super::edges::planes;
+use crate::lanes::{Floats, LANES};
+use crate::model::{CLUSTER, HOLED, LEVEL_BITS, NO_TEXTURE, View};
+use crate::shade;
+use std::array::from_fn;
+
+/// Set in tints that are one colour, RGB; other tints are numbers of [`Records::tints`].
+const TINT_IS_EVEN: u32 = 0xff00_0000;
+
+/// One entry for each triangle that was seen, in the order of drawing, after that of nothing.
+#[derive(Default)]
+pub(crate) struct Records {
+    /// The planes of u and v times nearness (x, y, constant each), texels of the full size on a pixel at one metre of depth
+    /// (it grows with depth cubed), and 0.
+    pub(crate) planes: Vec<[f32; 8]>,
+    pub(crate) meta: Vec<Meta>,
+    /// Planes of red, green and blue, 0 to 255, times nearness.
+    pub(crate) tints: Vec<[f32; 9]>,
+    /// Triangles of the current batch that were seen and are not recorded yet.
+    kept: Vec<u8>,
+}
+
+/// What all points of a triangle share.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Meta {
+    /// Its texture; see [`View::materials`].
+    pub(crate) texture: u32,
+    /// The colour of material and corners where it is even, else the number of its planes.
+    pub(crate) tint: u32,
+    pub(crate) instance: u32,
+}
+
+/// A corner's u and v as bits, and RGB.
+type Corner = [u32; 3];
+
+impl Meta {
+    /// Of nothing.
+    pub(crate) const NONE: Self = Self { texture: NO_TEXTURE, tint: u32::MAX, instance: 0 };
+
+    /// Of a surface whose corners have these colours; an uneven tint is left to be numbered.
+    #[inline(always)]
+    fn new(view: &View, surface: u32, [a, b, c]: [u32; 3]) -> Self {
+        let [material, instance] = view.surfaces[surface as usize];
+        let [base, texture, ..] = view.materials[material as usize];
+        let tint = if a == b && b == c { shade::modulate(a, base) | TINT_IS_EVEN } else { 0 };
+        Self { texture, tint, instance }
+    }
+
+    /// Whether all points have the same tint.
+    #[inline(always)]
+    pub(crate) fn is_even(&self) -> bool {
+        self.tint & TINT_IS_EVEN != 0
+    }
+
+    /// Texels of the texture's full size.
+    #[inline(always)]
+    fn texels(&self, view: &View) -> f32 {
+        let [_, width, height, _] = view.levels[(self.texture >> LEVEL_BITS) as usize];
+        width as i32 as f32 * height as i32 as f32
+    }
+}
+
+/// The material's red, green and blue, 0 to 1.
+fn base_color(view: &View, surface: u32) -> [f32; 3] {
+    let [material, _] = view.surfaces[surface as usize];
+    let [r, g, b, _] = view.materials[material as usize][0].to_le_bytes();
+    [r, g, b].map(|value| f32::from(value) / 255.0)
+}
+
+/// The corners of triangle `at` of a cluster, and its surface.
+#[inline(always)]
+pub(super) fn corners(view: &View, cluster: usize, at: usize) -> ([Corner; 3], u32) {
+    let [_, first_corner, first, _] = view.clusters[cluster];
+    let [corners, surface] = view.triangles[first as usize + at];
+    let [a, b, c, _] = corners.to_le_bytes();
+    (from_fn(|corner| view.corners[first_corner as usize + usize::from([a, b, c][corner])]), surface)
+}
+
+/// A whole number near `value`; where there are none any more, `value` itself.
+#[inline(always)]
+fn nearest_whole(value: f32) -> f32 {
+    /// Numbers of this size have no binary places left, so that adding it rounds.
+    const ROUNDER: f32 = 12_582_912.0;
+    (value + ROUNDER) - ROUNDER
+}
+
+/// Texture coordinates of the corners of eight triangles, moved by whole numbers towards 0, where they have more binary
+/// places: textures repeat.
+#[inline(always)]
+fn coordinates(corners: &[[Corner; 3]; LANES], value: usize) -> [Floats; 3] {
+    let of_corner = |corner: usize| Floats(from_fn(|lane| f32::from_bits(corners[lane][corner][value])));
+    let [a, b, c] = [of_corner(0), of_corner(1), of_corner(2)];
+    let whole = Floats(from_fn(|lane| nearest_whole(a.0[lane])));
+    [a - whole, b - whole, c - whole]
+}
+
+impl Records {
+    pub(super) fn clear(&mut self) {
+        self.planes.clear();
+        self.meta.clear();
+        self.tints.clear();
+        self.kept.clear();
+        self.planes.push([0.0; 8]);
+        self.meta.push(Meta::NONE);
+    }
+
+    /// The number of the record of nothing.
+    pub(crate) const NOTHING: u32 = 0;
+
+    /// The number of the next record.
+    #[inline(always)]
+    pub(super) fn next(&self) -> u32 {
+        (self.planes.len() + self.kept.len()) as u32
+    }
+
+    /// Adds a record; `tint` tells the planes of red, green and blue over depth if they are needed.
+    #[inline(always)]
+    fn add(&mut self, [u, v]: [Plane; 2], texels: f32, mut meta: Meta, tint: impl FnOnce() -> [Plane; 3]) {
+        self.planes.push([u.x, u.y, u.constant, v.x, v.y, v.constant, texels, 0.0]);
+        if !meta.is_even() {
+            meta.tint = self.tints.len() as u32;
+            let [r, g, b] = tint();
+            self.tints.push([r.x, r.y, r.constant, g.x, g.y, g.constant, b.x, b.y, b.constant]);
+        }
+        self.meta.push(meta);
+    }
+}
+
+impl Raster<'_> {
+    /// Draws triangle `lane` of a batch of a cluster, and keeps it to be recorded if it is seen.
+    #[inline(always)]
+    pub(super) fn draw_stroke(&mut self, cluster: usize, which: usize, lane: usize, stroke: &Stroke) {
+        let [_, _, first, _] = self.view.clusters[cluster];
+        let [corners, surface] = self.view.triangles[first as usize + which * LANES + lane];
+        if corners & HOLED != 0 {
+            // Where there are holes depends on the texture, which takes a record to look up.
+            self.record(cluster, which);
+            let number = self.scratch.records.next();
+            self.scratch.records.kept.push(lane as u8);
+            self.record(cluster, which);
+            self.fill_holed(stroke, surface, number);
+        } else if self.fill(stroke, self.scratch.records.next()) {
+            self.scratch.records.kept.push(lane as u8);
+        }
+    }
+
+    /// Makes the records of the triangles of a batch that were kept.
+    #[inline(always)]
+    pub(super) fn record(&mut self, cluster: usize, which: usize) {
+        if self.scratch.records.kept.is_empty() {
+            return;
+        }
+        let view = self.view;
+        let last = (view.clusters[cluster][3] & 0xffff) as usize - 1;
+        let of_lane: [_; LANES] = from_fn(|lane| corners(&view, cluster, (which * LANES + lane).min(last)));
+        let corners: [[Corner; 3]; LANES] = from_fn(|lane| of_lane[lane].0);
+        let batch = self.scratch.batches[which];
+        let [u, v] = [coordinates(&corners, 0), coordinates(&corners, 1)];
+        let (u_plane, v_plane) = (batch.over_depth(u), batch.over_depth(v));
+        let [na, nb, nc] = batch.nearness;
+        let double_area = ((u[1] - u[0]) * (v[2] - v[0]) - (u[2] - u[0]) * (v[1] - v[0])).abs();
+        let shares = double_area * (batch.inverse.abs() * na * nb * nc);
+        let kept = std::mem::take(&mut self.scratch.records.kept);
+        let mut tints = None;
+        for lane in kept.iter().map(|&lane| usize::from(lane) % LANES) {
+            let surface = of_lane[lane].1;
+            let meta = Meta::new(&view, surface, corners[lane].map(|[.., rgb]| rgb));
+            let texels = shares.0[lane] * meta.texels(&view);
+            let tint = || {
+                let planes: &[super::edges::Planes; 3] = tints.get_or_insert_with(|| batch.tints(&corners));
+                let base = base_color(&view, surface);
+                from_fn(|channel| planes[channel].lane(lane).times(base[channel]))
+            };
+            self.scratch.records.add([u_plane.lane(lane), v_plane.lane(lane)], texels, meta, tint);
+        }
+        self.scratch.records.kept = kept;
+        self.scratch.records.kept.clear();
+    }
+
+    /// Makes the record of triangle `at` of a cluster, which reaches behind the pinhole: `plane` tells the plane over depth
+    /// through three corners' values, and `per_area` what areas between them grow by on the screen.
+    pub(super) fn record_crossing(
+        &mut self,
+        cluster: usize,
+        at: usize,
+        plane: impl Fn([f32; 3]) -> Plane,
+        per_area: f32,
+    ) {
+        let view = self.view;
+        let (corners, surface) = corners(&view, cluster, at);
+        let meta = Meta::new(&view, surface, corners.map(|[.., rgb]| rgb));
+        let uv = [0, 1].map(|value: usize| {
+            let whole = nearest_whole(f32::from_bits(corners[0][value]));
+            corners.map(|corner| f32::from_bits(corner[value]) - whole)
+        });
+        let [[ua, ub, uc], [va, vb, vc]] = uv;
+        let double_area = ((ub - ua) * (vc - va) - (uc - ua) * (vb - va)).abs();
+        let base = base_color(&view, surface);
+        let tint = || {
+            from_fn(|channel| {
+                plane(corners.map(|[.., rgb]| f32::from(rgb.to_le_bytes()[channel]) * base[channel]))
+            })
+        };
+        let texels = double_area * meta.texels(&view) * per_area;
+        self.scratch.records.add(uv.map(&plane), texels, meta, tint);
+    }
+}
+
+impl Batch {
+    /// The planes over depth through values of the corners.
+    #[inline(always)]
+    fn over_depth(&self, [a, b, c]: [Floats; 3]) -> super::edges::Planes {
+        let [na, nb, nc] = self.nearness;
+        planes(&self.corners, self.inverse, [a * na, b * nb, c * nc])
+    }
+
+    /// The planes of corners' red, green and blue over depth.
+    #[inline(always)]
+    fn tints(&self, corners: &[[Corner; 3]; LANES]) -> [super::edges::Planes; 3] {
+        from_fn(|channel| {
+            let of_corner = |corner: usize| {
+                Floats(from_fn(|lane| (corners[lane][corner][2] >> (8 * channel) & 0xff) as i32 as f32))
+            };
+            self.over_depth([of_corner(0), of_corner(1), of_corner(2)])
+        })
+    }
+}
+
+const _: () = assert!(CLUSTER <= 256, "triangles of a cluster are numbered by bytes");

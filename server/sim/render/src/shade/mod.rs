@@ -1,0 +1,179 @@
+//! Colours, depths and instances of the pixels, once it is known what they show.
+
+mod sample;
+
+use crate::camera::Frame;
+use crate::model::{NO_TEXTURE, View};
+use crate::raster::{Records, Scratch};
+use avln_machine::Work;
+use avln_scene::InstanceId;
+pub(crate) use sample::modulate;
+use sample::{level_of, rounded, sample, sample_one};
+
+const WHITE: u32 = u32::MAX;
+/// Pixels that are worked on at a time.
+const RUN: usize = 64;
+
+/// Writes a picture out of what was drawn.
+pub(crate) struct Developer<'a> {
+    pub(crate) view: View<'a>,
+    pub(crate) depth_max_m: f32,
+    pub(crate) scratch: &'a Scratch,
+    /// Its lists have the right length.
+    pub(crate) frame: &'a mut Frame,
+}
+
+/// Neighbouring pixels of a row and what is known of each.
+struct Run {
+    /// One over the depth, 1/metres; 0 where nothing is seen.
+    nearness: [f32; RUN],
+    /// Numbers of the records of what is seen.
+    record: [u32; RUN],
+    /// Planar depth, metres; 0 where nothing is seen.
+    depth_m: [f32; RUN],
+    /// Texture coordinates.
+    u: [f32; RUN],
+    v: [f32; RUN],
+    /// First texel, width, height, blocks in a row of the level that is looked at.
+    level: [[u32; RUN]; 4],
+    /// RGBA, of the texture first and of the surface in the end.
+    color: [u32; RUN],
+}
+
+impl Work for Developer<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(mut self) {
+        let screen = &self.scratch.screen;
+        let (width, height) = (screen.width, screen.height);
+        let mut run = Run::default();
+        for row in 0..height {
+            for column in (0..width).step_by(RUN) {
+                let count = RUN.min(width - column);
+                run.take(self.scratch, row * screen.stride + column, count);
+                if self.place(&mut run, [column, row], count) {
+                    sample(self.view.texels, &mut run, count);
+                } else {
+                    run.color = [WHITE; RUN];
+                }
+                self.tint(&mut run, [column, row], count);
+                self.write(&run, row * width + column, count);
+            }
+        }
+    }
+}
+
+impl Developer<'_> {
+    /// Finds where in which textures the pixels lie; whether there are any textures.
+    #[inline(always)]
+    fn place(&self, run: &mut Run, [column, row]: [usize; 2], count: usize) -> bool {
+        let records = &self.scratch.records;
+        let (first_x, y) = (column as i32, row as i32 as f32);
+        let mut is_textured = false;
+        for i in 0..count {
+            let number = run.record[i] as usize;
+            let ([ux, uy, u, vx, vy, v, texels, _], texture) =
+                (&records.planes[number], records.meta[number].texture);
+            let (x, depth_m) = ((first_x + i as i32) as f32, run.depth_m[i]);
+            run.u[i] = (ux * x + (uy * y + u)) * depth_m;
+            run.v[i] = (vx * x + (vy * y + v)) * depth_m;
+            let level = level_of(texels * (depth_m * depth_m * depth_m), texture);
+            let level = &self.view.levels[level as usize];
+            (0..4).for_each(|value| run.level[value][i] = level[value]);
+            is_textured |= texture != NO_TEXTURE;
+        }
+        is_textured
+    }
+
+    /// Multiplies by the colours of materials and corners.
+    #[inline(always)]
+    fn tint(&self, run: &mut Run, [column, row]: [usize; 2], count: usize) {
+        let records = &self.scratch.records;
+        let mut tints = [WHITE; RUN];
+        let mut is_tinted = false;
+        for (i, out) in tints.iter_mut().enumerate().take(count) {
+            let meta = &records.meta[run.record[i] as usize];
+            *out = if meta.is_even() {
+                meta.tint
+            } else {
+                let place = [(column + i) as i32 as f32, row as i32 as f32, run.depth_m[i]];
+                varying_tint(&records.tints[meta.tint as usize], place)
+            };
+            is_tinted |= *out != WHITE;
+        }
+        if is_tinted {
+            for (color, tint) in run.color.iter_mut().zip(tints) {
+                *color = modulate(*color, tint);
+            }
+        }
+    }
+
+    /// Writes pixels from number `first` on.
+    #[inline(always)]
+    fn write(&mut self, run: &Run, first: usize, count: usize) {
+        let pixels = first..first + count;
+        for (out, &depth_m) in self.frame.depth[pixels.clone()].iter_mut().zip(&run.depth_m) {
+            *out = if depth_m <= self.depth_max_m { depth_m } else { 0.0 };
+        }
+        let meta = &self.scratch.records.meta;
+        for (out, &record) in self.frame.instances[pixels.clone()].iter_mut().zip(&run.record) {
+            *out = InstanceId(meta[record as usize].instance);
+        }
+        let backdrop = self.view.whole[0];
+        let rgb = &mut self.frame.rgb.as_chunks_mut::<3>().0[pixels];
+        for ((out, &color), &nearness) in rgb.iter_mut().zip(&run.color).zip(&run.nearness) {
+            let [red, green, blue, _] = if nearness > 0.0 { color } else { backdrop }.to_le_bytes();
+            *out = [red, green, blue];
+        }
+    }
+}
+
+/// RGB at column, row and depth, from planes over depth.
+#[inline(always)]
+fn varying_tint(planes: &[f32; 9], [column, row, depth_m]: [f32; 3]) -> u32 {
+    let channel = |first: usize| {
+        let value = (planes[first] * column + (planes[first + 1] * row + planes[first + 2])) * depth_m;
+        rounded(if value > 0.0 { if value < 255.0 { value } else { 255.0 } } else { 0.0 })
+    };
+    channel(0) | channel(3) << 8 | channel(6) << 16
+}
+
+impl Default for Run {
+    fn default() -> Self {
+        let zeros = [0.0; RUN];
+        let level = [[0; RUN], [1; RUN], [1; RUN], [1; RUN]];
+        Self { nearness: zeros, record: [0; RUN], depth_m: zeros, u: zeros, v: zeros, level, color: [0; RUN] }
+    }
+}
+
+impl Run {
+    /// Takes `count` pixels of the screen.
+    #[inline(always)]
+    fn take(&mut self, from: &Scratch, first: usize, count: usize) {
+        self.nearness[..count].copy_from_slice(&from.screen.nearness[first..first + count]);
+        self.record[..count].copy_from_slice(&from.screen.record[first..first + count]);
+        for i in 0..RUN {
+            let is_seen = self.nearness[i] > 0.0;
+            self.depth_m[i] = if is_seen { 1.0 / self.nearness[i] } else { 0.0 };
+            self.record[i] = if is_seen { self.record[i] } else { Records::NOTHING };
+        }
+    }
+}
+
+/// Whether a surface with holes is there, given the planes of its record, a pixel's column and row and one over its depth.
+#[inline(always)]
+pub(crate) fn is_solid(
+    view: &View,
+    surface: u32,
+    planes: &[f32; 8],
+    [column, row]: [f32; 2],
+    nearness: f32,
+) -> bool {
+    let [base, texture, cutoff, _] = view.materials[view.surfaces[surface as usize][0] as usize];
+    let depth_m = 1.0 / nearness;
+    let value = |at: usize| (planes[at] * column + (planes[at + 1] * row + planes[at + 2])) * depth_m;
+    let level = level_of(planes[6] * (depth_m * depth_m * depth_m), texture);
+    let alpha = sample_one(view.texels, [value(0), value(3)], view.levels[level as usize]) >> 24;
+    alpha * (base >> 24) >= cutoff * 255
+}

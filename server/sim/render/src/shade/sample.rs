@@ -1,0 +1,199 @@
+//! The colours of textures, in whole numbers from the choice of texels on.
+
+use super::{RUN, Run, WHITE};
+use crate::model::{BLOCK, LEVEL_BITS};
+
+const SIDE: u32 = BLOCK as u32;
+/// Texels of a block.
+const AREA: u32 = SIDE * SIDE;
+
+/// The number of the level whose texels are about as large as a pixel, where `footprint` texels of the full size fall on
+/// one: half of log2(`footprint`), rounded, and no farther than the last level of `texture`.
+#[inline(always)]
+pub(super) fn level_of(footprint: f32, texture: u32) -> u32 {
+    // The exponent of a float is its log2 rounded down; numbers below 1 and what is not a number end at the borders.
+    let log2 = (footprint.to_bits() >> 23) as i32 - 127;
+    let level = (log2 + 1) >> 1;
+    let last = (texture & ((1 << LEVEL_BITS) - 1)) as i32 - 1;
+    let level = if level < last { level } else { last };
+    (texture >> LEVEL_BITS) + (if level > 0 { level } else { 0 }) as u32
+}
+
+/// Looks up the colours of `count` pixels: of each the four texels around, weighted by how near they are.
+#[inline(always)]
+pub(super) fn sample(texels: &[u32], run: &mut Run, count: usize) {
+    let mut at = [[0; RUN]; 4];
+    let mut weight = [[0; RUN]; 2];
+    for i in 0..RUN {
+        let level = [run.level[0][i], run.level[1][i], run.level[2][i], run.level[3][i]];
+        let found = Neighbours::new([run.u[i], run.v[i]], level);
+        at[0][i] = found.at[0];
+        at[1][i] = found.at[1];
+        at[2][i] = found.at[2];
+        at[3][i] = found.at[3];
+        weight[0][i] = found.across;
+        weight[1][i] = found.down;
+    }
+    let mut texel = [[0; RUN]; 4];
+    for i in 0..count {
+        for corner in 0..4 {
+            texel[corner][i] = texels.get(at[corner][i] as usize).copied().unwrap_or(WHITE);
+        }
+    }
+    for i in 0..RUN {
+        let above = mix(texel[0][i], texel[1][i], weight[0][i]);
+        let below = mix(texel[2][i], texel[3][i], weight[0][i]);
+        run.color[i] = mix(above, below, weight[1][i]);
+    }
+}
+
+/// The colour at one place.
+pub(super) fn sample_one(texels: &[u32], uv: [f32; 2], level: [u32; 4]) -> u32 {
+    let Neighbours { at, across, down } = Neighbours::new(uv, level);
+    let [a, b, c, d] = at.map(|at| texels.get(at as usize).copied().unwrap_or(WHITE));
+    mix(mix(a, b, across), mix(c, d, across), down)
+}
+
+/// The four texels around a place, and how much the right and the lower ones count, 0 to 255 of 256.
+struct Neighbours {
+    /// Upper left, upper right, lower left, lower right.
+    at: [u32; 4],
+    across: u32,
+    down: u32,
+}
+
+impl Neighbours {
+    #[inline(always)]
+    fn new([u, v]: [f32; 2], [first, width, height, blocks]: [u32; 4]) -> Self {
+        let (left, right, across) = along(u, width);
+        let (upper, lower, down) = along(v, height);
+        let in_row = |x: u32| x / SIDE * AREA + x % SIDE;
+        let in_column = |y: u32| first.wrapping_add((y / SIDE).wrapping_mul(blocks) * AREA + y % SIDE * SIDE);
+        let (left, right, upper, lower) = (in_row(left), in_row(right), in_column(upper), in_column(lower));
+        let sum = |row: u32, column: u32| row.wrapping_add(column);
+        Self { at: [sum(upper, left), sum(upper, right), sum(lower, left), sum(lower, right)], across, down }
+    }
+}
+
+/// The two texels of `count` around a repeating coordinate, and the weight of the second, 0 to 255.
+#[inline(always)]
+fn along(coordinate: f32, count: u32) -> (u32, u32, u32) {
+    // Texel centres lie half a texel, 128 of 256 steps, after their beginnings.
+    let steps = rounded(fraction(coordinate) * (count as i32 as f32 * 256.0)) + 128;
+    let second = steps >> 8;
+    let second = if second < count { second } else { 0 };
+    let first = (if second == 0 { count } else { second }).wrapping_sub(1);
+    (first, second, steps & 255)
+}
+
+/// The distance from the whole number below, 0 to 1; 0 for what is not a number.
+#[inline(always)]
+fn fraction(value: f32) -> f32 {
+    /// Numbers of this size have no binary places left, so that adding it rounds.
+    const ROUNDER: f32 = 12_582_912.0;
+    let nearest = (value + ROUNDER) - ROUNDER;
+    let floor = nearest - if nearest > value { 1.0 } else { 0.0 };
+    let within = value - floor;
+    let within = if within > 0.0 { within } else { 0.0 };
+    if within < 1.0 { within } else { 1.0 }
+}
+
+/// The nearest whole number to `value`, which must lie between 0 and 2^23. A cast would check for more.
+#[inline(always)]
+pub(super) fn rounded(value: f32) -> u32 {
+    /// From 2^23 on floats are whole, with the number's bits at the end.
+    const WHOLE: f32 = 8_388_608.0;
+    (value + WHOLE).to_bits() & 0x007f_ffff
+}
+
+const EVEN: u32 = 0x00ff_00ff;
+const HALVES: u32 = 0x0080_0080;
+
+/// A colour between two, each of four bytes: `weight` of 256 parts of the second.
+#[inline(always)]
+fn mix(a: u32, b: u32, weight: u32) -> u32 {
+    let rest = 256 - weight;
+    let even = (a & EVEN) * rest + (b & EVEN) * weight + HALVES;
+    let odd = (a >> 8 & EVEN) * rest + (b >> 8 & EVEN) * weight + HALVES;
+    (even >> 8 & EVEN) | (odd & !EVEN)
+}
+
+/// The product of two colours' red, green and blue, where 255 is one, rounded.
+#[inline(always)]
+pub(crate) fn modulate(a: u32, b: u32) -> u32 {
+    let channel = |shift: u32| {
+        let product = (a >> shift & 255) * (b >> shift & 255) + 128;
+        // Source: Blinn, "Three wrongs make a right" (1995): the product over 255, rounded.
+        (product + (product >> 8)) >> 8
+    };
+    channel(0) | channel(8) << 8 | channel(16) << 16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The red of a texture of one level.
+    fn red_at(values: &[u32], [width, height]: [u32; 2], u: f32, v: f32) -> u32 {
+        let blocks = width.div_ceil(SIDE);
+        let mut texels = vec![0; (blocks * height.div_ceil(SIDE) * AREA) as usize];
+        for (at, &value) in values.iter().enumerate() {
+            let (x, y) = (at % width as usize, at / width as usize);
+            let block = y / BLOCK * blocks as usize + x / BLOCK;
+            texels[block * BLOCK * BLOCK + y % BLOCK * BLOCK + x % BLOCK] = value;
+        }
+        let level = [0, width, height, blocks];
+        let mut run =
+            Run { u: [u; RUN], v: [v; RUN], level: level.map(|value| [value; RUN]), ..Run::default() };
+        sample(&texels, &mut run, RUN);
+        assert_eq!(run.color[RUN - 1], sample_one(&texels, [u, v], level));
+        run.color[0]
+    }
+
+    #[test]
+    fn texel_centres_have_the_texels_own_colour_and_borders_the_mean() {
+        let at = |u, v| red_at(&[0, 100, 200, 40], [2, 2], u, v);
+        assert_eq!([at(0.25, 0.25), at(0.75, 0.25), at(0.25, 0.75), at(0.75, 0.75)], [0, 100, 200, 40]);
+        assert_eq!([at(0.5, 0.25), at(0.25, 0.5), at(0.5, 0.5)], [50, 100, 85]);
+        assert_eq!(at(0.0, 0.25), 50, "the first texel's neighbour to the left is the last one");
+    }
+
+    #[test]
+    fn a_texture_repeats_in_both_directions_and_senses() {
+        let at = |u, v| red_at(&[10, 20, 30, 40, 50, 60, 70, 80, 90, 15, 25, 35], [6, 2], u, v);
+        for (u, v) in [(0.2, 0.3), (0.9, 0.1), (0.5, 0.75)] {
+            for (du, dv) in [(1.0, 0.0), (-1.0, 2.0), (-7.0, -3.0), (100.0, 5.0)] {
+                assert!(at(u + du, v + dv).abs_diff(at(u, v)) <= 1);
+            }
+        }
+        for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, -1e-30, 1e7] {
+            at(odd, odd);
+        }
+    }
+
+    #[test]
+    fn levels_follow_the_footprint() {
+        let level = |footprint, levels: u32| level_of(footprint, 7 << LEVEL_BITS | levels);
+        assert_eq!([1.0, 4.0, 64.0, 1e9].map(|footprint| level(footprint, 9)), [7, 8, 10, 15]);
+        assert_eq!([0.0, 0.1, f32::NAN].map(|footprint| level(footprint, 9)), [7, 7, 15]);
+        assert_eq!(level(f32::INFINITY, 1), 7);
+    }
+
+    #[test]
+    fn fractions_rounding_and_mixing_are_exact() {
+        for (value, expected) in
+            [(0.25, 0.25), (-0.25, 0.75), (7.5, 0.5), (-3.0, 0.0), (8.0, 0.0), (-2.5, 0.5)]
+        {
+            assert_eq!(fraction(value), expected, "{value}");
+        }
+        for (value, expected) in [(0.0, 0), (0.4, 0), (0.6, 1), (254.7, 255), (4_194_304.0, 4_194_304)] {
+            assert_eq!(rounded(value), expected, "{value}");
+        }
+        assert_eq!(mix(0xff00_8001, 0xff00_8001, 77), 0xff00_8001);
+        assert_eq!(mix(0x00ff_0000, 0xff00_ff64, 128), 0x8080_8032);
+        for (a, b) in (0..=255).flat_map(|a| [0, 1, 77, 254, 255].map(|b| (a, b))) {
+            let expected = (f64::from(a * b) / 255.0).round() as u32;
+            assert_eq!(modulate(a << 8, b << 8), expected << 8);
+        }
+    }
+}
