@@ -1,0 +1,216 @@
+//! Depth and instances of every pixel against a ray in double precision, from a thousand places and more.
+//!
+//! A pixel is right when its depth is that of its ray within 1 mm or 0.1 % and its instance is that of a surface there. A
+//! pixel that is not lies on a silhouette, where rays 0.02 pixels beside it disagree, or else the renderer is wrong.
+
+use crate::rays::{Met, NEAR_M, Trace, instance, nearest, ray};
+use crate::scenes::{camera, direction, procedural, renderer, shared, tumbled};
+use avln_geom::{Point3, RayMesh, Rng, angle};
+use avln_render::{Camera, Frame, Renderer};
+use avln_scene::{InstanceId, Scene};
+use std::sync::Arc;
+
+/// How far beside a pixel's ray its surroundings are looked at, pixels.
+const BESIDE_PX: f64 = 0.02;
+/// Positions are single-precision numbers of some ten metres: their rounding moves a surface by so much, metres.
+const ROUNDING_M: f64 = 4e-6;
+/// Of the pixels, so many may differ from their rays because they lie on silhouettes.
+const SILHOUETTES: f64 = 0.002;
+
+/// How a scene's pictures compare.
+#[derive(Debug, Default)]
+struct Tally {
+    pixels: usize,
+    /// Differ, and lie on a silhouette.
+    silhouette: usize,
+    wrong: Vec<String>,
+}
+
+struct Oracle<'a> {
+    scene: &'a Scene,
+    tree: &'a RayMesh,
+}
+
+impl Oracle<'_> {
+    fn met(&self, camera: &Camera, at: [f64; 2]) -> Vec<Met> {
+        let (origin, direction) = ray(camera, at);
+        Trace::through(self.scene, self.tree, origin, direction)
+    }
+
+    /// How much depth may be off where the ray meets `met`: more where it grazes a near surface, whose place is rounded.
+    fn tolerance_m(met: &Met) -> f64 {
+        (1e-3 * met.depth_m).max(1e-3) + met.depth_m * ROUNDING_M / met.plane_m.max(1e-9)
+    }
+
+    fn is_right(&self, met: &[Met], depth_m: f64, seen: InstanceId) -> bool {
+        let shown = |first: &Met| {
+            let tolerance_m = Self::tolerance_m(first);
+            let there = |other: &&Met| other.depth_m <= first.depth_m + tolerance_m;
+            (depth_m - first.depth_m).abs() <= tolerance_m
+                && met.iter().filter(there).any(|met| instance(self.scene, met) == seen)
+        };
+        let too_near = met.iter().filter(|met| met.depth_m < NEAR_M);
+        let nothing = nearest(met).is_none() && depth_m == 0.0 && seen == InstanceId::NONE;
+        nothing || too_near.chain(nearest(met).as_ref()).any(shown)
+    }
+
+    /// Whether the rays around a pixel's disagree with it or with each other.
+    fn is_silhouette(&self, camera: &Camera, at: [f64; 2]) -> bool {
+        let Some(middle) = nearest(&self.met(camera, at)) else { return self.anything_around(camera, at) };
+        let tolerance_m = Self::tolerance_m(&middle);
+        self.around(camera, at).into_iter().any(|met| {
+            met.is_none_or(|met| {
+                instance(self.scene, &met) != instance(self.scene, &middle)
+                    || (met.depth_m - middle.depth_m).abs() > tolerance_m
+            })
+        })
+    }
+
+    fn anything_around(&self, camera: &Camera, at: [f64; 2]) -> bool {
+        self.around(camera, at).into_iter().any(|met| met.is_some())
+    }
+
+    fn around(&self, camera: &Camera, [x, y]: [f64; 2]) -> [Option<Met>; 4] {
+        [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]]
+            .map(|[i, j]| nearest(&self.met(camera, [x + i * BESIDE_PX, y + j * BESIDE_PX])))
+    }
+
+    fn compare(&self, camera: &Camera, frame: &Frame, tally: &mut Tally) {
+        for pixel in 0..frame.depth.len() {
+            let (column, row) = (pixel % camera.width as usize, pixel / camera.width as usize);
+            let at = [column as f64 + 0.5, row as f64 + 0.5];
+            let met = self.met(camera, at);
+            tally.pixels += 1;
+            if self.is_right(&met, f64::from(frame.depth[pixel]), frame.instances[pixel]) {
+                continue;
+            }
+            if self.is_silhouette(camera, at) {
+                tally.silhouette += 1;
+                continue;
+            }
+            let (depth, seen, nearest) = (frame.depth[pixel], frame.instances[pixel], nearest(&met));
+            tally.wrong.push(format!("{column},{row} of {camera:?}: {depth} m {seen:?} is not {nearest:?}"));
+        }
+    }
+}
+
+/// Compares the pictures of all cameras on two threads.
+pub(crate) fn check(scene: Scene, cameras: impl FnOnce(&Scene, &RayMesh) -> Vec<Camera>) {
+    let scene = Arc::new(scene);
+    let (renderer, tree) = renderer(&scene);
+    let cameras = cameras(&scene, &tree);
+    let oracle = Oracle { scene: &scene, tree: &tree };
+    let work = |cameras: &[Camera], renderer: &Renderer| {
+        let mut tally = Tally::default();
+        cameras.iter().for_each(|camera| oracle.compare(camera, &renderer.render(camera), &mut tally));
+        tally
+    };
+    let (first, second) = cameras.split_at(cameras.len() / 2);
+    let tallies = std::thread::scope(|scope| {
+        let other = scope.spawn(|| work(second, &renderer));
+        [work(first, &renderer), other.join().expect("no panic")]
+    });
+    let pixels: usize = tallies.iter().map(|tally| tally.pixels).sum();
+    let silhouette: usize = tallies.iter().map(|tally| tally.silhouette).sum();
+    let wrong: Vec<&String> = tallies.iter().flat_map(|tally| &tally.wrong).collect();
+    println!("{}: {silhouette} of {pixels} pixels differ, on silhouettes; {} wrong", scene.name, wrong.len());
+    assert!(
+        wrong.is_empty(),
+        "{}: {} of {pixels} pixels are wrong: {:#?}",
+        scene.name,
+        wrong.len(),
+        &wrong[..wrong.len().min(5)]
+    );
+    assert!(silhouette as f64 <= SILHOUETTES * pixels as f64, "{silhouette} of {pixels} pixels differ");
+}
+
+/// Somewhere in a room, or where there are none in the scene, held any way.
+fn inside(scene: &Scene, rng: &mut Rng) -> Camera {
+    let room = match rng.choose(&scene.regions) {
+        Some(region) => region.bounds,
+        None => scene.bounds().expect("triangles"),
+    };
+    let eye = Point3::from(std::array::from_fn(|axis| rng.range(room.min[axis], room.max[axis])));
+    camera(eye, tumbled(rng))
+}
+
+/// Near the middle of a piece of furniture; the middle itself often lies in a surface.
+fn in_furniture(scene: &Scene, rng: &mut Rng) -> Camera {
+    match rng.choose(&scene.objects) {
+        Some(object) => camera(object.bounds.center() + direction(rng) * 0.01, tumbled(rng)),
+        None => inside(scene, rng),
+    }
+}
+
+/// A millimetre in front of a surface.
+fn touching(scene: &Scene, tree: &RayMesh, rng: &mut Rng) -> Camera {
+    const GAP_M: f32 = 1e-3;
+    let from = inside(scene, rng);
+    let towards = direction(rng);
+    let eye = match tree.cast(&from.eye, &towards, 100.0) {
+        Some(hit) => from.eye + towards * (hit.distance - GAP_M).max(0.0),
+        None => from.eye,
+    };
+    Camera { eye, ..from }
+}
+
+/// From outside and above.
+fn outside(scene: &Scene, rng: &mut Rng) -> Camera {
+    let bounds = scene.bounds().expect("triangles");
+    let away = direction(rng) * bounds.size().norm();
+    camera(bounds.center() + away, tumbled(rng))
+}
+
+/// `count` cameras of each kind, with lenses and sizes of all sorts.
+fn all_kinds(scene: &Scene, tree: &RayMesh, count: usize) -> Vec<Camera> {
+    let mut rng = Rng::new(scene.mesh.triangles.len() as u64);
+    let mut four = |_| {
+        let hfov_rad = rng.range(0.3, 2.4);
+        let (width, height) = (33 + rng.below(32) as u32, 25 + rng.below(24) as u32);
+        let cameras = [
+            inside(scene, &mut rng),
+            in_furniture(scene, &mut rng),
+            touching(scene, tree, &mut rng),
+            outside(scene, &mut rng),
+        ];
+        cameras.map(|camera| Camera { hfov_rad, width, height, ..camera })
+    };
+    (0..count).flat_map(&mut four).collect()
+}
+
+#[test]
+fn procedural_houses_from_a_thousand_places() {
+    for seed in [1, 2, 11, 40] {
+        check(procedural(seed), |scene, tree| all_kinds(scene, tree, 63));
+    }
+}
+
+#[test]
+fn scanned_and_modelled_scenes_from_three_hundred_places() {
+    for path in [
+        "aws_small_house/combined/small_house.glb",
+        "webxr/home-theater/home-theater.gltf",
+        "playcanvas/vr-gallery.glb",
+        "resonance/CubeRoom.obj",
+        "habitat_sim/scenes/stage_floor1.glb",
+    ] {
+        if let Some(scene) = shared(path) {
+            check(scene, |scene, tree| all_kinds(scene, tree, 15));
+        }
+    }
+}
+
+#[test]
+fn a_camera_that_is_a_third_of_a_pixel_off_is_found_out() {
+    let scene = Arc::new(procedural(2));
+    let (renderer, tree) = renderer(&scene);
+    let oracle = Oracle { scene: &scene, tree: &tree };
+    let camera = inside(&scene, &mut Rng::new(8));
+    let pixel_rad = camera.hfov_rad / camera.width as f32;
+    let off = angle::about_up(pixel_rad / 3.0) * camera.world_from_camera;
+    let mut tally = Tally::default();
+    oracle.compare(&camera, &renderer.render(&camera), &mut tally);
+    assert_eq!((tally.wrong.len(), tally.pixels), (0, 48 * 36));
+    oracle.compare(&camera, &renderer.render(&Camera { world_from_camera: off, ..camera }), &mut tally);
+    assert!(tally.wrong.len() > 50, "{} of {} pixels are wrong", tally.wrong.len(), tally.pixels / 2);
+}
