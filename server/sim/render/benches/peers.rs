@@ -18,7 +18,7 @@ use avln_geom::convert::{GlamVec3, glam_from_point, glam_from_vector};
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_render::{Camera, Frame, Renderer};
 use avln_scene::procedural::{HouseOptions, house};
-use avln_scene::{Scene, open};
+use avln_scene::{Lighting, Scene, open};
 use parry3d::query::{Ray, RayCast};
 use parry3d::shape::TriMesh;
 use std::hint::black_box;
@@ -63,11 +63,13 @@ fn argument(name: &str) -> Option<String> {
     std::env::args().skip_while(|word| word != name).nth(1)
 }
 
+/// The scene in the light of its own colours, so that everyone draws the same mesh.
 fn scene() -> Scene {
-    match argument("--scene") {
+    let scene = match argument("--scene") {
         Some(path) => open::open(path.as_ref()).expect("a scene"),
         None => tessellate::refined(house("house-7", 7, &HouseOptions::default()), TRIANGLES),
-    }
+    };
+    Scene { lighting: Lighting::Painted, ..scene }
 }
 
 /// Mean seconds a picture over the fastest of some rounds for each camera, and what was seen.

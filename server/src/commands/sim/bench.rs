@@ -51,7 +51,7 @@ struct Report {
     textures: usize,
     /// Bytes of the textures as the scene holds them, RGBA.
     texture_bytes: usize,
-    /// Seconds from the scene in memory to a renderer.
+    /// Seconds from the scene in memory to its first picture, of one pixel.
     prepare_s: f64,
     eyes: &'static str,
     frames: usize,
@@ -98,6 +98,7 @@ fn measure(options: &Options) -> Result<Report, Failure> {
     let start = Instant::now();
     let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
     let renderer = Renderer::new(Arc::clone(&scene), rays);
+    black_box(renderer.render(&camera(&poses[0], Size { width: 1, height: 1 }, options.hfov, None)));
     let prepare_s = start.elapsed().as_secs_f64();
     let sizes = match options.size {
         Some(size) => vec![size],

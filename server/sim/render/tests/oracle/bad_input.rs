@@ -1,8 +1,8 @@
 //! Scenes that no importer lets through still give a picture: what makes no sense is not there, or is plain.
 
-use crate::scenes::{add, camera, empty, procedural, shoot, textured};
-use avln_geom::{Point3, UnitQuaternion};
-use avln_render::{Camera, SKY_RGB};
+use crate::scenes::{add, camera, empty, painted, procedural, shoot, textured};
+use avln_geom::{Point3, UnitQuaternion, Vector3};
+use avln_render::Camera;
 use avln_scene::{InstanceId, Material, Scene, Texture};
 
 fn ahead() -> Camera {
@@ -20,31 +20,42 @@ fn triangles_without_area_are_not_there() {
     assert_eq!(shoot(scene, &ahead()), shoot(clean, &ahead()));
 }
 
+/// Triangles with a corner that is no place, around `eye`.
+fn add_nowhere(scene: &mut Scene, eye: Point3<f32>, bad: f32) {
+    let (a, b) = (eye, eye + Vector3::repeat(0.4));
+    for axis in 0..3 {
+        let mut corner = eye;
+        corner[axis] = bad;
+        add(scene, [a, b, corner], 99);
+    }
+    add(scene, [Point3::from([bad; 3]); 3], 99);
+}
+
 #[test]
 fn triangles_with_corners_that_are_no_places_do_no_harm() {
-    let clean = procedural(6);
-    let eye = clean.regions[0].bounds.center();
-    let expected = shoot(clean.clone(), &Camera { eye, ..ahead() });
-    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-        let mut scene = clean.clone();
-        let (a, b) = (eye.coords, eye.coords.add_scalar(0.4));
-        for axis in 0..3 {
-            let mut corner = eye;
-            corner[axis] = bad;
-            add(&mut scene, [a.into(), b.into(), corner], 99);
+    let lit = procedural(6);
+    let eye = lit.regions[0].bounds.center();
+    let camera = Camera { eye, ..ahead() };
+    let painted = painted(lit.clone());
+    for (clean, has_lamps) in [(lit, true), (painted, false)] {
+        let expected = shoot(clean.clone(), &camera);
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let mut scene = clean.clone();
+            add_nowhere(&mut scene, eye, bad);
+            let frame = shoot(scene, &camera);
+            assert!(!frame.instances.contains(&InstanceId(99)), "{bad}: what is nowhere is seen");
+            assert_eq!((&frame.depth, &frame.instances), (&expected.depth, &expected.instances), "{bad}");
+            assert!(has_lamps || frame.rgb == expected.rgb, "{bad}: the colours of others changed");
         }
-        add(&mut scene, [[bad; 3].into(), [bad; 3].into(), [bad; 3].into()], 99);
-        let frame = shoot(scene, &Camera { eye, ..ahead() });
-        let seen = frame.instances.iter().filter(|id| **id == InstanceId(99)).count();
-        assert_eq!(seen, 0, "{bad}: {seen} pixels show what is nowhere");
-        assert!(frame == expected, "{bad}: the rest of the picture changed");
     }
 }
 
 #[test]
-fn a_scene_without_triangles_is_sky() {
-    let frame = shoot(empty(), &ahead());
-    assert_eq!(frame.rgb, SKY_RGB.repeat(48 * 36));
+fn a_scene_without_triangles_is_its_backdrop() {
+    let scene = empty();
+    let backdrop = scene.lighting.backdrop_rgb();
+    let frame = shoot(scene, &ahead());
+    assert_eq!(frame.rgb, backdrop.repeat(48 * 36));
     assert!(frame.depth.iter().all(|depth| *depth == 0.0));
     assert!(frame.instances.iter().all(|id| *id == InstanceId::NONE));
 }

@@ -4,7 +4,7 @@
 //! pixel that is not lies on a silhouette, where rays 0.02 pixels beside it disagree, or else the renderer is wrong.
 
 use crate::rays::{Met, NEAR_M, Trace, instance, nearest, ray};
-use crate::scenes::{camera, direction, procedural, renderer, shared, tumbled};
+use crate::scenes::{camera, direction, painted, procedural, renderer, shared, tumbled};
 use avln_geom::{Point3, RayMesh, Rng, angle};
 use avln_render::{Camera, Frame, Renderer};
 use avln_scene::{InstanceId, Scene};
@@ -180,8 +180,10 @@ fn all_kinds(scene: &Scene, tree: &RayMesh, count: usize) -> Vec<Camera> {
 
 #[test]
 fn procedural_houses_from_a_thousand_places() {
-    for seed in [1, 2, 11, 40] {
-        check(procedural(seed), |scene, tree| all_kinds(scene, tree, 63));
+    for (seed, has_lamps) in [(1, true), (2, false), (11, true), (40, false)] {
+        let scene = procedural(seed);
+        let scene = if has_lamps { scene } else { painted(scene) };
+        check(scene, |scene, tree| all_kinds(scene, tree, 63));
     }
 }
 
@@ -202,7 +204,7 @@ fn scanned_and_modelled_scenes_from_three_hundred_places() {
 
 #[test]
 fn a_camera_that_is_a_third_of_a_pixel_off_is_found_out() {
-    let scene = Arc::new(procedural(2));
+    let scene = Arc::new(painted(procedural(2)));
     let (renderer, tree) = renderer(&scene);
     let oracle = Oracle { scene: &scene, tree: &tree };
     let camera = inside(&scene, &mut Rng::new(8));

@@ -1,7 +1,9 @@
 //! What holds for every picture, whatever it shows.
 
 use crate::compare::check;
-use crate::scenes::{add, camera, closed_room, direction, empty, procedural, renderer, shoot, tumbled};
+use crate::scenes::{
+    add, camera, closed_room, direction, empty, painted, procedural, renderer, shoot, tumbled,
+};
 use avln_geom::{Point3, Rng, UnitQuaternion, Vector3, angle};
 use avln_render::{Camera, Frame};
 use avln_scene::InstanceId;
@@ -18,7 +20,7 @@ fn differences(a: &Frame, b: &Frame) -> usize {
 
 #[test]
 fn turning_the_camera_is_turning_the_building_the_other_way() {
-    let scene = procedural(3);
+    let scene = painted(procedural(3));
     let mut rng = Rng::new(12);
     let (mut pixels, mut different) = (0, 0);
     for room in scene.regions.iter().take(8) {
@@ -89,7 +91,7 @@ fn cameras_that_stand_on_edges_see_no_holes_either() {
 
 #[test]
 fn any_number_of_threads_takes_the_same_pictures() {
-    let scene = Arc::new(procedural(5));
+    let scene = Arc::new(painted(procedural(5)));
     let (renderer, _) = renderer(&scene);
     let mut rng = Rng::new(4);
     let rooms = scene.regions.iter().cycle().take(16);

@@ -3,7 +3,7 @@
 use avln_geom::{Point2, Point3, RayMesh, Rng, UnitQuaternion, Vector3, angle};
 use avln_render::{Camera, Frame, Renderer};
 use avln_scene::procedural::{HouseOptions, house};
-use avln_scene::{InstanceId, Material, Mesh, Scene, Texture, open};
+use avln_scene::{InstanceId, Lighting, Material, Mesh, Scene, Texture, open};
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::path::Path;
 use std::sync::Arc;
@@ -11,6 +11,11 @@ use std::sync::Arc;
 /// A house of a seed.
 pub(crate) fn procedural(seed: u64) -> Scene {
     solid(house(&format!("house-{seed}"), seed, &HouseOptions::default()))
+}
+
+/// The same without lamps: nobody has to wait for their light.
+pub(crate) fn painted(scene: Scene) -> Scene {
+    Scene { lighting: Lighting::Painted, ..scene }
 }
 
 /// The shared scene at `path` beside the repository; says so where it is not there.
@@ -38,6 +43,7 @@ pub(crate) fn empty() -> Scene {
         textures: Vec::new(),
         regions: Vec::new(),
         objects: Vec::new(),
+        lighting: Lighting::default(),
     }
 }
 
