@@ -1,10 +1,10 @@
 //! Depth and instances of every pixel against a ray in double precision, from a thousand places and more.
 //!
 //! A pixel is right when its depth is that of its ray within 1 mm or 0.1 % and its instance is that of a surface there. A
-//! pixel that is not lies on a silhouette, where rays 0.05 pixels beside it disagree, or is a stray of at most 1 % on a
-//! long thin triangle that reaches past the camera, or else the renderer is wrong.
+//! pixel that is not lies on a silhouette, where rays 0.02 pixels beside it meet something else, or is wrong. Of a scene one
+//! pixel in 10,000 may be wrong: single precision is short for thin triangles of which a corner lies beside the camera.
 
-use crate::rays::{Met, NEAR_M, Trace, instance, nearest, ray};
+use crate::rays::{Met, NEAR_M, Trace, instance, nearest, plane_depth_m, ray};
 use crate::scenes::{camera, direction, painted, procedural, renderer, shared, tumbled};
 use avln_geom::{Point3, RayMesh, Rng, angle};
 use avln_render::{Camera, Frame, Renderer};
@@ -14,15 +14,13 @@ use std::sync::Arc;
 /// How far depth may be off, as a share of it.
 const RIGHT: f64 = 1e-3;
 /// How far beside a pixel's ray its surroundings are looked at, pixels.
-const BESIDE_PX: f64 = 0.05;
-/// Positions are single-precision numbers of some ten metres: their rounding moves a surface by so much, metres.
-const ROUNDING_M: f64 = 4e-6;
+const BESIDE_PX: f64 = 0.02;
+/// Single precision moves a corner by so much, as a share of its distance.
+const ROUNDING: f64 = 4e-7;
 /// Of the pixels, so many may differ from their rays because they lie on silhouettes.
 const SILHOUETTES: f64 = 0.002;
-/// And so many because single precision is short for thin triangles of which a corner lies beside the camera.
-const STRAYS: f64 = 3e-5;
-/// How far depth of strays may be off.
-const STRAY: f64 = 0.01;
+/// And so many may be wrong.
+const WRONG: f64 = 1e-4;
 
 /// How a scene's pictures compare.
 #[derive(Debug, Default)]
@@ -30,8 +28,6 @@ struct Tally {
     pixels: usize,
     /// Differ, and lie on a silhouette.
     silhouette: usize,
-    /// Differ by [`STRAY`] at most.
-    stray: usize,
     wrong: Vec<String>,
 }
 
@@ -47,13 +43,13 @@ impl Oracle<'_> {
     }
 
     /// How much depth may be off where the ray meets `met`: more where it grazes a near surface, whose place is rounded.
-    fn tolerance_m(met: &Met, share: f64) -> f64 {
-        (share * met.depth_m).max(1e-3) + met.depth_m * ROUNDING_M / met.plane_m.max(1e-9)
+    fn tolerance_m(met: &Met) -> f64 {
+        (RIGHT * met.depth_m).max(1e-3) + met.depth_m * ROUNDING * met.extent_m / met.plane_m.max(1e-9)
     }
 
-    fn is_right(&self, met: &[Met], (depth_m, seen): (f64, InstanceId), share: f64) -> bool {
+    fn is_right(&self, met: &[Met], (depth_m, seen): (f64, InstanceId)) -> bool {
         let shown = |first: &Met| {
-            let tolerance_m = Self::tolerance_m(first, share);
+            let tolerance_m = Self::tolerance_m(first);
             let there = |other: &&Met| other.depth_m <= first.depth_m + tolerance_m;
             (depth_m - first.depth_m).abs() <= tolerance_m
                 && met.iter().filter(there).any(|met| instance(self.scene, met) == seen)
@@ -63,25 +59,21 @@ impl Oracle<'_> {
         nothing || too_near.chain(nearest(met).as_ref()).any(shown)
     }
 
-    /// Whether the rays around a pixel's disagree with it or with each other.
-    fn is_silhouette(&self, camera: &Camera, at: [f64; 2]) -> bool {
-        let Some(middle) = nearest(&self.met(camera, at)) else { return self.anything_around(camera, at) };
-        let tolerance_m = Self::tolerance_m(&middle, RIGHT);
-        self.around(camera, at).into_iter().any(|met| {
-            met.is_none_or(|met| {
-                instance(self.scene, &met) != instance(self.scene, &middle)
-                    || (met.depth_m - middle.depth_m).abs() > tolerance_m
-            })
+    /// Whether a ray beside a pixel's meets another instance or leaves the plane of what the pixel's own ray meets.
+    fn is_silhouette(&self, camera: &Camera, [x, y]: [f64; 2]) -> bool {
+        let middle = nearest(&self.met(camera, [x, y]));
+        let beside = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
+        beside.map(|[i, j]| [x + i * BESIDE_PX, y + j * BESIDE_PX]).into_iter().any(|at| {
+            match (middle, nearest(&self.met(camera, at))) {
+                (None, None) => false,
+                (Some(middle), Some(met)) => {
+                    let on_plane_m = plane_depth_m(self.scene, middle.triangle, ray(camera, at));
+                    instance(self.scene, &met) != instance(self.scene, &middle)
+                        || (met.depth_m - on_plane_m).abs() > Self::tolerance_m(&met)
+                }
+                _ => true,
+            }
         })
-    }
-
-    fn anything_around(&self, camera: &Camera, at: [f64; 2]) -> bool {
-        self.around(camera, at).into_iter().any(|met| met.is_some())
-    }
-
-    fn around(&self, camera: &Camera, [x, y]: [f64; 2]) -> [Option<Met>; 4] {
-        [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]]
-            .map(|[i, j]| nearest(&self.met(camera, [x + i * BESIDE_PX, y + j * BESIDE_PX])))
     }
 
     fn compare(&self, camera: &Camera, frame: &Frame, tally: &mut Tally) {
@@ -91,13 +83,11 @@ impl Oracle<'_> {
             let met = self.met(camera, at);
             tally.pixels += 1;
             let shown = (f64::from(frame.depth[pixel]), frame.instances[pixel]);
-            if self.is_right(&met, shown, RIGHT) {
+            if self.is_right(&met, shown) {
                 continue;
             }
             if self.is_silhouette(camera, at) {
                 tally.silhouette += 1;
-            } else if self.is_right(&met, shown, STRAY) {
-                tally.stray += 1;
             } else {
                 let nearest = nearest(&met);
                 tally.wrong.push(format!("{column},{row} of {camera:?}: {shown:?} is not {nearest:?}"));
@@ -123,17 +113,16 @@ pub(crate) fn check(scene: Scene, cameras: impl FnOnce(&Scene, &RayMesh) -> Vec<
         [work(first, &renderer), other.join().expect("no panic")]
     });
     let sum = |of: fn(&Tally) -> usize| tallies.iter().map(of).sum::<usize>();
-    let (pixels, silhouette, stray) = (sum(|t| t.pixels), sum(|t| t.silhouette), sum(|t| t.stray));
+    let (pixels, silhouette) = (sum(|tally| tally.pixels), sum(|tally| tally.silhouette));
     let wrong: Vec<&String> = tallies.iter().flat_map(|tally| &tally.wrong).collect();
     let counts = format!(
-        "{}: of {pixels} pixels {silhouette} differ on silhouettes, {stray} are strays, {} are wrong",
+        "{}: of {pixels} pixels {silhouette} differ on silhouettes, {} are wrong",
         scene.name,
         wrong.len()
     );
     println!("{counts}");
-    assert!(wrong.is_empty(), "{counts}: {:#?}", &wrong[..wrong.len().min(5)]);
+    assert!(wrong.len() as f64 <= WRONG * pixels as f64, "{counts}: {:#?}", &wrong[..wrong.len().min(5)]);
     assert!(silhouette as f64 <= SILHOUETTES * pixels as f64, "{counts}");
-    assert!(stray as f64 <= STRAYS * pixels as f64, "{counts}");
 }
 
 /// Somewhere in a room, or where there are none in the scene, held any way.
@@ -215,17 +204,16 @@ fn scanned_and_modelled_scenes_from_three_hundred_places() {
 }
 
 #[test]
-fn a_camera_that_is_a_third_of_a_pixel_off_is_found_out() {
+fn a_camera_that_is_a_tenth_of_a_pixel_off_is_found_out() {
     let scene = Arc::new(painted(procedural(2)));
     let (renderer, tree) = renderer(&scene);
     let oracle = Oracle { scene: &scene, tree: &tree };
     let camera = inside(&scene, &mut Rng::new(8));
     let pixel_rad = camera.hfov_rad / camera.width as f32;
-    let off = angle::about_up(pixel_rad / 3.0) * camera.world_from_camera;
+    let off = angle::about_up(0.1 * pixel_rad) * camera.world_from_camera;
     let mut tally = Tally::default();
     oracle.compare(&camera, &renderer.render(&camera), &mut tally);
-    assert_eq!((tally.wrong.len(), tally.stray, tally.pixels), (0, 0, 48 * 36));
+    assert_eq!((tally.wrong.len(), tally.pixels), (0, 48 * 36));
     oracle.compare(&camera, &renderer.render(&Camera { world_from_camera: off, ..camera }), &mut tally);
-    let found = tally.wrong.len() + tally.stray;
-    assert!(found > 50, "{found} of {} pixels are wrong", tally.pixels / 2);
+    assert!(tally.wrong.len() > 80, "{} of {} pixels are wrong", tally.wrong.len(), tally.pixels / 2);
 }

@@ -18,6 +18,8 @@ pub(crate) struct Met {
     pub(crate) triangle: u32,
     /// From the ray's origin to the triangle's plane, metres.
     pub(crate) plane_m: f64,
+    /// From the ray's origin to the triangle's farthest corner, metres.
+    pub(crate) extent_m: f64,
 }
 
 /// A ray on its way through the tree of boxes, and all that it has met.
@@ -71,11 +73,12 @@ impl Visitor for Trace<'_> {
     }
 
     fn triangle(&mut self, index: u32) {
-        let corners =
-            self.scene.corners(index as usize).map(|corner| <[f32; 3]>::from(corner.coords).map(f64::from));
+        let corners = corners(self.scene, index);
         if let Some((depth_m, plane_m)) = crossing(corners, self.origin, self.direction) {
+            let offsets = corners.map(|corner| minus(corner, self.origin));
+            let extent_m = offsets.map(|offset| dot(offset, offset).sqrt()).into_iter().fold(0.0, f64::max);
             self.nearest = if depth_m < NEAR_M { self.nearest } else { self.nearest.min(depth_m) };
-            self.met.push(Met { depth_m, triangle: index, plane_m });
+            self.met.push(Met { depth_m, triangle: index, plane_m, extent_m });
         }
     }
 }
@@ -94,6 +97,17 @@ fn crossing([a, b, c]: [[f64; 3]; 3], origin: [f64; 3], direction: [f64; 3]) -> 
     let normal = cross(along, across);
     let plane_m = (dot(offset, normal) / dot(normal, normal).sqrt()).abs();
     (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && depth_m > 0.0).then_some((depth_m, plane_m))
+}
+
+/// Where a ray crosses the plane of a triangle.
+pub(crate) fn plane_depth_m(scene: &Scene, triangle: u32, (origin, direction): ([f64; 3], [f64; 3])) -> f64 {
+    let [a, b, c] = corners(scene, triangle);
+    let normal = cross(minus(b, a), minus(c, a));
+    dot(minus(a, origin), normal) / dot(direction, normal)
+}
+
+fn corners(scene: &Scene, triangle: u32) -> [[f64; 3]; 3] {
+    scene.corners(triangle as usize).map(|corner| <[f32; 3]>::from(corner.coords).map(f64::from))
 }
 
 /// The pinhole and the direction through a point of the picture, in pixels from the left and the top.
