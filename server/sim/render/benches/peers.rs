@@ -38,7 +38,12 @@ fn main() {
     let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
     let start = Instant::now();
     let renderer = Renderer::new(Arc::clone(&scene), Arc::clone(&rays));
-    println!("renderer ready in {:.0} ms", start.elapsed().as_secs_f64() * 1e3);
+    renderer.model();
+    println!(
+        "renderer ready in {:.0} ms, {:.1} MB resident",
+        start.elapsed().as_secs_f64() * 1e3,
+        renderer.resident_bytes() as f64 / 1e6
+    );
     let cameras = places::cameras(&scene, &rays, VIEWS, SIDE);
     let (ours_s, ours) = timed(&cameras, |camera| renderer.render(camera));
     report("ours, RGB, depth and ids", ours_s, ours_s);
