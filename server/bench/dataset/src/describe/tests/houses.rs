@@ -100,8 +100,23 @@ fn the_same_seed_writes_the_same_sentences() {
 }
 
 #[test]
-fn no_other_thing_of_the_house_fits_a_sentence() {
+fn every_sentence_fits_its_own_thing() {
     each_sentence(|scene, index, sentence| {
+        let target = &scene.objects[index];
+        let own = |claim: &Claim| fits(scene, target, claim, true);
+        assert!(sentence.claims.list.iter().all(own), "{}: not {target:?}", sentence.text);
+    });
+}
+
+#[test]
+fn no_other_thing_of_the_house_fits_a_sentence() {
+    let (mut all, mut judged) = (0, 0);
+    each_sentence(|scene, index, sentence| {
+        all += 1;
+        if sentence.claims.list.iter().any(depends_on_walls) {
+            return;
+        }
+        judged += 1;
         let target = &scene.objects[index];
         for other in scene.objects.iter().filter(|other| other.id != target.id) {
             let named = other.category == target.category
@@ -109,9 +124,15 @@ fn no_other_thing_of_the_house_fits_a_sentence() {
             let fits = sentence.claims.list.iter().all(|claim| fits(scene, other, claim, false));
             assert!(!(named && fits), "{}: also {other:?}", sentence.text);
         }
-        let own = |claim: &Claim| fits(scene, target, claim, true);
-        assert!(sentence.claims.list.iter().all(own), "{}: not {target:?}", sentence.text);
     });
+    assert!(judged >= 100 && judged * 3 >= all, "{judged} of {all} sentences");
+}
+
+/// Whether a claim says something about walls, which labels and boxes do not show: nothing is learnt from another thing that
+/// they do not speak against.
+fn depends_on_walls(claim: &Claim) -> bool {
+    use Relation::{AgainstWall, Corner, LeftOf, Opposite, RightOf};
+    matches!(claim, Claim::Place(LeftOf | RightOf | Opposite | Corner | AgainstWall, _))
 }
 
 /// Whether a claim holds, by labels and boxes alone. Whether a thing without a colour of its own may have any is `blank`.
