@@ -9,7 +9,7 @@ use avln_episode::{Action, Order, Rules, Sensors};
 use avln_geom::Rng;
 use avln_referee::Referee;
 use avln_server::{
-    arena::{Arena, data::DataFolder},
+    arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
     commands::{phase, split, team},
     doors::{Addresses, Doors, OpenDoors},
 };
@@ -278,7 +278,7 @@ async fn furnish(folder: &Path) -> String {
 async fn open_doors(folder: &Path) -> OpenDoors {
     let data = DataFolder::open(folder).expect("the folder is writable");
     let store = data.store().await.expect("its database");
-    let arena = Arena::open(&data, store.clone()).await.expect("its phase");
+    let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await.expect("its phase");
     let free = "127.0.0.1:0".parse().expect("an address");
     let doors = Doors::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
     doors.open(Arc::new(arena), store.reader()).expect("both doors")

@@ -72,9 +72,9 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
     // A second subscriber in one process (a test) keeps the first.
     let _ = subscriber.try_init();
     match cli.command {
-        Command::Scene(command) => commands::scene::run(command),
-        Command::Sim(command) => commands::sim::run(command),
-        Command::Dataset(command) => commands::dataset::run(command),
+        Command::Scene(command) => commands::scene::run(&cli.data, command),
+        Command::Sim(command) => commands::sim::run(&cli.data, command),
+        Command::Dataset(command) => commands::dataset::run(&cli.data, command),
         other => asynchronous(&cli.data, other),
     }
 }
@@ -88,8 +88,8 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
         Command::Split(command) => commands::split::run(data, command).await,
         Command::Phase(command) => commands::phase::run(data, command).await,
         Command::Team(command) => commands::team::run(data, command).await,
-        Command::Scene(command) => commands::scene::run(command),
-        Command::Sim(command) => commands::sim::run(command),
-        Command::Dataset(command) => commands::dataset::run(command),
+        Command::Scene(command) => commands::scene::run(data, command),
+        Command::Sim(command) => commands::sim::run(data, command),
+        Command::Dataset(command) => commands::dataset::run(data, command),
     }
 }

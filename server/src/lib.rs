@@ -8,6 +8,7 @@ pub mod commands;
 pub mod dataset;
 pub mod doors;
 mod failure;
+pub mod models;
 mod npy;
 pub mod preview;
 mod say;

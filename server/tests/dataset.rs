@@ -2,6 +2,7 @@
 
 use avln_dataset::Recipe;
 use avln_episode::Rules;
+use avln_render::Shelf;
 use avln_server::{
     FailureKind,
     arena::data::DataFolder,
@@ -11,13 +12,14 @@ use avln_server::{
         build::Builder,
         check::{self, Report, Scope},
     },
+    models::ModelFolder,
 };
 use std::{
     collections::BTreeMap,
     fs,
     panic::{AssertUnwindSafe, catch_unwind},
     path::{Path, PathBuf},
-    sync::LazyLock,
+    sync::{Arc, LazyLock},
 };
 use tempfile::TempDir;
 
@@ -38,7 +40,9 @@ fn recipe() -> Recipe {
 
 fn build(folder: &Path, threads: usize) {
     let builder = Builder::open(DatasetFiles::at(folder), recipe()).expect("a free folder");
-    builder.run(Some(threads), |_| {}).expect("built");
+    let models = TempDir::new().expect("a folder");
+    let models: Arc<dyn Shelf> = Arc::new(ModelFolder::at(models.path()));
+    builder.run(Some(threads), Some(&models).filter(|_| threads > 1), |_| {}).expect("built");
 }
 
 /// A data set that tests read and do not change.
@@ -79,7 +83,7 @@ fn copy() -> TempDir {
 
 fn checked(folder: &Path) -> Result<Report, avln_server::Failure> {
     let scope = Scope { split: None, scenes: None, every: 1, cues: true, threads: Some(2) };
-    check::run(&DatasetFiles::at(folder), &scope, |_, _| {})
+    check::run(&DatasetFiles::at(folder), &scope, None, |_, _| {})
 }
 
 #[test]
@@ -96,7 +100,7 @@ fn a_build_that_was_killed_goes_on_and_ends_the_same() {
     let folder = TempDir::new().expect("a folder");
     let builder = Builder::open(DatasetFiles::at(folder.path()), recipe()).expect("a free folder");
     let killed = catch_unwind(AssertUnwindSafe(|| {
-        builder.run(Some(1), |progress| assert!(progress.done < 3, "killed after the first scene"))
+        builder.run(Some(1), None, |progress| assert!(progress.done < 3, "killed after the first scene"))
     }));
     assert!(killed.is_err());
     let half = contents(folder.path());

@@ -7,7 +7,7 @@ pub mod tap;
 pub mod walk;
 
 use avln_server::{
-    arena::{Arena, data::DataFolder},
+    arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
     commands::{phase, split, team},
     doors::{Addresses, Doors, OpenDoors},
 };
@@ -106,7 +106,7 @@ pub async fn furnish(folder: &Path, plan: &Plan) -> String {
 pub async fn open_doors(folder: &Path) -> OpenDoors {
     let data = DataFolder::open(folder).expect("the folder is writable");
     let store = data.store().await.expect("its database");
-    let arena = Arena::open(&data, store.clone()).await.expect("its phases");
+    let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await.expect("its phases");
     let free = "127.0.0.1:0".parse().expect("an address");
     let doors = Doors::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
     doors.open(Arc::new(arena), store.reader()).expect("both doors")

@@ -30,6 +30,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         &[
             "geom",
             "scene",
+            "machine",
             "navmesh",
             "render",
             "acoustics",

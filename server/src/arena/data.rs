@@ -3,16 +3,19 @@
 use crate::{
     Failure, FailureKind,
     dataset::{DatasetFiles, SplitFolder},
+    models::ModelFolder,
 };
 use avln_dataset::Split;
+use avln_render::Shelf;
 use avln_store::Store;
 use serde::{Deserialize, Serialize};
 use std::{
     io,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
-/// The folder that holds everything the server keeps: `avln.db` and `splits/`.
+/// The folder that holds everything the server keeps: `avln.db` and `splits/`, and `cache/`, which can be made anew.
 #[derive(Clone, Debug)]
 pub struct DataFolder {
     root: PathBuf,
@@ -41,6 +44,11 @@ impl DataFolder {
     /// Where the folder lies.
     pub fn root(&self) -> &Path {
         &self.root
+    }
+
+    /// The models of scenes that it keeps.
+    pub fn models(&self) -> Arc<dyn Shelf> {
+        Arc::new(ModelFolder::at(&self.root.join(ModelFolder::IN_DATA)))
     }
 
     /// Opens its database, and makes it when it is not there.

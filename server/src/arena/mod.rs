@@ -10,6 +10,7 @@ mod refusals;
 pub mod register;
 mod scenes;
 pub mod secret;
+mod warm;
 
 use crate::{Failure, FailureKind, dataset::SplitFolder};
 use avln_dataset::EpisodeSpec;
@@ -25,6 +26,9 @@ use std::{
 
 /// Version of the benchmark: it changes whenever a score could change.
 pub const BENCHMARK_VERSION: &str = "1.0.0";
+
+/// Memory for scenes that are ready, MiB, unless somebody says otherwise: some tens of scans or two hundred houses.
+pub const SCENE_MEMORY_MIB: u32 = 2048;
 
 /// What hosts the phases of a data folder.
 pub struct Arena {
@@ -43,11 +47,12 @@ struct Stage {
 }
 
 impl Arena {
-    /// Reads the phases of the data folder and their splits, and takes up what a stopped server left.
+    /// Reads the phases of the data folder and their splits, and takes up what a stopped server left. Scenes stay ready in
+    /// `scene_memory_mib` MiB; those that are being played stay even if they take more.
     ///
     /// # Errors
     /// When the database or a split cannot be read.
-    pub async fn open(data: &DataFolder, store: Store) -> Result<Self, Failure> {
+    pub async fn open(data: &DataFolder, store: Store, scene_memory_mib: u32) -> Result<Self, Failure> {
         let reopened = store.reopen_interrupted(now_unix_ms()).await?;
         if reopened > 0 {
             tracing::info!(
@@ -60,7 +65,9 @@ impl Arena {
             let stage = Stage::read(data, phase)?;
             phases.insert(stage.phase.id.clone(), Arc::new(stage));
         }
-        Ok(Self { store, phases, scenes: Arc::default(), playing: Mutex::default() })
+        let budget_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
+        let scenes = Arc::new(SceneCache::new(budget_bytes, data.models()));
+        Ok(Self { store, phases, scenes, playing: Mutex::default() })
     }
 
     /// Ids of the phases, and how many episodes each has.

@@ -1,26 +1,21 @@
+use super::warm::Warm;
 use avln_dataset::{DatasetError, SceneSpec};
 use avln_episode::Rules;
+use avln_render::Shelf;
 use avln_world::SceneAssets;
-use std::{
-    collections::VecDeque,
-    sync::{Arc, Mutex, PoisonError},
-};
+use std::sync::Arc;
 
-/// Prepared scenes that running episodes share; the one that was not used for longest goes first.
-#[derive(Default)]
+/// Prepared scenes that running episodes share, by digest and rules.
 pub(super) struct SceneCache {
-    shelf: Mutex<VecDeque<Place>>,
-}
-
-struct Place {
-    key: (String, String),
-    /// Filled by the first who needs the scene while the others wait.
-    assets: Arc<Mutex<Option<Arc<SceneAssets>>>>,
+    warm: Warm<(String, String), SceneAssets>,
+    models: Arc<dyn Shelf>,
 }
 
 impl SceneCache {
-    /// Scenes that are kept ready. A house takes some tens of megabytes.
-    const CAPACITY: usize = 16;
+    /// Keeps scenes of `budget_bytes` in memory; what their pictures are made from is kept on `models`.
+    pub(super) fn new(budget_bytes: usize, models: Arc<dyn Shelf>) -> Self {
+        Self { warm: Warm::new(budget_bytes, SceneAssets::resident_bytes), models }
+    }
 
     /// The scene, prepared for the rules' body, and whether it was made now because it was not ready: heavy on the
     /// processor then.
@@ -32,24 +27,7 @@ impl SceneCache {
         scene: &SceneSpec,
         rules: &Rules,
     ) -> Result<(Arc<SceneAssets>, bool), DatasetError> {
-        let place = self.place((scene.digest.clone(), rules.name.clone()));
-        let mut assets = place.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(ready) = &*assets {
-            return Ok((ready.clone(), false));
-        }
-        let made = Arc::new(scene.open(rules)?);
-        *assets = Some(made.clone());
-        Ok((made, true))
-    }
-
-    /// Takes the place of `key` to the front of the shelf.
-    fn place(&self, key: (String, String)) -> Arc<Mutex<Option<Arc<SceneAssets>>>> {
-        let mut shelf = self.shelf.lock().unwrap_or_else(PoisonError::into_inner);
-        let found = shelf.iter().position(|place| place.key == key).and_then(|index| shelf.remove(index));
-        let place = found.unwrap_or_else(|| Place { key, assets: Arc::default() });
-        let assets = place.assets.clone();
-        shelf.push_front(place);
-        shelf.truncate(Self::CAPACITY);
-        assets
+        let key = (scene.digest.clone(), rules.name.clone());
+        self.warm.get(key, || scene.open_with(rules, Some(&self.models)))
     }
 }

@@ -8,6 +8,7 @@ use crate::{
         build::{Builder, Progress},
         check::{self, Scope},
     },
+    models::ModelFolder,
     say::say,
 };
 use avln_dataset::{Recipe, SceneChoice, Statistics, summary};
@@ -78,17 +79,17 @@ pub struct Check {
 ///
 /// # Errors
 /// When a recipe, a scene or a file cannot be used, or when a check finds faults.
-pub fn run(command: Command) -> Result<(), Failure> {
+pub fn run(data: &Path, command: Command) -> Result<(), Failure> {
     match command {
-        Command::Build(options) => build(&options),
+        Command::Build(options) => build(data, &options),
         Command::Stats { folder } => stats(&DatasetFiles::at(&folder)),
-        Command::Check(options) => check(&options),
+        Command::Check(options) => check(data, &options),
         Command::Import(options) => dataset_formats::import(&options),
         Command::Export(options) => dataset_formats::export(&options),
     }
 }
 
-fn build(options: &Build) -> Result<(), Failure> {
+fn build(data: &Path, options: &Build) -> Result<(), Failure> {
     let recipe = recipe(&options.config)?;
     let folder = options.out.clone().unwrap_or_else(|| PathBuf::from(format!("dataset-{}", recipe.name)));
     let files = DatasetFiles::at(&folder);
@@ -103,7 +104,8 @@ fn build(options: &Build) -> Result<(), Failure> {
         }
         bar.set_position(progress.done as u64);
     };
-    let numbers = builder.run(options.threads.map(usize::from), watch)?;
+    let numbers =
+        builder.run(options.threads.map(usize::from), ModelFolder::of_data(data).as_ref(), watch)?;
     bar.finish_and_clear();
     print_numbers(&numbers);
     say!("\nData set     {}", folder.display());
@@ -148,7 +150,7 @@ fn stats(files: &DatasetFiles) -> Result<(), Failure> {
     Ok(())
 }
 
-fn check(options: &Check) -> Result<(), Failure> {
+fn check(data: &Path, options: &Check) -> Result<(), Failure> {
     let scope = Scope {
         split: options.split.as_deref(),
         scenes: options.scenes,
@@ -157,7 +159,8 @@ fn check(options: &Check) -> Result<(), Failure> {
         threads: options.threads.map(usize::from),
     };
     let bar = bar("{bar:30} {pos}/{len} scenes, {elapsed} gone, {eta} left");
-    let report = check::run(&DatasetFiles::at(&options.folder), &scope, |done, of| {
+    let (files, models) = (DatasetFiles::at(&options.folder), ModelFolder::of_data(data));
+    let report = check::run(&files, &scope, models.as_ref(), |done, of| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
     })?;

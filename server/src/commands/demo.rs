@@ -3,7 +3,7 @@
 use crate::say::say;
 use crate::{
     Failure, FailureKind,
-    arena::{Arena, data::DataFolder},
+    arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
     commands::{phase, split, team},
     doors::{Addresses, Doors, OpenDoors},
 };
@@ -60,7 +60,7 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
     let doors = Doors::bind(&options.addresses).await?;
     let store = data.store().await?;
     let phase = prepare(&data, &store, &options).await?;
-    let arena = Arena::open(&data, store.clone()).await?;
+    let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await?;
     let token = team::admit(&store, TEAM, true).await?;
     let open = doors.open(Arc::new(arena), store.reader())?;
     play(&store, &open, &phase, &token).await?;

@@ -7,7 +7,7 @@ use crate::{Failure, FailureKind};
 use avln_scene::procedural::{self, Pool};
 use avln_scene::{Scene, open};
 use clap::{Args, Subcommand};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Commands about scenes.
 #[derive(Debug, Subcommand)]
@@ -82,7 +82,7 @@ fn pool(name: &str) -> Result<Pool, String> {
 ///
 /// # Errors
 /// When the scene cannot be read or the file cannot be written.
-pub fn run(command: Command) -> Result<(), Failure> {
+pub fn run(data: &Path, command: Command) -> Result<(), Failure> {
     match command {
         Command::Export { scene, out, semantics } => export(&load(&scene)?, &out, semantics),
         Command::Import(options) => scene_import::run(&options),
@@ -91,7 +91,7 @@ pub fn run(command: Command) -> Result<(), Failure> {
             print_info(&load(&scene)?);
             Ok(())
         }
-        Command::Preview(options) => super::scene_preview::run(&options),
+        Command::Preview(options) => super::scene_preview::run(data, &options),
     }
 }
 

@@ -1,6 +1,7 @@
 //! Draws what a scene looks like, for people.
 
 use super::scene::Furnished;
+use crate::models::ModelFolder;
 use crate::preview::{Picture, Viewer, indoors, storeys};
 use crate::say::say;
 use crate::{Failure, FailureKind};
@@ -26,12 +27,12 @@ pub struct Options {
 ///
 /// # Errors
 /// When the scene cannot be read or the folder cannot be written.
-pub fn run(options: &Options) -> Result<(), Failure> {
+pub fn run(data: &Path, options: &Options) -> Result<(), Failure> {
     let scene = options.scene.load()?;
     std::fs::create_dir_all(&options.out).map_err(|error| unwritten(&options.out, error))?;
     let mut pictures = storeys(&scene);
     let name = scene.name.clone();
-    pictures.extend(indoors(&Viewer::new(scene), options.views));
+    pictures.extend(indoors(&Viewer::new(scene, ModelFolder::of_data(data)), options.views));
     for picture in &pictures {
         write(picture, &options.out.join(format!("{}.png", picture.name)))?;
     }

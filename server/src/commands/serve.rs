@@ -3,7 +3,7 @@
 use crate::say::say;
 use crate::{
     Failure, FailureKind,
-    arena::{Arena, data::DataFolder},
+    arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
     doors::{Addresses, Doors},
 };
 use std::{path::Path, sync::Arc};
@@ -14,6 +14,9 @@ pub struct Options {
     /// Where the doors are
     #[command(flatten)]
     pub addresses: Addresses,
+    /// Memory for scenes that are ready, MiB; those that are being played stay even if they take more
+    #[arg(long, value_name = "MIB", default_value_t = SCENE_MEMORY_MIB)]
+    pub scene_memory: u32,
 }
 
 /// Hosts the phases of the data folder until it is stopped.
@@ -24,7 +27,7 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     let doors = Doors::bind(&options.addresses).await?;
     let store = data.store().await?;
-    let arena = Arena::open(&data, store.clone()).await?;
+    let arena = Arena::open(&data, store.clone(), options.scene_memory).await?;
     let phases: Vec<_> = arena.phases().map(|(id, episodes)| format!("{id} ({episodes} episodes)")).collect();
     if phases.is_empty() {
         let message = format!("data folder {} has no phase to host", data.root().display());

@@ -63,13 +63,13 @@ pub enum Command {
 ///
 /// # Errors
 /// When the scene, the navmesh or the file of points, actions or poses cannot be used, or a picture cannot be written.
-pub fn run(command: Command) -> Result<(), Failure> {
+pub fn run(data: &Path, command: Command) -> Result<(), Failure> {
     match command {
         Command::Geodesic { ground, pairs, exact, json } => geodesic(&ground, &pairs, exact, json),
         Command::Walk { ground, start, actions, motion, json } => {
             walk::run(&ground, &start, &actions, &motion, json)
         }
-        Command::Render(options) => render::run(&options),
+        Command::Render(options) => render::run(data, &options),
         Command::Bench(options) => bench::run(&options),
     }
 }

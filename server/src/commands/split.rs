@@ -7,10 +7,12 @@ use crate::{
 };
 use avln_dataset::{MissionOptions, SceneSource, Split};
 use avln_episode::Rules;
+use avln_render::Shelf;
 use avln_scene::procedural::HouseOptions;
 use avln_store::SceneMap;
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Commands about splits.
 #[derive(Debug, Subcommand)]
@@ -66,7 +68,8 @@ pub async fn make(
     say: impl Fn(String) + Send + 'static,
 ) -> Result<Split, Failure> {
     crate::arena::data::check_name("split", &options.name)?;
-    let built = tokio::task::spawn_blocking(move || build(&options, say)).await;
+    let models = data.models();
+    let built = tokio::task::spawn_blocking(move || build(&options, &models, say)).await;
     let (split, maps) = built.map_err(|error| Failure::new(FailureKind::Internal, error))??;
     data.save_split(&split)?;
     register::register_split(store, &split.name, &data.missions(&split.name)?, &maps).await?;
@@ -74,14 +77,18 @@ pub async fn make(
 }
 
 /// Builds the scenes one after the other and draws missions in each.
-fn build(options: &Make, say: impl Fn(String)) -> Result<(Split, Vec<SceneMap>), Failure> {
+fn build(
+    options: &Make,
+    models: &Arc<dyn Shelf>,
+    say: impl Fn(String),
+) -> Result<(Split, Vec<SceneMap>), Failure> {
     let rules = Rules::named(&options.rules).map_err(|error| Failure::new(FailureKind::Scene, error))?;
     let mut split = Split::new(&options.name, &rules);
     let mut maps = Vec::new();
     for (index, (name, source)) in sources(options)?.into_iter().enumerate() {
         let missions = MissionOptions::new(options.missions, options.seed.wrapping_add(index as u64));
         let before = split.episodes.len();
-        let assets = split.add_scene(&name, source, &rules, &missions)?;
+        let assets = split.add_scene(&name, source, &rules, &missions, Some(models))?;
         say(format!(
             "  {name}: {} triangles, {} objects, {:.0} m2 to walk on, {} missions",
             assets.scene.mesh.triangles.len(),

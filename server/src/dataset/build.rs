@@ -9,8 +9,9 @@ use avln_dataset::{
     BuiltScene, Job, Manifest, Recipe, SceneLine, Statistics, build_scene,
     format::{DATASET_VERSION, digest_of},
 };
+use avln_render::Shelf;
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::{path::PathBuf, sync::Arc};
 
 /// What is kept of a scene whose files are written.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -52,13 +53,15 @@ impl Builder {
         Ok(builder)
     }
 
-    /// Makes all scenes that are not done and finishes the data set; `watch` hears how far it is.
+    /// Makes all scenes that are not done and finishes the data set; `watch` hears how far it is. What pictures are made from
+    /// is kept on `models`.
     ///
     /// # Errors
     /// When a scene cannot be made or the folder cannot be written. What is done stays, and is not done again.
     pub fn run(
         &self,
         threads: Option<usize>,
+        models: Option<&Arc<dyn Shelf>>,
         mut watch: impl FnMut(Progress),
     ) -> Result<Vec<(String, Statistics)>, Failure> {
         if self.files.is_complete() {
@@ -73,7 +76,7 @@ impl Builder {
         };
         watch(progress);
         let make = |job: &Job| -> Result<(), Failure> {
-            let built = build_scene(&self.recipe, *job)?;
+            let built = build_scene(&self.recipe, *job, models)?;
             self.keep(*job, built)
         };
         shares::share(&left, shares::threads(threads), make, |index, ()| {

@@ -4,6 +4,7 @@ use super::{DatasetFiles, SplitFolder, shares};
 use crate::{Failure, FailureKind};
 use avln_dataset::{Depth, Fault, Manifest, MissionRules, SceneLine, Statistics, check_scene};
 use avln_episode::Rules;
+use avln_render::Shelf;
 use std::{collections::BTreeMap, sync::Arc};
 
 /// Goals from which on modalities must be near thirds.
@@ -37,13 +38,15 @@ pub struct Report {
     pub faults: Vec<String>,
 }
 
-/// Checks the data set against its scenes; `watch` hears how many scenes of how many are done.
+/// Checks the data set against its scenes; `watch` hears how many scenes of how many are done. What pictures are made from
+/// is looked for and kept on `models`.
 ///
 /// # Errors
 /// When a file cannot be used or a scene cannot be made again.
 pub fn run(
     files: &DatasetFiles,
     scope: &Scope,
+    models: Option<&Arc<dyn Shelf>>,
     mut watch: impl FnMut(usize, usize),
 ) -> Result<Report, Failure> {
     let manifest = files.manifest()?;
@@ -65,8 +68,11 @@ pub fn run(
     let survey = manifest.recipe.as_ref().map(|recipe| &recipe.survey).filter(|_| scope.cues);
     let depth = Depth { every: scope.every, survey };
     let mut found: BTreeMap<usize, (usize, Vec<Fault>)> = BTreeMap::new();
-    let check = |(folder, limits, scene): &(Arc<SplitFolder>, MissionRules, SceneLine)| {
-        check_one(folder, limits, scene, &rules, depth)
+    type Work = (Arc<SplitFolder>, MissionRules, SceneLine);
+    let check = |(folder, limits, scene): &Work| -> Result<_, Failure> {
+        let assets = scene.spec().open_with(&rules, models)?;
+        let episodes = folder.episodes(scene)?;
+        Ok((episodes.len(), check_scene(&assets, &rules, limits, &episodes, depth)))
     };
     let total = work.len();
     watch(0, total);
@@ -81,18 +87,6 @@ pub fn run(
     }
     report.faults.extend(unbalanced(files, &manifest, scope)?);
     Ok(report)
-}
-
-fn check_one(
-    folder: &SplitFolder,
-    limits: &MissionRules,
-    scene: &SceneLine,
-    rules: &Rules,
-    depth: Depth<'_>,
-) -> Result<(usize, Vec<Fault>), Failure> {
-    let episodes = folder.episodes(scene)?;
-    let assets = scene.spec().open(rules).map_err(Failure::from)?;
-    Ok((episodes.len(), check_scene(&assets, rules, limits, &episodes, depth)))
 }
 
 /// What missions of a split were drawn with; anything goes where there is no recipe.

@@ -1,6 +1,7 @@
 use super::{Picture, rooms};
+use crate::models::Studio;
 use avln_geom::{Aabb, Point3, RayMesh, Vector3, angle};
-use avln_render::{Camera, Frame, Renderer};
+use avln_render::{Camera, Frame, Renderer, Shelf};
 use avln_scene::{InstanceId, Scene};
 use std::collections::BTreeMap;
 use std::f32::consts::{FRAC_PI_2, TAU};
@@ -38,11 +39,10 @@ struct View {
 }
 
 impl Viewer {
-    /// A viewer of `scene`.
-    pub fn new(scene: Scene) -> Self {
-        let scene = Arc::new(scene);
-        let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
-        Self { renderer: Renderer::new(Arc::clone(&scene), Arc::clone(&rays)), scene, rays }
+    /// A viewer of `scene`; what pictures are made from is looked for and kept on `models`.
+    pub fn new(scene: Scene, models: Option<Arc<dyn Shelf>>) -> Self {
+        let Studio { scene, rays, renderer } = Studio::new(scene, models);
+        Self { renderer, scene, rays }
     }
 
     /// What one sees from `eye` in the direction `heading_rad`.
@@ -152,7 +152,7 @@ mod tests {
 
     #[test]
     fn eight_views_from_places_where_one_can_stand() {
-        let viewer = Viewer::new(house("preview", 2, &HouseOptions::default()));
+        let viewer = Viewer::new(house("preview", 2, &HouseOptions::default()), None);
         let pictures = indoors(&viewer, 8);
         assert_eq!(pictures.len(), 8);
         let kinds: std::collections::BTreeSet<_> =

@@ -2,9 +2,9 @@ use crate::{EpisodeSpec, MissionOptions, sample_missions, survey};
 use avln_episode::Rules;
 use avln_scene::procedural::{self, HouseOptions, Pool};
 use avln_scene::{Scene, SceneError, digest::digest, open::open};
-use avln_world::{Body, PrepareError, SceneAssets};
+use avln_world::{Body, Place, PrepareError, SceneAssets, Shelf};
 use serde::{Deserialize, Serialize};
-use std::{ops::RangeInclusive, path::PathBuf};
+use std::{ops::RangeInclusive, path::PathBuf, sync::Arc};
 
 /// Scenes and the missions in them. Splits are disjoint by scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -125,6 +125,18 @@ impl SceneSpec {
     /// # Errors
     /// When it cannot be read, has changed, or no body can move in it.
     pub fn open(&self, rules: &Rules) -> Result<SceneAssets, DatasetError> {
+        self.open_with(rules, None)
+    }
+
+    /// [`SceneSpec::open`], with what pictures are made from looked for and kept on `shelf` under the scene's digest.
+    ///
+    /// # Errors
+    /// When it cannot be read, has changed, or no body can move in it.
+    pub fn open_with(
+        &self,
+        rules: &Rules,
+        shelf: Option<&Arc<dyn Shelf>>,
+    ) -> Result<SceneAssets, DatasetError> {
         let scene = self.source.make(&self.name)?;
         let found = digest(&scene);
         if found != self.digest {
@@ -134,7 +146,20 @@ impl SceneSpec {
                 expected: self.digest.clone(),
             });
         }
-        prepare(scene, rules)
+        self.prepare(scene, rules, shelf)
+    }
+
+    /// Prepares `scene`, which is the one meant, for bodies of the rules' size.
+    pub(crate) fn prepare(
+        &self,
+        scene: Scene,
+        rules: &Rules,
+        shelf: Option<&Arc<dyn Shelf>>,
+    ) -> Result<SceneAssets, DatasetError> {
+        let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
+        let place = shelf.map(|shelf| Place { shelf: Arc::clone(shelf), name: self.digest.clone() });
+        SceneAssets::prepare_at(scene, &body, place)
+            .map_err(|source| DatasetError::Prepare { scene: self.name.clone(), source })
     }
 }
 
@@ -155,20 +180,14 @@ impl SceneSource {
     }
 }
 
-/// Prepares `scene` for bodies of the rules' size.
-pub(crate) fn prepare(scene: Scene, rules: &Rules) -> Result<SceneAssets, DatasetError> {
-    let name = scene.name.clone();
-    let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
-    SceneAssets::prepare(scene, &body).map_err(|source| DatasetError::Prepare { scene: name, source })
-}
-
 impl Split {
     /// An empty split.
     pub fn new(name: &str, rules: &Rules) -> Self {
         Self { name: name.to_owned(), rules: rules.name.clone(), scenes: Vec::new(), episodes: Vec::new() }
     }
 
-    /// Adds a scene and missions drawn in it; gives back the prepared scene.
+    /// Adds a scene and missions drawn in it; gives back the prepared scene. What its pictures are made from is looked for
+    /// and kept on `shelf`.
     ///
     /// # Errors
     /// When the scene cannot be used or holds no mission.
@@ -178,9 +197,10 @@ impl Split {
         source: SceneSource,
         rules: &Rules,
         options: &MissionOptions,
+        shelf: Option<&Arc<dyn Shelf>>,
     ) -> Result<SceneAssets, DatasetError> {
         let (spec, scene) = SceneSpec::new(name, source)?;
-        let assets = prepare(scene, rules)?;
+        let assets = spec.prepare(scene, rules, shelf)?;
         let instances = survey(&assets, rules);
         let episodes = sample_missions(&assets, &instances, rules, options);
         if episodes.is_empty() {

@@ -16,7 +16,7 @@ static RECIPE: LazyLock<Recipe> = LazyLock::new(|| {
     let text = Recipe::EMBEDDED.iter().find(|(name, _)| *name == "mini").expect("an embedded recipe").1;
     Recipe::from_json(text).expect("a recipe")
 });
-static BUILT: LazyLock<BuiltScene> = LazyLock::new(|| build_scene(&RECIPE, FIRST).expect("a scene"));
+static BUILT: LazyLock<BuiltScene> = LazyLock::new(|| build_scene(&RECIPE, FIRST, None).expect("a scene"));
 
 fn read(missions: &[u8], sealed: &[u8]) -> Result<Vec<EpisodeSpec>, FormatError> {
     let file = |name, bytes| File { name, bytes };
@@ -69,9 +69,9 @@ fn recipes_that_cannot_be_are_refused_with_field_value_and_range() {
 
 #[test]
 fn a_scene_depends_on_recipe_and_number_alone() {
-    assert_eq!(build_scene(&RECIPE, FIRST).expect("a scene"), *BUILT);
+    assert_eq!(build_scene(&RECIPE, FIRST, None).expect("a scene"), *BUILT);
     assert_eq!(BUILT.line.missions, RECIPE.splits[0].missions_per_scene);
-    let other = build_scene(&RECIPE, Job { scene: 1, ..FIRST }).expect("a scene");
+    let other = build_scene(&RECIPE, Job { scene: 1, ..FIRST }, None).expect("a scene");
     assert_ne!(other.line.digest, BUILT.line.digest);
 }
 
@@ -159,7 +159,7 @@ fn a_scene_that_holds_too_little_is_an_error_with_its_name() {
     let mut recipe = RECIPE.clone();
     recipe.missions.min_separation_m = 900.0;
     recipe.splits[0].missions_per_scene = 1;
-    let error = build_scene(&recipe, FIRST).expect_err("no house is so large");
+    let error = build_scene(&recipe, FIRST, None).expect_err("no house is so large");
     assert!(matches!(&error, DatasetError::NoMission { scene, .. } if scene == "mini-val-0000"), "{error}");
 }
 

@@ -8,7 +8,7 @@ use std::path::Path;
 fn mini() -> Vec<BuiltScene> {
     let (_, text) = Recipe::EMBEDDED.into_iter().find(|(name, _)| *name == "mini").expect("it is embedded");
     let recipe = Recipe::from_json(text).expect("a recipe");
-    recipe.jobs().map(|job| build_scene(&recipe, job).expect("a scene with missions")).collect()
+    recipe.jobs().map(|job| build_scene(&recipe, job, None).expect("a scene with missions")).collect()
 }
 
 /// A line a number, then a line a scene with the digests of its building and its files.

@@ -16,8 +16,9 @@ fn make() -> Made {
     let mut split = Split::new("test", &Rules::paper());
     let options = MissionOptions::new(6, 11);
     let source = SceneSource::Procedural { seed: 3, rooms: 5..=6, storeys: 1..=1, pool: Pool::Train };
-    let assets =
-        split.add_scene("test-house", source, &Rules::paper(), &options).expect("a house holds missions");
+    let assets = split
+        .add_scene("test-house", source, &Rules::paper(), &options, None)
+        .expect("a house holds missions");
     Made { split, assets, options }
 }
 

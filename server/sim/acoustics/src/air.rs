@@ -106,6 +106,11 @@ impl Air {
         air
     }
 
+    /// Bytes of what is known of the cells.
+    pub(crate) fn byte_count(&self) -> usize {
+        size_of_val(self.in_room.as_slice()) + size_of_val(self.free_steps.as_slice())
+    }
+
     pub(crate) fn grid(&self) -> &Grid {
         &self.grid
     }

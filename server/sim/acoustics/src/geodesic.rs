@@ -36,6 +36,11 @@ pub(crate) fn length_m(way: &[Point3<f32>]) -> f32 {
 }
 
 impl GeodesicField {
+    /// Bytes that the lists take.
+    pub(crate) fn byte_count(&self) -> usize {
+        size_of_val(self.corners.as_slice()) + size_of_val(self.last_corner.as_slice())
+    }
+
     /// Explores the air around `source`, from the cells in `seeds`, which must see it.
     pub(crate) fn new(air: &Air, source: &Point3<f32>, seeds: &[usize]) -> Self {
         let mut search = Search::new(air, source);

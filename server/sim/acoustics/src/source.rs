@@ -40,6 +40,13 @@ impl Acoustics {
         Self { air: Arc::new(Air::new(&scene, rays)), sources: Mutex::default() }
     }
 
+    /// Bytes of what is known of the building and of all sources that are kept.
+    pub fn resident_bytes(&self) -> usize {
+        let sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = sources.values().filter_map(|source| source.get());
+        self.air.byte_count() + known.map(|source| source.known.field.byte_count()).sum::<usize>()
+    }
+
     /// The source at `position`, world frame, metres; computed on first use.
     ///
     /// A position inside a closed piece of furniture sounds from the air next to it.

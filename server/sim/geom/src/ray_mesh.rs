@@ -43,6 +43,11 @@ impl RayMesh {
         self.triangle_count
     }
 
+    /// Bytes that it takes.
+    pub fn byte_count(&self) -> usize {
+        size_of_val(self.nodes.as_slice()) + size_of_val(self.packets.as_slice())
+    }
+
     /// Whether there is nothing to hit.
     pub fn is_empty(&self) -> bool {
         self.triangle_count == 0

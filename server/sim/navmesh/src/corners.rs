@@ -47,6 +47,14 @@ impl Corner {
 }
 
 impl Corners {
+    /// Bytes that the lists take.
+    pub(crate) fn byte_count(&self) -> usize {
+        size_of_val(self.corners.as_slice())
+            + size_of_val(self.at_edge.as_slice())
+            + size_of_val(self.first_link.as_slice())
+            + size_of_val(self.links.as_slice())
+    }
+
     /// Finds the corners; `height_m` tells how high the ground is at the beginning of an edge.
     pub(crate) fn new(polygons: &Polygons, lattice: Lattice, height_m: impl Fn(u32) -> f64) -> Self {
         let (corners, at_edge) = find(polygons, height_m);

@@ -11,6 +11,11 @@ pub(crate) struct Detail {
 }
 
 impl Detail {
+    /// Bytes that the lists take.
+    pub(crate) fn byte_count(&self) -> usize {
+        size_of_val(self.first.as_slice()) + size_of_val(self.triangles.as_slice())
+    }
+
     pub(crate) fn new(polygons: &[RawPolygon]) -> Self {
         let mut detail = Self { first: vec![0], triangles: Vec::new() };
         for polygon in polygons {

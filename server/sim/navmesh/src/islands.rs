@@ -22,6 +22,12 @@ struct Triangle {
 }
 
 impl Islands {
+    /// Bytes that the lists take.
+    pub(crate) fn byte_count(&self) -> usize {
+        let triangles = self.parts.iter().map(|part| size_of_val(part.triangles.as_slice()));
+        size_of_val(self.of_polygon.as_slice()) + triangles.sum::<usize>()
+    }
+
     /// Numbers the parts: those where `is_roof` (by polygon) holds for most of the area come last, larger ones first.
     pub(crate) fn new(polygons: &Polygons, cell_m: f32, is_roof: impl Fn(u32) -> bool) -> Self {
         let square_cell_m2 = f64::from(cell_m) * f64::from(cell_m);

@@ -13,6 +13,11 @@ pub(crate) struct Bins {
 }
 
 impl Bins {
+    /// Bytes that the lists take.
+    pub(crate) fn byte_count(&self) -> usize {
+        size_of_val(self.first.as_slice()) + size_of_val(self.polygons.as_slice())
+    }
+
     /// Files every polygon under all bins that its bounding rectangle touches.
     pub(crate) fn new(polygons: &Polygons) -> Self {
         let boxes: Vec<_> = (0..polygons.len()).map(|polygon| bounds(polygons.corners(polygon))).collect();

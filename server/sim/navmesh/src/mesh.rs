@@ -73,6 +73,15 @@ pub(crate) struct Parts {
 }
 
 impl NavMesh {
+    /// Bytes of its lists.
+    pub fn byte_count(&self) -> usize {
+        self.polygons.byte_count()
+            + self.corners.byte_count()
+            + self.islands.byte_count()
+            + self.bins.byte_count()
+            + self.surface.byte_count()
+    }
+
     /// Builds the mesh of `scene` for `body` with the arena's own settings: a lattice of 5 cm, heights of the scene,
     /// Habitat's settings otherwise. Triangles that face upwards are floor; parts below about 1 square metre are left out.
     ///

@@ -81,6 +81,15 @@ pub(crate) struct Polygons {
 }
 
 impl Polygons {
+    /// Bytes that the lists take.
+    pub(crate) fn byte_count(&self) -> usize {
+        size_of_val(self.first_edge.as_slice())
+            + size_of_val(self.from.as_slice())
+            + size_of_val(self.height_m.as_slice())
+            + size_of_val(self.twin.as_slice())
+            + size_of_val(self.owner.as_slice())
+    }
+
     /// Joins polygons whose edges coincide in the plane and differ by no more than `max_gap_m` in height.
     pub(crate) fn new(raw: &[RawPolygon], max_gap_m: f64) -> Self {
         let outlines: Vec<_> = raw.iter().map(RawPolygon::tidy).collect();

@@ -16,6 +16,17 @@ pub(crate) enum Surface {
 }
 
 impl Surface {
+    /// Bytes that it takes.
+    pub(crate) fn byte_count(&self) -> usize {
+        match self {
+            Self::Scene(ground) => {
+                let patches = size_of_val(ground.patches.as_slice());
+                ground.faces.byte_count() + ground.floors.byte_count() + patches
+            }
+            Self::Detail(detail) => detail.byte_count(),
+        }
+    }
+
     /// Height of `spot` on `polygon`, metres.
     pub(crate) fn height_m(&self, polygon: u32, spot: &Spot) -> f32 {
         match self {

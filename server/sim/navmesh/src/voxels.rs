@@ -47,6 +47,11 @@ pub(crate) struct Floors {
 }
 
 impl Floors {
+    /// Bytes that the lists take.
+    pub(crate) fn byte_count(&self) -> usize {
+        size_of_val(self.starts.as_slice()) + size_of_val(self.floors.as_slice())
+    }
+
     /// Level of the floor that `region` has in the column (`x`, `z`).
     pub(crate) fn level(&self, x: usize, z: usize, region: u16) -> Option<u16> {
         let column = z * self.width + x;

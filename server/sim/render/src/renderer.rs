@@ -90,9 +90,17 @@ impl Renderer {
         model
     }
 
-    /// Bytes of what pictures are made from; 0 before the first picture.
+    /// Bytes of what pictures are made from: the model, mapped files included; before the first picture the textures that
+    /// [`Renderer::shelved`] was given.
     pub fn resident_bytes(&self) -> usize {
-        self.model.get().map_or(0, Model::byte_count)
+        self.model.get().map_or_else(|| self.waiting_bytes(), Model::byte_count)
+    }
+
+    /// Bytes of textures that wait to be made into a model.
+    fn waiting_bytes(&self) -> usize {
+        let source = self.source.lock().unwrap_or_else(PoisonError::into_inner);
+        let textures = source.as_ref().and_then(|source| source.textures.as_deref());
+        textures.map_or(0, |textures| textures.iter().map(|texture| texture.pixels.len()).sum())
     }
 
     /// What `camera` sees. The first picture takes longer, as [`Renderer::model`] tells. Surfaces have two sides; texels

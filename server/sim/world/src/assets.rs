@@ -2,13 +2,13 @@ use crate::sight::Surfaces;
 use avln_acoustics::{Acoustics, Source};
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_navmesh::{Body, NavMesh, NavMeshError};
-use avln_render::{Camera, Frame, Renderer};
-use avln_scene::{InstanceId, Scene};
+use avln_render::{Camera, Frame, Place, Renderer};
+use avln_scene::{InstanceId, Mesh, Scene};
 use std::sync::{Arc, OnceLock};
 
 /// Everything immutable that episodes in one building share.
 pub struct SceneAssets {
-    /// The building.
+    /// The building, without textures: the renderer has them.
     pub scene: Arc<Scene>,
     /// Where one can walk in it.
     pub navmesh: NavMesh,
@@ -62,15 +62,41 @@ impl SceneAssets {
     /// # Errors
     /// When the mesh is broken or nobody can stand in it.
     pub fn prepare(scene: Scene, body: &Body) -> Result<SceneAssets, PrepareError> {
+        Self::prepare_at(scene, body, None)
+    }
+
+    /// [`SceneAssets::prepare`], with what pictures are made from looked for and kept at `place`, whose name no scene with
+    /// another content may have.
+    ///
+    /// # Errors
+    /// When the mesh is broken or nobody can stand in it.
+    pub fn prepare_at(
+        mut scene: Scene,
+        body: &Body,
+        place: Option<Place>,
+    ) -> Result<SceneAssets, PrepareError> {
         check_lists(&scene)?;
         // The navmesh checks corners and indices, on which all else relies.
         let navmesh = NavMesh::build(&scene, body)
             .map_err(|source| PrepareError::NavMesh { scene: scene.name.clone(), source })?;
+        let textures = std::mem::take(&mut scene.textures);
         let scene = Arc::new(scene);
         let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
-        let renderer = Renderer::new(Arc::clone(&scene), Arc::clone(&rays));
+        let renderer = Renderer::shelved(Arc::clone(&scene), textures, Arc::clone(&rays), place);
         let surfaces = Surfaces::new(&scene);
         Ok(Self { scene, navmesh, rays, renderer, acoustics: OnceLock::new(), surfaces })
+    }
+
+    /// Bytes that it keeps in memory, as far as they can be counted: mesh, rays, navmesh, points on things, what is known of
+    /// sound, and what pictures are made from, files that are mapped included. It grows with the first picture and with every
+    /// new source of sound. Names, regions and the memory of pictures under way are not counted.
+    pub fn resident_bytes(&self) -> usize {
+        mesh_bytes(&self.scene.mesh)
+            + self.rays.byte_count()
+            + self.navmesh.byte_count()
+            + self.surfaces.byte_count()
+            + self.acoustics.get().map_or(0, Acoustics::resident_bytes)
+            + self.renderer.resident_bytes()
     }
 
     /// What a camera sees.
@@ -99,6 +125,15 @@ impl SceneAssets {
     }
 }
 
+fn mesh_bytes(mesh: &Mesh) -> usize {
+    size_of_val(mesh.positions.as_slice())
+        + size_of_val(mesh.uvs.as_slice())
+        + size_of_val(mesh.colors.as_slice())
+        + size_of_val(mesh.triangles.as_slice())
+        + size_of_val(mesh.material_of.as_slice())
+        + size_of_val(mesh.instance_of.as_slice())
+}
+
 fn check_lists(scene: &Scene) -> Result<(), PrepareError> {
     let mesh = &scene.mesh;
     let (corners, triangles) = (mesh.positions.len(), mesh.triangles.len());
@@ -120,7 +155,7 @@ fn check_lists(scene: &Scene) -> Result<(), PrepareError> {
 mod tests {
     use super::*;
     use avln_geom::Point2;
-    use avln_scene::{Lighting, Mesh};
+    use avln_scene::{Lighting, procedural::HouseOptions};
 
     #[test]
     fn assets_are_shared_between_threads() {
@@ -128,6 +163,31 @@ mod tests {
         fn moved<T: Send>() {}
         shared::<SceneAssets>();
         moved::<crate::World>();
+    }
+
+    #[test]
+    fn bytes_are_counted_and_grow_with_the_first_picture() {
+        let house = avln_scene::procedural::house("counted", 1, &HouseOptions::small());
+        let textures: usize = house.textures.iter().map(|texture| texture.pixels.len()).sum();
+        let mesh = mesh_bytes(&house.mesh);
+        let assets = SceneAssets::prepare(house, &Body::default()).expect("a house");
+        assert!(assets.scene.textures.is_empty());
+        let before = assets.resident_bytes();
+        assert!(before > 2 * mesh + textures, "{before} bytes, {mesh} of the mesh, {textures} of textures");
+        let eye = Point3::new(0.0, 1.5, 0.0);
+        let world_from_camera = avln_geom::angle::about_up(0.0);
+        assets.render(&Camera {
+            eye,
+            world_from_camera,
+            width: 8,
+            height: 8,
+            hfov_rad: 1.5,
+            depth_max_m: 9.0,
+        });
+        let seen = assets.resident_bytes();
+        assert_eq!(seen, before - textures + assets.renderer.model().byte_count());
+        assets.source(&eye);
+        assert!(assets.resident_bytes() > seen);
     }
 
     #[test]

@@ -16,6 +16,6 @@ pub use assets::{PrepareError, SceneAssets, Struck};
 pub use avln_acoustics::{Clip, clip_bank};
 pub use avln_geom::{Aabb, Point3, Pose, Rng};
 pub use avln_navmesh::{Body, DistanceField, NavMesh, NavPoint};
-pub use avln_render::{Camera, DepthNoise, Frame, Noise, RgbNoise};
+pub use avln_render::{Camera, DepthNoise, Frame, Model, Noise, Place, RgbNoise, Shelf};
 pub use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Scene};
 pub use world::{Motion, Moved, Senses, SoundSource, StartError, View, World, WorldOptions};

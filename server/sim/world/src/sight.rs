@@ -13,6 +13,11 @@ pub(crate) struct Surfaces {
 }
 
 impl Surfaces {
+    /// Bytes of all points.
+    pub(crate) fn byte_count(&self) -> usize {
+        self.points.values().map(|points| size_of_val(points.as_slice())).sum()
+    }
+
     pub(crate) fn new(scene: &Scene) -> Self {
         let mut triangles = BTreeMap::<InstanceId, Vec<_>>::new();
         for (triangle, &id) in scene.mesh.instance_of.iter().enumerate() {

@@ -4,16 +4,15 @@ mod poses;
 use super::shot::{Hfov, Pose, Reach, Size, camera};
 use super::{read, unusable};
 use crate::commands::scene::Furnished;
+use crate::models::{ModelFolder, Studio};
 use crate::say::say;
 use crate::{Failure, FailureKind};
-use avln_geom::RayMesh;
 use avln_render::{Camera, DepthNoise, Noise, Renderer, RgbNoise};
 use clap::Args;
 use files::Files;
 use poses::Wanted;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The scene, where cameras stand in it, and what to write.
@@ -80,14 +79,13 @@ struct Shot {
     files: Files,
 }
 
-pub(super) fn run(options: &Options) -> Result<(), Failure> {
+pub(super) fn run(data: &Path, options: &Options) -> Result<(), Failure> {
     let shots = options.shots()?;
-    let scene = Arc::new(options.scene.load()?);
-    let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
+    let studio = Studio::new(options.scene.load()?, ModelFolder::of_data(data));
     if let Some(folder) = &options.out_dir {
         std::fs::create_dir_all(folder).map_err(|error| files::unwritten(folder, error))?;
     }
-    take(&Renderer::new(scene, rays), &shots, &options.noise(), options.threads())?;
+    take(&studio.renderer, &shots, &options.noise(), options.threads())?;
     match (&options.out_dir, shots.as_slice()) {
         (Some(folder), _) => say!("{} pictures in {}", shots.len(), folder.display()),
         (None, shots) => {

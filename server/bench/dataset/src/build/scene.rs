@@ -3,13 +3,14 @@ use crate::{
     EpisodeSpec, SceneLine, SceneSource, SceneSpec, Statistics, ThresholdsOnly,
     format::{SceneFacts, write_scene},
     sample_missions,
-    split::{DatasetError, prepare},
+    split::DatasetError,
     survey_with,
 };
 use avln_episode::Rules;
 use avln_geom::Rng;
 use avln_scene::procedural::Pool;
-use avln_world::SceneAssets;
+use avln_world::{SceneAssets, Shelf};
+use std::sync::Arc;
 
 /// Houses that are tried, one after the other, until one holds all missions that are asked for.
 const HOUSES: u32 = 12;
@@ -51,7 +52,8 @@ impl Recipe {
     }
 }
 
-/// Makes one scene: building, survey, missions, files. A pure function of recipe and job.
+/// Makes one scene: building, survey, missions, files. A pure function of recipe and job; what pictures are made from is
+/// looked for and kept on `shelf`.
 ///
 /// # Errors
 /// When the scene cannot be used or holds no mission. Files may hold fewer missions than asked for; houses are drawn
@@ -59,15 +61,20 @@ impl Recipe {
 ///
 /// # Panics
 /// When the recipe has no such split.
-pub fn build_scene(recipe: &Recipe, job: Job) -> Result<BuiltScene, DatasetError> {
+pub fn build_scene(
+    recipe: &Recipe,
+    job: Job,
+    shelf: Option<&Arc<dyn Shelf>>,
+) -> Result<BuiltScene, DatasetError> {
     let split = &recipe.splits[job.split];
     let (name, rules) = (recipe.scene_name(job), recipe.rules()?);
     let rng = Rng::new(recipe.seed).fork(&split.name).fork(&format!("scene {}", job.scene));
+    let maker = Maker { recipe, split, rules, shelf };
     match &split.scenes {
         SceneChoice::Files(files) => {
             let source = SceneSource::File { path: files[job.scene].clone() };
             let missions_seed = rng.fork("missions").next_u64();
-            build(recipe, split, &name, source, missions_seed, &rules, 1)
+            maker.build(&name, source, missions_seed, 1)
         }
         SceneChoice::Houses { rooms, storeys, pool, .. } => {
             let house = |attempt: u32| {
@@ -78,7 +85,7 @@ pub fn build_scene(recipe: &Recipe, job: Job) -> Result<BuiltScene, DatasetError
                     storeys: storeys[0]..=storeys[1],
                     pool: Pool::from_name(pool).unwrap_or_default(),
                 };
-                build(recipe, split, &name, source, rng.next_u64(), &rules, split.missions_per_scene)
+                maker.build(&name, source, rng.next_u64(), split.missions_per_scene)
             };
             let mut last = house(0);
             for attempt in 1..HOUSES {
@@ -92,26 +99,36 @@ pub fn build_scene(recipe: &Recipe, job: Job) -> Result<BuiltScene, DatasetError
     }
 }
 
-/// Makes the scene of `source`; refuses it when it holds fewer than `least` missions.
-fn build(
-    recipe: &Recipe,
-    split: &SplitRecipe,
-    name: &str,
-    source: SceneSource,
-    missions_seed: u64,
-    rules: &Rules,
-    least: usize,
-) -> Result<BuiltScene, DatasetError> {
-    let (spec, scene) = SceneSpec::new(name, source)?;
-    let assets = prepare(scene, rules)?;
-    let instances = survey_with(&assets, rules, &recipe.survey, &ThresholdsOnly);
-    let options = recipe.mission_rules(split).options(split.missions_per_scene, missions_seed);
-    let episodes = sample_missions(&assets, &instances, rules, &options);
-    if episodes.len() < least {
-        let objects = assets.scene.objects.len();
-        return Err(DatasetError::NoMission { scene: name.to_owned(), instances: instances.len(), objects });
+/// What the scenes of a split have in common.
+struct Maker<'a> {
+    recipe: &'a Recipe,
+    split: &'a SplitRecipe,
+    rules: Rules,
+    shelf: Option<&'a Arc<dyn Shelf>>,
+}
+
+impl Maker<'_> {
+    /// Makes the scene of `source`; refuses it when it holds fewer than `least` missions.
+    fn build(
+        &self,
+        name: &str,
+        source: SceneSource,
+        missions_seed: u64,
+        least: usize,
+    ) -> Result<BuiltScene, DatasetError> {
+        let Self { recipe, split, rules, shelf } = self;
+        let (spec, scene) = SceneSpec::new(name, source)?;
+        let assets = spec.prepare(scene, rules, *shelf)?;
+        let instances = survey_with(&assets, rules, &recipe.survey, &ThresholdsOnly);
+        let options = recipe.mission_rules(split).options(split.missions_per_scene, missions_seed);
+        let episodes = sample_missions(&assets, &instances, rules, &options);
+        if episodes.len() < least {
+            let objects = assets.scene.objects.len();
+            let (scene, instances) = (name.to_owned(), instances.len());
+            return Err(DatasetError::NoMission { scene, instances, objects });
+        }
+        finish(&assets, spec, instances.len(), &episodes)
     }
-    finish(&assets, spec, instances.len(), &episodes)
 }
 
 fn finish(

@@ -33,6 +33,10 @@ pub enum ModelError {
 }
 
 impl Model {
+    /// Counts changes of the layout, of how models are built and of how light is worked out: a model of another version is
+    /// refused.
+    pub const VERSION: u32 = VERSION;
+
     /// The model in `bytes`, as [`Model::write`] wrote it; they may be a file that is mapped into memory.
     ///
     /// # Errors

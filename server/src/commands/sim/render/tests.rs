@@ -1,6 +1,6 @@
 use super::*;
 use crate::npy::reading;
-use avln_geom::{Point3, Rng, UnitQuaternion, Vector3, angle};
+use avln_geom::{Point3, RayMesh, Rng, UnitQuaternion, Vector3, angle};
 use avln_scene::procedural::house;
 use clap::Parser;
 use serde_json::json;
@@ -18,7 +18,11 @@ fn called(words: &[&str]) -> Result<Options, clap::Error> {
 }
 
 fn render(words: &[&str]) -> Result<(), Failure> {
-    run(&called(words).unwrap_or_else(|error| panic!("{error}")))
+    render_with(Path::new("no data folder"), words)
+}
+
+fn render_with(data: &Path, words: &[&str]) -> Result<(), Failure> {
+    run(data, &called(words).unwrap_or_else(|error| panic!("{error}")))
 }
 
 fn folder() -> (TempDir, impl Fn(&str) -> String) {
@@ -47,6 +51,20 @@ fn ids(path: &str) -> Vec<u32> {
     let (kind, _, numbers) = reading::read(&fs::read(path).expect("a file"));
     assert_eq!(kind, "<u4");
     numbers.into_iter().map(u32::from_le_bytes).collect()
+}
+
+#[test]
+fn a_data_folder_keeps_the_model_and_changes_no_file() {
+    let (folder, at) = folder();
+    let take = |data: &Path, name: &str| {
+        let pose = ["--seed", "4", "--pose", "1.5,1.25,-2,130,-20", "--size", "40x30", "--out"];
+        render_with(data, &[&pose[..], &[&at(name)]].concat()).expect("a picture");
+        fs::read(at(name)).expect("a file")
+    };
+    let plain = take(Path::new("no data folder"), "plain.png");
+    let kept = || fs::read_dir(folder.path().join(ModelFolder::IN_DATA)).map_or(0, Iterator::count);
+    assert_eq!((take(folder.path(), "kept.png") == plain, kept()), (true, 1));
+    assert_eq!((take(folder.path(), "found.png") == plain, kept()), (true, 1));
 }
 
 #[test]
