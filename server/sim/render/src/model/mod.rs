@@ -50,13 +50,16 @@ pub(crate) struct View<'a> {
     /// Base colour RGBA; number of the first level of its texture, and below it, in [`LEVEL_BITS`], that of levels; alpha
     /// below which there is nothing; 0.
     pub(crate) materials: &'a [[u32; 4]],
-    /// Sizes of textures: first texel, width, height, blocks in a row.
-    pub(crate) levels: &'a [[u32; 4]],
+    /// Sizes of textures: first texel; width in the low 16 bits and height in the high.
+    pub(crate) levels: &'a [Level],
     /// RGBA, in blocks of 4 by 4.
     pub(crate) texels: &'a [u32],
     /// Numbers of the whole: what is seen beyond all surfaces, RGB; triangles that were left out.
     pub(crate) whole: &'a [u32],
 }
+
+/// Where a size of a texture begins, and how large it is; see [`View::levels`].
+pub(crate) type Level = [u32; 2];
 
 /// Where a cluster's lists begin: coordinate, corner, triangle; then triangles in the low 16 bits and corners in the high.
 pub(crate) type Cluster = [u32; 4];

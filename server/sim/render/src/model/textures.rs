@@ -16,8 +16,7 @@ const LARGEST: usize = 16_384;
 
 /// Textures of a model.
 pub(super) struct Textures {
-    /// First texel, width, height, blocks in a row.
-    pub(super) levels: Vec<[u32; 4]>,
+    pub(super) levels: Vec<super::Level>,
     pub(super) texels: Vec<u32>,
 }
 
@@ -31,7 +30,7 @@ struct Level {
 impl Textures {
     /// No textures but [`NO_TEXTURE`].
     pub(super) fn new() -> Self {
-        Self { levels: vec![[0, 1, 1, 1]], texels: vec![u32::MAX; BLOCK * BLOCK] }
+        Self { levels: vec![[0, 1 | 1 << 16]], texels: vec![u32::MAX; BLOCK * BLOCK] }
     }
 
     /// Adds a texture and its smaller versions, each half as large as the one before, down to one texel. The number of
@@ -43,8 +42,7 @@ impl Textures {
         let mut level = Level::full(texture);
         while let Some(current) = level {
             let Ok(start) = u32::try_from(self.texels.len()) else { break };
-            let blocks = current.width.div_ceil(BLOCK);
-            self.levels.push([start, current.width as u32, current.height as u32, blocks as u32]);
+            self.levels.push([start, current.width as u32 | (current.height as u32) << 16]);
             current.store(&mut self.texels);
             level = current.halved();
         }
@@ -132,7 +130,7 @@ mod tests {
         let pixels = (0..5 * 3).flat_map(|i| [i, 0, 0, 255]).collect();
         let mut textures = Textures::new();
         assert_eq!(textures.add(&Texture { width: 5, height: 3, pixels }), 1 << LEVEL_BITS | 3);
-        assert_eq!(textures.levels[1..], [[16, 5, 3, 2], [48, 2, 1, 1], [64, 1, 1, 1]]);
+        assert_eq!(textures.levels[1..], [[16, 5 | 3 << 16], [48, 2 | 1 << 16], [64, 1 | 1 << 16]]);
         assert_eq!(textures.texels.len(), 80);
         let red = |at: usize| textures.texels[16 + at] as u8;
         assert_eq!([red(0), red(3), red(4), red(16), red(17), red(12)], [0, 3, 5, 4, 4, 10]);

@@ -6,6 +6,7 @@ use super::walk::ROUNDING;
 use super::{NEAR_M, Raster};
 use crate::lanes::{Floats, LANES, Numbers};
 use crate::model::CLUSTER;
+use std::array::from_fn;
 
 /// Corners are numbered by bytes.
 const BYTE: usize = 256;
@@ -37,7 +38,10 @@ pub(super) struct Batch {
     nearest: Floats,
     /// Edges opposite to the corners.
     edges: [Edges; 3],
-    plane: Planes,
+    /// The planes of nearness, and the farthest corners, which they are anchored at: what is far is rounded least.
+    slope: [Floats; 2],
+    anchor: Position,
+    least: Floats,
 }
 
 /// All triangles of a cluster.
@@ -51,6 +55,16 @@ pub(super) struct Plane {
     pub(super) constant: f32,
 }
 
+/// A plane given by its value at some place.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Anchored {
+    pub(super) x: f32,
+    pub(super) y: f32,
+    pub(super) column: f32,
+    pub(super) row: f32,
+    pub(super) value: f32,
+}
+
 /// A line whose inside is where its plane is above `limit`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Edge {
@@ -61,7 +75,7 @@ pub(super) struct Edge {
 /// A triangle that is about to be drawn.
 pub(super) struct Stroke {
     pub(super) edges: [Edge; 3],
-    pub(super) nearness: Plane,
+    pub(super) nearness: Anchored,
     /// The largest nearness that it has anywhere, and a little more.
     pub(super) nearest: f32,
     pub(super) pixels: PixelRect,
@@ -76,6 +90,13 @@ impl Plane {
     #[inline(always)]
     pub(super) fn times(&self, factor: f32) -> Self {
         Self { x: self.x * factor, y: self.y * factor, constant: self.constant * factor }
+    }
+}
+
+impl Anchored {
+    #[inline(always)]
+    pub(super) fn at(&self, column: f32, row: f32) -> f32 {
+        self.x * (column - self.column) + (self.y * (row - self.row) + self.value)
     }
 }
 
@@ -170,12 +191,10 @@ impl Batch {
     /// Takes the corners of up to eight triangles.
     #[inline(always)]
     fn gather(&mut self, from: &Projected, triangles: &[[u32; 2]]) {
-        let words: [u32; LANES] =
-            std::array::from_fn(|lane| triangles.get(lane).map_or(0, |[corners, _]| *corners));
+        let words: [u32; LANES] = from_fn(|lane| triangles.get(lane).map_or(0, |[corners, _]| *corners));
         for corner in 0..3 {
-            let at: [usize; LANES] =
-                std::array::from_fn(|lane| (words[lane] >> (8 * corner) & 0xff) as usize);
-            let take = |values: &[f32; BYTE]| Floats(std::array::from_fn(|lane| values[at[lane]]));
+            let at: [usize; LANES] = from_fn(|lane| (words[lane] >> (8 * corner) & 0xff) as usize);
+            let take = |values: &[f32; BYTE]| Floats(from_fn(|lane| values[at[lane]]));
             self.corners[corner] = [take(&from.x), take(&from.y)];
             self.nearness[corner] = take(&from.nearness);
         }
@@ -200,8 +219,12 @@ impl Batch {
         self.inverse = one / area;
         let side = zero.above(area).choose(-one, one);
         self.edges = [edges(b, c, side), edges(c, a, side), edges(a, b, side)];
-        self.plane = planes(&self.corners, self.inverse, self.nearness);
         let [na, nb, nc] = self.nearness;
+        let plane = planes(&self.corners, self.inverse, self.nearness);
+        self.slope = [plane.x, plane.y];
+        let (is_b, is_c) = (na.above(nb), na.least(nb).above(nc));
+        self.anchor = from_fn(|axis| is_c.choose(c[axis], is_b.choose(b[axis], a[axis])));
+        self.least = na.least(nb).least(nc);
         self.nearest = na.most(nb).most(nc) * Floats::of(ROUNDING);
         for axis in 0..2 {
             let end = Floats::of(size[axis] as f32);
@@ -233,7 +256,13 @@ impl Batch {
         };
         Stroke {
             edges: [edge(0), edge(1), edge(2)],
-            nearness: self.plane.lane(lane),
+            nearness: Anchored {
+                x: self.slope[0].0[lane],
+                y: self.slope[1].0[lane],
+                column: self.anchor[0].0[lane],
+                row: self.anchor[1].0[lane],
+                value: self.least.0[lane],
+            },
             nearest: self.nearest.0[lane],
             pixels,
         }

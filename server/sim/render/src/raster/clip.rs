@@ -1,6 +1,6 @@
 //! Triangles that reach behind the pinhole.
 
-use super::batch::{Batch, Plane, Stroke};
+use super::batch::{Anchored, Batch, Plane, Stroke};
 use super::{NEAR_M, Raster};
 use crate::lanes::LANES;
 use crate::model::HOLED;
@@ -31,8 +31,9 @@ impl Raster<'_> {
         let number = self.scratch.records.next();
         let per_area = planes.inverse_volume.abs() as f32;
         self.record_crossing(cluster, at, |values| planes.over_depth(values, middle), per_area);
-        let nearness = planes.over_depth([1.0; 3], middle);
         let outline = self.outline(&corners, &indices);
+        let Some(farthest) = outline.iter().copied().min_by(|a, b| a[2].total_cmp(&b[2])) else { return };
+        let nearness = planes.nearness(farthest, middle);
         for i in 2..outline.len() {
             let Some(stroke) = self.part([outline[0], outline[i - 1], outline[i]], nearness) else {
                 continue;
@@ -77,7 +78,7 @@ impl Raster<'_> {
 
     /// A triangle with corners on the screen (column, row, nearness) and this plane of nearness; `None` when it covers no
     /// pixel.
-    fn part(&self, corners: [[f32; 3]; 3], nearness: Plane) -> Option<Stroke> {
+    fn part(&self, corners: [[f32; 3]; 3], nearness: Anchored) -> Option<Stroke> {
         let screen = &self.scratch.screen;
         let batch = Batch::single(corners, [screen.width, screen.height]);
         let pixels = batch.pixels(0)?;
@@ -102,11 +103,25 @@ impl Homogeneous {
         inverse_volume.is_finite().then_some(Self { normals, inverse_volume })
     }
 
+    /// The plane of values over depth, in pixels from the picture's middle: across, down, constant.
+    fn gradient(&self, values: [f32; 3]) -> Vector3<f64> {
+        let [a, b, c] = values.map(f64::from);
+        (self.normals[0] * a + self.normals[1] * b + self.normals[2] * c) * self.inverse_volume
+    }
+
     /// The plane over depth through three corners' values, given the picture's middle.
     fn over_depth(&self, values: [f32; 3], [middle_x, middle_y]: [f32; 2]) -> Plane {
-        let [a, b, c] = values.map(f64::from);
-        let sum = (self.normals[0] * a + self.normals[1] * b + self.normals[2] * c) * self.inverse_volume;
+        let sum = self.gradient(values);
         let constant = sum.z - sum.x * f64::from(middle_x) - sum.y * f64::from(middle_y);
         Plane { x: sum.x as f32, y: sum.y as f32, constant: constant as f32 }
+    }
+
+    /// The plane of nearness, anchored at a place on the screen.
+    fn nearness(&self, [column, row, _]: [f32; 3], middle: [f32; 2]) -> Anchored {
+        let sum = self.gradient([1.0; 3]);
+        let [x, y] =
+            [(column, middle[0]), (row, middle[1])].map(|(at, middle)| f64::from(at) - f64::from(middle));
+        let value = (sum.x * x + sum.y * y + sum.z) as f32;
+        Anchored { x: sum.x as f32, y: sum.y as f32, column, row, value }
     }
 }

@@ -1,7 +1,7 @@
 //! Draws triangles pixel by pixel, eight at a time.
 
 use super::Raster;
-use super::batch::{Edge, Plane, Stroke};
+use super::batch::{Anchored, Edge, Plane, Stroke};
 use super::screen::{SIDE, TileRect};
 use crate::lanes::{Floats, Truths};
 use crate::shade::is_solid;
@@ -27,7 +27,7 @@ impl Stroke {
             stroke: self,
             edges: [along(&a.plane), along(&b.plane), along(&c.plane)],
             limits: [Floats::of(a.limit), Floats::of(b.limit), Floats::of(c.limit)],
-            nearness: along(&self.nearness),
+            nearness: Floats::of(self.nearness.x) * (columns - Floats::of(self.nearness.column)),
             column,
             record,
         }
@@ -114,7 +114,9 @@ impl Strip<'_> {
         let inside =
             |edge: usize| (self.edges[edge] + start(&self.stroke.edges[edge].plane)) - self.limits[edge];
         let inmost = inside(0).least(inside(1)).least(inside(2));
-        let new = inmost.above(Floats::of(0.0)).keep(self.nearness + start(&self.stroke.nearness));
+        let Anchored { y, row: from, value, .. } = self.stroke.nearness;
+        let new = self.nearness + Floats::of(y * (row - from) + value);
+        let new = inmost.above(Floats::of(0.0)).keep(new);
         let seen = new.above(Floats(*nearness));
         *nearness = new.most(Floats(*nearness)).0;
         *record = seen.choose_number(self.record, record);

@@ -1,8 +1,8 @@
 //! What is needed to colour the pixels of each triangle that was seen.
 
-use super::Raster;
 use super::batch::{Batch, Plane, Stroke};
-use super::edges::planes;
+use super::edges::{Planes, planes};
+use super::{Raster, Scratch};
 use crate::lanes::{Floats, LANES};
 use crate::model::{CLUSTER, HOLED, LEVEL_BITS, NO_TEXTURE, View};
 use crate::shade;
@@ -59,8 +59,8 @@ impl Meta {
     /// Texels of the texture's full size.
     #[inline(always)]
     fn texels(&self, view: &View) -> f32 {
-        let [_, width, height, _] = view.levels[(self.texture >> LEVEL_BITS) as usize];
-        width as i32 as f32 * height as i32 as f32
+        let [_, size] = view.levels[(self.texture >> LEVEL_BITS) as usize];
+        (size & 0xffff) as i32 as f32 * (size >> 16) as i32 as f32
     }
 }
 
@@ -158,27 +158,28 @@ impl Raster<'_> {
         let last = (view.clusters[cluster][3] & 0xffff) as usize - 1;
         let of_lane: [_; LANES] = from_fn(|lane| corners(&view, cluster, (which * LANES + lane).min(last)));
         let corners: [[Corner; 3]; LANES] = from_fn(|lane| of_lane[lane].0);
-        let batch = self.scratch.batches[which];
+        let Scratch { records, batches, .. } = &mut *self.scratch;
+        let batch = &batches[which];
         let [u, v] = [coordinates(&corners, 0), coordinates(&corners, 1)];
         let (u_plane, v_plane) = (batch.over_depth(u), batch.over_depth(v));
         let [na, nb, nc] = batch.nearness;
         let double_area = ((u[1] - u[0]) * (v[2] - v[0]) - (u[2] - u[0]) * (v[1] - v[0])).abs();
         let shares = double_area * (batch.inverse.abs() * na * nb * nc);
-        let kept = std::mem::take(&mut self.scratch.records.kept);
+        let kept = std::mem::take(&mut records.kept);
         let mut tints = None;
         for lane in kept.iter().map(|&lane| usize::from(lane) % LANES) {
             let surface = of_lane[lane].1;
             let meta = Meta::new(&view, surface, corners[lane].map(|[.., rgb]| rgb));
             let texels = shares.0[lane] * meta.texels(&view);
             let tint = || {
-                let planes: &[super::edges::Planes; 3] = tints.get_or_insert_with(|| batch.tints(&corners));
+                let planes: &[Planes; 3] = tints.get_or_insert_with(|| batch.tints(&corners));
                 let base = base_color(&view, surface);
                 from_fn(|channel| planes[channel].lane(lane).times(base[channel]))
             };
-            self.scratch.records.add([u_plane.lane(lane), v_plane.lane(lane)], texels, meta, tint);
+            records.add([u_plane.lane(lane), v_plane.lane(lane)], texels, meta, tint);
         }
-        self.scratch.records.kept = kept;
-        self.scratch.records.kept.clear();
+        records.kept = kept;
+        records.kept.clear();
     }
 
     /// Makes the record of triangle `at` of a cluster, which reaches behind the pinhole: `plane` tells the plane over depth
@@ -213,14 +214,14 @@ impl Raster<'_> {
 impl Batch {
     /// The planes over depth through values of the corners.
     #[inline(always)]
-    fn over_depth(&self, [a, b, c]: [Floats; 3]) -> super::edges::Planes {
+    fn over_depth(&self, [a, b, c]: [Floats; 3]) -> Planes {
         let [na, nb, nc] = self.nearness;
         planes(&self.corners, self.inverse, [a * na, b * nb, c * nc])
     }
 
     /// The planes of corners' red, green and blue over depth.
     #[inline(always)]
-    fn tints(&self, corners: &[[Corner; 3]; LANES]) -> [super::edges::Planes; 3] {
+    fn tints(&self, corners: &[[Corner; 3]; LANES]) -> [Planes; 3] {
         from_fn(|channel| {
             let of_corner = |corner: usize| {
                 Floats(from_fn(|lane| (corners[lane][corner][2] >> (8 * channel) & 0xff) as i32 as f32))

@@ -34,8 +34,11 @@ struct Run {
     /// Texture coordinates.
     u: [f32; RUN],
     v: [f32; RUN],
-    /// First texel, width, height, blocks in a row of the level that is looked at.
-    level: [[u32; RUN]; 4],
+    /// The level that is looked at: both its words; see [`View::levels`].
+    level: [[u32; RUN]; 2],
+    /// The colour of material and corners, RGB.
+    tint: [u32; RUN],
+    instance: [u32; RUN],
     /// RGBA, of the texture first and of the surface in the end.
     color: [u32; RUN],
 }
@@ -52,61 +55,53 @@ impl Work for Developer<'_> {
             for column in (0..width).step_by(RUN) {
                 let count = RUN.min(width - column);
                 run.take(self.scratch, row * screen.stride + column, count);
-                if self.place(&mut run, [column, row], count) {
+                let looks = self.place(&mut run, [column, row], count);
+                if looks.is_textured {
                     sample(self.view.texels, &mut run, count);
                 } else {
                     run.color = [WHITE; RUN];
                 }
-                self.tint(&mut run, [column, row], count);
+                if looks.is_tinted {
+                    run.tint_all();
+                }
                 self.write(&run, row * width + column, count);
             }
         }
     }
 }
 
+/// What colours of a run depend on.
+struct Looks {
+    is_textured: bool,
+    is_tinted: bool,
+}
+
 impl Developer<'_> {
-    /// Finds where in which textures the pixels lie; whether there are any textures.
+    /// Finds where in which textures the pixels lie, how they are tinted and what they belong to.
     #[inline(always)]
-    fn place(&self, run: &mut Run, [column, row]: [usize; 2], count: usize) -> bool {
+    fn place(&self, run: &mut Run, [column, row]: [usize; 2], count: usize) -> Looks {
         let records = &self.scratch.records;
         let (first_x, y) = (column as i32, row as i32 as f32);
-        let mut is_textured = false;
+        let mut looks = Looks { is_textured: false, is_tinted: false };
         for i in 0..count {
             let number = run.record[i] as usize;
-            let ([ux, uy, u, vx, vy, v, texels, _], texture) =
-                (&records.planes[number], records.meta[number].texture);
+            let ([ux, uy, u, vx, vy, v, texels, _], meta) = (&records.planes[number], &records.meta[number]);
             let (x, depth_m) = ((first_x + i as i32) as f32, run.depth_m[i]);
             run.u[i] = (ux * x + (uy * y + u)) * depth_m;
             run.v[i] = (vx * x + (vy * y + v)) * depth_m;
-            let level = level_of(texels * (depth_m * depth_m * depth_m), texture);
+            let level = level_of(texels * (depth_m * depth_m * depth_m), meta.texture);
             let level = &self.view.levels[level as usize];
-            (0..4).for_each(|value| run.level[value][i] = level[value]);
-            is_textured |= texture != NO_TEXTURE;
-        }
-        is_textured
-    }
-
-    /// Multiplies by the colours of materials and corners.
-    #[inline(always)]
-    fn tint(&self, run: &mut Run, [column, row]: [usize; 2], count: usize) {
-        let records = &self.scratch.records;
-        let mut tints = [WHITE; RUN];
-        let mut is_tinted = false;
-        for (i, out) in tints.iter_mut().enumerate().take(count) {
-            let meta = &records.meta[run.record[i] as usize];
-            *out = if meta.is_even() {
+            (run.level[0][i], run.level[1][i]) = (level[0], level[1]);
+            run.instance[i] = meta.instance;
+            run.tint[i] = if meta.is_even() {
                 meta.tint
             } else {
-                let place = [(column + i) as i32 as f32, row as i32 as f32, run.depth_m[i]];
-                varying_tint(&records.tints[meta.tint as usize], place)
+                varying_tint(&records.tints[meta.tint as usize], [x, y, depth_m])
             };
-            is_tinted |= *out != WHITE;
+            looks.is_textured |= meta.texture != NO_TEXTURE;
+            looks.is_tinted |= run.tint[i] != WHITE;
         }
-        if is_tinted {
-            for (color, tint) in run.color.iter_mut().zip(tints) {
-                *color = modulate(*color, tint);
-            }
-        }
+        looks
     }
 
     /// Writes pixels from number `first` on.
@@ -116,9 +111,8 @@ impl Developer<'_> {
         for (out, &depth_m) in self.frame.depth[pixels.clone()].iter_mut().zip(&run.depth_m) {
             *out = if depth_m <= self.depth_max_m { depth_m } else { 0.0 };
         }
-        let meta = &self.scratch.records.meta;
-        for (out, &record) in self.frame.instances[pixels.clone()].iter_mut().zip(&run.record) {
-            *out = InstanceId(meta[record as usize].instance);
+        for (out, &instance) in self.frame.instances[pixels.clone()].iter_mut().zip(&run.instance) {
+            *out = InstanceId(instance);
         }
         let backdrop = self.view.whole[0];
         let rgb = &mut self.frame.rgb.as_chunks_mut::<3>().0[pixels];
@@ -142,12 +136,30 @@ fn varying_tint(planes: &[f32; 9], [column, row, depth_m]: [f32; 3]) -> u32 {
 impl Default for Run {
     fn default() -> Self {
         let zeros = [0.0; RUN];
-        let level = [[0; RUN], [1; RUN], [1; RUN], [1; RUN]];
-        Self { nearness: zeros, record: [0; RUN], depth_m: zeros, u: zeros, v: zeros, level, color: [0; RUN] }
+        let numbers = [0; RUN];
+        Self {
+            nearness: zeros,
+            record: numbers,
+            depth_m: zeros,
+            u: zeros,
+            v: zeros,
+            level: [numbers; 2],
+            tint: numbers,
+            instance: numbers,
+            color: numbers,
+        }
     }
 }
 
 impl Run {
+    /// Multiplies colours by tints.
+    #[inline(always)]
+    fn tint_all(&mut self) {
+        for (color, &tint) in self.color.iter_mut().zip(&self.tint) {
+            *color = modulate(*color, tint);
+        }
+    }
+
     /// Takes `count` pixels of the screen.
     #[inline(always)]
     fn take(&mut self, from: &Scratch, first: usize, count: usize) {

@@ -1,7 +1,7 @@
 //! The colours of textures, in whole numbers from the choice of texels on.
 
 use super::{RUN, Run, WHITE};
-use crate::model::{BLOCK, LEVEL_BITS};
+use crate::model::{BLOCK, LEVEL_BITS, Level};
 
 const SIDE: u32 = BLOCK as u32;
 /// Texels of a block.
@@ -25,8 +25,7 @@ pub(super) fn sample(texels: &[u32], run: &mut Run, count: usize) {
     let mut at = [[0; RUN]; 4];
     let mut weight = [[0; RUN]; 2];
     for i in 0..RUN {
-        let level = [run.level[0][i], run.level[1][i], run.level[2][i], run.level[3][i]];
-        let found = Neighbours::new([run.u[i], run.v[i]], level);
+        let found = Neighbours::new([run.u[i], run.v[i]], [run.level[0][i], run.level[1][i]]);
         at[0][i] = found.at[0];
         at[1][i] = found.at[1];
         at[2][i] = found.at[2];
@@ -48,7 +47,7 @@ pub(super) fn sample(texels: &[u32], run: &mut Run, count: usize) {
 }
 
 /// The colour at one place.
-pub(super) fn sample_one(texels: &[u32], uv: [f32; 2], level: [u32; 4]) -> u32 {
+pub(super) fn sample_one(texels: &[u32], uv: [f32; 2], level: Level) -> u32 {
     let Neighbours { at, across, down } = Neighbours::new(uv, level);
     let [a, b, c, d] = at.map(|at| texels.get(at as usize).copied().unwrap_or(WHITE));
     mix(mix(a, b, across), mix(c, d, across), down)
@@ -64,7 +63,9 @@ struct Neighbours {
 
 impl Neighbours {
     #[inline(always)]
-    fn new([u, v]: [f32; 2], [first, width, height, blocks]: [u32; 4]) -> Self {
+    fn new([u, v]: [f32; 2], [first, size]: Level) -> Self {
+        let (width, height) = (size & 0xffff, size >> 16);
+        let blocks = width.div_ceil(SIDE);
         let (left, right, across) = along(u, width);
         let (upper, lower, down) = along(v, height);
         let in_row = |x: u32| x / SIDE * AREA + x % SIDE;
@@ -142,7 +143,7 @@ mod tests {
             let block = y / BLOCK * blocks as usize + x / BLOCK;
             texels[block * BLOCK * BLOCK + y % BLOCK * BLOCK + x % BLOCK] = value;
         }
-        let level = [0, width, height, blocks];
+        let level = [0, width | height << 16];
         let mut run =
             Run { u: [u; RUN], v: [v; RUN], level: level.map(|value| [value; RUN]), ..Run::default() };
         sample(&texels, &mut run, RUN);

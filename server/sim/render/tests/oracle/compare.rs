@@ -20,7 +20,7 @@ const ROUNDING: f64 = 4e-7;
 /// Of the pixels, so many may differ from their rays because they lie on silhouettes.
 const SILHOUETTES: f64 = 0.002;
 /// And so many may be wrong.
-const WRONG: f64 = 1e-4;
+const WRONG: f64 = 0.0;
 
 /// How a scene's pictures compare.
 #[derive(Debug, Default)]
