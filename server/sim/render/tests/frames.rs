@@ -1,7 +1,8 @@
 //! Frames of small hand-made scenes, whose every number can be worked out on paper.
 
 use avln_geom::{Point2, Point3, RayMesh, Rng, Vector3, angle};
-use avln_render::{Camera, Frame, Renderer};
+use avln_render::{Camera, Frame, Renderer, Width};
+use avln_scene::procedural::{HouseOptions, house};
 use avln_scene::{InstanceId, Lighting, Material, Mesh, Scene, Texture};
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
@@ -338,5 +339,19 @@ fn cameras_without_sense_give_a_frame_all_the_same() {
     for (eye, hfov_rad) in [(f32::NAN, 1.0), (f32::INFINITY, 1.0), (0.0, 0.0), (0.0, 7.0), (0.0, f32::NAN)] {
         let camera = Camera { eye: Point3::new(eye, 1.0, 0.0), hfov_rad, ..camera(9, 9) };
         assert_eq!(shoot(scene.clone(), &camera).depth.len(), 81);
+    }
+}
+
+#[test]
+fn pictures_do_not_depend_on_the_width_of_vector_instructions() {
+    let scene = Arc::new(house("width", 3, &HouseOptions::small()));
+    let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
+    let room = scene.regions[0].bounds.center();
+    let renderer = Renderer::new(Arc::clone(&scene), rays);
+    for step in 0..12 {
+        let world_from_camera = angle::about_up(0.53 * step as f32);
+        let camera = Camera { eye: room, world_from_camera, ..camera(131, 97) };
+        let portable = renderer.render_with(&camera, Width::Portable);
+        assert!(portable == renderer.render(&camera), "step {step}");
     }
 }

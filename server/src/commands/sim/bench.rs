@@ -55,7 +55,8 @@ struct Report {
     prepare_s: f64,
     /// Bytes that the renderer keeps, textures included.
     resident_bytes: usize,
-    resident_bytes_per_triangle: f64,
+    /// Of these, bytes of triangles and the tree over them, for each triangle that is drawn.
+    geometry_bytes_per_triangle: f64,
     eyes: &'static str,
     frames: usize,
     hfov_deg: f64,
@@ -85,10 +86,10 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         report.texture_bytes as f64 / 1e6
     );
     say!(
-        "ready in {:.0} ms, {:.1} MB resident, {:.0} bytes a triangle",
+        "ready in {:.0} ms, {:.1} MB resident, {:.0} bytes a triangle without textures",
         report.prepare_s * 1e3,
         report.resident_bytes as f64 / 1e6,
-        report.resident_bytes_per_triangle
+        report.geometry_bytes_per_triangle
     );
     say!("{} pictures of {} degrees, {}; {}", report.frames, report.hfov_deg, report.eyes, report.clock);
     for rate in &report.sizes {
@@ -116,6 +117,7 @@ fn measure(options: &Options) -> Result<Report, Failure> {
         let cameras = poses.iter().map(|pose| camera(pose, size, options.hfov, None));
         rate(&renderer, size, &cameras.collect::<Vec<_>>())
     };
+    let model = renderer.model();
     Ok(Report {
         scene: scene.name.clone(),
         triangles: scene.mesh.triangles.len(),
@@ -123,8 +125,7 @@ fn measure(options: &Options) -> Result<Report, Failure> {
         texture_bytes: scene.textures.iter().map(|texture| texture.pixels.len()).sum(),
         prepare_s,
         resident_bytes: renderer.resident_bytes(),
-        resident_bytes_per_triangle: renderer.resident_bytes() as f64
-            / scene.mesh.triangles.len().max(1) as f64,
+        geometry_bytes_per_triangle: model.geometry_bytes() as f64 / model.triangle_count().max(1) as f64,
         eyes,
         frames: poses.len(),
         hfov_deg: options.hfov.degrees,

@@ -68,8 +68,12 @@ impl Neighbours {
         let blocks = width.div_ceil(SIDE);
         let (left, right, across) = along(u, width);
         let (upper, lower, down) = along(v, height);
-        let in_row = |x: u32| x / SIDE * AREA + x % SIDE;
-        let in_column = |y: u32| first.wrapping_add((y / SIDE).wrapping_mul(blocks) * AREA + y % SIDE * SIDE);
+        // Pixels that nothing is known of are worked on too; their numbers may be any.
+        let in_row = |x: u32| (x / SIDE).wrapping_mul(AREA).wrapping_add(x % SIDE);
+        let in_column = |y: u32| {
+            let block = (y / SIDE).wrapping_mul(blocks).wrapping_mul(AREA);
+            first.wrapping_add(block).wrapping_add(y % SIDE * SIDE)
+        };
         let (left, right, upper, lower) = (in_row(left), in_row(right), in_column(upper), in_column(lower));
         let sum = |row: u32, column: u32| row.wrapping_add(column);
         Self { at: [sum(upper, left), sum(upper, right), sum(lower, left), sum(lower, right)], across, down }
