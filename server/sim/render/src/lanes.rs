@@ -45,6 +45,20 @@ impl Floats {
         self.zipped(other, |a, b| if a > b { a } else { b })
     }
 
+    /// The smallest of the eight and the largest.
+    #[inline(always)]
+    pub(crate) fn range(self) -> (f32, f32) {
+        (self.halved(Self::least), self.halved(Self::most))
+    }
+
+    /// What is left when halves are combined until there is one.
+    #[inline(always)]
+    fn halved(self, combined: impl Fn(Self, Self) -> Self) -> f32 {
+        let four = combined(self, Self(from_fn(|i| self.0[i ^ 4])));
+        let two = combined(four, Self(from_fn(|i| four.0[i ^ 2])));
+        combined(two, Self(from_fn(|i| two.0[i ^ 1]))).0[0]
+    }
+
     #[inline(always)]
     pub(crate) fn above(self, other: Self) -> Truths {
         Truths(from_fn(|i| if self.0[i] > other.0[i] { u32::MAX } else { 0 }))
@@ -205,6 +219,7 @@ mod tests {
         let steps = Floats([0.0, 0.2, 0.5, 1.5, 2.0, 2.7, 4096.9, 3.5]);
         assert_eq!(steps.rounded_up().0, [0, 1, 1, 2, 2, 3, 4097, 4]);
         assert_eq!(steps.rounded_down().0, [0, 0, 0, 1, 2, 2, 4096, 3]);
+        assert_eq!(Floats([3.0, 1.0, 4.0, -1.5, 9.0, 2.0, 6.0, 5.0]).range(), (-1.5, 9.0));
         assert!(above.any() && !(above & a.equals(b)).any() && (above | a.equals(b)).any());
     }
 }

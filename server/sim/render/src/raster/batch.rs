@@ -146,25 +146,12 @@ impl Raster<'_> {
     /// Projects `count` corners of a cluster, whose coordinates begin at `first`; the smallest depth, metres.
     #[inline(always)]
     fn project(&mut self, first: usize, count: usize) -> f32 {
-        let padded = count.next_multiple_of(LANES);
-        let coordinates = &self.view.coordinates[first..first + 3 * padded];
-        let (xs, rest) = coordinates.split_at(padded);
-        let (ys, zs) = rest.split_at(padded);
-        let eights = [xs, ys, zs].map(|values| values.as_chunks::<LANES>().0);
+        let eights = count.div_ceil(LANES);
+        let coordinates = self.view.coordinates[first..].as_chunks::<LANES>().0;
         let (lens, out) = (&self.lens, &mut *self.scratch.projected);
-        let out_x = out.x.as_chunks_mut::<LANES>().0.iter_mut();
-        let out_y = out.y.as_chunks_mut::<LANES>().0.iter_mut();
-        let out_nearness = out.nearness.as_chunks_mut::<LANES>().0.iter_mut();
-        let out_depth = out.depth_m.as_chunks_mut::<LANES>().0.iter_mut();
         let mut nearest_m = Floats::of(f32::INFINITY);
-        for (((((&x, &y), &z), out_x), out_y), (out_nearness, out_depth)) in eights[0]
-            .iter()
-            .zip(eights[1])
-            .zip(eights[2])
-            .zip(out_x)
-            .zip(out_y)
-            .zip(out_nearness.zip(out_depth))
-        {
+        for eight in 0..eights.min(BYTE / LANES) {
+            let [x, y, z] = [0, 1, 2].map(|axis| coordinates[axis * eights + eight]);
             let offset = [
                 Floats(x) - Floats::of(lens.eye.x),
                 Floats(y) - Floats::of(lens.eye.y),
@@ -177,10 +164,11 @@ impl Raster<'_> {
             };
             let depth_m = along(&lens.forward);
             let nearness = Floats::of(1.0) / depth_m;
-            *out_x = (along(&lens.right) * nearness + Floats::of(lens.middle[0])).0;
-            *out_y = (along(&lens.down) * nearness + Floats::of(lens.middle[1])).0;
-            *out_nearness = nearness.0;
-            *out_depth = depth_m.0;
+            let [middle_x, middle_y] = lens.middle.map(Floats::of);
+            out.x.as_chunks_mut().0[eight] = (along(&lens.right) * nearness + middle_x).0;
+            out.y.as_chunks_mut().0[eight] = (along(&lens.down) * nearness + middle_y).0;
+            out.nearness.as_chunks_mut().0[eight] = nearness.0;
+            out.depth_m.as_chunks_mut().0[eight] = depth_m.0;
             nearest_m = depth_m.least(nearest_m);
         }
         nearest_m.0.into_iter().fold(f32::INFINITY, |a, b| if b < a { b } else { a })

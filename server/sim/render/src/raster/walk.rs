@@ -2,10 +2,9 @@
 
 use super::screen::PixelRect;
 use super::{NEAR_M, Raster};
+use crate::lanes::{Floats, LANES};
 use avln_geom::{Point3, Vector3};
-
-/// Corners of a box.
-const CORNERS: usize = 8;
+use std::array::from_fn;
 
 /// More than rounding can change a nearness by.
 pub(super) const ROUNDING: f32 = 1.0 + 1e-5;
@@ -58,47 +57,42 @@ impl Raster<'_> {
     #[inline(always)]
     fn may_show(&self, node: u32) -> bool {
         let [x, y, z] = self.camera_from_box(&self.bounds(node));
-        let (nearest_m, farthest_m) = range(&z);
+        let (nearest_m, farthest_m) = z.range();
         if farthest_m < NEAR_M {
             return false;
         }
         if nearest_m < NEAR_M {
-            return self.may_face(&x, &y, &z);
+            return self.may_face(&x.0, &y.0, &z.0);
         }
         let screen = &self.scratch.screen;
-        let [middle_x, middle_y] = self.lens.middle;
-        let along =
-            |values: &[f32; CORNERS], middle: f32| range(&std::array::from_fn(|i| values[i] / z[i] + middle));
-        let ((left, right), (top, bottom)) = (along(&x, middle_x), along(&y, middle_y));
+        let nearness = Floats::of(1.0) / z;
+        let [middle_x, middle_y] = self.lens.middle.map(Floats::of);
+        let (left, right) = (x * nearness + middle_x).range();
+        let (top, bottom) = (y * nearness + middle_y).range();
         PixelRect::between([left, top], [right, bottom], [screen.width, screen.height])
             .is_some_and(|pixels| screen.shows(&pixels, ROUNDING / nearest_m))
     }
 
     /// The corners of a box in the camera frame: all x, all y, all z.
     #[inline(always)]
-    fn camera_from_box(&self, [min, max]: &[Point3<f32>; 2]) -> [[f32; CORNERS]; 3] {
+    fn camera_from_box(&self, [min, max]: &[Point3<f32>; 2]) -> [Floats; 3] {
         let (low, high) = (min - self.lens.eye, max - self.lens.eye);
+        let side = |axis: usize| {
+            Floats(from_fn(|corner| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] }))
+        };
+        let sides = [side(0), side(1), side(2)];
         let along = |axis: &Vector3<f32>| {
-            let [x, y, z] = [0, 1, 2].map(|i: usize| [axis[i] * low[i], axis[i] * high[i]]);
-            std::array::from_fn(|corner| x[corner & 1] + y[corner >> 1 & 1] + z[corner >> 2])
+            Floats::of(axis.x) * sides[0] + Floats::of(axis.y) * sides[1] + Floats::of(axis.z) * sides[2]
         };
         [along(&self.lens.right), along(&self.lens.down), along(&self.lens.forward)]
     }
 
     /// Whether a box around or beside the pinhole can be in the picture: false when it lies beyond one of its borders.
-    fn may_face(&self, x: &[f32; CORNERS], y: &[f32; CORNERS], z: &[f32; CORNERS]) -> bool {
+    fn may_face(&self, x: &[f32; LANES], y: &[f32; LANES], z: &[f32; LANES]) -> bool {
         let [half_x, half_y] = self.lens.half;
         [(x, half_x), (y, half_y)].into_iter().all(|(values, half)| {
-            let beyond = |sign: f32| (0..CORNERS).all(|i| sign * values[i] > half * z[i]);
+            let beyond = |sign: f32| (0..LANES).all(|i| sign * values[i] > half * z[i]);
             !beyond(1.0) && !beyond(-1.0)
         })
     }
-}
-
-/// The smallest and the largest of some values.
-#[inline(always)]
-fn range(values: &[f32; CORNERS]) -> (f32, f32) {
-    values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(least, most), &value| {
-        (if value < least { value } else { least }, if value > most { value } else { most })
-    })
 }
