@@ -139,7 +139,7 @@ impl Raster<'_> {
                     self.draw_stroke(number, which, lane, &stroke);
                 }
             }
-            self.record(number, which);
+            self.make_swatches(number, which);
         }
     }
 

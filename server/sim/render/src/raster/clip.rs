@@ -18,7 +18,7 @@ impl Raster<'_> {
             return false;
         }
         if is_ahead != [false; 3] {
-            self.record(cluster, which);
+            self.make_swatches(cluster, which);
             self.draw_crossing(cluster, at, indices, (word & HOLED != 0).then_some(surface));
         }
         true
@@ -28,9 +28,9 @@ impl Raster<'_> {
         let corners = indices.map(|index| self.lens.camera_from_world(&self.position(cluster, index)));
         let Some(planes) = Homogeneous::new(&corners) else { return };
         let middle = self.lens.middle;
-        let number = self.scratch.records.next();
+        let number = self.scratch.swatches.next();
         let per_area = planes.inverse_volume.abs() as f32;
-        self.record_crossing(cluster, at, |values| planes.over_depth(values, middle), per_area);
+        self.make_crossing_swatch(cluster, at, |values| planes.over_depth(values, middle), per_area);
         let outline = self.outline(&corners, &indices);
         let Some(farthest) = outline.iter().copied().min_by(|a, b| a[2].total_cmp(&b[2])) else { return };
         let nearness = planes.nearness(farthest, middle);

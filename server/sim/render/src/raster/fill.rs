@@ -14,12 +14,12 @@ struct Strip<'a> {
     nearness: Floats,
     column: usize,
     /// The number to be noted for pixels that are covered.
-    record: u32,
+    swatch: u32,
 }
 
 impl Stroke {
     #[inline(always)]
-    fn strip(&self, column: usize, record: u32) -> Strip<'_> {
+    fn strip(&self, column: usize, swatch: u32) -> Strip<'_> {
         let columns = Floats(std::array::from_fn(|i| (column + i) as i32 as f32));
         let [a, b, c] = &self.edges;
         let along = |plane: &Plane| Floats::of(plane.x) * columns;
@@ -29,7 +29,7 @@ impl Stroke {
             limits: [Floats::of(a.limit), Floats::of(b.limit), Floats::of(c.limit)],
             nearness: Floats::of(self.nearness.x) * (columns - Floats::of(self.nearness.column)),
             column,
-            record,
+            swatch,
         }
     }
 
@@ -47,13 +47,13 @@ impl Stroke {
 }
 
 impl Raster<'_> {
-    /// Draws a triangle, to be recorded under the number `record`; whether it is seen anywhere.
+    /// Draws a triangle, to be noted under the number `swatch`; whether it is seen anywhere.
     #[inline(always)]
-    pub(super) fn fill(&mut self, stroke: &Stroke, record: u32) -> bool {
+    pub(super) fn fill(&mut self, stroke: &Stroke, swatch: u32) -> bool {
         let [left, top] = stroke.pixels.first.map(|at| at as usize);
         let [right, bottom] = stroke.pixels.end.map(|at| at as usize);
         if right - left <= SIDE && bottom - top <= 2 * SIDE {
-            let is_seen = self.fill_strip(&stroke.strip(left, record), top, bottom);
+            let is_seen = self.fill_strip(&stroke.strip(left, swatch), top, bottom);
             if is_seen {
                 self.touch(&stroke.pixels.tiles());
             }
@@ -62,7 +62,7 @@ impl Raster<'_> {
         let TileRect { first, end } = stroke.pixels.tiles();
         let mut is_seen = false;
         for column in first[0]..end[0] {
-            let strip = stroke.strip(column * SIDE, record);
+            let strip = stroke.strip(column * SIDE, swatch);
             for row in first[1]..end[1] {
                 let is_hidden = !self.scratch.screen.tile_shows(column, row, stroke.nearest);
                 if is_hidden || stroke.misses([column * SIDE, row * SIDE]) {
@@ -92,15 +92,15 @@ impl Raster<'_> {
     fn fill_strip(&mut self, strip: &Strip, top: usize, bottom: usize) -> bool {
         let screen = &mut self.scratch.screen;
         let first = top * screen.stride + strip.column;
-        let (nearness, record) = (&mut screen.nearness[first..], &mut screen.record[first..]);
-        let rows = nearness.chunks_mut(screen.stride).zip(record.chunks_mut(screen.stride));
+        let (nearness, swatch) = (&mut screen.nearness[first..], &mut screen.swatch[first..]);
+        let rows = nearness.chunks_mut(screen.stride).zip(swatch.chunks_mut(screen.stride));
         let mut changed = Truths::default();
-        for (y, (nearness, record)) in (top..bottom).zip(rows) {
-            let (Some(nearness), Some(record)) = (nearness.first_chunk_mut(), record.first_chunk_mut())
+        for (y, (nearness, swatch)) in (top..bottom).zip(rows) {
+            let (Some(nearness), Some(swatch)) = (nearness.first_chunk_mut(), swatch.first_chunk_mut())
             else {
                 break;
             };
-            changed = changed | strip.fill(y as i32 as f32, nearness, record);
+            changed = changed | strip.fill(y as i32 as f32, nearness, swatch);
         }
         changed.any()
     }
@@ -109,7 +109,7 @@ impl Raster<'_> {
 impl Strip<'_> {
     /// Draws eight pixels of a row; those that changed.
     #[inline(always)]
-    fn fill(&self, row: f32, nearness: &mut [f32; SIDE], record: &mut [u32; SIDE]) -> Truths {
+    fn fill(&self, row: f32, nearness: &mut [f32; SIDE], swatch: &mut [u32; SIDE]) -> Truths {
         let start = |plane: &Plane| Floats::of(plane.y * row + plane.constant);
         let inside =
             |edge: usize| (self.edges[edge] + start(&self.stroke.edges[edge].plane)) - self.limits[edge];
@@ -119,15 +119,15 @@ impl Strip<'_> {
         let new = inmost.above(Floats::of(0.0)).keep(new);
         let seen = new.above(Floats(*nearness));
         *nearness = new.most(Floats(*nearness)).0;
-        *record = seen.choose_number(self.record, record);
+        *swatch = seen.choose_number(self.swatch, swatch);
         seen
     }
 }
 
 impl Raster<'_> {
-    /// Draws a triangle of a surface with holes, which has been recorded under the number `record`.
-    pub(super) fn fill_holed(&mut self, stroke: &Stroke, surface: u32, record: u32) {
-        let planes = self.scratch.records.planes[record as usize];
+    /// Draws a triangle of a surface with holes, whose swatch has the number `swatch`.
+    pub(super) fn fill_holed(&mut self, stroke: &Stroke, surface: u32, swatch: u32) {
+        let planes = self.scratch.swatches.planes[swatch as usize];
         let screen = &mut self.scratch.screen;
         for y in stroke.pixels.first[1]..stroke.pixels.end[1] {
             for x in stroke.pixels.first[0]..stroke.pixels.end[0] {
@@ -139,7 +139,7 @@ impl Raster<'_> {
                     && new > screen.nearness[at]
                     && is_solid(&self.view, surface, &planes, [column, row], new)
                 {
-                    (screen.nearness[at], screen.record[at]) = (new, record);
+                    (screen.nearness[at], screen.swatch[at]) = (new, swatch);
                     screen.touch(x as usize / SIDE, y as usize / SIDE);
                 }
             }

@@ -9,12 +9,12 @@ mod batch;
 mod clip;
 mod edges;
 mod fill;
-mod record;
 mod screen;
+mod swatch;
 mod walk;
 
-pub(crate) use record::Records;
 pub(crate) use screen::Screen;
+pub(crate) use swatch::Swatches;
 
 use crate::camera::Lens;
 use crate::model::View;
@@ -28,7 +28,7 @@ pub(crate) const NEAR_M: f32 = 1e-3;
 #[derive(Default)]
 pub(crate) struct Scratch {
     pub(crate) screen: Screen,
-    pub(crate) records: Records,
+    pub(crate) swatches: Swatches,
     projected: Box<Projected>,
     batches: Box<Batches>,
     open: Vec<(u32, f32)>,

@@ -13,8 +13,8 @@ pub(crate) struct Screen {
     pub(crate) stride: usize,
     /// One over the planar depth of the nearest hit, 1/metres; 0 for none.
     pub(crate) nearness: Vec<f32>,
-    /// Number of the record of the triangle that was hit; of no meaning where nothing was.
-    pub(crate) record: Vec<u32>,
+    /// Number of the swatch of the triangle that was hit; of no meaning where nothing was.
+    pub(crate) swatch: Vec<u32>,
     /// Tiles in a row.
     columns: usize,
     /// Of each tile the nearness of the farthest hit, or less; 0 while some pixel has met nothing.
@@ -43,7 +43,7 @@ impl Screen {
         for row in self.nearness.chunks_exact_mut(self.stride).take(height) {
             row[..width].fill(0.0);
         }
-        self.record.resize(rows * self.stride, 0);
+        self.swatch.resize(rows * self.stride, 0);
         let tiles = self.columns * (rows / SIDE);
         self.far.clear();
         self.far.resize(tiles, 0.0);

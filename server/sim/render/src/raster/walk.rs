@@ -13,7 +13,7 @@ impl Raster<'_> {
     /// Draws all that can be seen.
     #[inline(always)]
     pub(crate) fn draw(&mut self) {
-        self.scratch.records.clear();
+        self.scratch.swatches.clear();
         self.scratch.open.clear();
         if !self.view.nodes.is_empty() {
             self.scratch.open.push((0, 0.0));

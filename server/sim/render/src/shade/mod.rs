@@ -4,7 +4,7 @@ mod sample;
 
 use crate::camera::Frame;
 use crate::model::{NO_TEXTURE, View};
-use crate::raster::{Records, Scratch};
+use crate::raster::{Scratch, Swatches};
 use avln_machine::Work;
 use avln_scene::InstanceId;
 pub(crate) use sample::modulate;
@@ -27,8 +27,8 @@ pub(crate) struct Developer<'a> {
 struct Run {
     /// One over the depth, 1/metres; 0 where nothing is seen.
     nearness: [f32; RUN],
-    /// Numbers of the records of what is seen.
-    record: [u32; RUN],
+    /// Numbers of the swatches of what is seen.
+    swatch: [u32; RUN],
     /// Planar depth, metres; 0 where nothing is seen.
     depth_m: [f32; RUN],
     /// Texture coordinates.
@@ -80,12 +80,13 @@ impl Developer<'_> {
     /// Finds where in which textures the pixels lie, how they are tinted and what they belong to.
     #[inline(always)]
     fn place(&self, run: &mut Run, [column, row]: [usize; 2], count: usize) -> Looks {
-        let records = &self.scratch.records;
+        let swatches = &self.scratch.swatches;
         let (first_x, y) = (column as i32, row as i32 as f32);
         let mut looks = Looks { is_textured: false, is_tinted: false };
         for i in 0..count {
-            let number = run.record[i] as usize;
-            let ([ux, uy, u, vx, vy, v, texels, _], meta) = (&records.planes[number], &records.meta[number]);
+            let number = run.swatch[i] as usize;
+            let ([ux, uy, u, vx, vy, v, texels, _], meta) =
+                (&swatches.planes[number], &swatches.meta[number]);
             let (x, depth_m) = ((first_x + i as i32) as f32, run.depth_m[i]);
             run.u[i] = (ux * x + (uy * y + u)) * depth_m;
             run.v[i] = (vx * x + (vy * y + v)) * depth_m;
@@ -96,7 +97,7 @@ impl Developer<'_> {
             run.tint[i] = if meta.is_even() {
                 meta.tint
             } else {
-                varying_tint(&records.tints[meta.tint as usize], [x, y, depth_m])
+                varying_tint(&swatches.tints[meta.tint as usize], [x, y, depth_m])
             };
             looks.is_textured |= meta.texture != NO_TEXTURE;
             looks.is_tinted |= run.tint[i] != WHITE;
@@ -139,7 +140,7 @@ impl Default for Run {
         let numbers = [0; RUN];
         Self {
             nearness: zeros,
-            record: numbers,
+            swatch: numbers,
             depth_m: zeros,
             u: zeros,
             v: zeros,
@@ -164,16 +165,16 @@ impl Run {
     #[inline(always)]
     fn take(&mut self, from: &Scratch, first: usize, count: usize) {
         self.nearness[..count].copy_from_slice(&from.screen.nearness[first..first + count]);
-        self.record[..count].copy_from_slice(&from.screen.record[first..first + count]);
+        self.swatch[..count].copy_from_slice(&from.screen.swatch[first..first + count]);
         for i in 0..RUN {
             let is_seen = self.nearness[i] > 0.0;
             self.depth_m[i] = if is_seen { 1.0 / self.nearness[i] } else { 0.0 };
-            self.record[i] = if is_seen { self.record[i] } else { Records::NOTHING };
+            self.swatch[i] = if is_seen { self.swatch[i] } else { Swatches::NOTHING };
         }
     }
 }
 
-/// Whether a surface with holes is there, given the planes of its record, a pixel's column and row and one over its depth.
+/// Whether a surface with holes is there, given the planes of its swatch, a pixel's column and row and one over its depth.
 #[inline(always)]
 pub(crate) fn is_solid(
     view: &View,

@@ -8,19 +8,19 @@ use crate::model::{CLUSTER, HOLED, LEVEL_BITS, NO_TEXTURE, View};
 use crate::shade;
 use std::array::from_fn;
 
-/// Set in tints that are one colour, RGB; other tints are numbers of [`Records::tints`].
+/// Set in tints that are one colour, RGB; other tints are numbers of [`Swatches::tints`].
 const TINT_IS_EVEN: u32 = 0xff00_0000;
 
 /// One entry for each triangle that was seen, in the order of drawing, after that of nothing.
 #[derive(Default)]
-pub(crate) struct Records {
+pub(crate) struct Swatches {
     /// The planes of u and v times nearness (x, y, constant each), texels of the full size on a pixel at one metre of depth
     /// (it grows with depth cubed), and 0.
     pub(crate) planes: Vec<[f32; 8]>,
     pub(crate) meta: Vec<Meta>,
     /// Planes of red, green and blue, 0 to 255, times nearness.
     pub(crate) tints: Vec<[f32; 9]>,
-    /// Triangles of the current batch that were seen and are not recorded yet.
+    /// Triangles of the current batch that were seen and have no swatch yet.
     kept: Vec<u8>,
 }
 
@@ -98,7 +98,7 @@ fn coordinates(corners: &[[Corner; 3]; LANES], value: usize) -> [Floats; 3] {
     [a - whole, b - whole, c - whole]
 }
 
-impl Records {
+impl Swatches {
     pub(super) fn clear(&mut self) {
         self.planes.clear();
         self.meta.clear();
@@ -108,16 +108,16 @@ impl Records {
         self.meta.push(Meta::NONE);
     }
 
-    /// The number of the record of nothing.
+    /// The number of the swatch of nothing.
     pub(crate) const NOTHING: u32 = 0;
 
-    /// The number of the next record.
+    /// The number of the next swatch.
     #[inline(always)]
     pub(super) fn next(&self) -> u32 {
         (self.planes.len() + self.kept.len()) as u32
     }
 
-    /// Adds a record; `tint` tells the planes of red, green and blue over depth if they are needed.
+    /// Adds a swatch; `tint` tells the planes of red, green and blue over depth if they are needed.
     #[inline(always)]
     fn add(&mut self, [u, v]: [Plane; 2], texels: f32, mut meta: Meta, tint: impl FnOnce() -> [Plane; 3]) {
         self.planes.push([u.x, u.y, u.constant, v.x, v.y, v.constant, texels, 0.0]);
@@ -131,41 +131,41 @@ impl Records {
 }
 
 impl Raster<'_> {
-    /// Draws triangle `lane` of a batch of a cluster, and keeps it to be recorded if it is seen.
+    /// Draws triangle `lane` of a batch of a cluster, and keeps it to be given a swatch if it is seen.
     #[inline(always)]
     pub(super) fn draw_stroke(&mut self, cluster: usize, which: usize, lane: usize, stroke: &Stroke) {
         let [_, _, first, _] = self.view.clusters[cluster];
         let [corners, surface] = self.view.triangles[first as usize + which * LANES + lane];
         if corners & HOLED != 0 {
-            // Where there are holes depends on the texture, which takes a record to look up.
-            self.record(cluster, which);
-            let number = self.scratch.records.next();
-            self.scratch.records.kept.push(lane as u8);
-            self.record(cluster, which);
+            // Where there are holes depends on the texture, which takes a swatch to look up.
+            self.make_swatches(cluster, which);
+            let number = self.scratch.swatches.next();
+            self.scratch.swatches.kept.push(lane as u8);
+            self.make_swatches(cluster, which);
             self.fill_holed(stroke, surface, number);
-        } else if self.fill(stroke, self.scratch.records.next()) {
-            self.scratch.records.kept.push(lane as u8);
+        } else if self.fill(stroke, self.scratch.swatches.next()) {
+            self.scratch.swatches.kept.push(lane as u8);
         }
     }
 
-    /// Makes the records of the triangles of a batch that were kept.
+    /// Makes the swatches of the triangles of a batch that were kept.
     #[inline(always)]
-    pub(super) fn record(&mut self, cluster: usize, which: usize) {
-        if self.scratch.records.kept.is_empty() {
+    pub(super) fn make_swatches(&mut self, cluster: usize, which: usize) {
+        if self.scratch.swatches.kept.is_empty() {
             return;
         }
         let view = self.view;
         let last = (view.clusters[cluster][3] & 0xffff) as usize - 1;
         let of_lane: [_; LANES] = from_fn(|lane| corners(&view, cluster, (which * LANES + lane).min(last)));
         let corners: [[Corner; 3]; LANES] = from_fn(|lane| of_lane[lane].0);
-        let Scratch { records, batches, .. } = &mut *self.scratch;
+        let Scratch { swatches, batches, .. } = &mut *self.scratch;
         let batch = &batches[which];
         let [u, v] = [coordinates(&corners, 0), coordinates(&corners, 1)];
         let (u_plane, v_plane) = (batch.over_depth(u), batch.over_depth(v));
         let [na, nb, nc] = batch.nearness;
         let double_area = ((u[1] - u[0]) * (v[2] - v[0]) - (u[2] - u[0]) * (v[1] - v[0])).abs();
         let shares = double_area * (batch.inverse.abs() * na * nb * nc);
-        let kept = std::mem::take(&mut records.kept);
+        let kept = std::mem::take(&mut swatches.kept);
         let mut tints = None;
         for lane in kept.iter().map(|&lane| usize::from(lane) % LANES) {
             let surface = of_lane[lane].1;
@@ -176,15 +176,15 @@ impl Raster<'_> {
                 let base = base_color(&view, surface);
                 from_fn(|channel| planes[channel].lane(lane).times(base[channel]))
             };
-            records.add([u_plane.lane(lane), v_plane.lane(lane)], texels, meta, tint);
+            swatches.add([u_plane.lane(lane), v_plane.lane(lane)], texels, meta, tint);
         }
-        records.kept = kept;
-        records.kept.clear();
+        swatches.kept = kept;
+        swatches.kept.clear();
     }
 
-    /// Makes the record of triangle `at` of a cluster, which reaches behind the pinhole: `plane` tells the plane over depth
+    /// Makes the swatch of triangle `at` of a cluster, which reaches behind the pinhole: `plane` tells the plane over depth
     /// through three corners' values, and `per_area` what areas between them grow by on the screen.
-    pub(super) fn record_crossing(
+    pub(super) fn make_crossing_swatch(
         &mut self,
         cluster: usize,
         at: usize,
@@ -207,7 +207,7 @@ impl Raster<'_> {
             })
         };
         let texels = double_area * meta.texels(&view) * per_area;
-        self.scratch.records.add(uv.map(&plane), texels, meta, tint);
+        self.scratch.swatches.add(uv.map(&plane), texels, meta, tint);
     }
 }
 
