@@ -8,4 +8,4 @@ mod mapped;
 mod widest;
 
 pub use mapped::Mapped;
-pub use widest::{Width, Work, run_at, run_widest};
+pub use widest::{Width, Work, run_at};

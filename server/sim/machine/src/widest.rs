@@ -16,23 +16,6 @@ pub trait Work {
     fn run(self) -> Self::Output;
 }
 
-impl Width {
-    /// The widest that this processor has.
-    pub fn widest() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        if has_eight() {
-            return Self::Eight;
-        }
-        Self::Portable
-    }
-}
-
-/// Does `work` with the widest vector instructions of this processor.
-#[inline]
-pub fn run_widest<W: Work>(work: W) -> W::Output {
-    run_at(Width::Eight, work)
-}
-
 /// Does `work` with vector instructions of at most this width. The result is the same for all.
 #[inline]
 pub fn run_at<W: Work>(width: Width, work: W) -> W::Output {
@@ -81,7 +64,5 @@ mod tests {
         let values = std::array::from_fn(|i| (i as f32).sqrt());
         let portable = run_at(Width::Portable, Sum(values));
         assert_eq!(run_at(Width::Eight, Sum(values)).to_bits(), portable.to_bits());
-        assert_eq!(run_widest(Sum(values)).to_bits(), portable.to_bits());
-        assert!(Width::widest() >= Width::Portable);
     }
 }

@@ -1,7 +1,7 @@
 //! A model as one block of bytes: a header that tells the length of each section, then the sections.
 //!
-//! Numbers are little-endian words of four bytes. The header: the letters `AVLN`, the version of the layout, the number of
-//! words in each section, and the BLAKE3 hash of all sections.
+//! Numbers are words of four bytes in the machine's own order: it is a cache and not for exchange. The header: the letters
+//! `AVLN`, the version of the layout, the number of words in each section, and the BLAKE3 hash of all sections.
 
 use super::{Model, SECTIONS};
 use std::io::{self, Write};

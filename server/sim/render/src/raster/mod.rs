@@ -31,7 +31,8 @@ pub(crate) struct Scratch {
     pub(crate) swatches: Swatches,
     projected: Box<Projected>,
     batches: Box<Batches>,
-    open: Vec<(u32, f32)>,
+    /// Boxes that are still to be looked into, the next one last.
+    open: Vec<u32>,
 }
 
 /// Draws one picture.

@@ -16,9 +16,9 @@ impl Raster<'_> {
         self.scratch.swatches.clear();
         self.scratch.open.clear();
         if !self.view.nodes.is_empty() {
-            self.scratch.open.push((0, 0.0));
+            self.scratch.open.push(0);
         }
-        while let Some((node, _)) = self.scratch.open.pop() {
+        while let Some(node) = self.scratch.open.pop() {
             let &[.., number, kind] = &self.view.nodes[node as usize];
             if !self.may_show(node) {
                 continue;
@@ -27,9 +27,9 @@ impl Raster<'_> {
                 self.draw_cluster(number as usize);
                 self.scratch.screen.settle();
             } else {
-                let children = [number, number + 1].map(|child| (child, self.distance(child)));
-                let [left, right] = children;
-                self.scratch.open.extend(if left.1 <= right.1 { [right, left] } else { [left, right] });
+                let [left, right] = [number, number + 1];
+                let is_left_nearer = self.distance(left) <= self.distance(right);
+                self.scratch.open.extend(if is_left_nearer { [right, left] } else { [left, right] });
             }
         }
     }
