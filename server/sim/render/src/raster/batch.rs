@@ -3,7 +3,7 @@
 use super::edges::{Edges, Planes, Position, double_area, edges, planes};
 use super::screen::{PixelRect, SLACK_PX};
 use super::walk::ROUNDING;
-use super::{NEAR_M, Raster};
+use super::{NEAR_M, Raster, Scratch};
 use crate::lanes::{Floats, LANES, Numbers};
 use crate::model::CLUSTER;
 use std::array::from_fn;
@@ -129,18 +129,20 @@ impl Raster<'_> {
             batch.gather(&self.scratch.projected, triangles);
             batch.prepare([self.scratch.screen.width, self.scratch.screen.height]);
             for lane in 0..triangles.len() {
-                if crosses && self.clip(number, which, lane) {
+                let at = which * LANES + lane;
+                if crosses && self.clip(number, at) {
                     continue;
                 }
-                let batch = &self.scratch.batches[which];
+                let Scratch { batches, screen, waiting, .. } = &mut *self.scratch;
+                let batch = &batches[which];
                 let Some(pixels) = batch.pixels(lane) else { continue };
-                if self.scratch.screen.shows(&pixels, batch.nearest.0[lane]) {
-                    let stroke = batch.stroke(lane, pixels);
-                    self.draw_stroke(number, which, lane, &stroke);
+                if screen.shows(&pixels, batch.nearest.0[lane]) {
+                    waiting.push((at as u8, pixels));
                 }
             }
-            self.make_swatches(number, which);
         }
+        self.draw_waiting(number);
+        self.make_swatches(number);
     }
 
     /// Projects `count` corners of a cluster, whose coordinates begin at `first`; the smallest depth, metres.
@@ -211,7 +213,8 @@ impl Batch {
         let plane = planes(&self.corners, self.inverse, self.nearness);
         self.slope = [plane.x, plane.y];
         let (is_b, is_c) = (na.above(nb), na.least(nb).above(nc));
-        self.anchor = from_fn(|axis| is_c.choose(c[axis], is_b.choose(b[axis], a[axis])));
+        let farthest = |axis: usize| is_c.choose(c[axis], is_b.choose(b[axis], a[axis]));
+        self.anchor = [farthest(0), farthest(1)];
         self.least = na.least(nb).least(nc);
         self.nearest = na.most(nb).most(nc) * Floats::of(ROUNDING);
         for axis in 0..2 {

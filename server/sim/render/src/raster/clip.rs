@@ -7,9 +7,8 @@ use crate::model::HOLED;
 use avln_geom::{Point3, Vector3};
 
 impl Raster<'_> {
-    /// Draws triangle `lane` of a batch of a cluster if a corner of it is nearer than what is seen; whether that is so.
-    pub(super) fn clip(&mut self, cluster: usize, which: usize, lane: usize) -> bool {
-        let at = which * LANES + lane;
+    /// Draws triangle `at` of a cluster if a corner of it is nearer than what is seen; whether that is so.
+    pub(super) fn clip(&mut self, cluster: usize, at: usize) -> bool {
         let [word, surface] = self.view.triangles[self.view.clusters[cluster][2] as usize + at];
         let [a, b, c, _] = word.to_le_bytes();
         let indices = [a, b, c].map(usize::from);
@@ -18,7 +17,6 @@ impl Raster<'_> {
             return false;
         }
         if is_ahead != [false; 3] {
-            self.make_swatches(cluster, which);
             self.draw_crossing(cluster, at, indices, (word & HOLED != 0).then_some(surface));
         }
         true
@@ -40,7 +38,7 @@ impl Raster<'_> {
             };
             match holed {
                 None => {
-                    self.fill(&stroke, number);
+                    self.scratch.screen.fill(&stroke, number);
                 }
                 Some(surface) => self.fill_holed(&stroke, surface, number),
             }

@@ -2,7 +2,7 @@
 
 use super::Raster;
 use super::batch::{Anchored, Edge, Plane, Stroke};
-use super::screen::{SIDE, TileRect};
+use super::screen::{SIDE, Screen, TileRect};
 use crate::lanes::{Floats, Truths};
 use crate::shade::is_solid;
 
@@ -46,7 +46,7 @@ impl Stroke {
     }
 }
 
-impl Raster<'_> {
+impl Screen {
     /// Draws a triangle, to be noted under the number `swatch`; whether it is seen anywhere.
     #[inline(always)]
     pub(super) fn fill(&mut self, stroke: &Stroke, swatch: u32) -> bool {
@@ -55,7 +55,7 @@ impl Raster<'_> {
         if right - left <= SIDE && bottom - top <= 2 * SIDE {
             let is_seen = self.fill_strip(&stroke.strip(left, swatch), top, bottom);
             if is_seen {
-                self.touch(&stroke.pixels.tiles());
+                self.touch_all(&stroke.pixels.tiles());
             }
             return is_seen;
         }
@@ -64,13 +64,13 @@ impl Raster<'_> {
         for column in first[0]..end[0] {
             let strip = stroke.strip(column * SIDE, swatch);
             for row in first[1]..end[1] {
-                let is_hidden = !self.scratch.screen.tile_shows(column, row, stroke.nearest);
+                let is_hidden = !self.tile_shows(column, row, stroke.nearest);
                 if is_hidden || stroke.misses([column * SIDE, row * SIDE]) {
                     continue;
                 }
                 let (from, to) = ((row * SIDE).max(top), (row * SIDE + SIDE).min(bottom));
                 if self.fill_strip(&strip, from, to) {
-                    self.scratch.screen.touch(column, row);
+                    self.touch(column, row);
                     is_seen = true;
                 }
             }
@@ -79,10 +79,10 @@ impl Raster<'_> {
     }
 
     #[inline(always)]
-    fn touch(&mut self, tiles: &TileRect) {
+    fn touch_all(&mut self, tiles: &TileRect) {
         for row in tiles.first[1]..tiles.end[1] {
             for column in tiles.first[0]..tiles.end[0] {
-                self.scratch.screen.touch(column, row);
+                self.touch(column, row);
             }
         }
     }
@@ -90,17 +90,16 @@ impl Raster<'_> {
     /// Draws eight pixels of each row from `top` to before `bottom`; whether any changed.
     #[inline(always)]
     fn fill_strip(&mut self, strip: &Strip, top: usize, bottom: usize) -> bool {
-        let screen = &mut self.scratch.screen;
-        let first = top * screen.stride + strip.column;
-        let (nearness, swatch) = (&mut screen.nearness[first..], &mut screen.swatch[first..]);
-        let rows = nearness.chunks_mut(screen.stride).zip(swatch.chunks_mut(screen.stride));
+        let (stride, first) = (self.stride, top * self.stride + strip.column);
+        let (mut nearness, mut swatch) = (&mut self.nearness[first..], &mut self.swatch[first..]);
         let mut changed = Truths::default();
-        for (y, (nearness, swatch)) in (top..bottom).zip(rows) {
-            let (Some(nearness), Some(swatch)) = (nearness.first_chunk_mut(), swatch.first_chunk_mut())
-            else {
+        for row in top..bottom {
+            let (Some(near), Some(seen)) = (nearness.first_chunk_mut(), swatch.first_chunk_mut()) else {
                 break;
             };
-            changed = changed | strip.fill(y as i32 as f32, nearness, swatch);
+            changed = changed | strip.fill(row as i32 as f32, near, seen);
+            nearness = nearness.get_mut(stride..).unwrap_or_default();
+            swatch = swatch.get_mut(stride..).unwrap_or_default();
         }
         changed.any()
     }

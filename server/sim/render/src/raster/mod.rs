@@ -13,6 +13,7 @@ mod screen;
 mod swatch;
 mod walk;
 
+use screen::PixelRect;
 pub(crate) use screen::Screen;
 pub(crate) use swatch::Swatches;
 
@@ -31,6 +32,8 @@ pub(crate) struct Scratch {
     pub(crate) swatches: Swatches,
     projected: Box<Projected>,
     batches: Box<Batches>,
+    /// Triangles of the current cluster that are about to be drawn: their numbers and the pixels that they can cover.
+    waiting: Vec<(u8, PixelRect)>,
     /// Boxes that are still to be looked into, the next one last.
     open: Vec<u32>,
 }

@@ -1,9 +1,9 @@
 //! What is needed to colour the pixels of each triangle that was seen.
 
-use super::batch::{Batch, Plane, Stroke};
+use super::batch::{Batch, Plane};
 use super::edges::{Planes, planes};
 use super::{Raster, Scratch};
-use crate::lanes::{Floats, LANES};
+use crate::lanes::{Floats, LANES, Numbers};
 use crate::model::{CLUSTER, HOLED, LEVEL_BITS, NO_TEXTURE, View};
 use crate::shade;
 use std::array::from_fn;
@@ -20,7 +20,7 @@ pub(crate) struct Swatches {
     pub(crate) meta: Vec<Meta>,
     /// Planes of red, green and blue, 0 to 255, times nearness.
     pub(crate) tints: Vec<[f32; 9]>,
-    /// Triangles of the current batch that were seen and have no swatch yet.
+    /// Triangles of the current cluster that were seen and have no swatch yet, in their order.
     kept: Vec<u8>,
 }
 
@@ -88,12 +88,37 @@ fn nearest_whole(value: f32) -> f32 {
     (value + ROUNDER) - ROUNDER
 }
 
-/// Texture coordinates of the corners of eight triangles, moved by whole numbers towards 0, where they have more binary
-/// places: textures repeat.
+/// What the corners of eight triangles look like; of those that are not needed anything.
+#[derive(Default)]
+struct Looks {
+    u: [Floats; 3],
+    v: [Floats; 3],
+    rgb: [Numbers; 3],
+    surface: Numbers,
+}
+
+impl Looks {
+    /// Of the triangles of a cluster with these numbers, which belong to one batch.
+    #[inline(always)]
+    fn new(view: &View, cluster: usize, numbers: &[u8]) -> Self {
+        let mut looks = Self::default();
+        for at in numbers.iter().map(|&at| usize::from(at)) {
+            let (corners, surface) = corners(view, cluster, at);
+            let lane = at % LANES;
+            for (corner, [u, v, rgb]) in corners.into_iter().enumerate() {
+                looks.u[corner].0[lane] = f32::from_bits(u);
+                looks.v[corner].0[lane] = f32::from_bits(v);
+                looks.rgb[corner].0[lane] = rgb;
+            }
+            looks.surface.0[lane] = surface;
+        }
+        looks
+    }
+}
+
+/// Texture coordinates moved by whole numbers towards 0, where they have more binary places: textures repeat.
 #[inline(always)]
-fn coordinates(corners: &[[Corner; 3]; LANES], value: usize) -> [Floats; 3] {
-    let of_corner = |corner: usize| Floats(from_fn(|lane| f32::from_bits(corners[lane][corner][value])));
-    let [a, b, c] = [of_corner(0), of_corner(1), of_corner(2)];
+fn near_zero([a, b, c]: [Floats; 3]) -> [Floats; 3] {
     let whole = Floats(from_fn(|lane| nearest_whole(a.0[lane])));
     [a - whole, b - whole, c - whole]
 }
@@ -131,55 +156,64 @@ impl Swatches {
 }
 
 impl Raster<'_> {
-    /// Draws triangle `lane` of a batch of a cluster, and keeps it to be given a swatch if it is seen.
+    /// Draws the triangles of a cluster that wait for it, and keeps those that are seen to be given a swatch.
     #[inline(always)]
-    pub(super) fn draw_stroke(&mut self, cluster: usize, which: usize, lane: usize, stroke: &Stroke) {
+    pub(super) fn draw_waiting(&mut self, cluster: usize) {
         let [_, _, first, _] = self.view.clusters[cluster];
-        let [corners, surface] = self.view.triangles[first as usize + which * LANES + lane];
-        if corners & HOLED != 0 {
-            // Where there are holes depends on the texture, which takes a swatch to look up.
-            self.make_swatches(cluster, which);
-            let number = self.scratch.swatches.next();
-            self.scratch.swatches.kept.push(lane as u8);
-            self.make_swatches(cluster, which);
-            self.fill_holed(stroke, surface, number);
-        } else if self.fill(stroke, self.scratch.swatches.next()) {
-            self.scratch.swatches.kept.push(lane as u8);
+        for next in 0..self.scratch.waiting.len() {
+            let Scratch { screen, swatches, waiting, batches, .. } = &mut *self.scratch;
+            let (at, pixels) = waiting[next];
+            let [corners, surface] = self.view.triangles[first as usize + usize::from(at)];
+            let stroke = batches[usize::from(at) / LANES].stroke(usize::from(at) % LANES, pixels);
+            let number = swatches.next();
+            if corners & HOLED != 0 {
+                // Where there are holes depends on the texture, which takes a swatch to look up.
+                swatches.kept.push(at);
+                self.make_swatches(cluster);
+                self.fill_holed(&stroke, surface, number);
+            } else if screen.fill(&stroke, number) {
+                swatches.kept.push(at);
+            }
         }
+        self.scratch.waiting.clear();
     }
 
-    /// Makes the swatches of the triangles of a batch that were kept.
+    /// Makes the swatches of the triangles of a cluster that were kept.
     #[inline(always)]
-    pub(super) fn make_swatches(&mut self, cluster: usize, which: usize) {
-        if self.scratch.swatches.kept.is_empty() {
-            return;
+    pub(super) fn make_swatches(&mut self, cluster: usize) {
+        let kept = std::mem::take(&mut self.scratch.swatches.kept);
+        for kept in kept.chunk_by(|one, next| usize::from(*one) / LANES == usize::from(*next) / LANES) {
+            self.make_swatches_of_batch(cluster, usize::from(kept[0]) / LANES, kept);
         }
+        self.scratch.swatches.kept = kept;
+        self.scratch.swatches.kept.clear();
+    }
+
+    /// Makes the swatches of some triangles of a batch.
+    #[inline(always)]
+    fn make_swatches_of_batch(&mut self, cluster: usize, which: usize, kept: &[u8]) {
         let view = self.view;
-        let last = (view.clusters[cluster][3] & 0xffff) as usize - 1;
-        let of_lane: [_; LANES] = from_fn(|lane| corners(&view, cluster, (which * LANES + lane).min(last)));
-        let corners: [[Corner; 3]; LANES] = from_fn(|lane| of_lane[lane].0);
+        let looks = Looks::new(&view, cluster, kept);
         let Scratch { swatches, batches, .. } = &mut *self.scratch;
         let batch = &batches[which];
-        let [u, v] = [coordinates(&corners, 0), coordinates(&corners, 1)];
+        let [u, v] = [near_zero(looks.u), near_zero(looks.v)];
         let (u_plane, v_plane) = (batch.over_depth(u), batch.over_depth(v));
         let [na, nb, nc] = batch.nearness;
         let double_area = ((u[1] - u[0]) * (v[2] - v[0]) - (u[2] - u[0]) * (v[1] - v[0])).abs();
         let shares = double_area * (batch.inverse.abs() * na * nb * nc);
-        let kept = std::mem::take(&mut swatches.kept);
         let mut tints = None;
         for lane in kept.iter().map(|&lane| usize::from(lane) % LANES) {
-            let surface = of_lane[lane].1;
-            let meta = Meta::new(&view, surface, corners[lane].map(|[.., rgb]| rgb));
+            let surface = looks.surface.0[lane];
+            let [a, b, c] = &looks.rgb;
+            let meta = Meta::new(&view, surface, [a.0[lane], b.0[lane], c.0[lane]]);
             let texels = shares.0[lane] * meta.texels(&view);
             let tint = || {
-                let planes: &[Planes; 3] = tints.get_or_insert_with(|| batch.tints(&corners));
+                let planes: &[Planes; 3] = tints.get_or_insert_with(|| batch.tints(&looks.rgb));
                 let base = base_color(&view, surface);
                 from_fn(|channel| planes[channel].lane(lane).times(base[channel]))
             };
             swatches.add([u_plane.lane(lane), v_plane.lane(lane)], texels, meta, tint);
         }
-        swatches.kept = kept;
-        swatches.kept.clear();
     }
 
     /// Makes the swatch of triangle `at` of a cluster, which reaches behind the pinhole: `plane` tells the plane over depth
@@ -221,10 +255,10 @@ impl Batch {
 
     /// The planes of corners' red, green and blue over depth.
     #[inline(always)]
-    fn tints(&self, corners: &[[Corner; 3]; LANES]) -> [Planes; 3] {
+    fn tints(&self, rgb: &[Numbers; 3]) -> [Planes; 3] {
         from_fn(|channel| {
             let of_corner = |corner: usize| {
-                Floats(from_fn(|lane| (corners[lane][corner][2] >> (8 * channel) & 0xff) as i32 as f32))
+                Floats(from_fn(|lane| (rgb[corner].0[lane] >> (8 * channel) & 0xff) as i32 as f32))
             };
             self.over_depth([of_corner(0), of_corner(1), of_corner(2)])
         })
