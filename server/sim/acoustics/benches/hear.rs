@@ -4,7 +4,7 @@
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
-use avln_acoustics::{Acoustics, Ears, Emitter, Listener, clip_bank};
+use avln_acoustics::{Acoustics, Ears, Emitter, Listener, Settings, Surfaces, clip_bank};
 use avln_geom::{Point3, RayMesh, Rng};
 use avln_scene::Scene;
 use avln_scene::procedural::{HouseOptions, house};
@@ -24,7 +24,9 @@ fn main() {
     let scene = Arc::new(scene);
     println!("{}: {} triangles, {} rooms", scene.name, scene.mesh.triangles.len(), scene.regions.len());
     let (_, rays) = timed("rays", || Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles)));
-    let (_, acoustics) = timed("building", || Acoustics::new(Arc::clone(&scene), Arc::clone(&rays)));
+    let (_, acoustics) = timed("building", || {
+        Acoustics::new(&scene, Arc::clone(&rays), Surfaces::by_material(&scene), Settings::default())
+    });
     let places: Vec<_> = scene.objects.iter().map(|object| object.bounds.center()).collect();
     let places: Vec<Point3<f32>> = places.iter().step_by(places.len().div_ceil(8).max(1)).copied().collect();
     let mut emitters = Vec::new();

@@ -1,7 +1,7 @@
 //! What two ears hear while a listener moves and sources take turns.
 
 use crate::convolver::Convolver;
-use crate::impulse::{ImpulseResponse, MAX_RESPONSE_SAMPLES};
+use crate::impulse::ImpulseResponse;
 use crate::{Clip, SAMPLE_RATE_HZ, Source};
 use avln_geom::Point3;
 
@@ -92,7 +92,7 @@ impl Ears {
 
 impl Channel {
     fn new(emitter: Emitter, samples_per_step: usize) -> Self {
-        let dry = vec![0.0; MAX_RESPONSE_SAMPLES + samples_per_step];
+        let dry = vec![0.0; emitter.source.response_samples() + samples_per_step];
         Self { emitter, quiet_samples: dry.len(), dry, sounding: false, previous: None }
     }
 

@@ -6,6 +6,14 @@ use realfft::num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 use std::sync::OnceLock;
 
+/// Who listens.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Head {
+    /// A rigid sphere with a radius of 8.75 cm and ears at 100 degrees.
+    #[default]
+    Sphere,
+}
+
 /// Taps of a head filter.
 pub(crate) const HEAD_TAPS: usize = 64;
 

@@ -2,12 +2,9 @@
 
 use crate::bands::{BandLoss, LOSS_TAPS, loss_filter};
 use crate::head::{HEAD_LEAD, HEAD_TAPS, head};
-use crate::{Listener, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
+use crate::{Listener, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S, Settings};
 use avln_geom::{Vector3, angle};
 use std::f32::consts::PI;
-
-/// The longest impulse response, samples: one second. What arrives after it is not heard.
-pub const MAX_RESPONSE_SAMPLES: usize = SAMPLE_RATE_HZ as usize;
 
 /// Azimuth of the ears, degrees from straight ahead.
 const EAR_AZIMUTH_DEG: f32 = 100.0;
@@ -34,7 +31,7 @@ pub(crate) struct Arrival {
 /// The sample index is the time since emission at [`SAMPLE_RATE_HZ`]; a source of unit pressure at 1 m has gain 1.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImpulseResponse {
-    /// Left ear; at most [`MAX_RESPONSE_SAMPLES`], not padded to the length of the other.
+    /// Left ear; at most as long as the settings allow, not padded to the length of the other.
     pub left: Vec<f32>,
     /// Right ear.
     pub right: Vec<f32>,
@@ -42,10 +39,10 @@ pub struct ImpulseResponse {
 
 impl ImpulseResponse {
     /// Both ears' answer to all of `arrivals`.
-    pub(crate) fn new(listener: &Listener, arrivals: &[Arrival]) -> Self {
+    pub(crate) fn new(listener: &Listener, arrivals: &[Arrival], settings: &Settings) -> Self {
         let mut response = Self::default();
         for arrival in arrivals {
-            response.add(listener, arrival);
+            response.add(listener, arrival, settings.response_samples());
         }
         response
     }
@@ -60,7 +57,7 @@ impl ImpulseResponse {
         self.len() == 0
     }
 
-    fn add(&mut self, listener: &Listener, arrival: &Arrival) {
+    fn add(&mut self, listener: &Listener, arrival: &Arrival, most_samples: usize) {
         let distance_m = arrival.length_m.max(MIN_DISTANCE_M);
         let loss = loss_filter(&arrival.loss).map(|tap| tap / distance_m);
         for (ear, axis) in [&mut self.left, &mut self.right].into_iter().zip(ear_axes(listener.heading_rad)) {
@@ -68,7 +65,7 @@ impl ImpulseResponse {
             let delay_s = f64::from(distance_m) / f64::from(SPEED_OF_SOUND_M_S) + response.delay_s;
             let taps = convolve(&response.filter, &loss);
             let start = delay_s * f64::from(SAMPLE_RATE_HZ) - HEAD_LEAD as f64;
-            add_delayed(ear, &taps, start);
+            add_delayed(ear, &taps, start, most_samples);
         }
     }
 }
@@ -91,11 +88,11 @@ fn convolve(filter: &[f32; HEAD_TAPS], loss: &[f32; LOSS_TAPS]) -> [f32; HEAD_TA
 
 /// Adds `taps` to `ear` from sample `start` on, which may lie between samples and before 0 (what lies there is
 /// the run-up of a band-limited pulse, and is cut).
-fn add_delayed(ear: &mut Vec<f32>, taps: &[f32], start: f64) {
+fn add_delayed(ear: &mut Vec<f32>, taps: &[f32], start: f64, most_samples: usize) {
     let whole = libm::floor(start);
     let kernel = delay_kernel((start - whole) as f32);
     let first = whole as i64 + 1 - DELAY_HALF_TAPS as i64;
-    let end = (first + (taps.len() + kernel.len()) as i64 - 1).clamp(0, MAX_RESPONSE_SAMPLES as i64) as usize;
+    let end = (first + (taps.len() + kernel.len()) as i64 - 1).clamp(0, most_samples as i64) as usize;
     if ear.len() < end {
         ear.resize(end, 0.0);
     }
@@ -129,7 +126,7 @@ mod tests {
     fn fractions_of_a_sample_are_delayed_to_a_microsecond() {
         for fraction in [0.0, 0.1, 0.37, 0.5, 0.93] {
             let mut ear = Vec::new();
-            add_delayed(&mut ear, &[1.0], 40.0 + fraction);
+            add_delayed(&mut ear, &[1.0], 40.0 + fraction, 1000);
             for frequency_hz in [200.0, 1000.0, 4000.0, 6000.0] {
                 let turn = std::f64::consts::TAU * frequency_hz / f64::from(SAMPLE_RATE_HZ);
                 let (re, im) = ear.iter().enumerate().fold((0.0, 0.0), |(re, im), (n, tap)| {
@@ -146,9 +143,9 @@ mod tests {
     #[test]
     fn what_would_arrive_before_zero_or_after_the_end_is_cut() {
         let mut ear = Vec::new();
-        add_delayed(&mut ear, &[1.0; 4], -3.0);
+        add_delayed(&mut ear, &[1.0; 4], -3.0, 1000);
         assert!((ear[0] - 1.0).abs() < 1e-6 && ear.len() < 40);
-        add_delayed(&mut ear, &[1.0; 4], MAX_RESPONSE_SAMPLES as f64 + 100.0);
-        assert_eq!(ear.len(), MAX_RESPONSE_SAMPLES);
+        add_delayed(&mut ear, &[1.0; 4], 1100.0, 1000);
+        assert_eq!(ear.len(), 1000);
     }
 }

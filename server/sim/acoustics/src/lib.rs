@@ -14,15 +14,20 @@ mod ears;
 mod geodesic;
 mod head;
 mod impulse;
+mod settings;
 mod source;
 mod sphere;
+mod surfaces;
 mod taut;
 mod visibility;
 
 pub use clip::{Clip, clip_bank};
 pub use ears::{Ears, Emitter, Listener};
-pub use impulse::{ImpulseResponse, MAX_RESPONSE_SAMPLES};
+pub use head::Head;
+pub use impulse::ImpulseResponse;
+pub use settings::Settings;
 pub use source::{Acoustics, Source};
+pub use surfaces::{SURFACE_BANDS, Surface, Surfaces};
 
 /// Samples a second of everything that is heard.
 pub const SAMPLE_RATE_HZ: u32 = 16_000;

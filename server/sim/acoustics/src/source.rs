@@ -1,11 +1,11 @@
 //! Sound sources in a building, and the waves that reach a listener from them.
 
-use crate::Listener;
 use crate::air::Air;
 use crate::bands::{BandLoss, air_loss, both, diffraction_loss, partition_loss};
 use crate::geodesic::{GeodesicField, Way, length_m};
 use crate::impulse::{Arrival, ImpulseResponse};
 use crate::visibility::visibility;
+use crate::{Listener, Settings, Surfaces};
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_scene::Scene;
 use std::collections::BTreeMap;
@@ -16,8 +16,15 @@ const MAX_SOURCES: usize = 256;
 
 /// What a building does to sound. Shared by all who listen in it; answers do not depend on who asked before.
 pub struct Acoustics {
-    air: Arc<Air>,
+    building: Arc<Building>,
     sources: Mutex<BTreeMap<[u32; 3], Arc<OnceLock<Source>>>>,
+}
+
+/// What is known of a building before anything sounds in it.
+pub(crate) struct Building {
+    pub(crate) air: Air,
+    pub(crate) surfaces: Surfaces,
+    pub(crate) settings: Settings,
 }
 
 /// A place from which sound comes, with all that is known of its ways through the building. Cheap to clone.
@@ -27,7 +34,7 @@ pub struct Source {
 }
 
 struct Known {
-    air: Arc<Air>,
+    building: Arc<Building>,
     position: Point3<f32>,
     /// Where sound leaves into the air of a room: `position`, unless that is shut in by furniture.
     outlet: Point3<f32>,
@@ -35,16 +42,17 @@ struct Known {
 }
 
 impl Acoustics {
-    /// Prepares `scene`; `rays` must be built over the triangles of its mesh.
-    pub fn new(scene: Arc<Scene>, rays: Arc<RayMesh>) -> Self {
-        Self { air: Arc::new(Air::new(&scene, rays)), sources: Mutex::default() }
+    /// Prepares `scene`; `rays` must be built over the triangles of its mesh, and `surfaces` describe them.
+    pub fn new(scene: &Scene, rays: Arc<RayMesh>, surfaces: Surfaces, settings: Settings) -> Self {
+        let building = Building { air: Air::new(scene, rays), surfaces, settings };
+        Self { building: Arc::new(building), sources: Mutex::default() }
     }
 
     /// Bytes of what is known of the building and of all sources that are kept.
     pub fn resident_bytes(&self) -> usize {
         let sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
         let known = sources.values().filter_map(|source| source.get());
-        self.air.byte_count() + known.map(|source| source.known.field.byte_count()).sum::<usize>()
+        self.building.air.byte_count() + known.map(|source| source.known.field.byte_count()).sum::<usize>()
     }
 
     /// The source at `position`, world frame, metres; computed on first use.
@@ -59,20 +67,21 @@ impl Acoustics {
             }
             Arc::clone(sources.entry(key).or_default())
         };
-        slot.get_or_init(|| Source::new(Arc::clone(&self.air), position)).clone()
+        slot.get_or_init(|| Source::new(Arc::clone(&self.building), position)).clone()
     }
 }
 
 impl Source {
-    fn new(air: Arc<Air>, position: &Point3<f32>) -> Self {
+    fn new(building: Arc<Building>, position: &Point3<f32>) -> Self {
+        let air = &building.air;
         let mut outlet = *position;
         let mut seeds = if finite(position) { air.clear_cells(position) } else { Vec::new() };
         if seeds.is_empty() && finite(position) {
             seeds.extend(air.nearest_cell(position));
             outlet = seeds.first().map_or(outlet, |cell| air.grid().center(*cell));
         }
-        let field = GeodesicField::new(&air, &outlet, &seeds);
-        Self { known: Arc::new(Known { air, position: *position, outlet, field }) }
+        let field = GeodesicField::new(air, &outlet, &seeds);
+        Self { known: Arc::new(Known { building, position: *position, outlet, field }) }
     }
 
     /// Where the source was put, world frame, metres.
@@ -82,7 +91,13 @@ impl Source {
 
     /// What this source does to the two ears of `listener`. Empty for positions that are not finite.
     pub fn impulse_response(&self, listener: &Listener) -> ImpulseResponse {
-        ImpulseResponse::new(listener, &self.known.arrivals(&listener.position, listener.heading_rad))
+        let arrivals = self.known.arrivals(&listener.position, listener.heading_rad);
+        ImpulseResponse::new(listener, &arrivals, &self.known.building.settings)
+    }
+
+    /// Samples of the longest impulse response that this source may have.
+    pub(crate) fn response_samples(&self) -> usize {
+        self.known.building.settings.response_samples()
     }
 
     /// Metres that the first sound travels to `point`; `None` when no air leads there.
@@ -90,7 +105,7 @@ impl Source {
         if !finite(point) || !finite(&self.known.outlet) {
             return None;
         }
-        if self.known.air.rays().is_clear(point, &self.known.outlet) {
+        if self.known.building.air.rays().is_clear(point, &self.known.outlet) {
             return Some((self.known.outlet - point).norm());
         }
         self.known.way_from(point).map(|way| length_m(&way))
@@ -111,7 +126,7 @@ impl Known {
     /// At the border of a shadow the decibels lost to diffraction fade in with what the edge hides of the source.
     fn first_arrival(&self, listener: &Point3<f32>) -> Arrival {
         let (direction, straight_m) = bearing(listener, &self.outlet);
-        let seen = visibility(self.air.rays(), listener, &self.outlet);
+        let seen = visibility(self.building.air.rays(), listener, &self.outlet);
         let hidden = 1.0 - seen.share;
         let arrival = |direction, length_m, loss: BandLoss| Arrival {
             direction,
@@ -132,13 +147,13 @@ impl Known {
     }
 
     fn way_from(&self, listener: &Point3<f32>) -> Option<Way> {
-        let near = self.air.clear_cells(listener);
+        let near = self.building.air.clear_cells(listener);
         if !near.is_empty() {
-            return self.field.way(&self.air, listener, &near);
+            return self.field.way(&self.building.air, listener, &near);
         }
         // Shut in or outside: the way is that of the air next to the listener.
-        let cell = self.air.nearest_cell(listener)?;
-        let mut way = self.field.way(&self.air, &self.air.grid().center(cell), &[cell])?;
+        let cell = self.building.air.nearest_cell(listener)?;
+        let mut way = self.field.way(&self.building.air, &self.building.air.grid().center(cell), &[cell])?;
         way.insert(0, *listener);
         Some(way)
     }

@@ -1,5 +1,5 @@
 use crate::sight::Surfaces;
-use avln_acoustics::{Acoustics, Source};
+use avln_acoustics::{Acoustics, Settings, Source};
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_navmesh::{Body, NavMesh, NavMeshError};
 use avln_render::{Camera, Frame, Place, Renderer};
@@ -120,7 +120,10 @@ impl SceneAssets {
 
     /// The source of sound at `position`; shared by all who ask for it.
     pub(crate) fn source(&self, position: &Point3<f32>) -> Source {
-        let listen = || Acoustics::new(Arc::clone(&self.scene), Arc::clone(&self.rays));
+        let listen = || {
+            let surfaces = avln_acoustics::Surfaces::by_material(&self.scene);
+            Acoustics::new(&self.scene, Arc::clone(&self.rays), surfaces, Settings::default())
+        };
         self.acoustics.get_or_init(listen).source(position)
     }
 }

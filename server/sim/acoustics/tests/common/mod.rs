@@ -1,7 +1,7 @@
 //! Small buildings and measurements that several tests share.
 #![allow(dead_code)]
 
-use avln_acoustics::{Acoustics, Clip, ImpulseResponse, Listener, SAMPLE_RATE_HZ};
+use avln_acoustics::{Acoustics, Clip, ImpulseResponse, Listener, SAMPLE_RATE_HZ, Settings, Surfaces};
 use avln_geom::{Aabb, Point3, RayMesh, Rng};
 use avln_scene::{InstanceId, Lighting, Mesh, Scene};
 use std::f64::consts::TAU;
@@ -23,7 +23,7 @@ pub(crate) fn building(boxes: &[[[f32; 3]; 2]]) -> Acoustics {
         objects: Vec::new(),
         lighting: Lighting::Painted,
     };
-    Acoustics::new(Arc::new(scene), rays)
+    Acoustics::new(&scene, rays, Surfaces::by_material(&scene), Settings::default())
 }
 
 fn add_box(mesh: &mut Mesh, bounds: &Aabb) {

@@ -1,0 +1,29 @@
+//! How a building's sound is computed.
+
+use crate::{Head, SAMPLE_RATE_HZ};
+
+/// What of a building's sound is computed, and how finely. Equal settings give equal bits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Length of impulse responses, seconds; what arrives later is not heard.
+    pub response_s: f32,
+    /// Rays that carry the late energy of a source.
+    pub ray_count: usize,
+    /// Highest order of reflections that arrive as waves of their own; 0 leaves all to the late energy.
+    pub reflection_order: usize,
+    /// Who listens.
+    pub head: Head,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { response_s: 1.0, ray_count: 8192, reflection_order: 2, head: Head::Sphere }
+    }
+}
+
+impl Settings {
+    /// Samples of the longest impulse response.
+    pub(crate) fn response_samples(&self) -> usize {
+        (self.response_s.max(0.0) * SAMPLE_RATE_HZ as f32) as usize
+    }
+}
