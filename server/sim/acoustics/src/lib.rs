@@ -13,12 +13,16 @@ mod convolver;
 mod ears;
 mod geodesic;
 mod head;
+mod images;
 mod impulse;
+mod planes;
 mod settings;
 mod source;
 mod sphere;
 mod surfaces;
 mod taut;
+#[cfg(test)]
+mod testing;
 mod visibility;
 
 pub use clip::{Clip, clip_bank};

@@ -1,6 +1,6 @@
 //! How a building's sound is computed.
 
-use crate::{Head, SAMPLE_RATE_HZ};
+use crate::{Head, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
 
 /// What of a building's sound is computed, and how finely. Equal settings give equal bits.
 #[derive(Clone, Debug, PartialEq)]
@@ -9,7 +9,7 @@ pub struct Settings {
     pub response_s: f32,
     /// Rays that carry the late energy of a source.
     pub ray_count: usize,
-    /// Highest order of reflections that arrive as waves of their own; 0 leaves all to the late energy.
+    /// Highest order of reflections that arrive as waves of their own, 0 to 3; 0 leaves all to the late energy.
     pub reflection_order: usize,
     /// Who listens.
     pub head: Head,
@@ -25,5 +25,10 @@ impl Settings {
     /// Samples of the longest impulse response.
     pub(crate) fn response_samples(&self) -> usize {
         (self.response_s.max(0.0) * SAMPLE_RATE_HZ as f32) as usize
+    }
+
+    /// The farthest that sound comes from within a response, metres.
+    pub(crate) fn reach_m(&self) -> f32 {
+        self.response_s.max(0.0) * SPEED_OF_SOUND_M_S
     }
 }

@@ -3,7 +3,9 @@
 use crate::air::Air;
 use crate::bands::{BandLoss, air_loss, both, diffraction_loss, partition_loss};
 use crate::geodesic::{GeodesicField, Way, length_m};
+use crate::images::Images;
 use crate::impulse::{Arrival, ImpulseResponse};
+use crate::planes::Planes;
 use crate::visibility::visibility;
 use crate::{Listener, Settings, Surfaces};
 use avln_geom::{Point3, RayMesh, Vector3};
@@ -23,6 +25,7 @@ pub struct Acoustics {
 /// What is known of a building before anything sounds in it.
 pub(crate) struct Building {
     pub(crate) air: Air,
+    pub(crate) planes: Planes,
     pub(crate) surfaces: Surfaces,
     pub(crate) settings: Settings,
 }
@@ -39,12 +42,14 @@ struct Known {
     /// Where sound leaves into the air of a room: `position`, unless that is shut in by furniture.
     outlet: Point3<f32>,
     field: GeodesicField,
+    images: Images,
 }
 
 impl Acoustics {
     /// Prepares `scene`; `rays` must be built over the triangles of its mesh, and `surfaces` describe them.
     pub fn new(scene: &Scene, rays: Arc<RayMesh>, surfaces: Surfaces, settings: Settings) -> Self {
-        let building = Building { air: Air::new(scene, rays), surfaces, settings };
+        let building =
+            Building { air: Air::new(scene, rays), planes: Planes::new(scene), surfaces, settings };
         Self { building: Arc::new(building), sources: Mutex::default() }
     }
 
@@ -52,7 +57,8 @@ impl Acoustics {
     pub fn resident_bytes(&self) -> usize {
         let sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
         let known = sources.values().filter_map(|source| source.get());
-        self.building.air.byte_count() + known.map(|source| source.known.field.byte_count()).sum::<usize>()
+        let building = self.building.air.byte_count() + self.building.planes.byte_count();
+        building + known.map(|source| source.known.byte_count()).sum::<usize>()
     }
 
     /// The source at `position`, world frame, metres; computed on first use.
@@ -81,7 +87,8 @@ impl Source {
             outlet = seeds.first().map_or(outlet, |cell| air.grid().center(*cell));
         }
         let field = GeodesicField::new(air, &outlet, &seeds);
-        Self { known: Arc::new(Known { building, position: *position, outlet, field }) }
+        let images = Images::new(&building, &outlet);
+        Self { known: Arc::new(Known { building, position: *position, outlet, field, images }) }
     }
 
     /// Where the source was put, world frame, metres.
@@ -113,9 +120,15 @@ impl Source {
 }
 
 impl Known {
+    fn byte_count(&self) -> usize {
+        self.field.byte_count() + self.images.byte_count()
+    }
+
     fn arrivals(&self, listener: &Point3<f32>, heading_rad: f32) -> Vec<Arrival> {
         if finite(listener) && finite(&self.outlet) && heading_rad.is_finite() {
-            vec![self.first_arrival(listener)]
+            let mut arrivals = vec![self.first_arrival(listener)];
+            arrivals.extend(self.images.arrivals(&self.building, listener));
+            arrivals
         } else {
             Vec::new()
         }

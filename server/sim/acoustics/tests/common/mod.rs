@@ -7,8 +7,18 @@ use avln_scene::{InstanceId, Lighting, Mesh, Scene};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// Acoustics of solid boxes, each given by two opposite corners.
+/// Acoustics of solid boxes, each given by two opposite corners; all that is computed by default.
 pub(crate) fn building(boxes: &[[[f32; 3]; 2]]) -> Acoustics {
+    building_with(boxes, Settings::default())
+}
+
+/// Only the first wave, without reflections and late energy.
+pub(crate) fn first_wave() -> Settings {
+    Settings { reflection_order: 0, ray_count: 0, ..Settings::default() }
+}
+
+/// Acoustics of solid boxes, each given by two opposite corners.
+pub(crate) fn building_with(boxes: &[[[f32; 3]; 2]], settings: Settings) -> Acoustics {
     let mut mesh = Mesh::default();
     for [low, high] in boxes {
         add_box(&mut mesh, &Aabb::new((*low).into(), (*high).into()));
@@ -23,7 +33,7 @@ pub(crate) fn building(boxes: &[[[f32; 3]; 2]]) -> Acoustics {
         objects: Vec::new(),
         lighting: Lighting::Painted,
     };
-    Acoustics::new(&scene, rays, Surfaces::by_material(&scene), Settings::default())
+    Acoustics::new(&scene, rays, Surfaces::by_material(&scene), settings)
 }
 
 fn add_box(mesh: &mut Mesh, bounds: &Aabb) {
@@ -53,6 +63,11 @@ pub(crate) fn free_field() -> Acoustics {
 /// Two rooms of 4 x 4 x 2.6 m along x, divided at x = 4.0 to 4.2 by a wall whose door is at z = 1.0 to 1.9, as high
 /// as the rooms where `door` is set, else closed.
 pub(crate) fn two_rooms(door: bool) -> Acoustics {
+    two_rooms_with(door, Settings::default())
+}
+
+/// The same two rooms.
+pub(crate) fn two_rooms_with(door: bool, settings: Settings) -> Acoustics {
     let mut boxes = vec![
         [[-0.2, -0.2, -0.2], [8.4, 0.0, 4.2]],
         [[-0.2, 2.6, -0.2], [8.4, 2.8, 4.2]],
@@ -66,7 +81,7 @@ pub(crate) fn two_rooms(door: bool) -> Acoustics {
     if !door {
         boxes.push([[4.0, 0.0, 1.0], [4.2, 2.6, 1.9]]);
     }
-    building(&boxes)
+    building_with(&boxes, settings)
 }
 
 pub(crate) fn point(x: f32, y: f32, z: f32) -> Point3<f32> {

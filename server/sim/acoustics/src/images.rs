@@ -1,0 +1,351 @@
+//! Reflections that arrive as waves of their own: mirror images of a source in the planes of a building.
+//!
+//! Source: Vorländer (1989), "Simulation of the transient and steady-state sound propagation in rooms using a new
+//! combined ray-tracing/image-source algorithm", J. Acoust. Soc. Am. 86: rays tell which of all the sequences of
+//! planes there are, so that only those are looked into.
+
+use crate::bands::{BANDS, BandLoss, air_loss, both};
+use crate::impulse::Arrival;
+use crate::planes::{Plane, PlaneId};
+use crate::source::Building;
+use crate::surfaces::{SURFACE_BANDS, Surface};
+use avln_geom::{Aabb, Point3, Vector3, angle};
+use std::collections::BTreeMap;
+use std::f32::consts::TAU;
+
+/// Most bounces of a sequence.
+const MAX_ORDER: usize = 3;
+
+/// Rays that look for sequences.
+const RAYS: usize = 8192;
+
+/// Sequences that fewer rays met are left to the late energy.
+const LEAST_RAYS: u32 = 2;
+
+/// Most waves that are returned, the strongest.
+const MAX_ARRIVALS: usize = 40;
+
+/// A band that loses more than this is silent, decibels.
+const SILENT_DB: f32 = 100.0;
+
+/// The planes that a ray is mirrored in, in the order from the source.
+type Sequence = [Option<PlaneId>; MAX_ORDER];
+
+/// All mirror images of one source.
+pub(crate) struct Images {
+    outlet: Point3<f32>,
+    /// Sorted by sequence.
+    images: Vec<Image>,
+}
+
+struct Image {
+    sequence: Sequence,
+    /// Where the source is seen in the last mirror.
+    position: Point3<f32>,
+    /// Around the places where rays met the last mirror, and the gaps between them.
+    lit: Aabb,
+}
+
+/// What the rays found of a sequence.
+struct Found {
+    rays: u32,
+    lit: Aabb,
+    /// Longest way to the last mirror, metres.
+    farthest_m: f32,
+}
+
+impl Images {
+    /// The images of a source at `outlet` up to the order that the building's settings ask for, at most three.
+    pub(crate) fn new(building: &Building, outlet: &Point3<f32>) -> Self {
+        let order = building.settings.reflection_order.min(MAX_ORDER);
+        let mut found = BTreeMap::new();
+        for ray in 0..if order == 0 { 0 } else { RAYS } {
+            follow(building, outlet, fibonacci_direction(ray), order, &mut found);
+        }
+        let met = found.into_iter().filter(|(_, found)| found.rays >= LEAST_RAYS);
+        let images = met.map(|(sequence, found)| Image::new(building, outlet, sequence, &found));
+        Self { outlet: *outlet, images: images.collect() }
+    }
+
+    /// Bytes that the list takes.
+    pub(crate) fn byte_count(&self) -> usize {
+        size_of_val(self.images.as_slice())
+    }
+
+    /// Whether rays that are mirrored in these planes one after the other, and nowhere else, are among the images.
+    #[cfg_attr(not(test), expect(dead_code, reason = "asked by the late energy"))]
+    pub(crate) fn contains(&self, planes: &[PlaneId]) -> bool {
+        if planes.is_empty() || planes.len() > MAX_ORDER {
+            return false;
+        }
+        let sequence: Sequence = std::array::from_fn(|bounce| planes.get(bounce).copied());
+        self.images.binary_search_by(|image| image.sequence.cmp(&sequence)).is_ok()
+    }
+
+    /// The reflections that reach `listener`, the strongest first.
+    pub(crate) fn arrivals(&self, building: &Building, listener: &Point3<f32>) -> Vec<Arrival> {
+        let reach_m = building.settings.reach_m();
+        let lit = self.images.iter().filter(|image| image.may_reach(building, listener, reach_m));
+        let mut arrivals: Vec<_> =
+            lit.filter_map(|image| image.arrival(building, &self.outlet, listener)).collect();
+        arrivals.sort_by(|a, b| strength_db(b).total_cmp(&strength_db(a)));
+        arrivals.truncate(MAX_ARRIVALS);
+        arrivals
+    }
+}
+
+/// Level at 1 kHz re 1 m, decibels.
+fn strength_db(arrival: &Arrival) -> f32 {
+    -arrival.loss[3] - 20.0 * libm::log10f(arrival.length_m.max(0.1))
+}
+
+impl Image {
+    fn new(building: &Building, outlet: &Point3<f32>, sequence: Sequence, found: &Found) -> Self {
+        let position = mirrors(building, &sequence).fold(*outlet, |point, plane| plane.mirrored(&point));
+        // Neighbouring rays are about this far apart where they are farthest; at grazing incidence more.
+        let gap_m = 2.0 * found.farthest_m * (2.0 * TAU / RAYS as f32).sqrt();
+        Self { sequence, position, lit: found.lit.grown(gap_m) }
+    }
+
+    /// A cheap test that most images fail: whether the way from the image to `listener` passes the lit part of the
+    /// last mirror.
+    fn may_reach(&self, building: &Building, listener: &Point3<f32>, reach_m: f32) -> bool {
+        let offset = self.position - listener;
+        let last = self.sequence.iter().flatten().last();
+        let meets = |plane: &Plane| {
+            crossing(plane, listener, &self.position).is_some_and(|point| self.lit.contains(&point))
+        };
+        offset.norm_squared() < reach_m * reach_m
+            && last.is_some_and(|last| meets(building.planes.plane(*last)))
+    }
+
+    /// The wave, if rays find every mirror where it should be and nothing in the way.
+    fn arrival(&self, building: &Building, outlet: &Point3<f32>, listener: &Point3<f32>) -> Option<Arrival> {
+        let offset = self.position - listener;
+        let length_m = offset.norm();
+        let mut loss = air_loss(length_m);
+        let (mut seen, mut from) = (self.position, *listener);
+        let order = self.sequence.iter().flatten().count();
+        for bounce in (0..order).rev() {
+            let id = self.sequence[bounce]?;
+            let plane = building.planes.plane(id);
+            let point = crossing(plane, &from, &seen)?;
+            let triangle = first_on(building, id, &from, &point)?;
+            loss = both(&loss, &mirror_loss(building.surfaces.of(triangle)));
+            let side = plane.height_m(&from).signum();
+            from = point + plane.normal * (side * (plane.slack_m + 1e-3));
+            seen = plane.mirrored(&seen);
+        }
+        let heard = building.air.rays().is_clear(&from, outlet) && loss.iter().any(|db| *db < SILENT_DB);
+        heard.then(|| Arrival {
+            direction: offset / length_m,
+            length_m,
+            loss: loss.map(|db| db.min(SILENT_DB)),
+        })
+    }
+}
+
+fn mirrors<'a>(building: &'a Building, sequence: &'a Sequence) -> impl Iterator<Item = &'a Plane> {
+    sequence.iter().flatten().map(|id| building.planes.plane(*id))
+}
+
+/// Where the straight line between two points on different sides of `plane` passes it.
+fn crossing(plane: &Plane, from: &Point3<f32>, to: &Point3<f32>) -> Option<Point3<f32>> {
+    let (here, there) = (plane.height_m(from), plane.height_m(to));
+    let apart = (here > 0.0 && there < 0.0) || (here < 0.0 && there > 0.0);
+    apart.then(|| from + (to - from) * (here / (here - there)))
+}
+
+/// The triangle of plane `id` that is met first on the way to `point` on that plane; `None` when something else is.
+fn first_on(building: &Building, id: PlaneId, from: &Point3<f32>, point: &Point3<f32>) -> Option<u32> {
+    let offset = point - from;
+    let length_m = offset.norm();
+    let direction = offset / length_m.max(f32::MIN_POSITIVE);
+    let plane = building.planes.plane(id);
+    let steepness = plane.normal.dot(&direction).abs().max(0.02);
+    let slack_m = (plane.slack_m + 1e-3) / steepness;
+    let hit = building.air.rays().cast(from, &direction, length_m + slack_m)?;
+    (building.planes.of(hit.triangle) == Some(id)).then_some(hit.triangle)
+}
+
+/// What one bounce costs: all that does not come back as from a mirror.
+fn mirror_loss(surface: &Surface) -> BandLoss {
+    std::array::from_fn::<_, BANDS, _>(|band| {
+        let band = band.min(SURFACE_BANDS - 1);
+        let back = 1.0 - surface.absorption[band] - surface.transmission[band];
+        let share = (back * (1.0 - surface.scattering[band])).clamp(0.0, 1.0);
+        if share < 1e-10 { SILENT_DB } else { -10.0 * libm::log10f(share) }
+    })
+}
+
+/// Adds the sequences that one ray meets.
+fn follow(
+    building: &Building,
+    outlet: &Point3<f32>,
+    mut direction: Vector3<f32>,
+    order: usize,
+    found: &mut BTreeMap<Sequence, Found>,
+) {
+    let mut sequence = [None; MAX_ORDER];
+    let (mut from, mut way_m) = (*outlet, 0.0);
+    for bounce in 0..order {
+        let Some(hit) = building.air.rays().cast(&from, &direction, building.settings.reach_m() - way_m)
+        else {
+            return;
+        };
+        let id = building.planes.of(hit.triangle);
+        if id.is_none() || (bounce > 0 && sequence[bounce - 1] == id) {
+            return;
+        }
+        let Some(plane) = id.map(|id| building.planes.plane(id)) else { return };
+        sequence[bounce] = id;
+        way_m += hit.distance;
+        let point = from + direction * hit.distance;
+        let entry =
+            found.entry(sequence).or_insert(Found { rays: 0, lit: Aabb::new(point, point), farthest_m: 0.0 });
+        entry.rays += 1;
+        entry.lit = entry.lit.union(&Aabb::new(point, point));
+        entry.farthest_m = entry.farthest_m.max(way_m);
+        let side = -plane.normal.dot(&direction).signum();
+        from = point + plane.normal * (side * (plane.slack_m + 1e-3));
+        direction = plane.reflected(&direction);
+    }
+}
+
+/// Directions spread evenly over the sphere: a sunflower's pattern (Vogel 1979) on bands of equal area.
+fn fibonacci_direction(ray: usize) -> Vector3<f32> {
+    const GOLDEN_SHARE: f32 = 0.381_966;
+    let height = 1.0 - (2.0 * ray as f32 + 1.0) / RAYS as f32;
+    let (sin, cos) = angle::sin_cos(TAU * (GOLDEN_SHARE * ray as f32).fract());
+    let radius = (1.0 - height * height).max(0.0).sqrt();
+    Vector3::new(radius * cos, height, radius * sin)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::air::Air;
+    use crate::planes::Planes;
+    use crate::testing::{Soup, scene};
+    use crate::{Settings, Surfaces};
+    use avln_geom::RayMesh;
+    use std::sync::Arc;
+
+    const SURFACE: Surface = Surface {
+        absorption: [0.1, 0.12, 0.15, 0.2, 0.3, 0.4],
+        scattering: [0.1, 0.1, 0.2, 0.3, 0.4, 0.5],
+        transmission: [0.05, 0.04, 0.03, 0.02, 0.01, 0.0],
+    };
+
+    fn building(soup: &Soup, reflection_order: usize) -> Building {
+        let scene = scene(soup);
+        let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
+        Building {
+            air: Air::new(&scene, rays),
+            planes: Planes::new(&scene),
+            surfaces: Surfaces::uniform(&scene, SURFACE),
+            settings: Settings { reflection_order, ..Settings::default() },
+        }
+    }
+
+    /// Offsets from the listener to all images of `source` in a box room up to `order`, nearest first (Allen and
+    /// Berkley 1979).
+    fn images_of_a_box(size: [f32; 3], source: [f32; 3], listener: [f32; 3], order: i32) -> Vec<(f32, i32)> {
+        let along = |axis: usize| {
+            (-order..=order).map(move |cell| {
+                let (length, at) = (size[axis], source[axis]);
+                let folded = if cell % 2 == 0 { at } else { length - at };
+                (cell.abs(), cell as f32 * length + folded - listener[axis])
+            })
+        };
+        let mut found = Vec::new();
+        for (x, y, z) in along(0).flat_map(|x| along(1).flat_map(move |y| along(2).map(move |z| (x, y, z)))) {
+            let bounces = x.0 + y.0 + z.0;
+            if (1..=order).contains(&bounces) {
+                found.push((Vector3::new(x.1, y.1, z.1).norm(), bounces));
+            }
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        found
+    }
+
+    #[test]
+    fn a_box_room_has_the_images_of_theory() {
+        let size = [6.0, 2.7, 5.0];
+        let (source, listener) = ([1.3, 1.1, 3.9], [4.4, 1.0, 1.7]);
+        for (pieces, order) in [(1, 1), (1, 2), (9, 2), (1, 3)] {
+            let building = building(&Soup::room(size, pieces), order);
+            let images = Images::new(&building, &source.into());
+            let mut arrivals = images.arrivals(&building, &listener.into());
+            arrivals.sort_by(|a, b| a.length_m.total_cmp(&b.length_m));
+            let mut expected = images_of_a_box(size, source, listener, order as i32);
+            expected.truncate(if order == 3 { 20 } else { expected.len() });
+            assert!(
+                order == 3 || arrivals.len() == expected.len(),
+                "{} of {}",
+                arrivals.len(),
+                expected.len()
+            );
+            for (found, (length_m, bounces)) in arrivals.iter().zip(expected) {
+                // A sample is 2.1 cm.
+                assert!((found.length_m - length_m).abs() < 0.002, "{} not {length_m} m", found.length_m);
+                for (band, db) in found.loss.iter().take(6).enumerate() {
+                    let back = 1.0 - SURFACE.absorption[band] - SURFACE.transmission[band];
+                    let mirrored = back * (1.0 - SURFACE.scattering[band]);
+                    let due = -10.0 * bounces as f32 * mirrored.log10() + air_loss(length_m)[band];
+                    assert!((db - due).abs() < 0.02, "band {band}: {db}, not {due} dB");
+                }
+            }
+        }
+    }
+
+    /// A floor of 8 x 8 m without a corner of 4 x 4 m, walls around it.
+    fn l_shaped_room() -> Soup {
+        let plan = [[0.0, 0.0], [8.0, 0.0], [8.0, 4.0], [4.0, 4.0], [4.0, 8.0], [0.0, 8.0]];
+        let mut soup = Soup::default();
+        for (i, [x, z]) in plan.into_iter().enumerate() {
+            let [to_x, to_z] = plan[(i + 1) % plan.len()];
+            soup.quad([[x, 0.0, z], [to_x, 0.0, to_z], [to_x, 3.0, to_z], [x, 3.0, z]]);
+        }
+        for y in [0.0, 3.0] {
+            soup.quad([[0.0, y, 0.0], [8.0, y, 0.0], [8.0, y, 4.0], [0.0, y, 4.0]]);
+            soup.quad([[0.0, y, 4.0], [4.0, y, 4.0], [4.0, y, 8.0], [0.0, y, 8.0]]);
+        }
+        soup
+    }
+
+    #[test]
+    fn around_a_corner_only_mirrors_that_see_both_ends_reflect() {
+        let building = building(&l_shaped_room(), 1);
+        let images = Images::new(&building, &Point3::new(7.0, 1.2, 2.0));
+        // The ways by the walls z = 0 and x = 0 pass the corner at (4, 4) at x = 3.59 where z = 4 and at z = 3.60 where
+        // x = 4; from the second place, at x = 4.79, that is behind it, and at z = 3.57.
+        for (listener, lengths_m) in
+            [([2.0, 1.2, 6.8], &[10.121_27, 10.2][..]), ([3.5, 1.2, 7.5], &[11.853_27])]
+        {
+            let arrivals = images.arrivals(&building, &listener.into());
+            let found: Vec<_> = arrivals.iter().map(|arrival| arrival.length_m).collect();
+            assert_eq!(found.len(), lengths_m.len(), "{found:?}");
+            assert!(found.iter().zip(lengths_m).all(|(a, b)| (a - b).abs() < 1e-3), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn rays_of_any_listener_meet_sequences_that_are_known() {
+        let building = building(&l_shaped_room(), 2);
+        let images = Images::new(&building, &Point3::new(7.0, 1.2, 2.0));
+        let floor = building.planes.of(12).expect("a floor");
+        assert!(images.contains(&[floor]));
+        assert!(!images.contains(&[]) && !images.contains(&[floor, floor]) && !images.contains(&[floor; 4]));
+        let orders: Vec<_> =
+            images.images.iter().map(|image| image.sequence.iter().flatten().count()).collect();
+        assert!(orders.contains(&1) && orders.contains(&2) && !orders.contains(&3));
+    }
+
+    #[test]
+    fn without_mirrors_nothing_is_reflected() {
+        let building = building(&Soup::room([6.0, 2.7, 5.0], 1), 0);
+        let images = Images::new(&building, &Point3::new(1.0, 1.0, 1.0));
+        assert!(images.arrivals(&building, &Point3::new(4.0, 1.0, 2.0)).is_empty());
+    }
+}

@@ -1,0 +1,259 @@
+//! Finding planes: directions in which much surface faces, and the offsets along them at which it lies.
+//!
+//! First what lies in a plane exactly, then, of the rest, what does so with the bumps of a scan. Sums are over area,
+//! so that it does not matter into how many triangles a wall is cut. The mean of the area vectors of a bumpy wall is
+//! the normal of its outline: bumps cancel.
+
+use super::{NO_PLANE, Plane};
+use avln_geom::{Point3, Vector3};
+use avln_scene::Scene;
+
+/// How far the triangles of a plane may differ from it.
+struct Tolerance {
+    /// Cosine of the angle between the normals.
+    cosine: f32,
+    /// The same angle in cells of the directions, rounded up.
+    reach: i32,
+    distance_m: f32,
+    /// Less surface than this is no plane, square metres.
+    least_m2: f32,
+}
+
+/// Half a degree and 4 mm.
+const EXACT: Tolerance = Tolerance { cosine: 0.999_96, reach: 1, distance_m: 0.004, least_m2: 0.25 };
+
+/// Ten degrees and 4 cm.
+const BUMPY: Tolerance = Tolerance { cosine: 0.985, reach: 6, distance_m: 0.04, least_m2: 0.5 };
+
+/// Cells of the directions along each half axis.
+const HALF: i32 = 32;
+
+/// A triangle that has an area.
+struct Facet {
+    triangle: u32,
+    cell: u32,
+    normal: Vector3<f32>,
+    area_m2: f32,
+    center: Point3<f32>,
+}
+
+struct Fitter<'a> {
+    scene: &'a Scene,
+    /// Sorted by cell.
+    facets: Vec<Facet>,
+    /// Per cell of the directions: its first facet; one more entry than cells.
+    first_of: Vec<u32>,
+    /// Per facet: the plane that it was given to, by the order of finding.
+    taken_by: Vec<Option<u32>>,
+    found: Vec<(f32, Plane)>,
+}
+
+/// The planes of `scene`, largest first, and the plane of each triangle.
+pub(super) fn planes(scene: &Scene) -> (Vec<Plane>, Vec<u16>) {
+    let mut fitter = Fitter::new(scene);
+    fitter.search(&EXACT);
+    fitter.search(&BUMPY);
+    fitter.ranked()
+}
+
+fn facet(scene: &Scene, triangle: usize) -> Option<Facet> {
+    let [a, b, c] = scene.corners(triangle);
+    let cross = (b - a).cross(&(c - a));
+    let length = cross.norm();
+    let center = Point3::from((a.coords + b.coords + c.coords) / 3.0);
+    let sound = length.is_finite() && length > 1e-12 && center.iter().all(|at| at.is_finite());
+    let normal = cross / length;
+    sound.then(|| Facet {
+        triangle: triangle as u32,
+        cell: cell_of(&normal),
+        normal,
+        area_m2: 0.5 * length,
+        center,
+    })
+}
+
+fn cell_of(normal: &Vector3<f32>) -> u32 {
+    let place = |value: f32| (((value + 1.0) * HALF as f32) as i32).clamp(0, 2 * HALF - 1);
+    index([place(normal.x), place(normal.y), place(normal.z)])
+}
+
+fn index([x, y, z]: [i32; 3]) -> u32 {
+    ((z * 2 * HALF + y) * 2 * HALF + x) as u32
+}
+
+/// The cells within `reach` of that of `normal`.
+fn cells_around(normal: &Vector3<f32>, reach: i32) -> impl Iterator<Item = u32> + use<> {
+    let cell = cell_of(normal) as i32;
+    let around = move |middle: i32| (middle - reach).max(0)..=(middle + reach).min(2 * HALF - 1);
+    let (xs, ys, zs) = (cell % (2 * HALF), cell / (2 * HALF) % (2 * HALF), cell / (4 * HALF * HALF));
+    let rows = around(zs).flat_map(move |z| around(ys).map(move |y| (y, z)));
+    rows.flat_map(move |(y, z)| around(xs).map(move |x| index([x, y, z])))
+}
+
+impl<'a> Fitter<'a> {
+    fn new(scene: &'a Scene) -> Self {
+        let mut facets: Vec<_> = (0..scene.mesh.triangles.len()).filter_map(|t| facet(scene, t)).collect();
+        facets.sort_by_key(|facet| (facet.cell, facet.triangle));
+        let mut first_of = vec![0; (8 * HALF * HALF * HALF + 1) as usize];
+        facets.iter().for_each(|facet| first_of[facet.cell as usize + 1] += 1);
+        for cell in 1..first_of.len() {
+            first_of[cell] += first_of[cell - 1];
+        }
+        Self { scene, taken_by: vec![None; facets.len()], facets, first_of, found: Vec::new() }
+    }
+
+    /// Looks along every direction in which there may be enough free surface, most surface first.
+    fn search(&mut self, tolerance: &Tolerance) {
+        let least_m2 = 0.25 * tolerance.least_m2;
+        let mut cells: Vec<_> = self.used_cells().map(|cell| (self.free_m2(cell), cell)).collect();
+        cells.retain(|(area_m2, _)| *area_m2 >= least_m2);
+        cells.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        let mut looked = vec![false; self.first_of.len()];
+        for (_, cell) in cells {
+            while !looked[cell as usize] && self.free_m2(cell) >= least_m2 {
+                let direction = self.direction(cell, tolerance);
+                looked[cell as usize] = !self.look_along(&direction, tolerance);
+                cells_around(&direction, tolerance.reach / 2)
+                    .for_each(|near| looked[near as usize] |= near != cell);
+            }
+        }
+    }
+
+    fn used_cells(&self) -> impl Iterator<Item = u32> + '_ {
+        let used = self.first_of.windows(2).enumerate().filter(|(_, range)| range[0] < range[1]);
+        used.map(|(cell, _)| cell as u32)
+    }
+
+    /// The facets of a cell that no plane has taken.
+    fn free(&self, cell: u32) -> impl Iterator<Item = usize> + '_ {
+        let range = self.first_of[cell as usize]..self.first_of[cell as usize + 1];
+        range.map(|facet| facet as usize).filter(|facet| self.taken_by[*facet].is_none())
+    }
+
+    fn free_m2(&self, cell: u32) -> f32 {
+        self.free(cell).map(|facet| self.facets[facet].area_m2).sum()
+    }
+
+    /// The mean direction around the largest free facet of a cell.
+    fn direction(&self, cell: u32, tolerance: &Tolerance) -> Vector3<f32> {
+        let larger = |a: &usize, b: &usize| self.facets[*a].area_m2.total_cmp(&self.facets[*b].area_m2);
+        let Some(largest) = self.free(cell).max_by(larger) else { return Vector3::y() };
+        let middle = self.facets[largest].normal;
+        self.mean_normal(&self.facing(&middle, tolerance), &middle)
+    }
+
+    /// The free facets that face along `direction` or against it.
+    fn facing(&self, direction: &Vector3<f32>, tolerance: &Tolerance) -> Vec<usize> {
+        let sides = [*direction, -direction];
+        let cells = sides.iter().flat_map(|side| cells_around(side, tolerance.reach));
+        let near = cells.flat_map(|cell| self.free(cell));
+        near.filter(|facet| self.facets[*facet].normal.dot(direction).abs() >= tolerance.cosine).collect()
+    }
+
+    /// Mean normal by area, turned to the side of `direction`.
+    fn mean_normal(&self, facets: &[usize], direction: &Vector3<f32>) -> Vector3<f32> {
+        let mut sum = Vector3::<f64>::zeros();
+        for facet in facets.iter().map(|facet| &self.facets[*facet]) {
+            let area_m2 = facet.area_m2.copysign(facet.normal.dot(direction));
+            sum += (facet.normal * area_m2).cast::<f64>();
+        }
+        sum.try_normalize(0.0).map_or(*direction, |mean| mean.cast::<f32>())
+    }
+
+    /// Takes the planes that lie across `direction`; whether there were any.
+    fn look_along(&mut self, direction: &Vector3<f32>, tolerance: &Tolerance) -> bool {
+        let mut row: Vec<_> = self
+            .facing(direction, tolerance)
+            .into_iter()
+            .map(|facet| (self.facets[facet].center.coords.dot(direction), facet))
+            .collect();
+        row.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let layer = |at: f32| (at / tolerance.distance_m).floor();
+        let mut layers: Vec<_> = row
+            .chunk_by(|a, b| layer(a.0) == layer(b.0))
+            .map(|layer| (layer.iter().map(|(_, facet)| self.facets[*facet].area_m2).sum::<f32>(), layer))
+            .filter(|(area_m2, _)| *area_m2 >= 0.25 * tolerance.least_m2)
+            .collect();
+        layers.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1[0].0.total_cmp(&b.1[0].0)));
+        let mut any = false;
+        for (_, layer) in layers {
+            any |= self.take(&row, layer, direction, tolerance);
+        }
+        any
+    }
+
+    /// Fits a plane to the free facets of `layer` and takes all of the row that lies in it.
+    fn take(
+        &mut self,
+        row: &[(f32, usize)],
+        layer: &[(f32, usize)],
+        direction: &Vector3<f32>,
+        tolerance: &Tolerance,
+    ) -> bool {
+        const WIDE: f32 = 8.0;
+        let free = |part: &[(f32, usize)]| -> Vec<usize> {
+            part.iter().map(|(_, facet)| *facet).filter(|facet| self.taken_by[*facet].is_none()).collect()
+        };
+        let first = self.fitted(&free(layer), direction);
+        let (low, high) = (
+            layer[0].0 - WIDE * tolerance.distance_m,
+            layer[layer.len() - 1].0 + WIDE * tolerance.distance_m,
+        );
+        let near =
+            &row[row.partition_point(|entry| entry.0 < low)..row.partition_point(|entry| entry.0 <= high)];
+        let near = free(near);
+        let inside = |plane: &Plane| -> Vec<usize> {
+            near.iter().copied().filter(|facet| self.lies_in(*facet, plane, tolerance)).collect()
+        };
+        let plane = self.fitted(&inside(&first), &first.normal);
+        let members = inside(&plane);
+        let area_m2 = members.iter().map(|facet| self.facets[*facet].area_m2).sum::<f32>();
+        if area_m2 < tolerance.least_m2 {
+            return false;
+        }
+        let number = self.found.len() as u32;
+        let slack_m = members.iter().map(|facet| self.distance_m(*facet, &plane)).fold(0.0, f32::max);
+        members.iter().for_each(|facet| self.taken_by[*facet] = Some(number));
+        self.found.push((area_m2, Plane { slack_m, ..plane }));
+        true
+    }
+
+    /// The mean plane of `facets`.
+    fn fitted(&self, facets: &[usize], direction: &Vector3<f32>) -> Plane {
+        let normal = self.mean_normal(facets, direction);
+        let (mut moment, mut total) = (0.0, 0.0);
+        for facet in facets.iter().map(|facet| &self.facets[*facet]) {
+            moment += f64::from(facet.area_m2) * f64::from(facet.center.coords.dot(&normal));
+            total += f64::from(facet.area_m2);
+        }
+        let offset_m = if total > 0.0 { (moment / total) as f32 } else { f32::INFINITY };
+        Plane { normal, offset_m, slack_m: 0.0 }
+    }
+
+    fn lies_in(&self, facet: usize, plane: &Plane, tolerance: &Tolerance) -> bool {
+        self.facets[facet].normal.dot(&plane.normal).abs() >= tolerance.cosine
+            && self.distance_m(facet, plane) <= tolerance.distance_m
+    }
+
+    /// How far the farthest corner of a facet is from a plane, metres.
+    fn distance_m(&self, facet: usize, plane: &Plane) -> f32 {
+        let corners = self.scene.corners(self.facets[facet].triangle as usize);
+        corners.iter().map(|corner| plane.height_m(corner).abs()).fold(0.0, f32::max)
+    }
+
+    /// The planes by falling area, and the plane of each triangle.
+    fn ranked(self) -> (Vec<Plane>, Vec<u16>) {
+        let mut order: Vec<_> = (0..self.found.len()).collect();
+        order.sort_by(|a, b| self.found[*b].0.total_cmp(&self.found[*a].0).then(a.cmp(b)));
+        order.truncate(usize::from(NO_PLANE));
+        let mut rank_of = vec![NO_PLANE; self.found.len()];
+        for (rank, number) in order.iter().enumerate() {
+            rank_of[*number] = rank as u16;
+        }
+        let mut plane_of = vec![NO_PLANE; self.scene.mesh.triangles.len()];
+        for (facet, taken_by) in self.facets.iter().zip(&self.taken_by) {
+            plane_of[facet.triangle as usize] = taken_by.map_or(NO_PLANE, |number| rank_of[number as usize]);
+        }
+        (order.iter().map(|number| self.found[*number].1).collect(), plane_of)
+    }
+}
