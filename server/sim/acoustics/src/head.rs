@@ -2,6 +2,7 @@
 
 use crate::SAMPLE_RATE_HZ;
 use crate::sphere::{SphereResponse, onset_delay_s};
+use avln_geom::{Vector3, angle};
 use realfft::num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 use std::sync::OnceLock;
@@ -12,7 +13,12 @@ pub enum Head {
     /// A rigid sphere with a radius of 8.75 cm and ears at 100 degrees.
     #[default]
     Sphere,
+    /// No head: both ears get the pressure at the place of its centre.
+    Omni,
 }
+
+/// Azimuth of the ears of the sphere, degrees from straight ahead.
+const EAR_AZIMUTH_DEG: f32 = 100.0;
 
 /// Taps of a head filter.
 pub(crate) const HEAD_TAPS: usize = 64;
@@ -46,6 +52,32 @@ pub(crate) struct EarResponse {
     pub(crate) filter: Filter,
     /// Wave front at this ear after the wave front at the centre of the head, seconds; negative is earlier.
     pub(crate) delay_s: f64,
+}
+
+impl EarResponse {
+    /// That of a place where there is no head.
+    fn free_field() -> Self {
+        Self { filter: std::array::from_fn(|tap| if tap == HEAD_LEAD { 1.0 } else { 0.0 }), delay_s: 0.0 }
+    }
+}
+
+impl Head {
+    /// What the left and the right ear make of a wave that comes from `direction` (unit vector, world frame) and
+    /// began `range_m` (at least 0.1) away.
+    pub(crate) fn ears(&self, direction: &Vector3<f32>, heading_rad: f32, range_m: f32) -> [EarResponse; 2] {
+        match self {
+            Self::Sphere => ear_axes(heading_rad).map(|axis| head().ear(axis.dot(direction), range_m)),
+            Self::Omni => [EarResponse::free_field(), EarResponse::free_field()],
+        }
+    }
+}
+
+/// Unit vectors out of the left and the right ear of the sphere, world frame.
+fn ear_axes(heading_rad: f32) -> [Vector3<f32>; 2] {
+    let (sin, cos) = angle::sin_cos(heading_rad);
+    let (forward, left) = (Vector3::new(-sin, 0.0, -cos), Vector3::new(-cos, 0.0, sin));
+    let (ear_sin, ear_cos) = angle::sin_cos(EAR_AZIMUTH_DEG.to_radians());
+    [forward * ear_cos + left * ear_sin, forward * ear_cos - left * ear_sin]
 }
 
 /// The table, computed on first use.

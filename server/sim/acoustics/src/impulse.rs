@@ -1,13 +1,10 @@
 //! From waves that arrive at a head to one impulse response per ear.
 
 use crate::bands::{BandLoss, LOSS_TAPS, loss_filter};
-use crate::head::{HEAD_LEAD, HEAD_TAPS, head};
+use crate::head::{HEAD_LEAD, HEAD_TAPS};
 use crate::{Listener, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S, Settings};
-use avln_geom::{Vector3, angle};
+use avln_geom::Vector3;
 use std::f32::consts::PI;
-
-/// Azimuth of the ears, degrees from straight ahead.
-const EAR_AZIMUTH_DEG: f32 = 100.0;
 
 /// Sources nearer than this sound as if they were this far, metres.
 const MIN_DISTANCE_M: f32 = 0.1;
@@ -42,7 +39,7 @@ impl ImpulseResponse {
     pub(crate) fn new(listener: &Listener, arrivals: &[Arrival], settings: &Settings) -> Self {
         let mut response = Self::default();
         for arrival in arrivals {
-            response.add(listener, arrival, settings.response_samples());
+            response.add(listener, arrival, settings);
         }
         response
     }
@@ -57,25 +54,17 @@ impl ImpulseResponse {
         self.len() == 0
     }
 
-    fn add(&mut self, listener: &Listener, arrival: &Arrival, most_samples: usize) {
+    fn add(&mut self, listener: &Listener, arrival: &Arrival, settings: &Settings) {
         let distance_m = arrival.length_m.max(MIN_DISTANCE_M);
         let loss = loss_filter(&arrival.loss).map(|tap| tap / distance_m);
-        for (ear, axis) in [&mut self.left, &mut self.right].into_iter().zip(ear_axes(listener.heading_rad)) {
-            let response = head().ear(axis.dot(&arrival.direction), distance_m);
+        let responses = settings.head.ears(&arrival.direction, listener.heading_rad, distance_m);
+        for (ear, response) in [&mut self.left, &mut self.right].into_iter().zip(responses) {
             let delay_s = f64::from(distance_m) / f64::from(SPEED_OF_SOUND_M_S) + response.delay_s;
             let taps = convolve(&response.filter, &loss);
             let start = delay_s * f64::from(SAMPLE_RATE_HZ) - HEAD_LEAD as f64;
-            add_delayed(ear, &taps, start, most_samples);
+            add_delayed(ear, &taps, start, settings.response_samples());
         }
     }
-}
-
-/// Unit vectors out of the left and the right ear, world frame.
-fn ear_axes(heading_rad: f32) -> [Vector3<f32>; 2] {
-    let (sin, cos) = angle::sin_cos(heading_rad);
-    let (forward, left) = (Vector3::new(-sin, 0.0, -cos), Vector3::new(-cos, 0.0, sin));
-    let (ear_sin, ear_cos) = angle::sin_cos(EAR_AZIMUTH_DEG.to_radians());
-    [forward * ear_cos + left * ear_sin, forward * ear_cos - left * ear_sin]
 }
 
 fn convolve(filter: &[f32; HEAD_TAPS], loss: &[f32; LOSS_TAPS]) -> [f32; HEAD_TAPS + LOSS_TAPS - 1] {

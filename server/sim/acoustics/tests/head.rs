@@ -2,8 +2,8 @@
 
 mod common;
 
-use avln_acoustics::{ImpulseResponse, Listener, SPEED_OF_SOUND_M_S};
-use common::{bin, free_field, lag_us, level_db, listener, point};
+use avln_acoustics::{Head, ImpulseResponse, Listener, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S, Settings};
+use common::{bin, building_with, free_field, lag_us, level_db, listener, point};
 use std::f64::consts::TAU;
 
 /// Response of a head at the origin to a source `azimuth_deg` to its right, `range_m` away.
@@ -179,4 +179,31 @@ fn a_full_turn_changes_nothing_audible() {
         |heading_rad| source.impulse_response(&Listener { heading_rad, ..listener(0.0, 0.0, 0.0) });
     let (start, end) = (response(0.3), response(0.3 + std::f32::consts::TAU));
     assert!(start.left.iter().zip(&end.left).all(|(a, b)| (a - b).abs() < 1e-4));
+}
+
+#[test]
+fn without_a_head_both_ears_hear_the_pressure_at_its_centre() {
+    let settings = Settings { head: Head::Omni, ..Settings::default() };
+    let free_field = building_with(&[], settings);
+    for (azimuth_deg, range_m) in [(0.0, 0.5), (75.0, 1.0), (160.0, 4.3), (-90.0, 16.0)] {
+        let (sin, cos) = f32::to_radians(azimuth_deg).sin_cos();
+        let source = free_field.source(&point(range_m * sin, 1.0, -range_m * cos));
+        let response = source.impulse_response(&listener(0.0, 0.0, 33.0));
+        assert_eq!(response.left, response.right);
+        let samples = f64::from(range_m / SPEED_OF_SOUND_M_S) * f64::from(SAMPLE_RATE_HZ);
+        for frequency_hz in [200.0, 500.0] {
+            let expected_db = -20.0 * f64::from(range_m).log10();
+            let measured_db = level_db(&response.left, frequency_hz);
+            assert!(
+                (measured_db - expected_db).abs() < 0.1,
+                "{range_m} m: {measured_db}, not {expected_db} dB"
+            );
+            let (re, im) = bin(&response.left, frequency_hz);
+            let turn = TAU * frequency_hz / f64::from(SAMPLE_RATE_HZ);
+            let late = (samples + im.atan2(re) / turn).rem_euclid(TAU / turn);
+            let late = late.min(TAU / turn - late);
+            // What air absorbs delays by a trace.
+            assert!(late < 0.03 + 0.005 * f64::from(range_m), "{range_m} m: {late} samples late");
+        }
+    }
 }
