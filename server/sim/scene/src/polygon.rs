@@ -5,22 +5,26 @@ use avln_geom::{Point3, Vector3};
 /// Polygons with more corners are cut as a fan.
 const MAX_EARS: usize = 64;
 
-/// Cuts the polygon `corners` (indices into `positions`, which must exist) into triangles of the same winding, by clipping ears
-/// in the plane that Newell's formula gives (M. E. Newell in Sutherland, Sproull and Schumacker 1974); triangles that use a
-/// corner twice are left out.
+/// Cuts the polygon `corners` (indices into `positions`, which must exist) into triangles of the same winding, by clipping ears;
+/// triangles that use a corner twice are left out.
 pub(crate) fn triangulate(positions: &[Point3<f32>], corners: &[u32], triangles: &mut Vec<[u32; 3]>) {
-    let mut add = |[a, b, c]: [u32; 3]| {
+    let add = |[a, b, c]: [u32; 3]| {
         if a != b && b != c && c != a {
             triangles.push([a, b, c]);
         }
     };
     if corners.len() <= 3 || corners.len() > MAX_EARS {
-        (2..corners.len()).for_each(|last| add([corners[0], corners[last - 1], corners[last]]));
-        return;
+        (2..corners.len()).map(|last| [corners[0], corners[last - 1], corners[last]]).for_each(add);
+    } else {
+        clip_ears(positions, corners.to_vec(), add);
     }
+}
+
+/// Cuts a polygon of at least three corners into triangles, however many there are, in the plane that Newell's formula gives
+/// (M. E. Newell in Sutherland, Sproull and Schumacker 1974).
+pub(crate) fn clip_ears(positions: &[Point3<f32>], mut rest: Vec<u32>, mut add: impl FnMut([u32; 3])) {
     let at = |corner: u32| positions[corner as usize];
-    let normal = newell(corners.iter().map(|&corner| at(corner)));
-    let mut rest = corners.to_vec();
+    let normal = newell(rest.iter().map(|&corner| at(corner)));
     while rest.len() > 3 {
         let count = rest.len();
         // The last corner but one first: a convex polygon becomes the fan around its first corner.

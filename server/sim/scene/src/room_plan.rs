@@ -1,0 +1,317 @@
+//! Test rooms: a floor plan with straight walls, one height and nothing inside.
+
+use crate::{InstanceId, Lighting, Material, Mesh, Region, Scene, polygon};
+use avln_geom::{Aabb, Point2, Point3};
+use std::ops::RangeInclusive;
+
+/// Corners of a plan; more of them are a curve that has fewer corners, too.
+const CORNERS: RangeInclusive<usize> = 3..=512;
+
+/// Lengths along an axis, metres.
+const SIDES_M: RangeInclusive<f32> = 0.1..=200.0;
+
+/// The farthest from the origin that a corner may lie along an axis, metres.
+const REACH_M: f32 = 1000.0;
+
+/// Corners that lie no farther from the line between their neighbours are on a straight wall, metres.
+const STRAIGHT_M: f64 = 1e-4;
+
+/// A room with vertical walls on a floor plan; its floor is at y = 0.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RoomPlan {
+    /// Corners as (x, z), metres, so ordered that the floor's normal points up; none lies on a straight wall.
+    corners: Vec<[f32; 2]>,
+    height_m: f32,
+}
+
+/// Why a plan is no room.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum RoomPlanError {
+    /// Too few or too many corners.
+    #[error("a plan of {0} corners: write {least} to {most}", least = CORNERS.start(), most = CORNERS.end())]
+    Corners(usize),
+    /// A corner that is not a place.
+    #[error("corner {0} is at {1}, {2}: write metres within {REACH_M} of the origin")]
+    Place(usize, f32, f32),
+    /// A side that is too short or too long.
+    #[error("the room measures {1} m along {0}: write {least} to {most} m", least = SIDES_M.start(), most = SIDES_M.end())]
+    Size(char, f32),
+    /// Walls that meet elsewhere than at the corner between them.
+    #[error(
+        "the walls from corner {0} and from corner {1} meet: write the corners once around the room, in order"
+    )]
+    Crossing(usize, usize),
+}
+
+impl RoomPlan {
+    /// The room over the plan `corners`, each (x, z) in metres, once around in either direction; the last is followed by
+    /// the first.
+    ///
+    /// # Errors
+    /// For less than 3 or more than 512 corners, sides below 0.1 m or above 200 m, numbers that are not finite, and walls
+    /// that cross or touch each other.
+    pub fn new(corners: &[[f32; 2]], height_m: f32) -> Result<Self, RoomPlanError> {
+        if !CORNERS.contains(&corners.len()) {
+            return Err(RoomPlanError::Corners(corners.len()));
+        }
+        let off = |[x, z]: [f32; 2]| !(x.abs() <= REACH_M && z.abs() <= REACH_M);
+        if let Some(index) = corners.iter().position(|&corner| off(corner)) {
+            return Err(RoomPlanError::Place(index, corners[index][0], corners[index][1]));
+        }
+        let sides_m = [('x', span(corners, 0)), ('z', span(corners, 1)), ('y', height_m)];
+        if let Some((axis, side_m)) = sides_m.into_iter().find(|(_, side_m)| !SIDES_M.contains(side_m)) {
+            return Err(RoomPlanError::Size(axis, side_m));
+        }
+        check_walls(corners)?;
+        let mut corners = without_straight_corners(corners);
+        if doubled_area(&corners) > 0.0 {
+            corners.reverse();
+        }
+        Ok(Self { corners, height_m })
+    }
+
+    /// A box with one corner at the origin, metres along x, z and y.
+    ///
+    /// # Errors
+    /// For sides below 0.1 m or above 200 m.
+    pub fn shoebox(x_m: f32, z_m: f32, height_m: f32) -> Result<Self, RoomPlanError> {
+        Self::new(&[[0.0, 0.0], [0.0, z_m], [x_m, z_m], [x_m, 0.0]], height_m)
+    }
+
+    /// Whether `point`, metres, lies inside.
+    pub fn contains(&self, point: &Point3<f32>) -> bool {
+        let passed = walls(&self.corners).filter(|(a, b)| {
+            let crosses = (a[1] > point.z) != (b[1] > point.z);
+            crosses && point.x < a[0] + (point.z - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
+        });
+        0.0 < point.y && point.y < self.height_m && passed.count() % 2 == 1
+    }
+
+    /// Volume of the air, cubic metres.
+    pub fn volume_m3(&self) -> f32 {
+        (doubled_area(&self.corners).abs() / 2.0) as f32 * self.height_m
+    }
+
+    /// The room as a scene: surfaces face the air inside, walls are of material 0, the floor of 1, the ceiling of 2.
+    pub fn scene(&self) -> Scene {
+        let mesh = self.mesh();
+        let bounds = Aabb::around(&mesh.positions);
+        let regions = bounds.map(|bounds| Region { label: String::new(), bounds, storey: 0 });
+        let material = |name: &str| Material {
+            name: name.to_owned(),
+            base_color: [255; 4],
+            texture: None,
+            alpha_cutoff: None,
+        };
+        Scene {
+            name: "test-room".to_owned(),
+            mesh,
+            materials: ["wall", "floor", "ceiling"].map(material).to_vec(),
+            textures: Vec::new(),
+            regions: regions.into_iter().collect(),
+            objects: Vec::new(),
+            lighting: Lighting::Painted,
+        }
+    }
+
+    fn mesh(&self) -> Mesh {
+        let count = self.corners.len() as u32;
+        let ring = |y: f32| self.corners.iter().map(move |&[x, z]| Point3::new(x, y, z));
+        let positions: Vec<_> = ring(0.0).chain(ring(self.height_m)).collect();
+        let mut triangles = Vec::new();
+        let mut material_of = Vec::new();
+        for low in 0..count {
+            let next = (low + 1) % count;
+            triangles.extend([[low, low + count, next + count], [low, next + count, next]]);
+        }
+        material_of.resize(triangles.len(), 0);
+        let ceiling = (count..2 * count).rev().collect::<Vec<_>>();
+        for (material, corners) in [(1, (0..count).collect()), (2, ceiling)] {
+            polygon::clip_ears(&positions, corners, |triangle| triangles.push(triangle));
+            material_of.resize(triangles.len(), material);
+        }
+        Mesh {
+            uvs: vec![Point2::origin(); positions.len()],
+            colors: vec![[255; 3]; positions.len()],
+            instance_of: vec![InstanceId::NONE; triangles.len()],
+            positions,
+            triangles,
+            material_of,
+        }
+    }
+}
+
+fn span(corners: &[[f32; 2]], axis: usize) -> f32 {
+    let along = || corners.iter().map(|corner| corner[axis]);
+    along().fold(f32::MIN, f32::max) - along().fold(f32::MAX, f32::min)
+}
+
+/// Each wall from its first to its last corner.
+fn walls(corners: &[[f32; 2]]) -> impl Iterator<Item = ([f32; 2], [f32; 2])> + '_ {
+    corners.iter().zip(corners.iter().cycle().skip(1)).map(|(a, b)| (*a, *b))
+}
+
+/// Twice the area of the triangle a, b, c; positive where z is left of x when one walks around it.
+fn turn(a: [f32; 2], b: [f32; 2], c: [f32; 2]) -> f64 {
+    let [abx, abz, acx, acz] = [b[0] - a[0], b[1] - a[1], c[0] - a[0], c[1] - a[1]].map(f64::from);
+    abx * acz - abz * acx
+}
+
+fn doubled_area(corners: &[[f32; 2]]) -> f64 {
+    walls(corners).map(|(a, b)| turn(corners[0], a, b)).sum()
+}
+
+fn check_walls(corners: &[[f32; 2]]) -> Result<(), RoomPlanError> {
+    let walls: Vec<_> = walls(corners).collect();
+    for (first, one) in walls.iter().enumerate() {
+        for (second, other) in walls.iter().enumerate().skip(first + 1) {
+            let touch = match (second - first, walls.len() - second + first) {
+                (1, _) => folds_back(one.0, one.1, other.1),
+                (_, 1) => folds_back(other.0, other.1, one.1),
+                _ => meet(*one, *other),
+            };
+            if touch {
+                return Err(RoomPlanError::Crossing(first, second));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Whether the wall after `b` runs back along the one before it, or one of them has no length.
+fn folds_back(a: [f32; 2], b: [f32; 2], c: [f32; 2]) -> bool {
+    let [abx, abz, bcx, bcz] = [b[0] - a[0], b[1] - a[1], c[0] - b[0], c[1] - b[1]].map(f64::from);
+    turn(a, b, c) == 0.0 && abx * bcx + abz * bcz <= 0.0
+}
+
+/// Whether two walls that share no corner have a point in common.
+fn meet((a, b): ([f32; 2], [f32; 2]), (c, d): ([f32; 2], [f32; 2])) -> bool {
+    let sides = [turn(a, b, c), turn(a, b, d), turn(c, d, a), turn(c, d, b)];
+    let apart = |one: f64, other: f64| one * other > 0.0;
+    let boxes_meet = (0..2).all(|axis| {
+        a[axis].min(b[axis]) <= c[axis].max(d[axis]) && c[axis].min(d[axis]) <= a[axis].max(b[axis])
+    });
+    boxes_meet && !apart(sides[0], sides[1]) && !apart(sides[2], sides[3])
+}
+
+fn without_straight_corners(corners: &[[f32; 2]]) -> Vec<[f32; 2]> {
+    let mut kept = corners.to_vec();
+    let mut index = 0;
+    while index < kept.len() && kept.len() > 3 {
+        let (before, after) = ((index + kept.len() - 1) % kept.len(), (index + 1) % kept.len());
+        let (a, b, c) = (kept[before], kept[index], kept[after]);
+        let base_m = f64::from(c[0] - a[0]).hypot(f64::from(c[1] - a[1]));
+        if turn(a, b, c).abs() <= STRAIGHT_M * base_m {
+            kept.remove(index);
+        } else {
+            index += 1;
+        }
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use avln_geom::{RayMesh, Vector3};
+
+    const L: [[f32; 2]; 6] = [[0.0, 0.0], [6.0, 0.0], [6.0, 2.0], [2.0, 2.0], [2.0, 5.0], [0.0, 5.0]];
+
+    /// Area and volume of a closed surface that faces inwards.
+    fn area_and_volume(scene: &Scene) -> (f32, f32) {
+        let parts = (0..scene.mesh.triangles.len()).map(|triangle| {
+            let [a, b, c] = scene.corners(triangle);
+            let normal = (b - a).cross(&(c - a));
+            (normal.norm() / 2.0, -normal.dot(&a.coords) / 6.0)
+        });
+        parts.fold((0.0, 0.0), |sum, part| (sum.0 + part.0, sum.1 + part.1))
+    }
+
+    #[test]
+    fn a_shoebox_is_a_closed_box_from_the_origin() {
+        let room = RoomPlan::shoebox(6.0, 5.0, 3.0).expect("a room");
+        let scene = room.scene();
+        let bounds = scene.bounds().expect("surfaces");
+        assert_eq!((bounds.min, bounds.max), (Point3::origin(), Point3::new(6.0, 3.0, 5.0)));
+        assert_eq!((scene.mesh.triangles.len(), area_and_volume(&scene)), (12, (126.0, 90.0)));
+        assert!((room.volume_m3() - 90.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn any_winding_and_corners_on_straight_walls_give_the_same_room() {
+        let room = RoomPlan::new(&L, 2.5).expect("a room");
+        let (area, volume) = area_and_volume(&room.scene());
+        assert!((area - (2.0 * 18.0 + 22.0 * 2.5)).abs() < 1e-3, "{area}");
+        assert!((volume - 45.0).abs() < 1e-3 && (room.volume_m3() - 45.0).abs() < 1e-3, "{volume}");
+        let reversed: Vec<_> = L.iter().rev().copied().collect();
+        let mut with_more = L.to_vec();
+        with_more.insert(1, [3.0, 0.0]);
+        with_more.insert(6, [1.0, 5.0]);
+        for corners in [reversed, with_more] {
+            let other = RoomPlan::new(&corners, 2.5).expect("a room").scene();
+            assert_eq!(other.mesh.triangles.len(), room.scene().mesh.triangles.len());
+            assert!((area_and_volume(&other).1 - volume).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn rays_from_inside_meet_a_surface_that_faces_them() {
+        let scene = RoomPlan::new(&L, 2.5).expect("a room").scene();
+        let rays = RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles);
+        for (x, y, z) in [(1.0, 0.2, 1.0), (0.3, 0.1, -0.9), (-0.7, -0.4, 0.2), (0.1, -1.0, 0.1)] {
+            let direction = Vector3::new(x, y, z).normalize();
+            let hit = rays.cast(&Point3::new(1.0, 1.0, 1.5), &direction, 100.0).expect("a wall");
+            let [a, b, c] = scene.corners(hit.triangle as usize);
+            assert!((b - a).cross(&(c - a)).dot(&direction) < 0.0, "{direction}");
+        }
+    }
+
+    #[test]
+    fn points_are_inside_or_not() {
+        let room = RoomPlan::new(&L, 2.5).expect("a room");
+        for (point, inside) in [
+            ([1.0, 1.0, 4.5], true),
+            ([5.5, 2.4, 1.0], true),
+            ([5.5, 1.0, 2.5], false),
+            ([1.0, 2.6, 1.0], false),
+            ([1.0, -0.1, 1.0], false),
+            ([-0.1, 1.0, 1.0], false),
+            ([f32::NAN, 1.0, 1.0], false),
+        ] {
+            assert_eq!(room.contains(&Point3::from(point)), inside, "{point:?}");
+        }
+    }
+
+    #[test]
+    fn a_curve_of_many_corners_keeps_its_volume() {
+        let corner = |index: usize| {
+            let (sin, cos) = avln_geom::angle::sin_cos(index as f32 / 300.0 * std::f32::consts::TAU);
+            let radius_m = if index % 2 == 0 { 4.0 } else { 3.0 };
+            [radius_m * cos, radius_m * sin]
+        };
+        let room = RoomPlan::new(&(0..300).map(corner).collect::<Vec<_>>(), 3.0).expect("a star");
+        let (_, volume) = area_and_volume(&room.scene());
+        assert!((volume / room.volume_m3() - 1.0).abs() < 1e-4, "{volume}");
+    }
+
+    #[test]
+    fn plans_that_are_no_rooms_are_refused_by_name() {
+        let crossed = [[0.0, 0.0], [4.0, 4.0], [4.0, 0.0], [0.0, 4.0]];
+        assert_eq!(RoomPlan::new(&crossed, 2.0), Err(RoomPlanError::Crossing(0, 2)));
+        let spike = [[0.0, 0.0], [4.0, 0.0], [2.0, 0.0], [2.0, 4.0]];
+        assert_eq!(RoomPlan::new(&spike, 2.0), Err(RoomPlanError::Crossing(0, 1)));
+        let touching = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 0.0], [0.0, 4.0]];
+        assert!(matches!(RoomPlan::new(&touching, 2.0), Err(RoomPlanError::Crossing(0, _))));
+        let twice = [[0.0, 0.0], [0.0, 0.0], [4.0, 0.0], [4.0, 4.0]];
+        assert!(matches!(RoomPlan::new(&twice, 2.0), Err(RoomPlanError::Crossing(..))));
+        assert_eq!(RoomPlan::new(&L[..2], 2.0), Err(RoomPlanError::Corners(2)));
+        assert_eq!(RoomPlan::new(&[[0.0; 2]; 600], 2.0), Err(RoomPlanError::Corners(600)));
+        assert_eq!(RoomPlan::new(&[[0.0; 2]; 3], 2.0), Err(RoomPlanError::Size('x', 0.0)));
+        assert_eq!(RoomPlan::shoebox(3.0, 3.0, 1e3), Err(RoomPlanError::Size('y', 1e3)));
+        let height = RoomPlan::shoebox(3.0, 3.0, f32::NAN);
+        assert!(matches!(height, Err(RoomPlanError::Size('y', _))), "{height:?}");
+        let infinite = RoomPlan::new(&[[0.0, 0.0], [f32::INFINITY, 0.0], [1.0, 1.0]], 2.0);
+        assert_eq!(infinite, Err(RoomPlanError::Place(1, f32::INFINITY, 0.0)));
+        assert!(infinite.expect_err("no room").to_string().contains("within 1000 of the origin"));
+    }
+}
