@@ -23,6 +23,18 @@ pub(crate) struct Arrival {
     pub(crate) loss: BandLoss,
 }
 
+impl Arrival {
+    /// Length of its path that is heard, metres.
+    fn heard_length_m(&self) -> f32 {
+        self.length_m.max(MIN_DISTANCE_M)
+    }
+
+    /// When it passes the centre of the head, seconds after it was emitted.
+    pub(crate) fn delay_s(&self) -> f64 {
+        f64::from(self.heard_length_m()) / f64::from(SPEED_OF_SOUND_M_S)
+    }
+}
+
 /// What one source at one place does to the two ears of a listener: a filter for each.
 ///
 /// The sample index is the time since emission at [`SAMPLE_RATE_HZ`]; a source of unit pressure at 1 m has gain 1.
@@ -55,11 +67,11 @@ impl ImpulseResponse {
     }
 
     fn add(&mut self, listener: &Listener, arrival: &Arrival, settings: &Settings) {
-        let distance_m = arrival.length_m.max(MIN_DISTANCE_M);
+        let distance_m = arrival.heard_length_m();
         let loss = loss_filter(&arrival.loss).map(|tap| tap / distance_m);
         let responses = settings.head.ears(&arrival.direction, listener.heading_rad, distance_m);
         for (ear, response) in [&mut self.left, &mut self.right].into_iter().zip(responses) {
-            let delay_s = f64::from(distance_m) / f64::from(SPEED_OF_SOUND_M_S) + response.delay_s;
+            let delay_s = arrival.delay_s() + response.delay_s;
             let taps = convolve(&response.filter, &loss);
             let start = delay_s * f64::from(SAMPLE_RATE_HZ) - HEAD_LEAD as f64;
             add_delayed(ear, &taps, start, settings.response_samples());

@@ -15,6 +15,7 @@ mod geodesic;
 mod head;
 mod images;
 mod impulse;
+mod measure;
 mod planes;
 mod settings;
 mod source;
@@ -29,8 +30,9 @@ pub use clip::{Clip, clip_bank};
 pub use ears::{Ears, Emitter, Listener};
 pub use head::Head;
 pub use impulse::ImpulseResponse;
+pub use measure::{BandMeasures, Measures, interaural_delay_s};
 pub use settings::Settings;
-pub use source::{Acoustics, Source};
+pub use source::{Acoustics, FirstWave, Source};
 pub use surfaces::{SURFACE_BANDS, Surface, Surfaces};
 
 /// Samples a second of everything that is heard.

@@ -8,7 +8,7 @@ use crate::impulse::{Arrival, ImpulseResponse};
 use crate::planes::Planes;
 use crate::visibility::visibility;
 use crate::{Listener, Settings, Surfaces};
-use avln_geom::{Point3, RayMesh, Vector3};
+use avln_geom::{Point3, RayMesh, Vector3, angle};
 use avln_scene::Scene;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -34,6 +34,17 @@ pub(crate) struct Building {
 #[derive(Clone)]
 pub struct Source {
     known: Arc<Known>,
+}
+
+/// A wave that is the first to arrive.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FirstWave {
+    /// From its emission until it passes the centre of the head, seconds.
+    pub delay_s: f64,
+    /// Where it comes from, in the horizontal plane: 0 is ahead of the listener, positive to the left.
+    pub azimuth_rad: f32,
+    /// What it alone is at the two ears.
+    pub response: ImpulseResponse,
 }
 
 struct Known {
@@ -100,6 +111,17 @@ impl Source {
     pub fn impulse_response(&self, listener: &Listener) -> ImpulseResponse {
         let arrivals = self.known.arrivals(&listener.position, listener.heading_rad);
         ImpulseResponse::new(listener, &arrivals, &self.known.building.settings)
+    }
+
+    /// The wave that reaches `listener` before all others. `None` for positions that are not finite.
+    pub fn first_wave(&self, listener: &Listener) -> Option<FirstWave> {
+        let arrivals = self.known.arrivals(&listener.position, listener.heading_rad);
+        let first = arrivals.first()?;
+        Some(FirstWave {
+            delay_s: first.delay_s(),
+            azimuth_rad: azimuth_rad(&first.direction, listener.heading_rad),
+            response: ImpulseResponse::new(listener, &arrivals[..1], &self.known.building.settings),
+        })
     }
 
     /// Samples of the longest impulse response that this source may have.
@@ -170,6 +192,12 @@ impl Known {
         way.insert(0, *listener);
         Some(way)
     }
+}
+
+/// Angle of a direction (unit vector, world frame) from straight ahead, positive to the left; 0 for up and down.
+fn azimuth_rad(direction: &Vector3<f32>, heading_rad: f32) -> f32 {
+    let (sin, cos) = angle::sin_cos(heading_rad);
+    angle::atan2(direction.z * sin - direction.x * cos, -direction.x * sin - direction.z * cos)
 }
 
 /// Unit vector from `from` towards `to` and the distance, metres; straight ahead of heading 0 for equal points.

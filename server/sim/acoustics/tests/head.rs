@@ -207,3 +207,16 @@ fn without_a_head_both_ears_hear_the_pressure_at_its_centre() {
         }
     }
 }
+
+#[test]
+fn the_first_wave_is_told_by_delay_and_bearing() {
+    for (azimuth_deg, heading_deg) in [(0.0, 0.0), (40.0, 0.0), (-120.0, 10.0), (90.0, -75.0), (170.0, 20.0)]
+    {
+        let (sin, cos) = f32::to_radians(azimuth_deg).sin_cos();
+        let source = free_field().source(&point(-3.0 * sin, 1.0, -3.0 * cos));
+        let first = source.first_wave(&listener(0.0, 0.0, heading_deg)).expect("a wave");
+        assert!((first.azimuth_rad.to_degrees() - (azimuth_deg - heading_deg)).abs() < 1e-3, "{azimuth_deg}");
+        assert!((first.delay_s - f64::from(3.0 / SPEED_OF_SOUND_M_S)).abs() < 1e-7);
+        assert_eq!(first.response, source.impulse_response(&listener(0.0, 0.0, heading_deg)));
+    }
+}
