@@ -286,7 +286,7 @@ mod tests {
     fn a_curve_of_many_corners_keeps_its_volume() {
         let corner = |index: usize| {
             let (sin, cos) = avln_geom::angle::sin_cos(index as f32 / 300.0 * std::f32::consts::TAU);
-            let radius_m = if index % 2 == 0 { 4.0 } else { 3.0 };
+            let radius_m = if index.is_multiple_of(2) { 4.0 } else { 3.0 };
             [radius_m * cos, radius_m * sin]
         };
         let room = RoomPlan::new(&(0..300).map(corner).collect::<Vec<_>>(), 3.0).expect("a star");

@@ -10,7 +10,7 @@ const BEYOND_DB: f64 = 15.0;
 const LEAST_BANDWIDTH_TIME: f64 = 11.0;
 
 /// No room is quieter this soon, seconds.
-const LEAST_TIME_S: f64 = 0.01;
+const LEAST_TIME_S: f64 = 0.02;
 
 /// What is left of the energy of a band, as a curve over time.
 pub(super) struct Decay {

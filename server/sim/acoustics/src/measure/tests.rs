@@ -77,7 +77,7 @@ fn a_pulse_has_its_level_and_no_decay() {
     let mut left = vec![0.0; 1000];
     left[300] = 0.5;
     let mut right = vec![0.0; 900];
-    right[320] = 0.25;
+    right[310] = 0.25;
     let measures = Measures::of(&ImpulseResponse { left, right }, 300.0 / RATE, 1.0);
     for band in measures.bands {
         let level_db = 10.0 * libm::log10((0.25 + 0.0625) / 2.0);
