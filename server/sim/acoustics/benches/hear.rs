@@ -31,7 +31,13 @@ fn main() {
     let places: Vec<Point3<f32>> = places.iter().step_by(places.len().div_ceil(8).max(1)).copied().collect();
     let mut emitters = Vec::new();
     for (place, clip) in places.iter().zip(bank) {
+        let before = acoustics.resident_bytes();
         let (_, source) = timed("source", || acoustics.source(place));
+        println!(
+            "  {:.1} MB, {:.2} % of its energy leaves the building",
+            (acoustics.resident_bytes() - before) as f64 / 1e6,
+            100.0 * source.lost_share()
+        );
         emitters.push(Emitter { source, clip, offset_samples: 0 });
     }
     responses(&scene, &emitters);

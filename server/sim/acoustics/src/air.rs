@@ -69,6 +69,14 @@ impl Grid {
         self.first_center + Vector3::from_fn(|axis, _| cell[axis] as f32 * self.cell_m)
     }
 
+    /// Whether `point` lies in one of the cells.
+    pub(crate) fn holds(&self, point: &Point3<f32>) -> bool {
+        (0..3).all(|axis| {
+            let place = (point[axis] - self.first_center[axis]) / self.cell_m + 0.5;
+            (0.0..self.size[axis] as f32).contains(&place)
+        })
+    }
+
     /// Index distance between neighbours along `axis`.
     pub(crate) fn stride(&self, axis: usize) -> usize {
         [1, self.size[0], self.size[0] * self.size[1]][axis]
@@ -117,6 +125,11 @@ impl Air {
 
     pub(crate) fn rays(&self) -> &RayMesh {
         &self.rays
+    }
+
+    /// Whether the centre of `cell` is in the air of a room.
+    pub(crate) fn in_room(&self, cell: usize) -> bool {
+        self.in_room[cell]
     }
 
     /// The open cells that are one free step away from `cell`.

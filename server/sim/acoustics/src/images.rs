@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::f32::consts::TAU;
 
 /// Most bounces of a sequence.
-const MAX_ORDER: usize = 3;
+pub(crate) const MAX_ORDER: usize = 3;
 
 /// Rays that look for sequences.
 const RAYS: usize = 8192;
@@ -73,7 +73,6 @@ impl Images {
     }
 
     /// Whether rays that are mirrored in these planes one after the other, and nowhere else, are among the images.
-    #[cfg_attr(not(test), expect(dead_code, reason = "asked by the late energy"))]
     pub(crate) fn contains(&self, planes: &[PlaneId]) -> bool {
         if planes.is_empty() || planes.len() > MAX_ORDER {
             return false;
@@ -224,8 +223,6 @@ fn fibonacci_direction(ray: usize) -> Vector3<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::air::Air;
-    use crate::planes::Planes;
     use crate::testing::{Soup, scene};
     use crate::{Settings, Surfaces};
     use avln_geom::RayMesh;
@@ -240,12 +237,8 @@ mod tests {
     fn building(soup: &Soup, reflection_order: usize) -> Building {
         let scene = scene(soup);
         let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
-        Building {
-            air: Air::new(&scene, rays),
-            planes: Planes::new(&scene),
-            surfaces: Surfaces::uniform(&scene, SURFACE),
-            settings: Settings { reflection_order, ..Settings::default() },
-        }
+        let settings = Settings { reflection_order, ..Settings::default() };
+        Building::new(&scene, rays, Surfaces::uniform(&scene, SURFACE), settings)
     }
 
     /// Offsets from the listener to all images of `source` in a box room up to `order`, nearest first (Allen and

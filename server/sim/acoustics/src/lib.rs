@@ -15,6 +15,7 @@ mod geodesic;
 mod head;
 mod images;
 mod impulse;
+mod late;
 mod measure;
 mod planes;
 mod settings;
@@ -30,10 +31,10 @@ pub use clip::{Clip, clip_bank};
 pub use ears::{Ears, Emitter, Listener};
 pub use head::Head;
 pub use impulse::ImpulseResponse;
-pub use measure::{BandMeasures, Measures, expected_reverberation_s, interaural_delay_s};
+pub use measure::{BandMeasures, Measures, interaural_delay_s};
 pub use settings::Settings;
 pub use source::{Acoustics, FirstWave, Source};
-pub use surfaces::{SURFACE_BANDS, Surface, Surfaces};
+pub use surfaces::{SURFACE_BANDS, Surface, SurfaceError, Surfaces};
 
 /// Samples a second of everything that is heard.
 pub const SAMPLE_RATE_HZ: u32 = 16_000;

@@ -5,6 +5,7 @@ use crate::bands::{BandLoss, air_loss, both, diffraction_loss, partition_loss};
 use crate::geodesic::{GeodesicField, Way, length_m};
 use crate::images::Images;
 use crate::impulse::{Arrival, ImpulseResponse};
+use crate::late::{Cells, LateField, add_tail};
 use crate::planes::Planes;
 use crate::visibility::visibility;
 use crate::{Listener, Settings, Surfaces};
@@ -28,6 +29,9 @@ pub(crate) struct Building {
     pub(crate) planes: Planes,
     pub(crate) surfaces: Surfaces,
     pub(crate) settings: Settings,
+    /// Per triangle: its unit normal; 0 where it has no area.
+    pub(crate) normals: Vec<Vector3<f32>>,
+    pub(crate) cells: Cells,
 }
 
 /// A place from which sound comes, with all that is known of its ways through the building. Cheap to clone.
@@ -54,13 +58,14 @@ struct Known {
     outlet: Point3<f32>,
     field: GeodesicField,
     images: Images,
+    /// `None` for a place that is not finite.
+    late: Option<LateField>,
 }
 
 impl Acoustics {
     /// Prepares `scene`; `rays` must be built over the triangles of its mesh, and `surfaces` describe them.
     pub fn new(scene: &Scene, rays: Arc<RayMesh>, surfaces: Surfaces, settings: Settings) -> Self {
-        let building =
-            Building { air: Air::new(scene, rays), planes: Planes::new(scene), surfaces, settings };
+        let building = Building::new(scene, rays, surfaces, settings);
         Self { building: Arc::new(building), sources: Mutex::default() }
     }
 
@@ -68,8 +73,7 @@ impl Acoustics {
     pub fn resident_bytes(&self) -> usize {
         let sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
         let known = sources.values().filter_map(|source| source.get());
-        let building = self.building.air.byte_count() + self.building.planes.byte_count();
-        building + known.map(|source| source.known.byte_count()).sum::<usize>()
+        self.building.byte_count() + known.map(|source| source.known.byte_count()).sum::<usize>()
     }
 
     /// The source at `position`, world frame, metres; computed on first use.
@@ -88,6 +92,26 @@ impl Acoustics {
     }
 }
 
+impl Building {
+    pub(crate) fn new(scene: &Scene, rays: Arc<RayMesh>, surfaces: Surfaces, settings: Settings) -> Self {
+        let air = Air::new(scene, rays);
+        let cells = Cells::new(&air, LateField::most_cells(&settings));
+        let normal = |triangle: usize| {
+            let [a, b, c] = scene.corners(triangle);
+            (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default()
+        };
+        let normals = (0..scene.mesh.triangles.len()).map(normal).collect();
+        Self { air, planes: Planes::new(scene), surfaces, settings, normals, cells }
+    }
+
+    fn byte_count(&self) -> usize {
+        self.air.byte_count()
+            + self.planes.byte_count()
+            + self.cells.byte_count()
+            + size_of_val(self.normals.as_slice())
+    }
+}
+
 impl Source {
     fn new(building: Arc<Building>, position: &Point3<f32>) -> Self {
         let air = &building.air;
@@ -99,7 +123,8 @@ impl Source {
         }
         let field = GeodesicField::new(air, &outlet, &seeds);
         let images = Images::new(&building, &outlet);
-        Self { known: Arc::new(Known { building, position: *position, outlet, field, images }) }
+        let late = finite(&outlet).then(|| LateField::new(&building, &outlet, &images));
+        Self { known: Arc::new(Known { building, position: *position, outlet, field, images, late }) }
     }
 
     /// Where the source was put, world frame, metres.
@@ -109,8 +134,15 @@ impl Source {
 
     /// What this source does to the two ears of `listener`. Empty for positions that are not finite.
     pub fn impulse_response(&self, listener: &Listener) -> ImpulseResponse {
-        let arrivals = self.known.arrivals(&listener.position, listener.heading_rad);
-        ImpulseResponse::new(listener, &arrivals, &self.known.building.settings)
+        let known = &self.known;
+        let arrivals = known.arrivals(&listener.position, listener.heading_rad);
+        let mut response = ImpulseResponse::new(listener, &arrivals, &known.building.settings);
+        let first_m = arrivals.iter().map(|arrival| arrival.length_m).reduce(f32::min);
+        if let (Some(first_m), Some(late)) = (first_m, &known.late) {
+            let echo = late.at(&known.building, &listener.position);
+            add_tail(&mut response, &echo, first_m, &known.building.settings);
+        }
+        response
     }
 
     /// The wave that reaches `listener` before all others. `None` for positions that are not finite.
@@ -122,6 +154,11 @@ impl Source {
             azimuth_rad: azimuth_rad(&first.direction, listener.heading_rad),
             response: ImpulseResponse::new(listener, &arrivals[..1], &self.known.building.settings),
         })
+    }
+
+    /// Share of the source's energy that left the building through holes and open doors to the outside, 0 to 1.
+    pub fn lost_share(&self) -> f32 {
+        self.known.late.as_ref().map_or(1.0, LateField::lost_share)
     }
 
     /// Samples of the longest impulse response that this source may have.
@@ -143,7 +180,8 @@ impl Source {
 
 impl Known {
     fn byte_count(&self) -> usize {
-        self.field.byte_count() + self.images.byte_count()
+        let late = self.late.as_ref().map_or(0, LateField::byte_count);
+        self.field.byte_count() + self.images.byte_count() + late
     }
 
     fn arrivals(&self, listener: &Point3<f32>, heading_rad: f32) -> Vec<Arrival> {

@@ -1,9 +1,14 @@
 //! What surfaces do to sound.
 
-use avln_scene::Scene;
+mod table;
+
+use avln_scene::{InstanceId, Scene};
 
 /// Octave bands of the tables: 125, 250, 500, 1000, 2000 and 4000 Hz. The last holds for all that is above it, too.
 pub const SURFACE_BANDS: usize = 6;
+
+/// Names of the bands in messages, hertz.
+const BAND_NAMES: [&str; SURFACE_BANDS] = ["125", "250", "500", "1000", "2000", "4000"];
 
 /// Shares of the energy that meets a surface, by octave band (125 to 4000 Hz), each 0 to 1.
 ///
@@ -19,12 +24,66 @@ pub struct Surface {
     pub transmission: [f32; SURFACE_BANDS],
 }
 
-/// Painted plaster on masonry, and whatever has no known name.
-const PLASTER: Surface = Surface {
-    absorption: [0.02, 0.02, 0.03, 0.03, 0.04, 0.05],
-    scattering: [0.1; SURFACE_BANDS],
-    transmission: [0.0; SURFACE_BANDS],
-};
+/// Why numbers describe no surface.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SurfaceError {
+    /// A share is not a share.
+    #[error("{what} at {band_hz} Hz is {value}; a share of energy must lie between 0 and 1")]
+    Share {
+        /// `absorption`, `scattering` or `transmission`.
+        what: &'static str,
+        /// Centre of the octave band, hertz.
+        band_hz: &'static str,
+        /// The number that was given.
+        value: f32,
+    },
+    /// More goes in and through than arrives.
+    #[error(
+        "absorption and transmission at {band_hz} Hz are {sum} together; lower one of them, so that the sum is at most 1"
+    )]
+    Sum {
+        /// Centre of the octave band, hertz.
+        band_hz: &'static str,
+        /// What was given.
+        sum: f32,
+    },
+}
+
+impl Surface {
+    /// A surface with these shares by band.
+    ///
+    /// # Errors
+    /// When a share is not between 0 and 1, or absorption and transmission are more than all.
+    pub fn new(
+        absorption: [f32; SURFACE_BANDS],
+        scattering: [f32; SURFACE_BANDS],
+        transmission: [f32; SURFACE_BANDS],
+    ) -> Result<Self, SurfaceError> {
+        check_shares("absorption", &absorption)?;
+        check_shares("scattering", &scattering)?;
+        check_shares("transmission", &transmission)?;
+        for (band, (absorbed, through)) in absorption.iter().zip(&transmission).enumerate() {
+            // Decimal fractions that make 1 on paper may make a little more in binary.
+            let sum = absorbed + through;
+            if sum > 1.0 + 1e-6 {
+                return Err(SurfaceError::Sum { band_hz: BAND_NAMES[band], sum });
+            }
+        }
+        Ok(Self { absorption, scattering, transmission })
+    }
+
+    /// Share that comes back in `band`, 0 to 1.
+    pub fn returned(&self, band: usize) -> f32 {
+        (1.0 - self.absorption[band] - self.transmission[band]).max(0.0)
+    }
+}
+
+fn check_shares(what: &'static str, shares: &[f32; SURFACE_BANDS]) -> Result<(), SurfaceError> {
+    match shares.iter().position(|share| !(0.0..=1.0).contains(share)) {
+        Some(band) => Err(SurfaceError::Share { what, band_hz: BAND_NAMES[band], value: shares[band] }),
+        None => Ok(()),
+    }
+}
 
 /// The surfaces of a building.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,13 +99,50 @@ impl Surfaces {
         Self { kinds: vec![surface], kind_of: vec![0; scene.mesh.triangles.len()] }
     }
 
-    /// What the names of the materials of `scene` say.
+    /// What names say, the first of these that the table knows: that of the triangle's material, the material of the
+    /// object that it belongs to, that object's category. Else a mean of all that is in a furnished flat.
     pub fn by_material(scene: &Scene) -> Self {
-        Self::uniform(scene, PLASTER)
+        let kind_of_material: Vec<_> =
+            scene.materials.iter().map(|material| table::find(&material.name)).collect();
+        let kind_of_triangle = |triangle: usize| {
+            let material = scene.mesh.material_of.get(triangle).map_or(usize::MAX, |m| usize::from(*m));
+            let named = kind_of_material.get(material).copied().flatten();
+            named.or_else(|| kind_of_object(scene, triangle)).unwrap_or(table::UNKNOWN)
+        };
+        let kind_of = (0..scene.mesh.triangles.len()).map(|triangle| kind_of_triangle(triangle) as u16);
+        Self { kind_of: kind_of.collect(), kinds: table::surfaces() }
     }
 
     /// The kind of a triangle.
     pub fn of(&self, triangle: u32) -> &Surface {
         &self.kinds[usize::from(self.kind_of[triangle as usize])]
+    }
+}
+
+fn kind_of_object(scene: &Scene, triangle: usize) -> Option<usize> {
+    let id = *scene.mesh.instance_of.get(triangle)?;
+    let object = (id != InstanceId::NONE).then(|| scene.object(id)).flatten()?;
+    table::find(&object.attributes.material).or_else(|| table::find(&object.category))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_outside_of_their_range_are_refused_by_name() {
+        let fine = [0.5; SURFACE_BANDS];
+        let with = |band: usize, value: f32| {
+            let mut shares = fine;
+            shares[band] = value;
+            shares
+        };
+        assert!(Surface::new(fine, fine, fine).is_ok());
+        let message = |result: Result<Surface, SurfaceError>| result.expect_err("refused").to_string();
+        let text = message(Surface::new(with(2, 1.5), fine, [0.0; SURFACE_BANDS]));
+        assert_eq!(text, "absorption at 500 Hz is 1.5; a share of energy must lie between 0 and 1");
+        assert!(message(Surface::new(fine, with(0, -0.1), fine)).starts_with("scattering at 125 Hz"));
+        assert!(message(Surface::new(fine, fine, with(5, f32::NAN))).contains("4000 Hz is NaN"));
+        assert!(message(Surface::new(fine, fine, with(1, 0.75))).contains("at 250 Hz are 1.25 together"));
     }
 }

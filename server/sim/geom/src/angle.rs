@@ -1,6 +1,6 @@
 //! Angles in radians. Sines and cosines come from `libm`, so that every platform gets the same bits.
 
-use nalgebra::{Quaternion, UnitQuaternion};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use std::f32::consts::{PI, TAU};
 
 /// Sine and cosine of `angle_rad`, equal bits on every platform.
@@ -44,6 +44,18 @@ pub fn wrap(angle_rad: f32) -> f32 {
     if positive > PI { positive - TAU } else { positive }
 }
 
+/// Unit vector `index` of `count` that are spread evenly over all directions, equal bits on every platform.
+///
+/// Source: González (2010), "Measurement of areas on a sphere using Fibonacci and latitude-longitude lattices".
+pub fn spread_direction(index: usize, count: usize) -> Vector3<f32> {
+    const GOLDEN_SHARE: f64 = 0.381_966_011_250_105_1;
+    let height = 1.0 - (2 * index + 1) as f32 / count as f32;
+    let turns = index as f64 * GOLDEN_SHARE;
+    let (sin, cos) = sin_cos(TAU * (turns - libm::floor(turns)) as f32);
+    let radius = (1.0 - height * height).max(0.0).sqrt();
+    Vector3::new(radius * cos, height, radius * sin)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -72,5 +84,15 @@ mod tests {
     fn a_pitch_looks_up() {
         let ahead = about_right(0.5) * -nalgebra::Vector3::z();
         assert!((ahead.y - 0.5_f32.sin()).abs() < 1e-6 && (ahead.z + 0.5_f32.cos()).abs() < 1e-6, "{ahead}");
+    }
+
+    #[test]
+    fn directions_are_spread_evenly() {
+        let sum: Vector3<f32> = (0..1000).map(|index| spread_direction(index, 1000)).sum();
+        assert!(sum.norm() < 1.0, "{sum}");
+        for axis in [Vector3::x(), Vector3::y(), Vector3::new(0.6, 0.0, 0.8)] {
+            let inside = (0..1000).filter(|index| spread_direction(*index, 1000).dot(&axis) > 0.8).count();
+            assert!((95..=105).contains(&inside), "{inside} of 1000 in a cap of a tenth of the sphere");
+        }
     }
 }

@@ -1,0 +1,18 @@
+//! What reaches a listener after the waves that have a direction of their own: the energy of all other reflections.
+
+mod bins;
+mod cells;
+mod diffuse;
+mod field;
+mod fourier;
+mod march;
+mod noise;
+mod tail;
+mod trace;
+
+pub(crate) use cells::Cells;
+pub(crate) use field::LateField;
+pub(crate) use tail::add_tail;
+
+#[cfg(test)]
+mod tests;

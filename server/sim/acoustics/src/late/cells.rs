@@ -1,0 +1,233 @@
+//! Where late energy is counted: pieces of open air, none of which reaches through a wall.
+
+use crate::air::Air;
+use avln_geom::{Point3, Vector3};
+
+/// Voxels of the air along a block's edge, and the most of them.
+const BLOCK: usize = 3;
+const MOST_BLOCK: usize = 24;
+
+/// No cell.
+pub(super) const NOWHERE: u32 = u32::MAX;
+
+/// Blocks of air, each parted where no free step leads from one voxel to the next.
+///
+/// Blocks are twice as high as wide. Voxels that a surface may cut belong to no cell, so that a cell's volume is
+/// known and no energy is counted on the wrong side of a wall.
+pub(crate) struct Cells {
+    /// Per voxel of the air: its cell, or [`NOWHERE`].
+    cell_of: Vec<u32>,
+    cells: Vec<Cell>,
+    /// Voxels along x, y, z of a block.
+    block: [usize; 3],
+    /// Blocks along x, y, z.
+    blocks: [usize; 3],
+    /// Per block: its first cell; one more at the end.
+    first_in_block: Vec<u32>,
+}
+
+/// A piece of air.
+struct Cell {
+    /// The voxel nearest to its middle.
+    middle: u32,
+    voxels: u32,
+}
+
+impl Cells {
+    /// Parts the air into at most `most` cells.
+    pub(crate) fn new(air: &Air, most: usize) -> Self {
+        let whole: Vec<bool> = (0..air.grid().len()).map(|voxel| is_whole(air, voxel)).collect();
+        let mut edge = BLOCK;
+        loop {
+            let cells = Self::with_blocks(air, &whole, [edge, 2 * edge, edge]);
+            if cells.len() <= most || edge >= MOST_BLOCK {
+                return cells;
+            }
+            edge += 1;
+        }
+    }
+
+    fn with_blocks(air: &Air, whole: &[bool], block: [usize; 3]) -> Self {
+        let size = air.grid().size;
+        let blocks = [0, 1, 2].map(|axis| size[axis].div_ceil(block[axis]));
+        let mut cells = Self {
+            cell_of: vec![NOWHERE; whole.len()],
+            cells: Vec::new(),
+            block,
+            blocks,
+            first_in_block: vec![0],
+        };
+        for index in 0..blocks.iter().product() {
+            cells.part(air, whole, index);
+            cells.first_in_block.push(cells.cells.len() as u32);
+        }
+        cells
+    }
+
+    /// Makes the cells of one block.
+    fn part(&mut self, air: &Air, whole: &[bool], index: usize) {
+        for voxel in self.voxels(air, index) {
+            if whole[voxel] && self.cell_of[voxel] == NOWHERE {
+                let members = self.flood(air, whole, index, voxel);
+                let middle = nearest_to_mean(air, &members) as u32;
+                self.cells.push(Cell { middle, voxels: members.len() as u32 });
+            }
+        }
+    }
+
+    /// The voxels of a block that free steps inside of it join to `seed`; they become the next cell.
+    fn flood(&mut self, air: &Air, whole: &[bool], index: usize, seed: usize) -> Vec<usize> {
+        let cell = self.cells.len() as u32;
+        self.cell_of[seed] = cell;
+        let mut members = vec![seed];
+        let mut next = 0;
+        while let Some(&voxel) = members.get(next) {
+            next += 1;
+            for neighbour in air.neighbours(voxel) {
+                let inside = whole[neighbour] && self.block_of(air.grid().cell(neighbour)) == index;
+                if inside && self.cell_of[neighbour] == NOWHERE {
+                    self.cell_of[neighbour] = cell;
+                    members.push(neighbour);
+                }
+            }
+        }
+        members
+    }
+
+    fn voxels(&self, air: &Air, index: usize) -> Vec<usize> {
+        let [across, up, _] = self.blocks;
+        let place = [index % across, index / across % up, index / (across * up)];
+        let range = |axis: usize| {
+            let first = place[axis] * self.block[axis];
+            first..(first + self.block[axis]).min(air.grid().size[axis])
+        };
+        let rows = range(2).flat_map(|z| range(1).map(move |y| (y, z)));
+        rows.flat_map(|(y, z)| range(0).map(move |x| air.grid().index([x, y, z]))).collect()
+    }
+
+    fn block_of(&self, voxel: [usize; 3]) -> usize {
+        let [x, y, z] = [0, 1, 2].map(|axis| voxel[axis] / self.block[axis]);
+        (z * self.blocks[1] + y) * self.blocks[0] + x
+    }
+
+    /// How many cells there are.
+    pub(crate) fn len(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// Bytes that the lists take.
+    pub(crate) fn byte_count(&self) -> usize {
+        size_of_val(self.cell_of.as_slice())
+            + size_of_val(self.cells.as_slice())
+            + size_of_val(self.first_in_block.as_slice())
+    }
+
+    /// The cell that holds a voxel of the air; [`NOWHERE`] beside surfaces.
+    pub(super) fn of_voxel(&self, voxel: usize) -> u32 {
+        self.cell_of[voxel]
+    }
+
+    /// Volume of a cell, cubic metres.
+    pub(super) fn volume_m3(&self, air: &Air, cell: usize) -> f32 {
+        let edge_m = air.grid().cell_m;
+        self.cells[cell].voxels as f32 * (edge_m * edge_m * edge_m)
+    }
+
+    /// Cells around `point` and their weights, which add up to 1: those of the eight blocks next to it whose middle
+    /// is in sight. Without one, the cell of the nearest voxel in sight; empty far from all air.
+    pub(super) fn around(&self, air: &Air, point: &Point3<f32>) -> Vec<(usize, f32)> {
+        let mut around = self.in_sight(air, point);
+        if around.is_empty() {
+            around.extend(self.nearest(air, point).map(|cell| (cell, 1.0)));
+        }
+        let total: f32 = around.iter().map(|(_, weight)| weight).sum();
+        around.iter_mut().for_each(|(_, weight)| *weight /= total);
+        around
+    }
+
+    fn in_sight(&self, air: &Air, point: &Point3<f32>) -> Vec<(usize, f32)> {
+        let mut found = Vec::with_capacity(8);
+        for (block, weight) in self.blocks_around(air, point) {
+            for cell in self.first_in_block[block]..self.first_in_block[block + 1] {
+                let Cell { middle, voxels } = self.cells[cell as usize];
+                let weight = weight * voxels as f32;
+                if weight > 0.0 && air.rays().is_clear(point, &air.grid().center(middle as usize)) {
+                    found.push((cell as usize, weight));
+                }
+            }
+        }
+        found
+    }
+
+    /// The eight blocks whose middles surround `point`, with trilinear weights.
+    fn blocks_around(&self, air: &Air, point: &Point3<f32>) -> Vec<(usize, f32)> {
+        let grid = air.grid();
+        let corner = grid.first_center - Vector3::from_element(0.5 * grid.cell_m);
+        let place = [0, 1, 2]
+            .map(|axis| (point[axis] - corner[axis]) / (grid.cell_m * self.block[axis] as f32) - 0.5);
+        let mut found = Vec::with_capacity(8);
+        for corner in 0..8 {
+            let (mut weight, mut block) = (1.0, [0; 3]);
+            for axis in 0..3 {
+                let (low, step) = (place[axis].floor(), (corner >> axis) & 1);
+                let share = place[axis] - low;
+                weight *= if step == 1 { share } else { 1.0 - share };
+                let index = low + step as f32;
+                let last = self.blocks[axis] as f32 - 1.0;
+                weight *= f32::from(u8::from((0.0..=last).contains(&index)));
+                block[axis] = index.max(0.0) as usize;
+            }
+            if weight > 0.0 {
+                found.push(((block[2] * self.blocks[1] + block[1]) * self.blocks[0] + block[0], weight));
+            }
+        }
+        found
+    }
+
+    /// The cell of the nearest voxel that has one, behind as few surfaces as possible.
+    fn nearest(&self, air: &Air, point: &Point3<f32>) -> Option<usize> {
+        const FAR_M: f32 = 2.0;
+        let start = air.clear_cells(point).first().copied().or_else(|| air.nearest_cell(point))?;
+        if (air.grid().center(start) - point).norm() > FAR_M {
+            return None;
+        }
+        let mut seen = vec![start];
+        let mut next = 0;
+        // Breadth first: the air beside surfaces is a voxel or two thick.
+        const ENOUGH: usize = 4096;
+        while let Some(&voxel) = seen.get(next).filter(|_| next < ENOUGH) {
+            next += 1;
+            if self.cell_of[voxel] != NOWHERE {
+                return Some(self.cell_of[voxel] as usize);
+            }
+            for neighbour in air.neighbours(voxel) {
+                if !seen.contains(&neighbour) {
+                    seen.push(neighbour);
+                }
+            }
+        }
+        None
+    }
+}
+
+/// Whether no surface cuts the axes of a voxel of room air.
+fn is_whole(air: &Air, voxel: usize) -> bool {
+    if !air.in_room(voxel) {
+        return false;
+    }
+    if air.neighbours(voxel).count() == 6 {
+        return true;
+    }
+    let (center, half_m) = (air.grid().center(voxel), 0.5 * air.grid().cell_m);
+    [Vector3::x(), Vector3::y(), Vector3::z()]
+        .iter()
+        .all(|axis| air.rays().is_clear(&(center - axis * half_m), &(center + axis * half_m)))
+}
+
+/// The one of `members` that is nearest to the middle of them all.
+fn nearest_to_mean(air: &Air, members: &[usize]) -> usize {
+    let sum: Vector3<f32> = members.iter().map(|voxel| air.grid().center(*voxel).coords).sum();
+    let mean = Point3::from(sum / members.len() as f32);
+    let distance = |voxel: usize| (air.grid().center(voxel) - mean).norm_squared();
+    members.iter().copied().min_by(|a, b| distance(*a).total_cmp(&distance(*b))).unwrap_or(members[0])
+}

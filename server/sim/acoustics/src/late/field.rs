@@ -1,0 +1,131 @@
+//! The late energy of one source, everywhere.
+
+use super::bins;
+use super::cells::NOWHERE;
+use super::trace::{CHANNELS, Tally, trace};
+use crate::bands::{BANDS, air_loss};
+use crate::images::Images;
+use crate::source::Building;
+use crate::surfaces::SURFACE_BANDS;
+use crate::{SPEED_OF_SOUND_M_S, Settings};
+use avln_geom::{Point3, Rng, Vector3};
+
+/// Draws that belong to late energy and to nothing else.
+const SALT: u64 = 0x5d0_1a7e;
+
+/// The most that the energy of a source may take in memory.
+const MOST_BYTES: usize = 6 << 20;
+
+/// Energy by cell, slice of time, band and direction.
+pub(crate) struct LateField {
+    /// Per cell: its row in `values`, [`NOWHERE`] where nothing arrives.
+    row_of: Vec<u32>,
+    /// `rows × slices × channels`: energy a cubic metre times metres, in the upper half of a 32-bit float.
+    values: Vec<u16>,
+    /// Per slice and band: what the air leaves.
+    air: Vec<[f32; BANDS]>,
+    /// Share of the energy that left the building through holes, 0 to 1.
+    lost_share: f32,
+}
+
+/// Late energy at one place. The direct wave at 1 m has the energy 1.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Echo {
+    /// Slices of time from emission on.
+    pub(crate) slices: Vec<Slice>,
+}
+
+/// What arrives in a slice of time.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Slice {
+    pub(crate) energy: [f32; BANDS],
+    /// Direction in which the energy travels; 0 where it travels evenly in all, length 1 where in one only.
+    pub(crate) flow: Vector3<f32>,
+}
+
+impl LateField {
+    /// So many cells fit into [`MOST_BYTES`].
+    pub(crate) fn most_cells(settings: &Settings) -> usize {
+        MOST_BYTES / (bins::count(settings.response_s).max(1) * CHANNELS * size_of::<u16>())
+    }
+
+    /// Traces the rays of a source whose sound comes into the air at `outlet`, which must be finite.
+    ///
+    /// Left out is what is heard as waves of their own: the direct one, and those of `images`.
+    pub(crate) fn new(building: &Building, outlet: &Point3<f32>, images: &Images) -> Self {
+        Self::with_key(building, outlet, images, key_of(outlet))
+    }
+
+    fn with_key(building: &Building, outlet: &Point3<f32>, images: &Images, key: u64) -> Self {
+        let count = bins::count(building.settings.response_s);
+        let mut tally = trace(building, outlet, images, key, count);
+        divide_by_volumes(building, &mut tally);
+        let air = (0..count).map(|bin| {
+            let middle_s = 0.5 * (bins::start_s(bin) + bins::start_s(bin + 1));
+            air_loss(middle_s * SPEED_OF_SOUND_M_S).map(|db| libm::exp10f(-db / 10.0))
+        });
+        Self {
+            values: tally.sums.iter().map(|value| to_half(*value)).collect(),
+            row_of: tally.row_of,
+            air: air.collect(),
+            lost_share: tally.lost_share,
+        }
+    }
+
+    /// Bytes that the lists take.
+    pub(crate) fn byte_count(&self) -> usize {
+        size_of_val(self.values.as_slice()) + size_of_val(self.row_of.as_slice())
+    }
+
+    /// Share of the energy that left the building through holes, 0 to 1.
+    pub(crate) fn lost_share(&self) -> f32 {
+        self.lost_share
+    }
+
+    /// What arrives at `listener`.
+    pub(crate) fn at(&self, building: &Building, listener: &Point3<f32>) -> Echo {
+        let width = self.air.len() * CHANNELS;
+        let mut sums = vec![0.0_f32; width];
+        for (cell, weight) in building.cells.around(&building.air, listener) {
+            if self.row_of[cell] != NOWHERE {
+                let first = self.row_of[cell] as usize * width;
+                let values = &self.values[first..first + width];
+                sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * from_half(*value));
+            }
+        }
+        let slices = sums.chunks_exact(CHANNELS).zip(&self.air).map(|(channels, air)| slice(channels, air));
+        Echo { slices: slices.collect() }
+    }
+}
+
+fn slice(channels: &[f32], air: &[f32; BANDS]) -> Slice {
+    // The table of surfaces ends at 4 kHz; above, only the air takes more.
+    let energy = std::array::from_fn(|band| channels[band.min(SURFACE_BANDS - 1)] * air[band]);
+    let mean = channels[..SURFACE_BANDS].iter().sum::<f32>() / SURFACE_BANDS as f32;
+    let flux = Vector3::from_column_slice(&channels[SURFACE_BANDS..]);
+    Slice { energy, flow: if mean > 0.0 { flux / mean } else { Vector3::zeros() } }
+}
+
+/// From energy times length to the density of it in each cell.
+fn divide_by_volumes(building: &Building, tally: &mut Tally) {
+    let width = tally.bins * CHANNELS;
+    for (cell, row) in tally.row_of.iter().enumerate().filter(|(_, row)| **row != NOWHERE) {
+        let inverse = 1.0 / building.cells.volume_m3(&building.air, cell);
+        let first = *row as usize * width;
+        tally.sums[first..first + width].iter_mut().for_each(|value| *value *= inverse);
+    }
+}
+
+/// The key of a source's draws: the bits of its place.
+fn key_of(outlet: &Point3<f32>) -> u64 {
+    outlet.iter().fold(SALT, |key, coordinate| Rng::word(key, u64::from(coordinate.to_bits())))
+}
+
+/// The upper half of a float, rounded: 0.4 % steps over the whole range.
+fn to_half(value: f32) -> u16 {
+    ((value.to_bits() + 0x8000) >> 16) as u16
+}
+
+fn from_half(half: u16) -> f32 {
+    f32::from_bits(u32::from(half) << 16)
+}

@@ -1,0 +1,92 @@
+//! A leg of a ray through the voxels of the air (Amanatides and Woo, 1987).
+
+use crate::air::Grid;
+use avln_geom::{Point3, Vector3};
+
+/// Calls `visit` with the index of every voxel on the way from `from` along the unit vector `direction`, and the
+/// metres from `from` at which the way enters and leaves it.
+pub(super) fn march(
+    grid: &Grid,
+    from: &Point3<f32>,
+    direction: &Vector3<f32>,
+    length_m: f32,
+    mut visit: impl FnMut(usize, f32, f32),
+) {
+    let Some((mut at_m, end_m)) = inside(grid, from, direction, length_m) else { return };
+    let (mut voxel, mut crossing_m, mut step_m, mut step) = ([0_i32; 3], [0.0; 3], [0.0; 3], [0_i32; 3]);
+    for axis in 0..3 {
+        let start = from[axis] + direction[axis] * at_m - low(grid, axis);
+        let last = grid.size[axis] as i32 - 1;
+        voxel[axis] = ((start / grid.cell_m) as i32).clamp(0, last);
+        let forward = direction[axis] > 0.0;
+        step[axis] = if forward { 1 } else { -1 };
+        let slowness = inverse(direction[axis]);
+        step_m[axis] = grid.cell_m * slowness.abs();
+        let wall = (voxel[axis] + i32::from(forward)) as f32 * grid.cell_m + low(grid, axis);
+        crossing_m[axis] = (wall - from[axis]) * slowness;
+    }
+    loop {
+        let axis = if crossing_m[0] < crossing_m[1] { 0 } else { 1 };
+        let axis = if crossing_m[2] < crossing_m[axis] { 2 } else { axis };
+        let leave_m = crossing_m[axis].min(end_m);
+        if leave_m > at_m {
+            visit(grid.index(voxel.map(|place| place as usize)), at_m, leave_m);
+            at_m = leave_m;
+        }
+        voxel[axis] += step[axis];
+        if leave_m >= end_m || voxel[axis] < 0 || voxel[axis] >= grid.size[axis] as i32 {
+            return;
+        }
+        crossing_m[axis] += step_m[axis];
+    }
+}
+
+/// Where the grid begins along `axis`.
+fn low(grid: &Grid, axis: usize) -> f32 {
+    grid.first_center[axis] - 0.5 * grid.cell_m
+}
+
+fn inverse(direction: f32) -> f32 {
+    const HUGE: f32 = 1e12;
+    if direction.abs() < 1.0 / HUGE { HUGE.copysign(direction) } else { 1.0 / direction }
+}
+
+/// The part of the leg inside of the grid's box.
+fn inside(grid: &Grid, from: &Point3<f32>, direction: &Vector3<f32>, length_m: f32) -> Option<(f32, f32)> {
+    let (mut near_m, mut far_m) = (0.0_f32, length_m);
+    for axis in 0..3 {
+        let high = low(grid, axis) + grid.size[axis] as f32 * grid.cell_m;
+        let slowness = inverse(direction[axis]);
+        let (a, b) = ((low(grid, axis) - from[axis]) * slowness, (high - from[axis]) * slowness);
+        near_m = near_m.max(a.min(b));
+        far_m = far_m.min(a.max(b));
+    }
+    (near_m < far_m).then_some((near_m, far_m))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use avln_geom::Rng;
+
+    #[test]
+    fn a_leg_is_parted_among_the_voxels_that_hold_it() {
+        let grid = Grid { first_center: Point3::new(-1.0, 0.5, 2.0), cell_m: 0.2, size: [12, 7, 9] };
+        let mut rng = Rng::new(4);
+        for _ in 0..500 {
+            let mut vector = |reach: f32| Vector3::from_fn(|_, _| rng.range(-reach, reach));
+            let (from, direction) = (Point3::new(0.0, 1.0, 3.0) + vector(2.0), vector(1.0).normalize());
+            let (mut before_m, mut total_m) = (None, 0.0);
+            march(&grid, &from, &direction, 3.0, |voxel, enter_m, leave_m| {
+                assert!(before_m.is_none_or(|before: f32| before == enter_m));
+                let middle = from + direction * (0.5 * (enter_m + leave_m));
+                let off = middle - grid.center(voxel);
+                assert!(off.amax() < 0.5 * grid.cell_m + 1e-4, "{off}");
+                before_m = Some(leave_m);
+                total_m += leave_m - enter_m;
+            });
+            let expected_m = inside(&grid, &from, &direction, 3.0).map_or(0.0, |(near, far)| far - near);
+            assert!((total_m - expected_m).abs() < 1e-4, "{total_m} of {expected_m}");
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! Late energy against theory: Eyring, Sabine, diffuse fields.
+
+use super::{LateField, add_tail};
+use crate::images::Images;
+use crate::impulse::ImpulseResponse;
+use crate::source::Building;
+use crate::surfaces::{SURFACE_BANDS, Surface};
+use crate::testing::{Soup, scene};
+use crate::{Head, SPEED_OF_SOUND_M_S, Settings, Surfaces};
+use avln_geom::{Point3, RayMesh};
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+const SIZE_M: [f32; 3] = [6.0, 3.0, 5.0];
+
+fn surface(absorption: f32, scattering: f32) -> Surface {
+    let all = |share| [share; SURFACE_BANDS];
+    Surface::new(all(absorption), all(scattering), all(0.0)).expect("shares")
+}
+
+fn settings(rays: usize) -> Settings {
+    Settings { ray_count: rays, reflection_order: 0, ..Settings::default() }
+}
+
+fn room(surface: Surface, settings: Settings) -> Building {
+    building(&Soup::room(SIZE_M, 1), surface, settings)
+}
+
+fn building(soup: &Soup, surface: Surface, settings: Settings) -> Building {
+    let scene = scene(soup);
+    let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
+    Building::new(&scene, rays, Surfaces::uniform(&scene, surface), settings)
+}
+
+fn field(building: &Building, source: [f32; 3]) -> LateField {
+    LateField::new(building, &source.into(), &Images::new(building, &source.into()))
+}
+
+/// Energy of one band in each slice of time, mean over places all over the room, air taken out of it.
+fn mean_energy(building: &Building, field: &LateField, band: usize) -> Vec<f64> {
+    let places: Vec<_> = (1..6).flat_map(|x| (1..5).map(move |z| [x as f32, 1.3, z as f32])).collect();
+    let mut sums = Vec::new();
+    for place in &places {
+        let echo = field.at(building, &Point3::from(*place));
+        sums.resize(echo.slices.len(), 0.0);
+        for (sum, slice) in sums.iter_mut().zip(&echo.slices) {
+            *sum += f64::from(slice.energy[band]) / places.len() as f64;
+        }
+    }
+    sums
+}
+
+fn mid_s(bin: usize) -> f64 {
+    0.5 * f64::from(super::bins::start_s(bin) + super::bins::start_s(bin + 1))
+}
+
+fn width_s(bin: usize) -> f64 {
+    f64::from(super::bins::start_s(bin + 1) - super::bins::start_s(bin))
+}
+
+/// Seconds for 60 dB, from a straight line through the decibels between two times.
+fn reverberation_s(energy: &[f64], from_s: f64, to_s: f64) -> f64 {
+    let points: Vec<_> = (0..energy.len())
+        .filter(|bin| (from_s..to_s).contains(&mid_s(*bin)))
+        .map(|bin| (mid_s(bin), 10.0 * (energy[bin] / width_s(bin)).log10()))
+        .collect();
+    let count = points.len() as f64;
+    let (x, y) =
+        points.iter().fold((0.0, 0.0), |sum, point| (sum.0 + point.0 / count, sum.1 + point.1 / count));
+    let slope = points.iter().map(|p| (p.0 - x) * (p.1 - y)).sum::<f64>()
+        / points.iter().map(|p| (p.0 - x) * (p.0 - x)).sum::<f64>();
+    -60.0 / slope
+}
+
+/// Volume and surface of the room, and its reverberation after Eyring and Sabine, seconds.
+fn theory(absorption: f64) -> (f64, f64) {
+    let [x, y, z] = SIZE_M.map(f64::from);
+    let (volume, area) = (x * y * z, 2.0 * (x * y + y * z + z * x));
+    let constant = 24.0 * 10.0_f64.ln() / f64::from(SPEED_OF_SOUND_M_S) * volume / area;
+    (constant / -(1.0 - absorption).ln(), constant / absorption)
+}
+
+#[test]
+fn sound_decays_as_eyring_and_sabine_say() {
+    for (absorption, scattering) in [(0.05_f32, 0.5), (0.1, 0.3), (0.2, 0.5), (0.4, 0.9)] {
+        let building = room(surface(absorption, scattering), settings(2000));
+        let energy = mean_energy(&building, &field(&building, [1.4, 1.2, 1.9]), 1);
+        let (eyring_s, sabine_s) = theory(f64::from(absorption));
+        // 250 Hz loses little to the air: 1.31 dB a kilometre.
+        let air = |time_s: f64| 1.0 / (1.0 / time_s + 0.001_31 * f64::from(SPEED_OF_SOUND_M_S) / 60.0);
+        let found_s = reverberation_s(&energy, 0.05 * eyring_s + 0.01, (0.6 * eyring_s).min(0.9));
+        assert!(
+            (0.93 * air(eyring_s)..1.07 * air(sabine_s)).contains(&found_s),
+            "{absorption}, {scattering}: {found_s} s, Eyring {eyring_s}, Sabine {sabine_s}"
+        );
+    }
+}
+
+#[test]
+fn energy_is_kept_where_nothing_absorbs() {
+    let building = room(surface(0.0, 0.5), settings(2000));
+    let field = field(&building, [1.4, 1.2, 1.9]);
+    assert_eq!(field.lost_share(), 0.0);
+    let volume = SIZE_M.iter().map(|edge| f64::from(*edge)).product::<f64>();
+    let energy = mean_energy(&building, &field, 0);
+    // All rays are on their way all the time: 4 pi of energy, spread over the volume.
+    for (bin, energy) in energy.iter().enumerate().filter(|(bin, _)| (20..58).contains(bin)) {
+        let travelled_m = width_s(bin) * f64::from(SPEED_OF_SOUND_M_S);
+        let air = 10.0_f64.powf(-0.000_44 * mid_s(bin) * f64::from(SPEED_OF_SOUND_M_S) / 10.0);
+        let share = energy / (4.0 * PI / volume * travelled_m * air);
+        assert!((share - 1.0).abs() < 0.05, "slice {bin}: {share}");
+    }
+}
+
+#[test]
+fn the_diffuse_level_is_that_of_theory() {
+    for absorption in [0.1_f32, 0.3] {
+        let building = room(surface(absorption, 0.7), settings(2000));
+        let energy: f64 = mean_energy(&building, &field(&building, [1.4, 1.2, 1.9]), 1).iter().sum();
+        let [x, y, z] = SIZE_M.map(f64::from);
+        let area = 2.0 * (x * y + y * z + z * x) * f64::from(absorption);
+        let due_db = 10.0 * (16.0 * PI * (1.0 - f64::from(absorption)) / area).log10();
+        let found_db = 10.0 * energy.log10();
+        assert!((found_db - due_db).abs() < 1.0, "{absorption}: {found_db}, not {due_db} dB");
+    }
+}
+
+#[test]
+fn what_absorbs_all_returns_nothing() {
+    let building = room(surface(1.0, 0.5), settings(500));
+    let energy = mean_energy(&building, &field(&building, [1.4, 1.2, 1.9]), 2);
+    assert!(energy.iter().all(|energy| *energy == 0.0));
+}
+
+#[test]
+fn bands_do_not_mix() {
+    let decay = |other: f32| {
+        let mut kind = surface(0.2, 0.4);
+        kind.absorption[4] = other;
+        let building = room(kind, settings(500));
+        mean_energy(&building, &field(&building, [1.4, 1.2, 1.9]), 2)
+    };
+    let (one, other) = (decay(0.1), decay(0.6));
+    let (one_s, other_s) = (reverberation_s(&one, 0.02, 0.3), reverberation_s(&other, 0.02, 0.3));
+    assert!((one_s / other_s - 1.0).abs() < 0.005, "{one_s} and {other_s}");
+}
+
+#[test]
+fn responses_hold_the_energy_and_the_decay_of_the_field() {
+    let building = room(surface(0.2, 0.5), Settings { head: Head::Omni, ..settings(1000) });
+    let field = field(&building, [1.4, 1.2, 1.9]);
+    let echo = field.at(&building, &Point3::new(4.0, 1.3, 3.0));
+    let mut response = ImpulseResponse::default();
+    add_tail(&mut response, &echo, 3.0, &building.settings);
+    let first = (3.0 / SPEED_OF_SOUND_M_S * 16_000.0) as usize;
+    assert!(response.left[..first].iter().all(|sample| *sample == 0.0));
+    assert_eq!(response.left, response.right);
+    // Octaves of white noise: half an octave up and down, all that is below the first, all that is above the last.
+    let edges_hz = [40.0, 176.8, 353.6, 707.1, 1414.2, 2828.4, 5656.9, 8000.0];
+    for (from_s, to_s) in [(0.0, 0.05), (0.05, 0.16), (0.16, 0.4)] {
+        let within = (0..echo.slices.len()).filter(|bin| (from_s..to_s).contains(&mid_s(*bin)));
+        let due: f64 = within
+            .flat_map(|bin| edges_hz.windows(2).zip(echo.slices[bin].energy))
+            .map(|(edges, energy)| (edges[1] - edges[0]) / 8000.0 * f64::from(energy))
+            .sum();
+        let cut = &response.left[(from_s * 16e3) as usize..(to_s * 16e3) as usize];
+        let found: f64 = cut.iter().map(|sample| f64::from(sample * sample)).sum();
+        let db = 10.0 * (found / due).log10();
+        assert!(db.abs() < 0.5, "{db} dB from {from_s} to {to_s} s");
+    }
+}

@@ -1,0 +1,345 @@
+//! Rays that carry a source's energy through a building.
+
+use super::bins::bin_of;
+use super::cells::NOWHERE;
+use super::march::march;
+use crate::images::{Images, MAX_ORDER};
+use crate::planes::PlaneId;
+use crate::source::Building;
+use crate::surfaces::{SURFACE_BANDS, Surface};
+use avln_geom::{Hit, Point3, Rng, Vector3, angle};
+use std::f32::consts::{PI, TAU};
+
+/// Numbers that are counted per cell and slice of time: the energy of each band, and the flux along x, y, z.
+pub(super) const CHANNELS: usize = SURFACE_BANDS + 3;
+
+/// Rays with less than this share of their first energy in every band end: 65 dB down.
+const FAINT: f32 = 3.2e-7;
+
+/// Rays end after so many surfaces; only those that are caught in a crack meet more.
+const MOST_BOUNCES: u64 = 1 << 14;
+
+/// The next leg starts so far off the surface, metres.
+const OFF_SURFACE_M: f32 = 2e-4;
+
+/// What may go through a surface is followed at least this often, so that quiet rooms are heard evenly.
+const LEAST_FOLLOWED: f32 = 0.02;
+
+/// What all rays of a source leave behind.
+pub(super) struct Tally {
+    /// Per cell: its row in `sums`, [`NOWHERE`] where no ray passed.
+    pub(super) row_of: Vec<u32>,
+    /// `rows × bins × CHANNELS`: energy per square metre re the source's at 1 m, times cubic metres.
+    pub(super) sums: Vec<f32>,
+    pub(super) bins: usize,
+    /// Share of the energy that left the building through holes, mean of the bands.
+    pub(super) lost_share: f32,
+}
+
+/// One ray at the start of a leg.
+#[derive(Clone, Copy)]
+struct Ray {
+    index: u64,
+    origin: Point3<f32>,
+    direction: Vector3<f32>,
+    /// Share of the first energy that is left, by band.
+    weights: [f32; SURFACE_BANDS],
+    length_m: f32,
+    bounces: u64,
+    /// Whether it went through the last surface that it met.
+    went_through: bool,
+    path: Path,
+}
+
+/// What a ray was mirrored in, as long as it may be a wave that is heard as such.
+#[derive(Clone, Copy)]
+struct Path {
+    planes: [PlaneId; MAX_ORDER],
+    /// How many of them; more than [`MAX_ORDER`] for all other ways.
+    len: usize,
+}
+
+impl Path {
+    fn straight() -> Self {
+        Self { planes: [PlaneId::default(); MAX_ORDER], len: 0 }
+    }
+
+    fn mirrored(mut self, plane: Option<PlaneId>) -> Self {
+        match (self.planes.get_mut(self.len), plane) {
+            (Some(last), Some(plane)) => {
+                *last = plane;
+                Self { len: self.len + 1, ..self }
+            }
+            _ => Self::other(),
+        }
+    }
+
+    fn other() -> Self {
+        Self { len: MAX_ORDER + 1, ..Self::straight() }
+    }
+
+    /// Whether waves on this way are heard as such.
+    fn is_wave(&self, images: &Images) -> bool {
+        self.len == 0 || self.planes.get(..self.len).is_some_and(|planes| images.contains(planes))
+    }
+}
+
+/// Sends out the rays of a source at `outlet`; `key` draws their fates.
+pub(super) fn trace(
+    building: &Building,
+    outlet: &Point3<f32>,
+    images: &Images,
+    key: u64,
+    bins: usize,
+) -> Tally {
+    let count = building.settings.ray_count;
+    let mut tracer = Tracer {
+        building,
+        images,
+        key,
+        reach_m: building.settings.reach_m(),
+        energy: 4.0 * PI / count.max(1) as f32,
+        tally: Tally { row_of: vec![NOWHERE; building.cells.len()], sums: Vec::new(), bins, lost_share: 0.0 },
+    };
+    let turn = random_turn(key);
+    for index in 0..count {
+        tracer.follow(Ray {
+            index: index as u64,
+            origin: *outlet,
+            direction: turn * angle::spread_direction(index, count),
+            weights: [1.0; SURFACE_BANDS],
+            length_m: 0.0,
+            bounces: 0,
+            went_through: false,
+            path: Path::straight(),
+        });
+    }
+    tracer.tally.lost_share /= count.max(1) as f32;
+    tracer.tally
+}
+
+struct Tracer<'a> {
+    building: &'a Building,
+    images: &'a Images,
+    key: u64,
+    /// Metres after which rays end.
+    reach_m: f32,
+    /// First energy of a ray.
+    energy: f32,
+    tally: Tally,
+}
+
+impl Tracer<'_> {
+    fn follow(&mut self, mut ray: Ray) {
+        while ray.length_m < self.reach_m && ray.bounces < MOST_BOUNCES {
+            let left_m = self.reach_m - ray.length_m;
+            let hit = self.building.air.rays().cast(&ray.origin, &ray.direction, left_m);
+            let leg_m = hit.map_or(left_m, |hit| hit.distance);
+            let in_air = self.deposit(&ray, leg_m);
+            let Some(hit) = hit else {
+                self.note_lost(&ray, left_m);
+                return;
+            };
+            ray.length_m += leg_m;
+            self.meet(&mut ray, &hit, in_air);
+            if ray.weights.iter().all(|weight| *weight < FAINT) {
+                return;
+            }
+        }
+    }
+
+    /// Counts a leg in the cells on its way; whether it passed the air of a room.
+    fn deposit(&mut self, ray: &Ray, leg_m: f32) -> bool {
+        let (air, cells) = (&self.building.air, &self.building.cells);
+        let counted = !ray.path.is_wave(self.images);
+        let mut in_air = false;
+        let mut run = Run { cell: NOWHERE, from_m: 0.0, to_m: 0.0 };
+        let (tally, energy) = (&mut self.tally, self.energy);
+        march(air.grid(), &ray.origin, &ray.direction, leg_m, |voxel, from_m, to_m| {
+            let cell = cells.of_voxel(voxel);
+            in_air |= cell != NOWHERE || air.in_room(voxel);
+            if cell == run.cell {
+                run.to_m = to_m;
+            } else {
+                let done = std::mem::replace(&mut run, Run { cell, from_m, to_m });
+                if counted {
+                    tally.add(ray, &done, energy);
+                }
+            }
+        });
+        if counted {
+            tally.add(ray, &run, energy);
+        }
+        in_air
+    }
+
+    fn note_lost(&mut self, ray: &Ray, left_m: f32) {
+        let end = ray.origin + ray.direction * left_m;
+        if !self.building.air.grid().holds(&end) {
+            self.tally.lost_share += mean(&ray.weights);
+        }
+    }
+
+    /// What a surface makes of a ray: it goes on behind it, scattered, or as from a mirror.
+    fn meet(&self, ray: &mut Ray, hit: &Hit, in_air: bool) {
+        let surface = self.building.surfaces.of(hit.triangle);
+        let point = ray.origin + ray.direction * hit.distance;
+        let normal = against(&self.building.normals[hit.triangle as usize], &ray.direction);
+        let draw = Draw::new(self.key, ray.index, ray.bounces);
+        ray.bounces += 1;
+        // Inside of a wall nothing is known but that it goes on to the other side.
+        let inside_wall = ray.went_through && !in_air;
+        let fate = if inside_wall { Fate::Through(1.0) } else { Fate::draw(surface, draw.choice) };
+        ray.went_through = matches!(fate, Fate::Through(_));
+        fate.weigh(surface, &mut ray.weights);
+        ray.path = match fate {
+            Fate::Mirrored(_) => ray.path.mirrored(self.building.planes.of(hit.triangle)),
+            _ => Path::other(),
+        };
+        let side = if ray.went_through { -normal } else { normal };
+        ray.origin = point + side * OFF_SURFACE_M;
+        ray.direction = match fate {
+            Fate::Through(_) => ray.direction,
+            Fate::Scattered(_) => lambert(&normal, &draw),
+            Fate::Mirrored(_) => self.mirrored(&ray.direction, hit.triangle, &normal),
+        };
+    }
+
+    /// `direction` after a mirror: in the plane of the triangle where it has one, so that bumps of a scan do not
+    /// bend the way.
+    fn mirrored(&self, direction: &Vector3<f32>, triangle: u32, normal: &Vector3<f32>) -> Vector3<f32> {
+        let planes = &self.building.planes;
+        let by_plane = planes.of(triangle).map(|plane| planes.plane(plane).reflected(direction));
+        let outwards = by_plane.filter(|reflected| reflected.dot(normal) > 0.0);
+        let reflected = outwards.unwrap_or_else(|| direction - normal * (2.0 * direction.dot(normal)));
+        // Rounding must not make rays longer from bounce to bounce.
+        reflected.normalize()
+    }
+}
+
+/// A part of a leg inside of one cell, metres from the leg's start.
+struct Run {
+    cell: u32,
+    from_m: f32,
+    to_m: f32,
+}
+
+impl Tally {
+    fn add(&mut self, ray: &Ray, run: &Run, energy: f32) {
+        if run.cell == NOWHERE {
+            return;
+        }
+        let bin = bin_of(ray.length_m + 0.5 * (run.from_m + run.to_m));
+        if bin >= self.bins {
+            return;
+        }
+        let row = self.row(run.cell as usize);
+        let first = (row * self.bins + bin) * CHANNELS;
+        let amount = energy * (run.to_m - run.from_m);
+        let flux = ray.direction * (amount * mean(&ray.weights));
+        let (bands, along) = self.sums[first..first + CHANNELS].split_at_mut(SURFACE_BANDS);
+        bands.iter_mut().zip(&ray.weights).for_each(|(sum, weight)| *sum += amount * weight);
+        along.iter_mut().zip(flux.iter()).for_each(|(sum, part)| *sum += part);
+    }
+
+    fn row(&mut self, cell: usize) -> usize {
+        if self.row_of[cell] == NOWHERE {
+            let width = self.bins * CHANNELS;
+            self.row_of[cell] = (self.sums.len() / width) as u32;
+            self.sums.resize(self.sums.len() + width, 0.0);
+        }
+        self.row_of[cell] as usize
+    }
+}
+
+/// What becomes of a ray at a surface, and how likely that was.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Fate {
+    Through(f32),
+    Scattered(f32),
+    Mirrored(f32),
+}
+
+impl Fate {
+    /// Chooses by `choice` in [0, 1). How often sound is absorbed does not change what is chosen.
+    fn draw(surface: &Surface, choice: f32) -> Self {
+        let through = match mean(&surface.transmission) {
+            none if none <= 0.0 => 0.0,
+            _ if (0..SURFACE_BANDS).all(|band| surface.returned(band) <= 0.0) => 1.0,
+            some => some.clamp(LEAST_FOLLOWED, 1.0 - LEAST_FOLLOWED),
+        };
+        let scattered = (1.0 - through) * likelihood(&surface.scattering);
+        let mirrored = 1.0 - through - scattered;
+        if choice < through {
+            Self::Through(through)
+        } else if choice < through + scattered || mirrored <= 0.0 {
+            Self::Scattered(scattered)
+        } else {
+            Self::Mirrored(mirrored)
+        }
+    }
+
+    /// What is left of each band: the share that goes this way over how often it is gone.
+    fn weigh(self, surface: &Surface, weights: &mut [f32; SURFACE_BANDS]) {
+        for (band, weight) in weights.iter_mut().enumerate() {
+            let (returned, scattering) = (surface.returned(band), surface.scattering[band]);
+            *weight *= match self {
+                Self::Through(likelihood) => surface.transmission[band] / likelihood,
+                Self::Scattered(likelihood) => returned * scattering / likelihood,
+                Self::Mirrored(likelihood) => returned * (1.0 - scattering) / likelihood,
+            };
+        }
+    }
+}
+
+/// The mean share, kept off 0 and 1 where some band is, so that no band's weight grows without bounds.
+fn likelihood(shares: &[f32; SURFACE_BANDS]) -> f32 {
+    const LEAST: f32 = 0.1;
+    let low = if shares.iter().all(|share| *share <= 0.0) { 0.0 } else { LEAST };
+    let high = if shares.iter().all(|share| *share >= 1.0) { 1.0 } else { 1.0 - LEAST };
+    mean(shares).clamp(low, high)
+}
+
+fn mean(values: &[f32; SURFACE_BANDS]) -> f32 {
+    values.iter().sum::<f32>() / SURFACE_BANDS as f32
+}
+
+/// Three random numbers in [0, 1) of one ray at one surface.
+struct Draw {
+    choice: f32,
+    cos_squared: f32,
+    turn: f32,
+}
+
+impl Draw {
+    fn new(key: u64, ray: u64, bounce: u64) -> Self {
+        let word = Rng::word(key, ray << 20 | bounce);
+        let unit = |shift: u32| (word >> shift & 0x1f_ffff) as f32 / (1 << 21) as f32;
+        Self { choice: unit(0), cos_squared: unit(21), turn: unit(42) }
+    }
+}
+
+/// A direction around `normal` by Lambert's law: the tip of the normal and a random unit vector, added.
+fn lambert(normal: &Vector3<f32>, draw: &Draw) -> Vector3<f32> {
+    let height = 1.0 - 2.0 * draw.cos_squared;
+    let (sin, cos) = angle::sin_cos(TAU * draw.turn);
+    let radius = (1.0 - height * height).max(0.0).sqrt();
+    let direction = normal + Vector3::new(radius * cos, height, radius * sin);
+    // Opposite to the normal the sum is nothing.
+    direction.try_normalize(1e-4).unwrap_or(*normal)
+}
+
+/// `normal`, turned to the side from which `direction` comes.
+fn against(normal: &Vector3<f32>, direction: &Vector3<f32>) -> Vector3<f32> {
+    if normal.dot(direction) > 0.0 { -normal } else { *normal }
+}
+
+/// A rotation that is equally likely to be any (Shoemake 1992, "Uniform random rotations").
+fn random_turn(key: u64) -> avln_geom::UnitQuaternion<f32> {
+    let mut rng = Rng::new(key);
+    let mut unit = || rng.unit() as f32;
+    let (share, first, second) = (unit(), angle::sin_cos(TAU * unit()), angle::sin_cos(TAU * unit()));
+    let (a, b) = ((1.0 - share).sqrt(), share.sqrt());
+    let quaternion = [a * first.0, a * first.1, b * second.0, b * second.1].map(f64::from);
+    angle::rotation(quaternion).unwrap_or_default()
+}

@@ -1,0 +1,240 @@
+//! The table of materials.
+
+use super::{SURFACE_BANDS, Surface};
+
+/// A row of the table.
+struct Row {
+    /// What tokens of a name begin with.
+    words: &'static [&'static str],
+    /// Energy that does not come back, 0 to 1: what sources call absorption, transmission included.
+    lost: [f32; SURFACE_BANDS],
+    scattering: [f32; SURFACE_BANDS],
+    /// Decibels that sound loses on its way through one surface; a wall has two of them.
+    reduction_db: [f32; SURFACE_BANDS],
+}
+
+/// Nothing goes through.
+const CLOSED: [f32; SURFACE_BANDS] = [f32::INFINITY; SURFACE_BANDS];
+
+/// Half of what a heavy wall takes.
+const HEAVY: [f32; SURFACE_BANDS] = [20.0, 22.0, 24.0, 27.0, 30.0, 32.0];
+
+/// Scattering of large smooth surfaces, of surfaces with some relief, and of things with many parts.
+const SMOOTH: [f32; SURFACE_BANDS] = [0.1; SURFACE_BANDS];
+const ROUGH: [f32; SURFACE_BANDS] = [0.1, 0.1, 0.15, 0.2, 0.25, 0.3];
+const BROKEN: [f32; SURFACE_BANDS] = [0.2, 0.25, 0.3, 0.4, 0.5, 0.6];
+
+/// Index of the row for what has no known name.
+pub(super) const UNKNOWN: usize = ROWS.len() - 1;
+
+/// Sources by row: `docs/acoustics.md`. Of several rows that fit a name, the first one counts.
+const ROWS: [Row; 17] = [
+    Row {
+        words: &["curtain", "drape", "blind"],
+        lost: [0.30, 0.45, 0.65, 0.56, 0.59, 0.71],
+        scattering: BROKEN,
+        reduction_db: [7.0, 7.0, 8.0, 9.0, 10.0, 11.0],
+    },
+    Row {
+        words: &["carpet", "rug", "wool", "moquette"],
+        lost: [0.03, 0.09, 0.25, 0.31, 0.33, 0.44],
+        scattering: ROUGH,
+        reduction_db: CLOSED,
+    },
+    Row {
+        words: &[
+            "fabric",
+            "cloth",
+            "textile",
+            "velvet",
+            "cotton",
+            "linen",
+            "denim",
+            "knit",
+            "quilt",
+            "sofa",
+            "couch",
+            "bed",
+            "mattress",
+            "cushion",
+            "pillow",
+            "towel",
+            "blanket",
+            "upholster",
+        ],
+        lost: [0.44, 0.60, 0.77, 0.89, 0.82, 0.70],
+        scattering: BROKEN,
+        reduction_db: CLOSED,
+    },
+    Row {
+        words: &["leather"],
+        lost: [0.40, 0.50, 0.58, 0.61, 0.58, 0.50],
+        scattering: BROKEN,
+        reduction_db: CLOSED,
+    },
+    Row {
+        words: &["foam", "acoustic", "insulation", "mineralwool", "rockwool"],
+        lost: [0.22, 0.60, 0.92, 0.90, 0.88, 0.88],
+        scattering: ROUGH,
+        reduction_db: CLOSED,
+    },
+    Row {
+        words: &["glass", "window", "mirror", "pane"],
+        lost: [0.10, 0.05, 0.04, 0.03, 0.03, 0.03],
+        scattering: SMOOTH,
+        reduction_db: [11.0, 13.5, 14.5, 16.0, 16.0, 16.0],
+    },
+    Row {
+        words: &[
+            "wood", "oak", "pine", "walnut", "parquet", "plywood", "bamboo", "wicker", "laminate", "door",
+            "cabinet", "chest", "table", "shelf", "shelves", "shelving", "wardrobe", "desk",
+        ],
+        lost: [0.14, 0.10, 0.06, 0.08, 0.10, 0.10],
+        scattering: ROUGH,
+        reduction_db: [10.0, 11.5, 13.0, 14.0, 15.0, 16.0],
+    },
+    Row {
+        words: &["brick"],
+        lost: [0.03, 0.03, 0.03, 0.04, 0.05, 0.07],
+        scattering: ROUGH,
+        reduction_db: HEAVY,
+    },
+    Row {
+        words: &["stone", "concrete", "marble", "granite", "terrazzo", "cement", "slate"],
+        lost: [0.02, 0.03, 0.03, 0.03, 0.04, 0.07],
+        scattering: SMOOTH,
+        reduction_db: HEAVY,
+    },
+    Row {
+        words: &["tile", "ceramic", "porcelain", "sink", "toilet", "bathtub", "shower"],
+        lost: [0.01, 0.01, 0.01, 0.02, 0.02, 0.02],
+        scattering: SMOOTH,
+        reduction_db: HEAVY,
+    },
+    Row {
+        words: &[
+            "metal",
+            "steel",
+            "iron",
+            "chrome",
+            "brass",
+            "copper",
+            "aluminium",
+            "aluminum",
+            "appliance",
+            "refrigerator",
+            "fridge",
+            "oven",
+        ],
+        lost: [0.05, 0.04, 0.03, 0.03, 0.03, 0.03],
+        scattering: ROUGH,
+        reduction_db: [15.0, 17.0, 19.0, 21.0, 23.0, 25.0],
+    },
+    Row {
+        words: &["plastic", "rubber", "vinyl", "linoleum", "pvc", "acrylic"],
+        lost: [0.02, 0.03, 0.03, 0.03, 0.03, 0.02],
+        scattering: ROUGH,
+        reduction_db: [18.0, 19.0, 20.0, 21.0, 22.0, 24.0],
+    },
+    Row {
+        words: &["paper", "book", "cardboard", "picture", "poster", "cork"],
+        lost: [0.05, 0.07, 0.10, 0.13, 0.15, 0.18],
+        scattering: BROKEN,
+        reduction_db: CLOSED,
+    },
+    Row {
+        words: &["plant", "leaf", "leaves", "grass", "moss", "foliage"],
+        lost: [0.10, 0.10, 0.12, 0.17, 0.25, 0.30],
+        scattering: BROKEN,
+        reduction_db: CLOSED,
+    },
+    Row {
+        words: &["people", "person", "clothes"],
+        lost: [0.16, 0.24, 0.56, 0.69, 0.81, 0.78],
+        scattering: BROKEN,
+        reduction_db: CLOSED,
+    },
+    Row {
+        words: &["plaster", "drywall", "gypsum", "stucco", "wallpaper", "paint", "wall", "ceiling"],
+        lost: [0.15, 0.10, 0.06, 0.04, 0.04, 0.05],
+        scattering: SMOOTH,
+        reduction_db: [10.0, 14.0, 18.0, 21.0, 23.0, 23.0],
+    },
+    Row {
+        words: &[],
+        lost: [0.12, 0.13, 0.15, 0.17, 0.19, 0.21],
+        scattering: [0.3; SURFACE_BANDS],
+        reduction_db: [12.0, 15.0, 18.0, 21.0, 23.0, 25.0],
+    },
+];
+
+/// The rows as surfaces, in their order.
+pub(super) fn surfaces() -> Vec<Surface> {
+    ROWS.iter().map(Row::surface).collect()
+}
+
+/// Index of the row whose word a token of `name` begins with; `None` when no row knows any.
+pub(super) fn find(name: &str) -> Option<usize> {
+    let tokens = tokens(name);
+    let fits = |row: &Row| row.words.iter().any(|word| tokens.iter().any(|token| token.starts_with(word)));
+    ROWS.iter().position(fits)
+}
+
+/// Words of a name, in lower case: apart at everything but letters, and where a small letter meets a capital.
+fn tokens(name: &str) -> Vec<String> {
+    let mut tokens = vec![String::new()];
+    let mut after_small = false;
+    for letter in name.chars() {
+        if !letter.is_alphabetic() || (after_small && letter.is_uppercase()) {
+            tokens.push(String::new());
+        }
+        after_small = letter.is_lowercase();
+        if let (true, Some(token)) = (letter.is_alphabetic(), tokens.last_mut()) {
+            token.extend(letter.to_lowercase());
+        }
+    }
+    tokens
+}
+
+impl Row {
+    fn surface(&self) -> Surface {
+        let transmission: [f32; SURFACE_BANDS] =
+            std::array::from_fn(|band| libm::exp10f(-self.reduction_db[band] / 10.0));
+        let absorption = std::array::from_fn(|band| (self.lost[band] - transmission[band]).max(0.0));
+        Surface { absorption, scattering: self.scattering, transmission }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_row_is_a_surface() {
+        for (surface, row) in surfaces().into_iter().zip(&ROWS) {
+            let checked = Surface::new(surface.absorption, surface.scattering, surface.transmission);
+            assert_eq!(checked, Ok(surface), "{:?}", row.words);
+        }
+        assert!(ROWS[UNKNOWN].words.is_empty());
+    }
+
+    #[test]
+    fn names_are_found_by_the_beginnings_of_their_words() {
+        let word_of = |name: &str| find(name).map(|row| ROWS[row].words[0]);
+        for (name, word) in [
+            ("wood", "wood"),
+            ("WoodFloorsCrossRED", "wood"),
+            ("aws_robomaker_residential_Carpet_01_0", "carpet"),
+            ("YellowDrywall", "plaster"),
+            ("WhiteMarble2", "stone"),
+            ("shower curtain", "curtain"),
+            ("chest_of_drawers", "wood"),
+            ("KitchenTiles", "tile"),
+        ] {
+            assert_eq!(word_of(name), Some(word), "{name}");
+        }
+        for name in ["", "mat12", "chunk_003", "flat_black", "Material", "drug"] {
+            assert_eq!(word_of(name), None, "{name}");
+        }
+    }
+}
