@@ -43,7 +43,7 @@ pub enum Command {
     /// Look at scenes and export them
     #[command(subcommand)]
     Scene(commands::scene::Command),
-    /// Ask how far it is to walk in a scene, where actions lead and what a camera sees, as Habitat would
+    /// Ask how far it is to walk in a scene, where actions lead and what a camera sees, as Habitat would; and what ears hear
     #[command(subcommand)]
     Sim(commands::sim::Command),
 }

@@ -171,6 +171,42 @@ fn an_exported_scene_holds_the_same_objects() {
 }
 
 #[test]
+fn a_test_room_is_measured_and_written() {
+    let (folder, data) = house();
+    let (wav, plan) = (folder.path().join("rir.wav"), folder.path().join("plan.json"));
+    let [wav, plan] = [&wav, &plan].map(|path| path.to_str().expect("a path in Unicode"));
+    let rir = ["sim", "rir", "--source", "1,1.2,1", "--listener", "3,1.2,1,-90"];
+    let dead = ["--shoebox", "4x3x2.5", "--absorption", "1", "--omni", "--json", "--out", wav];
+    let measured = avln(&data, &[&rir[..], &dead].concat());
+    assert_eq!(measured.code, Some(0), "{measured:?}");
+    let report: serde_json::Value = serde_json::from_str(&measured.out).expect("JSON");
+    let number = |path: &str| report.pointer(path).and_then(serde_json::Value::as_f64).expect(path);
+    assert!((number("/direct_delay_s") - 2.0 / 343.0).abs() < 1e-6, "{report}");
+    assert!((number("/first_arrival_azimuth_deg").abs() - 180.0).abs() < 1e-3, "{report}");
+    assert!((number("/level_db/1000") + 6.02).abs() < 0.1 && number("/itd_us") == 0.0, "{report}");
+    for name in ["t20_s", "t30_s", "edt_s", "c50_db", "ild_db"] {
+        for band in ["125", "250", "500", "1000", "2000", "4000"] {
+            assert!(report.pointer(&format!("/{name}/{band}")).is_some(), "{name} at {band} Hz in {report}");
+        }
+    }
+    assert_eq!(fs::read(wav).expect("a sound file").get(..4), Some(&b"RIFF"[..]));
+
+    fs::write(plan, r#"{"vertices": [[0,0],[4,3],[4,0],[0,3]], "height_m": 2.5}"#).expect("a file");
+    hinted(&data, &[&rir[..], &["--polygon", plan]].concat(), 3, &["corner 0", "corner 2", "once around"]);
+    hinted(&data, &[&rir[..], &["--polygon", "absent.json"]].concat(), 3, &["absent.json"]);
+    hinted(&data, &[&rir[..], &["--shoebox", "2x3x2.5"]].concat(), 5, &["the listener", "outside"]);
+    refused(&data, &[&rir[..], &["--shoebox", "4x3x900"]].concat(), 5);
+    for wrong in [
+        &["--shoebox", "4x3"][..],
+        &["--shoebox", "4x3x2", "--seed", "1"],
+        &["--seed", "1", "--absorption", "7"],
+        &[],
+    ] {
+        assert_eq!(avln(&data, &[&rir[..], wrong].concat()).code, Some(2), "{wrong:?}");
+    }
+}
+
+#[test]
 fn an_agent_without_a_server_is_code_6() {
     let (_folder, data) = house();
     let nobody = TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address");

@@ -1,10 +1,15 @@
-//! Asks the simulator of a scene: how far it is to walk and where actions lead, by Habitat's rules, and what a camera sees.
+//! Asks the simulator of a scene: how far it is to walk and where actions lead, by Habitat's rules, what a camera sees and
+//! what ears hear.
 
 mod bench;
 mod ground;
+mod hall;
+mod listener;
 mod render;
+mod rir;
 mod shot;
 mod walk;
+mod wav;
 
 use crate::say::say;
 use crate::{Failure, FailureKind};
@@ -16,7 +21,7 @@ use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 use walk::{Motion, Start};
 
-/// Commands about walking and seeing in a scene. Positions are in metres in Habitat's frame: Y up, heading 0 looks along
+/// Commands about walking, seeing and hearing in a scene. Positions are in metres in Habitat's frame: Y up, heading 0 looks along
 /// -Z, left turns are positive.
 #[derive(Debug, Subcommand)]
 pub enum Command {
@@ -57,12 +62,15 @@ pub enum Command {
     Render(Box<render::Options>),
     /// Measure how many pictures a second one core takes
     Bench(bench::Options),
+    /// Compute the impulse response from a source to a listener, and measure it
+    Rir(Box<rir::Options>),
 }
 
-/// Carries out a command about walking or seeing.
+/// Carries out a command about walking, seeing or hearing.
 ///
 /// # Errors
-/// When the scene, the navmesh or the file of points, actions or poses cannot be used, or a picture cannot be written.
+/// When the scene, the navmesh or the file of points, actions or poses cannot be used, or a picture or a sound
+/// cannot be written.
 pub fn run(data: &Path, command: Command) -> Result<(), Failure> {
     match command {
         Command::Geodesic { ground, pairs, exact, json } => geodesic(&ground, &pairs, exact, json),
@@ -71,6 +79,7 @@ pub fn run(data: &Path, command: Command) -> Result<(), Failure> {
         }
         Command::Render(options) => render::run(data, &options),
         Command::Bench(options) => bench::run(&options),
+        Command::Rir(options) => rir::run(&options),
     }
 }
 

@@ -31,7 +31,7 @@ pub use clip::{Clip, clip_bank};
 pub use ears::{Ears, Emitter, Listener};
 pub use head::Head;
 pub use impulse::ImpulseResponse;
-pub use measure::{BandMeasures, Measures, interaural_delay_s};
+pub use measure::{BandMeasures, Measures, expected_reverberation_s, interaural_delay_s};
 pub use settings::Settings;
 pub use source::{Acoustics, FirstWave, Source};
 pub use surfaces::{SURFACE_BANDS, Surface, SurfaceError, Surfaces};

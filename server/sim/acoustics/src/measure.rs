@@ -1,11 +1,13 @@
 //! What rooms are described by, from impulse responses (ISO 3382-1).
 
 mod decay;
+mod expected;
 mod lag;
 mod octave;
 
 use crate::{ImpulseResponse, SAMPLE_RATE_HZ, SURFACE_BANDS};
 use decay::Decay;
+pub use expected::expected_reverberation_s;
 use octave::{Octaves, band_energies};
 use std::ops::Range;
 

@@ -29,8 +29,8 @@ pub struct Motion {
 /// Where a walk begins: a place and a heading.
 #[derive(Clone, Debug)]
 pub struct Start {
-    position: Point3<f32>,
-    heading_deg: f64,
+    pub(super) position: Point3<f32>,
+    pub(super) heading_deg: f64,
 }
 
 impl FromStr for Start {

@@ -1,5 +1,6 @@
 use super::*;
 use crate::bands::BAND_HZ;
+use crate::{Surface, Surfaces};
 use std::f64::consts::TAU;
 
 const RATE: f64 = SAMPLE_RATE_HZ as f64;
@@ -127,4 +128,15 @@ fn the_ear_that_leads_is_told_to_a_microsecond() {
         let found = interaural_delay_s(&wave).expect("sound in both ears");
         assert!((found - lead / RATE).abs() < 1e-6, "{lead} samples: {found} s");
     }
+}
+
+#[test]
+fn a_box_is_expected_to_ring_as_sabine_says() {
+    let scene = avln_scene::RoomPlan::shoebox(6.0, 5.0, 3.0).expect("a room").scene();
+    let mut absorption = [0.5; SURFACE_BANDS];
+    absorption[1] = 0.1;
+    let surface = Surface { absorption, scattering: [0.5; 6], transmission: [0.0; 6] };
+    // 0.1611 s/m x 90 m3 / 12.6 m2.
+    let expected_s = expected_reverberation_s(&scene, &Surfaces::uniform(&scene, surface));
+    assert!((expected_s - 1.1508).abs() < 1e-3, "{expected_s}");
 }
