@@ -7,7 +7,7 @@
 use avln_client::{Arena as Client, RunOptions};
 use avln_episode::{Action, Order, Rules, Sensors};
 use avln_geom::Rng;
-use avln_referee::Referee;
+use avln_referee::{Bank, Referee};
 use avln_server::{
     arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
     commands::{phase, split, team},
@@ -121,7 +121,8 @@ impl Indoors {
         let sensors =
             Sensors { rgb: pictures, depth: pictures, audio: senses.audio, ..Sensors::all(side, side) };
         let mission = spec.mission(&self.assets, &rules, order);
-        Referee::new(self.assets.clone(), mission, spec.truth(order), rules, sensors).expect("an episode")
+        let (assets, truth) = (self.assets.clone(), spec.truth(order));
+        Referee::new(assets, mission, truth, rules, sensors, &Bank::default()).expect("an episode")
     }
 
     fn walk(&self, senses: &Senses) -> Cost {

@@ -1,7 +1,7 @@
 //! Building, checking and playing a data set on disk.
 
 use avln_dataset::Recipe;
-use avln_episode::Rules;
+use avln_episode::{Rules, SoundClip};
 use avln_render::Shelf;
 use avln_server::{
     FailureKind,
@@ -174,6 +174,9 @@ async fn a_phase_opens_on_a_split_of_a_data_set_and_reads_missions_one_scene_at_
     };
     let noisy = phase::open(&data, &store, &by("lh-avln-noisy-v1")).await.expect("differs in noise alone");
     assert_eq!((&noisy.rules, &noisy.episodes), (&Rules::noisy(), &phase.episodes));
+    let distinct =
+        phase::open(&data, &store, &by("lh-avln-distinct-v1")).await.expect("differs in clips alone");
+    assert_eq!(distinct.rules.sound_clip, SoundClip::Distinct);
     for (rules, named) in [("lh-avln-authors-v1", "lh-avln-v1"), ("habitat", "lh-avln-noisy-v1")] {
         let refused = phase::open(&data, &store, &by(rules)).await.expect_err("other rules").to_string();
         assert!(refused.contains(rules) && refused.contains(named), "{refused}");

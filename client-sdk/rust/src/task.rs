@@ -115,7 +115,7 @@ rule! {
     SoundingRule {
         /// Unfinished targets in turn, in an order drawn per episode; a found one falls silent at once.
         UnfinishedInDrawnOrder,
-        /// All targets in goal order for ever.
+        /// All targets in goal order for ever. It leaks: the time tells a target's number.
         AllInGoalOrder,
     }
 }
@@ -124,7 +124,9 @@ rule! {
     SoundClip {
         /// One clip for the whole episode, drawn without regard to its targets.
         Anonymous,
-        /// A clip chosen by the target's category.
+        /// Another clip for each target, drawn without regard to it.
+        Distinct,
+        /// A clip chosen by the target's category. It leaks: who knows the clips knows the category.
         ByCategory,
     }
 }
@@ -325,6 +327,7 @@ mod tests {
     fn a_rule_of_a_newer_server_is_other() {
         assert_eq!(PoseFrame::from_wire(v1::PoseFrame::World as i32), PoseFrame::World);
         assert_eq!(FeedbackRule::from_wire(v1::FeedbackRule::None as i32), FeedbackRule::None);
+        assert_eq!(SoundClip::from_wire(v1::SoundClip::Distinct as i32), SoundClip::Distinct);
         assert_eq!(SoundClip::from_wire(9), SoundClip::Other);
         assert_eq!(DepthNoise::from_wire(v1::DepthNoise::Redwood as i32), DepthNoise::Redwood);
         assert_eq!(RgbNoise::from_wire(0), RgbNoise::Other);

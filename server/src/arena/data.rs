@@ -6,6 +6,8 @@ use crate::{
     models::ModelFolder,
 };
 use avln_dataset::Split;
+use avln_episode::Sounds;
+use avln_referee::{Bank, made_bank};
 use avln_render::Shelf;
 use avln_store::Store;
 use serde::{Deserialize, Serialize};
@@ -44,6 +46,15 @@ impl DataFolder {
     /// Where the folder lies.
     pub fn root(&self) -> &Path {
         &self.root
+    }
+
+    /// The clips that `sounds` names.
+    ///
+    /// # Errors
+    /// When they are recordings that the folder does not hold.
+    pub fn bank(&self, sounds: &Sounds) -> Result<Bank, Failure> {
+        made_bank(sounds)
+            .ok_or_else(|| Failure::new(FailureKind::Data, format!("the data folder holds no {sounds:?}")))
     }
 
     /// The models of scenes that it keeps.

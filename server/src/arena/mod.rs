@@ -15,6 +15,7 @@ mod warm;
 use crate::{Failure, FailureKind, dataset::SplitFolder};
 use avln_dataset::EpisodeSpec;
 use avln_episode::{FeedbackRule, Rules};
+use avln_referee::Bank;
 use avln_store::{Phase, PhaseEpisode, PhaseState, Store};
 use data::DataFolder;
 use scenes::SceneCache;
@@ -40,10 +41,11 @@ pub struct Arena {
     playing: Mutex<play::Playing>,
 }
 
-/// A phase and the missions that are played in it.
+/// A phase, the missions that are played in it, and the clips that they draw from.
 struct Stage {
     phase: Phase,
     split: SplitFolder,
+    bank: Bank,
 }
 
 impl Arena {
@@ -89,7 +91,8 @@ impl Stage {
                 Failure::new(FailureKind::Scene, message).hinted("restore the split's files from a backup")
             );
         }
-        Ok(Self { phase, split })
+        let bank = data.bank(&phase.rules.sounds)?;
+        Ok(Self { phase, split, bank })
     }
 
     /// The mission called `id`. Reads the files of its scene when they are not at hand.

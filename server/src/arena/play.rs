@@ -139,7 +139,8 @@ fn make_referee(
     let map = made.then(|| register::map_of(&assets));
     let map = map.map(|map| Scene { name: scene.name, digest: scene.digest, map });
     let mission = spec.mission(&assets, stage.rules(), order);
-    let referee = Referee::new(assets, mission, spec.truth(order), stage.rules().clone(), sensors);
+    let (truth, rules) = (spec.truth(order), stage.rules().clone());
+    let referee = Referee::new(assets, mission, truth, rules, sensors, &stage.bank);
     let referee = referee.map_err(|error| match error {
         RefereeError::Sensors(error) => Refusal::new(Reason::BadRequest, error.to_string()),
         other => Refusal::internal(other),

@@ -42,8 +42,8 @@ pub struct Open {
     /// Who may see paths, maps and targets
     #[arg(long, value_enum, default_value_t = Who::Public)]
     pub replays: Who,
-    /// The rule set that is played; the split's by default. Another must differ from it in noise alone: a split made for
-    /// lh-avln-v1 can be played by lh-avln-noisy-v1
+    /// The rule set that is played; the split's by default. Another must differ from it in noise and clips alone: a split
+    /// made for lh-avln-v1 can be played by lh-avln-noisy-v1 and lh-avln-distinct-v1
     #[arg(long)]
     pub rules: Option<String>,
     /// What an agent learns from a Submit; the rule set says it by default
@@ -151,7 +151,7 @@ fn played(of_split: Rules, name: Option<&str>) -> Result<Rules, Failure> {
         return Ok(rules);
     }
     let message = format!(
-        "rule sets '{name}' and '{}', which the split was made for, differ in more than noise",
+        "rule sets '{name}' and '{}', which the split was made for, differ in more than noise and clips",
         of_split.name
     );
     Err(Failure::new(FailureKind::Scene, message)

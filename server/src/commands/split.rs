@@ -38,7 +38,7 @@ pub struct Make {
     /// Seed of houses and missions
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// The rule set: lh-avln-v1, lh-avln-authors-v1 or lh-avln-noisy-v1
+    /// The rule set: lh-avln-v1, lh-avln-authors-v1, lh-avln-noisy-v1 or lh-avln-distinct-v1
     #[arg(long, default_value = Rules::PAPER)]
     pub rules: String,
 }

@@ -14,6 +14,6 @@ pub use avln_geom::{Point3, Pose};
 pub use mission::{GoalCue, Mission, Modality, Order, RgbImage, UnknownOrder};
 pub use observation::{EndReason, Feedback, Observation, Sensors, SensorsError};
 pub use rules::{
-    DepthNoise, DistanceRule, FeedbackRule, PoseFrame, RgbNoise, Rules, SoundClip, SoundingRule,
+    DepthNoise, DistanceRule, FeedbackRule, PoseFrame, RgbNoise, Rules, SoundClip, SoundingRule, Sounds,
     UnknownRules, WrongSubmit,
 };

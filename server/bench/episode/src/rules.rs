@@ -38,6 +38,9 @@ pub struct Rules {
     pub source_lift_m: f32,
     /// Where the sound itself comes from.
     pub sound_clip: SoundClip,
+    /// What clips are drawn from.
+    #[serde(default)]
+    pub sounds: Sounds,
     /// Radius of success, metres.
     pub success_radius_m: f32,
     /// What the radius is measured between.
@@ -70,7 +73,7 @@ pub enum PoseFrame {
 pub enum SoundingRule {
     /// Unfinished targets in turn, in an order drawn per episode; a found one falls silent at once.
     UnfinishedInDrawnOrder,
-    /// All targets in goal order for ever.
+    /// All targets in goal order for ever. It leaks: the time tells a target's number.
     AllInGoalOrder,
 }
 
@@ -80,8 +83,27 @@ pub enum SoundingRule {
 pub enum SoundClip {
     /// One clip for the whole episode, drawn without regard to its targets.
     Anonymous,
-    /// A clip chosen by the target's category: it gives the category away.
+    /// Another clip for each target, drawn without regard to it: targets can be told apart by ear, and nothing else.
+    Distinct,
+    /// A clip chosen by the target's category. It leaks: who has heard it often enough knows the category.
     ByCategory,
+}
+
+/// What clips are drawn from.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Sounds {
+    /// All clips that are made by rule.
+    #[default]
+    All,
+    /// Those for training.
+    Train,
+    /// Those for validation, of which none is for training.
+    Validation,
+    /// Those for tests, of which none is for training or validation.
+    Test,
+    /// Recordings, by the digest of them all.
+    Own(String),
 }
 
 /// What the radius of success is measured between, and what must be seen.
@@ -150,8 +172,10 @@ impl Rules {
     pub const AUTHORS: &str = "lh-avln-authors-v1";
     /// Name of the default rule set with noisy sensors.
     pub const NOISY: &str = "lh-avln-noisy-v1";
+    /// Name of the default rule set with a clip for each target.
+    pub const DISTINCT: &str = "lh-avln-distinct-v1";
     /// Names of all rule sets.
-    pub const NAMES: [&str; 3] = [Self::PAPER, Self::AUTHORS, Self::NOISY];
+    pub const NAMES: [&str; 4] = [Self::PAPER, Self::AUTHORS, Self::NOISY, Self::DISTINCT];
     /// Elevation up and down that counts as in view, radians: a square picture of 90 degrees.
     pub const HALF_VIEW_RAD: f32 = std::f32::consts::FRAC_PI_4;
 
@@ -164,6 +188,7 @@ impl Rules {
             Self::PAPER => Ok(Self::paper()),
             Self::AUTHORS => Ok(Self::authors()),
             Self::NOISY => Ok(Self::noisy()),
+            Self::DISTINCT => Ok(Self::distinct()),
             other => Err(UnknownRules(other.to_owned())),
         }
     }
@@ -188,6 +213,7 @@ impl Rules {
             sounding_window_steps: 25,
             source_lift_m: 0.0,
             sound_clip: SoundClip::Anonymous,
+            sounds: Sounds::All,
             success_radius_m: 2.0,
             success_distance: DistanceRule::CameraToBox,
             wrong_submit: WrongSubmit::KeepsGoal,
@@ -205,6 +231,11 @@ impl Rules {
             rgb_noise: RgbNoise::Gaussian,
             ..Self::paper()
         }
+    }
+
+    /// [`Rules::paper`] with a clip for each target.
+    pub fn distinct() -> Self {
+        Self { name: Self::DISTINCT.to_owned(), sound_clip: SoundClip::Distinct, ..Self::paper() }
     }
 
     /// What the authors' released code effectively does.
@@ -227,10 +258,21 @@ impl Rules {
         }
     }
 
-    /// Whether an episode made for `other` can be played by these rules: they differ in name and noise at most.
+    /// Whether an episode made for `other` can be played by these rules: they differ in name, noise and clips at most.
     pub fn fits_episodes_of(&self, other: &Self) -> bool {
-        let Self { name, depth_noise, rgb_noise, .. } = self.clone();
-        *self == Self { name, depth_noise, rgb_noise, ..other.clone() }
+        let Self { name, depth_noise, rgb_noise, sound_clip, sounds, .. } = self.clone();
+        *self == Self { name, depth_noise, rgb_noise, sound_clip, sounds, ..other.clone() }
+    }
+
+    /// What sound tells of the targets beside where they are; nothing by rules that do not leak.
+    pub fn leaks(&self) -> Option<&'static str> {
+        let (clip, order) = (self.sound_clip, self.sounding);
+        match (clip == SoundClip::ByCategory, order == SoundingRule::AllInGoalOrder) {
+            (true, true) => Some("the clip tells a target's category, the time its number"),
+            (true, false) => Some("the clip tells a target's category"),
+            (false, true) => Some("the time tells a target's number"),
+            (false, false) => None,
+        }
     }
 
     /// Samples of each ear that one step of simulated time fills.
@@ -265,11 +307,24 @@ mod tests {
     }
 
     #[test]
-    fn rules_that_were_stored_before_there_was_noise_have_none() {
+    fn only_the_authors_rules_leak_and_distinct_ones_fit_the_episodes_of_the_paper() {
+        let leaks = |name: &str| Rules::named(name).expect("a rule set").leaks().is_some();
+        assert_eq!(Rules::NAMES.map(leaks), [false, true, false, false]);
+        let (distinct, own) = (Rules::distinct(), Sounds::Own("c0ffee".to_owned()));
+        assert!(distinct.fits_episodes_of(&Rules::paper()) && distinct.fits_episodes_of(&Rules::noisy()));
+        assert!(Rules { sounds: own, ..distinct.clone() }.fits_episodes_of(&distinct));
+        assert!(!distinct.fits_episodes_of(&Rules::authors()));
+        let leaky = Rules { sound_clip: SoundClip::ByCategory, ..Rules::paper() };
+        assert_eq!(leaky.leaks(), Some("the clip tells a target's category"));
+    }
+
+    #[test]
+    fn rules_that_were_stored_before_there_was_noise_have_none_and_all_sounds() {
         let mut stored = serde_json::to_value(Rules::paper()).expect("JSON");
         let fields = stored.as_object_mut().expect("an object");
         assert_eq!(fields.remove("depth_noise"), Some("none".into()));
         assert_eq!(fields.remove("rgb_noise"), Some("none".into()));
+        assert_eq!(fields.remove("sounds"), Some("all".into()));
         assert_eq!(serde_json::from_value::<Rules>(stored).expect("rules"), Rules::paper());
         let noisy = serde_json::to_string(&Rules::noisy()).expect("JSON");
         assert!(noisy.contains(r#""depth_noise":"redwood","rgb_noise":"gaussian""#), "{noisy}");

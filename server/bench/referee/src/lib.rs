@@ -7,6 +7,9 @@
 
 mod referee;
 mod schedule;
+mod sounds;
 mod success;
 
+pub use avln_world::Bank;
 pub use referee::{Referee, RefereeError, StepOutcome};
+pub use sounds::made_bank;

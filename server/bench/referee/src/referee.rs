@@ -1,12 +1,16 @@
-use crate::{schedule::Schedule, success::SuccessTest};
+use crate::{
+    schedule::Schedule,
+    sounds::{self, TooFewClips},
+    success::SuccessTest,
+};
 use avln_episode::{
     self as episode, Action, EndReason, Feedback, FeedbackRule, Mission, Observation, Order, Pose, PoseFrame,
-    Rules, Sensors, SensorsError, SoundClip, SoundingRule, WrongSubmit,
+    Rules, Sensors, SensorsError, SoundingRule, WrongSubmit,
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
 use avln_world::{
-    DepthNoise, Motion, Noise, RgbNoise, Rng, SceneAssets, Senses, SoundSource, StartError, View, World,
-    WorldOptions, clip_bank,
+    Bank, DepthNoise, Motion, Noise, RgbNoise, Rng, SceneAssets, Senses, StartError, View, World,
+    WorldOptions,
 };
 use std::sync::Arc;
 
@@ -80,22 +84,32 @@ pub enum RefereeError {
         /// What the world said.
         source: StartError,
     },
+    /// The bank cannot give what the rules ask for.
+    #[error("episode {episode}: {source}")]
+    Sounds {
+        /// Id of the episode.
+        episode: String,
+        /// What is missing.
+        source: TooFewClips,
+    },
 }
 
 impl Referee {
     /// Most goals in one mission: one bit each in the record.
     const MAX_GOALS: usize = 8;
 
-    /// Sets the body down at the start of the episode. Nothing is rendered yet.
+    /// Sets the body down at the start of the episode. Nothing is rendered yet. Clips are drawn from `bank`, which is the
+    /// one that the rules name.
     ///
     /// # Errors
-    /// When sensors, mission or start pose are not possible.
+    /// When sensors, mission or start pose are not possible, or the bank holds too few clips.
     pub fn new(
         assets: Arc<SceneAssets>,
         mission: Mission,
         truth: EpisodeTruth,
         rules: Rules,
         sensors: Sensors,
+        bank: &Bank,
     ) -> Result<Self, RefereeError> {
         sensors.validate()?;
         let (goals, targets) = (mission.goals.len(), truth.targets.len());
@@ -103,7 +117,11 @@ impl Referee {
             return Err(RefereeError::Mismatch { episode: truth.episode, goals, targets });
         }
         let rng = Rng::new(truth.seed);
-        let sources = sound_sources(&rules, &truth, &mut rng.fork("clips"));
+        let sources = match sensors.audio {
+            true => sounds::sources(&rules, &truth, bank, &mut rng.fork("clips"))
+                .map_err(|source| RefereeError::Sounds { episode: truth.episode.clone(), source })?,
+            false => Vec::new(),
+        };
         let success = SuccessTest::new(&assets, &truth.targets, &rules);
         let schedule = Schedule::new(&rules, goals, &mut rng.fork("schedule"));
         let options = WorldOptions {
@@ -368,23 +386,6 @@ fn noise(rules: &Rules, seed: u64) -> Noise {
         episode::RgbNoise::Gaussian => RgbNoise::Gaussian,
     };
     Noise { depth, rgb, seed }
-}
-
-/// One source for each target. Clip and offset are drawn without a look at the targets, unless the rules say so.
-fn sound_sources(rules: &Rules, truth: &EpisodeTruth, rng: &mut Rng) -> Vec<SoundSource> {
-    let bank = clip_bank();
-    let anonymous = rng.below(bank.len());
-    let source = |target: &avln_truth::Target| {
-        let clip = match rules.sound_clip {
-            SoundClip::Anonymous => anonymous,
-            SoundClip::ByCategory => Rng::new(0).fork(&target.category).below(bank.len()),
-        };
-        let offset_samples = rng.below(bank[clip].samples.len().max(1));
-        let mut position = target.source;
-        position.y += rules.source_lift_m;
-        SoundSource { position, clip, offset_samples }
-    };
-    truth.targets.iter().map(source).collect()
 }
 
 fn scaled(mut depth: Vec<f32>, divisor: f32) -> Vec<f32> {

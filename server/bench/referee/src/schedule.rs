@@ -100,4 +100,48 @@ mod tests {
         let heard = run(&Rules::authors(), [0; 3], 52);
         assert_eq!((heard[0], heard[25], heard[26], heard[51]), (0, 0, 1, 2));
     }
+
+    /// Share of observations of many episodes in which the target sounds that sounded most often at the same step of as
+    /// many other episodes; and of how many that is.
+    fn guessed(rules: &Rules) -> (f64, f64) {
+        const EPISODES: u64 = 4000;
+        const STEPS: usize = 300;
+        let mut rng = Rng::new(8);
+        let mut episode = |_| {
+            let silent_from: [u32; 3] = std::array::from_fn(|_| rng.below(3 * STEPS) as u32);
+            let mut schedule = Schedule::new(rules, 3, &mut Rng::new(rng.next_u64()).fork("schedule"));
+            let next = |step| schedule.next(&silent_from.map(|from| step >= from), step > 0);
+            (0..STEPS as u32).map(next).collect::<Vec<_>>()
+        };
+        let episodes: Vec<_> = (0..EPISODES).map(&mut episode).collect();
+        let (known, unknown) = episodes.split_at(episodes.len() / 2);
+        let count = |step: usize, goal| known.iter().filter(|heard| heard[step] == Some(goal)).count();
+        let guesses: Vec<_> = (0..STEPS).map(|step| (0..3).max_by_key(|&goal| count(step, goal))).collect();
+        let right = |step: usize| {
+            unknown.iter().filter(|heard| heard[step].is_some() && heard[step] == guesses[step]).count()
+        };
+        let sounding = unknown.iter().flatten().flatten().count();
+        ((0..STEPS).map(right).sum::<usize>() as f64 / sounding as f64, unknown.len() as f64)
+    }
+
+    #[test]
+    fn the_step_does_not_tell_which_target_sounds() {
+        let (right, episodes) = guessed(&Rules::paper());
+        let chance: f64 = 1.0 / 3.0;
+        let deviation = (chance * (1.0 - chance) / episodes).sqrt();
+        assert!(right <= chance + 3.0 * deviation, "{right} are right, {chance} by chance");
+        let (right, _) = guessed(&Rules::authors());
+        assert_eq!(right, 1.0, "this test sees a leak");
+    }
+
+    #[test]
+    fn the_first_target_is_drawn_evenly() {
+        let first = |seed| {
+            Schedule::new(&Rules::paper(), 4, &mut Rng::new(seed).fork("schedule")).next(&[false; 4], false)
+        };
+        let mut counts = [0; 4];
+        (0..4000).filter_map(first).for_each(|goal| counts[goal] += 1);
+        // Three standard deviations of a draw of one in four.
+        assert!(counts.iter().all(|count| (918..=1082).contains(count)), "{counts:?}");
+    }
 }

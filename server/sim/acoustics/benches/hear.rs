@@ -4,7 +4,7 @@
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
-use avln_acoustics::{Acoustics, Ears, Emitter, Listener, Settings, Surfaces, clip_bank};
+use avln_acoustics::{Acoustics, Bank, Clip, Ears, Emitter, Listener, Settings, Surfaces};
 use avln_geom::{Point3, RayMesh, Rng};
 use avln_scene::Scene;
 use avln_scene::procedural::{HouseOptions, house};
@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 const SAMPLES_PER_STEP: usize = 4000;
 
 fn main() {
-    let (_, bank) = timed("clip bank", clip_bank);
+    let (_, bank) = timed("clip bank", || Bank::default().clips().collect::<Vec<Clip>>());
     let given = std::env::args().skip(1).find(|argument| std::path::Path::new(argument).exists());
     let scene = match given {
         Some(path) => avln_scene::open::open(path.as_ref()).expect("a scene"),

@@ -27,7 +27,7 @@ mod taut;
 mod testing;
 mod visibility;
 
-pub use clip::{Clip, clip_bank};
+pub use clip::{Bank, Clip, ClipPool};
 pub use ears::{Ears, Emitter, Listener};
 pub use head::Head;
 pub use impulse::ImpulseResponse;

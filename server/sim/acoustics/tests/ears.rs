@@ -2,7 +2,7 @@
 
 mod common;
 
-use avln_acoustics::{Acoustics, Ears, Emitter, Listener, SAMPLE_RATE_HZ, clip_bank};
+use avln_acoustics::{Acoustics, Bank, Ears, Emitter, Listener, SAMPLE_RATE_HZ};
 use avln_geom::{Point3, Rng};
 use common::{free_field, listener, noise, point, two_rooms};
 
@@ -166,7 +166,7 @@ fn clips_run_on_while_they_are_not_heard() {
 #[test]
 fn the_same_episode_has_the_same_bits_and_leaves_no_trace() {
     let house = two_rooms(true);
-    let bank = clip_bank();
+    let bank: Vec<_> = Bank::default().clips().take(2).collect();
     let run = || {
         let emitters = [point(1.0, 0.4, 1.0), point(7.0, 0.8, 3.2)].into_iter().zip(&bank);
         let emitters = emitters.map(|(position, clip)| Emitter {
@@ -201,7 +201,7 @@ fn a_clip_at_one_metre_has_its_own_level() {
     let house = free_field();
     let emitter = Emitter {
         source: house.source(&point(0.0, 1.0, -1.0)),
-        clip: clip_bank()[0].clone(),
+        clip: Bank::default().clip(0).expect("a clip"),
         offset_samples: 0,
     };
     let mut ears = Ears::new(vec![emitter], SAMPLE_RATE_HZ as usize);

@@ -13,7 +13,7 @@ pub mod stats;
 mod world;
 
 pub use assets::{PrepareError, SceneAssets, Struck};
-pub use avln_acoustics::{Clip, clip_bank};
+pub use avln_acoustics::{Bank, Clip, ClipPool};
 pub use avln_geom::{Aabb, Point3, Pose, Rng};
 pub use avln_navmesh::{Body, DistanceField, NavMesh, NavPoint};
 pub use avln_render::{Camera, DepthNoise, Frame, Model, Noise, Place, RgbNoise, Shelf};

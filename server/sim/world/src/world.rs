@@ -1,5 +1,5 @@
 use crate::SceneAssets;
-use avln_acoustics::{Ears, Emitter, Listener, clip_bank};
+use avln_acoustics::{Clip, Ears, Emitter, Listener};
 use avln_geom::{Point3, Pose, Vector3};
 use avln_navmesh::NavPoint;
 use avln_render::{Camera, Frame, Noise};
@@ -45,12 +45,12 @@ pub struct View {
 }
 
 /// Something that can sound.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SoundSource {
     /// Where, world frame.
     pub position: Point3<f32>,
-    /// What it plays: an index into [`clip_bank`].
-    pub clip: usize,
+    /// What it plays, over and over.
+    pub clip: Clip,
     /// Where in the clip the episode begins, samples.
     pub offset_samples: usize,
 }
@@ -106,16 +106,6 @@ pub enum StartError {
         /// The farthest that it may be.
         limit_m: f32,
     },
-    /// A source plays what does not exist.
-    #[error("sound source {index} plays clip {clip}, but the bank holds {count}; use an index below {count}")]
-    UnknownClip {
-        /// Index of the source.
-        index: usize,
-        /// The clip it asks for.
-        clip: usize,
-        /// Clips in the bank.
-        count: usize,
-    },
 }
 
 /// One body in one building.
@@ -135,7 +125,7 @@ impl World {
     /// A body at `start`, put onto the floor, and the things that may sound around it.
     ///
     /// # Errors
-    /// When the start is off the navmesh or a source names an unknown clip.
+    /// When the start is off the navmesh.
     pub fn new(
         assets: Arc<SceneAssets>,
         start: Pose,
@@ -143,7 +133,7 @@ impl World {
         sources: Vec<SoundSource>,
     ) -> Result<World, StartError> {
         let standing = stand(&assets, &start.position)?;
-        let ears = if options.audio { Some(ears(&assets, &options, &sources)?) } else { None };
+        let ears = options.audio.then(|| ears(&assets, &options, sources));
         let start_heading_rad = start.heading_rad;
         Ok(Self { assets, options, start_heading_rad, turned_deg: 0, standing, steps: 0, ears })
     }
@@ -250,12 +240,11 @@ fn stand(assets: &SceneAssets, position: &Point3<f32>) -> Result<NavPoint, Start
     })
 }
 
-fn ears(assets: &SceneAssets, options: &WorldOptions, sources: &[SoundSource]) -> Result<Ears, StartError> {
-    let bank = clip_bank();
-    let emitters = sources.iter().enumerate().map(|(index, sound)| {
-        let unknown = StartError::UnknownClip { index, clip: sound.clip, count: bank.len() };
-        let clip = bank.get(sound.clip).ok_or(unknown)?.clone();
-        Ok(Emitter { source: assets.source(&sound.position), clip, offset_samples: sound.offset_samples })
-    });
-    Ok(Ears::new(emitters.collect::<Result<_, _>>()?, options.samples_per_step))
+fn ears(assets: &SceneAssets, options: &WorldOptions, sources: Vec<SoundSource>) -> Ears {
+    let emitter = |SoundSource { position, clip, offset_samples }| Emitter {
+        source: assets.source(&position),
+        clip,
+        offset_samples,
+    };
+    Ears::new(sources.into_iter().map(emitter).collect(), options.samples_per_step)
 }

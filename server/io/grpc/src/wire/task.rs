@@ -86,6 +86,7 @@ fn sounding_rule(rule: SoundingRule) -> v1::SoundingRule {
 fn sound_clip(clip: SoundClip) -> v1::SoundClip {
     match clip {
         SoundClip::Anonymous => v1::SoundClip::Anonymous,
+        SoundClip::Distinct => v1::SoundClip::Distinct,
         SoundClip::ByCategory => v1::SoundClip::ByCategory,
     }
 }
@@ -145,6 +146,8 @@ mod tests {
         assert_eq!(paper.pose_frame(), v1::PoseFrame::Start);
         assert_eq!(authors.pose_frame(), v1::PoseFrame::World);
         assert_eq!(paper.sound_clip(), v1::SoundClip::Anonymous);
+        assert_eq!(authors.sound_clip(), v1::SoundClip::ByCategory);
+        assert_eq!(task_spec(&Rules::distinct(), &sensors).sound_clip(), v1::SoundClip::Distinct);
         assert_eq!(paper.samples_per_step, 4000);
         let noisy = task_spec(&Rules::noisy(), &sensors);
         assert_eq!(

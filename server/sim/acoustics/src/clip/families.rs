@@ -1,7 +1,9 @@
 //! The families of clips.
 
-use super::synth::{add, beats, hump, pink, resonate, samples, shaped, silence, sweep, white};
-use crate::SAMPLE_RATE_HZ;
+use super::synth::{
+    add, beats, hump, leveled, low_pass, pink, recur, resonate, samples, shaped, silence, sweep, white,
+};
+use super::tones::{bell, buzz, note};
 use avln_geom::Rng;
 use std::f32::consts::TAU;
 
@@ -13,12 +15,16 @@ pub(super) struct Family {
 }
 
 /// All families.
-pub(super) const FAMILIES: [Family; 6] = [
+pub(super) const FAMILIES: [Family; 10] = [
     Family { name: "pink-bursts", make: pink_bursts },
+    Family { name: "noise-bursts", make: noise_bursts },
     Family { name: "claps", make: claps },
     Family { name: "chirps", make: chirps },
     Family { name: "babble", make: babble },
     Family { name: "rattle", make: rattle },
+    Family { name: "gusts", make: gusts },
+    Family { name: "bells", make: bells },
+    Family { name: "notes", make: notes },
     Family { name: "grains", make: grains },
 ];
 
@@ -31,6 +37,20 @@ fn pink_bursts(rng: &mut Rng) -> Vec<f32> {
     for start in beats(rng, rate_hz, 0.1) {
         let burst = hump(samples(duty / rate_hz), attack);
         add(&mut sound, &shaped(&noise[start % (noise.len() / 2)..], &burst), start, 1.0);
+    }
+    sound
+}
+
+/// Pairs of a strong and a weak burst of coloured noise, 0 to 6 dB an octave down.
+fn noise_bursts(rng: &mut Rng) -> Vec<f32> {
+    let mut noise = white(rng);
+    recur(&mut noise, rng.range(0.0, 0.8), 0.0);
+    let (rate_hz, weak) = (rng.range(4.0, 7.0), rng.range(0.45, 0.75));
+    let mut sound = silence();
+    for (number, start) in beats(rng, rate_hz, 0.2).into_iter().enumerate() {
+        let burst = hump(samples(rng.range(0.4, 0.6) / rate_hz), 0.04);
+        let gain = if number % 2 == 0 { 1.0 } else { weak };
+        add(&mut sound, &shaped(&noise[rng.below(noise.len() / 2)..], &burst), start, gain);
     }
     sound
 }
@@ -51,17 +71,22 @@ fn claps(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// Sweeps over five octaves, up, down or in turn, five to eight a second.
+/// Sweeps over five octaves, up, down or in turn, five to eight a second, with a rush of noise.
 fn chirps(rng: &mut Rng) -> Vec<f32> {
-    let (low_hz, high_hz) = (rng.range(180.0, 300.0), rng.range(6000.0, 7300.0));
-    let rate_hz = rng.range(5.0, 8.0);
+    let noise = leveled(&pink(rng));
+    let (low_hz, high_hz) = (rng.range(150.0, 240.0), rng.range(6400.0, 7500.0));
+    let (rate_hz, rush) = (rng.range(5.0, 8.0), rng.range(0.5, 0.7));
     let manner = rng.below(3);
     let mut sound = silence();
     for (number, start) in beats(rng, rate_hz, 0.15).into_iter().enumerate() {
         let up = manner == 0 || (manner == 2 && number % 2 == 0);
         let (from_hz, to_hz) = if up { (low_hz, high_hz) } else { (high_hz, low_hz) };
         let length = samples(0.85 / rate_hz);
-        add(&mut sound, &shaped(&sweep(from_hz, to_hz, length), &hump(length, 0.1)), start, 1.0);
+        // Nearly flat, so that no end of the sweep is lost.
+        let envelope: Vec<f32> = hump(length, 0.2).iter().map(|height| (3.0 * height).min(1.0)).collect();
+        let tone = leveled(&sweep(from_hz, to_hz, length));
+        add(&mut sound, &shaped(&tone, &envelope), start, 1.0);
+        add(&mut sound, &shaped(&noise[rng.below(noise.len() / 2)..], &envelope), start, rush);
     }
     sound
 }
@@ -90,19 +115,6 @@ fn babble(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// A train of smooth pulses at `pitch_hz`.
-fn buzz(pitch_hz: f32, count: usize) -> Vec<f32> {
-    let turn = TAU * pitch_hz / SAMPLE_RATE_HZ as f32;
-    // A power of a raised cosine: one narrow hump a period.
-    let pulse = |n: usize| {
-        let cosine = 0.5 + 0.5 * libm::cosf((turn * n as f32) % TAU);
-        let squared = cosine * cosine;
-        let fourth = squared * squared;
-        fourth * fourth * fourth - 0.15
-    };
-    (0..count).map(pulse).collect()
-}
-
 /// A shaken box: random knocks on a handful of resonances, louder four to six times a second.
 fn rattle(rng: &mut Rng) -> Vec<f32> {
     let mut knocks = silence();
@@ -120,6 +132,67 @@ fn rattle(rng: &mut Rng) -> Vec<f32> {
         let center_hz = 300.0 * libm::expf(octave as f32 * 0.43) * rng.range(0.85, 1.15);
         let width_hz = rng.range(0.04, 0.1) * center_hz;
         add(&mut sound, &resonate(&knocks, center_hz.min(7000.0), width_hz + 20.0), 0, rng.range(0.6, 1.0));
+    }
+    sound
+}
+
+/// Wind: noise more than three octaves wide whose edges wander up and down, in puffs.
+fn gusts(rng: &mut Rng) -> Vec<f32> {
+    /// Upper edge over the lower one.
+    const WIDTH: f32 = 12.0;
+    let (lowest_hz, octaves) = (rng.range(150.0, 220.0), rng.range(1.0, 1.8));
+    let (waves, phase) = ((3 + rng.below(4)) as f32, rng.range(0.0, TAU));
+    let edge_hz = |share: f32| {
+        let height = 0.5 + 0.5 * libm::sinf(TAU * waves * share + phase);
+        lowest_hz * libm::exp2f(octaves * height)
+    };
+    let mut band = low_pass(&white(rng), |share| WIDTH * edge_hz(share));
+    let below = low_pass(&band, edge_hz);
+    add(&mut band, &below, 0, -1.0);
+    let mut sound: Vec<f32> = band.iter().map(|sample| 0.1 * sample).collect();
+    let rate_hz = rng.range(4.0, 6.0);
+    for start in beats(rng, rate_hz, 0.2) {
+        let puff = hump(samples(0.8 / rate_hz), rng.range(0.08, 0.2));
+        let from_here: Vec<f32> = band.iter().cycle().skip(start).take(puff.len()).copied().collect();
+        add(&mut sound, &shaped(&from_here, &puff), start, rng.range(0.7, 1.0));
+    }
+    sound
+}
+
+/// Bells whose overtones glide, each struck with a hiss.
+fn bells(rng: &mut Rng) -> Vec<f32> {
+    let noise = leveled(&white(rng));
+    let (rate_hz, ratio) = (rng.range(4.5, 7.0), rng.range(1.3, 2.9));
+    let (low_hz, depth, hiss) = (rng.range(300.0, 600.0), rng.range(3.0, 6.0), rng.range(0.5, 0.9));
+    let mut sound = silence();
+    for start in beats(rng, rate_hz, 0.2) {
+        let length = samples(0.95 / rate_hz);
+        let envelope = hump(length, 0.03);
+        let pitch_hz = low_hz * libm::exp2f(rng.range(0.0, 1.0));
+        let tone = leveled(&bell(pitch_hz, ratio, depth, length));
+        add(&mut sound, &shaped(&tone, &envelope), start, 1.0);
+        add(&mut sound, &shaped(&noise[rng.below(noise.len() / 2)..], &envelope), start, hiss);
+    }
+    sound
+}
+
+/// A tune on a reed: notes of a scale, and breath 0 to 6 dB below them.
+fn notes(rng: &mut Rng) -> Vec<f32> {
+    /// A scale of five notes, semitones.
+    const SCALE: [f32; 5] = [0.0, 2.0, 4.0, 7.0, 9.0];
+    let mut breath = pink(rng);
+    add(&mut breath, &white(rng), 0, 0.3);
+    let breath = leveled(&breath);
+    let (rate_hz, lowest_hz) = (rng.range(4.0, 6.5), rng.range(140.0, 260.0));
+    let blown = rng.range(0.5, 1.0);
+    let mut sound = silence();
+    for start in beats(rng, rate_hz, 0.1) {
+        let length = samples(0.9 / rate_hz);
+        let envelope = hump(length, 0.06);
+        let semitones = SCALE[rng.below(SCALE.len())];
+        let pitch_hz = lowest_hz * libm::exp2f(semitones / 12.0);
+        add(&mut sound, &shaped(&leveled(&note(pitch_hz, length)), &envelope), start, 1.0);
+        add(&mut sound, &shaped(&breath[rng.below(breath.len() / 2)..], &envelope), start, blown);
     }
     sound
 }

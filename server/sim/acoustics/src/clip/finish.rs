@@ -1,11 +1,12 @@
 //! What all clips have in common: balance of the spectrum, peaks, level.
 
+use super::loudness::{LOUDNESS, weighted_mean_square};
 use crate::SAMPLE_RATE_HZ;
 use realfft::num_complex::Complex32;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use std::sync::Arc;
 
-/// Root mean square of every clip.
+/// Root mean square while peaks are rounded off.
 const LEVEL: f32 = 0.05;
 
 /// Largest peak over the root mean square: 13 dB.
@@ -43,6 +44,19 @@ impl Finish {
             limit(sound);
             set_level(sound);
         }
+        let audible = self.set_loudness(sound);
+        debug_assert!(audible);
+    }
+
+    /// Brings a loop to the loudness of all clips; false when it is silent or no number.
+    pub(super) fn set_loudness(&self, sound: &mut [f32]) -> bool {
+        let mut spectrum = self.forward.make_output_vec();
+        let done = self.forward.process(&mut sound.to_vec(), &mut spectrum);
+        debug_assert!(done.is_ok());
+        let loudness = weighted_mean_square(&spectrum, sound.len()).sqrt() as f32;
+        let gain = LOUDNESS / loudness;
+        sound.iter_mut().for_each(|sample| *sample *= gain);
+        gain.is_finite() && loudness.is_finite()
     }
 
     /// Weighs the low and the high part of the spectrum so that neither is missing.

@@ -1,6 +1,6 @@
 //! Building blocks of clips. All of them live on a loop: what runs over the end comes in at the start.
 
-use super::CLIP_SAMPLES;
+use super::made::CLIP_SAMPLES;
 use crate::SAMPLE_RATE_HZ;
 use avln_geom::Rng;
 use std::f32::consts::{PI, TAU};
@@ -56,6 +56,26 @@ pub(super) fn recur(signal: &mut [f32], a: f32, b: f32) {
     }
 }
 
+/// A copy of the loop through a low pass of first order whose edge moves: `edge_hz` of the share of the loop that is over.
+pub(super) fn low_pass(signal: &[f32], edge_hz: impl Fn(f32) -> f32) -> Vec<f32> {
+    /// Samples for which the edge stays.
+    const BLOCK: usize = 64;
+    let follow = |block: usize| {
+        let angle = TAU * edge_hz((block * BLOCK) as f32 / signal.len() as f32) / SAMPLE_RATE_HZ as f32;
+        angle / (1.0 + angle)
+    };
+    let follows: Vec<f32> = (0..signal.len().div_ceil(BLOCK)).map(follow).collect();
+    let mut passed = signal.to_vec();
+    let mut level = 0.0;
+    for _ in 0..2 {
+        for (n, (out, input)) in passed.iter_mut().zip(signal).enumerate() {
+            level += follows[n / BLOCK] * (input - level);
+            *out = level;
+        }
+    }
+    passed
+}
+
 /// A copy of the loop through a resonance at `frequency_hz`, `bandwidth_hz` wide, of gain about 1 at its peak.
 pub(super) fn resonate(signal: &[f32], frequency_hz: f32, bandwidth_hz: f32) -> Vec<f32> {
     let rate = SAMPLE_RATE_HZ as f32;
@@ -96,6 +116,13 @@ pub(super) fn beats(rng: &mut Rng, rate_hz: f32, jitter: f32) -> Vec<usize> {
     let share = CLIP_SAMPLES as f32 / count as f32;
     let place = |beat: usize| (beat as f32 + 0.5 + rng.range(-0.5, 0.5) * jitter) * share;
     (0..count).map(place).map(|start| start as usize).collect()
+}
+
+/// A copy of root mean square 1; silence stays.
+pub(super) fn leveled(signal: &[f32]) -> Vec<f32> {
+    let mean_square = signal.iter().map(|sample| sample * sample).sum::<f32>() / signal.len().max(1) as f32;
+    let gain = if mean_square > 0.0 { 1.0 / mean_square.sqrt() } else { 1.0 };
+    signal.iter().map(|sample| gain * sample).collect()
 }
 
 /// The product of two signals, as long as the shorter.

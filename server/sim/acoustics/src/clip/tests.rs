@@ -1,5 +1,6 @@
 use super::*;
-use realfft::RealFftPlanner;
+use crate::SAMPLE_RATE_HZ;
+use realfft::{RealFftPlanner, num_complex::Complex32};
 
 /// Energies of 10 ms frames.
 fn frames(clip: &Clip) -> Vec<f32> {
@@ -8,51 +9,100 @@ fn frames(clip: &Clip) -> Vec<f32> {
     clip.samples.chunks(SAMPLE_RATE_HZ as usize / 100).map(mean_square).collect()
 }
 
-fn share_of_energy(clip: &Clip, from_hz: f32, to_hz: f32) -> f32 {
+fn spectrum(clip: &Clip) -> Vec<Complex32> {
     let forward = RealFftPlanner::<f32>::new().plan_fft_forward(clip.samples.len());
     let mut spectrum = forward.make_output_vec();
     forward.process(&mut clip.samples.to_vec(), &mut spectrum).expect("lengths agree");
-    let bin_hz = SAMPLE_RATE_HZ as f32 / clip.samples.len() as f32;
-    let part = &spectrum[(from_hz / bin_hz) as usize..(to_hz / bin_hz) as usize];
-    let energy =
-        |bins: &[realfft::num_complex::Complex32]| bins.iter().map(|bin| bin.norm_sqr()).sum::<f32>();
-    energy(part) / energy(&spectrum)
+    spectrum
+}
+
+fn energy(bins: &[Complex32]) -> f32 {
+    bins.iter().map(|bin| bin.norm_sqr()).sum()
+}
+
+/// Of a spectrum of which the last bin is at 8 kHz.
+fn share_of_energy(spectrum: &[Complex32], from_hz: f32, to_hz: f32) -> f32 {
+    let bin = |frequency_hz: f32| (frequency_hz / 8000.0 * (spectrum.len() - 1) as f32) as usize;
+    energy(&spectrum[bin(from_hz)..bin(to_hz)]) / energy(spectrum)
+}
+
+fn frequency_below_which(spectrum: &[Complex32], share: f32) -> f32 {
+    let (whole, mut sum) = (energy(spectrum), 0.0);
+    let is_below = |bin: &&Complex32| {
+        sum += bin.norm_sqr();
+        sum < share * whole
+    };
+    spectrum.iter().take_while(is_below).count() as f32 * 8000.0 / (spectrum.len() - 1) as f32
+}
+
+fn bank() -> Vec<Clip> {
+    Bank::default().clips().collect()
 }
 
 #[test]
-fn there_are_many_clips_with_different_names_and_sounds() {
-    let bank = clip_bank();
-    assert!(bank.len() >= 20 && families::FAMILIES.len() >= 5);
+fn there_are_a_hundred_clips_with_different_names_and_sounds() {
+    let bank = bank();
+    assert_eq!((bank.len(), families::FAMILIES.len()), (100, 10));
     for (index, clip) in bank.iter().enumerate() {
+        assert_eq!(clip.samples.len(), 6 * SAMPLE_RATE_HZ as usize);
         assert!(bank[..index].iter().all(|other| other.name != clip.name && other.samples != clip.samples));
     }
-    let again = make(&families::FAMILIES[3], 2, &finish::Finish::new(CLIP_SAMPLES));
-    assert_eq!(again, bank[3 * CLIPS_PER_FAMILY + 2]);
+    assert_eq!(made::make(42), bank[42]);
+    assert_eq!(bank[42].name, "babble-2");
+}
+
+#[test]
+fn pools_share_no_clip_and_every_family_is_in_each() {
+    let names = |pool| Bank::of(pool).clips().map(|clip| clip.name).collect::<Vec<_>>();
+    let pools = [ClipPool::Train, ClipPool::Validation, ClipPool::Test].map(names);
+    assert_eq!(pools.each_ref().map(Vec::len), [70, 15, 15]);
+    let mut all = pools.concat();
+    all.sort();
+    let mut whole = names(ClipPool::All);
+    whole.sort();
+    assert_eq!(all, whole);
+    for family in &families::FAMILIES {
+        let is_in = |pool: &Vec<String>| pool.iter().any(|name| name.starts_with(family.name));
+        assert!(pools.iter().all(is_in), "{}", family.name);
+    }
 }
 
 #[test]
 fn all_clips_are_equally_loud_and_without_sharp_peaks() {
-    for clip in clip_bank() {
+    let mut power = 0.0;
+    for clip in bank() {
         let mean_square = frames(&clip).iter().sum::<f32>() / frames(&clip).len() as f32;
         let level_db = 10.0 * (mean_square / (0.05 * 0.05)).log10();
-        assert!(level_db.abs() < 0.5, "{}: {level_db} dB off", clip.name);
+        assert!(level_db.abs() < 3.0, "{}: {level_db} dB off", clip.name);
+        let loudness_db =
+            10.0 * (loudness::weighted_mean_square(&spectrum(&clip), clip.samples.len())).log10();
+        let wanted_db = 20.0 * f64::from(loudness::LOUDNESS).log10();
+        assert!((loudness_db - wanted_db).abs() < 0.01, "{}: {loudness_db} dB", clip.name);
         let peak = clip.samples.iter().fold(0.0_f32, |peak, sample| peak.max(sample.abs()));
         let crest_db = 10.0 * (peak * peak / mean_square).log10();
         assert!((3.0..=14.0).contains(&crest_db), "{}: crest {crest_db} dB", clip.name);
+        power += mean_square / 100.0;
     }
+    let level_db = 10.0 * (power / (0.05 * 0.05)).log10();
+    assert!(level_db.abs() < 0.1, "the mean over all clips is {level_db} dB off");
 }
 
 #[test]
-fn every_clip_has_lows_and_highs() {
-    for clip in clip_bank() {
-        let (low, high) = (share_of_energy(&clip, 0.0, 1200.0), share_of_energy(&clip, 2000.0, 8000.0));
+fn every_clip_has_lows_and_highs_and_is_more_than_three_octaves_wide() {
+    for clip in bank() {
+        let spectrum = spectrum(&clip);
+        let (low, high) =
+            (share_of_energy(&spectrum, 0.0, 1200.0), share_of_energy(&spectrum, 2000.0, 8000.0));
         assert!(low >= 0.2 && high >= 0.2, "{}: {low} low, {high} high", clip.name);
+        let edges = [0.05, 0.95].map(|share| frequency_below_which(&spectrum, share));
+        let octaves = (edges[1] / edges[0]).log2();
+        assert!(octaves >= 3.0, "{}: 90 % of its energy lies in {octaves} octaves", clip.name);
     }
 }
 
 #[test]
 fn every_clip_has_onsets_and_no_long_gap() {
-    for clip in clip_bank() {
+    for clip in bank() {
         let frames = frames(&clip);
         let around = |index: usize| frames[index % frames.len()];
         let (mut onsets, mut gap, mut longest_gap, mut armed) = (0, 0, 0, true);
@@ -71,7 +121,7 @@ fn every_clip_has_onsets_and_no_long_gap() {
 
 #[test]
 fn the_end_of_a_clip_leads_into_its_start() {
-    for clip in clip_bank() {
+    for clip in bank() {
         let last = clip.samples.len() - 1;
         let mut bends: Vec<f32> = clip.samples.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).abs()).collect();
         bends.sort_by(f32::total_cmp);

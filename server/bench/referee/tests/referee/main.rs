@@ -1,0 +1,5 @@
+//! The referee from outside, on a hand-made floor.
+
+mod floor;
+mod rules;
+mod sounds;
