@@ -19,33 +19,30 @@ pub(crate) type BandLoss = [f32; BANDS];
 /// Absorption of air at 20 degrees Celsius, 50 % humidity and 101.325 kPa, decibels a metre (ISO 9613-1).
 const AIR_DB_PER_M: BandLoss = [0.000_44, 0.001_31, 0.002_73, 0.004_67, 0.009_89, 0.0297, 0.105];
 
-/// Loss through a light partition, decibels: the mass law, 6 dB an octave.
-const PARTITION_DB: BandLoss = [24.0, 30.0, 36.0, 42.0, 48.0, 54.0, 60.0];
-
-/// The most that bending around edges takes, decibels.
-const DIFFRACTION_CAP_DB: f32 = 25.0;
+/// The detour to which longer ones tend, metres: bending takes 25 dB from the band of 4 kHz there, and less from lower
+/// ones.
+const MOST_DETOUR_M: f32 = 0.68;
 
 /// What `length_m` metres of air absorb.
 pub(crate) fn air_loss(length_m: f32) -> BandLoss {
     AIR_DB_PER_M.map(|db| db * length_m)
 }
 
-/// What a closed wall takes.
-pub(crate) fn partition_loss() -> BandLoss {
-    PARTITION_DB
-}
-
-/// What an edge takes from a path that is `detour_m` longer than the straight line: 5 dB at the border of the
-/// shadow, more for deeper shadows and higher bands, never above 25 dB.
+/// What edges take from a path that is `detour_m` longer than the straight line, decibels: 5 dB at the border of the
+/// shadow, more for deeper shadows and higher bands. Deep shadows tend to 25 dB at 4 kHz; the difference between
+/// bands never shrinks on the way there.
 ///
 /// Source: Kurze and Anderson (1971), "Sound attenuation by barriers", Applied Acoustics 4.
 pub(crate) fn diffraction_loss(detour_m: f32) -> BandLoss {
+    let detour_m = detour_m.clamp(0.0, 1e3);
+    let deep = detour_m / MOST_DETOUR_M;
+    let detour_m = detour_m / (1.0 + deep * deep * deep * deep).sqrt().sqrt();
     BAND_HZ.map(|frequency_hz| {
-        let fresnel_number = 2.0 * detour_m.max(0.0) * frequency_hz / SPEED_OF_SOUND_M_S;
+        let fresnel_number = 2.0 * detour_m * frequency_hz / SPEED_OF_SOUND_M_S;
         let x = (2.0 * PI * fresnel_number).sqrt();
         // x / tanh x tends to 1 at the border of the shadow.
         let ratio = if x < 1e-3 { 1.0 } else { x / libm::tanhf(x) };
-        (5.0 + 20.0 * libm::log10f(ratio)).min(DIFFRACTION_CAP_DB)
+        5.0 + 20.0 * libm::log10f(ratio)
     })
 }
 
@@ -122,8 +119,11 @@ mod tests {
 
     #[test]
     fn a_loss_filter_takes_what_it_should_in_every_band() {
-        for loss in [diffraction_loss(0.02), diffraction_loss(1.5), both(&air_loss(20.0), &partition_loss())]
-        {
+        for loss in [
+            diffraction_loss(0.02),
+            diffraction_loss(1.5),
+            both(&air_loss(20.0), &[24.0, 30.0, 36.0, 42.0, 48.0, 54.0, 60.0]),
+        ] {
             let taps = loss_filter(&loss);
             for (db, frequency_hz) in loss.iter().zip(BAND_HZ).take(BANDS - 1) {
                 let taken = -magnitude_db(&taps, frequency_hz);
@@ -135,9 +135,11 @@ mod tests {
     #[test]
     fn the_shadow_begins_with_five_decibels_and_deepens_with_frequency() {
         assert_eq!(diffraction_loss(0.0), [5.0; BANDS]);
-        // N = 2 x 0.343 x 500 / 343 = 1: x = 2.5066, tanh x = 0.9868, 5 + 20 lg 2.540 = 13.10 dB.
-        assert!((diffraction_loss(0.343)[2] - 13.10).abs() < 0.02);
-        let deep = diffraction_loss(1.0);
-        assert!(deep.windows(2).all(|pair| pair[1] >= pair[0]) && deep[6] == DIFFRACTION_CAP_DB);
+        // N = 2 x 0.1715 x 1000 / 343 = 1: x = 2.5066, tanh x = 0.9868, 5 + 20 lg 2.540 = 13.10 dB.
+        assert!((diffraction_loss(0.1715)[3] - 13.10).abs() < 0.02);
+        let tilts: Vec<_> =
+            [0.05, 0.2, 0.5, 1.0, 3.0].map(diffraction_loss).map(|loss| loss[5] - loss[0]).into();
+        assert!(tilts.is_sorted_by(|a, b| a < b), "{tilts:?}");
+        assert!((diffraction_loss(50.0)[5] - 25.0).abs() < 0.1);
     }
 }

@@ -5,7 +5,8 @@
 
 use crate::air::Air;
 use crate::taut::tighten;
-use avln_geom::Point3;
+use crate::ways::{APART_M, LONGER_M};
+use avln_geom::{Point3, RayMesh};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -35,6 +36,12 @@ pub(crate) fn length_m(way: &[Point3<f32>]) -> f32 {
     way.windows(2).map(|leg| (leg[1] - leg[0]).norm()).sum()
 }
 
+/// Distance of two points on a plan, metres.
+pub(crate) fn horizontal_m(one: &Point3<f32>, other: &Point3<f32>) -> f32 {
+    let offset = one - other;
+    (offset.x * offset.x + offset.z * offset.z).sqrt()
+}
+
 impl GeodesicField {
     /// Bytes that the lists take.
     pub(crate) fn byte_count(&self) -> usize {
@@ -60,6 +67,72 @@ impl GeodesicField {
         Some(way)
     }
 
+    /// The shortest way from the same listener that passes obstacles on another side than `first` does and arrives from
+    /// elsewhere; taut. `None` when there is none within a few metres more.
+    pub(crate) fn second_way(&self, air: &Air, first: &[Point3<f32>]) -> Option<Way> {
+        const MOST_TRIED: usize = 32;
+        const MOST_TIGHTENED: usize = 3;
+        let mut bends: Vec<_> = self.other_bends(first).collect();
+        bends.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut tried: Vec<u32> = Vec::new();
+        let new = bends.into_iter().map(|(_, bend)| bend).filter(|bend| {
+            let known = tried.iter().any(|other| self.are_in_line(*bend, *other));
+            let new = !known && self.chain(*bend).all(|point| horizontal_m(point, &first[1]) > APART_M);
+            tried.extend(new.then_some(*bend));
+            new
+        });
+        let other = new.take(MOST_TRIED).filter(|bend| self.is_other(air.rays(), first, *bend));
+        let ways = other.take(MOST_TIGHTENED).map(|bend| {
+            let mut way: Way = std::iter::once(first[0]).chain(self.chain(bend).copied()).collect();
+            tighten(air.rays(), &mut way);
+            way
+        });
+        let mut ways = ways;
+        ways.find(|way| way.len() > 2 && horizontal_m(&way[1], &first[1]) > APART_M)
+    }
+
+    /// Whether two corners lie in one vertical line.
+    fn are_in_line(&self, one: u32, other: u32) -> bool {
+        let [one, other] = [one, other].map(|corner| &self.corners[corner as usize].point);
+        one.x == other.x && one.z == other.z
+    }
+
+    /// Whether the way by `bend` is free, bends around something, and has an obstacle between itself and `first`.
+    fn is_other(&self, rays: &RayMesh, first: &[Point3<f32>], bend: u32) -> bool {
+        let (listener, near) = (&first[0], &first[1]);
+        let corner = &self.corners[bend as usize];
+        let before = &self.corners[corner.before as usize].point;
+        let middle = corner.point + (near - corner.point) * 0.5;
+        let nothing_between = || {
+            rays.is_clear(&corner.point, near)
+                && rays.is_clear(before, &middle)
+                && rays.is_clear(listener, &middle)
+        };
+        rays.is_clear(listener, &corner.point)
+            && is_taut(rays, [listener, &corner.point, before])
+            && !nothing_between()
+    }
+
+    /// Corners off the way `first`, each with the length of the way by it, metres.
+    fn other_bends<'a>(&'a self, first: &'a [Point3<f32>]) -> impl Iterator<Item = (f32, u32)> + 'a {
+        let (listener, shortest_m) = (first[0], length_m(first));
+        let ahead = (first[1] - listener).normalize();
+        self.corners.iter().enumerate().skip(1).filter_map(move |(index, corner)| {
+            let leg = corner.point - listener;
+            let leg_m = leg.norm();
+            let length_m = corner.distance_m + leg_m;
+            let aside =
+                leg.dot(&ahead) < COS_ASIDE * leg_m && horizontal_m(&corner.point, &first[1]) > APART_M;
+            (aside && length_m < shortest_m + LONGER_M).then_some((length_m, index as u32))
+        })
+    }
+
+    /// The corners from `last` back to the source.
+    fn chain(&self, last: u32) -> impl Iterator<Item = &Point3<f32>> {
+        let before = |corner: &u32| (*corner != SOURCE).then(|| self.corners[*corner as usize].before);
+        std::iter::successors(Some(last), before).map(|corner| &self.corners[corner as usize].point)
+    }
+
     /// The way through one cell and its length, metres.
     fn way_by(&self, air: &Air, listener: &Point3<f32>, cell: usize) -> Option<(f32, Way)> {
         let last = self.last_corner[cell];
@@ -68,16 +141,23 @@ impl GeodesicField {
         if !air.rays().is_clear(listener, &corner.point) {
             way.push(air.grid().center(cell));
         }
-        let mut next = last;
-        loop {
-            way.push(self.corners[next as usize].point);
-            if next == SOURCE {
-                break;
-            }
-            next = self.corners[next as usize].before;
-        }
+        way.extend(self.chain(last));
         Some((length_m(&way), way))
     }
+}
+
+/// Cosine of 4 degrees: a second way arrives at least so far from the first.
+const COS_ASIDE: f32 = 0.997_6;
+
+/// Whether the way from `before` by `corner` to `after` bends around something: what is pulled towards the straight line
+/// by more than a cell is caught.
+fn is_taut(rays: &RayMesh, [before, corner, after]: [&Point3<f32>; 3]) -> bool {
+    const PULL_M: f32 = 0.3;
+    let leg = after - before;
+    let along = (corner - before).dot(&leg) / leg.norm_squared().max(f32::MIN_POSITIVE);
+    let offset = before + leg * along.clamp(0.0, 1.0) - corner;
+    let pulled = corner + offset * (PULL_M / offset.norm().max(PULL_M));
+    !(rays.is_clear(before, &pulled) && rays.is_clear(&pulled, after))
 }
 
 /// Index of the source among the corners.

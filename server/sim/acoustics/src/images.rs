@@ -9,6 +9,7 @@ use crate::impulse::Arrival;
 use crate::planes::{Plane, PlaneId};
 use crate::source::Building;
 use crate::surfaces::{SURFACE_BANDS, Surface};
+use crate::ways::SILENT_DB;
 use avln_geom::{Aabb, Point3, Vector3, angle};
 use std::collections::BTreeMap;
 use std::f32::consts::TAU;
@@ -17,16 +18,16 @@ use std::f32::consts::TAU;
 pub(crate) const MAX_ORDER: usize = 3;
 
 /// Rays that look for sequences.
-const RAYS: usize = 8192;
+const RAYS: usize = 32_768;
 
 /// Sequences that fewer rays met are left to the late energy.
-const LEAST_RAYS: u32 = 2;
+const LEAST_RAYS: u32 = 8;
 
 /// Most waves that are returned, the strongest.
 const MAX_ARRIVALS: usize = 40;
 
-/// A band that loses more than this is silent, decibels.
-const SILENT_DB: f32 = 100.0;
+/// Of a turn: what makes a sunflower's pattern (Vogel 1979).
+const GOLDEN_SHARE: f32 = 0.381_966;
 
 /// The planes that a ray is mirrored in, in the order from the source.
 type Sequence = [Option<PlaneId>; MAX_ORDER];
@@ -42,16 +43,34 @@ struct Image {
     sequence: Sequence,
     /// Where the source is seen in the last mirror.
     position: Point3<f32>,
-    /// Around the places where rays met the last mirror, and the gaps between them.
-    lit: Aabb,
+    /// Per mirror: around the places where rays met it, and the gaps between them.
+    lit: [Aabb; MAX_ORDER],
 }
 
 /// What the rays found of a sequence.
 struct Found {
     rays: u32,
-    lit: Aabb,
-    /// Longest way to the last mirror, metres.
-    farthest_m: f32,
+    /// Per mirror: a box around the places where it was met, and the longest way there, metres.
+    met: [(Aabb, f32); MAX_ORDER],
+}
+
+impl Default for Found {
+    fn default() -> Self {
+        let nowhere =
+            Aabb { min: Point3::from([f32::INFINITY; 3]), max: Point3::from([f32::NEG_INFINITY; 3]) };
+        Self { rays: 0, met: [(nowhere, 0.0); MAX_ORDER] }
+    }
+}
+
+impl Found {
+    /// Adds a ray, given where it met each mirror and after how many metres.
+    fn add(&mut self, bounces: &[(Point3<f32>, f32)]) {
+        self.rays += 1;
+        for ((lit, farthest_m), (point, way_m)) in self.met.iter_mut().zip(bounces) {
+            *lit = lit.including(point);
+            *farthest_m = farthest_m.max(*way_m);
+        }
+    }
 }
 
 impl Images {
@@ -81,12 +100,24 @@ impl Images {
         self.images.binary_search_by(|image| image.sequence.cmp(&sequence)).is_ok()
     }
 
-    /// The reflections that reach `listener`, the strongest first.
-    pub(crate) fn arrivals(&self, building: &Building, listener: &Point3<f32>) -> Vec<Arrival> {
+    /// The reflections that reach `listener`, the strongest first. Where a mirror ends they fade over half a metre, but
+    /// for those that do not matter beside `others`, the waves that come without a mirror.
+    pub(crate) fn arrivals(
+        &self,
+        building: &Building,
+        listener: &Point3<f32>,
+        others: &[Arrival],
+    ) -> Vec<Arrival> {
         let reach_m = building.settings.reach_m();
         let lit = self.images.iter().filter(|image| image.may_reach(building, listener, reach_m));
-        let mut arrivals: Vec<_> =
-            lit.filter_map(|image| image.arrival(building, &self.outlet, listener)).collect();
+        let around = places_around(building, listener);
+        let loudest_db = others.iter().map(strength_db).fold(f32::NEG_INFINITY, f32::max);
+        let heard = lit.filter_map(|image| {
+            let most_db = -10.0 * libm::log10f((image.position - listener).norm_squared());
+            let around = if most_db < loudest_db - FAINT_DB { &[] } else { around.as_slice() };
+            image.softly(building, &self.outlet, listener, around)
+        });
+        let mut arrivals: Vec<_> = heard.collect();
         arrivals.sort_by(|a, b| strength_db(b).total_cmp(&strength_db(a)));
         arrivals.truncate(MAX_ARRIVALS);
         arrivals
@@ -98,49 +129,106 @@ fn strength_db(arrival: &Arrival) -> f32 {
     -arrival.loss[3] - 20.0 * libm::log10f(arrival.length_m.max(0.1))
 }
 
+/// What is weaker than the other waves by this may begin and end without a fade, decibels.
+const FAINT_DB: f32 = 12.0;
+
+/// Radius of the disc over which the border of a reflection is blurred, metres.
+const BLUR_M: f32 = 0.25;
+
+/// Places on the rim of that disc: what reaches the middle and all of them reaches the rest; what reaches none does not.
+const RIM: usize = 4;
+
+/// Places spread evenly over a level disc around the listener, as far as nothing hides them from it; the rim first.
+fn places_around(building: &Building, listener: &Point3<f32>) -> Vec<Point3<f32>> {
+    const PLACES: usize = 14;
+    let place = |index: usize| {
+        let radius_m = BLUR_M * ((index as f32 + 0.5) / PLACES as f32).sqrt();
+        let (sin, cos) = angle::sin_cos(TAU * GOLDEN_SHARE * index as f32);
+        listener + Vector3::new(cos, 0.0, sin) * radius_m
+    };
+    let clear = |place: &Point3<f32>| building.air.rays().is_clear(listener, place);
+    (0..PLACES).rev().map(place).filter(clear).collect()
+}
+
 impl Image {
     fn new(building: &Building, outlet: &Point3<f32>, sequence: Sequence, found: &Found) -> Self {
         let position = mirrors(building, &sequence).fold(*outlet, |point, plane| plane.mirrored(&point));
-        // Neighbouring rays are about this far apart where they are farthest; at grazing incidence more.
-        let gap_m = 2.0 * found.farthest_m * (2.0 * TAU / RAYS as f32).sqrt();
-        Self { sequence, position, lit: found.lit.grown(gap_m) }
+        // Neighbouring rays are about so far apart; at grazing incidence more.
+        let spread = 2.0 * (2.0 * TAU / RAYS as f32).sqrt();
+        let lit = found.met.map(|(lit, farthest_m)| lit.grown(spread * farthest_m + BLUR_M));
+        Self { sequence, position, lit }
     }
 
-    /// A cheap test that most images fail: whether the way from the image to `listener` passes the lit part of the
-    /// last mirror.
+    /// A cheap test that most images fail: whether the way from the image to `listener` passes the lit parts of the
+    /// mirrors.
     fn may_reach(&self, building: &Building, listener: &Point3<f32>, reach_m: f32) -> bool {
-        let offset = self.position - listener;
-        let last = self.sequence.iter().flatten().last();
-        let meets = |plane: &Plane| {
-            crossing(plane, listener, &self.position).is_some_and(|point| self.lit.contains(&point))
+        let (mut seen, mut from) = (self.position, *listener);
+        let mut passes = |(id, lit): (&PlaneId, &Aabb)| {
+            let plane = building.planes.plane(*id);
+            let point = crossing(plane, &from, &seen).filter(|point| lit.contains(point));
+            from = point.unwrap_or(from);
+            seen = plane.mirrored(&seen);
+            point.is_some()
         };
-        offset.norm_squared() < reach_m * reach_m
-            && last.is_some_and(|last| meets(building.planes.plane(*last)))
+        let near = (self.position - listener).norm_squared() < reach_m * reach_m;
+        near && self
+            .sequence
+            .iter()
+            .zip(&self.lit)
+            .rev()
+            .filter_map(|(id, lit)| Some((id.as_ref()?, lit)))
+            .all(&mut passes)
     }
 
-    /// The wave, if rays find every mirror where it should be and nothing in the way.
-    fn arrival(&self, building: &Building, outlet: &Point3<f32>, listener: &Point3<f32>) -> Option<Arrival> {
+    /// The wave with the share of its energy that reaches the places around the listener.
+    fn softly(
+        &self,
+        building: &Building,
+        outlet: &Point3<f32>,
+        listener: &Point3<f32>,
+        around: &[Point3<f32>],
+    ) -> Option<Arrival> {
+        let loss_at = |place: &Point3<f32>| self.mirrors_loss(building, outlet, place);
+        let (rim, rest) = around.split_at(around.len().min(RIM));
+        let mut losses: Vec<_> = std::iter::once(listener).chain(rim).filter_map(loss_at).collect();
+        let mirrors = losses.first().copied()?;
+        let mut share = 1.0;
+        if losses.len() <= rim.len() {
+            losses.extend(rest.iter().filter_map(loss_at));
+            share = losses.len() as f32 / (1 + around.len()) as f32;
+        }
         let offset = self.position - listener;
         let length_m = offset.norm();
-        let mut loss = air_loss(length_m);
-        let (mut seen, mut from) = (self.position, *listener);
-        let order = self.sequence.iter().flatten().count();
-        for bounce in (0..order).rev() {
-            let id = self.sequence[bounce]?;
-            let plane = building.planes.plane(id);
-            let point = crossing(plane, &from, &seen)?;
-            let triangle = first_on(building, id, &from, &point)?;
-            loss = both(&loss, &mirror_loss(building.surfaces.of(triangle)));
-            let side = plane.height_m(&from).signum();
-            from = point + plane.normal * (side * (plane.slack_m + 1e-3));
-            seen = plane.mirrored(&seen);
-        }
-        let heard = building.air.rays().is_clear(&from, outlet) && loss.iter().any(|db| *db < SILENT_DB);
+        let other_db = air_loss(length_m).map(|db| db - 10.0 * libm::log10f(share));
+        let loss = both(&mirrors, &other_db);
+        let heard = loss.iter().any(|db| *db < SILENT_DB);
         heard.then(|| Arrival {
             direction: offset / length_m,
             length_m,
             loss: loss.map(|db| db.min(SILENT_DB)),
         })
+    }
+
+    /// What the mirrors take from the wave to `listener`, if rays find every one where it should be and nothing in the
+    /// way.
+    fn mirrors_loss(
+        &self,
+        building: &Building,
+        outlet: &Point3<f32>,
+        listener: &Point3<f32>,
+    ) -> Option<BandLoss> {
+        let mut loss = [0.0; BANDS];
+        let (mut seen, mut from) = (self.position, *listener);
+        for id in self.sequence.iter().rev().flatten() {
+            let plane = building.planes.plane(*id);
+            let point = crossing(plane, &from, &seen)?;
+            let triangle = first_on(building, *id, &from, &point)?;
+            loss = both(&loss, &mirror_loss(building.surfaces.of(triangle)));
+            let side = plane.height_m(&from).signum();
+            from = point + plane.normal * (side * (plane.slack_m + 1e-3));
+            seen = plane.mirrored(&seen);
+        }
+        building.air.rays().is_clear(&from, outlet).then_some(loss)
     }
 }
 
@@ -186,25 +274,20 @@ fn follow(
     found: &mut BTreeMap<Sequence, Found>,
 ) {
     let mut sequence = [None; MAX_ORDER];
+    let mut bounces = [(*outlet, 0.0); MAX_ORDER];
     let (mut from, mut way_m) = (*outlet, 0.0);
     for bounce in 0..order {
-        let Some(hit) = building.air.rays().cast(&from, &direction, building.settings.reach_m() - way_m)
-        else {
-            return;
-        };
-        let id = building.planes.of(hit.triangle);
-        if id.is_none() || (bounce > 0 && sequence[bounce - 1] == id) {
+        let reach_m = building.settings.reach_m() - way_m;
+        let Some(hit) = building.air.rays().cast(&from, &direction, reach_m) else { return };
+        let Some(id) = building.planes.of(hit.triangle) else { return };
+        if bounce > 0 && sequence[bounce - 1] == Some(id) {
             return;
         }
-        let Some(plane) = id.map(|id| building.planes.plane(id)) else { return };
-        sequence[bounce] = id;
         way_m += hit.distance;
-        let point = from + direction * hit.distance;
-        let entry =
-            found.entry(sequence).or_insert(Found { rays: 0, lit: Aabb::new(point, point), farthest_m: 0.0 });
-        entry.rays += 1;
-        entry.lit = entry.lit.union(&Aabb::new(point, point));
-        entry.farthest_m = entry.farthest_m.max(way_m);
+        let (plane, point) = (building.planes.plane(id), from + direction * hit.distance);
+        sequence[bounce] = Some(id);
+        bounces[bounce] = (point, way_m);
+        found.entry(sequence).or_default().add(&bounces[..=bounce]);
         let side = -plane.normal.dot(&direction).signum();
         from = point + plane.normal * (side * (plane.slack_m + 1e-3));
         direction = plane.reflected(&direction);
@@ -213,7 +296,6 @@ fn follow(
 
 /// Directions spread evenly over the sphere: a sunflower's pattern (Vogel 1979) on bands of equal area.
 fn fibonacci_direction(ray: usize) -> Vector3<f32> {
-    const GOLDEN_SHARE: f32 = 0.381_966;
     let height = 1.0 - (2.0 * ray as f32 + 1.0) / RAYS as f32;
     let (sin, cos) = angle::sin_cos(TAU * (GOLDEN_SHARE * ray as f32).fract());
     let radius = (1.0 - height * height).max(0.0).sqrt();
@@ -223,10 +305,8 @@ fn fibonacci_direction(ray: usize) -> Vector3<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::{Soup, scene};
-    use crate::{Settings, Surfaces};
-    use avln_geom::RayMesh;
-    use std::sync::Arc;
+    use crate::Settings;
+    use crate::testing::{self, Soup};
 
     const SURFACE: Surface = Surface {
         absorption: [0.1, 0.12, 0.15, 0.2, 0.3, 0.4],
@@ -235,10 +315,7 @@ mod tests {
     };
 
     fn building(soup: &Soup, reflection_order: usize) -> Building {
-        let scene = scene(soup);
-        let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
-        let settings = Settings { reflection_order, ..Settings::default() };
-        Building::new(&scene, rays, Surfaces::uniform(&scene, SURFACE), settings)
+        testing::building(soup, SURFACE, Settings { reflection_order, ..Settings::default() })
     }
 
     /// Offsets from the listener to all images of `source` in a box room up to `order`, nearest first (Allen and
@@ -269,7 +346,7 @@ mod tests {
         for (pieces, order) in [(1, 1), (1, 2), (9, 2), (1, 3)] {
             let building = building(&Soup::room(size, pieces), order);
             let images = Images::new(&building, &source.into());
-            let mut arrivals = images.arrivals(&building, &listener.into());
+            let mut arrivals = images.arrivals(&building, &listener.into(), &[]);
             arrivals.sort_by(|a, b| a.length_m.total_cmp(&b.length_m));
             let mut expected = images_of_a_box(size, source, listener, order as i32);
             expected.truncate(if order == 3 { 20 } else { expected.len() });
@@ -316,7 +393,7 @@ mod tests {
         for (listener, lengths_m) in
             [([2.0, 1.2, 6.8], &[10.121_27, 10.2][..]), ([3.5, 1.2, 7.5], &[11.853_27])]
         {
-            let arrivals = images.arrivals(&building, &listener.into());
+            let arrivals = images.arrivals(&building, &listener.into(), &[]);
             let found: Vec<_> = arrivals.iter().map(|arrival| arrival.length_m).collect();
             assert_eq!(found.len(), lengths_m.len(), "{found:?}");
             assert!(found.iter().zip(lengths_m).all(|(a, b)| (a - b).abs() < 1e-3), "{found:?}");
@@ -339,6 +416,6 @@ mod tests {
     fn without_mirrors_nothing_is_reflected() {
         let building = building(&Soup::room([6.0, 2.7, 5.0], 1), 0);
         let images = Images::new(&building, &Point3::new(1.0, 1.0, 1.0));
-        assert!(images.arrivals(&building, &Point3::new(4.0, 1.0, 2.0)).is_empty());
+        assert!(images.arrivals(&building, &Point3::new(4.0, 1.0, 2.0), &[]).is_empty());
     }
 }

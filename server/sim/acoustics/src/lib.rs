@@ -26,6 +26,7 @@ mod taut;
 #[cfg(test)]
 mod testing;
 mod visibility;
+mod ways;
 
 pub use clip::{Bank, Clip, ClipPool};
 pub use ears::{Ears, Emitter, Listener};

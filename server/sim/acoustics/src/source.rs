@@ -1,13 +1,12 @@
 //! Sound sources in a building, and the waves that reach a listener from them.
 
 use crate::air::Air;
-use crate::bands::{BandLoss, air_loss, both, diffraction_loss, partition_loss};
-use crate::geodesic::{GeodesicField, Way, length_m};
+use crate::geodesic::{GeodesicField, length_m};
 use crate::images::Images;
 use crate::impulse::{Arrival, ImpulseResponse};
 use crate::late::{Cells, LateField, add_tail};
 use crate::planes::Planes;
-use crate::visibility::visibility;
+use crate::ways::Ways;
 use crate::{Listener, Settings, Surfaces};
 use avln_geom::{Point3, RayMesh, Vector3, angle};
 use avln_scene::Scene;
@@ -174,7 +173,7 @@ impl Source {
         if self.known.building.air.rays().is_clear(point, &self.known.outlet) {
             return Some((self.known.outlet - point).norm());
         }
-        self.known.way_from(point).map(|way| length_m(&way))
+        self.known.ways().shortest(point).map(|way| length_m(&way))
     }
 }
 
@@ -186,49 +185,17 @@ impl Known {
 
     fn arrivals(&self, listener: &Point3<f32>, heading_rad: f32) -> Vec<Arrival> {
         if finite(listener) && finite(&self.outlet) && heading_rad.is_finite() {
-            let mut arrivals = vec![self.first_arrival(listener)];
-            arrivals.extend(self.images.arrivals(&self.building, listener));
+            let mut arrivals = self.ways().arrivals(listener);
+            let mirrored = self.images.arrivals(&self.building, listener, &arrivals);
+            arrivals.extend(mirrored);
             arrivals
         } else {
             Vec::new()
         }
     }
 
-    /// The direct wave, or the one that bends around the edges of the shadow; through the walls where no air leads.
-    ///
-    /// At the border of a shadow the decibels lost to diffraction fade in with what the edge hides of the source.
-    fn first_arrival(&self, listener: &Point3<f32>) -> Arrival {
-        let (direction, straight_m) = bearing(listener, &self.outlet);
-        let seen = visibility(self.building.air.rays(), listener, &self.outlet);
-        let hidden = 1.0 - seen.share;
-        let arrival = |direction, length_m, loss: BandLoss| Arrival {
-            direction,
-            length_m,
-            loss: both(&air_loss(length_m), &loss),
-        };
-        if seen.center {
-            return arrival(direction, straight_m, diffraction_loss(0.0).map(|db| db * hidden));
-        }
-        match self.way_from(listener) {
-            None => arrival(direction, straight_m, partition_loss()),
-            Some(way) => {
-                let length_m = length_m(&way);
-                let loss = diffraction_loss(length_m - straight_m).map(|db| db * hidden);
-                arrival(first_leg(&way), length_m, loss)
-            }
-        }
-    }
-
-    fn way_from(&self, listener: &Point3<f32>) -> Option<Way> {
-        let near = self.building.air.clear_cells(listener);
-        if !near.is_empty() {
-            return self.field.way(&self.building.air, listener, &near);
-        }
-        // Shut in or outside: the way is that of the air next to the listener.
-        let cell = self.building.air.nearest_cell(listener)?;
-        let mut way = self.field.way(&self.building.air, &self.building.air.grid().center(cell), &[cell])?;
-        way.insert(0, *listener);
-        Some(way)
+    fn ways(&self) -> Ways<'_> {
+        Ways { building: &self.building, field: &self.field, outlet: &self.outlet }
     }
 }
 
@@ -236,20 +203,6 @@ impl Known {
 fn azimuth_rad(direction: &Vector3<f32>, heading_rad: f32) -> f32 {
     let (sin, cos) = angle::sin_cos(heading_rad);
     angle::atan2(direction.z * sin - direction.x * cos, -direction.x * sin - direction.z * cos)
-}
-
-/// Unit vector from `from` towards `to` and the distance, metres; straight ahead of heading 0 for equal points.
-fn bearing(from: &Point3<f32>, to: &Point3<f32>) -> (Vector3<f32>, f32) {
-    let offset = to - from;
-    let length_m = offset.norm();
-    if length_m < 1e-6 { (Vector3::new(0.0, 0.0, -1.0), length_m) } else { (offset / length_m, length_m) }
-}
-
-/// Direction in which a way leaves the listener, past corners that are next to it.
-fn first_leg(way: &[Point3<f32>]) -> Vector3<f32> {
-    const NEAR_M: f32 = 0.02;
-    let ahead = way[1..].iter().find(|point| (*point - way[0]).norm() > NEAR_M);
-    bearing(&way[0], ahead.unwrap_or(&way[way.len() - 1])).0
 }
 
 fn finite(point: &Point3<f32>) -> bool {

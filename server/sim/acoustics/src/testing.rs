@@ -1,7 +1,10 @@
 //! Small scenes for unit tests.
 
-use avln_geom::{Point3, angle};
+use crate::source::Building;
+use crate::{Settings, Surface, Surfaces};
+use avln_geom::{Point3, RayMesh, angle};
 use avln_scene::{InstanceId, Lighting, Mesh, Scene};
+use std::sync::Arc;
 
 /// Triangles, each with corners of its own.
 #[derive(Clone, Default)]
@@ -76,5 +79,25 @@ pub(crate) fn scene(soup: &Soup) -> Scene {
         regions: Vec::new(),
         objects: Vec::new(),
         lighting: Lighting::Painted,
+    }
+}
+
+/// Hard and smooth.
+pub(crate) const HARD: Surface =
+    Surface { absorption: [0.1; 6], scattering: [0.1; 6], transmission: [0.0; 6] };
+
+/// A building of one kind of surface.
+pub(crate) fn building(soup: &Soup, surface: Surface, settings: Settings) -> Building {
+    let scene = scene(soup);
+    let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
+    Building::new(&scene, rays, Surfaces::uniform(&scene, surface), settings)
+}
+
+impl Soup {
+    /// The six sides of a block between two opposite corners.
+    pub(crate) fn block(&mut self, low: [f32; 3], high: [f32; 3]) {
+        let mut shape = Self::room([0, 1, 2].map(|axis| high[axis] - low[axis]), 1);
+        shape.corners.iter_mut().for_each(|corner| *corner = [0, 1, 2].map(|axis| corner[axis] + low[axis]));
+        self.corners.extend(shape.corners);
     }
 }

@@ -7,7 +7,7 @@ use std::f32::consts::TAU;
 const RAYS: usize = 32;
 
 /// Radius of the bundle, metres.
-const RADIUS_M: f32 = 0.25;
+const RADIUS_M: f32 = 0.3;
 
 /// What a bundle of parallel rays around the straight line found.
 pub(crate) struct Visibility {

@@ -3,7 +3,7 @@
 mod common;
 
 use avln_acoustics::{Head, ImpulseResponse, Listener, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S, Settings};
-use common::{bin, building_with, free_field, lag_us, level_db, listener, point};
+use common::{bin, free_field, lag_us, level_db, listener, opaque_building, point};
 use std::f64::consts::TAU;
 
 /// Response of a head at the origin to a source `azimuth_deg` to its right, `range_m` away.
@@ -184,7 +184,7 @@ fn a_full_turn_changes_nothing_audible() {
 #[test]
 fn without_a_head_both_ears_hear_the_pressure_at_its_centre() {
     let settings = Settings { head: Head::Omni, ..Settings::default() };
-    let free_field = building_with(&[], settings);
+    let free_field = opaque_building(&[], settings);
     for (azimuth_deg, range_m) in [(0.0, 0.5), (75.0, 1.0), (160.0, 4.3), (-90.0, 16.0)] {
         let (sin, cos) = f32::to_radians(azimuth_deg).sin_cos();
         let source = free_field.source(&point(range_m * sin, 1.0, -range_m * cos));

@@ -57,21 +57,28 @@ struct Path {
     planes: [PlaneId; MAX_ORDER],
     /// How many of them; more than [`MAX_ORDER`] for all other ways.
     len: usize,
+    /// Whether it went through surfaces before any mirror.
+    through: bool,
 }
 
 impl Path {
     fn straight() -> Self {
-        Self { planes: [PlaneId::default(); MAX_ORDER], len: 0 }
+        Self { planes: [PlaneId::default(); MAX_ORDER], len: 0, through: false }
     }
 
     fn mirrored(mut self, plane: Option<PlaneId>) -> Self {
         match (self.planes.get_mut(self.len), plane) {
-            (Some(last), Some(plane)) => {
+            (Some(last), Some(plane)) if !self.through => {
                 *last = plane;
                 Self { len: self.len + 1, ..self }
             }
             _ => Self::other(),
         }
+    }
+
+    /// Straight on behind a surface.
+    fn onwards(self) -> Self {
+        if self.len == 0 { Self { through: true, ..self } } else { Self::other() }
     }
 
     fn other() -> Self {
@@ -194,7 +201,8 @@ impl Tracer<'_> {
         fate.weigh(surface, &mut ray.weights);
         ray.path = match fate {
             Fate::Mirrored(_) => ray.path.mirrored(self.building.planes.of(hit.triangle)),
-            _ => Path::other(),
+            Fate::Through(_) => ray.path.onwards(),
+            Fate::Scattered(_) => Path::other(),
         };
         let side = if ray.went_through { -normal } else { normal };
         ray.origin = point + side * OFF_SURFACE_M;

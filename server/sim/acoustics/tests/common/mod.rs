@@ -1,15 +1,25 @@
 //! Small buildings and measurements that several tests share.
 #![allow(dead_code)]
 
-use avln_acoustics::{Acoustics, Clip, ImpulseResponse, Listener, SAMPLE_RATE_HZ, Settings, Surfaces};
+use avln_acoustics::{
+    Acoustics, Clip, ImpulseResponse, Listener, SAMPLE_RATE_HZ, SURFACE_BANDS, Settings, Surface, Surfaces,
+};
 use avln_geom::{Aabb, Point3, RayMesh, Rng};
 use avln_scene::{InstanceId, Lighting, Mesh, Scene};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// Acoustics of solid boxes, each given by two opposite corners; all that is computed by default.
+/// Acoustics of solid boxes, each given by two opposite corners; all that is computed by default, of a material that
+/// has no name.
 pub(crate) fn building(boxes: &[[[f32; 3]; 2]]) -> Acoustics {
-    building_with(boxes, Settings::default())
+    acoustics(boxes, Settings::default(), Surfaces::by_material)
+}
+
+/// Acoustics of solid boxes that let nothing through.
+pub(crate) fn opaque_building(boxes: &[[[f32; 3]; 2]], settings: Settings) -> Acoustics {
+    let plaster = [0.02, 0.02, 0.03, 0.03, 0.04, 0.05];
+    let surface = Surface::new(plaster, [0.1; SURFACE_BANDS], [0.0; SURFACE_BANDS]).expect("shares");
+    acoustics(boxes, settings, |scene| Surfaces::uniform(scene, surface))
 }
 
 /// Only the first wave, without reflections and late energy.
@@ -17,8 +27,11 @@ pub(crate) fn first_wave() -> Settings {
     Settings { reflection_order: 0, ray_count: 0, ..Settings::default() }
 }
 
-/// Acoustics of solid boxes, each given by two opposite corners.
-pub(crate) fn building_with(boxes: &[[[f32; 3]; 2]], settings: Settings) -> Acoustics {
+fn acoustics(
+    boxes: &[[[f32; 3]; 2]],
+    settings: Settings,
+    surfaces: impl Fn(&Scene) -> Surfaces,
+) -> Acoustics {
     let mut mesh = Mesh::default();
     for [low, high] in boxes {
         add_box(&mut mesh, &Aabb::new((*low).into(), (*high).into()));
@@ -33,7 +46,8 @@ pub(crate) fn building_with(boxes: &[[[f32; 3]; 2]], settings: Settings) -> Acou
         objects: Vec::new(),
         lighting: Lighting::Painted,
     };
-    Acoustics::new(&scene, rays, Surfaces::by_material(&scene), settings)
+    let surfaces = surfaces(&scene);
+    Acoustics::new(&scene, rays, surfaces, settings)
 }
 
 fn add_box(mesh: &mut Mesh, bounds: &Aabb) {
@@ -63,11 +77,15 @@ pub(crate) fn free_field() -> Acoustics {
 /// Two rooms of 4 x 4 x 2.6 m along x, divided at x = 4.0 to 4.2 by a wall whose door is at z = 1.0 to 1.9, as high
 /// as the rooms where `door` is set, else closed.
 pub(crate) fn two_rooms(door: bool) -> Acoustics {
-    two_rooms_with(door, Settings::default())
+    building(&two_rooms_boxes(door))
 }
 
-/// The same two rooms.
-pub(crate) fn two_rooms_with(door: bool, settings: Settings) -> Acoustics {
+/// The same two rooms, of what lets nothing through.
+pub(crate) fn opaque_rooms(door: bool, settings: Settings) -> Acoustics {
+    opaque_building(&two_rooms_boxes(door), settings)
+}
+
+fn two_rooms_boxes(door: bool) -> Vec<[[f32; 3]; 2]> {
     let mut boxes = vec![
         [[-0.2, -0.2, -0.2], [8.4, 0.0, 4.2]],
         [[-0.2, 2.6, -0.2], [8.4, 2.8, 4.2]],
@@ -81,7 +99,7 @@ pub(crate) fn two_rooms_with(door: bool, settings: Settings) -> Acoustics {
     if !door {
         boxes.push([[4.0, 0.0, 1.0], [4.2, 2.6, 1.9]]);
     }
-    building_with(&boxes, settings)
+    boxes
 }
 
 pub(crate) fn point(x: f32, y: f32, z: f32) -> Point3<f32> {
