@@ -3,6 +3,8 @@
 mod bins;
 mod cells;
 mod diffuse;
+mod directed;
+mod envelope;
 mod field;
 mod fourier;
 mod march;

@@ -136,10 +136,10 @@ impl Source {
         let known = &self.known;
         let arrivals = known.arrivals(&listener.position, listener.heading_rad);
         let mut response = ImpulseResponse::new(listener, &arrivals, &known.building.settings);
-        let first_m = arrivals.iter().map(|arrival| arrival.length_m).reduce(f32::min);
-        if let (Some(first_m), Some(late)) = (first_m, &known.late) {
+        // Through walls some may come earlier, but hardly any.
+        if let (Some(first), Some(late)) = (arrivals.first(), &known.late) {
             let echo = late.at(&known.building, &listener.position);
-            add_tail(&mut response, &echo, first_m, &known.building.settings);
+            add_tail(&mut response, listener, &echo, first.length_m, &known.building.settings);
         }
         response
     }

@@ -1,6 +1,7 @@
 //! How heads hear sound that comes from everywhere.
 
 use super::noise::{Diffuse, Noise};
+use crate::bands::{BAND_HZ, BANDS};
 use crate::head::{EarResponse, HEAD_LEAD, HEAD_TAPS};
 use crate::{Head, SAMPLE_RATE_HZ};
 use avln_geom::{Vector3, angle};
@@ -14,25 +15,88 @@ const DIRECTIONS: usize = 256;
 /// Frequencies at which is measured: multiples of 125 Hz up to half the sample rate.
 const FREQUENCIES: usize = 65;
 
-/// From farther than this, waves are flat, metres.
-const FAR_M: f32 = 1e6;
+/// Above this, filters roll off.
+const MOST_PROBED_HZ: f64 = 6000.0;
 
-/// The noise that `head` hears late energy as.
-pub(super) fn noise_for(head: &Head) -> &'static Noise {
-    static SPHERE: OnceLock<Noise> = OnceLock::new();
-    static OMNI: OnceLock<Noise> = OnceLock::new();
-    let place = match head {
-        Head::Sphere => &SPHERE,
-        Head::Omni => &OMNI,
+/// From farther than this, waves are flat, metres.
+pub(super) const FAR_M: f32 = 1e6;
+
+/// What a head makes of late energy.
+pub(super) struct HeardField {
+    pub(super) noise: Noise,
+    /// Energy at an ear relative to that in the free field, by band, for sound from everywhere.
+    energy: [f32; BANDS],
+}
+
+impl HeardField {
+    /// That of `head`, computed on first use.
+    pub(super) fn of(head: &Head) -> &'static Self {
+        static SPHERE: OnceLock<HeardField> = OnceLock::new();
+        static OMNI: OnceLock<HeardField> = OnceLock::new();
+        let place = match head {
+            Head::Sphere => &SPHERE,
+            Head::Omni => &OMNI,
+        };
+        place.get_or_init(|| Self::new(|direction| head.ears(direction, 0.0, FAR_M)))
+    }
+
+    fn new(ears: impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Self {
+        let known = diffuse_field(&ears);
+        let noise = Noise::new(|frequency_hz| between(&known, frequency_hz));
+        let mut energy = [0.0; BANDS];
+        for index in 0..DIRECTIONS {
+            for ear in ears(&angle::spread_direction(index, DIRECTIONS)) {
+                let heard = band_energies(&ear);
+                energy.iter_mut().zip(heard).for_each(|(sum, heard)| *sum += 0.5 * heard / DIRECTIONS as f32);
+            }
+        }
+        Self { noise, energy }
+    }
+
+    /// Energy at an ear that answers `response` to a wave, over that for sound from everywhere, by band.
+    pub(super) fn tilt(&self, response: &EarResponse) -> [f32; BANDS] {
+        let heard = band_energies(response);
+        std::array::from_fn(
+            |band| if self.energy[band] > 0.0 { heard[band] / self.energy[band] } else { 1.0 },
+        )
+    }
+}
+
+/// Frequencies at which the energy of a band is measured, octaves from its centre.
+const PROBES_OCTAVES: [f64; 3] = [-0.33, 0.0, 0.33];
+
+/// The energy of an ear's filter in each band.
+fn band_energies(ear: &EarResponse) -> [f32; BANDS] {
+    static WAVES: OnceLock<Vec<[[f32; 2]; HEAD_TAPS]>> = OnceLock::new();
+    let waves = WAVES.get_or_init(probe_waves);
+    let energy = |wave: &[[f32; 2]; HEAD_TAPS]| {
+        let (mut re, mut im) = (0.0, 0.0);
+        for (tap, [cos, sin]) in ear.filter.iter().zip(wave) {
+            re += tap * cos;
+            im += tap * sin;
+        }
+        re * re + im * im
     };
-    place.get_or_init(|| {
-        let known = diffuse_field(|direction| head.ears(direction, 0.0, FAR_M));
-        Noise::new(|frequency_hz| between(&known, frequency_hz))
+    std::array::from_fn(|band| {
+        let probes = &waves[band * PROBES_OCTAVES.len()..][..PROBES_OCTAVES.len()];
+        probes.iter().map(energy).sum::<f32>() / PROBES_OCTAVES.len() as f32
     })
 }
 
+/// Cosine and sine of every probe at every tap.
+fn probe_waves() -> Vec<[[f32; 2]; HEAD_TAPS]> {
+    let frequencies = BAND_HZ.iter().flat_map(|center| {
+        PROBES_OCTAVES.map(|octaves| (f64::from(*center) * libm::exp2(octaves)).min(MOST_PROBED_HZ))
+    });
+    let wave = |frequency_hz: f64| {
+        let turn = TAU * frequency_hz / f64::from(SAMPLE_RATE_HZ);
+        std::array::from_fn(|n| [libm::cos(turn * n as f64) as f32, libm::sin(turn * n as f64) as f32])
+    };
+    frequencies.map(wave).collect()
+}
+
 /// What both ears make of plane waves from all directions, by frequency.
-fn diffuse_field(ears: impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<Diffuse> {
+fn diffuse_field(ears: &impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<Diffuse> {
     let (mut energy, mut likeness) = ([0.0; FREQUENCIES], [0.0; FREQUENCIES]);
     for index in 0..DIRECTIONS {
         let [left, right] = ears(&angle::spread_direction(index, DIRECTIONS)).map(|ear| spectrum(&ear));
@@ -73,8 +137,20 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_wave_from_the_left_is_louder_at_the_left_ear() {
+        let field = HeardField::of(&Head::Sphere);
+        let ears = Head::Sphere.ears(&Vector3::new(-1.0, 0.0, 0.0), 0.0, FAR_M);
+        let [left, right] = ears.map(|ear| field.tilt(&ear));
+        for band in 2..BANDS {
+            let (near, far) = (left[band], right[band]);
+            assert!(near > 1.4 * far && near > 1.0, "band {band}: {near} and {far}");
+        }
+        assert!((left[0] - 1.0).abs() < 0.2 && (right[0] - 1.0).abs() < 0.2);
+    }
+
+    #[test]
     fn a_sphere_hears_lows_alike_and_highs_apart() {
-        let known = diffuse_field(|direction| Head::Sphere.ears(direction, 0.0, FAR_M));
+        let known = diffuse_field(&|direction: &Vector3<f32>| Head::Sphere.ears(direction, 0.0, FAR_M));
         let at = |frequency_hz| between(&known, frequency_hz);
         assert!(at(125.0).coherence > 0.9, "{:?}", at(125.0));
         for frequency_hz in [1500.0, 2000.0, 4000.0, 6000.0] {

@@ -56,7 +56,7 @@ impl LateField {
         Self::with_key(building, outlet, images, key_of(outlet))
     }
 
-    fn with_key(building: &Building, outlet: &Point3<f32>, images: &Images, key: u64) -> Self {
+    pub(super) fn with_key(building: &Building, outlet: &Point3<f32>, images: &Images, key: u64) -> Self {
         let count = bins::count(building.settings.response_s);
         let mut tally = trace(building, outlet, images, key, count);
         divide_by_volumes(building, &mut tally);

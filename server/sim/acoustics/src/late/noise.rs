@@ -4,6 +4,7 @@
 //! not as chance has it: "low-noise noise" (Pumplin 1985, J. Acoust. Soc. Am. 78), made by dividing by the envelope
 //! and putting the spectrum right again, over and over (Kohlrausch and others 1997, Acta Acustica 83).
 
+use super::envelope::BLOCK;
 use super::fourier::Fourier;
 use crate::SAMPLE_RATE_HZ;
 use crate::bands::{BAND_HZ, BANDS};
@@ -32,7 +33,7 @@ pub(super) struct Diffuse {
     pub(super) coherence: f64,
 }
 
-/// Noise of unit spectral density in the free field, by band; in each band of both ears as `Diffuse` tells, and at a
+/// Noise of unit spectral density, a period and a block of it, in the free field, by band; in each band of both ears as `Diffuse` tells, and at a
 /// point for what comes from one direction.
 pub(super) struct Noise {
     pub(super) left: [Vec<f32>; BANDS],
@@ -140,7 +141,10 @@ impl Pair {
         [1.0, -1.0].map(|sign| {
             let mut ear = self.ear(sign, PERIOD);
             fourier.backward(&mut ear);
-            ear.iter().map(|value| (value.re * scale) as f32).collect()
+            let period = ear.iter().map(|value| (value.re * scale) as f32);
+            let mut samples: Vec<f32> = period.collect();
+            samples.extend_from_within(..BLOCK);
+            samples
         })
     }
 }
@@ -190,7 +194,7 @@ mod tests {
     fn noise_is_even_in_time_and_alike_at_both_ears_as_asked() {
         let noise = Noise::new(plain);
         for (band, center_hz) in BAND_HZ.iter().enumerate().skip(1) {
-            let (left, right) = (&noise.left[band], &noise.right[band]);
+            let (left, right) = (&noise.left[band][..PERIOD], &noise.right[band][..PERIOD]);
             let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| f64::from(a * b)).sum::<f64>();
             let energy = (dot(left, left) * dot(right, right)).sqrt();
             assert!((dot(left, right) / energy - 0.3).abs() < 0.1, "band {band}");

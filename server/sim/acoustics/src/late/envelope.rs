@@ -1,0 +1,112 @@
+//! Energy over time: straight lines between the middles of slices.
+
+use super::bins;
+use super::field::Slice;
+use crate::bands::BANDS;
+use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
+
+/// Samples over which gains go straight from one value to the next.
+pub(super) const BLOCK: usize = 16;
+
+/// Energy a second by band; the direct wave at 1 m has the energy 1.
+pub(super) type Density = [f32; BANDS];
+
+/// When late sound begins and ends, and how much time each slice stands for.
+///
+/// Before the first middle and after the last, energy is constant. All energy of a slice is in its two lines, also
+/// where the sound begins in the midst of it.
+pub(super) struct Envelope {
+    /// Sample at which the sound begins.
+    pub(super) start: usize,
+    blocks: usize,
+    /// Per slice: seconds under its two lines.
+    weight_s: Vec<f32>,
+}
+
+impl Envelope {
+    pub(super) fn new(slices: usize, start: usize, end: usize) -> Self {
+        let blocks = end.saturating_sub(start) / BLOCK;
+        let mut weight_s = vec![0.0; slices];
+        for block in 0..blocks {
+            let (slice, share) = place((start + block * BLOCK + BLOCK / 2) as f32, slices);
+            weight_s[slice] += (1.0 - share) * BLOCK as f32 / SAMPLE_RATE_HZ as f32;
+            if let Some(next) = weight_s.get_mut(slice + 1) {
+                *next += share * BLOCK as f32 / SAMPLE_RATE_HZ as f32;
+            }
+        }
+        Self { start, blocks, weight_s }
+    }
+
+    /// The slices with what comes before the sound begins moved to the first one after it: cells are larger than a
+    /// point, and what is known of them may be early.
+    pub(super) fn gathered(&self, slices: &[Slice]) -> Vec<Slice> {
+        let mut early = [0.0; BANDS];
+        let gather = |(slice, weight_s): (&Slice, &f32)| {
+            let energy: [f32; BANDS] = std::array::from_fn(|band| slice.energy[band] + early[band]);
+            let heard = *weight_s > 0.5 * BLOCK as f32 / SAMPLE_RATE_HZ as f32;
+            early = if heard { [0.0; BANDS] } else { energy };
+            Slice { energy: if heard { energy } else { [0.0; BANDS] }, flow: slice.flow }
+        };
+        slices.iter().zip(&self.weight_s).map(gather).collect()
+    }
+
+    /// Energy a second at the middle of slice `index`.
+    pub(super) fn density(&self, index: usize, slice: &Slice) -> Density {
+        slice.energy.map(|energy| if energy > 0.0 { energy / self.weight_s[index] } else { 0.0 })
+    }
+
+    /// Gain of each band at the start of a block.
+    pub(super) fn gains(&self, densities: &[Density], block: usize) -> [f32; BANDS] {
+        let (slice, share) = place((self.start + block * BLOCK) as f32, densities.len());
+        let next = &densities[(slice + 1).min(densities.len() - 1)];
+        std::array::from_fn(|band| {
+            let density = densities[slice][band] * (1.0 - share) + next[band] * share;
+            (density * (1.0 / SAMPLE_RATE_HZ as f32)).sqrt()
+        })
+    }
+
+    /// Blocks until slice `index` begins, no more than there are.
+    pub(super) fn blocks_until(&self, index: usize) -> usize {
+        let sample = (bins::start_s(index) * SAMPLE_RATE_HZ as f32) as usize;
+        (sample.saturating_sub(self.start) / BLOCK + 1).min(self.blocks)
+    }
+
+    /// Samples between the middles of the slices before and after slice `index`, as far as the sound has begun.
+    pub(super) fn samples_of(&self, index: usize) -> std::ops::Range<usize> {
+        let sample = |time_s: f32| (time_s * SAMPLE_RATE_HZ as f32) as usize;
+        let from = if index == 0 { 0 } else { sample(middle_s(index - 1)) };
+        let end = self.start + self.blocks * BLOCK;
+        from.max(self.start)..sample(middle_s(index + 1)).min(end).max(self.start)
+    }
+
+    /// Share of slice `index` in the energy at `sample`, 0 to 1.
+    pub(super) fn share(&self, index: usize, sample: usize) -> f32 {
+        let (slice, share) = place(sample as f32, self.weight_s.len());
+        match index {
+            _ if index == slice => 1.0 - share,
+            _ if index == slice + 1 => share,
+            _ => 0.0,
+        }
+    }
+}
+
+fn middle_s(slice: usize) -> f32 {
+    0.5 * (bins::start_s(slice) + bins::start_s(slice + 1))
+}
+
+/// The slice whose middle is before `sample`, and how far it is on the way to the next middle, 0 to 1.
+fn place(sample: f32, slices: usize) -> (usize, f32) {
+    let time_s = sample / SAMPLE_RATE_HZ as f32;
+    let mut slice = bins::bin_of(time_s * SPEED_OF_SOUND_M_S).min(slices - 1);
+    if middle_s(slice) > time_s {
+        if slice == 0 {
+            return (0, 0.0);
+        }
+        slice -= 1;
+    }
+    if slice + 1 == slices {
+        return (slice, 0.0);
+    }
+    let share = (time_s - middle_s(slice)) / (middle_s(slice + 1) - middle_s(slice));
+    (slice, share.clamp(0.0, 1.0))
+}
