@@ -22,8 +22,8 @@ struct Tolerance {
 /// Half a degree and 4 mm.
 const EXACT: Tolerance = Tolerance { cosine: 0.999_96, reach: 1, distance_m: 0.004, least_m2: 0.25 };
 
-/// Ten degrees and 4 cm.
-const BUMPY: Tolerance = Tolerance { cosine: 0.985, reach: 6, distance_m: 0.04, least_m2: 0.5 };
+/// Eighteen degrees and 4 cm: bumps of a few millimetres tilt small triangles.
+const BUMPY: Tolerance = Tolerance { cosine: 0.951, reach: 11, distance_m: 0.04, least_m2: 0.5 };
 
 /// Cells of the directions along each half axis.
 const HALF: i32 = 32;
@@ -93,7 +93,7 @@ fn cells_around(normal: &Vector3<f32>, reach: i32) -> impl Iterator<Item = u32> 
 impl<'a> Fitter<'a> {
     fn new(scene: &'a Scene) -> Self {
         let mut facets: Vec<_> = (0..scene.mesh.triangles.len()).filter_map(|t| facet(scene, t)).collect();
-        facets.sort_by_key(|facet| (facet.cell, facet.triangle));
+        facets.sort_unstable_by_key(|facet| (facet.cell, facet.triangle));
         let mut first_of = vec![0; (8 * HALF * HALF * HALF + 1) as usize];
         facets.iter().for_each(|facet| first_of[facet.cell as usize + 1] += 1);
         for cell in 1..first_of.len() {
@@ -113,8 +113,9 @@ impl<'a> Fitter<'a> {
             while !looked[cell as usize] && self.free_m2(cell) >= least_m2 {
                 let direction = self.direction(cell, tolerance);
                 looked[cell as usize] = !self.look_along(&direction, tolerance);
-                cells_around(&direction, tolerance.reach / 2)
-                    .for_each(|near| looked[near as usize] |= near != cell);
+                let sides = [direction, -direction];
+                let near = sides.iter().flat_map(|side| cells_around(side, tolerance.reach / 2));
+                near.for_each(|near| looked[near as usize] |= near != cell);
             }
         }
     }
@@ -167,7 +168,7 @@ impl<'a> Fitter<'a> {
             .into_iter()
             .map(|facet| (self.facets[facet].center.coords.dot(direction), facet))
             .collect();
-        row.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        row.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let layer = |at: f32| (at / tolerance.distance_m).floor();
         let mut layers: Vec<_> = row
             .chunk_by(|a, b| layer(a.0) == layer(b.0))
