@@ -133,6 +133,24 @@ mod tests {
     }
 
     #[test]
+    fn air_absorbs_what_the_standard_says() {
+        // ISO 9613-1, equations 3 to 5, at the reference temperature and pressure; molar share of water in per cent.
+        let water = 50.0 * libm::exp10(-6.8346 * libm::pow(273.16 / 293.15, 1.261) + 4.6151);
+        let oxygen_hz = 24.0 + 4.04e4 * water * (0.02 + water) / (0.391 + water);
+        let nitrogen_hz = 9.0 + 280.0 * water;
+        for (db_per_m, hz) in
+            AIR_DB_PER_M.into_iter().zip(BAND_HZ).map(|(db, hz)| (f64::from(db), f64::from(hz)))
+        {
+            let relaxation = |share: f64, at_k: f64, at_hz: f64| {
+                share * libm::exp(-at_k / 293.15) / (at_hz + hz * hz / at_hz)
+            };
+            let both = relaxation(0.01275, 2239.1, oxygen_hz) + relaxation(0.1068, 3352.0, nitrogen_hz);
+            let due = 8.686 * hz * hz * (1.84e-11 + both);
+            assert!((db_per_m / due - 1.0).abs() < 0.02, "{hz} Hz: {db_per_m}, not {due} dB a metre");
+        }
+    }
+
+    #[test]
     fn the_shadow_begins_with_five_decibels_and_deepens_with_frequency() {
         assert_eq!(diffraction_loss(0.0), [5.0; BANDS]);
         // N = 2 x 0.1715 x 1000 / 343 = 1: x = 2.5066, tanh x = 0.9868, 5 + 20 lg 2.540 = 13.10 dB.

@@ -135,11 +135,16 @@ pub(crate) fn energy_db(response: &ImpulseResponse) -> f64 {
 /// The lag of the left ear behind the right one, microseconds: peak of their cross-correlation from `low_hz` to
 /// `high_hz`, searched over 1 ms either way.
 pub(crate) fn lag_us(response: &ImpulseResponse, low_hz: f64, high_hz: f64) -> f64 {
+    lag_of_spectra_us(|hz| [bin(&response.left, hz), bin(&response.right, hz)], low_hz, high_hz)
+}
+
+/// The same of two spectra, real and imaginary part of the left and the right one by frequency.
+pub(crate) fn lag_of_spectra_us(spectra: impl Fn(f64) -> [(f64, f64); 2], low_hz: f64, high_hz: f64) -> f64 {
     let steps = 40;
     let products: Vec<_> = (0..=steps)
         .map(|i| low_hz + (high_hz - low_hz) * f64::from(i) / f64::from(steps))
-        .map(|hz| (hz, bin(&response.left, hz), bin(&response.right, hz)))
-        .map(|(hz, l, r)| (hz, l.0 * r.0 + l.1 * r.1, l.1 * r.0 - l.0 * r.1))
+        .map(|hz| (hz, spectra(hz)))
+        .map(|(hz, [l, r])| (hz, l.0 * r.0 + l.1 * r.1, l.1 * r.0 - l.0 * r.1))
         .collect();
     let similarity = |lag_us: f64| -> f64 {
         let turned = |(hz, re, im): &(f64, f64, f64)| {
