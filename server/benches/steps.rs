@@ -265,6 +265,7 @@ async fn furnish(folder: &Path) -> String {
         scores: phase::Who::Public,
         replays: phase::Who::Public,
         rules: None,
+        sounds: None,
         feedback: None,
         quota: None,
         max_slots: 1,

@@ -12,6 +12,7 @@ pub mod models;
 mod npy;
 pub mod preview;
 mod say;
+pub mod sounds;
 
 pub use cli::{Cli, main, run};
 pub use failure::{Failure, FailureKind};

@@ -1,7 +1,7 @@
 //! Building, checking and playing a data set on disk.
 
 use avln_dataset::Recipe;
-use avln_episode::{Rules, SoundClip};
+use avln_episode::{Rules, SoundClip, Sounds};
 use avln_render::Shelf;
 use avln_server::{
     FailureKind,
@@ -160,6 +160,7 @@ async fn a_phase_opens_on_a_split_of_a_data_set_and_reads_missions_one_scene_at_
         scores: phase::Who::Public,
         replays: phase::Who::Public,
         rules: None,
+        sounds: None,
         feedback: None,
         quota: None,
         max_slots: 4,
@@ -173,10 +174,12 @@ async fn a_phase_opens_on_a_split_of_a_data_set_and_reads_missions_one_scene_at_
         ..options.clone()
     };
     let noisy = phase::open(&data, &store, &by("lh-avln-noisy-v1")).await.expect("differs in noise alone");
-    assert_eq!((&noisy.rules, &noisy.episodes), (&Rules::noisy(), &phase.episodes));
+    let by_noisy = Rules { sounds: Sounds::Validation, ..Rules::noisy() };
+    assert_eq!((&noisy.rules, &noisy.episodes), (&by_noisy, &phase.episodes));
     let distinct =
         phase::open(&data, &store, &by("lh-avln-distinct-v1")).await.expect("differs in clips alone");
     assert_eq!(distinct.rules.sound_clip, SoundClip::Distinct);
+    check_sounds(&data, &store, &options).await;
     for (rules, named) in [("lh-avln-authors-v1", "lh-avln-v1"), ("habitat", "lh-avln-noisy-v1")] {
         let refused = phase::open(&data, &store, &by(rules)).await.expect_err("other rules").to_string();
         assert!(refused.contains(rules) && refused.contains(named), "{refused}");
@@ -192,4 +195,40 @@ async fn a_phase_opens_on_a_split_of_a_data_set_and_reads_missions_one_scene_at_
     let failure = SplitFolder::open(BUILT.path(), "test").err().expect("no such split").to_string();
     assert!(failure.contains("val, train"), "{failure}");
     store.close().await;
+}
+
+/// What targets play is drawn from the share of the split's pool, or from what the organiser says.
+async fn check_sounds(data: &DataFolder, store: &avln_store::Store, options: &phase::Open) {
+    let by = |sounds: &str, rules: &str| phase::Open {
+        id: "sounds".to_owned(),
+        sounds: (!sounds.is_empty()).then(|| sounds.to_owned()),
+        rules: Some(rules.to_owned()),
+        ..options.clone()
+    };
+    for (sounds, chosen) in [("", Sounds::Validation), ("all", Sounds::All), ("test", Sounds::Test)] {
+        let phase = phase::open(data, store, &by(sounds, "lh-avln-v1")).await.expect("made by rule");
+        assert_eq!(phase.rules.sounds, chosen);
+    }
+    let folder = tempfile::tempdir().expect("a folder for temporary files");
+    let (place, spec) = (
+        folder.path().join("knock.wav"),
+        hound::WavSpec {
+            channels: 1,
+            sample_rate: 16_000,
+            bits_per_sample: 16,
+            sample_format: hound::SampleFormat::Int,
+        },
+    );
+    let mut writer = hound::WavWriter::create(&place, spec).expect("a file");
+    (0..20_000).for_each(|n| writer.write_sample(if n % 999 < 9 { 9000_i16 } else { 0 }).expect("written"));
+    writer.finalize().expect("written");
+    let path = folder.path().display().to_string();
+    let refused =
+        phase::open(data, store, &by(&path, "lh-avln-distinct-v1")).await.expect_err("one clip").to_string();
+    assert!(refused.contains("need") && refused.contains("holds 1"), "{refused}");
+    let phase = phase::open(data, store, &by(&path, "lh-avln-v1")).await.expect("one clip is enough");
+    drop(folder);
+    assert_eq!(data.bank(&phase.rules.sounds).expect("kept").len(), 1);
+    let nowhere = phase::open(data, store, &by("nowhere", "lh-avln-v1")).await.expect_err("no such folder");
+    assert_eq!(nowhere.kind(), FailureKind::Data);
 }

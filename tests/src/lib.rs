@@ -91,6 +91,7 @@ pub async fn furnish(folder: &Path, plan: &Plan) -> String {
         scores: plan.visible_to,
         replays: plan.replays_to.unwrap_or(plan.visible_to),
         rules: None,
+        sounds: None,
         feedback: None,
         quota: None,
         max_slots: 4,

@@ -4,6 +4,7 @@ use crate::{
     Failure, FailureKind,
     dataset::{DatasetFiles, SplitFolder},
     models::ModelFolder,
+    sounds::SoundFolder,
 };
 use avln_dataset::Split;
 use avln_episode::Sounds;
@@ -17,7 +18,7 @@ use std::{
     sync::Arc,
 };
 
-/// The folder that holds everything the server keeps: `avln.db` and `splits/`, and `cache/`, which can be made anew.
+/// The folder that holds everything the server keeps: `avln.db`, `splits/` and `sounds/`, and `cache/`, which can be made anew.
 #[derive(Clone, Debug)]
 pub struct DataFolder {
     root: PathBuf,
@@ -53,8 +54,15 @@ impl DataFolder {
     /// # Errors
     /// When they are recordings that the folder does not hold.
     pub fn bank(&self, sounds: &Sounds) -> Result<Bank, Failure> {
-        made_bank(sounds)
-            .ok_or_else(|| Failure::new(FailureKind::Data, format!("the data folder holds no {sounds:?}")))
+        match sounds {
+            Sounds::Own(digest) => self.sounds().bank(digest),
+            made => Ok(made_bank(made).unwrap_or_default()),
+        }
+    }
+
+    /// The recordings that it keeps.
+    pub fn sounds(&self) -> SoundFolder {
+        SoundFolder::at(&self.root.join("sounds"))
     }
 
     /// The models of scenes that it keeps.

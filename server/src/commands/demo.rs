@@ -105,6 +105,7 @@ async fn prepare(data: &DataFolder, store: &Store, options: &Options) -> Result<
         scores: phase::Who::Public,
         replays: phase::Who::Public,
         rules: None,
+        sounds: None,
         feedback: None,
         quota: None,
         max_slots: 16,

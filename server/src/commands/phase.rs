@@ -4,8 +4,11 @@ use crate::say::say;
 use crate::{
     Failure, FailureKind,
     arena::{data::DataFolder, now_unix_ms, register},
+    dataset::SplitFolder,
 };
-use avln_episode::{FeedbackRule, Order, Rules, Sensors};
+use avln_dataset::{SceneLine, SceneSource};
+use avln_episode::{FeedbackRule, Order, Rules, Sensors, Sounds};
+use avln_scene::procedural::Pool;
 use avln_store::{Phase, PhaseState, Store, Visibility};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::{Path, PathBuf};
@@ -46,6 +49,11 @@ pub struct Open {
     /// made for lh-avln-v1 can be played by lh-avln-noisy-v1 and lh-avln-distinct-v1
     #[arg(long)]
     pub rules: Option<String>,
+    /// What targets play: a share of the clips made by rule (all, train, validation or test), or a folder with WAV and FLAC
+    /// files of 1 to 60 s, which the data folder keeps a copy of. By default the share of the pool that the split's houses
+    /// are furnished from, and all clips in scenes that were read from files
+    #[arg(long, value_name = "WHAT")]
+    pub sounds: Option<String>,
     /// What an agent learns from a Submit; the rule set says it by default
     #[arg(long, value_enum)]
     pub feedback: Option<Told>,
@@ -93,6 +101,9 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
         Command::Open(options) => {
             let phase = open(&data, &store, &options).await?;
             say!("phase {} is open: {} episodes under {}", phase.id, phase.episodes.len(), phase.rules.name);
+            if let Some(leak) = phase.rules.leaks() {
+                say!("its sound leaks: {leak}");
+            }
             say!("host it with: avln serve");
         }
         Command::Close { id } => {
@@ -119,6 +130,7 @@ pub async fn open(data: &DataFolder, store: &Store, options: &Open) -> Result<Ph
         register::register_split(store, &name, &split, &[]).await?;
     }
     let mut rules = played(register::rules_of(&name, &split)?, options.rules.as_deref())?;
+    rules.sounds = sounds(data, options.sounds.as_deref(), &split)?;
     if let Some(told) = options.feedback {
         rules.feedback = told.into();
     }
@@ -139,8 +151,44 @@ pub async fn open(data: &DataFolder, store: &Store, options: &Open) -> Result<Ph
     if phase.episodes.is_empty() {
         return Err(Failure::new(FailureKind::Scene, format!("split '{name}' has no episodes")));
     }
+    check_sounds(data, &phase)?;
     store.upsert_phase(&phase, now_unix_ms()).await?;
     Ok(phase)
+}
+
+/// What targets play by `--sounds`.
+fn sounds(data: &DataFolder, what: Option<&str>, split: &SplitFolder) -> Result<Sounds, Failure> {
+    Ok(match what {
+        None => sounds_of_pool(split),
+        Some("all") => Sounds::All,
+        Some("train") => Sounds::Train,
+        Some("validation") => Sounds::Validation,
+        Some("test") => Sounds::Test,
+        Some(folder) => Sounds::Own(data.sounds().adopt(Path::new(folder))?),
+    })
+}
+
+/// The clips of the pool that all houses of a split are furnished from: what is tested is not heard in training.
+fn sounds_of_pool(split: &SplitFolder) -> Sounds {
+    let of = |scene: &SceneLine| match scene.source {
+        SceneSource::Procedural { pool: Pool::Train, .. } => Sounds::Train,
+        SceneSource::Procedural { pool: Pool::Validation, .. } => Sounds::Validation,
+        SceneSource::Procedural { pool: Pool::Test, .. } => Sounds::Test,
+        SceneSource::File { .. } => Sounds::All,
+    };
+    let first = split.scenes().first().map_or(Sounds::All, of);
+    if split.scenes().iter().all(|scene| of(scene) == first) { first } else { Sounds::All }
+}
+
+/// Refuses a phase whose bank has too few clips for one of its episodes.
+fn check_sounds(data: &DataFolder, phase: &Phase) -> Result<(), Failure> {
+    let targets = phase.episodes.iter().map(|episode| episode.goals.len()).max().unwrap_or(0);
+    let (found, needed) = (data.bank(&phase.rules.sounds)?.len(), phase.rules.clips_of_episode(targets));
+    if found >= needed {
+        return Ok(());
+    }
+    let message = format!("rules '{}' need {needed} clips, the folder holds {found}", phase.rules.name);
+    Err(Failure::new(FailureKind::Data, message).hinted("add recordings, or leave --sounds away"))
 }
 
 /// The rules called `name` instead of those of the split, where its episodes can be played by them.

@@ -264,6 +264,11 @@ impl Rules {
         *self == Self { name, depth_noise, rgb_noise, sound_clip, sounds, ..other.clone() }
     }
 
+    /// How many clips an episode with so many targets draws.
+    pub fn clips_of_episode(&self, targets: usize) -> usize {
+        if self.sound_clip == SoundClip::Distinct { targets } else { 1 }
+    }
+
     /// What sound tells of the targets beside where they are; nothing by rules that do not leak.
     pub fn leaks(&self) -> Option<&'static str> {
         let (clip, order) = (self.sound_clip, self.sounding);

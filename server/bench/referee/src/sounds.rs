@@ -42,7 +42,7 @@ pub(crate) fn sources(
 
 /// For each target the index of its clip, of `count`. Only by rules that leak are targets looked at.
 fn clips(rules: &Rules, targets: &[Target], count: usize, rng: &mut Rng) -> Result<Vec<usize>, TooFewClips> {
-    let needed = if rules.sound_clip == SoundClip::Distinct { targets.len() } else { 1 };
+    let needed = rules.clips_of_episode(targets.len());
     if count < needed {
         return Err(TooFewClips { rules: rules.name.clone(), needed, found: count });
     }

@@ -10,10 +10,13 @@ mod families;
 mod finish;
 mod loudness;
 mod made;
+mod recording;
+mod resample;
 mod synth;
 mod tones;
 
 pub use bank::{Bank, ClipPool};
+pub use recording::RecordingError;
 
 /// A sound that repeats without a seam.
 #[derive(Clone, Debug, PartialEq)]

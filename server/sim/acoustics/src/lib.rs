@@ -28,7 +28,7 @@ mod testing;
 mod visibility;
 mod ways;
 
-pub use clip::{Bank, Clip, ClipPool};
+pub use clip::{Bank, Clip, ClipPool, RecordingError};
 pub use ears::{Ears, Emitter, Listener};
 pub use head::Head;
 pub use impulse::ImpulseResponse;

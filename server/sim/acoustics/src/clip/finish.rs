@@ -48,15 +48,18 @@ impl Finish {
         debug_assert!(audible);
     }
 
-    /// Brings a loop to the loudness of all clips; false when it is silent or no number.
+    /// Brings a loop to the loudness of all clips; false when it is all but silent, and then it stays as it is.
     pub(super) fn set_loudness(&self, sound: &mut [f32]) -> bool {
+        /// Of a recording whose samples reach 1: -120 dB.
+        const SILENCE: f64 = 1e-6;
         let mut spectrum = self.forward.make_output_vec();
         let done = self.forward.process(&mut sound.to_vec(), &mut spectrum);
         debug_assert!(done.is_ok());
-        let loudness = weighted_mean_square(&spectrum, sound.len()).sqrt() as f32;
-        let gain = LOUDNESS / loudness;
+        let loudness = weighted_mean_square(&spectrum, sound.len()).sqrt();
+        let audible = loudness > SILENCE && loudness.is_finite();
+        let gain = if audible { (f64::from(LOUDNESS) / loudness) as f32 } else { 1.0 };
         sound.iter_mut().for_each(|sample| *sample *= gain);
-        gain.is_finite() && loudness.is_finite()
+        audible
     }
 
     /// Weighs the low and the high part of the spectrum so that neither is missing.

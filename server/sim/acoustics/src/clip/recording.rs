@@ -1,0 +1,153 @@
+//! Clips out of recordings.
+
+use super::{Clip, finish::Finish, resample::resample};
+use crate::SAMPLE_RATE_HZ;
+use std::f32::consts::FRAC_PI_2;
+use std::ops::RangeInclusive;
+
+/// Sample rates of recordings, hertz.
+const RATES_HZ: RangeInclusive<u32> = 8_000..=192_000;
+
+/// Lengths of recordings, seconds.
+const LENGTHS_S: RangeInclusive<f64> = 1.0..=60.0;
+
+/// The largest sample of a recording that is believed; those of most files reach 1.
+const LARGEST: f32 = 1e6;
+
+/// How long a recording's end and its start sound together, samples: 50 ms.
+const SEAM_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 20;
+
+/// Why a recording cannot be a clip.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum RecordingError {
+    /// It has too few or too many samples a second.
+    #[error("it has {rate_hz} samples a second; {} to {} are possible", RATES_HZ.start(), RATES_HZ.end())]
+    Rate {
+        /// Samples a second.
+        rate_hz: u32,
+    },
+    /// It is too short or too long.
+    #[error("it is {length_s:.2} s long; {} to {} s are possible", LENGTHS_S.start(), LENGTHS_S.end())]
+    Length {
+        /// Its length, seconds.
+        length_s: f64,
+    },
+    /// A sample is no number, or too large for a sound.
+    #[error("its sample {index} is {value}; save it again with samples from -1 to 1")]
+    Sample {
+        /// Where, counted from 0.
+        index: usize,
+        /// The sample.
+        value: f32,
+    },
+    /// Nothing is to be heard.
+    #[error("it is silent; take it out or record it again")]
+    Silent,
+}
+
+impl Clip {
+    /// A clip of the same loudness as all others out of a recording, mono, `rate_hz` samples a second. Its last 50 ms fade
+    /// into its first ones, so that it repeats without a seam and is 50 ms shorter.
+    ///
+    /// # Errors
+    /// When it has fewer than 8000 or more than 192000 samples a second, is shorter than 1 s or longer than 60 s, is silent,
+    /// or holds what is no number or above a million.
+    pub fn recorded(name: &str, samples: &[f32], rate_hz: u32) -> Result<Self, RecordingError> {
+        check(samples, rate_hz)?;
+        let mut sound = without_seam(&resample(samples, rate_hz, SAMPLE_RATE_HZ));
+        if !Finish::new(sound.len()).set_loudness(&mut sound) {
+            return Err(RecordingError::Silent);
+        }
+        Ok(Self { name: name.to_owned(), samples: sound.into() })
+    }
+}
+
+fn check(samples: &[f32], rate_hz: u32) -> Result<(), RecordingError> {
+    if !RATES_HZ.contains(&rate_hz) {
+        return Err(RecordingError::Rate { rate_hz });
+    }
+    let length_s = samples.len() as f64 / f64::from(rate_hz);
+    if !LENGTHS_S.contains(&length_s) {
+        return Err(RecordingError::Length { length_s });
+    }
+    match samples.iter().position(|sample| sample.is_nan() || sample.abs() > LARGEST) {
+        Some(index) => Err(RecordingError::Sample { index, value: samples[index] }),
+        None => Ok(()),
+    }
+}
+
+/// The sound with its end faded over into its start; both keep their power.
+fn without_seam(sound: &[f32]) -> Vec<f32> {
+    let (kept, end) = sound.split_at(sound.len().saturating_sub(SEAM_SAMPLES));
+    let mut looped = kept.to_vec();
+    for (index, (start, end)) in looped.iter_mut().zip(end).enumerate() {
+        let angle = FRAC_PI_2 * (index as f32 + 0.5) / SEAM_SAMPLES as f32;
+        *start = *start * libm::sinf(angle) + end * libm::cosf(angle);
+    }
+    looped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f32::consts::TAU;
+
+    fn tone(frequency_hz: f32, rate_hz: u32, seconds: f32) -> Vec<f32> {
+        let turn = f64::from(frequency_hz) / f64::from(rate_hz);
+        let sample = |n: usize| 0.2 * libm::sinf(TAU * (turn * n as f64).fract() as f32);
+        (0..(seconds * rate_hz as f32) as usize).map(sample).collect()
+    }
+
+    fn root_mean_square(samples: &[f32]) -> f32 {
+        (samples.iter().map(|sample| sample * sample).sum::<f32>() / samples.len() as f32).sqrt()
+    }
+
+    #[test]
+    fn the_same_sound_is_the_same_clip_at_any_rate() {
+        // A tone of 1 kHz weighs 1: its mean square is its loudness.
+        for rate_hz in [8_000, 11_025, 16_000, 22_050, 44_100, 48_000, 96_000, 192_000] {
+            let clip = Clip::recorded("tone", &tone(1000.0, rate_hz, 2.0), rate_hz).expect("a clip");
+            assert_eq!(clip.samples.len(), 2 * 16_000 - 800, "{rate_hz}");
+            let level = root_mean_square(&clip.samples);
+            assert!((level / super::super::loudness::LOUDNESS - 1.0).abs() < 0.002, "{rate_hz}: {level}");
+        }
+    }
+
+    #[test]
+    fn loud_and_soft_recordings_become_the_same_clip() {
+        let tones = [tone(700.0, 16_000, 1.5), tone(2500.0, 16_000, 1.5)];
+        let sound: Vec<f32> = tones[0].iter().zip(&tones[1]).map(|(a, b)| a + b).collect();
+        let soft: Vec<f32> = sound.iter().map(|sample| 0.001 * sample).collect();
+        let [loud, soft] = [sound, soft].map(|sound| Clip::recorded("", &sound, 16_000).expect("a clip"));
+        assert!(loud.samples.iter().zip(soft.samples.iter()).all(|(a, b)| (a - b).abs() < 1e-6));
+    }
+
+    #[test]
+    fn a_recording_repeats_without_a_step() {
+        let clip = Clip::recorded("", &tone(333.3, 16_000, 1.37), 16_000).expect("a clip");
+        let steps = clip.samples.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+        let largest = steps.fold(0.0, f32::max);
+        let seam = (clip.samples[0] - clip.samples[clip.samples.len() - 1]).abs();
+        assert!(seam <= 1.05 * largest, "{seam} after steps of up to {largest}");
+    }
+
+    #[test]
+    fn what_cannot_be_a_clip_is_refused_with_the_reason() {
+        let refused = |samples: &[f32], rate_hz| Clip::recorded("", samples, rate_hz).expect_err("no clip");
+        assert_eq!(refused(&[0.1; 8000], 7999), RecordingError::Rate { rate_hz: 7999 });
+        assert_eq!(refused(&[], 16_000), RecordingError::Length { length_s: 0.0 });
+        assert!(refused(&[0.1; 15_999], 16_000).to_string().contains("1 to 60 s"));
+        assert!(matches!(refused(&vec![0.1; 61 * 8000], 8000), RecordingError::Length { .. }));
+        for silence in [0.0, 1e-9] {
+            assert_eq!(refused(&[silence; 16_000], 16_000), RecordingError::Silent);
+        }
+        let mut broken = tone(500.0, 16_000, 1.0);
+        for wrong in [f32::NAN, f32::NEG_INFINITY, f32::MAX] {
+            broken[77] = wrong;
+            assert!(refused(&broken, 16_000).to_string().starts_with("its sample 77 is "));
+        }
+        broken[77] = LARGEST;
+        let clip = Clip::recorded("", &broken, 16_000).expect("a click");
+        assert!(clip.samples.iter().all(|sample| sample.is_finite()));
+    }
+}
