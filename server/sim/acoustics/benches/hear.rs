@@ -9,7 +9,7 @@ use avln_geom::{Point3, RayMesh, Rng};
 use avln_scene::Scene;
 use avln_scene::procedural::{HouseOptions, house};
 use std::hint::black_box;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 const SAMPLES_PER_STEP: usize = 4000;
@@ -27,7 +27,10 @@ fn main() {
     let (_, acoustics) = timed("building", || {
         Acoustics::new(&scene, Arc::clone(&rays), Surfaces::by_material(&scene), Settings::default())
     });
-    let places: Vec<_> = scene.objects.iter().map(|object| object.bounds.center()).collect();
+    let mut places: Vec<_> = scene.objects.iter().map(|object| object.bounds.center()).collect();
+    if places.is_empty() {
+        places.push(scene.bounds().expect("surfaces").center());
+    }
     let places: Vec<Point3<f32>> = places.iter().step_by(places.len().div_ceil(8).max(1)).copied().collect();
     let mut emitters = Vec::new();
     for (place, clip) in places.iter().zip(bank) {
@@ -40,20 +43,36 @@ fn main() {
         );
         emitters.push(Emitter { source, clip, offset_samples: 0 });
     }
-    responses(&scene, &emitters);
+    responses("impulse response", &scene, &emitters);
+    let dry = Settings { ray_count: 0, ..Settings::default() };
+    let dry = Acoustics::new(&scene, Arc::clone(&rays), Surfaces::by_material(&scene), dry);
+    let dry = emitters
+        .iter()
+        .map(|emitter| Emitter { source: dry.source(&emitter.source.position()), ..emitter.clone() });
+    responses("without late energy", &scene, &dry.collect::<Vec<_>>());
     steps(&scene, emitters);
 }
 
-/// Random places a metre above the floor of the lowest storey, inside rooms.
+/// Processor time of this thread, where the system tells it; else the time that has passed.
+fn busy() -> Duration {
+    let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
+    let nanoseconds = told.and_then(|text| text.split(' ').next()?.parse().ok());
+    static START: OnceLock<Instant> = OnceLock::new();
+    nanoseconds.map_or_else(|| START.get_or_init(Instant::now).elapsed(), Duration::from_nanos)
+}
+
+/// Random places a metre above the floor of the lowest storey, inside rooms where they are known.
 fn wander(scene: &Scene, rng: &mut Rng) -> Listener {
-    let room = scene.regions[rng.below(scene.regions.len())].bounds;
+    let room =
+        rng.choose(&scene.regions).map_or_else(|| scene.bounds().expect("surfaces"), |region| region.bounds);
     let along = |rng: &mut Rng, axis: usize| rng.range(room.min[axis] + 0.3, room.max[axis] - 0.3);
     let position = Point3::new(along(rng, 0), room.min.y + 1.0, along(rng, 2));
     Listener { position, heading_rad: rng.range(-3.0, 3.0) }
 }
 
-fn responses(scene: &Scene, emitters: &[Emitter]) {
+fn responses(what: &str, scene: &Scene, emitters: &[Emitter]) {
     let mut rng = Rng::new(1);
+    let before = busy();
     let mut times: Vec<Duration> = (0..2000)
         .map(|call| {
             let place = wander(scene, &mut rng);
@@ -63,7 +82,9 @@ fn responses(scene: &Scene, emitters: &[Emitter]) {
         })
         .collect();
     times.sort();
-    println!("impulse response: median {:?}, 99 % {:?}, worst {:?}", times[1000], times[1980], times[1999]);
+    let mean = (busy() - before) / times.len() as u32;
+    println!("{what}: median {:?}, 99 % {:?}, worst {:?}", times[1000], times[1980], times[1999]);
+    println!("  mean {mean:?} of processor time");
 }
 
 /// Every step at a new place, sources taking turns every 25 steps.
@@ -72,17 +93,22 @@ fn steps(scene: &Scene, emitters: Vec<Emitter>) {
     let count = emitters.len();
     let mut ears = Ears::new(emitters, SAMPLES_PER_STEP);
     const STEPS: usize = 2000;
-    let start = Instant::now();
+    let start = busy();
     for step in 0..STEPS {
         black_box(ears.hear(&wander(scene, &mut rng), Some(step / 25 % count)));
     }
-    let seconds = start.elapsed().as_secs_f64();
-    println!("steps: {:.0} a second, {:.3} ms each", STEPS as f64 / seconds, 1e3 * seconds / STEPS as f64);
+    let seconds = (busy() - start).as_secs_f64();
+    println!(
+        "steps: {:.0} a second, {:.3} ms of processor time each",
+        STEPS as f64 / seconds,
+        1e3 * seconds / STEPS as f64
+    );
 }
 
 fn timed<T>(what: &str, work: impl FnOnce() -> T) -> (Duration, T) {
-    let start = Instant::now();
+    let start = busy();
     let result = work();
-    println!("{what}: {:?}", start.elapsed());
-    (start.elapsed(), result)
+    let took = busy() - start;
+    println!("{what}: {took:?} of processor time");
+    (took, result)
 }

@@ -237,4 +237,20 @@ mod tests {
             assert_eq!(word_of(name), None, "{name}");
         }
     }
+
+    /// A row as the page shows it.
+    fn shown(row: &Row) -> String {
+        let list = |values: &[f32; SURFACE_BANDS]| values.map(|value| format!("{value}")).join(" ");
+        let reduction = if row.reduction_db == CLOSED { "closed".into() } else { list(&row.reduction_db) };
+        let words = if row.words.is_empty() { "anything else".into() } else { row.words.join(", ") };
+        format!("| {words} | {} | {} | {reduction} |", list(&row.lost), list(&row.scattering))
+    }
+
+    #[test]
+    fn the_page_shows_the_table() {
+        let page = include_str!("../../../../../docs/acoustics.md");
+        for row in &ROWS {
+            assert!(page.contains(&shown(row)), "docs/acoustics.md lacks this row:\n{}", shown(row));
+        }
+    }
 }
