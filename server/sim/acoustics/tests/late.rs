@@ -138,3 +138,23 @@ fn no_rays_no_reverberation() {
         silent.source(&point(1.2, 1.0, 3.0)).impulse_response(&listener(3.0, 2.0, 0.0));
     assert!(response.len() < 400, "{}", response.len());
 }
+
+#[test]
+fn broken_triangles_are_no_surfaces() {
+    let mut scene = RoomPlan::shoebox(6.0, 5.0, 3.0).expect("a room").scene();
+    let surface =
+        Surface::new([0.2; SURFACE_BANDS], [0.3; SURFACE_BANDS], [0.1; SURFACE_BANDS]).expect("shares");
+    let hear = |scene: &Scene| {
+        let source = acoustics(scene, surface, omni(500)).source(&point(1.5, 1.2, 1.4));
+        source.impulse_response(&listener(4.6, 3.7, 0.0))
+    };
+    let whole = hear(&scene);
+    let without_area = [scene.mesh.triangles[0][0]; 3];
+    scene.mesh.triangles.push(without_area);
+    scene.mesh.material_of.push(0);
+    scene.mesh.instance_of.push(scene.mesh.instance_of[0]);
+    assert_eq!(hear(&scene), whole);
+    scene.mesh.positions[0].y = f32::NAN;
+    let broken = hear(&scene);
+    assert!(broken.left.iter().chain(&broken.right).all(|sample| sample.is_finite()));
+}
