@@ -207,6 +207,34 @@ fn a_test_room_is_measured_and_written() {
 }
 
 #[test]
+fn a_walk_is_rendered_and_rings_out() {
+    let (folder, data) = house();
+    let [poses, empty, wav] = ["poses.json", "empty.json", "walk.wav"].map(|name| folder.path().join(name));
+    fs::write(&poses, r#"{"poses": [[1,0,1,0],[1,0,1,-30],[1.2,0,1,-30]], "collided": [false,false,true]}"#)
+        .expect("a file");
+    fs::write(&empty, "[]").expect("a file");
+    let [poses, empty, out] = [&poses, &empty, &wav].map(|path| path.to_str().expect("a path in Unicode"));
+    let listen = ["sim", "listen", "--shoebox", "4x3x2.5", "--rays", "500", "--seconds", "0.3", "--out", out];
+    let sources = ["--source", "3,1.2,2", "--source", "3,1.2,0.5", "--turn", "2"];
+    let heard = avln(&data, &[&listen[..], &sources, &["--poses", poses]].concat());
+    assert_eq!(heard.code, Some(0), "{heard:?}");
+    // Three steps and three for what rings, 4000 samples each, of two channels of four bytes.
+    let bytes = fs::read(&wav).expect("a sound file");
+    assert_eq!(bytes.len() / 32_000, 6, "{} bytes", bytes.len());
+    let last = bytes.len() - 16_000;
+    assert!(bytes[last..].iter().all(|byte| *byte == 0), "the end is silent");
+    assert!(bytes[100_000..110_000].iter().any(|byte| *byte != 0), "what rings is not");
+
+    hinted(&data, &[&listen[..], &sources, &["--poses", empty]].concat(), 3, &["0 poses", "4000"]);
+    let unknown = ["--poses", poses, "--clip", "whale-song"];
+    hinted(&data, &[&listen[..], &sources, &unknown].concat(), 3, &["whale-song", "pink-bursts-0"]);
+    let no_head = ["--poses", poses, "--head", poses];
+    hinted(&data, &[&listen[..], &sources, &no_head].concat(), 3, &["poses.json", "SOFA"]);
+    let outside = ["--poses", poses, "--ear-height", "9"];
+    hinted(&data, &[&listen[..], &sources, &outside].concat(), 5, &["the listener", "outside"]);
+}
+
+#[test]
 fn an_agent_without_a_server_is_code_6() {
     let (_folder, data) = house();
     let nobody = TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("its address");

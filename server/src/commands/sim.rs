@@ -4,6 +4,7 @@
 mod bench;
 mod ground;
 mod hall;
+mod listen;
 mod listener;
 mod render;
 mod rir;
@@ -64,6 +65,8 @@ pub enum Command {
     Bench(bench::Options),
     /// Compute the impulse response from a source to a listener, and measure it
     Rir(Box<rir::Options>),
+    /// Render what is heard on a walk past sounding sources, step by step as in an episode
+    Listen(Box<listen::Options>),
 }
 
 /// Carries out a command about walking, seeing or hearing.
@@ -80,6 +83,7 @@ pub fn run(data: &Path, command: Command) -> Result<(), Failure> {
         Command::Render(options) => render::run(data, &options),
         Command::Bench(options) => bench::run(&options),
         Command::Rir(options) => rir::run(&options),
+        Command::Listen(options) => listen::run(&options),
     }
 }
 

@@ -5,7 +5,12 @@ use crate::sphere::{SphereResponse, onset_delay_s};
 use avln_geom::{Vector3, angle};
 use realfft::num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
+
+mod measured;
+mod sofa;
+
+pub use measured::{HeadError, MeasuredHead};
 
 /// Who listens.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -15,6 +20,8 @@ pub enum Head {
     Sphere,
     /// No head: both ears get the pressure at the place of its centre.
     Omni,
+    /// A head that was measured; what is near sounds from the directions of what is far.
+    Measured(Arc<MeasuredHead>),
 }
 
 /// Azimuth of the ears of the sphere, degrees from straight ahead.
@@ -68,6 +75,7 @@ impl Head {
         match self {
             Self::Sphere => ear_axes(heading_rad).map(|axis| head().ear(axis.dot(direction), range_m)),
             Self::Omni => [EarResponse::free_field(), EarResponse::free_field()],
+            Self::Measured(measured) => measured.ears(direction, heading_rad),
         }
     }
 }
@@ -129,29 +137,38 @@ fn design_range(range_m: f64) -> Vec<Filter> {
     let responses: Vec<_> = (0..=DESIGN_POINTS / 2)
         .map(|bin| SphereResponse::new((bin as f64 * bin_hz).max(20.0), range_m))
         .collect();
-    let turns: Vec<_> =
-        (0..DESIGN_POINTS).map(|i| unit_phasor(TAU * i as f64 / DESIGN_POINTS as f64)).collect();
-    (0..ANGLES).map(|degrees| design(&responses, &turns, (degrees as f64).to_radians(), range_m)).collect()
+    let at_angle = |degrees: usize| {
+        let cos_incidence = libm::cos((degrees as f64).to_radians());
+        let spectrum: Vec<_> = responses.iter().map(|response| response.pressure(cos_incidence)).collect();
+        design_from(&spectrum, onset_delay_s(cos_incidence, range_m))
+    };
+    (0..ANGLES).map(at_angle).collect()
 }
 
-/// One filter: the exact response with its wave front moved to tap [`HEAD_LEAD`], back in time.
-fn design(responses: &[SphereResponse], turns: &[Complex64], incidence_rad: f64, range_m: f64) -> Filter {
-    let cos_incidence = libm::cos(incidence_rad);
-    let onset_s = onset_delay_s(cos_incidence, range_m);
+/// The filter of a spectrum (bins from 0 to half the sample rate, [`DESIGN_POINTS`] a period) with its wave front, which
+/// comes at `onset_s`, moved to tap [`HEAD_LEAD`].
+fn design_from(spectrum: &[Complex64], onset_s: f64) -> Filter {
     let bin_hz = f64::from(SAMPLE_RATE_HZ) / DESIGN_POINTS as f64;
-    let aligned = |(bin, response): (usize, &SphereResponse)| {
+    let aligned = |(bin, value): (usize, &Complex64)| {
         let frequency_hz = bin as f64 * bin_hz;
-        let value = response.pressure(cos_incidence) * unit_phasor(TAU * frequency_hz * onset_s);
+        let value = value * unit_phasor(TAU * frequency_hz * onset_s);
         // The two halves of the spectrum are conjugates: every bin but the first stands for two.
         if bin == 0 { Complex64::new(value.norm(), 0.0) } else { value * 2.0 * roll_off(frequency_hz) }
     };
-    let spectrum: Vec<_> = responses.iter().enumerate().map(aligned).collect();
+    let spectrum: Vec<_> = spectrum.iter().enumerate().map(aligned).collect();
+    let turns = turns();
     std::array::from_fn(|tap| {
         let sample = (tap + DESIGN_POINTS - HEAD_LEAD) % DESIGN_POINTS;
         let terms = spectrum.iter().enumerate();
         let sum: f64 = terms.map(|(bin, value)| (value * turns[bin * sample % DESIGN_POINTS]).re).sum();
         (sum / DESIGN_POINTS as f64 * edge_fade(tap)) as f32
     })
+}
+
+/// One turn in [`DESIGN_POINTS`] steps.
+fn turns() -> &'static [Complex64; DESIGN_POINTS] {
+    static TURNS: OnceLock<[Complex64; DESIGN_POINTS]> = OnceLock::new();
+    TURNS.get_or_init(|| std::array::from_fn(|step| unit_phasor(TAU * step as f64 / DESIGN_POINTS as f64)))
 }
 
 /// 1 below [`ROLL_OFF_FROM_HZ`], a raised cosine down to 0 at half the sample rate.

@@ -13,6 +13,7 @@ mod tail;
 mod trace;
 
 pub(crate) use cells::Cells;
+pub(crate) use diffuse::HeardField;
 pub(crate) use field::LateField;
 pub(crate) use tail::add_tail;
 

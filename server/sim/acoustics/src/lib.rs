@@ -30,7 +30,7 @@ mod ways;
 
 pub use clip::{Bank, Clip, ClipPool, RecordingError};
 pub use ears::{Ears, Emitter, Listener};
-pub use head::Head;
+pub use head::{Head, HeadError, MeasuredHead};
 pub use impulse::ImpulseResponse;
 pub use measure::{BandMeasures, Measures, expected_reverberation_s, interaural_delay_s};
 pub use settings::Settings;

@@ -22,7 +22,7 @@ const LONGEST_S: f32 = 10.0;
 
 /// The building and its surfaces.
 #[derive(Debug, Args)]
-pub(super) struct Options {
+pub(super) struct Surroundings {
     #[command(flatten)]
     choice: Choice,
     /// Energy that surfaces absorb, 0 to 1: one share, or six for 125, 250, 500, 1000, 2000 and 4000 Hz. All surfaces are
@@ -78,7 +78,7 @@ pub(super) struct Hall {
     plan: Option<RoomPlan>,
 }
 
-impl Options {
+impl Surroundings {
     /// Opens, grows or builds it.
     pub(super) fn open(&self) -> Result<Hall, Failure> {
         let plan = self.choice.plan()?;

@@ -1,18 +1,21 @@
 //! Who listens, where, and to what: as the command line says it.
 
+use super::unusable;
 use super::walk::Start;
 use crate::Failure;
-use avln_acoustics::{Head, Listener, Settings};
+use avln_acoustics::{Head, Listener, MeasuredHead, Settings};
 use avln_geom::Point3;
 use clap::Args;
+use std::path::PathBuf;
 use std::str::FromStr;
+use std::sync::Arc;
 
 /// Farther from the origin no source and no listener may be, metres.
 const REACH_M: f32 = 1e6;
 
 /// How sound is computed, and for whom.
 #[derive(Debug, Args)]
-pub(super) struct Options {
+pub(super) struct Hearing {
     /// Length of the impulse response, seconds from 0.01 to 20 [default: what Sabine's formula expects of the surfaces]
     #[arg(long, value_name = "SECONDS")]
     seconds: Option<Seconds>,
@@ -25,6 +28,9 @@ pub(super) struct Options {
     /// Hear the pressure at the place of the head's centre instead of two ears
     #[arg(long)]
     omni: bool,
+    /// Hear with a measured head instead of a sphere: a SOFA file of head-related impulse responses
+    #[arg(long, value_name = "FILE.sofa", conflicts_with = "omni")]
+    head: Option<PathBuf>,
 }
 
 /// A place, metres.
@@ -34,15 +40,25 @@ pub(super) struct Place(pub(super) Point3<f32>);
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Seconds(f32);
 
-impl Options {
+impl Hearing {
     /// The settings; responses are `response_s` long unless a length was asked for.
     pub(super) fn settings(&self, response_s: f32) -> Result<Settings, Failure> {
         Ok(Settings {
             response_s: self.seconds.map_or(response_s, |seconds| seconds.0),
             ray_count: self.rays as usize,
             reflection_order: usize::from(self.reflections),
-            head: if self.omni { Head::Omni } else { Head::Sphere },
+            head: self.head()?,
         })
+    }
+
+    fn head(&self) -> Result<Head, Failure> {
+        let Some(file) = &self.head else {
+            return Ok(if self.omni { Head::Omni } else { Head::Sphere });
+        };
+        let bytes = std::fs::read(file).map_err(|error| unusable(file, error, "check the path"))?;
+        let hint = "the sphere, without --head, needs no file";
+        let head = MeasuredHead::from_sofa(&bytes).map_err(|error| unusable(file, error, hint))?;
+        Ok(Head::Measured(Arc::new(head)))
     }
 
     /// Channels of what is heard.

@@ -1,5 +1,5 @@
-use super::hall;
-use super::listener::{self, Place, listener};
+use super::hall::Surroundings;
+use super::listener::{Hearing, Place, listener};
 use super::walk::Start;
 use super::{text, wav};
 use crate::Failure;
@@ -17,7 +17,7 @@ const BANDS: [&str; SURFACE_BANDS] = ["125", "250", "500", "1000", "2000", "4000
 #[derive(Debug, Args)]
 pub struct Options {
     #[command(flatten)]
-    hall: hall::Options,
+    surroundings: Surroundings,
     /// The source, a point that sounds alike in all directions: x,y,z in metres
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     source: Place,
@@ -25,7 +25,7 @@ pub struct Options {
     #[arg(long, value_name = "X,Y,Z,HEADING", allow_hyphen_values = true)]
     listener: Start,
     #[command(flatten)]
-    hearing: listener::Options,
+    hearing: Hearing,
     /// Write the response: 16 kHz, 32-bit float, left and right ear; one channel with --omni. Sample 0 is when the source
     /// sounds, and its pressure 1 m away, without walls, is a pulse of height 1
     #[arg(long, value_name = "RIR.wav")]
@@ -70,7 +70,7 @@ impl Serialize for ByBand {
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
-    let hall = options.hall.open()?;
+    let hall = options.surroundings.open()?;
     let listener = listener(&options.listener);
     hall.check("the source", &options.source.0)?;
     hall.check("the listener", &listener.position)?;

@@ -61,6 +61,14 @@ impl Bank {
         }
     }
 
+    /// The names of all clips, in order; none is made for it.
+    pub fn names(&self) -> Vec<String> {
+        match &self.0 {
+            Content::Made(indices) => indices.iter().map(|&index| made::name(index)).collect(),
+            Content::Own(clips) => clips.iter().map(|clip| clip.name.clone()).collect(),
+        }
+    }
+
     /// All clips, in order.
     pub fn clips(&self) -> impl Iterator<Item = Clip> {
         (0..self.len()).filter_map(|index| self.clip(index))

@@ -26,11 +26,16 @@ pub(super) fn clip(index: usize) -> &'static Clip {
     CLIPS[index].get_or_init(|| make(index))
 }
 
+/// The name of the clip at `index`: its family's and its number in it.
+pub(super) fn name(index: usize) -> String {
+    format!("{}-{}", FAMILIES[index / CLIPS_PER_FAMILY].name, index % CLIPS_PER_FAMILY)
+}
+
 /// Makes the clip at `index`.
 pub(super) fn make(index: usize) -> Clip {
     static FINISH: OnceLock<Finish> = OnceLock::new();
     let family = &FAMILIES[index / CLIPS_PER_FAMILY];
-    let name = format!("{}-{}", family.name, index % CLIPS_PER_FAMILY);
+    let name = name(index);
     let mut samples = (family.make)(&mut Rng::new(SEED).fork(&name));
     FINISH.get_or_init(|| Finish::new(CLIP_SAMPLES)).apply(&mut samples);
     Clip { name, samples: samples.into() }

@@ -22,7 +22,7 @@ const MOST_PROBED_HZ: f64 = 6000.0;
 pub(super) const FAR_M: f32 = 1e6;
 
 /// What a head makes of late energy.
-pub(super) struct HeardField {
+pub(crate) struct HeardField {
     pub(super) noise: Noise,
     /// Energy at an ear relative to that in the free field, by band, for sound from everywhere.
     energy: [f32; BANDS],
@@ -30,12 +30,13 @@ pub(super) struct HeardField {
 
 impl HeardField {
     /// That of `head`, computed on first use.
-    pub(super) fn of(head: &Head) -> &'static Self {
+    pub(super) fn of(head: &Head) -> &Self {
         static SPHERE: OnceLock<HeardField> = OnceLock::new();
         static OMNI: OnceLock<HeardField> = OnceLock::new();
         let place = match head {
             Head::Sphere => &SPHERE,
             Head::Omni => &OMNI,
+            Head::Measured(measured) => measured.heard_field(),
         };
         place.get_or_init(|| Self::new(|direction| head.ears(direction, 0.0, FAR_M)))
     }

@@ -1,0 +1,300 @@
+//! A head that was measured.
+
+use super::sofa::{EarMeasurement, Measurements};
+use super::{DESIGN_POINTS, EarResponse, Filter, design_from, ear_axes, unit_phasor};
+use crate::SAMPLE_RATE_HZ;
+use crate::late::HeardField;
+use crate::sphere::onset_delay_s;
+use avln_geom::{Vector3, angle};
+use realfft::RealFftPlanner;
+use realfft::num_complex::Complex64;
+use std::f64::consts::TAU;
+use std::fmt;
+use std::sync::OnceLock;
+
+/// Between directions of the table, degrees.
+const STEP_DEG: f32 = 5.0;
+
+/// Directions of the table: once around, and from straight down to straight up.
+const AROUND: usize = 72;
+const UP: usize = 37;
+
+/// Measured directions that one of the table is made from.
+const NEIGHBOURS: usize = 4;
+
+/// Of a response, what is this long before and after its highest peak is used, seconds.
+const BEFORE_PEAK_S: f64 = 0.002;
+const AFTER_PEAK_S: f64 = 0.008;
+
+/// Times the sample rate at which wave fronts are looked for.
+const FINER: usize = 8;
+
+/// Bins whose level is that of the free field: the head is no obstacle there (188 to 1000 Hz).
+const CALM_BINS: std::ops::RangeInclusive<usize> = 3..=16;
+
+/// Why a file is no head.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum HeadError {
+    /// Another format, or a damaged file.
+    #[error(
+        "it is no SOFA file, or damaged: name a whole file of head-related impulse responses (SimpleFreeFieldHRIR)"
+    )]
+    NoSofa,
+    /// A table is not there.
+    #[error(
+        "it has no table of numbers called {0}: name a file of head-related impulse responses (SimpleFreeFieldHRIR)"
+    )]
+    Missing(&'static str),
+    /// A table has another shape.
+    #[error("{0} holds {1}: two ears, 2 to 50000 directions as M x 3 and 8 to 16384 taps are read")]
+    Shape(&'static str, String),
+    /// Too few or too many samples a second.
+    #[error("{0} samples a second: 16000 to 400000 are read")]
+    Rate(f64),
+    /// Nothing is heard.
+    #[error("both ears are silent: name a file of head-related impulse responses")]
+    Silent,
+}
+
+/// A head as it was measured from many directions, at [`SAMPLE_RATE_HZ`].
+pub struct MeasuredHead {
+    /// `UP x AROUND`, row by row: from -90 degrees of elevation up, from straight ahead to the left.
+    table: Vec<[Ear; 2]>,
+    /// What it makes of late energy, computed on first use.
+    heard_field: OnceLock<HeardField>,
+}
+
+/// An ear's answer to a wave from one direction.
+#[derive(Clone, Debug, PartialEq)]
+struct Ear {
+    /// Tap [`super::HEAD_LEAD`] is the wave front.
+    filter: Filter,
+    /// Wave front after that at the head's centre, seconds.
+    delay_s: f64,
+}
+
+impl MeasuredHead {
+    /// Reads a SOFA file of free-field responses.
+    ///
+    /// Delay and shape of each response are separated: the wave front is where the response is most like its
+    /// minimum-phase version (Nam, Abel and Smith 2008, AES Convention 125, paper 7612). Both are interpolated over
+    /// direction by the four nearest measurements. The mean level of all responses from 188 to 1000 Hz becomes that of the
+    /// free field, their mean delay that of a sphere.
+    ///
+    /// # Errors
+    /// For files of another kind, damaged ones, and what [`HeadError`] names.
+    pub fn from_sofa(bytes: &[u8]) -> Result<Self, HeadError> {
+        // The reader of the format was not written for damaged files.
+        let read = std::panic::catch_unwind(|| Measurements::read(bytes));
+        let measured = read.unwrap_or(Err(HeadError::NoSofa))?;
+        let mut analysis = Analysis::new(measured.rate_hz);
+        let ears = measured.ears.iter().map(|ears| ears.each_ref().map(|ear| analysis.ear(ear)));
+        let mut ears: Vec<[Ear; 2]> = ears.collect();
+        let power: f64 = analysis.calm_power / (2 * ears.len()) as f64;
+        if power.is_nan() || power <= 0.0 {
+            return Err(HeadError::Silent);
+        }
+        let gain = 1.0 / power.sqrt();
+        let late_s = mean_lateness_s(&measured.directions, &ears);
+        for ear in ears.iter_mut().flatten() {
+            ear.filter.iter_mut().for_each(|tap| *tap = (f64::from(*tap) * gain) as f32);
+            ear.delay_s -= late_s;
+        }
+        let nodes = (0..UP).flat_map(|up| (0..AROUND).map(move |around| node_direction(up, around)));
+        let table = nodes.map(|node| interpolated(&node, &measured.directions, &ears)).collect();
+        Ok(Self { table, heard_field: OnceLock::new() })
+    }
+
+    /// Where is kept what it makes of late energy.
+    pub(crate) fn heard_field(&self) -> &OnceLock<HeardField> {
+        &self.heard_field
+    }
+
+    /// What the left and the right ear make of a wave from `direction` (unit vector, world frame).
+    pub(super) fn ears(&self, direction: &Vector3<f32>, heading_rad: f32) -> [EarResponse; 2] {
+        let (sin, cos) = angle::sin_cos(heading_rad);
+        let ahead = -direction.x * sin - direction.z * cos;
+        let left = direction.z * sin - direction.x * cos;
+        let azimuth_deg = angle::atan2(left, ahead).to_degrees().rem_euclid(360.0);
+        let elevation_deg = libm::asinf(direction.y.clamp(-1.0, 1.0)).to_degrees();
+        let (around, around_share) = cell(azimuth_deg / STEP_DEG, AROUND);
+        let (up, up_share) = cell((elevation_deg + 90.0) / STEP_DEG, UP - 1);
+        let next = (around + 1) % AROUND;
+        let corners = [
+            (up * AROUND + around, (1.0 - up_share) * (1.0 - around_share)),
+            (up * AROUND + next, (1.0 - up_share) * around_share),
+            ((up + 1) * AROUND + around, up_share * (1.0 - around_share)),
+            ((up + 1) * AROUND + next, up_share * around_share),
+        ];
+        [0, 1].map(|ear| {
+            let ear = mixed(corners.iter().map(|(node, share)| (&self.table[*node][ear], f64::from(*share))));
+            EarResponse { filter: ear.filter, delay_s: ear.delay_s }
+        })
+    }
+}
+
+impl PartialEq for MeasuredHead {
+    fn eq(&self, other: &Self) -> bool {
+        self.table == other.table
+    }
+}
+
+impl fmt::Debug for MeasuredHead {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("MeasuredHead").finish_non_exhaustive()
+    }
+}
+
+/// The cell of `count` that holds `position`, and how far into it that is.
+fn cell(position: f32, count: usize) -> (usize, f32) {
+    let whole = (position.max(0.0) as usize).min(count - 1);
+    (whole, (position - whole as f32).clamp(0.0, 1.0))
+}
+
+/// Direction of the table: x ahead, y to the left, z up.
+fn node_direction(up: usize, around: usize) -> Vector3<f64> {
+    let elevation = (f64::from(STEP_DEG) * up as f64 - 90.0).to_radians();
+    let azimuth = (f64::from(STEP_DEG) * around as f64).to_radians();
+    let level = libm::cos(elevation);
+    Vector3::new(level * libm::cos(azimuth), level * libm::sin(azimuth), libm::sin(elevation))
+}
+
+/// The ears' answer from `direction`, by the measurements that are nearest to it.
+fn interpolated(direction: &Vector3<f64>, known: &[Vector3<f64>], ears: &[[Ear; 2]]) -> [Ear; 2] {
+    // Half the squared chord: nearly half the squared angle. This much is no distance at all.
+    const SAME: f64 = 1e-6;
+    let mut nearest: Vec<(f64, usize)> =
+        known.iter().enumerate().map(|(index, other)| (1.0 - direction.dot(other), index)).collect();
+    let by_distance = |a: &(f64, usize), b: &(f64, usize)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+    let used = NEIGHBOURS.min(nearest.len());
+    nearest.select_nth_unstable_by(used - 1, by_distance);
+    nearest.truncate(used);
+    nearest.sort_by(by_distance);
+    let weight = |distance: f64| 1.0 / (distance.max(0.0) + SAME);
+    let total: f64 = nearest.iter().map(|(distance, _)| weight(*distance)).sum();
+    [0, 1].map(|ear| {
+        mixed(nearest.iter().map(|(distance, index)| (&ears[*index][ear], weight(*distance) / total)))
+    })
+}
+
+fn mixed<'a>(parts: impl Iterator<Item = (&'a Ear, f64)>) -> Ear {
+    let mut sum = Ear { filter: [0.0; super::HEAD_TAPS], delay_s: 0.0 };
+    for (ear, share) in parts {
+        sum.filter.iter_mut().zip(&ear.filter).for_each(|(sum, tap)| *sum += share as f32 * tap);
+        sum.delay_s += share * ear.delay_s;
+    }
+    sum
+}
+
+/// By how much the wave fronts come later than at a sphere, mean over all, seconds.
+fn mean_lateness_s(directions: &[Vector3<f64>], ears: &[[Ear; 2]]) -> f64 {
+    let lateness = directions.iter().zip(ears).flat_map(|(direction, ears)| {
+        // At heading 0 straight ahead is -Z and left is -X.
+        let world = Vector3::new(-direction.y as f32, direction.z as f32, -direction.x as f32);
+        let sphere_s = ear_axes(0.0).map(|axis| onset_delay_s(f64::from(axis.dot(&world)), f64::INFINITY));
+        [ears[0].delay_s - sphere_s[0], ears[1].delay_s - sphere_s[1]]
+    });
+    lateness.sum::<f64>() / (2 * ears.len()) as f64
+}
+
+/// Takes responses apart.
+struct Analysis {
+    rate_hz: f64,
+    /// `exp(-j w)` of each bin for one sample of the file.
+    turns: Vec<Complex64>,
+    planner: RealFftPlanner<f64>,
+    /// Sum over all responses of their mean power in [`CALM_BINS`].
+    calm_power: f64,
+}
+
+impl Analysis {
+    fn new(rate_hz: f64) -> Self {
+        let turn = |bin: usize| unit_phasor(-TAU * bin_hz() * bin as f64 / rate_hz);
+        let turns = (0..=DESIGN_POINTS / 2).map(turn).collect();
+        Self { rate_hz, turns, planner: RealFftPlanner::new(), calm_power: 0.0 }
+    }
+
+    fn ear(&mut self, measured: &EarMeasurement) -> Ear {
+        let (first, taps) = around_peak(&measured.taps, self.rate_hz);
+        let spectrum: Vec<Complex64> = self.turns.iter().map(|turn| fourier_sum(taps, *turn)).collect();
+        let power = spectrum[CALM_BINS].iter().map(Complex64::norm_sqr).sum::<f64>();
+        self.calm_power += power / CALM_BINS.count() as f64;
+        let front_s = self.front_s(&spectrum);
+        Ear {
+            filter: design_from(&spectrum, front_s),
+            delay_s: front_s + first as f64 / self.rate_hz + measured.delay_s,
+        }
+    }
+
+    /// Where the response is most like its minimum-phase version, seconds after its first tap.
+    fn front_s(&mut self, spectrum: &[Complex64]) -> f64 {
+        let minimum = self.minimum_phase(spectrum);
+        let points = FINER * DESIGN_POINTS;
+        let inverse = self.planner.plan_fft_inverse(points);
+        let mut common = inverse.make_input_vec();
+        // Neither the mean pressure nor the last bin tells of a delay.
+        for bin in 1..spectrum.len() - 1 {
+            common[bin] = spectrum[bin] * minimum[bin].conj();
+        }
+        let mut alike = inverse.make_output_vec();
+        let done = inverse.process(&mut common, &mut alike);
+        debug_assert!(done.is_ok());
+        let best = (0..points).max_by(|a, b| alike[*a].total_cmp(&alike[*b]).then(b.cmp(a))).unwrap_or(0);
+        let at = |offset: usize| alike[(best + offset) % points];
+        let (before, peak, after) = (at(points - 1), at(0), at(1));
+        let bend = before - 2.0 * peak + after;
+        let shift = if bend < 0.0 { 0.5 * (before - after) / bend } else { 0.0 };
+        // What wraps around lies before the first tap.
+        let whole = if best > points * 3 / 4 { best as f64 - points as f64 } else { best as f64 };
+        (whole + shift) / (FINER as f64 * f64::from(SAMPLE_RATE_HZ))
+    }
+
+    /// The minimum-phase spectrum of the same magnitude (Oppenheim and Schafer, "Discrete-Time Signal Processing",
+    /// chapter 13).
+    fn minimum_phase(&mut self, spectrum: &[Complex64]) -> Vec<Complex64> {
+        let (forward, inverse) =
+            (self.planner.plan_fft_forward(DESIGN_POINTS), self.planner.plan_fft_inverse(DESIGN_POINTS));
+        let largest = spectrum.iter().map(|value| value.norm_sqr().sqrt()).fold(0.0, f64::max);
+        let floor = (largest * 1e-4).max(f64::MIN_POSITIVE);
+        let mut logarithm: Vec<Complex64> = spectrum
+            .iter()
+            .map(|value| Complex64::new(libm::log(value.norm_sqr().sqrt().max(floor)), 0.0))
+            .collect();
+        let mut cepstrum = inverse.make_output_vec();
+        let done = inverse.process(&mut logarithm, &mut cepstrum);
+        debug_assert!(done.is_ok());
+        let scale = 1.0 / DESIGN_POINTS as f64;
+        for (n, value) in cepstrum.iter_mut().enumerate() {
+            let fold = if n == 0 || n == DESIGN_POINTS / 2 {
+                1.0
+            } else if n < DESIGN_POINTS / 2 {
+                2.0
+            } else {
+                0.0
+            };
+            *value *= fold * scale;
+        }
+        let mut folded = forward.make_output_vec();
+        let done = forward.process(&mut cepstrum, &mut folded);
+        debug_assert!(done.is_ok());
+        folded.into_iter().map(|value| unit_phasor(value.im) * libm::exp(value.re)).collect()
+    }
+}
+
+fn bin_hz() -> f64 {
+    f64::from(SAMPLE_RATE_HZ) / DESIGN_POINTS as f64
+}
+
+/// The taps around the highest one, and the index of the first of them.
+fn around_peak(taps: &[f32], rate_hz: f64) -> (usize, &[f32]) {
+    let higher = |a: &usize, b: &usize| taps[*a].abs().total_cmp(&taps[*b].abs()).then(b.cmp(a));
+    let peak = (0..taps.len()).max_by(higher).unwrap_or(0);
+    let first = peak.saturating_sub((BEFORE_PEAK_S * rate_hz) as usize);
+    let end = (peak + (AFTER_PEAK_S * rate_hz) as usize).min(taps.len());
+    (first, &taps[first..end])
+}
+
+/// The Fourier sum of `taps` at a frequency that turns by `turn` a tap.
+fn fourier_sum(taps: &[f32], turn: Complex64) -> Complex64 {
+    taps.iter().rev().fold(Complex64::default(), |sum, tap| sum * turn + f64::from(*tap))
+}

@@ -1,0 +1,174 @@
+//! Measured heads in files of the SOFA format (AES69).
+
+use super::measured::HeadError;
+use avln_geom::Vector3;
+use sofar::hdf::{self, DataObject, ParsedHdf};
+use std::ops::RangeInclusive;
+
+/// Directions of a file.
+const DIRECTIONS: RangeInclusive<usize> = 2..=50_000;
+
+/// Taps of a response.
+const TAPS: RangeInclusive<usize> = 8..=16_384;
+
+/// Samples a second: all that is heard must be in the file.
+const RATES_HZ: RangeInclusive<f64> = 16_000.0..=400_000.0;
+
+/// The longest delay that is not in the taps, seconds.
+const MOST_DELAY_S: f64 = 0.1;
+
+/// What a file holds.
+pub(super) struct Measurements {
+    pub(super) rate_hz: f64,
+    /// Unit vectors to the source: x ahead, y to the left, z up.
+    pub(super) directions: Vec<Vector3<f64>>,
+    /// For each direction the left ear, then the right one.
+    pub(super) ears: Vec<[EarMeasurement; 2]>,
+}
+
+/// What one ear hears of one pulse.
+pub(super) struct EarMeasurement {
+    pub(super) taps: Vec<f32>,
+    /// Before the first tap, seconds.
+    pub(super) delay_s: f64,
+}
+
+/// A table of a file, row by row.
+struct Table {
+    values: Vec<f64>,
+    sizes: Vec<usize>,
+    /// How places are written: `cartesian` or `spherical`.
+    kind: Option<String>,
+}
+
+impl Measurements {
+    pub(super) fn read(bytes: &[u8]) -> Result<Self, HeadError> {
+        let file = hdf::parse_with_children(bytes).map_err(|_| HeadError::NoSofa)?;
+        let says = |name: &str, value: &str| attribute(&file.root, name).as_deref() == Some(value);
+        if !says("Conventions", "SOFA") {
+            return Err(HeadError::NoSofa);
+        }
+        let responses = Table::of(&file, "Data.IR")?;
+        let [count, ears, taps] = responses.sizes[..] else {
+            return Err(HeadError::Shape("Data.IR", format!("{:?}", responses.sizes)));
+        };
+        if !DIRECTIONS.contains(&count) || ears != 2 || !TAPS.contains(&taps) {
+            return Err(HeadError::Shape("Data.IR", format!("{count} x {ears} x {taps}")));
+        }
+        let rate_hz = Table::of(&file, "Data.SamplingRate")?.values[0];
+        if !RATES_HZ.contains(&rate_hz) {
+            return Err(HeadError::Rate(rate_hz));
+        }
+        let directions = directions(&Table::of(&file, "SourcePosition")?, count)?;
+        let delays = delays_s(&file, count, rate_hz)?;
+        let left = left_ear(&file)?;
+        let ear = |direction: usize, ear: usize| EarMeasurement {
+            taps: responses.row(2 * direction + ear, taps).iter().map(|tap| *tap as f32).collect(),
+            delay_s: delays[direction][ear],
+        };
+        let both = (0..count).map(|direction| [ear(direction, left), ear(direction, 1 - left)]);
+        check_view(&file)?;
+        Ok(Self { rate_hz, directions, ears: both.collect() })
+    }
+}
+
+impl Table {
+    /// The table called `name`, which holds at least one number; all of them are finite.
+    fn of(file: &ParsedHdf<'_>, name: &'static str) -> Result<Self, HeadError> {
+        let object = file.get_child(name).and_then(Result::ok).ok_or(HeadError::Missing(name))?;
+        let values = numbers(&object).filter(|values| !values.is_empty()).ok_or(HeadError::Missing(name))?;
+        let sizes: Vec<usize> = object.ds.dimension_size.iter().map(|size| *size as usize).collect();
+        if sizes.iter().product::<usize>() != values.len() {
+            return Err(HeadError::Shape(name, format!("{} numbers in {sizes:?}", values.len())));
+        }
+        if !values.iter().all(|value| value.is_finite()) {
+            return Err(HeadError::Shape(name, "numbers that are not finite".to_owned()));
+        }
+        Ok(Self { values, sizes, kind: attribute(&object, "Type") })
+    }
+
+    fn row(&self, index: usize, length: usize) -> &[f64] {
+        &self.values[index * length..(index + 1) * length]
+    }
+
+    /// The place in row `index`, metres.
+    fn place(&self, index: usize) -> Vector3<f64> {
+        let [a, b, c] = [0, 1, 2].map(|axis| self.values[3 * index + axis]);
+        if self.kind.as_deref() != Some("spherical") {
+            return Vector3::new(a, b, c);
+        }
+        let (azimuth, elevation) = (a.to_radians(), b.to_radians());
+        let level = libm::cos(elevation);
+        Vector3::new(level * libm::cos(azimuth), level * libm::sin(azimuth), libm::sin(elevation)) * c
+    }
+}
+
+/// The text of an attribute.
+fn attribute(object: &DataObject, name: &str) -> Option<String> {
+    let found = object.parsed_attributes.iter().find(|attribute| attribute.name == name)?;
+    Some(found.value.as_deref()?.trim_matches(['\0', ' ']).to_owned())
+}
+
+/// The numbers of an object; `None` for other things.
+fn numbers(object: &DataObject) -> Option<Vec<f64>> {
+    const FLOAT: u8 = 1;
+    match (object.dt.class_and_version & 0x0f, object.dt.size) {
+        (FLOAT, 4) => {
+            Some(object.data.as_chunks().0.iter().map(|b| f64::from(f32::from_le_bytes(*b))).collect())
+        }
+        (FLOAT, 8) => Some(object.data.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect()),
+        _ => None,
+    }
+}
+
+fn directions(places: &Table, count: usize) -> Result<Vec<Vector3<f64>>, HeadError> {
+    let wrong = |what: String| HeadError::Shape("SourcePosition", what);
+    if places.sizes != [count, 3] {
+        return Err(wrong(format!("{:?}", places.sizes)));
+    }
+    let unit = |index| {
+        let direction = places.place(index).try_normalize(1e-6);
+        direction.ok_or_else(|| wrong(format!("a source at the head's centre, number {index}")))
+    };
+    (0..count).map(unit).collect()
+}
+
+/// For each direction the delays of both ears, in the order of the file.
+fn delays_s(file: &ParsedHdf<'_>, count: usize, rate_hz: f64) -> Result<Vec<[f64; 2]>, HeadError> {
+    let Ok(delays) = Table::of(file, "Data.Delay") else { return Ok(vec![[0.0; 2]; count]) };
+    let most = MOST_DELAY_S * rate_hz;
+    let in_range = delays.values.iter().all(|delay| delay.abs() <= most);
+    let row = |direction: usize| match delays.sizes[..] {
+        [1, 2] => Some([delays.values[0], delays.values[1]]),
+        [rows, 2] if rows == count => Some([delays.values[2 * direction], delays.values[2 * direction + 1]]),
+        _ => None,
+    };
+    let rows: Option<Vec<[f64; 2]>> = (0..count).map(row).collect();
+    match rows.filter(|_| in_range) {
+        Some(rows) => Ok(rows.into_iter().map(|row| row.map(|samples| samples / rate_hz)).collect()),
+        None => Err(HeadError::Shape("Data.Delay", format!("{:?} of at most {most} samples", delays.sizes))),
+    }
+}
+
+/// Which receiver is the left ear.
+fn left_ear(file: &ParsedHdf<'_>) -> Result<usize, HeadError> {
+    let Ok(receivers) = Table::of(file, "ReceiverPosition") else { return Ok(0) };
+    if receivers.values.len() < 6 {
+        return Err(HeadError::Shape("ReceiverPosition", format!("{:?}", receivers.sizes)));
+    }
+    Ok(usize::from(receivers.place(0).y < receivers.place(1).y))
+}
+
+/// Refuses heads that look elsewhere than along the x axis.
+fn check_view(file: &ParsedHdf<'_>) -> Result<(), HeadError> {
+    let Ok(view) = Table::of(file, "ListenerView") else { return Ok(()) };
+    let ahead = view.values.len() >= 3 && {
+        let seen = view.place(0);
+        seen.x > 0.99 * seen.norm()
+    };
+    if ahead {
+        Ok(())
+    } else {
+        Err(HeadError::Shape("ListenerView", "a view that is not along +x".to_owned()))
+    }
+}
