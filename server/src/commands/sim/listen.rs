@@ -27,8 +27,9 @@ pub struct Options {
     /// Steps that a source sounds before the next one does
     #[arg(long, value_name = "STEPS", default_value_t = 25, value_parser = clap::value_parser!(u32).range(1..))]
     turn: u32,
-    /// What sources play: the name of a clip that the program makes. One for all of them, or one for each
-    #[arg(long = "clip", value_name = "NAME", default_value = "pink-bursts-0")]
+    /// What sources play: the name of a clip that the program makes, or a WAV or FLAC file. One for all of them, or one for
+    /// each
+    #[arg(long = "clip", value_name = "NAME|FILE", default_value = "pink-bursts-0")]
     clips: Vec<String>,
     /// Where the body stands in each step of 0.25 s: [[x,y,z,heading],...], metres and degrees, or what
     /// `avln sim walk --json` prints; at most 4000
