@@ -39,7 +39,7 @@ pub fn read_folder(folder: &Path) -> Result<Vec<Clip>, Failure> {
 }
 
 /// One recording as a clip.
-fn read(path: &Path) -> Result<Clip, Failure> {
+pub(crate) fn read(path: &Path) -> Result<Clip, Failure> {
     let wrong = |error: String| {
         Failure::new(FailureKind::Data, format!("cannot use recording {}: {error}", path.display()))
     };

@@ -3,12 +3,12 @@ use super::listener::{Hearing, Place, listener};
 use super::walk::Start;
 use super::{read, unusable, wav};
 use crate::say::say;
-use crate::{Failure, FailureKind};
+use crate::{Failure, FailureKind, sounds};
 use avln_acoustics::{Bank, Clip, Ears, Emitter, Listener, SAMPLE_RATE_HZ, Settings};
 use avln_geom::{Point3, Vector3};
 use clap::Args;
 use serde::Deserialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Samples of a step: 0.25 s.
 const STEP_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 4;
@@ -124,13 +124,16 @@ impl Options {
     }
 }
 
-/// The clip called `name`.
+/// The clip called `name`; with an ending it is a file.
 fn clip(name: &str) -> Result<Clip, Failure> {
+    if Path::new(name).extension().is_some() {
+        return sounds::read(Path::new(name));
+    }
     let bank = Bank::default();
     let names = bank.names();
     let place = names.iter().position(|other| other == name);
     place.and_then(|index| bank.clip(index)).ok_or_else(|| {
-        let hint = format!("use one of {}", names.join(", "));
+        let hint = format!("name a .wav or .flac file, or one of {}", names.join(", "));
         Failure::new(FailureKind::Data, format!("no clip is called '{name}'")).hinted(hint)
     })
 }
