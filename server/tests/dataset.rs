@@ -2,7 +2,7 @@
 
 use avln_dataset::Recipe;
 use avln_episode::{Rules, SoundClip, Sounds};
-use avln_render::Shelf;
+use avln_world::Cache;
 use avln_server::{
     FailureKind,
     arena::data::DataFolder,
@@ -12,7 +12,7 @@ use avln_server::{
         build::Builder,
         check::{self, Report, Scope},
     },
-    models::ModelFolder,
+    cache::CacheFolder,
 };
 use std::{
     collections::BTreeMap,
@@ -40,9 +40,9 @@ fn recipe() -> Recipe {
 
 fn build(folder: &Path, threads: usize) {
     let builder = Builder::open(DatasetFiles::at(folder), recipe()).expect("a free folder");
-    let models = TempDir::new().expect("a folder");
-    let models: Arc<dyn Shelf> = Arc::new(ModelFolder::at(models.path()));
-    builder.run(Some(threads), Some(&models).filter(|_| threads > 1), |_| {}).expect("built");
+    let cache = TempDir::new().expect("a folder");
+    let cache: Arc<dyn Cache> = Arc::new(CacheFolder::at(cache.path()));
+    builder.run(Some(threads), Some(&cache).filter(|_| threads > 1), |_| {}).expect("built");
 }
 
 /// A data set that tests read and do not change.

@@ -3,14 +3,14 @@
 use crate::{
     Failure, FailureKind,
     dataset::{DatasetFiles, SplitFolder},
-    models::ModelFolder,
+    cache::CacheFolder,
     sounds::SoundFolder,
 };
 use avln_dataset::Split;
 use avln_episode::Sounds;
 use avln_referee::{Bank, made_bank};
-use avln_render::Shelf;
 use avln_store::Store;
+use avln_world::Cache;
 use serde::{Deserialize, Serialize};
 use std::{
     io,
@@ -65,9 +65,9 @@ impl DataFolder {
         SoundFolder::at(&self.root.join("sounds"))
     }
 
-    /// The models of scenes that it keeps.
-    pub fn models(&self) -> Arc<dyn Shelf> {
-        Arc::new(ModelFolder::at(&self.root.join(ModelFolder::IN_DATA)))
+    /// The cache of scenes that it keeps.
+    pub fn cache(&self) -> Arc<dyn Cache> {
+        Arc::new(CacheFolder::at(&self.root.join(CacheFolder::IN_DATA)))
     }
 
     /// Opens its database, and makes it when it is not there.

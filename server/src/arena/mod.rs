@@ -68,7 +68,7 @@ impl Arena {
             phases.insert(stage.phase.id.clone(), Arc::new(stage));
         }
         let budget_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
-        let scenes = Arc::new(SceneCache::new(budget_bytes, data.models()));
+        let scenes = Arc::new(SceneCache::new(budget_bytes, data.cache()));
         Ok(Self { store, phases, scenes, playing: Mutex::default() })
     }
 

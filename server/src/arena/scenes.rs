@@ -1,20 +1,20 @@
 use super::warm::Warm;
 use avln_dataset::{DatasetError, SceneSpec};
 use avln_episode::Rules;
-use avln_render::Shelf;
+use avln_world::Cache;
 use avln_world::SceneAssets;
 use std::sync::Arc;
 
 /// Prepared scenes that running episodes share, by digest and rules.
 pub(super) struct SceneCache {
     warm: Warm<(String, String), SceneAssets>,
-    models: Arc<dyn Shelf>,
+    cache: Arc<dyn Cache>,
 }
 
 impl SceneCache {
-    /// Keeps scenes of `budget_bytes` in memory; what their pictures are made from is kept on `models`.
-    pub(super) fn new(budget_bytes: usize, models: Arc<dyn Shelf>) -> Self {
-        Self { warm: Warm::new(budget_bytes, SceneAssets::resident_bytes), models }
+    /// Keeps scenes of `budget_bytes` in memory; what their pictures are made from is kept in `cache`.
+    pub(super) fn new(budget_bytes: usize, cache: Arc<dyn Cache>) -> Self {
+        Self { warm: Warm::new(budget_bytes, SceneAssets::resident_bytes), cache }
     }
 
     /// The scene, prepared for the rules' body, and whether it was made now because it was not ready: heavy on the
@@ -28,6 +28,6 @@ impl SceneCache {
         rules: &Rules,
     ) -> Result<(Arc<SceneAssets>, bool), DatasetError> {
         let key = (scene.digest.clone(), rules.name.clone());
-        self.warm.get(key, || scene.open_with(rules, Some(&self.models)))
+        self.warm.get(key, || scene.open_with(rules, Some(&self.cache)))
     }
 }

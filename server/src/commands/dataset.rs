@@ -8,7 +8,7 @@ use crate::{
         build::{Builder, Progress},
         check::{self, Scope},
     },
-    models::ModelFolder,
+    cache::CacheFolder,
     say::say,
 };
 use avln_dataset::{Recipe, SceneChoice, Statistics, summary};
@@ -105,7 +105,7 @@ fn build(data: &Path, options: &Build) -> Result<(), Failure> {
         bar.set_position(progress.done as u64);
     };
     let numbers =
-        builder.run(options.threads.map(usize::from), ModelFolder::of_data(data).as_ref(), watch)?;
+        builder.run(options.threads.map(usize::from), CacheFolder::of_data(data).as_ref(), watch)?;
     bar.finish_and_clear();
     print_numbers(&numbers);
     say!("\nData set     {}", folder.display());
@@ -159,8 +159,8 @@ fn check(data: &Path, options: &Check) -> Result<(), Failure> {
         threads: options.threads.map(usize::from),
     };
     let bar = bar("{bar:30} {pos}/{len} scenes, {elapsed} gone, {eta} left");
-    let (files, models) = (DatasetFiles::at(&options.folder), ModelFolder::of_data(data));
-    let report = check::run(&files, &scope, models.as_ref(), |done, of| {
+    let (files, cache) = (DatasetFiles::at(&options.folder), CacheFolder::of_data(data));
+    let report = check::run(&files, &scope, cache.as_ref(), |done, of| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
     })?;

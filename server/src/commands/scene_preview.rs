@@ -1,7 +1,7 @@
 //! Draws what a scene looks like, for people.
 
 use super::scene::Furnished;
-use crate::models::ModelFolder;
+use crate::cache::CacheFolder;
 use crate::preview::{Picture, Viewer, indoors, storeys};
 use crate::say::say;
 use crate::{Failure, FailureKind};
@@ -32,7 +32,7 @@ pub fn run(data: &Path, options: &Options) -> Result<(), Failure> {
     std::fs::create_dir_all(&options.out).map_err(|error| unwritten(&options.out, error))?;
     let mut pictures = storeys(&scene);
     let name = scene.name.clone();
-    pictures.extend(indoors(&Viewer::new(scene, ModelFolder::of_data(data)), options.views));
+    pictures.extend(indoors(&Viewer::new(scene, CacheFolder::of_data(data)), options.views));
     for picture in &pictures {
         write(picture, &options.out.join(format!("{}.png", picture.name)))?;
     }

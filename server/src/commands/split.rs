@@ -7,7 +7,7 @@ use crate::{
 };
 use avln_dataset::{MissionOptions, SceneSource, Split};
 use avln_episode::Rules;
-use avln_render::Shelf;
+use avln_world::Cache;
 use avln_scene::procedural::HouseOptions;
 use avln_store::SceneMap;
 use clap::{Args, Subcommand};
@@ -68,8 +68,8 @@ pub async fn make(
     say: impl Fn(String) + Send + 'static,
 ) -> Result<Split, Failure> {
     crate::arena::data::check_name("split", &options.name)?;
-    let models = data.models();
-    let built = tokio::task::spawn_blocking(move || build(&options, &models, say)).await;
+    let cache = data.cache();
+    let built = tokio::task::spawn_blocking(move || build(&options, &cache, say)).await;
     let (split, maps) = built.map_err(|error| Failure::new(FailureKind::Internal, error))??;
     data.save_split(&split)?;
     register::register_split(store, &split.name, &data.missions(&split.name)?, &maps).await?;
@@ -79,7 +79,7 @@ pub async fn make(
 /// Builds the scenes one after the other and draws missions in each.
 fn build(
     options: &Make,
-    models: &Arc<dyn Shelf>,
+    cache: &Arc<dyn Cache>,
     say: impl Fn(String),
 ) -> Result<(Split, Vec<SceneMap>), Failure> {
     let rules = Rules::named(&options.rules).map_err(|error| Failure::new(FailureKind::Scene, error))?;
@@ -88,7 +88,7 @@ fn build(
     for (index, (name, source)) in sources(options)?.into_iter().enumerate() {
         let missions = MissionOptions::new(options.missions, options.seed.wrapping_add(index as u64));
         let before = split.episodes.len();
-        let assets = split.add_scene(&name, source, &rules, &missions, Some(models))?;
+        let assets = split.add_scene(&name, source, &rules, &missions, Some(cache))?;
         say(format!(
             "  {name}: {} triangles, {} objects, {:.0} m2 to walk on, {} missions",
             assets.scene.mesh.triangles.len(),

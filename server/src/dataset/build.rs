@@ -9,7 +9,7 @@ use avln_dataset::{
     BuiltScene, Job, Manifest, Recipe, SceneLine, Statistics, build_scene,
     format::{DATASET_VERSION, digest_of},
 };
-use avln_render::Shelf;
+use avln_world::Cache;
 use serde::{Deserialize, Serialize};
 use std::{path::PathBuf, sync::Arc};
 
@@ -54,14 +54,14 @@ impl Builder {
     }
 
     /// Makes all scenes that are not done and finishes the data set; `watch` hears how far it is. What pictures are made from
-    /// is kept on `models`.
+    /// is kept in `cache`.
     ///
     /// # Errors
     /// When a scene cannot be made or the folder cannot be written. What is done stays, and is not done again.
     pub fn run(
         &self,
         threads: Option<usize>,
-        models: Option<&Arc<dyn Shelf>>,
+        cache: Option<&Arc<dyn Cache>>,
         mut watch: impl FnMut(Progress),
     ) -> Result<Vec<(String, Statistics)>, Failure> {
         if self.files.is_complete() {
@@ -76,7 +76,7 @@ impl Builder {
         };
         watch(progress);
         let make = |job: &Job| -> Result<(), Failure> {
-            let built = build_scene(&self.recipe, *job, models)?;
+            let built = build_scene(&self.recipe, *job, cache)?;
             self.keep(*job, built)
         };
         shares::share(&left, shares::threads(threads), make, |index, ()| {

@@ -4,7 +4,7 @@ use super::{DatasetFiles, SplitFolder, shares};
 use crate::{Failure, FailureKind};
 use avln_dataset::{Depth, Fault, Manifest, MissionRules, SceneLine, Statistics, check_scene};
 use avln_episode::Rules;
-use avln_render::Shelf;
+use avln_world::Cache;
 use std::{collections::BTreeMap, sync::Arc};
 
 /// Goals from which on modalities must be near thirds.
@@ -39,14 +39,14 @@ pub struct Report {
 }
 
 /// Checks the data set against its scenes; `watch` hears how many scenes of how many are done. What pictures are made from
-/// is looked for and kept on `models`.
+/// is looked for and kept in `cache`.
 ///
 /// # Errors
 /// When a file cannot be used or a scene cannot be made again.
 pub fn run(
     files: &DatasetFiles,
     scope: &Scope,
-    models: Option<&Arc<dyn Shelf>>,
+    cache: Option<&Arc<dyn Cache>>,
     mut watch: impl FnMut(usize, usize),
 ) -> Result<Report, Failure> {
     let manifest = files.manifest()?;
@@ -70,7 +70,7 @@ pub fn run(
     let mut found: BTreeMap<usize, (usize, Vec<Fault>)> = BTreeMap::new();
     type Work = (Arc<SplitFolder>, MissionRules, SceneLine);
     let check = |(folder, limits, scene): &Work| -> Result<_, Failure> {
-        let assets = scene.spec().open_with(&rules, models)?;
+        let assets = scene.spec().open_with(&rules, cache)?;
         let episodes = folder.episodes(scene)?;
         Ok((episodes.len(), check_scene(&assets, &rules, limits, &episodes, depth)))
     };

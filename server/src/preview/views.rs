@@ -1,7 +1,8 @@
 use super::{Picture, rooms};
-use crate::models::Studio;
+use crate::studio::Studio;
 use avln_geom::{Aabb, Point3, RayMesh, Vector3, angle};
-use avln_render::{Camera, Frame, Renderer, Shelf};
+use avln_render::{Camera, Frame, Renderer};
+use avln_world::Cache;
 use avln_scene::{InstanceId, Scene};
 use std::collections::BTreeMap;
 use std::f32::consts::{FRAC_PI_2, TAU};
@@ -39,9 +40,9 @@ struct View {
 }
 
 impl Viewer {
-    /// A viewer of `scene`; what pictures are made from is looked for and kept on `models`.
-    pub fn new(scene: Scene, models: Option<Arc<dyn Shelf>>) -> Self {
-        let Studio { scene, rays, renderer } = Studio::new(scene, models);
+    /// A viewer of `scene`; what pictures are made from is looked for and kept in `cache`.
+    pub fn new(scene: Scene, cache: Option<Arc<dyn Cache>>) -> Self {
+        let Studio { scene, rays, renderer } = Studio::new(scene, cache);
         Self { renderer, scene, rays }
     }
 

@@ -2,7 +2,7 @@ use crate::{EpisodeSpec, MissionOptions, sample_missions, survey};
 use avln_episode::Rules;
 use avln_scene::procedural::{self, HouseOptions, Pool};
 use avln_scene::{Scene, SceneError, digest::digest, open::open};
-use avln_world::{Body, Place, PrepareError, SceneAssets, Shelf};
+use avln_world::{Body, Cache, Cached, PrepareError, SceneAssets};
 use serde::{Deserialize, Serialize};
 use std::{ops::RangeInclusive, path::PathBuf, sync::Arc};
 
@@ -128,14 +128,14 @@ impl SceneSpec {
         self.open_with(rules, None)
     }
 
-    /// [`SceneSpec::open`], with what pictures are made from looked for and kept on `shelf` under the scene's digest.
+    /// [`SceneSpec::open`], with what pictures are made from looked for and kept in `cache` under the scene's digest.
     ///
     /// # Errors
     /// When it cannot be read, has changed, or no body can move in it.
     pub fn open_with(
         &self,
         rules: &Rules,
-        shelf: Option<&Arc<dyn Shelf>>,
+        cache: Option<&Arc<dyn Cache>>,
     ) -> Result<SceneAssets, DatasetError> {
         let scene = self.source.make(&self.name)?;
         let found = digest(&scene);
@@ -146,7 +146,7 @@ impl SceneSpec {
                 expected: self.digest.clone(),
             });
         }
-        self.prepare(scene, rules, shelf)
+        self.prepare(scene, rules, cache)
     }
 
     /// Prepares `scene`, which is the one meant, for bodies of the rules' size.
@@ -154,11 +154,11 @@ impl SceneSpec {
         &self,
         scene: Scene,
         rules: &Rules,
-        shelf: Option<&Arc<dyn Shelf>>,
+        cache: Option<&Arc<dyn Cache>>,
     ) -> Result<SceneAssets, DatasetError> {
         let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
-        let place = shelf.map(|shelf| Place { shelf: Arc::clone(shelf), name: self.digest.clone() });
-        SceneAssets::prepare_at(scene, &body, place)
+        let cached = cache.map(|cache| Cached { cache: Arc::clone(cache), name: self.digest.clone() });
+        SceneAssets::prepare_cached(scene, &body, cached)
             .map_err(|source| DatasetError::Prepare { scene: self.name.clone(), source })
     }
 }
@@ -187,7 +187,7 @@ impl Split {
     }
 
     /// Adds a scene and missions drawn in it; gives back the prepared scene. What its pictures are made from is looked for
-    /// and kept on `shelf`.
+    /// and kept in `cache`.
     ///
     /// # Errors
     /// When the scene cannot be used or holds no mission.
@@ -197,10 +197,10 @@ impl Split {
         source: SceneSource,
         rules: &Rules,
         options: &MissionOptions,
-        shelf: Option<&Arc<dyn Shelf>>,
+        cache: Option<&Arc<dyn Cache>>,
     ) -> Result<SceneAssets, DatasetError> {
         let (spec, scene) = SceneSpec::new(name, source)?;
-        let assets = spec.prepare(scene, rules, shelf)?;
+        let assets = spec.prepare(scene, rules, cache)?;
         let instances = survey(&assets, rules);
         let episodes = sample_missions(&assets, &instances, rules, options);
         if episodes.is_empty() {

@@ -4,6 +4,7 @@
 //! order of their distance.
 
 use crate::air::Air;
+use crate::stored::{Reader, Writer};
 use crate::taut::tighten;
 use crate::ways::{APART_M, LONGER_M};
 use avln_geom::{Point3, RayMesh};
@@ -46,6 +47,31 @@ impl GeodesicField {
     /// Bytes that the lists take.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.corners.as_slice()) + size_of_val(self.last_corner.as_slice())
+    }
+
+    pub(crate) fn write(&self, writer: &mut Writer) {
+        let words = |corner: &Corner| {
+            let [x, y, z] = [0, 1, 2].map(|axis| corner.point[axis].to_bits());
+            [x, y, z, corner.distance_m.to_bits(), corner.before]
+        };
+        writer.words(self.corners.iter().map(words).collect::<Vec<_>>().as_flattened());
+        writer.words(&self.last_corner);
+    }
+
+    /// What [`GeodesicField::write`] wrote; `None` when it does not fit the air.
+    pub(crate) fn read(reader: &mut Reader, air: &Air) -> Option<Self> {
+        let (words, last_corner) = (reader.words()?, reader.words()?);
+        let corner = |[x, y, z, distance_m, before]: [u32; 5]| Corner {
+            point: [x, y, z].map(f32::from_bits).into(),
+            distance_m: f32::from_bits(distance_m),
+            before,
+        };
+        let corners: Vec<_> = words.as_chunks().0.iter().map(|words| corner(*words)).collect();
+        // Every chain of corners ends at the source.
+        let is_chained = |(index, corner): (usize, &Corner)| corner.before < (index as u32).max(1);
+        let is_known = |last: &u32| *last == UNREACHED || (*last as usize) < corners.len();
+        let fits = last_corner.len() == air.grid().len() && last_corner.iter().all(is_known);
+        (fits && corners.iter().enumerate().all(is_chained)).then_some(Self { corners, last_corner })
     }
 
     /// Explores the air around `source`, from the cells in `seeds`, which must see it.

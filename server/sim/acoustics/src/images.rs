@@ -8,6 +8,7 @@ use crate::bands::{BANDS, BandLoss, air_loss, both};
 use crate::impulse::Arrival;
 use crate::planes::{Plane, PlaneId};
 use crate::source::Building;
+use crate::stored::{Reader, Writer};
 use crate::surfaces::{SURFACE_BANDS, Surface};
 use crate::ways::SILENT_DB;
 use avln_geom::{Aabb, Point3, Vector3, angle};
@@ -86,6 +87,18 @@ impl Images {
         Self { outlet: *outlet, images: images.collect() }
     }
 
+    pub(crate) fn write(&self, writer: &mut Writer) {
+        let words: Vec<_> = self.images.iter().map(Image::words).collect();
+        writer.words(words.as_flattened());
+    }
+
+    /// What [`Images::write`] wrote of a source at `outlet`; `None` when it does not fit the building.
+    pub(crate) fn read(reader: &mut Reader, building: &Building, outlet: &Point3<f32>) -> Option<Self> {
+        let words = reader.words()?;
+        let images = words.as_chunks().0.iter().map(|words| Image::read(words, building));
+        Some(Self { outlet: *outlet, images: images.collect::<Option<_>>()? })
+    }
+
     /// Bytes that the list takes.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.images.as_slice())
@@ -148,6 +161,31 @@ fn places_around(building: &Building, listener: &Point3<f32>) -> Vec<Point3<f32>
     };
     let clear = |place: &Point3<f32>| building.air.rays().is_clear(listener, place);
     (0..PLACES).rev().map(place).filter(clear).collect()
+}
+
+/// Words of an image.
+const WORDS: usize = MAX_ORDER + 3 + 6 * MAX_ORDER;
+
+impl Image {
+    fn words(&self) -> [u32; WORDS] {
+        let mirrors = self.sequence.iter().map(|plane| plane.map_or(0, |plane| u32::from(plane.0) + 1));
+        let corners = self.lit.iter().flat_map(|lit| [lit.min, lit.max]);
+        let points = std::iter::once(self.position).chain(corners);
+        let mut words = mirrors.chain(points.flat_map(|point| [point.x, point.y, point.z].map(f32::to_bits)));
+        std::array::from_fn(|_| words.next().unwrap_or_default())
+    }
+
+    fn read(words: &[u32; WORDS], building: &Building) -> Option<Self> {
+        let (mirrors, rest) = words.split_first_chunk::<MAX_ORDER>()?;
+        let point = |index: usize| Point3::from([0, 1, 2].map(|axis| f32::from_bits(rest[3 * index + axis])));
+        let is_known = |mirror: &u32| *mirror as usize <= building.planes.len();
+        let plane = |mirror: u32| mirror.checked_sub(1).map(|plane| PlaneId(plane as u16));
+        mirrors.iter().all(is_known).then(|| Self {
+            sequence: mirrors.map(plane),
+            position: point(0),
+            lit: std::array::from_fn(|bounce| Aabb { min: point(2 * bounce + 1), max: point(2 * bounce + 2) }),
+        })
+    }
 }
 
 impl Image {

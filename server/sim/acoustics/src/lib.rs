@@ -20,7 +20,9 @@ mod measure;
 mod planes;
 mod settings;
 mod source;
+mod shelf;
 mod sphere;
+mod stored;
 mod surfaces;
 mod taut;
 #[cfg(test)]
@@ -34,6 +36,7 @@ pub use head::{Head, HeadError, MeasuredHead};
 pub use impulse::ImpulseResponse;
 pub use measure::{BandMeasures, Measures, expected_reverberation_s, interaural_delay_s};
 pub use settings::Settings;
+pub use shelf::{SoundPlace, SoundShelf};
 pub use source::{Acoustics, FirstWave, Source};
 pub use surfaces::{SURFACE_BANDS, Surface, SurfaceError, Surfaces};
 

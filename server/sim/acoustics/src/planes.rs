@@ -7,7 +7,7 @@ use avln_scene::Scene;
 
 /// Number of a plane of a building; the largest plane is 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct PlaneId(u16);
+pub(crate) struct PlaneId(pub(crate) u16);
 
 /// The planes that the triangles of a building lie in, whatever they are cut into.
 #[derive(Debug)]

@@ -1,5 +1,6 @@
 //! How a building's sound is computed.
 
+use crate::stored::VERSION;
 use crate::{Head, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
 
 /// What of a building's sound is computed, and how finely. Equal settings give equal bits.
@@ -25,6 +26,12 @@ impl Settings {
     /// Samples of the longest impulse response.
     pub(crate) fn response_samples(&self) -> usize {
         (self.response_s.max(0.0) * SAMPLE_RATE_HZ as f32) as usize
+    }
+
+    /// The name under which a source at a place is kept, in a building called `building`.
+    pub(crate) fn name_of_source(&self, building: &str, [x, y, z]: [u32; 3]) -> String {
+        let (samples, rays, order) = (self.response_samples(), self.ray_count, self.reflection_order);
+        format!("{building}-{x:08x}{y:08x}{z:08x}-{samples}-{rays}-{order}-{VERSION}")
     }
 
     /// The farthest that sound comes from within a response, metres.

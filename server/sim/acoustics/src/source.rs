@@ -6,21 +6,30 @@ use crate::images::Images;
 use crate::impulse::{Arrival, ImpulseResponse};
 use crate::late::{Cells, LateField, add_tail};
 use crate::planes::Planes;
+use crate::stored::{Reader, Writer};
 use crate::ways::Ways;
-use crate::{Listener, Settings, Surfaces};
+use crate::{Listener, Settings, SoundPlace, Surfaces};
 use avln_geom::{Point3, RayMesh, Vector3, angle};
 use avln_scene::Scene;
-use std::collections::BTreeMap;
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// Sources kept per building, each up to half a megabyte; more of them and the smallest key is forgotten.
-const MAX_SOURCES: usize = 256;
+/// Bytes of sources that a building keeps; those in use by somebody are kept by them, too.
+const SOURCES_BYTES: usize = 64 << 20;
 
 /// What a building does to sound. Shared by all who listen in it; answers do not depend on who asked before.
 pub struct Acoustics {
     building: Arc<Building>,
-    sources: Mutex<BTreeMap<[u32; 3], Arc<OnceLock<Source>>>>,
+    /// The one that was asked for last comes first.
+    sources: Mutex<VecDeque<(Key, Slot)>>,
+    place: Option<SoundPlace>,
 }
+
+/// The bits of a source's position.
+type Key = [u32; 3];
+
+/// Filled by the first who needs the source, while others wait.
+type Slot = Arc<OnceLock<Source>>;
 
 /// What is known of a building before anything sounds in it.
 pub(crate) struct Building {
@@ -65,14 +74,19 @@ impl Acoustics {
     /// Prepares `scene`; `rays` must be built over the triangles of its mesh, and `surfaces` describe them.
     pub fn new(scene: &Scene, rays: Arc<RayMesh>, surfaces: Surfaces, settings: Settings) -> Self {
         let building = Building::new(scene, rays, surfaces, settings);
-        Self { building: Arc::new(building), sources: Mutex::default() }
+        Self { building: Arc::new(building), sources: Mutex::default(), place: None }
+    }
+
+    /// The same, with what is known of sources looked for and kept at a place.
+    #[must_use]
+    pub fn kept_at(self, place: Option<SoundPlace>) -> Self {
+        Self { place, ..self }
     }
 
     /// Bytes of what is known of the building and of all sources that are kept.
     pub fn resident_bytes(&self) -> usize {
         let sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = sources.values().filter_map(|source| source.get());
-        self.building.byte_count() + known.map(|source| source.known.byte_count()).sum::<usize>()
+        self.building.byte_count() + sources.iter().map(|(_, slot)| bytes_of(slot)).sum::<usize>()
     }
 
     /// The source at `position`, world frame, metres; computed on first use.
@@ -80,15 +94,44 @@ impl Acoustics {
     /// A position inside a closed piece of furniture sounds from the air next to it.
     pub fn source(&self, position: &Point3<f32>) -> Source {
         let key = [0, 1, 2].map(|axis| position[axis].to_bits());
-        let slot = {
-            let mut sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
-            if sources.len() >= MAX_SOURCES && !sources.contains_key(&key) {
-                sources.pop_first();
-            }
-            Arc::clone(sources.entry(key).or_default())
-        };
-        slot.get_or_init(|| Source::new(Arc::clone(&self.building), position)).clone()
+        self.slot(key).get_or_init(|| self.find(position, key)).clone()
     }
+
+    /// The slot of a source, which comes first from now on; the last ones go when all are too large.
+    fn slot(&self, key: Key) -> Slot {
+        let mut sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = sources.iter().position(|(known, _)| *known == key);
+        let slot = found.and_then(|index| sources.remove(index)).map_or_else(Slot::default, |(_, slot)| slot);
+        sources.push_front((key, Arc::clone(&slot)));
+        let mut sum = 0;
+        let kept = sources.iter().take_while(|(_, slot)| {
+            sum += bytes_of(slot);
+            sum <= SOURCES_BYTES
+        });
+        let kept = kept.count().max(1);
+        sources.truncate(kept);
+        slot
+    }
+
+    /// Reads the source from its place, or else works it out and keeps it there.
+    fn find(&self, position: &Point3<f32>, key: Key) -> Source {
+        let Some(SoundPlace { shelf, name }) = &self.place else {
+            return Source::new(Arc::clone(&self.building), position);
+        };
+        let name = self.building.settings.name_of_source(name, key);
+        let found = shelf.find_sound(&name);
+        let found = found.and_then(|bytes| Source::read(&bytes, Arc::clone(&self.building), position));
+        found.unwrap_or_else(|| {
+            let source = Source::new(Arc::clone(&self.building), position);
+            shelf.keep_sound(&name, &source.to_bytes());
+            source
+        })
+    }
+}
+
+/// Bytes of a source; 0 while it is being worked out.
+fn bytes_of(slot: &Slot) -> usize {
+    slot.get().map_or(0, |source| source.known.byte_count())
 }
 
 impl Building {
@@ -124,6 +167,28 @@ impl Source {
         let images = Images::new(&building, &outlet);
         let late = finite(&outlet).then(|| LateField::new(&building, &outlet, &images));
         Self { known: Arc::new(Known { building, position: *position, outlet, field, images, late }) }
+    }
+
+    fn to_bytes(&self) -> Vec<u8> {
+        let Known { outlet, field, images, late, .. } = &*self.known;
+        let mut writer = Writer::default();
+        writer.words(&[outlet.x, outlet.y, outlet.z].map(f32::to_bits));
+        field.write(&mut writer);
+        images.write(&mut writer);
+        if let Some(late) = late {
+            late.write(&mut writer);
+        }
+        writer.bytes
+    }
+
+    /// What [`Source::to_bytes`] wrote; `None` when it does not fit the building.
+    fn read(bytes: &[u8], building: Arc<Building>, position: &Point3<f32>) -> Option<Self> {
+        let mut reader = Reader::new(bytes);
+        let outlet = Point3::from(*reader.words()?.first_chunk::<3>()?).map(f32::from_bits);
+        let field = GeodesicField::read(&mut reader, &building.air)?;
+        let images = Images::read(&mut reader, &building, &outlet)?;
+        let late = if reader.is_at_end() { None } else { Some(LateField::read(&mut reader, &building)?) };
+        Some(Self { known: Arc::new(Known { building, position: *position, outlet, field, images, late }) })
     }
 
     /// Where the source was put, world frame, metres.

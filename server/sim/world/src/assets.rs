@@ -1,8 +1,8 @@
 use crate::sight::Surfaces;
-use avln_acoustics::{Acoustics, Settings, Source};
+use avln_acoustics::{Acoustics, Settings, SoundPlace, SoundShelf, Source};
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_navmesh::{Body, NavMesh, NavMeshError};
-use avln_render::{Camera, Frame, Place, Renderer};
+use avln_render::{Camera, Frame, Place, Renderer, Shelf};
 use avln_scene::{InstanceId, Mesh, Scene};
 use std::sync::{Arc, OnceLock};
 
@@ -16,7 +16,22 @@ pub struct SceneAssets {
     renderer: Renderer,
     /// Made when somebody first listens.
     acoustics: OnceLock<Acoustics>,
+    cached: Option<Cached>,
     surfaces: Surfaces,
+}
+
+/// Where what takes long to work out is kept from one run of the program to the next: models and sources of sound.
+pub trait Cache: Shelf + SoundShelf {}
+
+impl<T: Shelf + SoundShelf> Cache for T {}
+
+/// A scene's name in a cache.
+#[derive(Clone)]
+pub struct Cached {
+    /// The cache.
+    pub cache: Arc<dyn Cache>,
+    /// A name that only scenes with the same content have.
+    pub name: String,
 }
 
 /// What a ray meets first.
@@ -62,18 +77,17 @@ impl SceneAssets {
     /// # Errors
     /// When the mesh is broken or nobody can stand in it.
     pub fn prepare(scene: Scene, body: &Body) -> Result<SceneAssets, PrepareError> {
-        Self::prepare_at(scene, body, None)
+        Self::prepare_cached(scene, body, None)
     }
 
-    /// [`SceneAssets::prepare`], with what pictures are made from looked for and kept at `place`, whose name no scene with
-    /// another content may have.
+    /// [`SceneAssets::prepare`], with what takes long looked for and kept in a cache.
     ///
     /// # Errors
     /// When the mesh is broken or nobody can stand in it.
-    pub fn prepare_at(
+    pub fn prepare_cached(
         mut scene: Scene,
         body: &Body,
-        place: Option<Place>,
+        cached: Option<Cached>,
     ) -> Result<SceneAssets, PrepareError> {
         check_lists(&scene)?;
         // The navmesh checks corners and indices, on which all else relies.
@@ -82,9 +96,11 @@ impl SceneAssets {
         let textures = std::mem::take(&mut scene.textures);
         let scene = Arc::new(scene);
         let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
+        let place =
+            cached.clone().map(|Cached { cache, name }| Place { shelf: cache as Arc<dyn Shelf>, name });
         let renderer = Renderer::shelved(Arc::clone(&scene), textures, Arc::clone(&rays), place);
         let surfaces = Surfaces::new(&scene);
-        Ok(Self { scene, navmesh, rays, renderer, acoustics: OnceLock::new(), surfaces })
+        Ok(Self { scene, navmesh, rays, renderer, acoustics: OnceLock::new(), cached, surfaces })
     }
 
     /// Bytes that it keeps in memory, as far as they can be counted: mesh, rays, navmesh, points on things, what is known of
@@ -118,11 +134,21 @@ impl SceneAssets {
         self.surfaces.any_visible(&self.rays, eye, instance, half_vfov_rad, is_of_instance)
     }
 
+    /// Works out, or takes from the cache, what is needed to hear sources at `positions` (world frame, metres). Whoever listens
+    /// to them later need not wait.
+    pub fn prepare_sounds(&self, positions: &[Point3<f32>]) {
+        for position in positions {
+            self.source(position);
+        }
+    }
+
     /// The source of sound at `position`; shared by all who ask for it.
     pub(crate) fn source(&self, position: &Point3<f32>) -> Source {
         let listen = || {
             let surfaces = avln_acoustics::Surfaces::by_material(&self.scene);
-            Acoustics::new(&self.scene, Arc::clone(&self.rays), surfaces, Settings::default())
+            let place = self.cached.clone();
+            let place = place.map(|Cached { cache, name }| SoundPlace { shelf: cache as Arc<dyn SoundShelf>, name });
+            Acoustics::new(&self.scene, Arc::clone(&self.rays), surfaces, Settings::default()).kept_at(place)
         };
         self.acoustics.get_or_init(listen).source(position)
     }

@@ -4,7 +4,8 @@ mod poses;
 use super::shot::{Hfov, Pose, Reach, Size, camera};
 use super::{read, unusable};
 use crate::commands::scene::Furnished;
-use crate::models::{ModelFolder, Studio};
+use crate::cache::CacheFolder;
+use crate::studio::Studio;
 use crate::say::say;
 use crate::{Failure, FailureKind};
 use avln_render::{Camera, DepthNoise, Noise, Renderer, RgbNoise};
@@ -81,7 +82,7 @@ struct Shot {
 
 pub(super) fn run(data: &Path, options: &Options) -> Result<(), Failure> {
     let shots = options.shots()?;
-    let studio = Studio::new(options.scene.load()?, ModelFolder::of_data(data));
+    let studio = Studio::new(options.scene.load()?, CacheFolder::of_data(data));
     if let Some(folder) = &options.out_dir {
         std::fs::create_dir_all(folder).map_err(|error| files::unwritten(folder, error))?;
     }

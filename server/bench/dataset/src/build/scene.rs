@@ -9,7 +9,7 @@ use crate::{
 use avln_episode::Rules;
 use avln_geom::Rng;
 use avln_scene::procedural::Pool;
-use avln_world::{SceneAssets, Shelf};
+use avln_world::{Cache, SceneAssets};
 use std::sync::Arc;
 
 /// Houses that are tried, one after the other, until one holds all missions that are asked for.
@@ -53,7 +53,7 @@ impl Recipe {
 }
 
 /// Makes one scene: building, survey, missions, files. A pure function of recipe and job; what pictures are made from is
-/// looked for and kept on `shelf`.
+/// looked for and kept in `cache`.
 ///
 /// # Errors
 /// When the scene cannot be used or holds no mission. Files may hold fewer missions than asked for; houses are drawn
@@ -64,12 +64,12 @@ impl Recipe {
 pub fn build_scene(
     recipe: &Recipe,
     job: Job,
-    shelf: Option<&Arc<dyn Shelf>>,
+    cache: Option<&Arc<dyn Cache>>,
 ) -> Result<BuiltScene, DatasetError> {
     let split = &recipe.splits[job.split];
     let (name, rules) = (recipe.scene_name(job), recipe.rules()?);
     let rng = Rng::new(recipe.seed).fork(&split.name).fork(&format!("scene {}", job.scene));
-    let maker = Maker { recipe, split, rules, shelf };
+    let maker = Maker { recipe, split, rules, cache };
     match &split.scenes {
         SceneChoice::Files(files) => {
             let source = SceneSource::File { path: files[job.scene].clone() };
@@ -104,7 +104,7 @@ struct Maker<'a> {
     recipe: &'a Recipe,
     split: &'a SplitRecipe,
     rules: Rules,
-    shelf: Option<&'a Arc<dyn Shelf>>,
+    cache: Option<&'a Arc<dyn Cache>>,
 }
 
 impl Maker<'_> {
@@ -116,9 +116,9 @@ impl Maker<'_> {
         missions_seed: u64,
         least: usize,
     ) -> Result<BuiltScene, DatasetError> {
-        let Self { recipe, split, rules, shelf } = self;
+        let Self { recipe, split, rules, cache } = self;
         let (spec, scene) = SceneSpec::new(name, source)?;
-        let assets = spec.prepare(scene, rules, *shelf)?;
+        let assets = spec.prepare(scene, rules, *cache)?;
         let instances = survey_with(&assets, rules, &recipe.survey, &ThresholdsOnly);
         let options = recipe.mission_rules(split).options(split.missions_per_scene, missions_seed);
         let episodes = sample_missions(&assets, &instances, rules, &options);

@@ -6,6 +6,7 @@ use super::trace::{CHANNELS, Tally, trace};
 use crate::bands::{BANDS, air_loss};
 use crate::images::Images;
 use crate::source::Building;
+use crate::stored::{Reader, Writer};
 use crate::surfaces::SURFACE_BANDS;
 use crate::{SPEED_OF_SOUND_M_S, Settings};
 use avln_geom::{Point3, Rng, Vector3};
@@ -60,16 +61,29 @@ impl LateField {
         let count = bins::count(building.settings.response_s);
         let mut tally = trace(building, outlet, images, key, count);
         divide_by_volumes(building, &mut tally);
-        let air = (0..count).map(|bin| {
-            let middle_s = 0.5 * (bins::start_s(bin) + bins::start_s(bin + 1));
-            air_loss(middle_s * SPEED_OF_SOUND_M_S).map(|db| libm::exp10f(-db / 10.0))
-        });
         Self {
             values: tally.sums.iter().map(|value| to_half(*value)).collect(),
             row_of: tally.row_of,
-            air: air.collect(),
+            air: air_leaves(count),
             lost_share: tally.lost_share,
         }
+    }
+
+    pub(crate) fn write(&self, writer: &mut Writer) {
+        writer.words(&[self.lost_share.to_bits()]);
+        writer.words(&self.row_of);
+        writer.halves(&self.values);
+    }
+
+    /// What [`LateField::write`] wrote; `None` when it does not fit the building.
+    pub(crate) fn read(reader: &mut Reader, building: &Building) -> Option<Self> {
+        let count = bins::count(building.settings.response_s);
+        let (lost_share, row_of, values) = (reader.words()?, reader.words()?, reader.halves()?);
+        let rows = values.len() / (count * CHANNELS).max(1);
+        let is_known = |row: &u32| *row == NOWHERE || (*row as usize) < rows;
+        let fits = row_of.len() == building.cells.len() && row_of.iter().all(is_known);
+        let lost_share = f32::from_bits(*lost_share.first()?);
+        fits.then(|| Self { row_of, values, air: air_leaves(count), lost_share })
     }
 
     /// Bytes that the lists take.
@@ -96,6 +110,15 @@ impl LateField {
         let slices = sums.chunks_exact(CHANNELS).zip(&self.air).map(|(channels, air)| slice(channels, air));
         Echo { slices: slices.collect() }
     }
+}
+
+/// Per slice and band: the share of the energy that the air leaves.
+fn air_leaves(count: usize) -> Vec<[f32; BANDS]> {
+    let leaves = |bin| {
+        let middle_s = 0.5 * (bins::start_s(bin) + bins::start_s(bin + 1));
+        air_loss(middle_s * SPEED_OF_SOUND_M_S).map(|db| libm::exp10f(-db / 10.0))
+    };
+    (0..count).map(leaves).collect()
 }
 
 fn slice(channels: &[f32], air: &[f32; BANDS]) -> Slice {

@@ -62,7 +62,7 @@ fn a_data_folder_keeps_the_model_and_changes_no_file() {
         fs::read(at(name)).expect("a file")
     };
     let plain = take(Path::new("no data folder"), "plain.png");
-    let kept = || fs::read_dir(folder.path().join(ModelFolder::IN_DATA)).map_or(0, Iterator::count);
+    let kept = || fs::read_dir(folder.path().join(CacheFolder::IN_DATA)).map_or(0, Iterator::count);
     assert_eq!((take(folder.path(), "kept.png") == plain, kept()), (true, 1));
     assert_eq!((take(folder.path(), "found.png") == plain, kept()), (true, 1));
 }

@@ -1,7 +1,8 @@
 use super::*;
 use avln_geom::{UnitQuaternion, angle};
 use avln_scene::procedural::{HouseOptions, house};
-use avln_world::{Body, Camera, Frame, SceneAssets};
+use avln_scene::{Scene, digest::digest};
+use avln_world::{Body, Cached, Camera, Frame, SceneAssets};
 use std::sync::LazyLock;
 use std::time::Duration;
 use tempfile::TempDir;
@@ -14,14 +15,14 @@ fn folder() -> TempDir {
     TempDir::new().expect("a folder for temporary files")
 }
 
-fn shelf(folder: &Path) -> Option<Arc<dyn Shelf>> {
-    Some(Arc::new(ModelFolder::at(folder)))
+fn cache(folder: &Path) -> Option<Arc<dyn Cache>> {
+    Some(Arc::new(CacheFolder::at(folder)))
 }
 
 /// All bytes of some pictures of the house, as a server takes them.
-fn pictures(models: Option<Arc<dyn Shelf>>) -> Vec<Vec<u8>> {
-    let place = models.map(|shelf| Place { shelf, name: digest(&HOUSE) });
-    let assets = SceneAssets::prepare_at(HOUSE.clone(), &Body::default(), place).expect("a house");
+fn pictures(cache: Option<Arc<dyn Cache>>) -> Vec<Vec<u8>> {
+    let cached = cache.map(|cache| Cached { cache, name: digest(&HOUSE) });
+    let assets = SceneAssets::prepare_cached(HOUSE.clone(), &Body::default(), cached).expect("a house");
     let middle = assets.scene.bounds().expect("walls").center();
     let eye = avln_geom::Point3::new(middle.x, 1.5, middle.z);
     let turned = (0..4).map(|turn| angle::about_up(turn as f32 * 1.6));
@@ -58,17 +59,17 @@ fn pictures_are_the_same_from_models_that_are_made_kept_and_found() {
     let folder = folder();
     let first: Vec<_> = PLAIN.iter().map(|picture| picture[..3 * 64 * 48].to_vec()).collect();
     assert!(first.iter().any(|rgb| rgb.iter().any(|&value| value != first[0][0])), "something is seen");
-    assert_eq!(pictures(shelf(folder.path())), *PLAIN, "kept");
+    assert_eq!(pictures(cache(folder.path())), *PLAIN, "kept");
     assert_eq!(names(folder.path()), [format!("{}-{}.model", digest(&HOUSE), Model::VERSION)]);
-    assert!(ModelFolder::at(folder.path()).find(&digest(&HOUSE)).is_some());
-    assert_eq!(pictures(shelf(folder.path())), *PLAIN, "found");
+    assert!(CacheFolder::at(folder.path()).find(&digest(&HOUSE)).is_some());
+    assert_eq!(pictures(cache(folder.path())), *PLAIN, "found");
 }
 
 #[test]
 fn processes_that_keep_the_same_model_at_once_do_not_disturb_each_other() {
     let folder = folder();
     let taken: Vec<_> = std::thread::scope(|scope| {
-        let threads: Vec<_> = (0..3).map(|_| scope.spawn(|| pictures(shelf(folder.path())))).collect();
+        let threads: Vec<_> = (0..3).map(|_| scope.spawn(|| pictures(cache(folder.path())))).collect();
         threads.into_iter().map(|thread| thread.join().expect("pictures")).collect()
     });
     assert!(taken.iter().all(|pictures| *pictures == *PLAIN));
@@ -78,9 +79,9 @@ fn processes_that_keep_the_same_model_at_once_do_not_disturb_each_other() {
 #[test]
 fn damaged_files_are_replaced() {
     let folder = folder();
-    let models = ModelFolder::at(folder.path());
-    assert_eq!(pictures(shelf(folder.path())), *PLAIN);
-    let path = models.path(&digest(&HOUSE));
+    let models = CacheFolder::at(folder.path());
+    assert_eq!(pictures(cache(folder.path())), *PLAIN);
+    let path = models.model_path(&digest(&HOUSE));
     let sound = fs::read(&path).expect("a model");
     let flipped = |at: usize| {
         let mut bytes = sound.clone();
@@ -94,7 +95,7 @@ fn damaged_files_are_replaced() {
         fs::remove_file(&path).expect("the file of the round before");
         fs::write(&path, &damaged).expect("a file");
         assert!(models.find(&digest(&HOUSE)).is_none() && !path.exists());
-        assert_eq!(pictures(shelf(folder.path())), *PLAIN);
+        assert_eq!(pictures(cache(folder.path())), *PLAIN);
         assert_eq!(fs::read(&path).expect("made anew"), sound);
     }
 }
@@ -104,8 +105,8 @@ fn models_stay_in_memory_where_no_folder_can_be_made() {
     let folder = folder();
     let file = folder.path().join("a file");
     fs::write(&file, b"no folder").expect("a file");
-    assert_eq!(pictures(shelf(&file.join("models"))), *PLAIN);
-    let models = ModelFolder::at(&file.join("models"));
+    assert_eq!(pictures(cache(&file.join("models"))), *PLAIN);
+    let models = CacheFolder::at(&file.join("models"));
     assert!(models.find("house").is_none());
     models.keep("house", Model::default());
     assert!(models.complained.load(Ordering::Relaxed));
@@ -116,7 +117,7 @@ fn models_stay_in_memory_where_no_folder_can_be_made() {
 fn files_that_were_used_least_recently_make_room() {
     let folder = folder();
     let bytes = Model::default().byte_count() as u64;
-    let models = ModelFolder::with_budget(folder.path(), 3 * bytes);
+    let models = CacheFolder::with_budget(folder.path(), 3 * bytes);
     let used = |name: &str, s: u64| {
         let file = File::open(folder.path().join(name)).expect("a file");
         file.set_modified(SystemTime::UNIX_EPOCH + Duration::from_secs(s)).expect("a time");
@@ -133,7 +134,7 @@ fn files_that_were_used_least_recently_make_room() {
     assert!(models.find("a").is_some(), "which makes it used");
     models.keep("d", Model::default());
     assert_eq!(names(folder.path()), [&file("a"), &file("c"), &file("d"), "notes.txt"]);
-    let small = ModelFolder::with_budget(folder.path(), bytes - 1);
+    let small = CacheFolder::with_budget(folder.path(), bytes - 1);
     assert_eq!(small.keep("large", Model::default()).byte_count() as u64, bytes);
     assert_eq!(names(folder.path()).len(), 4, "what is too large is not kept, and nothing goes for it");
 }
@@ -141,7 +142,28 @@ fn files_that_were_used_least_recently_make_room() {
 #[test]
 fn a_data_folder_is_not_made_for_its_models() {
     let folder = folder();
-    assert!(ModelFolder::of_data(&folder.path().join("none")).is_none());
-    assert!(ModelFolder::of_data(folder.path()).is_some());
+    assert!(CacheFolder::of_data(&folder.path().join("none")).is_none());
+    assert!(CacheFolder::of_data(folder.path()).is_some());
     assert!(names(folder.path()).is_empty());
+}
+
+#[test]
+fn sounds_come_back_as_they_were_kept_or_not_at_all() {
+    let folder = folder();
+    let sounds = CacheFolder::at(folder.path());
+    assert!(sounds.find_sound("kitchen").is_none());
+    for bytes in [&b"a source"[..], &[], &[7; 10_000]] {
+        sounds.keep_sound("kitchen", bytes);
+        assert_eq!(sounds.find_sound("kitchen").as_deref(), Some(bytes));
+    }
+    let path = sounds.sound_path("kitchen");
+    let whole = fs::read(&path).expect("a file");
+    for damaged in [&whole[..9_000], &whole[..20], &[]] {
+        fs::write(&path, damaged).expect("a file");
+        assert!(sounds.find_sound("kitchen").is_none() && !path.exists());
+    }
+    let mut flipped = whole.clone();
+    flipped[5_000] ^= 1;
+    fs::write(&path, flipped).expect("a file");
+    assert!(sounds.find_sound("kitchen").is_none() && !path.exists());
 }

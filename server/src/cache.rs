@@ -1,16 +1,15 @@
-//! Models of scenes, kept in a folder: the next run need not make them, and processes that draw the same scene share their
-//! memory.
+//! What takes long to work out, kept in a folder: models of scenes and sources of sound. The next run need not make them
+//! again, and processes that draw the same scene share its model's memory.
 //!
 //! Everything in the folder can be made anew. Whatever is wrong with it is a warning and never an error.
 
 use crate::arena::secret;
-use avln_geom::RayMesh;
 use avln_machine::Mapped;
-use avln_render::{Model, Place, Renderer, Shelf};
-use avln_scene::{Scene, digest::digest};
+use avln_render::{Model, Shelf};
+use avln_world::{Cache, SoundShelf};
 use std::{
     fs::{self, File},
-    io,
+    io::{self, Write},
     path::{Path, PathBuf},
     sync::{
         Arc,
@@ -22,53 +21,64 @@ use std::{
 /// Bytes of all files together, at most: some hundred scans or a thousand procedural houses.
 const BUDGET_BYTES: u64 = 4 << 30;
 
-/// A folder of models. A file is written under another name, moved into place when it is complete, and never written again.
-pub struct ModelFolder {
+/// Bytes of a hash at the beginning of files that have none of their own.
+const HASH_BYTES: usize = 32;
+
+/// A folder of models and sources of sound. A file is written under another name, moved into place when it is complete, and
+/// never written again.
+pub struct CacheFolder {
     folder: PathBuf,
     budget_bytes: u64,
     /// Whether somebody was told that files cannot be written.
     complained: AtomicBool,
 }
 
-impl ModelFolder {
-    /// Where the models of a data folder lie in it.
-    pub const IN_DATA: &str = "cache/models";
+impl CacheFolder {
+    /// Where the cache of a data folder lies in it.
+    pub const IN_DATA: &str = "cache/scenes";
 
-    /// The models in `folder`, which is made when the first one is kept; 4 GiB of them at most, and those that nobody asked
-    /// for longest make room for new ones.
+    /// The cache in `folder`, which is made when something is first kept; 4 GiB at most, and what nobody asked for longest
+    /// makes room for what is new.
     pub fn at(folder: &Path) -> Self {
         Self::with_budget(folder, BUDGET_BYTES)
     }
 
-    /// [`ModelFolder::at`], with another limit.
+    /// [`CacheFolder::at`], with another limit.
     pub fn with_budget(folder: &Path, budget_bytes: u64) -> Self {
         Self { folder: folder.to_owned(), budget_bytes, complained: AtomicBool::new(false) }
     }
 
-    /// The models of the data folder at `data`, where that is there: commands that can do without do not make it.
-    pub fn of_data(data: &Path) -> Option<Arc<dyn Shelf>> {
-        data.is_dir().then(|| Arc::new(Self::at(&data.join(Self::IN_DATA))) as Arc<dyn Shelf>)
+    /// The cache of the data folder at `data`, where that is there: commands that can do without do not make it.
+    pub fn of_data(data: &Path) -> Option<Arc<dyn Cache>> {
+        data.is_dir().then(|| Arc::new(Self::at(&data.join(Self::IN_DATA))) as Arc<dyn Cache>)
     }
 
     /// Where the model called `name` lies. Another version of the program has files of its own.
-    fn path(&self, name: &str) -> PathBuf {
+    fn model_path(&self, name: &str) -> PathBuf {
         self.folder.join(format!("{name}-{}.model", Model::VERSION))
     }
 
-    /// Writes a model and gives back the file.
-    fn write(&self, name: &str, model: &Model) -> io::Result<PathBuf> {
+    fn sound_path(&self, name: &str) -> PathBuf {
+        self.folder.join(format!("{name}.sound"))
+    }
+
+    /// Makes the file at `path`, of so many bytes.
+    fn write(
+        &self,
+        path: &Path,
+        bytes: u64,
+        content: impl FnOnce(File) -> io::Result<()>,
+    ) -> io::Result<()> {
         fs::create_dir_all(&self.folder)?;
-        self.make_room(model.byte_count() as u64)?;
+        self.make_room(bytes)?;
         let random = secret::random_hex().map_err(io::Error::other)?;
         let unfinished = self.folder.join(format!("{random}.part"));
-        let path = self.path(name);
-        let written = File::create_new(&unfinished)
-            .and_then(|file| model.write(file))
-            .and_then(|()| fs::rename(&unfinished, &path));
+        let written =
+            File::create_new(&unfinished).and_then(content).and_then(|()| fs::rename(&unfinished, path));
         if written.is_err() {
             let _ = fs::remove_file(&unfinished);
         }
-        written.map(|()| path)
+        written
     }
 
     /// Deletes files, those that were used least recently first, until `bytes` more fit.
@@ -89,39 +99,19 @@ impl ModelFolder {
 
     /// All files of this kind of folder, those that were left unfinished too.
     fn files(&self) -> io::Result<Vec<Kept>> {
-        let is_ours = |path: &PathBuf| path.extension().is_some_and(|end| end == "model" || end == "part");
+        let is_ours = |path: &PathBuf| {
+            path.extension().is_some_and(|end| end == "model" || end == "sound" || end == "part")
+        };
         let paths = fs::read_dir(&self.folder)?.filter_map(|entry| Some(entry.ok()?.path()));
         Ok(paths.filter(is_ours).filter_map(Kept::at).collect())
     }
 
-    /// Says once that models are not kept.
+    /// Says once that nothing is kept.
     fn complain(&self, error: &io::Error) {
         if !self.complained.swap(true, Ordering::Relaxed) {
             let folder = self.folder.display();
             tracing::warn!(%folder, %error, "cannot keep prepared scenes, they are made anew at each start; give the folder write permission and space");
         }
-    }
-}
-
-/// A scene that is ready to be drawn.
-pub struct Studio {
-    /// The scene, without textures: the renderer has them.
-    pub scene: Arc<Scene>,
-    /// Its triangles.
-    pub rays: Arc<RayMesh>,
-    /// What takes pictures of it.
-    pub renderer: Renderer,
-}
-
-impl Studio {
-    /// Gets `scene` ready; what pictures are made from is looked for and kept on `models`.
-    pub fn new(mut scene: Scene, models: Option<Arc<dyn Shelf>>) -> Self {
-        let place = models.map(|shelf| Place { shelf, name: digest(&scene) });
-        let textures = std::mem::take(&mut scene.textures);
-        let scene = Arc::new(scene);
-        let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
-        let renderer = Renderer::shelved(Arc::clone(&scene), textures, Arc::clone(&rays), place);
-        Self { scene, rays, renderer }
     }
 }
 
@@ -141,9 +131,9 @@ impl Kept {
     }
 }
 
-impl Shelf for ModelFolder {
+impl Shelf for CacheFolder {
     fn find(&self, name: &str) -> Option<Model> {
-        let path = self.path(name);
+        let path = self.model_path(name);
         let read = match Mapped::open(&path) {
             Ok(bytes) => Model::read(bytes).map_err(|error| error.to_string()),
             Err(error) if error.kind() == io::ErrorKind::NotFound => return None,
@@ -156,7 +146,9 @@ impl Shelf for ModelFolder {
         if model.byte_count() as u64 > self.budget_bytes {
             return model;
         }
-        match self.write(name, &model).and_then(|path| Mapped::open(&path)) {
+        let (path, bytes) = (self.model_path(name), model.byte_count() as u64);
+        let written = self.write(&path, bytes, |file| model.write(file));
+        match written.and_then(|()| Mapped::open(&path)) {
             Ok(bytes) => Model::read(bytes).unwrap_or(model),
             Err(error) => {
                 self.complain(&error);
@@ -166,15 +158,50 @@ impl Shelf for ModelFolder {
     }
 }
 
+impl SoundShelf for CacheFolder {
+    fn find_sound(&self, name: &str) -> Option<Vec<u8>> {
+        let path = self.sound_path(name);
+        let mut bytes = match fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return None,
+            Err(error) => {
+                discard(&path, &error.to_string());
+                return None;
+            }
+        };
+        let content = bytes.split_off(HASH_BYTES.min(bytes.len()));
+        if blake3::hash(&content).as_bytes()[..] != bytes[..] {
+            discard(&path, "its bytes are not those that were written");
+            return None;
+        }
+        touch(&path);
+        Some(content)
+    }
+
+    fn keep_sound(&self, name: &str, bytes: &[u8]) {
+        let count = (HASH_BYTES + bytes.len()) as u64;
+        if count > self.budget_bytes {
+            return;
+        }
+        let content = |mut file: File| {
+            file.write_all(blake3::hash(bytes).as_bytes())?;
+            file.write_all(bytes)
+        };
+        if let Err(error) = self.write(&self.sound_path(name), count, content) {
+            self.complain(&error);
+        }
+    }
+}
+
 /// Notes that a file was used. Where that is not allowed it may be deleted before others: no result depends on it.
 fn touch(path: &Path) {
     let _ = File::open(path).and_then(|file| file.set_modified(SystemTime::now()));
 }
 
-/// Deletes a file that is no model.
+/// Deletes a file that is not what its name says.
 fn discard(path: &Path, error: &str) {
     let file = path.display();
-    tracing::warn!(%file, %error, "a prepared scene cannot be used; it is deleted and made anew");
+    tracing::warn!(%file, %error, "a file of the cache cannot be used; it is deleted and made anew");
     let _ = fs::remove_file(path);
 }
 
