@@ -63,12 +63,7 @@ impl CacheFolder {
     }
 
     /// Makes the file at `path`, of so many bytes.
-    fn write(
-        &self,
-        path: &Path,
-        bytes: u64,
-        content: impl FnOnce(File) -> io::Result<()>,
-    ) -> io::Result<()> {
+    fn write(&self, path: &Path, bytes: u64, content: impl FnOnce(File) -> io::Result<()>) -> io::Result<()> {
         fs::create_dir_all(&self.folder)?;
         self.make_room(bytes)?;
         let random = secret::random_hex().map_err(io::Error::other)?;

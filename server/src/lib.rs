@@ -3,17 +3,17 @@
 //! Start reading at [`run`], then `arena`, where the agents' door meets the rules and the store.
 
 pub mod arena;
+pub mod cache;
 mod cli;
 pub mod commands;
 pub mod dataset;
 pub mod doors;
 mod failure;
-pub mod cache;
-pub mod studio;
 mod npy;
 pub mod preview;
 mod say;
 pub mod sounds;
+pub mod studio;
 
 pub use cli::{Cli, main, run};
 pub use failure::{Failure, FailureKind};

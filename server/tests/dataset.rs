@@ -2,18 +2,18 @@
 
 use avln_dataset::Recipe;
 use avln_episode::{Rules, SoundClip, Sounds};
-use avln_world::Cache;
 use avln_server::{
     FailureKind,
     arena::data::DataFolder,
+    cache::CacheFolder,
     commands::phase,
     dataset::{
         DatasetFiles, SplitFolder,
         build::Builder,
         check::{self, Report, Scope},
     },
-    cache::CacheFolder,
 };
+use avln_world::Cache;
 use std::{
     collections::BTreeMap,
     fs,

@@ -2,8 +2,8 @@
 
 use crate::{
     Failure, FailureKind,
-    dataset::{DatasetFiles, SplitFolder},
     cache::CacheFolder,
+    dataset::{DatasetFiles, SplitFolder},
     sounds::SoundFolder,
 };
 use avln_dataset::Split;

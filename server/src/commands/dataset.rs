@@ -2,13 +2,13 @@
 
 use crate::{
     Failure, FailureKind,
+    cache::CacheFolder,
     commands::dataset_formats,
     dataset::{
         DatasetFiles,
         build::{Builder, Progress},
         check::{self, Scope},
     },
-    cache::CacheFolder,
     say::say,
 };
 use avln_dataset::{Recipe, SceneChoice, Statistics, summary};

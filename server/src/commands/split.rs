@@ -7,9 +7,9 @@ use crate::{
 };
 use avln_dataset::{MissionOptions, SceneSource, Split};
 use avln_episode::Rules;
-use avln_world::Cache;
 use avln_scene::procedural::HouseOptions;
 use avln_store::SceneMap;
+use avln_world::Cache;
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

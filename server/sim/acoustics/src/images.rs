@@ -183,7 +183,10 @@ impl Image {
         mirrors.iter().all(is_known).then(|| Self {
             sequence: mirrors.map(plane),
             position: point(0),
-            lit: std::array::from_fn(|bounce| Aabb { min: point(2 * bounce + 1), max: point(2 * bounce + 2) }),
+            lit: std::array::from_fn(|bounce| Aabb {
+                min: point(2 * bounce + 1),
+                max: point(2 * bounce + 2),
+            }),
         })
     }
 }

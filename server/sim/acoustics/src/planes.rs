@@ -65,6 +65,11 @@ impl Planes {
         &self.planes[usize::from(id.0)]
     }
 
+    /// How many planes there are.
+    pub(crate) fn len(&self) -> usize {
+        self.planes.len()
+    }
+
     /// Bytes that the lists take.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.planes.as_slice()) + size_of_val(self.plane_of.as_slice())

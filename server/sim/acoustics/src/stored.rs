@@ -52,7 +52,8 @@ impl<'a> Reader<'a> {
 
     fn list(&mut self, size: usize) -> Option<&'a [u8]> {
         let (length, rest) = self.bytes.split_first_chunk()?;
-        let (list, rest) = rest.split_at_checked((u32::from_le_bytes(*length) as usize).checked_mul(size)?)?;
+        let (list, rest) =
+            rest.split_at_checked((u32::from_le_bytes(*length) as usize).checked_mul(size)?)?;
         self.bytes = rest;
         Some(list)
     }

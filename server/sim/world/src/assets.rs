@@ -147,7 +147,8 @@ impl SceneAssets {
         let listen = || {
             let surfaces = avln_acoustics::Surfaces::by_material(&self.scene);
             let place = self.cached.clone();
-            let place = place.map(|Cached { cache, name }| SoundPlace { shelf: cache as Arc<dyn SoundShelf>, name });
+            let place =
+                place.map(|Cached { cache, name }| SoundPlace { shelf: cache as Arc<dyn SoundShelf>, name });
             Acoustics::new(&self.scene, Arc::clone(&self.rays), surfaces, Settings::default()).kept_at(place)
         };
         self.acoustics.get_or_init(listen).source(position)

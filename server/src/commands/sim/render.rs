@@ -3,10 +3,10 @@ mod poses;
 
 use super::shot::{Hfov, Pose, Reach, Size, camera};
 use super::{read, unusable};
-use crate::commands::scene::Furnished;
 use crate::cache::CacheFolder;
-use crate::studio::Studio;
+use crate::commands::scene::Furnished;
 use crate::say::say;
+use crate::studio::Studio;
 use crate::{Failure, FailureKind};
 use avln_render::{Camera, DepthNoise, Noise, Renderer, RgbNoise};
 use clap::Args;
