@@ -51,6 +51,7 @@ impl Host for Arena {
             digests: &stage.digests(),
         };
         let started = self.store.start_run(&new, now_unix_ms()).await.map_err(refusal)?;
+        self.look_ahead(&started.run.id, stage);
         let (episodes, max_slots) = (started.run.episodes, stage.phase.max_slots);
         Ok(RunTicket { run: started.run.id, token, episodes, max_slots })
     }

@@ -3,6 +3,7 @@
 //! [`Arena`] implements the door's `Host`: it admits teams, hands out episodes with a referee each, scores what comes
 //! back and stores it.
 
+mod ahead;
 pub mod data;
 mod host;
 mod play;
@@ -16,7 +17,8 @@ use crate::{Failure, FailureKind, dataset::SplitFolder};
 use avln_dataset::EpisodeSpec;
 use avln_episode::{FeedbackRule, Rules};
 use avln_referee::Bank;
-use avln_store::{Phase, PhaseEpisode, PhaseState, Store};
+use avln_store::{Phase, PhaseEpisode, PhaseState, Scene, Store};
+use avln_world::SceneAssets;
 use data::DataFolder;
 use scenes::SceneCache;
 use std::{
@@ -24,6 +26,8 @@ use std::{
     sync::{Arc, Mutex},
     time::{SystemTime, UNIX_EPOCH},
 };
+
+use tokio::sync::Semaphore;
 
 /// Version of the benchmark: it changes whenever a score could change.
 pub const BENCHMARK_VERSION: &str = "1.0.0";
@@ -39,6 +43,8 @@ pub struct Arena {
     scenes: Arc<SceneCache>,
     /// What is being played, by ticket.
     playing: Mutex<play::Playing>,
+    /// Who prepares an episode ahead of time: one after the other, so that the others can play.
+    ahead: Arc<Semaphore>,
 }
 
 /// A phase, the missions that are played in it, and the clips that they draw from.
@@ -69,7 +75,7 @@ impl Arena {
         }
         let budget_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
         let scenes = Arc::new(SceneCache::new(budget_bytes, data.cache()));
-        Ok(Self { store, phases, scenes, playing: Mutex::default() })
+        Ok(Self { store, phases, scenes, playing: Mutex::default(), ahead: Arc::new(Semaphore::new(1)) })
     }
 
     /// Ids of the phases, and how many episodes each has.
@@ -100,6 +106,16 @@ impl Stage {
         let missing =
             || Failure::new(FailureKind::Scene, format!("no episode {id} in split '{}'", self.phase.split));
         self.split.episode(id)?.ok_or_else(missing)
+    }
+
+    /// The scene called `name`, ready for the phase's rules, and its map if it was made now.
+    fn scene(&self, name: &str, scenes: &SceneCache) -> Result<(Arc<SceneAssets>, Option<Scene>), Failure> {
+        let missing =
+            || Failure::new(FailureKind::Scene, format!("no scene {name} in split '{}'", self.phase.split));
+        let spec = self.split.scene(name).ok_or_else(missing)?;
+        let (assets, made) = scenes.get(&spec, self.rules())?;
+        let map = made.then(|| register::map_of(&assets));
+        Ok((assets, map.map(|map| Scene { name: spec.name, digest: spec.digest, map })))
     }
 
     fn is_open(&self) -> bool {

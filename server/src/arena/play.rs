@@ -1,6 +1,6 @@
 //! Handing out episodes and taking them back.
 
-use super::{Arena, Stage, now_unix_ms, refusals::refusal, register, secret};
+use super::{Arena, Stage, now_unix_ms, refusals::refusal, secret};
 use avln_episode::{EndReason, Order, Sensors};
 use avln_grpc::{EpisodeOutcome, Reason, Refusal, Seat, TimeSpent};
 use avln_referee::{Referee, RefereeError};
@@ -35,6 +35,7 @@ impl Arena {
         match seated {
             Ok(referee) => {
                 let ticket = self.take_ticket(&stage);
+                self.look_ahead(run, &stage);
                 Ok(Some(Seat { handle, referee: Box::new(referee), ticket, time: TimeSpent::default() }))
             }
             Err(refused) => {
@@ -131,13 +132,7 @@ fn make_referee(
     sensors: Sensors,
 ) -> Result<(Referee, Option<Scene>), Refusal> {
     let spec = stage.episode(episode).map_err(Refusal::internal)?;
-    let scene = stage
-        .split
-        .scene(&spec.scene)
-        .ok_or_else(|| Refusal::internal(format!("no scene {}", spec.scene)))?;
-    let (assets, made) = scenes.get(&scene, stage.rules()).map_err(Refusal::internal)?;
-    let map = made.then(|| register::map_of(&assets));
-    let map = map.map(|map| Scene { name: scene.name, digest: scene.digest, map });
+    let (assets, map) = stage.scene(&spec.scene, scenes).map_err(Refusal::internal)?;
     let mission = spec.mission(&assets, stage.rules(), order);
     let (truth, rules) = (spec.truth(order), stage.rules().clone());
     let referee = Referee::new(assets, mission, truth, rules, sensors, &stage.bank);

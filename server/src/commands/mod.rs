@@ -13,4 +13,5 @@ pub mod scene_stats;
 pub mod serve;
 pub mod sim;
 pub mod split;
+mod split_prepare;
 pub mod team;

@@ -1,5 +1,6 @@
 //! Makes splits of scenes and missions.
 
+use super::split_prepare::{self, Prepare};
 use crate::say::say;
 use crate::{
     Failure, FailureKind,
@@ -19,6 +20,8 @@ use std::sync::Arc;
 pub enum Command {
     /// Build scenes, find targets in them, draw missions
     Make(Make),
+    /// Work out ahead of time what takes long in its episodes: light and textures, and how each target sounds everywhere
+    Prepare(Prepare),
 }
 
 /// What to make a split of.
@@ -48,8 +51,14 @@ pub struct Make {
 /// # Errors
 /// When a scene cannot be used or the data folder cannot be written.
 pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
-    let Command::Make(options) = command;
     let data = DataFolder::open(data)?;
+    let options = match command {
+        Command::Make(options) => options,
+        Command::Prepare(options) => {
+            let done = tokio::task::spawn_blocking(move || split_prepare::run(&data, &options)).await;
+            return done.map_err(|error| Failure::new(FailureKind::Internal, error))?;
+        }
+    };
     let store = data.store().await?;
     let split = make(&data, &store, options, |line| say!("{line}")).await?;
     say!("split {}: {} scenes, {} missions", split.name, split.scenes.len(), split.episodes.len());

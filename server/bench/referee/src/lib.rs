@@ -12,4 +12,4 @@ mod success;
 
 pub use avln_world::Bank;
 pub use referee::{Referee, RefereeError, StepOutcome};
-pub use sounds::made_bank;
+pub use sounds::{made_bank, source_positions};

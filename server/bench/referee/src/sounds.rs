@@ -1,6 +1,6 @@
 use avln_episode::{Rules, SoundClip, Sounds};
 use avln_truth::{EpisodeTruth, Target};
-use avln_world::{Bank, ClipPool, Rng, SoundSource};
+use avln_world::{Bank, ClipPool, Point3, Rng, SoundSource, Vector3};
 
 /// Fewer clips than the rules ask for.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
@@ -23,6 +23,12 @@ pub fn made_bank(sounds: &Sounds) -> Option<Bank> {
     Some(Bank::of(pool))
 }
 
+/// Where each target sounds from, world frame, metres.
+pub fn source_positions(rules: &Rules, targets: &[Target]) -> Vec<Point3<f32>> {
+    let lifted = |target: &Target| target.source + Vector3::y() * rules.source_lift_m;
+    targets.iter().map(lifted).collect()
+}
+
 /// One source for each target. All begin at the same place of their clips.
 pub(crate) fn sources(
     rules: &Rules,
@@ -32,12 +38,9 @@ pub(crate) fn sources(
 ) -> Result<Vec<SoundSource>, TooFewClips> {
     let clips = clips(rules, &truth.targets, bank.len(), rng)?;
     let offset_samples = (rng.next_u64() >> 32) as usize;
-    let source = |(target, clip): (&Target, usize)| {
-        let mut position = target.source;
-        position.y += rules.source_lift_m;
-        Some(SoundSource { position, clip: bank.clip(clip)?, offset_samples })
-    };
-    Ok(truth.targets.iter().zip(clips).filter_map(source).collect())
+    let source = |(position, clip)| Some(SoundSource { position, clip: bank.clip(clip)?, offset_samples });
+    let positions = source_positions(rules, &truth.targets);
+    Ok(positions.into_iter().zip(clips).filter_map(source).collect())
 }
 
 /// For each target the index of its clip, of `count`. Only by rules that leak are targets looked at.

@@ -133,6 +133,16 @@ impl Store {
         Ok(Some(Assigned { handle: handle.to_owned(), ordinal: count(ordinal), episode, scene }))
     }
 
+    /// The mission that [`Store::assign_next_episode`] would hand out now.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn next_pending(&self, run: &str) -> Result<Option<String>, StoreError> {
+        let select =
+            "SELECT episode FROM episodes WHERE run = $1 AND state = 'pending' ORDER BY ordinal LIMIT 1";
+        Ok(sqlx::query_scalar(select).bind(run).fetch_optional(&self.read).await?)
+    }
+
     /// Stores the result of an episode, adds it to the run's sums and completes the run with its last episode, all in
     /// one transaction. A result for an episode that has one changes nothing. An episode that ended by the server's fault
     /// becomes pending again, up to three attempts.

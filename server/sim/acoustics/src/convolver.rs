@@ -1,32 +1,104 @@
-//! Convolution by overlap-save: the newest samples of an input through a filter that may change every call.
+//! Convolution by overlap-save with filters in equal parts: what is known of the input serves every filter, and what is
+//! known of a filter serves every step.
 
 use realfft::num_complex::Complex32;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
-use std::collections::BTreeMap;
+use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// Fast convolution of real signals.
-#[derive(Default)]
-pub(crate) struct Convolver {
-    plans: BTreeMap<usize, Plan>,
-}
+/// The spectrum of one window.
+type Spectrum = Vec<Complex32>;
 
-struct Plan {
+/// Fast convolution of real signals, a block of samples at a time.
+pub(crate) struct Convolver {
+    block: usize,
+    window: usize,
     forward: Arc<dyn RealToComplex<f32>>,
     inverse: Arc<dyn ComplexToReal<f32>>,
     scratch: Vec<Complex32>,
 }
 
-impl Plan {
-    fn new(length: usize) -> Self {
+/// The recent past of a signal.
+pub(crate) struct Input {
+    /// The newest window, newest sample last.
+    recent: Vec<f32>,
+    /// Spectra of the window now and of those one, two … blocks ago; `None` for silence.
+    past: VecDeque<Option<Spectrum>>,
+    /// How many of them are kept.
+    most: usize,
+}
+
+/// A filter, and the spectra of those of its parts that were needed so far.
+pub(crate) struct Filter {
+    taps: Vec<f32>,
+    parts: Vec<Option<Spectrum>>,
+}
+
+impl Input {
+    /// Whether all that is remembered is silence.
+    pub(crate) fn is_silent(&self) -> bool {
+        self.past.iter().all(Option::is_none)
+    }
+}
+
+impl Convolver {
+    /// For blocks of `block` samples, at least 1.
+    pub(crate) fn new(block: usize) -> Self {
+        let window = (2 * block).next_power_of_two();
         let mut planner = RealFftPlanner::<f32>::new();
-        let (forward, inverse) = (planner.plan_fft_forward(length), planner.plan_fft_inverse(length));
+        let (forward, inverse) = (planner.plan_fft_forward(window), planner.plan_fft_inverse(window));
         let scratch = vec![Complex32::default(); forward.get_scratch_len().max(inverse.get_scratch_len())];
-        Self { forward, inverse, scratch }
+        Self { block, window, forward, inverse, scratch }
     }
 
-    /// The spectrum of `time`, which serves as scratch. Lengths are those of the plan, so that no call fails.
-    fn spectrum(&mut self, time: &mut [f32]) -> Vec<Complex32> {
+    /// Silence, to be convolved with filters of up to `longest` taps.
+    pub(crate) fn input(&self, longest: usize) -> Input {
+        let most = longest.div_ceil(self.block).max(1);
+        Input { recent: vec![0.0; self.window], past: VecDeque::with_capacity(most + 1), most }
+    }
+
+    pub(crate) fn filter(&self, taps: Vec<f32>) -> Filter {
+        let parts = taps.len().div_ceil(self.block);
+        Filter { taps, parts: vec![None; parts] }
+    }
+
+    /// Appends a block to an input.
+    pub(crate) fn feed(&mut self, input: &mut Input, block: &[f32]) {
+        input.recent.copy_within(block.len().., 0);
+        let now = input.recent.len() - block.len();
+        input.recent[now..].copy_from_slice(block);
+        let is_silent = input.recent.iter().all(|sample| *sample == 0.0);
+        input.past.push_front((!is_silent).then(|| self.spectrum(&mut input.recent.clone())));
+        input.past.truncate(input.most);
+    }
+
+    /// The newest block of an input through a filter. Exactly zero where all of the input is silent.
+    pub(crate) fn output(&mut self, input: &Input, filter: &mut Filter) -> Vec<f32> {
+        let mut sum = vec![Complex32::default(); self.window / 2 + 1];
+        let mut is_silent = true;
+        for (index, past) in input.past.iter().enumerate().take(filter.parts.len()) {
+            let Some(past) = past else { continue };
+            is_silent = false;
+            let part = self.part(filter, index);
+            sum.iter_mut().zip(past).zip(part).for_each(|((sum, past), part)| *sum += past * part);
+        }
+        if is_silent { vec![0.0; self.block] } else { self.signal(&mut sum) }
+    }
+
+    /// The spectrum of a part of a filter, worked out on first use.
+    fn part<'a>(&mut self, filter: &'a mut Filter, index: usize) -> &'a Spectrum {
+        let Filter { taps, parts } = filter;
+        parts[index].get_or_insert_with(|| {
+            let taps = taps.chunks(self.block).nth(index).unwrap_or_default();
+            let mut padded = vec![0.0; self.window];
+            let scale = 1.0 / self.window as f32;
+            padded.iter_mut().zip(taps).for_each(|(sample, tap)| *sample = tap * scale);
+            self.spectrum(&mut padded)
+        })
+    }
+
+    /// The spectrum of a window, which serves as scratch. Lengths are those of the plan, so that no call fails.
+    fn spectrum(&mut self, time: &mut [f32]) -> Spectrum {
         let mut spectrum = self.forward.make_output_vec();
         let scratch = &mut self.scratch[..self.forward.get_scratch_len()];
         let done = self.forward.process_with_scratch(time, &mut spectrum, scratch);
@@ -34,6 +106,7 @@ impl Plan {
         spectrum
     }
 
+    /// The last block of the window that has this spectrum.
     fn signal(&mut self, spectrum: &mut [Complex32]) -> Vec<f32> {
         let mut time = self.inverse.make_output_vec();
         // The first and last bin of a real signal are real; products of such bins are, up to rounding.
@@ -44,38 +117,7 @@ impl Plan {
         let scratch = &mut self.scratch[..self.inverse.get_scratch_len()];
         let done = self.inverse.process_with_scratch(spectrum, &mut time, scratch);
         debug_assert!(done.is_ok());
-        time
-    }
-}
-
-impl Convolver {
-    /// For each filter the last `count` samples of `input` convolved with it. `input` is taken to be silent
-    /// before its first sample. Samples that no filter reaches are exactly zero.
-    pub(crate) fn latest<const N: usize>(
-        &mut self,
-        input: &[f32],
-        filters: [&[f32]; N],
-        count: usize,
-    ) -> [Vec<f32>; N] {
-        let longest = filters.iter().map(|filter| filter.len()).max().unwrap_or(0);
-        let reach = (count + longest).saturating_sub(1).min(input.len());
-        let recent = &input[input.len() - reach..];
-        if longest == 0 || recent.iter().all(|sample| *sample == 0.0) {
-            return std::array::from_fn(|_| vec![0.0; count]);
-        }
-        let length = (count + longest - 1).next_power_of_two();
-        let plan = self.plans.entry(length).or_insert_with(|| Plan::new(length));
-        let mut padded = vec![0.0; length];
-        padded[length - reach..].copy_from_slice(recent);
-        let input = plan.spectrum(&mut padded);
-        filters.map(|filter| {
-            let mut padded = vec![0.0; length];
-            padded[..filter.len()].copy_from_slice(filter);
-            let mut product = plan.spectrum(&mut padded);
-            let scale = 1.0 / length as f32;
-            product.iter_mut().zip(&input).for_each(|(bin, other)| *bin *= other * scale);
-            plan.signal(&mut product).split_off(length - count)
-        })
+        time.split_off(self.window - self.block)
     }
 }
 
@@ -85,27 +127,41 @@ mod tests {
     use avln_geom::Rng;
 
     #[test]
-    fn the_latest_samples_equal_the_plain_sum() {
+    fn blocks_equal_the_plain_sum() {
         let mut rng = Rng::new(11);
         let mut noise = |count: usize| -> Vec<f32> { (0..count).map(|_| rng.range(-1.0, 1.0)).collect() };
-        for (inputs, taps, count) in [(50, 7, 20), (10, 30, 10), (300, 1, 128), (64, 100, 40)] {
-            let (input, filter) = (noise(inputs), noise(taps));
-            let [fast] = Convolver::default().latest(&input, [&filter], count);
-            for (offset, value) in fast.iter().enumerate() {
-                let now = inputs - count + offset;
-                let plain: f32 = (0..taps.min(now + 1)).map(|tap| filter[tap] * input[now - tap]).sum();
-                assert!((plain - value).abs() < 1e-5, "{plain} and {value}");
+        for (block, taps) in [(20, 7), (10, 30), (128, 1), (40, 100), (7, 50), (16, 16), (1, 5)] {
+            let (signal, filter) = (noise(6 * block), noise(taps));
+            let mut convolver = Convolver::new(block);
+            let mut input = convolver.input(taps);
+            let mut parts = convolver.filter(filter.clone());
+            for (index, now) in signal.chunks(block).enumerate() {
+                convolver.feed(&mut input, now);
+                let fast = convolver.output(&input, &mut parts);
+                for (offset, value) in fast.iter().enumerate() {
+                    let now = index * block + offset;
+                    let plain: f32 = (0..taps.min(now + 1)).map(|tap| filter[tap] * signal[now - tap]).sum();
+                    assert!((plain - value).abs() < 1e-5, "{block}, {taps}: {plain} and {value}");
+                }
             }
         }
     }
 
     #[test]
     fn silence_out_of_reach_of_the_input_is_exact() {
-        let mut input = vec![0.0; 200];
-        input[9] = 1.0;
-        let [reached] = Convolver::default().latest(&input, [&[1.0; 100]], 100);
-        assert!(reached[0..9].iter().all(|sample| (sample - 1.0).abs() < 1e-6));
-        let [silent] = Convolver::default().latest(&input, [&[1.0; 91]], 100);
-        assert!(silent.iter().all(|sample| *sample == 0.0));
+        let mut convolver = Convolver::new(100);
+        let (mut input, mut filter) = (convolver.input(250), convolver.filter(vec![1.0; 250]));
+        let mut click = vec![0.0; 100];
+        click[99] = 1.0;
+        convolver.feed(&mut input, &click);
+        for heard in [1.0, 1.0, 1.0] {
+            convolver.feed(&mut input, &[0.0; 100]);
+            assert!((convolver.output(&input, &mut filter)[30] - heard).abs() < 1e-6);
+        }
+        for _ in 0..2 {
+            convolver.feed(&mut input, &[0.0; 100]);
+        }
+        assert!(input.is_silent());
+        assert_eq!(convolver.output(&input, &mut filter), [0.0; 100]);
     }
 }

@@ -1,6 +1,6 @@
 //! What two ears hear while a listener moves and sources take turns.
 
-use crate::convolver::Convolver;
+use crate::convolver::{Convolver, Filter, Input};
 use crate::impulse::ImpulseResponse;
 use crate::{Clip, SAMPLE_RATE_HZ, Source};
 use avln_geom::Point3;
@@ -45,20 +45,23 @@ pub struct Ears {
 /// One emitter on its way to the ears.
 struct Channel {
     emitter: Emitter,
-    /// Dry signal, newest last: as far back as an impulse response reaches, and the current step.
-    dry: Vec<f32>,
-    /// Samples since the dry signal was last fed; the whole of `dry` when all is quiet.
-    quiet_samples: usize,
+    /// What it emitted, as far back as an impulse response reaches.
+    dry: Input,
     sounding: bool,
-    /// Where the previous step was heard, and how.
-    previous: Option<(Listener, ImpulseResponse)>,
+    /// Where the previous step was heard, and through which filters.
+    previous: Option<(Listener, [Filter; 2])>,
 }
 
 impl Ears {
     /// Ears at time 0 that hear nothing yet.
     pub fn new(emitters: Vec<Emitter>, samples_per_step: usize) -> Self {
-        let channels = emitters.into_iter().map(|emitter| Channel::new(emitter, samples_per_step)).collect();
-        Self { channels, samples_per_step, heard_samples: 0, convolver: Convolver::default() }
+        let convolver = Convolver::new(samples_per_step.max(1));
+        let channel = |emitter: Emitter| {
+            let dry = convolver.input(emitter.source.response_samples());
+            Channel { emitter, dry, sounding: false, previous: None }
+        };
+        let channels = emitters.into_iter().map(channel).collect();
+        Self { channels, samples_per_step, heard_samples: 0, convolver }
     }
 
     /// The sound of the next step: `2 × samples_per_step` samples at [`SAMPLE_RATE_HZ`], the left ear first.
@@ -74,8 +77,8 @@ impl Ears {
             return heard;
         }
         for (index, channel) in self.channels.iter_mut().enumerate() {
-            channel.feed(self.heard_samples, count, sounding == Some(index));
-            if channel.is_quiet() {
+            channel.feed(self.heard_samples, count, sounding == Some(index), &mut self.convolver);
+            if channel.dry.is_silent() {
                 channel.previous = None;
                 continue;
             }
@@ -91,47 +94,38 @@ impl Ears {
 }
 
 impl Channel {
-    fn new(emitter: Emitter, samples_per_step: usize) -> Self {
-        let dry = vec![0.0; emitter.source.response_samples() + samples_per_step];
-        Self { emitter, quiet_samples: dry.len(), dry, sounding: false, previous: None }
-    }
-
-    fn is_quiet(&self) -> bool {
-        self.quiet_samples >= self.dry.len()
-    }
-
     /// Appends one step of the clip, or of silence, to the dry signal.
-    fn feed(&mut self, start: usize, count: usize, sounding: bool) {
+    fn feed(&mut self, start: usize, count: usize, sounding: bool, convolver: &mut Convolver) {
         let was_sounding = std::mem::replace(&mut self.sounding, sounding);
-        if !sounding && !was_sounding && self.is_quiet() {
+        if !sounding && !was_sounding && self.dry.is_silent() {
             return;
         }
-        self.dry.copy_within(count.., 0);
-        let now = self.dry.len() - count;
         let clip = &self.emitter.clip.samples;
-        for (offset, sample) in self.dry[now..].iter_mut().enumerate() {
+        let sample = |offset: usize| {
             let gain = switch_gain(offset, was_sounding, sounding);
             let place = self.emitter.offset_samples.wrapping_add(start + offset);
-            *sample = if gain == 0.0 || clip.is_empty() { 0.0 } else { gain * clip[place % clip.len()] };
-        }
-        let fed = sounding || was_sounding;
-        self.quiet_samples = if fed { 0 } else { self.quiet_samples + count };
+            if gain == 0.0 || clip.is_empty() { 0.0 } else { gain * clip[place % clip.len()] }
+        };
+        let block: Vec<f32> = (0..count).map(sample).collect();
+        convolver.feed(&mut self.dry, &block);
     }
 
     /// This step at both ears.
     fn render(&mut self, listener: &Listener, count: usize, convolver: &mut Convolver) -> [Vec<f32>; 2] {
-        let (response, before) = match self.previous.take() {
-            Some((place, response)) if place == *listener => (response, None),
-            before => (self.emitter.source.impulse_response(listener), before.map(|(_, response)| response)),
+        let (mut filters, before) = match self.previous.take() {
+            Some((place, filters)) if place == *listener => (filters, None),
+            before => {
+                let ImpulseResponse { left, right } = self.emitter.source.impulse_response(listener);
+                let filters = [left, right].map(|taps| convolver.filter(taps));
+                (filters, before.map(|(_, filters)| filters))
+            }
         };
-        let mut ears = convolver.latest(&self.dry, [&response.left, &response.right], count);
-        if let Some(before) = before {
-            let fade = CROSSFADE_SAMPLES.min(count);
-            let until_fade_end = &self.dry[..self.dry.len() - count + fade];
-            let old = convolver.latest(until_fade_end, [&before.left, &before.right], fade);
-            ears.iter_mut().zip(&old).for_each(|(new, old)| crossfade(old, new));
+        let mut ears = filters.each_mut().map(|filter| convolver.output(&self.dry, filter));
+        for (new, mut filter) in ears.iter_mut().zip(before.into_iter().flatten()) {
+            let old = convolver.output(&self.dry, &mut filter);
+            crossfade(&old[..CROSSFADE_SAMPLES.min(count)], new);
         }
-        self.previous = Some((*listener, response));
+        self.previous = Some((*listener, filters));
         ears
     }
 }

@@ -134,12 +134,14 @@ impl SceneAssets {
         self.surfaces.any_visible(&self.rays, eye, instance, half_vfov_rad, is_of_instance)
     }
 
-    /// Works out, or takes from the cache, what is needed to hear sources at `positions` (world frame, metres). Whoever listens
-    /// to them later need not wait.
-    pub fn prepare_sounds(&self, positions: &[Point3<f32>]) {
-        for position in positions {
-            self.source(position);
-        }
+    /// Works out, or takes from the cache, what the first picture needs.
+    pub fn prepare_pictures(&self) {
+        self.renderer.model();
+    }
+
+    /// Works out, or takes from the cache, what is needed to hear a source at `position` (world frame, metres).
+    pub fn prepare_sound(&self, position: &Point3<f32>) {
+        self.source(position);
     }
 
     /// The source of sound at `position`; shared by all who ask for it.

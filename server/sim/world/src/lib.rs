@@ -14,7 +14,7 @@ mod world;
 
 pub use assets::{Cache, Cached, PrepareError, SceneAssets, Struck};
 pub use avln_acoustics::{Bank, Clip, ClipPool, SoundShelf};
-pub use avln_geom::{Aabb, Point3, Pose, Rng};
+pub use avln_geom::{Aabb, Point3, Pose, Rng, Vector3};
 pub use avln_navmesh::{Body, DistanceField, NavMesh, NavPoint};
 pub use avln_render::{Camera, DepthNoise, Frame, Model, Noise, Place, RgbNoise, Shelf};
 pub use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Scene};

@@ -16,10 +16,13 @@ async fn started(episodes: usize) -> Arena {
 async fn episodes_are_handed_out_once_each_in_order() {
     let arena = started(3).await;
     for index in 0..3 {
+        let next = arena.store.next_pending("run_1").await.expect("an answer");
+        assert_eq!(next, Some(format!("{EPISODE}-{index}")));
         let assigned = arena.assign("run_1", &format!("h{index}")).await.expect("an episode");
         assert_eq!((assigned.ordinal, assigned.episode), (index, format!("{EPISODE}-{index}")));
     }
     assert_eq!(arena.assign("run_1", "h3").await, None);
+    assert_eq!(arena.store.next_pending("run_1").await.expect("an answer"), None);
 }
 
 #[tokio::test]

@@ -1,0 +1,47 @@
+//! Gets the next episode of a run ready while the current one is played, so that its agent need not wait.
+
+use super::{Arena, Stage, scenes::SceneCache};
+use crate::{Failure, FailureKind};
+use avln_referee::source_positions;
+use avln_store::Scene;
+use std::sync::Arc;
+
+impl Arena {
+    /// Has the episode that `run` plays next prepared in the background, after what others asked for before.
+    pub(super) fn look_ahead(&self, run: &str, stage: &Arc<Stage>) {
+        let (run, stage, store) = (run.to_owned(), stage.clone(), self.store.clone());
+        let (scenes, turns) = (self.scenes.clone(), self.ahead.clone());
+        tokio::spawn(async move {
+            let Ok(turn) = turns.acquire_owned().await else { return };
+            let next = store.next_pending(&run).await;
+            let done = tokio::task::spawn_blocking(move || {
+                let _turn = turn;
+                next?.map_or(Ok(None), |episode| get_ready(&stage, &scenes, &episode))
+            });
+            let stored = match done.await {
+                Ok(Ok(Some(map))) => store.upsert_scene(&map).await.map_err(Failure::from),
+                Ok(Ok(None)) => Ok(()),
+                Ok(Err(error)) => Err(error),
+                Err(error) => Err(Failure::new(FailureKind::Internal, error)),
+            };
+            if let Err(error) = stored {
+                tracing::warn!(run, %error, "the next episode could not be prepared; it will be when it is asked for");
+            }
+        });
+    }
+}
+
+/// Works out what takes long in an episode; gives back the scene's map if the scene was made for it.
+fn get_ready(stage: &Stage, scenes: &SceneCache, episode: &str) -> Result<Option<Scene>, Failure> {
+    let spec = stage.episode(episode)?;
+    let (assets, map) = stage.scene(&spec.scene, scenes)?;
+    let sensors = &stage.phase.sensors;
+    if sensors.rgb || sensors.depth {
+        assets.prepare_pictures();
+    }
+    if sensors.audio {
+        let targets: Vec<_> = spec.goals.iter().map(|goal| goal.target.clone()).collect();
+        source_positions(stage.rules(), &targets).iter().for_each(|position| assets.prepare_sound(position));
+    }
+    Ok(map)
+}
