@@ -26,6 +26,8 @@ pub(crate) struct Input {
     past: VecDeque<Option<Spectrum>>,
     /// How many of them are kept.
     most: usize,
+    /// Silent samples at the end.
+    quiet: usize,
 }
 
 /// A filter, and the spectra of those of its parts that were needed so far.
@@ -54,7 +56,7 @@ impl Convolver {
     /// Silence, to be convolved with filters of up to `longest` taps.
     pub(crate) fn input(&self, longest: usize) -> Input {
         let most = longest.div_ceil(self.block).max(1);
-        Input { recent: vec![0.0; self.window], past: VecDeque::with_capacity(most + 1), most }
+        Input { recent: vec![0.0; self.window], past: VecDeque::with_capacity(most + 1), most, quiet: 0 }
     }
 
     pub(crate) fn filter(&self, taps: Vec<f32>) -> Filter {
@@ -67,12 +69,14 @@ impl Convolver {
         input.recent.copy_within(block.len().., 0);
         let now = input.recent.len() - block.len();
         input.recent[now..].copy_from_slice(block);
+        let quiet = block.iter().rev().take_while(|sample| **sample == 0.0).count();
+        input.quiet = if quiet == block.len() { input.quiet + quiet } else { quiet };
         let is_silent = input.recent.iter().all(|sample| *sample == 0.0);
         input.past.push_front((!is_silent).then(|| self.spectrum(&mut input.recent.clone())));
         input.past.truncate(input.most);
     }
 
-    /// The newest block of an input through a filter. Exactly zero where all of the input is silent.
+    /// The newest block of an input through a filter. Exactly zero where the filter reaches no sound any more.
     pub(crate) fn output(&mut self, input: &Input, filter: &mut Filter) -> Vec<f32> {
         let mut sum = vec![Complex32::default(); self.window / 2 + 1];
         let mut is_silent = true;
@@ -82,7 +86,10 @@ impl Convolver {
             let part = self.part(filter, index);
             sum.iter_mut().zip(past).zip(part).for_each(|((sum, past), part)| *sum += past * part);
         }
-        if is_silent { vec![0.0; self.block] } else { self.signal(&mut sum) }
+        let mut output = if is_silent { vec![0.0; self.block] } else { self.signal(&mut sum) };
+        let rung_out = (self.block + filter.taps.len()).saturating_sub(input.quiet + 1);
+        output.iter_mut().skip(rung_out).for_each(|sample| *sample = 0.0);
+        output
     }
 
     /// The spectrum of a part of a filter, worked out on first use.
@@ -154,14 +161,12 @@ mod tests {
         let mut click = vec![0.0; 100];
         click[99] = 1.0;
         convolver.feed(&mut input, &click);
-        for heard in [1.0, 1.0, 1.0] {
+        for sounding in [100, 100, 49, 0, 0] {
             convolver.feed(&mut input, &[0.0; 100]);
-            assert!((convolver.output(&input, &mut filter)[30] - heard).abs() < 1e-6);
-        }
-        for _ in 0..2 {
-            convolver.feed(&mut input, &[0.0; 100]);
+            let output = convolver.output(&input, &mut filter);
+            assert!(output[..sounding].iter().all(|sample| (sample - 1.0).abs() < 1e-6));
+            assert!(output[sounding..].iter().all(|sample| *sample == 0.0));
         }
         assert!(input.is_silent());
-        assert_eq!(convolver.output(&input, &mut filter), [0.0; 100]);
     }
 }
