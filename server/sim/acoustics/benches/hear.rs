@@ -50,7 +50,9 @@ fn main() {
         .iter()
         .map(|emitter| Emitter { source: dry.source(&emitter.source.position()), ..emitter.clone() });
     responses("without late energy", &scene, &dry.collect::<Vec<_>>());
-    steps(&scene, emitters);
+    steps("steps", &scene, &emitters, 25, false);
+    steps("steps, one source always rings", &scene, &emitters, 3, false);
+    steps("steps to anywhere", &scene, &emitters, 25, true);
 }
 
 /// Processor time of this thread, where the system tells it; else the time that has passed.
@@ -87,22 +89,29 @@ fn responses(what: &str, scene: &Scene, emitters: &[Emitter]) {
     println!("  mean {mean:?} of processor time");
 }
 
-/// Every step at a new place, sources taking turns every 25 steps.
-fn steps(scene: &Scene, emitters: Vec<Emitter>) {
-    let mut rng = Rng::new(2);
-    let count = emitters.len();
-    let mut ears = Ears::new(emitters, SAMPLES_PER_STEP);
+/// Steps of 25 cm and turns of 30 degrees in turn, or a new place every time; sources take turns every `window` steps,
+/// so that with few steps the one before still rings.
+fn steps(what: &str, scene: &Scene, emitters: &[Emitter], window: usize, leaps: bool) {
     const STEPS: usize = 2000;
-    let start = busy();
-    for step in 0..STEPS {
-        black_box(ears.hear(&wander(scene, &mut rng), Some(step / 25 % count)));
-    }
-    let seconds = (busy() - start).as_secs_f64();
-    println!(
-        "steps: {:.0} a second, {:.3} ms of processor time each",
-        STEPS as f64 / seconds,
-        1e3 * seconds / STEPS as f64
-    );
+    let (mut rng, mut place) = (Rng::new(2), wander(scene, &mut Rng::new(3)));
+    let mut ears = Ears::new(emitters.to_vec(), SAMPLES_PER_STEP);
+    let before = busy();
+    let mut times: Vec<Duration> = (0..STEPS)
+        .map(|step| {
+            match step % 40 {
+                _ if leaps => place = wander(scene, &mut rng),
+                0 => place = wander(scene, &mut rng),
+                even if even % 2 == 0 => place.position.x += 0.25 * if even < 20 { 1.0 } else { -1.0 },
+                _ => place.heading_rad += std::f32::consts::FRAC_PI_6,
+            }
+            let start = Instant::now();
+            black_box(ears.hear(&place, Some(step / window % emitters.len())));
+            start.elapsed()
+        })
+        .collect();
+    times.sort();
+    let mean = (busy() - before) / STEPS as u32;
+    println!("{what}: median {:?}, 99 % {:?}; mean {mean:?} of processor time", times[1000], times[1980]);
 }
 
 fn timed<T>(what: &str, work: impl FnOnce() -> T) -> (Duration, T) {

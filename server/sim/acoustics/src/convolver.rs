@@ -37,6 +37,11 @@ pub(crate) struct Filter {
 }
 
 impl Input {
+    /// Silent samples at the end.
+    pub(crate) fn quiet_samples(&self) -> usize {
+        self.quiet
+    }
+
     /// Whether all that is remembered is silence.
     pub(crate) fn is_silent(&self) -> bool {
         self.past.iter().all(Option::is_none)

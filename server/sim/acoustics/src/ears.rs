@@ -2,6 +2,7 @@
 
 use crate::convolver::{Convolver, Filter, Input};
 use crate::impulse::ImpulseResponse;
+use crate::source::Heard;
 use crate::{Clip, SAMPLE_RATE_HZ, Source};
 use avln_geom::Point3;
 
@@ -10,6 +11,10 @@ const CROSSFADE_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 20;
 
 /// Fade of the dry signal when an emitter starts or stops, samples: 10 ms.
 const SWITCH_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 100;
+
+/// What was emitted longer ago than this still rings, from everywhere: it is heard as before, whatever the head does.
+/// Samples: 0.2 s.
+const RINGING_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 5;
 
 /// A source that plays a clip.
 ///
@@ -48,8 +53,15 @@ struct Channel {
     /// What it emitted, as far back as an impulse response reaches.
     dry: Input,
     sounding: bool,
-    /// Where the previous step was heard, and through which filters.
-    previous: Option<(Listener, [Filter; 2])>,
+    /// How the previous step was heard.
+    previous: Option<Previous>,
+}
+
+struct Previous {
+    listener: Listener,
+    /// What reaches that place.
+    heard: Heard,
+    filters: [Filter; 2],
 }
 
 impl Ears {
@@ -112,21 +124,40 @@ impl Channel {
 
     /// This step at both ears.
     fn render(&mut self, listener: &Listener, count: usize, convolver: &mut Convolver) -> [Vec<f32>; 2] {
-        let (mut filters, before) = match self.previous.take() {
-            Some((place, filters)) if place == *listener => (filters, None),
-            before => {
-                let ImpulseResponse { left, right } = self.emitter.source.impulse_response(listener);
-                let filters = [left, right].map(|taps| convolver.filter(taps));
-                (filters, before.map(|(_, filters)| filters))
+        let only_rings = self.dry.quiet_samples() >= count + RINGING_SAMPLES;
+        let is_as_before = |before: &Previous| only_rings || before.listener == *listener;
+        let (mut now, before) = match self.previous.take() {
+            Some(before) if is_as_before(&before) => (before, None),
+            Some(before) => self.turn(listener, before, convolver),
+            None => {
+                (self.listen(listener, self.emitter.source.heard_at(&listener.position), convolver), None)
             }
         };
-        let mut ears = filters.each_mut().map(|filter| convolver.output(&self.dry, filter));
+        let mut ears = now.filters.each_mut().map(|filter| convolver.output(&self.dry, filter));
         for (new, mut filter) in ears.iter_mut().zip(before.into_iter().flatten()) {
             let old = convolver.output(&self.dry, &mut filter);
             crossfade(&old[..CROSSFADE_SAMPLES.min(count)], new);
         }
-        self.previous = Some((*listener, filters));
+        self.previous = Some(now);
         ears
+    }
+
+    /// How it is heard from now on, and the filters of before. What reaches a place is asked for once.
+    fn turn(
+        &self,
+        listener: &Listener,
+        before: Previous,
+        convolver: &Convolver,
+    ) -> (Previous, Option<[Filter; 2]>) {
+        let stays = before.listener.position == listener.position;
+        let heard = if stays { before.heard } else { self.emitter.source.heard_at(&listener.position) };
+        (self.listen(listener, heard, convolver), Some(before.filters))
+    }
+
+    fn listen(&self, listener: &Listener, heard: Heard, convolver: &Convolver) -> Previous {
+        let ImpulseResponse { left, right } = self.emitter.source.response(listener, &heard);
+        let filters = [left, right].map(|taps| convolver.filter(taps));
+        Previous { listener: *listener, heard, filters }
     }
 }
 

@@ -14,7 +14,7 @@ mod trace;
 
 pub(crate) use cells::Cells;
 pub(crate) use diffuse::HeardField;
-pub(crate) use field::LateField;
+pub(crate) use field::{Echo, LateField};
 pub(crate) use tail::add_tail;
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use crate::air::Air;
 use crate::geodesic::{GeodesicField, length_m};
 use crate::images::Images;
 use crate::impulse::{Arrival, ImpulseResponse};
-use crate::late::{Cells, LateField, add_tail};
+use crate::late::{Cells, Echo, LateField, add_tail};
 use crate::planes::Planes;
 use crate::stored::{Reader, Writer};
 use crate::ways::Ways;
@@ -57,6 +57,12 @@ pub struct FirstWave {
     pub azimuth_rad: f32,
     /// What it alone is at the two ears.
     pub response: ImpulseResponse,
+}
+
+/// What reaches a place from a source.
+pub(crate) struct Heard {
+    arrivals: Vec<Arrival>,
+    echo: Echo,
 }
 
 struct Known {
@@ -198,21 +204,33 @@ impl Source {
 
     /// What this source does to the two ears of `listener`. Empty for positions that are not finite.
     pub fn impulse_response(&self, listener: &Listener) -> ImpulseResponse {
-        let known = &self.known;
-        let arrivals = known.arrivals(&listener.position, listener.heading_rad);
-        let mut response = ImpulseResponse::new(listener, &arrivals, &known.building.settings);
+        self.response(listener, &self.heard_at(&listener.position))
+    }
+
+    /// All that arrives at a place, whichever way the listener looks.
+    pub(crate) fn heard_at(&self, place: &Point3<f32>) -> Heard {
+        let arrivals = self.known.arrivals(place);
+        let late = self.known.late.as_ref().filter(|_| !arrivals.is_empty());
+        let echo = late.map_or_else(Echo::default, |late| late.at(&self.known.building, place));
+        Heard { arrivals, echo }
+    }
+
+    /// [`Source::impulse_response`], given what is heard at the listener's place.
+    pub(crate) fn response(&self, listener: &Listener, heard: &Heard) -> ImpulseResponse {
+        let settings = &self.known.building.settings;
+        let arrivals = if listener.heading_rad.is_finite() { heard.arrivals.as_slice() } else { &[] };
+        let mut response = ImpulseResponse::new(listener, arrivals, settings);
         // Through walls some may come earlier, but hardly any.
-        if let (Some(first), Some(late)) = (arrivals.first(), &known.late) {
-            let echo = late.at(&known.building, &listener.position);
-            add_tail(&mut response, listener, &echo, first.length_m, &known.building.settings);
+        if let Some(first) = arrivals.first() {
+            add_tail(&mut response, listener, &heard.echo, first.length_m, settings);
         }
         response
     }
 
     /// The wave that reaches `listener` before all others. `None` for positions that are not finite.
     pub fn first_wave(&self, listener: &Listener) -> Option<FirstWave> {
-        let arrivals = self.known.arrivals(&listener.position, listener.heading_rad);
-        let first = arrivals.first()?;
+        let arrivals = self.known.arrivals(&listener.position);
+        let first = arrivals.first().filter(|_| listener.heading_rad.is_finite())?;
         Some(FirstWave {
             delay_s: first.delay_s(),
             azimuth_rad: azimuth_rad(&first.direction, listener.heading_rad),
@@ -248,8 +266,8 @@ impl Known {
         self.field.byte_count() + self.images.byte_count() + late
     }
 
-    fn arrivals(&self, listener: &Point3<f32>, heading_rad: f32) -> Vec<Arrival> {
-        if finite(listener) && finite(&self.outlet) && heading_rad.is_finite() {
+    fn arrivals(&self, listener: &Point3<f32>) -> Vec<Arrival> {
+        if finite(listener) && finite(&self.outlet) {
             let mut arrivals = self.ways().arrivals(listener);
             let mirrored = self.images.arrivals(&self.building, listener, &arrivals);
             arrivals.extend(mirrored);

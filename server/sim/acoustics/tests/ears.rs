@@ -211,3 +211,30 @@ fn a_clip_at_one_metre_has_its_own_level() {
     // The head weighs the bands; 0.05 within 3 dB.
     assert!((0.035..0.071).contains(&level), "{level}");
 }
+
+#[test]
+fn what_rings_is_heard_as_it_was_and_the_next_sound_from_where_the_head_is() {
+    let house = two_rooms(true);
+    let place = |heading_deg: f32| listener(3.0, 1.5, heading_deg);
+    let mut ears = Ears::new(vec![emitter(&house, point(1.0, 1.0, 3.0), 5)], STEP);
+    let mut still = Ears::new(vec![emitter(&house, point(1.0, 1.0, 3.0), 5)], STEP);
+    for ears in [&mut ears, &mut still] {
+        (0..2).for_each(|_| drop(ears.hear(&place(0.0), Some(0))));
+        ears.hear(&place(0.0), None);
+    }
+    // A quarter of a second after the end there is nothing but the tail.
+    for step in 1..4 {
+        let (turning, standing) =
+            (ears.hear(&place(30.0 * step as f32), None), still.hear(&place(0.0), None));
+        assert_eq!(turning, standing);
+        assert!(energy(&turning) > 0.0, "step {step} is silent");
+    }
+    let mut fresh = Ears::new(vec![emitter(&house, point(1.0, 1.0, 3.0), 5)], STEP);
+    (0..6).for_each(|_| drop(fresh.hear(&place(90.0), None)));
+    let again = ears.hear(&place(90.0), Some(0));
+    let new = fresh.hear(&place(90.0), Some(0));
+    // Once the fade is over it is the sound at the new heading, and what is left of the old tail.
+    let (late, new) = (&again[2000..STEP], &new[2000..STEP]);
+    let rest: Vec<f32> = late.iter().zip(new).map(|(a, b)| a - b).collect();
+    assert!(energy(&rest) < 0.05 * energy(new), "{} of {}", energy(&rest), energy(new));
+}
