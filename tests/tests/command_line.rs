@@ -63,6 +63,33 @@ fn house() -> (TempDir, PathBuf) {
 }
 
 #[test]
+fn a_split_is_prepared_ahead_of_time_and_once() {
+    let (_folder, data) = house();
+    let done = |arguments: &[&str]| {
+        let outcome = avln(&data, arguments);
+        assert_eq!(outcome.code, Some(0), "{outcome:?}");
+        outcome.out
+    };
+    let kept = || {
+        let files =
+            fs::read_dir(data.join("cache/scenes")).expect("a folder").map(|file| file.expect("a file"));
+        let mut names: Vec<_> = files.map(|file| file.file_name().into_string().expect("a name")).collect();
+        names.sort();
+        names
+    };
+    done(&["split", "make", "few", "--houses", "1", "--missions", "1"]);
+    let said = done(&["split", "prepare", "few"]);
+    let sources = kept().iter().filter(|name| name.ends_with(".sound")).count();
+    assert!((2..=4).contains(&sources), "{sources}");
+    assert!(said.contains(&format!("1 scenes and {sources} sources")), "{said}");
+    let before = kept();
+    done(&["split", "prepare", "few", "--threads", "1"]);
+    assert_eq!(kept(), before);
+    hinted(&data, &["split", "prepare", "many"], 3, &["'many'", "avln split make"]);
+    refused(&data, &["split", "prepare", "few", "--rules", "none"], 5);
+}
+
+#[test]
 fn help_names_every_command_and_every_exit_code() {
     let (_folder, data) = house();
     let help = avln(&data, &["--help"]);
