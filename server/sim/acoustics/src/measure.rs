@@ -8,7 +8,7 @@ mod octave;
 use crate::{ImpulseResponse, SAMPLE_RATE_HZ, SURFACE_BANDS};
 use decay::Decay;
 pub use expected::expected_reverberation_s;
-use octave::{Octaves, band_energies};
+use octave::{Octaves, band_energies, core_share, power_share};
 use std::ops::Range;
 
 /// What arrives no later than this after the first wave is direct sound, seconds.
@@ -36,11 +36,12 @@ pub struct Measures {
 pub struct BandMeasures {
     /// Energy, mean of both ears, over that of the free-field pressure 1 m from the source, decibels.
     pub level_db: Option<f64>,
-    /// Reverberation time from the decay between -5 and -25 dB, seconds; energies of both ears are added.
+    /// Reverberation time from the decay between -5 and -25 dB, seconds; energies of both ears are added. Of the core of
+    /// the octave, 0.45 octaves to either side, so that slower neighbours are not taken for it.
     pub t20_s: Option<f64>,
     /// The same between -5 and -35 dB.
     pub t30_s: Option<f64>,
-    /// Early decay time: the same from the first wave to -10 dB.
+    /// Early decay time: the same from the first wave to -10 dB, of the whole octave.
     pub edt_s: Option<f64>,
     /// Energy until 50 ms after the first wave over that of the rest, decibels; both ears.
     pub c50_db: Option<f64>,
@@ -70,13 +71,16 @@ impl Measures {
         Self {
             drr_db: ratio_db(middle(&direct), middle(&rest)),
             bands: std::array::from_fn(|band| {
-                let squared = octaves.each_ref().map(|ear| ear.squared(band));
-                let decay = Decay::of(&squared, first_arrival_s, length_s, band);
+                let decay = |share: fn(usize, f64) -> f64| {
+                    let squared = octaves.each_ref().map(|ear| ear.squared(|hz| share(band, hz)));
+                    Decay::of(&squared, first_arrival_s, length_s, band)
+                };
+                let (whole, core) = (decay(power_share), decay(core_share));
                 BandMeasures {
                     level_db: ratio_db(both(&all, band) / 2.0, 1.0),
-                    t20_s: decay.time_s(-5.0, -25.0),
-                    t30_s: decay.time_s(-5.0, -35.0),
-                    edt_s: decay.time_s(0.0, -10.0),
+                    t20_s: core.time_s(-5.0, -25.0),
+                    t30_s: core.time_s(-5.0, -35.0),
+                    edt_s: whole.time_s(0.0, -10.0),
                     c50_db: ratio_db(both(&early, band), both(&late, band)),
                     ild_db: ratio_db(all[0][band], all[1][band]),
                 }

@@ -15,7 +15,7 @@ pub(super) fn bandwidth_hz(band: usize) -> f64 {
 
 /// Share of the power at `frequency_hz` that a band pass of third order lets through (Butterworth 1930, as IEC 61260-1 asks
 /// for): half at the edges of the octave.
-fn power_share(band: usize, frequency_hz: f64) -> f64 {
+pub(super) fn power_share(band: usize, frequency_hz: f64) -> f64 {
     let center_hz = f64::from(BAND_HZ[band]);
     if frequency_hz <= 0.0 {
         return 0.0;
@@ -23,6 +23,20 @@ fn power_share(band: usize, frequency_hz: f64) -> f64 {
     let detuning = (frequency_hz / center_hz - center_hz / frequency_hz) * std::f64::consts::SQRT_2;
     let squared = detuning * detuning;
     1.0 / (1.0 + squared * squared * squared)
+}
+
+/// Share of the power at `frequency_hz` that lies in the core of a band: all up to a tenth of an octave from the centre,
+/// nothing from 0.45 octaves on, a squared sine between them.
+///
+/// Neighbouring bands may decay at other speeds. Through the flanks of an octave filter the slower one would be heard before
+/// the band itself has fallen by 35 dB.
+pub(super) fn core_share(band: usize, frequency_hz: f64) -> f64 {
+    const WHOLE_OCTAVES: f64 = 0.1;
+    const NOTHING_OCTAVES: f64 = 0.45;
+    let octaves = libm::fabs(libm::log2(frequency_hz.max(f64::MIN_POSITIVE) / f64::from(BAND_HZ[band])));
+    let share = (NOTHING_OCTAVES - octaves) / (NOTHING_OCTAVES - WHOLE_OCTAVES);
+    let sine = libm::sin(std::f64::consts::FRAC_PI_2 * share.clamp(0.0, 1.0));
+    sine * sine
 }
 
 /// A signal as a spectrum, ready to be looked at band by band.
@@ -48,12 +62,12 @@ impl Octaves {
         f64::from(SAMPLE_RATE_HZ) / 2.0 / (self.spectrum.len() - 1) as f64
     }
 
-    /// The square of the signal in `band`, sample by sample.
-    pub(super) fn squared(&self, band: usize) -> Vec<f64> {
+    /// The square of the signal, sample by sample, of whose power at a frequency in hertz `share` is let through.
+    pub(super) fn squared(&self, share: impl Fn(f64) -> f64) -> Vec<f64> {
         let length = 2 * (self.spectrum.len() - 1);
         let inverse = RealFftPlanner::<f64>::new().plan_fft_inverse(length);
         let bin_hz = self.bin_hz();
-        let gain = |bin: usize| power_share(band, bin as f64 * bin_hz).sqrt() / length as f64;
+        let gain = |bin: usize| share(bin as f64 * bin_hz).sqrt() / length as f64;
         let mut spectrum: Vec<_> =
             self.spectrum.iter().enumerate().map(|(bin, value)| value * gain(bin)).collect();
         if let Some(last) = spectrum.last_mut() {

@@ -35,6 +35,34 @@ fn reverberation_times_are_those_of_the_decay() {
     }
 }
 
+/// Octaves full of tones, each of which falls by 60 dB in its own time.
+fn octaves_that_fall_in(times_s: [f64; SURFACE_BANDS], length_s: f64) -> ImpulseResponse {
+    const TONES: i32 = 24;
+    let mut left = vec![0.0; (length_s * RATE) as usize];
+    for (center_hz, time_s) in BAND_HZ.iter().zip(times_s) {
+        for tone in 0..TONES {
+            let place = (f64::from(tone) + 0.5) / f64::from(TONES);
+            let turn = TAU * f64::from(*center_hz) * libm::exp2(place - 0.5) / RATE;
+            let phase = TAU * 0.5 * f64::from(tone * tone) / f64::from(TONES);
+            for (n, sample) in left.iter_mut().enumerate() {
+                let fall = libm::pow(10.0, -3.0 * n as f64 / RATE / time_s);
+                *sample += (0.01 * fall * libm::cos(turn * n as f64 + phase)) as f32;
+            }
+        }
+    }
+    ImpulseResponse { right: left.clone(), left }
+}
+
+#[test]
+fn a_band_is_not_taken_for_its_slower_neighbour() {
+    let times_s = [1.2, 1.2, 0.6, 1.2, 0.5, 0.3];
+    let measures = Measures::of(&octaves_that_fall_in(times_s, 1.6), 0.0, 1.6);
+    for (band, time_s) in times_s.into_iter().enumerate() {
+        let found = measures.bands[band].t30_s.expect("a decay");
+        assert!((found / time_s - 1.0).abs() < 0.08, "band {band}: {found} s, not {time_s} s");
+    }
+}
+
 #[test]
 fn a_response_that_is_cut_short_shows_no_long_decay() {
     // -5 to -25 dB and 15 more take two thirds of 0.9 s, to -35 dB five sixths.
