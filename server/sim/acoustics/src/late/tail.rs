@@ -20,9 +20,6 @@ pub(super) const DIRECTED: usize = 16;
 /// Slices of later sound whose directions are averaged.
 const GROUP: usize = 16;
 
-/// Less flow than this is chance.
-const LEAST_FLOW: f32 = 0.15;
-
 /// Adds `echo` to both ears of `listener`, from when sound has travelled `first_m` on.
 pub(crate) fn add_tail(
     response: &mut ImpulseResponse,
@@ -47,9 +44,12 @@ pub(crate) fn add_tail(
 }
 
 /// Share of the sound in a slice that has a direction, 0 to 1.
+///
+/// Sound whose energy falls off evenly from one side to the other (as `1 + 3 f cos`) flows by `f`; only what flows more must
+/// come from somewhere.
 pub(super) fn directed_share(slice: &Slice) -> f32 {
-    let flow = slice.flow.norm();
-    if flow < LEAST_FLOW { 0.0 } else { flow.min(1.0) }
+    const BROAD: f32 = 0.22;
+    ((slice.flow.norm().min(1.0) - BROAD) / (1.0 - BROAD)).max(0.0)
 }
 
 /// What the diffuse sound of each slice is multiplied by at the left and the right ear, by band.

@@ -156,8 +156,8 @@ const ROWS: [Row; 17] = [
     },
     Row {
         words: &["plaster", "drywall", "gypsum", "stucco", "wallpaper", "paint", "wall", "ceiling"],
-        lost: [0.15, 0.10, 0.06, 0.04, 0.04, 0.05],
-        scattering: SMOOTH,
+        lost: [0.16, 0.15, 0.15, 0.15, 0.15, 0.16],
+        scattering: ROUGH,
         reduction_db: [10.0, 14.0, 18.0, 21.0, 23.0, 23.0],
     },
     Row {

@@ -1,6 +1,8 @@
 //! Small buildings and measurements that several tests share.
 #![allow(dead_code)]
 
+pub(crate) mod lag;
+
 pub(crate) mod sofa;
 
 use avln_acoustics::{
@@ -85,6 +87,11 @@ pub(crate) fn two_rooms(door: bool) -> Acoustics {
 /// The same two rooms, of what lets nothing through.
 pub(crate) fn opaque_rooms(door: bool, settings: Settings) -> Acoustics {
     opaque_building(&two_rooms_boxes(door), settings)
+}
+
+/// The same two rooms, all of one surface.
+pub(crate) fn rooms_of(surface: Surface, settings: Settings) -> Acoustics {
+    acoustics(&two_rooms_boxes(true), settings, |scene| Surfaces::uniform(scene, surface))
 }
 
 fn two_rooms_boxes(door: bool) -> Vec<[[f32; 3]; 2]> {
