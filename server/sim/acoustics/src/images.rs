@@ -80,7 +80,7 @@ impl Images {
         let order = building.settings.reflection_order.min(MAX_ORDER);
         let mut found = BTreeMap::new();
         for ray in 0..if order == 0 { 0 } else { RAYS } {
-            follow(building, outlet, fibonacci_direction(ray), order, &mut found);
+            follow(building, outlet, angle::spread_direction(ray, RAYS), order, &mut found);
         }
         let met = found.into_iter().filter(|(_, found)| found.rays >= LEAST_RAYS);
         let images = met.map(|(sequence, found)| Image::new(building, outlet, sequence, &found));
@@ -333,14 +333,6 @@ fn follow(
         from = point + plane.normal * (side * (plane.slack_m + 1e-3));
         direction = plane.reflected(&direction);
     }
-}
-
-/// Directions spread evenly over the sphere: a sunflower's pattern (Vogel 1979) on bands of equal area.
-fn fibonacci_direction(ray: usize) -> Vector3<f32> {
-    let height = 1.0 - (2.0 * ray as f32 + 1.0) / RAYS as f32;
-    let (sin, cos) = angle::sin_cos(TAU * (GOLDEN_SHARE * ray as f32).fract());
-    let radius = (1.0 - height * height).max(0.0).sqrt();
-    Vector3::new(radius * cos, height, radius * sin)
 }
 
 #[cfg(test)]
