@@ -8,6 +8,7 @@ mod action;
 mod mission;
 mod observation;
 mod rules;
+mod time_limits;
 
 pub use action::{Action, UnknownAction};
 pub use avln_geom::{Point3, Pose};
@@ -17,3 +18,4 @@ pub use rules::{
     DepthNoise, DistanceRule, FeedbackRule, PoseFrame, RgbNoise, Rules, SoundClip, SoundingRule, Sounds,
     UnknownRules, WrongSubmit,
 };
+pub use time_limits::TimeLimits;
