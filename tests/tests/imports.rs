@@ -11,7 +11,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("navmesh", &["geom", "scene"]),
     ("machine", &[]),
     ("render", &["geom", "machine", "scene"]),
-    ("acoustics", &["geom", "scene"]),
+    ("acoustics", &["geom", "machine", "scene"]),
     ("world", &["geom", "scene", "navmesh", "render", "acoustics"]),
     ("episode", &["geom"]),
     ("truth", &["geom", "episode"]),

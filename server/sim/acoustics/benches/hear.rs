@@ -4,12 +4,16 @@
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
-use avln_acoustics::{Acoustics, Bank, Clip, Ears, Emitter, Listener, Settings, Surfaces};
+use avln_acoustics::{
+    Acoustics, Bank, Clip, Ears, Emitter, Listener, SURFACE_BANDS, Settings, SoundPlace, SoundShelf, Surface,
+    Surfaces,
+};
 use avln_geom::{Point3, RayMesh, Rng};
-use avln_scene::Scene;
 use avln_scene::procedural::{HouseOptions, house};
+use avln_scene::{InstanceId, Scene};
+use std::collections::BTreeMap;
 use std::hint::black_box;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::{Duration, Instant};
 
 const SAMPLES_PER_STEP: usize = 4000;
@@ -53,6 +57,76 @@ fn main() {
     steps("steps", &scene, &emitters, 25, false);
     steps("steps, one source always rings", &scene, &emitters, 3, false);
     steps("steps to anywhere", &scene, &emitters, 25, true);
+    let places: Vec<_> = emitters.iter().map(|emitter| emitter.source.position()).collect();
+    warm(&scene, &rays, &places);
+    hard();
+}
+
+/// Four sources that were kept, as the first episode in a building that is ready takes them in. Without the disk.
+fn warm(scene: &Scene, rays: &Arc<RayMesh>, places: &[Point3<f32>]) {
+    let place = SoundPlace { shelf: Arc::new(Memory::default()), name: "bench".to_owned() };
+    let open = || {
+        let surfaces = Surfaces::by_material(scene);
+        Acoustics::new(scene, Arc::clone(rays), surfaces, Settings::default()).kept_at(Some(place.clone()))
+    };
+    let sources = |acoustics: &Acoustics| {
+        places.iter().take(4).for_each(|place| drop(black_box(acoustics.source(place))));
+    };
+    sources(&open());
+    for _ in 0..3 {
+        let acoustics = open();
+        timed("four sources that were kept", || sources(&acoustics));
+    }
+}
+
+/// The worst that a source can cost: hard rooms from which nothing escapes.
+fn hard() {
+    let mut scene = house("hard", 5, &HouseOptions { rooms: 24..=24, ..Default::default() });
+    enclose(&mut scene);
+    let shares = |share| [share; SURFACE_BANDS];
+    let surface = Surface::new(shares(0.05), shares(0.1), shares(0.0)).expect("shares");
+    let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
+    let surfaces = Surfaces::uniform(&scene, surface);
+    let acoustics = Acoustics::new(&scene, rays, surfaces, Settings::default());
+    println!("hard and closed: {} triangles, {} rooms", scene.mesh.triangles.len(), scene.regions.len());
+    for object in scene.objects.iter().step_by(scene.objects.len().div_ceil(4)) {
+        let (_, source) = timed("source", || acoustics.source(&object.bounds.center()));
+        println!("  {:.2} % of its energy leaves the building", 100.0 * source.lost_share());
+    }
+}
+
+/// Puts a box around a building, so that no door leads out.
+fn enclose(scene: &mut Scene) {
+    let outside = scene.bounds().expect("surfaces");
+    let [low, high] = [outside.min.coords.add_scalar(-1.0), outside.max.coords.add_scalar(1.0)];
+    let mesh = &mut scene.mesh;
+    let first = mesh.positions.len() as u32;
+    for corner in 0..8 {
+        let along = |axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
+        mesh.positions.push(Point3::new(along(0), along(1), along(2)));
+        mesh.uvs.push(Default::default());
+        mesh.colors.push([255; 3]);
+    }
+    for face in [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]] {
+        let [a, b, c, d] = face.map(|corner: u32| first + corner);
+        mesh.triangles.extend([[a, b, c], [a, c, d]]);
+        mesh.material_of.extend([0; 2]);
+        mesh.instance_of.extend([InstanceId::NONE; 2]);
+    }
+}
+
+/// What is kept, in memory.
+#[derive(Default)]
+struct Memory(Mutex<BTreeMap<String, Vec<u8>>>);
+
+impl SoundShelf for Memory {
+    fn find_sound(&self, name: &str) -> Option<Vec<u8>> {
+        self.0.lock().expect("nothing panics").get(name).cloned()
+    }
+
+    fn keep_sound(&self, name: &str, bytes: &[u8]) {
+        self.0.lock().expect("nothing panics").insert(name.to_owned(), bytes.to_vec());
+    }
 }
 
 /// Processor time of this thread, where the system tells it; else the time that has passed.

@@ -1,21 +1,19 @@
 //! Convolution by overlap-save with filters in equal parts: what is known of the input serves every filter, and what is
 //! known of a filter serves every step.
+//!
+//! The two ears are the real and the imaginary part of one signal: one transform serves both.
 
-use realfft::num_complex::Complex32;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
+use crate::transform::{Complexes, Transform};
 use std::collections::VecDeque;
-use std::sync::Arc;
 
-/// The spectrum of one window.
-type Spectrum = Vec<Complex32>;
-
-/// Fast convolution of real signals, a block of samples at a time.
+/// Fast convolution of real signals with pairs of filters, a block of samples at a time.
 pub(crate) struct Convolver {
     block: usize,
     window: usize,
-    forward: Arc<dyn RealToComplex<f32>>,
-    inverse: Arc<dyn ComplexToReal<f32>>,
-    scratch: Vec<Complex32>,
+    transform: Transform,
+    sum: Complexes,
+    /// Spectra that serve no more.
+    spare: Vec<Complexes>,
 }
 
 /// The recent past of a signal.
@@ -23,17 +21,17 @@ pub(crate) struct Input {
     /// The newest window, newest sample last.
     recent: Vec<f32>,
     /// Spectra of the window now and of those one, two … blocks ago; `None` for silence.
-    past: VecDeque<Option<Spectrum>>,
+    past: VecDeque<Option<Complexes>>,
     /// How many of them are kept.
     most: usize,
     /// Silent samples at the end.
     quiet: usize,
 }
 
-/// A filter, and the spectra of those of its parts that were needed so far.
+/// A filter for each of two ears, and the spectra of those of its parts that were needed so far.
 pub(crate) struct Filter {
-    taps: Vec<f32>,
-    parts: Vec<Option<Spectrum>>,
+    taps: [Vec<f32>; 2],
+    parts: Vec<Option<Complexes>>,
 }
 
 impl Input {
@@ -52,10 +50,8 @@ impl Convolver {
     /// For blocks of `block` samples, at least 1.
     pub(crate) fn new(block: usize) -> Self {
         let window = (2 * block).next_power_of_two();
-        let mut planner = RealFftPlanner::<f32>::new();
-        let (forward, inverse) = (planner.plan_fft_forward(window), planner.plan_fft_inverse(window));
-        let scratch = vec![Complex32::default(); forward.get_scratch_len().max(inverse.get_scratch_len())];
-        Self { block, window, forward, inverse, scratch }
+        let (transform, sum) = (Transform::new(window), Complexes::zero(window));
+        Self { block, window, transform, sum, spare: Vec::new() }
     }
 
     /// Silence, to be convolved with filters of up to `longest` taps.
@@ -64,9 +60,14 @@ impl Convolver {
         Input { recent: vec![0.0; self.window], past: VecDeque::with_capacity(most + 1), most, quiet: 0 }
     }
 
-    pub(crate) fn filter(&self, taps: Vec<f32>) -> Filter {
-        let parts = taps.len().div_ceil(self.block);
-        Filter { taps, parts: vec![None; parts] }
+    pub(crate) fn filter(&self, taps: [Vec<f32>; 2]) -> Filter {
+        let longest = taps.iter().map(Vec::len).max().unwrap_or(0);
+        Filter { taps, parts: vec![None; longest.div_ceil(self.block)] }
+    }
+
+    /// Takes back what a filter was made of.
+    pub(crate) fn recycle(&mut self, filter: Filter) {
+        self.spare.extend(filter.parts.into_iter().flatten());
     }
 
     /// Appends a block to an input.
@@ -77,59 +78,54 @@ impl Convolver {
         let quiet = block.iter().rev().take_while(|sample| **sample == 0.0).count();
         input.quiet = if quiet == block.len() { input.quiet + quiet } else { quiet };
         let is_silent = input.recent.iter().all(|sample| *sample == 0.0);
-        input.past.push_front((!is_silent).then(|| self.spectrum(&mut input.recent.clone())));
-        input.past.truncate(input.most);
+        input.past.push_front((!is_silent).then(|| self.spectrum([&input.recent, &[]])));
+        self.spare.extend(input.past.drain(input.most.min(input.past.len())..).flatten());
     }
 
-    /// The newest block of an input through a filter. Exactly zero where the filter reaches no sound any more.
-    pub(crate) fn output(&mut self, input: &Input, filter: &mut Filter) -> Vec<f32> {
-        let mut sum = vec![Complex32::default(); self.window / 2 + 1];
+    /// The newest block of an input through both filters. Exactly zero where a filter reaches no sound any more.
+    pub(crate) fn output(&mut self, input: &Input, filter: &mut Filter) -> [Vec<f32>; 2] {
+        self.sum.fill(0.0);
         let mut is_silent = true;
         for (index, past) in input.past.iter().enumerate().take(filter.parts.len()) {
             let Some(past) = past else { continue };
             is_silent = false;
-            let part = self.part(filter, index);
-            sum.iter_mut().zip(past).zip(part).for_each(|((sum, past), part)| *sum += past * part);
+            let Filter { taps, parts } = filter;
+            let part = parts[index].get_or_insert_with(|| self.part(taps, index));
+            self.sum.add_product(past, part);
         }
-        let mut output = if is_silent { vec![0.0; self.block] } else { self.signal(&mut sum) };
-        let rung_out = (self.block + filter.taps.len()).saturating_sub(input.quiet + 1);
-        output.iter_mut().skip(rung_out).for_each(|sample| *sample = 0.0);
-        output
+        if is_silent {
+            return [vec![0.0; self.block], vec![0.0; self.block]];
+        }
+        self.transform.backward(&mut self.sum);
+        let from = self.window - self.block;
+        let mut ears = [&self.sum.re, &self.sum.im].map(|ear| ear[from..].to_vec());
+        for (ear, taps) in ears.iter_mut().zip(&filter.taps) {
+            let reach = if taps.is_empty() { 0 } else { self.block + taps.len() - 1 };
+            ear.iter_mut().skip(reach.saturating_sub(input.quiet)).for_each(|sample| *sample = 0.0);
+        }
+        ears
     }
 
-    /// The spectrum of a part of a filter, worked out on first use.
-    fn part<'a>(&mut self, filter: &'a mut Filter, index: usize) -> &'a Spectrum {
-        let Filter { taps, parts } = filter;
-        parts[index].get_or_insert_with(|| {
+    /// The spectrum of a part of both filters, scaled so that no sum need be.
+    fn part(&mut self, taps: &[Vec<f32>; 2], index: usize) -> Complexes {
+        let scale = 1.0 / self.window as f32;
+        let part = |taps: &Vec<f32>| -> Vec<f32> {
             let taps = taps.chunks(self.block).nth(index).unwrap_or_default();
-            let mut padded = vec![0.0; self.window];
-            let scale = 1.0 / self.window as f32;
-            padded.iter_mut().zip(taps).for_each(|(sample, tap)| *sample = tap * scale);
-            self.spectrum(&mut padded)
-        })
+            taps.iter().map(|tap| tap * scale).collect()
+        };
+        let [left, right] = taps.each_ref().map(part);
+        self.spectrum([&left, &right])
     }
 
-    /// The spectrum of a window, which serves as scratch. Lengths are those of the plan, so that no call fails.
-    fn spectrum(&mut self, time: &mut [f32]) -> Spectrum {
-        let mut spectrum = self.forward.make_output_vec();
-        let scratch = &mut self.scratch[..self.forward.get_scratch_len()];
-        let done = self.forward.process_with_scratch(time, &mut spectrum, scratch);
-        debug_assert!(done.is_ok());
-        spectrum
-    }
-
-    /// The last block of the window that has this spectrum.
-    fn signal(&mut self, spectrum: &mut [Complex32]) -> Vec<f32> {
-        let mut time = self.inverse.make_output_vec();
-        // The first and last bin of a real signal are real; products of such bins are, up to rounding.
-        spectrum[0].im = 0.0;
-        if let Some(last) = spectrum.last_mut() {
-            last.im = 0.0;
+    /// The spectrum of the window that begins with the real and the imaginary values given; the rest is zero.
+    fn spectrum(&mut self, [re, im]: [&[f32]; 2]) -> Complexes {
+        let mut values = self.spare.pop().unwrap_or_else(|| Complexes::zero(self.window));
+        for (part, given) in [(&mut values.re, re), (&mut values.im, im)] {
+            part[..given.len()].copy_from_slice(given);
+            part[given.len()..].fill(0.0);
         }
-        let scratch = &mut self.scratch[..self.inverse.get_scratch_len()];
-        let done = self.inverse.process_with_scratch(spectrum, &mut time, scratch);
-        debug_assert!(done.is_ok());
-        time.split_off(self.window - self.block)
+        self.transform.forward(&mut values);
+        values
     }
 }
 
@@ -143,17 +139,20 @@ mod tests {
         let mut rng = Rng::new(11);
         let mut noise = |count: usize| -> Vec<f32> { (0..count).map(|_| rng.range(-1.0, 1.0)).collect() };
         for (block, taps) in [(20, 7), (10, 30), (128, 1), (40, 100), (7, 50), (16, 16), (1, 5)] {
-            let (signal, filter) = (noise(6 * block), noise(taps));
+            let (signal, filters) = (noise(6 * block), [noise(taps), noise(taps / 2)]);
             let mut convolver = Convolver::new(block);
             let mut input = convolver.input(taps);
-            let mut parts = convolver.filter(filter.clone());
+            let mut parts = convolver.filter(filters.clone());
             for (index, now) in signal.chunks(block).enumerate() {
                 convolver.feed(&mut input, now);
                 let fast = convolver.output(&input, &mut parts);
-                for (offset, value) in fast.iter().enumerate() {
-                    let now = index * block + offset;
-                    let plain: f32 = (0..taps.min(now + 1)).map(|tap| filter[tap] * signal[now - tap]).sum();
-                    assert!((plain - value).abs() < 1e-5, "{block}, {taps}: {plain} and {value}");
+                for (ear, filter) in fast.iter().zip(&filters) {
+                    for (offset, value) in ear.iter().enumerate() {
+                        let now = index * block + offset;
+                        let heard = filter.iter().enumerate().take(now + 1);
+                        let plain: f32 = heard.map(|(tap, factor)| factor * signal[now - tap]).sum();
+                        assert!((plain - value).abs() < 1e-5, "{block}, {taps}: {plain} and {value}");
+                    }
                 }
             }
         }
@@ -162,13 +161,14 @@ mod tests {
     #[test]
     fn silence_out_of_reach_of_the_input_is_exact() {
         let mut convolver = Convolver::new(100);
-        let (mut input, mut filter) = (convolver.input(250), convolver.filter(vec![1.0; 250]));
+        let (mut input, mut filter) = (convolver.input(250), convolver.filter([vec![1.0; 250], vec![]]));
         let mut click = vec![0.0; 100];
         click[99] = 1.0;
         convolver.feed(&mut input, &click);
         for sounding in [100, 100, 49, 0, 0] {
             convolver.feed(&mut input, &[0.0; 100]);
-            let output = convolver.output(&input, &mut filter);
+            let [output, deaf] = convolver.output(&input, &mut filter);
+            assert_eq!(deaf, [0.0; 100]);
             assert!(output[..sounding].iter().all(|sample| (sample - 1.0).abs() < 1e-6));
             assert!(output[sounding..].iter().all(|sample| *sample == 0.0));
         }

@@ -61,7 +61,7 @@ struct Previous {
     listener: Listener,
     /// What reaches that place.
     heard: Heard,
-    filters: [Filter; 2],
+    filter: Filter,
 }
 
 impl Ears {
@@ -91,7 +91,9 @@ impl Ears {
         for (index, channel) in self.channels.iter_mut().enumerate() {
             channel.feed(self.heard_samples, count, sounding == Some(index), &mut self.convolver);
             if channel.dry.is_silent() {
-                channel.previous = None;
+                if let Some(previous) = channel.previous.take() {
+                    self.convolver.recycle(previous.filter);
+                }
                 continue;
             }
             for (sum, ear) in
@@ -133,31 +135,33 @@ impl Channel {
                 (self.listen(listener, self.emitter.source.heard_at(&listener.position), convolver), None)
             }
         };
-        let mut ears = now.filters.each_mut().map(|filter| convolver.output(&self.dry, filter));
-        for (new, mut filter) in ears.iter_mut().zip(before.into_iter().flatten()) {
+        let mut ears = convolver.output(&self.dry, &mut now.filter);
+        if let Some(mut filter) = before {
             let old = convolver.output(&self.dry, &mut filter);
-            crossfade(&old[..CROSSFADE_SAMPLES.min(count)], new);
+            convolver.recycle(filter);
+            for (new, old) in ears.iter_mut().zip(&old) {
+                crossfade(&old[..CROSSFADE_SAMPLES.min(count)], new);
+            }
         }
         self.previous = Some(now);
         ears
     }
 
-    /// How it is heard from now on, and the filters of before. What reaches a place is asked for once.
+    /// How it is heard from now on, and the filter of before. What reaches a place is asked for once.
     fn turn(
         &self,
         listener: &Listener,
         before: Previous,
         convolver: &Convolver,
-    ) -> (Previous, Option<[Filter; 2]>) {
+    ) -> (Previous, Option<Filter>) {
         let stays = before.listener.position == listener.position;
         let heard = if stays { before.heard } else { self.emitter.source.heard_at(&listener.position) };
-        (self.listen(listener, heard, convolver), Some(before.filters))
+        (self.listen(listener, heard, convolver), Some(before.filter))
     }
 
     fn listen(&self, listener: &Listener, heard: Heard, convolver: &Convolver) -> Previous {
         let ImpulseResponse { left, right } = self.emitter.source.response(listener, &heard);
-        let filters = [left, right].map(|taps| convolver.filter(taps));
-        Previous { listener: *listener, heard, filters }
+        Previous { listener: *listener, heard, filter: convolver.filter([left, right]) }
     }
 }
 

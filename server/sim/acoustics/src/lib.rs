@@ -27,6 +27,7 @@ mod surfaces;
 mod taut;
 #[cfg(test)]
 mod testing;
+mod transform;
 mod visibility;
 mod ways;
 

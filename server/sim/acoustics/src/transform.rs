@@ -1,0 +1,280 @@
+//! The discrete Fourier transform, written so that the compiler works on many points at a time. Equal bits on every
+//! processor.
+
+use avln_machine::{Width, Work, run_at};
+use std::f64::consts::TAU;
+
+/// Points of a wide stretch.
+const WIDE: usize = 8;
+
+/// Points of a narrow stretch: the values that follow each other after one stage.
+const NARROW: usize = 4;
+
+/// Complex numbers, their parts apart.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Complexes {
+    pub(crate) re: Vec<f32>,
+    pub(crate) im: Vec<f32>,
+}
+
+/// A transform of a power of two of points: Stockham's, by fours and at last by two, in order at both ends.
+///
+/// Source: C. Van Loan, "Computational Frameworks for the Fast Fourier Transform" (1992), 1.7 and 2.4.
+pub(crate) struct Transform {
+    stages: Vec<Stage>,
+    other: Complexes,
+}
+
+/// One stage by fours. Per group: the first three powers of its turn, real and imaginary part each.
+struct Stage {
+    turns: [Vec<f32>; 6],
+}
+
+impl Complexes {
+    pub(crate) fn zero(points: usize) -> Self {
+        Self { re: vec![0.0; points], im: vec![0.0; points] }
+    }
+
+    pub(crate) fn fill(&mut self, value: f32) {
+        self.re.fill(value);
+        self.im.fill(value);
+    }
+
+    /// Adds `a * b`, point by point; all have as many points.
+    pub(crate) fn add_product(&mut self, a: &Self, b: &Self) {
+        run_at(Width::Eight, Product { sum: self, a, b });
+    }
+}
+
+impl Transform {
+    /// Plans a transform of `points`, a power of two.
+    pub(crate) fn new(points: usize) -> Self {
+        let counts = std::iter::successors(Some(points), |count| Some(count / 4));
+        let stages = counts.take_while(|count| *count >= 4).map(Stage::new).collect();
+        Self { stages, other: Complexes::zero(points) }
+    }
+
+    /// `sum over n of values[n] exp(-2 pi i k n / points)` in place of each value.
+    pub(crate) fn forward(&mut self, values: &mut Complexes) {
+        run_at(Width::Eight, Forward { stages: &self.stages, values, other: &mut self.other });
+    }
+
+    /// The opposite sign of the exponent; not divided by the number of points.
+    pub(crate) fn backward(&mut self, values: &mut Complexes) {
+        std::mem::swap(&mut values.re, &mut values.im);
+        self.forward(values);
+        std::mem::swap(&mut values.re, &mut values.im);
+    }
+}
+
+impl Stage {
+    fn new(points: usize) -> Self {
+        let turn = |group: usize, power: usize| (power * group) as f64 * TAU / points as f64;
+        let turns = |row: usize| {
+            let part: fn(f64) -> f64 =
+                if row.is_multiple_of(2) { libm::cos } else { |angle_rad| -libm::sin(angle_rad) };
+            (0..points / 4).map(|group| part(turn(group, row / 2 + 1)) as f32).collect()
+        };
+        Self { turns: std::array::from_fn(turns) }
+    }
+}
+
+struct Forward<'a> {
+    stages: &'a [Stage],
+    values: &'a mut Complexes,
+    other: &'a mut Complexes,
+}
+
+impl Work for Forward<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { stages, values, other } = self;
+        let points = values.re.len();
+        let mut stride = 1;
+        for stage in stages {
+            match stride {
+                1 if points >= 4 * WIDE => first_stage::<WIDE>(stage, values, other),
+                1 => first_stage::<1>(stage, values, other),
+                NARROW => later_stage::<NARROW>(stage, stride, values, other),
+                _ => later_stage::<WIDE>(stage, stride, values, other),
+            }
+            std::mem::swap(values, other);
+            stride *= 4;
+        }
+        if stride < points {
+            last_by_two(&mut values.re);
+            last_by_two(&mut values.im);
+        }
+    }
+}
+
+/// The first stage: neighbouring groups at a time, whose results are interleaved.
+#[inline(always)]
+fn first_stage<const L: usize>(stage: &Stage, from: &Complexes, to: &mut Complexes) {
+    let groups = from.re.len() / 4;
+    for group in (0..groups).step_by(L) {
+        let turns = each(|row| lanes::<L>(&stage.turns[row], group));
+        let re = each(|part| lanes(&from.re, group + part * groups));
+        let im = each(|part| lanes(&from.im, group + part * groups));
+        let (re, im) = butterfly(re, im, &turns);
+        interleave(&mut to.re[4 * group..4 * (group + L)], &re);
+        interleave(&mut to.im[4 * group..4 * (group + L)], &im);
+    }
+}
+
+/// A later stage: `stride` neighbours share their turns.
+#[inline(always)]
+fn later_stage<const L: usize>(stage: &Stage, stride: usize, from: &Complexes, to: &mut Complexes) {
+    let quarter = from.re.len() / 4;
+    for group in 0..quarter / stride {
+        let turns = each(|row| [stage.turns[row][group]; L]);
+        for place in (0..stride).step_by(L) {
+            let source = group * stride + place;
+            let re = each(|part| lanes(&from.re, source + part * quarter));
+            let im = each(|part| lanes(&from.im, source + part * quarter));
+            let (re, im) = butterfly(re, im, &turns);
+            for part in 0..4 {
+                let target = (4 * group + part) * stride + place;
+                to.re[target..target + L].copy_from_slice(&re[part]);
+                to.im[target..target + L].copy_from_slice(&im[part]);
+            }
+        }
+    }
+}
+
+/// The last stage where the points are no power of four: sums in the first half, differences in the second.
+#[inline(always)]
+fn last_by_two(values: &mut [f32]) {
+    let (low, high) = values.split_at_mut(values.len() / 2);
+    for (a, b) in low.iter_mut().zip(high) {
+        (*a, *b) = (*a + *b, *a - *b);
+    }
+}
+
+/// The transforms of [`L`] groups of four values, each but the first turned.
+#[inline(always)]
+fn butterfly<const L: usize>(
+    re: [[f32; L]; 4],
+    im: [[f32; L]; 4],
+    turns: &[[f32; L]; 6],
+) -> ([[f32; L]; 4], [[f32; L]; 4]) {
+    let (mut to_re, mut to_im) = ([[0.0; L]; 4], [[0.0; L]; 4]);
+    for i in 0..L {
+        let (even_re, even_im) = (re[0][i] + re[2][i], im[0][i] + im[2][i]);
+        let (odd_re, odd_im) = (re[1][i] + re[3][i], im[1][i] + im[3][i]);
+        let (down_re, down_im) = (re[0][i] - re[2][i], im[0][i] - im[2][i]);
+        let (side_re, side_im) = (im[1][i] - im[3][i], re[3][i] - re[1][i]);
+        let sums = [
+            (down_re + side_re, down_im + side_im),
+            (even_re - odd_re, even_im - odd_im),
+            (down_re - side_re, down_im - side_im),
+        ];
+        (to_re[0][i], to_im[0][i]) = (even_re + odd_re, even_im + odd_im);
+        for power in 0..3 {
+            let ((a, b), c, d) = (sums[power], turns[2 * power][i], turns[2 * power + 1][i]);
+            (to_re[power + 1][i], to_im[power + 1][i]) = (a * c - b * d, a * d + b * c);
+        }
+    }
+    (to_re, to_im)
+}
+
+#[inline(always)]
+fn interleave<const L: usize>(to: &mut [f32], parts: &[[f32; L]; 4]) {
+    for (i, four) in to.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+        *four = [parts[0][i], parts[1][i], parts[2][i], parts[3][i]];
+    }
+}
+
+/// `L` values from place `first` on.
+#[inline(always)]
+fn lanes<const L: usize>(values: &[f32], first: usize) -> [f32; L] {
+    let mut lanes = [0.0; L];
+    lanes.copy_from_slice(&values[first..first + L]);
+    lanes
+}
+
+/// An array of what is found for each place in it.
+#[inline(always)]
+fn each<const L: usize, const N: usize>(find: impl Fn(usize) -> [f32; L]) -> [[f32; L]; N] {
+    let mut found = [[0.0; L]; N];
+    for (place, lanes) in found.iter_mut().enumerate() {
+        *lanes = find(place);
+    }
+    found
+}
+
+struct Product<'a> {
+    sum: &'a mut Complexes,
+    a: &'a Complexes,
+    b: &'a Complexes,
+}
+
+impl Work for Product<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { sum, a, b } = self;
+        let sums = sum.re.iter_mut().zip(&mut sum.im);
+        let factors = a.re.iter().zip(&a.im).zip(b.re.iter().zip(&b.im));
+        for ((re, im), ((a_re, a_im), (b_re, b_im))) in sums.zip(factors) {
+            *re += a_re * b_re - a_im * b_im;
+            *im += a_re * b_im + a_im * b_re;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use avln_geom::Rng;
+
+    fn noise(points: usize) -> Complexes {
+        let mut rng = Rng::new(points as u64);
+        let mut noise = || (0..points).map(|_| rng.range(-1.0, 1.0)).collect();
+        Complexes { re: noise(), im: noise() }
+    }
+
+    #[test]
+    fn the_transform_is_the_plain_sum() {
+        for points in [1, 2, 4, 8, 16, 32, 64, 128, 512, 2048] {
+            let (values, mut there) = (noise(points), noise(points));
+            let mut transform = Transform::new(points);
+            transform.forward(&mut there);
+            let tolerance = 1e-6 * (points as f64).sqrt() * 4.0;
+            for k in (0..points).step_by(points.div_ceil(50)) {
+                let (mut re, mut im) = (0.0, 0.0);
+                for n in 0..points {
+                    let angle_rad = TAU * (k * n % points) as f64 / points as f64;
+                    let (cos, sin) = (libm::cos(angle_rad), -libm::sin(angle_rad));
+                    let (a, b) = (f64::from(values.re[n]), f64::from(values.im[n]));
+                    (re, im) = (re + a * cos - b * sin, im + a * sin + b * cos);
+                }
+                let off = (re - f64::from(there.re[k])).abs().max((im - f64::from(there.im[k])).abs());
+                assert!(off < tolerance, "{points} points, number {k}: off by {off}");
+            }
+            transform.backward(&mut there);
+            let back = there.re.iter().chain(&there.im).zip(values.re.iter().chain(&values.im));
+            for (back, value) in back {
+                assert!((back / points as f32 - value).abs() < 1e-6, "{points} points: {back} and {value}");
+            }
+        }
+    }
+
+    #[test]
+    fn bits_do_not_depend_on_the_width() {
+        for points in [8, 1024, 8192] {
+            let (mut wide, mut portable) = (noise(points), noise(points));
+            let mut transform = Transform::new(points);
+            transform.forward(&mut wide);
+            wide.add_product(&noise(points), &wide.clone());
+            let Transform { stages, other } = &mut transform;
+            run_at(Width::Portable, Forward { stages, values: &mut portable, other });
+            let (a, b) = (&noise(points), &portable.clone());
+            run_at(Width::Portable, Product { sum: &mut portable, a, b });
+            assert_eq!(wide, portable);
+        }
+    }
+}
