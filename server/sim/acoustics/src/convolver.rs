@@ -44,6 +44,21 @@ impl Input {
     pub(crate) fn is_silent(&self) -> bool {
         self.past.iter().all(Option::is_none)
     }
+
+    pub(crate) fn byte_count(&self) -> usize {
+        size_of_val(self.recent.as_slice()) + bytes_of(self.past.iter().flatten())
+    }
+}
+
+impl Filter {
+    pub(crate) fn byte_count(&self) -> usize {
+        self.taps.iter().map(|taps| size_of_val(taps.as_slice())).sum::<usize>()
+            + bytes_of(self.parts.iter().flatten())
+    }
+}
+
+fn bytes_of<'a>(spectra: impl Iterator<Item = &'a Complexes>) -> usize {
+    spectra.map(Complexes::byte_count).sum()
 }
 
 impl Convolver {
@@ -52,6 +67,10 @@ impl Convolver {
         let window = (2 * block).next_power_of_two();
         let (transform, sum) = (Transform::new(window), Complexes::zero(window));
         Self { block, window, transform, sum, spare: Vec::new() }
+    }
+
+    pub(crate) fn byte_count(&self) -> usize {
+        self.transform.byte_count() + self.sum.byte_count() + bytes_of(self.spare.iter())
     }
 
     /// Silence, to be convolved with filters of up to `longest` taps.

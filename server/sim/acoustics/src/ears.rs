@@ -76,6 +76,14 @@ impl Ears {
         Self { channels, samples_per_step, heard_samples: 0, convolver }
     }
 
+    /// Bytes of what still rings and how it is heard; sources and clips belong to others.
+    pub fn resident_bytes(&self) -> usize {
+        let channel = |channel: &Channel| {
+            channel.dry.byte_count() + channel.previous.as_ref().map_or(0, |p| p.filter.byte_count())
+        };
+        self.convolver.byte_count() + self.channels.iter().map(channel).sum::<usize>()
+    }
+
     /// The sound of the next step: `2 × samples_per_step` samples at [`SAMPLE_RATE_HZ`], the left ear first.
     ///
     /// `listener` is the head during the whole step; coming from another pose, the first 50 ms fade over.

@@ -1,6 +1,7 @@
 //! The head: what each ear makes of a wave from a given direction and range.
 
 use crate::SAMPLE_RATE_HZ;
+use crate::late::HeardField;
 use crate::sphere::{SphereResponse, onset_delay_s};
 use avln_geom::{Vector3, angle};
 use realfft::num_complex::Complex64;
@@ -69,6 +70,11 @@ impl EarResponse {
 }
 
 impl Head {
+    /// Works out what it makes of sound from everywhere: some 0.1 s, which else the first to hear late energy waits.
+    pub fn prepare(&self) {
+        HeardField::of(self);
+    }
+
     /// What the left and the right ear make of a wave that comes from `direction` (unit vector, world frame) and
     /// began `range_m` (at least 0.1) away.
     pub(crate) fn ears(&self, direction: &Vector3<f32>, heading_rad: f32, range_m: f32) -> [EarResponse; 2] {

@@ -12,7 +12,7 @@ pub struct Settings {
     pub ray_count: usize,
     /// Highest order of reflections that arrive as waves of their own, 0 to 3; 0 leaves all to the late energy.
     pub reflection_order: usize,
-    /// Who listens.
+    /// Who listens; [`Source::heard_by`](crate::Source::heard_by) changes it later.
     pub head: Head,
 }
 

@@ -8,7 +8,7 @@ use crate::late::{Cells, Echo, LateField, add_tail};
 use crate::planes::Planes;
 use crate::stored::{Reader, Writer};
 use crate::ways::Ways;
-use crate::{Listener, Settings, SoundPlace, Surfaces};
+use crate::{Head, Listener, Settings, SoundPlace, Surfaces};
 use avln_geom::{Point3, RayMesh, Vector3, angle};
 use avln_scene::Scene;
 use std::collections::VecDeque;
@@ -46,6 +46,8 @@ pub(crate) struct Building {
 #[derive(Clone)]
 pub struct Source {
     known: Arc<Known>,
+    /// Who listens.
+    head: Head,
 }
 
 /// A wave that is the first to arrive.
@@ -79,6 +81,9 @@ struct Known {
 impl Acoustics {
     /// Prepares `scene`; `rays` must be built over the triangles of its mesh, and `surfaces` describe them.
     pub fn new(scene: &Scene, rays: Arc<RayMesh>, surfaces: Surfaces, settings: Settings) -> Self {
+        if settings.ray_count > 0 {
+            settings.head.prepare();
+        }
         let building = Building::new(scene, rays, surfaces, settings);
         Self { building: Arc::new(building), sources: Mutex::default(), place: None }
     }
@@ -172,7 +177,18 @@ impl Source {
         let field = GeodesicField::new(air, &outlet, &seeds);
         let images = Images::new(&building, &outlet);
         let late = finite(&outlet).then(|| LateField::new(&building, &outlet, &images));
-        Self { known: Arc::new(Known { building, position: *position, outlet, field, images, late }) }
+        Self::of(Known { building, position: *position, outlet, field, images, late })
+    }
+
+    fn of(known: Known) -> Self {
+        let head = known.building.settings.head.clone();
+        Self { known: Arc::new(known), head }
+    }
+
+    /// The same source as another head hears it.
+    #[must_use]
+    pub fn heard_by(&self, head: &Head) -> Self {
+        Self { known: Arc::clone(&self.known), head: head.clone() }
     }
 
     fn to_bytes(&self) -> Vec<u8> {
@@ -194,7 +210,7 @@ impl Source {
         let field = GeodesicField::read(&mut reader, &building.air)?;
         let images = Images::read(&mut reader, &building, &outlet)?;
         let late = if reader.is_at_end() { None } else { Some(LateField::read(&mut reader, &building)?) };
-        Some(Self { known: Arc::new(Known { building, position: *position, outlet, field, images, late }) })
+        Some(Self::of(Known { building, position: *position, outlet, field, images, late }))
     }
 
     /// Where the source was put, world frame, metres.
@@ -217,7 +233,7 @@ impl Source {
 
     /// [`Source::impulse_response`], given what is heard at the listener's place.
     pub(crate) fn response(&self, listener: &Listener, heard: &Heard) -> ImpulseResponse {
-        let settings = &self.known.building.settings;
+        let settings = &self.settings();
         let arrivals = if listener.heading_rad.is_finite() { heard.arrivals.as_slice() } else { &[] };
         let mut response = ImpulseResponse::new(listener, arrivals, settings);
         // Through walls some may come earlier, but hardly any.
@@ -227,6 +243,11 @@ impl Source {
         response
     }
 
+    /// How it is heard.
+    fn settings(&self) -> Settings {
+        Settings { head: self.head.clone(), ..self.known.building.settings.clone() }
+    }
+
     /// The wave that reaches `listener` before all others. `None` for positions that are not finite.
     pub fn first_wave(&self, listener: &Listener) -> Option<FirstWave> {
         let arrivals = self.known.arrivals(&listener.position);
@@ -234,7 +255,7 @@ impl Source {
         Some(FirstWave {
             delay_s: first.delay_s(),
             azimuth_rad: azimuth_rad(&first.direction, listener.heading_rad),
-            response: ImpulseResponse::new(listener, &arrivals[..1], &self.known.building.settings),
+            response: ImpulseResponse::new(listener, &arrivals[..1], &self.settings()),
         })
     }
 

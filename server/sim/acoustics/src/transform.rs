@@ -35,6 +35,10 @@ impl Complexes {
         Self { re: vec![0.0; points], im: vec![0.0; points] }
     }
 
+    pub(crate) fn byte_count(&self) -> usize {
+        size_of_val(self.re.as_slice()) + size_of_val(self.im.as_slice())
+    }
+
     pub(crate) fn fill(&mut self, value: f32) {
         self.re.fill(value);
         self.im.fill(value);
@@ -52,6 +56,11 @@ impl Transform {
         let counts = std::iter::successors(Some(points), |count| Some(count / 4));
         let stages = counts.take_while(|count| *count >= 4).map(Stage::new).collect();
         Self { stages, other: Complexes::zero(points) }
+    }
+
+    pub(crate) fn byte_count(&self) -> usize {
+        let turns = self.stages.iter().flat_map(|stage| &stage.turns);
+        turns.map(|turns| size_of_val(turns.as_slice())).sum::<usize>() + self.other.byte_count()
     }
 
     /// `sum over n of values[n] exp(-2 pi i k n / points)` in place of each value.

@@ -15,6 +15,11 @@ pub(super) fn bin_of(length_m: f32) -> usize {
     (doubling * OF_A_WIDTH + (slot >> doubling) - OF_A_WIDTH) as usize
 }
 
+/// How many times wider the slice is in which a wave arrives that travelled `length_m` than the first, as a power of two.
+pub(super) fn doublings(length_m: f32) -> u32 {
+    bin_of(length_m) as u32 / OF_A_WIDTH
+}
+
 /// When slice `bin` begins, seconds.
 pub(super) fn start_s(bin: usize) -> f32 {
     let (doubling, place) = (bin as u32 / OF_A_WIDTH, bin as u32 % OF_A_WIDTH);
@@ -39,6 +44,9 @@ mod tests {
             assert!(end > start);
             assert_eq!(bin_of((0.99 * start + 0.01 * end) * SPEED_OF_SOUND_M_S), bin);
             assert_eq!(bin_of((0.01 * start + 0.99 * end) * SPEED_OF_SOUND_M_S), bin);
+        }
+        for (time_s, times_wider) in [(0.0, 1), (0.079, 1), (0.081, 2), (0.239, 2), (0.241, 4), (0.57, 8)] {
+            assert_eq!(1 << doublings(time_s * SPEED_OF_SOUND_M_S), times_wider, "{time_s} s");
         }
         assert_eq!(count(0.0), 0);
         assert_eq!(count(0.08), 16);

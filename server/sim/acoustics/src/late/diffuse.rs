@@ -30,7 +30,7 @@ pub(crate) struct HeardField {
 
 impl HeardField {
     /// That of `head`, computed on first use.
-    pub(super) fn of(head: &Head) -> &Self {
+    pub(crate) fn of(head: &Head) -> &Self {
         static SPHERE: OnceLock<HeardField> = OnceLock::new();
         static OMNI: OnceLock<HeardField> = OnceLock::new();
         let place = match head {

@@ -1,6 +1,6 @@
 //! Rays that carry a source's energy through a building.
 
-use super::bins::bin_of;
+use super::bins::{bin_of, doublings};
 use super::cells::NOWHERE;
 use super::march::march;
 use crate::images::{Images, MAX_ORDER};
@@ -21,6 +21,10 @@ const MOST_BOUNCES: u64 = 1 << 14;
 
 /// The next leg starts so far off the surface, metres.
 const OFF_SURFACE_M: f32 = 2e-4;
+
+/// Half of the rays end where slices are four times as wide as at first, and half of the others where they are eight times as
+/// wide: the others count twice, and each slice is met as often as before. A quarter goes on to the end.
+const MOST_HALVINGS: u32 = 2;
 
 /// What may go through a surface is followed at least this often, so that quiet rooms are heard evenly.
 const LEAST_FOLLOWED: f32 = 0.02;
@@ -46,9 +50,23 @@ struct Ray {
     weights: [f32; SURFACE_BANDS],
     length_m: f32,
     bounces: u64,
+    /// How often half of the rays ended so far.
+    halvings: u32,
     /// Whether it went through the last surface that it met.
     went_through: bool,
     path: Path,
+}
+
+impl Ray {
+    /// Whether it is not among those that end because slices have become wider; it stands for those that are.
+    fn survives(&mut self) -> bool {
+        let due = doublings(self.length_m).saturating_sub(1).min(MOST_HALVINGS);
+        while self.halvings < due {
+            self.halvings += 1;
+            self.weights.iter_mut().for_each(|weight| *weight *= 2.0);
+        }
+        self.index.is_multiple_of(1 << self.halvings)
+    }
 }
 
 /// What a ray was mirrored in, as long as it may be a wave that is heard as such.
@@ -117,6 +135,7 @@ pub(super) fn trace(
             weights: [1.0; SURFACE_BANDS],
             length_m: 0.0,
             bounces: 0,
+            halvings: 0,
             went_through: false,
             path: Path::straight(),
         });
@@ -149,7 +168,7 @@ impl Tracer<'_> {
             };
             ray.length_m += leg_m;
             self.meet(&mut ray, &hit, in_air);
-            if ray.weights.iter().all(|weight| *weight < FAINT) {
+            if !ray.survives() || ray.weights.iter().all(|weight| *weight < FAINT) {
                 return;
             }
         }
