@@ -20,9 +20,10 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("scoring", &["episode", "truth"]),
     ("store", &["episode", "truth", "scoring"]),
     ("proto", &[]),
-    ("grpc", &["proto", "episode", "referee"]),
+    ("codec", &["proto"]),
+    ("grpc", &["codec", "proto", "episode", "referee"]),
     ("web", &["episode", "scoring", "store"]),
-    ("client", &["proto"]),
+    ("client", &["codec", "proto"]),
     ("random", &["client"]),
     ("pag-nav", &["client"]),
     (

@@ -1,5 +1,5 @@
 use crate::{
-    Account, Error, Phase, Play, Quota, Run, RunOptions, RunStatus, RunWatch, Sensors, ServerInfo,
+    Account, Error, Packing, Phase, Play, Quota, Run, RunOptions, RunStatus, RunWatch, Sensors, ServerInfo,
     error::chain,
     line::{Line, closed},
     welcome::Agreement,
@@ -34,6 +34,7 @@ const PLAY: &str = "open the run's stream";
 pub struct Arena {
     channel: Channel,
     token: String,
+    packing: Packing,
 }
 
 impl Arena {
@@ -46,15 +47,23 @@ impl Arena {
     /// it refuses the token.
     pub async fn connect(server: impl AsRef<str>, token: impl Into<String>) -> Result<Self, Error> {
         let address = server.as_ref();
-        let channel = endpoint(address)?.connect().await;
+        let endpoint = endpoint(address)?;
+        let packing = Packing::of_host(endpoint.uri().host().unwrap_or_default());
+        let channel = endpoint.connect().await;
         let channel = channel
             .map_err(|error| Error::Unreachable { address: address.to_owned(), detail: chain(&error) })?;
-        let arena = Self { channel, token: token.into() };
+        let arena = Self { channel, token: token.into(), packing };
         arena.server_info().await.map_err(|error| not_arena(address, error))?;
         if !arena.token.is_empty() {
             arena.whoami().await?;
         }
         Ok(arena)
+    }
+
+    /// The same connection, with pictures and sound packed in this way. Without it they travel raw from this machine and
+    /// lossless from others.
+    pub fn with_packing(self, packing: Packing) -> Self {
+        Self { packing, ..self }
     }
 
     /// What the server is.
@@ -175,12 +184,12 @@ impl Arena {
             run: run.id.clone(),
             client: Some(client_info()),
             slots: wish,
-            sensors: Some(sensors.to_wire()?),
+            sensors: Some(sensors.to_wire(self.packing)?),
             resume: false,
             known: Vec::new(),
         };
         let (requests, responses, welcome) = self.greet(&run.token, hello).await?;
-        let mut agreement = Agreement::new(welcome, &sensors)?;
+        let mut agreement = Agreement::new(welcome, &sensors, self.packing)?;
         agreement.slots = agreement.slots.min(wish);
         let (line, receivers) = Line::open(agreement, requests, responses);
         Ok((0..).zip(receivers).map(|(slot, events)| Play::new(line.clone(), slot, events)).collect())

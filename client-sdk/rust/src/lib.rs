@@ -38,6 +38,7 @@ mod error;
 mod line;
 mod mission;
 mod observation;
+mod packing;
 mod play;
 mod service;
 mod summary;
@@ -52,6 +53,7 @@ pub use episode::{Episode, TimeLeft};
 pub use error::Error;
 pub use mission::{GoalCue, Image, Mission, RgbImage};
 pub use observation::{Audio, DepthImage, Feedback, Observation, Pose};
+pub use packing::Packing;
 pub use play::Play;
 pub use service::{
     Account, Phase, PhaseState, Quota, Run, RunOptions, RunState, RunStatus, RunWatch, ServerInfo, Window,

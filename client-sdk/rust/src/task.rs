@@ -1,4 +1,4 @@
-use crate::Error;
+use crate::{Error, Packing};
 use avln_proto::v1;
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -32,15 +32,16 @@ impl Sensors {
         Self { rgb: true, depth: true, audio: true, width: side, height: side, hfov_rad: FRAC_PI_2 }
     }
 
-    pub(crate) fn to_wire(&self) -> Result<v1::SensorSubscription, Error> {
+    pub(crate) fn to_wire(&self, packing: Packing) -> Result<v1::SensorSubscription, Error> {
         let (width, height, hfov_rad) = (self.width, self.height, self.hfov_rad);
         let side = 64..=1024;
         if !(side.contains(&width) && side.contains(&height) && (0.35..=2.4).contains(&hfov_rad)) {
             return Err(Error::Sensors { width, height, hfov_rad });
         }
-        let wishes = self
-            .kinds()
-            .map(|kind| v1::SensorWish { kind: kind as i32, encodings: vec![v1::Encoding::Raw as i32] });
+        let wishes = self.kinds().map(|kind| {
+            let encodings = packing.wishes(kind).into_iter().map(i32::from).collect();
+            v1::SensorWish { kind: kind as i32, encodings }
+        });
         Ok(v1::SensorSubscription { wishes: wishes.collect(), width, height, hfov_rad })
     }
 
@@ -311,14 +312,14 @@ mod tests {
 
     #[test]
     fn sensors_outside_of_the_limits_are_refused_before_anything_is_sent() {
-        assert!(Sensors::default().to_wire().is_ok());
-        assert!(matches!(Sensors::square(63).to_wire(), Err(Error::Sensors { width: 63, .. })));
-        assert!(Sensors { hfov_rad: f32::NAN, ..Sensors::default() }.to_wire().is_err());
+        assert!(Sensors::default().to_wire(Packing::Raw).is_ok());
+        assert!(matches!(Sensors::square(63).to_wire(Packing::Raw), Err(Error::Sensors { width: 63, .. })));
+        assert!(Sensors { hfov_rad: f32::NAN, ..Sensors::default() }.to_wire(Packing::Raw).is_err());
     }
 
     #[test]
     fn only_wanted_sensors_are_subscribed() {
-        let wire = Sensors { rgb: false, ..Sensors::default() }.to_wire().unwrap();
+        let wire = Sensors { rgb: false, ..Sensors::default() }.to_wire(Packing::Raw).unwrap();
         let kinds: Vec<_> = wire.wishes.iter().map(v1::SensorWish::kind).collect();
         assert_eq!(kinds, [v1::SensorKind::Depth, v1::SensorKind::Audio]);
     }

@@ -1,9 +1,9 @@
 //! What Welcome fixes for a connection: the task, and how observations are unpacked.
 
-use crate::{Audio, DepthImage, Error, Feedback, Image, Observation, Pose, Sensors, TaskSpec};
+use crate::{Audio, DepthImage, Error, Feedback, Image, Observation, Packing, Pose, Sensors, TaskSpec};
+use avln_codec::{CodecError, Size, audio, depth, rgb};
 use avln_proto::{API_MINOR, MAX_MESSAGE_BYTES, v1};
-use bytes::Bytes;
-use v1::{Dtype, Encoding, SensorKind};
+use v1::{Dtype, SensorKind};
 
 /// The agreement of one connection.
 #[derive(Debug)]
@@ -18,7 +18,7 @@ pub(crate) struct Agreement {
 
 impl Agreement {
     /// Checks that Welcome delivers what `wanted` asks for and that this client can read it.
-    pub(crate) fn new(welcome: v1::Welcome, wanted: &Sensors) -> Result<Self, Error> {
+    pub(crate) fn new(welcome: v1::Welcome, wanted: &Sensors, packing: Packing) -> Result<Self, Error> {
         let wire = welcome.task.as_ref().ok_or_else(|| Error::protocol("Welcome has no task"))?;
         let task = TaskSpec::from_wire(wire)?;
         let depth_divisor = wire.depth_divisor;
@@ -29,7 +29,7 @@ impl Agreement {
                 wanted.width, wanted.height, task.width, task.height
             )));
         }
-        let tensors = wanted_tensors(&welcome.tensors, wanted, &task)?;
+        let tensors = wanted_tensors(&welcome.tensors, (wanted, packing), &task)?;
         let (run, slots, progress) = (welcome.run, welcome.slots, welcome.progress.unwrap_or_default());
         Ok(Self { task, run, slots, progress, depth_divisor, tensors })
     }
@@ -61,33 +61,45 @@ impl Agreement {
             return Ok(()); // a sensor that was not asked for
         };
         check_tensor(&tensor, spec)?;
+        self.decode(spec, tensor, seen).map_err(|error| {
+            Error::protocol(format!("tensor {} of observation {}: {error}", spec.name, seen.step))
+        })
+    }
+
+    fn decode(
+        &self,
+        spec: &v1::TensorSpec,
+        tensor: v1::Tensor,
+        seen: &mut Observation,
+    ) -> Result<(), CodecError> {
         let (width, height) = (self.task.width, self.task.height);
+        let size = Size { width, height };
         match spec.kind() {
-            SensorKind::Rgb => seen.rgb = Some(Image { width, height, pixels: tensor.data.into() }),
-            SensorKind::Depth => {
-                seen.depth = Some(DepthImage { width, height, metres: self.metres(&tensor.data) });
+            SensorKind::Rgb => {
+                let pixels = rgb::decode(spec.encoding(), size, tensor.data)?;
+                seen.rgb = Some(Image { width, height, pixels });
             }
-            SensorKind::Audio => seen.audio = Some(self.ears(&tensor.data)),
+            SensorKind::Depth => {
+                let layout = depth::Layout { size, unit_m: self.depth_divisor };
+                let metres = self.metres(depth::decode(spec.encoding(), layout, &tensor.data)?);
+                seen.depth = Some(DepthImage { width, height, metres });
+            }
+            SensorKind::Audio => {
+                let samples = self.task.audio_samples as usize;
+                let mut left = audio::decode(spec.encoding(), 2 * samples, &tensor.data)?;
+                let right = left.split_off(samples);
+                seen.audio = Some(Audio { sample_rate_hz: self.task.sample_rate_hz, left, right });
+            }
             SensorKind::Unspecified => {}
         }
         Ok(())
     }
 
-    fn metres(&self, data: &Bytes) -> Vec<f32> {
-        let mut metres = floats(data);
+    fn metres(&self, mut depth: Vec<f32>) -> Vec<f32> {
         if self.depth_divisor != 1.0 {
-            metres.iter_mut().for_each(|value| *value *= self.depth_divisor);
+            depth.iter_mut().for_each(|value| *value *= self.depth_divisor);
         }
-        metres
-    }
-
-    fn ears(&self, data: &Bytes) -> Audio {
-        let half = data.len() / 2;
-        Audio {
-            sample_rate_hz: self.task.sample_rate_hz,
-            left: floats(&data[..half]),
-            right: floats(&data[half..]),
-        }
+        depth
     }
 }
 
@@ -113,54 +125,52 @@ fn check_limits(welcome: &v1::Welcome) -> Result<(), Error> {
 /// The layouts of the wanted sensors, each checked.
 fn wanted_tensors(
     offered: &[v1::TensorSpec],
-    wanted: &Sensors,
+    (wanted, packing): (&Sensors, Packing),
     task: &TaskSpec,
 ) -> Result<Vec<v1::TensorSpec>, Error> {
     let pick = |kind: SensorKind| {
         let spec = offered.iter().find(|spec| spec.kind() == kind);
         let spec = spec.ok_or_else(|| Error::protocol(format!("Welcome lists no {}", kind.as_str_name())))?;
-        check_spec(spec, task)?;
+        check_spec(spec, packing, task)?;
         Ok(spec.clone())
     };
     wanted.kinds().map(pick).collect()
 }
 
-/// The only layouts that this client reads.
-fn check_spec(spec: &v1::TensorSpec, task: &TaskSpec) -> Result<(), Error> {
+/// The layouts that were asked for, and no others.
+fn check_spec(spec: &v1::TensorSpec, packing: Packing, task: &TaskSpec) -> Result<(), Error> {
     let (dtype, shape) = match spec.kind() {
         SensorKind::Rgb => (Dtype::U8, vec![task.height, task.width, 3]),
         SensorKind::Depth => (Dtype::F32, vec![task.height, task.width]),
         SensorKind::Audio => (Dtype::F32, vec![2, task.audio_samples]),
         SensorKind::Unspecified => return Ok(()),
     };
-    let fits = spec.dtype() == dtype && spec.shape == shape && spec.encoding() == Encoding::Raw;
-    if fits {
+    let wished = packing.wishes(spec.kind());
+    if spec.dtype() == dtype && spec.shape == shape && wished.contains(&spec.encoding()) {
         return Ok(());
     }
     Err(Error::protocol(format!(
-        "tensor {} is announced as {} {:?} {}, this client reads {} {shape:?} {}",
+        "tensor {} is announced as {} {:?} {}, asked for was {} {shape:?} {}",
         spec.name,
         spec.dtype().as_str_name(),
         spec.shape,
         spec.encoding().as_str_name(),
         dtype.as_str_name(),
-        Encoding::Raw.as_str_name()
+        wished.iter().map(|encoding| encoding.as_str_name()).collect::<Vec<_>>().join(" or ")
     )))
 }
 
 fn check_tensor(tensor: &v1::Tensor, spec: &v1::TensorSpec) -> Result<(), Error> {
-    let element: u64 = if spec.dtype() == Dtype::F32 { 4 } else { 1 };
-    let bytes = spec.shape.iter().fold(element, |product, &side| product.saturating_mul(u64::from(side)));
-    let fits = tensor.shape == spec.shape && tensor.dtype == spec.dtype && tensor.encoding == spec.encoding;
-    if fits && tensor.data.len() as u64 == bytes {
+    if tensor.shape == spec.shape && tensor.dtype == spec.dtype && tensor.encoding == spec.encoding {
         return Ok(());
     }
     Err(Error::protocol(format!(
-        "tensor {} came with shape {:?} and {} bytes, announced were {:?} and {bytes}",
+        "tensor {} came with shape {:?} as {}, announced were {:?} as {}",
         spec.name,
         tensor.shape,
-        tensor.data.len(),
-        spec.shape
+        tensor.encoding().as_str_name(),
+        spec.shape,
+        spec.encoding().as_str_name()
     )))
 }
 
@@ -171,14 +181,6 @@ fn is_missing(kind: SensorKind, seen: &Observation) -> bool {
         SensorKind::Audio => seen.audio.is_none(),
         SensorKind::Unspecified => false,
     }
-}
-
-/// Little-endian numbers; that they are whole ones was checked against the agreement.
-fn floats(data: &[u8]) -> Vec<f32> {
-    if cfg!(target_endian = "little") {
-        return bytemuck::pod_collect_to_vec(data);
-    }
-    data.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
 }
 
 fn pose(wire: Option<v1::Pose>) -> Result<Pose, Error> {

@@ -92,6 +92,7 @@ impl Host for Arena {
             run: id,
             max_slots: stage.phase.max_slots,
             rules: stage.rules().clone(),
+            sensors: stage.phase.sensors.clone(),
             episodes: run.episodes,
             done: run.done,
             digests: Digests {

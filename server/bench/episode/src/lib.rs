@@ -5,6 +5,7 @@
 //! *Never*: holds a target's identity, place or category beside its cue; does I/O.
 
 mod action;
+mod encoding;
 mod mission;
 mod observation;
 mod rules;
@@ -12,6 +13,7 @@ mod time_limits;
 
 pub use action::{Action, UnknownAction};
 pub use avln_geom::{Point3, Pose};
+pub use encoding::{Encoding, Encodings};
 pub use mission::{GoalCue, Mission, Modality, Order, RgbImage, UnknownOrder};
 pub use observation::{EndReason, Feedback, Observation, Sensors, SensorsError};
 pub use rules::{

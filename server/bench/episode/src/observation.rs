@@ -1,3 +1,4 @@
+use crate::Encodings;
 use avln_geom::Pose;
 use serde::{Deserialize, Serialize};
 
@@ -50,6 +51,9 @@ pub struct Sensors {
     pub height: u32,
     /// Horizontal field of view, radians.
     pub hfov_rad: f32,
+    /// How the numbers travel. In a phase's sensors: an encoding that changes values may be asked for where one stands here.
+    #[serde(default)]
+    pub encodings: Encodings,
 }
 
 /// A wish for sensors that the limits do not allow.
@@ -83,7 +87,9 @@ impl Sensors {
 
     /// All sensors at `width × height` with 90 degrees of view.
     pub fn all(width: u32, height: u32) -> Self {
-        Self { rgb: true, depth: true, audio: true, width, height, hfov_rad: std::f32::consts::FRAC_PI_2 }
+        let hfov_rad = std::f32::consts::FRAC_PI_2;
+        let encodings = Encodings::default();
+        Self { rgb: true, depth: true, audio: true, width, height, hfov_rad, encodings }
     }
 
     /// Checks the limits.

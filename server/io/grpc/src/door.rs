@@ -73,7 +73,7 @@ impl Door {
         wire::client_is_welcome(hello.client.as_ref(), &info.clients)?;
         let client_minor = hello.client.as_ref().map_or(0, |client| client.api_minor);
         Ok(Terms {
-            sensors: wire::sensors(hello.sensors.as_ref())?,
+            sensors: wire::sensors(hello.sensors.as_ref(), &open.sensors)?,
             slots: hello.slots.clamp(1, most_slots(open)),
             api_minor: client_minor.min(info.api_minor),
         })

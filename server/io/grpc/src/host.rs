@@ -201,6 +201,8 @@ pub struct OpenRun {
     pub max_slots: u32,
     /// Rules in force.
     pub rules: Rules,
+    /// The most that its agent may ask to sense.
+    pub sensors: Sensors,
     /// Episodes of the run.
     pub episodes: u32,
     /// Episodes that are over and stored.

@@ -1,4 +1,4 @@
-use avln_episode::Sensors;
+use avln_episode::{Encodings, Sensors};
 use std::time::Duration;
 
 /// Every limit of the agents' door. The defaults suit a public server; each field says what it protects.
@@ -108,13 +108,18 @@ impl Limits {
         let rgb = if sensors.rgb { pixels * 3 } else { 0 };
         let depth = if sensors.depth { pixels * 4 } else { 0 };
         let audio = if sensors.audio { u64::from(audio_samples) * 2 * 4 } else { 0 };
-        rgb + depth + audio + Self::MISSION_BYTES + Self::ENVELOPE_BYTES
+        let senses = match sensors.encodings {
+            encodings if encodings == Encodings::default() => rgb + depth + audio,
+            _ => avln_codec::most_bytes(rgb) + avln_codec::most_bytes(depth) + audio,
+        };
+        senses + Self::MISSION_BYTES + Self::ENVELOPE_BYTES
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use avln_episode::Encoding;
 
     #[test]
     fn the_largest_frame_is_the_sum_of_its_tensors_and_fits_the_encode_limit() {
@@ -125,5 +130,8 @@ mod tests {
         assert_eq!(Limits::frame_bytes(&silent, 4000), 196_608 + overhead);
         let largest = Sensors::all(Sensors::MAX_SIDE, Sensors::MAX_SIDE);
         assert!(Limits::frame_bytes(&largest, 16_000) <= Limits::default().encode_bytes as u64);
+        let packed = Encodings { rgb: Encoding::Png, depth: Encoding::Packed, ..Encodings::default() };
+        let packed = Sensors { encodings: packed, ..largest };
+        assert!(Limits::frame_bytes(&packed, 16_000) <= Limits::default().encode_bytes as u64);
     }
 }

@@ -1,6 +1,6 @@
 //! Numbers, times and enums in the words of the pages.
 
-use avln_episode::{EndReason, Modality, Order, Sensors};
+use avln_episode::{Encoding, EndReason, Modality, Order, Sensors};
 use avln_scoring::{Direction, Estimate, Key, Summary};
 use avln_store::{EpisodeState, PhaseState, Pick, RunState, Visibility};
 use std::{collections::BTreeMap, fmt::Write};
@@ -257,13 +257,25 @@ pub(crate) fn health(counts: &BTreeMap<&'static str, u32>, server_faults: &u32) 
     if words.is_empty() { NOTHING.to_owned() } else { words.join(", ") }
 }
 
-/// What an agent senses.
+/// What an agent senses and what it does without, and how the numbers travel where they do not travel raw.
 pub(crate) fn sensors(sensors: &Sensors) -> String {
-    let Sensors { rgb, depth, audio, width, height, hfov_rad } = sensors;
-    let chosen = [(*rgb, "colour"), (*depth, "depth"), (*audio, "sound")];
-    let chosen: Vec<&str> = chosen.iter().filter(|(on, _)| *on).map(|&(_, name)| name).collect();
-    let chosen = if chosen.is_empty() { "pose alone".to_owned() } else { chosen.join(", ") };
-    format!("{chosen}; pictures of {width} × {height} pixels, {:.0}° wide", hfov_rad.to_degrees())
+    let Sensors { rgb, depth, audio, width, height, hfov_rad, encodings } = sensors;
+    let all = [
+        (*rgb, "colour", encodings.rgb),
+        (*depth, "depth", encodings.depth),
+        (*audio, "sound", encodings.audio),
+    ];
+    let mut words: Vec<String> =
+        all.iter().filter(|(on, ..)| *on).map(|(_, name, encoding)| travelling(name, *encoding)).collect();
+    if words.is_empty() {
+        words.push("pose alone".to_owned());
+    }
+    words.extend(all.iter().filter(|(on, ..)| !*on).map(|(_, name, _)| format!("no {name}")));
+    format!("{}; pictures of {width} × {height} pixels, {:.0}° wide", words.join(", "), hfov_rad.to_degrees())
+}
+
+fn travelling(name: &str, encoding: Encoding) -> String {
+    if encoding == Encoding::Raw { name.to_owned() } else { format!("{name} ({})", encoding.as_str()) }
 }
 
 /// A count with its noun, whose plural ends in s.
@@ -291,6 +303,24 @@ mod tests {
         let html = estimate_html(&Estimate { value: 0.5, low: 0.25, high: 0.75 });
         assert!(html.contains("50.0 %") && html.contains("25.0 to 75.0"), "{html}");
         assert!(html.contains("x1=\"28\" y1=\"5\" x2=\"73\"") && html.contains("cx=\"50\""), "{html}");
+    }
+
+    #[test]
+    fn what_an_agent_does_without_is_told() {
+        let mut asked = Sensors { audio: false, ..Sensors::all(256, 128) };
+        assert_eq!(sensors(&asked), "colour, depth, no sound; pictures of 256 × 128 pixels, 90° wide");
+        asked.encodings.depth = Encoding::PackedMillimetres;
+        assert!(
+            sensors(&asked).starts_with("colour, depth (whole millimetres, packed), no sound;"),
+            "{}",
+            sensors(&asked)
+        );
+        let blind = Sensors { rgb: false, depth: false, ..asked };
+        assert!(
+            sensors(&blind).starts_with("pose alone, no colour, no depth, no sound;"),
+            "{}",
+            sensors(&blind)
+        );
     }
 
     #[test]

@@ -216,7 +216,8 @@ impl Slot {
         end: Option<EndReason>,
     ) -> v1::Observation {
         let step_ms = self.shared.limits.step_ms();
-        wire::observation(self.id, &seat.handle, sensed, &self.shared.sensors, end, step_ms)
+        let sensors_and_rules = (&self.shared.sensors, seat.referee.rules());
+        wire::observation(self.id, &seat.handle, sensed, sensors_and_rules, end, step_ms)
     }
 
     async fn act(&mut self, act: &v1::Act) -> Result<Answer, Failure> {

@@ -1,12 +1,13 @@
+use super::encoding;
 use crate::{host::ClientRange, refusal::Refusal};
-use avln_episode::Sensors;
-use avln_proto::v1::{self, Encoding, Reason, SensorKind};
+use avln_episode::{Encodings, Sensors};
+use avln_proto::v1::{self, Reason, SensorKind};
 
 /// Side of the pictures for agents that do not say.
 const DEFAULT_SIDE: u32 = 256;
 
-/// The sensors that an agent subscribes to; all of them when it does not say.
-pub(crate) fn sensors(wish: Option<&v1::SensorSubscription>) -> Result<Sensors, Refusal> {
+/// The sensors that an agent subscribes to; all of them when it does not say. `most` is what its phase allows.
+pub(crate) fn sensors(wish: Option<&v1::SensorSubscription>, most: &Sensors) -> Result<Sensors, Refusal> {
     let Some(wish) = wish else { return Ok(Sensors::all(DEFAULT_SIDE, DEFAULT_SIDE)) };
     let mut sensors = Sensors {
         rgb: false,
@@ -15,6 +16,7 @@ pub(crate) fn sensors(wish: Option<&v1::SensorSubscription>) -> Result<Sensors, 
         width: wish.width,
         height: wish.height,
         hfov_rad: wish.hfov_rad,
+        encodings: Encodings::default(),
     };
     for wish in &wish.wishes {
         let wanted = match wish.kind() {
@@ -30,22 +32,10 @@ pub(crate) fn sensors(wish: Option<&v1::SensorSubscription>) -> Result<Sensors, 
             let message = format!("sensor {} is listed twice; list it once", wish.kind().as_str_name());
             return Err(Refusal::new(Reason::BadRequest, message));
         }
-        raw_is_welcome(wish)?;
+        *encoding::of(&mut sensors.encodings, wish.kind()) = encoding::agree(wish, most)?;
     }
     sensors.validate().map_err(|error| Refusal::new(Reason::BadRequest, error.to_string()))?;
     Ok(sensors)
-}
-
-fn raw_is_welcome(wish: &v1::SensorWish) -> Result<(), Refusal> {
-    let offered = [Encoding::Raw as i32, Encoding::Unspecified as i32];
-    if wish.encodings.is_empty() || wish.encodings.iter().any(|wanted| offered.contains(wanted)) {
-        return Ok(());
-    }
-    let message = format!(
-        "none of the encodings wanted for {} is offered; add ENCODING_RAW to the wish",
-        wish.kind().as_str_name()
-    );
-    Err(Refusal::new(Reason::EncodingUnsupported, message))
 }
 
 /// Refuses client libraries whose versions the server does not accept.
@@ -88,6 +78,12 @@ fn numbers(version: &str) -> [u64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use avln_episode::Encoding as Agreed;
+    use avln_proto::v1::Encoding;
+
+    fn most() -> Sensors {
+        Sensors::all(1024, 1024)
+    }
 
     fn wish(kind: SensorKind, encodings: &[Encoding]) -> v1::SensorWish {
         v1::SensorWish { kind: kind.into(), encodings: encodings.iter().map(|&e| e.into()).collect() }
@@ -100,10 +96,41 @@ mod tests {
     #[test]
     fn what_is_wished_for_is_what_is_rendered() {
         let asked = subscription(vec![wish(SensorKind::Depth, &[Encoding::Png, Encoding::Raw])]);
-        let expected =
-            Sensors { rgb: false, depth: true, audio: false, width: 128, height: 96, hfov_rad: 1.5 };
-        assert_eq!(sensors(Some(&asked)), Ok(expected));
-        assert_eq!(sensors(None), Ok(Sensors::all(256, 256)));
+        let expected = Sensors { rgb: false, audio: false, hfov_rad: 1.5, ..Sensors::all(128, 96) };
+        assert_eq!(sensors(Some(&asked), &most()), Ok(expected));
+        assert_eq!(sensors(None, &most()), Ok(Sensors::all(256, 256)));
+    }
+
+    #[test]
+    fn the_first_encoding_that_is_offered_is_agreed() {
+        let agreed = |kind, encodings: &[Encoding], most: &Sensors| {
+            let granted = sensors(Some(&subscription(vec![wish(kind, encodings)])), most)?;
+            let Encodings { rgb, depth, audio } = granted.encodings;
+            Ok::<_, Refusal>(if kind == SensorKind::Rgb {
+                rgb
+            } else if kind == SensorKind::Depth {
+                depth
+            } else {
+                audio
+            })
+        };
+        let (rgb, depth, audio) = (SensorKind::Rgb, SensorKind::Depth, SensorKind::Audio);
+        assert_eq!(agreed(rgb, &[Encoding::Jpeg, Encoding::Png, Encoding::Packed], &most()), Ok(Agreed::Png));
+        assert_eq!(agreed(depth, &[Encoding::Packed, Encoding::Raw], &most()), Ok(Agreed::Packed));
+        let rounding = [Encoding::DepthU16MmPacked, Encoding::Packed];
+        assert_eq!(
+            agreed(depth, &rounding, &most()),
+            Ok(Agreed::Packed),
+            "the phase does not let values change"
+        );
+        let mut generous = most();
+        generous.encodings.depth = Agreed::Millimetres;
+        assert_eq!(agreed(depth, &rounding, &generous), Ok(Agreed::PackedMillimetres));
+        let refused = agreed(audio, &[Encoding::AudioI16], &generous).unwrap_err();
+        assert_eq!(refused.reason, Reason::EncodingUnsupported);
+        assert!(refused.message.contains("one of ENCODING_RAW"), "{}", refused.message);
+        generous.encodings.audio = Agreed::Int16;
+        assert_eq!(agreed(audio, &[Encoding::AudioI16], &generous), Ok(Agreed::Int16));
     }
 
     #[test]
@@ -116,7 +143,7 @@ mod tests {
             (v1::SensorSubscription { hfov_rad: f32::NAN, ..subscription(vec![]) }, Reason::BadRequest),
         ];
         for (asked, reason) in cases {
-            assert_eq!(sensors(Some(&asked)).unwrap_err().reason, reason, "{asked:?}");
+            assert_eq!(sensors(Some(&asked), &most()).unwrap_err().reason, reason, "{asked:?}");
         }
     }
 

@@ -1,6 +1,7 @@
 //! Between the benchmark's types and the wire's. Everything that leaves this crate is built here, from
 //! `avln-episode` types and what the host calls public.
 
+mod encoding;
 mod hello;
 mod observation;
 mod run;

@@ -1,5 +1,6 @@
-use avln_episode::{EndReason, Feedback, Observation, Rules, Sensors};
-use avln_proto::v1::{self, Dtype, Encoding, SensorKind};
+use super::encoding::{self, Numbers, pack};
+use avln_episode::{Encoding, EndReason, Feedback, Observation, Rules, Sensors};
+use avln_proto::v1::{self, Dtype, SensorKind};
 use bytes::Bytes;
 
 const RGB_ID: u32 = 1;
@@ -20,6 +21,10 @@ pub(crate) fn tensor_specs(sensors: &Sensors, rules: &Rules) -> Vec<v1::TensorSp
     if sensors.audio {
         let shape = vec![Sensors::AUDIO_CHANNELS, rules.audio_samples];
         specs.push(spec(AUDIO_ID, SensorKind::Audio, Dtype::F32, shape, -1.0, 1.0));
+    }
+    let mut encodings = sensors.encodings;
+    for spec in &mut specs {
+        spec.encoding = encoding::encoding(*encoding::of(&mut encodings, spec.kind())).into();
     }
     specs
 }
@@ -44,18 +49,18 @@ fn spec(
         kind: kind.into(),
         dtype: dtype.into(),
         shape,
-        encoding: Encoding::Raw.into(),
+        encoding: v1::Encoding::Raw.into(),
         minimum,
         maximum,
     }
 }
 
-/// The frame for what the agent senses now. Pixels and samples are moved, not copied.
+/// The frame for what the agent senses now. Pixels and samples that travel raw are moved, not copied.
 pub(crate) fn observation(
     slot: u32,
     episode: &str,
     observation: Observation,
-    sensors: &Sensors,
+    (sensors, rules): (&Sensors, &Rules),
     end: Option<EndReason>,
     step_ms: u32,
 ) -> v1::Observation {
@@ -77,28 +82,39 @@ pub(crate) fn observation(
         truncated: end.is_some_and(|reason| !reason.is_terminated()),
         reason: end.map_or(v1::EndReason::Unspecified, super::end_reason).into(),
         time: Some(v1::TimeAccount { step_ms, bank_ms: 0 }),
-        tensors: tensors(observation, sensors),
+        tensors: tensors(observation, sensors, rules.depth_divisor),
     }
 }
 
-fn tensors(observation: Observation, sensors: &Sensors) -> Vec<v1::Tensor> {
-    let (width, height) = (sensors.width, sensors.height);
+fn tensors(observation: Observation, sensors: &Sensors, depth_divisor: f32) -> Vec<v1::Tensor> {
+    let (width, height, encodings) = (sensors.width, sensors.height, sensors.encodings);
     let mut tensors = Vec::with_capacity(3);
+    let mut push = |id, dtype, shape, numbers, wanted: Encoding| {
+        let (encoding, data) = pack(numbers, wanted, sensors);
+        tensors.push(tensor(id, dtype, shape, encoding, data));
+    };
     if let Some(rgb) = observation.rgb {
-        tensors.push(tensor(RGB_ID, Dtype::U8, vec![height, width, 3], rgb.into()));
+        push(RGB_ID, Dtype::U8, vec![height, width, 3], Numbers::Rgb(rgb), encodings.rgb);
     }
     if let Some(depth) = observation.depth {
-        tensors.push(tensor(DEPTH_ID, Dtype::F32, vec![height, width], floats(depth)));
+        let numbers = Numbers::Depth(depth, depth_divisor);
+        push(DEPTH_ID, Dtype::F32, vec![height, width], numbers, encodings.depth);
     }
     if let Some(audio) = observation.audio {
         let shape = vec![Sensors::AUDIO_CHANNELS, audio.len() as u32 / Sensors::AUDIO_CHANNELS];
-        tensors.push(tensor(AUDIO_ID, Dtype::F32, shape, floats(audio)));
+        push(AUDIO_ID, Dtype::F32, shape, Numbers::Audio(audio), encodings.audio);
     }
     tensors
 }
 
-pub(super) fn tensor(id: u32, dtype: Dtype, shape: Vec<u32>, data: Bytes) -> v1::Tensor {
-    v1::Tensor { id, dtype: dtype.into(), shape, encoding: Encoding::Raw.into(), data }
+pub(super) fn tensor(
+    id: u32,
+    dtype: Dtype,
+    shape: Vec<u32>,
+    encoding: v1::Encoding,
+    data: Bytes,
+) -> v1::Tensor {
+    v1::Tensor { id, dtype: dtype.into(), shape, encoding: encoding.into(), data }
 }
 
 fn feedback(feedback: Feedback) -> v1::SubmitFeedback {
@@ -110,28 +126,10 @@ fn feedback(feedback: Feedback) -> v1::SubmitFeedback {
     }
 }
 
-/// The bytes of `values`, little-endian.
-#[cfg(target_endian = "little")]
-fn floats(values: Vec<f32>) -> Bytes {
-    struct Owner(Vec<f32>);
-    impl AsRef<[u8]> for Owner {
-        fn as_ref(&self) -> &[u8] {
-            bytemuck::cast_slice(&self.0)
-        }
-    }
-    Bytes::from_owner(Owner(values))
-}
-
-/// The bytes of `values`, little-endian.
-#[cfg(target_endian = "big")]
-fn floats(values: Vec<f32>) -> Bytes {
-    values.iter().flat_map(|value| value.to_le_bytes()).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use avln_episode::{Point3, Pose};
+    use avln_episode::{Encodings, Point3, Pose};
 
     fn sensed() -> Observation {
         Observation {
@@ -149,7 +147,8 @@ mod tests {
     #[test]
     fn numbers_arrive_as_they_were() {
         let sensors = Sensors::all(64, 64);
-        let sent = observation(2, "ep_x", sensed(), &sensors, Some(EndReason::StepLimit), 500);
+        let sent =
+            observation(2, "ep_x", sensed(), (&sensors, &Rules::paper()), Some(EndReason::StepLimit), 500);
         let decoded = |tensor: &v1::Tensor| -> Vec<f32> {
             let words = tensor.data.chunks_exact(4);
             words.map(|word| f32::from_le_bytes(word.try_into().unwrap())).collect()
@@ -169,12 +168,52 @@ mod tests {
         let sensors = Sensors { depth: false, ..Sensors::all(64, 64) };
         let mut rules = Rules::paper();
         rules.audio_samples = 2;
-        let sent = observation(0, "e", Observation { depth: None, ..sensed() }, &sensors, None, 0);
+        let sent = observation(0, "e", Observation { depth: None, ..sensed() }, (&sensors, &rules), None, 0);
         let specs = tensor_specs(&sensors, &rules);
         assert_eq!(specs.len(), sent.tensors.len());
         for (spec, tensor) in specs.iter().zip(&sent.tensors) {
             assert_eq!((spec.id, spec.dtype, &spec.shape), (tensor.id, tensor.dtype, &tensor.shape));
         }
         assert!(!sent.terminated && !sent.truncated && sent.reason() == v1::EndReason::Unspecified);
+    }
+
+    #[test]
+    fn agreed_encodings_are_announced_and_kept() {
+        let mut sensors = Sensors::all(64, 64);
+        sensors.encodings = Encodings { rgb: Encoding::Qoi, depth: Encoding::Packed, audio: Encoding::Int16 };
+        let mut rules = Rules::paper();
+        rules.audio_samples = 2;
+        let sent = observation(0, "e", sensed(), (&sensors, &rules), None, 0);
+        for (spec, tensor) in tensor_specs(&sensors, &rules).iter().zip(&sent.tensors) {
+            assert_eq!(
+                (spec.encoding, spec.dtype, &spec.shape),
+                (tensor.encoding, tensor.dtype, &tensor.shape)
+            );
+        }
+        let size = avln_codec::Size { width: 64, height: 64 };
+        let [rgb, depth, _] = &sent.tensors[..] else { panic!("{} tensors", sent.tensors.len()) };
+        assert_eq!(
+            avln_codec::rgb::decode(rgb.encoding(), size, rgb.data.clone()),
+            Ok(sensed().rgb.unwrap())
+        );
+        let layout = avln_codec::depth::Layout { size, unit_m: 1.0 };
+        assert_eq!(
+            avln_codec::depth::decode(depth.encoding(), layout, &depth.data),
+            Ok(sensed().depth.unwrap())
+        );
+    }
+
+    #[test]
+    fn numbers_that_cannot_be_packed_travel_raw() {
+        let sensors = Sensors {
+            encodings: Encodings { rgb: Encoding::Packed, ..Encodings::default() },
+            ..Sensors::all(64, 64)
+        };
+        let broken = Observation { rgb: Some(vec![1, 2, 3]), ..sensed() };
+        let sent = observation(0, "e", broken, (&sensors, &Rules::paper()), None, 0);
+        assert_eq!(
+            (sent.tensors[0].encoding(), &sent.tensors[0].data[..]),
+            (v1::Encoding::Raw, &[1, 2, 3][..])
+        );
     }
 }

@@ -3,7 +3,7 @@ use crate::{
     limits::Limits,
 };
 use avln_episode::EndReason;
-use avln_proto::v1::{self, Encoding, SensorKind};
+use avln_proto::v1::{self, SensorKind};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// The server's clock, milliseconds since 1970-01-01 UTC.
@@ -27,7 +27,7 @@ pub(crate) fn server_info(info: ServerInfo, limits: &Limits, draining: bool) -> 
         benchmark: info.benchmark,
         digests: None,
         clients: clients.collect(),
-        encodings: vec![Encoding::Raw.into()],
+        encodings: super::encoding::offered(),
         max_request_bytes: limits.decode_bytes as u32,
         server_time_unix_ms: unix_ms(),
         state: state.into(),
@@ -55,7 +55,7 @@ pub(crate) fn phase(phase: PhaseInfo, time: v1::TimeLimits) -> v1::Phase {
         max_slots: phase.max_slots.min(Limits::MAX_SLOTS),
         feedback: super::feedback_rule(phase.feedback).into(),
         sensors: sensors.into_iter().filter(|(on, _)| *on).map(|(_, kind)| kind.into()).collect(),
-        encodings: vec![Encoding::Raw.into()],
+        encodings: super::encoding::offered_in(&phase.sensors),
         state: state.into(),
         time: Some(time),
         rules: phase.rules,

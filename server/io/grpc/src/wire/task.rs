@@ -102,7 +102,8 @@ fn goal_cue(cue: &GoalCue) -> Cue {
         GoalCue::Category(label) => Cue::Category(label.clone()),
         GoalCue::Description(sentence) => Cue::Description(sentence.clone()),
         GoalCue::Image(RgbImage { width, height, pixels }) => {
-            Cue::Image(tensor(0, Dtype::U8, vec![*height, *width, 3], Bytes::copy_from_slice(pixels)))
+            let shape = vec![*height, *width, 3];
+            Cue::Image(tensor(0, Dtype::U8, shape, v1::Encoding::Raw, Bytes::copy_from_slice(pixels)))
         }
     }
 }

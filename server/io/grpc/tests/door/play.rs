@@ -1,6 +1,6 @@
 //! Agents that behave: whole runs through the stream.
 
-use crate::common::{Agent, House, Plan, Quirk};
+use crate::common::{Agent, House, Plan, Quirk, RUN_TOKEN, hello};
 use avln_episode::EndReason;
 use avln_proto::v1::{self, goal::Cue, play_request::Frame as Up};
 use std::sync::mpsc;
@@ -170,4 +170,37 @@ async fn a_phase_that_hides_metrics_sends_none() {
     assert_eq!(agent.episode_end().await.metrics, None);
     agent.goodbye().await;
     assert_eq!(agent.run_end().await.metrics, None);
+}
+
+/// An agent that wishes for packed pictures gets the same numbers as one that does not, and what it did not ask for
+/// does not come.
+#[tokio::test]
+async fn packed_numbers_are_the_same_and_what_is_not_asked_for_does_not_come() {
+    let house = House::open(Plan::plain(1)).await;
+    let wish = |kind: v1::SensorKind, encodings: &[v1::Encoding]| v1::SensorWish {
+        kind: kind.into(),
+        encodings: encodings.iter().map(|&encoding| encoding.into()).collect(),
+    };
+    let mut hello = hello(1);
+    if let Some(sensors) = &mut hello.sensors {
+        sensors.wishes = vec![
+            wish(v1::SensorKind::Rgb, &[v1::Encoding::Packed, v1::Encoding::Raw]),
+            wish(v1::SensorKind::Depth, &[v1::Encoding::DepthU16MmPacked, v1::Encoding::Packed]),
+        ];
+    }
+    let mut agent = Agent::dial(&house, RUN_TOKEN, vec![Up::Hello(hello)]).await.unwrap();
+    let welcome = agent.welcomed().await;
+    let announced: Vec<_> = welcome.tensors.iter().map(|spec| (spec.kind(), spec.encoding())).collect();
+    let (rgb, depth) = (v1::SensorKind::Rgb, v1::SensorKind::Depth);
+    assert_eq!(announced, [(rgb, v1::Encoding::Packed), (depth, v1::Encoding::Packed)]);
+
+    let start = agent.ready(0).await;
+    agent.act(0, &start.episode, 1, FORWARD).await;
+    let seen = agent.observation().await;
+    let [rgb, depth] = &seen.tensors[..] else { panic!("{} tensors", seen.tensors.len()) };
+    let size = avln_codec::Size { width: 64, height: 64 };
+    assert_eq!(avln_codec::rgb::decode(rgb.encoding(), size, rgb.data.clone()), Ok(vec![1; 3 * 64 * 64]));
+    let layout = avln_codec::depth::Layout { size, unit_m: 1.0 };
+    assert_eq!(avln_codec::depth::decode(depth.encoding(), layout, &depth.data), Ok(vec![1.0; 64 * 64]));
+    assert!(rgb.data.len() < 2000 && depth.data.len() < 2000, "{} {}", rgb.data.len(), depth.data.len());
 }

@@ -80,11 +80,15 @@ impl Agent {
             (sensors.width, sensors.height) = (side, side);
         }
         let mut agent = Self::dial(house, RUN_TOKEN, vec![Up::Hello(hello)]).await.unwrap();
-        agent.welcome = match agent.next().await {
+        agent.welcome = agent.welcomed().await;
+        agent
+    }
+
+    pub(crate) async fn welcomed(&mut self) -> v1::Welcome {
+        match self.next().await {
             Ok(Some(Down::Welcome(welcome))) => welcome,
             other => panic!("no Welcome but {other:?}"),
-        };
-        agent
+        }
     }
 
     pub(crate) async fn send(&self, frame: Up) {

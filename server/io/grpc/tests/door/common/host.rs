@@ -213,6 +213,7 @@ impl Host for ToyHost {
                 run: RUN.into(),
                 max_slots: 4,
                 rules: Rules { max_steps: self.max_steps, ..Rules::paper() },
+                sensors: Sensors::all(1024, 1024),
                 episodes: self.total,
                 done: self.done(),
                 digests: Digests::default(),
