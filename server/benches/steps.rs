@@ -7,7 +7,7 @@
 use avln_client::{Arena as Client, RunOptions};
 use avln_episode::{Action, Order, Rules, Sensors};
 use avln_geom::Rng;
-use avln_referee::{Bank, Referee};
+use avln_referee::{Audio, Referee};
 use avln_server::{
     arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
     commands::{phase, split, team},
@@ -122,7 +122,7 @@ impl Indoors {
             Sensors { rgb: pictures, depth: pictures, audio: senses.audio, ..Sensors::all(side, side) };
         let mission = spec.mission(&self.assets, &rules, order);
         let (assets, truth) = (self.assets.clone(), spec.truth(order));
-        Referee::new(assets, mission, truth, rules, sensors, &Bank::default()).expect("an episode")
+        Referee::new(assets, mission, truth, rules, sensors, &Audio::default()).expect("an episode")
     }
 
     fn walk(&self, senses: &Senses) -> Cost {
@@ -266,6 +266,7 @@ async fn furnish(folder: &Path) -> String {
         replays: phase::Who::Public,
         rules: None,
         sounds: None,
+        head: None,
         feedback: None,
         quota: None,
         max_slots: 1,

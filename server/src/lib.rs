@@ -9,6 +9,7 @@ pub mod commands;
 pub mod dataset;
 pub mod doors;
 mod failure;
+pub mod heads;
 mod npy;
 pub mod preview;
 mod say;

@@ -161,6 +161,7 @@ async fn a_phase_opens_on_a_split_of_a_data_set_and_reads_missions_one_scene_at_
         replays: phase::Who::Public,
         rules: None,
         sounds: None,
+        head: None,
         feedback: None,
         quota: None,
         max_slots: 4,

@@ -92,6 +92,7 @@ pub async fn furnish(folder: &Path, plan: &Plan) -> String {
         replays: plan.replays_to.unwrap_or(plan.visible_to),
         rules: None,
         sounds: None,
+        head: None,
         feedback: None,
         quota: None,
         max_slots: 4,

@@ -211,6 +211,9 @@ pub struct TaskSpec {
     pub depth_noise: DepthNoise,
     /// Noise of colours.
     pub rgb_noise: RgbNoise,
+    /// Who listens: `None` for a rigid sphere with a radius of 8.75 cm and ears at 100 degrees from straight ahead, else the
+    /// BLAKE3 hash of the SOFA file of a measured head, hexadecimal.
+    pub head: Option<String>,
 }
 
 impl Default for TaskSpec {
@@ -245,6 +248,7 @@ impl Default for TaskSpec {
             source_lift_m: 0.0,
             depth_noise: DepthNoise::None,
             rgb_noise: RgbNoise::None,
+            head: None,
         }
     }
 }
@@ -281,6 +285,7 @@ impl TaskSpec {
             source_lift_m: task.source_lift_m,
             depth_noise: DepthNoise::from_wire(task.depth_noise),
             rgb_noise: RgbNoise::from_wire(task.rgb_noise),
+            head: Some(task.head.clone()).filter(|digest| !digest.is_empty()),
         })
     }
 }

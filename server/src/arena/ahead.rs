@@ -40,6 +40,7 @@ fn get_ready(stage: &Stage, scenes: &SceneCache, episode: &str) -> Result<Option
         assets.prepare_pictures();
     }
     if sensors.audio {
+        stage.audio.head.prepare();
         let targets: Vec<_> = spec.goals.iter().map(|goal| goal.target.clone()).collect();
         source_positions(stage.rules(), &targets).iter().for_each(|position| assets.prepare_sound(position));
     }

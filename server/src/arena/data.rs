@@ -4,11 +4,12 @@ use crate::{
     Failure, FailureKind,
     cache::CacheFolder,
     dataset::{DatasetFiles, SplitFolder},
+    heads::HeadFolder,
     sounds::SoundFolder,
 };
 use avln_dataset::Split;
-use avln_episode::Sounds;
-use avln_referee::{Bank, made_bank};
+use avln_episode::{HeadRule, Rules, Sounds};
+use avln_referee::{Audio, Bank, Head, made_bank};
 use avln_store::Store;
 use avln_world::Cache;
 use serde::{Deserialize, Serialize};
@@ -18,7 +19,7 @@ use std::{
     sync::Arc,
 };
 
-/// The folder that holds everything the server keeps: `avln.db`, `splits/` and `sounds/`, and `cache/`, which can be made anew.
+/// The folder that holds everything the server keeps: `avln.db`, `splits/`, `sounds/` and `heads/`, and `cache/`, which can be made anew.
 #[derive(Clone, Debug)]
 pub struct DataFolder {
     root: PathBuf,
@@ -58,6 +59,23 @@ impl DataFolder {
             Sounds::Own(digest) => self.sounds().bank(digest),
             made => Ok(made_bank(made).unwrap_or_default()),
         }
+    }
+
+    /// The clips and the head that `rules` name.
+    ///
+    /// # Errors
+    /// When the folder does not hold them.
+    pub fn audio(&self, rules: &Rules) -> Result<Audio, Failure> {
+        let head = match &rules.head {
+            HeadRule::Sphere => Head::Sphere,
+            HeadRule::Measured(digest) => self.heads().head(digest)?,
+        };
+        Ok(Audio { bank: self.bank(&rules.sounds)?, head })
+    }
+
+    /// The measured heads that it keeps.
+    pub fn heads(&self) -> HeadFolder {
+        HeadFolder::at(&self.root.join("heads"))
     }
 
     /// The recordings that it keeps.

@@ -16,7 +16,7 @@ mod warm;
 use crate::{Failure, FailureKind, dataset::SplitFolder};
 use avln_dataset::EpisodeSpec;
 use avln_episode::{FeedbackRule, Rules};
-use avln_referee::Bank;
+use avln_referee::Audio;
 use avln_store::{Phase, PhaseEpisode, PhaseState, Scene, Store};
 use avln_world::SceneAssets;
 use data::DataFolder;
@@ -47,11 +47,11 @@ pub struct Arena {
     ahead: Arc<Semaphore>,
 }
 
-/// A phase, the missions that are played in it, and the clips that they draw from.
+/// A phase, the missions that are played in it, the clips that they draw from, and who listens.
 struct Stage {
     phase: Phase,
     split: SplitFolder,
-    bank: Bank,
+    audio: Audio,
 }
 
 impl Arena {
@@ -97,8 +97,8 @@ impl Stage {
                 Failure::new(FailureKind::Scene, message).hinted("restore the split's files from a backup")
             );
         }
-        let bank = data.bank(&phase.rules.sounds)?;
-        Ok(Self { phase, split, bank })
+        let audio = data.audio(&phase.rules)?;
+        Ok(Self { phase, split, audio })
     }
 
     /// The mission called `id`. Reads the files of its scene when they are not at hand.

@@ -135,7 +135,7 @@ fn make_referee(
     let (assets, map) = stage.scene(&spec.scene, scenes).map_err(Refusal::internal)?;
     let mission = spec.mission(&assets, stage.rules(), order);
     let (truth, rules) = (spec.truth(order), stage.rules().clone());
-    let referee = Referee::new(assets, mission, truth, rules, sensors, &stage.bank);
+    let referee = Referee::new(assets, mission, truth, rules, sensors, &stage.audio);
     let referee = referee.map_err(|error| match error {
         RefereeError::Sensors(error) => Refusal::new(Reason::BadRequest, error.to_string()),
         other => Refusal::internal(other),

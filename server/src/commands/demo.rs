@@ -106,6 +106,7 @@ async fn prepare(data: &DataFolder, store: &Store, options: &Options) -> Result<
         replays: phase::Who::Public,
         rules: None,
         sounds: None,
+        head: None,
         feedback: None,
         quota: None,
         max_slots: 16,

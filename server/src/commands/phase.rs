@@ -7,7 +7,7 @@ use crate::{
     dataset::SplitFolder,
 };
 use avln_dataset::{SceneLine, SceneSource};
-use avln_episode::{FeedbackRule, Order, Rules, Sensors, Sounds};
+use avln_episode::{FeedbackRule, HeadRule, Order, Rules, Sensors, Sounds};
 use avln_scene::procedural::Pool;
 use avln_store::{Phase, PhaseState, Store, Visibility};
 use clap::{Args, Subcommand, ValueEnum};
@@ -54,6 +54,10 @@ pub struct Open {
     /// are furnished from, and all clips in scenes that were read from files
     #[arg(long, value_name = "WHAT")]
     pub sounds: Option<String>,
+    /// Hear with a measured head instead of a sphere: a SOFA file of head-related impulse responses, which the data folder
+    /// keeps a copy of
+    #[arg(long, value_name = "FILE.sofa")]
+    pub head: Option<PathBuf>,
     /// What an agent learns from a Submit; the rule set says it by default
     #[arg(long, value_enum)]
     pub feedback: Option<Told>,
@@ -131,6 +135,9 @@ pub async fn open(data: &DataFolder, store: &Store, options: &Open) -> Result<Ph
     }
     let mut rules = played(register::rules_of(&name, &split)?, options.rules.as_deref())?;
     rules.sounds = sounds(data, options.sounds.as_deref(), &split)?;
+    if let Some(file) = &options.head {
+        rules.head = HeadRule::Measured(data.heads().adopt(file)?);
+    }
     if let Some(told) = options.feedback {
         rules.feedback = told.into();
     }

@@ -17,7 +17,7 @@ pub use encoding::{Encoding, Encodings};
 pub use mission::{GoalCue, Mission, Modality, Order, RgbImage, UnknownOrder};
 pub use observation::{EndReason, Feedback, Observation, Sensors, SensorsError};
 pub use rules::{
-    DepthNoise, DistanceRule, FeedbackRule, PoseFrame, RgbNoise, Rules, SoundClip, SoundingRule, Sounds,
-    UnknownRules, WrongSubmit,
+    DepthNoise, DistanceRule, FeedbackRule, HeadRule, PoseFrame, RgbNoise, Rules, SoundClip, SoundingRule,
+    Sounds, UnknownRules, WrongSubmit,
 };
 pub use time_limits::TimeLimits;

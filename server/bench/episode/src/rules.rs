@@ -41,6 +41,9 @@ pub struct Rules {
     /// What clips are drawn from.
     #[serde(default)]
     pub sounds: Sounds,
+    /// Who listens.
+    #[serde(default, skip_serializing_if = "HeadRule::is_sphere")]
+    pub head: HeadRule,
     /// Radius of success, metres.
     pub success_radius_m: f32,
     /// What the radius is measured between.
@@ -104,6 +107,23 @@ pub enum Sounds {
     Test,
     /// Recordings, by the digest of them all.
     Own(String),
+}
+
+/// Who listens.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HeadRule {
+    /// A rigid sphere.
+    #[default]
+    Sphere,
+    /// A head that was measured, by the digest of its file.
+    Measured(String),
+}
+
+impl HeadRule {
+    fn is_sphere(&self) -> bool {
+        *self == Self::Sphere
+    }
 }
 
 /// What the radius of success is measured between, and what must be seen.
@@ -214,6 +234,7 @@ impl Rules {
             source_lift_m: 0.0,
             sound_clip: SoundClip::Anonymous,
             sounds: Sounds::All,
+            head: HeadRule::Sphere,
             success_radius_m: 2.0,
             success_distance: DistanceRule::CameraToBox,
             wrong_submit: WrongSubmit::KeepsGoal,
@@ -258,10 +279,10 @@ impl Rules {
         }
     }
 
-    /// Whether an episode made for `other` can be played by these rules: they differ in name, noise and clips at most.
+    /// Whether an episode made for `other` can be played by these rules: they differ in name, noise, clips and head at most.
     pub fn fits_episodes_of(&self, other: &Self) -> bool {
-        let Self { name, depth_noise, rgb_noise, sound_clip, sounds, .. } = self.clone();
-        *self == Self { name, depth_noise, rgb_noise, sound_clip, sounds, ..other.clone() }
+        let Self { name, depth_noise, rgb_noise, sound_clip, sounds, head, .. } = self.clone();
+        *self == Self { name, depth_noise, rgb_noise, sound_clip, sounds, head, ..other.clone() }
     }
 
     /// How many clips an episode with so many targets draws.
@@ -318,6 +339,8 @@ mod tests {
         let (distinct, own) = (Rules::distinct(), Sounds::Own("c0ffee".to_owned()));
         assert!(distinct.fits_episodes_of(&Rules::paper()) && distinct.fits_episodes_of(&Rules::noisy()));
         assert!(Rules { sounds: own, ..distinct.clone() }.fits_episodes_of(&distinct));
+        let head = HeadRule::Measured("c0ffee".to_owned());
+        assert!(Rules { head, ..distinct.clone() }.fits_episodes_of(&distinct));
         assert!(!distinct.fits_episodes_of(&Rules::authors()));
         let leaky = Rules { sound_clip: SoundClip::ByCategory, ..Rules::paper() };
         assert_eq!(leaky.leaks(), Some("the clip tells a target's category"));

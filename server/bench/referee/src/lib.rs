@@ -10,6 +10,6 @@ mod schedule;
 mod sounds;
 mod success;
 
-pub use avln_world::Bank;
-pub use referee::{Referee, RefereeError, StepOutcome};
+pub use avln_world::{Bank, Head};
+pub use referee::{Audio, Referee, RefereeError, StepOutcome};
 pub use sounds::{made_bank, source_positions};

@@ -9,7 +9,7 @@ use avln_episode::{
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
 use avln_world::{
-    Bank, DepthNoise, Motion, Noise, RgbNoise, Rng, SceneAssets, Senses, StartError, View, World,
+    Bank, DepthNoise, Head, Motion, Noise, RgbNoise, Rng, SceneAssets, Senses, StartError, View, World,
     WorldOptions,
 };
 use std::sync::Arc;
@@ -94,12 +94,27 @@ pub enum RefereeError {
     },
 }
 
+/// What rules name of sound and cannot hold: the clips that are played, and who listens.
+#[derive(Clone, Debug, Default)]
+pub struct Audio {
+    /// Clips are drawn from it.
+    pub bank: Bank,
+    /// Who listens.
+    pub head: Head,
+}
+
+impl From<Bank> for Audio {
+    /// The clips of a bank, heard by a sphere.
+    fn from(bank: Bank) -> Self {
+        Self { bank, head: Head::default() }
+    }
+}
+
 impl Referee {
     /// Most goals in one mission: one bit each in the record.
     const MAX_GOALS: usize = 8;
 
-    /// Sets the body down at the start of the episode. Nothing is rendered yet. Clips are drawn from `bank`, which is the
-    /// one that the rules name.
+    /// Sets the body down at the start of the episode. Nothing is rendered yet. `audio` is what the rules name.
     ///
     /// # Errors
     /// When sensors, mission or start pose are not possible, or the bank holds too few clips.
@@ -109,7 +124,7 @@ impl Referee {
         truth: EpisodeTruth,
         rules: Rules,
         sensors: Sensors,
-        bank: &Bank,
+        audio: &Audio,
     ) -> Result<Self, RefereeError> {
         sensors.validate()?;
         let (goals, targets) = (mission.goals.len(), truth.targets.len());
@@ -118,7 +133,7 @@ impl Referee {
         }
         let rng = Rng::new(truth.seed);
         let sources = match sensors.audio {
-            true => sounds::sources(&rules, &truth, bank, &mut rng.fork("clips"))
+            true => sounds::sources(&rules, &truth, &audio.bank, &mut rng.fork("clips"))
                 .map_err(|source| RefereeError::Sounds { episode: truth.episode.clone(), source })?,
             false => Vec::new(),
         };
@@ -126,6 +141,7 @@ impl Referee {
         let schedule = Schedule::new(&rules, goals, &mut rng.fork("schedule"));
         let options = WorldOptions {
             noise: noise(&rules, rng.fork("noise").next_u64()),
+            head: audio.head.clone(),
             ..world_options(&rules, &sensors)
         };
         let world = World::new(assets, truth.start, options, sources)
@@ -372,6 +388,7 @@ fn world_options(rules: &Rules, sensors: &Sensors) -> WorldOptions {
         samples_per_step: rules.samples_per_step() as usize,
         view: (sensors.rgb || sensors.depth).then_some(view),
         audio: sensors.audio,
+        head: Head::default(),
         noise: Noise::default(),
     }
 }

@@ -1,5 +1,5 @@
 use crate::SceneAssets;
-use avln_acoustics::{Clip, Ears, Emitter, Listener};
+use avln_acoustics::{Clip, Ears, Emitter, Head, Listener};
 use avln_geom::{Point3, Pose, Vector3};
 use avln_navmesh::NavPoint;
 use avln_render::{Camera, Frame, Noise};
@@ -11,7 +11,7 @@ const MAX_SNAP_M: f32 = 0.3;
 const FULL_STEP: f32 = 0.99;
 
 /// The body's measures and senses.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct WorldOptions {
     /// Length of a step forward, metres.
     pub forward_m: f32,
@@ -29,6 +29,8 @@ pub struct WorldOptions {
     pub view: Option<View>,
     /// Whether to listen.
     pub audio: bool,
+    /// Who listens.
+    pub head: Head,
     /// Noise of the pictures that the body perceives; none in those taken by [`SceneAssets::render`].
     pub noise: Noise,
 }
@@ -242,7 +244,7 @@ fn stand(assets: &SceneAssets, position: &Point3<f32>) -> Result<NavPoint, Start
 
 fn ears(assets: &SceneAssets, options: &WorldOptions, sources: Vec<SoundSource>) -> Ears {
     let emitter = |SoundSource { position, clip, offset_samples }| Emitter {
-        source: assets.source(&position),
+        source: assets.source(&position).heard_by(&options.head),
         clip,
         offset_samples,
     };

@@ -15,7 +15,7 @@
 use avln_geom::{Point2, Vector3};
 use avln_scene::{Lighting, Material, Mesh};
 use avln_world::{
-    Bank, Body, DepthNoise, InstanceId, Motion, Moved, Noise, Point3, Pose, RgbNoise, Rng, Scene,
+    Bank, Body, DepthNoise, Head, InstanceId, Motion, Moved, Noise, Point3, Pose, RgbNoise, Rng, Scene,
     SceneAssets, SoundSource, StartError, View, World, WorldOptions,
 };
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
@@ -95,6 +95,7 @@ fn options() -> WorldOptions {
         ear_height_m: 1.0,
         depth_max_m: 10.0,
         samples_per_step: 4000,
+        head: Head::Sphere,
         view: None,
         audio: false,
         noise: Noise::default(),

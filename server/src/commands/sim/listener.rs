@@ -1,14 +1,12 @@
 //! Who listens, where, and to what: as the command line says it.
 
-use super::unusable;
 use super::walk::Start;
-use crate::Failure;
-use avln_acoustics::{Head, Listener, MeasuredHead, Settings};
+use crate::{Failure, heads};
+use avln_acoustics::{Head, Listener, Settings};
 use avln_geom::Point3;
 use clap::Args;
 use std::path::PathBuf;
 use std::str::FromStr;
-use std::sync::Arc;
 
 /// Farther from the origin no source and no listener may be, metres.
 const REACH_M: f32 = 1e6;
@@ -55,10 +53,7 @@ impl Hearing {
         let Some(file) = &self.head else {
             return Ok(if self.omni { Head::Omni } else { Head::Sphere });
         };
-        let bytes = std::fs::read(file).map_err(|error| unusable(file, error, "check the path"))?;
-        let hint = "the sphere, without --head, needs no file";
-        let head = MeasuredHead::from_sofa(&bytes).map_err(|error| unusable(file, error, hint))?;
-        Ok(Head::Measured(Arc::new(head)))
+        Ok(heads::read(file)?.1)
     }
 
     /// Channels of what is heard.

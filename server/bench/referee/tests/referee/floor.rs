@@ -4,7 +4,7 @@ use avln_episode::{
     Action::{self, MoveForward, TurnLeft},
     GoalCue, Mission, Modality, Order, Point3, Pose, Rules, Sensors,
 };
-use avln_referee::{Bank, Referee, StepOutcome};
+use avln_referee::{Audio, Referee, StepOutcome};
 use avln_truth::{EpisodeTruth, Record, Target};
 use avln_world::{Aabb, Attributes, Body, InstanceId, Lighting, Material, Mesh, Object, Scene, SceneAssets};
 use std::sync::{Arc, LazyLock};
@@ -117,8 +117,7 @@ pub(crate) fn mission(order: Order) -> Mission {
 }
 
 pub(crate) fn episode(order: Order, rules: Rules, sensors: Sensors) -> Referee {
-    let bank = Bank::default();
-    Referee::new(ASSETS.clone(), mission(order), truth(order), rules, sensors, &bank)
+    Referee::new(ASSETS.clone(), mission(order), truth(order), rules, sensors, &Audio::default())
         .expect("a legal episode")
 }
 

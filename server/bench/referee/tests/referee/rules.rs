@@ -6,7 +6,7 @@ use avln_episode::{
     EndReason, Feedback, FeedbackRule, GoalCue, Mission, Observation, Order, Point3, Pose, RgbNoise, Rules,
     Sensors,
 };
-use avln_referee::{Bank, Referee, RefereeError};
+use avln_referee::{Audio, Referee, RefereeError};
 use avln_truth::{EpisodeTruth, Record};
 use std::f32::consts::FRAC_PI_2;
 
@@ -220,7 +220,7 @@ fn impossible_episodes_are_refused_with_a_reason() {
         goals: (0..goals).map(|_| GoalCue::Category("box".to_owned())).collect(),
     };
     let new = |mission, truth, sensors| {
-        Referee::new(ASSETS.clone(), mission, truth, Rules::paper(), sensors, &Bank::default())
+        Referee::new(ASSETS.clone(), mission, truth, Rules::paper(), sensors, &Audio::default())
     };
     assert!(matches!(new(mission(3), truth(), small), Err(RefereeError::Sensors(_))));
     assert!(matches!(

@@ -5,7 +5,7 @@ use avln_episode::{
     Action::{MoveForward, Submit, TurnLeft, TurnRight},
     GoalCue, Modality, Observation, Order, Rules, Sensors, SoundClip, Sounds,
 };
-use avln_referee::{Bank, Referee, RefereeError, made_bank};
+use avln_referee::{Audio, Bank, Referee, RefereeError, made_bank};
 use avln_truth::EpisodeTruth;
 use avln_world::Clip;
 
@@ -14,7 +14,14 @@ fn listening() -> Sensors {
 }
 
 fn play(rules: &Rules, truth: EpisodeTruth, bank: &Bank) -> Result<Referee, RefereeError> {
-    Referee::new(ASSETS.clone(), mission(Order::Unordered), truth, rules.clone(), listening(), bank)
+    Referee::new(
+        ASSETS.clone(),
+        mission(Order::Unordered),
+        truth,
+        rules.clone(),
+        listening(),
+        &Audio::from(bank.clone()),
+    )
 }
 
 fn energy(observation: &Observation) -> f32 {
@@ -145,7 +152,7 @@ fn cues_are_not_heard() {
         let mission = avln_episode::Mission { order: Order::Ordered, goals };
         let truth = truth(Order::Ordered);
         let mut referee =
-            Referee::new(ASSETS.clone(), mission, truth, Rules::paper(), listening(), &Bank::default())
+            Referee::new(ASSETS.clone(), mission, truth, Rules::paper(), listening(), &Audio::default())
                 .expect("legal");
         referee.start().audio
     };

@@ -1,8 +1,8 @@
 use super::observation::tensor;
 use crate::host::Digests;
 use avln_episode::{
-    DepthNoise, DistanceRule, GoalCue, Mission, PoseFrame, RgbImage, RgbNoise, Rules, Sensors, SoundClip,
-    SoundingRule, WrongSubmit,
+    DepthNoise, DistanceRule, GoalCue, HeadRule, Mission, PoseFrame, RgbImage, RgbNoise, Rules, Sensors,
+    SoundClip, SoundingRule, WrongSubmit,
 };
 use avln_proto::v1::{self, Dtype, goal::Cue};
 use bytes::Bytes;
@@ -38,6 +38,7 @@ pub(crate) fn task_spec(rules: &Rules, sensors: &Sensors) -> v1::TaskSpec {
         source_lift_m: rules.source_lift_m,
         depth_noise: depth_noise(rules.depth_noise).into(),
         rgb_noise: rgb_noise(rules.rgb_noise).into(),
+        head: head(&rules.head),
     }
 }
 
@@ -52,6 +53,13 @@ fn rgb_noise(noise: RgbNoise) -> v1::RgbNoise {
     match noise {
         RgbNoise::None => v1::RgbNoise::None,
         RgbNoise::Gaussian => v1::RgbNoise::Gaussian,
+    }
+}
+
+fn head(head: &HeadRule) -> String {
+    match head {
+        HeadRule::Sphere => String::new(),
+        HeadRule::Measured(digest) => digest.clone(),
     }
 }
 
@@ -156,5 +164,7 @@ mod tests {
             (v1::DepthNoise::Redwood, v1::RgbNoise::Gaussian)
         );
         assert_eq!((paper.depth_noise(), paper.rgb_noise()), (v1::DepthNoise::None, v1::RgbNoise::None));
+        let measured = Rules { head: HeadRule::Measured("c0ffee".into()), ..Rules::paper() };
+        assert_eq!((paper.head.as_str(), task_spec(&measured, &sensors).head.as_str()), ("", "c0ffee"));
     }
 }
