@@ -3,8 +3,9 @@
 use crate::{Failure, FailureKind, arena::Arena};
 use avln_grpc::Limits;
 use avln_store::Reader;
+use avln_tls::{Identity, Listener, Protocol};
 use clap::Args;
-use std::{net::SocketAddr, sync::Arc};
+use std::{net::SocketAddr, path::PathBuf, sync::Arc};
 use tokio::{net::TcpListener, sync::watch, task::JoinSet};
 
 /// Where the doors are.
@@ -18,10 +19,39 @@ pub struct Addresses {
     pub web: SocketAddr,
 }
 
+/// By what agents and people know that they speak to this server.
+#[derive(Clone, Debug, Default, Args)]
+pub struct Security {
+    /// Speak TLS on both doors: PEM file of the certificate, with those that vouch for it after it
+    #[arg(long, env = "AVLN_TLS_CERT", value_name = "FILE", requires = "tls_key")]
+    pub tls_cert: Option<PathBuf>,
+    /// PEM file of the certificate's key
+    #[arg(long, env = "AVLN_TLS_KEY", value_name = "FILE", requires = "tls_cert")]
+    pub tls_key: Option<PathBuf>,
+}
+
+impl Security {
+    /// Reads the files, where there are any. A certificate that agents will refuse is told on standard error.
+    ///
+    /// # Errors
+    /// When they are no use.
+    pub fn identity(&self) -> Result<Option<Identity>, Failure> {
+        let (Some(certificate), Some(key)) = (&self.tls_cert, &self.tls_key) else { return Ok(None) };
+        let identity = Identity::read(certificate, key).map_err(|error| {
+            Failure::new(FailureKind::Address, error).hinted("see docs/OPERATING.md for how to get a pair")
+        })?;
+        if let Some(warning) = identity.warning() {
+            eprintln!("warning: {warning}");
+        }
+        Ok(Some(identity))
+    }
+}
+
 /// The listeners, bound and not yet served.
 pub struct Doors {
     grpc: TcpListener,
     web: TcpListener,
+    identity: Option<Identity>,
 }
 
 /// Both doors, open.
@@ -30,6 +60,7 @@ pub struct OpenDoors {
     pub grpc: SocketAddr,
     /// Where people look.
     pub web: SocketAddr,
+    is_secure: bool,
     stop: watch::Sender<bool>,
     tasks: JoinSet<Result<(), Failure>>,
 }
@@ -40,10 +71,20 @@ impl Doors {
     /// # Errors
     /// When one is taken or cannot be had.
     pub async fn bind(addresses: &Addresses) -> Result<Self, Failure> {
-        refuse_open_plain_text(addresses)?;
+        Self::bind_as(addresses, None).await
+    }
+
+    /// The same, to speak TLS where there is an identity.
+    ///
+    /// # Errors
+    /// As for [`Doors::bind`].
+    pub async fn bind_as(addresses: &Addresses, identity: Option<Identity>) -> Result<Self, Failure> {
+        if identity.is_none() {
+            refuse_open_plain_text(addresses)?;
+        }
         let grpc = listen(addresses.grpc, "agents (gRPC)", "--grpc").await?;
         let web = listen(addresses.web, "the leaderboard (web)", "--web").await?;
-        Ok(Self { grpc, web })
+        Ok(Self { grpc, web, identity })
     }
 
     /// Serves the arena through both doors.
@@ -57,15 +98,23 @@ impl Doors {
         let (grpc, web) = (local(&self.grpc)?, local(&self.web)?);
         let (stop, stopped) = watch::channel(false);
         let mut tasks = JoinSet::new();
-        let agents = avln_grpc::serve(self.grpc, arena, Limits::default(), until(stopped.clone()));
+        let identity = self.identity.as_ref();
+        let agents_door = Listener::new(self.grpc, identity, Protocol::Http2);
+        let peoples_door = Listener::new(self.web, identity, Protocol::Http1);
+        let agents = avln_grpc::serve(agents_door, arena, Limits::default(), until(stopped.clone()));
         tasks.spawn(async { agents.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
-        let people = avln_web::serve(self.web, reader, grpc.port(), until(stopped));
+        let people = avln_web::serve(peoples_door, reader, grpc.port(), until(stopped));
         tasks.spawn(async { people.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
-        Ok(OpenDoors { grpc, web, stop, tasks })
+        Ok(OpenDoors { grpc, web, is_secure: self.identity.is_some(), stop, tasks })
     }
 }
 
 impl OpenDoors {
+    /// What addresses begin with: `https` where TLS is spoken, else `http`.
+    pub fn scheme(&self) -> &'static str {
+        if self.is_secure { "https" } else { "http" }
+    }
+
     /// Waits for Ctrl-C or a termination signal, then closes. A door that fails ends the wait.
     ///
     /// # Errors
@@ -94,10 +143,13 @@ impl OpenDoors {
 fn refuse_open_plain_text(addresses: &Addresses) -> Result<(), Failure> {
     let open = [addresses.grpc, addresses.web].into_iter().find(|address| !address.ip().is_loopback());
     match open {
-        Some(address) if std::env::var_os("AVLN_ALLOW_PLAIN_TEXT").is_none() => {
-            Err(Failure::new(FailureKind::Address, format!("{address} can be reached from other machines in plain text"))
-                .hinted("put a TLS proxy in front of a loopback address, or set AVLN_ALLOW_PLAIN_TEXT=1 on a network you trust"))
-        }
+        Some(address) if std::env::var_os("AVLN_ALLOW_PLAIN_TEXT").is_none() => Err(Failure::new(
+            FailureKind::Address,
+            format!("{address} can be reached from other machines in plain text"),
+        )
+        .hinted(
+            "speak TLS with --tls-cert and --tls-key, or set AVLN_ALLOW_PLAIN_TEXT=1 on a network you trust",
+        )),
         _ => Ok(()),
     }
 }

@@ -9,7 +9,7 @@ pub mod walk;
 use avln_server::{
     arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
     commands::{phase, split, team},
-    doors::{Addresses, Doors, OpenDoors},
+    doors::{Addresses, Doors, OpenDoors, Security},
 };
 use std::{path::Path, sync::Arc};
 use tempfile::TempDir;
@@ -51,15 +51,20 @@ impl Default for Plan {
 impl House {
     /// Builds scenes and missions, opens the phase and both doors.
     pub async fn open(plan: &Plan) -> Self {
+        Self::open_as(plan, &Security::default()).await
+    }
+
+    /// The same, with doors that speak TLS where `security` names files.
+    pub async fn open_as(plan: &Plan, security: &Security) -> Self {
         let folder = TempDir::new().expect("a folder for temporary files");
         let token = furnish(folder.path(), plan).await;
-        let doors = open_doors(folder.path()).await;
+        let doors = open_doors_as(folder.path(), security).await;
         Self { folder, doors, token }
     }
 
     /// Address of the agents' door.
     pub fn agents_url(&self) -> String {
-        format!("http://{}", self.doors.grpc)
+        format!("{}://{}", self.doors.scheme(), self.doors.grpc)
     }
 
     /// Closes the doors and opens them again over the same folder.
@@ -106,10 +111,15 @@ pub async fn furnish(folder: &Path, plan: &Plan) -> String {
 
 /// Opens both doors of a furnished folder on free ports.
 pub async fn open_doors(folder: &Path) -> OpenDoors {
+    open_doors_as(folder, &Security::default()).await
+}
+
+async fn open_doors_as(folder: &Path, security: &Security) -> OpenDoors {
     let data = DataFolder::open(folder).expect("the folder is writable");
     let store = data.store().await.expect("its database");
     let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await.expect("its phases");
     let free = "127.0.0.1:0".parse().expect("an address");
-    let doors = Doors::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
+    let identity = security.identity().expect("files of a certificate");
+    let doors = Doors::bind_as(&Addresses { grpc: free, web: free }, identity).await.expect("free ports");
     doors.open(Arc::new(arena), store.reader()).expect("both doors")
 }

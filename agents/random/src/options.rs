@@ -1,6 +1,7 @@
 use crate::RandomAgent;
-use avln_client::{Arena, EpisodeEnd, Error, Order, RunOptions, RunSummary, Sensors, evaluate_with};
+use avln_client::{Arena, EpisodeEnd, Error, Link, Order, RunOptions, RunSummary, Sensors, evaluate_with};
 use clap::Args;
+use std::path::PathBuf;
 
 /// What the agent is told on the command line.
 #[derive(Args, Clone, Debug)]
@@ -8,6 +9,9 @@ pub struct Options {
     /// Address of the server's gRPC port
     #[arg(long, default_value = "http://127.0.0.1:50051", value_name = "URL")]
     pub server: String,
+    /// PEM file of the authorities that an https server's certificate may come from, instead of those of the system
+    #[arg(long, env = "AVLN_CA", value_name = "FILE")]
+    pub ca: Option<PathBuf>,
     /// Token of the account
     #[arg(long, env = "AVLN_TOKEN", hide_env_values = true, value_name = "TOKEN")]
     pub token: String,
@@ -41,7 +45,8 @@ pub async fn run_with(
     options: Options,
     on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
 ) -> Result<RunSummary, Error> {
-    let arena = Arena::connect(&options.server, options.token).await?;
+    let link = Link { ca: options.ca, ..Link::default() };
+    let arena = Arena::connect_with(&options.server, options.token, &link).await?;
     let method = RunOptions::new(options.phase, "random").method_version(env!("CARGO_PKG_VERSION"));
     let run = arena.start_run(method.order(options.order)).await?;
     let mut agent = RandomAgent::new(options.seed);

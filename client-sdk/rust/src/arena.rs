@@ -1,6 +1,6 @@
 use crate::{
-    Account, Error, Packing, Phase, Play, Quota, Run, RunOptions, RunStatus, RunWatch, Sensors, ServerInfo,
-    error::chain,
+    Account, Error, Link, Packing, Phase, Play, Quota, Run, RunOptions, RunStatus, RunWatch, Sensors,
+    ServerInfo,
     line::{Line, closed},
     welcome::Agreement,
 };
@@ -14,19 +14,9 @@ use avln_proto::{
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
-use tonic::{
-    Request, Status, Streaming,
-    transport::{Channel, Endpoint},
-};
+use tonic::{Request, Status, Streaming, transport::Channel};
 
-const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 const CALL_TIMEOUT: Duration = Duration::from_secs(30);
-const KEEP_ALIVE: Duration = Duration::from_secs(30);
-const KEEP_ALIVE_TIMEOUT: Duration = Duration::from_secs(20);
-const STREAM_WINDOW: u32 = 2 << 20;
-const CONNECTION_WINDOW: u32 = 16 << 20;
-const FRAME_BYTES: u32 = 256 << 10;
-const USER_AGENT: &str = concat!("avln-client/", env!("CARGO_PKG_VERSION"));
 const PLAY: &str = "open the run's stream";
 
 /// A connection to a server. Clones share it.
@@ -38,7 +28,7 @@ pub struct Arena {
 }
 
 impl Arena {
-    /// Connects to `server`, like `http://127.0.0.1:50051`, and checks that it is one and takes the account's `token`.
+    /// Connects to `server`, like `http://127.0.0.1:50051` or `https://arena.example:50051`, and checks that it is one and takes the account's `token`.
     /// An empty token is good for [`server_info`](Self::server_info), [`phases`](Self::phases) and for playing a
     /// [`Run::from_token`].
     ///
@@ -46,24 +36,26 @@ impl Arena {
     /// When the address makes no sense, nothing answers there within ten seconds, what answers is no such server, or
     /// it refuses the token.
     pub async fn connect(server: impl AsRef<str>, token: impl Into<String>) -> Result<Self, Error> {
+        Self::connect_with(server, token, &Link::default()).await
+    }
+
+    /// As [`connect`](Self::connect), in another way than by default.
+    ///
+    /// # Errors
+    /// As for [`connect`](Self::connect), and when the file of authorities is no use.
+    pub async fn connect_with(
+        server: impl AsRef<str>,
+        token: impl Into<String>,
+        link: &Link,
+    ) -> Result<Self, Error> {
         let address = server.as_ref();
-        let endpoint = endpoint(address)?;
-        let packing = Packing::of_host(endpoint.uri().host().unwrap_or_default());
-        let channel = endpoint.connect().await;
-        let channel = channel
-            .map_err(|error| Error::Unreachable { address: address.to_owned(), detail: chain(&error) })?;
+        let (channel, packing) = link.connect(address).await?;
         let arena = Self { channel, token: token.into(), packing };
         arena.server_info().await.map_err(|error| not_arena(address, error))?;
         if !arena.token.is_empty() {
             arena.whoami().await?;
         }
         Ok(arena)
-    }
-
-    /// The same connection, with pictures and sound packed in this way. Without it they travel raw from this machine and
-    /// lossless from others.
-    pub fn with_packing(self, packing: Packing) -> Self {
-        Self { packing, ..self }
     }
 
     /// What the server is.
@@ -218,29 +210,6 @@ impl Arena {
 
 type Stream = (mpsc::Sender<v1::PlayRequest>, Streaming<v1::PlayResponse>, v1::Welcome);
 
-fn endpoint(address: &str) -> Result<Endpoint, Error> {
-    let wrong = |problem: &str| Error::Address { address: address.to_owned(), problem: problem.to_owned() };
-    match address.split_once("://") {
-        Some(("http", _)) => {}
-        Some(("https", _)) => {
-            return Err(wrong("this client speaks plain http only; put a TLS proxy in front of it"));
-        }
-        Some((scheme, _)) => return Err(wrong(&format!("the scheme '{scheme}' is not one that it knows"))),
-        None => return Err(wrong("the scheme is missing")),
-    }
-    let endpoint = Endpoint::from_shared(address.to_owned()).map_err(|error| wrong(&chain(&error)))?;
-    Ok(endpoint
-        .user_agent(USER_AGENT)
-        .map_err(|error| wrong(&chain(&error)))?
-        .connect_timeout(CONNECT_TIMEOUT)
-        .tcp_nodelay(true)
-        .initial_stream_window_size(STREAM_WINDOW)
-        .initial_connection_window_size(CONNECTION_WINDOW)
-        .max_frame_size(FRAME_BYTES)
-        .http2_keep_alive_interval(KEEP_ALIVE)
-        .keep_alive_timeout(KEEP_ALIVE_TIMEOUT))
-}
-
 fn client_info() -> v1::ClientInfo {
     v1::ClientInfo {
         name: "avln-client".to_owned(),
@@ -295,20 +264,6 @@ fn not_arena(address: &str, error: Error) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn problem(address: &str) -> String {
-        endpoint(address).unwrap_err().to_string()
-    }
-
-    #[test]
-    fn addresses_that_cannot_work_say_how_to_write_them() {
-        for address in ["localhost:50051", "https://arena.example", "ftp://x", "http://", "http://a b"] {
-            let text = problem(address);
-            assert!(text.contains(address) && text.contains("http://127.0.0.1:50051"), "{text}");
-        }
-        assert!(problem("https://arena.example").contains("plain http only"));
-        assert!(endpoint("http://localhost:50051").is_ok());
-    }
 
     #[test]
     fn a_token_with_a_line_break_is_never_sent() {

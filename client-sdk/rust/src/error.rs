@@ -25,10 +25,18 @@ pub enum Error {
         /// What the network said.
         detail: String,
     },
+    /// The server cannot be spoken to in private.
+    #[error("{address}: {problem}")]
+    Tls {
+        /// As given.
+        address: String,
+        /// What is wrong, and what to do.
+        problem: String,
+    },
     /// Something answers, but not in `avln.v1`.
     #[error(
         "{address} answers, but not as an LH-AVLN Arena gRPC server ({detail}); \
-         use its gRPC port, not that of its web pages"
+         use its gRPC port, not that of its web pages, and https:// where it speaks TLS"
     )]
     NotArena {
         /// As given.

@@ -4,7 +4,7 @@ use crate::say::say;
 use crate::{
     Failure, FailureKind,
     arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
-    doors::{Addresses, Doors},
+    doors::{Addresses, Doors, Security},
 };
 use std::{path::Path, sync::Arc};
 
@@ -14,6 +14,9 @@ pub struct Options {
     /// Where the doors are
     #[command(flatten)]
     pub addresses: Addresses,
+    /// By what clients know the server
+    #[command(flatten)]
+    pub security: Security,
     /// Memory for scenes that are ready, MiB; those that are being played stay even if they take more
     #[arg(long, value_name = "MIB", default_value_t = SCENE_MEMORY_MIB)]
     pub scene_memory: u32,
@@ -25,7 +28,7 @@ pub struct Options {
 /// When the data folder cannot be used or an address is taken.
 pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
-    let doors = Doors::bind(&options.addresses).await?;
+    let doors = Doors::bind_as(&options.addresses, options.security.identity()?).await?;
     let store = data.store().await?;
     let arena = Arena::open(&data, store.clone(), options.scene_memory).await?;
     let phases: Vec<_> = arena.phases().map(|(id, episodes)| format!("{id} ({episodes} episodes)")).collect();
@@ -37,8 +40,8 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
     let open = doors.open(Arc::new(arena), store.reader())?;
     say!("data         {}", data.root().display());
     say!("phases       {}", phases.join(", "));
-    say!("agents       http://{}", open.grpc);
-    say!("leaderboard  http://{}", open.web);
+    say!("agents       {}://{}", open.scheme(), open.grpc);
+    say!("leaderboard  {}://{}", open.scheme(), open.web);
     say!("Stop with Ctrl-C.");
     let ended = open.wait().await;
     store.close().await;

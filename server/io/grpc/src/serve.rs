@@ -7,6 +7,7 @@ use crate::{
     places::{Place, Places},
     service,
 };
+use avln_tls::{Greeter, Listener};
 use hyper::{body::Incoming, server::conn::http2, service::service_fn};
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use std::{
@@ -20,7 +21,7 @@ use std::{
     time::Duration,
 };
 use tokio::{
-    net::{TcpListener, TcpStream},
+    net::TcpStream,
     sync::watch,
     task::JoinSet,
     time::{sleep, timeout},
@@ -49,18 +50,19 @@ pub enum ServeError {
     Reflection(#[from] tonic_reflection::server::Error),
 }
 
-/// Serves agents on `listener` until `shutdown` is ready and all that runs is put away.
+/// Serves agents on `listener`, which may speak TLS, until `shutdown` is ready and all that runs is put away.
 ///
 /// Running episodes then end as server faults, which never count against an agent.
 ///
 /// # Errors
 /// When the door cannot be opened. Nothing that an agent does is an error here.
 pub async fn serve(
-    listener: TcpListener,
+    listener: impl Into<Listener>,
     host: Arc<dyn Host>,
     limits: Limits,
     shutdown: impl Future<Output = ()> + Send,
 ) -> Result<(), ServeError> {
+    let listener = listener.into();
     let door = Door::new(host, limits);
     let (routes, health) = service::routes(&door).await?;
     let (closing, _) = watch::channel(false);
@@ -84,12 +86,13 @@ pub async fn serve(
 
 /// Accepts for ever, within the limits of places.
 async fn accept(
-    listener: &TcpListener,
+    listener: &Listener,
     limits: &Arc<Limits>,
     routes: &Routes,
     closing: &watch::Sender<bool>,
     connections: &mut JoinSet<()>,
 ) {
+    let greeter = listener.greeter();
     let places = Places::new(limits.max_connections, limits.max_connections_per_address);
     loop {
         while connections.try_join_next().is_some() {}
@@ -98,7 +101,7 @@ async fn accept(
                 Some(place) => {
                     let connection =
                         Connection { limits: limits.clone(), closing: closing.subscribe(), _place: place };
-                    connections.spawn(connection.serve(stream, routes.clone()));
+                    connections.spawn(connection.serve(stream, greeter.clone(), routes.clone()));
                 }
                 // Closing at once tells the client more than a connection that never answers.
                 None => tracing::warn!(%peer, "connection refused: no place left"),
@@ -121,9 +124,14 @@ struct Connection {
 
 impl Connection {
     /// Serves one connection until either side closes it.
-    async fn serve(mut self, stream: TcpStream, routes: Routes) {
+    async fn serve(mut self, stream: TcpStream, greeter: Greeter, routes: Routes) {
         // Without it small frames wait for acknowledgements; a socket that refuses still works.
         let _ = stream.set_nodelay(true);
+        let mut first_request = pin!(sleep(self.limits.first_request));
+        let stream = match greeter.greet(stream, self.limits.first_request).await {
+            Ok(stream) => stream,
+            Err(refused) => return tracing::debug!(%refused, "connection closed"),
+        };
         let seen = Arc::new(AtomicBool::new(false));
         let mark = seen.clone();
         let service = service_fn(move |request: hyper::Request<Incoming>| {
@@ -131,7 +139,6 @@ impl Connection {
             routes.clone().call(request)
         });
         let mut connection = pin!(self.http2().serve_connection(TokioIo::new(stream), service));
-        let mut first_request = pin!(sleep(self.limits.first_request));
         let (mut waiting, mut closing) = (true, false);
         loop {
             tokio::select! {

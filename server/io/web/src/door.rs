@@ -1,7 +1,8 @@
 //! The loop that lets visitors in.
 
-use crate::router;
+use crate::{router_beside, visit::AgentsDoor};
 use avln_store::Reader;
+use avln_tls::{Listener, Stream};
 use axum::Router;
 use hyper::server::conn::http1;
 use hyper_util::{
@@ -10,7 +11,6 @@ use hyper_util::{
 };
 use std::{future::Future, io, pin::pin, sync::Arc, time::Duration};
 use tokio::{
-    net::{TcpListener, TcpStream},
     sync::{Semaphore, watch},
     task::JoinSet,
     time::{sleep, timeout},
@@ -35,18 +35,19 @@ const MAX_HEAD_BYTES: usize = 16 * 1024;
 const ACCEPT_ATTEMPTS: u32 = 100;
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
-/// Answers visitors until `shutdown` ends; answers that were begun are finished. Pages tell participants to let their
-/// agents connect to `agents_port`.
+/// Answers visitors of `listener`, which may speak TLS, until `shutdown` ends; answers that were begun are finished. Pages tell participants to let their
+/// agents connect to `agents_port`, in the way that this door speaks.
 ///
 /// # Errors
 /// When the listener keeps failing.
 pub async fn serve(
-    listener: TcpListener,
+    listener: impl Into<Listener>,
     reader: Reader,
     agents_port: u16,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), WebError> {
-    let router = router(reader, agents_port);
+    let listener = listener.into();
+    let router = router_beside(reader, AgentsDoor { port: agents_port, is_secure: listener.is_secure() });
     let (closing, closed) = watch::channel(());
     let mut visitors = JoinSet::new();
     let accepted = tokio::select! {
@@ -62,7 +63,7 @@ pub async fn serve(
 
 /// Lets visitors in for ever; returns only when that keeps failing.
 async fn accept(
-    listener: &TcpListener,
+    listener: &Listener,
     router: &Router,
     visitors: &mut JoinSet<()>,
     closed: &watch::Receiver<()>,
@@ -75,9 +76,12 @@ async fn accept(
         match listener.accept().await {
             Ok((stream, _)) => {
                 failures = 0;
-                let (router, closed) = (router.clone(), closed.clone());
+                let (greeter, router, closed) = (listener.greeter(), router.clone(), closed.clone());
                 visitors.spawn(async move {
-                    attend(stream, router, closed).await;
+                    match greeter.greet(stream, HEADER_TIMEOUT).await {
+                        Ok(stream) => attend(stream, router, closed).await,
+                        Err(refused) => tracing::debug!(%refused, "a visitor was turned away"),
+                    }
                     drop(place);
                 });
             }
@@ -92,7 +96,7 @@ async fn accept(
 }
 
 /// Answers one visitor until it leaves, has been here for long enough, or the door closes.
-async fn attend(stream: TcpStream, router: Router, mut closed: watch::Receiver<()>) {
+async fn attend(stream: Stream, router: Router, mut closed: watch::Receiver<()>) {
     let mut manners = http1::Builder::new();
     manners.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_header_size(MAX_HEAD_BYTES);
     let connection = manners.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));

@@ -22,18 +22,22 @@ pub use door::{WebError, serve};
 use avln_store::Reader;
 use axum::{Extension, Router, extract::State, routing::get};
 use trouble::Trouble;
-use visit::AgentsPort;
+use visit::AgentsDoor;
 
 /// Everything that this door answers, over what `reader` shows: pages for people, `/api/v1` for programs, `/healthz`
 /// (alive) and `/readyz` (the database answers). Limits, headers and caching are part of it.
 pub fn router(reader: Reader, agents_port: u16) -> Router {
+    router_beside(reader, AgentsDoor { port: agents_port, is_secure: false })
+}
+
+fn router_beside(reader: Reader, agents: AgentsDoor) -> Router {
     let open = Router::new()
         .route("/healthz", get(async || "alive\n"))
         .route("/readyz", get(ready))
         .merge(pages::router())
         .merge(api::router())
         .fallback(async || Trouble::NoPage)
-        .layer(Extension(AgentsPort(agents_port)))
+        .layer(Extension(agents))
         .with_state(reader);
     guard::guarded(open)
 }

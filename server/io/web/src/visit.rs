@@ -47,19 +47,24 @@ fn now_unix_ms() -> i64 {
     i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
 }
 
-/// The port of the agents' door.
-#[derive(Clone, Copy)]
-pub(crate) struct AgentsPort(pub(crate) u16);
+/// The agents' door.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct AgentsDoor {
+    pub(crate) port: u16,
+    /// Whether it speaks TLS.
+    pub(crate) is_secure: bool,
+}
 
 /// Where agents connect: the name under which the visitor knows this machine, with the port of the agents' door.
 pub(crate) struct Host {
     name: String,
-    port: AgentsPort,
+    door: AgentsDoor,
 }
 
 impl fmt::Display for Host {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}:{}", self.name, self.port.0)
+        let scheme = if self.door.is_secure { "https" } else { "http" };
+        write!(f, "{scheme}://{}:{}", self.name, self.door.port)
     }
 }
 
@@ -68,8 +73,8 @@ impl<S: Sync> FromRequestParts<S> for Host {
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
         let value = parts.headers.get(header::HOST).and_then(|value| value.to_str().ok());
-        let port = parts.extensions.get().copied().unwrap_or(AgentsPort(0));
-        Ok(Self { name: value.and_then(host).unwrap_or("127.0.0.1").to_owned(), port })
+        let door = parts.extensions.get().copied().unwrap_or_default();
+        Ok(Self { name: value.and_then(host).unwrap_or("127.0.0.1").to_owned(), door })
     }
 }
 

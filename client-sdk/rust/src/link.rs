@@ -1,0 +1,146 @@
+//! The way to a server: its address, and TLS.
+
+use crate::{Error, Packing, error::chain};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint};
+
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
+const KEEP_ALIVE: Duration = Duration::from_secs(30);
+const KEEP_ALIVE_TIMEOUT: Duration = Duration::from_secs(20);
+const STREAM_WINDOW: u32 = 2 << 20;
+const CONNECTION_WINDOW: u32 = 16 << 20;
+const FRAME_BYTES: u32 = 256 << 10;
+const USER_AGENT: &str = concat!("avln-client/", env!("CARGO_PKG_VERSION"));
+
+/// How to connect, where the defaults do not do.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Link {
+    /// PEM file of the authorities that an `https://` server's certificate may come from, in place of those of the system.
+    pub ca: Option<PathBuf>,
+    /// How pictures and sound travel; `None`: raw from this machine, lossless from others.
+    pub packing: Option<Packing>,
+}
+
+impl Link {
+    /// Connects; says how numbers are to travel.
+    pub(crate) async fn connect(&self, address: &str) -> Result<(Channel, Packing), Error> {
+        let endpoint = self.endpoint(address)?;
+        let here = Packing::of_host(endpoint.uri().host().unwrap_or_default());
+        let channel = endpoint.connect().await.map_err(|error| unreachable(address, chain(&error)))?;
+        Ok((channel, self.packing.unwrap_or(here)))
+    }
+
+    fn endpoint(&self, address: &str) -> Result<Endpoint, Error> {
+        let wrong =
+            |problem: &str| Error::Address { address: address.to_owned(), problem: problem.to_owned() };
+        let secure = match address.split_once("://") {
+            Some(("http", _)) => false,
+            Some(("https", _)) => true,
+            Some((scheme, _)) => {
+                return Err(wrong(&format!("the scheme '{scheme}' is not one that it knows")));
+            }
+            None => return Err(wrong("the scheme is missing")),
+        };
+        let endpoint = Endpoint::from_shared(address.to_owned()).map_err(|error| wrong(&chain(&error)))?;
+        let endpoint = endpoint
+            .user_agent(USER_AGENT)
+            .map_err(|error| wrong(&chain(&error)))?
+            .connect_timeout(CONNECT_TIMEOUT)
+            .tcp_nodelay(true)
+            .initial_stream_window_size(STREAM_WINDOW)
+            .initial_connection_window_size(CONNECTION_WINDOW)
+            .max_frame_size(FRAME_BYTES)
+            .http2_keep_alive_interval(KEEP_ALIVE)
+            .keep_alive_timeout(KEEP_ALIVE_TIMEOUT);
+        if secure { self.secure(address, endpoint) } else { Ok(endpoint) }
+    }
+
+    fn secure(&self, address: &str, endpoint: Endpoint) -> Result<Endpoint, Error> {
+        let refused = |problem| Error::Tls { address: address.to_owned(), problem };
+        let config = match &self.ca {
+            Some(file) => ClientTlsConfig::new().ca_certificate(authorities(file).map_err(refused)?),
+            None => ClientTlsConfig::new().with_native_roots(),
+        };
+        endpoint.tls_config(config).map_err(|error| {
+            let from =
+                self.ca.as_ref().map_or("of the system".to_owned(), |file| format!("in {}", file.display()));
+            refused(format!(
+                "the authorities {from} are no use: {}; give a PEM file with --ca or AVLN_CA",
+                chain(&error)
+            ))
+        })
+    }
+}
+
+fn authorities(file: &Path) -> Result<Certificate, String> {
+    let pem = fs::read(file)
+        .map_err(|error| format!("cannot read the authorities in {}: {error}", file.display()))?;
+    let holds_one = pem.windows(BEGIN.len()).any(|words| words == BEGIN);
+    if holds_one {
+        Ok(Certificate::from_pem(pem))
+    } else {
+        Err(format!("{} holds no certificate; give a PEM file", file.display()))
+    }
+}
+
+const BEGIN: &[u8] = b"-----BEGIN CERTIFICATE-----";
+
+/// What the network said, with the next step where the words tell what is wrong.
+fn unreachable(address: &str, detail: String) -> Error {
+    let advice = [
+        ("InvalidContentType", "nothing there speaks TLS; write http:// in the address"),
+        (
+            "UnknownIssuer",
+            "its certificate comes from an authority that is not known here; give that authority's PEM file with --ca or AVLN_CA",
+        ),
+        ("CaUsedAsEndEntity", "its certificate is that of an authority; have one issued for the server"),
+        (
+            "not valid for name",
+            "its certificate is for another name; write the name that it was issued for in the address",
+        ),
+        ("Expired", "its certificate has expired; tell its organiser"),
+        ("NotValidYet", "its certificate is not valid yet; check this machine's clock"),
+        (
+            "BadSignature",
+            "its certificate is not signed by an authority that is known here; give that authority's PEM file with --ca or AVLN_CA",
+        ),
+    ];
+    let address = address.to_owned();
+    match advice.iter().find(|(word, _)| detail.contains(word)) {
+        Some((_, advice)) => Error::Tls { address, problem: format!("{advice} ({detail})") },
+        None => Error::Unreachable { address, detail },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn problem(link: &Link, address: &str) -> String {
+        link.endpoint(address).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn addresses_that_cannot_work_say_how_to_write_them() {
+        for address in ["localhost:50051", "ftp://x", "http://", "http://a b"] {
+            let text = problem(&Link::default(), address);
+            assert!(text.contains(address) && text.contains("http://127.0.0.1:50051"), "{text}");
+        }
+        assert!(Link::default().endpoint("http://localhost:50051").is_ok());
+    }
+
+    #[test]
+    fn files_of_authorities_that_are_no_use_are_named() {
+        let missing = Link { ca: Some("no-such-file.pem".into()), ..Link::default() };
+        let text = problem(&missing, "https://arena.example");
+        assert!(text.contains("no-such-file.pem") && text.contains("cannot read"), "{text}");
+        let wrong =
+            Link { ca: Some(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml").into()), ..Link::default() };
+        let text = problem(&wrong, "https://arena.example");
+        assert!(text.contains("Cargo.toml") && text.contains("no certificate"), "{text}");
+    }
+}

@@ -1,0 +1,93 @@
+//! Both doors over TLS, with certificates that the test itself issues.
+
+use avln_client::{Action, Arena, Error, Link, Observation, Packing, RunOptions, Sensors};
+use avln_server::doors::Security;
+use avln_tests::{House, PHASE, Plan, http};
+use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
+use std::path::PathBuf;
+use tempfile::TempDir;
+
+/// An authority, and a certificate for this machine that comes from it.
+struct Authority {
+    folder: TempDir,
+}
+
+impl Authority {
+    fn new() -> Self {
+        let folder = TempDir::new().unwrap();
+        let (own_key, key) = (KeyPair::generate().unwrap(), KeyPair::generate().unwrap());
+        let mut params = CertificateParams::new(Vec::new()).unwrap();
+        params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
+        let own = params.self_signed(&own_key).unwrap();
+        let names = ["localhost".to_owned(), "127.0.0.1".to_owned()];
+        let issuer = Issuer::new(params, own_key);
+        let issued = CertificateParams::new(names).unwrap().signed_by(&key, &issuer).unwrap();
+        for (name, text) in
+            [("ca.pem", own.pem()), ("cert.pem", issued.pem()), ("key.pem", key.serialize_pem())]
+        {
+            std::fs::write(folder.path().join(name), text).unwrap();
+        }
+        Self { folder }
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn security(&self) -> Security {
+        Security { tls_cert: Some(self.file("cert.pem")), tls_key: Some(self.file("key.pem")) }
+    }
+
+    fn link(&self, packing: Packing) -> Link {
+        Link { ca: Some(self.file("ca.pem")), packing: Some(packing) }
+    }
+}
+
+/// What an agent sees on its first steps.
+async fn look(house: &House, link: &Link) -> Vec<Observation> {
+    let arena = Arena::connect_with(house.agents_url(), &house.token, link).await.unwrap();
+    let run = arena.start_run(RunOptions::new(PHASE, "looker")).await.unwrap();
+    let mut play = arena.play(&run, Sensors::square(64)).await.unwrap();
+    let mut episode = play.next_episode().await.unwrap().unwrap();
+    let mut seen = vec![episode.observation().clone()];
+    for action in [Action::TurnLeft, Action::MoveForward, Action::Stop] {
+        seen.push(episode.step(action).await.unwrap().clone());
+    }
+    play.finish().await.unwrap();
+    seen
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn episodes_are_played_over_tls_and_look_the_same_however_they_are_packed() {
+    let (authority, stranger) = (Authority::new(), Authority::new());
+    let house = House::open_as(&Plan::default(), &authority.security()).await;
+    let raw = look(&house, &authority.link(Packing::Raw)).await;
+    let packed = look(&house, &authority.link(Packing::Lossless)).await;
+    assert!(raw.len() == 4 && raw[0].rgb != raw[1].rgb, "the pictures show something");
+    assert_eq!(raw, packed);
+
+    let refused =
+        Arena::connect_with(house.agents_url(), "", &stranger.link(Packing::Raw)).await.unwrap_err();
+    let text = refused.to_string();
+    assert!(
+        matches!(refused, Error::Tls { .. }) && text.contains("--ca") && text.contains("authority"),
+        "{text}"
+    );
+
+    let plain = format!("http://{}", house.doors.grpc);
+    let text = Arena::connect(plain, "").await.unwrap_err().to_string();
+    assert!(text.contains("https://"), "{text}");
+
+    let page = http::get(house.doors.web, "/").await;
+    assert!(page.status == 400 && page.body.contains("https://"), "{page:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn tls_where_plain_text_is_spoken_is_told_apart() {
+    let authority = Authority::new();
+    let house = House::open(&Plan::default()).await;
+    let secure = format!("https://{}", house.doors.grpc);
+    let refused = Arena::connect_with(secure, "", &authority.link(Packing::Raw)).await.unwrap_err();
+    let text = refused.to_string();
+    assert!(matches!(refused, Error::Tls { .. }) && text.contains("write http://"), "{text}");
+}
