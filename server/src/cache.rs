@@ -3,7 +3,7 @@
 //!
 //! Everything in the folder can be made anew. Whatever is wrong with it is a warning and never an error.
 
-use crate::arena::secret;
+use crate::{Failure, FailureKind, arena::secret};
 use avln_machine::Mapped;
 use avln_render::{Model, Shelf};
 use avln_world::{Cache, SoundShelf};
@@ -18,8 +18,12 @@ use std::{
     time::SystemTime,
 };
 
-/// Bytes of all files together, at most: some hundred scans or a thousand procedural houses.
-const BUDGET_BYTES: u64 = 4 << 30;
+/// GiB of all files together, at most, unless somebody says otherwise: some hundred scans, a thousand procedural houses or 3,500
+/// sources of sound.
+const BUDGET_GIB: u32 = 4;
+
+/// The file that holds another limit, GiB in digits.
+const LIMIT_FILE: &str = "limit_gib";
 
 /// Bytes of a hash at the beginning of files that have none of their own.
 const HASH_BYTES: usize = 32;
@@ -37,10 +41,28 @@ impl CacheFolder {
     /// Where the cache of a data folder lies in it.
     pub const IN_DATA: &str = "cache/scenes";
 
-    /// The cache in `folder`, which is made when something is first kept; 4 GiB at most, and what nobody asked for longest
-    /// makes room for what is new.
+    /// The cache in `folder`, which is made when something is first kept; 4 GiB at most unless [`CacheFolder::limit`] said
+    /// otherwise, and what nobody asked for longest makes room for what is new.
     pub fn at(folder: &Path) -> Self {
-        Self::with_budget(folder, BUDGET_BYTES)
+        Self::with_budget(folder, u64::from(limit_gib(folder)) << 30)
+    }
+
+    /// Lets the cache in `folder` take `gib` GiB from now on, for all programs that start from now on.
+    ///
+    /// # Errors
+    /// When the folder cannot be written.
+    pub fn limit(folder: &Path, gib: u32) -> Result<(), Failure> {
+        let written =
+            fs::create_dir_all(folder).and_then(|()| fs::write(folder.join(LIMIT_FILE), gib.to_string()));
+        written.map_err(|error| {
+            let message = format!("cannot set the size of the cache in {}: {error}", folder.display());
+            Failure::new(FailureKind::Data, message).hinted("give the folder write permission")
+        })
+    }
+
+    /// Bytes of all files together, at most.
+    pub fn budget_bytes(&self) -> u64 {
+        self.budget_bytes
     }
 
     /// [`CacheFolder::at`], with another limit.
@@ -108,6 +130,17 @@ impl CacheFolder {
             tracing::warn!(%folder, %error, "cannot keep prepared scenes, they are made anew at each start; give the folder write permission and space");
         }
     }
+}
+
+/// GiB that the cache in `folder` may take.
+fn limit_gib(folder: &Path) -> u32 {
+    let path = folder.join(LIMIT_FILE);
+    let Ok(text) = fs::read_to_string(&path) else { return BUDGET_GIB };
+    text.trim().parse().unwrap_or_else(|error| {
+        let file = path.display();
+        tracing::warn!(%file, %error, "the file does not hold a number of GiB, the cache takes {BUDGET_GIB}; say --cache-size again");
+        BUDGET_GIB
+    })
 }
 
 /// A file, ordered by when it was last used.

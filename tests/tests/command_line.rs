@@ -81,10 +81,12 @@ fn a_split_is_prepared_ahead_of_time_and_once() {
     let said = done(&["split", "prepare", "few"]);
     let sources = kept().iter().filter(|name| name.ends_with(".sound")).count();
     assert!((2..=4).contains(&sources), "{sources}");
-    assert!(said.contains(&format!("1 scenes and {sources} sources")), "{said}");
+    assert!(said.contains(&format!("1 scene and {sources} sources")), "{said}");
     let before = kept();
     done(&["split", "prepare", "few", "--threads", "1"]);
     assert_eq!(kept(), before);
+    done(&["split", "prepare", "few", "--cache-size", "9"]);
+    assert_eq!(fs::read_to_string(data.join("cache/scenes/limit_gib")).expect("noted down"), "9");
     hinted(&data, &["split", "prepare", "many"], 3, &["'many'", "avln split make"]);
     refused(&data, &["split", "prepare", "few", "--rules", "none"], 5);
 }

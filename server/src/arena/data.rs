@@ -85,7 +85,20 @@ impl DataFolder {
 
     /// The cache of scenes that it keeps.
     pub fn cache(&self) -> Arc<dyn Cache> {
-        Arc::new(CacheFolder::at(&self.root.join(CacheFolder::IN_DATA)))
+        Arc::new(self.cache_folder())
+    }
+
+    /// The folder of that cache.
+    pub fn cache_folder(&self) -> CacheFolder {
+        CacheFolder::at(&self.root.join(CacheFolder::IN_DATA))
+    }
+
+    /// Lets the cache take so many GiB from now on; leaves it as it is for `None`.
+    ///
+    /// # Errors
+    /// When that cannot be noted down.
+    pub fn limit_cache(&self, gib: Option<u32>) -> Result<(), Failure> {
+        gib.map_or(Ok(()), |gib| CacheFolder::limit(&self.root.join(CacheFolder::IN_DATA), gib))
     }
 
     /// Opens its database, and makes it when it is not there.

@@ -55,6 +55,19 @@ fn names(folder: &Path) -> Vec<String> {
 }
 
 #[test]
+fn a_limit_holds_for_all_who_open_the_folder_later() {
+    let folder = folder();
+    let path = folder.path().join("cache");
+    assert_eq!(CacheFolder::at(&path).budget_bytes(), 4 << 30);
+    CacheFolder::limit(&path, 20).expect("writable");
+    assert_eq!(CacheFolder::at(&path).budget_bytes(), 20 << 30);
+    fs::write(path.join(LIMIT_FILE), "much").expect("writable");
+    assert_eq!(CacheFolder::at(&path).budget_bytes(), 4 << 30);
+    fs::write(folder.path().join("file"), "").expect("writable");
+    assert!(CacheFolder::limit(&folder.path().join("file"), 1).is_err());
+}
+
+#[test]
 fn pictures_are_the_same_from_models_that_are_made_kept_and_found() {
     let folder = folder();
     let first: Vec<_> = PLAIN.iter().map(|picture| picture[..3 * 64 * 48].to_vec()).collect();

@@ -20,6 +20,9 @@ pub struct Options {
     /// Memory for scenes that are ready, MiB; those that are being played stay even if they take more
     #[arg(long, value_name = "MIB", default_value_t = SCENE_MEMORY_MIB)]
     pub scene_memory: u32,
+    /// GiB on disk that prepared scenes and sounds may take, from now on and for all commands [default: 4]
+    #[arg(long, value_name = "GIB", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub cache_size: Option<u32>,
 }
 
 /// Hosts the phases of the data folder until it is stopped.
@@ -28,6 +31,7 @@ pub struct Options {
 /// When the data folder cannot be used or an address is taken.
 pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
+    data.limit_cache(options.cache_size)?;
     let doors = Doors::bind_as(&options.addresses, options.security.identity()?).await?;
     let store = data.store().await?;
     let arena = Arena::open(&data, store.clone(), options.scene_memory).await?;

@@ -1,6 +1,7 @@
 //! Works out ahead of time what takes long in the episodes of a split.
 
 use crate::arena::data::DataFolder;
+use crate::dataset::SplitFolder;
 use crate::say::say;
 use crate::{Failure, FailureKind};
 use avln_dataset::SceneLine;
@@ -26,6 +27,21 @@ pub struct Prepare {
     /// Sources that are worked out at the same time; as many as there are processors if left out
     #[arg(long)]
     pub threads: Option<NonZero<usize>>,
+    /// GiB on disk that prepared scenes and sounds may take, from now on and for all commands [default: 4]
+    #[arg(long, value_name = "GIB", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub cache_size: Option<u32>,
+}
+
+/// About what a scene without large textures takes on disk, bytes.
+const SCENE_BYTES: u64 = 4_000_000;
+
+/// About what a source takes on disk, bytes.
+const SOURCE_BYTES: u64 = 1_200_000;
+
+/// A scene, and where targets sound in it.
+struct Work {
+    scene: SceneLine,
+    positions: Vec<Point3<f32>>,
 }
 
 /// Prepares every scene of a split, and every source of sound in it, and keeps them in the data folder.
@@ -37,28 +53,57 @@ pub(super) fn run(data: &DataFolder, options: &Prepare) -> Result<(), Failure> {
     let rules = options.rules.as_deref().unwrap_or(split.rules());
     let rules = Rules::named(rules).map_err(|error| Failure::new(FailureKind::Scene, error))?;
     let threads = options.threads.or_else(|| std::thread::available_parallelism().ok());
-    let (cache, mut sources) = (data.cache(), 0);
-    let bar = bar(split.scenes().len());
-    for scene in split.scenes() {
-        let episodes = split.episodes(scene)?;
-        let targets: Vec<_> =
-            episodes.iter().flat_map(|episode| &episode.goals).map(|goal| goal.target.clone()).collect();
-        let positions = distinct(source_positions(&rules, &targets));
-        bar.inc_length(positions.len() as u64);
+    data.limit_cache(options.cache_size)?;
+    let works: Vec<Work> =
+        split.scenes().iter().map(|scene| work(&split, scene, &rules)).collect::<Result<_, _>>()?;
+    let sources = works.iter().map(|work| work.positions.len()).sum();
+    if let Some(warning) = too_much(works.len(), sources, data.cache_folder().budget_bytes()) {
+        say!("split {}: {warning}", options.name);
+    }
+    let (cache, bar) = (data.cache(), bar(works.len() + sources));
+    for Work { scene, positions } in &works {
         let assets = open(scene, &rules, &cache)?;
         bar.inc(1);
-        prepare(&assets, &positions, threads.map_or(1, NonZero::get), &bar);
-        sources += positions.len();
+        prepare(&assets, positions, threads.map_or(1, NonZero::get), &bar);
     }
     bar.finish_and_clear();
-    say!("split {}: {} scenes and {sources} sources of sound are ready", options.name, split.scenes().len());
+    let [scenes, sources] = [counted(works.len(), "scene"), counted(sources, "source")];
+    say!("split {}: {scenes} and {sources} of sound are ready", options.name);
     Ok(())
 }
 
-fn bar(scenes: usize) -> ProgressBar {
+fn work(split: &SplitFolder, scene: &SceneLine, rules: &Rules) -> Result<Work, Failure> {
+    let episodes = split.episodes(scene)?;
+    let goals = episodes.iter().flat_map(|episode| &episode.goals);
+    let targets: Vec<_> = goals.map(|goal| goal.target.clone()).collect();
+    Ok(Work { scene: scene.clone(), positions: distinct(source_positions(rules, &targets)) })
+}
+
+/// What to say where the first of it would make room for the last.
+fn too_much(scenes: usize, sources: usize, budget_bytes: u64) -> Option<String> {
+    let bytes = scenes as u64 * SCENE_BYTES + sources as u64 * SOURCE_BYTES;
+    let gib = |bytes: u64| bytes as f64 / (1_u64 << 30) as f64;
+    let (scenes, sources) = (counted(scenes, "scene"), counted(sources, "source"));
+    (bytes > budget_bytes).then(|| {
+        format!(
+            "{scenes} and {sources} of sound take about {:.1} GiB, the cache holds {:.0}: what is prepared first is dropped \
+             again. Stop with Ctrl-C and say --cache-size {}",
+            gib(bytes),
+            gib(budget_bytes),
+            (gib(bytes) * 1.25).ceil()
+        )
+    })
+}
+
+/// A number with its noun, whose plural ends in s.
+fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
+fn bar(steps: usize) -> ProgressBar {
     let template = "{bar:30} {pos}/{len} scenes and sources, {elapsed} gone, {eta} left";
     let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::new(scenes as u64).with_style(style)
+    ProgressBar::new(steps as u64).with_style(style)
 }
 
 fn open(scene: &SceneLine, rules: &Rules, cache: &Arc<dyn Cache>) -> Result<SceneAssets, Failure> {
@@ -88,4 +133,19 @@ fn prepare(assets: &SceneAssets, positions: &[Point3<f32>], threads: usize, bar:
             scope.spawn(work);
         }
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_does_not_fit_is_told_with_what_would() {
+        assert_eq!(too_much(100, 3000, 4 << 30), None);
+        let told = too_much(1, 8000, 4 << 30).expect("twice as much");
+        for part in ["1 scene and", "8000 sources", "8.9 GiB", "holds 4", "--cache-size 12"] {
+            assert!(told.contains(part), "{part} in: {told}");
+        }
+        assert_eq!(too_much(1, 8000, 12 << 30), None);
+    }
 }
