@@ -37,6 +37,9 @@ pub enum Command {
     /// Open phases on a split
     #[command(subcommand)]
     Phase(commands::phase::Command),
+    /// Set up all phases by one file, see what was changed, publish what was promised
+    #[command(subcommand)]
+    Challenge(commands::challenge::Command),
     /// Admit teams and issue their tokens
     #[command(subcommand)]
     Team(commands::team::Command),
@@ -87,6 +90,7 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
         Command::Agent(agent) => commands::agent::run(agent).await,
         Command::Split(command) => commands::split::run(data, command).await,
         Command::Phase(command) => commands::phase::run(data, command).await,
+        Command::Challenge(command) => commands::challenge::run(data, command).await,
         Command::Team(command) => commands::team::run(data, command).await,
         Command::Scene(command) => commands::scene::run(data, command),
         Command::Sim(command) => commands::sim::run(data, command),

@@ -4,6 +4,7 @@
 
 pub mod arena;
 pub mod cache;
+pub mod challenge;
 mod cli;
 pub mod commands;
 pub mod dataset;

@@ -68,13 +68,16 @@ impl Arena {
         Ok(ServerInfo::from_wire(unwrap("ask what the server is", answer)?))
     }
 
-    /// The phases that anyone may see, in the organiser's order.
+    /// The phases that the team may see, in the organiser's order; without a token, those that anyone may see.
     ///
     /// # Errors
     /// When the connection is lost.
     pub async fn phases(&self) -> Result<Vec<Phase>, Error> {
-        let answer =
-            InfoServiceClient::new(self.channel.clone()).list_phases(plain(v1::ListPhasesRequest {})).await;
+        let request = match self.token.as_str() {
+            "" => plain(v1::ListPhasesRequest {}),
+            _ => self.request(v1::ListPhasesRequest {})?,
+        };
+        let answer = InfoServiceClient::new(self.channel.clone()).list_phases(request).await;
         Ok(unwrap("list phases", answer)?.phases.into_iter().map(Phase::from_wire).collect())
     }
 

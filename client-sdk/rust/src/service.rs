@@ -40,6 +40,14 @@ pub struct Phase {
     pub feedback: FeedbackRule,
     /// Whether runs can begin.
     pub state: PhaseState,
+    /// Why it is in that state, for people; empty: no more to say.
+    pub state_reason: String,
+    /// When it opens, seconds since 1970 UTC; 0: it always was.
+    pub opens_unix_s: i64,
+    /// When it closes, seconds since 1970 UTC; 0: never.
+    pub closes_unix_s: i64,
+    /// What the organiser promised before the phase; empty: nothing yet.
+    pub commitment: String,
     /// Name and version of the rule set.
     pub rules: String,
 }
@@ -182,6 +190,10 @@ pub struct RunStatus {
     pub ends: Vec<(EndReason, u32)>,
     /// Its metrics; `None` where the phase shows none.
     pub metrics: Option<Vec<Metric>>,
+    /// Whether it counts against the team's quota.
+    pub charged: bool,
+    /// Why it does or does not, for people.
+    pub charge_reason: String,
     /// Where people find it; empty: nowhere.
     pub url: String,
 }
@@ -197,6 +209,8 @@ pub enum Window {
     Total,
     /// Runs that are open at the same time.
     Concurrent,
+    /// Never: runs of the whole phase that were not charged.
+    Uncharged,
     /// A window that this client does not know.
     Other,
 }
@@ -210,12 +224,14 @@ pub struct Quota {
     pub window: Window,
     /// Runs granted in the window; `None`: unlimited.
     pub limit: Option<u32>,
-    /// Runs charged in the window.
+    /// Runs counted in the window.
     pub used: u32,
     /// Runs left; `None`: unlimited.
     pub remaining: Option<u32>,
     /// When `remaining` next grows, seconds since 1970 UTC; 0: never by waiting.
     pub next_increase_unix_s: i64,
+    /// The runs that were counted and why, the oldest first.
+    pub charges: Vec<(String, String)>,
 }
 
 /// Whose token it is.
@@ -270,6 +286,10 @@ impl Phase {
             episodes: phase.episodes,
             max_slots: phase.max_slots,
             rules: phase.rules,
+            state_reason: phase.state_reason,
+            opens_unix_s: phase.opens_unix_s,
+            closes_unix_s: phase.closes_unix_s,
+            commitment: phase.commitment,
         }
     }
 }
@@ -298,6 +318,8 @@ impl RunStatus {
             phase: run.phase,
             method: run.method.unwrap_or_default().name,
             state_reason: run.state_reason,
+            charged: run.charged,
+            charge_reason: run.charge_reason,
             url: run.url,
         })
     }
@@ -330,6 +352,7 @@ impl Quota {
             v1::QuotaWindow::Month => Window::Month,
             v1::QuotaWindow::Total => Window::Total,
             v1::QuotaWindow::Concurrent => Window::Concurrent,
+            v1::QuotaWindow::Uncharged => Window::Uncharged,
             v1::QuotaWindow::Unspecified => Window::Other,
         };
         Self {
@@ -339,6 +362,7 @@ impl Quota {
             used: quota.used,
             remaining: quota.remaining,
             next_increase_unix_s: quota.next_increase_unix_s,
+            charges: quota.charges.into_iter().map(|charge| (charge.run, charge.reason)).collect(),
         }
     }
 }

@@ -130,16 +130,27 @@ impl DataFolder {
             Failure::new(FailureKind::Data, format!("cannot find data set {}: {error}", dataset.display()))
         })?;
         let name = format!("{}-{split}", DatasetFiles::at(&root).manifest()?.name);
-        let (digest, path) = (SplitFolder::open(&root, split)?.digest().to_owned(), self.link_path(&name)?);
-        if self.knows(&name)? && self.missions(&name)?.digest() != digest {
-            return Err(taken(&name));
+        self.link_split_as(&name, &root, split)?;
+        Ok(name)
+    }
+
+    /// Makes a split of a data set elsewhere known as `name`.
+    ///
+    /// # Errors
+    /// When there is no such split, or the name is taken by another one.
+    pub fn link_split_as(&self, name: &str, dataset: &Path, split: &str) -> Result<(), Failure> {
+        let root = dataset.canonicalize().map_err(|error| {
+            Failure::new(FailureKind::Data, format!("cannot find data set {}: {error}", dataset.display()))
+        })?;
+        let (digest, path) = (SplitFolder::open(&root, split)?.digest().to_owned(), self.link_path(name)?);
+        if self.knows(name)? && self.missions(name)?.digest() != digest {
+            return Err(taken(name));
         }
         let link = Link { dataset: root, split: split.to_owned() };
         let json = serde_json::to_vec(&link).map_err(|error| Failure::new(FailureKind::Internal, error))?;
         std::fs::write(&path, json).map_err(|error| {
             Failure::new(FailureKind::Data, format!("cannot write {}: {error}", path.display()))
-        })?;
-        Ok(name)
+        })
     }
 
     /// The split called `name`; its missions stay on disk until somebody asks.

@@ -2,14 +2,15 @@ use super::{
     Arena, BENCHMARK_VERSION, Stage, now_unix_ms,
     refusals::{refusal, token_refusal},
     secret,
+    stages::StageList,
+    told::{account_of, phase_info, quota_of, status, viewer},
 };
 use avln_episode::Sensors;
 use avln_grpc::{
-    Account, ClientRange, Digests, EpisodeOutcome, Host, OpenRun, PhaseInfo, PhaseState, Reason, Refusal,
-    RunRequest, RunState, RunStatus, RunTicket, Seat, ServerInfo,
+    Account, ClientRange, Digests, EpisodeOutcome, Host, OpenRun, PhaseInfo, Quota, Reason, Refusal,
+    RunRequest, RunStatus, RunTicket, Seat, ServerInfo,
 };
-use avln_scoring::Summary;
-use avln_store::{NewRun, RunView, Token, TokenKind, TokenState, Viewer};
+use avln_store::{NewRun, Token, TokenState, Viewer};
 use std::{collections::BTreeMap, sync::Arc};
 
 #[avln_grpc::async_trait]
@@ -24,19 +25,20 @@ impl Host for Arena {
         }
     }
 
-    async fn phases(&self) -> Result<Vec<PhaseInfo>, Refusal> {
-        Ok(self.phases.values().map(|stage| phase_info(stage)).collect())
+    async fn phases(&self, account: Option<&Account>) -> Result<Vec<PhaseInfo>, Refusal> {
+        self.now().await?;
+        let viewer = account.map_or(Viewer::Anonymous, viewer);
+        let views = self.store.reader().phases(&viewer, now_unix_ms()).await.map_err(refusal)?;
+        Ok(views.into_iter().map(phase_info).collect())
     }
 
     async fn account(&self, token: &str) -> Result<Account, Refusal> {
-        match self.token(token, TokenKind::Account).await?.team {
-            Some(team) => Ok(Account { team }),
-            None => Err(Refusal::internal("an account token without a team")),
-        }
+        let state = self.store.find_token(token, now_unix_ms()).await.map_err(refusal)?;
+        account_of(state)
     }
 
     async fn start_run(&self, account: &Account, request: RunRequest) -> Result<RunTicket, Refusal> {
-        let stage = self.stage(&request.phase)?;
+        let stage = self.stage_for(&request.phase, account).await?;
         let id = format!("run_{}", secret::random_hex().map_err(Refusal::internal)?);
         let token = secret::new_token("run").map_err(Refusal::internal)?;
         let new = NewRun {
@@ -51,17 +53,24 @@ impl Host for Arena {
             digests: &stage.digests(),
         };
         let started = self.store.start_run(&new, now_unix_ms()).await.map_err(refusal)?;
-        self.look_ahead(&started.run.id, stage);
+        self.look_ahead(&started.run.id, &stage);
         let (episodes, max_slots) = (started.run.episodes, stage.phase.max_slots);
-        Ok(RunTicket { run: started.run.id, token, episodes, max_slots })
+        let scarcest = started.quotas.into_iter().min_by_key(|quota| quota.remaining.unwrap_or(u32::MAX));
+        Ok(RunTicket { run: started.run.id, token, episodes, max_slots, quota: scarcest.map(quota_of) })
+    }
+
+    async fn quotas(&self, account: &Account, phase: Option<&str>) -> Result<Vec<Quota>, Refusal> {
+        let quotas = self.store.quotas(&account.team, phase, now_unix_ms()).await.map_err(refusal)?;
+        Ok(quotas.into_iter().map(quota_of).collect())
     }
 
     async fn run(&self, account: &Account, run: &str) -> Result<RunStatus, Refusal> {
         let viewer = Viewer::Team(account.team.clone());
         let view = self.store.reader().run(&viewer, run).await.map_err(refusal)?;
         let own = view.filter(|view| view.line.team == account.team);
-        own.map(status)
-            .ok_or_else(|| Refusal::new(Reason::RunUnknown, format!("the team has no run '{run}'")))
+        let own =
+            own.ok_or_else(|| Refusal::new(Reason::RunUnknown, format!("the team has no run '{run}'")))?;
+        Ok(status(own, self.store.charge(run).await.map_err(refusal)?))
     }
 
     async fn runs(&self, account: &Account) -> Result<Vec<RunStatus>, Refusal> {
@@ -79,15 +88,16 @@ impl Host for Arena {
     }
 
     async fn open_run(&self, run_token: &str) -> Result<OpenRun, Refusal> {
-        let Some(id) = self.token(run_token, TokenKind::Run).await?.run else {
-            return Err(Refusal::internal("a run token without a run"));
+        let id = match self.store.find_token(run_token, now_unix_ms()).await.map_err(refusal)? {
+            TokenState::Valid(Token { run: Some(run), .. }) => run,
+            other => return Err(token_refusal(&other)),
         };
         let run = self.store.run(&id).await.map_err(refusal)?;
         if !run.state.is_open() {
             let message = format!("run '{id}' is {}; start another run", run.state.as_str());
             return Err(Refusal::new(Reason::RunOver, message));
         }
-        let stage = self.stage(&run.phase)?;
+        let stage = self.stage(&run.phase).await?;
         Ok(OpenRun {
             run: id,
             max_slots: stage.phase.max_slots,
@@ -114,24 +124,34 @@ impl Host for Arena {
 
     async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal> {
         let finished = self.store.finish_run(run, now_unix_ms()).await.map_err(refusal)?;
-        self.run(&Account { team: finished.team }, run).await
+        let view = self.store.reader().run(&Viewer::Team(finished.team), run).await.map_err(refusal)?;
+        let view =
+            view.ok_or_else(|| Refusal::internal(format!("run {run} went away while it was finished")))?;
+        Ok(status(view, self.store.charge(run).await.map_err(refusal)?))
     }
 }
 
 impl Arena {
-    pub(super) fn stage(&self, phase: &str) -> Result<&Arc<Stage>, Refusal> {
-        self.phases.get(phase).ok_or_else(|| {
-            let known: Vec<_> = self.phases.keys().map(String::as_str).collect();
-            let message = format!("there is no phase '{phase}'; this server hosts: {}", known.join(", "));
-            Refusal::new(Reason::PhaseUnknown, message)
-        })
+    /// The phases as the organiser has them now.
+    async fn now(&self) -> Result<StageList, Refusal> {
+        self.stages.now(&self.store).await.map_err(Refusal::internal)
     }
 
-    async fn token(&self, secret: &str, kind: TokenKind) -> Result<Token, Refusal> {
-        match self.store.find_token(secret, now_unix_ms()).await.map_err(refusal)? {
-            TokenState::Valid(token) if token.kind == kind => Ok(token),
-            other => Err(token_refusal(&other)),
+    /// The phase of a run that exists.
+    pub(super) async fn stage(&self, phase: &str) -> Result<Arc<Stage>, Refusal> {
+        let found = self.now().await?.iter().find(|stage| stage.phase.id == phase).cloned();
+        found.ok_or_else(|| Refusal::internal(format!("phase '{phase}' is not hosted")))
+    }
+
+    /// The phase that a team asks for.
+    async fn stage_for(&self, phase: &str, account: &Account) -> Result<Arc<Stage>, Refusal> {
+        if let Some(stage) = self.now().await?.iter().find(|stage| stage.phase.id == phase) {
+            return Ok(stage.clone());
         }
+        let known = Host::phases(self, Some(account)).await?;
+        let known: Vec<_> = known.into_iter().map(|phase| phase.id).collect();
+        let message = format!("there is no phase '{phase}'; this server hosts: {}", known.join(", "));
+        Err(Refusal::new(Reason::PhaseUnknown, message))
     }
 }
 
@@ -152,64 +172,4 @@ impl Stage {
         let rules = serde_json::to_vec(self.rules()).unwrap_or_default();
         blake3::hash(&rules).to_hex().to_string()
     }
-}
-
-fn phase_info(stage: &Stage) -> PhaseInfo {
-    PhaseInfo {
-        id: stage.phase.id.clone(),
-        title: stage.phase.title.clone(),
-        orders: stage.phase.orders.clone(),
-        rules: stage.rules().name.clone(),
-        episode_count: stage.phase.episodes.len() as u32,
-        feedback: stage.feedback(),
-        max_slots: stage.phase.max_slots,
-        sensors: stage.phase.sensors.clone(),
-        state: if stage.is_open() { PhaseState::Open } else { PhaseState::Closed },
-    }
-}
-
-/// A run as its own team may see it.
-fn status(view: RunView) -> RunStatus {
-    let line = view.line;
-    let ineligible = !view.eligible && line.finished_unix_ms.is_some();
-    RunStatus {
-        url: format!("/runs/{}", line.run),
-        run: line.run,
-        phase: line.phase,
-        method: line.method,
-        method_version: line.version,
-        order: line.order,
-        state: match line.state {
-            avln_store::RunState::Created => RunState::Created,
-            avln_store::RunState::Running => RunState::Running,
-            avln_store::RunState::Completed => RunState::Completed,
-            avln_store::RunState::Cancelled => RunState::Cancelled,
-        },
-        episodes: line.episodes,
-        done: line.done,
-        created_unix_ms: line.created_unix_ms,
-        updated_unix_ms: line.finished_unix_ms.unwrap_or(line.created_unix_ms),
-        ends: ends(&view.health),
-        metrics: view.summary.filter(|_| view.scores_visible).as_ref().map(columns),
-        ineligible_because: ineligible
-            .then(|| "only completed runs whose every episode counts are ranked".to_owned())
-            .into_iter()
-            .collect(),
-    }
-}
-
-fn ends(health: &BTreeMap<&'static str, u32>) -> Vec<(avln_episode::EndReason, u32)> {
-    let count = |end: avln_episode::EndReason| health.get(end.as_str()).map(|&count| (end, count));
-    avln_episode::EndReason::ALL.into_iter().filter_map(count).collect()
-}
-
-fn columns(summary: &Summary) -> Vec<(String, f64)> {
-    let metrics = [
-        ("sr", summary.sr.value),
-        ("isr", summary.isr.value),
-        ("osr", summary.osr.value),
-        ("spl", summary.spl.value),
-        ("soft_spl", summary.soft_spl.value),
-    ];
-    metrics.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
 }

@@ -23,7 +23,7 @@ impl Arena {
     /// Hands out the next episode of a run: scene, pictures of goals and referee are made on a blocking thread.
     pub(super) async fn seat_next(&self, run: &str, sensors: &Sensors) -> Result<Option<Seat>, Refusal> {
         let row = self.store.run(run).await.map_err(refusal)?;
-        let stage = self.stage(&row.phase)?.clone();
+        let stage = self.stage(&row.phase).await?;
         check_sensors(&stage.phase.sensors, sensors)?;
         if row.sensors.as_ref() != Some(sensors) {
             self.store.set_sensors(run, sensors).await.map_err(refusal)?;
@@ -31,6 +31,7 @@ impl Arena {
         let handle = format!("ep_{}", secret::random_hex().map_err(Refusal::internal)?);
         let assigned = self.store.assign_next_episode(run, &handle, now_unix_ms()).await.map_err(refusal)?;
         let Some(assigned) = assigned else { return Ok(None) };
+        let handle = assigned.handle;
         let seated = self.seat(&stage, assigned.episode, row.order, sensors.clone()).await;
         match seated {
             Ok(referee) => {

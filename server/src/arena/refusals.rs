@@ -1,7 +1,8 @@
 //! What the store refuses, as the agents' door says it.
 
+use super::now_unix_ms;
 use avln_grpc::{Reason, Refusal};
-use avln_store::{StoreError, TokenState};
+use avln_store::{QuotaWindow, StoreError, TokenState};
 
 /// Tells the agent what it can mend; everything else is the server's own fault.
 pub(super) fn refusal(error: StoreError) -> Refusal {
@@ -9,12 +10,44 @@ pub(super) fn refusal(error: StoreError) -> Refusal {
         StoreError::Unknown { what: "phase", .. } => Reason::PhaseUnknown,
         StoreError::Unknown { what: "run", .. } => Reason::RunUnknown,
         StoreError::PhaseClosed(_) => Reason::PhaseClosed,
-        StoreError::QuotaUsed { .. } => Reason::QuotaTotal,
+        StoreError::PhaseNotOpen { .. } => Reason::PhaseNotOpen,
+        StoreError::PhasePaused { .. } => Reason::PhasePaused,
+        StoreError::PhaseNotVisible { .. } => Reason::PhaseNotVisible,
+        StoreError::TeamNotApproved { .. } => Reason::TeamNotApproved,
+        StoreError::QuotaUsed(quota) => quota_reason(quota.window),
         StoreError::RunOver { .. } => Reason::RunOver,
         StoreError::OrderNotAllowed { .. } | StoreError::Taken { .. } => Reason::BadRequest,
         _ => return Refusal::internal(error),
     };
-    Refusal::new(reason, error.to_string())
+    let refusal = Refusal::new(reason, error.to_string());
+    match waiting_helps_at(&error) {
+        Some(moment) => refusal.retry_after(seconds_until(moment, now_unix_ms())),
+        None => refusal,
+    }
+}
+
+fn quota_reason(window: QuotaWindow) -> Reason {
+    match window {
+        QuotaWindow::Day => Reason::QuotaDay,
+        QuotaWindow::Month => Reason::QuotaMonth,
+        QuotaWindow::Total | QuotaWindow::Uncharged => Reason::QuotaTotal,
+        QuotaWindow::Concurrent => Reason::QuotaConcurrent,
+    }
+}
+
+/// From when the same request can succeed, milliseconds since 1970-01-01 UTC.
+fn waiting_helps_at(error: &StoreError) -> Option<i64> {
+    match error {
+        StoreError::PhaseNotOpen { opens_unix_ms, .. } => Some(*opens_unix_ms),
+        StoreError::QuotaUsed(quota) => quota.next_increase_unix_ms,
+        _ => None,
+    }
+}
+
+/// Seconds from `now` to `moment`, rounded up, 1 at least.
+fn seconds_until(moment_unix_ms: i64, now_unix_ms: i64) -> u32 {
+    let seconds = (moment_unix_ms - now_unix_ms).max(0) / 1000 + 1;
+    u32::try_from(seconds).unwrap_or(u32::MAX)
 }
 
 /// Why a token opens nothing.
@@ -26,7 +59,7 @@ pub(super) fn token_refusal(state: &TokenState) -> Refusal {
             Refusal::new(Reason::TokenRevoked, format!("the token was taken back; {renew}"))
         }
         TokenState::Valid(_) => Refusal::new(
-            Reason::TokenMalformed,
+            Reason::TokenScope,
             "the token is of another kind; account tokens start runs, run tokens play them",
         ),
         TokenState::Unknown => Refusal::new(

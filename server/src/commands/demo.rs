@@ -3,7 +3,7 @@
 use crate::say::say;
 use crate::{
     Failure, FailureKind,
-    arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
+    arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder, now_unix_ms},
     commands::{phase, split, team},
     doors::{Addresses, Doors, OpenDoors},
 };
@@ -221,7 +221,8 @@ impl Watch {
 
 async fn print_table(store: &Store, phase: &str) -> Result<(), Failure> {
     for order in ORDERS {
-        let board = Board { phase, order, key: Key::default(), pick: Pick::Latest };
+        let board =
+            Board { phase, order, key: Key::default(), pick: Pick::Latest, now_unix_ms: now_unix_ms() };
         let Some(view) = store.reader().leaderboard(&Viewer::Organiser, &board).await? else { continue };
         say!("\n{order} ({} episodes a run; mean and 95 % interval over scenes)", view.phase.episodes);
         say!(

@@ -1,6 +1,7 @@
 //! One file for each command: its options, whose documentation is the help text, and what it does.
 
 pub mod agent;
+pub mod challenge;
 pub mod dataset;
 pub mod dataset_formats;
 pub mod demo;

@@ -3,13 +3,14 @@
 use crate::say::say;
 use crate::{
     Failure, FailureKind,
-    arena::{data::DataFolder, now_unix_ms, register},
+    arena::{data::DataFolder, now_unix_ms, register, stages::commit},
+    challenge,
     dataset::SplitFolder,
 };
 use avln_dataset::{SceneLine, SceneSource};
-use avln_episode::{FeedbackRule, HeadRule, Order, Rules, Sensors, Sounds};
+use avln_episode::{FeedbackRule, HeadRule, Rules, Sensors, Sounds};
 use avln_scene::procedural::Pool;
-use avln_store::{Phase, PhaseState, Store, Visibility};
+use avln_store::{Phase, PhaseState, QuotaLimits, Schedule, Store, Visibility};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::{Path, PathBuf};
 
@@ -20,6 +21,19 @@ pub enum Command {
     Open(Open),
     /// Let no more runs start in a phase
     Close {
+        /// Id of the phase
+        id: String,
+    },
+    /// Let no run start in a phase for now; runs that were started go on
+    Pause {
+        /// Id of the phase
+        id: String,
+        /// Why, for everybody to read
+        #[arg(long, value_name = "TEXT")]
+        reason: String,
+    },
+    /// Let runs start again in a phase that was paused or closed by hand; its dates still hold
+    Resume {
         /// Id of the phase
         id: String,
     },
@@ -111,12 +125,53 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
             say!("host it with: avln serve");
         }
         Command::Close { id } => {
-            let closed = Phase { state: PhaseState::Closed, ..store.phase(&id).await? };
-            store.upsert_phase(&closed, now_unix_ms()).await?;
+            reschedule(&store, &id, "", |schedule| schedule.closed = true).await?;
             say!("phase {id} is closed; its results stay");
+        }
+        Command::Pause { id, reason } => {
+            let words = reason.trim().to_owned();
+            if words.is_empty() {
+                return Err(Failure::new(FailureKind::Data, "--reason is empty")
+                    .hinted("say why, for everybody to read: --reason \"the server moves\""));
+            }
+            reschedule(&store, &id, &reason, |schedule| schedule.paused = Some(words)).await?;
+            say!("phase {id} is paused; runs that were started go on");
+        }
+        Command::Resume { id } => {
+            let phase = reschedule(&store, &id, "", |schedule| {
+                (schedule.paused, schedule.closed) = (None, false);
+            });
+            let state = phase.await?.schedule.state(now_unix_ms());
+            say!("phase {id} is {}", state_word(state));
         }
     }
     Ok(())
+}
+
+/// Changes when runs may start in a phase, with a note in the audit list.
+async fn reschedule(
+    store: &Store,
+    id: &str,
+    reason: &str,
+    change: impl FnOnce(&mut Schedule),
+) -> Result<Phase, Failure> {
+    let before = store.phase(id).await?;
+    let mut after = before.clone();
+    change(&mut after.schedule);
+    let notes = challenge::notes(Some(&before), &after, reason);
+    if !notes.is_empty() {
+        store.change_phases(std::slice::from_ref(&after), &notes, now_unix_ms()).await?;
+    }
+    Ok(after)
+}
+
+fn state_word(state: PhaseState) -> &'static str {
+    match state {
+        PhaseState::Upcoming => "not open before its date",
+        PhaseState::Open => "open",
+        PhaseState::Paused => "paused",
+        PhaseState::Closed => "closed since its date",
+    }
 }
 
 /// Opens a phase on a split of the data folder.
@@ -142,29 +197,27 @@ pub async fn open(data: &DataFolder, store: &Store, options: &Open) -> Result<Ph
         rules.feedback = told.into();
     }
     let phase = Phase {
-        id: options.id.clone(),
         title: options.title.clone().unwrap_or_else(|| options.id.clone()),
-        split: name.clone(),
-        rules,
-        orders: vec![Order::Ordered, Order::Unordered],
         sensors: Sensors::all(options.max_side, options.max_side),
         scores: options.scores.into(),
         replays: options.replays.into(),
         max_slots: options.max_slots,
-        quota: options.quota,
-        state: PhaseState::Open,
-        episodes: register::phase_episodes(&split)?,
+        quotas: QuotaLimits { total: options.quota, ..QuotaLimits::default() },
+        ..Phase::new(&options.id, &name, rules, register::phase_episodes(&split)?)
     };
     if phase.episodes.is_empty() {
         return Err(Failure::new(FailureKind::Scene, format!("split '{name}' has no episodes")));
     }
     check_sounds(data, &phase)?;
-    store.upsert_phase(&phase, now_unix_ms()).await?;
+    let before = store.phases().await?.into_iter().find(|before| before.id == phase.id);
+    let notes = challenge::notes(before.as_ref(), &phase, "");
+    store.change_phases(std::slice::from_ref(&phase), &notes, now_unix_ms()).await?;
+    commit(store, &phase.id).await?;
     Ok(phase)
 }
 
 /// What targets play by `--sounds`.
-fn sounds(data: &DataFolder, what: Option<&str>, split: &SplitFolder) -> Result<Sounds, Failure> {
+pub(crate) fn sounds(data: &DataFolder, what: Option<&str>, split: &SplitFolder) -> Result<Sounds, Failure> {
     Ok(match what {
         None => sounds_of_pool(split),
         Some("all") => Sounds::All,
@@ -188,7 +241,7 @@ fn sounds_of_pool(split: &SplitFolder) -> Sounds {
 }
 
 /// Refuses a phase whose bank has too few clips for one of its episodes.
-fn check_sounds(data: &DataFolder, phase: &Phase) -> Result<(), Failure> {
+pub(crate) fn check_sounds(data: &DataFolder, phase: &Phase) -> Result<(), Failure> {
     let targets = phase.episodes.iter().map(|episode| episode.goals.len()).max().unwrap_or(0);
     let (found, needed) = (data.bank(&phase.rules.sounds)?.len(), phase.rules.clips_of_episode(targets));
     if found >= needed {
@@ -199,7 +252,7 @@ fn check_sounds(data: &DataFolder, phase: &Phase) -> Result<(), Failure> {
 }
 
 /// The rules called `name` instead of those of the split, where its episodes can be played by them.
-fn played(of_split: Rules, name: Option<&str>) -> Result<Rules, Failure> {
+pub(crate) fn played(of_split: Rules, name: Option<&str>) -> Result<Rules, Failure> {
     let Some(name) = name else { return Ok(of_split) };
     let rules = Rules::named(name).map_err(|error| Failure::new(FailureKind::Scene, error))?;
     if rules.fits_episodes_of(&of_split) {

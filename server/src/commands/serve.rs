@@ -35,7 +35,8 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
     let doors = Doors::bind_as(&options.addresses, options.security.identity()?).await?;
     let store = data.store().await?;
     let arena = Arena::open(&data, store.clone(), options.scene_memory).await?;
-    let phases: Vec<_> = arena.phases().map(|(id, episodes)| format!("{id} ({episodes} episodes)")).collect();
+    let named = |(id, episodes)| format!("{id} ({episodes} episodes)");
+    let phases: Vec<_> = arena.phases().await?.into_iter().map(named).collect();
     if phases.is_empty() {
         let message = format!("data folder {} has no phase to host", data.root().display());
         return Err(Failure::new(FailureKind::Data, message)

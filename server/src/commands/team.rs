@@ -60,8 +60,13 @@ pub async fn admit(store: &Store, name: &str, baseline: bool) -> Result<String, 
     }
     let secret = new_token("account").map_err(|error| Failure::new(FailureKind::Internal, error))?;
     store.create_team(name, baseline, now_unix_ms()).await?;
-    let token =
-        NewToken { secret: &secret, kind: TokenKind::Account, team: Some(name), expires_unix_ms: None };
+    let token = NewToken {
+        secret: &secret,
+        kind: TokenKind::Account,
+        name: "",
+        team: Some(name),
+        expires_unix_ms: None,
+    };
     store.issue_token(&token, now_unix_ms()).await?;
     Ok(secret)
 }

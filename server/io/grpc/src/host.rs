@@ -10,10 +10,10 @@ pub trait Host: Send + Sync + 'static {
     /// Who this server is.
     fn info(&self) -> ServerInfo;
 
-    /// What anonymous visitors may see of the phases.
-    async fn phases(&self) -> Result<Vec<PhaseInfo>, Refusal>;
+    /// The phases that the account's team may know of; without an account, those that anybody may.
+    async fn phases(&self, account: Option<&Account>) -> Result<Vec<PhaseInfo>, Refusal>;
 
-    /// Whose account token this is.
+    /// Whose token this is: an account's, one for looking, or an organiser's.
     async fn account(&self, token: &str) -> Result<Account, Refusal>;
 
     /// Starts a run, or finds the one that the same `client_request_id` started before.
@@ -27,6 +27,9 @@ pub trait Host: Send + Sync + 'static {
 
     /// Ends a run early; what was scored stays.
     async fn cancel_run(&self, account: &Account, run: &str) -> Result<RunStatus, Refusal>;
+
+    /// What the account's team has left in a phase, or in all that it may know of.
+    async fn quotas(&self, account: &Account, phase: Option<&str>) -> Result<Vec<Quota>, Refusal>;
 
     /// The run that a run token plays.
     async fn open_run(&self, run_token: &str) -> Result<OpenRun, Refusal>;
@@ -71,13 +74,15 @@ pub struct ClientRange {
     pub install: String,
 }
 
-/// What anonymous visitors may see of a phase.
+/// What is told of a phase.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhaseInfo {
     /// Id, as used in `RunRequest`.
     pub id: String,
     /// Title for people.
     pub title: String,
+    /// Text for people, may be empty.
+    pub description: String,
     /// Orders that can be played.
     pub orders: Vec<Order>,
     /// Name of the rule set.
@@ -92,6 +97,40 @@ pub struct PhaseInfo {
     pub sensors: Sensors,
     /// Whether a run can be started now.
     pub state: PhaseState,
+    /// Why it is in that state, for people; may be empty.
+    pub state_reason: String,
+    /// When it opens, seconds since 1970-01-01 UTC; 0: it always was.
+    pub opens_unix_s: i64,
+    /// When it closes, seconds since 1970-01-01 UTC; 0: never.
+    pub closes_unix_s: i64,
+    /// Who sees results.
+    pub results: Visibility,
+    /// What the organiser promised before the phase; empty: nothing yet.
+    pub commitment: String,
+    /// The values behind the commitment, once they are published.
+    pub revealed: Option<Revealed>,
+}
+
+/// Who sees results.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Visibility {
+    /// The organiser.
+    Organiser,
+    /// The organiser and the team itself.
+    Team,
+    /// Anyone.
+    Public,
+}
+
+/// The values behind a phase's commitment.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Revealed {
+    /// Digest of the episodes that runs draw from, hex.
+    pub pool: String,
+    /// Version of the benchmark.
+    pub scorer: String,
+    /// What keyed the draws, hex.
+    pub secret: String,
 }
 
 /// Whether runs can be started in a phase.
@@ -110,8 +149,61 @@ pub enum PhaseState {
 /// Who is calling.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Account {
-    /// Id of the team.
+    /// Id of the team; empty for an organiser.
     pub team: String,
+    /// What the token is good for.
+    pub scope: Scope,
+    /// What the token's maker calls it, may be empty.
+    pub token_name: String,
+    /// When the token expires, seconds since 1970-01-01 UTC; 0: never.
+    pub expires_unix_s: i64,
+}
+
+/// What a token is good for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scope {
+    /// A team's runs.
+    Participant,
+    /// A team's runs, for looking.
+    ReadOnly,
+    /// Everything.
+    Organiser,
+}
+
+/// What a team has left in one window of a phase.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Quota {
+    /// Id of the phase.
+    pub phase: String,
+    /// How it fills up again.
+    pub window: QuotaWindow,
+    /// Runs granted in the window; `None`: any number.
+    pub limit: Option<u32>,
+    /// Runs counted in the window.
+    pub used: u32,
+    /// Runs left; `None`: any number.
+    pub remaining: Option<u32>,
+    /// When the window began, seconds since 1970-01-01 UTC.
+    pub window_start_unix_s: i64,
+    /// When `remaining` next grows, seconds since 1970-01-01 UTC; 0: never by waiting.
+    pub next_increase_unix_s: i64,
+    /// The runs that were counted and why, the oldest first.
+    pub charges: Vec<(String, String)>,
+}
+
+/// How a quota fills up again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum QuotaWindow {
+    /// With each day, UTC.
+    Day,
+    /// With each month, UTC.
+    Month,
+    /// Never.
+    Total,
+    /// When an open run ends.
+    Concurrent,
+    /// Never; counts runs that were not charged.
+    Uncharged,
 }
 
 /// What an agent says when it starts a run.
@@ -140,6 +232,8 @@ pub struct RunTicket {
     pub episodes: u32,
     /// Most slots of its Play stream.
     pub max_slots: u32,
+    /// What the team has left now, in the window with the least.
+    pub quota: Option<Quota>,
 }
 
 /// How a run stands.
@@ -171,6 +265,10 @@ pub struct RunStatus {
     pub metrics: Option<Vec<(String, f64)>>,
     /// Rules that keep it out of the ranking; empty: it takes part.
     pub ineligible_because: Vec<String>,
+    /// Whether it counts against its team's quota.
+    pub charged: bool,
+    /// Why it does or does not, for people.
+    pub charge_reason: String,
     /// Where people find it; may be empty.
     pub url: String,
 }

@@ -54,8 +54,8 @@ mod wire;
 
 pub use avln_proto::{API_MINOR, v1::Reason};
 pub use host::{
-    Account, ClientRange, Digests, EpisodeOutcome, Host, OpenRun, PhaseInfo, PhaseState, RunRequest,
-    RunState, RunStatus, RunTicket, ServerInfo,
+    Account, ClientRange, Digests, EpisodeOutcome, Host, OpenRun, PhaseInfo, PhaseState, Quota, QuotaWindow,
+    Revealed, RunRequest, RunState, RunStatus, RunTicket, Scope, ServerInfo, Visibility,
 };
 pub use limits::Limits;
 pub use refusal::Refusal;

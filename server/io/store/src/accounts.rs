@@ -1,7 +1,9 @@
 use crate::{
-    Store, StoreError,
+    AuditNote, Store, StoreError,
+    audit::add_notes,
     words::{row, words},
 };
+use serde::Serialize;
 use sqlx::{Sqlite, SqlitePool, Transaction};
 
 /// A participant.
@@ -18,12 +20,16 @@ pub struct Team {
 pub enum TokenKind {
     /// A team's own: starts runs and sees the team's results.
     Account,
+    /// A team's own for looking: sees the team's results and starts nothing.
+    ReadOnly,
     /// The organiser's: sees everything.
     Organiser,
     /// One run's: plays its episodes.
     Run,
 }
-words!(TokenKind, "token kind", { Account => "account", Organiser => "organiser", Run => "run" });
+words!(TokenKind, "token kind", {
+    Account => "account", ReadOnly => "read_only", Organiser => "organiser", Run => "run",
+});
 
 /// A secret to be stored.
 #[derive(Clone, Copy, Debug)]
@@ -32,6 +38,8 @@ pub struct NewToken<'a> {
     pub secret: &'a str,
     /// Which door it opens; run tokens are made by [`Store::start_run`].
     pub kind: TokenKind,
+    /// What its maker calls it; may be empty.
+    pub name: &'a str,
     /// Whose it is; `None` for an organiser.
     pub team: Option<&'a str>,
     /// From when it is void.
@@ -47,6 +55,31 @@ pub struct Token {
     pub team: Option<String>,
     /// The run it plays; `None` unless `kind` is run.
     pub run: Option<String>,
+    /// What its maker calls it; may be empty.
+    pub name: String,
+    /// From when it is void; `None` for never.
+    pub expires_unix_ms: Option<i64>,
+}
+
+row! {
+    /// A token as lists show it: everything but the secret.
+    #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+    pub struct TokenLine {
+        /// The first letters of its hash, by which it can be named.
+        pub id: String,
+        /// Which door it opens.
+        pub kind: String,
+        /// What its maker calls it; may be empty.
+        pub name: String,
+        /// Whose it is; `None` for an organiser.
+        pub team: Option<String>,
+        /// When it was issued, milliseconds since 1970-01-01 UTC.
+        pub created_ms: i64,
+        /// From when it is void; `None` for never.
+        pub expires_ms: Option<i64>,
+        /// When it was taken back; `None` while it holds.
+        pub revoked_ms: Option<i64>,
+    }
 }
 
 /// What a secret is worth at a given time.
@@ -65,6 +98,7 @@ pub enum TokenState {
 row! {
     struct TokenRow {
         kind: String,
+        name: String,
         team: Option<String>,
         run: Option<String>,
         expires_ms: Option<i64>,
@@ -128,7 +162,37 @@ impl Store {
         let update = "UPDATE tokens SET revoked_ms = $1 WHERE team = $2 AND revoked_ms IS NULL";
         Ok(sqlx::query(update).bind(now_unix_ms).bind(team).execute(&self.write).await?.rows_affected())
     }
+
+    /// The tokens of accounts and organisers, the newest first; those of runs come and go by themselves.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn tokens(&self) -> Result<Vec<TokenLine>, StoreError> {
+        let select = "SELECT substr(hash, 1, $1) AS id, kind, name, team, created_ms, expires_ms, revoked_ms FROM tokens \
+                      WHERE kind <> 'run' ORDER BY created_ms DESC, hash";
+        Ok(sqlx::query_as(select).bind(TOKEN_ID_LETTERS).fetch_all(&self.read).await?)
+    }
+
+    /// Takes back the token of an account or an organiser that `id` names, as [`Store::tokens`] tells it.
+    /// One that was taken back stays as it is.
+    ///
+    /// # Errors
+    /// When there is no such token or the database fails.
+    pub async fn revoke_token(&self, id: &str, note: AuditNote, now_unix_ms: i64) -> Result<(), StoreError> {
+        let mut tx = self.begin().await?;
+        let update = "UPDATE tokens SET revoked_ms = COALESCE(revoked_ms, $1) \
+                      WHERE substr(hash, 1, $2) = $3 AND kind <> 'run'";
+        let update = sqlx::query(update).bind(now_unix_ms).bind(TOKEN_ID_LETTERS).bind(id);
+        if update.execute(&mut *tx).await?.rows_affected() == 0 {
+            return Err(StoreError::unknown("token", id));
+        }
+        add_notes(&mut tx, &[note], now_unix_ms).await?;
+        Ok(tx.commit().await?)
+    }
 }
+
+/// Letters of a token's hash that name it.
+const TOKEN_ID_LETTERS: i64 = 12;
 
 /// Letters of a secret that are kept, so that people can tell tokens apart.
 const PREFIX_LETTERS: usize = 12;
@@ -147,12 +211,13 @@ pub(crate) async fn insert_token(
     run: Option<&str>,
     now_unix_ms: i64,
 ) -> Result<(), StoreError> {
-    let insert = "INSERT INTO tokens (hash, prefix, kind, team, run, created_ms, expires_ms) \
-                  VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT DO NOTHING";
+    let insert = "INSERT INTO tokens (hash, prefix, kind, name, team, run, created_ms, expires_ms) \
+                  VALUES ($1, $2, $3, $4, $5, $6, $7, $8) ON CONFLICT DO NOTHING";
     sqlx::query(insert)
         .bind(hash(token.secret))
         .bind(shown_prefix(token.secret))
         .bind(token.kind.as_str())
+        .bind(token.name)
         .bind(token.team)
         .bind(run)
         .bind(now_unix_ms)
@@ -167,14 +232,18 @@ pub(crate) async fn find_token(
     secret: &str,
     now_unix_ms: i64,
 ) -> Result<TokenState, StoreError> {
-    let select = "SELECT kind, team, run, expires_ms, revoked_ms FROM tokens WHERE hash = $1";
+    let select = "SELECT kind, name, team, run, expires_ms, revoked_ms FROM tokens WHERE hash = $1";
     let row: Option<TokenRow> = sqlx::query_as(select).bind(hash(secret)).fetch_optional(pool).await?;
     Ok(match row {
         None => TokenState::Unknown,
         Some(row) if row.revoked_ms.is_some() => TokenState::Revoked,
         Some(row) if row.expires_ms.is_some_and(|expires| expires <= now_unix_ms) => TokenState::Expired,
-        Some(TokenRow { kind, team, run, .. }) => {
-            TokenState::Valid(Token { kind: TokenKind::from_word(&kind)?, team, run })
-        }
+        Some(TokenRow { kind, name, team, run, expires_ms, .. }) => TokenState::Valid(Token {
+            kind: TokenKind::from_word(&kind)?,
+            team,
+            run,
+            name,
+            expires_unix_ms: expires_ms,
+        }),
     })
 }

@@ -7,7 +7,7 @@ use sqlx::{
 use std::{path::Path, time::Duration};
 
 /// The newest schema that this program knows.
-pub const SCHEMA_VERSION: i64 = 1;
+pub const SCHEMA_VERSION: i64 = 2;
 
 /// The letters AVLN, which the first migration writes into the file.
 const APPLICATION_ID: i64 = 0x4156_4C4E;
@@ -78,7 +78,8 @@ fn options(path: &Path, busy: Duration) -> SqliteConnectOptions {
 
 fn migrator() -> Migrator {
     let first = include_str!("../../../../migrations/0001_first.sql");
-    let steps = [(1, "first", first)];
+    let challenge = include_str!("../../../../migrations/0002_challenge.sql");
+    let steps = [(1, "first", first), (2, "challenge", challenge)];
     let migration = |(version, name, sql): (i64, &'static str, &'static str)| {
         Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)
     };

@@ -1,3 +1,4 @@
+use crate::{Quota, QuotaWindow, calendar::rfc3339};
 use std::path::PathBuf;
 
 /// What went wrong in the store, and what to do about it.
@@ -63,6 +64,55 @@ pub enum StoreError {
     /// The phase takes no new runs.
     #[error("phase '{0}' is closed; choose an open phase")]
     PhaseClosed(String),
+    /// The phase takes no runs yet.
+    #[error("phase '{phase}' opens at {}; choose an open phase, or come back then", rfc3339(*opens_unix_ms))]
+    PhaseNotOpen {
+        /// The phase.
+        phase: String,
+        /// When it opens, milliseconds since 1970-01-01 UTC.
+        opens_unix_ms: i64,
+    },
+    /// The phase takes no runs for now.
+    #[error("phase '{phase}' is paused: {reason}; runs that were started may go on")]
+    PhasePaused {
+        /// The phase.
+        phase: String,
+        /// Why.
+        reason: String,
+    },
+    /// The phase is not over, so that its secret stays one.
+    #[error("phase '{0}' is not closed; close it with avln phase close, or wait for its closing date")]
+    NotClosed(String),
+    /// The phase is for other teams' eyes.
+    #[error(
+        "phase '{phase}' is not for team '{team}'; ask the organiser, or choose a phase that ListPhases tells"
+    )]
+    PhaseNotVisible {
+        /// The phase.
+        phase: String,
+        /// The team.
+        team: String,
+    },
+    /// The team may not play in the phase.
+    #[error("team '{team}' may not play in phase '{phase}': {why}; ask the organiser")]
+    TeamNotApproved {
+        /// The phase.
+        phase: String,
+        /// The team.
+        team: String,
+        /// Why not.
+        why: &'static str,
+    },
+    /// A person can be in one team of a phase.
+    #[error("'{person}' is in team '{team}' of phase '{phase}'; take the person out there first")]
+    InAnotherTeam {
+        /// The person.
+        person: String,
+        /// The phase.
+        phase: String,
+        /// The other team.
+        team: String,
+    },
     /// The phase is not played in this order.
     #[error("phase '{phase}' is not played {order}; choose the other order")]
     OrderNotAllowed {
@@ -72,15 +122,8 @@ pub enum StoreError {
         order: &'static str,
     },
     /// The team has no run left.
-    #[error(
-        "the team has used all of its {limit} runs in phase '{phase}'; cancelled runs without a result do not count"
-    )]
-    QuotaUsed {
-        /// The phase.
-        phase: String,
-        /// Runs allowed.
-        limit: u32,
-    },
+    #[error("{}", used_up(.0))]
+    QuotaUsed(Box<Quota>),
     /// The run is over.
     #[error("run '{run}' is {state}; start another run")]
     RunOver {
@@ -110,6 +153,27 @@ impl StoreError {
     pub(crate) fn damaged(what: &'static str, reason: impl ToString) -> Self {
         Self::Damaged { what, reason: reason.to_string() }
     }
+}
+
+/// Which quota is used up, and what helps.
+fn used_up(quota: &Quota) -> String {
+    let (limit, phase) = (quota.limit.unwrap_or_default(), &quota.phase);
+    let what = match quota.window {
+        QuotaWindow::Day => format!("all {limit} runs of this day (UTC)"),
+        QuotaWindow::Month => format!("all {limit} runs of this month (UTC)"),
+        QuotaWindow::Total => format!("all {limit} runs of the phase"),
+        QuotaWindow::Concurrent => {
+            return format!(
+                "the team has {limit} runs open in phase '{phase}', the most at a time; finish or cancel one"
+            );
+        }
+        QuotaWindow::Uncharged => format!("all {limit} runs of the phase that may end without being charged"),
+    };
+    let helps = match quota.next_increase_unix_ms {
+        Some(moment) => format!("the next can start at {}", rfc3339(moment)),
+        None => "the organiser can grant more".to_owned(),
+    };
+    format!("the team has used {what} '{phase}'; {helps}")
 }
 
 /// Primary result code of SQLite (sqlite.org/rescode.html), when it was SQLite that failed.

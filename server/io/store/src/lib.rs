@@ -5,23 +5,38 @@
 //! *Never*: hands a hidden thing to a [`Reader`]'s caller whom the phase does not let see it; stores a secret in clear.
 
 mod accounts;
+mod admission;
+mod audit;
+pub mod calendar;
 mod catalogue;
 mod database;
+mod draw;
 mod error;
 mod facts;
 mod packed;
+mod phases;
 mod play;
+mod quota;
+mod reveal;
 mod runs;
 mod totals;
 mod views;
 mod words;
 
-pub use accounts::{NewToken, Team, Token, TokenKind, TokenState};
-pub use catalogue::{GoalText, Phase, PhaseEpisode, PhaseState, Scene, SceneMap, Split, Visibility};
+pub use accounts::{NewToken, Team, Token, TokenKind, TokenLine, TokenState};
+pub use admission::{Member, NewGrant};
+pub use audit::{AuditLine, AuditNote};
+pub use catalogue::{Scene, SceneMap, Split};
 pub use database::{SCHEMA_VERSION, Store};
 pub use error::StoreError;
 pub use facts::Facts;
+pub use phases::{
+    Admission, GoalText, Phase, PhaseEpisode, PhaseState, QuotaLimits, Ranking, Sample, Sampling, Schedule,
+    Visibility,
+};
 pub use play::{Assigned, EpisodeState, Finished, Recorded, TimeAccount};
+pub use quota::{Charge, Quota, QuotaWindow};
+pub use reveal::{Promise, Revealed, pool_digest};
 pub use runs::{NewRun, Run, RunState, StartedRun};
 pub use views::{
     Board, EpisodeLine, EpisodeView, GoalView, LeaderboardRow, LeaderboardView, MissionView, ModalityView,

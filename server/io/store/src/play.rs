@@ -1,5 +1,6 @@
 use crate::{
     Run, RunState, Store, StoreError, packed,
+    reveal::read_key,
     runs::read_run,
     totals::{add_to_totals, count_fault, settle_run},
     words::{count, row, to_json, words},
@@ -107,10 +108,11 @@ row! {
 }
 
 impl Store {
-    /// Hands out the next pending episode of a run under the random name `handle`; `None` when none is pending.
+    /// Hands out the next pending episode of a run; `None` when none is pending. Its name is drawn by the phase's secret;
+    /// in a phase without one it is `handle`, a random one.
     ///
     /// # Errors
-    /// When the run is unknown or cancelled, the handle was used before, or the database fails.
+    /// When the run is unknown or over, the handle was used before, or the database fails.
     pub async fn assign_next_episode(
         &self,
         run: &str,
@@ -118,9 +120,12 @@ impl Store {
         now_unix_ms: i64,
     ) -> Result<Option<Assigned>, StoreError> {
         let mut tx = self.begin().await?;
-        if read_run(&mut tx, run).await?.state == RunState::Cancelled {
-            return Err(StoreError::RunOver { run: run.to_owned(), state: RunState::Cancelled.as_str() });
+        let found = read_run(&mut tx, run).await?;
+        if !found.state.is_open() && found.state != RunState::Completed {
+            return Err(StoreError::RunOver { run: run.to_owned(), state: found.state.as_str() });
         }
+        let drawn = drawn_handle(&mut tx, &found).await?;
+        let handle = drawn.as_deref().unwrap_or(handle);
         let take = "UPDATE episodes SET state = 'running', handle = $2, attempts = attempts + 1, started_ms = $3 \
                     WHERE run = $1 AND ordinal = (SELECT MIN(ordinal) FROM episodes WHERE run = $1 AND state = 'pending') \
                     RETURNING ordinal, episode, scene";
@@ -213,6 +218,14 @@ impl Store {
         tx.commit().await?;
         Ok(lost.len() as u32)
     }
+}
+
+/// The name of the next attempt by the phase's secret; `None` when there is no secret, or no attempt.
+async fn drawn_handle(tx: &mut Transaction<'_, Sqlite>, run: &Run) -> Result<Option<String>, StoreError> {
+    let Some(key) = read_key(tx, &run.phase).await? else { return Ok(None) };
+    let select = "SELECT ordinal, attempts FROM episodes WHERE run = $1 AND state = 'pending' ORDER BY ordinal LIMIT 1";
+    let next: Option<(i64, i64)> = sqlx::query_as(select).bind(&run.id).fetch_optional(&mut **tx).await?;
+    Ok(next.map(|(ordinal, attempts)| key.handle(&run.id, ordinal, attempts + 1)))
 }
 
 /// Writes all that a result changes; says whether it was new and whether it counts.

@@ -1,7 +1,11 @@
 use crate::{
-    NewToken, Phase, PhaseState, Store, StoreError, TokenKind,
+    Charge, NewToken, Phase, PhaseEpisode, Quota, Sampling, Store, StoreError, TokenKind,
     accounts::insert_token,
-    catalogue::read_phases,
+    admission::refuse_team,
+    draw::draw,
+    phases::{has_runs, read_phases},
+    quota::{read_charge, read_quotas, refuse_used_up},
+    reveal::read_key,
     words::{self, count, from_json, row, to_json, words},
 };
 use avln_episode::{Order, Sensors};
@@ -21,9 +25,14 @@ pub enum RunState {
     Completed,
     /// It was given up.
     Cancelled,
+    /// The server failed.
+    Failed,
+    /// Its wall time was used up.
+    Expired,
 }
 words!(RunState, "run state", {
     Created => "created", Running => "running", Completed => "completed", Cancelled => "cancelled",
+    Failed => "failed", Expired => "expired",
 });
 
 impl RunState {
@@ -63,11 +72,11 @@ pub struct StartedRun {
     pub run: Run,
     /// Whether this request made it.
     pub is_new: bool,
-    /// Runs that the team may still start in the phase; `None` for any number.
-    pub quota_left: Option<u32>,
+    /// What the team has left in the phase afterwards, the total first.
+    pub quotas: Vec<Quota>,
 }
 
-/// One pass of one method over all episodes of a phase.
+/// One pass of one method over all episodes of a phase, or a sample of them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Run {
     /// Its id.
@@ -94,7 +103,7 @@ pub struct Run {
     pub digests: BTreeMap<String, String>,
     /// When it was started.
     pub created_unix_ms: i64,
-    /// When it was completed or cancelled.
+    /// When it ended.
     pub finished_unix_ms: Option<i64>,
 }
 
@@ -133,13 +142,14 @@ pub(crate) struct RunFilter<'a> {
 }
 
 impl Store {
-    /// Starts a run with all episodes of its phase pending, and stores its token.
+    /// Starts a run with the episodes that it draws from its phase pending, and stores its token. The quota is checked and
+    /// taken in one transaction.
     ///
     /// A request with the `client_request_id` of an earlier one gives the earlier run, which the new token plays too.
     ///
     /// # Errors
-    /// When the phase or team is unknown, the phase is closed or not played in this order, the quota is used up, the
-    /// request id belongs to a different request, or the database fails.
+    /// When the phase or team is unknown, the team may not play, the phase is not open or not played in this order, a quota
+    /// is used up, the request id belongs to a different request, or the database fails.
     pub async fn start_run(&self, new: &NewRun<'_>, now_unix_ms: i64) -> Result<StartedRun, StoreError> {
         if self.team(new.team).await?.is_none() {
             return Err(StoreError::unknown("team", new.team));
@@ -151,16 +161,40 @@ impl Store {
         let is_new = earlier.is_none();
         let id = earlier.unwrap_or_else(|| new.id.to_owned());
         if is_new {
-            refuse_start(&mut tx, new, &phase).await?;
-            insert_run(&mut tx, new, phase.episodes.len(), now_unix_ms).await?;
+            refuse_start(&mut tx, new, &phase, now_unix_ms).await?;
+            insert_run(&mut tx, new, &phase, now_unix_ms).await?;
         }
-        let token =
-            NewToken { secret: new.token, kind: TokenKind::Run, team: Some(new.team), expires_unix_ms: None };
+        let token = NewToken {
+            secret: new.token,
+            kind: TokenKind::Run,
+            name: "",
+            team: Some(new.team),
+            expires_unix_ms: None,
+        };
         insert_token(&mut tx, &token, Some(&id), now_unix_ms).await?;
         let run = read_run(&mut tx, &id).await?;
-        let used = runs_that_count(&mut tx, new).await?;
+        let quotas = read_quotas(&mut tx, &phase, new.team, now_unix_ms).await?;
         tx.commit().await?;
-        Ok(StartedRun { run, is_new, quota_left: phase.quota.map(|quota| quota.saturating_sub(used)) })
+        Ok(StartedRun { run, is_new, quotas })
+    }
+
+    /// Whether anybody started a run in the phase.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn has_runs(&self, phase: &str) -> Result<bool, StoreError> {
+        let mut tx = self.read.begin().await?;
+        has_runs(&mut tx, phase).await
+    }
+
+    /// Whether a run is charged, and why.
+    ///
+    /// # Errors
+    /// When the run is unknown or the database fails.
+    pub async fn charge(&self, run: &str) -> Result<Charge, StoreError> {
+        let mut tx = self.read.begin().await?;
+        let Run { id, team, phase, .. } = read_run(&mut tx, run).await?;
+        read_charge(&mut tx, &team, &phase, &id).await
     }
 
     /// The run called `id`.
@@ -207,10 +241,19 @@ impl Store {
     /// # Errors
     /// When the run is unknown or the database fails.
     pub async fn cancel_run(&self, run: &str, now_unix_ms: i64) -> Result<Run, StoreError> {
+        self.end_run(run, RunState::Cancelled, now_unix_ms).await
+    }
+
+    /// Ends a run that was not played to its end, as `Cancelled`, `Failed` or `Expired`. A run that is over stays as it is;
+    /// episodes being played may still be recorded.
+    ///
+    /// # Errors
+    /// When the run is unknown or the database fails.
+    pub async fn end_run(&self, run: &str, state: RunState, now_unix_ms: i64) -> Result<Run, StoreError> {
         let mut tx = self.begin().await?;
-        let update = "UPDATE runs SET state = 'cancelled', finished_ms = $1 \
+        let update = "UPDATE runs SET state = $3, finished_ms = $1 \
                       WHERE id = $2 AND state IN ('created', 'running')";
-        sqlx::query(update).bind(now_unix_ms).bind(run).execute(&mut *tx).await?;
+        sqlx::query(update).bind(now_unix_ms).bind(run).bind(state.as_str()).execute(&mut *tx).await?;
         let run = read_run(&mut tx, run).await?;
         tx.commit().await?;
         Ok(run)
@@ -244,32 +287,20 @@ async fn refuse_start(
     tx: &mut Transaction<'_, Sqlite>,
     new: &NewRun<'_>,
     phase: &Phase,
+    now_unix_ms: i64,
 ) -> Result<(), StoreError> {
-    if phase.state == PhaseState::Closed {
-        return Err(StoreError::PhaseClosed(phase.id.clone()));
-    }
+    refuse_team(tx, phase, new.team).await?;
+    phase.schedule.refuse_start(&phase.id, now_unix_ms)?;
     if !phase.orders.contains(&new.order) {
         return Err(StoreError::OrderNotAllowed { phase: phase.id.clone(), order: new.order.as_str() });
     }
-    let used = runs_that_count(tx, new).await?;
-    match phase.quota {
-        Some(limit) if used >= limit => Err(StoreError::QuotaUsed { phase: phase.id.clone(), limit }),
-        _ => Ok(()),
-    }
-}
-
-/// Runs that are charged: all but those that were cancelled before an episode was done.
-async fn runs_that_count(tx: &mut Transaction<'_, Sqlite>, new: &NewRun<'_>) -> Result<u32, StoreError> {
-    let select = "SELECT COUNT(*) FROM runs r WHERE phase = $1 AND team = $2 AND (state <> 'cancelled' OR EXISTS \
-                  (SELECT 1 FROM episodes e WHERE e.run = r.id AND e.state IN ('terminated', 'truncated')))";
-    let used: i64 = sqlx::query_scalar(select).bind(new.phase).bind(new.team).fetch_one(&mut **tx).await?;
-    Ok(count(used))
+    refuse_used_up(&read_quotas(tx, phase, new.team, now_unix_ms).await?)
 }
 
 async fn insert_run(
     tx: &mut Transaction<'_, Sqlite>,
     new: &NewRun<'_>,
-    episodes: usize,
+    phase: &Phase,
     now_unix_ms: i64,
 ) -> Result<(), StoreError> {
     let insert = "INSERT INTO runs (id, phase, team, method, version, mission_order, state, client_request_id, digests, \
@@ -284,13 +315,34 @@ async fn insert_run(
         .bind(new.client_request_id)
         .bind(to_json("digests", new.digests)?)
         .bind(now_unix_ms)
-        .bind(episodes as i64)
+        .bind(phase.episodes_of_run())
         .execute(&mut **tx)
         .await?;
-    let episodes = "INSERT INTO episodes (run, ordinal, episode, scene, state) \
-                    SELECT $1, ordinal, episode, scene, 'pending' FROM phase_episodes WHERE phase = $2";
-    sqlx::query(episodes).bind(new.id).bind(new.phase).execute(&mut **tx).await?;
+    insert_episodes(tx, new.id, phase).await?;
     sqlx::query("INSERT INTO run_summaries (run) VALUES ($1)").bind(new.id).execute(&mut **tx).await?;
+    Ok(())
+}
+
+/// Lays out the episodes that the run plays, in its own order.
+async fn insert_episodes(
+    tx: &mut Transaction<'_, Sqlite>,
+    run: &str,
+    phase: &Phase,
+) -> Result<(), StoreError> {
+    let drawn = if phase.sampling == Sampling::default() {
+        (0..phase.episodes.len()).collect()
+    } else {
+        let key = read_key(tx, &phase.id).await?;
+        let key = key.ok_or_else(|| StoreError::unknown("secret of phase", &phase.id))?;
+        draw(&phase.episodes, phase.sampling, &key, run)
+    };
+    let insert =
+        "INSERT INTO episodes (run, ordinal, episode, scene, state) VALUES ($1, $2, $3, $4, 'pending')";
+    for (ordinal, index) in drawn.into_iter().enumerate() {
+        let PhaseEpisode { episode, scene, .. } = &phase.episodes[index];
+        let row = sqlx::query(insert).bind(run).bind(ordinal as i64).bind(episode).bind(scene);
+        row.execute(&mut **tx).await?;
+    }
     Ok(())
 }
 

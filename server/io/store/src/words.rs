@@ -28,10 +28,12 @@ pub(crate) use words;
 
 /// A struct that is read from the columns with the names of its fields.
 macro_rules! row {
-    ($(#[$attribute:meta])* $vis:vis struct $name:ident { $($field_vis:vis $field:ident: $type:ty),+ $(,)? }) => {
+    ($(#[$attribute:meta])* $vis:vis struct $name:ident {
+        $($(#[$field_attribute:meta])* $field_vis:vis $field:ident: $type:ty),+ $(,)?
+    }) => {
         $(#[$attribute])*
         $vis struct $name {
-            $($field_vis $field: $type,)+
+            $($(#[$field_attribute])* $field_vis $field: $type,)+
         }
 
         impl sqlx::FromRow<'_, sqlx::sqlite::SqliteRow> for $name {

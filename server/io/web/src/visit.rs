@@ -3,7 +3,7 @@
 use crate::trouble::Trouble;
 use avln_episode::Order;
 use avln_scoring::Key;
-use avln_store::{Pick, Reader, Viewer};
+use avln_store::{Board, PhaseView, Pick, Reader, Viewer};
 use axum::{
     extract::{FromRequestParts, Query},
     http::{header, request::Parts},
@@ -19,20 +19,23 @@ use std::{
 pub(crate) struct Visit {
     pub(crate) reader: Reader,
     pub(crate) viewer: Viewer,
+    /// When the visitor asks, milliseconds since 1970-01-01 UTC.
+    pub(crate) now_unix_ms: i64,
 }
 
 impl FromRequestParts<Reader> for Visit {
     type Rejection = Trouble;
 
     async fn from_request_parts(parts: &mut Parts, reader: &Reader) -> Result<Self, Trouble> {
+        let now_unix_ms = now_unix_ms();
         let viewer = match parts.headers.get(header::AUTHORIZATION) {
             None => Viewer::Anonymous,
             Some(value) => {
                 let secret = value.to_str().ok().and_then(bearer).ok_or(Trouble::BadToken)?;
-                reader.viewer(secret, now_unix_ms()).await?.ok_or(Trouble::BadToken)?
+                reader.viewer(secret, now_unix_ms).await?.ok_or(Trouble::BadToken)?
             }
         };
-        Ok(Self { reader: reader.clone(), viewer })
+        Ok(Self { reader: reader.clone(), viewer, now_unix_ms })
     }
 }
 
@@ -109,10 +112,21 @@ pub(crate) struct Nothing {}
 #[serde(deny_unknown_fields)]
 pub(crate) struct BoardQuery {
     pub(crate) order: Option<Order>,
-    #[serde(default)]
-    pub(crate) sort: Key,
-    #[serde(default)]
-    pub(crate) pick: Pick,
+    pub(crate) sort: Option<Key>,
+    pub(crate) pick: Option<Pick>,
+}
+
+impl BoardQuery {
+    /// The board of a phase that is asked for; what was not said is as the organiser ranks.
+    pub(crate) fn board<'a>(&self, phase: &'a PhaseView, now_unix_ms: i64) -> Board<'a> {
+        Board {
+            phase: &phase.id,
+            order: self.order.or_else(|| phase.orders.first().copied()).unwrap_or(Order::Unordered),
+            key: self.sort.unwrap_or(phase.ranking.key),
+            pick: self.pick.unwrap_or(phase.ranking.entry),
+            now_unix_ms,
+        }
+    }
 }
 
 /// Which runs are asked for.

@@ -1,5 +1,7 @@
 //! Numbers, times and enums in the words of the pages.
 
+pub(crate) use avln_store::calendar::rfc3339;
+
 use avln_episode::{Encoding, EndReason, Modality, Order, Sensors};
 use avln_scoring::{Direction, Estimate, Key, Summary};
 use avln_store::{EpisodeState, PhaseState, Pick, RunState, Visibility};
@@ -42,13 +44,6 @@ pub(crate) fn duration(seconds: &f64) -> String {
     }
 }
 
-/// A moment by RFC 3339, UTC, whole seconds.
-pub(crate) fn rfc3339(unix_ms: i64) -> String {
-    let (year, month, day) = civil(unix_ms.div_euclid(86_400_000));
-    let second = unix_ms.rem_euclid(86_400_000) / 1000;
-    format!("{year:04}-{month:02}-{day:02}T{:02}:{:02}:{:02}Z", second / 3600, second / 60 % 60, second % 60)
-}
-
 /// A moment for people, UTC, whole minutes.
 pub(crate) fn moment(unix_ms: i64) -> String {
     let stamp = rfc3339(unix_ms);
@@ -63,19 +58,6 @@ pub(crate) fn time_html(unix_ms: &i64) -> String {
 /// The same, for what may be missing.
 pub(crate) fn maybe_time_html(unix_ms: &Option<i64>) -> String {
     unix_ms.as_ref().map_or_else(|| NOTHING.to_owned(), time_html)
-}
-
-/// Year, month and day of a day counted from 1970-01-01 in the Gregorian calendar.
-/// Years begin in March here, so that leap days come last; 400 years have 146 097 days.
-fn civil(days: i64) -> (i64, i64, i64) {
-    let shifted = days + 719_468;
-    let (era, day_of_era) = (shifted.div_euclid(146_097), shifted.rem_euclid(146_097));
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let month = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * month + 2) / 5 + 1;
-    let (month, next) = if month < 10 { (month + 3, 0) } else { (month - 9, 1) };
-    (year_of_era + era * 400 + next, month, day)
 }
 
 /// Heading of a metric.
@@ -194,6 +176,8 @@ pub(crate) fn run_state(state: &RunState) -> &'static str {
         RunState::Created => "not begun",
         RunState::Running => "running",
         RunState::Completed => "completed",
+        RunState::Failed => "lost by the server",
+        RunState::Expired => "out of time",
         RunState::Cancelled => "cancelled",
     }
 }
@@ -212,7 +196,9 @@ pub(crate) fn episode_state(state: &EpisodeState) -> &'static str {
 /// Whether runs may start.
 pub(crate) fn phase_state(state: &PhaseState) -> &'static str {
     match state {
+        PhaseState::Upcoming => "not open yet",
         PhaseState::Open => "open",
+        PhaseState::Paused => "paused",
         PhaseState::Closed => "closed",
     }
 }

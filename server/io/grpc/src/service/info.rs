@@ -1,4 +1,9 @@
-use crate::{door::Door, refusal::ask, wire};
+use crate::{
+    auth::bearer,
+    door::Door,
+    refusal::{Failure, ask},
+    wire,
+};
 use avln_proto::v1::{self, info_service_server::InfoService};
 use tonic::{Request, Response, Status};
 
@@ -18,10 +23,21 @@ impl InfoService for Info {
 
     async fn list_phases(
         &self,
-        _: Request<v1::ListPhasesRequest>,
+        request: Request<v1::ListPhasesRequest>,
     ) -> Result<Response<v1::ListPhasesResponse>, Status> {
         let host = self.0.host.clone();
-        let phases = ask("list phases", async move { host.phases().await }).await?;
+        let token = match request.metadata().contains_key("authorization") {
+            true => Some(bearer(request.metadata()).map_err(Failure::from)?),
+            false => None,
+        };
+        let phases = ask("list phases", async move {
+            let account = match token {
+                Some(token) => Some(host.account(&token).await?),
+                None => None,
+            };
+            host.phases(account.as_ref()).await
+        });
+        let phases = phases.await?;
         let time = self.0.time_limits();
         let phases = phases.into_iter().map(|phase| wire::phase(phase, time)).collect();
         Ok(Response::new(v1::ListPhasesResponse { phases }))

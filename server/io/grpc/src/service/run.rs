@@ -3,7 +3,7 @@ use crate::{
     auth::bearer,
     door::Door,
     gate::Stop,
-    host::{Account, PhaseInfo, RunRequest, RunStatus},
+    host::{Account, PhaseInfo, RunRequest, RunStatus, Scope},
     limits::Limits,
     refusal::{Failure, Refusal, ask},
     wire,
@@ -36,24 +36,42 @@ impl Runs {
         ask("look an account up", async move { host.account(&token).await }).await
     }
 
+    /// The account, if its token is of a team.
+    async fn team(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
+        let account = self.account(metadata).await?;
+        match account.scope {
+            Scope::Participant | Scope::ReadOnly => Ok(account),
+            Scope::Organiser => Err(scope_refusal("an organiser's token has no runs; use a token of a team")),
+        }
+    }
+
+    /// The account, if its token may begin and end runs.
+    async fn participant(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
+        let account = self.team(metadata).await?;
+        match account.scope {
+            Scope::Participant => Ok(account),
+            _ => Err(scope_refusal("the token is for looking only; use the team's account token")),
+        }
+    }
+
     async fn status(&self, account: &Account, run: &str) -> Result<RunStatus, Failure> {
         let (host, account, run) = (self.0.host.clone(), account.clone(), checked_id(run)?);
         ask("look a run up", async move { host.run(&account, &run).await }).await
     }
 
     /// The order that is asked for, or the only one that the phase has.
-    async fn order(&self, wanted: v1::Order, phase: &str) -> Result<Order, Failure> {
+    async fn order(&self, wanted: v1::Order, account: &Account, phase: &str) -> Result<Order, Failure> {
         match wanted {
             v1::Order::Ordered => return Ok(Order::Ordered),
             v1::Order::Unordered => return Ok(Order::Unordered),
             v1::Order::Unspecified => {}
         }
-        let host = self.0.host.clone();
-        let phases = ask("list phases", async move { host.phases().await }).await?;
+        let (host, account) = (self.0.host.clone(), account.clone());
+        let phases = ask("list phases", async move { host.phases(Some(&account)).await }).await?;
         Ok(only_order(&phases, phase)?)
     }
 
-    async fn request(&self, start: v1::StartRunRequest) -> Result<RunRequest, Failure> {
+    async fn request(&self, account: &Account, start: v1::StartRunRequest) -> Result<RunRequest, Failure> {
         let info = self.0.host.info();
         wire::client_is_welcome(start.client.as_ref(), &info.clients)?;
         let method = start.method.clone().unwrap_or_default();
@@ -62,7 +80,7 @@ impl Runs {
             method: text("method.name", method.name.trim(), 1, MAX_METHOD_CHARS)?,
             method_version: text("method.version", method.version.trim(), 0, MAX_VERSION_CHARS)?,
             client_request_id: text("client_request_id", &start.client_request_id, 0, MAX_REQUEST_ID_CHARS)?,
-            order: self.order(start.order(), &phase).await?,
+            order: self.order(start.order(), account, &phase).await?,
             phase,
         })
     }
@@ -76,9 +94,9 @@ impl RunService for Runs {
         &self,
         request: Request<v1::StartRunRequest>,
     ) -> Result<Response<v1::StartRunResponse>, Status> {
-        let account = self.account(request.metadata()).await?;
+        let account = self.participant(request.metadata()).await?;
         self.0.gate.check_open().map_err(Failure::from)?;
-        let asked = self.request(request.into_inner()).await?;
+        let asked = self.request(&account, request.into_inner()).await?;
         let (host, team) = (self.0.host.clone(), account.clone());
         let ticket = ask("start a run", async move { host.start_run(&team, asked).await }).await?;
         let status = self.status(&account, &ticket.run).await?;
@@ -87,7 +105,7 @@ impl RunService for Runs {
             run_token: ticket.token,
             max_slots: ticket.max_slots.clamp(1, Limits::MAX_SLOTS),
             time: Some(self.0.time_limits()),
-            quota: None,
+            quota: ticket.quota.map(wire::quota),
         }))
     }
 
@@ -95,7 +113,7 @@ impl RunService for Runs {
         &self,
         request: Request<v1::GetRunRequest>,
     ) -> Result<Response<v1::GetRunResponse>, Status> {
-        let account = self.account(request.metadata()).await?;
+        let account = self.team(request.metadata()).await?;
         let status = self.status(&account, &request.get_ref().run).await?;
         Ok(Response::new(v1::GetRunResponse { run: Some(wire::run(status)) }))
     }
@@ -104,7 +122,7 @@ impl RunService for Runs {
         &self,
         request: Request<v1::WatchRunRequest>,
     ) -> Result<Response<Self::WatchRunStream>, Status> {
-        let account = self.account(request.metadata()).await?;
+        let account = self.team(request.metadata()).await?;
         let run = request.into_inner().run;
         let first = self.status(&account, &run).await?;
         let place = self.0.watch().map_err(Failure::from)?;
@@ -121,7 +139,7 @@ impl RunService for Runs {
         &self,
         request: Request<v1::CancelRunRequest>,
     ) -> Result<Response<v1::CancelRunResponse>, Status> {
-        let account = self.account(request.metadata()).await?;
+        let account = self.participant(request.metadata()).await?;
         // Only the run's own team may stop its session.
         let run = self.status(&account, &request.get_ref().run).await?.run;
         self.0.gate.stop(&run, Stop::Left).await;
@@ -134,7 +152,7 @@ impl RunService for Runs {
         &self,
         request: Request<v1::ListRunsRequest>,
     ) -> Result<Response<v1::ListRunsResponse>, Status> {
-        let account = self.account(request.metadata()).await?;
+        let account = self.team(request.metadata()).await?;
         let host = self.0.host.clone();
         let runs = ask("list runs", async move { host.runs(&account).await }).await?;
         Ok(Response::new(page(runs, request.get_ref()).map_err(Failure::from)?))
@@ -144,9 +162,13 @@ impl RunService for Runs {
         &self,
         request: Request<v1::GetQuotaRequest>,
     ) -> Result<Response<v1::GetQuotaResponse>, Status> {
-        self.account(request.metadata()).await?;
-        // No window limits the runs of a team.
-        Ok(Response::new(v1::GetQuotaResponse { quotas: Vec::new() }))
+        let account = self.team(request.metadata()).await?;
+        let host = self.0.host.clone();
+        let phase = request.into_inner().phase;
+        let phase = if phase.is_empty() { None } else { Some(checked_id(&phase).map_err(Failure::from)?) };
+        let quotas = ask("look a quota up", async move { host.quotas(&account, phase.as_deref()).await });
+        let quotas = quotas.await?.into_iter().map(wire::quota).collect();
+        Ok(Response::new(v1::GetQuotaResponse { quotas }))
     }
 
     async fn who_am_i(
@@ -156,9 +178,9 @@ impl RunService for Runs {
         let account = self.account(request.metadata()).await?;
         Ok(Response::new(v1::WhoAmIResponse {
             team: account.team,
-            token_name: String::new(),
-            scope: v1::TokenScope::Participant.into(),
-            expires_unix_s: 0,
+            token_name: account.token_name,
+            scope: wire::scope(account.scope).into(),
+            expires_unix_s: account.expires_unix_s,
         }))
     }
 }
@@ -195,6 +217,10 @@ impl Runs {
             };
         }
     }
+}
+
+fn scope_refusal(message: &str) -> Failure {
+    Failure::new(Reason::TokenScope, message)
 }
 
 fn only_order(phases: &[PhaseInfo], id: &str) -> Result<Order, Refusal> {

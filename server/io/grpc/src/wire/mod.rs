@@ -9,7 +9,7 @@ mod task;
 
 pub(crate) use hello::{client_is_welcome, sensors};
 pub(crate) use observation::{observation, tensor_specs};
-pub(crate) use run::{end_counts, phase, public_metrics, run, server_info, unix_ms};
+pub(crate) use run::{end_counts, phase, public_metrics, quota, run, scope, server_info, unix_ms};
 pub(crate) use task::{digests, mission, task_spec};
 
 use avln_episode::{Action, EndReason, FeedbackRule, Order};

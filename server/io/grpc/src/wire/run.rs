@@ -1,5 +1,5 @@
 use crate::{
-    host::{PhaseInfo, PhaseState, RunState, RunStatus, ServerInfo},
+    host::{PhaseInfo, PhaseState, Quota, QuotaWindow, RunState, RunStatus, Scope, ServerInfo, Visibility},
     limits::Limits,
 };
 use avln_episode::EndReason;
@@ -50,6 +50,7 @@ pub(crate) fn phase(phase: PhaseInfo, time: v1::TimeLimits) -> v1::Phase {
     v1::Phase {
         id: phase.id,
         title: phase.title,
+        description: phase.description,
         orders: phase.orders.into_iter().map(|order| super::order(order).into()).collect(),
         episodes: phase.episode_count,
         max_slots: phase.max_slots.min(Limits::MAX_SLOTS),
@@ -57,10 +58,56 @@ pub(crate) fn phase(phase: PhaseInfo, time: v1::TimeLimits) -> v1::Phase {
         sensors: sensors.into_iter().filter(|(on, _)| *on).map(|(_, kind)| kind.into()).collect(),
         encodings: super::encoding::offered_in(&phase.sensors),
         state: state.into(),
+        state_reason: phase.state_reason,
+        opens_unix_s: phase.opens_unix_s,
+        closes_unix_s: phase.closes_unix_s,
+        results: visibility(phase.results).into(),
+        commitment: phase.commitment,
+        revealed: phase.revealed.map(|values| v1::Revealed {
+            pool: values.pool,
+            scorer: values.scorer,
+            secret: values.secret,
+        }),
         time: Some(time),
         rules: phase.rules,
         max_side: phase.sensors.width.max(phase.sensors.height),
         ..v1::Phase::default()
+    }
+}
+
+fn visibility(visibility: Visibility) -> v1::Visibility {
+    match visibility {
+        Visibility::Organiser => v1::Visibility::Organiser,
+        Visibility::Team => v1::Visibility::Team,
+        Visibility::Public => v1::Visibility::Public,
+    }
+}
+
+pub(crate) fn scope(scope: Scope) -> v1::TokenScope {
+    match scope {
+        Scope::Participant => v1::TokenScope::Participant,
+        Scope::ReadOnly => v1::TokenScope::ReadOnly,
+        Scope::Organiser => v1::TokenScope::Organiser,
+    }
+}
+
+pub(crate) fn quota(quota: Quota) -> v1::Quota {
+    let window = match quota.window {
+        QuotaWindow::Day => v1::QuotaWindow::Day,
+        QuotaWindow::Month => v1::QuotaWindow::Month,
+        QuotaWindow::Total => v1::QuotaWindow::Total,
+        QuotaWindow::Concurrent => v1::QuotaWindow::Concurrent,
+        QuotaWindow::Uncharged => v1::QuotaWindow::Uncharged,
+    };
+    v1::Quota {
+        phase: quota.phase,
+        window: window.into(),
+        limit: quota.limit,
+        used: quota.used,
+        remaining: quota.remaining,
+        window_start_unix_s: quota.window_start_unix_s,
+        next_increase_unix_s: quota.next_increase_unix_s,
+        charges: quota.charges.into_iter().map(|(run, reason)| v1::Charge { run, reason }).collect(),
     }
 }
 
@@ -86,6 +133,8 @@ pub(crate) fn run(status: RunStatus) -> v1::Run {
         eligible: status.ineligible_because.is_empty(),
         ineligible_because: status.ineligible_because,
         metrics: status.metrics.map(|metrics| public_metrics(metrics, status.done)),
+        charged: status.charged,
+        charge_reason: status.charge_reason,
         url: status.url,
         ..v1::Run::default()
     }

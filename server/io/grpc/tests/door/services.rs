@@ -1,6 +1,8 @@
 //! What is not play: runs, phases, health, reflection, and connections that mean no good.
 
-use crate::common::{ACCOUNT, Agent, House, Plan, RUN, RUN_TOKEN, authorised, channel, reason, soon};
+use crate::common::{
+    ACCOUNT, Agent, House, LOOKING, ORGANISER, Plan, RUN, RUN_TOKEN, authorised, channel, reason, soon,
+};
 use avln_episode::{EndReason, Order};
 use avln_grpc::Limits;
 use avln_proto::v1::{self, info_service_client::InfoServiceClient, run_service_client::RunServiceClient};
@@ -28,6 +30,46 @@ async fn anyone_may_ask_what_the_server_is() {
     assert_eq!(info.max_request_bytes as usize, Limits::default().decode_bytes);
     let phases = client.list_phases(v1::ListPhasesRequest {}).await.unwrap().into_inner().phases;
     assert_eq!((phases[0].id.as_str(), phases[0].episodes, phases[0].sensors.len()), ("practice", 2, 3));
+    assert_eq!((phases[0].results(), phases[0].commitment.as_str()), (v1::Visibility::Team, "c0ffee"));
+    let list = |token| authorised(v1::ListPhasesRequest {}, token);
+    let own = client.list_phases(list(ACCOUNT)).await.unwrap().into_inner().phases;
+    assert_eq!((phases[0].title.as_str(), own[0].title.as_str()), ("Practice", "Practice of the team"));
+    assert_eq!(reason(&client.list_phases(list("guess")).await.unwrap_err()), "TOKEN_MALFORMED");
+}
+
+#[tokio::test]
+async fn one_quota_is_told_everywhere() {
+    let house = House::open(Plan::plain(1)).await;
+    let mut client = RunServiceClient::new(channel(&house).await);
+    let ask = authorised(v1::GetQuotaRequest { phase: "practice".into() }, LOOKING);
+    let told = client.get_quota(ask).await.unwrap().into_inner().quotas;
+    let started =
+        client.start_run(authorised(start_request("practice"), ACCOUNT)).await.unwrap().into_inner();
+    assert_eq!(started.quota.as_ref(), told.first());
+    let quota = &told[0];
+    assert_eq!((quota.window(), quota.limit, quota.used), (v1::QuotaWindow::Day, Some(3), 2));
+    assert_eq!((quota.remaining, quota.next_increase_unix_s), (Some(1), 172_800));
+    assert_eq!(quota.charges[0].reason, "it was played");
+    let run = started.run.unwrap();
+    assert_eq!((run.charged, run.charge_reason.as_str()), (true, "it is open"));
+}
+
+#[tokio::test]
+async fn a_token_is_good_for_its_scope_and_nothing_else() {
+    let house = House::open(Plan::plain(1)).await;
+    let mut client = RunServiceClient::new(channel(&house).await);
+    for token in [LOOKING, ORGANISER] {
+        let start = client.start_run(authorised(start_request("practice"), token)).await.unwrap_err();
+        let cancel = authorised(v1::CancelRunRequest { run: RUN.into() }, token);
+        let cancel = client.cancel_run(cancel).await.unwrap_err();
+        assert_eq!([reason(&start), reason(&cancel)], ["TOKEN_SCOPE", "TOKEN_SCOPE"], "{token}");
+    }
+    let get = |token| authorised(v1::GetRunRequest { run: RUN.into() }, token);
+    assert!(client.get_run(get(LOOKING)).await.is_ok());
+    assert_eq!(reason(&client.get_run(get(ORGANISER)).await.unwrap_err()), "TOKEN_SCOPE");
+    let who = client.who_am_i(authorised(v1::WhoAmIRequest {}, LOOKING)).await.unwrap().into_inner();
+    assert_eq!(who.scope(), v1::TokenScope::ReadOnly);
+    assert_eq!((who.token_name.as_str(), who.expires_unix_s), ("laptop", 77));
 }
 
 #[tokio::test]

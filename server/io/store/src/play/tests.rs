@@ -1,6 +1,6 @@
 use super::*;
-use crate::{GoalText, NewRun, Phase, PhaseEpisode, PhaseState, Scene, SceneMap, Split, Visibility};
-use avln_episode::{Modality, Order, Rules, Sensors};
+use crate::{GoalText, NewRun, Phase, PhaseEpisode, Scene, SceneMap, Split};
+use avln_episode::{Modality, Order, Rules};
 use std::{collections::BTreeMap, time::Duration};
 
 const PLACE: &str = "hall";
@@ -32,20 +32,8 @@ async fn store_with_a_running_episode(folder: &std::path::Path) -> Result<Store,
 
 fn phase() -> Phase {
     let goals = vec![GoalText { modality: Modality::Image, text: None }];
-    Phase {
-        id: "p".to_owned(),
-        title: String::new(),
-        split: "val".to_owned(),
-        rules: Rules::paper(),
-        orders: vec![Order::Ordered],
-        sensors: Sensors::all(64, 64),
-        scores: Visibility::Public,
-        replays: Visibility::Public,
-        max_slots: 1,
-        quota: None,
-        state: PhaseState::Open,
-        episodes: vec![PhaseEpisode { episode: "e".to_owned(), scene: PLACE.to_owned(), goals }],
-    }
+    let episodes = vec![PhaseEpisode { episode: "e".to_owned(), scene: PLACE.to_owned(), goals }];
+    Phase::new("p", "val", Rules::paper(), episodes)
 }
 
 fn result() -> (EpisodeTruth, Record, Metrics) {

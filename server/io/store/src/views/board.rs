@@ -1,7 +1,7 @@
 use super::{PhaseView, Reader, Viewer};
 use crate::{
     Phase, Run, RunState, StoreError,
-    catalogue::read_heads,
+    phases::read_heads,
     runs::{RunFilter, read_runs},
     totals::{INTERVAL_SEED, plain_scores},
     words::{count, end_reason, from_json},
@@ -26,6 +26,8 @@ pub struct Board<'a> {
     pub key: Key,
     /// Which run stands for a method.
     pub pick: Pick,
+    /// When one looks, milliseconds since 1970-01-01 UTC.
+    pub now_unix_ms: i64,
 }
 
 /// Which of its runs stands for a method of a team.
@@ -121,7 +123,7 @@ struct Candidate {
 }
 
 impl Reader {
-    /// A board; `None` when there is no such phase.
+    /// A board; `None` when there is no such phase that the viewer may know of.
     ///
     /// # Errors
     /// When the database fails or holds damaged rows.
@@ -131,7 +133,8 @@ impl Reader {
         board: &Board<'_>,
     ) -> Result<Option<LeaderboardView>, StoreError> {
         let mut tx = self.snapshot().await?;
-        let Some(head) = read_heads(&mut tx, Some(board.phase)).await?.pop() else { return Ok(None) };
+        let head = read_heads(&mut tx, Some(board.phase)).await?.pop();
+        let Some(head) = head.filter(|head| viewer.knows(&head.phase)) else { return Ok(None) };
         let candidates = candidates(&mut tx, viewer, &head.phase, board.order).await?;
         let runs: Vec<String> = candidates.iter().map(|candidate| candidate.run.id.clone()).collect();
         let question = (runs, board.key, board.pick);
@@ -143,7 +146,7 @@ impl Reader {
                 rows
             }
         };
-        let phase = PhaseView::new(head, viewer);
+        let phase = PhaseView::new(head, viewer, board.now_unix_ms);
         let Board { order, key, pick, .. } = *board;
         let complete = phase.all_scores_visible;
         Ok(Some(LeaderboardView { phase, order, key, direction: key.direction(), pick, complete, rows }))

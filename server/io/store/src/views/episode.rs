@@ -124,7 +124,7 @@ impl Reader {
         let Some((run, sight)) = find_run(&mut tx, viewer, run).await? else { return Ok(None) };
         let Some(row) = read_episodes(&mut tx, &run.id, Some(ordinal)).await?.pop() else { return Ok(None) };
         let facts = if sight.replays { read_facts(&mut tx, &run.id, ordinal).await? } else { None };
-        let goals = read_goals(&mut tx, &run.phase, ordinal).await?;
+        let goals = read_goals(&mut tx, &run.phase, &row.episode).await?;
         let metrics = row.metrics.as_deref().filter(|_| sight.replays);
         let metrics: Option<Metrics> = metrics.map(|json| from_json("metrics", json)).transpose()?;
         let order = run.order;
@@ -150,11 +150,11 @@ impl Reader {
 async fn read_goals(
     tx: &mut Transaction<'_, Sqlite>,
     phase: &str,
-    ordinal: u32,
+    episode: &str,
 ) -> Result<Vec<GoalText>, StoreError> {
-    let select = "SELECT goals FROM phase_episodes WHERE phase = $1 AND ordinal = $2";
+    let select = "SELECT goals FROM phase_episodes WHERE phase = $1 AND episode = $2";
     let json: Option<String> =
-        sqlx::query_scalar(select).bind(phase).bind(ordinal).fetch_optional(&mut **tx).await?;
+        sqlx::query_scalar(select).bind(phase).bind(episode).fetch_optional(&mut **tx).await?;
     json.map_or(Ok(vec![]), |json| from_json("goals", &json))
 }
 

@@ -11,7 +11,7 @@ pub use episode::{EpisodeView, GoalView, MissionView, Replay, SubmitMark, Target
 pub use phase::PhaseView;
 pub use run::{EpisodeLine, ModalityView, RunLine, RunView};
 
-use crate::{StoreError, TokenKind, TokenState, Visibility, accounts::find_token};
+use crate::{Phase, StoreError, TokenKind, TokenState, Visibility, accounts::find_token};
 use sqlx::{Sqlite, SqlitePool, Transaction};
 
 /// Who looks.
@@ -44,6 +44,15 @@ impl Viewer {
         }
     }
 
+    /// Whether this viewer may know that the phase exists.
+    pub(crate) fn knows(&self, phase: &Phase) -> bool {
+        match self {
+            Self::Anonymous => phase.admission.shows_to(None),
+            Self::Team(team) => phase.admission.shows_to(Some(team)),
+            Self::Organiser => true,
+        }
+    }
+
     /// Whether this viewer sees the things of all teams.
     pub(crate) fn sees_all(&self, visibility: Visibility) -> bool {
         visibility == Visibility::Public || *self == Self::Organiser
@@ -72,7 +81,7 @@ impl Reader {
         };
         Ok(match (token.kind, token.team) {
             (TokenKind::Organiser, _) => Some(Viewer::Organiser),
-            (TokenKind::Account, Some(team)) => Some(Viewer::Team(team)),
+            (TokenKind::Account | TokenKind::ReadOnly, Some(team)) => Some(Viewer::Team(team)),
             _ => None,
         })
     }

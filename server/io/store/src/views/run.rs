@@ -1,7 +1,7 @@
 use super::{Reader, Viewer};
 use crate::{
     EpisodeState, Phase, Run, RunState, StoreError, TimeAccount,
-    catalogue::read_heads,
+    phases::read_heads,
     runs::{RunFilter, read_run, read_runs},
     totals::{INTERVAL_SEED, full_scores},
     words::{count, end_reason, from_json, row},
@@ -114,7 +114,7 @@ pub(super) struct Sight {
 impl Sight {
     /// `None` when the viewer may not even know of the run.
     pub(super) fn of(viewer: &Viewer, team: &str, phase: &Phase) -> Option<Self> {
-        let scores = viewer.may_see(phase.scores, team);
+        let scores = viewer.may_see(phase.scores, team) && (viewer.knows(phase) || viewer.owns(team));
         // A replay tells the score.
         let replays = scores && viewer.may_see(phase.replays, team);
         (scores || viewer.owns(team)).then_some(Self { scores, replays })

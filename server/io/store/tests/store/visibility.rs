@@ -16,13 +16,13 @@ const NEVER: [&str; 2] = ["54321", "77777"];
 async fn everything(arena: &Arena, viewer: &Viewer) -> String {
     let reader = arena.store.reader();
     let mut seen = vec![
-        serde_json::to_string(&reader.phases(viewer).await.expect("phases")),
-        serde_json::to_string(&reader.phase(viewer, "practice").await.expect("a phase")),
+        serde_json::to_string(&reader.phases(viewer, 50).await.expect("phases")),
+        serde_json::to_string(&reader.phase(viewer, "practice", 50).await.expect("a phase")),
         serde_json::to_string(&reader.runs(viewer, Some("practice"), 99).await.expect("runs")),
         serde_json::to_string(&reader.run(viewer, "run_1").await.expect("a run")),
     ];
     for order in [Order::Ordered, Order::Unordered] {
-        let board = Board { phase: "practice", order, key: Key::Sr, pick: Pick::Best };
+        let board = Board { phase: "practice", order, key: Key::Sr, pick: Pick::Best, now_unix_ms: 50 };
         seen.push(serde_json::to_string(&reader.leaderboard(viewer, &board).await.expect("a board")));
     }
     for ordinal in 0..2 {
@@ -77,7 +77,8 @@ async fn a_team_ranks_among_its_own_where_scores_are_for_teams() {
     teams_only.scores = Visibility::Team;
     let arena = Arena::new(&teams_only).await;
     arena.play("run_1", "walker", Order::Unordered, 1).await;
-    let board = Board { phase: "practice", order: Order::Unordered, key: Key::Sr, pick: Pick::Best };
+    let board =
+        Board { phase: "practice", order: Order::Unordered, key: Key::Sr, pick: Pick::Best, now_unix_ms: 50 };
     let rows = |viewer| {
         let reader = arena.store.reader();
         async move {

@@ -4,8 +4,7 @@ use crate::{
     visit::{self, Asked, BoardQuery, Nothing, RunsQuery, Visit},
     words,
 };
-use avln_episode::Order;
-use avln_store::{Board, EpisodeView, LeaderboardView, PhaseView, RunView};
+use avln_store::{EpisodeView, LeaderboardView, PhaseView, RunView};
 use axum::{Json, extract::Path};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -18,11 +17,15 @@ pub(super) async fn status(visit: Visit, _: Asked<Nothing>) -> Answer {
 }
 
 pub(super) async fn phases(visit: Visit, _: Asked<Nothing>) -> Answer {
-    answer(&json!({ "phases": visit.reader.phases(&visit.viewer).await? }))
+    answer(&json!({ "phases": visit.reader.phases(&visit.viewer, visit.now_unix_ms).await? }))
 }
 
 pub(super) async fn phase(visit: Visit, Path(id): Path<String>, _: Asked<Nothing>) -> Answer {
     answer(&json!({ "phase": find_phase(&visit, &id).await? }))
+}
+
+pub(super) async fn quota(visit: Visit, _: Asked<Nothing>) -> Answer {
+    answer(&json!({ "quotas": visit.reader.quotas(&visit.viewer, visit.now_unix_ms).await? }))
 }
 
 pub(super) async fn leaderboard(
@@ -63,7 +66,7 @@ pub(super) async fn find_run(visit: &Visit, id: &str) -> Result<RunView, Trouble
 }
 
 async fn find_phase(visit: &Visit, id: &str) -> Result<PhaseView, Trouble> {
-    let view = visit.reader.phase(&visit.viewer, id).await?;
+    let view = visit.reader.phase(&visit.viewer, id, visit.now_unix_ms).await?;
     view.ok_or_else(|| Trouble::Unknown { what: "phase", name: id.to_owned() })
 }
 
@@ -74,8 +77,7 @@ pub(super) async fn find_board(
     query: BoardQuery,
 ) -> Result<LeaderboardView, Trouble> {
     let phase = find_phase(visit, id).await?;
-    let order = query.order.or_else(|| phase.orders.first().copied()).unwrap_or(Order::Unordered);
-    let board = Board { phase: id, order, key: query.sort, pick: query.pick };
+    let board = query.board(&phase, visit.now_unix_ms);
     let view = visit.reader.leaderboard(&visit.viewer, &board).await?;
     view.ok_or_else(|| Trouble::Unknown { what: "phase", name: id.to_owned() })
 }

@@ -75,6 +75,13 @@ fn endpoints() -> Vec<Endpoint> {
             Csv,
             get(csv::leaderboard),
         ),
+        endpoint(
+            "/quota",
+            "What the team of the token has left in each phase, and what was charged.",
+            &[],
+            Json("Quotas"),
+            get(answers::quota),
+        ),
         endpoint("/runs", "The latest runs, the newest first.", RUNS_QUERY, Json("Runs"), get(answers::runs)),
         endpoint("/runs/{run}", "A run with its episodes.", &[], Json("Run"), get(answers::run)),
         endpoint(

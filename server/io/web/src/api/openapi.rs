@@ -123,6 +123,8 @@ fn schemas() -> Value {
         "Phases": answer(&[("phases", list("Phase"))]),
         "PhaseAnswer": answer(&[("phase", reference("Phase"))]),
         "Phase": phase(),
+        "Quotas": answer(&[("quotas", list("Quota"))]),
+        "Quota": quota(),
         "Leaderboard": leaderboard(),
         "LeaderboardRow": row(),
         "Summary": summary(),
@@ -139,12 +141,22 @@ fn schemas() -> Value {
 
 fn phase() -> Value {
     let visible = || words(&["public", "team", "organiser"]);
-    let mut fields = all(&["id", "title", "state", "feedback"], "string");
+    let mut fields = all(&["id", "title", "description", "state", "state_reason?", "feedback"], "string");
+    fields.extend(all(&["opens_at?", "closes_at?"], "moment"));
     fields.extend(all(&["orders"], "list"));
-    fields.extend(all(&["rules", "sensors"], "object"));
-    fields.extend(all(&["episodes", "scenes", "max_slots", "quota?"], "integer"));
+    fields.extend(all(&["rules", "sensors", "quotas", "time", "ranking", "promise?"], "object"));
+    fields.extend(all(&["episodes", "scenes", "max_slots"], "integer"));
     fields.extend([("scores", visible()), ("replays", visible())]);
     fields.extend(all(&["all_scores_visible"], "boolean"));
+    object(&fields)
+}
+
+fn quota() -> Value {
+    let mut fields = all(&["phase"], "string");
+    fields.push(("window", words(&["day", "month", "total", "concurrent", "uncharged"])));
+    fields.extend(all(&["limit?", "used", "remaining?"], "integer"));
+    fields.extend(all(&["window_start_at", "next_increase_at?"], "moment"));
+    fields.extend(all(&["charges"], "list"));
     object(&fields)
 }
 

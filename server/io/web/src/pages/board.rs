@@ -6,7 +6,7 @@ use crate::{
 use askama::Template;
 use avln_episode::Order;
 use avln_scoring::{Direction, Key};
-use avln_store::{Board, LeaderboardRow, LeaderboardView, Pick};
+use avln_store::{LeaderboardRow, LeaderboardView, Pick};
 use axum::extract::Path;
 
 /// Metrics of the table.
@@ -34,8 +34,7 @@ pub(super) struct BoardPage {
 /// One board.
 pub(super) async fn page(visit: Visit, Path(id): Path<String>, Asked(query): Asked<BoardQuery>) -> Page {
     let phase = phase(&visit, &id).await?;
-    let order = query.order.or_else(|| phase.orders.first().copied()).unwrap_or(Order::Unordered);
-    let board = Board { phase: &id, order, key: query.sort, pick: query.pick };
+    let board = query.board(&phase, visit.now_unix_ms);
     let view = visit.reader.leaderboard(&visit.viewer, &board).await?;
     let view = view.ok_or(crate::trouble::Trouble::NoPage)?;
     write(&BoardPage::new(view))
@@ -54,10 +53,10 @@ impl BoardPage {
         if self.view.phase.orders.first() != Some(&order) {
             parts.push(format!("order={order}"));
         }
-        if key != Key::default() {
+        if key != self.view.phase.ranking.key {
             parts.push(format!("sort={key}"));
         }
-        if pick != Pick::default() {
+        if pick != self.view.phase.ranking.entry {
             parts.push(format!("pick={}", words::pick(&pick)));
         }
         if parts.is_empty() { String::new() } else { format!("?{}", parts.join("&")) }

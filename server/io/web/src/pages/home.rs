@@ -1,11 +1,11 @@
 use super::{Page, Part, Shell, write};
 use crate::{
-    visit::{Asked, Host, Nothing, Visit},
+    visit::{Asked, BoardQuery, Host, Nothing, Visit},
     words,
 };
 use askama::Template;
 use avln_scoring::Key;
-use avln_store::{Board, LeaderboardView, PhaseState, PhaseView, Pick};
+use avln_store::{LeaderboardView, PhaseState, PhaseView};
 
 /// Entries of a board that the first page shows.
 const TOP: usize = 3;
@@ -38,11 +38,12 @@ struct DocsPage {
 
 /// Phases, how to take part, and who leads.
 pub(super) async fn home(visit: Visit, host: Host, _: Asked<Nothing>) -> Page {
-    let phases = visit.reader.phases(&visit.viewer).await?;
+    let phases = visit.reader.phases(&visit.viewer, visit.now_unix_ms).await?;
     let mut boards = Vec::new();
     for phase in &phases {
         for &order in &phase.orders {
-            let board = Board { phase: &phase.id, order, key: Key::default(), pick: Pick::Best };
+            let query = BoardQuery { order: Some(order), ..BoardQuery::default() };
+            let board = query.board(phase, visit.now_unix_ms);
             boards.extend(visit.reader.leaderboard(&visit.viewer, &board).await?);
         }
     }
@@ -63,7 +64,7 @@ pub(super) async fn home(visit: Visit, host: Host, _: Asked<Nothing>) -> Page {
 
 /// A list of all boards.
 pub(super) async fn boards(visit: Visit, _: Asked<Nothing>) -> Page {
-    let phases = visit.reader.phases(&visit.viewer).await?;
+    let phases = visit.reader.phases(&visit.viewer, visit.now_unix_ms).await?;
     write(&BoardsPage { shell: Shell::new("Leaderboards", Part::Boards), phases })
 }
 

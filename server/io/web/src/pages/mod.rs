@@ -113,6 +113,6 @@ fn segment(text: &str) -> String {
 
 /// The phase called `id`.
 async fn phase(visit: &Visit, id: &str) -> Result<avln_store::PhaseView, Trouble> {
-    let found = visit.reader.phase(&visit.viewer, id).await?;
+    let found = visit.reader.phase(&visit.viewer, id, visit.now_unix_ms).await?;
     found.ok_or_else(|| Trouble::Unknown { what: "phase", name: id.to_owned() })
 }

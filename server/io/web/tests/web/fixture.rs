@@ -3,8 +3,8 @@
 use avln_episode::{EndReason, Modality, Order, Rules, Sensors};
 use avln_scoring::Metrics;
 use avln_store::{
-    Finished, GoalText, NewRun, NewToken, Phase, PhaseEpisode, PhaseState, Scene, SceneMap, Split, Store,
-    TimeAccount, TokenKind, Visibility,
+    Finished, GoalText, NewRun, NewToken, Phase, PhaseEpisode, Scene, SceneMap, Split, Store, TimeAccount,
+    TokenKind, Visibility,
 };
 use axum::{
     Router,
@@ -79,7 +79,7 @@ impl Arena {
     }
 
     async fn issue(&self, secret: &str, kind: TokenKind, team: Option<&str>) {
-        let token = NewToken { secret, kind, team, expires_unix_ms: None };
+        let token = NewToken { secret, kind, name: "", team, expires_unix_ms: None };
         self.store.issue_token(&token, 1).await.expect("a token");
     }
 
@@ -148,18 +148,12 @@ fn phase(id: &str, visibility: Visibility) -> Phase {
         goals: goals.clone(),
     };
     Phase {
-        id: id.to_owned(),
         title: format!("The {id} phase"),
-        split: "val".to_owned(),
-        rules: Rules::paper(),
         orders: vec![Order::Unordered, Order::Ordered],
         sensors: Sensors::all(256, 256),
         scores: visibility,
         replays: visibility,
-        max_slots: 4,
-        quota: None,
-        state: PhaseState::Open,
-        episodes: (0..2).map(episode).collect(),
+        ..Phase::new(id, "val", Rules::paper(), (0..2).map(episode).collect())
     }
 }
 

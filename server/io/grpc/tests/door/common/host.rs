@@ -5,7 +5,8 @@ use super::{
 use avln_episode::{EndReason, FeedbackRule, Order, Rules, Sensors};
 use avln_grpc::{
     Account, ClientRange, Digests, EpisodeOutcome, EpisodeRunner, Host, OpenRun, PhaseInfo, PhaseState,
-    Reason, Refusal, RunRequest, RunState, RunStatus, RunTicket, Seat, ServerInfo,
+    Quota, QuotaWindow, Reason, Refusal, RunRequest, RunState, RunStatus, RunTicket, Scope, Seat, ServerInfo,
+    Visibility,
 };
 use std::{
     collections::VecDeque,
@@ -14,6 +15,9 @@ use std::{
 use tokio::sync::watch;
 
 pub(crate) const ACCOUNT: &str = "account-token";
+/// Tokens of the same team for looking, and of the organiser.
+pub(crate) const LOOKING: &str = "looking-token";
+pub(crate) const ORGANISER: &str = "organiser-token";
 pub(crate) const RUN: &str = "run_toy";
 pub(crate) const RUN_TOKEN: &str = "run-token";
 
@@ -131,8 +135,28 @@ impl ToyHost {
             ends: vec![],
             metrics: self.shows_metrics.then(|| vec![("sr".into(), 0.5)]),
             ineligible_because: vec![],
+            charged: true,
+            charge_reason: "it is open".into(),
             url: String::new(),
         }
+    }
+}
+
+fn account(scope: Scope) -> Account {
+    Account { team: "red".into(), scope, token_name: "laptop".into(), expires_unix_s: 77 }
+}
+
+/// One run of three is left of this day.
+pub(crate) fn quota() -> Quota {
+    Quota {
+        phase: "practice".into(),
+        window: QuotaWindow::Day,
+        limit: Some(3),
+        used: 2,
+        remaining: Some(1),
+        window_start_unix_s: 86_400,
+        next_increase_unix_s: 172_800,
+        charges: vec![("run_a".into(), "it was played".into())],
     }
 }
 
@@ -161,10 +185,11 @@ impl Host for ToyHost {
         }
     }
 
-    async fn phases(&self) -> Result<Vec<PhaseInfo>, Refusal> {
+    async fn phases(&self, account: Option<&Account>) -> Result<Vec<PhaseInfo>, Refusal> {
         Ok(vec![PhaseInfo {
             id: "practice".into(),
-            title: "Practice".into(),
+            title: if account.is_some() { "Practice of the team".into() } else { "Practice".into() },
+            description: String::new(),
             orders: vec![Order::Unordered],
             rules: Rules::PAPER.into(),
             episode_count: self.total,
@@ -172,12 +197,20 @@ impl Host for ToyHost {
             max_slots: 4,
             sensors: Sensors::all(512, 512),
             state: PhaseState::Open,
+            state_reason: String::new(),
+            opens_unix_s: 0,
+            closes_unix_s: 0,
+            results: Visibility::Team,
+            commitment: "c0ffee".into(),
+            revealed: None,
         }])
     }
 
     async fn account(&self, token: &str) -> Result<Account, Refusal> {
         match token {
-            ACCOUNT => Ok(Account { team: "red".into() }),
+            ACCOUNT => Ok(account(Scope::Participant)),
+            LOOKING => Ok(account(Scope::ReadOnly)),
+            ORGANISER => Ok(account(Scope::Organiser)),
             "break" => panic!("the host's secret"),
             _ => Err(Refusal::new(Reason::TokenMalformed, "the token is not one of this server's")),
         }
@@ -189,7 +222,17 @@ impl Host for ToyHost {
             return Err(Refusal::new(Reason::PhaseUnknown, message));
         }
         self.state().requests.push(request);
-        Ok(RunTicket { run: RUN.into(), token: RUN_TOKEN.into(), episodes: self.total, max_slots: 4 })
+        Ok(RunTicket {
+            run: RUN.into(),
+            token: RUN_TOKEN.into(),
+            episodes: self.total,
+            max_slots: 4,
+            quota: Some(quota()),
+        })
+    }
+
+    async fn quotas(&self, _: &Account, _: Option<&str>) -> Result<Vec<Quota>, Refusal> {
+        Ok(vec![quota()])
     }
 
     async fn run(&self, _: &Account, run: &str) -> Result<RunStatus, Refusal> {

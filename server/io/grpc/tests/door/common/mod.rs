@@ -5,7 +5,7 @@ mod host;
 mod runner;
 
 pub(crate) use agent::{Agent, authorised, channel, hello, play_client, reason};
-pub(crate) use host::{ACCOUNT, Plan, RUN, RUN_TOKEN, ToyHost};
+pub(crate) use host::{ACCOUNT, LOOKING, ORGANISER, Plan, RUN, RUN_TOKEN, ToyHost};
 pub(crate) use runner::Quirk;
 
 use avln_grpc::{Limits, serve};

@@ -1,0 +1,217 @@
+//! Which teams may play in a phase, who is in them, and what the organiser gave them beyond their quota.
+
+use crate::{
+    AuditNote, Phase, Quota, Store, StoreError,
+    audit::add_notes,
+    phases::{read_heads, read_phases},
+    quota::read_quotas,
+    words::row,
+};
+use serde::Serialize;
+use sqlx::{Sqlite, Transaction};
+
+row! {
+    /// A person in a team of a phase.
+    #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+    pub struct Member {
+        /// The phase.
+        pub phase: String,
+        /// The team.
+        pub team: String,
+        /// The person.
+        pub person: String,
+    }
+}
+
+/// Runs that the organiser gives to a team beyond its quota.
+#[derive(Clone, Copy, Debug)]
+pub struct NewGrant<'a> {
+    /// Where they can be used.
+    pub phase: &'a str,
+    /// Whose they are.
+    pub team: &'a str,
+    /// How many, at least 1.
+    pub runs: u32,
+    /// Why.
+    pub reason: &'a str,
+}
+
+impl Store {
+    /// Lets a team play in a phase that asks for approval, or no more; whether that changed anything.
+    ///
+    /// # Errors
+    /// When the phase or the team is unknown, or the database fails.
+    pub async fn approve(
+        &self,
+        phase: &str,
+        team: &str,
+        approved: bool,
+        note: AuditNote,
+        now_unix_ms: i64,
+    ) -> Result<bool, StoreError> {
+        let mut tx = self.begin().await?;
+        find_phase(&mut tx, phase).await?;
+        find_team(&mut tx, team).await?;
+        let change = if approved {
+            "INSERT INTO approvals (phase, team, approved_ms) VALUES ($1, $2, $3) ON CONFLICT DO NOTHING"
+        } else {
+            "DELETE FROM approvals WHERE phase = $1 AND team = $2 AND $3 IS NOT NULL"
+        };
+        let changed = sqlx::query(change).bind(phase).bind(team).bind(now_unix_ms).execute(&mut *tx).await?;
+        let changed = changed.rows_affected() > 0;
+        if changed {
+            add_notes(&mut tx, &[note], now_unix_ms).await?;
+        }
+        tx.commit().await?;
+        Ok(changed)
+    }
+
+    /// Enters a person into a team of a phase; whether that changed anything.
+    ///
+    /// # Errors
+    /// When the phase or the team is unknown, the person is in another team of the phase, or the database fails.
+    pub async fn add_member(
+        &self,
+        member: &Member,
+        note: AuditNote,
+        now_unix_ms: i64,
+    ) -> Result<bool, StoreError> {
+        let mut tx = self.begin().await?;
+        find_phase(&mut tx, &member.phase).await?;
+        find_team(&mut tx, &member.team).await?;
+        let select = "SELECT team FROM members WHERE phase = $1 AND person = $2";
+        let team: Option<String> = sqlx::query_scalar(select)
+            .bind(&member.phase)
+            .bind(&member.person)
+            .fetch_optional(&mut *tx)
+            .await?;
+        match team {
+            Some(team) if team == member.team => return Ok(false),
+            Some(team) => {
+                let Member { phase, person, .. } = member.clone();
+                return Err(StoreError::InAnotherTeam { person, phase, team });
+            }
+            None => {}
+        }
+        let insert = "INSERT INTO members (phase, person, team, added_ms) VALUES ($1, $2, $3, $4)";
+        let insert = sqlx::query(insert).bind(&member.phase).bind(&member.person).bind(&member.team);
+        insert.bind(now_unix_ms).execute(&mut *tx).await?;
+        add_notes(&mut tx, &[note], now_unix_ms).await?;
+        tx.commit().await?;
+        Ok(true)
+    }
+
+    /// Takes a person out of a team of a phase; whether that changed anything.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn remove_member(
+        &self,
+        member: &Member,
+        note: AuditNote,
+        now_unix_ms: i64,
+    ) -> Result<bool, StoreError> {
+        let mut tx = self.begin().await?;
+        let delete = "DELETE FROM members WHERE phase = $1 AND person = $2 AND team = $3";
+        let delete = sqlx::query(delete).bind(&member.phase).bind(&member.person).bind(&member.team);
+        let changed = delete.execute(&mut *tx).await?.rows_affected() > 0;
+        if changed {
+            add_notes(&mut tx, &[note], now_unix_ms).await?;
+        }
+        tx.commit().await?;
+        Ok(changed)
+    }
+
+    /// The members of a team, by phase and person.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn members(&self, team: &str) -> Result<Vec<Member>, StoreError> {
+        let select = "SELECT phase, team, person FROM members WHERE team = $1 ORDER BY phase, person";
+        Ok(sqlx::query_as(select).bind(team).fetch_all(&self.read).await?)
+    }
+
+    /// Gives runs to a team beyond its quota.
+    ///
+    /// # Errors
+    /// When the phase or the team is unknown, or the database fails.
+    pub async fn grant(
+        &self,
+        grant: &NewGrant<'_>,
+        note: AuditNote,
+        now_unix_ms: i64,
+    ) -> Result<(), StoreError> {
+        let mut tx = self.begin().await?;
+        find_phase(&mut tx, grant.phase).await?;
+        find_team(&mut tx, grant.team).await?;
+        let insert = "INSERT INTO grants (phase, team, runs, reason, granted_ms) VALUES ($1, $2, $3, $4, $5)";
+        let insert = sqlx::query(insert).bind(grant.phase).bind(grant.team).bind(grant.runs);
+        insert.bind(grant.reason).bind(now_unix_ms).execute(&mut *tx).await?;
+        add_notes(&mut tx, &[note], now_unix_ms).await?;
+        Ok(tx.commit().await?)
+    }
+
+    /// What a team has left in a phase, or in all that it may know of.
+    ///
+    /// # Errors
+    /// When the phase is unknown or not for this team's eyes, or the database fails.
+    pub async fn quotas(
+        &self,
+        team: &str,
+        phase: Option<&str>,
+        now_unix_ms: i64,
+    ) -> Result<Vec<Quota>, StoreError> {
+        let mut tx = self.read.begin().await?;
+        let phases = match phase {
+            Some(id) => {
+                let phase = find_phase(&mut tx, id).await?;
+                refuse_unseen(&phase, team)?;
+                vec![phase]
+            }
+            None => read_heads(&mut tx, None).await?.into_iter().map(|head| head.phase).collect(),
+        };
+        let mut quotas = Vec::new();
+        for phase in phases.iter().filter(|phase| phase.admission.shows_to(Some(team))) {
+            quotas.extend(read_quotas(&mut tx, phase, team, now_unix_ms).await?);
+        }
+        Ok(quotas)
+    }
+}
+
+async fn find_phase(tx: &mut Transaction<'_, Sqlite>, id: &str) -> Result<Phase, StoreError> {
+    read_phases(tx, Some(id)).await?.pop().ok_or_else(|| StoreError::unknown("phase", id))
+}
+
+async fn find_team(tx: &mut Transaction<'_, Sqlite>, name: &str) -> Result<(), StoreError> {
+    let select = "SELECT 1 FROM teams WHERE name = $1";
+    let found: Option<i64> = sqlx::query_scalar(select).bind(name).fetch_optional(&mut **tx).await?;
+    found.map(drop).ok_or_else(|| StoreError::unknown("team", name))
+}
+
+fn refuse_unseen(phase: &Phase, team: &str) -> Result<(), StoreError> {
+    if phase.admission.shows_to(Some(team)) {
+        return Ok(());
+    }
+    Err(StoreError::PhaseNotVisible { phase: phase.id.clone(), team: team.to_owned() })
+}
+
+/// Refuses a team that may not play in the phase.
+pub(crate) async fn refuse_team(
+    tx: &mut Transaction<'_, Sqlite>,
+    phase: &Phase,
+    team: &str,
+) -> Result<(), StoreError> {
+    refuse_unseen(phase, team)?;
+    let refused =
+        |why| Err(StoreError::TeamNotApproved { phase: phase.id.clone(), team: team.to_owned(), why });
+    if phase.admission.deny.iter().any(|denied| denied == team) {
+        return refused("the organiser excluded it");
+    }
+    let select = "SELECT 1 FROM approvals WHERE phase = $1 AND team = $2";
+    let approved: Option<i64> =
+        sqlx::query_scalar(select).bind(&phase.id).bind(team).fetch_optional(&mut **tx).await?;
+    match approved {
+        None if phase.admission.approval => refused("the organiser has not approved it yet"),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,196 @@
+//! What a phase promises before it is played and publishes afterwards: its episodes, the scorer and the secret of its draws.
+
+use crate::{
+    AuditNote, Store, StoreError,
+    audit::add_notes,
+    draw::PhaseSecret,
+    phases::{has_runs, read_phases},
+    words::row,
+};
+use serde::{Deserialize, Serialize};
+use sqlx::{Sqlite, Transaction};
+
+/// What a phase promised, and the values behind it once the organiser published them.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Promise {
+    /// BLAKE3 of the values, hex.
+    pub commitment: String,
+    /// When it was made, milliseconds since 1970-01-01 UTC.
+    pub committed_unix_ms: i64,
+    /// The values; `None` before they are published.
+    pub revealed: Option<Revealed>,
+}
+
+/// The values behind a commitment.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Revealed {
+    /// Digest of the phase's split and the ids of its episodes, hex.
+    pub pool: String,
+    /// Version of the benchmark.
+    pub scorer: String,
+    /// What keyed samples, orders and handles, hex.
+    pub secret: String,
+}
+
+impl Revealed {
+    /// BLAKE3 of the values, each behind its length in bytes as 64 bits, little-endian; hex.
+    pub fn commitment(&self) -> String {
+        let mut hasher = blake3::Hasher::new_derive_key("avln 2026 phase commitment");
+        for part in [&self.pool, &self.scorer, &self.secret] {
+            hasher.update(&(part.len() as u64).to_le_bytes()).update(part.as_bytes());
+        }
+        hasher.finalize().to_hex().to_string()
+    }
+}
+
+/// Digest of what runs of a phase draw from: the digest of its split and the ids of its episodes, in order.
+pub fn pool_digest<'a>(split_digest: &'a str, episodes: impl IntoIterator<Item = &'a str>) -> String {
+    let mut hasher = blake3::Hasher::new_derive_key("avln 2026 phase pool");
+    for part in std::iter::once(split_digest).chain(episodes) {
+        hasher.update(&(part.len() as u64).to_le_bytes()).update(part.as_bytes());
+    }
+    hasher.finalize().to_hex().to_string()
+}
+
+row! {
+    struct SecretRow {
+        secret: String,
+        pool: String,
+        scorer: String,
+        commitment: String,
+        committed_ms: i64,
+        revealed_ms: Option<i64>,
+    }
+}
+
+const SELECT_SECRET: &str = "SELECT secret, pool, scorer, commitment, committed_ms, revealed_ms FROM phase_secrets \
+                             WHERE phase = $1";
+
+impl Store {
+    /// Commits a phase to its episodes, to `scorer` and to `secret`, 64 hexadecimal digits of 256 random bits, unless
+    /// it is committed to the same episodes already. Whether it was done now.
+    ///
+    /// # Errors
+    /// When the phase is unknown or the database fails.
+    pub async fn commit_phase(
+        &self,
+        phase: &str,
+        secret: &str,
+        scorer: &str,
+        now_unix_ms: i64,
+    ) -> Result<bool, StoreError> {
+        parse(secret)?;
+        let mut tx = self.begin().await?;
+        let pool = read_pool(&mut tx, phase).await?;
+        let before = read_secret(&mut tx, phase).await?;
+        let kept = before.as_ref().is_some_and(|before| before.pool == pool);
+        if kept || (before.is_some() && has_runs(&mut tx, phase).await?) {
+            return Ok(false);
+        }
+        let values = Revealed { pool, scorer: scorer.to_owned(), secret: secret.to_owned() };
+        let upsert = "INSERT INTO phase_secrets (phase, secret, pool, scorer, commitment, committed_ms) \
+             VALUES ($1, $2, $3, $4, $5, $6) ON CONFLICT (phase) DO UPDATE SET secret = excluded.secret, \
+             pool = excluded.pool, scorer = excluded.scorer, commitment = excluded.commitment, \
+             committed_ms = excluded.committed_ms, revealed_ms = NULL";
+        sqlx::query(upsert)
+            .bind(phase)
+            .bind(&values.secret)
+            .bind(&values.pool)
+            .bind(&values.scorer)
+            .bind(values.commitment())
+            .bind(now_unix_ms)
+            .execute(&mut *tx)
+            .await?;
+        tx.commit().await?;
+        Ok(true)
+    }
+
+    /// Publishes the values behind a phase's commitment. A phase that did so keeps the time.
+    ///
+    /// # Errors
+    /// When the phase is unknown, not closed at `now_unix_ms` or never committed, or the database fails.
+    pub async fn reveal_phase(
+        &self,
+        phase: &str,
+        note: AuditNote,
+        now_unix_ms: i64,
+    ) -> Result<(Promise, Revealed), StoreError> {
+        let mut tx = self.begin().await?;
+        let read = read_phases(&mut tx, Some(phase)).await?.pop();
+        let read = read.ok_or_else(|| StoreError::unknown("phase", phase))?;
+        if read.schedule.state(now_unix_ms) != crate::PhaseState::Closed {
+            return Err(StoreError::NotClosed(phase.to_owned()));
+        }
+        let update = "UPDATE phase_secrets SET revealed_ms = $2 WHERE phase = $1 AND revealed_ms IS NULL";
+        let changed = sqlx::query(update).bind(phase).bind(now_unix_ms).execute(&mut *tx).await?;
+        if changed.rows_affected() > 0 {
+            add_notes(&mut tx, &[note], now_unix_ms).await?;
+        }
+        let row = read_secret(&mut tx, phase).await?;
+        let row = row.ok_or_else(|| StoreError::unknown("commitment of phase", phase))?;
+        tx.commit().await?;
+        let values = row.values();
+        Ok((row.into_promise(), values))
+    }
+
+    /// What a phase promised; `None` before it did.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn promise(&self, phase: &str) -> Result<Option<Promise>, StoreError> {
+        let mut tx = self.read.begin().await?;
+        read_promise(&mut tx, phase).await
+    }
+}
+
+pub(crate) async fn read_promise(
+    tx: &mut Transaction<'_, Sqlite>,
+    phase: &str,
+) -> Result<Option<Promise>, StoreError> {
+    Ok(read_secret(tx, phase).await?.map(SecretRow::into_promise))
+}
+
+/// The secret that keys the draws of a phase; `None` for one that was never committed.
+pub(crate) async fn read_key(
+    tx: &mut Transaction<'_, Sqlite>,
+    phase: &str,
+) -> Result<Option<PhaseSecret>, StoreError> {
+    read_secret(tx, phase).await?.map(|row| parse(&row.secret)).transpose()
+}
+
+async fn read_secret(tx: &mut Transaction<'_, Sqlite>, phase: &str) -> Result<Option<SecretRow>, StoreError> {
+    Ok(sqlx::query_as(SELECT_SECRET).bind(phase).fetch_optional(&mut **tx).await?)
+}
+
+async fn read_pool(tx: &mut Transaction<'_, Sqlite>, phase: &str) -> Result<String, StoreError> {
+    let select = "SELECT s.digest FROM phases p JOIN splits s ON s.name = p.split WHERE p.id = $1";
+    let digest: Option<String> = sqlx::query_scalar(select).bind(phase).fetch_optional(&mut **tx).await?;
+    let digest = digest.ok_or_else(|| StoreError::unknown("phase", phase))?;
+    let select = "SELECT episode FROM phase_episodes WHERE phase = $1 ORDER BY ordinal";
+    let episodes: Vec<String> = sqlx::query_scalar(select).bind(phase).fetch_all(&mut **tx).await?;
+    Ok(pool_digest(&digest, episodes.iter().map(String::as_str)))
+}
+
+fn parse(secret: &str) -> Result<PhaseSecret, StoreError> {
+    let digits: Option<Vec<u8>> =
+        (0..secret.len()).step_by(2).map(|at| u8::from_str_radix(secret.get(at..at + 2)?, 16).ok()).collect();
+    let bytes = digits.and_then(|digits| digits.try_into().ok());
+    bytes
+        .map(PhaseSecret)
+        .ok_or_else(|| StoreError::damaged("phase secret", "it is not 64 hexadecimal digits"))
+}
+
+impl SecretRow {
+    fn values(&self) -> Revealed {
+        Revealed { pool: self.pool.clone(), scorer: self.scorer.clone(), secret: self.secret.clone() }
+    }
+
+    fn into_promise(self) -> Promise {
+        Promise {
+            revealed: self.revealed_ms.map(|_| self.values()),
+            commitment: self.commitment,
+            committed_unix_ms: self.committed_ms,
+        }
+    }
+}

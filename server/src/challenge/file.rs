@@ -1,0 +1,197 @@
+use super::fault::{Fault, Place};
+use avln_episode::{FeedbackRule, Order, Sensors, Sounds, TimeLimits};
+use avln_store::{Admission, Phase, QuotaLimits, Ranking, Sample, Visibility, calendar};
+use serde::{Deserialize, Serialize};
+use std::{collections::BTreeMap, path::PathBuf};
+use toml::value::{Date, Datetime, Offset, Time};
+
+/// The file of a challenge.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ChallengeFile {
+    /// Splits of data sets elsewhere, by the name that they get here.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub splits: BTreeMap<String, SplitSource>,
+    /// The phases, in the order in which they are shown.
+    #[serde(default)]
+    pub phases: Vec<PhaseFile>,
+}
+
+/// Where a split lies that is not in the data folder.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SplitSource {
+    /// Folder of the data set; seen from the file when it is relative.
+    pub dataset: PathBuf,
+    /// Name of the split in it.
+    pub split: String,
+}
+
+/// A phase of the file. What may be left out has the default that its type or [`Phase::new`] has.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PhaseFile {
+    /// Id in URLs and requests.
+    pub id: String,
+    /// Heading on pages; the id by default.
+    #[serde(default)]
+    pub title: Option<String>,
+    /// Text for people.
+    #[serde(default)]
+    pub description: String,
+    /// The split that is played.
+    pub split: String,
+    /// The rule set; the split's by default.
+    #[serde(default)]
+    pub rules: Option<String>,
+    /// What targets play: `all`, `train`, `validation`, `test`, `kept:DIGEST` or a folder of recordings.
+    #[serde(default)]
+    pub sounds: Option<String>,
+    /// What agents learn from a Submit; the rule set says it by default.
+    #[serde(default)]
+    pub feedback: Option<FeedbackRule>,
+    /// Orders that a run may choose; both by default.
+    #[serde(default)]
+    pub orders: Option<Vec<Order>>,
+    /// Sensors that agents may ask for; all by default.
+    #[serde(default)]
+    pub sensors: Option<Vec<Sensor>>,
+    /// From when runs may start; at once by default.
+    #[serde(default)]
+    pub opens: Option<Datetime>,
+    /// From when no more; never by default.
+    #[serde(default)]
+    pub closes: Option<Datetime>,
+    /// Who may see scores.
+    pub scores: Visibility,
+    /// Who may see paths, maps and targets.
+    pub replays: Visibility,
+    /// Episodes that a run may play side by side.
+    #[serde(default)]
+    pub max_slots: Option<u32>,
+    /// Largest side of a picture, pixels.
+    #[serde(default)]
+    pub max_side: Option<u32>,
+    /// Whether each run has an order of its own; by default where replays are not public.
+    #[serde(default)]
+    pub shuffle: Option<bool>,
+    /// The draw of a run's episodes; all of them by default.
+    #[serde(default)]
+    pub sample: Option<Sample>,
+    /// How many runs a team may start.
+    #[serde(default)]
+    pub quota: QuotaLimits,
+    /// Wall time that agents have.
+    #[serde(default)]
+    pub time: TimeLimits,
+    /// How runs are ranked.
+    #[serde(default)]
+    pub ranking: Ranking,
+    /// Which teams may play.
+    #[serde(default)]
+    pub teams: Admission,
+}
+
+/// A sensor that agents may ask for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sensor {
+    /// Colour.
+    Rgb,
+    /// Distance.
+    Depth,
+    /// Sound.
+    Audio,
+}
+
+/// How recordings that the data folder keeps are named: the digest follows.
+pub(super) const KEPT: &str = "kept:";
+
+impl ChallengeFile {
+    /// Reads the text of a file.
+    ///
+    /// # Errors
+    /// When it is not TOML, or a key is unknown, missing or of another type; the fault tells the line.
+    pub fn parse(text: &str) -> Result<Self, Fault> {
+        toml::from_str(text).map_err(|error| Fault::of_toml(text, &error))
+    }
+
+    /// The file that has these phases and leaves nothing out.
+    pub fn of(phases: &[Phase]) -> Self {
+        Self { splits: BTreeMap::new(), phases: phases.iter().map(PhaseFile::of).collect() }
+    }
+
+    /// The text of the file.
+    ///
+    /// # Errors
+    /// When a value cannot be written in TOML.
+    pub fn text(&self) -> Result<String, toml::ser::Error> {
+        toml::to_string_pretty(self)
+    }
+}
+
+impl PhaseFile {
+    /// The entry that has this phase and leaves nothing out.
+    pub fn of(phase: &Phase) -> Self {
+        let Sensors { rgb, depth, audio, width, height, .. } = phase.sensors;
+        let sensors = [(rgb, Sensor::Rgb), (depth, Sensor::Depth), (audio, Sensor::Audio)];
+        Self {
+            id: phase.id.clone(),
+            title: Some(phase.title.clone()),
+            description: phase.description.clone(),
+            split: phase.split.clone(),
+            rules: Some(phase.rules.name.clone()),
+            sounds: Some(sounds_word(&phase.rules.sounds)),
+            feedback: Some(phase.rules.feedback),
+            orders: Some(phase.orders.clone()),
+            sensors: Some(sensors.into_iter().filter(|(on, _)| *on).map(|(_, sensor)| sensor).collect()),
+            opens: phase.schedule.opens_unix_ms.and_then(datetime),
+            closes: phase.schedule.closes_unix_ms.and_then(datetime),
+            scores: phase.scores,
+            replays: phase.replays,
+            max_slots: Some(phase.max_slots),
+            max_side: Some(width.max(height)),
+            shuffle: Some(phase.sampling.shuffle),
+            sample: phase.sampling.sample,
+            quota: phase.quotas,
+            time: phase.time,
+            ranking: phase.ranking,
+            teams: phase.admission.clone(),
+        }
+    }
+}
+
+fn sounds_word(sounds: &Sounds) -> String {
+    match sounds {
+        Sounds::All => "all".to_owned(),
+        Sounds::Train => "train".to_owned(),
+        Sounds::Validation => "validation".to_owned(),
+        Sounds::Test => "test".to_owned(),
+        Sounds::Own(digest) => format!("{KEPT}{digest}"),
+    }
+}
+
+/// A moment as TOML has it; `None` beyond the year 9999.
+fn datetime(unix_ms: i64) -> Option<Datetime> {
+    calendar::rfc3339(unix_ms).parse().ok()
+}
+
+/// The moment that a key of the file tells.
+pub(super) fn unix_ms(written: Option<&Datetime>, place: Place<'_>) -> Result<Option<i64>, Fault> {
+    let Some(written) = written else { return Ok(None) };
+    let Datetime { date: Some(date), time: Some(time), offset: Some(offset) } = written else {
+        return Err(place.fault(format!("{written} does not say date, time and offset from UTC")));
+    };
+    let moment = moment(*date, *time, *offset);
+    moment.map(Some).ok_or_else(|| place.fault(format!("{written} is no moment of the calendar")))
+}
+
+fn moment(date: Date, time: Time, offset: Offset) -> Option<i64> {
+    let minutes = match offset {
+        Offset::Z => 0,
+        Offset::Custom { minutes } => i64::from(minutes),
+    };
+    let seconds =
+        u32::from(time.hour) * 3600 + u32::from(time.minute) * 60 + u32::from(time.second.unwrap_or(0));
+    Some(calendar::unix_ms(date.year, date.month, date.day, seconds)? - minutes * 60_000)
+}
