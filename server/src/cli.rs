@@ -43,6 +43,9 @@ pub enum Command {
     /// Admit teams and issue their tokens
     #[command(subcommand)]
     Team(commands::team::Command),
+    /// Issue, list and take back tokens
+    #[command(subcommand)]
+    Token(commands::token::Command),
     /// Look at scenes and export them
     #[command(subcommand)]
     Scene(commands::scene::Command),
@@ -92,6 +95,7 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
         Command::Phase(command) => commands::phase::run(data, command).await,
         Command::Challenge(command) => commands::challenge::run(data, command).await,
         Command::Team(command) => commands::team::run(data, command).await,
+        Command::Token(command) => commands::token::run(data, command).await,
         Command::Scene(command) => commands::scene::run(data, command),
         Command::Sim(command) => commands::sim::run(data, command),
         Command::Dataset(command) => commands::dataset::run(data, command),

@@ -1,7 +1,7 @@
 //! What differs between two versions of a phase, setting by setting, for the audit list.
 
-use super::PhaseFile;
-use avln_store::{AuditNote, Phase, calendar};
+use super::{PhaseFile, json};
+use avln_store::{AuditNote, Phase};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -39,14 +39,8 @@ pub fn notes(before: Option<&Phase>, after: &Phase, reason: &str) -> Vec<AuditNo
 /// Every setting of a phase by its key; what is not set is left out.
 fn settings(phase: &Phase) -> BTreeMap<String, String> {
     let mut settings = BTreeMap::new();
-    let file = serde_json::to_value(PhaseFile::of(phase)).unwrap_or_default();
-    flatten("", &file, &mut settings);
+    flatten("", &json(&PhaseFile::of(phase)), &mut settings);
     let schedule = &phase.schedule;
-    let dates = [("opens", schedule.opens_unix_ms), ("closes", schedule.closes_unix_ms)];
-    for (key, moment) in dates {
-        settings.remove(key);
-        settings.extend(moment.map(|moment| (key.to_owned(), calendar::rfc3339(moment))));
-    }
     settings.extend(schedule.paused.clone().map(|paused| ("paused".to_owned(), paused)));
     settings.extend(schedule.closed.then(|| ("closed".to_owned(), "by hand".to_owned())));
     settings.insert("position".to_owned(), phase.position.to_string());

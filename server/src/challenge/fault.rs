@@ -5,7 +5,7 @@ use std::{fmt, ops::Range, path::Path};
 use toml::de::{DeTable, DeValue};
 
 /// An accepted line for each key.
-pub(super) const EXAMPLES: [(&str, &str); 37] = [
+pub(super) const EXAMPLES: [(&str, &str); 45] = [
     ("phases", "[[phases]]"),
     ("splits", "[splits.hidden]"),
     ("dataset", "dataset = \"../data\""),
@@ -18,6 +18,10 @@ pub(super) const EXAMPLES: [(&str, &str); 37] = [
     ("feedback", "feedback = \"none\""),
     ("orders", "orders = [\"ordered\", \"unordered\"]"),
     ("sensors", "sensors = [\"rgb\", \"depth\", \"audio\"]"),
+    ("encodings", "encodings = { depth = \"millimetres\" }"),
+    ("rgb", "encodings = { rgb = \"raw\" }"),
+    ("depth", "encodings = { depth = \"millimetres\" }"),
+    ("audio", "encodings = { audio = \"int16\" }"),
     ("opens", "opens = 2026-07-01T00:00:00Z"),
     ("closes", "closes = 2026-09-01T00:00:00Z"),
     ("scores", "scores = \"organiser\""),
@@ -35,6 +39,10 @@ pub(super) const EXAMPLES: [(&str, &str); 37] = [
     ("concurrent", "quota = { day = 3, total = 30, concurrent = 1 }"),
     ("uncharged", "quota = { total = 30, uncharged = 20 }"),
     ("time", "time = { step_ms = 5000, bank_ms = 60000, run_s = 86400 }"),
+    ("step_ms", "time = { step_ms = 5000, bank_ms = 60000 }"),
+    ("bank_ms", "time = { step_ms = 5000, bank_ms = 60000 }"),
+    ("run_s", "time = { run_s = 86400 }"),
+    ("disconnect_total_s", "time = { disconnect_s = 120, disconnect_total_s = 600 }"),
     ("disconnect_s", "time = { disconnect_s = 120, disconnect_total_s = 600 }"),
     ("ranking", "ranking = { key = \"sr\", entry = \"best\" }"),
     ("key", "ranking = { key = \"sr\", entry = \"best\" }"),
@@ -91,7 +99,7 @@ impl Fault {
         let written: String =
             text.lines().nth(line - 1).unwrap_or_default().trim().chars().take(SHOWN).collect();
         let key = self.path.last().map_or("", String::as_str);
-        let message = format!("{}, line {line}: `{}`: {}", file.display(), written.escape_debug(), self.said);
+        let message = format!("{}, line {line}: `{}`: {}", file.display(), written, self.said);
         let failure = Failure::new(FailureKind::Data, message);
         match example(key).or_else(|| example_in(&self.said)).or_else(|| example_in(&written)) {
             Some(example) => failure.hinted(format!("for example: {example}")),

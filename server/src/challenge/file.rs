@@ -1,7 +1,8 @@
 use super::fault::{Fault, Place};
-use avln_episode::{FeedbackRule, Order, Sensors, Sounds, TimeLimits};
+use avln_episode::{Encodings, FeedbackRule, Order, Sensors, Sounds, TimeLimits};
 use avln_store::{Admission, Phase, QuotaLimits, Ranking, Sample, Visibility, calendar};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::{collections::BTreeMap, path::PathBuf};
 use toml::value::{Date, Datetime, Offset, Time};
 
@@ -78,6 +79,9 @@ pub struct PhaseFile {
     /// The draw of a run's episodes; all of them by default.
     #[serde(default)]
     pub sample: Option<Sample>,
+    /// Encodings that agents may ask for though they change values; by default those only that change none.
+    #[serde(default)]
+    pub encodings: Encodings,
     /// How many runs a team may start.
     #[serde(default)]
     pub quota: QuotaLimits,
@@ -130,10 +134,31 @@ impl ChallengeFile {
     }
 }
 
+/// `value` as JSON, with moments as RFC 3339 writes them.
+pub fn json(value: &impl Serialize) -> Value {
+    let mut json = serde_json::to_value(value).unwrap_or_default();
+    name_moments(&mut json);
+    json
+}
+
+/// The TOML library serialises a moment as an object of one field of this name.
+const MOMENT: &str = "$__toml_private_datetime";
+
+fn name_moments(value: &mut Value) {
+    match value {
+        Value::Array(items) => items.iter_mut().for_each(name_moments),
+        Value::Object(fields) => match fields.remove(MOMENT) {
+            Some(moment) => *value = moment,
+            None => fields.values_mut().for_each(name_moments),
+        },
+        _ => {}
+    }
+}
+
 impl PhaseFile {
     /// The entry that has this phase and leaves nothing out.
     pub fn of(phase: &Phase) -> Self {
-        let Sensors { rgb, depth, audio, width, height, .. } = phase.sensors;
+        let Sensors { rgb, depth, audio, width, height, encodings, .. } = phase.sensors;
         let sensors = [(rgb, Sensor::Rgb), (depth, Sensor::Depth), (audio, Sensor::Audio)];
         Self {
             id: phase.id.clone(),
@@ -153,6 +178,7 @@ impl PhaseFile {
             max_side: Some(width.max(height)),
             shuffle: Some(phase.sampling.shuffle),
             sample: phase.sampling.sample,
+            encodings,
             quota: phase.quotas,
             time: phase.time,
             ranking: phase.ranking,
@@ -174,6 +200,14 @@ fn sounds_word(sounds: &Sounds) -> String {
 /// A moment as TOML has it; `None` beyond the year 9999.
 fn datetime(unix_ms: i64) -> Option<Datetime> {
     calendar::rfc3339(unix_ms).parse().ok()
+}
+
+/// The moment that a text by RFC 3339 tells, milliseconds since 1970-01-01 UTC; `None` when it is none.
+pub fn moment_of(text: &str) -> Option<i64> {
+    let Datetime { date: Some(date), time: Some(time), offset: Some(offset) } = text.parse().ok()? else {
+        return None;
+    };
+    moment(date, time, offset)
 }
 
 /// The moment that a key of the file tells.

@@ -9,5 +9,8 @@ mod plan;
 
 pub use changes::{actor, notes};
 pub use fault::{Fault, Place};
-pub use file::{ChallengeFile, PhaseFile, SplitSource};
+pub use file::{ChallengeFile, PhaseFile, SplitSource, json, moment_of};
 pub use plan::{Plan, Planner, Unplanned};
+
+#[cfg(test)]
+mod tests;

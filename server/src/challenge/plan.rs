@@ -279,7 +279,8 @@ impl Desk<'_> {
         }
         let has = |sensor| wanted.contains(&sensor);
         let (rgb, depth, audio) = (has(Sensor::Rgb), has(Sensor::Depth), has(Sensor::Audio));
-        Ok(Sensors { rgb, depth, audio, ..Sensors::all(side, side) })
+        let encodings = self.entry.encodings;
+        Ok(Sensors { rgb, depth, audio, encodings, ..Sensors::all(side, side) })
     }
 
     fn schedule(&self, old: Option<&Phase>) -> Result<Schedule, Fault> {

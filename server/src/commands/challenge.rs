@@ -4,7 +4,7 @@ use crate::say::say;
 use crate::{
     Failure, FailureKind,
     arena::{data::DataFolder, now_unix_ms},
-    challenge::{ChallengeFile, Plan, Planner, Unplanned, actor},
+    challenge::{ChallengeFile, Plan, Planner, Unplanned, actor, json as as_json},
     dataset::SplitFolder,
 };
 use avln_store::{AuditLine, AuditNote, Revealed, calendar::rfc3339, pool_digest};
@@ -158,7 +158,7 @@ async fn show(data: &Path, json: bool) -> Result<(), Failure> {
     let store = DataFolder::open(data)?.store().await?;
     let file = ChallengeFile::of(&store.phases().await?);
     if json {
-        say!("{}", pretty(&file)?);
+        say!("{}", pretty(&as_json(&file))?);
     } else {
         say!("{}", file.text().map_err(|error| Failure::new(FailureKind::Internal, error))?.trim_end());
     }

@@ -16,3 +16,4 @@ pub mod sim;
 pub mod split;
 mod split_prepare;
 pub mod team;
+pub mod token;

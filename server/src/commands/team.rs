@@ -4,9 +4,10 @@ use crate::say::say;
 use crate::{
     Failure, FailureKind,
     arena::{data::DataFolder, now_unix_ms, secret::new_token},
+    challenge::actor,
 };
-use avln_store::{NewToken, Store, TokenKind};
-use clap::Subcommand;
+use avln_store::{AuditNote, Member, NewGrant, NewToken, Store, TokenKind};
+use clap::{Args, Subcommand};
 use std::path::Path;
 
 /// Commands about teams.
@@ -22,6 +23,60 @@ pub enum Command {
         /// Public name of the team
         name: String,
     },
+    /// Let a team play in a phase that asks for approval
+    Approve {
+        /// Public name of the team
+        name: String,
+        /// Id of the phase
+        #[arg(long)]
+        phase: String,
+        /// Take the approval back; runs that were started go on
+        #[arg(long)]
+        withdraw: bool,
+    },
+    /// Give a team runs beyond its quota
+    Grant {
+        /// Public name of the team
+        name: String,
+        /// Id of the phase
+        #[arg(long)]
+        phase: String,
+        /// How many
+        #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1000))]
+        runs: u32,
+        /// Why, for the audit list
+        #[arg(long, value_name = "TEXT")]
+        reason: String,
+    },
+    /// Enter people into teams; a person is in one team of a phase at most
+    #[command(subcommand)]
+    Member(MemberCommand),
+}
+
+/// Commands about people in teams.
+#[derive(Debug, Subcommand)]
+pub enum MemberCommand {
+    /// Enter a person into a team of a phase
+    Add(Who),
+    /// Take a person out of a team of a phase
+    Remove(Who),
+    /// List the people of a team
+    List {
+        /// Public name of the team
+        team: String,
+    },
+}
+
+/// A person in a team of a phase.
+#[derive(Clone, Debug, Args)]
+pub struct Who {
+    /// Public name of the team
+    pub team: String,
+    /// The person, by an address such as ada@example.org
+    pub person: String,
+    /// Id of the phase
+    #[arg(long)]
+    pub phase: String,
 }
 
 /// Carries out a command about teams.
@@ -41,8 +96,73 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
             let count = store.revoke_tokens(&name, now_unix_ms()).await?;
             say!("{count} tokens of team {name} are void now");
         }
+        Command::Approve { name, phase, withdraw } => approve(&store, &name, &phase, !withdraw).await?,
+        Command::Grant { name, phase, runs, reason } => {
+            let grant = NewGrant { phase: &phase, team: &name, runs, reason: &reason };
+            let after = Some(format!("{runs} runs"));
+            let note = AuditNote {
+                after,
+                reason: reason.clone(),
+                ..note(&name, format!("granted in phase {phase}"))
+            };
+            store.grant(&grant, note, now_unix_ms()).await?;
+            say!("team {name} has {runs} runs more in phase {phase}");
+        }
+        Command::Member(command) => member(&store, command).await?,
     }
     Ok(())
+}
+
+fn note(team: &str, what: String) -> AuditNote {
+    AuditNote { actor: actor(), subject: format!("team {team}"), what, ..AuditNote::default() }
+}
+
+async fn approve(store: &Store, team: &str, phase: &str, approved: bool) -> Result<(), Failure> {
+    let word = if approved { "approved" } else { "no more approved" };
+    let note = note(team, format!("{word} in phase {phase}"));
+    let changed = store.approve(phase, team, approved, note, now_unix_ms()).await?;
+    let already = if changed { "" } else { ", as before" };
+    say!("team {team} is {word} in phase {phase}{already}");
+    Ok(())
+}
+
+async fn member(store: &Store, command: MemberCommand) -> Result<(), Failure> {
+    let (who, enters) = match command {
+        MemberCommand::Add(who) => (who, true),
+        MemberCommand::Remove(who) => (who, false),
+        MemberCommand::List { team } => {
+            for Member { phase, person, .. } in store.members(&team).await? {
+                say!("{phase}  {person}");
+            }
+            return Ok(());
+        }
+    };
+    let Who { team, person, phase } = who;
+    let member = Member { person: address(&person)?, team, phase };
+    let Member { phase, team, person } = &member;
+    // The list of changes outlives memberships: it does not name people.
+    let deed = if enters { "member entered" } else { "member taken out" };
+    let note = note(team, format!("{deed} in phase {phase}"));
+    let (changed, word) = match enters {
+        true => (store.add_member(&member, note, now_unix_ms()).await?, "is"),
+        false => (store.remove_member(&member, note, now_unix_ms()).await?, "is not"),
+    };
+    let already = if changed { "" } else { ", as before" };
+    say!("{person} {word} in team {team} of phase {phase}{already}");
+    Ok(())
+}
+
+/// An address of e-mail in small letters, so that one person is not two.
+fn address(words: &str) -> Result<String, Failure> {
+    let small = words.trim().to_lowercase();
+    let plain =
+        small.len() <= 254 && small.chars().all(|letter| !letter.is_whitespace() && !letter.is_control());
+    let (name, host) = small.split_once('@').unwrap_or_default();
+    if plain && !name.is_empty() && host.contains('.') && !host.contains('@') {
+        return Ok(small);
+    }
+    Err(Failure::new(FailureKind::Data, format!("'{}' is no address of a person", words.escape_debug()))
+        .hinted("use one such as ada@example.org"))
 }
 
 /// Admits a team and issues an account token.
@@ -69,4 +189,17 @@ pub async fn admit(store: &Store, name: &str, baseline: bool) -> Result<String, 
     };
     store.issue_token(&token, now_unix_ms()).await?;
     Ok(secret)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_person_has_one_address() {
+        assert_eq!(address(" Ada@Example.ORG ").ok().as_deref(), Some("ada@example.org"));
+        for wrong in ["ada", "@example.org", "ada@", "ada@host", "a b@example.org", "a@b@c.org", ""] {
+            assert!(address(wrong).is_err(), "{wrong}");
+        }
+    }
 }

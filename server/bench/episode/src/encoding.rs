@@ -46,6 +46,7 @@ impl Encoding {
 
 /// How the numbers of each sensor travel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct Encodings {
     /// Colours.
     pub rgb: Encoding,

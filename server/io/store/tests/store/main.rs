@@ -1,9 +1,11 @@
 //! The store on a real file: round trips, transactions, crashes, foreign files and what each viewer may see.
 
 mod board;
+mod challenge;
 mod fixture;
 mod opening;
 mod play;
+mod quota;
 mod schema;
 mod start;
 mod visibility;

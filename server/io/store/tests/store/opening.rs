@@ -62,3 +62,51 @@ async fn an_empty_file_becomes_a_database_and_a_second_opening_finds_it() {
     assert!(matches!(second.create_team("red", false, 2).await, Err(StoreError::Taken { .. })));
     second.reader().ping().await.expect("a readable database");
 }
+
+#[tokio::test]
+async fn a_database_of_the_first_schema_keeps_its_runs_tokens_and_quotas() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("arena.db");
+    execute(&path, include_str!("../../../../../migrations/0001_first.sql")).await;
+    let rules = serde_json::to_string(&avln_episode::Rules::paper()).expect("JSON");
+    let sensors = serde_json::to_string(&avln_episode::Sensors::all(64, 64)).expect("JSON");
+    let rows = format!(
+        "INSERT INTO teams VALUES ('red', 0, 1); INSERT INTO splits VALUES ('val', 'd', 1, 1);
+         INSERT INTO scenes VALUES ('hall', 'd', '{{\"min\":[0,0,0],\"max\":[0,0,0],\"polygons\":[]}}');
+         INSERT INTO phases VALUES ('p', 'P', 'val', 'lh-avln-v1', '{rules}', '[\"ordered\"]', '{sensors}', 'team', 'team', 1, 7, 'closed', 1);
+         INSERT INTO runs (id, phase, team, method, version, mission_order, state, episodes, digests, created_ms)
+           VALUES ('run_1', 'p', 'red', 'm', '1', 'ordered', 'created', 1, '{{}}', 1);
+         INSERT INTO run_summaries (run) VALUES ('run_1');
+         INSERT INTO episodes (run, ordinal, episode, scene, state) VALUES ('run_1', 0, 'e', 'hall', 'pending');
+         INSERT INTO tokens VALUES ('hash', 'prefix', 'run', 'red', 'run_1', 1, NULL, NULL);
+         CREATE TABLE _sqlx_migrations (version BIGINT PRIMARY KEY, description TEXT NOT NULL, installed_on TIMESTAMP NOT NULL
+           DEFAULT CURRENT_TIMESTAMP, success BOOLEAN NOT NULL, checksum BLOB NOT NULL, execution_time BIGINT NOT NULL);"
+    );
+    execute_text(&path, rows).await;
+    mark_first(&path).await;
+    let store = Store::open(&path).await.expect("an older database");
+    let phase = store.phase("p").await.expect("the phase");
+    assert_eq!((phase.quotas.total, phase.schedule.closed, phase.quotas.day), (Some(7), true, None));
+    let run = store.run("run_1").await.expect("the run");
+    assert_eq!((run.team.as_str(), run.episodes), ("red", 1));
+    assert!(store.assign_next_episode("run_1", "h", 2).await.expect("an open run").is_some());
+    assert_eq!(store.revoke_tokens("red", 3).await.expect("tokens"), 1);
+}
+
+async fn execute_text(path: &Path, sql: String) {
+    let mut connection = SqliteConnectOptions::new().filename(path).connect().await.expect("a connection");
+    sqlx::raw_sql(sqlx::AssertSqlSafe(sql)).execute(&mut connection).await.expect("the statement");
+    connection.close().await.expect("a clean end");
+}
+
+/// Notes the first migration as done, as the program of then did.
+async fn mark_first(path: &Path) {
+    let fresh = tempfile::tempdir().expect("a folder");
+    let other = fresh.path().join("fresh.db");
+    Store::open(&other).await.expect("a database").close().await;
+    let attach = format!(
+        "ATTACH '{}' AS fresh; INSERT INTO _sqlx_migrations SELECT * FROM fresh._sqlx_migrations WHERE version = 1",
+        other.display()
+    );
+    execute_text(path, attach).await;
+}
