@@ -327,6 +327,66 @@ fn a_demo_ends_with_two_tables_and_the_next_one_finds_its_data() {
     assert_eq!(tables(&first), tables(&second));
 }
 
+#[test]
+fn the_commands_of_the_organisers_page_do_what_it_says() {
+    let (folder, data) = house();
+    let done = |arguments: &[&str]| {
+        let outcome = avln(&data, arguments);
+        assert_eq!(outcome.code, Some(0), "{arguments:?}: {outcome:?}");
+        outcome.out
+    };
+    let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/challenge.toml");
+    hinted(&data, &["challenge", "check", page], 3, &["challenge.toml, line ", "'val'", "for example: "]);
+    done(&["split", "make", "val", "--houses", "1", "--missions", "4", "--seed", "7"]);
+    assert!(done(&["challenge", "check", page]).contains("would change  phase practice: made"));
+    assert_eq!(done(&["challenge", "show"]).trim(), "phases = []");
+    done(&["challenge", "apply", page, "--reason", "first version"]);
+    assert_eq!(done(&["challenge", "apply", page]).trim(), "nothing to change");
+    let shown = folder.path().join("shown.toml");
+    fs::write(&shown, done(&["challenge", "show"])).expect("a file");
+    let shown = shown.to_str().expect("a path in Unicode");
+    assert_eq!(done(&["challenge", "apply", shown]).trim(), "nothing to change");
+    let json: serde_json::Value =
+        serde_json::from_str(&done(&["challenge", "show", "--json"])).expect("JSON");
+    assert_eq!(json.pointer("/phases/1/opens"), Some(&"2026-07-01T00:00:00Z".into()));
+
+    assert!(
+        done(&["token", "new", "--organiser", "--name", "my laptop"]).contains("token    avln_organiser_")
+    );
+    done(&["team", "add", "Ada"]);
+    done(&["token", "new", "--team", "Ada", "--read-only", "--expires", "30d"]);
+    let tokens: Vec<String> = done(&["token", "list"]).lines().map(str::to_owned).collect();
+    assert_eq!(tokens.len(), 3, "{tokens:?}");
+    let id = tokens.iter().find(|line| line.contains("read_only")).expect("a token for looking");
+    done(&["token", "revoke", id.split_whitespace().next().expect("an id")]);
+    done(&["team", "approve", "Ada", "--phase", "challenge"]);
+    done(&["team", "grant", "Ada", "--phase", "standard", "--runs", "2", "--reason", "our disk was full"]);
+    done(&["team", "member", "add", "Ada", "ada@example.org", "--phase", "challenge"]);
+    done(&["team", "add", "Bob"]);
+    let second = ["team", "member", "add", "Bob", "Ada@Example.org", "--phase", "challenge"];
+    assert!(refused(&data, &second, 3).contains("'ada@example.org' is in team 'Ada'"));
+
+    done(&["phase", "pause", "standard", "--reason", "the server moves"]);
+    done(&["phase", "resume", "standard"]);
+    assert!(refused(&data, &["challenge", "reveal", "practice"], 3).contains("not closed"));
+    done(&["phase", "close", "challenge"]);
+    let revealed = folder.path().join("revealed.json");
+    let published = done(&["challenge", "reveal", "challenge"]);
+    fs::write(&revealed, &published).expect("a file");
+    let revealed = revealed.to_str().expect("a path in Unicode");
+    let own = data.join("splits/val");
+    let own = own.to_str().expect("a path in Unicode");
+    let whole = ["challenge", "verify-reveal", revealed, "--dataset", own, "--split", "val"];
+    assert!(done(&whole).contains("the episodes of split val are those of phase challenge"));
+    fs::write(revealed, published.replace("\"scorer\": \"1", "\"scorer\": \"2")).expect("a file");
+    hinted(&data, &["challenge", "verify-reveal", revealed], 3, &["do not give its commitment"]);
+    let audit = done(&["challenge", "audit"]);
+    for words in ["because first version", "the server moves", "revealed", "granted in phase standard"] {
+        assert!(audit.contains(words), "{words} in {audit}");
+    }
+    assert!(!audit.contains("ada@example.org"), "people are not named in {audit}");
+}
+
 /// Help texts of all commands as one page.
 fn manual(data: &Path) -> String {
     let mut page =

@@ -5,7 +5,7 @@ use std::{fmt, ops::Range, path::Path};
 use toml::de::{DeTable, DeValue};
 
 /// An accepted line for each key.
-pub(super) const EXAMPLES: [(&str, &str); 45] = [
+pub(super) const EXAMPLES: [(&str, &str); 46] = [
     ("phases", "[[phases]]"),
     ("splits", "[splits.hidden]"),
     ("dataset", "dataset = \"../data\""),
@@ -15,6 +15,7 @@ pub(super) const EXAMPLES: [(&str, &str); 45] = [
     ("split", "split = \"val\""),
     ("rules", "rules = \"lh-avln-v1\""),
     ("sounds", "sounds = \"test\""),
+    ("head", "head = \"sphere\""),
     ("feedback", "feedback = \"none\""),
     ("orders", "orders = [\"ordered\", \"unordered\"]"),
     ("sensors", "sensors = [\"rgb\", \"depth\", \"audio\"]"),

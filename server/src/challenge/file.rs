@@ -1,5 +1,5 @@
 use super::fault::{Fault, Place};
-use avln_episode::{Encodings, FeedbackRule, Order, Sensors, Sounds, TimeLimits};
+use avln_episode::{Encodings, FeedbackRule, HeadRule, Order, Sensors, Sounds, TimeLimits};
 use avln_store::{Admission, Phase, QuotaLimits, Ranking, Sample, Visibility, calendar};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -48,6 +48,9 @@ pub struct PhaseFile {
     /// What targets play: `all`, `train`, `validation`, `test`, `kept:DIGEST` or a folder of recordings.
     #[serde(default)]
     pub sounds: Option<String>,
+    /// Who listens: `sphere`, `kept:DIGEST` or a SOFA file; a sphere by default.
+    #[serde(default)]
+    pub head: Option<String>,
     /// What agents learn from a Submit; the rule set says it by default.
     #[serde(default)]
     pub feedback: Option<FeedbackRule>,
@@ -108,7 +111,7 @@ pub enum Sensor {
     Audio,
 }
 
-/// How recordings that the data folder keeps are named: the digest follows.
+/// How recordings and heads that the data folder keeps are named: the digest follows.
 pub(super) const KEPT: &str = "kept:";
 
 impl ChallengeFile {
@@ -167,6 +170,7 @@ impl PhaseFile {
             split: phase.split.clone(),
             rules: Some(phase.rules.name.clone()),
             sounds: Some(sounds_word(&phase.rules.sounds)),
+            head: Some(head_word(&phase.rules.head)),
             feedback: Some(phase.rules.feedback),
             orders: Some(phase.orders.clone()),
             sensors: Some(sensors.into_iter().filter(|(on, _)| *on).map(|(_, sensor)| sensor).collect()),
@@ -194,6 +198,16 @@ fn sounds_word(sounds: &Sounds) -> String {
         Sounds::Validation => "validation".to_owned(),
         Sounds::Test => "test".to_owned(),
         Sounds::Own(digest) => format!("{KEPT}{digest}"),
+    }
+}
+
+/// The word for the head that is no file.
+pub(super) const SPHERE: &str = "sphere";
+
+fn head_word(head: &HeadRule) -> String {
+    match head {
+        HeadRule::Sphere => SPHERE.to_owned(),
+        HeadRule::Measured(digest) => format!("{KEPT}{digest}"),
     }
 }
 

@@ -1,6 +1,6 @@
 use super::{
     ChallengeFile, Fault, PhaseFile, Place, SplitSource, actor,
-    file::{KEPT, Sensor, unix_ms},
+    file::{KEPT, SPHERE, Sensor, unix_ms},
     notes,
 };
 use crate::{
@@ -13,7 +13,7 @@ use crate::{
     commands::phase::{check_sounds, played, sounds},
     dataset::SplitFolder,
 };
-use avln_episode::{Order, Rules, Sensors, Sounds};
+use avln_episode::{HeadRule, Order, Rules, Sensors, Sounds};
 use avln_store::{AuditNote, Phase, PhaseEpisode, Sampling, Schedule, Store, Visibility};
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -146,7 +146,7 @@ impl Planner<'_> {
             return Ok(());
         };
         if self.store.has_runs(&old.id).await? {
-            let said = "the phase has runs, which fix split, rules, feedback, sounds, sample and shuffle; open another phase";
+            let said = "the phase has runs, which fix split, rules, feedback, sounds, head, sample and shuffle; open another phase";
             return Err(desk.fault(key, said).into());
         }
         Ok(())
@@ -246,20 +246,36 @@ impl Desk<'_> {
         let played = played(of_split, self.entry.rules.as_deref());
         let mut rules = played.map_err(|failure| self.fault("rules", one_line(&failure)))?;
         rules.sounds = self.sounds(split)?;
+        rules.head = self.head()?;
         rules.feedback = self.entry.feedback.unwrap_or(rules.feedback);
         Ok(rules)
     }
 
     fn sounds(&self, split: &SplitFolder) -> Result<Sounds, Fault> {
         let word = self.entry.sounds.as_deref();
-        let found = match word.and_then(|word| word.strip_prefix(KEPT)) {
-            Some(digest) => {
-                let own = Sounds::Own(digest.to_owned());
-                self.planner.data.bank(&own).map(|_| own)
-            }
-            None => sounds(self.planner.data, word, split),
+        let data = self.planner.data;
+        let found = match word {
+            None | Some("all" | "train" | "validation" | "test") => sounds(data, word, split),
+            Some(word) => match word.strip_prefix(KEPT) {
+                Some(digest) => {
+                    data.bank(&Sounds::Own(digest.to_owned())).map(|_| Sounds::Own(digest.to_owned()))
+                }
+                None => data.sounds().adopt(&self.planner.base.join(word)).map(Sounds::Own),
+            },
         };
         found.map_err(|failure| self.fault("sounds", one_line(&failure)))
+    }
+
+    fn head(&self) -> Result<HeadRule, Fault> {
+        let heads = self.planner.data.heads();
+        let found = match self.entry.head.as_deref() {
+            None | Some(SPHERE) => return Ok(HeadRule::Sphere),
+            Some(word) => match word.strip_prefix(KEPT) {
+                Some(digest) => heads.head(digest).map(|_| digest.to_owned()),
+                None => heads.adopt(&self.planner.base.join(word)),
+            },
+        };
+        found.map(HeadRule::Measured).map_err(|failure| self.fault("head", one_line(&failure)))
     }
 
     fn orders(&self) -> Result<Vec<Order>, Fault> {
