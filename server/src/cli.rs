@@ -25,6 +25,9 @@ pub enum Command {
     Demo(commands::demo::Options),
     /// Host the phases of the data folder for remote agents
     Serve(commands::serve::Options),
+    /// Ask a running server what is going on, announce things, let it come to its end
+    #[command(subcommand)]
+    Admin(commands::admin::Command),
     /// Run one of the agents that come with the arena against a server
     #[command(subcommand)]
     Agent(commands::agent::Agent),
@@ -90,6 +93,7 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
     match command {
         Command::Demo(options) => commands::demo::run(data, options).await,
         Command::Serve(options) => commands::serve::run(data, options).await,
+        Command::Admin(command) => commands::admin::run(command).await,
         Command::Agent(agent) => commands::agent::run(agent).await,
         Command::Split(command) => commands::split::run(data, command).await,
         Command::Phase(command) => commands::phase::run(data, command).await,

@@ -1,7 +1,11 @@
 //! Opens the two doors and keeps them open until somebody says stop.
 
-use crate::{Failure, FailureKind, arena::Arena};
-use avln_grpc::Limits;
+use crate::{
+    Failure, FailureKind,
+    admin::{self, Desk},
+    arena::Arena,
+};
+use avln_grpc::{Control, Limits};
 use avln_store::Reader;
 use avln_tls::{Identity, Listener, Protocol};
 use clap::Args;
@@ -51,6 +55,7 @@ impl Security {
 pub struct Doors {
     grpc: TcpListener,
     web: TcpListener,
+    admin: Option<TcpListener>,
     identity: Option<Identity>,
 }
 
@@ -60,7 +65,10 @@ pub struct OpenDoors {
     pub grpc: SocketAddr,
     /// Where people look.
     pub web: SocketAddr,
+    /// Where the operator asks, if anywhere.
+    pub admin: Option<SocketAddr>,
     is_secure: bool,
+    control: Control,
     stop: watch::Sender<bool>,
     tasks: JoinSet<Result<(), Failure>>,
 }
@@ -84,10 +92,24 @@ impl Doors {
         }
         let grpc = listen(addresses.grpc, "agents (gRPC)", "--grpc").await?;
         let web = listen(addresses.web, "the leaderboard (web)", "--web").await?;
-        Ok(Self { grpc, web, identity })
+        Ok(Self { grpc, web, admin: None, identity })
     }
 
-    /// Serves the arena through both doors.
+    /// The same with a door for the operator, which is on this machine alone: it stops the server.
+    ///
+    /// # Errors
+    /// When other machines could reach the address, or it is taken.
+    pub async fn with_admin(self, address: SocketAddr) -> Result<Self, Failure> {
+        if !address.ip().is_loopback() {
+            let message = format!("{address} can be reached from other machines; the operator's door cannot");
+            return Err(Failure::new(FailureKind::Address, message)
+                .hinted("use --admin 127.0.0.1:50052 and reach it through ssh -L 50052:127.0.0.1:50052"));
+        }
+        let admin = listen(address, "the operator", "--admin").await?;
+        Ok(Self { admin: Some(admin), ..self })
+    }
+
+    /// Serves the arena through the doors.
     ///
     /// # Errors
     /// When an address cannot be read back from the system.
@@ -101,11 +123,18 @@ impl Doors {
         let identity = self.identity.as_ref();
         let agents_door = Listener::new(self.grpc, identity, Protocol::Http2);
         let peoples_door = Listener::new(self.web, identity, Protocol::Http1);
+        let admin = self.admin.as_ref().map(local).transpose()?;
+        if let Some(listener) = self.admin {
+            let desk = Desk { arena: arena.clone(), reader: reader.clone() };
+            let operator = avln_web::serve_router(listener, admin::router(desk), until(stopped.clone()));
+            tasks.spawn(async { operator.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
+        }
+        let control = arena.control().clone();
         let agents = avln_grpc::serve(agents_door, arena, Limits::default(), until(stopped.clone()));
         tasks.spawn(async { agents.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
         let people = avln_web::serve(peoples_door, reader, grpc.port(), until(stopped));
         tasks.spawn(async { people.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
-        Ok(OpenDoors { grpc, web, is_secure: self.identity.is_some(), stop, tasks })
+        Ok(OpenDoors { grpc, web, admin, is_secure: self.identity.is_some(), control, stop, tasks })
     }
 }
 
@@ -115,13 +144,14 @@ impl OpenDoors {
         if self.is_secure { "https" } else { "http" }
     }
 
-    /// Waits for Ctrl-C or a termination signal, then closes. A door that fails ends the wait.
+    /// Waits for Ctrl-C, a termination signal or the end of a drain, then closes. A door that fails ends the wait.
     ///
     /// # Errors
     /// When a door failed.
     pub async fn wait(mut self) -> Result<(), Failure> {
         tokio::select! {
             () = signalled() => self.close().await,
+            () = drained(self.control.clone()) => self.close().await,
             Some(ended) = self.tasks.join_next() => ended.map_err(|error| Failure::new(FailureKind::Internal, error))?,
         }
     }
@@ -165,6 +195,11 @@ async fn listen(address: SocketAddr, what: &str, flag: &str) -> Result<TcpListen
             ),
         )
     })
+}
+
+/// Waits until the operator has let the server come to its end.
+async fn drained(control: Control) {
+    control.drained().await;
 }
 
 async fn until(mut stopped: watch::Receiver<bool>) {

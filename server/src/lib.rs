@@ -2,6 +2,7 @@
 //!
 //! Start reading at [`run`], then `arena`, where the agents' door meets the rules and the store.
 
+pub mod admin;
 pub mod arena;
 pub mod cache;
 pub mod challenge;

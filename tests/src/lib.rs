@@ -67,6 +67,16 @@ impl House {
         format!("{}://{}", self.doors.scheme(), self.doors.grpc)
     }
 
+    /// Opens the house with a door for the operator beside the others.
+    pub async fn open_with_admin(plan: &Plan) -> Self {
+        let folder = TempDir::new().expect("a folder for temporary files");
+        let token = furnish(folder.path(), plan).await;
+        let (doors, open) = bound_doors(folder.path(), &Security::default()).await;
+        let free = "127.0.0.1:0".parse().expect("an address");
+        let doors = open(doors.with_admin(free).await.expect("a free port"));
+        Self { folder, doors, token }
+    }
+
     /// Closes the doors and opens them again over the same folder.
     pub async fn reopen(self) -> Self {
         self.doors.close().await.expect("both doors close");
@@ -115,11 +125,17 @@ pub async fn open_doors(folder: &Path) -> OpenDoors {
 }
 
 async fn open_doors_as(folder: &Path, security: &Security) -> OpenDoors {
+    let (doors, open) = bound_doors(folder, security).await;
+    open(doors)
+}
+
+/// Doors that are bound, and what opens them.
+async fn bound_doors(folder: &Path, security: &Security) -> (Doors, impl FnOnce(Doors) -> OpenDoors + use<>) {
     let data = DataFolder::open(folder).expect("the folder is writable");
     let store = data.store().await.expect("its database");
     let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await.expect("its phases");
     let free = "127.0.0.1:0".parse().expect("an address");
     let identity = security.identity().expect("files of a certificate");
     let doors = Doors::bind_as(&Addresses { grpc: free, web: free }, identity).await.expect("free ports");
-    doors.open(Arc::new(arena), store.reader()).expect("both doors")
+    (doors, move |doors: Doors| doors.open(Arc::new(arena), store.reader()).expect("all doors"))
 }

@@ -52,7 +52,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "pag-nav",
         ],
     ),
-    ("tests", &["server", "client", "truth"]),
+    ("tests", &["server", "client", "store", "truth"]),
 ];
 
 fn short(name: &str) -> Option<&str> {

@@ -7,7 +7,7 @@ use super::{
 };
 use avln_episode::Sensors;
 use avln_grpc::{
-    Account, ClientRange, Digests, EpisodeOutcome, Host, OpenRun, PhaseInfo, Quota, Reason, Refusal,
+    Account, ClientRange, Control, Digests, EpisodeOutcome, Host, OpenRun, PhaseInfo, Quota, Reason, Refusal,
     RunRequest, RunStatus, RunTicket, Seat, ServerInfo,
 };
 use avln_store::{NewRun, Token, TokenState, Viewer};
@@ -25,6 +25,10 @@ impl Host for Arena {
         }
     }
 
+    fn control(&self) -> Option<&Control> {
+        Some(self.control())
+    }
+
     async fn phases(&self, account: Option<&Account>) -> Result<Vec<PhaseInfo>, Refusal> {
         self.now().await?;
         let viewer = account.map_or(Viewer::Anonymous, viewer);
@@ -38,6 +42,7 @@ impl Host for Arena {
     }
 
     async fn start_run(&self, account: &Account, request: RunRequest) -> Result<RunTicket, Refusal> {
+        self.control().check_open()?;
         let stage = self.stage_for(&request.phase, account).await?;
         let id = format!("run_{}", secret::random_hex().map_err(Refusal::internal)?);
         let token = secret::new_token("run").map_err(Refusal::internal)?;

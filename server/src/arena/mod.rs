@@ -15,7 +15,10 @@ pub mod stages;
 mod told;
 mod warm;
 
+pub use refusals::fault_count;
+
 use crate::Failure;
+use avln_grpc::Control;
 use avln_store::Store;
 use data::DataFolder;
 use scenes::SceneCache;
@@ -42,6 +45,7 @@ pub struct Arena {
     playing: Mutex<play::Playing>,
     /// Who prepares an episode ahead of time: one after the other, so that the others can play.
     ahead: Arc<Semaphore>,
+    control: Control,
 }
 
 impl Arena {
@@ -61,7 +65,24 @@ impl Arena {
         let stages = Stages::open(data, &store).await?;
         let budget_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
         let scenes = Arc::new(SceneCache::new(budget_bytes, data.cache()));
-        Ok(Self { store, stages, scenes, playing: Mutex::default(), ahead: Arc::new(Semaphore::new(1)) })
+        Ok(Self {
+            store,
+            stages,
+            scenes,
+            playing: Mutex::default(),
+            ahead: Arc::new(Semaphore::new(1)),
+            control: Control::default(),
+        })
+    }
+
+    /// The operator's hold on what is played.
+    pub fn control(&self) -> &Control {
+        &self.control
+    }
+
+    /// Bytes of scenes that are ready.
+    pub fn scene_bytes(&self) -> usize {
+        self.scenes.bytes()
     }
 
     /// Ids of the phases, and how many episodes a run of each has.

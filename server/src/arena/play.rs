@@ -22,6 +22,7 @@ pub(super) struct Playing {
 impl Arena {
     /// Hands out the next episode of a run: scene, pictures of goals and referee are made on a blocking thread.
     pub(super) async fn seat_next(&self, run: &str, sensors: &Sensors) -> Result<Option<Seat>, Refusal> {
+        self.control().check_open()?;
         let row = self.store.run(run).await.map_err(refusal)?;
         let stage = self.stage(&row.phase).await?;
         check_sensors(&stage.phase.sensors, sensors)?;

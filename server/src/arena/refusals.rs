@@ -3,6 +3,15 @@
 use super::now_unix_ms;
 use avln_grpc::{Reason, Refusal};
 use avln_store::{QuotaWindow, StoreError, TokenState};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Failures of the store, of all arenas of the process.
+static FAULTS: AtomicU64 = AtomicU64::new(0);
+
+/// How often the store failed since the process started.
+pub fn fault_count() -> u64 {
+    FAULTS.load(Ordering::Relaxed)
+}
 
 /// Tells the agent what it can mend; everything else is the server's own fault.
 pub(super) fn refusal(error: StoreError) -> Refusal {
@@ -17,7 +26,10 @@ pub(super) fn refusal(error: StoreError) -> Refusal {
         StoreError::QuotaUsed(quota) => quota_reason(quota.window),
         StoreError::RunOver { .. } => Reason::RunOver,
         StoreError::OrderNotAllowed { .. } | StoreError::Taken { .. } => Reason::BadRequest,
-        _ => return Refusal::internal(error),
+        _ => {
+            FAULTS.fetch_add(1, Ordering::Relaxed);
+            return Refusal::internal(error);
+        }
     };
     let refusal = Refusal::new(reason, error.to_string());
     match waiting_helps_at(&error) {

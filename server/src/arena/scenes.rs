@@ -17,6 +17,11 @@ impl SceneCache {
         Self { warm: Warm::new(budget_bytes, SceneAssets::resident_bytes), cache }
     }
 
+    /// Bytes of the scenes that are ready.
+    pub(super) fn bytes(&self) -> usize {
+        self.warm.bytes()
+    }
+
     /// The scene, prepared for the rules' body, and whether it was made now because it was not ready: heavy on the
     /// processor then.
     ///

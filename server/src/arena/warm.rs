@@ -36,6 +36,11 @@ impl<K: PartialEq, T> Warm<K, T> {
         found
     }
 
+    /// Bytes of all things together; those that are being made do not count yet.
+    pub(super) fn bytes(&self) -> usize {
+        lock(&self.shelf).iter().map(|seat| seat.bytes(self.bytes_of)).sum()
+    }
+
     /// Takes the seat of `key` to the front of the shelf.
     fn to_front(&self, key: K) -> Thing<T> {
         let mut shelf = lock(&self.shelf);

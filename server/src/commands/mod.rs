@@ -1,5 +1,6 @@
 //! One file for each command: its options, whose documentation is the help text, and what it does.
 
+pub mod admin;
 pub mod agent;
 pub mod challenge;
 pub mod dataset;

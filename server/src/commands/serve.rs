@@ -6,7 +6,7 @@ use crate::{
     arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
     doors::{Addresses, Doors, Security},
 };
-use std::{path::Path, sync::Arc};
+use std::{net::SocketAddr, path::Path, str::FromStr, sync::Arc};
 
 /// How to host.
 #[derive(Clone, Debug, clap::Args)]
@@ -17,12 +17,32 @@ pub struct Options {
     /// By what clients know the server
     #[command(flatten)]
     pub security: Security,
+    /// Where the operator asks, on this machine: metrics, avln admin; off for nowhere
+    #[arg(long, env = "AVLN_ADMIN", default_value = "127.0.0.1:50052", value_name = "ADDRESS")]
+    pub admin: Admin,
     /// Memory for scenes that are ready, MiB; those that are being played stay even if they take more
     #[arg(long, value_name = "MIB", default_value_t = SCENE_MEMORY_MIB)]
     pub scene_memory: u32,
     /// GiB on disk that prepared scenes and sounds may take, from now on and for all commands [default: 4]
     #[arg(long, value_name = "GIB", value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub cache_size: Option<u32>,
+}
+
+/// Where the operator's door is; `None` for nowhere.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Admin(pub Option<SocketAddr>);
+
+impl FromStr for Admin {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = |_| "write an address like 127.0.0.1:50052, or off".to_owned();
+        if text == "off" {
+            Ok(Self(None))
+        } else {
+            text.parse().map(|address| Self(Some(address))).map_err(wrong)
+        }
+    }
 }
 
 /// Hosts the phases of the data folder until it is stopped.
@@ -32,7 +52,10 @@ pub struct Options {
 pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     data.limit_cache(options.cache_size)?;
-    let doors = Doors::bind_as(&options.addresses, options.security.identity()?).await?;
+    let mut doors = Doors::bind_as(&options.addresses, options.security.identity()?).await?;
+    if let Admin(Some(address)) = options.admin {
+        doors = doors.with_admin(address).await?;
+    }
     let store = data.store().await?;
     let arena = Arena::open(&data, store.clone(), options.scene_memory).await?;
     let named = |(id, episodes)| format!("{id} ({episodes} episodes)");
@@ -47,6 +70,9 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
     say!("phases       {}", phases.join(", "));
     say!("agents       {}://{}", open.scheme(), open.grpc);
     say!("leaderboard  {}://{}", open.scheme(), open.web);
+    if let Some(admin) = open.admin {
+        say!("operator     http://{admin}");
+    }
     say!("Stop with Ctrl-C.");
     let ended = open.wait().await;
     store.close().await;

@@ -1,4 +1,4 @@
-use crate::{refusal::Refusal, seat::Seat};
+use crate::{control::Control, refusal::Refusal, seat::Seat};
 use avln_episode::{EndReason, FeedbackRule, Order, Rules, Sensors};
 
 /// What the door needs from the house behind it. The server implements it over its phases, data sets and store.
@@ -9,6 +9,11 @@ use avln_episode::{EndReason, FeedbackRule, Order, Rules, Sensors};
 pub trait Host: Send + Sync + 'static {
     /// Who this server is.
     fn info(&self) -> ServerInfo;
+
+    /// The operator's hold on the door, where there is an operator.
+    fn control(&self) -> Option<&Control> {
+        None
+    }
 
     /// The phases that the account's team may know of; without an account, those that anybody may.
     async fn phases(&self, account: Option<&Account>) -> Result<Vec<PhaseInfo>, Refusal>;

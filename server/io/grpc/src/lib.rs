@@ -37,6 +37,7 @@
 //! ```
 
 mod auth;
+mod control;
 mod door;
 mod gate;
 mod host;
@@ -53,6 +54,7 @@ mod unary;
 mod wire;
 
 pub use avln_proto::{API_MINOR, v1::Reason};
+pub use control::{Control, Drain, Histogram, SlotState, Snapshot};
 pub use host::{
     Account, ClientRange, Digests, EpisodeOutcome, Host, OpenRun, PhaseInfo, PhaseState, Quota, QuotaWindow,
     Revealed, RunRequest, RunState, RunStatus, RunTicket, Scope, ServerInfo, Visibility,

@@ -1,6 +1,7 @@
 //! The stream: one run, many slots, from Hello to Goodbye.
 
 use crate::{
+    control::{Control, Drain},
     door::Door,
     gate::{Pass, Stop},
     limits::Limits,
@@ -11,7 +12,7 @@ use crate::{
 };
 use avln_episode::EndReason;
 use avln_proto::v1::{self, Reason, play_request, play_response::Frame};
-use tokio::time::{sleep_until, timeout};
+use tokio::time::{Instant, sleep_until, timeout};
 use tonic::{Status, Streaming};
 
 /// Why the reading of a stream stopped.
@@ -73,6 +74,9 @@ impl Stage {
         let out = self.out.clone();
         let mut gone_away = std::pin::pin!(out.gone());
         let mut over = std::pin::pin!(session.over());
+        let host = self.door.host.clone();
+        let mut drain = std::pin::pin!(drain_begins(host.control()));
+        let mut told = false;
         loop {
             let silence = out.last_sent() + self.door.limits.ping_interval;
             tokio::select! {
@@ -80,6 +84,10 @@ impl Stage {
                 stop = pass.stopped() => return Ending::Stopped(stop),
                 () = &mut gone_away => return Ending::Lost(gone()),
                 over = &mut over => return Ending::Over(over),
+                drain = &mut drain, if !told => {
+                    told = true;
+                    let _ = out.send(Frame::Notice(ending_notice(&drain))).await;
+                }
                 request = self.inbound.message() => match request {
                     Ok(Some(request)) => if let Some(ending) = self.receive(session, request).await {
                         return ending;
@@ -197,6 +205,26 @@ pub(crate) fn hangs(limits: &Limits) -> Failure {
         limits.timeouts_in_a_row, limits.step_time
     );
     Failure::new(Reason::TooSlow, message)
+}
+
+async fn drain_begins(control: Option<&Control>) -> Drain {
+    match control {
+        Some(control) => control.drain_begins().await,
+        None => std::future::pending().await,
+    }
+}
+
+/// Tells that nothing new begins, and when what is open is cut.
+fn ending_notice(drain: &Drain) -> v1::Notice {
+    let left = drain.until.saturating_duration_since(Instant::now());
+    v1::Notice {
+        kind: v1::NoticeKind::Draining.into(),
+        message: format!(
+            "the server is about to stop ({}); finish open episodes, no others begin",
+            drain.reason
+        ),
+        effective_unix_ms: wire::unix_ms() + i64::try_from(left.as_millis()).unwrap_or(i64::MAX / 2),
+    }
 }
 
 fn draining_notice() -> v1::Notice {

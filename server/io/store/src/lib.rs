@@ -39,6 +39,6 @@ pub use quota::{Charge, Quota, QuotaWindow};
 pub use reveal::{Promise, Revealed, pool_digest};
 pub use runs::{NewRun, Run, RunState, StartedRun};
 pub use views::{
-    Board, EpisodeLine, EpisodeView, GoalView, LeaderboardRow, LeaderboardView, MissionView, ModalityView,
-    PhaseView, Pick, Reader, Replay, RunLine, RunView, SubmitMark, TargetView, Viewer,
+    Board, Census, EpisodeLine, EpisodeView, GoalView, LeaderboardRow, LeaderboardView, MissionView,
+    ModalityView, PhaseView, Pick, Reader, Replay, RunLine, RunView, SubmitMark, TargetView, Viewer,
 };

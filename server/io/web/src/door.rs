@@ -48,6 +48,20 @@ pub async fn serve(
 ) -> Result<(), WebError> {
     let listener = listener.into();
     let router = router_beside(reader, AgentsDoor { port: agents_port, is_secure: listener.is_secure() });
+    serve_router(listener, router, shutdown).await
+}
+
+/// Lets `router` answer visitors of `listener` in the same way: so many at a time, each for so long, and the last ones to
+/// the end.
+///
+/// # Errors
+/// When the listener keeps failing.
+pub async fn serve_router(
+    listener: impl Into<Listener>,
+    router: Router,
+    shutdown: impl Future<Output = ()> + Send + 'static,
+) -> Result<(), WebError> {
+    let listener = listener.into();
     let (closing, closed) = watch::channel(());
     let mut visitors = JoinSet::new();
     let accepted = tokio::select! {

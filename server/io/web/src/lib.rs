@@ -12,12 +12,14 @@ mod api;
 mod door;
 mod guard;
 mod map;
+mod notice;
 mod pages;
 mod trouble;
 mod visit;
 mod words;
 
-pub use door::{WebError, serve};
+pub use door::{WebError, serve, serve_router};
+pub use notice::announce;
 
 use avln_store::Reader;
 use axum::{Extension, Router, extract::State, routing::get};

@@ -1,5 +1,6 @@
 use crate::{
     auth::bearer,
+    control::Control,
     door::Door,
     refusal::{Failure, ask},
     wire,
@@ -18,7 +19,9 @@ impl InfoService for Info {
         _: Request<v1::GetServerInfoRequest>,
     ) -> Result<Response<v1::GetServerInfoResponse>, Status> {
         let Door { host, limits, gate, .. } = &self.0;
-        Ok(Response::new(wire::server_info(host.info(), limits, gate.is_shut())))
+        let draining = gate.is_shut() || host.control().is_some_and(|control| control.draining().is_some());
+        let notice = host.control().map(Control::announcement).unwrap_or_default();
+        Ok(Response::new(wire::server_info(host.info(), limits, draining, notice)))
     }
 
     async fn list_phases(

@@ -177,6 +177,7 @@ impl Slot {
             Ok(start) => {
                 let observation = start.observation.clone().unwrap_or_default();
                 let last = Last { action: None, observation };
+                self.note(&seat, 0);
                 let playing = Playing { seat, start: Some(start.clone()), last, thinks_since: None };
                 self.state = State::Playing(Box::new(playing));
                 Ok(Answer::Start(Box::new(start)))
@@ -262,6 +263,7 @@ impl Slot {
         let begun = Instant::now();
         let observation = self.observation(&seat, observation, end);
         seat.time.encoding += begun.elapsed();
+        self.note(&seat, observation.step);
         let last = Last { action: Some(action), observation: observation.clone() };
         let mut response = v1::StepResponse { observation: Some(observation), episode_end: None };
         if end.is_some() {
@@ -271,6 +273,13 @@ impl Slot {
             self.state = State::Playing(Box::new(playing));
         }
         Answer::Step(Box::new(response))
+    }
+
+    /// Lets the operator see how far the slot is.
+    fn note(&self, seat: &Seat, step: u32) {
+        if let Some(control) = self.shared.host.control() {
+            control.stepped(&self.shared.run, self.id, step, seat.time);
+        }
     }
 
     /// The simulator failed in mid-step: this episode ends, nothing else does.
@@ -342,6 +351,9 @@ impl Slot {
             }
         };
         self.shared.board.ended(reason);
+        if let Some(control) = self.shared.host.control() {
+            control.ended(&self.shared.run, self.id, reason);
+        }
         v1::EpisodeEnd {
             slot: self.id,
             episode,

@@ -11,7 +11,12 @@ pub(crate) fn unix_ms() -> i64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as i64)
 }
 
-pub(crate) fn server_info(info: ServerInfo, limits: &Limits, draining: bool) -> v1::GetServerInfoResponse {
+pub(crate) fn server_info(
+    info: ServerInfo,
+    limits: &Limits,
+    draining: bool,
+    notice: String,
+) -> v1::GetServerInfoResponse {
     let state = if draining { v1::ServerState::Draining } else { v1::ServerState::Up };
     let clients = info.clients.into_iter().map(|range| v1::ClientRange {
         name: range.name,
@@ -31,7 +36,7 @@ pub(crate) fn server_info(info: ServerInfo, limits: &Limits, draining: bool) -> 
         max_request_bytes: limits.decode_bytes as u32,
         server_time_unix_ms: unix_ms(),
         state: state.into(),
-        notice: String::new(),
+        notice,
     }
 }
 

@@ -1,12 +1,14 @@
 //! What pages show. Every view is built for a [`Viewer`] and holds nothing that the phase hides from that viewer.
 
 mod board;
+mod census;
 mod episode;
 mod phase;
 mod run;
 
 use board::RankedBoards;
 pub use board::{Board, LeaderboardRow, LeaderboardView, Pick};
+pub use census::Census;
 pub use episode::{EpisodeView, GoalView, MissionView, Replay, SubmitMark, TargetView};
 pub use phase::PhaseView;
 pub use run::{EpisodeLine, ModalityView, RunLine, RunView};

@@ -58,6 +58,8 @@ struct Shell {
     trail: Vec<Crumb>,
     /// Which part of the site this is.
     part: Part,
+    /// What the organiser announces; empty: nothing.
+    notice: String,
 }
 
 #[derive(Debug)]
@@ -77,7 +79,7 @@ enum Part {
 
 impl Shell {
     fn new(title: impl Into<String>, part: Part) -> Self {
-        Self { title: title.into(), trail: vec![], part }
+        Self { title: title.into(), trail: vec![], part, notice: crate::notice::notice() }
     }
 
     /// Adds the next page above this one.
