@@ -19,12 +19,21 @@ struct Outcome {
 
 /// Calls the program with the data folder `data` and nothing from the environment of this process.
 fn avln(data: &Path, arguments: &[&str]) -> Outcome {
+    avln_with(data, arguments, "AVLN_NOTHING", "")
+}
+
+/// The same with one more name in the environment.
+fn avln_with(data: &Path, arguments: &[&str], name: &str, value: &str) -> Outcome {
     let mut command = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
     for name in ["AVLN_LOG", "AVLN_GRPC", "AVLN_WEB", "AVLN_SERVER", "AVLN_TOKEN", "AVLN_ALLOW_PLAIN_TEXT"] {
         command.env_remove(name);
     }
+    for name in ["AVLN_SEAL_KEY", "AVLN_SEAL_KEY_FILE"] {
+        command.env_remove(name);
+    }
     let output = command
         .args(arguments)
+        .env(name, value)
         .env("AVLN_DATA", data)
         .stdin(Stdio::null())
         .output()
@@ -385,6 +394,45 @@ fn the_commands_of_the_organisers_page_do_what_it_says() {
         assert!(audit.contains(words), "{words} in {audit}");
     }
     assert!(!audit.contains("ada@example.org"), "people are not named in {audit}");
+}
+
+#[test]
+fn a_sealed_split_is_played_by_those_who_know_its_passphrase() {
+    let (folder, data) = house();
+    assert_eq!(avln(&data, &["split", "make", "val", "--houses", "1", "--missions", "1"]).code, Some(0));
+    let [good, other, weak] = ["good", "other", "weak"].map(|name| folder.path().join(name));
+    fs::write(&good, "V3ry-l0ng.and/unlike+others\n").expect("a file");
+    fs::write(&other, "An0ther-long.and/good+one\n").expect("a file");
+    fs::write(&weak, "password12345678").expect("a file");
+    let seal = |key: &Path| {
+        let key = key.to_str().expect("a path in Unicode").to_owned();
+        ["split", "seal", "val", "--key-file"].map(str::to_owned).into_iter().chain([key]).collect::<Vec<_>>()
+    };
+    let sealed = |key: &Path| {
+        let arguments = seal(key);
+        avln(&data, &arguments.iter().map(String::as_str).collect::<Vec<_>>())
+    };
+    assert!(sealed(&weak).err.contains("too weak"));
+    assert!(sealed(&good).out.contains("3 files are sealed now, 0 were before"));
+    assert!(sealed(&good).out.contains("0 files are sealed now, 3 were before"));
+    assert!(sealed(&other).err.contains("the passphrase is another one"));
+    let mut files = vec![data.join("splits/val")];
+    let mut read = 0;
+    while let Some(path) = files.pop() {
+        if path.is_dir() {
+            files.extend(fs::read_dir(path).expect("a folder").map(|entry| entry.expect("an entry").path()));
+        } else if path.extension().is_some_and(|ending| ending == "jsonl") {
+            assert!(fs::read(&path).expect("a file").starts_with(b"avln sealed 1\n"), "{}", path.display());
+            read += 1;
+        }
+    }
+    assert_eq!(read, 3);
+    let open = ["phase", "open", "p", "--split", "val"];
+    hinted(&data, &open, 3, &["is sealed", "AVLN_SEAL_KEY_FILE"]);
+    let with = |key: &Path| avln_with(&data, &open, "AVLN_SEAL_KEY_FILE", key.to_str().expect("Unicode"));
+    assert!(with(&other).err.contains("another one"));
+    let opened = with(&good);
+    assert!(opened.out.contains("phase p is open: 1 episodes"), "{opened:?}");
 }
 
 /// Help texts of all commands as one page.

@@ -174,6 +174,19 @@ impl DataFolder {
         SplitFolder::open(&link.dataset, &link.split)
     }
 
+    /// The folder of a split that lies in the data folder itself.
+    ///
+    /// # Errors
+    /// When there is none, or it lies elsewhere.
+    pub fn own_split(&self, name: &str) -> Result<PathBuf, Failure> {
+        let folder = self.split_folder(name)?;
+        if folder.is_dir() {
+            return Ok(folder);
+        }
+        Err(Failure::new(FailureKind::Data, format!("the data folder holds no split '{name}' of its own"))
+            .hinted("name the data set that it lies in with --dataset"))
+    }
+
     /// The split called `name`, with all missions in memory.
     ///
     /// # Errors

@@ -1,6 +1,7 @@
 use super::{fault::EXAMPLES, *};
 use avln_episode::Rules;
 use avln_store::{Phase, Sample};
+use proptest::prelude::*;
 use std::path::Path;
 
 const EXAMPLE: &str = include_str!("../../../docs/challenge.toml");
@@ -106,4 +107,18 @@ fn moments_are_those_of_rfc_3339() {
     assert_eq!(moment_of("1970-01-02T01:30:00+01:30"), Some(86_400_000));
     assert_eq!(moment_of("2026-02-29T00:00:00Z"), None);
     assert_eq!(moment_of("2026-02-01"), None);
+}
+
+proptest! {
+    #[test]
+    fn no_file_breaks_the_reader(text in ".{0,300}", at in 0..EXAMPLE.len(), cut in 0..40_usize) {
+        let start = EXAMPLE.floor_char_boundary(at);
+        let end = EXAMPLE.floor_char_boundary((at + cut).min(EXAMPLE.len())).max(start);
+        for file in [text.clone(), format!("{}{text}{}", &EXAMPLE[..start], &EXAMPLE[end..])] {
+            if let Err(fault) = ChallengeFile::parse(&file) {
+                let said = fault.explain(Path::new("challenge.toml"), &file).to_string();
+                prop_assert!(said.starts_with("challenge.toml, line "), "{}", said);
+            }
+        }
+    }
 }

@@ -4,7 +4,7 @@ use crate::say::say;
 use crate::{
     Failure, FailureKind,
     arena::{data::DataFolder, now_unix_ms},
-    challenge::{ChallengeFile, Plan, Planner, Unplanned, actor, json as as_json},
+    challenge::{ChallengeFile, PhaseFile, Plan, Planner, Unplanned, actor, json as as_json},
     dataset::SplitFolder,
 };
 use avln_store::{AuditLine, AuditNote, Revealed, calendar::rfc3339, pool_digest};
@@ -161,6 +161,10 @@ async fn show(data: &Path, json: bool) -> Result<(), Failure> {
         say!("{}", pretty(&as_json(&file))?);
     } else {
         say!("{}", file.text().map_err(|error| Failure::new(FailureKind::Internal, error))?.trim_end());
+        for PhaseFile { id, .. } in &file.phases {
+            let promise = store.promise(id).await?;
+            promise.iter().for_each(|promise| say!("# phase {id} is committed to {}", promise.commitment));
+        }
     }
     Ok(())
 }

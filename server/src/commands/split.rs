@@ -5,6 +5,7 @@ use crate::say::say;
 use crate::{
     Failure, FailureKind,
     arena::{data::DataFolder, register},
+    dataset::{DatasetFiles, Passphrase, Sealed},
 };
 use avln_dataset::{MissionOptions, SceneSource, Split};
 use avln_episode::Rules;
@@ -22,6 +23,21 @@ pub enum Command {
     Make(Make),
     /// Work out ahead of time what takes long in its episodes: light and textures, and how each target sounds everywhere
     Prepare(Prepare),
+    /// Encrypt the files of a split in their places; the server opens them in memory, by AVLN_SEAL_KEY_FILE or AVLN_SEAL_KEY
+    Seal(Seal),
+}
+
+/// What is encrypted, and under which passphrase.
+#[derive(Clone, Debug, Args)]
+pub struct Seal {
+    /// Name of the split, one of the data folder or, with --dataset, of a data set
+    pub name: String,
+    /// The folder of a data set, as avln dataset build makes it
+    #[arg(long, value_name = "DIR")]
+    pub dataset: Option<PathBuf>,
+    /// A file that holds the passphrase; by default AVLN_SEAL_KEY_FILE names it, or AVLN_SEAL_KEY is it
+    #[arg(long, value_name = "FILE")]
+    pub key_file: Option<PathBuf>,
 }
 
 /// What to make a split of.
@@ -54,6 +70,7 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     let options = match command {
         Command::Make(options) => options,
+        Command::Seal(options) => return seal(&data, &options),
         Command::Prepare(options) => {
             let done = tokio::task::spawn_blocking(move || split_prepare::run(&data, &options)).await;
             return done.map_err(|error| Failure::new(FailureKind::Internal, error))?;
@@ -63,6 +80,30 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
     let split = make(&data, &store, options, |line| say!("{line}")).await?;
     say!("split {}: {} scenes, {} missions", split.name, split.scenes.len(), split.episodes.len());
     say!("open a phase on it with: avln phase open ID --split {}", split.name);
+    Ok(())
+}
+
+/// Encrypts the files of a split.
+fn seal(data: &DataFolder, options: &Seal) -> Result<(), Failure> {
+    let passphrase = match &options.key_file {
+        Some(path) => Some(Passphrase::of_file(path)?),
+        None => Passphrase::of_environment()?,
+    };
+    let passphrase = passphrase.ok_or_else(|| {
+        Failure::new(FailureKind::Data, "there is no passphrase to seal with").hinted(
+            "write one into a file of its own: head -c 24 /dev/urandom | base64 > FILE, then --key-file FILE",
+        )
+    })?;
+    let files = match &options.dataset {
+        Some(folder) => DatasetFiles::at(folder),
+        None => DatasetFiles::at(&data.own_split(&options.name)?),
+    };
+    let Sealed { now, before } = files.seal(&options.name, passphrase)?;
+    say!("split {}: {now} files are sealed now, {before} were before", options.name);
+    say!(
+        "what was kept of it elsewhere is not: copies, backups, the database and {}/cache",
+        data.root().display()
+    );
     Ok(())
 }
 

@@ -90,6 +90,9 @@ async fn issue(store: &Store, options: &New) -> Result<(), Failure> {
         expires_unix_ms: expires,
     };
     store.issue_token(&token, now).await?;
+    let whose = options.team.as_deref().map_or_else(|| "organiser".to_owned(), |team| format!("team {team}"));
+    let name = Some(options.name.clone()).filter(|name| !name.is_empty());
+    store.note(AuditNote { after: name, ..note(whose, &format!("token for {word}")) }, now).await?;
     say!("for      {}", options.team.as_deref().unwrap_or("organiser"));
     say!("token    {secret}");
     say!("expires  {}", expires.map_or_else(|| "never".to_owned(), rfc3339));

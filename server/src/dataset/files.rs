@@ -1,3 +1,4 @@
+use super::seal::{self, Keyring, Passphrase, Salt};
 use crate::{Failure, FailureKind};
 use avln_dataset::{
     DatasetError, Manifest, SceneLine, Split, SplitLine, Statistics,
@@ -71,10 +72,13 @@ impl DatasetFiles {
     /// When it cannot be read or is not the one that the manifest names.
     pub fn scenes(&self, split: &SplitLine) -> Result<Vec<SceneLine>, Failure> {
         check_plain(&split.name)?;
-        let path = self.scenes_path(&split.name);
-        let bytes = read(&path)?;
-        let scenes = read_scenes(File { name: &path.display().to_string(), bytes: &bytes }, &split.digest)
-            .map_err(DatasetError::from)?;
+        self.scenes_in(split, &read(&self.scenes_path(&split.name))?)
+    }
+
+    /// The scenes that the list of a split names.
+    fn scenes_in(&self, split: &SplitLine, bytes: &[u8]) -> Result<Vec<SceneLine>, Failure> {
+        let name = self.scenes_path(&split.name).display().to_string();
+        let scenes = read_scenes(File { name: &name, bytes }, &split.digest).map_err(DatasetError::from)?;
         scenes.iter().try_for_each(|scene| check_plain(&scene.name))?;
         Ok(scenes)
     }
@@ -106,6 +110,37 @@ impl DatasetFiles {
         Ok(page)
     }
 
+    /// Seals the missions, the truth and the list of scenes of a split, each in its place. Files that are sealed stay so.
+    ///
+    /// # Errors
+    /// When there is no such split, a file is sealed under another passphrase, or one cannot be written.
+    pub fn seal(&self, split: &str, passphrase: Passphrase) -> Result<Sealed, Failure> {
+        let manifest = self.manifest()?;
+        let line = manifest.splits.iter().find(|line| line.name == split).ok_or_else(|| {
+            let message = format!("data set {} has no split '{split}'", self.root.display());
+            Failure::new(FailureKind::Scene, message)
+        })?;
+        let (ring, salt) = (Keyring::new(Some(passphrase)), Salt::random()?);
+        let list = self.scenes_path(split);
+        let mut paths = Vec::new();
+        for scene in self.scenes_in(line, &ring.open(&list, read_as_is(&list)?)?)? {
+            paths.extend([self.missions_path(split, &scene.name), self.sealed_path(split, &scene.name)]);
+        }
+        paths.push(list);
+        let mut sealed = Sealed::default();
+        for path in paths {
+            let bytes = read_as_is(&path)?;
+            if seal::is_sealed(&bytes) {
+                ring.open(&path, bytes)?;
+                sealed.before += 1;
+            } else {
+                write_whole(&path, &ring.seal(&salt, &path, &bytes)?)?;
+                sealed.now += 1;
+            }
+        }
+        Ok(sealed)
+    }
+
     /// Writes a split that was put together in memory as a data set of its own.
     ///
     /// # Errors
@@ -132,6 +167,15 @@ impl DatasetFiles {
     }
 }
 
+/// How many files of a split were sealed now, and how many were before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sealed {
+    /// Sealed now.
+    pub now: usize,
+    /// Sealed before.
+    pub before: usize,
+}
+
 /// Names in a data set become file names.
 fn check_plain(name: &str) -> Result<(), Failure> {
     let fits = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_' | '.');
@@ -144,8 +188,13 @@ fn check_plain(name: &str) -> Result<(), Failure> {
     ))
 }
 
-/// Reads a file that is not larger than any file of a data set.
+/// The plain text of a file that is not larger than any file of a data set; sealed ones are opened in memory.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, Failure> {
+    seal::opened(path, read_as_is(path)?)
+}
+
+/// Reads a file as it lies there.
+fn read_as_is(path: &Path) -> Result<Vec<u8>, Failure> {
     let mut bytes = Vec::new();
     let limited = |file: std::fs::File| file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes);
     std::fs::File::open(path).and_then(limited).map_err(|error| cannot("read", path, &error))?;

@@ -7,7 +7,9 @@ pub mod export;
 mod files;
 mod folder;
 pub mod import;
+mod seal;
 mod shares;
 
-pub use files::DatasetFiles;
+pub use files::{DatasetFiles, Sealed};
 pub use folder::SplitFolder;
+pub use seal::Passphrase;

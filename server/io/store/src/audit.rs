@@ -54,6 +54,16 @@ impl Store {
         Ok(sqlx::query_as(select).fetch_all(&self.read).await?)
     }
 
+    /// Adds a line to the audit list.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn note(&self, note: AuditNote, now_unix_ms: i64) -> Result<(), StoreError> {
+        let mut tx = self.begin().await?;
+        add_notes(&mut tx, &[note], now_unix_ms).await?;
+        Ok(tx.commit().await?)
+    }
+
     /// Number of the newest line of the audit list, 0 for none: it tells whether the organiser changed anything.
     ///
     /// # Errors

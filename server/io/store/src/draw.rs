@@ -58,7 +58,8 @@ fn sampled(
 ) -> Vec<usize> {
     let anchors = sample.anchors.min(sample.episodes) as usize;
     let mut drawn = stratified(pool, &all, anchors, secret, Purpose::Anchors, "");
-    let rest: Vec<usize> = all.into_iter().filter(|index| !drawn.contains(index)).collect();
+    drawn.sort_unstable();
+    let rest: Vec<usize> = all.into_iter().filter(|index| drawn.binary_search(index).is_err()).collect();
     let own = sample.episodes as usize - anchors;
     drawn.extend(stratified(pool, &rest, own, secret, Purpose::Sample, run));
     drawn.sort_unstable();

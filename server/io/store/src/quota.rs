@@ -42,9 +42,12 @@ pub struct Quota {
     pub window_start_unix_ms: i64,
     /// When `remaining` next grows; `None` when waiting does not help.
     pub next_increase_unix_ms: Option<i64>,
-    /// The runs that were counted, the oldest first.
+    /// The runs that were counted, the oldest first; the latest 200 where there are more.
     pub charges: Vec<Charge>,
 }
+
+/// Runs that a quota names, so that answers stay small where nothing is limited.
+const CHARGES_TOLD: usize = 200;
 
 /// Whether a run counts against its team's quota.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -190,8 +193,9 @@ fn quota(
         QuotaWindow::Uncharged => !run.charge.charged,
         _ => run.charge.charged && end.is_none_or(|end| (start..end).contains(&run.created_ms)),
     };
-    let charges: Vec<Charge> = runs.iter().filter(counts).map(|run| run.charge.clone()).collect();
-    let used = charges.len() as u32;
+    let counted: Vec<&Charged> = runs.iter().filter(counts).collect();
+    let used = counted.len() as u32;
+    let told = &counted[counted.len().saturating_sub(CHARGES_TOLD)..];
     Quota {
         phase: phase.to_owned(),
         window,
@@ -200,7 +204,7 @@ fn quota(
         remaining: limit.map(|limit| limit.saturating_sub(used)),
         window_start_unix_ms: start,
         next_increase_unix_ms: end.filter(|_| used > 0),
-        charges,
+        charges: told.iter().map(|run| run.charge.clone()).collect(),
     }
 }
 

@@ -329,13 +329,15 @@ async fn insert_episodes(
     run: &str,
     phase: &Phase,
 ) -> Result<(), StoreError> {
-    let drawn = if phase.sampling == Sampling::default() {
-        (0..phase.episodes.len()).collect()
-    } else {
-        let key = read_key(tx, &phase.id).await?;
-        let key = key.ok_or_else(|| StoreError::unknown("secret of phase", &phase.id))?;
-        draw(&phase.episodes, phase.sampling, &key, run)
-    };
+    if phase.sampling == Sampling::default() {
+        let all = "INSERT INTO episodes (run, ordinal, episode, scene, state) \
+                   SELECT $1, ordinal, episode, scene, 'pending' FROM phase_episodes WHERE phase = $2";
+        sqlx::query(all).bind(run).bind(&phase.id).execute(&mut **tx).await?;
+        return Ok(());
+    }
+    let key = read_key(tx, &phase.id).await?;
+    let key = key.ok_or_else(|| StoreError::unknown("secret of phase", &phase.id))?;
+    let drawn = draw(&phase.episodes, phase.sampling, &key, run);
     let insert =
         "INSERT INTO episodes (run, ordinal, episode, scene, state) VALUES ($1, $2, $3, $4, 'pending')";
     for (ordinal, index) in drawn.into_iter().enumerate() {

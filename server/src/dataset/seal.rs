@@ -1,0 +1,288 @@
+//! Files of a split that only the holder of a passphrase can read.
+//!
+//! A sealed file lies where the plain one lay: [`MAGIC`], 16 bytes of salt, 24 of nonce, and the text under
+//! XChaCha20-Poly1305, bound to the file's name and folder. The key is Argon2id of the passphrase and the salt, which all
+//! files of one sealing share. Plain text is made in memory and nowhere else.
+
+use crate::{Failure, FailureKind};
+use argon2::{Algorithm, Argon2, Params, Version};
+use chacha20poly1305::{
+    Key, KeyInit, XChaCha20Poly1305, XNonce,
+    aead::{Aead, Payload},
+};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::{Mutex, OnceLock, PoisonError},
+};
+
+/// What a sealed file begins with.
+const MAGIC: &[u8] = b"avln sealed 1\n";
+const SALT_BYTES: usize = 16;
+const NONCE_BYTES: usize = 24;
+/// Memory, passes and lanes of Argon2id: more than RFC 9106 asks of machines with little memory.
+const MEMORY_KIB: u32 = 64 * 1024;
+const PASSES: u32 = 3;
+const LANES: u32 = 4;
+/// Fewest letters of a passphrase, and fewest different ones.
+const LEAST_LETTERS: usize = 16;
+const LEAST_DIFFERENT: usize = 8;
+/// What people write where a secret should be.
+const LISTED: [&str; 12] = [
+    "password",
+    "passphrase",
+    "changeme",
+    "secret",
+    "letmein",
+    "qwerty",
+    "admin",
+    "default",
+    "example",
+    "12345",
+    "abcdef",
+    "test",
+];
+
+/// Where the passphrase is looked for.
+const KEY_FILE: &str = "AVLN_SEAL_KEY_FILE";
+const KEY: &str = "AVLN_SEAL_KEY";
+
+/// A passphrase that is hard to guess.
+pub struct Passphrase(String);
+
+impl Passphrase {
+    /// Takes `words`, without white space around them.
+    ///
+    /// # Errors
+    /// When they are short, repetitive, or hardly more than a word that everybody tries.
+    pub fn new(words: &str) -> Result<Self, Failure> {
+        let words = words.trim();
+        let weak = |why: String| {
+            Err(Failure::new(FailureKind::Data, format!("the passphrase is too weak: {why}"))
+                .hinted("make one with: head -c 24 /dev/urandom | base64"))
+        };
+        let mut different: Vec<char> = words.chars().collect();
+        let count = different.len();
+        different.sort_unstable();
+        different.dedup();
+        if count < LEAST_LETTERS || different.len() < LEAST_DIFFERENT {
+            let found = format!("{count} letters, {} of them different", different.len());
+            return weak(format!(
+                "{found}; use {LEAST_LETTERS} or more, {LEAST_DIFFERENT} of them different"
+            ));
+        }
+        if is_repeated(words) {
+            return weak("it repeats itself".to_owned());
+        }
+        let mut rest = words.to_lowercase();
+        LISTED.iter().for_each(|listed| rest = rest.replace(listed, ""));
+        if rest.chars().count() < LEAST_LETTERS / 2 {
+            return weak("without words that everybody tries, little is left of it".to_owned());
+        }
+        Ok(Self(words.to_owned()))
+    }
+
+    /// Reads a file that holds it.
+    ///
+    /// # Errors
+    /// When the file cannot be read or the passphrase is weak.
+    pub fn of_file(path: &Path) -> Result<Self, Failure> {
+        const LONGEST_BYTES: usize = 4096;
+        let text =
+            std::fs::read_to_string(path).map_err(|error| super::files::cannot("read", path, &error))?;
+        if text.len() > LONGEST_BYTES {
+            let message = format!("{} has more than {LONGEST_BYTES} bytes", path.display());
+            return Err(
+                Failure::new(FailureKind::Data, message).hinted("name a file that holds one passphrase")
+            );
+        }
+        Self::new(&text)
+    }
+
+    /// The passphrase of the file that `AVLN_SEAL_KEY_FILE` names, or that of `AVLN_SEAL_KEY`; `None` without either.
+    ///
+    /// # Errors
+    /// When the file cannot be read or the passphrase is weak.
+    pub fn of_environment() -> Result<Option<Self>, Failure> {
+        if let Some(path) = std::env::var_os(KEY_FILE) {
+            return Self::of_file(&PathBuf::from(path)).map(Some);
+        }
+        std::env::var(KEY).ok().map(|words| Self::new(&words)).transpose()
+    }
+
+    /// The key that comes of it with a salt.
+    fn key(&self, salt: &[u8]) -> Result<Key, Failure> {
+        let failed = |error: argon2::Error| Failure::new(FailureKind::Internal, error);
+        let params = Params::new(MEMORY_KIB, PASSES, LANES, Some(32)).map_err(failed)?;
+        let mut key = [0; 32];
+        let argon = Argon2::new(Algorithm::Argon2id, Version::V0x13, params);
+        argon.hash_password_into(self.0.as_bytes(), salt, &mut key).map_err(failed)?;
+        Ok(Key::from(key))
+    }
+}
+
+/// Whether a text is a shorter one over and over.
+fn is_repeated(words: &str) -> bool {
+    let letters: Vec<char> = words.chars().collect();
+    (1..=letters.len() / 2).any(|period| letters.iter().zip(&letters[period..]).all(|(a, b)| a == b))
+}
+
+/// What seals and opens files under one passphrase.
+pub(super) struct Keyring {
+    /// Where it came from, `None` when nobody told any.
+    passphrase: Option<Passphrase>,
+    /// The key for each salt that was met.
+    keys: Mutex<BTreeMap<Vec<u8>, Key>>,
+}
+
+impl Keyring {
+    /// The keys of one passphrase.
+    pub(super) fn new(passphrase: Option<Passphrase>) -> Self {
+        Self { passphrase, keys: Mutex::default() }
+    }
+
+    /// The keys of the environment's passphrase, which is read once.
+    fn of_environment() -> Result<&'static Self, Failure> {
+        static RING: OnceLock<Keyring> = OnceLock::new();
+        match RING.get() {
+            Some(ring) => Ok(ring),
+            None => {
+                let passphrase = Passphrase::of_environment()?;
+                Ok(RING.get_or_init(|| Self::new(passphrase)))
+            }
+        }
+    }
+
+    /// The key for a salt, which is worked out once; `None` without a passphrase.
+    fn key(&self, salt: &[u8]) -> Result<Option<Key>, Failure> {
+        let Some(passphrase) = &self.passphrase else { return Ok(None) };
+        let mut keys = self.keys.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(key) = keys.get(salt) {
+            return Ok(Some(*key));
+        }
+        let key = passphrase.key(salt)?;
+        keys.insert(salt.to_vec(), key);
+        Ok(Some(key))
+    }
+
+    /// The plain text of the file at `path`: `bytes` themselves unless they are sealed.
+    pub(super) fn open(&self, path: &Path, bytes: Vec<u8>) -> Result<Vec<u8>, Failure> {
+        let Some(body) = bytes.strip_prefix(MAGIC) else { return Ok(bytes) };
+        let refused = |message: &str| {
+            Failure::new(FailureKind::Data, format!("{} is sealed: {message}", path.display()))
+                .hinted(format!("name the file with its passphrase in {KEY_FILE}, or set {KEY}"))
+        };
+        let parts = body.split_at_checked(SALT_BYTES);
+        let parts = parts.and_then(|(salt, body)| Some((salt, body.split_first_chunk::<NONCE_BYTES>()?)));
+        let Some((salt, (nonce, body))) = parts else { return Err(refused("it is cut short")) };
+        let Some(key) = self.key(salt)? else { return Err(refused("there is no passphrase")) };
+        let place = place(path);
+        let payload = Payload { msg: body, aad: place.as_bytes() };
+        let plain = XChaCha20Poly1305::new(&key).decrypt(&XNonce::from(*nonce), payload);
+        plain.map_err(|_| refused("the passphrase is another one, or the file was changed"))
+    }
+
+    /// `plain` as the sealed file at `path`, under a salt that is shared by one sealing.
+    ///
+    /// # Errors
+    /// When there is no passphrase, or no randomness.
+    pub(super) fn seal(&self, salt: &Salt, path: &Path, plain: &[u8]) -> Result<Vec<u8>, Failure> {
+        let key = self.key(&salt.0)?;
+        let key =
+            key.ok_or_else(|| Failure::new(FailureKind::Data, "there is no passphrase to seal with"))?;
+        let mut nonce = [0; NONCE_BYTES];
+        fill(&mut nonce)?;
+        let place = place(path);
+        let payload = Payload { msg: plain, aad: place.as_bytes() };
+        let sealed = XChaCha20Poly1305::new(&key).encrypt(&XNonce::from(nonce), payload);
+        let sealed = sealed.map_err(|error| Failure::new(FailureKind::Internal, error))?;
+        Ok([MAGIC, &salt.0, &nonce, &sealed].concat())
+    }
+}
+
+/// What makes the keys of one sealing its own.
+pub(super) struct Salt([u8; SALT_BYTES]);
+
+impl Salt {
+    /// A random one.
+    pub(super) fn random() -> Result<Self, Failure> {
+        let mut salt = [0; SALT_BYTES];
+        fill(&mut salt)?;
+        Ok(Self(salt))
+    }
+}
+
+fn fill(bytes: &mut [u8]) -> Result<(), Failure> {
+    getrandom::fill(bytes).map_err(|error| Failure::new(FailureKind::Internal, error))
+}
+
+/// What a sealed file is bound to: its name and the folder that it lies in.
+fn place(path: &Path) -> String {
+    let name = |path: Option<&Path>| {
+        path.and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
+    };
+    format!("{}/{}", name(path.parent()), name(Some(path)))
+}
+
+/// Whether these are the bytes of a sealed file.
+pub(super) fn is_sealed(bytes: &[u8]) -> bool {
+    bytes.starts_with(MAGIC)
+}
+
+/// The plain text of the file at `path` by the environment's passphrase; `bytes` themselves unless they are sealed.
+pub(super) fn opened(path: &Path, bytes: Vec<u8>) -> Result<Vec<u8>, Failure> {
+    if is_sealed(&bytes) { Keyring::of_environment()?.open(path, bytes) } else { Ok(bytes) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weak_passphrases_are_refused_and_told_why() {
+        let cases = [
+            ("short", "letters"),
+            ("aaaaaaaabbbbbbbb", "different"),
+            ("correct7horse8correct7horse8", "repeats"),
+            ("password12345678", "everybody tries"),
+            ("ChangeMe-Secret-Admin", "everybody tries"),
+        ];
+        for (words, why) in cases {
+            let refused = Passphrase::new(words).err().expect(words).to_string();
+            assert!(refused.contains(why) && !refused.contains(words), "{words}: {refused}");
+        }
+        assert!(Passphrase::new(" V3ry-l0ng.and/unlike+others \n").is_ok());
+    }
+
+    fn ring(words: &str) -> Keyring {
+        Keyring::new(Some(Passphrase::new(words).expect("a good one")))
+    }
+
+    #[test]
+    fn a_file_opens_under_its_passphrase_and_place_only() {
+        let own = ring("V3ry-l0ng.and/unlike+others");
+        let (salt, path) = (Salt::random().expect("a salt"), Path::new("val/sealed/house.jsonl"));
+        let seal = || own.seal(&salt, path, b"target 17").expect("sealed");
+        let (first, second) = (seal(), seal());
+        assert!(is_sealed(&first) && first != second, "no nonce comes twice");
+        assert!(!first.windows(6).any(|window| window == b"target"));
+        let plain = own.open(path, first.clone()).expect("the same passphrase and place");
+        assert_eq!(plain, b"target 17");
+        let refused = |ring: &Keyring, path: &str, bytes: Vec<u8>| {
+            ring.open(Path::new(path), bytes).expect_err("refused").to_string()
+        };
+        let elsewhere = refused(&own, "val/missions/house.jsonl", first.clone());
+        assert!(elsewhere.contains("changed"), "{elsewhere}");
+        let other = refused(&ring("An0ther-long.and/good+one"), "val/sealed/house.jsonl", first.clone());
+        assert!(other.contains("another one"), "{other}");
+        let none = refused(&Keyring::new(None), "val/sealed/house.jsonl", first.clone());
+        assert!(none.contains("no passphrase") && none.contains(KEY_FILE), "{none}");
+        for length in MAGIC.len()..first.len() {
+            refused(&own, "val/sealed/house.jsonl", first[..length].to_vec());
+        }
+        let mut changed = first;
+        *changed.last_mut().expect("bytes") ^= 1;
+        refused(&own, "val/sealed/house.jsonl", changed);
+        assert_eq!(own.open(path, b"plain".to_vec()).expect("not sealed"), b"plain");
+    }
+}
