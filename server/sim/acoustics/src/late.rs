@@ -7,6 +7,7 @@ mod directed;
 mod envelope;
 mod field;
 mod fourier;
+mod lags;
 mod march;
 mod noise;
 mod tail;

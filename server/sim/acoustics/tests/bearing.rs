@@ -2,12 +2,13 @@
 
 mod common;
 
-use avln_acoustics::{Acoustics, Bank, Clip, Ears, Emitter, Listener, Settings, Surface, Surfaces};
+use avln_acoustics::{Acoustics, Bank, Clip, Ears, Emitter, Listener, Settings, Source, Surface, Surfaces};
 use avln_geom::{Point3, RayMesh, Rng, angle};
 use avln_scene::procedural::{HouseOptions, house};
 use avln_scene::{RoomPlan, Scene};
 use common::lag::{FRAME, Fourier};
 use common::{free_field, rooms_of};
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 /// One clip of each family.
@@ -23,57 +24,64 @@ fn acoustics(scene: &Scene, surfaces: Surfaces) -> Acoustics {
 /// From lags to bearings: what ears in the open hear of a source 3 m away.
 struct Bearings {
     fourier: Fourier,
-    /// Lag, samples, for each of [`Bearings::DEGREES`].
+    /// Lag, samples, for each of [`Bearings::degrees_of`].
     lags: Vec<f32>,
 }
 
 impl Bearings {
-    const DEGREES: [f32; 37] = {
-        let mut degrees = [0.0; 37];
-        let mut index = 0;
-        while index < 37 {
-            degrees[index] = index as f32 * 5.0 - 90.0;
-            index += 1;
-        }
-        degrees
-    };
+    /// Bearings at which lags are known, from -90 to 90 degrees to the left.
+    const COUNT: usize = 73;
+    const STEP_DEGREES: f32 = 2.5;
 
-    fn new() -> Self {
-        let (open, mut fourier) = (free_field(), Fourier::default());
-        let source = open.source(&Point3::new(0.0, 1.0, -3.0));
-        let lags = Self::DEGREES.map(|degrees| {
-            let listener = Listener { position: [0.0, 1.0, 0.0].into(), heading_rad: -degrees.to_radians() };
-            let emitter = Emitter { source: source.clone(), clip: clips().remove(0), offset_samples: 0 };
-            let mut ears = Ears::new(vec![emitter], FRAME);
-            ears.hear(&listener, Some(0));
-            let heard = ears.hear(&listener, Some(0));
-            fourier.lag(&heard[..FRAME], &heard[FRAME..])
-        });
-        Self { fourier, lags: lags.to_vec() }
+    /// What is listened to: above, the far ear is in the shadow of the head and hears the room.
+    const BAND_HZ: RangeInclusive<f32> = 100.0..=4000.0;
+
+    fn degrees_of(index: usize) -> f32 {
+        index as f32 * Self::STEP_DEGREES - 90.0
     }
 
-    /// Degrees to the left at which a source in front has this lag.
+    fn new() -> Self {
+        let source = free_field().source(&Point3::new(0.0, 1.0, -3.0));
+        let mut bearings = Self { fourier: Fourier::default(), lags: Vec::new() };
+        for index in 0..Self::COUNT {
+            let heading_rad = -Self::degrees_of(index).to_radians();
+            let listener = Listener { position: [0.0, 1.0, 0.0].into(), heading_rad };
+            let mut lags = bearings.lags_of(&source, &listener, &clips()[..3]);
+            lags.sort_by(f32::total_cmp);
+            bearings.lags.push(lags[lags.len() / 2]);
+        }
+        bearings
+    }
+
+    /// Degrees to the left at which a source in front has this lag: the middle of those that come nearest to it.
     fn degrees(&self, lag: f32) -> f32 {
         let off = |index: &usize| (self.lags[*index] - lag).abs();
-        let best = (0..self.lags.len()).min_by(|a, b| off(a).total_cmp(&off(b))).expect("some");
-        Self::DEGREES[best]
+        let least = (0..Self::COUNT).map(|index| off(&index)).fold(f32::INFINITY, f32::min);
+        let nearest: Vec<_> = (0..Self::COUNT).filter(|index| off(index) <= least + 1e-3).collect();
+        nearest.iter().map(|index| Self::degrees_of(*index)).sum::<f32>() / nearest.len() as f32
+    }
+
+    /// Lags in some steps of each clip.
+    fn lags_of(&mut self, source: &Source, listener: &Listener, clips: &[Clip]) -> Vec<f32> {
+        let mut lags = Vec::new();
+        for clip in clips {
+            let emitter = Emitter { source: source.clone(), clip: clip.clone(), offset_samples: 0 };
+            let mut ears = Ears::new(vec![emitter], FRAME);
+            for step in 0..8 {
+                let heard = ears.hear(listener, Some(0));
+                if step >= 2 {
+                    let (left, right) = heard.split_at(FRAME);
+                    lags.push(self.fourier.lag_within(left, right, Self::BAND_HZ));
+                }
+            }
+        }
+        lags
     }
 
     /// Bearings found in some steps of every family's clip, degrees to the left.
     fn found(&mut self, house: &Acoustics, source: &Point3<f32>, listener: &Listener) -> Vec<f32> {
-        let mut found = Vec::new();
-        for clip in clips() {
-            let mut ears =
-                Ears::new(vec![Emitter { source: house.source(source), clip, offset_samples: 0 }], FRAME);
-            for step in 0..8 {
-                let heard = ears.hear(listener, Some(0));
-                if step >= 2 {
-                    let lag = self.fourier.lag(&heard[..FRAME], &heard[FRAME..]);
-                    found.push(self.degrees(lag));
-                }
-            }
-        }
-        found
+        let lags = self.lags_of(&house.source(source), listener, &clips());
+        lags.into_iter().map(|lag| self.degrees(lag)).collect()
     }
 }
 
@@ -94,11 +102,14 @@ fn sources_in_sight_are_placed_in_a_room_of_a_quarter_of_a_second() {
     let surface = Surface::new([0.4; 6], [0.3; 6], [0.0; 6]).expect("shares");
     let room = acoustics(&scene, Surfaces::uniform(&scene, surface));
     let (mut bearings, mut rng, mut hits) = (Bearings::new(), Rng::new(8), Vec::new());
-    for _ in 0..8 {
-        let (from_rad, away_m) = (rng.range(-3.1, 3.1), rng.range(0.8, 2.0));
-        let (sin, cos) = angle::sin_cos(from_rad);
-        let ears = Point3::new(3.0, 1.0, 2.5);
-        let source = Point3::new(3.0 + away_m * sin, 1.2, 2.5 + away_m * cos);
+    let mut pairs = 0;
+    while pairs < 16 {
+        let mut place = |height_m| Point3::new(rng.range(0.5, 5.5), height_m, rng.range(0.5, 4.5));
+        let (source, ears) = (place(1.2), place(1.0));
+        if !(0.5..3.5).contains(&(source - ears).norm()) {
+            continue;
+        }
+        pairs += 1;
         let degrees = rng.range(-75.0, 75.0);
         let found = bearings.found(&room, &source, &facing(ears, &source, degrees));
         hits.extend(found.into_iter().map(|found| (found - degrees).abs() <= 15.0));
@@ -108,28 +119,36 @@ fn sources_in_sight_are_placed_in_a_room_of_a_quarter_of_a_second() {
 
 #[test]
 fn sources_in_sight_are_placed_in_houses() {
-    let scene = house("bearing", 5, &HouseOptions::small());
-    let home = acoustics(&scene, Surfaces::by_material(&scene));
+    let (mut bearings, mut hits) = (Bearings::new(), Vec::new());
+    for seed in [5, 6] {
+        let scene = house("bearing", seed, &HouseOptions::small());
+        let home = acoustics(&scene, Surfaces::by_material(&scene));
+        let mut rng = Rng::new(seed + 4);
+        for [source, ears] in pairs_in_sight(&scene, &mut rng) {
+            let degrees = rng.range(-75.0, 75.0);
+            let found = bearings.found(&home, &source, &facing(ears, &source, degrees));
+            hits.extend(found.into_iter().map(|found| (found - degrees).abs() <= 15.0));
+        }
+    }
+    assert!(share(&hits) >= 0.8, "{} of {} steps", share(&hits), hits.len());
+}
+
+/// Sources, and ears in the same room that see them, up to 5 m away.
+fn pairs_in_sight(scene: &Scene, rng: &mut Rng) -> Vec<[Point3<f32>; 2]> {
     let rays = RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles);
-    let (mut bearings, mut rng, mut hits) = (Bearings::new(), Rng::new(9), Vec::new());
-    let mut pairs = 0;
-    while pairs < 16 {
+    let mut pairs = Vec::new();
+    while pairs.len() < 16 {
         let room = rng.choose(&scene.regions).expect("rooms").bounds;
         let mut place = |height_m: f32| {
             let along = |rng: &mut Rng, axis: usize| rng.range(room.min[axis] + 0.4, room.max[axis] - 0.4);
-            Point3::new(along(&mut rng, 0), room.min.y + height_m, along(&mut rng, 2))
+            Point3::new(along(rng, 0), room.min.y + height_m, along(rng, 2))
         };
         let (source, ears) = (place(0.8), place(1.0));
-        let distance_m = (source - ears).norm();
-        if !(0.7..5.0).contains(&distance_m) || !rays.is_clear(&ears, &source) {
-            continue;
+        if (0.7..5.0).contains(&(source - ears).norm()) && rays.is_clear(&ears, &source) {
+            pairs.push([source, ears]);
         }
-        pairs += 1;
-        let degrees = rng.range(-75.0, 75.0);
-        let found = bearings.found(&home, &source, &facing(ears, &source, degrees));
-        hits.extend(found.into_iter().map(|found| (found - degrees).abs() <= 15.0));
     }
-    assert!(share(&hits) >= 0.6, "{} of {} steps", share(&hits), hits.len());
+    pairs
 }
 
 #[test]

@@ -6,6 +6,7 @@
 
 use super::envelope::BLOCK;
 use super::fourier::Fourier;
+use super::lags::Lags;
 use crate::SAMPLE_RATE_HZ;
 use crate::bands::{BAND_HZ, BANDS};
 use avln_geom::Rng;
@@ -89,8 +90,13 @@ impl Pair {
                 spectrum.push(Complex64::new(libm::cos(turn), libm::sin(turn)));
             }
         }
+        let coherence = |bin: usize| {
+            let frequency_hz = bin as f64 * f64::from(SAMPLE_RATE_HZ) / PERIOD as f64;
+            let is_there = bin < bins && band_energy(band, frequency_hz) > 0.0;
+            is_there.then(|| diffuse(frequency_hz).coherence)
+        };
         pair.resize();
-        pair.even_out();
+        pair.even_out(coherence);
         pair
     }
 
@@ -106,18 +112,20 @@ impl Pair {
     }
 
     /// Makes the envelopes of both ears as even as the spectra allow.
-    fn even_out(&mut self) {
+    fn even_out(&mut self, coherence: impl Fn(usize) -> Option<f64>) {
         // The envelope of a band needs no more points than twice its bins.
         let points = (2 * self.sum.len()).next_power_of_two().min(PERIOD);
-        let fourier = Fourier::new(points);
+        let (fourier, lags) = (Fourier::new(points), Lags::new(points, coherence));
         for _ in 0..ROUNDS {
-            let [left, right] = [1.0, -1.0].map(|sign| {
+            let mut ears = [1.0, -1.0].map(|sign| {
                 let mut ear = self.ear(sign, points);
                 fourier.backward(&mut ear);
                 ear.iter_mut().for_each(|value| *value /= value.norm_sqr().sqrt().max(f64::MIN_POSITIVE));
-                fourier.forward(&mut ear);
                 ear
             });
+            lags.even_out(&mut ears);
+            ears.iter_mut().for_each(|ear| fourier.forward(ear));
+            let [left, right] = ears;
             for (bin, (sum, difference)) in self.sum.iter_mut().zip(&mut self.difference).enumerate() {
                 (*sum, *difference) = (left[bin] + right[bin], left[bin] - right[bin]);
             }

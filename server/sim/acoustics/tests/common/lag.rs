@@ -1,6 +1,7 @@
 //! How a pair of ears tells where a sound comes from: by the lag between them.
 
 use realfft::{RealFftPlanner, num_complex::Complex32};
+use std::ops::RangeInclusive;
 
 /// A quarter of a second: a step of an episode.
 pub(crate) const FRAME: usize = 4000;
@@ -35,16 +36,23 @@ impl Fourier {
     }
 
     /// Samples by which the right ear hears later, by generalised cross-correlation with phase transform
-    /// (Knapp and Carter 1976).
+    /// (Knapp and Carter 1976) of all frequencies.
     pub(crate) fn lag(&mut self, left: &[f32], right: &[f32]) -> f32 {
+        self.lag_within(left, right, 0.0..=8000.0)
+    }
+
+    /// The same of frequencies in `band_hz` alone, all with one weight.
+    pub(crate) fn lag_within(&mut self, left: &[f32], right: &[f32], band_hz: RangeInclusive<f32>) -> f32 {
         let length = 2 * FRAME;
         let (left, right) = (self.spectrum(left, length), self.spectrum(right, length));
-        let phase = |(l, r): (&Complex32, &Complex32)| {
+        let phase = |(bin, (l, r)): (usize, (&Complex32, &Complex32))| {
             let cross = r * l.conj();
-            cross / cross.norm().max(1e-12)
+            let counts = band_hz.contains(&(bin as f32 * 16_000.0 / length as f32));
+            if counts { cross / cross.norm().max(1e-12) } else { Complex32::default() }
         };
         let fine = FINE as i32;
-        let correlation = self.signal(left.iter().zip(&right).map(phase).collect(), FINE * length);
+        let phases = left.iter().zip(&right).enumerate().map(phase).collect();
+        let correlation = self.signal(phases, FINE * length);
         let at = |lag: i32| correlation[lag.rem_euclid(correlation.len() as i32) as usize];
         let lags = -LONGEST_LAG * fine..=LONGEST_LAG * fine;
         lags.max_by(|&a, &b| at(a).total_cmp(&at(b))).expect("a lag") as f32 / fine as f32
