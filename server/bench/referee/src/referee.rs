@@ -61,6 +61,18 @@ pub enum RefereeError {
         /// Steps taken.
         steps: u32,
     },
+    /// An action of an interrupted episode leads elsewhere than it did when it was taken.
+    #[error(
+        "step {step} led to state {recorded:016x} and leads to {replayed:016x} now; scene, rules or program changed since"
+    )]
+    Diverged {
+        /// Number of the step, counted from 1.
+        step: u32,
+        /// Hash of the state that it led to when it was taken.
+        recorded: u64,
+        /// Hash of the state that it leads to now.
+        replayed: u64,
+    },
     /// The sensors asked for are outside of the limits.
     #[error(transparent)]
     Sensors(#[from] SensorsError),
@@ -208,6 +220,38 @@ impl Referee {
     /// # Errors
     /// When the episode is over.
     pub fn step(&mut self, action: Action) -> Result<StepOutcome, RefereeError> {
+        let (feedback, sounding) = self.act(action)?;
+        let senses = self.world.sense(sounding);
+        Ok(StepOutcome { observation: self.observation(senses, feedback), end: self.end })
+    }
+
+    /// Carries out the actions of an episode that was interrupted, each with the state hash that it led to then. Leads to
+    /// where [`Referee::step`] led, and to the same observation; pictures in between are not made. `None` for no action.
+    ///
+    /// # Errors
+    /// When an action leads to another state than it did, or the episode is over before the last of them.
+    pub fn replay(&mut self, taken: &[(Action, u64)]) -> Result<Option<StepOutcome>, RefereeError> {
+        let Some((&(last, after), before)) = taken.split_last() else { return Ok(None) };
+        for &(action, state_hash) in before {
+            let (_, sounding) = self.act(action)?;
+            self.world.hear(sounding);
+            self.check_replayed(state_hash)?;
+        }
+        let outcome = self.step(last)?;
+        self.check_replayed(after)?;
+        Ok(Some(outcome))
+    }
+
+    fn check_replayed(&self, recorded: u64) -> Result<(), RefereeError> {
+        let replayed = self.state_hash();
+        if replayed == recorded {
+            return Ok(());
+        }
+        Err(RefereeError::Diverged { step: self.steps(), recorded, replayed })
+    }
+
+    /// Moves the body and judges; what sounds next is sensed by the caller, in each step once.
+    fn act(&mut self, action: Action) -> Result<(Feedback, Option<usize>), RefereeError> {
         if let Some(reason) = self.end {
             return Err(RefereeError::Over { reason, steps: self.steps() });
         }
@@ -221,7 +265,6 @@ impl Referee {
             _ => Feedback::None,
         };
         let sounding = self.schedule.next(&self.silent(), motion != Motion::Stay);
-        let senses = self.world.sense(sounding);
         self.steps.push(StepFacts {
             action,
             pose: self.world.pose(),
@@ -233,7 +276,7 @@ impl Referee {
         if self.end.is_none() && self.steps() >= self.rules.max_steps {
             self.end = Some(EndReason::StepLimit);
         }
-        Ok(StepOutcome { observation: self.observation(senses, feedback), end: self.end })
+        Ok((feedback, sounding))
     }
 
     /// Ends the episode from outside. Nothing happens when it is over already.
@@ -340,7 +383,8 @@ impl Referee {
         self.goals.iter().map(|&state| silences && state == GoalState::Found).collect()
     }
 
-    fn state_hash(&self) -> u64 {
+    /// Tells this state of body and goals from others: two episodes that agree in it after every step went the same way.
+    pub fn state_hash(&self) -> u64 {
         let fold = |hash: u64, state: &GoalState| hash.rotate_left(5) ^ (*state as u64 + 1);
         self.goals.iter().fold(self.world.state_hash(), fold)
     }

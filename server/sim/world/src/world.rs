@@ -182,11 +182,15 @@ impl World {
     /// Of the sources, only the one with index `sounding` emits; earlier ones ring out.
     pub fn sense(&mut self, sounding: Option<usize>) -> Senses {
         let frame = self.options.view.map(|view| self.look(&view));
+        Senses { frame, audio: self.hear(sounding) }
+    }
+
+    /// The sound of [`World::sense`] alone, in its place: for steps whose pictures nobody will see.
+    pub fn hear(&mut self, sounding: Option<usize>) -> Option<Vec<f32>> {
         let pose = self.pose();
         let position = pose.position + Vector3::y() * self.options.ear_height_m;
         let listener = Listener { position, heading_rad: pose.heading_rad };
-        let audio = self.ears.as_mut().map(|ears| ears.hear(&listener, sounding));
-        Senses { frame, audio }
+        self.ears.as_mut().map(|ears| ears.hear(&listener, sounding))
     }
 
     fn look(&self, view: &View) -> Frame {
