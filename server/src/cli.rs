@@ -37,6 +37,10 @@ pub enum Command {
     /// Build data sets by recipe, count them, check them
     #[command(subcommand)]
     Dataset(commands::dataset::Command),
+    /// Check whether a server, this one or another, keeps the protocol
+    Conformance(commands::conformance::Options),
+    /// Check a run by its log: that nobody changed it, that each action leads where it did, that it is worth what it was
+    Verify(commands::verify::Options),
     /// Open phases on a split
     #[command(subcommand)]
     Phase(commands::phase::Command),
@@ -100,6 +104,8 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
         Command::Challenge(command) => commands::challenge::run(data, command).await,
         Command::Team(command) => commands::team::run(data, command).await,
         Command::Token(command) => commands::token::run(data, command).await,
+        Command::Conformance(options) => commands::conformance::run(options).await,
+        Command::Verify(options) => commands::verify::run(data, options).await,
         Command::Scene(command) => commands::scene::run(data, command),
         Command::Sim(command) => commands::sim::run(data, command),
         Command::Dataset(command) => commands::dataset::run(data, command),

@@ -14,6 +14,7 @@ mod failure;
 pub mod heads;
 mod npy;
 pub mod preview;
+pub mod runlog;
 mod say;
 pub mod sounds;
 pub mod studio;

@@ -3,6 +3,7 @@
 pub mod canary;
 pub mod http;
 pub mod raw;
+pub mod scissors;
 pub mod tap;
 pub mod walk;
 
@@ -110,7 +111,7 @@ pub async fn furnish(folder: &Path, plan: &Plan) -> String {
         head: None,
         feedback: None,
         quota: None,
-        max_slots: 4,
+        max_slots: 16,
         max_side: 256,
     };
     phase::open(&data, &store, &open).await.expect("the phase can be opened");

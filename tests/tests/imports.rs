@@ -25,6 +25,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("grpc", &["codec", "tls", "proto", "episode", "referee"]),
     ("web", &["tls", "episode", "scoring", "store"]),
     ("client", &["codec", "proto"]),
+    ("conformance", &["proto"]),
     ("random", &["client"]),
     ("pag-nav", &["client"]),
     (
@@ -48,6 +49,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "grpc",
             "web",
             "client",
+            "conformance",
             "random",
             "pag-nav",
         ],

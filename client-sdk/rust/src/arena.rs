@@ -1,7 +1,7 @@
 use crate::{
     Account, Error, Link, Packing, Phase, Play, Quota, Run, RunOptions, RunStatus, RunWatch, Sensors,
     ServerInfo,
-    line::{Line, closed},
+    line::{Dialler, Line, closed},
     welcome::Agreement,
 };
 use avln_proto::{
@@ -12,7 +12,7 @@ use avln_proto::{
     },
 };
 use std::time::Duration;
-use tokio::sync::mpsc;
+use tokio::{sync::mpsc, time::timeout};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Status, Streaming, transport::Channel};
 
@@ -183,14 +183,20 @@ impl Arena {
             resume: false,
             known: Vec::new(),
         };
-        let (requests, responses, welcome) = self.greet(&run.token, hello).await?;
-        let mut agreement = Agreement::new(welcome, &sensors, self.packing)?;
+        let Greeting::Welcome { requests, responses, welcome } =
+            self.greet(&run.token, hello.clone()).await?
+        else {
+            return Err(Error::protocol("the run ended before it was welcomed"));
+        };
+        let mut agreement = Agreement::new(*welcome, &sensors, self.packing)?;
         agreement.slots = agreement.slots.min(wish);
-        let (line, receivers) = Line::open(agreement, requests, responses);
+        let dialler = Dialler { arena: self.clone(), token: run.token.clone(), hello };
+        let (line, receivers) = Line::open(agreement, requests, responses, dialler);
         Ok((0..).zip(receivers).map(|(slot, events)| Play::new(line.clone(), slot, events)).collect())
     }
 
-    async fn greet(&self, token: &str, hello: v1::Hello) -> Result<Stream, Error> {
+    /// Opens a stream with this Hello.
+    pub(crate) async fn greet(&self, token: &str, hello: v1::Hello) -> Result<Greeting, Error> {
         let (requests, outbound) = mpsc::channel(2 * hello.slots.min(64) as usize + 4);
         let _ = requests.try_send(v1::PlayRequest { frame: Some(play_request::Frame::Hello(hello)) });
         let request = bearer(Request::new(ReceiverStream::new(outbound)), token)?;
@@ -198,8 +204,11 @@ impl Arena {
             .max_decoding_message_size(MAX_MESSAGE_BYTES)
             .max_encoding_message_size(MAX_MESSAGE_BYTES);
         let mut responses = unwrap(PLAY, client.play(request).await)?;
-        let welcome = await_welcome(&mut responses).await?;
-        Ok((requests, responses, welcome))
+        let waited = timeout(CALL_TIMEOUT, await_welcome(&mut responses)).await;
+        match waited.unwrap_or_else(|_| Err(silent()))? {
+            First::Welcome(welcome) => Ok(Greeting::Welcome { requests, responses, welcome }),
+            First::RunEnd(ends, end) => Ok(Greeting::RunEnd(ends, end)),
+        }
     }
 
     fn runs_client(&self) -> RunServiceClient<Channel> {
@@ -211,7 +220,26 @@ impl Arena {
     }
 }
 
-type Stream = (mpsc::Sender<v1::PlayRequest>, Streaming<v1::PlayResponse>, v1::Welcome);
+/// How a server answers a Hello.
+pub(crate) enum Greeting {
+    Welcome {
+        requests: mpsc::Sender<v1::PlayRequest>,
+        responses: Streaming<v1::PlayResponse>,
+        welcome: Box<v1::Welcome>,
+    },
+    /// The run that is to go on has ended, and so have episodes that the client still holds.
+    RunEnd(Vec<v1::EpisodeEnd>, v1::RunEnd),
+}
+
+enum First {
+    Welcome(Box<v1::Welcome>),
+    RunEnd(Vec<v1::EpisodeEnd>, v1::RunEnd),
+}
+
+fn silent() -> Error {
+    let detail = format!("no Welcome within {CALL_TIMEOUT:?}");
+    Error::Lost { attempted: PLAY, detail }
+}
 
 fn client_info() -> v1::ClientInfo {
     v1::ClientInfo {
@@ -241,12 +269,15 @@ fn unwrap<T>(attempted: &'static str, answer: Result<tonic::Response<T>, Status>
     answer.map(tonic::Response::into_inner).map_err(|status| Error::from_status(attempted, &status))
 }
 
-async fn await_welcome(responses: &mut Streaming<v1::PlayResponse>) -> Result<v1::Welcome, Error> {
+async fn await_welcome(responses: &mut Streaming<v1::PlayResponse>) -> Result<First, Error> {
+    let mut ends = Vec::new();
     loop {
         let next = responses.message().await.map_err(|status| Error::from_status(PLAY, &status))?;
         let Some(response) = next else { return Err(closed(PLAY, None)) };
         match response.frame {
-            Some(Frame::Welcome(welcome)) => return Ok(welcome),
+            Some(Frame::Welcome(welcome)) => return Ok(First::Welcome(Box::new(welcome))),
+            Some(Frame::EpisodeEnd(end)) => ends.push(end),
+            Some(Frame::RunEnd(end)) => return Ok(First::RunEnd(ends, end)),
             Some(Frame::Fault(fault)) => return Err(Error::from_fault(PLAY, &fault)),
             Some(Frame::Ping(_) | Frame::Notice(_)) | None => {}
             Some(_) => return Err(Error::protocol("the first frame was not Welcome")),

@@ -124,6 +124,29 @@ impl Error {
         Self::refused(attempted, status.code(), reason, status.message(), retry_after_s)
     }
 
+    /// Whether it passes by waiting: the connection is lost, or the server is about to begin again.
+    pub(crate) fn is_passing(&self) -> bool {
+        match self {
+            Self::Lost { .. } | Self::Unreachable { .. } => true,
+            Self::Refused { reason, .. } => {
+                matches!(reason, Reason::Draining | Reason::NoCapacity | Reason::RateLimit)
+            }
+            _ => false,
+        }
+    }
+
+    /// The same, told to someone who attempted something else.
+    pub(crate) fn while_attempting(self, now: &'static str) -> Self {
+        match self {
+            Self::Lost { detail, .. } => Self::Lost { attempted: now, detail },
+            Self::Refused { reason, message, retry_after_s, .. } => {
+                Self::Refused { attempted: now, reason, message, retry_after_s }
+            }
+            Self::Token { reason, message, .. } => Self::Token { attempted: now, reason, message },
+            other => other,
+        }
+    }
+
     /// A fault that arrived on a stream.
     pub(crate) fn from_fault(attempted: &'static str, fault: &v1::Fault) -> Self {
         let code = Code::from(i32::try_from(fault.code).unwrap_or(i32::MAX));

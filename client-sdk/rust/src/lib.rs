@@ -35,6 +35,7 @@ mod agent;
 mod arena;
 mod episode;
 mod error;
+mod ledger;
 mod line;
 mod link;
 mod mission;

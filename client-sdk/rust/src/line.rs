@@ -1,19 +1,28 @@
-//! One stream: a task reads it, answers pings and hands each frame to its slot.
+//! The connection of a run: a task reads its stream, answers pings, hands each frame to its slot, and dials again when the
+//! stream is lost.
 
-use crate::{Error, Notice, welcome::Agreement};
+use crate::{Arena, Error, Notice, arena::Greeting, ledger::Ledger, welcome::Agreement};
 use avln_proto::v1::{self, play_request, play_response::Frame};
 use std::{
     mem,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::Duration,
 };
-use tokio::{sync::mpsc, task::JoinHandle};
+use tokio::{
+    sync::mpsc,
+    task::JoinHandle,
+    time::{Instant, sleep},
+};
 use tonic::{Status, Streaming};
 
 /// Notices that are kept until someone asks for them.
 const MAX_NOTICES: usize = 64;
-
 /// Frames that wait for a slot's reader. A slot has one observation in flight, so more is a server's fault.
 const SLOT_QUEUE: usize = 8;
+/// For how long a lost server is dialled at least: a server that begins again has scenes to read.
+const PATIENCE: Duration = Duration::from_secs(180);
+/// Pauses between attempts to dial: after the first, and the longest.
+const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(5));
 
 /// What happens to a slot.
 #[derive(Debug)]
@@ -24,19 +33,32 @@ pub(crate) enum Event {
     Fault(v1::Fault),
     RunEnd(v1::RunEnd),
     /// Nothing more will come: how the stream ended.
-    Closed(Option<Status>),
+    Closed(Option<Error>),
 }
 
 /// The connection that the slots of a run share. Dropping the last of them closes it without a Goodbye.
 #[derive(Debug)]
 pub(crate) struct Line {
     pub(crate) agreement: Agreement,
-    requests: mpsc::Sender<v1::PlayRequest>,
-    notices: Notices,
+    state: Arc<Mutex<State>>,
     reader: JoinHandle<()>,
 }
 
-type Notices = Arc<Mutex<Vec<Notice>>>;
+#[derive(Debug)]
+struct State {
+    requests: mpsc::Sender<v1::PlayRequest>,
+    ledger: Ledger,
+    notices: Vec<Notice>,
+}
+
+/// How to come back to a run.
+#[derive(Debug)]
+pub(crate) struct Dialler {
+    pub(crate) arena: Arena,
+    pub(crate) token: String,
+    /// The Hello that opened the run's first stream.
+    pub(crate) hello: v1::Hello,
+}
 
 impl Drop for Line {
     fn drop(&mut self) {
@@ -45,62 +67,148 @@ impl Drop for Line {
 }
 
 impl Line {
-    /// Begins to read `responses`; returns one receiver a slot.
+    /// Begins to read `responses`; returns one receiver a slot. A stream that is lost is dialled again where the server says
+    /// that lost connections may come back.
     pub(crate) fn open(
         agreement: Agreement,
         requests: mpsc::Sender<v1::PlayRequest>,
         responses: Streaming<v1::PlayResponse>,
+        dialler: Dialler,
     ) -> (Arc<Self>, Vec<mpsc::Receiver<Event>>) {
         let (slots, receivers) = (0..agreement.slots).map(|_| mpsc::channel(SLOT_QUEUE)).unzip();
-        let notices = Notices::default();
-        let reader = Reader { requests: requests.downgrade(), slots, notices: notices.clone() };
+        let ledger = Ledger::new(agreement.slots);
+        let state = Arc::new(Mutex::new(State { requests, ledger, notices: Vec::new() }));
+        let patience = (!agreement.may_be_away.is_zero()).then(|| agreement.may_be_away.max(PATIENCE));
+        let reader = Reader { state: state.clone(), slots, dialler, patience };
         let reader = tokio::spawn(reader.run(responses));
-        (Arc::new(Self { agreement, requests, notices, reader }), receivers)
+        (Arc::new(Self { agreement, state, reader }), receivers)
     }
 
-    /// Sends a frame; a stream that is gone is told by the receiver's [`Event::Closed`].
+    /// Sends a frame; on a stream that is lost it is sent when the next one is there. A stream that is gone for good is told
+    /// by the receiver's [`Event::Closed`].
     pub(crate) async fn send(&self, frame: play_request::Frame) {
-        let _ = self.requests.send(v1::PlayRequest { frame: Some(frame) }).await;
+        let requests = {
+            let mut state = lock(&self.state);
+            state.ledger.sending(&frame);
+            state.requests.clone()
+        };
+        let _ = requests.send(v1::PlayRequest { frame: Some(frame) }).await;
     }
 
     /// Takes the notices that arrived since the last call.
     pub(crate) fn take_notices(&self) -> Vec<Notice> {
-        mem::take(&mut *self.notices.lock().unwrap_or_else(PoisonError::into_inner))
+        mem::take(&mut lock(&self.state).notices)
     }
 }
 
+fn lock(state: &Mutex<State>) -> MutexGuard<'_, State> {
+    state.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 struct Reader {
-    requests: mpsc::WeakSender<v1::PlayRequest>,
+    state: Arc<Mutex<State>>,
     slots: Vec<mpsc::Sender<Event>>,
-    notices: Notices,
+    dialler: Dialler,
+    /// For how long a lost stream is dialled again; `None` for not at all.
+    patience: Option<Duration>,
 }
 
 impl Reader {
     async fn run(self, mut responses: Streaming<v1::PlayResponse>) {
-        let end = loop {
+        loop {
+            let end = self.read(&mut responses).await;
+            match self.come_back(end).await {
+                Ok(again) => responses = again,
+                Err(end) => return self.to_all(|| Event::Closed(end.clone())).await,
+            }
+        }
+    }
+
+    /// Reads until the stream ends, and says how: `None` for well.
+    async fn read(&self, responses: &mut Streaming<v1::PlayResponse>) -> Option<Status> {
+        loop {
             match responses.message().await {
                 Ok(Some(response)) => self.deliver(response).await,
-                Ok(None) => break None,
-                Err(status) => break Some(status),
+                Ok(None) => return None,
+                Err(status) => return Some(status),
             }
-        };
-        self.to_all(|| Event::Closed(end.clone())).await;
+        }
+    }
+
+    /// Dials until the server answers; gives up with how the stream ended.
+    async fn come_back(&self, end: Option<Status>) -> Result<Streaming<v1::PlayResponse>, Option<Error>> {
+        let end = end.map(|status| Error::from_status("play", &status));
+        let lost = end.as_ref().is_none_or(Error::is_passing) && !lock(&self.state).ledger.is_over();
+        let Some(patience) = self.patience.filter(|_| lost) else { return Err(end) };
+        let until = Instant::now() + patience;
+        let mut pause = PAUSES.0;
+        loop {
+            match self.dial().await {
+                Ok(Some(responses)) => return Ok(responses),
+                Ok(None) => return Err(end),
+                Err(error) if !error.is_passing() || Instant::now() >= until => return Err(Some(error)),
+                Err(_) => sleep(pause).await,
+            }
+            pause = (2 * pause).min(PAUSES.1);
+        }
+    }
+
+    /// Opens the next stream and sends what was not answered; `None` when the run has ended meanwhile.
+    async fn dial(&self) -> Result<Option<Streaming<v1::PlayResponse>>, Error> {
+        let known = lock(&self.state).ledger.known();
+        let hello = v1::Hello { resume: true, known, ..self.dialler.hello.clone() };
+        match self.dialler.arena.greet(&self.dialler.token, hello).await? {
+            Greeting::RunEnd(ends, end) => {
+                for end in ends {
+                    self.to(end.slot, Event::End(end)).await;
+                }
+                self.to_all(|| Event::RunEnd(end.clone())).await;
+                Ok(None)
+            }
+            Greeting::Welcome { requests, responses, welcome } => {
+                let again = {
+                    let mut state = lock(&self.state);
+                    state.requests = requests.clone();
+                    state.ledger.to_repeat(&welcome.resumed)
+                };
+                for frame in again {
+                    let _ = requests.send(v1::PlayRequest { frame: Some(frame) }).await;
+                }
+                Ok(Some(responses))
+            }
+        }
     }
 
     async fn deliver(&self, response: v1::PlayResponse) {
-        match response.frame {
-            Some(Frame::EpisodeStart(start)) => self.to(start.slot, Event::Start(Box::new(start))).await,
-            Some(Frame::Observation(seen)) => self.to(seen.slot, Event::Observation(Box::new(seen))).await,
-            Some(Frame::EpisodeEnd(end)) => self.to(end.slot, Event::End(end)).await,
-            Some(Frame::Fault(fault)) => match fault.slot {
-                Some(slot) => self.to(slot, Event::Fault(fault)).await,
-                None => self.to_all(|| Event::Fault(fault.clone())).await,
-            },
-            Some(Frame::RunEnd(end)) => self.to_all(|| Event::RunEnd(end.clone())).await,
-            Some(Frame::Ping(ping)) => self.answer(&ping),
-            Some(Frame::Notice(notice)) => self.note(notice),
-            // A second Welcome changes nothing; frames of a newer minor version are skipped.
-            Some(Frame::Welcome(_)) | None => {}
+        let Some(frame) = response.frame else { return };
+        let (gone, is_new) = {
+            let mut state = lock(&self.state);
+            let gone = matches!(&frame, Frame::Fault(fault) if state.ledger.is_gone(fault));
+            (gone, state.ledger.arrived(&frame))
+        };
+        match frame {
+            Frame::EpisodeStart(start) => self.to(start.slot, Event::Start(Box::new(start))).await,
+            Frame::Observation(seen) if is_new => {
+                self.to(seen.slot, Event::Observation(Box::new(seen))).await;
+            }
+            Frame::EpisodeEnd(end) => self.to(end.slot, Event::End(end)).await,
+            Frame::Fault(fault) => self.deliver_fault(fault, gone).await,
+            Frame::RunEnd(end) => self.to_all(|| Event::RunEnd(end.clone())).await,
+            Frame::Ping(ping) => self.answer(&ping),
+            Frame::Notice(notice) => self.note(notice),
+            // A second Welcome changes nothing, and neither does what arrived before.
+            Frame::Welcome(_) | Frame::Observation(_) => {}
+        }
+    }
+
+    async fn deliver_fault(&self, fault: v1::Fault, gone: bool) {
+        let passing = fault.reason() == v1::Reason::Draining && self.patience.is_some();
+        match fault.slot {
+            Some(slot) if gone => self.to(slot, Event::End(lost_by_the_server(fault))).await,
+            Some(slot) => self.to(slot, Event::Fault(fault)).await,
+            // The stream's own end tells it, and the next stream goes on.
+            None if passing => {}
+            None => self.to_all(|| Event::Fault(fault.clone())).await,
         }
     }
 
@@ -119,23 +227,32 @@ impl Reader {
     /// A Pong is never needed to stay connected: where the queue is full it is left out.
     fn answer(&self, ping: &v1::Ping) {
         let frame = play_request::Frame::Pong(v1::Pong { nonce: ping.nonce });
-        if let Some(requests) = self.requests.upgrade() {
-            let _ = requests.try_send(v1::PlayRequest { frame: Some(frame) });
-        }
+        let _ = lock(&self.state).requests.try_send(v1::PlayRequest { frame: Some(frame) });
     }
 
     fn note(&self, notice: v1::Notice) {
-        let mut notices = self.notices.lock().unwrap_or_else(PoisonError::into_inner);
+        let notices = &mut lock(&self.state).notices;
         if notices.len() < MAX_NOTICES {
             notices.push(Notice { message: notice.message, effective_unix_ms: notice.effective_unix_ms });
         }
     }
 }
 
+/// The end of an episode that the server could not bring back: it is played again.
+fn lost_by_the_server(fault: v1::Fault) -> v1::EpisodeEnd {
+    v1::EpisodeEnd {
+        slot: fault.slot.unwrap_or_default(),
+        episode: fault.episode,
+        step: fault.step,
+        reason: v1::EndReason::ServerFault.into(),
+        ..v1::EpisodeEnd::default()
+    }
+}
+
 /// How the end of a stream reads to the one who waited for something.
-pub(crate) fn closed(attempted: &'static str, end: Option<Status>) -> Error {
+pub(crate) fn closed(attempted: &'static str, end: Option<Error>) -> Error {
     match end {
-        Some(status) => Error::from_status(attempted, &status),
+        Some(error) => error.while_attempting(attempted),
         None => Error::Lost { attempted, detail: "the server ended the stream without a reason".to_owned() },
     }
 }

@@ -12,7 +12,8 @@ const FAREWELL: Duration = Duration::from_secs(60);
 
 /// One slot of a run: it plays episodes one after the other.
 ///
-/// Dropped before [`finish`](Self::finish), an open episode ends as disconnected, once the last slot is dropped.
+/// A lost connection is dialled again, and its episodes go on, for as long as the server allows. Dropped before
+/// [`finish`](Self::finish), an open episode ends as disconnected, when that time is over.
 #[derive(Debug)]
 pub struct Play {
     pub(crate) line: Arc<Line>,

@@ -3,6 +3,7 @@
 use crate::{Audio, DepthImage, Error, Feedback, Image, Observation, Packing, Pose, Sensors, TaskSpec};
 use avln_codec::{CodecError, Size, audio, depth, rgb};
 use avln_proto::{API_MINOR, MAX_MESSAGE_BYTES, v1};
+use std::time::Duration;
 use v1::{Dtype, SensorKind};
 
 /// The agreement of one connection.
@@ -12,6 +13,8 @@ pub(crate) struct Agreement {
     pub(crate) run: String,
     pub(crate) slots: u32,
     pub(crate) progress: v1::RunProgress,
+    /// For how long a lost connection may be away.
+    pub(crate) may_be_away: Duration,
     depth_divisor: f32,
     tensors: Vec<v1::TensorSpec>,
 }
@@ -29,9 +32,11 @@ impl Agreement {
                 wanted.width, wanted.height, task.width, task.height
             )));
         }
+        let away_s = welcome.time.as_ref().map_or(0, |time| time.disconnect_s);
+        let may_be_away = Duration::from_secs(u64::from(away_s));
         let tensors = wanted_tensors(&welcome.tensors, (wanted, packing), &task)?;
         let (run, slots, progress) = (welcome.run, welcome.slots, welcome.progress.unwrap_or_default());
-        Ok(Self { task, run, slots, progress, depth_divisor, tensors })
+        Ok(Self { task, run, slots, progress, may_be_away, depth_divisor, tensors })
     }
 
     /// Unpacks an observation.

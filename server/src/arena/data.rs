@@ -5,6 +5,7 @@ use crate::{
     cache::CacheFolder,
     dataset::{DatasetFiles, SplitFolder},
     heads::HeadFolder,
+    runlog::{RunLogs, SigningKey},
     sounds::SoundFolder,
 };
 use avln_dataset::Split;
@@ -19,7 +20,8 @@ use std::{
     sync::Arc,
 };
 
-/// The folder that holds everything the server keeps: `avln.db`, `splits/`, `sounds/` and `heads/`, and `cache/`, which can be made anew.
+/// The folder that holds everything the server keeps: `avln.db`, `splits/`, `sounds/`, `heads/` and `runs/`, and `cache/`, which
+/// can be made anew.
 #[derive(Clone, Debug)]
 pub struct DataFolder {
     root: PathBuf,
@@ -81,6 +83,24 @@ impl DataFolder {
     /// The recordings that it keeps.
     pub fn sounds(&self) -> SoundFolder {
         SoundFolder::at(&self.root.join("sounds"))
+    }
+
+    /// The logs of runs that it keeps.
+    pub fn run_logs(&self) -> RunLogs {
+        RunLogs::at(&self.root.join("runs"))
+    }
+
+    /// What the server signs with; made when it is not there.
+    ///
+    /// # Errors
+    /// When it cannot be read or made.
+    pub fn signing_key(&self) -> Result<SigningKey, Failure> {
+        let path = self.root.join("signing.key");
+        SigningKey::at(&path).map_err(|error| {
+            Failure::new(FailureKind::Data, format!("signing key {}: {error}", path.display())).hinted(
+                "restore it from a backup; without it a new one is made, and old logs stay signed by the old",
+            )
+        })
     }
 
     /// The cache of scenes that it keeps.

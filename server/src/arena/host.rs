@@ -7,10 +7,10 @@ use super::{
 };
 use avln_episode::Sensors;
 use avln_grpc::{
-    Account, ClientRange, Control, Digests, EpisodeOutcome, Host, OpenRun, PhaseInfo, Quota, Reason, Refusal,
-    RunRequest, RunStatus, RunTicket, Seat, ServerInfo,
+    Account, ClientRange, Control, Digests, EpisodeOutcome, Host, Interrupted, OpenRun, PhaseInfo, Quota,
+    Reason, Refusal, RunRequest, RunStatus, RunTicket, Seat, ServerInfo, StoredEnd,
 };
-use avln_store::{NewRun, Token, TokenState, Viewer};
+use avln_store::{NewRun, Run, Token, TokenState, Viewer};
 use std::{collections::BTreeMap, sync::Arc};
 
 #[avln_grpc::async_trait]
@@ -88,7 +88,8 @@ impl Host for Arena {
 
     async fn cancel_run(&self, account: &Account, run: &str) -> Result<RunStatus, Refusal> {
         self.run(account, run).await?;
-        self.store.cancel_run(run, now_unix_ms()).await.map_err(refusal)?;
+        let cancelled = self.store.cancel_run(run, now_unix_ms()).await.map_err(refusal)?;
+        self.sign_if_over(&cancelled).await;
         self.run(account, run).await
     }
 
@@ -97,14 +98,47 @@ impl Host for Arena {
             TokenState::Valid(Token { run: Some(run), .. }) => run,
             other => return Err(token_refusal(&other)),
         };
-        let run = self.store.run(&id).await.map_err(refusal)?;
-        if !run.state.is_open() {
-            let message = format!("run '{id}' is {}; start another run", run.state.as_str());
-            return Err(Refusal::new(Reason::RunOver, message));
-        }
+        self.describe(&self.store.run(&id).await.map_err(refusal)?).await
+    }
+
+    async fn next_episode(&self, run: &str, slot: u32, sensors: &Sensors) -> Result<Option<Seat>, Refusal> {
+        self.seat_next(run, slot, sensors).await
+    }
+
+    async fn conclude(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal> {
+        self.conclude_seat(run, seat).await
+    }
+
+    async fn ended(&self, run: &str, handle: &str) -> Result<Option<StoredEnd>, Refusal> {
+        self.stored_end(run, handle).await
+    }
+
+    async fn interrupted(&self) -> Result<Vec<String>, Refusal> {
+        self.interrupted_runs().await
+    }
+
+    async fn restore(&self, run: &str) -> Result<Interrupted, Refusal> {
+        self.restore_run(run).await
+    }
+
+    async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal> {
+        let finished = self.store.finish_run(run, now_unix_ms()).await.map_err(refusal)?;
+        self.sign_if_over(&finished).await;
+        let view = self.store.reader().run(&Viewer::Team(finished.team), run).await.map_err(refusal)?;
+        let view =
+            view.ok_or_else(|| Refusal::internal(format!("run {run} went away while it was finished")))?;
+        Ok(status(view, self.store.charge(run).await.map_err(refusal)?))
+    }
+}
+
+impl Arena {
+    /// What whoever plays the run may know of it.
+    pub(super) async fn describe(&self, run: &Run) -> Result<OpenRun, Refusal> {
         let stage = self.stage(&run.phase).await?;
         Ok(OpenRun {
-            run: id,
+            run: run.id.clone(),
+            time: stage.phase.time,
+            over: (!run.state.is_open()).then(|| run.state.as_str().to_owned()),
             max_slots: stage.phase.max_slots,
             rules: stage.rules().clone(),
             sensors: stage.phase.sensors.clone(),
@@ -119,24 +153,6 @@ impl Host for Arena {
         })
     }
 
-    async fn next_episode(&self, run: &str, sensors: &Sensors) -> Result<Option<Seat>, Refusal> {
-        self.seat_next(run, sensors).await
-    }
-
-    async fn conclude(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal> {
-        self.conclude_seat(run, seat).await
-    }
-
-    async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal> {
-        let finished = self.store.finish_run(run, now_unix_ms()).await.map_err(refusal)?;
-        let view = self.store.reader().run(&Viewer::Team(finished.team), run).await.map_err(refusal)?;
-        let view =
-            view.ok_or_else(|| Refusal::internal(format!("run {run} went away while it was finished")))?;
-        Ok(status(view, self.store.charge(run).await.map_err(refusal)?))
-    }
-}
-
-impl Arena {
     /// The phases as the organiser has them now.
     async fn now(&self) -> Result<StageList, Refusal> {
         self.stages.now(&self.store).await.map_err(Refusal::internal)
@@ -162,7 +178,7 @@ impl Arena {
 
 impl Stage {
     /// What was in force, for the record of a run.
-    fn digests(&self) -> BTreeMap<String, String> {
+    pub(super) fn digests(&self) -> BTreeMap<String, String> {
         let digests = [
             ("benchmark", BENCHMARK_VERSION.to_owned()),
             ("server", env!("CARGO_PKG_VERSION").to_owned()),

@@ -9,6 +9,8 @@ mod host;
 mod play;
 mod refusals;
 pub mod register;
+mod replayer;
+mod restore;
 mod scenes;
 pub mod secret;
 pub mod stages;
@@ -17,15 +19,19 @@ mod warm;
 
 pub use refusals::fault_count;
 
-use crate::Failure;
+use crate::{
+    Failure,
+    runlog::{RunLogs, SigningKey},
+};
 use avln_grpc::Control;
 use avln_store::Store;
 use data::DataFolder;
+pub use replayer::Replayer;
 use scenes::SceneCache;
 use stages::{Stage, Stages};
 use std::{
     sync::{Arc, Mutex},
-    time::{SystemTime, UNIX_EPOCH},
+    time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
 use tokio::sync::Semaphore;
@@ -43,36 +49,30 @@ pub struct Arena {
     scenes: Arc<SceneCache>,
     /// What is being played, by ticket.
     playing: Mutex<play::Playing>,
+    /// Where runs are written down.
+    logs: Arc<RunLogs>,
+    /// What the logs of runs that are over are signed with.
+    key: Arc<SigningKey>,
     /// Who prepares an episode ahead of time: one after the other, so that the others can play.
     ahead: Arc<Semaphore>,
     control: Control,
 }
 
 impl Arena {
-    /// Reads the phases of the data folder and their splits, and takes up what a stopped server left. Scenes stay ready in
+    /// Reads the phases of the data folder and their splits. Scenes stay ready in
     /// `scene_memory_mib` MiB; those that are being played stay even if they take more.
     ///
     /// # Errors
     /// When the database or a split cannot be read.
     pub async fn open(data: &DataFolder, store: Store, scene_memory_mib: u32) -> Result<Self, Failure> {
-        let reopened = store.reopen_interrupted(now_unix_ms()).await?;
-        if reopened > 0 {
-            tracing::info!(
-                reopened,
-                "episodes that were being played when the server stopped are pending again"
-            );
-        }
         let stages = Stages::open(data, &store).await?;
         let budget_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
         let scenes = Arc::new(SceneCache::new(budget_bytes, data.cache()));
-        Ok(Self {
-            store,
-            stages,
-            scenes,
-            playing: Mutex::default(),
-            ahead: Arc::new(Semaphore::new(1)),
-            control: Control::default(),
-        })
+        let logs = Arc::new(data.run_logs());
+        keep_safe(&logs);
+        let key = Arc::new(data.signing_key()?);
+        let (playing, ahead) = (Mutex::default(), Arc::new(Semaphore::new(1)));
+        Ok(Self { store, stages, scenes, playing, logs, key, control: Control::default(), ahead })
     }
 
     /// The operator's hold on what is played.
@@ -93,6 +93,24 @@ impl Arena {
         let stages = self.stages.now(&self.store).await?;
         Ok(stages.iter().map(|stage| (stage.phase.id.clone(), stage.phase.episodes_of_run())).collect())
     }
+}
+
+/// How long lines of run logs may wait for the disk: what a power cut can cost is played again.
+const SYNC_EVERY: Duration = Duration::from_secs(1);
+
+/// Has the disk take what is written in run logs, as long as somebody holds them.
+fn keep_safe(logs: &Arc<RunLogs>) {
+    let logs = Arc::downgrade(logs);
+    tokio::spawn(async move {
+        let mut ticks = tokio::time::interval(SYNC_EVERY);
+        loop {
+            ticks.tick().await;
+            let Some(logs) = logs.upgrade() else { return };
+            if let Err(error) = tokio::task::spawn_blocking(move || logs.sync()).await {
+                tracing::error!(%error, "run logs are not safe on the disk");
+            }
+        }
+    });
 }
 
 /// The clock that results carry: milliseconds since 1970-01-01 UTC.

@@ -1,11 +1,12 @@
 //! Handing out episodes and taking them back.
 
 use super::{Arena, Stage, now_unix_ms, refusals::refusal, secret};
+use crate::runlog::{Entry, RunLog, SlotLog};
 use avln_episode::{EndReason, Order, Sensors};
-use avln_grpc::{EpisodeOutcome, Reason, Refusal, Seat, TimeSpent};
+use avln_grpc::{EpisodeOutcome, Reason, Refusal, Seat, StoredEnd, TimeSpent};
 use avln_referee::{Referee, RefereeError};
 use avln_scoring::{Metrics, score};
-use avln_store::{Finished, Scene, TimeAccount, Visibility};
+use avln_store::{Assigned, EpisodeState, Finished, Run, Scene, TimeAccount, Visibility};
 use avln_truth::{EpisodeTruth, Record};
 use std::{
     collections::BTreeMap,
@@ -16,12 +17,28 @@ use std::{
 #[derive(Default)]
 pub(super) struct Playing {
     next_ticket: u64,
-    stages: BTreeMap<u64, Arc<Stage>>,
+    played: BTreeMap<u64, Played>,
+}
+
+/// What is known of an episode that was handed out.
+pub(super) struct Played {
+    pub(super) stage: Arc<Stage>,
+    pub(super) log: Arc<RunLog>,
+    pub(super) slot: u32,
+    /// Whether it is one that a stopped server left.
+    pub(super) taken_up: bool,
+    /// Whether its end is written in the log.
+    pub(super) ended: bool,
 }
 
 impl Arena {
     /// Hands out the next episode of a run: scene, pictures of goals and referee are made on a blocking thread.
-    pub(super) async fn seat_next(&self, run: &str, sensors: &Sensors) -> Result<Option<Seat>, Refusal> {
+    pub(super) async fn seat_next(
+        &self,
+        run: &str,
+        slot: u32,
+        sensors: &Sensors,
+    ) -> Result<Option<Seat>, Refusal> {
         self.control().check_open()?;
         let row = self.store.run(run).await.map_err(refusal)?;
         let stage = self.stage(&row.phase).await?;
@@ -32,23 +49,60 @@ impl Arena {
         let handle = format!("ep_{}", secret::random_hex().map_err(Refusal::internal)?);
         let assigned = self.store.assign_next_episode(run, &handle, now_unix_ms()).await.map_err(refusal)?;
         let Some(assigned) = assigned else { return Ok(None) };
-        let handle = assigned.handle;
-        let seated = self.seat(&stage, assigned.episode, row.order, sensors.clone()).await;
-        match seated {
-            Ok(referee) => {
-                let ticket = self.take_ticket(&stage);
-                self.look_ahead(run, &stage);
-                Ok(Some(Seat { handle, referee: Box::new(referee), ticket, time: TimeSpent::default() }))
-            }
-            Err(refused) => {
-                self.store.take_back(run, &handle, now_unix_ms()).await.map_err(refusal)?;
-                Err(refused)
-            }
+        let handle = assigned.handle.clone();
+        let seated = self.begin(&row, &stage, (slot, assigned), sensors).await;
+        if seated.is_err() {
+            self.store.take_back(run, &handle, now_unix_ms()).await.map_err(refusal)?;
         }
+        self.look_ahead(run, &stage);
+        seated.map(Some)
+    }
+
+    /// Writes down that an episode begins, before the work that this takes, and makes its seat.
+    async fn begin(
+        &self,
+        run: &Run,
+        stage: &Arc<Stage>,
+        (slot, assigned): (u32, Assigned),
+        sensors: &Sensors,
+    ) -> Result<Seat, Refusal> {
+        let log = self.log_of(run, stage)?;
+        let began = Entry::Began {
+            slot,
+            handle: assigned.handle.clone(),
+            ordinal: assigned.ordinal,
+            episode: assigned.episode.clone(),
+            sensors: sensors.clone(),
+            at_ms: now_unix_ms(),
+        };
+        log.write(&began).map_err(Refusal::internal)?;
+        let referee = self.seat(stage, assigned.episode, run.order, sensors.clone()).await?;
+        let played = Played { stage: stage.clone(), log, slot, taken_up: false, ended: false };
+        Ok(self.seat_of(assigned.handle, referee, played))
+    }
+
+    /// The log of a run, open to be written on.
+    pub(super) fn log_of(&self, run: &Run, stage: &Stage) -> Result<Arc<RunLog>, Refusal> {
+        let first = || Entry::Run {
+            format: Entry::FORMAT,
+            run: run.id.clone(),
+            phase: stage.phase.id.clone(),
+            order: run.order,
+            digests: run.digests.clone(),
+            at_ms: now_unix_ms(),
+        };
+        self.logs.open(&run.id, first).map_err(Refusal::internal)
+    }
+
+    /// A seat for the door, whose steps are written down.
+    pub(super) fn seat_of(&self, handle: String, referee: Referee, played: Played) -> Seat {
+        let log = Box::new(SlotLog { log: played.log.clone(), slot: played.slot, taken_up: played.taken_up });
+        let ticket = self.take_ticket(played);
+        Seat { handle, referee: Box::new(referee), ticket, log, time: TimeSpent::default() }
     }
 
     /// A referee for an episode, made on a blocking thread; stores the scene's map when the scene was made for it.
-    async fn seat(
+    pub(super) async fn seat(
         &self,
         stage: &Arc<Stage>,
         episode: String,
@@ -64,41 +118,93 @@ impl Arena {
         Ok(referee)
     }
 
-    /// Scores what happened and stores it in one transaction.
+    /// Scores what happened, writes it down and stores it in one transaction. What cannot be stored is played again.
     pub(super) async fn conclude_seat(
         &self,
         run: &str,
         seat: Seat,
     ) -> Result<Option<EpisodeOutcome>, Refusal> {
         let handle = seat.handle.clone();
-        let stage = self.return_ticket(seat.ticket);
-        let stage =
-            stage.ok_or_else(|| Refusal::internal(format!("episode {handle} was never handed out")))?;
+        let concluded = self.try_conclude(run, seat).await;
+        if concluded.is_err() && !self.store.take_back(run, &handle, now_unix_ms()).await.unwrap_or(false) {
+            tracing::error!(run, handle, "an episode that could not be stored could not be taken back");
+        }
+        concluded
+    }
+
+    async fn try_conclude(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal> {
+        let (handle, ticket) = (seat.handle.clone(), seat.ticket);
+        let unknown = || Refusal::internal(format!("episode {handle} was never handed out"));
+        let Played { stage, log, slot, ended, .. } = self.return_ticket(ticket).ok_or_else(unknown)?;
         let time = account(&seat.time);
         let referee = seat.into_referee().ok_or_else(|| Refusal::internal("a seat without our referee"))?;
-        let broken = referee.end().is_none();
-        let scoring = stage.clone();
-        let sealed = tokio::task::spawn_blocking(move || settle(*referee, broken, &scoring)).await;
-        let (truth, record, metrics) = sealed.map_err(Refusal::internal)?;
+        let (scoring, name) = (stage.clone(), handle.clone());
+        let settled = tokio::task::spawn_blocking(move || {
+            let (truth, record, metrics) = settle(*referee, &scoring);
+            if !ended {
+                log.write(&Entry::Ended {
+                    slot,
+                    handle: name,
+                    end: record.end,
+                    metrics: Box::new(metrics.clone()),
+                    at_ms: now_unix_ms(),
+                })?;
+            }
+            log.sync().map(|()| (truth, record, metrics))
+        });
+        let (truth, record, metrics) =
+            settled.await.map_err(Refusal::internal)?.map_err(Refusal::internal)?;
         let finished =
             Finished { run, handle: &handle, truth: &truth, record: &record, metrics: &metrics, time: &time };
         let recorded = self.store.record_result(&finished, now_unix_ms()).await.map_err(refusal)?;
-        // An episode's lengths tell where its targets are, so its numbers are shown where its replay is.
-        let hidden = [stage.phase.scores, stage.phase.replays].contains(&Visibility::Organiser);
-        let shown = recorded.counts && !hidden;
-        Ok(shown.then(|| outcome(&metrics)))
+        self.sign_if_over(&recorded.run).await;
+        Ok((recorded.counts && stage.shows_metrics()).then(|| outcome(&metrics)))
     }
 
-    fn take_ticket(&self, stage: &Arc<Stage>) -> u64 {
+    /// Signs the log of a run that is over. A log that cannot be signed is still a log.
+    pub(super) async fn sign_if_over(&self, run: &Run) {
+        if run.state.is_open() {
+            return;
+        }
+        let (logs, key, run) = (self.logs.clone(), self.key.clone(), run.id.clone());
+        let signed = tokio::task::spawn_blocking(move || logs.sign(&run, &key)).await;
+        if let Err(why) = signed.map_err(|error| error.to_string()).flatten() {
+            tracing::error!(why, "the log of a run is not signed");
+        }
+    }
+
+    /// How an episode ended whose result is stored; one that the server lost is told as its fault.
+    pub(super) async fn stored_end(&self, run: &str, handle: &str) -> Result<Option<StoredEnd>, Refusal> {
+        let Some(found) = self.store.handed_out(run, handle).await.map_err(refusal)? else { return Ok(None) };
+        let reason = match (found.state, found.end) {
+            (EpisodeState::Running, _) => return Ok(None),
+            (_, Some(reason)) => reason,
+            (_, None) => EndReason::ServerFault,
+        };
+        let stage = self.stage(&self.store.run(run).await.map_err(refusal)?.phase).await?;
+        let metrics = found.metrics.filter(|_| stage.shows_metrics());
+        let steps = metrics.as_ref().map_or(0, |metrics| metrics.steps);
+        Ok(Some(StoredEnd { reason, steps, outcome: metrics.as_ref().map(outcome) }))
+    }
+
+    fn take_ticket(&self, played: Played) -> u64 {
         let mut playing = self.playing.lock().unwrap_or_else(PoisonError::into_inner);
         playing.next_ticket += 1;
         let ticket = playing.next_ticket;
-        playing.stages.insert(ticket, stage.clone());
+        playing.played.insert(ticket, played);
         ticket
     }
 
-    fn return_ticket(&self, ticket: u64) -> Option<Arc<Stage>> {
-        self.playing.lock().unwrap_or_else(PoisonError::into_inner).stages.remove(&ticket)
+    fn return_ticket(&self, ticket: u64) -> Option<Played> {
+        self.playing.lock().unwrap_or_else(PoisonError::into_inner).played.remove(&ticket)
+    }
+}
+
+impl Stage {
+    /// Whether agents are told what an episode was worth. Its lengths tell where its targets are, so its numbers are shown
+    /// where its replay is.
+    fn shows_metrics(&self) -> bool {
+        ![self.phase.scores, self.phase.replays].contains(&Visibility::Organiser)
     }
 }
 
@@ -126,7 +232,7 @@ fn check_sensors(most: &Sensors, asked: &Sensors) -> Result<(), Refusal> {
 }
 
 /// Reads the mission and makes a referee for it; and the scene's map, when the scene was made for it.
-fn make_referee(
+pub(super) fn make_referee(
     stage: &Stage,
     scenes: &super::scenes::SceneCache,
     episode: &str,
@@ -156,10 +262,8 @@ fn account(time: &TimeSpent) -> TimeAccount {
 }
 
 /// Seals the record. An episode that broke down is the server's fault.
-fn settle(mut referee: Referee, broken: bool, stage: &Stage) -> (EpisodeTruth, Record, Metrics) {
-    if broken {
-        referee.truncate(EndReason::ServerFault);
-    }
+fn settle(mut referee: Referee, stage: &Stage) -> (EpisodeTruth, Record, Metrics) {
+    referee.truncate(EndReason::ServerFault);
     let (truth, record) = referee.into_record();
     let metrics = score(&truth, &record, stage.rules());
     (truth, record, metrics)

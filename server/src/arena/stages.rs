@@ -88,7 +88,7 @@ pub async fn commit(store: &Store, phase: &str) -> Result<(), Failure> {
 
 impl Stage {
     /// Reads what a phase needs; the split is taken from `before` where a stage has it open.
-    fn read(data: &DataFolder, phase: Phase, before: &[Arc<Self>]) -> Result<Self, Failure> {
+    pub(super) fn read(data: &DataFolder, phase: Phase, before: &[Arc<Self>]) -> Result<Self, Failure> {
         let open = before.iter().find(|stage| stage.phase.split == phase.split);
         let split = match open {
             Some(stage) => stage.split.clone(),

@@ -3,6 +3,7 @@
 pub mod admin;
 pub mod agent;
 pub mod challenge;
+pub mod conformance;
 pub mod dataset;
 pub mod dataset_formats;
 pub mod demo;
@@ -18,3 +19,4 @@ pub mod split;
 mod split_prepare;
 pub mod team;
 pub mod token;
+pub mod verify;

@@ -1,15 +1,15 @@
 use crate::{
     gate::Gate,
-    host::{Host, OpenRun, RunStatus},
+    host::{Host, Interrupted, OpenRun, RunStatus},
     limits::Limits,
-    outbound::Outbound,
     refusal::{Failure, Refusal, ask},
-    session::Session,
+    seat::Restored,
+    session::{Opening, Session},
     wire,
 };
-use avln_episode::Sensors;
+use avln_episode::{Sensors, TimeLimits};
 use avln_proto::v1::{self, Reason};
-use std::sync::Arc;
+use std::{sync::Arc, time::Duration};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 /// What all services of the door share.
@@ -47,6 +47,14 @@ impl Door {
 
     /// The run that a run token plays.
     pub(crate) async fn open_run(&self, token: &str) -> Result<OpenRun, Failure> {
+        let open = self.any_run(token).await?;
+        let Some(state) = &open.over else { return Ok(open) };
+        let message = format!("run '{}' is {state}; start another run", open.run);
+        Err(Failure::new(Reason::RunOver, message))
+    }
+
+    /// The run that a run token plays or played.
+    pub(crate) async fn any_run(&self, token: &str) -> Result<OpenRun, Failure> {
         let (host, token) = (self.host.clone(), token.to_owned());
         ask("open a run", async move { host.open_run(&token).await }).await
     }
@@ -57,6 +65,15 @@ impl Door {
         ask("finish a run", async move { host.finish_run(&run).await }).await.map(run_end)
     }
 
+    /// How the episode ended that a client still holds, if its result is stored.
+    pub(crate) async fn stored_end(
+        &self,
+        run: &str,
+        known: &v1::SlotPosition,
+    ) -> Result<Option<v1::EpisodeEnd>, Failure> {
+        stored_end(&self.host, run, known).await
+    }
+
     /// Checks a Hello against the run and the server.
     pub(crate) fn terms(&self, hello: &v1::Hello, open: &OpenRun) -> Result<Terms, Refusal> {
         if !hello.run.is_empty() && hello.run != open.run {
@@ -64,10 +81,6 @@ impl Door {
             let message =
                 format!("the token plays run {}, not '{named}'; use that run's own token", open.run);
             return Err(Refusal::new(Reason::TokenScope, message));
-        }
-        if hello.resume {
-            let message = "resume is not offered: lost episodes were put away; say Hello without it";
-            return Err(Refusal::new(Reason::Unsupported, message));
         }
         let info = self.host.info();
         wire::client_is_welcome(hello.client.as_ref(), &info.clients)?;
@@ -80,13 +93,42 @@ impl Door {
     }
 
     /// Opens a run's slots.
-    pub(crate) fn session(&self, open: &OpenRun, terms: &Terms, out: Option<&Outbound>) -> Session {
-        let (host, limits) = (self.host.clone(), self.limits.clone());
-        Session::open(host, limits, self.simulations.clone(), open, terms, out)
+    pub(crate) fn session(&self, open: &OpenRun, sensors: &Sensors) -> Arc<Session> {
+        self.open_session(open, sensors, Vec::new(), Duration::ZERO)
     }
 
-    /// The frame that answers a Hello.
-    pub(crate) fn welcome(&self, open: &OpenRun, terms: &Terms, session: &Session) -> v1::Welcome {
+    /// Opens the slots of a run that the server was stopped in.
+    pub(crate) fn session_again(&self, interrupted: Interrupted) -> Arc<Session> {
+        let Interrupted { open, sensors, episodes, away } = interrupted;
+        self.open_session(&open, &sensors, episodes, away)
+    }
+
+    fn open_session(
+        &self,
+        open: &OpenRun,
+        sensors: &Sensors,
+        episodes: Vec<Restored>,
+        away: Duration,
+    ) -> Arc<Session> {
+        Arc::new(Session::open(Opening {
+            host: self.host.clone(),
+            simulations: self.simulations.clone(),
+            open,
+            sensors,
+            timeouts_in_a_row: self.limits.timeouts_in_a_row,
+            episodes,
+            away,
+        }))
+    }
+
+    /// The frame that answers a Hello; `resumed` are the slots that hold an episode.
+    pub(crate) fn welcome(
+        &self,
+        open: &OpenRun,
+        terms: &Terms,
+        session: &Session,
+        resumed: Vec<v1::SlotPosition>,
+    ) -> v1::Welcome {
         let info = self.host.info();
         let frame_bytes = Limits::frame_bytes(&terms.sensors, open.rules.audio_samples);
         v1::Welcome {
@@ -96,9 +138,9 @@ impl Door {
             task: Some(wire::task_spec(&open.rules, &terms.sensors)),
             tensors: wire::tensor_specs(&terms.sensors, &open.rules),
             max_message_bytes: u32::try_from(frame_bytes).unwrap_or(u32::MAX),
-            time: Some(self.time_limits()),
+            time: Some(wire::time_limits(&open.time)),
             progress: Some(session.progress()),
-            resumed: Vec::new(),
+            resumed,
             digests: Some(wire::digests(&open.digests)),
             benchmark: info.benchmark,
             server_version: info.version,
@@ -108,21 +150,34 @@ impl Door {
         }
     }
 
-    /// Time that agents have. No time is granted to lost connections.
+    /// Time that agents have.
     pub(crate) fn time_limits(&self) -> v1::TimeLimits {
-        v1::TimeLimits {
-            step_ms: self.limits.step_ms(),
-            bank_ms: 0,
-            run_s: 0,
-            disconnect_s: 0,
-            disconnect_total_s: 0,
-        }
+        wire::time_limits(&TimeLimits::default())
     }
 }
 
 /// Most slots of one stream of the run.
 pub(crate) fn most_slots(open: &OpenRun) -> u32 {
     open.max_slots.clamp(1, Limits::MAX_SLOTS)
+}
+
+/// How an episode ended that a client still holds, if its result is stored.
+pub(crate) async fn stored_end(
+    host: &Arc<dyn Host>,
+    run: &str,
+    known: &v1::SlotPosition,
+) -> Result<Option<v1::EpisodeEnd>, Failure> {
+    let (host, run, handle) = (host.clone(), run.to_owned(), known.episode.clone());
+    let stored = ask("look up an episode", async move { host.ended(&run, &handle).await }).await?;
+    Ok(stored.map(|end| v1::EpisodeEnd {
+        slot: known.slot,
+        episode: known.episode.clone(),
+        step: end.steps,
+        reason: wire::end_reason(end.reason).into(),
+        terminated: end.reason.is_terminated(),
+        metrics: end.outcome.map(|outcome| wire::public_metrics(outcome.metrics, 0)),
+        progress: None,
+    }))
 }
 
 /// How a run stands at the end of a stream.

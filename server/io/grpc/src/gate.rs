@@ -1,4 +1,4 @@
-use crate::{limits::Limits, refusal::Refusal, unary::Desk};
+use crate::{limits::Limits, refusal::Refusal, session::Session, unary::Desk};
 use avln_proto::v1::Reason;
 use std::{
     collections::{BTreeMap, HashMap},
@@ -12,8 +12,10 @@ use tokio::{
 /// Why a session must end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Stop {
-    /// Another connection plays the run now.
+    /// Another connection plays the run now, from new episodes on.
     Superseded,
+    /// Another connection goes on with the session.
+    Resumed,
     /// The server is about to stop.
     Draining,
     /// The team cancelled the run, or its agent said goodbye by a unary call.
@@ -40,6 +42,8 @@ struct Rooms {
     by_run: BTreeMap<String, Room>,
     /// Runs whose unary sessions are open, by run token. Keyed hashing tells nothing about tokens by its timing.
     by_token: HashMap<String, String>,
+    /// Sessions on their way from one connection to the next.
+    handed_over: BTreeMap<String, Arc<Session>>,
     passes: u64,
 }
 
@@ -92,22 +96,31 @@ impl Gate {
         Err(Refusal::new(Reason::Draining, message).retry_after(30))
     }
 
-    /// Takes a run over from whoever plays it, once that session has put its episodes away.
-    pub(crate) async fn enter(self: &Arc<Self>, run: &str) -> Result<Pass, Refusal> {
+    /// Takes a run over from whoever plays it: with its session, or once that has put its episodes away.
+    pub(crate) async fn enter(
+        self: &Arc<Self>,
+        run: &str,
+        how: Stop,
+    ) -> Result<(Pass, Option<Arc<Session>>), Refusal> {
         let patience = Instant::now() + self.limits.handover;
-        while let Some(mut over) = self.evict(run, Stop::Superseded) {
+        while let Some(mut over) = self.evict(run, how) {
             if timeout_at(patience, over.changed()).await.is_err() {
                 let message = format!("the session that plays run {run} does not end; try again");
                 return Err(Refusal::new(Reason::NoCapacity, message).retry_after(10));
             }
         }
-        self.admit(run)
+        let pass = self.admit(run)?;
+        let session = self.rooms().handed_over.remove(run);
+        Ok((pass, session))
     }
 
     /// Ends the session of a run, if there is one, and waits until its episodes are put away.
     pub(crate) async fn stop(&self, run: &str, why: Stop) {
-        if let Some(mut over) = self.evict(run, why) {
-            let _ = timeout_at(Instant::now() + self.limits.handover, over.changed()).await;
+        let patience = Instant::now() + self.limits.handover;
+        while let Some(mut over) = self.evict(run, why) {
+            if timeout_at(patience, over.changed()).await.is_err() {
+                return;
+            }
         }
     }
 
@@ -171,6 +184,11 @@ impl Room {
 }
 
 impl Pass {
+    /// Leaves, and leaves the session to whoever enters next.
+    pub(crate) fn hand_over(self, session: Arc<Session>) {
+        self.gate.rooms().handed_over.insert(self.run.clone(), session);
+    }
+
     /// Opens a desk where unary calls with this token find the session.
     pub(crate) fn open_desk(&self, token: &str, desk: Arc<Desk>) {
         let mut rooms = self.gate.rooms();
@@ -212,32 +230,32 @@ mod tests {
     #[tokio::test]
     async fn the_second_waits_for_the_first_to_leave() {
         let gate = gate(4);
-        let mut first = gate.enter("run_a").await.unwrap();
+        let (mut first, _) = gate.enter("run_a", Stop::Superseded).await.unwrap();
         let second = tokio::spawn({
             let gate = gate.clone();
-            async move { gate.enter("run_a").await }
+            async move { gate.enter("run_a", Stop::Superseded).await }
         });
         assert_eq!(first.stopped().await, Stop::Superseded);
         assert!(!second.is_finished());
         drop(first);
-        let second = second.await.unwrap().unwrap();
+        let (second, _) = second.await.unwrap().unwrap();
         assert!(second.stop.borrow().is_none());
     }
 
     #[tokio::test(start_paused = true)]
     async fn one_that_never_leaves_costs_a_bounded_wait() {
         let gate = gate(4);
-        let _first = gate.enter("run_a").await.unwrap();
+        let _first = gate.enter("run_a", Stop::Superseded).await.unwrap();
         let before = Instant::now();
-        assert_eq!(gate.enter("run_a").await.unwrap_err().reason, Reason::NoCapacity);
+        assert_eq!(gate.enter("run_a", Stop::Superseded).await.unwrap_err().reason, Reason::NoCapacity);
         assert_eq!(before.elapsed(), Duration::from_secs(30));
     }
 
     #[tokio::test]
     async fn a_full_gate_and_a_shut_gate_say_so() {
         let gate = gate(1);
-        let mut first = gate.enter("run_a").await.unwrap();
-        assert_eq!(gate.enter("run_b").await.unwrap_err().reason, Reason::NoCapacity);
+        let (mut first, _) = gate.enter("run_a", Stop::Superseded).await.unwrap();
+        assert_eq!(gate.enter("run_b", Stop::Superseded).await.unwrap_err().reason, Reason::NoCapacity);
         let shutting = tokio::spawn({
             let gate = gate.clone();
             async move { gate.shut().await }
@@ -245,6 +263,6 @@ mod tests {
         assert_eq!(first.stopped().await, Stop::Draining);
         drop(first);
         shutting.await.unwrap();
-        assert_eq!(gate.enter("run_b").await.unwrap_err().reason, Reason::Draining);
+        assert_eq!(gate.enter("run_b", Stop::Superseded).await.unwrap_err().reason, Reason::Draining);
     }
 }

@@ -1,5 +1,10 @@
-use crate::{control::Control, refusal::Refusal, seat::Seat};
-use avln_episode::{EndReason, FeedbackRule, Order, Rules, Sensors};
+use crate::{
+    control::Control,
+    refusal::Refusal,
+    seat::{Restored, Seat},
+};
+use avln_episode::{EndReason, FeedbackRule, Order, Rules, Sensors, TimeLimits};
+use std::time::Duration;
 
 /// What the door needs from the house behind it. The server implements it over its phases, data sets and store.
 ///
@@ -36,16 +41,25 @@ pub trait Host: Send + Sync + 'static {
     /// What the account's team has left in a phase, or in all that it may know of.
     async fn quotas(&self, account: &Account, phase: Option<&str>) -> Result<Vec<Quota>, Refusal>;
 
-    /// The run that a run token plays.
+    /// The run that a run token plays, or played: `over` says when nothing is left to play.
     async fn open_run(&self, run_token: &str) -> Result<OpenRun, Refusal>;
 
-    /// The next episode of the run, or `None` when none is left to hand out.
-    async fn next_episode(&self, run: &str, sensors: &Sensors) -> Result<Option<Seat>, Refusal>;
+    /// The next episode of the run for the slot `slot`, or `None` when none is left to hand out.
+    async fn next_episode(&self, run: &str, slot: u32, sensors: &Sensors) -> Result<Option<Seat>, Refusal>;
 
     /// Stores what happened in the episode. `Some` only where the phase shows results to agents.
     ///
     /// A referee whose `end()` is `None` here broke down: the episode is a server fault.
     async fn conclude(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal>;
+
+    /// How an episode ended whose result is stored; `None` when there is no such result.
+    async fn ended(&self, run: &str, handle: &str) -> Result<Option<StoredEnd>, Refusal>;
+
+    /// Runs whose episodes were being played when the server stopped. Asked once, before anybody is let in.
+    async fn interrupted(&self) -> Result<Vec<String>, Refusal>;
+
+    /// The episodes of such a run, back where they were. Those that cannot be had again are played anew.
+    async fn restore(&self, run: &str) -> Result<Interrupted, Refusal>;
 
     /// Closes the run: every episode was played or the agent left for good. Says how it stands.
     async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal>;
@@ -312,6 +326,34 @@ pub struct OpenRun {
     pub done: u32,
     /// What decides scores.
     pub digests: Digests,
+    /// Time that agents have.
+    pub time: TimeLimits,
+    /// In which state the run ended; `None` while it can be played.
+    pub over: Option<String>,
+}
+
+/// A run that was being played when the server stopped.
+#[derive(Debug)]
+pub struct Interrupted {
+    /// The run.
+    pub open: OpenRun,
+    /// The sensors that its agent asked for.
+    pub sensors: Sensors,
+    /// Its episodes.
+    pub episodes: Vec<Restored>,
+    /// What its lost connections took so far of the time that they may be away.
+    pub away: Duration,
+}
+
+/// How a stored episode ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StoredEnd {
+    /// Why it ended; a server fault when it will be played again.
+    pub reason: EndReason,
+    /// Steps taken.
+    pub steps: u32,
+    /// What the agent may know of it.
+    pub outcome: Option<EpisodeOutcome>,
 }
 
 /// Hexadecimal digests of what decides scores; empty where the phase hides one.

@@ -37,6 +37,7 @@
 //! ```
 
 mod auth;
+mod away;
 mod control;
 mod door;
 mod gate;
@@ -56,12 +57,13 @@ mod wire;
 pub use avln_proto::{API_MINOR, v1::Reason};
 pub use control::{Control, Drain, Histogram, SlotState, Snapshot};
 pub use host::{
-    Account, ClientRange, Digests, EpisodeOutcome, Host, OpenRun, PhaseInfo, PhaseState, Quota, QuotaWindow,
-    Revealed, RunRequest, RunState, RunStatus, RunTicket, Scope, ServerInfo, Visibility,
+    Account, ClientRange, Digests, EpisodeOutcome, Host, Interrupted, OpenRun, PhaseInfo, PhaseState, Quota,
+    QuotaWindow, Revealed, RunRequest, RunState, RunStatus, RunTicket, Scope, ServerInfo, StoredEnd,
+    Visibility,
 };
 pub use limits::Limits;
 pub use refusal::Refusal;
-pub use seat::{EpisodeRunner, Seat, TimeSpent};
+pub use seat::{Acted, EpisodeLog, EpisodeRunner, Restored, Seat, TimeSpent};
 pub use serve::{ServeError, serve};
 /// Goes above every implementation of [`Host`].
 pub use tonic::async_trait;

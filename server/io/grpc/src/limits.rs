@@ -36,8 +36,6 @@ pub struct Limits {
     pub ping_interval: Duration,
     /// Time for which an agent may leave a message unread before it counts as gone.
     pub reader_stall: Duration,
-    /// Time that an agent may think about one step; loading a model before Ready is not counted.
-    pub step_time: Duration,
     /// Episodes in a row that may run out of time before the run ends: the agent hangs.
     pub timeouts_in_a_row: u32,
     /// Silence after which a run that is played by unary calls counts as gone.
@@ -68,7 +66,6 @@ impl Default for Limits {
             hello: seconds(10),
             ping_interval: seconds(60),
             reader_stall: seconds(30),
-            step_time: seconds(60),
             timeouts_in_a_row: 20,
             unary_idle: seconds(120),
             handover: seconds(30),
@@ -93,11 +90,6 @@ impl Limits {
     pub(crate) fn shorten(text: &str) -> &str {
         let end = text.floor_char_boundary(Self::MAX_TEXT_BYTES);
         &text[..end]
-    }
-
-    /// [`Limits::step_time`] as the wire tells it, milliseconds.
-    pub(crate) fn step_ms(&self) -> u32 {
-        u32::try_from(self.step_time.as_millis()).unwrap_or(u32::MAX)
     }
 
     /// Size of the largest frame that an agent with these sensors can be sent, bytes.

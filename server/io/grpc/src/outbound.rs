@@ -44,9 +44,34 @@ struct Clock {
 
 #[derive(Debug)]
 struct Times {
-    /// When each frame in the queue was put there.
-    waiting: VecDeque<Instant>,
+    waiting: VecDeque<Waiting>,
     last_sent: Instant,
+}
+
+/// A frame in the queue.
+#[derive(Debug)]
+struct Waiting {
+    since: Instant,
+    left: watch::Sender<Option<Instant>>,
+}
+
+/// When a frame leaves the queue for the transport.
+#[derive(Clone, Debug)]
+pub(crate) struct Departure(watch::Receiver<Option<Instant>>);
+
+impl Departure {
+    /// When the frame left, if it has.
+    pub(crate) fn at(&self) -> Option<Instant> {
+        *self.0.borrow()
+    }
+
+    /// Waits until the frame has left. One whose stream is gone never leaves.
+    pub(crate) async fn left(mut self) -> Instant {
+        match self.0.wait_for(Option::is_some).await.map(|at| *at) {
+            Ok(Some(at)) => at,
+            _ => std::future::pending().await,
+        }
+    }
 }
 
 /// A queue for `frames` frames, none of which may wait for longer than `stall`.
@@ -59,7 +84,7 @@ pub(crate) fn outbound(frames: usize, stall: Duration) -> (Outbound, Frames) {
 
 impl Outbound {
     /// Queues a frame; waits while the queue is full, up to the stall limit.
-    pub(crate) async fn send(&self, frame: Frame) -> Result<(), Gone> {
+    pub(crate) async fn send(&self, frame: Frame) -> Result<Departure, Gone> {
         self.put(Ok(PlayResponse { frame: Some(frame) })).await
     }
 
@@ -68,7 +93,7 @@ impl Outbound {
         let _ = self.put(Err(failure.into())).await;
     }
 
-    async fn put(&self, item: Item) -> Result<(), Gone> {
+    async fn put(&self, item: Item) -> Result<Departure, Gone> {
         let mut cut = self.clock.cut.subscribe();
         let place = tokio::select! {
             biased;
@@ -76,11 +101,12 @@ impl Outbound {
             _ = cut.wait_for(|cut| *cut) => return Err(Gone),
         };
         let now = Instant::now();
+        let (left, departure) = watch::channel(None);
         let mut times = self.clock.times();
-        times.waiting.push_back(now);
+        times.waiting.push_back(Waiting { since: now, left });
         times.last_sent = now;
         place.send(item);
-        Ok(())
+        Ok(Departure(departure))
     }
 
     /// From now on frames are queued only where there is room: nobody waits for this agent.
@@ -96,7 +122,7 @@ impl Outbound {
     /// Waits until the agent has hung up or left a frame unread for too long.
     pub(crate) async fn gone(&self) {
         loop {
-            let since = self.clock.times().waiting.front().copied();
+            let since = self.clock.times().waiting.front().map(|waiting| waiting.since);
             let check = since.unwrap_or_else(Instant::now) + self.stall;
             if since.is_some() && check <= Instant::now() {
                 return;
@@ -120,8 +146,10 @@ impl Stream for Frames {
 
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Item>> {
         let next = self.queue.poll_recv(context);
-        if let Poll::Ready(Some(_)) = next {
-            self.clock.times().waiting.pop_front();
+        if let Poll::Ready(Some(_)) = next
+            && let Some(waiting) = self.clock.times().waiting.pop_front()
+        {
+            waiting.left.send_replace(Some(Instant::now()));
         }
         next
     }
@@ -152,7 +180,7 @@ mod tests {
     async fn a_full_queue_gives_up_after_the_stall_limit() {
         let (out, _frames) = outbound(1, STALL);
         out.send(ping()).await.unwrap();
-        assert_eq!(out.send(ping()).await, Err(Gone));
+        assert!(out.send(ping()).await.is_err());
     }
 
     #[tokio::test(start_paused = true)]
@@ -160,8 +188,8 @@ mod tests {
         let (out, _frames) = outbound(1, STALL);
         out.cut();
         let before = Instant::now();
-        assert_eq!(out.send(ping()).await, Ok(()));
-        assert_eq!(out.send(ping()).await, Err(Gone));
+        assert!(out.send(ping()).await.is_ok());
+        assert!(out.send(ping()).await.is_err());
         assert_eq!(before.elapsed(), Duration::ZERO);
     }
 
@@ -175,6 +203,20 @@ mod tests {
         let before = Instant::now();
         out.gone().await;
         assert_eq!(before.elapsed(), Duration::ZERO);
-        assert_eq!(out.send(ping()).await, Err(Gone));
+        assert!(out.send(ping()).await.is_err());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_frame_leaves_when_the_transport_takes_it() {
+        let (out, mut frames) = outbound(4, STALL);
+        let departure = out.send(ping()).await.unwrap();
+        tokio::time::advance(Duration::from_secs(5)).await;
+        assert_eq!(departure.at(), None);
+        assert!(frames.next().await.is_some());
+        assert_eq!(departure.clone().left().await, Instant::now());
+        assert_eq!(departure.at(), Some(Instant::now()));
+        let lost = out.send(ping()).await.unwrap();
+        drop((out, frames));
+        assert!(timeout(STALL, lost.left()).await.is_err(), "it never leaves");
     }
 }

@@ -1,9 +1,11 @@
 //! The stream: one run, many slots, from Hello to Goodbye.
 
 use crate::{
+    away::Away,
     control::{Control, Drain},
-    door::Door,
+    door::{Door, Terms},
     gate::{Pass, Stop},
+    host::OpenRun,
     limits::Limits,
     outbound::Outbound,
     refusal::{About, Failure, Refusal},
@@ -12,6 +14,7 @@ use crate::{
 };
 use avln_episode::EndReason;
 use avln_proto::v1::{self, Reason, play_request, play_response::Frame};
+use std::sync::Arc;
 use tokio::time::{Instant, sleep_until, timeout};
 use tonic::{Status, Streaming};
 
@@ -20,6 +23,8 @@ enum Ending {
     /// The agent is no longer there, or no longer makes sense.
     Lost(Failure),
     Goodbye,
+    /// The agent will be back.
+    Pause,
     Over(Over),
     Stopped(Stop),
 }
@@ -42,19 +47,72 @@ impl Stage {
 
     async fn play(&mut self) -> Result<(), Failure> {
         let hello = self.hello().await?;
+        let open = match self.admit(&hello).await {
+            Ok((open, _)) => open,
+            Err(why) => return self.turn_away(&hello, why).await,
+        };
+        let how = if hello.resume { Stop::Resumed } else { Stop::Superseded };
+        let (pass, kept) = self.door.gate.enter(&open.run, how).await?;
+        match (self.admit(&hello).await, kept) {
+            (Err(why), kept) => {
+                if let Some(session) = kept {
+                    Away::begin(session, pass).await;
+                }
+                self.turn_away(&hello, why).await
+            }
+            (Ok((open, terms)), Some(session)) if hello.resume => {
+                if let Err(refused) = session.check_sensors(&terms.sensors) {
+                    Away::begin(session, pass).await;
+                    return Err(refused.into());
+                }
+                self.perform(&open, &terms, session, pass, &hello.known).await
+            }
+            (Ok((open, terms)), kept) => {
+                if let Some(session) = kept {
+                    // It was on its way to somebody who resumes, whom this stream came before.
+                    session.close(EndReason::Disconnected).await;
+                }
+                let session = self.door.session(&open, &terms.sensors);
+                self.perform(&open, &terms, session, pass, &hello.known).await
+            }
+        }
+    }
+
+    /// How far the run is, now that whoever played it has stored its episodes, and what the agent is granted.
+    async fn admit(&self, hello: &v1::Hello) -> Result<(OpenRun, Terms), Failure> {
         let open = self.door.open_run(&self.token).await?;
-        self.door.terms(&hello, &open)?;
-        let mut pass = self.door.gate.enter(&open.run).await?;
-        // A session that was superseded has just stored its episodes: ask again how far the run is.
-        let open = self.door.open_run(&self.token).await?;
-        let terms = self.door.terms(&hello, &open)?;
-        let session = self.door.session(&open, &terms, Some(&self.out));
-        let welcome = self.door.welcome(&open, &terms, &session);
+        let terms = self.door.terms(hello, &open)?;
+        Ok((open, terms))
+    }
+
+    /// Somebody who comes back to a run that is over is told how it ended; anybody else is refused.
+    async fn turn_away(&self, hello: &v1::Hello, why: Failure) -> Result<(), Failure> {
+        if !hello.resume || why.reason() != Reason::RunOver {
+            return Err(why);
+        }
+        let run = self.door.any_run(&self.token).await?.run;
+        self.farewell(&run, &hello.known).await
+    }
+
+    /// Plays the session until the stream ends.
+    async fn perform(
+        &mut self,
+        open: &OpenRun,
+        terms: &Terms,
+        session: Arc<Session>,
+        mut pass: Pass,
+        known: &[v1::SlotPosition],
+    ) -> Result<(), Failure> {
+        let resumed = session.positions().await;
+        let welcome = self.door.welcome(open, terms, &session, resumed);
         let ending = match self.out.send(Frame::Welcome(welcome)).await {
-            Ok(()) => self.conduct(&session, &mut pass).await,
+            Ok(_) => {
+                session.attach(&self.out, terms.slots, known).await;
+                self.conduct(&session, &mut pass).await
+            }
             Err(_) => Ending::Lost(gone()),
         };
-        self.finish(&session, &pass, ending).await
+        self.finish(session, pass, ending).await
     }
 
     async fn hello(&mut self) -> Result<v1::Hello, Failure> {
@@ -108,11 +166,7 @@ impl Stage {
             Some(Request::Abandon(abandon)) => (abandon.slot, Order::Abandon(abandon)),
             Some(Request::Pong(_)) => return None,
             Some(Request::Goodbye(goodbye)) if !goodbye.pause => return Some(Ending::Goodbye),
-            Some(Request::Goodbye(_)) => {
-                return self
-                    .refuse(Reason::Unsupported, "pause is not offered; say Goodbye without it")
-                    .await;
-            }
+            Some(Request::Goodbye(_)) => return Some(Ending::Pause),
             Some(Request::Hello(_)) => {
                 return self
                     .refuse(Reason::BadRequest, "Hello was said already; send Ready, Act or Goodbye")
@@ -142,19 +196,19 @@ impl Stage {
         let _ = self.out.send(Frame::Ping(ping)).await;
     }
 
-    /// Puts open episodes away, then says how the stream ends.
-    async fn finish(&self, session: &Session, pass: &Pass, ending: Ending) -> Result<(), Failure> {
+    /// Puts open episodes away or keeps them for a while, then says how the stream ends.
+    async fn finish(&self, session: Arc<Session>, pass: Pass, ending: Ending) -> Result<(), Failure> {
         match ending {
             Ending::Lost(why) => {
                 self.out.cut();
-                session.close(EndReason::Disconnected).await;
+                Away::begin(session, pass).await;
                 Err(why)
             }
-            Ending::Goodbye => {
-                session.close(EndReason::Abandoned).await;
-                self.run_end(&pass.run).await
+            Ending::Pause => {
+                Away::begin(session, pass).await;
+                Ok(())
             }
-            Ending::Over(Over::NothingLeft) => {
+            Ending::Goodbye | Ending::Over(Over::NothingLeft) => {
                 session.close(EndReason::Abandoned).await;
                 self.run_end(&pass.run).await
             }
@@ -165,8 +219,18 @@ impl Stage {
                 session.close(EndReason::TimeBudget).await;
                 self.run_end(&pass.run).await
             }
-            Ending::Stopped(stop) => self.stopped(session, stop).await,
+            Ending::Stopped(stop) => self.stopped(session, pass, stop).await,
         }
+    }
+
+    /// Tells somebody who comes back to a run that is over how it ended, and the episodes that he still holds.
+    async fn farewell(&self, run: &str, known: &[v1::SlotPosition]) -> Result<(), Failure> {
+        for position in known.iter().take(Limits::MAX_SLOTS as usize) {
+            if let Some(end) = self.door.stored_end(run, position).await? {
+                let _ = self.out.send(Frame::EpisodeEnd(end)).await;
+            }
+        }
+        self.run_end(run).await
     }
 
     async fn run_end(&self, run: &str) -> Result<(), Failure> {
@@ -175,23 +239,32 @@ impl Stage {
         Ok(())
     }
 
-    async fn stopped(&self, session: &Session, stop: Stop) -> Result<(), Failure> {
+    async fn stopped(&self, session: Arc<Session>, pass: Pass, stop: Stop) -> Result<(), Failure> {
         self.out.cut();
-        let (reason, why) = match stop {
+        let why = match stop {
             Stop::Superseded => {
+                session.close(EndReason::Disconnected).await;
                 let message = "another stream took this run over; open episodes were put away";
-                (EndReason::Disconnected, Refusal::new(Reason::Superseded, message))
+                Refusal::new(Reason::Superseded, message)
+            }
+            Stop::Resumed => {
+                session.detach().await;
+                pass.hand_over(session);
+                let message = "another stream goes on with this run; two cannot play it at once";
+                Refusal::new(Reason::Superseded, message)
             }
             Stop::Left => {
-                (EndReason::Abandoned, Refusal::new(Reason::RunOver, "the run was ended by its own team"))
+                session.close(EndReason::Abandoned).await;
+                Refusal::new(Reason::RunOver, "the run was ended by its own team")
             }
             Stop::Draining => {
                 let _ = self.out.send(Frame::Notice(draining_notice())).await;
-                let message = "the server stops; episodes that were open do not count, connect again later";
-                (EndReason::ServerFault, Refusal::new(Reason::Draining, message).retry_after(30))
+                session.leave().await;
+                let message =
+                    "the server stops; connect again with resume when it is back, and open episodes go on";
+                Refusal::new(Reason::Draining, message).retry_after(5)
             }
         };
-        session.close(reason).await;
         let failure = Failure::from(why);
         let _ = self.out.send(Frame::Fault(failure.frame(About::default(), false))).await;
         Err(failure)
@@ -200,10 +273,8 @@ impl Stage {
 
 /// What ends a run whose agent does not answer any more.
 pub(crate) fn hangs(limits: &Limits) -> Failure {
-    let message = format!(
-        "{} episodes in a row ran out of time ({:?} a step); the run ends here",
-        limits.timeouts_in_a_row, limits.step_time
-    );
+    let message =
+        format!("{} episodes in a row ran out of time; the run ends here", limits.timeouts_in_a_row);
     Failure::new(Reason::TooSlow, message)
 }
 
@@ -230,7 +301,7 @@ fn ending_notice(drain: &Drain) -> v1::Notice {
 fn draining_notice() -> v1::Notice {
     v1::Notice {
         kind: v1::NoticeKind::Draining.into(),
-        message: "the server stops now; open episodes do not count".to_owned(),
+        message: "the server stops now; open episodes go on when it is back".to_owned(),
         effective_unix_ms: 0,
     }
 }
@@ -240,7 +311,7 @@ fn gone() -> Failure {
 }
 
 fn no_goodbye() -> Failure {
-    let message = "the stream ended without Goodbye: open episodes end disconnected";
+    let message = "the stream ended without Goodbye: open episodes wait for a Hello with resume, for a while";
     Failure::new(Reason::BadRequest, message)
 }
 

@@ -1,6 +1,7 @@
 //! The listener: our own accept loop over hyper, because every limit of a connection is set here.
 
 use crate::{
+    away,
     door::Door,
     host::Host,
     limits::Limits,
@@ -52,7 +53,7 @@ pub enum ServeError {
 
 /// Serves agents on `listener`, which may speak TLS, until `shutdown` is ready and all that runs is put away.
 ///
-/// Running episodes then end as server faults, which never count against an agent.
+/// Running episodes are left as they were written down: the next server goes on with them.
 ///
 /// # Errors
 /// When the door cannot be opened. Nothing that an agent does is an error here.
@@ -65,6 +66,9 @@ pub async fn serve(
     let listener = listener.into();
     let door = Door::new(host, limits);
     let (routes, health) = service::routes(&door).await?;
+    for pass in away::take_interrupted(&door).await {
+        tokio::spawn(away::restore(door.clone(), pass));
+    }
     let (closing, _) = watch::channel(false);
     let mut connections = JoinSet::new();
     tokio::select! {

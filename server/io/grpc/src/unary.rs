@@ -1,12 +1,13 @@
 //! The unary mirror: the same session as a stream's, with one slot, found again by the run of the token.
 
 use crate::{
+    away::Away,
     door::{Door, Terms},
     gate::{Pass, Stop},
-    refusal::{Failure, Refusal, ServerFault},
+    refusal::{Failure, ServerFault},
     session::{Answer, Order, Over, Session},
 };
-use avln_episode::{EndReason, Sensors};
+use avln_episode::EndReason;
 use avln_proto::v1::{self, Reason, end_request, end_response, reset_response::Outcome};
 use std::{sync::Arc, time::Duration};
 use tokio::{
@@ -19,9 +20,8 @@ const SLOT: u32 = 0;
 
 /// Where unary calls find the session of their run.
 pub(crate) struct Desk {
-    session: Session,
+    session: Arc<Session>,
     welcome: v1::Welcome,
-    sensors: Sensors,
     last_call: watch::Sender<Instant>,
 }
 
@@ -34,22 +34,17 @@ impl Desk {
         answer.map_err(|failure| door.gate.check_open().err().map_or(failure, Failure::from))
     }
 
-    /// The sensors of a run are those of its first Hello.
-    fn check_sensors(&self, wanted: &Sensors) -> Result<(), Refusal> {
-        if self.sensors == *wanted {
-            return Ok(());
-        }
-        let message = "the sensors of a run are fixed by its first Hello; ask for the same ones";
-        Err(Refusal::new(Reason::SensorNotAllowed, message))
-    }
-
     /// Watches over the session until it is over, then puts it away.
     async fn keep(self: Arc<Self>, door: Door, mut pass: Pass) {
         let reason = tokio::select! {
             stop = pass.stopped() => match stop {
                 Stop::Superseded => EndReason::Disconnected,
-                Stop::Draining => EndReason::ServerFault,
                 Stop::Left => EndReason::Abandoned,
+                Stop::Draining => return self.session.leave().await,
+                Stop::Resumed => {
+                    self.session.detach().await;
+                    return pass.hand_over(self.session.clone());
+                }
             },
             over = self.session.over() => match over {
                 Over::NothingLeft => EndReason::Abandoned,
@@ -99,9 +94,10 @@ pub(crate) async fn reset(
         Some(desk) => desk,
         None => open_desk(door, token, &hello).await?,
     };
-    desk.check_sensors(&terms.sensors)?;
+    desk.session.check_sensors(&terms.sensors)?;
     let welcome = Some(desk.welcome.clone());
-    let outcome = match desk.ask(door, Order::Ready).await? {
+    let order = if hello.resume { Order::GoOn } else { Order::Ready };
+    let outcome = match desk.ask(door, order).await? {
         Answer::Start(start) => Outcome::EpisodeStart(*start),
         _ => Outcome::RunEnd(leave(door, &open.run).await?),
     };
@@ -148,16 +144,30 @@ pub(crate) async fn end(
     Ok(v1::EndResponse { frame: Some(frame) })
 }
 
+/// Opens a desk on the run: on its session where `hello` resumes, else on a new one.
 async fn open_desk(door: &Door, token: &str, hello: &v1::Hello) -> Result<Arc<Desk>, Failure> {
     let run = door.open_run(token).await?.run;
-    let pass = door.gate.enter(&run).await?;
+    let how = if hello.resume { Stop::Resumed } else { Stop::Superseded };
+    let (pass, kept) = door.gate.enter(&run, how).await?;
     // A session that was superseded has just stored its episodes: ask again how far the run is.
     let open = door.open_run(token).await?;
     let terms = Terms { slots: 1, ..door.terms(hello, &open)? };
-    let session = door.session(&open, &terms, None);
-    let welcome = door.welcome(&open, &terms, &session);
+    let session = match kept {
+        Some(session) if hello.resume => session,
+        Some(session) => {
+            session.close(EndReason::Disconnected).await;
+            door.session(&open, &terms.sensors)
+        }
+        None => door.session(&open, &terms.sensors),
+    };
+    if let Err(refused) = session.check_sensors(&terms.sensors) {
+        Away::begin(session, pass).await;
+        return Err(refused.into());
+    }
+    session.answer_calls().await;
+    let welcome = door.welcome(&open, &terms, &session, session.positions().await);
     let last_call = watch::Sender::new(Instant::now());
-    let desk = Arc::new(Desk { session, welcome, sensors: terms.sensors, last_call });
+    let desk = Arc::new(Desk { session, welcome, last_call });
     pass.open_desk(token, desk.clone());
     tokio::spawn(desk.clone().keep(door.clone(), pass));
     Ok(desk)
@@ -182,7 +192,8 @@ async fn found(door: &Door, token: &str) -> Result<Arc<Desk>, Failure> {
     }
     door.gate.check_open()?;
     let run = door.open_run(token).await?.run;
-    let message = format!("run {run} has no open episode here; begin one with Reset");
+    let message =
+        format!("run {run} has no open episode here; begin with Reset, whose Hello says resume to go on");
     Err(Failure::new(Reason::EpisodeUnknown, message))
 }
 

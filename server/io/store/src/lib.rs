@@ -34,7 +34,7 @@ pub use phases::{
     Admission, GoalText, Phase, PhaseEpisode, PhaseState, QuotaLimits, Ranking, Sample, Sampling, Schedule,
     Visibility,
 };
-pub use play::{Assigned, EpisodeState, Finished, Recorded, TimeAccount};
+pub use play::{Assigned, EpisodeState, Finished, HandedOut, Recorded, TimeAccount, Underway};
 pub use quota::{Charge, Quota, QuotaWindow};
 pub use reveal::{Promise, Revealed, pool_digest};
 pub use runs::{NewRun, Run, RunState, StartedRun};

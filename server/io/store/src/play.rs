@@ -3,7 +3,7 @@ use crate::{
     reveal::read_key,
     runs::read_run,
     totals::{add_to_totals, count_fault, settle_run},
-    words::{count, row, to_json, words},
+    words::{count, end_reason, from_json, row, to_json, words},
 };
 use avln_episode::EndReason;
 use avln_scoring::Metrics;
@@ -44,6 +44,28 @@ pub struct Assigned {
     pub episode: String,
     /// Name of the scene.
     pub scene: String,
+}
+
+/// An episode that is being played, or was when the server stopped.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Underway {
+    /// The run.
+    pub run: String,
+    /// The name that the agent sees.
+    pub handle: String,
+    /// Id of the episode inside the split.
+    pub episode: String,
+}
+
+/// How an episode that was handed out stands.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HandedOut {
+    /// How far it is.
+    pub state: EpisodeState,
+    /// Why it ended; `None` before.
+    pub end: Option<EndReason>,
+    /// What it was worth; `None` when it was not scored.
+    pub metrics: Option<Metrics>,
 }
 
 /// Where the time of an episode went, seconds of wall clock.
@@ -178,45 +200,57 @@ impl Store {
         Ok(run)
     }
 
-    /// Takes back an episode that was handed out and could not be started: it is pending again, up to three attempts.
-    /// One that is not being played stays as it is.
+    /// The episodes that are being played, or were when the server stopped, by run and handle.
     ///
     /// # Errors
     /// When the database fails.
-    pub async fn take_back(&self, run: &str, handle: &str, now_unix_ms: i64) -> Result<(), StoreError> {
-        self.reopen(Some((run, handle)), now_unix_ms).await.map(drop)
+    pub async fn underway(&self) -> Result<Vec<Underway>, StoreError> {
+        let select = "SELECT run, handle, episode FROM episodes WHERE state = 'running' ORDER BY run, handle";
+        let rows: Vec<(String, String, String)> = sqlx::query_as(select).fetch_all(&self.read).await?;
+        Ok(rows.into_iter().map(|(run, handle, episode)| Underway { run, handle, episode }).collect())
     }
 
-    /// Makes episodes pending again that were being played when the server went down; says how many there were.
-    /// An episode that was lost three times is given up. To be called once at the start, by the server alone.
+    /// How the episode stands that was handed out under `handle`; `None` when there is none, or when it was handed out again
+    /// since.
     ///
     /// # Errors
     /// When the database fails.
-    pub async fn reopen_interrupted(&self, now_unix_ms: i64) -> Result<u32, StoreError> {
-        self.reopen(None, now_unix_ms).await
+    pub async fn handed_out(&self, run: &str, handle: &str) -> Result<Option<HandedOut>, StoreError> {
+        let select = "SELECT state, end_reason, metrics FROM episodes WHERE run = $1 AND handle = $2";
+        let row: Option<(String, Option<String>, Option<String>)> =
+            sqlx::query_as(select).bind(run).bind(handle).fetch_optional(&self.read).await?;
+        let Some((state, end, metrics)) = row else { return Ok(None) };
+        Ok(Some(HandedOut {
+            state: EpisodeState::from_word(&state)?,
+            end: end.map(|end| end_reason(&end)).transpose()?,
+            metrics: metrics.map(|json| from_json("metrics", &json)).transpose()?,
+        }))
     }
 
-    /// Reopens one episode that is being played, by run and handle, or all; says how many there were.
-    async fn reopen(&self, only: Option<(&str, &str)>, now_unix_ms: i64) -> Result<u32, StoreError> {
+    /// Takes back an episode that was handed out and lost by the server: it is pending again, or given up after three
+    /// attempts. One that is not being played stays as it is; says whether this one was.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn take_back(&self, run: &str, handle: &str, now_unix_ms: i64) -> Result<bool, StoreError> {
         let mut tx = self.begin().await?;
         let reopen = "UPDATE episodes SET interruptions = interruptions + 1, \
              state = CASE WHEN attempts >= $1 THEN 'infra' ELSE 'pending' END, \
              end_reason = CASE WHEN attempts >= $1 THEN 'server_fault' END, \
              finished_ms = CASE WHEN attempts >= $1 THEN $2 END \
-             WHERE state = 'running' AND ($3 IS NULL OR run = $3 AND handle = $4) RETURNING run, state = 'infra'";
-        let lost: Vec<(String, bool)> = sqlx::query_as(reopen)
+             WHERE state = 'running' AND run = $3 AND handle = $4 RETURNING state = 'infra'";
+        let lost: Option<bool> = sqlx::query_scalar(reopen)
             .bind(MAX_ATTEMPTS)
             .bind(now_unix_ms)
-            .bind(only.map(|only| only.0))
-            .bind(only.map(|only| only.1))
-            .fetch_all(&mut *tx)
+            .bind(run)
+            .bind(handle)
+            .fetch_optional(&mut *tx)
             .await?;
-        for (run, given_up) in &lost {
-            count_fault(&mut tx, run, *given_up).await?;
-            settle_run(&mut tx, run, now_unix_ms).await?;
-        }
+        let Some(given_up) = lost else { return Ok(false) };
+        count_fault(&mut tx, run, given_up).await?;
+        settle_run(&mut tx, run, now_unix_ms).await?;
         tx.commit().await?;
-        Ok(lost.len() as u32)
+        Ok(true)
     }
 }
 

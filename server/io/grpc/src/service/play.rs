@@ -24,7 +24,7 @@ impl PlayService for Plays {
         let door = self.0.clone();
         let token = bearer(request.metadata()).map_err(Failure::from)?;
         door.gate.check_open().map_err(Failure::from)?;
-        let open = door.open_run(&token).await?;
+        let open = door.any_run(&token).await?;
         let (out, frames) = outbound(2 * most_slots(&open) as usize, door.limits.reader_stall);
         let stage = Stage { door, token, inbound: request.into_inner(), out };
         // A task of its own: episodes are put away even when the connection is cut.

@@ -1,7 +1,4 @@
-use crate::{
-    refusal::ServerFault,
-    seat::{EpisodeRunner, Seat},
-};
+use crate::{refusal::ServerFault, seat::Seat};
 use avln_episode::EndReason;
 use std::{
     any::Any,
@@ -20,14 +17,14 @@ impl Crew {
     pub(super) async fn simulate<T: Send + 'static>(
         &self,
         mut seat: Seat,
-        work: impl FnOnce(&mut dyn EpisodeRunner) -> T + Send + 'static,
+        work: impl FnOnce(&mut Seat) -> T + Send + 'static,
     ) -> Result<(Seat, Result<T, ServerFault>), ServerFault> {
         // Nobody closes the semaphore; if it were closed, the work would merely run at once.
         let asked = Instant::now();
         let _place = self.0.acquire().await;
         let done = spawn_blocking(move || {
             let begun = Instant::now();
-            let result = catch_unwind(AssertUnwindSafe(|| work(seat.referee.as_mut())));
+            let result = catch_unwind(AssertUnwindSafe(|| work(&mut seat)));
             let result = result.map_err(|panic| ServerFault::simulator("simulate", text(&*panic)));
             seat.time.queue += begun - asked;
             seat.time.simulation += begun.elapsed();

@@ -1,25 +1,31 @@
-use super::{Shared, simulate};
+use super::{
+    Leave, Shared,
+    clock::Clock,
+    playing::{Last, Over, Playing, not_ahead, same_episode, start_frame},
+    simulate,
+};
 use crate::{
-    limits::Limits,
     outbound::Outbound,
     refusal::{About, Failure, ServerFault, ask},
-    seat::Seat,
+    seat::{Acted, Restored, Seat},
     wire,
 };
 use avln_episode::{Action, EndReason};
 use avln_proto::v1::{self, Reason, play_response::Frame};
 use avln_referee::StepOutcome;
 use prost::Message;
-use std::sync::Arc;
+use std::{sync::Arc, time::Duration};
 use tokio::{
     sync::{mpsc, oneshot, watch},
-    time::{Instant, sleep_until},
+    time::Instant,
 };
 
 /// What an agent wants from a slot.
 #[derive(Clone, Debug)]
 pub(crate) enum Order {
     Ready,
+    /// Of a unary caller that was away: the episode that the slot plays, or the next.
+    GoOn,
     Act(v1::Act),
     Abandon(v1::Abandon),
 }
@@ -33,102 +39,166 @@ pub(crate) enum Answer {
     Ended(Box<v1::EpisodeEnd>),
 }
 
-/// An order, and who waits for the answer; nobody does when it goes to the stream.
-pub(super) struct Command {
-    pub(super) order: Order,
-    pub(super) reply: Option<oneshot::Sender<Result<Answer, Failure>>>,
+/// Who listens to a slot.
+#[derive(Clone, Debug)]
+pub(crate) enum Audience {
+    /// A stream, which is sent what happens.
+    Stream(Outbound),
+    /// Unary calls, each of which waits for its answer.
+    Callers,
+    /// The connection is lost: what happens is kept.
+    Nobody,
+}
+
+/// What a session wants from a slot.
+pub(super) enum Command {
+    /// An agent's order, and who waits for the answer; nobody does when it goes to the stream.
+    Obey(Order, Option<oneshot::Sender<Result<Answer, Failure>>>),
+    /// Says where the slot's episode is.
+    Tell(oneshot::Sender<Option<v1::SlotPosition>>),
+    /// Somebody else listens from now on, who received `known` last and was away for so long.
+    Switch {
+        audience: Audience,
+        known: Option<v1::SlotPosition>,
+        away: Duration,
+        /// Told whether the agent's clock started again.
+        reply: oneshot::Sender<bool>,
+    },
 }
 
 /// One slot: idle, playing, or just done. It alone touches its episode, so it needs no lock.
 pub(super) struct Slot {
-    id: u32,
-    shared: Arc<Shared>,
-    out: Option<Outbound>,
-    state: State,
+    pub(super) id: u32,
+    pub(super) shared: Arc<Shared>,
+    pub(super) audience: Audience,
+    pub(super) state: State,
     /// How many episodes had gone back to the host when it had none for this slot.
     waiting: Option<u32>,
 }
 
-enum State {
+pub(super) enum State {
     Idle,
     Playing(Box<Playing>),
     Over(Box<Over>),
 }
 
-struct Playing {
-    seat: Seat,
-    /// The frame that began the episode, until the first step.
-    start: Option<v1::EpisodeStart>,
-    last: Last,
-    /// Since when the agent thinks; not set until the last observation has left.
-    thinks_since: Option<Instant>,
-}
-
-/// The last observation and the action that led to it: sent again to an agent that asks again.
-#[derive(Clone)]
-struct Last {
-    action: Option<i32>,
-    observation: v1::Observation,
-}
-
-struct Over {
-    last: Last,
-    end: v1::EpisodeEnd,
-}
-
 impl Slot {
-    pub(super) fn new(id: u32, shared: Arc<Shared>, out: Option<Outbound>) -> Self {
-        Self { id, shared, out, state: State::Idle, waiting: None }
+    /// An idle slot, or one that takes up an episode where it was.
+    pub(super) fn new(id: u32, shared: Arc<Shared>, restored: Option<Restored>) -> Self {
+        let mut slot = Self { id, shared, audience: Audience::Nobody, state: State::Idle, waiting: None };
+        if let Some(restored) = restored {
+            slot.state = State::Playing(Box::new(slot.taken_up(restored)));
+        }
+        slot
     }
 
-    /// Serves orders until `leave` says for which reason an open episode ends.
+    fn taken_up(&self, restored: Restored) -> Playing {
+        let Restored { seat, last: (sensed, action), bank_left, .. } = restored;
+        self.shared.board.asking();
+        let ordinal = self.shared.board.started();
+        let clock = Clock::new(&self.shared.time).with_bank(bank_left);
+        let observation = self.observation(&seat, sensed, seat.referee.end(), &clock);
+        let last = Last { action: action.map(wire::action_number), observation };
+        Playing { seat, ordinal, last, clock }
+    }
+
+    /// Serves its session until `leave` says how an open episode ends.
     pub(super) async fn run(
         mut self,
         mut commands: mpsc::Receiver<Command>,
-        mut leave: watch::Receiver<Option<EndReason>>,
+        mut leave: watch::Receiver<Option<Leave>>,
     ) {
+        self.settle().await;
         loop {
             let shared = self.shared.clone();
             tokio::select! {
                 biased;
-                reason = left(&mut leave) => return self.put_away_and_tell(reason).await,
-                () = expired(self.deadline()) => self.put_away_and_tell(EndReason::TimeBudget).await,
+                how = left(&mut leave) => return self.end(how).await,
+                () = expired(self.clock()) => self.put_away_and_tell(EndReason::TimeBudget).await,
                 command = commands.recv() => match command {
-                    Some(command) => self.obey(command).await,
-                    None => return self.put_away_and_tell(left(&mut leave).await).await,
+                    Some(command) => self.serve(command).await,
+                    None => { let how = left(&mut leave).await; return self.end(how).await },
                 },
-                () = refilled(&shared, self.waiting) => {
-                    self.obey(Command { order: Order::Ready, reply: None }).await;
-                }
+                () = refilled(&shared, self.waiting()) => self.obey(Order::Ready, None).await,
             }
         }
     }
 
-    fn deadline(&self) -> Option<Instant> {
-        match &self.state {
-            State::Playing(playing) => playing.thinks_since.map(|since| since + self.shared.limits.step_time),
+    /// Stores an episode that had ended when the server stopped.
+    async fn settle(&mut self) {
+        if let State::Playing(playing) = &self.state
+            && playing.last.is_last()
+            && let State::Playing(playing) = std::mem::replace(&mut self.state, State::Idle)
+        {
+            self.end_with(playing.seat, playing.last).await;
+        }
+    }
+
+    async fn end(&mut self, how: Leave) {
+        match how {
+            Leave::End(reason) => self.put_away_and_tell(reason).await,
+            Leave::AsItIs => {}
+        }
+    }
+
+    /// The clock that may run out. While nobody listens it is not known whether the agent thinks.
+    fn clock(&self) -> Option<Clock> {
+        match (&self.state, &self.audience) {
+            (State::Playing(_), Audience::Nobody) => None,
+            (State::Playing(playing), _) => Some(playing.clock.clone()),
             _ => None,
         }
     }
 
-    async fn obey(&mut self, Command { order, reply }: Command) {
+    /// A slot asks again by itself only for a stream.
+    fn waiting(&self) -> Option<u32> {
+        self.waiting.filter(|_| matches!(self.audience, Audience::Stream(_)))
+    }
+
+    async fn serve(&mut self, command: Command) {
+        match command {
+            Command::Obey(order, reply) => self.obey(order, reply).await,
+            Command::Tell(reply) => drop(reply.send(self.position())),
+            Command::Switch { audience, known, away, reply } => {
+                self.audience = audience;
+                let restarted = self.catch_up(known, away).await;
+                let _ = reply.send(restarted);
+            }
+        }
+    }
+
+    fn position(&self) -> Option<v1::SlotPosition> {
+        match &self.state {
+            State::Playing(playing) => Some(playing.position(self.id)),
+            _ => None,
+        }
+    }
+
+    async fn obey(&mut self, order: Order, reply: Option<oneshot::Sender<Result<Answer, Failure>>>) {
         let answer = match &order {
             Order::Ready => self.begin().await,
+            Order::GoOn => self.go_on().await,
             Order::Act(act) => self.act(act).await,
             Order::Abandon(abandon) => self.abandon(abandon).await,
         };
         match reply {
             // A caller that hung up finds the answer when it asks again.
-            Some(reply) => drop(reply.send(answer)),
-            None => self.tell(&order, answer).await,
+            Some(reply) => {
+                drop(reply.send(answer));
+                if let State::Playing(playing) = &mut self.state {
+                    playing.clock.handed_over();
+                }
+            }
+            None => self.tell(order.about(self.id), answer).await,
         }
-        self.start_clock();
     }
 
-    /// The agent's time runs from the moment when its observation has left.
-    fn start_clock(&mut self) {
-        if let State::Playing(playing) = &mut self.state {
-            playing.thinks_since.get_or_insert_with(Instant::now);
+    async fn go_on(&mut self) -> Result<Answer, Failure> {
+        match &self.state {
+            State::Playing(playing) => {
+                Ok(Answer::Start(Box::new(start_frame(self.id, &self.shared, playing))))
+            }
+            _ => self.begin().await,
         }
     }
 
@@ -140,13 +210,13 @@ impl Slot {
         self.waiting = None;
         let returned = self.shared.board.returned();
         self.shared.board.asking();
-        let (host, run) = (self.shared.host.clone(), self.shared.run.clone());
+        let (host, run, id) = (self.shared.host.clone(), self.shared.run.clone(), self.id);
         let sensors = self.shared.sensors.clone();
-        let seat = ask("next episode", async move { host.next_episode(&run, &sensors).await }).await;
+        let seat = ask("next episode", async move { host.next_episode(&run, id, &sensors).await }).await;
         match seat {
             Ok(Some(seat)) => self.take(seat).await,
             Ok(None) => {
-                self.waiting = self.out.is_some().then_some(returned);
+                self.waiting = (!matches!(self.audience, Audience::Callers)).then_some(returned);
                 self.shared.board.refused(true);
                 Ok(Answer::NothingLeft)
             }
@@ -159,8 +229,10 @@ impl Slot {
 
     /// A unary Reset that is repeated before the first step finds the same episode; a stream cannot lose frames.
     fn already_playing(&self, playing: &Playing) -> Result<Answer, Failure> {
-        match &playing.start {
-            Some(start) if self.out.is_none() => Ok(Answer::Start(Box::new(start.clone()))),
+        match (&playing.last.action, &self.audience) {
+            (None, Audience::Callers) => {
+                Ok(Answer::Start(Box::new(start_frame(self.id, &self.shared, playing))))
+            }
             _ => {
                 let message = format!("slot {} plays an episode; end it before the next", self.id);
                 Err(Failure::new(Reason::SlotBusy, message))
@@ -170,42 +242,35 @@ impl Slot {
 
     async fn take(&mut self, seat: Seat) -> Result<Answer, Failure> {
         let ordinal = self.shared.board.started();
-        let result = self.shared.crew.simulate(seat, |episode| episode.start()).await;
-        let (mut seat, first) = result.inspect_err(|_| self.shared.board.ended(EndReason::ServerFault))?;
-        let start = first.map(|first| self.start_frame(&seat, first, ordinal));
-        match start.and_then(|start| self.fits(start)) {
-            Ok(start) => {
-                let observation = start.observation.clone().unwrap_or_default();
-                let last = Last { action: None, observation };
-                self.note(&seat, 0);
-                let playing = Playing { seat, start: Some(start.clone()), last, thinks_since: None };
-                self.state = State::Playing(Box::new(playing));
-                Ok(Answer::Start(Box::new(start)))
-            }
-            Err(fault) => {
-                simulate::truncate(&mut seat, EndReason::ServerFault);
-                self.conclude(seat).await;
-                Err(fault.into())
-            }
+        let result = self.shared.crew.simulate(seat, |seat| seat.referee.start()).await;
+        let (seat, first) = result.inspect_err(|_| self.shared.board.ended(EndReason::ServerFault))?;
+        let first = match first {
+            Ok(first) => first,
+            Err(fault) => return self.stillborn(seat, fault).await,
+        };
+        let clock = Clock::new(&self.shared.time);
+        let observation = self.observation(&seat, first, None, &clock);
+        let playing = Playing { seat, ordinal, last: Last { action: None, observation }, clock };
+        let start = start_frame(self.id, &self.shared, &playing);
+        if let Err(fault) = self.fits(&start) {
+            return self.stillborn(playing.seat, fault).await;
         }
+        self.note(&playing.seat, 0);
+        self.state = State::Playing(Box::new(playing));
+        Ok(Answer::Start(Box::new(start)))
     }
 
-    fn start_frame(&self, seat: &Seat, first: avln_episode::Observation, ordinal: u32) -> v1::EpisodeStart {
-        v1::EpisodeStart {
-            slot: self.id,
-            episode: seat.handle.clone(),
-            mission: Some(wire::mission(seat.referee.mission())),
-            observation: Some(self.observation(seat, first, None)),
-            ordinal,
-            progress: Some(self.shared.board.progress()),
-        }
+    async fn stillborn(&mut self, mut seat: Seat, fault: ServerFault) -> Result<Answer, Failure> {
+        simulate::truncate(&mut seat, EndReason::ServerFault);
+        self.conclude(seat).await;
+        Err(fault.into())
     }
 
     /// The agent was told how large frames can be: a larger one is the server's fault.
-    fn fits(&self, start: v1::EpisodeStart) -> Result<v1::EpisodeStart, ServerFault> {
+    fn fits(&self, start: &v1::EpisodeStart) -> Result<(), ServerFault> {
         let (bytes, limit) = (start.encoded_len() as u64, self.shared.frame_bytes);
         if bytes <= limit {
-            return Ok(start);
+            return Ok(());
         }
         Err(ServerFault::log("begin an episode", format!("its first frame has {bytes} of {limit} bytes")))
     }
@@ -215,16 +280,17 @@ impl Slot {
         seat: &Seat,
         sensed: avln_episode::Observation,
         end: Option<EndReason>,
+        clock: &Clock,
     ) -> v1::Observation {
-        let step_ms = self.shared.limits.step_ms();
         let sensors_and_rules = (&self.shared.sensors, seat.referee.rules());
-        wire::observation(self.id, &seat.handle, sensed, sensors_and_rules, end, step_ms)
+        let seen = wire::observation(self.id, &seat.handle, sensed, sensors_and_rules, end);
+        v1::Observation { time: Some(clock.account()), ..seen }
     }
 
     async fn act(&mut self, act: &v1::Act) -> Result<Answer, Failure> {
         let playing = match &self.state {
             State::Idle => return Err(self.holds_nothing()),
-            State::Over(over) => return over.act(act, self.out.is_none()),
+            State::Over(over) => return over.act(act, matches!(self.audience, Audience::Callers)),
             State::Playing(playing) => playing,
         };
         same_episode(&playing.seat.handle, &act.episode)?;
@@ -246,22 +312,40 @@ impl Slot {
         Failure::new(Reason::SlotUnknown, message)
     }
 
-    /// Carries out an action that is legal and due.
-    async fn step(&mut self, playing: Playing, act: &v1::Act, action: Action) -> Result<Answer, Failure> {
-        let (seat, last) = playing.thought();
-        let result = self.shared.crew.simulate(seat, move |episode| episode.step(action)).await;
+    /// Carries out an action that is legal and due, and writes it down before anybody learns of its result.
+    async fn step(&mut self, mut playing: Playing, act: &v1::Act, action: Action) -> Result<Answer, Failure> {
+        let thought = playing.stop_clock();
+        let Playing { seat, ordinal, last, clock } = playing;
+        let (step, bank_left) = (act.step, clock.bank());
+        let work = move |seat: &mut Seat| {
+            let unwritten = |error: std::io::Error| format!("write the action down: {error}");
+            seat.log.acting(step).map_err(unwritten)?;
+            let outcome = seat.referee.step(action).map_err(|error| error.to_string())?;
+            let state_hash = seat.referee.state_hash();
+            let acted = Acted { step, action, state_hash, thought, bank_left };
+            seat.log.acted(&acted).map_err(unwritten)?;
+            Ok(outcome)
+        };
+        let result = self.shared.crew.simulate(seat, work).await;
         let (seat, outcome) = result.inspect_err(|_| self.shared.board.ended(EndReason::ServerFault))?;
-        let refused = |error| ServerFault::simulator("step", error);
+        let refused = |error: String| ServerFault::simulator("step", error);
         match outcome.and_then(|outcome| outcome.map_err(refused)) {
-            Ok(outcome) => Ok(self.stepped(seat, act.action, outcome).await),
+            Ok(outcome) => Ok(self.stepped(seat, ordinal, clock, act.action, outcome).await),
             Err(fault) => Ok(self.broken(seat, last, act, fault).await),
         }
     }
 
-    async fn stepped(&mut self, mut seat: Seat, action: i32, outcome: StepOutcome) -> Answer {
+    async fn stepped(
+        &mut self,
+        mut seat: Seat,
+        ordinal: u32,
+        clock: Clock,
+        action: i32,
+        outcome: StepOutcome,
+    ) -> Answer {
         let StepOutcome { observation, end } = outcome;
         let begun = Instant::now();
-        let observation = self.observation(&seat, observation, end);
+        let observation = self.observation(&seat, observation, end, &clock);
         seat.time.encoding += begun.elapsed();
         self.note(&seat, observation.step);
         let last = Last { action: Some(action), observation: observation.clone() };
@@ -269,8 +353,7 @@ impl Slot {
         if end.is_some() {
             response.episode_end = Some(self.end_with(seat, last).await);
         } else {
-            let playing = Playing { seat, start: None, last, thinks_since: None };
-            self.state = State::Playing(Box::new(playing));
+            self.state = State::Playing(Box::new(Playing { seat, ordinal, last, clock }));
         }
         Answer::Step(Box::new(response))
     }
@@ -284,7 +367,7 @@ impl Slot {
 
     /// The simulator failed in mid-step: this episode ends, nothing else does.
     async fn broken(&mut self, mut seat: Seat, last: Last, act: &v1::Act, fault: ServerFault) -> Answer {
-        if let Some(out) = &self.out {
+        if let Audience::Stream(out) = &self.audience {
             let about = About { slot: Some(self.id), episode: &seat.handle, step: act.step };
             let _ = out.send(Frame::Fault(Failure::from(fault).frame(about, false))).await;
         }
@@ -312,10 +395,10 @@ impl Slot {
     /// Ends an open episode from outside and stores it.
     async fn put_away(&mut self, reason: EndReason) -> Option<v1::EpisodeEnd> {
         match std::mem::replace(&mut self.state, State::Idle) {
-            State::Playing(playing) => {
-                let (mut seat, last) = playing.thought();
-                simulate::truncate(&mut seat, reason);
-                Some(self.end_with(seat, last).await)
+            State::Playing(mut playing) => {
+                playing.stop_clock();
+                simulate::truncate(&mut playing.seat, reason);
+                Some(self.end_with(playing.seat, playing.last).await)
             }
             other => {
                 self.state = other;
@@ -325,8 +408,8 @@ impl Slot {
     }
 
     async fn put_away_and_tell(&mut self, reason: EndReason) {
-        if let (Some(end), Some(out)) = (self.put_away(reason).await, &self.out) {
-            let _ = out.send(Frame::EpisodeEnd(end)).await;
+        if let Some(end) = self.put_away(reason).await {
+            self.tell(About::default(), Ok(Answer::Ended(Box::new(end)))).await;
         }
     }
 
@@ -364,117 +447,13 @@ impl Slot {
             progress: Some(self.shared.board.progress()),
         }
     }
-
-    /// Sends an answer to the stream. An agent that does not read is noticed by the stream itself.
-    async fn tell(&mut self, order: &Order, answer: Result<Answer, Failure>) {
-        let Some(out) = &self.out else { return };
-        let frames = match answer {
-            Ok(Answer::Start(start)) => vec![Frame::EpisodeStart(*start)],
-            Ok(Answer::NothingLeft) => vec![],
-            Ok(Answer::Ended(end)) => vec![Frame::EpisodeEnd(*end)],
-            Ok(Answer::Step(step)) => {
-                let observation = step.observation.map(Frame::Observation);
-                observation.into_iter().chain(step.episode_end.map(Frame::EpisodeEnd)).collect()
-            }
-            Err(failure) => vec![Frame::Fault(failure.frame(order.about(self.id), true))],
-        };
-        for frame in frames {
-            if out.send(frame).await.is_err() {
-                return;
-            }
-        }
-    }
 }
 
-impl Last {
-    /// The action that is to be carried out now; `None` when `act` asks for this observation again.
-    fn due(&self, act: &v1::Act) -> Result<Option<Action>, Failure> {
-        let action = wire::action(act.action).ok_or_else(|| unknown_action(act.action))?;
-        let taken = self.observation.step;
-        not_ahead(act.step, taken + 1)?;
-        if act.step == taken + 1 {
-            return Ok(Some(action));
-        }
-        if act.step == taken && self.action == Some(act.action) {
-            return Ok(None);
-        }
-        let message = format!("step {} is past, {taken} steps were taken; send step {}", act.step, taken + 1);
-        Err(Failure::new(Reason::StepConflict, message))
-    }
-}
-
-impl Playing {
-    /// Seat and last observation, the time that the agent took included.
-    fn thought(self) -> (Seat, Last) {
-        let Self { mut seat, last, thinks_since, .. } = self;
-        seat.time.thinking += thinks_since.map(|since| since.elapsed()).unwrap_or_default();
-        (seat, last)
-    }
-}
-
-impl Over {
-    /// The last action again yields the last answer again. An episode that ended while the agent thought is told
-    /// as an end to a unary caller, who had no other way to learn of it.
-    fn act(&self, act: &v1::Act, unary: bool) -> Result<Answer, Failure> {
-        same_episode(&self.end.episode, &act.episode)?;
-        let taken = &self.last.observation;
-        let mut response = v1::StepResponse { observation: None, episode_end: Some(self.end.clone()) };
-        let again = act.step == taken.step && self.last.action == Some(act.action);
-        if again && (taken.terminated || taken.truncated) {
-            response.observation = Some(taken.clone());
-            return Ok(Answer::Step(Box::new(response)));
-        }
-        let cut_short = !(taken.terminated || taken.truncated);
-        if unary && cut_short && self.end.reason() != v1::EndReason::Abandoned {
-            return Ok(Answer::Step(Box::new(response)));
-        }
-        let ended = self.end.reason().as_str_name();
-        let message =
-            format!("the episode ended after {} steps ({ended}); send Ready for the next", taken.step);
-        Err(Failure::new(Reason::EpisodeOver, message))
-    }
-}
-
-impl Order {
-    /// What a fault about this order names.
-    pub(crate) fn about(&self, slot: u32) -> About<'_> {
-        let (episode, step) = match self {
-            Self::Ready => ("", 0),
-            Self::Act(act) => (act.episode.as_str(), act.step),
-            Self::Abandon(abandon) => (abandon.episode.as_str(), abandon.step),
-        };
-        About { slot: Some(slot), episode: Limits::shorten(episode), step }
-    }
-}
-
-fn same_episode(held: &str, named: &str) -> Result<(), Failure> {
-    if held == named {
-        return Ok(());
-    }
-    let message = format!("episode '{}' is not in this slot; '{held}' is", Limits::shorten(named));
-    Err(Failure::new(Reason::EpisodeUnknown, message))
-}
-
-fn not_ahead(step: u32, latest: u32) -> Result<(), Failure> {
-    if step <= latest {
-        return Ok(());
-    }
-    let message = format!("step {step} lies ahead; {latest} is the latest that is possible");
-    Err(Failure::new(Reason::StepAhead, message))
-}
-
-fn unknown_action(number: i32) -> Failure {
-    let message = format!(
-        "action {number} does not exist; use 1 MOVE_FORWARD, 2 TURN_LEFT, 3 TURN_RIGHT, 4 SUBMIT or 5 STOP"
-    );
-    Failure::new(Reason::ActionOutOfRange, message)
-}
-
-/// Waits for the reason to leave. A session that broke down leaves its episodes as server faults.
-async fn left(leave: &mut watch::Receiver<Option<EndReason>>) -> EndReason {
+/// Waits for how to leave. A session that broke down leaves its episodes as they are.
+async fn left(leave: &mut watch::Receiver<Option<Leave>>) -> Leave {
     match leave.wait_for(Option::is_some).await {
-        Ok(reason) => reason.unwrap_or(EndReason::ServerFault),
-        Err(_) => EndReason::ServerFault,
+        Ok(how) => how.unwrap_or(Leave::AsItIs),
+        Err(_) => Leave::AsItIs,
     }
 }
 
@@ -486,9 +465,9 @@ async fn refilled(shared: &Shared, waiting: Option<u32>) {
     }
 }
 
-async fn expired(deadline: Option<Instant>) {
-    match deadline {
-        Some(deadline) => sleep_until(deadline).await,
+async fn expired(clock: Option<Clock>) {
+    match clock {
+        Some(clock) => clock.expired().await,
         None => std::future::pending().await,
     }
 }

@@ -10,7 +10,7 @@ mod task;
 pub(crate) use hello::{client_is_welcome, sensors};
 pub(crate) use observation::{observation, tensor_specs};
 pub(crate) use run::{end_counts, phase, public_metrics, quota, run, scope, server_info, unix_ms};
-pub(crate) use task::{digests, mission, task_spec};
+pub(crate) use task::{digests, mission, task_spec, time_limits};
 
 use avln_episode::{Action, EndReason, FeedbackRule, Order};
 use avln_proto::v1;
@@ -48,6 +48,11 @@ pub(crate) fn action(number: i32) -> Option<Action> {
     Action::try_from(index).ok()
 }
 
+/// The number of an action on the wire.
+pub(crate) fn action_number(action: Action) -> i32 {
+    action.index() as i32 + 1
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -56,6 +61,7 @@ mod tests {
     fn actions_are_their_index_plus_one() {
         for (index, known) in Action::ALL.into_iter().enumerate() {
             assert_eq!(action(index as i32 + 1), Some(known));
+            assert_eq!(action_number(known), index as i32 + 1);
         }
         assert_eq!(action(v1::Action::Stop as i32), Some(Action::Stop));
         for wrong in [i32::MIN, -1, 0, 6, i32::MAX] {

@@ -55,14 +55,13 @@ fn spec(
     }
 }
 
-/// The frame for what the agent senses now. Pixels and samples that travel raw are moved, not copied.
+/// The frame for what the agent senses now, without its time. Pixels and samples that travel raw are moved, not copied.
 pub(crate) fn observation(
     slot: u32,
     episode: &str,
     observation: Observation,
     (sensors, rules): (&Sensors, &Rules),
     end: Option<EndReason>,
-    step_ms: u32,
 ) -> v1::Observation {
     let pose = observation.pose;
     v1::Observation {
@@ -81,7 +80,7 @@ pub(crate) fn observation(
         terminated: end.is_some_and(EndReason::is_terminated),
         truncated: end.is_some_and(|reason| !reason.is_terminated()),
         reason: end.map_or(v1::EndReason::Unspecified, super::end_reason).into(),
-        time: Some(v1::TimeAccount { step_ms, bank_ms: 0 }),
+        time: None,
         tensors: tensors(observation, sensors, rules.depth_divisor),
     }
 }
@@ -147,8 +146,7 @@ mod tests {
     #[test]
     fn numbers_arrive_as_they_were() {
         let sensors = Sensors::all(64, 64);
-        let sent =
-            observation(2, "ep_x", sensed(), (&sensors, &Rules::paper()), Some(EndReason::StepLimit), 500);
+        let sent = observation(2, "ep_x", sensed(), (&sensors, &Rules::paper()), Some(EndReason::StepLimit));
         let decoded = |tensor: &v1::Tensor| -> Vec<f32> {
             let words = tensor.data.chunks_exact(4);
             words.map(|word| f32::from_le_bytes(word.try_into().unwrap())).collect()
@@ -168,7 +166,7 @@ mod tests {
         let sensors = Sensors { depth: false, ..Sensors::all(64, 64) };
         let mut rules = Rules::paper();
         rules.audio_samples = 2;
-        let sent = observation(0, "e", Observation { depth: None, ..sensed() }, (&sensors, &rules), None, 0);
+        let sent = observation(0, "e", Observation { depth: None, ..sensed() }, (&sensors, &rules), None);
         let specs = tensor_specs(&sensors, &rules);
         assert_eq!(specs.len(), sent.tensors.len());
         for (spec, tensor) in specs.iter().zip(&sent.tensors) {
@@ -183,7 +181,7 @@ mod tests {
         sensors.encodings = Encodings { rgb: Encoding::Qoi, depth: Encoding::Packed, audio: Encoding::Int16 };
         let mut rules = Rules::paper();
         rules.audio_samples = 2;
-        let sent = observation(0, "e", sensed(), (&sensors, &rules), None, 0);
+        let sent = observation(0, "e", sensed(), (&sensors, &rules), None);
         for (spec, tensor) in tensor_specs(&sensors, &rules).iter().zip(&sent.tensors) {
             assert_eq!(
                 (spec.encoding, spec.dtype, &spec.shape),
@@ -210,7 +208,7 @@ mod tests {
             ..Sensors::all(64, 64)
         };
         let broken = Observation { rgb: Some(vec![1, 2, 3]), ..sensed() };
-        let sent = observation(0, "e", broken, (&sensors, &Rules::paper()), None, 0);
+        let sent = observation(0, "e", broken, (&sensors, &Rules::paper()), None);
         assert_eq!(
             (sent.tensors[0].encoding(), &sent.tensors[0].data[..]),
             (v1::Encoding::Raw, &[1, 2, 3][..])

@@ -2,7 +2,7 @@ use super::observation::tensor;
 use crate::host::Digests;
 use avln_episode::{
     DepthNoise, DistanceRule, GoalCue, HeadRule, Mission, PoseFrame, RgbImage, RgbNoise, Rules, Sensors,
-    SoundClip, SoundingRule, WrongSubmit,
+    SoundClip, SoundingRule, TimeLimits, WrongSubmit,
 };
 use avln_proto::v1::{self, Dtype, goal::Cue};
 use bytes::Bytes;
@@ -120,6 +120,17 @@ fn goal_cue(cue: &GoalCue) -> Cue {
 pub(crate) fn digests(digests: &Digests) -> v1::Digests {
     let Digests { engine, dataset, scorer, config } = digests.clone();
     v1::Digests { engine, dataset, scorer, config }
+}
+
+/// Time that agents have.
+pub(crate) fn time_limits(time: &TimeLimits) -> v1::TimeLimits {
+    v1::TimeLimits {
+        step_ms: time.step_ms,
+        bank_ms: time.bank_ms,
+        run_s: time.run_s,
+        disconnect_s: time.disconnect_s,
+        disconnect_total_s: time.disconnect_total_s,
+    }
 }
 
 #[cfg(test)]

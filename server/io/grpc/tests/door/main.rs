@@ -4,5 +4,6 @@ mod common;
 mod endings;
 mod misuse;
 mod play;
+mod resume;
 mod services;
 mod unary;

@@ -34,7 +34,6 @@ async fn a_hello_that_cannot_be_met_is_answered_with_its_reason() {
     let cases = [
         (Up::Ready(v1::Ready { slot: 0 }), "BAD_REQUEST"),
         (Up::Hello(v1::Hello { run: "run_other".into(), ..hello(1) }), "TOKEN_SCOPE"),
-        (Up::Hello(v1::Hello { resume: true, ..hello(1) }), "UNSUPPORTED"),
         (Up::Hello(v1::Hello { client: Some(old), ..hello(1) }), "CLIENT_TOO_OLD"),
         (Up::Hello(huge), "BAD_REQUEST"),
     ];
@@ -81,7 +80,6 @@ async fn frames_out_of_turn_are_refused_and_the_episode_goes_on() {
         (Up::Abandon(v1::Abandon { slot: 0, episode: "ep_other".into(), step: 2 }), Reason::EpisodeUnknown),
         (Up::Abandon(v1::Abandon { slot: 0, episode: episode.clone(), step: 9 }), Reason::StepAhead),
         (Up::Hello(hello(1)), Reason::BadRequest),
-        (Up::Goodbye(v1::Goodbye { pause: true }), Reason::Unsupported),
     ];
     for (frame, reason) in cases {
         agent.send(frame.clone()).await;

@@ -17,7 +17,7 @@ async fn a_whole_run_from_hello_to_run_end() {
     assert_eq!((task.rules.as_str(), task.max_steps, agent.welcome.slots), ("lh-avln-v1", 10, 1));
     assert_eq!((task.width, task.height), (64, 64));
     assert_eq!(agent.welcome.time.unwrap().step_ms, 60_000);
-    assert_eq!(agent.welcome.time.unwrap().disconnect_s, 0, "resume is not offered");
+    assert_eq!(agent.welcome.time.unwrap().disconnect_s, 0, "a lost connection may not come back");
 
     let start = agent.ready(0).await;
     assert_eq!((start.ordinal, start.progress.unwrap().in_flight), (1, 1));

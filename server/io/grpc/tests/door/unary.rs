@@ -1,7 +1,9 @@
 //! The unary mirror: the same session, one call at a time.
 
-use crate::common::{Agent, House, Plan, Quirk, RUN_TOKEN, authorised, hello, play_client, reason, soon};
-use avln_episode::EndReason;
+use crate::common::{
+    Agent, Book, House, PATIENT, Plan, Quirk, RUN_TOKEN, authorised, hello, play_client, reason, soon,
+};
+use avln_episode::{EndReason, TimeLimits};
 use avln_grpc::Limits;
 use avln_proto::v1::{self, end_request, end_response, reset_response::Outcome};
 use std::time::Duration;
@@ -109,8 +111,8 @@ async fn a_caller_that_falls_silent_is_put_away() {
 
 #[tokio::test]
 async fn time_that_ran_out_between_calls_is_told_at_the_next_step() {
-    let limits = Limits { step_time: Duration::from_millis(30), ..Limits::default() };
-    let house = House::with_limits(Plan::plain(1), limits).await;
+    let hasty = TimeLimits { step_ms: 30, ..PATIENT };
+    let house = House::open(Plan::timed(1, hasty)).await;
     let slow = start(&house).await.episode;
     assert_eq!(house.host.ends(1).await, [Some(EndReason::TimeBudget)]);
     let told = step(&house, &slow, 1, FORWARD).await.unwrap();
@@ -130,13 +132,12 @@ async fn a_panic_in_the_simulator_ends_the_episode_and_not_the_run() {
 }
 
 #[tokio::test]
-async fn stopping_the_server_puts_unary_episodes_away() {
+async fn stopping_the_server_leaves_unary_episodes_for_the_next() {
     let house = House::open(Plan::plain(1)).await;
-    start(&house).await;
+    let begun = start(&house).await.episode;
     let host = house.host.clone();
-    let closed = house.close();
-    assert_eq!(host.ends(1).await, [Some(EndReason::ServerFault)]);
-    soon(closed).await.unwrap();
+    soon(house.close()).await.unwrap();
+    assert!(host.page(&begun).actions.is_empty(), "it is open still");
 }
 
 #[tokio::test]
@@ -147,4 +148,22 @@ async fn a_stream_supersedes_unary_play() {
     assert_eq!(house.host.ends(1).await, [Some(EndReason::Disconnected)]);
     assert_eq!(reason(&step(&house, &episode, 1, FORWARD).await.unwrap_err()), "EPISODE_UNKNOWN");
     agent.ready(0).await;
+}
+
+#[tokio::test]
+async fn a_caller_goes_on_where_the_server_was_stopped() {
+    let (book, plan) = (Book::default(), || {
+        Plan::timed(2, TimeLimits { disconnect_s: 60, disconnect_total_s: 60, ..PATIENT })
+    });
+    let house = House::with_book(plan(), Limits::default(), book.clone()).await;
+    let begun = start(&house).await.episode;
+    step(&house, &begun, 1, FORWARD).await.unwrap();
+    soon(house.close()).await.unwrap();
+    let house = House::with_book(plan(), Limits::default(), book).await;
+    assert_eq!(reason(&step(&house, &begun, 2, FORWARD).await.unwrap_err()), "EPISODE_UNKNOWN");
+    let resumed = reset_with(&house, v1::Hello { resume: true, ..hello(1) }).await.unwrap();
+    let Some(Outcome::EpisodeStart(again)) = resumed.outcome else { panic!("no episode") };
+    assert_eq!((again.episode.as_str(), again.observation.unwrap().step), (begun.as_str(), 1));
+    let told = step(&house, &begun, 2, STOP).await.unwrap();
+    assert_eq!(told.episode_end.unwrap().reason(), v1::EndReason::Stopped);
 }

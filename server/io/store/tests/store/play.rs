@@ -77,7 +77,15 @@ async fn what_was_played_when_the_server_died_is_played_again_and_results_stay()
     arena.record("run_1", "h0", &played).await.expect("a result");
     arena.assign("run_1", "h1").await.expect("an episode");
     let arena = arena.after_crash().await;
-    assert_eq!(arena.store.reopen_interrupted(40).await.expect("an answer"), 1);
+    let underway = arena.store.underway().await.expect("a list");
+    assert_eq!(underway.iter().map(|lost| lost.handle.as_str()).collect::<Vec<_>>(), ["h1"]);
+    let standing = |handle| arena.store.handed_out("run_1", handle);
+    let ended = standing("h0").await.expect("an answer").expect("it was handed out");
+    assert_eq!((ended.state, ended.end), (EpisodeState::Terminated, Some(EndReason::Stopped)));
+    assert_eq!(ended.metrics.expect("scored").found, 1);
+    assert_eq!(standing("h1").await.expect("an answer").expect("it too").end, None);
+    assert_eq!(standing("h7").await.expect("an answer"), None);
+    assert!(arena.store.take_back("run_1", "h1", 40).await.expect("an answer"));
     let open = arena.store.open_runs().await.expect("a list");
     assert_eq!((open.len(), open[0].done), (1, 1));
     let stale = arena.record("run_1", "h1", &played).await;
@@ -111,7 +119,7 @@ async fn an_episode_that_takes_the_server_down_is_given_up() {
     for attempt in 0..3 {
         arena.assign("run_1", &format!("h{attempt}")).await.expect("an attempt");
         arena = arena.after_crash().await;
-        assert_eq!(arena.store.reopen_interrupted(40).await.expect("an answer"), 1);
+        assert!(arena.store.take_back("run_1", &format!("h{attempt}"), 40).await.expect("an answer"));
     }
     assert_eq!(arena.assign("run_1", "h3").await, None);
     assert_eq!(arena.store.run("run_1").await.expect("the run").state, RunState::Completed);

@@ -91,6 +91,23 @@ impl Agent {
         }
     }
 
+    /// Comes back to the run after a lost connection, having received `known` last.
+    pub(crate) async fn resume(house: &House, slots: u32, known: &[(u32, &str, u32)]) -> Self {
+        let position = |&(slot, episode, step): &(u32, &str, u32)| v1::SlotPosition {
+            slot,
+            episode: episode.into(),
+            step,
+        };
+        let known = known.iter().map(position).collect();
+        let hello = v1::Hello { resume: true, known, ..hello(slots) };
+        let mut agent = Self::dial(house, RUN_TOKEN, vec![Up::Hello(hello)]).await.unwrap();
+        agent.welcome = match agent.next().await {
+            Ok(Some(Down::Welcome(welcome))) => welcome,
+            other => panic!("no Welcome but {other:?}"),
+        };
+        agent
+    }
+
     pub(crate) async fn send(&self, frame: Up) {
         self.send_raw(PlayRequest { frame: Some(frame) }).await;
     }

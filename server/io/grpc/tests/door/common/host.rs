@@ -2,15 +2,17 @@ use super::{
     runner::{Quirk, ToyRunner},
     soon,
 };
-use avln_episode::{EndReason, FeedbackRule, Order, Rules, Sensors};
+use avln_episode::{Action, EndReason, FeedbackRule, Order, Rules, Sensors, TimeLimits};
 use avln_grpc::{
-    Account, ClientRange, Digests, EpisodeOutcome, EpisodeRunner, Host, OpenRun, PhaseInfo, PhaseState,
-    Quota, QuotaWindow, Reason, Refusal, RunRequest, RunState, RunStatus, RunTicket, Scope, Seat, ServerInfo,
-    Visibility,
+    Account, Acted, ClientRange, Digests, EpisodeLog, EpisodeOutcome, EpisodeRunner, Host, Interrupted,
+    OpenRun, PhaseInfo, PhaseState, Quota, QuotaWindow, Reason, Refusal, Restored, RunRequest, RunState,
+    RunStatus, RunTicket, Scope, Seat, ServerInfo, StoredEnd, Visibility,
 };
 use std::{
-    collections::VecDeque,
-    sync::{Mutex, MutexGuard},
+    collections::{BTreeMap, VecDeque},
+    io,
+    sync::{Arc, Mutex, MutexGuard},
+    time::Duration,
 };
 use tokio::sync::watch;
 
@@ -21,12 +23,17 @@ pub(crate) const ORGANISER: &str = "organiser-token";
 pub(crate) const RUN: &str = "run_toy";
 pub(crate) const RUN_TOKEN: &str = "run-token";
 
+/// A minute an action, and no time for lost connections.
+pub(crate) const PATIENT: TimeLimits =
+    TimeLimits { step_ms: 60_000, bank_ms: 0, run_s: 0, disconnect_s: 0, disconnect_total_s: 0 };
+
 /// What the toy house hosts.
 pub(crate) struct Plan {
     /// One entry an episode.
     pub(crate) episodes: Vec<Quirk>,
     pub(crate) max_steps: u32,
     pub(crate) shows_metrics: bool,
+    pub(crate) time: TimeLimits,
 }
 
 impl Plan {
@@ -35,7 +42,12 @@ impl Plan {
     }
 
     pub(crate) fn odd(episodes: Vec<Quirk>) -> Self {
-        Self { episodes, max_steps: 10, shows_metrics: true }
+        Self { episodes, max_steps: 10, shows_metrics: true, time: PATIENT }
+    }
+
+    /// Plain episodes under these limits of time.
+    pub(crate) fn timed(episodes: usize, time: TimeLimits) -> Self {
+        Self { time, ..Self::plain(episodes) }
     }
 }
 
@@ -53,6 +65,44 @@ pub(crate) struct ToyHost {
     total: u32,
     max_steps: u32,
     shows_metrics: bool,
+    time: TimeLimits,
+    book: Book,
+}
+
+/// What happened in each open episode, by handle: the slot and the actions. A house that is opened with the book of another
+/// goes on where that one was stopped.
+pub(crate) type Book = Arc<Mutex<BTreeMap<String, Page>>>;
+
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Page {
+    slot: u32,
+    pub(crate) actions: Vec<Action>,
+    pub(crate) restarts: u32,
+    sensors: Option<Sensors>,
+}
+
+struct ToyLog {
+    book: Book,
+    handle: String,
+}
+
+impl EpisodeLog for ToyLog {
+    fn acting(&mut self, _: u32) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn acted(&mut self, acted: &Acted) -> io::Result<()> {
+        let mut book = self.book.lock().unwrap();
+        let page = book.get_mut(&self.handle).unwrap();
+        page.actions.push(acted.action);
+        assert_eq!(acted.step as usize, page.actions.len());
+        Ok(())
+    }
+
+    fn clock_restarted(&mut self, _: u32, _: Duration) -> io::Result<()> {
+        self.book.lock().unwrap().get_mut(&self.handle).unwrap().restarts += 1;
+        Ok(())
+    }
 }
 
 struct State {
@@ -64,7 +114,7 @@ struct State {
 }
 
 impl ToyHost {
-    pub(crate) fn new(plan: Plan) -> Self {
+    pub(crate) fn new(plan: Plan, book: Book) -> Self {
         let state = State {
             left: plan.episodes.into(),
             handed_out: 0,
@@ -78,6 +128,8 @@ impl ToyHost {
             concluded: watch::Sender::default(),
             max_steps: plan.max_steps,
             shows_metrics: plan.shows_metrics,
+            time: plan.time,
+            book,
         }
     }
 
@@ -109,6 +161,16 @@ impl ToyHost {
     /// Why the first `count` episodes ended, in order of their end.
     pub(crate) async fn ends(&self, count: usize) -> Vec<Option<EndReason>> {
         self.concluded(count).await.into_iter().map(|concluded| concluded.end).collect()
+    }
+
+    fn seat(&self, handle: String, runner: ToyRunner) -> Seat {
+        let log = Box::new(ToyLog { book: self.book.clone(), handle: handle.clone() });
+        Seat { handle, referee: Box::new(runner), ticket: 0, log, time: avln_grpc::TimeSpent::default() }
+    }
+
+    /// The page of an open episode.
+    pub(crate) fn page(&self, handle: &str) -> Page {
+        self.book.lock().unwrap()[handle].clone()
     }
 
     fn done(&self) -> u32 {
@@ -260,30 +322,63 @@ impl Host for ToyHost {
                 episodes: self.total,
                 done: self.done(),
                 digests: Digests::default(),
+                time: self.time,
+                over: self.finished().then(|| "completed".to_owned()),
             }),
             ACCOUNT => Err(Refusal::new(Reason::TokenScope, "an account token plays nothing")),
             _ => Err(Refusal::new(Reason::TokenMalformed, "the token is not one of this server's")),
         }
     }
 
-    async fn next_episode(&self, run: &str, sensors: &Sensors) -> Result<Option<Seat>, Refusal> {
+    async fn next_episode(&self, run: &str, slot: u32, sensors: &Sensors) -> Result<Option<Seat>, Refusal> {
         own(run)?;
         let mut state = self.state();
         let Some(quirk) = state.left.pop_front() else { return Ok(None) };
         state.handed_out += 1;
         let ticket = state.handed_out;
-        let referee = Box::new(ToyRunner::new(self.max_steps, sensors.clone(), quirk));
-        Ok(Some(Seat {
-            handle: format!("ep_{ticket}"),
-            referee,
-            ticket,
-            time: avln_grpc::TimeSpent::default(),
-        }))
+        let handle = format!("ep_{ticket}");
+        let page = Page { slot, sensors: Some(sensors.clone()), ..Page::default() };
+        self.book.lock().unwrap().insert(handle.clone(), page);
+        Ok(Some(self.seat(handle, ToyRunner::new(self.max_steps, sensors.clone(), quirk))))
+    }
+
+    async fn ended(&self, run: &str, handle: &str) -> Result<Option<StoredEnd>, Refusal> {
+        own(run)?;
+        let concluded = self.concluded.borrow();
+        let found = concluded.iter().find(|concluded| concluded.handle == handle);
+        let end = |c: &Concluded| StoredEnd {
+            reason: c.end.unwrap_or(EndReason::ServerFault),
+            steps: c.steps,
+            outcome: None,
+        };
+        Ok(found.map(end))
+    }
+
+    async fn interrupted(&self) -> Result<Vec<String>, Refusal> {
+        let open = !self.book.lock().unwrap().is_empty();
+        Ok(open.then(|| RUN.to_owned()).into_iter().collect())
+    }
+
+    async fn restore(&self, run: &str) -> Result<Interrupted, Refusal> {
+        own(run)?;
+        let book = self.book.lock().unwrap().clone();
+        let sensors = book.values().find_map(|page| page.sensors.clone()).unwrap();
+        let restore = |(handle, page): (String, Page)| {
+            let mut runner = ToyRunner::new(self.max_steps, sensors.clone(), Quirk::None);
+            let mut last = (runner.start(), None);
+            for action in page.actions {
+                last = (runner.step(action).unwrap().observation, Some(action));
+            }
+            Restored { slot: page.slot, seat: self.seat(handle, runner), last, bank_left: Duration::ZERO }
+        };
+        let episodes = book.into_iter().map(restore).collect();
+        Ok(Interrupted { open: self.open_run(RUN_TOKEN).await?, sensors, episodes, away: Duration::ZERO })
     }
 
     async fn conclude(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal> {
         own(run)?;
         let toy = seat.referee.into_any().downcast::<ToyRunner>().expect("the host gets its own type back");
+        self.book.lock().unwrap().remove(&seat.handle);
         let concluded = Concluded { handle: seat.handle, end: toy.end(), steps: toy.steps() };
         self.concluded.send_modify(|list| list.push(concluded));
         Ok(self.shows_metrics.then(|| EpisodeOutcome { metrics: vec![("isr".into(), 0.25)] }))

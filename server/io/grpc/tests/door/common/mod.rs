@@ -5,7 +5,7 @@ mod host;
 mod runner;
 
 pub(crate) use agent::{Agent, authorised, channel, hello, play_client, reason};
-pub(crate) use host::{ACCOUNT, LOOKING, ORGANISER, Plan, RUN, RUN_TOKEN, ToyHost};
+pub(crate) use host::{ACCOUNT, Book, LOOKING, ORGANISER, PATIENT, Plan, RUN, RUN_TOKEN, ToyHost};
 pub(crate) use runner::Quirk;
 
 use avln_grpc::{Limits, serve};
@@ -26,9 +26,14 @@ impl House {
     }
 
     pub(crate) async fn with_limits(plan: Plan, limits: Limits) -> Self {
+        Self::with_book(plan, limits, Book::default()).await
+    }
+
+    /// Opens again what a house with the same book was stopped in.
+    pub(crate) async fn with_book(plan: Plan, limits: Limits, book: Book) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
-        let host = Arc::new(ToyHost::new(plan));
+        let host = Arc::new(ToyHost::new(plan, book));
         let (stop, stopped) = oneshot::channel::<()>();
         let behind = host.clone();
         let served = tokio::spawn(async move {

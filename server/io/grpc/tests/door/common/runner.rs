@@ -95,6 +95,9 @@ impl EpisodeRunner for ToyRunner {
     fn steps(&self) -> u32 {
         self.steps
     }
+    fn state_hash(&self) -> u64 {
+        u64::from(self.steps) << 32 | u64::from(self.walked)
+    }
     fn into_any(self: Box<Self>) -> Box<dyn Any + Send> {
         self
     }

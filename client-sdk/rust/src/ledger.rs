@@ -1,0 +1,200 @@
+//! What was sent and what arrived, slot by slot: enough to go on when a connection is lost.
+
+use avln_proto::v1::{self, play_request::Frame as Sent, play_response::Frame as Arrived};
+
+/// The slots of a run, as the client knows them.
+#[derive(Debug, Default)]
+pub(crate) struct Ledger {
+    slots: Vec<SlotLedger>,
+    /// Goodbye was said.
+    goodbye: bool,
+    /// RunEnd arrived: nothing more will come.
+    over: bool,
+}
+
+#[derive(Debug, Default)]
+struct SlotLedger {
+    /// The episode that it holds, and the step of the last observation that arrived.
+    holds: Option<(String, u32)>,
+    /// What was sent and not answered.
+    open: Option<Sent>,
+}
+
+impl Ledger {
+    pub(crate) fn new(slots: u32) -> Self {
+        Self { slots: (0..slots).map(|_| SlotLedger::default()).collect(), goodbye: false, over: false }
+    }
+
+    fn slot(&mut self, slot: u32) -> Option<&mut SlotLedger> {
+        self.slots.get_mut(usize::try_from(slot).ok()?)
+    }
+
+    /// Notes a frame that is about to be sent.
+    pub(crate) fn sending(&mut self, frame: &Sent) {
+        let slot = match frame {
+            Sent::Ready(ready) => ready.slot,
+            Sent::Act(act) => act.slot,
+            Sent::Abandon(abandon) => abandon.slot,
+            Sent::Goodbye(_) => {
+                self.goodbye = true;
+                return;
+            }
+            Sent::Hello(_) | Sent::Pong(_) => return,
+        };
+        if let Some(slot) = self.slot(slot) {
+            slot.open = Some(frame.clone());
+        }
+    }
+
+    /// Notes a frame that arrived; false when it had arrived before.
+    pub(crate) fn arrived(&mut self, frame: &Arrived) -> bool {
+        match frame {
+            Arrived::EpisodeStart(start) => {
+                let Some(slot) = self.slot(start.slot) else { return true };
+                let step = start.observation.as_ref().map_or(0, |seen| seen.step);
+                *slot = SlotLedger { holds: Some((start.episode.clone(), step)), open: None };
+                true
+            }
+            Arrived::Observation(seen) => {
+                let Some(slot) = self.slot(seen.slot) else { return true };
+                slot.observed(&seen.episode, seen.step)
+            }
+            Arrived::EpisodeEnd(end) => {
+                if let Some(slot) = self.slot(end.slot).filter(|slot| slot.holds_episode(&end.episode)) {
+                    *slot = SlotLedger::default();
+                }
+                true
+            }
+            Arrived::Fault(v1::Fault { slot: Some(slot), recoverable: true, .. }) => {
+                if let Some(slot) = self.slot(*slot) {
+                    slot.open = None;
+                }
+                true
+            }
+            Arrived::RunEnd(_) => {
+                self.over = true;
+                true
+            }
+            _ => true,
+        }
+    }
+
+    /// Whether the run has ended.
+    pub(crate) fn is_over(&self) -> bool {
+        self.over
+    }
+
+    /// What Hello says was received last.
+    pub(crate) fn known(&self) -> Vec<v1::SlotPosition> {
+        let position = |(slot, ledger): (u32, &SlotLedger)| {
+            let (episode, step) = ledger.holds.clone()?;
+            Some(v1::SlotPosition { slot, episode, step })
+        };
+        (0..).zip(&self.slots).filter_map(position).collect()
+    }
+
+    /// What must be sent again to a server that says where the slots are.
+    pub(crate) fn to_repeat(&self, resumed: &[v1::SlotPosition]) -> Vec<Sent> {
+        let again = |(slot, ledger): (u32, &SlotLedger)| {
+            let there = resumed.iter().find(|position| position.slot == slot);
+            ledger.open.clone().filter(|open| match (open, there) {
+                (Sent::Ready(_), there) => there.is_none(),
+                (Sent::Act(act), Some(there)) => act.episode == there.episode && act.step == there.step + 1,
+                (_, there) => there.is_some(),
+            })
+        };
+        let goodbye = self.goodbye.then_some(Sent::Goodbye(v1::Goodbye { pause: false }));
+        (0..).zip(&self.slots).filter_map(again).chain(goodbye).collect()
+    }
+
+    /// Whether `fault` says that an episode which a slot holds is gone.
+    pub(crate) fn is_gone(&self, fault: &v1::Fault) -> bool {
+        let slot = fault.slot.and_then(|slot| self.slots.get(slot as usize));
+        fault.reason() == v1::Reason::EpisodeUnknown
+            && slot.is_some_and(|slot| slot.holds_episode(&fault.episode))
+    }
+}
+
+impl SlotLedger {
+    fn holds_episode(&self, episode: &str) -> bool {
+        self.holds.as_ref().is_some_and(|(held, _)| held == episode)
+    }
+
+    fn observed(&mut self, episode: &str, step: u32) -> bool {
+        let Some((held, last)) = &mut self.holds else { return true };
+        if held != episode {
+            return true;
+        }
+        if step <= *last {
+            return false;
+        }
+        *last = step;
+        self.open = None;
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn act(step: u32) -> Sent {
+        Sent::Act(v1::Act { slot: 0, episode: "ep_a".into(), step, action: 1 })
+    }
+
+    fn seen(step: u32) -> Arrived {
+        Arrived::Observation(v1::Observation { episode: "ep_a".into(), step, ..v1::Observation::default() })
+    }
+
+    fn at(step: u32) -> Vec<v1::SlotPosition> {
+        vec![v1::SlotPosition { slot: 0, episode: "ep_a".into(), step }]
+    }
+
+    fn begun() -> Ledger {
+        let mut ledger = Ledger::new(2);
+        ledger.sending(&Sent::Ready(v1::Ready { slot: 0 }));
+        ledger.arrived(&Arrived::EpisodeStart(v1::EpisodeStart {
+            episode: "ep_a".into(),
+            ..v1::EpisodeStart::default()
+        }));
+        ledger
+    }
+
+    #[test]
+    fn an_action_is_sent_again_only_where_it_was_not_taken() {
+        let mut ledger = begun();
+        assert!(ledger.to_repeat(&at(0)).is_empty());
+        ledger.sending(&act(1));
+        assert_eq!(ledger.to_repeat(&at(0)), [act(1)]);
+        assert!(ledger.to_repeat(&at(1)).is_empty(), "its result is on its way");
+        assert!(ledger.to_repeat(&[]).is_empty(), "the episode is over, and its end on its way");
+        assert!(ledger.arrived(&seen(1)));
+        assert!(ledger.to_repeat(&at(1)).is_empty());
+        assert_eq!(ledger.known(), at(1));
+    }
+
+    #[test]
+    fn what_arrived_before_is_told_from_what_is_new() {
+        let mut ledger = begun();
+        assert!(!ledger.arrived(&seen(0)));
+        assert!(ledger.arrived(&seen(1)));
+        assert!(!ledger.arrived(&seen(1)));
+    }
+
+    #[test]
+    fn ready_is_sent_again_where_no_episode_began() {
+        let ready = Sent::Ready(v1::Ready { slot: 1 });
+        let mut ledger = begun();
+        ledger.sending(&ready);
+        assert_eq!(ledger.to_repeat(&at(0)), [ready]);
+        let both = [at(0), vec![v1::SlotPosition { slot: 1, episode: "ep_b".into(), step: 0 }]].concat();
+        assert!(ledger.to_repeat(&both).is_empty());
+    }
+
+    #[test]
+    fn goodbye_is_said_again() {
+        let mut ledger = begun();
+        ledger.sending(&Sent::Goodbye(v1::Goodbye { pause: false }));
+        assert_eq!(ledger.to_repeat(&at(0)), [Sent::Goodbye(v1::Goodbye { pause: false })]);
+    }
+}

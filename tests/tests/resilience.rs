@@ -1,0 +1,212 @@
+//! A run cannot be lost: neither connections that break at any step nor servers that die at any moment change a bit of
+//! what its episodes were worth, lose an episode or count one twice.
+
+use avln_client::{Action, Arena, Episode, Error, Observation, Order, Play, Run, RunOptions, Sensors};
+use avln_tests::{House, PHASE, Plan, furnish, http, scissors::Scissors};
+use serde_json::Value;
+use std::{
+    fs::File,
+    net::SocketAddr,
+    path::Path,
+    process::{Child, Command, Stdio},
+    sync::atomic::{AtomicU32, Ordering},
+    time::Duration,
+};
+use tokio::task::JoinSet;
+
+const BLIND: Sensors =
+    Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
+/// Steps after which the wanderer stops.
+const STEPS: u32 = 800;
+
+/// Wanders by what it senses alone, so that it does the same however it was disturbed.
+fn wander(seen: &Observation) -> Action {
+    let place = seen.pose.position.map(f32::to_bits);
+    let mixed = place.into_iter().chain([seen.pose.heading_rad.to_bits(), seen.step]);
+    let draw =
+        mixed.fold(0x9e37_79b9_u32, |hash, word| (hash ^ word).wrapping_mul(0x85eb_ca6b).rotate_left(13));
+    match draw % 1000 {
+        _ if seen.step >= STEPS => Action::Stop,
+        0 => Action::Submit,
+        1..=200 => Action::TurnLeft,
+        201..=300 => Action::TurnRight,
+        _ => Action::MoveForward,
+    }
+}
+
+async fn play_slot(mut play: Play, steps: &AtomicU32) -> Result<Play, Error> {
+    while let Some(mut episode) = play.next_episode().await? {
+        wander_on(&mut episode, steps).await?;
+    }
+    Ok(play)
+}
+
+async fn wander_on(episode: &mut Episode<'_>, steps: &AtomicU32) -> Result<(), Error> {
+    while !episode.is_over() {
+        let action = wander(episode.observation());
+        episode.step(action).await?;
+        steps.fetch_add(1, Ordering::Relaxed);
+    }
+    Ok(())
+}
+
+/// Plays a whole run over `url` in several slots; gives back its id.
+async fn play_run(url: String, token: String, slots: u32, steps: &'static AtomicU32) -> String {
+    let arena = Arena::connect(url, &token).await.expect("the door is open");
+    let run =
+        arena.start_run(RunOptions::new(PHASE, "wanderer").order(Order::Unordered)).await.expect("a run");
+    play_on(&arena, &run, slots, steps).await;
+    run.id
+}
+
+async fn play_on(arena: &Arena, run: &Run, slots: u32, steps: &'static AtomicU32) {
+    let mut players = JoinSet::new();
+    for play in arena.play_slots(run, BLIND, slots).await.expect("a stream") {
+        players.spawn(play_slot(play, steps));
+    }
+    let mut last = None;
+    while let Some(joined) = players.join_next().await {
+        last = Some(joined.expect("no panic").expect("a slot that plays to the end"));
+    }
+    let summary = last.expect("a slot").finish().await.expect("a summary");
+    assert!(summary.complete, "{summary:?}");
+}
+
+/// What each episode of a run was worth, as the API tells it, by ordinal.
+async fn worth(web: SocketAddr, run: &str) -> Vec<Value> {
+    let body = http::get(web, &format!("/api/v1/runs/{run}")).await;
+    let run: Value = serde_json::from_str(&body.body).expect("JSON");
+    let episodes = run["episodes"].as_array().expect("episodes");
+    episodes.iter().map(|line| serde_json::json!([line["ordinal"], line["end"], line["metrics"]])).collect()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_thousand_lost_connections_change_nothing() {
+    static STEPS_TAKEN: AtomicU32 = AtomicU32::new(0);
+    let house = House::open(&Plan { houses: 1, missions: 12, ..Plan::default() }).await;
+    let calm = play_run(house.agents_url(), house.token.clone(), 4, &STEPS_TAKEN).await;
+    let steps = STEPS_TAKEN.swap(0, Ordering::Relaxed);
+
+    let wire = Scissors::open(house.doors.grpc).await;
+    let playing = tokio::spawn(play_run(wire.url(), house.token.clone(), 4, &STEPS_TAKEN));
+    let (mut snips, mut draw, mut due) = (0, 7_u32, 0);
+    while !playing.is_finished() {
+        draw = draw.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        if STEPS_TAKEN.load(Ordering::Relaxed) >= due {
+            wire.snip();
+            snips += 1;
+            due = STEPS_TAKEN.load(Ordering::Relaxed) + 1;
+        }
+        tokio::time::sleep(Duration::from_micros(u64::from(draw >> 21))).await;
+    }
+    let stormy = playing.await.expect("no panic");
+    println!("{steps} steps in peace; {snips} connections lost");
+    assert!(snips >= 1000, "only {snips} connections were lost in {steps} steps");
+    assert_eq!(worth(house.doors.web, &stormy).await, worth(house.doors.web, &calm).await);
+}
+
+/// What `avln verify` says of a run's log, and whether it is content.
+fn verify(folder: &Path, log: &Path) -> (bool, String) {
+    let mut verify = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
+    let output = verify.arg("--data").arg(folder).arg("verify").arg(log).output().expect("the program runs");
+    let text =
+        String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+    (output.status.success(), text)
+}
+
+/// The log shows the whole run, and that nobody changed it.
+fn check_log(folder: &Path, run: &str, episodes: usize) {
+    let log = folder.join("runs").join(format!("{run}.log"));
+    let (content, text) = verify(folder, &log);
+    assert!(content && text.contains(&format!("episodes   {episodes} played again")), "{text}");
+    let written = std::fs::read_to_string(&log).expect("the log");
+    let forged = folder.join("forged.log");
+    std::fs::write(&forged, written.replacen("\"sr\":0", "\"sr\":1", 1)).expect("a copy");
+    let (content, text) = verify(folder, &forged);
+    assert!(!content && text.contains("its hash does not fit"), "{text}");
+}
+
+/// The program of this build, hosting a folder.
+struct Server {
+    process: Child,
+    grpc: SocketAddr,
+    web: SocketAddr,
+}
+
+impl Server {
+    fn start(folder: &Path) -> Self {
+        let free =
+            || std::net::TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a free port");
+        let (grpc, web) = (free(), free());
+        let log = folder.join("server.log");
+        let log = File::options().create(true).append(true).open(log).expect("a log of the server");
+        let mut serve = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
+        serve.arg("--data").arg(folder).args([
+            "serve",
+            "--grpc",
+            &grpc.to_string(),
+            "--web",
+            &web.to_string(),
+        ]);
+        let process = serve.stdout(Stdio::null()).stderr(log).spawn().expect("the program starts");
+        Self { process, grpc, web }
+    }
+
+    /// Ends it as a crash would: SIGKILL, without a word.
+    fn kill(mut self) {
+        self.process.kill().expect("it runs");
+        self.process.wait().expect("it is gone");
+    }
+
+    /// Waits until it answers.
+    async fn answers(&self) {
+        for _ in 0..600 {
+            if tokio::net::TcpStream::connect(self.grpc).await.is_ok() {
+                return;
+            }
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+        panic!("the server does not answer within 30 s");
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn fifty_deaths_of_the_server_change_nothing() {
+    static STEPS_TAKEN: AtomicU32 = AtomicU32::new(0);
+    let folder = tempfile::tempdir().expect("a folder");
+    let token = furnish(folder.path(), &Plan { houses: 1, missions: 20, ..Plan::default() }).await;
+    let mut server = Server::start(folder.path());
+    server.answers().await;
+    let wire = Scissors::open(server.grpc).await;
+    let calm = play_run(wire.url(), token.clone(), 16, &STEPS_TAKEN).await;
+    let steps = STEPS_TAKEN.swap(0, Ordering::Relaxed);
+
+    let playing = tokio::spawn(play_run(wire.url(), token, 16, &STEPS_TAKEN));
+    let (mut deaths, mut draw) = (0, 3_u32);
+    while !playing.is_finished() && deaths < 50 {
+        draw = draw.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let due = STEPS_TAKEN.load(Ordering::Relaxed) + 1 + draw % (steps / 150).max(1);
+        while STEPS_TAKEN.load(Ordering::Relaxed) < due && !playing.is_finished() {
+            tokio::time::sleep(Duration::from_micros(300)).await;
+        }
+        server.kill();
+        wire.snip();
+        server = Server::start(folder.path());
+        server.answers().await;
+        wire.lead_to(server.grpc);
+        deaths += 1;
+    }
+    let stormy = playing.await.expect("no panic");
+    println!("{steps} steps in peace; the server died {deaths} times");
+    assert_eq!(deaths, 50, "the run was over after {deaths} deaths");
+    assert_eq!(worth(server.web, &stormy).await, worth(server.web, &calm).await);
+    check_log(folder.path(), &calm, 20);
+    check_log(folder.path(), &stormy, 20);
+}
