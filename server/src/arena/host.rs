@@ -61,7 +61,8 @@ impl Host for Arena {
         self.look_ahead(&started.run.id, &stage);
         let (episodes, max_slots) = (started.run.episodes, stage.phase.max_slots);
         let scarcest = started.quotas.into_iter().min_by_key(|quota| quota.remaining.unwrap_or(u32::MAX));
-        Ok(RunTicket { run: started.run.id, token, episodes, max_slots, quota: scarcest.map(quota_of) })
+        let (time, quota) = (stage.phase.time, scarcest.map(quota_of));
+        Ok(RunTicket { run: started.run.id, token, episodes, max_slots, time, quota })
     }
 
     async fn quotas(&self, account: &Account, phase: Option<&str>) -> Result<Vec<Quota>, Refusal> {

@@ -60,6 +60,7 @@ pub(super) fn phase_info(phase: PhaseView) -> PhaseInfo {
         id: phase.id,
         title: phase.title,
         description: phase.description,
+        time: phase.time,
         orders: phase.orders,
         rules: phase.rules.name,
         episode_count: phase.episodes,

@@ -7,7 +7,7 @@ use crate::{
     session::{Opening, Session},
     wire,
 };
-use avln_episode::{Sensors, TimeLimits};
+use avln_episode::Sensors;
 use avln_proto::v1::{self, Reason};
 use std::{sync::Arc, time::Duration};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
@@ -148,11 +148,6 @@ impl Door {
             server_time_unix_ms: wire::unix_ms(),
             run_deadline_unix_ms: 0,
         }
-    }
-
-    /// Time that agents have.
-    pub(crate) fn time_limits(&self) -> v1::TimeLimits {
-        wire::time_limits(&TimeLimits::default())
     }
 }
 

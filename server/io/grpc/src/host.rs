@@ -102,6 +102,8 @@ pub struct PhaseInfo {
     pub title: String,
     /// Text for people, may be empty.
     pub description: String,
+    /// Time that agents have.
+    pub time: TimeLimits,
     /// Orders that can be played.
     pub orders: Vec<Order>,
     /// Name of the rule set.
@@ -251,6 +253,8 @@ pub struct RunTicket {
     pub episodes: u32,
     /// Most slots of its Play stream.
     pub max_slots: u32,
+    /// Time that its agent has.
+    pub time: TimeLimits,
     /// What the team has left now, in the window with the least.
     pub quota: Option<Quota>,
 }

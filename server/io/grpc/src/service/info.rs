@@ -41,8 +41,7 @@ impl InfoService for Info {
             host.phases(account.as_ref()).await
         });
         let phases = phases.await?;
-        let time = self.0.time_limits();
-        let phases = phases.into_iter().map(|phase| wire::phase(phase, time)).collect();
+        let phases = phases.into_iter().map(wire::phase).collect();
         Ok(Response::new(v1::ListPhasesResponse { phases }))
     }
 }

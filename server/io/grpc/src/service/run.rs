@@ -104,7 +104,7 @@ impl RunService for Runs {
             run: Some(wire::run(status)),
             run_token: ticket.token,
             max_slots: ticket.max_slots.clamp(1, Limits::MAX_SLOTS),
-            time: Some(self.0.time_limits()),
+            time: Some(wire::time_limits(&ticket.time)),
             quota: ticket.quota.map(wire::quota),
         }))
     }

@@ -40,7 +40,7 @@ pub(crate) fn server_info(
     }
 }
 
-pub(crate) fn phase(phase: PhaseInfo, time: v1::TimeLimits) -> v1::Phase {
+pub(crate) fn phase(phase: PhaseInfo) -> v1::Phase {
     let sensors = [
         (phase.sensors.rgb, SensorKind::Rgb),
         (phase.sensors.depth, SensorKind::Depth),
@@ -73,7 +73,7 @@ pub(crate) fn phase(phase: PhaseInfo, time: v1::TimeLimits) -> v1::Phase {
             scorer: values.scorer,
             secret: values.secret,
         }),
-        time: Some(time),
+        time: Some(super::time_limits(&phase.time)),
         rules: phase.rules,
         max_side: phase.sensors.width.max(phase.sensors.height),
         ..v1::Phase::default()

@@ -251,6 +251,7 @@ impl Host for ToyHost {
         Ok(vec![PhaseInfo {
             id: "practice".into(),
             title: if account.is_some() { "Practice of the team".into() } else { "Practice".into() },
+            time: self.time,
             description: String::new(),
             orders: vec![Order::Unordered],
             rules: Rules::PAPER.into(),
@@ -289,6 +290,7 @@ impl Host for ToyHost {
             token: RUN_TOKEN.into(),
             episodes: self.total,
             max_slots: 4,
+            time: self.time,
             quota: Some(quota()),
         })
     }
