@@ -45,6 +45,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "scoring",
             "store",
             "proto",
+            "codec",
             "tls",
             "grpc",
             "web",

@@ -25,7 +25,7 @@ pub mod rgb;
 pub use error::CodecError;
 pub use floats::raw_floats;
 
-use avln_proto::v1::{Encoding, SensorKind};
+pub use avln_proto::v1::{Encoding, SensorKind};
 
 /// Pixels of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

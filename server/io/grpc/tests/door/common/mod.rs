@@ -1,10 +1,12 @@
 //! A toy house behind the door, and an agent in front of it.
 
 mod agent;
+mod attack;
 mod host;
 mod runner;
 
 pub(crate) use agent::{Agent, authorised, channel, hello, play_client, reason};
+pub(crate) use attack::{Attack, Siege};
 pub(crate) use host::{ACCOUNT, Book, LOOKING, ORGANISER, PATIENT, Plan, RUN, RUN_TOKEN, ToyHost};
 pub(crate) use runner::Quirk;
 
@@ -47,6 +49,14 @@ impl House {
     pub(crate) fn close(self) -> JoinHandle<()> {
         self.stop.send(()).unwrap();
         self.served
+    }
+
+    /// Whether a new connection is listened to.
+    pub(crate) async fn answers(&self) -> bool {
+        let endpoint = tonic::transport::Endpoint::from_shared(format!("http://{}", self.address)).unwrap();
+        let Ok(channel) = endpoint.connect().await else { return false };
+        let mut client = avln_proto::v1::info_service_client::InfoServiceClient::new(channel);
+        client.get_server_info(avln_proto::v1::GetServerInfoRequest {}).await.is_ok()
     }
 
     /// Plays a whole run: proof that the server still serves.
