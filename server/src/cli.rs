@@ -50,6 +50,9 @@ pub enum Command {
     /// Admit teams and issue their tokens
     #[command(subcommand)]
     Team(commands::team::Command),
+    /// Run an agent against a phase, shut off from everything but the server
+    #[command(subcommand)]
+    Sealed(commands::sealed::Command),
     /// Issue, list and take back tokens
     #[command(subcommand)]
     Token(commands::token::Command),
@@ -88,6 +91,7 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
         Command::Scene(command) => commands::scene::run(&cli.data, command),
         Command::Sim(command) => commands::sim::run(&cli.data, command),
         Command::Dataset(command) => commands::dataset::run(&cli.data, command),
+        Command::Sealed(commands::sealed::Command::Enter(step)) => step.take(),
         other => asynchronous(&cli.data, other),
     }
 }
@@ -103,6 +107,7 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
         Command::Phase(command) => commands::phase::run(data, command).await,
         Command::Challenge(command) => commands::challenge::run(data, command).await,
         Command::Team(command) => commands::team::run(data, command).await,
+        Command::Sealed(command) => commands::sealed::run(data, command).await,
         Command::Token(command) => commands::token::run(data, command).await,
         Command::Conformance(options) => commands::conformance::run(options).await,
         Command::Verify(options) => commands::verify::run(data, options).await,

@@ -6,13 +6,13 @@ use std::path::PathBuf;
 /// What the agent is told on the command line.
 #[derive(Args, Clone, Debug)]
 pub struct Options {
-    /// Address of the server's gRPC port
-    #[arg(long, default_value = "http://127.0.0.1:50051", value_name = "URL")]
+    /// Address of the server's gRPC port: http://, https:// or unix:/path
+    #[arg(long, env = "AVLN_SERVER", default_value = "http://127.0.0.1:50051", value_name = "URL")]
     pub server: String,
     /// PEM file of the authorities that an https server's certificate may come from, instead of those of the system
     #[arg(long, env = "AVLN_CA", value_name = "FILE")]
     pub ca: Option<PathBuf>,
-    /// Token of the account
+    /// Token of the account; or of one run, which is then played, whatever phase and order say
     #[arg(long, env = "AVLN_TOKEN", hide_env_values = true, value_name = "TOKEN")]
     pub token: String,
     /// Phase to play in
@@ -46,9 +46,9 @@ pub async fn run_with(
     on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
 ) -> Result<RunSummary, Error> {
     let link = Link { ca: options.ca, ..Link::default() };
-    let arena = Arena::connect_with(&options.server, options.token, &link).await?;
     let method = RunOptions::new(options.phase, options.method).method_version(env!("CARGO_PKG_VERSION"));
-    let run = arena.start_run(method.order(options.order)).await?;
+    let method = method.order(options.order);
+    let (arena, run) = Arena::begin(&options.server, options.token, &link, method).await?;
     let mut agent = PagNav::default();
     evaluate_with(&arena, &run, Sensors::square(options.size), &mut agent, on_end).await
 }

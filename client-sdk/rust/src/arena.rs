@@ -17,6 +17,8 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Status, Streaming, transport::Channel};
 
 const CALL_TIMEOUT: Duration = Duration::from_secs(30);
+/// What the tokens of runs begin with.
+const RUN_TOKEN: &str = "avln_run_";
 const PLAY: &str = "open the run's stream";
 
 /// A connection to a server. Clones share it.
@@ -28,7 +30,7 @@ pub struct Arena {
 }
 
 impl Arena {
-    /// Connects to `server`, like `http://127.0.0.1:50051` or `https://arena.example:50051`, and checks that it is one and takes the account's `token`.
+    /// Connects to `server`, like `http://127.0.0.1:50051`, `https://arena.example:50051` or `unix:/run/arena.sock`, and checks that it is one and takes the account's `token`.
     /// An empty token is good for [`server_info`](Self::server_info), [`phases`](Self::phases) and for playing a
     /// [`Run::from_token`].
     ///
@@ -56,6 +58,26 @@ impl Arena {
             arena.whoami().await?;
         }
         Ok(arena)
+    }
+
+    /// Connects and begins a run; with a run's own token, takes up that run, whatever `options` say, as in a sealed run where
+    /// the agent never sees the account.
+    ///
+    /// # Errors
+    /// As for [`connect_with`](Self::connect_with) and [`start_run`](Self::start_run).
+    pub async fn begin(
+        server: impl AsRef<str>,
+        token: impl Into<String>,
+        link: &Link,
+        options: RunOptions,
+    ) -> Result<(Self, Run), Error> {
+        let token = token.into();
+        if token.starts_with(RUN_TOKEN) {
+            return Ok((Self::connect_with(server, "", link).await?, Run::from_token(token)));
+        }
+        let arena = Self::connect_with(server, token, link).await?;
+        let run = arena.start_run(options).await?;
+        Ok((arena, run))
     }
 
     /// What the server is.

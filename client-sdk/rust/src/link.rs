@@ -16,6 +16,9 @@ const CONNECTION_WINDOW: u32 = 16 << 20;
 const FRAME_BYTES: u32 = 256 << 10;
 const USER_AGENT: &str = concat!("avln-client/", env!("CARGO_PKG_VERSION"));
 
+/// What addresses of Unix sockets begin with; an absolute path follows.
+const UNIX: &str = "unix:";
+
 /// How to connect, where the defaults do not do.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Link {
@@ -29,7 +32,9 @@ impl Link {
     /// Connects; says how numbers are to travel.
     pub(crate) async fn connect(&self, address: &str) -> Result<(Channel, Packing), Error> {
         let endpoint = self.endpoint(address)?;
-        let here = Packing::of_host(endpoint.uri().host().unwrap_or_default());
+        let is_local = address.starts_with(UNIX);
+        let here =
+            if is_local { Packing::Raw } else { Packing::of_host(endpoint.uri().host().unwrap_or_default()) };
         let channel = endpoint.connect().await.map_err(|error| unreachable(address, chain(&error)))?;
         Ok((channel, self.packing.unwrap_or(here)))
     }
@@ -40,6 +45,7 @@ impl Link {
         let secure = match address.split_once("://") {
             Some(("http", _)) => false,
             Some(("https", _)) => true,
+            _ if address.strip_prefix(UNIX).is_some_and(|path| path.starts_with('/')) => false,
             Some((scheme, _)) => {
                 return Err(wrong(&format!("the scheme '{scheme}' is not one that it knows")));
             }
@@ -126,11 +132,14 @@ mod tests {
 
     #[test]
     fn addresses_that_cannot_work_say_how_to_write_them() {
-        for address in ["localhost:50051", "ftp://x", "http://", "http://a b"] {
+        for address in ["localhost:50051", "ftp://x", "http://", "http://a b", "unix:", "unix:relative.sock"]
+        {
             let text = problem(&Link::default(), address);
             assert!(text.contains(address) && text.contains("http://127.0.0.1:50051"), "{text}");
         }
-        assert!(Link::default().endpoint("http://localhost:50051").is_ok());
+        for address in ["http://localhost:50051", "unix:/run/arena.sock", "unix:///run/arena.sock"] {
+            assert!(Link::default().endpoint(address).is_ok(), "{address}");
+        }
     }
 
     #[test]

@@ -145,6 +145,7 @@ impl Arena {
             sensors: stage.phase.sensors.clone(),
             episodes: run.episodes,
             done: run.done,
+            sealed: run.is_sealed(),
             digests: Digests {
                 engine: format!("avln {}", env!("CARGO_PKG_VERSION")),
                 dataset: stage.split.digest().to_owned(),

@@ -12,6 +12,7 @@ pub mod register;
 mod replayer;
 mod restore;
 mod scenes;
+pub mod sealed;
 pub mod secret;
 pub mod stages;
 mod told;

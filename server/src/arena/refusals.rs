@@ -22,7 +22,7 @@ pub(super) fn refusal(error: StoreError) -> Refusal {
         StoreError::PhaseNotOpen { .. } => Reason::PhaseNotOpen,
         StoreError::PhasePaused { .. } => Reason::PhasePaused,
         StoreError::PhaseNotVisible { .. } => Reason::PhaseNotVisible,
-        StoreError::TeamNotApproved { .. } => Reason::TeamNotApproved,
+        StoreError::TeamNotApproved { .. } | StoreError::PhaseSealed(_) => Reason::TeamNotApproved,
         StoreError::QuotaUsed(quota) => quota_reason(quota.window),
         StoreError::RunOver { .. } => Reason::RunOver,
         StoreError::OrderNotAllowed { .. } | StoreError::Taken { .. } => Reason::BadRequest,

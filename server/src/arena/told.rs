@@ -81,6 +81,7 @@ pub(super) fn phase_info(phase: PhaseView) -> PhaseInfo {
             avln_store::Visibility::Team => Visibility::Team,
             avln_store::Visibility::Organiser => Visibility::Organiser,
         },
+        sealed: phase.sealed,
         commitment: promise.as_ref().map(|promise| promise.commitment.clone()).unwrap_or_default(),
         revealed: promise.and_then(|promise| promise.revealed).map(|values| Revealed {
             pool: values.pool,
@@ -92,10 +93,12 @@ pub(super) fn phase_info(phase: PhaseView) -> PhaseInfo {
 
 /// A run as its own team may see it.
 pub(super) fn status(view: RunView, charge: Charge) -> RunStatus {
+    let sealed = view.digests.contains_key(avln_store::Run::SEALED);
     let line = view.line;
     let ineligible = !view.eligible && line.finished_unix_ms.is_some();
     RunStatus {
         url: format!("/runs/{}", line.run),
+        sealed,
         charged: charge.charged,
         charge_reason: charge.reason.to_owned(),
         run: line.run,

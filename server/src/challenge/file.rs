@@ -82,6 +82,9 @@ pub struct PhaseFile {
     /// The draw of a run's episodes; all of them by default.
     #[serde(default)]
     pub sample: Option<Sample>,
+    /// Whether the organiser alone runs agents, shut off from everything but the server.
+    #[serde(default)]
+    pub sealed: bool,
     /// Encodings that agents may ask for though they change values; by default those only that change none.
     #[serde(default)]
     pub encodings: Encodings,
@@ -182,6 +185,7 @@ impl PhaseFile {
             max_side: Some(width.max(height)),
             shuffle: Some(phase.sampling.shuffle),
             sample: phase.sampling.sample,
+            sealed: phase.sealed,
             encodings,
             quota: phase.quotas,
             time: phase.time,

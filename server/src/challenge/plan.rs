@@ -213,6 +213,7 @@ impl Desk<'_> {
             ranking: entry.ranking,
             admission: self.admission()?,
             sampling: self.sampling(&episodes)?,
+            sealed: entry.sealed,
             ..Phase::new(&entry.id, &entry.split, rules, episodes)
         };
         check_sounds(self.planner.data, &phase)

@@ -29,6 +29,7 @@ fn every_setting() -> Phase {
     phase.schedule.opens_unix_ms = Some(1_767_225_600_000);
     phase.schedule.closes_unix_ms = Some(1_782_864_000_000);
     phase.sampling.sample = Some(Sample { episodes: 3, anchors: 1 });
+    phase.sealed = true;
     phase.quotas.day = Some(2);
     phase.admission.deny = vec!["a \"quoted\" team".to_owned()];
     phase

@@ -13,6 +13,8 @@ pub mod scene_export;
 pub mod scene_import;
 pub mod scene_preview;
 pub mod scene_stats;
+pub mod sealed;
+mod sealed_cell;
 pub mod serve;
 pub mod sim;
 pub mod split;

@@ -144,7 +144,7 @@ impl Door {
             digests: Some(wire::digests(&open.digests)),
             benchmark: info.benchmark,
             server_version: info.version,
-            sealed: false,
+            sealed: open.sealed,
             server_time_unix_ms: wire::unix_ms(),
             run_deadline_unix_ms: 0,
         }

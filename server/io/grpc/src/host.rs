@@ -126,6 +126,8 @@ pub struct PhaseInfo {
     pub closes_unix_s: i64,
     /// Who sees results.
     pub results: Visibility,
+    /// Whether only agents that the organiser runs can play.
+    pub sealed: bool,
     /// What the organiser promised before the phase; empty: nothing yet.
     pub commitment: String,
     /// The values behind the commitment, once they are published.
@@ -288,6 +290,8 @@ pub struct RunStatus {
     pub metrics: Option<Vec<(String, f64)>>,
     /// Rules that keep it out of the ranking; empty: it takes part.
     pub ineligible_because: Vec<String>,
+    /// Whether the organiser ran the agent, shut off from everything but the server.
+    pub sealed: bool,
     /// Whether it counts against its team's quota.
     pub charged: bool,
     /// Why it does or does not, for people.
@@ -328,6 +332,8 @@ pub struct OpenRun {
     pub episodes: u32,
     /// Episodes that are over and stored.
     pub done: u32,
+    /// Whether the organiser runs the agent, shut off from everything but the server.
+    pub sealed: bool,
     /// What decides scores.
     pub digests: Digests,
     /// Time that agents have.

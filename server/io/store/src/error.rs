@@ -72,6 +72,11 @@ pub enum StoreError {
         /// When it opens, milliseconds since 1970-01-01 UTC.
         opens_unix_ms: i64,
     },
+    /// The phase takes runs from the organiser alone.
+    #[error(
+        "phase '{0}' is played in sealed runs only, which its organiser starts: send the agent to the organiser"
+    )]
+    PhaseSealed(String),
     /// The phase takes no runs for now.
     #[error("phase '{phase}' is paused: {reason}; runs that were started may go on")]
     PhasePaused {

@@ -35,6 +35,18 @@ words!(RunState, "run state", {
     Failed => "failed", Expired => "expired",
 });
 
+impl Run {
+    /// Name in [`Run::digests`] under which a sealed run has what was enforced while it was played.
+    pub const SEALED: &'static str = "sealed";
+    /// Name in [`Run::digests`] under which a sealed run has what could not be enforced; left out where all was.
+    pub const UNSEALED: &'static str = "sealed except";
+
+    /// Whether the organiser ran the agent, shut off from everything but the server.
+    pub fn is_sealed(&self) -> bool {
+        self.digests.contains_key(Self::SEALED)
+    }
+}
+
 impl RunState {
     /// Whether episodes may still be handed out.
     pub fn is_open(self) -> bool {
@@ -148,8 +160,8 @@ impl Store {
     /// A request with the `client_request_id` of an earlier one gives the earlier run, which the new token plays too.
     ///
     /// # Errors
-    /// When the phase or team is unknown, the team may not play, the phase is not open or not played in this order, a quota
-    /// is used up, the request id belongs to a different request, or the database fails.
+    /// When the phase or team is unknown, the team may not play, the phase is not open, not played in this order or for sealed
+    /// runs only, a quota is used up, the request id belongs to a different request, or the database fails.
     pub async fn start_run(&self, new: &NewRun<'_>, now_unix_ms: i64) -> Result<StartedRun, StoreError> {
         if self.team(new.team).await?.is_none() {
             return Err(StoreError::unknown("team", new.team));
@@ -291,6 +303,9 @@ async fn refuse_start(
 ) -> Result<(), StoreError> {
     refuse_team(tx, phase, new.team).await?;
     phase.schedule.refuse_start(&phase.id, now_unix_ms)?;
+    if phase.sealed && !new.digests.contains_key(Run::SEALED) {
+        return Err(StoreError::PhaseSealed(phase.id.clone()));
+    }
     if !phase.orders.contains(&new.order) {
         return Err(StoreError::OrderNotAllowed { phase: phase.id.clone(), order: new.order.as_str() });
     }

@@ -75,6 +75,7 @@ pub(crate) fn phase(phase: PhaseInfo) -> v1::Phase {
         }),
         time: Some(super::time_limits(&phase.time)),
         rules: phase.rules,
+        sealed: phase.sealed,
         max_side: phase.sensors.width.max(phase.sensors.height),
         ..v1::Phase::default()
     }
@@ -138,6 +139,7 @@ pub(crate) fn run(status: RunStatus) -> v1::Run {
         eligible: status.ineligible_because.is_empty(),
         ineligible_because: status.ineligible_because,
         metrics: status.metrics.map(|metrics| public_metrics(metrics, status.done)),
+        sealed: status.sealed,
         charged: status.charged,
         charge_reason: status.charge_reason,
         url: status.url,

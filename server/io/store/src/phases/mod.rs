@@ -73,6 +73,8 @@ pub struct Phase {
     pub admission: Admission,
     /// Which episodes a run plays, and in which order.
     pub sampling: Sampling,
+    /// Whether only sealed runs may be played.
+    pub sealed: bool,
     /// The episodes that runs draw from; without sampling or shuffling, in playing order.
     pub episodes: Vec<PhaseEpisode>,
 }
@@ -227,6 +229,7 @@ impl Phase {
             ranking: Ranking::default(),
             admission: Admission::default(),
             sampling: Sampling::default(),
+            sealed: false,
             episodes,
         }
     }

@@ -29,6 +29,7 @@ row! {
         ranking: String,
         admission: String,
         sampling: String,
+        sealed: bool,
     }
 }
 
@@ -37,7 +38,7 @@ const OPEN: &str = "open";
 const CLOSED: &str = "closed";
 
 const SELECT_PHASES: &str = "SELECT id, title, description, position, split, rules, orders, sensors, scores, replays, \
-     max_slots, state, opens_ms, closes_ms, paused, quotas, time, ranking, admission, sampling \
+     max_slots, state, opens_ms, closes_ms, paused, quotas, time, ranking, admission, sampling, sealed \
      FROM phases WHERE $1 IS NULL OR id = $1 ORDER BY position, created_ms, id";
 
 impl Store {
@@ -128,15 +129,15 @@ async fn write_phase(
     now_unix_ms: i64,
 ) -> Result<(), StoreError> {
     let upsert = "INSERT INTO phases (id, title, description, position, split, rules_name, rules, orders, sensors, scores, \
-         replays, max_slots, state, opens_ms, closes_ms, paused, quotas, time, ranking, admission, sampling, created_ms) \
-         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, $22) \
+         replays, max_slots, state, opens_ms, closes_ms, paused, quotas, time, ranking, admission, sampling, created_ms, sealed) \
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, $22, $23) \
          ON CONFLICT (id) DO UPDATE SET title = excluded.title, description = excluded.description, \
          position = excluded.position, split = excluded.split, rules_name = excluded.rules_name, \
          rules = excluded.rules, orders = excluded.orders, sensors = excluded.sensors, scores = excluded.scores, \
          replays = excluded.replays, max_slots = excluded.max_slots, state = excluded.state, \
          opens_ms = excluded.opens_ms, closes_ms = excluded.closes_ms, paused = excluded.paused, \
          quotas = excluded.quotas, time = excluded.time, ranking = excluded.ranking, \
-         admission = excluded.admission, sampling = excluded.sampling";
+         admission = excluded.admission, sampling = excluded.sampling, sealed = excluded.sealed";
     sqlx::query(upsert)
         .bind(&phase.id)
         .bind(&phase.title)
@@ -160,6 +161,7 @@ async fn write_phase(
         .bind(to_json("admission", &phase.admission)?)
         .bind(to_json("sampling", &phase.sampling)?)
         .bind(now_unix_ms)
+        .bind(phase.sealed)
         .execute(&mut **tx)
         .await?;
     Ok(())
@@ -259,6 +261,7 @@ impl PhaseRow {
             ranking: from_json("ranking", &self.ranking)?,
             admission: from_json("admission", &self.admission)?,
             sampling: from_json("sampling", &self.sampling)?,
+            sealed: self.sealed,
             id: self.id,
             title: self.title,
             description: self.description,

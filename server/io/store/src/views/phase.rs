@@ -44,6 +44,8 @@ pub struct PhaseView {
     pub time: TimeLimits,
     /// How runs are ranked unless somebody asks otherwise.
     pub ranking: Ranking,
+    /// Whether only sealed runs may be played.
+    pub sealed: bool,
     /// What the organiser promised before the phase, and published after it; `None` before that.
     pub promise: Option<Promise>,
     /// Who may see scores.
@@ -78,6 +80,7 @@ impl PhaseView {
             quotas: phase.quotas,
             time: phase.time,
             ranking: phase.ranking,
+            sealed: phase.sealed,
             scores: phase.scores,
             replays: phase.replays,
         }

@@ -2,7 +2,7 @@
 
 use crate::fixture::{Arena, TEAM, new_run, phase};
 use avln_episode::Order;
-use avln_store::{NewRun, NewToken, RunState, StoreError, TokenKind, TokenState, Viewer};
+use avln_store::{NewRun, NewToken, Phase, Run, RunState, StoreError, TokenKind, TokenState, Viewer};
 use std::collections::BTreeMap;
 
 #[tokio::test]
@@ -25,6 +25,19 @@ async fn a_phase_with_runs_keeps_its_episodes_but_may_close() {
     assert!(matches!(arena.store.start_run(&late, 12).await, Err(StoreError::PhaseClosed(_))));
     changed.episodes.pop();
     assert!(matches!(arena.store.upsert_phase(&changed, 13).await, Err(StoreError::Taken { .. })));
+}
+
+#[tokio::test]
+async fn a_sealed_phase_takes_sealed_runs_only_and_they_remember_it() {
+    let arena = Arena::new(&Phase { sealed: true, ..phase("practice", 1) }).await;
+    let open = BTreeMap::new();
+    let refused = arena.store.start_run(&new_run(&open), 10).await.unwrap_err();
+    assert!(matches!(refused, StoreError::PhaseSealed(_)), "{refused}");
+    let digests = BTreeMap::from([(Run::SEALED.to_owned(), "process: no network".to_owned())]);
+    arena.store.start_run(&new_run(&digests), 11).await.expect("a sealed run");
+    let run = arena.store.run("run_1").await.expect("the run");
+    assert!(run.is_sealed() && run.digests == digests);
+    assert!(arena.store.phase("practice").await.expect("the phase").sealed);
 }
 
 #[tokio::test]

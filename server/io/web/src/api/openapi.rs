@@ -147,7 +147,7 @@ fn phase() -> Value {
     fields.extend(all(&["rules", "sensors", "quotas", "time", "ranking", "promise?"], "object"));
     fields.extend(all(&["episodes", "scenes", "max_slots"], "integer"));
     fields.extend([("scores", visible()), ("replays", visible())]);
-    fields.extend(all(&["all_scores_visible"], "boolean"));
+    fields.extend(all(&["sealed", "all_scores_visible"], "boolean"));
     object(&fields)
 }
 

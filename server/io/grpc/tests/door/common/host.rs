@@ -197,6 +197,7 @@ impl ToyHost {
             ends: vec![],
             metrics: self.shows_metrics.then(|| vec![("sr".into(), 0.5)]),
             ineligible_because: vec![],
+            sealed: true,
             charged: true,
             charge_reason: "it is open".into(),
             url: String::new(),
@@ -264,6 +265,7 @@ impl Host for ToyHost {
             opens_unix_s: 0,
             closes_unix_s: 0,
             results: Visibility::Team,
+            sealed: true,
             commitment: "c0ffee".into(),
             revealed: None,
         }])
@@ -323,6 +325,7 @@ impl Host for ToyHost {
                 sensors: Sensors::all(1024, 1024),
                 episodes: self.total,
                 done: self.done(),
+                sealed: true,
                 digests: Digests::default(),
                 time: self.time,
                 over: self.finished().then(|| "completed".to_owned()),

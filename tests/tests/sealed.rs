@@ -1,0 +1,182 @@
+//! Sealed runs: the same score as by dialling in, and nothing to be reached but the server.
+#![cfg(target_os = "linux")]
+
+use avln_client::{Arena, Metric, RunStatus};
+use avln_tests::{House, PHASE, Plan, TEAM, furnish, http};
+use std::{
+    net::TcpListener,
+    path::Path,
+    process::{Command, Output, Stdio},
+};
+use tempfile::TempDir;
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
+
+/// Runs `agent` sealed; its own program may be read.
+fn sealed(data: &Path, options: &[&str], agent: &[&str]) -> Output {
+    let programs = Path::new(PROGRAM).parent().expect("a folder");
+    let mut command = Command::new(PROGRAM);
+    for name in ["AVLN_LOG", "AVLN_SERVER", "AVLN_TOKEN"] {
+        command.env_remove(name);
+    }
+    command
+        .args(["sealed", "run", "--phase", PHASE, "--team", TEAM, "--method", "sealed walker", "--read"])
+        .arg(programs)
+        .args(options)
+        .arg("--")
+        .args(agent)
+        .env("AVLN_DATA", data)
+        .env("AVLN_PROBE_SECRET", "the organiser's")
+        .stdin(Stdio::null())
+        .output()
+        .expect("the program starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+async fn status(house: &House, method: &str) -> RunStatus {
+    let arena = Arena::connect(house.agents_url(), &house.token).await.unwrap();
+    arena.runs().await.unwrap().into_iter().find(|run| run.method == method).expect("its run")
+}
+
+fn values(status: &RunStatus) -> Vec<(String, u64)> {
+    let metric = |metric: &Metric| (metric.name.clone(), metric.value.to_bits());
+    status.metrics.as_ref().expect("the phase shows them").iter().map(metric).collect()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_sealed_run_scores_as_the_same_agent_that_dials_in() {
+    let house = House::open(&Plan::default()).await;
+    let agent = [PROGRAM, "agent", "random", "--seed", "3", "--size", "64"];
+    let dial_in = tokio::process::Command::new(PROGRAM)
+        .args(&agent[1..])
+        .args(["--server", &house.agents_url(), "--phase", PHASE])
+        .env("AVLN_TOKEN", &house.token)
+        .output()
+        .await
+        .unwrap();
+    assert!(dial_in.status.success(), "{}", text(&dial_in.stderr));
+
+    let (data, door) = (house.folder.path().to_owned(), house.doors.grpc.to_string());
+    let run = tokio::task::spawn_blocking(move || sealed(&data, &["--server", &door], &agent)).await.unwrap();
+    assert!(run.status.success(), "{}{}", text(&run.stdout), text(&run.stderr));
+
+    let (outside, inside) = (status(&house, "random").await, status(&house, "sealed walker").await);
+    assert_eq!(values(&outside), values(&inside));
+    assert_eq!(outside.ends, inside.ends);
+    let facts = |id: String| {
+        let web = house.doors.web;
+        async move { http::get(web, &format!("/api/v1/runs/{id}")).await.body }
+    };
+    assert!(facts(inside.id).await.contains("\"sealed\":\"process: "));
+    assert!(!facts(outside.id).await.contains("\"sealed\""));
+}
+
+/// What a probe tries, and whatever of the cell forbids it: where none of that holds, the probe is left out.
+const PROBES: [(&str, &[&str]); 11] = [
+    ("web", &["no network", "files and TCP by Landlock", "system calls by seccomp, Unix sockets only"]),
+    ("elsewhere", &["no network", "system calls by seccomp, Unix sockets only"]),
+    ("root", &["read-only root", "files and TCP by Landlock"]),
+    ("home", &["read-only root", "files and TCP by Landlock"]),
+    ("data", &["data folder out of sight", "files and TCP by Landlock"]),
+    ("organiser", &["own processes", "own processes only in /proc"]),
+    ("mount", &["no capabilities", "system calls by seccomp, Unix sockets only"]),
+    ("namespace", &["system calls by seccomp, Unix sockets only"]),
+    ("trace", &["system calls by seccomp, Unix sockets only"]),
+    ("socket", &["system calls by seccomp, Unix sockets only"]),
+    ("secret", &["no new privileges"]),
+];
+
+/// A script that says of each probe whether it got through.
+fn script(web: u16, own_pid: u32, home: &Path, data: &Path) -> String {
+    let (home, data) = (home.display(), data.display());
+    let python = "/usr/bin/python3 -c";
+    format!(
+        "try() {{ name=$1; shift; if \"$@\" >/dev/null 2>&1; then echo \"probe $name open\"; else echo \"probe $name shut\"; fi; }}
+         try web bash -c 'exec 3<>/dev/tcp/127.0.0.1/{web}'
+         try elsewhere bash -c 'exec 3<>/dev/udp/192.0.2.1/9'
+         try root bash -c 'echo x > /avln-probe'
+         try home bash -c 'echo x > {home}/avln-probe'
+         try data ls {data}/splits
+         try organiser ls /proc/{own_pid}/
+         try mount mount -t tmpfs none /mnt
+         try namespace unshare -Ur true
+         try trace {python} 'import ctypes, sys; sys.exit(ctypes.CDLL(None).ptrace(0, 0, 0, 0) != 0)'
+         try socket {python} 'import socket; socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, 0)'
+         try secret test -n \"$AVLN_PROBE_SECRET\"
+         try scratch bash -c 'echo x > $TMPDIR/file'
+         try server test -S ${{AVLN_SERVER#unix:}}
+         try token test -n \"$AVLN_TOKEN\""
+    )
+}
+
+fn got_through(output: &str, probe: &str) -> bool {
+    assert!(output.contains(&format!("probe {probe} ")), "no word of {probe}: {output}");
+    output.contains(&format!("probe {probe} open"))
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nothing_is_reached_from_inside_but_the_server() {
+    let (folder, home) = (TempDir::new().unwrap(), TempDir::new().unwrap());
+    let data = folder.path().join("data");
+    furnish(&data, &Plan::default()).await;
+    let web = TcpListener::bind("127.0.0.1:0").unwrap();
+    let probe = script(web.local_addr().unwrap().port(), std::process::id(), home.path(), &data);
+
+    let open = Command::new("bash").args(["-c", &probe]).env("AVLN_PROBE_SECRET", "x").output().unwrap();
+    let open = text(&open.stdout);
+    for name in ["web", "elsewhere", "home", "data", "organiser", "socket", "secret"] {
+        assert!(got_through(&open, name), "the probe '{name}' cannot fail: {open}");
+    }
+    let _ = std::fs::remove_file("/avln-probe");
+
+    // Even where the agent is allowed to read it, the data folder is hidden.
+    let readable = folder.path().display().to_string();
+    let output = tokio::task::spawn_blocking({
+        let data = data.clone();
+        move || sealed(&data, &["--read", &readable], &["bash", "-c", &probe])
+    });
+    let output = output.await.unwrap();
+    let (out, err) = (text(&output.stdout), text(&output.stderr));
+    assert_eq!(output.status.code(), Some(6), "it played nothing: {out}{err}");
+    assert!(err.contains("the agent left after 0 of 2 episodes"), "{err}");
+    let held = |what: &&str| !err.contains(&format!("not enforced: {what}:"));
+    for (name, by) in PROBES {
+        if by.iter().any(|what| held(what)) {
+            assert!(!got_through(&out, name), "'{name}' got through: {out}{err}");
+        } else {
+            eprintln!("skipped: '{name}', for this system has none of {by:?}");
+        }
+    }
+    for name in ["scratch", "server", "token"] {
+        assert!(
+            got_through(&out, name) || !held(&"scratch folder of 1 GiB in memory"),
+            "'{name}': {out}{err}"
+        );
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn agents_that_do_not_play_are_told_and_their_runs_end() {
+    let folder = TempDir::new().unwrap();
+    furnish(folder.path(), &Plan::default()).await;
+    let data = folder.path().to_owned();
+    let refused = move |options: &[&str], agent: &[&str], words: &str| {
+        let output = sealed(&data, options, agent);
+        let (out, err) = (text(&output.stdout), text(&output.stderr));
+        assert!(matches!(output.status.code(), Some(3 | 6)), "{out}{err}");
+        assert!(err.contains(words) && !err.contains("panicked"), "'{words}' in: {err}");
+    };
+    let all = move || {
+        refused(&["--wall-s", "1"], &["sleep", "60"], "stopped after 1 s");
+        refused(&[], &["no-such-agent"], "cannot start the agent 'no-such-agent'");
+        refused(&[], &["sh", "-c", "exit 9"], "exit status: 9");
+        refused(&["--server", "127.0.0.1:9"], &["true"], "127.0.0.1:9");
+    };
+    tokio::task::spawn_blocking(all).await.unwrap();
+    let store = avln_server::arena::data::DataFolder::open(folder.path()).unwrap().store().await.unwrap();
+    let runs = store.runs_of(TEAM).await.unwrap();
+    assert!(runs.len() == 3 && runs.iter().all(|run| !run.state.is_open() && run.is_sealed()), "{runs:?}");
+}
