@@ -79,7 +79,8 @@ fn options(path: &Path, busy: Duration) -> SqliteConnectOptions {
 fn migrator() -> Migrator {
     let first = include_str!("../../../../migrations/0001_first.sql");
     let challenge = include_str!("../../../../migrations/0002_challenge.sql");
-    let steps = [(1, "first", first), (2, "challenge", challenge)];
+    let sealed = include_str!("../../../../migrations/0003_sealed.sql");
+    let steps = [(1, "first", first), (2, "challenge", challenge), (3, "sealed", sealed)];
     let migration = |(version, name, sql): (i64, &'static str, &'static str)| {
         Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)
     };
