@@ -49,7 +49,7 @@ enum Inside {
     Process {
         control: UnixListener,
         plan: PathBuf,
-        running: Option<(Child, BufReader<UnixStream>)>,
+        running: Option<Box<(Child, BufReader<UnixStream>)>>,
     },
     Container(Engine, Container),
 }
@@ -145,7 +145,7 @@ impl Cell {
                 let report = serde_json::from_str(&line).map_err(|_| {
                     Failure::new(FailureKind::Run, "the agent could not be shut in; the reason stands above")
                 })?;
-                *running = Some((porter, inmate));
+                *running = Some(Box::new((porter, inmate)));
                 Ok(report)
             }
             Inside::Container(..) => {
@@ -156,7 +156,8 @@ impl Cell {
 
     /// Lets the agent go without a run.
     pub(super) async fn abandon(self) {
-        if let Inside::Process { running: Some((mut porter, inmate)), .. } = self.inside {
+        if let Inside::Process { running: Some(running), .. } = self.inside {
+            let (mut porter, inmate) = *running;
             let _ = porter.kill().await;
             drop(inmate);
         }
@@ -166,7 +167,8 @@ impl Cell {
     pub(super) async fn play(self, run: &str, token: &str, wall_s: u64) -> Result<Ended, Failure> {
         let limit = Duration::from_secs(wall_s);
         let (mut child, container) = match self.inside {
-            Inside::Process { running: Some((porter, mut inmate)), .. } => {
+            Inside::Process { running: Some(running), .. } => {
+                let (porter, mut inmate) = *running;
                 let line = format!("{token}\n");
                 let told = inmate.get_mut().write_all(line.as_bytes()).await;
                 told.map_err(|error| failed("the agent left before its run", error))?;

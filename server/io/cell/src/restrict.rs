@@ -119,7 +119,7 @@ fn denied() -> Result<Rules, seccompiler::BackendError> {
         rule(0, Op::MaskedEq(bit), bit)
     });
     rules.insert(libc::SYS_clone, foreign.collect::<Result<_, _>>()?);
-    let keystrokes = [libc::TIOCSTI, libc::TIOCLINUX].map(|request| rule(1, Op::Eq, u64::from(request)));
+    let keystrokes = [libc::TIOCSTI, libc::TIOCLINUX].map(|request| rule(1, Op::Eq, request));
     rules.insert(libc::SYS_ioctl, keystrokes.into_iter().collect::<Result<_, _>>()?);
     Ok(rules)
 }

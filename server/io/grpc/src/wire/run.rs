@@ -77,7 +77,6 @@ pub(crate) fn phase(phase: PhaseInfo) -> v1::Phase {
         rules: phase.rules,
         sealed: phase.sealed,
         max_side: phase.sensors.width.max(phase.sensors.height),
-        ..v1::Phase::default()
     }
 }
 
