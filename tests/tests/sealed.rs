@@ -144,7 +144,7 @@ async fn nothing_is_reached_from_inside_but_the_server() {
     assert!(err.contains("the agent left after 0 of 2 episodes"), "{err}");
     let held = |what: &&str| !err.contains(&format!("not enforced: {what}:"));
     for (name, by) in PROBES {
-        if by.iter().any(|what| held(what)) {
+        if by.iter().any(held) {
             assert!(!got_through(&out, name), "'{name}' got through: {out}{err}");
         } else {
             eprintln!("skipped: '{name}', for this system has none of {by:?}");
