@@ -29,6 +29,7 @@ pub(super) const EXAMPLES: [(&str, &str); 46] = [
     ("replays", "replays = \"organiser\""),
     ("max_slots", "max_slots = 16"),
     ("max_side", "max_side = 512"),
+    ("sealed", "sealed = true"),
     ("shuffle", "shuffle = true"),
     ("sample", "sample = { episodes = 100, anchors = 20 }"),
     ("episodes", "sample = { episodes = 100, anchors = 20 }"),

@@ -7,7 +7,7 @@ use sqlx::{
 use std::{path::Path, time::Duration};
 
 /// The newest schema that this program knows.
-pub const SCHEMA_VERSION: i64 = 2;
+pub const SCHEMA_VERSION: i64 = 3;
 
 /// The letters AVLN, which the first migration writes into the file.
 const APPLICATION_ID: i64 = 0x4156_4C4E;
