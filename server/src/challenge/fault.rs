@@ -5,7 +5,7 @@ use std::{fmt, ops::Range, path::Path};
 use toml::de::{DeTable, DeValue};
 
 /// An accepted line for each key.
-pub(super) const EXAMPLES: [(&str, &str); 46] = [
+pub(super) const EXAMPLES: [(&str, &str); 47] = [
     ("phases", "[[phases]]"),
     ("splits", "[splits.hidden]"),
     ("dataset", "dataset = \"../data\""),
