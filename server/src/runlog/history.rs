@@ -131,8 +131,8 @@ impl History {
         };
         // Several slots whose clocks began again at once were away together.
         let mut each: Vec<_> = self.entries.iter().filter_map(away).collect();
-        each.dedup_by(|b, a| b.0 - a.0 <= 1000 && b.1.abs_diff(a.1) <= 1_000_000);
-        Duration::from_micros(each.iter().map(|(_, away_us)| away_us).sum())
+        each.dedup_by(|b, a| b.0.abs_diff(a.0) <= 1000 && b.1.abs_diff(a.1) <= 1_000_000);
+        Duration::from_micros(each.iter().fold(0, |sum, (_, away_us)| sum.saturating_add(*away_us)))
     }
 }
 
