@@ -1,7 +1,7 @@
 //! What is known of a source, as bytes: lists of numbers, each after its length, little-endian.
 
 /// Changes whenever equal places in equal buildings would give other bytes.
-pub(crate) const VERSION: u32 = 3;
+pub(crate) const VERSION: u32 = 4;
 
 /// Writes lists one after the other.
 #[derive(Default)]

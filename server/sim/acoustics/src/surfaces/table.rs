@@ -19,10 +19,10 @@ const CLOSED: [f32; SURFACE_BANDS] = [f32::INFINITY; SURFACE_BANDS];
 /// Half of what a heavy wall takes.
 const HEAVY: [f32; SURFACE_BANDS] = [20.0, 22.0, 24.0, 27.0, 30.0, 32.0];
 
-/// Scattering of large smooth surfaces, of surfaces with some relief, and of things with many parts.
-const SMOOTH: [f32; SURFACE_BANDS] = [0.1; SURFACE_BANDS];
-const ROUGH: [f32; SURFACE_BANDS] = [0.1, 0.1, 0.15, 0.2, 0.25, 0.3];
-const BROKEN: [f32; SURFACE_BANDS] = [0.2, 0.25, 0.3, 0.4, 0.5, 0.6];
+/// Scattering, edges included, of large smooth surfaces, of surfaces with some relief, and of things with many parts.
+const SMOOTH: [f32; SURFACE_BANDS] = [0.1, 0.1, 0.1, 0.15, 0.2, 0.25];
+const ROUGH: [f32; SURFACE_BANDS] = [0.15, 0.2, 0.25, 0.35, 0.45, 0.55];
+const BROKEN: [f32; SURFACE_BANDS] = [0.3, 0.4, 0.5, 0.6, 0.7, 0.75];
 
 /// Index of the row for what has no known name.
 pub(super) const UNKNOWN: usize = ROWS.len() - 1;
