@@ -6,6 +6,9 @@
 //! *Never*: holds behaviour beyond words; names a scene, a target or a score that a phase hides.
 
 mod reason;
+mod whole;
+
+pub use whole::{WholeCodec, WholeEncoder};
 
 /// Messages, clients and servers, generated from `avln/v1/*.proto`.
 #[allow(missing_docs, unreachable_pub, clippy::all, rustdoc::all)]

@@ -1,0 +1,60 @@
+//! Steps a second of one and of sixteen slots, next door and 50 ms away: what slots are for.
+//!
+//! `cargo bench -p avln-tests --bench slots`. Agents sense nothing, so that the way alone is measured, or all senses.
+
+use avln_client::{Action, Arena, Order, Play, RunOptions, Sensors};
+use avln_tests::{House, PHASE, Plan, scissors::Scissors};
+use std::time::{Duration, Instant};
+use tokio::task::JoinSet;
+
+const BLIND: Sensors =
+    Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
+const ALL: Sensors = Sensors { rgb: true, depth: true, audio: true, width: 128, height: 128, hfov_rad: 1.57 };
+/// Steps of each slot.
+const STEPS: usize = 120;
+const WARM_UP: usize = 20;
+/// One way of a round trip of 50 ms.
+const FAR: Duration = Duration::from_millis(25);
+
+#[tokio::main]
+async fn main() {
+    let house = House::open(&Plan { houses: 1, missions: 32, ..Plan::default() }).await;
+    println!("{:>16} {:>10} {:>8} {:>10}", "senses", "round trip", "slots", "steps/s");
+    for (senses, sensors) in [("none", BLIND), ("all, 128 x 128", ALL)] {
+        for delay in [Duration::ZERO, FAR] {
+            let wire = Scissors::far(house.doors.grpc, delay).await;
+            let arena = Arena::connect(wire.url(), &house.token).await.expect("the door is open");
+            for slots in [1, 16] {
+                let rate = rate(&arena, sensors, slots).await;
+                println!("{senses:>16} {:>7} ms {slots:>8} {rate:>10.0}", 2 * delay.as_millis());
+            }
+        }
+    }
+}
+
+/// Steps a second of all slots together.
+async fn rate(arena: &Arena, sensors: Sensors, slots: u32) -> f64 {
+    let options = RunOptions::new(PHASE, "slots").order(Order::Unordered);
+    let run = arena.start_run(options).await.expect("a run");
+    let mut plays = arena.play_slots(&run, sensors, slots).await.expect("a stream");
+    plays = all(plays, WARM_UP).await;
+    let begun = Instant::now();
+    drop(all(plays, STEPS).await);
+    let rate = f64::from(slots) * STEPS as f64 / begun.elapsed().as_secs_f64();
+    arena.cancel_run(&run.id).await.expect("it can be cancelled");
+    rate
+}
+
+async fn all(plays: Vec<Play>, steps: usize) -> Vec<Play> {
+    let players: JoinSet<_> = plays.into_iter().map(|play| turn_round(play, steps)).collect();
+    players.join_all().await
+}
+
+async fn turn_round(mut play: Play, steps: usize) -> Play {
+    let mut episode = play.next_episode().await.expect("no refusal").expect("an episode");
+    for _ in 0..steps {
+        episode.step(Action::TurnLeft).await.expect("a step");
+    }
+    drop(episode);
+    play
+}
