@@ -1,6 +1,6 @@
 //! What the operator sees and does, and that nobody else can.
 
-use avln_client::{Action, Arena, Error, Reason, RunOptions, Sensors};
+use avln_client::{Action, Arena, Error, Link, Reason, RunOptions, Sensors};
 use avln_server::{
     admin::{Drain, Notice, Status, ask},
     arena::{data::DataFolder, now_unix_ms, secret::new_token},
@@ -97,7 +97,8 @@ async fn the_operator_sees_what_is_played_and_nobody_else_does() {
 async fn a_drain_begins_nothing_new_and_lets_open_episodes_end() {
     let house = House::open_with_admin(&Plan::default()).await;
     let operator = Operator::of(&house).await;
-    let arena = Arena::connect(house.agents_url(), &house.token).await.unwrap();
+    let link = Link { patience: Some(Duration::from_secs(2)), ..Link::default() };
+    let arena = Arena::connect_with(house.agents_url(), &house.token, &link).await.unwrap();
     let run = arena.start_run(RunOptions::new(PHASE, "patient")).await.unwrap();
     let mut play = arena.play(&run, BLIND).await.unwrap();
     let mut episode = play.next_episode().await.unwrap().unwrap();

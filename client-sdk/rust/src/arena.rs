@@ -27,6 +27,7 @@ pub struct Arena {
     channel: Channel,
     token: String,
     packing: Packing,
+    pub(crate) patience: Option<Duration>,
 }
 
 impl Arena {
@@ -52,7 +53,7 @@ impl Arena {
     ) -> Result<Self, Error> {
         let address = server.as_ref();
         let (channel, packing) = link.connect(address).await?;
-        let arena = Self { channel, token: token.into(), packing };
+        let arena = Self { channel, token: token.into(), packing, patience: link.patience };
         arena.server_info().await.map_err(|error| not_arena(address, error))?;
         if !arena.token.is_empty() {
             arena.whoami().await?;

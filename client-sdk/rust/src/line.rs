@@ -19,7 +19,7 @@ use tonic::{Status, Streaming};
 const MAX_NOTICES: usize = 64;
 /// Frames that wait for a slot's reader. A slot has one observation in flight, so more is a server's fault.
 const SLOT_QUEUE: usize = 8;
-/// For how long a lost server is dialled at least: a server that begins again has scenes to read.
+/// For how long a lost server is dialled at least, unless somebody wants otherwise: a server that begins again has scenes to read.
 const PATIENCE: Duration = Duration::from_secs(180);
 /// Pauses between attempts to dial: after the first, and the longest.
 const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(5));
@@ -78,7 +78,9 @@ impl Line {
         let (slots, receivers) = (0..agreement.slots).map(|_| mpsc::channel(SLOT_QUEUE)).unzip();
         let ledger = Ledger::new(agreement.slots);
         let state = Arc::new(Mutex::new(State { requests, ledger, notices: Vec::new() }));
-        let patience = (!agreement.may_be_away.is_zero()).then(|| agreement.may_be_away.max(PATIENCE));
+        let wanted = dialler.arena.patience;
+        let patience = (!agreement.may_be_away.is_zero())
+            .then(|| wanted.unwrap_or_else(|| agreement.may_be_away.max(PATIENCE)));
         let reader = Reader { state: state.clone(), slots, dialler, patience };
         let reader = tokio::spawn(reader.run(responses));
         (Arc::new(Self { agreement, state, reader }), receivers)

@@ -26,6 +26,9 @@ pub struct Link {
     pub ca: Option<PathBuf>,
     /// How pictures and sound travel; `None`: raw from this machine, lossless from others.
     pub packing: Option<Packing>,
+    /// For how long a server that is lost is dialled again; `None`: for as long as it lets its agents be away, and three
+    /// minutes at least.
+    pub patience: Option<Duration>,
 }
 
 impl Link {
