@@ -56,6 +56,9 @@ pub enum Command {
     /// Issue, list and take back tokens
     #[command(subcommand)]
     Token(commands::token::Command),
+    /// Back the data folder up, restore it
+    #[command(subcommand)]
+    Db(commands::db::Command),
     /// Look at scenes and export them
     #[command(subcommand)]
     Scene(commands::scene::Command),
@@ -109,6 +112,7 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
         Command::Team(command) => commands::team::run(data, command).await,
         Command::Sealed(command) => commands::sealed::run(data, command).await,
         Command::Token(command) => commands::token::run(data, command).await,
+        Command::Db(command) => commands::db::run(data, command).await,
         Command::Conformance(options) => commands::conformance::run(options).await,
         Command::Verify(options) => commands::verify::run(data, options).await,
         Command::Scene(command) => commands::scene::run(data, command),

@@ -7,6 +7,7 @@ use crate::{
 };
 use avln_grpc::{Control, Limits};
 use avln_store::Reader;
+use avln_web::Site;
 use avln_tls::{Identity, Listener, Protocol};
 use clap::Args;
 use std::{net::SocketAddr, path::PathBuf, sync::Arc};
@@ -130,9 +131,10 @@ impl Doors {
             tasks.spawn(async { operator.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
         }
         let control = arena.control().clone();
+        let site = Site { agents_port: grpc.port(), logs: Some(arena.signed_logs()) };
         let agents = avln_grpc::serve(agents_door, arena, Limits::default(), until(stopped.clone()));
         tasks.spawn(async { agents.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
-        let people = avln_web::serve(peoples_door, reader, grpc.port(), until(stopped));
+        let people = avln_web::serve(peoples_door, reader, site, until(stopped));
         tasks.spawn(async { people.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
         Ok(OpenDoors { grpc, web, admin, is_secure: self.identity.is_some(), control, stop, tasks })
     }

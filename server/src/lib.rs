@@ -4,6 +4,7 @@
 
 pub mod admin;
 pub mod arena;
+pub mod backup;
 pub mod cache;
 pub mod challenge;
 mod cli;

@@ -26,6 +26,7 @@ use crate::{
 };
 use avln_grpc::Control;
 use avln_store::Store;
+use avln_web::SignedLogs;
 use data::DataFolder;
 pub use replayer::Replayer;
 use scenes::SceneCache;
@@ -79,6 +80,11 @@ impl Arena {
     /// The operator's hold on what is played.
     pub fn control(&self) -> &Control {
         &self.control
+    }
+
+    /// Where the logs of runs lie, and by which key they are signed.
+    pub fn signed_logs(&self) -> SignedLogs {
+        SignedLogs { folder: self.logs.folder().to_owned(), key: self.key.public() }
     }
 
     /// Bytes of scenes that are ready.

@@ -6,6 +6,7 @@ pub mod challenge;
 pub mod conformance;
 pub mod dataset;
 pub mod dataset_formats;
+pub mod db;
 pub mod demo;
 pub mod phase;
 pub mod scene;

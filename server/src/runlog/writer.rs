@@ -43,6 +43,11 @@ impl RunLogs {
         Self { folder: folder.to_owned(), open: Mutex::default() }
     }
 
+    /// Where they lie.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
     /// Where the log of `run` lies.
     pub fn path(&self, run: &str) -> PathBuf {
         self.folder.join(format!("{run}.log"))

@@ -7,12 +7,12 @@ use sqlx::{
 use std::{path::Path, time::Duration};
 
 /// The newest schema that this program knows.
-pub const SCHEMA_VERSION: i64 = 3;
+pub const SCHEMA_VERSION: i64 = 4;
 
 /// The letters AVLN, which the first migration writes into the file.
 const APPLICATION_ID: i64 = 0x4156_4C4E;
 const READERS: u32 = 4;
-const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
+pub(crate) const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The database, with the right to write. Cheap to clone; time is always an argument.
 #[derive(Clone, Debug)]
@@ -67,7 +67,7 @@ impl Store {
     }
 }
 
-fn options(path: &Path, busy: Duration) -> SqliteConnectOptions {
+pub(crate) fn options(path: &Path, busy: Duration) -> SqliteConnectOptions {
     SqliteConnectOptions::new()
         .filename(path)
         .synchronous(SqliteSynchronous::Full)
@@ -80,7 +80,9 @@ fn migrator() -> Migrator {
     let first = include_str!("../../../../migrations/0001_first.sql");
     let challenge = include_str!("../../../../migrations/0002_challenge.sql");
     let sealed = include_str!("../../../../migrations/0003_sealed.sql");
-    let steps = [(1, "first", first), (2, "challenge", challenge), (3, "sealed", sealed)];
+    let rescores = include_str!("../../../../migrations/0004_rescores.sql");
+    let steps =
+        [(1, "first", first), (2, "challenge", challenge), (3, "sealed", sealed), (4, "rescores", rescores)];
     let migration = |(version, name, sql): (i64, &'static str, &'static str)| {
         Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)
     };
@@ -88,7 +90,7 @@ fn migrator() -> Migrator {
 }
 
 /// Looks into an existing file before anything is changed in it.
-async fn refuse_foreign(path: &Path, busy: Duration) -> Result<(), StoreError> {
+pub(crate) async fn refuse_foreign(path: &Path, busy: Duration) -> Result<(), StoreError> {
     let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options(path, busy)).await;
     let pool = pool.map_err(|error| explain(path, error))?;
     let looked = look(&pool).await;
@@ -107,7 +109,7 @@ async fn look(pool: &SqlitePool) -> Result<(i64, i64), sqlx::Error> {
     Ok((application, tables))
 }
 
-fn explain(path: &Path, error: sqlx::Error) -> StoreError {
+pub(crate) fn explain(path: &Path, error: sqlx::Error) -> StoreError {
     const SQLITE_CORRUPT: i64 = 11;
     const SQLITE_NOTADB: i64 = 26;
     let path = path.to_owned();

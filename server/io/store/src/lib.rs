@@ -7,6 +7,7 @@
 mod accounts;
 mod admission;
 mod audit;
+mod backup;
 pub mod calendar;
 mod catalogue;
 mod database;
@@ -17,6 +18,7 @@ mod packed;
 mod phases;
 mod play;
 mod quota;
+mod rescore;
 mod reveal;
 mod runs;
 mod totals;
@@ -26,6 +28,7 @@ mod words;
 pub use accounts::{NewToken, Team, Token, TokenKind, TokenLine, TokenState};
 pub use admission::{Member, NewGrant};
 pub use audit::{AuditLine, AuditNote};
+pub use backup::{Inventory, KeptRun, copy_database, inspect_database};
 pub use catalogue::{Scene, SceneMap, Split};
 pub use database::{SCHEMA_VERSION, Store};
 pub use error::StoreError;
@@ -36,9 +39,10 @@ pub use phases::{
 };
 pub use play::{Assigned, EpisodeState, Finished, HandedOut, Recorded, TimeAccount, Underway};
 pub use quota::{Charge, Quota, QuotaWindow};
+pub use rescore::{Rescore, Rescored, ScoredEpisode};
 pub use reveal::{Promise, Revealed, pool_digest};
 pub use runs::{NewRun, Run, RunState, StartedRun};
 pub use views::{
-    Board, Census, EpisodeLine, EpisodeView, GoalView, LeaderboardRow, LeaderboardView, MissionView,
+    Board, Census, EpisodeLine, EpisodeView, GoalView, LeaderboardRow, LeaderboardView, LogAccess, MissionView,
     ModalityView, PhaseView, Pick, Reader, Replay, RunLine, RunView, SubmitMark, TargetView, Viewer,
 };

@@ -41,6 +41,14 @@ impl Run {
     /// Name in [`Run::digests`] under which a sealed run has what could not be enforced; left out where all was.
     pub const UNSEALED: &'static str = "sealed except";
 
+    /// Name in [`Run::digests`] of the version of the benchmark that scores it.
+    pub const SCORER: &'static str = "benchmark";
+
+    /// Version of the benchmark that scored it when it was played; empty where nobody noted it.
+    pub fn scorer(&self) -> &str {
+        self.digests.get(Self::SCORER).map_or("", String::as_str)
+    }
+
     /// Whether the organiser ran the agent, shut off from everything but the server.
     pub fn is_sealed(&self) -> bool {
         self.digests.contains_key(Self::SEALED)
@@ -216,6 +224,16 @@ impl Store {
     pub async fn run(&self, id: &str) -> Result<Run, StoreError> {
         let mut tx = self.read.begin().await?;
         read_run(&mut tx, id).await
+    }
+
+    /// The runs of a phase that were completed, the newest first.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn completed_runs(&self, phase: &str) -> Result<Vec<Run>, StoreError> {
+        let mut tx = self.read.begin().await?;
+        let state = Some(RunState::Completed);
+        read_runs(&mut tx, &RunFilter { phase: Some(phase), state, ..RunFilter::default() }).await
     }
 
     /// The runs of a team, the newest first.

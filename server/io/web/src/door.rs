@@ -1,6 +1,6 @@
 //! The loop that lets visitors in.
 
-use crate::{router_beside, visit::AgentsDoor};
+use crate::{Site, router_beside};
 use avln_store::Reader;
 use avln_tls::{Listener, Stream};
 use axum::Router;
@@ -36,18 +36,18 @@ const ACCEPT_ATTEMPTS: u32 = 100;
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
 /// Answers visitors of `listener`, which may speak TLS, until `shutdown` ends; answers that were begun are finished. Pages tell participants to let their
-/// agents connect to `agents_port`, in the way that this door speaks.
+/// agents connect to the port of `site`, in the way that this door speaks.
 ///
 /// # Errors
 /// When the listener keeps failing.
 pub async fn serve(
     listener: impl Into<Listener>,
     reader: Reader,
-    agents_port: u16,
+    site: Site,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), WebError> {
     let listener = listener.into();
-    let router = router_beside(reader, AgentsDoor { port: agents_port, is_secure: listener.is_secure() });
+    let router = router_beside(reader, site, listener.is_secure());
     serve_router(listener, router, shutdown).await
 }
 

@@ -31,6 +31,10 @@ const HEADERS: [(HeaderName, &str); 5] = [
     (header::VARY, "authorization"),
 ];
 
+/// Marks an answer that is read from a file while it is sent: nobody keeps copies of it.
+#[derive(Clone, Copy)]
+pub(crate) struct Streamed;
+
 /// Puts the guard around `router`.
 pub(crate) fn guarded(router: Router) -> Router {
     router
@@ -99,11 +103,11 @@ async fn cached(request: Request, next: Next) -> Response {
     let private = request.headers().contains_key(header::AUTHORIZATION);
     let is_get = request.method() == Method::GET;
     let response = next.run(request).await;
-    if !is_get || response.status() != StatusCode::OK {
+    if !is_get || response.status() != StatusCode::OK || response.extensions().get::<Streamed>().is_some() {
         return response;
     }
     let (mut parts, body) = response.into_parts();
-    // Every body here is in memory already.
+    // Every other body is in memory already.
     let Ok(body) = to_bytes(body, usize::MAX).await else { return Trouble::Internal.into_response() };
     let tag = format!("\"{}\"", &blake3::hash(&body).to_hex()[..32]);
     set_caching(&mut parts.headers, &tag, private);

@@ -11,6 +11,7 @@
 mod api;
 mod door;
 mod guard;
+mod logs;
 mod map;
 mod notice;
 mod pages;
@@ -19,6 +20,7 @@ mod visit;
 mod words;
 
 pub use door::{WebError, serve, serve_router};
+pub use logs::SignedLogs;
 pub use notice::announce;
 
 use avln_store::Reader;
@@ -26,13 +28,24 @@ use axum::{Extension, Router, extract::State, routing::get};
 use trouble::Trouble;
 use visit::AgentsDoor;
 
-/// Everything that this door answers, over what `reader` shows: pages for people, `/api/v1` for programs, `/healthz`
-/// (alive) and `/readyz` (the database answers). Limits, headers and caching are part of it.
-pub fn router(reader: Reader, agents_port: u16) -> Router {
-    router_beside(reader, AgentsDoor { port: agents_port, is_secure: false })
+/// What pages and API tell of the server beside its database.
+#[derive(Clone, Debug, Default)]
+pub struct Site {
+    /// Port of the agents' door.
+    pub agents_port: u16,
+    /// The logs of runs; `None` gives none out.
+    pub logs: Option<SignedLogs>,
 }
 
-fn router_beside(reader: Reader, agents: AgentsDoor) -> Router {
+/// Everything that this door answers, over what `reader` shows: pages for people, `/api/v1` for programs, `/healthz`
+/// (alive) and `/readyz` (the database answers). Limits, headers and caching are part of it.
+pub fn router(reader: Reader, site: Site) -> Router {
+    router_beside(reader, site, false)
+}
+
+/// The same beside an agents' door that may speak TLS.
+fn router_beside(reader: Reader, site: Site, is_secure: bool) -> Router {
+    let agents = AgentsDoor { port: site.agents_port, is_secure };
     let open = Router::new()
         .route("/healthz", get(async || "alive\n"))
         .route("/readyz", get(ready))
@@ -40,6 +53,7 @@ fn router_beside(reader: Reader, agents: AgentsDoor) -> Router {
         .merge(api::router())
         .fallback(async || Trouble::NoPage)
         .layer(Extension(agents))
+        .layer(Extension(site.logs))
         .with_state(reader);
     guard::guarded(open)
 }

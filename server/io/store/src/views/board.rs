@@ -77,6 +77,8 @@ pub struct LeaderboardRow {
     pub version: String,
     /// The run that stands for it.
     pub run: String,
+    /// Version of the benchmark that scored it.
+    pub scorer: String,
     /// Means and intervals.
     pub summary: Summary,
     /// Ranked runs of this method of the team.
@@ -239,6 +241,7 @@ async fn row(
         method: run.method.clone(),
         version: run.version.clone(),
         run: run.id.clone(),
+        scorer: run.scorer().to_owned(),
         summary: candidate.summary.clone(),
         runs_count: candidate.runs_count,
         finished_unix_ms: run.finished_unix_ms,

@@ -11,7 +11,7 @@ pub use board::{Board, LeaderboardRow, LeaderboardView, Pick};
 pub use census::Census;
 pub use episode::{EpisodeView, GoalView, MissionView, Replay, SubmitMark, TargetView};
 pub use phase::PhaseView;
-pub use run::{EpisodeLine, ModalityView, RunLine, RunView};
+pub use run::{EpisodeLine, LogAccess, ModalityView, RunLine, RunView};
 
 use crate::{Phase, StoreError, TokenKind, TokenState, Visibility, accounts::find_token};
 use sqlx::{Sqlite, SqlitePool, Transaction};

@@ -1,7 +1,8 @@
 use super::{Reader, Viewer};
 use crate::{
-    EpisodeState, Phase, Run, RunState, StoreError, TimeAccount,
+    EpisodeState, Phase, Rescore, Run, RunState, StoreError, TimeAccount,
     phases::read_heads,
+    rescore::read_rescores,
     runs::{RunFilter, read_run, read_runs},
     totals::{INTERVAL_SEED, full_scores},
     words::{count, end_reason, from_json, row},
@@ -68,6 +69,8 @@ pub struct RunView {
     pub sensors: Option<Sensors>,
     /// What was in force, by name.
     pub digests: BTreeMap<String, String>,
+    /// What the run is worth by other scorers; empty when scores are hidden.
+    pub rescores: Vec<Rescore>,
     /// The episodes in playing order.
     pub episodes: Vec<EpisodeLine>,
 }
@@ -102,6 +105,17 @@ pub struct EpisodeLine {
     pub metrics: Option<Metrics>,
     /// When the result was stored, milliseconds since 1970-01-01 UTC.
     pub finished_unix_ms: Option<i64>,
+}
+
+/// Whether a viewer may read the log of a run, which tells what its replay tells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LogAccess {
+    /// The viewer may not, or knows of no such run.
+    None,
+    /// Once the run is over.
+    Later,
+    /// The viewer may.
+    Now,
 }
 
 /// What a viewer may see of a run.
@@ -179,6 +193,19 @@ impl Reader {
         Ok(lines)
     }
 
+    /// Whether the viewer may read the log of the run called `id`.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn log_access(&self, viewer: &Viewer, id: &str) -> Result<LogAccess, StoreError> {
+        let mut tx = self.snapshot().await?;
+        Ok(match find_run(&mut tx, viewer, id).await? {
+            Some((run, Sight { replays: true, .. })) if run.state.is_open() => LogAccess::Later,
+            Some((_, Sight { replays: true, .. })) => LogAccess::Now,
+            _ => LogAccess::None,
+        })
+    }
+
     /// The run called `id`; `None` when there is none that the viewer may know of.
     ///
     /// # Errors
@@ -202,6 +229,7 @@ impl Reader {
             time: time_of_all(&rows)?,
             sensors,
             digests,
+            rescores: if sight.scores { read_rescores(&mut tx, id).await? } else { vec![] },
             episodes: rows.into_iter().map(|row| row.into_line(sight)).collect::<Result<_, _>>()?,
             line: line(&mut tx, run, sight).await?,
         }))

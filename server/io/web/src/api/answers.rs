@@ -1,19 +1,25 @@
 use super::SCHEMA_VERSION;
 use crate::{
+    SignedLogs,
     trouble::Trouble,
     visit::{self, Asked, BoardQuery, Nothing, RunsQuery, Visit},
     words,
 };
 use avln_store::{EpisodeView, LeaderboardView, PhaseView, RunView};
-use axum::{Json, extract::Path};
+use axum::{Extension, Json, extract::Path};
 use serde::Serialize;
 use serde_json::{Value, json};
 
 type Answer = Result<Json<Value>, Trouble>;
 
-pub(super) async fn status(visit: Visit, _: Asked<Nothing>) -> Answer {
+pub(super) async fn status(
+    visit: Visit,
+    Extension(logs): Extension<Option<SignedLogs>>,
+    _: Asked<Nothing>,
+) -> Answer {
     visit.reader.ping().await?;
-    answer(&json!({ "name": "LH-AVLN Arena", "version": env!("CARGO_PKG_VERSION"), "state": "up" }))
+    let (version, log_key) = (env!("CARGO_PKG_VERSION"), logs.map(|logs| logs.key));
+    answer(&json!({ "name": "LH-AVLN Arena", "version": version, "state": "up", "log_key": log_key }))
 }
 
 pub(super) async fn phases(visit: Visit, _: Asked<Nothing>) -> Answer {

@@ -79,7 +79,7 @@ fn board_header() -> Vec<String> {
     header.extend(names(&["isr_by_goal", "osr_all", "wrong_instance_submits"]));
     header.extend(names(&["steps_to_goal", "final_distance_m"]));
     header.extend(EndReason::ALL.map(|reason| format!("ended_{}", reason.as_str())));
-    header.push("server_faults".to_owned());
+    header.extend(names(&["server_faults", "scorer"]));
     header
 }
 
@@ -103,7 +103,7 @@ fn board_row(row: &LeaderboardRow) -> Vec<String> {
     cells.push(summary.wrong_instance_submits.to_string());
     cells.extend([maybe(summary.steps_to_goal), maybe(summary.final_distance_m)]);
     cells.extend(EndReason::ALL.map(|reason| maybe(row.health.get(reason.as_str()).or(Some(&0)))));
-    cells.push(row.server_faults.to_string());
+    cells.extend([row.server_faults.to_string(), text(&row.scorer)]);
     cells
 }
 

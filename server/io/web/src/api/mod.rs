@@ -4,6 +4,7 @@ mod answers;
 mod csv;
 mod openapi;
 
+use crate::logs;
 use avln_store::Reader;
 use axum::{
     Router,
@@ -36,13 +37,15 @@ enum Answer {
     Json(&'static str),
     /// A table.
     Csv,
+    /// Lines of text.
+    Text,
 }
 
 const BOARD_QUERY: &[&str] = &["order", "sort", "pick"];
 const RUNS_QUERY: &[&str] = &["phase", "limit"];
 
 fn endpoints() -> Vec<Endpoint> {
-    use Answer::{Csv, Json};
+    use Answer::{Csv, Json, Text};
     let endpoint = |path, summary, query, answer, route| Endpoint { path, summary, query, answer, route };
     vec![
         endpoint(
@@ -92,6 +95,13 @@ fn endpoints() -> Vec<Endpoint> {
             get(answers::episodes),
         ),
         endpoint("/runs/{run}/episodes.csv", "The same episodes as a table.", &[], Csv, get(csv::episodes)),
+        endpoint(
+            "/runs/{run}/log",
+            "The signed log of a run that is over, where the phase shows its replay: avln verify checks it.",
+            &[],
+            Text,
+            get(logs::log),
+        ),
         endpoint(
             "/runs/{run}/episodes/{ordinal}",
             "One episode; with its replay where the phase shows it.",

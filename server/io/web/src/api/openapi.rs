@@ -33,6 +33,7 @@ fn path_item(endpoint: &Endpoint) -> Value {
     let (kind, schema) = match endpoint.answer {
         Answer::Json(name) => ("application/json", reference(name)),
         Answer::Csv => ("text/csv", json!({ "type": "string" })),
+        Answer::Text => ("text/plain", json!({ "type": "string" })),
     };
     json!({ "get": {
         "summary": endpoint.summary,
@@ -119,7 +120,7 @@ fn all<'a>(names: &[&'a str], kind: &str) -> Vec<(&'a str, Value)> {
 fn schemas() -> Value {
     json!({
         "Problem": object(&[all(&["type", "title", "detail", "instance", "reason"], "string"), all(&["status"], "integer")].concat()),
-        "Status": answer(&all(&["name", "version", "state"], "string")),
+        "Status": answer(&all(&["name", "version", "state", "log_key?"], "string")),
         "Phases": answer(&[("phases", list("Phase"))]),
         "PhaseAnswer": answer(&[("phase", reference("Phase"))]),
         "Phase": phase(),
@@ -132,6 +133,7 @@ fn schemas() -> Value {
         "Runs": answer(&[("runs", list("RunLine"))]),
         "RunLine": run_line(),
         "Run": run(),
+        "Rescore": rescore(),
         "Episodes": answer(&[all(&["run"], "string"), vec![("episodes", list("EpisodeLine"))]].concat()),
         "EpisodeLine": episode_line(),
         "Metrics": metrics(),
@@ -169,7 +171,7 @@ fn leaderboard() -> Value {
 
 fn row() -> Value {
     let mut fields = all(&["rank", "tie_group", "runs_count", "server_faults"], "integer");
-    fields.extend(all(&["team", "method", "version", "run"], "string"));
+    fields.extend(all(&["team", "method", "version", "run", "scorer"], "string"));
     fields.extend(all(&["baseline"], "boolean"));
     fields.extend(all(&["health"], "object"));
     fields.extend(all(&["finished_at?"], "moment"));
@@ -212,8 +214,15 @@ fn run() -> Value {
     fields.extend(all(&["modalities"], "list"));
     fields.extend(all(&["health", "time", "sensors?", "digests"], "object"));
     fields.extend(all(&["server_faults"], "integer"));
-    fields.push(("episodes", list("EpisodeLine")));
+    fields.extend([("rescores", list("Rescore")), ("episodes", list("EpisodeLine"))]);
     answer(&fields)
+}
+
+fn rescore() -> Value {
+    let mut fields = all(&["scorer"], "string");
+    fields.extend(all(&["scored_at"], "moment"));
+    fields.push(("summary?", reference("Summary")));
+    object(&fields)
 }
 
 fn episode_line() -> Value {

@@ -8,6 +8,7 @@ use avln_episode::Order;
 use avln_scoring::{Direction, Key};
 use avln_store::{LeaderboardRow, LeaderboardView, Pick};
 use axum::extract::Path;
+use std::collections::BTreeSet;
 
 /// Metrics of the table.
 const COLUMNS: [Key; 9] = [
@@ -106,12 +107,24 @@ impl BoardPage {
 
 fn caption(view: &LeaderboardView) -> String {
     format!(
-        "{} over {} in {}, ordered by {} ({}); the {} run stands for each method.",
+        "{} over {} in {}, ordered by {} ({}); the {} run stands for each method.{}",
         words::plural(&(view.rows.len() as u32), "method"),
         words::plural(&view.phase.episodes, "episode"),
         words::plural(&view.phase.scenes, "scene"),
         words::metric(&view.key),
         words::better(&view.direction),
         words::pick(&view.pick),
+        scorers(&view.rows),
     )
+}
+
+/// By which versions of the benchmark the entries were scored.
+fn scorers(rows: &[LeaderboardRow]) -> String {
+    let versions: BTreeSet<&str> = rows.iter().map(|row| row.scorer.as_str()).filter(|v| !v.is_empty()).collect();
+    let listed = versions.iter().copied().collect::<Vec<_>>().join(", ");
+    match versions.len() {
+        0 => String::new(),
+        1 => format!(" Scored by benchmark {listed}."),
+        _ => format!(" Scored by benchmarks {listed}: see each run."),
+    }
 }

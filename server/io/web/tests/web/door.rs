@@ -11,7 +11,7 @@ async fn the_door_answers_over_a_socket_and_closes_when_told() {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
     let address = listener.local_addr().expect("an address");
     let (stop, stopped) = oneshot::channel::<()>();
-    let served = tokio::spawn(avln_web::serve(listener, arena.store.reader(), 50051, async {
+    let served = tokio::spawn(avln_web::serve(listener, arena.store.reader(), avln_web::Site::default(), async {
         let _ = stopped.await;
     }));
     let mut visitor = TcpStream::connect(address).await.expect("a connection");

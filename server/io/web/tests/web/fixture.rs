@@ -6,6 +6,7 @@ use avln_store::{
     Finished, GoalText, NewRun, NewToken, Phase, PhaseEpisode, Scene, SceneMap, Split, Store, TimeAccount,
     TokenKind, Visibility,
 };
+use avln_web::{SignedLogs, Site};
 use axum::{
     Router,
     body::Body,
@@ -20,11 +21,12 @@ use tower::ServiceExt;
 pub(crate) const RUDE_TEAM: &str = "<script>alert(1)</script>";
 pub(crate) const FORMULA_TEAM: &str = "=1+1";
 pub(crate) const RUDE_SENTENCE: &str = "a chair & a <b>table</b>";
+pub(crate) const LOG_KEY: &str = "abcdef";
 pub(crate) const TOKEN: &str = "the-token-of-the-rude-team";
 pub(crate) const ORGANISER: &str = "the-token-of-the-organiser";
 
 pub(crate) struct Arena {
-    _folder: TempDir,
+    pub(crate) folder: TempDir,
     pub(crate) store: Store,
     router: Router,
 }
@@ -52,8 +54,11 @@ impl Arena {
     pub(crate) async fn new() -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let store = Store::open(&folder.path().join("arena.db")).await.expect("a new database");
-        let router = avln_web::router(store.reader(), 50051);
-        let arena = Self { _folder: folder, store, router };
+        let router = avln_web::router(
+            store.reader(),
+            Site { agents_port: 50051, logs: Some(SignedLogs { folder: folder.path().to_owned(), key: LOG_KEY.to_owned() }) },
+        );
+        let arena = Self { folder, store, router };
         arena.furnish().await;
         arena.play("run_rude", "open", RUDE_TEAM, "good walker", 2, 2).await;
         arena.play("run_formula", "open", FORMULA_TEAM, "@walker", 1, 2).await;
@@ -84,7 +89,7 @@ impl Arena {
     }
 
     async fn play(&self, run: &str, phase: &str, team: &str, method: &str, found: u32, episodes: u32) {
-        let digests = BTreeMap::from([("scorer".to_owned(), "abc123".to_owned())]);
+        let digests = BTreeMap::from([("benchmark".to_owned(), "abc123".to_owned())]);
         let order = Order::Unordered;
         let new = NewRun {
             id: run,

@@ -53,3 +53,31 @@ async fn what_a_token_opened_is_kept_by_no_cache() {
     assert_eq!(bad.header(header::WWW_AUTHENTICATE), "Bearer");
     assert_eq!(bad.json()["reason"], "UNAUTHENTICATED");
 }
+
+#[tokio::test]
+async fn logs_are_given_out_where_replays_are_shown_once_the_run_is_over() {
+    let arena = Arena::new().await;
+    for run in ["run_rude", "run_begun", "run_sealed"] {
+        let path = arena.folder.path().join(format!("{run}.log"));
+        std::fs::write(path, format!("the canary log of {run}\n")).expect("a log");
+    }
+    let log = arena.get("/api/v1/runs/run_rude/log").await;
+    assert_eq!((log.status, log.body.as_str()), (StatusCode::OK, "the canary log of run_rude\n"));
+    assert_eq!(log.header(header::CACHE_CONTROL), "private, no-store");
+    assert_eq!(log.header(header::CONTENT_DISPOSITION), "attachment; filename=\"run_rude.log\"");
+    let open = arena.get("/api/v1/runs/run_begun/log").await;
+    assert_eq!(open.status, StatusCode::BAD_REQUEST);
+    assert!(open.body.contains("is not over") && !open.body.contains("canary"), "{}", open.body);
+    for hidden in [
+        arena.get("/api/v1/runs/run_sealed/log").await,
+        arena.get_as("/api/v1/runs/run_sealed/log", TOKEN).await,
+        arena.get("/api/v1/runs/..%2Frun_rude/log").await,
+        arena.get("/api/v1/runs/run_formula/log").await,
+    ] {
+        assert_eq!(hidden.status, StatusCode::NOT_FOUND);
+        assert!(!hidden.body.contains("canary"), "{}", hidden.body);
+    }
+    let organiser = arena.get_as("/api/v1/runs/run_sealed/log", ORGANISER).await;
+    assert_eq!(organiser.body, "the canary log of run_sealed\n");
+    assert_eq!(arena.get("/api/v1/status").await.json()["log_key"], crate::fixture::LOG_KEY);
+}
