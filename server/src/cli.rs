@@ -41,6 +41,8 @@ pub enum Command {
     Conformance(commands::conformance::Options),
     /// Check a run by its log: that nobody changed it, that each action leads where it did, that it is worth what it was
     Verify(commands::verify::Options),
+    /// Score runs again with the scorer of this build, keep both, show what changed
+    Rescore(commands::rescore::Options),
     /// Open phases on a split
     #[command(subcommand)]
     Phase(commands::phase::Command),
@@ -56,7 +58,7 @@ pub enum Command {
     /// Issue, list and take back tokens
     #[command(subcommand)]
     Token(commands::token::Command),
-    /// Back the data folder up, restore it
+    /// Back the data folder up, restore it, let go of what is old
     #[command(subcommand)]
     Db(commands::db::Command),
     /// Look at scenes and export them
@@ -112,6 +114,7 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
         Command::Team(command) => commands::team::run(data, command).await,
         Command::Sealed(command) => commands::sealed::run(data, command).await,
         Command::Token(command) => commands::token::run(data, command).await,
+        Command::Rescore(options) => commands::rescore::run(data, options).await,
         Command::Db(command) => commands::db::run(data, command).await,
         Command::Conformance(options) => commands::conformance::run(options).await,
         Command::Verify(options) => commands::verify::run(data, options).await,

@@ -15,6 +15,7 @@ mod failure;
 pub mod heads;
 mod npy;
 pub mod preview;
+pub mod rescoring;
 pub mod runlog;
 mod say;
 pub mod sounds;

@@ -227,7 +227,7 @@ fn paths(runs: &[String]) -> Vec<String> {
     }
     for run in runs {
         paths.push(format!("/runs/{run}"));
-        for rest in ["", "/episodes", "/episodes.csv"] {
+        for rest in ["", "/episodes", "/episodes.csv", "/log"] {
             paths.push(format!("/api/v1/runs/{run}{rest}"));
         }
         for ordinal in 0..=3 {

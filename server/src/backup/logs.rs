@@ -16,7 +16,7 @@ pub(super) fn add(writer: &mut Out<'_>, folder: &Path, runs: &[KeptRun]) -> Resu
             continue;
         }
         let name = format!("runs/{}.log", run.id);
-        let add = || {
+        let mut add = || {
             if run.is_settled {
                 let file = File::open(&path)?;
                 return writer.add(&name, file.metadata()?.len(), file);

@@ -111,7 +111,7 @@ fn unread(path: &Path) -> impl Fn(io::Error) -> Failure + '_ {
 }
 
 fn add_file(writer: &mut Out<'_>, name: &str, path: &Path) -> Result<(), Failure> {
-    let add = || {
+    let mut add = || {
         let file = File::open(path)?;
         writer.add(name, file.metadata()?.len(), file)
     };

@@ -2,12 +2,17 @@
 
 use crate::say::say;
 use crate::{
-    Failure,
+    Failure, FailureKind,
+    arena::{data::DataFolder, now_unix_ms},
     backup::{self, Contents},
+    challenge::actor,
 };
-use avln_store::calendar::rfc3339;
-use clap::Subcommand;
-use std::path::{Path, PathBuf};
+use avln_store::{AuditNote, calendar::rfc3339};
+use clap::{Args, Subcommand};
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
 
 /// Commands about the data folder as a whole.
 #[derive(Debug, Subcommand)]
@@ -24,6 +29,29 @@ pub enum Command {
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },
+    /// Let go of the logs of runs that ended long ago, and on demand of their records; scores stay
+    Prune(Prune),
+}
+
+/// What is old.
+#[derive(Clone, Debug, Args)]
+pub struct Prune {
+    /// Days since a run ended, such as 90d
+    #[arg(long, value_name = "DAYS", value_parser = days)]
+    pub older_than: u32,
+    /// Records and ground truth too: replays of these runs are shown no more, and they cannot be scored again
+    #[arg(long)]
+    pub records: bool,
+    /// Tell what would go, and leave it
+    #[arg(long)]
+    pub dry_run: bool,
+}
+
+/// A number of days, written as 90d.
+fn days(text: &str) -> Result<u32, String> {
+    const MOST: u32 = 36_500;
+    let days = text.strip_suffix('d').and_then(|days| days.parse().ok());
+    days.filter(|days| (1..=MOST).contains(days)).ok_or_else(|| format!("write days such as 90d, 1d to {MOST}d"))
 }
 
 /// Carries out a command about the data folder.
@@ -45,6 +73,7 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
             show(&restored);
             say!("host it with: avln --data {} serve", data.display());
         }
+        Command::Prune(options) => prune(data, &options).await?,
     }
     Ok(())
 }
@@ -65,5 +94,67 @@ fn show(contents: &Contents) {
     for path in left_out {
         let state = if path.exists() { "" } else { ", which is not here" };
         say!("not in it {}{state}", path.display());
+    }
+}
+
+async fn prune(data: &Path, options: &Prune) -> Result<(), Failure> {
+    const DAY_MS: i64 = 86_400_000;
+    let data = DataFolder::open(data)?;
+    let (store, logs, now) = (data.store().await?, data.run_logs(), now_unix_ms());
+    let moment = now - i64::from(options.older_than) * DAY_MS;
+    let runs = store.runs_ended_before(moment).await?;
+    let (mut count, mut bytes) = (0, 0);
+    for path in runs.iter().map(|run| logs.path(run)) {
+        let length = remove(&path, options.dry_run).map_err(|error| {
+            Failure::new(FailureKind::Data, format!("cannot remove {}: {error}", path.display()))
+        })?;
+        count += u32::from(length.is_some());
+        bytes += length.unwrap_or(0);
+    }
+    let would = if options.dry_run { "would go" } else { "gone" };
+    say!("{} runs ended before {}", runs.len(), rfc3339(moment));
+    say!("run logs  {count} {would}, {:.1} MiB", bytes as f64 / f64::from(1 << 20));
+    let note = |what: &str, number: u64| AuditNote {
+        actor: actor(),
+        subject: format!("runs before {}", rfc3339(moment)),
+        what: what.to_owned(),
+        before: Some(number.to_string()),
+        ..AuditNote::default()
+    };
+    if count > 0 && !options.dry_run {
+        store.note(note("logs pruned", u64::from(count)), now).await?;
+    }
+    if options.records {
+        let records = store.old_records(moment).await?;
+        if !options.dry_run {
+            store.prune_records(moment, note("records pruned", records), now).await?;
+        }
+        say!("records   {records} {would}");
+    }
+    say!("scores    all stay");
+    store.close().await;
+    Ok(())
+}
+
+/// Removes a file, unless it is a trial, and tells how long it was; `None` where there is none.
+fn remove(path: &Path, trial: bool) -> io::Result<Option<u64>> {
+    match path.metadata() {
+        Ok(file) if trial => Ok(Some(file.len())),
+        Ok(file) => fs::remove_file(path).map(|()| Some(file.len())),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn days_are_numbers_with_a_d() {
+        assert_eq!(days("90d"), Ok(90));
+        for wrong in ["90", "0d", "-1d", "d", "36501d", "9h", "1.5d"] {
+            assert!(days(wrong).unwrap_err().contains("90d"), "{wrong}");
+        }
     }
 }

@@ -9,6 +9,7 @@ pub mod dataset_formats;
 pub mod db;
 pub mod demo;
 pub mod phase;
+pub mod rescore;
 pub mod scene;
 pub mod scene_export;
 pub mod scene_import;

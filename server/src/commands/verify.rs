@@ -19,12 +19,16 @@ use std::{
 /// What to check.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Options {
-    /// The log of a run: DATA/runs/RUN.log, or a copy of it
+    /// The log of a run: DATA/runs/RUN.log, or what the server gives out at /api/v1/runs/RUN/log
     #[arg(value_name = "LOG")]
     pub file: PathBuf,
-    /// Public key of the server that signed it, hexadecimal; by default any signature that fits is taken, and its key told
+    /// Public key of the server that signed it, hexadecimal, as /api/v1/status tells it in log_key; by default any signature
+    /// that fits is taken, and its key told
     #[arg(long, value_name = "KEY")]
     pub key: Option<String>,
+    /// Check lines and signature only, which takes nothing but the file; so it is where the data folder holds no database
+    #[arg(long)]
+    pub log_only: bool,
 }
 
 /// Checks the log's chain and signature, plays every episode again and computes every metric again.
@@ -40,42 +44,73 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
     let Some(Entry::Run { run, phase, order, digests, .. }) = history.entries.first() else {
         return Err(refused(format!("{} is empty", options.file.display())));
     };
-    let data = DataFolder::open(data)?;
-    let replayer = Replayer::open(&data, phase, *order).await?;
-    replayer.check_digests(digests)?;
-    let replayed = replay_all(&replayer, &episodes)?;
+    let why_not = match (options.log_only, data.join("avln.db").is_file()) {
+        (true, _) => Some("as asked for".to_owned()),
+        (false, false) => Some(format!("there is no data folder at {}", data.display())),
+        (false, true) => None,
+    };
+    let replayed = match why_not {
+        Some(why) => Err(why),
+        None => {
+            let data = DataFolder::open(data)?;
+            let replayer = Replayer::open(&data, phase, *order).await?;
+            replayer.check_digests(digests)?;
+            Ok(replay_all(&replayer, &episodes)?)
+        }
+    };
     say!("run        {run}");
     say!("lines      {}, none changed, left out or put in", history.entries.len());
-    say!("signature  {}", key.as_deref().unwrap_or("none: the run is not over"));
-    say!(
-        "episodes   {} played again: each of {} actions led to the same state",
-        replayed.episodes,
-        replayed.actions
-    );
-    say!("metrics    {} computed again, bit for bit the same", replayed.scored);
+    match (&key, &options.key) {
+        (None, _) => say!("signature  none: the run is not over"),
+        (Some(key), Some(_)) => say!("signature  {key}, as asked for"),
+        (Some(key), None) => say!("signature  {key}; whose key that is, the server's /api/v1/status tells"),
+    }
+    show(&replayed, &episodes);
     Ok(())
+}
+
+fn show(replayed: &Result<Replayed, String>, episodes: &BTreeMap<String, EpisodeHistory>) {
+    match replayed {
+        Ok(Replayed { episodes, actions, scored }) => {
+            say!("episodes   {episodes} played again: each of {actions} actions led to the same state");
+            say!("metrics    {scored} computed again, bit for bit the same");
+        }
+        Err(why) => {
+            let actions: usize = episodes.values().map(|episode| episode.taken.len()).sum();
+            say!("episodes   {} with {actions} actions, not played again: {why}", episodes.len());
+            say!("metrics    not computed again");
+            say!("What actions led to and were worth can be checked with the organiser's data folder: --data FOLDER");
+        }
+    }
 }
 
 fn refused(what: impl std::fmt::Display) -> Failure {
     Failure::new(FailureKind::Run, what)
 }
 
-/// The key under the log, when the run is over.
+/// The key under the log, when the run is over. Whoever has the file can make a chain that fits; the signature cannot be made.
 fn check_signature(history: &History, wanted: Option<&str>) -> Result<Option<String>, Failure> {
-    let signed = history.entries.iter().rev().find_map(|entry| match entry {
-        Entry::Signed { head, key, signature } => Some((head, key, signature)),
-        _ => None,
-    });
-    match (signed, wanted) {
-        (Some((head, key, signature)), _) if !is_signed(key, head, signature) => {
-            Err(refused("the signature does not fit the log: it was not written by the server of that key"))
+    let is_signature = |entry: &Entry| matches!(entry, Entry::Signed { .. });
+    let (key, signature, head) = match history.entries.last() {
+        Some(Entry::Signed { head, key, signature }) => (key, signature, head),
+        _ if history.entries.iter().any(is_signature) => {
+            return Err(refused("lines come after the signature, which nobody signed")
+                .hinted("a server signs again what it adds: ask for the log once more"));
         }
-        (Some((_, key, _)), Some(wanted)) if key != wanted => {
-            Err(refused(format!("the log is signed by {key}, not by {wanted}")))
+        _ => {
+            return match wanted {
+                None => Ok(None),
+                Some(wanted) => Err(refused(format!("the log is not signed, least of all by {wanted}"))
+                    .hinted("logs are signed when their run is over; leave --key away to check an open one")),
+            };
         }
-        (None, Some(wanted)) => Err(refused(format!("the log is not signed, least of all by {wanted}"))
-            .hinted("logs are signed when their run is over; leave --key away to check an open one")),
-        (signed, _) => Ok(signed.map(|(_, key, _)| key.clone())),
+    };
+    if !is_signed(key, head, signature) {
+        return Err(refused("the signature does not fit the log: it was not written by the server of that key"));
+    }
+    match wanted.filter(|wanted| wanted != key) {
+        Some(wanted) => Err(refused(format!("the log is signed by {key}, not by {wanted}"))),
+        None => Ok(Some(key.clone())),
     }
 }
 

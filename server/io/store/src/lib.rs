@@ -17,6 +17,7 @@ mod facts;
 mod packed;
 mod phases;
 mod play;
+mod prune;
 mod quota;
 mod rescore;
 mod reveal;
@@ -38,6 +39,7 @@ pub use phases::{
     Visibility,
 };
 pub use play::{Assigned, EpisodeState, Finished, HandedOut, Recorded, TimeAccount, Underway};
+pub use prune::Pruned;
 pub use quota::{Charge, Quota, QuotaWindow};
 pub use rescore::{Rescore, Rescored, ScoredEpisode};
 pub use reveal::{Promise, Revealed, pool_digest};

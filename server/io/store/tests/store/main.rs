@@ -6,6 +6,7 @@ mod challenge;
 mod fixture;
 mod opening;
 mod play;
+mod prune;
 mod quota;
 mod rescore;
 mod schema;
