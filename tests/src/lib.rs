@@ -4,6 +4,7 @@ pub mod canary;
 pub mod http;
 pub mod raw;
 pub mod scissors;
+pub mod server;
 pub mod stroll;
 pub mod tap;
 pub mod walk;

@@ -73,7 +73,17 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
             show(&restored);
             say!("host it with: avln --data {} serve", data.display());
         }
-        Command::Prune(options) => prune(data, &options).await?,
+        Command::Prune(options) => {
+            let now = now_unix_ms();
+            let Gone { runs, logs, bytes, records } = prune(data, &options, now).await?;
+            let would = if options.dry_run { "would go" } else { "gone" };
+            say!("{runs} runs ended before {}", rfc3339(options.moment(now)));
+            say!("run logs  {logs} {would}, {:.1} MiB", bytes as f64 / f64::from(1 << 20));
+            if options.records {
+                say!("records   {records} {would}");
+            }
+            say!("scores    all stay");
+        }
     }
     Ok(())
 }
@@ -97,23 +107,38 @@ fn show(contents: &Contents) {
     }
 }
 
-async fn prune(data: &Path, options: &Prune) -> Result<(), Failure> {
-    const DAY_MS: i64 = 86_400_000;
+/// What was let go, or would be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Gone {
+    /// Runs that are old.
+    pub runs: usize,
+    /// Logs of theirs.
+    pub logs: u32,
+    /// Length of these, bytes.
+    pub bytes: u64,
+    /// Records of their episodes; 0 where these stay.
+    pub records: u64,
+}
+
+/// Lets go of what is old at `now_unix_ms`, with lines in the audit list.
+///
+/// # Errors
+/// When the data folder cannot be used or a file cannot be removed.
+pub async fn prune(data: &Path, options: &Prune, now_unix_ms: i64) -> Result<Gone, Failure> {
     let data = DataFolder::open(data)?;
-    let (store, logs, now) = (data.store().await?, data.run_logs(), now_unix_ms());
-    let moment = now - i64::from(options.older_than) * DAY_MS;
+    let (store, logs, moment) = (data.store().await?, data.run_logs(), options.moment(now_unix_ms));
     let runs = store.runs_ended_before(moment).await?;
-    let (mut count, mut bytes) = (0, 0);
+    let mut gone = Gone { runs: runs.len(), ..Gone::default() };
     for path in runs.iter().map(|run| logs.path(run)) {
         let length = remove(&path, options.dry_run).map_err(|error| {
             Failure::new(FailureKind::Data, format!("cannot remove {}: {error}", path.display()))
         })?;
-        count += u32::from(length.is_some());
-        bytes += length.unwrap_or(0);
+        gone.logs += u32::from(length.is_some());
+        gone.bytes += length.unwrap_or(0);
     }
-    let would = if options.dry_run { "would go" } else { "gone" };
-    say!("{} runs ended before {}", runs.len(), rfc3339(moment));
-    say!("run logs  {count} {would}, {:.1} MiB", bytes as f64 / f64::from(1 << 20));
+    if options.records {
+        gone.records = store.old_records(moment).await?;
+    }
     let note = |what: &str, number: u64| AuditNote {
         actor: actor(),
         subject: format!("runs before {}", rfc3339(moment)),
@@ -121,19 +146,22 @@ async fn prune(data: &Path, options: &Prune) -> Result<(), Failure> {
         before: Some(number.to_string()),
         ..AuditNote::default()
     };
-    if count > 0 && !options.dry_run {
-        store.note(note("logs pruned", u64::from(count)), now).await?;
+    if gone.logs > 0 && !options.dry_run {
+        store.note(note("logs pruned", u64::from(gone.logs)), now_unix_ms).await?;
     }
-    if options.records {
-        let records = store.old_records(moment).await?;
-        if !options.dry_run {
-            store.prune_records(moment, note("records pruned", records), now).await?;
-        }
-        say!("records   {records} {would}");
+    if gone.records > 0 && !options.dry_run {
+        store.prune_records(moment, note("records pruned", gone.records), now_unix_ms).await?;
     }
-    say!("scores    all stay");
     store.close().await;
-    Ok(())
+    Ok(gone)
+}
+
+impl Prune {
+    /// Runs that ended before this are old.
+    fn moment(&self, now_unix_ms: i64) -> i64 {
+        const DAY_MS: i64 = 86_400_000;
+        now_unix_ms - i64::from(self.older_than) * DAY_MS
+    }
 }
 
 /// Removes a file, unless it is a trial, and tells how long it was; `None` where there is none.
