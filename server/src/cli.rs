@@ -39,6 +39,8 @@ pub enum Command {
     Dataset(commands::dataset::Command),
     /// Check whether a server, this one or another, keeps the protocol
     Conformance(commands::conformance::Options),
+    /// Tell before a run whether it will go well: token, clock, versions, speed, and some episodes of practice
+    Doctor(commands::doctor::Options),
     /// Check a run by its log: that nobody changed it, that each action leads where it did, that it is worth what it was
     Verify(commands::verify::Options),
     /// Score runs again with the scorer of this build, keep both, show what changed
@@ -115,6 +117,7 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
         Command::Sealed(command) => commands::sealed::run(data, command).await,
         Command::Token(command) => commands::token::run(data, command).await,
         Command::Rescore(options) => commands::rescore::run(data, options).await,
+        Command::Doctor(options) => commands::doctor::run(options).await,
         Command::Db(command) => commands::db::run(data, command).await,
         Command::Conformance(options) => commands::conformance::run(options).await,
         Command::Verify(options) => commands::verify::run(data, options).await,

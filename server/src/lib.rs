@@ -10,6 +10,7 @@ pub mod challenge;
 mod cli;
 pub mod commands;
 pub mod dataset;
+pub mod doctor;
 pub mod doors;
 mod failure;
 pub mod heads;

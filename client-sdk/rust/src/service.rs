@@ -19,6 +19,8 @@ pub struct ServerInfo {
     pub draining: bool,
     /// Announcement for people; empty: none.
     pub notice: String,
+    /// The server's clock when it answered, milliseconds since 1970 UTC.
+    pub time_unix_ms: i64,
 }
 
 /// Episodes that are played under the same conditions.
@@ -270,6 +272,7 @@ impl ServerInfo {
             benchmark: info.benchmark,
             draining,
             notice: info.notice,
+            time_unix_ms: info.server_time_unix_ms,
         }
     }
 }

@@ -8,6 +8,7 @@ pub mod dataset;
 pub mod dataset_formats;
 pub mod db;
 pub mod demo;
+pub mod doctor;
 pub mod phase;
 pub mod rescore;
 pub mod scene;

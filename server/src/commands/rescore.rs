@@ -12,12 +12,13 @@ use std::path::Path;
 
 /// Which runs.
 #[derive(Clone, Debug, clap::Args)]
+#[command(group(clap::ArgGroup::new("which").required(true).args(["run", "phase"])))]
 pub struct Options {
     /// Id of the run
-    #[arg(value_name = "RUN", required_unless_present = "phase")]
+    #[arg(value_name = "RUN")]
     pub run: Option<String>,
     /// All completed runs of a phase
-    #[arg(long, value_name = "PHASE", conflicts_with = "run")]
+    #[arg(long, value_name = "PHASE")]
     pub phase: Option<String>,
     /// As JSON
     #[arg(long)]
