@@ -41,6 +41,8 @@ pub enum Command {
     Conformance(commands::conformance::Options),
     /// Tell before a run whether it will go well: token, clock, versions, speed, and some episodes of practice
     Doctor(commands::doctor::Options),
+    /// Prove that a server scores as the published one does, to the last bit
+    Calibrate(commands::calibrate::Options),
     /// Check a run by its log: that nobody changed it, that each action leads where it did, that it is worth what it was
     Verify(commands::verify::Options),
     /// Score runs again with the scorer of this build, keep both, show what changed
@@ -118,6 +120,7 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
         Command::Token(command) => commands::token::run(data, command).await,
         Command::Rescore(options) => commands::rescore::run(data, options).await,
         Command::Doctor(options) => commands::doctor::run(options).await,
+        Command::Calibrate(options) => commands::calibrate::run(data, options).await,
         Command::Db(command) => commands::db::run(data, command).await,
         Command::Conformance(options) => commands::conformance::run(options).await,
         Command::Verify(options) => commands::verify::run(data, options).await,

@@ -6,6 +6,7 @@ pub mod admin;
 pub mod arena;
 pub mod backup;
 pub mod cache;
+pub mod calibration;
 pub mod challenge;
 mod cli;
 pub mod commands;

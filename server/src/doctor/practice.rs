@@ -18,6 +18,10 @@ pub(super) async fn check(report: &mut Report, patient: &Patient, arena: &Arena,
     }
     let known = arena.phases().await.map(|phases| phases.into_iter().find(|known| known.id == place));
     let played = match known {
+        Ok(Some(place)) if place.episodes < 2 => {
+            let found = format!("phase '{}' has one episode, which a run would complete", place.id);
+            return report.add("practice", Verdict::Skipped, found, "name another phase with --practice PHASE");
+        }
         Ok(Some(place)) => play(patient, arena, &place).await,
         Ok(None) => return report.failed("practice", format!("there is no phase '{place}'"), "see --practice"),
         Err(error) => Err(error),
@@ -48,21 +52,20 @@ async fn play(patient: &Patient, arena: &Arena, place: &Phase) -> Result<Played,
 
 async fn play_some(patient: &Patient, arena: &Arena, run: &avln_client::Run) -> Result<Played, Error> {
     let mut play = arena.play(run, patient.sensors.clone()).await?;
-    let (task, play_total) = (play.task().clone(), run.episodes);
+    let task = play.task().clone();
     let steps = patient.steps.min(task.max_steps.saturating_sub(1));
     let mut agent = RandomAgent::new(0);
     let mut played = Played { max_steps: task.max_steps, ..Played::default() };
-    for number in 1..=patient.episodes {
+    // One is always left, so that the run is never complete: practice stands on no board.
+    for _ in 0..patient.episodes.min(run.episodes.saturating_sub(1)) {
         let before = Instant::now();
         let Some(mut episode) = play.next_episode().await? else { break };
         played.begins_s.push(before.elapsed().as_secs_f64());
         played.observation_bytes = bytes(episode.observation());
         agent.begin(&task, episode.mission());
-        // The last is left open, and so the run is never complete: practice stands on no board.
-        let is_last = number == patient.episodes.min(play_total);
         for step in 1..=steps {
             let action = match agent.act(episode.observation()) {
-                _ if step == steps && !is_last => Action::Stop,
+                _ if step == steps => Action::Stop,
                 Action::Submit | Action::Stop => Action::TurnLeft,
                 action => action,
             };

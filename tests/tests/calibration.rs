@@ -1,0 +1,86 @@
+//! The calibration phase: this build senses and reaches what is published, here and on a server, and another phase under
+//! its name is found out.
+
+use avln_server::{
+    arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
+    calibration,
+    commands::{phase, split, team},
+    doors::{Addresses, Doors, OpenDoors},
+};
+use std::{path::Path, process::Command, sync::Arc};
+
+/// Exit code and words of a calibration with the random agent.
+fn calibrate(data: &Path, more: &[&str]) -> (Option<i32>, String) {
+    let mut avln = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
+    avln.env_remove("AVLN_TOKEN").arg("--data").arg(data).arg("calibrate").args(more);
+    let output = avln.output().expect("the program runs");
+    let text =
+        String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+    (output.status.code(), text)
+}
+
+/// Hosts the phases of a folder; gives back the doors and a team's token.
+async fn host(data: &DataFolder) -> (OpenDoors, String) {
+    let store = data.store().await.expect("a database");
+    let token = team::admit(&store, "ada", false).await.expect("a team");
+    let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
+    let free = "127.0.0.1:0".parse().expect("an address");
+    let doors = Doors::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
+    (doors.open(Arc::new(arena), store.reader()).expect("both doors"), token)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn this_build_is_calibrated_and_leaves_nothing_behind() {
+    let place = tempfile::tempdir().expect("a folder");
+    let data = place.path().join("data");
+    let (code, text) = calibrate(&data, &["--agent", "random"]);
+    assert!(code == Some(0) && text.contains("All 12 episodes are as published"), "{text}");
+    assert!(!data.exists());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_server_that_hosts_the_phase_is_calibrated() {
+    let place = tempfile::tempdir().expect("a folder");
+    for _ in 0..2 {
+        let (code, text) = calibrate(place.path(), &["--open"]);
+        assert!(code == Some(0) && text.contains("phase calibration is open"), "{text}");
+    }
+    let (doors, token) = host(&DataFolder::open(place.path()).expect("the folder")).await;
+    let url = format!("http://{}", doors.grpc);
+    let (code, text) = calibrate(place.path(), &["--agent", "random", "--server", &url, "--token", &token]);
+    assert!(code == Some(0) && text.contains("All 12 episodes are as published"), "{text}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn another_phase_of_that_name_is_found_out() {
+    let place = tempfile::tempdir().expect("a folder");
+    let data = DataFolder::open(place.path()).expect("the folder");
+    let store = data.store().await.expect("a database");
+    let name = calibration::PHASE.to_owned();
+    let rules = "lh-avln-v1".to_owned();
+    let make = split::Make { name: name.clone(), houses: 1, scene: vec![], missions: 2, seed: 5, rules };
+    split::make(&data, &store, make, |_| ()).await.expect("a split");
+    let open = phase::Open {
+        id: name.clone(),
+        split: name,
+        dataset: None,
+        title: None,
+        scores: phase::Who::Public,
+        replays: phase::Who::Public,
+        rules: None,
+        sounds: None,
+        head: None,
+        feedback: None,
+        quota: None,
+        max_slots: 4,
+        max_side: 256,
+    };
+    phase::open(&data, &store, &open).await.expect("a phase");
+    let (doors, token) = host(&data).await;
+    let url = format!("http://{}", doors.grpc);
+    let (code, text) = calibrate(place.path(), &["--agent", "random", "--server", &url, "--token", &token]);
+    assert_eq!(code, Some(6), "{text}");
+    assert!(text.contains("2 episodes, published are 12") && text.contains("not calibrated"), "{text}");
+    let (code, text) = calibrate(place.path(), &["--open"]);
+    assert!(code == Some(5) && text.contains("exists with other missions"), "{text}");
+}
