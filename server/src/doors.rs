@@ -7,8 +7,8 @@ use crate::{
 };
 use avln_grpc::{Control, Limits};
 use avln_store::Reader;
-use avln_web::Site;
 use avln_tls::{Identity, Listener, Protocol};
+use avln_web::Site;
 use clap::Args;
 use std::{net::SocketAddr, path::PathBuf, sync::Arc};
 use tokio::{net::TcpListener, sync::watch, task::JoinSet};

@@ -57,15 +57,23 @@ impl Comparison {
 ///
 /// # Errors
 /// When facts of the run were pruned, its phase is unknown, or the database fails.
-pub async fn rescore(store: &Store, run: &Run, scorer: &Scorer, now_unix_ms: i64) -> Result<Comparison, Failure> {
+pub async fn rescore(
+    store: &Store,
+    run: &Run,
+    scorer: &Scorer,
+    now_unix_ms: i64,
+) -> Result<Comparison, Failure> {
     let rules = store.phase(&run.phase).await?.rules;
     let episodes = store.scored_episodes(&run.id).await?;
     let pruned = episodes.iter().filter(|episode| episode.facts.is_none()).count();
     if pruned > 0 {
         let message = format!("the records of {pruned} episodes of run {} are not kept any more", run.id);
-        return Err(Failure::new(FailureKind::Data, message).hinted("restore a backup from before they were pruned"));
+        return Err(
+            Failure::new(FailureKind::Data, message).hinted("restore a backup from before they were pruned")
+        );
     }
-    let again: BTreeMap<u32, Metrics> = episodes.iter().filter_map(|episode| again(episode, scorer, &rules)).collect();
+    let again: BTreeMap<u32, Metrics> =
+        episodes.iter().filter_map(|episode| again(episode, scorer, &rules)).collect();
     let differs = |episode: &&ScoredEpisode| again.get(&episode.ordinal) != Some(&episode.metrics);
     let changed = episodes.iter().filter(differs).map(|episode| episode.ordinal).collect();
     let is_other = run.scorer() != scorer.version;

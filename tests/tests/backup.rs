@@ -120,7 +120,8 @@ async fn a_server_that_is_played_on_goes_on_elsewhere() {
     static HELD: Pace = Pace::new(200);
     static BUSY: Pace = Pace::new(u32::MAX);
     let place = tempfile::tempdir().expect("a folder");
-    let (old, new, file) = (place.path().join("old"), place.path().join("new"), place.path().join("backup.tar"));
+    let (old, new, file) =
+        (place.path().join("old"), place.path().join("new"), place.path().join("backup.tar"));
     let token = furnish(&old, &Plan { houses: 1, missions: 8, ..Plan::default() }).await;
     let server = Server::start(PROGRAM, &old);
     server.answers().await;

@@ -62,8 +62,23 @@ fn hinted(data: &Path, arguments: &[&str], code: i32, words: &[&str]) {
     assert!(words.iter().all(|word| err.contains(word)), "{words:?} in: {err}");
 }
 
-const COMMANDS: [&str; 11] =
-    ["demo", "serve", "agent", "split", "phase", "challenge", "team", "sealed", "token", "scene", "sim"];
+const COMMANDS: [&str; 15] = [
+    "calibrate",
+    "db",
+    "doctor",
+    "rescore",
+    "demo",
+    "serve",
+    "agent",
+    "split",
+    "phase",
+    "challenge",
+    "team",
+    "sealed",
+    "token",
+    "scene",
+    "sim",
+];
 const FREE: [&str; 4] = ["--grpc", "127.0.0.1:0", "--web", "127.0.0.1:0"];
 
 fn house() -> (TempDir, PathBuf) {

@@ -30,7 +30,9 @@ async fn a_server_that_is_well_is_measured_and_left_as_it_was() {
     let house = House::open(&Plan { missions: 3, ..Plan::default() }).await;
     let (code, report, said) = doctor(&house.agents_url(), &house.token, PHASE);
     assert_eq!((code, said.as_str()), (Some(0), ""), "{report}");
-    for name in ["server", "versions", "state", "round trip", "clock", "token", "phase", "quota", "practice", "speed"] {
+    for name in
+        ["server", "versions", "state", "round trip", "clock", "token", "phase", "quota", "practice", "speed"]
+    {
         assert_eq!(verdict(&report, name), "ok", "{name}: {report}");
     }
     let measured = &report["measured"];
@@ -42,7 +44,10 @@ async fn a_server_that_is_well_is_measured_and_left_as_it_was() {
 
     let store = DataFolder::open(house.folder.path()).unwrap().store().await.unwrap();
     let runs = store.reader().runs(&Viewer::Organiser, None, 10).await.unwrap();
-    assert_eq!(runs.iter().map(|run| (run.method.as_str(), run.state)).collect::<Vec<_>>(), [("doctor", RunState::Cancelled)]);
+    assert_eq!(
+        runs.iter().map(|run| (run.method.as_str(), run.state)).collect::<Vec<_>>(),
+        [("doctor", RunState::Cancelled)]
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -62,6 +67,10 @@ async fn what_would_stop_a_run_is_told_and_no_quota_is_spent() {
     after.quotas = QuotaLimits { total: Some(1), ..QuotaLimits::default() };
     store.change_phases(&[after.clone()], &notes(Some(&before), &after, ""), now_unix_ms()).await.unwrap();
     let (code, report, _) = doctor(&house.agents_url(), &house.token, PHASE);
-    assert_eq!((code, verdict(&report, "quota"), verdict(&report, "practice")), (Some(0), "ok", "skipped"), "{report}");
+    assert_eq!(
+        (code, verdict(&report, "quota"), verdict(&report, "practice")),
+        (Some(0), "ok", "skipped"),
+        "{report}"
+    );
     assert_eq!(store.reader().runs(&Viewer::Organiser, None, 10).await.unwrap(), []);
 }

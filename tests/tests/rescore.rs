@@ -11,7 +11,8 @@ use std::{path::Path, process::Command};
 /// What `avln rescore` says, and its exit code.
 fn avln_rescore(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
     let mut avln = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-    let output = avln.arg("--data").arg(folder).arg("rescore").args(arguments).output().expect("the program runs");
+    let output =
+        avln.arg("--data").arg(folder).arg("rescore").args(arguments).output().expect("the program runs");
     let text =
         String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
     (output.status.code(), text)
@@ -55,7 +56,11 @@ async fn the_same_scorer_says_the_same_and_another_is_kept_beside_it() {
     assert!(before.collisions > 0.0, "the stroll bumps into something");
     assert_eq!(after.collisions, 2.0 * before.collisions);
     assert_eq!(after.sr, before.sr);
-    assert_eq!(page(&format!("/api/v1/phases/{PHASE}/leaderboard?order=unordered")).await, board, "boards show the first scores");
+    assert_eq!(
+        page(&format!("/api/v1/phases/{PHASE}/leaderboard?order=unordered")).await,
+        board,
+        "boards show the first scores"
+    );
     assert!(board.contains(&format!("\"scorer\":\"{}\"", row.scorer())), "{board}");
     let shown = page(&format!("/runs/{run}")).await;
     assert!(shown.contains("Scored again") && shown.contains("9.0.0"), "{shown}");

@@ -143,16 +143,21 @@ fn plain_path(entry: &tar::Entry<'_, impl Read>) -> io::Result<String> {
     let path: PathBuf = entry.path()?.into_owned();
     let is_plain = path.components().all(|part| matches!(part, Component::Normal(_)));
     match path.to_str() {
-        Some(text) if is_plain && !text.is_empty() && entry.header().entry_type().is_file() => Ok(text.to_owned()),
-        _ => Err(damaged(format!("'{}' is no file that a backup has", path.display().to_string().escape_debug()))),
+        Some(text) if is_plain && !text.is_empty() && entry.header().entry_type().is_file() => {
+            Ok(text.to_owned())
+        }
+        _ => Err(damaged(format!(
+            "'{}' is no file that a backup has",
+            path.display().to_string().escape_debug()
+        ))),
     }
 }
 
 fn read_manifest(entry: impl Read) -> io::Result<Manifest> {
     let mut json = Vec::new();
     entry.take(MAX_MANIFEST_BYTES).read_to_end(&mut json)?;
-    let manifest: Manifest =
-        serde_json::from_slice(&json).map_err(|error| damaged(format!("its manifest cannot be read: {error}")))?;
+    let manifest: Manifest = serde_json::from_slice(&json)
+        .map_err(|error| damaged(format!("its manifest cannot be read: {error}")))?;
     match manifest.format {
         FORMAT => Ok(manifest),
         other => Err(damaged(format!("its layout is version {other}, this program knows {FORMAT}"))),

@@ -66,7 +66,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let logs = RunLogs::at(folder.path());
         let (run, phase) = ("run_1".to_owned(), "practice".to_owned());
-        let first = Entry::Run { format: Entry::FORMAT, run, phase, order: Order::Ordered, digests: BTreeMap::new(), at_ms: 1 };
+        let first = Entry::Run {
+            format: Entry::FORMAT,
+            run,
+            phase,
+            order: Order::Ordered,
+            digests: BTreeMap::new(),
+            at_ms: 1,
+        };
         let log = logs.open("run_1", || first).unwrap();
         for entry in [began(0, "ep_a"), began(1, "ep_b"), began(0, "ep_c")] {
             log.write(&entry).unwrap();
@@ -82,6 +89,9 @@ mod tests {
         assert_eq!(lines(&[(0, 0), (1, 0)]), 1);
         assert_eq!(lines(&[]), 1);
         let half = &bytes[..bytes.len() - 3];
-        assert_eq!(known_bytes(half, &[(0, 2), (1, 1)].into()).unwrap(), half.iter().rposition(|&b| b == b'\n').unwrap() + 1);
+        assert_eq!(
+            known_bytes(half, &[(0, 2), (1, 1)].into()).unwrap(),
+            half.iter().rposition(|&b| b == b'\n').unwrap() + 1
+        );
     }
 }

@@ -52,7 +52,8 @@ pub async fn make(data: &Path, to: &Path) -> Result<Contents, Failure> {
         return Err(taken(to));
     }
     let folder = parent(to);
-    let failed = |error: io::Error| Failure::new(FailureKind::Data, format!("cannot write {}: {error}", to.display()));
+    let failed =
+        |error: io::Error| Failure::new(FailureKind::Data, format!("cannot write {}: {error}", to.display()));
     let work = tempfile::Builder::new().prefix(".avln-backup-").tempdir_in(folder).map_err(failed)?;
     let copy = work.path().join(DATABASE);
     let made_ms = now_unix_ms();
@@ -76,7 +77,13 @@ fn parent(path: &Path) -> &Path {
 }
 
 /// Writes the archive beside its place, reads it back and puts it there.
-fn write(data: &Path, copy: &Path, inventory: &Inventory, made_ms: i64, to: &Path) -> Result<Manifest, Failure> {
+fn write(
+    data: &Path,
+    copy: &Path,
+    inventory: &Inventory,
+    made_ms: i64,
+    to: &Path,
+) -> Result<Manifest, Failure> {
     let failed =
         |error: io::Error| Failure::new(FailureKind::Data, format!("cannot write {}: {error}", to.display()));
     let file = tempfile::Builder::new().prefix(".avln-backup-").tempfile_in(parent(to)).map_err(failed)?;
@@ -143,8 +150,9 @@ fn add_folder(writer: &mut Out<'_>, name: &str, path: &Path) -> Result<(), Failu
 /// # Errors
 /// When `to` holds anything, the backup is damaged or from a newer program, or the folder cannot be written.
 pub async fn restore(from: &Path, to: &Path) -> Result<Contents, Failure> {
-    let failed =
-        |error: io::Error| Failure::new(FailureKind::Data, format!("cannot restore to {}: {error}", to.display()));
+    let failed = |error: io::Error| {
+        Failure::new(FailureKind::Data, format!("cannot restore to {}: {error}", to.display()))
+    };
     if is_occupied(to).map_err(failed)? {
         let message = format!("{} holds files, and a backup is never restored over them", to.display());
         return Err(Failure::new(FailureKind::Data, message).hinted(
@@ -182,7 +190,8 @@ fn unpack(from: &Path, to: &Path) -> Result<Manifest, Failure> {
         Failure::new(FailureKind::Data, message).hinted("take another backup; nothing was changed")
     };
     let file = File::open(from).map_err(failed)?;
-    archive::go_through(io::BufReader::new(file), |path, read| unpack_file(&to.join(path), read)).map_err(failed)
+    archive::go_through(io::BufReader::new(file), |path, read| unpack_file(&to.join(path), read))
+        .map_err(failed)
 }
 
 /// Files are their owner's alone: truth, tokens' hashes and the signing key are among them.
@@ -204,7 +213,8 @@ fn sync_folder(folder: &Path) -> io::Result<()> {
 
 /// What a data folder refers to and a backup does not hold.
 fn left_out(data: &Path) -> Vec<PathBuf> {
-    let names = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let names =
+        |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let known = |path: &PathBuf| {
         let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
         [DATABASE].iter().chain(&FILES).chain(&FOLDERS).chain(&OTHERS).any(|known| *known == name)

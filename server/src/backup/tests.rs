@@ -12,7 +12,8 @@ async fn furnished() -> TempDir {
     data.signing_key().unwrap();
     fs::create_dir_all(folder.path().join("splits/val/missions")).unwrap();
     fs::write(folder.path().join("splits/val/missions/house.jsonl"), "a mission\n").unwrap();
-    fs::write(folder.path().join("splits/far.link.json"), r#"{"dataset":"/far/away","split":"val"}"#).unwrap();
+    fs::write(folder.path().join("splits/far.link.json"), r#"{"dataset":"/far/away","split":"val"}"#)
+        .unwrap();
     fs::create_dir_all(folder.path().join("cache/scenes")).unwrap();
     fs::write(folder.path().join("cache/scenes/big"), "can be made anew").unwrap();
     folder

@@ -219,16 +219,25 @@ fn means(episodes: &[Episode]) -> BTreeMap<String, f64> {
 pub fn differences(found: &Calibration, published: &Calibration) -> Vec<String> {
     let mut lines = Vec::new();
     if found.benchmark != published.benchmark {
-        lines.push(format!("the server has benchmark {}, published is {}", found.benchmark, published.benchmark));
+        lines.push(format!(
+            "the server has benchmark {}, published is {}",
+            found.benchmark, published.benchmark
+        ));
     }
     for run in &found.runs {
         let who = format!("{} {}", run.agent, run.order);
-        let Some(expected) = published.runs.iter().find(|other| (&other.agent, &other.order) == (&run.agent, &run.order)) else {
+        let Some(expected) =
+            published.runs.iter().find(|other| (&other.agent, &other.order) == (&run.agent, &run.order))
+        else {
             lines.push(format!("{who}: nothing is published"));
             continue;
         };
         if run.episodes.len() != expected.episodes.len() {
-            lines.push(format!("{who}: {} episodes, published are {}", run.episodes.len(), expected.episodes.len()));
+            lines.push(format!(
+                "{who}: {} episodes, published are {}",
+                run.episodes.len(),
+                expected.episodes.len()
+            ));
         }
         for (number, (found, expected)) in (1..).zip(run.episodes.iter().zip(&expected.episodes)) {
             lines.extend(difference(found, expected).map(|what| format!("{who}, episode {number}: {what}")));
@@ -239,14 +248,20 @@ pub fn differences(found: &Calibration, published: &Calibration) -> Vec<String> 
 
 /// The first thing in which an episode differs.
 fn difference(found: &Episode, expected: &Episode) -> Option<String> {
-    let bits = |metrics: &BTreeMap<String, f64>| metrics.iter().map(|(name, value)| (name.clone(), value.to_bits())).collect::<Vec<_>>();
+    let bits = |metrics: &BTreeMap<String, f64>| {
+        metrics.iter().map(|(name, value)| (name.clone(), value.to_bits())).collect::<Vec<_>>()
+    };
     if (&found.end, found.steps) != (&expected.end, expected.steps) {
-        return Some(format!("{} after {} steps, published is {} after {}", found.end, found.steps, expected.end, expected.steps));
+        return Some(format!(
+            "{} after {} steps, published is {} after {}",
+            found.end, found.steps, expected.end, expected.steps
+        ));
     }
     if bits(&found.metrics) != bits(&expected.metrics) {
         return Some(format!("worth {:?}, published is {:?}", found.metrics, expected.metrics));
     }
-    (found.sensed != expected.sensed).then(|| "worth the same, but the agent was told or sensed something else".to_owned())
+    (found.sensed != expected.sensed)
+        .then(|| "worth the same, but the agent was told or sensed something else".to_owned())
 }
 
 /// Whether this build's own benchmark is the published one.

@@ -71,7 +71,9 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
         return Ok(());
     }
     Err(Failure::new(FailureKind::Run, format!("the server is not calibrated: {} differences", lines.len()))
-        .hinted("its scores cannot be compared with the published ones; use the published version of the server"))
+        .hinted(
+            "its scores cannot be compared with the published ones; use the published version of the server",
+        ))
 }
 
 async fn open(data: &Path) -> Result<(), Failure> {
@@ -116,7 +118,8 @@ fn show(run: &calibration::Played) {
 }
 
 fn write(path: &Path, found: &Calibration) -> Result<(), Failure> {
-    let json = serde_json::to_string_pretty(found).map_err(|error| Failure::new(FailureKind::Internal, error))?;
+    let json =
+        serde_json::to_string_pretty(found).map_err(|error| Failure::new(FailureKind::Internal, error))?;
     fs::write(path, json + "\n").map_err(|error| {
         Failure::new(FailureKind::Data, format!("cannot write {}: {error}", path.display()))
     })?;

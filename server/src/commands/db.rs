@@ -51,7 +51,8 @@ pub struct Prune {
 fn days(text: &str) -> Result<u32, String> {
     const MOST: u32 = 36_500;
     let days = text.strip_suffix('d').and_then(|days| days.parse().ok());
-    days.filter(|days| (1..=MOST).contains(days)).ok_or_else(|| format!("write days such as 90d, 1d to {MOST}d"))
+    days.filter(|days| (1..=MOST).contains(days))
+        .ok_or_else(|| format!("write days such as 90d, 1d to {MOST}d"))
 }
 
 /// Carries out a command about the data folder.
@@ -100,7 +101,10 @@ fn show(contents: &Contents) {
         inventory.runs.len(),
         inventory.results
     );
-    say!("files     {} with {logs} run logs, {mib:.1} MiB, each read back and compared by hash", manifest.files.len());
+    say!(
+        "files     {} with {logs} run logs, {mib:.1} MiB, each read back and compared by hash",
+        manifest.files.len()
+    );
     for path in left_out {
         let state = if path.exists() { "" } else { ", which is not here" };
         say!("not in it {}{state}", path.display());

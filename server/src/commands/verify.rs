@@ -79,7 +79,9 @@ fn show(replayed: &Result<Replayed, String>, episodes: &BTreeMap<String, Episode
             let actions: usize = episodes.values().map(|episode| episode.taken.len()).sum();
             say!("episodes   {} with {actions} actions, not played again: {why}", episodes.len());
             say!("metrics    not computed again");
-            say!("What actions led to and were worth can be checked with the organiser's data folder: --data FOLDER");
+            say!(
+                "What actions led to and were worth can be checked with the organiser's data folder: --data FOLDER"
+            );
         }
     }
 }
@@ -106,7 +108,9 @@ fn check_signature(history: &History, wanted: Option<&str>) -> Result<Option<Str
         }
     };
     if !is_signed(key, head, signature) {
-        return Err(refused("the signature does not fit the log: it was not written by the server of that key"));
+        return Err(refused(
+            "the signature does not fit the log: it was not written by the server of that key",
+        ));
     }
     match wanted.filter(|wanted| wanted != key) {
         Some(wanted) => Err(refused(format!("the log is signed by {key}, not by {wanted}"))),

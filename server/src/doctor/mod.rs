@@ -66,10 +66,18 @@ pub async fn examine(patient: &Patient) -> Report {
 
 fn versions(report: &mut Report, info: &ServerInfo) {
     let own = env!("CARGO_PKG_VERSION");
-    let found = format!("server {} with benchmark {}, this program {own} with {BENCHMARK_VERSION}", info.version, info.benchmark);
+    let found = format!(
+        "server {} with benchmark {}, this program {own} with {BENCHMARK_VERSION}",
+        info.version, info.benchmark
+    );
     match info.benchmark == BENCHMARK_VERSION {
         true => report.ok("versions", found),
-        false => report.add("versions", Verdict::Warning, found, "what this program scores may differ from the server's scores"),
+        false => report.add(
+            "versions",
+            Verdict::Warning,
+            found,
+            "what this program scores may differ from the server's scores",
+        ),
     }
     if info.draining {
         let found = format!("the server is about to stop and begins no runs: {}", info.notice);
@@ -98,10 +106,19 @@ async fn round_trips(report: &mut Report, arena: &Arena) -> Result<(), Error> {
     if let Some(spread) = spread {
         report.ok("round trip", format!("{}, p95 {}", ms(spread.median), ms(spread.p95)));
     }
-    let found = format!("the server's is {:.3} s {} this machine's", ahead.abs(), if ahead < 0.0 { "behind" } else { "ahead of" });
+    let found = format!(
+        "the server's is {:.3} s {} this machine's",
+        ahead.abs(),
+        if ahead < 0.0 { "behind" } else { "ahead of" }
+    );
     match ahead.abs() <= CLOCK_S {
         true => report.ok("clock", found),
-        false => report.add("clock", Verdict::Warning, found, "dates of phases and tokens go by the server's clock"),
+        false => report.add(
+            "clock",
+            Verdict::Warning,
+            found,
+            "dates of phases and tokens go by the server's clock",
+        ),
     }
     (report.measured.round_trip_s, report.measured.clock_ahead_s) = (spread, Some(ahead));
     Ok(())
@@ -119,13 +136,22 @@ async fn account(report: &mut Report, patient: &Patient, link: &Link) {
     };
     let (arena, account) = match known {
         Ok(known) => known,
-        Err(error) => return report.failed("token", error, "ask the organiser for a token of your team's account"),
+        Err(error) => {
+            return report.failed("token", error, "ask the organiser for a token of your team's account");
+        }
     };
     let left_s = account.expires_unix_s - now_unix_ms() / 1000;
     match account.expires_unix_s {
         0 => report.ok("token", format!("of team '{}', for ever", account.team)),
-        _ if left_s > SOON_S => report.ok("token", format!("of team '{}', for {} days", account.team, left_s / 86_400)),
-        _ => report.add("token", Verdict::Warning, format!("of team '{}', for {} hours", account.team, left_s / 3600), "ask the organiser for a new one in time"),
+        _ if left_s > SOON_S => {
+            report.ok("token", format!("of team '{}', for {} days", account.team, left_s / 86_400))
+        }
+        _ => report.add(
+            "token",
+            Verdict::Warning,
+            format!("of team '{}', for {} hours", account.team, left_s / 3600),
+            "ask the organiser for a new one in time",
+        ),
     }
     match phase(report, patient, &arena).await {
         Ok(Some((phase, quotas))) => practice::check(report, patient, &arena, &phase, &quotas).await,
@@ -135,7 +161,11 @@ async fn account(report: &mut Report, patient: &Patient, link: &Link) {
 }
 
 /// The phase that is to be played, and what is left in all phases.
-async fn phase(report: &mut Report, patient: &Patient, arena: &Arena) -> Result<Option<(Phase, Vec<Quota>)>, Error> {
+async fn phase(
+    report: &mut Report,
+    patient: &Patient,
+    arena: &Arena,
+) -> Result<Option<(Phase, Vec<Quota>)>, Error> {
     let phases = arena.phases().await?;
     let Some(phase) = phases.iter().find(|phase| phase.id == patient.phase).cloned() else {
         let known: Vec<_> = phases.iter().map(|phase| phase.id.as_str()).collect();
@@ -143,11 +173,15 @@ async fn phase(report: &mut Report, patient: &Patient, arena: &Arena) -> Result<
         report.failed("phase", found, &format!("choose one of: {}", known.join(", ")));
         return Ok(None);
     };
-    let found = format!("{}: {} episodes by {}, up to {} slots", phase.id, phase.episodes, phase.rules, phase.max_slots);
+    let found = format!(
+        "{}: {} episodes by {}, up to {} slots",
+        phase.id, phase.episodes, phase.rules, phase.max_slots
+    );
     match phase.state {
         PhaseState::Open => report.ok("phase", found),
         state => {
-            let found = format!("{found}; it is {} {}", format!("{state:?}").to_lowercase(), phase.state_reason);
+            let found =
+                format!("{found}; it is {} {}", format!("{state:?}").to_lowercase(), phase.state_reason);
             report.failed("phase", found.trim_end(), "runs start while a phase is open");
         }
     }

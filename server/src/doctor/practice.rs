@@ -9,7 +9,13 @@ use std::time::Instant;
 const METHOD: &str = "doctor";
 
 /// Plays, unless that would cost the team a run, and says how long the phase will take.
-pub(super) async fn check(report: &mut Report, patient: &Patient, arena: &Arena, phase: &Phase, quotas: &[Quota]) {
+pub(super) async fn check(
+    report: &mut Report,
+    patient: &Patient,
+    arena: &Arena,
+    phase: &Phase,
+    quotas: &[Quota],
+) {
     let place = patient.practice.as_deref().unwrap_or(&phase.id);
     if !is_free(place, quotas) {
         let found = format!("phase '{place}' counts runs, and none is spent on practice");
@@ -20,10 +26,17 @@ pub(super) async fn check(report: &mut Report, patient: &Patient, arena: &Arena,
     let played = match known {
         Ok(Some(place)) if place.episodes < 2 => {
             let found = format!("phase '{}' has one episode, which a run would complete", place.id);
-            return report.add("practice", Verdict::Skipped, found, "name another phase with --practice PHASE");
+            return report.add(
+                "practice",
+                Verdict::Skipped,
+                found,
+                "name another phase with --practice PHASE",
+            );
         }
         Ok(Some(place)) => play(patient, arena, &place).await,
-        Ok(None) => return report.failed("practice", format!("there is no phase '{place}'"), "see --practice"),
+        Ok(None) => {
+            return report.failed("practice", format!("there is no phase '{place}'"), "see --practice");
+        }
         Err(error) => Err(error),
     };
     match played {
@@ -43,7 +56,8 @@ struct Played {
 
 /// Plays the first episodes of a run and gives the run up, whatever happens.
 async fn play(patient: &Patient, arena: &Arena, place: &Phase) -> Result<Played, Error> {
-    let options = RunOptions::new(&place.id, METHOD).method_version(env!("CARGO_PKG_VERSION")).order(order(place));
+    let options =
+        RunOptions::new(&place.id, METHOD).method_version(env!("CARGO_PKG_VERSION")).order(order(place));
     let run = arena.start_run(options).await?;
     let played = play_some(patient, arena, &run).await;
     let given_up = arena.cancel_run(&run.id).await;
@@ -94,18 +108,24 @@ fn tell(report: &mut Report, phase: &Phase, played: Played) {
     let per_s = step.count as f64 / sum_s.max(f64::EPSILON);
     let kib = observation_bytes as f64 / 1024.0;
     report.ok("practice", format!("{} episodes with {} steps, without a fault", begin.count, step.count));
-    report.ok("speed", format!(
-        "{per_s:.1} steps/s in one slot; a step takes {}, p95 {}; an observation has {kib:.0} KiB",
-        ms(step.median),
-        ms(step.p95)
-    ));
+    report.ok(
+        "speed",
+        format!(
+            "{per_s:.1} steps/s in one slot; a step takes {}, p95 {}; an observation has {kib:.0} KiB",
+            ms(step.median),
+            ms(step.p95)
+        ),
+    );
     let longest_s = f64::from(phase.episodes) * (begin.median + f64::from(max_steps) / per_s);
-    report.ok("run time", format!(
-        "at most {} with one slot, {} at best with {}; what the agent thinks comes on top",
-        span(longest_s),
-        span(longest_s / f64::from(phase.max_slots.max(1))),
-        phase.max_slots
-    ));
+    report.ok(
+        "run time",
+        format!(
+            "at most {} with one slot, {} at best with {}; what the agent thinks comes on top",
+            span(longest_s),
+            span(longest_s / f64::from(phase.max_slots.max(1))),
+            phase.max_slots
+        ),
+    );
     let measured = &mut report.measured;
     (measured.begin_s, measured.step_s) = (Some(begin), Some(step));
     measured.steps_per_s = Some(per_s);

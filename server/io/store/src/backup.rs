@@ -67,7 +67,8 @@ async fn read_only(path: &Path) -> Result<SqlitePool, StoreError> {
 
 async fn inspect(pool: &SqlitePool, path: &Path) -> Result<Inventory, StoreError> {
     let newest = "SELECT MAX(version) FROM _sqlx_migrations WHERE success";
-    let schema: i64 = sqlx::query_scalar(newest).fetch_one(pool).await.map_err(|error| explain(path, error))?;
+    let schema: i64 =
+        sqlx::query_scalar(newest).fetch_one(pool).await.map_err(|error| explain(path, error))?;
     if schema > SCHEMA_VERSION {
         return Err(StoreError::Newer { path: path.to_owned(), found: schema, known: SCHEMA_VERSION });
     }

@@ -45,6 +45,7 @@ pub use rescore::{Rescore, Rescored, ScoredEpisode};
 pub use reveal::{Promise, Revealed, pool_digest};
 pub use runs::{NewRun, Run, RunState, StartedRun};
 pub use views::{
-    Board, Census, EpisodeLine, EpisodeView, GoalView, LeaderboardRow, LeaderboardView, LogAccess, MissionView,
-    ModalityView, PhaseView, Pick, Reader, Replay, RunLine, RunView, SubmitMark, TargetView, Viewer,
+    Board, Census, EpisodeLine, EpisodeView, GoalView, LeaderboardRow, LeaderboardView, LogAccess,
+    MissionView, ModalityView, PhaseView, Pick, Reader, Replay, RunLine, RunView, SubmitMark, TargetView,
+    Viewer,
 };

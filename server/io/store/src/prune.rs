@@ -17,7 +17,8 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn runs_ended_before(&self, moment_unix_ms: i64) -> Result<Vec<String>, StoreError> {
-        let select = "SELECT id FROM runs WHERE state NOT IN ('created', 'running') AND finished_ms < $1 ORDER BY id";
+        let select =
+            "SELECT id FROM runs WHERE state NOT IN ('created', 'running') AND finished_ms < $1 ORDER BY id";
         Ok(sqlx::query_scalar(select).bind(moment_unix_ms).fetch_all(&self.read).await?)
     }
 

@@ -52,7 +52,8 @@ impl Store {
     /// When stored bytes are damaged or the database fails.
     pub async fn scored_episodes(&self, run: &str) -> Result<Vec<ScoredEpisode>, StoreError> {
         let mut tx = self.read.begin().await?;
-        let select = "SELECT ordinal, metrics FROM episodes WHERE run = $1 AND metrics IS NOT NULL ORDER BY ordinal";
+        let select =
+            "SELECT ordinal, metrics FROM episodes WHERE run = $1 AND metrics IS NOT NULL ORDER BY ordinal";
         let rows: Vec<(u32, String)> = sqlx::query_as(select).bind(run).fetch_all(&mut *tx).await?;
         let mut episodes = Vec::with_capacity(rows.len());
         for (ordinal, metrics) in rows {
@@ -80,10 +81,14 @@ impl Store {
         read_run(&mut tx, run).await?;
         let scores = full_scores(&mut tx, run).await?;
         if scores.len() != again.len() {
-            return Err(StoreError::damaged("run", format!("{} episodes count, {} were scored again", scores.len(), again.len())));
+            return Err(StoreError::damaged(
+                "run",
+                format!("{} episodes count, {} were scored again", scores.len(), again.len()),
+            ));
         }
         let before = summarise(&scores, INTERVAL_SEED);
-        let other = |(score, metrics): (EpisodeScore, &Metrics)| EpisodeScore { metrics: metrics.clone(), ..score };
+        let other =
+            |(score, metrics): (EpisodeScore, &Metrics)| EpisodeScore { metrics: metrics.clone(), ..score };
         let scores: Vec<_> = scores.into_iter().zip(again.values()).map(other).collect();
         let after = summarise(&scores, INTERVAL_SEED);
         let earlier = read_episodes(&mut tx, run, scorer).await?;
@@ -107,7 +112,8 @@ async fn read_episodes(
     scorer: &str,
 ) -> Result<Option<BTreeMap<u32, Metrics>>, StoreError> {
     let known = "SELECT 1 FROM rescores WHERE run = $1 AND scorer = $2";
-    let known: Option<i64> = sqlx::query_scalar(known).bind(run).bind(scorer).fetch_optional(&mut **tx).await?;
+    let known: Option<i64> =
+        sqlx::query_scalar(known).bind(run).bind(scorer).fetch_optional(&mut **tx).await?;
     if known.is_none() {
         return Ok(None);
     }
@@ -141,7 +147,8 @@ pub(crate) async fn read_rescores(
     run: &str,
 ) -> Result<Vec<Rescore>, StoreError> {
     let select = "SELECT scorer, scored_ms, summary FROM rescores WHERE run = $1 ORDER BY scored_ms, scorer";
-    let rows: Vec<(String, i64, Option<String>)> = sqlx::query_as(select).bind(run).fetch_all(&mut **tx).await?;
+    let rows: Vec<(String, i64, Option<String>)> =
+        sqlx::query_as(select).bind(run).fetch_all(&mut **tx).await?;
     let read = |(scorer, scored_unix_ms, summary): (String, i64, Option<String>)| {
         let summary = summary.map(|json| from_json("summary", &json)).transpose()?;
         Ok(Rescore { scorer, scored_unix_ms, summary })

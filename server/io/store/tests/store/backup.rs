@@ -9,7 +9,8 @@ async fn a_copy_is_made_while_somebody_writes_and_holds_one_moment() {
     arena.play("run_1", "walker", Order::Unordered, 2).await;
     arena.assign("run_1", "unused").await.ok_or(()).unwrap_err();
     let digests = Default::default();
-    let new = avln_store::NewRun { id: "run_2", token: "t", method: "slow", ..crate::fixture::new_run(&digests) };
+    let new =
+        avln_store::NewRun { id: "run_2", token: "t", method: "slow", ..crate::fixture::new_run(&digests) };
     arena.store.start_run(&new, 40).await.unwrap();
     arena.assign("run_2", "ep_first").await.expect("an episode");
     let to = arena.folder.path().join("copy.db");

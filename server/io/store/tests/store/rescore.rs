@@ -28,12 +28,19 @@ async fn both_scores_are_kept_and_the_first_is_never_changed() {
     assert_eq!((isr(&kept.before), isr(&kept.after), kept.is_new), (1.0, 0.5, true));
     let after = reader.run(&Viewer::Anonymous, "run_1").await.unwrap().unwrap();
     assert_eq!((&after.summary, &after.episodes), (&before.summary, &before.episodes));
-    let told: Vec<_> = after.rescores.iter().map(|rescore| (rescore.scorer.as_str(), isr(&rescore.summary))).collect();
+    let told: Vec<_> =
+        after.rescores.iter().map(|rescore| (rescore.scorer.as_str(), isr(&rescore.summary))).collect();
     assert_eq!(told, [("9.0.0", 0.5)]);
 
     assert!(!arena.store.rescore("run_1", "9.0.0", &again, true, 60).await.unwrap().is_new);
-    let first: BTreeMap<_, _> =
-        arena.store.scored_episodes("run_1").await.unwrap().into_iter().map(|e| (e.ordinal, e.metrics)).collect();
+    let first: BTreeMap<_, _> = arena
+        .store
+        .scored_episodes("run_1")
+        .await
+        .unwrap()
+        .into_iter()
+        .map(|e| (e.ordinal, e.metrics))
+        .collect();
     let refused = arena.store.rescore("run_1", "9.0.0", &first, true, 70).await.unwrap_err();
     assert!(matches!(refused, StoreError::Taken { .. }), "{refused}");
     let refused = arena.store.rescore("run_1", "9.0.1", &BTreeMap::new(), true, 70).await.unwrap_err();

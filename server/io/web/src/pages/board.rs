@@ -120,7 +120,8 @@ fn caption(view: &LeaderboardView) -> String {
 
 /// By which versions of the benchmark the entries were scored.
 fn scorers(rows: &[LeaderboardRow]) -> String {
-    let versions: BTreeSet<&str> = rows.iter().map(|row| row.scorer.as_str()).filter(|v| !v.is_empty()).collect();
+    let versions: BTreeSet<&str> =
+        rows.iter().map(|row| row.scorer.as_str()).filter(|v| !v.is_empty()).collect();
     let listed = versions.iter().copied().collect::<Vec<_>>().join(", ");
     match versions.len() {
         0 => String::new(),

@@ -11,9 +11,10 @@ async fn the_door_answers_over_a_socket_and_closes_when_told() {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
     let address = listener.local_addr().expect("an address");
     let (stop, stopped) = oneshot::channel::<()>();
-    let served = tokio::spawn(avln_web::serve(listener, arena.store.reader(), avln_web::Site::default(), async {
-        let _ = stopped.await;
-    }));
+    let served =
+        tokio::spawn(avln_web::serve(listener, arena.store.reader(), avln_web::Site::default(), async {
+            let _ = stopped.await;
+        }));
     let mut visitor = TcpStream::connect(address).await.expect("a connection");
     visitor
         .write_all(b"GET /healthz HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n")

@@ -56,7 +56,10 @@ impl Arena {
         let store = Store::open(&folder.path().join("arena.db")).await.expect("a new database");
         let router = avln_web::router(
             store.reader(),
-            Site { agents_port: 50051, logs: Some(SignedLogs { folder: folder.path().to_owned(), key: LOG_KEY.to_owned() }) },
+            Site {
+                agents_port: 50051,
+                logs: Some(SignedLogs { folder: folder.path().to_owned(), key: LOG_KEY.to_owned() }),
+            },
         );
         let arena = Self { folder, store, router };
         arena.furnish().await;
