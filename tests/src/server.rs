@@ -1,14 +1,14 @@
-//! The program of this build as a process, hosting a data folder.
+//! The program itself, hosting a folder in a process of its own.
 
 use std::{
     fs::File,
-    net::{SocketAddr, TcpListener},
+    net::SocketAddr,
     path::Path,
     process::{Child, Command, Stdio},
     time::Duration,
 };
 
-/// A server in a process of its own. It is killed when it is dropped.
+/// The program of this build, hosting a folder.
 pub struct Server {
     process: Child,
     /// Where agents connect.
@@ -18,16 +18,21 @@ pub struct Server {
 }
 
 impl Server {
-    /// Starts `program` on free ports over `folder`.
+    /// Starts `program` over `folder`, without waiting until it answers. Its log goes to `server.log` there.
     pub fn start(program: &str, folder: &Path) -> Self {
-        let free = || TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a free port");
+        Self::start_with(program, folder, &[])
+    }
+
+    /// The same with more options of `serve`.
+    pub fn start_with(program: &str, folder: &Path, options: &[&str]) -> Self {
+        let free =
+            || std::net::TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a free port");
         let (grpc, web) = (free(), free());
         let log = folder.join("server.log");
         let log = File::options().create(true).append(true).open(log).expect("a log of the server");
-        let addresses = [grpc, web].map(|address| address.to_string());
         let mut serve = Command::new(program);
-        serve.arg("--data").arg(folder).args(["serve", "--admin", "off"]);
-        serve.args(["--grpc", &addresses[0], "--web", &addresses[1]]);
+        serve.arg("--data").arg(folder).args(["serve", "--admin", "off"]).args(options);
+        serve.args(["--grpc", &grpc.to_string(), "--web", &web.to_string()]);
         let process = serve.stdout(Stdio::null()).stderr(log).spawn().expect("the program starts");
         Self { process, grpc, web }
     }
