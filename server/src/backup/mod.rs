@@ -54,7 +54,7 @@ pub async fn make(data: &Path, to: &Path) -> Result<Contents, Failure> {
     let folder = parent(to);
     let failed =
         |error: io::Error| Failure::new(FailureKind::Data, format!("cannot write {}: {error}", to.display()));
-    let work = tempfile::Builder::new().prefix(".avln-backup-").tempdir_in(folder).map_err(failed)?;
+    let work = workplace(".avln-backup-", folder).map_err(failed)?;
     let copy = work.path().join(DATABASE);
     let made_ms = now_unix_ms();
     copy_database(&database, &copy).await?;
@@ -74,6 +74,15 @@ fn taken(path: &Path) -> Failure {
 
 fn parent(path: &Path) -> &Path {
     path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// A folder for unfinished things beside their place, its owner's alone.
+fn workplace(prefix: &str, folder: &Path) -> io::Result<tempfile::TempDir> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(prefix);
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
+    builder.tempdir_in(folder)
 }
 
 /// Writes the archive beside its place, reads it back and puts it there.
@@ -160,7 +169,7 @@ pub async fn restore(from: &Path, to: &Path) -> Result<Contents, Failure> {
         ));
     }
     fs::create_dir_all(parent(to)).map_err(failed)?;
-    let work = tempfile::Builder::new().prefix(".avln-restore-").tempdir_in(parent(to)).map_err(failed)?;
+    let work = workplace(".avln-restore-", parent(to)).map_err(failed)?;
     let (backup, folder) = (from.to_owned(), work.path().to_owned());
     let unpacked = tokio::task::spawn_blocking(move || unpack(&backup, &folder)).await;
     let manifest = unpacked.map_err(|error| Failure::new(FailureKind::Internal, error))??;
