@@ -58,14 +58,16 @@ struct Pace {
     steps: AtomicU32,
     held: AtomicBool,
     hold_at: u32,
+    pause: Duration,
 }
 
 impl Pace {
-    const fn new(hold_at: u32) -> Self {
-        Self { steps: AtomicU32::new(0), held: AtomicBool::new(false), hold_at }
+    const fn new(hold_at: u32, pause: Duration) -> Self {
+        Self { steps: AtomicU32::new(0), held: AtomicBool::new(false), hold_at, pause }
     }
 
     async fn step(&self) {
+        tokio::time::sleep(self.pause).await;
         if self.steps.fetch_add(1, Ordering::AcqRel) + 1 == self.hold_at {
             self.held.store(true, Ordering::Release);
         }
@@ -116,9 +118,10 @@ async fn board(web: SocketAddr) -> String {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_server_that_is_played_on_goes_on_elsewhere() {
-    static CALM: Pace = Pace::new(u32::MAX);
-    static HELD: Pace = Pace::new(200);
-    static BUSY: Pace = Pace::new(u32::MAX);
+    static CALM: Pace = Pace::new(u32::MAX, Duration::ZERO);
+    static HELD: Pace = Pace::new(200, Duration::ZERO);
+    // Long enough for the backup to be made meanwhile.
+    static BUSY: Pace = Pace::new(u32::MAX, Duration::from_millis(10));
     let place = tempfile::tempdir().expect("a folder");
     let (old, new, file) =
         (place.path().join("old"), place.path().join("new"), place.path().join("backup.tar"));

@@ -276,7 +276,10 @@ mod tests {
     #[test]
     fn what_is_published_is_of_this_benchmark_and_of_every_reference_agent() {
         let published = published().unwrap();
-        assert!(is_current(&published), "publish anew: AVLN_BLESS=1 cargo test -p avln-tests --test calibration");
+        assert!(
+            is_current(&published),
+            "publish anew: AVLN_BLESS=1 cargo test -p avln-tests --test calibration"
+        );
         let agents: Vec<_> = published.runs.iter().map(|run| run.agent.as_str()).collect();
         assert_eq!(agents, Reference::ALL.map(Reference::name));
         assert!(published.runs.iter().all(|run| run.episodes.len() == HOUSES as usize * MISSIONS));
