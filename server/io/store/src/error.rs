@@ -129,6 +129,16 @@ pub enum StoreError {
     /// The team has no run left.
     #[error("{}", used_up(.0))]
     QuotaUsed(Box<Quota>),
+    /// One version of the benchmark said two things.
+    #[error(
+        "run '{run}' was scored again by benchmark {scorer} before, and otherwise than now; that program was not this one"
+    )]
+    ScoresDiffer {
+        /// The run.
+        run: String,
+        /// Version of the benchmark.
+        scorer: String,
+    },
     /// The run is over.
     #[error("run '{run}' is {state}; start another run")]
     RunOver {

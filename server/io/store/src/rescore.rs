@@ -95,8 +95,7 @@ impl Store {
         let is_new = keep && earlier.is_none();
         match earlier {
             Some(earlier) if earlier != *again => {
-                let name = format!("{run} by {scorer}");
-                return Err(StoreError::Taken { what: "scores of run", name });
+                return Err(StoreError::ScoresDiffer { run: run.to_owned(), scorer: scorer.to_owned() });
             }
             None if keep => write(&mut tx, (run, scorer), again, after.as_ref(), now_unix_ms).await?,
             _ => {}

@@ -42,7 +42,7 @@ async fn both_scores_are_kept_and_the_first_is_never_changed() {
         .map(|e| (e.ordinal, e.metrics))
         .collect();
     let refused = arena.store.rescore("run_1", "9.0.0", &first, true, 70).await.unwrap_err();
-    assert!(matches!(refused, StoreError::Taken { .. }), "{refused}");
+    assert!(matches!(refused, StoreError::ScoresDiffer { .. }), "{refused}");
     let refused = arena.store.rescore("run_1", "9.0.1", &BTreeMap::new(), true, 70).await.unwrap_err();
     assert!(refused.to_string().contains("4 episodes count, 0"), "{refused}");
 }
