@@ -164,7 +164,6 @@ async fn play_slot(mut play: Play, over: Arc<AtomicBool>, [steps, episodes]: [Ar
     while let Some(mut episode) = play.next_episode().await.expect("an episode") {
         while !episode.is_over() {
             if over.load(Ordering::Relaxed) {
-                drop(episode);
                 return play;
             }
             let turn = episode.observation().step.wrapping_mul(0x9e37_79b9) >> 28;

@@ -55,6 +55,5 @@ async fn turn_round(mut play: Play, steps: usize) -> Play {
     for _ in 0..steps {
         episode.step(Action::TurnLeft).await.expect("a step");
     }
-    drop(episode);
     play
 }

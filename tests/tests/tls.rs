@@ -39,7 +39,7 @@ impl Authority {
     }
 
     fn link(&self, packing: Packing) -> Link {
-        Link { ca: Some(self.file("ca.pem")), packing: Some(packing) }
+        Link { ca: Some(self.file("ca.pem")), packing: Some(packing), ..Link::default() }
     }
 }
 
