@@ -7,10 +7,11 @@ use sqlx::{
 use std::{path::Path, time::Duration};
 
 /// The newest schema that this program knows.
-pub const SCHEMA_VERSION: i64 = 4;
+pub const SCHEMA_VERSION: i64 = 5;
 
 /// The letters AVLN, which the first migration writes into the file.
 const APPLICATION_ID: i64 = 0x4156_4C4E;
+const BEGIN: &str = "BEGIN IMMEDIATE";
 const READERS: u32 = 4;
 pub(crate) const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -63,7 +64,15 @@ impl Store {
 
     /// A transaction that holds the right to write from its start. Dropped without commit, it leaves no trace.
     pub(crate) async fn begin(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
-        Ok(self.write.begin_with("BEGIN IMMEDIATE").await?)
+        match self.write.begin_with(BEGIN).await {
+            // A transaction that the database broke off by itself, for want of disk, leaves its connection in the belief that
+            // it goes on.
+            Err(sqlx::Error::InvalidSavePointStatement) => {
+                self.write.acquire().await?.close().await?;
+                Ok(self.write.begin_with(BEGIN).await?)
+            }
+            begun => Ok(begun?),
+        }
     }
 }
 
@@ -81,8 +90,14 @@ fn migrator() -> Migrator {
     let challenge = include_str!("../../../../migrations/0002_challenge.sql");
     let sealed = include_str!("../../../../migrations/0003_sealed.sql");
     let rescores = include_str!("../../../../migrations/0004_rescores.sql");
-    let steps =
-        [(1, "first", first), (2, "challenge", challenge), (3, "sealed", sealed), (4, "rescores", rescores)];
+    let deadlines = include_str!("../../../../migrations/0005_deadlines.sql");
+    let steps = [
+        (1, "first", first),
+        (2, "challenge", challenge),
+        (3, "sealed", sealed),
+        (4, "rescores", rescores),
+        (5, "deadlines", deadlines),
+    ];
     let migration = |(version, name, sql): (i64, &'static str, &'static str)| {
         Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)
     };
@@ -127,5 +142,28 @@ fn explain_migration(path: &Path, error: MigrateError) -> StoreError {
         }
         MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => explain(path, error),
         other => StoreError::Migration { path: path.to_owned(), reason: other.to_string() },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_database_without_room_can_be_written_again_when_there_is_some() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = Store::open(&folder.path().join("arena.db")).await.expect("a new database");
+        let pages: i64 =
+            sqlx::query_scalar("PRAGMA page_count").fetch_one(&store.write).await.expect("pages");
+        let mut tx = store.begin().await.expect("a transaction");
+        let full = format!("PRAGMA max_page_count = {}", pages + 1);
+        sqlx::query(sqlx::AssertSqlSafe(full)).execute(&mut *tx).await.expect("a limit");
+        let much = "INSERT INTO truths (digest, body) VALUES ('x', zeroblob(10000000))";
+        let refused = sqlx::query(much).execute(&mut *tx).await.expect_err("no room");
+        assert!(refused.to_string().contains("full"), "{refused}");
+        drop(tx);
+        let tx = store.begin().await.expect("another transaction, although the first was broken off");
+        tx.commit().await.expect("a disk");
+        store.note_alive(7).await.expect("it writes again");
     }
 }

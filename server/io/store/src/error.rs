@@ -88,6 +88,14 @@ pub enum StoreError {
     /// The phase is not over, so that its secret stays one.
     #[error("phase '{0}' is not closed; close it with avln phase close, or wait for its closing date")]
     NotClosed(String),
+    /// Runs of the phase go on, so that its secret stays one.
+    #[error("phase '{phase}' is still played by runs that began in time, until {} at the latest; reveal it then", rfc3339(*until_unix_ms))]
+    StillPlayed {
+        /// The phase.
+        phase: String,
+        /// When the last of them ends at the latest, milliseconds since 1970-01-01 UTC.
+        until_unix_ms: i64,
+    },
     /// The phase is for other teams' eyes.
     #[error(
         "phase '{phase}' is not for team '{team}'; ask the organiser, or choose a phase that ListPhases tells"

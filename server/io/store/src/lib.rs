@@ -23,6 +23,7 @@ mod rescore;
 mod reveal;
 mod runs;
 mod totals;
+mod uptime;
 mod views;
 mod words;
 
@@ -44,6 +45,7 @@ pub use quota::{Charge, Quota, QuotaWindow};
 pub use rescore::{Rescore, Rescored, ScoredEpisode};
 pub use reveal::{Promise, Revealed, pool_digest};
 pub use runs::{NewRun, Run, RunState, StartedRun};
+pub use uptime::MadeUp;
 pub use views::{
     Board, Census, EpisodeLine, EpisodeView, GoalView, LeaderboardRow, LeaderboardView, LogAccess,
     MissionView, ModalityView, PhaseView, Pick, Reader, Replay, RunLine, RunView, SubmitMark, TargetView,

@@ -134,7 +134,7 @@ impl Store {
     /// in a phase without one it is `handle`, a random one.
     ///
     /// # Errors
-    /// When the run is unknown or over, the handle was used before, or the database fails.
+    /// When the run is unknown, over or out of time, the handle was used before, or the database fails.
     pub async fn assign_next_episode(
         &self,
         run: &str,
@@ -145,6 +145,9 @@ impl Store {
         let found = read_run(&mut tx, run).await?;
         if !found.state.is_open() && found.state != RunState::Completed {
             return Err(StoreError::RunOver { run: run.to_owned(), state: found.state.as_str() });
+        }
+        if found.state.is_open() && found.is_overdue(now_unix_ms) {
+            return Err(StoreError::RunOver { run: run.to_owned(), state: RunState::Expired.as_str() });
         }
         let drawn = drawn_handle(&mut tx, &found).await?;
         let handle = drawn.as_deref().unwrap_or(handle);

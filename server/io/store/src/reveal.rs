@@ -109,7 +109,8 @@ impl Store {
     /// Publishes the values behind a phase's commitment. A phase that did so keeps the time.
     ///
     /// # Errors
-    /// When the phase is unknown, not closed at `now_unix_ms` or never committed, or the database fails.
+    /// When the phase is unknown, not closed at `now_unix_ms`, still played by runs that began in time or never committed, or the
+    /// database fails.
     pub async fn reveal_phase(
         &self,
         phase: &str,
@@ -121,6 +122,9 @@ impl Store {
         let read = read.ok_or_else(|| StoreError::unknown("phase", phase))?;
         if read.schedule.state(now_unix_ms) != crate::PhaseState::Closed {
             return Err(StoreError::NotClosed(phase.to_owned()));
+        }
+        if let Some(until_unix_ms) = played_until(&mut tx, phase, now_unix_ms).await? {
+            return Err(StoreError::StillPlayed { phase: phase.to_owned(), until_unix_ms });
         }
         let update = "UPDATE phase_secrets SET revealed_ms = $2 WHERE phase = $1 AND revealed_ms IS NULL";
         let changed = sqlx::query(update).bind(phase).bind(now_unix_ms).execute(&mut *tx).await?;
@@ -142,6 +146,17 @@ impl Store {
         let mut tx = self.read.begin().await?;
         read_promise(&mut tx, phase).await
     }
+}
+
+/// When the last run of a phase ends at the latest that has wall time left; `None` where none has.
+async fn played_until(
+    tx: &mut Transaction<'_, Sqlite>,
+    phase: &str,
+    now_unix_ms: i64,
+) -> Result<Option<i64>, StoreError> {
+    let select = "SELECT MAX(deadline_ms) FROM runs \
+                  WHERE phase = $1 AND state IN ('created', 'running') AND deadline_ms > $2";
+    Ok(sqlx::query_scalar(select).bind(phase).bind(now_unix_ms).fetch_one(&mut **tx).await?)
 }
 
 pub(crate) async fn read_promise(

@@ -55,6 +55,13 @@ impl Run {
     }
 }
 
+impl Run {
+    /// Whether its time is over at `now_unix_ms`.
+    pub fn is_overdue(&self, now_unix_ms: i64) -> bool {
+        self.deadline_unix_ms.is_some_and(|deadline| deadline <= now_unix_ms)
+    }
+}
+
 impl RunState {
     /// Whether episodes may still be handed out.
     pub fn is_open(self) -> bool {
@@ -125,6 +132,9 @@ pub struct Run {
     pub created_unix_ms: i64,
     /// When it ended.
     pub finished_unix_ms: Option<i64>,
+    /// When it ends at the latest: with its wall time or, where it has none, with its phase. `None` for never; in the past
+    /// where the organiser closed the phase by hand.
+    pub deadline_unix_ms: Option<i64>,
 }
 
 row! {
@@ -140,17 +150,28 @@ row! {
         digests: String,
         created_ms: i64,
         finished_ms: Option<i64>,
+        deadline_ms: Option<i64>,
         episodes: i64,
         done: i64,
     }
 }
 
+/// When run `r` of phase `p` ends at the latest; null for never.
+macro_rules! deadline {
+    () => {
+        "COALESCE(r.deadline_ms, CASE p.state WHEN 'closed' THEN r.created_ms ELSE p.closes_ms END)"
+    };
+}
+
 /// Reads runs; `$1` id, `$2` team, `$3` phase, `$4` state, each null for any.
-const SELECT_RUNS: &str = "SELECT r.id, r.phase, r.team, r.method, r.version, r.mission_order, r.state, r.sensors, \
-     r.digests, r.created_ms, r.finished_ms, r.episodes, s.scored + s.given_up AS done \
-     FROM runs r JOIN run_summaries s ON s.run = r.id \
+const SELECT_RUNS: &str = concat!(
+    "SELECT r.id, r.phase, r.team, r.method, r.version, r.mission_order, r.state, r.sensors, \
+     r.digests, r.created_ms, r.finished_ms, r.episodes, s.scored + s.given_up AS done, ",
+    deadline!(),
+    " AS deadline_ms FROM runs r JOIN run_summaries s ON s.run = r.id JOIN phases p ON p.id = r.phase \
      WHERE ($1 IS NULL OR r.id = $1) AND ($2 IS NULL OR r.team = $2) AND ($3 IS NULL OR r.phase = $3) \
-     AND ($4 IS NULL OR r.state = $4) ORDER BY r.created_ms DESC, r.id";
+     AND ($4 IS NULL OR r.state = $4) ORDER BY r.created_ms DESC, r.id"
+);
 
 /// Which runs are wanted; `None` for any.
 #[derive(Clone, Copy, Debug, Default)]
@@ -245,6 +266,19 @@ impl Store {
         read_runs(&mut tx, &RunFilter { team: Some(team), ..RunFilter::default() }).await
     }
 
+    /// The open runs whose time is over, by id.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn overdue(&self, now_unix_ms: i64) -> Result<Vec<String>, StoreError> {
+        let select = concat!(
+            "SELECT r.id FROM runs r JOIN phases p ON p.id = r.phase WHERE r.state IN ('created', 'running') AND ",
+            deadline!(),
+            " <= $1 ORDER BY r.id"
+        );
+        Ok(sqlx::query_scalar(select).bind(now_unix_ms).fetch_all(&self.read).await?)
+    }
+
     /// The runs that may still be played, the newest first.
     ///
     /// # Errors
@@ -337,7 +371,8 @@ async fn insert_run(
     now_unix_ms: i64,
 ) -> Result<(), StoreError> {
     let insert = "INSERT INTO runs (id, phase, team, method, version, mission_order, state, client_request_id, digests, \
-                  created_ms, episodes) VALUES ($1, $2, $3, $4, $5, $6, 'created', $7, $8, $9, $10)";
+                  created_ms, episodes, deadline_ms) VALUES ($1, $2, $3, $4, $5, $6, 'created', $7, $8, $9, $10, $11)";
+    let wall_ms = (phase.time.run_s > 0).then(|| 1000 * i64::from(phase.time.run_s));
     sqlx::query(insert)
         .bind(new.id)
         .bind(new.phase)
@@ -349,6 +384,7 @@ async fn insert_run(
         .bind(to_json("digests", new.digests)?)
         .bind(now_unix_ms)
         .bind(phase.episodes_of_run())
+        .bind(wall_ms.map(|wall_ms| now_unix_ms.saturating_add(wall_ms)))
         .execute(&mut **tx)
         .await?;
     insert_episodes(tx, new.id, phase).await?;
@@ -416,6 +452,7 @@ impl RunRow {
             version: self.version,
             created_unix_ms: self.created_ms,
             finished_unix_ms: self.finished_ms,
+            deadline_unix_ms: self.deadline_ms,
         })
     }
 }

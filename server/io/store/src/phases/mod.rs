@@ -22,7 +22,8 @@ pub enum Visibility {
 }
 words!(Visibility, "visibility", { Public => "public", Team => "team", Organiser => "organiser" });
 
-/// Whether runs may start at a given moment. Runs that were started may go on in every state.
+/// Whether runs may start at a given moment. Runs that were started have their wall time in every state; those without one
+/// end when the phase closes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PhaseState {

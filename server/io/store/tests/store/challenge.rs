@@ -1,6 +1,7 @@
 //! When phases take runs, from whom, which episodes they draw, what was promised, and the list of changes.
 
 use crate::fixture::{Arena, TEAM, new_run, phase};
+use avln_episode::TimeLimits;
 use avln_store::{
     Admission, AuditNote, Member, NewRun, NewToken, Phase, Sample, Sampling, Schedule, StartedRun, Store,
     StoreError, TokenKind, TokenState, Viewer, Visibility, pool_digest,
@@ -22,7 +23,8 @@ fn note(what: &str) -> AuditNote {
 #[tokio::test]
 async fn runs_start_between_the_dates_and_not_in_a_pause() {
     let schedule = Schedule { opens_unix_ms: Some(10), closes_unix_ms: Some(20), ..Schedule::default() };
-    let mut dated = Phase { schedule, ..phase("practice", 2) };
+    let time = TimeLimits { run_s: 1, ..TimeLimits::default() };
+    let mut dated = Phase { schedule, time, ..phase("practice", 2) };
     let arena = Arena::new(&dated).await;
     let early = start(&arena.store, "run_0", 9).await;
     assert!(matches!(early, Err(StoreError::PhaseNotOpen { opens_unix_ms: 10, .. })), "{early:?}");
@@ -32,7 +34,7 @@ async fn runs_start_between_the_dates_and_not_in_a_pause() {
     let paused = start(&arena.store, "run_2", 12).await.expect_err("a pause");
     assert!(paused.to_string().contains("the roof leaks"), "{paused}");
     assert!(matches!(start(&arena.store, "run_2", 20).await, Err(StoreError::PhaseClosed(_))));
-    // A run that was started in time goes on.
+    // A run that was started in time has its whole wall time.
     assert!(arena.assign("run_1", "h").await.is_some());
 }
 

@@ -11,4 +11,5 @@ mod quota;
 mod rescore;
 mod schema;
 mod start;
+mod uptime;
 mod visibility;

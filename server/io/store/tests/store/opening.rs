@@ -1,7 +1,7 @@
 //! Files that cannot be opened.
 
 use crate::fixture::{Arena, phase};
-use avln_store::{SCHEMA_VERSION, Store, StoreError};
+use avln_store::{Phase, SCHEMA_VERSION, Schedule, Store, StoreError};
 use sqlx::{ConnectOptions, Connection, sqlite::SqliteConnectOptions};
 use std::path::Path;
 
@@ -89,6 +89,8 @@ async fn a_database_of_the_first_schema_keeps_its_runs_tokens_and_quotas() {
     assert_eq!((phase.quotas.total, phase.schedule.closed, phase.quotas.day), (Some(7), true, None));
     let run = store.run("run_1").await.expect("the run");
     assert_eq!((run.team.as_str(), run.episodes), ("red", 1));
+    assert!(run.is_overdue(2), "it has no wall time, and its phase is closed");
+    store.upsert_phase(&Phase { schedule: Schedule::default(), ..phase }, 2).await.expect("open again");
     assert!(store.assign_next_episode("run_1", "h", 2).await.expect("an open run").is_some());
     assert_eq!(store.revoke_tokens("red", 3).await.expect("tokens"), 1);
 }
