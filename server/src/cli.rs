@@ -94,6 +94,8 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
             .hinted("use a level such as info, or target=level pairs separated by commas")
     })?;
     let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    // A log that cannot be written, on a full disk, must not take the server down.
+    let subscriber = subscriber.log_internal_errors(false);
     // A second subscriber in one process (a test) keeps the first.
     let _ = subscriber.try_init();
     match cli.command {

@@ -5,7 +5,9 @@ use crate::{
     admin::{self, Desk},
     arena::Arena,
 };
-use avln_grpc::{Control, Limits};
+use avln_grpc::Control;
+/// What [`Doors::with_limits`] changes.
+pub use avln_grpc::Limits;
 use avln_store::Reader;
 use avln_tls::{Identity, Listener, Protocol};
 use avln_web::Site;
@@ -58,6 +60,7 @@ pub struct Doors {
     web: TcpListener,
     admin: Option<TcpListener>,
     identity: Option<Identity>,
+    limits: Limits,
 }
 
 /// Both doors, open.
@@ -93,7 +96,7 @@ impl Doors {
         }
         let grpc = listen(addresses.grpc, "agents (gRPC)", "--grpc").await?;
         let web = listen(addresses.web, "the leaderboard (web)", "--web").await?;
-        Ok(Self { grpc, web, admin: None, identity })
+        Ok(Self { grpc, web, admin: None, identity, limits: Limits::default() })
     }
 
     /// The same with a door for the operator, which is on this machine alone: it stops the server.
@@ -108,6 +111,11 @@ impl Doors {
         }
         let admin = listen(address, "the operator", "--admin").await?;
         Ok(Self { admin: Some(admin), ..self })
+    }
+
+    /// The same with other limits of the agents' door.
+    pub fn with_limits(self, change: impl FnOnce(Limits) -> Limits) -> Self {
+        Self { limits: change(self.limits), ..self }
     }
 
     /// Serves the arena through the doors.
@@ -132,7 +140,7 @@ impl Doors {
         }
         let control = arena.control().clone();
         let site = Site { agents_port: grpc.port(), logs: Some(arena.signed_logs()) };
-        let agents = avln_grpc::serve(agents_door, arena, Limits::default(), until(stopped.clone()));
+        let agents = avln_grpc::serve(agents_door, arena, self.limits, until(stopped.clone()));
         tasks.spawn(async { agents.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
         let people = avln_web::serve(peoples_door, reader, site, until(stopped));
         tasks.spawn(async { people.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });

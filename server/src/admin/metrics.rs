@@ -17,6 +17,11 @@ pub(super) fn text(arena: &Arena, census: &Census) -> String {
     played(&mut page, &seen);
     page.family("avln_scene_bytes", "gauge", "Memory of scenes that are ready.");
     page.line("avln_scene_bytes", "", arena.scene_bytes());
+    let watchdog = arena.control().watchdog();
+    page.family("avln_hanging", "gauge", "Threads that were given up and still simulate.");
+    page.line("avln_hanging", "", watchdog.hanging());
+    page.family("avln_given_up_total", "counter", "Simulations that were given up since the server started.");
+    page.line("avln_given_up_total", "", watchdog.given_up());
     page.family(
         "avln_faults_total",
         "counter",

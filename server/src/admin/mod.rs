@@ -55,6 +55,8 @@ pub struct Status {
     pub steps: u64,
     /// Bytes of scenes that are ready.
     pub scene_bytes: usize,
+    /// Threads that simulate something without end; no run starts while there are several.
+    pub hanging: usize,
 }
 
 /// A slot that holds an episode.
@@ -161,6 +163,7 @@ fn status_of(desk: &Desk) -> Status {
         slots: seen.slots.into_iter().map(slot).collect(),
         steps: seen.steps,
         scene_bytes: desk.arena.scene_bytes(),
+        hanging: desk.control().watchdog().hanging(),
     }
 }
 
@@ -175,7 +178,11 @@ async fn drain(
             format!("a drain has a reason and 0 to {MAX_DRAIN_MINUTES} minutes; got {minutes} minutes");
         return Err(Refused(StatusCode::UNPROCESSABLE_ENTITY, words));
     }
-    desk.control().drain(&reason, Duration::from_secs(60 * u64::from(minutes)));
+    let patience = Duration::from_secs(60 * u64::from(minutes));
+    desk.arena
+        .drain(&reason, patience)
+        .await
+        .map_err(|failure| Refused(StatusCode::INTERNAL_SERVER_ERROR, failure.to_string()))?;
     avln_web::announce(&desk.control().announcement());
     tracing::warn!(reason, minutes, "draining");
     Ok(Json(status_of(&desk)))

@@ -11,13 +11,12 @@ impl Arena {
     pub(super) fn look_ahead(&self, run: &str, stage: &Arc<Stage>) {
         let (run, stage, store) = (run.to_owned(), stage.clone(), self.store.clone());
         let (scenes, turns) = (self.scenes.clone(), self.ahead.clone());
+        let (watchdog, limit) = (self.control().watchdog().clone(), self.budget.preparation);
         tokio::spawn(async move {
-            let Ok(turn) = turns.acquire_owned().await else { return };
+            let Ok(_turn) = turns.acquire_owned().await else { return };
             let next = store.next_pending(&run).await;
-            let done = tokio::task::spawn_blocking(move || {
-                let _turn = turn;
-                next?.map_or(Ok(None), |episode| get_ready(&stage, &scenes, &episode))
-            });
+            let get_ready = move || next?.map_or(Ok(None), |episode| get_ready(&stage, &scenes, &episode));
+            let done = watchdog.run(limit, get_ready);
             let stored = match done.await {
                 Ok(Ok(Some(map))) => store.upsert_scene(&map).await.map_err(Failure::from),
                 Ok(Ok(None)) => Ok(()),

@@ -10,7 +10,7 @@ use avln_grpc::{
     Account, ClientRange, Control, Digests, EpisodeOutcome, Host, Interrupted, OpenRun, PhaseInfo, Quota,
     Reason, Refusal, RunRequest, RunStatus, RunTicket, Seat, ServerInfo, StoredEnd,
 };
-use avln_store::{NewRun, Run, Token, TokenState, Viewer};
+use avln_store::{NewRun, Run, RunState, RunView, Token, TokenState, Viewer};
 use std::{collections::BTreeMap, sync::Arc};
 
 #[avln_grpc::async_trait]
@@ -76,7 +76,7 @@ impl Host for Arena {
         let own = view.filter(|view| view.line.team == account.team);
         let own =
             own.ok_or_else(|| Refusal::new(Reason::RunUnknown, format!("the team has no run '{run}'")))?;
-        Ok(status(own, self.store.charge(run).await.map_err(refusal)?))
+        self.status(own).await
     }
 
     async fn runs(&self, account: &Account) -> Result<Vec<RunStatus>, Refusal> {
@@ -122,24 +122,52 @@ impl Host for Arena {
         self.restore_run(run).await
     }
 
+    async fn lose(&self, run: &str, handle: &str, ticket: u64) -> Result<(), Refusal> {
+        self.lose_seat(run, handle, ticket).await
+    }
+
+    async fn overdue(&self) -> Result<Vec<String>, Refusal> {
+        self.overdue_now().await
+    }
+
+    async fn expire_run(&self, run: &str) -> Result<(), Refusal> {
+        let ended = self.store.end_run(run, RunState::Expired, now_unix_ms()).await.map_err(refusal)?;
+        self.sign_if_over(&ended).await;
+        Ok(())
+    }
+
     async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal> {
         let finished = self.store.finish_run(run, now_unix_ms()).await.map_err(refusal)?;
         self.sign_if_over(&finished).await;
         let view = self.store.reader().run(&Viewer::Team(finished.team), run).await.map_err(refusal)?;
         let view =
             view.ok_or_else(|| Refusal::internal(format!("run {run} went away while it was finished")))?;
-        Ok(status(view, self.store.charge(run).await.map_err(refusal)?))
+        self.status(view).await
     }
 }
 
 impl Arena {
+    /// A run as its own team may see it.
+    async fn status(&self, view: RunView) -> Result<RunStatus, Refusal> {
+        let charge = self.store.charge(&view.line.run).await.map_err(refusal)?;
+        let run = self.store.run(&view.line.run).await.map_err(refusal)?;
+        let deadline_unix_ms = run.deadline_unix_ms.filter(|_| run.state.is_open());
+        Ok(RunStatus { deadline_unix_ms, ..status(view, charge) })
+    }
+
     /// What whoever plays the run may know of it.
     pub(super) async fn describe(&self, run: &Run) -> Result<OpenRun, Refusal> {
         let stage = self.stage(&run.phase).await?;
         Ok(OpenRun {
             run: run.id.clone(),
+            team: run.team.clone(),
             time: stage.phase.time,
-            over: (!run.state.is_open()).then(|| run.state.as_str().to_owned()),
+            deadline_unix_ms: run.deadline_unix_ms,
+            over: match run.state {
+                state if !state.is_open() => Some(state.as_str().to_owned()),
+                _ if run.is_overdue(now_unix_ms()) => Some(RunState::Expired.as_str().to_owned()),
+                _ => None,
+            },
             max_slots: stage.phase.max_slots,
             rules: stage.rules().clone(),
             sensors: stage.phase.sensors.clone(),

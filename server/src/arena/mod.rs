@@ -4,7 +4,10 @@
 //! back and stores it.
 
 mod ahead;
+pub mod budget;
 pub mod data;
+mod disturb;
+mod heart;
 mod host;
 mod play;
 mod refusals;
@@ -25,13 +28,17 @@ use crate::{
     runlog::{RunLogs, SigningKey},
 };
 use avln_grpc::Control;
-use avln_store::Store;
+use avln_store::{MadeUp, Store};
 use avln_web::SignedLogs;
+use budget::Budget;
 use data::DataFolder;
+use disturb::Disturb;
+use heart::Heart;
 pub use replayer::Replayer;
 use scenes::SceneCache;
 use stages::{Stage, Stages};
 use std::{
+    collections::BTreeSet,
     sync::{Arc, Mutex},
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
@@ -58,7 +65,14 @@ pub struct Arena {
     /// Who prepares an episode ahead of time: one after the other, so that the others can play.
     ahead: Arc<Semaphore>,
     control: Control,
+    budget: Budget,
+    heart: Heart,
+    /// Episodes, by run and handle, that could neither be stored nor taken back.
+    owed: Mutex<Owed>,
+    disturb: Option<Disturb>,
 }
+
+type Owed = BTreeSet<(String, String)>;
 
 impl Arena {
     /// Reads the phases of the data folder and their splits. Scenes stay ready in
@@ -74,7 +88,48 @@ impl Arena {
         keep_safe(&logs);
         let key = Arc::new(data.signing_key()?);
         let (playing, ahead) = (Mutex::default(), Arc::new(Semaphore::new(1)));
-        Ok(Self { store, stages, scenes, playing, logs, key, control: Control::default(), ahead })
+        let (control, budget, heart) = (Control::default(), Budget::default(), Heart::new());
+        let made_up = store.make_up(now_unix_ms()).await?;
+        if made_up != MadeUp::default() {
+            let MadeUp { away_ms, runs, phases } = made_up;
+            tracing::info!(away_ms, runs, ?phases, "the server was away; what that took is given back");
+        }
+        Ok(Self {
+            store,
+            stages,
+            scenes,
+            playing,
+            logs,
+            key,
+            ahead,
+            control,
+            budget,
+            heart,
+            owed: Mutex::default(),
+            disturb: None,
+        })
+    }
+
+    /// The same with another budget for each session.
+    pub fn with_budget(self, budget: Budget) -> Self {
+        Self { budget, ..self }
+    }
+
+    /// The same with a simulator that fails as somebody wishes, so that one can see what that costs: before each step `disturb`
+    /// is called on the simulator's thread, with the number of steps that the episode has taken.
+    pub fn disturbed(self, disturb: impl Fn(u32) + Send + Sync + 'static) -> Self {
+        Self { disturb: Some(Arc::new(disturb)), ..self }
+    }
+
+    /// Begins nothing new from now on and gives open episodes `patience` to end. What the time until the next server starts takes
+    /// from runs and phases is given back then.
+    ///
+    /// # Errors
+    /// When the database fails; then the server goes on.
+    pub async fn drain(&self, reason: &str, patience: Duration) -> Result<(), Failure> {
+        self.store.note_drain(reason, now_unix_ms()).await?;
+        self.control.drain(reason, patience);
+        Ok(())
     }
 
     /// The operator's hold on what is played.

@@ -1,16 +1,19 @@
 //! Handing out episodes and taking them back.
 
-use super::{Arena, Stage, now_unix_ms, refusals::refusal, secret};
+use super::{
+    Arena, Owed, Stage, budget::Holding, disturb::Disturbed, now_unix_ms, refusals::refusal, secret,
+};
 use crate::runlog::{Entry, RunLog, SlotLog};
 use avln_episode::{EndReason, Order, Sensors};
-use avln_grpc::{EpisodeOutcome, Reason, Refusal, Seat, StoredEnd, TimeSpent};
+use avln_grpc::{EpisodeOutcome, EpisodeRunner, Reason, Refusal, Seat, StoredEnd, TimeSpent};
 use avln_referee::{Referee, RefereeError};
 use avln_scoring::{Metrics, score};
 use avln_store::{Assigned, EpisodeState, Finished, Run, Scene, TimeAccount, Visibility};
 use avln_truth::{EpisodeTruth, Record};
+use avln_world::SceneAssets;
 use std::{
     collections::BTreeMap,
-    sync::{Arc, PoisonError},
+    sync::{Arc, MutexGuard, PoisonError},
 };
 
 /// Episodes that were handed out and have not come back.
@@ -22,6 +25,8 @@ pub(super) struct Playing {
 
 /// What is known of an episode that was handed out.
 pub(super) struct Played {
+    pub(super) run: String,
+    pub(super) holding: Holding,
     pub(super) stage: Arc<Stage>,
     pub(super) log: Arc<RunLog>,
     pub(super) slot: u32,
@@ -29,6 +34,13 @@ pub(super) struct Played {
     pub(super) taken_up: bool,
     /// Whether its end is written in the log.
     pub(super) ended: bool,
+}
+
+impl Playing {
+    /// What the open episodes of a run hold.
+    pub(super) fn of_run(&self, run: &str) -> impl Iterator<Item = &Holding> {
+        self.played.values().filter(move |played| played.run == run).map(|played| &played.holding)
+    }
 }
 
 impl Arena {
@@ -76,8 +88,9 @@ impl Arena {
             at_ms: now_unix_ms(),
         };
         log.write(&began).map_err(Refusal::internal)?;
-        let referee = self.seat(stage, assigned.episode, run.order, sensors.clone()).await?;
-        let played = Played { stage: stage.clone(), log, slot, taken_up: false, ended: false };
+        let (referee, holding) = self.seat(run, stage, assigned.episode, sensors.clone()).await?;
+        let (stage, run) = (stage.clone(), run.id.clone());
+        let played = Played { run, holding, stage, log, slot, taken_up: false, ended: false };
         Ok(self.seat_of(assigned.handle, referee, played))
     }
 
@@ -98,24 +111,48 @@ impl Arena {
     pub(super) fn seat_of(&self, handle: String, referee: Referee, played: Played) -> Seat {
         let log = Box::new(SlotLog { log: played.log.clone(), slot: played.slot, taken_up: played.taken_up });
         let ticket = self.take_ticket(played);
-        Seat { handle, referee: Box::new(referee), ticket, log, time: TimeSpent::default() }
+        let referee: Box<dyn EpisodeRunner> = Box::new(referee);
+        let referee = match &self.disturb {
+            Some(disturb) => Box::new(Disturbed { inner: referee, disturb: disturb.clone() }),
+            None => referee,
+        };
+        Seat { handle, referee, ticket, log, time: TimeSpent::default() }
     }
 
-    /// A referee for an episode, made on a blocking thread; stores the scene's map when the scene was made for it.
+    /// A referee for an episode, made on a thread that may hang, within the memory of its session; stores the scene's map when
+    /// the scene was made for it.
     pub(super) async fn seat(
         &self,
+        run: &Run,
         stage: &Arc<Stage>,
         episode: String,
-        order: Order,
         sensors: Sensors,
-    ) -> Result<Referee, Refusal> {
-        let (stage, scenes) = (stage.clone(), self.scenes.clone());
-        let make = move || make_referee(&stage, &scenes, &episode, order, sensors);
-        let (referee, map) = tokio::task::spawn_blocking(make).await.map_err(Refusal::internal)??;
+    ) -> Result<(Referee, Holding), Refusal> {
+        let (stage, scenes, order, budget) = (stage.clone(), self.scenes.clone(), run.order, self.budget);
+        let sees = sensors.rgb || sensors.depth;
+        let make = move || {
+            budget.check_file(stage.scene_file_bytes(&episode).map_err(Refusal::internal)?)?;
+            let made = make_referee(&stage, &scenes, &episode, order, sensors)?;
+            if sees {
+                made.scene.prepare_pictures();
+            }
+            Ok::<_, Refusal>(made)
+        };
+        let made = self.control().watchdog().run(self.budget.preparation, make).await;
+        let Made { referee, scene, map } =
+            made.map_err(|lost| Refusal::new(Reason::SimFault, lost.to_string()))??;
         if let Some(map) = map {
             self.store.upsert_scene(&map).await.map_err(refusal)?;
         }
-        Ok(referee)
+        let holding = Holding::of(scene, &referee);
+        self.check_memory(&run.id, &holding)?;
+        Ok((referee, holding))
+    }
+
+    /// Takes back an episode that hangs: it is played again.
+    pub(super) async fn lose_seat(&self, run: &str, handle: &str, ticket: u64) -> Result<(), Refusal> {
+        self.return_ticket(ticket);
+        self.store.take_back(run, handle, now_unix_ms()).await.map_err(refusal).map(drop)
     }
 
     /// Scores what happened, writes it down and stores it in one transaction. What cannot be stored is played again.
@@ -126,10 +163,27 @@ impl Arena {
     ) -> Result<Option<EpisodeOutcome>, Refusal> {
         let handle = seat.handle.clone();
         let concluded = self.try_conclude(run, seat).await;
-        if concluded.is_err() && !self.store.take_back(run, &handle, now_unix_ms()).await.unwrap_or(false) {
-            tracing::error!(run, handle, "an episode that could not be stored could not be taken back");
+        if concluded.is_err()
+            && let Err(error) = self.store.take_back(run, &handle, now_unix_ms()).await
+        {
+            tracing::error!(run, handle, %error, "an episode that could not be stored is taken back later");
+            self.owed().insert((run.to_owned(), handle));
         }
         concluded
+    }
+
+    fn owed(&self) -> MutexGuard<'_, Owed> {
+        self.owed.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes back what could not be taken back before.
+    pub(super) async fn settle_debts(&self) -> Result<(), Refusal> {
+        loop {
+            let Some(first) = self.owed().first().cloned() else { return Ok(()) };
+            let (run, handle) = &first;
+            self.store.take_back(run, handle, now_unix_ms()).await.map_err(refusal)?;
+            self.owed().remove(&first);
+        }
     }
 
     async fn try_conclude(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal> {
@@ -231,24 +285,31 @@ fn check_sensors(most: &Sensors, asked: &Sensors) -> Result<(), Refusal> {
     Err(Refusal::new(Reason::SensorNotAllowed, message))
 }
 
-/// Reads the mission and makes a referee for it; and the scene's map, when the scene was made for it.
+/// A referee, the scene that it plays in, and the scene's map when the scene was made for it.
+pub(super) struct Made {
+    pub(super) referee: Referee,
+    scene: Arc<SceneAssets>,
+    map: Option<Scene>,
+}
+
+/// Reads the mission and makes a referee for it.
 pub(super) fn make_referee(
     stage: &Stage,
     scenes: &super::scenes::SceneCache,
     episode: &str,
     order: Order,
     sensors: Sensors,
-) -> Result<(Referee, Option<Scene>), Refusal> {
+) -> Result<Made, Refusal> {
     let spec = stage.episode(episode).map_err(Refusal::internal)?;
     let (assets, map) = stage.scene(&spec.scene, scenes).map_err(Refusal::internal)?;
     let mission = spec.mission(&assets, stage.rules(), order);
     let (truth, rules) = (spec.truth(order), stage.rules().clone());
-    let referee = Referee::new(assets, mission, truth, rules, sensors, &stage.audio);
+    let referee = Referee::new(assets.clone(), mission, truth, rules, sensors, &stage.audio);
     let referee = referee.map_err(|error| match error {
         RefereeError::Sensors(error) => Refusal::new(Reason::BadRequest, error.to_string()),
         other => Refusal::internal(other),
     })?;
-    Ok((referee, map))
+    Ok(Made { referee, scene: assets, map })
 }
 
 /// The door's measurements as they are stored.

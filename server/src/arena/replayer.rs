@@ -51,7 +51,7 @@ impl Replayer {
     pub fn replay(&self, history: &EpisodeHistory) -> Result<Option<Metrics>, String> {
         let blind = Sensors { rgb: false, depth: false, audio: false, ..Sensors::all(64, 64) };
         let referee = make_referee(&self.stage, &self.scenes, &history.episode, self.order, blind);
-        let (mut referee, _) = referee.map_err(|refusal| refusal.message)?;
+        let mut referee = referee.map_err(|refusal| refusal.message)?.referee;
         referee.replay(&history.taken).map_err(|error| error.to_string())?;
         let Some((end, _)) = history.ended else { return Ok(None) };
         referee.truncate(end);

@@ -86,13 +86,15 @@ impl Arena {
         let handle = lost.handle.clone();
         let taken_up = Entry::TakenUp { slot, handle: handle.clone(), at_ms: now_unix_ms() };
         log.write(&taken_up).and_then(|()| log.sync()).map_err(Refusal::internal)?;
-        let referee = self.seat(stage, lost.episode.clone(), run.order, history.sensors.clone()).await?;
+        let (referee, holding) = self.seat(run, stage, lost.episode.clone(), history.sensors.clone()).await?;
         let bank = history.bank_left.unwrap_or(Duration::from_millis(u64::from(stage.phase.time.bank_ms)));
-        let replayed = spawn_blocking(move || replay(referee, &history));
+        let replayed =
+            self.control().watchdog().run(self.budget.preparation, move || replay(referee, &history));
         let (referee, last) = replayed.await.map_err(Refusal::internal)??;
         log.write(&Entry::Stands { slot, at_ms: now_unix_ms() }).map_err(Refusal::internal)?;
-        let seat =
-            self.seat_of(handle, referee, Played { stage: stage.clone(), log, slot, taken_up: true, ended });
+        let (stage, run) = (stage.clone(), run.id.clone());
+        let played = Played { run, holding, stage, log, slot, taken_up: true, ended };
+        let seat = self.seat_of(handle, referee, played);
         Ok(Restored { slot, seat, last, bank_left: bank })
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{BENCHMARK_VERSION, data::DataFolder, now_unix_ms, register, scenes::SceneCache, secret};
 use crate::{Failure, FailureKind, dataset::SplitFolder};
-use avln_dataset::EpisodeSpec;
+use avln_dataset::{EpisodeSpec, SceneSource};
 use avln_episode::Rules;
 use avln_referee::Audio;
 use avln_store::{Phase, PhaseEpisode, Scene, Store};
@@ -113,6 +113,14 @@ impl Stage {
         let missing =
             || Failure::new(FailureKind::Scene, format!("no episode {id} in split '{}'", self.phase.split));
         self.split.episode(id)?.ok_or_else(missing)
+    }
+
+    /// Bytes of the file that the scene of an episode is read from; 0 where there is none, or where it cannot be looked at.
+    pub(super) fn scene_file_bytes(&self, episode: &str) -> Result<u64, Failure> {
+        let scene = self.episode(episode)?.scene;
+        let source = self.split.scene(&scene).map(|spec| spec.source);
+        let Some(SceneSource::File { path }) = source else { return Ok(0) };
+        Ok(std::fs::metadata(path).map_or(0, |file| file.len()))
     }
 
     /// The scene called `name`, ready for the phase's rules, and its map if it was made now.

@@ -101,6 +101,7 @@ pub(super) fn status(view: RunView, charge: Charge) -> RunStatus {
         sealed,
         charged: charge.charged,
         charge_reason: charge.reason.to_owned(),
+        deadline_unix_ms: None,
         run: line.run,
         phase: line.phase,
         method: line.method,

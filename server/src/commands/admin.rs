@@ -85,6 +85,9 @@ fn show(status: &Status) {
     }
     say!("steps    {}", status.steps);
     say!("scenes   {} MiB", status.scene_bytes >> 20);
+    if status.hanging > 0 {
+        say!("hanging  {} simulations; start the server again when it suits", status.hanging);
+    }
     say!("playing  {} episodes", status.slots.len());
     for slot in &status.slots {
         say!("  {} slot {} step {}", slot.run, slot.slot, slot.step);

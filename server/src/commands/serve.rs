@@ -3,10 +3,15 @@
 use crate::say::say;
 use crate::{
     Failure, FailureKind,
-    arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
+    arena::{
+        Arena, SCENE_MEMORY_MIB,
+        budget::{Budget, SESSION_MEMORY_MIB},
+        data::DataFolder,
+    },
     doors::{Addresses, Doors, Security},
 };
-use std::{net::SocketAddr, path::Path, str::FromStr, sync::Arc};
+use avln_grpc::Limits;
+use std::{net::SocketAddr, path::Path, str::FromStr, sync::Arc, time::Duration};
 
 /// How to host.
 #[derive(Clone, Debug, clap::Args)]
@@ -23,6 +28,15 @@ pub struct Options {
     /// Memory for scenes that are ready, MiB; those that are being played stay even if they take more
     #[arg(long, value_name = "MIB", default_value_t = SCENE_MEMORY_MIB)]
     pub scene_memory: u32,
+    /// Memory for the open episodes of one session, MiB: their scenes, ears and frames; an episode that would take more counts as the server's fault
+    #[arg(long, value_name = "MIB", default_value_t = SESSION_MEMORY_MIB, value_parser = clap::value_parser!(u32).range(1..))]
+    pub session_memory: u32,
+    /// Seconds that a step of the simulator may take; one that takes longer hangs, and its episode is played again
+    #[arg(long, value_name = "S", default_value_t = 120, value_parser = clap::value_parser!(u32).range(1..=86400))]
+    pub step_limit: u32,
+    /// Seconds that it may take to get an episode ready
+    #[arg(long, value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u32).range(1..=86400))]
+    pub preparation_limit: u32,
     /// GiB on disk that prepared scenes and sounds may take, from now on and for all commands [default: 4]
     #[arg(long, value_name = "GIB", value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub cache_size: Option<u32>,
@@ -57,7 +71,11 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
         doors = doors.with_admin(address).await?;
     }
     let store = data.store().await?;
-    let arena = Arena::open(&data, store.clone(), options.scene_memory).await?;
+    let seconds = |s: u32| Duration::from_secs(u64::from(s));
+    let (step, preparation) = (seconds(options.step_limit), seconds(options.preparation_limit));
+    let doors = doors.with_limits(|limits| Limits { step, preparation, ..limits });
+    let budget = Budget { session_memory_mib: options.session_memory, preparation };
+    let arena = Arena::open(&data, store.clone(), options.scene_memory).await?.with_budget(budget);
     let named = |(id, episodes)| format!("{id} ({episodes} episodes)");
     let phases: Vec<_> = arena.phases().await?.into_iter().map(named).collect();
     if phases.is_empty() {

@@ -118,7 +118,7 @@ pub enum EndReason {
     FinalSubmit,
     /// The agent took as many steps as the rules allow.
     StepLimit,
-    /// The agent thought for longer than its time allowed.
+    /// The agent thought for longer than its time allowed, or the wall time of its run was over.
     TimeBudget,
     /// The agent gave the episode up.
     Abandoned,

@@ -10,7 +10,7 @@ pub struct TimeLimits {
     pub step_ms: u32,
     /// Thinking time of one episode beyond `step_ms`, milliseconds.
     pub bank_ms: u32,
-    /// From the start of a run to its end at the latest, seconds.
+    /// From the start of a run to its end at the latest, seconds; 0: it ends with its phase.
     pub run_s: u32,
     /// For how long one lost connection may be away, seconds; 0: lost episodes end at once.
     pub disconnect_s: u32,

@@ -4,8 +4,8 @@ use crate::{
     success::SuccessTest,
 };
 use avln_episode::{
-    self as episode, Action, EndReason, Feedback, FeedbackRule, Mission, Observation, Order, Pose, PoseFrame,
-    Rules, Sensors, SensorsError, SoundingRule, WrongSubmit,
+    self as episode, Action, EndReason, Feedback, FeedbackRule, GoalCue, Mission, Observation, Order, Pose,
+    PoseFrame, Rules, Sensors, SensorsError, SoundingRule, WrongSubmit,
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
 use avln_world::{
@@ -196,6 +196,16 @@ impl Referee {
     /// Why the episode is over, when it is.
     pub fn end(&self) -> Option<EndReason> {
         self.end
+    }
+
+    /// Bytes that the episode takes for itself at most, apart from the building: ears, pictures of goals, facts of steps.
+    pub fn most_bytes(&self) -> usize {
+        let picture = |cue: &GoalCue| match cue {
+            GoalCue::Image(image) => image.pixels.len(),
+            GoalCue::Category(_) | GoalCue::Description(_) => 0,
+        };
+        let pictures: usize = self.mission.goals.iter().map(picture).sum();
+        self.world.most_bytes() + pictures + self.rules.max_steps as usize * size_of::<StepFacts>()
     }
 
     /// Steps taken.

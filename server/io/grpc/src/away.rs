@@ -9,6 +9,7 @@ use crate::{
 use avln_episode::EndReason;
 use std::{sync::Arc, time::Duration};
 use tokio::time::sleep;
+use tracing::Instrument;
 
 /// A session that waits for its agent to come back.
 pub(crate) struct Away {
@@ -21,11 +22,11 @@ impl Away {
     pub(crate) async fn begin(session: Arc<Session>, pass: Pass) {
         let patience = session.detach().await;
         if patience.is_zero() {
-            tracing::info!(run = pass.run, "connection lost, and no time to come back is left");
+            tracing::info!("connection lost, and no time to come back is left");
             return session.close(EndReason::Disconnected).await;
         }
-        tracing::info!(run = pass.run, ?patience, "connection lost; open episodes wait");
-        tokio::spawn(Self { session, pass }.wait(patience));
+        tracing::info!(?patience, "connection lost; open episodes wait");
+        tokio::spawn(Self { session, pass }.wait(patience).in_current_span());
     }
 
     async fn wait(mut self, patience: Duration) {
@@ -36,6 +37,7 @@ impl Away {
         match stop {
             Some(Stop::Resumed) => self.pass.hand_over(self.session),
             Some(Stop::Draining) => self.session.leave().await,
+            Some(Stop::Expired) => self.session.close(EndReason::TimeBudget).await,
             Some(Stop::Left) => self.session.close(EndReason::Abandoned).await,
             Some(Stop::Superseded) | None => self.session.close(EndReason::Disconnected).await,
         }
@@ -64,7 +66,8 @@ pub(crate) async fn take_interrupted(door: &Door) -> Vec<Pass> {
 
 /// Brings the episodes of a run back to where they were, and waits for its agent.
 pub(crate) async fn restore(door: Door, pass: Pass) {
-    if let Err(failure) = try_restore(&door, pass).await {
+    let span = tracing::error_span!("session", run = pass.run);
+    if let Err(failure) = try_restore(&door, pass).instrument(span).await {
         tracing::error!(why = failure.message(), "an interrupted run could not be taken up again");
     }
 }
@@ -73,7 +76,13 @@ async fn try_restore(door: &Door, pass: Pass) -> Result<(), Failure> {
     let (host, run) = (door.host.clone(), pass.run.clone());
     let interrupted = ask("restore a run", async move { host.restore(&run).await }).await?;
     let episodes = interrupted.episodes.len();
-    tracing::info!(run = pass.run, episodes, "an interrupted run goes on");
-    Away::begin(door.session_again(interrupted), pass).await;
+    tracing::info!(episodes, "an interrupted run goes on");
+    let over = interrupted.open.over.clone();
+    let session = door.session_again(interrupted);
+    match over.as_deref() {
+        None => Away::begin(session, pass).await,
+        Some("expired") => session.close(EndReason::TimeBudget).await,
+        Some(_) => session.close(EndReason::Abandoned).await,
+    }
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! The operator's hold on the door: what is being played, how long steps take, what is announced, and when to stop.
 
-use crate::{refusal::Refusal, seat::TimeSpent};
+use crate::{refusal::Refusal, seat::TimeSpent, watchdog::Watchdog};
 use avln_episode::EndReason;
 use avln_proto::v1::Reason;
 use std::{
@@ -26,6 +26,7 @@ struct Inner {
     /// How many slots hold an episode.
     busy: watch::Sender<usize>,
     drain: watch::Sender<Option<Drain>>,
+    watchdog: Watchdog,
 }
 
 #[derive(Debug, Default)]
@@ -103,6 +104,11 @@ impl Histogram {
 impl Control {
     fn book(&self) -> MutexGuard<'_, Book> {
         self.0.book.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Who watches over work that may hang.
+    pub fn watchdog(&self) -> &Watchdog {
+        &self.0.watchdog
     }
 
     /// A slot has taken so many steps, which took `spent` in all; at step 0 its episode begins.

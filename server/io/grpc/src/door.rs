@@ -1,10 +1,12 @@
 use crate::{
+    crew::Crew,
     gate::Gate,
-    host::{Host, Interrupted, OpenRun, RunStatus},
+    host::{Host, Interrupted, OpenRun, RunState, RunStatus},
     limits::Limits,
     refusal::{Failure, Refusal, ask},
     seat::Restored,
     session::{Opening, Session},
+    watchdog::Watchdog,
     wire,
 };
 use avln_episode::Sensors;
@@ -18,11 +20,13 @@ pub(crate) struct Door {
     pub(crate) host: Arc<dyn Host>,
     pub(crate) limits: Arc<Limits>,
     pub(crate) gate: Arc<Gate>,
-    simulations: Arc<Semaphore>,
+    crew: Crew,
+    watchdog: Watchdog,
     watchers: Arc<Semaphore>,
 }
 
 /// What a Hello was granted.
+#[derive(Clone)]
 pub(crate) struct Terms {
     pub(crate) sensors: Sensors,
     pub(crate) slots: u32,
@@ -32,9 +36,22 @@ pub(crate) struct Terms {
 impl Door {
     pub(crate) fn new(host: Arc<dyn Host>, limits: Limits) -> Self {
         let limits = Arc::new(limits);
-        let simulations = Arc::new(Semaphore::new(limits.max_simulations.max(1)));
+        let watchdog = host.control().map(|control| control.watchdog().clone()).unwrap_or_default();
+        let crew = Crew::new(limits.max_simulations, watchdog.clone());
         let watchers = Arc::new(Semaphore::new(limits.max_watchers));
-        Self { host, gate: Gate::new(limits.clone()), limits, simulations, watchers }
+        Self { host, gate: Gate::new(limits.clone()), limits, crew, watchdog, watchers }
+    }
+
+    /// Refuses new runs while too many simulations hang.
+    pub(crate) fn check_sound(&self) -> Result<(), Refusal> {
+        let hanging = self.watchdog.hanging();
+        if hanging < self.limits.max_hanging.max(1) {
+            return Ok(());
+        }
+        let message = format!(
+            "{hanging} simulations of the server hang, so that no run starts; runs that were started go on. Its organiser has to start it again"
+        );
+        Err(Refusal::new(Reason::NoCapacity, message).retry_after(300))
     }
 
     /// A place among those who watch runs, until it is dropped.
@@ -112,10 +129,10 @@ impl Door {
     ) -> Arc<Session> {
         Arc::new(Session::open(Opening {
             host: self.host.clone(),
-            simulations: self.simulations.clone(),
+            crew: self.crew.clone(),
+            limits: &self.limits,
             open,
             sensors,
-            timeouts_in_a_row: self.limits.timeouts_in_a_row,
             episodes,
             away,
         }))
@@ -146,7 +163,7 @@ impl Door {
             server_version: info.version,
             sealed: open.sealed,
             server_time_unix_ms: wire::unix_ms(),
-            run_deadline_unix_ms: 0,
+            run_deadline_unix_ms: open.deadline_unix_ms.unwrap_or_default(),
         }
     }
 }
@@ -177,13 +194,14 @@ pub(crate) async fn stored_end(
 
 /// How a run stands at the end of a stream.
 fn run_end(status: RunStatus) -> v1::RunEnd {
+    let cut_short = matches!(status.state, RunState::Failed | RunState::Cancelled | RunState::Expired);
     let progress = v1::RunProgress { total: status.episodes, done: status.done, in_flight: 0, eta_s: None };
     v1::RunEnd {
         run: status.run,
         progress: Some(progress),
         ends: wire::end_counts(&status.ends),
         metrics: status.metrics.map(|metrics| wire::public_metrics(metrics, status.done)),
-        complete: status.done >= status.episodes,
+        complete: !cut_short && status.done >= status.episodes,
         url: status.url,
     }
 }

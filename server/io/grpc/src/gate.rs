@@ -1,7 +1,7 @@
 use crate::{limits::Limits, refusal::Refusal, session::Session, unary::Desk};
 use avln_proto::v1::Reason;
 use std::{
-    collections::{BTreeMap, HashMap},
+    collections::{BTreeMap, BTreeSet, HashMap},
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 use tokio::{
@@ -20,6 +20,8 @@ pub(crate) enum Stop {
     Draining,
     /// The team cancelled the run, or its agent said goodbye by a unary call.
     Left,
+    /// The run's time is over.
+    Expired,
 }
 
 /// Who is playing which run: one session a run, and a bound on all of them.
@@ -50,6 +52,9 @@ struct Rooms {
 #[derive(Debug)]
 struct Room {
     pass: u64,
+    team: String,
+    /// Slots that its session was granted.
+    slots: u32,
     stop: watch::Sender<Option<Stop>>,
     /// Closed when the session is over.
     over: watch::Receiver<()>,
@@ -146,7 +151,8 @@ impl Gate {
         let number = rooms.passes;
         let (stop, stopped) = watch::channel(None);
         let (over, ended) = watch::channel(());
-        rooms.by_run.insert(run.to_owned(), Room { pass: number, stop, over: ended, desk: None });
+        let room = Room { pass: number, team: String::new(), slots: 0, stop, over: ended, desk: None };
+        rooms.by_run.insert(run.to_owned(), room);
         self.state.send_modify(|state| state.sessions = rooms.by_run.len());
         Ok(Pass { run: run.to_owned(), stop: stopped, number, gate: self.clone(), _over: over })
     }
@@ -183,7 +189,29 @@ impl Room {
     }
 }
 
+impl Rooms {
+    /// Slots that a team may have in one more session. Teams that play have equal shares of all.
+    fn share(&self, team: &str, of: u32) -> u32 {
+        let playing = self.by_run.values().filter(|room| room.slots > 0).map(|room| room.team.as_str());
+        let teams = playing.chain([team]).collect::<BTreeSet<_>>().len() as u32;
+        let own = self.by_run.values().filter(|room| room.team == team).map(|room| room.slots).sum();
+        (of / teams).saturating_sub(own)
+    }
+}
+
 impl Pass {
+    /// Takes slots for the session: `wished` or the team's share of what the server has, one at least, and `held` at least,
+    /// which hold episodes.
+    pub(crate) fn take_slots(&self, team: &str, wished: u32, held: u32) -> u32 {
+        let mut rooms = self.gate.rooms();
+        let share = rooms.share(team, self.gate.limits.max_slots);
+        let granted = wished.min(share).max(held).max(1);
+        if let Some(room) = rooms.by_run.get_mut(&self.run) {
+            (room.team, room.slots) = (team.to_owned(), granted);
+        }
+        granted
+    }
+
     /// Leaves, and leaves the session to whoever enters next.
     pub(crate) fn hand_over(self, session: Arc<Session>) {
         self.gate.rooms().handed_over.insert(self.run.clone(), session);
@@ -249,6 +277,23 @@ mod tests {
         let before = Instant::now();
         assert_eq!(gate.enter("run_a", Stop::Superseded).await.unwrap_err().reason, Reason::NoCapacity);
         assert_eq!(before.elapsed(), Duration::from_secs(30));
+    }
+
+    #[tokio::test]
+    async fn teams_share_the_slots() {
+        let gate = Gate::new(Arc::new(Limits { max_slots: 32, ..Limits::default() }));
+        let enter = async |run| gate.enter(run, Stop::Superseded).await.unwrap().0;
+        let (greedy, more) = (enter("run_a").await, enter("run_b").await);
+        assert_eq!(greedy.take_slots("red", 20, 0), 20);
+        assert_eq!(more.take_slots("red", 20, 0), 12, "one team has the same slots in any number of runs");
+        let other = enter("run_c").await;
+        assert_eq!(other.take_slots("blue", 64, 0), 16, "half of them");
+        let late = enter("run_d").await;
+        assert_eq!(late.take_slots("red", 4, 0), 1, "a session has one at least");
+        assert_eq!(late.take_slots("red", 4, 3), 3, "and those that hold episodes");
+        drop((greedy, more, late));
+        let again = enter("run_a").await;
+        assert_eq!(again.take_slots("red", 64, 0), 16);
     }
 
     #[tokio::test]

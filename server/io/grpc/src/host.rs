@@ -63,6 +63,15 @@ pub trait Host: Send + Sync + 'static {
 
     /// Closes the run: every episode was played or the agent left for good. Says how it stands.
     async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal>;
+
+    /// An episode hangs in the simulator and never comes back: it is played again, at no charge.
+    async fn lose(&self, run: &str, handle: &str, ticket: u64) -> Result<(), Refusal>;
+
+    /// The open runs whose time is over. Asked again and again while the server runs.
+    async fn overdue(&self) -> Result<Vec<String>, Refusal>;
+
+    /// Ends a run whose time is over. Episodes that are being played are concluded afterwards, as far as they came.
+    async fn expire_run(&self, run: &str) -> Result<(), Refusal>;
 }
 
 /// Who this server is and what it speaks.
@@ -296,6 +305,8 @@ pub struct RunStatus {
     pub charged: bool,
     /// Why it does or does not, for people.
     pub charge_reason: String,
+    /// When an open run ends at the latest, milliseconds since 1970-01-01 UTC; `None`: never, or it is over.
+    pub deadline_unix_ms: Option<i64>,
     /// Where people find it; may be empty.
     pub url: String,
 }
@@ -322,6 +333,8 @@ pub enum RunState {
 pub struct OpenRun {
     /// Id of the run.
     pub run: String,
+    /// Whose run it is; capacity is shared out among teams.
+    pub team: String,
     /// Most slots of its Play stream.
     pub max_slots: u32,
     /// Rules in force.
@@ -338,6 +351,8 @@ pub struct OpenRun {
     pub digests: Digests,
     /// Time that agents have.
     pub time: TimeLimits,
+    /// When the run ends at the latest, milliseconds since 1970-01-01 UTC; `None`: never.
+    pub deadline_unix_ms: Option<i64>,
     /// In which state the run ended; `None` while it can be played.
     pub over: Option<String>,
 }

@@ -12,7 +12,7 @@
 //!   |                                        |  |   Observation    |  |
 //!   |                                        +--|------------------+  |
 //!   |   Ready                                   | Abandon, time up,   | terminated, truncated,
-//!   +--------- Over <---------------------------+ leaving             | simulator fault
+//!   +--------- Over <---------------------------+ leaving, run over   | simulator fault or hang
 //!               ^                                                     |
 //!               +-----------------------------------------------------+
 //!        every way into Over: truncate where needed, host.conclude, EpisodeEnd
@@ -39,19 +39,23 @@
 mod auth;
 mod away;
 mod control;
+mod crew;
 mod door;
 mod gate;
 mod host;
 mod limits;
 mod outbound;
+mod overdue;
 mod places;
 mod play;
+mod pulse;
 mod refusal;
 mod seat;
 mod serve;
 mod service;
 mod session;
 mod unary;
+mod watchdog;
 mod wire;
 
 pub use avln_proto::{API_MINOR, v1::Reason};
@@ -67,3 +71,4 @@ pub use seat::{Acted, EpisodeLog, EpisodeRunner, Restored, Seat, TimeSpent};
 pub use serve::{ServeError, serve};
 /// Goes above every implementation of [`Host`].
 pub use tonic::async_trait;
+pub use watchdog::{Lost, Watchdog};

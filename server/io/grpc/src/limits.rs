@@ -14,6 +14,15 @@ pub struct Limits {
     pub max_watchers: usize,
     /// Steps simulated at once: more than there are processor cores only makes every step slower.
     pub max_simulations: usize,
+    /// Slots of all sessions together, shared out among the teams that play: each holds an episode, some 10 MiB beside its
+    /// scene. A session has one at least.
+    pub max_slots: u32,
+    /// Simulations that may hang before no run starts any more: each has taken a thread, its memory and maybe a core.
+    pub max_hanging: usize,
+    /// Longest step of the simulator; a usual one takes milliseconds. One that takes longer hangs: its episode is played again.
+    pub step: Duration,
+    /// Longest first observation, which may have to prepare what a scene is seen and heard by.
+    pub preparation: Duration,
     /// Bytes in one message of an agent: actions take tens of bytes.
     pub decode_bytes: usize,
     /// Bytes in one message to an agent: the largest observation and mission, see [`Limits::frame_bytes`].
@@ -32,8 +41,13 @@ pub struct Limits {
     pub keepalive_timeout: Duration,
     /// Time from opening a Play stream to its Hello.
     pub hello: Duration,
-    /// Silence of the server after which it sends a Ping, for proxies that cut silent streams.
+    /// Time between two Pings: they measure the wire, and keep proxies from cutting silent streams.
     pub ping_interval: Duration,
+    /// Most time on the wire, there and back, that is not charged to an agent: a client measures it together with the server and
+    /// could stretch it.
+    pub wire: Duration,
+    /// Time between two looks for runs whose time is over.
+    pub overdue_interval: Duration,
     /// Time for which an agent may leave a message unread before it counts as gone.
     pub reader_stall: Duration,
     /// Episodes in a row that may run out of time before the run ends: the agent hangs.
@@ -55,6 +69,10 @@ impl Default for Limits {
             max_sessions: 256,
             max_watchers: 256,
             max_simulations: std::thread::available_parallelism().map_or(2, usize::from),
+            max_slots: 256,
+            max_hanging: 4,
+            step: seconds(120),
+            preparation: seconds(600),
             decode_bytes: 64 << 10,
             encode_bytes: 16 << 20,
             header_bytes: 16 << 10,
@@ -64,7 +82,9 @@ impl Default for Limits {
             keepalive_interval: seconds(30),
             keepalive_timeout: seconds(20),
             hello: seconds(10),
-            ping_interval: seconds(60),
+            ping_interval: seconds(15),
+            wire: seconds(1),
+            overdue_interval: seconds(1),
             reader_stall: seconds(30),
             timeouts_in_a_row: 20,
             unary_idle: seconds(120),

@@ -35,17 +35,13 @@ pub(crate) struct Frames {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Gone;
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Clock {
-    times: Mutex<Times>,
+    waiting: Mutex<VecDeque<Waiting>>,
+    /// What a small frame and its answer took at least on the wire; `None` before it was measured.
+    wire: Mutex<Option<Duration>>,
     /// Set when nothing waits for the agent any more.
     cut: watch::Sender<bool>,
-}
-
-#[derive(Debug)]
-struct Times {
-    waiting: VecDeque<Waiting>,
-    last_sent: Instant,
 }
 
 /// A frame in the queue.
@@ -57,17 +53,25 @@ struct Waiting {
 
 /// When a frame leaves the queue for the transport.
 #[derive(Clone, Debug)]
-pub(crate) struct Departure(watch::Receiver<Option<Instant>>);
+pub(crate) struct Departure {
+    left: watch::Receiver<Option<Instant>>,
+    clock: Arc<Clock>,
+}
 
 impl Departure {
     /// When the frame left, if it has.
     pub(crate) fn at(&self) -> Option<Instant> {
-        *self.0.borrow()
+        *self.left.borrow()
+    }
+
+    /// The time on the wire, there and back, that nobody is charged for.
+    pub(crate) fn wire(&self) -> Duration {
+        self.clock.wire().unwrap_or_default()
     }
 
     /// Waits until the frame has left. One whose stream is gone never leaves.
     pub(crate) async fn left(mut self) -> Instant {
-        match self.0.wait_for(Option::is_some).await.map(|at| *at) {
+        match self.left.wait_for(Option::is_some).await.map(|at| *at) {
             Ok(Some(at)) => at,
             _ => std::future::pending().await,
         }
@@ -77,8 +81,7 @@ impl Departure {
 /// A queue for `frames` frames, none of which may wait for longer than `stall`.
 pub(crate) fn outbound(frames: usize, stall: Duration) -> (Outbound, Frames) {
     let (sender, receiver) = mpsc::channel(frames.max(1));
-    let times = Times { waiting: VecDeque::new(), last_sent: Instant::now() };
-    let clock = Arc::new(Clock { times: Mutex::new(times), cut: watch::Sender::default() });
+    let clock = Arc::<Clock>::default();
     (Outbound { queue: sender, clock: clock.clone(), stall }, Frames { queue: receiver, clock })
 }
 
@@ -102,11 +105,12 @@ impl Outbound {
         };
         let now = Instant::now();
         let (left, departure) = watch::channel(None);
-        let mut times = self.clock.times();
-        times.waiting.push_back(Waiting { since: now, left });
-        times.last_sent = now;
+        let mut waiting = self.clock.waiting();
+        waiting.push_back(Waiting { since: now, left });
+        // Under the lock, so that frames leave in the order in which they wait.
         place.send(item);
-        Ok(Departure(departure))
+        drop(waiting);
+        Ok(Departure { left: departure, clock: self.clock.clone() })
     }
 
     /// From now on frames are queued only where there is room: nobody waits for this agent.
@@ -114,15 +118,16 @@ impl Outbound {
         self.clock.cut.send_replace(true);
     }
 
-    /// When the last frame was queued.
-    pub(crate) fn last_sent(&self) -> Instant {
-        self.clock.times().last_sent
+    /// A small frame was answered after `took`. The shortest such time is what the wire takes.
+    pub(crate) fn measured(&self, took: Duration) {
+        let mut wire = self.clock.wire();
+        *wire = Some(wire.map_or(took, |shortest| shortest.min(took)));
     }
 
     /// Waits until the agent has hung up or left a frame unread for too long.
     pub(crate) async fn gone(&self) {
         loop {
-            let since = self.clock.times().waiting.front().map(|waiting| waiting.since);
+            let since = self.clock.waiting().front().map(|waiting| waiting.since);
             let check = since.unwrap_or_else(Instant::now) + self.stall;
             if since.is_some() && check <= Instant::now() {
                 return;
@@ -136,8 +141,12 @@ impl Outbound {
 }
 
 impl Clock {
-    fn times(&self) -> MutexGuard<'_, Times> {
-        self.times.lock().unwrap_or_else(PoisonError::into_inner)
+    fn wire(&self) -> MutexGuard<'_, Option<Duration>> {
+        self.wire.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn waiting(&self) -> MutexGuard<'_, VecDeque<Waiting>> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -147,7 +156,7 @@ impl Stream for Frames {
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Item>> {
         let next = self.queue.poll_recv(context);
         if let Poll::Ready(Some(_)) = next
-            && let Some(waiting) = self.clock.times().waiting.pop_front()
+            && let Some(waiting) = self.clock.waiting().pop_front()
         {
             waiting.left.send_replace(Some(Instant::now()));
         }

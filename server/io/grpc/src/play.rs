@@ -8,6 +8,7 @@ use crate::{
     host::OpenRun,
     limits::Limits,
     outbound::Outbound,
+    pulse::{Pulse, Remaining},
     refusal::{About, Failure, Refusal},
     session::{Order, Over, Session},
     wire,
@@ -15,8 +16,9 @@ use crate::{
 use avln_episode::EndReason;
 use avln_proto::v1::{self, Reason, play_request, play_response::Frame};
 use std::sync::Arc;
-use tokio::time::{Instant, sleep_until, timeout};
+use tokio::time::{Instant, interval_at, timeout};
 use tonic::{Status, Streaming};
+use tracing::Instrument;
 
 /// Why the reading of a stream stopped.
 enum Ending {
@@ -103,16 +105,23 @@ impl Stage {
         mut pass: Pass,
         known: &[v1::SlotPosition],
     ) -> Result<(), Failure> {
-        let resumed = session.positions().await;
-        let welcome = self.door.welcome(open, terms, &session, resumed);
-        let ending = match self.out.send(Frame::Welcome(welcome)).await {
-            Ok(_) => {
-                session.attach(&self.out, terms.slots, known).await;
-                self.conduct(&session, &mut pass).await
-            }
-            Err(_) => Ending::Lost(gone()),
-        };
-        self.finish(session, pass, ending).await
+        let span = tracing::error_span!("session", run = open.run);
+        async {
+            let resumed = session.positions().await;
+            let held = resumed.iter().map(|held| held.slot + 1).max().unwrap_or(0).min(terms.slots);
+            let slots = pass.take_slots(&open.team, terms.slots, held);
+            let welcome = self.door.welcome(open, &Terms { slots, ..terms.clone() }, &session, resumed);
+            let ending = match self.out.send(Frame::Welcome(welcome)).await {
+                Ok(_) => {
+                    session.attach(&self.out, slots, known).await;
+                    self.conduct(&session, &mut pass, Remaining::of(open)).await
+                }
+                Err(_) => Ending::Lost(gone()),
+            };
+            self.finish(session, pass, ending).await
+        }
+        .instrument(span)
+        .await
     }
 
     async fn hello(&mut self) -> Result<v1::Hello, Failure> {
@@ -128,15 +137,19 @@ impl Stage {
     }
 
     /// Reads frames and hands them to the slots.
-    async fn conduct(&mut self, session: &Session, pass: &mut Pass) -> Ending {
+    async fn conduct(&mut self, session: &Session, pass: &mut Pass, left: Remaining) -> Ending {
         let out = self.out.clone();
         let mut gone_away = std::pin::pin!(out.gone());
         let mut over = std::pin::pin!(session.over());
         let host = self.door.host.clone();
         let mut drain = std::pin::pin!(drain_begins(host.control()));
-        let mut told = false;
+        let (mut told, mut warned) = (false, false);
+        let mut pulse = Pulse::default();
+        // Before any observation, so that the wire is known before the first clock runs.
+        pulse.beat(&out, &left).await;
+        let every = self.door.limits.ping_interval;
+        let mut pings = interval_at(Instant::now() + every, every);
         loop {
-            let silence = out.last_sent() + self.door.limits.ping_interval;
             tokio::select! {
                 biased;
                 stop = pass.stopped() => return Ending::Stopped(stop),
@@ -146,14 +159,21 @@ impl Stage {
                     told = true;
                     let _ = out.send(Frame::Notice(ending_notice(&drain))).await;
                 }
+                () = left.runs_low(), if !warned => {
+                    warned = true;
+                    let _ = out.send(Frame::Notice(left.notice())).await;
+                }
                 request = self.inbound.message() => match request {
+                    Ok(Some(v1::PlayRequest { frame: Some(play_request::Frame::Pong(pong)) })) => {
+                        pulse.answered(pong.nonce, &out, self.door.limits.wire);
+                    }
                     Ok(Some(request)) => if let Some(ending) = self.receive(session, request).await {
                         return ending;
                     },
                     Ok(None) => return Ending::Lost(no_goodbye()),
                     Err(status) => return Ending::Lost(broken(status)),
                 },
-                () = sleep_until(silence) => self.ping().await,
+                _ = pings.tick() => pulse.beat(&out, &left).await,
             }
         }
     }
@@ -188,12 +208,6 @@ impl Stage {
     /// Tells of a refused frame; the stream goes on. One that cannot be told is noticed as gone.
     async fn fault(&self, failure: &Failure, about: About<'_>) {
         let _ = self.out.send(Frame::Fault(failure.frame(about, true))).await;
-    }
-
-    async fn ping(&self) {
-        let now = wire::unix_ms();
-        let ping = v1::Ping { nonce: now.unsigned_abs(), server_time_unix_ms: now, run_remaining_s: None };
-        let _ = self.out.send(Frame::Ping(ping)).await;
     }
 
     /// Puts open episodes away or keeps them for a while, then says how the stream ends.
@@ -253,6 +267,11 @@ impl Stage {
                 let message = "another stream goes on with this run; two cannot play it at once";
                 Refusal::new(Reason::Superseded, message)
             }
+            Stop::Expired => {
+                let _ = self.out.send(Frame::Notice(expired_notice())).await;
+                session.close(EndReason::TimeBudget).await;
+                return self.run_end(&pass.run).await;
+            }
             Stop::Left => {
                 session.close(EndReason::Abandoned).await;
                 Refusal::new(Reason::RunOver, "the run was ended by its own team")
@@ -295,6 +314,14 @@ fn ending_notice(drain: &Drain) -> v1::Notice {
             drain.reason
         ),
         effective_unix_ms: wire::unix_ms() + i64::try_from(left.as_millis()).unwrap_or(i64::MAX / 2),
+    }
+}
+
+fn expired_notice() -> v1::Notice {
+    v1::Notice {
+        kind: v1::NoticeKind::BudgetLow.into(),
+        message: "the run's wall time is over: open episodes end, and the run with them".to_owned(),
+        effective_unix_ms: wire::unix_ms(),
     }
 }
 

@@ -6,6 +6,7 @@ use std::{
     hash::{BuildHasher, Hasher},
 };
 use tonic::{Code, Status, metadata::MetadataValue};
+use tracing::Instrument;
 
 /// The agent asked for something that it cannot have. Its fault, or nobody's; never the server's.
 ///
@@ -167,7 +168,7 @@ pub(crate) async fn ask<T: Send + 'static>(
     attempt: &'static str,
     work: impl Future<Output = Result<T, Refusal>> + Send + 'static,
 ) -> Result<T, Failure> {
-    match tokio::spawn(work).await {
+    match tokio::spawn(work.in_current_span()).await {
         Ok(answer) => answer.map_err(Failure::from),
         Err(broken) => Err(ServerFault::log(attempt, broken).into()),
     }

@@ -5,6 +5,7 @@ use crate::{
     door::Door,
     host::Host,
     limits::Limits,
+    overdue,
     places::{Place, Places},
     service,
 };
@@ -73,6 +74,7 @@ pub async fn serve(
     let mut connections = JoinSet::new();
     tokio::select! {
         () = accept(&listener, &door.limits, &routes, &closing, &mut connections) => {}
+        () = overdue::watch(door.clone()) => {}
         () = shutdown => {}
     }
     drop(listener);

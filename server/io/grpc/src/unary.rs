@@ -14,6 +14,7 @@ use tokio::{
     sync::watch,
     time::{Instant, sleep_until},
 };
+use tracing::Instrument;
 
 /// The slot that unary calls play.
 const SLOT: u32 = 0;
@@ -40,6 +41,7 @@ impl Desk {
             stop = pass.stopped() => match stop {
                 Stop::Superseded => EndReason::Disconnected,
                 Stop::Left => EndReason::Abandoned,
+                Stop::Expired => EndReason::TimeBudget,
                 Stop::Draining => return self.session.leave().await,
                 Stop::Resumed => {
                     self.session.detach().await;
@@ -56,7 +58,7 @@ impl Desk {
         if reason == EndReason::TimeBudget
             && let Err(failure) = door.finish_run(&pass.run).await
         {
-            tracing::warn!(run = pass.run, why = failure.message(), "run not finished");
+            tracing::warn!(why = failure.message(), "run not finished");
         }
     }
 
@@ -165,11 +167,13 @@ async fn open_desk(door: &Door, token: &str, hello: &v1::Hello) -> Result<Arc<De
         return Err(refused.into());
     }
     session.answer_calls().await;
+    pass.take_slots(&open.team, 1, 1);
     let welcome = door.welcome(&open, &terms, &session, session.positions().await);
     let last_call = watch::Sender::new(Instant::now());
     let desk = Arc::new(Desk { session, welcome, last_call });
     pass.open_desk(token, desk.clone());
-    tokio::spawn(desk.clone().keep(door.clone(), pass));
+    let span = tracing::error_span!("session", run = open.run);
+    tokio::spawn(desk.clone().keep(door.clone(), pass).instrument(span));
     Ok(desk)
 }
 

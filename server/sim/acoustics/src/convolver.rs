@@ -73,6 +73,12 @@ impl Convolver {
         self.transform.byte_count() + self.sum.byte_count() + bytes_of(self.spare.iter())
     }
 
+    /// Bytes that an input takes at most, with the two filters that it is faded between.
+    pub(crate) fn most_bytes(&self, input: &Input) -> usize {
+        let (spectrum, taps) = (self.sum.byte_count(), 2 * input.most * self.block * size_of::<f32>());
+        size_of_val(input.recent.as_slice()) + 3 * input.most * spectrum + 2 * taps
+    }
+
     /// Silence, to be convolved with filters of up to `longest` taps.
     pub(crate) fn input(&self, longest: usize) -> Input {
         let most = longest.div_ceil(self.block).max(1);

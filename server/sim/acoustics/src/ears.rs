@@ -84,6 +84,12 @@ impl Ears {
         self.convolver.byte_count() + self.channels.iter().map(channel).sum::<usize>()
     }
 
+    /// Bytes that this is at most, whatever is heard.
+    pub fn most_bytes(&self) -> usize {
+        let channels = self.channels.iter().map(|channel| self.convolver.most_bytes(&channel.dry));
+        self.convolver.byte_count() + channels.sum::<usize>()
+    }
+
     /// The sound of the next step: `2 × samples_per_step` samples at [`SAMPLE_RATE_HZ`], the left ear first.
     ///
     /// `listener` is the head during the whole step; coming from another pose, the first 50 ms fade over.

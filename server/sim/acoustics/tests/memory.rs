@@ -33,5 +33,6 @@ fn a_source_takes_8_mb_at_most_and_an_environment_64() {
     }
     let bytes = acoustics.resident_bytes() + ears.resident_bytes();
     assert!((4 * MB..64 * MB).contains(&bytes), "{bytes} bytes of an environment");
+    assert!(ears.resident_bytes() <= ears.most_bytes(), "{} bytes are promised", ears.most_bytes());
     println!("{} bytes, {} of them for the ears", bytes, ears.resident_bytes());
 }

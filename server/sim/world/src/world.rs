@@ -221,6 +221,11 @@ impl World {
         })
     }
 
+    /// Bytes that the body takes for itself at most, apart from the building: what rings in its ears.
+    pub fn most_bytes(&self) -> usize {
+        self.ears.as_ref().map_or(0, Ears::most_bytes)
+    }
+
     /// What this body shares with others in the building.
     pub fn assets(&self) -> &Arc<SceneAssets> {
         &self.assets

@@ -96,6 +96,7 @@ impl RunService for Runs {
     ) -> Result<Response<v1::StartRunResponse>, Status> {
         let account = self.participant(request.metadata()).await?;
         self.0.gate.check_open().map_err(Failure::from)?;
+        self.0.check_sound().map_err(Failure::from)?;
         let asked = self.request(&account, request.into_inner()).await?;
         let (host, team) = (self.0.host.clone(), account.clone());
         let ticket = ask("start a run", async move { host.start_run(&team, asked).await }).await?;

@@ -57,6 +57,14 @@ impl Clock {
         self.since().is_some()
     }
 
+    /// What of the time since then the wire takes.
+    fn wire(&self) -> Duration {
+        match &self.thinking {
+            Thinking::Sent(departure) => departure.wire(),
+            Thinking::NotYet | Thinking::Since(_) => Duration::ZERO,
+        }
+    }
+
     fn since(&self) -> Option<Instant> {
         match &self.thinking {
             Thinking::NotYet => None,
@@ -65,9 +73,10 @@ impl Clock {
         }
     }
 
-    /// The agent has answered: stops the clock, charges the bank and says for how long the agent thought.
+    /// The agent has answered: stops the clock, charges the bank and says for how long the agent thought, without the wire.
     pub(super) fn stop(&mut self) -> Duration {
-        let thought = self.since().map(|since| since.elapsed()).unwrap_or_default();
+        let thought =
+            self.since().map(|since| since.elapsed()).unwrap_or_default().saturating_sub(self.wire());
         self.thinking = Thinking::NotYet;
         let beyond = self.step.map(|step| thought.saturating_sub(step)).unwrap_or_default();
         self.bank = self.bank.saturating_sub(beyond);
@@ -76,13 +85,14 @@ impl Clock {
 
     /// Waits until the time of the action and the bank are used up.
     pub(super) async fn expired(self) {
+        let wire = self.wire();
         let since = match self.thinking {
             Thinking::NotYet => std::future::pending().await,
             Thinking::Sent(departure) => departure.left().await,
             Thinking::Since(since) => since,
         };
         match self.step {
-            Some(step) => sleep_until(since + step + self.bank).await,
+            Some(step) => sleep_until(since + step + self.bank + wire).await,
             None => std::future::pending().await,
         }
     }
@@ -101,7 +111,10 @@ fn millis(ms: u32) -> Duration {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::outbound::outbound;
+    use avln_proto::v1::play_response::Frame;
     use tokio::time::{advance, timeout};
+    use tokio_stream::StreamExt;
 
     const LIMITS: TimeLimits =
         TimeLimits { step_ms: 5000, bank_ms: 60_000, run_s: 0, disconnect_s: 0, disconnect_total_s: 0 };
@@ -130,6 +143,25 @@ mod tests {
         let before = Instant::now();
         clock.expired().await;
         assert_eq!(before.elapsed(), Duration::from_secs(7));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn the_wire_is_not_charged() {
+        let (out, mut frames) = outbound(4, Duration::from_secs(30));
+        out.measured(Duration::from_millis(900));
+        out.measured(Duration::from_millis(100));
+        out.measured(Duration::from_millis(300));
+        let mut clock = Clock::new(&LIMITS);
+        clock.sent(out.send(Frame::Ping(v1::Ping::default())).await.unwrap());
+        frames.next().await.unwrap().unwrap();
+        advance(Duration::from_millis(7_100)).await;
+        assert_eq!(clock.stop(), Duration::from_secs(7), "the shortest of what was measured is the wire's");
+        assert_eq!(clock.bank(), Duration::from_secs(58));
+        clock.sent(out.send(Frame::Ping(v1::Ping::default())).await.unwrap());
+        frames.next().await.unwrap().unwrap();
+        let before = Instant::now();
+        clock.expired().await;
+        assert_eq!(before.elapsed(), Duration::from_millis(63_100));
     }
 
     #[tokio::test(start_paused = true)]

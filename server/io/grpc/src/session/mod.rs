@@ -4,6 +4,7 @@
 
 mod board;
 mod clock;
+mod ending;
 mod listening;
 mod playing;
 mod simulate;
@@ -13,6 +14,7 @@ pub(crate) use board::Over;
 pub(crate) use slot::{Answer, Audience, Order};
 
 use crate::{
+    crew::Crew,
     host::{Host, OpenRun},
     limits::Limits,
     outbound::Outbound,
@@ -22,7 +24,7 @@ use crate::{
 use avln_episode::{EndReason, Sensors, TimeLimits};
 use avln_proto::v1::{self, Reason};
 use board::Board;
-use simulate::Crew;
+use simulate::Share;
 use slot::{Command, Slot};
 use std::{
     sync::{
@@ -32,10 +34,11 @@ use std::{
     time::Duration,
 };
 use tokio::{
-    sync::{Semaphore, mpsc, oneshot, watch},
+    sync::{mpsc, oneshot, watch},
     task::JoinHandle,
     time::Instant,
 };
+use tracing::Instrument;
 
 /// Frames that may wait for one slot: an action, and one sent too early.
 const WAITING_FRAMES: usize = 2;
@@ -43,7 +46,7 @@ const WAITING_FRAMES: usize = 2;
 /// What all slots of a run share.
 pub(crate) struct Shared {
     host: Arc<dyn Host>,
-    crew: Crew,
+    share: Share,
     sensors: Sensors,
     run: String,
     frame_bytes: u64,
@@ -82,10 +85,10 @@ struct Absence {
 /// What a session is opened with.
 pub(crate) struct Opening<'a> {
     pub(crate) host: Arc<dyn Host>,
-    pub(crate) simulations: Arc<Semaphore>,
+    pub(crate) crew: Crew,
+    pub(crate) limits: &'a Limits,
     pub(crate) open: &'a OpenRun,
     pub(crate) sensors: &'a Sensors,
-    pub(crate) timeouts_in_a_row: u32,
     /// Episodes that are taken up again.
     pub(crate) episodes: Vec<Restored>,
     /// What earlier connections took of the time that they may be away.
@@ -95,14 +98,14 @@ pub(crate) struct Opening<'a> {
 impl Session {
     /// Opens the run's slots, with nobody listening.
     pub(crate) fn open(opening: Opening<'_>) -> Self {
-        let Opening { host, simulations, open, sensors, timeouts_in_a_row, episodes, away } = opening;
-        let board = Board::new(open.episodes, open.done, timeouts_in_a_row);
+        let Opening { host, crew, limits, open, sensors, episodes, away } = opening;
+        let board = Board::new(open.episodes, open.done, limits.timeouts_in_a_row);
         let shared = Arc::new(Shared {
             frame_bytes: Limits::frame_bytes(sensors, open.rules.audio_samples),
             sensors: sensors.clone(),
             run: open.run.clone(),
             time: open.time,
-            crew: Crew(simulations),
+            share: Share::new(crew, &open.team, limits),
             board,
             host,
         });
@@ -115,7 +118,8 @@ impl Session {
             let restored = episodes.iter_mut().find(held).and_then(Option::take);
             let (sender, commands) = mpsc::channel(WAITING_FRAMES);
             let slot = Slot::new(id, shared.clone(), restored);
-            tasks.push(tokio::spawn(slot.run(commands, leave.subscribe())));
+            let span = tracing::error_span!("slot", run = open.run, slot = id);
+            tasks.push(tokio::spawn(slot.run(commands, leave.subscribe()).instrument(span)));
             senders.push(sender);
         }
         let absence = Mutex::new(Absence { since: None, used: away });

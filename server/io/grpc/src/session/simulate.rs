@@ -1,48 +1,57 @@
-use crate::{refusal::ServerFault, seat::Seat};
+use crate::{
+    crew::Crew,
+    limits::Limits,
+    refusal::ServerFault,
+    seat::Seat,
+    watchdog::{Leash, words},
+};
 use avln_episode::EndReason;
 use std::{
-    any::Any,
     panic::{AssertUnwindSafe, catch_unwind},
-    sync::Arc,
-    time::Instant,
+    time::{Duration, Instant},
 };
-use tokio::{sync::Semaphore, task::spawn_blocking};
 
-/// The right to simulate, shared by all runs: first come, first served.
-pub(super) struct Crew(pub(super) Arc<Semaphore>);
+/// The right of one team to simulate, among others.
+pub(super) struct Share {
+    pub(super) crew: Crew,
+    pub(super) team: String,
+    /// Longest first observation: it may have to prepare what the scene is seen and heard by.
+    pub(super) longest_start: Duration,
+    pub(super) longest_step: Duration,
+}
 
-impl Crew {
-    /// Runs simulator work on a blocking thread. A panic in it is caught: the seat comes back with the fault.
-    /// The outer error means that the seat itself was lost, which happens only while the runtime stops.
+impl Share {
+    pub(super) fn new(crew: Crew, team: &str, limits: &Limits) -> Self {
+        let (longest_start, longest_step) = (limits.preparation, limits.step);
+        Self { crew, team: team.to_owned(), longest_start, longest_step }
+    }
+
+    /// Does simulator work on a thread of the crew. A panic in it is caught: the seat comes back with the fault.
+    ///
+    /// # Errors
+    /// When the work hangs: then the seat hangs with it.
     pub(super) async fn simulate<T: Send + 'static>(
         &self,
         mut seat: Seat,
-        work: impl FnOnce(&mut Seat) -> T + Send + 'static,
+        limit: Duration,
+        work: impl FnOnce(&mut Seat, &Leash) -> T + Send + 'static,
     ) -> Result<(Seat, Result<T, ServerFault>), ServerFault> {
-        // Nobody closes the semaphore; if it were closed, the work would merely run at once.
         let asked = Instant::now();
-        let _place = self.0.acquire().await;
-        let done = spawn_blocking(move || {
+        let done = self.crew.run(&self.team, limit, move |leash| {
             let begun = Instant::now();
-            let result = catch_unwind(AssertUnwindSafe(|| work(&mut seat)));
-            let result = result.map_err(|panic| ServerFault::simulator("simulate", text(&*panic)));
+            let result = catch_unwind(AssertUnwindSafe(|| work(&mut seat, leash)));
+            let result = result.map_err(|panic| ServerFault::simulator("simulate", words(&*panic)));
             seat.time.queue += begun - asked;
             seat.time.simulation += begun.elapsed();
             (seat, result)
         });
-        done.await.map_err(|broken| ServerFault::log("simulate", broken))
+        done.await.map_err(|lost| ServerFault::simulator("simulate", lost))
     }
 }
 
 /// Ends the episode from outside, even when its simulator is in pieces.
 pub(super) fn truncate(seat: &mut Seat, reason: EndReason) {
     if let Err(panic) = catch_unwind(AssertUnwindSafe(|| seat.referee.truncate(reason))) {
-        ServerFault::simulator("truncate", text(&*panic));
+        ServerFault::simulator("truncate", words(&*panic));
     }
-}
-
-fn text(panic: &(dyn Any + Send)) -> String {
-    let words = panic.downcast_ref::<&str>().copied();
-    let words = words.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
-    words.unwrap_or("panic without words").to_owned()
 }

@@ -2,16 +2,16 @@ use super::{
     Leave, Shared,
     clock::Clock,
     playing::{Last, Over, Playing, not_ahead, same_episode, start_frame},
-    simulate,
 };
 use crate::{
     outbound::Outbound,
-    refusal::{About, Failure, ServerFault, ask},
+    refusal::{Failure, ServerFault, ask},
     seat::{Acted, Restored, Seat},
+    watchdog::Leash,
     wire,
 };
 use avln_episode::{Action, EndReason};
-use avln_proto::v1::{self, Reason, play_response::Frame};
+use avln_proto::v1::{self, Reason};
 use avln_referee::StepOutcome;
 use prost::Message;
 use std::{sync::Arc, time::Duration};
@@ -242,8 +242,16 @@ impl Slot {
 
     async fn take(&mut self, seat: Seat) -> Result<Answer, Failure> {
         let ordinal = self.shared.board.started();
-        let result = self.shared.crew.simulate(seat, |seat| seat.referee.start()).await;
-        let (seat, first) = result.inspect_err(|_| self.shared.board.ended(EndReason::ServerFault))?;
+        let (handle, ticket) = (seat.handle.clone(), seat.ticket);
+        let share = &self.shared.share;
+        let begun = share.simulate(seat, share.longest_start, |seat, _| seat.referee.start()).await;
+        let (seat, first) = match begun {
+            Ok(begun) => begun,
+            Err(fault) => {
+                self.lose(&handle, ticket).await;
+                return Err(fault.into());
+            }
+        };
         let first = match first {
             Ok(first) => first,
             Err(fault) => return self.stillborn(seat, fault).await,
@@ -258,12 +266,6 @@ impl Slot {
         self.note(&playing.seat, 0);
         self.state = State::Playing(Box::new(playing));
         Ok(Answer::Start(Box::new(start)))
-    }
-
-    async fn stillborn(&mut self, mut seat: Seat, fault: ServerFault) -> Result<Answer, Failure> {
-        simulate::truncate(&mut seat, EndReason::ServerFault);
-        self.conclude(seat).await;
-        Err(fault.into())
     }
 
     /// The agent was told how large frames can be: a larger one is the server's fault.
@@ -317,17 +319,24 @@ impl Slot {
         let thought = playing.stop_clock();
         let Playing { seat, ordinal, last, clock } = playing;
         let (step, bank_left) = (act.step, clock.bank());
-        let work = move |seat: &mut Seat| {
+        let (handle, ticket) = (seat.handle.clone(), seat.ticket);
+        let work = move |seat: &mut Seat, leash: &Leash| {
             let unwritten = |error: std::io::Error| format!("write the action down: {error}");
             seat.log.acting(step).map_err(unwritten)?;
             let outcome = seat.referee.step(action).map_err(|error| error.to_string())?;
             let state_hash = seat.referee.state_hash();
             let acted = Acted { step, action, state_hash, thought, bank_left };
+            if !leash.keep() {
+                return Err("it was given up".to_owned());
+            }
             seat.log.acted(&acted).map_err(unwritten)?;
             Ok(outcome)
         };
-        let result = self.shared.crew.simulate(seat, work).await;
-        let (seat, outcome) = result.inspect_err(|_| self.shared.board.ended(EndReason::ServerFault))?;
+        let share = &self.shared.share;
+        let (seat, outcome) = match share.simulate(seat, share.longest_step, work).await {
+            Ok(result) => result,
+            Err(fault) => return Ok(self.hung(&handle, ticket, last, act, fault).await),
+        };
         let refused = |error: String| ServerFault::simulator("step", error);
         match outcome.and_then(|outcome| outcome.map_err(refused)) {
             Ok(outcome) => Ok(self.stepped(seat, ordinal, clock, act.action, outcome).await),
@@ -365,17 +374,6 @@ impl Slot {
         }
     }
 
-    /// The simulator failed in mid-step: this episode ends, nothing else does.
-    async fn broken(&mut self, mut seat: Seat, last: Last, act: &v1::Act, fault: ServerFault) -> Answer {
-        if let Audience::Stream(out) = &self.audience {
-            let about = About { slot: Some(self.id), episode: &seat.handle, step: act.step };
-            let _ = out.send(Frame::Fault(Failure::from(fault).frame(about, false))).await;
-        }
-        simulate::truncate(&mut seat, EndReason::ServerFault);
-        let episode_end = Some(self.end_with(seat, last).await);
-        Answer::Step(Box::new(v1::StepResponse { observation: None, episode_end }))
-    }
-
     async fn abandon(&mut self, abandon: &v1::Abandon) -> Result<Answer, Failure> {
         match &self.state {
             State::Idle => return Err(self.holds_nothing()),
@@ -390,62 +388,6 @@ impl Slot {
         }
         let end = self.put_away(EndReason::Abandoned).await;
         end.map(|end| Answer::Ended(Box::new(end))).ok_or_else(|| self.holds_nothing())
-    }
-
-    /// Ends an open episode from outside and stores it.
-    async fn put_away(&mut self, reason: EndReason) -> Option<v1::EpisodeEnd> {
-        match std::mem::replace(&mut self.state, State::Idle) {
-            State::Playing(mut playing) => {
-                playing.stop_clock();
-                simulate::truncate(&mut playing.seat, reason);
-                Some(self.end_with(playing.seat, playing.last).await)
-            }
-            other => {
-                self.state = other;
-                None
-            }
-        }
-    }
-
-    async fn put_away_and_tell(&mut self, reason: EndReason) {
-        if let Some(end) = self.put_away(reason).await {
-            self.tell(About::default(), Ok(Answer::Ended(Box::new(end)))).await;
-        }
-    }
-
-    async fn end_with(&mut self, seat: Seat, last: Last) -> v1::EpisodeEnd {
-        let end = self.conclude(seat).await;
-        self.state = State::Over(Box::new(Over { last, end: end.clone() }));
-        end
-    }
-
-    /// Gives the seat back to the host to be stored. What could not be stored does not count.
-    async fn conclude(&mut self, seat: Seat) -> v1::EpisodeEnd {
-        let (episode, step) = (seat.handle.clone(), seat.referee.steps());
-        let reason = seat.referee.end().unwrap_or(EndReason::ServerFault);
-        let (host, run) = (self.shared.host.clone(), self.shared.run.clone());
-        let stored = ask("conclude", async move { host.conclude(&run, seat).await }).await;
-        let (reason, outcome) = match stored {
-            Ok(outcome) => (reason, outcome),
-            Err(failure) => {
-                let (run, why) = (&self.shared.run, failure.message());
-                tracing::error!(run, episode, why, "episode not stored");
-                (EndReason::ServerFault, None)
-            }
-        };
-        self.shared.board.ended(reason);
-        if let Some(control) = self.shared.host.control() {
-            control.ended(&self.shared.run, self.id, reason);
-        }
-        v1::EpisodeEnd {
-            slot: self.id,
-            episode,
-            step,
-            reason: wire::end_reason(reason).into(),
-            terminated: reason.is_terminated(),
-            metrics: outcome.map(|outcome| wire::public_metrics(outcome.metrics, 0)),
-            progress: Some(self.shared.board.progress()),
-        }
     }
 }
 

@@ -131,6 +131,7 @@ pub(crate) fn run(status: RunStatus) -> v1::Run {
         }),
         state: state.into(),
         state_since_unix_ms: status.updated_unix_ms,
+        state_deadline_unix_ms: status.deadline_unix_ms.unwrap_or_default(),
         created_unix_ms: status.created_unix_ms,
         ended_unix_ms: if over { status.updated_unix_ms } else { 0 },
         progress: Some(progress),

@@ -1,11 +1,19 @@
 //! How sessions end when something goes wrong: on the agent's side, in the simulator, in the server.
 
-use crate::common::{Agent, House, PATIENT, Plan, Quirk, RUN_TOKEN, reason, soon};
+use crate::common::{
+    ACCOUNT, Agent, House, PATIENT, Plan, Quirk, RUN_TOKEN, authorised, hello, reason, soon,
+};
 use avln_episode::{EndReason, TimeLimits};
 use avln_grpc::Limits;
 use avln_proto::v1::{self, Reason, play_request::Frame as Up, play_response::Frame as Down};
 use std::time::Duration;
 use tonic::Code;
+
+/// A wish for a run of the only phase.
+fn start_request() -> v1::StartRunRequest {
+    let method = v1::MethodInfo { name: "late".into(), ..v1::MethodInfo::default() };
+    v1::StartRunRequest { method: Some(method), ..v1::StartRunRequest::default() }
+}
 
 const FORWARD: i32 = 1;
 const SUBMIT: i32 = 4;
@@ -109,6 +117,102 @@ async fn an_episode_that_cannot_start_is_not_the_agents_fault() {
     assert!(!fault.message.contains("secret"), "{fault:?}");
     assert_eq!(house.host.ends(1).await, [Some(EndReason::ServerFault)]);
     assert_eq!(agent.ready(0).await.observation.unwrap().step, 0);
+}
+
+#[tokio::test]
+async fn a_step_that_hangs_costs_its_episode_and_nothing_else() {
+    let (go_on, wait) = std::sync::mpsc::channel();
+    let limits = Limits { step: Duration::from_millis(100), max_simulations: 1, ..Limits::default() };
+    let limits = Limits { max_hanging: 1, ..limits };
+    let house = House::with_limits(Plan::odd(vec![Quirk::Slow(wait), Quirk::None]), limits).await;
+    let mut agent = Agent::enter(&house, 2).await;
+    let (hangs, sound) = (agent.ready(0).await, agent.ready(1).await);
+    agent.act(0, &hangs.episode, 1, FORWARD).await;
+    let fault = agent.fault().await;
+    assert_eq!((fault.reason(), fault.recoverable, fault.slot), (Reason::SimFault, false, Some(0)));
+    assert_eq!(fault.episode, hangs.episode);
+    let end = agent.episode_end().await;
+    assert_eq!((end.slot, end.step, end.reason()), (0, 0, v1::EndReason::ServerFault));
+    assert_eq!(house.host.lost(), std::slice::from_ref(&hangs.episode), "the host has it played again");
+
+    agent.act(1, &sound.episode, 1, FORWARD).await;
+    assert_eq!(agent.observation().await.slot, 1, "another thread took the place of the one that hangs");
+    let mut team = house.runs().await;
+    let start = || authorised(v1::StartRunRequest { phase: "practice".into(), ..start_request() }, ACCOUNT);
+    let refused = team.start_run(start()).await.unwrap_err();
+    assert_eq!((refused.code(), reason(&refused).as_str()), (Code::ResourceExhausted, "NO_CAPACITY"));
+    assert!(refused.message().contains("1 simulations of the server hang"), "{refused}");
+    assert_eq!(agent.ready(0).await.slot, 0, "and runs that were started go on");
+
+    go_on.send(()).unwrap();
+    soon(async {
+        while team.start_run(start()).await.is_err() {
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    })
+    .await;
+    assert_eq!(house.host.concluded(0).await.len(), 0, "what came of it too late came too late");
+}
+
+#[tokio::test]
+async fn an_episode_whose_start_hangs_is_given_up() {
+    let (_never, wait) = std::sync::mpsc::channel();
+    let limits = Limits { preparation: Duration::from_millis(100), ..Limits::default() };
+    let house = House::with_limits(Plan::odd(vec![Quirk::SlowStart(wait), Quirk::None]), limits).await;
+    let mut agent = Agent::enter(&house, 1).await;
+    agent.send(Up::Ready(v1::Ready { slot: 0 })).await;
+    assert_eq!(agent.fault().await.reason(), Reason::SimFault);
+    assert_eq!(house.host.lost().len(), 1);
+    assert_eq!(agent.ready(0).await.observation.unwrap().step, 0);
+}
+
+#[tokio::test]
+async fn when_the_time_of_a_run_is_over_its_episodes_end_and_it_with_them() {
+    let limits = Limits { overdue_interval: Duration::from_millis(50), ..Limits::default() };
+    let house = House::with_limits(Plan::plain(3), limits).await;
+    let mut agent = Agent::enter(&house, 1).await;
+    assert_eq!(agent.welcome.run_deadline_unix_ms, 0, "none was set");
+    let start = agent.ready(0).await;
+    agent.act(0, &start.episode, 1, FORWARD).await;
+    agent.observation().await;
+    house.host.time_is_over();
+    let Ok(Some(Down::Notice(notice))) = agent.next().await else { panic!("no Notice") };
+    assert_eq!(notice.kind(), v1::NoticeKind::BudgetLow);
+    let end = agent.episode_end().await;
+    assert_eq!((end.step, end.reason(), end.terminated), (1, v1::EndReason::TimeBudget, false));
+    assert!(!agent.run_end().await.complete);
+    assert!(agent.next().await.unwrap().is_none(), "the stream ends well");
+    assert!(house.host.expired());
+    assert_eq!(house.host.ends(1).await, [Some(EndReason::TimeBudget)]);
+    let mut late = Agent::dial(&house, RUN_TOKEN, vec![Up::Hello(hello(1))]).await.unwrap();
+    assert_eq!(reason(&late.next().await.unwrap_err()), "RUN_OVER");
+}
+
+#[tokio::test]
+async fn the_time_of_a_run_ends_it_while_its_agent_is_away() {
+    let away = TimeLimits { disconnect_s: 600, disconnect_total_s: 600, ..PATIENT };
+    let limits = Limits { overdue_interval: Duration::from_millis(50), ..Limits::default() };
+    let house = House::with_limits(Plan::timed(2, away), limits).await;
+    let mut agent = Agent::enter(&house, 1).await;
+    agent.ready(0).await;
+    drop(agent);
+    house.host.time_is_over();
+    assert_eq!(house.host.ends(1).await, [Some(EndReason::TimeBudget)]);
+    assert!(house.host.expired());
+}
+
+#[tokio::test]
+async fn an_agent_is_warned_before_the_time_of_its_run_is_over() {
+    let house = House::open(Plan::plain(1)).await;
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap();
+    let deadline = i64::try_from(now.as_millis()).unwrap() + 100_000;
+    house.host.ends_at(deadline);
+    let mut agent = Agent::enter(&house, 1).await;
+    assert_eq!(agent.welcome.run_deadline_unix_ms, deadline);
+    let ping = agent.ping().await;
+    assert!((90..=100).contains(&ping.run_remaining_s()), "{ping:?}");
+    let Ok(Some(Down::Notice(notice))) = agent.next().await else { panic!("no Notice") };
+    assert_eq!((notice.kind(), notice.effective_unix_ms), (v1::NoticeKind::BudgetLow, deadline));
 }
 
 #[tokio::test]

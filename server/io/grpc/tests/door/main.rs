@@ -8,3 +8,4 @@ mod play;
 mod resume;
 mod services;
 mod unary;
+mod whatever;

@@ -129,9 +129,22 @@ impl Agent {
         self.up = None;
     }
 
-    /// The next frame; `None` when the stream ended well.
+    /// The next frame that is no Ping; `None` when the stream ended well.
     pub(crate) async fn next(&mut self) -> Result<Option<Down>, Status> {
-        Ok(soon(self.down.message()).await?.map(|response| response.frame.unwrap()))
+        loop {
+            match soon(self.down.message()).await?.map(|response| response.frame.unwrap()) {
+                Some(Down::Ping(_)) => {}
+                frame => return Ok(frame),
+            }
+        }
+    }
+
+    /// The next Ping.
+    pub(crate) async fn ping(&mut self) -> v1::Ping {
+        match soon(self.down.message()).await.unwrap().and_then(|response| response.frame) {
+            Some(Down::Ping(ping)) => ping,
+            other => panic!("no Ping but {other:?}"),
+        }
     }
 
     async fn frame(&mut self) -> Down {

@@ -110,6 +110,9 @@ struct State {
     handed_out: u64,
     finished: bool,
     cancelled: bool,
+    expired: bool,
+    deadline_unix_ms: Option<i64>,
+    lost: Vec<String>,
     requests: Vec<RunRequest>,
 }
 
@@ -120,6 +123,9 @@ impl ToyHost {
             handed_out: 0,
             finished: false,
             cancelled: false,
+            expired: false,
+            deadline_unix_ms: None,
+            lost: Vec::new(),
             requests: Vec::new(),
         };
         Self {
@@ -146,6 +152,29 @@ impl ToyHost {
 
     pub(crate) fn finished(&self) -> bool {
         self.state().finished
+    }
+
+    /// From now on the run's time is over.
+    pub(crate) fn time_is_over(&self) {
+        self.state().deadline_unix_ms = Some(1);
+    }
+
+    /// The run's time will be over then, milliseconds since 1970.
+    pub(crate) fn ends_at(&self, deadline_unix_ms: i64) {
+        self.state().deadline_unix_ms = Some(deadline_unix_ms);
+    }
+
+    fn deadline_unix_ms(&self) -> Option<i64> {
+        self.state().deadline_unix_ms
+    }
+
+    pub(crate) fn expired(&self) -> bool {
+        self.state().expired
+    }
+
+    /// Handles of the episodes that never came back.
+    pub(crate) fn lost(&self) -> Vec<String> {
+        self.state().lost.clone()
     }
 
     pub(crate) fn requests(&self) -> Vec<RunRequest> {
@@ -186,6 +215,7 @@ impl ToyHost {
             method_version: "1".into(),
             order: Order::Unordered,
             state: match (state.cancelled, state.finished) {
+                _ if state.expired => RunState::Expired,
                 (true, _) => RunState::Cancelled,
                 (_, true) => RunState::Completed,
                 _ => RunState::Running,
@@ -200,6 +230,7 @@ impl ToyHost {
             sealed: true,
             charged: true,
             charge_reason: "it is open".into(),
+            deadline_unix_ms: state.deadline_unix_ms,
             url: String::new(),
         }
     }
@@ -320,6 +351,7 @@ impl Host for ToyHost {
         match run_token {
             RUN_TOKEN => Ok(OpenRun {
                 run: RUN.into(),
+                team: "red".into(),
                 max_slots: 4,
                 rules: Rules { max_steps: self.max_steps, ..Rules::paper() },
                 sensors: Sensors::all(1024, 1024),
@@ -328,7 +360,12 @@ impl Host for ToyHost {
                 sealed: true,
                 digests: Digests::default(),
                 time: self.time,
-                over: self.finished().then(|| "completed".to_owned()),
+                deadline_unix_ms: self.deadline_unix_ms(),
+                over: match (self.expired(), self.finished()) {
+                    (true, _) => Some("expired".to_owned()),
+                    (_, true) => Some("completed".to_owned()),
+                    _ => None,
+                },
             }),
             ACCOUNT => Err(Refusal::new(Reason::TokenScope, "an account token plays nothing")),
             _ => Err(Refusal::new(Reason::TokenMalformed, "the token is not one of this server's")),
@@ -387,6 +424,27 @@ impl Host for ToyHost {
         let concluded = Concluded { handle: seat.handle, end: toy.end(), steps: toy.steps() };
         self.concluded.send_modify(|list| list.push(concluded));
         Ok(self.shows_metrics.then(|| EpisodeOutcome { metrics: vec![("isr".into(), 0.25)] }))
+    }
+
+    async fn lose(&self, run: &str, handle: &str, _: u64) -> Result<(), Refusal> {
+        own(run)?;
+        self.book.lock().unwrap().remove(handle);
+        let mut state = self.state();
+        state.lost.push(handle.to_owned());
+        state.left.push_back(Quirk::None);
+        Ok(())
+    }
+
+    async fn overdue(&self) -> Result<Vec<String>, Refusal> {
+        let state = self.state();
+        let is_over = state.deadline_unix_ms.is_some_and(|deadline| deadline < 1000) && !state.expired;
+        Ok(is_over.then(|| RUN.to_owned()).into_iter().collect())
+    }
+
+    async fn expire_run(&self, run: &str) -> Result<(), Refusal> {
+        own(run)?;
+        self.state().expired = true;
+        Ok(())
     }
 
     async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal> {

@@ -11,8 +11,10 @@ pub(crate) use host::{ACCOUNT, Book, LOOKING, ORGANISER, PATIENT, Plan, RUN, RUN
 pub(crate) use runner::Quirk;
 
 use avln_grpc::{Limits, serve};
+use avln_proto::v1::run_service_client::RunServiceClient;
 use std::{net::SocketAddr, sync::Arc, time::Duration};
 use tokio::{net::TcpListener, sync::oneshot, task::JoinHandle, time::timeout};
+use tonic::transport::Channel;
 
 /// A door that is open on a port of its own.
 pub(crate) struct House {
@@ -43,6 +45,11 @@ impl House {
             serve(listener, behind, limits, until).await.unwrap();
         });
         Self { host, address, stop, served }
+    }
+
+    /// The door for a team.
+    pub(crate) async fn runs(&self) -> RunServiceClient<Channel> {
+        RunServiceClient::new(channel(self).await)
     }
 
     /// Asks the server to stop.

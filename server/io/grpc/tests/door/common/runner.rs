@@ -14,6 +14,8 @@ pub(crate) enum Quirk {
     Stillborn,
     /// A step lasts until the test sends a word.
     Slow(mpsc::Receiver<()>),
+    /// The first observation lasts as long.
+    SlowStart(mpsc::Receiver<()>),
 }
 
 /// A world of one number: how often the agent walked.
@@ -68,6 +70,9 @@ impl EpisodeRunner for ToyRunner {
     }
     fn start(&mut self) -> Observation {
         assert!(!matches!(self.quirk, Quirk::Stillborn), "the secret of this episode");
+        if let Quirk::SlowStart(words) = &self.quirk {
+            let _ = words.recv();
+        }
         self.sense()
     }
     fn step(&mut self, action: Action) -> Result<StepOutcome, RefereeError> {
