@@ -25,7 +25,7 @@ async fn main() {
             let wire = Scissors::far(house.doors.grpc, delay).await;
             let arena = Arena::connect(wire.url(), &house.token).await.expect("the door is open");
             for slots in [1, 16] {
-                let rate = rate(&arena, sensors, slots).await;
+                let rate = rate(&arena, sensors.clone(), slots).await;
                 println!("{senses:>16} {:>7} ms {slots:>8} {rate:>10.0}", 2 * delay.as_millis());
             }
         }

@@ -1,6 +1,7 @@
 //! What only the whole house can show. The tests lie in `tests/`; here is the house that they open.
 
 pub mod canary;
+pub mod disk;
 pub mod http;
 pub mod raw;
 pub mod scissors;
@@ -12,8 +13,9 @@ pub mod walk;
 use avln_server::{
     arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
     commands::{phase, split, team},
-    doors::{Addresses, Doors, OpenDoors, Security},
+    doors::{Addresses, Doors, Limits, OpenDoors, Security},
 };
+use avln_store::{AuditNote, Phase, Store};
 use std::{path::Path, sync::Arc};
 use tempfile::TempDir;
 
@@ -80,6 +82,23 @@ impl House {
         Self { folder, doors, token }
     }
 
+    /// Opens a house over a furnished folder, with changes to what hosts it and to the limits of its door.
+    pub async fn open_odd(
+        folder: TempDir,
+        token: String,
+        arena: impl FnOnce(Arena) -> Arena,
+        limits: impl FnOnce(Limits) -> Limits,
+    ) -> Self {
+        let data = DataFolder::open(folder.path()).expect("the folder is writable");
+        let store = data.store().await.expect("its database");
+        let opened = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await.expect("its phases");
+        let free = "127.0.0.1:0".parse().expect("an address");
+        let doors = Doors::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
+        let doors = doors.with_admin(free).await.expect("a free port").with_limits(limits);
+        let doors = doors.open(Arc::new(arena(opened)), store.reader()).expect("all doors");
+        Self { folder, doors, token }
+    }
+
     /// Closes the doors and opens them again over the same folder.
     pub async fn reopen(self) -> Self {
         self.doors.close().await.expect("both doors close");
@@ -120,6 +139,20 @@ pub async fn furnish(folder: &Path, plan: &Plan) -> String {
     let token = team::admit(&store, TEAM, false).await.expect("the team can be admitted");
     store.close().await;
     token
+}
+
+/// The database of a folder.
+pub async fn store(folder: &Path) -> Store {
+    DataFolder::open(folder).expect("the folder").store().await.expect("its database")
+}
+
+/// The organiser changes the phase of a furnished folder.
+pub async fn rule(folder: &Path, change: impl FnOnce(&mut Phase)) {
+    let store = store(folder).await;
+    let mut phase = store.phase(PHASE).await.expect("the phase");
+    change(&mut phase);
+    store.change_phases(&[phase], &[AuditNote::default()], 1).await.expect("a change");
+    store.close().await;
 }
 
 /// Opens both doors of a furnished folder on free ports.

@@ -5,7 +5,7 @@ use avln_server::{
     admin::{Drain, Notice, Status, ask},
     arena::{data::DataFolder, now_unix_ms, secret::new_token},
 };
-use avln_store::{NewToken, TokenKind};
+use avln_store::{AuditNote, NewToken, TokenKind};
 use avln_tests::{House, PHASE, Plan, http};
 use serde::Serialize;
 use std::time::Duration;
@@ -130,6 +130,31 @@ async fn a_drain_begins_nothing_new_and_lets_open_episodes_end() {
     assert!(is_refusal, "{refused}");
     drop((play, arena));
     timeout(Duration::from_secs(60), closing).await.expect("it stops").unwrap().unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_a_drain_takes_from_phases_is_given_back_on_record() {
+    let house = House::open_with_admin(&Plan::default()).await;
+    let operator = Operator::of(&house).await;
+    let store = DataFolder::open(house.folder.path()).unwrap().store().await.unwrap();
+    let mut phase = store.phase(PHASE).await.unwrap();
+    let closes = now_unix_ms() + 3_600_000;
+    phase.schedule.closes_unix_ms = Some(closes);
+    store.change_phases(&[phase], &[AuditNote::default()], 1).await.unwrap();
+    let before = now_unix_ms();
+    operator.status("/v1/drain", Some(&Drain { reason: "new disks".into(), minutes: 0 })).await;
+    timeout(Duration::from_secs(60), house.doors.wait()).await.expect("it stops").unwrap();
+    tokio::time::sleep(Duration::from_millis(1500)).await;
+    let next = avln_tests::open_doors(house.folder.path()).await;
+    let away = now_unix_ms() - before;
+    let later = store.phase(PHASE).await.unwrap().schedule.closes_unix_ms.unwrap() - closes;
+    assert!((1500..=away).contains(&later), "{later} ms later after {away} ms");
+    let audit = store.audit().await.unwrap();
+    let told: Vec<_> = audit.iter().filter(|line| line.actor == "server").collect();
+    let words: Vec<_> = told.iter().map(|line| (line.subject.as_str(), line.what.as_str())).collect();
+    assert_eq!(words, [("server", "drain"), ("phase trial", "closes")]);
+    assert!(told.iter().all(|line| line.reason == "new disks"), "{told:?}");
+    next.close().await.unwrap();
 }
 
 #[tokio::test(flavor = "multi_thread")]

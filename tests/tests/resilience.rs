@@ -2,13 +2,12 @@
 //! what its episodes were worth, lose an episode or count one twice.
 
 use avln_client::{Action, Arena, Episode, Error, Observation, Order, Play, Run, RunOptions, Sensors};
-use avln_tests::{House, PHASE, Plan, furnish, http, scissors::Scissors};
+use avln_tests::{House, PHASE, Plan, furnish, http, scissors::Scissors, server::Server};
 use serde_json::Value;
 use std::{
-    fs::File,
     net::SocketAddr,
     path::Path,
-    process::{Child, Command, Stdio},
+    process::Command,
     sync::atomic::{AtomicU32, Ordering},
     time::Duration,
 };
@@ -89,7 +88,7 @@ async fn a_thousand_lost_connections_change_nothing() {
 
     let wire = Scissors::open(house.doors.grpc).await;
     let playing = tokio::spawn(play_run(wire.url(), house.token.clone(), 4, &STEPS_TAKEN));
-    let (mut snips, mut draw, mut due) = (0, 7_u32, 0);
+    let (mut snips, mut draw, mut due) = (0, 7_u32, 1);
     while !playing.is_finished() {
         draw = draw.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         if STEPS_TAKEN.load(Ordering::Relaxed) >= due {
@@ -107,7 +106,7 @@ async fn a_thousand_lost_connections_change_nothing() {
 
 /// What `avln verify` says of a run's log, and whether it is content.
 fn verify(folder: &Path, log: &Path) -> (bool, String) {
-    let mut verify = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
+    let mut verify = Command::new(PROGRAM);
     let output = verify.arg("--data").arg(folder).arg("verify").arg(log).output().expect("the program runs");
     let text =
         String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
@@ -126,63 +125,14 @@ fn check_log(folder: &Path, run: &str, episodes: usize) {
     assert!(!content && text.contains("its hash does not fit"), "{text}");
 }
 
-/// The program of this build, hosting a folder.
-struct Server {
-    process: Child,
-    grpc: SocketAddr,
-    web: SocketAddr,
-}
-
-impl Server {
-    fn start(folder: &Path) -> Self {
-        let free =
-            || std::net::TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a free port");
-        let (grpc, web) = (free(), free());
-        let log = folder.join("server.log");
-        let log = File::options().create(true).append(true).open(log).expect("a log of the server");
-        let mut serve = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-        serve.arg("--data").arg(folder).args([
-            "serve",
-            "--grpc",
-            &grpc.to_string(),
-            "--web",
-            &web.to_string(),
-        ]);
-        let process = serve.stdout(Stdio::null()).stderr(log).spawn().expect("the program starts");
-        Self { process, grpc, web }
-    }
-
-    /// Ends it as a crash would: SIGKILL, without a word.
-    fn kill(mut self) {
-        self.process.kill().expect("it runs");
-        self.process.wait().expect("it is gone");
-    }
-
-    /// Waits until it answers.
-    async fn answers(&self) {
-        for _ in 0..600 {
-            if tokio::net::TcpStream::connect(self.grpc).await.is_ok() {
-                return;
-            }
-            tokio::time::sleep(Duration::from_millis(50)).await;
-        }
-        panic!("the server does not answer within 30 s");
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
-    }
-}
+const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
 
 #[tokio::test(flavor = "multi_thread")]
 async fn fifty_deaths_of_the_server_change_nothing() {
     static STEPS_TAKEN: AtomicU32 = AtomicU32::new(0);
     let folder = tempfile::tempdir().expect("a folder");
     let token = furnish(folder.path(), &Plan { houses: 1, missions: 20, ..Plan::default() }).await;
-    let mut server = Server::start(folder.path());
+    let mut server = Server::start(PROGRAM, folder.path());
     server.answers().await;
     let wire = Scissors::open(server.grpc).await;
     let calm = play_run(wire.url(), token.clone(), 16, &STEPS_TAKEN).await;
@@ -198,7 +148,7 @@ async fn fifty_deaths_of_the_server_change_nothing() {
         }
         server.kill();
         wire.snip();
-        server = Server::start(folder.path());
+        server = Server::start(PROGRAM, folder.path());
         server.answers().await;
         wire.lead_to(server.grpc);
         deaths += 1;

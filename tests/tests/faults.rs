@@ -1,0 +1,467 @@
+//! Every fault, on whichever side, ends an episode for exactly one reason, leaves its run in exactly one state, and costs its team
+//! a run of the quota or not. Each fault happens for real: panics, hanging threads, dead wires, full disks, locked databases.
+
+use avln_client::{Action, Arena, EndReason, Episode, Error, Order, Play, Reason, Run, RunOptions, Sensors};
+use avln_server::{
+    arena::{budget::Budget, data::DataFolder},
+    doors::Limits,
+};
+use avln_store::{Phase, RunState, Viewer};
+use avln_tests::{
+    House, PHASE, Plan, disk::Disk, furnish, rule, scissors::Scissors, server::Server, store, tap,
+};
+use sqlx::{Connection, SqliteConnection, sqlite::SqliteConnectOptions};
+use std::{
+    path::Path,
+    process::Command,
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicU32, Ordering},
+        mpsc,
+    },
+    time::Duration,
+};
+use tempfile::TempDir;
+use tokio::time::{sleep, timeout};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
+const BLIND: Sensors =
+    Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
+
+/// What became of a run: the ends of its episodes in order, with those to come as `-`; its state; whether it counts.
+type Verdict = (String, RunState, bool);
+
+/// A data folder with one phase of two episodes, as `change` wants it.
+async fn furnished(change: impl FnOnce(&mut Phase)) -> (TempDir, String) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let token = furnish(folder.path(), &Plan { houses: 1, missions: 2, ..Plan::default() }).await;
+    rule(folder.path(), change).await;
+    (folder, token)
+}
+
+async fn house(change: impl FnOnce(&mut Phase)) -> House {
+    let (folder, token) = furnished(change).await;
+    House::open_odd(folder, token, |arena| arena, |limits| limits).await
+}
+
+async fn begin(url: &str, token: &str) -> (Run, Play) {
+    let arena = Arena::connect(url, token).await.expect("the door is open");
+    let run = arena.start_run(RunOptions::new(PHASE, "m").order(Order::Unordered)).await.expect("a run");
+    let play = arena.play(&run, BLIND).await.expect("a stream");
+    (run, play)
+}
+
+fn end_of(episode: &Episode<'_>) -> Option<EndReason> {
+    episode.end().map(|end| end.reason)
+}
+
+/// Plays what is left of a run, a step and a Stop each.
+async fn play_on(mut play: Play) -> Result<(), Error> {
+    while let Some(mut episode) = play.next_episode().await? {
+        episode.step(Action::TurnLeft).await?;
+        if !episode.is_over() {
+            episode.step(Action::Stop).await?;
+        }
+    }
+    Ok(())
+}
+
+/// What became of a run, once that does not change any more.
+async fn verdict(folder: &Path, run: &str) -> Verdict {
+    let store = store(folder).await;
+    let mut before = None;
+    for _ in 0..150 {
+        let view = store.reader().run(&Viewer::Organiser, run).await.expect("an answer").expect("the run");
+        let end = |line: &avln_store::EpisodeLine| line.end.map_or("-", |end| end.as_str());
+        let ends: Vec<_> = view.episodes.iter().map(end).collect();
+        let state = store.run(run).await.expect("the run").state;
+        let charged = store.charge(run).await.expect("a charge").charged;
+        let now = (ends.join(" "), state, charged);
+        let underway = store.underway().await.expect("a list").len();
+        if underway == 0 && before.as_ref() == Some(&now) {
+            store.close().await;
+            return now;
+        }
+        before = Some(now);
+        sleep(Duration::from_millis(100)).await;
+    }
+    panic!("episodes are still being played: {before:?}");
+}
+
+fn expect(ends: &str, state: RunState, charged: bool) -> Verdict {
+    (ends.to_owned(), state, charged)
+}
+
+/// Away for a second at most.
+fn brief(phase: &mut Phase) {
+    (phase.time.disconnect_s, phase.time.disconnect_total_s) = (1, 600);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn agent_an_illegal_message_costs_nothing() {
+    let house = house(|_| ()).await;
+    let wire = tap::Tap::open(house.doors.grpc).await;
+    let (run, mut play) = begin(&wire.url(), &house.token).await;
+    let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
+    for spoil in [tap::illegal_action(), tap::wrong_step(9)] {
+        wire.spoil(spoil);
+        assert!(episode.step(Action::MoveForward).await.is_err(), "the server refuses it");
+    }
+    episode.step(Action::Stop).await.expect("and goes on");
+    play_on(play).await.expect("to the end");
+    let expected = expect("stopped stopped", RunState::Completed, true);
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn agent_too_slow_ends_the_episode() {
+    let house = house(|phase| phase.time.step_ms = 300).await;
+    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
+    episode.step(Action::TurnLeft).await.expect("in time");
+    sleep(Duration::from_millis(600)).await;
+    episode.step(Action::TurnLeft).await.expect("it learns of the end");
+    assert_eq!(end_of(&episode), Some(EndReason::TimeBudget));
+    play_on(play).await.expect("to the end");
+    let expected = expect("time_budget stopped", RunState::Completed, true);
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn agent_gone_for_good_ends_the_episode_and_not_the_run() {
+    let house = house(brief).await;
+    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    play.next_episode().await.expect("an answer").expect("an episode");
+    drop(play);
+    let expected = expect("disconnected -", RunState::Running, true);
+    sleep(Duration::from_millis(1500)).await;
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn agent_that_gives_up_abandons_its_episode_and_cancels_for_nothing_before_a_step() {
+    let house = house(|_| ()).await;
+    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    play.next_episode().await.expect("an answer").expect("an episode");
+    play.finish().await.expect("a summary");
+    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    arena.cancel_run(&run.id).await.expect("it is its own");
+    let expected = expect("abandoned -", RunState::Cancelled, false);
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn agent_that_speaks_nonsense_is_one_that_is_gone() {
+    let house = house(brief).await;
+    let wire = tap::Tap::open(house.doors.grpc).await;
+    let (run, mut play) = begin(&wire.url(), &house.token).await;
+    let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
+    // Frames of HTTP/2 that are none, from here on.
+    wire.spoil(Box::new(|bytes| {
+        bytes.fill(0xff);
+        false
+    }));
+    let _ = timeout(Duration::from_millis(300), episode.step(Action::TurnLeft)).await;
+    wire.cut();
+    drop(play);
+    let expected = expect("disconnected -", RunState::Running, true);
+    sleep(Duration::from_millis(1500)).await;
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn time_that_is_over_ends_a_run_with_what_it_has() {
+    let house = house(|phase| phase.time.run_s = 3).await;
+    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
+    episode.step(Action::Stop).await.expect("a whole episode");
+    let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
+    while !episode.is_over() {
+        episode.step(Action::TurnLeft).await.expect("a step, or the end");
+        sleep(Duration::from_millis(50)).await;
+    }
+    assert_eq!(end_of(&episode), Some(EndReason::TimeBudget));
+    assert!(play.next_episode().await.expect("an answer").is_none(), "the run is over");
+    assert!(!play.finish().await.expect("a summary").complete);
+    let expected = expect("stopped time_budget", RunState::Expired, true);
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let idle = arena.start_run(RunOptions::new(PHASE, "idle").order(Order::Unordered)).await.expect("a run");
+    sleep(Duration::from_millis(4500)).await;
+    let expected = expect("- -", RunState::Expired, false);
+    assert_eq!(verdict(house.folder.path(), &idle.id).await, expected, "nobody played it");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn network_that_is_cut_or_stalls_costs_nothing() {
+    let house = house(|_| ()).await;
+    let wire = Scissors::open(house.doors.grpc).await;
+    let (run, mut play) = begin(&wire.url(), &house.token).await;
+    let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
+    wire.snip();
+    episode.step(Action::TurnLeft).await.expect("after another connection");
+    wire.hold(true);
+    let step = episode.step(Action::TurnLeft);
+    let (stepped, ()) = tokio::join!(step, async {
+        sleep(Duration::from_secs(1)).await;
+        wire.hold(false);
+    });
+    stepped.expect("when the wire is back");
+    episode.step(Action::Stop).await.expect("and goes on");
+    play_on(play).await.expect("to the end");
+    let expected = expect("stopped stopped", RunState::Completed, true);
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn network_that_is_dead_without_a_word_is_an_agent_that_is_gone() {
+    let (folder, token) = furnished(brief).await;
+    let keen = |limits: Limits| Limits {
+        keepalive_interval: Duration::from_millis(300),
+        keepalive_timeout: Duration::from_millis(300),
+        ..limits
+    };
+    let house = House::open_odd(folder, token, |arena| arena, keen).await;
+    let wire = Scissors::open(house.doors.grpc).await;
+    let (run, mut play) = begin(&wire.url(), &house.token).await;
+    play.next_episode().await.expect("an answer").expect("an episode");
+    wire.hold(true);
+    sleep(Duration::from_secs(3)).await;
+    let expected = expect("disconnected -", RunState::Running, true);
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+}
+
+/// What a simulator does wrong, in some steps.
+type Mischief = Arc<dyn Fn(u32) + Send + Sync>;
+
+async fn disturbed(mischief: Mischief) -> House {
+    let (folder, token) = furnished(|_| ()).await;
+    let hasty = |limits: Limits| Limits { step: Duration::from_millis(500), ..limits };
+    House::open_odd(folder, token, |arena| arena.disturbed(move |step| mischief(step)), hasty).await
+}
+
+/// The first `times` steps fail, as `fail` has it.
+fn at_first(times: u32, fail: impl Fn() + Send + Sync + 'static) -> Mischief {
+    let left = AtomicU32::new(times);
+    Arc::new(move |_| {
+        let fails =
+            left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)).is_ok();
+        if fails {
+            fail();
+        }
+    })
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn server_a_panic_in_a_step_is_played_again_for_nothing() {
+    let house = disturbed(at_first(1, || panic!("the secret of this scene"))).await;
+    let (run, play) = begin(&house.agents_url(), &house.token).await;
+    play_on(play).await.expect("to the end");
+    let expected = expect("stopped stopped", RunState::Completed, true);
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn server_that_fails_at_an_episode_again_and_again_gives_it_up_and_charges_nothing() {
+    let house = disturbed(at_first(3, || panic!("the secret of this scene"))).await;
+    let (run, play) = begin(&house.agents_url(), &house.token).await;
+    play_on(play).await.expect("to the end");
+    let expected = expect("server_fault stopped", RunState::Completed, false);
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn server_a_step_that_hangs_is_played_again_for_nothing() {
+    let (go_on, wait) = mpsc::channel::<()>();
+    let wait = Mutex::new(wait);
+    let house = disturbed(at_first(1, move || {
+        let _ = wait.lock().expect("one hangs").recv();
+    }))
+    .await;
+    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
+    episode.step(Action::TurnLeft).await.expect("it learns of the end");
+    assert_eq!(end_of(&episode), Some(EndReason::ServerFault));
+    play_on(play).await.expect("to the end");
+    let expected = expect("stopped stopped", RunState::Completed, true);
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    drop(go_on);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn server_without_memory_for_an_episode_does_not_begin_it() {
+    let (folder, token) = furnished(|_| ()).await;
+    let poor = Budget { session_memory_mib: 1, ..Budget::default() };
+    let house = House::open_odd(folder, token, |arena| arena.with_budget(poor), |limits| limits).await;
+    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    let Err(refused) = play.next_episode().await else { panic!("a house has more than one MiB") };
+    assert_eq!(refused.reason(), Some(Reason::SimFault), "{refused}");
+    assert!(!refused.to_string().contains("MiB"), "how large a scene is is hidden: {refused}");
+    while play.next_episode().await.is_err() {}
+    let expected = expect("server_fault server_fault", RunState::Completed, false);
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+}
+
+/// A file system that never answers: the scene is a pipe into which nobody writes.
+#[cfg(unix)]
+#[tokio::test(flavor = "multi_thread")]
+async fn server_a_preparation_that_hangs_costs_its_episode() {
+    let (folder, token) = furnished(|_| ()).await;
+    let missions = find(folder.path(), "/missions/");
+    std::fs::remove_file(&missions).expect("a file of missions");
+    assert!(Command::new("mkfifo").arg(&missions).status().expect("mkfifo").success());
+    let server = Server::start_with(PROGRAM, folder.path(), &["--preparation-limit", "1"]);
+    server.answers().await;
+    let (run, mut play) = begin(&format!("http://{}", server.grpc), &token).await;
+    let refused = timeout(Duration::from_secs(30), play.next_episode()).await.expect("an answer in time");
+    assert!(refused.is_err(), "the episode cannot be had");
+    drop(play);
+    server.kill();
+    let store = store(folder.path()).await;
+    assert_eq!(store.underway().await.expect("a list").len(), 0);
+    store.cancel_run(&run.id, 1).await.expect("the run");
+    assert!(!store.charge(&run.id).await.expect("a charge").charged, "and costs nothing");
+}
+
+/// A file below `folder` whose path contains `part`.
+fn find(folder: &Path, part: &str) -> std::path::PathBuf {
+    let mut folders = vec![folder.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            match path.is_dir() {
+                true => folders.push(path),
+                false if path.to_string_lossy().contains(part) => return path,
+                false => {}
+            }
+        }
+    }
+    panic!("no file is called {part}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn server_that_dies_costs_nothing() {
+    let (folder, token) = furnished(|phase| phase.time.run_s = 3600).await;
+    let server = Server::start(PROGRAM, folder.path());
+    server.answers().await;
+    let wire = Scissors::open(server.grpc).await;
+    let (run, mut play) = begin(&wire.url(), &token).await;
+    let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
+    episode.step(Action::TurnLeft).await.expect("a step");
+    server.kill();
+    wire.snip();
+    sleep(Duration::from_secs(2)).await;
+    let server = Server::start(PROGRAM, folder.path());
+    server.answers().await;
+    wire.lead_to(server.grpc);
+    episode.step(Action::Stop).await.expect("on another server");
+    play_on(play).await.expect("to the end");
+    let expected = expect("stopped stopped", RunState::Completed, true);
+    assert_eq!(verdict(folder.path(), &run.id).await, expected);
+    let audit = store(folder.path()).await.audit().await.expect("the audit list");
+    let given_back = audit.iter().any(|line| line.subject == "runs" && line.what == "deadline");
+    assert!(given_back, "the wall time that passed meanwhile is given back: {audit:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn disk_full_under_the_run_log_is_played_again_for_nothing() {
+    let (folder, token) = furnished(|_| ()).await;
+    let logs = folder.path().join("runs");
+    std::fs::create_dir_all(&logs).expect("a folder");
+    let Some(disk) = Disk::mount(&logs, "256k") else { return };
+    let house = House::open_odd(folder, token, |arena| arena, |limits| limits).await;
+    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
+    disk.fill();
+    while !episode.is_over() {
+        episode.step(Action::TurnLeft).await.expect("a step, or the end");
+    }
+    assert_eq!(end_of(&episode), Some(EndReason::ServerFault), "what is not written down does not count");
+    disk.empty();
+    play_on(play).await.expect("to the end");
+    let expected = expect("stopped stopped", RunState::Completed, true);
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    drop(disk);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn disk_full_under_the_database_is_played_again_for_nothing() {
+    let small = tempfile::tempdir().expect("a folder");
+    let Some(disk) = Disk::mount(small.path(), "64m") else { return };
+    let (folder, token) = furnished(|_| ()).await;
+    std::fs::rename(folder.path().join("splits"), folder.path().join("splits_kept")).expect("its splits");
+    copy(folder.path(), small.path());
+    std::os::unix::fs::symlink(folder.path().join("splits_kept"), small.path().join("splits"))
+        .expect("a link");
+    let logs = tempfile::tempdir().expect("a folder");
+    std::os::unix::fs::symlink(logs.path(), small.path().join("runs")).expect("a link");
+    let server = Server::start(PROGRAM, small.path());
+    server.answers().await;
+    let (run, mut play) = begin(&format!("http://{}", server.grpc), &token).await;
+    let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
+    disk.fill();
+    episode.step(Action::TurnLeft).await.expect("the log lies elsewhere");
+    episode.step(Action::Stop).await.expect("it learns of the end");
+    assert_eq!(end_of(&episode), Some(EndReason::ServerFault), "what is not stored does not count");
+    disk.empty();
+    sleep(Duration::from_secs(3)).await;
+    play_on(play).await.expect("to the end");
+    let expected = expect("stopped stopped", RunState::Completed, true);
+    assert_eq!(verdict(small.path(), &run.id).await, expected);
+    server.kill();
+    drop(disk);
+}
+
+fn copy(from: &Path, to: &Path) {
+    for entry in std::fs::read_dir(from).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        if path.is_file() {
+            std::fs::copy(&path, to.join(path.file_name().expect("a name"))).expect("a copy");
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn clock_that_jumps_ends_no_run() {
+    let (folder, token) = furnished(|phase| phase.time.run_s = 3600).await;
+    let data = DataFolder::open(folder.path()).expect("the folder");
+    let arena =
+        avln_server::arena::Arena::open(&data, store(folder.path()).await, 256).await.expect("phases");
+    let house = House::open_odd(folder, token, |arena| arena, |limits| limits).await;
+    let (run, play) = begin(&house.agents_url(), &house.token).await;
+    let now = avln_server::arena::now_unix_ms();
+    let day_ms = 86_400_000;
+    let look =
+        async |now_ms, age_s| arena.overdue_at(now_ms, Duration::from_secs(age_s)).await.expect("a list");
+    assert_eq!(look(now, 0).await, Vec::<String>::new());
+    assert_eq!(look(now + day_ms, 1).await, Vec::<String>::new(), "a day forwards in a second");
+    assert_eq!(look(now, 2).await, Vec::<String>::new(), "and back");
+    assert_eq!(
+        look(now + 3_700_000, 3702).await,
+        std::slice::from_ref(&run.id),
+        "time that really passes counts"
+    );
+    play_on(play).await.expect("to the end");
+    let expected = expect("stopped stopped", RunState::Completed, true);
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn database_that_another_holds_is_waited_for() {
+    let house = house(|_| ()).await;
+    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
+    let database = SqliteConnectOptions::new().filename(house.folder.path().join("avln.db"));
+    let mut other = SqliteConnection::connect_with(&database).await.expect("another program");
+    sqlx::query("BEGIN IMMEDIATE").execute(&mut other).await.expect("the right to write");
+    let release = async {
+        sleep(Duration::from_secs(2)).await;
+        sqlx::query("ROLLBACK").execute(&mut other).await.expect("the end of it");
+    };
+    let (stopped, ()) = tokio::join!(episode.step(Action::Stop), release);
+    stopped.expect("once the database is free");
+    assert_eq!(end_of(&episode), Some(EndReason::Stopped));
+    play_on(play).await.expect("to the end");
+    let expected = expect("stopped stopped", RunState::Completed, true);
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+}

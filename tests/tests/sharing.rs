@@ -1,0 +1,97 @@
+//! What agents share is shared evenly, and nobody pays for the length of the wire.
+
+use avln_client::{Action, Arena, EndReason, Error, Order, RunOptions, Sensors};
+use avln_server::{commands::team, doors::Limits};
+use avln_tests::{House, PHASE, Plan, furnish, rule, scissors::Scissors, store};
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU32, Ordering},
+    },
+    time::Duration,
+};
+use tokio::{sync::Mutex, task::JoinSet, time::sleep};
+
+/// Held by each test: what one does to the processor must not slow the other.
+static ALONE: Mutex<()> = Mutex::const_new(());
+
+/// Turns on the spot in every slot until `enough`.
+async fn turn(arena: Arena, slots: u32, steps: Arc<AtomicU32>, enough: Arc<AtomicBool>) -> Result<(), Error> {
+    let run = arena.start_run(RunOptions::new(PHASE, "dervish").order(Order::Unordered)).await?;
+    let mut players = JoinSet::new();
+    for mut play in arena.play_slots(&run, Sensors::default(), slots).await? {
+        let (steps, enough) = (steps.clone(), enough.clone());
+        players.spawn(async move {
+            while let Some(mut episode) = play.next_episode().await? {
+                while !episode.is_over() && !enough.load(Ordering::Relaxed) {
+                    episode.step(Action::TurnLeft).await?;
+                    steps.fetch_add(1, Ordering::Relaxed);
+                }
+                if enough.load(Ordering::Relaxed) {
+                    break;
+                }
+            }
+            Ok::<_, Error>(())
+        });
+    }
+    while let Some(joined) = players.join_next().await {
+        joined.expect("no panic")?;
+    }
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_team_of_one_slot_steps_as_often_as_one_of_sixteen() {
+    let _alone = ALONE.lock().await;
+    let folder = tempfile::tempdir().expect("a folder");
+    let token = furnish(folder.path(), &Plan { houses: 1, missions: 17, ..Plan::default() }).await;
+    let store = store(folder.path()).await;
+    let modest = team::admit(&store, "modest", false).await.expect("another team");
+    store.close().await;
+    let one_core = |limits: Limits| Limits { max_simulations: 1, ..limits };
+    let house = House::open_odd(folder, token, |arena| arena, one_core).await;
+
+    let enough = Arc::new(AtomicBool::new(false));
+    let steps: [Arc<AtomicU32>; 2] = Default::default();
+    let mut teams = JoinSet::new();
+    for (token, slots, steps) in [(&house.token, 16, &steps[0]), (&modest, 1, &steps[1])] {
+        let arena = Arena::connect(house.agents_url(), token).await.expect("the door is open");
+        teams.spawn(turn(arena, slots, steps.clone(), enough.clone()));
+    }
+    while steps.iter().any(|steps| steps.load(Ordering::Relaxed) < 20) {
+        sleep(Duration::from_millis(50)).await;
+    }
+    let before = steps.each_ref().map(|steps| steps.load(Ordering::Relaxed));
+    sleep(Duration::from_secs(5)).await;
+    let [greedy, modest] = [0, 1].map(|team| steps[team].load(Ordering::Relaxed) - before[team]);
+    enough.store(true, Ordering::Relaxed);
+    while let Some(joined) = teams.join_next().await {
+        joined.expect("no panic").expect("two teams that play");
+    }
+    println!("in 5 s {modest} steps for one slot, {greedy} for sixteen");
+    assert!(modest * 3 >= greedy, "{modest} steps for one slot, {greedy} for sixteen");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn fifty_milliseconds_away_costs_no_time() {
+    let _alone = ALONE.lock().await;
+    let folder = tempfile::tempdir().expect("a folder");
+    let token = furnish(folder.path(), &Plan::default()).await;
+    rule(folder.path(), |phase| (phase.time.step_ms, phase.time.bank_ms) = (80, 1000)).await;
+    let house = House::open_odd(folder, token, |arena| arena, |limits| limits).await;
+    let wire = Scissors::far(house.doors.grpc, Duration::from_millis(50)).await;
+    let arena = Arena::connect(wire.url(), &house.token).await.expect("the door is open");
+    let run = arena.start_run(RunOptions::new(PHASE, "far").order(Order::Unordered)).await.expect("a run");
+    let blind = Sensors { rgb: false, depth: false, audio: false, ..Sensors::default() };
+    let mut play = arena.play(&run, blind).await.expect("a stream");
+    let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
+    for _ in 0..60 {
+        episode.step(Action::TurnLeft).await.expect("a step");
+    }
+    let left = episode.time_left().bank;
+    assert!(left >= Duration::from_millis(500), "60 steps of 100 ms on the wire left {left:?} of a second");
+    sleep(Duration::from_millis(1500)).await;
+    episode.step(Action::TurnLeft).await.expect("it learns of the end");
+    let end = episode.end().map(|end| end.reason);
+    assert_eq!(end, Some(EndReason::TimeBudget), "an agent that thinks is charged wherever it is");
+}
