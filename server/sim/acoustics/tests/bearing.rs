@@ -106,7 +106,7 @@ fn sources_in_sight_are_placed_in_a_room_of_a_quarter_of_a_second() {
     let scene = RoomPlan::shoebox(6.0, 5.0, 3.0).expect("a room").scene();
     let surface = Surface::new([0.4; 6], [0.3; 6], [0.0; 6]).expect("shares");
     let room = acoustics(&scene, Surfaces::uniform(&scene, surface));
-    let (mut bearings, mut rng, mut hits) = (Bearings::within(LOW_HZ), Rng::new(8), Vec::new());
+    let (mut bearings, mut rng, mut hits) = (Bearings::within(ALL_HZ), Rng::new(8), Vec::new());
     let mut pairs = 0;
     while pairs < 16 {
         let mut place = |height_m| Point3::new(rng.range(0.5, 5.5), height_m, rng.range(0.5, 4.5));
