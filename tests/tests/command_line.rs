@@ -150,7 +150,7 @@ fn a_data_folder_that_cannot_be_used_is_code_3() {
     let data = folder.path().join("data");
     hinted(
         &data,
-        &["serve", FREE[0], FREE[1], FREE[2], FREE[3]],
+        &["serve", "--admin", "off", FREE[0], FREE[1], FREE[2], FREE[3]],
         3,
         &["no phase to host", "avln phase open"],
     );
@@ -174,10 +174,10 @@ fn a_taken_port_is_code_4_and_says_which_and_how_to_choose_another() {
     let taken = TcpListener::bind("127.0.0.1:0").expect("a free port");
     let address = taken.local_addr().expect("its address").to_string();
     for (flag, other) in [("--grpc", "--web"), ("--web", "--grpc")] {
-        let arguments = ["serve", flag, &address, other, "127.0.0.1:0"];
+        let arguments = ["serve", "--admin", "off", flag, &address, other, "127.0.0.1:0"];
         hinted(&data, &arguments, 4, &[&address, flag]);
     }
-    let open = ["serve", "--grpc", "0.0.0.0:0", "--web", "127.0.0.1:0"];
+    let open = ["serve", "--admin", "off", "--grpc", "0.0.0.0:0", "--web", "127.0.0.1:0"];
     hinted(&data, &open, 4, &["0.0.0.0:0", "plain text"]);
 }
 

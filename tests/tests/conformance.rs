@@ -1,7 +1,11 @@
 //! The server keeps its own protocol, as the conformance kit sees it, and the kit sees when one does not.
 
 use avln_tests::{House, PHASE, Plan};
-use std::process::{Command, Output};
+use std::{
+    net::TcpListener,
+    process::{Command, Output},
+    time::Duration,
+};
 
 async fn conformance(arguments: Vec<String>) -> Output {
     let program = env!("CARGO_BIN_EXE_avln_under_test");
@@ -28,4 +32,27 @@ async fn this_server_keeps_every_rule() {
     let web = format!("http://{}", house.doors.web);
     let nobody = conformance(of(["--server", &web, "--token", "x", "--phase", PHASE])).await;
     assert_eq!(nobody.status.code(), Some(6), "{}", text(&nobody));
+}
+
+/// What the kit says of a client that is the program itself.
+async fn checked(agent: &[&str]) -> Output {
+    let free = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a free port");
+    let kit = tokio::spawn(conformance(vec!["--client".to_owned(), free.to_string()]));
+    while tokio::net::TcpStream::connect(free).await.is_err() {
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    let url = format!("http://{free}");
+    let mut play = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
+    play.arg("agent").args(agent).args(["--server", &url, "--token", "any", "--phase", "any"]);
+    let playing = tokio::task::spawn_blocking(move || play.output().expect("the program runs"));
+    let kit = kit.await.expect("no panic");
+    playing.await.expect("no panic");
+    kit
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_client_lives_through_everything_that_may_go_wrong() {
+    let kept = checked(&["random", "--seed", "3"]).await;
+    assert!(kept.status.success(), "{}", text(&kept));
+    assert!(text(&kept).contains("12 rules checked, none broken"), "{}", text(&kept));
 }

@@ -1,32 +1,62 @@
-//! Checks whether a server keeps the protocol.
+//! Checks whether a server or a client keeps the protocol.
 
 use crate::say::say;
 use crate::{Failure, FailureKind};
-use avln_conformance::{Outcome, check};
+use avln_conformance::{Check, Host, Outcome, check};
+use std::net::SocketAddr;
 
-/// Which server to check.
+/// Which server to check, or where a client comes to be checked.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Options {
     /// Address of its gRPC port
     #[arg(long, env = "AVLN_SERVER", default_value = "http://127.0.0.1:50051", value_name = "URL")]
     pub server: String,
     /// Token of an account there
-    #[arg(long, env = "AVLN_TOKEN", hide_env_values = true, value_name = "TOKEN")]
-    pub token: String,
+    #[arg(
+        long,
+        env = "AVLN_TOKEN",
+        hide_env_values = true,
+        value_name = "TOKEN",
+        required_unless_present = "client"
+    )]
+    pub token: Option<String>,
     /// Phase in which a run is begun for the checks; it plays about ten episodes, some steps each
-    #[arg(long)]
-    pub phase: String,
+    #[arg(long, required_unless_present = "client")]
+    pub phase: Option<String>,
+    /// Check a client instead: listen here, take the first run that comes with any token in any phase, break streams, lose
+    /// answers and more, and tell what the client made of it
+    #[arg(long, value_name = "ADDRESS")]
+    pub client: Option<SocketAddr>,
 }
 
 /// Makes all checks and prints what came of each.
 ///
 /// # Errors
-/// When the server cannot be reached, begins no run, or breaks a rule.
+/// When the server cannot be reached, begins no run, or breaks a rule; when the address is taken or the client breaks one.
 pub async fn run(options: Options) -> Result<(), Failure> {
-    let checks = check(&options.server, &options.token, &options.phase).await;
-    let checks = checks.map_err(|trouble| Failure::new(FailureKind::Run, trouble))?;
+    let checks = match options.client {
+        Some(address) => host(address).await?,
+        None => {
+            let (token, phase) = (options.token.unwrap_or_default(), options.phase.unwrap_or_default());
+            let checks = check(&options.server, &token, &phase).await;
+            checks.map_err(|trouble| Failure::new(FailureKind::Run, trouble))?
+        }
+    };
+    show(&checks)
+}
+
+async fn host(address: SocketAddr) -> Result<Vec<Check>, Failure> {
+    let host = Host::bind(address).await.map_err(|error| {
+        Failure::new(FailureKind::Address, format!("cannot listen at {address}: {error}"))
+            .hinted("--client takes an address of this machine with a free port, like 127.0.0.1:50052")
+    })?;
+    say!("waiting for a client at http://{}", host.address);
+    Ok(host.check().await)
+}
+
+fn show(checks: &[Check]) -> Result<(), Failure> {
     let mut broken = 0;
-    for check in &checks {
+    for check in checks {
         match &check.outcome {
             Outcome::Kept => say!("kept         {}", check.rule),
             Outcome::NotOffered => say!("not offered  {}", check.rule),

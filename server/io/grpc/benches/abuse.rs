@@ -1,4 +1,4 @@
-//! What an agent notices of hostile clients: steps over loopback, lock-step, while 20 others attack.
+//! What an agent notices of hostile clients: steps over loopback, lock-step, while 100 others attack.
 
 #[allow(dead_code, unused_imports, reason = "the toy house of the tests has more in it")]
 #[path = "../tests/door/common/mod.rs"]
@@ -8,7 +8,7 @@ use common::{Agent, Attack, House, Plan, Siege};
 use std::time::{Duration, Instant};
 
 const FORWARD: i32 = 1;
-const ATTACKERS: usize = 20;
+const ATTACKERS: usize = 100;
 const WARM_UP: u32 = 100;
 const STEPS: u32 = 3000;
 

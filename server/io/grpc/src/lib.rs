@@ -44,6 +44,7 @@ mod door;
 mod gate;
 mod host;
 mod limits;
+mod meter;
 mod outbound;
 mod overdue;
 mod places;

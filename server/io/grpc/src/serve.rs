@@ -5,6 +5,7 @@ use crate::{
     door::Door,
     host::Host,
     limits::Limits,
+    meter::{Meter, Metered},
     overdue,
     places::{Place, Places},
     service,
@@ -26,7 +27,7 @@ use tokio::{
     net::TcpStream,
     sync::watch,
     task::JoinSet,
-    time::{sleep, timeout},
+    time::{Instant, sleep, sleep_until, timeout},
 };
 use tonic::service::Routes;
 use tower::Service;
@@ -43,6 +44,11 @@ const SEND_BUFFER_BYTES: usize = 1 << 20;
 const PENDING_RESETS: usize = 20;
 /// Calls that the server may have to reset before it closes the connection.
 const LOCAL_RESETS: usize = 64;
+/// Bytes that may come on a connection beyond its answers and the heads of its calls: the largest message of an agent, and half as
+/// much again.
+const EXCESS_BYTES: i64 = 96 << 10;
+/// For how long new connections wait from where one had to be cut.
+const PENALTY: Duration = Duration::from_secs(2);
 
 /// Why the door could not be opened.
 #[derive(Debug, thiserror::Error)]
@@ -106,7 +112,7 @@ async fn accept(
             Ok((stream, peer)) => match places.take(peer.ip()) {
                 Some(place) => {
                     let connection =
-                        Connection { limits: limits.clone(), closing: closing.subscribe(), _place: place };
+                        Connection { limits: limits.clone(), closing: closing.subscribe(), place };
                     connections.spawn(connection.serve(stream, greeter.clone(), routes.clone()));
                 }
                 // Closing at once tells the client more than a connection that never answers.
@@ -125,7 +131,7 @@ async fn pause(error: &io::Error) {
 struct Connection {
     limits: Arc<Limits>,
     closing: watch::Receiver<bool>,
-    _place: Place,
+    place: Place,
 }
 
 impl Connection {
@@ -133,18 +139,37 @@ impl Connection {
     async fn serve(mut self, stream: TcpStream, greeter: Greeter, routes: Routes) {
         // Without it small frames wait for acknowledgements; a socket that refuses still works.
         let _ = stream.set_nodelay(true);
+        if let Some(until) = self.place.waits_until() {
+            sleep_until(until).await;
+        }
+        let meter = Meter::new(EXCESS_BYTES);
+        self.converse(stream, &meter, (greeter, routes)).await;
+        if meter.exceeds(i64::from(self.limits.header_bytes)) {
+            tracing::warn!("connection closed: its peer said far more than its calls can mean");
+            self.place.keep_waiting(Instant::now() + PENALTY);
+        }
+    }
+
+    async fn converse(
+        &mut self,
+        stream: TcpStream,
+        meter: &Arc<Meter>,
+        (greeter, routes): (Greeter, Routes),
+    ) {
         let mut first_request = pin!(sleep(self.limits.first_request));
         let stream = match greeter.greet(stream, self.limits.first_request).await {
             Ok(stream) => stream,
             Err(refused) => return tracing::debug!(%refused, "connection closed"),
         };
         let seen = Arc::new(AtomicBool::new(false));
-        let mark = seen.clone();
+        let (mark, allowed, head_bytes) = (seen.clone(), meter.clone(), self.limits.header_bytes as usize);
         let service = service_fn(move |request: hyper::Request<Incoming>| {
             mark.store(true, Ordering::Relaxed);
+            allowed.allow(head_bytes);
             routes.clone().call(request)
         });
-        let mut connection = pin!(self.http2().serve_connection(TokioIo::new(stream), service));
+        let stream = TokioIo::new(Metered::new(stream, meter.clone()));
+        let mut connection = pin!(self.http2().serve_connection(stream, service));
         let (mut waiting, mut closing) = (true, false);
         loop {
             tokio::select! {

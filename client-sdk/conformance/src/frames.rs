@@ -1,0 +1,171 @@
+//! What a server without houses says.
+
+use crate::book::{Book, Open, STEPS};
+use crate::trials::TRIALS;
+use avln_proto::{API_MINOR, v1};
+
+/// Sides of pictures that are shown, pixels.
+const SIDES: std::ops::RangeInclusive<u32> = 64..=512;
+/// Samples of an ear in a step.
+const SAMPLES: u32 = 4000;
+
+pub(crate) const RUN: &str = "run_conformance";
+
+pub(crate) fn progress(book: &Book) -> v1::RunProgress {
+    let in_flight = u32::from(book.open.is_some());
+    v1::RunProgress { total: TRIALS.len() as u32, done: book.done(), in_flight, eta_s: None }
+}
+
+pub(crate) fn welcome(book: &Book) -> v1::Welcome {
+    let (width, height) = size(&book.sensors);
+    let position =
+        |open: &Open| v1::SlotPosition { slot: 0, episode: open.handle.clone(), step: open.step() };
+    let specs = kinds(&book.sensors).into_iter().map(|kind| spec(kind, width, height)).collect();
+    v1::Welcome {
+        run: RUN.to_owned(),
+        api_minor: API_MINOR,
+        slots: 1,
+        task: Some(task(width, height, book.sensors.hfov_rad)),
+        tensors: specs,
+        max_message_bytes: 4 << 20,
+        time: Some(v1::TimeLimits { disconnect_s: 60, disconnect_total_s: 600, ..v1::TimeLimits::default() }),
+        progress: Some(progress(book)),
+        resumed: book.open.iter().filter(|open| open.over.is_none()).map(position).collect(),
+        benchmark: "0.0.0".to_owned(),
+        server_version: env!("CARGO_PKG_VERSION").to_owned(),
+        ..v1::Welcome::default()
+    }
+}
+
+fn size(sensors: &v1::SensorSubscription) -> (u32, u32) {
+    let side = |side: u32| side.clamp(*SIDES.start(), *SIDES.end());
+    (side(sensors.width), side(sensors.height))
+}
+
+fn kinds(sensors: &v1::SensorSubscription) -> Vec<v1::SensorKind> {
+    let known = [v1::SensorKind::Rgb, v1::SensorKind::Depth, v1::SensorKind::Audio];
+    known.into_iter().filter(|kind| sensors.wishes.iter().any(|wish| wish.kind() == *kind)).collect()
+}
+
+fn task(width: u32, height: u32, hfov_rad: f32) -> v1::TaskSpec {
+    v1::TaskSpec {
+        rules: "conformance-v1".to_owned(),
+        forward_m: 0.25,
+        turn_deg: 30,
+        step_s: 0.25,
+        max_steps: STEPS,
+        width,
+        height,
+        hfov_rad,
+        depth_max_m: 10.0,
+        depth_divisor: 1.0,
+        sample_rate_hz: 16_000,
+        audio_samples: SAMPLES,
+        samples_per_step: SAMPLES,
+        success_radius_m: 2.0,
+        pose_frame: v1::PoseFrame::Start.into(),
+        ..v1::TaskSpec::default()
+    }
+}
+
+fn shape(kind: v1::SensorKind, width: u32, height: u32) -> (v1::Dtype, Vec<u32>) {
+    match kind {
+        v1::SensorKind::Rgb => (v1::Dtype::U8, vec![height, width, 3]),
+        v1::SensorKind::Audio => (v1::Dtype::F32, vec![2, SAMPLES]),
+        v1::SensorKind::Depth | v1::SensorKind::Unspecified => (v1::Dtype::F32, vec![height, width]),
+    }
+}
+
+fn spec(kind: v1::SensorKind, width: u32, height: u32) -> v1::TensorSpec {
+    let (dtype, shape) = shape(kind, width, height);
+    v1::TensorSpec {
+        id: kind as u32,
+        name: kind.as_str_name().to_owned(),
+        kind: kind.into(),
+        dtype: dtype.into(),
+        shape,
+        encoding: v1::Encoding::Raw.into(),
+        minimum: 0.0,
+        maximum: 255.0,
+    }
+}
+
+/// A grey room without a sound.
+fn tensor(kind: v1::SensorKind, (width, height): (u32, u32)) -> v1::Tensor {
+    let (dtype, shape) = shape(kind, width, height);
+    let bytes = shape.iter().product::<u32>() as usize * if dtype == v1::Dtype::U8 { 1 } else { 4 };
+    v1::Tensor {
+        id: kind as u32,
+        dtype: dtype.into(),
+        shape,
+        encoding: v1::Encoding::Raw.into(),
+        data: vec![if kind == v1::SensorKind::Rgb { 128 } else { 0 }; bytes].into(),
+    }
+}
+
+pub(crate) fn start(book: &Book, open: &Open) -> v1::EpisodeStart {
+    let goal = |category: &str| v1::Goal { cue: Some(v1::goal::Cue::Category(category.to_owned())) };
+    v1::EpisodeStart {
+        slot: 0,
+        episode: open.handle.clone(),
+        mission: Some(v1::Mission {
+            order: v1::Order::Unordered.into(),
+            goals: ["chair", "lamp"].map(goal).to_vec(),
+        }),
+        observation: Some(observation(book, open)),
+        ordinal: open.ordinal,
+        progress: Some(progress(book)),
+    }
+}
+
+pub(crate) fn observation(book: &Book, open: &Open) -> v1::Observation {
+    let (step, size) = (open.step(), size(&book.sensors));
+    v1::Observation {
+        slot: 0,
+        episode: open.handle.clone(),
+        step,
+        tensors: kinds(&book.sensors).into_iter().map(|kind| tensor(kind, size)).collect(),
+        pose: Some(v1::Pose::default()),
+        remaining_steps: STEPS.saturating_sub(step),
+        remaining_submits: 2,
+        terminated: open.over == Some(v1::EndReason::Stopped),
+        truncated: open.over.is_some_and(|reason| reason != v1::EndReason::Stopped),
+        reason: open.over.map_or(0, i32::from),
+        time: Some(v1::TimeAccount::default()),
+        ..v1::Observation::default()
+    }
+}
+
+pub(crate) fn end(book: &Book, open: &Open, reason: v1::EndReason) -> v1::EpisodeEnd {
+    v1::EpisodeEnd {
+        slot: 0,
+        episode: open.handle.clone(),
+        step: open.step(),
+        reason: reason.into(),
+        terminated: reason == v1::EndReason::Stopped,
+        metrics: None,
+        progress: Some(progress(book)),
+    }
+}
+
+pub(crate) fn run_end(book: &Book) -> v1::RunEnd {
+    v1::RunEnd {
+        run: RUN.to_owned(),
+        progress: Some(progress(book)),
+        complete: !book.has_next(),
+        ..v1::RunEnd::default()
+    }
+}
+
+pub(crate) fn fault(open: Option<&Open>, reason: v1::Reason, recoverable: bool) -> v1::Fault {
+    v1::Fault {
+        slot: Some(0),
+        episode: open.map(|open| open.handle.clone()).unwrap_or_default(),
+        step: open.map_or(0, Open::step),
+        code: reason.code() as u32,
+        reason: reason.into(),
+        message: format!("the server of the conformance kit says {}", reason.word()),
+        recoverable,
+        ..v1::Fault::default()
+    }
+}
