@@ -91,3 +91,15 @@ async fn tls_where_plain_text_is_spoken_is_told_apart() {
     let text = refused.to_string();
     assert!(matches!(refused, Error::Tls { .. }) && text.contains("write http://"), "{text}");
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_server_that_speaks_tls_is_checked_like_any_other() {
+    let authority = Authority::new();
+    let house = House::open_as(&Plan { missions: 12, ..Plan::default() }, &authority.security()).await;
+    let mut kit = std::process::Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
+    kit.args(["conformance", "--server", &house.agents_url(), "--token", &house.token, "--phase", PHASE]);
+    kit.arg("--ca").arg(authority.file("ca.pem"));
+    let output = tokio::task::spawn_blocking(move || kit.output().expect("the program runs")).await.unwrap();
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success() && text.contains("none broken"), "{output:?}");
+}

@@ -1,4 +1,4 @@
-use crate::talk::{Talk, Trouble, bearer, hello, name, reason, told};
+use crate::talk::{Site, Talk, Trouble, bearer, hello, name, reason, told};
 use avln_proto::v1::{
     self, Reason, info_service_client::InfoServiceClient, play_request::Frame as Up,
     play_response::Frame as Down, reset_response,
@@ -35,8 +35,8 @@ type Found = Result<(), String>;
 ///
 /// # Errors
 /// When the server cannot be reached or begins no run.
-pub async fn check(server: &str, token: &str, phase: &str) -> Result<Vec<Check>, Trouble> {
-    let talk = Talk::open(server, token, phase).await?;
+pub async fn check(site: &Site<'_>, token: &str, phase: &str) -> Result<Vec<Check>, Trouble> {
+    let talk = Talk::open(site, token, phase).await?;
     let mut checks = Vec::new();
     let mut add = |rule: &'static str, found: Found| checks.push(Check { rule, outcome: outcome(found) });
     add("GetServerInfo needs no token and tells api_minor, benchmark and encodings", info(&talk).await);

@@ -379,7 +379,7 @@ mod tests {
     use super::*;
     use crate::{
         Outcome,
-        talk::{Talk, hello},
+        talk::{Site, Talk, hello},
     };
 
     #[tokio::test]
@@ -387,7 +387,7 @@ mod tests {
         let host = Host::bind("127.0.0.1:0".parse().unwrap()).await.unwrap();
         let url = format!("http://{}", host.address);
         let checking = tokio::spawn(host.check());
-        let talk = Talk::open(&url, "any", "any").await.unwrap();
+        let talk = Talk::open(&Site { server: &url, ca: None }, "any", "any").await.unwrap();
         let (mut stream, _) = talk.enter(hello()).await.unwrap();
         let episode = stream.start().await.unwrap().episode;
         stream.act(&episode, 5, 1).await;

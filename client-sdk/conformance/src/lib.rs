@@ -15,4 +15,4 @@ mod trials;
 
 pub use checks::{Check, Outcome, check};
 pub use host::Host;
-pub use talk::Trouble;
+pub use talk::{Site, Trouble};

@@ -8,7 +8,10 @@ use avln_proto::{
 use std::time::Duration;
 use tokio::{sync::mpsc, time::timeout};
 use tokio_stream::wrappers::ReceiverStream;
-use tonic::{Request, Status, Streaming, transport::Channel};
+use tonic::{
+    Request, Status, Streaming,
+    transport::{Certificate, Channel, ClientTlsConfig, Endpoint},
+};
 
 /// For how long an answer may take: scenes may have to be read.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -38,6 +41,35 @@ pub enum Trouble {
     },
 }
 
+/// Where a server is.
+#[derive(Clone, Copy, Debug)]
+pub struct Site<'a> {
+    /// Its address: `http://`, or `https://`.
+    pub server: &'a str,
+    /// PEM text of the authorities that an `https://` server's certificate may come from, in place of those of the system.
+    pub ca: Option<&'a str>,
+}
+
+impl Site<'_> {
+    fn endpoint(&self) -> Result<Endpoint, tonic::transport::Error> {
+        let endpoint = Endpoint::new(self.server.to_owned())?;
+        let endpoint = endpoint.max_frame_size(256 << 10).initial_stream_window_size(2 << 20);
+        match (self.server.starts_with("https://"), self.ca) {
+            (false, _) => Ok(endpoint),
+            (true, None) => endpoint.tls_config(ClientTlsConfig::new().with_native_roots()),
+            (true, Some(pem)) => {
+                endpoint.tls_config(ClientTlsConfig::new().ca_certificate(Certificate::from_pem(pem)))
+            }
+        }
+    }
+}
+
+/// What an error says, and what lies behind it.
+fn chain(error: &dyn std::error::Error) -> String {
+    let behind = std::iter::successors(error.source(), |error| error.source());
+    behind.fold(error.to_string(), |said, error| format!("{said}: {error}"))
+}
+
 /// A connection to the server, and the run that the checks play.
 pub(crate) struct Talk {
     pub(crate) channel: Channel,
@@ -48,12 +80,12 @@ pub(crate) struct Talk {
 
 impl Talk {
     /// Connects and begins a run.
-    pub(crate) async fn open(server: &str, token: &str, phase: &str) -> Result<Self, Trouble> {
-        let unreachable = |detail: String| Trouble::Unreachable { address: server.to_owned(), detail };
-        let endpoint =
-            Channel::from_shared(server.to_owned()).map_err(|error| unreachable(error.to_string()))?;
-        let channel = endpoint.max_frame_size(256 << 10).initial_stream_window_size(2 << 20).connect().await;
-        let channel = channel.map_err(|error| unreachable(error.to_string()))?;
+    pub(crate) async fn open(site: &Site<'_>, token: &str, phase: &str) -> Result<Self, Trouble> {
+        let unreachable = |error: tonic::transport::Error| Trouble::Unreachable {
+            address: site.server.to_owned(),
+            detail: chain(&error),
+        };
+        let channel = site.endpoint().map_err(unreachable)?.connect().await.map_err(unreachable)?;
         let no_run = |detail: String| Trouble::NoRun { phase: phase.to_owned(), detail };
         let request = v1::StartRunRequest {
             phase: phase.to_owned(),

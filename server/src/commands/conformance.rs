@@ -2,15 +2,18 @@
 
 use crate::say::say;
 use crate::{Failure, FailureKind};
-use avln_conformance::{Check, Host, Outcome, check};
-use std::net::SocketAddr;
+use avln_conformance::{Check, Host, Outcome, Site, check};
+use std::{net::SocketAddr, path::PathBuf};
 
 /// Which server to check, or where a client comes to be checked.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Options {
-    /// Address of its gRPC port
+    /// Address of its gRPC port: http:// or https://
     #[arg(long, env = "AVLN_SERVER", default_value = "http://127.0.0.1:50051", value_name = "URL")]
     pub server: String,
+    /// PEM file of the authorities that an https server's certificate may come from, instead of those of the system
+    #[arg(long, env = "AVLN_CA", value_name = "FILE")]
+    pub ca: Option<PathBuf>,
     /// Token of an account there
     #[arg(
         long,
@@ -38,11 +41,20 @@ pub async fn run(options: Options) -> Result<(), Failure> {
         Some(address) => host(address).await?,
         None => {
             let (token, phase) = (options.token.unwrap_or_default(), options.phase.unwrap_or_default());
-            let checks = check(&options.server, &token, &phase).await;
+            let ca = options.ca.map(read).transpose()?;
+            let site = Site { server: &options.server, ca: ca.as_deref() };
+            let checks = check(&site, &token, &phase).await;
             checks.map_err(|trouble| Failure::new(FailureKind::Run, trouble))?
         }
     };
     show(&checks)
+}
+
+fn read(file: PathBuf) -> Result<String, Failure> {
+    std::fs::read_to_string(&file).map_err(|error| {
+        let message = format!("cannot read the authorities in {}: {error}", file.display());
+        Failure::new(FailureKind::Run, message).hinted("--ca takes a PEM file")
+    })
 }
 
 async fn host(address: SocketAddr) -> Result<Vec<Check>, Failure> {
