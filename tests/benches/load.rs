@@ -4,9 +4,9 @@
 
 use avln_client::{Action, Arena, Order, Play, RunOptions, Sensors};
 use avln_server::{arena::data::DataFolder, commands::team};
-use avln_tests::{PHASE, Plan, furnish};
+use avln_tests::{PHASE, Plan, furnish, server::Server};
 use std::{
-    net::{SocketAddr, TcpListener, TcpStream},
+    net::SocketAddr,
     path::Path,
     process::{Child, Command, Stdio},
     sync::Arc,
@@ -43,14 +43,12 @@ fn main() {
 fn measure(runtime: &Runtime, length: Duration) {
     let folder = tempfile::tempdir().expect("a folder");
     let tokens = runtime.block_on(tokens(folder.path()));
-    let (mut server, door) = serve(folder.path());
-    let players: Vec<_> = tokens.iter().map(|token| player(door, token, length)).collect();
+    let mut server = Server::start(env!("CARGO_BIN_EXE_avln_under_test"), folder.path());
+    runtime.block_on(server.answers());
+    let players: Vec<_> = tokens.iter().map(|token| player(server.grpc, token, length)).collect();
     let resident = watch(&server, length);
     let told: Vec<_> = players.into_iter().map(outcome).collect();
-    let alive = server.try_wait().expect("a state").is_none();
-    server.kill().expect("it runs");
-    server.wait().expect("it is gone");
-    report(&told, length, alive);
+    report(&told, length, server.lives());
     report_memory(&resident);
 }
 
@@ -67,20 +65,6 @@ async fn tokens(folder: &Path) -> Vec<String> {
     tokens
 }
 
-/// The real program, once it answers.
-fn serve(folder: &Path) -> (Child, SocketAddr) {
-    let free = || TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a free port");
-    let (grpc, web) = (free(), free());
-    let mut serve = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-    serve.arg("--data").arg(folder).arg("serve");
-    serve.args(["--grpc", &grpc.to_string(), "--web", &web.to_string()]);
-    let server = serve.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts");
-    while TcpStream::connect(grpc).is_err() {
-        sleep(Duration::from_millis(50));
-    }
-    (server, grpc)
-}
-
 fn player(door: SocketAddr, token: &str, length: Duration) -> Child {
     let mut play = Command::new(std::env::current_exe().expect("this program"));
     play.args([&format!("http://{door}"), token, &length.as_secs().to_string()]);
@@ -88,7 +72,7 @@ fn player(door: SocketAddr, token: &str, length: Duration) -> Child {
 }
 
 /// Resident memory of the server over the time, MiB.
-fn watch(server: &Child, length: Duration) -> Vec<u64> {
+fn watch(server: &Server, length: Duration) -> Vec<u64> {
     let begun = Instant::now();
     let mut resident = Vec::new();
     while begun.elapsed() < length {

@@ -37,6 +37,16 @@ impl Server {
         Self { process, grpc, web }
     }
 
+    /// Number of its process.
+    pub fn id(&self) -> u32 {
+        self.process.id()
+    }
+
+    /// Whether it has not ended by itself.
+    pub fn lives(&mut self) -> bool {
+        self.process.try_wait().expect("a state").is_none()
+    }
+
     /// Ends it as a crash would: SIGKILL, without a word.
     pub fn kill(mut self) {
         self.process.kill().expect("it runs");
