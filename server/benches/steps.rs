@@ -1,8 +1,8 @@
 //! Steps a second of a whole episode in a procedural house, in process and over gRPC on loopback, and where the time
 //! goes: `cargo bench -p avln-server --bench steps`.
 //!
-//! Processor time is summed over all threads of this process: over gRPC that is server and client together. Parts of a
-//! step are differences between the same walk with and without a sense, and with and without the door.
+//! Processor time is summed over all threads of this process: over gRPC that is server and client together. The simulator's
+//! parts of a step are differences between the same walk with and without a sense; the rest is told by thread.
 
 use avln_client::{Arena as Client, RunOptions};
 use avln_episode::{Action, Order, Rules, Sensors};
@@ -33,6 +33,8 @@ const REPEATS: usize = 3;
 /// In process the walk is repeated for at least this long: a step without senses takes microseconds.
 const LEAST: Duration = Duration::from_millis(300);
 const PHASE: &str = "bench";
+/// What the threads that simulate are called.
+const SIMULATOR: &str = "avln-simulat";
 
 /// What the agent senses.
 struct Senses {
@@ -57,6 +59,9 @@ const NONE: usize = 3;
 struct Cost {
     wall_us: f64,
     cpu_us: f64,
+    /// Of the processor time, that of the simulator's threads and that of the client's.
+    simulator_us: f64,
+    client_us: f64,
 }
 
 fn main() {
@@ -65,7 +70,7 @@ fn main() {
     let token = server.block_on(furnish(folder.path()));
     let doors = server.block_on(open_doors(folder.path()));
     let indoors = Indoors::open(folder.path());
-    let visitor = runtime();
+    let visitor = Builder::new_current_thread().enable_all().build().expect("a runtime of one thread");
     let client =
         visitor.block_on(Client::connect(format!("http://{}", doors.grpc), token)).expect("the door");
     let measure = |senses: &Senses| {
@@ -178,8 +183,9 @@ fn print_rates(costs: &[[Cost; 2]]) {
     let head = format!("{:>14} {:>8} {:>8}", "steps/s a core", "cpu us", "wall us");
     println!("{:24} {head} {head}", "senses");
     for (senses, [inside, outside]) in SENSES.iter().zip(costs) {
-        let cells =
-            |Cost { wall_us, cpu_us }: &Cost| format!("{:>14.0} {cpu_us:>8.1} {wall_us:>8.1}", 1e6 / cpu_us);
+        let cells = |Cost { wall_us, cpu_us, .. }: &Cost| {
+            format!("{:>14.0} {cpu_us:>8.1} {wall_us:>8.1}", 1e6 / cpu_us)
+        };
         println!("{:24} {} {}", senses.name, cells(inside), cells(outside));
     }
 }
@@ -187,18 +193,18 @@ fn print_rates(costs: &[[Cost; 2]]) {
 /// What a step with all senses at 256 x 256 over gRPC is made of. The parts add up by construction.
 fn print_parts(costs: &[[Cost; 2]]) {
     let inside = |senses: usize| costs[senses][0].cpu_us;
-    let outside = |senses: usize| costs[senses][1].cpu_us;
-    let message = outside(NONE) - inside(NONE);
+    let Cost { cpu_us, simulator_us, client_us, .. } = costs[ALL][1];
     let parts = [
         ("motion and referee", inside(NONE)),
         ("audio", inside(AUDIO) - inside(NONE)),
         ("pictures", inside(ALL) - inside(AUDIO)),
-        ("message: threads, HTTP/2, sockets", message),
-        ("its bytes: encoding, copies, decoding", outside(ALL) - inside(ALL) - message),
+        ("the same after a pause: cold caches", simulator_us - inside(ALL)),
+        ("server: messages, HTTP/2, sockets", cpu_us - simulator_us - client_us),
+        ("client: sockets, HTTP/2, messages", client_us),
     ];
     println!("\n{:40} {:>8} {:>8}", "part of a step, 256 x 256 over gRPC", "cpu us", "share");
-    for (name, cpu_us) in parts {
-        println!("{name:40} {cpu_us:>8.1} {:>7.1}%", 100.0 * cpu_us / outside(ALL));
+    for (name, part_us) in parts {
+        println!("{name:40} {part_us:>8.1} {:>7.1}%", 100.0 * part_us / cpu_us);
     }
 }
 
@@ -209,7 +215,12 @@ fn median(costs: Vec<Cost>) -> Cost {
         values.sort_by(f64::total_cmp);
         values[values.len() / 2]
     };
-    Cost { wall_us: middle(|cost| cost.wall_us), cpu_us: middle(|cost| cost.cpu_us) }
+    Cost {
+        wall_us: middle(|cost| cost.wall_us),
+        cpu_us: middle(|cost| cost.cpu_us),
+        simulator_us: middle(|cost| cost.simulator_us),
+        client_us: middle(|cost| cost.client_us),
+    }
 }
 
 /// Clock and processor time since the start.
@@ -226,11 +237,26 @@ impl Meter {
     /// Processor time is the clock's where the system does not tell it.
     fn cost(&self, steps: usize) -> Cost {
         let wall_us = 1e6 * self.begun.elapsed().as_secs_f64() / steps as f64;
-        let before = |thread: &String| self.threads_ns.get(thread).copied().unwrap_or(0);
-        let spent_ns: u64 = threads_ns().iter().map(|(thread, ns)| ns.saturating_sub(before(thread))).sum();
-        let cpu_us = if spent_ns > 0 { spent_ns as f64 / 1e3 / steps as f64 } else { wall_us };
-        Cost { wall_us, cpu_us }
+        let now = threads_ns();
+        let spent_us = |of: &dyn Fn(&str) -> bool| {
+            let before = |thread: &String| self.threads_ns.get(thread).copied().unwrap_or(0);
+            let threads = now.iter().filter(|(thread, _)| of(thread));
+            let spent_ns: u64 = threads.map(|(thread, ns)| ns.saturating_sub(before(thread))).sum();
+            spent_ns as f64 / 1e3 / steps as f64
+        };
+        let cpu_us = spent_us(&|_| true);
+        Cost {
+            wall_us,
+            cpu_us: if cpu_us > 0.0 { cpu_us } else { wall_us },
+            simulator_us: spent_us(&|thread| name_of(thread).starts_with(SIMULATOR)),
+            client_us: spent_us(&|thread| thread == std::process::id().to_string()),
+        }
     }
+}
+
+/// How a thread of this process is called, in at most 15 bytes; empty where the system does not tell.
+fn name_of(thread: &str) -> String {
+    std::fs::read_to_string(format!("/proc/self/task/{thread}/comm")).unwrap_or_default()
 }
 
 /// Nanoseconds that each thread of this process spent on a processor, as Linux tells; empty elsewhere.

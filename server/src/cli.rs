@@ -103,8 +103,15 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
         Command::Sim(command) => commands::sim::run(&cli.data, command),
         Command::Dataset(command) => commands::dataset::run(&cli.data, command),
         Command::Sealed(commands::sealed::Command::Enter(step)) => step.take(),
+        Command::Agent(agent) => play(agent),
         other => asynchronous(&cli.data, other),
     }
+}
+
+/// On one thread: an agent and its connection take turns, so that a second one would only have to be woken.
+#[tokio::main(flavor = "current_thread")]
+async fn play(agent: commands::agent::Agent) -> Result<(), Failure> {
+    commands::agent::run(agent).await
 }
 
 #[tokio::main]

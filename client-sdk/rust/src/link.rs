@@ -13,7 +13,8 @@ const KEEP_ALIVE: Duration = Duration::from_secs(30);
 const KEEP_ALIVE_TIMEOUT: Duration = Duration::from_secs(20);
 const STREAM_WINDOW: u32 = 2 << 20;
 const CONNECTION_WINDOW: u32 = 16 << 20;
-const FRAME_BYTES: u32 = 256 << 10;
+/// What came of a message before its length was known is moved once more: not much of it.
+const FRAME_BYTES: u32 = 64 << 10;
 const USER_AGENT: &str = concat!("avln-client/", env!("CARGO_PKG_VERSION"));
 
 /// What addresses of Unix sockets begin with; an absolute path follows.
