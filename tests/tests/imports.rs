@@ -27,8 +27,9 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("web", &["tls", "episode", "scoring", "store"]),
     ("client", &["codec", "proto"]),
     ("conformance", &["proto"]),
+    ("kit", &["client"]),
     ("random", &["client"]),
-    ("pag-nav", &["client"]),
+    ("pag-nav", &["client", "kit"]),
     (
         "server",
         &[

@@ -1,7 +1,10 @@
-use crate::map::{Cell, Estimate, Intensity, Objects, Occupancy, SoundField, SourceBelief, range_m};
-use crate::perception::{Ear, Heard, Layout, Place, Query, Stand, View, things};
-use crate::planner::{Evidence, Goals, Motion, Turns, Weights};
+use crate::planner::{Evidence, Goals, Weights};
 use avln_client::{Action, Agent, Feedback, FeedbackRule, Image, Mission, Observation, Order, TaskSpec};
+use avln_kit::{
+    Motion, Turns,
+    map::{Cell, Estimate, Intensity, Objects, Occupancy, SoundField, SourceBelief, range_m},
+    perception::{Ear, Heard, Layout, Place, Query, Stand, View, things},
+};
 
 /// How far beyond everything seen sources may be, metres.
 const AROUND_M: f32 = 1.5;

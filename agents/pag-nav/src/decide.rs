@@ -1,8 +1,11 @@
 use crate::agent::PagNav;
-use crate::map::{Object, range_m};
-use crate::perception::{Place, Stand};
-use crate::planner::{Candidate, Demand, Evidence, Gate, HeardThere, Stage, best, path};
+use crate::planner::{Candidate, Demand, Evidence, Gate, HeardThere, Stage, best};
 use avln_client::Action;
+use avln_kit::{
+    map::{Object, range_m},
+    path,
+    perception::{Place, Stand},
+};
 
 /// Submits at one hypothesis after which it is no candidate any more.
 const MOST_WRONG: i32 = 3;

@@ -5,8 +5,8 @@
 //!
 //! | paper | here |
 //! |---|---|
-//! | object memory O_t | `map::Objects`: boxes, colours, looks, and compatibility with each goal |
-//! | audio memories A_int, A_bear | `map::Intensity` and `map::SourceBelief`, one of each per sounding target |
+//! | object memory O_t | `avln_kit::map::Objects`: boxes, colours, looks, and compatibility with each goal |
+//! | audio memories A_int, A_bear | `avln_kit::map::Intensity` and `SourceBelief`, one of each per sounding target |
 //! | room memory R_t, P_room, P_obj, P_ctx | `Objects::context`: what the things around a place are typical for |
 //! | s_vis | `Query::fit`: extent, height, colour, size and shape words; likeness of views for pictures |
 //! | S_search, S_ground | `search.rs`, `planner::Evidence::score` |
@@ -22,9 +22,7 @@
 
 mod agent;
 mod decide;
-mod map;
 mod options;
-mod perception;
 mod planner;
 mod search;
 

@@ -1,8 +1,10 @@
 use crate::agent::PagNav;
-use crate::map::Estimate;
-use crate::perception::{Place, Stand};
-use crate::planner::path;
 use avln_client::Action;
+use avln_kit::{
+    map::Estimate,
+    path,
+    perception::{Place, Stand},
+};
 
 /// Within this distance of a believed source the way to it ends, metres.
 const REACH_M: f32 = 0.5;

@@ -7,26 +7,31 @@ const LAYOUT: usize = 3;
 
 /// What a goal looks like, as far as its cue says.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Query {
+pub enum Query {
     /// A label or a sentence.
     Words(Words),
     /// A picture: what stands out in its middle, and how the whole is laid out.
-    Picture { middle: Palette, layout: Layout },
+    Picture {
+        /// Colours of what stands in its middle.
+        middle: Palette,
+        /// Colours of its fields.
+        layout: Layout,
+    },
 }
 
 /// What a sentence says.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Words {
+pub struct Words {
     /// Label of the category.
-    pub(crate) category: String,
+    pub category: String,
     /// Colour word.
-    pub(crate) color: Option<String>,
+    pub color: Option<String>,
     /// The other words before the noun: size, shape, material.
-    pub(crate) traits: Vec<String>,
+    pub traits: Vec<String>,
     /// The room it is in.
-    pub(crate) room: Option<String>,
+    pub room: Option<String>,
     /// Category of what it is near to.
-    pub(crate) near: Option<String>,
+    pub near: Option<String>,
 }
 
 /// Rooms that sentences name.
@@ -46,7 +51,8 @@ const ROOMS: [&str; 12] = [
 ];
 
 impl Query {
-    pub(crate) fn new(cue: &GoalCue) -> Self {
+    /// What a cue asks for.
+    pub fn new(cue: &GoalCue) -> Self {
         match cue {
             GoalCue::Category(label) => Self::Words(Words::parse(&label.replace('_', " "))),
             GoalCue::Description(sentence) => Self::Words(Words::parse(sentence)),
@@ -56,7 +62,7 @@ impl Query {
 
     /// How well one look at `thing` in a picture laid out as `layout` fits the cue by what is seen alone, 0 to 1 (s_vis
     /// of the paper for one look).
-    pub(crate) fn fit(&self, thing: &Thing, layout: &Layout) -> f32 {
+    pub fn fit(&self, thing: &Thing, layout: &Layout) -> f32 {
         match self {
             Self::Words(words) => words.fit(thing),
             Self::Picture { middle, layout: wanted } => {
@@ -79,7 +85,7 @@ fn stretched(value: f32, [low, high]: [f32; 2]) -> f32 {
 impl Words {
     /// Understands sentences about one thing: its noun is the first that is known, what stands directly before it and
     /// after a later *is* are its looks, the next noun is what it is near to. Without a known noun the last word is it.
-    pub(crate) fn parse(sentence: &str) -> Self {
+    pub fn parse(sentence: &str) -> Self {
         let text = sentence.to_lowercase().replace(|c: char| !c.is_alphanumeric(), " ");
         let words: Vec<&str> = text.split_whitespace().collect();
         let mut nouns = nouns(&words).into_iter();
@@ -152,10 +158,11 @@ fn looks<'a>(words: &[&'a str], span: &Range<usize>) -> Vec<&'a str> {
 
 /// Colours of the fields of a picture, row by row.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Layout(Vec<Palette>);
+pub struct Layout(Vec<Palette>);
 
 impl Layout {
-    pub(crate) fn of(image: &Image) -> Self {
+    /// The layout of a picture.
+    pub fn of(image: &Image) -> Self {
         let (width, height) = (image.width as usize, image.height as usize);
         let field = |i: usize| {
             let (column, row) = (i % LAYOUT, i / LAYOUT);
@@ -166,7 +173,7 @@ impl Layout {
     }
 
     /// How much two pictures look alike, 0 to 1.
-    pub(crate) fn likeness(&self, other: &Self) -> f32 {
+    pub fn likeness(&self, other: &Self) -> f32 {
         let fields = self.0.iter().zip(&other.0);
         fields.map(|(a, b)| a.likeness(b)).sum::<f32>() / (LAYOUT * LAYOUT) as f32
     }

@@ -23,13 +23,14 @@ const NAMED: [(&str, [u8; 3]); 13] = [
 
 /// Shares of hues and greys in a set of pixels; the shares add up to 1 unless there are no pixels.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Palette {
+pub struct Palette {
     shares: [f32; BINS],
     pixels: f32,
 }
 
 impl Palette {
-    pub(crate) fn of(pixels: impl Iterator<Item = [u8; 3]>) -> Self {
+    /// The colours of these pixels.
+    pub fn of(pixels: impl Iterator<Item = [u8; 3]>) -> Self {
         let mut palette = Self::default();
         for rgb in pixels {
             palette.shares[bin(rgb)] += 1.0;
@@ -41,7 +42,7 @@ impl Palette {
     }
 
     /// Mixes in the pixels of another view.
-    pub(crate) fn merge(&mut self, other: &Self) {
+    pub fn merge(&mut self, other: &Self) {
         let all = (self.pixels + other.pixels).max(1.0);
         for (share, more) in self.shares.iter_mut().zip(&other.shares) {
             *share = (*share * self.pixels + more * other.pixels) / all;
@@ -50,13 +51,13 @@ impl Palette {
     }
 
     /// How much the two have in common, 0 to 1; neighbouring hues count in part.
-    pub(crate) fn likeness(&self, other: &Self) -> f32 {
+    pub fn likeness(&self, other: &Self) -> f32 {
         let (a, b) = (self.softened(), other.softened());
         a.iter().zip(&b).map(|(a, b)| (a * b).sqrt()).sum::<f32>().min(1.0)
     }
 
     /// Share of pixels that one would call `word`, 0 to 1; `None` for a word that names no colour.
-    pub(crate) fn share_of(&self, word: &str) -> Option<f32> {
+    pub fn share_of(&self, word: &str) -> Option<f32> {
         let (_, example) = NAMED.iter().find(|(name, _)| *name == word)?;
         Some(self.softened()[bin(*example)].min(1.0))
     }
@@ -75,12 +76,12 @@ impl Palette {
 }
 
 /// Whether `word` names a colour.
-pub(crate) fn is_color(word: &str) -> bool {
+pub(super) fn is_color(word: &str) -> bool {
     NAMED.iter().any(|(name, _)| *name == word)
 }
 
 /// How different two colours look, 0 (the same) to about 1; shade counts less than hue.
-pub(crate) fn contrast(a: [u8; 3], b: [u8; 3]) -> f32 {
+pub(super) fn contrast(a: [u8; 3], b: [u8; 3]) -> f32 {
     let chroma = |rgb: [u8; 3]| {
         let [r, g, b] = rgb.map(|value| f32::from(value) / 255.0);
         [0.35 * (r + g + b) / 3.0, r - g, 0.5 * (r + g) - b]

@@ -2,7 +2,7 @@ use crate::perception::{Place, Stand, View};
 use avln_client::DepthImage;
 
 /// Side of a cell, metres.
-pub(crate) const CELL_M: f32 = 0.05;
+pub const CELL_M: f32 = 0.05;
 /// Cells a side: a square of 50 m around the start.
 const SIDE: i32 = 1000;
 /// What is lower than this is stepped on, what is higher than the second walked under, metres.
@@ -18,29 +18,34 @@ const SOFT_M: f32 = 0.3;
 
 /// A cell of the floor plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(crate) struct Cell {
-    pub(crate) column: i32,
-    pub(crate) row: i32,
+pub struct Cell {
+    /// Counted along x.
+    pub column: i32,
+    /// Counted along z.
+    pub row: i32,
 }
 
 impl Cell {
-    pub(crate) fn at(place: Place) -> Self {
+    /// The cell that a place lies in.
+    pub fn at(place: Place) -> Self {
         let index = |coordinate: f32| (coordinate / CELL_M).floor() as i32 + SIDE / 2;
         Self { column: index(place.x), row: index(place.z) }
     }
 
-    pub(crate) fn center(self) -> Place {
+    /// The place in its middle.
+    pub fn center(self) -> Place {
         let coordinate = |index: i32| (index - SIDE / 2) as f32 * CELL_M + 0.5 * CELL_M;
         Place::new(coordinate(self.column), coordinate(self.row))
     }
 
-    pub(crate) fn moved(self, columns: i32, rows: i32) -> Self {
+    /// The cell so many columns and rows away.
+    pub fn moved(self, columns: i32, rows: i32) -> Self {
         Self { column: self.column + columns, row: self.row + rows }
     }
 }
 
 /// Where there is floor, where there are obstacles, and where nothing has been seen.
-pub(crate) struct Occupancy {
+pub struct Occupancy {
     /// Positive: seen as an obstacle; negative: seen free; 0: unknown.
     evidence: Vec<i8>,
     /// The body was blocked here, whatever the camera shows.
@@ -77,7 +82,7 @@ impl Occupancy {
     const LIMIT: i8 = 12;
 
     /// Adds what a depth picture shows of floor and obstacles.
-    pub(crate) fn see(&mut self, view: &View, stand: &Stand, depth: &DepthImage) {
+    pub fn see(&mut self, view: &View, stand: &Stand, depth: &DepthImage) {
         let mut hits = Vec::new();
         for column in 0..view.width {
             let free_m = self.look_along(view, stand, depth, column, &mut hits);
@@ -132,13 +137,13 @@ impl Occupancy {
     }
 
     /// Corners of the rectangle of everything seen, `margin_m` wider on all sides.
-    pub(crate) fn area(&self, margin_m: f32) -> [Place; 2] {
+    pub fn area(&self, margin_m: f32) -> [Place; 2] {
         let [low, high] = self.seen;
         [Place::new(low.x - margin_m, low.z - margin_m), Place::new(high.x + margin_m, high.z + margin_m)]
     }
 
     /// How far a place lies outside of the rectangle of everything seen, metres; 0 inside.
-    pub(crate) fn outside_m(&self, place: Place) -> f32 {
+    pub fn outside_m(&self, place: Place) -> f32 {
         let [low, high] = self.seen;
         let dx = (low.x - place.x).max(place.x - high.x).max(0.0);
         dx.hypot((low.z - place.z).max(place.z - high.z).max(0.0))
@@ -155,7 +160,7 @@ impl Occupancy {
     }
 
     /// The body was blocked here by something that the camera did not show; ways had better lead elsewhere.
-    pub(crate) fn bumped(&mut self, place: Place) {
+    pub fn bumped(&mut self, place: Place) {
         for &(dc, dr) in &self.disks[0] {
             let cell = Cell::at(place).moved(dc, dr);
             index(cell).into_iter().for_each(|index| self.bumps[index] = self.bumps[index].saturating_add(1));
@@ -163,7 +168,7 @@ impl Occupancy {
     }
 
     /// How often the body was blocked here.
-    pub(crate) fn bumps(&self, cell: Cell) -> u8 {
+    pub fn bumps(&self, cell: Cell) -> u8 {
         index(cell).map_or(0, |index| self.bumps[index])
     }
 
@@ -189,36 +194,39 @@ impl Occupancy {
         }
     }
 
-    pub(crate) fn is_unknown(&self, cell: Cell) -> bool {
+    /// Whether nothing has been seen here.
+    pub fn is_unknown(&self, cell: Cell) -> bool {
         index(cell).is_some_and(|index| self.evidence[index] == 0)
     }
 
-    pub(crate) fn is_free(&self, cell: Cell) -> bool {
+    /// Whether floor without an obstacle has been seen here.
+    pub fn is_free(&self, cell: Cell) -> bool {
         index(cell).is_some_and(|index| self.evidence[index] < 0)
     }
 
-    pub(crate) fn is_obstacle(&self, cell: Cell) -> bool {
+    /// Whether an obstacle has been seen here, or the map ends.
+    pub fn is_obstacle(&self, cell: Cell) -> bool {
         index(cell).is_none_or(|index| self.evidence[index] > 0)
     }
 
     /// Whether sound at the height of ears is kept away.
-    pub(crate) fn is_wall(&self, cell: Cell) -> bool {
+    pub fn is_wall(&self, cell: Cell) -> bool {
         index(cell).is_none_or(|index| self.walls[index] && self.evidence[index] >= 0)
     }
 
     /// Whether an obstacle leaves no room for the body here. Unknown cells have room.
-    pub(crate) fn is_blocked(&self, cell: Cell) -> bool {
+    pub fn is_blocked(&self, cell: Cell) -> bool {
         index(cell).is_none_or(|index| self.hard[index] > 0)
     }
 
     /// Whether an obstacle is so near that the body is better elsewhere.
-    pub(crate) fn is_tight(&self, cell: Cell) -> bool {
+    pub fn is_tight(&self, cell: Cell) -> bool {
         index(cell).is_none_or(|index| self.soft[index] > 0)
     }
 
     /// Whether no wall keeps sound away on the straight line between two places, but for its end: a source may be fixed
     /// to a wall.
-    pub(crate) fn hears(&self, from: Place, to: Place) -> bool {
+    pub fn hears(&self, from: Place, to: Place) -> bool {
         const SAMPLE_M: f32 = 0.09;
         const TAIL_M: f32 = 0.25;
         let length_m = from.distance_m(to);
@@ -227,7 +235,7 @@ impl Occupancy {
     }
 
     /// Centres of the stretches of border between free floor and the unknown, each with its length in cells.
-    pub(crate) fn frontiers(&self) -> Vec<(Place, usize)> {
+    pub fn frontiers(&self) -> Vec<(Place, usize)> {
         const BLOCK: i32 = 10;
         let mut found = Vec::new();
         let [low, high] = self.area(CELL_M).map(Cell::at);
@@ -268,7 +276,7 @@ fn disk(radius_m: f32) -> Vec<(i32, i32)> {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use super::*;
     use avln_client::{Pose, TaskSpec};
 

@@ -11,7 +11,7 @@ const SPREAD: f32 = 0.6;
 
 /// The intensity memory A_int of the paper, for one source: the loudest that it was heard at each place.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Intensity {
+pub struct Intensity {
     cells: BTreeMap<(i32, i32), Heard>,
 }
 
@@ -23,7 +23,7 @@ struct Heard {
 
 impl Intensity {
     /// The source was heard this loud at a place: A(x) = max(A(x), level).
-    pub(crate) fn hear(&mut self, place: Place, level: f32) {
+    pub fn hear(&mut self, place: Place, level: f32) {
         let cell = |coordinate: f32| (coordinate / CELL_M).floor() as i32;
         let heard = self.cells.entry((cell(place.x), cell(place.z))).or_insert(Heard { level, place });
         if level > heard.level {
@@ -32,13 +32,13 @@ impl Intensity {
     }
 
     /// The loudest of all places; 0 when nothing was heard.
-    pub(crate) fn loudest(&self) -> f32 {
+    pub fn loudest(&self) -> f32 {
         self.cells.values().map(|heard| heard.level).fold(0.0, f32::max)
     }
 
     /// How well a source `distance_m` away from each place explains how loud it was there, 0 to 1: the mean over the
     /// loudest places of a bell over the logarithm of the ratio of the range that the level tells and the distance.
-    pub(crate) fn supports(&self, distance_m: impl Fn(Place) -> f32) -> f32 {
+    pub fn supports(&self, distance_m: impl Fn(Place) -> f32) -> f32 {
         let mut loud: Vec<&Heard> = self.cells.values().collect();
         loud.sort_by(|a, b| b.level.total_cmp(&a.level));
         loud.truncate(ASKED);

@@ -16,7 +16,7 @@ const ITD_CURVE_S: [f32; 7] = [0.0, 341e-6, 616e-6, 691e-6, 572e-6, 289e-6, 0.0]
 
 /// Delay between the ears for a source at `bearing_rad` (positive to the left), seconds; positive where the left ear
 /// hears first.
-pub(crate) fn itd_s(bearing_rad: f32) -> f32 {
+pub fn itd_s(bearing_rad: f32) -> f32 {
     let position = (bearing_rad.abs().to_degrees() / 30.0).min(6.0);
     let before = (position as usize).min(5);
     let share = position - before as f32;
@@ -26,16 +26,16 @@ pub(crate) fn itd_s(bearing_rad: f32) -> f32 {
 
 /// What was heard in one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Heard {
+pub struct Heard {
     /// Delay between the ears, seconds; positive where the left ear heard first.
-    pub(crate) itd_s: f32,
+    pub itd_s: f32,
     /// Root mean square of the sound pressure over both ears.
-    pub(crate) level: f32,
+    pub level: f32,
 }
 
 /// Measures delay and level of binaural sound by generalised cross-correlation with phase transform (Knapp and Carter
 /// 1976).
-pub(crate) struct Ear {
+pub struct Ear {
     forward: Arc<dyn RealToComplex<f32>>,
     inverse: Arc<dyn ComplexToReal<f32>>,
     time: Vec<f32>,
@@ -53,7 +53,7 @@ impl Default for Ear {
 
 impl Ear {
     /// What a step sounded like; `None` in silence.
-    pub(crate) fn hear(&mut self, audio: &Audio) -> Option<Heard> {
+    pub fn hear(&mut self, audio: &Audio) -> Option<Heard> {
         let level = level(audio);
         if !(level > SILENCE && level.is_finite()) || audio.sample_rate_hz == 0 {
             return None;

@@ -19,40 +19,44 @@ const LONGEST_M: f32 = 3.2;
 
 /// Something that was seen as a whole: a box in the frame of poses, and its colours.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Thing {
-    /// Corners on the floor plan.
-    pub(crate) min: Place,
-    pub(crate) max: Place,
-    /// Lowest and highest point above the floor, metres.
-    pub(crate) low_m: f32,
-    pub(crate) high_m: f32,
-    pub(crate) palette: Palette,
+pub struct Thing {
+    /// Corner on the floor plan with the lowest coordinates.
+    pub min: Place,
+    /// Corner with the highest.
+    pub max: Place,
+    /// Lowest point above the floor, metres.
+    pub low_m: f32,
+    /// Highest point above the floor, metres.
+    pub high_m: f32,
+    /// Its colours.
+    pub palette: Palette,
     /// Pictures in which it was seen.
-    pub(crate) views: u32,
+    pub views: u32,
 }
 
 impl Thing {
     /// Long side on the floor plan, metres.
-    pub(crate) fn long_m(&self) -> f32 {
+    pub fn long_m(&self) -> f32 {
         (self.max.x - self.min.x).max(self.max.z - self.min.z)
     }
 
     /// Short side on the floor plan, metres.
-    pub(crate) fn short_m(&self) -> f32 {
+    pub fn short_m(&self) -> f32 {
         (self.max.x - self.min.x).min(self.max.z - self.min.z)
     }
 
     /// The place of the box on the floor plan that is nearest to `place`.
-    pub(crate) fn nearest(&self, place: Place) -> Place {
+    pub fn nearest(&self, place: Place) -> Place {
         Place::new(place.x.clamp(self.min.x, self.max.x), place.z.clamp(self.min.z, self.max.z))
     }
 
     /// Distance on the floor plan from `place` to the box, metres.
-    pub(crate) fn distance_m(&self, place: Place) -> f32 {
+    pub fn distance_m(&self, place: Place) -> f32 {
         self.nearest(place).distance_m(place)
     }
 
-    pub(crate) fn center(&self) -> Place {
+    /// Its middle on the floor plan.
+    pub fn center(&self) -> Place {
         self.min.toward(self.max, 0.5)
     }
 
@@ -62,7 +66,7 @@ impl Thing {
     }
 
     /// Whether both may be one: boxes that touch, and colours alike.
-    pub(crate) fn is_same(&self, other: &Self) -> bool {
+    pub fn is_same(&self, other: &Self) -> bool {
         const SLACK_M: f32 = 0.1;
         const LIKE: f32 = 0.55;
         let apart = |a: &Self, b: &Self| {
@@ -76,7 +80,7 @@ impl Thing {
     }
 
     /// Takes in another view of the same thing.
-    pub(crate) fn merge(&mut self, other: &Self) {
+    pub fn merge(&mut self, other: &Self) {
         self.min = Place::new(self.min.x.min(other.min.x), self.min.z.min(other.min.z));
         self.max = Place::new(self.max.x.max(other.max.x), self.max.z.max(other.max.z));
         (self.low_m, self.high_m) = (self.low_m.min(other.low_m), self.high_m.max(other.high_m));
@@ -94,7 +98,7 @@ struct Node {
 }
 
 /// Cuts a picture into things: connected stretches without a jump in depth, of one colour where they lie on a wall.
-pub(crate) fn things(
+pub fn things(
     view: &View,
     stand: &Stand,
     image: &Image,

@@ -31,16 +31,17 @@ const CERTAIN_M: f32 = 0.75;
 
 /// Where one source may be: a likelihood over the floor plan, accumulated from bearings and levels (the bearing memory
 /// of the paper).
-pub(crate) struct SourceBelief {
+pub struct SourceBelief {
     scores: Vec<f32>,
 }
 
 /// The best guess about a source.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Estimate {
-    pub(crate) place: Place,
+pub struct Estimate {
+    /// Where it is believed to be.
+    pub place: Place,
     /// Probability that it is within 0.75 m of `place`, 0 to 1.
-    pub(crate) certainty: f32,
+    pub certainty: f32,
 }
 
 impl Default for SourceBelief {
@@ -50,13 +51,13 @@ impl Default for SourceBelief {
 }
 
 /// How far away a source of this level would be in the free field, metres.
-pub(crate) fn range_m(level: f32) -> f32 {
+pub fn range_m(level: f32) -> f32 {
     (LEVEL_AT_1_M / level.max(1e-6)).clamp(0.1, 100.0)
 }
 
 impl SourceBelief {
     /// Adds one sound of the source, heard at `stand`, from where `field` spreads.
-    pub(crate) fn hear(&mut self, field: &SoundField, stand: &Stand, heard: &Heard) {
+    pub fn hear(&mut self, field: &SoundField, stand: &Stand, heard: &Heard) {
         let range_m = range_m(heard.level);
         for (index, score) in self.scores.iter_mut().enumerate() {
             let said = field.ray(index).map_or(2.0 * WORST, |ray| {
@@ -75,7 +76,7 @@ impl SourceBelief {
     }
 
     /// The best place by all that was heard, in view of what is known of the map; `None` when sound reaches nothing.
-    pub(crate) fn estimate(&self, field: &SoundField, map: &Occupancy) -> Option<Estimate> {
+    pub fn estimate(&self, field: &SoundField, map: &Occupancy) -> Option<Estimate> {
         let top = self.scores.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         let plausible = self.scores.iter().enumerate().filter(|(_, score)| **score > top - 8.0);
         let weighed: Vec<(Place, f32)> = plausible

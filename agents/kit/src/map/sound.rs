@@ -4,24 +4,24 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 /// Side of a cell of places where a source may be, metres.
-pub(crate) const STEP_M: f32 = 0.25;
+pub(super) const STEP_M: f32 = 0.25;
 /// Cells a side: a square of 40 m around the start.
-pub(crate) const SIDE: usize = 160;
+pub(super) const SIDE: usize = 160;
 /// Nearer than this nothing shuts the listener in, metres.
 const NEAR_M: f32 = 0.5;
 
 /// How sound of a source at some place would reach the listener: around the walls that are known, straight through what
 /// is unknown.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Ray {
+pub struct Ray {
     /// Where it comes from: the source itself or the corner that it bends around last.
-    pub(crate) from: Place,
+    pub from: Place,
     /// Length of its way, metres.
-    pub(crate) length_m: f32,
+    pub length_m: f32,
 }
 
 /// The rays of all places around a listener.
-pub(crate) struct SoundField {
+pub struct SoundField {
     rays: Vec<Option<Ray>>,
     listener: Place,
 }
@@ -41,7 +41,7 @@ struct Reached {
 impl SoundField {
     /// Spreads from `listener` over the cells in `area` (corners of a rectangle): a search whose lines of sight are
     /// looked at when a cell is opened (Nash et al. 2010, Lazy Theta*).
-    pub(crate) fn new(map: &Occupancy, listener: Place, area: [Place; 2]) -> Self {
+    pub fn new(map: &Occupancy, listener: Place, area: [Place; 2]) -> Self {
         let mut reached: Vec<Option<Reached>> = vec![None; SIDE * SIDE];
         let mut open = BinaryHeap::new();
         if let Some(start) = index(listener) {
@@ -71,17 +71,17 @@ impl SoundField {
     }
 
     /// Where the listener stood.
-    pub(crate) fn listener(&self) -> Place {
+    pub fn listener(&self) -> Place {
         self.listener
     }
 
     /// How a source in cell `index` would be heard; `None` outside of the area.
-    pub(crate) fn ray(&self, index: usize) -> Option<Ray> {
+    pub fn ray(&self, index: usize) -> Option<Ray> {
         self.rays.get(index).copied().flatten()
     }
 
     /// Whether a ray comes straight from its source.
-    pub(crate) fn is_straight(&self, index: usize) -> bool {
+    pub fn is_straight(&self, index: usize) -> bool {
         let straight_m = center(index).distance_m(self.listener);
         self.ray(index).is_some_and(|ray| ray.length_m < straight_m + 0.1)
     }
@@ -127,7 +127,7 @@ fn is_wall(map: &Occupancy, place: Place) -> bool {
 }
 
 /// Middle of cell `index`.
-pub(crate) fn center(index: usize) -> Place {
+pub(super) fn center(index: usize) -> Place {
     let coordinate = |index: usize| (index as f32 + 0.5 - 0.5 * SIDE as f32) * STEP_M;
     Place::new(coordinate(index % SIDE), coordinate(index / SIDE))
 }

@@ -2,43 +2,49 @@ use avln_client::{DepthImage, Pose, TaskSpec};
 
 /// A place on the floor plan, metres: `x` right and `z` back of the frame of poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Place {
-    pub(crate) x: f32,
-    pub(crate) z: f32,
+pub struct Place {
+    /// Metres, as in poses.
+    pub x: f32,
+    /// Metres, as in poses.
+    pub z: f32,
 }
 
 impl Place {
-    pub(crate) fn new(x: f32, z: f32) -> Self {
+    /// The place at these coordinates, metres.
+    pub fn new(x: f32, z: f32) -> Self {
         Self { x, z }
     }
 
-    pub(crate) fn distance_m(self, other: Self) -> f32 {
+    /// How far it is to another place, metres.
+    pub fn distance_m(self, other: Self) -> f32 {
         (self.x - other.x).hypot(self.z - other.z)
     }
 
     /// The place `share` (0 to 1) of the way to `other`.
-    pub(crate) fn toward(self, other: Self, share: f32) -> Self {
+    pub fn toward(self, other: Self, share: f32) -> Self {
         Self { x: self.x + (other.x - self.x) * share, z: self.z + (other.z - self.z) * share }
     }
 }
 
 /// Where the body stands and looks.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Stand {
-    pub(crate) place: Place,
+pub struct Stand {
+    /// Where the base of the body is.
+    pub place: Place,
     sin: f32,
     cos: f32,
 }
 
 impl Stand {
-    pub(crate) fn new(pose: &Pose) -> Self {
+    /// Where a body of this pose stands.
+    pub fn new(pose: &Pose) -> Self {
         let (sin, cos) = pose.heading_rad.sin_cos();
         let [x, _, z] = pose.position;
         Self { place: Place { x, z }, sin, cos }
     }
 
     /// The place `ahead_m` in front and `right_m` to the right.
-    pub(crate) fn offset(&self, ahead_m: f32, right_m: f32) -> Place {
+    pub fn offset(&self, ahead_m: f32, right_m: f32) -> Place {
         Place {
             x: self.place.x - self.sin * ahead_m + self.cos * right_m,
             z: self.place.z - self.cos * ahead_m - self.sin * right_m,
@@ -46,7 +52,7 @@ impl Stand {
     }
 
     /// Direction of `place` from straight ahead, radians, -π to π, positive to the left.
-    pub(crate) fn bearing_rad(&self, place: Place) -> f32 {
+    pub fn bearing_rad(&self, place: Place) -> f32 {
         let (dx, dz) = (place.x - self.place.x, place.z - self.place.z);
         let ahead = -self.sin * dx - self.cos * dz;
         let left = -self.cos * dx + self.sin * dz;
@@ -56,11 +62,11 @@ impl Stand {
 
 /// The pinhole camera of a run.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct View {
+pub struct View {
     /// Pixels in a row.
-    pub(crate) width: usize,
+    pub width: usize,
     /// Rows.
-    pub(crate) height: usize,
+    pub height: usize,
     focal_px: f32,
     camera_height_m: f32,
     depth_max_m: f32,
@@ -68,17 +74,18 @@ pub(crate) struct View {
 
 /// A surface seen in one pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Seen {
+pub struct Seen {
     /// Where on the floor plan.
-    pub(crate) place: Place,
+    pub place: Place,
     /// Height above the base of the body, metres.
-    pub(crate) height_m: f32,
+    pub height_m: f32,
     /// Distance on the floor plan from the camera, metres.
-    pub(crate) range_m: f32,
+    pub range_m: f32,
 }
 
 impl View {
-    pub(crate) fn new(task: &TaskSpec) -> Self {
+    /// The camera that a task tells of.
+    pub fn new(task: &TaskSpec) -> Self {
         let focal_px = 0.5 * task.width as f32 / (0.5 * task.hfov_rad).tan();
         Self {
             width: task.width as usize,
@@ -90,14 +97,14 @@ impl View {
     }
 
     /// Where the sight line of a column lies at `range_m` on the floor plan.
-    pub(crate) fn along(&self, stand: &Stand, column: usize, range_m: f32) -> Place {
+    pub fn along(&self, stand: &Stand, column: usize, range_m: f32) -> Place {
         let tan = self.tan_right(column);
         let ahead_m = range_m / (1.0 + tan * tan).sqrt();
         stand.offset(ahead_m, tan * ahead_m)
     }
 
     /// The surface in pixel (`column`, `row`); `None` where nothing was hit or the picture is of another size.
-    pub(crate) fn seen(&self, stand: &Stand, depth: &DepthImage, column: usize, row: usize) -> Option<Seen> {
+    pub fn seen(&self, stand: &Stand, depth: &DepthImage, column: usize, row: usize) -> Option<Seen> {
         let depth_m = *depth.metres.get(row * self.width + column)?;
         if !(depth_m > 0.0 && depth_m <= self.depth_max_m) {
             return None;

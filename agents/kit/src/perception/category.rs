@@ -115,7 +115,7 @@ const SYNONYMS: &[(&str, &str)] = &[
 ];
 
 /// How well the shape and the colours of `thing` fit a category, 0 to 1; 0.5 for a category that is not known.
-pub(crate) fn likeness(thing: &Thing, category: &str) -> f32 {
+pub fn likeness(thing: &Thing, category: &str) -> f32 {
     let Some(prior) = PRIORS.iter().find(|prior| prior.name == category) else { return 0.5 };
     let fit = inside(thing.long_m(), prior.long_m, 0.3)
         * inside(thing.high_m, prior.top_m, 0.25)
@@ -127,7 +127,7 @@ pub(crate) fn likeness(thing: &Thing, category: &str) -> f32 {
 
 /// What `words` call a thing that is known, by the longest known ending: `old floor lamp` is a `floor_lamp`, `desk lamp`
 /// a `lamp`; with the number of words of that ending. A plural is what its singular is.
-pub(crate) fn noun_of(words: &[&str]) -> Option<(&'static str, usize)> {
+pub(super) fn noun_of(words: &[&str]) -> Option<(&'static str, usize)> {
     (0..words.len()).find_map(|from| Some((known(&words[from..].join("_"))?, words.len() - from)))
 }
 
@@ -141,7 +141,7 @@ fn known(noun: &str) -> Option<&'static str> {
 /// How well a thing has the looks that an adjective names, 0 to 1, by its extent against what is usual for `category`;
 /// `None` for words of which boxes say nothing. Materials are such words: at this resolution texture does not tell wood
 /// from painted metal.
-pub(crate) fn has_trait(thing: &Thing, category: &str, word: &str) -> Option<f32> {
+pub(super) fn has_trait(thing: &Thing, category: &str, word: &str) -> Option<f32> {
     let prior = PRIORS.iter().find(|prior| prior.name == category)?;
     let share = |value: f32, [low, high]: [f32; 2]| ((value - low) / (high - low)).clamp(0.0, 1.0);
     let long = share(thing.long_m(), prior.long_m);

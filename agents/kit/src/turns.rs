@@ -1,7 +1,7 @@
 /// Which source sounds: a model of the published rule that unfinished targets sound in turn, in an order drawn once,
 /// and that a found one falls silent at once. Sources are numbered in the order in which they are first heard.
 #[derive(Clone, Debug)]
-pub(crate) struct Turns {
+pub struct Turns {
     silent: Vec<bool>,
     window_steps: u32,
     current: usize,
@@ -9,13 +9,14 @@ pub(crate) struct Turns {
 }
 
 impl Turns {
-    pub(crate) fn new(count: usize, window_steps: u32) -> Self {
+    /// `count` sources that have not been found, each of which sounds for `window_steps` steps in turn.
+    pub fn new(count: usize, window_steps: u32) -> Self {
         let window_steps = window_steps.max(1);
         Self { silent: vec![false; count], window_steps, current: 0, steps_left: window_steps }
     }
 
     /// The source that sounds in the next observation; `None` when all have been found.
-    pub(crate) fn next(&mut self) -> Option<usize> {
+    pub fn next(&mut self) -> Option<usize> {
         if self.steps_left == 0 || *self.silent.get(self.current)? {
             self.current = self.after(self.current)?;
             self.steps_left = self.window_steps;
@@ -30,28 +31,29 @@ impl Turns {
     }
 
     /// The source was found: it sounds no more.
-    pub(crate) fn silence(&mut self, source: usize) {
+    pub fn silence(&mut self, source: usize) {
         if let Some(silent) = self.silent.get_mut(source) {
             *silent = true;
         }
     }
 
-    pub(crate) fn is_silent(&self, source: usize) -> bool {
+    /// Whether the source was found, or is none.
+    pub fn is_silent(&self, source: usize) -> bool {
         self.silent.get(source).copied().unwrap_or(true)
     }
 
     /// The source that sounds now.
-    pub(crate) fn current(&self) -> usize {
+    pub fn current(&self) -> usize {
         self.current
     }
 
     /// Whether the current source has just begun.
-    pub(crate) fn is_first(&self) -> bool {
+    pub fn is_first(&self) -> bool {
         self.steps_left + 1 == self.window_steps
     }
 
     /// Steps until `source` is heard: 0 when it sounds now.
-    pub(crate) fn wait_steps(&self, source: usize) -> u32 {
+    pub fn wait_steps(&self, source: usize) -> u32 {
         let count = self.silent.len();
         let mut wait = 0;
         for ahead in 0..count {

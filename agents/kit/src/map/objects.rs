@@ -21,32 +21,32 @@ const ROOMS: [(&str, &[&str]); 7] = [
 /// The object memory O_t of the paper: everything that was seen as a whole, merged over pictures, with what looks at it
 /// said for each goal.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Objects {
+pub struct Objects {
     all: Vec<Object>,
     goals: usize,
 }
 
 /// A persistent object hypothesis.
 #[derive(Clone, Debug)]
-pub(crate) struct Object {
+pub struct Object {
     /// Position, extent, colours.
-    pub(crate) thing: Thing,
+    pub thing: Thing,
     /// Looks from nearby.
-    pub(crate) looks: u32,
+    pub looks: u32,
     /// Submits here that found nothing.
-    pub(crate) wrong_submits: i32,
+    pub wrong_submits: i32,
     /// Visual compatibility with each goal over all looks, 0 to 1 (s_vis of the paper).
     vis: Vec<f32>,
 }
 
 impl Objects {
     /// A memory for a mission of `goals` goals.
-    pub(crate) fn new(goals: usize) -> Self {
+    pub fn new(goals: usize) -> Self {
         Self { all: Vec::new(), goals }
     }
 
     /// Takes in the things of one picture.
-    pub(crate) fn see(&mut self, seen: Vec<Thing>) {
+    pub fn see(&mut self, seen: Vec<Thing>) {
         for thing in seen {
             if let Some(known) = self.all.iter_mut().find(|known| known.thing.is_same(&thing)) {
                 known.thing.merge(&thing);
@@ -57,16 +57,17 @@ impl Objects {
     }
 
     /// All hypotheses; the index of one stays the same for the whole episode.
-    pub(crate) fn all(&self) -> &[Object] {
+    pub fn all(&self) -> &[Object] {
         &self.all
     }
 
-    pub(crate) fn iter_mut(&mut self) -> impl Iterator<Item = &mut Object> {
+    /// All hypotheses, to be looked at.
+    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut Object> {
         self.all.iter_mut()
     }
 
     /// A Submit at hypothesis `index` found nothing: it has to be looked at anew.
-    pub(crate) fn refute(&mut self, index: usize) {
+    pub fn refute(&mut self, index: usize) {
         if let Some(object) = self.all.get_mut(index) {
             object.wrong_submits += 1;
             object.looks = 0;
@@ -74,7 +75,7 @@ impl Objects {
     }
 
     /// How much rooms and things around a place speak for a goal, 0 to 1 (P_room, P_obj and P_ctx of the paper).
-    pub(crate) fn context(&self, place: Place, query: &Query) -> f32 {
+    pub fn context(&self, place: Place, query: &Query) -> f32 {
         match query {
             Query::Words(words) => self.expects(place, words),
             Query::Picture { .. } => NEUTRAL,
@@ -109,7 +110,7 @@ impl Objects {
 
 impl Object {
     /// Takes in one look from nearby: how well it fits each goal, 0 to 1.
-    pub(crate) fn look(&mut self, fits: &[f32]) {
+    pub fn look(&mut self, fits: &[f32]) {
         /// Looks over which the mean is taken; older ones fade, since extents grow from look to look.
         const WINDOW: u32 = 4;
         self.looks += 1;
@@ -118,18 +119,18 @@ impl Object {
     }
 
     /// Visual compatibility with a goal, 0 to 1; 0 before the first look.
-    pub(crate) fn vis(&self, goal: usize) -> f32 {
+    pub fn vis(&self, goal: usize) -> f32 {
         self.vis.get(goal).copied().unwrap_or(0.0)
     }
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use super::*;
     use crate::perception::Palette;
     use avln_client::GoalCue;
 
-    pub(crate) fn thing(x: f32, size_m: [f32; 2], high_m: f32, rgb: [u8; 3]) -> Thing {
+    fn thing(x: f32, size_m: [f32; 2], high_m: f32, rgb: [u8; 3]) -> Thing {
         let (min, max) = (Place::new(x, 0.0), Place::new(x + size_m[0], size_m[1]));
         let palette = Palette::of([rgb; 50].into_iter());
         Thing { min, max, low_m: 0.0, high_m, palette, views: 1 }

@@ -16,13 +16,13 @@ const SIDES: [(i32, i32); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1
 
 /// A way over the floor plan.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Path {
+pub struct Path {
     /// Places about 0.1 m apart, the body's own first.
-    pub(crate) places: Vec<Place>,
+    pub places: Vec<Place>,
     /// Distance from the last place to the goal, metres.
-    pub(crate) left_m: f32,
+    pub left_m: f32,
     /// Cost in metres of open floor.
-    pub(crate) cost_m: f32,
+    pub cost_m: f32,
 }
 
 struct Node {
@@ -33,7 +33,7 @@ struct Node {
 
 /// The cheapest way from `from` to within `reach_m` of `goal`, through unknown places where that is shorter; where none
 /// leads there, the way to the reachable place nearest to it.
-pub(crate) fn path(map: &Occupancy, from: Place, goal: Place, reach_m: f32) -> Path {
+pub fn path(map: &Occupancy, from: Place, goal: Place, reach_m: f32) -> Path {
     let start = Cell::at(from);
     let mut nodes = HashMap::from([(start, Node { cost_m: 0.0, before: start, closed: false })]);
     let mut open = BinaryHeap::from([(Reverse(millimetres(from.distance_m(goal))), start)]);
@@ -96,7 +96,7 @@ fn millimetres(metres: f32) -> u32 {
 
 impl Path {
     /// The farthest place of the way that lies straight ahead within `most_m`, without an obstacle between.
-    pub(crate) fn aim(&self, map: &Occupancy, most_m: f32) -> Option<Place> {
+    pub fn aim(&self, map: &Occupancy, most_m: f32) -> Option<Place> {
         let from = *self.places.first()?;
         let fits = |place: Place| {
             let steps = (from.distance_m(place) / CELL_M) as i32;

@@ -1,6 +1,6 @@
 use crate::map::Occupancy;
+use crate::path::Path;
 use crate::perception::{Place, Stand};
-use crate::planner::Path;
 use avln_client::{Action, TaskSpec};
 
 /// How far ahead of the body on its way it aims, metres.
@@ -12,7 +12,7 @@ const PATIENCE: u32 = 16;
 
 /// Turns ways into actions, and notices what was in the way.
 #[derive(Clone, Debug)]
-pub(crate) struct Motion {
+pub struct Motion {
     forward_m: f32,
     turn_rad: f32,
     last: Option<(Action, Stand)>,
@@ -21,7 +21,8 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    pub(crate) fn new(task: &TaskSpec) -> Self {
+    /// The motion of a body that has not moved yet.
+    pub fn new(task: &TaskSpec) -> Self {
         Self {
             forward_m: task.forward_m,
             turn_rad: task.turn_rad,
@@ -32,7 +33,7 @@ impl Motion {
     }
 
     /// Marks on the map what blocked the last step.
-    pub(crate) fn feel(&self, stand: &Stand, map: &mut Occupancy) {
+    pub fn feel(&self, stand: &Stand, map: &mut Occupancy) {
         if let Some((Action::MoveForward, before)) = &self.last
             && before.place.distance_m(stand.place) < BLOCKED * self.forward_m
         {
@@ -41,12 +42,12 @@ impl Motion {
     }
 
     /// Remembers what was decided.
-    pub(crate) fn note(&mut self, action: Action, stand: &Stand) {
+    pub fn note(&mut self, action: Action, stand: &Stand) {
         self.last = Some((action, *stand));
     }
 
     /// The next action along a way; `None` at its end.
-    pub(crate) fn along(&mut self, path: &Path, stand: &Stand, map: &Occupancy) -> Option<Action> {
+    pub fn along(&mut self, path: &Path, stand: &Stand, map: &Occupancy) -> Option<Action> {
         let end = *path.places.last()?;
         if end.distance_m(stand.place) < 0.6 * self.forward_m {
             return None;
@@ -59,7 +60,7 @@ impl Motion {
     }
 
     /// The turn that brings a bearing ahead; `None` when it is as near ahead as turns can bring it.
-    pub(crate) fn toward(&self, bearing_rad: f32) -> Option<Action> {
+    pub fn toward(&self, bearing_rad: f32) -> Option<Action> {
         let enough_rad = 0.55 * self.turn_rad;
         match bearing_rad {
             b if b > enough_rad => Some(Action::TurnLeft),
@@ -93,7 +94,7 @@ impl Motion {
 mod tests {
     use super::*;
     use crate::map::Cell;
-    use crate::planner::path;
+    use crate::path::path;
     use avln_client::Pose;
 
     #[test]
