@@ -29,6 +29,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("conformance", &["proto"]),
     ("kit", &["client"]),
     ("random", &["client"]),
+    ("baselines", &["client", "kit"]),
     ("pag-nav", &["client", "kit"]),
     (
         "server",
@@ -54,7 +55,9 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "web",
             "client",
             "conformance",
+            "kit",
             "random",
+            "baselines",
             "pag-nav",
         ],
     ),

@@ -133,7 +133,7 @@ mod tests {
     fn thing(x: f32, size_m: [f32; 2], high_m: f32, rgb: [u8; 3]) -> Thing {
         let (min, max) = (Place::new(x, 0.0), Place::new(x + size_m[0], size_m[1]));
         let palette = Palette::of([rgb; 50].into_iter());
-        Thing { min, max, low_m: 0.0, high_m, palette, views: 1 }
+        Thing { min, max, low_m: 0.0, high_m, palette, views: 1, ..Thing::default() }
     }
 
     #[test]

@@ -130,6 +130,11 @@ impl Occupancy {
         }
     }
 
+    /// Something is thought to be anywhere in a rectangle given by two corners, although nothing of it has been seen.
+    pub fn suppose(&mut self, area: [Place; 2]) {
+        area.into_iter().for_each(|corner| self.widen(corner));
+    }
+
     fn widen(&mut self, place: Place) {
         let [low, high] = &mut self.seen;
         (low.x, low.z) = (low.x.min(place.x), low.z.min(place.z));
@@ -289,7 +294,7 @@ mod tests {
 
         /// Seen somehow in a rectangle.
         pub(crate) fn with_area(mut self, area: [Place; 2]) -> Self {
-            area.into_iter().for_each(|corner| self.widen(corner));
+            self.suppose(area);
             self
         }
 

@@ -114,8 +114,12 @@ const SYNONYMS: &[(&str, &str)] = &[
     ("blind", "curtain"),
 ];
 
-/// How well the shape and the colours of `thing` fit a category, 0 to 1; 0.5 for a category that is not known.
+/// How well `thing` fits a category, 0 to 1: by what perception says, else by its shape and colours, and 0.5 for a
+/// category that is not known.
 pub fn likeness(thing: &Thing, category: &str) -> f32 {
+    if let Some(told) = thing.is_a(category) {
+        return told;
+    }
     let Some(prior) = PRIORS.iter().find(|prior| prior.name == category) else { return 0.5 };
     let fit = inside(thing.long_m(), prior.long_m, 0.3)
         * inside(thing.high_m, prior.top_m, 0.25)
@@ -178,6 +182,7 @@ mod tests {
             high_m,
             palette: Palette::of([rgb; 50].into_iter()),
             views: 1,
+            ..Thing::default()
         }
     }
 

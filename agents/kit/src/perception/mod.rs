@@ -2,6 +2,7 @@
 //! level; and what the cues of the goals say.
 
 mod audio;
+mod backend;
 mod category;
 mod color;
 mod cue;
@@ -9,6 +10,7 @@ mod geometry;
 mod objects;
 
 pub use audio::{Ear, Heard, itd_s};
+pub use backend::{Classical, Perception};
 pub use category::likeness as category_likeness;
 pub use color::Palette;
 pub use cue::{Layout, Query, Words};

@@ -30,6 +30,10 @@ pub struct Thing {
     pub high_m: f32,
     /// Its colours.
     pub palette: Palette,
+    /// What tells this instance from others, by perception that has such a thing; else empty.
+    pub embedding: Vec<f32>,
+    /// Categories and their probabilities; empty where perception tells none.
+    pub kinds: Vec<(String, f32)>,
     /// Pictures in which it was seen.
     pub views: u32,
 }
@@ -65,7 +69,7 @@ impl Thing {
         self.high_m - self.low_m > 1.7 && self.long_m() > 1.2 && self.short_m() < 0.2
     }
 
-    /// Whether both may be one: boxes that touch, and colours alike.
+    /// Whether both may be one: boxes that touch, and embeddings alike or, where there are none, colours.
     pub fn is_same(&self, other: &Self) -> bool {
         const SLACK_M: f32 = 0.1;
         const LIKE: f32 = 0.55;
@@ -73,10 +77,11 @@ impl Thing {
             a.min.x > b.max.x + SLACK_M || a.min.z > b.max.z + SLACK_M || a.low_m > b.high_m + SLACK_M
         };
         let all_m = self.long_m().max(other.long_m()) + self.center().distance_m(other.center());
-        !apart(self, other)
-            && !apart(other, self)
-            && all_m < LONGEST_M
-            && self.palette.likeness(&other.palette) > LIKE
+        let alike = || match self.embedding.as_slice() {
+            [] => all_m < LONGEST_M && self.palette.likeness(&other.palette) > LIKE,
+            own => cosine(own, &other.embedding) > LIKE,
+        };
+        !apart(self, other) && !apart(other, self) && alike()
     }
 
     /// Takes in another view of the same thing.
@@ -85,8 +90,46 @@ impl Thing {
         self.max = Place::new(self.max.x.max(other.max.x), self.max.z.max(other.max.z));
         (self.low_m, self.high_m) = (self.low_m.min(other.low_m), self.high_m.max(other.high_m));
         self.palette.merge(&other.palette);
+        let share = other.views as f32 / (self.views + other.views).max(1) as f32;
+        mix(&mut self.embedding, &other.embedding, share);
+        self.mix_kinds(&other.kinds, share);
         self.views += other.views;
     }
+
+    /// How likely it is of a category, 0 to 1; `None` where perception tells no categories.
+    pub fn is_a(&self, category: &str) -> Option<f32> {
+        let told =
+            self.kinds.iter().filter(|(kind, _)| kind == category).map(|(_, probability)| probability).sum();
+        (!self.kinds.is_empty()).then_some(told)
+    }
+
+    fn mix_kinds(&mut self, others: &[(String, f32)], share: f32) {
+        if others.is_empty() {
+            return;
+        }
+        let share = if self.kinds.is_empty() { 1.0 } else { share };
+        self.kinds.iter_mut().for_each(|(_, probability)| *probability *= 1.0 - share);
+        for (kind, more) in others {
+            match self.kinds.iter_mut().find(|(known, _)| known == kind) {
+                Some((_, probability)) => *probability += share * more,
+                None => self.kinds.push((kind.clone(), share * more)),
+            }
+        }
+    }
+}
+
+fn cosine(a: &[f32], b: &[f32]) -> f32 {
+    let product = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
+    product(a, b) / (product(a, a) * product(b, b)).sqrt().max(f32::EPSILON)
+}
+
+/// Moves a mean by `share` towards others; takes them over where there is none.
+fn mix(mean: &mut Vec<f32>, others: &[f32], share: f32) {
+    if mean.len() != others.len() {
+        *mean = if others.is_empty() { std::mem::take(mean) } else { others.to_vec() };
+        return;
+    }
+    mean.iter_mut().zip(others).for_each(|(mean, other)| *mean += share * (other - *mean));
 }
 
 /// A node of the grid: what is seen there and whether it is part of a wall.
@@ -171,6 +214,7 @@ fn thing(nodes: &[Node]) -> Option<Thing> {
         high_m: heights.fold(0.0, f32::max),
         palette: Palette::of(nodes.iter().map(|node| node.rgb)),
         views: 1,
+        ..Thing::default()
     };
     (thing.long_m() < LONGEST_M && !thing.is_wall()).then_some(thing)
 }
@@ -205,6 +249,7 @@ mod tests {
             high_m: 0.8,
             palette: Palette::of([rgb; 20].into_iter()),
             views: 1,
+            ..Thing::default()
         };
         let mut red = block(0.0, [200, 30, 30]);
         assert!(red.is_same(&block(0.4, [190, 35, 30])));
@@ -212,5 +257,24 @@ mod tests {
         red.merge(&block(0.4, [190, 35, 30]));
         assert!((red.long_m() - 0.9).abs() < 1e-6 && red.views == 2);
         assert!((red.distance_m(Place::new(1.2, 0.9)) - 0.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn what_perception_says_of_views_is_averaged() {
+        let view = |kind: &str, value: f32| Thing {
+            kinds: vec![(kind.to_owned(), 1.0)],
+            embedding: vec![value, 1.0],
+            views: 1,
+            ..Thing::default()
+        };
+        let mut thing = view("bed", 0.0);
+        thing.merge(&view("bed", 0.0));
+        thing.merge(&view("sofa", 3.0));
+        let near = |value: Option<f32>, expected: f32| (value.unwrap() - expected).abs() < 1e-6;
+        assert!(near(thing.is_a("bed"), 2.0 / 3.0) && near(thing.is_a("sofa"), 1.0 / 3.0), "{thing:?}");
+        assert!(thing.is_a("lamp") == Some(0.0) && Thing::default().is_a("lamp").is_none());
+        assert!((thing.embedding[0] - 1.0).abs() < 1e-6 && thing.embedding[1] == 1.0);
+        thing.merge(&Thing { views: 1, ..Thing::default() });
+        assert_eq!(thing.embedding.len(), 2);
     }
 }
