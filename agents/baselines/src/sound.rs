@@ -7,8 +7,11 @@ use avln_kit::{
 
 /// Sources are sought within this distance of the start, metres.
 const AROUND_M: f32 = 12.0;
-/// It submits where a source is believed and heard to be nearer than this, metres.
+/// It submits where a source is believed to be nearer than this, metres, and so sure.
 const NEAR_M: f32 = 1.2;
+const CERTAIN: f32 = 0.5;
+/// The sound must be as loud as in the open at this distance, metres: rooms add to it.
+const LOUD_M: f32 = 0.8;
 /// Within this distance of the believed place the way ends, metres.
 const REACH_M: f32 = 0.4;
 /// Steps of sound before it submits, whose mean is how loud it is.
@@ -87,12 +90,12 @@ impl State {
     }
 
     /// The nearest believed source that has not been found; those at which it submitted in vain come last.
-    fn aim(&self) -> Option<(usize, Place)> {
+    fn aim(&self) -> Option<(usize, Estimate)> {
         let here = self.scout.stand().place;
         let open = (0..self.sources.len()).filter(|&source| !self.turns.is_silent(source));
-        let heard = open.filter_map(|source| Some((source, self.sources[source].estimate?.place)));
-        let cost = |&(source, place): &(usize, Place)| {
-            (self.sources[source].wrong_submits >= MOST_WRONG, place.distance_m(here))
+        let heard = open.filter_map(|source| Some((source, self.sources[source].estimate?)));
+        let cost = |&(source, estimate): &(usize, Estimate)| {
+            (self.sources[source].wrong_submits >= MOST_WRONG, estimate.place.distance_m(here))
         };
         heard.min_by(|a, b| {
             let (a, b) = (cost(a), cost(b));
@@ -101,8 +104,9 @@ impl State {
     }
 
     fn decide(&mut self) -> Action {
-        let Some((source, place)) = self.aim() else { return Action::MoveForward };
-        if place.distance_m(self.scout.stand().place) <= NEAR_M
+        let Some((source, Estimate { place, certainty })) = self.aim() else { return Action::MoveForward };
+        if certainty >= CERTAIN
+            && place.distance_m(self.scout.stand().place) <= NEAR_M
             && let Some(level) = self.loudness_of(source)
         {
             self.claim = Some((source, level));
@@ -115,7 +119,7 @@ impl State {
     fn loudness_of(&self, source: usize) -> Option<f32> {
         let recent = &self.levels[self.levels.len().saturating_sub(RECENT)..];
         let level = recent.iter().sum::<f32>() / recent.len().max(1) as f32;
-        let is_heard = self.turns.current() == source && recent.len() == RECENT && range_m(level) <= NEAR_M;
+        let is_heard = self.turns.current() == source && recent.len() == RECENT && range_m(level) <= LOUD_M;
         (is_heard || self.is_told).then_some(level)
     }
 }
@@ -130,7 +134,7 @@ impl Agent for SoundFollower {
         state.scout.observe(observation);
         let heard = observation.audio.as_ref().and_then(|audio| self.ear.hear(audio));
         state.settle(observation.feedback, heard.as_ref());
-        if let (Some(source), Some(heard)) = (state.turns.next(), heard) {
+        if let (Some(source), Some(heard)) = (state.turns.advance(), heard) {
             state.listen(source, &heard);
         }
         let action = if observation.remaining_steps <= 1 { Action::Stop } else { state.decide() };

@@ -16,7 +16,7 @@ impl Turns {
     }
 
     /// The source that sounds in the next observation; `None` when all have been found.
-    pub fn next(&mut self) -> Option<usize> {
+    pub fn advance(&mut self) -> Option<usize> {
         if self.steps_left == 0 || *self.silent.get(self.current)? {
             self.current = self.after(self.current)?;
             self.steps_left = self.window_steps;
@@ -78,20 +78,20 @@ mod tests {
     #[test]
     fn sources_take_turns_and_the_found_are_left_out() {
         let mut turns = Turns::new(3, 2);
-        let heard: Vec<_> = (0..7).filter_map(|_| turns.next()).collect();
+        let heard: Vec<_> = (0..7).filter_map(|_| turns.advance()).collect();
         assert_eq!(heard, [0, 0, 1, 1, 2, 2, 0]);
         assert_eq!((turns.wait_steps(0), turns.wait_steps(1), turns.wait_steps(2)), (0, 1, 3));
         turns.silence(0);
         assert!(turns.is_silent(0) && !turns.is_silent(1));
-        let heard: Vec<_> = (0..5).filter_map(|_| turns.next()).collect();
+        let heard: Vec<_> = (0..5).filter_map(|_| turns.advance()).collect();
         assert_eq!(heard, [1, 1, 2, 2, 1]);
         turns.silence(1);
         turns.silence(2);
-        assert_eq!(turns.next(), None);
+        assert_eq!(turns.advance(), None);
     }
 
     #[test]
     fn without_sources_nothing_sounds() {
-        assert_eq!(Turns::new(0, 25).next(), None);
+        assert_eq!(Turns::new(0, 25).advance(), None);
     }
 }

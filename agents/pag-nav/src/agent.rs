@@ -120,7 +120,7 @@ impl PagNav {
         let audio = observation.audio.as_ref().filter(|_| !self.ablation.no_audio);
         let heard = audio.and_then(|audio| self.ear.hear(audio));
         self.settle(observation.feedback, heard.as_ref());
-        if let (Some(source), Some(heard)) = (self.turns.next(), heard) {
+        if let (Some(source), Some(heard)) = (self.turns.advance(), heard) {
             self.listen(source, stand, &heard);
         }
         if observation.rgb.is_some() && observation.depth.is_some() {
@@ -248,7 +248,8 @@ impl PagNav {
 impl Agent for PagNav {
     fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
         let count = mission.goals.len();
-        let mut perception = mem::replace(&mut self.perception, Box::<Classical>::default());
+        let nothing: Box<dyn Perception> = Box::<Classical>::default();
+        let mut perception = mem::replace(&mut self.perception, nothing);
         perception.begin(task, mission);
         *self = Self {
             ablation: self.ablation,

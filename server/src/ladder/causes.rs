@@ -41,7 +41,7 @@ pub(super) fn causes(truth: &EpisodeTruth, record: &Record, rules: &Rules) -> Ve
     let mut causes = Vec::new();
     for submit in &record.submits {
         match submit.completed.or(submit.skipped) {
-            Some(goal) => found.iter_mut().nth(goal.into()).into_iter().for_each(|found| *found = true),
+            Some(goal) => found.get_mut(usize::from(goal)).into_iter().for_each(|found| *found = true),
             None => causes.extend(cause(truth, record, rules, submit, &found)),
         }
     }
@@ -107,7 +107,7 @@ mod tests {
             episode: "e".to_owned(),
             scene: "s".to_owned(),
             seed: 1,
-            start: Pose::default(),
+            start: Pose::new(Point3::origin(), 0.0),
             order: Order::Ordered,
             targets: vec![target(0.0), target(20.0)],
             reference_m: 1.0,
@@ -129,7 +129,7 @@ mod tests {
         };
         let record = Record {
             rules: "r".to_owned(),
-            start: Pose::default(),
+            start: Pose::new(Point3::origin(), 0.0),
             steps: submits.iter().map(step).collect(),
             submits: (1..).zip(submits).map(facts).collect(),
             in_region_at_start: vec![false; 2],
