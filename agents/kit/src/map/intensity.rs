@@ -7,7 +7,7 @@ const CELL_M: f32 = 0.5;
 /// Loudest cells that are asked.
 const ASKED: usize = 3;
 /// Spread of the logarithm of the range that a level tells.
-const SPREAD: f32 = 0.6;
+const SPREAD: f32 = 0.8;
 
 /// The intensity memory A_int of the paper, for one source: the loudest that it was heard at each place.
 #[derive(Clone, Debug, Default)]
@@ -53,6 +53,7 @@ impl Intensity {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::map::expected_level;
 
     #[test]
     fn each_place_keeps_its_loudest() {
@@ -68,12 +69,12 @@ mod tests {
     #[test]
     fn what_stands_where_the_level_says_is_supported() {
         let mut memory = Intensity::default();
-        // Levels of a source at (3, 0): 0.05 at 1 m falls with distance.
-        memory.hear(Place::new(1.0, 0.0), 0.025);
-        memory.hear(Place::new(2.0, 0.0), 0.05);
+        // A source at (3, 0).
+        memory.hear(Place::new(1.0, 0.0), expected_level(2.0));
+        memory.hear(Place::new(2.0, 0.0), expected_level(1.0));
         let supports = |x: f32| memory.supports(|place| place.distance_m(Place::new(x, 0.0)));
         assert!((supports(3.0) - 1.0).abs() < 1e-4);
-        // At (5, 0): ln(2 / 4) and ln(1 / 3) in spreads of 0.6 are -1.155 and -1.831.
-        assert!((supports(5.0) - 0.5 * (0.513 + 0.187)).abs() < 1e-2, "{}", supports(5.0));
+        // At (5, 0): ln(2 / 4) and ln(1 / 3) in spreads of 0.8 are -0.866 and -1.373.
+        assert!((supports(5.0) - 0.5 * (0.687 + 0.390)).abs() < 1e-2, "{}", supports(5.0));
     }
 }

@@ -2,13 +2,15 @@
 //! from.
 
 mod intensity;
+mod level;
 mod objects;
 mod occupancy;
 mod sound;
 mod source;
 
 pub use intensity::Intensity;
+pub use level::{expected_level, range_m};
 pub use objects::{Object, Objects};
 pub use occupancy::{CELL_M, Cell, Occupancy};
 pub use sound::SoundField;
-pub use source::{Estimate, SourceBelief, range_m};
+pub use source::{Estimate, SourceBelief};

@@ -1,17 +1,15 @@
 use super::sound::{SIDE, SoundField, center};
-use super::{Cell, Occupancy};
+use super::{Cell, Occupancy, expected_level};
 use crate::perception::{Heard, Place, Stand, itd_s};
 
-/// Level of a source 1 m away in the free field.
-const LEVEL_AT_1_M: f32 = 0.05;
 /// Spread of the measured delay, seconds: its own error, and what is added per metre since places are only cells and
 /// maps only known in part.
 const ITD_SIGMA_S: f32 = 45e-6;
 const ITD_SIGMA_PER_M_S: f32 = 8e-6;
-/// Mean and spread of the logarithm of the range that the level tells by the length of the way: straight ways, and ways
-/// around corners, which take level away.
-const STRAIGHT: [f32; 2] = [0.0, 0.3];
-const BENT: [f32; 2] = [1.0, 0.6];
+/// Mean and spread of the logarithm of the expected level by the one that is heard: straight ways, and ways around corners,
+/// which take level away.
+const STRAIGHT: [f32; 2] = [0.0, 0.45];
+const BENT: [f32; 2] = [0.7, 0.8];
 /// What speaks against furniture hiding a source to which no wall bars the way.
 const HIDDEN: f32 = -2.5;
 /// Worst that one sound can say against a place, in units of log-likelihood.
@@ -50,20 +48,14 @@ impl Default for SourceBelief {
     }
 }
 
-/// How far away a source of this level would be in the free field, metres.
-pub fn range_m(level: f32) -> f32 {
-    (LEVEL_AT_1_M / level.max(1e-6)).clamp(0.1, 100.0)
-}
-
 impl SourceBelief {
     /// Adds one sound of the source, heard at `stand`, from where `field` spreads.
     pub fn hear(&mut self, field: &SoundField, stand: &Stand, heard: &Heard) {
-        let range_m = range_m(heard.level);
         for (index, score) in self.scores.iter_mut().enumerate() {
             let said = field.ray(index).map_or(2.0 * WORST, |ray| {
                 let sigma_s = ITD_SIGMA_S + ITD_SIGMA_PER_M_S * ray.length_m;
                 let late = (itd_s(stand.bearing_rad(ray.from)) - heard.itd_s) / sigma_s;
-                let loss = (range_m / ray.length_m.max(0.2)).ln();
+                let loss = (expected_level(ray.length_m.max(0.2)) / heard.level.max(1e-6)).ln();
                 let level = if field.is_straight(index) {
                     bell(loss, STRAIGHT).max(bell(loss, BENT) + HIDDEN)
                 } else {
@@ -115,7 +107,7 @@ mod tests {
     const AREA: [Place; 2] = [Place { x: -8.0, z: -8.0 }, Place { x: 8.0, z: 8.0 }];
 
     fn heard_from(stand: &Stand, source: Place) -> Heard {
-        let level = LEVEL_AT_1_M / stand.place.distance_m(source);
+        let level = expected_level(stand.place.distance_m(source));
         Heard { itd_s: itd_s(stand.bearing_rad(source)), level }
     }
 
@@ -148,10 +140,5 @@ mod tests {
         let map = Occupancy::default().with_area(AREA).with_floor(ahead[0], ahead[1]);
         let behind = belief.estimate(&field, &map).unwrap();
         assert!(behind.place.z > 2.0, "{behind:?}");
-    }
-
-    #[test]
-    fn level_tells_range() {
-        assert!((range_m(0.05) - 1.0).abs() < 1e-6 && (range_m(0.005) - 10.0).abs() < 1e-4);
     }
 }
