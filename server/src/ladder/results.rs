@@ -5,8 +5,8 @@ use avln_scoring::Metrics;
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
-    fs::{File, OpenOptions},
-    io::{Read, Write},
+    fs::{self, File, OpenOptions},
+    io::{ErrorKind, Read, Write},
     path::{Path, PathBuf},
 };
 
@@ -77,17 +77,9 @@ impl Results {
         let mut file = OpenOptions::new().create(true).read(true).append(true).open(path).map_err(cannot)?;
         let mut text = String::new();
         file.read_to_string(&mut text).map_err(cannot)?;
-        let whole = text.rfind('\n').map_or(0, |end| end + 1);
-        file.set_len(whole as u64).map_err(cannot)?;
-        let mut lines = BTreeMap::new();
-        for (number, json) in (1..).zip(text[..whole].lines()) {
-            let line: Line = serde_json::from_str(json).map_err(|error| {
-                let message = format!("{}, line {number}: {error}", path.display());
-                Failure::new(FailureKind::Data, message)
-                    .hinted("remove the line, and its episode is played again")
-            })?;
-            lines.insert(line.key.clone(), line);
-        }
+        let whole = whole(&text);
+        file.set_len(whole.len() as u64).map_err(cannot)?;
+        let lines = parse(path, whole)?;
         Ok(Self { path: path.to_owned(), file, lines })
     }
 
@@ -114,4 +106,35 @@ impl Results {
     pub fn lines(&self) -> impl Iterator<Item = &Line> {
         self.lines.values()
     }
+}
+
+/// The played episodes of a file, by key, while somebody else may add to it; none when there is no such file.
+///
+/// # Errors
+/// When it cannot be read, or holds something else.
+pub(super) fn read(path: &Path) -> Result<BTreeMap<Key, Line>, Failure> {
+    match fs::read_to_string(path) {
+        Ok(text) => parse(path, whole(&text)),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(BTreeMap::new()),
+        Err(error) => {
+            Err(Failure::new(FailureKind::Data, format!("cannot read results {}: {error}", path.display())))
+        }
+    }
+}
+
+/// All lines that have their end.
+fn whole(text: &str) -> &str {
+    &text[..text.rfind('\n').map_or(0, |end| end + 1)]
+}
+
+fn parse(path: &Path, text: &str) -> Result<BTreeMap<Key, Line>, Failure> {
+    let line = |(number, json): (usize, &str)| {
+        let line: Line = serde_json::from_str(json).map_err(|error| {
+            let message = format!("{}, line {number}: {error}", path.display());
+            Failure::new(FailureKind::Data, message)
+                .hinted("remove the line, and its episode is played again")
+        })?;
+        Ok((line.key.clone(), line))
+    };
+    (1..).zip(text.lines()).map(line).collect()
 }

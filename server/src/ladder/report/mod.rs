@@ -4,7 +4,7 @@ mod facts;
 mod paired;
 mod paper;
 
-use super::{Cause, Line, Results, Rung, host::results_path};
+use super::{Cause, Line, Rung, host::results_path, results};
 use crate::{Failure, FailureKind};
 use avln_episode::{EndReason, Modality, Order};
 use avln_scoring::{Estimate, Summary};
@@ -24,11 +24,8 @@ pub fn report(folder: &Path) -> Result<String, Failure> {
         Failure::new(FailureKind::Data, format!("nothing was played in {}", folder.display()))
             .hinted("play first: avln ladder run --out FOLDER")
     };
-    if !path.is_file() {
-        return Err(nothing());
-    }
-    let results = Results::open(&path)?;
-    let lines = comparable(results.lines());
+    let played = results::read(&path)?;
+    let lines = comparable(played.values());
     let Some(first) = lines.first() else { return Err(nothing()) };
     let page = Page { lines: &lines, first };
     Ok([
