@@ -31,6 +31,9 @@ pub enum Command {
     /// Run one of the agents that come with the arena against a server
     #[command(subcommand)]
     Agent(commands::agent::Agent),
+    /// Let every agent that comes with the arena play one split, and write down what they reach
+    #[command(subcommand)]
+    Ladder(commands::ladder::Command),
     /// Make splits of scenes and missions
     #[command(subcommand)]
     Split(commands::split::Command),
@@ -121,6 +124,7 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
         Command::Serve(options) => commands::serve::run(data, options).await,
         Command::Admin(command) => commands::admin::run(command).await,
         Command::Agent(agent) => commands::agent::run(agent).await,
+        Command::Ladder(command) => commands::ladder::run(command).await,
         Command::Split(command) => commands::split::run(data, command).await,
         Command::Phase(command) => commands::phase::run(data, command).await,
         Command::Challenge(command) => commands::challenge::run(data, command).await,

@@ -15,6 +15,7 @@ pub mod doctor;
 pub mod doors;
 mod failure;
 pub mod heads;
+pub mod ladder;
 mod npy;
 pub mod preview;
 pub mod rescoring;

@@ -8,8 +8,8 @@ pub mod scissors;
 pub mod server;
 pub mod stroll;
 pub mod tap;
-pub mod walk;
 
+pub use avln_server::ladder::walk;
 use avln_server::{
     arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
     commands::{phase, split, team},

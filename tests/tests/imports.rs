@@ -27,8 +27,10 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("web", &["tls", "episode", "scoring", "store"]),
     ("client", &["codec", "proto"]),
     ("conformance", &["proto"]),
+    ("kit", &["client"]),
     ("random", &["client"]),
-    ("pag-nav", &["client"]),
+    ("baselines", &["client", "kit"]),
+    ("pag-nav", &["client", "kit"]),
     (
         "server",
         &[
@@ -53,7 +55,9 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "web",
             "client",
             "conformance",
+            "kit",
             "random",
+            "baselines",
             "pag-nav",
         ],
     ),

@@ -1,7 +1,12 @@
-use crate::map::{Cell, Estimate, Intensity, Objects, Occupancy, SoundField, SourceBelief, range_m};
-use crate::perception::{Ear, Heard, Layout, Place, Query, Stand, View, things};
-use crate::planner::{Evidence, Goals, Motion, Turns, Weights};
-use avln_client::{Action, Agent, Feedback, FeedbackRule, Image, Mission, Observation, Order, TaskSpec};
+use crate::Ablation;
+use crate::planner::{Candidate, Evidence, Goals, Weights};
+use avln_client::{Action, Agent, Feedback, FeedbackRule, Mission, Observation, Order, TaskSpec};
+use avln_kit::{
+    Hints, Motion, Turns,
+    map::{Cell, Estimate, Intensity, Objects, Occupancy, SoundField, SourceBelief, range_m},
+    perception::{Classical, Ear, Heard, Perception, Place, Query, Stand, View},
+};
+use std::{mem, sync::Arc};
 
 /// How far beyond everything seen sources may be, metres.
 const AROUND_M: f32 = 1.5;
@@ -12,6 +17,9 @@ const RECENT: usize = 3;
 /// submits those that pass its visual gate. Training-free; forgets everything between episodes.
 pub struct PagNav {
     pub(crate) weights: Weights,
+    pub(crate) ablation: Ablation,
+    perception: Box<dyn Perception>,
+    hints: Option<Arc<dyn Hints>>,
     ear: Ear,
     view: View,
     pub(crate) map: Occupancy,
@@ -49,6 +57,7 @@ pub(crate) struct Source {
 struct Claim {
     source: usize,
     object: usize,
+    goal: usize,
     level: f32,
 }
 
@@ -64,6 +73,9 @@ impl PagNav {
         let task = TaskSpec::default();
         Self {
             weights,
+            ablation: Ablation::default(),
+            perception: Box::<Classical>::default(),
+            hints: None,
             ear: Ear::default(),
             view: View::new(&task),
             map: Occupancy::default(),
@@ -82,6 +94,22 @@ impl PagNav {
         }
     }
 
+    /// The same without some of its parts.
+    pub fn without(self, ablation: Ablation) -> Self {
+        let weights = if ablation.no_audio { self.weights.silent() } else { self.weights };
+        Self { weights, ablation, ..self }
+    }
+
+    /// The same with other eyes.
+    pub fn seeing(self, perception: impl Perception + 'static) -> Self {
+        Self { perception: Box::new(perception), ..self }
+    }
+
+    /// The same, told where each sound comes from.
+    pub fn hinted(self, hints: Arc<dyn Hints>) -> Self {
+        Self { hints: Some(hints), ..self }
+    }
+
     /// Takes in one observation.
     fn perceive(&mut self, observation: &Observation, stand: &Stand) {
         self.remaining_steps = observation.remaining_steps;
@@ -89,17 +117,26 @@ impl PagNav {
         if let Some(depth) = &observation.depth {
             self.map.see(&self.view, stand, depth);
         }
-        let heard = observation.audio.as_ref().and_then(|audio| self.ear.hear(audio));
+        let audio = observation.audio.as_ref().filter(|_| !self.ablation.no_audio);
+        let heard = audio.and_then(|audio| self.ear.hear(audio));
         self.settle(observation.feedback, heard.as_ref());
-        if let (Some(source), Some(heard)) = (self.turns.next(), heard) {
+        if let (Some(source), Some(heard)) = (self.turns.advance(), heard) {
             self.listen(source, stand, &heard);
         }
-        if let (Some(image), Some(depth)) = (&observation.rgb, &observation.depth) {
-            let map = &self.map;
-            self.objects.see(things(&self.view, stand, image, depth, |place| map.is_wall(Cell::at(place))));
-            self.look_at_objects(stand, image);
-            self.look_at_sources(stand);
+        if observation.rgb.is_some() && observation.depth.is_some() {
+            self.look(observation, stand);
         }
+    }
+
+    /// Takes in one picture.
+    fn look(&mut self, observation: &Observation, stand: &Stand) {
+        if self.ablation.no_memory {
+            self.objects = Objects::new(self.queries.len());
+        }
+        let map = &self.map;
+        self.objects.see(self.perception.see(stand, observation, &|place| map.is_wall(Cell::at(place))));
+        self.look_at_objects(stand);
+        self.look_at_sources(stand);
     }
 
     /// Finds out what became of the last Submit: a target that was found falls silent.
@@ -108,11 +145,16 @@ impl PagNav {
         let fell_silent = heard.is_none_or(|heard| heard.level < self.weights.found_level * claim.level);
         let found = match feedback {
             Feedback::Verdict(found) => found,
-            Feedback::None | Feedback::Accepted => fell_silent,
+            Feedback::None | Feedback::Accepted => fell_silent || self.ablation.no_audio,
         };
         if found {
             self.turns.silence(claim.source);
-            self.goals.found(claim.source);
+            if self.ablation.no_audio {
+                self.goals.close(claim.goal);
+                self.objects.refute(claim.object);
+            } else {
+                self.goals.found(claim.source);
+            }
             self.focus = None;
         } else {
             self.goals.missed(claim.source);
@@ -121,12 +163,11 @@ impl PagNav {
     }
 
     /// Compares every hypothesis that is near and before the camera with the goals.
-    fn look_at_objects(&mut self, stand: &Stand, image: &Image) {
-        let layout = Layout::of(image);
-        let (map, queries) = (&self.map, &self.queries);
+    fn look_at_objects(&mut self, stand: &Stand) {
+        let (map, goals, perception) = (&self.map, 0..self.queries.len(), &self.perception);
         for object in self.objects.iter_mut() {
             if is_in_view(stand, map, object.thing.center()) {
-                let fits: Vec<f32> = queries.iter().map(|query| query.fit(&object.thing, &layout)).collect();
+                let fits: Vec<f32> = goals.clone().map(|goal| perception.fit(&object.thing, goal)).collect();
                 object.look(&fits);
             }
         }
@@ -153,10 +194,16 @@ impl PagNav {
         const AT_M: f32 = 0.4;
         let at = self.objects.all().iter().filter(|object| object.thing.distance_m(place) <= AT_M);
         let fits = at.map(|object| {
-            let context = self.objects.context(object.thing.center(), &self.queries[goal]);
+            let context = self.context(object.thing.center(), goal);
             Evidence { vis: object.vis(goal), context, sound: 0.0 }.seen(&self.weights)
         });
         fits.fold(0.0, f32::max)
+    }
+
+    /// How much rooms and things around a place speak for a goal, 0 to 1.
+    pub(crate) fn context(&self, place: Place, goal: usize) -> f32 {
+        const NEUTRAL: f32 = 0.5;
+        if self.ablation.no_priors { NEUTRAL } else { self.objects.context(place, &self.queries[goal]) }
     }
 
     /// Whether a believed source is certain, and has been heard from so near that it can be seen.
@@ -175,22 +222,25 @@ impl PagNav {
         let field = field.unwrap_or_else(|| SoundField::new(map, stand.place, map.area(AROUND_M)));
         source.intensity.hear(stand.place, heard.level);
         source.belief.hear(&field, stand, heard);
-        source.estimate = source.belief.estimate(&field, map);
+        let told = self.hints.as_ref().and_then(|hints| hints.source());
+        let told = told.map(|place| Estimate { place, certainty: 1.0 });
+        source.estimate = told.or_else(|| source.belief.estimate(&field, map));
         self.field = Some(field);
     }
 
     /// Submits a candidate, unless its outcome would stay unknown: where the rules tell none, only the silence of a
     /// source that was loud before does.
-    pub(crate) fn submit(&mut self, object: usize, source: usize) -> Option<Action> {
+    pub(crate) fn submit(&mut self, candidate: &Candidate) -> Option<Action> {
+        let Candidate { object, source, goal, .. } = *candidate;
         let recent = &self.levels[self.levels.len().saturating_sub(RECENT)..];
         let level = recent.iter().sum::<f32>() / recent.len().max(1) as f32;
         let is_heard = self.turns.current() == source
             && recent.len() == RECENT
             && range_m(level) <= self.weights.look_range_m;
-        if !is_heard && !self.is_told {
+        if !is_heard && !self.is_told && !self.ablation.no_audio {
             return None;
         }
-        self.claim = Some(Claim { source, object, level });
+        self.claim = Some(Claim { source, object, goal, level });
         Some(Action::Submit)
     }
 }
@@ -198,7 +248,13 @@ impl PagNav {
 impl Agent for PagNav {
     fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
         let count = mission.goals.len();
+        let nothing: Box<dyn Perception> = Box::<Classical>::default();
+        let mut perception = mem::replace(&mut self.perception, nothing);
+        perception.begin(task, mission);
         *self = Self {
+            ablation: self.ablation,
+            perception,
+            hints: self.hints.take(),
             view: View::new(task),
             motion: Motion::new(task),
             objects: Objects::new(count),

@@ -1,8 +1,11 @@
 use crate::agent::PagNav;
-use crate::map::{Object, range_m};
-use crate::perception::{Place, Stand};
-use crate::planner::{Candidate, Demand, Evidence, Gate, HeardThere, Stage, best, path};
+use crate::planner::{Candidate, Demand, Evidence, Gate, HeardThere, Stage, best};
 use avln_client::Action;
+use avln_kit::{
+    map::{Object, range_m},
+    path,
+    perception::{Place, Stand},
+};
 
 /// Submits at one hypothesis after which it is no candidate any more.
 const MOST_WRONG: i32 = 3;
@@ -15,12 +18,14 @@ impl PagNav {
         }
         let candidate = self.candidate(stand);
         let stage = Stage::of(candidate.as_ref().map(|candidate| self.is_verified(candidate)));
-        let Some(candidate) = candidate.filter(|_| stage != Stage::Search) else { return self.search(stand) };
+        let Some(candidate) = candidate.filter(|_| stage != Stage::Search) else {
+            return if self.ablation.no_audio { self.wander(stand) } else { self.search(stand) };
+        };
         self.head_for(candidate.source);
         let gate = self.gate(&candidate, stage, stand);
         let nearer = self.weights.nearer.powi(self.object(&candidate).wrong_submits);
         if gate.is_open(nearer * self.weights.submit_m, self.weights.submit_rad)
-            && let Some(submit) = self.submit(candidate.object, candidate.source)
+            && let Some(submit) = self.submit(&candidate)
         {
             return submit;
         }
@@ -31,11 +36,13 @@ impl PagNav {
     /// o*: of each goal that may be next the candidate with the best S_ground, and of these the one that can be
     /// submitted first.
     fn candidate(&self, stand: &Stand) -> Option<Candidate> {
-        let supported: Vec<(usize, usize, f32)> = self.supported();
+        let supported: Vec<(usize, Option<usize>, f32)> =
+            if self.ablation.no_audio { self.seen() } else { self.supported() };
         let of_goals = self.goals.active().filter_map(|goal| {
             let candidates = supported.iter().map(|&(object, source, sound)| {
                 let evidence = self.evidence(object, goal, sound);
-                Candidate { object, goal, source, evidence, place: self.place(object, source) }
+                let place = self.place(object, source, stand);
+                Candidate { object, goal, source: source.unwrap_or(goal), evidence, place }
             });
             best(candidates.filter(|candidate| !self.is_set_aside(candidate)), &self.weights)
         });
@@ -44,7 +51,7 @@ impl PagNav {
     }
 
     /// The hypotheses at which a source may be: object, source, consistency with its sound.
-    fn supported(&self) -> Vec<(usize, usize, f32)> {
+    fn supported(&self) -> Vec<(usize, Option<usize>, f32)> {
         const LEAST: f32 = 0.05;
         let open = || (0..self.sources.len()).filter(|&source| !self.turns.is_silent(source));
         let all = self.objects.all().iter().enumerate();
@@ -54,7 +61,15 @@ impl PagNav {
                 supports.max_by(|a, b| a.2.total_cmp(&b.2))
             })
             .filter(|&(_, _, sound)| sound >= LEAST)
+            .map(|(object, source, sound)| (object, Some(source), sound))
             .collect()
+    }
+
+    /// The hypotheses at which nothing was submitted, for an agent that hears no sources.
+    fn seen(&self) -> Vec<(usize, Option<usize>, f32)> {
+        let all = self.objects.all().iter().enumerate();
+        let open = all.filter(|(_, object)| object.wrong_submits == 0 && object.looks > 0);
+        open.map(|(index, _)| (index, None, 0.0)).collect()
     }
 
     /// Consistency of a hypothesis with the audio memories of a source (s_int of the paper), 0 to 1: how near it is to
@@ -73,29 +88,37 @@ impl PagNav {
     }
 
     /// p(o): the place of a hypothesis that is nearest to where its sound is believed to come from, since what was seen
-    /// as one thing may be a whole row of furniture.
-    fn place(&self, object: usize, source: usize) -> Place {
+    /// as one thing may be a whole row of furniture; without a sound the nearest to the body.
+    fn place(&self, object: usize, source: Option<usize>, stand: &Stand) -> Place {
         let thing = &self.objects.all()[object].thing;
+        let Some(source) = source else { return thing.nearest(stand.place) };
         let heard = self.sources[source].estimate.map(|estimate| thing.nearest(estimate.place));
         heard.unwrap_or_else(|| thing.center())
     }
 
     fn evidence(&self, object: usize, goal: usize, sound: f32) -> Evidence {
         let known = &self.objects.all()[object];
-        let context = self.objects.context(known.thing.center(), &self.queries[goal]);
+        let context = self.context(known.thing.center(), goal);
         Evidence { vis: known.vis(goal), context, sound }
     }
 
     /// Whether a candidate has been looked at in vain: others, and search, come first until the demand relaxes.
     fn is_set_aside(&self, candidate: &Candidate) -> bool {
         let enough = self.object(candidate).looks >= self.weights.verify_looks;
-        (enough || self.is_settled(candidate.source)) && !self.is_verified(candidate)
+        let settled = !self.ablation.no_audio && self.is_settled(candidate.source);
+        (enough || settled) && !self.is_verified(candidate)
     }
 
     /// V of the paper: looked at from near, seen to fit the goal, and no other goal has a better claim to its sound.
     fn is_verified(&self, candidate: &Candidate) -> bool {
+        if self.ablation.no_gate {
+            return true;
+        }
         let sought_steps = self.sources[candidate.source].sought_steps;
-        let demand = Demand::after(sought_steps, self.remaining_steps, &self.weights);
+        let mut demand = Demand::after(sought_steps, self.remaining_steps, &self.weights);
+        if self.ablation.no_memory {
+            demand.looks = 1;
+        }
         demand.is_met(self.object(candidate).looks, candidate.evidence.vis)
             && self.is_right_goal(candidate.source)
     }
@@ -130,6 +153,9 @@ impl PagNav {
     /// Whether a source is likely to be a goal that may be submitted now, as far as that can still be found out by
     /// comparing what stands at all sources with all goals.
     pub(crate) fn is_right_goal(&self, source: usize) -> bool {
+        if self.ablation.no_audio {
+            return true;
+        }
         let right = self.goals.right(source);
         let open = || (0..self.sources.len()).filter(|&other| !self.turns.is_silent(other));
         let no_better = || open().all(|other| self.goals.right(other) <= right);

@@ -5,10 +5,10 @@
 //!
 //! | paper | here |
 //! |---|---|
-//! | object memory O_t | `map::Objects`: boxes, colours, looks, and compatibility with each goal |
-//! | audio memories A_int, A_bear | `map::Intensity` and `map::SourceBelief`, one of each per sounding target |
+//! | object memory O_t | `avln_kit::map::Objects`: boxes, colours, looks, and compatibility with each goal |
+//! | audio memories A_int, A_bear | `avln_kit::map::Intensity` and `SourceBelief`, one of each per sounding target |
 //! | room memory R_t, P_room, P_obj, P_ctx | `Objects::context`: what the things around a place are typical for |
-//! | s_vis | `Query::fit`: extent, height, colour, size and shape words; likeness of views for pictures |
+//! | s_vis | `Perception::fit`; by default extent, height, colour, size and shape words; likeness of views for pictures |
 //! | S_search, S_ground | `search.rs`, `planner::Evidence::score` |
 //! | Search, Ground, Verify | `planner::Stage` |
 //! | V, Submit gate | `planner::Demand` and the comparison of goals in `planner::Goals`; `planner::Gate` |
@@ -18,16 +18,19 @@
 //! an open gate waits until the target sounds again, since only its silence then tells that it was found; nobody tells
 //! which goal sounds.
 //!
+//! [`Ablation`] takes parts of it away; [`PagNav::hinted`] is what a host may tell it to find out what a perfect sense is
+//! worth, and nobody else is told.
+//!
 //! *Never*: links anything of the server; learns anything but what its observations say.
 
+mod ablation;
 mod agent;
 mod decide;
-mod map;
 mod options;
-mod perception;
 mod planner;
 mod search;
 
+pub use ablation::Ablation;
 pub use agent::PagNav;
 pub use options::{Options, run, run_with};
 pub use planner::Weights;

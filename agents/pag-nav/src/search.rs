@@ -1,8 +1,10 @@
 use crate::agent::PagNav;
-use crate::map::Estimate;
-use crate::perception::{Place, Stand};
-use crate::planner::path;
 use avln_client::Action;
+use avln_kit::{
+    map::{Estimate, Occupancy},
+    path,
+    perception::{Place, Stand},
+};
 
 /// Within this distance of a believed source the way to it ends, metres.
 const REACH_M: f32 = 0.5;
@@ -42,13 +44,26 @@ impl PagNav {
         let walk_steps = place.distance_m(stand.place) * self.weights.steps_per_m;
         let loyalty_steps = if self.focus == Some(source) { self.weights.loyalty_steps } else { 0.0 };
         let vain_steps = self.weights.vain * self.sources[source].sought_steps as f32;
-        walk_steps.max(self.turns.wait_steps(source) as f32) + vain_steps - loyalty_steps
+        let wait_steps = if self.ablation.no_audio { 0 } else { self.turns.wait_steps(source) };
+        walk_steps.max(wait_steps as f32) + vain_steps - loyalty_steps
     }
 
     /// Notes that this step goes to a source.
     pub(crate) fn head_for(&mut self, source: usize) {
         self.focus = Some(source);
         self.sources[source].sought_steps += 1;
+    }
+
+    /// Search without sound: by way of the frontier with the best S_search. When all has been seen, verification asks for
+    /// less, and the map is drawn anew.
+    pub(crate) fn wander(&mut self, stand: &Stand) -> Action {
+        if let Some(step) = self.explore(stand.place, stand) {
+            return step;
+        }
+        let goals: Vec<usize> = self.goals.active().collect();
+        goals.into_iter().for_each(|goal| self.sources[goal].sought_steps += self.weights.patience_steps);
+        self.map = Occupancy::default();
+        Action::TurnLeft
     }
 
     /// A step towards the frontier with the best S_search: x* of the paper.
@@ -74,7 +89,7 @@ impl PagNav {
 
     /// What rooms and things around a frontier say for the goals that may be next (P_room and P_obj), 0 to 1.
     fn expects(&self, place: Place) -> f32 {
-        let fits = self.goals.active().map(|goal| self.objects.context(place, &self.queries[goal]));
+        let fits = self.goals.active().map(|goal| self.context(place, goal));
         fits.fold(0.0, f32::max)
     }
 }

@@ -20,6 +20,7 @@ pub mod secret;
 pub mod stages;
 mod told;
 mod warm;
+mod watch;
 
 pub use refusals::fault_count;
 
@@ -28,6 +29,7 @@ use crate::{
     runlog::{RunLogs, SigningKey},
 };
 use avln_grpc::Control;
+use avln_referee::Referee;
 use avln_store::{MadeUp, Store};
 use avln_web::SignedLogs;
 use budget::Budget;
@@ -44,6 +46,7 @@ use std::{
 };
 
 use tokio::sync::Semaphore;
+use watch::Watch;
 
 /// Version of the benchmark: it changes whenever a score could change.
 pub const BENCHMARK_VERSION: &str = "1.0.0";
@@ -70,6 +73,7 @@ pub struct Arena {
     /// Episodes, by run and handle, that could neither be stored nor taken back.
     owed: Mutex<Owed>,
     disturb: Option<Disturb>,
+    watch: Option<Watch>,
 }
 
 type Owed = BTreeSet<(String, String)>;
@@ -107,6 +111,7 @@ impl Arena {
             heart,
             owed: Mutex::default(),
             disturb: None,
+            watch: None,
         })
     }
 
@@ -119,6 +124,12 @@ impl Arena {
     /// is called on the simulator's thread, with the number of steps that the episode has taken.
     pub fn disturbed(self, disturb: impl Fn(u32) + Send + Sync + 'static) -> Self {
         Self { disturb: Some(Arc::new(disturb)), ..self }
+    }
+
+    /// The same with a host that watches: before each observation of an episode is sent, `watch` is called on the simulator's
+    /// thread with the episode's handle and referee. What it sees crosses no wire.
+    pub fn watched(self, watch: impl Fn(&str, &Referee) + Send + Sync + 'static) -> Self {
+        Self { watch: Some(Arc::new(watch)), ..self }
     }
 
     /// Begins nothing new from now on and gives open episodes `patience` to end. What the time until the next server starts takes

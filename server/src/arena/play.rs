@@ -2,6 +2,7 @@
 
 use super::{
     Arena, Owed, Stage, budget::Holding, disturb::Disturbed, now_unix_ms, refusals::refusal, secret,
+    watch::Watched,
 };
 use crate::runlog::{Entry, RunLog, SlotLog};
 use avln_episode::{EndReason, Order, Sensors};
@@ -111,7 +112,10 @@ impl Arena {
     pub(super) fn seat_of(&self, handle: String, referee: Referee, played: Played) -> Seat {
         let log = Box::new(SlotLog { log: played.log.clone(), slot: played.slot, taken_up: played.taken_up });
         let ticket = self.take_ticket(played);
-        let referee: Box<dyn EpisodeRunner> = Box::new(referee);
+        let referee: Box<dyn EpisodeRunner> = match self.watch.clone() {
+            Some(watch) => Box::new(Watched { referee, handle: handle.clone(), watch }),
+            None => Box::new(referee),
+        };
         let referee = match &self.disturb {
             Some(disturb) => Box::new(Disturbed { inner: referee, disturb: disturb.clone() }),
             None => referee,

@@ -9,6 +9,8 @@ use clap::Subcommand;
 pub enum Agent {
     /// Walk at random: the floor of every leaderboard
     Random(avln_random::Options),
+    /// Simple agents that others are compared with
+    Baseline(avln_baselines::Options),
     /// PAG-Nav, the reference agent
     PagNav(avln_pag_nav::Options),
 }
@@ -20,6 +22,7 @@ pub enum Agent {
 pub async fn run(agent: Agent) -> Result<(), Failure> {
     let summary = match agent {
         Agent::Random(options) => avln_random::run(options).await?,
+        Agent::Baseline(options) => avln_baselines::run(options).await?,
         Agent::PagNav(options) => avln_pag_nav::run(options).await?,
     };
     say!("{summary}");

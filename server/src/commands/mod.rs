@@ -10,6 +10,7 @@ pub mod dataset_formats;
 pub mod db;
 pub mod demo;
 pub mod doctor;
+pub mod ladder;
 pub mod phase;
 pub mod rescore;
 pub mod scene;

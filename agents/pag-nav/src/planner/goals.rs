@@ -61,6 +61,11 @@ impl Goals {
         }
     }
 
+    /// A goal was found, as far as one knows without its sound.
+    pub(crate) fn close(&mut self, goal: usize) {
+        self.done[goal] = Some(goal);
+    }
+
     /// A Submit at `source` did not find the goal that was next.
     pub(crate) fn missed(&mut self, source: usize) {
         if let Some(goal) = self.next() {

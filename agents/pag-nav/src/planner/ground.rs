@@ -1,5 +1,5 @@
 use super::Weights;
-use crate::perception::Place;
+use avln_kit::perception::Place;
 
 /// What speaks for a candidate o of a goal g, each 0 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -2,16 +2,10 @@
 
 mod goals;
 mod ground;
-mod motion;
-mod path;
-mod turns;
 mod verify;
 mod weights;
 
 pub(crate) use goals::Goals;
 pub(crate) use ground::{Candidate, Evidence, HeardThere, best};
-pub(crate) use motion::Motion;
-pub(crate) use path::{Path, path};
-pub(crate) use turns::Turns;
 pub(crate) use verify::{Demand, Gate, Stage};
 pub use weights::Weights;

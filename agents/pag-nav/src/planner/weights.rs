@@ -53,6 +53,16 @@ pub struct Weights {
     pub nearer: f32,
 }
 
+impl Weights {
+    /// The same for an agent that hears nothing: sight takes over what sound was worth.
+    pub fn silent(self) -> Self {
+        let seen = (self.ground_vis + self.ground_context).max(f32::EPSILON);
+        let share = (seen + self.ground_audio) / seen;
+        let (ground_vis, ground_context) = (self.ground_vis * share, self.ground_context * share);
+        Self { ground_vis, ground_context, ground_audio: 0.0, search_audio: 0.0, ..self }
+    }
+}
+
 impl Default for Weights {
     fn default() -> Self {
         Self {

@@ -28,6 +28,7 @@ pub struct Referee {
     goals: Vec<GoalState>,
     submits_used: u32,
     first: Option<Observation>,
+    sounding: Option<usize>,
     steps: Vec<StepFacts>,
     submits: Vec<SubmitFacts>,
     in_region_at_start: Vec<bool>,
@@ -163,6 +164,7 @@ impl Referee {
             in_region_at_start: Vec::new(),
             submits_used: 0,
             first: None,
+            sounding: None,
             steps: Vec::new(),
             submits: Vec::new(),
             end: None,
@@ -193,6 +195,21 @@ impl Referee {
         &self.sensors
     }
 
+    /// The goal whose target sounds in the last observation; `None` in silence. Hidden from agents.
+    pub fn sounding(&self) -> Option<usize> {
+        self.sounding
+    }
+
+    /// For each goal: whether it can still be found. Hidden from agents.
+    pub fn is_open(&self) -> Vec<bool> {
+        self.goals.iter().map(|&state| state == GoalState::Open).collect()
+    }
+
+    /// The world, with the body in it. Hidden from agents.
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
     /// Why the episode is over, when it is.
     pub fn end(&self) -> Option<EndReason> {
         self.end
@@ -219,6 +236,7 @@ impl Referee {
             return first.clone();
         }
         let sounding = self.schedule.next(&self.silent(), false);
+        self.sounding = sounding;
         let senses = self.world.sense(sounding);
         let first = self.observation(senses, Feedback::None);
         self.first = Some(first.clone());
@@ -275,6 +293,7 @@ impl Referee {
             _ => Feedback::None,
         };
         let sounding = self.schedule.next(&self.silent(), motion != Motion::Stay);
+        self.sounding = sounding;
         self.steps.push(StepFacts {
             action,
             pose: self.world.pose(),

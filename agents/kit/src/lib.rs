@@ -1,0 +1,21 @@
+//! What agents share: maps of what was seen and heard, ways through them, what pictures, sounds and cues say.
+//!
+//! Start reading at [`map`] and [`perception`]; [`path()`] and [`Motion`] turn places into actions, which [`Scout`] puts
+//! together for agents that explore; [`Turns`] tells which source sounds. [`Hints`] are for agents whose host tells them more
+//! than an agent may know. An agent is put together from these parts and adds what it wants.
+//!
+//! *Never*: links anything of the server; decides where to go or what to submit; learns anything but what observations say.
+
+mod hints;
+pub mod map;
+mod motion;
+mod path;
+pub mod perception;
+mod scout;
+mod turns;
+
+pub use hints::{Hints, Sight, Told};
+pub use motion::Motion;
+pub use path::{Path, path};
+pub use scout::Scout;
+pub use turns::Turns;

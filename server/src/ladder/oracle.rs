@@ -1,0 +1,102 @@
+use super::{
+    board::{Glimpse, TrueHints},
+    walk::{PASSED_M, Walker, distance_m},
+};
+use avln_client::{Action, Agent, Mission, Observation, TaskSpec};
+use avln_episode::{Order, Rules};
+use avln_geom::Point3;
+use avln_truth::{EpisodeTruth, Target};
+use avln_world::InstanceId;
+use std::sync::Arc;
+
+/// Knows everything, walks the reference tour and claims each target where its region begins. It must succeed: this proves
+/// that a mission can be solved and that rules, references and regions agree with each other.
+pub(super) struct ShortestPath {
+    hints: Arc<TrueHints>,
+    walker: Walker,
+    /// Places of regions that were reached and were not enough, by goal.
+    tried: Vec<(usize, Point3<f32>)>,
+}
+
+impl ShortestPath {
+    pub(super) fn new(hints: Arc<TrueHints>) -> Self {
+        Self { hints, walker: Walker::new([0.0; 2], 0.0), tried: Vec::new() }
+    }
+
+    /// The next action towards the goal that the tour visits next.
+    fn walk(&mut self, truth: &EpisodeTruth, now: &Glimpse, seen: &Observation) -> Action {
+        let Some(goal) = visits(truth).into_iter().find(|&goal| now.is_open[goal]) else {
+            return Action::Stop;
+        };
+        let here = now.pose.position;
+        let aim = self.aim(truth, goal, &here).unwrap_or(here);
+        let ends = [here, aim].map(|end| now.assets.navmesh.snap(&end, 0.5));
+        let leg = match ends {
+            [Some(from), Some(to)] => now.assets.navmesh.path(&from, &to).unwrap_or_default(),
+            _ => Vec::new(),
+        };
+        self.walker.step(&seen.pose, &leg.iter().map(flat).collect::<Vec<_>>())
+    }
+
+    /// Where the tour visits a goal; then, where that was not enough, the nearest place of its region that was not tried.
+    fn aim(&mut self, truth: &EpisodeTruth, goal: usize, here: &Point3<f32>) -> Option<Point3<f32>> {
+        let corner = tour_corner(truth, goal).map(|corner| truth.reference_path[corner]);
+        let places: Vec<_> = corner.iter().chain(&truth.targets[goal].region).copied().collect();
+        let away_m = |place: &Point3<f32>| distance_m(flat(place), flat(here));
+        let passed = places.iter().filter(|place| away_m(place) < PASSED_M);
+        self.tried.extend(passed.map(|place| (goal, *place)));
+        let open = |place: &Point3<f32>| !self.tried.contains(&(goal, *place));
+        let nearest = || places.iter().copied().filter(open).min_by(|a, b| away_m(a).total_cmp(&away_m(b)));
+        corner.filter(open).or_else(nearest)
+    }
+}
+
+impl Agent for ShortestPath {
+    fn begin(&mut self, _task: &TaskSpec, _mission: &Mission) {
+        let walker = self
+            .hints
+            .now()
+            .map(|(truth, _)| Walker::new(flat(&truth.start.position), truth.start.heading_rad));
+        (self.walker, self.tried) = (walker.unwrap_or(Walker::new([0.0; 2], 0.0)), Vec::new());
+    }
+
+    fn act(&mut self, observation: &Observation) -> Action {
+        let Some((truth, now)) = self.hints.now() else { return Action::Stop };
+        let open: Vec<usize> = (0..truth.targets.len()).filter(|&goal| now.is_open[goal]).collect();
+        let claimable = if truth.order == Order::Ordered { &open[..open.len().min(1)] } else { &open[..] };
+        let is_there =
+            claimable.iter().any(|&goal| is_in_region(&truth.targets[goal], &now, &self.hints.rules));
+        match (is_there, open.len()) {
+            (_, 0) | (true, 1) => Action::Stop,
+            (true, _) => Action::Submit,
+            (false, _) => self.walk(&truth, &now, observation),
+        }
+    }
+}
+
+fn is_in_region(target: &Target, now: &Glimpse, rules: &Rules) -> bool {
+    let sees =
+        |eye: &Point3<f32>, half_view_rad| now.assets.sees(eye, InstanceId(target.instance), half_view_rad);
+    target.distance_within_region(&now.pose.position, rules, sees).is_some()
+}
+
+/// The goals in the order in which the reference tour visits them.
+fn visits(truth: &EpisodeTruth) -> Vec<usize> {
+    let mut goals: Vec<usize> = (0..truth.targets.len()).collect();
+    if truth.order == Order::Unordered {
+        goals.sort_by_key(|&goal| tour_corner(truth, goal));
+    }
+    goals
+}
+
+/// The corner of the reference tour that lies in the region of a goal.
+fn tour_corner(truth: &EpisodeTruth, goal: usize) -> Option<usize> {
+    let region = &truth.targets[goal].region;
+    let is_in =
+        |corner: &Point3<f32>| region.iter().any(|place| distance_m(flat(corner), flat(place)) < 1e-3);
+    truth.reference_path.iter().position(is_in)
+}
+
+fn flat(place: &Point3<f32>) -> [f32; 2] {
+    [place.x, place.z]
+}
