@@ -12,7 +12,7 @@ struct Cli {
     options: Options,
 }
 
-#[tokio::main]
+#[tokio::main(flavor = "current_thread")]
 async fn main() -> ExitCode {
     let options = Cli::parse().options;
     let mut report = |end: &avln_client::EpisodeEnd| {
