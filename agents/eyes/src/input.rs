@@ -1,0 +1,85 @@
+use crate::map::Map;
+use crate::network::{INPUTS, MULTIPLE_PX};
+use crate::{Camera, Depth, Picture, SeeError};
+
+/// Least and most pixels along a side of a picture.
+const SIDES_PX: [usize; 2] = [8, 4096];
+
+impl Picture<'_> {
+    pub(crate) fn check(&self, depth: Option<&Depth>) -> Result<(), SeeError> {
+        let Self { width, height, rgb } = *self;
+        let fits = |side: usize| (SIDES_PX[0]..=SIDES_PX[1]).contains(&side);
+        if !fits(width) || !fits(height) || rgb.len() != 3 * width * height {
+            return Err(SeeError::Picture { width, height, bytes: rgb.len() });
+        }
+        match depth {
+            Some(depth) if depth.metres.len() != width * height => {
+                Err(SeeError::Depth { width, height, values: depth.metres.len() })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The size at which a network that learnt from pictures of `side_px` sees this one: as wide, and about as high as its shape
+    /// asks for.
+    pub(crate) fn seen_size(&self, side_px: usize) -> [usize; 2] {
+        let height = (side_px * self.height) as f32 / self.width as f32;
+        let steps = (height / MULTIPLE_PX as f32).round().clamp(1.0, 4.0 * (side_px / MULTIPLE_PX) as f32);
+        [side_px, steps as usize * MULTIPLE_PX]
+    }
+
+    /// Colour at a place between the middles of pixels, 0 to 255.
+    fn blended(&self, at_x: &Between, at_y: &Between) -> [f32; 3] {
+        let pixel = |x: usize, y: usize, channel: usize| f32::from(self.rgb[3 * (y * self.width + x) + channel]);
+        std::array::from_fn(|channel| {
+            let line = |y| at_x.blend(pixel(at_x.low, y, channel), pixel(at_x.high, y, channel));
+            at_y.blend(line(at_y.low), line(at_y.high))
+        })
+    }
+}
+
+/// A place between two pixels.
+struct Between {
+    low: usize,
+    high: usize,
+    share: f32,
+}
+
+impl Between {
+    /// Where pixel `index` of `count` lies among `from` pixels.
+    fn new(index: usize, count: usize, from: usize) -> Self {
+        let place = ((index as f32 + 0.5) * from as f32 / count as f32 - 0.5).max(0.0);
+        let low = (place as usize).min(from - 1);
+        Self { low, high: (low + 1).min(from - 1), share: place - low as f32 }
+    }
+
+    fn blend(&self, low: f32, high: f32) -> f32 {
+        low + (high - low) * self.share
+    }
+}
+
+/// Fills the network's input: colours blended, depth of the nearest pixel, heights from the camera.
+pub(crate) fn fill(input: &mut Map, picture: &Picture, depth: Option<(&Depth, &Camera)>) {
+    let [width, height] = [input.width, input.height];
+    let columns: Vec<Between> = (0..width).map(|x| Between::new(x, width, picture.width)).collect();
+    for row in 0..height {
+        let at_y = Between::new(row, height, picture.height);
+        let from_row = row * picture.height / height;
+        for (column, pixel) in input.row_mut(row).chunks_exact_mut(INPUTS).enumerate() {
+            let rgb = picture.blended(&columns[column], &at_y);
+            pixel[..3].iter_mut().zip(rgb).for_each(|(to, level)| *to = (level / 255.0 - 0.5) * 4.0);
+            let from_column = column * picture.width / width;
+            pixel[3..].copy_from_slice(&solid(picture, depth, from_column, from_row));
+        }
+    }
+}
+
+/// Depth, height and whether they are known, as the network sees them.
+fn solid(picture: &Picture, depth: Option<(&Depth, &Camera)>, column: usize, row: usize) -> [f32; 3] {
+    let Some((depth, camera)) = depth else { return [0.0; 3] };
+    let depth_m = depth.metres[row * picture.width + column];
+    if !(depth_m > 0.0 && depth_m.is_finite()) {
+        return [0.0; 3];
+    }
+    [depth_m / 4.0, camera.height_m(picture.width, picture.height, row, depth_m) - 1.0, 1.0]
+}
