@@ -27,6 +27,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("web", &["tls", "episode", "scoring", "store"]),
     ("client", &["codec", "proto"]),
     ("conformance", &["proto"]),
+    ("eyes", &[]),
     ("random", &["client"]),
     ("pag-nav", &["client"]),
     (
@@ -57,7 +58,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "pag-nav",
         ],
     ),
-    ("tests", &["server", "client", "store", "truth"]),
+    ("tests", &["server", "client", "store", "truth", "dataset", "eyes"]),
 ];
 
 fn short(name: &str) -> Option<&str> {

@@ -30,7 +30,8 @@ impl Picture<'_> {
 
     /// Colour at a place between the middles of pixels, 0 to 255.
     fn blended(&self, at_x: &Between, at_y: &Between) -> [f32; 3] {
-        let pixel = |x: usize, y: usize, channel: usize| f32::from(self.rgb[3 * (y * self.width + x) + channel]);
+        let pixel =
+            |x: usize, y: usize, channel: usize| f32::from(self.rgb[3 * (y * self.width + x) + channel]);
         std::array::from_fn(|channel| {
             let line = |y| at_x.blend(pixel(at_x.low, y, channel), pixel(at_x.high, y, channel));
             at_y.blend(line(at_y.low), line(at_y.high))
@@ -81,5 +82,6 @@ fn solid(picture: &Picture, depth: Option<(&Depth, &Camera)>, column: usize, row
     if !(depth_m > 0.0 && depth_m.is_finite()) {
         return [0.0; 3];
     }
-    [depth_m / 4.0, camera.height_m(picture.width, picture.height, row, depth_m) - 1.0, 1.0]
+    let size = [picture.width, picture.height];
+    [depth_m / 4.0, camera.height_m(size, row, depth_m) - 1.0, 1.0]
 }

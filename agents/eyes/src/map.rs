@@ -67,7 +67,15 @@ impl Map {
     /// The 1 × 1 convolution of `input`, which has the size of this map; its border is not 0 afterwards.
     pub(crate) fn project(&mut self, input: &Map, layer: &Layer) {
         let pixels = (self.width + 2) * (self.height + 2);
-        product(&input.values, input.channels, &layer.weights, &mut self.values, pixels, self.channels, false);
+        product(
+            &input.values,
+            input.channels,
+            &layer.weights,
+            &mut self.values,
+            pixels,
+            self.channels,
+            false,
+        );
         for pixel in self.values.chunks_exact_mut(self.channels) {
             pixel.iter_mut().zip(&layer.bias).for_each(|(value, bias)| *value += bias);
         }
@@ -189,7 +197,9 @@ mod tests {
         for _ in 0..2 {
             if step == 1 { output.convolve(&input, &layer) } else { output.convolve_halving(&input, &layer) }
         }
-        for (column, row) in [(0, 0), (1, 2), (12 / step - 1, 0), (0, 16 / step - 1), (12 / step - 1, 16 / step - 1)] {
+        for (column, row) in
+            [(0, 0), (1, 2), (12 / step - 1, 0), (0, 16 / step - 1), (12 / step - 1, 16 / step - 1)]
+        {
             let wanted = plain(&input, &layer, outputs, step, [column, row]);
             let close = output.at(column, row).iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 1e-5);
             assert!(close, "{column} {row}: {:?} {wanted:?}", output.at(column, row));

@@ -39,7 +39,8 @@ struct Memory {
 
 impl Memory {
     fn new(width: usize, height: usize, outputs: usize) -> Self {
-        let (half, level) = ([width / 2, height / 2], |level: usize| [width >> (level + 1), height >> (level + 1)]);
+        let (half, level) =
+            ([width / 2, height / 2], |level: usize| [width >> (level + 1), height >> (level + 1)]);
         let map = |[width, height]: [usize; 2], channels| Map::new(width, height, channels);
         Self {
             input: map([width, height], INPUTS),
@@ -111,5 +112,10 @@ impl Network {
         back(0, &mut lifted[0], two_0, one_1, last);
         output.project(last, &self.head);
         output
+    }
+
+    /// What the last [`Network::run`] told.
+    pub(crate) fn output(&mut self) -> &mut Map {
+        &mut self.memory.output
     }
 }

@@ -29,7 +29,7 @@ def loss(net, out, categories, instances, houses, weights):
     keys, index, sizes = key[things].unique(return_inverse=True, return_counts=True)
     where = offset_loss(offsets, things, index, sizes)
     which = embedding_loss(embeddings, things, index, sizes, keys, categories, houses)
-    return what + 0.3 * where + 0.2 * which, (what.item(), where.item(), float(which))
+    return what + 0.3 * where + 0.2 * which, (what.item(), where.item(), which.item())
 
 
 def mean_by(values, index, sizes):
