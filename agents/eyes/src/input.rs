@@ -85,3 +85,44 @@ fn solid(picture: &Picture, depth: Option<(&Depth, &Camera)>, column: usize, row
     let size = [picture.width, picture.height];
     [depth_m / 4.0, camera.height_m(size, row, depth_m) - 1.0, 1.0]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_of_other_sizes_are_blended_and_depth_is_not() {
+        let rgb: Vec<u8> = (0..8 * 16).flat_map(|pixel| [if pixel % 8 < 4 { 0 } else { 255 }; 3]).collect();
+        let metres: Vec<f32> = (0..8 * 16).map(|pixel| if pixel % 8 < 4 { 2.0 } else { 0.0 }).collect();
+        let picture = Picture { width: 8, height: 16, rgb: &rgb };
+        assert_eq!(picture.seen_size(32), [32, 64]);
+        let camera = Camera { hfov_rad: std::f32::consts::FRAC_PI_2, height_m: 1.0, pitch_rad: 0.0 };
+        let mut input = Map::new(32, 64, INPUTS);
+        fill(&mut input, &picture, Some((&Depth { metres: &metres }, &camera)));
+        let levels = [0, 13, 14, 15, 16, 17, 18, 31].map(|column| input.at(column, 20)[0] / 4.0 + 0.5);
+        for (level, wanted) in levels.into_iter().zip([0.0, 0.0, 0.125, 0.375, 0.625, 0.875, 1.0, 1.0]) {
+            assert!((level - wanted).abs() < 1e-6, "{levels:?}");
+        }
+        // Rows 0 to 3 are row 0 of 16, 7.5 pixels of a quarter of a metre above the middle for each metre of depth.
+        let solid = &input.at(15, 3)[3..];
+        assert!(
+            (solid[0] - 0.5).abs() < 1e-6 && (solid[1] - 3.75).abs() < 1e-5 && solid[2] == 1.0,
+            "{solid:?}"
+        );
+        assert_eq!(input.at(16, 3)[3..], [0.0; 3]);
+        fill(&mut input, &picture, None);
+        assert_eq!(input.at(15, 3)[3..], [0.0; 3]);
+    }
+
+    #[test]
+    fn pictures_that_are_none_are_refused() {
+        let rgb = [0; 3 * 64];
+        let picture = Picture { width: 8, height: 8, rgb: &rgb };
+        assert_eq!(picture.check(Some(&Depth { metres: &[1.0; 64] })), Ok(()));
+        let depths = picture.check(Some(&Depth { metres: &[1.0; 63] }));
+        assert_eq!(depths, Err(SeeError::Depth { width: 8, height: 8, values: 63 }));
+        for (width, height) in [(0, 8), (7, 8), (8, 4097), (8, 9), (usize::MAX, 8)] {
+            assert!(Picture { width, height, rgb: &rgb }.check(None).is_err(), "{width} x {height}");
+        }
+    }
+}

@@ -88,3 +88,38 @@ impl PixelBox {
         }))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn segment(mask: Vec<u32>) -> Segment {
+        let bounds = PixelBox::around(&mask, 16).expect("pixels");
+        let (categories, histogram) = (vec![0.2, 0.7, 0.1], Histogram::default());
+        Segment { mask, categories, embedding: vec![0.6, 0.8], histogram, bounds }
+    }
+
+    #[test]
+    fn the_middle_is_what_is_there_and_not_what_is_large() {
+        let large = segment((0..80).collect());
+        let small = segment(vec![119, 120, 135, 136]);
+        let mut seen = Seen {
+            width: 16,
+            height: 16,
+            categories: vec![0; 256],
+            confidences: vec![1.0; 256],
+            segments: vec![large, small],
+        };
+        assert_eq!(seen.in_the_middle().map(|segment| segment.mask.len()), Some(4));
+        seen.segments.clear();
+        assert_eq!(seen.in_the_middle(), None);
+    }
+
+    #[test]
+    fn segments_tell_box_category_and_likeness() {
+        let segment = segment(vec![18, 35, 36]);
+        assert_eq!(segment.bounds, PixelBox { columns: [2, 4], rows: [1, 2] });
+        assert_eq!(segment.category(), (1, 0.7));
+        assert!((segment.cosine(&segment) - 1.0).abs() < 1e-6);
+    }
+}

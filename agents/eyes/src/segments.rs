@@ -11,6 +11,8 @@ const LEAST_PX: usize = 12;
 const SPREAD_PX: usize = 5;
 /// Share of the pixels of a connected stretch that tell of a middle, at least, for it to be one.
 const LEAST_SHARE: f32 = 0.12;
+/// Parts that a stretch is cut into, at most.
+const MOST_PARTS: usize = 16;
 /// Stretches of one category that tell of middles nearer than this, pixels, are one instance behind something.
 const TOGETHER_PX: f32 = 4.0;
 
@@ -107,7 +109,7 @@ impl Middles {
 
     /// The pixels of a stretch by the middle that they tell of: all in one where there is but one.
     fn cut(&self, stretch: &[u32]) -> Vec<Vec<u32>> {
-        let peaks = self.peaks(stretch);
+        let peaks = if stretch.len() < 2 * LEAST_PX { Vec::new() } else { self.peaks(stretch) };
         if peaks.len() < 2 {
             return vec![stretch.to_vec()];
         }
@@ -123,28 +125,33 @@ impl Middles {
 
     /// Places that many pixels tell of, one after the other: the one that most tell of, then without those near it the next.
     fn peaks(&self, stretch: &[u32]) -> Vec<[f32; 2]> {
-        let least = (LEAST_SHARE * stretch.len() as f32).max(LEAST_PX as f32) as u32;
-        let mut votes = vec![0_u32; self.width * self.height];
+        let reach2 = (SPREAD_PX * SPREAD_PX) as f32;
+        let least = (LEAST_SHARE * stretch.len() as f32).max(LEAST_PX as f32) as usize;
         let mut left: Vec<[f32; 2]> = stretch.iter().map(|pixel| self.places[*pixel as usize]).collect();
+        let mut votes = Vec::new();
         let mut peaks = Vec::new();
-        while left.len() >= least as usize && peaks.len() < 16 {
-            votes.fill(0);
-            for [x, y] in left.iter().map(|place| self.cell(*place)) {
-                votes[y / 2 * self.width + x / 2] += 1;
-            }
-            let most =
-                (0..votes.len()).max_by_key(|&cell| (votes[cell], std::cmp::Reverse(cell))).unwrap_or(0);
-            let peak = [(most % self.width * 2) as f32 + 0.5, (most / self.width * 2) as f32 + 0.5];
-            let near = |place: &[f32; 2]| apart2(*place, peak) <= (SPREAD_PX * SPREAD_PX) as f32;
-            let around = left.iter().filter(|place| near(place)).count();
-            if (around as u32) < least && !peaks.is_empty() {
+        while left.len() >= least && peaks.len() < MOST_PARTS {
+            let peak = self.peak(&left, &mut votes);
+            let around = left.iter().filter(|place| apart2(**place, peak) <= reach2).count();
+            if around < least && !peaks.is_empty() {
                 break;
             }
             peaks.push(peak);
-            let reach2 = 4.0 * (SPREAD_PX * SPREAD_PX) as f32;
-            left.retain(|place| apart2(*place, peak) > reach2);
+            left.retain(|place| apart2(*place, peak) > 4.0 * reach2);
         }
         peaks
+    }
+
+    /// The place that most of `places` are at, in steps of two pixels; `votes` is scratch memory.
+    fn peak(&self, places: &[[f32; 2]], votes: &mut Vec<u32>) -> [f32; 2] {
+        let columns = self.width.div_ceil(2);
+        votes.clear();
+        votes.resize(columns * self.height.div_ceil(2), 0);
+        for [x, y] in places.iter().map(|place| self.cell(*place)) {
+            votes[y / 2 * columns + x / 2] += 1;
+        }
+        let most = (0..votes.len()).max_by_key(|&cell| (votes[cell], std::cmp::Reverse(cell))).unwrap_or(0);
+        [(most % columns * 2) as f32 + 0.5, (most / columns * 2) as f32 + 0.5]
     }
 
     /// Puts groups of one category together that tell of the same middle.
@@ -203,7 +210,7 @@ fn segment(mut mask: Vec<u32>, output: &Map, kinds: usize, picture: &Picture) ->
 mod tests {
     use super::*;
 
-    /// A map of one category on `ground`, in which two pairs of pixels' middles are told.
+    /// The middles that the pixels of a map tell of.
     fn told(width: usize, height: usize, middle: impl Fn(usize, usize) -> [f32; 2]) -> Middles {
         let places = (0..width * height).map(|pixel| middle(pixel % width, pixel / width)).collect();
         Middles { places, width, height }
