@@ -6,8 +6,8 @@ use avln_world::{Camera, Frame};
 use std::io;
 
 /// What pixels of procedural houses show; their numbers are the places in this list. The first three are the building
-/// itself: all of it that is neither floor nor ceiling counts as wall.
-pub const CATEGORIES: [&str; 40] = [
+/// itself: all of it that is neither floor nor ceiling counts as wall, what is out of reach included.
+pub const CATEGORIES: [&str; 41] = [
     "wall",
     "floor",
     "ceiling",
@@ -48,8 +48,9 @@ pub const CATEGORIES: [&str; 40] = [
     "towel",
     "tv_monitor",
     "vase",
+    "window",
 ];
-/// The number of pixels that show nothing within reach, or what has no name here.
+/// The number of pixels that show an instance whose category has no name here.
 pub(super) const UNKNOWN: u8 = 255;
 const WALL: u8 = 0;
 const FLOOR: u8 = 1;
@@ -89,7 +90,7 @@ impl Labels {
         if instance != InstanceId::NONE {
             return self.category_of.get(instance.0 as usize).copied().unwrap_or(UNKNOWN);
         }
-        let Some(height_m) = height_m else { return UNKNOWN };
+        let Some(height_m) = height_m else { return WALL };
         let at = |levels: &[f32]| levels.iter().any(|level| (level - height_m).abs() < LEVEL_M);
         match (at(&self.floors_m), at(&self.ceilings_m)) {
             (true, _) => FLOOR,

@@ -46,7 +46,8 @@ fn training_houses_are_none_of_an_evaluation() {
         seeds
     };
     let (training, evaluated) = (seeds(false), seeds(true));
-    assert_eq!((training.len(), evaluated.len()), (600 * 12, (2 + 11 + 18 + 2) * 12));
+    // The two houses of recipe `mini` are the first two of the validation split of `paper`.
+    assert_eq!((training.len(), evaluated.len()), (600 * 12, (2 + 11 + 18) * 12));
     assert!(training.is_disjoint(&evaluated));
 }
 
