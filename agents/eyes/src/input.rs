@@ -66,24 +66,22 @@ pub(crate) fn fill(input: &mut Map, picture: &Picture, depth: Option<(&Depth, &C
     for row in 0..height {
         let at_y = Between::new(row, height, picture.height);
         let from_row = row * picture.height / height;
-        for (column, pixel) in input.row_mut(row).chunks_exact_mut(INPUTS).enumerate() {
-            let rgb = picture.blended(&columns[column], &at_y);
+        for (at_x, pixel) in columns.iter().zip(input.row_mut(row).chunks_exact_mut(INPUTS)) {
+            let rgb = picture.blended(at_x, &at_y);
             pixel[..3].iter_mut().zip(rgb).for_each(|(to, level)| *to = (level / 255.0 - 0.5) * 4.0);
-            let from_column = column * picture.width / width;
-            pixel[3..].copy_from_slice(&solid(picture, depth, from_column, from_row));
+            pixel[3..].fill(0.0);
+        }
+        let Some((depth, camera)) = depth else { continue };
+        let climb = camera.ray([picture.width, picture.height], [0.0, from_row as f32])[1];
+        let metres = &depth.metres[from_row * picture.width..][..picture.width];
+        for (column, pixel) in input.row_mut(row).chunks_exact_mut(INPUTS).enumerate() {
+            let depth_m = metres[column * picture.width / width];
+            if depth_m > 0.0 && depth_m.is_finite() {
+                let height_m = camera.height_m + depth_m * climb;
+                pixel[3..].copy_from_slice(&[depth_m / 4.0, height_m - 1.0, 1.0]);
+            }
         }
     }
-}
-
-/// Depth, height and whether they are known, as the network sees them.
-fn solid(picture: &Picture, depth: Option<(&Depth, &Camera)>, column: usize, row: usize) -> [f32; 3] {
-    let Some((depth, camera)) = depth else { return [0.0; 3] };
-    let depth_m = depth.metres[row * picture.width + column];
-    if !(depth_m > 0.0 && depth_m.is_finite()) {
-        return [0.0; 3];
-    }
-    let size = [picture.width, picture.height];
-    [depth_m / 4.0, camera.height_m(size, row, depth_m) - 1.0, 1.0]
 }
 
 #[cfg(test)]

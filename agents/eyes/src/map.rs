@@ -1,8 +1,7 @@
-use crate::weights::Layer;
-use nalgebra::{DMatrixView, DMatrixViewMut};
+use crate::weights::{Layer, PANEL};
 
 /// Numbers for every pixel: rows of pixels of `channels` numbers each, with a border of one pixel of zeros around them, so that
-/// a 3 × 3 convolution is three products of matrices whose rows overlap.
+/// what a pixel of a 3 × 3 convolution is made from are three stretches of memory.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Map {
     pub(crate) width: usize,
@@ -37,47 +36,58 @@ impl Map {
         ((row + 1) * (self.width + 2) + 1) * self.channels
     }
 
-    /// The rectified 3 × 3 convolution of `input`, which has the size of this map.
+    /// The rectified 3 × 3 convolution of `input`, which has the size of this map or, at every second pixel, twice its size.
     pub(crate) fn convolve(&mut self, input: &Map, layer: &Layer) {
-        let (inputs, outputs, line) = (input.channels, self.channels, self.width + 2);
-        // From the first pixel to the last, the border between rows included.
-        let pixels = self.height * line - 2;
-        let start = self.start(0);
-        for tap in 0..3 {
-            let from = &input.values[tap * line * inputs..];
-            product(from, inputs, layer.tap(tap), &mut self.values[start..], pixels, outputs, tap > 0);
-        }
-        self.rectify(&layer.bias);
+        let step = input.width / self.width;
+        let line = (input.width + 2) * input.channels;
+        let start = |row: usize| step * row * line;
+        let taps = |row: usize| std::array::from_fn::<usize, 3, _>(|tap| start(row) + tap * line);
+        self.fill(layer, &input.values, [step * input.channels, 3 * input.channels], taps, 0.0);
     }
 
-    /// The rectified 3 × 3 convolution of `input`, which is twice as wide and as high, at every second pixel.
-    pub(crate) fn convolve_halving(&mut self, input: &Map, layer: &Layer) {
-        let (inputs, outputs, line) = (input.channels, self.channels, input.width + 2);
-        for row in 0..self.height {
-            let start = self.start(row);
-            for tap in 0..3 {
-                let from = &input.values[(2 * row + tap) * line * inputs..];
-                let to = &mut self.values[start..];
-                product(from, 2 * inputs, layer.tap(tap), to, self.width, outputs, tap > 0);
-            }
-        }
-        self.rectify(&layer.bias);
-    }
-
-    /// The 1 × 1 convolution of `input`, which has the size of this map; its border is not 0 afterwards.
+    /// The 1 × 1 convolution of `input`, which has the size of this map.
     pub(crate) fn project(&mut self, input: &Map, layer: &Layer) {
-        let pixels = (self.width + 2) * (self.height + 2);
-        product(
-            &input.values,
-            input.channels,
-            &layer.weights,
-            &mut self.values,
-            pixels,
-            self.channels,
-            false,
-        );
-        for pixel in self.values.chunks_exact_mut(self.channels) {
-            pixel.iter_mut().zip(&layer.bias).for_each(|(value, bias)| *value += bias);
+        let sizes = [input.channels, input.channels];
+        self.fill(layer, &input.values, sizes, |row| [input.start(row)], f32::NEG_INFINITY);
+    }
+
+    /// Fills the map with sums of products, cut off below `least`. What a pixel's sum is made from are as many stretches of `from`
+    /// as there are `taps`, which tells where those of the first pixel of a row begin; those of the next pixel begin `step`
+    /// later, and each is `length` long.
+    fn fill<const TAPS: usize>(
+        &mut self,
+        layer: &Layer,
+        from: &[f32],
+        [step, length]: [usize; 2],
+        taps: impl Fn(usize) -> [usize; TAPS],
+        least: f32,
+    ) {
+        let channels = self.channels;
+        for (panel, weights) in layer.panels.chunks_exact(TAPS * length).enumerate() {
+            let first = panel * PANEL;
+            let kept = PANEL.min(channels - first);
+            let mut bias = [0.0; PANEL];
+            bias[..kept].copy_from_slice(&layer.bias[first..first + kept]);
+            for row in 0..self.height {
+                let (taps, width) = (taps(row), self.width);
+                let to = self.row_mut(row);
+                let mut column = 0;
+                while column < width {
+                    let at = taps.map(|tap| tap + column * step);
+                    let to = &mut to[column * channels + first..];
+                    if column + TILE <= width {
+                        let sums = sums::<TILE>(from, &at, step, length, weights, &bias);
+                        sums.iter()
+                            .enumerate()
+                            .for_each(|(pixel, sums)| keep(&mut to[pixel * channels..][..kept], sums, least));
+                        column += TILE;
+                    } else {
+                        let [sums] = sums::<1>(from, &at, step, length, weights, &bias);
+                        keep(&mut to[..kept], &sums, least);
+                        column += 1;
+                    }
+                }
+            }
         }
     }
 
@@ -108,8 +118,10 @@ impl Map {
         }
         let share = 1.0 / (self.width * self.height) as f32;
         sum.clone_from(&layer.bias);
-        for (mean, weights) in mean.iter().zip(layer.weights.chunks_exact(channels)) {
-            sum.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += mean * share * weight);
+        for (panel, sums) in layer.panels.chunks_exact(channels).zip(sum.chunks_mut(PANEL)) {
+            for (mean, weights) in mean.iter().zip(panel) {
+                sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += mean * share * weight);
+            }
         }
         for row in 0..self.height {
             for pixel in self.row_mut(row).chunks_exact_mut(channels) {
@@ -117,64 +129,36 @@ impl Map {
             }
         }
     }
+}
 
-    /// Adds the bias, cuts off what is below 0, and clears the border.
-    fn rectify(&mut self, bias: &[f32]) {
-        let (channels, end) = (self.channels, self.width * self.channels);
-        for row in 0..self.height {
-            let start = self.start(row);
-            for pixel in self.values[start..start + end].chunks_exact_mut(channels) {
-                pixel.iter_mut().zip(bias).for_each(|(value, bias)| *value = (*value + bias).max(0.0));
+/// Pixels whose sums are made at once: with the outputs of a panel they fill the registers.
+const TILE: usize = 6;
+
+fn keep(to: &mut [f32], sums: &[f32; PANEL], least: f32) {
+    to.iter_mut().zip(sums).for_each(|(to, sum)| *to = sum.max(least));
+}
+
+/// For each of some pixels, `step` apart in `from`, the sum over stretches at `taps` of values times weights.
+#[inline(always)]
+fn sums<const PIXELS: usize>(
+    from: &[f32],
+    taps: &[usize],
+    step: usize,
+    length: usize,
+    weights: &[[f32; PANEL]],
+    bias: &[f32; PANEL],
+) -> [[f32; PANEL]; PIXELS] {
+    let mut sums = [*bias; PIXELS];
+    for (start, weights) in taps.iter().zip(weights.chunks_exact(length)) {
+        let values: [&[f32]; PIXELS] = std::array::from_fn(|pixel| &from[start + pixel * step..][..length]);
+        for (index, weights) in weights.iter().enumerate() {
+            for (sums, values) in sums.iter_mut().zip(&values) {
+                let value = values[index];
+                sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * weight);
             }
-            self.values[start - channels..start].fill(0.0);
-            self.values[start + end..start + end + channels].fill(0.0);
         }
     }
-}
-
-/// `to (+)= from × weights`: `pixels` rows that begin `step` apart in `from`, of as many numbers as `weights` has rows; `weights`
-/// has `outputs` columns.
-fn product(
-    from: &[f32],
-    step: usize,
-    weights: &[f32],
-    to: &mut [f32],
-    pixels: usize,
-    outputs: usize,
-    adds: bool,
-) {
-    let inner = weights.len() / outputs;
-    if pixels < FEWEST_ROWS {
-        return plain_product(from, step, weights, to, pixels, outputs, adds);
-    }
-    let from = DMatrixView::from_slice_with_strides(from, pixels, inner, step, 1);
-    let weights = DMatrixView::from_slice_with_strides(weights, inner, outputs, outputs, 1);
-    let mut to = DMatrixViewMut::from_slice_with_strides_mut(to, pixels, outputs, outputs, 1);
-    to.gemm(1.0, &from, &weights, if adds { 1.0 } else { 0.0 });
-}
-
-/// Matrices of fewer rows are not nalgebra's: its way with small ones takes rows for contiguous columns.
-const FEWEST_ROWS: usize = 8;
-
-/// [`product`] as its definition has it.
-fn plain_product(
-    from: &[f32],
-    step: usize,
-    weights: &[f32],
-    to: &mut [f32],
-    pixels: usize,
-    outputs: usize,
-    adds: bool,
-) {
-    let inner = weights.len() / outputs;
-    for (pixel, to) in to.chunks_exact_mut(outputs).take(pixels).enumerate() {
-        if !adds {
-            to.fill(0.0);
-        }
-        for (value, weights) in from[pixel * step..][..inner].iter().zip(weights.chunks_exact(outputs)) {
-            to.iter_mut().zip(weights).for_each(|(to, weight)| *to += value * weight);
-        }
-    }
+    sums
 }
 
 #[cfg(test)]
@@ -200,9 +184,14 @@ mod tests {
     }
 
     /// The convolution as its definition has it.
-    fn plain(input: &Map, layer: &Layer, outputs: usize, step: usize, [column, row]: [usize; 2]) -> Vec<f32> {
-        let mut sums = layer.bias.clone();
-        for (tap, weights) in layer.weights.chunks_exact(input.channels * outputs).enumerate() {
+    fn plain(
+        input: &Map,
+        (weights, bias): (&[f32], &[f32]),
+        step: usize,
+        [column, row]: [usize; 2],
+    ) -> Vec<f32> {
+        let (mut sums, outputs) = (bias.to_vec(), bias.len());
+        for (tap, weights) in weights.chunks_exact(input.channels * outputs).enumerate() {
             let (x, y) = ((step * column + tap % 3).wrapping_sub(1), (step * row + tap / 3).wrapping_sub(1));
             if x < input.width && y < input.height {
                 for (value, weights) in input.at(x, y).iter().zip(weights.chunks_exact(outputs)) {
@@ -215,19 +204,20 @@ mod tests {
 
     fn check(step: usize, width: usize) {
         let (inputs, outputs) = (7, 9);
-        let layer = Layer { weights: noise(9 * inputs * outputs, 3), bias: noise(outputs, 4) };
+        let (weights, bias) = (noise(9 * inputs * outputs, 3), noise(outputs, 4));
+        let layer = Layer::new(&weights, bias.clone());
         let input = filled(width, 16, inputs);
         let mut output = Map::new(width / step, 16 / step, outputs);
         // What was there before does not matter.
         output.values.fill(7.0);
         output.values[..(width / step + 3) * outputs].fill(0.0);
         for _ in 0..2 {
-            if step == 1 { output.convolve(&input, &layer) } else { output.convolve_halving(&input, &layer) }
+            output.convolve(&input, &layer);
         }
         for (column, row) in
             [(0, 0), (1, 2), (width / step - 1, 0), (0, 16 / step - 1), (width / step - 1, 16 / step - 1)]
         {
-            let wanted = plain(&input, &layer, outputs, step, [column, row]);
+            let wanted = plain(&input, (&weights, &bias), step, [column, row]);
             let close = output.at(column, row).iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 1e-5);
             assert!(close, "{column} {row}: {:?} {wanted:?}", output.at(column, row));
         }
@@ -258,7 +248,7 @@ mod tests {
     fn the_mean_of_all_is_added_to_every_pixel() {
         let mut map = Map::new(2, 1, 2);
         map.row_mut(0).copy_from_slice(&[1.0, 2.0, 3.0, 6.0]);
-        let layer = Layer { weights: vec![1.0, 10.0, 0.5, 0.0], bias: vec![0.25, 0.0] };
+        let layer = Layer::new(&[1.0, 10.0, 0.5, 0.0], vec![0.25, 0.0]);
         map.add_whole(&layer, &mut Vec::new(), &mut Vec::new());
         // Means 2 and 4: 2 + 2 + 0.25 and 20.
         assert_eq!(map.row(0), [5.25, 22.0, 7.25, 26.0]);

@@ -90,12 +90,12 @@ impl Network {
     /// What the network tells of every second pixel: logits of categories, offset to the middle of its instance (x, y), embedding.
     pub(crate) fn run(&mut self) -> &mut Map {
         let Memory { input, levels, lifted, last, output, mean, sum } = &mut self.memory;
-        levels[0][0].convolve_halving(input, &self.stem);
+        levels[0][0].convolve(input, &self.stem);
         for (level, layer) in self.levels.iter().enumerate() {
             let (finer, here) = levels.split_at_mut(level);
             let [before, after] = &mut here[0];
             if let Some([_, from]) = finer.last() {
-                before.convolve_halving(from, &self.downs[level - 1]);
+                before.convolve(from, &self.downs[level - 1]);
             }
             after.convolve(before, layer);
         }

@@ -61,11 +61,6 @@ impl Camera {
         let (sin, cos) = self.pitch_rad.sin_cos();
         [right, up * cos + sin, cos - up * sin]
     }
-
-    /// Height above the floor of what a pixel of a row shows, metres.
-    pub(crate) fn height_m(&self, size: [usize; 2], row: usize, depth_m: f32) -> f32 {
-        self.height_m + depth_m * self.ray(size, [0.0, row as f32])[1]
-    }
 }
 
 #[cfg(test)]
@@ -78,7 +73,7 @@ mod tests {
         let [right, up, ahead] = level.ray([4, 4], [3.5, -0.5]);
         assert!((right - 1.0).abs() < 1e-6 && (up - 1.0).abs() < 1e-6 && ahead == 1.0);
         // The lowest row of 4 looks down by 0.75 m a metre.
-        assert!((level.height_m([4, 4], 3, 2.0) + 0.5).abs() < 1e-6);
+        assert!((level.ray([4, 4], [0.0, 3.0])[1] + 0.75).abs() < 1e-6);
         let up = Camera { pitch_rad: 0.5, ..level };
         assert!((up.ray([2, 2], [0.5, 0.5])[1] - 0.5_f32.sin()).abs() < 1e-6);
     }

@@ -44,18 +44,28 @@ pub struct WeightsError {
     reason: String,
 }
 
-/// A convolution: for each tap (row by row) and input, a weight for each output.
+/// Outputs whose weights lie beside each other.
+pub(crate) const PANEL: usize = 8;
+
+/// A convolution.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Layer {
-    pub(crate) weights: Vec<f32>,
+    /// For each [`PANEL`] of outputs, for each tap (row by row), for each input: the weight of each output, 0 beyond the last one.
+    pub(crate) panels: Vec<[f32; PANEL]>,
+    /// For each output.
     pub(crate) bias: Vec<f32>,
 }
 
 impl Layer {
-    /// The weights of one row of taps.
-    pub(crate) fn tap(&self, row: usize) -> &[f32] {
-        let length = self.weights.len() / 3;
-        &self.weights[row * length..(row + 1) * length]
+    /// `weights` are for each tap, for each input, for each output.
+    pub(crate) fn new(weights: &[f32], bias: Vec<f32>) -> Self {
+        let outputs = bias.len();
+        let panel = |first: usize| {
+            weights.chunks_exact(outputs).map(move |weights| {
+                std::array::from_fn(|index| weights.get(first + index).copied().unwrap_or(0.0))
+            })
+        };
+        Self { panels: (0..outputs).step_by(PANEL).flat_map(panel).collect(), bias }
     }
 }
 
@@ -100,10 +110,8 @@ impl<'a> Weights<'a> {
         inputs: usize,
         outputs: usize,
     ) -> Result<Layer, WeightsError> {
-        Ok(Layer {
-            weights: self.tensor(&format!("{name}.weight"), &[taps, inputs, outputs])?,
-            bias: self.tensor(&format!("{name}.bias"), &[outputs])?,
-        })
+        let weights = self.tensor(&format!("{name}.weight"), &[taps, inputs, outputs])?;
+        Ok(Layer::new(&weights, self.tensor(&format!("{name}.bias"), &[outputs])?))
     }
 
     fn tensor(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, WeightsError> {
