@@ -51,7 +51,7 @@ pub trait Perception {
 
 /// The network that comes with the crate, ready to look.
 ///
-/// It keeps its memory from picture to picture. Equal pictures give equal bits.
+/// It keeps its memory from picture to picture. On one machine equal pictures give equal bits.
 pub struct Eyes {
     network: Network,
 }
