@@ -28,7 +28,7 @@ def options():
     parser.add_argument("frames", help="folder that `avln dataset frames` has written")
     parser.add_argument("--out", default="run", help="folder for checkpoint.pt and curve.csv")
     parser.add_argument("--steps", type=int, default=12000, help="steps in all")
-    parser.add_argument("--settle", type=int, default=3000, help="last steps, in which the learning rate falls to 0")
+    parser.add_argument("--settle", type=int, default=9000, help="last steps, in which the learning rate falls to 0")
     parser.add_argument("--large", type=int, default=1500, help="last steps, on pictures of 192 pixels")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--resume", action="store_true", help="go on from checkpoint.pt")
