@@ -38,17 +38,35 @@ pub(crate) fn write<T: Element>(
     [rows, columns]: [u32; 2],
     values: impl Iterator<Item = T>,
 ) -> io::Result<()> {
-    let kind = T::KIND;
-    let mut header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({rows}, {columns}), }}");
+    write_header(&mut out, &format!("'{}'", T::KIND), &format!("({rows}, {columns})"))?;
+    let bytes: Vec<u8> = values.flat_map(T::bytes).collect();
+    out.write_all(&bytes)
+}
+
+/// Writes what stands before `count` records one after the other, each with the `fields` in their order: name, NumPy's word
+/// for the kind of number, and shape as NumPy writes it. The records' bytes follow without gaps.
+///
+/// # Errors
+/// When `out` cannot be written.
+pub(crate) fn write_record_header(
+    out: impl Write,
+    fields: &[(&str, &str, String)],
+    count: usize,
+) -> io::Result<()> {
+    let fields = fields.iter().map(|(name, kind, shape)| format!("('{name}', '{kind}', {shape})"));
+    let fields: Vec<String> = fields.collect();
+    write_header(out, &format!("[{}]", fields.join(", ")), &format!("({count},)"))
+}
+
+fn write_header(mut out: impl Write, kind: &str, shape: &str) -> io::Result<()> {
+    let mut header = format!("{{'descr': {kind}, 'fortran_order': False, 'shape': {shape}, }}");
     let whole = (PREAMBLE_BYTES + header.len() + 1).next_multiple_of(ALIGNMENT_BYTES);
     let length = whole - PREAMBLE_BYTES;
     header.extend(std::iter::repeat_n(' ', length - 1 - header.len()));
     header.push('\n');
     out.write_all(b"\x93NUMPY\x01\x00")?;
     out.write_all(&(length as u16).to_le_bytes())?;
-    out.write_all(header.as_bytes())?;
-    let bytes: Vec<u8> = values.flat_map(T::bytes).collect();
-    out.write_all(&bytes)
+    out.write_all(header.as_bytes())
 }
 
 #[cfg(test)]

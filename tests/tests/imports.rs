@@ -28,6 +28,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("client", &["codec", "proto"]),
     ("conformance", &["proto"]),
     ("kit", &["client"]),
+    ("eyes", &[]),
     ("random", &["client"]),
     ("baselines", &["client", "kit"]),
     ("pag-nav", &["client", "kit"]),
@@ -61,7 +62,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "pag-nav",
         ],
     ),
-    ("tests", &["server", "client", "store", "truth"]),
+    ("tests", &["server", "client", "store", "truth", "dataset", "eyes"]),
 ];
 
 fn short(name: &str) -> Option<&str> {

@@ -3,7 +3,7 @@
 use crate::{
     Failure, FailureKind,
     cache::CacheFolder,
-    commands::dataset_formats,
+    commands::{dataset_formats, dataset_frames},
     dataset::{
         DatasetFiles,
         build::{Builder, Progress},
@@ -30,6 +30,8 @@ pub enum Command {
         #[arg(value_name = "DIR")]
         folder: PathBuf,
     },
+    /// Take pictures in houses of a split, with what every pixel shows, to train perception on
+    Frames(dataset_frames::Options),
     /// Verify every mission against its constraints, from the files and the scenes alone
     Check(Check),
     /// Take in missions of another data set: LH-AVLN as its authors publish it, GOAT-Bench, ObjectNav, InstanceImageNav, MultiON
@@ -83,6 +85,7 @@ pub fn run(data: &Path, command: Command) -> Result<(), Failure> {
     match command {
         Command::Build(options) => build(data, &options),
         Command::Stats { folder } => stats(&DatasetFiles::at(&folder)),
+        Command::Frames(options) => dataset_frames::run(&options),
         Command::Check(options) => check(data, &options),
         Command::Import(options) => dataset_formats::import(&options),
         Command::Export(options) => dataset_formats::export(&options),
@@ -116,7 +119,7 @@ fn build(data: &Path, options: &Build) -> Result<(), Failure> {
 }
 
 /// The recipe of a name or a file; scene files named in it lie beside it.
-fn recipe(config: &str) -> Result<Recipe, Failure> {
+pub(super) fn recipe(config: &str) -> Result<Recipe, Failure> {
     if let Some((_, text)) = Recipe::EMBEDDED.iter().find(|(name, _)| *name == config) {
         return Ok(Recipe::from_json(text)?);
     }
@@ -176,7 +179,7 @@ fn check(data: &Path, options: &Check) -> Result<(), Failure> {
         .hinted("each line names mission, constraint and what was found; build the data set again"))
 }
 
-fn bar(template: &str) -> ProgressBar {
+pub(super) fn bar(template: &str) -> ProgressBar {
     let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(0).with_style(style)
 }

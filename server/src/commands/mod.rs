@@ -7,6 +7,7 @@ pub mod challenge;
 pub mod conformance;
 pub mod dataset;
 pub mod dataset_formats;
+pub mod dataset_frames;
 pub mod db;
 pub mod demo;
 pub mod doctor;

@@ -12,9 +12,6 @@ use avln_scene::procedural::Pool;
 use avln_world::{Cache, SceneAssets};
 use std::sync::Arc;
 
-/// Houses that are tried, one after the other, until one holds all missions that are asked for.
-const HOUSES: u32 = 12;
-
 /// One scene to be made: a unit of work that depends on nothing but the recipe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Job {
@@ -38,6 +35,9 @@ pub struct BuiltScene {
 }
 
 impl Recipe {
+    /// Houses that are drawn for a scene, one after the other, until one holds all missions that are asked for.
+    pub const HOUSE_DRAWS: u32 = 12;
+
     /// All scenes to be made, split by split.
     pub fn jobs(&self) -> impl Iterator<Item = Job> {
         let scenes = |(split, recipe): (usize, &SplitRecipe)| {
@@ -49,6 +49,38 @@ impl Recipe {
     /// Name of a scene: that of the data set, of the split, and a number.
     pub fn scene_name(&self, job: Job) -> String {
         format!("{}-{}-{:04}", self.name, self.splits[job.split].name, job.scene)
+    }
+
+    /// The house that is drawn for a scene at the `attempt`, from 0; without missions, which may ask for a later one.
+    ///
+    /// # Errors
+    /// When the scenes of its split come from files.
+    ///
+    /// # Panics
+    /// When the recipe has no such split.
+    pub fn house(&self, job: Job, attempt: u32) -> Result<SceneSource, DatasetError> {
+        Ok(self.drawn(job, attempt)?.0)
+    }
+
+    /// A house, and the seed of the missions in it.
+    fn drawn(&self, job: Job, attempt: u32) -> Result<(SceneSource, u64), DatasetError> {
+        let split = &self.splits[job.split];
+        let SceneChoice::Houses { rooms, storeys, pool, .. } = &split.scenes else {
+            let reason = format!("scenes of split '{}' come from files; none of them is drawn", split.name);
+            return Err(DatasetError::Recipe { reason });
+        };
+        let mut rng = self.scene_rng(job).fork(&format!("house {attempt}"));
+        let source = SceneSource::Procedural {
+            seed: rng.next_u64(),
+            rooms: rooms[0]..=rooms[1],
+            storeys: storeys[0]..=storeys[1],
+            pool: Pool::from_name(pool).unwrap_or_default(),
+        };
+        Ok((source, rng.next_u64()))
+    }
+
+    fn scene_rng(&self, job: Job) -> Rng {
+        Rng::new(self.seed).fork(&self.splits[job.split].name).fork(&format!("scene {}", job.scene))
     }
 }
 
@@ -68,27 +100,20 @@ pub fn build_scene(
 ) -> Result<BuiltScene, DatasetError> {
     let split = &recipe.splits[job.split];
     let (name, rules) = (recipe.scene_name(job), recipe.rules()?);
-    let rng = Rng::new(recipe.seed).fork(&split.name).fork(&format!("scene {}", job.scene));
     let maker = Maker { recipe, split, rules, cache };
     match &split.scenes {
         SceneChoice::Files(files) => {
             let source = SceneSource::File { path: files[job.scene].clone() };
-            let missions_seed = rng.fork("missions").next_u64();
+            let missions_seed = recipe.scene_rng(job).fork("missions").next_u64();
             maker.build(&name, source, missions_seed, 1)
         }
-        SceneChoice::Houses { rooms, storeys, pool, .. } => {
+        SceneChoice::Houses { .. } => {
             let house = |attempt: u32| {
-                let mut rng = rng.fork(&format!("house {attempt}"));
-                let source = SceneSource::Procedural {
-                    seed: rng.next_u64(),
-                    rooms: rooms[0]..=rooms[1],
-                    storeys: storeys[0]..=storeys[1],
-                    pool: Pool::from_name(pool).unwrap_or_default(),
-                };
-                maker.build(&name, source, rng.next_u64(), split.missions_per_scene)
+                let (source, missions_seed) = recipe.drawn(job, attempt)?;
+                maker.build(&name, source, missions_seed, split.missions_per_scene)
             };
             let mut last = house(0);
-            for attempt in 1..HOUSES {
+            for attempt in 1..Recipe::HOUSE_DRAWS {
                 if last.is_ok() {
                     break;
                 }

@@ -1,0 +1,256 @@
+use crate::weights::{Layer, PANEL};
+
+/// Numbers for every pixel: rows of pixels of `channels` numbers each, with a border of one pixel of zeros around them, so that
+/// what a pixel of a 3 × 3 convolution is made from are three stretches of memory.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Map {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) channels: usize,
+    values: Vec<f32>,
+}
+
+impl Map {
+    pub(crate) fn new(width: usize, height: usize, channels: usize) -> Self {
+        Self { width, height, channels, values: vec![0.0; (width + 2) * (height + 2) * channels] }
+    }
+
+    /// The numbers of the pixels `0..width` of a row.
+    pub(crate) fn row(&self, row: usize) -> &[f32] {
+        let start = self.start(row);
+        &self.values[start..start + self.width * self.channels]
+    }
+
+    pub(crate) fn row_mut(&mut self, row: usize) -> &mut [f32] {
+        let (start, length) = (self.start(row), self.width * self.channels);
+        &mut self.values[start..start + length]
+    }
+
+    /// The numbers of a pixel.
+    pub(crate) fn at(&self, column: usize, row: usize) -> &[f32] {
+        let start = self.start(row) + column * self.channels;
+        &self.values[start..start + self.channels]
+    }
+
+    fn start(&self, row: usize) -> usize {
+        ((row + 1) * (self.width + 2) + 1) * self.channels
+    }
+
+    /// The rectified 3 × 3 convolution of `input`, which has the size of this map or, at every second pixel, twice its size.
+    pub(crate) fn convolve(&mut self, input: &Map, layer: &Layer) {
+        let step = input.width / self.width;
+        let line = (input.width + 2) * input.channels;
+        let start = |row: usize| step * row * line;
+        let taps = |row: usize| std::array::from_fn::<usize, 3, _>(|tap| start(row) + tap * line);
+        self.fill(layer, &input.values, [step * input.channels, 3 * input.channels], taps, 0.0);
+    }
+
+    /// The 1 × 1 convolution of `input`, which has the size of this map.
+    pub(crate) fn project(&mut self, input: &Map, layer: &Layer) {
+        let sizes = [input.channels, input.channels];
+        self.fill(layer, &input.values, sizes, |row| [input.start(row)], f32::NEG_INFINITY);
+    }
+
+    /// Fills the map with sums of products, cut off below `least`. What a pixel's sum is made from are as many stretches of `from`
+    /// as there are `taps`, which tells where those of the first pixel of a row begin; those of the next pixel begin `step`
+    /// later, and each is `length` long.
+    fn fill<const TAPS: usize>(
+        &mut self,
+        layer: &Layer,
+        from: &[f32],
+        [step, length]: [usize; 2],
+        taps: impl Fn(usize) -> [usize; TAPS],
+        least: f32,
+    ) {
+        let channels = self.channels;
+        for (panel, weights) in layer.panels.chunks_exact(TAPS * length).enumerate() {
+            let first = panel * PANEL;
+            let kept = PANEL.min(channels - first);
+            let mut bias = [0.0; PANEL];
+            bias[..kept].copy_from_slice(&layer.bias[first..first + kept]);
+            for row in 0..self.height {
+                let (taps, width) = (taps(row), self.width);
+                let to = self.row_mut(row);
+                let mut column = 0;
+                while column < width {
+                    let at = taps.map(|tap| tap + column * step);
+                    let to = &mut to[column * channels + first..];
+                    if column + TILE <= width {
+                        let sums = sums::<TILE>(from, &at, step, length, weights, &bias);
+                        sums.iter()
+                            .enumerate()
+                            .for_each(|(pixel, sums)| keep(&mut to[pixel * channels..][..kept], sums, least));
+                        column += TILE;
+                    } else {
+                        let [sums] = sums::<1>(from, &at, step, length, weights, &bias);
+                        keep(&mut to[..kept], &sums, least);
+                        column += 1;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds `coarse`, which is half as wide and as high, each of its pixels to four of this map.
+    pub(crate) fn add_twice(&mut self, coarse: &Map) {
+        for row in 0..self.height {
+            let from = coarse.row(row / 2).chunks_exact(coarse.channels);
+            let length = self.channels;
+            for (two, add) in self.row_mut(row).chunks_exact_mut(2 * length).zip(from) {
+                let (left, right) = two.split_at_mut(length);
+                for ((left, right), add) in left.iter_mut().zip(right).zip(add) {
+                    *left += add;
+                    *right += add;
+                }
+            }
+        }
+    }
+
+    /// Adds to every pixel a 1 × 1 convolution of the mean of all; `mean` and `sum` are scratch memory.
+    pub(crate) fn add_whole(&mut self, layer: &Layer, mean: &mut Vec<f32>, sum: &mut Vec<f32>) {
+        let channels = self.channels;
+        mean.clear();
+        mean.resize(channels, 0.0);
+        for row in 0..self.height {
+            for pixel in self.row(row).chunks_exact(channels) {
+                mean.iter_mut().zip(pixel).for_each(|(mean, value)| *mean += value);
+            }
+        }
+        let share = 1.0 / (self.width * self.height) as f32;
+        sum.clone_from(&layer.bias);
+        for (panel, sums) in layer.panels.chunks_exact(channels).zip(sum.chunks_mut(PANEL)) {
+            for (mean, weights) in mean.iter().zip(panel) {
+                sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += mean * share * weight);
+            }
+        }
+        for row in 0..self.height {
+            for pixel in self.row_mut(row).chunks_exact_mut(channels) {
+                pixel.iter_mut().zip(&*sum).for_each(|(value, add)| *value += add);
+            }
+        }
+    }
+}
+
+/// Pixels whose sums are made at once: with the outputs of a panel they fill the registers.
+const TILE: usize = 6;
+
+fn keep(to: &mut [f32], sums: &[f32; PANEL], least: f32) {
+    to.iter_mut().zip(sums).for_each(|(to, sum)| *to = sum.max(least));
+}
+
+/// For each of some pixels, `step` apart in `from`, the sum over stretches at `taps` of values times weights.
+#[inline(always)]
+fn sums<const PIXELS: usize>(
+    from: &[f32],
+    taps: &[usize],
+    step: usize,
+    length: usize,
+    weights: &[[f32; PANEL]],
+    bias: &[f32; PANEL],
+) -> [[f32; PANEL]; PIXELS] {
+    let mut sums = [*bias; PIXELS];
+    for (start, weights) in taps.iter().zip(weights.chunks_exact(length)) {
+        let values: [&[f32]; PIXELS] = std::array::from_fn(|pixel| &from[start + pixel * step..][..length]);
+        for (index, weights) in weights.iter().enumerate() {
+            for (sums, values) in sums.iter_mut().zip(&values) {
+                let value = values[index];
+                sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * weight);
+            }
+        }
+    }
+    sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers that look random, -0.5 to 0.5.
+    fn noise(count: usize, seed: u32) -> Vec<f32> {
+        let mut state = seed;
+        let mut next = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32 - 0.5
+        };
+        (0..count).map(|_| next()).collect()
+    }
+
+    fn filled(width: usize, height: usize, channels: usize) -> Map {
+        let mut map = Map::new(width, height, channels);
+        for row in 0..height {
+            map.row_mut(row).copy_from_slice(&noise(width * channels, row as u32));
+        }
+        map
+    }
+
+    /// The convolution as its definition has it.
+    fn plain(
+        input: &Map,
+        (weights, bias): (&[f32], &[f32]),
+        step: usize,
+        [column, row]: [usize; 2],
+    ) -> Vec<f32> {
+        let (mut sums, outputs) = (bias.to_vec(), bias.len());
+        for (tap, weights) in weights.chunks_exact(input.channels * outputs).enumerate() {
+            let (x, y) = ((step * column + tap % 3).wrapping_sub(1), (step * row + tap / 3).wrapping_sub(1));
+            if x < input.width && y < input.height {
+                for (value, weights) in input.at(x, y).iter().zip(weights.chunks_exact(outputs)) {
+                    sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * weight);
+                }
+            }
+        }
+        sums.into_iter().map(|sum| sum.max(0.0)).collect()
+    }
+
+    fn check(step: usize, width: usize) {
+        let (inputs, outputs) = (7, 9);
+        let (weights, bias) = (noise(9 * inputs * outputs, 3), noise(outputs, 4));
+        let layer = Layer::new(&weights, bias.clone());
+        let input = filled(width, 16, inputs);
+        let mut output = Map::new(width / step, 16 / step, outputs);
+        // What was there before does not matter.
+        output.values.fill(7.0);
+        output.values[..(width / step + 3) * outputs].fill(0.0);
+        for _ in 0..2 {
+            output.convolve(&input, &layer);
+        }
+        for (column, row) in
+            [(0, 0), (1, 2), (width / step - 1, 0), (0, 16 / step - 1), (width / step - 1, 16 / step - 1)]
+        {
+            let wanted = plain(&input, (&weights, &bias), step, [column, row]);
+            let close = output.at(column, row).iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 1e-5);
+            assert!(close, "{column} {row}: {:?} {wanted:?}", output.at(column, row));
+        }
+    }
+
+    #[test]
+    fn convolutions_are_what_they_are_by_definition() {
+        for width in [4, 12, 32] {
+            check(1, width);
+            check(2, width);
+        }
+    }
+
+    #[test]
+    fn coarse_maps_are_added_to_fine_ones() {
+        let (coarse, mut fine) = (filled(3, 2, 2), filled(6, 4, 2));
+        let before = fine.clone();
+        fine.add_twice(&coarse);
+        for (column, row) in [(0, 0), (5, 3), (2, 1)] {
+            for channel in 0..2 {
+                let wanted = before.at(column, row)[channel] + coarse.at(column / 2, row / 2)[channel];
+                assert_eq!(fine.at(column, row)[channel], wanted);
+            }
+        }
+    }
+
+    #[test]
+    fn the_mean_of_all_is_added_to_every_pixel() {
+        let mut map = Map::new(2, 1, 2);
+        map.row_mut(0).copy_from_slice(&[1.0, 2.0, 3.0, 6.0]);
+        let layer = Layer::new(&[1.0, 10.0, 0.5, 0.0], vec![0.25, 0.0]);
+        map.add_whole(&layer, &mut Vec::new(), &mut Vec::new());
+        // Means 2 and 4: 2 + 2 + 0.25 and 20.
+        assert_eq!(map.row(0), [5.25, 22.0, 7.25, 26.0]);
+    }
+}

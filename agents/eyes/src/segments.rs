@@ -1,0 +1,251 @@
+//! From pixels to instances: connected pixels of one category, cut where they tell of different middles, and put together where
+//! they tell of the same one.
+
+use crate::map::Map;
+use crate::network::Network;
+use crate::{Histogram, Picture, PixelBox, Seen, Segment};
+
+/// Fewer pixels are no instance.
+const LEAST_PX: usize = 12;
+/// Middles that pixels of one instance tell of lie within this, pixels of the map.
+const SPREAD_PX: usize = 5;
+/// Share of the pixels of a connected stretch that tell of a middle, at least, for it to be one.
+const LEAST_SHARE: f32 = 0.12;
+/// Parts that a stretch is cut into, at most.
+const MOST_PARTS: usize = 16;
+/// Stretches of one category that tell of middles nearer than this, pixels, are one instance behind something.
+const TOGETHER_PX: f32 = 4.0;
+
+/// What the network's output tells.
+pub(crate) fn seen(network: &mut Network, picture: &Picture) -> Seen {
+    let (kinds, building) = (network.about.categories.len(), network.about.building);
+    let offset_px = network.about.offset_px;
+    let output = network.output();
+    let (categories, confidences) = likelihoods(output, kinds);
+    let [width, height] = [output.width, output.height];
+    let middles = Middles::of(output, kinds, offset_px);
+    let mut groups = Vec::new();
+    let mut taken: Vec<bool> = categories.iter().map(|category| usize::from(*category) < building).collect();
+    for first in 0..taken.len() {
+        if !taken[first] {
+            let stretch = flood(&categories, width, first, &mut taken);
+            groups.extend(middles.cut(&stretch).into_iter().map(|pixels| (categories[first], pixels)));
+        }
+    }
+    let groups = middles.together(groups);
+    let whole = groups.into_iter().filter(|pixels| pixels.len() >= LEAST_PX);
+    let mut segments: Vec<Segment> =
+        whole.filter_map(|pixels| segment(pixels, output, kinds, picture)).collect();
+    segments.sort_by_key(|segment| std::cmp::Reverse(segment.mask.len()));
+    Seen { width, height, categories, confidences, segments }
+}
+
+/// Turns logits into likelihoods where they are; the likeliest category of each pixel, and its likelihood.
+fn likelihoods(output: &mut Map, kinds: usize) -> (Vec<u8>, Vec<f32>) {
+    let pixels = output.width * output.height;
+    let (mut categories, mut confidences) = (Vec::with_capacity(pixels), Vec::with_capacity(pixels));
+    let channels = output.channels;
+    for row in 0..output.height {
+        for pixel in output.row_mut(row).chunks_exact_mut(channels) {
+            let logits = &mut pixel[..kinds];
+            let most = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+            let best = logits.iter().position(|logit| *logit == most).unwrap_or(0);
+            logits.iter_mut().for_each(|logit| *logit = (*logit - most).exp());
+            let sum: f32 = logits.iter().sum();
+            logits.iter_mut().for_each(|logit| *logit /= sum);
+            categories.push(best as u8);
+            confidences.push(logits[best]);
+        }
+    }
+    (categories, confidences)
+}
+
+/// All pixels connected with `first` that are of its category and not taken.
+fn flood(categories: &[u8], width: usize, first: usize, taken: &mut [bool]) -> Vec<u32> {
+    let (mut found, mut open) = (Vec::new(), vec![first]);
+    taken[first] = true;
+    while let Some(at) = open.pop() {
+        found.push(at as u32);
+        let column = at % width;
+        let sides = [
+            (column > 0).then(|| at - 1),
+            (column + 1 < width).then_some(at + 1),
+            at.checked_sub(width),
+            (at + width < categories.len()).then_some(at + width),
+        ];
+        for next in sides.into_iter().flatten() {
+            if !taken[next] && categories[next] == categories[first] {
+                taken[next] = true;
+                open.push(next);
+            }
+        }
+    }
+    found
+}
+
+/// The place of the middle of its instance that each pixel tells, in pixels of the map.
+struct Middles {
+    places: Vec<[f32; 2]>,
+    width: usize,
+    height: usize,
+}
+
+impl Middles {
+    fn of(output: &Map, kinds: usize, offset_px: f32) -> Self {
+        let (width, height) = (output.width, output.height);
+        let place = |pixel: usize| {
+            let (column, row) = (pixel % width, pixel / width);
+            let offsets = &output.at(column, row)[kinds..kinds + 2];
+            [column as f32 + offsets[0] * offset_px, row as f32 + offsets[1] * offset_px]
+        };
+        Self { places: (0..width * height).map(place).collect(), width, height }
+    }
+
+    /// The pixel of the map that is nearest to a place.
+    fn cell(&self, [x, y]: [f32; 2]) -> [usize; 2] {
+        let inside = |at: f32, side: usize| at.round().clamp(0.0, (side - 1) as f32) as usize;
+        [inside(x, self.width), inside(y, self.height)]
+    }
+
+    /// The pixels of a stretch by the middle that they tell of: all in one where there is but one.
+    fn cut(&self, stretch: &[u32]) -> Vec<Vec<u32>> {
+        let peaks = if stretch.len() < 2 * LEAST_PX { Vec::new() } else { self.peaks(stretch) };
+        if peaks.len() < 2 {
+            return vec![stretch.to_vec()];
+        }
+        let mut parts = vec![Vec::new(); peaks.len()];
+        for &pixel in stretch {
+            let told = self.places[pixel as usize];
+            let nearest =
+                (0..peaks.len()).min_by(|&a, &b| apart2(told, peaks[a]).total_cmp(&apart2(told, peaks[b])));
+            parts[nearest.unwrap_or(0)].push(pixel);
+        }
+        parts
+    }
+
+    /// Places that many pixels tell of, one after the other: the one that most tell of, then without those near it the next.
+    fn peaks(&self, stretch: &[u32]) -> Vec<[f32; 2]> {
+        let reach2 = (SPREAD_PX * SPREAD_PX) as f32;
+        let least = (LEAST_SHARE * stretch.len() as f32).max(LEAST_PX as f32) as usize;
+        let mut left: Vec<[f32; 2]> = stretch.iter().map(|pixel| self.places[*pixel as usize]).collect();
+        let mut votes = Vec::new();
+        let mut peaks = Vec::new();
+        while left.len() >= least && peaks.len() < MOST_PARTS {
+            let peak = self.peak(&left, &mut votes);
+            let around = left.iter().filter(|place| apart2(**place, peak) <= reach2).count();
+            if around < least && !peaks.is_empty() {
+                break;
+            }
+            peaks.push(peak);
+            left.retain(|place| apart2(*place, peak) > 4.0 * reach2);
+        }
+        peaks
+    }
+
+    /// The place that most of `places` are at, in steps of two pixels; `votes` is scratch memory.
+    fn peak(&self, places: &[[f32; 2]], votes: &mut Vec<u32>) -> [f32; 2] {
+        let columns = self.width.div_ceil(2);
+        votes.clear();
+        votes.resize(columns * self.height.div_ceil(2), 0);
+        for [x, y] in places.iter().map(|place| self.cell(*place)) {
+            votes[y / 2 * columns + x / 2] += 1;
+        }
+        let most = (0..votes.len()).max_by_key(|&cell| (votes[cell], std::cmp::Reverse(cell))).unwrap_or(0);
+        [(most % columns * 2) as f32 + 0.5, (most / columns * 2) as f32 + 0.5]
+    }
+
+    /// Puts groups of one category together that tell of the same middle.
+    fn together(&self, mut groups: Vec<(u8, Vec<u32>)>) -> Vec<Vec<u32>> {
+        groups.sort_by_key(|(category, pixels)| (*category, std::cmp::Reverse(pixels.len())));
+        let mut whole: Vec<(u8, [f32; 2], Vec<u32>)> = Vec::new();
+        for (category, pixels) in groups {
+            let middle = self.mean(&pixels);
+            let same = whole
+                .iter_mut()
+                .find(|(other, at, _)| *other == category && apart2(*at, middle) < TOGETHER_PX * TOGETHER_PX);
+            match same {
+                Some((_, _, all)) => all.extend(pixels),
+                None => whole.push((category, middle, pixels)),
+            }
+        }
+        whole.into_iter().map(|(_, _, pixels)| pixels).collect()
+    }
+
+    /// The mean of the middles that pixels tell.
+    fn mean(&self, pixels: &[u32]) -> [f32; 2] {
+        let places = pixels.iter().map(|pixel| self.places[*pixel as usize]);
+        let [x, y] = places.fold([0.0; 2], |[x, y], place| [x + place[0], y + place[1]]);
+        [x / pixels.len().max(1) as f32, y / pixels.len().max(1) as f32]
+    }
+}
+
+fn apart2(a: [f32; 2], b: [f32; 2]) -> f32 {
+    (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
+}
+
+/// Sums up what `pixels` tell.
+fn segment(mut mask: Vec<u32>, output: &Map, kinds: usize, picture: &Picture) -> Option<Segment> {
+    mask.sort_unstable();
+    let bounds = PixelBox::around(&mask, output.width)?;
+    let mut sums = vec![0.0; output.channels];
+    for &pixel in &mask {
+        let values = output.at(pixel as usize % output.width, pixel as usize / output.width);
+        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+    }
+    let categories = sums[..kinds].iter().map(|sum| sum / mask.len() as f32).collect();
+    let embedding = &sums[kinds + 2..];
+    let length = embedding.iter().map(|value| value * value).sum::<f32>().sqrt().max(f32::MIN_POSITIVE);
+    let embedding = embedding.iter().map(|value| value / length).collect();
+    let color = |pixel: &u32| {
+        let (row, column) = (*pixel as usize / output.width, *pixel as usize % output.width);
+        let (x, y) = (column * picture.width / output.width, row * picture.height / output.height);
+        let start = 3 * (y * picture.width + x);
+        [picture.rgb[start], picture.rgb[start + 1], picture.rgb[start + 2]]
+    };
+    let histogram = Histogram::of(mask.iter().map(color));
+    Some(Segment { categories, embedding, histogram, bounds, mask })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The middles that the pixels of a map tell of.
+    fn told(width: usize, height: usize, middle: impl Fn(usize, usize) -> [f32; 2]) -> Middles {
+        let places = (0..width * height).map(|pixel| middle(pixel % width, pixel / width)).collect();
+        Middles { places, width, height }
+    }
+
+    #[test]
+    fn two_chairs_side_by_side_are_two() {
+        let middles = told(40, 20, |x, _| if x < 20 { [9.5, 10.0] } else { [29.5, 10.0] });
+        let all: Vec<u32> = (0..800).collect();
+        let parts = middles.cut(&all);
+        assert_eq!(parts.iter().map(Vec::len).collect::<Vec<_>>(), [400, 400]);
+        assert!(parts.iter().any(|part| part.iter().all(|pixel| pixel % 40 < 20)));
+    }
+
+    #[test]
+    fn one_table_whose_middle_is_told_about_right_is_one() {
+        let middles = told(40, 20, |x, y| [19.5 + (x % 3) as f32, 9.5 + (y % 3) as f32]);
+        let all: Vec<u32> = (0..800).collect();
+        assert_eq!(middles.cut(&all).len(), 1);
+    }
+
+    #[test]
+    fn halves_of_a_bed_behind_a_column_are_one() {
+        let middles = told(40, 20, |_, _| [20.0, 10.0]);
+        let half = |from: u32| (0..800).filter(|pixel| pixel % 40 / 20 == from).collect::<Vec<u32>>();
+        let together = middles.together(vec![(3, half(0)), (3, half(1)), (4, vec![1])]);
+        assert_eq!(together.iter().map(Vec::len).collect::<Vec<_>>(), [800, 1]);
+    }
+
+    #[test]
+    fn floods_stay_within_a_category() {
+        let categories = [1, 1, 2, 1, 2, 2];
+        let mut taken = vec![false; 6];
+        assert_eq!(flood(&categories, 3, 0, &mut taken).len(), 3);
+        assert_eq!(flood(&categories, 3, 2, &mut taken).len(), 3);
+        assert!(taken.into_iter().all(|taken| taken));
+    }
+}

@@ -1,0 +1,122 @@
+"""Trains the network on the pictures of a folder; README.md tells how."""
+
+import argparse
+import csv
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from data import BUILDING, UNKNOWN, Frames, batch
+from losses import class_weights, loss
+from model import Eyes, channels
+
+# Pictures of a batch, two of each house.
+BATCH = 16
+WARM_UP_STEPS = 200
+PEAK_RATE = 3e-3
+# Sides of the pictures that are learnt from: small ones first, then those that agents use.
+SMALL_PX, LARGE_PX = 128, 192
+# The first houses of the folder are not learnt from; the curve is measured on some views of them.
+HELD_OUT = 4
+MEASURED_VIEWS = 12
+
+
+def options():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("frames", help="folder that `avln dataset frames` has written")
+    parser.add_argument("--out", default="run", help="folder for checkpoint.pt and curve.csv")
+    parser.add_argument("--steps", type=int, default=12000, help="steps in all")
+    parser.add_argument("--settle", type=int, default=9000, help="last steps, in which the learning rate falls to 0")
+    parser.add_argument("--large", type=int, default=1500, help="last steps, on pictures of 192 pixels")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--resume", action="store_true", help="go on from checkpoint.pt")
+    parser.add_argument("--every", type=int, default=250, help="steps between checkpoints")
+    return parser.parse_args()
+
+
+def rate(step, steps, settle):
+    """The learning rate: rises, stays, falls."""
+    return PEAK_RATE * min(1, (step + 1) / WARM_UP_STEPS, max(steps - step, 0) / max(settle, 1))
+
+
+@torch.no_grad()
+def measure(net, frames, houses, drop):
+    """Mean intersection over union and the share of instances whose most frequent category is theirs."""
+    net.eval()
+    rng, count = np.random.default_rng(0), len(frames.categories)
+    table, right, all_ = torch.zeros(count, count), 0, 0
+    for house in houses:
+        views = [(house, view) for view in range(min(MEASURED_VIEWS, len(frames.houses[house])))]
+        rgb, depth, height, categories, instances, _ = batch(frames, views, rng, LARGE_PX, False, drop)
+        told = net.split(net(channels(rgb, depth, height)))[0].argmax(1)
+        known = categories != UNKNOWN
+        pairs = categories[known] * count + told[known]
+        table += torch.bincount(pairs, minlength=count * count).view(count, count)
+        for picture in range(len(views)):
+            for instance in instances[picture].unique():
+                mask = (instances[picture] == instance) & (categories[picture] >= BUILDING) & known[picture]
+                if instance > 0 and mask.sum() >= 25:
+                    right += int(told[picture][mask].mode().values == categories[picture][mask][0])
+                    all_ += 1
+    net.train()
+    union = table.sum(0) + table.sum(1) - table.diagonal()
+    there = table.sum(1) > 0
+    return (table.diagonal() / union.clamp(min=1))[there].mean().item(), right / max(all_, 1)
+
+
+def main():
+    given = options()
+    torch.set_num_threads(1)
+    torch.manual_seed(given.seed)
+    frames = Frames(given.frames)
+    learnt, held_out = np.arange(HELD_OUT, len(frames.houses)), range(HELD_OUT)
+    net = Eyes(len(frames.categories)).to(memory_format=torch.channels_last)
+    optimiser = torch.optim.AdamW(net.parameters(), PEAK_RATE, weight_decay=1e-3)
+    out = Path(given.out)
+    out.mkdir(parents=True, exist_ok=True)
+    begin = 0
+    if given.resume:
+        kept = torch.load(out / "checkpoint.pt", weights_only=True)
+        net.load_state_dict(kept["net"])
+        optimiser.load_state_dict(kept["optimiser"])
+        begin = kept["step"]
+    rng, weights = np.random.default_rng([given.seed, begin]), class_weights(frames)
+    stop = []
+    signal.signal(signal.SIGTERM, lambda *_: stop.append(True))
+    curve, parts = (out / "curve.csv").open("a", newline=""), []
+    rows, began_s = csv.writer(curve), time.process_time()
+    for step in range(begin, given.steps):
+        side = LARGE_PX if step >= given.steps - given.large else SMALL_PX
+        for group in optimiser.param_groups:
+            group["lr"] = rate(step, given.steps, given.settle)
+        rgb, depth, height, categories, instances, houses = batch(
+            frames, frames.pairs(rng, learnt, BATCH // 2), rng, side
+        )
+        x = channels(rgb, depth, height).contiguous(memory_format=torch.channels_last)
+        total, part = loss(net, net(x), categories, instances, houses, weights)
+        optimiser.zero_grad()
+        total.backward()
+        torch.nn.utils.clip_grad_norm_(net.parameters(), 5.0)
+        optimiser.step()
+        parts.append(part)
+        last = step + 1 == given.steps or bool(stop)
+        if (step + 1) % given.every == 0 or last:
+            told = [f"{value:.4f}" for value in np.mean(parts, 0)]
+            seen = [f"{value:.4f}" for drop in (0, 1) for value in measure(net, frames, held_out, drop)]
+            rows.writerow([step + 1, f"{time.process_time() - began_s:.0f}", side, *told, *seen])
+            curve.flush()
+            print(step + 1, side, *told, *seen, flush=True)
+            parts = []
+            kept = {"net": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step + 1}
+            about = {"categories": frames.categories, "recipe": frames.recipe, "seed": given.seed}
+            seeds = [str(frames.seeds[house]) for house in learnt]
+            torch.save({**kept, **about, "seeds": seeds}, out / "checkpoint.part")
+            (out / "checkpoint.part").replace(out / "checkpoint.pt")
+        if last:
+            return
+
+
+if __name__ == "__main__":
+    main()
