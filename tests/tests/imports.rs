@@ -27,7 +27,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("web", &["tls", "episode", "scoring", "store"]),
     ("client", &["codec", "proto"]),
     ("conformance", &["proto"]),
-    ("kit", &["client"]),
+    ("kit", &["client", "eyes"]),
     ("eyes", &[]),
     ("random", &["client"]),
     ("baselines", &["client", "kit"]),

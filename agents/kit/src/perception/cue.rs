@@ -107,7 +107,7 @@ impl Words {
     }
 
     /// How well a thing fits by extent, height and colours, 0 to 1.
-    fn fit(&self, thing: &Thing) -> f32 {
+    pub(super) fn fit(&self, thing: &Thing) -> f32 {
         let color = self.color.as_deref().and_then(|word| thing.palette.share_of(word));
         let traits = self.traits.iter().filter_map(|word| category::has_trait(thing, &self.category, word));
         let factor = |fit: f32, least: f32| least + (1.0 - least) * fit;

@@ -8,6 +8,7 @@ mod color;
 mod cue;
 mod geometry;
 mod objects;
+mod sight;
 
 pub use audio::{Ear, Heard, itd_s};
 pub use backend::{Classical, Perception};
@@ -16,3 +17,4 @@ pub use color::Palette;
 pub use cue::{Layout, Query, Words};
 pub use geometry::{Place, Stand, View};
 pub use objects::{Thing, things};
+pub use sight::Sight;
