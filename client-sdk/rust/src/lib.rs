@@ -26,6 +26,7 @@
 //! ```
 //!
 //! A runtime of one thread (`#[tokio::main(flavor = "current_thread")]`) spares a step in lock-step the way from thread to thread.
+//! It suits agents that choose in less than some seconds: while they think nothing answers the server's pings.
 //!
 //! An agent that implements [`Agent`] needs no loop of its own: [`evaluate`] plays it. [`Arena::play_slots`] plays
 //! several episodes of one run at the same time.
