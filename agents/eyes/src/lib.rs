@@ -19,7 +19,7 @@ mod segments;
 mod weights;
 
 pub use histogram::Histogram;
-pub use lift::{Solid, lift};
+pub use lift::{Solid, extent, lift};
 pub use picture::{Camera, Depth, Picture, SeeError};
 pub use seen::{PixelBox, Seen, Segment};
 pub use weights::{About, Training, WeightsError};

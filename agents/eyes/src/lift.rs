@@ -33,13 +33,13 @@ pub fn lift(
             axes[2].push(-ahead * depth_m);
         }
     }
-    let [x, y, z] = axes.map(inner);
+    let [x, y, z] = axes.map(extent);
     let (x, y, z) = (x?, y?, z?);
     Some(Solid { min_m: [x[0], y[0], z[0]], max_m: [x[1], y[1], z[1]] })
 }
 
-/// The least and the greatest number but for outliers; `None` of none.
-fn inner(mut numbers: Vec<f32>) -> Option<[f32; 2]> {
+/// The least and the greatest of some coordinates, but for the outliers that edges of depth make; `None` of none.
+pub fn extent(mut numbers: Vec<f32>) -> Option<[f32; 2]> {
     numbers.sort_unstable_by(f32::total_cmp);
     let last = numbers.len().checked_sub(1)?;
     let left_out = (OUTLIERS * last as f32) as usize;

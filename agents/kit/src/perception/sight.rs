@@ -1,13 +1,11 @@
 use super::{Layout, Palette, Perception, Place, Query, Stand, Thing, View, Words, objects::cosine};
 use avln_client::{DepthImage, GoalCue, Image, Mission, Observation, RgbImage, TaskSpec};
-use avln_eyes::{Camera, Depth, Eyes, Perception as _, Picture, Segment, WeightsError};
+use avln_eyes::{Camera, Depth, Eyes, Perception as _, Picture, Segment, WeightsError, extent};
 
 /// Segments of fewer pixels are too small to tell what they are.
 const FEWEST_PIXELS: usize = 24;
 /// Farther things are not looked at, metres.
 const FAR_M: f32 = 6.0;
-/// Share of the points of a thing at each end that do not count for its box.
-const OUTLIERS: f32 = 0.04;
 /// Likelihoods below this are left out.
 const UNLIKELY: f32 = 0.02;
 /// Range of the likeness of two looks over which they go from unlike to alike.
@@ -93,7 +91,7 @@ impl Sight {
         if x.len() < FEWEST_PIXELS {
             return None;
         }
-        let ([x0, x1], [z0, z1], [low_m, high_m]) = (inner(x)?, inner(z)?, inner(up)?);
+        let ([x0, x1], [z0, z1], [low_m, high_m]) = (extent(x)?, extent(z)?, extent(up)?);
         let rgb = |(column, row): (usize, usize)| {
             let start = 3 * (row * self.view.width + column);
             image.pixels.get(start..start + 3)?.try_into().ok()
@@ -171,14 +169,6 @@ fn look(segment: &Segment) -> Vec<f32> {
     let length = segment.categories.iter().map(|p| p * p).sum::<f32>().sqrt().max(f32::EPSILON);
     let categories = segment.categories.iter().map(|p| p / length);
     segment.embedding.iter().copied().chain(categories).collect()
-}
-
-/// The least and the greatest number but for outliers; `None` of none.
-fn inner(mut numbers: Vec<f32>) -> Option<[f32; 2]> {
-    numbers.sort_unstable_by(f32::total_cmp);
-    let last = numbers.len().checked_sub(1)?;
-    let left_out = (OUTLIERS * last as f32) as usize;
-    Some([numbers[left_out], numbers[last - left_out]])
 }
 
 #[cfg(test)]
