@@ -28,7 +28,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("client", &["codec", "proto"]),
     ("conformance", &["proto"]),
     ("kit", &["client", "eyes"]),
-    ("eyes", &[]),
+    ("eyes", &["machine"]),
     ("random", &["client"]),
     ("baselines", &["client", "kit"]),
     ("pag-nav", &["client", "kit"]),

@@ -1,4 +1,5 @@
 use crate::weights::{Layer, PANEL};
+use avln_machine::{Width, Work, run_at};
 
 /// Numbers for every pixel: rows of pixels of `channels` numbers each, with a border of one pixel of zeros around them, so that
 /// what a pixel of a 3 × 3 convolution is made from are three stretches of memory.
@@ -51,9 +52,7 @@ impl Map {
         self.fill(layer, &input.values, sizes, |row| [input.start(row)], f32::NEG_INFINITY);
     }
 
-    /// Fills the map with sums of products, cut off below `least`. What a pixel's sum is made from are as many stretches of `from`
-    /// as there are `taps`, which tells where those of the first pixel of a row begin; those of the next pixel begin `step`
-    /// later, and each is `length` long.
+    /// Fills the map with sums of products.
     fn fill<const TAPS: usize>(
         &mut self,
         layer: &Layer,
@@ -62,33 +61,7 @@ impl Map {
         taps: impl Fn(usize) -> [usize; TAPS],
         least: f32,
     ) {
-        let channels = self.channels;
-        for (panel, weights) in layer.panels.chunks_exact(TAPS * length).enumerate() {
-            let first = panel * PANEL;
-            let kept = PANEL.min(channels - first);
-            let mut bias = [0.0; PANEL];
-            bias[..kept].copy_from_slice(&layer.bias[first..first + kept]);
-            for row in 0..self.height {
-                let (taps, width) = (taps(row), self.width);
-                let to = self.row_mut(row);
-                let mut column = 0;
-                while column < width {
-                    let at = taps.map(|tap| tap + column * step);
-                    let to = &mut to[column * channels + first..];
-                    if column + TILE <= width {
-                        let sums = sums::<TILE>(from, &at, step, length, weights, &bias);
-                        sums.iter()
-                            .enumerate()
-                            .for_each(|(pixel, sums)| keep(&mut to[pixel * channels..][..kept], sums, least));
-                        column += TILE;
-                    } else {
-                        let [sums] = sums::<1>(from, &at, step, length, weights, &bias);
-                        keep(&mut to[..kept], &sums, least);
-                        column += 1;
-                    }
-                }
-            }
-        }
+        run_at(Width::Eight, Fill { map: self, layer, from, step, length, taps, least });
     }
 
     /// Adds `coarse`, which is half as wide and as high, each of its pixels to four of this map.
@@ -131,34 +104,169 @@ impl Map {
     }
 }
 
-/// Pixels whose sums are made at once: with the outputs of a panel they fill the registers.
-const TILE: usize = 6;
+/// A map to be filled with sums of products, cut off below `least`. What a pixel's sum is made from are as many stretches of
+/// `from` as there are `taps`, which tells where those of the first pixel of a row begin; those of the next pixel begin `step`
+/// later, and each is `length` long.
+struct Fill<'a, T> {
+    map: &'a mut Map,
+    layer: &'a Layer,
+    from: &'a [f32],
+    step: usize,
+    length: usize,
+    taps: T,
+    least: f32,
+}
 
-fn keep(to: &mut [f32], sums: &[f32; PANEL], least: f32) {
-    to.iter_mut().zip(sums).for_each(|(to, sum)| *to = sum.max(least));
+/// Pixels and panels whose sums are made at once: they fill the registers.
+const TILE: usize = 4;
+const PANELS: usize = 3;
+
+/// Sums of some pixels for the outputs of a panel.
+type Sums<const PIXELS: usize> = [[f32; PANEL]; PIXELS];
+
+impl<T: Fn(usize) -> [usize; TAPS], const TAPS: usize> Work for Fill<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(mut self) {
+        let panels = self.map.channels.div_ceil(PANEL);
+        let whole = panels - panels % PANELS;
+        for panel in (0..whole).step_by(PANELS) {
+            let weights = [0, 1, 2].map(|next| self.weights(panel + next));
+            self.rows(
+                panel,
+                |from, at, step| three(from, at, step, weights),
+                |from, at, step| three(from, at, step, weights),
+            );
+        }
+        for panel in whole..panels {
+            let weights = self.weights(panel);
+            self.rows(
+                panel,
+                |from, at, step| [one(from, at, step, weights)],
+                |from, at, step| [one(from, at, step, weights)],
+            );
+        }
+    }
+}
+
+/// The weights of a panel: those of each input of each tap, and what sums begin with.
+#[derive(Clone, Copy)]
+struct Weights<'a> {
+    taps: &'a [[f32; PANEL]],
+    length: usize,
+    bias: [f32; PANEL],
+}
+
+impl<'a, T: Fn(usize) -> [usize; TAPS], const TAPS: usize> Fill<'a, T> {
+    #[inline(always)]
+    fn weights(&self, panel: usize) -> Weights<'a> {
+        let first = panel * PANEL;
+        let kept = PANEL.min(self.map.channels - first);
+        let mut bias = [0.0; PANEL];
+        bias[..kept].copy_from_slice(&self.layer.bias[first..first + kept]);
+        let count = TAPS * self.length;
+        Weights { taps: &self.layer.panels[panel * count..][..count], length: self.length, bias }
+    }
+
+    /// Fills all rows with the outputs from `panel` on that `tile` and, where a row ends before it does, `single` sum up.
+    #[inline(always)]
+    fn rows<const COUNT: usize>(
+        &mut self,
+        panel: usize,
+        tile: impl Fn(&[f32], &[usize], usize) -> [Sums<TILE>; COUNT],
+        single: impl Fn(&[f32], &[usize], usize) -> [Sums<1>; COUNT],
+    ) {
+        for row in 0..self.map.height {
+            let (taps, width) = ((self.taps)(row), self.map.width);
+            let mut column = 0;
+            while column < width {
+                let at = taps.map(|tap| tap + column * self.step);
+                if column + TILE <= width {
+                    self.keep(row, column, panel, &tile(self.from, &at, self.step));
+                    column += TILE;
+                } else {
+                    self.keep(row, column, panel, &single(self.from, &at, self.step));
+                    column += 1;
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn keep<const PIXELS: usize>(&mut self, row: usize, column: usize, panel: usize, sums: &[Sums<PIXELS>]) {
+        let (channels, least) = (self.map.channels, self.least);
+        let to = &mut self.map.row_mut(row)[column * channels..];
+        for (first, sums) in (panel * PANEL..).step_by(PANEL).zip(sums) {
+            let kept = PANEL.min(channels - first);
+            for (to, sums) in to.chunks_exact_mut(channels).zip(sums) {
+                to[first..first + kept].iter_mut().zip(sums).for_each(|(to, sum)| *to = sum.max(least));
+            }
+        }
+    }
 }
 
 /// For each of some pixels, `step` apart in `from`, the sum over stretches at `taps` of values times weights.
 #[inline(always)]
-fn sums<const PIXELS: usize>(
-    from: &[f32],
-    taps: &[usize],
-    step: usize,
-    length: usize,
-    weights: &[[f32; PANEL]],
-    bias: &[f32; PANEL],
-) -> [[f32; PANEL]; PIXELS] {
-    let mut sums = [*bias; PIXELS];
-    for (start, weights) in taps.iter().zip(weights.chunks_exact(length)) {
-        let values: [&[f32]; PIXELS] = std::array::from_fn(|pixel| &from[start + pixel * step..][..length]);
+fn one<const PIXELS: usize>(from: &[f32], taps: &[usize], step: usize, weights: Weights) -> Sums<PIXELS> {
+    let mut sums = [weights.bias; PIXELS];
+    for (start, weights) in taps.iter().zip(weights.taps.chunks_exact(weights.length)) {
+        let values = stretches::<PIXELS>(from, *start, step, weights.len());
         for (index, weights) in weights.iter().enumerate() {
-            for (sums, values) in sums.iter_mut().zip(&values) {
-                let value = values[index];
-                sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * weight);
-            }
+            add(&mut sums, &values, index, weights);
         }
     }
     sums
+}
+
+/// The same for three panels, which read every value once.
+#[inline(always)]
+fn three<const PIXELS: usize>(
+    from: &[f32],
+    taps: &[usize],
+    step: usize,
+    [a, b, c]: [Weights; PANELS],
+) -> [Sums<PIXELS>; PANELS] {
+    let [mut sums_a, mut sums_b, mut sums_c] = [[a.bias; PIXELS], [b.bias; PIXELS], [c.bias; PIXELS]];
+    let length = a.length;
+    for (tap, start) in taps.iter().enumerate() {
+        let values = stretches::<PIXELS>(from, *start, step, length);
+        let (a, b, c) = (
+            &a.taps[tap * length..][..length],
+            &b.taps[tap * length..][..length],
+            &c.taps[tap * length..][..length],
+        );
+        for index in 0..length {
+            add(&mut sums_a, &values, index, &a[index]);
+            add(&mut sums_b, &values, index, &b[index]);
+            add(&mut sums_c, &values, index, &c[index]);
+        }
+    }
+    [sums_a, sums_b, sums_c]
+}
+
+/// The values of some pixels at one tap.
+#[inline(always)]
+fn stretches<const PIXELS: usize>(
+    from: &[f32],
+    start: usize,
+    step: usize,
+    length: usize,
+) -> [&[f32]; PIXELS] {
+    std::array::from_fn(|pixel| &from[start + pixel * step..][..length])
+}
+
+#[inline(always)]
+fn add<const PIXELS: usize>(
+    sums: &mut Sums<PIXELS>,
+    values: &[&[f32]; PIXELS],
+    index: usize,
+    weights: &[f32; PANEL],
+) {
+    for (sums, values) in sums.iter_mut().zip(values) {
+        let value = values[index];
+        sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * weight);
+    }
 }
 
 #[cfg(test)]

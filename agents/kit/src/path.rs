@@ -1,7 +1,7 @@
 use crate::map::{CELL_M, Cell, Occupancy};
 use crate::perception::Place;
 use std::cmp::Reverse;
-use std::collections::{BinaryHeap, HashMap};
+use std::collections::BinaryHeap;
 
 /// Cells from node to node of the search.
 const STRIDE: i32 = 2;
@@ -25,36 +25,84 @@ pub struct Path {
     pub cost_m: f32,
 }
 
-struct Node {
-    cost_m: f32,
-    before: Cell,
-    closed: bool,
+/// What the search knows of each cell that it may come to.
+struct Nodes {
+    /// Cost of the cheapest way so far, metres; 0 where none is known.
+    cost_m: Vec<f32>,
+    /// Number of the side by which that way comes, and whether it is final.
+    before: Vec<u8>,
+    count: usize,
+}
+
+impl Nodes {
+    const CLOSED: u8 = 8;
+    const COLUMNS: i32 = Cell::COLUMNS / STRIDE;
+
+    fn new() -> Self {
+        let count = (Self::COLUMNS * Self::COLUMNS) as usize;
+        Self { cost_m: vec![0.0; count], before: vec![0; count], count: 0 }
+    }
+
+    /// The place of a cell in the lists: of `STRIDE` cells in a row the search comes to one.
+    fn index(cell: Cell) -> Option<usize> {
+        let (column, row) = (cell.column / STRIDE, cell.row / STRIDE);
+        let inside = cell.column >= 0 && cell.row >= 0 && column < Self::COLUMNS && row < Self::COLUMNS;
+        inside.then_some((row * Self::COLUMNS + column) as usize)
+    }
+
+    /// Takes a way to a cell, by the side `before`, unless a cheaper one is known.
+    fn improve(&mut self, cell: Cell, cost_m: f32, before: usize) -> bool {
+        let Some(index) = Self::index(cell) else { return false };
+        let known_m = self.cost_m[index];
+        let is_better = known_m == 0.0 || cost_m < known_m;
+        if is_better {
+            self.count += usize::from(known_m == 0.0);
+            (self.cost_m[index], self.before[index]) = (cost_m, before as u8);
+        }
+        is_better
+    }
+
+    /// Makes the way to a cell final and gives back its cost; `None` where it is already.
+    fn close(&mut self, cell: Cell) -> Option<f32> {
+        let index = Self::index(cell)?;
+        let is_open = self.before[index] & Self::CLOSED == 0;
+        self.before[index] |= Self::CLOSED;
+        is_open.then(|| self.cost_m[index])
+    }
+
+    fn cost_m(&self, cell: Cell) -> f32 {
+        Self::index(cell).map_or(0.0, |index| self.cost_m[index])
+    }
+
+    /// The cell from which the way to this one comes.
+    fn before(&self, cell: Cell) -> Option<Cell> {
+        let (dc, dr) = SIDES[usize::from(self.before[Self::index(cell)?] & !Self::CLOSED)];
+        Some(cell.moved(-dc * STRIDE, -dr * STRIDE))
+    }
 }
 
 /// The cheapest way from `from` to within `reach_m` of `goal`, through unknown places where that is shorter; where none
 /// leads there, the way to the reachable place nearest to it.
 pub fn path(map: &Occupancy, from: Place, goal: Place, reach_m: f32) -> Path {
     let start = Cell::at(from);
-    let mut nodes = HashMap::from([(start, Node { cost_m: 0.0, before: start, closed: false })]);
+    let mut nodes = Nodes::new();
+    nodes.improve(start, f32::MIN_POSITIVE, 0);
     let mut open = BinaryHeap::from([(Reverse(millimetres(from.distance_m(goal))), start)]);
     let mut nearest = (from.distance_m(goal), start);
     while let Some((_, cell)) = open.pop() {
-        let Some(node) = nodes.get_mut(&cell).filter(|node| !node.closed) else { continue };
-        node.closed = true;
-        let cost_m = node.cost_m;
+        let Some(cost_m) = nodes.close(cell) else { continue };
         let left_m = cell.center().distance_m(goal);
         if left_m < nearest.0 {
             nearest = (left_m, cell);
         }
-        if left_m <= reach_m || nodes.len() > MOST_NODES {
+        if left_m <= reach_m || nodes.count > MOST_NODES {
             break;
         }
-        for (dc, dr) in SIDES {
+        for (side, (dc, dr)) in SIDES.into_iter().enumerate() {
             let next = cell.moved(dc * STRIDE, dr * STRIDE);
             let Some(step_m) = step_cost_m(map, cell, next, from) else { continue };
             let total_m = cost_m + step_m;
-            if nodes.get(&next).is_none_or(|known| total_m < known.cost_m) {
-                nodes.insert(next, Node { cost_m: total_m, before: cell, closed: false });
+            if nodes.improve(next, total_m, side) {
                 open.push((Reverse(millimetres(total_m + next.center().distance_m(goal))), next));
             }
         }
@@ -78,16 +126,16 @@ fn step_cost_m(map: &Occupancy, cell: Cell, next: Cell, from: Place) -> Option<f
     Some(length_m * (factor + BUMP * f32::from(map.bumps(next))))
 }
 
-fn trace(nodes: &HashMap<Cell, Node>, start: Cell, (left_m, end): (f32, Cell), from: Place) -> Path {
+fn trace(nodes: &Nodes, start: Cell, (left_m, end): (f32, Cell), from: Place) -> Path {
     let mut places = Vec::new();
     let mut cell = end;
     while cell != start {
         places.push(cell.center());
-        cell = nodes.get(&cell).map_or(start, |node| node.before);
+        cell = nodes.before(cell).unwrap_or(start);
     }
     places.push(from);
     places.reverse();
-    Path { places, left_m, cost_m: nodes.get(&end).map_or(0.0, |node| node.cost_m) }
+    Path { places, left_m, cost_m: nodes.cost_m(end) }
 }
 
 fn millimetres(metres: f32) -> u32 {

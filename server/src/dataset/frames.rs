@@ -1,7 +1,7 @@
 //! Pictures with what is in them, from the houses of a split: what perception is trained on, or measured by.
 //!
-//! A folder holds `frames.json`, which tells kind, categories and houses, and a `.npy` file of records for each house. The same
-//! recipe, split and numbers give the same bytes.
+//! A folder holds `frames.json`, which tells kind, categories and houses, and for each house a `.npy` file of records and a
+//! `.json` file of what can be said of its instances. The same recipe, split and numbers give the same bytes.
 
 mod record;
 mod shot;
@@ -13,7 +13,7 @@ use super::{
     shares,
 };
 use crate::{Failure, FailureKind};
-use avln_dataset::{Job, Recipe, SceneChoice, SceneSource, SceneSpec};
+use avln_dataset::{Instance, Job, Recipe, SceneChoice, SceneSource, SceneSpec, survey};
 use avln_episode::Rules;
 use avln_geom::Rng;
 use avln_scene::procedural::Pool;
@@ -68,12 +68,23 @@ struct Manifest<'a> {
     houses: Vec<House>,
 }
 
-/// One house and its file.
+/// One house and its files.
 #[derive(Debug, Serialize)]
 struct House {
+    /// The records of its pictures.
     file: String,
+    /// The sentences about its instances.
+    sentences: String,
     #[serde(flatten)]
     source: SceneSource,
+}
+
+/// A sentence that fits one instance of its house alone.
+#[derive(Debug, Serialize)]
+struct Sentence {
+    instance: u32,
+    category: String,
+    text: String,
 }
 
 impl Purpose {
@@ -113,11 +124,13 @@ pub fn take(options: &FrameOptions, folder: &Path, mut done: impl FnMut()) -> Re
         (0..options.houses).map(|scene| house(options, Job { split, scene })).collect::<Result<_, _>>()?;
     let rules = options.recipe.rules()?;
     let visit = |house: &House| -> Result<(), Failure> {
-        let path = folder.join(&house.file);
-        if path.exists() {
+        let (path, sentences_path) = (folder.join(&house.file), folder.join(&house.sentences));
+        if path.exists() && sentences_path.exists() {
             return Ok(());
         }
-        write_whole(&path, &records(house, options, &rules)?)
+        let assets = assets(house, &rules)?;
+        write_whole(&sentences_path, &sentences(&assets, &rules)?)?;
+        write_whole(&path, &records(house, &assets, options)?)
     };
     let manifest = manifest(options, houses);
     let text =
@@ -171,18 +184,35 @@ fn allowed_split(options: &FrameOptions) -> Result<usize, Failure> {
 }
 
 fn house(options: &FrameOptions, job: Job) -> Result<House, Failure> {
-    let file = format!("{}-{:04}.npy", options.purpose.word(), job.scene);
-    Ok(House { file, source: options.recipe.house(job, 0)? })
+    let name = format!("{}-{:04}", options.purpose.word(), job.scene);
+    let source = options.recipe.house(job, 0)?;
+    Ok(House { file: format!("{name}.npy"), sentences: format!("{name}.json"), source })
 }
 
-/// The file of a house.
-fn records(house: &House, options: &FrameOptions, rules: &Rules) -> Result<Vec<u8>, Failure> {
+fn assets(house: &House, rules: &Rules) -> Result<SceneAssets, Failure> {
     let (_, scene) = SceneSpec::new("house", house.source.clone())?;
     let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
-    let assets =
-        SceneAssets::prepare(scene, &body).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    SceneAssets::prepare(scene, &body).map_err(|error| Failure::new(FailureKind::Scene, error))
+}
+
+/// The file of what can be said of the instances of a house that can be targets.
+fn sentences(assets: &SceneAssets, rules: &Rules) -> Result<Vec<u8>, Failure> {
+    let instances = survey(assets, rules);
+    let sentences = instances.iter().flat_map(|Instance { target, sentences, .. }| {
+        sentences.iter().map(|sentence| Sentence {
+            instance: target.instance,
+            category: target.category.clone(),
+            text: sentence.text.clone(),
+        })
+    });
+    serde_json::to_vec_pretty(&sentences.collect::<Vec<_>>())
+        .map_err(|error| Failure::new(FailureKind::Internal, error))
+}
+
+/// The file of the pictures of a house.
+fn records(house: &House, assets: &SceneAssets, options: &FrameOptions) -> Result<Vec<u8>, Failure> {
     let mut rng = Rng::new(options.recipe.seed).fork(&house.file).fork("frames");
-    let shots = shot::shots(&assets, &mut rng, options.views, options.side_px);
+    let shots = shot::shots(assets, &mut rng, options.views, options.side_px);
     let labels = record::Labels::of(&assets.scene);
     let mut file = Vec::new();
     record::write_header(&mut file, options.purpose.instance_field(), options.side_px, shots.len())

@@ -1,4 +1,4 @@
-//! Pictures for measurement, as `avln dataset frames --measure` writes them.
+//! Pictures with what they show, as `avln dataset frames` writes them.
 
 use avln_eyes::Camera;
 use serde::Deserialize;
@@ -19,11 +19,25 @@ pub(crate) struct Manifest {
 #[derive(Deserialize)]
 pub(crate) struct House {
     pub(crate) file: String,
+    /// The file of sentences; without it there are none.
+    #[serde(default)]
+    pub(crate) sentences: String,
+}
+
+/// A sentence that fits one instance of its house alone.
+#[derive(Deserialize)]
+pub(crate) struct Sentence {
+    pub(crate) instance: u16,
+    pub(crate) category: String,
+    pub(crate) text: String,
 }
 
 /// One picture, and what each of its pixels shows: 255 is no category, 0 no instance.
 pub(crate) struct Record {
     pub(crate) camera: Camera,
+    /// Where the base of the body stands in the world, metres, and its heading, radians.
+    pub(crate) base_m: [f32; 3],
+    pub(crate) heading_rad: f32,
     pub(crate) rgb: Vec<u8>,
     pub(crate) depth_m: Vec<f32>,
     pub(crate) categories: Vec<u8>,
@@ -32,9 +46,13 @@ pub(crate) struct Record {
 
 pub(crate) fn manifest(folder: &Path) -> Manifest {
     let text = std::fs::read(folder.join("frames.json")).expect("frames.json can be read");
-    let manifest: Manifest = serde_json::from_slice(&text).expect("frames.json is a list of pictures");
-    assert_eq!(manifest.purpose, "measurement", "measured is by what was not learnt from");
-    manifest
+    serde_json::from_slice(&text).expect("frames.json is a list of pictures")
+}
+
+/// What can be said of the instances of a house.
+pub(crate) fn sentences(path: &Path) -> Vec<Sentence> {
+    let text = std::fs::read(path).expect("the house's sentences can be read");
+    serde_json::from_slice(&text).expect("a list of sentences")
 }
 
 /// The pictures of a house.
@@ -42,7 +60,7 @@ pub(crate) fn house(path: &Path, side_px: usize) -> Vec<Record> {
     let file = std::fs::read(path).expect("the house's file can be read");
     let start = 10 + usize::from(u16::from_le_bytes([file[8], file[9]]));
     let header = std::str::from_utf8(&file[10..start]).expect("a header");
-    assert!(header.contains("hidden_instance"), "{} is not for measurement", path.display());
+    assert!(header.contains("instance"), "{} holds no pictures of a house", path.display());
     let pixels = side_px * side_px;
     file[start..].chunks_exact(4 * 7 + pixels * 8).map(|record| read(record, pixels)).collect()
 }
@@ -58,6 +76,8 @@ fn read(record: &[u8], pixels: usize) -> Record {
     };
     Record {
         camera: Camera { height_m: camera[3], pitch_rad: camera[5], hfov_rad: camera[6] },
+        base_m: [camera[0], camera[1] - camera[3], camera[2]],
+        heading_rad: camera[4],
         rgb: rgb.to_vec(),
         depth_m: shorts(depth).into_iter().map(|depth_mm| f32::from(depth_mm) / 1000.0).collect(),
         categories: categories.to_vec(),

@@ -28,6 +28,7 @@ fn main() {
         std::process::exit(2);
     };
     let manifest = frames::manifest(&folder);
+    assert_eq!(manifest.purpose, "measurement", "measured is by what was not learnt from");
     let mut eyes = Eyes::new().expect("the weights of the crate");
     assert_eq!(manifest.categories, eyes.about().categories, "pictures and network have the same categories");
     let kinds = manifest.categories.len();

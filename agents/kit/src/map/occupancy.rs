@@ -26,6 +26,15 @@ pub struct Cell {
 }
 
 impl Cell {
+    /// How many there are in a row of the map.
+    pub(crate) const COLUMNS: i32 = SIDE;
+
+    /// Its number among all; `None` outside of the map.
+    fn index(self) -> Option<usize> {
+        let inside = (0..SIDE).contains(&self.column) && (0..SIDE).contains(&self.row);
+        inside.then_some((self.row * SIDE + self.column) as usize)
+    }
+
     /// The cell that a place lies in.
     pub fn at(place: Place) -> Self {
         let index = |coordinate: f32| (coordinate / CELL_M).floor() as i32 + SIDE / 2;
@@ -126,7 +135,7 @@ impl Occupancy {
     fn wall(&mut self, from: Place, place: Place) {
         let behind = from.toward(place, 1.0 + CELL_M / from.distance_m(place).max(CELL_M));
         for cell in [Cell::at(place), Cell::at(behind)] {
-            index(cell).into_iter().for_each(|index| self.walls[index] = true);
+            cell.index().into_iter().for_each(|index| self.walls[index] = true);
         }
     }
 
@@ -168,17 +177,19 @@ impl Occupancy {
     pub fn bumped(&mut self, place: Place) {
         for &(dc, dr) in &self.disks[0] {
             let cell = Cell::at(place).moved(dc, dr);
-            index(cell).into_iter().for_each(|index| self.bumps[index] = self.bumps[index].saturating_add(1));
+            cell.index()
+                .into_iter()
+                .for_each(|index| self.bumps[index] = self.bumps[index].saturating_add(1));
         }
     }
 
     /// How often the body was blocked here.
     pub fn bumps(&self, cell: Cell) -> u8 {
-        index(cell).map_or(0, |index| self.bumps[index])
+        cell.index().map_or(0, |index| self.bumps[index])
     }
 
     fn add(&mut self, cell: Cell, amount: i8) {
-        let Some(index) = index(cell) else { return };
+        let Some(index) = cell.index() else { return };
         let before = self.evidence[index];
         let after = (before + amount).clamp(-Self::LIMIT, Self::LIMIT);
         self.evidence[index] = if after == 0 { amount.signum() } else { after };
@@ -192,7 +203,7 @@ impl Occupancy {
     fn crowd(&mut self, cell: Cell, change: i16) {
         for (counts, disk) in [&mut self.hard, &mut self.soft].into_iter().zip(&self.disks) {
             for &(dc, dr) in disk {
-                if let Some(index) = index(cell.moved(dc, dr)) {
+                if let Some(index) = cell.moved(dc, dr).index() {
                     counts[index] = counts[index].saturating_add_signed(change);
                 }
             }
@@ -201,32 +212,32 @@ impl Occupancy {
 
     /// Whether nothing has been seen here.
     pub fn is_unknown(&self, cell: Cell) -> bool {
-        index(cell).is_some_and(|index| self.evidence[index] == 0)
+        cell.index().is_some_and(|index| self.evidence[index] == 0)
     }
 
     /// Whether floor without an obstacle has been seen here.
     pub fn is_free(&self, cell: Cell) -> bool {
-        index(cell).is_some_and(|index| self.evidence[index] < 0)
+        cell.index().is_some_and(|index| self.evidence[index] < 0)
     }
 
     /// Whether an obstacle has been seen here, or the map ends.
     pub fn is_obstacle(&self, cell: Cell) -> bool {
-        index(cell).is_none_or(|index| self.evidence[index] > 0)
+        cell.index().is_none_or(|index| self.evidence[index] > 0)
     }
 
     /// Whether sound at the height of ears is kept away.
     pub fn is_wall(&self, cell: Cell) -> bool {
-        index(cell).is_none_or(|index| self.walls[index] && self.evidence[index] >= 0)
+        cell.index().is_none_or(|index| self.walls[index] && self.evidence[index] >= 0)
     }
 
     /// Whether an obstacle leaves no room for the body here. Unknown cells have room.
     pub fn is_blocked(&self, cell: Cell) -> bool {
-        index(cell).is_none_or(|index| self.hard[index] > 0)
+        cell.index().is_none_or(|index| self.hard[index] > 0)
     }
 
     /// Whether an obstacle is so near that the body is better elsewhere.
     pub fn is_tight(&self, cell: Cell) -> bool {
-        index(cell).is_none_or(|index| self.soft[index] > 0)
+        cell.index().is_none_or(|index| self.soft[index] > 0)
     }
 
     /// Whether no wall keeps sound away on the straight line between two places, but for its end: a source may be fixed
@@ -268,11 +279,6 @@ impl Occupancy {
     }
 }
 
-fn index(cell: Cell) -> Option<usize> {
-    let inside = (0..SIDE).contains(&cell.column) && (0..SIDE).contains(&cell.row);
-    inside.then_some((cell.row * SIDE + cell.column) as usize)
-}
-
 /// Offsets of the cells within a radius.
 fn disk(radius_m: f32) -> Vec<(i32, i32)> {
     let reach = (radius_m / CELL_M).ceil() as i32;
@@ -312,7 +318,7 @@ mod tests {
                     let cell = Cell { column, row };
                     self.add(cell, amount);
                     self.widen(cell.center());
-                    index(cell).into_iter().for_each(|index| self.walls[index] = amount > 0);
+                    cell.index().into_iter().for_each(|index| self.walls[index] = amount > 0);
                 }
             }
         }

@@ -17,7 +17,8 @@ impl Place {
 
     /// How far it is to another place, metres.
     pub fn distance_m(self, other: Self) -> f32 {
-        (self.x - other.x).hypot(self.z - other.z)
+        let (dx, dz) = (self.x - other.x, self.z - other.z);
+        (dx * dx + dz * dz).sqrt()
     }
 
     /// The place `share` (0 to 1) of the way to `other`.
@@ -114,7 +115,7 @@ impl View {
         Some(Seen {
             place: stand.offset(depth_m, right_m),
             height_m: self.camera_height_m + up_m,
-            range_m: depth_m.hypot(right_m),
+            range_m: (depth_m * depth_m + right_m * right_m).sqrt(),
         })
     }
 
