@@ -1,29 +1,14 @@
 use crate::PagNav;
-use avln_client::{Arena, EpisodeEnd, Error, Link, Order, RunOptions, RunSummary, Sensors, evaluate_with};
+use avln_client::{EpisodeEnd, Error, RunSummary, Sensors};
+use avln_kit::shell::{Method, RunArgs, play};
 use clap::Args;
-use std::path::PathBuf;
 
 /// What the agent is told on the command line.
 #[derive(Args, Clone, Debug)]
 pub struct Options {
-    /// Address of the server's gRPC port: http://, https:// or unix:/path
-    #[arg(long, env = "AVLN_SERVER", default_value = "http://127.0.0.1:50051", value_name = "URL")]
-    pub server: String,
-    /// PEM file of the authorities that an https server's certificate may come from, instead of those of the system
-    #[arg(long, env = "AVLN_CA", value_name = "FILE")]
-    pub ca: Option<PathBuf>,
-    /// Token of the account; or of one run, which is then played, whatever phase and order say
-    #[arg(long, env = "AVLN_TOKEN", hide_env_values = true, value_name = "TOKEN")]
-    pub token: String,
-    /// Phase to play in
-    #[arg(long, default_value = "practice")]
-    pub phase: String,
-    /// Order of the missions: ordered or unordered
-    #[arg(long, default_value = "unordered")]
-    pub order: Order,
-    /// Pixels a side of the pictures, 64 to 1024
-    #[arg(long, default_value_t = 128, value_name = "PIXELS")]
-    pub size: u32,
+    /// The run that it plays
+    #[command(flatten)]
+    pub run: RunArgs,
     /// Name of the method on the board
     #[arg(long, default_value = "PAG-Nav", value_name = "NAME")]
     pub method: String,
@@ -45,10 +30,7 @@ pub async fn run_with(
     options: Options,
     on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
 ) -> Result<RunSummary, Error> {
-    let link = Link { ca: options.ca, ..Link::default() };
-    let method = RunOptions::new(options.phase, options.method).method_version(env!("CARGO_PKG_VERSION"));
-    let method = method.order(options.order);
-    let (arena, run) = Arena::begin(&options.server, options.token, &link, method).await?;
-    let mut agent = PagNav::default();
-    evaluate_with(&arena, &run, Sensors::square(options.size), &mut agent, on_end).await
+    let sensors = Sensors::square(options.run.size);
+    let method = Method { name: options.method, version: env!("CARGO_PKG_VERSION"), sensors };
+    play(options.run, method, &mut PagNav::default(), on_end).await
 }
