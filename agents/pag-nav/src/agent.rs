@@ -4,7 +4,7 @@ use avln_client::{Action, Agent, Feedback, FeedbackRule, Mission, Observation, O
 use avln_kit::{
     Hints, Motion, Turns,
     map::{Cell, Estimate, Intensity, Objects, Occupancy, SoundField, SourceBelief, range_m},
-    perception::{Classical, Ear, Heard, Perception, Place, Query, Stand, View},
+    perception::{Classical, Ear, Heard, Place, Query, Recognition, Stand, View},
 };
 use std::{mem, sync::Arc};
 
@@ -18,7 +18,7 @@ const RECENT: usize = 3;
 pub struct PagNav {
     pub(crate) weights: Weights,
     pub(crate) ablation: Ablation,
-    perception: Box<dyn Perception>,
+    perception: Box<dyn Recognition>,
     hints: Option<Arc<dyn Hints>>,
     ear: Ear,
     view: View,
@@ -101,7 +101,7 @@ impl PagNav {
     }
 
     /// The same with other eyes.
-    pub fn seeing(self, perception: impl Perception + 'static) -> Self {
+    pub fn seeing(self, perception: impl Recognition + 'static) -> Self {
         Self { perception: Box::new(perception), ..self }
     }
 
@@ -248,7 +248,7 @@ impl PagNav {
 impl Agent for PagNav {
     fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
         let count = mission.goals.len();
-        let nothing: Box<dyn Perception> = Box::<Classical>::default();
+        let nothing: Box<dyn Recognition> = Box::<Classical>::default();
         let mut perception = mem::replace(&mut self.perception, nothing);
         perception.begin(task, mission);
         *self = Self {

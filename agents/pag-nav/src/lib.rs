@@ -8,7 +8,7 @@
 //! | object memory O_t | `avln_kit::map::Objects`: boxes, colours, looks, and compatibility with each goal |
 //! | audio memories A_int, A_bear | `avln_kit::map::Intensity` and `SourceBelief`, one of each per sounding target |
 //! | room memory R_t, P_room, P_obj, P_ctx | `Objects::context`: what the things around a place are typical for |
-//! | s_vis | `Perception::fit`; by default extent, height, colour, size and shape words; likeness of views for pictures |
+//! | s_vis | `Recognition::fit`; by default extent, height, colour, size and shape words; likeness of views for pictures |
 //! | S_search, S_ground | `search.rs`, `planner::Evidence::score` |
 //! | Search, Ground, Verify | `planner::Stage` |
 //! | V, Submit gate | `planner::Demand` and the comparison of goals in `planner::Goals`; `planner::Gate` |
