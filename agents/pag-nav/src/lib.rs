@@ -18,7 +18,7 @@
 //! an open gate waits until the target sounds again, since only its silence then tells that it was found; nobody tells
 //! which goal sounds.
 //!
-//! [`Ablation`] takes parts of it away; [`PagNav::hinted`] is what a host may tell it to find out what a perfect sense is
+//! [`Weights`] are its numbers; `pag-nav.toml` has them all. [`Ablation`] takes parts of it away; [`PagNav::hinted`] is what a host may tell it to find out what a perfect sense is
 //! worth, and nobody else is told.
 //!
 //! *Never*: links anything of the server; learns anything but what its observations say.
@@ -26,11 +26,13 @@
 mod ablation;
 mod agent;
 mod decide;
+mod error;
 mod options;
 mod planner;
 mod search;
 
 pub use ablation::Ablation;
 pub use agent::PagNav;
+pub use error::Error;
 pub use options::{Options, run, run_with};
-pub use planner::Weights;
+pub use planner::{Weights, WeightsError};
