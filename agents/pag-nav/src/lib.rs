@@ -18,7 +18,7 @@
 //! an open gate waits until the target sounds again, since only its silence then tells that it was found; nobody tells
 //! which goal sounds.
 //!
-//! [`Weights`] are its numbers; `pag-nav.toml` has them all. [`Ablation`] takes parts of it away; [`PagNav::hinted`] is what a host may tell it to find out what a perfect sense is
+//! [`Weights`] are its numbers; `pag-nav.toml` has them all. A [`Recorder`] writes down what it does. [`Ablation`] takes parts of it away; [`PagNav::hinted`] is what a host may tell it to find out what a perfect sense is
 //! worth, and nobody else is told.
 //!
 //! *Never*: links anything of the server; learns anything but what its observations say.
@@ -30,9 +30,11 @@ mod error;
 mod options;
 mod planner;
 mod search;
+mod trace;
 
 pub use ablation::Ablation;
 pub use agent::PagNav;
 pub use error::Error;
 pub use options::{Options, run, run_with};
 pub use planner::{Weights, WeightsError};
+pub use trace::{Recorder, TraceError};

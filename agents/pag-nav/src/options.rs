@@ -1,4 +1,4 @@
-use crate::{Error, PagNav, Weights};
+use crate::{Error, PagNav, Recorder, Weights};
 use avln_client::{EpisodeEnd, RunSummary, Sensors};
 use avln_kit::shell::{Method, RunArgs, play};
 use clap::Args;
@@ -16,12 +16,15 @@ pub struct Options {
     /// TOML file with numbers to use instead of the defaults, which agents/pag-nav/pag-nav.toml explains
     #[arg(long, value_name = "FILE")]
     pub weights: Option<PathBuf>,
+    /// Folder for a file of each episode that says step by step what the agent heard, believed and did
+    #[arg(long, value_name = "FOLDER")]
+    pub trace: Option<PathBuf>,
 }
 
 /// Plays one run with [`PagNav`].
 ///
 /// # Errors
-/// When the weights cannot be used, as for [`avln_client::evaluate`], and for beginning a run.
+/// When the weights cannot be used or a trace cannot be written, as for [`avln_client::evaluate`], and for beginning a run.
 pub async fn run(options: Options) -> Result<RunSummary, Error> {
     run_with(options, &mut |_| {}).await
 }
@@ -34,8 +37,24 @@ pub async fn run_with(
     options: Options,
     on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
 ) -> Result<RunSummary, Error> {
-    let weights = options.weights.as_deref().map_or_else(|| Ok(Weights::default()), Weights::read)?;
+    let mut agent = agent(&options)?;
     let sensors = Sensors::square(options.run.size);
     let method = Method { name: options.method, version: env!("CARGO_PKG_VERSION"), sensors };
-    Ok(play(options.run, method, &mut PagNav::new(weights), on_end).await?)
+    let played = play(options.run, method, &mut agent, on_end).await;
+    let traced = agent.end_trace();
+    let summary = played?;
+    match traced {
+        Ok(()) => Ok(summary),
+        Err(problem) => Err(Error::Untraced { problem, summary: Box::new(summary) }),
+    }
+}
+
+/// The agent that the options ask for.
+fn agent(options: &Options) -> Result<PagNav, Error> {
+    let weights = options.weights.as_deref().map_or_else(|| Ok(Weights::default()), Weights::read)?;
+    let agent = PagNav::new(weights);
+    Ok(match &options.trace {
+        Some(folder) => agent.traced(Recorder::new(folder)?),
+        None => agent,
+    })
 }
