@@ -18,7 +18,8 @@
 //! an open gate waits until the target sounds again, since only its silence then tells that it was found; nobody tells
 //! which goal sounds.
 //!
-//! [`Weights`] are its numbers; `pag-nav.toml` has them all. A [`Recorder`] writes down what it does. [`Ablation`] takes parts of it away; [`PagNav::hinted`] is what a host may tell it to find out what a perfect sense is
+//! [`Weights`] are its numbers; `pag-nav.toml` has them all. A [`Recorder`] writes down what it heard, believed and did.
+//! [`Ablation`] takes parts of it away; [`PagNav::hinted`] is what a host may tell it to find out what a perfect sense is
 //! worth, and nobody else is told.
 //!
 //! *Never*: links anything of the server; learns anything but what its observations say.

@@ -58,3 +58,31 @@ fn agent(options: &Options) -> Result<PagNav, Error> {
         None => agent,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use std::fs;
+
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        options: Options,
+    }
+
+    #[tokio::test]
+    async fn files_are_refused_before_a_run_begins() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("my.toml");
+        fs::write(&file, "submit_m = 99").unwrap();
+        let path = file.to_str().unwrap();
+        for (option, words) in [("--weights", "my.toml: submit_m is 99, "), ("--trace", "--trace a folder")] {
+            // Nobody listens there: an attempt to begin would be another error.
+            let words_of_agent = ["agent", "--token", "t", "--server", "http://127.0.0.1:1", option, path];
+            let refused = run(Cli::try_parse_from(words_of_agent).unwrap().options).await;
+            let error = refused.unwrap_err().to_string();
+            assert!(error.contains(words), "{option}: {error}");
+        }
+    }
+}
