@@ -84,3 +84,9 @@ impl From<avln_client::Error> for Failure {
         Self::new(FailureKind::Run, error)
     }
 }
+
+impl From<avln_pag_nav::Error> for Failure {
+    fn from(error: avln_pag_nav::Error) -> Self {
+        Self::new(FailureKind::Run, error)
+    }
+}

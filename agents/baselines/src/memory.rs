@@ -2,7 +2,7 @@ use avln_client::{Action, Mission, Observation, Order, TaskSpec};
 use avln_kit::{
     Scout,
     map::{Cell, Objects},
-    perception::{Classical, Perception, Place},
+    perception::{Classical, Place, Recognition},
 };
 
 /// It submits nearer than this, metres, and within this of straight ahead, radians.
@@ -18,7 +18,7 @@ const PATIENCE_STEPS: u32 = 150;
 pub(crate) struct Memory {
     pub(crate) scout: Scout,
     pub(crate) objects: Objects,
-    perception: Box<dyn Perception>,
+    perception: Box<dyn Recognition>,
     goals: usize,
     ordered: bool,
     done: Vec<bool>,

@@ -1,4 +1,4 @@
-use crate::perception::{Perception, Place, Stand, Thing};
+use crate::perception::{Place, Recognition, Stand, Thing};
 use avln_client::{Mission, Observation, TaskSpec};
 use std::sync::Arc;
 
@@ -49,7 +49,7 @@ impl Told {
     }
 }
 
-impl Perception for Told {
+impl Recognition for Told {
     fn begin(&mut self, _task: &TaskSpec, mission: &Mission) {
         self.goals = mission.goals.len();
     }

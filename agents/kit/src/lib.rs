@@ -2,7 +2,7 @@
 //!
 //! Start reading at [`map`] and [`perception`]; [`path()`] and [`Motion`] turn places into actions, which [`Scout`] puts
 //! together for agents that explore; [`Turns`] tells which source sounds. [`Hints`] are for agents whose host tells them more
-//! than an agent may know. An agent is put together from these parts and adds what it wants.
+//! than an agent may know. An agent is put together from these parts and adds what it wants; [`shell`] makes a program of it.
 //!
 //! *Never*: links anything of the server; decides where to go or what to submit; learns anything but what observations say.
 
@@ -12,6 +12,7 @@ mod motion;
 mod path;
 pub mod perception;
 mod scout;
+pub mod shell;
 mod turns;
 
 pub use hints::{Hints, Sight, Told};

@@ -1,5 +1,7 @@
+use serde::Serialize;
+
 /// Parts of [`PagNav`](crate::PagNav) that can be taken away, to see what they are worth. Nothing is, by default.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Ablation {
     /// It hears nothing: it searches by frontiers, grounds goals by sight alone, and takes every Submit for right where the
     /// rules tell no outcome.

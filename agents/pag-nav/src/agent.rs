@@ -1,10 +1,11 @@
 use crate::Ablation;
 use crate::planner::{Candidate, Evidence, Goals, Weights};
+use crate::trace::{Recorder, Thought};
 use avln_client::{Action, Agent, Feedback, FeedbackRule, Mission, Observation, Order, TaskSpec};
 use avln_kit::{
     Hints, Motion, Turns,
     map::{Cell, Estimate, Intensity, Objects, Occupancy, SoundField, SourceBelief, range_m},
-    perception::{Classical, Ear, Heard, Perception, Place, Query, Stand, View},
+    perception::{Classical, Ear, Heard, Place, Query, Recognition, Stand, View},
 };
 use std::{mem, sync::Arc};
 
@@ -18,7 +19,7 @@ const RECENT: usize = 3;
 pub struct PagNav {
     pub(crate) weights: Weights,
     pub(crate) ablation: Ablation,
-    perception: Box<dyn Perception>,
+    perception: Box<dyn Recognition>,
     hints: Option<Arc<dyn Hints>>,
     ear: Ear,
     view: View,
@@ -32,12 +33,15 @@ pub struct PagNav {
     pub(crate) sources: Vec<Source>,
     /// The source that the agent heads for.
     pub(crate) focus: Option<usize>,
-    claim: Option<Claim>,
+    pub(crate) claim: Option<Claim>,
     /// Levels of the source that sounds, since its turn began.
     levels: Vec<f32>,
     /// Whether the rules tell what became of a Submit.
     is_told: bool,
     pub(crate) remaining_steps: u32,
+    /// What the last action was decided by.
+    pub(crate) thought: Thought,
+    pub(crate) trace: Option<Recorder>,
 }
 
 /// What is known of one sounding target: the audio memories A_bear and A_int of the paper.
@@ -54,10 +58,11 @@ pub(crate) struct Source {
 }
 
 /// A Submit whose outcome is not known yet.
-struct Claim {
-    source: usize,
-    object: usize,
-    goal: usize,
+#[derive(Clone, Copy)]
+pub(crate) struct Claim {
+    pub(crate) source: usize,
+    pub(crate) object: usize,
+    pub(crate) goal: usize,
     level: f32,
 }
 
@@ -91,6 +96,8 @@ impl PagNav {
             levels: Vec::new(),
             is_told: false,
             remaining_steps: task.max_steps,
+            thought: Thought::default(),
+            trace: None,
         }
     }
 
@@ -101,7 +108,7 @@ impl PagNav {
     }
 
     /// The same with other eyes.
-    pub fn seeing(self, perception: impl Perception + 'static) -> Self {
+    pub fn seeing(self, perception: impl Recognition + 'static) -> Self {
         Self { perception: Box::new(perception), ..self }
     }
 
@@ -217,6 +224,7 @@ impl PagNav {
             self.levels.clear();
         }
         self.levels.push(heard.level);
+        self.thought.heard = Some((index, *heard));
         let (map, source) = (&self.map, &mut self.sources[index]);
         let field = self.field.take().filter(|field| field.listener() == stand.place);
         let field = field.unwrap_or_else(|| SoundField::new(map, stand.place, map.area(AROUND_M)));
@@ -246,15 +254,20 @@ impl PagNav {
 }
 
 impl Agent for PagNav {
+    fn enter(&mut self, episode: &str) {
+        self.trace(|trace, agent| trace.enter(agent, episode));
+    }
+
     fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
         let count = mission.goals.len();
-        let nothing: Box<dyn Perception> = Box::<Classical>::default();
+        let nothing: Box<dyn Recognition> = Box::<Classical>::default();
         let mut perception = mem::replace(&mut self.perception, nothing);
         perception.begin(task, mission);
         *self = Self {
             ablation: self.ablation,
             perception,
             hints: self.hints.take(),
+            trace: self.trace.take(),
             view: View::new(task),
             motion: Motion::new(task),
             objects: Objects::new(count),
@@ -265,13 +278,16 @@ impl Agent for PagNav {
             is_told: task.feedback == FeedbackRule::Verdict,
             ..Self::new(self.weights.clone())
         };
+        self.trace(|trace, agent| trace.begin(agent, mission));
     }
 
     fn act(&mut self, observation: &Observation) -> Action {
         let stand = Stand::new(&observation.pose);
+        self.thought = Thought::default();
         self.perceive(observation, &stand);
         let action = self.decide(&stand);
         self.motion.note(action, &stand);
+        self.trace(|trace, agent| trace.step(agent, observation, action));
         action
     }
 }

@@ -18,11 +18,13 @@ impl PagNav {
         }
         let candidate = self.candidate(stand);
         let stage = Stage::of(candidate.as_ref().map(|candidate| self.is_verified(candidate)));
+        (self.thought.stage, self.thought.candidate) = (Some(stage), candidate);
         let Some(candidate) = candidate.filter(|_| stage != Stage::Search) else {
             return if self.ablation.no_audio { self.wander(stand) } else { self.search(stand) };
         };
         self.head_for(candidate.source);
         let gate = self.gate(&candidate, stage, stand);
+        self.thought.gate = Some(gate);
         let nearer = self.weights.nearer.powi(self.object(&candidate).wrong_submits);
         if gate.is_open(nearer * self.weights.submit_m, self.weights.submit_rad)
             && let Some(submit) = self.submit(&candidate)

@@ -8,7 +8,7 @@
 //! | object memory O_t | `avln_kit::map::Objects`: boxes, colours, looks, and compatibility with each goal |
 //! | audio memories A_int, A_bear | `avln_kit::map::Intensity` and `SourceBelief`, one of each per sounding target |
 //! | room memory R_t, P_room, P_obj, P_ctx | `Objects::context`: what the things around a place are typical for |
-//! | s_vis | `Perception::fit`; by default extent, height, colour, size and shape words; likeness of views for pictures |
+//! | s_vis | `Recognition::fit`; by default extent, height, colour, size and shape words; likeness of views for pictures |
 //! | S_search, S_ground | `search.rs`, `planner::Evidence::score` |
 //! | Search, Ground, Verify | `planner::Stage` |
 //! | V, Submit gate | `planner::Demand` and the comparison of goals in `planner::Goals`; `planner::Gate` |
@@ -18,6 +18,7 @@
 //! an open gate waits until the target sounds again, since only its silence then tells that it was found; nobody tells
 //! which goal sounds.
 //!
+//! [`Weights`] are its numbers; `pag-nav.toml` has them all. A [`Recorder`] writes down what it heard, believed and did.
 //! [`Ablation`] takes parts of it away; [`PagNav::hinted`] is what a host may tell it to find out what a perfect sense is
 //! worth, and nobody else is told.
 //!
@@ -26,11 +27,15 @@
 mod ablation;
 mod agent;
 mod decide;
+mod error;
 mod options;
 mod planner;
 mod search;
+mod trace;
 
 pub use ablation::Ablation;
 pub use agent::PagNav;
+pub use error::Error;
 pub use options::{Options, run, run_with};
-pub use planner::Weights;
+pub use planner::{Weights, WeightsError};
+pub use trace::{Recorder, TraceError};

@@ -1,5 +1,6 @@
 //! `avln-pag-nav`: plays one run with the PAG-Nav agent and prints its summary. Exit code 1 when it could not.
 
+use avln_kit::shell::{conclude, report};
 use avln_pag_nav::{Options, run_with};
 use clap::Parser;
 use std::process::ExitCode;
@@ -14,22 +15,5 @@ struct Cli {
 
 #[tokio::main(flavor = "current_thread")]
 async fn main() -> ExitCode {
-    let options = Cli::parse().options;
-    let mut report = |end: &avln_client::EpisodeEnd| {
-        let progress = end.progress;
-        eprintln!(
-            "episode {} of {}: {} after {} steps",
-            progress.done, progress.total, end.reason, end.steps
-        );
-    };
-    match run_with(options, &mut report).await {
-        Ok(summary) => {
-            println!("{summary}");
-            ExitCode::SUCCESS
-        }
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    conclude(run_with(Cli::parse().options, &mut report).await)
 }

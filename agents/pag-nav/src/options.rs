@@ -1,38 +1,30 @@
-use crate::PagNav;
-use avln_client::{Arena, EpisodeEnd, Error, Link, Order, RunOptions, RunSummary, Sensors, evaluate_with};
+use crate::{Error, PagNav, Recorder, Weights};
+use avln_client::{EpisodeEnd, RunSummary, Sensors};
+use avln_kit::shell::{Method, RunArgs, play};
 use clap::Args;
 use std::path::PathBuf;
 
 /// What the agent is told on the command line.
 #[derive(Args, Clone, Debug)]
 pub struct Options {
-    /// Address of the server's gRPC port: http://, https:// or unix:/path
-    #[arg(long, env = "AVLN_SERVER", default_value = "http://127.0.0.1:50051", value_name = "URL")]
-    pub server: String,
-    /// PEM file of the authorities that an https server's certificate may come from, instead of those of the system
-    #[arg(long, env = "AVLN_CA", value_name = "FILE")]
-    pub ca: Option<PathBuf>,
-    /// Token of the account; or of one run, which is then played, whatever phase and order say
-    #[arg(long, env = "AVLN_TOKEN", hide_env_values = true, value_name = "TOKEN")]
-    pub token: String,
-    /// Phase to play in
-    #[arg(long, default_value = "practice")]
-    pub phase: String,
-    /// Order of the missions: ordered or unordered
-    #[arg(long, default_value = "unordered")]
-    pub order: Order,
-    /// Pixels a side of the pictures, 64 to 1024
-    #[arg(long, default_value_t = 128, value_name = "PIXELS")]
-    pub size: u32,
+    /// The run that it plays
+    #[command(flatten)]
+    pub run: RunArgs,
     /// Name of the method on the board
     #[arg(long, default_value = "PAG-Nav", value_name = "NAME")]
     pub method: String,
+    /// TOML file with numbers to use instead of the defaults, which agents/pag-nav/pag-nav.toml explains
+    #[arg(long, value_name = "FILE")]
+    pub weights: Option<PathBuf>,
+    /// Folder for a file of each episode that says step by step what the agent heard, believed and did
+    #[arg(long, value_name = "FOLDER")]
+    pub trace: Option<PathBuf>,
 }
 
 /// Plays one run with [`PagNav`].
 ///
 /// # Errors
-/// As for [`avln_client::evaluate`] and for beginning a run.
+/// When the weights cannot be used or a trace cannot be written, as for [`avln_client::evaluate`], and for beginning a run.
 pub async fn run(options: Options) -> Result<RunSummary, Error> {
     run_with(options, &mut |_| {}).await
 }
@@ -45,10 +37,52 @@ pub async fn run_with(
     options: Options,
     on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
 ) -> Result<RunSummary, Error> {
-    let link = Link { ca: options.ca, ..Link::default() };
-    let method = RunOptions::new(options.phase, options.method).method_version(env!("CARGO_PKG_VERSION"));
-    let method = method.order(options.order);
-    let (arena, run) = Arena::begin(&options.server, options.token, &link, method).await?;
-    let mut agent = PagNav::default();
-    evaluate_with(&arena, &run, Sensors::square(options.size), &mut agent, on_end).await
+    let mut agent = agent(&options)?;
+    let sensors = Sensors::square(options.run.size);
+    let method = Method { name: options.method, version: env!("CARGO_PKG_VERSION"), sensors };
+    let played = play(options.run, method, &mut agent, on_end).await;
+    let traced = agent.end_trace();
+    let summary = played?;
+    match traced {
+        Ok(()) => Ok(summary),
+        Err(problem) => Err(Error::Untraced { problem, summary: Box::new(summary) }),
+    }
+}
+
+/// The agent that the options ask for.
+fn agent(options: &Options) -> Result<PagNav, Error> {
+    let weights = options.weights.as_deref().map_or_else(|| Ok(Weights::default()), Weights::read)?;
+    let agent = PagNav::new(weights);
+    Ok(match &options.trace {
+        Some(folder) => agent.traced(Recorder::new(folder)?),
+        None => agent,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use std::fs;
+
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        options: Options,
+    }
+
+    #[tokio::test]
+    async fn files_are_refused_before_a_run_begins() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("my.toml");
+        fs::write(&file, "submit_m = 99").unwrap();
+        let path = file.to_str().unwrap();
+        for (option, words) in [("--weights", "my.toml: submit_m is 99, "), ("--trace", "--trace a folder")] {
+            // Nobody listens there: an attempt to begin would be another error.
+            let words_of_agent = ["agent", "--token", "t", "--server", "http://127.0.0.1:1", option, path];
+            let refused = run(Cli::try_parse_from(words_of_agent).unwrap().options).await;
+            let error = refused.unwrap_err().to_string();
+            assert!(error.contains(words), "{option}: {error}");
+        }
+    }
 }

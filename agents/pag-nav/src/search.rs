@@ -82,7 +82,8 @@ impl PagNav {
         for (score, place) in &mut scored {
             *score += self.weights.search_context * self.expects(*place);
         }
-        let (_, best) = scored.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let (score, best) = scored.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        self.thought.frontier = Some((best, score));
         let way = path(&self.map, stand.place, best, 0.2);
         self.motion.along(&way, stand, &self.map)
     }

@@ -8,6 +8,9 @@ use tokio::{
 
 /// Something that plays. One agent plays one episode at a time.
 pub trait Agent {
+    /// An episode is about to [`begin`](Self::begin): its handle, good for this run only, for agents that write things down.
+    fn enter(&mut self, _episode: &str) {}
+
     /// An episode begins: forget the last one.
     fn begin(&mut self, task: &TaskSpec, mission: &Mission);
 
@@ -81,7 +84,10 @@ async fn play_all(
 ) -> Result<(), Error> {
     let task = play.task().clone();
     while let Some(mut episode) = play.next_episode().await? {
-        undisturbed(|| agent.begin(&task, episode.mission()));
+        undisturbed(|| {
+            agent.enter(episode.id());
+            agent.begin(&task, episode.mission());
+        });
         while !episode.is_over() {
             let action = undisturbed(|| agent.act(episode.observation()));
             episode.step(action).await?;

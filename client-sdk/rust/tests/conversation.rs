@@ -43,10 +43,16 @@ async fn two_episodes(mut stage: Stage) {
 /// Walks `steps` steps and stops.
 struct Walker {
     steps: u32,
-    begun: u32,
+    entered: Vec<String>,
+    begun: usize,
 }
 
 impl Agent for Walker {
+    fn enter(&mut self, episode: &str) {
+        assert_eq!(self.entered.len(), self.begun);
+        self.entered.push(episode.to_owned());
+    }
+
     fn begin(&mut self, _: &TaskSpec, _: &Mission) {
         self.begun += 1;
     }
@@ -61,9 +67,9 @@ async fn a_whole_run_is_evaluated() {
     let arena = Arena::connect(serve(two_episodes).await, fake::TOKEN).await.unwrap();
     let run = arena.start_run(RunOptions::new("practice", "walker").order(Order::Unordered)).await.unwrap();
     assert_eq!((run.id.as_str(), run.episodes, run.max_slots), ("run_1", 2, 2));
-    let mut walker = Walker { steps: 3, begun: 0 };
+    let mut walker = Walker { steps: 3, entered: vec![], begun: 0 };
     let summary = evaluate(&arena, &run, Sensors::square(SIDE), &mut walker).await.unwrap();
-    assert_eq!(walker.begun, 2);
+    assert_eq!((walker.begun, walker.entered), (2, vec!["ep_a".to_owned(), "ep_b".to_owned()]));
     assert!(summary.complete);
     assert_eq!((summary.progress.done, summary.progress.total), (2, 2));
     assert_eq!(summary.ends, [(EndReason::Stopped, 2)]);
@@ -379,7 +385,7 @@ async fn two_slots(mut stage: Stage) {
 #[tokio::test(flavor = "multi_thread")]
 async fn two_agents_play_two_slots_of_one_run() {
     let arena = Arena::connect(serve(two_slots).await, "").await.unwrap();
-    let walker = |steps| Box::new(Walker { steps, begun: 0 }) as Box<dyn Agent + Send>;
+    let walker = |steps| Box::new(Walker { steps, entered: vec![], begun: 0 }) as Box<dyn Agent + Send>;
     let run = Run::from_token(RUN_TOKEN);
     let summary =
         evaluate_slots(&arena, &run, Sensors::square(SIDE), vec![walker(2), walker(9)]).await.unwrap();

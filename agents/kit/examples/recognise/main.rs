@@ -13,7 +13,7 @@ mod tally;
 mod truth;
 mod walk;
 
-use avln_kit::perception::{Classical, Perception, Sight};
+use avln_kit::perception::{Classical, Recognition, Sight};
 use std::path::PathBuf;
 use tally::Tally;
 
@@ -23,7 +23,7 @@ fn main() {
         std::process::exit(2);
     };
     let manifest = frames::manifest(&folder);
-    let mut perceptions: [(&str, Box<dyn Perception>); 2] = [
+    let mut perceptions: [(&str, Box<dyn Recognition>); 2] = [
         ("depth and colours", Box::<Classical>::default()),
         ("network", Box::new(Sight::new().expect("the weights of the crate"))),
     ];

@@ -7,7 +7,7 @@ use super::{
 use avln_client::{GoalCue, Image, Mission, Observation, Pose, RgbImage, TaskSpec};
 use avln_kit::{
     map::{Cell, Objects, Occupancy},
-    perception::{Perception, Place, Stand, View},
+    perception::{Place, Recognition, Stand, View},
 };
 use std::collections::BTreeMap;
 
@@ -97,7 +97,7 @@ impl<'a> Walk<'a> {
     }
 
     /// What is remembered of the things on the way, by `perception`.
-    pub(crate) fn objects(&self, perception: &mut dyn Perception) -> Objects {
+    pub(crate) fn objects(&self, perception: &mut dyn Recognition) -> Objects {
         let goals: Vec<GoalCue> = self.goals.iter().map(|goal| goal.cue.clone()).collect();
         perception.begin(&self.task, &Mission { goals, ..Mission::default() });
         let (view, mut map, mut objects) =

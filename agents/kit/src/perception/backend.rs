@@ -2,7 +2,7 @@ use super::{Layout, Place, Query, Stand, Thing, View, things};
 use avln_client::{Mission, Observation, TaskSpec};
 
 /// What tells an agent which things a picture shows, and which of them fit its goals.
-pub trait Perception: Send {
+pub trait Recognition: Send {
     /// A mission begins: forget the last one and understand the cues of this one.
     fn begin(&mut self, task: &TaskSpec, mission: &Mission);
 
@@ -28,7 +28,7 @@ impl Default for Classical {
     }
 }
 
-impl Perception for Classical {
+impl Recognition for Classical {
     fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
         let queries = mission.goals.iter().map(Query::new).collect();
         *self = Self { view: View::new(task), queries, layout: Layout::default() };

@@ -11,7 +11,7 @@ mod objects;
 mod sight;
 
 pub use audio::{Ear, Heard, itd_s};
-pub use backend::{Classical, Perception};
+pub use backend::{Classical, Recognition};
 pub use category::likeness as category_likeness;
 pub use color::Palette;
 pub use cue::{Layout, Query, Words};

@@ -1,4 +1,4 @@
-use super::{Layout, Palette, Perception, Place, Query, Stand, Thing, View, Words, objects::cosine};
+use super::{Layout, Palette, Place, Query, Recognition, Stand, Thing, View, Words, objects::cosine};
 use avln_client::{DepthImage, GoalCue, Image, Mission, Observation, RgbImage, TaskSpec};
 use avln_eyes::{Camera, Depth, Eyes, Perception as _, Picture, Segment, WeightsError, extent};
 
@@ -119,7 +119,7 @@ impl Sight {
     }
 }
 
-impl Perception for Sight {
+impl Recognition for Sight {
     fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
         (self.view, self.camera) = (View::new(task), camera(task));
         self.goals = mission.goals.iter().map(|cue| self.goal(cue)).collect();

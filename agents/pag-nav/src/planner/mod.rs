@@ -8,4 +8,4 @@ mod weights;
 pub(crate) use goals::Goals;
 pub(crate) use ground::{Candidate, Evidence, HeardThere, best};
 pub(crate) use verify::{Demand, Gate, Stage};
-pub use weights::Weights;
+pub use weights::{Weights, WeightsError};

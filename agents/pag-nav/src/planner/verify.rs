@@ -1,8 +1,10 @@
 use super::Weights;
+use serde::Serialize;
 
 /// The stages of the paper, by how far the grounding of a goal has come: no reliable candidate, a plausible one, a
 /// confirmed one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub(crate) enum Stage {
     Search,
     Ground,

@@ -1,0 +1,132 @@
+//! What programs that play share: their command line, the run that they play, and what they tell people of it.
+
+use avln_client::{
+    Agent, Arena, EpisodeEnd, Error, Link, Order, RunOptions, RunSummary, Sensors, evaluate_with,
+};
+use clap::Args;
+use std::{fmt::Display, path::PathBuf, process::ExitCode};
+
+/// Which run is played, and where: what every agent is told on the command line.
+#[derive(Args, Clone, Debug)]
+pub struct RunArgs {
+    /// Address of the server's gRPC port: http://, https:// or unix:/path
+    #[arg(long, env = "AVLN_SERVER", default_value = "http://127.0.0.1:50051", value_name = "URL")]
+    pub server: String,
+    /// PEM file of the authorities that an https server's certificate may come from, instead of those of the system
+    #[arg(long, env = "AVLN_CA", value_name = "FILE")]
+    pub ca: Option<PathBuf>,
+    /// Token of the account; or of one run, which is then played, whatever phase and order say
+    #[arg(long, env = "AVLN_TOKEN", hide_env_values = true, value_name = "TOKEN")]
+    pub token: String,
+    /// Phase to play in
+    #[arg(long, default_value = "practice")]
+    pub phase: String,
+    /// Order of the missions: ordered or unordered
+    #[arg(long, default_value = "unordered")]
+    pub order: Order,
+    /// Pixels a side of the pictures, 64 to 1024
+    #[arg(long, default_value_t = 128, value_name = "PIXELS")]
+    pub size: u32,
+}
+
+/// Under what name an agent plays, and what it senses.
+#[derive(Clone, Debug)]
+pub struct Method {
+    /// Name on the board.
+    pub name: String,
+    /// Version of the agent.
+    pub version: &'static str,
+    /// What it senses.
+    pub sensors: Sensors,
+}
+
+/// Plays one run with `agent`, telling `on_end` about every episode that ended.
+///
+/// # Errors
+/// As for [`avln_client::evaluate`] and for beginning a run.
+pub async fn play(
+    args: RunArgs,
+    method: Method,
+    agent: &mut (dyn Agent + Send),
+    on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
+) -> Result<RunSummary, Error> {
+    let link = Link { ca: args.ca, ..Link::default() };
+    let wanted = RunOptions::new(args.phase, method.name).method_version(method.version).order(args.order);
+    let (arena, run) = Arena::begin(&args.server, args.token, &link, wanted).await?;
+    evaluate_with(&arena, &run, method.sensors, agent, on_end).await
+}
+
+/// Tells people on standard error how an episode ended.
+pub fn report(end: &EpisodeEnd) {
+    let progress = end.progress;
+    eprintln!("episode {} of {}: {} after {} steps", progress.done, progress.total, end.reason, end.steps);
+}
+
+/// Tells people how the run ended: its summary on standard output, or what went wrong on standard error, with code 1.
+pub fn conclude(played: Result<RunSummary, impl Display>) -> ExitCode {
+    match played {
+        Ok(summary) => {
+            println!("{summary}");
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    /// Plays
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        run: RunArgs,
+        /// The last one
+        #[arg(long)]
+        more: bool,
+    }
+
+    #[test]
+    fn options_of_an_agent_follow_those_of_the_run() {
+        let help = <Cli as clap::CommandFactory>::command().render_help().to_string();
+        let names = ["Plays", "--server", "--ca", "--token", "--phase", "--order", "--size", "--more"];
+        let places: Vec<_> =
+            names.iter().map(|name| help.rfind(&format!("{name} ")).or(help.find(name))).collect();
+        assert!(places.iter().all(Option::is_some) && places.is_sorted(), "{places:?} in {help}");
+    }
+
+    #[test]
+    fn a_token_is_all_that_must_be_said() {
+        let cli = Cli::try_parse_from(["agent", "--token", "t"]).unwrap();
+        let RunArgs { phase, order, size, .. } = cli.run;
+        assert_eq!((phase.as_str(), order, size, cli.more), ("practice", Order::Unordered, 128, false));
+        let command = <Cli as clap::CommandFactory>::command();
+        let required = command.get_arguments().filter(|argument| argument.is_required_set());
+        assert_eq!(required.map(|argument| argument.get_id().as_str()).collect::<Vec<_>>(), ["token"]);
+    }
+
+    #[tokio::test]
+    async fn without_a_server_it_says_where_it_looked() {
+        let nobody = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let url = format!("http://{nobody}");
+        let cli = Cli::try_parse_from(["agent", "--token", "t", "--server", &url]).unwrap();
+        let method = Method { name: "none".into(), version: "0", sensors: Sensors::default() };
+        let played = play(cli.run, method, &mut Idle, &mut |_| {}).await;
+        assert!(matches!(&played, Err(Error::Unreachable { address, .. }) if *address == url), "{played:?}");
+        assert_eq!(format!("{:?}", conclude(played)), format!("{:?}", ExitCode::FAILURE));
+    }
+
+    struct Idle;
+
+    impl Agent for Idle {
+        fn begin(&mut self, _: &avln_client::TaskSpec, _: &avln_client::Mission) {}
+        fn act(&mut self, _: &avln_client::Observation) -> avln_client::Action {
+            avln_client::Action::Stop
+        }
+    }
+}

@@ -1,0 +1,274 @@
+use super::Recorder;
+use super::map::{Plan, runs};
+use crate::{Ablation, PagNav, Weights};
+use avln_client::{
+    Action, Agent, Audio, DepthImage, GoalCue, Image, Mission, Observation, Order, Pose, TaskSpec,
+};
+use avln_kit::map::{Occupancy, expected_level};
+use avln_kit::perception::{Place, Stand, View};
+use avln_kit::{Hints, Sight, Told};
+use serde_json::Value;
+use std::{fs, io, io::Write, path::Path, sync::Arc};
+
+const SIDE: u32 = 64;
+const STEPS: u32 = 30;
+
+/// A host that tells of one target, 1.1 m ahead, which sounds.
+struct OneTarget;
+
+impl Hints for OneTarget {
+    fn source(&self) -> Option<Place> {
+        Some(Place::new(0.0, -1.1))
+    }
+
+    fn targets(&self) -> Vec<Sight> {
+        vec![Sight { goal: 0, min_m: [-0.3, 0.0, -1.5], max_m: [0.3, 0.8, -1.0] }]
+    }
+}
+
+fn agent() -> PagNav {
+    let hints = Arc::new(OneTarget);
+    PagNav::new(Weights::default()).hinted(hints.clone()).seeing(Told::new(hints))
+}
+
+fn task() -> TaskSpec {
+    TaskSpec { width: SIDE, height: SIDE, ..TaskSpec::default() }
+}
+
+fn mission() -> Mission {
+    let goals = vec![
+        GoalCue::Category("bed".into()),
+        GoalCue::Image(Image { width: 2, height: 1, pixels: vec![9; 6] }),
+    ];
+    Mission { order: Order::Unordered, goals }
+}
+
+/// What a body senses that stands on one spot 3 m before a wall; the source falls silent after the first Submit.
+fn observation(step: u32, is_silent: bool) -> Observation {
+    let depth_m = |row: u32| match (row as f32 + 0.5 - 32.0) / 32.0 {
+        down if down > 0.0 => (1.0 / down).min(3.02),
+        _ => 3.02,
+    };
+    let metres = (0..SIDE * SIDE).map(|pixel| depth_m(pixel / SIDE)).collect();
+    let loud = if is_silent { 0.0 } else { 12_f32.sqrt() * expected_level(1.1) };
+    let noise = |sample: u32| loud * ((sample.wrapping_mul(2_654_435_761) >> 16) as f32 / 65_536.0 - 0.5);
+    let ear: Vec<f32> = (0..4000).map(noise).collect();
+    Observation {
+        step,
+        rgb: Some(Image { width: SIDE, height: SIDE, pixels: vec![90; 3 * (SIDE * SIDE) as usize] }),
+        depth: Some(DepthImage { width: SIDE, height: SIDE, metres }),
+        audio: Some(Audio { sample_rate_hz: 16_000, left: ear.clone(), right: ear }),
+        pose: Pose::default(),
+        remaining_steps: 1000 - step,
+        remaining_submits: 8,
+        ..Observation::default()
+    }
+}
+
+fn play(agent: &mut PagNav, episode: &str) -> Vec<Action> {
+    agent.enter(episode);
+    agent.begin(&task(), &mission());
+    let mut actions = Vec::new();
+    for step in 0..STEPS {
+        let is_silent = actions.contains(&Action::Submit);
+        actions.push(agent.act(&observation(step, is_silent)));
+    }
+    actions
+}
+
+fn lines(file: &Path) -> Vec<Value> {
+    let text = fs::read_to_string(file).expect("a trace");
+    text.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect()
+}
+
+fn of_kind<'a>(lines: &'a [Value], kind: &str) -> Vec<&'a Value> {
+    lines.iter().filter(|line| line["kind"] == kind).collect()
+}
+
+#[test]
+fn an_episode_can_be_read_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("new/traces");
+    let mut traced = agent().traced(Recorder::new(&place).unwrap());
+    let actions = play(&mut traced, "ep_1");
+    play(&mut traced, "ep_2");
+    traced.end_trace().unwrap();
+
+    let all = lines(&place.join("ep_1.jsonl"));
+    let first = &all[0];
+    assert_eq!(
+        (&first["kind"], &first["format"], &first["episode"]),
+        (&"mission".into(), &1.into(), &"ep_1".into())
+    );
+    assert_eq!(
+        (&first["agent"], &first["version"]),
+        (&"avln-pag-nav".into(), &env!("CARGO_PKG_VERSION").into())
+    );
+    assert_eq!(
+        first["goals"],
+        serde_json::json!([{"category": "bed"}, {"image": {"width": 2, "height": 1}}])
+    );
+    assert_eq!((&first["order"], &first["weights"]["verify_looks"]), (&"unordered".into(), &3.into()));
+    assert_eq!(first["ablation"]["no_gate"], false);
+
+    let steps = of_kind(&all, "step");
+    let written: Vec<String> = steps.iter().map(|step| step["action"].as_str().unwrap().to_owned()).collect();
+    assert_eq!(written, actions.iter().map(Action::to_string).collect::<Vec<_>>());
+    let submit = steps[actions.iter().position(|action| *action == Action::Submit).expect("a Submit")];
+    assert_eq!((&submit["stage"], &submit["gate"]["is_verified"]), (&"verify".into(), &true.into()));
+    assert_eq!((&submit["candidate"]["goal"], &submit["candidate"]["vis"]), (&0.into(), &1.0.into()));
+    assert_eq!((&submit["heard"]["source"], &submit["sources"][0]["certainty"]), (&0.into(), &1.0.into()));
+    assert_eq!(of_kind(&lines(&place.join("ep_2.jsonl")), "step").len(), STEPS as usize);
+}
+
+#[test]
+fn events_tell_what_changed() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut traced = agent().traced(Recorder::new(folder.path()).unwrap());
+    let actions = play(&mut traced, "e");
+    traced.end_trace().unwrap();
+    let submitted = actions.iter().position(|action| *action == Action::Submit).unwrap();
+    let all = lines(&folder.path().join("e.jsonl"));
+    let events = of_kind(&all, "event");
+    let step = |name: &str| {
+        let found = events.iter().find(|event| event["event"] == name);
+        found.unwrap_or_else(|| panic!("{name} in {events:?}"))["step"].as_u64().unwrap() as usize
+    };
+    assert_eq!((step("located"), step("focus"), step("stage")), (0, 0, 0));
+    assert_eq!((step("claimed"), step("found"), step("silenced")), (submitted, submitted + 1, submitted + 1));
+    let stages: Vec<&Value> = events.iter().filter_map(|event| event.get("stage")).collect();
+    assert_eq!(stages[..2], ["ground", "verify"], "{events:?}");
+    assert!(events.iter().all(|event| event["event"] != "missed"), "{events:?}");
+}
+
+#[test]
+fn maps_come_every_25_steps_and_at_the_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut traced = agent().traced(Recorder::new(folder.path()).unwrap());
+    play(&mut traced, "e");
+    traced.end_trace().unwrap();
+    let all = lines(&folder.path().join("e.jsonl"));
+    let maps = of_kind(&all, "map");
+    assert_eq!(
+        maps.iter().map(|map| map["step"].as_u64()).collect::<Vec<_>>(),
+        [Some(0), Some(25), Some(29)]
+    );
+    assert_eq!(all.last(), maps.last().copied());
+    let object = &maps[1]["objects"][0];
+    assert_eq!((&object["vis"], &object["object"]), (&serde_json::json!([1.0, 0.0]), &0.into()));
+    assert_eq!(object["max_m"][1].as_f64().map(|y| y as f32), Some(0.8));
+}
+
+#[test]
+fn search_tells_its_frontier() {
+    let folder = tempfile::tempdir().unwrap();
+    let deaf = PagNav::default().without(Ablation { no_audio: true, ..Ablation::default() });
+    let mut traced = deaf.traced(Recorder::new(folder.path()).unwrap());
+    play(&mut traced, "e");
+    traced.end_trace().unwrap();
+    let all = lines(&folder.path().join("e.jsonl"));
+    let steps = of_kind(&all, "step");
+    let by_frontier = |step: &&Value| step["stage"] == "search" && step["frontier"]["score"].is_number();
+    assert!(steps.iter().copied().any(|step| by_frontier(&step)), "{steps:?}");
+    assert!(steps.iter().all(|step| step["heard"].is_null()));
+}
+
+#[test]
+fn cells_are_runs_of_their_states() {
+    assert_eq!(runs("uuufwwu".chars()), "3u1f2w1u");
+    let mut map = Occupancy::default();
+    let depth = observation(0, true).depth.unwrap();
+    map.see(&View::new(&task()), &Stand::new(&Pose::default()), &depth);
+    let plan = Plan::of(&map);
+    let count = |wanted: Option<char>| {
+        let mut sum = 0;
+        let mut number = 0;
+        for letter in plan.cells.chars() {
+            match letter.to_digit(10) {
+                Some(digit) => number = 10 * number + digit,
+                None => {
+                    sum += if wanted.is_none_or(|wanted| wanted == letter) { number } else { 0 };
+                    number = 0;
+                }
+            }
+        }
+        sum
+    };
+    assert_eq!(count(None), plan.columns * plan.rows);
+    assert!(count(Some('f')) > 1000 && count(Some('w')) > 50 && count(Some('u')) > 100, "{}", plan.cells);
+}
+
+/// A disk with room for `left` bytes.
+struct FullDisk {
+    left: usize,
+}
+
+impl Write for FullDisk {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.left = self.left.checked_sub(bytes.len()).ok_or(io::ErrorKind::StorageFull)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn whatever_becomes_of_the_trace_the_agent_does_the_same() {
+    let plain = play(&mut agent(), "e");
+    let folder = tempfile::tempdir().unwrap();
+    let mut traced = agent().traced(Recorder::new(folder.path()).unwrap());
+    assert_eq!(play(&mut traced, "e"), plain);
+    assert_eq!(traced.end_trace().map_err(|error| error.to_string()), Ok(()));
+
+    let gone = tempfile::tempdir().unwrap();
+    let mut traced = agent().traced(Recorder::new(gone.path()).unwrap());
+    let path = gone.path().to_owned();
+    gone.close().unwrap();
+    assert_eq!(play(&mut traced, "e"), plain);
+    let error = traced.end_trace().unwrap_err().to_string();
+    assert!(error.contains(&path.join("e.jsonl").display().to_string()), "{error}");
+}
+
+#[test]
+fn a_full_disk_ends_the_trace_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut traced = agent().traced(Recorder::new(folder.path()).unwrap());
+    traced.trace(|trace, _| trace.write_to("e", "e.jsonl".into(), Box::new(FullDisk { left: 4000 })));
+    traced.begin(&task(), &mission());
+    let mut plain = agent();
+    plain.begin(&task(), &mission());
+    for step in 0..STEPS {
+        let seen = observation(step, false);
+        assert_eq!(traced.act(&seen), plain.act(&seen), "step {step}");
+    }
+    let error = traced.end_trace().unwrap_err().to_string();
+    assert!(error.starts_with("trace e.jsonl: ") && error.contains("ends early"), "{error}");
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_to_is_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    fs::write(&file, "in the way").unwrap();
+    let error = Recorder::new(file.join("traces")).err().expect("a refusal").to_string();
+    assert!(error.contains("file/traces") && error.contains("--trace"), "{error}");
+    assert!(fs::read_dir(folder.path()).unwrap().count() == 1);
+}
+
+#[test]
+fn handles_that_would_leave_the_folder_name_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("traces");
+    for handle in ["../up", "..", "", "a/b", "a\\b", "/root", ".hidden", "line\nbreak", &"a".repeat(129)] {
+        let mut traced = agent().traced(Recorder::new(&place).unwrap());
+        traced.enter(handle);
+        traced.begin(&task(), &mission());
+        traced.act(&observation(0, false));
+        let error = traced.end_trace().expect_err(handle).to_string();
+        assert!(error.contains(&format!("{handle:?}")), "{error}");
+    }
+    assert_eq!(fs::read_dir(&place).unwrap().count(), 0);
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
