@@ -14,7 +14,7 @@ async fn agents_play_what_they_have_not_played_and_a_page_is_written() {
     let place = tempfile::tempdir().expect("a folder");
     let folder = place.path();
     assert!(ladder::report(folder).is_err(), "nothing was played");
-    let size = Size { houses: 1, missions: 2 };
+    let size = Size { houses: 1, missions: 2, practice: false };
     let agents = vec![Rung::Random, Rung::ShortestPath];
     let plan = |episodes| Plan { agents: agents.clone(), episodes, size, ..Plan::default() };
 

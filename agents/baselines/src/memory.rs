@@ -2,7 +2,7 @@ use avln_client::{Action, Mission, Observation, Order, TaskSpec};
 use avln_kit::{
     Scout,
     map::{Cell, Objects},
-    perception::{Classical, Place, Recognition},
+    perception::{Place, Recognition, Sight},
 };
 
 /// It submits nearer than this, metres, and within this of straight ahead, radians.
@@ -32,7 +32,7 @@ pub(crate) struct Memory {
 impl Memory {
     pub(crate) fn new(task: &TaskSpec, mission: &Mission) -> Self {
         let goals = mission.goals.len();
-        let mut perception = Box::<Classical>::default();
+        let mut perception = Box::<Sight>::default();
         perception.begin(task, mission);
         Self {
             scout: Scout::new(task),
@@ -51,7 +51,8 @@ impl Memory {
     pub(crate) fn observe(&mut self, observation: &Observation) -> Vec<usize> {
         self.scout.observe(observation);
         let (stand, map) = (self.scout.stand(), &self.scout.map);
-        self.objects.see(self.perception.see(&stand, observation, &|place| map.is_wall(Cell::at(place))));
+        let things = self.perception.see(&stand, observation, &|place| map.is_wall(Cell::at(place)));
+        self.objects.see(things.unwrap_or_default());
         let mut in_view = Vec::new();
         for (index, object) in self.objects.iter_mut().enumerate() {
             let place = object.thing.center();

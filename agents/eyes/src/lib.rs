@@ -16,6 +16,7 @@ mod network;
 mod picture;
 mod seen;
 mod segments;
+mod shapes;
 mod weights;
 
 pub use histogram::Histogram;
@@ -76,6 +77,22 @@ impl Eyes {
     /// What the network says of itself, and what it learnt from.
     pub fn about(&self) -> &About {
         &self.network.about
+    }
+
+    /// Likelihood of each category for a segment of `seen`, by its likeness and by the box around it; they add up to 1. Without
+    /// weights for shapes they are those of the segment.
+    pub fn judge(&self, seen: &Seen, segment: &Segment, solid: &Solid) -> Vec<f32> {
+        let shapes = self.network.shapes.as_ref();
+        shapes.map_or_else(
+            || segment.categories.clone(),
+            |shapes| shapes.judge(&Self::features(seen, segment, solid)),
+        )
+    }
+
+    /// What a segment is judged by: 14 numbers about its box and its place in the picture, then the logarithms of its
+    /// likelihoods.
+    pub fn features(seen: &Seen, segment: &Segment, solid: &Solid) -> Vec<f32> {
+        shapes::features(seen, segment, solid)
     }
 
     /// The bare numbers that the network gives for every second pixel of a picture whose sides are multiples of 16, row by row:

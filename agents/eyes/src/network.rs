@@ -1,4 +1,5 @@
 use crate::map::Map;
+use crate::shapes::Shapes;
 use crate::weights::{About, Layer, Weights, WeightsError};
 
 /// Channels of the input: red, green, blue, depth, height, and whether the last two are known.
@@ -21,6 +22,7 @@ pub(crate) struct Network {
     lifts: [Layer; 3],
     backs: [Layer; 3],
     head: Layer,
+    pub(crate) shapes: Option<Shapes>,
     memory: Memory,
 }
 
@@ -73,6 +75,7 @@ impl Network {
             lifts: [point("lift_1", b, a)?, point("lift_2", c, b)?, point("lift_3", d, c)?],
             backs: [conv("back_1", a, LAST)?, conv("back_2", b, b)?, conv("back_3", c, c)?],
             head: point("head", LAST, outputs)?,
+            shapes: Shapes::read(&weights)?,
             memory: Memory::default(),
             about: weights.about,
         })

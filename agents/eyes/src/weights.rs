@@ -114,7 +114,11 @@ impl<'a> Weights<'a> {
         Ok(Layer::new(&weights, self.tensor(&format!("{name}.bias"), &[outputs])?))
     }
 
-    fn tensor(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, WeightsError> {
+    pub(crate) fn has(&self, name: &str) -> bool {
+        self.tensors.contains_key(name)
+    }
+
+    pub(crate) fn tensor(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, WeightsError> {
         let found = self.tensors.get(name).ok_or_else(|| unusable(format!("it has no `{name}`")))?;
         if found.dtype != "F16" || found.shape != shape {
             let (dtype, is) = (&found.dtype, &found.shape);

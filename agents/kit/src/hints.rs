@@ -54,8 +54,8 @@ impl Recognition for Told {
         self.goals = mission.goals.len();
     }
 
-    fn see(&mut self, _: &Stand, _: &Observation, _: &dyn Fn(Place) -> bool) -> Vec<Thing> {
-        self.hints.targets().into_iter().map(|sight| self.thing(sight)).collect()
+    fn see(&mut self, _: &Stand, _: &Observation, _: &dyn Fn(Place) -> bool) -> Option<Vec<Thing>> {
+        Some(self.hints.targets().into_iter().map(|sight| self.thing(sight)).collect())
     }
 
     fn fit(&self, thing: &Thing, goal: usize) -> f32 {
@@ -84,7 +84,7 @@ mod tests {
         let mut told = Told::new(Arc::new(OneTarget));
         let goals = ["bed", "sofa"].map(|label| GoalCue::Category(label.into())).to_vec();
         told.begin(&TaskSpec::default(), &Mission { goals, ..Mission::default() });
-        let seen = told.see(&Stand::default(), &Observation::default(), &|_| false);
+        let seen = told.see(&Stand::default(), &Observation::default(), &|_| false).unwrap();
         assert_eq!((seen.len(), seen[0].high_m, seen[0].max), (1, 0.8, Place::new(2.0, -1.5)));
         assert_eq!((told.fit(&seen[0], 0), told.fit(&seen[0], 1)), (0.0, 1.0));
     }

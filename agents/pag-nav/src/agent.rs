@@ -5,7 +5,7 @@ use avln_client::{Action, Agent, Feedback, FeedbackRule, Mission, Observation, O
 use avln_kit::{
     Hints, Motion, Turns,
     map::{Cell, Estimate, Intensity, Objects, Occupancy, SoundField, SourceBelief, range_m},
-    perception::{Classical, Ear, Heard, Place, Query, Recognition, Stand, View},
+    perception::{Classical, Ear, Heard, Place, Query, Recognition, Sight, Stand, View},
 };
 use std::{mem, sync::Arc};
 
@@ -75,11 +75,15 @@ impl Default for PagNav {
 impl PagNav {
     /// An agent that has played nothing yet.
     pub fn new(weights: Weights) -> Self {
+        Self::with(weights, Box::<Sight>::default())
+    }
+
+    fn with(weights: Weights, perception: Box<dyn Recognition>) -> Self {
         let task = TaskSpec::default();
         Self {
             weights,
             ablation: Ablation::default(),
-            perception: Box::<Classical>::default(),
+            perception,
             hints: None,
             ear: Ear::default(),
             view: View::new(&task),
@@ -137,11 +141,12 @@ impl PagNav {
 
     /// Takes in one picture.
     fn look(&mut self, observation: &Observation, stand: &Stand) {
-        if self.ablation.no_memory {
+        let map = &self.map;
+        let things = self.perception.see(stand, observation, &|place| map.is_wall(Cell::at(place)));
+        if self.ablation.no_memory && things.is_some() {
             self.objects = Objects::new(self.queries.len());
         }
-        let map = &self.map;
-        self.objects.see(self.perception.see(stand, observation, &|place| map.is_wall(Cell::at(place))));
+        self.objects.see(things.unwrap_or_default());
         self.look_at_objects(stand);
         self.look_at_sources(stand);
     }
@@ -265,7 +270,6 @@ impl Agent for PagNav {
         perception.begin(task, mission);
         *self = Self {
             ablation: self.ablation,
-            perception,
             hints: self.hints.take(),
             trace: self.trace.take(),
             view: View::new(task),
@@ -276,7 +280,7 @@ impl Agent for PagNav {
             goals: Goals::new(count, mission.order == Order::Ordered),
             sources: mission.goals.iter().map(|_| Source::default()).collect(),
             is_told: task.feedback == FeedbackRule::Verdict,
-            ..Self::new(self.weights.clone())
+            ..Self::with(self.weights.clone(), perception)
         };
         self.trace(|trace, agent| trace.begin(agent, mission));
     }

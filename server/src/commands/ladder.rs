@@ -55,6 +55,12 @@ pub struct Run {
     /// Missions in each house
     #[arg(long, default_value_t = Size::default().missions)]
     pub missions: usize,
+    /// Folder for traces of PAG-Nav and its variants: a folder for each and each order, a file for each mission
+    #[arg(long, value_name = "FOLDER")]
+    pub trace: Option<PathBuf>,
+    /// Play in houses of the training pool, to tune agents there; in a folder of its own
+    #[arg(long)]
+    pub practice: bool,
 }
 
 /// Orders that are played.
@@ -119,7 +125,8 @@ impl Run {
             seed: self.seed,
             side: self.size,
             again: self.again,
-            size: Size { houses: self.houses, missions: self.missions },
+            size: Size { houses: self.houses, missions: self.missions, practice: self.practice },
+            trace: self.trace.clone(),
         }
     }
 }

@@ -21,19 +21,28 @@ use std::{
 const RECIPE: &str = include_str!("recipe.json");
 const TEAM: &str = "ladder";
 
-/// How large the split is.
+/// Which split is played, and how large it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size {
     /// Houses.
     pub houses: u32,
     /// Missions in each.
     pub missions: usize,
+    /// Whether they are houses of the training pool, in which agents may be tuned.
+    pub practice: bool,
 }
 
 impl Default for Size {
     /// 200 missions in 25 houses, furnished from the pool for validation.
     fn default() -> Self {
-        Self { houses: 25, missions: 8 }
+        Self { houses: 25, missions: 8, practice: false }
+    }
+}
+
+impl Size {
+    /// Name of the split in the recipe.
+    fn split(self) -> &'static str {
+        if self.practice { "train" } else { "val" }
     }
 }
 
@@ -41,6 +50,7 @@ impl Default for Size {
 pub(super) struct Ground {
     folder: PathBuf,
     data: DataFolder,
+    size: Size,
     pub(super) split: Arc<SplitFolder>,
     pub(super) rules: Rules,
     _lock: File,
@@ -79,8 +89,8 @@ impl Ground {
         let data = DataFolder::open(&folder.join("data"))?;
         let split = build_split(&folder.join("dataset"), &data, size)?;
         let mut rules = register::rules_of("ladder", &split)?;
-        rules.sounds = Sounds::Validation;
-        Ok(Self { folder: folder.to_owned(), data, split: Arc::new(split), rules, _lock: lock })
+        rules.sounds = if size.practice { Sounds::Train } else { Sounds::Validation };
+        Ok(Self { folder: folder.to_owned(), data, size, split: Arc::new(split), rules, _lock: lock })
     }
 
     pub(super) fn results(&self) -> PathBuf {
@@ -112,7 +122,7 @@ impl Ground {
     /// Opens a server with a phase for each batch. Its database begins empty: what was played stands in the results.
     pub(super) async fn host(&self, batches: &[Batch]) -> Result<Hosted, Failure> {
         self.forget_runs()?;
-        let name = self.data.link_split(&self.folder.join("dataset"), "val")?;
+        let name = self.data.link_split(&self.folder.join("dataset"), self.size.split())?;
         let store = self.data.store().await?;
         register::register_split(&store, &name, &self.split, &[]).await?;
         let phase =
@@ -150,6 +160,8 @@ pub(super) fn results_path(folder: &Path) -> PathBuf {
 
 fn build_split(folder: &Path, data: &DataFolder, size: Size) -> Result<SplitFolder, Failure> {
     let mut recipe = Recipe::from_json(RECIPE)?;
+    let name = size.split();
+    recipe.splits.retain(|split| split.name == name);
     for split in &mut recipe.splits {
         split.missions_per_scene = size.missions;
         if let SceneChoice::Houses { count, .. } = &mut split.scenes {
@@ -164,5 +176,5 @@ fn build_split(folder: &Path, data: &DataFolder, size: Size) -> Result<SplitFold
             eprintln!("missions: {} of {}", progress.done, progress.missions);
         }
     })?;
-    SplitFolder::open(folder, "val")
+    SplitFolder::open(folder, name)
 }

@@ -13,7 +13,7 @@ use avln_episode::{EndReason, Order};
 use avln_scoring::score;
 use std::{
     collections::BTreeMap,
-    path::Path,
+    path::{Path, PathBuf},
     sync::{Arc, Mutex, PoisonError},
     time::{Duration, Instant},
 };
@@ -39,8 +39,10 @@ pub struct Plan {
     pub side: u32,
     /// Whether episodes that were played are played again.
     pub again: bool,
-    /// How large the split is.
+    /// Which split, and how large.
     pub size: Size,
+    /// Folder for traces of PAG-Nav and its variants.
+    pub trace: Option<PathBuf>,
 }
 
 impl Default for Plan {
@@ -55,6 +57,7 @@ impl Default for Plan {
             side: 128,
             again: false,
             size: Size::default(),
+            trace: None,
         }
     }
 }
@@ -167,8 +170,10 @@ impl Table {
             let id = self.episode_of(run, &handle).await?;
             let spec = self.ground.split.episode(&id)?.ok_or_else(|| unknown(&id))?;
             hints.follow(&handle, spec.truth(run.order));
-            let mut agent = run.rung.agent(seed_of(self.plan.seed, &id), &hints);
+            let traces = self.plan.trace.as_ref().map(|folder| folder.join(&run.batch.phase));
+            let mut agent = run.rung.agent(seed_of(self.plan.seed, &id), &hints, traces.as_deref())?;
             let mut thought = Duration::ZERO;
+            agent.enter(&id);
             timed(&mut thought, || agent.begin(&task, episode.mission()));
             while !episode.is_over() {
                 let action: Action = timed(&mut thought, || agent.act(episode.observation()));

@@ -1,11 +1,12 @@
 use super::{board::TrueHints, oracle::ShortestPath};
+use crate::{Failure, FailureKind};
 use avln_baselines::Baseline;
 use avln_client::{Agent, Sensors};
-use avln_kit::Told;
-use avln_pag_nav::{Ablation, PagNav};
+use avln_kit::{Told, perception::Classical};
+use avln_pag_nav::{Ablation, PagNav, Recorder};
 use avln_random::RandomAgent;
 use clap::ValueEnum;
-use std::sync::Arc;
+use std::{path::Path, sync::Arc};
 
 /// The agents of the ladder, in the order of tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
@@ -32,6 +33,8 @@ pub enum Rung {
     PagNavNoMemory,
     /// PAG-Nav that submits without verification.
     PagNavNoGate,
+    /// PAG-Nav that sees by depth and colours alone, without the network.
+    PagNavNoNetwork,
     /// PAG-Nav that is told where each sound comes from; privileged.
     PagNavTrueSounds,
     /// PAG-Nav that is told which targets are in view; privileged.
@@ -42,7 +45,7 @@ pub enum Rung {
 
 impl Rung {
     /// All of them.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Random,
         Self::ForwardAndTurn,
         Self::Frontier,
@@ -54,6 +57,7 @@ impl Rung {
         Self::PagNavNoPriors,
         Self::PagNavNoMemory,
         Self::PagNavNoGate,
+        Self::PagNavNoNetwork,
         Self::PagNavTrueSounds,
         Self::PagNavTrueSight,
         Self::ShortestPath,
@@ -68,6 +72,7 @@ impl Rung {
             Self::PagNavNoPriors => "pag-nav-no-priors",
             Self::PagNavNoMemory => "pag-nav-no-memory",
             Self::PagNavNoGate => "pag-nav-no-gate",
+            Self::PagNavNoNetwork => "pag-nav-no-network",
             Self::PagNavTrueSounds => "pag-nav-true-sounds",
             Self::PagNavTrueSight => "pag-nav-true-sight",
             Self::ShortestPath => "shortest-path",
@@ -112,22 +117,42 @@ impl Rung {
         }
     }
 
-    /// The agent that plays one episode. Its choices are drawn from `seed` where it draws any.
-    pub(super) fn agent(self, seed: u64, hints: &Arc<TrueHints>) -> Box<dyn Agent + Send> {
-        let pag_nav = PagNav::default();
-        let without = |ablation: Ablation| Box::new(PagNav::default().without(ablation));
-        let none = Ablation::default();
-        match self {
-            Self::Random => Box::new(RandomAgent::new(seed)),
-            Self::PagNavNoAudio => without(Ablation { no_audio: true, ..none }),
-            Self::PagNavNoPriors => without(Ablation { no_priors: true, ..none }),
-            Self::PagNavNoMemory => without(Ablation { no_memory: true, ..none }),
-            Self::PagNavNoGate => without(Ablation { no_gate: true, ..none }),
-            Self::PagNavTrueSounds => Box::new(pag_nav.hinted(hints.clone())),
-            Self::PagNavTrueSight => Box::new(pag_nav.seeing(Told::new(hints.clone()))),
-            Self::ShortestPath => Box::new(ShortestPath::new(hints.clone())),
-            _ => self.baseline().map_or_else(|| Box::new(pag_nav) as Box<_>, Baseline::agent),
+    /// The agent that plays one episode. Its choices are drawn from `seed` where it draws any; PAG-Nav and its variants write
+    /// a trace into `folder` where one is named.
+    pub(super) fn agent(
+        self,
+        seed: u64,
+        hints: &Arc<TrueHints>,
+        folder: Option<&Path>,
+    ) -> Result<Box<dyn Agent + Send>, Failure> {
+        if let Some(agent) = self.pag_nav(hints) {
+            let untraced = |error| Failure::new(FailureKind::Data, error);
+            let trace = folder.map(Recorder::new).transpose().map_err(untraced)?;
+            return Ok(match trace {
+                Some(trace) => Box::new(agent.traced(trace)),
+                None => Box::new(agent),
+            });
         }
+        Ok(match self {
+            Self::ShortestPath => Box::new(ShortestPath::new(hints.clone())),
+            _ => self.baseline().map_or_else(|| Box::new(RandomAgent::new(seed)) as Box<_>, Baseline::agent),
+        })
+    }
+
+    /// PAG-Nav as this rung has it.
+    fn pag_nav(self, hints: &Arc<TrueHints>) -> Option<PagNav> {
+        let (agent, none) = (PagNav::default, Ablation::default());
+        Some(match self {
+            Self::PagNav => agent(),
+            Self::PagNavNoAudio => agent().without(Ablation { no_audio: true, ..none }),
+            Self::PagNavNoPriors => agent().without(Ablation { no_priors: true, ..none }),
+            Self::PagNavNoMemory => agent().without(Ablation { no_memory: true, ..none }),
+            Self::PagNavNoGate => agent().without(Ablation { no_gate: true, ..none }),
+            Self::PagNavNoNetwork => agent().seeing(Classical::default()),
+            Self::PagNavTrueSounds => agent().hinted(hints.clone()),
+            Self::PagNavTrueSight => agent().seeing(Told::new(hints.clone())),
+            _ => return None,
+        })
     }
 
     fn baseline(self) -> Option<Baseline> {

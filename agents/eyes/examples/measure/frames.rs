@@ -1,5 +1,7 @@
 //! Pictures with what they show, as `avln dataset frames` writes them.
 
+#![allow(dead_code, reason = "each example reads what it needs")]
+
 use avln_eyes::Camera;
 use serde::Deserialize;
 use std::path::Path;

@@ -7,7 +7,6 @@
 //! ```
 
 #[path = "../../../eyes/examples/measure/frames.rs"]
-#[allow(dead_code)]
 mod frames;
 mod tally;
 mod truth;

@@ -16,8 +16,8 @@ const BUILDING: usize = 3;
 /// Cameras stand as agents do where they differ by less than this from that, metres and radians.
 const USUAL: f32 = 1e-3;
 /// A reference picture shows its instance on this share of its middle, at least, and of the whole.
-const IN_THE_MIDDLE: f32 = 0.6;
-const OF_THE_WHOLE: f32 = 0.02;
+const IN_THE_MIDDLE: f32 = 0.4;
+const OF_THE_WHOLE: f32 = 0.01;
 
 /// How a goal is described.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -96,6 +96,13 @@ impl<'a> Walk<'a> {
         goals
     }
 
+    pub(crate) fn label(&self, goal: usize) -> String {
+        match &self.goals[goal].cue {
+            GoalCue::Category(c) | GoalCue::Description(c) => c.clone(),
+            GoalCue::Image(_) => "picture".into(),
+        }
+    }
+
     /// What is remembered of the things on the way, by `perception`.
     pub(crate) fn objects(&self, perception: &mut dyn Recognition) -> Objects {
         let goals: Vec<GoalCue> = self.goals.iter().map(|goal| goal.cue.clone()).collect();
@@ -108,7 +115,8 @@ impl<'a> Walk<'a> {
             if let Some(depth) = &seen.depth {
                 map.see(&view, &stand, depth);
             }
-            objects.see(perception.see(&stand, &seen, &|place| map.is_wall(Cell::at(place))));
+            let things = perception.see(&stand, &seen, &|place| map.is_wall(Cell::at(place)));
+            objects.see(things.unwrap_or_default());
             for object in objects.iter_mut() {
                 if is_in_view(&stand, &map, object.thing.center()) {
                     let fits: Vec<f32> =

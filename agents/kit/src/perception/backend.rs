@@ -6,9 +6,14 @@ pub trait Recognition: Send {
     /// A mission begins: forget the last one and understand the cues of this one.
     fn begin(&mut self, task: &TaskSpec, mission: &Mission);
 
-    /// The things in a picture, in the frame of poses; none without colours and depth. `is_wall` tells where the map has
-    /// walls.
-    fn see(&mut self, stand: &Stand, seen: &Observation, is_wall: &dyn Fn(Place) -> bool) -> Vec<Thing>;
+    /// The things in a picture, in the frame of poses; `None` where it was not looked at: without colours and depth, or as much
+    /// like the last one. `is_wall` tells where the map has walls.
+    fn see(
+        &mut self,
+        stand: &Stand,
+        seen: &Observation,
+        is_wall: &dyn Fn(Place) -> bool,
+    ) -> Option<Vec<Thing>>;
 
     /// How well a remembered thing that is in view fits a goal, by the picture that was seen last, 0 to 1.
     fn fit(&self, thing: &Thing, goal: usize) -> f32;
@@ -34,10 +39,15 @@ impl Recognition for Classical {
         *self = Self { view: View::new(task), queries, layout: Layout::default() };
     }
 
-    fn see(&mut self, stand: &Stand, seen: &Observation, is_wall: &dyn Fn(Place) -> bool) -> Vec<Thing> {
-        let (Some(image), Some(depth)) = (&seen.rgb, &seen.depth) else { return Vec::new() };
+    fn see(
+        &mut self,
+        stand: &Stand,
+        seen: &Observation,
+        is_wall: &dyn Fn(Place) -> bool,
+    ) -> Option<Vec<Thing>> {
+        let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
         self.layout = Layout::of(image);
-        things(&self.view, stand, image, depth, is_wall)
+        Some(things(&self.view, stand, image, depth, is_wall))
     }
 
     fn fit(&self, thing: &Thing, goal: usize) -> f32 {

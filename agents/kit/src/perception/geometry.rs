@@ -52,6 +52,13 @@ impl Stand {
         }
     }
 
+    /// How far `other` is turned against this, radians, -π to π, positive to the left.
+    pub fn turn_rad(&self, other: &Self) -> f32 {
+        let (sin, cos) =
+            (other.sin * self.cos - other.cos * self.sin, other.cos * self.cos + other.sin * self.sin);
+        sin.atan2(cos)
+    }
+
     /// Direction of `place` from straight ahead, radians, -π to π, positive to the left.
     pub fn bearing_rad(&self, place: Place) -> f32 {
         let (dx, dz) = (place.x - self.place.x, place.z - self.place.z);
@@ -164,5 +171,6 @@ mod tests {
         assert!((here.bearing_rad(Place::new(-1.0, 0.0)) - FRAC_PI_2).abs() < 1e-6);
         assert!(stand(0.0, 0.0, FRAC_PI_2).bearing_rad(Place::new(-1.0, 0.0)).abs() < 1e-6);
         assert!((here.bearing_rad(Place::new(1.0, -1.0)) + FRAC_PI_2 / 2.0).abs() < 1e-6);
+        assert!((stand(0.0, 0.0, 3.0).turn_rad(&stand(1.0, 0.0, -3.0)) - 0.283_185).abs() < 1e-5);
     }
 }

@@ -72,7 +72,7 @@ impl Thing {
     /// Whether both may be one: boxes that touch, and embeddings alike or, where there are none, colours.
     pub fn is_same(&self, other: &Self) -> bool {
         const SLACK_M: f32 = 0.1;
-        const LIKE: f32 = 0.55;
+        const LIKE: f32 = 0.6;
         let apart = |a: &Self, b: &Self| {
             a.min.x > b.max.x + SLACK_M || a.min.z > b.max.z + SLACK_M || a.low_m > b.high_m + SLACK_M
         };

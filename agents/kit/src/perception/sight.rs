@@ -1,13 +1,16 @@
 use super::{Layout, Palette, Place, Query, Recognition, Stand, Thing, View, Words, objects::cosine};
 use avln_client::{DepthImage, GoalCue, Image, Mission, Observation, RgbImage, TaskSpec};
-use avln_eyes::{Camera, Depth, Eyes, Perception as _, Picture, Segment, WeightsError, extent};
+use avln_eyes::{Camera, Depth, Eyes, Perception as _, Picture, Seen, Segment, WeightsError, extent, lift};
 
 /// Segments of fewer pixels are too small to tell what they are.
-const FEWEST_PIXELS: usize = 24;
+const FEWEST_PIXELS: usize = 32;
 /// Farther things are not looked at, metres.
 const FAR_M: f32 = 6.0;
+/// It looks again when the body has moved or turned by this much.
+const MOVED_M: f32 = 0.45;
+const TURNED_RAD: f32 = 0.8;
 /// Likelihoods below this are left out.
-const UNLIKELY: f32 = 0.02;
+const UNLIKELY: f32 = 0.003;
 /// Range of the likeness of two looks over which they go from unlike to alike.
 const ALIKE: [f32; 2] = [0.3, 0.9];
 /// Weight of the network's word on a picture against the likeness of views.
@@ -36,6 +39,8 @@ pub struct Sight {
     camera: Camera,
     goals: Vec<Goal>,
     layout: Layout,
+    /// From where it looked last.
+    last: Option<Stand>,
 }
 
 /// What is looked for.
@@ -43,6 +48,12 @@ enum Goal {
     Words(Words),
     /// The look of the thing in the middle of a picture, where the network found one, and the picture's own.
     Picture(Option<Vec<f32>>, Query),
+}
+
+impl Default for Sight {
+    fn default() -> Self {
+        Self::new().expect("the weights that come with avln-eyes can be read")
+    }
 }
 
 impl Sight {
@@ -53,7 +64,7 @@ impl Sight {
     pub fn new() -> Result<Self, WeightsError> {
         let (task, eyes) = (TaskSpec::default(), Eyes::new()?);
         let (view, camera) = (View::new(&task), camera(&task));
-        Ok(Self { eyes, view, camera, goals: Vec::new(), layout: Layout::default() })
+        Ok(Self { eyes, view, camera, goals: Vec::new(), layout: Layout::default(), last: None })
     }
 
     fn goal(&mut self, cue: &GoalCue) -> Goal {
@@ -72,10 +83,11 @@ impl Sight {
     fn thing(
         &self,
         segment: &Segment,
-        [width, height]: [usize; 2],
+        seen: &Seen,
         stand: &Stand,
         (image, depth): (&Image, &DepthImage),
     ) -> Option<Thing> {
+        let (width, height) = (seen.width, seen.height);
         let pixels = segment.mask.iter().map(|&pixel| {
             let (row, column) = (pixel as usize / width, pixel as usize % width);
             (column * self.view.width / width, row * self.view.height / height)
@@ -103,14 +115,21 @@ impl Sight {
             high_m,
             palette: Palette::of(pixels.filter_map(rgb)),
             embedding: look(segment),
-            kinds: self.kinds(segment),
+            kinds: self.kinds(&self.judged(segment, seen, (image, depth))),
             views: 1,
         })
     }
 
-    /// The words for a segment, each with its likelihood.
-    fn kinds(&self, segment: &Segment) -> Vec<(String, f32)> {
-        let names = self.eyes.categories().iter().zip(&segment.categories);
+    /// Likelihood of each category, by likeness and shape.
+    fn judged(&self, segment: &Segment, seen: &Seen, (image, depth): (&Image, &DepthImage)) -> Vec<f32> {
+        let metres = Depth { metres: &depth.metres };
+        let solid = lift(seen, segment, &picture(image), &metres, &self.camera);
+        solid.map_or_else(|| segment.categories.clone(), |solid| self.eyes.judge(seen, segment, &solid))
+    }
+
+    /// The words for likelihoods of categories, each with its own.
+    fn kinds(&self, likelihoods: &[f32]) -> Vec<(String, f32)> {
+        let names = self.eyes.categories().iter().zip(likelihoods);
         let likely: Vec<(&str, f32)> =
             names.map(|(name, &p)| (name.as_str(), p)).filter(|(_, p)| *p > UNLIKELY).collect();
         let of = |wide: &str| likely.iter().find(|(name, _)| *name == wide).map(|(_, p)| *p);
@@ -123,18 +142,20 @@ impl Recognition for Sight {
     fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
         (self.view, self.camera) = (View::new(task), camera(task));
         self.goals = mission.goals.iter().map(|cue| self.goal(cue)).collect();
-        self.layout = Layout::default();
+        (self.layout, self.last) = (Layout::default(), None);
     }
 
-    fn see(&mut self, stand: &Stand, seen: &Observation, _: &dyn Fn(Place) -> bool) -> Vec<Thing> {
-        let (Some(image), Some(depth)) = (&seen.rgb, &seen.depth) else { return Vec::new() };
+    fn see(&mut self, stand: &Stand, seen: &Observation, _: &dyn Fn(Place) -> bool) -> Option<Vec<Thing>> {
+        let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
         self.layout = Layout::of(image);
+        if self.last.is_some_and(|last| is_alike(&last, stand)) {
+            return None;
+        }
+        self.last = Some(*stand);
         let metres = Depth { metres: &depth.metres };
-        let Ok(told) = self.eyes.see(&picture(image), Some((&metres, &self.camera))) else {
-            return Vec::new();
-        };
-        let size = [told.width, told.height];
-        told.segments.iter().filter_map(|segment| self.thing(segment, size, stand, (image, depth))).collect()
+        let told = self.eyes.see(&picture(image), Some((&metres, &self.camera))).ok()?;
+        let thing = |segment| self.thing(segment, &told, stand, (image, depth));
+        Some(told.segments.iter().filter_map(thing).collect())
     }
 
     fn fit(&self, thing: &Thing, goal: usize) -> f32 {
@@ -148,6 +169,11 @@ impl Recognition for Sight {
             None => 0.0,
         }
     }
+}
+
+/// Whether one sees about the same from both.
+fn is_alike(last: &Stand, now: &Stand) -> bool {
+    last.place.distance_m(now.place) < MOVED_M && last.turn_rad(now).abs() < TURNED_RAD
 }
 
 /// How alike two looks are, 0 to 1.
@@ -228,6 +254,6 @@ mod tests {
         let mut sight = ready(&["chair"]);
         let image = Image { width: 64, height: 64, pixels: vec![128; 3 * 64 * 64] };
         let blind = Observation { rgb: Some(image), ..Observation::default() };
-        assert!(sight.see(&Stand::default(), &blind, &|_| false).is_empty());
+        assert_eq!(sight.see(&Stand::default(), &blind, &|_| false), None);
     }
 }
