@@ -18,8 +18,9 @@ WARM_UP_STEPS = 200
 PEAK_RATE = 3e-3
 # Sides of the pictures that are learnt from: small ones first, then those that agents use.
 SMALL_PX, LARGE_PX = 128, 192
-# The first houses of the folder are not learnt from; the curve is measured on some views of them.
-HELD_OUT = 4
+# The first houses of the folder are not learnt from; the curve is measured on some views of them. The last ones are kept for
+# shapes.py.
+HELD_OUT, FOR_SHAPES = 4, 40
 MEASURED_VIEWS = 12
 
 
@@ -71,7 +72,7 @@ def main():
     torch.set_num_threads(1)
     torch.manual_seed(given.seed)
     frames = Frames(given.frames)
-    learnt, held_out = np.arange(HELD_OUT, len(frames.houses)), range(HELD_OUT)
+    learnt, held_out = np.arange(HELD_OUT, len(frames.houses) - FOR_SHAPES), range(HELD_OUT)
     net = Eyes(len(frames.categories)).to(memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), PEAK_RATE, weight_decay=1e-3)
     out = Path(given.out)

@@ -6,6 +6,7 @@
 //!
 //! *Never*: links anything of the server; decides where to go or what to submit; learns anything but what observations say.
 
+mod course;
 mod hints;
 pub mod map;
 mod motion;
@@ -15,6 +16,7 @@ mod scout;
 pub mod shell;
 mod turns;
 
+pub use course::Course;
 pub use hints::{Hints, Sight, Told};
 pub use motion::Motion;
 pub use path::{Path, path};

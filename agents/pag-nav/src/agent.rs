@@ -3,7 +3,7 @@ use crate::planner::{Candidate, Evidence, Goals, Weights};
 use crate::trace::{Recorder, Thought};
 use avln_client::{Action, Agent, Feedback, FeedbackRule, Mission, Observation, Order, TaskSpec};
 use avln_kit::{
-    Hints, Motion, Turns,
+    Course, Hints, Motion, Turns,
     map::{Cell, Estimate, Intensity, Objects, Occupancy, SoundField, SourceBelief, range_m},
     perception::{Classical, Ear, Heard, Place, Query, Recognition, Sight, Stand, View},
 };
@@ -27,6 +27,11 @@ pub struct PagNav {
     pub(crate) objects: Objects,
     field: Option<SoundField>,
     pub(crate) motion: Motion,
+    /// Ways to what it heads for, and to frontiers.
+    pub(crate) course: Course,
+    pub(crate) scouting: Course,
+    /// The frontier that it keeps to, its score, and for how many steps.
+    pub(crate) frontier: Option<(Place, f32, u32)>,
     pub(crate) turns: Turns,
     pub(crate) queries: Vec<Query>,
     pub(crate) goals: Goals,
@@ -91,6 +96,9 @@ impl PagNav {
             objects: Objects::default(),
             field: None,
             motion: Motion::new(&task),
+            course: Course::default(),
+            scouting: Course::default(),
+            frontier: None,
             turns: Turns::new(0, task.sounding_window_steps),
             queries: Vec::new(),
             goals: Goals::new(0, false),

@@ -3,7 +3,6 @@ use crate::planner::{Candidate, Demand, Evidence, Gate, HeardThere, Stage, best}
 use avln_client::Action;
 use avln_kit::{
     map::{Object, range_m},
-    path,
     perception::{Place, Stand},
 };
 
@@ -48,7 +47,10 @@ impl PagNav {
             });
             best(candidates.filter(|candidate| !self.is_set_aside(candidate)), &self.weights)
         });
-        let cost = |candidate: &Candidate| self.cost_steps(candidate.source, candidate.place, stand);
+        let cost = |candidate: &Candidate| {
+            let wait_steps = if self.ablation.no_audio { 0 } else { self.turns.wait_steps(candidate.source) };
+            self.cost_steps(candidate.source, candidate.place, wait_steps, stand)
+        };
         of_goals.min_by(|a, b| cost(a).total_cmp(&cost(b)))
     }
 
@@ -142,7 +144,7 @@ impl PagNav {
         if is_near && let Some(turn) = facing {
             return turn;
         }
-        let way = path(&self.map, stand.place, candidate.place, REACH_M);
+        let way = self.course.way(&self.map, stand.place, candidate.place, REACH_M);
         self.motion.along(&way, stand, &self.map).or(facing).unwrap_or(Action::TurnLeft)
     }
 

@@ -2,12 +2,17 @@ use crate::agent::PagNav;
 use avln_client::Action;
 use avln_kit::{
     map::{Estimate, Occupancy},
-    path,
     perception::{Place, Stand},
 };
 
 /// Within this distance of a believed source the way to it ends, metres.
 const REACH_M: f32 = 0.5;
+/// The same for a frontier, metres.
+const FRONTIER_M: f32 = 0.2;
+/// Nearer frontiers are seen past, metres.
+const NEAR_M: f32 = 0.4;
+/// Steps for which it keeps to a frontier.
+const KEPT_STEPS: u32 = 12;
 
 impl PagNav {
     /// Cue-guided search: towards a source, where the way there is known, else by way of the best frontier; at the
@@ -15,11 +20,12 @@ impl PagNav {
     pub(crate) fn search(&mut self, stand: &Stand) -> Action {
         let Some((source, estimate)) = self.choose(stand) else { return Action::TurnLeft };
         self.head_for(source);
-        let way = path(&self.map, stand.place, estimate.place, REACH_M);
+        let way = self.course.way(&self.map, stand.place, estimate.place, REACH_M);
         let step = self.motion.along(&way, stand, &self.map);
         let is_there = estimate.certainty >= self.weights.certain
             && estimate.place.distance_m(stand.place) <= self.weights.arrived_m;
         let onward = if is_there {
+            self.suppose(source, estimate.place);
             step.or(self.face(stand, estimate.place))
         } else {
             let straight = step.filter(|_| way.left_m <= self.weights.lost_m);
@@ -28,23 +34,40 @@ impl PagNav {
         onward.unwrap_or(Action::TurnLeft)
     }
 
-    /// The source to head for: the right one once that is known, before that the one that can be looked at first.
+    /// Where a source was looked at in vain, since pictures show nothing there that could be it, something is supposed.
+    fn suppose(&mut self, source: usize, place: Place) {
+        const AT_M: f32 = 0.2;
+        let is_known = || self.objects.all().iter().any(|object| object.thing.distance_m(place) <= AT_M);
+        if self.is_settled(source) && !is_known() {
+            self.objects.suppose(place);
+        }
+    }
+
+    /// The source to head for: the right one where that is known, else one that has not been looked at, else any; of these
+    /// the one that can be looked at first.
     fn choose(&self, stand: &Stand) -> Option<(usize, Estimate)> {
         let open = (0..self.sources.len()).filter(|&source| !self.turns.is_silent(source));
         let heard: Vec<(usize, Estimate)> =
             open.filter_map(|source| Some((source, self.sources[source].estimate?))).collect();
-        let wanted =
-            heard.iter().filter(|(source, _)| self.is_right_goal(*source) || !self.is_settled(*source));
-        let cost = |(source, estimate): &(usize, Estimate)| self.cost_steps(*source, estimate.place, stand);
-        wanted.min_by(|a, b| cost(a).total_cmp(&cost(b))).or(heard.first()).copied()
+        let cost = |(source, estimate): &(usize, Estimate)| {
+            let is_certain = estimate.certainty >= self.weights.certain;
+            let wait_steps = if is_certain { 0 } else { self.turns.wait_steps(*source) };
+            self.cost_steps(*source, estimate.place, wait_steps, stand)
+        };
+        let first = |wanted: &dyn Fn(usize) -> bool| {
+            let wanted = heard.iter().filter(|(source, _)| wanted(*source));
+            wanted.min_by(|a, b| cost(a).total_cmp(&cost(b))).copied()
+        };
+        first(&|source| self.is_right_goal(source) && !self.is_settled(source))
+            .or_else(|| first(&|source| !self.is_settled(source)))
+            .or_else(|| first(&|_| true))
     }
 
-    /// Steps until something at a source can be submitted: the way to `place`, and the source's turn to sound.
-    pub(crate) fn cost_steps(&self, source: usize, place: Place, stand: &Stand) -> f32 {
+    /// Steps until something can be done at a source: the way to `place`, and `wait_steps` for its turn to sound.
+    pub(crate) fn cost_steps(&self, source: usize, place: Place, wait_steps: u32, stand: &Stand) -> f32 {
         let walk_steps = place.distance_m(stand.place) * self.weights.steps_per_m;
         let loyalty_steps = if self.focus == Some(source) { self.weights.loyalty_steps } else { 0.0 };
         let vain_steps = self.weights.vain * self.sources[source].sought_steps as f32;
-        let wait_steps = if self.ablation.no_audio { 0 } else { self.turns.wait_steps(source) };
         walk_steps.max(wait_steps as f32) + vain_steps - loyalty_steps
     }
 
@@ -66,10 +89,21 @@ impl PagNav {
         Action::TurnLeft
     }
 
-    /// A step towards the frontier with the best S_search: x* of the paper.
+    /// A step towards the frontier with the best S_search, which is kept to for a while: x* of the paper.
     fn explore(&mut self, heard: Place, stand: &Stand) -> Option<Action> {
+        let kept =
+            self.frontier.filter(|(place, _, steps)| *steps > 0 && place.distance_m(stand.place) > NEAR_M);
+        let best = kept.map(|(place, score, _)| (place, score)).or_else(|| self.frontier(heard, stand))?;
+        let steps = kept.map_or(KEPT_STEPS, |(_, _, steps)| steps) - 1;
+        self.frontier = Some((best.0, best.1, steps));
+        self.thought.frontier = Some(best);
+        let way = self.scouting.way(&self.map, stand.place, best.0, FRONTIER_M);
+        self.motion.along(&way, stand, &self.map)
+    }
+
+    /// The frontier with the best S_search, and that.
+    fn frontier(&self, heard: Place, stand: &Stand) -> Option<(Place, f32)> {
         const LOOKED_AT: usize = 8;
-        const NEAR_M: f32 = 0.4;
         let sound = |place: Place| {
             self.weights.search_audio * (-place.distance_m(heard) / self.weights.search_scale_m).exp()
                 - self.weights.search_way * place.distance_m(stand.place)
@@ -82,10 +116,7 @@ impl PagNav {
         for (score, place) in &mut scored {
             *score += self.weights.search_context * self.expects(*place);
         }
-        let (score, best) = scored.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-        self.thought.frontier = Some((best, score));
-        let way = path(&self.map, stand.place, best, 0.2);
-        self.motion.along(&way, stand, &self.map)
+        scored.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(score, place)| (place, score))
     }
 
     /// What rooms and things around a frontier say for the goals that may be next (P_room and P_obj), 0 to 1.

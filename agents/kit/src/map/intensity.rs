@@ -43,7 +43,8 @@ impl Intensity {
         loud.sort_by(|a, b| b.level.total_cmp(&a.level));
         loud.truncate(ASKED);
         let fits = loud.iter().map(|heard| {
-            let off = (range_m(heard.level) / distance_m(heard.place).max(CELL_M)).ln() / SPREAD;
+            let range_m = range_m(heard.level).max(CELL_M);
+            let off = (range_m / distance_m(heard.place).max(CELL_M)).ln() / SPREAD;
             (-0.5 * off * off).exp()
         });
         fits.sum::<f32>() / loud.len().max(1) as f32

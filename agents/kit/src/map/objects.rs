@@ -5,6 +5,8 @@ const MOST: usize = 400;
 /// Things within this distance are near, and in one room, metres.
 const NEAR_M: f32 = 1.2;
 const ROOM_M: f32 = 3.0;
+/// How high things are taken to be that no picture shows, metres.
+const SUPPOSED_M: f32 = 1.0;
 /// What is said for a goal whose cue says nothing of its surroundings.
 const NEUTRAL: f32 = 0.5;
 /// What is typical for a room.
@@ -53,6 +55,14 @@ impl Objects {
             } else if self.all.len() < MOST {
                 self.all.push(Object { thing, looks: 0, wrong_submits: 0, vis: vec![0.0; self.goals] });
             }
+        }
+    }
+
+    /// Something stands at a place, although no picture tells it from what is around it.
+    pub fn suppose(&mut self, place: Place) {
+        if self.all.len() < MOST {
+            let thing = Thing { min: place, max: place, high_m: SUPPOSED_M, ..Thing::default() };
+            self.all.push(Object { thing, looks: 0, wrong_submits: 0, vis: vec![0.0; self.goals] });
         }
     }
 

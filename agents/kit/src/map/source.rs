@@ -1,5 +1,5 @@
 use super::sound::{SIDE, SoundField, center};
-use super::{Cell, Occupancy, expected_level};
+use super::{Cell, Occupancy, expected_level, range_m};
 use crate::perception::{Heard, Place, Stand, itd_s};
 
 /// Spread of the measured delay, seconds: its own error, and what is added per metre since places are only cells and
@@ -18,6 +18,8 @@ const WORST: f32 = -4.0;
 const WEIGHT: f32 = 0.5;
 /// What is kept of older evidence at each sound: it was judged by an older map.
 const KEPT: f32 = 0.97;
+/// Range up to which a sound has its full weight, metres: what comes from farther has been around corners.
+const CLEAR_M: f32 = 3.0;
 /// What speaks against a place where the floor has been seen free, where nothing has been seen, per
 /// metre outside of the rectangle of all that has been seen, and per metre of way.
 const FREE: f32 = -1.5;
@@ -51,6 +53,8 @@ impl Default for SourceBelief {
 impl SourceBelief {
     /// Adds one sound of the source, heard at `stand`, from where `field` spreads.
     pub fn hear(&mut self, field: &SoundField, stand: &Stand, heard: &Heard) {
+        let clear = (CLEAR_M / range_m(heard.level)).min(1.0);
+        let (kept, weight) = (KEPT.powf(clear), WEIGHT * clear);
         for (index, score) in self.scores.iter_mut().enumerate() {
             let said = field.ray(index).map_or(2.0 * WORST, |ray| {
                 let sigma_s = ITD_SIGMA_S + ITD_SIGMA_PER_M_S * ray.length_m;
@@ -63,7 +67,7 @@ impl SourceBelief {
                 };
                 (-0.5 * late * late).max(WORST) + level.max(WORST)
             });
-            *score = KEPT * *score + WEIGHT * said;
+            *score = kept * *score + weight * said;
         }
     }
 
