@@ -1,20 +1,20 @@
 //! PAG-Nav: the reference agent, a client like everyone else.
 //!
-//! Start reading at [`PagNav`] and [`run`]. It follows section 4 of the paper, with classical perception in the place of
-//! learnt encoders:
+//! Start reading at [`PagNav`] and [`run`]. It follows section 4 of the paper, with a small network
+//! (`avln-eyes`) in the place of large encoders:
 //!
 //! | paper | here |
 //! |---|---|
 //! | object memory O_t | `avln_kit::map::Objects`: boxes, colours, looks, and compatibility with each goal |
 //! | audio memories A_int, A_bear | `avln_kit::map::Intensity` and `SourceBelief`, one of each per sounding target |
 //! | room memory R_t, P_room, P_obj, P_ctx | `Objects::context`: what the things around a place are typical for |
-//! | s_vis | `Recognition::fit`; by default extent, height, colour, size and shape words; likeness of views for pictures |
+//! | s_vis | `Recognition::fit`; by default the likelihood of the category, colour, size and shape words; for pictures likeness of embeddings and views |
 //! | S_search, S_ground | `search.rs`, `planner::Evidence::score` |
 //! | Search, Ground, Verify | `planner::Stage` |
 //! | V, Submit gate | `planner::Demand` and the comparison of goals in `planner::Goals`; `planner::Gate` |
 //!
 //! Two things are its own. V asks for less the longer a source has been sought and near the end of the episode
-//! (`Demand::after`), since colours and boxes cannot confirm all that a person could. And where the rules tell no outcome,
+//! (`Demand::after`), since a small network cannot confirm all that a person could. And where the rules tell no outcome,
 //! an open gate waits until the target sounds again, since only its silence then tells that it was found; nobody tells
 //! which goal sounds.
 //!

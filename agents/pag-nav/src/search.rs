@@ -52,7 +52,8 @@ impl PagNav {
         let cost = |(source, estimate): &(usize, Estimate)| {
             let is_certain = estimate.certainty >= self.weights.certain;
             let wait_steps = if is_certain { 0 } else { self.turns.wait_steps(*source) };
-            self.cost_steps(*source, estimate.place, wait_steps, stand)
+            let doubt_steps = self.weights.doubt_steps * (1.0 - self.goals.right(*source));
+            self.cost_steps(*source, estimate.place, wait_steps, stand) + doubt_steps
         };
         let first = |wanted: &dyn Fn(usize) -> bool| {
             let wanted = heard.iter().filter(|(source, _)| wanted(*source));

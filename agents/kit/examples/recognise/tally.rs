@@ -56,26 +56,6 @@ impl Tally {
                 continue;
             }
             let fit = |at: &Instance| fit_at(objects, at, first);
-            if std::env::var("DBG").is_ok() {
-                let n = |at: &Instance| {
-                    objects
-                        .all()
-                        .iter()
-                        .filter(|object| object.looks > 0 && object.thing.distance_m(at.center()) <= AT_M)
-                        .count()
-                };
-                eprintln!(
-                    "{:?} {} {:.3} {:.3} {:.3} n {} {} {}",
-                    walk.goals[first].modality,
-                    walk.label(first),
-                    fit(a),
-                    fit(b),
-                    fit(c),
-                    n(a),
-                    n(b),
-                    n(c)
-                );
-            }
             let counts = self.told.entry(walk.goals[first].modality).or_default();
             counts[0] += usize::from(fit(a) > fit(b) && fit(a) > fit(c));
             counts[1] += 1;

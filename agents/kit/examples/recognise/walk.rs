@@ -16,8 +16,8 @@ const BUILDING: usize = 3;
 /// Cameras stand as agents do where they differ by less than this from that, metres and radians.
 const USUAL: f32 = 1e-3;
 /// A reference picture shows its instance on this share of its middle, at least, and of the whole.
-const IN_THE_MIDDLE: f32 = 0.4;
-const OF_THE_WHOLE: f32 = 0.01;
+const IN_THE_MIDDLE: f32 = 0.2;
+const OF_THE_WHOLE: f32 = 0.005;
 
 /// How a goal is described.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -94,13 +94,6 @@ impl<'a> Walk<'a> {
             cue: GoalCue::Image(image(record)),
         }));
         goals
-    }
-
-    pub(crate) fn label(&self, goal: usize) -> String {
-        match &self.goals[goal].cue {
-            GoalCue::Category(c) | GoalCue::Description(c) => c.clone(),
-            GoalCue::Image(_) => "picture".into(),
-        }
     }
 
     /// What is remembered of the things on the way, by `perception`.

@@ -34,7 +34,7 @@ pub(crate) struct Demand {
 impl Demand {
     /// The demand after a source has been sought for `sought_steps`, with `remaining_steps` left in the episode.
     ///
-    /// Classical perception cannot verify everything that a person could, so the demand relaxes: in proportion to the
+    /// Perception cannot verify everything that a person could, so the demand relaxes: in proportion to the
     /// steps beyond `patience_steps` for which the agent has sought this source, down to nothing but one look after
     /// twice the patience; and all at once in the last `hurry_steps` of the episode.
     pub(crate) fn after(sought_steps: u32, remaining_steps: u32, weights: &Weights) -> Self {

@@ -69,6 +69,11 @@ fn a_house_is_written_with_what_is_in_it() {
         .collect();
     assert!([0, 1, 2].iter().all(|building| categories.contains(building)), "{categories:?}");
     assert!(categories.len() > 6, "{categories:?}");
+    let sentences = std::fs::read(folder.path().join("training-0000.json")).expect("a file");
+    let sentences: Vec<serde_json::Value> = serde_json::from_slice(&sentences).expect("JSON");
+    let instances: BTreeSet<_> = sentences.iter().filter_map(|said| said["instance"].as_u64()).collect();
+    assert!(instances.len() > 3 && !instances.contains(&0), "{sentences:?}");
+    assert!(sentences.iter().all(|said| CATEGORIES.contains(&said["category"].as_str().unwrap_or_default())));
     let manifest: serde_json::Value =
         serde_json::from_slice(&std::fs::read(folder.path().join("frames.json")).expect("a file"))
             .expect("JSON");
