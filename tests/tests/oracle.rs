@@ -6,7 +6,7 @@ use avln_server::ladder::{self, Line, Plan, Results, Rung, Size};
 /// Plays missions of three houses with the oracle in both orders.
 async fn play() -> Vec<Line> {
     let folder = tempfile::tempdir().expect("a folder");
-    let size = Size { houses: 3, missions: 4 };
+    let size = Size { houses: 3, missions: 4, practice: false };
     let plan = Plan { agents: vec![Rung::ShortestPath], size, ..Plan::default() };
     ladder::run(folder.path(), &plan).await.expect("a ladder");
     let results = Results::open(&folder.path().join("results.jsonl")).expect("results");
