@@ -340,6 +340,27 @@ mod tests {
     }
 
     #[test]
+    fn all_widths_give_the_same_bits() {
+        let (inputs, outputs) = (7, 33);
+        let layer = Layer::new(&noise(9 * inputs * outputs, 3), noise(outputs, 4));
+        let input = filled(30, 16, inputs);
+        let convolved = |width: Width| {
+            let mut map = Map::new(30, 16, outputs);
+            let line = 32 * inputs;
+            let taps = |row: usize| std::array::from_fn::<usize, 3, _>(|tap| (row + tap) * line);
+            let (step, length) = (inputs, 3 * inputs);
+            run_at(
+                width,
+                Fill { map: &mut map, layer: &layer, from: &input.values, step, length, taps, least: 0.0 },
+            );
+            map.values
+        };
+        let (four, eight) = (convolved(Width::Portable), convolved(Width::Eight));
+        assert!(four.iter().zip(&eight).all(|(a, b)| a.to_bits() == b.to_bits()));
+        assert!(four.iter().any(|value| *value > 0.0));
+    }
+
+    #[test]
     fn coarse_maps_are_added_to_fine_ones() {
         let (coarse, mut fine) = (filled(3, 2, 2), filled(6, 4, 2));
         let before = fine.clone();
