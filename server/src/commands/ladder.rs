@@ -55,7 +55,7 @@ pub struct Run {
     /// Missions in each house
     #[arg(long, default_value_t = Size::default().missions)]
     pub missions: usize,
-    /// Folder for traces of PAG-Nav and its variants: a folder for each and each order, a file for each mission
+    /// Folder for traces of PAG-Nav and its variants that are not privileged: a folder for each and each order, a file for each mission
     #[arg(long, value_name = "FOLDER")]
     pub trace: Option<PathBuf>,
     /// Play in houses of the training pool, to tune agents there; in a folder of its own

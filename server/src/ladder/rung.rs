@@ -117,8 +117,8 @@ impl Rung {
         }
     }
 
-    /// The agent that plays one episode. Its choices are drawn from `seed` where it draws any; PAG-Nav and its variants write
-    /// a trace into `folder` where one is named.
+    /// The agent that plays one episode. Its choices are drawn from `seed` where it draws any; PAG-Nav and its variants that
+    /// are not privileged write a trace into `folder` where one is named.
     pub(super) fn agent(
         self,
         seed: u64,
@@ -127,6 +127,8 @@ impl Rung {
     ) -> Result<Box<dyn Agent + Send>, Failure> {
         if let Some(agent) = self.pag_nav(hints) {
             let untraced = |error| Failure::new(FailureKind::Data, error);
+            // What privileged agents believe is the truth, which stays in the process.
+            let folder = folder.filter(|_| !self.is_privileged());
             let trace = folder.map(Recorder::new).transpose().map_err(untraced)?;
             return Ok(match trace {
                 Some(trace) => Box::new(agent.traced(trace)),
