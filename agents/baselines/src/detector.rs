@@ -2,7 +2,7 @@ use crate::memory::Memory;
 use avln_client::{Action, Agent, GoalCue, Mission, Observation, TaskSpec};
 use avln_kit::perception::{Query, Words};
 
-/// Fit from which on something is taken for a goal: what a thing of plain colours reaches whose extents are all usual.
+/// Fit from which on something is taken for a goal, 0 to 1.
 const DETECTED: f32 = 0.6;
 /// Looks over which the fit must hold.
 const LOOKS: u32 = 2;
@@ -10,7 +10,7 @@ const LOOKS: u32 = 2;
 /// Explores by the nearest frontier until it sees something of a goal's category, goes there and submits. Hears nothing.
 ///
 /// Modular as CoW (Gadre et al. 2023): exploration, a detector, and a way to what was detected. It is not CoW: the detector
-/// knows categories by usual extents and colours and not by CLIP; of sentences it takes the noun alone, as the method's
+/// is our own network, which knows the categories of the houses, and not CLIP; of sentences it takes the noun alone, as the method's
 /// category baseline does; pictures, which name no category, are compared with the view.
 #[derive(Default)]
 pub struct Detector {

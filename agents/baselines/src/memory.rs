@@ -55,10 +55,7 @@ impl Memory {
         self.objects.see(things.unwrap_or_default());
         let mut in_view = Vec::new();
         for (index, object) in self.objects.iter_mut().enumerate() {
-            let place = object.thing.center();
-            if is_in_view(stand.bearing_rad(place), place.distance_m(stand.place))
-                && map.hears(stand.place, place)
-            {
+            if map.is_in_view(&stand, object.thing.center()) {
                 let fits: Vec<f32> =
                     (0..self.goals).map(|goal| self.perception.fit(&object.thing, goal)).collect();
                 object.look(&fits);
@@ -121,13 +118,6 @@ impl Memory {
         self.closed.push(index);
         self.aim = None;
     }
-}
-
-/// Whether something lies before the camera and near.
-fn is_in_view(bearing_rad: f32, distance_m: f32) -> bool {
-    const NEAR_M: f32 = 3.5;
-    const ASIDE_RAD: f32 = 0.65;
-    distance_m <= NEAR_M && bearing_rad.abs() <= ASIDE_RAD
 }
 
 /// How far away a place is, metres.

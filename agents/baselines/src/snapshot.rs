@@ -11,8 +11,8 @@ const PER_M: f32 = 0.01;
 /// nearest frontier. Hears nothing.
 ///
 /// Remembers as 3D-Mem (Yang et al. 2025): memory snapshots cover all detected objects, each of them in one, and
-/// frontiers stand for what is unknown. It is not 3D-Mem: no language model chooses, the fit of cue and thing does; what is
-/// detected are things without a category; snapshots are lists of things and not pictures.
+/// frontiers stand for what is unknown. It is not 3D-Mem: no language model chooses, the fit of cue and thing does;
+/// snapshots are lists of things and not pictures.
 #[derive(Default)]
 pub struct Snapshot {
     memory: Option<Memory>,

@@ -1,6 +1,6 @@
-use avln_client::{Action, Agent, Feedback, FeedbackRule, Mission, Observation, TaskSpec};
+use avln_client::{Action, Agent, Feedback, FeedbackRule, Mission, Observation, Order, TaskSpec};
 use avln_kit::{
-    Scout, Turns,
+    Aftermath, Scout, Turns,
     map::{Estimate, SoundField, SourceBelief, range_m},
     perception::{Ear, Heard, Place},
 };
@@ -38,8 +38,11 @@ struct State {
     sources: Vec<Source>,
     field: Option<SoundField>,
     levels: Vec<f32>,
-    claim: Option<(usize, f32)>,
+    /// The source of the last Submit, and what it led to.
+    claim: Option<(usize, Aftermath)>,
     is_told: bool,
+    /// Whether a Submit may be for any target, so that one that found nothing tells where none is.
+    is_any_right: bool,
 }
 
 #[derive(Default)]
@@ -47,10 +50,13 @@ struct Source {
     belief: SourceBelief,
     estimate: Option<Estimate>,
     wrong_submits: u32,
+    /// Where Submits for it found nothing.
+    missed: Vec<Place>,
 }
 
 impl State {
-    fn new(task: &TaskSpec, goals: usize) -> Self {
+    fn new(task: &TaskSpec, mission: &Mission) -> Self {
+        let goals = mission.goals.len();
         let mut scout = Scout::new(task);
         scout.map.suppose([Place::new(-AROUND_M, -AROUND_M), Place::new(AROUND_M, AROUND_M)]);
         Self {
@@ -61,18 +67,23 @@ impl State {
             levels: Vec::new(),
             claim: None,
             is_told: task.feedback == FeedbackRule::Verdict,
+            is_any_right: mission.order == Order::Unordered,
         }
     }
 
     /// Finds out what became of the last Submit: a target that was found falls silent.
     fn settle(&mut self, feedback: Feedback, heard: Option<&Heard>) {
-        let Some((source, level)) = self.claim.take() else { return };
-        let fell_silent = heard.is_none_or(|heard| heard.level < FOUND_LEVEL * level);
-        match feedback {
-            Feedback::Verdict(true) => self.turns.silence(source),
-            Feedback::None | Feedback::Accepted if fell_silent => self.turns.silence(source),
-            _ => self.sources[source].wrong_submits += 1,
+        let Some((source, aftermath)) = &mut self.claim else { return };
+        let Some(found) = aftermath.outcome(feedback, heard, FOUND_LEVEL) else { return };
+        match found {
+            true => self.turns.silence(*source),
+            false => {
+                self.sources[*source].wrong_submits += 1;
+                self.sources[*source].missed.extend(self.is_any_right.then_some(self.scout.stand().place));
+            }
         }
+        self.claim = None;
+        self.levels.clear();
     }
 
     fn listen(&mut self, source: usize, heard: &Heard) {
@@ -85,7 +96,7 @@ impl State {
         let field = field.unwrap_or_else(|| SoundField::new(map, stand.place, map.area(0.0)));
         let source = &mut self.sources[source];
         source.belief.hear(&field, &stand, heard);
-        source.estimate = source.belief.estimate(&field, map);
+        source.estimate = source.belief.estimate(&field, map, &source.missed);
         self.field = Some(field);
     }
 
@@ -104,12 +115,15 @@ impl State {
     }
 
     fn decide(&mut self) -> Action {
+        if self.claim.is_some() {
+            return Action::TurnLeft;
+        }
         let Some((source, Estimate { place, certainty })) = self.aim() else { return Action::MoveForward };
         if certainty >= CERTAIN
             && place.distance_m(self.scout.stand().place) <= NEAR_M
             && let Some(level) = self.loudness_of(source)
         {
-            self.claim = Some((source, level));
+            self.claim = Some((source, Aftermath::of(level)));
             return Action::Submit;
         }
         self.scout.go(place, REACH_M).unwrap_or(Action::TurnLeft)
@@ -119,14 +133,17 @@ impl State {
     fn loudness_of(&self, source: usize) -> Option<f32> {
         let recent = &self.levels[self.levels.len().saturating_sub(RECENT)..];
         let level = recent.iter().sum::<f32>() / recent.len().max(1) as f32;
-        let is_heard = self.turns.current() == source && recent.len() == RECENT && range_m(level) <= LOUD_M;
+        let is_heard = self.turns.current() == source
+            && self.turns.steps_left() >= Aftermath::STEPS
+            && recent.len() == RECENT
+            && range_m(level) <= LOUD_M;
         (is_heard || self.is_told).then_some(level)
     }
 }
 
 impl Agent for SoundFollower {
     fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
-        self.state = Some(State::new(task, mission.goals.len()));
+        self.state = Some(State::new(task, mission));
     }
 
     fn act(&mut self, observation: &Observation) -> Action {
@@ -134,8 +151,10 @@ impl Agent for SoundFollower {
         state.scout.observe(observation);
         let heard = observation.audio.as_ref().and_then(|audio| self.ear.hear(audio));
         state.settle(observation.feedback, heard.as_ref());
-        if let (Some(source), Some(heard)) = (state.turns.advance(), heard) {
-            state.listen(source, &heard);
+        match heard {
+            _ if state.claim.is_some() => state.turns.defer(),
+            Some(heard) => state.turns.advance().into_iter().for_each(|source| state.listen(source, &heard)),
+            None => _ = state.turns.advance(),
         }
         let action = if observation.remaining_steps <= 1 { Action::Stop } else { state.decide() };
         state.scout.note(action);

@@ -1,6 +1,6 @@
 use crate::map::Occupancy;
 use crate::perception::{Place, Stand, View};
-use crate::{Motion, path};
+use crate::{Course, Motion};
 use avln_client::{Action, Observation, TaskSpec};
 
 /// A body that draws a map as it goes, and finds its way by it.
@@ -8,6 +8,7 @@ pub struct Scout {
     /// The map so far.
     pub map: Occupancy,
     motion: Motion,
+    course: Course,
     view: View,
     stand: Stand,
 }
@@ -19,7 +20,8 @@ impl Scout {
     /// A body that has seen nothing yet.
     pub fn new(task: &TaskSpec) -> Self {
         let (motion, view) = (Motion::new(task), View::new(task));
-        Self { map: Occupancy::default(), motion, view, stand: Stand::default() }
+        let (map, course, stand) = (Occupancy::default(), Course::default(), Stand::default());
+        Self { map, motion, course, view, stand }
     }
 
     /// Takes in what an observation says of floor and obstacles.
@@ -43,7 +45,7 @@ impl Scout {
 
     /// The next action on the way to within `reach_m` of a place; `None` where that way ends.
     pub fn go(&mut self, to: Place, reach_m: f32) -> Option<Action> {
-        let way = path(&self.map, self.stand.place, to, reach_m);
+        let way = self.course.way(&self.map, self.stand.place, to, reach_m);
         self.motion.along(&way, &self.stand, &self.map)
     }
 

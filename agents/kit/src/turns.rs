@@ -6,17 +6,30 @@ pub struct Turns {
     window_steps: u32,
     current: usize,
     steps_left: u32,
+    deferred: u32,
 }
 
 impl Turns {
     /// `count` sources that have not been found, each of which sounds for `window_steps` steps in turn.
     pub fn new(count: usize, window_steps: u32) -> Self {
         let window_steps = window_steps.max(1);
-        Self { silent: vec![false; count], window_steps, current: 0, steps_left: window_steps }
+        Self { silent: vec![false; count], window_steps, current: 0, steps_left: window_steps, deferred: 0 }
+    }
+
+    /// Lets an observation pass of which is not known yet who sounds in it.
+    pub fn defer(&mut self) {
+        self.deferred += 1;
     }
 
     /// The source that sounds in the next observation; `None` when all have been found.
     pub fn advance(&mut self) -> Option<usize> {
+        for _ in 0..std::mem::take(&mut self.deferred) {
+            self.step();
+        }
+        self.step()
+    }
+
+    fn step(&mut self) -> Option<usize> {
         if self.steps_left == 0 || *self.silent.get(self.current)? {
             self.current = self.after(self.current)?;
             self.steps_left = self.window_steps;
@@ -45,6 +58,11 @@ impl Turns {
     /// The source that sounds now.
     pub fn current(&self) -> usize {
         self.current
+    }
+
+    /// Observations for which the current source goes on, unless it is found.
+    pub fn steps_left(&self) -> u32 {
+        self.steps_left
     }
 
     /// Whether the current source has just begun.
@@ -88,6 +106,15 @@ mod tests {
         turns.silence(1);
         turns.silence(2);
         assert_eq!(turns.advance(), None);
+    }
+
+    #[test]
+    fn observations_may_be_assigned_later() {
+        let mut turns = Turns::new(2, 3);
+        assert_eq!((turns.advance(), turns.steps_left()), (Some(0), 2));
+        turns.defer();
+        turns.silence(0);
+        assert_eq!((turns.advance(), turns.steps_left()), (Some(1), 1));
     }
 
     #[test]

@@ -3,7 +3,7 @@ use crate::planner::{Candidate, Evidence, Goals, Weights};
 use crate::trace::{Recorder, Thought};
 use avln_client::{Action, Agent, Feedback, FeedbackRule, Mission, Observation, Order, TaskSpec};
 use avln_kit::{
-    Course, Hints, Motion, Turns,
+    Aftermath, Course, Hints, Motion, Turns,
     map::{Cell, Estimate, Intensity, Objects, Occupancy, SoundField, SourceBelief, range_m},
     perception::{Classical, Ear, Heard, Place, Query, Recognition, Sight, Stand, View},
 };
@@ -58,6 +58,9 @@ pub(crate) struct Source {
     /// Pictures that showed the place from nearby, and the place that they showed.
     pub(crate) looks: u32,
     looked_at: Place,
+    /// Where Submits for it found nothing, and how loud it must be for the next.
+    missed: Vec<Place>,
+    missed_level: f32,
     /// Steps for which the agent has headed for it.
     pub(crate) sought_steps: u32,
 }
@@ -69,6 +72,7 @@ pub(crate) struct Claim {
     pub(crate) object: usize,
     pub(crate) goal: usize,
     level: f32,
+    aftermath: Aftermath,
 }
 
 impl Default for PagNav {
@@ -138,9 +142,13 @@ impl PagNav {
         }
         let audio = observation.audio.as_ref().filter(|_| !self.ablation.no_audio);
         let heard = audio.and_then(|audio| self.ear.hear(audio));
-        self.settle(observation.feedback, heard.as_ref());
-        if let (Some(source), Some(heard)) = (self.turns.advance(), heard) {
-            self.listen(source, stand, &heard);
+        self.settle(observation.feedback, heard.as_ref(), stand.place);
+        match heard {
+            _ if self.claim.is_some() => self.turns.defer(),
+            Some(heard) => {
+                self.turns.advance().into_iter().for_each(|source| self.listen(source, stand, &heard))
+            }
+            None => _ = self.turns.advance(),
         }
         if observation.rgb.is_some() && observation.depth.is_some() {
             self.look(observation, stand);
@@ -160,13 +168,13 @@ impl PagNav {
     }
 
     /// Finds out what became of the last Submit: a target that was found falls silent.
-    fn settle(&mut self, feedback: Feedback, heard: Option<&Heard>) {
-        let Some(claim) = self.claim.take() else { return };
-        let fell_silent = heard.is_none_or(|heard| heard.level < self.weights.found_level * claim.level);
-        let found = match feedback {
-            Feedback::Verdict(found) => found,
-            Feedback::None | Feedback::Accepted => fell_silent || self.ablation.no_audio,
-        };
+    fn settle(&mut self, feedback: Feedback, heard: Option<&Heard>, here: Place) {
+        let Some(claim) = &mut self.claim else { return };
+        let outcome = claim.aftermath.outcome(feedback, heard, self.weights.found_level);
+        let Some(found) = outcome.or(self.ablation.no_audio.then_some(true)) else { return };
+        let claim = *claim;
+        self.claim = None;
+        self.levels.clear();
         if found {
             self.turns.silence(claim.source);
             if self.ablation.no_audio {
@@ -174,19 +182,41 @@ impl PagNav {
                 self.objects.refute(claim.object);
             } else {
                 self.goals.found(claim.source);
+                self.begin_anew();
             }
             self.focus = None;
         } else {
             self.goals.missed(claim.source);
             self.objects.refute(claim.object);
+            self.miss(&claim, here);
         }
+    }
+
+    /// Forgets Submits in vain that were for another goal.
+    fn begin_anew(&mut self) {
+        let anew = self.sources.iter_mut().filter(|_| self.goals.is_ordered());
+        anew.for_each(|source| {
+            source.missed.clear();
+            source.missed_level = 0.0;
+        });
+    }
+
+    /// Takes in that a Submit found nothing: what may be found is not there, the next goal's target at the least.
+    fn miss(&mut self, claim: &Claim, here: Place) {
+        const LOUDER: f32 = 1.2;
+        let all = !self.goals.is_ordered();
+        let sources = self.sources.iter_mut().enumerate();
+        sources
+            .filter(|(source, _)| all || *source == claim.source)
+            .for_each(|(_, source)| source.missed.push(here));
+        self.sources[claim.source].missed_level = LOUDER * claim.level;
     }
 
     /// Compares every hypothesis that is near and before the camera with the goals.
     fn look_at_objects(&mut self, stand: &Stand) {
         let (map, goals, perception) = (&self.map, 0..self.queries.len(), &self.perception);
         for object in self.objects.iter_mut() {
-            if is_in_view(stand, map, object.thing.center()) {
+            if map.is_in_view(stand, object.thing.center()) {
                 let fits: Vec<f32> = goals.clone().map(|goal| perception.fit(&object.thing, goal)).collect();
                 object.look(&fits);
             }
@@ -200,7 +230,7 @@ impl PagNav {
             let Some(estimate) = estimate.filter(|estimate| self.is_located(index, estimate)) else {
                 continue;
             };
-            if is_in_view(stand, &self.map, estimate.place) {
+            if self.map.is_in_view(stand, estimate.place) {
                 self.sources[index].look_at(estimate.place);
                 for goal in 0..self.queries.len() {
                     self.goals.see(index, goal, self.fit_at(estimate.place, goal));
@@ -245,7 +275,10 @@ impl PagNav {
         source.belief.hear(&field, stand, heard);
         let told = self.hints.as_ref().and_then(|hints| hints.source());
         let told = told.map(|place| Estimate { place, certainty: 1.0 });
-        source.estimate = told.or_else(|| source.belief.estimate(&field, map));
+        let estimate = told.or_else(|| source.belief.estimate(&field, map, &source.missed));
+        if source.locate(estimate) {
+            self.goals.forget(index);
+        }
         self.field = Some(field);
     }
 
@@ -257,11 +290,13 @@ impl PagNav {
         let level = recent.iter().sum::<f32>() / recent.len().max(1) as f32;
         let is_heard = self.turns.current() == source
             && recent.len() == RECENT
-            && range_m(level) <= self.weights.look_range_m;
+            && self.turns.steps_left() >= Aftermath::STEPS
+            && range_m(level) <= self.weights.look_range_m
+            && level > self.sources[source].missed_level;
         if !is_heard && !self.is_told && !self.ablation.no_audio {
             return None;
         }
-        self.claim = Some(Claim { source, object, goal, level });
+        self.claim = Some(Claim { source, object, goal, level, aftermath: Aftermath::of(level) });
         Some(Action::Submit)
     }
 }
@@ -305,21 +340,24 @@ impl Agent for PagNav {
 }
 
 impl Source {
-    /// Counts a look; looks at another place than this do not count.
-    fn look_at(&mut self, place: Place) {
+    /// Takes in where it is believed to be. Gives back whether that is elsewhere than what was looked at, which counts no
+    /// more.
+    fn locate(&mut self, estimate: Option<Estimate>) -> bool {
         const SAME_M: f32 = 1.0;
-        if self.looks == 0 || self.looked_at.distance_m(place) > SAME_M {
-            (self.looks, self.looked_at) = (0, place);
+        self.estimate = estimate;
+        let is_there = estimate.is_some_and(|estimate| estimate.place.distance_m(self.looked_at) <= SAME_M);
+        let is_elsewhere = self.looks > 0 && !is_there;
+        if is_elsewhere {
+            self.looks = 0;
+        }
+        is_elsewhere
+    }
+
+    /// Counts a look.
+    fn look_at(&mut self, place: Place) {
+        if self.looks == 0 {
+            self.looked_at = place;
         }
         self.looks += 1;
     }
-}
-
-/// Whether a place lies before the camera, near and not behind a wall.
-fn is_in_view(stand: &Stand, map: &Occupancy, place: Place) -> bool {
-    const NEAR_M: f32 = 2.8;
-    const ASIDE_RAD: f32 = 0.6;
-    place.distance_m(stand.place) <= NEAR_M
-        && stand.bearing_rad(place).abs() <= ASIDE_RAD
-        && map.hears(stand.place, place)
 }

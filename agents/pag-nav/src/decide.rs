@@ -15,6 +15,9 @@ impl PagNav {
         if self.remaining_steps <= 1 {
             return Action::Stop;
         }
+        if self.claim.is_some() {
+            return Action::TurnLeft;
+        }
         let candidate = self.candidate(stand);
         let stage = Stage::of(candidate.as_ref().map(|candidate| self.is_verified(candidate)));
         (self.thought.stage, self.thought.candidate) = (Some(stage), candidate);
@@ -170,8 +173,12 @@ impl PagNav {
 
     /// Whether a source has been looked at often enough, or sought for so long that it will not be.
     pub(crate) fn is_settled(&self, source: usize) -> bool {
-        let known = &self.sources[source];
-        known.looks >= self.weights.verify_looks || known.sought_steps >= self.weights.patience_steps
+        self.is_looked_at(source) || self.sources[source].sought_steps >= self.weights.patience_steps
+    }
+
+    /// Whether what stands where a source is believed to be has been looked at often enough.
+    pub(crate) fn is_looked_at(&self, source: usize) -> bool {
+        self.sources[source].looks >= self.weights.verify_looks
     }
 
     fn object(&self, candidate: &Candidate) -> &Object {

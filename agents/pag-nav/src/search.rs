@@ -61,6 +61,8 @@ impl PagNav {
         };
         first(&|source| self.is_right_goal(source) && !self.is_settled(source))
             .or_else(|| first(&|source| !self.is_settled(source)))
+            .or_else(|| first(&|source| self.is_right_goal(source) && self.is_looked_at(source)))
+            .or_else(|| first(&|source| !self.is_looked_at(source)))
             .or_else(|| first(&|_| true))
     }
 

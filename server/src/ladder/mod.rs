@@ -12,6 +12,7 @@ mod play;
 mod report;
 mod results;
 mod rung;
+mod traced;
 pub mod walk;
 
 pub use causes::Cause;

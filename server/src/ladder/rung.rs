@@ -1,4 +1,4 @@
-use super::{board::TrueHints, oracle::ShortestPath};
+use super::{board::TrueHints, oracle::ShortestPath, traced::Traced};
 use crate::{Failure, FailureKind};
 use avln_baselines::Baseline;
 use avln_client::{Agent, Sensors};
@@ -131,7 +131,7 @@ impl Rung {
             let folder = folder.filter(|_| !self.is_privileged());
             let trace = folder.map(Recorder::new).transpose().map_err(untraced)?;
             return Ok(match trace {
-                Some(trace) => Box::new(agent.traced(trace)),
+                Some(trace) => Box::new(Traced(agent.traced(trace))),
                 None => Box::new(agent),
             });
         }

@@ -7,7 +7,7 @@ use super::{
 use avln_client::{GoalCue, Image, Mission, Observation, Pose, RgbImage, TaskSpec};
 use avln_kit::{
     map::{Cell, Objects, Occupancy},
-    perception::{Place, Recognition, Stand, View},
+    perception::{Recognition, View},
 };
 use std::collections::BTreeMap;
 
@@ -111,7 +111,7 @@ impl<'a> Walk<'a> {
             let things = perception.see(&stand, &seen, &|place| map.is_wall(Cell::at(place)));
             objects.see(things.unwrap_or_default());
             for object in objects.iter_mut() {
-                if is_in_view(&stand, &map, object.thing.center()) {
+                if map.is_in_view(&stand, object.thing.center()) {
                     let fits: Vec<f32> =
                         (0..self.goals.len()).map(|goal| perception.fit(&object.thing, goal)).collect();
                     object.look(&fits);
@@ -126,14 +126,6 @@ fn is_usual(record: &Record, task: &TaskSpec) -> bool {
     let camera = &record.camera;
     let off = [camera.height_m - task.camera_height_m, camera.pitch_rad, camera.hfov_rad - task.hfov_rad];
     off.iter().all(|off| off.abs() < USUAL)
-}
-
-fn is_in_view(stand: &Stand, map: &Occupancy, place: Place) -> bool {
-    const NEAR_M: f32 = 4.0;
-    const ASIDE_RAD: f32 = 0.7;
-    place.distance_m(stand.place) <= NEAR_M
-        && stand.bearing_rad(place).abs() <= ASIDE_RAD
-        && map.hears(stand.place, place)
 }
 
 /// The instance that fills the middle of a picture.

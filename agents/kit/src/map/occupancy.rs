@@ -250,6 +250,15 @@ impl Occupancy {
         (1..=steps).all(|step| !self.is_wall(Cell::at(from.toward(to, step as f32 * SAMPLE_M / length_m))))
     }
 
+    /// Whether a place lies before the camera, so near that pictures show what it is, and not behind a wall.
+    pub fn is_in_view(&self, stand: &Stand, place: Place) -> bool {
+        const NEAR_M: f32 = 2.8;
+        const ASIDE_RAD: f32 = 0.6;
+        place.distance_m(stand.place) <= NEAR_M
+            && stand.bearing_rad(place).abs() <= ASIDE_RAD
+            && self.hears(stand.place, place)
+    }
+
     /// Centres of the stretches of border between free floor and the unknown, each with its length in cells.
     pub fn frontiers(&self) -> Vec<(Place, usize)> {
         const BLOCK: i32 = 10;

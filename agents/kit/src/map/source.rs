@@ -26,6 +26,9 @@ const FREE: f32 = -1.5;
 const UNKNOWN: f32 = -1.0;
 const OUTSIDE_PER_M: f32 = -1.5;
 const PER_M: f32 = -0.1;
+/// What a Submit that found nothing says against the places around it that can be seen from there, and how far, metres.
+const MISSED: f32 = -4.0;
+const MISSED_M: f32 = 1.8;
 /// Mass within this distance of the best place is what is called certain, metres.
 const CERTAIN_M: f32 = 0.75;
 
@@ -72,7 +75,10 @@ impl SourceBelief {
     }
 
     /// The best place by all that was heard, in view of what is known of the map; `None` when sound reaches nothing.
-    pub fn estimate(&self, field: &SoundField, map: &Occupancy) -> Option<Estimate> {
+    pub fn estimate(&self, field: &SoundField, map: &Occupancy, missed: &[Place]) -> Option<Estimate> {
+        let is_missed = |place: Place| {
+            missed.iter().any(|&from| from.distance_m(place) <= MISSED_M && map.hears(from, place))
+        };
         let top = self.scores.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         let plausible = self.scores.iter().enumerate().filter(|(_, score)| **score > top - 8.0);
         let weighed: Vec<(Place, f32)> = plausible
@@ -83,6 +89,7 @@ impl SourceBelief {
                     cell if map.is_unknown(cell) => UNKNOWN,
                     _ => 0.0,
                 };
+                let prior = prior + if is_missed(place) { MISSED } else { 0.0 };
                 let prior = prior + OUTSIDE_PER_M * map.outside_m(place);
                 Some((place, (score - top + prior + PER_M * field.ray(index)?.length_m).exp()))
             })
@@ -127,7 +134,7 @@ mod tests {
                 belief.hear(&spread, &stand, &heard_from(&stand, source));
                 field = Some(spread);
             }
-            let found = belief.estimate(&field.unwrap(), &Occupancy::default().with_area(AREA)).unwrap();
+            let found = belief.estimate(&field.unwrap(), &Occupancy::default().with_area(AREA), &[]).unwrap();
             assert!(found.place.distance_m(source) < 0.4, "{found:?} for {source:?}");
             assert!(found.certainty > 0.4, "{found:?}");
         }
@@ -139,10 +146,22 @@ mod tests {
         let stand = Stand::new(&Pose::default());
         let field = SoundField::new(&Occupancy::default(), stand.place, AREA);
         belief.hear(&field, &stand, &heard_from(&stand, Place::new(0.0, -4.0)));
-        assert!(belief.estimate(&field, &Occupancy::default().with_area(AREA)).unwrap().certainty < 0.5);
+        assert!(belief.estimate(&field, &Occupancy::default().with_area(AREA), &[]).unwrap().certainty < 0.5);
         let ahead = [Place::new(-7.9, -7.9), Place::new(7.9, -0.1)];
         let map = Occupancy::default().with_area(AREA).with_floor(ahead[0], ahead[1]);
-        let behind = belief.estimate(&field, &map).unwrap();
+        let behind = belief.estimate(&field, &map, &[]).unwrap();
         assert!(behind.place.z > 2.0, "{behind:?}");
+    }
+
+    #[test]
+    fn it_is_not_where_it_was_sought_in_vain() {
+        let (mut belief, map) = (SourceBelief::default(), Occupancy::default().with_area(AREA));
+        let stand = Stand::new(&Pose::default());
+        let field = SoundField::new(&map, stand.place, AREA);
+        belief.hear(&field, &stand, &heard_from(&stand, Place::new(-1.5, 0.0)));
+        let before = belief.estimate(&field, &map, &[]).unwrap().place;
+        assert!(before.distance_m(Place::new(-1.5, 0.0)) < 0.4, "{before:?}");
+        let after = belief.estimate(&field, &map, &[stand.place]).unwrap().place;
+        assert!(after.distance_m(stand.place) > MISSED_M - 0.2, "{after:?}");
     }
 }

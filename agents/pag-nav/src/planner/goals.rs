@@ -1,5 +1,7 @@
 /// A fit of 1 instead of 0 makes an association `e` to this power times as likely.
 const TRUST: f32 = 5.0;
+/// What a Submit that found nothing says against an association: it may have been too far away.
+const MISSED: f32 = -2.0;
 /// What is assumed of the fit of things that have not been seen.
 const UNSEEN: f32 = 0.35;
 
@@ -8,8 +10,8 @@ const UNSEEN: f32 = 0.35;
 pub(crate) struct Goals {
     /// Best fit of a source (row) with a goal (column), 0 to 1; `None` before anything was seen.
     fits: Vec<Vec<Option<f32>>>,
-    /// A Submit at a source (row) was not for a goal (column).
-    refuted: Vec<Vec<bool>>,
+    /// Submits at a source (row) that were not for a goal (column).
+    missed: Vec<Vec<u32>>,
     /// Which source each goal turned out to be.
     done: Vec<Option<usize>>,
     ordered: bool,
@@ -19,7 +21,7 @@ impl Goals {
     pub(crate) fn new(count: usize, ordered: bool) -> Self {
         Self {
             fits: vec![vec![None; count]; count],
-            refuted: vec![vec![false; count]; count],
+            missed: vec![vec![0; count]; count],
             done: vec![None; count],
             ordered,
         }
@@ -28,6 +30,10 @@ impl Goals {
     /// Number of goals and of sources.
     fn count(&self) -> usize {
         self.done.len()
+    }
+
+    pub(crate) fn is_ordered(&self) -> bool {
+        self.ordered
     }
 
     /// The goals that a Submit may be for.
@@ -47,6 +53,11 @@ impl Goals {
     /// What stands at `source` fits `goal` as much as this, by the latest look.
     pub(crate) fn see(&mut self, source: usize, goal: usize, fit: f32) {
         self.fits[source][goal] = Some(fit);
+    }
+
+    /// What was seen of `source` was elsewhere.
+    pub(crate) fn forget(&mut self, source: usize) {
+        self.fits[source].fill(None);
     }
 
     /// A Submit at `source` found its target.
@@ -69,7 +80,7 @@ impl Goals {
     /// A Submit at `source` did not find the goal that was next.
     pub(crate) fn missed(&mut self, source: usize) {
         if let Some(goal) = self.next() {
-            self.refuted[source][goal] = true;
+            self.missed[source][goal] += 1;
         }
     }
 
@@ -93,8 +104,7 @@ impl Goals {
 
     /// Log-likelihood of a pair.
     fn score(&self, source: usize, goal: usize) -> f32 {
-        const NEVER: f32 = -12.0;
-        let tried = if self.refuted[source][goal] { NEVER } else { 0.0 };
+        let tried = MISSED * self.missed[source][goal] as f32;
         TRUST * self.fits[source][goal].unwrap_or(UNSEEN) + tried
     }
 }
@@ -127,7 +137,9 @@ mod tests {
         let mut goals = Goals::new(3, true);
         assert!((goals.right(0) - 1.0 / 3.0).abs() < 1e-4);
         goals.missed(0);
-        assert!(goals.right(0) < 0.01 && (goals.right(1) - 0.5).abs() < 0.01);
+        assert!(goals.right(0) < 0.1 && (goals.right(1) - 0.47).abs() < 0.01, "{}", goals.right(1));
+        (0..2).for_each(|_| goals.missed(0));
+        assert!(goals.right(0) < 0.01);
         goals.found(1);
         assert_eq!(goals.active().collect::<Vec<_>>(), [1]);
         assert!((goals.right(0) - 0.5).abs() < 1e-4 && goals.right(1) == 0.0);

@@ -44,13 +44,17 @@ impl Moment {
 
     /// What happened from this moment to the next: first what was found out, then what was decided.
     pub(super) fn until(&self, next: &Self) -> Vec<Event> {
-        let settled = self.claim.map(|claim| claim.settled(next.silent.get(claim.source) == Some(&true)));
+        let settled = self
+            .claim
+            .filter(|_| next.claim.is_none())
+            .map(|claim| claim.settled(next.silent.get(claim.source) == Some(&true)));
         let silenced = risen(&self.silent, &next.silent).map(|source| Event::Silenced { source });
         let located = risen(&self.located, &next.located).map(|source| Event::Located { source });
         let stage = next.stage.filter(|_| self.stage != next.stage).map(|stage| Event::Stage { stage });
         let focus = (self.focus != next.focus).then_some(Event::Focus { source: next.focus });
         let known = settled.into_iter().chain(silenced).chain(located);
-        known.chain(stage).chain(focus).chain(next.claim.map(Claim::made)).collect()
+        let made = next.claim.filter(|_| self.claim.is_none()).map(Claim::made);
+        known.chain(stage).chain(focus).chain(made).collect()
     }
 }
 

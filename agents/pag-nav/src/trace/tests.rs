@@ -135,7 +135,7 @@ fn events_tell_what_changed() {
         found.unwrap_or_else(|| panic!("{name} in {events:?}"))["step"].as_u64().unwrap() as usize
     };
     assert_eq!((step("located"), step("focus"), step("stage")), (0, 0, 0));
-    assert_eq!((step("claimed"), step("found"), step("silenced")), (submitted, submitted + 1, submitted + 1));
+    assert_eq!((step("claimed"), step("found"), step("silenced")), (submitted, submitted + 2, submitted + 2));
     let stages: Vec<&Value> = events.iter().filter_map(|event| event.get("stage")).collect();
     assert_eq!(stages[..2], ["ground", "verify"], "{events:?}");
     assert!(events.iter().all(|event| event["event"] != "missed"), "{events:?}");
