@@ -1,4 +1,5 @@
 use crate::{Failure, FailureKind, commands, failure::EXIT_CODES};
+use avln_kit::shell::run_for;
 use clap::{Parser, Subcommand};
 use std::{path::PathBuf, process::ExitCode};
 use tracing_subscriber::EnvFilter;
@@ -111,10 +112,9 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
     }
 }
 
-/// On one thread: an agent and its connection take turns, so that a second one would only have to be woken.
-#[tokio::main(flavor = "current_thread")]
-async fn play(agent: commands::agent::Agent) -> Result<(), Failure> {
-    commands::agent::run(agent).await
+fn play(agent: commands::agent::Agent) -> Result<(), Failure> {
+    let no_threads = |error| Failure::new(FailureKind::Internal, format!("cannot start threads: {error}"));
+    run_for(agent.slots(), commands::agent::run(agent)).map_err(no_threads)?
 }
 
 #[tokio::main]

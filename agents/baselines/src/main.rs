@@ -1,7 +1,7 @@
 //! `avln-baselines`: plays one run with a simple agent and prints its summary. Exit code 1 when it could not.
 
 use avln_baselines::{Options, run_with};
-use avln_kit::shell::{conclude, report};
+use avln_kit::shell::{conclude, report, run_for};
 use clap::Parser;
 use std::process::ExitCode;
 
@@ -13,7 +13,8 @@ struct Cli {
     options: Options,
 }
 
-#[tokio::main(flavor = "current_thread")]
-async fn main() -> ExitCode {
-    conclude(run_with(Cli::parse().options, &mut report).await)
+fn main() -> ExitCode {
+    let Cli { options } = Cli::parse();
+    let played = run_for(options.run.slots, run_with(options, &mut report));
+    played.map_or_else(|error| conclude(Err(error)), conclude)
 }

@@ -33,5 +33,6 @@ pub async fn run_with(
     let Options { agent, run } = options;
     let sensors = agent.sensors(run.size);
     let method = Method { name: agent.name().to_owned(), version: env!("CARGO_PKG_VERSION"), sensors };
-    play(run, method, agent.agent().as_mut(), on_end).await
+    let mut agents = run.agents(|| Ok::<_, Error>(agent.agent()))?;
+    play(run, method, &mut agents, on_end).await
 }

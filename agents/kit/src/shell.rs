@@ -1,10 +1,11 @@
 //! What programs that play share: their command line, the run that they play, and what they tell people of it.
 
 use avln_client::{
-    Agent, Arena, EpisodeEnd, Error, Link, Order, RunOptions, RunSummary, Sensors, evaluate_with,
+    Agent, Arena, EpisodeEnd, Error, Link, Order, RunOptions, RunSummary, Sensors, evaluate_slots,
 };
-use clap::Args;
-use std::{fmt::Display, path::PathBuf, process::ExitCode};
+use clap::{Args, value_parser};
+use std::{fmt::Display, future::Future, io, iter, path::PathBuf, process::ExitCode, thread};
+use tokio::runtime::Builder;
 
 /// Which run is played, and where: what every agent is told on the command line.
 #[derive(Args, Clone, Debug)]
@@ -27,6 +28,19 @@ pub struct RunArgs {
     /// Pixels a side of the pictures, 64 to 1024
     #[arg(long, default_value_t = 128, value_name = "PIXELS")]
     pub size: u32,
+    /// Episodes side by side, on as many threads as there are processors; the server may grant fewer
+    #[arg(long, default_value_t = 1, value_parser = value_parser!(u32).range(1..=64), value_name = "SLOTS")]
+    pub slots: u32,
+}
+
+impl RunArgs {
+    /// Makes an agent for each slot.
+    ///
+    /// # Errors
+    /// The first that `make` fails with.
+    pub fn agents<A, E>(&self, make: impl FnMut() -> Result<A, E>) -> Result<Vec<A>, E> {
+        iter::repeat_with(make).take(self.slots as usize).collect()
+    }
 }
 
 /// Under what name an agent plays, and what it senses.
@@ -40,20 +54,34 @@ pub struct Method {
     pub sensors: Sensors,
 }
 
-/// Plays one run with `agent`, telling `on_end` about every episode that ended.
+/// Plays one run with an agent for each slot, telling `on_end` about every episode that ended.
 ///
 /// # Errors
-/// As for [`avln_client::evaluate`] and for beginning a run.
-pub async fn play(
+/// As for [`avln_client::evaluate_slots`] and for beginning a run.
+pub async fn play<A: Agent + Send + 'static>(
     args: RunArgs,
     method: Method,
-    agent: &mut (dyn Agent + Send),
+    agents: &mut Vec<A>,
     on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
 ) -> Result<RunSummary, Error> {
     let link = Link { ca: args.ca, ..Link::default() };
     let wanted = RunOptions::new(args.phase, method.name).method_version(method.version).order(args.order);
     let (arena, run) = Arena::begin(&args.server, args.token, &link, wanted).await?;
-    evaluate_with(&arena, &run, method.sensors, agent, on_end).await
+    evaluate_slots(&arena, &run, method.sensors, agents, on_end).await
+}
+
+/// Runs what plays `slots` episodes side by side: one alone on one thread, where agent and connection take turns, so that a
+/// second thread would only have to be woken.
+///
+/// # Errors
+/// When the system gives no threads.
+pub fn run_for<T>(slots: u32, work: impl Future<Output = T>) -> io::Result<T> {
+    let most = thread::available_parallelism().map_or(1, usize::from);
+    let runtime = match most.min(slots as usize) {
+        0 | 1 => Builder::new_current_thread().enable_all().build(),
+        threads => Builder::new_multi_thread().worker_threads(threads).enable_all().build(),
+    };
+    Ok(runtime?.block_on(work))
 }
 
 /// Tells people on standard error how an episode ended.
@@ -94,7 +122,8 @@ mod tests {
     #[test]
     fn options_of_an_agent_follow_those_of_the_run() {
         let help = <Cli as clap::CommandFactory>::command().render_help().to_string();
-        let names = ["Plays", "--server", "--ca", "--token", "--phase", "--order", "--size", "--more"];
+        let names =
+            ["Plays", "--server", "--ca", "--token", "--phase", "--order", "--size", "--slots", "--more"];
         let places: Vec<_> =
             names.iter().map(|name| help.rfind(&format!("{name} ")).or(help.find(name))).collect();
         assert!(places.iter().all(Option::is_some) && places.is_sorted(), "{places:?} in {help}");
@@ -105,6 +134,8 @@ mod tests {
         let cli = Cli::try_parse_from(["agent", "--token", "t"]).unwrap();
         let RunArgs { phase, order, size, .. } = cli.run;
         assert_eq!((phase.as_str(), order, size, cli.more), ("practice", Order::Unordered, 128, false));
+        assert_eq!(cli.run.slots, 1);
+        assert!(Cli::try_parse_from(["agent", "--token", "t", "--slots", "0"]).is_err());
         let command = <Cli as clap::CommandFactory>::command();
         let required = command.get_arguments().filter(|argument| argument.is_required_set());
         assert_eq!(required.map(|argument| argument.get_id().as_str()).collect::<Vec<_>>(), ["token"]);
@@ -116,7 +147,8 @@ mod tests {
         let url = format!("http://{nobody}");
         let cli = Cli::try_parse_from(["agent", "--token", "t", "--server", &url]).unwrap();
         let method = Method { name: "none".into(), version: "0", sensors: Sensors::default() };
-        let played = play(cli.run, method, &mut Idle, &mut |_| {}).await;
+        let mut agents = cli.run.agents(|| Ok::<_, Error>(Idle)).unwrap();
+        let played = play(cli.run, method, &mut agents, &mut |_| {}).await;
         assert!(matches!(&played, Err(Error::Unreachable { address, .. }) if *address == url), "{played:?}");
         assert_eq!(format!("{:?}", conclude(played)), format!("{:?}", ExitCode::FAILURE));
     }

@@ -1,6 +1,6 @@
 //! `avln-pag-nav`: plays one run with the PAG-Nav agent and prints its summary. Exit code 1 when it could not.
 
-use avln_kit::shell::{conclude, report};
+use avln_kit::shell::{conclude, report, run_for};
 use avln_pag_nav::{Options, run_with};
 use clap::Parser;
 use std::process::ExitCode;
@@ -13,7 +13,8 @@ struct Cli {
     options: Options,
 }
 
-#[tokio::main(flavor = "current_thread")]
-async fn main() -> ExitCode {
-    conclude(run_with(Cli::parse().options, &mut report).await)
+fn main() -> ExitCode {
+    let Cli { options } = Cli::parse();
+    let played = run_for(options.run.slots, run_with(options, &mut report));
+    played.map_or_else(|error| conclude(Err(error)), conclude)
 }

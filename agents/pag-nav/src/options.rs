@@ -37,11 +37,11 @@ pub async fn run_with(
     options: Options,
     on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
 ) -> Result<RunSummary, Error> {
-    let mut agent = agent(&options)?;
+    let mut agents = options.run.agents(|| agent(&options))?;
     let sensors = Sensors::square(options.run.size);
     let method = Method { name: options.method, version: env!("CARGO_PKG_VERSION"), sensors };
-    let played = play(options.run, method, &mut agent, on_end).await;
-    let traced = agent.end_trace();
+    let played = play(options.run, method, &mut agents, on_end).await;
+    let traced = agents.iter_mut().try_for_each(PagNav::end_trace);
     let summary = played?;
     match traced {
         Ok(()) => Ok(summary),

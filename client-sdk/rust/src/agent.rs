@@ -3,6 +3,7 @@ use crate::{
 };
 use tokio::{
     runtime::{Handle, RuntimeFlavor},
+    sync::mpsc,
     task::{self, JoinSet},
 };
 
@@ -16,6 +17,20 @@ pub trait Agent {
 
     /// What to do, seeing this.
     fn act(&mut self, observation: &Observation) -> Action;
+}
+
+impl<A: Agent + ?Sized> Agent for Box<A> {
+    fn enter(&mut self, episode: &str) {
+        self.as_mut().enter(episode);
+    }
+
+    fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
+        self.as_mut().begin(task, mission);
+    }
+
+    fn act(&mut self, observation: &Observation) -> Action {
+        self.as_mut().act(observation)
+    }
 }
 
 /// Plays a run to its end with one agent and says Goodbye.
@@ -49,32 +64,62 @@ pub async fn evaluate_with(
     play.finish().await
 }
 
-/// Plays a run with as many episodes at the same time as there are agents, or fewer where the server grants fewer
-/// slots. `agents` must not be empty.
+/// Plays a run with as many episodes at the same time as there are agents, or fewer where the server grants fewer slots,
+/// telling `on_end` about every episode that ended. `agents` must not be empty; but for one that panicked, all are there
+/// afterwards, in any order.
+///
+/// Each slot is a task of its own: agents think at the same time on a multi-thread runtime, and in turn on one thread.
 ///
 /// # Errors
-/// As for [`evaluate`]; the first slot that fails ends the run's stream.
-pub async fn evaluate_slots(
+/// As for [`evaluate`].
+pub async fn evaluate_slots<A: Agent + Send + 'static>(
     arena: &Arena,
     run: &Run,
     sensors: Sensors,
-    agents: Vec<Box<dyn Agent + Send>>,
+    agents: &mut Vec<A>,
+    on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
 ) -> Result<RunSummary, Error> {
     let wish = u32::try_from(agents.len()).unwrap_or(u32::MAX);
+    let plays = arena.play_slots(run, sensors, wish).await?;
+    let (tell, mut ended) = mpsc::unbounded_channel();
     let mut players = JoinSet::new();
-    for (mut play, mut agent) in arena.play_slots(run, sensors, wish).await?.into_iter().zip(agents) {
+    for mut play in plays {
+        let Some(mut agent) = agents.pop() else { break };
+        let tell = tell.clone();
         players.spawn(async move {
-            play_all(&mut play, agent.as_mut(), &mut |_| {}).await?;
-            Ok::<Play, Error>(play)
+            let mut on_end = |end: &EpisodeEnd| _ = tell.send(end.clone());
+            let played = play_all(&mut play, &mut agent, &mut on_end).await;
+            (agent, played.map(|()| play))
         });
     }
-    let mut last = None;
-    while let Some(joined) = players.join_next().await {
-        let lost =
-            |error: task::JoinError| Error::Lost { attempted: "play a slot", detail: error.to_string() };
-        last = Some(joined.map_err(lost)??);
+    drop(tell);
+    while let Some(end) = ended.recv().await {
+        on_end(&end);
     }
-    last.ok_or_else(|| Error::protocol("no agent was given a slot"))?.finish().await
+    gather(players, agents).await?.finish().await
+}
+
+/// Waits for all slots; gives back one of their plays.
+async fn gather<A: 'static>(
+    mut players: JoinSet<(A, Result<Play, Error>)>,
+    agents: &mut Vec<A>,
+) -> Result<Play, Error> {
+    let lost = |error: task::JoinError| Error::Lost { attempted: "play a slot", detail: error.to_string() };
+    let mut all = Err(Error::protocol("no agent was given a slot"));
+    let mut failed = None;
+    while let Some(joined) = players.join_next().await {
+        match joined.map_err(lost) {
+            Ok((agent, played)) => {
+                agents.push(agent);
+                match played {
+                    Ok(play) => all = Ok(play),
+                    Err(error) => _ = failed.get_or_insert(error),
+                }
+            }
+            Err(error) => _ = failed.get_or_insert(error),
+        }
+    }
+    failed.map_or(all, Err)
 }
 
 async fn play_all(

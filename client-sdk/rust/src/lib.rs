@@ -28,8 +28,8 @@
 //! A runtime of one thread (`#[tokio::main(flavor = "current_thread")]`) spares a step in lock-step the way from thread to thread.
 //! It suits agents that choose in less than some seconds: while they think nothing answers the server's pings.
 //!
-//! An agent that implements [`Agent`] needs no loop of its own: [`evaluate`] plays it. [`Arena::play_slots`] plays
-//! several episodes of one run at the same time.
+//! An agent that implements [`Agent`] needs no loop of its own: [`evaluate`] plays it, and [`evaluate_slots`] several at the same
+//! time, on the slots of [`Arena::play_slots`].
 //!
 //! *Never*: shows a generated message; knows a target, a place or a score that the server hides; links the simulator.
 

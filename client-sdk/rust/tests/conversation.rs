@@ -387,7 +387,9 @@ async fn two_agents_play_two_slots_of_one_run() {
     let arena = Arena::connect(serve(two_slots).await, "").await.unwrap();
     let walker = |steps| Box::new(Walker { steps, entered: vec![], begun: 0 }) as Box<dyn Agent + Send>;
     let run = Run::from_token(RUN_TOKEN);
+    let (mut agents, mut ended) = (vec![walker(2), walker(9)], 0);
     let summary =
-        evaluate_slots(&arena, &run, Sensors::square(SIDE), vec![walker(2), walker(9)]).await.unwrap();
+        evaluate_slots(&arena, &run, Sensors::square(SIDE), &mut agents, &mut |_| ended += 1).await.unwrap();
     assert!(summary.complete);
+    assert_eq!((agents.len(), ended), (2, summary.progress.done));
 }

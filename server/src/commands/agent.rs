@@ -15,6 +15,17 @@ pub enum Agent {
     PagNav(avln_pag_nav::Options),
 }
 
+impl Agent {
+    /// How many episodes it plays side by side.
+    pub fn slots(&self) -> u32 {
+        match self {
+            Self::Random(_) => 1,
+            Self::Baseline(options) => options.run.slots,
+            Self::PagNav(options) => options.run.slots,
+        }
+    }
+}
+
 /// Runs an agent to the end of its run.
 ///
 /// # Errors

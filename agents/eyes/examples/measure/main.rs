@@ -2,8 +2,10 @@
 //!
 //! ```sh
 //! avln dataset frames --measure --split val --houses 11 --views 60 --out FOLDER
-//! cargo run --release -p avln-eyes --example measure -- FOLDER
+//! cargo run --release -p avln-eyes --example measure -- FOLDER CONFUSIONS.csv
 //! ```
+//!
+//! The file, which may be left out, gets how many objects of each category were taken for each.
 
 mod frames;
 mod instances;
@@ -46,6 +48,24 @@ fn main() {
         );
     }
     print(&manifest, &measured);
+    if let Some(file) = std::env::args().nth(2) {
+        std::fs::write(&file, confusions(&manifest, &measured)).expect(&file);
+    }
+}
+
+/// A row for each category that objects are of, and a column for each that they are taken for.
+fn confusions(manifest: &Manifest, measured: &Measured) -> String {
+    let mut rows = vec![format!("seen by,category,{}", manifest.categories.join(","))];
+    for (way, confusion) in ["depth and colours", "colours"].iter().zip(&measured.confusions) {
+        for (kind, name) in manifest.categories.iter().enumerate() {
+            let told = confusion.objects(kind);
+            if told.iter().any(|count| *count > 0) {
+                let counts: Vec<String> = told.iter().map(u64::to_string).collect();
+                rows.push(format!("{way},{name},{}", counts.join(",")));
+            }
+        }
+    }
+    rows.join("\n") + "\n"
 }
 
 fn visit(eyes: &mut Eyes, records: &[Record], side_px: usize, measured: &mut Measured) {

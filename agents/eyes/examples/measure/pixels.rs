@@ -69,13 +69,17 @@ impl Confusion {
         (right_share(&self.objects[size], self.kinds), self.objects[size].iter().sum())
     }
 
+    /// What the objects of a category of at least the larger size are taken for.
+    pub(crate) fn objects(&self, is: usize) -> &[u64] {
+        &self.objects[1][is * self.kinds..(is + 1) * self.kinds]
+    }
+
     /// Objects of at least the larger size that are most often taken for something else: (what, for what, how often, of how
     /// many), by the share, among categories of 20 and more.
     pub(crate) fn worst(&self, most: usize) -> Vec<(usize, usize, u64, u64)> {
-        let table = &self.objects[1];
         let mut pairs = Vec::new();
         for is in 0..self.kinds {
-            let row = &table[is * self.kinds..(is + 1) * self.kinds];
+            let row = self.objects(is);
             let all: u64 = row.iter().sum();
             let wrong =
                 row.iter().enumerate().filter(|(told, count)| *told != is && **count > 2 && all >= 20);
