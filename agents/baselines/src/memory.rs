@@ -1,6 +1,6 @@
 use avln_client::{Action, Mission, Observation, Order, TaskSpec};
 use avln_kit::{
-    Scout,
+    LOOK_M, Scout,
     map::{Cell, Objects},
     perception::{Place, Recognition, Sight},
 };
@@ -55,7 +55,7 @@ impl Memory {
         self.objects.see(things.unwrap_or_default());
         let mut in_view = Vec::new();
         for (index, object) in self.objects.iter_mut().enumerate() {
-            if map.is_in_view(&stand, object.thing.center()) {
+            if map.is_in_view(&stand, object.thing.center(), LOOK_M) {
                 let fits: Vec<f32> =
                     (0..self.goals).map(|goal| self.perception.fit(&object.thing, goal)).collect();
                 object.look(&fits);

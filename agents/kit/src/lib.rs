@@ -25,3 +25,6 @@ pub use motion::Motion;
 pub use path::{Path, path};
 pub use scout::Scout;
 pub use turns::Turns;
+
+/// Agents look at a thing within this distance to tell what it is, metres.
+pub const LOOK_M: f32 = 2.8;

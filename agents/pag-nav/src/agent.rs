@@ -3,7 +3,7 @@ use crate::planner::{Candidate, Evidence, Goals, Weights};
 use crate::trace::{Recorder, Thought};
 use avln_client::{Action, Agent, Feedback, FeedbackRule, Mission, Observation, Order, TaskSpec};
 use avln_kit::{
-    Aftermath, Course, Hints, Motion, Turns,
+    Aftermath, Course, Hints, LOOK_M, Motion, Turns,
     map::{Cell, Estimate, Intensity, Objects, Occupancy, SoundField, SourceBelief, range_m},
     perception::{Classical, Ear, Heard, Place, Query, Recognition, Sight, Stand, View},
 };
@@ -216,7 +216,7 @@ impl PagNav {
     fn look_at_objects(&mut self, stand: &Stand) {
         let (map, goals, perception) = (&self.map, 0..self.queries.len(), &self.perception);
         for object in self.objects.iter_mut() {
-            if map.is_in_view(stand, object.thing.center()) {
+            if map.is_in_view(stand, object.thing.center(), LOOK_M) {
                 let fits: Vec<f32> = goals.clone().map(|goal| perception.fit(&object.thing, goal)).collect();
                 object.look(&fits);
             }
@@ -230,7 +230,7 @@ impl PagNav {
             let Some(estimate) = estimate.filter(|estimate| self.is_located(index, estimate)) else {
                 continue;
             };
-            if self.map.is_in_view(stand, estimate.place) {
+            if self.map.is_in_view(stand, estimate.place, LOOK_M) {
                 self.sources[index].look_at(estimate.place);
                 for goal in 0..self.queries.len() {
                     self.goals.see(index, goal, self.fit_at(estimate.place, goal));

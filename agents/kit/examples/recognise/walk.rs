@@ -111,7 +111,7 @@ impl<'a> Walk<'a> {
             let things = perception.see(&stand, &seen, &|place| map.is_wall(Cell::at(place)));
             objects.see(things.unwrap_or_default());
             for object in objects.iter_mut() {
-                if map.is_in_view(&stand, object.thing.center()) {
+                if map.is_in_view(&stand, object.thing.center(), NEAR_M) {
                     let fits: Vec<f32> =
                         (0..self.goals.len()).map(|goal| perception.fit(&object.thing, goal)).collect();
                     object.look(&fits);
@@ -121,6 +121,9 @@ impl<'a> Walk<'a> {
         objects
     }
 }
+
+/// Things are compared with goals within this distance: pictures are few, and taken for no goal.
+const NEAR_M: f32 = 4.0;
 
 fn is_usual(record: &Record, task: &TaskSpec) -> bool {
     let camera = &record.camera;

@@ -250,11 +250,10 @@ impl Occupancy {
         (1..=steps).all(|step| !self.is_wall(Cell::at(from.toward(to, step as f32 * SAMPLE_M / length_m))))
     }
 
-    /// Whether a place lies before the camera, so near that pictures show what it is, and not behind a wall.
-    pub fn is_in_view(&self, stand: &Stand, place: Place) -> bool {
-        const NEAR_M: f32 = 2.8;
+    /// Whether a place lies before the camera within `near_m`, and not behind a wall.
+    pub fn is_in_view(&self, stand: &Stand, place: Place, near_m: f32) -> bool {
         const ASIDE_RAD: f32 = 0.6;
-        place.distance_m(stand.place) <= NEAR_M
+        place.distance_m(stand.place) <= near_m
             && stand.bearing_rad(place).abs() <= ASIDE_RAD
             && self.hears(stand.place, place)
     }
