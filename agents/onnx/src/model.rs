@@ -90,7 +90,7 @@ mod tests {
     #[test]
     fn without_onnx_runtime_it_says_what_to_install() {
         let refusal =
-            runtime(Path::new("absent/libonnxruntime.so")).err().expect("nothing is there").to_string();
+            runtime(Path::new("absent/libonnxruntime.so")).expect_err("nothing is there").to_string();
         assert!(refusal.contains("absent/libonnxruntime.so") && refusal.contains("pip install onnxruntime"));
     }
 }
