@@ -31,7 +31,8 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("eyes", &["machine"]),
     ("random", &["client"]),
     ("baselines", &["client", "kit"]),
-    ("pag-nav", &["client", "kit"]),
+    ("onnx", &["client", "kit"]),
+    ("pag-nav", &["client", "kit", "onnx"]),
     (
         "server",
         &[

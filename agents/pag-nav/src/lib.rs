@@ -18,7 +18,7 @@
 //! an open gate waits until the target sounds again, since only its silence then tells that it was found; nobody tells
 //! which goal sounds.
 //!
-//! [`Weights`] are its numbers; `pag-nav.toml` has them all. A [`Recorder`] writes down what it heard, believed and did.
+//! It sees by the network of `avln-eyes`, or by models that people bring (`avln-onnx`). [`Weights`] are its numbers; `pag-nav.toml` has them all. A [`Recorder`] writes down what it heard, believed and did.
 //! [`Ablation`] takes parts of it away; [`PagNav::hinted`] is what a host may tell it to find out what a perfect sense is
 //! worth, and nobody else is told.
 //!

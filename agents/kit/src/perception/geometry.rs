@@ -59,6 +59,13 @@ impl Stand {
         sin.atan2(cos)
     }
 
+    /// Whether one sees about the same from both.
+    pub fn sees_like(&self, other: &Self) -> bool {
+        const MOVED_M: f32 = 0.45;
+        const TURNED_RAD: f32 = 0.8;
+        self.place.distance_m(other.place) < MOVED_M && self.turn_rad(other).abs() < TURNED_RAD
+    }
+
     /// Direction of `place` from straight ahead, radians, -π to π, positive to the left.
     pub fn bearing_rad(&self, place: Place) -> f32 {
         let (dx, dz) = (place.x - self.place.x, place.z - self.place.z);

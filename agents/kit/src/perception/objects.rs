@@ -1,5 +1,6 @@
 use super::{Palette, Place, Stand, View, color::contrast, geometry::Seen};
 use avln_client::{DepthImage, Image};
+use avln_eyes::extent;
 
 /// Nodes in a row of the grid on which a picture is cut into things.
 const NODES: usize = 64;
@@ -39,6 +40,37 @@ pub struct Thing {
 }
 
 impl Thing {
+    /// The box and colours of the pixels (column, row) of a picture that show it; `None` where they are too few, too far, or
+    /// without depth.
+    pub fn of_pixels(
+        view: &View,
+        stand: &Stand,
+        image: &Image,
+        depth: &DepthImage,
+        pixels: Vec<(usize, usize)>,
+    ) -> Option<Self> {
+        const FEWEST_PIXELS: usize = 32;
+        let [mut x, mut z, mut up]: [Vec<f32>; 3] = Default::default();
+        for seen in pixels.iter().filter_map(|&(column, row)| view.seen(stand, depth, column, row)) {
+            if seen.range_m < FAR_M {
+                x.push(seen.place.x);
+                z.push(seen.place.z);
+                up.push(seen.height_m);
+            }
+        }
+        if x.len() < FEWEST_PIXELS {
+            return None;
+        }
+        let ([x0, x1], [z0, z1], [low_m, high_m]) = (extent(x)?, extent(z)?, extent(up)?);
+        let rgb = |(column, row): (usize, usize)| {
+            let start = 3 * (row * view.width + column);
+            image.pixels.get(start..start + 3)?.try_into().ok()
+        };
+        let palette = Palette::of(pixels.into_iter().filter_map(rgb));
+        let (min, max) = (Place::new(x0, z0), Place::new(x1, z1));
+        Some(Self { min, max, low_m, high_m, palette, views: 1, ..Self::default() })
+    }
+
     /// Long side on the floor plan, metres.
     pub fn long_m(&self) -> f32 {
         (self.max.x - self.min.x).max(self.max.z - self.min.z)

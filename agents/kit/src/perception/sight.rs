@@ -1,14 +1,7 @@
-use super::{Layout, Palette, Place, Query, Recognition, Stand, Thing, View, Words, objects::cosine};
+use super::{Layout, Place, Query, Recognition, Stand, Thing, View, Words, objects::cosine};
 use avln_client::{DepthImage, GoalCue, Image, Mission, Observation, RgbImage, TaskSpec};
-use avln_eyes::{Camera, Depth, Eyes, Perception as _, Picture, Seen, Segment, WeightsError, extent, lift};
+use avln_eyes::{Camera, Depth, Eyes, Perception as _, Picture, Seen, Segment, WeightsError, lift};
 
-/// Segments of fewer pixels are too small to tell what they are.
-const FEWEST_PIXELS: usize = 32;
-/// Farther things are not looked at, metres.
-const FAR_M: f32 = 6.0;
-/// It looks again when the body has moved or turned by this much.
-const MOVED_M: f32 = 0.45;
-const TURNED_RAD: f32 = 0.8;
 /// Likelihoods below this are left out.
 const UNLIKELY: f32 = 0.003;
 /// Range of the likeness of two looks over which they go from unlike to alike.
@@ -92,32 +85,9 @@ impl Sight {
             let (row, column) = (pixel as usize / width, pixel as usize % width);
             (column * self.view.width / width, row * self.view.height / height)
         });
-        let [mut x, mut z, mut up]: [Vec<f32>; 3] = Default::default();
-        for seen in pixels.clone().filter_map(|(column, row)| self.view.seen(stand, depth, column, row)) {
-            if seen.range_m < FAR_M {
-                x.push(seen.place.x);
-                z.push(seen.place.z);
-                up.push(seen.height_m);
-            }
-        }
-        if x.len() < FEWEST_PIXELS {
-            return None;
-        }
-        let ([x0, x1], [z0, z1], [low_m, high_m]) = (extent(x)?, extent(z)?, extent(up)?);
-        let rgb = |(column, row): (usize, usize)| {
-            let start = 3 * (row * self.view.width + column);
-            image.pixels.get(start..start + 3)?.try_into().ok()
-        };
-        Some(Thing {
-            min: Place::new(x0, z0),
-            max: Place::new(x1, z1),
-            low_m,
-            high_m,
-            palette: Palette::of(pixels.filter_map(rgb)),
-            embedding: look(segment),
-            kinds: self.kinds(&self.judged(segment, seen, (image, depth))),
-            views: 1,
-        })
+        let thing = Thing::of_pixels(&self.view, stand, image, depth, pixels.collect())?;
+        let kinds = self.kinds(&self.judged(segment, seen, (image, depth)));
+        Some(Thing { embedding: look(segment), kinds, ..thing })
     }
 
     /// Likelihood of each category, by likeness and shape.
@@ -148,7 +118,7 @@ impl Recognition for Sight {
     fn see(&mut self, stand: &Stand, seen: &Observation, _: &dyn Fn(Place) -> bool) -> Option<Vec<Thing>> {
         let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
         self.layout = Layout::of(image);
-        if self.last.is_some_and(|last| is_alike(&last, stand)) {
+        if self.last.is_some_and(|last| last.sees_like(stand)) {
             return None;
         }
         self.last = Some(*stand);
@@ -169,11 +139,6 @@ impl Recognition for Sight {
             None => 0.0,
         }
     }
-}
-
-/// Whether one sees about the same from both.
-fn is_alike(last: &Stand, now: &Stand) -> bool {
-    last.place.distance_m(now.place) < MOVED_M && last.turn_rad(now).abs() < TURNED_RAD
 }
 
 /// How alike two looks are, 0 to 1.

@@ -28,14 +28,6 @@ struct BoardsPage {
     phases: Vec<PhaseView>,
 }
 
-#[derive(Template)]
-#[template(path = "docs.html")]
-struct DocsPage {
-    shell: Shell,
-    host: Host,
-    keys: [Key; 10],
-}
-
 /// Phases, how to take part, and who leads.
 pub(super) async fn home(visit: Visit, host: Host, _: Asked<Nothing>) -> Page {
     let phases = visit.reader.phases(&visit.viewer, visit.now_unix_ms).await?;
@@ -66,9 +58,4 @@ pub(super) async fn home(visit: Visit, host: Host, _: Asked<Nothing>) -> Page {
 pub(super) async fn boards(visit: Visit, _: Asked<Nothing>) -> Page {
     let phases = visit.reader.phases(&visit.viewer, visit.now_unix_ms).await?;
     write(&BoardsPage { shell: Shell::new("Leaderboards", Part::Boards), phases })
-}
-
-/// How to take part, and what the numbers mean.
-pub(super) async fn docs(host: Host, _: Asked<Nothing>) -> Page {
-    write(&DocsPage { shell: Shell::new("How to take part", Part::Docs), host, keys: Key::ALL })
 }

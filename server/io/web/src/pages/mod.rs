@@ -1,6 +1,7 @@
 //! Pages for people: plain HTML, no script.
 
 mod board;
+mod docs;
 mod episode;
 mod home;
 mod runs;
@@ -22,7 +23,8 @@ const VERSION: &str = env!("CARGO_PKG_VERSION");
 pub(crate) fn router() -> Router<Reader> {
     Router::new()
         .route("/", get(home::home))
-        .route("/docs", get(home::docs))
+        .route("/docs", get(docs::index))
+        .route("/docs/{*document}", get(docs::document))
         .route("/leaderboard", get(home::boards))
         .route("/leaderboard/{phase}", get(board::page))
         .route("/runs", get(runs::list))

@@ -1,9 +1,11 @@
 use crate::fixture::{Arena, RUDE_TEAM};
 use axum::http::{StatusCode, header};
+use std::collections::BTreeSet;
 
-const PAGES: [&str; 9] = [
+const PAGES: [&str; 10] = [
     "/",
     "/docs",
+    "/docs/glossary",
     "/leaderboard",
     "/leaderboard/open",
     "/leaderboard/open?order=ordered",
@@ -24,8 +26,45 @@ async fn every_page_has_one_heading_a_title_a_way_past_the_menu_and_names_in_pla
         assert!(page.body.contains("<title>") && page.body.contains("href=\"#main\""), "{address}");
         assert!(!page.body.contains("<script"), "{address}");
         assert!(!page.body.contains("style="), "{address}: the policy forbids styles in elements");
-        assert!(page.body.matches("<table").count() == page.body.matches("<caption>").count(), "{address}");
+        assert!(
+            page.body.matches("<table").count()
+                == page.body.matches("<caption>").count() + page.body.matches("aria-label=\"Table").count(),
+            "{address}"
+        );
     }
+}
+
+#[tokio::test]
+async fn documents_are_pages_whose_links_lead_somewhere() {
+    let arena = Arena::new().await;
+    let index = arena.get("/docs").await.body;
+    let addresses: BTreeSet<&str> = links(&index).filter(|link| link.starts_with("/docs/")).collect();
+    assert!(addresses.len() > 25 && addresses.contains("/docs/protocol"), "{addresses:?}");
+    for address in &addresses {
+        let page = arena.get(address).await;
+        assert_eq!(page.status, StatusCode::OK, "{address}");
+        assert_eq!(page.body.matches("<h1>").count(), 1, "{address}");
+        assert!(!page.body.contains("<script") && !page.body.contains("style="), "{address}");
+        for link in links(&page.body).filter(|link| link.starts_with("/docs/")) {
+            let (to, place) = link.split_once('#').unwrap_or((link, ""));
+            assert!(addresses.contains(to), "{address} links to {link}");
+            let there = arena.get(to).await.body;
+            assert!(
+                place.is_empty() || there.contains(&format!("id=\"{place}\"")),
+                "{address} links to {link}"
+            );
+        }
+        for place in
+            links(&page.body).filter_map(|link| link.strip_prefix('#')).filter(|place| *place != "main")
+        {
+            assert!(page.body.contains(&format!("id=\"{place}\"")), "{address} links to #{place}");
+        }
+    }
+}
+
+/// Where the links of a page lead.
+fn links(page: &str) -> impl Iterator<Item = &str> {
+    page.split("href=\"").skip(1).filter_map(|rest| rest.split('"').next())
 }
 
 #[tokio::test]
@@ -78,6 +117,7 @@ async fn what_is_not_there_is_said_kindly() {
     let arena = Arena::new().await;
     for address in [
         "/nowhere",
+        "/docs/nowhere",
         "/leaderboard/nowhere",
         "/runs/nowhere",
         "/runs/run_rude/episodes/9",
