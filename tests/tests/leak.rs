@@ -221,12 +221,14 @@ fn paths(runs: &[String]) -> Vec<String> {
     paths.push(format!("/api/v1/phases/{PHASE}"));
     for order in ORDERS {
         paths.push(format!("/leaderboard/{PHASE}?order={order}"));
+        paths.push(format!("/embed/{PHASE}?order={order}"));
         for kind in ["", ".json", ".csv"] {
             paths.push(format!("/api/v1/phases/{PHASE}/leaderboard{kind}?order={order}"));
         }
     }
     for run in runs {
         paths.push(format!("/runs/{run}"));
+        paths.push(format!("/runs/{run}/badge.svg"));
         for rest in ["", "/episodes", "/episodes.csv", "/log"] {
             paths.push(format!("/api/v1/runs/{run}{rest}"));
         }

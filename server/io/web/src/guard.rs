@@ -19,17 +19,26 @@ pub(crate) const MAX_ADDRESS_BYTES: usize = 2048;
 const MAX_BODY_BYTES: usize = 1024;
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Headers of every answer. Nothing is loaded from elsewhere, nothing is scripted, no other site may frame a page.
-const HEADERS: [(HeaderName, &str); 5] = [
-    (
-        header::CONTENT_SECURITY_POLICY,
-        "default-src 'none'; style-src 'self'; img-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
-    ),
+/// Headers of every answer. Nothing is loaded from elsewhere, nothing is scripted.
+const HEADERS: [(HeaderName, &str); 3] = [
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::REFERRER_POLICY, "no-referrer"),
-    (header::X_FRAME_OPTIONS, "DENY"),
     (header::VARY, "authorization"),
 ];
+const POLICY: HeaderName = header::CONTENT_SECURITY_POLICY;
+/// Headers of what no other site may show in a frame.
+const ALONE: [(HeaderName, &str); 2] = [
+    (
+        POLICY,
+        "default-src 'none'; style-src 'self'; img-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
+    ),
+    (header::X_FRAME_OPTIONS, "DENY"),
+];
+/// Headers of what any site may. There is nothing on it to click but links, which open elsewhere.
+const FRAMED: [(HeaderName, &str); 1] = [(
+    POLICY,
+    "default-src 'none'; style-src 'self'; img-src 'self'; base-uri 'self'; form-action 'none'; frame-ancestors *",
+)];
 
 /// Marks an answer that is read from a file while it is sent: nobody keeps copies of it.
 #[derive(Clone, Copy)]
@@ -59,8 +68,9 @@ async fn dressed(request: Request, next: Next) -> Response {
     if status.is_client_error() || status.is_server_error() {
         response = explained(response, for_programs, &path);
     }
-    for (name, value) in HEADERS {
-        response.headers_mut().insert(name, HeaderValue::from_static(value));
+    let framing: &[_] = if path.starts_with("/embed/") { &FRAMED } else { &ALONE };
+    for (name, value) in HEADERS.iter().chain(framing) {
+        response.headers_mut().insert(name.clone(), HeaderValue::from_static(value));
     }
     if for_programs {
         response.headers_mut().insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, HeaderValue::from_static("*"));

@@ -1,5 +1,6 @@
 use super::{Page, Part, Shell, phase, segment, write};
 use crate::{
+    trouble::Trouble,
     visit::{Asked, BoardQuery, Visit},
     words,
 };
@@ -32,13 +33,36 @@ pub(super) struct BoardPage {
     columns: [Key; 9],
 }
 
+/// The same without anything around it, for other sites to show in a frame.
+#[derive(Template)]
+#[template(path = "embed.html")]
+struct EmbeddedPage {
+    title: String,
+    caption: String,
+    /// Of the board with everything around it.
+    address: String,
+    view: LeaderboardView,
+    columns: [Key; 5],
+}
+
 /// One board.
 pub(super) async fn page(visit: Visit, Path(id): Path<String>, Asked(query): Asked<BoardQuery>) -> Page {
-    let phase = phase(&visit, &id).await?;
+    write(&BoardPage::new(view(&visit, &id, query).await?))
+}
+
+/// One board, for a frame of another site.
+pub(super) async fn embedded(visit: Visit, Path(id): Path<String>, Asked(query): Asked<BoardQuery>) -> Page {
+    let whole = BoardPage::new(view(&visit, &id, query).await?);
+    let address = whole.sorted_by(&whole.view.key);
+    let BoardPage { shell, caption, view, .. } = whole;
+    let columns = [Key::Sr, Key::Isr, Key::Osr, Key::Spl, Key::SoftSpl];
+    write(&EmbeddedPage { title: shell.title, caption, address, view, columns })
+}
+
+async fn view(visit: &Visit, id: &str, query: BoardQuery) -> Result<LeaderboardView, Trouble> {
+    let phase = phase(visit, id).await?;
     let board = query.board(&phase, visit.now_unix_ms);
-    let view = visit.reader.leaderboard(&visit.viewer, &board).await?;
-    let view = view.ok_or(crate::trouble::Trouble::NoPage)?;
-    write(&BoardPage::new(view))
+    visit.reader.leaderboard(&visit.viewer, &board).await?.ok_or(Trouble::NoPage)
 }
 
 impl BoardPage {
@@ -83,6 +107,12 @@ impl BoardPage {
     fn twin(&self, suffix: &str) -> String {
         let query = self.query(self.view.order, self.view.key, self.view.pick);
         format!("/api/v1/phases/{}/leaderboard{suffix}{query}", segment(&self.view.phase.id))
+    }
+
+    /// The same board for frames of other sites, behind `/embed`.
+    fn embedded(&self) -> String {
+        let query = self.query(self.view.order, self.view.key, self.view.pick);
+        format!("/{}{query}", segment(&self.view.phase.id))
     }
 
     fn is_key(&self, key: &Key) -> bool {

@@ -1,5 +1,6 @@
 //! Pages for people: plain HTML, no script.
 
+mod badge;
 mod board;
 mod docs;
 mod episode;
@@ -29,6 +30,8 @@ pub(crate) fn router() -> Router<Reader> {
         .route("/leaderboard/{phase}", get(board::page))
         .route("/runs", get(runs::list))
         .route("/runs/{run}", get(runs::one))
+        .route("/runs/{run}/badge.svg", get(badge::badge))
+        .route("/embed/{phase}", get(board::embedded))
         .route("/runs/{run}/episodes/{ordinal}", get(episode::page))
         .route(
             "/assets/app.css",

@@ -98,6 +98,32 @@ async fn a_board_says_what_it_is_ordered_by_and_its_links_keep_the_rest() {
 }
 
 #[tokio::test]
+async fn a_badge_says_in_one_line_where_a_run_stands() {
+    let arena = Arena::new().await;
+    let badge = arena.get("/runs/run_formula/badge.svg").await;
+    assert_eq!((badge.status, badge.header(header::CONTENT_TYPE)), (StatusCode::OK, "image/svg+xml"));
+    assert!(badge.body.contains("rank ") && badge.body.contains(" of 2</text>"), "{}", badge.body);
+    assert!(badge.body.contains("aria-label") && badge.body.contains("<title>"), "{}", badge.body);
+    let begun = arena.get("/runs/run_begun/badge.svg").await.body;
+    assert!(begun.contains("1 of 2 episodes"), "{begun}");
+    assert_eq!(arena.get("/runs/nowhere/badge.svg").await.status, StatusCode::NOT_FOUND);
+}
+
+#[tokio::test]
+async fn a_board_can_stand_in_a_frame_and_nothing_else_can() {
+    let arena = Arena::new().await;
+    let board = arena.get("/embed/open?order=ordered&sort=isr").await;
+    assert_eq!(board.status, StatusCode::OK);
+    assert!(board.header(header::CONTENT_SECURITY_POLICY).ends_with("frame-ancestors *"));
+    assert!(board.headers.get(header::X_FRAME_OPTIONS).is_none());
+    assert!(board.body.contains("href=\"/leaderboard/open?order=ordered&#38;sort=isr\""), "{}", board.body);
+    assert!(!board.body.contains("<nav") && board.body.matches("<h1>").count() == 1);
+    let whole = arena.get("/leaderboard/open?order=ordered&sort=isr").await;
+    assert!(whole.body.contains("href=\"/embed/open?order=ordered&#38;sort=isr\""));
+    assert_eq!(whole.header(header::X_FRAME_OPTIONS), "DENY");
+}
+
+#[tokio::test]
 async fn an_episode_is_told_in_words_and_drawn() {
     let arena = Arena::new().await;
     let page = arena.get("/runs/run_formula/episodes/1").await.body;

@@ -1,12 +1,14 @@
 use crate::fixture::{Arena, ORGANISER, TOKEN};
 use axum::http::{StatusCode, header};
 
-const SEALED: [&str; 8] = [
+const SEALED: [&str; 10] = [
     "/",
     "/leaderboard/sealed",
     "/runs",
     "/runs/run_sealed",
     "/runs/run_sealed/episodes/0",
+    "/runs/run_sealed/badge.svg",
+    "/embed/sealed",
     "/api/v1/phases/sealed/leaderboard",
     "/api/v1/phases/sealed/leaderboard.csv",
     "/api/v1/runs/run_sealed/episodes.csv",
@@ -34,6 +36,8 @@ async fn a_team_follows_its_sealed_run_without_scores_and_the_organiser_sees_the
     assert!(!own.body.contains("id=\"scores\"") && !own.body.contains("canary"), "{}", own.body);
     let json = arena.get_as("/api/v1/runs/run_sealed", TOKEN).await;
     assert!(json.json()["summary"].is_null());
+    let badge = arena.get_as("/runs/run_sealed/badge.svg", TOKEN).await.body;
+    assert!(badge.contains("scores are hidden") && !badge.contains("canary"), "{badge}");
     let episode = arena.get_as("/runs/run_sealed/episodes/0", TOKEN).await.body;
     assert!(!episode.contains("<figure") && !episode.contains("canary"), "{episode}");
     let seen = arena.get_as("/runs/run_sealed", ORGANISER).await.body;
