@@ -54,7 +54,7 @@ pub(super) async fn index(host: Host, _: Asked<Nothing>) -> Page {
 /// One document.
 pub(super) async fn document(Path(slug): Path<String>, _: Asked<Nothing>) -> Page {
     let found = DOCUMENTS.iter().find(|document| document.slug == slug);
-    let document = found.ok_or_else(|| Trouble::Unknown { what: "document", name: slug })?;
+    let document = found.ok_or(Trouble::Unknown { what: "document", name: slug })?;
     let shell = Shell::new(document.title.clone(), Part::Docs).below("How to take part", "/docs");
     write(&DocumentPage { shell, document })
 }
