@@ -227,6 +227,9 @@ fn paths(runs: &[String]) -> Vec<String> {
         }
     }
     for run in runs {
+        for door in ["/compare", "/api/v1/compare"] {
+            paths.extend(runs.iter().map(|other| format!("{door}?first={run}&second={other}")));
+        }
         paths.push(format!("/runs/{run}"));
         paths.push(format!("/runs/{run}/badge.svg"));
         for rest in ["", "/episodes", "/episodes.csv", "/log"] {

@@ -3,7 +3,7 @@ use avln_truth::{EpisodeTruth, Record};
 use serde::{Deserialize, Serialize};
 
 /// What one episode was worth. Shares and rates lie in [0, 1]; `osr >= isr` and `spl <= sr` always hold.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Metrics {
     /// Goals of the mission.
     pub goals: u32,

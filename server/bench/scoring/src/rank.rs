@@ -1,10 +1,10 @@
 use crate::{
     Direction, EpisodeScore, Key, Summary,
     bootstrap::{clusters, intervals},
-    summary::sorted,
+    compare::pairs,
 };
 use serde::{Deserialize, Serialize};
-use std::{cmp::Ordering, collections::BTreeMap};
+use std::cmp::Ordering;
 
 /// One line of a leaderboard before it is ranked.
 #[derive(Clone, Copy, Debug)]
@@ -67,19 +67,13 @@ fn better(a: &Summary, b: &Summary, key: Key) -> Ordering {
     TIE_BREAKS.into_iter().fold(by(key), |so_far, next| so_far.then_with(|| by(next)))
 }
 
-/// What makes an episode the same for both: its id and the order of its goals.
-fn episode(score: &EpisodeScore) -> (&str, &str) {
-    (&score.episode, score.order.as_str())
-}
-
 /// Whether the paired difference of the key over the episodes that both played is surely not 0.
 /// Two episodes at least are needed to be sure of anything.
 fn differ(a: &Entry<'_>, b: &Entry<'_>, key: Key, seed: u64) -> bool {
-    let of_a: BTreeMap<_, f64> = a.scores.iter().map(|s| (episode(s), key.of(&s.metrics))).collect();
-    let rows: Vec<(&str, [f64; 1])> = sorted(b.scores)
-        .into_iter()
-        .filter_map(|s| Some((s.scene.as_str(), [of_a.get(&episode(s))? - key.of(&s.metrics)])))
-        .collect();
+    let less =
+        |(of_a, of_b): &(&EpisodeScore, &EpisodeScore)| [key.of(&of_a.metrics) - key.of(&of_b.metrics)];
+    let pairs = pairs(a.scores, b.scores);
+    let rows: Vec<_> = pairs.iter().map(|pair| (pair.0.scene.as_str(), less(pair))).collect();
     if rows.len() < 2 {
         return false;
     }

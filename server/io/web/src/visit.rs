@@ -3,7 +3,7 @@
 use crate::trouble::Trouble;
 use avln_episode::Order;
 use avln_scoring::Key;
-use avln_store::{Board, PhaseView, Pick, Reader, Viewer};
+use avln_store::{Board, CompareView, Incomparable, PhaseView, Pick, Reader, Viewer};
 use axum::{
     extract::{FromRequestParts, Query},
     http::{header, request::Parts},
@@ -125,6 +125,31 @@ impl BoardQuery {
             key: self.sort.unwrap_or(phase.ranking.key),
             pick: self.pick.unwrap_or(phase.ranking.entry),
             now_unix_ms,
+        }
+    }
+}
+
+/// Which two runs are to be compared.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CompareQuery {
+    pub(crate) first: String,
+    pub(crate) second: String,
+}
+
+impl CompareQuery {
+    /// Both runs side by side.
+    pub(crate) async fn view(&self, visit: &Visit) -> Result<CompareView, Trouble> {
+        let (first, second) = (self.first.as_str(), self.second.as_str());
+        match visit.reader.compare(&visit.viewer, [first, second]).await? {
+            Some(Ok(view)) => Ok(view),
+            Some(Err(Incomparable::Apart)) => Err(Trouble::Invalid(format!(
+                "the runs '{first}' and '{second}' cannot be compared: they are of different phases or orders of goals"
+            ))),
+            Some(Err(Incomparable::Hidden)) => Err(Trouble::Invalid(format!(
+                "the runs '{first}' and '{second}' cannot be compared: their phase hides what single episodes were worth"
+            ))),
+            None => Err(Trouble::Unknown { what: "pair of runs", name: format!("{first} and {second}") }),
         }
     }
 }

@@ -3,7 +3,7 @@
 pub(crate) use avln_store::calendar::rfc3339;
 
 use avln_episode::{Encoding, EndReason, Modality, Order, Sensors};
-use avln_scoring::{Direction, Estimate, Key, Summary};
+use avln_scoring::{Difference, Direction, Estimate, Key, Summary};
 use avln_store::{EpisodeState, PhaseState, Pick, RunState, Visibility};
 use std::{collections::BTreeMap, fmt::Write};
 
@@ -101,6 +101,45 @@ pub(crate) fn better(direction: &Direction) -> &'static str {
     match direction {
         Direction::Higher => "more is better",
         Direction::Lower => "less is better",
+    }
+}
+
+/// A mean of a metric.
+pub(crate) fn mean(key: &Key, value: &f64) -> String {
+    match key {
+        Key::PathM => metres(value),
+        Key::Steps | Key::Collisions | Key::WrongSubmits => number(value),
+        Key::Sr | Key::Isr | Key::Osr | Key::Spl | Key::SoftSpl | Key::Sna => share(value),
+    }
+}
+
+/// How two runs differ in a metric: by points of a hundred for shares.
+pub(crate) fn difference(difference: &Difference) -> String {
+    let Estimate { value, low, high } = difference.estimate;
+    let (unit, digits) = match difference.key {
+        Key::PathM => (1.0, 2),
+        Key::Steps | Key::Collisions | Key::WrongSubmits => (1.0, 1),
+        Key::Sr | Key::Isr | Key::Osr | Key::Spl | Key::SoftSpl | Key::Sna => (100.0, 1),
+    };
+    // What rounds to nothing has no sign.
+    let signed = |value: f64| {
+        let text = format!("{:+.digits$}", unit * value).replace('-', "−");
+        if text.chars().any(|letter| matches!(letter, '1'..='9')) {
+            text
+        } else {
+            text[text.find('0').unwrap_or(0)..].to_owned()
+        }
+    };
+    format!("{} ({} to {})", signed(value), signed(low), signed(high))
+}
+
+/// What a difference says.
+pub(crate) fn verdict(difference: &Difference) -> &'static str {
+    let is_more = difference.estimate.value > 0.0;
+    match (difference.is_sure, is_more == (difference.key.direction() == Direction::Higher)) {
+        (false, _) => "≈ may be nothing",
+        (true, true) => "the first is better",
+        (true, false) => "the second is better",
     }
 }
 
@@ -282,6 +321,20 @@ mod tests {
         assert_eq!(rfc3339(4_107_542_400_000), "2100-03-01T00:00:00Z");
         assert_eq!(rfc3339(-1), "1969-12-31T23:59:59Z");
         assert_eq!(moment(1_795_266_906_000), "2026-11-21 13:15 UTC");
+    }
+
+    #[test]
+    fn differences_have_signs_and_say_who_is_better() {
+        let estimate = |value, low, high| Estimate { value, low, high };
+        let of = |key, estimate, is_sure| Difference { key, first: 0.0, second: 0.0, estimate, is_sure };
+        let sr = of(Key::Sr, estimate(0.123, -0.0001, 0.25), false);
+        assert_eq!((difference(&sr).as_str(), verdict(&sr)), ("+12.3 (0.0 to +25.0)", "≈ may be nothing"));
+        let steps = of(Key::Steps, estimate(-31.0, -40.0, -22.0), true);
+        assert_eq!(
+            (difference(&steps).as_str(), verdict(&steps)),
+            ("−31.0 (−40.0 to −22.0)", "the first is better")
+        );
+        assert_eq!(verdict(&of(Key::Spl, estimate(-0.5, -0.6, -0.4), true)), "the second is better");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 mod board;
 mod census;
+mod compare;
 mod episode;
 mod phase;
 mod run;
@@ -9,6 +10,7 @@ mod run;
 use board::RankedBoards;
 pub use board::{Board, LeaderboardRow, LeaderboardView, Pick};
 pub use census::Census;
+pub use compare::{CompareView, Incomparable, PairView};
 pub use episode::{EpisodeView, GoalView, MissionView, Replay, SubmitMark, TargetView};
 pub use phase::PhaseView;
 pub use run::{EpisodeLine, LogAccess, ModalityView, RunLine, RunView};

@@ -2,7 +2,7 @@ use super::SCHEMA_VERSION;
 use crate::{
     SignedLogs,
     trouble::Trouble,
-    visit::{self, Asked, BoardQuery, Nothing, RunsQuery, Visit},
+    visit::{self, Asked, BoardQuery, CompareQuery, Nothing, RunsQuery, Visit},
     words,
 };
 use avln_store::{EpisodeView, LeaderboardView, PhaseView, RunView};
@@ -40,6 +40,10 @@ pub(super) async fn leaderboard(
     Asked(query): Asked<BoardQuery>,
 ) -> Answer {
     answer(&find_board(&visit, &id, query).await?)
+}
+
+pub(super) async fn compare(visit: Visit, Asked(query): Asked<CompareQuery>) -> Answer {
+    answer(&query.view(&visit).await?)
 }
 
 pub(super) async fn runs(visit: Visit, Asked(query): Asked<RunsQuery>) -> Answer {

@@ -85,6 +85,13 @@ fn endpoints() -> Vec<Endpoint> {
             Json("Quotas"),
             get(answers::quota),
         ),
+        endpoint(
+            "/compare",
+            "Two runs of one phase and order, over the episodes that both played: the first less the second.",
+            &["first", "second"],
+            Json("Compared"),
+            get(answers::compare),
+        ),
         endpoint("/runs", "The latest runs, the newest first.", RUNS_QUERY, Json("Runs"), get(answers::runs)),
         endpoint("/runs/{run}", "A run with its episodes.", &[], Json("Run"), get(answers::run)),
         endpoint(

@@ -69,7 +69,8 @@ fn query_parameter(name: &str) -> Value {
         "limit" => json!({ "type": "integer", "minimum": 1, "maximum": RunsQuery::LIMITS.1 }),
         _ => string(),
     };
-    json!({ "name": name, "in": "query", "schema": schema })
+    let is_required = matches!(name, "first" | "second");
+    json!({ "name": name, "in": "query", "required": is_required, "schema": schema })
 }
 
 fn reference(name: &str) -> Value {
@@ -129,6 +130,10 @@ fn schemas() -> Value {
         "Leaderboard": leaderboard(),
         "LeaderboardRow": row(),
         "Summary": summary(),
+        "Compared": compared(),
+        "Comparison": object(&[all(&["episodes", "scenes"], "integer"), vec![("differences", list("Difference"))]].concat()),
+        "Difference": difference(),
+        "Pair": pair(),
         "Estimate": object(&all(&["value", "low", "high"], "number")),
         "Runs": answer(&[("runs", list("RunLine"))]),
         "RunLine": run_line(),
@@ -176,6 +181,27 @@ fn row() -> Value {
     fields.extend(all(&["health"], "object"));
     fields.extend(all(&["finished_at?"], "moment"));
     fields.push(("summary", reference("Summary")));
+    object(&fields)
+}
+
+fn compared() -> Value {
+    let runs = ["first", "second"].map(|name| (name, reference("RunLine")));
+    answer(
+        &[runs.to_vec(), vec![("comparison?", reference("Comparison")), ("episodes", list("Pair"))]].concat(),
+    )
+}
+
+fn difference() -> Value {
+    let mut fields = vec![("key", words(&Key::ALL.map(Key::as_str))), ("estimate", reference("Estimate"))];
+    fields.extend(all(&["first", "second"], "number"));
+    fields.extend(all(&["is_sure"], "boolean"));
+    object(&fields)
+}
+
+fn pair() -> Value {
+    let mut fields = all(&["episode", "scene"], "string");
+    fields.extend(all(&["first_ordinal", "second_ordinal"], "integer"));
+    fields.extend(["first", "second"].map(|name| (name, reference("Metrics"))));
     object(&fields)
 }
 

@@ -7,7 +7,7 @@ use crate::{
 use askama::Template;
 use avln_episode::Order;
 use avln_scoring::{Direction, Key};
-use avln_store::{LeaderboardRow, LeaderboardView, Pick};
+use avln_store::{LeaderboardRow, LeaderboardView, Pick, Visibility};
 use axum::extract::Path;
 use std::collections::BTreeSet;
 
@@ -113,6 +113,13 @@ impl BoardPage {
     fn embedded(&self) -> String {
         let query = self.query(self.view.order, self.view.key, self.view.pick);
         format!("/{}{query}", segment(&self.view.phase.id))
+    }
+
+    /// Where an entry is compared with the first, where single episodes may be seen.
+    fn against_first(&self, row: &LeaderboardRow) -> Option<String> {
+        let first = self.view.rows.first().filter(|first| first.run != row.run)?;
+        let is_open = self.view.phase.replays == Visibility::Public;
+        is_open.then(|| format!("/compare?first={}&second={}", segment(&row.run), segment(&first.run)))
     }
 
     fn is_key(&self, key: &Key) -> bool {

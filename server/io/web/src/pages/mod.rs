@@ -2,6 +2,7 @@
 
 mod badge;
 mod board;
+mod compare;
 mod docs;
 mod episode;
 mod home;
@@ -28,6 +29,7 @@ pub(crate) fn router() -> Router<Reader> {
         .route("/docs/{*document}", get(docs::document))
         .route("/leaderboard", get(home::boards))
         .route("/leaderboard/{phase}", get(board::page))
+        .route("/compare", get(compare::page))
         .route("/runs", get(runs::list))
         .route("/runs/{run}", get(runs::one))
         .route("/runs/{run}/badge.svg", get(badge::badge))

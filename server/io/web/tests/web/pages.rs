@@ -2,13 +2,14 @@ use crate::fixture::{Arena, RUDE_TEAM};
 use axum::http::{StatusCode, header};
 use std::collections::BTreeSet;
 
-const PAGES: [&str; 10] = [
+const PAGES: [&str; 11] = [
     "/",
     "/docs",
     "/docs/glossary",
     "/leaderboard",
     "/leaderboard/open",
     "/leaderboard/open?order=ordered",
+    "/compare?first=run_rude&second=run_formula",
     "/runs",
     "/runs/run_rude",
     "/runs/run_begun",
@@ -121,6 +122,30 @@ async fn a_board_can_stand_in_a_frame_and_nothing_else_can() {
     let whole = arena.get("/leaderboard/open?order=ordered&sort=isr").await;
     assert!(whole.body.contains("href=\"/embed/open?order=ordered&#38;sort=isr\""));
     assert_eq!(whole.header(header::X_FRAME_OPTIONS), "DENY");
+}
+
+#[tokio::test]
+async fn two_runs_are_compared_episode_by_episode() {
+    let arena = Arena::new().await;
+    let page = arena.get("/compare?first=run_rude&second=run_formula").await.body;
+    assert!(page.contains("+50.0 (+50.0 to +50.0)") && page.contains("the first is better"), "{page}");
+    assert!(page.contains("href=\"#first\">Only the first found all goals</a>: 2"), "{page}");
+    assert!(page.contains("href=\"/runs/run_formula/episodes/1\">1 of 2</a>"), "{page}");
+    let half = arena.get("/compare?first=run_begun&second=run_rude").await.body;
+    assert!(
+        half.contains("Means over the 1 episode in 1 scene") && half.contains("≈ may be nothing"),
+        "{half}"
+    );
+    let board = arena.get("/leaderboard/open").await.body;
+    assert!(board.contains("/compare?first=run_formula&#38;second=run_rude"), "{board}");
+    for (query, status) in [
+        ("?first=run_rude&second=run_sealed", StatusCode::NOT_FOUND),
+        ("?first=run_rude&second=nowhere", StatusCode::NOT_FOUND),
+        ("?first=run_rude", StatusCode::BAD_REQUEST),
+        ("", StatusCode::BAD_REQUEST),
+    ] {
+        assert_eq!(arena.get(&format!("/compare{query}")).await.status, status, "{query}");
+    }
 }
 
 #[tokio::test]

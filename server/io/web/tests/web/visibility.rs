@@ -38,6 +38,11 @@ async fn a_team_follows_its_sealed_run_without_scores_and_the_organiser_sees_the
     assert!(json.json()["summary"].is_null());
     let badge = arena.get_as("/runs/run_sealed/badge.svg", TOKEN).await.body;
     assert!(badge.contains("scores are hidden") && !badge.contains("canary"), "{badge}");
+    for address in ["/compare", "/api/v1/compare"] {
+        let both = arena.get_as(&format!("{address}?first=run_sealed&second=run_sealed"), TOKEN).await;
+        assert_eq!(both.status, StatusCode::BAD_REQUEST, "{}", both.body);
+        assert!(both.body.contains("hides what single episodes were worth") && !both.body.contains("canary"));
+    }
     let episode = arena.get_as("/runs/run_sealed/episodes/0", TOKEN).await.body;
     assert!(!episode.contains("<figure") && !episode.contains("canary"), "{episode}");
     let seen = arena.get_as("/runs/run_sealed", ORGANISER).await.body;

@@ -1,0 +1,118 @@
+use crate::{
+    EpisodeScore, Estimate, Key,
+    bootstrap::{clusters, intervals},
+    summary::sorted,
+};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Two runs over the episodes that both played.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Comparison {
+    /// Episodes that both played.
+    pub episodes: u32,
+    /// Scenes that these took place in.
+    pub scenes: u32,
+    /// In the order of [`Key::ALL`].
+    pub differences: Vec<Difference>,
+}
+
+/// How two runs differ in a metric.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Difference {
+    /// The metric.
+    pub key: Key,
+    /// Mean of the first over the episodes that both played.
+    pub first: f64,
+    /// Mean of the second.
+    pub second: f64,
+    /// Mean of the first less the second, episode by episode, with its 95 % interval, resampled by scene.
+    pub estimate: Estimate,
+    /// Whether that interval excludes 0; never with fewer than two episodes.
+    pub is_sure: bool,
+}
+
+/// How `first` differs from `second` over the episodes that both played; `None` when there are none.
+pub fn compare(first: &[EpisodeScore], second: &[EpisodeScore], seed: u64) -> Option<Comparison> {
+    const COUNT: usize = Key::ALL.len();
+    let pairs = pairs(first, second);
+    if pairs.is_empty() {
+        return None;
+    }
+    let less =
+        |(a, b): &(&EpisodeScore, &EpisodeScore)| Key::ALL.map(|key| key.of(&a.metrics) - key.of(&b.metrics));
+    let rows: Vec<(&str, [f64; COUNT])> =
+        pairs.iter().map(|pair| (pair.0.scene.as_str(), less(pair))).collect();
+    let bounds = intervals(&clusters(&rows), seed);
+    let mean = |value: &dyn Fn(usize) -> f64| (0..pairs.len()).map(value).sum::<f64>() / pairs.len() as f64;
+    let difference = |(column, key): (usize, Key)| {
+        let (value, (low, high)) = (mean(&|pair| rows[pair].1[column]), bounds[column]);
+        Difference {
+            key,
+            first: mean(&|pair| key.of(&pairs[pair].0.metrics)),
+            second: mean(&|pair| key.of(&pairs[pair].1.metrics)),
+            estimate: Estimate { value, low: low.min(value), high: high.max(value) },
+            is_sure: pairs.len() > 1 && (low > 0.0 || high < 0.0),
+        }
+    };
+    Some(Comparison {
+        episodes: pairs.len() as u32,
+        scenes: pairs.chunk_by(|a, b| a.0.scene == b.0.scene).count() as u32,
+        differences: Key::ALL.into_iter().enumerate().map(difference).collect(),
+    })
+}
+
+/// The scores of the episodes that are in both, by scene, then episode, then order.
+pub(crate) fn pairs<'a>(
+    first: &'a [EpisodeScore],
+    second: &'a [EpisodeScore],
+) -> Vec<(&'a EpisodeScore, &'a EpisodeScore)> {
+    let of_second: BTreeMap<_, _> = second.iter().map(|score| (episode(score), score)).collect();
+    let of_both = |score| Some((score, *of_second.get(&episode(score))?));
+    sorted(first).into_iter().filter_map(of_both).collect()
+}
+
+/// What makes an episode the same for both: its id and the order of its goals.
+fn episode(score: &EpisodeScore) -> (&str, &str) {
+    (&score.episode, score.order.as_str())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Metrics;
+    use avln_episode::Order;
+
+    fn score(episode: u32, found: u32) -> EpisodeScore {
+        let (sr, isr) = (if found == 2 { 1.0 } else { 0.0 }, f64::from(found) / 2.0);
+        let metrics = Metrics { goals: 2, found, sr, isr, steps: 10 * found, ..Metrics::default() };
+        let (episode, scene) = (format!("e{episode}"), format!("s{}", episode / 2));
+        EpisodeScore { episode, scene, order: Order::Ordered, metrics }
+    }
+
+    fn of(comparison: &Comparison, key: Key) -> Difference {
+        *comparison.differences.iter().find(|difference| difference.key == key).expect("all keys")
+    }
+
+    #[test]
+    fn differences_are_paired_by_episode() {
+        let first: Vec<_> = (0..8).map(|episode| score(episode, 2)).collect();
+        let second: Vec<_> = (0..7).rev().map(|episode| score(episode, 1)).collect();
+        let compared = compare(&first, &second, 1).expect("seven pairs");
+        assert_eq!((compared.episodes, compared.scenes), (7, 4));
+        let isr = of(&compared, Key::Isr);
+        assert_eq!((isr.first, isr.second, isr.estimate.low, isr.estimate.high), (1.0, 0.5, 0.5, 0.5));
+        assert!(isr.is_sure && of(&compared, Key::Steps).estimate.value == 10.0);
+        assert!(!of(&compared, Key::Collisions).is_sure);
+    }
+
+    #[test]
+    fn what_cancels_is_not_sure_and_strangers_cannot_be_compared() {
+        let first: Vec<_> = (0..8).map(|episode| score(episode, 2 * (episode / 4))).collect();
+        let second: Vec<_> = (0..8).map(|episode| score(episode, 2 - 2 * (episode / 4))).collect();
+        let sr = of(&compare(&first, &second, 1).expect("pairs"), Key::Sr);
+        assert!(sr.estimate.value == 0.0 && sr.estimate.low < 0.0 && sr.estimate.high > 0.0 && !sr.is_sure);
+        assert!(!of(&compare(&first[..1], &second, 1).expect("a pair"), Key::Sr).is_sure);
+        assert_eq!(compare(&first, &[], 1), None);
+    }
+}
