@@ -4,7 +4,8 @@ macro_rules! texts {
 }
 
 /// Paths of the documents in the repository, those that participants need first, and their Markdown.
-pub(super) const PATHS: [(&str, &str); 32] = texts![
+pub(super) const PATHS: [(&str, &str); 33] = texts![
+    "docs/results.md",
     "docs/scoring.md",
     "docs/GLOSSARY.md",
     "proto/PROTOCOL.md",
