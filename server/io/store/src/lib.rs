@@ -47,7 +47,7 @@ pub use reveal::{Promise, Revealed, pool_digest};
 pub use runs::{NewRun, Run, RunState, StartedRun};
 pub use uptime::MadeUp;
 pub use views::{
-    Board, Census, CompareView, EpisodeLine, EpisodeView, GoalView, Incomparable, LeaderboardRow,
+    Board, Census, CompareView, EpisodeLine, EpisodeView, GoalView, GroupView, Incomparable, LeaderboardRow,
     LeaderboardView, LogAccess, MissionView, ModalityView, PairView, PhaseView, Pick, Reader, Replay,
     RunLine, RunView, SubmitMark, TargetView, Viewer,
 };

@@ -15,6 +15,7 @@ mod logs;
 mod map;
 mod notice;
 mod pages;
+mod plot;
 mod trouble;
 mod visit;
 mod words;

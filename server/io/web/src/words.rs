@@ -269,12 +269,18 @@ pub(crate) fn maybe_end(reason: &Option<EndReason>) -> &'static str {
     reason.as_ref().map_or(NOTHING, end)
 }
 
-/// Episodes by end reason, the most frequent first; lost attempts last.
-pub(crate) fn health(counts: &BTreeMap<&'static str, u32>, server_faults: &u32) -> String {
+/// How many episodes ended in which way, the most frequent first.
+pub(crate) fn ends(counts: &BTreeMap<&'static str, u32>) -> Vec<(u32, &'static str)> {
     let named =
         |word: &str| EndReason::ALL.into_iter().find(|r| r.as_str() == word).as_ref().map_or("other", end);
     let mut parts: Vec<(u32, &str)> = counts.iter().map(|(word, &times)| (times, named(word))).collect();
     parts.sort_by_key(|&(times, _)| std::cmp::Reverse(times));
+    parts
+}
+
+/// The same in a sentence; lost attempts last.
+pub(crate) fn health(counts: &BTreeMap<&'static str, u32>, server_faults: &u32) -> String {
+    let parts = ends(counts);
     let mut words: Vec<String> = parts.iter().map(|(times, word)| format!("{times} {word}")).collect();
     if *server_faults > 0 {
         words.push(format!("{} lost by the server and repeated", plural(server_faults, "attempt")));

@@ -4,6 +4,7 @@ mod board;
 mod census;
 mod compare;
 mod episode;
+mod group;
 mod phase;
 mod run;
 
@@ -12,6 +13,7 @@ pub use board::{Board, LeaderboardRow, LeaderboardView, Pick};
 pub use census::Census;
 pub use compare::{CompareView, Incomparable, PairView};
 pub use episode::{EpisodeView, GoalView, MissionView, Replay, SubmitMark, TargetView};
+pub use group::GroupView;
 pub use phase::PhaseView;
 pub use run::{EpisodeLine, LogAccess, ModalityView, RunLine, RunView};
 

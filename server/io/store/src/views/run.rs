@@ -1,4 +1,7 @@
-use super::{Reader, Viewer};
+use super::{
+    Reader, Viewer,
+    group::{GroupView, by_goals, by_scene},
+};
 use crate::{
     EpisodeState, Phase, Rescore, Run, RunState, StoreError, TimeAccount,
     phases::read_heads,
@@ -59,6 +62,10 @@ pub struct RunView {
     pub summary: Option<Summary>,
     /// Goals by the way they were told.
     pub modalities: Vec<ModalityView>,
+    /// Episodes by number of goals; empty when scores are hidden.
+    pub by_goals: Vec<GroupView>,
+    /// Episodes by scene; empty when replays are hidden.
+    pub by_scene: Vec<GroupView>,
     /// Episodes by end reason.
     pub health: BTreeMap<&'static str, u32>,
     /// Attempts that the server lost and that do not count.
@@ -224,6 +231,8 @@ impl Reader {
             eligible,
             summary: summarise(&scores, INTERVAL_SEED),
             modalities: if sight.scores { totals.modalities() } else { vec![] },
+            by_goals: by_goals(&scores),
+            by_scene: if sight.replays { by_scene(&scores) } else { vec![] },
             health: health(&rows)?,
             server_faults: count(totals.server_faults),
             time: time_of_all(&rows)?,

@@ -138,6 +138,7 @@ fn schemas() -> Value {
         "Runs": answer(&[("runs", list("RunLine"))]),
         "RunLine": run_line(),
         "Run": run(),
+        "Group": object(&[all(&["name"], "string"), all(&["episodes"], "integer"), all(&["sr", "isr", "soft_spl", "steps"], "number")].concat()),
         "Rescore": rescore(),
         "Episodes": answer(&[all(&["run"], "string"), vec![("episodes", list("EpisodeLine"))]].concat()),
         "EpisodeLine": episode_line(),
@@ -238,6 +239,7 @@ fn run() -> Value {
     let mut fields = vec![("line", reference("RunLine")), ("summary?", reference("Summary"))];
     fields.extend(all(&["scores_visible", "replays_visible", "eligible"], "boolean"));
     fields.extend(all(&["modalities"], "list"));
+    fields.extend([("by_goals", list("Group")), ("by_scene", list("Group"))]);
     fields.extend(all(&["health", "time", "sensors?", "digests"], "object"));
     fields.extend(all(&["server_faults"], "integer"));
     fields.extend([("rescores", list("Rescore")), ("episodes", list("EpisodeLine"))]);

@@ -1,12 +1,13 @@
 use super::{Page, Part, Shell, segment, write};
 use crate::{
+    plot,
     trouble::Trouble,
     visit::{Asked, Nothing, RunsQuery, Visit},
     words,
 };
 use askama::Template;
 use avln_scoring::Key;
-use avln_store::{RunLine, RunView, TimeAccount};
+use avln_store::{GroupView, RunLine, RunView, TimeAccount};
 use axum::extract::Path;
 
 #[derive(Template)]
@@ -46,6 +47,19 @@ impl RunPage {
             .below("Runs", "/runs")
             .below(line.phase.clone(), format!("/leaderboard/{}?order={}", segment(&line.phase), line.order));
         Self { shell, view, keys: Key::ALL }
+    }
+
+    /// Tables of episodes that have something in common, each with its name.
+    fn groupings(&self) -> impl Iterator<Item = (&'static str, &[GroupView])> {
+        let all =
+            [("number of goals", self.view.by_goals.as_slice()), ("scene", self.view.by_scene.as_slice())];
+        all.into_iter().filter(|(_, groups)| !groups.is_empty())
+    }
+
+    /// Why episodes ended, as a bar.
+    fn ends_bar(&self) -> String {
+        let counts: Vec<u32> = words::ends(&self.view.health).iter().map(|(count, _)| *count).collect();
+        plot::stacked(&counts)
     }
 
     /// Where the time went: the words, how long, and which share of all; empty when nothing was measured.

@@ -1,4 +1,4 @@
-use crate::fixture::{Arena, RUDE_TEAM};
+use crate::fixture::{Arena, RUDE_TEAM, TOKEN};
 use axum::http::{StatusCode, header};
 use std::collections::BTreeSet;
 
@@ -96,6 +96,20 @@ async fn a_board_says_what_it_is_ordered_by_and_its_links_keep_the_rest() {
     assert!(steps.contains("aria-sort=\"ascending\"") && steps.contains("less is better"));
     let first = page.find("good walker").expect("a row");
     assert!(first < page.find("@walker").expect("a row"), "the better method comes first");
+}
+
+#[tokio::test]
+async fn a_run_tells_which_episodes_went_how() {
+    let arena = Arena::new().await;
+    let page = arena.get("/runs/run_formula").await.body;
+    assert!(page.contains("By number of goals") && page.contains("By scene"), "{page}");
+    assert!(
+        page.contains("class=\"name\">canary-scene</th><td class=\"num\">2</td><td class=\"num\">0.0 %</td>"),
+        "{page}"
+    );
+    assert!(page.contains("<text class=\"part0\"") && page.contains("last submit: 2"), "{page}");
+    let sealed = arena.get_as("/runs/run_sealed", TOKEN).await.body;
+    assert!(!sealed.contains("By number of goals") && sealed.contains("Why episodes ended"), "{sealed}");
 }
 
 #[tokio::test]
