@@ -218,7 +218,7 @@ fn paths(runs: &[String]) -> Vec<String> {
     let mut paths: Vec<String> =
         ["/", "/docs", "/leaderboard", "/runs", "/api/v1/openapi.json"].map(str::to_owned).into();
     paths.extend(["status", "phases", "runs", "runs?phase=trial"].map(|path| format!("/api/v1/{path}")));
-    paths.push(format!("/api/v1/phases/{PHASE}"));
+    paths.extend([format!("/phases/{PHASE}"), format!("/api/v1/phases/{PHASE}")]);
     for order in ORDERS {
         paths.push(format!("/leaderboard/{PHASE}?order={order}"));
         paths.push(format!("/embed/{PHASE}?order={order}"));

@@ -6,6 +6,7 @@ mod compare;
 mod docs;
 mod episode;
 mod home;
+mod phase;
 mod runs;
 
 use crate::{trouble::Trouble, visit::Visit};
@@ -29,6 +30,7 @@ pub(crate) fn router() -> Router<Reader> {
         .route("/docs/{*document}", get(docs::document))
         .route("/leaderboard", get(home::boards))
         .route("/leaderboard/{phase}", get(board::page))
+        .route("/phases/{phase}", get(phase::page))
         .route("/compare", get(compare::page))
         .route("/runs", get(runs::list))
         .route("/runs/{run}", get(runs::one))

@@ -2,11 +2,12 @@ use crate::fixture::{Arena, RUDE_TEAM, TOKEN};
 use axum::http::{StatusCode, header};
 use std::collections::BTreeSet;
 
-const PAGES: [&str; 11] = [
+const PAGES: [&str; 12] = [
     "/",
     "/docs",
     "/docs/glossary",
     "/leaderboard",
+    "/phases/open",
     "/leaderboard/open",
     "/leaderboard/open?order=ordered",
     "/compare?first=run_rude&second=run_formula",
@@ -96,6 +97,29 @@ async fn a_board_says_what_it_is_ordered_by_and_its_links_keep_the_rest() {
     assert!(steps.contains("aria-sort=\"ascending\"") && steps.contains("less is better"));
     let first = page.find("good walker").expect("a row");
     assert!(first < page.find("@walker").expect("a row"), "the better method comes first");
+}
+
+#[tokio::test]
+async fn a_phase_tells_its_rules() {
+    let arena = Arena::new().await;
+    let page = arena.get("/phases/open").await.body;
+    for words in [
+        "0.25 m ahead",
+        "30° in place",
+        "up to 256 × 256 pixels from 1 m",
+        "4000 samples each at 16 kHz",
+        "within 2 m of the target",
+        "25 steps each",
+        "1000 actions at most",
+        "any number",
+        "--phase open",
+    ] {
+        assert!(page.contains(words), "{words}: {page}");
+    }
+    let sealed = arena.get("/phases/sealed").await;
+    assert!(sealed.status == StatusCode::OK && !sealed.body.contains("canary"), "{}", sealed.body);
+    assert!(arena.get("/").await.body.contains("href=\"/phases/open\""));
+    assert_eq!(arena.get("/phases/nowhere").await.status, StatusCode::NOT_FOUND);
 }
 
 #[tokio::test]
