@@ -44,9 +44,23 @@ enum Answer {
 const BOARD_QUERY: &[&str] = &["order", "sort", "pick"];
 const RUNS_QUERY: &[&str] = &["phase", "limit"];
 
+fn endpoint(
+    path: &'static str,
+    summary: &'static str,
+    query: &'static [&'static str],
+    answer: Answer,
+    route: MethodRouter<Reader>,
+) -> Endpoint {
+    Endpoint { path, summary, query, answer, route }
+}
+
 fn endpoints() -> Vec<Endpoint> {
-    use Answer::{Csv, Json, Text};
-    let endpoint = |path, summary, query, answer, route| Endpoint { path, summary, query, answer, route };
+    of_phases().into_iter().chain(of_runs()).collect()
+}
+
+/// Ways to the server, phases and what stands on their boards.
+fn of_phases() -> Vec<Endpoint> {
+    use Answer::{Csv, Json};
     vec![
         endpoint(
             "/status",
@@ -85,6 +99,13 @@ fn endpoints() -> Vec<Endpoint> {
             Json("Quotas"),
             get(answers::quota),
         ),
+    ]
+}
+
+/// Ways to runs and their episodes.
+fn of_runs() -> Vec<Endpoint> {
+    use Answer::{Csv, Json, Text};
+    vec![
         endpoint(
             "/compare",
             "Two runs of one phase and order, over the episodes that both played: the first less the second.",
