@@ -10,8 +10,8 @@ const LOOKS: u32 = 2;
 /// Explores by the nearest frontier until it sees something of a goal's category, goes there and submits. Hears nothing.
 ///
 /// Modular as CoW (Gadre et al. 2023): exploration, a detector, and a way to what was detected. It is not CoW: the detector
-/// is our own network, which knows the categories of the houses, and not CLIP; of sentences it takes the noun alone, as the method's
-/// category baseline does; pictures, which name no category, are compared with the view.
+/// is our own network, which knows the categories of the houses, and not CLIP; of sentences it takes the noun alone, as the
+/// method's category baseline does; pictures, which name no category, are compared with the view.
 #[derive(Default)]
 pub struct Detector {
     memory: Option<Memory>,
