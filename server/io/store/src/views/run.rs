@@ -62,7 +62,7 @@ pub struct RunView {
     pub summary: Option<Summary>,
     /// Goals by the way they were told.
     pub modalities: Vec<ModalityView>,
-    /// Episodes by number of goals; empty when scores are hidden.
+    /// Episodes by number of goals; empty when replays are hidden: a group may be one episode, whose lengths tell of its targets.
     pub by_goals: Vec<GroupView>,
     /// Episodes by scene; empty when replays are hidden.
     pub by_scene: Vec<GroupView>,
@@ -231,7 +231,7 @@ impl Reader {
             eligible,
             summary: summarise(&scores, INTERVAL_SEED),
             modalities: if sight.scores { totals.modalities() } else { vec![] },
-            by_goals: by_goals(&scores),
+            by_goals: if sight.replays { by_goals(&scores) } else { vec![] },
             by_scene: if sight.replays { by_scene(&scores) } else { vec![] },
             health: health(&rows)?,
             server_faults: count(totals.server_faults),
