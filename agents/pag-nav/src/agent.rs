@@ -284,17 +284,22 @@ impl PagNav {
 
     /// Submits a candidate, unless its outcome would stay unknown: where the rules tell none, only the silence of a
     /// source that was loud before does.
-    pub(crate) fn submit(&mut self, candidate: &Candidate) -> Option<Action> {
+    pub(crate) fn submit(&mut self, candidate: &Candidate, stand: &Stand) -> Option<Action> {
         let Candidate { object, source, goal, .. } = *candidate;
         let recent = &self.levels[self.levels.len().saturating_sub(RECENT)..];
         let level = recent.iter().sum::<f32>() / recent.len().max(1) as f32;
         let is_heard = self.turns.current() == source
             && recent.len() == RECENT
             && self.turns.steps_left() >= Aftermath::STEPS
-            && range_m(level) <= self.weights.look_range_m
-            && level > self.sources[source].missed_level;
-        if !is_heard && !self.is_told && !self.ablation.no_audio {
-            return None;
+            && range_m(level) <= self.weights.look_range_m;
+        if !self.is_told && !self.ablation.no_audio {
+            if !is_heard {
+                return None;
+            }
+            if !self.sources[source].is_worth(level, stand.place) {
+                self.objects.refute(object);
+                return None;
+            }
         }
         self.claim = Some(Claim { source, object, goal, level, aftermath: Aftermath::of(level) });
         Some(Action::Submit)
@@ -351,6 +356,12 @@ impl Source {
             self.looks = 0;
         }
         is_elsewhere
+    }
+
+    /// Whether a Submit at this level and place is worth another try: it is louder, or not where one found nothing.
+    fn is_worth(&self, level: f32, here: Place) -> bool {
+        const ANEW_M: f32 = 0.4;
+        level > self.missed_level || self.missed.iter().all(|place| place.distance_m(here) >= ANEW_M)
     }
 
     /// Counts a look.

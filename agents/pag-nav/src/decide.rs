@@ -29,7 +29,7 @@ impl PagNav {
         self.thought.gate = Some(gate);
         let nearer = self.weights.nearer.powi(self.object(&candidate).wrong_submits);
         if gate.is_open(nearer * self.weights.submit_m, self.weights.submit_rad)
-            && let Some(submit) = self.submit(&candidate)
+            && let Some(submit) = self.submit(&candidate, stand)
         {
             return submit;
         }
@@ -121,13 +121,25 @@ impl PagNav {
         if self.ablation.no_gate {
             return true;
         }
-        let sought_steps = self.sources[candidate.source].sought_steps;
-        let mut demand = Demand::after(sought_steps, self.remaining_steps, &self.weights);
-        if self.ablation.no_memory {
-            demand.looks = 1;
-        }
-        demand.is_met(self.object(candidate).looks, candidate.evidence.vis)
+        let demand = self.demand(candidate);
+        let certainty = self.sources[candidate.source].estimate.map_or(0.0, |estimate| estimate.certainty);
+        demand.is_met(self.object(candidate).looks, candidate.evidence.vis, certainty)
             && self.is_right_goal(candidate.source)
+    }
+
+    /// What verification asks of a candidate now.
+    fn demand(&self, candidate: &Candidate) -> Demand {
+        if self.ablation.no_audio {
+            return self.demand_of_sight(candidate);
+        }
+        let demand = if self.goals.is_ordered() { self.demand_of_sight(candidate) } else { Demand::ANY };
+        if self.goals.is_last() { demand.of_last(self.remaining_steps, &self.weights) } else { demand }
+    }
+
+    fn demand_of_sight(&self, candidate: &Candidate) -> Demand {
+        let sought_steps = self.sources[candidate.source].sought_steps;
+        let demand = Demand::after(sought_steps, self.remaining_steps, &self.weights);
+        if self.ablation.no_memory { Demand { looks: 1, ..demand } } else { demand }
     }
 
     /// The gate here and now; a wall between body and candidate takes its verification away.

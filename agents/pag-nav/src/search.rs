@@ -22,13 +22,17 @@ impl PagNav {
         self.head_for(source);
         let way = self.course.way(&self.map, stand.place, estimate.place, REACH_M);
         let step = self.motion.along(&way, stand, &self.map);
+        let is_seen_from = |place: Place| self.map.hears(place, estimate.place);
         let is_there = estimate.certainty >= self.weights.certain
-            && estimate.place.distance_m(stand.place) <= self.weights.arrived_m;
+            && estimate.place.distance_m(stand.place) <= self.weights.arrived_m
+            && is_seen_from(stand.place);
+        let leads_there =
+            way.left_m <= self.weights.lost_m && way.places.last().is_none_or(|end| is_seen_from(*end));
         let onward = if is_there {
             self.suppose(source, estimate.place);
             step.or(self.face(stand, estimate.place))
         } else {
-            let straight = step.filter(|_| way.left_m <= self.weights.lost_m);
+            let straight = step.filter(|_| leads_there);
             straight.or_else(|| self.explore(estimate.place, stand)).or(step)
         };
         onward.unwrap_or(Action::TurnLeft)
@@ -50,8 +54,8 @@ impl PagNav {
         let heard: Vec<(usize, Estimate)> =
             open.filter_map(|source| Some((source, self.sources[source].estimate?))).collect();
         let cost = |(source, estimate): &(usize, Estimate)| {
-            let is_certain = estimate.certainty >= self.weights.certain;
-            let wait_steps = if is_certain { 0 } else { self.turns.wait_steps(*source) };
+            let is_located = self.is_located(*source, estimate);
+            let wait_steps = if is_located { 0 } else { self.turns.wait_steps(*source) };
             let doubt_steps = self.weights.doubt_steps * (1.0 - self.goals.right(*source));
             self.cost_steps(*source, estimate.place, wait_steps, stand) + doubt_steps
         };

@@ -1,6 +1,6 @@
 use super::sound::{SIDE, SoundField, center};
 use super::{Cell, Occupancy, expected_level, range_m};
-use crate::perception::{Heard, Place, Stand, itd_s};
+use crate::perception::{Heard, Place, Stand, sloped_itd_s};
 
 /// Spread of the measured delay, seconds: its own error, and what is added per metre since places are only cells and
 /// maps only known in part.
@@ -27,7 +27,7 @@ const UNKNOWN: f32 = -1.0;
 const OUTSIDE_PER_M: f32 = -1.5;
 const PER_M: f32 = -0.1;
 /// What a Submit that found nothing says against the places around it that can be seen from there, and how far, metres.
-const MISSED: f32 = -4.0;
+const MISSED: f32 = -12.0;
 const MISSED_M: f32 = 1.8;
 /// Mass within this distance of the best place is what is called certain, metres.
 const CERTAIN_M: f32 = 0.75;
@@ -61,7 +61,8 @@ impl SourceBelief {
         for (index, score) in self.scores.iter_mut().enumerate() {
             let said = field.ray(index).map_or(2.0 * WORST, |ray| {
                 let sigma_s = ITD_SIGMA_S + ITD_SIGMA_PER_M_S * ray.length_m;
-                let late = (itd_s(stand.bearing_rad(ray.from)) - heard.itd_s) / sigma_s;
+                let delay_s = sloped_itd_s(stand.bearing_rad(ray.from), ray.length_m);
+                let late = (delay_s - heard.itd_s) / sigma_s;
                 let loss = (expected_level(ray.length_m.max(0.2)) / heard.level.max(1e-6)).ln();
                 let level = if field.is_straight(index) {
                     bell(loss, STRAIGHT).max(bell(loss, BENT) + HIDDEN)
@@ -118,8 +119,10 @@ mod tests {
     const AREA: [Place; 2] = [Place { x: -8.0, z: -8.0 }, Place { x: 8.0, z: 8.0 }];
 
     fn heard_from(stand: &Stand, source: Place) -> Heard {
-        let level = expected_level(stand.place.distance_m(source));
-        Heard { itd_s: itd_s(stand.bearing_rad(source)), level }
+        let distance_m = stand.place.distance_m(source);
+        let itd_s = sloped_itd_s(stand.bearing_rad(source), distance_m);
+        let level = expected_level(distance_m);
+        Heard { itd_s, level }
     }
 
     #[test]

@@ -1,6 +1,9 @@
 use avln_client::Audio;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex, num_complex::Complex32};
-use std::sync::Arc;
+use std::{
+    f32::consts::{FRAC_PI_2, PI},
+    sync::Arc,
+};
 
 /// Points of the transform: a step of sound and as much silence, so that nothing wraps around.
 const POINTS: usize = 8192;
@@ -13,6 +16,8 @@ const SILENCE: f32 = 1e-5;
 /// Delay between the ears every 30 degrees from straight ahead to straight behind, seconds: a rigid sphere of
 /// 8.75 cm with ears at 100 degrees.
 const ITD_CURVE_S: [f32; 7] = [0.0, 341e-6, 616e-6, 691e-6, 572e-6, 289e-6, 0.0];
+/// How much lower than the ears sources are taken to be, metres: they sit in the middle of things.
+const LOWER_M: f32 = 0.8;
 
 /// Delay between the ears for a source at `bearing_rad` (positive to the left), seconds; positive where the left ear
 /// hears first.
@@ -22,6 +27,15 @@ pub fn itd_s(bearing_rad: f32) -> f32 {
     let share = position - before as f32;
     let delay_s = ITD_CURVE_S[before] * (1.0 - share) + ITD_CURVE_S[before + 1] * share;
     delay_s.copysign(bearing_rad)
+}
+
+/// The same for a source that sound comes from over `length_m` of floor, whose slope brings it nearer to the middle: what lies
+/// on one cone around the axis of the ears is heard with the same delay.
+pub fn sloped_itd_s(bearing_rad: f32, length_m: f32) -> f32 {
+    let across = bearing_rad.sin() * length_m / length_m.hypot(LOWER_M);
+    let aside_rad = across.abs().min(1.0).asin();
+    let is_behind = bearing_rad.abs() > FRAC_PI_2;
+    itd_s((if is_behind { PI - aside_rad } else { aside_rad }).copysign(bearing_rad))
 }
 
 /// What was heard in one step.
@@ -153,6 +167,16 @@ mod tests {
         let silent = Audio { sample_rate_hz: 16_000, left: vec![0.0; 4000], right: vec![0.0; 4000] };
         assert_eq!(Ear::default().hear(&silent), None);
         assert_eq!(Ear::default().hear(&Audio::default()), None);
+    }
+
+    #[test]
+    fn what_is_near_and_low_is_heard_nearer_to_the_middle() {
+        // 0.8 m away and 0.8 m below: sin 90° / √2 is the sine of 45°, halfway between 341 and 616 µs.
+        let aside = sloped_itd_s(FRAC_PI_2, 0.8);
+        assert!((aside - 478.5e-6).abs() < 1e-6, "{aside}");
+        assert!((sloped_itd_s(-0.5, 100.0) - itd_s(-0.5)).abs() < 1e-6);
+        assert!((sloped_itd_s(PI - 0.5, 100.0) - itd_s(PI - 0.5)).abs() < 1e-6);
+        assert!(sloped_itd_s(2.5, 0.3) < sloped_itd_s(2.5, 3.0) && sloped_itd_s(0.0, 1.0) == 0.0);
     }
 
     #[test]

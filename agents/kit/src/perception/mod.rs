@@ -10,7 +10,7 @@ mod geometry;
 mod objects;
 mod sight;
 
-pub use audio::{Ear, Heard, itd_s};
+pub use audio::{Ear, Heard, itd_s, sloped_itd_s};
 pub use backend::{Classical, Recognition};
 pub use category::likeness as category_likeness;
 pub use color::Palette;

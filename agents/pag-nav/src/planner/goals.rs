@@ -50,6 +50,11 @@ impl Goals {
         self.ordered.then(|| self.done.iter().position(Option::is_none)).flatten()
     }
 
+    /// Whether only one goal is left.
+    pub(crate) fn is_last(&self) -> bool {
+        self.done.iter().filter(|source| source.is_none()).count() == 1
+    }
+
     /// What stands at `source` fits `goal` as much as this, by the latest look.
     pub(crate) fn see(&mut self, source: usize, goal: usize, fit: f32) {
         self.fits[source][goal] = Some(fit);

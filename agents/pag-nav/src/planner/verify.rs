@@ -29,9 +29,14 @@ pub(crate) struct Demand {
     pub(crate) looks: u32,
     /// Share of what can be seen that speaks for the goal, 0 to 1.
     pub(crate) fit: f32,
+    /// Certainty of where its sound comes from, 0 to 1.
+    pub(crate) certainty: f32,
 }
 
 impl Demand {
+    /// The demand where any target will do: something stands there. That it is a goal is what its sound says.
+    pub(crate) const ANY: Self = Self { looks: 1, fit: 0.0, certainty: 0.0 };
+
     /// The demand after a source has been sought for `sought_steps`, with `remaining_steps` left in the episode.
     ///
     /// Perception cannot verify everything that a person could, so the demand relaxes: in proportion to the
@@ -43,12 +48,20 @@ impl Demand {
         let share = if is_hurry { 0.0 } else { 1.0 - beyond / weights.patience_steps.max(1) as f32 };
         let share = share.max(0.0);
         let looks = (share * weights.verify_looks as f32).ceil() as u32;
-        Self { looks: looks.max(1), fit: share * weights.verify_fit }
+        Self { looks: looks.max(1), fit: share * weights.verify_fit, certainty: 0.0 }
     }
 
-    /// Whether a candidate that was looked at `looks` times and fits as well as `fit` meets it (V of the paper).
-    pub(crate) fn is_met(&self, looks: u32, fit: f32) -> bool {
-        looks >= self.looks && fit >= self.fit
+    /// The same for the last goal, where a Submit that finds nothing ends the episode: the sound must be certain as well, until
+    /// the last `hurry_steps`.
+    pub(crate) fn of_last(self, remaining_steps: u32, weights: &Weights) -> Self {
+        let certainty = if remaining_steps < weights.hurry_steps { 0.0 } else { weights.last_certain };
+        Self { certainty, ..self }
+    }
+
+    /// Whether a candidate that was looked at `looks` times, fits as well as `fit` and is at a sound of which one is so certain
+    /// meets it (V of the paper).
+    pub(crate) fn is_met(&self, looks: u32, fit: f32, certainty: f32) -> bool {
+        looks >= self.looks && fit >= self.fit && certainty >= self.certainty
     }
 }
 
@@ -103,14 +116,27 @@ mod tests {
             hurry_steps: 150,
             ..Weights::default()
         };
+        let asked = |looks, fit| Demand { looks, fit, certainty: 0.0 };
         let demand = |sought, remaining| Demand::after(sought, remaining, &weights);
-        assert_eq!(demand(0, 800), Demand { looks: 3, fit: 0.4 });
-        assert_eq!(demand(100, 800), Demand { looks: 3, fit: 0.4 });
+        assert_eq!(demand(0, 800), asked(3, 0.4));
+        assert_eq!(demand(100, 800), asked(3, 0.4));
         let half = demand(150, 800);
         assert!(half.looks == 2 && (half.fit - 0.2).abs() < 1e-6, "{half:?}");
-        assert_eq!(demand(500, 800), Demand { looks: 1, fit: 0.0 });
-        assert_eq!(demand(0, 149), Demand { looks: 1, fit: 0.0 });
-        assert!(demand(0, 800).is_met(3, 0.4) && !demand(0, 800).is_met(3, 0.39));
-        assert!(!demand(0, 800).is_met(2, 0.9) && !demand(500, 800).is_met(0, 1.0));
+        assert_eq!(demand(500, 800), asked(1, 0.0));
+        assert_eq!(demand(0, 149), asked(1, 0.0));
+        assert!(demand(0, 800).is_met(3, 0.4, 0.0) && !demand(0, 800).is_met(3, 0.39, 1.0));
+        assert!(!demand(0, 800).is_met(2, 0.9, 1.0) && !demand(500, 800).is_met(0, 1.0, 1.0));
+    }
+
+    #[test]
+    fn the_last_goal_asks_for_certainty_until_time_runs_out() {
+        let weights = Weights { last_certain: 0.9, hurry_steps: 150, ..Weights::default() };
+        let last = |remaining| Demand::ANY.of_last(remaining, &weights);
+        assert!(
+            last(150).is_met(1, 0.0, 0.9)
+                && !last(150).is_met(1, 1.0, 0.89)
+                && !last(150).is_met(0, 1.0, 1.0)
+        );
+        assert!(last(149).is_met(1, 0.0, 0.0));
     }
 }

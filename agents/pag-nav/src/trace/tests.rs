@@ -137,7 +137,7 @@ fn events_tell_what_changed() {
     assert_eq!((step("located"), step("focus"), step("stage")), (0, 0, 0));
     assert_eq!((step("claimed"), step("found"), step("silenced")), (submitted, submitted + 2, submitted + 2));
     let stages: Vec<&Value> = events.iter().filter_map(|event| event.get("stage")).collect();
-    assert_eq!(stages[..2], ["ground", "verify"], "{events:?}");
+    assert_eq!(stages[..2], ["verify", "search"], "{events:?}");
     assert!(events.iter().all(|event| event["event"] != "missed"), "{events:?}");
 }
 
