@@ -109,8 +109,10 @@ fn a_sealed_agent_reaches_nothing_but_its_server() {
     }
     let cell = &compose()["networks"]["cell"];
     assert_eq!(cell["internal"].as_bool(), Some(true));
-    let gateway = &cell["driver_opts"]["com.docker.network.bridge.gateway_mode_ipv4"];
-    assert_eq!(gateway.as_str(), Some("isolated"));
+    for mode in ["gateway_mode_ipv4", "gateway_mode_ipv6"] {
+        let gateway = &cell["driver_opts"][format!("com.docker.network.bridge.{mode}").as_str()];
+        assert_eq!(gateway.as_str(), Some("isolated"), "{mode}");
+    }
     let inside = |(_, service): &(String, Yaml)| words(&service["networks"]).contains(&"cell");
     let inside: Vec<_> = services().into_iter().filter(inside).map(|(name, _)| name).collect();
     assert_eq!(inside, ["sealed-server", "sealed-agent"]);

@@ -43,7 +43,7 @@ fn arguments(words: &[String]) -> Option<Vec<String>> {
     let program = match *words.first()? {
         "avln" => 0,
         "cargo" => words.windows(2).position(|pair| pair == ["--release", "--"])? + 1,
-        "docker" | "exec" | "sudo" => {
+        "arena" | "docker" | "exec" | "sudo" => {
             words.windows(2).position(|pair| pair[0] == "avln" && pair[1] != "avln")?
         }
         name if name.ends_with("/avln") => 0,
