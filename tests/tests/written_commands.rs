@@ -40,13 +40,14 @@ fn commands(line: &str) -> Vec<Vec<String>> {
 fn arguments(words: &[String]) -> Option<Vec<String>> {
     let is_setting = |word: &&String| word.contains('=') && !word.starts_with('-');
     let words: Vec<_> = words.iter().skip_while(is_setting).map(String::as_str).collect();
+    let is_program = |word: &str| word == "avln" || word.ends_with("/avln");
     let program = match *words.first()? {
-        "avln" => 0,
+        name if is_program(name) => 0,
         "cargo" => words.windows(2).position(|pair| pair == ["--release", "--"])? + 1,
-        "arena" | "docker" | "exec" | "sudo" => {
-            words.windows(2).position(|pair| pair[0] == "avln" && pair[1] != "avln")?
+        "sudo" if words[1..].starts_with(&["-u", "avln", "avln"]) => 3,
+        "arena" | "docker" | "exec" => {
+            words.windows(2).position(|pair| is_program(pair[0]) && !is_program(pair[1]))?
         }
-        name if name.ends_with("/avln") => 0,
         _ => return None,
     };
     Some(words[program + 1..].iter().map(|&word| word.to_owned()).collect())
