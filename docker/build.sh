@@ -13,8 +13,11 @@ fi
 if ! command -v cargo >/dev/null; then
     apt-get update
     apt-get install --yes --no-install-recommends ca-certificates curl
-    curl --proto '=https' --tlsv1.2 --silent --show-error --fail https://sh.rustup.rs \
-        | sh -s -- -y --profile minimal --default-toolchain "$rust"
+    curl --proto '=https' --tlsv1.2 --silent --show-error --fail --output /tmp/rustup-init \
+        "https://static.rust-lang.org/rustup/dist/$(uname -m)-unknown-linux-gnu/rustup-init"
+    chmod +x /tmp/rustup-init
+    /tmp/rustup-init -y --profile minimal --default-toolchain "$rust"
+    rm /tmp/rustup-init
     PATH=$HOME/.cargo/bin:$PATH
 fi
 # Nothing but the compiler: rust-toolchain.toml also asks for what developers need.
