@@ -191,6 +191,22 @@ fn images_are_built_by_the_script_and_run_as_nobody() {
 }
 
 #[test]
+fn each_command_has_a_page_and_each_shell_completions() {
+    let folder = tempfile::TempDir::new().expect("a folder for temporary files");
+    let program = env!("CARGO_BIN_EXE_avln_under_test");
+    let output = Command::new(program).arg("manual").arg(folder.path()).output().expect("it starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    for line in text("docs/CLI.md").lines().filter_map(|line| line.strip_prefix("## avln")) {
+        let page = folder.path().join("man1").join(format!("avln{}.1", line.replace(' ', "-")));
+        assert!(page.is_file(), "{}", page.display());
+    }
+    for file in ["avln.bash", "_avln", "avln.fish"] {
+        let completions = std::fs::read_to_string(folder.path().join("completions").join(file));
+        assert!(completions.is_ok_and(|text| text.contains("pag-nav")), "{file}");
+    }
+}
+
+#[test]
 fn compose_reads_each_profile() {
     let plugin = Command::new("docker").args(["compose", "version"]).stderr(Stdio::null()).output();
     if !plugin.is_ok_and(|output| output.status.success()) {
