@@ -4,6 +4,10 @@
 demo *args:
     cargo run --release -- demo {{args}}
 
+# The release, in dist/: a static program with man pages, completions and licences
+dist *target:
+    packaging/dist.sh {{target}}
+
 # Everything that must hold
 test:
     cargo test --workspace

@@ -75,6 +75,8 @@ pub enum Command {
     /// Ask how far it is to walk in a scene, where actions lead and what a camera sees, as Habitat would; and what ears hear
     #[command(subcommand)]
     Sim(commands::sim::Command),
+    /// Write man pages and completions of Bash, Zsh and Fish
+    Manual(commands::manual::Options),
 }
 
 /// The whole program: carries out the command line of this process, and says on standard error why it could not.
@@ -108,6 +110,7 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
         Command::Dataset(command) => commands::dataset::run(&cli.data, command),
         Command::Sealed(commands::sealed::Command::Enter(step)) => step.take(),
         Command::Agent(agent) => play(agent),
+        Command::Manual(options) => commands::manual::run(&options),
         other => asynchronous(&cli.data, other),
     }
 }
@@ -140,5 +143,6 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
         Command::Scene(command) => commands::scene::run(data, command),
         Command::Sim(command) => commands::sim::run(data, command),
         Command::Dataset(command) => commands::dataset::run(data, command),
+        Command::Manual(options) => commands::manual::run(&options),
     }
 }

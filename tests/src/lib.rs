@@ -4,6 +4,7 @@ pub mod canary;
 pub mod disk;
 pub mod http;
 pub mod raw;
+pub mod repository;
 pub mod scissors;
 pub mod server;
 pub mod stroll;

@@ -1,42 +1,15 @@
 //! The repository reads as it should: links lead somewhere, files and functions stay short, nothing is left half done.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use avln_tests::repository::{files, root, shown};
+use std::{fs, path::PathBuf};
 
 const MAX_FILE_LINES: usize = 500;
 const MAX_FUNCTION_LINES: usize = 70;
 
-fn root() -> PathBuf {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("this crate lies in the repository");
-    root.to_owned()
-}
-
-/// Files below `folder` whose name ends in `ending`; hidden folders and build outputs are left out.
-fn files(folder: &Path, ending: &str, found: &mut Vec<PathBuf>) {
-    for entry in fs::read_dir(folder).expect("a readable folder") {
-        let path = entry.expect("a readable entry").path();
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let skipped = name.starts_with('.') || name == "target";
-        if path.is_dir() && !skipped {
-            files(&path, ending, found);
-        } else if path.is_file() && name.ends_with(ending) {
-            found.push(path);
-        }
-    }
-    found.sort();
-}
-
 fn sources() -> Vec<(PathBuf, String)> {
-    let mut paths = Vec::new();
-    files(&root(), ".rs", &mut paths);
+    let paths = files(&root(), ".rs");
     assert!(paths.len() > 100, "the sources are found: {}", paths.len());
     paths.into_iter().map(|path| (path.clone(), fs::read_to_string(&path).expect("a text"))).collect()
-}
-
-fn shown(path: &Path) -> String {
-    path.strip_prefix(root()).unwrap_or(path).display().to_string()
 }
 
 /// Targets of the Markdown links in `text`, without code blocks.
@@ -48,8 +21,7 @@ fn links(text: &str) -> Vec<String> {
 
 #[test]
 fn links_in_the_documentation_lead_to_files() {
-    let mut pages: Vec<PathBuf> = Vec::new();
-    files(&root(), ".md", &mut pages);
+    let pages = files(&root(), ".md");
     let mut broken = Vec::new();
     for page in &pages {
         let text = fs::read_to_string(page).expect("a text");

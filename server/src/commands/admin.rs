@@ -11,6 +11,8 @@ use serde::Serialize;
 /// Commands to a running server.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Tell by the exit code whether the server is up; needs no token
+    Health(Door),
     /// Tell what is being played
     Status(Server),
     /// Begin nothing new, give open episodes time to end, then stop
@@ -37,10 +39,18 @@ pub enum Command {
 
 /// Where the server is.
 #[derive(Clone, Debug, Args)]
-pub struct Server {
+pub struct Door {
     /// Address of the operator's door, which is on the server's own machine
     #[arg(long, default_value = "http://127.0.0.1:50052", value_name = "URL")]
     pub server: String,
+}
+
+/// Where the server is, and who asks.
+#[derive(Clone, Debug, Args)]
+pub struct Server {
+    /// Where it is
+    #[command(flatten)]
+    pub door: Door,
     /// Token of an organiser
     #[arg(long, env = "AVLN_TOKEN", hide_env_values = true, value_name = "TOKEN")]
     pub token: String,
@@ -52,6 +62,7 @@ pub struct Server {
 /// When the server does not answer or refuses.
 pub async fn run(command: Command) -> Result<(), Failure> {
     let status = match command {
+        Command::Health(door) => return health(&door).await,
         Command::Status(server) => request(&server, "/v1/status", None::<&()>).await?,
         Command::Drain { server, reason, minutes } => {
             request(&server, "/v1/drain", Some(&Drain { reason, minutes })).await?
@@ -62,10 +73,21 @@ pub async fn run(command: Command) -> Result<(), Failure> {
     Ok(())
 }
 
+/// The metrics are counted in the database, so that a server that answers with them can do its work.
+async fn health(door: &Door) -> Result<(), Failure> {
+    let answer = ask(&door.server, "/metrics", "", None).await?;
+    if !answer.status.is_success() {
+        let message = format!("the server is not well: it answered {}", answer.status.as_u16());
+        return Err(Failure::new(FailureKind::Run, message));
+    }
+    say!("up");
+    Ok(())
+}
+
 async fn request(server: &Server, path: &str, body: Option<&impl Serialize>) -> Result<Status, Failure> {
     let internal = |error: serde_json::Error| Failure::new(FailureKind::Internal, error);
     let body = body.map(serde_json::to_vec).transpose().map_err(internal)?;
-    let answer = ask(&server.server, path, &server.token, body).await?;
+    let answer = ask(&server.door.server, path, &server.token, body).await?;
     if answer.status.is_success() {
         return serde_json::from_slice(&answer.body).map_err(internal);
     }

@@ -12,6 +12,7 @@ pub mod db;
 pub mod demo;
 pub mod doctor;
 pub mod ladder;
+pub mod manual;
 pub mod phase;
 pub mod rescore;
 pub mod scene;

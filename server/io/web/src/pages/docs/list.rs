@@ -4,7 +4,9 @@ macro_rules! texts {
 }
 
 /// Paths of the documents in the repository, those that participants need first, and their Markdown.
-pub(super) const PATHS: [(&str, &str); 33] = texts![
+pub(super) const PATHS: [(&str, &str); 36] = texts![
+    "docs/QUICKSTART.md",
+    "docs/FAQ.md",
     "docs/results.md",
     "docs/scoring.md",
     "docs/GLOSSARY.md",
@@ -21,6 +23,7 @@ pub(super) const PATHS: [(&str, &str); 33] = texts![
     "docs/traces.md",
     "docs/ORGANISING.md",
     "docs/OPERATING.md",
+    "docs/deploying.md",
     "docs/performance.md",
     "docs/ARCHITECTURE.md",
     "docs/decisions/0001-stop-with-goals-left.md",

@@ -1,0 +1,21 @@
+# syntax=docker/dockerfile:1
+# The agents that come with the arena: docker build --file docker/agents.Dockerfile --tag avln-agents .
+FROM rust:1.95-slim-trixie AS build
+WORKDIR /source
+COPY . .
+RUN --mount=type=cache,target=/usr/local/cargo/registry \
+    --mount=type=cache,target=/source/target \
+    docker/build.sh /built
+
+FROM debian:trixie-slim
+# Authorities, by whom agents know servers that speak TLS.
+RUN apt-get update \
+    && apt-get install --yes --no-install-recommends ca-certificates \
+    && rm -rf /var/lib/apt/lists/* \
+    && useradd --uid 10001 --home-dir /tmp --shell /usr/sbin/nologin avln
+COPY --from=build /built/avln /usr/local/bin/avln
+COPY docker/with-token.sh /usr/local/lib/avln/
+USER 10001:10001
+WORKDIR /tmp
+ENTRYPOINT ["/usr/local/lib/avln/with-token.sh"]
+CMD ["avln", "agent", "pag-nav"]

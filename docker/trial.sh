@@ -1,0 +1,13 @@
+#!/bin/sh
+# Makes what a trial plays, once: houses with missions, a phase, and a team whose token is written to the file AVLN_TOKEN_FILE.
+set -eu
+if [ -s "$AVLN_TOKEN_FILE" ]; then
+    exit 0
+fi
+avln split make practice --houses 2 --missions 3 --seed 1
+avln phase open practice --split practice --title Practice
+token=$(avln team add "LH-AVLN Arena" | sed -n 's/^token *//p')
+test -n "$token"
+umask 077
+printf '%s\n' "$token" >"$AVLN_TOKEN_FILE.part"
+mv "$AVLN_TOKEN_FILE.part" "$AVLN_TOKEN_FILE"

@@ -1,0 +1,226 @@
+//! Containers may do what they must and nothing else, and an agent that is shut in reaches nothing but its server.
+
+use avln_tests::repository::{root, text};
+use std::process::{Command, Stdio};
+use yaml_rust2::{Yaml, YamlLoader, yaml::Hash};
+
+const PROFILES: [&str; 3] = ["trial", "challenge", "sealed"];
+
+/// A value with everything in its place that `<<` refers to; what a mapping says itself wins.
+fn merged(value: &Yaml) -> Yaml {
+    match value {
+        Yaml::Hash(entries) => {
+            let key = Yaml::String("<<".into());
+            let base = entries.get(&key).map(merged);
+            let mut whole = base.map_or_else(Hash::new, |base| base.into_hash().expect("a mapping"));
+            for (name, value) in entries.iter().filter(|(name, _)| **name != key) {
+                whole.replace(name.clone(), merged(value));
+            }
+            Yaml::Hash(whole)
+        }
+        Yaml::Array(list) => Yaml::Array(list.iter().map(merged).collect()),
+        other => other.clone(),
+    }
+}
+
+fn compose() -> Yaml {
+    let documents = YamlLoader::load_from_str(&text("docker/compose.yaml")).expect("YAML");
+    assert_eq!(documents.len(), 1);
+    merged(&documents[0])
+}
+
+/// Names and values of a mapping; none where it is left out.
+fn entries(value: &Yaml) -> Vec<(String, Yaml)> {
+    let entries = value.as_hash().into_iter().flatten();
+    entries.map(|(name, value)| (name.as_str().expect("a name").to_owned(), value.clone())).collect()
+}
+
+/// The words of a list; none where it is left out.
+fn words(value: &Yaml) -> Vec<&str> {
+    value.as_vec().into_iter().flatten().map(|word| word.as_str().expect("a word")).collect()
+}
+
+fn services() -> Vec<(String, Yaml)> {
+    let services = entries(&compose()["services"]);
+    assert!(services.len() > 5, "{services:?}");
+    services
+}
+
+fn service(name: &str) -> Yaml {
+    compose()["services"][name].clone()
+}
+
+fn is_agent(service: &Yaml) -> bool {
+    service["image"].as_str().expect("an image").contains("avln-agents")
+}
+
+#[test]
+fn each_container_may_do_next_to_nothing() {
+    for (name, service) in services() {
+        assert_eq!(service["user"].as_str(), Some("10001:10001"), "{name}");
+        assert_eq!(service["read_only"].as_bool(), Some(true), "{name}");
+        assert_eq!(words(&service["cap_drop"]), ["ALL"], "{name}");
+        assert_eq!(words(&service["security_opt"]), ["no-new-privileges:true"], "{name}");
+        assert!(service["pids_limit"].as_i64().is_some_and(|limit| limit > 0), "{name}");
+        for wider in ["privileged", "cap_add", "devices", "pid", "ipc", "userns_mode", "volumes_from"] {
+            assert!(service[wider].is_badvalue(), "{name}: {wider}");
+        }
+        let network = service["network_mode"].as_str();
+        assert!(network.is_none() || network == Some("none"), "{name}: {network:?}");
+        assert!(words(&service["volumes"]).iter().all(|volume| !volume.contains(".sock")), "{name}");
+    }
+}
+
+#[test]
+fn each_service_is_of_the_profile_in_its_name() {
+    for (name, service) in services() {
+        let [profile] = words(&service["profiles"])[..] else { panic!("{name} is of one profile") };
+        assert!(PROFILES.contains(&profile) && name.starts_with(&format!("{profile}-")), "{name}");
+        for (other, _) in entries(&service["depends_on"]) {
+            assert!(other.starts_with(&format!("{profile}-")), "{name} waits for {other}");
+        }
+    }
+}
+
+#[test]
+fn what_needs_a_server_waits_until_it_is_well() {
+    assert!(text("docker/server.Dockerfile").contains("HEALTHCHECK"));
+    for profile in PROFILES {
+        let server = format!("{profile}-server");
+        assert!(service(&server)["healthcheck"].is_badvalue(), "{server} has that of its image");
+        let waits = |(_, service): &(String, Yaml)| {
+            service["depends_on"][server.as_str()]["condition"].as_str() == Some("service_healthy")
+        };
+        assert!(services().iter().any(waits), "something waits for {server}");
+    }
+    for (name, service) in services().iter().filter(|(_, service)| is_agent(service)) {
+        let profile = words(&service["profiles"])[0];
+        let condition = &service["depends_on"][format!("{profile}-server").as_str()]["condition"];
+        assert_eq!(condition.as_str(), Some("service_healthy"), "{name}");
+    }
+}
+
+#[test]
+fn a_sealed_agent_reaches_nothing_but_its_server() {
+    let agent = service("sealed-agent");
+    assert_eq!(words(&agent["networks"]), ["cell"]);
+    for way in ["ports", "volumes", "secrets", "configs", "extra_hosts", "dns", "links", "network_mode"] {
+        assert!(agent[way].is_badvalue(), "{way}");
+    }
+    let cell = &compose()["networks"]["cell"];
+    assert_eq!(cell["internal"].as_bool(), Some(true));
+    for mode in ["gateway_mode_ipv4", "gateway_mode_ipv6"] {
+        let gateway = &cell["driver_opts"][format!("com.docker.network.bridge.{mode}").as_str()];
+        assert_eq!(gateway.as_str(), Some("isolated"), "{mode}");
+    }
+    let inside = |(_, service): &(String, Yaml)| words(&service["networks"]).contains(&"cell");
+    let inside: Vec<_> = services().into_iter().filter(inside).map(|(name, _)| name).collect();
+    assert_eq!(inside, ["sealed-server", "sealed-agent"]);
+    let server = service("sealed-server");
+    assert_eq!(words(&server["networks"]), ["cell"]);
+    assert!(words(&server["command"]).contains(&"127.0.0.1:8080"), "nothing but the agents' door is open");
+}
+
+#[test]
+fn agents_are_kept_from_the_truth() {
+    let agents: Vec<_> = services().into_iter().filter(|(_, service)| is_agent(service)).collect();
+    assert_eq!(agents.len(), 3, "{agents:?}");
+    for (name, agent) in agents {
+        let volumes = words(&agent["volumes"]);
+        assert!(volumes.is_empty() || volumes == ["trial-token:/token:ro"], "{name}: {volumes:?}");
+    }
+}
+
+#[test]
+fn plain_text_is_for_this_machine() {
+    for (name, service) in services() {
+        let secure = !service["environment"]["AVLN_TLS_CERT"].is_badvalue();
+        for port in words(&service["ports"]) {
+            assert!(secure || port.starts_with("127.0.0.1:"), "{name}: {port}");
+        }
+    }
+    let challenge = service("challenge-server");
+    assert_eq!(words(&challenge["ports"]).len(), 2);
+    assert!(challenge["environment"]["AVLN_ALLOW_PLAIN_TEXT"].is_badvalue());
+}
+
+#[test]
+fn secrets_come_from_files() {
+    let known = compose();
+    for (name, service) in services() {
+        let secrets = words(&service["secrets"]);
+        assert!(secrets.iter().all(|secret| !known["secrets"][*secret]["file"].is_badvalue()), "{name}");
+        for (variable, value) in entries(&service["environment"]) {
+            let value = value.as_str().expect("a text");
+            if let Some(secret) = value.strip_prefix("/run/secrets/") {
+                assert!(secrets.contains(&secret), "{name}: {variable}");
+            }
+            let is_token = variable == "AVLN_TOKEN";
+            assert!(!is_token || value == "${AVLN_TOKEN:-}", "{name}: a token in the file");
+        }
+        for volume in words(&service["volumes"]) {
+            let source = volume.split(':').next().unwrap_or_default();
+            assert!(source.starts_with("./") || !known["volumes"][source].is_badvalue(), "{name}: {volume}");
+        }
+    }
+}
+
+#[test]
+fn images_are_built_by_the_script_and_run_as_nobody() {
+    for image in ["docker/server.Dockerfile", "docker/agents.Dockerfile"] {
+        let file = text(image);
+        assert!(file.contains("    docker/build.sh /built\n"), "{image}");
+        assert!(!file.contains("cargo build"), "{image}");
+        let user = file.lines().rev().find_map(|line| line.strip_prefix("USER "));
+        assert_eq!(user, Some("10001:10001"), "{image}");
+        let copied = file.lines().filter_map(|line| line.strip_prefix("COPY docker/"));
+        let copied: Vec<_> =
+            copied.flat_map(str::split_whitespace).filter(|word| !word.starts_with('/')).collect();
+        assert!(!copied.is_empty(), "{image}");
+        for script in copied {
+            let script = root().join("docker").join(script.trim_start_matches("docker/"));
+            assert!(script.is_file(), "{image}: {}", script.display());
+        }
+    }
+    let compose = compose();
+    for (name, service) in entries(&compose["services"]) {
+        if let Some(file) = service["build"]["dockerfile"].as_str() {
+            assert!(root().join(file).is_file(), "{name}: {file}");
+        }
+    }
+}
+
+#[test]
+fn each_command_has_a_page_and_each_shell_completions() {
+    let folder = tempfile::TempDir::new().expect("a folder for temporary files");
+    let program = env!("CARGO_BIN_EXE_avln_under_test");
+    let output = Command::new(program).arg("manual").arg(folder.path()).output().expect("it starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    for line in text("docs/CLI.md").lines().filter_map(|line| line.strip_prefix("## avln")) {
+        let page = folder.path().join("man1").join(format!("avln{}.1", line.replace(' ', "-")));
+        assert!(page.is_file(), "{}", page.display());
+    }
+    for file in ["avln.bash", "_avln", "avln.fish"] {
+        let completions = std::fs::read_to_string(folder.path().join("completions").join(file));
+        assert!(completions.is_ok_and(|text| text.contains("pag-nav")), "{file}");
+    }
+}
+
+#[test]
+fn compose_reads_each_profile() {
+    let plugin = Command::new("docker").args(["compose", "version"]).stderr(Stdio::null()).output();
+    if !plugin.is_ok_and(|output| output.status.success()) {
+        eprintln!("skipped: compose_reads_each_profile; install Docker with its plugin Compose");
+        return;
+    }
+    for profile in PROFILES {
+        let file = root().join("docker/compose.yaml");
+        let mut command = Command::new("docker");
+        command.args(["compose", "--profile", profile, "--file"]).arg(file);
+        let output = command.args(["config", "--services"]).output().expect("Docker starts");
+        let names = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(output.status.success(), "{profile}: {}", String::from_utf8_lossy(&output.stderr));
+        assert!(names.lines().count() > 1, "{profile}: {names}");
+        assert!(names.lines().all(|name| name.starts_with(profile)), "{profile}: {names}");
+    }
+}
