@@ -15,7 +15,7 @@ RAW, PACKED = v1.ENCODING_RAW, v1.ENCODING_PACKED
 
 
 def fold(difference: int) -> int:
-    """0, -1, 1, -2, 2 … become 0, 1, 2, 3, 4 …"""
+    """Numbers that are small near zero: 0, -1, 1, -2, 2 become 0, 1, 2, 3, 4."""
     return 2 * difference if difference >= 0 else -2 * difference - 1
 
 
@@ -56,7 +56,8 @@ def test_numbers_of_every_width_come_back(width: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "complaint"), [(b"", "widths"), (b"\x09\x00", "9 bits"), (b"\x08\x00\x00", "announce"), (b"\0\0", "announce")]
+    ("data", "complaint"),
+    [(b"", "widths"), (b"\x09\x00", "9 bits"), (b"\x08\x00\x00", "announce"), (b"\0\0", "announce")],
 )
 def test_bytes_that_lie_about_themselves_are_refused(data: bytes, complaint: str) -> None:
     with pytest.raises(codec.CodecError, match=complaint):
@@ -91,11 +92,10 @@ def test_packed_depth_predicts_the_third_row_from_the_two_above() -> None:
 
 
 def test_a_plane_along_a_column_is_predicted_exactly() -> None:
-    column = [1.0, np.float32(4 / 3), 2.0, 4.0]  # 1/d falls by a quarter a row: 2 = (4/3 · 1) / (2 - 4/3)
-    predicted = [0.0, 1.0, 2.0, 4.0]
-    folded = [fold(signed(bits_of(own) - bits_of(p), 32)) for own, p in zip(column, predicted)]
-    assert max(folded[2:]) <= 2
-    assert codec.decode_depth(PACKED, pack(folded), 4, 1).reshape(-1).tolist() == [float(d) for d in column]
+    column = [2.0, 3.0, 6.0]  # 1/d falls by a sixth a row: 6 = 3 · 2 / (2 + 2 - 3)
+    differences = [bits_of(2.0), bits_of(3.0) - bits_of(2.0), 0]
+    packed = pack([fold(difference) for difference in differences])
+    assert codec.decode_depth(PACKED, packed, 3, 1).reshape(-1).tolist() == column
 
 
 def test_millimetres_are_predicted_from_three_neighbours() -> None:
