@@ -1,7 +1,8 @@
-"""What the tests share: one server for all that do not kill it."""
+"""What the tests share: one furnished data folder, and one server for all that do not kill it."""
 
 from __future__ import annotations
 
+import shutil
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,14 +15,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-@pytest.fixture(scope="session")
-def binary() -> Path:
-    found = program()
-    if found is None:
-        pytest.skip(WHAT_TO_DO)
-    return found
-
-
 class Door:
     """A running server and a team's token."""
 
@@ -32,12 +25,32 @@ class Door:
         return avln.connect(self.url, self.token)
 
 
+class Furnished:
+    """A data folder that no server runs on, and the token of its team."""
+
+    def __init__(self, binary: Path, folder: Path) -> None:
+        self.binary, self.folder = binary, folder
+        self.token = Server(binary, folder).furnish()
+
+    def copy(self, to: Path) -> Server:
+        """A server, not started, over a copy of the folder."""
+        shutil.copytree(self.folder, to)
+        return Server(self.binary, to)
+
+
 @pytest.fixture(scope="session")
-def door(binary: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Door]:
-    server = Server(binary, tmp_path_factory.mktemp("data"))
-    token = server.furnish()
+def furnished(tmp_path_factory: pytest.TempPathFactory) -> Furnished:
+    binary = program()
+    if binary is None:
+        pytest.skip(WHAT_TO_DO)
+    return Furnished(binary, tmp_path_factory.mktemp("furnished"))
+
+
+@pytest.fixture(scope="session")
+def door(furnished: Furnished, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Door]:
+    server = furnished.copy(tmp_path_factory.mktemp("hosted") / "data")
     server.start()
-    yield Door(server, token)
+    yield Door(server, furnished.token)
     server.kill()
 
 

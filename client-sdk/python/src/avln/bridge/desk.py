@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Callable
 from avln.action import Action, Order
 from avln.errors import Error
 from avln.habitat import Senses, goal_input, to_action
-from avln.observation import Feedback
+from avln.observation import Feedback, Pose
 
 if TYPE_CHECKING:
     from avln.mission import Goal
@@ -38,6 +38,7 @@ class Desk:
         self._run = run
         self._senses = Senses(run.task, KEYS, max_depth_m=run.task.depth_max_m)
         self._episode: Episode | None = None
+        self._start = Pose()
         self._submits = 0
         self.is_closed = False
         """Whether the client said that it is done."""
