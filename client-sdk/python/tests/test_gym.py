@@ -14,7 +14,6 @@ gymnasium = pytest.importorskip("gymnasium", reason="pip install 'avln[gym]'")
 
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
-import avln.gym as _  # noqa: E402, F401, registers the environments
 from avln.gym import ENV_ID, GOAL_TEXT_BYTES, LHAVLNEnv, LHAVLNVectorEnv, ObservationSpace  # noqa: E402
 
 if TYPE_CHECKING:
@@ -96,12 +95,12 @@ def test_counted_runs_refuse_seeds_and_end(door: Door) -> None:
 
 def test_keys_rewards_and_words_are_checked(door: Door) -> None:
     env = make(door, keys=["depth", "pose"], reward=lambda before, action, after: after.step - before.step + action)
-    assert set(env.reset()[0]) == {"depth", "pose"}
+    assert list(env.reset()[0]) == ["depth", "pose"]
     assert env.step(LEFT)[1] == 1 + LEFT
     with pytest.raises(ValueError, match="options"):
         env.reset(options={"episode": 3})
     env.close()
-    with pytest.raises(ValueError, match=r"observe \['semantic'\]"):
+    with pytest.raises(ValueError, match="semantic"):
         make(door, keys=["semantic"])
 
 
@@ -117,7 +116,7 @@ def test_goals_become_arrays_of_fixed_shapes() -> None:
     assert not arrays["goal_text"][1].any()
     # Pixels 1 and 3 of each side: the middles of its halves lie at 1 and 3.
     np.testing.assert_array_equal(arrays["goal_image"][1], picture[1::2, 1::2])
-    assert layout.observation(avln.Observation(), arrays) in layout.space
+    assert layout.space.contains(layout.observation(avln.Observation(), arrays))
 
 
 def vector(door: Door, num_envs: int = 2, phase: str = PHASE) -> LHAVLNVectorEnv:
