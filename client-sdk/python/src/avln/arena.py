@@ -8,9 +8,9 @@ import grpc
 
 from avln.action import Order
 from avln.agreement import Agreement
-from avln.errors import NotArenaError, ProtocolError, RefusedError, TokenError, from_call
+from avln.errors import NotArenaError, ProtocolError, TokenError, from_call
 from avln.line import CALL_TIMEOUT_S, Dialler, Line
-from avln.link import Link, open_channel, parse_address
+from avln.link import CONNECT_TIMEOUT_S, Link, open_channel, parse_address, unreachable
 from avln.packing import Packing
 from avln.play import Play
 from avln.service import Account, Phase, Quota, Run, RunStatus, ServerInfo
@@ -74,10 +74,14 @@ class Arena:
         return arena
 
     def _introduce(self, server: str) -> None:
+        ask = self._call("InfoService/GetServerInfo")
         try:
-            self.server_info()
-        except RefusedError as error:
-            raise NotArenaError(server, str(error)) from None
+            ask(info_pb2.GetServerInfoRequest(), timeout=CONNECT_TIMEOUT_S)
+        except grpc.RpcError as error:
+            code = error.code()
+            detail = f"{code.name}: {error.details()}"
+            unanswered = code in (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
+            raise (unreachable if unanswered else NotArenaError)(server, detail) from None
         if self._token:
             self.whoami()
 
@@ -263,15 +267,18 @@ class Arena:
         )
 
     def _ask(self, attempted: str, method: str, request: Message) -> Any:
-        call = self._channel.unary_unary(
-            f"/avln.v1.{method}",
-            request_serializer=_serialize,
-            response_deserializer=_ANSWERS[method].FromString,
-        )
+        call = self._call(method)
         try:
             return call(request, timeout=CALL_TIMEOUT_S, metadata=self._metadata())
         except grpc.RpcError as error:
             raise from_call(attempted, error) from None
+
+    def _call(self, method: str) -> Any:
+        return self._channel.unary_unary(
+            f"/avln.v1.{method}",
+            request_serializer=_serialize,
+            response_deserializer=_ANSWERS[method].FromString,
+        )
 
     def _metadata(self) -> tuple[tuple[str, str], ...]:
         if not self._token:

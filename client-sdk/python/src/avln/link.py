@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 import grpc
 
-from avln.errors import AddressError, TlsError, UnreachableError
+from avln.errors import AddressError, Error, TlsError, UnreachableError
 from avln.packing import Packing, is_this_machine
 from avln.version import VERSION
 
@@ -82,11 +82,10 @@ def _host_address(text: str, *, is_secure: bool) -> Address:
 
 
 def open_channel(address: Address, link: Link) -> grpc.Channel:
-    """Connects.
+    """Makes a channel, which connects with its first call.
 
     Raises:
         TlsError: when the file of authorities is no use.
-        UnreachableError: when nothing answers within ten seconds.
     """
     options = _options(address)
     if address.is_secure:
@@ -94,13 +93,22 @@ def open_channel(address: Address, link: Link) -> grpc.Channel:
         channel = grpc.secure_channel(address.target, credentials, options=options)
     else:
         channel = grpc.insecure_channel(address.target, options=options)
-    try:
-        grpc.channel_ready_future(channel).result(timeout=CONNECT_TIMEOUT_S)
-    except grpc.FutureTimeoutError:
-        channel.close()
-        advice = ", or its certificate is not one that --ca or AVLN_CA vouches for" if address.is_secure else ""
-        raise UnreachableError(address.text, f"no answer within {CONNECT_TIMEOUT_S:g} s{advice}") from None
     return channel
+
+
+def unreachable(address: str, detail: str) -> Error:
+    """What the network said, with the next step where its words tell what is wrong."""
+    for word, advice in _ADVICE.items():
+        if word in detail:
+            return TlsError(address, f"{advice} ({detail})")
+    return UnreachableError(address, detail)
+
+
+_ADVICE = {
+    "WRONG_VERSION_NUMBER": "nothing there speaks TLS; write http:// in the address",
+    "CERTIFICATE_VERIFY_FAILED": "its certificate comes from an authority that is not known here, or is for another "
+    "name; give that authority's PEM file with --ca or AVLN_CA, and the name that it was issued for in the address",
+}
 
 
 def _options(address: Address) -> list[tuple[str, Any]]:
