@@ -10,7 +10,6 @@ from gymnasium import spaces
 from avln.action import Action, Order
 from avln.errors import EpisodeOverError, RunOverError
 from avln.gym.runs import Runs
-from avln.gym.spaces import ObservationSpace
 from avln.mission import Modality
 from avln.observation import Observation
 from avln.task import Sensors
@@ -83,7 +82,7 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
         """
         sensors = sensors or Sensors()
         self._runs = Runs(server, token, phase, method, Order(order), sensors=sensors, link=link)
-        self._layout = ObservationSpace(self._runs.plays[0].task, sensors, keys, goal_side)
+        self._layout = self._runs.lay_out(keys, goal_side)
         self._reward = reward
         self._episode: Episode | None = None
         self._mission: dict[str, Any] = {}

@@ -6,8 +6,11 @@ from typing import TYPE_CHECKING
 
 from avln.arena import RUN_TOKEN, Arena, begin_run
 from avln.errors import Error, RunOverError
+from avln.gym.spaces import ObservationSpace
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from avln.action import Order
     from avln.link import Link
     from avln.play import Play
@@ -42,6 +45,18 @@ class Runs:
         self.plays = self._open()
         """The slots of the open run."""
 
+    def lay_out(self, keys: Sequence[str] | None, goal_side: int) -> ObservationSpace:
+        """How observations of these runs are laid out.
+
+        Raises:
+            ValueError: when a key is no entry; the run ends.
+        """
+        try:
+            return ObservationSpace(self.plays[0].task, self._sensors, keys, goal_side)
+        except ValueError:
+            self.close()
+            raise
+
     def begin_episode_of(self, play: Play) -> None:
         """Notes that a slot asks for an episode."""
         play.request_episode()
@@ -73,6 +88,7 @@ class Runs:
         plays = self._arena.play_slots(self._run, self._slots, self._sensors)
         if len(plays) < self._slots:
             plays[0].finish()
+            self._arena.close()
             raise Error(
                 f"play {self._slots} slots in phase {self.phase}: it grants {len(plays)}; ask for num_envs={len(plays)}"
             )

@@ -88,9 +88,11 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
             ValueError: when a key is no entry.
         """
         super().__init__()
+        self.closed = True  # until there is something to close
         sensors = sensors or Sensors()
         self._runs = Runs(server, token, phase, method, Order(order), sensors=sensors, slots=num_envs, link=link)
-        self._layout = ObservationSpace(self._runs.plays[0].task, sensors, keys, goal_side)
+        self._layout = self._runs.lay_out(keys, goal_side)
+        self.closed = False
         self._reward = reward
         self.num_envs = num_envs
         self.single_observation_space = self._layout.space
