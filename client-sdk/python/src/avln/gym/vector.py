@@ -13,7 +13,6 @@ from avln.action import Action, Order
 from avln.errors import RunOverError
 from avln.gym.env import Reward, end_info, ended, mission_info, no_reward, refuse_options
 from avln.gym.runs import Runs
-from avln.gym.spaces import ObservationSpace
 from avln.task import Sensors
 
 if TYPE_CHECKING:
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from avln.gym.spaces import ObservationSpace
     from avln.link import Link
     from avln.play import Episode, Play
 

@@ -4,10 +4,11 @@ macro_rules! texts {
 }
 
 /// Paths of the documents in the repository, those that participants need first, and their Markdown.
-pub(super) const PATHS: [(&str, &str); 33] = texts![
+pub(super) const PATHS: [(&str, &str); 34] = texts![
     "docs/results.md",
     "docs/scoring.md",
     "docs/GLOSSARY.md",
+    "docs/python.md",
     "proto/PROTOCOL.md",
     "docs/VERIFYING.md",
     "docs/CLI.md",
