@@ -18,7 +18,8 @@ fn run(module: &str, arguments: &[&str], needed: &[&str]) {
     let python = env::var(INTERPRETER).unwrap_or_else(|_| "python3".to_owned());
     let import = format!("import {}", needed.join(", "));
     let mut probe = Command::new(&python);
-    let found = probe.args(["-c", &import]).stderr(Stdio::null()).status().is_ok_and(|status| status.success());
+    let found =
+        probe.args(["-c", &import]).stderr(Stdio::null()).status().is_ok_and(|status| status.success());
     if !found {
         eprintln!(
             "skipped: {module} of client-sdk/python, for {python} lacks one of {needed:?}; \

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
+import torch
 from stable_baselines3 import PPO
 
 import avln
@@ -52,6 +53,7 @@ def train(server: str, token: str, phase: str, steps: int, **options: Any) -> Ba
         reward=NewGround(),
         **options,
     )
+    torch.set_num_threads(1)  # the network is small: more threads wait for one another
     model = PPO("MultiInputPolicy", env, n_steps=256, batch_size=64, device="cpu", seed=None)
     model.learn(total_timesteps=steps)
     env.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import operator
 import re
 import subprocess
 import sys
@@ -13,6 +14,8 @@ import pytest
 from google.protobuf import descriptor_pb2
 
 import avln
+import avln.habitat
+from avln.cli import main
 from avln.v1 import common_pb2, info_pb2, play_pb2, run_pb2, task_pb2
 
 if TYPE_CHECKING:
@@ -84,6 +87,25 @@ def test_the_core_needs_no_extras() -> None:
     code = f"{hidden}; import avln, avln.habitat, avln.cli; print(avln.__version__)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == avln.__version__
+
+
+PAGES = [PACKAGE / "README.md", PACKAGE.parents[1] / "docs" / "python.md"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_code_and_commands_of_the_documentation_are_there(page: Path) -> None:
+    pytest.importorskip("avln.gym", reason="pip install 'avln[gym]'", exc_type=ImportError)
+    text = page.read_text()
+    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    assert blocks
+    for block in blocks:
+        for name in re.findall(r"\bavln((?:\.\w+)+)", block):
+            assert operator.attrgetter(name[1:])(avln) is not None, name
+        ast.parse(block)
+    for command in re.findall(r"^\$ avln-py (\w+)", text, re.MULTILINE):
+        with pytest.raises(SystemExit) as ended:
+            main([command, "--help"])
+        assert ended.value.code == 0, command
 
 
 def test_everything_that_is_exported_is_there() -> None:

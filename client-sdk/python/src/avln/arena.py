@@ -334,7 +334,9 @@ def begin(
         Error: as for `Arena.connect`, `Arena.start_run` and `Arena.play`.
     """
     arena, run = begin_run(server, token, phase, method, order, link=link)
-    return arena.play(run, sensors)
+    play = arena.play(run, sensors)
+    play.line.on_close = arena.close
+    return play
 
 
 def begin_run(

@@ -137,6 +137,8 @@ class Line:
         self._closing = threading.Event()
         self.progress: Progress = progress
         """How far the run is, as last heard of on any slot."""
+        self.on_close: Callable[[], None] = lambda: None
+        """Called when the line was closed: closes what it stands on."""
         self._patience_s = _patience_s(dialler.patience_s, may_be_away_s)
         self._reader = threading.Thread(target=self._read, name="avln-reader", daemon=True)
         self._reader.start()
@@ -178,6 +180,7 @@ class Line:
             self._stream.close()
         if self._reader is not threading.current_thread():
             self._reader.join(timeout=CALL_TIMEOUT_S)
+        self.on_close()
 
     def _read(self) -> None:
         while True:
