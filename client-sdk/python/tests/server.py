@@ -59,11 +59,11 @@ class Server:
         assert done.returncode == 0, f"{command}: {done.stderr}"
         return done.stdout
 
-    def start(self) -> None:
+    def start(self, *more: str) -> None:
         """Starts it and waits until it answers."""
         ports = ["--grpc", f"127.0.0.1:{self.grpc}", "--web", f"127.0.0.1:{self.web}", "--admin", "off"]
         with (self.folder / "server.log").open("ab") as log:
-            command = [str(self.binary), "--data", str(self.folder), "serve", *ports]
+            command = [str(self.binary), "--data", str(self.folder), "serve", *ports, *more]
             self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=log)
         until = time.monotonic() + 30
         while time.monotonic() < until:

@@ -39,8 +39,8 @@ class UnreachableError(Error):
 
     def __init__(self, address: str, detail: str) -> None:
         super().__init__(
-            f"cannot reach {address}: {detail}; is the server running there, and is this its gRPC port? "
-            "Set the address with --server or AVLN_SERVER"
+            f"cannot reach {address}: {detail}; is the server running there, is this its gRPC port, and does it speak "
+            "TLS (https://) or not (http://)? Set the address with --server or AVLN_SERVER"
         )
 
 

@@ -112,7 +112,10 @@ _ADVICE = {
 
 
 def _options(address: Address) -> list[tuple[str, Any]]:
+    # Of a socket's path gRPC would make a name for the server that is none to HTTP/2, and it would be refused.
+    named = [("grpc.default_authority", "localhost")] if address.target.startswith(_UNIX) else []
     return [
+        *named,
         ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
         ("grpc.max_send_message_length", MAX_MESSAGE_BYTES),
         ("grpc.http2.lookahead_bytes", _STREAM_WINDOW_BYTES),
