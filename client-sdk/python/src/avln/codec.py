@@ -103,18 +103,17 @@ def unpack_blocks(data: bytes, count: int, most_bits: int) -> NDArray[np.uint32]
 
 
 def _pull(widths: NDArray[np.intp], body: NDArray[np.uint8]) -> NDArray[np.uint32]:
-    """The numbers of all blocks: those of one width are taken together."""
-    numbers = np.zeros((len(widths), _BLOCK), _U32)
-    starts = 2 * (np.cumsum(widths) - widths)
-    for width in np.unique(widths[widths > 0]):
-        own = np.flatnonzero(widths == width)
-        block_bytes = np.zeros((len(own), 2 * width + 8), _U8)
-        block_bytes[:, : 2 * width] = body[starts[own, None] + np.arange(2 * width)]
-        mask = np.uint64((1 << int(width)) - 1)
-        for index in range(_BLOCK):
-            byte, shift = divmod(index * int(width), 8)
-            words = np.ascontiguousarray(block_bytes[:, byte : byte + 8]).view("<u8")[:, 0]
-            numbers[own, index] = (words >> np.uint64(shift)) & mask
+    """The numbers of all blocks; each lies in the 64 bits from the 32-bit word that holds its lowest bit."""
+    padded = np.zeros(len(body) // 4 * 4 + 12, _U8)
+    padded[: len(body)] = body
+    words = padded.view(_U32).astype(np.uint64)
+    pairs = words[:-1] | words[1:] << np.uint64(32)
+    masks = (np.uint64(1) << widths.astype(np.uint64)) - np.uint64(1)
+    numbers = np.empty((len(widths), _BLOCK), _U32)
+    bits = _BLOCK * (np.cumsum(widths) - widths)
+    for index in range(_BLOCK):
+        numbers[:, index] = (pairs[bits >> 5] >> (bits & 31).astype(np.uint64)) & masks
+        bits += widths
     return numbers.reshape(-1)
 
 
