@@ -49,6 +49,13 @@ def fields_of(messages: Iterable[Any]) -> dict[str, set[str]]:
     return {message.name: {field.name for field in message.fields} for message in messages}
 
 
+@pytest.mark.parametrize(("module", "needed"), [("avln.gym", "gymnasium"), ("avln.bridge", "msgpack")])
+def test_what_is_missing_is_named_with_its_extra(module: str, needed: str) -> None:
+    code = f"import sys; sys.modules[{needed!r}] = None; import {module}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert f"{module} needs {needed}; pip install 'avln[{module.split('.')[1]}]'" in done.stderr
+
+
 def annotated(node: ast.ClassDef) -> list[ast.AnnAssign]:
     return [item for item in node.body if isinstance(item, ast.AnnAssign)]
 

@@ -38,6 +38,16 @@ def main(arguments: list[str] | None = None) -> int:
         return 130
 
 
+def bridge() -> int:
+    """Runs the program `avln-bridge`, which needs more than the others; gives back its exit code."""
+    try:
+        from avln.bridge import main as program  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return program()
+
+
 def _parser() -> argparse.ArgumentParser:
     program = parser("avln-py", "Plays on LH-AVLN Arena servers")
     commands = program.add_subparsers(dest="name", required=True, metavar="COMMAND")

@@ -7,7 +7,7 @@ import time
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from avln.action import Action
+from avln.action import Action, Order
 from avln.arena import Arena, connect
 from avln.errors import Error
 from avln.version import API_MINOR, VERSION
@@ -135,7 +135,8 @@ def _practice(arena: Arena, phase: str, episodes: int, steps: int, sensors: Sens
         yield Check("practice", WARNS, f"nothing was played: {phase} counts runs", advice)
         return
     try:
-        with arena.play(arena.start_run(phase, "avln-py doctor"), sensors) as play:
+        run = arena.start_run(phase, "avln-py doctor", _order(arena, phase))
+        with arena.play(run, sensors) as play:
             took_s = _played(play, episodes, steps)
     except Error as error:
         yield Check("practice", FAILS, str(error))
@@ -148,6 +149,12 @@ def _practice(arena: Arena, phase: str, episodes: int, steps: int, sensors: Sens
     yield Check(
         "speed", OK, f"{len(took_s) / sum(took_s):.1f} steps/s in one slot; a step takes {1000 * median_s:.1f} ms"
     )
+
+
+def _order(arena: Arena, phase: str) -> Order:
+    """An order that the phase has."""
+    orders = [order for known in arena.phases() if known.id == phase for order in known.orders]
+    return Order.UNORDERED if Order.UNORDERED in orders or not orders else orders[0]
 
 
 def _played(play: Play, episodes: int, steps: int) -> list[float]:

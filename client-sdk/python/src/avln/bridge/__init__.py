@@ -3,14 +3,11 @@
 avln-bridge zmq --bind tcp://127.0.0.1:5555 --server URL --token TOKEN --phase PHASE
 """
 
-from avln.bridge.desk import Desk
-from avln.bridge.frames import pack, unpack
+try:
+    from avln.bridge.desk import Desk
+    from avln.bridge.frames import pack, unpack
+    from avln.bridge.program import main
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(f"avln.bridge needs {error.name}; pip install 'avln[bridge]'", name=error.name) from None
 
 __all__ = ["Desk", "main", "pack", "unpack"]
-
-
-def main() -> int:
-    """The program `avln-bridge`; gives back its exit code."""
-    from avln.bridge.program import main as program  # noqa: PLC0415, so that the rest needs no ZeroMQ
-
-    return program()

@@ -4,7 +4,10 @@ Importing this module makes `gymnasium.make("avln/LHAVLN-v1", server=…, token=
 `gymnasium.make_vec` with `vectorization_mode="vector_entry_point"`, which plays several slots of one run at once.
 """
 
-import gymnasium
+try:
+    import gymnasium
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError("avln.gym needs gymnasium; pip install 'avln[gym]'", name=error.name) from None
 
 from avln.gym.env import LHAVLNEnv, Reward
 from avln.gym.spaces import GOAL_TEXT_BYTES, MAX_GOALS, ObservationSpace
