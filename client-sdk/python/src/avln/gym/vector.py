@@ -156,17 +156,13 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
         for seat, action, acts in zip(self._seats, taken, acting):
             if acts and seat.episode is not None:
                 seat.episode.send(action)
-        self._ask_for_episodes(acting)
+        self._ask_for_episodes()
         return self._received(taken, acting)
 
-    def _ask_for_episodes(self, acting: Sequence[bool] | None = None) -> None:
+    def _ask_for_episodes(self) -> None:
         """Asks for as many episodes as wait, in slots that play none: one too many would not be answered for long."""
         waiting = self._runs.plays[0].progress.waiting
-        idle = (
-            [seat for seat in self._seats if not seat.is_playing]
-            if acting is None
-            else [seat for seat, acts in zip(self._seats, acting) if not acts]
-        )
+        idle = [seat for seat in self._seats if not seat.is_playing]
         for seat in idle[:waiting]:
             self._runs.begin_episode_of(seat.play)
             seat.asked = True
