@@ -4,12 +4,13 @@ macro_rules! texts {
 }
 
 /// Paths of the documents in the repository, those that participants need first, and their Markdown.
-pub(super) const PATHS: [(&str, &str); 36] = texts![
+pub(super) const PATHS: [(&str, &str); 37] = texts![
     "docs/QUICKSTART.md",
     "docs/FAQ.md",
     "docs/results.md",
     "docs/scoring.md",
     "docs/GLOSSARY.md",
+    "docs/python.md",
     "proto/PROTOCOL.md",
     "docs/VERIFYING.md",
     "docs/CLI.md",

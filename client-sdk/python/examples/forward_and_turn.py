@@ -1,0 +1,51 @@
+"""Walks ahead and turns right where it is blocked; submits after equal shares of its steps. Senses its pose alone.
+
+python examples/forward_and_turn.py --token TOKEN --phase practice
+"""
+
+from __future__ import annotations
+
+import math
+
+from shell import main
+
+import avln
+
+BLOCKED = 0.5
+"""A step forward that moved by less than this share of its length hit something."""
+
+
+class ForwardAndTurn:
+    """Plays exactly as `avln agent baseline forward-and-turn`."""
+
+    sensors = avln.Sensors(rgb=False, depth=False, audio=False)
+
+    def begin(self, task: avln.TaskSpec, mission: avln.Mission) -> None:
+        """Forgets the last episode."""
+        self.blocked_m = BLOCKED * task.forward_m
+        self.share_steps = max(task.max_steps // len(mission.goals), 1)
+        self.submits = 0
+        self.walked_from: avln.Pose | None = None
+
+    def act(self, seen: avln.Observation) -> avln.Action:
+        """Stop as the last step, a Submit where one is due, else onward."""
+        if seen.remaining_steps <= 1:
+            return avln.Action.STOP
+        is_due = seen.step + 1 >= (self.submits + 1) * self.share_steps and seen.remaining_submits > 0
+        if is_due:
+            self.submits += 1
+            self.walked_from = None
+            return avln.Action.SUBMIT
+        return self.onward(seen.pose)
+
+    def onward(self, pose: avln.Pose) -> avln.Action:
+        """Turns after a step forward that hit something."""
+        before, self.walked_from = self.walked_from, None
+        if before and math.hypot(pose.x_m - before.x_m, pose.z_m - before.z_m) < self.blocked_m:
+            return avln.Action.TURN_RIGHT
+        self.walked_from = pose
+        return avln.Action.MOVE_FORWARD
+
+
+if __name__ == "__main__":
+    main(ForwardAndTurn)

@@ -1,0 +1,76 @@
+"""Trains PPO of Stable-Baselines3 on a practice phase, on the processor.
+
+python examples/sb3_ppo.py --token TOKEN --phase practice --steps 2000
+
+Its reward is for new ground alone, so that it learns to walk about; nothing that the server hides is needed for it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import torch
+from stable_baselines3 import PPO
+
+import avln
+import avln.gym
+from avln.options import add_connection, add_run, parser
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
+CELL_M = 0.5
+SIDE = 64
+
+
+class NewGround:
+    """1 for each cell of half a metre that an episode enters first, and a little less for each step."""
+
+    def __init__(self) -> None:
+        self.seen: set[tuple[int, int]] = set()
+
+    def __call__(self, before: avln.Observation, _action: avln.Action, after: avln.Observation) -> float:
+        """The reward of a step."""
+        if before.step == 0:
+            self.seen = set()
+        cell = round(after.pose.x_m / CELL_M), round(after.pose.z_m / CELL_M)
+        is_new = cell not in self.seen
+        self.seen.add(cell)
+        return float(is_new) - 0.01
+
+
+def train(server: str, token: str, phase: str, steps: int, **options: Any) -> BaseAlgorithm:
+    """Trains for so many steps."""
+    env = gymnasium.make(
+        avln.gym.ENV_ID,
+        server=server,
+        token=token,
+        phase=phase,
+        method="ppo",
+        sensors=avln.Sensors(audio=False, width=SIDE, height=SIDE),
+        keys=["depth", "pose"],
+        reward=NewGround(),
+        **options,
+    )
+    torch.set_num_threads(1)  # the network is small: more threads wait for one another
+    model = PPO("MultiInputPolicy", env, n_steps=256, batch_size=64, device="cpu", seed=None)
+    model.learn(total_timesteps=steps)
+    env.close()
+    return model
+
+
+def main() -> None:
+    """The command line."""
+    program = parser("sb3_ppo", "Trains PPO on a practice phase")
+    add_connection(program)
+    add_run(program, method="ppo")
+    program.add_argument("--steps", type=int, default=2000, help="steps of training [2000]")
+    program.add_argument("--out", default="ppo.zip", help="where the policy is written [ppo.zip]")
+    options = program.parse_args()
+    train(options.server, options.token, options.phase, options.steps).save(options.out)
+    print(f"wrote {options.out}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,23 @@
+"""What the examples share: their command line."""
+
+from __future__ import annotations
+
+from typing import Any, Callable
+
+import avln
+from avln.options import add_connection, add_run, link, parser
+
+
+def main(agent: Callable[[], Any]) -> None:
+    """Plays one run with an agent and prints its summary; `agent.sensors` says what it senses."""
+    name = agent.__name__.lower()
+    program = parser(name, agent.__doc__ or "")
+    add_connection(program)
+    add_run(program, method=f"example-{name}")
+    options = program.parse_args()
+    arena, run = avln.begin_run(
+        options.server, options.token, options.phase, options.method, options.order, link=link(options)
+    )
+    with arena:
+        player = agent()
+        print(avln.evaluate(arena, run, player, player.sensors, on_end=lambda end: print(end.reason.value, end.steps)))

@@ -1,0 +1,100 @@
+"""A PyTorch policy that looks at all slots of a run in one batch: the place to put a network of your own.
+
+python examples/torch_policy.py --token TOKEN --phase practice --slots 4
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from torch import nn
+
+import avln
+from avln.options import add_connection, add_run, link, parser
+
+if TYPE_CHECKING:
+    from avln.play import Episode, Play
+
+SIDE = 64
+SENSORS = avln.Sensors(audio=False, width=SIDE, height=SIDE)
+
+
+class Policy(nn.Module):
+    """Pictures of colour and depth to a score for each action; it is not trained."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.eyes = nn.Sequential(
+            nn.Conv2d(4, 16, 8, stride=4), nn.ReLU(), nn.Conv2d(16, 32, 4, stride=2), nn.ReLU(), nn.Flatten()
+        )
+        self.head = nn.Linear(32 * 6 * 6, len(avln.Action))
+
+    def forward(self, pictures: torch.Tensor) -> torch.Tensor:
+        """[slots, 4, 64, 64] to [slots, 5]."""
+        scores: torch.Tensor = self.head(self.eyes(pictures))
+        return scores
+
+
+def batch(episodes: list[Episode]) -> torch.Tensor:
+    """Red, green, blue and depth from 0 to 1, one picture a slot."""
+    pictures = []
+    for episode in episodes:
+        seen, far_m = episode.observation, episode.task.depth_max_m
+        assert seen.rgb is not None
+        assert seen.depth is not None
+        pictures.append(np.concatenate([seen.rgb / np.float32(255), seen.depth[..., None] / far_m], axis=2))
+    return torch.from_numpy(np.stack(pictures)).permute(0, 3, 1, 2).float()
+
+
+def choose(policy: Policy, episodes: list[Episode], generator: torch.Generator) -> list[avln.Action]:
+    """An action for each slot, drawn by the policy's scores; Stop as the last step."""
+    with torch.inference_mode():
+        chances = policy(batch(episodes)).softmax(dim=1)
+    drawn = torch.multinomial(chances, 1, generator=generator)[:, 0].tolist()
+    is_last = [episode.observation.remaining_steps == 1 for episode in episodes]
+    return [avln.Action.STOP if last else avln.Action(index) for last, index in zip(is_last, drawn)]
+
+
+def play_slots(plays: list[Play], policy: Policy, seed: int = 0) -> avln.RunSummary:
+    """Plays a run: all slots send an action before any waits for what comes of it."""
+    generator = torch.Generator().manual_seed(seed)
+    idle = list(plays)
+    while True:
+        begin_episodes(idle)
+        playing = [play.episode for play in plays if play.episode is not None and not play.episode.is_over]
+        if not playing:
+            return plays[0].finish()
+        for episode, action in zip(playing, choose(policy, playing, generator)):
+            episode.send(action)
+        for episode in playing:
+            episode.receive()
+        idle = [play for play in plays if play.episode is None or play.episode.is_over]
+
+
+def begin_episodes(idle: list[Play]) -> None:
+    """Begins as many episodes as the run has left."""
+    asking = idle[: idle[0].progress.waiting] if idle else []
+    for play in asking:
+        play.request_episode()
+    for play in asking:
+        play.receive_episode()
+
+
+def main() -> None:
+    """The command line."""
+    program = parser("torch_policy", "Plays a run with one policy for all slots")
+    add_connection(program)
+    add_run(program, method="torch-policy")
+    program.add_argument("--slots", type=int, default=4, help="episodes at the same time [4]")
+    options = program.parse_args()
+    arena, run = avln.begin_run(
+        options.server, options.token, options.phase, options.method, options.order, link=link(options)
+    )
+    with arena:
+        print(play_slots(arena.play_slots(run, options.slots, SENSORS), Policy().eval()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,100 @@
+"""The Python client of LH-AVLN Arena: connection, episodes, Gymnasium.
+
+Start reading at `Arena`, `Play` and `Episode`:
+
+    import avln
+
+    with avln.begin("http://127.0.0.1:50051", token, "practice", "my-method") as run:
+        for episode in run:
+            for observation in episode:
+                episode.act(avln.Action.MOVE_FORWARD)
+
+`avln.gym` has the same as Gymnasium environments, `avln.habitat` plays agents that were written for Habitat, and
+`avln.bridge` serves agents that speak the protocol of the LH-AVLN authors' release.
+
+*Never*: knows a target, a place or a score that the server hides.
+"""
+
+from avln.action import Action, EndReason, Order
+from avln.agent import Agent, evaluate, evaluate_slots
+from avln.arena import Arena, begin, begin_run, connect
+from avln.errors import (
+    AddressError,
+    EpisodeOverError,
+    Error,
+    LostError,
+    NotArenaError,
+    ProtocolError,
+    RefusedError,
+    RunOverError,
+    SensorsError,
+    TlsError,
+    TokenError,
+    UnknownActionError,
+    UnreachableError,
+)
+from avln.line import Closed, Line
+from avln.link import Link
+from avln.mission import Goal, Mission, Modality
+from avln.observation import Feedback, Observation, Pose
+from avln.packing import Packing
+from avln.play import Episode, Play, TimeLeft
+from avln.service import Account, Phase, Quota, Run, RunStatus, ServerInfo
+from avln.summary import EpisodeEnd, Metric, Notice, Progress, RunSummary
+from avln.task import Sensors, TaskSpec
+from avln.version import VERSION
+
+__version__ = VERSION
+
+__all__ = [
+    "Account",
+    "Action",
+    "AddressError",
+    "Agent",
+    "Arena",
+    "Closed",
+    "EndReason",
+    "Episode",
+    "EpisodeEnd",
+    "EpisodeOverError",
+    "Error",
+    "Feedback",
+    "Goal",
+    "Line",
+    "Link",
+    "LostError",
+    "Metric",
+    "Mission",
+    "Modality",
+    "NotArenaError",
+    "Notice",
+    "Observation",
+    "Order",
+    "Packing",
+    "Phase",
+    "Play",
+    "Pose",
+    "Progress",
+    "ProtocolError",
+    "Quota",
+    "RefusedError",
+    "Run",
+    "RunOverError",
+    "RunStatus",
+    "RunSummary",
+    "Sensors",
+    "SensorsError",
+    "ServerInfo",
+    "TaskSpec",
+    "TimeLeft",
+    "TlsError",
+    "TokenError",
+    "UnknownActionError",
+    "UnreachableError",
+    "__version__",
+    "begin",
+    "begin_run",
+    "connect",
+    "evaluate",
+    "evaluate_slots",
+]

@@ -1,0 +1,7 @@
+"""`python -m avln`."""
+
+import sys
+
+from avln.cli import main
+
+sys.exit(main())

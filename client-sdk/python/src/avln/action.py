@@ -1,0 +1,69 @@
+"""Actions, orders and end reasons."""
+
+from __future__ import annotations
+
+import enum
+from typing import cast
+
+from avln.v1 import common_pb2 as v1
+
+
+class Action(enum.IntEnum):
+    """What an agent can do in one step; the value is its index in action spaces. Every action is one of the steps."""
+
+    MOVE_FORWARD = 0
+    """Walk `TaskSpec.forward_m` forward, sliding along walls."""
+    TURN_LEFT = 1
+    """Turn left by `TaskSpec.turn_rad` on the spot."""
+    TURN_RIGHT = 2
+    """Turn right by `TaskSpec.turn_rad` on the spot."""
+    SUBMIT = 3
+    """Claim that a target is here. The last one that a mission grants is final."""
+    STOP = 4
+    """Claim the last target and end the episode."""
+
+    def to_wire(self) -> v1.Action:
+        """The number on the wire: the index plus one."""
+        return cast("v1.Action", v1.Action.Value(f"ACTION_{self.name}"))
+
+
+class Order(enum.Enum):
+    """Whether the goals of a mission have an order."""
+
+    ORDERED = "ordered"
+    """Goals count in the order of the mission only."""
+    UNORDERED = "unordered"
+    """Goals count in any order."""
+
+    def to_wire(self) -> v1.Order:
+        """The number on the wire."""
+        return cast("v1.Order", v1.Order.Value(f"ORDER_{self.name}"))
+
+
+class EndReason(enum.Enum):
+    """Why an episode ended."""
+
+    STOPPED = "stopped"
+    """The agent chose Stop."""
+    FINAL_SUBMIT = "final submit"
+    """The agent used its last Submit."""
+    STEP_LIMIT = "step limit"
+    """The agent took as many steps as the rules allow."""
+    TIME_BUDGET = "time budget"
+    """The agent thought for longer than its time allowed, or the wall time of its run was over."""
+    ABANDONED = "abandoned"
+    """The agent gave the episode up."""
+    DISCONNECTED = "disconnected"
+    """The agent went away and did not come back in time."""
+    SERVER_FAULT = "server fault"
+    """The server failed; the episode does not count."""
+    OTHER = "another reason"
+    """A reason that this client does not know."""
+
+    @classmethod
+    def from_wire(cls, number: int) -> EndReason:
+        """The reason of a number on the wire."""
+        if number in v1.EndReason.values():
+            name = v1.EndReason.Name(number).replace("END_REASON_", "", 1)
+            return cls.__members__.get(name, cls.OTHER)
+        return cls.OTHER

@@ -1,0 +1,359 @@
+"""A connection to a server: what is asked of it, and the way to its runs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Callable
+
+import grpc
+
+from avln.action import Order
+from avln.agreement import Agreement
+from avln.errors import NotArenaError, ProtocolError, TokenError, from_call
+from avln.line import CALL_TIMEOUT_S, Dialler, Line
+from avln.link import CONNECT_TIMEOUT_S, Link, open_channel, parse_address, unreachable
+from avln.packing import Packing
+from avln.play import Play
+from avln.service import Account, Phase, Quota, Run, RunStatus, ServerInfo
+from avln.task import Sensors
+from avln.v1 import info_pb2, play_pb2, run_pb2
+from avln.version import client_info
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from types import TracebackType
+
+    from google.protobuf.message import Message
+
+RUN_TOKEN = "avln_run_"
+"""What the tokens of runs begin with."""
+_ANSWERS: dict[str, Any] = {
+    "InfoService/GetServerInfo": info_pb2.GetServerInfoResponse,
+    "InfoService/ListPhases": info_pb2.ListPhasesResponse,
+    "RunService/StartRun": run_pb2.StartRunResponse,
+    "RunService/GetRun": run_pb2.GetRunResponse,
+    "RunService/CancelRun": run_pb2.CancelRunResponse,
+    "RunService/ListRuns": run_pb2.ListRunsResponse,
+    "RunService/GetQuota": run_pb2.GetQuotaResponse,
+    "RunService/WhoAmI": run_pb2.WhoAmIResponse,
+}
+
+
+class Arena:
+    """A connection to a server. `connect` makes one; as a context it closes at the end of its block."""
+
+    def __init__(self, channel: grpc.Channel, token: str, packing: Packing, patience_s: float | None) -> None:
+        self._channel = channel
+        self._token = token
+        self._packing = packing
+        self._patience_s = patience_s
+
+    @classmethod
+    def connect(cls, server: str, token: str = "", link: Link | None = None) -> Arena:
+        """Connects and checks that the server is one and takes the account's token.
+
+        Args:
+            server: address like `http://127.0.0.1:50051`, `https://arena.example:50051` or `unix:/run/arena.sock`.
+            token: the account's. Empty is good for `server_info`, `phases` and for playing a `Run.from_token`.
+            link: how to connect, where the defaults do not do.
+
+        Raises:
+            AddressError: when the address makes no sense.
+            UnreachableError: when nothing answers there within ten seconds.
+            NotArenaError: when what answers is no such server.
+            TokenError: when the server refuses the token.
+        """
+        link = link or Link()
+        address = parse_address(server)
+        packing = link.packing or (Packing.RAW if address.is_local else Packing.LOSSLESS)
+        arena = cls(open_channel(address, link), token, packing, link.patience_s)
+        try:
+            arena._introduce(server)
+        except BaseException:
+            arena.close()
+            raise
+        return arena
+
+    def _introduce(self, server: str) -> None:
+        ask = self._call("InfoService/GetServerInfo")
+        try:
+            ask(info_pb2.GetServerInfoRequest(), timeout=CONNECT_TIMEOUT_S)
+        except grpc.RpcError as error:
+            code = error.code()
+            detail = f"{code.name}: {error.details()}"
+            unanswered = code in (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
+            raise (unreachable if unanswered else NotArenaError)(server, detail) from None
+        if self._token:
+            self.whoami()
+
+    def server_info(self) -> ServerInfo:
+        """What the server is.
+
+        Raises:
+            Error: when the connection is lost.
+        """
+        answer = self._ask("ask what the server is", "InfoService/GetServerInfo", info_pb2.GetServerInfoRequest())
+        return ServerInfo.from_wire(answer)
+
+    def phases(self) -> list[Phase]:
+        """The phases that the team may see, in the organiser's order; without a token, those that anyone may see.
+
+        Raises:
+            Error: when the connection is lost.
+        """
+        answer = self._ask("list phases", "InfoService/ListPhases", info_pb2.ListPhasesRequest())
+        return [Phase.from_wire(phase) for phase in answer.phases]
+
+    def whoami(self) -> Account:
+        """Whose token this is.
+
+        Raises:
+            TokenError: when the server refuses the token.
+            Error: when the connection is lost.
+        """
+        answer = self._ask("ask whose token this is", "RunService/WhoAmI", run_pb2.WhoAmIRequest())
+        return Account.from_wire(answer)
+
+    def start_run(
+        self,
+        phase: str,
+        method: str,
+        order: Order = Order.UNORDERED,
+        *,
+        version: str = "",
+        description: str = "",
+        code_url: str = "",
+        request_id: str = "",
+    ) -> Run:
+        """Begins a run.
+
+        Args:
+            phase: id of the phase.
+            method: name on the leaderboard, 1 to 80 characters.
+            order: order of its missions.
+            version: the method's, at most 40 characters.
+            description: text for people, at most 2000 characters.
+            code_url: where the method's code is, an http(s) address.
+            request_id: at most 64 characters; starting again under the same one yields the same run.
+
+        Raises:
+            RefusedError: when the phase is unknown, closed or not for this team, the quota used up, or the server full.
+            Error: when the connection is lost.
+        """
+        info = run_pb2.MethodInfo(name=method, version=version, description=description, code_url=code_url)
+        request = run_pb2.StartRunRequest(
+            phase=phase,
+            order=order.to_wire(),
+            method=info,
+            client_request_id=request_id,
+            client=client_info(),
+        )
+        answer = self._ask("start a run", "RunService/StartRun", request)
+        if not answer.HasField("run"):
+            raise ProtocolError("StartRun began no run")
+        return Run.from_wire(answer)
+
+    def run(self, run: str) -> RunStatus:
+        """How a run of the team stands.
+
+        Raises:
+            RefusedError: when there is no such run.
+            Error: when the connection is lost.
+        """
+        answer = self._ask("look at a run", "RunService/GetRun", run_pb2.GetRunRequest(run=run))
+        return RunStatus.from_wire(answer.run)
+
+    def watch(self, run: str) -> Iterator[RunStatus]:
+        """How a run of the team stands, again whenever it changes, until it is over.
+
+        Raises:
+            RefusedError: when there is no such run.
+            Error: when the connection is lost.
+        """
+        call = self._channel.unary_stream(
+            "/avln.v1.RunService/WatchRun",
+            request_serializer=_serialize,
+            response_deserializer=run_pb2.WatchRunResponse.FromString,
+        )
+        try:
+            for answer in call(run_pb2.WatchRunRequest(run=run), metadata=self._metadata()):
+                yield RunStatus.from_wire(answer.run)
+        except grpc.RpcError as error:
+            raise from_call("watch a run", error) from None
+
+    def runs(self, phase: str = "") -> list[RunStatus]:
+        """The team's runs, newest first; of one phase where it is named.
+
+        Raises:
+            Error: when the connection is lost.
+        """
+        runs: list[RunStatus] = []
+        page = ""
+        while True:
+            request = run_pb2.ListRunsRequest(phase=phase, page_size=200, page_token=page)
+            answer = self._ask("list runs", "RunService/ListRuns", request)
+            runs += [RunStatus.from_wire(run) for run in answer.runs]
+            page = answer.next_page_token
+            if not page:
+                return runs
+
+    def cancel_run(self, run: str) -> RunStatus:
+        """Ends a run of the team; its open episodes end as abandoned.
+
+        Raises:
+            RefusedError: when there is no such run.
+            Error: when the connection is lost.
+        """
+        answer = self._ask("cancel a run", "RunService/CancelRun", run_pb2.CancelRunRequest(run=run))
+        return RunStatus.from_wire(answer.run)
+
+    def quota(self, phase: str = "") -> list[Quota]:
+        """What the team has left in every phase that it can see, or in one.
+
+        Raises:
+            Error: when the connection is lost.
+        """
+        answer = self._ask("ask for the quota", "RunService/GetQuota", run_pb2.GetQuotaRequest(phase=phase))
+        return [Quota.from_wire(quota) for quota in answer.quotas]
+
+    def play(self, run: Run, sensors: Sensors | None = None) -> Play:
+        """Opens the run's stream for one episode at a time.
+
+        Raises:
+            SensorsError: when `sensors` are outside of the limits.
+            RefusedError: when they are not allowed, the run is over, or the server does not take this client's version.
+            Error: when the protocol is broken or the connection is lost.
+        """
+        return self.play_slots(run, 1, sensors)[0]
+
+    def play_slots(self, run: Run, slots: int, sensors: Sensors | None = None) -> list[Play]:
+        """Opens the run's stream for up to `slots` episodes at the same time; gives as many as the server grants.
+
+        Slots may be driven from different threads, each from one at a time.
+
+        Raises:
+            Error: as for `play`.
+        """
+        line, agreement = self.line(run, slots, sensors)
+        return [Play(line, agreement, slot) for slot in range(min(agreement.slots, max(slots, 1)))]
+
+    def line(self, run: Run, slots: int = 1, sensors: Sensors | None = None) -> tuple[Line, Agreement]:
+        """Opens the run's raw connection: frames of `avln.v1` in and out, with reconnecting and resuming done.
+
+        Raises:
+            Error: as for `play`.
+        """
+        sensors = sensors or Sensors()
+        hello = play_pb2.Hello(
+            run=run.id, client=client_info(), slots=max(slots, 1), sensors=sensors.to_wire(self._packing)
+        )
+        dialler = Dialler(self._open_call(), run.token, hello, self._patience_s)
+        stream = dialler.dial()
+        if stream.welcome is None:
+            stream.close()
+            raise ProtocolError("the run ended before it was welcomed")
+        try:
+            agreement = Agreement(stream.welcome, sensors, self._packing)
+        except BaseException:
+            stream.close()
+            raise
+        granted = min(agreement.slots, hello.slots)
+        return Line(dialler, stream, granted, agreement.may_be_away_s, agreement.progress), agreement
+
+    def _open_call(self) -> Callable[..., Any]:
+        return self._channel.stream_stream(
+            "/avln.v1.PlayService/Play",
+            request_serializer=_serialize,
+            response_deserializer=_play_response,
+        )
+
+    def _ask(self, attempted: str, method: str, request: Message) -> Any:
+        call = self._call(method)
+        try:
+            return call(request, timeout=CALL_TIMEOUT_S, metadata=self._metadata())
+        except grpc.RpcError as error:
+            raise from_call(attempted, error) from None
+
+    def _call(self, method: str) -> Any:
+        return self._channel.unary_unary(
+            f"/avln.v1.{method}",
+            request_serializer=_serialize,
+            response_deserializer=_ANSWERS[method].FromString,
+        )
+
+    def _metadata(self) -> tuple[tuple[str, str], ...]:
+        if not self._token:
+            return ()
+        if not (self._token.isascii() and self._token.isprintable()):
+            raise TokenError("send the token", "TOKEN_MALFORMED", "it holds characters that no token has")
+        return (("authorization", f"Bearer {self._token}"),)
+
+    def close(self) -> None:
+        """Closes the connection, and with it the streams of its runs."""
+        self._channel.close()
+
+    def __enter__(self) -> Arena:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _serialize(message: Message) -> bytes:
+    return message.SerializeToString()
+
+
+_play_response = play_pb2.PlayResponse.FromString
+
+
+def connect(server: str, token: str = "", link: Link | None = None) -> Arena:
+    """Connects to a server: `Arena.connect`."""
+    return Arena.connect(server, token, link)
+
+
+def begin(
+    server: str,
+    token: str,
+    phase: str,
+    method: str,
+    order: Order = Order.UNORDERED,
+    *,
+    sensors: Sensors | None = None,
+    link: Link | None = None,
+) -> Play:
+    """Connects, begins a run and opens its stream for one episode at a time.
+
+    With a run's own token, takes up that run, whatever `phase`, `method` and `order` say, as in a sealed run where the
+    agent never sees the account.
+
+    Raises:
+        Error: as for `Arena.connect`, `Arena.start_run` and `Arena.play`.
+    """
+    arena, run = begin_run(server, token, phase, method, order, link=link)
+    play = arena.play(run, sensors)
+    play.line.on_close = arena.close
+    return play
+
+
+def begin_run(
+    server: str,
+    token: str,
+    phase: str,
+    method: str,
+    order: Order = Order.UNORDERED,
+    *,
+    link: Link | None = None,
+) -> tuple[Arena, Run]:
+    """Connects and begins a run, or takes up that of a run's own token.
+
+    Raises:
+        Error: as for `Arena.connect` and `Arena.start_run`.
+    """
+    if token.startswith(RUN_TOKEN):
+        return Arena.connect(server, "", link), Run.from_token(token)
+    arena = Arena.connect(server, token, link)
+    return arena, arena.start_run(phase, method, order)

@@ -1,0 +1,80 @@
+"""The program `avln-bridge`."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import zmq
+
+from avln.arena import begin
+from avln.bridge.desk import Desk
+from avln.bridge.frames import pack, unpack
+from avln.errors import Error
+from avln.options import add_camera, add_connection, add_run, link, parser, sensors
+
+if TYPE_CHECKING:
+    from avln.play import Play
+
+_LOOK_UP_MS = 200
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the program; gives back its exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        run = begin(
+            options.server,
+            options.token,
+            options.phase,
+            options.method,
+            options.order,
+            sensors=sensors(options),
+            link=link(options),
+        )
+        return _serve(run, options.bind)
+    except Error as error:
+        print(error, file=sys.stderr)
+        return 1
+
+
+def _parser() -> Any:
+    program = parser("avln-bridge", "Lets clients of the LH-AVLN authors' release play on an LH-AVLN Arena server")
+    doors = program.add_subparsers(dest="door", required=True)
+    door = doors.add_parser("zmq", help="their protocol: MessagePack over ZeroMQ")
+    door.add_argument("--bind", default="tcp://127.0.0.1:5555", help="where their client connects")
+    add_connection(door)
+    add_run(door, method="bridge")
+    add_camera(door, size=512)
+    return program
+
+
+def _serve(run: Play, address: str) -> int:
+    with zmq.Context() as context, context.socket(zmq.REP) as socket:
+        socket.setsockopt(zmq.LINGER, 1000)
+        try:
+            socket.bind(address)
+        except zmq.ZMQError as error:
+            run.finish()
+            print(f"listen at {address}: {error}; choose another address with --bind", file=sys.stderr)
+            return 1
+        print(f"run {run.run}: waiting at {socket.getsockopt_string(zmq.LAST_ENDPOINT)}", flush=True)
+        try:
+            answer_all(Desk(run), socket)
+        except KeyboardInterrupt:
+            run.finish()
+    return 0
+
+
+def answer_all(desk: Desk, socket: zmq.Socket[bytes]) -> None:
+    """Answers requests until the client says that it is done."""
+    while not desk.is_closed:
+        if socket.poll(_LOOK_UP_MS):
+            socket.send_multipart(pack(_answer(desk, socket.recv_multipart())))
+
+
+def _answer(desk: Desk, frames: list[bytes]) -> dict[str, Any]:
+    try:
+        return desk.answer(unpack(frames))
+    except (ValueError, KeyError, IndexError, TypeError) as error:
+        return {"op": "error", "message": f"read a request: {error}; send MessagePack, arrays in frames after it"}

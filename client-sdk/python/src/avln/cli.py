@@ -1,0 +1,169 @@
+"""The program `avln-py`, also as `python -m avln`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Callable
+
+from avln import doctor, quickstart
+from avln.agent import evaluate_slots
+from avln.arena import begin_run, connect
+from avln.errors import Error
+from avln.options import add_camera, add_connection, add_run, link, parser, sensors
+from avln.player import UnknownAgentError, load_agent
+from avln.progress import Bar
+
+if TYPE_CHECKING:
+    import argparse
+
+    from avln.service import Quota
+
+WOULD_FAIL = 6
+"""Exit code of `doctor` when a run would fail."""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the program; gives back its exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.command(options))
+    except (Error, UnknownAgentError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("stopped; the run stays open for its token for a while", file=sys.stderr)
+        return 130
+
+
+def bridge() -> int:
+    """Runs the program `avln-bridge`, which needs more than the others; gives back its exit code."""
+    try:
+        from avln.bridge import main as program  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return program()
+
+
+def _parser() -> argparse.ArgumentParser:
+    program = parser("avln-py", "Plays on LH-AVLN Arena servers")
+    commands = program.add_subparsers(dest="name", required=True, metavar="COMMAND")
+
+    def add(name: str, about: str, command: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
+        added = commands.add_parser(name, help=about, description=about)
+        added.set_defaults(command=command)
+        return added
+
+    add_connection(add("whoami", "tell whose token it is", _whoami))
+    add_connection(add("phases", "list the phases", _phases), needs_token=False)
+    quota = add("quota", "tell how many runs are left", _quota)
+    add_connection(quota)
+    quota.add_argument("--phase", default="", help="of one phase alone")
+    _add_run(add("run", "play a run with an agent of yours", _run))
+    _add_doctor(add("doctor", "tell before a run whether it will go well", _doctor))
+    _add_quickstart(add("quickstart", "write an agent of 20 lines and play a run with it", _quickstart))
+    return program
+
+
+def _add_run(to: argparse.ArgumentParser) -> None:
+    to.add_argument("agent", help="FILE.py, FILE.py:CLASS or MODULE:CLASS; the class is Agent unless it is named")
+    add_connection(to)
+    add_run(to, method="python-agent")
+    add_camera(to, size=256)
+    to.add_argument("--slots", type=int, default=1, help="episodes at the same time, each with an agent of its own [1]")
+
+
+def _add_doctor(to: argparse.ArgumentParser) -> None:
+    add_connection(to)
+    to.add_argument("--phase", default="practice", help="the phase that is to be played [practice]")
+    to.add_argument("--practice", help="a phase to practise in, by default the phase itself")
+    to.add_argument("--episodes", type=int, default=5, help="episodes to practise [5]")
+    to.add_argument("--steps", type=int, default=100, help="actions in each of them, at most [100]")
+    add_camera(to, size=256)
+    to.add_argument("--json", action="store_true", help="as JSON")
+
+
+def _add_quickstart(to: argparse.ArgumentParser) -> None:
+    add_connection(to)
+    add_run(to, method="quickstart")
+    add_camera(to, size=128)
+    to.add_argument("--out", type=Path, default=Path("agent.py"), help="where the agent is written [agent.py]")
+
+
+def _whoami(options: argparse.Namespace) -> int:
+    with connect(options.server, options.token, link(options)) as arena:
+        account = arena.whoami()
+        until = "for ever" if account.expires_unix_s == 0 else f"until {_date(account.expires_unix_s)}"
+        print(f"team {account.team}, token {account.token_name or 'without a name'} ({account.scope}), {until}")
+    return 0
+
+
+def _phases(options: argparse.Namespace) -> int:
+    with connect(options.server, options.token, link(options)) as arena:
+        for phase in arena.phases():
+            orders = ", ".join(order.value for order in phase.orders)
+            print(f"{phase.id}: {phase.state}, {phase.episodes} episodes, {orders}, {phase.rules}, {phase.title}")
+    return 0
+
+
+def _quota(options: argparse.Namespace) -> int:
+    with connect(options.server, options.token, link(options)) as arena:
+        for quota in arena.quota(options.phase):
+            print(f"{quota.phase}, {quota.window}: {_left(quota)}")
+    return 0
+
+
+def _left(quota: Quota) -> str:
+    if quota.remaining is None:
+        return f"any number of runs, {quota.used} counted"
+    again = f", more from {_date(quota.next_increase_unix_s)}" if quota.next_increase_unix_s else ""
+    return f"{quota.remaining} of {quota.limit} runs left{again}"
+
+
+def _date(unix_s: int) -> str:
+    return datetime.fromtimestamp(unix_s, timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def _run(options: argparse.Namespace) -> int:
+    make = load_agent(options.agent)
+    agents = [make() for _ in range(max(options.slots, 1))]
+    arena, run = begin_run(
+        options.server, options.token, options.phase, options.method, options.order, link=link(options)
+    )
+    wanted = getattr(agents[0], "sensors", None) or sensors(options)
+    with arena, Bar(run.episodes) as bar:
+        summary = evaluate_slots(arena, run, agents, wanted, bar.tell)
+    print(summary)
+    return 0
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    checks = doctor.examine(
+        options.server,
+        options.token,
+        options.phase,
+        link=link(options),
+        practice=options.practice or options.phase,
+        episodes=options.episodes,
+        steps=options.steps,
+        sensors=sensors(options),
+    )
+    told: list[Any] = []
+    for check in checks:
+        told.append(check.as_dict())
+        if not options.json:
+            print(check)
+    if options.json:
+        print(json.dumps({"checks": told}, indent=2))
+    return WOULD_FAIL if any(check["verdict"] == doctor.FAILS for check in told) else 0
+
+
+def _quickstart(options: argparse.Namespace) -> int:
+    quickstart.write(options.out)
+    print(f"wrote {options.out}; change its method act, and play again:")
+    print(f"  avln-py run {options.out} --phase {options.phase}")
+    options.agent, options.slots = str(options.out), 1
+    return _run(options)

@@ -1,0 +1,35 @@
+"""Episodes as Gymnasium environments; `pip install 'avln[gym]'`.
+
+Importing this module makes `gymnasium.make("avln/LHAVLN-v1", server=…, token=…, phase=…)` work, and
+`gymnasium.make_vec` with `vectorization_mode="vector_entry_point"`, which plays several slots of one run at once.
+"""
+
+try:
+    import gymnasium
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError("avln.gym needs gymnasium; pip install 'avln[gym]'", name=error.name) from None
+
+from avln.gym.env import LHAVLNEnv, Reward
+from avln.gym.spaces import GOAL_TEXT_BYTES, MAX_GOALS, ObservationSpace
+from avln.gym.vector import LHAVLNVectorEnv
+
+ENV_ID = "avln/LHAVLN-v1"
+"""What the environment is registered as."""
+
+if ENV_ID not in gymnasium.registry:
+    gymnasium.register(
+        ENV_ID,
+        entry_point="avln.gym.env:LHAVLNEnv",
+        vector_entry_point="avln.gym.vector:LHAVLNVectorEnv",
+        disable_env_checker=True,
+    )
+
+__all__ = [
+    "ENV_ID",
+    "GOAL_TEXT_BYTES",
+    "MAX_GOALS",
+    "LHAVLNEnv",
+    "LHAVLNVectorEnv",
+    "ObservationSpace",
+    "Reward",
+]

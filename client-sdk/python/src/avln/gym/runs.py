@@ -1,0 +1,99 @@
+"""Runs that are begun one after the other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from avln.arena import RUN_TOKEN, Arena, begin_run
+from avln.errors import Error, RunOverError
+from avln.gym.spaces import ObservationSpace
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from avln.action import Order
+    from avln.link import Link
+    from avln.play import Play
+    from avln.task import Sensors
+
+_COUNTING = ("day", "month", "total")
+
+
+class Runs:
+    """Runs of one method in one phase: as many as are asked for where runs are not counted, else one."""
+
+    def __init__(
+        self,
+        server: str,
+        token: str,
+        phase: str,
+        method: str,
+        order: Order,
+        *,
+        sensors: Sensors,
+        slots: int = 1,
+        link: Link | None = None,
+    ) -> None:
+        self._method, self._order = method, order
+        self._sensors, self._slots = sensors, slots
+        self.phase = phase
+        self._arena, self._run = begin_run(server, token, phase, method, order, link=link)
+        self.is_counted = token.startswith(RUN_TOKEN) or _is_counted(self._arena, phase)
+        """Whether the phase limits how many runs a team has."""
+        self.is_fresh = True
+        """Whether no episode of the open run has begun."""
+        self.plays = self._open()
+        """The slots of the open run."""
+
+    def lay_out(self, keys: Sequence[str] | None, goal_side: int) -> ObservationSpace:
+        """How observations of these runs are laid out.
+
+        Raises:
+            ValueError: when a key is no entry; the run ends.
+        """
+        try:
+            return ObservationSpace(self.plays[0].task, self._sensors, keys, goal_side)
+        except ValueError:
+            self.close()
+            raise
+
+    def begin_episode_of(self, play: Play) -> None:
+        """Notes that a slot asks for an episode."""
+        play.request_episode()
+        self.is_fresh = False
+
+    def begin_anew(self, because: str) -> None:
+        """Ends the open run and begins another.
+
+        Raises:
+            RunOverError: where runs are counted.
+        """
+        if self.is_fresh:
+            return
+        if self.is_counted:
+            raise RunOverError(f"{self._run.id} cannot be begun anew ({because})", self.phase)
+        self.plays[0].finish()
+        self._run = self._arena.start_run(self.phase, self._method, self._order)
+        self.plays = self._open()
+        self.is_fresh = True
+
+    def close(self) -> None:
+        """Ends the open run and closes the connection."""
+        try:
+            self.plays[0].finish()
+        finally:
+            self._arena.close()
+
+    def _open(self) -> list[Play]:
+        plays = self._arena.play_slots(self._run, self._slots, self._sensors)
+        if len(plays) < self._slots:
+            plays[0].finish()
+            self._arena.close()
+            raise Error(
+                f"play {self._slots} slots in phase {self.phase}: it grants {len(plays)}; ask for num_envs={len(plays)}"
+            )
+        return plays
+
+
+def _is_counted(arena: Arena, phase: str) -> bool:
+    return any(quota.limit is not None and quota.window in _COUNTING for quota in arena.quota(phase))

@@ -1,0 +1,202 @@
+"""Several slots of one run as a Gymnasium vector environment."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from avln.action import Action, Order
+from avln.errors import RunOverError
+from avln.gym.env import Reward, end_info, ended, mission_info, no_reward, refuse_options
+from avln.gym.runs import Runs
+from avln.task import Sensors
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from avln.gym.spaces import ObservationSpace
+    from avln.link import Link
+    from avln.play import Episode, Play
+
+Arrays = dict[str, Any]
+Stepped = tuple[Arrays, "NDArray[np.float64]", "NDArray[np.bool_]", "NDArray[np.bool_]", Arrays]
+
+
+class _Seat:
+    """One slot, between two steps."""
+
+    def __init__(self, play: Play, layout: ObservationSpace) -> None:
+        self.play = play
+        self.layout = layout
+        self.episode: Episode | None = None
+        self.mission: Arrays = {}
+        self.observation: Arrays = {key: np.zeros(s.shape, s.dtype) for key, s in layout.space.spaces.items()}
+        self.asked = False
+        """Whether the next episode was asked for."""
+
+    @property
+    def is_playing(self) -> bool:
+        return self.episode is not None and not self.episode.is_over
+
+    def begin(self) -> Arrays:
+        """Receives the episode that was asked for; gives what the info tells of it."""
+        self.asked = False
+        episode = self.play.receive_episode()
+        if episode is None:
+            return {}
+        self.episode, self.mission = episode, self.layout.mission(episode.mission)
+        self.observation = self.layout.observation(episode.observation, self.mission)
+        return mission_info(episode.mission)
+
+
+class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
+    """The slots of one run: all of them take a step, and the server works on them at the same time.
+
+    Episodes follow one another by `AutoresetMode.NEXT_STEP`: the step after an episode's end ignores its action and
+    gives the first observation of the next. A slot for which the run has no episode left is idle: `info["idle"]` is
+    True, its action is ignored and its observation stays. When all are idle, the next step begins another run where the
+    phase does not limit how many a team has, and raises `RunOverError` elsewhere. Arguments are those of `LHAVLNEnv`.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012, as its base has it
+
+    def __init__(
+        self,
+        num_envs: int,
+        server: str,
+        token: str,
+        phase: str,
+        *,
+        method: str = "gymnasium",
+        order: Order | str = Order.UNORDERED,
+        sensors: Sensors | None = None,
+        keys: Sequence[str] | None = None,
+        goal_side: int = 128,
+        reward: Reward = no_reward,
+        link: Link | None = None,
+    ) -> None:
+        """Connects and begins a run with `num_envs` slots.
+
+        Raises:
+            Error: when the server refuses, grants fewer slots or the connection is lost.
+            ValueError: when a key is no entry.
+        """
+        super().__init__()
+        self.closed = True  # until there is something to close
+        sensors = sensors or Sensors()
+        self._runs = Runs(server, token, phase, method, Order(order), sensors=sensors, slots=num_envs, link=link)
+        self._layout = self._runs.lay_out(keys, goal_side)
+        self.closed = False
+        self._reward = reward
+        self.num_envs = num_envs
+        self.single_observation_space = self._layout.space
+        self.single_action_space = spaces.Discrete(len(Action))
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._seats = self._seat()
+
+    @property
+    def episodes(self) -> list[Episode | None]:
+        """The episode of each slot, with its mission, time and end."""
+        return [seat.episode for seat in self._seats]
+
+    def _seat(self) -> list[_Seat]:
+        return [_Seat(play, self._layout) for play in self._runs.plays]
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Arrays, Arrays]:
+        """Begins the next episode in each slot, or with a seed the first ones of another run.
+
+        Raises:
+            RunOverError: where runs are counted, when no episode is left or a seed is given.
+            ValueError: when there are options, of which there are none.
+        """
+        refuse_options(options)
+        if seed is not None:
+            super().reset(seed=seed if isinstance(seed, int) else None)
+            self._begin_anew(f"reset was called with seed {seed}")
+        for seat in self._seats:
+            if seat.is_playing and seat.episode is not None:
+                seat.episode.abandon()
+        if self._runs.plays[0].progress.waiting == 0:
+            self._begin_anew("its episodes are played")
+        return self._begin_all()
+
+    def _begin_anew(self, because: str) -> None:
+        self._runs.begin_anew(because)
+        self._seats = self._seat()
+
+    def _begin_all(self) -> tuple[Arrays, Arrays]:
+        self._ask_for_episodes()
+        infos: Arrays = {}
+        for number, seat in enumerate(self._seats):
+            info = seat.begin() if seat.asked else {}
+            infos = self._add_info(infos, {**info, "idle": not seat.is_playing}, number)
+        return self._stacked(), infos
+
+    def step(self, actions: Any) -> Stepped:
+        """Takes a step in each slot; begins the next episode where the last one is over.
+
+        Raises:
+            RunOverError: where runs are counted, when no episode is left.
+            Error: when the server refuses or the connection is lost.
+        """
+        waiting = self._runs.plays[0].progress.waiting
+        if waiting == 0 and not any(seat.is_playing for seat in self._seats):
+            return self._step_into_another_run()
+        acting = [seat.is_playing for seat in self._seats]
+        taken = [Action(int(action)) for action in actions]
+        for seat, action, acts in zip(self._seats, taken, acting):
+            if acts and seat.episode is not None:
+                seat.episode.send(action)
+        self._ask_for_episodes()
+        return self._received(taken, acting)
+
+    def _ask_for_episodes(self) -> None:
+        """Asks for as many episodes as wait, in slots that play none: one too many would not be answered for long."""
+        waiting = self._runs.plays[0].progress.waiting
+        idle = [seat for seat in self._seats if not seat.is_playing]
+        for seat in idle[:waiting]:
+            self._runs.begin_episode_of(seat.play)
+            seat.asked = True
+
+    def _received(self, taken: Sequence[Action], acting: Sequence[bool]) -> Stepped:
+        rewards = np.zeros(self.num_envs, np.float64)
+        flags = np.zeros((2, self.num_envs), np.bool_)
+        infos: Arrays = {}
+        for number, seat in enumerate(self._seats):
+            info: Arrays = {}
+            if acting[number] and seat.episode is not None:
+                before = seat.episode.observation
+                after = seat.episode.receive()
+                rewards[number] = self._reward(before, taken[number], after)
+                seat.observation = self._layout.observation(after, seat.mission)
+                flags[:, number] = ended(seat.episode)
+                info = end_info(seat.episode)
+            elif seat.asked:
+                info = seat.begin()
+            is_idle = not (acting[number] or seat.is_playing)
+            infos = self._add_info(infos, {**info, "idle": is_idle}, number)
+        return self._stacked(), rewards, flags[0], flags[1], infos
+
+    def _step_into_another_run(self) -> Stepped:
+        if self._runs.is_counted:
+            raise RunOverError(self._runs.plays[0].run, self._runs.phase)
+        self._begin_anew("its episodes are played")
+        observations, infos = self._begin_all()
+        nothing = np.zeros(self.num_envs, np.bool_)
+        return observations, np.zeros(self.num_envs), nothing, nothing.copy(), infos
+
+    def _stacked(self) -> Arrays:
+        return {key: np.stack([seat.observation[key] for seat in self._seats]) for key in self._layout.space.spaces}
+
+    def close_extras(self, **_kwargs: Any) -> None:
+        """Ends the run and closes the connection."""
+        self._runs.close()

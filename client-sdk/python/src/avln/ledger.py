@@ -1,0 +1,110 @@
+"""What was sent and what arrived, slot by slot: enough to go on when a connection is lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Union
+
+from avln.v1 import common_pb2, play_pb2
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+Sent = Union[play_pb2.Ready, play_pb2.Act, play_pb2.Abandon]
+"""Frames of a slot that are answered."""
+Arrived = Union[play_pb2.EpisodeStart, play_pb2.Observation, play_pb2.EpisodeEnd, play_pb2.Fault, play_pb2.RunEnd]
+"""Frames that answer them."""
+
+
+@dataclass
+class _Slot:
+    """One slot, as the client knows it."""
+
+    episode: str = ""
+    """The episode that it holds; empty: none."""
+    step: int = 0
+    """Step of the last observation that arrived."""
+    open: Sent | None = None
+    """What was sent and not answered."""
+
+
+class Ledger:
+    """The slots of a run, as the client knows them."""
+
+    def __init__(self, slots: int) -> None:
+        self._slots = [_Slot() for _ in range(slots)]
+        self.is_over = False
+        """Whether the run has ended."""
+        self.said_goodbye = False
+        """Whether the client ended it."""
+
+    def sending(self, frame: Sent) -> None:
+        """Notes a frame that is about to be sent."""
+        self._slots[frame.slot].open = frame
+
+    def arrived(self, frame: Arrived) -> bool:
+        """Notes a frame that arrived; False when it had arrived before."""
+        if isinstance(frame, play_pb2.RunEnd):
+            self.is_over = True
+            return True
+        slot = self._slot(frame)
+        if slot is None:
+            return True
+        if isinstance(frame, play_pb2.EpisodeStart):
+            slot.episode, slot.step, slot.open = frame.episode, frame.observation.step, None
+        elif isinstance(frame, play_pb2.Observation):
+            return _observed(slot, frame)
+        elif isinstance(frame, play_pb2.EpisodeEnd) and frame.episode == slot.episode:
+            slot.episode, slot.step, slot.open = "", 0, None
+        elif isinstance(frame, play_pb2.Fault) and frame.recoverable:
+            slot.open = None
+        return True
+
+    def known(self) -> list[play_pb2.SlotPosition]:
+        """What Hello says was received last."""
+        return [
+            play_pb2.SlotPosition(slot=number, episode=slot.episode, step=slot.step)
+            for number, slot in enumerate(self._slots)
+            if slot.episode
+        ]
+
+    def to_repeat(self, resumed: Iterable[play_pb2.SlotPosition]) -> list[Sent]:
+        """What must be sent again to a server that says where the slots are."""
+        there = {position.slot: position for position in resumed}
+        return [
+            slot.open
+            for number, slot in enumerate(self._slots)
+            if slot.open is not None and _is_unanswered(slot.open, there.get(number))
+        ]
+
+    def is_gone(self, fault: play_pb2.Fault) -> bool:
+        """Whether a fault says that an episode which a slot holds is gone."""
+        slot = self._slot(fault)
+        is_unknown = fault.reason == common_pb2.REASON_EPISODE_UNKNOWN
+        return is_unknown and slot is not None and bool(slot.episode) and slot.episode == fault.episode
+
+    def _slot(self, frame: Arrived) -> _Slot | None:
+        if isinstance(frame, play_pb2.RunEnd):
+            return None
+        if isinstance(frame, play_pb2.Fault) and not frame.HasField("slot"):
+            return None
+        return self._slots[frame.slot] if frame.slot < len(self._slots) else None
+
+
+def _observed(slot: _Slot, seen: play_pb2.Observation) -> bool:
+    if seen.episode != slot.episode:
+        return True
+    if seen.step <= slot.step:
+        return False
+    slot.step, slot.open = seen.step, None
+    return True
+
+
+def _is_unanswered(frame: Sent, there: play_pb2.SlotPosition | None) -> bool:
+    if isinstance(frame, play_pb2.Ready):
+        return there is None
+    if there is None:
+        return False
+    if isinstance(frame, play_pb2.Act):
+        return frame.episode == there.episode and frame.step == there.step + 1
+    return True

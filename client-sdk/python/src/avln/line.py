@@ -1,0 +1,304 @@
+"""The raw connection of a run.
+
+A thread reads its stream, answers pings, hands each frame to its slot, and dials again when the stream is lost.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any, Callable, Union
+
+import grpc
+
+from avln.errors import Error, LostError, from_call, is_passing
+from avln.ledger import Arrived, Ledger, Sent
+from avln.summary import Notice, Progress
+from avln.v1 import common_pb2, play_pb2
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+CALL_TIMEOUT_S = 30.0
+PLAY = "open the run's stream"
+_MAX_NOTICES = 64
+_PATIENCE_S = 180.0
+_PAUSES_S = (0.05, 5.0)
+
+
+@dataclass(frozen=True)
+class Closed:
+    """Nothing more will come."""
+
+    error: Error | None
+    """How the stream ended; None for well."""
+
+    def because(self, attempted: str) -> Error:
+        """How it reads to the one who waited for something."""
+        if self.error is not None:
+            return self.error
+        return LostError(attempted, "the server ended the stream without a reason")
+
+
+Event = Union[Arrived, Closed]
+"""What happens to a slot: a frame, or the end of all frames."""
+
+
+@dataclass
+class Stream:
+    """One open stream of a run."""
+
+    call: Any
+    """The gRPC call, which yields `play_pb2.PlayResponse`."""
+    requests: SimpleQueue[play_pb2.PlayRequest | None]
+    """What is to be sent; None ends it."""
+    welcome: play_pb2.Welcome | None = None
+    """The server's answer; None where the run has ended."""
+    first: tuple[Arrived, ...] = ()
+    """What arrived instead of a Welcome."""
+
+    def close(self) -> None:
+        """Cancels it, without a Goodbye."""
+        self.requests.put(None)
+        self.call.cancel()
+
+
+@dataclass(frozen=True)
+class Dialler:
+    """How to come to a run, again and again."""
+
+    open_call: Callable[..., Any]
+    """`PlayService.Play` of a channel."""
+    token: str
+    """The run's."""
+    hello: play_pb2.Hello
+    """What opens the run's first stream."""
+    patience_s: float | None = None
+    """For how long a lost stream is dialled again; None: as long as the server allows, three minutes at least."""
+
+    def dial(self, *, known: list[play_pb2.SlotPosition] | None = None) -> Stream:
+        """Opens a stream and waits for Welcome; with `known` goes on where an earlier one was lost.
+
+        Raises:
+            Error: when the server refuses, does not answer within 30 seconds, or the connection is lost.
+        """
+        hello = play_pb2.Hello()
+        hello.CopyFrom(self.hello)
+        if known is not None:
+            hello.resume = True
+            hello.known.extend(known)
+        requests: SimpleQueue[play_pb2.PlayRequest | None] = SimpleQueue()
+        requests.put(play_pb2.PlayRequest(hello=hello))
+        call = self.open_call(iter(requests.get, None), metadata=[("authorization", f"Bearer {self.token}")])
+        return _await_welcome(Stream(call, requests))
+
+
+def _await_welcome(stream: Stream) -> Stream:
+    watchdog = threading.Timer(CALL_TIMEOUT_S, stream.call.cancel)
+    watchdog.daemon = True
+    watchdog.start()
+    try:
+        for frame in _frames(stream.call):
+            if isinstance(frame, play_pb2.Welcome):
+                stream.welcome = frame
+                return stream
+            if isinstance(frame, (play_pb2.EpisodeEnd, play_pb2.RunEnd)):
+                stream.first += (frame,)
+            if isinstance(frame, play_pb2.RunEnd):
+                return stream
+        raise Closed(None).because(PLAY)
+    except grpc.RpcError as error:
+        stream.close()
+        raise from_call(PLAY, error) from None
+    finally:
+        watchdog.cancel()
+
+
+def _frames(call: Any) -> Iterator[Any]:
+    """The frames of a stream; those that this client does not know are skipped."""
+    for response in call:
+        kind = response.WhichOneof("frame")
+        if kind is not None:
+            yield getattr(response, kind)
+
+
+class Line:
+    """The connection that the slots of a run share: frames in, frames out, whatever happens to the stream below."""
+
+    def __init__(self, dialler: Dialler, stream: Stream, slots: int, may_be_away_s: float, progress: Progress) -> None:
+        self._dialler = dialler
+        self._stream = stream
+        self._lock = threading.Lock()
+        self._ledger = Ledger(slots)
+        self._queues: list[SimpleQueue[Event]] = [SimpleQueue() for _ in range(slots)]
+        self._notices: list[Notice] = []
+        self._closing = threading.Event()
+        self.progress: Progress = progress
+        """How far the run is, as last heard of on any slot."""
+        self.on_close: Callable[[], None] = lambda: None
+        """Called when the line was closed: closes what it stands on."""
+        self._patience_s = _patience_s(dialler.patience_s, may_be_away_s)
+        self._reader = threading.Thread(target=self._read, name="avln-reader", daemon=True)
+        self._reader.start()
+
+    def send(self, frame: Sent | play_pb2.Goodbye) -> None:
+        """Sends a frame; on a stream that is lost it is sent when the next one is there.
+
+        A stream that is gone for good is told by `Closed` from `next`.
+        """
+        request = _request(frame)
+        with self._lock:
+            if isinstance(frame, play_pb2.Goodbye):
+                self._ledger.said_goodbye = not frame.pause
+            else:
+                self._ledger.sending(frame)
+            self._stream.requests.put(request)
+
+    def next(self, slot: int, timeout_s: float | None = None) -> Event:
+        """The next thing that happens to a slot; waits for it.
+
+        Raises:
+            LostError: when nothing happens for `timeout_s` seconds.
+        """
+        try:
+            return self._queues[slot].get(timeout=timeout_s)
+        except Empty:
+            raise LostError("wait for the server", f"nothing came within {timeout_s:g} s") from None
+
+    def take_notices(self) -> list[Notice]:
+        """Takes the notices that arrived since the last call; at most 64 are kept."""
+        with self._lock:
+            notices, self._notices = self._notices, []
+        return notices
+
+    def close(self) -> None:
+        """Leaves without a Goodbye: open episodes wait for a client that resumes, for as long as the server allows."""
+        self._closing.set()
+        with self._lock:
+            self._stream.close()
+        if self._reader is not threading.current_thread():
+            self._reader.join(timeout=CALL_TIMEOUT_S)
+        self.on_close()
+
+    def _read(self) -> None:
+        while True:
+            error = self._read_stream()
+            try:
+                if not self._come_back(error):
+                    return self._to_all(Closed(error))
+            except Error as final:
+                return self._to_all(Closed(final))
+
+    def _read_stream(self) -> Error | None:
+        """Reads until the stream ends, and says how: None for well."""
+        try:
+            for frame in _frames(self._stream.call):
+                self._deliver(frame)
+        except grpc.RpcError as error:
+            return from_call("play", error)
+        return None
+
+    def _come_back(self, error: Error | None) -> bool:
+        """Dials until the server answers; False when there is no reason to."""
+        is_lost = (error is None or is_passing(error)) and not self._ledger.is_over
+        if self._patience_s is None or not is_lost:
+            return False
+        until = time.monotonic() + self._patience_s
+        pause_s = _PAUSES_S[0]
+        while not self._closing.is_set():
+            try:
+                return self._dial()
+            except Error as again:
+                if not is_passing(again) or time.monotonic() >= until:
+                    raise
+            self._closing.wait(pause_s)
+            pause_s = min(2 * pause_s, _PAUSES_S[1])
+        return False
+
+    def _dial(self) -> bool:
+        """Opens the next stream and sends what was not answered; False when the run has ended meanwhile."""
+        with self._lock:
+            known = self._ledger.known()
+        stream = self._dialler.dial(known=known)
+        if stream.welcome is None:
+            for frame in stream.first:
+                self._deliver(frame)
+            stream.close()
+            return False
+        with self._lock:
+            old, self._stream = self._stream, stream
+            old.requests.put(None)
+            self._repeat(stream.welcome.resumed)
+            if self._closing.is_set():
+                stream.close()
+        return True
+
+    def _repeat(self, resumed: Iterable[play_pb2.SlotPosition]) -> None:
+        for frame in self._ledger.to_repeat(resumed):
+            self._stream.requests.put(_request(frame))
+        if self._ledger.said_goodbye:
+            self._stream.requests.put(_request(play_pb2.Goodbye()))
+
+    def _deliver(self, frame: Any) -> None:
+        if isinstance(frame, play_pb2.Ping):
+            self._stream.requests.put(play_pb2.PlayRequest(pong=play_pb2.Pong(nonce=frame.nonce)))
+        elif isinstance(frame, play_pb2.Notice):
+            self._note(Notice(frame.message, frame.effective_unix_ms))
+        elif not isinstance(frame, play_pb2.Welcome):  # a second Welcome changes nothing
+            self._deliver_event(frame)
+
+    def _deliver_event(self, frame: Arrived) -> None:
+        with self._lock:
+            is_gone = isinstance(frame, play_pb2.Fault) and self._ledger.is_gone(frame)
+            is_new = self._ledger.arrived(frame)
+            if not isinstance(frame, (play_pb2.Observation, play_pb2.Fault)):
+                self.progress = Progress.from_wire(frame.progress)
+        if isinstance(frame, play_pb2.RunEnd):
+            self._to_all(frame)
+        elif isinstance(frame, play_pb2.Fault) and not frame.HasField("slot"):
+            # Of a server that stops, the stream's own end tells it, and the next stream goes on.
+            if frame.reason != common_pb2.REASON_DRAINING or self._patience_s is None:
+                self._to_all(frame)
+        elif isinstance(frame, play_pb2.Fault) and is_gone:
+            self._to(frame.slot, _lost_by_the_server(frame))
+        elif is_new:
+            self._to(frame.slot, frame)
+
+    def _note(self, notice: Notice) -> None:
+        with self._lock:
+            if len(self._notices) < _MAX_NOTICES:
+                self._notices.append(notice)
+
+    def _to(self, slot: int, event: Event) -> None:
+        if slot < len(self._queues):
+            self._queues[slot].put(event)
+
+    def _to_all(self, event: Event) -> None:
+        for queue in self._queues:
+            queue.put(event)
+
+
+def _patience_s(wanted_s: float | None, may_be_away_s: float) -> float | None:
+    """For how long a lost stream is dialled again; None for not at all."""
+    if may_be_away_s == 0:
+        return None
+    return max(may_be_away_s, _PATIENCE_S) if wanted_s is None else wanted_s
+
+
+def _request(frame: Sent | play_pb2.Goodbye) -> play_pb2.PlayRequest:
+    if isinstance(frame, play_pb2.Act):
+        return play_pb2.PlayRequest(act=frame)
+    if isinstance(frame, play_pb2.Ready):
+        return play_pb2.PlayRequest(ready=frame)
+    if isinstance(frame, play_pb2.Abandon):
+        return play_pb2.PlayRequest(abandon=frame)
+    return play_pb2.PlayRequest(goodbye=frame)
+
+
+def _lost_by_the_server(fault: play_pb2.Fault) -> play_pb2.EpisodeEnd:
+    """The end of an episode that the server could not bring back: it is played again."""
+    return play_pb2.EpisodeEnd(
+        slot=fault.slot, episode=fault.episode, step=fault.step, reason=common_pb2.END_REASON_SERVER_FAULT
+    )

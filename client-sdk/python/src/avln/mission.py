@@ -1,0 +1,91 @@
+"""What an agent is told at the start of an episode."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from avln.action import Order
+from avln.codec import CodecError, decode_rgb
+from avln.errors import ProtocolError
+from avln.v1 import common_pb2
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from avln.v1 import task_pb2
+
+_ORDERS = {common_pb2.ORDER_ORDERED: Order.ORDERED, common_pb2.ORDER_UNORDERED: Order.UNORDERED}
+
+
+class Modality(enum.IntEnum):
+    """How a goal is described."""
+
+    CATEGORY = 1
+    """By the label of the target's category."""
+    DESCRIPTION = 2
+    """By a sentence that fits the target alone."""
+    IMAGE = 3
+    """By a picture of the target."""
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """One thing to find."""
+
+    modality: Modality
+    """How it is described."""
+    text: str = ""
+    """The category's label or the sentence; empty for a picture."""
+    image: NDArray[np.uint8] | None = None
+    """The picture, u8 [height, width, 3], RGB, first row on top, read-only; None for words."""
+
+    @classmethod
+    def from_wire(cls, goal: task_pb2.Goal) -> Goal:
+        """The goal of a message.
+
+        Raises:
+            ProtocolError: when its cue is not one that this client knows.
+        """
+        cue = goal.WhichOneof("cue")
+        if cue == "category":
+            return cls(Modality.CATEGORY, text=goal.category)
+        if cue == "description":
+            return cls(Modality.DESCRIPTION, text=goal.description)
+        if cue == "image":
+            return cls(Modality.IMAGE, image=_picture(goal.image))
+        raise ProtocolError("a goal came without a cue that this client knows")
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """Everything that an agent is told at the start of an episode."""
+
+    order: Order = Order.UNORDERED
+    """Whether the goals must be completed in the order given."""
+    goals: list[Goal] = field(default_factory=list)
+    """The goals, 2 to 4; the index of a goal is its place here."""
+
+    @classmethod
+    def from_wire(cls, mission: task_pb2.Mission) -> Mission:
+        """The mission of a message.
+
+        Raises:
+            ProtocolError: when its order or a goal's cue is not one that this client knows.
+        """
+        if mission.order not in _ORDERS:
+            raise ProtocolError(f"order {mission.order} does not exist")
+        return cls(_ORDERS[mission.order], [Goal.from_wire(goal) for goal in mission.goals])
+
+
+def _picture(tensor: common_pb2.Tensor) -> NDArray[np.uint8]:
+    shape = tuple(tensor.shape)
+    is_raw = tensor.encoding == common_pb2.ENCODING_RAW and tensor.dtype == common_pb2.DTYPE_U8
+    if len(shape) != 3 or shape[2] != 3 or not is_raw:
+        raise ProtocolError(f"a goal's picture has shape {shape}, not raw bytes of [height, width, 3]")
+    try:
+        return decode_rgb(tensor.encoding, tensor.data, shape[0], shape[1])
+    except CodecError as error:
+        raise ProtocolError(f"a goal's picture of {shape[1]} x {shape[0]} pixels: {error}") from None

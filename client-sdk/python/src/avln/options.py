@@ -1,0 +1,54 @@
+"""Options that the programs of this package share."""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+from avln.action import Order
+from avln.link import Link
+from avln.packing import Packing
+from avln.task import Sensors
+from avln.version import VERSION
+
+
+def parser(name: str, about: str) -> argparse.ArgumentParser:
+    """A program's command line."""
+    program = argparse.ArgumentParser(prog=name, description=about)
+    program.add_argument("--version", action="version", version=f"{name} {VERSION}")
+    return program
+
+
+def add_connection(to: argparse.ArgumentParser, *, needs_token: bool = True) -> None:
+    """Where the server is, and who asks."""
+    server = os.environ.get("AVLN_SERVER", "http://127.0.0.1:50051")
+    to.add_argument("--server", default=server, help="address of the server's gRPC port [AVLN_SERVER]")
+    token = os.environ.get("AVLN_TOKEN", "")
+    required = needs_token and not token
+    to.add_argument("--token", default=token, required=required, help="the account's token [AVLN_TOKEN]")
+    ca = os.environ.get("AVLN_CA")
+    to.add_argument("--ca", default=ca, help="PEM file of the authorities of an https server [AVLN_CA]")
+    packings = [packing.value for packing in Packing]
+    to.add_argument("--packing", choices=packings, help="how pictures and sound travel [by the server's address]")
+
+
+def add_run(to: argparse.ArgumentParser, *, method: str) -> None:
+    """Which run is begun."""
+    to.add_argument("--phase", default="practice", help="phase to play in [practice]")
+    to.add_argument("--order", type=Order, default=Order.UNORDERED, help="ordered or unordered [unordered]")
+    to.add_argument("--method", default=method, help=f"name on the leaderboard [{method}]")
+
+
+def add_camera(to: argparse.ArgumentParser, *, size: int) -> None:
+    """What the agent sees."""
+    to.add_argument("--size", type=int, default=size, help=f"pixels a side of the pictures, 64 to 1024 [{size}]")
+
+
+def link(options: argparse.Namespace) -> Link:
+    """How to connect."""
+    return Link(ca=options.ca, packing=Packing(options.packing) if options.packing else None)
+
+
+def sensors(options: argparse.Namespace) -> Sensors:
+    """All sensors, at the size that was asked for."""
+    return Sensors.square(options.size)

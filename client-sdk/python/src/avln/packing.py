@@ -1,0 +1,46 @@
+"""How pictures and sound travel."""
+
+from __future__ import annotations
+
+import enum
+import ipaddress
+
+from avln.v1 import common_pb2 as v1
+
+_LOSSLESS = {
+    v1.SENSOR_KIND_RGB: [v1.ENCODING_PACKED, v1.ENCODING_RAW],
+    v1.SENSOR_KIND_DEPTH: [v1.ENCODING_PACKED, v1.ENCODING_RAW],
+    v1.SENSOR_KIND_AUDIO: [v1.ENCODING_RAW],
+}
+_ROUNDED = {
+    v1.SENSOR_KIND_RGB: [],
+    v1.SENSOR_KIND_DEPTH: [v1.ENCODING_DEPTH_U16_MM_PACKED, v1.ENCODING_DEPTH_U16_MM],
+    v1.SENSOR_KIND_AUDIO: [v1.ENCODING_AUDIO_I16],
+}
+
+
+class Packing(enum.Enum):
+    """How pictures and sound travel."""
+
+    RAW = "raw"
+    """As they are: the quickest on one machine."""
+    LOSSLESS = "lossless"
+    """In fewer bytes, and the same numbers: the quickest across a network."""
+    ROUNDED = "rounded"
+    """Distances in millimetres and sound in 16 bits where the phase allows it, else as LOSSLESS."""
+
+    def wishes(self, kind: v1.SensorKind) -> list[v1.Encoding]:
+        """The encodings to wish for, best first; RAW is always among them."""
+        if self is Packing.RAW:
+            return [v1.ENCODING_RAW]
+        if self is Packing.LOSSLESS:
+            return _LOSSLESS[kind]
+        return _ROUNDED[kind] + _LOSSLESS[kind]
+
+
+def is_this_machine(host: str) -> bool:
+    """Whether a host's name is this machine's own."""
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host == "localhost"

@@ -1,0 +1,325 @@
+"""Slots of a run and the episodes that they play."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from avln.action import Action
+from avln.errors import (
+    EpisodeOverError,
+    Error,
+    ProtocolError,
+    UnknownActionError,
+    from_fault,
+)
+from avln.line import Closed, Event, Line
+from avln.mission import Mission
+from avln.observation import Observation
+from avln.summary import EpisodeEnd, Notice, Progress, RunSummary
+from avln.v1 import play_pb2
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from types import TracebackType
+
+    from avln.agreement import Agreement
+    from avln.task import TaskSpec
+
+_FAREWELL_S = 60.0
+_BEGIN, _STEP, _ABANDON, _FINISH = (
+    "begin an episode",
+    "take a step",
+    "give an episode up",
+    "finish the run",
+)
+
+
+@dataclass(frozen=True)
+class TimeLeft:
+    """Time that an agent has for its next action."""
+
+    step_s: float | None
+    """Thinking time that costs nothing, seconds; None: unlimited."""
+    bank_s: float
+    """What the episode may still overrun `step_s` by in total, seconds."""
+
+
+class Episode:
+    """An episode that is being played. Iterating yields each observation until the episode is over.
+
+    The body of the loop takes one action: `for observation in episode: episode.act(policy(observation))`.
+    """
+
+    def __init__(self, play: Play, start: play_pb2.EpisodeStart) -> None:
+        if not start.HasField("observation"):
+            raise ProtocolError("an episode began without an observation")
+        self._play = play
+        self._line = play.line
+        self._agreement = play.agreement
+        self._awaits = False
+        self.id: str = start.episode
+        """Random handle, good for this run only."""
+        self.ordinal: int = start.ordinal
+        """Which episode of the run this is, counted in order of start from 1."""
+        self.mission: Mission = Mission.from_wire(start.mission)
+        """What to find."""
+        self.observation: Observation = Observation()
+        """What the agent senses now: at the start, or after its last step."""
+        self.end: EpisodeEnd | None = None
+        """How the episode ended; None while it goes on."""
+        self.fault: Error | None = None
+        """What failed on the server when the episode ended with `EndReason.SERVER_FAULT`."""
+        self.time_left: TimeLeft = TimeLeft(None, 0.0)
+        """Time for the next action."""
+        self._see(start.observation)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the episode has ended."""
+        return self.end is not None
+
+    @property
+    def task(self) -> TaskSpec:
+        """The facts of the rules."""
+        return self._agreement.task
+
+    def __iter__(self) -> Iterator[Observation]:
+        while not self.is_over:
+            step = self.observation.step
+            yield self.observation
+            if not self.is_over and self.observation.step == step:
+                raise Error(
+                    f"no action was taken after observation {step}; call Episode.act once in each turn of the loop"
+                )
+
+    def act(self, action: Action) -> Observation:
+        """Takes one step and gives back what the agent senses after it.
+
+        A limit may end the episode before the step is taken; then the last observation comes again.
+
+        Raises:
+            EpisodeOverError: after the end.
+            UnknownActionError: when `action` is none of 0 to 4.
+            RefusedError: when the server refuses the step; the episode goes on.
+            Error: when the protocol is broken or the connection is lost.
+        """
+        self.send(action)
+        return self.receive()
+
+    def send(self, action: Action) -> None:
+        """Sends an action without waiting: `receive` gives what came of it. Slots play at the same time in this way.
+
+        Raises:
+            EpisodeOverError: after the end.
+            UnknownActionError: when `action` is none of 0 to 4.
+        """
+        if self.is_over:
+            raise EpisodeOverError
+        number = _checked(action).to_wire()
+        step = self.observation.step + 1
+        self._line.send(play_pb2.Act(slot=self._play.slot, episode=self.id, step=step, action=number))
+        self._awaits = True
+
+    def receive(self) -> Observation:
+        """Waits for what came of the action that was sent, and gives back what the agent senses now.
+
+        Raises:
+            RefusedError: when the server refuses the step; the episode goes on.
+            Error: when the protocol is broken or the connection is lost.
+        """
+        step = self.observation.step + 1
+        while self._awaits:
+            event = self._line.next(self._play.slot)
+            if isinstance(event, play_pb2.Observation) and event.episode == self.id:
+                self._take(event, step)
+            else:
+                self._settle(_STEP, event)
+        return self.observation
+
+    def abandon(self) -> None:
+        """Gives the episode up: it ends as abandoned and counts as it stands. Nothing happens after the end.
+
+        Raises:
+            Error: when the protocol is broken or the connection is lost.
+        """
+        if self.is_over:
+            return
+        self._line.send(play_pb2.Abandon(slot=self._play.slot, episode=self.id, step=self.observation.step))
+        self._await_end(_ABANDON)
+
+    def _take(self, seen: play_pb2.Observation, step: int) -> None:
+        if seen.step != step:
+            raise ProtocolError(f"step {step} was answered by the observation of step {seen.step}")
+        self._see(seen)
+        self._awaits = False
+        if seen.terminated or seen.truncated:
+            self._await_end(_STEP)
+
+    def _see(self, seen: play_pb2.Observation) -> None:
+        self.observation = self._agreement.unpack(seen)
+        step_ms = seen.time.step_ms
+        self.time_left = TimeLeft(step_ms / 1000 if step_ms else None, seen.time.bank_ms / 1000)
+
+    def _await_end(self, attempted: str) -> None:
+        while not self.is_over:
+            self._settle(attempted, self._line.next(self._play.slot))
+
+    def _settle(self, attempted: str, event: Event) -> None:
+        """Handles whatever may come while an answer is awaited; frames of the episode before change nothing."""
+        if isinstance(event, play_pb2.EpisodeEnd) and event.episode == self.id:
+            self._awaits = False
+            self.end = EpisodeEnd.from_wire(event)
+        elif isinstance(event, play_pb2.Fault):
+            self._weigh(attempted, event)
+        elif isinstance(event, Closed):
+            raise event.because(attempted)
+        elif isinstance(event, (play_pb2.RunEnd, play_pb2.EpisodeStart)):
+            raise ProtocolError(f"{event.DESCRIPTOR.name} came while an episode was open")
+
+    def _weigh(self, attempted: str, fault: play_pb2.Fault) -> None:
+        """A fault that ends the episode is kept, for EpisodeEnd follows; one of another episode is stale."""
+        if fault.episode not in ("", self.id):
+            return
+        error = from_fault(attempted, fault)
+        if fault.recoverable or not fault.HasField("slot"):
+            self._awaits = False
+            raise error
+        self.fault = error
+
+
+class Play:
+    """One slot of a run: it plays episodes one after the other. Iterating yields each episode of the run.
+
+    A lost connection is dialled again, and its episodes go on, for as long as the server allows. As a context it says
+    Goodbye at the end of its block; an exception leaves the run open, so that it can be played on by its token.
+    """
+
+    def __init__(self, line: Line, agreement: Agreement, slot: int) -> None:
+        self.line: Line = line
+        """The connection below, which the slots of a run share."""
+        self.agreement: Agreement = agreement
+        """What client and server agreed on."""
+        self.slot: int = slot
+        """Number of this slot, 0 or more."""
+        self.episode: Episode | None = None
+        """The episode that began last; None before the first."""
+        self.summary: RunSummary | None = None
+        """How the run ended; None while it goes on."""
+
+    @property
+    def task(self) -> TaskSpec:
+        """The facts of the rules."""
+        return self.agreement.task
+
+    @property
+    def run(self) -> str:
+        """Id of the run."""
+        return self.agreement.run
+
+    @property
+    def progress(self) -> Progress:
+        """How far the run is, as last heard of on any slot."""
+        return self.line.progress
+
+    def take_notices(self) -> list[Notice]:
+        """Takes the server's notices that arrived since the last call; at most 64 are kept."""
+        return self.line.take_notices()
+
+    def __iter__(self) -> Iterator[Episode]:
+        while (episode := self.next_episode()) is not None:
+            yield episode
+
+    def next_episode(self) -> Episode | None:
+        """Begins the next episode; None when the run has none left. An episode that was left open is given up first.
+
+        The clock of its first action starts now: load models before.
+
+        Raises:
+            Error: when the server refuses, breaks the protocol or the connection is lost.
+        """
+        self.request_episode()
+        return self.receive_episode()
+
+    def request_episode(self) -> None:
+        """Asks for the next episode without waiting: `receive_episode` gives it.
+
+        Raises:
+            Error: when an open episode cannot be given up.
+        """
+        if self.summary is not None:
+            return
+        if self.episode is not None:
+            self.episode.abandon()
+        self.line.send(play_pb2.Ready(slot=self.slot))
+
+    def receive_episode(self) -> Episode | None:
+        """Waits for the episode that was asked for; None when the run has none left, which is told when no slot plays.
+
+        Raises:
+            Error: when the server refuses, breaks the protocol or the connection is lost.
+        """
+        while self.summary is None:
+            event = self.line.next(self.slot)
+            if isinstance(event, play_pb2.EpisodeStart):
+                self.episode = Episode(self, event)
+                return self.episode
+            self._settle(_BEGIN, event)
+        return None
+
+    def _settle(self, attempted: str, event: Event) -> None:
+        if isinstance(event, play_pb2.RunEnd):
+            self.summary = RunSummary.from_wire(event)
+        elif isinstance(event, play_pb2.Fault) and not event.episode:
+            raise from_fault(attempted, event)
+        elif isinstance(event, Closed):
+            raise event.because(attempted)
+
+    def finish(self) -> RunSummary:
+        """Says Goodbye and closes the connection: the run ends, on all of its slots; open episodes end as abandoned.
+
+        Raises:
+            Error: when the connection is lost or the server does not answer within a minute.
+        """
+        try:
+            self.line.send(play_pb2.Goodbye())
+            until = time.monotonic() + _FAREWELL_S
+            while self.summary is None:
+                event = self.line.next(self.slot, timeout_s=max(until - time.monotonic(), 0.001))
+                self._settle_farewell(event)
+            return self.summary
+        finally:
+            self.close()
+
+    def _settle_farewell(self, event: Event) -> None:
+        """As while an episode begins; what concerns a slot belongs to an episode that Goodbye ended."""
+        if isinstance(event, play_pb2.Fault) and (event.HasField("slot") or event.recoverable):
+            return
+        self._settle(_FINISH, event)
+
+    def close(self) -> None:
+        """Leaves without a Goodbye, on all slots: the run stays open, and its token plays it on."""
+        self.line.close()
+
+    def __enter__(self) -> Play:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.finish()
+        else:
+            self.close()
+
+
+def _checked(action: Action) -> Action:
+    try:
+        return Action(action)
+    except ValueError:
+        known = ", ".join(f"Action.{known.name} ({known.value})" for known in Action)
+        raise UnknownActionError(action, known) from None

@@ -1,0 +1,55 @@
+"""Agents that are named on a command line."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Callable
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+CLASS = "Agent"
+"""Which class of a file plays, unless it is named."""
+
+
+class UnknownAgentError(ValueError):
+    """A name that leads to no agent."""
+
+    def __init__(self, name: str, problem: str) -> None:
+        super().__init__(f"play with {name}: {problem}; name it FILE.py, FILE.py:CLASS or MODULE:CLASS")
+
+
+def load_agent(name: str) -> Callable[[], Any]:
+    """The class that a name like `agent.py`, `agent.py:Walker` or `package.module:Walker` leads to.
+
+    Raises:
+        UnknownAgentError: when there is no such file, module or class, or the class has no `begin` and `act`.
+    """
+    place, _, named = name.rpartition(":") if ":" in name else (name, "", CLASS)
+    agent = getattr(_module(name, place), named, None)
+    if agent is None:
+        raise UnknownAgentError(name, f"there is no class {named} in {place}")
+    missing = [method for method in ("begin", "act") if not callable(getattr(agent, method, None))]
+    if missing:
+        raise UnknownAgentError(name, f"{named} has no method {' and '.join(missing)}")
+    made: Callable[[], Any] = agent
+    return made
+
+
+def _module(name: str, place: str) -> ModuleType:
+    if not place.endswith(".py"):
+        try:
+            return importlib.import_module(place)
+        except ModuleNotFoundError as error:
+            raise UnknownAgentError(name, str(error)) from None
+    path = Path(place)
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if not path.is_file() or spec is None or spec.loader is None:
+        raise UnknownAgentError(name, f"there is no file {place}")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module
+    spec.loader.exec_module(module)
+    return module

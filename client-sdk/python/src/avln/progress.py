@@ -1,0 +1,44 @@
+"""How a run goes on, for people who watch."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from avln.summary import EpisodeEnd
+
+
+class Bar:
+    """A bar of tqdm's where it is installed and somebody watches, else a line for each episode."""
+
+    def __init__(self, episodes: int) -> None:
+        self._bar = _tqdm(episodes) if sys.stderr.isatty() else None
+
+    def tell(self, end: EpisodeEnd) -> None:
+        """An episode ended."""
+        if self._bar is not None:
+            self._bar.set_postfix_str(end.reason.value)
+            self._bar.update()
+        else:
+            done, total = end.progress.done, end.progress.total
+            print(f"episode {done} of {total}: {end.reason.value} after {end.steps} steps", file=sys.stderr)
+
+    def __enter__(self) -> Bar:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+
+def _tqdm(episodes: int) -> Any:
+    try:
+        from tqdm import tqdm  # noqa: PLC0415, it need not be installed
+    except ImportError:
+        return None
+    return tqdm(total=episodes or None, unit="episode")

@@ -1,0 +1,46 @@
+"""An agent to begin with."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from avln.errors import Error
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+AGENT = '''\
+"""Walks where depth shows room ahead, turns where it does not, and stops with its last step."""
+
+import avln
+
+
+class Agent:
+    sensors = avln.Sensors.square(128)
+
+    def begin(self, task: avln.TaskSpec, mission: avln.Mission) -> None:
+        self.reach_m = 3 * task.forward_m
+        print([goal.text or "a picture" for goal in mission.goals])
+
+    def act(self, seen: avln.Observation) -> avln.Action:
+        if seen.remaining_steps == 1:
+            return avln.Action.STOP
+        rows, columns = seen.depth.shape
+        ahead = seen.depth[rows // 3 : 2 * rows // 3, columns // 3 : 2 * columns // 3]
+        is_free = ahead[ahead > 0].min(initial=self.reach_m + 1) > self.reach_m
+        return avln.Action.MOVE_FORWARD if is_free else avln.Action.TURN_LEFT
+'''
+
+
+def write(path: Path) -> None:
+    """Writes the agent's file.
+
+    Raises:
+        Error: when there is another file of that name, or it cannot be written.
+    """
+    if path.exists() and path.read_text() != AGENT:
+        raise Error(f"write an agent to {path}: that file is there already; name another with --out")
+    try:
+        path.write_text(AGENT)
+    except OSError as error:
+        raise Error(f"write an agent to {path}: {error.strerror}; name another place with --out") from None

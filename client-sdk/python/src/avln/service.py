@@ -1,0 +1,233 @@
+"""What surrounds playing: server, phases, runs, quota, account."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from avln.action import EndReason, Order
+from avln.summary import Metric, Progress, ends, metrics
+from avln.task import word
+from avln.v1 import common_pb2, info_pb2, run_pb2, task_pb2
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+_OVER = {"completed", "failed", "cancelled", "expired"}
+
+
+@dataclass(frozen=True)
+class ServerInfo:
+    """What the server is."""
+
+    name: str
+    """Name that the organiser gave it."""
+    version: str
+    """Version of the server program."""
+    api_minor: int
+    """Highest minor number of `avln.v1` that it speaks."""
+    benchmark: str
+    """Version of the benchmark: changes whenever a score could change."""
+    draining: bool
+    """Whether it is about to stop and begins no runs."""
+    notice: str
+    """Announcement for people; empty: none."""
+    time_unix_ms: int
+    """The server's clock when it answered, milliseconds since 1970 UTC."""
+
+    @classmethod
+    def from_wire(cls, info: info_pb2.GetServerInfoResponse) -> ServerInfo:
+        """The facts of a message."""
+        draining = info.state == info_pb2.SERVER_STATE_DRAINING
+        return cls(
+            info.name,
+            info.version,
+            info.api_minor,
+            info.benchmark,
+            draining,
+            info.notice,
+            info.server_time_unix_ms,
+        )
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Episodes that are played under the same conditions."""
+
+    id: str
+    """Id by which runs are started."""
+    title: str
+    """Name for people."""
+    description: str
+    """Text for people."""
+    orders: list[Order]
+    """Orders that a run can choose from."""
+    episodes: int
+    """Episodes in a run."""
+    max_slots: int
+    """Most slots of a run."""
+    max_side: int
+    """Most pixels a side of RGB and depth."""
+    feedback: str
+    """What agents learn from a Submit: `none`, `accepted` or `verdict`."""
+    state: str
+    """Whether runs can begin: `upcoming`, `open`, `paused` or `closed`."""
+    state_reason: str
+    """Why it is in that state, for people; empty: no more to say."""
+    rules: str
+    """Name and version of the rule set."""
+
+    @classmethod
+    def from_wire(cls, phase: info_pb2.Phase) -> Phase:
+        """The phase of a message."""
+        return cls(
+            id=phase.id,
+            title=phase.title,
+            description=phase.description,
+            orders=_orders(phase.orders),
+            episodes=phase.episodes,
+            max_slots=phase.max_slots,
+            max_side=phase.max_side or 1024,
+            feedback=word(task_pb2.FeedbackRule, phase.feedback),
+            state=word(info_pb2.PhaseState, phase.state),
+            state_reason=phase.state_reason,
+            rules=phase.rules,
+        )
+
+
+def _orders(numbers: Iterable[int]) -> list[Order]:
+    words = [word(common_pb2.Order, number) for number in numbers]
+    return [order for order in Order if order.value in words]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run that can be played."""
+
+    id: str
+    """Id; empty when only the token is known."""
+    token: str
+    """Good for playing this run, and for nothing else."""
+    episodes: int = 0
+    """Episodes of the run; 0 when only the token is known."""
+    max_slots: int = 0
+    """Most slots; 0 when only the token is known."""
+    phase: str = ""
+    """The phase; empty when only the token is known."""
+
+    @classmethod
+    def from_token(cls, token: str) -> Run:
+        """A run of which only the token is at hand, as in a container that never sees the account."""
+        return cls("", token)
+
+    @classmethod
+    def from_wire(cls, started: run_pb2.StartRunResponse) -> Run:
+        """The run that began."""
+        run = started.run
+        return cls(run.id, started.run_token, run.progress.total, started.max_slots, run.phase)
+
+    def __repr__(self) -> str:
+        return f"Run({self.id or 'by its token'}, {self.episodes} episodes)"
+
+
+@dataclass(frozen=True)
+class RunStatus:
+    """How a run stands."""
+
+    id: str
+    """Id."""
+    phase: str
+    """Phase."""
+    method: str
+    """Name of the method."""
+    state: str
+    """`created`, `running`, `draining`, `completed`, `failed`, `cancelled` or `expired`."""
+    state_reason: str
+    """Why it is in that state, for people."""
+    progress: Progress
+    """How far it is."""
+    ends: list[tuple[EndReason, int]]
+    """How its episodes ended, and how many of them."""
+    metrics: list[Metric] | None
+    """Its metrics; None where the phase shows none."""
+    charged: bool
+    """Whether it counts against the team's quota."""
+    charge_reason: str
+    """Why it does or does not, for people."""
+    url: str
+    """Where people find it; empty: nowhere."""
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the run can no longer be played."""
+        return self.state in _OVER
+
+    @classmethod
+    def from_wire(cls, run: run_pb2.Run) -> RunStatus:
+        """The status of a message."""
+        return cls(
+            id=run.id,
+            phase=run.phase,
+            method=run.method.name,
+            state=word(run_pb2.RunState, run.state),
+            state_reason=run.state_reason,
+            progress=Progress.from_wire(run.progress),
+            ends=ends(run.ends),
+            metrics=metrics(run.metrics) if run.HasField("metrics") else None,
+            charged=run.charged,
+            charge_reason=run.charge_reason,
+            url=run.url,
+        )
+
+
+@dataclass(frozen=True)
+class Quota:
+    """What a team has left."""
+
+    phase: str
+    """Phase."""
+    window: str
+    """How it fills up again: `day`, `month`, `total`, `concurrent` or `uncharged`."""
+    limit: int | None
+    """Runs granted in the window; None: unlimited."""
+    used: int
+    """Runs counted in the window."""
+    remaining: int | None
+    """Runs left; None: unlimited."""
+    next_increase_unix_s: int
+    """When `remaining` next grows, seconds since 1970 UTC; 0: never by waiting."""
+    charges: list[tuple[str, str]]
+    """The runs that were counted and why, the oldest first."""
+
+    @classmethod
+    def from_wire(cls, quota: run_pb2.Quota) -> Quota:
+        """The quota of a message."""
+        return cls(
+            phase=quota.phase,
+            window=word(run_pb2.QuotaWindow, quota.window),
+            limit=quota.limit if quota.HasField("limit") else None,
+            used=quota.used,
+            remaining=quota.remaining if quota.HasField("remaining") else None,
+            next_increase_unix_s=quota.next_increase_unix_s,
+            charges=[(charge.run, charge.reason) for charge in quota.charges],
+        )
+
+
+@dataclass(frozen=True)
+class Account:
+    """Whose token it is."""
+
+    team: str
+    """Name of the team."""
+    token_name: str
+    """Name of the token, as its maker called it."""
+    scope: str
+    """What it is good for: `participant`, `read_only`, `organiser` or `run`."""
+    expires_unix_s: int
+    """When the token expires, seconds since 1970 UTC; 0: never."""
+
+    @classmethod
+    def from_wire(cls, answer: run_pb2.WhoAmIResponse) -> Account:
+        """The account of a message."""
+        scope = word(run_pb2.TokenScope, answer.scope)
+        return cls(answer.team, answer.token_name, scope, answer.expires_unix_s)

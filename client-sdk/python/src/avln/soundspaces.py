@@ -1,0 +1,71 @@
+"""Policies of SoundSpaces as agents of Habitat; `pip install 'avln[torch]'`.
+
+agent = avln.soundspaces.PolicyAgent(actor_critic, hidden_size=512)
+avln.habitat.play(run, agent, keys=["depth", "spectrogram"], actions=…)
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+try:
+    import torch
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError("avln.soundspaces needs torch; pip install 'avln[torch]'", name=error.name) from None
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+class Policy(Protocol):
+    """What an actor-critic of SoundSpaces looks like."""
+
+    net: Any
+    """Its network, which has `num_recurrent_layers`."""
+
+    def act(self, observations: Any, hidden: Any, previous: Any, masks: Any, *, deterministic: bool) -> tuple[Any, ...]:
+        """Gives back values, actions, log-probabilities and hidden states, and maybe more."""
+
+
+class PolicyAgent:
+    """Plays with a recurrent policy, one episode at a time: it keeps what the policy's `act` wants to have back.
+
+    Observations become tensors of 32-bit floats with one row, as SoundSpaces batches them.
+    """
+
+    def __init__(
+        self, policy: Policy, *, hidden_size: int = 512, deterministic: bool = False, device: str = "cpu"
+    ) -> None:
+        """Wraps a policy.
+
+        Args:
+            policy: an actor-critic of SoundSpaces, its weights loaded.
+            hidden_size: numbers of its recurrent state.
+            deterministic: whether it takes its best action, or draws by its scores.
+            device: where it is.
+        """
+        self._policy = policy
+        self._deterministic = deterministic
+        self._device = torch.device(device)
+        self._shape = (policy.net.num_recurrent_layers, 1, hidden_size)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets the last episode."""
+        self._hidden = torch.zeros(self._shape, device=self._device)
+        self._previous = torch.zeros(1, 1, dtype=torch.long, device=self._device)
+        self._mask = torch.zeros(1, 1, device=self._device)
+
+    def act(self, observations: Mapping[str, Any]) -> int:
+        """The number of the action that the policy takes."""
+        batch = {key: self._tensor(value) for key, value in observations.items() if isinstance(value, np.ndarray)}
+        with torch.inference_mode():
+            told = self._policy.act(batch, self._hidden, self._previous, self._mask, deterministic=self._deterministic)
+        self._previous, self._hidden = told[1], told[3]
+        self._mask = torch.ones(1, 1, device=self._device)
+        return int(self._previous.item())
+
+    def _tensor(self, value: Any) -> torch.Tensor:
+        return torch.from_numpy(np.array(value, np.float32)).unsqueeze(0).to(self._device)

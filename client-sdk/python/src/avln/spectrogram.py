@@ -1,0 +1,49 @@
+"""Spectrograms as SoundSpaces makes them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+N_FFT, HOP, WINDOW, POOL = 512, 160, 400, 4
+Padding = Literal["reflect", "constant"]
+
+
+def spectrogram(audio: NDArray[np.float32], padding: Padding = "reflect") -> NDArray[np.float32]:
+    """The spectrogram of both ears, f32 [65, frames / 4, 2], as SoundSpaces' sensor of that name gives it.
+
+    Each ear's samples are cut into frames of 512, one around every 160th sample, and seen through a Hann window of 400;
+    the magnitudes of the Fourier transform are averaged in blocks of 4 frequencies by 4 frames, filled up with zeros,
+    and `log(1 + x)` is taken of the means. 16000 samples give 65 x 26.
+
+    Args:
+        audio: samples, [2, n], n above 256.
+        padding: what lies before the first and after the last sample: `reflect`, as librosa had it until 0.9, or
+            `constant`, zeros, as it has it since. An agent was trained with one of them.
+    """
+    return np.stack([np.log1p(_pooled(_magnitudes(ear, padding))) for ear in audio], axis=-1).astype(np.float32)
+
+
+def _window() -> NDArray[np.float64]:
+    hann = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(WINDOW) / WINDOW)
+    side = (N_FFT - WINDOW) // 2
+    return np.pad(hann, side)
+
+
+def _magnitudes(samples: NDArray[np.float32], padding: Padding) -> NDArray[np.float64]:
+    """Magnitudes, [frequencies, frames]."""
+    padded = np.pad(samples.astype(np.float64), N_FFT // 2, mode=padding)
+    starts = np.arange(0, len(padded) - N_FFT + 1, HOP)
+    frames = padded[starts[:, None] + np.arange(N_FFT)]
+    return np.abs(np.fft.rfft(frames * _window(), axis=1)).T
+
+
+def _pooled(magnitudes: NDArray[np.float64]) -> NDArray[np.float64]:
+    filled = np.pad(magnitudes, [(0, -size % POOL) for size in magnitudes.shape])
+    rows, columns = (size // POOL for size in filled.shape)
+    means: NDArray[np.float64] = filled.reshape(rows, POOL, columns, POOL).mean(axis=(1, 3))
+    return means

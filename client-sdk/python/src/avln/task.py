@@ -1,0 +1,180 @@
+"""Which sensors an agent asks for, and the facts of the rules that it is told."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+from avln.errors import ProtocolError, SensorsError
+from avln.v1 import common_pb2, task_pb2
+
+if TYPE_CHECKING:
+    from avln.packing import Packing
+
+_SIDES = range(64, 1025)
+_HFOV_RAD = (0.35, 2.4)
+_POSITIVE = (
+    "forward_m",
+    "turn_deg",
+    "step_s",
+    "max_steps",
+    "hfov_rad",
+    "depth_max_m",
+    "sample_rate_hz",
+    "success_radius_m",
+)
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Which sensors an agent asks for. What is not asked for is neither rendered nor sent; the pose always comes."""
+
+    rgb: bool = True
+    """Whether colour pictures are wanted."""
+    depth: bool = True
+    """Whether depth pictures are wanted."""
+    audio: bool = True
+    """Whether sound is wanted."""
+    width: int = 256
+    """Pixels in a row, 64 to 1024."""
+    height: int = 256
+    """Rows, 64 to 1024."""
+    hfov_rad: float = math.pi / 2
+    """Horizontal field of view, radians, 0.35 to 2.4."""
+
+    @classmethod
+    def square(cls, side: int) -> Sensors:
+        """All sensors at `side` x `side` pixels with 90 degrees of view."""
+        return cls(width=side, height=side)
+
+    def kinds(self) -> list[common_pb2.SensorKind]:
+        """The sensors that are wanted."""
+        wanted = [
+            (self.rgb, common_pb2.SENSOR_KIND_RGB),
+            (self.depth, common_pb2.SENSOR_KIND_DEPTH),
+            (self.audio, common_pb2.SENSOR_KIND_AUDIO),
+        ]
+        return [kind for is_wanted, kind in wanted if is_wanted]
+
+    def to_wire(self, packing: Packing) -> task_pb2.SensorSubscription:
+        """The subscription that is sent.
+
+        Raises:
+            SensorsError: when the camera is outside of what any server offers.
+        """
+        sides_fit = self.width in _SIDES and self.height in _SIDES
+        if not (sides_fit and _HFOV_RAD[0] <= self.hfov_rad <= _HFOV_RAD[1]):
+            raise SensorsError(self.width, self.height, self.hfov_rad)
+        wishes = [task_pb2.SensorWish(kind=kind, encodings=packing.wishes(kind)) for kind in self.kinds()]
+        return task_pb2.SensorSubscription(wishes=wishes, width=self.width, height=self.height, hfov_rad=self.hfov_rad)
+
+
+@dataclass(frozen=True)
+class TaskSpec:
+    """The facts of the rules, the same for every episode of a run.
+
+    Rules with names hold the word of `avln/v1/task.proto` in lower case, such as `start` or `camera_to_box`;
+    `unspecified` where the server did not say, and `other` where this client does not know the word.
+    """
+
+    rules: str = "lh-avln-v1"
+    """Name and version of the rule set."""
+    forward_m: float = 0.25
+    """Length of MOVE_FORWARD, metres."""
+    turn_deg: int = 30
+    """Angle of TURN_LEFT and TURN_RIGHT, degrees; divides 360."""
+    step_s: float = 0.25
+    """Simulated time of one step, seconds."""
+    max_steps: int = 1000
+    """Most actions in an episode; all five kinds count."""
+    body_radius_m: float = 0.1
+    """Radius of the body, metres."""
+    body_height_m: float = 1.5
+    """Height of the body, metres."""
+    width: int = 256
+    """Pixels in a row of colour and depth."""
+    height: int = 256
+    """Rows of colour and depth."""
+    hfov_rad: float = math.pi / 2
+    """Horizontal field of view, radians. Pixels are square, the camera looks level."""
+    camera_height_m: float = 1.0
+    """Height of the camera above the base, metres."""
+    ear_height_m: float = 1.0
+    """Height of the ears above the base, metres."""
+    depth_max_m: float = 10.0
+    """Range of the depth sensor, metres; beyond it depth is 0."""
+    sample_rate_hz: int = 16_000
+    """Samples a second of each ear."""
+    audio_samples: int = 4000
+    """Samples of each ear in an observation."""
+    samples_per_step: int = 4000
+    """Samples of each ear that one step of simulated time fills; the rest is 0."""
+    pose_frame: str = "start"
+    """Frame of the pose: `start`, where the first pose is all zeros, or `world`, the scene's own."""
+    success_radius_m: float = 2.0
+    """Radius of success, metres."""
+    success_distance: str = "camera_to_box"
+    """What the radius is measured between: `camera_to_box` or `base_to_viewpoint`."""
+    wrong_submit: str = "keeps_goal"
+    """What a wrong Submit does in an ordered mission: `keeps_goal` or `skips_goal`."""
+    feedback: str = "none"
+    """What the agent learns from a Submit: `none`, `accepted` or `verdict`."""
+    sounding: str = "unfinished_in_drawn_order"
+    """Which targets sound, and when: `unfinished_in_drawn_order` or `all_in_goal_order`."""
+    sounding_window_steps: int = 25
+    """Steps for which one target sounds before the next."""
+    sound_clip: str = "anonymous"
+    """Where the sound itself comes from: `anonymous`, `by_category` or `distinct`."""
+    source_lift_m: float = 0.0
+    """Height of a source above the centre of its target, metres."""
+    depth_noise: str = "none"
+    """Noise of depth: `none` or `redwood`. The server judges without noise, and pictures of goals have none."""
+    rgb_noise: str = "none"
+    """Noise of colours: `none` or `gaussian`."""
+    head: str = ""
+    """Who listens: empty for a rigid sphere with a radius of 8.75 cm and ears at 100 degrees from straight ahead, else
+    the BLAKE3 hash of the SOFA file of a measured head, hexadecimal."""
+
+    @property
+    def turn_rad(self) -> float:
+        """Angle of TURN_LEFT and TURN_RIGHT, radians."""
+        return math.radians(self.turn_deg)
+
+    @classmethod
+    def from_wire(cls, task: task_pb2.TaskSpec) -> TaskSpec:
+        """The facts of a message.
+
+        Raises:
+            ProtocolError: when a number is one with which no agent could calculate.
+        """
+        for name in (*_POSITIVE, "depth_divisor"):
+            value = float(getattr(task, name))
+            if not (math.isfinite(value) and value > 0):
+                raise ProtocolError(f"Welcome.task.{name} is {value}, not a positive number")
+        facts: dict[str, Any] = {field.name: _fact(task, field.name) for field in fields(cls)}
+        return cls(**facts)
+
+
+_RULES = {
+    "pose_frame": task_pb2.PoseFrame,
+    "success_distance": task_pb2.DistanceRule,
+    "wrong_submit": task_pb2.WrongSubmit,
+    "feedback": task_pb2.FeedbackRule,
+    "sounding": task_pb2.SoundingRule,
+    "sound_clip": task_pb2.SoundClip,
+    "depth_noise": task_pb2.DepthNoise,
+    "rgb_noise": task_pb2.RgbNoise,
+}
+
+
+def _fact(task: task_pb2.TaskSpec, name: str) -> object:
+    value = getattr(task, name)
+    return word(_RULES[name], value) if name in _RULES else value
+
+
+def word(enum: object, number: int) -> str:
+    """The word of an enum's number in lower case without its prefix; `other` where this client does not know it."""
+    values = {value: name for name, value in enum.items()}  # type: ignore[attr-defined]
+    prefix = values[0][: -len("UNSPECIFIED")]
+    return values[number][len(prefix) :].lower() if number in values else "other"

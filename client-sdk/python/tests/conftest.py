@@ -1,0 +1,60 @@
+"""What the tests share: one furnished data folder, and one server for all that do not kill it."""
+
+from __future__ import annotations
+
+import shutil
+from typing import TYPE_CHECKING
+
+import pytest
+from server import WHAT_TO_DO, Server, program
+
+import avln
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+
+class Door:
+    """A running server and a team's token."""
+
+    def __init__(self, server: Server, token: str) -> None:
+        self.server, self.url, self.token = server, server.url, token
+
+    def connect(self) -> avln.Arena:
+        return avln.connect(self.url, self.token)
+
+
+class Furnished:
+    """A data folder that no server runs on, and the token of its team."""
+
+    def __init__(self, binary: Path, folder: Path) -> None:
+        self.binary, self.folder = binary, folder
+        self.token = Server(binary, folder).furnish()
+
+    def copy(self, to: Path) -> Server:
+        """A server, not started, over a copy of the folder."""
+        shutil.copytree(self.folder, to)
+        return Server(self.binary, to)
+
+
+@pytest.fixture(scope="session")
+def furnished(tmp_path_factory: pytest.TempPathFactory) -> Furnished:
+    binary = program()
+    if binary is None:
+        pytest.skip(WHAT_TO_DO)
+    return Furnished(binary, tmp_path_factory.mktemp("furnished"))
+
+
+@pytest.fixture(scope="session")
+def door(furnished: Furnished, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Door]:
+    server = furnished.copy(tmp_path_factory.mktemp("hosted") / "data")
+    server.start()
+    yield Door(server, furnished.token)
+    server.kill()
+
+
+@pytest.fixture
+def arena(door: Door) -> Iterator[avln.Arena]:
+    with door.connect() as arena:
+        yield arena

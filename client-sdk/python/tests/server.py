@@ -1,0 +1,83 @@
+"""The server's program over a data folder of its own."""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+import subprocess
+import time
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[3]
+WHAT_TO_DO = "the server's program is not here; `cargo build --release` makes it, or set AVLN_BIN to it"
+PHASE = "practice"
+CHALLENGE = "challenge"
+
+
+def program() -> Path | None:
+    """The server's program: AVLN_BIN, else what was built in this repository."""
+    if "AVLN_BIN" in os.environ:
+        return Path(os.environ["AVLN_BIN"])
+    built = (REPOSITORY / "target" / profile / "avln" for profile in ("release", "debug"))
+    return next((path for path in built if path.is_file()), None)
+
+
+def free_port() -> int:
+    with socket.socket() as door:
+        door.bind(("127.0.0.1", 0))
+        return int(door.getsockname()[1])
+
+
+class Server:
+    """A data folder with two phases on the same missions, and the program that hosts it."""
+
+    def __init__(self, binary: Path, folder: Path) -> None:
+        self.binary, self.folder = binary, folder
+        self.grpc, self.web = free_port(), free_port()
+        self._process: subprocess.Popen[bytes] | None = None
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.grpc}"
+
+    def furnish(self, *, houses: int = 1, missions: int = 3) -> str:
+        """Makes scenes and missions, opens the phases; gives back a team's token."""
+        self.command("split", "make", "trial", "--houses", str(houses), "--missions", str(missions), "--seed", "5")
+        self.command("split", "prepare", "trial")
+        self.command("phase", "open", PHASE, "--split", "trial", "--max-slots", "4")
+        self.command("phase", "open", CHALLENGE, "--split", "trial", "--scores", "organiser", "--quota", "50")
+        told = self.command("team", "add", "Python")
+        found = re.search(r"avln_\S+", told)
+        assert found, told
+        return found.group()
+
+    def command(self, *arguments: str) -> str:
+        """Runs a command of the program; gives back what it printed."""
+        command = [str(self.binary), "--data", str(self.folder), *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"{command}: {done.stderr}"
+        return done.stdout
+
+    def start(self, *more: str) -> None:
+        """Starts it and waits until it answers."""
+        ports = ["--grpc", f"127.0.0.1:{self.grpc}", "--web", f"127.0.0.1:{self.web}", "--admin", "off"]
+        with (self.folder / "server.log").open("ab") as log:
+            command = [str(self.binary), "--data", str(self.folder), "serve", *ports, *more]
+            self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=log)
+        until = time.monotonic() + 30
+        while time.monotonic() < until:
+            try:
+                socket.create_connection(("127.0.0.1", self.grpc), timeout=1).close()
+            except OSError:
+                time.sleep(0.05)
+            else:
+                return
+        raise AssertionError("the server does not answer within 30 s")
+
+    def kill(self) -> None:
+        """Ends it as a crash would: SIGKILL, without a word."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._process = None

@@ -1,0 +1,140 @@
+"""The program avln-py."""
+
+from __future__ import annotations
+
+import json
+import runpy
+import sys
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from server import CHALLENGE, PHASE
+
+from avln.cli import main
+from avln.player import load_agent
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from conftest import Door
+
+AGENT = """
+import avln
+
+class Agent:
+    sensors = avln.Sensors(rgb=False, depth=False, audio=False)
+
+    def begin(self, task, mission):
+        pass
+
+    def act(self, seen):
+        return avln.Action.STOP
+
+class Mute:
+    pass
+"""
+
+
+class Program:
+    """Runs commands against a server; gives back exit code and output."""
+
+    def __init__(self, door: Door, captured: pytest.CaptureFixture[str]) -> None:
+        self.captured = captured
+        self.connection = ["--server", door.url, "--token", door.token]
+
+    def __call__(self, command: str, *more: Any) -> tuple[int, str]:
+        code = main([command, *self.connection, *map(str, more)])
+        told = self.captured.readouterr()
+        return code, told.out + told.err
+
+
+@pytest.fixture
+def program(door: Door, capsys: pytest.CaptureFixture[str]) -> Program:
+    return Program(door, capsys)
+
+
+def test_account_phases_and_quota_are_told(program: Program) -> None:
+    assert program("whoami") == (0, "team Python, token without a name (participant), for ever\n")
+    code, phases = program("phases")
+    assert code == 0
+    assert f"{PHASE}: open, 3 episodes, ordered, unordered, lh-avln-v1" in phases
+    assert f"{CHALLENGE}, total: " in program("quota", "--phase", CHALLENGE)[1]
+
+
+def test_an_agent_of_a_file_plays_a_run(program: Program, tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(AGENT)
+    code, told = program("run", file, "--phase", PHASE, "--slots", 2, "--order", "ordered")
+    assert code == 0
+    assert "episode 3 of 3: stopped after 1 steps" in told
+    assert "3 of 3 episodes, complete; 3 stopped" in told
+
+
+def test_names_that_lead_to_no_agent_say_why(program: Program, tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(AGENT)
+    for name, problem in [
+        ("nowhere.py", "there is no file nowhere.py"),
+        (f"{file}:Walker", "there is no class Walker"),
+        (f"{file}:Mute", "Mute has no method begin and act"),
+        ("no_such_module:Agent", "No module named"),
+    ]:
+        code, told = program("run", name)
+        assert code == 1
+        assert problem in told
+    assert load_agent("random_walk:RandomWalk").__name__ == "RandomWalk"
+
+
+def test_the_doctor_finds_a_good_server_good_and_tells_what_is_wrong(program: Program) -> None:
+    code, told = program("doctor", "--phase", PHASE, "--episodes", 1, "--steps", 5, "--size", 64)
+    assert code == 0
+    assert "5 steps, without a fault" in told
+    code, told = program("doctor", "--phase", CHALLENGE, "--json")
+    checks = {check["name"]: check for check in json.loads(told)["checks"]}
+    assert code == 0
+    assert checks["practice"]["verdict"] == "warning"
+    assert "--practice" in checks["practice"]["next"]
+    code, told = program("doctor", "--phase", "no-such-phase", "--practice", PHASE, "--episodes", 1, "--steps", 2)
+    assert code == 6
+    assert "there is no phase 'no-such-phase'" in told
+
+
+def test_the_doctor_of_a_silent_server_is_an_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--server", "http://127.0.0.1:1", "--token", "x"]) == 6
+    assert "failure  server: cannot reach" in capsys.readouterr().out
+
+
+def test_quickstart_writes_an_agent_that_plays(program: Program, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr("avln.quickstart.AGENT", AGENT)
+    file = tmp_path / "agent.py"
+    code, told = program("quickstart", "--out", file, "--phase", PHASE)
+    assert code == 0
+    assert "complete" in told
+    file.write_text("# changed")
+    code, told = program("quickstart", "--out", file)
+    assert (code, "that file is there already" in told) == (1, True)
+
+
+def test_the_agent_of_quickstart_chooses_by_depth(tmp_path: Path) -> None:
+    import numpy as np  # noqa: PLC0415
+
+    import avln  # noqa: PLC0415
+    from avln import quickstart  # noqa: PLC0415
+
+    file = tmp_path / "twenty_lines.py"
+    quickstart.write(file)
+    assert len(quickstart.AGENT.splitlines()) <= 24
+    agent = load_agent(str(file))()
+    agent.begin(avln.TaskSpec(), avln.Mission())
+    free, wall = np.full((9, 9), 3.0, np.float32), np.full((9, 9), 0.5, np.float32)
+    assert agent.act(avln.Observation(depth=free, remaining_steps=9)) is avln.Action.MOVE_FORWARD
+    assert agent.act(avln.Observation(depth=wall, remaining_steps=9)) is avln.Action.TURN_LEFT
+    assert agent.act(avln.Observation(depth=free, remaining_steps=1)) is avln.Action.STOP
+
+
+def test_it_is_a_module_too(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys, "argv", ["avln", "--version"])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_module("avln", run_name="__main__")
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith("avln-py 0.")

@@ -1,0 +1,228 @@
+"""Whole episodes at the lower layers: frames, episodes, agents on slots."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from server import PHASE
+
+import avln
+from avln.v1 import common_pb2, play_pb2
+
+if TYPE_CHECKING:
+    from conftest import Door
+
+SMALL = avln.Sensors.square(64)
+
+
+def begin(door: Door, method: str, sensors: avln.Sensors = SMALL, link: avln.Link | None = None) -> avln.Play:
+    return avln.begin(door.url, door.token, PHASE, method, sensors=sensors, link=link)
+
+
+def test_the_server_its_phases_and_the_account_are_told(arena: avln.Arena) -> None:
+    assert not arena.server_info().draining
+    assert arena.whoami().team == "Python"
+    phase = next(phase for phase in arena.phases() if phase.id == PHASE)
+    assert (phase.state, phase.episodes, phase.max_slots) == ("open", 3, 4)
+    assert avln.Order.ORDERED in phase.orders
+    concurrent = [quota.window for quota in arena.quota(PHASE)]
+    assert all(isinstance(window, str) for window in concurrent)
+
+
+def test_a_run_is_played_to_its_end(door: Door, arena: avln.Arena) -> None:
+    with begin(door, "two loops") as run:
+        played = 0
+        for episode in run:
+            assert 2 <= len(episode.mission.goals) <= 4
+            for observation in episode:
+                last = observation.step == 6
+                episode.act(avln.Action.STOP if last else avln.Action.TURN_LEFT)
+            assert episode.end is not None
+            assert (episode.end.reason, episode.end.steps) == (avln.EndReason.STOPPED, 7)
+            assert episode.end.terminated
+            played += 1
+        assert played == 3
+    assert run.summary is not None
+    assert run.summary.complete
+    assert run.summary.ends == [(avln.EndReason.STOPPED, 3)]
+    assert run.summary.metric("isr") is not None
+    assert arena.run(run.run).state == "completed"
+    assert run.run in [status.id for status in arena.runs(PHASE)]
+
+
+def test_observations_are_arrays_in_the_units_that_are_promised(door: Door) -> None:
+    with begin(door, "arrays") as run:
+        episode = run.next_episode()
+        assert episode is not None
+        seen = episode.observation
+        assert seen.pose == avln.Pose()
+        assert seen.rgb is not None
+        assert seen.depth is not None
+        assert seen.audio is not None
+        assert (seen.rgb.shape, seen.rgb.dtype.name) == ((64, 64, 3), "uint8")
+        assert (seen.depth.shape, seen.depth.dtype.name) == ((64, 64), "float32")
+        assert (seen.audio.shape, seen.audio.dtype.name) == ((2, run.task.audio_samples), "float32")
+        assert seen.depth.min() >= 0
+        assert 0 < seen.depth.max() <= run.task.depth_max_m
+        assert not seen.rgb.flags.owndata
+        turned = episode.act(avln.Action.TURN_LEFT)
+        assert turned.pose.heading_rad == pytest.approx(run.task.turn_rad, abs=1e-6)
+        assert (turned.step, turned.remaining_steps) == (1, run.task.max_steps - 1)
+
+
+def test_sensors_that_were_not_asked_for_are_none(door: Door) -> None:
+    with begin(door, "blind", avln.Sensors(rgb=False, depth=False, audio=False)) as run:
+        episode = run.next_episode()
+        assert episode is not None
+        seen = episode.act(avln.Action.MOVE_FORWARD)
+        assert (seen.rgb, seen.depth, seen.audio) == (None, None, None)
+
+
+def senses(door: Door, packing: avln.Packing) -> list[avln.Observation]:
+    with begin(door, packing.value, link=avln.Link(packing=packing)) as run:
+        episode = run.next_episode()
+        assert episode is not None
+        moves = [avln.Action.TURN_LEFT, avln.Action.MOVE_FORWARD, avln.Action.MOVE_FORWARD]
+        return [episode.observation, *(episode.act(move) for move in moves)]
+
+
+def test_packed_observations_are_the_same_numbers(door: Door) -> None:
+    raw = senses(door, avln.Packing.RAW)
+    for one, other in zip(raw, senses(door, avln.Packing.LOSSLESS)):
+        np.testing.assert_array_equal(one.rgb, other.rgb)
+        np.testing.assert_array_equal(one.depth, other.depth)
+        np.testing.assert_array_equal(one.audio, other.audio)
+        assert one.pose == other.pose
+
+
+def test_rounded_observations_are_near_where_the_phase_allows_them(door: Door) -> None:
+    for one, other in zip(senses(door, avln.Packing.RAW), senses(door, avln.Packing.ROUNDED)):
+        assert one.depth is not None
+        assert other.depth is not None
+        np.testing.assert_array_equal(one.rgb, other.rgb)
+        np.testing.assert_allclose(one.depth, other.depth, atol=0.51e-3)
+
+
+def test_goals_come_in_words_and_pictures(door: Door) -> None:
+    with begin(door, "goals") as run:
+        goals = [goal for episode in run for goal in episode.mission.goals]
+    for goal in goals:
+        is_picture = goal.modality is avln.Modality.IMAGE
+        assert (goal.image is not None) == is_picture
+        assert bool(goal.text) != is_picture
+        assert goal.image is None or (goal.image.dtype == np.uint8 and goal.image.ndim == 3)
+
+
+def test_what_an_agent_does_wrong_is_told_and_costs_nothing(door: Door) -> None:
+    with begin(door, "wrong") as run:
+        episode = run.next_episode()
+        assert episode is not None
+        with pytest.raises(avln.UnknownActionError, match=r"take the action 7.*Action.STOP \(4\)"):
+            episode.act(7)  # type: ignore[arg-type]
+        assert episode.observation.step == 0
+        with pytest.raises(avln.Error, match="no action was taken"):
+            list(episode)
+        episode.act(avln.Action.STOP)
+        assert episode.is_over
+        with pytest.raises(avln.EpisodeOverError):
+            episode.act(avln.Action.STOP)
+
+
+def test_an_episode_that_is_left_open_is_abandoned(door: Door) -> None:
+    with begin(door, "abandon") as run:
+        first = run.next_episode()
+        assert first is not None
+        second = run.next_episode()
+        assert second is not None
+        assert second.ordinal == 2
+        assert first.end is not None
+        assert first.end.reason is avln.EndReason.ABANDONED
+
+
+def test_an_exception_leaves_the_run_open_for_its_token(door: Door, arena: avln.Arena) -> None:
+    run = arena.start_run(PHASE, "comes back")
+
+    def crash() -> None:
+        with arena.play(run, SMALL) as play:
+            assert play.next_episode() is not None
+            raise RuntimeError("policy")
+
+    with pytest.raises(RuntimeError, match="policy"):
+        crash()
+    assert not arena.run(run.id).is_over
+    with avln.begin(door.url, run.token, "", "", sensors=SMALL) as play:
+        assert play.run == run.id
+        assert play.next_episode() is not None
+
+
+def test_refusals_have_the_servers_reason(door: Door, arena: avln.Arena) -> None:
+    with pytest.raises(avln.RefusedError, match="PHASE_UNKNOWN") as refused:
+        arena.start_run("no-such-phase", "method")
+    assert refused.value.reason == "PHASE_UNKNOWN"
+    with pytest.raises(avln.TokenError, match="AVLN_TOKEN"):
+        avln.connect(door.url, "avln_nobody")
+    with pytest.raises(avln.SensorsError, match="63 x 63"):
+        arena.play(arena.start_run(PHASE, "tiny"), avln.Sensors.square(63))
+
+
+def test_frames_go_in_and_out_of_the_raw_connection(arena: avln.Arena) -> None:
+    line, agreement = arena.line(arena.start_run(PHASE, "frames"), 2, SMALL)
+    for slot in range(agreement.slots):
+        line.send(play_pb2.Ready(slot=slot))
+    starts = [line.next(slot, timeout_s=30) for slot in range(agreement.slots)]
+    assert [type(start) for start in starts] == [play_pb2.EpisodeStart] * 2
+    start = starts[1]
+    assert isinstance(start, play_pb2.EpisodeStart)
+    line.send(play_pb2.Act(slot=1, episode=start.episode, step=1, action=common_pb2.ACTION_STOP))
+    assert isinstance(line.next(1, timeout_s=30), play_pb2.Observation)
+    assert isinstance(line.next(1, timeout_s=30), play_pb2.EpisodeEnd)
+    line.send(play_pb2.Goodbye())
+    assert isinstance(line.next(1, timeout_s=30), play_pb2.RunEnd)
+    assert isinstance(line.next(1, timeout_s=30), avln.Closed)
+    line.close()
+
+
+class Turner:
+    """Turns for some steps and stops."""
+
+    def begin(self, _task: avln.TaskSpec, _mission: avln.Mission) -> None:
+        self.steps = 0
+
+    def act(self, _observation: avln.Observation) -> avln.Action:
+        self.steps += 1
+        return avln.Action.STOP if self.steps == 5 else avln.Action.TURN_RIGHT
+
+
+def test_agents_play_slots_at_the_same_time(arena: avln.Arena) -> None:
+    ends: list[avln.EpisodeEnd] = []
+    run = arena.start_run(PHASE, "slots")
+    summary = avln.evaluate_slots(arena, run, [Turner(), Turner()], SMALL, ends.append)
+    assert summary.complete
+    assert sorted(end.steps for end in ends) == [5, 5, 5]
+
+
+class Failing(Turner):
+    """Raises after some steps."""
+
+    def act(self, observation: avln.Observation) -> avln.Action:
+        if observation.step == 2:
+            raise RuntimeError("out of memory")
+        return avln.Action.TURN_LEFT
+
+
+def test_an_agent_that_fails_ends_the_evaluation_and_not_the_run(arena: avln.Arena) -> None:
+    run = arena.start_run(PHASE, "fails")
+    with pytest.raises(RuntimeError, match="out of memory"):
+        avln.evaluate_slots(arena, run, [Failing(), Failing()], SMALL)
+    assert not arena.run(run.id).is_over
+    assert arena.cancel_run(run.id).state == "cancelled"
+
+
+def test_a_run_can_be_watched_until_it_is_over(arena: avln.Arena) -> None:
+    run = arena.start_run(PHASE, "watched")
+    states = arena.watch(run.id)
+    assert next(states).state == "created"
+    arena.cancel_run(run.id)
+    assert [status.state for status in states][-1] == "cancelled"

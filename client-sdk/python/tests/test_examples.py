@@ -1,0 +1,84 @@
+"""The examples play, and hear and draw what they should."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from audio_follower import AudioFollower, bearing_rad, delay_s
+from frontier import FREE, Frontier, Map
+from random_walk import RandomWalk
+from server import PHASE
+
+import avln
+
+if TYPE_CHECKING:
+    from conftest import Door
+
+RATE_HZ = 16_000
+
+
+class Short:
+    """An agent that stops after some steps."""
+
+    def __init__(self, agent: Any, steps: int) -> None:
+        self.agent, self.steps = agent, steps
+
+    def begin(self, task: avln.TaskSpec, mission: avln.Mission) -> None:
+        self.agent.begin(task, mission)
+
+    def act(self, seen: avln.Observation) -> avln.Action:
+        action = avln.Action(self.agent.act(seen))
+        return avln.Action.STOP if seen.step >= self.steps else action
+
+
+@pytest.mark.parametrize("agent", [RandomWalk, AudioFollower, Frontier])
+def test_an_example_plays_a_run(arena: avln.Arena, agent: Any) -> None:
+    run = arena.start_run(PHASE, agent.__name__)
+    summary = avln.evaluate(arena, run, Short(agent(), 30), agent.sensors)
+    assert summary.complete
+
+
+def heard(lead_samples: int) -> Any:
+    """Noise that reaches the left ear so many samples before the right."""
+    noise = np.random.default_rng(1).normal(size=4100).astype(np.float32)
+    return np.stack([noise[50 + lead_samples : 4050 + lead_samples], noise[50:4050]])
+
+
+def test_what_reaches_the_left_ear_first_comes_from_the_left() -> None:
+    assert delay_s(heard(4), RATE_HZ) == pytest.approx(-4 / RATE_HZ, abs=1e-5)
+    # 4 samples are 0.25 ms: 0.0875 / 343 (a + sin a) = 0.00025 for a = 0.4973.
+    assert bearing_rad(heard(4), RATE_HZ) == pytest.approx(0.497, abs=0.01)
+    assert bearing_rad(heard(-4), RATE_HZ) == pytest.approx(-0.497, abs=0.01)
+    assert bearing_rad(heard(0), RATE_HZ) == pytest.approx(0.0, abs=0.01)
+
+
+def test_the_map_of_a_corridor_is_free_ahead_and_blocked_at_its_end() -> None:
+    task = avln.TaskSpec(width=64, height=64)
+    drawn = Map(task)
+    drawn.see(avln.Pose(heading_rad=math.pi / 2), np.full((64, 64), 2.0, np.float32))
+    # It looks along -X at a wall two metres away.
+    assert drawn.cells[drawn.cell(-1.0, 0.0)] == FREE
+    assert drawn.cells[drawn.cell(-2.0, 0.0)] != FREE
+    assert drawn.cells[drawn.cell(1.0, 0.0)] == 0
+    way = drawn.path_to_frontier(drawn.cell(0.0, 0.0))
+    assert way[0] == drawn.cell(0.0, 0.0)
+    assert len(way) > 1
+
+
+def test_ppo_trains_on_practice(door: Door) -> None:
+    pytest.importorskip("stable_baselines3", reason="pip install 'avln[sb3]'")
+    from sb3_ppo import train  # noqa: PLC0415
+
+    model = train(door.url, door.token, PHASE, 2000)
+    assert model.num_timesteps >= 2000
+
+
+def test_a_torch_policy_plays_slots_in_one_batch(arena: avln.Arena) -> None:
+    pytest.importorskip("torch", reason="pip install 'avln[torch]'")
+    from torch_policy import SENSORS, Policy, play_slots  # noqa: PLC0415
+
+    plays = arena.play_slots(arena.start_run(PHASE, "torch"), 2, SENSORS)
+    assert play_slots(plays, Policy().eval()).complete

@@ -1,0 +1,92 @@
+"""The same actions are worth the same, whatever client sends them and whatever happens on the way."""
+
+from __future__ import annotations
+
+import json
+import threading
+import urllib.request
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from forward_and_turn import ForwardAndTurn
+from server import PHASE
+
+import avln
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from conftest import Door, Furnished
+    from server import Server
+
+METHOD = "forward-and-turn"
+
+
+def facts(server: Server, run: str) -> list[dict[str, Any]]:
+    """What the server shows people of each episode: steps, metres, collisions, distances, scores."""
+    with urllib.request.urlopen(f"http://127.0.0.1:{server.web}/api/v1/runs/{run}") as answer:
+        told = json.load(answer)
+    return [episode["metrics"] for episode in sorted(told["episodes"], key=lambda episode: episode["episode"])]
+
+
+@pytest.mark.parametrize("order", list(avln.Order))
+def test_python_scores_as_rust_does(door: Door, arena: avln.Arena, order: avln.Order) -> None:
+    told = ["--server", door.url, "--token", door.token, "--phase", PHASE, "--order", order.value]
+    known = {run.id for run in arena.runs(PHASE)}
+    door.server.command("agent", "baseline", METHOD, *told, "--size", "64")
+    rust = next(run.id for run in arena.runs(PHASE) if run.id not in known)
+    run = arena.start_run(PHASE, "python", order)
+    assert avln.evaluate(arena, run, ForwardAndTurn(), ForwardAndTurn.sensors).complete
+    walked = facts(door.server, run.id)
+    assert walked == facts(door.server, rust)
+    assert all(episode["path_m"] > 10 and episode["steps"] == 1000 for episode in walked)
+
+
+@pytest.fixture
+def mortal(furnished: Furnished, tmp_path: Path) -> Iterator[Server]:
+    server = furnished.copy(tmp_path / "data")
+    server.start()
+    yield server
+    server.kill()
+
+
+def poses(play: avln.Play, agent: ForwardAndTurn, killer: Killer | None) -> list[avln.Pose]:
+    """Plays all episodes; gives back every pose that was seen."""
+    seen = []
+    for episode in play:
+        agent.begin(play.task, episode.mission)
+        for observation in episode:
+            seen.append(observation.pose)
+            if killer is not None and len(seen) in killer.at:
+                killer.strike()
+            episode.act(agent.act(observation) if observation.step < 60 else avln.Action.STOP)
+    return seen
+
+
+class Killer:
+    """Kills the server at some steps, and starts it again a moment later."""
+
+    def __init__(self, server: Server, at: set[int]) -> None:
+        self.server, self.at = server, at
+        self.struck = 0
+
+    def strike(self) -> None:
+        self.server.kill()
+        self.struck += 1
+        threading.Timer(0.3, self.server.start).start()
+
+
+@pytest.mark.parametrize("sensors", [ForwardAndTurn.sensors, avln.Sensors.square(64)], ids=["blind", "all senses"])
+def test_a_server_that_is_killed_costs_nothing(mortal: Server, furnished: Furnished, sensors: avln.Sensors) -> None:
+    with avln.connect(mortal.url, furnished.token) as arena:
+        calm = arena.start_run(PHASE, "calm")
+        with arena.play(calm, sensors) as play:
+            undisturbed = poses(play, ForwardAndTurn(), None)
+        killer = Killer(mortal, {25, 90})
+        run = arena.start_run(PHASE, "killed")
+        with arena.play(run, sensors) as play:
+            assert poses(play, ForwardAndTurn(), killer) == undisturbed
+        assert killer.struck == 2
+        assert arena.run(run.id).state == "completed"
+        assert facts(mortal, run.id) == facts(mortal, calm.id)
