@@ -40,7 +40,7 @@ impl DataFolder {
             )
             .hinted("choose a folder of your own with --data FOLDER, or give this one write permission")
         };
-        std::fs::create_dir_all(root.join("splits")).map_err(failed)?;
+        private_folder(root).and_then(|()| private_folder(&root.join("splits"))).map_err(failed)?;
         let probe = root.join(".writable");
         std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe)).map_err(failed)?;
         let root = root.canonicalize().map_err(failed)?;
@@ -255,4 +255,13 @@ pub fn check_name(what: &str, name: &str) -> Result<(), Failure> {
     }
     Err(Failure::new(FailureKind::Scene, format!("'{}' cannot be the name of a {what}", name.escape_debug()))
         .hinted(format!("use 1 to {LONGEST} letters, digits, - and _")))
+}
+
+/// Makes a folder, and those above it, where there is none: nobody else on the machine may look into it, for it holds ground
+/// truth.
+fn private_folder(folder: &Path) -> io::Result<()> {
+    let mut builder = std::fs::DirBuilder::new();
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.recursive(true).create(folder)
 }
