@@ -54,6 +54,9 @@ pub enum Command {
     /// Open phases on a split
     #[command(subcommand)]
     Phase(commands::phase::Command),
+    /// Write down what everybody sees, as pages and tables that need no server
+    #[command(subcommand)]
+    Board(commands::board::Command),
     /// Set up all phases by one file, see what was changed, publish what was promised
     #[command(subcommand)]
     Challenge(commands::challenge::Command),
@@ -130,6 +133,7 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
         Command::Ladder(command) => commands::ladder::run(command).await,
         Command::Split(command) => commands::split::run(data, command).await,
         Command::Phase(command) => commands::phase::run(data, command).await,
+        Command::Board(command) => commands::board::run(data, command).await,
         Command::Challenge(command) => commands::challenge::run(data, command).await,
         Command::Team(command) => commands::team::run(data, command).await,
         Command::Sealed(command) => commands::sealed::run(data, command).await,

@@ -139,7 +139,11 @@ impl Doors {
             tasks.spawn(async { operator.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
         }
         let control = arena.control().clone();
-        let site = Site { agents_port: grpc.port(), logs: Some(arena.signed_logs()) };
+        let site = Site {
+            agents_port: grpc.port(),
+            logs: Some(arena.signed_logs()),
+            onlooker: Some(arena.onlooker()),
+        };
         let agents = avln_grpc::serve(agents_door, arena, self.limits, until(stopped.clone()));
         tasks.spawn(async { agents.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
         let people = avln_web::serve(peoples_door, reader, site, until(stopped));

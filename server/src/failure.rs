@@ -85,6 +85,16 @@ impl From<avln_client::Error> for Failure {
     }
 }
 
+impl From<avln_human::HumanError> for Failure {
+    fn from(error: avln_human::HumanError) -> Self {
+        let kind = match error {
+            avln_human::HumanError::Run(_) => FailureKind::Run,
+            avln_human::HumanError::Open(_) | avln_human::HumanError::Page { .. } => FailureKind::Address,
+        };
+        Self::new(kind, error)
+    }
+}
+
 impl From<avln_pag_nav::Error> for Failure {
     fn from(error: avln_pag_nav::Error) -> Self {
         Self::new(FailureKind::Run, error)

@@ -29,6 +29,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("conformance", &["proto"]),
     ("kit", &["client", "eyes"]),
     ("eyes", &["machine"]),
+    ("human", &["client"]),
     ("random", &["client"]),
     ("baselines", &["client", "kit"]),
     ("onnx", &["client", "kit"]),
@@ -58,12 +59,13 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "client",
             "conformance",
             "kit",
+            "human",
             "random",
             "baselines",
             "pag-nav",
         ],
     ),
-    ("tests", &["server", "client", "store", "truth", "dataset", "eyes"]),
+    ("tests", &["server", "client", "human", "store", "truth", "dataset", "eyes"]),
 ];
 
 fn short(name: &str) -> Option<&str> {

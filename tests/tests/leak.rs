@@ -226,6 +226,10 @@ fn paths(runs: &[String]) -> Vec<String> {
             paths.push(format!("/api/v1/phases/{PHASE}/leaderboard{kind}?order={order}"));
         }
     }
+    paths.push(format!("/leaderboard/{PHASE}?order=both"));
+    for kind in ["", ".csv"] {
+        paths.push(format!("/api/v1/phases/{PHASE}/leaderboards{kind}"));
+    }
     for run in runs {
         for door in ["/compare", "/api/v1/compare"] {
             paths.extend(runs.iter().map(|other| format!("{door}?first={run}&second={other}")));
@@ -237,6 +241,10 @@ fn paths(runs: &[String]) -> Vec<String> {
         }
         for ordinal in 0..=3 {
             paths.push(format!("/runs/{run}/episodes/{ordinal}"));
+            paths.push(format!("/runs/{run}/episodes/{ordinal}?t=1&storey=1"));
+            paths.push(format!("/runs/{run}/episodes/{ordinal}/eyes/1.png"));
+            paths.push(format!("/runs/{run}/episodes/{ordinal}/eyes/1.png?sensor=depth"));
+            paths.push(format!("/api/v1/runs/{run}/episodes/{ordinal}/steps.csv"));
             paths.push(format!("/api/v1/runs/{run}/episodes/{ordinal}"));
         }
     }
@@ -244,6 +252,11 @@ fn paths(runs: &[String]) -> Vec<String> {
 }
 
 const METRICS: [&str; 6] = ["sr", "isr", "osr", "spl", "soft_spl", "sna"];
+
+/// Whether there is nothing at a path but what a replay shows.
+fn is_of_replays(path: &str) -> bool {
+    path.contains("/eyes/") || path.ends_with("/steps.csv")
+}
 
 /// Whether a number stands below a metric's name anywhere in `value`.
 fn shows_metric(value: &Value) -> bool {
@@ -321,6 +334,7 @@ async fn nothing_hidden_reaches_an_agent_or_a_visitor() {
     assert_eq!(untold.found_in(&received.plain), BTreeSet::new(), "categories that no mission tells");
     for (path, answer) in &received.pages {
         assert!(answer.status < 500, "{path}: {}", answer.status);
+        assert!(answer.status == 404 || !is_of_replays(path), "{path}: {}", answer.status);
         assert_eq!(canaries.found_in(&answer.bytes), BTreeSet::new(), "{path}");
         assert_eq!(shown.found_in(&answer.bytes), BTreeSet::new(), "{path}");
         assert_eq!(results.found_in(&answer.bytes), BTreeSet::new(), "results on {path}");
@@ -344,6 +358,7 @@ async fn public_scores_do_not_show_what_hidden_replays_hide() {
     assert_eq!(canaries.found_in(&received.plain), BTreeSet::new(), "without pictures and sound");
     assert_eq!(untold.found_in(&received.plain), BTreeSet::new(), "categories that no mission tells");
     for (path, answer) in &received.pages {
+        assert!(answer.status == 404 || !is_of_replays(path), "{path}: {}", answer.status);
         assert_eq!(canaries.found_in(&answer.bytes), BTreeSet::new(), "{path}");
         assert_eq!(shown.found_in(&answer.bytes), BTreeSet::new(), "{path}");
     }
@@ -361,6 +376,11 @@ async fn the_same_search_finds_what_a_public_phase_shows() {
         assert!(found.iter().any(|found| found.starts_with(what)), "{what} in replays: {found:?}");
     }
     assert!(received.pages.iter().any(|(_, answer)| !shown.found_in(&answer.bytes).is_empty()), "categories");
+    for replay in ["/eyes/1.png", "/eyes/1.png?sensor=depth", "/steps.csv"] {
+        let shown =
+            received.pages.iter().any(|(path, answer)| path.ends_with(replay) && answer.status == 200);
+        assert!(shown, "{replay} of a public phase");
+    }
     assert!(received.metrics.iter().any(|(name, value)| name == "isr" && *value > 0.0), "a Submit was right");
     assert!(paths_with_metrics(&received).len() > 2);
     assert!(holds(&received.plain, "soft_spl"));

@@ -9,6 +9,7 @@ pub mod data;
 mod disturb;
 mod heart;
 mod host;
+mod onlooker;
 mod play;
 mod refusals;
 pub mod register;
@@ -31,11 +32,12 @@ use crate::{
 use avln_grpc::Control;
 use avln_referee::Referee;
 use avln_store::{MadeUp, Store};
-use avln_web::SignedLogs;
+use avln_web::{Onlooker, SignedLogs};
 use budget::Budget;
 use data::DataFolder;
 use disturb::Disturb;
 use heart::Heart;
+use onlooker::SceneOnlooker;
 pub use replayer::Replayer;
 use scenes::SceneCache;
 use stages::{Stage, Stages};
@@ -57,7 +59,7 @@ pub const SCENE_MEMORY_MIB: u32 = 2048;
 /// What hosts the phases of a data folder.
 pub struct Arena {
     store: Store,
-    stages: Stages,
+    stages: Arc<Stages>,
     scenes: Arc<SceneCache>,
     /// What is being played, by ticket.
     playing: Mutex<play::Playing>,
@@ -70,6 +72,8 @@ pub struct Arena {
     control: Control,
     budget: Budget,
     heart: Heart,
+    /// Who looks into scenes for visitors.
+    onlooker: Arc<SceneOnlooker>,
     /// Episodes, by run and handle, that could neither be stored nor taken back.
     owed: Mutex<Owed>,
     disturb: Option<Disturb>,
@@ -85,7 +89,8 @@ impl Arena {
     /// # Errors
     /// When the database or a split cannot be read.
     pub async fn open(data: &DataFolder, store: Store, scene_memory_mib: u32) -> Result<Self, Failure> {
-        let stages = Stages::open(data, &store).await?;
+        let stages = Arc::new(Stages::open(data, &store).await?);
+        let onlooker = Arc::new(SceneOnlooker::new(store.clone(), stages.clone(), data.cache()));
         let budget_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
         let scenes = Arc::new(SceneCache::new(budget_bytes, data.cache()));
         let logs = Arc::new(data.run_logs());
@@ -109,6 +114,7 @@ impl Arena {
             control,
             budget,
             heart,
+            onlooker,
             owed: Mutex::default(),
             disturb: None,
             watch: None,
@@ -151,6 +157,11 @@ impl Arena {
     /// Where the logs of runs lie, and by which key they are signed.
     pub fn signed_logs(&self) -> SignedLogs {
         SignedLogs { folder: self.logs.folder().to_owned(), key: self.key.public() }
+    }
+
+    /// Who looks into scenes for those who watch replays.
+    pub fn onlooker(&self) -> Arc<dyn Onlooker> {
+        self.onlooker.clone()
     }
 
     /// Bytes of scenes that are ready.

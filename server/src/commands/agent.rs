@@ -13,13 +13,15 @@ pub enum Agent {
     Baseline(avln_baselines::Options),
     /// PAG-Nav, the reference agent
     PagNav(avln_pag_nav::Options),
+    /// A person in a browser on this machine, who senses and may do what agents do
+    Human(avln_human::Options),
 }
 
 impl Agent {
     /// How many episodes it plays side by side.
     pub fn slots(&self) -> u32 {
         match self {
-            Self::Random(_) => 1,
+            Self::Random(_) | Self::Human(_) => 1,
             Self::Baseline(options) => options.run.slots,
             Self::PagNav(options) => options.run.slots,
         }
@@ -35,6 +37,7 @@ pub async fn run(agent: Agent) -> Result<(), Failure> {
         Agent::Random(options) => avln_random::run(options).await?,
         Agent::Baseline(options) => avln_baselines::run(options).await?,
         Agent::PagNav(options) => avln_pag_nav::run(options).await?,
+        Agent::Human(options) => avln_human::run(options).await?,
     };
     say!("{summary}");
     Ok(())

@@ -221,8 +221,14 @@ impl Watch {
 
 async fn print_table(store: &Store, phase: &str) -> Result<(), Failure> {
     for order in ORDERS {
-        let board =
-            Board { phase, order, key: Key::default(), pick: Pick::Latest, now_unix_ms: now_unix_ms() };
+        let board = Board {
+            phase,
+            order,
+            key: Key::default(),
+            pick: Pick::Latest,
+            as_of_unix_ms: None,
+            now_unix_ms: now_unix_ms(),
+        };
         let Some(view) = store.reader().leaderboard(&Viewer::Organiser, &board).await? else { continue };
         say!("\n{order} ({} episodes a run; mean and 95 % interval over scenes)", view.phase.episodes);
         say!(

@@ -2,6 +2,7 @@
 
 pub mod admin;
 pub mod agent;
+pub mod board;
 pub mod calibrate;
 pub mod challenge;
 pub mod conformance;

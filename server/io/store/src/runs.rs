@@ -126,6 +126,8 @@ pub struct Run {
     pub done: u32,
     /// What the agent asked to sense; `None` before it did.
     pub sensors: Option<Sensors>,
+    /// The same with every sense that it had in an earlier session.
+    pub senses: Option<Sensors>,
     /// What was in force, by name.
     pub digests: BTreeMap<String, String>,
     /// When it was started.
@@ -147,6 +149,7 @@ row! {
         mission_order: String,
         state: String,
         sensors: Option<String>,
+        senses: Option<String>,
         digests: String,
         created_ms: i64,
         finished_ms: Option<i64>,
@@ -165,7 +168,7 @@ macro_rules! deadline {
 
 /// Reads runs; `$1` id, `$2` team, `$3` phase, `$4` state, each null for any.
 const SELECT_RUNS: &str = concat!(
-    "SELECT r.id, r.phase, r.team, r.method, r.version, r.mission_order, r.state, r.sensors, \
+    "SELECT r.id, r.phase, r.team, r.method, r.version, r.mission_order, r.state, r.sensors, r.senses, \
      r.digests, r.created_ms, r.finished_ms, r.episodes, s.scored + s.given_up AS done, ",
     deadline!(),
     " AS deadline_ms FROM runs r JOIN run_summaries s ON s.run = r.id JOIN phases p ON p.id = r.phase \
@@ -289,15 +292,20 @@ impl Store {
         Ok(any.into_iter().filter(|run| run.state.is_open()).collect())
     }
 
-    /// Notes what the agent of a run asked to sense.
+    /// Notes what the agent of a run asked to sense in a session, and keeps what it had in those before.
     ///
     /// # Errors
     /// When the run is unknown or the database fails.
     pub async fn set_sensors(&self, run: &str, sensors: &Sensors) -> Result<(), StoreError> {
-        let json = to_json("sensors", sensors)?;
-        let update = "UPDATE runs SET sensors = $1 WHERE id = $2";
-        let changed = sqlx::query(update).bind(json).bind(run).execute(&self.write).await?.rows_affected();
-        if changed == 1 { Ok(()) } else { Err(StoreError::unknown("run", run)) }
+        let mut tx = self.begin().await?;
+        let before = read_run(&mut tx, run).await?.senses;
+        let had = |sense: fn(&Sensors) -> bool| sense(sensors) || before.as_ref().is_some_and(sense);
+        let (rgb, depth, audio) = (had(|s| s.rgb), had(|s| s.depth), had(|s| s.audio));
+        let senses = to_json("senses", &Sensors { rgb, depth, audio, ..sensors.clone() })?;
+        let asked = to_json("sensors", sensors)?;
+        let update = "UPDATE runs SET sensors = $1, senses = $2 WHERE id = $3";
+        sqlx::query(update).bind(asked).bind(senses).bind(run).execute(&mut *tx).await?;
+        Ok(tx.commit().await?)
     }
 
     /// Gives a run up. A run that is over stays as it is; episodes being played may still be recorded.
@@ -442,6 +450,7 @@ impl RunRow {
             order: words::order(&self.mission_order)?,
             state: RunState::from_word(&self.state)?,
             sensors: self.sensors.map(|json| from_json("sensors", &json)).transpose()?,
+            senses: self.senses.map(|json| from_json("senses", &json)).transpose()?,
             digests: from_json("digests", &self.digests)?,
             episodes: count(self.episodes),
             done: count(self.done),

@@ -19,7 +19,7 @@ pub(crate) const MAX_ADDRESS_BYTES: usize = 2048;
 const MAX_BODY_BYTES: usize = 1024;
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Headers of every answer. Nothing is loaded from elsewhere, nothing is scripted.
+/// Headers of every answer. Nothing is loaded from elsewhere.
 const HEADERS: [(HeaderName, &str); 3] = [
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::REFERRER_POLICY, "no-referrer"),
@@ -30,7 +30,7 @@ const POLICY: HeaderName = header::CONTENT_SECURITY_POLICY;
 const ALONE: [(HeaderName, &str); 2] = [
     (
         POLICY,
-        "default-src 'none'; style-src 'self'; img-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
     ),
     (header::X_FRAME_OPTIONS, "DENY"),
 ];

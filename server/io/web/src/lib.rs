@@ -9,23 +9,30 @@
 //! ```
 
 mod api;
+mod board;
 mod door;
+mod freeze;
 mod guard;
 mod logs;
-mod map;
 mod notice;
+mod onlooker;
 mod pages;
 mod plot;
+mod replay;
 mod trouble;
 mod visit;
 mod words;
 
 pub use door::{WebError, serve, serve_router};
+pub use freeze::{FreezeError, freeze};
 pub use logs::SignedLogs;
 pub use notice::announce;
+pub use onlooker::{Blind, Glance, Looking, Onlooker, Seen};
 
 use avln_store::Reader;
 use axum::{Extension, Router, extract::State, routing::get};
+use onlooker::Desk;
+use std::sync::Arc;
 use trouble::Trouble;
 use visit::AgentsDoor;
 
@@ -36,6 +43,8 @@ pub struct Site {
     pub agents_port: u16,
     /// The logs of runs; `None` gives none out.
     pub logs: Option<SignedLogs>,
+    /// Who can look into scenes; `None` shows no pictures.
+    pub onlooker: Option<Arc<dyn Onlooker>>,
 }
 
 /// Everything that this door answers, over what `reader` shows: pages for people, `/api/v1` for programs, `/healthz`
@@ -55,6 +64,7 @@ fn router_beside(reader: Reader, site: Site, is_secure: bool) -> Router {
         .fallback(async || Trouble::NoPage)
         .layer(Extension(agents))
         .layer(Extension(site.logs))
+        .layer(Extension(site.onlooker.map(|onlooker| Arc::new(Desk::new(onlooker)))))
         .with_state(reader);
     guard::guarded(open)
 }

@@ -25,6 +25,8 @@ pub(crate) enum Trouble {
     Method,
     #[error("the request has a body, which nothing here reads")]
     Body,
+    #[error("too many visitors wait for pictures already; try again in a few seconds")]
+    Crowded,
     #[error("the server is busy; try again in a few seconds")]
     Busy,
     #[error("the server failed at this; the organiser finds the cause in its log")]
@@ -52,6 +54,7 @@ impl Trouble {
             Self::TooLong { .. } => StatusCode::URI_TOO_LONG,
             Self::Method => StatusCode::METHOD_NOT_ALLOWED,
             Self::Body => StatusCode::PAYLOAD_TOO_LARGE,
+            Self::Crowded => StatusCode::TOO_MANY_REQUESTS,
             Self::Busy => StatusCode::SERVICE_UNAVAILABLE,
             Self::Internal => StatusCode::INTERNAL_SERVER_ERROR,
         }
@@ -64,6 +67,7 @@ impl Trouble {
             Self::Invalid(_) | Self::TooLong { .. } | Self::Body => "INVALID_ARGUMENT",
             Self::BadToken => "UNAUTHENTICATED",
             Self::Method => "METHOD_NOT_ALLOWED",
+            Self::Crowded => "RESOURCE_EXHAUSTED",
             Self::Busy => "UNAVAILABLE",
             Self::Internal => "INTERNAL",
         }
@@ -78,6 +82,7 @@ impl Trouble {
             Self::TooLong { .. } => "Address too long",
             Self::Method => "Only for reading",
             Self::Body => "Too much sent",
+            Self::Crowded => "Crowded",
             Self::Busy => "Busy",
             Self::Internal => "Something broke",
         }
@@ -92,7 +97,7 @@ impl IntoResponse for Trouble {
             Self::BadToken => {
                 headers.insert(header::WWW_AUTHENTICATE, header::HeaderValue::from_static("Bearer"));
             }
-            Self::Busy => {
+            Self::Busy | Self::Crowded => {
                 headers.insert(header::RETRY_AFTER, header::HeaderValue::from_static("5"));
             }
             _ => {}

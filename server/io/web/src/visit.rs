@@ -1,9 +1,7 @@
 //! Who asks, and for what.
 
 use crate::trouble::Trouble;
-use avln_episode::Order;
-use avln_scoring::Key;
-use avln_store::{Board, CompareView, Incomparable, PhaseView, Pick, Reader, Viewer};
+use avln_store::{CompareView, Incomparable, Reader, Viewer};
 use axum::{
     extract::{FromRequestParts, Query},
     http::{header, request::Parts},
@@ -107,28 +105,6 @@ impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for Asked<T> {
 #[serde(deny_unknown_fields)]
 pub(crate) struct Nothing {}
 
-/// Which board is asked for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct BoardQuery {
-    pub(crate) order: Option<Order>,
-    pub(crate) sort: Option<Key>,
-    pub(crate) pick: Option<Pick>,
-}
-
-impl BoardQuery {
-    /// The board of a phase that is asked for; what was not said is as the organiser ranks.
-    pub(crate) fn board<'a>(&self, phase: &'a PhaseView, now_unix_ms: i64) -> Board<'a> {
-        Board {
-            phase: &phase.id,
-            order: self.order.or_else(|| phase.orders.first().copied()).unwrap_or(Order::Unordered),
-            key: self.sort.unwrap_or(phase.ranking.key),
-            pick: self.pick.unwrap_or(phase.ranking.entry),
-            now_unix_ms,
-        }
-    }
-}
-
 /// Which two runs are to be compared.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -151,6 +127,37 @@ impl CompareQuery {
             ))),
             None => Err(Trouble::Unknown { what: "pair of runs", name: format!("{first} and {second}") }),
         }
+    }
+}
+
+/// Which moment of a replay is asked for.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ReplayQuery {
+    /// The step; the last one when nothing is said.
+    pub(crate) t: Option<u32>,
+    /// The storey in front, from 1; the one that the body is on when nothing is said.
+    pub(crate) storey: Option<usize>,
+}
+
+/// Which picture of a step is asked for.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PictureQuery {
+    sensor: Option<PictureSensor>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum PictureSensor {
+    Rgb,
+    Depth,
+}
+
+impl PictureQuery {
+    /// Whether depth is wanted instead of colours.
+    pub(crate) fn is_depth(self) -> bool {
+        self.sensor == Some(PictureSensor::Depth)
     }
 }
 

@@ -305,6 +305,13 @@ pub(crate) fn sensors(sensors: &Sensors) -> String {
     format!("{}; pictures of {width} × {height} pixels, {:.0}° wide", words.join(", "), hfov_rad.to_degrees())
 }
 
+/// The senses of an agent in few words.
+pub(crate) fn senses(sensors: &Option<Sensors>) -> String {
+    let Some(Sensors { rgb, depth, audio, .. }) = sensors else { return NOTHING.to_owned() };
+    let word = |on: &bool, name: &str| if *on { name.to_owned() } else { format!("no {name}") };
+    [word(rgb, "colours"), word(depth, "depth"), word(audio, "sound")].join(", ")
+}
+
 fn travelling(name: &str, encoding: Encoding) -> String {
     if encoding == Encoding::Raw { name.to_owned() } else { format!("{name} ({})", encoding.as_str()) }
 }
@@ -366,6 +373,13 @@ mod tests {
             "{}",
             sensors(&blind)
         );
+    }
+
+    #[test]
+    fn senses_that_are_not_there_are_told() {
+        let deaf = Sensors { audio: false, ..Sensors::all(64, 64) };
+        assert_eq!(senses(&Some(deaf)), "colours, depth, no sound");
+        assert_eq!(senses(&None), NOTHING);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use crate::{
     totals::{INTERVAL_SEED, plain_scores},
     words::{count, end_reason, from_json},
 };
-use avln_episode::Order;
+use avln_episode::{Order, Sensors};
 use avln_scoring::{Direction, Entry, EpisodeScore, Key, Place, Summary, rank};
 use serde::{Deserialize, Serialize};
 use sqlx::{Sqlite, Transaction};
@@ -26,6 +26,8 @@ pub struct Board<'a> {
     pub key: Key,
     /// Which run stands for a method.
     pub pick: Pick,
+    /// Only runs that were completed by then, milliseconds since 1970-01-01 UTC; `None` for all of them.
+    pub as_of_unix_ms: Option<i64>,
     /// When one looks, milliseconds since 1970-01-01 UTC.
     pub now_unix_ms: i64,
 }
@@ -54,6 +56,10 @@ pub struct LeaderboardView {
     pub direction: Direction,
     /// Which run stands for a method.
     pub pick: Pick,
+    /// Only runs that were completed by then are on it, milliseconds since 1970-01-01 UTC; `None` for all of them.
+    pub as_of_unix_ms: Option<i64>,
+    /// Entries among which the rows are ranked; more than rows where the visitor asked for some of them.
+    pub entries: u32,
     /// Whether the viewer sees all teams; otherwise ranks are among the viewer's own runs.
     pub complete: bool,
     /// The entries, best first.
@@ -79,6 +85,8 @@ pub struct LeaderboardRow {
     pub run: String,
     /// Version of the benchmark that scored it.
     pub scorer: String,
+    /// What the server sent to the run's agent; `None` for a run of which that was not noted.
+    pub sensors: Option<Sensors>,
     /// Means and intervals.
     pub summary: Summary,
     /// Ranked runs of this method of the team.
@@ -137,7 +145,7 @@ impl Reader {
         let mut tx = self.snapshot().await?;
         let head = read_heads(&mut tx, Some(board.phase)).await?.pop();
         let Some(head) = head.filter(|head| viewer.knows(&head.phase)) else { return Ok(None) };
-        let candidates = candidates(&mut tx, viewer, &head.phase, board.order).await?;
+        let candidates = candidates(&mut tx, viewer, &head.phase, board).await?;
         let runs: Vec<String> = candidates.iter().map(|candidate| candidate.run.id.clone()).collect();
         let question = (runs, board.key, board.pick);
         let rows = match self.boards.find(&question) {
@@ -149,9 +157,20 @@ impl Reader {
             }
         };
         let phase = PhaseView::new(head, viewer, board.now_unix_ms);
-        let Board { order, key, pick, .. } = *board;
-        let complete = phase.all_scores_visible;
-        Ok(Some(LeaderboardView { phase, order, key, direction: key.direction(), pick, complete, rows }))
+        let Board { order, key, pick, as_of_unix_ms, .. } = *board;
+        let (complete, direction) = (phase.all_scores_visible, key.direction());
+        let entries = rows.len() as u32;
+        Ok(Some(LeaderboardView {
+            phase,
+            order,
+            key,
+            direction,
+            pick,
+            as_of_unix_ms,
+            entries,
+            complete,
+            rows,
+        }))
     }
 }
 
@@ -176,13 +195,14 @@ async fn candidates(
     tx: &mut Transaction<'_, Sqlite>,
     viewer: &Viewer,
     phase: &Phase,
-    order: Order,
+    board: &Board<'_>,
 ) -> Result<Vec<Candidate>, StoreError> {
     let filter =
         RunFilter { phase: Some(&phase.id), state: Some(RunState::Completed), ..RunFilter::default() };
     let mut found = Vec::new();
     for run in read_runs(tx, &filter).await? {
-        if run.order != order || !viewer.may_see(phase.scores, &run.team) {
+        let is_later = board.as_of_unix_ms.is_some_and(|as_of| run.finished_unix_ms > Some(as_of));
+        if is_later || run.order != board.order || !viewer.may_see(phase.scores, &run.team) {
             continue;
         }
         if let Some((summary, server_faults)) = stored_summary(tx, &run).await? {
@@ -242,6 +262,7 @@ async fn row(
         version: run.version.clone(),
         run: run.id.clone(),
         scorer: run.scorer().to_owned(),
+        sensors: run.senses.clone(),
         summary: candidate.summary.clone(),
         runs_count: candidate.runs_count,
         finished_unix_ms: run.finished_unix_ms,

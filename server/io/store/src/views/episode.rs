@@ -3,13 +3,14 @@ use super::{
     run::{EpisodeRow, RunLine, Sight, find_run, line, read_episodes},
 };
 use crate::{
-    EpisodeState, Facts, GoalText, SceneMap, StoreError, TimeAccount,
+    EpisodeState, Facts, GoalText, Run, SceneMap, StoreError, TimeAccount,
     facts::read_facts,
+    phases::read_heads,
     words::{count, end_reason, from_json},
 };
-use avln_episode::{EndReason, Modality, Order, Point3};
+use avln_episode::{EndReason, Modality, Order, Point3, Rules, Sensors};
 use avln_scoring::Metrics;
-use avln_truth::Target;
+use avln_truth::{SubmitFacts, Target};
 use serde::Serialize;
 use sqlx::{Sqlite, Transaction};
 
@@ -65,6 +66,10 @@ pub struct Replay {
     pub episode: String,
     /// Name of the scene.
     pub scene: String,
+    /// The rules that were in force.
+    pub rules: Rules,
+    /// What the agent asked to sense.
+    pub sensors: Option<Sensors>,
     /// Floor plan.
     pub map: SceneMap,
     /// Positions of the base: before the first action and after each; x, y, z.
@@ -77,6 +82,8 @@ pub struct Replay {
     pub collisions: Vec<u32>,
     /// Goal that sounded in each step, from 0; `None` in silence.
     pub sounding: Vec<Option<u8>>,
+    /// For each step: bit i is set when the body then stood in the success region of goal i.
+    pub in_region: Vec<u8>,
     /// The claims.
     pub submits: Vec<SubmitMark>,
     /// The targets in the order of the mission.
@@ -92,6 +99,8 @@ pub struct SubmitMark {
     pub step: u32,
     /// Goal that it completed, from 0.
     pub completed: Option<u8>,
+    /// Goal that it would have completed if another instance of the target's category were the target.
+    pub wrong_instance: Option<u8>,
 }
 
 /// A target.
@@ -107,6 +116,10 @@ pub struct TargetView {
     pub min: [f32; 3],
     /// Largest corner of its box.
     pub max: [f32; 3],
+    /// Where its sound comes from.
+    pub source: [f32; 3],
+    /// Height of the floor from which it can be reached, metres.
+    pub floor_y_m: f32,
 }
 
 impl Reader {
@@ -124,6 +137,10 @@ impl Reader {
         let Some((run, sight)) = find_run(&mut tx, viewer, run).await? else { return Ok(None) };
         let Some(row) = read_episodes(&mut tx, &run.id, Some(ordinal)).await?.pop() else { return Ok(None) };
         let facts = if sight.replays { read_facts(&mut tx, &run.id, ordinal).await? } else { None };
+        let replay = match facts {
+            Some(facts) => read_replay(&mut tx, &run, &row, facts).await?,
+            None => None,
+        };
         let goals = read_goals(&mut tx, &run.phase, &row.episode).await?;
         let metrics = row.metrics.as_deref().filter(|_| sight.replays);
         let metrics: Option<Metrics> = metrics.map(|json| from_json("metrics", json)).transpose()?;
@@ -139,10 +156,7 @@ impl Reader {
             metrics,
             time: row.time()?,
             finished_unix_ms: row.finished_ms,
-            replay: match facts {
-                Some(facts) => Some(replay(facts, read_map(&mut tx, &row).await?)),
-                None => None,
-            },
+            replay,
         }))
     }
 }
@@ -156,6 +170,18 @@ async fn read_goals(
     let json: Option<String> =
         sqlx::query_scalar(select).bind(phase).bind(episode).fetch_optional(&mut **tx).await?;
     json.map_or(Ok(vec![]), |json| from_json("goals", &json))
+}
+
+/// What happened, on its map and by its rules.
+async fn read_replay(
+    tx: &mut Transaction<'_, Sqlite>,
+    run: &Run,
+    row: &EpisodeRow,
+    facts: Facts,
+) -> Result<Option<Replay>, StoreError> {
+    let Some(head) = read_heads(tx, Some(&run.phase)).await?.pop() else { return Ok(None) };
+    let map = read_map(tx, row).await?;
+    Ok(Some(Replay { sensors: run.sensors.clone(), ..replay(facts, head.phase.rules, map) }))
 }
 
 async fn read_map(tx: &mut Transaction<'_, Sqlite>, row: &EpisodeRow) -> Result<SceneMap, StoreError> {
@@ -174,18 +200,25 @@ fn goal_views(goals: Vec<GoalText>, metrics: Option<&Metrics>, sight: Sight) -> 
     goals.into_iter().enumerate().map(view).collect()
 }
 
-fn replay(facts: Facts, map: SceneMap) -> Replay {
+fn replay(facts: Facts, rules: Rules, map: SceneMap) -> Replay {
     let Facts { truth, record } = facts;
     let poses = || std::iter::once(&record.start).chain(record.steps.iter().map(|step| &step.pose));
     let numbered = || (1_u32..).zip(&record.steps);
+    let mark = |submit: &SubmitFacts| {
+        let SubmitFacts { step, completed, wrong_instance, .. } = *submit;
+        SubmitMark { step, completed, wrong_instance }
+    };
     Replay {
+        rules,
+        sensors: None,
         map,
         path: poses().map(|pose| xyz(&pose.position)).collect(),
         headings_rad: poses().map(|pose| pose.heading_rad).collect(),
         actions: record.steps.iter().map(|step| step.action.to_string()).collect(),
         collisions: numbered().filter(|(_, step)| step.collided).map(|(number, _)| number).collect(),
         sounding: record.steps.iter().map(|step| step.sounding).collect(),
-        submits: record.submits.iter().map(|s| SubmitMark { step: s.step, completed: s.completed }).collect(),
+        in_region: record.steps.iter().map(|step| step.in_region).collect(),
+        submits: record.submits.iter().map(mark).collect(),
         targets: truth.targets.iter().map(target).collect(),
         reference_path: truth.reference_path.iter().map(xyz).collect(),
         episode: truth.episode,
@@ -200,6 +233,8 @@ fn target(target: &Target) -> TargetView {
         position: xyz(&target.bounds.center()),
         min: xyz(&target.bounds.min),
         max: xyz(&target.bounds.max),
+        source: xyz(&target.source),
+        floor_y_m: target.floor_y_m,
     }
 }
 

@@ -1,13 +1,19 @@
 //! Leaderboards and replays.
 
 use crate::fixture::{Arena, CATEGORY, Played, SCENES, new_run, phase};
-use avln_episode::{EndReason, Order};
+use avln_episode::{EndReason, Order, Sensors};
 use avln_scoring::Key;
 use avln_store::{Board, LeaderboardView, NewRun, Pick, Viewer};
 use std::collections::BTreeMap;
 
-const BOARD: Board<'_> =
-    Board { phase: "practice", order: Order::Unordered, key: Key::Isr, pick: Pick::Best, now_unix_ms: 100 };
+const BOARD: Board<'_> = Board {
+    phase: "practice",
+    order: Order::Unordered,
+    key: Key::Isr,
+    pick: Pick::Best,
+    as_of_unix_ms: None,
+    now_unix_ms: 100,
+};
 
 async fn board(arena: &Arena, board: &Board<'_>) -> LeaderboardView {
     arena.store.reader().leaderboard(&Viewer::Anonymous, board).await.expect("an answer").expect("the phase")
@@ -85,4 +91,33 @@ async fn a_replay_shows_the_walk_the_targets_and_the_floor() {
     assert_eq!((goals[0].found_at_step, goals[1].found_at_step), (Some(5), None));
     assert_eq!(goals[0].text.as_deref(), Some(CATEGORY));
     assert_eq!(reader.episode(&Viewer::Anonymous, "run_1", 1).await.expect("an answer"), None);
+}
+
+#[tokio::test]
+async fn a_board_of_the_past_has_the_runs_that_were_completed_by_then() {
+    let arena = Arena::new(&phase("practice", 2)).await;
+    arena.play("run_1", "walker", Order::Unordered, 1).await;
+    let finished = board(&arena, &BOARD).await.rows[0].finished_unix_ms.expect("a completed run");
+    let by = |moment: i64| Board { as_of_unix_ms: Some(moment), ..BOARD };
+    assert_eq!(board(&arena, &by(finished - 1)).await.rows, []);
+    let then = board(&arena, &by(finished)).await;
+    assert_eq!((then.rows.len(), then.entries, then.as_of_unix_ms), (1, 1, Some(finished)));
+}
+
+#[tokio::test]
+async fn a_sense_that_an_agent_had_in_one_session_stays_noted() {
+    let arena = Arena::new(&phase("practice", 2)).await;
+    arena.play("run_1", "walker", Order::Unordered, 1).await;
+    let deaf = Sensors { audio: false, ..Sensors::all(64, 64) };
+    let blind = Sensors { rgb: false, depth: false, ..Sensors::all(32, 32) };
+    for sensors in [&deaf, &blind] {
+        arena.store.set_sensors("run_1", sensors).await.expect("a run");
+    }
+    let run = arena.store.run("run_1").await.expect("a run");
+    assert_eq!(run.sensors.as_ref(), Some(&blind), "what the last session asked for");
+    let senses = run.senses.expect("senses");
+    assert_eq!((senses.rgb, senses.depth, senses.audio, senses.width), (true, true, true, 32));
+    let row = board(&arena, &BOARD).await.rows.remove(0);
+    assert_eq!(row.sensors, Some(senses));
+    arena.store.set_sensors("nobody", &deaf).await.expect_err("no such run");
 }

@@ -22,7 +22,14 @@ async fn everything(arena: &Arena, viewer: &Viewer) -> String {
         serde_json::to_string(&reader.run(viewer, "run_1").await.expect("a run")),
     ];
     for order in [Order::Ordered, Order::Unordered] {
-        let board = Board { phase: "practice", order, key: Key::Sr, pick: Pick::Best, now_unix_ms: 50 };
+        let board = Board {
+            phase: "practice",
+            order,
+            key: Key::Sr,
+            pick: Pick::Best,
+            as_of_unix_ms: None,
+            now_unix_ms: 50,
+        };
         seen.push(serde_json::to_string(&reader.leaderboard(viewer, &board).await.expect("a board")));
     }
     for ordinal in 0..2 {
@@ -77,8 +84,14 @@ async fn a_team_ranks_among_its_own_where_scores_are_for_teams() {
     teams_only.scores = Visibility::Team;
     let arena = Arena::new(&teams_only).await;
     arena.play("run_1", "walker", Order::Unordered, 1).await;
-    let board =
-        Board { phase: "practice", order: Order::Unordered, key: Key::Sr, pick: Pick::Best, now_unix_ms: 50 };
+    let board = Board {
+        phase: "practice",
+        order: Order::Unordered,
+        key: Key::Sr,
+        pick: Pick::Best,
+        as_of_unix_ms: None,
+        now_unix_ms: 50,
+    };
     let rows = |viewer| {
         let reader = arena.store.reader();
         async move {

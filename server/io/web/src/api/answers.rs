@@ -1,10 +1,12 @@
 use super::SCHEMA_VERSION;
 use crate::{
     SignedLogs,
+    board::BoardQuery,
     trouble::Trouble,
-    visit::{self, Asked, BoardQuery, CompareQuery, Nothing, RunsQuery, Visit},
+    visit::{self, Asked, CompareQuery, Nothing, RunsQuery, Visit},
     words,
 };
+use avln_episode::Order;
 use avln_store::{EpisodeView, LeaderboardView, PhaseView, RunView};
 use axum::{Extension, Json, extract::Path};
 use serde::Serialize;
@@ -34,12 +36,14 @@ pub(super) async fn quota(visit: Visit, _: Asked<Nothing>) -> Answer {
     answer(&json!({ "quotas": visit.reader.quotas(&visit.viewer, visit.now_unix_ms).await? }))
 }
 
-pub(super) async fn leaderboard(
-    visit: Visit,
-    Path(id): Path<String>,
-    Asked(query): Asked<BoardQuery>,
-) -> Answer {
-    answer(&find_board(&visit, &id, query).await?)
+pub(super) async fn leaderboard(visit: Visit, Path(id): Path<String>, query: BoardQuery) -> Answer {
+    let phase = find_phase(&visit, &id).await?;
+    let order = query.order(&phase)?;
+    answer(&find_board(&visit, &phase, &query, order).await?)
+}
+
+pub(super) async fn leaderboards(visit: Visit, Path(id): Path<String>, query: BoardQuery) -> Answer {
+    answer(&json!({ "boards": find_boards(&visit, &id, &query).await? }))
 }
 
 pub(super) async fn compare(visit: Visit, Asked(query): Asked<CompareQuery>) -> Answer {
@@ -65,9 +69,12 @@ pub(super) async fn episode(
     Path((run, place)): Path<(String, String)>,
     _: Asked<Nothing>,
 ) -> Answer {
-    let view: Option<EpisodeView> =
-        visit.reader.episode(&visit.viewer, &run, visit::ordinal(&place)?).await?;
-    answer(&view.ok_or_else(|| Trouble::Unknown { what: "episode", name: format!("{place} of run {run}") })?)
+    answer(&find_episode(&visit, &run, &place).await?)
+}
+
+pub(super) async fn find_episode(visit: &Visit, run: &str, place: &str) -> Result<EpisodeView, Trouble> {
+    let view = visit.reader.episode(&visit.viewer, run, visit::ordinal(place)?).await?;
+    view.ok_or_else(|| Trouble::Unknown { what: "episode", name: format!("{place} of run {run}") })
 }
 
 pub(super) async fn find_run(visit: &Visit, id: &str) -> Result<RunView, Trouble> {
@@ -75,21 +82,43 @@ pub(super) async fn find_run(visit: &Visit, id: &str) -> Result<RunView, Trouble
     view.ok_or_else(|| Trouble::Unknown { what: "run", name: id.to_owned() })
 }
 
-async fn find_phase(visit: &Visit, id: &str) -> Result<PhaseView, Trouble> {
+pub(super) async fn find_phase(visit: &Visit, id: &str) -> Result<PhaseView, Trouble> {
     let view = visit.reader.phase(&visit.viewer, id, visit.now_unix_ms).await?;
     view.ok_or_else(|| Trouble::Unknown { what: "phase", name: id.to_owned() })
 }
 
-/// The board that `query` asks for; without an order, the first that the phase allows.
+/// The board that `query` asks for, for goals in one order.
 pub(super) async fn find_board(
     visit: &Visit,
-    id: &str,
-    query: BoardQuery,
+    phase: &PhaseView,
+    query: &BoardQuery,
+    order: Order,
 ) -> Result<LeaderboardView, Trouble> {
-    let phase = find_phase(visit, id).await?;
-    let board = query.board(&phase, visit.now_unix_ms);
+    if !query.columns.is_empty() {
+        return Err(Trouble::Invalid("columns are chosen on pages; here are all of them".to_owned()));
+    }
+    let board = query.board(phase, order, visit.now_unix_ms);
     let view = visit.reader.leaderboard(&visit.viewer, &board).await?;
-    view.ok_or_else(|| Trouble::Unknown { what: "phase", name: id.to_owned() })
+    let mut view = view.ok_or_else(|| Trouble::Unknown { what: "phase", name: phase.id.clone() })?;
+    query.filter(&mut view);
+    Ok(view)
+}
+
+/// The boards of a phase in all its orders.
+pub(super) async fn find_boards(
+    visit: &Visit,
+    id: &str,
+    query: &BoardQuery,
+) -> Result<Vec<LeaderboardView>, Trouble> {
+    if query.orders.is_some() {
+        return Err(Trouble::Invalid("all orders are here; leave order out".to_owned()));
+    }
+    let phase = find_phase(visit, id).await?;
+    let mut boards = Vec::new();
+    for &order in &phase.orders {
+        boards.push(find_board(visit, &phase, query, order).await?);
+    }
+    Ok(boards)
 }
 
 /// The object `body` with the version of its schema, and with moments by RFC 3339.

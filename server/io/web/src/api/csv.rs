@@ -1,14 +1,16 @@
 //! Tables by RFC 4180: a header, CRLF, quotes where they are needed, numbers in full.
 
-use super::answers::{find_board, find_run};
+use super::answers::{find_board, find_boards, find_episode, find_phase, find_run};
 use crate::{
+    board::BoardQuery,
+    replay::{Moment, moments},
     trouble::Trouble,
-    visit::{Asked, BoardQuery, Nothing, Visit},
+    visit::{Asked, Nothing, Visit},
     words::{self, estimate},
 };
-use avln_episode::EndReason;
+use avln_episode::{EndReason, Order, Sensors};
 use avln_scoring::{Key, Metrics};
-use avln_store::{EpisodeLine, LeaderboardRow};
+use avln_store::{EpisodeLine, LeaderboardRow, LeaderboardView};
 use axum::{
     extract::Path,
     http::header,
@@ -18,10 +20,24 @@ use axum::{
 pub(super) async fn leaderboard(
     visit: Visit,
     Path(id): Path<String>,
-    Asked(query): Asked<BoardQuery>,
+    query: BoardQuery,
 ) -> Result<Response, Trouble> {
-    let view = find_board(&visit, &id, query).await?;
-    Ok(file(board_header(), view.rows.iter().map(board_row)))
+    let phase = find_phase(&visit, &id).await?;
+    let order = query.order(&phase)?;
+    Ok(boards(&[find_board(&visit, &phase, &query, order).await?]))
+}
+
+pub(super) async fn leaderboards(
+    visit: Visit,
+    Path(id): Path<String>,
+    query: BoardQuery,
+) -> Result<Response, Trouble> {
+    Ok(boards(&find_boards(&visit, &id, &query).await?))
+}
+
+fn boards(views: &[LeaderboardView]) -> Response {
+    let rows = views.iter().flat_map(|view| view.rows.iter().map(|row| board_row(view.order, row)));
+    file(board_header(), rows)
 }
 
 pub(super) async fn episodes(
@@ -31,6 +47,20 @@ pub(super) async fn episodes(
 ) -> Result<Response, Trouble> {
     let view = find_run(&visit, &id).await?;
     Ok(file(episodes_header(), view.episodes.iter().map(episode_row)))
+}
+
+/// The moments of a replay; there is no table where the phase does not show it.
+pub(super) async fn steps(
+    visit: Visit,
+    Path((run, place)): Path<(String, String)>,
+    _: Asked<Nothing>,
+) -> Result<Response, Trouble> {
+    let replay = find_episode(&visit, &run, &place).await?.replay;
+    let name = || format!("episode {place} of run {run}");
+    let replay = replay.ok_or_else(|| Trouble::Unknown { what: "replay", name: name() })?;
+    let rows = moments(&replay);
+    let places = replay.path.iter().zip(&rows);
+    Ok(file(steps_header(replay.targets.len()), places.map(|(place, moment)| step_row(place, moment))))
 }
 
 fn file(header: Vec<String>, rows: impl Iterator<Item = Vec<String>>) -> Response {
@@ -79,7 +109,7 @@ fn board_header() -> Vec<String> {
     header.extend(names(&["isr_by_goal", "osr_all", "wrong_instance_submits"]));
     header.extend(names(&["steps_to_goal", "final_distance_m"]));
     header.extend(EndReason::ALL.map(|reason| format!("ended_{}", reason.as_str())));
-    header.extend(names(&["server_faults", "scorer"]));
+    header.extend(names(&["server_faults", "scorer", "order", "rgb", "depth", "audio"]));
     header
 }
 
@@ -87,7 +117,7 @@ fn has_interval(key: Key) -> bool {
     !matches!(key, Key::Steps | Key::PathM | Key::Collisions | Key::WrongSubmits)
 }
 
-fn board_row(row: &LeaderboardRow) -> Vec<String> {
+fn board_row(order: Order, row: &LeaderboardRow) -> Vec<String> {
     let summary = &row.summary;
     let mut cells = vec![row.rank.to_string(), row.tie_group.to_string(), text(&row.team)];
     cells.extend([row.baseline.to_string(), text(&row.method), text(&row.version), text(&row.run)]);
@@ -103,7 +133,9 @@ fn board_row(row: &LeaderboardRow) -> Vec<String> {
     cells.push(summary.wrong_instance_submits.to_string());
     cells.extend([maybe(summary.steps_to_goal), maybe(summary.final_distance_m)]);
     cells.extend(EndReason::ALL.map(|reason| maybe(row.health.get(reason.as_str()).or(Some(&0)))));
-    cells.extend([row.server_faults.to_string(), text(&row.scorer)]);
+    cells.extend([row.server_faults.to_string(), text(&row.scorer), order.to_string()]);
+    let senses = row.sensors.as_ref().map(|Sensors { rgb, depth, audio, .. }| [*rgb, *depth, *audio]);
+    cells.extend([0, 1, 2].map(|sense| maybe(senses.map(|senses| senses[sense]))));
     cells
 }
 
@@ -124,6 +156,24 @@ fn episode_row(line: &EpisodeLine) -> Vec<String> {
         Some(metrics) => cells.extend(metric_cells(metrics)),
         None => cells.extend(std::iter::repeat_n(String::new(), 15)),
     }
+    cells
+}
+
+fn steps_header(goals: usize) -> Vec<String> {
+    let mut header = names(&["step", "action", "x_m", "y_m", "z_m", "heading_rad", "collided"]);
+    header.extend(names(&["sounding_goal", "bearing_rad", "walked_m", "actions_left", "submits_left"]));
+    header.extend((1..=goals).map(|goal| format!("distance_{goal}_m")));
+    header
+}
+
+fn step_row(place: &[f32; 3], moment: &Moment) -> Vec<String> {
+    let mut cells = vec![moment.step.to_string(), text(moment.action.as_deref().unwrap_or_default())];
+    cells.extend(place.map(|metres| metres.to_string()));
+    cells.extend([moment.heading_rad.to_string(), moment.collided.to_string()]);
+    cells.push(maybe(moment.sounding.map(|goal| u32::from(goal) + 1)));
+    cells.extend([maybe(moment.bearing_rad), moment.walked_m.to_string()]);
+    cells.extend([moment.actions_left.to_string(), moment.submits_left.to_string()]);
+    cells.extend(moment.distances_m.iter().map(ToString::to_string));
     cells
 }
 

@@ -41,7 +41,9 @@ enum Answer {
     Text,
 }
 
-const BOARD_QUERY: &[&str] = &["order", "sort", "pick"];
+const BOARD_QUERY: &[&str] = &["order", "sort", "pick", "q", "team", "rgb", "depth", "audio", "as_of"];
+/// The same for boards in all orders.
+const BOARDS_QUERY: &[&str] = &["sort", "pick", "q", "team", "rgb", "depth", "audio", "as_of"];
 const RUNS_QUERY: &[&str] = &["phase", "limit"];
 
 fn endpoint(
@@ -93,6 +95,20 @@ fn of_phases() -> Vec<Endpoint> {
             get(csv::leaderboard),
         ),
         endpoint(
+            "/phases/{phase}/leaderboards",
+            "The leaderboards of a phase for goals in each order.",
+            BOARDS_QUERY,
+            Json("Leaderboards"),
+            get(answers::leaderboards),
+        ),
+        endpoint(
+            "/phases/{phase}/leaderboards.csv",
+            "The same leaderboards as one table.",
+            BOARDS_QUERY,
+            Csv,
+            get(csv::leaderboards),
+        ),
+        endpoint(
             "/quota",
             "What the team of the token has left in each phase, and what was charged.",
             &[],
@@ -136,6 +152,13 @@ fn of_runs() -> Vec<Endpoint> {
             &[],
             Json("Episode"),
             get(answers::episode),
+        ),
+        endpoint(
+            "/runs/{run}/episodes/{ordinal}/steps.csv",
+            "The steps of an episode as a table, where the phase shows its replay; row 0 is before the first action.",
+            &[],
+            Csv,
+            get(csv::steps),
         ),
     ]
 }

@@ -66,6 +66,8 @@ fn query_parameter(name: &str) -> Value {
         "order" => words(&["ordered", "unordered"]),
         "sort" => words(&Key::ALL.map(Key::as_str)),
         "pick" => words(&["best", "latest"]),
+        "rgb" | "depth" | "audio" => words(&["with", "without"]),
+        "as_of" => json!({ "type": "string", "format": "date" }),
         "limit" => json!({ "type": "integer", "minimum": 1, "maximum": RunsQuery::LIMITS.1 }),
         _ => string(),
     };
@@ -127,7 +129,9 @@ fn schemas() -> Value {
         "Phase": phase(),
         "Quotas": answer(&[("quotas", list("Quota"))]),
         "Quota": quota(),
-        "Leaderboard": leaderboard(),
+        "Leaderboard": answer(&leaderboard()),
+        "Leaderboards": answer(&[("boards", list("Board"))]),
+        "Board": object(&leaderboard()),
         "LeaderboardRow": row(),
         "Summary": summary(),
         "Compared": compared(),
@@ -168,18 +172,20 @@ fn quota() -> Value {
     object(&fields)
 }
 
-fn leaderboard() -> Value {
+fn leaderboard() -> Vec<(&'static str, Value)> {
     let mut fields = vec![("phase", reference("Phase")), ("rows", list("LeaderboardRow"))];
     fields.extend(all(&["order", "key", "direction", "pick"], "string"));
+    fields.extend(all(&["entries"], "integer"));
+    fields.extend(all(&["as_of_at?"], "moment"));
     fields.extend(all(&["complete"], "boolean"));
-    answer(&fields)
+    fields
 }
 
 fn row() -> Value {
     let mut fields = all(&["rank", "tie_group", "runs_count", "server_faults"], "integer");
     fields.extend(all(&["team", "method", "version", "run", "scorer"], "string"));
     fields.extend(all(&["baseline"], "boolean"));
-    fields.extend(all(&["health"], "object"));
+    fields.extend(all(&["health", "sensors?"], "object"));
     fields.extend(all(&["finished_at?"], "moment"));
     fields.push(("summary", reference("Summary")));
     object(&fields)

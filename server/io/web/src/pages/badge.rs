@@ -1,7 +1,8 @@
 use super::phase;
 use crate::{
+    board::BoardQuery,
     trouble::Trouble,
-    visit::{Asked, BoardQuery, Nothing, Visit},
+    visit::{Asked, Nothing, Visit},
     words,
 };
 use askama::Template;
@@ -56,8 +57,8 @@ async fn standing(visit: &Visit, phase: &PhaseView, view: &RunView) -> Result<St
         _ if line.state.is_open() => return Ok(format!("{} of {} episodes", line.done, line.episodes)),
         _ => return Ok("not ranked".to_owned()),
     };
-    let query = BoardQuery { order: Some(line.order), ..BoardQuery::default() };
-    let board = visit.reader.leaderboard(&visit.viewer, &query.board(phase, visit.now_unix_ms)).await?;
+    let board = BoardQuery::default().board(phase, line.order, visit.now_unix_ms);
+    let board = visit.reader.leaderboard(&visit.viewer, &board).await?;
     let rows = board.map(|board| board.rows).unwrap_or_default();
     let rank = rows.iter().find(|row| row.run == line.run);
     let rank = rank.map_or(String::new(), |row| format!(", rank {} of {}", row.rank, rows.len()));

@@ -1,57 +1,104 @@
-use super::{Page, Part, Shell, write};
+use super::{Page, Part, Shell, segment, write};
 use crate::{
-    map::{MapView, colour},
+    onlooker::{MaybeDesk, size_px},
+    plot::curves::{LEFT_PX, WIDTH_PX},
+    replay::{ReplayView, colour},
     trouble::Trouble,
-    visit::{self, Asked, Nothing, Visit},
+    visit::{self, Asked, ReplayQuery, Visit},
     words,
 };
 use askama::Template;
-use avln_store::EpisodeView;
-use axum::extract::Path;
+use avln_store::{EpisodeView, TargetView};
+use axum::{Extension, extract::Path};
+use std::fmt;
 
 #[derive(Template)]
 #[template(path = "episode.html")]
 pub(super) struct EpisodePage {
     shell: Shell,
-    map: Option<MapView>,
+    replay: Option<ReplayView>,
     view: EpisodeView,
+    /// The storey that the visitor asked for, from 1.
+    asked_storey: Option<usize>,
+    /// Whether somebody can look into the scene.
+    has_pictures: bool,
 }
 
 /// One episode of a run.
 pub(super) async fn page(
     visit: Visit,
     Path((run, place)): Path<(String, String)>,
-    _: Asked<Nothing>,
+    Extension(desk): Extension<MaybeDesk>,
+    Asked(query): Asked<ReplayQuery>,
 ) -> Page {
     let ordinal = visit::ordinal(&place)?;
     let view = visit.reader.episode(&visit.viewer, &run, ordinal).await?;
     let unknown = || Trouble::Unknown { what: "episode", name: format!("{place} of run {run}") };
-    write(&EpisodePage::new(view.ok_or_else(unknown)?))
+    write(&EpisodePage::new(view.ok_or_else(unknown)?, query, desk.is_some()))
 }
 
 impl EpisodePage {
-    pub(super) fn new(view: EpisodeView) -> Self {
+    pub(super) fn new(view: EpisodeView, query: ReplayQuery, has_pictures: bool) -> Self {
         let run = &view.run;
         let title = format!("Episode {} of {}", view.ordinal + 1, run.episodes);
         let name = format!("{} {} by {}", run.method, run.version, run.team);
         let shell =
             Shell::new(title, Part::Runs).below("Runs", "/runs").below(name, format!("/runs/{}", run.run));
-        let map = view.replay.as_ref().map(|replay| MapView::new(replay, view.mission.as_ref()));
-        Self { shell, map, view }
+        let storey = query.storey.and_then(|number| number.checked_sub(1));
+        let replay = ReplayView::new(&view, query.t, storey);
+        Self { shell, replay, view, asked_storey: query.storey, has_pictures }
+    }
+
+    /// Where this page is.
+    fn path(&self) -> String {
+        format!("/runs/{}/episodes/{}", segment(&self.view.run.run), self.view.ordinal)
+    }
+
+    /// The same page at another step; what is usual is left out.
+    fn at(&self, replay: &ReplayView, step: &u32) -> String {
+        let step = (*step < replay.last()).then(|| format!("t={step}"));
+        self.with([step, self.asked_storey.map(|number| format!("storey={number}"))])
+    }
+
+    /// The same moment with another storey in front.
+    fn on_storey(&self, replay: &ReplayView, number: &usize) -> String {
+        let step = (replay.step < replay.last()).then(|| format!("t={}", replay.step));
+        self.with([step, Some(format!("storey={number}"))])
+    }
+
+    fn with(&self, parts: [Option<String>; 2]) -> String {
+        let query = parts.into_iter().flatten().collect::<Vec<_>>().join("&");
+        let mark = if query.is_empty() { "" } else { "?" };
+        format!("{}{mark}{query}", self.path())
+    }
+
+    /// Where the picture of a step is.
+    fn picture(&self, step: impl fmt::Display) -> String {
+        format!("{}/eyes/{step}.png", self.path())
+    }
+
+    /// Pixels of a picture.
+    fn picture_px(&self) -> [u32; 2] {
+        self.view.replay.as_ref().map_or([1, 1], size_px)
+    }
+
+    /// How far depth is told.
+    fn depth_max_m(&self) -> f32 {
+        self.view.replay.as_ref().map_or(0.0, |replay| replay.rules.depth_max_m)
+    }
+
+    /// Simulated time of a step.
+    fn step_s(&self) -> f32 {
+        self.view.replay.as_ref().map_or(0.0, |replay| replay.rules.step_s)
+    }
+
+    /// The targets in the order of the mission.
+    fn targets(&self) -> &[TargetView] {
+        self.view.replay.as_ref().map_or(&[], |replay| &replay.targets)
     }
 
     /// Colours of the legend's strip, from the start to the end.
     fn strip(&self) -> Vec<(usize, String)> {
         (0..12).map(|index| (index * 10, colour(index as f32 / 11.0))).collect()
-    }
-
-    /// What a claim was worth, for each claim: step and words.
-    fn claims(&self) -> Vec<(u32, String)> {
-        let submits = self.view.replay.iter().flat_map(|replay| &replay.submits);
-        let words = |completed: Option<u8>| match completed {
-            Some(goal) => format!("right: completed goal {}", u32::from(goal) + 1),
-            None => "wrong: completed nothing".to_owned(),
-        };
-        submits.map(|submit| (submit.step, words(submit.completed))).collect()
     }
 }

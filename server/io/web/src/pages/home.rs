@@ -1,6 +1,7 @@
 use super::{Page, Part, Shell, write};
 use crate::{
-    visit::{Asked, BoardQuery, Host, Nothing, Visit},
+    board::BoardQuery,
+    visit::{Asked, Host, Nothing, Visit},
     words,
 };
 use askama::Template;
@@ -34,8 +35,7 @@ pub(super) async fn home(visit: Visit, host: Host, _: Asked<Nothing>) -> Page {
     let mut boards = Vec::new();
     for phase in &phases {
         for &order in &phase.orders {
-            let query = BoardQuery { order: Some(order), ..BoardQuery::default() };
-            let board = query.board(phase, visit.now_unix_ms);
+            let board = BoardQuery::default().board(phase, order, visit.now_unix_ms);
             boards.extend(visit.reader.leaderboard(&visit.viewer, &board).await?);
         }
     }

@@ -1,4 +1,4 @@
-//! Pages for people: plain HTML, no script.
+//! Pages for people: plain HTML, which works without its one script.
 
 mod badge;
 mod board;
@@ -37,9 +37,14 @@ pub(crate) fn router() -> Router<Reader> {
         .route("/runs/{run}/badge.svg", get(badge::badge))
         .route("/embed/{phase}", get(board::embedded))
         .route("/runs/{run}/episodes/{ordinal}", get(episode::page))
+        .route("/runs/{run}/episodes/{ordinal}/eyes/{file}", get(crate::onlooker::picture))
         .route(
             "/assets/app.css",
             get(async || asset("text/css; charset=utf-8", include_str!("../../assets/app.css"))),
+        )
+        .route(
+            "/assets/replay.js",
+            get(async || asset("text/javascript; charset=utf-8", include_str!("../../assets/replay.js"))),
         )
         .route(
             "/assets/icon.svg",

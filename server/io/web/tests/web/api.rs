@@ -11,7 +11,7 @@ async fn every_described_path_answers_with_what_is_described() {
     std::fs::write(arena.folder.path().join("run_rude.log"), "a log\n").expect("a log");
     let document = arena.get("/api/v1/openapi.json").await.json();
     let paths = document["paths"].as_object().expect("paths");
-    assert_eq!(paths.len(), 14);
+    assert_eq!(paths.len(), 17);
     for (path, item) in paths {
         let address = path.replace("{phase}", "open").replace("{run}", "run_rude").replace("{ordinal}", "0");
         let both = if path.ends_with("/compare") { "?first=run_rude&second=run_formula" } else { "" };

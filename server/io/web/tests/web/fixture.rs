@@ -6,7 +6,7 @@ use avln_store::{
     Finished, GoalText, NewRun, NewToken, Phase, PhaseEpisode, Scene, SceneMap, Split, Store, TimeAccount,
     TokenKind, Visibility,
 };
-use avln_web::{SignedLogs, Site};
+use avln_web::{Onlooker, SignedLogs, Site};
 use axum::{
     Router,
     body::Body,
@@ -14,7 +14,7 @@ use axum::{
 };
 use http_body_util::BodyExt;
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Arc};
 use tempfile::TempDir;
 use tower::ServiceExt;
 
@@ -25,8 +25,9 @@ pub(crate) const LOG_KEY: &str = "abcdef";
 pub(crate) const TOKEN: &str = "the-token-of-the-rude-team";
 pub(crate) const ORGANISER: &str = "the-token-of-the-organiser";
 
+#[derive(Clone)]
 pub(crate) struct Arena {
-    pub(crate) folder: TempDir,
+    pub(crate) folder: Arc<TempDir>,
     pub(crate) store: Store,
     router: Router,
 }
@@ -52,6 +53,11 @@ impl Arena {
     /// `open` with the runs `run_rude` (finds all goals) and `run_formula` (finds one of two), `sealed` with `run_sealed`,
     /// and `run_begun` in `open`, where one of two episodes is played.
     pub(crate) async fn new() -> Self {
+        Self::seen_by(None).await
+    }
+
+    /// The same, where somebody can look into scenes.
+    pub(crate) async fn seen_by(onlooker: Option<Arc<dyn Onlooker>>) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let store = Store::open(&folder.path().join("arena.db")).await.expect("a new database");
         let router = avln_web::router(
@@ -59,9 +65,10 @@ impl Arena {
             Site {
                 agents_port: 50051,
                 logs: Some(SignedLogs { folder: folder.path().to_owned(), key: LOG_KEY.to_owned() }),
+                onlooker,
             },
         );
-        let arena = Self { folder, store, router };
+        let arena = Self { folder: Arc::new(folder), store, router };
         arena.furnish().await;
         arena.play("run_rude", "open", RUDE_TEAM, "good walker", 2, 2).await;
         arena.play("run_formula", "open", FORMULA_TEAM, "@walker", 1, 2).await;
@@ -131,7 +138,7 @@ impl Arena {
         let response = self.router.clone().oneshot(request).await.expect("an answer");
         let (parts, body) = response.into_parts();
         let body = body.collect().await.expect("a body").to_bytes();
-        let body = String::from_utf8(body.to_vec()).expect("text");
+        let body = String::from_utf8_lossy(&body).into_owned();
         Answer { status: parts.status, headers: parts.headers, body }
     }
 

@@ -1,7 +1,11 @@
 //! The door from outside: a real database, real requests, no network.
 
 mod api;
+mod boards;
 mod door;
 mod fixture;
+mod freeze;
+mod onlooker;
 mod pages;
+mod replay;
 mod visibility;

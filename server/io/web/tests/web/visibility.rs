@@ -1,7 +1,7 @@
 use crate::fixture::{Arena, ORGANISER, TOKEN};
 use axum::http::{StatusCode, header};
 
-const SEALED: [&str; 10] = [
+const SEALED: [&str; 16] = [
     "/",
     "/leaderboard/sealed",
     "/runs",
@@ -12,6 +12,12 @@ const SEALED: [&str; 10] = [
     "/api/v1/phases/sealed/leaderboard",
     "/api/v1/phases/sealed/leaderboard.csv",
     "/api/v1/runs/run_sealed/episodes.csv",
+    "/leaderboard/sealed?order=both",
+    "/api/v1/phases/sealed/leaderboards",
+    "/api/v1/phases/sealed/leaderboards.csv",
+    "/runs/run_sealed/episodes/0?t=1",
+    "/runs/run_sealed/episodes/0/eyes/1.png",
+    "/api/v1/runs/run_sealed/episodes/0/steps.csv",
 ];
 
 #[tokio::test]

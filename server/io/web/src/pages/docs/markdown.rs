@@ -11,6 +11,8 @@ pub(super) fn render(path: &str, text: &str) -> (String, String) {
     let events = framed(anchored(linked(path, rest.into_iter().map(harmless).collect())), &title);
     let mut html = String::new();
     html::push_html(&mut html, events.into_iter());
+    // What may be scrolled can be reached by keyboard.
+    let html = html.replace("<pre>", "<pre tabindex=\"0\">");
     (title, html)
 }
 

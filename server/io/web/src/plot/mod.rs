@@ -1,7 +1,14 @@
 //! Plots as SVG. They are drawn in the classes of the style sheet, so that they follow the theme, and never say anything by colour
 //! alone.
 
+pub(crate) mod curves;
+
 use std::fmt::Write as _;
+
+/// Text as the content of an element.
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
 
 /// Width of a bar and least width of a part that has its count written on it, pixels.
 const WIDTH_PX: f64 = 600.0;

@@ -1,0 +1,144 @@
+//! What the page is told: the length of a JSON text, the text, and then pictures and sound as they are.
+
+use avln_client::{Episode, EpisodeEnd, Feedback, GoalCue, Image, Observation, Play, Progress};
+use serde_json::{Value, json};
+
+/// What holds for the whole run.
+#[derive(Clone, Debug)]
+pub(crate) struct Facts {
+    max_steps: u32,
+    depth_max_m: f32,
+}
+
+impl Facts {
+    pub(crate) fn of(play: &Play) -> Self {
+        let task = play.task();
+        Self { max_steps: task.max_steps, depth_max_m: task.depth_max_m }
+    }
+
+    /// How things are in an episode; with the pictures of its goals where they are wanted.
+    pub(crate) fn playing(&self, episode: &Episode<'_>, with_goals: bool, trouble: &str) -> Vec<u8> {
+        let (seen, time) = (episode.observation(), episode.time_left());
+        let mission = episode.mission();
+        let mut told = json!({
+            "state": "playing", "trouble": trouble,
+            "episode": episode.ordinal(), "progress": progress(episode.progress()),
+            "order": mission.order.to_string(), "goals": mission.goals.iter().map(goal).collect::<Vec<_>>(),
+            "step": seen.step, "max_steps": self.max_steps,
+            "remaining_steps": seen.remaining_steps, "remaining_submits": seen.remaining_submits,
+            "feedback": feedback(seen.feedback), "depth_max_m": self.depth_max_m,
+            "position": seen.pose.position, "heading_rad": seen.pose.heading_rad,
+            "step_s": time.step.map(|step| step.as_secs_f64()), "bank_s": time.bank.as_secs_f64(),
+        });
+        let mut bytes = Vec::new();
+        told["senses"] = senses(seen, &mut bytes);
+        let pictures = mission.goals.iter().map(|cue| picture(cue).filter(|_| with_goals));
+        told["pictures"] =
+            pictures.map(|picture| picture.map(|image| add_image(image, &mut bytes))).collect();
+        framed(&told, &bytes)
+    }
+}
+
+/// Between episodes: how the last one ended, if there was one.
+pub(crate) fn waiting(play: &Play, last: Option<&EpisodeEnd>) -> Vec<u8> {
+    framed(&json!({ "state": "waiting", "progress": progress(play.progress()), "end": last.map(end) }), &[])
+}
+
+/// After the last episode.
+pub(crate) fn over(last: Option<&EpisodeEnd>) -> Vec<u8> {
+    framed(&json!({ "state": "over", "end": last.map(end) }), &[])
+}
+
+fn framed(told: &Value, rest: &[u8]) -> Vec<u8> {
+    let text = told.to_string();
+    let length = (text.len() as u32).to_le_bytes();
+    [&length, text.as_bytes(), rest].concat()
+}
+
+fn progress(progress: Progress) -> Value {
+    json!({ "done": progress.done, "total": progress.total })
+}
+
+fn end(end: &EpisodeEnd) -> Value {
+    let metrics = end.metrics.iter().flatten().map(|metric| (metric.name.clone(), json!(metric.value)));
+    let metrics: serde_json::Map<String, Value> = metrics.collect();
+    json!({ "reason": end.reason.to_string(), "steps": end.steps, "metrics": metrics })
+}
+
+fn goal(cue: &GoalCue) -> Value {
+    match cue {
+        GoalCue::Category(text) => json!({ "kind": "category", "text": text }),
+        GoalCue::Description(text) => json!({ "kind": "sentence", "text": text }),
+        GoalCue::Image(_) => json!({ "kind": "picture", "text": "" }),
+    }
+}
+
+fn picture(cue: &GoalCue) -> Option<&Image> {
+    if let GoalCue::Image(image) = cue { Some(image) } else { None }
+}
+
+fn feedback(feedback: Feedback) -> Option<&'static str> {
+    match feedback {
+        Feedback::None => None,
+        Feedback::Accepted => Some("counted"),
+        Feedback::Verdict(true) => Some("right"),
+        Feedback::Verdict(false) => Some("wrong"),
+    }
+}
+
+/// Which pictures and sounds follow, in this order: colours, depth, the left and the right ear.
+fn senses(seen: &Observation, bytes: &mut Vec<u8>) -> Value {
+    let rgb = seen.rgb.as_ref().map(|image| add_image(image, bytes));
+    let depth = seen.depth.as_ref().map(|depth| {
+        add_numbers(&depth.metres, bytes);
+        json!([depth.width, depth.height])
+    });
+    let audio = seen.audio.as_ref().map(|audio| {
+        add_numbers(&audio.left, bytes);
+        add_numbers(&audio.right, bytes);
+        json!([audio.sample_rate_hz, audio.left.len()])
+    });
+    json!({ "rgb": rgb, "depth": depth, "audio": audio })
+}
+
+fn add_image(image: &Image, bytes: &mut Vec<u8>) -> Value {
+    bytes.extend(&image.pixels);
+    json!([image.width, image.height])
+}
+
+fn add_numbers(numbers: &[f32], bytes: &mut Vec<u8>) {
+    bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use avln_client::{Audio, DepthImage};
+
+    #[test]
+    fn pictures_and_sound_follow_the_text_in_order() {
+        let seen = Observation {
+            rgb: Some(Image { width: 1, height: 2, pixels: vec![1, 2, 3, 4, 5, 6] }),
+            depth: Some(DepthImage { width: 1, height: 1, metres: vec![1.5] }),
+            audio: Some(Audio { sample_rate_hz: 16_000, left: vec![0.5], right: vec![-0.5] }),
+            ..Observation::default()
+        };
+        let mut bytes = Vec::new();
+        let told = senses(&seen, &mut bytes);
+        assert_eq!(told, json!({ "rgb": [1, 2], "depth": [1, 1], "audio": [16_000, 1] }));
+        let expected = [
+            &[1, 2, 3, 4, 5, 6][..],
+            &1.5_f32.to_le_bytes(),
+            &0.5_f32.to_le_bytes(),
+            &(-0.5_f32).to_le_bytes(),
+        ];
+        assert_eq!(bytes, expected.concat());
+        assert_eq!(senses(&Observation::default(), &mut bytes)["audio"], Value::Null);
+    }
+
+    #[test]
+    fn the_text_comes_first_with_its_length() {
+        let framed = framed(&json!({ "a": 1 }), &[9]);
+        assert_eq!(framed, [&[7, 0, 0, 0][..], b"{\"a\":1}", &[9]].concat());
+    }
+}

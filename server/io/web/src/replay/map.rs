@@ -1,0 +1,369 @@
+//! A replay from above, as shapes. One unit is a metre: right is +X, down is +Z, so up is where heading 0 looks.
+
+use super::{
+    Moment,
+    storeys::{Storeys, by_storey, height},
+};
+use avln_store::{MissionView, Replay, SceneMap, TargetView};
+use std::fmt::Write;
+
+/// Pieces that the walk is coloured in.
+const PIECES: usize = 60;
+/// Colours of the walk from its start over its middle to its end. Each has a contrast of 3 on white and on near-black.
+const COLOURS: [[f32; 3]; 3] = [[0.0, 114.0, 178.0], [204.0, 121.0, 167.0], [213.0, 94.0, 0.0]];
+/// Free space around the building, metres.
+const MARGIN_M: f32 = 0.6;
+
+/// Everything that the picture shows, in metres.
+#[derive(Debug)]
+pub(crate) struct MapView {
+    /// `min-x min-y width height`.
+    pub(crate) view_box: String,
+    /// Height of letters.
+    pub(crate) letter_m: f32,
+    /// Half the height of a mark.
+    pub(crate) mark_m: f32,
+    /// The storeys of the building, the lowest first.
+    pub(crate) storeys: Vec<StoreyTab>,
+    /// Which of them is in front.
+    pub(crate) storey: usize,
+    /// The floor of each storey.
+    pub(crate) floors: Vec<String>,
+    /// The reference tour, by storey.
+    pub(crate) reference: Vec<(usize, String)>,
+    /// The walk in order of time.
+    pub(crate) pieces: Vec<Piece>,
+    pub(crate) collisions: Vec<Spot>,
+    pub(crate) start: Spot,
+    /// The direction of the first look, degrees clockwise from up.
+    pub(crate) start_degrees: f32,
+    pub(crate) end: Spot,
+    /// The body at the moment that is shown.
+    pub(crate) body: Spot,
+    pub(crate) body_degrees: i32,
+    pub(crate) submits: Vec<SubmitSpot>,
+    pub(crate) targets: Vec<TargetBox>,
+    pub(crate) scale: Scale,
+}
+
+/// A storey that can be brought to the front.
+#[derive(Debug, PartialEq)]
+pub(crate) struct StoreyTab {
+    /// From 1, the lowest first.
+    pub(crate) number: usize,
+    /// Above the lowest storey.
+    pub(crate) height_m: f64,
+}
+
+/// A stretch of the walk.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Piece {
+    pub(crate) path: String,
+    pub(crate) colour: String,
+    /// The step from which on the body has gone it.
+    pub(crate) from_step: usize,
+    pub(crate) storey: usize,
+    /// Whether it comes after the moment that is shown.
+    pub(crate) is_later: bool,
+}
+
+/// A point, right and down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Spot {
+    pub(crate) x: f32,
+    pub(crate) y: f32,
+}
+
+/// A claim.
+#[derive(Debug)]
+pub(crate) struct SubmitSpot {
+    pub(crate) at: Spot,
+    pub(crate) storey: usize,
+    pub(crate) step: u32,
+    pub(crate) is_later: bool,
+    pub(crate) right: bool,
+    pub(crate) words: String,
+}
+
+/// A target's box with its label.
+#[derive(Debug)]
+pub(crate) struct TargetBox {
+    pub(crate) corner: Spot,
+    pub(crate) width: f32,
+    pub(crate) height: f32,
+    pub(crate) label: String,
+    pub(crate) label_at: Spot,
+    /// Whether the label ends at its point instead of beginning there.
+    pub(crate) leftwards: bool,
+    pub(crate) found: bool,
+    pub(crate) storey: usize,
+    /// Where its sound comes from.
+    pub(crate) source: Spot,
+    /// Whether it sounds at the moment that is shown.
+    pub(crate) sounds: bool,
+}
+
+/// The bar that tells how long a metre is.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Scale {
+    pub(crate) from: Spot,
+    pub(crate) length_m: f32,
+}
+
+impl MapView {
+    /// Draws `replay` at `moment`, with the body's storey or another one in front; the mission tells which goals were found.
+    pub(super) fn new(
+        replay: &Replay,
+        mission: Option<&MissionView>,
+        moment: &Moment,
+        storey: Option<usize>,
+    ) -> Self {
+        let frame = Frame::around(replay);
+        let walk: Vec<Spot> = replay.path.iter().map(spot).collect();
+        let start = walk.first().copied().unwrap_or(frame.min);
+        let storeys = Storeys::of(&replay.map, replay.path.first().map_or(0.0, |point| point[1]));
+        let heading = replay.headings_rad.first().copied().unwrap_or_default();
+        let tour = by_storey(&replay.reference_path, &storeys);
+        let now = Now { replay, storeys: &storeys, moment };
+        Self {
+            view_box: frame.view_box(),
+            letter_m: frame.letter_m(),
+            mark_m: frame.letter_m() * 0.75,
+            storeys: tabs(&storeys),
+            storey: storey.filter(|storey| *storey < storeys.count()).unwrap_or(moment.storey),
+            floors: floors(&replay.map, &storeys),
+            reference: tour.into_iter().map(|(storey, spots)| (storey, line(&spots))).collect(),
+            pieces: now.pieces(&walk),
+            collisions: replay
+                .collisions
+                .iter()
+                .filter_map(|&step| walk.get(step as usize).copied())
+                .collect(),
+            start,
+            start_degrees: -heading.to_degrees(),
+            end: walk.last().copied().unwrap_or(start),
+            body: moment.at,
+            body_degrees: moment.turn_degrees(),
+            submits: now.submits(&walk),
+            targets: now.targets(mission, &frame),
+            scale: frame.scale(),
+        }
+    }
+
+    /// Whether a storey is behind the one in front.
+    pub(crate) fn is_away(&self, storey: &usize) -> bool {
+        *storey != self.storey
+    }
+}
+
+fn tabs(storeys: &Storeys) -> Vec<StoreyTab> {
+    let tab = |(index, height_m)| StoreyTab { number: index + 1, height_m: f64::from(height_m) };
+    storeys.heights_m().enumerate().map(tab).collect()
+}
+
+/// The part of the plane that is shown.
+struct Frame {
+    min: Spot,
+    max: Spot,
+}
+
+impl Frame {
+    fn around(replay: &Replay) -> Self {
+        let corners = [replay.map.min, replay.map.max];
+        let boxes = replay.targets.iter().flat_map(|target| [target.min, target.max]);
+        let points = corners.into_iter().chain(boxes).chain(replay.path.iter().copied());
+        let mut frame = Self { min: spot(&replay.map.min), max: spot(&replay.map.max) };
+        for point in points.map(|point| spot(&point)) {
+            frame.min = Spot { x: frame.min.x.min(point.x), y: frame.min.y.min(point.y) };
+            frame.max = Spot { x: frame.max.x.max(point.x), y: frame.max.y.max(point.y) };
+        }
+        frame
+    }
+
+    fn width(&self) -> f32 {
+        self.max.x - self.min.x
+    }
+
+    fn height(&self) -> f32 {
+        self.max.y - self.min.y
+    }
+
+    fn letter_m(&self) -> f32 {
+        (self.width().max(self.height()) * 0.024).max(0.15)
+    }
+
+    /// The building with a margin, and room below for the scale.
+    fn view_box(&self) -> String {
+        let (x, y) = (self.min.x - MARGIN_M, self.min.y - MARGIN_M);
+        let below = 3.5 * self.letter_m();
+        format!(
+            "{x:.2} {y:.2} {:.2} {:.2}",
+            self.width() + 2.0 * MARGIN_M,
+            self.height() + 2.0 * MARGIN_M + below
+        )
+    }
+
+    /// The longest round length that takes a quarter of the width at most.
+    fn scale(&self) -> Scale {
+        let fits = |length: &f32| *length <= self.width() / 4.0;
+        let length_m = [50.0, 20.0, 10.0, 5.0, 2.0, 1.0].into_iter().find(fits).unwrap_or(0.5);
+        Scale { from: Spot { x: self.min.x, y: self.max.y + MARGIN_M + self.letter_m() * 1.2 }, length_m }
+    }
+}
+
+pub(super) fn spot(point: &[f32; 3]) -> Spot {
+    let finite = |value: f32| if value.is_finite() { value } else { 0.0 };
+    Spot { x: finite(point[0]), y: finite(point[2]) }
+}
+
+/// The path data of a line through `spots`.
+fn line(spots: &[Spot]) -> String {
+    let mut path = String::new();
+    for (index, spot) in spots.iter().enumerate() {
+        let command = if index == 0 { 'M' } else { 'L' };
+        let _ = write!(path, "{command}{:.2} {:.2}", spot.x, spot.y);
+    }
+    path
+}
+
+/// The path data of each storey's polygons.
+fn floors(map: &SceneMap, storeys: &Storeys) -> Vec<String> {
+    let mut paths = vec![String::new(); storeys.count()];
+    for polygon in map.polygons.iter().filter(|polygon| !polygon.is_empty()) {
+        let path = &mut paths[storeys.nearest(height(polygon))];
+        *path += &line(&polygon.iter().map(spot).collect::<Vec<_>>());
+        path.push('Z');
+    }
+    paths
+}
+
+/// The colour at `time` between 0 and 1.
+pub(crate) fn colour(time: f32) -> String {
+    let (from, to, share) = if time < 0.5 {
+        (COLOURS[0], COLOURS[1], time * 2.0)
+    } else {
+        (COLOURS[1], COLOURS[2], time * 2.0 - 1.0)
+    };
+    let mix = |index: usize| (from[index] + (to[index] - from[index]) * share).round() as u8;
+    format!("#{:02x}{:02x}{:02x}", mix(0), mix(1), mix(2))
+}
+
+/// A replay at a moment.
+struct Now<'a> {
+    replay: &'a Replay,
+    storeys: &'a Storeys,
+    moment: &'a Moment,
+}
+
+impl Now<'_> {
+    /// The storey on which the body was after so many steps.
+    fn storey_at(&self, step: usize) -> usize {
+        self.replay.path.get(step).map_or(0, |place| self.storeys.nearest(place[1]))
+    }
+
+    /// The walk in pieces of about equal time, each with its colour; they share their ends.
+    fn pieces(&self, walk: &[Spot]) -> Vec<Piece> {
+        let moves = walk.len().saturating_sub(1);
+        let count = moves.min(PIECES);
+        let cut = |index: usize| index * moves / count;
+        let piece = |index: usize| Piece {
+            path: line(&walk[cut(index)..=cut(index + 1)]),
+            colour: colour(index as f32 / (count - 1).max(1) as f32),
+            from_step: cut(index) + 1,
+            storey: self.storey_at(cut(index + 1)),
+            is_later: cut(index) as u32 >= self.moment.step,
+        };
+        (0..count).map(piece).collect()
+    }
+
+    fn submits(&self, walk: &[Spot]) -> Vec<SubmitSpot> {
+        let mark = |submit: &avln_store::SubmitMark| {
+            let at = *walk.get(submit.step as usize)?;
+            let words = match submit.completed {
+                Some(goal) => format!("Step {}: claim of goal {}, right", submit.step, u32::from(goal) + 1),
+                None => format!("Step {}: claim, wrong", submit.step),
+            };
+            Some(SubmitSpot {
+                at,
+                storey: self.storey_at(submit.step as usize),
+                step: submit.step,
+                is_later: submit.step > self.moment.step,
+                right: submit.completed.is_some(),
+                words,
+            })
+        };
+        self.replay.submits.iter().filter_map(mark).collect()
+    }
+
+    fn targets(&self, mission: Option<&MissionView>, frame: &Frame) -> Vec<TargetBox> {
+        let found = |index: usize| mission.and_then(|m| m.goals.get(index)?.found_at_step).is_some();
+        let boxed = |(index, target): (usize, &TargetView)| {
+            let (corner, opposite) = (spot(&target.min), spot(&target.max));
+            let leftwards = opposite.x > frame.min.x + 0.7 * frame.width();
+            let label_x = if leftwards { opposite.x } else { corner.x };
+            TargetBox {
+                corner,
+                width: (opposite.x - corner.x).max(0.05),
+                height: (opposite.y - corner.y).max(0.05),
+                label: format!("{} {}", index + 1, target.category.replace('_', " ")),
+                label_at: Spot { x: label_x, y: corner.y - 0.3 * frame.letter_m() },
+                leftwards,
+                found: found(index),
+                storey: self.storeys.nearest(target.floor_y_m),
+                source: spot(&target.source),
+                sounds: self.moment.sounding.is_some_and(|goal| usize::from(goal) == index),
+            }
+        };
+        self.replay.targets.iter().enumerate().map(boxed).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spots(xs: &[f32]) -> Vec<Spot> {
+        xs.iter().map(|&x| Spot { x, y: 0.0 }).collect()
+    }
+
+    #[test]
+    fn pieces_cover_the_walk_without_gaps() {
+        let replay = crate::replay::tests::replay(1000);
+        let storeys = Storeys::of(&replay.map, 0.0);
+        let moment = &crate::replay::moments(&replay)[500];
+        let now = Now { replay: &replay, storeys: &storeys, moment };
+        assert_eq!(now.pieces(&spots(&[])), vec![]);
+        assert_eq!(now.pieces(&spots(&[1.0])), vec![]);
+        let three = now.pieces(&spots(&[0.0, 1.0, 2.0]));
+        assert_eq!((three[0].path.as_str(), three[0].colour.as_str()), ("M0.00 0.00L1.00 0.00", "#0072b2"));
+        assert_eq!((three[1].path.as_str(), three[1].colour.as_str()), ("M1.00 0.00L2.00 0.00", "#d55e00"));
+        let long: Vec<f32> = (0..=1000).map(|x| x as f32).collect();
+        let long = now.pieces(&spots(&long));
+        assert_eq!(long.len(), PIECES);
+        assert!(long[PIECES - 1].path.ends_with("L1000.00 0.00"));
+        assert_eq!(long.iter().map(|piece| piece.path.matches('L').count()).sum::<usize>(), 1000);
+        assert_eq!(long.iter().filter(|piece| !piece.is_later).count(), PIECES / 2);
+        assert_eq!((long[0].from_step, long[30].from_step), (1, 501));
+    }
+
+    #[test]
+    fn each_storey_has_its_floor() {
+        let map = SceneMap {
+            polygons: vec![
+                vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 1.0]],
+                vec![[5.0, 3.0, 0.0], [6.0, 3.0, 0.0], [6.0, 3.0, 1.0]],
+            ],
+            ..SceneMap::default()
+        };
+        let floors = floors(&map, &Storeys::of(&map, 0.0));
+        assert_eq!(floors, ["M0.00 0.00L1.00 0.00L1.00 1.00Z", "M5.00 0.00L6.00 0.00L6.00 1.00Z"]);
+    }
+
+    #[test]
+    fn the_scale_is_round_and_fits() {
+        let frame = Frame { min: Spot { x: 0.0, y: 0.0 }, max: Spot { x: 12.0, y: 30.0 } };
+        assert_eq!(frame.scale().length_m, 2.0);
+        let small = Frame { min: Spot { x: 0.0, y: 0.0 }, max: Spot { x: 1.0, y: 1.0 } };
+        assert_eq!(small.scale().length_m, 0.5);
+    }
+}

@@ -1,0 +1,116 @@
+use crate::fixture::Arena;
+use avln_episode::Sensors;
+use axum::http::{StatusCode, header};
+
+/// Two methods, one of which hears.
+async fn arena() -> Arena {
+    let arena = Arena::new().await;
+    let hears = Sensors::all(64, 64);
+    let deaf = Sensors { audio: false, ..hears.clone() };
+    for (run, sensors) in [("run_rude", &hears), ("run_formula", &deaf)] {
+        arena.store.set_sensors(run, sensors).await.expect("a run");
+    }
+    arena
+}
+
+/// The methods in the rows of a table.
+fn methods(page: &str) -> Vec<&'static str> {
+    let body = page.split("<tbody>").nth(1).unwrap_or_default();
+    let mut found: Vec<_> = ["good walker", "@walker", "slow walker", "secret walker"]
+        .into_iter()
+        .filter_map(|name| Some((body.find(&format!(">{name}<"))?, name)))
+        .collect();
+    found.sort_unstable();
+    found.into_iter().map(|(_, name)| name).collect()
+}
+
+#[tokio::test]
+async fn entries_are_searched_and_filtered_and_keep_their_ranks() {
+    let arena = arena().await;
+    let board = async |query: &str| arena.get(&format!("/leaderboard/open?{query}")).await.body;
+    assert_eq!(methods(&board("").await), ["good walker", "@walker"]);
+    for (query, wanted) in [
+        ("q=GOOD", vec!["good walker"]),
+        ("q=%3D1", vec!["@walker"]),
+        ("q=nobody", vec![]),
+        ("team=%3D1%2B1", vec!["@walker"]),
+        ("audio=with", vec!["good walker"]),
+        ("audio=without", vec!["@walker"]),
+        ("rgb=without", vec![]),
+        ("rgb=with&depth=with&sort=spl", vec!["good walker", "@walker"]),
+    ] {
+        assert_eq!(methods(&board(query).await), wanted, "{query}");
+        let csv = arena.get(&format!("/api/v1/phases/open/leaderboard.csv?{query}")).await.body;
+        assert_eq!(csv.lines().count(), 1 + wanted.len(), "{query}: {csv}");
+        let json = arena.get(&format!("/api/v1/phases/open/leaderboard.json?{query}")).await.json();
+        assert_eq!(json["rows"].as_array().map(Vec::len), Some(wanted.len()), "{query}");
+        assert_eq!(json["entries"], 2);
+    }
+    let second = board("audio=without").await;
+    assert!(second.contains("1 of 2 methods, ranked among all of them,"), "{second}");
+    assert!(second.contains("<td class=\"num rank\">2"), "{second}");
+    assert!(second.contains("colours, depth, no sound"), "{second}");
+    assert!(
+        second.contains("/compare?first=run_formula&#38;second=run_rude"),
+        "the leader is not shown: {second}"
+    );
+}
+
+#[tokio::test]
+async fn a_form_leads_to_the_address_that_a_link_has() {
+    let arena = arena().await;
+    let form = "order=&sort=sr&pick=best&q=&team=&rgb=&depth=&audio=with&as_of=";
+    let all = "sr isr osr spl soft_spl steps path_m collisions wrong_submits".split(' ');
+    let columns: String = all.map(|column| format!("&column={column}")).collect();
+    let sent = arena.get(&format!("/leaderboard/open?{form}{columns}")).await;
+    assert_eq!(sent.status, StatusCode::SEE_OTHER);
+    assert_eq!(sent.header(header::LOCATION), "/leaderboard/open?audio=with");
+    let fewer = arena.get("/leaderboard/open?order=ordered&q=&column=spl&column=sr").await;
+    assert_eq!(fewer.header(header::LOCATION), "/leaderboard/open?order=ordered&column=sr&column=spl");
+    let page = arena.get("/leaderboard/open?column=sr&column=spl&sort=isr").await.body;
+    let heads = page.split("<thead>").nth(1).and_then(|rest| rest.split("</thead>").next()).expect("a head");
+    assert!(heads.contains(">SR <") && heads.contains(">SPL <") && heads.contains(">ISR <"), "{heads}");
+    assert!(!heads.contains("Collisions"), "{heads}");
+    assert!(page.contains("href=\"/leaderboard/open?sort=spl&#38;column=sr&#38;column=spl\""), "{page}");
+    assert!(page.contains("leaderboard.csv?sort=isr\""), "tables have all columns: {page}");
+    for wrong in ["as_of=yesterday", "audio=yes", "q=a&colour=red", "column=fame"] {
+        let page = arena.get(&format!("/leaderboard/open?{wrong}")).await;
+        assert_eq!(page.status, StatusCode::BAD_REQUEST, "{wrong}");
+    }
+    assert_eq!(arena.get("/api/v1/phases/open/leaderboard?column=sr").await.status, StatusCode::BAD_REQUEST);
+}
+
+#[tokio::test]
+async fn a_board_of_the_past_says_so() {
+    let arena = arena().await;
+    let then = arena.get("/leaderboard/open?as_of=1970-01-01").await.body;
+    assert!(then.contains(", as it stood at the end of 1970-01-01 UTC"), "{then}");
+    assert_eq!(methods(&then).len(), 2);
+    let before = arena.get("/leaderboard/open?as_of=1969-12-31").await.body;
+    assert!(before.contains("No completed runs here") && methods(&before).is_empty(), "{before}");
+}
+
+#[tokio::test]
+async fn both_orders_stand_side_by_side() {
+    let arena = arena().await;
+    let page = arena.get("/leaderboard/open?order=both").await;
+    assert_eq!(page.status, StatusCode::OK);
+    assert_eq!(methods(&page.body), ["good walker", "@walker"]);
+    assert_eq!(page.body.matches("scope=\"colgroup\" colspan=\"6\"").count(), 2);
+    assert!(page.body.contains("Unordered: 2 methods; Ordered: 0 methods."), "{}", page.body);
+    assert!(page.body.contains("href=\"/api/v1/phases/open/leaderboards.csv\""), "{}", page.body);
+    let csv = arena.get("/api/v1/phases/open/leaderboards.csv").await.body;
+    assert_eq!(csv.lines().filter(|line| line.contains(",unordered,")).count(), 2, "{csv}");
+    let json = arena.get("/api/v1/phases/open/leaderboards?audio=with").await.json();
+    assert_eq!(json["boards"][0]["rows"].as_array().map(Vec::len), Some(1));
+    for wrong in [
+        "/api/v1/phases/open/leaderboard?order=both",
+        "/api/v1/phases/open/leaderboards?order=ordered",
+        "/embed/open?order=both",
+    ] {
+        assert_eq!(arena.get(wrong).await.status, StatusCode::BAD_REQUEST, "{wrong}");
+    }
+    let sealed = arena.get("/leaderboard/sealed?order=both").await;
+    assert!(sealed.status == StatusCode::OK && !sealed.body.contains("secret walker"), "{}", sealed.body);
+    assert!(sealed.body.contains("Ranks here are among them"), "{}", sealed.body);
+}
