@@ -95,6 +95,7 @@ pub(super) fn phase_info(phase: PhaseView) -> PhaseInfo {
 pub(super) fn status(view: RunView, charge: Charge) -> RunStatus {
     let sealed = view.digests.contains_key(avln_store::Run::SEALED);
     let line = view.line;
+    let playing = view.episodes.iter().filter(|episode| episode.state == avln_store::EpisodeState::Running);
     let ineligible = !view.eligible && line.finished_unix_ms.is_some();
     RunStatus {
         url: format!("/runs/{}", line.run),
@@ -117,6 +118,7 @@ pub(super) fn status(view: RunView, charge: Charge) -> RunStatus {
         },
         episodes: line.episodes,
         done: line.done,
+        in_flight: playing.count() as u32,
         created_unix_ms: line.created_unix_ms,
         updated_unix_ms: line.finished_unix_ms.unwrap_or(line.created_unix_ms),
         ends: ends(&view.health),

@@ -195,7 +195,12 @@ pub(crate) async fn stored_end(
 /// How a run stands at the end of a stream.
 fn run_end(status: RunStatus) -> v1::RunEnd {
     let cut_short = matches!(status.state, RunState::Failed | RunState::Cancelled | RunState::Expired);
-    let progress = v1::RunProgress { total: status.episodes, done: status.done, in_flight: 0, eta_s: None };
+    let progress = v1::RunProgress {
+        total: status.episodes,
+        done: status.done,
+        in_flight: status.in_flight,
+        eta_s: None,
+    };
     v1::RunEnd {
         run: status.run,
         progress: Some(progress),

@@ -289,6 +289,8 @@ pub struct RunStatus {
     pub episodes: u32,
     /// Episodes that are over and stored.
     pub done: u32,
+    /// Episodes that are being played.
+    pub in_flight: u32,
     /// Start, milliseconds since 1970-01-01 UTC.
     pub created_unix_ms: i64,
     /// Last change of state, milliseconds since 1970-01-01 UTC.

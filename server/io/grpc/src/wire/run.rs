@@ -119,7 +119,12 @@ pub(crate) fn quota(quota: Quota) -> v1::Quota {
 pub(crate) fn run(status: RunStatus) -> v1::Run {
     let state = run_state(status.state);
     let over = !matches!(status.state, RunState::Created | RunState::Running);
-    let progress = v1::RunProgress { total: status.episodes, done: status.done, in_flight: 0, eta_s: None };
+    let progress = v1::RunProgress {
+        total: status.episodes,
+        done: status.done,
+        in_flight: status.in_flight,
+        eta_s: None,
+    };
     v1::Run {
         id: status.run,
         phase: status.phase,

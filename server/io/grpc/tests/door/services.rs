@@ -84,7 +84,8 @@ async fn a_team_starts_looks_at_and_lists_its_runs() {
 
     let get = authorised(v1::GetRunRequest { run: RUN.into() }, ACCOUNT);
     let run = client.get_run(get).await.unwrap().into_inner().run.unwrap();
-    assert_eq!((run.state(), run.progress.unwrap().total), (v1::RunState::Running, 2));
+    let progress = run.progress.unwrap();
+    assert_eq!((run.state(), progress.total, progress.in_flight), (v1::RunState::Running, 2, 2));
 
     let mut page = v1::ListRunsRequest { page_size: 2, ..v1::ListRunsRequest::default() };
     let first = client.list_runs(authorised(page.clone(), ACCOUNT)).await.unwrap().into_inner();

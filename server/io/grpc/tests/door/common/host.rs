@@ -222,6 +222,7 @@ impl ToyHost {
             },
             episodes: self.total,
             done: self.done(),
+            in_flight: 2,
             created_unix_ms: 1_000,
             updated_unix_ms: 2_000,
             ends: vec![],
