@@ -38,7 +38,9 @@ pub(crate) async fn play(
         };
         let answer = drive(&mut episode, &facts, next, &mut wishes).await?;
         last = episode.end().cloned();
-        last.iter().for_each(|end| on_end(end));
+        if let Some(end) = &last {
+            on_end(end);
+        }
         let _ = answer.map(|answer| answer.send(message::waiting(&play, last.as_ref())));
     }
     play.finish().await

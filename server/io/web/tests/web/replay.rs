@@ -1,4 +1,5 @@
 use crate::fixture::{Arena, TOKEN};
+use avln_store::{Scene, SceneMap};
 use axum::http::{StatusCode, header};
 
 const EPISODE: &str = "/runs/run_formula/episodes/1";
@@ -106,4 +107,28 @@ async fn steps_are_a_table_where_the_replay_is_shown() {
     let hidden = arena.get_as("/runs/run_sealed/episodes/0?t=3", TOKEN).await;
     assert_eq!(hidden.status, StatusCode::OK);
     assert!(!hidden.body.contains("id=\"replay\"") && !hidden.body.contains("canary"), "{}", hidden.body);
+}
+
+#[tokio::test]
+async fn storeys_are_tabs_and_the_body_is_on_one() {
+    let arena = Arena::new().await;
+    let one = arena.get(EPISODE).await.body;
+    assert!(!one.contains("data-storey-tab") && !one.contains("class=\"floor away\""), "{one}");
+    let floor = |y: f32| vec![[0.0, y, 0.0], [4.0, y, 0.0], [0.0, y, 4.25]];
+    let map = SceneMap { min: [0.0; 3], max: [4.0, 6.0, 4.25], polygons: vec![floor(0.0), floor(3.0)] };
+    let scene = Scene { name: "canary-scene".to_owned(), digest: "s".to_owned(), map };
+    arena.store.upsert_scene(&scene).await.expect("a scene");
+    let below = arena.get(&format!("{EPISODE}?t=3")).await.body;
+    assert!(below.contains("data-storey-tab=\"0\" aria-current=\"true\""), "{below}");
+    assert!(below.contains("class=\"floor away\" data-storey=\"1\""), "{below}");
+    assert!(below.contains(&format!("href=\"{EPISODE}?t=3&#38;storey=2\" data-storey-tab=\"1\"")), "{below}");
+    let above = arena.get(&format!("{EPISODE}?t=3&storey=2")).await.body;
+    assert!(above.contains("data-storey-tab=\"1\" aria-current=\"true\""), "{above}");
+    assert!(above.contains("class=\"floor away\" data-storey=\"0\""), "{above}");
+    assert!(
+        above.contains(&format!("href=\"{EPISODE}?t=4&#38;storey=2\"")),
+        "links keep the storey: {above}"
+    );
+    let nowhere = arena.get(&format!("{EPISODE}?t=3&storey=9")).await.body;
+    assert!(nowhere.contains("data-storey-tab=\"0\" aria-current=\"true\""), "{nowhere}");
 }
