@@ -11,7 +11,10 @@ use axum::{
 };
 use serde_json::json;
 use std::time::Duration;
-use tower_http::{catch_panic::CatchPanicLayer, limit::RequestBodyLimitLayer};
+use tower_http::{
+    CompressionLevel, catch_panic::CatchPanicLayer, compression::CompressionLayer,
+    limit::RequestBodyLimitLayer,
+};
 
 /// Most bytes of an address.
 pub(crate) const MAX_ADDRESS_BYTES: usize = 2048;
@@ -51,6 +54,7 @@ pub(crate) fn guarded(router: Router) -> Router {
         .layer(RequestBodyLimitLayer::new(MAX_BODY_BYTES))
         .layer(CatchPanicLayer::new())
         .layer(from_fn(dressed))
+        .layer(CompressionLayer::new().quality(CompressionLevel::Fastest))
 }
 
 /// Limits time and length, gives errors a body and every answer its headers.
@@ -119,7 +123,8 @@ async fn cached(request: Request, next: Next) -> Response {
     let (mut parts, body) = response.into_parts();
     // Every other body is in memory already.
     let Ok(body) = to_bytes(body, usize::MAX).await else { return Trouble::Internal.into_response() };
-    let tag = format!("\"{}\"", &blake3::hash(&body).to_hex()[..32]);
+    // Weak, for it is the same however the body is compressed.
+    let tag = format!("W/\"{}\"", &blake3::hash(&body).to_hex()[..32]);
     set_caching(&mut parts.headers, &tag, private);
     if known.is_some_and(|known| matches_tag(&known, &tag)) {
         parts.status = StatusCode::NOT_MODIFIED;
@@ -141,7 +146,10 @@ fn set_caching(headers: &mut HeaderMap, tag: &str, private: bool) {
 
 fn matches_tag(known: &HeaderValue, tag: &str) -> bool {
     let known = known.to_str().unwrap_or_default();
-    known.split(',').map(str::trim).any(|one| one == "*" || one.trim_start_matches("W/") == tag)
+    known
+        .split(',')
+        .map(str::trim)
+        .any(|one| one == "*" || one.trim_start_matches("W/") == tag.trim_start_matches("W/"))
 }
 
 #[cfg(test)]

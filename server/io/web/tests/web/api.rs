@@ -102,10 +102,28 @@ async fn an_answer_that_is_known_already_is_not_sent_again() {
         let first = arena.get(address).await;
         let tag = first.header(header::ETAG).to_owned();
         assert!(tag.len() > 10, "{address}");
-        let again = known(&arena, address, &format!("\"other\", W/{tag}")).await;
+        let again = known(&arena, address, &format!("\"other\", {}", tag.trim_start_matches("W/"))).await;
         assert_eq!((again.status, again.body.as_str()), (StatusCode::NOT_MODIFIED, ""), "{address}");
         assert_eq!(again.header(header::ETAG), tag);
         assert_eq!(known(&arena, address, "\"other\"").await.status, StatusCode::OK, "{address}");
+    }
+}
+
+#[tokio::test]
+async fn answers_are_compressed_for_those_who_can_read_it() {
+    let arena = Arena::new().await;
+    for address in ["/leaderboard/open", "/api/v1/openapi.json", "/assets/app.css"] {
+        let plain = arena.get(address).await;
+        let request = Request::get(address).header(header::ACCEPT_ENCODING, "gzip");
+        let packed = arena.measure(request.body(Body::empty()).expect("a request")).await;
+        assert_eq!(packed.1.get(header::CONTENT_ENCODING).expect(address), "gzip");
+        assert!(packed.0 * 3 < plain.body.len() * 2, "{address}: {} of {} bytes", packed.0, plain.body.len());
+        let varies: Vec<_> = packed.1.get_all(header::VARY).iter().collect();
+        assert!(
+            varies.contains(&&header::HeaderValue::from_static("authorization")),
+            "{address}: {varies:?}"
+        );
+        assert_eq!(packed.1[header::ETAG], plain.headers[header::ETAG], "{address}");
     }
 }
 

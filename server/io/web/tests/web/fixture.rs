@@ -146,6 +146,13 @@ impl Arena {
         self.ask(Request::get(address).body(Body::empty()).expect("a request")).await
     }
 
+    /// Bytes of the body, whatever they are, and the headers.
+    pub(crate) async fn measure(&self, request: Request<Body>) -> (usize, HeaderMap) {
+        let response = self.router.clone().oneshot(request).await.expect("an answer");
+        let (parts, body) = response.into_parts();
+        (body.collect().await.expect("a body").to_bytes().len(), parts.headers)
+    }
+
     pub(crate) async fn get_as(&self, address: &str, token: &str) -> Answer {
         let request = Request::get(address).header(header::AUTHORIZATION, format!("Bearer {token}"));
         self.ask(request.body(Body::empty()).expect("a request")).await
