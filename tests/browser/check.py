@@ -9,10 +9,11 @@ from __future__ import annotations
 import sys
 import time
 
+from playwright.sync_api import sync_playwright
+
 import keyboard
 import links
 import pages
-from playwright.sync_api import sync_playwright
 
 PAGES_OF_A_KIND = 2
 
