@@ -3,6 +3,7 @@
 pub mod canary;
 pub mod disk;
 pub mod http;
+pub mod python;
 pub mod raw;
 pub mod repository;
 pub mod scissors;
