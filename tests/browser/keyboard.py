@@ -12,12 +12,14 @@ if TYPE_CHECKING:
 MOST_STOPS = 400
 STEP = "#replay [data-tell=step]"
 
-FOCUS = """() => {
+FOCUS = """async () => {
+  // Where it brings the page to is seen in the next frame.
+  await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
   const e = document.activeElement;
   const style = getComputedStyle(e);
   const ring = style.outlineStyle !== "none" && parseFloat(style.outlineWidth) > 0;
   const marked = ring || style.boxShadow !== "none";
-  const spots = [...e.getClientRects()].flatMap((r) => [0.1, 0.5, 0.9].flatMap((x) => [0.1, 0.5, 0.9].map(
+  const spots = [...e.getClientRects()].flatMap((r) => [0.02, 0.1, 0.5, 0.9, 0.98].flatMap((x) => [0.1, 0.5, 0.9].map(
     (y) => [r.left + x * r.width, r.top + y * r.height])));
   const seen = spots.some(([x, y]) => e.contains(document.elementFromPoint(x, y)));
   const outside = e === document.body;
@@ -25,7 +27,7 @@ FOCUS = """() => {
   window.stops.push(e);
   return { again, fine: outside || (marked && seen), marked, what: e.outerHTML.slice(0, 120) };
 }"""
-"""Whether one sees what has the keyboard, and whether it had it before."""
+"""Whether one sees anything of what has the keyboard (WCAG 2.4.11), and whether it had it before."""
 
 UNREACHED = """() => {
   const can = "a[href], button, input:not([type=hidden]), select, summary, [tabindex='0']";
@@ -98,7 +100,7 @@ def journey(browser: Browser, origin: str, width: int) -> list[str]:
     page.keyboard.press("Enter" if skips else "Tab")
     skipped = page.evaluate("() => document.activeElement.id === 'main'")
     found = [] if skipped else ["the first stop of Tab does not skip to the content"]
-    for link in ["main a[href^='/leaderboard/']", "main tbody th a[href^='/runs/']", "main a[href*='/episodes/']"]:
+    for link in ["main a[href$='order=unordered']", "main tbody th a[href^='/runs/']", "main a[href*='/episodes/']"]:
         follow(page, link)
         found += [f"{page.url}, {width} px: {stop}" for stop in stops(page)]
     page.goto(page.url)
