@@ -283,7 +283,7 @@ impl PagNav {
     }
 
     /// Submits a candidate, unless its outcome would stay unknown: where the rules tell none, only the silence of a
-    /// source that was loud before does.
+    /// source that was loud before does. One that a Submit from here found nothing at is refuted instead: waiting changes nothing.
     pub(crate) fn submit(&mut self, candidate: &Candidate, stand: &Stand) -> Option<Action> {
         let Candidate { object, source, goal, .. } = *candidate;
         let recent = &self.levels[self.levels.len().saturating_sub(RECENT)..];
