@@ -58,6 +58,16 @@ pub(crate) fn write_record_header(
     write_header(out, &format!("[{}]", fields.join(", ")), &format!("({count},)"))
 }
 
+/// Writes what stands before the numbers of an array of any dimensions; `kind` is NumPy's word for them. The numbers' bytes
+/// follow, the last dimension fastest.
+///
+/// # Errors
+/// When `out` cannot be written.
+pub(crate) fn write_array_header(out: impl Write, kind: &str, shape: &[usize]) -> io::Result<()> {
+    let sides: Vec<String> = shape.iter().map(|side| format!("{side},")).collect();
+    write_header(out, &format!("'{kind}'"), &format!("({})", sides.join(" ")))
+}
+
 fn write_header(mut out: impl Write, kind: &str, shape: &str) -> io::Result<()> {
     let mut header = format!("{{'descr': {kind}, 'fortran_order': False, 'shape': {shape}, }}");
     let whole = (PREAMBLE_BYTES + header.len() + 1).next_multiple_of(ALIGNMENT_BYTES);

@@ -1,6 +1,9 @@
 //! Building, checking and playing a data set on disk.
 
-use avln_dataset::Recipe;
+use avln_dataset::{
+    CueSpec, EpisodeSpec, PublicGoal, Recipe,
+    formats::{Adopter, Foreign, read},
+};
 use avln_episode::{Rules, SoundClip, Sounds};
 use avln_server::{
     FailureKind,
@@ -11,8 +14,11 @@ use avln_server::{
         DatasetFiles, SplitFolder,
         build::Builder,
         check::{self, Report, Scope},
+        export::Export,
+        openness::Openness,
     },
 };
+use avln_store::{Phase, Visibility};
 use avln_world::Cache;
 use std::{
     collections::BTreeMap,
@@ -232,4 +238,99 @@ async fn check_sounds(data: &DataFolder, store: &avln_store::Store, options: &ph
     assert_eq!(data.bank(&phase.rules.sounds).expect("kept").len(), 1);
     let nowhere = phase::open(data, store, &by("nowhere", "lh-avln-v1")).await.expect_err("no such folder");
     assert_eq!(nowhere.kind(), FailureKind::Data);
+}
+
+/// What is written of a split of the built data set, by path.
+fn exported(split: &str, openness: Openness) -> BTreeMap<PathBuf, Vec<u8>> {
+    let (split, out) =
+        (SplitFolder::open(BUILT.path(), split).expect("a split"), TempDir::new().expect("a folder"));
+    let export = Export { split: &split, openness, authors: true, parquet: true };
+    let missions = export.run(out.path(), || ()).expect("written");
+    assert_eq!(missions, split.mission_count());
+    contents(out.path())
+}
+
+/// What the authors' files say of a scene.
+fn read_back(files: &BTreeMap<PathBuf, Vec<u8>>, path: &str) -> Foreign {
+    let bytes = files.get(Path::new(path)).expect("a file");
+    read(path, bytes, None).expect("it is read").1
+}
+
+#[test]
+fn a_training_split_that_is_exported_comes_back_the_same() {
+    let files = exported("train", Openness::Training);
+    let names: Vec<_> = files.keys().map(|path| path.to_string_lossy().replace("train/", "")).collect();
+    let tables = ["goals", "missions", "places", "targets", "tours"].map(|name| format!("{name}.parquet"));
+    let scene = "content/tiny-train-0000.json.gz".to_owned();
+    assert_eq!(names, [vec![scene], tables.to_vec(), vec!["train.json.gz".to_owned()]].concat());
+    let foreign = read_back(&files, "train/content/tiny-train-0000.json.gz");
+    assert_eq!(foreign.losses, vec![]);
+    let (split, rules) = (SplitFolder::open(BUILT.path(), "train").expect("a split"), Rules::paper());
+    let scene = &split.scenes()[0];
+    let assets = scene.spec().open(&rules).expect("a scene");
+    let mut adopter = Adopter::new(&assets, &rules, 1);
+    let back: Vec<EpisodeSpec> =
+        foreign.episodes.iter().map(|episode| adopter.adopt(episode).episode.expect("kept")).collect();
+    let ours = split.episodes(scene).expect("missions");
+    assert_eq!(back.len(), ours.len());
+    for (back, ours) in back.iter().zip(&ours) {
+        let number = |id: &str| id.rsplit('-').next().and_then(|number| number.parse::<u32>().ok());
+        assert_eq!(number(&back.id), number(&ours.id));
+        assert!((back.start.position - ours.start.position).norm() < 1e-3);
+        assert!((back.start.heading_rad - ours.start.heading_rad).abs() < 1e-5);
+        assert_eq!(back.goals.len(), ours.goals.len());
+        for (back, ours) in back.goals.iter().zip(&ours.goals) {
+            assert_eq!(
+                (back.target.instance, back.target.bounds),
+                (ours.target.instance, ours.target.bounds)
+            );
+            assert_eq!(back.cue.modality(), ours.cue.modality());
+            if let (CueSpec::Description(back), CueSpec::Description(ours)) = (&back.cue, &ours.cue) {
+                assert_eq!(back.text, ours.text);
+            }
+        }
+        assert!((back.unordered.length_m - ours.unordered.length_m).abs() < 1e-3);
+    }
+}
+
+#[test]
+fn a_split_that_agents_are_measured_by_is_exported_without_ground_truth() {
+    let split = SplitFolder::open(BUILT.path(), "val").expect("a split");
+    assert_eq!(Openness::of(&split, &[], true).expect("it is known"), Openness::Public);
+    let refused = Openness::Public.check_training(&split).expect_err("not for training").to_string();
+    assert!(refused.contains("'val' is not for training"), "{refused}");
+    let files = exported("val", Openness::Public);
+    assert_eq!(files.len(), 2 + 1 + 2, "two scenes, an index and two tables");
+    for scene in split.scenes() {
+        let foreign = read_back(&files, &format!("val/content/{}.json.gz", scene.name));
+        let public = split.public(scene).expect("missions");
+        let pictures = public.iter().flat_map(|mission| &mission.goals);
+        let pictures = pictures.filter(|goal| **goal == PublicGoal::Image).count();
+        assert_eq!((foreign.episodes.len(), foreign.losses.len()), (public.len(), pictures));
+        for (told, ours) in foreign.episodes.iter().zip(&public) {
+            assert_eq!((told.stated_m, told.start.position), ([None, None], ours.start.position));
+            let known = told.goals.iter().flat_map(|goal| &goal.instances);
+            assert!(known.clone().all(|target| target.id == Some(0) && target.bounds.is_none()));
+        }
+    }
+}
+
+#[test]
+fn hidden_splits_are_not_handed_out() {
+    let train = SplitFolder::open(BUILT.path(), "train").expect("a split");
+    assert_eq!(Openness::of(&train, &[], false).expect("it is known"), Openness::Training);
+    let mut phase = Phase::new("finals", "train", Rules::paper(), Vec::new());
+    assert!(Openness::of(&train, std::slice::from_ref(&phase), false).is_ok(), "everybody sees its targets");
+    phase.replays = Visibility::Organiser;
+    let refused = Openness::of(&train, &[phase], true).expect_err("hidden").to_string();
+    assert!(refused.contains("hidden: phase 'finals'"), "{refused}");
+
+    let recipe = RECIPE.replace("\"validation\"", "\"test\"");
+    let folder = TempDir::new().expect("a folder");
+    let recipe = Recipe::from_json(&recipe).expect("a recipe");
+    let builder = Builder::open(DatasetFiles::at(folder.path()), recipe).expect("a free folder");
+    builder.run(Some(2), None, |_| {}).expect("built");
+    let test = SplitFolder::open(folder.path(), "val").expect("a split");
+    let refused = Openness::of(&test, &[], true).expect_err("hidden").to_string();
+    assert!(refused.contains("furniture of the test pool"), "{refused}");
 }

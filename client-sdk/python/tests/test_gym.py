@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -47,6 +49,17 @@ def test_the_environment_passes_gymnasiums_check(door: Door) -> None:
     )
     check_env(env.unwrapped)
     env.close()
+
+
+def test_the_environment_is_made_without_another_import(door: Door) -> None:
+    code = f"""
+import gymnasium
+env = gymnasium.make("avln.gym:avln/LHAVLN-v1", server={door.url!r}, token={door.token!r}, phase={PHASE!r})
+print(sorted(env.reset()[0]))
+env.close()
+"""
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False)
+    assert "'rgb'" in done.stdout, done.stderr
 
 
 def test_spaces_are_finite_and_hold_what_is_observed(env: LHAVLNEnv) -> None:

@@ -15,6 +15,7 @@ from google.protobuf import descriptor_pb2
 
 import avln
 import avln.habitat
+import avln.rollouts
 from avln.cli import main
 from avln.v1 import common_pb2, info_pb2, play_pb2, run_pb2, task_pb2
 

@@ -1,6 +1,7 @@
 use crate::{
     Account, Error, Link, Packing, Phase, Play, Quota, Run, RunOptions, RunStatus, RunWatch, Sensors,
     ServerInfo,
+    calls::{TIMEOUT, bearer, persist, plain, signed, unwrap},
     line::{Dialler, Line, closed},
     welcome::Agreement,
 };
@@ -16,12 +17,17 @@ use tokio::{sync::mpsc, time::timeout};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Status, Streaming, transport::Channel};
 
-const CALL_TIMEOUT: Duration = Duration::from_secs(30);
 /// What the tokens of runs begin with.
 const RUN_TOKEN: &str = "avln_run_";
 const PLAY: &str = "open the run's stream";
 
+/// Calls about runs.
+type Runs = RunServiceClient<Channel>;
+
 /// A connection to a server. Clones share it.
+///
+/// A call whose answer was lost with the connection is made again for ten seconds, or for as long as [`Link::patience`] allows
+/// where that is less; a run that was asked for twice is begun once.
 #[derive(Clone, Debug)]
 pub struct Arena {
     channel: Channel,
@@ -96,12 +102,17 @@ impl Arena {
     /// # Errors
     /// When the connection is lost.
     pub async fn phases(&self) -> Result<Vec<Phase>, Error> {
-        let request = match self.token.as_str() {
-            "" => plain(v1::ListPhasesRequest {}),
-            _ => self.request(v1::ListPhasesRequest {})?,
+        let team = if self.token.is_empty() { None } else { Some(bearer(&self.token)?) };
+        let call = || async {
+            let request = plain(v1::ListPhasesRequest {});
+            let request = match &team {
+                Some(team) => signed(request, team),
+                None => request,
+            };
+            InfoServiceClient::new(self.channel.clone()).list_phases(request).await
         };
-        let answer = InfoServiceClient::new(self.channel.clone()).list_phases(request).await;
-        Ok(unwrap("list phases", answer)?.phases.into_iter().map(Phase::from_wire).collect())
+        let answer = persist("list phases", self.patience, call).await?;
+        Ok(answer.phases.into_iter().map(Phase::from_wire).collect())
     }
 
     /// Whose token this is.
@@ -109,8 +120,8 @@ impl Arena {
     /// # Errors
     /// When the server refuses the token or the connection is lost.
     pub async fn whoami(&self) -> Result<Account, Error> {
-        let request = self.request(v1::WhoAmIRequest {})?;
-        Ok(Account::from_wire(unwrap("ask whose token this is", self.runs_client().who_am_i(request).await)?))
+        let ask = |mut runs: Runs, request| async move { runs.who_am_i(request).await };
+        Ok(Account::from_wire(self.ask("ask whose token this is", v1::WhoAmIRequest {}, ask).await?))
     }
 
     /// Begins a run.
@@ -119,8 +130,9 @@ impl Arena {
     /// When the phase is unknown, closed or not for this team, the quota is used up, the server is full, or the
     /// connection is lost.
     pub async fn start_run(&self, options: RunOptions) -> Result<Run, Error> {
-        let request = self.request(options.into_wire(client_info()))?;
-        Run::from_wire(unwrap("start a run", self.runs_client().start_run(request).await)?)
+        let message = options.named().into_wire(client_info());
+        let ask = |mut runs: Runs, request| async move { runs.start_run(request).await };
+        Run::from_wire(self.ask("start a run", message, ask).await?)
     }
 
     /// How a run of the team stands.
@@ -128,8 +140,9 @@ impl Arena {
     /// # Errors
     /// When there is no such run or the connection is lost.
     pub async fn run(&self, id: &str) -> Result<RunStatus, Error> {
-        let request = self.request(v1::GetRunRequest { run: id.to_owned() })?;
-        RunStatus::from_wire(unwrap("look at a run", self.runs_client().get_run(request).await)?.run)
+        let ask = |mut runs: Runs, request| async move { runs.get_run(request).await };
+        let message = v1::GetRunRequest { run: id.to_owned() };
+        RunStatus::from_wire(self.ask("look at a run", message, ask).await?.run)
     }
 
     /// How a run of the team stands, again whenever it changes, until it is over.
@@ -147,11 +160,11 @@ impl Arena {
     /// # Errors
     /// When the connection is lost.
     pub async fn runs(&self) -> Result<Vec<RunStatus>, Error> {
+        let ask = |mut runs: Runs, request| async move { runs.list_runs(request).await };
         let (mut runs, mut page_token) = (Vec::new(), String::new());
         loop {
-            let request =
-                self.request(v1::ListRunsRequest { phase: String::new(), page_size: 200, page_token })?;
-            let page = unwrap("list runs", self.runs_client().list_runs(request).await)?;
+            let message = v1::ListRunsRequest { phase: String::new(), page_size: 200, page_token };
+            let page = self.ask("list runs", message, ask).await?;
             for run in page.runs {
                 runs.push(RunStatus::from_wire(Some(run))?);
             }
@@ -167,8 +180,9 @@ impl Arena {
     /// # Errors
     /// When there is no such run or the connection is lost.
     pub async fn cancel_run(&self, id: &str) -> Result<RunStatus, Error> {
-        let request = self.request(v1::CancelRunRequest { run: id.to_owned() })?;
-        RunStatus::from_wire(unwrap("cancel a run", self.runs_client().cancel_run(request).await)?.run)
+        let ask = |mut runs: Runs, request| async move { runs.cancel_run(request).await };
+        let message = v1::CancelRunRequest { run: id.to_owned() };
+        RunStatus::from_wire(self.ask("cancel a run", message, ask).await?.run)
     }
 
     /// What the team has left in every phase that it can see.
@@ -176,8 +190,8 @@ impl Arena {
     /// # Errors
     /// When the connection is lost.
     pub async fn quota(&self) -> Result<Vec<Quota>, Error> {
-        let request = self.request(v1::GetQuotaRequest { phase: String::new() })?;
-        let answer = unwrap("ask for the quota", self.runs_client().get_quota(request).await)?;
+        let ask = |mut runs: Runs, request| async move { runs.get_quota(request).await };
+        let answer = self.ask("ask for the quota", v1::GetQuotaRequest { phase: String::new() }, ask).await?;
         Ok(answer.quotas.into_iter().map(Quota::from_wire).collect())
     }
 
@@ -222,24 +236,39 @@ impl Arena {
     pub(crate) async fn greet(&self, token: &str, hello: v1::Hello) -> Result<Greeting, Error> {
         let (requests, outbound) = mpsc::channel(2 * hello.slots.min(64) as usize + 4);
         let _ = requests.try_send(v1::PlayRequest { frame: Some(play_request::Frame::Hello(hello)) });
-        let request = bearer(Request::new(ReceiverStream::new(outbound)), token)?;
+        let request = signed(Request::new(ReceiverStream::new(outbound)), &bearer(token)?);
         let mut client = PlayServiceClient::new(self.channel.clone())
             .max_decoding_message_size(MAX_MESSAGE_BYTES)
             .max_encoding_message_size(MAX_MESSAGE_BYTES);
         let mut responses = unwrap(PLAY, client.play(request).await)?;
-        let waited = timeout(CALL_TIMEOUT, await_welcome(&mut responses)).await;
+        let waited = timeout(TIMEOUT, await_welcome(&mut responses)).await;
         match waited.unwrap_or_else(|_| Err(silent()))? {
             First::Welcome(welcome) => Ok(Greeting::Welcome { requests, responses, welcome }),
             First::RunEnd(ends, end) => Ok(Greeting::RunEnd(ends, end)),
         }
     }
 
-    fn runs_client(&self) -> RunServiceClient<Channel> {
+    /// Makes a call about runs, again while its answer is lost: all of them may be made twice.
+    async fn ask<M: Clone, A, F>(
+        &self,
+        attempted: &'static str,
+        message: M,
+        call: impl Fn(Runs, Request<M>) -> F,
+    ) -> Result<A, Error>
+    where
+        F: Future<Output = Result<tonic::Response<A>, Status>>,
+    {
+        let team = bearer(&self.token)?;
+        let again = || call(self.runs_client(), signed(plain(message.clone()), &team));
+        persist(attempted, self.patience, again).await
+    }
+
+    fn runs_client(&self) -> Runs {
         RunServiceClient::new(self.channel.clone())
     }
 
     fn request<T>(&self, message: T) -> Result<Request<T>, Error> {
-        bearer(plain(message), &self.token)
+        Ok(signed(plain(message), &bearer(&self.token)?))
     }
 }
 
@@ -260,7 +289,7 @@ enum First {
 }
 
 fn silent() -> Error {
-    let detail = format!("no Welcome within {CALL_TIMEOUT:?}");
+    let detail = format!("no Welcome within {TIMEOUT:?}");
     Error::Lost { attempted: PLAY, detail }
 }
 
@@ -270,26 +299,6 @@ fn client_info() -> v1::ClientInfo {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         api_minor: API_MINOR,
     }
-}
-
-fn plain<T>(message: T) -> Request<T> {
-    let mut request = Request::new(message);
-    request.set_timeout(CALL_TIMEOUT);
-    request
-}
-
-fn bearer<T>(mut request: Request<T>, token: &str) -> Result<Request<T>, Error> {
-    let value = format!("Bearer {token}").parse().map_err(|_| Error::Token {
-        attempted: "send the token",
-        reason: v1::Reason::TokenMalformed,
-        message: "it holds characters that no token has".to_owned(),
-    })?;
-    request.metadata_mut().insert("authorization", value);
-    Ok(request)
-}
-
-fn unwrap<T>(attempted: &'static str, answer: Result<tonic::Response<T>, Status>) -> Result<T, Error> {
-    answer.map(tonic::Response::into_inner).map_err(|status| Error::from_status(attempted, &status))
 }
 
 async fn await_welcome(responses: &mut Streaming<v1::PlayResponse>) -> Result<First, Error> {
@@ -315,15 +324,5 @@ fn not_arena(address: &str, error: Error) -> Error {
         Error::Refused { reason: v1::Reason::Unspecified, message, .. } => foreign(message),
         Error::Lost { detail, .. } => foreign(detail),
         other => other,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_token_with_a_line_break_is_never_sent() {
-        assert!(matches!(bearer(Request::new(()), "a\nb"), Err(Error::Token { .. })));
     }
 }

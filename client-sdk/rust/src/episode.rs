@@ -3,13 +3,44 @@ use crate::{
     line::{Event, Line, closed},
 };
 use avln_proto::v1::{self, play_request::Frame};
-use std::time::Duration;
-use tokio::sync::mpsc;
+use std::{
+    ops::{Deref, DerefMut},
+    time::Duration,
+};
+use tokio::sync::{OwnedMutexGuard, mpsc};
 
-/// An episode that is being played.
+/// An episode that is being played: lent by [`Play::next_episode`], or one of a stream, [`Play::episodes`], which borrows
+/// nothing.
 #[derive(Debug)]
 pub struct Episode<'play> {
-    pub(crate) play: &'play mut Play,
+    play: Hold<'play>,
+}
+
+/// How an episode has the slot that it is played on.
+#[derive(Debug)]
+enum Hold<'play> {
+    Lent(&'play mut Play),
+    Kept(OwnedMutexGuard<Play>),
+}
+
+impl Deref for Hold<'_> {
+    type Target = Play;
+
+    fn deref(&self) -> &Play {
+        match self {
+            Self::Lent(play) => play,
+            Self::Kept(play) => play,
+        }
+    }
+}
+
+impl DerefMut for Hold<'_> {
+    fn deref_mut(&mut self) -> &mut Play {
+        match self {
+            Self::Lent(play) => play,
+            Self::Kept(play) => play,
+        }
+    }
 }
 
 /// Time that an agent has for its next action.
@@ -19,6 +50,18 @@ pub struct TimeLeft {
     pub step: Option<Duration>,
     /// What the episode may still overrun `step` by in total.
     pub bank: Duration,
+}
+
+impl<'play> Episode<'play> {
+    pub(crate) fn lent(play: &'play mut Play) -> Self {
+        Self { play: Hold::Lent(play) }
+    }
+}
+
+impl Episode<'static> {
+    pub(crate) fn kept(play: OwnedMutexGuard<Play>) -> Self {
+        Self { play: Hold::Kept(play) }
+    }
 }
 
 impl Episode<'_> {

@@ -61,19 +61,24 @@ impl Play {
     /// # Errors
     /// When the server refuses, breaks the protocol or the connection is lost.
     pub async fn next_episode(&mut self) -> Result<Option<Episode<'_>>, Error> {
+        Ok(self.begin_next().await?.then(|| Episode::lent(self)))
+    }
+
+    /// Begins the next episode; false when the run has none left.
+    pub(crate) async fn begin_next(&mut self) -> Result<bool, Error> {
         if self.summary.is_some() {
-            return Ok(None);
+            return Ok(false);
         }
         self.give_up_open_episode().await?;
         self.line.send(Frame::Ready(v1::Ready { slot: self.slot })).await;
         match self.seat.begin(&self.line).await? {
             Begun::Episode(progress) => {
                 self.progress = progress;
-                Ok(Some(Episode { play: self }))
+                Ok(true)
             }
             Begun::RunEnd(end) => {
                 self.keep(end);
-                Ok(None)
+                Ok(false)
             }
         }
     }
@@ -83,9 +88,13 @@ impl Play {
     /// # Errors
     /// When the connection is lost or the server does not answer within a minute.
     pub async fn finish(mut self) -> Result<RunSummary, Error> {
+        self.farewell().await
+    }
+
+    pub(crate) async fn farewell(&mut self) -> Result<RunSummary, Error> {
         self.line.send(Frame::Goodbye(v1::Goodbye { pause: false })).await;
-        if let Some(summary) = self.summary {
-            return Ok(summary);
+        if let Some(summary) = &self.summary {
+            return Ok(summary.clone());
         }
         let waited = time::timeout(FAREWELL, self.await_run_end()).await;
         waited.unwrap_or_else(|_| {

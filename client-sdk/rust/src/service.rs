@@ -109,10 +109,15 @@ impl RunOptions {
         self
     }
 
-    /// A name for this request, at most 64 characters: starting again under the same name yields the same run.
+    /// A name for this request, at most 64 characters: starting again under the same name yields the same run. Without one
+    /// the request gets a name that nobody else takes, so that a lost answer does not begin a second run.
     pub fn request_id(mut self, id: impl Into<String>) -> Self {
         self.request_id = id.into();
         self
+    }
+
+    pub(crate) fn has_request_id(&self) -> bool {
+        !self.request_id.is_empty()
     }
 
     pub(crate) fn into_wire(self, client: v1::ClientInfo) -> v1::StartRunRequest {

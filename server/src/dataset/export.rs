@@ -1,41 +1,69 @@
-//! Our data sets as others read them.
+//! Our splits as others read them.
 
-use super::{DatasetFiles, SplitFolder, files::write_whole};
+use super::{SplitFolder, files::write_whole, openness::Openness};
 use crate::{Failure, FailureKind};
-use avln_dataset::{EpisodeSpec, formats::write_authors};
+use avln_dataset::{
+    SceneLine,
+    formats::{ExportedFile, FormatsError, Tables, Told, authors_index, authors_scene},
+};
 use avln_episode::Rules;
 use std::path::Path;
 
-/// Writes a split of the data set in `folder`, all splits where `split` is `None`, as the authors of LH-AVLN publish
-/// theirs; gives back how many missions were written.
-///
-/// # Errors
-/// When the data set cannot be read or `out` cannot be written.
-pub fn export_authors(folder: &Path, split: Option<&str>, out: &Path) -> Result<usize, Failure> {
-    let splits = DatasetFiles::at(folder).manifest()?.splits;
-    let names: Vec<String> = match split {
-        Some(split) => vec![split.to_owned()],
-        None => splits.into_iter().map(|line| line.name).collect(),
-    };
-    let mut missions = 0;
-    for name in &names {
-        missions += export_split(&SplitFolder::open(folder, name)?, name, out)?;
-    }
-    Ok(missions)
+/// What to write of a split, and how.
+#[derive(Clone, Copy)]
+pub struct Export<'a> {
+    /// The split.
+    pub split: &'a SplitFolder,
+    /// How much may be told of it.
+    pub openness: Openness,
+    /// As the authors of LH-AVLN publish theirs: an index, and a file of JSON for each scene, packed by gzip.
+    pub authors: bool,
+    /// As tables in Parquet.
+    pub parquet: bool,
 }
 
-fn export_split(split: &SplitFolder, name: &str, out: &Path) -> Result<usize, Failure> {
-    let rules = Rules::named(split.rules()).map_err(|error| Failure::new(FailureKind::Scene, error))?;
-    let loaded = split.load()?;
-    let of_scene = |scene: &str| -> Vec<EpisodeSpec> {
-        loaded.episodes.iter().filter(|episode| episode.scene == scene).cloned().collect()
-    };
-    let scenes: Vec<(&str, Vec<EpisodeSpec>)> =
-        loaded.scenes.iter().map(|scene| (scene.name.as_str(), of_scene(&scene.name))).collect();
-    let borrowed: Vec<(&str, &[EpisodeSpec])> =
-        scenes.iter().map(|(scene, episodes)| (*scene, episodes.as_slice())).collect();
-    let files =
-        write_authors(name, &borrowed, &rules).map_err(|error| Failure::new(FailureKind::Data, error))?;
-    files.iter().try_for_each(|file| write_whole(&out.join(&file.path), &file.bytes))?;
-    Ok(loaded.episodes.len())
+impl Export<'_> {
+    /// Writes below `out`, scene by scene, and tells `watch` about each; gives back how many missions were written.
+    ///
+    /// # Errors
+    /// When the split cannot be read or `out` cannot be written.
+    pub fn run(&self, out: &Path, watch: impl Fn()) -> Result<usize, Failure> {
+        let name = self.split.name();
+        let rules =
+            Rules::named(self.split.rules()).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+        let mut tables = Tables::new(name);
+        let mut missions = 0;
+        for scene in self.split.scenes() {
+            let told = self.told(scene)?;
+            missions += told.missions();
+            if self.authors {
+                write(out, authors_scene(name, &scene.name, &told, &rules))?;
+            }
+            if self.parquet {
+                tables.add(&scene.name, &told).map_err(unwritable)?;
+            }
+            watch();
+        }
+        if self.authors {
+            write(out, authors_index(name))?;
+        }
+        tables.finish().into_iter().try_for_each(|file| write(out, Ok(file)))?;
+        Ok(missions)
+    }
+
+    fn told(&self, scene: &SceneLine) -> Result<Told, Failure> {
+        match self.openness {
+            Openness::Training => self.split.episodes(scene).map(Told::Whole),
+            Openness::Public => self.split.public(scene).map(Told::Public),
+        }
+    }
+}
+
+fn write(out: &Path, file: Result<ExportedFile, FormatsError>) -> Result<(), Failure> {
+    let file = file.map_err(unwritable)?;
+    write_whole(&out.join(&file.path), &file.bytes)
+}
+
+fn unwritable(error: FormatsError) -> Failure {
+    Failure::new(FailureKind::Data, error)
 }

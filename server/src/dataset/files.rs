@@ -83,6 +83,11 @@ impl DatasetFiles {
         Ok(scenes)
     }
 
+    /// Whether the list of scenes of a split is sealed, and with it the rest.
+    pub(super) fn is_sealed(&self, split: &str) -> Result<bool, Failure> {
+        Ok(seal::is_sealed(&read_as_is(&self.scenes_path(split))?))
+    }
+
     /// Writes the list of scenes of a split; gives back its line in the manifest.
     pub(super) fn write_scenes(&self, split: &str, scenes: &[SceneLine]) -> Result<SplitLine, Failure> {
         let bytes = scenes_bytes(scenes)?;
@@ -177,7 +182,7 @@ pub struct Sealed {
 }
 
 /// Names in a data set become file names.
-fn check_plain(name: &str) -> Result<(), Failure> {
+pub(crate) fn check_plain(name: &str) -> Result<(), Failure> {
     let fits = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_' | '.');
     if (1..=100).contains(&name.len()) && name.chars().all(fits) && !name.starts_with('.') {
         return Ok(());
@@ -206,7 +211,7 @@ fn read_as_is(path: &Path) -> Result<Vec<u8>, Failure> {
 }
 
 /// Writes a file so that it is whole whenever it is there under its name.
-pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(".partial");
     let partial = path.with_file_name(name);
@@ -217,6 +222,6 @@ pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
         .map_err(|error| cannot("write", path, &error))
 }
 
-pub(super) fn cannot(what: &str, path: &Path, error: &io::Error) -> Failure {
+pub(crate) fn cannot(what: &str, path: &Path, error: &io::Error) -> Failure {
     Failure::new(FailureKind::Data, format!("cannot {what} {}: {error}", path.display()))
 }

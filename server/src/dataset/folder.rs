@@ -20,6 +20,7 @@ pub struct SplitFolder {
     split: String,
     rules: String,
     digest: String,
+    is_sealed: bool,
     missions: usize,
     scenes: Vec<SceneLine>,
     by_name: BTreeMap<String, usize>,
@@ -40,13 +41,14 @@ impl SplitFolder {
             return Err(Failure::new(FailureKind::Scene, message)
                 .hinted(format!("its splits are: {}", known.join(", "))));
         };
-        let scenes = files.scenes(line)?;
+        let (scenes, is_sealed) = (files.scenes(line)?, files.is_sealed(split)?);
         let by_name = scenes.iter().map(|scene| scene.name.clone()).zip(0..).collect();
         Ok(Self {
             files,
             split: line.name.clone(),
             rules: manifest.rules.clone(),
             digest: line.digest.clone(),
+            is_sealed,
             missions: line.missions,
             scenes,
             by_name,
@@ -62,6 +64,16 @@ impl SplitFolder {
     /// Digest of everything in it.
     pub fn digest(&self) -> &str {
         &self.digest
+    }
+
+    /// Name of the split inside its data set.
+    pub fn name(&self) -> &str {
+        &self.split
+    }
+
+    /// Whether its files can be read by the holders of a passphrase alone.
+    pub fn is_sealed(&self) -> bool {
+        self.is_sealed
     }
 
     /// How many missions it has.

@@ -4,12 +4,13 @@
 pub mod build;
 pub mod check;
 pub mod export;
-mod files;
+pub(crate) mod files;
 mod folder;
 pub mod frames;
 pub mod import;
+pub mod openness;
 mod seal;
-mod shares;
+pub(crate) mod shares;
 
 pub use files::{DatasetFiles, Sealed};
 pub use folder::SplitFolder;

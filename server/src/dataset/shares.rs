@@ -9,7 +9,7 @@ use std::{
 };
 
 /// As many threads as there are processors, or as were asked for.
-pub(super) fn threads(asked: Option<usize>) -> usize {
+pub(crate) fn threads(asked: Option<usize>) -> usize {
     let processors = std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
     asked.unwrap_or(processors).max(1)
 }
@@ -17,7 +17,7 @@ pub(super) fn threads(asked: Option<usize>) -> usize {
 /// Does `work` for each of `items` on some threads, and tells `done` about each as it is done, in any order.
 ///
 /// After a failure nothing new is begun; of all failures the one of the first item is returned.
-pub(super) fn share<T: Sync, R: Send, E: Send>(
+pub(crate) fn share<T: Sync, R: Send, E: Send>(
     items: &[T],
     threads: usize,
     work: impl Fn(&T) -> Result<R, E> + Sync,

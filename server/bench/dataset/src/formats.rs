@@ -2,7 +2,7 @@
 //!
 //! [`read`] takes the bytes of one file, packed or plain, to [`Foreign`] episodes; [`Adopter`] finds their goals in an
 //! opened scene and makes missions of ours; what cannot be taken over is a [`Loss`], never silence.
-//! [`write_authors`] goes the other way.
+//! [`authors_index`] and [`authors_scene`] go the other way; [`Tables`] are for those who read neither.
 
 mod adopt;
 mod authors;
@@ -13,13 +13,16 @@ mod habitat;
 mod json;
 mod matching;
 mod pack;
+mod parquet;
 mod shared;
+mod tables;
 mod tours;
 
 pub use adopt::{Adopted, Adopter, MAX_GOALS};
 pub use error::FormatsError;
-pub use export::{ExportedFile, write_authors};
+pub use export::{ExportedFile, Told, authors_index, authors_scene};
 pub use foreign::{Foreign, ForeignCue, ForeignEpisode, ForeignGoal, ForeignInstance, Loss, Shot};
+pub use tables::Tables;
 
 use json::Cursor;
 

@@ -1,6 +1,8 @@
 //! Missions of other data sets: files as they are published, written here, read and played in a house of ours.
 
-use avln_dataset::formats::{Adopter, Foreign, ForeignCue, Format, Loss, MAX_GOALS, read, write_authors};
+use avln_dataset::formats::{
+    Adopter, Foreign, ForeignCue, Format, Loss, MAX_GOALS, Tables, Told, authors_index, authors_scene, read,
+};
 use avln_dataset::{CueSpec, Description, EpisodeSpec, Instance, survey};
 use avln_episode::Rules;
 use avln_scene::procedural::{self, HouseOptions};
@@ -278,7 +280,9 @@ fn what_is_exported_comes_back() {
     second.goals[1].cue =
         CueSpec::Description(Description { text: "Another sentence.".to_owned(), claims: None });
     let ours = vec![first[0].clone(), second];
-    let files = write_authors("val", &[("house", &ours)], &HOUSE.rules).unwrap();
+    let whole = Told::Whole(ours.clone());
+    let files =
+        [authors_index("val"), authors_scene("val", "house", &whole, &HOUSE.rules)].map(Result::unwrap);
     let paths: Vec<&str> = files.iter().map(|file| file.path.as_str()).collect();
     assert_eq!(paths, ["val/val.json.gz", "val/content/house.json.gz"]);
     assert_eq!(read("index", &files[0].bytes, None).unwrap(), (Some(Format::Authors), Foreign::default()));
@@ -302,4 +306,30 @@ fn what_is_exported_comes_back() {
         }
     }
     assert_eq!(back.len(), 2);
+}
+
+#[test]
+fn what_is_hidden_is_in_no_public_export() {
+    let chosen = singles(3);
+    let instances = json!({"a_1": record(chosen[0]), "b_2": record(chosen[1]), "c_3": record(chosen[2])});
+    let goals = json!([["a_1", "image_0"], ["b_2", "description"], ["c_3", "object"]]);
+    let (ours, _) = adopt(&parse(&authors(goals, instances), None).unwrap().1);
+    let public = Told::Public(ours.iter().map(EpisodeSpec::public).collect());
+    let file = authors_scene("val", "house", &public, &HOUSE.rules).unwrap();
+    let (_, foreign) = read("house", &file.bytes, None).unwrap();
+    let [episode] = &foreign.episodes[..] else { panic!("one mission") };
+    assert_eq!(episode.stated_m, [None, None]);
+    assert!((episode.start.position - ours[0].start.position).norm() < 1e-6);
+    // The picture is rendered when the mission is played: the file tells that there is one and not where from.
+    assert!(foreign.losses.len() == 1 && foreign.losses[0].reason.contains("image_0"), "{foreign:?}");
+    let cues: Vec<&ForeignCue> = episode.goals.iter().map(|goal| &goal.cue).collect();
+    let CueSpec::Description(sentence) = &ours[0].goals[1].cue else { panic!("a sentence") };
+    assert_eq!(cues, [&ForeignCue::Description(sentence.text.clone()), &ForeignCue::Category]);
+    let told = &episode.goals[0].instances[0];
+    assert_eq!((told.id, told.center, told.bounds, told.viewpoints.len()), (Some(0), None, None, 0));
+    assert_ne!(told.category, ours[0].goals[1].target.category);
+    let mut tables = Tables::new("val");
+    tables.add("house", &public).unwrap();
+    let paths: Vec<String> = tables.finish().into_iter().map(|file| file.path).collect();
+    assert_eq!(paths, ["val/goals.parquet", "val/missions.parquet"]);
 }

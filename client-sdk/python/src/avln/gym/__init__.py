@@ -1,6 +1,7 @@
 """Episodes as Gymnasium environments; `pip install 'avln[gym]'`.
 
-Importing this module makes `gymnasium.make("avln/LHAVLN-v1", server=…, token=…, phase=…)` work, and
+`gymnasium.make("avln.gym:avln/LHAVLN-v1", server=…, token=…, phase=…)` imports this module by itself; once it is
+imported, `"avln/LHAVLN-v1"` is enough. Gymnasium 1 looks for no entry points of packages. The same goes for
 `gymnasium.make_vec` with `vectorization_mode="vector_entry_point"`, which plays several slots of one run at once.
 """
 

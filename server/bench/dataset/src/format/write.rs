@@ -83,11 +83,16 @@ fn public_bytes(spec: &SceneSpec, episodes: &[EpisodeSpec]) -> Result<Vec<u8>, D
         public: None,
     };
     push(&mut bytes, &header)?;
-    for episode in episodes {
-        let goals = episode.goals.iter().map(public_goal).collect();
-        push(&mut bytes, &PublicMission { id: episode.id.clone(), start: episode.start, goals })?;
-    }
+    episodes.iter().try_for_each(|episode| push(&mut bytes, &episode.public()))?;
     Ok(bytes)
+}
+
+impl EpisodeSpec {
+    /// What agents may know of it.
+    pub fn public(&self) -> PublicMission {
+        let goals = self.goals.iter().map(public_goal).collect();
+        PublicMission { id: self.id.clone(), start: self.start, goals }
+    }
 }
 
 fn sealed_bytes(spec: &SceneSpec, public: &str, episodes: &[EpisodeSpec]) -> Result<Vec<u8>, DatasetError> {

@@ -1,6 +1,7 @@
 use super::{FormatsError, pack::pack};
 use crate::{
     cue::{CueSpec, View},
+    format::{PublicGoal, PublicMission},
     mission::{EpisodeSpec, GoalSpec},
 };
 use avln_episode::Rules;
@@ -20,19 +21,30 @@ pub struct ExportedFile {
     pub bytes: Vec<u8>,
 }
 
-/// Writes a split as the authors' loader reads it: an index `SPLIT/SPLIT.json.gz` and `SPLIT/content/SCENE.json.gz` for
-/// each scene. `scenes` are their names with their missions.
-///
-/// An instance that is described by two sentences has two records, since a record holds one. What their schema has and
-/// ours does not know (sounds, pixel counts, detections) is left out; their loader fills it in.
+/// The missions of a scene, with as much of them as is told.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Told {
+    /// What agents may know.
+    Public(Vec<PublicMission>),
+    /// Ground truth too.
+    Whole(Vec<EpisodeSpec>),
+}
+
+impl Told {
+    /// How many missions they are.
+    pub fn missions(&self) -> usize {
+        match self {
+            Self::Public(missions) => missions.len(),
+            Self::Whole(episodes) => episodes.len(),
+        }
+    }
+}
+
+/// The index of a split as the authors' loader reads it; [`authors_scene`] makes the files that it points to.
 ///
 /// # Errors
-/// When a file cannot be packed.
-pub fn write_authors(
-    split: &str,
-    scenes: &[(&str, &[EpisodeSpec])],
-    rules: &Rules,
-) -> Result<Vec<ExportedFile>, FormatsError> {
+/// When it cannot be packed.
+pub fn authors_index(split: &str) -> Result<ExportedFile, FormatsError> {
     let numbered = |numbers: &mut dyn Iterator<Item = u32>| -> Map<String, Value> {
         TARGET_CATEGORIES
             .iter()
@@ -48,11 +60,41 @@ pub fn write_authors(
         "category_to_task_category_id": numbered(&mut (0..)),
         "category_to_mp3d_category_id": numbered(&mut MPCAT40.into_iter()),
     });
-    let mut files = vec![file(format!("{split}/{split}.json.gz"), &index)?];
-    for (scene, episodes) in scenes {
-        files.push(file(format!("{split}/content/{scene}.json.gz"), &content(scene, episodes, rules))?);
-    }
-    Ok(files)
+    file(format!("{split}/{split}.json.gz"), &index)
+}
+
+/// The missions of a scene as the authors' loader reads them.
+///
+/// An instance that is described by two sentences has two records, since a record holds one. What their schema has and
+/// ours does not know (sounds, pixel counts, detections) is left out; their loader fills it in. Without ground truth each
+/// goal has a record of its own, which holds what its agent is told and the instance 0, which is none.
+///
+/// # Errors
+/// When the file cannot be packed.
+pub fn authors_scene(
+    split: &str,
+    scene: &str,
+    told: &Told,
+    rules: &Rules,
+) -> Result<ExportedFile, FormatsError> {
+    let (episodes, instances) = match told {
+        Told::Public(missions) => public_content(scene, missions, rules),
+        Told::Whole(episodes) => whole_content(scene, episodes, rules),
+    };
+    let content = json!({
+        "dataset": "valid_instance_trajectory_dataset",
+        "version": "0.1",
+        "scene_name": scene,
+        "scene_id": scene_id(scene),
+        "sampling": {"num_trajectories": episodes.len()},
+        "episodes": episodes,
+        "instances": instances,
+    });
+    file(format!("{split}/content/{scene}.json.gz"), &content)
+}
+
+fn scene_id(scene: &str) -> String {
+    format!("{scene}/{scene}.glb")
 }
 
 fn file(path: String, value: &Value) -> Result<ExportedFile, FormatsError> {
@@ -62,51 +104,83 @@ fn file(path: String, value: &Value) -> Result<ExportedFile, FormatsError> {
     }
 }
 
-fn content(scene: &str, episodes: &[EpisodeSpec], rules: &Rules) -> Value {
+/// Episodes and records of instances.
+type Content = (Vec<Value>, Map<String, Value>);
+
+fn whole_content(scene: &str, episodes: &[EpisodeSpec], rules: &Rules) -> Content {
     let mut records = Records { camera_m: rules.camera_height_m, all: Vec::new() };
-    let scene_id = format!("{scene}/{scene}.glb");
-    let numbered = numbers(scene, episodes).into_iter().zip(episodes);
-    let episodes: Vec<Value> = numbered
-        .map(|(number, episode)| self::episode(episode, number, &scene_id, &mut records, rules))
-        .collect();
-    json!({
-        "dataset": "valid_instance_trajectory_dataset",
-        "version": "0.1",
-        "scene_name": scene,
-        "scene_id": scene_id,
-        "sampling": {"num_trajectories": episodes.len()},
-        "episodes": episodes,
-        "instances": records.finish(),
-    })
+    let numbers = numbers(scene, episodes.iter().map(|episode| episode.id.as_str()));
+    let episode = |(number, episode): (u64, &EpisodeSpec)| {
+        let goals = episode.goals.iter().map(|goal| records.pair(goal)).collect();
+        let mut fields = self::episode(number, scene, &episode.start, goals, rules);
+        fields.extend(lengths(episode));
+        Value::Object(fields)
+    };
+    let episodes = numbers.into_iter().zip(episodes).map(episode).collect();
+    (episodes, records.finish())
+}
+
+fn public_content(scene: &str, missions: &[PublicMission], rules: &Rules) -> Content {
+    let mut records = Map::new();
+    let numbers = numbers(scene, missions.iter().map(|mission| mission.id.as_str()));
+    let episode = |(number, mission): (u64, &PublicMission)| {
+        let mut pair = |(index, goal): (usize, &PublicGoal)| {
+            let key = format!("mission{number}_goal{index}");
+            let (modality, record) = public_record(goal);
+            records.insert(key.clone(), record);
+            json!([key, modality])
+        };
+        let goals = mission.goals.iter().enumerate().map(&mut pair).collect();
+        Value::Object(self::episode(number, scene, &mission.start, goals, rules))
+    };
+    let episodes = numbers.into_iter().zip(missions).map(episode).collect();
+    (episodes, records)
+}
+
+/// Modality and record of a goal whose target is hidden.
+fn public_record(goal: &PublicGoal) -> (&'static str, Value) {
+    match goal {
+        PublicGoal::Category(label) => ("object", json!({"semantic_id": 0, "category": label})),
+        PublicGoal::Description(sentence) => {
+            ("description", json!({"semantic_id": 0, "description": sentence}))
+        }
+        PublicGoal::Image => ("image_0", json!({"semantic_id": 0})),
+    }
 }
 
 /// The numbers of episodes: those that their ids end in, else their places, since their loader wants numbers.
-fn numbers(scene: &str, episodes: &[EpisodeSpec]) -> Vec<u64> {
-    let own = |episode: &EpisodeSpec| episode.id.strip_prefix(scene)?.strip_prefix('-')?.parse().ok();
-    let all: Option<Vec<u64>> = episodes.iter().map(own).collect();
-    all.unwrap_or_else(|| (0..episodes.len() as u64).collect())
+fn numbers<'a>(scene: &str, ids: impl Iterator<Item = &'a str> + Clone) -> Vec<u64> {
+    let own = |id: &str| id.strip_prefix(scene)?.strip_prefix('-')?.parse().ok();
+    let all: Option<Vec<u64>> = ids.clone().map(own).collect();
+    all.unwrap_or_else(|| (0..ids.count() as u64).collect())
 }
 
-fn episode(
-    episode: &EpisodeSpec,
-    number: u64,
-    scene_id: &str,
-    records: &mut Records,
-    rules: &Rules,
-) -> Value {
-    let goals: Vec<Value> = episode.goals.iter().map(|goal| records.pair(goal)).collect();
-    json!({
+fn episode(number: u64, scene: &str, start: &Pose, goals: Vec<Value>, rules: &Rules) -> Map<String, Value> {
+    object(json!({
         "episode_id": number.to_string(),
-        "scene_id": scene_id,
-        "start_position": place(&episode.start.position),
-        "start_rotation": rotation(&episode.start),
+        "scene_id": scene_id(scene),
+        "start_position": place(&start.position),
+        "start_rotation": rotation(start),
         "num_goals": goals.len(),
         "goals": goals,
+        "sound_source_schedule": ["round_robin", rules.sounding_window_steps],
+    }))
+}
+
+/// What only those may know of an episode who know its targets.
+fn lengths(episode: &EpisodeSpec) -> Map<String, Value> {
+    object(json!({
         "ordered_total_geodesic_distance": episode.ordered.length_m,
         "unordered_total_geodesic_distance": episode.unordered.length_m,
         "object_category": episode.goals.first().map(|goal| goal.target.category.as_str()),
-        "sound_source_schedule": ["round_robin", rules.sounding_window_steps],
-    })
+    }))
+}
+
+fn object(value: Value) -> Map<String, Value> {
+    match value {
+        Value::Object(fields) => fields,
+        _ => Map::new(),
+    }
 }
 
 /// The instance records of a scene, as goals name them.
@@ -197,7 +271,7 @@ fn fields(goal: &GoalSpec) -> Map<String, Value> {
     let target = &goal.target;
     let (bounds, size) = (&target.bounds, target.bounds.size());
     let view = |pose: &Pose| json!({"agent_state": state(pose)});
-    let fields = json!({
+    object(json!({
         "semantic_id": target.instance,
         "category": target.category,
         "center": place(&bounds.center()),
@@ -208,11 +282,7 @@ fn fields(goal: &GoalSpec) -> Map<String, Value> {
         "nav_position": target.viewpoints.first().map(|pose| place(&pose.position)),
         "view_points": target.viewpoints.iter().map(view).collect::<Vec<_>>(),
         "num_view_points": target.viewpoints.len(),
-    });
-    match fields {
-        Value::Object(fields) => fields,
-        _ => Map::new(),
-    }
+    }))
 }
 
 fn picture(view: &View, camera_m: f32) -> Value {

@@ -1,13 +1,9 @@
-//! Imports missions of other data sets, and exports ours.
+//! Imports missions of other data sets.
 
-use crate::{
-    Failure, FailureKind,
-    dataset::{export::export_authors, import::Import},
-    say::say,
-};
+use crate::{Failure, FailureKind, dataset::import::Import, say::say};
 use avln_dataset::formats::{Format, Loss};
 use avln_episode::Rules;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use std::path::PathBuf;
 
 /// Losses that are printed one by one.
@@ -15,7 +11,7 @@ const SHOWN: usize = 20;
 
 /// What to import.
 #[derive(Debug, Args)]
-pub struct ImportOptions {
+pub struct Options {
     /// auto, authors, goat, objectnav, instanceimagenav or multion
     #[arg(value_name = "FORMAT", value_parser = format)]
     pub format: Choice,
@@ -43,35 +39,11 @@ pub struct ImportOptions {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice(Option<Format>);
 
-/// What to export.
-#[derive(Debug, Args)]
-pub struct ExportOptions {
-    /// The folder of the data set
-    #[arg(value_name = "DIR")]
-    pub folder: PathBuf,
-    /// The format
-    #[arg(long, value_enum, default_value_t = Target::Authors)]
-    pub format: Target,
-    /// One split; all by default
-    #[arg(long)]
-    pub split: Option<String>,
-    /// Folder of the files that are written
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-}
-
-/// Formats that can be written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Target {
-    /// LH-AVLN as its authors publish it
-    Authors,
-}
-
 /// Imports and tells what was kept and what was not.
 ///
 /// # Errors
 /// When a file is malformed, nothing can be kept, or the folder cannot be written.
-pub fn import(options: &ImportOptions) -> Result<(), Failure> {
+pub fn run(options: &Options) -> Result<(), Failure> {
     let rules = Rules::named(&options.rules).map_err(|error| Failure::new(FailureKind::Scene, error))?;
     let import = Import {
         format: options.format.0,
@@ -106,18 +78,6 @@ fn show_losses(losses: &[Loss]) {
     }
     say!("left out {} goals and {} whole episodes:", goals, losses.len() - goals);
     losses.iter().take(SHOWN).for_each(|loss| say!("  {loss}"));
-}
-
-/// Exports and tells how much.
-///
-/// # Errors
-/// When the data set cannot be read or the folder cannot be written.
-pub fn export(options: &ExportOptions) -> Result<(), Failure> {
-    let missions = match options.format {
-        Target::Authors => export_authors(&options.folder, options.split.as_deref(), &options.out)?,
-    };
-    say!("wrote {missions} missions to {}", options.out.display());
-    Ok(())
 }
 
 fn format(name: &str) -> Result<Choice, String> {

@@ -1,0 +1,189 @@
+"""Demonstrations that `avln rollout` recorded, for agents that learn by imitation.
+
+    from avln.rollouts import Rollouts
+
+    for rollout in Rollouts("rollouts"):
+        for observation, action in rollout:
+            learn(rollout.mission, observation, action)
+
+An episode's arrays are read when they are asked for. `docs/DATASET.md` of the repository tells what the files hold.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+
+from avln.action import Action, Order
+from avln.errors import Error
+from avln.mission import Goal, Mission, Modality
+from avln.observation import Feedback, Observation, Pose
+
+if TYPE_CHECKING:
+    import os
+
+    from numpy.typing import NDArray
+
+FORMAT = "avln-rollouts"
+"""What a folder's `rollouts.json` says it is."""
+VERSION = 1
+"""The version of the layout that is read."""
+
+
+_DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
+"""What reading an archive fails by."""
+
+
+class RolloutsError(Error):
+    """A folder or a file is not what `avln rollout` writes."""
+
+
+class Rollout:
+    """One episode: what was sensed before each action, and the action."""
+
+    def __init__(self, path: Path, manifest: dict[str, Any]) -> None:
+        self.path = path
+        """The file."""
+        self._manifest = manifest
+        try:
+            with path.open("rb") as file, np.load(file) as archive:
+                self._facts: dict[str, Any] = json.loads(archive["episode.json"])
+                self._has = frozenset(archive.files)
+        except _DAMAGE as error:
+            raise RolloutsError(f"read rollout {path}: {error}; delete it and record it again") from None
+
+    @property
+    def id(self) -> str:
+        """Id of the episode in its split."""
+        return str(self._facts["episode"])
+
+    @property
+    def scene(self) -> str:
+        """Name of its scene."""
+        return str(self._facts["scene"])
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every goal was found."""
+        return int(self._facts["found"]) == len(self._facts["goals"])
+
+    @functools.cached_property
+    def mission(self) -> Mission:
+        """What an agent is told at the start."""
+        return Mission(Order(self._facts["order"]), [self._goal(goal) for goal in self._facts["goals"]])
+
+    @functools.cached_property
+    def actions(self) -> NDArray[np.uint8]:
+        """The actions as their indices, u8 [steps]."""
+        return self._array("action")
+
+    @functools.cached_property
+    def rgb(self) -> NDArray[np.uint8] | None:
+        """Colours before each action, u8 [steps, height, width, 3]; None where they were not recorded."""
+        return self._sense("rgb")
+
+    @functools.cached_property
+    def depth_mm(self) -> NDArray[np.uint16] | None:
+        """Distances before each action, u16 [steps, height, width], millimetres; None where they were not recorded."""
+        return self._sense("depth_mm")
+
+    @functools.cached_property
+    def pose(self) -> NDArray[np.float32] | None:
+        """Told poses before each action, f32 [steps, 4]: x, y, z in metres and heading in radians; None without."""
+        return self._sense("pose")
+
+    @functools.cached_property
+    def audio(self) -> NDArray[np.float32] | None:
+        """Sound before each action, f32 [steps, 2, samples]; None where it was not recorded."""
+        return self._sense("audio")
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+    def __iter__(self) -> Iterator[tuple[Observation, Action]]:
+        submits, feedback = 0, self._array("feedback")
+        for step, index in enumerate(self.actions):
+            action = Action(int(index))
+            yield self._observation(step, submits, Feedback(int(feedback[step]))), action
+            submits += action is Action.SUBMIT
+
+    def __repr__(self) -> str:
+        return f"Rollout({self.id}, {self._facts['steps']} steps)"
+
+    def _observation(self, step: int, submits: int, feedback: Feedback) -> Observation:
+        scale = np.float32(self._manifest["depth_scale"])
+        return Observation(
+            step=step,
+            rgb=None if self.rgb is None else self.rgb[step],
+            depth=None if self.depth_mm is None else self.depth_mm[step].astype(np.float32) * scale,
+            audio=None if self.audio is None else self.audio[step],
+            pose=Pose() if self.pose is None else Pose(*map(float, self.pose[step])),
+            remaining_steps=int(self._manifest["rules"]["max_steps"]) - step,
+            remaining_submits=max(len(self._facts["goals"]) - 1 - submits, 0),
+            feedback=feedback,
+        )
+
+    def _goal(self, goal: dict[str, str]) -> Goal:
+        ((kind, told),) = goal.items()
+        if kind == "image":
+            return Goal(Modality.IMAGE, image=self._array(told))
+        return Goal(Modality[kind.upper()], text=told)
+
+    def _sense(self, name: str) -> NDArray[Any] | None:
+        return self._array(name) if name in self._has else None
+
+    def _array(self, name: str) -> NDArray[Any]:
+        with np.load(self.path) as archive:
+            found: NDArray[Any] = archive[name]
+        return found
+
+
+class Rollouts(Sequence[Rollout]):
+    """The episodes of a folder by the names of their files."""
+
+    def __init__(self, folder: str | os.PathLike[str], *, complete_only: bool = True) -> None:
+        """Looks what is there; without `complete_only`, episodes in which a goal was not found are read too.
+
+        Raises:
+            RolloutsError: when the folder is not one that `avln rollout` made, or a file is damaged.
+        """
+        self.folder = Path(folder)
+        """Where they lie."""
+        self.manifest = _manifest(self.folder / "rollouts.json")
+        """What `rollouts.json` says: split, order, sensors, rules."""
+        paths = sorted((self.folder / "episodes").glob("*.npz"))
+        read = (Rollout(path, self.manifest) for path in paths)
+        self._paths = [rollout.path for rollout in read if rollout.is_complete or not complete_only]
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    @overload
+    def __getitem__(self, index: int) -> Rollout: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Rollout]: ...
+    def __getitem__(self, index: int | slice) -> Rollout | list[Rollout]:
+        """The episode of a number, or those of a slice."""
+        if isinstance(index, slice):
+            return [Rollout(path, self.manifest) for path in self._paths[index]]
+        return Rollout(self._paths[index], self.manifest)
+
+
+def _manifest(path: Path) -> dict[str, Any]:
+    try:
+        manifest: dict[str, Any] = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise RolloutsError(f"read {path}: {error}; record one with: avln rollout --split SPLIT --out DIR") from None
+    told = (manifest.get("format"), manifest.get("version"))
+    if told != (FORMAT, VERSION):
+        raise RolloutsError(
+            f"read {path}: it is {told[0]} of version {told[1]}, this reads {FORMAT} of version {VERSION}"
+        )
+    return manifest

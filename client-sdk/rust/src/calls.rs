@@ -1,0 +1,131 @@
+//! Calls that are not a run's stream: how they are made, and made again when their answer was lost.
+
+use crate::{Error, RunOptions};
+use avln_proto::v1;
+use std::{
+    hash::{BuildHasher, Hasher, RandomState},
+    time::Duration,
+};
+use tokio::time::{Instant, sleep};
+use tonic::{
+    Request, Response, Status,
+    metadata::{Ascii, MetadataValue},
+};
+
+/// How long the server may take to answer.
+pub(crate) const TIMEOUT: Duration = Duration::from_secs(30);
+/// For how long a call whose answer was lost is made again, unless somebody wants less.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// Pauses between attempts: after the first, and the longest.
+const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(2));
+
+/// Makes a call, again and again while the connection is lost; for calls that may be made twice.
+pub(crate) async fn persist<A, F>(
+    attempted: &'static str,
+    patience: Option<Duration>,
+    call: impl Fn() -> F,
+) -> Result<A, Error>
+where
+    F: Future<Output = Result<Response<A>, Status>>,
+{
+    let until = Instant::now() + patience.unwrap_or(PATIENCE).min(PATIENCE);
+    let mut pause = PAUSES.0;
+    loop {
+        match unwrap(attempted, call().await) {
+            Err(Error::Lost { .. }) if Instant::now() + pause < until => sleep(pause).await,
+            answered => return answered,
+        }
+        pause = (2 * pause).min(PAUSES.1);
+    }
+}
+
+pub(crate) fn unwrap<T>(attempted: &'static str, answer: Result<Response<T>, Status>) -> Result<T, Error> {
+    answer.map(Response::into_inner).map_err(|status| Error::from_status(attempted, &status))
+}
+
+pub(crate) fn plain<T>(message: T) -> Request<T> {
+    let mut request = Request::new(message);
+    request.set_timeout(TIMEOUT);
+    request
+}
+
+/// What tells a server whose call it is.
+pub(crate) type Bearer = MetadataValue<Ascii>;
+
+pub(crate) fn bearer(token: &str) -> Result<Bearer, Error> {
+    format!("Bearer {token}").parse().map_err(|_| Error::Token {
+        attempted: "send the token",
+        reason: v1::Reason::TokenMalformed,
+        message: "it holds characters that no token has".to_owned(),
+    })
+}
+
+pub(crate) fn signed<T>(mut request: Request<T>, bearer: &Bearer) -> Request<T> {
+    request.metadata_mut().insert("authorization", bearer.clone());
+    request
+}
+
+impl RunOptions {
+    /// With a name for the request where it has none, so that asking twice begins one run.
+    pub(crate) fn named(self) -> Self {
+        if self.has_request_id() { self } else { self.request_id(random_name()) }
+    }
+}
+
+/// A name that nobody else takes: hashers are keyed at random.
+fn random_name() -> String {
+    let word = || RandomState::new().build_hasher().finish();
+    format!("{:016x}{:016x}", word(), word())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::Cell;
+
+    #[test]
+    fn a_token_with_a_line_break_is_never_sent() {
+        assert!(matches!(bearer("a\nb"), Err(Error::Token { .. })));
+    }
+
+    #[tokio::test]
+    async fn a_lost_answer_is_asked_for_again_and_a_refusal_is_not() {
+        let asked = Cell::new(0);
+        let lost_twice = || {
+            asked.set(asked.get() + 1);
+            let answer =
+                if asked.get() < 3 { Err(Status::unavailable("gone")) } else { Ok(Response::new(7)) };
+            async move { answer }
+        };
+        assert!(matches!(persist("ask", None, lost_twice).await, Ok(7)));
+        let refused = || {
+            asked.set(asked.get() + 1);
+            async { Err::<Response<()>, _>(Status::not_found("no such run")) }
+        };
+        assert!(matches!(persist("ask", None, refused).await, Err(Error::Refused { .. })));
+        assert_eq!(asked.get(), 4);
+    }
+
+    #[tokio::test]
+    async fn patience_ends() {
+        let asked = Cell::new(0);
+        let gone = || {
+            asked.set(asked.get() + 1);
+            async { Err::<Response<()>, _>(Status::unavailable("gone")) }
+        };
+        let (began, patience) = (Instant::now(), Duration::from_millis(400));
+        assert!(matches!(persist("ask", Some(patience), gone).await, Err(Error::Lost { .. })));
+        assert!(began.elapsed() < PATIENCE && asked.get() > 1, "{} attempts", asked.get());
+        asked.set(0);
+        assert!(persist("ask", Some(Duration::ZERO), gone).await.is_err());
+        assert_eq!(asked.get(), 1);
+    }
+
+    #[test]
+    fn requests_get_names_of_their_own() {
+        assert_ne!(random_name(), random_name());
+        assert_eq!(random_name().len(), 32);
+        let named = RunOptions::new("practice", "m").request_id("mine").named();
+        assert_eq!(named, RunOptions::new("practice", "m").request_id("mine"));
+    }
+}
