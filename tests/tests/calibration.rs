@@ -22,7 +22,7 @@ fn calibrate(data: &Path, more: &[&str]) -> (Option<i32>, String) {
 /// Hosts the phases of a folder; gives back the doors and a team's token.
 async fn host(data: &DataFolder) -> (OpenDoors, String) {
     let store = data.store().await.expect("a database");
-    let token = team::admit(&store, "ada", false).await.expect("a team");
+    let token = team::admit(&store, "ada", None).await.expect("a team");
     let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
     let free = "127.0.0.1:0".parse().expect("an address");
     let doors = Doors::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");

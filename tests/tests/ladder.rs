@@ -34,7 +34,10 @@ async fn agents_play_what_they_have_not_played_and_a_page_is_written() {
     let after = results.lines().find(|line| line.key == before.key).expect("it was played");
     assert_eq!((&after.metrics, &after.wrong, after.end), (&before.metrics, &before.wrong, before.end));
 
-    let page = ladder::report(folder).expect("a page");
+    let ladder::Report { page, episodes } = ladder::report(folder).expect("a page");
+    assert_eq!(episodes.lines().count(), 9, "{episodes}");
+    let oracle = episodes.lines().find(|line| line.starts_with("shortest-path,unordered,")).expect("a row");
+    assert!(oracle.contains(",1,1.0000,1.0000,") && oracle.ends_with(",stopped"), "{oracle}");
     let row = |name: &str| page.lines().find(|line| line.starts_with(name)).expect("a row").to_owned();
     assert!(row("| random |").starts_with("| random | - | 2 |"), "{page}");
     assert!(row("| shortest-path †").contains("| 100.0 [100.0, 100.0] |"), "{page}");

@@ -93,7 +93,7 @@ async fn play_here(agents: &[Reference]) -> Result<Calibration, Failure> {
     let store = data.store().await?;
     say!("Building houses and missions");
     calibration::open(&data, &store).await?;
-    let token = team::admit(&store, TEAM, true).await?;
+    let token = team::admit(&store, TEAM, Some(avln_store::Reference::Baseline)).await?;
     let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await?;
     let free = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
     let doors = Doors::bind(&Addresses { grpc: free, web: free }).await?;

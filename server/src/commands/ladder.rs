@@ -18,7 +18,7 @@ use std::{
 pub enum Command {
     /// Let agents play what they have not played yet; it can be stopped at any time and goes on with the next call
     Run(Run),
-    /// Write the page about what was played
+    /// Write the page about what was played, and beside it results.csv with each episode
     Report(Report),
 }
 
@@ -97,7 +97,11 @@ pub async fn run(command: Command) -> Result<(), Failure> {
             say!("write the page with: avln ladder report --out {}", options.out.display());
             Ok(())
         }
-        Command::Report(options) => write(&ladder::report(&options.out)?, &options.to),
+        Command::Report(options) => {
+            let report = ladder::report(&options.out)?;
+            write(&report.page, &options.to)?;
+            write(&report.episodes, &options.to.with_file_name("results.csv"))
+        }
     }
 }
 

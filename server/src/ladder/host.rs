@@ -10,7 +10,7 @@ use crate::{
 };
 use avln_dataset::{Recipe, SceneChoice};
 use avln_episode::{Order, Rules, Sounds};
-use avln_store::{AuditNote, Phase, PhaseEpisode, Store};
+use avln_store::{AuditNote, Phase, PhaseEpisode, Reference, Store};
 use std::{
     fs::{self, File, TryLockError},
     net::{Ipv4Addr, SocketAddr},
@@ -130,7 +130,7 @@ impl Ground {
         let phases: Vec<_> = batches.iter().map(phase).collect();
         let notes = vec![AuditNote::default(); phases.len()];
         store.change_phases(&phases, &notes, now_unix_ms()).await?;
-        let token = team::admit(&store, TEAM, true).await?;
+        let token = team::admit(&store, TEAM, Some(Reference::Baseline)).await?;
         let board = Arc::new(Board::default());
         let watching = board.clone();
         let arena = Arena::open(&self.data, store.clone(), SCENE_MEMORY_MIB).await?;

@@ -12,12 +12,15 @@ mod play;
 mod report;
 mod results;
 mod rung;
+mod standard;
 mod traced;
 pub mod walk;
 
 pub use causes::Cause;
 pub use host::Size;
+pub use oracle::Oracle;
 pub use play::{Plan, run};
-pub use report::report;
+pub use report::{Report, report};
 pub use results::{Key, Line, Results};
 pub use rung::Rung;
+pub use standard::play_oracle;

@@ -1,10 +1,11 @@
 use super::{
-    board::{Glimpse, TrueHints},
+    board::{Board, Glimpse, TrueHints},
     walk::{PASSED_M, Walker, distance_m},
 };
-use avln_client::{Action, Agent, Mission, Observation, TaskSpec};
+use avln_client::{Action, Agent, Mission, Observation, Pose, TaskSpec};
 use avln_episode::{Order, Rules};
 use avln_geom::Point3;
+use avln_referee::Referee;
 use avln_truth::{EpisodeTruth, Target};
 use avln_world::InstanceId;
 use std::sync::Arc;
@@ -16,6 +17,51 @@ pub(super) struct ShortestPath {
     walker: Walker,
     /// Places of regions that were reached and were not enough, by goal.
     tried: Vec<(usize, Point3<f32>)>,
+}
+
+/// The same beside a referee, without a server between them: it plays one episode.
+pub struct Oracle {
+    board: Arc<Board>,
+    agent: ShortestPath,
+    has_begun: bool,
+}
+
+impl Oracle {
+    /// Its name in files: that of the rung.
+    pub const NAME: &str = "shortest-path";
+    /// What its only episode is called between board and hints.
+    const HANDLE: &str = "episode";
+
+    /// An oracle for the episode of this truth.
+    pub fn new(truth: EpisodeTruth, rules: &Rules) -> Self {
+        let board = Arc::new(Board::default());
+        let hints = TrueHints::new(board.clone(), rules.clone());
+        hints.follow(Self::HANDLE, truth);
+        Self { board, agent: ShortestPath::new(Arc::new(hints)), has_begun: false }
+    }
+
+    /// What to do where the referee's body stands.
+    pub fn choose(&mut self, referee: &Referee) -> avln_episode::Action {
+        self.board.note(Self::HANDLE, referee);
+        if !self.has_begun {
+            self.agent.begin(&TaskSpec::default(), &Mission::default());
+            self.has_begun = true;
+        }
+        match self.agent.act(&Observation { pose: self.told_pose(referee), ..Observation::default() }) {
+            Action::MoveForward => avln_episode::Action::MoveForward,
+            Action::TurnLeft => avln_episode::Action::TurnLeft,
+            Action::TurnRight => avln_episode::Action::TurnRight,
+            Action::Submit => avln_episode::Action::Submit,
+            Action::Stop => avln_episode::Action::Stop,
+        }
+    }
+
+    /// The pose relative to the start, in whatever frame agents are told theirs.
+    fn told_pose(&self, referee: &Referee) -> Pose {
+        let here = referee.world().pose();
+        let told = self.agent.hints.now().map_or(here, |(truth, _)| here.relative_to(&truth.start));
+        Pose { position: told.position.coords.into(), heading_rad: told.heading_rad }
+    }
 }
 
 impl ShortestPath {

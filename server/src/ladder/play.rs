@@ -280,7 +280,7 @@ fn seed_of(seed: u64, episode: &str) -> u64 {
     u64::from_le_bytes(first)
 }
 
-fn client_order(order: Order) -> avln_client::Order {
+pub(super) fn client_order(order: Order) -> avln_client::Order {
     match order {
         Order::Ordered => avln_client::Order::Ordered,
         Order::Unordered => avln_client::Order::Unordered,

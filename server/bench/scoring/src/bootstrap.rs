@@ -2,9 +2,13 @@
 pub(crate) const RESAMPLES: usize = 1000;
 
 /// SplitMix64 (Steele, Lea and Flood 2014): a stream fixed by its seed, enough to draw indices.
-struct SplitMix(u64);
+pub(crate) struct SplitMix(u64);
 
 impl SplitMix {
+    pub(crate) fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
     fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -13,7 +17,8 @@ impl SplitMix {
         z ^ (z >> 31)
     }
 
-    fn below(&mut self, count: usize) -> usize {
+    /// An index below `count`, which must not be 0.
+    pub(crate) fn below(&mut self, count: usize) -> usize {
         ((u128::from(self.next()) * count as u128) >> 64) as usize
     }
 }

@@ -9,10 +9,11 @@ mod compare;
 mod key;
 mod metrics;
 mod rank;
+mod standing;
 mod summary;
 
 pub use compare::{Comparison, Difference, compare};
 pub use key::{Direction, Key, UnknownKey};
 pub use metrics::{Metrics, score};
-pub use rank::{Entry, Place, rank};
+pub use rank::{Entry, Place, Standing, best_first, rank};
 pub use summary::{EpisodeScore, Estimate, Summary, summarise};

@@ -2,6 +2,7 @@ use crate::{
     Direction, EpisodeScore, Key, Summary,
     bootstrap::{clusters, intervals},
     compare::pairs,
+    standing::rank_intervals,
 };
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
@@ -13,15 +14,28 @@ pub struct Entry<'a> {
     pub summary: &'a Summary,
     /// The episodes behind them, for the paired test.
     pub scores: &'a [EpisodeScore],
+    /// Whether it competes; other entries are shown among those that do, and have no rank.
+    pub is_ranked: bool,
 }
 
-/// Where an entry stands.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Where an entry is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Place {
     /// Index of the entry in the slice that was ranked.
     pub entry: usize,
+    /// Where it stands among those that compete; `None` where it does not.
+    pub standing: Option<Standing>,
+}
+
+/// Where an entry stands among those that compete.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Standing {
     /// 1 for the best; entries with equal numbers share a rank and the next rank is skipped.
     pub rank: u32,
+    /// The best rank of the middle 95 % that it would have with other scenes, at most `rank`.
+    pub rank_low: u32,
+    /// The worst of them, at least `rank`.
+    pub rank_high: u32,
     /// Entries of one group cannot be told apart from the group's first; groups count from 1.
     pub tie_group: u32,
 }
@@ -29,34 +43,47 @@ pub struct Place {
 /// The metrics that part entries with the same key, in order.
 const TIE_BREAKS: [Key; 5] = [Key::Sr, Key::Isr, Key::Spl, Key::SoftSpl, Key::Osr];
 
-/// Orders `entries` by `key`, best first, and says which cannot be told apart.
+/// Indices of `summaries` by `key`, best first; those that agree in it are parted by SR, ISR, SPL, SoftSPL and OSR.
+pub fn best_first(summaries: &[&Summary], key: Key) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..summaries.len()).collect();
+    order.sort_by(|&a, &b| better(summaries[a], summaries[b], key));
+    order
+}
+
+/// Orders `entries` by `key`, best first, and says where those that compete stand and which of them cannot be told apart.
 ///
 /// Entries that agree in the key and in SR, ISR, SPL, SoftSPL and OSR share a rank. An entry joins the tie group above
 /// it unless the 95 % interval of its paired difference in `key` to the group's first entry excludes 0.
 pub fn rank(entries: &[Entry<'_>], key: Key, seed: u64) -> Vec<Place> {
-    let mut order: Vec<usize> = (0..entries.len()).collect();
-    order.sort_by(|&a, &b| better(entries[a].summary, entries[b].summary, key));
-    let mut places: Vec<Place> = Vec::with_capacity(order.len());
+    let summaries: Vec<&Summary> = entries.iter().map(|entry| entry.summary).collect();
+    let order = best_first(&summaries, key);
+    let competing: Vec<usize> = order.iter().copied().filter(|&entry| entries[entry].is_ranked).collect();
+    let ranked: Vec<Entry<'_>> = competing.iter().map(|&entry| entries[entry]).collect();
+    let mut standings = vec![None; entries.len()];
+    for (entry, standing) in competing.into_iter().zip(standings_of(&ranked, key, seed)) {
+        standings[entry] = Some(standing);
+    }
+    order.into_iter().map(|entry| Place { entry, standing: standings[entry] }).collect()
+}
+
+/// Where entries stand that come best first.
+fn standings_of(sorted: &[Entry<'_>], key: Key, seed: u64) -> Vec<Standing> {
+    let scores: Vec<&[EpisodeScore]> = sorted.iter().map(|entry| entry.scores).collect();
+    let spans = rank_intervals(&scores, key, seed);
+    let mut standings: Vec<Standing> = Vec::with_capacity(sorted.len());
     let mut group_first = 0;
-    for (index, &entry) in order.iter().enumerate() {
-        let place = match places.last() {
-            None => Place { entry, rank: 1, tie_group: 1 },
-            Some(above) => {
-                let equal = better(entries[above.entry].summary, entries[entry].summary, key).is_eq();
-                let apart = !equal && differ(&entries[order[group_first]], &entries[entry], key, seed);
-                Place {
-                    entry,
-                    rank: if equal { above.rank } else { index as u32 + 1 },
-                    tie_group: above.tie_group + u32::from(apart),
-                }
-            }
-        };
-        if places.last().is_some_and(|above| above.tie_group != place.tie_group) {
+    for (index, (entry, (low, high))) in sorted.iter().zip(spans).enumerate() {
+        let above = standings.last().map(|above| (above, &sorted[index - 1]));
+        let equal = above.is_some_and(|(_, above)| better(above.summary, entry.summary, key).is_eq());
+        let apart = !equal && index > 0 && differ(&sorted[group_first], entry, key, seed);
+        let rank = above.filter(|_| equal).map_or(index as u32 + 1, |(above, _)| above.rank);
+        let tie_group = above.map_or(1, |(above, _)| above.tie_group + u32::from(apart));
+        if apart {
             group_first = index;
         }
-        places.push(place);
+        standings.push(Standing { rank, rank_low: low.min(rank), rank_high: high.max(rank), tie_group });
     }
-    places
+    standings
 }
 
 fn better(a: &Summary, b: &Summary, key: Key) -> Ordering {

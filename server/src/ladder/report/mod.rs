@@ -1,5 +1,6 @@
 //! The results as a page.
 
+mod episodes;
 mod facts;
 mod paired;
 mod paper;
@@ -14,11 +15,19 @@ use std::{fmt::Write as _, path::Path};
 
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
 
-/// The page about what was played in a folder, Markdown.
+/// What was played in a folder.
+pub struct Report {
+    /// A page of tables, Markdown. It links to `results.csv` beside it.
+    pub page: String,
+    /// A table of all episodes, CSV.
+    pub episodes: String,
+}
+
+/// Tells what was played in a folder.
 ///
 /// # Errors
 /// When nothing was played there, or the results cannot be read.
-pub fn report(folder: &Path) -> Result<String, Failure> {
+pub fn report(folder: &Path) -> Result<Report, Failure> {
     let path = results_path(folder);
     let nothing = || {
         Failure::new(FailureKind::Data, format!("nothing was played in {}", folder.display()))
@@ -28,7 +37,7 @@ pub fn report(folder: &Path) -> Result<String, Failure> {
     let lines = comparable(played.values());
     let Some(first) = lines.first() else { return Err(nothing()) };
     let page = Page { lines: &lines, first };
-    Ok([
+    let sections = [
         page.head(),
         page.main(),
         page.paper(),
@@ -36,8 +45,8 @@ pub fn report(folder: &Path) -> Result<String, Failure> {
         page.tests(),
         page.shares(),
         page.failures(),
-    ]
-    .join("\n"))
+    ];
+    Ok(Report { page: sections.join("\n"), episodes: episodes::table(&lines) })
 }
 
 struct Page<'a> {
@@ -69,7 +78,8 @@ impl Page<'_> {
              `server/src/ladder/recipe.json`, furnished from the pool for validation, which no agent was made with. Numbers are \
              percentages with 95 % intervals, resampled by house. Agents marked † are privileged: they are told what no agent may \
              know, and show what a perfect sense would be worth.\n\n\
-             Program {}, benchmark {}, split `{}`, seed of agents {}, {} episodes in {hours:.1} hours of episode time.\n",
+             Program {}, benchmark {}, split `{}`, seed of agents {}, {} episodes in {hours:.1} hours of episode time. \
+             [results.csv](results.csv) has each of them.\n",
             missions.len(),
             scenes.len(),
             key.program,

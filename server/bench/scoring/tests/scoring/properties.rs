@@ -2,7 +2,7 @@
 
 use crate::script::{Did, record, truth};
 use avln_episode::{Action, EndReason, Order, Rules};
-use avln_scoring::{Entry, EpisodeScore, Key, Summary, rank, score, summarise};
+use avln_scoring::{Entry, EpisodeScore, Key, Place, Summary, rank, score, summarise};
 
 /// A small generator for test data (Knuth's MMIX constants).
 struct Draw(u64);
@@ -87,6 +87,27 @@ fn with_isr(scores: &[EpisodeScore], change: impl Fn(usize, f64) -> f64) -> Vec<
     scores
 }
 
+fn competing<'a>(summary: &'a Summary, scores: &'a [EpisodeScore]) -> Entry<'a> {
+    Entry { summary, scores, is_ranked: true }
+}
+
+/// Rank and tie group of a place.
+fn stands(place: &Place) -> (u32, u32) {
+    place.standing.map(|standing| (standing.rank, standing.tie_group)).expect("a rank")
+}
+
+#[test]
+fn references_stand_in_their_place_and_take_nobodys_rank() {
+    let base = random_scores(8, 140);
+    let runs = [0.0, 0.5, 0.25].map(|more| with_isr(&base, |_, isr| isr + more));
+    let summaries = runs.each_ref().map(|run| summarise(run, 1).expect("episodes"));
+    let mut entries = [0, 1, 2].map(|index| competing(&summaries[index], &runs[index]));
+    entries[1].is_ranked = false;
+    let places = rank(&entries, Key::Isr, 1);
+    assert_eq!(places.iter().map(|place| place.entry).collect::<Vec<_>>(), [1, 2, 0]);
+    assert_eq!((places[0].standing, stands(&places[1]), stands(&places[2])), (None, (1, 1), (2, 2)));
+}
+
 #[test]
 fn equal_entries_share_a_rank_and_a_clear_winner_stands_alone() {
     let base = random_scores(8, 140);
@@ -94,10 +115,10 @@ fn equal_entries_share_a_rank_and_a_clear_winner_stands_alone() {
         [with_isr(&base, |_, isr| isr), with_isr(&base, |_, isr| isr + 0.5), with_isr(&base, |_, isr| isr)];
     let summaries: Vec<Summary> = runs.iter().map(|run| summarise(run, 1).expect("episodes")).collect();
     let entries: Vec<Entry<'_>> =
-        summaries.iter().zip(&runs).map(|(summary, scores)| Entry { summary, scores }).collect();
+        summaries.iter().zip(&runs).map(|(summary, scores)| competing(summary, scores)).collect();
     let places = rank(&entries, Key::Isr, 1);
-    let told: Vec<_> = places.iter().map(|place| (place.entry, place.rank, place.tie_group)).collect();
-    assert_eq!(told, [(1, 1, 1), (0, 2, 2), (2, 2, 2)]);
+    let told: Vec<_> = places.iter().map(|place| (place.entry, stands(place))).collect();
+    assert_eq!(told, [(1, (1, 1)), (0, (2, 2)), (2, (2, 2))]);
 }
 
 #[test]
@@ -106,11 +127,10 @@ fn a_difference_that_chance_explains_leaves_both_in_one_group() {
     // Up in one half of the scenes, a little less down in the other.
     let noisy = with_isr(&base, |index, isr| isr + if (index % 7) < 4 { 0.2 } else { -0.25 });
     let summaries = [summarise(&base, 1).expect("episodes"), summarise(&noisy, 1).expect("episodes")];
-    let entries =
-        [Entry { summary: &summaries[0], scores: &base }, Entry { summary: &summaries[1], scores: &noisy }];
+    let entries = [competing(&summaries[0], &base), competing(&summaries[1], &noisy)];
     let places = rank(&entries, Key::Isr, 1);
     assert_eq!((places[0].entry, places[1].entry), (1, 0));
-    assert_eq!((places[1].rank, places[1].tie_group), (2, 1));
+    assert_eq!(stands(&places[1]), (2, 1));
 }
 
 #[test]
@@ -119,8 +139,7 @@ fn fewer_steps_rank_higher() {
     let mut slow = quick.clone();
     slow.iter_mut().for_each(|s| s.metrics.steps += 50);
     let summaries = [summarise(&slow, 1).expect("episodes"), summarise(&quick, 1).expect("episodes")];
-    let entries =
-        [Entry { summary: &summaries[0], scores: &slow }, Entry { summary: &summaries[1], scores: &quick }];
+    let entries = [competing(&summaries[0], &slow), competing(&summaries[1], &quick)];
     let places = rank(&entries, Key::Steps, 1);
-    assert_eq!((places[0].entry, places[0].tie_group, places[1].tie_group), (1, 1, 2));
+    assert_eq!((places[0].entry, stands(&places[0]), stands(&places[1])), (1, (1, 1), (2, 2)));
 }
