@@ -299,7 +299,7 @@ async fn furnish(folder: &Path) -> String {
         max_side: 256,
     };
     phase::open(&data, &store, &open).await.expect("a phase");
-    let token = team::admit(&store, "bench team", false).await.expect("a team");
+    let token = team::admit(&store, "bench team", None).await.expect("a team");
     store.close().await;
     token
 }

@@ -38,6 +38,8 @@ pub enum Command {
     /// Make splits of scenes and missions
     #[command(subcommand)]
     Split(commands::split::Command),
+    /// Record demonstrations of the oracle on a training split, to learn from
+    Rollout(commands::rollout::Options),
     /// Build data sets by recipe, count them, check them
     #[command(subcommand)]
     Dataset(commands::dataset::Command),
@@ -63,6 +65,9 @@ pub enum Command {
     /// Admit teams and issue their tokens
     #[command(subcommand)]
     Team(commands::team::Command),
+    /// Rule on runs: mark them as verified, take them off the boards
+    #[command(subcommand)]
+    Ruling(commands::ruling::Command),
     /// Run an agent against a phase, shut off from everything but the server
     #[command(subcommand)]
     Sealed(commands::sealed::Command),
@@ -132,10 +137,12 @@ async fn asynchronous(data: &std::path::Path, command: Command) -> Result<(), Fa
         Command::Agent(agent) => commands::agent::run(agent).await,
         Command::Ladder(command) => commands::ladder::run(command).await,
         Command::Split(command) => commands::split::run(data, command).await,
+        Command::Rollout(options) => commands::rollout::run(data, options).await,
         Command::Phase(command) => commands::phase::run(data, command).await,
         Command::Board(command) => commands::board::run(data, command).await,
         Command::Challenge(command) => commands::challenge::run(data, command).await,
         Command::Team(command) => commands::team::run(data, command).await,
+        Command::Ruling(command) => commands::ruling::run(data, command).await,
         Command::Sealed(command) => commands::sealed::run(data, command).await,
         Command::Token(command) => commands::token::run(data, command).await,
         Command::Rescore(options) => commands::rescore::run(data, options).await,

@@ -4,6 +4,7 @@ use crate::{
     Failure, FailureKind,
     admin::{self, Desk},
     arena::Arena,
+    office::ArenaOffice,
 };
 use avln_grpc::Control;
 /// What [`Doors::with_limits`] changes.
@@ -143,6 +144,8 @@ impl Doors {
             agents_port: grpc.port(),
             logs: Some(arena.signed_logs()),
             onlooker: Some(arena.onlooker()),
+            lookout: Some(arena.lookout()),
+            office: Some(Arc::new(ArenaOffice::new(arena.clone()))),
         };
         let agents = avln_grpc::serve(agents_door, arena, self.limits, until(stopped.clone()));
         tasks.spawn(async { agents.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });

@@ -53,7 +53,7 @@ impl Hall {
             rules: "lh-avln-v1".to_owned(),
         };
         split::make(&data, &store, make, |_| ()).await.expect("a house holds missions");
-        team::admit(&store, TEAM, false).await.expect("a team");
+        team::admit(&store, TEAM, None).await.expect("a team");
         Self { _folder: folder, data, store }
     }
 

@@ -59,7 +59,7 @@ async fn tokens(folder: &Path) -> Vec<String> {
     let store = data.store().await.expect("its database");
     let mut tokens = Vec::new();
     for number in 0..PROCESSES {
-        tokens.push(team::admit(&store, &format!("team {number}"), false).await.expect("a team"));
+        tokens.push(team::admit(&store, &format!("team {number}"), None).await.expect("a team"));
     }
     store.close().await;
     tokens

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 READ_OF_A_KIND = 8
 """Pages of one kind whose own links are followed; of more pages the answer alone is looked at."""
-NAMES = re.compile(r"(?<=/)(?P<route>runs|episodes|leaderboard|phases|embed|eyes)/[^/]+|(?<=/)(?P<docs>docs)/.+")
+NAMES = re.compile(r"(?<=/)(?P<route>runs|episodes|leaderboard|phases|embed|eyes|ears)/[^/]+|(?<=/)(?P<docs>docs)/.+")
 POINTERS = ("href", "src", "action")
 
 

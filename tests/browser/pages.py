@@ -90,15 +90,20 @@ def check(browser: Browser, origin: str, addresses: list[str]) -> list[str]:
     """Opens each address and looks at it."""
     context = browser.new_context(viewport={"width": WIDTHS_PX[0], "height": HEIGHT_PX})
     page = context.new_page()
-    watch = Watch(page, origin)
+    found = visit(page, Watch(page, origin), addresses)
+    found += [f"a page that is not there: {trouble}" for trouble in missing(page, origin)]
+    context.close()
+    return found
+
+
+def visit(page: Page, watch: Watch, addresses: list[str]) -> list[str]:
+    """Opens each address in a tab and looks at it."""
     found = []
     for address in addresses:
         page.goto(address)
         page.evaluate("() => document.querySelectorAll('details').forEach((e) => (e.open = true))")
         troubles = watch.take() + look(page) + watch.take()
         found += [f"{address}: {trouble}" for trouble in troubles]
-    found += [f"a page that is not there: {trouble}" for trouble in missing(page, origin)]
-    context.close()
     return found
 
 

@@ -13,11 +13,11 @@ pub mod tap;
 
 pub use avln_server::ladder::walk;
 use avln_server::{
-    arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
+    arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder, now_unix_ms, secret::new_token},
     commands::{phase, split, team},
     doors::{Addresses, Doors, Limits, OpenDoors, Security},
 };
-use avln_store::{AuditNote, Phase, Store};
+use avln_store::{AuditNote, NewToken, Phase, Store, TokenKind};
 use std::{path::Path, sync::Arc};
 use tempfile::TempDir;
 
@@ -101,6 +101,17 @@ impl House {
         Self { folder, doors, token }
     }
 
+    /// A new token of an organiser.
+    pub async fn organiser(&self) -> String {
+        let secret = new_token("organiser").expect("randomness");
+        let (kind, name) = (TokenKind::Organiser, "");
+        let token = NewToken { secret: &secret, kind, name, team: None, expires_unix_ms: None };
+        let store = store(self.folder.path()).await;
+        store.issue_token(&token, now_unix_ms()).await.expect("a token");
+        store.close().await;
+        secret
+    }
+
     /// Closes the doors and opens them again over the same folder.
     pub async fn reopen(self) -> Self {
         self.doors.close().await.expect("both doors close");
@@ -138,7 +149,7 @@ pub async fn furnish(folder: &Path, plan: &Plan) -> String {
         max_side: 256,
     };
     phase::open(&data, &store, &open).await.expect("the phase can be opened");
-    let token = team::admit(&store, TEAM, false).await.expect("the team can be admitted");
+    let token = team::admit(&store, TEAM, None).await.expect("the team can be admitted");
     store.close().await;
     token
 }

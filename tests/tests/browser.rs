@@ -2,7 +2,11 @@
 
 use avln_client::Order;
 use avln_human::{Options, run_with};
-use avln_tests::{House, PHASE, Plan, python, repository::root, stroll::stroll};
+use avln_tests::{
+    House, PHASE, Plan, python,
+    repository::root,
+    stroll::{EARS, stroll, stroll_with},
+};
 use std::{env, path::PathBuf};
 use tokio::{sync::oneshot, task::spawn_blocking};
 
@@ -42,6 +46,7 @@ async fn every_page_is_for_everybody() {
     for method in ["stroller", "wanderer"] {
         stroll(&house.agents_url(), &house.token, method).await;
     }
+    let heard = stroll_with(&house.agents_url(), &house.token, "listener", EARS, |_, _| ()).await;
     let (found, page) = oneshot::channel();
     let options = person(&house);
     let run = tokio::spawn(async move {
@@ -51,6 +56,8 @@ async fn every_page_is_for_everybody() {
     let page = page.await.expect("a page");
     check.arg(root().join("tests/browser/check.py")).arg(chromium);
     check.arg(format!("http://{}", house.doors.web)).arg(format!("http://{page}"));
+    check.arg(format!("http://{}/runs/{heard}/episodes/0", house.doors.web));
+    check.arg(&house.token).arg(house.organiser().await);
     spawn_blocking(|| python::succeeds("pages in a browser", check)).await.expect("nothing is wrong");
     run.abort();
 }

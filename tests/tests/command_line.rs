@@ -392,6 +392,9 @@ fn the_commands_of_the_organisers_page_do_what_it_says() {
 
     done(&["phase", "pause", "standard", "--reason", "the server moves"]);
     done(&["phase", "resume", "standard"]);
+    let of_nobody = ["ruling", "disqualified", "run_of_nobody", "--reason", "why"];
+    assert!(refused(&data, &of_nobody, 3).contains("there is no run 'run_of_nobody'"));
+    hinted(&data, &["ruling", "verified", "run_of_nobody", "--reason", " "], 3, &["say why"]);
     assert!(refused(&data, &["challenge", "reveal", "practice"], 3).contains("not closed"));
     done(&["phase", "close", "challenge"]);
     let revealed = folder.path().join("revealed.json");

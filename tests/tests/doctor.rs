@@ -65,7 +65,10 @@ async fn what_would_stop_a_run_is_told_and_no_quota_is_spent() {
     let before = store.phase(PHASE).await.unwrap();
     let mut after = before.clone();
     after.quotas = QuotaLimits { total: Some(1), ..QuotaLimits::default() };
-    store.change_phases(&[after.clone()], &notes(Some(&before), &after, ""), now_unix_ms()).await.unwrap();
+    store
+        .change_phases(&[after.clone()], &notes("test", Some(&before), &after, ""), now_unix_ms())
+        .await
+        .unwrap();
     let (code, report, _) = doctor(&house.agents_url(), &house.token, PHASE);
     assert_eq!(
         (code, verdict(&report, "quota"), verdict(&report, "practice")),

@@ -151,6 +151,26 @@ async fn agent_that_gives_up_abandons_its_episode_and_cancels_for_nothing_before
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn agent_whose_team_cancels_abandons_the_last_episode_and_does_not_complete_the_run() {
+    let house = house(|_| ()).await;
+    let (run, mut play) = begin(&house.agents_url(), &house.token).await;
+    let mut first = play.next_episode().await.expect("an answer").expect("an episode");
+    first.step(Action::Stop).await.expect("in time");
+    let mut last = play.next_episode().await.expect("an answer").expect("an episode");
+    last.step(Action::TurnLeft).await.expect("in time");
+    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let told = arena.cancel_run(&run.id).await.expect("it is its own");
+    assert_eq!((told.state, told.progress.in_flight), (avln_client::RunState::Cancelled, 0));
+    let expected = expect("stopped abandoned", RunState::Cancelled, true);
+    assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
+    let log = find(house.folder.path(), &run.id);
+    let verify = Command::new(PROGRAM).arg("--data").arg(house.folder.path()).arg("verify").arg(log).output();
+    let verify = verify.expect("the program runs");
+    assert!(verify.status.success(), "{}", String::from_utf8_lossy(&verify.stderr));
+    assert!(matches!(last.step(Action::TurnLeft).await, Err(_) | Ok(_)) && last.is_over());
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn agent_that_speaks_nonsense_is_one_that_is_gone() {
     let house = house(brief).await;
     let wire = tap::Tap::open(house.doors.grpc).await;

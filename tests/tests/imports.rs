@@ -130,3 +130,26 @@ fn the_check_sees_a_forbidden_edge() {
     ]});
     assert_eq!(edges(&sample), BTreeSet::from([("grpc".to_owned(), "truth".to_owned())]));
 }
+
+#[test]
+fn the_clients_tree_holds_no_crate_of_the_server() {
+    let metadata = metadata();
+    let packages = metadata["packages"].as_array().expect("cargo lists packages");
+    let root = metadata["workspace_root"].as_str().expect("a path");
+    let lies_in_server = |name: &str| {
+        let is_meant = |package: &&Value| package["name"].as_str().and_then(short) == Some(name);
+        let package = packages.iter().find(is_meant).expect("a package of ours");
+        let path = package["manifest_path"].as_str().and_then(|path| path.strip_prefix(root));
+        path.expect("it lies in the workspace").replace('\\', "/").starts_with("/server/")
+    };
+    let edges = edges(&metadata);
+    let (mut tree, mut open) = (BTreeSet::new(), vec!["client"]);
+    while let Some(next) = open.pop() {
+        if tree.insert(next) {
+            open.extend(edges.iter().filter(|(from, _)| from == next).map(|(_, to)| to.as_str()));
+        }
+    }
+    assert!(lies_in_server("grpc"), "the check sees what lies there");
+    assert_eq!(tree, BTreeSet::from(["client", "codec", "proto"]));
+    assert!(!tree.iter().any(|name| lies_in_server(name)));
+}

@@ -16,7 +16,7 @@ use avln_tests::{
     walk::{PASSED_M, Walker, distance_m},
 };
 use serde_json::Value;
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, time::Duration};
 
 const BLIND: Sensors =
     Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
@@ -191,14 +191,27 @@ async fn ask_around(house: &House, tap: &Tap, arena: &Arena) {
     arena.play(&own, BLIND).await.expect_err("no token of a run");
 }
 
+/// What is told to somebody who follows a run that is under way, and all of them.
+async fn follow(house: &House, run: &str) -> Vec<(String, http::Answer)> {
+    const LONG_ENOUGH: Duration = Duration::from_millis(1500);
+    let mut told = Vec::new();
+    for path in ["/api/v1/runs/events".to_owned(), format!("/api/v1/runs/{run}/events")] {
+        let answer = http::overhear(house.doors.web, &path, LONG_ENOUGH).await;
+        told.push((path, answer));
+    }
+    told
+}
+
 async fn receive(house: &House) -> Received {
     let (noisy, plain) = (Tap::open(house.doors.grpc).await, Tap::open(house.doors.grpc).await);
     let curious = Arena::connect(noisy.url(), &house.token).await.expect("the door is open");
     let sober = Arena::connect(plain.url(), &house.token).await.expect("the door is open");
     let (mut metrics, mut runs) = (Vec::new(), Vec::new());
+    let mut followed = Vec::new();
     for order in ORDERS {
         let run = curious.start_run(RunOptions::new(PHASE, "curious").order(order)).await.expect("a run");
         fumble(&noisy, &curious, &run).await;
+        followed.extend(follow(house, &run.id).await);
         let (shown, ()) = tokio::join!(claim(house, &sober, &run, order), watch(&sober, &run.id));
         metrics.extend(shown);
         runs.push(run.id);
@@ -210,15 +223,28 @@ async fn receive(house: &House) -> Received {
         let answer = http::get(house.doors.web, &path).await;
         pages.push((path, answer));
     }
+    pages.extend(followed);
     Received { noisy: noisy.heard(), plain: plain.heard(), pages, metrics }
 }
 
 /// Every page and every way into the API that has to do with the runs.
 fn paths(runs: &[String]) -> Vec<String> {
-    let mut paths: Vec<String> =
-        ["/", "/docs", "/leaderboard", "/runs", "/api/v1/openapi.json"].map(str::to_owned).into();
+    let mut paths: Vec<String> = [
+        "/",
+        "/docs",
+        "/leaderboard",
+        "/runs",
+        "/sign-in",
+        "/me",
+        "/organise",
+        "/organise/runs",
+        "/api/v1/openapi.json",
+    ]
+    .map(str::to_owned)
+    .into();
     paths.extend(["status", "phases", "runs", "runs?phase=trial"].map(|path| format!("/api/v1/{path}")));
-    paths.extend([format!("/phases/{PHASE}"), format!("/api/v1/phases/{PHASE}")]);
+    paths.extend([format!("/phases/{PHASE}"), format!("/phases/{PHASE}/scenes/0.svg")]);
+    paths.extend([format!("/api/v1/phases/{PHASE}"), format!("/api/v1/phases/{PHASE}/missions")]);
     for order in ORDERS {
         paths.push(format!("/leaderboard/{PHASE}?order={order}"));
         paths.push(format!("/embed/{PHASE}?order={order}"));
@@ -236,7 +262,8 @@ fn paths(runs: &[String]) -> Vec<String> {
         }
         paths.push(format!("/runs/{run}"));
         paths.push(format!("/runs/{run}/badge.svg"));
-        for rest in ["", "/episodes", "/episodes.csv", "/log"] {
+        paths.push(format!("/organise/runs/{run}"));
+        for rest in ["", "/episodes", "/episodes.csv", "/events", "/log"] {
             paths.push(format!("/api/v1/runs/{run}{rest}"));
         }
         for ordinal in 0..=3 {
@@ -244,7 +271,10 @@ fn paths(runs: &[String]) -> Vec<String> {
             paths.push(format!("/runs/{run}/episodes/{ordinal}?t=1&storey=1"));
             paths.push(format!("/runs/{run}/episodes/{ordinal}/eyes/1.png"));
             paths.push(format!("/runs/{run}/episodes/{ordinal}/eyes/1.png?sensor=depth"));
+            paths.push(format!("/runs/{run}/episodes/{ordinal}?ears=on"));
+            paths.push(format!("/runs/{run}/episodes/{ordinal}/ears/0-1.wav"));
             paths.push(format!("/api/v1/runs/{run}/episodes/{ordinal}/steps.csv"));
+            paths.push(format!("/api/v1/runs/{run}/episodes/{ordinal}/levels.csv"));
             paths.push(format!("/api/v1/runs/{run}/episodes/{ordinal}"));
         }
     }
@@ -255,7 +285,7 @@ const METRICS: [&str; 6] = ["sr", "isr", "osr", "spl", "soft_spl", "sna"];
 
 /// Whether there is nothing at a path but what a replay shows.
 fn is_of_replays(path: &str) -> bool {
-    path.contains("/eyes/") || path.ends_with("/steps.csv")
+    ["/eyes/", "/ears/", "/steps.csv", "/levels.csv"].iter().any(|part| path.contains(part))
 }
 
 /// Whether a number stands below a metric's name anywhere in `value`.
@@ -376,7 +406,7 @@ async fn the_same_search_finds_what_a_public_phase_shows() {
         assert!(found.iter().any(|found| found.starts_with(what)), "{what} in replays: {found:?}");
     }
     assert!(received.pages.iter().any(|(_, answer)| !shown.found_in(&answer.bytes).is_empty()), "categories");
-    for replay in ["/eyes/1.png", "/eyes/1.png?sensor=depth", "/steps.csv"] {
+    for replay in ["/eyes/1.png", "/eyes/1.png?sensor=depth", "/ears/0-1.wav", "/steps.csv", "/levels.csv"] {
         let shown =
             received.pages.iter().any(|(path, answer)| path.ends_with(replay) && answer.status == 200);
         assert!(shown, "{replay} of a public phase");

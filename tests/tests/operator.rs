@@ -3,9 +3,9 @@
 use avln_client::{Action, Arena, Error, Link, Reason, RunOptions, Sensors};
 use avln_server::{
     admin::{Drain, Notice, Status, ask},
-    arena::{data::DataFolder, now_unix_ms, secret::new_token},
+    arena::{data::DataFolder, now_unix_ms},
 };
-use avln_store::{AuditNote, NewToken, TokenKind};
+use avln_store::AuditNote;
 use avln_tests::{House, PHASE, Plan, http};
 use serde::Serialize;
 use std::time::Duration;
@@ -21,17 +21,7 @@ struct Operator {
 
 impl Operator {
     async fn of(house: &House) -> Self {
-        let token = new_token("organiser").unwrap();
-        let store = DataFolder::open(house.folder.path()).unwrap().store().await.unwrap();
-        let new = NewToken {
-            secret: &token,
-            kind: TokenKind::Organiser,
-            name: "",
-            team: None,
-            expires_unix_ms: None,
-        };
-        store.issue_token(&new, now_unix_ms()).await.unwrap();
-        store.close().await;
+        let token = house.organiser().await;
         Self { url: format!("http://{}", house.doors.admin.unwrap()), token }
     }
 

@@ -151,19 +151,21 @@ async fn metrics_text(State(desk): State<Desk>) -> Result<Response, Refused> {
 }
 
 async fn status(State(desk): State<Desk>) -> Json<Status> {
-    Json(status_of(&desk))
+    Json(status_of(&desk.arena))
 }
 
-fn status_of(desk: &Desk) -> Status {
-    let seen = desk.control().snapshot();
-    let slot = |SlotState { run, slot, step }| Slot { run, slot, step };
+/// What is going on in a server.
+pub fn status_of(arena: &Arena) -> Status {
+    let control = arena.control();
+    let seen = control.snapshot();
+    let slot = |SlotState { run, slot, step, .. }| Slot { run, slot, step };
     Status {
-        draining: desk.control().draining().map(|drain| drain.reason),
+        draining: control.draining().map(|drain| drain.reason),
         notice: seen.notice,
         slots: seen.slots.into_iter().map(slot).collect(),
         steps: seen.steps,
-        scene_bytes: desk.arena.scene_bytes(),
-        hanging: desk.control().watchdog().hanging(),
+        scene_bytes: arena.scene_bytes(),
+        hanging: control.watchdog().hanging(),
     }
 }
 
@@ -185,7 +187,7 @@ async fn drain(
         .map_err(|failure| Refused(StatusCode::INTERNAL_SERVER_ERROR, failure.to_string()))?;
     avln_web::announce(&desk.control().announcement());
     tracing::warn!(reason, minutes, "draining");
-    Ok(Json(status_of(&desk)))
+    Ok(Json(status_of(&desk.arena)))
 }
 
 async fn notice(
@@ -195,7 +197,7 @@ async fn notice(
     let Json(Notice { text }) = body?;
     desk.control().announce(&printable("text", text.trim())?);
     avln_web::announce(&desk.control().announcement());
-    Ok(Json(status_of(&desk)))
+    Ok(Json(status_of(&desk.arena)))
 }
 
 fn printable(what: &str, text: &str) -> Result<String, Refused> {

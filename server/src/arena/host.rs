@@ -10,7 +10,7 @@ use avln_grpc::{
     Account, ClientRange, Control, Digests, EpisodeOutcome, Host, Interrupted, OpenRun, PhaseInfo, Quota,
     Reason, Refusal, RunRequest, RunStatus, RunTicket, Seat, ServerInfo, StoredEnd,
 };
-use avln_store::{NewRun, Run, RunState, RunView, Token, TokenState, Viewer};
+use avln_store::{NewRun, Run, RunState, RunView, StoreError, Token, TokenState, Viewer};
 use std::{collections::BTreeMap, sync::Arc};
 
 #[avln_grpc::async_trait]
@@ -89,8 +89,7 @@ impl Host for Arena {
 
     async fn cancel_run(&self, account: &Account, run: &str) -> Result<RunStatus, Refusal> {
         self.run(account, run).await?;
-        let cancelled = self.store.cancel_run(run, now_unix_ms()).await.map_err(refusal)?;
-        self.sign_if_over(&cancelled).await;
+        self.cancel(run).await.map_err(refusal)?;
         self.run(account, run).await
     }
 
@@ -147,6 +146,13 @@ impl Host for Arena {
 }
 
 impl Arena {
+    /// Gives a run up and signs its log. Episodes that are being played may still be recorded.
+    pub(crate) async fn cancel(&self, run: &str) -> Result<(), StoreError> {
+        let cancelled = self.store.cancel_run(run, now_unix_ms()).await?;
+        self.sign_if_over(&cancelled).await;
+        Ok(())
+    }
+
     /// A run as its own team may see it.
     async fn status(&self, view: RunView) -> Result<RunStatus, Refusal> {
         let charge = self.store.charge(&view.line.run).await.map_err(refusal)?;

@@ -9,6 +9,7 @@ pub mod data;
 mod disturb;
 mod heart;
 mod host;
+mod lookout;
 mod onlooker;
 mod play;
 mod refusals;
@@ -32,11 +33,12 @@ use crate::{
 use avln_grpc::Control;
 use avln_referee::Referee;
 use avln_store::{MadeUp, Store};
-use avln_web::{Onlooker, SignedLogs};
+use avln_web::{Lookout, Onlooker, SignedLogs};
 use budget::Budget;
 use data::DataFolder;
 use disturb::Disturb;
 use heart::Heart;
+use lookout::DoorLookout;
 use onlooker::SceneOnlooker;
 pub use replayer::Replayer;
 use scenes::SceneCache;
@@ -159,9 +161,19 @@ impl Arena {
         SignedLogs { folder: self.logs.folder().to_owned(), key: self.key.public() }
     }
 
-    /// Who looks into scenes for those who watch replays.
+    /// Who looks and listens in scenes for those who watch replays.
     pub fn onlooker(&self) -> Arc<dyn Onlooker> {
         self.onlooker.clone()
+    }
+
+    /// Who tells those who watch runs what is played at this moment.
+    pub fn lookout(&self) -> Arc<dyn Lookout> {
+        Arc::new(DoorLookout(self.control.clone()))
+    }
+
+    /// The database, with the right to write.
+    pub(crate) fn store(&self) -> &Store {
+        &self.store
     }
 
     /// Bytes of scenes that are ready.

@@ -123,10 +123,15 @@ pub(super) fn status(view: RunView, charge: Charge) -> RunStatus {
         updated_unix_ms: line.finished_unix_ms.unwrap_or(line.created_unix_ms),
         ends: ends(&view.health),
         metrics: view.summary.filter(|_| view.scores_visible).as_ref().map(columns),
-        ineligible_because: ineligible
-            .then(|| "only completed runs whose every episode counts are ranked".to_owned())
-            .into_iter()
-            .collect(),
+        ineligible_because: ineligible.then(|| why_ineligible(line.disqualified)).into_iter().collect(),
+    }
+}
+
+/// Why a run that is over is on no board.
+fn why_ineligible(disqualified: Option<String>) -> String {
+    match disqualified {
+        Some(reason) => format!("the organiser disqualified it: {reason}"),
+        None => "only completed runs whose every episode counts are ranked".to_owned(),
     }
 }
 
@@ -144,4 +149,16 @@ fn columns(summary: &Summary) -> Vec<(String, f64)> {
         ("soft_spl", summary.soft_spl.value),
     ];
     metrics.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_team_is_told_why_its_run_is_on_no_board() {
+        assert_eq!(why_ineligible(None), "only completed runs whose every episode counts are ranked");
+        let why = why_ineligible(Some("it knew the houses".to_owned()));
+        assert_eq!(why, "the organiser disqualified it: it knew the houses");
+    }
 }

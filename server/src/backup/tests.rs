@@ -7,7 +7,7 @@ async fn furnished() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let data = DataFolder::open(folder.path()).unwrap();
     let store = data.store().await.unwrap();
-    store.create_team("red", false, 1).await.unwrap();
+    store.create_team("red", None, 1).await.unwrap();
     store.close().await;
     data.signing_key().unwrap();
     fs::create_dir_all(folder.path().join("splits/val/missions")).unwrap();

@@ -11,11 +11,11 @@ pub fn actor() -> String {
     user.map_or_else(|| "command line".to_owned(), |user| format!("{user} at the command line"))
 }
 
-/// Notes on all that differs between a phase before and after a change; none when nothing does.
-pub fn notes(before: Option<&Phase>, after: &Phase, reason: &str) -> Vec<AuditNote> {
+/// Notes on all that differs between a phase before and after a change by `actor`; none when nothing does.
+pub fn notes(actor: &str, before: Option<&Phase>, after: &Phase, reason: &str) -> Vec<AuditNote> {
     let subject = format!("phase {}", after.id);
     let note = |what: &str, before: Option<String>, after: Option<String>| AuditNote {
-        actor: actor(),
+        actor: actor.to_owned(),
         subject: subject.clone(),
         what: what.to_owned(),
         before,
@@ -80,17 +80,19 @@ mod tests {
     #[test]
     fn a_change_is_noted_by_key_and_no_change_is_not() {
         let before = Phase::new("practice", "val", Rules::paper(), vec![]);
-        assert_eq!(notes(Some(&before), &before, ""), []);
+        assert_eq!(notes("ada", Some(&before), &before, ""), []);
         let mut after = before.clone();
         after.quotas.day = Some(3);
         after.schedule.opens_unix_ms = Some(0);
-        let told: Vec<_> =
-            notes(Some(&before), &after, "start").into_iter().map(|n| (n.what, n.before, n.after)).collect();
+        let told: Vec<_> = notes("ada", Some(&before), &after, "start")
+            .into_iter()
+            .map(|n| (n.what, n.before, n.after))
+            .collect();
         let moment = "1970-01-01T00:00:00Z".to_owned();
         assert_eq!(
             told,
             [("opens".to_owned(), None, Some(moment)), ("quota.day".to_owned(), None, Some("3".to_owned()))]
         );
-        assert_eq!(notes(None, &after, "")[0].what, "made");
+        assert_eq!(notes("ada", None, &after, "")[0].what, "made");
     }
 }

@@ -87,7 +87,7 @@ impl Planner<'_> {
             let old = before.iter().find(|phase| phase.id == entry.id);
             let desk = Desk { planner: self, index: &index.to_string(), entry };
             let phase = Phase { position, ..desk.phase(&splits, old)? };
-            let differs = notes(old, &phase, self.reason);
+            let differs = notes(&actor(), old, &phase, self.reason);
             if !differs.is_empty() {
                 self.refuse_fixed(&desk, old, &phase).await?;
                 plan.phases.push(phase);

@@ -4,7 +4,10 @@ use crate::say::say;
 use crate::{
     Failure, FailureKind,
     arena::{data::DataFolder, now_unix_ms},
+    ladder::play_oracle,
 };
+use avln_client::RunSummary;
+use avln_episode::Order;
 use avln_web::{FreezeError, freeze};
 use clap::{Args, Subcommand};
 use sha2::{Digest, Sha256};
@@ -19,6 +22,12 @@ use std::{
 pub enum Command {
     /// Write a copy of what everybody sees of a phase, or of all of them: boards, runs, public replays, tables, and SHA256SUMS
     Freeze(Freeze),
+    /// Let the oracle play a phase, so that its boards show what can be reached; no server may use the data folder meanwhile
+    Oracle {
+        /// Id of the phase
+        #[arg(long)]
+        phase: String,
+    },
 }
 
 /// What is copied, and where to.
@@ -40,7 +49,28 @@ const SUMS: &str = "SHA256SUMS";
 /// # Errors
 /// When the folder is not empty, cannot be written, or there is no such phase.
 pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
-    let Command::Freeze(options) = command;
+    match command {
+        Command::Freeze(options) => copy(data, options).await,
+        Command::Oracle { phase } => {
+            let tell = &mut |order, summary: &RunSummary| say!("{}", told(order, summary));
+            play_oracle(&DataFolder::open(data)?, &phase, tell).await
+        }
+    }
+}
+
+/// What the oracle reached, where the phase shows scores.
+fn told(order: Order, summary: &RunSummary) -> String {
+    let mean = |name| summary.metric(name).map_or("-".to_owned(), |metric| format!("{:.3}", metric.value));
+    format!(
+        "{:<10} SR {}  SPL {}  {} episodes",
+        order.as_str(),
+        mean("sr"),
+        mean("spl"),
+        summary.progress.done
+    )
+}
+
+async fn copy(data: &Path, options: Freeze) -> Result<(), Failure> {
     let store = DataFolder::open(data)?.store().await?;
     let mut copy = Folder::begin(&options.out)?;
     let reader = store.reader();

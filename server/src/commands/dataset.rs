@@ -3,7 +3,7 @@
 use crate::{
     Failure, FailureKind,
     cache::CacheFolder,
-    commands::{dataset_formats, dataset_frames},
+    commands::{dataset_frames, dataset_import},
     dataset::{
         DatasetFiles,
         build::{Builder, Progress},
@@ -35,9 +35,7 @@ pub enum Command {
     /// Verify every mission against its constraints, from the files and the scenes alone
     Check(Check),
     /// Take in missions of another data set: LH-AVLN as its authors publish it, GOAT-Bench, ObjectNav, InstanceImageNav, MultiON
-    Import(dataset_formats::ImportOptions),
-    /// Write a data set as others read it
-    Export(dataset_formats::ExportOptions),
+    Import(dataset_import::Options),
 }
 
 /// What to build, and where.
@@ -87,8 +85,7 @@ pub fn run(data: &Path, command: Command) -> Result<(), Failure> {
         Command::Stats { folder } => stats(&DatasetFiles::at(&folder)),
         Command::Frames(options) => dataset_frames::run(&options),
         Command::Check(options) => check(data, &options),
-        Command::Import(options) => dataset_formats::import(&options),
-        Command::Export(options) => dataset_formats::export(&options),
+        Command::Import(options) => dataset_import::run(&options),
     }
 }
 

@@ -10,7 +10,7 @@ use crate::{
 use avln_dataset::SceneSource;
 use avln_episode::{Order, Rules};
 use avln_scoring::Key;
-use avln_store::{Board, LeaderboardRow, Pick, RunLine, RunState, Store, Viewer};
+use avln_store::{Board, LeaderboardRow, Pick, Reference, RunLine, RunState, Store, Viewer};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::{
     path::{Path, PathBuf},
@@ -61,7 +61,7 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
     let store = data.store().await?;
     let phase = prepare(&data, &store, &options).await?;
     let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await?;
-    let token = team::admit(&store, TEAM, true).await?;
+    let token = team::admit(&store, TEAM, Some(Reference::Baseline)).await?;
     let open = doors.open(Arc::new(arena), store.reader())?;
     play(&store, &open, &phase, &token).await?;
     print_table(&store, &phase).await?;
@@ -252,7 +252,7 @@ fn print_row(row: &LeaderboardRow) {
         .map(|e| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high));
     say!(
         "{:>4}  {:<12} {:>17} {:>17} {:>17} {:>17} {:>17}",
-        row.rank,
+        row.standing.map_or_else(|| "-".to_owned(), |standing| standing.rank.to_string()),
         row.method,
         cells[0],
         cells[1],

@@ -6,11 +6,12 @@ use crate::{
     arena::{data::DataFolder, now_unix_ms, register, stages::commit},
     challenge,
     dataset::SplitFolder,
+    office::deeds,
 };
 use avln_dataset::{SceneLine, SceneSource};
 use avln_episode::{FeedbackRule, HeadRule, Rules, Sensors, Sounds};
 use avln_scene::procedural::Pool;
-use avln_store::{Phase, PhaseState, QuotaLimits, Schedule, Store, Visibility};
+use avln_store::{Phase, QuotaLimits, Schedule, Store, Visibility};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::{Path, PathBuf};
 
@@ -142,7 +143,7 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
                 (schedule.paused, schedule.closed) = (None, false);
             });
             let state = phase.await?.schedule.state(now_unix_ms());
-            say!("phase {id} is {}", state_word(state));
+            say!("phase {id} is {}", deeds::state_word(state));
         }
     }
     Ok(())
@@ -155,23 +156,7 @@ async fn reschedule(
     reason: &str,
     change: impl FnOnce(&mut Schedule),
 ) -> Result<Phase, Failure> {
-    let before = store.phase(id).await?;
-    let mut after = before.clone();
-    change(&mut after.schedule);
-    let notes = challenge::notes(Some(&before), &after, reason);
-    if !notes.is_empty() {
-        store.change_phases(std::slice::from_ref(&after), &notes, now_unix_ms()).await?;
-    }
-    Ok(after)
-}
-
-fn state_word(state: PhaseState) -> &'static str {
-    match state {
-        PhaseState::Upcoming => "not open before its date",
-        PhaseState::Open => "open",
-        PhaseState::Paused => "paused",
-        PhaseState::Closed => "closed since its date",
-    }
+    Ok(deeds::reschedule(store, id, (&challenge::actor(), reason), change).await?)
 }
 
 /// Opens a phase on a split of the data folder.
@@ -210,7 +195,7 @@ pub async fn open(data: &DataFolder, store: &Store, options: &Open) -> Result<Ph
     }
     check_sounds(data, &phase)?;
     let before = store.phases().await?.into_iter().find(|before| before.id == phase.id);
-    let notes = challenge::notes(before.as_ref(), &phase, "");
+    let notes = challenge::notes(&challenge::actor(), before.as_ref(), &phase, "");
     store.change_phases(std::slice::from_ref(&phase), &notes, now_unix_ms()).await?;
     commit(store, &phase.id).await?;
     Ok(phase)

@@ -1,6 +1,9 @@
 //! Makes splits of scenes and missions.
 
-use super::split_prepare::{self, Prepare};
+use super::{
+    split_export::{self, Export},
+    split_prepare::{self, Prepare},
+};
 use crate::say::say;
 use crate::{
     Failure, FailureKind,
@@ -23,6 +26,8 @@ pub enum Command {
     Make(Make),
     /// Work out ahead of time what takes long in its episodes: light and textures, and how each target sounds everywhere
     Prepare(Prepare),
+    /// Write the missions of a split as others read them: the layout of the LH-AVLN authors, and tables in Parquet
+    Export(Export),
     /// Encrypt the files of a split in their places; the server opens them in memory, by AVLN_SEAL_KEY_FILE or AVLN_SEAL_KEY
     Seal(Seal),
 }
@@ -71,6 +76,7 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
     let options = match command {
         Command::Make(options) => options,
         Command::Seal(options) => return seal(&data, &options),
+        Command::Export(options) => return split_export::run(&data, options).await,
         Command::Prepare(options) => {
             let done = tokio::task::spawn_blocking(move || split_prepare::run(&data, &options)).await;
             return done.map_err(|error| Failure::new(FailureKind::Internal, error))?;

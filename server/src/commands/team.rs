@@ -3,11 +3,12 @@
 use crate::say::say;
 use crate::{
     Failure, FailureKind,
-    arena::{data::DataFolder, now_unix_ms, secret::new_token},
+    arena::{data::DataFolder, now_unix_ms},
     challenge::actor,
+    office::deeds,
 };
-use avln_store::{AuditNote, Member, NewGrant, NewToken, Store, TokenKind};
-use clap::{Args, Subcommand};
+use avln_store::{AuditNote, Member, NewGrant, Reference, Store};
+use clap::{Args, Subcommand, ValueEnum};
 use std::path::Path;
 
 /// Commands about teams.
@@ -17,6 +18,9 @@ pub enum Command {
     Add {
         /// Public name of the team
         name: String,
+        /// Show its runs among the others for comparison, without a rank
+        #[arg(long, value_enum, value_name = "KIND")]
+        reference: Option<ReferenceKind>,
     },
     /// Take back all tokens of a team
     Revoke {
@@ -53,6 +57,24 @@ pub enum Command {
     Member(MemberCommand),
 }
 
+/// What a team's runs are shown for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ReferenceKind {
+    /// An agent that others are compared with
+    Baseline,
+    /// People, who play with avln agent human
+    Human,
+}
+
+impl From<ReferenceKind> for Reference {
+    fn from(kind: ReferenceKind) -> Self {
+        match kind {
+            ReferenceKind::Baseline => Self::Baseline,
+            ReferenceKind::Human => Self::Human,
+        }
+    }
+}
+
 /// Commands about people in teams.
 #[derive(Debug, Subcommand)]
 pub enum MemberCommand {
@@ -86,8 +108,8 @@ pub struct Who {
 pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
     let store = DataFolder::open(data)?.store().await?;
     match command {
-        Command::Add { name } => {
-            let token = admit(&store, &name, false).await?;
+        Command::Add { name, reference } => {
+            let token = admit(&store, &name, reference.map(Reference::from)).await?;
             say!("team   {name}");
             say!("token  {token}");
             say!("The token is shown this once. Agents take it with --token or from AVLN_TOKEN.");
@@ -166,30 +188,12 @@ fn address(words: &str) -> Result<String, Failure> {
         .hinted("use one such as ada@example.org"))
 }
 
-/// Admits a team and issues an account token.
+/// Admits a team, which competes unless it is a reference, and issues an account token.
 ///
 /// # Errors
 /// When the name cannot be used or the database refuses.
-pub async fn admit(store: &Store, name: &str, baseline: bool) -> Result<String, Failure> {
-    let printable = |letter: char| !letter.is_control();
-    if name.trim().is_empty() || name.len() > 64 || !name.chars().all(printable) {
-        return Err(Failure::new(
-            FailureKind::Data,
-            format!("'{}' cannot be the name of a team", name.escape_debug()),
-        )
-        .hinted("use 1 to 64 bytes of printable text"));
-    }
-    let secret = new_token("account").map_err(|error| Failure::new(FailureKind::Internal, error))?;
-    store.create_team(name, baseline, now_unix_ms()).await?;
-    let token = NewToken {
-        secret: &secret,
-        kind: TokenKind::Account,
-        name: "",
-        team: Some(name),
-        expires_unix_ms: None,
-    };
-    store.issue_token(&token, now_unix_ms()).await?;
-    Ok(secret)
+pub async fn admit(store: &Store, name: &str, reference: Option<Reference>) -> Result<String, Failure> {
+    Ok(deeds::admit(store, name, reference, now_unix_ms()).await?)
 }
 
 #[cfg(test)]

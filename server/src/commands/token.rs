@@ -3,10 +3,11 @@
 use crate::say::say;
 use crate::{
     Failure, FailureKind,
-    arena::{data::DataFolder, now_unix_ms, secret::new_token},
+    arena::{data::DataFolder, now_unix_ms},
     challenge::{actor, moment_of},
+    office::deeds::{self, Wish, note},
 };
-use avln_store::{AuditNote, NewToken, Store, TokenKind, TokenLine, calendar::rfc3339};
+use avln_store::{Store, TokenKind, TokenLine, calendar::rfc3339};
 use clap::{Args, Subcommand};
 use std::path::Path;
 
@@ -58,7 +59,7 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
         Command::New(options) => issue(&store, &options).await,
         Command::List { json } => list(&store, json).await,
         Command::Revoke { id } => {
-            let revoked = note(format!("token {id}"), "revoked");
+            let revoked = note(&actor(), format!("token {id}"), "revoked", "");
             store.revoke_token(&id, revoked, now_unix_ms()).await?;
             say!("token {id} is void now");
             Ok(())
@@ -66,33 +67,20 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
     }
 }
 
-fn note(subject: String, what: &str) -> AuditNote {
-    AuditNote { actor: actor(), subject, what: what.to_owned(), ..AuditNote::default() }
-}
-
 async fn issue(store: &Store, options: &New) -> Result<(), Failure> {
-    let (kind, word) = match (options.organiser, options.read_only) {
-        (true, _) => (TokenKind::Organiser, "organiser"),
-        (false, true) => (TokenKind::ReadOnly, "looking"),
-        (false, false) => (TokenKind::Account, "account"),
-    };
-    if options.name.chars().count() > 64 || options.name.chars().any(char::is_control) {
-        return Err(Failure::new(FailureKind::Data, "--name takes at most 64 printable characters"));
-    }
     let now = now_unix_ms();
     let expires = options.expires.as_deref().map(|words| expiry(words, now)).transpose()?;
-    let secret = new_token(word).map_err(|error| Failure::new(FailureKind::Internal, error))?;
-    let token = NewToken {
-        secret: &secret,
-        kind,
+    let wish = Wish {
+        kind: match (options.organiser, options.read_only) {
+            (true, _) => TokenKind::Organiser,
+            (false, true) => TokenKind::ReadOnly,
+            (false, false) => TokenKind::Account,
+        },
         name: &options.name,
         team: options.team.as_deref(),
         expires_unix_ms: expires,
     };
-    store.issue_token(&token, now).await?;
-    let whose = options.team.as_deref().map_or_else(|| "organiser".to_owned(), |team| format!("team {team}"));
-    let name = Some(options.name.clone()).filter(|name| !name.is_empty());
-    store.note(AuditNote { after: name, ..note(whose, &format!("token for {word}")) }, now).await?;
+    let secret = deeds::issue(store, &wish, &actor(), now).await?;
     say!("for      {}", options.team.as_deref().unwrap_or("organiser"));
     say!("token    {secret}");
     say!("expires  {}", expires.map_or_else(|| "never".to_owned(), rfc3339));

@@ -1,6 +1,6 @@
 //! The operator's hold on the door: what is being played, how long steps take, what is announced, and when to stop.
 
-use crate::{refusal::Refusal, seat::TimeSpent, watchdog::Watchdog};
+use crate::{refusal::Refusal, seat::TimeSpent, watchdog::Watchdog, wire};
 use avln_episode::EndReason;
 use avln_proto::v1::Reason;
 use std::{
@@ -32,6 +32,8 @@ struct Inner {
 #[derive(Debug, Default)]
 struct Book {
     slots: BTreeMap<(String, u32), Held>,
+    /// Runs that are open to be played, and whether somebody listens.
+    sessions: BTreeMap<String, bool>,
     steps: u64,
     parts: [Histogram; 4],
     ends: BTreeMap<&'static str, u64>,
@@ -43,6 +45,28 @@ struct Held {
     step: u32,
     /// What the episode took until this step.
     spent: TimeSpent,
+    /// The step at which it was seen first, and when that was.
+    first: Option<(u32, Instant)>,
+    /// When it was seen last, and how long the step before took, from answer to answer.
+    last: Option<(Instant, Option<Duration>)>,
+    /// The same moment by the clock.
+    at_unix_ms: i64,
+}
+
+impl Held {
+    /// Another step was answered, or an episode begins.
+    fn mark(&mut self, step: u32) {
+        let now = Instant::now();
+        let took = self.last.map(|(before, _)| now.saturating_duration_since(before));
+        self.first.get_or_insert((step, now));
+        (self.last, self.at_unix_ms) = (Some((now, took)), wire::unix_ms());
+    }
+
+    /// What a step took in the mean, from answer to answer.
+    fn mean_step(&self) -> Option<Duration> {
+        let ((first, begun), (last, _)) = (self.first?, self.last?);
+        last.saturating_duration_since(begun).checked_div(self.step.checked_sub(first)?)
+    }
 }
 
 /// A server that is about to stop.
@@ -63,6 +87,21 @@ pub struct SlotState {
     pub slot: u32,
     /// Steps taken.
     pub step: u32,
+    /// How long the last of them took, from answer to answer, the agent's thinking included.
+    pub last_step: Option<Duration>,
+    /// How long a step took in the mean.
+    pub mean_step: Option<Duration>,
+    /// When the last answer was given, milliseconds since 1970-01-01 UTC. The agent has the word since then.
+    pub at_unix_ms: i64,
+}
+
+/// A run that is open to be played.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SessionState {
+    /// Whether its agent is connected.
+    pub is_there: bool,
+    /// Its slots that hold an episode.
+    pub slots: Vec<SlotState>,
 }
 
 /// What happened since the server started.
@@ -115,6 +154,9 @@ impl Control {
     pub(crate) fn stepped(&self, run: &str, slot: u32, step: u32, spent: TimeSpent) {
         let mut book = self.book();
         let held = book.slots.entry((run.to_owned(), slot)).or_default();
+        if step > held.step || held.first.is_none() {
+            held.mark(step);
+        }
         let before = if step > held.step { std::mem::take(&mut held.spent) } else { spent };
         (held.step, held.spent) = (step, spent);
         if step > 0 && spent != before {
@@ -137,17 +179,30 @@ impl Control {
         self.0.busy.send_replace(book.slots.len());
     }
 
+    /// A run is open to be played, and somebody listens or not.
+    pub(crate) fn opened(&self, run: &str, is_there: bool) {
+        self.book().sessions.insert(run.to_owned(), is_there);
+    }
+
+    /// Nobody plays a run any more.
+    pub(crate) fn closed(&self, run: &str) {
+        self.book().sessions.remove(run);
+    }
+
+    /// How a run is played; `None` while it is not open to be.
+    pub fn session(&self, run: &str) -> Option<SessionState> {
+        let book = self.book();
+        let is_there = *book.sessions.get(run)?;
+        let slots = book.slots.range((run.to_owned(), 0)..=(run.to_owned(), u32::MAX));
+        Some(SessionState { is_there, slots: slots.map(slot_state).collect() })
+    }
+
     /// What happened since the server started.
     pub fn snapshot(&self) -> Snapshot {
         let book = self.book();
-        let slot = |((run, slot), held): (&(String, u32), &Held)| SlotState {
-            run: run.clone(),
-            slot: *slot,
-            step: held.step,
-        };
         let names = ["simulation", "encoding", "queue", "thinking"];
         Snapshot {
-            slots: book.slots.iter().map(slot).collect(),
+            slots: book.slots.iter().map(slot_state).collect(),
             steps: book.steps,
             parts: names.into_iter().zip(book.parts.iter().cloned()).collect(),
             ends: book.ends.clone(),
@@ -218,6 +273,17 @@ impl Control {
     }
 }
 
+fn slot_state(((run, slot), held): (&(String, u32), &Held)) -> SlotState {
+    SlotState {
+        run: run.clone(),
+        slot: *slot,
+        step: held.step,
+        last_step: held.last.and_then(|(_, took)| took),
+        mean_step: held.mean_step(),
+        at_unix_ms: held.at_unix_ms,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -247,6 +313,34 @@ mod tests {
         control.ended("run_a", 0, EndReason::Stopped);
         let seen = control.snapshot();
         assert_eq!((seen.slots.len(), seen.ends.get("stopped")), (1, Some(&1)));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_session_tells_who_is_there_and_how_fast_its_slots_are() {
+        let control = Control::default();
+        assert_eq!(control.session("run_a"), None);
+        control.opened("run_a", false);
+        assert_eq!(control.session("run_a"), Some(SessionState::default()));
+        control.opened("run_a", true);
+        for (step, ms) in [(7, 0), (8, 300), (8, 50), (9, 50)] {
+            tokio::time::advance(Duration::from_millis(ms)).await;
+            control.stepped("run_a", 2, step, spent(0, u64::from(step)));
+        }
+        control.stepped("run_b", 0, 0, spent(0, 0));
+        let session = control.session("run_a").expect("it is open");
+        let [slot] = &session.slots[..] else { panic!("{session:?}") };
+        assert!(session.is_there && slot.at_unix_ms > 0);
+        assert_eq!((slot.slot, slot.step), (2, 9));
+        let ms = |time: Option<Duration>| time.map(|time| time.as_millis());
+        assert_eq!(
+            (ms(slot.last_step), ms(slot.mean_step)),
+            (Some(100), Some(200)),
+            "asked for again is no step"
+        );
+        control.ended("run_a", 2, EndReason::Stopped);
+        assert_eq!(control.session("run_a"), Some(SessionState { is_there: true, slots: vec![] }));
+        control.closed("run_a");
+        assert_eq!((control.session("run_a"), control.session("run_b")), (None, None));
     }
 
     #[tokio::test(start_paused = true)]

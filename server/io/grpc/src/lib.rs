@@ -60,7 +60,7 @@ mod watchdog;
 mod wire;
 
 pub use avln_proto::{API_MINOR, v1::Reason};
-pub use control::{Control, Drain, Histogram, SlotState, Snapshot};
+pub use control::{Control, Drain, Histogram, SessionState, SlotState, Snapshot};
 pub use host::{
     Account, ClientRange, Digests, EpisodeOutcome, Host, Interrupted, OpenRun, PhaseInfo, PhaseState, Quota,
     QuotaWindow, Revealed, RunRequest, RunState, RunStatus, RunTicket, Scope, ServerInfo, StoredEnd,

@@ -3,17 +3,31 @@ use crate::{
     audit::add_notes,
     words::{row, words},
 };
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use sqlx::{Sqlite, SqlitePool, Transaction};
+use std::fmt;
 
 /// A participant.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Team {
     /// Public name.
     pub name: String,
-    /// Whether it stands for the organiser's reference agents.
-    pub baseline: bool,
+    /// What its runs are a reference for; `None` where it competes.
+    pub reference: Option<Reference>,
 }
+
+/// What runs that are shown for comparison stand for. They have no rank.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reference {
+    /// An agent that others are compared with.
+    Baseline,
+    /// Who knows everything, and shows what can be reached.
+    Oracle,
+    /// People.
+    Human,
+}
+words!(Reference, "reference", { Baseline => "baseline", Oracle => "oracle", Human => "human" });
 
 /// Which door a token opens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -107,16 +121,22 @@ row! {
 }
 
 impl Store {
-    /// Adds a team; adding it again with the same baseline flag changes nothing.
+    /// Adds a team; adding it again as the same reference, or as none, changes nothing.
     ///
     /// # Errors
-    /// When the name is taken by a team with the other flag, or the database fails.
-    pub async fn create_team(&self, name: &str, baseline: bool, now_unix_ms: i64) -> Result<(), StoreError> {
+    /// When the name is taken by a team that stands for something else, or the database fails.
+    pub async fn create_team(
+        &self,
+        name: &str,
+        reference: Option<Reference>,
+        now_unix_ms: i64,
+    ) -> Result<(), StoreError> {
         let insert =
-            "INSERT INTO teams (name, baseline, created_ms) VALUES ($1, $2, $3) ON CONFLICT DO NOTHING";
-        sqlx::query(insert).bind(name).bind(baseline).bind(now_unix_ms).execute(&self.write).await?;
+            "INSERT INTO teams (name, reference, created_ms) VALUES ($1, $2, $3) ON CONFLICT DO NOTHING";
+        let word = reference.map(Reference::as_str);
+        sqlx::query(insert).bind(name).bind(word).bind(now_unix_ms).execute(&self.write).await?;
         match self.team(name).await? {
-            Some(team) if team.baseline == baseline => Ok(()),
+            Some(team) if team.reference == reference => Ok(()),
             _ => Err(StoreError::Taken { what: "team", name: name.to_owned() }),
         }
     }
@@ -126,9 +146,14 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn team(&self, name: &str) -> Result<Option<Team>, StoreError> {
-        let select = "SELECT baseline FROM teams WHERE name = $1";
-        let baseline: Option<bool> = sqlx::query_scalar(select).bind(name).fetch_optional(&self.read).await?;
-        Ok(baseline.map(|baseline| Team { name: name.to_owned(), baseline }))
+        let select = "SELECT reference FROM teams WHERE name = $1";
+        let found: Option<Option<String>> =
+            sqlx::query_scalar(select).bind(name).fetch_optional(&self.read).await?;
+        let team = |word: Option<String>| {
+            let reference = word.as_deref().map(Reference::from_word).transpose()?;
+            Ok(Team { name: name.to_owned(), reference })
+        };
+        found.map(team).transpose()
     }
 
     /// Stores the hash of a secret; storing the same one again changes nothing.
@@ -151,7 +176,7 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn find_token(&self, secret: &str, now_unix_ms: i64) -> Result<TokenState, StoreError> {
-        find_token(&self.read, secret, now_unix_ms).await
+        find_token(&self.read, &TokenHash::of(secret), now_unix_ms).await
     }
 
     /// Takes back every token of `team`, its runs' included; says how many held.
@@ -168,9 +193,7 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn tokens(&self) -> Result<Vec<TokenLine>, StoreError> {
-        let select = "SELECT substr(hash, 1, $1) AS id, kind, name, team, created_ms, expires_ms, revoked_ms FROM tokens \
-                      WHERE kind <> 'run' ORDER BY created_ms DESC, hash";
-        Ok(sqlx::query_as(select).bind(TOKEN_ID_LETTERS).fetch_all(&self.read).await?)
+        read_tokens(&self.read, None).await
     }
 
     /// Takes back the token of an account or an organiser that `id` names, as [`Store::tokens`] tells it.
@@ -179,16 +202,69 @@ impl Store {
     /// # Errors
     /// When there is no such token or the database fails.
     pub async fn revoke_token(&self, id: &str, note: AuditNote, now_unix_ms: i64) -> Result<(), StoreError> {
+        self.revoke(id, None, note, now_unix_ms).await
+    }
+
+    /// The same for a token of `team` alone.
+    ///
+    /// # Errors
+    /// When the team has no such token or the database fails.
+    pub async fn revoke_own_token(
+        &self,
+        team: &str,
+        id: &str,
+        note: AuditNote,
+        now_unix_ms: i64,
+    ) -> Result<(), StoreError> {
+        self.revoke(id, Some(team), note, now_unix_ms).await
+    }
+
+    async fn revoke(
+        &self,
+        id: &str,
+        team: Option<&str>,
+        note: AuditNote,
+        now_unix_ms: i64,
+    ) -> Result<(), StoreError> {
         let mut tx = self.begin().await?;
         let update = "UPDATE tokens SET revoked_ms = COALESCE(revoked_ms, $1) \
-                      WHERE substr(hash, 1, $2) = $3 AND kind <> 'run'";
-        let update = sqlx::query(update).bind(now_unix_ms).bind(TOKEN_ID_LETTERS).bind(id);
+                      WHERE substr(hash, 1, $2) = $3 AND kind <> 'run' AND ($4 IS NULL OR team = $4)";
+        let update = sqlx::query(update).bind(now_unix_ms).bind(TOKEN_ID_LETTERS).bind(id).bind(team);
         if update.execute(&mut *tx).await?.rows_affected() == 0 {
             return Err(StoreError::unknown("token", id));
         }
         add_notes(&mut tx, &[note], now_unix_ms).await?;
         Ok(tx.commit().await?)
     }
+}
+
+/// A token by its hash, which opens nothing: enough to ask again later what the token is worth.
+#[derive(Clone, PartialEq, Eq)]
+pub struct TokenHash(String);
+
+impl TokenHash {
+    /// The hash of a secret.
+    pub fn of(secret: &str) -> Self {
+        Self(hash(secret))
+    }
+
+    /// The letters by which lists name the token.
+    pub fn id(&self) -> &str {
+        self.0.get(..TOKEN_ID_LETTERS as usize).unwrap_or_default()
+    }
+}
+
+impl fmt::Debug for TokenHash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "TokenHash({}…)", self.id())
+    }
+}
+
+/// The tokens of accounts and organisers, or those of one team, the newest first.
+pub(crate) async fn read_tokens(pool: &SqlitePool, team: Option<&str>) -> Result<Vec<TokenLine>, StoreError> {
+    let select = "SELECT substr(hash, 1, $1) AS id, kind, name, team, created_ms, expires_ms, revoked_ms FROM tokens \
+                  WHERE kind <> 'run' AND ($2 IS NULL OR team = $2) ORDER BY created_ms DESC, hash";
+    Ok(sqlx::query_as(select).bind(TOKEN_ID_LETTERS).bind(team).fetch_all(pool).await?)
 }
 
 /// Letters of a token's hash that name it.
@@ -229,11 +305,11 @@ pub(crate) async fn insert_token(
 
 pub(crate) async fn find_token(
     pool: &SqlitePool,
-    secret: &str,
+    token: &TokenHash,
     now_unix_ms: i64,
 ) -> Result<TokenState, StoreError> {
     let select = "SELECT kind, name, team, run, expires_ms, revoked_ms FROM tokens WHERE hash = $1";
-    let row: Option<TokenRow> = sqlx::query_as(select).bind(hash(secret)).fetch_optional(pool).await?;
+    let row: Option<TokenRow> = sqlx::query_as(select).bind(&token.0).fetch_optional(pool).await?;
     Ok(match row {
         None => TokenState::Unknown,
         Some(row) if row.revoked_ms.is_some() => TokenState::Revoked,
@@ -246,4 +322,14 @@ pub(crate) async fn find_token(
             expires_unix_ms: expires_ms,
         }),
     })
+}
+
+/// What a team's runs are a reference for.
+pub(crate) async fn read_reference(
+    tx: &mut Transaction<'_, Sqlite>,
+    team: &str,
+) -> Result<Option<Reference>, StoreError> {
+    let select = "SELECT reference FROM teams WHERE name = $1";
+    let word: Option<String> = sqlx::query_scalar(select).bind(team).fetch_one(&mut **tx).await?;
+    word.as_deref().map(Reference::from_word).transpose()
 }

@@ -63,6 +63,15 @@ impl Store {
         Ok(sqlx::query_scalar("SELECT name FROM splits ORDER BY name").fetch_all(&self.read).await?)
     }
 
+    /// Digest of a split; `None` where there is none of that name.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn split_digest(&self, name: &str) -> Result<Option<String>, StoreError> {
+        let select = "SELECT digest FROM splits WHERE name = $1";
+        Ok(sqlx::query_scalar(select).bind(name).fetch_optional(&self.read).await?)
+    }
+
     /// Adds a scene, or gives the same scene a new map; a map without polygons leaves the one that is there.
     ///
     /// # Errors

@@ -7,7 +7,7 @@ use sqlx::{
 use std::{path::Path, time::Duration};
 
 /// The newest schema that this program knows.
-pub const SCHEMA_VERSION: i64 = 6;
+pub const SCHEMA_VERSION: i64 = 8;
 
 /// The letters AVLN, which the first migration writes into the file.
 const APPLICATION_ID: i64 = 0x4156_4C4E;
@@ -92,6 +92,8 @@ fn migrator() -> Migrator {
     let rescores = include_str!("../../../../migrations/0004_rescores.sql");
     let deadlines = include_str!("../../../../migrations/0005_deadlines.sql");
     let senses = include_str!("../../../../migrations/0006_senses.sql");
+    let references = include_str!("../../../../migrations/0007_references.sql");
+    let rulings = include_str!("../../../../migrations/0008_rulings.sql");
     let steps = [
         (1, "first", first),
         (2, "challenge", challenge),
@@ -99,6 +101,8 @@ fn migrator() -> Migrator {
         (4, "rescores", rescores),
         (5, "deadlines", deadlines),
         (6, "senses", senses),
+        (7, "references", references),
+        (8, "rulings", rulings),
     ];
     let migration = |(version, name, sql): (i64, &'static str, &'static str)| {
         Migration::new(version, name.into(), MigrationType::Simple, sql.into_sql_str(), false)

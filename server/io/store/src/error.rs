@@ -155,6 +155,9 @@ pub enum StoreError {
         /// Its state.
         state: &'static str,
     },
+    /// Only a run that is over can be verified.
+    #[error("run '{0}' is not over; verify it when it is")]
+    RunOpen(String),
     /// A row does not hold what its column promises.
     #[error("the database holds a damaged {what}: {reason}; restore a backup")]
     Damaged {
@@ -171,6 +174,15 @@ pub enum StoreError {
 impl StoreError {
     pub(crate) fn unknown(what: &'static str, name: &str) -> Self {
         Self::Unknown { what, name: name.to_owned() }
+    }
+
+    /// Whether the database failed, rather than refused what somebody asked for.
+    pub fn is_fault(&self) -> bool {
+        let files = matches!(
+            self,
+            Self::CannotOpen { .. } | Self::NotOurs { .. } | Self::Newer { .. } | Self::Migration { .. }
+        );
+        files || matches!(self, Self::Busy | Self::Damaged { .. } | Self::Database(_))
     }
 
     pub(crate) fn damaged(what: &'static str, reason: impl ToString) -> Self {

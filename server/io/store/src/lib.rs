@@ -21,13 +21,14 @@ mod prune;
 mod quota;
 mod rescore;
 mod reveal;
+mod rulings;
 mod runs;
 mod totals;
 mod uptime;
 mod views;
 mod words;
 
-pub use accounts::{NewToken, Team, Token, TokenKind, TokenLine, TokenState};
+pub use accounts::{NewToken, Reference, Team, Token, TokenHash, TokenKind, TokenLine, TokenState};
 pub use admission::{Member, NewGrant};
 pub use audit::{AuditLine, AuditNote};
 pub use backup::{Inventory, KeptRun, copy_database, inspect_database};
@@ -44,10 +45,12 @@ pub use prune::Pruned;
 pub use quota::{Charge, Quota, QuotaWindow};
 pub use rescore::{Rescore, Rescored, ScoredEpisode};
 pub use reveal::{Promise, Revealed, pool_digest};
+pub use rulings::Ruling;
 pub use runs::{NewRun, Run, RunState, StartedRun};
 pub use uptime::MadeUp;
 pub use views::{
-    Board, Census, CompareView, EpisodeLine, EpisodeView, GoalView, GroupView, Incomparable, LeaderboardRow,
-    LeaderboardView, LogAccess, MissionView, ModalityView, PairView, PhaseView, Pick, Reader, Replay,
-    RunLine, RunView, SubmitMark, TargetView, Viewer,
+    Board, Census, CompareView, EpisodeLine, EpisodeView, GoalView, GrantLine, GroupView, Holder,
+    Incomparable, LeaderboardRow, LeaderboardView, LiveRun, LogAccess, MissionView, MissionsView,
+    ModalityView, PairView, PhaseView, Pick, Reader, Replay, RunLine, RunView, SubmitMark, TargetView,
+    TeamLine, TeamsView, Viewer,
 };

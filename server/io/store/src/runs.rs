@@ -1,5 +1,5 @@
 use crate::{
-    Charge, NewToken, Phase, PhaseEpisode, Quota, Sampling, Store, StoreError, TokenKind,
+    Charge, NewToken, Phase, PhaseEpisode, Quota, Ruling, Sampling, Store, StoreError, TokenKind,
     accounts::insert_token,
     admission::refuse_team,
     draw::draw,
@@ -137,6 +137,8 @@ pub struct Run {
     /// When it ends at the latest: with its wall time or, where it has none, with its phase. `None` for never; in the past
     /// where the organiser closed the phase by hand.
     pub deadline_unix_ms: Option<i64>,
+    /// What the organiser ruled on it.
+    pub ruling: Ruling,
 }
 
 row! {
@@ -156,6 +158,8 @@ row! {
         deadline_ms: Option<i64>,
         episodes: i64,
         done: i64,
+        verified: bool,
+        disqualified: Option<String>,
     }
 }
 
@@ -166,20 +170,29 @@ macro_rules! deadline {
     };
 }
 
-/// Reads runs; `$1` id, `$2` team, `$3` phase, `$4` state, each null for any.
-const SELECT_RUNS: &str = concat!(
-    "SELECT r.id, r.phase, r.team, r.method, r.version, r.mission_order, r.state, r.sensors, r.senses, \
-     r.digests, r.created_ms, r.finished_ms, r.episodes, s.scored + s.given_up AS done, ",
-    deadline!(),
-    " AS deadline_ms FROM runs r JOIN run_summaries s ON s.run = r.id JOIN phases p ON p.id = r.phase \
-     WHERE ($1 IS NULL OR r.id = $1) AND ($2 IS NULL OR r.team = $2) AND ($3 IS NULL OR r.phase = $3) \
-     AND ($4 IS NULL OR r.state = $4) ORDER BY r.created_ms DESC, r.id"
+/// Reads runs that are wanted.
+macro_rules! select_runs {
+    ($wanted:literal) => {
+        concat!(
+            "SELECT r.id, r.phase, r.team, r.method, r.version, r.mission_order, r.state, r.sensors, r.senses, \
+             r.digests, r.created_ms, r.finished_ms, r.episodes, s.scored + s.given_up AS done, \
+             COALESCE(g.verified, 0) AS verified, g.disqualified, ",
+            deadline!(),
+            " AS deadline_ms FROM runs r JOIN run_summaries s ON s.run = r.id JOIN phases p ON p.id = r.phase \
+             LEFT JOIN rulings g ON g.run = r.id WHERE ",
+            $wanted
+        )
+    };
+}
+const SELECT_RUN: &str = select_runs!("r.id = $1");
+const SELECT_RUNS: &str = select_runs!(
+    "($1 IS NULL OR r.team = $1) AND ($2 IS NULL OR r.phase = $2) AND ($3 IS NULL OR r.state = $3) \
+     ORDER BY r.created_ms DESC, r.id"
 );
 
 /// Which runs are wanted; `None` for any.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct RunFilter<'a> {
-    pub(crate) id: Option<&'a str>,
     pub(crate) team: Option<&'a str>,
     pub(crate) phase: Option<&'a str>,
     pub(crate) state: Option<RunState>,
@@ -426,8 +439,8 @@ async fn insert_episodes(
 }
 
 pub(crate) async fn read_run(tx: &mut Transaction<'_, Sqlite>, id: &str) -> Result<Run, StoreError> {
-    let runs = read_runs(tx, &RunFilter { id: Some(id), ..RunFilter::default() }).await?;
-    runs.into_iter().next().ok_or_else(|| StoreError::unknown("run", id))
+    let row: Option<RunRow> = sqlx::query_as(SELECT_RUN).bind(id).fetch_optional(&mut **tx).await?;
+    row.ok_or_else(|| StoreError::unknown("run", id))?.into_run()
 }
 
 pub(crate) async fn read_runs(
@@ -435,7 +448,6 @@ pub(crate) async fn read_runs(
     filter: &RunFilter<'_>,
 ) -> Result<Vec<Run>, StoreError> {
     let rows: Vec<RunRow> = sqlx::query_as(SELECT_RUNS)
-        .bind(filter.id)
         .bind(filter.team)
         .bind(filter.phase)
         .bind(filter.state.map(RunState::as_str))
@@ -462,6 +474,7 @@ impl RunRow {
             created_unix_ms: self.created_ms,
             finished_unix_ms: self.finished_ms,
             deadline_unix_ms: self.deadline_ms,
+            ruling: Ruling { verified: self.verified, disqualified: self.disqualified },
         })
     }
 }

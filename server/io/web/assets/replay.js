@@ -19,11 +19,21 @@ function start(replay) {
   const events = [...new Set(find("[data-event]").map((row) => Number(row.dataset.event)))];
   let step = asked(Number(slider.value));
   let playing = null;
+  const ears = listener(replay, last, {
+    go: (to) => go(to, true),
+    halt: () => halt(),
+    play: (from) => {
+      halt();
+      go(from, false);
+      run();
+    },
+  });
 
   function go(to, settled) {
     step = Math.max(0, Math.min(last, to));
     slider.value = step;
     show(step, settled);
+    ears?.show(step, settled);
     if (settled) {
       remember(step, last);
     }
@@ -34,16 +44,24 @@ function start(replay) {
       cancelAnimationFrame(playing);
       playing = null;
       play.textContent = "Play";
+      ears?.halt();
       go(step, true);
     }
   }
 
   function run() {
-    const from = step === last ? 0 : step;
+    let from = step === last ? 0 : step;
     let begun = null;
     play.textContent = "Halt";
+    if (ears?.wanted()) {
+      speed.value = "1";
+      ears.play(from);
+    }
     const tick = (now) => {
-      begun ??= now;
+      const heard = ears ? ears.step() : null;
+      if (begun === null || heard !== null) {
+        [begun, from] = [now, heard ?? from];
+      }
       const to = from + Math.floor(((now - begun) / 1000) * STEPS_PER_SECOND * Number(speed.value));
       if (to !== step) {
         go(to, false);
@@ -63,6 +81,9 @@ function start(replay) {
     go(to, true);
   };
 
+  if (matchMedia("(prefers-reduced-motion: reduce)").matches) {
+    speed.value = "0.25";
+  }
   find(".scripted").forEach((element) => (element.hidden = false));
   find(".unscripted").forEach((element) => (element.hidden = true));
   play.addEventListener("click", toggle);
@@ -98,14 +119,14 @@ function asked(usual) {
 
 // Where a key leads; null for a key that is not ours.
 function keyed(event, step, last, events) {
-  if (event.altKey || event.ctrlKey || event.metaKey || event.target.closest("select, .scroll")) {
+  if (event.altKey || event.ctrlKey || event.metaKey || event.target.closest("select, audio, .scroll")) {
     return null;
   }
   const later = events.filter((at) => at > step);
   const earlier = events.filter((at) => at < step);
   switch (event.key) {
     case " ":
-      return event.target.closest("button, a") ? null : "toggle";
+      return event.target.closest("button, a, [type=checkbox]") ? null : "toggle";
     case "ArrowLeft":
     case "ArrowDown":
       return step - (event.shiftKey ? PAGE : 1);
@@ -133,8 +154,8 @@ function pointed(event, replay, last) {
     const x = ((event.clientX - box.left) / box.width) * plot.viewBox.baseVal.width;
     return Math.round(((x - Number(replay.dataset.left)) / Number(replay.dataset.width)) * last);
   }
-  const row = event.target.closest("[data-event] a");
-  return row && !event.ctrlKey && !event.metaKey ? Number(row.closest("[data-event]").dataset.event) : null;
+  const row = event.target.closest("[data-event] a, [data-heard] a")?.closest("tr");
+  return row && !event.ctrlKey && !event.metaKey ? Number(row.dataset.event ?? row.dataset.heard) : null;
 }
 
 // What paints a step.

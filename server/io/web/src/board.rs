@@ -117,6 +117,12 @@ impl BoardQuery {
         }
     }
 
+    /// What a page shows: all orders of goals side by side when nothing was said.
+    pub(crate) fn shown_orders(&self, phase: &PhaseView) -> Orders {
+        let usual = if phase.orders.len() > 1 { Orders::Both } else { Orders::One(usual_order(phase)) };
+        self.orders.unwrap_or(usual)
+    }
+
     /// The board of a phase for goals in one order.
     pub(crate) fn board<'a>(&self, phase: &'a PhaseView, order: Order, now_unix_ms: i64) -> Board<'a> {
         Board {
@@ -167,14 +173,13 @@ impl BoardQuery {
         Key::ALL.into_iter().filter(wanted).collect()
     }
 
-    /// What stands behind `?`, in one order and without what is usual in `phase`, so that equal boards have equal addresses.
+    /// What stands behind `?`, in one order and without what is usual in `phase`, so that equal boards have equal addresses. All
+    /// orders of goals side by side are usual.
     pub(crate) fn address(&self, phase: &PhaseView) -> String {
         let mut parts = Vec::new();
         let mut add = |name: &str, value: &str| parts.push(format!("{name}={}", encoded(value)));
-        match self.orders {
-            Some(Orders::Both) => add("order", "both"),
-            Some(Orders::One(order)) if order != usual_order(phase) => add("order", order.as_str()),
-            _ => {}
+        if let Some(Orders::One(order)) = self.orders.filter(|_| phase.orders.len() > 1) {
+            add("order", order.as_str());
         }
         self.sort.filter(|key| *key != phase.ranking.key).iter().for_each(|key| add("sort", key.as_str()));
         self.pick

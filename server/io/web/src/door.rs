@@ -1,20 +1,21 @@
 //! The loop that lets visitors in.
 
-use crate::{Site, router_beside};
+use crate::{Site, office::Peer, router_beside};
 use avln_store::Reader;
 use avln_tls::{Listener, Stream};
-use axum::Router;
-use hyper::server::conn::http1;
+use axum::{Router, http::Request};
+use hyper::{body::Incoming, server::conn::http1};
 use hyper_util::{
     rt::{TokioIo, TokioTimer},
     service::TowerToHyperService,
 };
-use std::{future::Future, io, pin::pin, sync::Arc, time::Duration};
+use std::{future::Future, io, net::SocketAddr, pin::pin, sync::Arc, time::Duration};
 use tokio::{
     sync::{Semaphore, watch},
     task::JoinSet,
     time::{sleep, timeout},
 };
+use tower::ServiceExt;
 
 /// The door could not be kept open.
 #[derive(Debug, thiserror::Error)]
@@ -22,7 +23,7 @@ use tokio::{
 pub struct WebError(#[from] io::Error);
 
 /// Visitors inside at a time; more of them wait in the system's queue.
-const MAX_CONNECTIONS: usize = 256;
+pub(crate) const MAX_CONNECTIONS: usize = 256;
 /// Time in which a visitor must have said what it wants; also how long an idle one is kept.
 const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
 /// After this a visitor is asked to connect anew, so that slow ones do not fill the house.
@@ -47,7 +48,13 @@ pub async fn serve(
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), WebError> {
     let listener = listener.into();
-    let router = router_beside(reader, site, listener.is_secure());
+    let (closing, closed) = watch::channel(());
+    let router = router_beside(reader, site, listener.is_secure(), Some(closed));
+    let shutdown = async move {
+        shutdown.await;
+        // Who follows a run would stay to the end of the patience that others get.
+        drop(closing);
+    };
     serve_router(listener, router, shutdown).await
 }
 
@@ -88,12 +95,12 @@ async fn accept(
         let place = places.clone().acquire_owned().await;
         while visitors.try_join_next().is_some() {}
         match listener.accept().await {
-            Ok((stream, _)) => {
+            Ok((stream, address)) => {
                 failures = 0;
                 let (greeter, router, closed) = (listener.greeter(), router.clone(), closed.clone());
                 visitors.spawn(async move {
                     match greeter.greet(stream, HEADER_TIMEOUT).await {
-                        Ok(stream) => attend(stream, router, closed).await,
+                        Ok(stream) => attend(stream, address, router, closed).await,
                         Err(refused) => tracing::debug!(%refused, "a visitor was turned away"),
                     }
                     drop(place);
@@ -110,9 +117,15 @@ async fn accept(
 }
 
 /// Answers one visitor until it leaves, has been here for long enough, or the door closes.
-async fn attend(stream: Stream, router: Router, mut closed: watch::Receiver<()>) {
+async fn attend(stream: Stream, address: SocketAddr, router: Router, mut closed: watch::Receiver<()>) {
     let mut manners = http1::Builder::new();
     manners.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_header_size(MAX_HEAD_BYTES);
+    let peer = Peer::of(address.ip());
+    let from_peer = move |mut request: Request<Incoming>| {
+        request.extensions_mut().insert(peer);
+        request
+    };
+    let router = ServiceExt::<Request<Incoming>>::map_request(router, from_peer);
     let connection = manners.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
     let mut connection = pin!(connection);
     let ended = tokio::select! {

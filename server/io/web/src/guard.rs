@@ -1,39 +1,45 @@
 //! What holds for every answer: limits, headers, caching, and errors in the visitor's format.
 
-use crate::{pages, trouble::Trouble};
+use crate::{
+    office::{MAX_FORM_BYTES, Menu, has_cookie},
+    pages,
+    press::Press,
+    trouble::Trouble,
+};
 use axum::{
     Router,
     body::{Body, to_bytes},
-    extract::Request,
+    extract::{Request, State},
     http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header},
-    middleware::{Next, from_fn},
+    middleware::{Next, from_fn, from_fn_with_state},
     response::{IntoResponse, Response},
 };
 use serde_json::json;
-use std::time::Duration;
+use std::{sync::Arc, time::Duration};
 use tower_http::{
-    CompressionLevel, catch_panic::CatchPanicLayer, compression::CompressionLayer,
+    CompressionLevel,
+    catch_panic::CatchPanicLayer,
+    compression::{CompressionLayer, DefaultPredicate, Predicate, predicate::NotForContentType},
     limit::RequestBodyLimitLayer,
 };
 
 /// Most bytes of an address.
 pub(crate) const MAX_ADDRESS_BYTES: usize = 2048;
-/// Bodies are read by nobody.
-const MAX_BODY_BYTES: usize = 1024;
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Headers of every answer. Nothing is loaded from elsewhere.
+/// Headers of every answer. Nothing is loaded from elsewhere, and nobody elsewhere is told of pages here; browsers tell the
+/// origin of forms only where referrers may be told too.
 const HEADERS: [(HeaderName, &str); 3] = [
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-    (header::REFERRER_POLICY, "no-referrer"),
-    (header::VARY, "authorization"),
+    (header::REFERRER_POLICY, "same-origin"),
+    (header::VARY, "authorization, cookie, accept-encoding"),
 ];
 const POLICY: HeaderName = header::CONTENT_SECURITY_POLICY;
 /// Headers of what no other site may show in a frame.
 const ALONE: [(HeaderName, &str); 2] = [
     (
         POLICY,
-        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; media-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
     ),
     (header::X_FRAME_OPTIONS, "DENY"),
 ];
@@ -49,12 +55,15 @@ pub(crate) struct Streamed;
 
 /// Puts the guard around `router`.
 pub(crate) fn guarded(router: Router) -> Router {
+    // Noise is no shorter when it is packed, and a player asks for parts of it.
+    let is_packed = DefaultPredicate::new().and(NotForContentType::const_new("audio/"));
     router
-        .layer(from_fn(cached))
-        .layer(RequestBodyLimitLayer::new(MAX_BODY_BYTES))
+        .layer(from_fn_with_state(Arc::<Press>::default(), cached))
+        .layer(RequestBodyLimitLayer::new(MAX_FORM_BYTES))
         .layer(CatchPanicLayer::new())
         .layer(from_fn(dressed))
-        .layer(CompressionLayer::new().quality(CompressionLevel::Fastest))
+        // What is streamed is compressed on its way.
+        .layer(CompressionLayer::new().quality(CompressionLevel::Fastest).compress_when(is_packed))
 }
 
 /// Limits time and length, gives errors a body and every answer its headers.
@@ -86,11 +95,12 @@ async fn dressed(request: Request, next: Next) -> Response {
 fn explained(bare: Response, for_programs: bool, path: &str) -> Response {
     let trouble = bare.extensions().get::<Trouble>().cloned();
     let trouble = trouble.unwrap_or_else(|| Trouble::of_status(bare.status()));
+    let menu = bare.extensions().get::<Menu>().copied().unwrap_or_default();
     let (mut parts, _) = bare.into_parts();
     let (kind, body) = if for_programs {
         ("application/problem+json", problem(&trouble, path))
     } else {
-        ("text/html; charset=utf-8", pages::trouble(&trouble))
+        ("text/html; charset=utf-8", menu.around(|| pages::trouble(&trouble)))
     };
     parts.status = trouble.status();
     parts.headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
@@ -111,12 +121,16 @@ fn problem(trouble: &Trouble, path: &str) -> String {
     .to_string()
 }
 
-/// Tags good answers with a hash of their body, and says when the visitor has that body already.
-async fn cached(request: Request, next: Next) -> Response {
+/// Tags good answers with a hash of their body, says when the visitor has that body already, and compresses it otherwise.
+async fn cached(State(press): State<Arc<Press>>, request: Request, next: Next) -> Response {
+    let accepted = request.headers().get(header::ACCEPT_ENCODING).cloned();
     let known = request.headers().get(header::IF_NONE_MATCH).cloned();
-    let private = request.headers().contains_key(header::AUTHORIZATION);
-    let is_get = request.method() == Method::GET;
-    let response = next.run(request).await;
+    let private = request.headers().contains_key(header::AUTHORIZATION) || has_cookie(request.headers());
+    let (is_get, is_post) = (request.method() == Method::GET, request.method() == Method::POST);
+    let mut response = next.run(request).await;
+    if is_post {
+        response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    }
     if !is_get || response.status() != StatusCode::OK || response.extensions().get::<Streamed>().is_some() {
         return response;
     }
@@ -124,7 +138,8 @@ async fn cached(request: Request, next: Next) -> Response {
     // Every other body is in memory already.
     let Ok(body) = to_bytes(body, usize::MAX).await else { return Trouble::Internal.into_response() };
     // Weak, for it is the same however the body is compressed.
-    let tag = format!("W/\"{}\"", &blake3::hash(&body).to_hex()[..32]);
+    let hash = blake3::hash(&body);
+    let tag = format!("W/\"{}\"", &hash.to_hex()[..32]);
     set_caching(&mut parts.headers, &tag, private);
     if known.is_some_and(|known| matches_tag(&known, &tag)) {
         parts.status = StatusCode::NOT_MODIFIED;
@@ -132,10 +147,12 @@ async fn cached(request: Request, next: Next) -> Response {
         parts.headers.remove(header::CONTENT_LENGTH);
         return Response::from_parts(parts, Body::empty());
     }
+    // What a token opened is kept by nobody, here neither; it is compressed on its way.
+    let body = if private { body } else { press.packed(hash, body, accepted.as_ref(), &mut parts.headers) };
     Response::from_parts(parts, Body::from(body))
 }
 
-/// Copies are kept but asked for again; what a token opened is kept by nobody.
+/// Copies are kept but asked for again; what a token or a session opened is kept by nobody.
 fn set_caching(headers: &mut HeaderMap, tag: &str, private: bool) {
     let control = if private { "private, no-store" } else { "public, no-cache" };
     headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static(control));

@@ -1,5 +1,6 @@
 //! What goes wrong, in the words that a visitor may read.
 
+use crate::office::Undone;
 use avln_store::StoreError;
 use axum::{
     http::{StatusCode, header},
@@ -25,8 +26,24 @@ pub(crate) enum Trouble {
     Method,
     #[error("the request has a body, which nothing here reads")]
     Body,
-    #[error("too many visitors wait for pictures already; try again in a few seconds")]
+    #[error(
+        "the token opens no page: it is unknown, has expired, was taken back or plays a run; use the token of a team or an organiser"
+    )]
+    WrongToken,
+    #[error("too many attempts to sign in failed; try again in a minute")]
+    Attempts,
+    #[error(
+        "the form was sent by another site, or its page is older than the session; nothing was done: open the page again and send it from there"
+    )]
+    Foreign,
+    #[error("{0}; nothing was done")]
+    Refused(String),
+    #[error("too many visitors wait for pictures or sound already; try again in a few seconds")]
     Crowded,
+    #[error(
+        "{limit} visitors follow runs already, which is as many as may; load the page again to see how far a run is, or come back later"
+    )]
+    Followed { limit: usize },
     #[error("the server is busy; try again in a few seconds")]
     Busy,
     #[error("the server failed at this; the organiser finds the cause in its log")]
@@ -54,7 +71,9 @@ impl Trouble {
             Self::TooLong { .. } => StatusCode::URI_TOO_LONG,
             Self::Method => StatusCode::METHOD_NOT_ALLOWED,
             Self::Body => StatusCode::PAYLOAD_TOO_LARGE,
-            Self::Crowded => StatusCode::TOO_MANY_REQUESTS,
+            Self::WrongToken | Self::Foreign => StatusCode::FORBIDDEN,
+            Self::Refused(_) => StatusCode::CONFLICT,
+            Self::Crowded | Self::Followed { .. } | Self::Attempts => StatusCode::TOO_MANY_REQUESTS,
             Self::Busy => StatusCode::SERVICE_UNAVAILABLE,
             Self::Internal => StatusCode::INTERNAL_SERVER_ERROR,
         }
@@ -67,7 +86,9 @@ impl Trouble {
             Self::Invalid(_) | Self::TooLong { .. } | Self::Body => "INVALID_ARGUMENT",
             Self::BadToken => "UNAUTHENTICATED",
             Self::Method => "METHOD_NOT_ALLOWED",
-            Self::Crowded => "RESOURCE_EXHAUSTED",
+            Self::WrongToken | Self::Foreign => "PERMISSION_DENIED",
+            Self::Refused(_) => "FAILED_PRECONDITION",
+            Self::Crowded | Self::Followed { .. } | Self::Attempts => "RESOURCE_EXHAUSTED",
             Self::Busy => "UNAVAILABLE",
             Self::Internal => "INTERNAL",
         }
@@ -82,7 +103,11 @@ impl Trouble {
             Self::TooLong { .. } => "Address too long",
             Self::Method => "Only for reading",
             Self::Body => "Too much sent",
-            Self::Crowded => "Crowded",
+            Self::WrongToken => "Not signed in",
+            Self::Attempts => "Wait a minute",
+            Self::Foreign => "Form not accepted",
+            Self::Refused(_) => "Not done",
+            Self::Crowded | Self::Followed { .. } => "Crowded",
             Self::Busy => "Busy",
             Self::Internal => "Something broke",
         }
@@ -97,8 +122,11 @@ impl IntoResponse for Trouble {
             Self::BadToken => {
                 headers.insert(header::WWW_AUTHENTICATE, header::HeaderValue::from_static("Bearer"));
             }
-            Self::Busy | Self::Crowded => {
+            Self::Busy | Self::Crowded | Self::Followed { .. } => {
                 headers.insert(header::RETRY_AFTER, header::HeaderValue::from_static("5"));
+            }
+            Self::Attempts => {
+                headers.insert(header::RETRY_AFTER, header::HeaderValue::from_static("60"));
             }
             _ => {}
         }
@@ -111,6 +139,18 @@ impl From<StoreError> for Trouble {
     fn from(error: StoreError) -> Self {
         tracing::error!(%error, "the store failed");
         Self::Internal
+    }
+}
+
+impl From<Undone> for Trouble {
+    fn from(undone: Undone) -> Self {
+        match undone {
+            Undone::Refused(words) => Self::Refused(words),
+            Undone::Failed(error) => {
+                tracing::error!(error, "a deed was not done");
+                Self::Internal
+            }
+        }
     }
 }
 

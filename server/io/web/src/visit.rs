@@ -1,6 +1,6 @@
 //! Who asks, and for what.
 
-use crate::trouble::Trouble;
+use crate::{office::SignedIn, trouble::Trouble};
 use avln_store::{CompareView, Incomparable, Reader, Viewer};
 use axum::{
     extract::{FromRequestParts, Query},
@@ -27,7 +27,10 @@ impl FromRequestParts<Reader> for Visit {
     async fn from_request_parts(parts: &mut Parts, reader: &Reader) -> Result<Self, Trouble> {
         let now_unix_ms = now_unix_ms();
         let viewer = match parts.headers.get(header::AUTHORIZATION) {
-            None => Viewer::Anonymous,
+            None => {
+                let signed = parts.extensions.get::<SignedIn>();
+                signed.map_or(Viewer::Anonymous, |signed| signed.holder.viewer.clone())
+            }
             Some(value) => {
                 let secret = value.to_str().ok().and_then(bearer).ok_or(Trouble::BadToken)?;
                 reader.viewer(secret, now_unix_ms).await?.ok_or(Trouble::BadToken)?
@@ -43,7 +46,7 @@ fn bearer(value: &str) -> Option<&str> {
     (scheme.eq_ignore_ascii_case("bearer") && secret.len() <= 512).then(|| secret.trim())
 }
 
-fn now_unix_ms() -> i64 {
+pub(crate) fn now_unix_ms() -> i64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
 }
@@ -138,6 +141,21 @@ pub(crate) struct ReplayQuery {
     pub(crate) t: Option<u32>,
     /// The storey in front, from 1; the one that the body is on when nothing is said.
     pub(crate) storey: Option<usize>,
+    /// Whether levels are told, for which the episode is heard again.
+    ears: Option<Ears>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Ears {
+    On,
+}
+
+impl ReplayQuery {
+    /// Whether the episode is to be heard again.
+    pub(crate) fn listens(self) -> bool {
+        self.ears == Some(Ears::On)
+    }
 }
 
 /// Which picture of a step is asked for.

@@ -3,8 +3,10 @@
 pub(crate) use avln_store::calendar::rfc3339;
 
 use avln_episode::{Encoding, EndReason, Modality, Order, Sensors};
-use avln_scoring::{Difference, Direction, Estimate, Key, Summary};
-use avln_store::{EpisodeState, PhaseState, Pick, RunState, Visibility};
+use avln_scoring::{Difference, Direction, Estimate, Key, Standing, Summary};
+use avln_store::{
+    EpisodeState, LeaderboardRow, PhaseState, Pick, QuotaWindow, Reference, RunState, Visibility,
+};
 use std::{collections::BTreeMap, fmt::Write};
 
 /// What stands where there is nothing to say.
@@ -201,6 +203,31 @@ pub(crate) fn pick(pick: &Pick) -> &'static str {
 }
 
 /// How a goal was told.
+pub(crate) fn reference(reference: &Reference) -> &'static str {
+    match reference {
+        Reference::Baseline => "baseline",
+        Reference::Oracle => "oracle",
+        Reference::Human => "people",
+    }
+}
+
+/// The rank, and the ranks that it might have with other scenes. Digits only, so it needs no escaping.
+pub(crate) fn rank_html(standing: &Option<Standing>) -> String {
+    match standing {
+        None => NOTHING.to_owned(),
+        Some(Standing { rank, rank_low, rank_high, .. }) if rank_low == rank_high => rank.to_string(),
+        Some(Standing { rank, rank_low, rank_high, .. }) => format!(
+            "{rank} <span class=\"interval\"><span class=\"hidden\">95 % interval </span>{rank_low} to {rank_high}</span>"
+        ),
+    }
+}
+
+/// How many runs of a method there are, and what the middle one reached where there are several.
+pub(crate) fn runs(row: &LeaderboardRow, key: &Key) -> String {
+    let runs = plural(&row.runs_count, "run");
+    if row.runs_count < 2 { runs } else { format!("{runs}, median {}", mean(key, &row.median)) }
+}
+
 pub(crate) fn modality(modality: &Modality) -> &'static str {
     match modality {
         Modality::Category => "category",
@@ -240,6 +267,22 @@ pub(crate) fn phase_state(state: &PhaseState) -> &'static str {
         PhaseState::Paused => "paused",
         PhaseState::Closed => "closed",
     }
+}
+
+/// Which runs a quota counts.
+pub(crate) fn window(window: &QuotaWindow) -> &'static str {
+    match window {
+        QuotaWindow::Day => "this day (UTC)",
+        QuotaWindow::Month => "this month (UTC)",
+        QuotaWindow::Total => "the whole phase",
+        QuotaWindow::Concurrent => "open at a time",
+        QuotaWindow::Uncharged => "not charged",
+    }
+}
+
+/// How many; there may be no end to them.
+pub(crate) fn maybe_count(count: &Option<u32>) -> String {
+    count.map_or_else(|| "any number".to_owned(), |count| count.to_string())
 }
 
 /// Who may see something.

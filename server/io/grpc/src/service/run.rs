@@ -141,11 +141,13 @@ impl RunService for Runs {
         request: Request<v1::CancelRunRequest>,
     ) -> Result<Response<v1::CancelRunResponse>, Status> {
         let account = self.participant(request.metadata()).await?;
-        // Only the run's own team may stop its session.
+        // Only the run's own team may stop its session. The store hears of it first, or a run whose last episode ends with
+        // the session would be completed.
         let run = self.status(&account, &request.get_ref().run).await?.run;
+        let (host, team, id) = (self.0.host.clone(), account.clone(), run.clone());
+        ask("cancel a run", async move { host.cancel_run(&team, &id).await }).await?;
         self.0.gate.stop(&run, Stop::Left).await;
-        let host = self.0.host.clone();
-        let status = ask("cancel a run", async move { host.cancel_run(&account, &run).await }).await?;
+        let status = self.status(&account, &run).await?;
         Ok(Response::new(v1::CancelRunResponse { run: Some(wire::run(status)) }))
     }
 

@@ -14,6 +14,7 @@ pub(crate) use board::Over;
 pub(crate) use slot::{Answer, Audience, Order};
 
 use crate::{
+    control::Control,
     crew::Crew,
     host::{Host, OpenRun},
     limits::Limits,
@@ -123,13 +124,22 @@ impl Session {
             senders.push(sender);
         }
         let absence = Mutex::new(Absence { since: None, used: away });
-        Self {
+        let session = Self {
             shared,
             slots: senders,
             granted: AtomicU32::new(count),
             tasks: Mutex::new(tasks),
             leave,
             absence,
+        };
+        session.tell(|control, run| control.opened(run, false));
+        session
+    }
+
+    /// Lets the operator see how the run is played.
+    fn tell(&self, news: impl FnOnce(&Control, &str)) {
+        if let Some(control) = self.shared.host.control() {
+            news(control, &self.shared.run);
         }
     }
 
@@ -192,6 +202,7 @@ impl Session {
     /// From now on this stream, of so many slots, listens: it is sent what it has missed. `known` is what its client
     /// says it received last.
     pub(crate) async fn attach(&self, out: &Outbound, slots: u32, known: &[v1::SlotPosition]) {
+        self.tell(|control, run| control.opened(run, true));
         self.granted.store(slots, Ordering::Relaxed);
         let away = self.absence().since.map(|since| since.elapsed()).unwrap_or_default();
         let mut restarted = false;
@@ -206,6 +217,7 @@ impl Session {
 
     /// From now on unary calls, of one slot, are answered.
     pub(crate) async fn answer_calls(&self) {
+        self.tell(|control, run| control.opened(run, true));
         self.granted.store(1, Ordering::Relaxed);
         for slot in &self.slots {
             switch(slot, Audience::Callers, None, Duration::ZERO).await;
@@ -215,6 +227,7 @@ impl Session {
 
     /// From now on nobody listens; says for how long that may last.
     pub(crate) async fn detach(&self) -> Duration {
+        self.tell(|control, run| control.opened(run, false));
         for slot in &self.slots {
             switch(slot, Audience::Nobody, None, Duration::ZERO).await;
         }
@@ -252,6 +265,7 @@ impl Session {
                 ServerFault::log("put a slot away", broken);
             }
         }
+        self.tell(Control::closed);
     }
 }
 

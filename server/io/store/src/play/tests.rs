@@ -12,7 +12,7 @@ async fn store_with_a_running_episode(folder: &std::path::Path) -> Result<Store,
     store
         .upsert_scene(&Scene { name: PLACE.to_owned(), digest: "d".to_owned(), map: SceneMap::default() })
         .await?;
-    store.create_team("red", false, 1).await?;
+    store.create_team("red", None, 1).await?;
     store.upsert_phase(&phase(), 1).await?;
     let new = NewRun {
         id: "run_1",
@@ -87,9 +87,9 @@ async fn a_database_that_another_program_holds_is_said_to_be_busy() {
     let other = Store::open_waiting(&folder.path().join("arena.db"), Duration::from_millis(1)).await;
     let other = other.expect("a second program");
     let held = other.begin().await.expect("the right to write");
-    let refused = store.create_team("blue", false, 5).await;
+    let refused = store.create_team("blue", None, 5).await;
     assert!(matches!(refused, Err(StoreError::Busy)), "{refused:?}");
     drop(held);
     other.close().await;
-    store.create_team("blue", false, 6).await.expect("the right to write");
+    store.create_team("blue", None, 6).await.expect("the right to write");
 }

@@ -1,17 +1,18 @@
 use super::{PhaseView, Reader, Viewer};
 use crate::{
-    Phase, Run, RunState, StoreError,
+    Phase, Reference, Run, RunState, StoreError,
+    accounts::read_reference,
     phases::read_heads,
     runs::{RunFilter, read_runs},
     totals::{INTERVAL_SEED, plain_scores},
     words::{count, end_reason, from_json},
 };
 use avln_episode::{Order, Sensors};
-use avln_scoring::{Direction, Entry, EpisodeScore, Key, Place, Summary, rank};
-use serde::{Deserialize, Serialize};
+use avln_scoring::{Direction, Entry, EpisodeScore, Key, Place, Standing, Summary, best_first, rank};
+use serde::{Deserialize, Serialize, Serializer};
 use sqlx::{Sqlite, Transaction};
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     sync::{Arc, Mutex, PoisonError},
 };
 
@@ -58,7 +59,7 @@ pub struct LeaderboardView {
     pub pick: Pick,
     /// Only runs that were completed by then are on it, milliseconds since 1970-01-01 UTC; `None` for all of them.
     pub as_of_unix_ms: Option<i64>,
-    /// Entries among which the rows are ranked; more than rows where the visitor asked for some of them.
+    /// Entries of which the rows are some: those that compete, and references. More than rows where the visitor asked for some of them.
     pub entries: u32,
     /// Whether the viewer sees all teams; otherwise ranks are among the viewer's own runs.
     pub complete: bool,
@@ -69,14 +70,13 @@ pub struct LeaderboardView {
 /// A line of a board.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LeaderboardRow {
-    /// 1 for the best; equal entries share a rank.
-    pub rank: u32,
-    /// Entries of one group cannot be told apart from its first.
-    pub tie_group: u32,
+    /// Where it stands; `None` for a reference, which is shown among the others and has no rank.
+    #[serde(flatten, serialize_with = "flat")]
+    pub standing: Option<Standing>,
     /// Who played.
     pub team: String,
-    /// Whether the team stands for the organiser's reference agents.
-    pub baseline: bool,
+    /// What the team's runs are a reference for; `None` where it competes.
+    pub reference: Option<Reference>,
     /// Name of the method.
     pub method: String,
     /// Version of the method.
@@ -89,14 +89,33 @@ pub struct LeaderboardRow {
     pub sensors: Option<Sensors>,
     /// Means and intervals.
     pub summary: Summary,
-    /// Ranked runs of this method of the team.
+    /// Runs of this method of the team that could stand here.
     pub runs_count: u32,
+    /// The middle one of what they reached in the key, the mean of the two middle ones where their number is even.
+    pub median: f64,
     /// When the run was completed, milliseconds since 1970-01-01 UTC.
     pub finished_unix_ms: Option<i64>,
     /// Episodes by end reason.
     pub health: BTreeMap<&'static str, u32>,
     /// Attempts that the server lost and that do not count.
     pub server_faults: u32,
+    /// Whether the organiser verified the run.
+    pub verified: bool,
+}
+
+/// Rank, its interval and its tie group as fields of the row, null where there are none.
+fn flat<S: Serializer>(standing: &Option<Standing>, serializer: S) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Flat {
+        rank: Option<u32>,
+        rank_low: Option<u32>,
+        rank_high: Option<u32>,
+        tie_group: Option<u32>,
+    }
+    let of = |value: fn(&Standing) -> u32| standing.as_ref().map(value);
+    let (rank, tie_group) = (of(|s| s.rank), of(|s| s.tie_group));
+    Flat { rank, rank_low: of(|s| s.rank_low), rank_high: of(|s| s.rank_high), tie_group }
+        .serialize(serializer)
 }
 
 /// Boards that were ranked before. Completed runs never change, so the runs, the key and the pick say everything.
@@ -129,7 +148,9 @@ struct Candidate {
     summary: Summary,
     server_faults: u32,
     scores: Vec<EpisodeScore>,
-    runs_count: u32,
+    reference: Option<Reference>,
+    /// What all runs of the method reached in the key.
+    reached: Vec<f64>,
 }
 
 impl Reader {
@@ -145,17 +166,21 @@ impl Reader {
         let mut tx = self.snapshot().await?;
         let head = read_heads(&mut tx, Some(board.phase)).await?.pop();
         let Some(head) = head.filter(|head| viewer.knows(&head.phase)) else { return Ok(None) };
-        let candidates = candidates(&mut tx, viewer, &head.phase, board).await?;
-        let runs: Vec<String> = candidates.iter().map(|candidate| candidate.run.id.clone()).collect();
+        let eligible = eligible_runs(&mut tx, viewer, &head.phase, board).await?;
+        let verified: BTreeSet<String> =
+            eligible.iter().filter(|(_, verified)| *verified).map(|(run, _)| run.clone()).collect();
+        let runs: Vec<String> = eligible.into_iter().map(|(run, _)| run).collect();
         let question = (runs, board.key, board.pick);
-        let rows = match self.boards.find(&question) {
+        let mut rows = match self.boards.find(&question) {
             Some(rows) => rows,
             None => {
-                let rows = rank_rows(&mut tx, candidates, board).await?;
+                let rows = rank_rows(&mut tx, &question.0, board).await?;
                 self.boards.keep(question, rows.clone());
                 rows
             }
         };
+        // Rulings change, and boards that were ranked before are kept.
+        rows.iter_mut().for_each(|row| row.verified = verified.contains(&row.run));
         let phase = PhaseView::new(head, viewer, board.now_unix_ms);
         let Board { order, key, pick, as_of_unix_ms, .. } = *board;
         let (complete, direction) = (phase.all_scores_visible, key.direction());
@@ -176,98 +201,126 @@ impl Reader {
 
 async fn rank_rows(
     tx: &mut Transaction<'_, Sqlite>,
-    candidates: Vec<Candidate>,
+    runs: &[String],
     board: &Board<'_>,
 ) -> Result<Vec<LeaderboardRow>, StoreError> {
+    let filter =
+        RunFilter { phase: Some(board.phase), state: Some(RunState::Completed), ..RunFilter::default() };
+    let mut known: BTreeMap<String, Run> =
+        read_runs(tx, &filter).await?.into_iter().map(|run| (run.id.clone(), run)).collect();
+    let mut candidates = Vec::with_capacity(runs.len());
+    for run in runs.iter().filter_map(|run| known.remove(run)) {
+        candidates.push(candidate(tx, run, board.key).await?);
+    }
     let mut chosen = one_per_method(candidates, board);
     for candidate in &mut chosen {
         candidate.scores = plain_scores(tx, &candidate.run.id, board.order).await?;
+        candidate.reference = read_reference(tx, &candidate.run.team).await?;
     }
+    let entries: Vec<Entry<'_>> = chosen.iter().map(Candidate::entry).collect();
     let mut rows = Vec::with_capacity(chosen.len());
-    for place in ranked(&chosen, board.key) {
-        rows.push(row(tx, &chosen[place.entry], place).await?);
+    for Place { entry, standing } in rank(&entries, board.key, INTERVAL_SEED) {
+        rows.push(row(tx, &chosen[entry], standing).await?);
     }
     Ok(rows)
 }
 
-/// Completed runs that the viewer may see the scores of and whose every episode counts, the newest first.
-async fn candidates(
+/// Ids of the completed runs that the viewer may see the scores of, whose every episode counts and that are not disqualified, the
+/// newest first, and whether the organiser verified each.
+async fn eligible_runs(
     tx: &mut Transaction<'_, Sqlite>,
     viewer: &Viewer,
     phase: &Phase,
     board: &Board<'_>,
-) -> Result<Vec<Candidate>, StoreError> {
-    let filter =
-        RunFilter { phase: Some(&phase.id), state: Some(RunState::Completed), ..RunFilter::default() };
-    let mut found = Vec::new();
-    for run in read_runs(tx, &filter).await? {
-        let is_later = board.as_of_unix_ms.is_some_and(|as_of| run.finished_unix_ms > Some(as_of));
-        if is_later || run.order != board.order || !viewer.may_see(phase.scores, &run.team) {
-            continue;
-        }
-        if let Some((summary, server_faults)) = stored_summary(tx, &run).await? {
-            found.push(Candidate { run, summary, server_faults, scores: vec![], runs_count: 1 });
-        }
-    }
-    found.sort_by_key(|candidate| std::cmp::Reverse(candidate.run.finished_unix_ms));
-    Ok(found)
+) -> Result<Vec<(String, bool)>, StoreError> {
+    // One row of many lines is read several times as fast as many rows. Names of teams hold no line breaks.
+    let select = "SELECT group_concat(r.id || ' ' || COALESCE(g.verified, 0) || ' ' || r.team, char(10) \
+                  ORDER BY r.finished_ms DESC, r.id) FROM runs r JOIN run_summaries s ON s.run = r.id \
+                  LEFT JOIN rulings g ON g.run = r.id WHERE r.phase = $1 AND r.mission_order = $2 AND r.state = 'completed' \
+                  AND s.scored = r.episodes AND s.summary IS NOT NULL AND g.disqualified IS NULL \
+                  AND ($3 IS NULL OR r.finished_ms <= $3)";
+    let lines: Option<String> = sqlx::query_scalar(select)
+        .bind(&phase.id)
+        .bind(board.order.as_str())
+        .bind(board.as_of_unix_ms)
+        .fetch_one(&mut **tx)
+        .await?;
+    let run_of = |line: &str| {
+        let (run, rest) = line.split_once(' ')?;
+        let (verified, team) = rest.split_once(' ')?;
+        viewer.may_see(phase.scores, team).then(|| (run.to_owned(), verified == "1"))
+    };
+    Ok(lines.unwrap_or_default().split('\n').filter_map(run_of).collect())
 }
 
-/// Means and lost attempts of a run; `None` when an episode of it does not count.
-async fn stored_summary(
-    tx: &mut Transaction<'_, Sqlite>,
-    run: &Run,
-) -> Result<Option<(Summary, u32)>, StoreError> {
-    let select = "SELECT summary, server_faults FROM run_summaries WHERE run = $1 AND scored = $2 AND summary IS NOT NULL";
-    let row: Option<(String, i64)> =
-        sqlx::query_as(select).bind(&run.id).bind(run.episodes).fetch_optional(&mut **tx).await?;
-    row.map(|(summary, faults)| Ok((from_json("summary", &summary)?, count(faults)))).transpose()
+async fn candidate(tx: &mut Transaction<'_, Sqlite>, run: Run, key: Key) -> Result<Candidate, StoreError> {
+    let select = "SELECT summary, server_faults FROM run_summaries WHERE run = $1";
+    let (summary, faults): (String, i64) = sqlx::query_as(select).bind(&run.id).fetch_one(&mut **tx).await?;
+    let summary: Summary = from_json("summary", &summary)?;
+    Ok(Candidate {
+        run,
+        reached: vec![key.mean_of(&summary)],
+        summary,
+        server_faults: count(faults),
+        scores: vec![],
+        reference: None,
+    })
 }
 
 /// Keeps the run that stands for each method of each team. `candidates` come newest first.
 fn one_per_method(candidates: Vec<Candidate>, board: &Board<'_>) -> Vec<Candidate> {
     let order: Vec<usize> = match board.pick {
         Pick::Latest => (0..candidates.len()).collect(),
-        Pick::Best => ranked(&candidates, board.key).iter().map(|place| place.entry).collect(),
+        Pick::Best => {
+            let summaries: Vec<&Summary> = candidates.iter().map(|candidate| &candidate.summary).collect();
+            best_first(&summaries, board.key)
+        }
     };
     let mut slots: Vec<Option<Candidate>> = candidates.into_iter().map(Some).collect();
     let mut kept: BTreeMap<(String, String), Candidate> = BTreeMap::new();
     for candidate in order.into_iter().filter_map(|index| slots[index].take()) {
         let method = (candidate.run.team.clone(), candidate.run.method.clone());
-        kept.entry(method).and_modify(|first| first.runs_count += 1).or_insert(candidate);
+        let reached = candidate.reached[0];
+        kept.entry(method).and_modify(|first| first.reached.push(reached)).or_insert(candidate);
     }
     kept.into_values().collect()
 }
 
-fn ranked(candidates: &[Candidate], key: Key) -> Vec<Place> {
-    let entries: Vec<Entry<'_>> =
-        candidates.iter().map(|c| Entry { summary: &c.summary, scores: &c.scores }).collect();
-    rank(&entries, key, INTERVAL_SEED)
+impl Candidate {
+    fn entry(&self) -> Entry<'_> {
+        Entry { summary: &self.summary, scores: &self.scores, is_ranked: self.reference.is_none() }
+    }
+}
+
+/// The middle of values of which there is one at least.
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    (sorted[(sorted.len() - 1) / 2] + sorted[sorted.len() / 2]) / 2.0
 }
 
 async fn row(
     tx: &mut Transaction<'_, Sqlite>,
     candidate: &Candidate,
-    place: Place,
+    standing: Option<Standing>,
 ) -> Result<LeaderboardRow, StoreError> {
     let run = &candidate.run;
-    let baseline = "SELECT baseline FROM teams WHERE name = $1";
-    let baseline: bool = sqlx::query_scalar(baseline).bind(&run.team).fetch_one(&mut **tx).await?;
     Ok(LeaderboardRow {
-        rank: place.rank,
-        tie_group: place.tie_group,
+        standing,
         team: run.team.clone(),
-        baseline,
+        reference: candidate.reference,
         method: run.method.clone(),
         version: run.version.clone(),
         run: run.id.clone(),
         scorer: run.scorer().to_owned(),
         sensors: run.senses.clone(),
         summary: candidate.summary.clone(),
-        runs_count: candidate.runs_count,
+        runs_count: candidate.reached.len() as u32,
+        median: median(&candidate.reached),
         finished_unix_ms: run.finished_unix_ms,
         health: read_health(tx, &run.id).await?,
         server_faults: candidate.server_faults,
+        verified: run.ruling.verified,
     })
 }
 
@@ -279,4 +332,16 @@ async fn read_health(
         "SELECT end_reason, COUNT(*) FROM episodes WHERE run = $1 AND end_reason IS NOT NULL GROUP BY 1";
     let rows: Vec<(String, i64)> = sqlx::query_as(select).bind(run).fetch_all(&mut **tx).await?;
     rows.into_iter().map(|(word, times)| Ok((end_reason(&word)?.as_str(), count(times)))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::median;
+
+    #[test]
+    fn the_median_is_the_middle_or_between_the_middles() {
+        assert_eq!(median(&[0.25]), 0.25);
+        assert_eq!(median(&[1.0, 0.0, 0.5]), 0.5);
+        assert_eq!(median(&[1.0, 0.0, 0.5, 0.75]), 0.625);
+    }
 }

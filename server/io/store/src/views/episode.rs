@@ -70,6 +70,8 @@ pub struct Replay {
     pub rules: Rules,
     /// What the agent asked to sense.
     pub sensors: Option<Sensors>,
+    /// Whether the agent asked for sound, in this session or an earlier one.
+    pub hears: bool,
     /// Floor plan.
     pub map: SceneMap,
     /// Positions of the base: before the first action and after each; x, y, z.
@@ -181,7 +183,8 @@ async fn read_replay(
 ) -> Result<Option<Replay>, StoreError> {
     let Some(head) = read_heads(tx, Some(&run.phase)).await?.pop() else { return Ok(None) };
     let map = read_map(tx, row).await?;
-    Ok(Some(Replay { sensors: run.sensors.clone(), ..replay(facts, head.phase.rules, map) }))
+    let hears = run.senses.as_ref().is_some_and(|senses| senses.audio);
+    Ok(Some(Replay { sensors: run.sensors.clone(), hears, ..replay(facts, head.phase.rules, map) }))
 }
 
 async fn read_map(tx: &mut Transaction<'_, Sqlite>, row: &EpisodeRow) -> Result<SceneMap, StoreError> {
@@ -211,6 +214,7 @@ fn replay(facts: Facts, rules: Rules, map: SceneMap) -> Replay {
     Replay {
         rules,
         sensors: None,
+        hears: false,
         map,
         path: poses().map(|pose| xyz(&pose.position)).collect(),
         headings_rad: poses().map(|pose| pose.heading_rad).collect(),

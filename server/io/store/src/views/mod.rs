@@ -5,6 +5,10 @@ mod census;
 mod compare;
 mod episode;
 mod group;
+mod kept;
+mod live;
+mod missions;
+mod office;
 mod phase;
 mod run;
 
@@ -14,10 +18,14 @@ pub use census::Census;
 pub use compare::{CompareView, Incomparable, PairView};
 pub use episode::{EpisodeView, GoalView, MissionView, Replay, SubmitMark, TargetView};
 pub use group::GroupView;
+use kept::KeptRuns;
+pub use live::LiveRun;
+pub use missions::MissionsView;
+pub use office::{GrantLine, Holder, TeamLine, TeamsView};
 pub use phase::PhaseView;
 pub use run::{EpisodeLine, LogAccess, ModalityView, RunLine, RunView};
 
-use crate::{Phase, StoreError, TokenKind, TokenState, Visibility, accounts::find_token};
+use crate::{Phase, StoreError, TokenHash, Visibility};
 use sqlx::{Sqlite, SqlitePool, Transaction};
 
 /// Who looks.
@@ -70,11 +78,12 @@ impl Viewer {
 pub struct Reader {
     pool: SqlitePool,
     boards: RankedBoards,
+    runs: KeptRuns,
 }
 
 impl Reader {
     pub(crate) fn new(pool: SqlitePool) -> Self {
-        Self { pool, boards: RankedBoards::default() }
+        Self { pool, boards: RankedBoards::default(), runs: KeptRuns::default() }
     }
 
     /// Who holds the token `secret` at `now_unix_ms`; `None` when it is not a valid account's or organiser's token.
@@ -82,14 +91,8 @@ impl Reader {
     /// # Errors
     /// When the database fails.
     pub async fn viewer(&self, secret: &str, now_unix_ms: i64) -> Result<Option<Viewer>, StoreError> {
-        let TokenState::Valid(token) = find_token(&self.pool, secret, now_unix_ms).await? else {
-            return Ok(None);
-        };
-        Ok(match (token.kind, token.team) {
-            (TokenKind::Organiser, _) => Some(Viewer::Organiser),
-            (TokenKind::Account | TokenKind::ReadOnly, Some(team)) => Some(Viewer::Team(team)),
-            _ => None,
-        })
+        let holder = self.holder(&TokenHash::of(secret), now_unix_ms).await?;
+        Ok(holder.map(|holder| holder.viewer))
     }
 
     /// Answers when the database can be read.

@@ -3,10 +3,11 @@ use super::{
     group::{GroupView, by_goals, by_scene},
 };
 use crate::{
-    EpisodeState, Phase, Rescore, Run, RunState, StoreError, TimeAccount,
+    EpisodeState, Phase, Reference, Rescore, Run, RunState, StoreError, TimeAccount,
+    accounts::read_reference,
     phases::read_heads,
     rescore::read_rescores,
-    runs::{RunFilter, read_run, read_runs},
+    runs::read_run,
     totals::{INTERVAL_SEED, full_scores},
     words::{count, end_reason, from_json, row},
 };
@@ -25,8 +26,8 @@ pub struct RunLine {
     pub phase: String,
     /// Who plays.
     pub team: String,
-    /// Whether the team stands for the organiser's reference agents.
-    pub baseline: bool,
+    /// What the team's runs are a reference for; `None` where it competes.
+    pub reference: Option<Reference>,
     /// Name of the method.
     pub method: String,
     /// Version of the method.
@@ -45,6 +46,10 @@ pub struct RunLine {
     pub created_unix_ms: i64,
     /// When it was completed or cancelled.
     pub finished_unix_ms: Option<i64>,
+    /// Whether the organiser verified it.
+    pub verified: bool,
+    /// Why the organiser took it off all boards; `None` where that was not done.
+    pub disqualified: Option<String>,
 }
 
 /// A run with its episodes. What the viewer may not see is `None` or empty.
@@ -56,7 +61,7 @@ pub struct RunView {
     pub scores_visible: bool,
     /// Whether the viewer may see paths, maps and targets.
     pub replays_visible: bool,
-    /// Whether the run is ranked: completed, and every episode counts.
+    /// Whether the run is ranked: completed, every episode counts, and the organiser did not disqualify it.
     pub eligible: bool,
     /// Means and intervals over the episodes scored so far.
     pub summary: Option<Summary>,
@@ -183,14 +188,15 @@ impl Reader {
     ) -> Result<Vec<RunLine>, StoreError> {
         let mut tx = self.snapshot().await?;
         let phases = read_heads(&mut tx, phase).await?;
-        let runs = read_runs(&mut tx, &RunFilter { phase, ..RunFilter::default() }).await?;
+        let select =
+            "SELECT id, phase, team FROM runs WHERE $1 IS NULL OR phase = $1 ORDER BY created_ms DESC, id";
+        let runs: Vec<(String, String, String)> =
+            sqlx::query_as(select).bind(phase).fetch_all(&mut *tx).await?;
         let mut lines = Vec::new();
-        for run in runs {
-            let sight = phases
-                .iter()
-                .find(|p| p.phase.id == run.phase)
-                .and_then(|p| Sight::of(viewer, &run.team, &p.phase));
-            if let Some(sight) = sight {
+        for (run, phase, team) in runs {
+            let head = phases.iter().find(|head| head.phase.id == phase);
+            if let Some(sight) = head.and_then(|head| Sight::of(viewer, &team, &head.phase)) {
+                let run = read_run(&mut tx, &run).await?;
                 lines.push(line(&mut tx, run, sight).await?);
             }
             if lines.len() >= limit as usize {
@@ -220,29 +226,54 @@ impl Reader {
     pub async fn run(&self, viewer: &Viewer, id: &str) -> Result<Option<RunView>, StoreError> {
         let mut tx = self.snapshot().await?;
         let Some((run, sight)) = find_run(&mut tx, viewer, id).await? else { return Ok(None) };
-        let totals = read_totals(&mut tx, id).await?;
-        let rows = read_episodes(&mut tx, id, None).await?;
-        let scores = if sight.scores { full_scores(&mut tx, id).await? } else { vec![] };
-        let (sensors, digests) = (run.sensors.clone(), run.digests.clone());
-        let eligible = run.state == RunState::Completed && count(totals.scored) == run.episodes;
-        Ok(Some(RunView {
-            scores_visible: sight.scores,
-            replays_visible: sight.replays,
-            eligible,
-            summary: summarise(&scores, INTERVAL_SEED),
-            modalities: if sight.scores { totals.modalities() } else { vec![] },
-            by_goals: if sight.replays { by_goals(&scores) } else { vec![] },
-            by_scene: if sight.replays { by_scene(&scores) } else { vec![] },
-            health: health(&rows)?,
-            server_faults: count(totals.server_faults),
-            time: time_of_all(&rows)?,
-            sensors,
-            digests,
-            rescores: if sight.scores { read_rescores(&mut tx, id).await? } else { vec![] },
-            episodes: rows.into_iter().map(|row| row.into_line(sight)).collect::<Result<_, _>>()?,
-            line: line(&mut tx, run, sight).await?,
-        }))
+        let (totals, is_over) = (read_totals(&mut tx, id).await?, run.state == RunState::Completed);
+        let kept = self.runs.find(id, sight).filter(|_| is_over);
+        let mut view = match kept {
+            Some(view) => view,
+            None => {
+                let view = read_view(&mut tx, &run, sight, &totals).await?;
+                if is_over {
+                    self.runs.keep(id, sight, view.clone());
+                }
+                view
+            }
+        };
+        // What the organiser rules, and what other scorers find, may change after a run is over.
+        let is_whole = is_over && count(totals.scored) == run.episodes;
+        view.eligible = is_whole && run.ruling.disqualified.is_none();
+        view.rescores = if sight.scores { read_rescores(&mut tx, id).await? } else { vec![] };
+        view.sensors = run.sensors.clone();
+        view.line = line(&mut tx, run, sight).await?;
+        Ok(Some(view))
     }
+}
+
+/// A run with its episodes, but for what may change after it is over.
+async fn read_view(
+    tx: &mut Transaction<'_, Sqlite>,
+    run: &Run,
+    sight: Sight,
+    totals: &TotalsRow,
+) -> Result<RunView, StoreError> {
+    let rows = read_episodes(tx, &run.id, None).await?;
+    let scores = if sight.scores { full_scores(tx, &run.id).await? } else { vec![] };
+    Ok(RunView {
+        scores_visible: sight.scores,
+        replays_visible: sight.replays,
+        eligible: false,
+        summary: summarise(&scores, INTERVAL_SEED),
+        modalities: if sight.scores { totals.modalities() } else { vec![] },
+        by_goals: if sight.replays { by_goals(&scores) } else { vec![] },
+        by_scene: if sight.replays { by_scene(&scores) } else { vec![] },
+        health: health(&rows)?,
+        server_faults: count(totals.server_faults),
+        time: time_of_all(&rows)?,
+        sensors: run.sensors.clone(),
+        digests: run.digests.clone(),
+        rescores: vec![],
+        episodes: rows.into_iter().map(|row| row.into_line(sight)).collect::<Result<_, _>>()?,
+        line: line(tx, run.clone(), sight).await?,
+    })
 }
 
 /// A run and what the viewer may see of it; `None` when there is none that the viewer may know of.
@@ -266,11 +297,10 @@ pub(super) async fn line(
     run: Run,
     sight: Sight,
 ) -> Result<RunLine, StoreError> {
-    let select = "SELECT baseline FROM teams WHERE name = $1";
-    let baseline: bool = sqlx::query_scalar(select).bind(&run.team).fetch_one(&mut **tx).await?;
+    let reference = read_reference(tx, &run.team).await?;
     let totals = read_totals(tx, &run.id).await?;
     Ok(RunLine {
-        baseline,
+        reference,
         isr: (sight.scores && totals.scored > 0).then(|| totals.isr / totals.scored as f64),
         run: run.id,
         phase: run.phase,
@@ -283,6 +313,8 @@ pub(super) async fn line(
         done: run.done,
         created_unix_ms: run.created_unix_ms,
         finished_unix_ms: run.finished_unix_ms,
+        verified: run.ruling.verified,
+        disqualified: run.ruling.disqualified,
     })
 }
 

@@ -3,7 +3,7 @@
 use crate::fixture::{Arena, CATEGORY, Played, SCENES, new_run, phase};
 use avln_episode::{EndReason, Order, Sensors};
 use avln_scoring::Key;
-use avln_store::{Board, LeaderboardView, NewRun, Pick, Viewer};
+use avln_store::{Board, LeaderboardRow, LeaderboardView, NewRun, Pick, Reference, Viewer};
 use std::collections::BTreeMap;
 
 const BOARD: Board<'_> = Board {
@@ -19,6 +19,38 @@ async fn board(arena: &Arena, board: &Board<'_>) -> LeaderboardView {
     arena.store.reader().leaderboard(&Viewer::Anonymous, board).await.expect("an answer").expect("the phase")
 }
 
+/// Rank and tie group of a row that competes.
+fn stands(row: &LeaderboardRow) -> (u32, u32) {
+    row.standing.map(|standing| (standing.rank, standing.tie_group)).expect("a rank")
+}
+
+#[tokio::test]
+async fn references_are_shown_in_their_place_and_have_no_rank() {
+    let arena = Arena::new(&phase("practice", 4)).await;
+    for (team, reference) in [("people", Reference::Human), ("oracle", Reference::Oracle)] {
+        arena.store.create_team(team, Some(reference), 1).await.expect("a team");
+    }
+    arena.play("run_weak", "walker", Order::Unordered, 0).await;
+    arena.play_as("people", "run_people", "ada", Order::Unordered, 1).await;
+    arena.play_as("oracle", "run_oracle", "shortest-path", Order::Unordered, 2).await;
+    let view = board(&arena, &BOARD).await;
+    let lines: Vec<_> = view
+        .rows
+        .iter()
+        .map(|row| (row.run.as_str(), row.reference, row.standing.map(|standing| standing.rank)))
+        .collect();
+    assert_eq!(
+        lines,
+        [
+            ("run_oracle", Some(Reference::Oracle), None),
+            ("run_people", Some(Reference::Human), None),
+            ("run_weak", None, Some(1))
+        ]
+    );
+    let told = serde_json::to_value(&view.rows).expect("JSON");
+    assert!(told[0]["rank"].is_null() && told[2]["rank_high"] == 1 && told[0]["reference"] == "oracle");
+}
+
 #[tokio::test]
 async fn the_best_run_of_each_method_is_ranked_and_orders_do_not_mix() {
     let arena = Arena::new(&phase("practice", 4)).await;
@@ -31,9 +63,16 @@ async fn the_best_run_of_each_method_is_ranked_and_orders_do_not_mix() {
     let lines: Vec<_> = view
         .rows
         .iter()
-        .map(|r| (r.rank, r.tie_group, r.run.as_str(), r.runs_count, r.summary.isr.value))
+        .map(|r| (stands(r), r.run.as_str(), r.runs_count, r.median, r.summary.isr.value))
         .collect();
-    assert_eq!(lines, [(1, 1, "run_best", 1, 1.0), (2, 2, "run_same", 1, 0.5), (2, 2, "run_good", 2, 0.5)]);
+    assert_eq!(
+        lines,
+        [
+            ((1, 1), "run_best", 1, 1.0, 1.0),
+            ((2, 2), "run_same", 1, 0.5, 0.5),
+            ((2, 2), "run_good", 2, 0.25, 0.5)
+        ]
+    );
     assert_eq!(board(&arena, &BOARD).await, view, "asked twice");
     arena.play("run_late", "late", Order::Unordered, 0).await;
     assert_eq!(board(&arena, &BOARD).await.rows.len(), 4);

@@ -59,8 +59,8 @@ impl Arena {
             self.store.upsert_scene(&Scene { name: name.to_owned(), digest: name.to_owned(), map }).await?;
         }
         self.store.upsert_phase(phase, 1).await?;
-        self.store.create_team(TEAM, false, 1).await?;
-        self.store.create_team("blue", false, 1).await
+        self.store.create_team(TEAM, None, 1).await?;
+        self.store.create_team("blue", None, 1).await
     }
 
     pub(crate) fn path(&self) -> PathBuf {
@@ -77,8 +77,13 @@ impl Arena {
 
     /// Starts a run of the phase `practice` and plays every episode; the first `found` goals of each are found.
     pub(crate) async fn play(&self, run: &str, method: &str, order: Order, found: u8) {
+        self.play_as(TEAM, run, method, order, found).await;
+    }
+
+    /// The same by the team `team`.
+    pub(crate) async fn play_as(&self, team: &str, run: &str, method: &str, order: Order, found: u8) {
         let digests = BTreeMap::new();
-        let new = NewRun { id: run, token: run, method, order, ..new_run(&digests) };
+        let new = NewRun { id: run, token: run, team, method, order, ..new_run(&digests) };
         self.store.start_run(&new, 10).await.expect("a run");
         let mut index = 0;
         while let Some(assigned) = self.assign(run, &format!("{run}-handle-{index}")).await {

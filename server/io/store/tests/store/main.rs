@@ -9,6 +9,7 @@ mod play;
 mod prune;
 mod quota;
 mod rescore;
+mod rulings;
 mod schema;
 mod start;
 mod uptime;

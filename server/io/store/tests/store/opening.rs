@@ -1,7 +1,7 @@
 //! Files that cannot be opened.
 
 use crate::fixture::{Arena, phase};
-use avln_store::{Phase, SCHEMA_VERSION, Schedule, Store, StoreError};
+use avln_store::{Phase, Reference, SCHEMA_VERSION, Schedule, Store, StoreError};
 use sqlx::{ConnectOptions, Connection, sqlite::SqliteConnectOptions};
 use std::path::Path;
 
@@ -56,10 +56,10 @@ async fn an_empty_file_becomes_a_database_and_a_second_opening_finds_it() {
     let path = folder.path().join("arena.db");
     std::fs::write(&path, "").expect("a file");
     let store = Store::open(&path).await.expect("a database");
-    store.create_team("red", true, 1).await.expect("a team");
+    store.create_team("red", Some(Reference::Baseline), 1).await.expect("a team");
     let second = Store::open(&path).await.expect("the same database");
-    assert!(second.team("red").await.expect("an answer").expect("the team").baseline);
-    assert!(matches!(second.create_team("red", false, 2).await, Err(StoreError::Taken { .. })));
+    assert!(second.team("red").await.expect("an answer").expect("the team").reference.is_some());
+    assert!(matches!(second.create_team("red", None, 2).await, Err(StoreError::Taken { .. })));
     second.reader().ping().await.expect("a readable database");
 }
 

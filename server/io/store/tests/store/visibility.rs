@@ -1,6 +1,6 @@
 //! Canaries: hidden names are searched for in everything that a viewer can get.
 
-use crate::fixture::{Arena, CATEGORY, EPISODE, SENTENCE, TEAM, phase};
+use crate::fixture::{Arena, CATEGORY, EPISODE, SCENES, SENTENCE, TEAM, phase};
 use avln_episode::Order;
 use avln_scoring::Key;
 use avln_store::{Board, Pick, Viewer, Visibility};
@@ -20,6 +20,9 @@ async fn everything(arena: &Arena, viewer: &Viewer) -> String {
         serde_json::to_string(&reader.phase(viewer, "practice", 50).await.expect("a phase")),
         serde_json::to_string(&reader.runs(viewer, Some("practice"), 99).await.expect("runs")),
         serde_json::to_string(&reader.run(viewer, "run_1").await.expect("a run")),
+        serde_json::to_string(&reader.run(viewer, "run_1").await.expect("the run that is kept")),
+        serde_json::to_string(&reader.missions(viewer, "practice").await.expect("missions")),
+        serde_json::to_string(&reader.scene_map(viewer, "practice", SCENES[0]).await.expect("a map")),
     ];
     for order in [Order::Ordered, Order::Unordered] {
         let board = Board {

@@ -32,6 +32,12 @@ pub(super) async fn phase(visit: Visit, Path(id): Path<String>, _: Asked<Nothing
     answer(&json!({ "phase": find_phase(&visit, &id).await? }))
 }
 
+pub(super) async fn missions(visit: Visit, Path(id): Path<String>, _: Asked<Nothing>) -> Answer {
+    let missions = visit.reader.missions(&visit.viewer, &id).await?;
+    let hidden = || Trouble::Unknown { what: "open list of missions of phase", name: id.clone() };
+    answer(&json!({ "missions": missions.ok_or_else(hidden)? }))
+}
+
 pub(super) async fn quota(visit: Visit, _: Asked<Nothing>) -> Answer {
     answer(&json!({ "quotas": visit.reader.quotas(&visit.viewer, visit.now_unix_ms).await? }))
 }
@@ -132,7 +138,7 @@ fn answer(body: &impl Serialize) -> Answer {
 }
 
 /// Turns every `x_unix_ms` into `x_at`.
-fn name_moments(value: &mut Value) {
+pub(crate) fn name_moments(value: &mut Value) {
     match value {
         Value::Array(items) => items.iter_mut().for_each(name_moments),
         Value::Object(fields) => {

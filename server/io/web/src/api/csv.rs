@@ -3,15 +3,17 @@
 use super::answers::{find_board, find_boards, find_episode, find_phase, find_run};
 use crate::{
     board::BoardQuery,
+    onlooker::{Levels, MaybeDesk},
     replay::{Moment, moments},
     trouble::Trouble,
     visit::{Asked, Nothing, Visit},
     words::{self, estimate},
 };
 use avln_episode::{EndReason, Order, Sensors};
-use avln_scoring::{Key, Metrics};
-use avln_store::{EpisodeLine, LeaderboardRow, LeaderboardView};
+use avln_scoring::{Key, Metrics, Standing};
+use avln_store::{EpisodeLine, LeaderboardRow, LeaderboardView, Reference};
 use axum::{
+    Extension,
     extract::Path,
     http::header,
     response::{IntoResponse, Response},
@@ -63,6 +65,27 @@ pub(super) async fn steps(
     Ok(file(steps_header(replay.targets.len()), places.map(|(place, moment)| step_row(place, moment))))
 }
 
+/// How loud each step was at both ears, where the phase shows the replay and the agent asked for sound.
+pub(super) async fn levels(
+    visit: Visit,
+    Path((run, place)): Path<(String, String)>,
+    Extension(desk): Extension<MaybeDesk>,
+    _: Asked<Nothing>,
+) -> Result<Response, Trouble> {
+    let view = find_episode(&visit, &run, &place).await?;
+    let none = || Trouble::Unknown { what: "sound", name: format!("of episode {place} of run {run}") };
+    let sound = desk.ok_or_else(none)?.sound(&view).await?.ok_or_else(none)?;
+    let header = names(&["step", "left_rms_pa", "right_rms_pa", "left_db", "right_db"]);
+    Ok(file(header, (0..).zip(sound.levels()).map(level_row)))
+}
+
+fn level_row((step, levels): (u32, &Levels)) -> Vec<String> {
+    let mut cells = vec![step.to_string()];
+    cells.extend(levels.rms.map(|rms| rms.to_string()));
+    cells.extend(levels.ears_db().map(maybe));
+    cells
+}
+
 fn file(header: Vec<String>, rows: impl Iterator<Item = Vec<String>>) -> Response {
     let mut table = line(&header);
     rows.for_each(|row| table += &line(&row));
@@ -97,9 +120,18 @@ fn names(names: &[&str]) -> Vec<String> {
 }
 
 fn board_header() -> Vec<String> {
-    let mut header =
-        names(&["rank", "tie_group", "team", "baseline", "method", "version", "run", "runs_count"]);
-    header.extend(names(&["finished_at", "episodes", "scenes"]));
+    let mut header = names(&[
+        "rank",
+        "rank_low",
+        "rank_high",
+        "tie_group",
+        "team",
+        "reference",
+        "method",
+        "version",
+        "run",
+    ]);
+    header.extend(names(&["runs_count", "median", "finished_at", "episodes", "scenes"]));
     for key in Key::ALL {
         header.push(key.to_string());
         if has_interval(key) {
@@ -109,7 +141,7 @@ fn board_header() -> Vec<String> {
     header.extend(names(&["isr_by_goal", "osr_all", "wrong_instance_submits"]));
     header.extend(names(&["steps_to_goal", "final_distance_m"]));
     header.extend(EndReason::ALL.map(|reason| format!("ended_{}", reason.as_str())));
-    header.extend(names(&["server_faults", "scorer", "order", "rgb", "depth", "audio"]));
+    header.extend(names(&["server_faults", "scorer", "order", "rgb", "depth", "audio", "verified"]));
     header
 }
 
@@ -119,9 +151,10 @@ fn has_interval(key: Key) -> bool {
 
 fn board_row(order: Order, row: &LeaderboardRow) -> Vec<String> {
     let summary = &row.summary;
-    let mut cells = vec![row.rank.to_string(), row.tie_group.to_string(), text(&row.team)];
-    cells.extend([row.baseline.to_string(), text(&row.method), text(&row.version), text(&row.run)]);
-    cells.extend([row.runs_count.to_string(), moment(row.finished_unix_ms)]);
+    let mut cells = standing_cells(row.standing);
+    cells.extend([text(&row.team), maybe(row.reference.map(Reference::as_str))]);
+    cells.extend([text(&row.method), text(&row.version), text(&row.run)]);
+    cells.extend([row.runs_count.to_string(), row.median.to_string(), moment(row.finished_unix_ms)]);
     cells.extend([summary.episodes.to_string(), summary.scenes.to_string()]);
     for key in Key::ALL {
         cells.push(key.mean_of(summary).to_string());
@@ -136,7 +169,14 @@ fn board_row(order: Order, row: &LeaderboardRow) -> Vec<String> {
     cells.extend([row.server_faults.to_string(), text(&row.scorer), order.to_string()]);
     let senses = row.sensors.as_ref().map(|Sensors { rgb, depth, audio, .. }| [*rgb, *depth, *audio]);
     cells.extend([0, 1, 2].map(|sense| maybe(senses.map(|senses| senses[sense]))));
+    cells.push(row.verified.to_string());
     cells
+}
+
+/// Rank, its interval and its tie group, all empty for a reference.
+fn standing_cells(standing: Option<Standing>) -> Vec<String> {
+    let numbers = standing.map(|s| [s.rank, s.rank_low, s.rank_high, s.tie_group]);
+    (0..4).map(|index| maybe(numbers.map(|numbers| numbers[index]))).collect()
 }
 
 fn episodes_header() -> Vec<String> {

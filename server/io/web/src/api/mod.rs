@@ -4,7 +4,9 @@ mod answers;
 mod csv;
 mod openapi;
 
-use crate::logs;
+pub(crate) use answers::name_moments;
+
+use crate::{live, logs};
 use avln_store::Reader;
 use axum::{
     Router,
@@ -39,6 +41,8 @@ enum Answer {
     Csv,
     /// Lines of text.
     Text,
+    /// Server-Sent Events: the name of the schema of their data.
+    Events(&'static str),
 }
 
 const BOARD_QUERY: &[&str] = &["order", "sort", "pick", "q", "team", "rgb", "depth", "audio", "as_of"];
@@ -74,8 +78,15 @@ fn of_phases() -> Vec<Endpoint> {
         endpoint("/phases", "All phases.", &[], Json("Phases"), get(answers::phases)),
         endpoint("/phases/{phase}", "A phase with its rules.", &[], Json("PhaseAnswer"), get(answers::phase)),
         endpoint(
+            "/phases/{phase}/missions",
+            "What the missions of a phase are like, all together, where everybody may see its replays.",
+            &[],
+            Json("MissionsAnswer"),
+            get(answers::missions),
+        ),
+        endpoint(
             "/phases/{phase}/leaderboard",
-            "A leaderboard, best first. Entries of one tie_group cannot be told apart from its first.",
+            "A leaderboard, best first. Entries of one tie_group cannot be told apart from its first; references have no rank.",
             BOARD_QUERY,
             Json("Leaderboard"),
             get(answers::leaderboard),
@@ -120,7 +131,7 @@ fn of_phases() -> Vec<Endpoint> {
 
 /// Ways to runs and their episodes.
 fn of_runs() -> Vec<Endpoint> {
-    use Answer::{Csv, Json, Text};
+    use Answer::{Csv, Events, Json, Text};
     vec![
         endpoint(
             "/compare",
@@ -130,6 +141,20 @@ fn of_runs() -> Vec<Endpoint> {
             get(answers::compare),
         ),
         endpoint("/runs", "The latest runs, the newest first.", RUNS_QUERY, Json("Runs"), get(answers::runs)),
+        endpoint(
+            "/runs/events",
+            "How the runs go on that are under way: an event runs with all of them whenever one changes, once a second at most.",
+            &[],
+            Events("LiveRuns"),
+            get(live::runs),
+        ),
+        endpoint(
+            "/runs/{run}/events",
+            "How a run goes on: an event run with all of it whenever it changes, once a second at most, and a last one at its end.",
+            &[],
+            Events("LiveRun"),
+            get(live::run),
+        ),
         endpoint("/runs/{run}", "A run with its episodes.", &[], Json("Run"), get(answers::run)),
         endpoint(
             "/runs/{run}/episodes",
@@ -159,6 +184,13 @@ fn of_runs() -> Vec<Endpoint> {
             &[],
             Csv,
             get(csv::steps),
+        ),
+        endpoint(
+            "/runs/{run}/episodes/{ordinal}/levels.csv",
+            "How loud each step was at both ears, where the phase shows the replay of an agent that asked for sound.",
+            &[],
+            Csv,
+            get(csv::levels),
         ),
     ]
 }

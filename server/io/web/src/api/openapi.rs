@@ -34,6 +34,8 @@ fn path_item(endpoint: &Endpoint) -> Value {
         Answer::Json(name) => ("application/json", reference(name)),
         Answer::Csv => ("text/csv", json!({ "type": "string" })),
         Answer::Text => ("text/plain", json!({ "type": "string" })),
+        // By version 3.1 an event is described by its data.
+        Answer::Events(name) => ("text/event-stream", reference(name)),
     };
     json!({ "get": {
         "summary": endpoint.summary,
@@ -127,6 +129,8 @@ fn schemas() -> Value {
         "Phases": answer(&[("phases", list("Phase"))]),
         "PhaseAnswer": answer(&[("phase", reference("Phase"))]),
         "Phase": phase(),
+        "MissionsAnswer": answer(&[("missions", reference("Missions"))]),
+        "Missions": object(&[all(&["goals", "modalities", "categories", "scenes"], "object"), all(&["reference_m"], "list")].concat()),
         "Quotas": answer(&[("quotas", list("Quota"))]),
         "Quota": quota(),
         "Leaderboard": answer(&leaderboard()),
@@ -142,6 +146,10 @@ fn schemas() -> Value {
         "Runs": answer(&[("runs", list("RunLine"))]),
         "RunLine": run_line(),
         "Run": run(),
+        "LiveRuns": object(&[("runs", list("LiveRun"))]),
+        "LiveRun": live_run(),
+        "LiveWords": object(&all(&["state", "episodes", "pace", "waits"], "string")),
+        "Slot": slot(),
         "Group": object(&[all(&["name"], "string"), all(&["episodes"], "integer"), all(&["sr", "isr", "soft_spl", "steps"], "number")].concat()),
         "Rescore": rescore(),
         "Episodes": answer(&[all(&["run"], "string"), vec![("episodes", list("EpisodeLine"))]].concat()),
@@ -182,9 +190,11 @@ fn leaderboard() -> Vec<(&'static str, Value)> {
 }
 
 fn row() -> Value {
-    let mut fields = all(&["rank", "tie_group", "runs_count", "server_faults"], "integer");
-    fields.extend(all(&["team", "method", "version", "run", "scorer"], "string"));
-    fields.extend(all(&["baseline"], "boolean"));
+    let mut fields = all(&["rank?", "rank_low?", "rank_high?", "tie_group?"], "integer");
+    fields.extend(all(&["runs_count", "server_faults"], "integer"));
+    fields.extend(all(&["median"], "number"));
+    fields.extend(all(&["team", "reference?", "method", "version", "run", "scorer"], "string"));
+    fields.extend(all(&["verified"], "boolean"));
     fields.extend(all(&["health", "sensors?"], "object"));
     fields.extend(all(&["finished_at?"], "moment"));
     fields.push(("summary", reference("Summary")));
@@ -234,7 +244,9 @@ fn summary() -> Value {
 
 fn run_line() -> Value {
     let mut fields = all(&["run", "phase", "team", "method", "version", "order", "state"], "string");
-    fields.extend(all(&["baseline"], "boolean"));
+    fields.extend(all(&["reference?"], "string"));
+    fields.extend(all(&["disqualified?"], "string"));
+    fields.extend(all(&["verified"], "boolean"));
     fields.extend(all(&["episodes", "done"], "integer"));
     fields.extend(all(&["isr?"], "number"));
     fields.extend(all(&["created_at", "finished_at?"], "moment"));
@@ -250,6 +262,23 @@ fn run() -> Value {
     fields.extend(all(&["server_faults"], "integer"));
     fields.extend([("rescores", list("Rescore")), ("episodes", list("EpisodeLine"))]);
     answer(&fields)
+}
+
+fn live_run() -> Value {
+    let mut fields = all(&["run", "state"], "string");
+    fields.extend(all(&["episodes", "done", "playing"], "integer"));
+    fields.extend(all(&["connected?"], "boolean"));
+    fields.extend(all(&["steps_per_s?"], "number"));
+    fields.extend(all(&["created_at", "finished_at?"], "moment"));
+    fields.extend([("slots", list("Slot")), ("words", reference("LiveWords"))]);
+    object(&fields)
+}
+
+fn slot() -> Value {
+    let mut fields = all(&["slot", "step"], "integer");
+    fields.extend(all(&["last_step_s?", "mean_step_s?"], "number"));
+    fields.extend(all(&["since_at"], "moment"));
+    object(&fields)
 }
 
 fn rescore() -> Value {

@@ -191,7 +191,7 @@ impl Scope {
             ["assets", _] | ["docs"] | ["docs", _] | ["docs", _, _] => query.is_empty(),
             ["api", "v1", "openapi.json"] => query.is_empty(),
             ["leaderboard", phase] => known(phase) && is_view(query),
-            ["phases", phase] => known(phase) && query.is_empty(),
+            ["phases", phase] | ["phases", phase, "scenes", _] => known(phase) && query.is_empty(),
             ["api", "v1", "phases", phase, ..] => known(phase) && is_view(query),
             ["compare"] | ["api", "v1", "compare"] => self.is_pair(query),
             ["runs", run, "episodes", _] | ["api", "v1", "runs", run, "episodes", ..] => {

@@ -1,4 +1,4 @@
-use super::Seen;
+use super::{Seen, shelf::Kept};
 
 /// Colours of depth from near to far: cividis, which is read alike by most eyes.
 const DEPTH: [[f32; 3]; 9] = [
@@ -29,8 +29,10 @@ impl Pictures {
         let depth: Vec<u8> = seen.depth_m.iter().flat_map(coloured).collect();
         Some(Self { rgb: png(&seen.rgb, width, height)?, depth: png(&depth, width, height)? })
     }
+}
 
-    pub(super) fn bytes(&self) -> usize {
+impl Kept for Pictures {
+    fn bytes(&self) -> usize {
         self.rgb.len() + self.depth.len()
     }
 }

@@ -52,6 +52,7 @@ pub(super) async fn badge(
 async fn standing(visit: &Visit, phase: &PhaseView, view: &RunView) -> Result<String, Trouble> {
     let line = &view.line;
     let summary = match &view.summary {
+        _ if line.disqualified.is_some() => return Ok("disqualified".to_owned()),
         _ if !view.scores_visible => return Ok("scores are hidden".to_owned()),
         Some(summary) if view.eligible => summary,
         _ if line.state.is_open() => return Ok(format!("{} of {} episodes", line.done, line.episodes)),
@@ -60,8 +61,9 @@ async fn standing(visit: &Visit, phase: &PhaseView, view: &RunView) -> Result<St
     let board = BoardQuery::default().board(phase, line.order, visit.now_unix_ms);
     let board = visit.reader.leaderboard(&visit.viewer, &board).await?;
     let rows = board.map(|board| board.rows).unwrap_or_default();
-    let rank = rows.iter().find(|row| row.run == line.run);
-    let rank = rank.map_or(String::new(), |row| format!(", rank {} of {}", row.rank, rows.len()));
+    let standing = rows.iter().find(|row| row.run == line.run).and_then(|row| row.standing);
+    let ranked = rows.iter().filter(|row| row.standing.is_some()).count();
+    let rank = standing.map_or(String::new(), |standing| format!(", rank {} of {ranked}", standing.rank));
     Ok(score(phase.ranking.key, summary) + &rank)
 }
 

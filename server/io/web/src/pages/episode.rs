@@ -1,8 +1,8 @@
 use super::{Page, Part, Shell, segment, write};
 use crate::{
-    onlooker::{MaybeDesk, size_px},
+    onlooker::{MaybeDesk, Sound, WINDOW_STEPS, size_px},
     plot::curves::{LEFT_PX, WIDTH_PX},
-    replay::{ReplayView, colour},
+    replay::{EarsView, ReplayView, colour},
     trouble::Trouble,
     visit::{self, Asked, ReplayQuery, Visit},
     words,
@@ -10,7 +10,11 @@ use crate::{
 use askama::Template;
 use avln_store::{EpisodeView, TargetView};
 use axum::{Extension, extract::Path};
-use std::fmt;
+use std::{fmt, sync::Arc, time::Duration};
+use tokio::time::timeout;
+
+/// How long a page waits for an episode to be heard again; it goes on without levels then.
+const PATIENCE: Duration = Duration::from_secs(8);
 
 #[derive(Template)]
 #[template(path = "episode.html")]
@@ -22,6 +26,9 @@ pub(super) struct EpisodePage {
     asked_storey: Option<usize>,
     /// Whether somebody can look into the scene.
     has_pictures: bool,
+    /// What the agent was sent to hear, where it was and somebody can listen.
+    ears: Option<EarsView>,
+    query: ReplayQuery,
 }
 
 /// One episode of a run.
@@ -34,11 +41,19 @@ pub(super) async fn page(
     let ordinal = visit::ordinal(&place)?;
     let view = visit.reader.episode(&visit.viewer, &run, ordinal).await?;
     let unknown = || Trouble::Unknown { what: "episode", name: format!("{place} of run {run}") };
-    write(&EpisodePage::new(view.ok_or_else(unknown)?, query, desk.is_some()))
+    let view = view.ok_or_else(unknown)?;
+    let sound = listen(&desk, &view, query).await;
+    write(&EpisodePage::new(view, query, desk.is_some(), sound))
+}
+
+/// The sound of an episode, where the visitor asks for it and it is there soon.
+async fn listen(desk: &MaybeDesk, view: &EpisodeView, query: ReplayQuery) -> Option<Arc<Sound>> {
+    let desk = desk.clone().filter(|_| query.listens())?;
+    timeout(PATIENCE, desk.sound(view)).await.ok()?.ok()?
 }
 
 impl EpisodePage {
-    pub(super) fn new(view: EpisodeView, query: ReplayQuery, has_pictures: bool) -> Self {
+    fn new(view: EpisodeView, query: ReplayQuery, has_desk: bool, sound: Option<Arc<Sound>>) -> Self {
         let run = &view.run;
         let title = format!("Episode {} of {}", view.ordinal + 1, run.episodes);
         let name = format!("{} {} by {}", run.method, run.version, run.team);
@@ -46,7 +61,10 @@ impl EpisodePage {
             Shell::new(title, Part::Runs).below("Runs", "/runs").below(name, format!("/runs/{}", run.run));
         let storey = query.storey.and_then(|number| number.checked_sub(1));
         let replay = ReplayView::new(&view, query.t, storey);
-        Self { shell, replay, view, asked_storey: query.storey, has_pictures }
+        let ears = view.replay.as_ref().filter(|replay| has_desk && replay.hears).zip(replay.as_ref());
+        let ears = ears
+            .map(|(facts, shown)| EarsView::new(facts, &shown.moments, shown.step, sound, query.listens()));
+        Self { shell, replay, view, asked_storey: query.storey, has_pictures: has_desk, ears, query }
     }
 
     /// Where this page is.
@@ -57,16 +75,27 @@ impl EpisodePage {
     /// The same page at another step; what is usual is left out.
     fn at(&self, replay: &ReplayView, step: &u32) -> String {
         let step = (*step < replay.last()).then(|| format!("t={step}"));
-        self.with([step, self.asked_storey.map(|number| format!("storey={number}"))])
+        self.with([step, self.asked_storey.map(|number| format!("storey={number}")), self.listening()])
+    }
+
+    /// The same moment with levels of what there was to hear.
+    fn with_levels(&self, replay: &ReplayView) -> String {
+        let step = (replay.step < replay.last()).then(|| format!("t={}", replay.step));
+        let storey = self.asked_storey.map(|number| format!("storey={number}"));
+        self.with([step, storey, Some("ears=on".to_owned())])
+    }
+
+    fn listening(&self) -> Option<String> {
+        self.query.listens().then(|| "ears=on".to_owned())
     }
 
     /// The same moment with another storey in front.
     fn on_storey(&self, replay: &ReplayView, number: &usize) -> String {
         let step = (replay.step < replay.last()).then(|| format!("t={}", replay.step));
-        self.with([step, Some(format!("storey={number}"))])
+        self.with([step, Some(format!("storey={number}")), self.listening()])
     }
 
-    fn with(&self, parts: [Option<String>; 2]) -> String {
+    fn with(&self, parts: [Option<String>; 3]) -> String {
         let query = parts.into_iter().flatten().collect::<Vec<_>>().join("&");
         let mark = if query.is_empty() { "" } else { "?" };
         format!("{}{mark}{query}", self.path())
@@ -75,6 +104,11 @@ impl EpisodePage {
     /// Where the picture of a step is.
     fn picture(&self, step: impl fmt::Display) -> String {
         format!("{}/eyes/{step}.png", self.path())
+    }
+
+    /// Where the sound of some steps is.
+    fn sound(&self, steps: impl fmt::Display) -> String {
+        format!("{}/ears/{steps}.wav", self.path())
     }
 
     /// Pixels of a picture.

@@ -6,10 +6,14 @@ mod compare;
 mod docs;
 mod episode;
 mod home;
+mod missions;
+mod office;
 mod phase;
 mod runs;
 
-use crate::{trouble::Trouble, visit::Visit};
+pub(crate) use office::router as office_router;
+
+use crate::{office::Menu, trouble::Trouble, visit::Visit};
 use askama::Template;
 use avln_store::Reader;
 use axum::{
@@ -31,6 +35,7 @@ pub(crate) fn router() -> Router<Reader> {
         .route("/leaderboard", get(home::boards))
         .route("/leaderboard/{phase}", get(board::page))
         .route("/phases/{phase}", get(phase::page))
+        .route("/phases/{phase}/scenes/{file}", get(missions::scene))
         .route("/compare", get(compare::page))
         .route("/runs", get(runs::list))
         .route("/runs/{run}", get(runs::one))
@@ -38,6 +43,7 @@ pub(crate) fn router() -> Router<Reader> {
         .route("/embed/{phase}", get(board::embedded))
         .route("/runs/{run}/episodes/{ordinal}", get(episode::page))
         .route("/runs/{run}/episodes/{ordinal}/eyes/{file}", get(crate::onlooker::picture))
+        .route("/runs/{run}/episodes/{ordinal}/ears/{file}", get(crate::onlooker::sound))
         .route(
             "/assets/app.css",
             get(async || asset("text/css; charset=utf-8", include_str!("../../assets/app.css"))),
@@ -45,6 +51,14 @@ pub(crate) fn router() -> Router<Reader> {
         .route(
             "/assets/replay.js",
             get(async || asset("text/javascript; charset=utf-8", include_str!("../../assets/replay.js"))),
+        )
+        .route(
+            "/assets/ears.js",
+            get(async || asset("text/javascript; charset=utf-8", include_str!("../../assets/ears.js"))),
+        )
+        .route(
+            "/assets/live.js",
+            get(async || asset("text/javascript; charset=utf-8", include_str!("../../assets/live.js"))),
         )
         .route(
             "/assets/icon.svg",
@@ -74,6 +88,8 @@ struct Shell {
     part: Part,
     /// What the organiser announces; empty: nothing.
     notice: String,
+    /// What the menu offers this visitor.
+    menu: Menu,
 }
 
 #[derive(Debug)]
@@ -88,12 +104,20 @@ enum Part {
     Boards,
     Runs,
     Docs,
+    /// What visitors see of themselves when they sign in.
+    Own,
     Elsewhere,
 }
 
 impl Shell {
     fn new(title: impl Into<String>, part: Part) -> Self {
-        Self { title: title.into(), trail: vec![], part, notice: crate::notice::notice() }
+        Self {
+            title: title.into(),
+            trail: vec![],
+            part,
+            notice: crate::notice::notice(),
+            menu: Menu::current(),
+        }
     }
 
     /// Adds the next page above this one.
@@ -113,12 +137,16 @@ impl Shell {
 struct TroublePage {
     shell: Shell,
     words: String,
+    /// Whether the visitor was about to sign in.
+    is_signing_in: bool,
 }
 
 /// A page for what went wrong.
 pub(crate) fn trouble(trouble: &Trouble) -> String {
     let words = format!("Sorry, {trouble}.");
-    let page = TroublePage { shell: Shell::new(trouble.title(), Part::Elsewhere), words };
+    let is_signing_in = matches!(trouble, Trouble::WrongToken | Trouble::Attempts);
+    let shell = Shell::new(trouble.title(), Part::Elsewhere);
+    let page = TroublePage { shell, words, is_signing_in };
     page.render().unwrap_or_else(|_| trouble.title().to_owned())
 }
 

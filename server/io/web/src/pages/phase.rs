@@ -1,6 +1,10 @@
 //! What is played in a phase: tables made from its rules.
 
-use super::{Page, Part, Shell, phase, segment, write};
+use super::{
+    Page, Part, Shell,
+    missions::{Statistic, scenes, statistics},
+    phase, segment, write,
+};
 use crate::{
     visit::{Asked, Host, Nothing, Visit},
     words,
@@ -9,7 +13,7 @@ use askama::Template;
 use avln_episode::{
     DistanceRule, FeedbackRule, PoseFrame, Rules, Sensors, SoundClip, SoundingRule, WrongSubmit,
 };
-use avln_store::{PhaseView, QuotaLimits};
+use avln_store::{MissionsView, PhaseView, QuotaLimits};
 use axum::extract::Path;
 
 #[derive(Template)]
@@ -18,6 +22,8 @@ struct PhasePage {
     shell: Shell,
     host: Host,
     phase: PhaseView,
+    /// What its missions are like, where everybody may see their replays.
+    missions: Option<MissionsView>,
 }
 
 /// A row of a table: what, and what about it.
@@ -27,7 +33,8 @@ type Row = (&'static str, String);
 pub(super) async fn page(visit: Visit, host: Host, Path(id): Path<String>, _: Asked<Nothing>) -> Page {
     let phase = phase(&visit, &id).await?;
     let shell = Shell::new(phase.title.clone(), Part::Boards).below("Leaderboards", "/leaderboard");
-    write(&PhasePage { shell, host, phase })
+    let missions = visit.reader.missions(&visit.viewer, &phase.id).await?;
+    write(&PhasePage { shell, host, phase, missions })
 }
 
 impl PhasePage {
@@ -152,6 +159,15 @@ impl PhasePage {
             ("Judgement", "How an episode is judged", self.judgement().to_vec()),
             ("Budgets", "What a team may spend, and who sees what", self.budgets()),
         ]
+    }
+
+    fn statistics(&self) -> Vec<Statistic> {
+        self.missions.as_ref().map(statistics).unwrap_or_default()
+    }
+
+    /// The scenes: name, missions, address of the picture.
+    fn scenes(&self) -> Vec<(String, u32, String)> {
+        self.missions.as_ref().map(|missions| scenes(&self.phase.id, missions)).unwrap_or_default()
     }
 
     /// The phase for programs.

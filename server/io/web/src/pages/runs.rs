@@ -1,5 +1,6 @@
 use super::{Page, Part, Shell, segment, write};
 use crate::{
+    live::{Hub, Live},
     plot,
     trouble::Trouble,
     visit::{Asked, Nothing, RunsQuery, Visit},
@@ -8,12 +9,15 @@ use crate::{
 use askama::Template;
 use avln_scoring::Key;
 use avln_store::{GroupView, RunLine, RunView, TimeAccount};
-use axum::extract::Path;
+use axum::{Extension, extract::Path};
+use std::sync::Arc;
 
 #[derive(Template)]
 #[template(path = "runs.html")]
 struct RunsPage {
     shell: Shell,
+    /// Those that are under way.
+    live: Vec<Live>,
     runs: Vec<RunLine>,
     limit: u32,
 }
@@ -23,30 +27,45 @@ struct RunsPage {
 pub(super) struct RunPage {
     shell: Shell,
     view: RunView,
+    /// How far it is, while it is not over.
+    live: Option<Live>,
     keys: [Key; 10],
 }
 
 /// The latest runs.
-pub(super) async fn list(visit: Visit, Asked(query): Asked<RunsQuery>) -> Page {
+pub(super) async fn list(
+    visit: Visit,
+    Extension(hub): Extension<Arc<Hub>>,
+    Asked(query): Asked<RunsQuery>,
+) -> Page {
     let limit = query.limit()?;
+    let mut live = hub.runs(&visit).await?;
+    live.retain(|live| query.phase.as_ref().is_none_or(|phase| live.run.line.phase == *phase));
     let runs = visit.reader.runs(&visit.viewer, query.phase.as_deref(), limit).await?;
-    write(&RunsPage { shell: Shell::new("Runs", Part::Runs), runs, limit })
+    write(&RunsPage { shell: Shell::new("Runs", Part::Runs), live, runs, limit })
 }
 
 /// One run.
-pub(super) async fn one(visit: Visit, Path(id): Path<String>, _: Asked<Nothing>) -> Page {
+pub(super) async fn one(
+    visit: Visit,
+    Path(id): Path<String>,
+    Extension(hub): Extension<Arc<Hub>>,
+    _: Asked<Nothing>,
+) -> Page {
     let view = visit.reader.run(&visit.viewer, &id).await?;
-    write(&RunPage::new(view.ok_or(Trouble::Unknown { what: "run", name: id })?))
+    let view = view.ok_or_else(|| Trouble::Unknown { what: "run", name: id.clone() })?;
+    let live = if view.line.state.is_open() { hub.run(&visit, &id).await? } else { None };
+    write(&RunPage::new(view, live))
 }
 
 impl RunPage {
-    pub(super) fn new(view: RunView) -> Self {
+    fn new(view: RunView, live: Option<Live>) -> Self {
         let line = &view.line;
         let title = format!("{} {} by {}", line.method, line.version, line.team);
         let shell = Shell::new(title, Part::Runs)
             .below("Runs", "/runs")
             .below(line.phase.clone(), format!("/leaderboard/{}?order={}", segment(&line.phase), line.order));
-        Self { shell, view, keys: Key::ALL }
+        Self { shell, view, live, keys: Key::ALL }
     }
 
     /// Tables of episodes that have something in common, each with its name.

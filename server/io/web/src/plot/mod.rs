@@ -46,6 +46,15 @@ pub(crate) fn stacked(counts: &[u32]) -> String {
     svg + "</svg>"
 }
 
+/// A bar as long as a count among others of which the largest is `most`. The count must stand beside it.
+pub(crate) fn bar(count: &u32, most: u32) -> String {
+    let width = 100.0 * f64::from(*count) / f64::from(most.max(1));
+    format!(
+        "<svg class=\"count\" viewBox=\"0 0 100 10\" preserveAspectRatio=\"none\" aria-hidden=\"true\">\
+         <rect width=\"{width:.1}\" height=\"10\"/></svg>"
+    )
+}
+
 /// The sign of a part in the list beside a bar.
 pub(crate) fn sign(place: &usize) -> String {
     let kind = place % KINDS;

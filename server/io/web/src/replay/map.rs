@@ -237,6 +237,18 @@ fn floors(map: &SceneMap, storeys: &Storeys) -> Vec<String> {
     paths
 }
 
+/// A building from above, without anything in it, as a picture of its own. Digits only, so it needs no escaping.
+pub(crate) fn plan(map: &SceneMap) -> String {
+    let frame = Frame { min: spot(&map.min), max: spot(&map.max) };
+    let storeys = Storeys::of(map, 0.0);
+    let mut svg = format!("<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"{}\">", frame.view_box());
+    for (storey, floor) in floors(map, &storeys).iter().enumerate() {
+        let shade = if storey == 0 { "#8a93a3" } else { "#5f6b80" };
+        let _ = write!(svg, "<path fill=\"{shade}\" d=\"{floor}\"/>");
+    }
+    svg + "</svg>"
+}
+
 /// The colour at `time` between 0 and 1.
 pub(crate) fn colour(time: f32) -> String {
     let (from, to, share) = if time < 0.5 {

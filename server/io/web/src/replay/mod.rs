@@ -1,13 +1,15 @@
 //! A replay for people: one clock over a map, plots and a list of events.
 
+mod ears;
 mod events;
 mod map;
 mod moments;
 mod plots;
 mod storeys;
 
+pub(crate) use ears::{EarsView, level_words};
 pub(crate) use events::Event;
-pub(crate) use map::{MapView, colour};
+pub(crate) use map::{MapView, colour, plan};
 pub(crate) use moments::{Moment, moments};
 pub(crate) use plots::{Plots, plots};
 
@@ -116,6 +118,7 @@ mod tests {
             scene: "s".to_owned(),
             rules: Rules::paper(),
             sensors: None,
+            hears: false,
             map: SceneMap::default(),
             path: (0..=steps).map(|step| [0.0, 0.0, step as f32 * -0.25]).collect(),
             headings_rad: vec![0.0; steps + 1],

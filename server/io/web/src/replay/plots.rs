@@ -14,6 +14,7 @@ pub(crate) struct Plots {
     pub(crate) distances: Plot,
     pub(crate) bearings: Plot,
     pub(crate) walk: Plot,
+    pub(crate) budget: Plot,
 }
 
 /// A plot.
@@ -29,6 +30,7 @@ pub(crate) fn plots(view: &EpisodeView, replay: &Replay, moments: &[Moment], ste
         distances: distances(replay, moments, last, step),
         bearings: bearings(replay, moments, last, step),
         walk: walk(view, moments, last, step),
+        budget: budget(replay, moments, last, step),
     }
 }
 
@@ -105,6 +107,33 @@ fn walk(view: &EpisodeView, moments: &[Moment], last: u32, step: u32) -> Plot {
     let tour =
         reference.map_or_else(String::new, |m| format!(" against a reference tour of {}", words::metres(&m)));
     Plot { svg, words: format!("{} walked{tour}.", words::metres(&walked_m)) }
+}
+
+/// What is left of actions and claims, each in hundredths of what there was.
+fn budget(replay: &Replay, moments: &[Moment], last: u32, step: u32) -> Plot {
+    const ALL: f64 = 100.0;
+    let claims = replay.targets.len() as u32;
+    let line = |kind: usize, left: fn(&Moment) -> u32, of: u32| Line {
+        kind,
+        label: "",
+        points: moments
+            .iter()
+            .map(|moment| (moment.step, ALL * f64::from(left(moment)) / f64::from(of.max(1))))
+            .collect(),
+    };
+    let lines =
+        vec![line(0, |m| m.actions_left, replay.rules.max_steps), line(1, |m| m.submits_left, claims)];
+    let ticks = round_ticks(ALL).into_iter().map(|value| (value, format!("{value} %"))).collect();
+    let svg = Curves { ticks, lines, levels: vec![], last, step }.svg();
+    let (actions, submits) =
+        moments.last().map_or((0, 0), |moment| (moment.actions_left, moment.submits_left));
+    let words = format!(
+        "At the end {actions} of {} actions were left, {} of simulated time, and {submits} of {}.",
+        replay.rules.max_steps,
+        words::duration(&(f64::from(actions) * f64::from(replay.rules.step_s))),
+        words::plural(&claims, "claim"),
+    );
+    Plot { svg, words }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use avln_store::{
     Finished, GoalText, NewRun, NewToken, Phase, PhaseEpisode, Scene, SceneMap, Split, Store, TimeAccount,
     TokenKind, Visibility,
 };
-use avln_web::{Onlooker, SignedLogs, Site};
+use avln_web::{Lookout, Office, Onlooker, SignedLogs, Site};
 use axum::{
     Router,
     body::Body,
@@ -39,6 +39,35 @@ pub(crate) struct Answer {
     pub(crate) body: String,
 }
 
+/// Somebody who is told events.
+pub(crate) struct Follower {
+    pub(crate) status: StatusCode,
+    pub(crate) headers: HeaderMap,
+    body: Body,
+}
+
+/// Something that happened, as it is told.
+#[derive(Debug)]
+pub(crate) struct Event {
+    pub(crate) id: String,
+    pub(crate) name: String,
+    pub(crate) data: Value,
+}
+
+impl Follower {
+    /// The next event; `None` when no more will come. What keeps the connection alive is none.
+    pub(crate) async fn next(&mut self) -> Option<Event> {
+        loop {
+            let frame = self.body.frame().await?.expect("a frame").into_data().expect("no trailers");
+            let text = String::from_utf8(frame.to_vec()).expect("text");
+            let field = |name: &str| text.lines().find_map(|line| line.strip_prefix(name)).map(str::to_owned);
+            if let (Some(id), Some(name), Some(data)) = (field("id: "), field("event: "), field("data: ")) {
+                return Some(Event { id, name, data: serde_json::from_str(&data).expect("JSON") });
+            }
+        }
+    }
+}
+
 impl Answer {
     pub(crate) fn json(&self) -> Value {
         serde_json::from_str(&self.body).unwrap_or_else(|error| panic!("{error} in {}", self.body))
@@ -53,21 +82,33 @@ impl Arena {
     /// `open` with the runs `run_rude` (finds all goals) and `run_formula` (finds one of two), `sealed` with `run_sealed`,
     /// and `run_begun` in `open`, where one of two episodes is played.
     pub(crate) async fn new() -> Self {
-        Self::seen_by(None).await
+        Self::open(|_| Site::default()).await
     }
 
     /// The same, where somebody can look into scenes.
     pub(crate) async fn seen_by(onlooker: Option<Arc<dyn Onlooker>>) -> Self {
+        Self::watched_by(onlooker, None).await
+    }
+
+    /// The same, where somebody knows what is played.
+    pub(crate) async fn watched_by(
+        onlooker: Option<Arc<dyn Onlooker>>,
+        lookout: Option<Arc<dyn Lookout>>,
+    ) -> Self {
+        Self::open(|_| Site { onlooker, lookout, ..Site::default() }).await
+    }
+
+    /// The same, where visitors can sign in and an office over the database does what they ask for.
+    pub(crate) async fn staffed(office: impl FnOnce(Store) -> Arc<dyn Office>) -> Self {
+        Self::open(|store| Site { office: Some(office(store)), ..Site::default() }).await
+    }
+
+    async fn open(site: impl FnOnce(Store) -> Site) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let store = Store::open(&folder.path().join("arena.db")).await.expect("a new database");
-        let router = avln_web::router(
-            store.reader(),
-            Site {
-                agents_port: 50051,
-                logs: Some(SignedLogs { folder: folder.path().to_owned(), key: LOG_KEY.to_owned() }),
-                onlooker,
-            },
-        );
+        let logs = Some(SignedLogs { folder: folder.path().to_owned(), key: LOG_KEY.to_owned() });
+        let site = Site { agents_port: 50051, logs, ..site(store.clone()) };
+        let router = avln_web::router(store.reader(), site);
         let arena = Self { folder: Arc::new(folder), store, router };
         arena.furnish().await;
         arena.play("run_rude", "open", RUDE_TEAM, "good walker", 2, 2).await;
@@ -87,13 +128,13 @@ impl Arena {
         self.store.upsert_phase(&phase("open", Visibility::Public), 1).await.expect("a phase");
         self.store.upsert_phase(&phase("sealed", Visibility::Organiser), 2).await.expect("a phase");
         for team in [RUDE_TEAM, FORMULA_TEAM] {
-            self.store.create_team(team, false, 1).await.expect("a team");
+            self.store.create_team(team, None, 1).await.expect("a team");
         }
         self.issue(TOKEN, TokenKind::Account, Some(RUDE_TEAM)).await;
         self.issue(ORGANISER, TokenKind::Organiser, None).await;
     }
 
-    async fn issue(&self, secret: &str, kind: TokenKind, team: Option<&str>) {
+    pub(crate) async fn issue(&self, secret: &str, kind: TokenKind, team: Option<&str>) {
         let token = NewToken { secret, kind, name: "", team, expires_unix_ms: None };
         self.store.issue_token(&token, 1).await.expect("a token");
     }
@@ -121,6 +162,25 @@ impl Arena {
         }
     }
 
+    /// Starts a run of the rude team and hands out its first episode.
+    pub(crate) async fn begin(&self, run: &str, phase: &str, digests: &BTreeMap<String, String>) {
+        let (method, order) = ("beginner", Order::Unordered);
+        let new = NewRun {
+            id: run,
+            token: run,
+            phase,
+            team: RUDE_TEAM,
+            method,
+            version: "1.0",
+            order,
+            client_request_id: None,
+            digests,
+        };
+        self.store.start_run(&new, 10).await.expect("a run");
+        let assigned = self.store.assign_next_episode(run, "begun", 20).await.expect("an open run");
+        assert!(assigned.is_some());
+    }
+
     /// Stores a played episode. What is hidden of it goes in as JSON: this crate has no name for it.
     async fn finish(&self, run: &str, handle: &str, episode: &str, found: u32) {
         let finished = Finished {
@@ -146,11 +206,29 @@ impl Arena {
         self.ask(Request::get(address).body(Body::empty()).expect("a request")).await
     }
 
-    /// Bytes of the body, whatever they are, and the headers.
-    pub(crate) async fn measure(&self, request: Request<Body>) -> (usize, HeaderMap) {
+    /// The answer to a visitor who follows something, whose body is still to be read.
+    pub(crate) async fn follow(&self, address: &str, headers: &[(&str, &str)]) -> Follower {
+        let mut request = Request::get(address);
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        let request = request.body(Body::empty()).expect("a request");
         let response = self.router.clone().oneshot(request).await.expect("an answer");
         let (parts, body) = response.into_parts();
-        (body.collect().await.expect("a body").to_bytes().len(), parts.headers)
+        Follower { status: parts.status, headers: parts.headers, body }
+    }
+
+    /// Bytes of the body, whatever they are, and the headers.
+    pub(crate) async fn measure(&self, request: Request<Body>) -> (usize, HeaderMap) {
+        let (_, headers, body) = self.bytes(request).await;
+        (body.len(), headers)
+    }
+
+    /// Status, headers and body.
+    pub(crate) async fn bytes(&self, request: Request<Body>) -> (StatusCode, HeaderMap, Vec<u8>) {
+        let response = self.router.clone().oneshot(request).await.expect("an answer");
+        let (parts, body) = response.into_parts();
+        (parts.status, parts.headers, body.collect().await.expect("a body").to_bytes().to_vec())
     }
 
     pub(crate) async fn get_as(&self, address: &str, token: &str) -> Answer {

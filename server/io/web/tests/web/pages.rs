@@ -36,15 +36,18 @@ async fn every_page_has_one_heading_a_title_a_way_past_the_menu_and_names_in_pla
     }
 }
 
-/// Only replays are scripted, by a file of this door; the policy forbids anything else.
+/// Replays and runs under way are scripted, by files of this door; the policy forbids anything else.
 fn assert_scripts(page: &str, address: &str) {
-    let scripts = usize::from(address.contains("/episodes/"));
-    assert_eq!(page.matches("<script").count(), scripts, "{address}");
-    assert_eq!(
-        page.matches("<script src=\"/assets/replay.js\" defer></script>").count(),
-        scripts,
-        "{address}"
-    );
+    let scripts: &[&str] = match address {
+        replay if replay.contains("/episodes/") => &["ears", "replay"],
+        "/runs" | "/runs/run_begun" => &["live"],
+        _ => &[],
+    };
+    assert_eq!(page.matches("<script").count(), scripts.len(), "{address}");
+    for script in scripts {
+        let element = format!("<script src=\"/assets/{script}.js\" defer></script>");
+        assert_eq!(page.matches(&element).count(), 1, "{script} on {address}");
+    }
     let tags = page.split('<').filter_map(|rest| rest.split('>').next());
     let is_handler = |word: &str| word.starts_with("on") && word.contains('=');
     assert!(!tags.flat_map(str::split_whitespace).any(is_handler), "{address}");
@@ -99,15 +102,26 @@ async fn names_that_are_html_stay_text() {
 #[tokio::test]
 async fn a_board_says_what_it_is_ordered_by_and_its_links_keep_the_rest() {
     let arena = Arena::new().await;
-    let page = arena.get("/leaderboard/open?sort=isr&pick=latest").await.body;
+    let page = arena.get("/leaderboard/open?order=unordered&sort=isr&pick=latest").await.body;
     let caption = "2 methods over 2 episodes in 1 scene, ordered by ISR (more is better); the latest run";
     assert!(page.contains(caption), "{page}");
     assert_eq!(page.matches("aria-sort=\"descending\"").count(), 1);
-    assert!(page.contains("href=\"/leaderboard/open?sort=spl&#38;pick=latest\""), "{page}");
+    assert!(
+        page.contains("href=\"/leaderboard/open?order=unordered&#38;sort=spl&#38;pick=latest\""),
+        "{page}"
+    );
     assert!(page.contains("href=\"/leaderboard/open?order=ordered&#38;sort=isr&#38;pick=latest\""), "{page}");
-    assert!(page.contains("href=\"/api/v1/phases/open/leaderboard.csv?sort=isr&#38;pick=latest\""), "{page}");
-    assert!(page.contains("href=\"/leaderboard/open?pick=latest\""), "the usual key is left out");
-    let steps = arena.get("/leaderboard/open?sort=steps").await.body;
+    assert!(
+        page.contains(
+            "href=\"/api/v1/phases/open/leaderboard.csv?order=unordered&#38;sort=isr&#38;pick=latest\""
+        ),
+        "{page}"
+    );
+    assert!(
+        page.contains("href=\"/leaderboard/open?order=unordered&#38;pick=latest\""),
+        "the usual key is left out"
+    );
+    let steps = arena.get("/leaderboard/open?order=unordered&sort=steps").await.body;
     assert!(steps.contains("aria-sort=\"ascending\"") && steps.contains("less is better"));
     let first = page.find("good walker").expect("a row");
     assert!(first < page.find("@walker").expect("a row"), "the better method comes first");
@@ -188,7 +202,7 @@ async fn two_runs_are_compared_episode_by_episode() {
         half.contains("Means over the 1 episode in 1 scene") && half.contains("≈ may be nothing"),
         "{half}"
     );
-    let board = arena.get("/leaderboard/open").await.body;
+    let board = arena.get("/leaderboard/open?order=unordered").await.body;
     assert!(board.contains("/compare?first=run_formula&#38;second=run_rude"), "{board}");
     for (query, status) in [
         ("?first=run_rude&second=run_sealed", StatusCode::NOT_FOUND),
@@ -237,4 +251,23 @@ async fn what_is_not_there_is_said_kindly() {
         assert_eq!(page.status, StatusCode::BAD_REQUEST, "{address}");
         assert!(page.body.contains("<h1>Not understood</h1>"), "{address}");
     }
+}
+
+#[tokio::test]
+async fn a_phase_tells_what_its_missions_are_like_and_shows_its_scenes() {
+    let arena = Arena::new().await;
+    let page = arena.get("/phases/open").await.body;
+    assert!(page.contains("<th scope=\"row\">2 goals</th><td class=\"num\">2</td>"), "{page}");
+    assert!(page.contains("<th scope=\"row\">chair</th><td class=\"num\">2</td>"), "{page}");
+    assert!(page.contains("<th scope=\"row\">0 to 10 m</th><td class=\"num\">2</td>"), "{page}");
+    assert!(page.contains("src=\"/phases/open/scenes/0.svg\"") && page.contains("2 missions"), "{page}");
+    let plan = arena.get("/phases/open/scenes/0.svg").await;
+    assert_eq!(plan.header(header::CONTENT_TYPE), "image/svg+xml");
+    assert!(plan.body.contains("<path fill=\"#8a93a3\" d=\"M0.00 0.00L4.00"), "{}", plan.body);
+    for nowhere in ["/phases/open/scenes/1.svg", "/phases/open/scenes/a.svg", "/phases/nowhere/scenes/0.svg"]
+    {
+        assert_eq!(arena.get(nowhere).await.status, StatusCode::NOT_FOUND, "{nowhere}");
+    }
+    let told = arena.get("/api/v1/phases/open/missions").await.json();
+    assert_eq!(told["missions"]["scenes"]["canary-scene"], 2);
 }

@@ -56,13 +56,15 @@ async fn events_are_told_in_order_and_lead_to_their_steps() {
 async fn plots_say_in_words_what_they_show_and_share_the_cursor() {
     let arena = Arena::new().await;
     let page = arena.get(&format!("{EPISODE}?t=3")).await.body;
-    assert_eq!(page.matches("<svg class=\"curves\"").count(), 3);
-    assert_eq!(page.matches("transform=\"translate(260.0 0)\"/></svg>").count(), 3, "half way: {page}");
+    assert_eq!(page.matches("<svg class=\"curves\"").count(), 4);
+    assert_eq!(page.matches("transform=\"translate(260.0 0)\"/></svg>").count(), 4, "half way: {page}");
     assert!(
         page.contains("Nearest to each target: goal 1 0.50 m at step 0, goal 2 0.50 m at step 0."),
         "{page}"
     );
     assert!(page.contains("What sounded: goal 1 in 6 steps, goal 2 in 0 steps."), "{page}");
+    let left = "At the end 994 of 1000 actions were left, 4.1 min of simulated time, and 0 of 2 claims.";
+    assert!(page.contains(left), "{page}");
     assert!(page.contains("1.00 m walked against a reference tour of 1.00 m."), "{page}");
 }
 

@@ -1,7 +1,7 @@
 use crate::fixture::{Arena, ORGANISER, TOKEN};
 use axum::http::{StatusCode, header};
 
-const SEALED: [&str; 16] = [
+const SEALED: [&str; 19] = [
     "/",
     "/leaderboard/sealed",
     "/runs",
@@ -17,6 +17,9 @@ const SEALED: [&str; 16] = [
     "/api/v1/phases/sealed/leaderboards.csv",
     "/runs/run_sealed/episodes/0?t=1",
     "/runs/run_sealed/episodes/0/eyes/1.png",
+    "/runs/run_sealed/episodes/0?ears=on",
+    "/runs/run_sealed/episodes/0/ears/0-1.wav",
+    "/api/v1/runs/run_sealed/episodes/0/levels.csv",
     "/api/v1/runs/run_sealed/episodes/0/steps.csv",
 ];
 
@@ -29,6 +32,13 @@ async fn nobody_learns_of_sealed_runs_without_a_token() {
         let gone = address.contains("run_sealed");
         assert_eq!(answer.status, if gone { StatusCode::NOT_FOUND } else { StatusCode::OK }, "{address}");
     }
+    for hidden in ["/api/v1/phases/sealed/missions", "/phases/sealed/scenes/0.svg"] {
+        assert_eq!(arena.get(hidden).await.status, StatusCode::NOT_FOUND, "{hidden}");
+        assert_eq!(arena.get_as(hidden, TOKEN).await.status, StatusCode::NOT_FOUND, "{hidden}");
+        assert_eq!(arena.get_as(hidden, ORGANISER).await.status, StatusCode::OK, "{hidden}");
+    }
+    let phase = arena.get_as("/phases/sealed", TOKEN).await.body;
+    assert!(!phase.contains("canary") && !phase.contains("Goals of a mission"), "{phase}");
     let board = arena.get("/leaderboard/sealed").await.body;
     assert!(board.contains("Who sees the scores of this phase: the organiser"), "{board}");
 }
@@ -62,7 +72,7 @@ async fn what_a_token_opened_is_kept_by_no_cache() {
     let arena = Arena::new().await;
     let own = arena.get_as("/runs/run_sealed", TOKEN).await;
     assert_eq!(own.header(header::CACHE_CONTROL), "private, no-store");
-    assert_eq!(own.header(header::VARY), "authorization");
+    assert_eq!(own.header(header::VARY), "authorization, cookie, accept-encoding");
     let bad = arena.get_as("/api/v1/runs", "no such token").await;
     assert_eq!(bad.status, StatusCode::UNAUTHORIZED);
     assert_eq!(bad.header(header::WWW_AUTHENTICATE), "Bearer");

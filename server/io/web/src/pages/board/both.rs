@@ -36,6 +36,8 @@ struct Line {
 
 struct Side {
     row: LeaderboardRow,
+    /// Line of the board, from the top.
+    place: usize,
     tied_with: Option<u32>,
 }
 
@@ -60,17 +62,17 @@ pub(super) async fn page(visit: &Visit, phase: PhaseView, query: BoardQuery) -> 
 /// The methods, in the order of their best places on the boards, the first board first.
 fn lines(views: &[LeaderboardView]) -> Vec<Line> {
     let mut lines: BTreeMap<(&str, &str), Line> = BTreeMap::new();
-    for (place, view) in views.iter().enumerate() {
-        for row in &view.rows {
+    for (order, view) in views.iter().enumerate() {
+        for (place, row) in view.rows.iter().enumerate() {
             let line = lines
                 .entry((&row.team, &row.method))
                 .or_insert_with(|| Line { any: row.clone(), sides: views.iter().map(|_| None).collect() });
-            line.sides[place] = Some(Side { row: row.clone(), tied_with: tied_with(&view.rows, row) });
+            line.sides[order] = Some(Side { row: row.clone(), place, tied_with: tied_with(&view.rows, row) });
         }
     }
     let mut lines: Vec<Line> = lines.into_values().collect();
-    let ranks = |line: &Line| -> Vec<u32> {
-        line.sides.iter().map(|side| side.as_ref().map_or(u32::MAX, |side| side.row.rank)).collect()
+    let ranks = |line: &Line| -> Vec<usize> {
+        line.sides.iter().map(|side| side.as_ref().map_or(usize::MAX, |side| side.place)).collect()
     };
     lines.sort_by_key(ranks);
     lines

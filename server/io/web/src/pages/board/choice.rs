@@ -73,12 +73,11 @@ impl Choice {
         &self.phase.orders
     }
 
-    /// The word of the orders that are shown, for the form.
+    /// The word of the order that is shown, for the form; all of them need none.
     pub(super) fn order_word(&self) -> Option<&'static str> {
         match self.query.orders {
             Some(Orders::One(order)) => Some(order.as_str()),
-            Some(Orders::Both) => Some("both"),
-            None => None,
+            Some(Orders::Both) | None => None,
         }
     }
 

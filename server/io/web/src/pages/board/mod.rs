@@ -56,7 +56,7 @@ pub(super) async fn page(
         let address = format!("/leaderboard/{}{}", segment(&id), query.address(&phase));
         return Ok(Redirect::to(&address).into_response());
     }
-    if query.orders == Some(Orders::Both) {
+    if query.shown_orders(&phase) == Orders::Both {
         return Ok(both::page(&visit, phase, query).await?.into_response());
     }
     let order = query.order(&phase)?;
@@ -141,8 +141,10 @@ impl BoardPage {
 
 /// The rank of the first entry of a row's group, where that is another one.
 fn tied_with(rows: &[LeaderboardRow], row: &LeaderboardRow) -> Option<u32> {
-    let first = rows.iter().find(|other| other.tie_group == row.tie_group)?;
-    (first.run != row.run).then_some(first.rank)
+    let group = |row: &LeaderboardRow| row.standing.map(|standing| standing.tie_group);
+    let own = group(row)?;
+    let first = rows.iter().find(|other| group(other) == Some(own))?;
+    first.standing.filter(|_| first.run != row.run).map(|standing| standing.rank)
 }
 
 fn caption(view: &LeaderboardView) -> String {

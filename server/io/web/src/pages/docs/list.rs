@@ -4,7 +4,7 @@ macro_rules! texts {
 }
 
 /// Paths of the documents in the repository, those that participants need first, and their Markdown.
-pub(super) const PATHS: [(&str, &str); 37] = texts![
+pub(super) const PATHS: [(&str, &str); 38] = texts![
     "docs/QUICKSTART.md",
     "docs/FAQ.md",
     "docs/results.md",
@@ -42,4 +42,5 @@ pub(super) const PATHS: [(&str, &str); 37] = texts![
     "docs/decisions/0013-backups-cut-logs.md",
     "docs/decisions/0014-traces-are-lines.md",
     "docs/decisions/0015-models-run-by-a-library-of-the-user.md",
+    "docs/decisions/0016-parquet-without-a-library.md",
 ];
