@@ -132,7 +132,12 @@ impl PagNav {
         if self.ablation.no_audio {
             return self.demand_of_sight(candidate);
         }
-        let demand = if self.goals.is_ordered() { self.demand_of_sight(candidate) } else { Demand::ANY };
+        let demand = if self.goals.is_ordered() {
+            self.demand_of_sight(candidate)
+        } else {
+            let sought_steps = self.sources[candidate.source].sought_steps;
+            Demand::of_any(sought_steps, self.remaining_steps, &self.weights)
+        };
         if self.goals.is_last() { demand.of_last(self.remaining_steps, &self.weights) } else { demand }
     }
 

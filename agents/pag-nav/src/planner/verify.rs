@@ -34,19 +34,20 @@ pub(crate) struct Demand {
 }
 
 impl Demand {
-    /// The demand where any target will do: something stands there. That it is a goal is what its sound says.
-    pub(crate) const ANY: Self = Self { looks: 1, fit: 0.0, certainty: 0.0 };
+    /// The demand where any target will do: something stands at a sound that is certain enough. That it is a goal is what its
+    /// sound says. It relaxes as [`Demand::after`] does, down to a look.
+    pub(crate) fn of_any(sought_steps: u32, remaining_steps: u32, weights: &Weights) -> Self {
+        let certainty = patience(sought_steps, remaining_steps, weights) * weights.any_certain;
+        Self { looks: 1, fit: 0.0, certainty }
+    }
 
-    /// The demand after a source has been sought for `sought_steps`, with `remaining_steps` left in the episode.
+    /// The demand where one target will do, after a source has been sought for `sought_steps`, with `remaining_steps` left in
+    /// the episode.
     ///
-    /// Perception cannot verify everything that a person could, so the demand relaxes: in proportion to the
-    /// steps beyond `patience_steps` for which the agent has sought this source, down to nothing but one look after
-    /// twice the patience; and all at once in the last `hurry_steps` of the episode.
+    /// Perception cannot verify everything that a person could, so the demand relaxes with patience, down to nothing but one
+    /// look.
     pub(crate) fn after(sought_steps: u32, remaining_steps: u32, weights: &Weights) -> Self {
-        let beyond = sought_steps.saturating_sub(weights.patience_steps) as f32;
-        let is_hurry = remaining_steps < weights.hurry_steps;
-        let share = if is_hurry { 0.0 } else { 1.0 - beyond / weights.patience_steps.max(1) as f32 };
-        let share = share.max(0.0);
+        let share = patience(sought_steps, remaining_steps, weights);
         let looks = (share * weights.verify_looks as f32).ceil() as u32;
         Self { looks: looks.max(1), fit: share * weights.verify_fit, certainty: 0.0 }
     }
@@ -63,6 +64,16 @@ impl Demand {
     pub(crate) fn is_met(&self, looks: u32, fit: f32, certainty: f32) -> bool {
         looks >= self.looks && fit >= self.fit && certainty >= self.certainty
     }
+}
+
+/// The share of a demand that stands, 1 to 0: less in proportion to the steps beyond `patience_steps` for which the agent has
+/// sought a source, nothing after twice the patience, nor in the last `hurry_steps` of the episode.
+fn patience(sought_steps: u32, remaining_steps: u32, weights: &Weights) -> f32 {
+    if remaining_steps < weights.hurry_steps {
+        return 0.0;
+    }
+    let beyond = sought_steps.saturating_sub(weights.patience_steps) as f32;
+    (1.0 - beyond / weights.patience_steps.max(1) as f32).max(0.0)
 }
 
 /// The Submit gate of the paper.
@@ -129,9 +140,21 @@ mod tests {
     }
 
     #[test]
+    fn any_target_asks_for_certainty_until_patience_ends() {
+        let weights =
+            Weights { any_certain: 0.8, patience_steps: 100, hurry_steps: 150, ..Weights::default() };
+        let certainty = |sought, remaining| Demand::of_any(sought, remaining, &weights).certainty;
+        assert_eq!(certainty(100, 800), 0.8);
+        assert!((certainty(150, 800) - 0.4).abs() < 1e-6);
+        assert_eq!((certainty(200, 800), certainty(0, 149)), (0.0, 0.0));
+        let first = Demand::of_any(0, 800, &weights);
+        assert!(first.is_met(1, 0.0, 0.8) && !first.is_met(1, 1.0, 0.79) && !first.is_met(0, 1.0, 1.0));
+    }
+
+    #[test]
     fn the_last_goal_asks_for_certainty_until_time_runs_out() {
-        let weights = Weights { last_certain: 0.9, hurry_steps: 150, ..Weights::default() };
-        let last = |remaining| Demand::ANY.of_last(remaining, &weights);
+        let weights = Weights { any_certain: 0.0, last_certain: 0.9, hurry_steps: 150, ..Weights::default() };
+        let last = |remaining| Demand::of_any(0, remaining, &weights).of_last(remaining, &weights);
         assert!(
             last(150).is_met(1, 0.0, 0.9)
                 && !last(150).is_met(1, 1.0, 0.89)

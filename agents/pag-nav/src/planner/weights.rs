@@ -6,7 +6,7 @@ use toml::{Table, Value};
 const DEFAULTS: &str = include_str!("../../pag-nav.toml");
 
 /// Each number, and the least and most that it may be.
-const LIMITS: [(&str, f64, f64); 27] = [
+const LIMITS: [(&str, f64, f64); 28] = [
     ("steps_per_m", 0.1, 100.0),
     ("loyalty_steps", 0.0, 1000.0),
     ("vain", 0.0, 10.0),
@@ -22,6 +22,7 @@ const LIMITS: [(&str, f64, f64); 27] = [
     ("ground_audio", 0.0, 1.0),
     ("sound_scale_m", 0.01, 100.0),
     ("certain", 0.01, 1.0),
+    ("any_certain", 0.0, 1.0),
     ("last_certain", 0.0, 1.0),
     ("plausible", 0.0, 3.0),
     ("verify_looks", 1.0, 100.0),
@@ -54,6 +55,8 @@ pub struct Weights {
     pub sound_scale_m: f32,
     /// Certainty of a believed source from which on it counts fully, 0 to 1.
     pub certain: f32,
+    /// The same that a Submit asks for where any target will do; see `patience_steps`.
+    pub any_certain: f32,
     /// The same that a Submit for the last goal asks for, which ends the episode.
     pub last_certain: f32,
     /// Score from which on a candidate is plausible.
