@@ -20,7 +20,9 @@ fn run(module: &str, arguments: &[&str], needed: &[&str]) {
 #[test]
 fn its_tests_pass_over_this_server() {
     let needed = ["avln", "pytest", "gymnasium", "grpc_tools", "msgpack", "zmq"];
-    run("pytest", &["-q", "-p", "no:cacheprovider"], &needed);
+    // A test that waits for ever ends the run, and tells where it waits.
+    let ends = ["-o", "faulthandler_timeout=300", "-o", "faulthandler_exit_on_timeout=true"];
+    run("pytest", &[&["-q", "-p", "no:cacheprovider"], &ends[..]].concat(), &needed);
 }
 
 #[test]

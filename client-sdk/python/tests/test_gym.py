@@ -58,7 +58,9 @@ env = gymnasium.make("avln.gym:avln/LHAVLN-v1", server={door.url!r}, token={door
 print(sorted(env.reset()[0]))
 env.close()
 """
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False, timeout=120
+    )
     assert "'rgb'" in done.stdout, done.stderr
 
 

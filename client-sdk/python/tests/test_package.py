@@ -36,7 +36,7 @@ def test_messages_are_those_of_the_proto_files(name: str, tmp_path: Path) -> Non
     pytest.importorskip("grpc_tools", reason="pip install grpcio-tools")
     out = tmp_path / "set"
     command = [sys.executable, "-m", "grpc_tools.protoc", f"-I{PROTO}", f"--descriptor_set_out={out}"]
-    subprocess.run([*command, str(PROTO / "avln" / "v1" / f"{name}.proto")], check=True)
+    subprocess.run([*command, str(PROTO / "avln" / "v1" / f"{name}.proto")], check=True, timeout=120)
     told = descriptor_pb2.FileDescriptorSet.FromString(out.read_bytes()).file[0]
     kept = descriptor_pb2.FileDescriptorProto.FromString(MODULES[name].DESCRIPTOR.serialized_pb)
     for file in (told, kept):
@@ -53,7 +53,7 @@ def fields_of(messages: Iterable[Any]) -> dict[str, set[str]]:
 @pytest.mark.parametrize(("module", "needed"), [("avln.gym", "gymnasium"), ("avln.bridge", "msgpack")])
 def test_what_is_missing_is_named_with_its_extra(module: str, needed: str) -> None:
     code = f"import sys; sys.modules[{needed!r}] = None; import {module}"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
     assert f"{module} needs {needed}; pip install 'avln[{module.split('.')[1]}]'" in done.stderr
 
 
@@ -93,7 +93,7 @@ def test_files_and_functions_stay_short() -> None:
 def test_the_core_needs_no_extras() -> None:
     hidden = "import sys; sys.modules.update(dict.fromkeys(['gymnasium', 'zmq', 'msgpack', 'tqdm', 'torch']))"
     code = f"{hidden}; import avln, avln.habitat, avln.cli; print(avln.__version__)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
     assert done.stdout.strip() == avln.__version__
 
 

@@ -183,6 +183,14 @@ class Line:
         self.on_close()
 
     def _read(self) -> None:
+        """Reads to the end. Whatever it is, those who wait are told of it: nobody else would tell them."""
+        try:
+            self._read_streams()
+        except Exception as unforeseen:
+            detail = f"{type(unforeseen).__name__}: {unforeseen}"
+            self._to_all(Closed(LostError("read the run's stream", detail)))
+
+    def _read_streams(self) -> None:
         while True:
             error = self._read_stream()
             try:

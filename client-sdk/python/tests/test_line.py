@@ -1,0 +1,37 @@
+"""Who waits on a slot is told of the end, whatever brought it about."""
+
+from __future__ import annotations
+
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from avln.errors import LostError
+from avln.line import Closed, Dialler, Line, Stream
+from avln.summary import Progress
+from avln.v1 import play_pb2
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+class Call:
+    """A stream that ends by what gRPC does not say."""
+
+    def __iter__(self) -> Iterator[Any]:
+        raise ValueError("a frame from nowhere")
+
+    def cancel(self) -> None:
+        pass
+
+
+def test_what_nobody_foresaw_reaches_who_waits() -> None:
+    dialler = Dialler(lambda *_, **__: Call(), "token", play_pb2.Hello())
+    line = Line(dialler, Stream(Call(), SimpleQueue()), 2, 0.0, Progress(0, 0, 0, None))
+    for slot in range(2):
+        event = line.next(slot, timeout_s=10)
+        assert isinstance(event, Closed)
+        with pytest.raises(LostError, match="ValueError: a frame from nowhere"):
+            raise event.because("wait")
+    line.close()
