@@ -55,7 +55,7 @@ class Server:
     def command(self, *arguments: str) -> str:
         """Runs a command of the program; gives back what it printed."""
         command = [str(self.binary), "--data", str(self.folder), *arguments]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=280)
         assert done.returncode == 0, f"{command}: {done.stderr}"
         return done.stdout
 

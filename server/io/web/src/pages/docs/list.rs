@@ -4,7 +4,7 @@ macro_rules! texts {
 }
 
 /// Paths of the documents in the repository, those that participants need first, and their Markdown.
-pub(super) const PATHS: [(&str, &str); 38] = texts![
+pub(super) const PATHS: [(&str, &str); 40] = texts![
     "docs/QUICKSTART.md",
     "docs/FAQ.md",
     "docs/results.md",
@@ -43,4 +43,6 @@ pub(super) const PATHS: [(&str, &str); 38] = texts![
     "docs/decisions/0014-traces-are-lines.md",
     "docs/decisions/0015-models-run-by-a-library-of-the-user.md",
     "docs/decisions/0016-parquet-without-a-library.md",
+    "docs/decisions/0017-people-play-as-agents-do.md",
+    "docs/decisions/0018-pages-without-a-library.md",
 ];
