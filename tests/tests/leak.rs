@@ -242,9 +242,9 @@ fn paths(runs: &[String]) -> Vec<String> {
     ]
     .map(str::to_owned)
     .into();
-    paths.extend(["status", "phases", "runs", "runs?phase=trial"].map(|path| format!("/api/v1/{path}")));
+    paths.extend(["status", "phases", "runs", "runs.csv", "runs?phase=trial"].map(|path| format!("/api/v1/{path}")));
     paths.extend([format!("/phases/{PHASE}"), format!("/phases/{PHASE}/scenes/0.svg")]);
-    paths.extend([format!("/api/v1/phases/{PHASE}"), format!("/api/v1/phases/{PHASE}/missions")]);
+    paths.extend(["", "/missions", "/missions.csv"].map(|rest| format!("/api/v1/phases/{PHASE}{rest}")));
     for order in ORDERS {
         paths.push(format!("/leaderboard/{PHASE}?order={order}"));
         paths.push(format!("/embed/{PHASE}?order={order}"));
@@ -257,7 +257,7 @@ fn paths(runs: &[String]) -> Vec<String> {
         paths.push(format!("/api/v1/phases/{PHASE}/leaderboards{kind}"));
     }
     for run in runs {
-        for door in ["/compare", "/api/v1/compare"] {
+        for door in ["/compare", "/api/v1/compare", "/api/v1/compare.csv"] {
             paths.extend(runs.iter().map(|other| format!("{door}?first={run}&second={other}")));
         }
         paths.push(format!("/runs/{run}"));

@@ -7,7 +7,7 @@ use crate::{
     words,
 };
 use avln_episode::Order;
-use avln_store::{EpisodeView, LeaderboardView, PhaseView, RunView};
+use avln_store::{EpisodeView, LeaderboardView, MissionsView, PhaseView, RunView};
 use axum::{Extension, Json, extract::Path};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -33,9 +33,7 @@ pub(super) async fn phase(visit: Visit, Path(id): Path<String>, _: Asked<Nothing
 }
 
 pub(super) async fn missions(visit: Visit, Path(id): Path<String>, _: Asked<Nothing>) -> Answer {
-    let missions = visit.reader.missions(&visit.viewer, &id).await?;
-    let hidden = || Trouble::Unknown { what: "open list of missions of phase", name: id.clone() };
-    answer(&json!({ "missions": missions.ok_or_else(hidden)? }))
+    answer(&json!({ "missions": find_missions(&visit, &id).await? }))
 }
 
 pub(super) async fn quota(visit: Visit, _: Asked<Nothing>) -> Answer {
@@ -91,6 +89,11 @@ pub(super) async fn find_run(visit: &Visit, id: &str) -> Result<RunView, Trouble
 pub(super) async fn find_phase(visit: &Visit, id: &str) -> Result<PhaseView, Trouble> {
     let view = visit.reader.phase(&visit.viewer, id, visit.now_unix_ms).await?;
     view.ok_or_else(|| Trouble::Unknown { what: "phase", name: id.to_owned() })
+}
+
+pub(super) async fn find_missions(visit: &Visit, phase: &str) -> Result<MissionsView, Trouble> {
+    let view = visit.reader.missions(&visit.viewer, phase).await?;
+    view.ok_or_else(|| Trouble::Unknown { what: "open list of missions of phase", name: phase.to_owned() })
 }
 
 /// The board that `query` asks for, for goals in one order.

@@ -1,17 +1,17 @@
 //! Tables by RFC 4180: a header, CRLF, quotes where they are needed, numbers in full.
 
-use super::answers::{find_board, find_boards, find_episode, find_phase, find_run};
+use super::answers::{find_board, find_boards, find_episode, find_missions, find_phase, find_run};
 use crate::{
     board::BoardQuery,
     onlooker::{Levels, MaybeDesk},
     replay::{Moment, moments},
     trouble::Trouble,
-    visit::{Asked, Nothing, Visit},
+    visit::{Asked, CompareQuery, Nothing, RunsQuery, Visit},
     words::{self, estimate},
 };
 use avln_episode::{EndReason, Order, Sensors};
 use avln_scoring::{Key, Metrics, Standing};
-use avln_store::{EpisodeLine, LeaderboardRow, LeaderboardView, Reference};
+use avln_store::{EpisodeLine, LeaderboardRow, LeaderboardView, MissionsView, PairView, Reference, RunLine};
 use axum::{
     Extension,
     extract::Path,
@@ -40,6 +40,27 @@ pub(super) async fn leaderboards(
 fn boards(views: &[LeaderboardView]) -> Response {
     let rows = views.iter().flat_map(|view| view.rows.iter().map(|row| board_row(view.order, row)));
     file(board_header(), rows)
+}
+
+/// How often missions of a phase have each property.
+pub(super) async fn missions(
+    visit: Visit,
+    Path(id): Path<String>,
+    _: Asked<Nothing>,
+) -> Result<Response, Trouble> {
+    let view = find_missions(&visit, &id).await?;
+    Ok(file(names(&["property", "value", "count"]), mission_rows(&view).into_iter()))
+}
+
+/// The episodes that two runs both played, with what each was worth in both.
+pub(super) async fn compare(visit: Visit, Asked(query): Asked<CompareQuery>) -> Result<Response, Trouble> {
+    let view = query.view(&visit).await?;
+    Ok(file(pairs_header(), view.episodes.iter().map(pair_row)))
+}
+
+pub(super) async fn runs(visit: Visit, Asked(query): Asked<RunsQuery>) -> Result<Response, Trouble> {
+    let runs = visit.reader.runs(&visit.viewer, query.phase.as_deref(), query.limit()?).await?;
+    Ok(file(runs_header(), runs.iter().map(run_row)))
 }
 
 pub(super) async fn episodes(
@@ -177,6 +198,46 @@ fn board_row(order: Order, row: &LeaderboardRow) -> Vec<String> {
 fn standing_cells(standing: Option<Standing>) -> Vec<String> {
     let numbers = standing.map(|s| [s.rank, s.rank_low, s.rank_high, s.tie_group]);
     (0..4).map(|index| maybe(numbers.map(|numbers| numbers[index]))).collect()
+}
+
+fn mission_rows(view: &MissionsView) -> Vec<Vec<String>> {
+    let row = |property: &str, value: String, count: u32| vec![property.to_owned(), value, count.to_string()];
+    let goals = view.goals.iter().map(|(goals, count)| row("goals", goals.to_string(), *count));
+    let modalities = view.modalities.iter().map(|(name, count)| row("modality", text(name), *count));
+    let categories = view.categories.iter().map(|(name, count)| row("category", text(name), *count));
+    let scenes = view.scenes.iter().map(|(name, count)| row("scene", text(name), *count));
+    let tours = view.reference_m.iter().map(|length| row("reference_m", length.to_string(), 1));
+    goals.chain(modalities).chain(categories).chain(scenes).chain(tours).collect()
+}
+
+fn pairs_header() -> Vec<String> {
+    let mut header = names(&["episode", "scene", "goals", "first_ordinal", "second_ordinal"]);
+    header.extend(Key::ALL.into_iter().flat_map(|key| [format!("first_{key}"), format!("second_{key}")]));
+    header
+}
+
+fn pair_row(pair: &PairView) -> Vec<String> {
+    let mut cells = vec![text(&pair.episode), text(&pair.scene), pair.first.goals.to_string()];
+    cells.extend([pair.first_ordinal, pair.second_ordinal].map(|ordinal| ordinal.to_string()));
+    let both = |key: Key| [&pair.first, &pair.second].map(|metrics| key.of(metrics).to_string());
+    cells.extend(Key::ALL.into_iter().flat_map(both));
+    cells
+}
+
+fn runs_header() -> Vec<String> {
+    let mut header = names(&["run", "phase", "team", "reference", "method", "version", "order", "state"]);
+    header.extend(names(&["episodes", "done", "isr", "created_at", "finished_at", "verified", "disqualified"]));
+    header
+}
+
+fn run_row(line: &RunLine) -> Vec<String> {
+    let mut cells = [&line.run, &line.phase, &line.team].map(|name| text(name)).to_vec();
+    cells.push(maybe(line.reference.map(Reference::as_str)));
+    cells.extend([text(&line.method), text(&line.version), line.order.to_string()]);
+    cells.extend([line.state.as_str().to_owned(), line.episodes.to_string(), line.done.to_string()]);
+    cells.extend([maybe(line.isr), moment(Some(line.created_unix_ms)), moment(line.finished_unix_ms)]);
+    cells.extend([line.verified.to_string(), text(line.disqualified.as_deref().unwrap_or_default())]);
+    cells
 }
 
 fn episodes_header() -> Vec<String> {

@@ -84,6 +84,7 @@ fn of_phases() -> Vec<Endpoint> {
             Json("MissionsAnswer"),
             get(answers::missions),
         ),
+        endpoint("/phases/{phase}/missions.csv", "The same counts as a table.", &[], Csv, get(csv::missions)),
         endpoint(
             "/phases/{phase}/leaderboard",
             "A leaderboard, best first. Entries of one tie_group cannot be told apart from its first; references have no rank.",
@@ -140,7 +141,15 @@ fn of_runs() -> Vec<Endpoint> {
             Json("Compared"),
             get(answers::compare),
         ),
+        endpoint(
+            "/compare.csv",
+            "The episodes that both played as a table.",
+            &["first", "second"],
+            Csv,
+            get(csv::compare),
+        ),
         endpoint("/runs", "The latest runs, the newest first.", RUNS_QUERY, Json("Runs"), get(answers::runs)),
+        endpoint("/runs.csv", "The same runs as a table.", RUNS_QUERY, Csv, get(csv::runs)),
         endpoint(
             "/runs/events",
             "How the runs go on that are under way: an event runs with all of them whenever one changes, once a second at most.",

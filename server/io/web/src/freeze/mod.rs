@@ -188,12 +188,13 @@ impl Scope {
         let inside = match parts[..] {
             [""] | ["leaderboard"] => return Some(self.first.clone()),
             ["runs"] => return Some(self.list.clone()),
+            ["api", "v1", table @ ("runs" | "runs.csv")] => return Some(self.table_of_runs(table)),
             ["assets", _] | ["docs"] | ["docs", _] | ["docs", _, _] => query.is_empty(),
             ["api", "v1", "openapi.json"] => query.is_empty(),
             ["leaderboard", phase] => known(phase) && is_view(query),
             ["phases", phase] | ["phases", phase, "scenes", _] => known(phase) && query.is_empty(),
             ["api", "v1", "phases", phase, ..] => known(phase) && is_view(query),
-            ["compare"] | ["api", "v1", "compare"] => self.is_pair(query),
+            ["compare"] | ["api", "v1", "compare" | "compare.csv"] => self.is_pair(query),
             ["runs", run, "episodes", _] | ["api", "v1", "runs", run, "episodes", ..] => {
                 self.shows_replays(run) && query.is_empty()
             }
@@ -203,6 +204,11 @@ impl Scope {
             _ => false,
         };
         inside.then(|| link.to_owned())
+    }
+
+    /// The address of the list of runs for programs.
+    fn table_of_runs(&self, table: &str) -> String {
+        self.list.replacen("/runs", &format!("/api/v1/{table}"), 1)
     }
 
     fn shows_replays(&self, run: &str) -> bool {

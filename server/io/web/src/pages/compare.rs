@@ -35,10 +35,10 @@ pub(super) async fn page(visit: Visit, Asked(query): Asked<CompareQuery>) -> Pag
 }
 
 impl ComparePage {
-    /// The same for programs.
-    fn twin(&self) -> String {
+    /// The same for programs, in a file that ends so.
+    fn twin(&self, end: &str) -> String {
         let [first, second] = [&self.view.first, &self.view.second].map(|line| segment(&line.run));
-        format!("/api/v1/compare?first={first}&second={second}")
+        format!("/api/v1/compare{end}?first={first}&second={second}")
     }
 }
 

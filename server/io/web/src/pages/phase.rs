@@ -170,9 +170,9 @@ impl PhasePage {
         self.missions.as_ref().map(|missions| scenes(&self.phase.id, missions)).unwrap_or_default()
     }
 
-    /// The phase for programs.
-    fn twin(&self) -> String {
-        format!("/api/v1/phases/{}", segment(&self.phase.id))
+    /// The phase for programs, or what is below it.
+    fn twin(&self, below: &str) -> String {
+        format!("/api/v1/phases/{}{below}", segment(&self.phase.id))
     }
 }
 

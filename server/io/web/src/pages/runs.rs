@@ -19,7 +19,16 @@ struct RunsPage {
     /// Those that are under way.
     live: Vec<Live>,
     runs: Vec<RunLine>,
+    query: RunsQuery,
     limit: u32,
+}
+
+impl RunsPage {
+    /// The same for programs, in a file that ends so.
+    fn twin(&self, end: &str) -> String {
+        let phase = self.query.phase.as_ref().map(|phase| format!("phase={}&", segment(phase)));
+        format!("/api/v1/runs{end}?{}limit={}", phase.unwrap_or_default(), self.limit)
+    }
 }
 
 #[derive(Template)]
@@ -42,7 +51,7 @@ pub(super) async fn list(
     let mut live = hub.runs(&visit).await?;
     live.retain(|live| query.phase.as_ref().is_none_or(|phase| live.run.line.phase == *phase));
     let runs = visit.reader.runs(&visit.viewer, query.phase.as_deref(), limit).await?;
-    write(&RunsPage { shell: Shell::new("Runs", Part::Runs), live, runs, limit })
+    write(&RunsPage { shell: Shell::new("Runs", Part::Runs), live, runs, query, limit })
 }
 
 /// One run.

@@ -16,10 +16,10 @@ async fn every_described_path_answers_with_what_is_described() {
     std::fs::write(arena.folder.path().join("run_rude.log"), "a log\n").expect("a log");
     let document = arena.get("/api/v1/openapi.json").await.json();
     let paths = document["paths"].as_object().expect("paths");
-    assert_eq!(paths.len(), 21);
+    assert_eq!(paths.len(), 24);
     for (path, item) in paths {
         let address = path.replace("{phase}", "open").replace("{run}", "run_rude").replace("{ordinal}", "0");
-        let both = if path.ends_with("/compare") { "?first=run_rude&second=run_formula" } else { "" };
+        let both = if path.starts_with("/api/v1/compare") { "?first=run_rude&second=run_formula" } else { "" };
         let address = address + both;
         let events = &item["get"]["responses"]["200"]["content"]["text/event-stream"];
         if events.is_object() {
@@ -98,12 +98,34 @@ async fn a_table_is_csv_that_no_spreadsheet_runs() {
     assert!(lines[0].starts_with("rank,rank_low,rank_high,tie_group,team,reference,method,version,run,"));
     let worse = ",'=1+1,,'@walker,1.0,run_formula,1,0,1970-01-01T00:00:00Z,2,1,0,0,0,0.5,0.5,0.5,";
     assert!(lines[2].starts_with('2') && lines[2].contains(worse), "{}", lines[2]);
-    let columns = |line: &str| line.split(',').count();
-    assert_eq!(columns(lines[1]), columns(lines[0]));
-    let episodes = arena.get("/api/v1/runs/run_begun/episodes.csv").await.body;
-    let lines: Vec<&str> = episodes.split_terminator("\r\n").collect();
-    assert_eq!(columns(lines[1]), columns(lines[0]));
-    assert_eq!(columns(lines[2]), columns(lines[0]), "a pending episode has empty cells");
+}
+
+#[tokio::test]
+async fn each_row_of_a_table_has_the_columns_of_its_header() {
+    let arena = Arena::new().await;
+    for (address, rows) in [
+        ("/api/v1/phases/open/leaderboard.csv", 2),
+        ("/api/v1/phases/open/missions.csv", 7),
+        ("/api/v1/runs.csv", 4),
+        ("/api/v1/compare.csv?first=run_rude&second=run_formula", 2),
+        ("/api/v1/runs/run_begun/episodes.csv", 2),
+    ] {
+        let table = arena.get(address).await;
+        assert_eq!(table.header(header::CONTENT_TYPE), "text/csv; charset=utf-8; header=present");
+        let lines: Vec<usize> =
+            table.body.split_terminator("\r\n").map(|line| line.split(',').count()).collect();
+        assert_eq!(lines.len(), rows + 1, "{address}: {}", table.body);
+        assert!(lines.iter().all(|columns| *columns == lines[0]), "{address}: {}", table.body);
+    }
+}
+
+#[tokio::test]
+async fn pairs_and_missions_are_told_in_numbers() {
+    let arena = Arena::new().await;
+    let pairs = arena.get("/api/v1/compare.csv?first=run_rude&second=run_formula").await.body;
+    assert!(pairs.starts_with("episode,scene,goals,first_ordinal,second_ordinal,first_sr,second_sr,"), "{pairs}");
+    let missions = arena.get("/api/v1/phases/open/missions.csv").await.body;
+    assert!(missions.starts_with("property,value,count\r\ngoals,"), "{missions}");
 }
 
 #[tokio::test]

@@ -1,8 +1,9 @@
 use crate::fixture::{Arena, ORGANISER, TOKEN};
 use axum::http::{StatusCode, header};
 
-const SEALED: [&str; 19] = [
+const SEALED: [&str; 20] = [
     "/",
+    "/api/v1/runs.csv",
     "/leaderboard/sealed",
     "/runs",
     "/runs/run_sealed",
@@ -32,7 +33,7 @@ async fn nobody_learns_of_sealed_runs_without_a_token() {
         let gone = address.contains("run_sealed");
         assert_eq!(answer.status, if gone { StatusCode::NOT_FOUND } else { StatusCode::OK }, "{address}");
     }
-    for hidden in ["/api/v1/phases/sealed/missions", "/phases/sealed/scenes/0.svg"] {
+    for hidden in ["/api/v1/phases/sealed/missions", "/api/v1/phases/sealed/missions.csv", "/phases/sealed/scenes/0.svg"] {
         assert_eq!(arena.get(hidden).await.status, StatusCode::NOT_FOUND, "{hidden}");
         assert_eq!(arena.get_as(hidden, TOKEN).await.status, StatusCode::NOT_FOUND, "{hidden}");
         assert_eq!(arena.get_as(hidden, ORGANISER).await.status, StatusCode::OK, "{hidden}");
@@ -54,7 +55,7 @@ async fn a_team_follows_its_sealed_run_without_scores_and_the_organiser_sees_the
     assert!(json.json()["summary"].is_null());
     let badge = arena.get_as("/runs/run_sealed/badge.svg", TOKEN).await.body;
     assert!(badge.contains("scores are hidden") && !badge.contains("canary"), "{badge}");
-    for address in ["/compare", "/api/v1/compare"] {
+    for address in ["/compare", "/api/v1/compare", "/api/v1/compare.csv"] {
         let both = arena.get_as(&format!("{address}?first=run_sealed&second=run_sealed"), TOKEN).await;
         assert_eq!(both.status, StatusCode::BAD_REQUEST, "{}", both.body);
         assert!(both.body.contains("hides what single episodes were worth") && !both.body.contains("canary"));
