@@ -35,3 +35,4 @@ def test_what_nobody_foresaw_reaches_who_waits() -> None:
         with pytest.raises(LostError, match="ValueError: a frame from nowhere"):
             raise event.because("wait")
     line.close()
+    assert line._stream.call is None, "the interpreter's end waits for calls that live on"

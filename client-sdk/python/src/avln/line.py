@@ -5,11 +5,13 @@ A thread reads its stream, answers pings, hands each frame to its slot, and dial
 
 from __future__ import annotations
 
+import atexit
 import threading
 import time
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Callable, Union
+from weakref import WeakSet
 
 import grpc
 
@@ -51,7 +53,7 @@ class Stream:
     """One open stream of a run."""
 
     call: Any
-    """The gRPC call, which yields `play_pb2.PlayResponse`."""
+    """The gRPC call, which yields `play_pb2.PlayResponse`; None once it is forgotten."""
     requests: SimpleQueue[play_pb2.PlayRequest | None]
     """What is to be sent; None ends it."""
     welcome: play_pb2.Welcome | None = None
@@ -62,7 +64,18 @@ class Stream:
     def close(self) -> None:
         """Cancels it, without a Goodbye."""
         self.requests.put(None)
-        self.call.cancel()
+        if self.call is not None:
+            self.call.cancel()
+
+    def forget(self) -> None:
+        """Lets go of the call, once nobody reads it.
+
+        A call that lives on to the interpreter's end waits there for a lock, which a thread of gRPC may have died with.
+        As the error that it also is, it is held by the frames that it was raised through.
+        """
+        if isinstance(self.call, grpc.RpcError):
+            self.call.__traceback__ = None
+        self.call = None
 
 
 @dataclass(frozen=True)
@@ -110,10 +123,12 @@ def _await_welcome(stream: Stream) -> Stream:
                 return stream
         raise Closed(None).because(PLAY)
     except grpc.RpcError as error:
-        stream.close()
-        raise from_call(PLAY, error) from None
+        refused = from_call(PLAY, error)
     finally:
         watchdog.cancel()
+    stream.close()
+    stream.forget()
+    raise refused
 
 
 def _frames(call: Any) -> Iterator[Any]:
@@ -142,6 +157,7 @@ class Line:
         self._patience_s = _patience_s(dialler.patience_s, may_be_away_s)
         self._reader = threading.Thread(target=self._read, name="avln-reader", daemon=True)
         self._reader.start()
+        _open_lines.add(self)
 
     def send(self, frame: Sent | play_pb2.Goodbye) -> None:
         """Sends a frame; on a stream that is lost it is sent when the next one is there.
@@ -180,6 +196,8 @@ class Line:
             self._stream.close()
         if self._reader is not threading.current_thread():
             self._reader.join(timeout=CALL_TIMEOUT_S)
+        self._stream.forget()
+        _open_lines.discard(self)
         self.on_close()
 
     def _read(self) -> None:
@@ -286,6 +304,16 @@ class Line:
     def _to_all(self, event: Event) -> None:
         for queue in self._queues:
             queue.put(event)
+
+
+_open_lines: WeakSet[Line] = WeakSet()
+
+
+@atexit.register
+def _close_lines() -> None:
+    """Closes what was left open while the threads that it takes still run."""
+    for line in list(_open_lines):
+        line.close()
 
 
 def _patience_s(wanted_s: float | None, may_be_away_s: float) -> float | None:
