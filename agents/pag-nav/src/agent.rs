@@ -1,10 +1,13 @@
 use crate::Ablation;
 use crate::planner::{Candidate, Evidence, Goals, Weights};
+use crate::stairs::Flight;
 use crate::trace::{Recorder, Thought};
 use avln_client::{Action, Agent, Feedback, FeedbackRule, Mission, Observation, Order, TaskSpec};
 use avln_kit::{
     Aftermath, Course, Hints, LOOK_M, Motion, Turns,
-    map::{Cell, Estimate, Intensity, Objects, Occupancy, SoundField, SourceBelief, range_m},
+    map::{
+        Cell, Elevation, Estimate, Intensity, Objects, Occupancy, SoundField, SourceBelief, Storeys, range_m,
+    },
     perception::{Classical, Ear, Heard, Place, Query, Recognition, Sight, Stand, View},
 };
 use std::{mem, sync::Arc};
@@ -25,6 +28,16 @@ pub struct PagNav {
     view: View,
     pub(crate) map: Occupancy,
     pub(crate) objects: Objects,
+    storeys: Storeys<Memory>,
+    pub(crate) elevation: Elevation,
+    /// Stairs that it is on.
+    pub(crate) flight: Option<Flight>,
+    /// Where what seemed to be stairs was none.
+    pub(crate) false_stairs: Vec<Place>,
+    /// How high the body is above its start, metres.
+    pub(crate) height_m: f32,
+    /// What a turn turns it by, radians.
+    pub(crate) turn_rad: f32,
     field: Option<SoundField>,
     pub(crate) motion: Motion,
     /// Ways to what it heads for, and to frontiers.
@@ -49,7 +62,22 @@ pub struct PagNav {
     pub(crate) trace: Option<Recorder>,
 }
 
-/// What is known of one sounding target: the audio memories A_bear and A_int of the paper.
+/// What is remembered of one storey.
+struct Memory {
+    map: Occupancy,
+    objects: Objects,
+    sources: Vec<Source>,
+}
+
+impl Memory {
+    /// Nothing yet, in a mission of `goals` goals.
+    fn of(goals: usize) -> Self {
+        let sources = (0..goals).map(|_| Source::default()).collect();
+        Self { map: Occupancy::default(), objects: Objects::new(goals), sources }
+    }
+}
+
+/// What is known of one sounding target, as it is heard on one storey: the audio memories A_bear and A_int of the paper.
 #[derive(Default)]
 pub(crate) struct Source {
     belief: SourceBelief,
@@ -98,6 +126,12 @@ impl PagNav {
             view: View::new(&task),
             map: Occupancy::default(),
             objects: Objects::default(),
+            storeys: Storeys::default(),
+            elevation: Elevation::default(),
+            flight: None,
+            false_stairs: Vec::new(),
+            height_m: 0.0,
+            turn_rad: task.turn_rad,
             field: None,
             motion: Motion::new(&task),
             course: Course::default(),
@@ -136,9 +170,11 @@ impl PagNav {
     /// Takes in one observation.
     fn perceive(&mut self, observation: &Observation, stand: &Stand) {
         self.remaining_steps = observation.remaining_steps;
+        self.climb(observation.pose.position[1]);
         self.motion.feel(stand, &mut self.map);
         if let Some(depth) = &observation.depth {
             self.map.see(&self.view, stand, depth);
+            self.elevation.see(&self.view, stand, self.height_m, depth);
         }
         let audio = observation.audio.as_ref().filter(|_| !self.ablation.no_audio);
         let heard = audio.and_then(|audio| self.ear.hear(audio));
@@ -153,6 +189,26 @@ impl PagNav {
         if observation.rgb.is_some() && observation.depth.is_some() {
             self.look(observation, stand);
         }
+    }
+
+    /// Notes how high the body is: what it remembers of another storey is of no use on this one.
+    fn climb(&mut self, height_m: f32) {
+        self.height_m = height_m;
+        if self.storeys.is_on(height_m) {
+            return;
+        }
+        let mut memory = Memory {
+            map: mem::take(&mut self.map),
+            objects: mem::take(&mut self.objects),
+            sources: mem::take(&mut self.sources),
+        };
+        let count = self.queries.len();
+        self.storeys.enter(height_m, &mut memory, || Memory::of(count));
+        (self.map, self.objects, self.sources) = (memory.map, memory.objects, memory.sources);
+        self.sources.iter_mut().for_each(|source| source.sought_steps = 0);
+        (self.course, self.scouting) = (Course::default(), Course::default());
+        (self.frontier, self.field, self.focus) = (None, None, None);
+        (0..count).for_each(|source| self.goals.forget(source));
     }
 
     /// Takes in one picture.
@@ -322,6 +378,7 @@ impl Agent for PagNav {
             trace: self.trace.take(),
             view: View::new(task),
             motion: Motion::new(task),
+            turn_rad: task.turn_rad,
             objects: Objects::new(count),
             turns: Turns::new(count, task.sounding_window_steps),
             queries: mission.goals.iter().map(Query::new).collect(),

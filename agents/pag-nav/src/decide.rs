@@ -18,6 +18,9 @@ impl PagNav {
         if self.claim.is_some() {
             return Action::TurnLeft;
         }
+        if let Some(step) = self.take_stairs(stand) {
+            return step;
+        }
         let candidate = self.candidate(stand);
         let stage = Stage::of(candidate.as_ref().map(|candidate| self.is_verified(candidate)));
         (self.thought.stage, self.thought.candidate) = (Some(stage), candidate);

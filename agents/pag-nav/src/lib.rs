@@ -7,14 +7,16 @@
 //! |---|---|
 //! | object memory O_t | `avln_kit::map::Objects`: boxes, colours, looks, and compatibility with each goal |
 //! | audio memories A_int, A_bear | `avln_kit::map::Intensity` and `SourceBelief`, one of each per sounding target |
+//! | spatial frame, occupancy | `avln_kit::map::Occupancy`, one for each storey (`Storeys`); stairs are told by `Elevation` |
 //! | room memory R_t, P_room, P_obj, P_ctx | `Objects::context`: what the things around a place are typical for |
 //! | s_vis | `Recognition::fit`; by default the likelihood of the category, colour, size and shape words; for pictures likeness of embeddings and views |
 //! | S_search, S_ground | `search.rs`, `planner::Evidence::score` |
 //! | Search, Ground, Verify | `planner::Stage` |
 //! | V, Submit gate | `planner::Demand` and the comparison of goals in `planner::Goals`; `planner::Gate` |
 //!
-//! Two things are its own. V asks for less the longer a source has been sought and near the end of the episode
-//! (`Demand::after`), since a small network cannot confirm all that a person could. And where the rules tell no outcome,
+//! Three things are its own. V asks for less the longer a source has been sought and near the end of the episode
+//! (`Demand::after`), since a small network cannot confirm all that a person could. Where a source was sought on one storey for long
+//! in vain, it takes stairs (`stairs.rs`); what it remembers of a storey waits there. And where the rules tell no outcome,
 //! an open gate waits until the target sounds again, since only its silence then tells that it was found; nobody tells
 //! which goal sounds.
 //!
@@ -31,6 +33,7 @@ mod error;
 mod options;
 mod planner;
 mod search;
+mod stairs;
 mod trace;
 
 pub use ablation::Ablation;

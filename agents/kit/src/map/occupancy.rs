@@ -28,9 +28,11 @@ pub struct Cell {
 impl Cell {
     /// How many there are in a row of the map.
     pub(crate) const COLUMNS: i32 = SIDE;
+    /// How many there are.
+    pub(super) const COUNT: usize = (SIDE * SIDE) as usize;
 
     /// Its number among all; `None` outside of the map.
-    fn index(self) -> Option<usize> {
+    pub(super) fn index(self) -> Option<usize> {
         let inside = (0..SIDE).contains(&self.column) && (0..SIDE).contains(&self.row);
         inside.then_some((self.row * SIDE + self.column) as usize)
     }
@@ -71,7 +73,7 @@ pub struct Occupancy {
 
 impl Default for Occupancy {
     fn default() -> Self {
-        let count = (SIDE * SIDE) as usize;
+        let count = Cell::COUNT;
         let disks = [disk(HARD_M), disk(SOFT_M)];
         let (evidence, walls, bumps) = (vec![0; count], vec![false; count], vec![0; count]);
         Self {

@@ -6,10 +6,11 @@ use toml::{Table, Value};
 const DEFAULTS: &str = include_str!("../../pag-nav.toml");
 
 /// Each number, and the least and most that it may be.
-const LIMITS: [(&str, f64, f64); 28] = [
+const LIMITS: [(&str, f64, f64); 29] = [
     ("steps_per_m", 0.1, 100.0),
     ("loyalty_steps", 0.0, 1000.0),
     ("vain", 0.0, 10.0),
+    ("storey_steps", 1.0, 10_000.0),
     ("doubt_steps", 0.0, 1000.0),
     ("search_audio", 0.0, 10.0),
     ("search_scale_m", 0.01, 100.0),
@@ -79,6 +80,8 @@ pub struct Weights {
     pub patience_steps: u32,
     /// What a step of having headed for a source in vain adds to what the rest of the way is thought to cost, in steps.
     pub vain: f32,
+    /// Steps of heading for a source in vain after which it takes stairs, where it knows some.
+    pub storey_steps: u32,
     /// What a source that is certainly not the goal that is next is thought to cost more to search, in steps.
     pub doubt_steps: f32,
     /// Steps before the end from which on verification asks for one look only.
