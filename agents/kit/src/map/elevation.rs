@@ -10,14 +10,13 @@ const BAND_M: f32 = 1.5;
 const FAR_M: f32 = 6.0;
 /// The highest step that a body takes, metres, and some for what pictures get wrong.
 const STEP_M: f32 = 0.22;
-/// How steep stairs are at the most, and how far the body walks over what it has not seen, metres.
-const STEEP: f32 = 0.75;
-const UNSEEN_M: f32 = 0.5;
+/// How far the body walks over what it has not seen, metres: the depth of a step, of which one sees no more than the riser from afar.
+const UNSEEN_M: f32 = 0.3;
 /// Cells from node to node of the search.
 const STRIDE: i32 = 2;
 /// Most nodes that one search opens.
 const MOST_NODES: usize = 20_000;
-/// Nothing higher than a step may stand this near to the body's middle, in cells.
+/// Nothing higher or lower by more than a step may be this near to the body's middle, in cells.
 const BODY: i32 = 2;
 
 /// How high surfaces are: what tells stairs, which rise step by step, from furniture, which does so at once. Of what lies above each
@@ -121,16 +120,15 @@ impl Elevation {
             Some(top_m) => Node { before: cell, cost_m, height_m: top_m, unseen_m: 0.0 },
             None => Node { before: cell, cost_m, height_m: here.height_m, unseen_m },
         };
-        let most_m = STEP_M + STEEP * here.unseen_m;
-        let fits = (node.height_m - here.height_m).abs() <= most_m && node.unseen_m <= UNSEEN_M;
-        (fits && self.has_room(next, node.height_m, most_m)).then_some(node)
+        let fits = (node.height_m - here.height_m).abs() <= STEP_M && node.unseen_m <= UNSEEN_M;
+        (fits && self.has_room(next, node.height_m)).then_some(node)
     }
 
-    /// Whether nothing stands around a cell that is higher than its surface by more than `most_m`.
-    fn has_room(&self, cell: Cell, height_m: f32, most_m: f32) -> bool {
+    /// Whether nothing around a cell is higher or lower than its surface by more than a step.
+    fn has_room(&self, cell: Cell, height_m: f32) -> bool {
         let around =
             (-BODY..=BODY).flat_map(|columns| (-BODY..=BODY).map(move |rows| cell.moved(columns, rows)));
-        around.filter_map(|near| self.top_m(near)).all(|top_m| top_m - height_m <= most_m.max(2.0 * STEP_M))
+        around.filter_map(|near| self.top_m(near)).all(|top_m| (top_m - height_m).abs() <= STEP_M)
     }
 }
 
@@ -198,7 +196,7 @@ mod tests {
         let hidden =
             |to_m: f32| surface(move |place| (!(0.8..to_m).contains(&place.x)).then(|| stairs(place)));
         let climb = |known: Elevation| known.climb(Place::new(0.5, 0.0), 0.0, |_, height_m| height_m > 1.0);
-        assert!(climb(hidden(1.2)).is_some());
+        assert!(climb(hidden(1.0)).is_some());
         assert_eq!(climb(hidden(1.7)), None);
     }
 

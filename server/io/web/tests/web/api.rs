@@ -106,7 +106,7 @@ async fn each_row_of_a_table_has_the_columns_of_its_header() {
     for (address, rows) in [
         ("/api/v1/phases/open/leaderboard.csv", 2),
         ("/api/v1/phases/open/missions.csv", 7),
-        ("/api/v1/runs.csv", 4),
+        ("/api/v1/runs.csv", 3),
         ("/api/v1/compare.csv?first=run_rude&second=run_formula", 2),
         ("/api/v1/runs/run_begun/episodes.csv", 2),
     ] {
