@@ -242,7 +242,9 @@ fn paths(runs: &[String]) -> Vec<String> {
     ]
     .map(str::to_owned)
     .into();
-    paths.extend(["status", "phases", "runs", "runs.csv", "runs?phase=trial"].map(|path| format!("/api/v1/{path}")));
+    paths.extend(
+        ["status", "phases", "runs", "runs.csv", "runs?phase=trial"].map(|path| format!("/api/v1/{path}")),
+    );
     paths.extend([format!("/phases/{PHASE}"), format!("/phases/{PHASE}/scenes/0.svg")]);
     paths.extend(["", "/missions", "/missions.csv"].map(|rest| format!("/api/v1/phases/{PHASE}{rest}")));
     for order in ORDERS {

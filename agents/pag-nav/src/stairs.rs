@@ -20,7 +20,8 @@ const LEVEL_M: f32 = 0.1;
 const AIM_M: f32 = 0.35;
 /// A step forward that moved by less hit something, metres.
 const BLOCKED_M: f32 = 0.08;
-/// Steps without having come higher after which it gives stairs up, and how near to their foot none are sought again, metres.
+/// Steps near stairs without having come higher after which it gives them up, and how near to their foot none are sought again,
+/// metres.
 const VAIN_STEPS: u32 = 50;
 const FALSE_M: f32 = 1.0;
 /// Steps from one search for stairs to the next.
@@ -31,14 +32,14 @@ const SEARCH_STEPS: u32 = 10;
 pub(crate) struct Flight {
     /// 1 up, -1 down.
     sign: f32,
-    /// How high it came, metres, in its direction, and how many steps ago.
+    /// How high it came, metres, in its direction, and for how many steps it came no higher.
     best_m: f32,
     vain_steps: u32,
     /// Where it looks for the next steps.
     landing: Option<Place>,
     /// What it has turned since it saw steps, radians.
     turned_rad: f32,
-    /// Where it wanted to walk on from.
+    /// Where it stood when it walked on.
     walked_from: Option<Place>,
 }
 
@@ -46,16 +47,19 @@ impl PagNav {
     /// The next action on stairs, where it is on them or has sought something on this storey for so long that it takes them.
     pub(crate) fn take_stairs(&mut self, stand: &Stand) -> Option<Action> {
         let mut flight = self.flight.take().or_else(|| self.find_stairs(stand))?;
-        if flight.walked_from.is_some_and(|place| place.distance_m(stand.place) < BLOCKED_M) {
+        let is_blocked = flight.walked_from.is_some_and(|place| place.distance_m(stand.place) < BLOCKED_M);
+        if is_blocked {
             self.elevation.bumped(stand.offset(0.2, 0.0), self.height_m);
         }
         let way = self.steps_on(&mut flight, stand);
         let turn = match &way {
-            Some(climb) => self.motion.toward(stand.bearing_rad(aim(climb))),
+            Some(climb) => self.motion.toward(stand.bearing_rad(climb.ahead(AIM_M))),
             None => Some(Action::TurnLeft),
         };
         flight.turned_rad = if way.is_some() { 0.0 } else { flight.turned_rad + self.turn_rad };
         flight.walked_from = turn.is_none().then_some(stand.place);
+        let is_near = way.is_none_or(|climb| climb.end().distance_m(stand.place) <= 2.0 * NEAR_M);
+        flight.vain_steps += u32::from(is_near || is_blocked);
         self.note_progress(flight, stand.place);
         Some(turn.unwrap_or(Action::MoveForward))
     }
@@ -63,7 +67,6 @@ impl PagNav {
     /// Stays on stairs that lead on, and remembers where there are none.
     fn note_progress(&mut self, mut flight: Flight, here: Place) {
         let rise_m = flight.sign * self.height_m;
-        flight.vain_steps += 1;
         if rise_m >= flight.best_m + STEP_M {
             (flight.best_m, flight.vain_steps) = (rise_m, 0);
         }
@@ -87,7 +90,7 @@ impl PagNav {
         }
         let is_level = |height_m: f32| rise_m(height_m).abs() <= LEVEL_M;
         let away = || climb(&|place, height_m| is_level(height_m) && place.distance_m(from) >= LANDING_M);
-        let middle = flight.landing.or_else(|| away().and_then(|way| way.places.last().copied()))?;
+        let middle = flight.landing.or_else(|| away().map(|way| way.end()))?;
         flight.landing = Some(middle);
         let is_there = middle.distance_m(from) <= 2.0 * LEVEL_M || flight.turned_rad > 0.0;
         let to_middle =
@@ -122,11 +125,4 @@ impl PagNav {
             None => self.goals.active().map(sought).max().unwrap_or(0),
         }
     }
-}
-
-/// The place on its way that the body turns to.
-fn aim(climb: &Climb) -> Place {
-    let from = climb.places[0];
-    let near = climb.places.iter().take_while(|place| place.distance_m(from) <= AIM_M);
-    near.last().copied().unwrap_or(from)
 }

@@ -45,6 +45,20 @@ struct Node {
     unseen_m: f32,
 }
 
+impl Climb {
+    /// Its last place.
+    pub fn end(&self) -> Place {
+        self.places.last().copied().unwrap_or_default()
+    }
+
+    /// The farthest of its first places that lie within `most_m` of its start.
+    pub fn ahead(&self, most_m: f32) -> Place {
+        let start = self.places.first().copied().unwrap_or_default();
+        let near = self.places.iter().take_while(|place| place.distance_m(start) <= most_m);
+        near.last().copied().unwrap_or(start)
+    }
+}
+
 impl Default for Elevation {
     fn default() -> Self {
         Self { tops_m: vec![f32::NEG_INFINITY; Cell::COUNT] }
@@ -176,8 +190,9 @@ mod tests {
     fn stairs_are_climbed_step_by_step() {
         let known = surface(|place| Some(stairs(place)));
         let way = known.climb(Place::new(-1.0, 1.0), 0.0, |_, height_m| height_m > 1.0).unwrap();
-        let end = way.places.last().unwrap();
+        let (end, ahead) = (way.end(), way.ahead(0.35));
         assert!((2.25..2.6).contains(&end.x) && end.z.abs() < 0.4, "{end:?}");
+        assert!((0.2..=0.35).contains(&ahead.distance_m(way.places[0])), "{ahead:?}");
         assert!((way.height_m - 1.02).abs() < 1e-3, "{}", way.height_m);
         assert!(way.places.windows(2).all(|pair| pair[0].distance_m(pair[1]) < 0.15));
         let down = surface(|place| Some(-stairs(place).min(1.4)));

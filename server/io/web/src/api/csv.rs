@@ -226,7 +226,15 @@ fn pair_row(pair: &PairView) -> Vec<String> {
 
 fn runs_header() -> Vec<String> {
     let mut header = names(&["run", "phase", "team", "reference", "method", "version", "order", "state"]);
-    header.extend(names(&["episodes", "done", "isr", "created_at", "finished_at", "verified", "disqualified"]));
+    header.extend(names(&[
+        "episodes",
+        "done",
+        "isr",
+        "created_at",
+        "finished_at",
+        "verified",
+        "disqualified",
+    ]));
     header
 }
 

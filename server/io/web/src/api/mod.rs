@@ -61,7 +61,7 @@ fn endpoint(
 }
 
 fn endpoints() -> Vec<Endpoint> {
-    of_phases().into_iter().chain(of_runs()).collect()
+    of_phases().into_iter().chain(of_runs()).chain(of_episodes()).collect()
 }
 
 /// Ways to the server, phases and what stands on their boards.
@@ -130,7 +130,7 @@ fn of_phases() -> Vec<Endpoint> {
     ]
 }
 
-/// Ways to runs and their episodes.
+/// Ways to runs.
 fn of_runs() -> Vec<Endpoint> {
     use Answer::{Csv, Events, Json, Text};
     vec![
@@ -166,6 +166,20 @@ fn of_runs() -> Vec<Endpoint> {
         ),
         endpoint("/runs/{run}", "A run with its episodes.", &[], Json("Run"), get(answers::run)),
         endpoint(
+            "/runs/{run}/log",
+            "The signed log of a run that is over, where the phase shows its replay: avln verify checks it.",
+            &[],
+            Text,
+            get(logs::log),
+        ),
+    ]
+}
+
+/// Ways to the episodes of runs.
+fn of_episodes() -> Vec<Endpoint> {
+    use Answer::{Csv, Json};
+    vec![
+        endpoint(
             "/runs/{run}/episodes",
             "The episodes of a run in playing order.",
             &[],
@@ -173,13 +187,6 @@ fn of_runs() -> Vec<Endpoint> {
             get(answers::episodes),
         ),
         endpoint("/runs/{run}/episodes.csv", "The same episodes as a table.", &[], Csv, get(csv::episodes)),
-        endpoint(
-            "/runs/{run}/log",
-            "The signed log of a run that is over, where the phase shows its replay: avln verify checks it.",
-            &[],
-            Text,
-            get(logs::log),
-        ),
         endpoint(
             "/runs/{run}/episodes/{ordinal}",
             "One episode; with its replay where the phase shows it.",

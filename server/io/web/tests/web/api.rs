@@ -19,7 +19,8 @@ async fn every_described_path_answers_with_what_is_described() {
     assert_eq!(paths.len(), 24);
     for (path, item) in paths {
         let address = path.replace("{phase}", "open").replace("{run}", "run_rude").replace("{ordinal}", "0");
-        let both = if path.starts_with("/api/v1/compare") { "?first=run_rude&second=run_formula" } else { "" };
+        let both =
+            if path.starts_with("/api/v1/compare") { "?first=run_rude&second=run_formula" } else { "" };
         let address = address + both;
         let events = &item["get"]["responses"]["200"]["content"]["text/event-stream"];
         if events.is_object() {
@@ -123,7 +124,10 @@ async fn each_row_of_a_table_has_the_columns_of_its_header() {
 async fn pairs_and_missions_are_told_in_numbers() {
     let arena = Arena::new().await;
     let pairs = arena.get("/api/v1/compare.csv?first=run_rude&second=run_formula").await.body;
-    assert!(pairs.starts_with("episode,scene,goals,first_ordinal,second_ordinal,first_sr,second_sr,"), "{pairs}");
+    assert!(
+        pairs.starts_with("episode,scene,goals,first_ordinal,second_ordinal,first_sr,second_sr,"),
+        "{pairs}"
+    );
     let missions = arena.get("/api/v1/phases/open/missions.csv").await.body;
     assert!(missions.starts_with("property,value,count\r\ngoals,"), "{missions}");
 }

@@ -33,7 +33,11 @@ async fn nobody_learns_of_sealed_runs_without_a_token() {
         let gone = address.contains("run_sealed");
         assert_eq!(answer.status, if gone { StatusCode::NOT_FOUND } else { StatusCode::OK }, "{address}");
     }
-    for hidden in ["/api/v1/phases/sealed/missions", "/api/v1/phases/sealed/missions.csv", "/phases/sealed/scenes/0.svg"] {
+    for hidden in [
+        "/api/v1/phases/sealed/missions",
+        "/api/v1/phases/sealed/missions.csv",
+        "/phases/sealed/scenes/0.svg",
+    ] {
         assert_eq!(arena.get(hidden).await.status, StatusCode::NOT_FOUND, "{hidden}");
         assert_eq!(arena.get_as(hidden, TOKEN).await.status, StatusCode::NOT_FOUND, "{hidden}");
         assert_eq!(arena.get_as(hidden, ORGANISER).await.status, StatusCode::OK, "{hidden}");
