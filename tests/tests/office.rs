@@ -1,6 +1,6 @@
 //! Signing in at the people's door of a real server: what a team does to what is its own, and what the organiser does to all.
 
-use avln_client::{Arena, Error, Order, Reason, RunOptions};
+use avln_client::{Action, Arena, EndReason, Error, Order, Reason, RunOptions, Sensors};
 use avln_store::AuditLine;
 use avln_tests::{
     House, PHASE, Plan, TEAM, http,
@@ -8,6 +8,9 @@ use avln_tests::{
     store,
     stroll::stroll,
 };
+use std::time::Duration;
+use tokio::time::sleep;
+use tokio_stream::StreamExt;
 
 /// The token that a page shows.
 fn shown_token(page: &Answer) -> String {
@@ -65,6 +68,29 @@ async fn a_team_makes_and_takes_back_tokens_and_cancels_its_runs() {
     ];
     assert_eq!(told, expected);
     assert!(deeds.iter().all(|line| line.actor.ends_with(&format!(" of team {TEAM}"))), "{deeds:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_run_that_is_cancelled_on_a_page_is_over_for_the_agent_that_plays_it() {
+    let house = House::open(&Plan { houses: 1, missions: 2, ..Plan::default() }).await;
+    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let run = arena.start_run(RunOptions::new(PHASE, "walker")).await.expect("a run");
+    let blind = Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
+    let mut episodes = arena.play(&run, blind).await.expect("a stream").episodes();
+    let mut episode = episodes.try_next().await.expect("an answer").expect("an episode");
+    episode.step(Action::TurnLeft).await.expect("it is open");
+    let team = Visitor::sign_in(house.doors.web, &house.token).await;
+    assert_eq!(team.act("/me", &[("deed", "cancel"), ("run", &run.id)]).await.status, 303);
+    let mut steps = 0;
+    while steps < 500 && episode.end().is_none() && episode.step(Action::TurnLeft).await.is_ok() {
+        steps += 1;
+        sleep(Duration::from_millis(20)).await;
+    }
+    assert!(steps < 500, "it plays on");
+    assert!(episode.end().is_none_or(|end| end.reason == EndReason::Abandoned), "{:?}", episode.end());
+    drop(episode);
+    let over = episodes.try_next().await.expect_err("nothing is left to play");
+    assert_eq!(over.reason(), Some(Reason::RunOver), "{over}");
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -124,6 +124,7 @@ async fn cancel(arena: &Arena, member: &Member, actor: &str, run: &str) -> Answe
         return Err(StoreError::RunOver { run: run.to_owned(), state }.into());
     }
     arena.cancel(run).await?;
+    arena.control().leave(run);
     let cancelled = note(actor, format!("run {run}"), "cancelled", "");
     arena.store().note(cancelled, now_unix_ms()).await?;
     done(format!("Run {run} is cancelled."))

@@ -9,7 +9,7 @@ use std::{
     time::Duration,
 };
 use tokio::{
-    sync::watch,
+    sync::{Notify, watch},
     time::{Instant, timeout_at},
 };
 
@@ -26,6 +26,8 @@ struct Inner {
     /// How many slots hold an episode.
     busy: watch::Sender<usize>,
     drain: watch::Sender<Option<Drain>>,
+    /// Rung when there are more runs in the book that were left.
+    leaving: Notify,
     watchdog: Watchdog,
 }
 
@@ -38,6 +40,8 @@ struct Book {
     parts: [Histogram; 4],
     ends: BTreeMap<&'static str, u64>,
     notice: String,
+    /// Runs that their teams left by another door, whose sessions are still to end.
+    left: Vec<String>,
 }
 
 #[derive(Debug, Default)]
@@ -218,6 +222,24 @@ impl Control {
     /// What is announced: why the server stops, where it does, else the notice; empty: nothing.
     pub fn announcement(&self) -> String {
         self.draining().map_or_else(|| self.book().notice.clone(), |drain| drain.reason)
+    }
+
+    /// The team left a run by another door than the agents': the session that plays it ends. The run is over by then, or one
+    /// whose last episode ends with its session would be completed.
+    pub fn leave(&self, run: &str) {
+        self.book().left.push(run.to_owned());
+        self.0.leaving.notify_one();
+    }
+
+    /// Waits until runs were left, and gives them out.
+    pub(crate) async fn left(&self) -> Vec<String> {
+        loop {
+            let left = std::mem::take(&mut self.book().left);
+            if !left.is_empty() {
+                return left;
+            }
+            self.0.leaving.notified().await;
+        }
     }
 
     /// From now on no run and no episode begins. Open episodes have `patience` to come to their end. The first call counts.

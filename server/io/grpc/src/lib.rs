@@ -43,6 +43,7 @@ mod crew;
 mod door;
 mod gate;
 mod host;
+mod left;
 mod limits;
 mod meter;
 mod outbound;

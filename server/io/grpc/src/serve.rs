@@ -4,6 +4,7 @@ use crate::{
     away,
     door::Door,
     host::Host,
+    left,
     limits::Limits,
     meter::{Meter, Metered},
     overdue,
@@ -81,6 +82,7 @@ pub async fn serve(
     tokio::select! {
         () = accept(&listener, &door.limits, &routes, &closing, &mut connections) => {}
         () = overdue::watch(door.clone()) => {}
+        () = left::watch(door.clone()) => {}
         () = shutdown => {}
     }
     drop(listener);
