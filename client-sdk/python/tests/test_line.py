@@ -36,3 +36,11 @@ def test_what_nobody_foresaw_reaches_who_waits() -> None:
             raise event.because("wait")
     line.close()
     assert line._stream.call is None, "the interpreter's end waits for calls that live on"
+
+
+def test_the_end_is_told_as_often_as_it_is_asked_for() -> None:
+    dialler = Dialler(lambda *_, **__: Call(), "token", play_pb2.Hello())
+    line = Line(dialler, Stream(Call(), SimpleQueue()), 1, 0.0, Progress(0, 0, 0, None))
+    for _ in range(3):
+        assert isinstance(line.next(0, timeout_s=10), Closed)
+    line.close()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import grpc
 import pytest
 from server import free_port
 
 import avln
-from avln.errors import from_fault, is_passing
+from avln.errors import from_call, from_fault, is_passing
 from avln.link import parse_address
 from avln.task import word
 from avln.v1 import common_pb2, play_pb2, task_pb2
@@ -106,3 +107,28 @@ def test_a_run_shows_no_token() -> None:
 def test_actions_have_the_numbers_of_action_spaces_and_of_the_wire() -> None:
     assert [action.to_wire() for action in avln.Action] == [index + 1 for index in range(5)]
     assert [order.to_wire() for order in avln.Order] == [common_pb2.ORDER_ORDERED, common_pb2.ORDER_UNORDERED]
+
+
+class Reset(grpc.RpcError):
+    """How gRPC tells of a call that ended."""
+
+    def __init__(self, code: grpc.StatusCode, message: str, reason: str = "") -> None:
+        self._code, self._message = code, message
+        self._trailers = (("avln-reason", reason),) if reason else ()
+
+    def code(self) -> grpc.StatusCode:
+        return self._code
+
+    def details(self) -> str:
+        return self._message
+
+    def trailing_metadata(self) -> Any:
+        return self._trailers
+
+
+def test_streams_that_a_proxy_gave_up_and_calls_without_an_answer_are_lost() -> None:
+    reset = "Received RST_STREAM with error code 2"
+    assert is_passing(from_call("play", Reset(grpc.StatusCode.INTERNAL, reset)))
+    assert is_passing(from_call("ask", Reset(grpc.StatusCode.DEADLINE_EXCEEDED, "Deadline Exceeded")))
+    assert not is_passing(from_call("play", Reset(grpc.StatusCode.INTERNAL, reset, "INTERNAL")))
+    assert not is_passing(from_call("play", Reset(grpc.StatusCode.INTERNAL, "inc_1")))

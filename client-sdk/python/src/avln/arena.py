@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import time
+import uuid
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Callable
 
 import grpc
 
 from avln.action import Order
 from avln.agreement import Agreement
-from avln.errors import NotArenaError, ProtocolError, TokenError, from_call
+from avln.errors import Error, LostError, NotArenaError, ProtocolError, TokenError, from_call
 from avln.line import CALL_TIMEOUT_S, Dialler, Line
 from avln.link import CONNECT_TIMEOUT_S, Link, open_channel, parse_address, unreachable
 from avln.packing import Packing
@@ -26,6 +29,9 @@ if TYPE_CHECKING:
 
 RUN_TOKEN = "avln_run_"
 """What the tokens of runs begin with."""
+_PATIENCE_S = 10.0
+"""For how long a call whose answer was lost is made again, unless the link says less."""
+_PAUSES_S = (0.05, 2.0)
 _ANSWERS: dict[str, Any] = {
     "InfoService/GetServerInfo": info_pb2.GetServerInfoResponse,
     "InfoService/ListPhases": info_pb2.ListPhasesResponse,
@@ -133,7 +139,8 @@ class Arena:
             version: the method's, at most 40 characters.
             description: text for people, at most 2000 characters.
             code_url: where the method's code is, an http(s) address.
-            request_id: at most 64 characters; starting again under the same one yields the same run.
+            request_id: at most 64 characters; starting again under the same one yields the same run. One is drawn where
+                there is none, so that a lost answer begins no second run.
 
         Raises:
             RefusedError: when the phase is unknown, closed or not for this team, the quota used up, or the server full.
@@ -142,9 +149,9 @@ class Arena:
         info = run_pb2.MethodInfo(name=method, version=version, description=description, code_url=code_url)
         request = run_pb2.StartRunRequest(
             phase=phase,
-            order=order.to_wire(),
+            order=Order(order).to_wire(),
             method=info,
-            client_request_id=request_id,
+            client_request_id=request_id or uuid.uuid4().hex,
             client=client_info(),
         )
         answer = self._ask("start a run", "RunService/StartRun", request)
@@ -248,13 +255,13 @@ class Arena:
         )
         dialler = Dialler(self._open_call(), run.token, hello, self._patience_s)
         stream = dialler.dial()
-        if stream.welcome is None:
-            stream.close()
-            raise ProtocolError("the run ended before it was welcomed")
         try:
+            if stream.welcome is None:
+                raise ProtocolError("the run ended before it was welcomed")
             agreement = Agreement(stream.welcome, sensors, self._packing)
         except BaseException:
             stream.close()
+            stream.forget()
             raise
         granted = min(agreement.slots, hello.slots)
         return Line(dialler, stream, granted, agreement.may_be_away_s, agreement.progress), agreement
@@ -266,10 +273,31 @@ class Arena:
             response_deserializer=_play_response,
         )
 
+    def check_sensors(self, sensors: Sensors | None) -> None:
+        """Whether a run can ask for these sensors at all, before it begins.
+
+        Raises:
+            SensorsError: when they are outside of what any server offers.
+        """
+        (sensors or Sensors()).to_wire(self._packing)
+
     def _ask(self, attempted: str, method: str, request: Message) -> Any:
-        call = self._call(method)
+        """Makes a call, again and again while its answer is lost: each may be made twice."""
+        patience_s = _PATIENCE_S if self._patience_s is None else min(self._patience_s, _PATIENCE_S)
+        until = time.monotonic() + patience_s
+        pause_s = _PAUSES_S[0]
+        while True:
+            try:
+                return self._ask_once(attempted, method, request)
+            except LostError:
+                if time.monotonic() + pause_s >= until:
+                    raise
+            time.sleep(pause_s)
+            pause_s = min(2 * pause_s, _PAUSES_S[1])
+
+    def _ask_once(self, attempted: str, method: str, request: Message) -> Any:
         try:
-            return call(request, timeout=CALL_TIMEOUT_S, metadata=self._metadata())
+            return self._call(method)(request, timeout=CALL_TIMEOUT_S, metadata=self._metadata())
         except grpc.RpcError as error:
             raise from_call(attempted, error) from None
 
@@ -333,8 +361,9 @@ def begin(
     Raises:
         Error: as for `Arena.connect`, `Arena.start_run` and `Arena.play`.
     """
-    arena, run = begin_run(server, token, phase, method, order, link=link)
-    play = arena.play(run, sensors)
+    arena, run = begin_run(server, token, phase, method, order, sensors=sensors, link=link)
+    with undone_on_error(arena, run, is_own=not token.startswith(RUN_TOKEN)):
+        play = arena.play(run, sensors)
     play.line.on_close = arena.close
     return play
 
@@ -346,14 +375,37 @@ def begin_run(
     method: str,
     order: Order = Order.UNORDERED,
     *,
+    sensors: Sensors | None = None,
     link: Link | None = None,
 ) -> tuple[Arena, Run]:
-    """Connects and begins a run, or takes up that of a run's own token.
+    """Connects and begins a run that is to be played with `sensors`, or takes up that of a run's own token.
 
     Raises:
         Error: as for `Arena.connect` and `Arena.start_run`.
+        SensorsError: when no run could be played with the sensors; none begins.
     """
-    if token.startswith(RUN_TOKEN):
-        return Arena.connect(server, "", link), Run.from_token(token)
-    arena = Arena.connect(server, token, link)
-    return arena, arena.start_run(phase, method, order)
+    order = Order(order)
+    is_of_run = token.startswith(RUN_TOKEN)
+    arena = Arena.connect(server, "" if is_of_run else token, link)
+    try:
+        arena.check_sensors(sensors)
+        return arena, Run.from_token(token) if is_of_run else arena.start_run(phase, method, order)
+    except BaseException:
+        arena.close()
+        raise
+
+
+@contextmanager
+def undone_on_error(arena: Arena, run: Run, *, is_own: bool) -> Iterator[None]:
+    """Where its block fails, closes the connection, and cancels the run if it was begun here: nobody would play it."""
+    try:
+        yield
+    except BaseException:
+        try:
+            if is_own:
+                arena.cancel_run(run.id)
+        except Error:
+            pass  # what failed first is told
+        finally:
+            arena.close()
+        raise

@@ -13,7 +13,14 @@ if TYPE_CHECKING:
 
 REASON_KEY = "avln-reason"
 RETRY_AFTER_KEY = "avln-retry-after-s"
-_LOST_CODES = {grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.CANCELLED, grpc.StatusCode.UNKNOWN}
+_LOST_CODES = {
+    grpc.StatusCode.UNAVAILABLE,
+    grpc.StatusCode.CANCELLED,
+    grpc.StatusCode.UNKNOWN,
+    grpc.StatusCode.DEADLINE_EXCEEDED,
+}
+_RESET = "RST_STREAM"
+"""What gRPC says where a proxy gave a stream up whose server is gone."""
 _PASSING = {"DRAINING", "NO_CAPACITY", "RATE_LIMIT"}
 _NEW_TOKEN = {"TOKEN_EXPIRED", "TOKEN_REVOKED"}
 
@@ -66,8 +73,8 @@ class LostError(Error):
 
     def __init__(self, attempted: str, detail: str) -> None:
         super().__init__(
-            f"{attempted}: the connection to the server was lost ({detail}); stored episodes are safe, "
-            "play the run again for the others"
+            f"{attempted}: the connection to the server was lost ({detail}); what it has stored is safe, "
+            "try again when it answers"
         )
 
 
@@ -157,7 +164,8 @@ def from_call(attempted: str, error: grpc.RpcError) -> Error:
     trailers = {key: value for key, value in call.trailing_metadata() or () if isinstance(value, str)}
     reason = trailers.get(REASON_KEY, "")
     retry = trailers.get(RETRY_AFTER_KEY, "")
-    if not reason and code in _LOST_CODES:
+    is_lost = code in _LOST_CODES or (code is grpc.StatusCode.INTERNAL and _RESET in message)
+    if not reason and is_lost:
         return LostError(attempted, f"{code.name}: {message}")
     return _refused(attempted, code.name, reason, message, int(retry) if retry.isdigit() else None)
 

@@ -159,6 +159,11 @@ class Line:
         self._reader.start()
         _open_lines.add(self)
 
+    @property
+    def token(self) -> str:
+        """The run's: whoever holds it plays the run."""
+        return self._dialler.token
+
     def send(self, frame: Sent | play_pb2.Goodbye) -> None:
         """Sends a frame; on a stream that is lost it is sent when the next one is there.
 
@@ -173,15 +178,19 @@ class Line:
             self._stream.requests.put(request)
 
     def next(self, slot: int, timeout_s: float | None = None) -> Event:
-        """The next thing that happens to a slot; waits for it.
+        """The next thing that happens to a slot; waits for it. After the end it is `Closed`, however often one asks.
 
         Raises:
             LostError: when nothing happens for `timeout_s` seconds.
         """
+        queue = self._queues[slot]
         try:
-            return self._queues[slot].get(timeout=timeout_s)
+            event = queue.get(timeout=timeout_s)
         except Empty:
             raise LostError("wait for the server", f"nothing came within {timeout_s:g} s") from None
+        if isinstance(event, Closed):
+            queue.put(event)
+        return event
 
     def take_notices(self) -> list[Notice]:
         """Takes the notices that arrived since the last call; at most 64 are kept."""

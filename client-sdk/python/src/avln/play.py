@@ -219,6 +219,11 @@ class Play:
         return self.agreement.run
 
     @property
+    def token(self) -> str:
+        """The run's token: given to `begin` instead of the account's, it plays the run on after this program."""
+        return self.line.token
+
+    @property
     def progress(self) -> Progress:
         """How far the run is, as last heard of on any slot."""
         return self.line.progress

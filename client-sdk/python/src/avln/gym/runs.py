@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from avln.arena import RUN_TOKEN, Arena, begin_run
+from avln.arena import RUN_TOKEN, Arena, begin_run, undone_on_error
 from avln.errors import Error, RunOverError
 from avln.gym.spaces import ObservationSpace
 
@@ -37,13 +37,15 @@ class Runs:
         self._method, self._order = method, order
         self._sensors, self._slots = sensors, slots
         self.phase = phase
-        self._arena, self._run = begin_run(server, token, phase, method, order, link=link)
-        self.is_counted = token.startswith(RUN_TOKEN) or _is_counted(self._arena, phase)
-        """Whether the phase limits how many runs a team has."""
+        self._arena, self._run = begin_run(server, token, phase, method, order, sensors=sensors, link=link)
+        is_given = token.startswith(RUN_TOKEN)
+        with undone_on_error(self._arena, self._run, is_own=not is_given):
+            self.is_counted = is_given or _is_counted(self._arena, phase)
+            """Whether the phase limits how many runs a team has."""
+            self.plays = self._open()
+            """The slots of the open run."""
         self.is_fresh = True
         """Whether no episode of the open run has begun."""
-        self.plays = self._open()
-        """The slots of the open run."""
 
     def lay_out(self, keys: Sequence[str] | None, goal_side: int) -> ObservationSpace:
         """How observations of these runs are laid out.
@@ -74,7 +76,8 @@ class Runs:
             raise RunOverError(f"{self._run.id} cannot be begun anew ({because})", self.phase)
         self.plays[0].finish()
         self._run = self._arena.start_run(self.phase, self._method, self._order)
-        self.plays = self._open()
+        with undone_on_error(self._arena, self._run, is_own=True):
+            self.plays = self._open()
         self.is_fresh = True
 
     def close(self) -> None:
@@ -88,7 +91,6 @@ class Runs:
         plays = self._arena.play_slots(self._run, self._slots, self._sensors)
         if len(plays) < self._slots:
             plays[0].finish()
-            self._arena.close()
             raise Error(
                 f"play {self._slots} slots in phase {self.phase}: it grants {len(plays)}; ask for num_envs={len(plays)}"
             )
