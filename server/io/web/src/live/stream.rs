@@ -37,6 +37,8 @@ const LIFE: Duration = Duration::from_secs(50);
 const RETRY: Duration = Duration::from_secs(2);
 /// What a visitor says that it was told last.
 const LAST_EVENT_ID: HeaderName = HeaderName::from_static("last-event-id");
+/// What tells nginx to hand events on as they come.
+const UNBUFFERED: HeaderName = HeaderName::from_static("x-accel-buffering");
 
 /// Who knows what is played, and how many follow it.
 #[derive(Debug)]
@@ -182,6 +184,8 @@ async fn follow(watch: Watch, headers: &HeaderMap) -> Result<Response, Trouble> 
     tokio::spawn(watch.pour(told, known, sender, place));
     let events = Sse::new(ReceiverStream::new(events)).keep_alive(KeepAlive::new().interval(HEARTBEAT));
     let mut response = (Extension(Streamed), events).into_response();
-    response.headers_mut().insert(header::CACHE_CONTROL, header::HeaderValue::from_static("no-store"));
+    let headers = response.headers_mut();
+    headers.insert(header::CACHE_CONTROL, header::HeaderValue::from_static("no-store"));
+    headers.insert(UNBUFFERED, header::HeaderValue::from_static("no"));
     Ok(response)
 }

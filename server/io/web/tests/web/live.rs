@@ -52,6 +52,7 @@ async fn a_run_under_way_is_followed_event_by_event() {
         (StatusCode::OK, &"no-store".parse().expect("ASCII"))
     );
     assert!(!follower.headers.contains_key(header::CONTENT_ENCODING), "what is packed comes late");
+    assert_eq!(follower.headers["x-accel-buffering"], "no", "a proxy in between hands it on");
     let first = follower.next().await.expect("how things stand");
     assert_eq!((first.name.as_str(), &first.data["state"]), ("run", &"running".into()));
     assert_eq!((&first.data["done"], &first.data["episodes"]), (&1.into(), &2.into()));
