@@ -15,7 +15,7 @@ from stable_baselines3 import PPO
 
 import avln
 import avln.gym
-from avln.options import add_connection, add_run, parser
+from avln.options import add_connection, add_run, link, parser
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -41,13 +41,12 @@ class NewGround:
 
 
 def train(server: str, token: str, phase: str, steps: int, **options: Any) -> BaseAlgorithm:
-    """Trains for so many steps."""
+    """Trains for so many steps; `options` are those of the environment."""
     env = gymnasium.make(
         avln.gym.ENV_ID,
         server=server,
         token=token,
         phase=phase,
-        method="ppo",
         sensors=avln.Sensors(audio=False, width=SIDE, height=SIDE),
         keys=["depth", "pose"],
         reward=NewGround(),
@@ -68,7 +67,8 @@ def main() -> None:
     program.add_argument("--steps", type=int, default=2000, help="steps of training [2000]")
     program.add_argument("--out", default="ppo.zip", help="where the policy is written [ppo.zip]")
     options = program.parse_args()
-    train(options.server, options.token, options.phase, options.steps).save(options.out)
+    rest = {"method": options.method, "order": options.order, "link": link(options)}
+    train(options.server, options.token, options.phase, options.steps, **rest).save(options.out)
     print(f"wrote {options.out}")
 
 

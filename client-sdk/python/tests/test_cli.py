@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 import runpy
 import sys
 from typing import TYPE_CHECKING, Any
@@ -113,6 +114,59 @@ def test_quickstart_writes_an_agent_that_plays(program: Program, tmp_path: Path,
     file.write_text("# changed")
     code, told = program("quickstart", "--out", file)
     assert (code, "that file is there already" in told) == (1, True)
+
+
+def test_the_agent_that_quickstart_writes_plays_a_run(program: Program, tmp_path: Path) -> None:
+    code, told = program("quickstart", "--out", tmp_path / "written.py", "--phase", PHASE, "--size", 64)
+    assert code == 0
+    assert "3 of 3 episodes, complete" in told
+
+
+def test_places_where_no_agent_can_be_written_are_named(program: Program, tmp_path: Path) -> None:
+    for place in (tmp_path, tmp_path / "no" / "agent.py"):
+        code, told = program("quickstart", "--out", place)
+        assert (code, f"write an agent to {place}: " in told, "--out" in told) == (1, True, True)
+
+
+def test_agents_import_what_lies_beside_them_and_shadow_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "beside_the_agent.py").write_text(AGENT)
+    (tmp_path / "random.py").write_text("from beside_the_agent import Agent")
+    file = tmp_path / "random.py"
+    assert load_agent(str(file)).__module__ == "beside_the_agent"
+    assert sys.modules.get("random") is random
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "in_this_folder.py").write_text(AGENT)
+    monkeypatch.chdir(elsewhere)
+    assert load_agent("in_this_folder:Agent").__module__ == "in_this_folder"
+
+
+def test_a_size_that_was_given_counts_before_the_agents_own(program: Program, tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(AGENT)
+    code, told = program("run", file, "--phase", PHASE, "--size", 63)
+    assert (code, "63 x 63" in told) == (1, True)
+
+
+def test_runs_are_listed_and_cancelled(program: Program, door: Door) -> None:
+    with door.connect() as arena:
+        run = arena.start_run(PHASE, "left alone").id
+    assert f"{run}: {PHASE}, created, 0 of 3 episodes, left alone\n" in program("runs", "--phase", PHASE)[1]
+    assert program("cancel", run) == (0, f"{run}: cancelled\n")
+    assert f"{run}: {PHASE}, cancelled" in program("runs")[1]
+    code, told = program("cancel", "run_of_nobody")
+    assert (code, "RUN_UNKNOWN" in told) == (1, True)
+
+
+def test_a_run_that_breaks_off_is_named(program: Program, tmp_path: Path) -> None:
+    file = tmp_path / "breaks.py"
+    file.write_text(AGENT.replace("return avln.Action.STOP", "raise avln.Error('no idea')"))
+    code, told = program("run", file, "--phase", PHASE)
+    assert (code, "no idea" in told) == (1, True)
+    assert "avln-py cancel run_" in told
 
 
 def test_the_agent_of_quickstart_chooses_by_depth(tmp_path: Path) -> None:

@@ -152,7 +152,7 @@ def test_choices_become_actions(choice: Any, action: avln.Action) -> None:
 def test_numbers_of_training_differ_and_foreign_choices_are_refused() -> None:
     assert [to_action(number, TRAINING_ACTIONS).name for number in range(3)] == ["STOP", "SUBMIT", "MOVE_FORWARD"]
     assert [to_action(number).name for number in range(5)] == [action.name for action in EVALUATION_ACTIONS]
-    for choice in (5, -1, "look_up", None, {"action": 9}):
+    for choice in (5, -1, "look_up", None, {"action": 9}, float("inf"), float("nan")):
         with pytest.raises(avln.UnknownActionError, match="0 STOP"):
             to_action(choice)
 

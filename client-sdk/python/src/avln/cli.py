@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     import argparse
 
     from avln.service import Quota
+    from avln.task import Sensors
 
 WOULD_FAIL = 6
 """Exit code of `doctor` when a run would fail."""
@@ -34,7 +36,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("stopped; the run stays open for its token for a while", file=sys.stderr)
+        print("stopped", file=sys.stderr)
         return 130
 
 
@@ -62,6 +64,12 @@ def _parser() -> argparse.ArgumentParser:
     quota = add("quota", "tell how many runs are left", _quota)
     add_connection(quota)
     quota.add_argument("--phase", default="", help="of one phase alone")
+    runs = add("runs", "list the team's runs, newest first", _runs)
+    add_connection(runs)
+    runs.add_argument("--phase", default="", help="of one phase alone")
+    cancel = add("cancel", "end a run of the team", _cancel)
+    add_connection(cancel)
+    cancel.add_argument("run", help="id of the run, as runs tells it")
     _add_run(add("run", "play a run with an agent of yours", _run))
     _add_doctor(add("doctor", "tell before a run whether it will go well", _doctor))
     _add_quickstart(add("quickstart", "write an agent of 20 lines and play a run with it", _quickstart))
@@ -130,13 +138,40 @@ def _date(unix_s: int) -> str:
 def _run(options: argparse.Namespace) -> int:
     make = load_agent(options.agent)
     agents = [make() for _ in range(max(options.slots, 1))]
+    wanted = _sensors(agents[0], options)
     arena, run = begin_run(
-        options.server, options.token, options.phase, options.method, options.order, link=link(options)
+        options.server, options.token, options.phase, options.method, options.order, sensors=wanted, link=link(options)
     )
-    wanted = getattr(agents[0], "sensors", None) or sensors(options)
-    with arena, Bar(run.episodes) as bar:
-        summary = evaluate_slots(arena, run, agents, wanted, bar.tell)
+    try:
+        with arena, Bar(run.episodes) as bar:
+            summary = evaluate_slots(arena, run, agents, wanted, bar.tell)
+    except BaseException:
+        print(f"run {run.id} may still be open: avln-py runs tells, avln-py cancel {run.id} ends it", file=sys.stderr)
+        raise
     print(summary)
+    return 0
+
+
+def _sensors(agent: Any, options: argparse.Namespace) -> Sensors:
+    """What the agent asks for, where it does; a size that was given counts before its own."""
+    wanted: Sensors | None = getattr(agent, "sensors", None)
+    if wanted is None:
+        return sensors(options)
+    return wanted if options.size is None else replace(wanted, width=options.size, height=options.size)
+
+
+def _runs(options: argparse.Namespace) -> int:
+    with connect(options.server, options.token, link(options)) as arena:
+        for run in arena.runs(options.phase):
+            progress = f"{run.progress.done} of {run.progress.total} episodes"
+            print(f"{run.id}: {run.phase}, {run.state}, {progress}, {run.method}")
+    return 0
+
+
+def _cancel(options: argparse.Namespace) -> int:
+    with connect(options.server, options.token, link(options)) as arena:
+        run = arena.cancel_run(options.run)
+        print(f"{run.id}: {run.state}")
     return 0
 
 

@@ -197,7 +197,7 @@ def to_action(choice: Any, actions: Sequence[Action] = EVALUATION_ACTIONS) -> Ac
         return _NAMES[named.upper()]
     try:
         number = int(named)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = -1
     if not 0 <= number < len(actions):
         numbers = ", ".join(f"{index} {action.name}" for index, action in enumerate(actions))

@@ -41,7 +41,8 @@ def add_run(to: argparse.ArgumentParser, *, method: str) -> None:
 
 def add_camera(to: argparse.ArgumentParser, *, size: int) -> None:
     """What the agent sees."""
-    to.add_argument("--size", type=int, default=size, help=f"pixels a side of the pictures, 64 to 1024 [{size}]")
+    to.set_defaults(usual_size=size)
+    to.add_argument("--size", type=int, help=f"pixels a side of the pictures, 64 to 1024 [{size}]")
 
 
 def link(options: argparse.Namespace) -> Link:
@@ -51,4 +52,4 @@ def link(options: argparse.Namespace) -> Link:
 
 def sensors(options: argparse.Namespace) -> Sensors:
     """All sensors, at the size that was asked for."""
-    return Sensors.square(options.size)
+    return Sensors.square(options.usual_size if options.size is None else options.size)

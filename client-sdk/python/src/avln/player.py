@@ -41,15 +41,24 @@ def load_agent(name: str) -> Callable[[], Any]:
 
 def _module(name: str, place: str) -> ModuleType:
     if not place.endswith(".py"):
+        _import_from(Path.cwd())
         try:
             return importlib.import_module(place)
         except ModuleNotFoundError as error:
             raise UnknownAgentError(name, str(error)) from None
     path = Path(place)
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    own = f"_avln_agent_{path.stem}"  # a file may be called as a module that others import
+    spec = importlib.util.spec_from_file_location(own, path)
     if not path.is_file() or spec is None or spec.loader is None:
         raise UnknownAgentError(name, f"there is no file {place}")
+    _import_from(path.resolve().parent)
     module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module
+    sys.modules[own] = module
     spec.loader.exec_module(module)
     return module
+
+
+def _import_from(folder: Path) -> None:
+    """Lets an agent import what lies beside it; what is installed comes first."""
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))

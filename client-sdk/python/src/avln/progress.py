@@ -38,7 +38,7 @@ class Bar:
 
 def _tqdm(episodes: int) -> Any:
     try:
-        from tqdm import tqdm  # noqa: PLC0415, it need not be installed
+        from tqdm.auto import tqdm  # noqa: PLC0415, it need not be installed
     except ImportError:
         return None
     return tqdm(total=episodes or None, unit="episode")

@@ -38,9 +38,9 @@ def write(path: Path) -> None:
     Raises:
         Error: when there is another file of that name, or it cannot be written.
     """
-    if path.exists() and path.read_text() != AGENT:
-        raise Error(f"write an agent to {path}: that file is there already; name another with --out")
     try:
+        if path.exists() and path.read_bytes() != AGENT.encode():
+            raise Error(f"write an agent to {path}: that file is there already; name another with --out")
         path.write_text(AGENT)
     except OSError as error:
         raise Error(f"write an agent to {path}: {error.strerror}; name another place with --out") from None
