@@ -41,11 +41,11 @@ def test_depth_goes_from_0_to_1_between_its_ends() -> None:
     seen = avln.Observation(depth=depth)
     plain = sense("depth", seen)
     assert plain.shape == (1, 5, 1)
-    np.testing.assert_allclose(plain[0, :, 0], [0.0, 0.05, 0.1, 0.5, 0.7])
+    np.testing.assert_allclose(plain[0, :, 0], [1.0, 0.05, 0.1, 0.5, 0.7])
     near = sense("depth", seen, min_depth_m=0.5, max_depth_m=5.0)
-    np.testing.assert_allclose(near[0, :, 0], [0.0, 0.0, 0.5 / 4.5, 1.0, 1.0], rtol=1e-6)
+    np.testing.assert_allclose(near[0, :, 0], [1.0, 0.0, 0.5 / 4.5, 1.0, 1.0], rtol=1e-6)
     metres = sense("depth", seen, min_depth_m=0.5, max_depth_m=5.0, normalize_depth=False)
-    np.testing.assert_allclose(metres[0, :, 0], [0.5, 0.5, 1.0, 5.0, 5.0])
+    np.testing.assert_allclose(metres[0, :, 0], [5.0, 0.5, 1.0, 5.0, 5.0])
 
 
 def test_gps_is_ahead_and_right_of_the_start() -> None:

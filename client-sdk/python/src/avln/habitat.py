@@ -71,7 +71,7 @@ class Senses:
     min_depth_m: float = 0.0
     """What becomes 0."""
     max_depth_m: float = 10.0
-    """What becomes 1."""
+    """What becomes 1, with all that is farther or out of the server's range."""
     normalize_depth: bool = True
     """Whether depth goes from 0 to 1, as Habitat's does unless told otherwise."""
     audio_samples: int = 0
@@ -110,7 +110,9 @@ def _rgb(view: _View) -> NDArray[np.uint8]:
 
 def _depth(view: _View) -> NDArray[np.float32]:
     senses = view.senses
-    metres = np.clip(_sensed(view.seen.depth, "depth"), senses.min_depth_m, senses.max_depth_m)
+    seen = _sensed(view.seen.depth, "depth")
+    in_range = np.where(seen > 0, seen, senses.max_depth_m)
+    metres = np.clip(in_range, senses.min_depth_m, senses.max_depth_m)
     if senses.normalize_depth:
         metres = (metres - senses.min_depth_m) / (senses.max_depth_m - senses.min_depth_m)
     depth: NDArray[np.float32] = metres[..., None].astype(np.float32, copy=False)
