@@ -44,7 +44,6 @@ fn measure(runtime: &Runtime, length: Duration) {
     let folder = tempfile::tempdir().expect("a folder");
     let tokens = runtime.block_on(tokens(folder.path()));
     let mut server = Server::start(env!("CARGO_BIN_EXE_avln_under_test"), folder.path());
-    runtime.block_on(server.answers());
     let players: Vec<_> = tokens.iter().map(|token| player(server.grpc, token, length)).collect();
     let resident = watch(&server, length);
     let told: Vec<_> = players.into_iter().map(outcome).collect();

@@ -2,15 +2,17 @@
 
 use std::{
     fs::File,
+    io::{BufRead, BufReader, Lines},
     net::SocketAddr,
     path::Path,
-    process::{Child, Command, Stdio},
-    time::Duration,
+    process::{Child, ChildStdout, Command, Stdio},
 };
 
 /// The program of this build, hosting a folder.
 pub struct Server {
     process: Child,
+    /// What it says after it has told its doors; open, because a program whose reader has gone ends.
+    _says: Lines<BufReader<ChildStdout>>,
     /// Where agents connect.
     pub grpc: SocketAddr,
     /// Where people look.
@@ -18,23 +20,26 @@ pub struct Server {
 }
 
 impl Server {
-    /// Starts `program` over `folder`, without waiting until it answers. Its log goes to `server.log` there.
+    /// Starts `program` over `folder` and waits until it has told its doors. Its log goes to `server.log` there.
     pub fn start(program: &str, folder: &Path) -> Self {
         Self::start_with(program, folder, &[])
     }
 
     /// The same with more options of `serve`.
     pub fn start_with(program: &str, folder: &Path, options: &[&str]) -> Self {
-        let free =
-            || std::net::TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a free port");
-        let (grpc, web) = (free(), free());
-        let log = folder.join("server.log");
-        let log = File::options().create(true).append(true).open(log).expect("a log of the server");
+        let path = folder.join("server.log");
+        let log = File::options().create(true).append(true).open(&path).expect("a log of the server");
         let mut serve = Command::new(program);
         serve.arg("--data").arg(folder).args(["serve", "--admin", "off"]).args(options);
-        serve.args(["--grpc", &grpc.to_string(), "--web", &web.to_string()]);
-        let process = serve.stdout(Stdio::null()).stderr(log).spawn().expect("the program starts");
-        Self { process, grpc, web }
+        serve.args(["--grpc", "127.0.0.1:0", "--web", "127.0.0.1:0"]);
+        let mut process = serve.stdout(Stdio::piped()).stderr(log).spawn().expect("the program starts");
+        let mut says = BufReader::new(process.stdout.take().expect("its output")).lines();
+        let doors = door(&mut says, "agents").zip(door(&mut says, "leaderboard"));
+        let Some((grpc, web)) = doors else {
+            let log = std::fs::read_to_string(path).unwrap_or_default();
+            panic!("the server ended before it told its doors ({:?}); its log:\n{log}", process.wait());
+        };
+        Self { process, _says: says, grpc, web }
     }
 
     /// Number of its process.
@@ -52,17 +57,6 @@ impl Server {
         self.process.kill().expect("it runs");
         self.process.wait().expect("it is gone");
     }
-
-    /// Waits until it answers.
-    pub async fn answers(&self) {
-        for _ in 0..600 {
-            if tokio::net::TcpStream::connect(self.grpc).await.is_ok() {
-                return;
-            }
-            tokio::time::sleep(Duration::from_millis(50)).await;
-        }
-        panic!("the server does not answer within 30 s");
-    }
 }
 
 impl Drop for Server {
@@ -70,4 +64,10 @@ impl Drop for Server {
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
+}
+
+/// The address that it says beside `name`.
+fn door(says: &mut Lines<BufReader<ChildStdout>>, name: &str) -> Option<SocketAddr> {
+    let line = says.map_while(Result::ok).find(|line| line.starts_with(name))?;
+    line.rsplit('/').next().and_then(|address| address.parse().ok())
 }

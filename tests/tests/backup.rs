@@ -127,7 +127,6 @@ async fn a_server_that_is_played_on_goes_on_elsewhere() {
         (place.path().join("old"), place.path().join("new"), place.path().join("backup.tar"));
     let token = furnish(&old, &Plan { houses: 1, missions: 8, ..Plan::default() }).await;
     let server = Server::start(PROGRAM, &old);
-    server.answers().await;
     let wire = Scissors::open(server.grpc).await;
     let over = stroll(&wire.url(), &token, "over before").await;
     let calm = play_run(wire.url(), token.clone(), "calm", &CALM).await;
@@ -161,7 +160,6 @@ async fn a_server_that_is_played_on_goes_on_elsewhere() {
         done(&new, &["verify", &log.display().to_string()]);
     }
     let server = Server::start(PROGRAM, &new);
-    server.answers().await;
     assert_eq!(board(server.web).await, before);
     wire.lead_to(server.grpc);
     wire.snip();

@@ -331,7 +331,6 @@ async fn server_a_preparation_that_hangs_costs_its_episode() {
     std::fs::remove_file(&missions).expect("a file of missions");
     assert!(Command::new("mkfifo").arg(&missions).status().expect("mkfifo").success());
     let server = Server::start_with(PROGRAM, folder.path(), &["--preparation-limit", "1"]);
-    server.answers().await;
     let (run, mut play) = begin(&format!("http://{}", server.grpc), &token).await;
     let refused = timeout(Duration::from_secs(30), play.next_episode()).await.expect("an answer in time");
     assert!(refused.is_err(), "the episode cannot be had");
@@ -363,7 +362,6 @@ fn find(folder: &Path, part: &str) -> std::path::PathBuf {
 async fn server_that_dies_costs_nothing() {
     let (folder, token) = furnished(|phase| phase.time.run_s = 3600).await;
     let server = Server::start(PROGRAM, folder.path());
-    server.answers().await;
     let wire = Scissors::open(server.grpc).await;
     let (run, mut play) = begin(&wire.url(), &token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
@@ -372,7 +370,6 @@ async fn server_that_dies_costs_nothing() {
     wire.snip();
     sleep(Duration::from_secs(2)).await;
     let server = Server::start(PROGRAM, folder.path());
-    server.answers().await;
     wire.lead_to(server.grpc);
     episode.step(Action::Stop).await.expect("on another server");
     play_on(play).await.expect("to the end");
@@ -416,7 +413,6 @@ async fn disk_full_under_the_database_is_played_again_for_nothing() {
     let logs = tempfile::tempdir().expect("a folder");
     std::os::unix::fs::symlink(logs.path(), small.path().join("runs")).expect("a link");
     let server = Server::start(PROGRAM, small.path());
-    server.answers().await;
     let (run, mut play) = begin(&format!("http://{}", server.grpc), &token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
     disk.fill();

@@ -133,7 +133,6 @@ async fn fifty_deaths_of_the_server_change_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let token = furnish(folder.path(), &Plan { houses: 1, missions: 20, ..Plan::default() }).await;
     let mut server = Server::start(PROGRAM, folder.path());
-    server.answers().await;
     let wire = Scissors::open(server.grpc).await;
     let calm = play_run(wire.url(), token.clone(), 16, &STEPS_TAKEN).await;
     let steps = STEPS_TAKEN.swap(0, Ordering::Relaxed);
@@ -149,7 +148,6 @@ async fn fifty_deaths_of_the_server_change_nothing() {
         server.kill();
         wire.snip();
         server = Server::start(PROGRAM, folder.path());
-        server.answers().await;
         wire.lead_to(server.grpc);
         deaths += 1;
     }

@@ -45,7 +45,6 @@ async fn it_takes_stairs() {
     let told = avln(folder, &["team", "add", "ada"]);
     let token = told.split_whitespace().find(|word| word.starts_with("avln_")).expect("a token");
     let server = Server::start(PROGRAM, &folder.join("data"));
-    server.answers().await;
     let url = format!("http://{}", server.grpc);
     let agent = ["agent", "pag-nav", "--server", &url, "--token", token, "--phase", "stairs"];
     avln(folder, &[&agent[..], &["--weights", "weights.toml", "--trace", "traces"]].concat());

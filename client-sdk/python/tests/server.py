@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import random
 import re
 import socket
 import subprocess
@@ -24,9 +26,12 @@ def program() -> Path | None:
 
 
 def free_port() -> int:
-    with socket.socket() as door:
-        door.bind(("127.0.0.1", 0))
-        return int(door.getsockname()[1])
+    """A free port below those that systems give to connections, so that none takes it before the server does."""
+    for port in random.sample(range(10_000, 32_000), 100):
+        with contextlib.suppress(OSError), socket.socket() as door:
+            door.bind(("127.0.0.1", port))
+            return port
+    raise AssertionError("none of 100 ports is free")
 
 
 class Server:
@@ -73,7 +78,8 @@ class Server:
                 time.sleep(0.05)
             else:
                 return
-        raise AssertionError("the server does not answer within 30 s")
+        log_text = (self.folder / "server.log").read_text(errors="replace")
+        raise AssertionError(f"the server does not answer within 30 s ({self._process.poll()}); its log:\n{log_text}")
 
     def kill(self) -> None:
         """Ends it as a crash would: SIGKILL, without a word."""

@@ -41,8 +41,7 @@ impl DataFolder {
             .hinted("choose a folder of your own with --data FOLDER, or give this one write permission")
         };
         private_folder(root).and_then(|()| private_folder(&root.join("splits"))).map_err(failed)?;
-        let probe = root.join(".writable");
-        std::fs::write(&probe, b"").and_then(|()| std::fs::remove_file(&probe)).map_err(failed)?;
+        probe(&root.join(".writable")).map_err(failed)?;
         let root = root.canonicalize().map_err(failed)?;
         Ok(Self { root })
     }
@@ -257,6 +256,15 @@ pub fn check_name(what: &str, name: &str) -> Result<(), Failure> {
         .hinted(format!("use 1 to {LONGEST} letters, digits, - and _")))
 }
 
+/// Writes a file and takes it away again, which another program that opens the folder just now may have done before.
+fn probe(file: &Path) -> io::Result<()> {
+    std::fs::write(file, b"")?;
+    match std::fs::remove_file(file) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        removed => removed,
+    }
+}
+
 /// Makes a folder, and those above it, where there is none: nobody else on the machine may look into it, for it holds ground
 /// truth.
 fn private_folder(folder: &Path) -> io::Result<()> {
@@ -264,4 +272,21 @@ fn private_folder(folder: &Path) -> io::Result<()> {
     #[cfg(unix)]
     std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
     builder.recursive(true).create(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_is_opened_by_many_at_once() {
+        let folder = tempfile::tempdir().expect("a folder");
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    (0..200).for_each(|_| drop(DataFolder::open(folder.path()).expect("it is ours")))
+                });
+            }
+        });
+    }
 }
