@@ -7,6 +7,8 @@ import operator
 import re
 import subprocess
 import sys
+import tarfile
+import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +46,29 @@ def test_messages_are_those_of_the_proto_files(name: str, tmp_path: Path) -> Non
             for field in message.field:
                 field.ClearField("json_name")
     assert told == kept, "run tools/generate.py"
+
+
+def test_wheel_and_source_hold_the_package_and_its_licences(tmp_path: Path) -> None:
+    for needed in ("build", "hatchling"):
+        pytest.importorskip(needed, reason=f"pip install {needed}")
+    # The source is built first and the wheel out of it.
+    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(tmp_path), str(PACKAGE)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=250)
+    assert done.returncode == 0, done.stdout + done.stderr
+    name = f"avln-{avln.__version__}"
+    with zipfile.ZipFile(tmp_path / f"{name}-py3-none-any.whl") as wheel:
+        wheeled = set(wheel.namelist())
+    with tarfile.open(tmp_path / f"{name}.tar.gz") as source:
+        sourced = set(source.getnames())
+    files = [path for path in (PACKAGE / "src" / "avln").rglob("*") if path.is_file() and path.suffix != ".pyc"]
+    modules = {path.relative_to(PACKAGE / "src").as_posix() for path in files}
+    assert {path for path in wheeled if path.startswith("avln/")} == modules
+    assert {f"{name}/src/{path}" for path in modules} <= sourced
+    licences = ("LICENSE-MIT", "LICENSE-APACHE")
+    assert {f"{name}.dist-info/licenses/{licence}" for licence in licences} <= wheeled
+    assert {f"{name}/{licence}" for licence in licences} <= sourced
+    for licence in licences:
+        assert (PACKAGE / licence).read_text() == (PACKAGE.parents[1] / licence).read_text()
 
 
 def fields_of(messages: Iterable[Any]) -> dict[str, set[str]]:
