@@ -42,3 +42,15 @@ pub fn text(path: impl AsRef<Path>) -> String {
 pub fn shown(path: &Path) -> String {
     path.strip_prefix(root()).unwrap_or(path).display().to_string()
 }
+
+/// Lines that people are to type in a document: those of its blocks of `console` behind a `$`.
+pub fn typed(document: &str) -> Vec<String> {
+    let blocks = document.split("```").skip(1).step_by(2);
+    let consoles = blocks.filter_map(|block| block.strip_prefix("console\n"));
+    let lines = consoles.map(|code| code.replace("\\\n", " "));
+    lines.flat_map(|code| code.lines().filter_map(in_console).collect::<Vec<_>>()).collect()
+}
+
+fn in_console(line: &str) -> Option<String> {
+    line.strip_prefix("$ ").map(str::to_owned)
+}

@@ -1,7 +1,7 @@
 //! What documents, images and unit files tell people to type is what the program understands.
 
 use avln_server::Cli;
-use avln_tests::repository::{files, root, shown, text};
+use avln_tests::repository::{files, root, shown, text, typed};
 use clap::{Parser, error::ErrorKind};
 use std::{fs, iter, mem};
 use yaml_rust2::{Yaml, YamlLoader};
@@ -66,22 +66,6 @@ fn refusal(arguments: &[String]) -> Option<String> {
     }
     let is_answer = matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion);
     (!is_answer).then(|| error.to_string())
-}
-
-/// Lines that people are to type in a document: those of its code blocks, in `console` behind a `$`.
-fn typed(document: &str) -> Vec<String> {
-    let mut lines = Vec::new();
-    for block in document.split("```").skip(1).step_by(2) {
-        let (language, code) = block.split_once('\n').unwrap_or((block, ""));
-        let code = code.replace("\\\n", " ");
-        let shell = |line: &str| match language.trim() {
-            "console" => line.strip_prefix("$ ").map(str::to_owned),
-            "sh" | "text" => Some(line.to_owned()),
-            _ => None,
-        };
-        lines.extend(code.lines().filter_map(shell));
-    }
-    lines
 }
 
 /// All lines of the repository in which the program may be called, with where they stand.

@@ -90,6 +90,7 @@ def test_the_doctor_finds_a_good_server_good_and_tells_what_is_wrong(program: Pr
     code, told = program("doctor", "--phase", PHASE, "--episodes", 1, "--steps", 5, "--size", 64)
     assert code == 0
     assert "5 steps, without a fault" in told
+    assert "ok       run time: at most" in told
     code, told = program("doctor", "--phase", CHALLENGE, "--json")
     checks = {check["name"]: check for check in json.loads(told)["checks"]}
     assert code == 0
@@ -98,6 +99,30 @@ def test_the_doctor_finds_a_good_server_good_and_tells_what_is_wrong(program: Pr
     code, told = program("doctor", "--phase", "no-such-phase", "--practice", PHASE, "--episodes", 1, "--steps", 2)
     assert code == 6
     assert "there is no phase 'no-such-phase'" in told
+
+
+def test_the_doctor_leaves_no_run_open_and_plays_more_than_one_episode(program: Program, door: Door) -> None:
+    code, told = program("doctor", "--phase", PHASE, "--episodes", 2, "--steps", 4, "--size", 64)
+    assert (code, "8 steps, without a fault" in told) == (0, True), told
+    with door.connect() as arena:
+        runs = [run for run in arena.runs(PHASE) if run.method == "avln-py doctor"]
+    assert runs
+    assert all(run.state == "cancelled" for run in runs), runs
+
+
+def test_the_doctor_does_not_play_the_only_episode(program: Program, door: Door) -> None:
+    door.server.command("split", "make", "single", "--houses", "1", "--missions", "1")
+    door.server.command("phase", "open", "single", "--split", "single")
+    code, told = program("doctor", "--phase", "single")
+    assert (code, "single has one episode, which a run would complete" in told) == (0, True), told
+
+
+def test_the_doctor_warns_of_a_token_that_ends_soon(program: Program, door: Door) -> None:
+    made = door.server.command("token", "new", "--team", "Python", "--expires", "2d")
+    token = next(word for word in made.split() if word.startswith("avln_"))
+    code, told = program("doctor", "--phase", CHALLENGE, "--token", token)
+    assert (code, "warning  token: of team 'Python'" in told) == (0, True), told
+    assert "hours; ask the organiser" in told
 
 
 def test_the_doctor_of_a_silent_server_is_an_exit_code(capsys: pytest.CaptureFixture[str]) -> None:

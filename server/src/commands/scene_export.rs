@@ -45,6 +45,7 @@ fn export_hm3d(scene: &Scene, out: &Path) -> Result<(), Failure> {
 fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     std::fs::write(path, bytes).map_err(|error| {
         Failure::new(FailureKind::Data, format!("cannot write {}: {error}", path.display()))
+            .hinted("name a file in a folder that exists and has room")
     })?;
     say!("{}: {} bytes", path.display(), bytes.len());
     Ok(())

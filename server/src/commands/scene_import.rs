@@ -54,6 +54,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     let bytes = glb::export(&scene);
     std::fs::write(&options.out, &bytes).map_err(|error| {
         Failure::new(FailureKind::Data, format!("cannot write {}: {error}", options.out.display()))
+            .hinted("name a file in a folder that exists and has room")
     })?;
     let cached = reopened(&scene, &bytes, options)?;
     let summary = Summary::of(&cached);

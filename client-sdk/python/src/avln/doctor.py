@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from avln.action import Action, Order
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 OK, WARNS, FAILS = "ok", "warning", "failure"
 _ASKED = 20
 _CLOCK_MAY_DIFFER_S = 2.0
+_DAY_S = 86_400
+_SOON_S = 7 * _DAY_S
 _COUNTING = ("day", "month", "total")
 
 
@@ -47,6 +49,24 @@ class Check:
         return f"{self.verdict:8} {self.name}: {self.found}{f'; {self.next}' if self.next else ''}"
 
 
+@dataclass(frozen=True)
+class Tries:
+    """What is tried."""
+
+    episodes: int
+    steps: int
+    sensors: Sensors
+
+
+@dataclass
+class Played:
+    """What was seen of it."""
+
+    max_steps: int
+    begins_s: list[float] = field(default_factory=list)
+    steps_s: list[float] = field(default_factory=list)
+
+
 def examine(
     server: str,
     token: str,
@@ -69,7 +89,7 @@ def examine(
         yield _token(arena)
         yield _phase(arena, phase)
         yield _quota(arena, phase)
-        yield from _practice(arena, practice, episodes, steps, sensors)
+        yield from _practice(arena, phase, practice, Tries(episodes, steps, sensors))
 
 
 def _server(arena: Arena, address: str) -> Iterator[Check]:
@@ -93,9 +113,13 @@ def _server(arena: Arena, address: str) -> Iterator[Check]:
 
 def _token(arena: Arena) -> Check:
     account = arena.whoami()
-    expires_s = account.expires_unix_s
-    until = "for ever" if expires_s == 0 else f"for {(expires_s - time.time()) / 86400:.1f} days"
-    return Check("token", OK, f"of team {account.team!r} ({account.scope}), {until}")
+    whose = f"of team {account.team!r} ({account.scope})"
+    if account.expires_unix_s == 0:
+        return Check("token", OK, f"{whose}, for ever")
+    left_s = account.expires_unix_s - time.time()
+    if left_s > _SOON_S:
+        return Check("token", OK, f"{whose}, for {left_s / _DAY_S:.0f} days")
+    return Check("token", WARNS, f"{whose}, for {left_s / 3600:.0f} hours", "ask the organiser for a new one in time")
 
 
 def _phase(arena: Arena, wanted: str) -> Check:
@@ -129,43 +153,78 @@ def _quotas(arena: Arena, phase: str) -> list[Any]:
         return []
 
 
-def _practice(arena: Arena, phase: str, episodes: int, steps: int, sensors: Sensors) -> Iterator[Check]:
-    if any(quota.limit is not None and quota.window in _COUNTING for quota in _quotas(arena, phase)):
+def _practice(arena: Arena, wanted: str, place: str, tries: Tries) -> Iterator[Check]:
+    if any(quota.limit is not None and quota.window in _COUNTING for quota in _quotas(arena, place)):
         advice = "name a phase that counts none with --practice"
-        yield Check("practice", WARNS, f"nothing was played: {phase} counts runs", advice)
+        yield Check("practice", WARNS, f"nothing was played: {place} counts runs", advice)
+        return
+    phases = {phase.id: phase for phase in arena.phases()}
+    if place in phases and phases[place].episodes < 2:
+        found = f"nothing was played: {place} has one episode, which a run would complete"
+        yield Check("practice", WARNS, found, "name another phase with --practice")
         return
     try:
-        run = arena.start_run(phase, "avln-py doctor", _order(arena, phase))
-        with arena.play(run, sensors) as play:
-            took_s = _played(play, episodes, steps)
+        played = _play(arena, place, _order(phases.get(place)), tries)
     except Error as error:
         yield Check("practice", FAILS, str(error))
         return
-    if not took_s:
-        yield Check("practice", WARNS, f"{phase} has no episode", "ask the organiser")
-        return
-    median_s = statistics.median(took_s)
-    yield Check("practice", OK, f"{len(took_s)} steps, without a fault")
-    yield Check(
-        "speed", OK, f"{len(took_s) / sum(took_s):.1f} steps/s in one slot; a step takes {1000 * median_s:.1f} ms"
-    )
+    yield from _told(played, phases.get(wanted))
 
 
-def _order(arena: Arena, phase: str) -> Order:
+def _order(phase: Phase | None) -> Order:
     """An order that the phase has."""
-    orders = [order for known in arena.phases() if known.id == phase for order in known.orders]
+    orders = phase.orders if phase else []
     return Order.UNORDERED if Order.UNORDERED in orders or not orders else orders[0]
 
 
-def _played(play: Play, episodes: int, steps: int) -> list[float]:
-    """Seconds of each step; the run is given up after so many episodes, so that it stands on no board."""
-    took_s: list[float] = []
+def _play(arena: Arena, phase: str, order: Order, tries: Tries) -> Played:
+    """Plays some episodes; the run is given up whatever happens, so that it is on no board and in no quota."""
+    run = arena.start_run(phase, "avln-py doctor", order)
+    try:
+        with arena.play(run, tries.sensors) as play:
+            return _played(play, tries)
+    finally:
+        arena.cancel_run(run.id)
+
+
+def _played(play: Play, tries: Tries) -> Played:
+    played = Played(play.task.max_steps)
+    # One is always left, so that the run is never complete.
+    few = min(tries.episodes, play.progress.total - 1)
+    before_s = time.monotonic()
     for episode in play:
-        while not episode.is_over and episode.observation.step < steps:
+        played.begins_s.append(time.monotonic() - before_s)
+        while not episode.is_over and episode.observation.step < tries.steps:
             action = Action.TURN_LEFT if episode.observation.step % 3 == 0 else Action.MOVE_FORWARD
             begun_s = time.monotonic()
             episode.act(action)
-            took_s.append(time.monotonic() - begun_s)
-        if episode.ordinal >= min(episodes, play.progress.total - 1):
+            played.steps_s.append(time.monotonic() - begun_s)
+        if len(played.begins_s) >= few:
             break
-    return took_s
+        if not episode.is_over:
+            episode.abandon()
+        before_s = time.monotonic()
+    return played
+
+
+def _told(played: Played, phase: Phase | None) -> Iterator[Check]:
+    if not played.steps_s:
+        yield Check("practice", WARNS, "nothing was played: there was no episode", "name another phase with --practice")
+        return
+    per_s = len(played.steps_s) / sum(played.steps_s)
+    step_ms = 1000 * statistics.median(played.steps_s)
+    yield Check("practice", OK, f"{len(played.steps_s)} steps, without a fault")
+    yield Check("speed", OK, f"{per_s:.1f} steps/s in one slot; a step takes {step_ms:.1f} ms")
+    if phase is None:
+        return
+    longest_s = phase.episodes * (statistics.median(played.begins_s) + played.max_steps / per_s)
+    slots = max(phase.max_slots, 1)
+    found = f"at most {_span(longest_s)} with one slot, {_span(longest_s / slots)} at best with {slots}"
+    yield Check("run time", OK, f"{found}; what the agent thinks comes on top")
+
+
+def _span(seconds: float) -> str:
+    """A length of time as people say it."""
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

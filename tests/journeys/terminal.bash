@@ -1,0 +1,53 @@
+# Stands in for the terminal of somebody who types what a document says, in a folder of his own.
+set -euo pipefail
+
+# Starts what stays up, in place of what was up before, and waits until it says so.
+host() {
+    if [ -n "${HOSTING:-}" ]; then
+        kill "$HOSTING" 2>/dev/null || true
+        wait "$HOSTING" || true
+    fi
+    "$AVLN_BIN" "$@" >host.txt 2>&1 &
+    HOSTING=$!
+    until grep -q '^Stop with' host.txt; do
+        kill -0 "$HOSTING" 2>/dev/null || { cat host.txt >&2; return 1; }
+        sleep 0.1
+    done
+}
+trap 'kill ${HOSTING:-} 2>/dev/null || true' EXIT
+
+avln() {
+    case " $* " in
+        " demo "* | *" serve "*) host "$@" ;;
+        " team add "*)
+            "$AVLN_BIN" "$@" | tee token.txt
+            TOKEN=$(grep -o 'avln_[A-Za-z0-9_]*' token.txt)
+            ;;
+        *" token new --organiser "*)
+            "$AVLN_BIN" "$@" | tee token.txt
+            ORGANISER=$(grep -o 'avln_[A-Za-z0-9_]*' token.txt)
+            ;;
+        " admin "*) "$AVLN_BIN" "$@" --server "http://$AVLN_ADMIN" ;;
+        *"agent random "*)
+            "$AVLN_BIN" "$@" | tee run.txt
+            RUN=$(grep -o 'run_[0-9a-f]*' run.txt | head -n 1)
+            ;;
+        *) "$AVLN_BIN" "$@" ;;
+    esac
+}
+
+# The bridge stays up until it is stopped; here, once it listens.
+avln-bridge() {
+    command avln-bridge "$@" >bridge.txt 2>&1 &
+    local bridge=$!
+    until grep -q 'tcp://' bridge.txt; do
+        kill -0 "$bridge" 2>/dev/null || { cat bridge.txt >&2; return 1; }
+        sleep 0.1
+    done
+    kill "$bridge"
+}
+
+# What the server signs logs with, as its status tells it.
+log_key() {
+    curl -fsS "http://$AVLN_WEB/api/v1/status" | grep -o '"log_key":"[^"]*"' | cut -d '"' -f 4
+}

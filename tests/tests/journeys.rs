@@ -1,0 +1,243 @@
+//! What documents tell people to type does what they say: it is typed, line by line, in a folder like theirs.
+
+use avln_tests::{
+    python,
+    repository::{files, root, shown, text, typed},
+};
+use std::{
+    env, fs,
+    net::TcpListener,
+    os::unix::fs::symlink,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    sync::atomic::{AtomicU16, Ordering},
+};
+
+/// Longest time that a journey may take, seconds.
+const LIMIT_S: &str = "900";
+
+/// Documents that are followed one after the other, in one folder and against one server.
+struct Journey {
+    documents: &'static [&'static str],
+    /// What is typed before.
+    before: &'static str,
+    /// What is typed in place of something: less of it, or what the document leaves to its reader.
+    instead: &'static [(&'static str, &'static str)],
+    /// Beginnings of lines that are not typed, and why.
+    not_typed: &'static [(&'static str, &'static str)],
+}
+
+const PARTICIPANT: Journey = Journey {
+    documents: &["README.md", "docs/QUICKSTART.md", "docs/python.md", "docs/FAQ.md", "docs/VERIFYING.md"],
+    before: "mkdir -p path/to && avln scene export --seed 7 path/to/house.glb
+avln split make few --houses 1 --missions 2 && avln phase open practice --split few",
+    instead: &[
+        ("cargo run --release -- demo --scene", "avln demo --missions 1 --scene"),
+        ("cargo run --release -- demo", "avln demo --houses 1 --missions 2"),
+        ("target/release/avln demo", "avln demo --houses 1 --missions 2"),
+        ("practice-3x4-seed1", "practice-1x2-seed1"),
+        ("--houses 10 --missions 20", "--houses 1 --missions 2"),
+        ("http://127.0.0.1:50051", "$AVLN_SERVER"),
+        ("tcp://127.0.0.1:5555", "tcp://127.0.0.1:*"),
+        ("https://arena.example:50051", "$AVLN_SERVER"),
+        ("https://arena.example:8443", "http://$AVLN_WEB"),
+        ("avln_account_…", "$TOKEN"),
+        ("AVLN_TOKEN=…", "AVLN_TOKEN=$TOKEN"),
+        ("--token TOKEN", "--token $TOKEN"),
+        ("/RUN/", "/$RUN/"),
+        ("RUN.log", "$RUN.log"),
+        ("--key KEY", "--key $(log_key)"),
+    ],
+    not_typed: &[
+        ("cargo test", "it is what runs this"),
+        ("cargo build", "the program of this build stands for it"),
+        ("docker", "there may be no engine"),
+        ("pip install", "what Python needs is there, or its lines are left out"),
+        ("cargo new", "the example is compiled with all tests"),
+        ("cargo add", "the example is compiled with all tests"),
+        ("cp ../lh-avln-arena", "the example is compiled with all tests"),
+        ("cargo run -r", "the example is compiled with all tests"),
+    ],
+};
+
+const ORGANISER: Journey = Journey {
+    documents: &["docs/ORGANISING.md", "docs/OPERATING.md"],
+    before: "mkdir scans && avln scene export --seed 7 scans/house.glb --semantics hm3d",
+    instead: &[
+        ("--houses 4 --missions 4", "--houses 2 --missions 2"),
+        ("scans/00800-TEEsavR23oF", "scans/house.glb"),
+        ("https://arena.example:50051", "$AVLN_SERVER"),
+        ("--token TOKEN", "--token $TOKEN"),
+        ("AVLN_TOKEN=…", "AVLN_TOKEN=$ORGANISER"),
+        ("/srv/avln", "avln-data"),
+        ("avln --data /srv/new serve", "AVLN_SEAL_KEY_FILE=seal.key avln --data new serve"),
+        ("/srv/new", "new"),
+        ("/backups/", ""),
+    ],
+    not_typed: &[
+        ("cd agents/ada", "tests of sealed runs do it"),
+        ("avln --data /srv/avln sealed", "tests of sealed runs do it"),
+        ("avln serve --grpc 0.0.0.0:50051", "tests of TLS do it"),
+    ],
+};
+
+const RESEARCHER: Journey = Journey {
+    documents: &["docs/DATASET.md", "docs/HABITAT.md", "docs/checking-sound.md"],
+    before: r#"echo '["MoveForward", "TurnLeft"]' > actions.json
+echo '[{"position": [1, 1.25, -2], "rotation": [0, 0.7071, 0, 0.7071]}]' > poses.json"#,
+    instead: &[
+        ("build paper", "build journeys/few.json"),
+        ("--houses 240 --views 60", "--houses 1 --views 2"),
+        ("--houses 11 --views 60", "--houses 1 --views 2"),
+        ("--episodes 2000", "--episodes 1"),
+        (" --head listener.sofa", ""),
+    ],
+    not_typed: &[
+        ("avln split export val --dataset imported", "tests of imports do it"),
+        ("avln dataset import auto", "tests of imports do it"),
+    ],
+};
+
+const JOURNEYS: [&Journey; 3] = [&PARTICIPANT, &ORGANISER, &RESEARCHER];
+
+/// Documents that nobody follows here, and why.
+const NOT_FOLLOWED: [(&str, &str); 6] = [
+    ("agents/eyes/training/README.md", "it takes hours of training"),
+    (
+        "client-sdk/python/README.md",
+        "its lines stand in docs/python.md, or are what tests of the package run",
+    ),
+    ("docs/deploying.md", "it takes root and an engine for containers"),
+    ("docs/models.md", "it takes models that people bring"),
+    ("docs/perception.md", "it takes the pictures of hundreds of houses"),
+    ("docs/performance.md", "it takes peers that are measured against"),
+];
+
+/// Programs with which documents are followed.
+const TOOLS: [&str; 3] = ["bash", "timeout", "curl"];
+
+/// Beginnings of lines that take the Python package.
+const PYTHON: [&str; 3] = ["avln-py", "avln-bridge", "python "];
+
+/// Addresses that are free, below the ports that systems give to connections.
+fn free_addresses() -> [String; 3] {
+    static NEXT: AtomicU16 = AtomicU16::new(20_000);
+    [(); 3].map(|()| {
+        loop {
+            let address = format!("127.0.0.1:{}", NEXT.fetch_add(1, Ordering::Relaxed));
+            if TcpListener::bind(&address).is_ok() {
+                break address;
+            }
+        }
+    })
+}
+
+fn is_there(program: &str) -> bool {
+    let mut version = Command::new(program);
+    version.arg("--version").stdout(Stdio::null()).status().is_ok_and(|status| status.success())
+}
+
+fn needs_python(line: &str) -> bool {
+    PYTHON.iter().any(|start| line.starts_with(start))
+}
+
+impl Journey {
+    /// All lines that are typed, each behind one that shows it.
+    fn script(&self) -> String {
+        let lines: Vec<_> = self.documents.iter().flat_map(|document| typed(&text(document))).collect();
+        let stale = |beginning: &str| !lines.iter().any(|line| line.starts_with(beginning));
+        let replaced = |what: &str| lines.iter().any(|line| line.contains(what));
+        assert!(self.instead.iter().all(|(what, _)| replaced(what)), "all that is replaced is written");
+        let has_python = !lines.iter().any(|line| needs_python(line))
+            || python::command(
+                "lines of Python",
+                &["avln", "zmq", "msgpack"],
+                "pip install \"./client-sdk/python[bridge]\"",
+            )
+            .is_some();
+        let is_left_out = |line: &String| {
+            self.not_typed.iter().any(|(start, _)| line.starts_with(start))
+                || (needs_python(line) && !has_python)
+        };
+        for (beginning, why) in self.not_typed {
+            assert!(!stale(beginning), "no line begins with {beginning:?}, left out because {why}");
+        }
+        let typed = lines.iter().filter(|line| !is_left_out(line)).map(|line| {
+            let line = self.instead.iter().fold(line.clone(), |line, (from, to)| line.replace(from, to));
+            format!("cat <<'LINE'\n$ {line}\nLINE\n{line}\n")
+        });
+        let terminal = root().join("tests/journeys/terminal.bash");
+        format!("source '{}'\n{}\n{}", terminal.display(), self.before, typed.collect::<String>())
+    }
+
+    /// Makes it; fails with all that was said where a command fails.
+    fn make(&self) {
+        if let Some(missing) = TOOLS.iter().find(|tool| !is_there(tool)) {
+            eprintln!(
+                "skipped: {:?}, for there is no {missing}; install bash, coreutils and curl",
+                self.documents
+            );
+            return;
+        }
+        let folder = tempfile::tempdir().expect("a folder");
+        for part in ["client-sdk", "docs", "tests/journeys"] {
+            let name = Path::new(part).file_name().expect("a name");
+            symlink(root().join(part), folder.path().join(name)).expect("a link");
+        }
+        let script = folder.path().join("journey.bash");
+        fs::write(&script, self.script()).expect("a script");
+        let said = folder.path().join("said.txt");
+        let output =
+            || Stdio::from(fs::File::options().create(true).append(true).open(&said).expect("a file"));
+        let mut terminal = Command::new("timeout");
+        terminal.args([LIMIT_S, "bash"]).arg(&script).current_dir(folder.path());
+        surround(&mut terminal);
+        let status = terminal.stdout(output()).stderr(output()).status().expect("bash runs");
+        let said = fs::read_to_string(&said).expect("what was said");
+        assert!(status.success(), "{:?}: {status}\n{said}", self.documents);
+        println!("{said}");
+    }
+}
+
+/// Sets what the program reads from its surroundings: the ports of this journey, and none of whoever runs the tests.
+fn surround(terminal: &mut Command) {
+    let [grpc, web, admin] = free_addresses();
+    for name in ["AVLN_TOKEN", "AVLN_CA", "AVLN_DATA", "AVLN_SEAL_KEY", "AVLN_SEAL_KEY_FILE"] {
+        terminal.env_remove(name);
+    }
+    terminal.env("AVLN_BIN", env!("CARGO_BIN_EXE_avln_under_test"));
+    terminal.env("AVLN_SERVER", format!("http://{grpc}"));
+    terminal.env("AVLN_GRPC", grpc).env("AVLN_WEB", web).env("AVLN_ADMIN", admin);
+    if let Some(python) = env::var_os("AVLN_PYTHON") {
+        let beside = Path::new(&python).parent().expect("a folder").to_owned();
+        let path = env::var_os("PATH").unwrap_or_default();
+        let paths = std::iter::once(beside).chain(env::split_paths(&path));
+        terminal.env("PATH", env::join_paths(paths).expect("a path"));
+    }
+}
+
+#[test]
+fn each_document_with_commands_is_followed_or_named() {
+    let with_commands = |page: &PathBuf| !typed(&fs::read_to_string(page).expect("a text")).is_empty();
+    let pages: Vec<_> =
+        files(&root(), ".md").into_iter().filter(with_commands).map(|page| shown(&page)).collect();
+    let followed = JOURNEYS.iter().flat_map(|journey| journey.documents).copied();
+    let mut known: Vec<_> = followed.chain(NOT_FOLLOWED.map(|(page, _)| page)).collect();
+    known.sort_unstable();
+    assert_eq!(pages, known);
+}
+
+#[test]
+fn participants_get_a_score() {
+    PARTICIPANT.make();
+}
+
+#[test]
+fn organisers_hold_a_challenge() {
+    ORGANISER.make();
+}
+
+#[test]
+fn researchers_get_data() {
+    RESEARCHER.make();
+}
