@@ -73,6 +73,7 @@ const ORGANISER: Journey = Journey {
         ("avln --data /srv/new serve", "AVLN_SEAL_KEY_FILE=seal.key avln --data new serve"),
         ("/srv/new", "new"),
         ("/backups/", ""),
+        ("--key KEY", "--key $(log_key)"),
     ],
     not_typed: &[
         ("cd agents/ada", "tests of sealed runs do it"),

@@ -2,10 +2,10 @@
 
 use ring::signature::{ED25519, Ed25519KeyPair, KeyPair, UnparsedPublicKey};
 use std::{
-    fs::OpenOptions,
     io::{self, Write},
     path::Path,
 };
+use tempfile::NamedTempFile;
 
 /// Bytes of the secret from which the key is made.
 const SEED_BYTES: usize = 32;
@@ -26,17 +26,20 @@ impl SigningKey {
         }
     }
 
+    /// Makes a key, whole or not at all. Where another program makes one at the same time, the first counts.
     fn make(path: &Path) -> io::Result<Self> {
         let mut seed = [0; SEED_BYTES];
         getrandom::fill(&mut seed).map_err(io::Error::other)?;
-        let mut options = OpenOptions::new();
-        options.write(true).create_new(true);
-        #[cfg(unix)]
-        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-        let mut file = options.open(path)?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        // Such a file is readable by its owner alone.
+        let mut file = NamedTempFile::new_in(folder)?;
         file.write_all(&seed)?;
-        file.sync_all()?;
-        Self::from_seed(&seed)
+        file.as_file().sync_all()?;
+        match file.persist_noclobber(path) {
+            Ok(_) => Self::from_seed(&seed),
+            Err(refused) if refused.error.kind() == io::ErrorKind::AlreadyExists => Self::at(path),
+            Err(refused) => Err(refused.error),
+        }
     }
 
     fn from_seed(seed: &[u8]) -> io::Result<Self> {
@@ -94,6 +97,20 @@ mod tests {
         assert!(!is_signed("é", "abc", "x"));
         std::fs::write(&path, b"short").unwrap();
         assert!(SigningKey::at(&path).unwrap_err().to_string().contains("32 bytes"));
+    }
+
+    #[test]
+    fn programs_that_make_it_at_the_same_time_have_the_same() {
+        for _ in 0..50 {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("signing.key");
+            let key = || SigningKey::at(&path).unwrap().public();
+            let keys = std::thread::scope(|scope| {
+                let made = [(); 4].map(|()| scope.spawn(key));
+                made.map(|made| made.join().unwrap())
+            });
+            assert!(keys.iter().all(|key| *key == keys[0]), "{keys:?}");
+        }
     }
 
     #[cfg(unix)]

@@ -1,5 +1,8 @@
 //! The board as files: what everybody sees, for after the server.
 
+mod check;
+mod folder;
+
 use crate::say::say;
 use crate::{
     Failure, FailureKind,
@@ -9,19 +12,19 @@ use crate::{
 use avln_client::RunSummary;
 use avln_episode::Order;
 use avln_web::{FreezeError, freeze};
+use check::{Check, check};
 use clap::{Args, Subcommand};
-use sha2::{Digest, Sha256};
-use std::{
-    fmt::Write as _,
-    fs, io,
-    path::{Path, PathBuf},
-};
+use folder::{Folder, SUMS, cannot_write};
+use std::path::{Path, PathBuf};
 
 /// Commands about the board.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Write a copy of what everybody sees of a phase, or of all of them: boards, runs, public replays, tables, and SHA256SUMS
+    /// Write a copy of what everybody sees of a phase, or of all of them: boards, runs, public replays, tables, and SHA256SUMS with
+    /// the server's signature
     Freeze(Freeze),
+    /// Check that a copy is whole, holds nothing else, and was signed by the server
+    Check(Check),
     /// Let the oracle play a phase, so that its boards show what can be reached; no server may use the data folder meanwhile
     Oracle {
         /// Id of the phase
@@ -41,9 +44,6 @@ pub struct Freeze {
     pub phase: Option<String>,
 }
 
-/// The list of all other files and their digests.
-const SUMS: &str = "SHA256SUMS";
-
 /// Carries out a command about the board.
 ///
 /// # Errors
@@ -51,6 +51,7 @@ const SUMS: &str = "SHA256SUMS";
 pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
     match command {
         Command::Freeze(options) => copy(data, options).await,
+        Command::Check(options) => check(&options),
         Command::Oracle { phase } => {
             let tell = &mut |order, summary: &RunSummary| say!("{}", told(order, summary));
             play_oracle(&DataFolder::open(data)?, &phase, tell).await
@@ -71,16 +72,19 @@ fn told(order: Order, summary: &RunSummary) -> String {
 }
 
 async fn copy(data: &Path, options: Freeze) -> Result<(), Failure> {
-    let store = DataFolder::open(data)?.store().await?;
+    let data = DataFolder::open(data)?;
+    let (store, key) = (data.store().await?, data.signing_key()?);
     let mut copy = Folder::begin(&options.out)?;
     let reader = store.reader();
     let keep = &mut |name: &str, bytes: &[u8]| copy.keep(name, bytes);
     let files = freeze(&reader, options.phase.as_deref(), now_unix_ms(), keep).await.map_err(failure)?;
-    copy.end().map_err(|error| cannot_write(&options.out, &error))?;
+    copy.end(&key).map_err(|error| cannot_write(&options.out, &error))?;
     store.close().await;
     say!("{files} files in {}", options.out.display());
     say!("look at      {}", options.out.join("index.html").display());
-    say!("check with   cd {} && sha256sum --check --quiet {SUMS}", options.out.display());
+    say!("signed by    {}", key.public());
+    say!("check with   avln board check {} --key {}", options.out.display(), key.public());
+    say!("or           cd {} && sha256sum --check --quiet {SUMS}", options.out.display());
     Ok(())
 }
 
@@ -97,54 +101,4 @@ fn failure(error: FreezeError) -> Failure {
         FreezeError::File { .. } => failure.hinted("make room, or choose another folder with --out"),
         _ => failure,
     }
-}
-
-fn cannot_write(folder: &Path, error: &io::Error) -> Failure {
-    Failure::new(FailureKind::Data, format!("cannot write to {}: {error}", folder.display()))
-        .hinted("choose a folder of your own with --out")
-}
-
-/// Files that are written and counted.
-struct Folder {
-    folder: PathBuf,
-    sums: Vec<(String, String)>,
-}
-
-impl Folder {
-    /// A copy in `folder`, which must be empty.
-    fn begin(folder: &Path) -> Result<Self, Failure> {
-        let failed = |error| cannot_write(folder, &error);
-        fs::create_dir_all(folder).map_err(failed)?;
-        if fs::read_dir(folder).map_err(failed)?.next().is_some() {
-            let message = format!("folder {} is not empty", folder.display());
-            return Err(Failure::new(FailureKind::Data, message).hinted("choose an empty one with --out"));
-        }
-        Ok(Self { folder: folder.to_owned(), sums: vec![] })
-    }
-
-    fn keep(&mut self, name: &str, bytes: &[u8]) -> io::Result<()> {
-        let path = self.folder.join(name);
-        if let Some(parent) = path.parent() {
-            fs::create_dir_all(parent)?;
-        }
-        self.sums.push((name.to_owned(), hexadecimal(&Sha256::digest(bytes))));
-        fs::write(path, bytes)
-    }
-
-    /// Writes the list of digests.
-    fn end(mut self) -> io::Result<()> {
-        self.sums.sort();
-        let mut list = String::new();
-        for (name, digest) in &self.sums {
-            let _ = writeln!(list, "{digest}  {name}");
-        }
-        fs::write(self.folder.join(SUMS), list)
-    }
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
 }
