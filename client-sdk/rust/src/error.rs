@@ -117,7 +117,12 @@ impl Error {
         let word = metadata(status, REASON_KEY);
         let reason = word.and_then(Reason::from_word).unwrap_or(Reason::Unspecified);
         let retry_after_s = metadata(status, RETRY_AFTER_KEY).and_then(|text| text.parse().ok());
-        let lost = matches!(status.code(), Code::Unavailable | Code::Cancelled | Code::Unknown);
+        let lost = matches!(
+            status.code(),
+            Code::Unavailable | Code::Cancelled | Code::Unknown | Code::DeadlineExceeded
+        );
+        // What has a source was found here and not said by the server, such as a stream that a proxy reset.
+        let lost = lost || status.source().is_some();
         if reason == Reason::Unspecified && lost {
             return Self::Lost { attempted, detail: chain(status) };
         }
@@ -246,6 +251,14 @@ mod tests {
         let draining = Error::from_status("play", &status(Code::Unavailable, "DRAINING", Some("60")));
         assert_eq!(draining.reason(), Some(Reason::Draining));
         assert!(matches!(Error::from_status("play", &Status::unavailable("gone")), Error::Lost { .. }));
+    }
+
+    #[test]
+    fn a_stream_that_a_proxy_reset_is_lost_and_a_fault_of_the_server_is_not() {
+        let mut reset = Status::internal("h2 protocol error");
+        assert!(matches!(Error::from_status("play", &reset), Error::Refused { .. }));
+        reset.set_source(std::sync::Arc::new(std::io::Error::other("stream error: INTERNAL_ERROR")));
+        assert!(matches!(Error::from_status("play", &reset), Error::Lost { .. }));
     }
 
     #[test]
