@@ -55,5 +55,10 @@ async fn what_is_done_to_a_copy_is_found() {
     let forged = list.replacen(&list[..8], "01234567", 1);
     assert!(found(&copy, &key, "SHA256SUMS", Some(&forged)).contains("does not fit SHA256SUMS"));
     assert!(found(&copy, &key, "SHA256SUMS.sig", Some(&key)).contains("does not fit SHA256SUMS"));
+    let link = copy.join("link");
+    std::os::unix::fs::symlink("/", &link).expect("a link");
+    let (content, told) = check(&["--key", &key]);
+    assert!(!content && told.contains("link is not in SHA256SUMS"), "{told}");
+    fs::remove_file(link).expect("a link");
     assert!(check(&["--key", &key]).0, "all is as it was");
 }

@@ -142,27 +142,26 @@ fn needs_python(line: &str) -> bool {
     PYTHON.iter().any(|start| line.starts_with(start))
 }
 
+fn has_python() -> bool {
+    let modules = ["avln", "zmq", "msgpack"];
+    python::command("lines of Python", &modules, "pip install \"./client-sdk/python[bridge]\"").is_some()
+}
+
 impl Journey {
     /// All lines that are typed, each behind one that shows it.
     fn script(&self) -> String {
         let lines: Vec<_> = self.documents.iter().flat_map(|document| typed(&text(document))).collect();
-        let stale = |beginning: &str| !lines.iter().any(|line| line.starts_with(beginning));
-        let replaced = |what: &str| lines.iter().any(|line| line.contains(what));
-        assert!(self.instead.iter().all(|(what, _)| replaced(what)), "all that is replaced is written");
-        let has_python = !lines.iter().any(|line| needs_python(line))
-            || python::command(
-                "lines of Python",
-                &["avln", "zmq", "msgpack"],
-                "pip install \"./client-sdk/python[bridge]\"",
-            )
-            .is_some();
+        for (what, _) in self.instead {
+            assert!(lines.iter().any(|line| line.contains(what)), "{what:?} is replaced and stands nowhere");
+        }
+        for (start, why) in self.not_typed {
+            assert!(lines.iter().any(|line| line.starts_with(start)), "nothing begins with {start:?}: {why}");
+        }
+        let leaves_python_out = lines.iter().any(|line| needs_python(line)) && !has_python();
         let is_left_out = |line: &String| {
             self.not_typed.iter().any(|(start, _)| line.starts_with(start))
-                || (needs_python(line) && !has_python)
+                || (leaves_python_out && needs_python(line))
         };
-        for (beginning, why) in self.not_typed {
-            assert!(!stale(beginning), "no line begins with {beginning:?}, left out because {why}");
-        }
         let typed = lines.iter().filter(|line| !is_left_out(line)).map(|line| {
             let line = self.instead.iter().fold(line.clone(), |line, (from, to)| line.replace(from, to));
             format!("cat <<'LINE'\n$ {line}\nLINE\n{line}\n")

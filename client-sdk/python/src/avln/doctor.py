@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from avln.action import Action, Order
-from avln.arena import Arena, connect
+from avln.arena import Arena, connect, undone_on_error
 from avln.errors import Error
 from avln.version import API_MINOR, VERSION
 
@@ -180,11 +180,10 @@ def _order(phase: Phase | None) -> Order:
 def _play(arena: Arena, phase: str, order: Order, tries: Tries) -> Played:
     """Plays some episodes; the run is given up whatever happens, so that it is on no board and in no quota."""
     run = arena.start_run(phase, "avln-py doctor", order)
-    try:
-        with arena.play(run, tries.sensors) as play:
-            return _played(play, tries)
-    finally:
-        arena.cancel_run(run.id)
+    with undone_on_error(arena, run, is_own=True), arena.play(run, tries.sensors) as play:
+        played = _played(play, tries)
+    arena.cancel_run(run.id)
+    return played
 
 
 def _played(play: Play, tries: Tries) -> Played:

@@ -69,13 +69,14 @@ fn check_files(folder: &Path, list: &str) -> Result<BTreeSet<String>, Failure> {
     Ok(names)
 }
 
-/// Names of all files below `folder`, parts separated by slashes.
+/// Names of all files below `folder`, parts separated by slashes. A link is a file, wherever it leads.
 fn files(folder: &Path) -> io::Result<BTreeSet<String>> {
     let (mut found, mut open) = (BTreeSet::new(), vec![folder.to_owned()]);
     while let Some(next) = open.pop() {
         for entry in fs::read_dir(next)? {
-            let path = entry?.path();
-            if path.is_dir() {
+            let entry = entry?;
+            let path = entry.path();
+            if entry.file_type()?.is_dir() {
                 open.push(path);
             } else {
                 let parts = path.strip_prefix(folder).unwrap_or(&path).iter();
