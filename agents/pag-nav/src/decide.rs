@@ -162,13 +162,12 @@ impl PagNav {
 
     /// A step towards a viewpoint of a candidate, or the turn that faces it.
     fn approach(&mut self, candidate: &Candidate, is_near: bool, stand: &Stand) -> Action {
-        const REACH_M: f32 = 0.5;
         let facing = self.face(stand, candidate.place);
         if is_near && let Some(turn) = facing {
             return turn;
         }
-        let way = self.course.way(&self.map, stand.place, candidate.place, REACH_M);
-        self.motion.along(&way, stand, &self.map).or(facing).unwrap_or(Action::TurnLeft)
+        let is_seen = self.map.hears(stand.place, candidate.place);
+        self.go_to(candidate.place, is_seen, stand).or(facing).unwrap_or(Action::TurnLeft)
     }
 
     /// The turn that brings a place into view; `None` when it is.

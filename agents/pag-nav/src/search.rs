@@ -20,22 +20,28 @@ impl PagNav {
     pub(crate) fn search(&mut self, stand: &Stand) -> Action {
         let Some((source, estimate)) = self.choose(stand) else { return Action::TurnLeft };
         self.head_for(source);
-        let way = self.course.way(&self.map, stand.place, estimate.place, REACH_M);
-        let step = self.motion.along(&way, stand, &self.map);
-        let is_seen_from = |place: Place| self.map.hears(place, estimate.place);
         let is_there = estimate.certainty >= self.weights.certain
             && estimate.place.distance_m(stand.place) <= self.weights.arrived_m
-            && is_seen_from(stand.place);
-        let leads_there =
-            way.left_m <= self.weights.lost_m && way.places.last().is_none_or(|end| is_seen_from(*end));
-        let onward = if is_there {
+            && self.map.hears(stand.place, estimate.place);
+        if is_there {
             self.suppose(source, estimate.place);
-            step.or(self.face(stand, estimate.place))
-        } else {
-            let straight = step.filter(|_| leads_there);
-            straight.or_else(|| self.explore(estimate.place, stand)).or(step)
-        };
+        }
+        let onward = self.go_to(estimate.place, is_there, stand);
+        let onward = onward.or_else(|| self.face(stand, estimate.place).filter(|_| is_there));
         onward.unwrap_or(Action::TurnLeft)
+    }
+
+    /// A step towards a place: straight there where a way leads to where it can be seen, else by way of the best frontier.
+    /// `None` where it has come as near as it can.
+    pub(crate) fn go_to(&mut self, place: Place, is_seen: bool, stand: &Stand) -> Option<Action> {
+        let way = self.course.way(&self.map, stand.place, place, REACH_M);
+        let step = self.motion.along(&way, stand, &self.map);
+        let end = way.places.last().copied().unwrap_or(stand.place);
+        let leads_there = way.left_m <= self.weights.lost_m && self.map.hears(end, place);
+        if is_seen || (leads_there && step.is_some()) {
+            return step;
+        }
+        self.explore(place, stand).or(step)
     }
 
     /// Where a source was looked at in vain, since pictures show nothing there that could be it, something is supposed.

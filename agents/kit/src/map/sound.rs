@@ -80,10 +80,9 @@ impl SoundField {
         self.rays.get(index).copied().flatten()
     }
 
-    /// Whether a ray comes straight from its source.
+    /// Whether a ray comes straight from its source, not around a corner.
     pub fn is_straight(&self, index: usize) -> bool {
-        let straight_m = center(index).distance_m(self.listener);
-        self.ray(index).is_some_and(|ray| ray.length_m < straight_m + 0.1)
+        self.ray(index).is_some_and(|ray| ray.from == center(index))
     }
 }
 

@@ -7,15 +7,18 @@ use crate::perception::{Heard, Place, Stand, sloped_itd_s};
 const ITD_SIGMA_S: f32 = 45e-6;
 const ITD_SIGMA_PER_M_S: f32 = 8e-6;
 /// Mean and spread of the logarithm of the expected level by the one that is heard: straight ways, and ways around corners,
-/// which take level away.
+/// which take level away, however short the detour is.
 const STRAIGHT: [f32; 2] = [0.0, 0.45];
-const BENT: [f32; 2] = [0.7, 0.8];
+const BENT: [f32; 2] = [1.2, 0.9];
 /// What speaks against furniture hiding a source to which no wall bars the way.
 const HIDDEN: f32 = -2.5;
-/// Worst that one sound can say against a place, in units of log-likelihood.
-const WORST: f32 = -4.0;
+/// Worst that the delay of one sound can say against a place in sight and against one around a corner, and its level against
+/// either, in units of log-likelihood.
+const WORST_STRAIGHT: f32 = -6.0;
+const WORST_BENT: f32 = -4.0;
+const WORST_LEVEL: f32 = -4.0;
 /// Weight of one sound: sounds of neighbouring steps err alike.
-const WEIGHT: f32 = 0.5;
+const WEIGHT: f32 = 0.25;
 /// What is kept of older evidence at each sound: it was judged by an older map.
 const KEPT: f32 = 0.97;
 /// Range up to which a sound has its full weight, metres: what comes from farther has been around corners.
@@ -59,17 +62,17 @@ impl SourceBelief {
         let clear = (CLEAR_M / range_m(heard.level)).min(1.0);
         let (kept, weight) = (KEPT.powf(clear), WEIGHT * clear);
         for (index, score) in self.scores.iter_mut().enumerate() {
-            let said = field.ray(index).map_or(2.0 * WORST, |ray| {
+            let said = field.ray(index).map_or(WORST_BENT + WORST_LEVEL, |ray| {
                 let sigma_s = ITD_SIGMA_S + ITD_SIGMA_PER_M_S * ray.length_m;
                 let delay_s = sloped_itd_s(stand.bearing_rad(ray.from), ray.length_m);
                 let late = (delay_s - heard.itd_s) / sigma_s;
                 let loss = (expected_level(ray.length_m.max(0.2)) / heard.level.max(1e-6)).ln();
-                let level = if field.is_straight(index) {
-                    bell(loss, STRAIGHT).max(bell(loss, BENT) + HIDDEN)
+                let (level, worst) = if field.is_straight(index) {
+                    (bell(loss, STRAIGHT).max(bell(loss, BENT) + HIDDEN), WORST_STRAIGHT)
                 } else {
-                    bell(loss, BENT)
+                    (bell(loss, BENT), WORST_BENT)
                 };
-                (-0.5 * late * late).max(WORST) + level.max(WORST)
+                (-0.5 * late * late).max(worst) + level.max(WORST_LEVEL)
             });
             *score = kept * *score + weight * said;
         }
