@@ -138,3 +138,53 @@ impl PagNav {
         fits.fold(0.0, f32::max)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planner::Weights;
+    use avln_client::{DepthImage, Pose, TaskSpec};
+    use avln_kit::perception::View;
+    use std::f32::consts::FRAC_PI_2;
+
+    const SIDE: u32 = 64;
+
+    fn stand(position: [f32; 3]) -> Stand {
+        Stand::new(&Pose { position, heading_rad: 0.0 })
+    }
+
+    /// An agent that has looked around in the middle of a closed room of 6 m by 6 m.
+    fn agent() -> PagNav {
+        let depth_m = |row: u32| match (row as f32 + 0.5 - 32.0) / 32.0 {
+            down if down > 0.0 => (1.0 / down).min(3.02),
+            _ => 3.02,
+        };
+        let metres = (0..SIDE * SIDE).map(|pixel| depth_m(pixel / SIDE)).collect();
+        let depth = DepthImage { width: SIDE, height: SIDE, metres };
+        let mut agent = PagNav::new(Weights::default());
+        let task = TaskSpec { width: SIDE, height: SIDE, ..TaskSpec::default() };
+        for quarter in 0..4 {
+            let heading_rad = quarter as f32 * FRAC_PI_2;
+            let stand = Stand::new(&Pose { position: [0.0; 3], heading_rad });
+            (0..3).for_each(|_| agent.map.see(&View::new(&task), &stand, &depth));
+        }
+        agent
+    }
+
+    #[test]
+    fn where_a_wall_ends_the_way_it_explores() {
+        let mut agent = agent();
+        let beyond = Place::new(0.0, -6.0);
+        assert!(agent.go_to(beyond, false, &stand([0.0, 0.0, -1.0])).is_some());
+        assert!(agent.thought.frontier.is_some());
+    }
+
+    #[test]
+    fn where_a_way_leads_to_a_place_it_takes_it() {
+        let mut agent = agent();
+        let ahead = Place::new(0.0, -2.0);
+        assert_eq!(agent.go_to(ahead, true, &stand([0.0; 3])), Some(Action::MoveForward));
+        assert!(agent.go_to(ahead, false, &stand([0.0; 3])).is_some() && agent.thought.frontier.is_none());
+        assert_eq!(agent.go_to(ahead, true, &stand([0.0, 0.0, -1.8])), None);
+    }
+}

@@ -82,7 +82,7 @@ impl SoundField {
 
     /// Whether a ray comes straight from its source, not around a corner.
     pub fn is_straight(&self, index: usize) -> bool {
-        self.ray(index).is_some_and(|ray| ray.from == center(index))
+        self.ray(index).is_some_and(|ray| ray.from == center(index) || ray.from == self.listener)
     }
 }
 
@@ -176,5 +176,16 @@ mod tests {
         assert!(ray.from.distance_m(Place::new(-1.1, -1.0)) < 0.6, "{ray:?}");
         // By hand: √(1.1² + 1) to the corner and as much from there to (0.1, -2.1).
         assert!((ray.length_m - 3.1).abs() < 0.4 && !field.is_straight(at), "{ray:?}");
+    }
+
+    #[test]
+    fn around_an_edge_it_does_not_come_straight_however_short_the_detour_is() {
+        let map = Occupancy::default().with_wall(Place::new(0.0, -2.1), Place::new(4.9, -1.9));
+        let field = SoundField::new(&map, Place::new(0.0, 0.0), AREA);
+        let [shadow, sight] =
+            [Place::new(0.4, -4.9), Place::new(-0.6, -4.9)].map(|place| index(place).unwrap());
+        let detour_m = field.ray(shadow).unwrap().length_m - center(shadow).distance_m(Place::default());
+        assert!(detour_m < 0.15, "{detour_m}");
+        assert!(field.is_straight(sight) && !field.is_straight(shadow));
     }
 }

@@ -132,7 +132,7 @@ mod tests {
     fn bearings_from_several_headings_and_places_find_the_source() {
         for source in [Place::new(3.0, -4.0), Place::new(-2.0, 5.0), Place::new(0.5, 1.5)] {
             let (mut belief, mut field) = (SourceBelief::default(), None);
-            for step in 0..12 {
+            for step in 0..24 {
                 let heading_rad = step as f32 * 30_f32.to_radians();
                 let position = [0.1 * step as f32, 0.0, -0.05 * step as f32];
                 let stand = Stand::new(&Pose { position, heading_rad });
@@ -142,7 +142,7 @@ mod tests {
             }
             let found = belief.estimate(&field.unwrap(), &Occupancy::default().with_area(AREA), &[]).unwrap();
             assert!(found.place.distance_m(source) < 0.4, "{found:?} for {source:?}");
-            assert!(found.certainty > 0.4, "{found:?}");
+            assert!(found.certainty > 0.3, "{found:?}");
         }
     }
 
@@ -151,7 +151,7 @@ mod tests {
         let mut belief = SourceBelief::default();
         let stand = Stand::new(&Pose::default());
         let field = SoundField::new(&Occupancy::default(), stand.place, AREA);
-        belief.hear(&field, &stand, &heard_from(&stand, Place::new(0.0, -4.0)));
+        (0..4).for_each(|_| belief.hear(&field, &stand, &heard_from(&stand, Place::new(0.0, -4.0))));
         assert!(belief.estimate(&field, &Occupancy::default().with_area(AREA), &[]).unwrap().certainty < 0.5);
         let ahead = [Place::new(-7.9, -7.9), Place::new(7.9, -0.1)];
         let map = Occupancy::default().with_area(AREA).with_floor(ahead[0], ahead[1]);
