@@ -46,6 +46,11 @@ pub(crate) fn duration(seconds: &f64) -> String {
     }
 }
 
+/// Milliseconds, to hundredths.
+pub(crate) fn maybe_milliseconds(milliseconds: Option<f64>) -> String {
+    milliseconds.map_or_else(|| NOTHING.to_owned(), |ms| format!("{ms:.2} ms"))
+}
+
 /// A moment for people, UTC, whole minutes.
 pub(crate) fn moment(unix_ms: i64) -> String {
     let stamp = rfc3339(unix_ms);

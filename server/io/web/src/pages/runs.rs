@@ -7,8 +7,9 @@ use crate::{
     words,
 };
 use askama::Template;
+use avln_episode::EndReason;
 use avln_scoring::Key;
-use avln_store::{GroupView, RunLine, RunView, TimeAccount};
+use avln_store::{EpisodeLine, GroupView, RunLine, RunView, TimeAccount};
 use axum::{Extension, extract::Path};
 use std::sync::Arc;
 
@@ -90,8 +91,27 @@ impl RunPage {
         plot::stacked(&counts)
     }
 
-    /// Where the time went: the words, how long, and which share of all; empty when nothing was measured.
-    fn times(&self) -> Vec<(&'static str, String, String)> {
+    /// Episodes that did not end as the rules end them: agents that went away, gave up or thought for too long, and faults of
+    /// the server.
+    fn failures(&self) -> Vec<&EpisodeLine> {
+        let is_failure = |end: EndReason| match end {
+            EndReason::TimeBudget
+            | EndReason::Abandoned
+            | EndReason::Disconnected
+            | EndReason::ServerFault => true,
+            EndReason::Stopped | EndReason::FinalSubmit | EndReason::StepLimit => false,
+        };
+        self.view.episodes.iter().filter(|episode| episode.end.is_some_and(is_failure)).collect()
+    }
+
+    /// Steps of all scored episodes; `None` when scores are hidden.
+    fn steps(&self) -> Option<f64> {
+        let summary = self.view.summary.as_ref()?;
+        Some(summary.steps * f64::from(summary.episodes)).filter(|&steps| steps > 0.0)
+    }
+
+    /// Where the time went: the words, how long, how long a step, and which share of all; empty when nothing was measured.
+    fn times(&self) -> Vec<(&'static str, String, String, String)> {
         let TimeAccount { simulation_s, encoding_s, queue_s, thinking_s } = self.view.time;
         let parts = [
             ("Agent thinking, and the wire", thinking_s),
@@ -104,6 +124,10 @@ impl RunPage {
             return vec![];
         }
         let of_all = |seconds| words::share(&(seconds / all));
-        parts.iter().map(|&(name, seconds)| (name, words::duration(&seconds), of_all(seconds))).collect()
+        let a_step = |seconds| self.steps().map(|steps| 1e3 * seconds / steps);
+        let row = |&(name, seconds)| {
+            (name, words::duration(&seconds), words::maybe_milliseconds(a_step(seconds)), of_all(seconds))
+        };
+        parts.iter().map(row).collect()
     }
 }

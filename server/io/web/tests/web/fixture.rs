@@ -158,7 +158,7 @@ impl Arena {
             let handle = format!("{run}-{index}");
             let assigned = self.store.assign_next_episode(run, &handle, 20).await.expect("an open run");
             let episode = assigned.expect("an episode").episode;
-            self.finish(run, &handle, &episode, found).await;
+            self.finish(run, &handle, &episode, found, EndReason::FinalSubmit).await;
         }
     }
 
@@ -181,13 +181,20 @@ impl Arena {
         assert!(assigned.is_some());
     }
 
+    /// Hands out the next episode of a run, whose agent goes away and does not come back.
+    pub(crate) async fn lose(&self, run: &str) {
+        let assigned = self.store.assign_next_episode(run, "lost", 20).await.expect("an open run");
+        let episode = assigned.expect("an episode").episode;
+        self.finish(run, "lost", &episode, 1, EndReason::Disconnected).await;
+    }
+
     /// Stores a played episode. What is hidden of it goes in as JSON: this crate has no name for it.
-    async fn finish(&self, run: &str, handle: &str, episode: &str, found: u32) {
+    async fn finish(&self, run: &str, handle: &str, episode: &str, found: u32, end: EndReason) {
         let finished = Finished {
             run,
             handle,
             truth: &serde_json::from_value(truth(episode)).expect("a truth"),
-            record: &serde_json::from_value(record(found)).expect("a record"),
+            record: &serde_json::from_value(record(found, end)).expect("a record"),
             metrics: &metrics(found),
             time: &TimeAccount { simulation_s: 0.5, thinking_s: 1.5, ..TimeAccount::default() },
         };
@@ -273,7 +280,7 @@ fn truth(episode: &str) -> Value {
     })
 }
 
-fn record(found: u32) -> Value {
+fn record(found: u32, end: EndReason) -> Value {
     let pose = |z: f64| json!({ "position": [0.5, 0.0, z], "heading_rad": 0.0 });
     let step = |index: u32| {
         let action = if index < 4 { "MoveForward" } else { "Submit" };
@@ -287,7 +294,7 @@ fn record(found: u32) -> Value {
     json!({
         "rules": Rules::PAPER, "start": pose(2.0), "steps": (0..6).map(step).collect::<Vec<_>>(),
         "submits": (0..2).map(submit).collect::<Vec<_>>(), "in_region_at_start": [false, false],
-        "final_distance_m": [0.5, null], "end": EndReason::FinalSubmit,
+        "final_distance_m": [0.5, null], "end": end,
     })
 }
 

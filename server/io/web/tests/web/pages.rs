@@ -165,6 +165,20 @@ async fn a_run_tells_which_episodes_went_how() {
 }
 
 #[tokio::test]
+async fn a_run_tells_what_failed_and_how_long_a_step_took() {
+    let arena = Arena::new().await;
+    let page = arena.get("/runs/run_rude").await.body;
+    assert!(!page.contains("id=\"failures\"") && page.contains("250.00 ms"), "{page}");
+    arena.lose("run_begun").await;
+    let page = arena.get("/runs/run_begun").await.body;
+    assert!(
+        page.contains("id=\"failures\"")
+            && page.contains("/episodes/1\">2</a></th><td>disconnected</td><td><time"),
+        "{page}"
+    );
+}
+
+#[tokio::test]
 async fn a_badge_says_in_one_line_where_a_run_stands() {
     let arena = Arena::new().await;
     let badge = arena.get("/runs/run_formula/badge.svg").await;
