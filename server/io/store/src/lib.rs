@@ -51,6 +51,6 @@ pub use uptime::MadeUp;
 pub use views::{
     Board, Census, CompareView, EpisodeLine, EpisodeView, GoalView, GrantLine, GroupView, Holder,
     Incomparable, LeaderboardRow, LeaderboardView, LiveRun, LogAccess, MissionView, MissionsView,
-    ModalityView, PairView, PhaseView, Pick, Reader, Replay, RunLine, RunView, SubmitMark, TargetView,
-    TeamLine, TeamsView, Viewer,
+    ModalityView, PairView, PhaseView, Pick, Reader, Replay, RunLine, RunList, RunView, SubmitMark,
+    TargetView, TeamLine, TeamsView, Viewer,
 };

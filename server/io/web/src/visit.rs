@@ -1,7 +1,7 @@
 //! Who asks, and for what.
 
-use crate::{office::SignedIn, trouble::Trouble};
-use avln_store::{CompareView, Incomparable, Reader, Viewer};
+use crate::{office::SignedIn, pages::segment, trouble::Trouble};
+use avln_store::{CompareView, Incomparable, Reader, RunList, Viewer};
 use axum::{
     extract::{FromRequestParts, Query},
     http::{header, request::Parts},
@@ -184,6 +184,8 @@ impl PictureQuery {
 #[serde(deny_unknown_fields)]
 pub(crate) struct RunsQuery {
     pub(crate) phase: Option<String>,
+    /// The run after which the list goes on.
+    pub(crate) before: Option<String>,
     pub(crate) limit: Option<u32>,
 }
 
@@ -198,6 +200,22 @@ impl RunsQuery {
             limit if (1..=most).contains(&limit) => Ok(limit),
             limit => Err(Trouble::Invalid(format!("limit is {limit} and must be 1 to {most}"))),
         }
+    }
+
+    /// The query of the same list, from the run on that comes after `before`.
+    pub(crate) fn address(&self, before: Option<&str>) -> String {
+        let named = |name: &str, value: Option<&str>| {
+            value.map_or_else(String::new, |value| format!("{name}={}&", segment(value)))
+        };
+        let limit = self.limit.unwrap_or(Self::LIMITS.0);
+        named("phase", self.phase.as_deref()) + &named("before", before) + &format!("limit={limit}")
+    }
+
+    /// The runs that are asked for, as far as the viewer may know of them.
+    pub(crate) async fn list(&self, reader: &Reader, viewer: &Viewer) -> Result<RunList, Trouble> {
+        let (phase, before, limit) = (self.phase.as_deref(), self.before.as_deref(), self.limit()?);
+        let list = reader.older_runs(viewer, phase, before, limit).await?;
+        list.ok_or_else(|| Trouble::Unknown { what: "run", name: before.unwrap_or_default().to_owned() })
     }
 }
 

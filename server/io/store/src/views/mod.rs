@@ -23,7 +23,7 @@ pub use live::LiveRun;
 pub use missions::MissionsView;
 pub use office::{GrantLine, Holder, TeamLine, TeamsView};
 pub use phase::PhaseView;
-pub use run::{EpisodeLine, LogAccess, ModalityView, RunLine, RunView};
+pub use run::{EpisodeLine, LogAccess, ModalityView, RunLine, RunList, RunView};
 
 use crate::{Phase, StoreError, TokenHash, Visibility};
 use sqlx::{Sqlite, SqlitePool, Transaction};

@@ -119,6 +119,20 @@ pub struct EpisodeLine {
     pub finished_unix_ms: Option<i64>,
 }
 
+/// A part of the list of runs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RunList {
+    /// The newest first.
+    pub runs: Vec<RunLine>,
+    /// The run after which the list goes on; `None` at its end.
+    pub next: Option<String>,
+}
+
+/// Runs of a phase, or of all, the newest first, from the one on that comes after a run.
+const OLDER_RUNS: &str = "SELECT id, phase, team FROM runs WHERE ($1 IS NULL OR phase = $1) AND ($2 IS NULL OR EXISTS \
+     (SELECT 1 FROM runs b WHERE b.id = $2 AND (runs.created_ms < b.created_ms \
+      OR (runs.created_ms = b.created_ms AND runs.id > b.id)))) ORDER BY created_ms DESC, id";
+
 /// Whether a viewer may read the log of a run, which tells what its replay tells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LogAccess {
@@ -186,24 +200,42 @@ impl Reader {
         phase: Option<&str>,
         limit: u32,
     ) -> Result<Vec<RunLine>, StoreError> {
+        let list = self.older_runs(viewer, phase, None, limit).await?;
+        Ok(list.map(|list| list.runs).unwrap_or_default())
+    }
+
+    /// The same, from the run on that comes after the one called `before`; `None` when the viewer knows of no such run.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn older_runs(
+        &self,
+        viewer: &Viewer,
+        phase: Option<&str>,
+        before: Option<&str>,
+        limit: u32,
+    ) -> Result<Option<RunList>, StoreError> {
         let mut tx = self.snapshot().await?;
+        if let Some(before) = before
+            && find_run(&mut tx, viewer, before).await?.is_none()
+        {
+            return Ok(None);
+        }
         let phases = read_heads(&mut tx, phase).await?;
-        let select =
-            "SELECT id, phase, team FROM runs WHERE $1 IS NULL OR phase = $1 ORDER BY created_ms DESC, id";
         let runs: Vec<(String, String, String)> =
-            sqlx::query_as(select).bind(phase).fetch_all(&mut *tx).await?;
-        let mut lines = Vec::new();
+            sqlx::query_as(OLDER_RUNS).bind(phase).bind(before).fetch_all(&mut *tx).await?;
+        let mut list = RunList { runs: Vec::new(), next: None };
         for (run, phase, team) in runs {
             let head = phases.iter().find(|head| head.phase.id == phase);
-            if let Some(sight) = head.and_then(|head| Sight::of(viewer, &team, &head.phase)) {
-                let run = read_run(&mut tx, &run).await?;
-                lines.push(line(&mut tx, run, sight).await?);
-            }
-            if lines.len() >= limit as usize {
+            let Some(sight) = head.and_then(|head| Sight::of(viewer, &team, &head.phase)) else { continue };
+            if list.runs.len() >= limit as usize {
+                list.next = list.runs.last().map(|last| last.run.clone());
                 break;
             }
+            let run = read_run(&mut tx, &run).await?;
+            list.runs.push(line(&mut tx, run, sight).await?);
         }
-        Ok(lines)
+        Ok(Some(list))
     }
 
     /// Whether the viewer may read the log of the run called `id`.

@@ -55,8 +55,7 @@ pub(super) async fn compare(visit: Visit, Asked(query): Asked<CompareQuery>) -> 
 }
 
 pub(super) async fn runs(visit: Visit, Asked(query): Asked<RunsQuery>) -> Answer {
-    let limit = query.limit()?;
-    answer(&json!({ "runs": visit.reader.runs(&visit.viewer, query.phase.as_deref(), limit).await? }))
+    answer(&query.list(&visit.reader, &visit.viewer).await?)
 }
 
 pub(super) async fn run(visit: Visit, Path(id): Path<String>, _: Asked<Nothing>) -> Answer {

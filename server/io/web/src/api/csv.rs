@@ -59,8 +59,8 @@ pub(super) async fn compare(visit: Visit, Asked(query): Asked<CompareQuery>) -> 
 }
 
 pub(super) async fn runs(visit: Visit, Asked(query): Asked<RunsQuery>) -> Result<Response, Trouble> {
-    let runs = visit.reader.runs(&visit.viewer, query.phase.as_deref(), query.limit()?).await?;
-    Ok(file(runs_header(), runs.iter().map(run_row)))
+    let list = query.list(&visit.reader, &visit.viewer).await?;
+    Ok(file(runs_header(), list.runs.iter().map(run_row)))
 }
 
 pub(super) async fn episodes(

@@ -48,7 +48,7 @@ enum Answer {
 const BOARD_QUERY: &[&str] = &["order", "sort", "pick", "q", "team", "rgb", "depth", "audio", "as_of"];
 /// The same for boards in all orders.
 const BOARDS_QUERY: &[&str] = &["sort", "pick", "q", "team", "rgb", "depth", "audio", "as_of"];
-const RUNS_QUERY: &[&str] = &["phase", "limit"];
+const RUNS_QUERY: &[&str] = &["phase", "before", "limit"];
 
 fn endpoint(
     path: &'static str,
@@ -148,8 +148,20 @@ fn of_runs() -> Vec<Endpoint> {
             Csv,
             get(csv::compare),
         ),
-        endpoint("/runs", "The latest runs, the newest first.", RUNS_QUERY, Json("Runs"), get(answers::runs)),
-        endpoint("/runs.csv", "The same runs as a table.", RUNS_QUERY, Csv, get(csv::runs)),
+        endpoint(
+            "/runs",
+            "Runs, the newest first; next, as before, asks for those that follow.",
+            RUNS_QUERY,
+            Json("Runs"),
+            get(answers::runs),
+        ),
+        endpoint(
+            "/runs.csv",
+            "The same runs as a table; its last run, as before, asks for those that follow.",
+            RUNS_QUERY,
+            Csv,
+            get(csv::runs),
+        ),
         endpoint(
             "/runs/events",
             "How the runs go on that are under way: an event runs with all of them whenever one changes, once a second at most.",

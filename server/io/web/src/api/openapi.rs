@@ -143,7 +143,7 @@ fn schemas() -> Value {
         "Difference": difference(),
         "Pair": pair(),
         "Estimate": object(&all(&["value", "low", "high"], "number")),
-        "Runs": answer(&[("runs", list("RunLine"))]),
+        "Runs": answer(&[("runs", list("RunLine")), ("next?", string())]),
         "RunLine": run_line(),
         "Run": run(),
         "LiveRuns": object(&[("runs", list("LiveRun"))]),

@@ -151,7 +151,7 @@ pub(crate) fn trouble(trouble: &Trouble) -> String {
 }
 
 /// A segment of an address.
-fn segment(text: &str) -> String {
+pub(crate) fn segment(text: &str) -> String {
     askama::filters::urlencode_strict(text).map(|encoded| encoded.to_string()).unwrap_or_default()
 }
 

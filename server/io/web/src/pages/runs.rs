@@ -9,7 +9,7 @@ use crate::{
 use askama::Template;
 use avln_episode::EndReason;
 use avln_scoring::Key;
-use avln_store::{EpisodeLine, GroupView, RunLine, RunView, TimeAccount};
+use avln_store::{EpisodeLine, GroupView, RunLine, RunList, RunView, TimeAccount};
 use axum::{Extension, extract::Path};
 use std::sync::Arc;
 
@@ -20,6 +20,8 @@ struct RunsPage {
     /// Those that are under way.
     live: Vec<Live>,
     runs: Vec<RunLine>,
+    /// The run after which the list goes on.
+    next: Option<String>,
     query: RunsQuery,
     limit: u32,
 }
@@ -27,8 +29,7 @@ struct RunsPage {
 impl RunsPage {
     /// The same for programs, in a file that ends so.
     fn twin(&self, end: &str) -> String {
-        let phase = self.query.phase.as_ref().map(|phase| format!("phase={}&", segment(phase)));
-        format!("/api/v1/runs{end}?{}limit={}", phase.unwrap_or_default(), self.limit)
+        format!("/api/v1/runs{end}?{}", self.query.address(self.query.before.as_deref()))
     }
 }
 
@@ -51,8 +52,8 @@ pub(super) async fn list(
     let limit = query.limit()?;
     let mut live = hub.runs(&visit).await?;
     live.retain(|live| query.phase.as_ref().is_none_or(|phase| live.run.line.phase == *phase));
-    let runs = visit.reader.runs(&visit.viewer, query.phase.as_deref(), limit).await?;
-    write(&RunsPage { shell: Shell::new("Runs", Part::Runs), live, runs, query, limit })
+    let RunList { runs, next } = query.list(&visit.reader, &visit.viewer).await?;
+    write(&RunsPage { shell: Shell::new("Runs", Part::Runs), live, runs, next, query, limit })
 }
 
 /// One run.

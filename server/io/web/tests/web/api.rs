@@ -168,6 +168,32 @@ async fn known(arena: &Arena, address: &str, tag: &str) -> Answer {
 }
 
 #[tokio::test]
+async fn a_long_list_of_runs_comes_in_parts() {
+    let arena = Arena::new().await;
+    let all = arena.get("/api/v1/runs").await.json();
+    let names = |list: &Value| -> Vec<String> {
+        list["runs"].as_array().unwrap().iter().map(|run| run["run"].as_str().unwrap().to_owned()).collect()
+    };
+    let (mut seen, mut before) = (Vec::new(), String::new());
+    loop {
+        let part = arena.get(&format!("/api/v1/runs?limit=1{before}")).await.json();
+        seen.extend(names(&part));
+        let Some(next) = part["next"].as_str() else { break };
+        before = format!("&before={next}");
+    }
+    assert!(seen.len() > 2 && all["next"].is_null(), "{all}");
+    assert_eq!(seen, names(&all));
+    let table = arena.get(&format!("/api/v1/runs.csv?before={}", seen[0])).await.body;
+    assert_eq!(table.lines().count(), seen.len(), "{table}");
+    for hidden in ["run_sealed", "nowhere"] {
+        let refused = arena.get(&format!("/api/v1/runs?before={hidden}")).await;
+        assert_eq!(refused.status, StatusCode::NOT_FOUND, "{}", refused.body);
+    }
+    let page = arena.get("/runs?limit=1").await.body;
+    assert!(page.contains(&format!("href=\"/runs?before={}&#38;limit=1\"", seen[0])), "{page}");
+}
+
+#[tokio::test]
 async fn trouble_is_told_as_problem_details_with_a_reason() {
     let arena = Arena::new().await;
     for (address, status, reason) in [

@@ -29,21 +29,29 @@ const FIRST_LOAD_BYTES: usize = 60_000;
 
 #[tokio::test]
 async fn pages_look_as_they_did() {
-    let (arena, folder) =
-        (Arena::new().await, PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/golden"));
-    let blesses = env::var_os("AVLN_BLESS").is_some();
-    let mut changed = vec![];
+    let arena = Arena::new().await;
     for (name, address) in PAGES {
-        let page = arena.get(address).await.body;
-        let path = folder.join(name);
-        if blesses {
-            fs::write(&path, &page).expect("a golden file can be written");
-        }
-        if fs::read_to_string(&path).unwrap_or_default() != page {
-            changed.push(name);
-        }
+        assert_golden(name, &arena.get(address).await.body);
     }
-    assert!(changed.is_empty(), "{changed:?} changed; look at what this test writes with AVLN_BLESS=1");
+}
+
+/// Programs are made after it: whoever changes it sees how.
+#[tokio::test]
+async fn the_description_of_the_api_is_as_it_was() {
+    let document = Arena::new().await.get("/api/v1/openapi.json").await.json();
+    assert_eq!(document["openapi"].as_str().map(|version| &version[..3]), Some("3.1"));
+    let text = serde_json::to_string_pretty(&document).expect("JSON") + "\n";
+    assert_golden("openapi.json", &text);
+}
+
+/// Holds a text against the file of this name.
+fn assert_golden(name: &str, text: &str) {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name);
+    if env::var_os("AVLN_BLESS").is_some() {
+        fs::write(&path, text).expect("a golden file can be written");
+    }
+    let same = fs::read_to_string(&path).unwrap_or_default() == text;
+    assert!(same, "{name} changed; look at what this test writes with AVLN_BLESS=1");
 }
 
 #[tokio::test]

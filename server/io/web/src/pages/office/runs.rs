@@ -8,7 +8,7 @@ use crate::{
 };
 use askama::Template;
 use avln_scoring::Key;
-use avln_store::{RunLine, RunView, Viewer};
+use avln_store::{RunLine, RunList, RunView, Viewer};
 use axum::{Extension, extract::Path, response::Response};
 use std::sync::Arc;
 
@@ -19,6 +19,9 @@ struct RunsPage {
     frame: Frame,
     tab: Tab,
     runs: Vec<RunLine>,
+    /// The run after which the list goes on.
+    next: Option<String>,
+    query: RunsQuery,
     limit: u32,
 }
 
@@ -39,9 +42,9 @@ pub(super) async fn list(
     Asked(query): Asked<RunsQuery>,
 ) -> Page {
     let limit = query.limit()?;
-    let runs = visit.reader.runs(&Viewer::Organiser, query.phase.as_deref(), limit).await?;
-    let tab = Tab::Runs;
-    write(&RunsPage { shell: tab.shell("Rule on runs"), frame: Frame::new(&desk, &by), tab, runs, limit })
+    let RunList { runs, next } = query.list(&visit.reader, &Viewer::Organiser).await?;
+    let (tab, frame) = (Tab::Runs, Frame::new(&desk, &by));
+    write(&RunsPage { shell: tab.shell("Rule on runs"), frame, tab, runs, next, query, limit })
 }
 
 /// One run.
