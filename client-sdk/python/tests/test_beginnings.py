@@ -31,10 +31,10 @@ def test_a_run_whose_stream_cannot_be_opened_is_cancelled(
     door: Door, arena: avln.Arena, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: Any) -> None:
-        raise avln.Error("no")
+        raise avln.Error("this stream is refused by the test")
 
     monkeypatch.setattr(avln.Arena, "play", refuse)
-    with pytest.raises(avln.Error, match="no"):
+    with pytest.raises(avln.Error, match="refused by the test"):
         avln.begin(door.url, door.token, PHASE, "unopened")
     runs = [run for run in arena.runs(PHASE) if run.method == "unopened"]
     assert len(runs) == 1
