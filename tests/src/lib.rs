@@ -8,6 +8,7 @@ pub mod raw;
 pub mod repository;
 pub mod scissors;
 pub mod server;
+pub mod skipped;
 pub mod stroll;
 pub mod tap;
 

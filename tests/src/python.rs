@@ -1,5 +1,6 @@
 //! The Python that some tests run by.
 
+use crate::skipped::skipped;
 use std::{
     env,
     process::{Command, Stdio},
@@ -15,10 +16,8 @@ pub fn command(what: &str, modules: &[&str], remedy: &str) -> Option<Command> {
     let mut probe = Command::new(&python);
     let found = probe.args(["-c", &import]).stderr(Stdio::null()).status();
     if !found.is_ok_and(|status| status.success()) {
-        eprintln!(
-            "skipped: {what}, for {python} lacks one of {modules:?}; \
-             `{remedy}` brings them, or set {INTERPRETER} to a Python that has them"
-        );
+        let remedy = format!("`{remedy}` brings them, or set {INTERPRETER} to a Python that has them");
+        skipped(&format!("{what}, for {python} lacks one of {modules:?}"), &remedy);
         return None;
     }
     let mut command = Command::new(&python);

@@ -5,6 +5,7 @@ use avln_human::{Options, run_with};
 use avln_tests::{
     House, PHASE, Plan, python,
     repository::root,
+    skipped::skipped,
     stroll::{EARS, stroll, stroll_with},
 };
 use std::{env, path::PathBuf};
@@ -20,7 +21,7 @@ fn chromium() -> Option<PathBuf> {
     let mut programs = CHROMIUM.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name)));
     let found = programs.find(|program| program.is_file());
     if found.is_none() {
-        eprintln!("skipped: pages in a browser, for none of {CHROMIUM:?} is here; install Chromium");
+        skipped(&format!("pages in a browser, for none of {CHROMIUM:?} is here"), "install Chromium");
     }
     found
 }

@@ -3,6 +3,7 @@
 use avln_tests::{
     python,
     repository::{files, root, shown, text, typed},
+    skipped::skipped,
 };
 use std::{
     env, fs,
@@ -173,10 +174,8 @@ impl Journey {
     /// Makes it; fails with all that was said where a command fails.
     fn make(&self) {
         if let Some(missing) = TOOLS.iter().find(|tool| !is_there(tool)) {
-            eprintln!(
-                "skipped: {:?}, for there is no {missing}; install bash, coreutils and curl",
-                self.documents
-            );
+            let part = format!("{:?}, for there is no {missing}", self.documents);
+            skipped(&part, "install bash, coreutils and curl");
             return;
         }
         let folder = tempfile::tempdir().expect("a folder");

@@ -1,6 +1,9 @@
 //! Containers may do what they must and nothing else, and an agent that is shut in reaches nothing but its server.
 
-use avln_tests::repository::{root, text};
+use avln_tests::{
+    repository::{root, text},
+    skipped::skipped,
+};
 use std::{
     io::Write,
     process::{Command, Output, Stdio},
@@ -239,8 +242,9 @@ fn services_of_profile(mut compose: Command, profile: &str) -> Output {
 fn compose_reads_each_profile() {
     for profile in PROFILES {
         let Some(compose) = installed_compose() else {
-            eprintln!(
-                "skipped: compose_reads_each_profile; install Docker Compose, such as: apt-get install docker-compose"
+            skipped(
+                "compose_reads_each_profile",
+                "install Docker Compose, such as: apt-get install docker-compose",
             );
             return;
         };
