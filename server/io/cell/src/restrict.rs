@@ -96,6 +96,9 @@ const NAMESPACES: [i32; 7] = [
     libc::CLONE_NEWCGROUP,
 ];
 
+/// Requests of `ioctl` that put keystrokes into a terminal, TIOCSTI and TIOCLINUX; libc gives them a type for each C library.
+const KEYSTROKES: [u64; 2] = [0x5412, 0x541C];
+
 type Rules = BTreeMap<i64, Vec<SeccompRule>>;
 
 /// No socket but Unix ones, no call that reaches beyond the process, no keystroke put into the organiser's terminal.
@@ -119,7 +122,7 @@ fn denied() -> Result<Rules, seccompiler::BackendError> {
         rule(0, Op::MaskedEq(bit), bit)
     });
     rules.insert(libc::SYS_clone, foreign.collect::<Result<_, _>>()?);
-    let keystrokes = [libc::TIOCSTI, libc::TIOCLINUX].map(|request| rule(1, Op::Eq, request));
+    let keystrokes = KEYSTROKES.map(|request| rule(1, Op::Eq, request));
     rules.insert(libc::SYS_ioctl, keystrokes.into_iter().collect::<Result<_, _>>()?);
     Ok(rules)
 }
