@@ -154,7 +154,8 @@ fn add_folder(writer: &mut Out<'_>, name: &str, path: &Path) -> Result<(), Failu
     Ok(())
 }
 
-/// Makes the data folder `to` out of the backup `from`. The folder is there as a whole or not at all.
+/// Makes the data folder `to` out of the backup `from`. It is there as a whole or not at all; an empty folder that is there
+/// already, such as a volume of a container, gets its database last.
 ///
 /// # Errors
 /// When `to` holds anything, the backup is damaged or from a newer program, or the folder cannot be written.
@@ -168,8 +169,10 @@ pub async fn restore(from: &Path, to: &Path) -> Result<Contents, Failure> {
             "name a new folder with --data FOLDER; start the server on it, and keep the old one until that is content",
         ));
     }
-    fs::create_dir_all(parent(to)).map_err(failed)?;
-    let work = workplace(".avln-restore-", parent(to)).map_err(failed)?;
+    // Nothing may be written beside a volume, nor can it be replaced.
+    let place = if to.is_dir() { to } else { parent(to) };
+    fs::create_dir_all(place).map_err(failed)?;
+    let work = workplace(".avln-restore-", place).map_err(failed)?;
     let (backup, folder) = (from.to_owned(), work.path().to_owned());
     let unpacked = tokio::task::spawn_blocking(move || unpack(&backup, &folder)).await;
     let manifest = unpacked.map_err(|error| Failure::new(FailureKind::Internal, error))??;
@@ -178,11 +181,26 @@ pub async fn restore(from: &Path, to: &Path) -> Result<Contents, Failure> {
         let message = format!("{}: its manifest tells of another database", from.display());
         return Err(Failure::new(FailureKind::Data, message).hinted("take another backup"));
     }
-    fs::rename(work.path(), to).map_err(failed)?;
-    // It has another name now.
-    let _ = work.keep();
-    sync_folder(parent(to)).map_err(failed)?;
+    put(work, to).map_err(failed)?;
     Ok(Contents { manifest, inventory, left_out: left_out(to) })
+}
+
+/// Puts what was unpacked into its place.
+fn put(work: tempfile::TempDir, to: &Path) -> io::Result<()> {
+    if !to.is_dir() {
+        fs::rename(work.path(), to)?;
+        // It has another name now.
+        let _ = work.keep();
+        return sync_folder(parent(to));
+    }
+    let names = fs::read_dir(work.path())?.map(|entry| Ok(entry?.file_name()));
+    let mut names = names.collect::<io::Result<Vec<_>>>()?;
+    names.sort_by_key(|name| name == DATABASE);
+    for name in names {
+        fs::rename(work.path().join(&name), to.join(&name))?;
+    }
+    drop(work);
+    sync_folder(to)
 }
 
 fn is_occupied(folder: &Path) -> io::Result<bool> {

@@ -69,8 +69,25 @@ async fn nothing_is_written_over() {
     make(folder.path(), &good).await.unwrap();
     let refused = restore(&good, folder.path()).await.unwrap_err().to_string();
     assert!(refused.contains("never restored over"), "{refused}");
-    let empty = tempfile::tempdir().unwrap();
-    restore(&good, empty.path()).await.unwrap();
+}
+
+#[cfg(unix)]
+#[tokio::test]
+async fn an_empty_folder_is_filled_where_it_is() {
+    use std::os::unix::fs::MetadataExt;
+    let (folder, place) = (furnished().await, tempfile::tempdir().unwrap());
+    let (file, to) = (place.path().join("a.tar"), place.path().join("volume"));
+    make(folder.path(), &file).await.unwrap();
+    fs::create_dir(&to).unwrap();
+    let is = fs::metadata(&to).unwrap().ino();
+    restore(&file, &to).await.unwrap();
+    assert_eq!(fs::metadata(&to).unwrap().ino(), is, "a volume stays the volume that it is");
+    let mut names: Vec<_> =
+        fs::read_dir(&to).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    assert_eq!(names, ["avln.db", "signing.key", "splits"]);
+    let store = DataFolder::open(&to).unwrap().store().await.unwrap();
+    assert!(store.team("red").await.unwrap().is_some());
 }
 
 #[tokio::test]
