@@ -19,8 +19,8 @@ pub struct Options {
     /// Token of the account; or of one run, which is then played, whatever phase and order say
     #[arg(long, env = "AVLN_TOKEN", hide_env_values = true, value_name = "TOKEN")]
     pub token: String,
-    /// Phase to play in
-    #[arg(long, default_value = "practice")]
+    /// Phase to play in; by default the one to practise in, where runs are not counted
+    #[arg(long, default_value_t, hide_default_value = true)]
     pub phase: String,
     /// Order of the missions: ordered or unordered
     #[arg(long, default_value = "unordered")]

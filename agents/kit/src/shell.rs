@@ -19,8 +19,8 @@ pub struct RunArgs {
     /// Token of the account; or of one run, which is then played, whatever phase and order say
     #[arg(long, env = "AVLN_TOKEN", hide_env_values = true, value_name = "TOKEN")]
     pub token: String,
-    /// Phase to play in
-    #[arg(long, default_value = "practice")]
+    /// Phase to play in; by default the one to practise in, where runs are not counted
+    #[arg(long, default_value_t, hide_default_value = true)]
     pub phase: String,
     /// Order of the missions: ordered or unordered
     #[arg(long, default_value = "unordered")]
@@ -133,7 +133,7 @@ mod tests {
     fn a_token_is_all_that_must_be_said() {
         let cli = Cli::try_parse_from(["agent", "--token", "t"]).unwrap();
         let RunArgs { phase, order, size, .. } = cli.run;
-        assert_eq!((phase.as_str(), order, size, cli.more), ("practice", Order::Unordered, 128, false));
+        assert_eq!((phase.as_str(), order, size, cli.more), ("", Order::Unordered, 128, false));
         assert_eq!(cli.run.slots, 1);
         assert!(Cli::try_parse_from(["agent", "--token", "t", "--slots", "0"]).is_err());
         let command = <Cli as clap::CommandFactory>::command();

@@ -1,6 +1,6 @@
 """Turns towards what it hears and walks there, round obstacles that depth shows; submits where it is loud.
 
-python examples/audio_follower.py --token TOKEN --phase practice
+python examples/audio_follower.py --token TOKEN
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Walks ahead and turns right where it is blocked; submits after equal shares of its steps. Senses its pose alone.
 
-python examples/forward_and_turn.py --token TOKEN --phase practice
+python examples/forward_and_turn.py --token TOKEN
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Goes to the nearest place that it has not seen, on a map that it draws from depth and pose; knows no goal.
 
-python examples/frontier.py --token TOKEN --phase practice
+python examples/frontier.py --token TOKEN
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Walks at random: the floor of every leaderboard.
 
-python examples/random_walk.py --token TOKEN --phase practice
+python examples/random_walk.py --token TOKEN
 """
 
 from __future__ import annotations

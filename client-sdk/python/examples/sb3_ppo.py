@@ -1,6 +1,6 @@
 """Trains PPO of Stable-Baselines3 on a practice phase, on the processor.
 
-python examples/sb3_ppo.py --token TOKEN --phase practice --steps 2000
+python examples/sb3_ppo.py --token TOKEN --steps 2000
 
 Its reward is for new ground alone, so that it learns to walk about; nothing that the server hides is needed for it.
 """

@@ -1,6 +1,6 @@
 """A PyTorch policy that looks at all slots of a run in one batch: the place to put a network of your own.
 
-python examples/torch_policy.py --token TOKEN --phase practice --slots 4
+python examples/torch_policy.py --token TOKEN --slots 4
 """
 
 from __future__ import annotations

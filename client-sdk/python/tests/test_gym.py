@@ -56,7 +56,7 @@ def test_programs_that_make_the_environment_end(door: Door, last: str) -> None:
     code = f"""
 import avln.line, gc, grpc, gymnasium
 gc.disable()
-env = gymnasium.make("avln.gym:avln/LHAVLN-v1", server={door.url!r}, token={door.token!r}, phase={PHASE!r})
+env = gymnasium.make("avln/LHAVLN-v1", server={door.url!r}, token={door.token!r})
 print(sorted(env.reset()[0]))
 {last}
 # The interpreter's end waits for ever for calls that outlive their threads.

@@ -27,7 +27,7 @@ async fn main() -> Result<(), Error> {
     let mut arguments = std::env::args().skip(1);
     let token = arguments.next().unwrap_or_default();
     let server = arguments.next().unwrap_or_else(|| "http://127.0.0.1:50051".to_owned());
-    let phase = arguments.next().unwrap_or_else(|| "practice".to_owned());
+    let phase = arguments.next().unwrap_or_default();
 
     let arena = Arena::connect(server, token).await?;
     let run = arena.start_run(RunOptions::new(phase, "example-episodes")).await?;

@@ -3,6 +3,7 @@ use crate::{
     ServerInfo,
     calls::{TIMEOUT, bearer, persist, plain, signed, unwrap},
     line::{Dialler, Line, closed},
+    service::phase_to_practise,
     welcome::Agreement,
 };
 use avln_proto::{
@@ -115,6 +116,16 @@ impl Arena {
         Ok(answer.phases.into_iter().map(Phase::from_wire).collect())
     }
 
+    /// Id of the phase that is played where none is named: the only open one in which the team's runs are not counted
+    /// or, where there are several, the one called `practice`.
+    ///
+    /// # Errors
+    /// When there is no such phase, or the connection is lost.
+    pub async fn practice_phase(&self) -> Result<String, Error> {
+        let (phases, quotas) = (self.phases().await?, self.quota().await?);
+        phase_to_practise(&phases, &quotas).map(|phase| phase.id.clone())
+    }
+
     /// Whose token this is.
     ///
     /// # Errors
@@ -124,12 +135,16 @@ impl Arena {
         Ok(Account::from_wire(self.ask("ask whose token this is", v1::WhoAmIRequest {}, ask).await?))
     }
 
-    /// Begins a run.
+    /// Begins a run; where `options` name no phase, in [`practice_phase`](Self::practice_phase).
     ///
     /// # Errors
     /// When the phase is unknown, closed or not for this team, the quota is used up, the server is full, or the
     /// connection is lost.
     pub async fn start_run(&self, options: RunOptions) -> Result<Run, Error> {
+        let options = match options.has_phase() {
+            true => options,
+            false => options.in_phase(self.practice_phase().await?),
+        };
         let message = options.named().into_wire(client_info());
         let ask = |mut runs: Runs, request| async move { runs.start_run(request).await };
         Run::from_wire(self.ask("start a run", message, ask).await?)

@@ -94,6 +94,14 @@ pub enum Error {
         /// Radians, as asked.
         hfov_rad: f32,
     },
+    /// No phase was named, and none is there to practise in, or several are.
+    #[error("start a run without naming a phase: {}; name one with --phase", what_phases(.free, .known))]
+    Phase {
+        /// Open ones in which runs are not counted.
+        free: Vec<String>,
+        /// All that the team may see.
+        known: Vec<String>,
+    },
     /// A step was asked for in an episode that is over.
     #[error("the episode is over; ask Play::next_episode for another")]
     EpisodeOver,
@@ -205,6 +213,16 @@ fn token_hint(reason: Reason) -> &'static str {
         }
         Reason::TokenScope => "; account tokens start runs, run tokens play them",
         _ => "; give the account's token with --token or AVLN_TOKEN",
+    }
+}
+
+fn what_phases(free: &[String], known: &[String]) -> String {
+    match (free, known) {
+        ([], []) => "this server shows your team none".to_owned(),
+        ([], known) => {
+            format!("runs are counted or cannot begin in all of them, which are {}", known.join(", "))
+        }
+        (free, _) => format!("there are several to practise in, {}", free.join(", ")),
     }
 }
 

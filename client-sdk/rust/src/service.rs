@@ -79,7 +79,8 @@ pub struct RunOptions {
 }
 
 impl RunOptions {
-    /// A run of `method`, its name on the leaderboard, in `phase`; unordered missions.
+    /// A run of `method`, its name on the leaderboard, in `phase`, or in [`Arena::practice_phase`](crate::Arena::practice_phase)
+    /// if that is empty; unordered missions.
     pub fn new(phase: impl Into<String>, method: impl Into<String>) -> Self {
         let method = v1::MethodInfo { name: method.into(), ..v1::MethodInfo::default() };
         Self { phase: phase.into(), method, order: Order::default(), request_id: String::new() }
@@ -114,6 +115,14 @@ impl RunOptions {
     pub fn request_id(mut self, id: impl Into<String>) -> Self {
         self.request_id = id.into();
         self
+    }
+
+    pub(crate) fn has_phase(&self) -> bool {
+        !self.phase.is_empty()
+    }
+
+    pub(crate) fn in_phase(self, phase: String) -> Self {
+        Self { phase, ..self }
     }
 
     pub(crate) fn has_request_id(&self) -> bool {
@@ -239,6 +248,31 @@ pub struct Quota {
     pub next_increase_unix_s: i64,
     /// The runs that were counted and why, the oldest first.
     pub charges: Vec<(String, String)>,
+}
+
+impl Quota {
+    /// Whether it limits how many runs the team can ever begin, or in a time, whatever is left.
+    pub fn is_counted(&self) -> bool {
+        self.limit.is_some() && !matches!(self.window, Window::Concurrent | Window::Uncharged)
+    }
+}
+
+/// The phase that a team practises in, where it does not say.
+///
+/// # Errors
+/// When there is none, or no one of them is meant.
+pub(crate) fn phase_to_practise<'a>(phases: &'a [Phase], quotas: &[Quota]) -> Result<&'a Phase, Error> {
+    let is_counted = |phase: &Phase| quotas.iter().any(|quota| quota.phase == phase.id && quota.is_counted());
+    let open = phases.iter().filter(|phase| phase.state == PhaseState::Open);
+    let free: Vec<_> = open.filter(|phase| !is_counted(phase)).collect();
+    let usual = free.iter().find(|phase| phase.id == "practice");
+    match (free.as_slice(), usual) {
+        ([only], _) | (_, Some(only)) => Ok(only),
+        _ => Err(Error::Phase {
+            free: free.iter().map(|phase| phase.id.clone()).collect(),
+            known: phases.iter().map(|phase| phase.id.clone()).collect(),
+        }),
+    }
 }
 
 /// Whose token it is.
@@ -378,5 +412,48 @@ impl Quota {
 impl Account {
     pub(crate) fn from_wire(answer: v1::WhoAmIResponse) -> Self {
         Self { team: answer.team, token_name: answer.token_name, expires_unix_s: answer.expires_unix_s }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn phase(id: &str, state: v1::PhaseState) -> Phase {
+        Phase::from_wire(v1::Phase { id: id.into(), state: state.into(), ..v1::Phase::default() })
+    }
+
+    fn quota(phase: &str, window: v1::QuotaWindow, limit: Option<u32>) -> Quota {
+        Quota::from_wire(v1::Quota {
+            phase: phase.into(),
+            window: window.into(),
+            limit,
+            ..v1::Quota::default()
+        })
+    }
+
+    #[test]
+    fn where_no_phase_is_named_no_run_is_spent() {
+        let open = v1::PhaseState::Open;
+        let phases = [
+            phase("val", open),
+            phase("test", open),
+            phase("practice", open),
+            phase("old", v1::PhaseState::Closed),
+        ];
+        let day = |phase| quota(phase, v1::QuotaWindow::Day, Some(5));
+        let side_by_side = quota("val", v1::QuotaWindow::Concurrent, Some(2));
+        let meant = |count, quotas: &[Quota]| {
+            phase_to_practise(&phases[..count], quotas)
+                .map(|phase| phase.id.clone())
+                .map_err(|error| error.to_string())
+        };
+        assert_eq!(meant(2, &[day("test"), side_by_side]).as_deref(), Ok("val"));
+        assert_eq!(meant(4, &[day("test")]).as_deref(), Ok("practice"));
+        let several = meant(2, &[]).unwrap_err();
+        assert!(several.contains("several to practise in, val, test; name one with --phase"), "{several}");
+        let counted = meant(2, &[day("test"), day("val")]).unwrap_err();
+        assert!(counted.contains("which are val, test; name one"), "{counted}");
+        assert!(meant(0, &[]).unwrap_err().contains("shows your team none"));
     }
 }

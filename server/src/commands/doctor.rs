@@ -20,8 +20,8 @@ pub struct Options {
     /// Token of the account
     #[arg(long, env = "AVLN_TOKEN", hide_env_values = true, value_name = "TOKEN")]
     pub token: String,
-    /// The phase that is to be played
-    #[arg(long)]
+    /// The phase that is to be played; by default the one to practise in, where runs are not counted
+    #[arg(long, default_value_t, hide_default_value = true)]
     pub phase: String,
     /// A phase to practise in, by default the phase itself; nothing is played where runs are counted
     #[arg(long, value_name = "PHASE")]

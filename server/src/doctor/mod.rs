@@ -6,7 +6,7 @@ mod report;
 pub use report::{Check, Measured, Report, Spread, Verdict};
 
 use crate::arena::{BENCHMARK_VERSION, now_unix_ms};
-use avln_client::{Arena, Error, Link, Order, Phase, PhaseState, Quota, Sensors, ServerInfo, Window};
+use avln_client::{Arena, Error, Link, Order, Phase, PhaseState, Quota, Sensors, ServerInfo};
 use std::{path::PathBuf, time::Instant};
 
 /// Questions by which the round trip is measured.
@@ -25,7 +25,7 @@ pub struct Patient {
     pub ca: Option<PathBuf>,
     /// Token of an account.
     pub token: String,
-    /// The phase that is to be played.
+    /// The phase that is to be played; empty: the one to practise in.
     pub phase: String,
     /// Where to practise; the phase itself for `None`.
     pub practice: Option<String>,
@@ -156,6 +156,7 @@ async fn account(report: &mut Report, patient: &Patient, link: &Link) {
     match phase(report, patient, &arena).await {
         Ok(Some((phase, quotas))) => practice::check(report, patient, &arena, &phase, &quotas).await,
         Ok(None) => {}
+        Err(error @ Error::Phase { .. }) => report.failed("phase", error, "--phase names it"),
         Err(error) => report.failed("phase", error, "the connection does not hold: look at the network"),
     }
 }
@@ -166,10 +167,14 @@ async fn phase(
     patient: &Patient,
     arena: &Arena,
 ) -> Result<Option<(Phase, Vec<Quota>)>, Error> {
+    let wanted = match patient.phase.as_str() {
+        "" => arena.practice_phase().await?,
+        named => named.to_owned(),
+    };
     let phases = arena.phases().await?;
-    let Some(phase) = phases.iter().find(|phase| phase.id == patient.phase).cloned() else {
+    let Some(phase) = phases.iter().find(|phase| phase.id == wanted).cloned() else {
         let known: Vec<_> = phases.iter().map(|phase| phase.id.as_str()).collect();
-        let found = format!("there is no phase '{}' that the team may see", patient.phase);
+        let found = format!("there is no phase '{wanted}' that the team may see");
         report.failed("phase", found, &format!("choose one of: {}", known.join(", ")));
         return Ok(None);
     };
@@ -205,8 +210,7 @@ fn quota(report: &mut Report, phase: &Phase, quotas: &[Quota]) {
 
 /// Whether a run of the phase costs the team nothing.
 fn is_free(phase: &str, quotas: &[Quota]) -> bool {
-    let counts = |quota: &&Quota| !matches!(quota.window, Window::Concurrent | Window::Uncharged);
-    quotas.iter().filter(|quota| quota.phase == phase).filter(counts).all(|quota| quota.limit.is_none())
+    !quotas.iter().any(|quota| quota.phase == phase && quota.is_counted())
 }
 
 /// The order in which a phase is tried: the first that it allows.

@@ -15,6 +15,8 @@ Start reading at `Arena`, `Play` and `Episode`:
 *Never*: knows a target, a place or a score that the server hides.
 """
 
+from contextlib import suppress
+
 from avln.action import Action, EndReason, Order
 from avln.agent import Agent, evaluate, evaluate_slots
 from avln.arena import Arena, begin, begin_run, connect
@@ -24,6 +26,7 @@ from avln.errors import (
     Error,
     LostError,
     NotArenaError,
+    PhaseError,
     ProtocolError,
     RefusedError,
     RunOverError,
@@ -43,6 +46,9 @@ from avln.service import Account, Phase, Quota, Run, RunStatus, ServerInfo
 from avln.summary import EpisodeEnd, Metric, Notice, Progress, RunSummary
 from avln.task import Sensors, TaskSpec
 from avln.version import VERSION
+
+with suppress(ImportError):  # where there is no Gymnasium, there is nobody to register environments with
+    from avln import gym as gym
 
 __version__ = VERSION
 
@@ -72,6 +78,7 @@ __all__ = [
     "Order",
     "Packing",
     "Phase",
+    "PhaseError",
     "Play",
     "Pose",
     "Progress",

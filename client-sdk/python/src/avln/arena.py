@@ -16,7 +16,7 @@ from avln.line import CALL_TIMEOUT_S, Dialler, Line
 from avln.link import CONNECT_TIMEOUT_S, Link, open_channel, parse_address, unreachable
 from avln.packing import Packing
 from avln.play import Play
-from avln.service import Account, Phase, Quota, Run, RunStatus, ServerInfo
+from avln.service import Account, Phase, Quota, Run, RunStatus, ServerInfo, phase_to_practise
 from avln.task import Sensors
 from avln.v1 import info_pb2, play_pb2, run_pb2
 from avln.version import client_info
@@ -109,6 +109,18 @@ class Arena:
         answer = self._ask("list phases", "InfoService/ListPhases", info_pb2.ListPhasesRequest())
         return [Phase.from_wire(phase) for phase in answer.phases]
 
+    def practice_phase(self) -> str:
+        """Id of the phase that is played where none is named.
+
+        It is the only open one in which the team's runs are not counted or, where there are several, the one called
+        `practice`.
+
+        Raises:
+            PhaseError: when there is no such phase.
+            Error: when the connection is lost.
+        """
+        return phase_to_practise(self.phases(), self.quota())
+
     def whoami(self) -> Account:
         """Whose token this is.
 
@@ -133,7 +145,7 @@ class Arena:
         """Begins a run.
 
         Args:
-            phase: id of the phase.
+            phase: id of the phase; empty for `practice_phase`.
             method: name on the leaderboard, 1 to 80 characters.
             order: order of its missions.
             version: the method's, at most 40 characters.
@@ -148,7 +160,7 @@ class Arena:
         """
         info = run_pb2.MethodInfo(name=method, version=version, description=description, code_url=code_url)
         request = run_pb2.StartRunRequest(
-            phase=phase,
+            phase=phase or self.practice_phase(),
             order=Order(order).to_wire(),
             method=info,
             client_request_id=request_id or uuid.uuid4().hex,

@@ -13,7 +13,7 @@ from avln import doctor, quickstart
 from avln.agent import evaluate_slots
 from avln.arena import begin_run, connect
 from avln.errors import Error
-from avln.options import add_camera, add_connection, add_run, link, parser, sensors
+from avln.options import PRACTICE, add_camera, add_connection, add_run, link, parser, sensors
 from avln.player import UnknownAgentError, load_agent
 from avln.progress import Bar
 
@@ -86,7 +86,7 @@ def _add_run(to: argparse.ArgumentParser) -> None:
 
 def _add_doctor(to: argparse.ArgumentParser) -> None:
     add_connection(to)
-    to.add_argument("--phase", default="practice", help="the phase that is to be played [practice]")
+    to.add_argument("--phase", default="", help=f"the phase that is to be played {PRACTICE}")
     to.add_argument("--practice", help="a phase to practise in, by default the phase itself")
     to.add_argument("--episodes", type=int, default=5, help="episodes to practise [5]")
     to.add_argument("--steps", type=int, default=100, help="actions in each of them, at most [100]")
@@ -181,7 +181,7 @@ def _doctor(options: argparse.Namespace) -> int:
         options.token,
         options.phase,
         link=link(options),
-        practice=options.practice or options.phase,
+        practice=options.practice,
         episodes=options.episodes,
         steps=options.steps,
         sensors=sensors(options),
@@ -199,6 +199,7 @@ def _doctor(options: argparse.Namespace) -> int:
 def _quickstart(options: argparse.Namespace) -> int:
     quickstart.write(options.out)
     print(f"wrote {options.out}; change its method act, and play again:")
-    print(f"  avln-py run {options.out} --phase {options.phase}")
+    named = f" --phase {options.phase}" if options.phase else ""
+    print(f"  avln-py run {options.out}{named}")
     options.agent, options.slots = str(options.out), 1
     return _run(options)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import statistics
 import time
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from avln.action import Action, Order
 from avln.arena import Arena, connect, undone_on_error
-from avln.errors import Error
+from avln.errors import Error, PhaseError
 from avln.version import API_MINOR, VERSION
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from avln.link import Link
     from avln.play import Play
-    from avln.service import Phase
+    from avln.service import Phase, Quota
     from avln.task import Sensors
 
 OK, WARNS, FAILS = "ok", "warning", "failure"
@@ -25,7 +25,6 @@ _ASKED = 20
 _CLOCK_MAY_DIFFER_S = 2.0
 _DAY_S = 86_400
 _SOON_S = 7 * _DAY_S
-_COUNTING = ("day", "month", "total")
 
 
 @dataclass(frozen=True)
@@ -73,12 +72,15 @@ def examine(
     phase: str,
     *,
     link: Link,
-    practice: str,
+    practice: str | None,
     episodes: int,
     steps: int,
     sensors: Sensors,
 ) -> Iterator[Check]:
-    """Looks at a server before a run, and plays some episodes of `practice` where it counts no runs."""
+    """Looks at a server before a run, and plays some episodes of `practice` where it counts no runs.
+
+    Without a `phase` looks at the one to practise in, and plays in `phase` without `practice`.
+    """
     try:
         arena = connect(server, token, link)
     except Error as error:
@@ -87,9 +89,14 @@ def examine(
     with arena:
         yield from _server(arena, server)
         yield _token(arena)
+        try:
+            phase = phase or arena.practice_phase()
+        except PhaseError as error:
+            yield Check("phase", FAILS, str(error))
+            return
         yield _phase(arena, phase)
         yield _quota(arena, phase)
-        yield from _practice(arena, phase, practice, Tries(episodes, steps, sensors))
+        yield from _practice(arena, phase, practice or phase, Tries(episodes, steps, sensors))
 
 
 def _server(arena: Arena, address: str) -> Iterator[Check]:
@@ -146,15 +153,15 @@ def _quota(arena: Arena, phase: str) -> Check:
     )
 
 
-def _quotas(arena: Arena, phase: str) -> list[Any]:
+def _quotas(arena: Arena, phase: str) -> list[Quota]:
     try:
-        return list(arena.quota(phase))
+        return arena.quota(phase)
     except Error:
         return []
 
 
 def _practice(arena: Arena, wanted: str, place: str, tries: Tries) -> Iterator[Check]:
-    if any(quota.limit is not None and quota.window in _COUNTING for quota in _quotas(arena, place)):
+    if any(quota.is_counted for quota in _quotas(arena, place)):
         advice = "name a phase that counts none with --practice"
         yield Check("practice", WARNS, f"nothing was played: {place} counts runs", advice)
         return

@@ -98,6 +98,19 @@ class SensorsError(Error, ValueError):
         )
 
 
+class PhaseError(Error):
+    """No phase was named, and none is there to practise in, or several are."""
+
+    def __init__(self, free: list[str], known: list[str]) -> None:
+        if free:
+            found = f"there are several to practise in, {', '.join(free)}"
+        elif known:
+            found = f"runs are counted or cannot begin in all of them, which are {', '.join(known)}"
+        else:
+            found = "this server shows your team none"
+        super().__init__(f"start a run without naming a phase: {found}; name one by phase= or --phase")
+
+
 class EpisodeOverError(Error):
     """A step was asked for in an episode that is over."""
 

@@ -11,6 +11,9 @@ from avln.packing import Packing
 from avln.task import Sensors
 from avln.version import VERSION
 
+PRACTICE = "[the one to practise in, where runs are not counted]"
+"""What programs do where no phase is named."""
+
 
 def parser(name: str, about: str) -> argparse.ArgumentParser:
     """A program's command line."""
@@ -34,7 +37,7 @@ def add_connection(to: argparse.ArgumentParser, *, needs_token: bool = True) -> 
 
 def add_run(to: argparse.ArgumentParser, *, method: str) -> None:
     """Which run is begun."""
-    to.add_argument("--phase", default="practice", help="phase to play in [practice]")
+    to.add_argument("--phase", default="", help=f"phase to play in {PRACTICE}")
     to.add_argument("--order", type=Order, default=Order.UNORDERED, help="ordered or unordered [unordered]")
     to.add_argument("--method", default=method, help=f"name on the leaderboard [{method}]")
 

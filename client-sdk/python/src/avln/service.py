@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from avln.action import EndReason, Order
+from avln.errors import PhaseError
 from avln.summary import Metric, Progress, ends, metrics
 from avln.task import word
 from avln.v1 import common_pb2, info_pb2, run_pb2, task_pb2
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 _OVER = {"completed", "failed", "cancelled", "expired"}
+_UNCOUNTED = {"concurrent", "uncharged"}
 
 
 @dataclass(frozen=True)
@@ -199,6 +201,11 @@ class Quota:
     charges: list[tuple[str, str]]
     """The runs that were counted and why, the oldest first."""
 
+    @property
+    def is_counted(self) -> bool:
+        """Whether it limits how many runs the team can ever begin, or in a time, whatever is left."""
+        return self.limit is not None and self.window not in _UNCOUNTED
+
     @classmethod
     def from_wire(cls, quota: run_pb2.Quota) -> Quota:
         """The quota of a message."""
@@ -231,3 +238,18 @@ class Account:
         """The account of a message."""
         scope = word(run_pb2.TokenScope, answer.scope)
         return cls(answer.team, answer.token_name, scope, answer.expires_unix_s)
+
+
+def phase_to_practise(phases: list[Phase], quotas: list[Quota]) -> str:
+    """Id of the phase that a team practises in, where it does not say.
+
+    Raises:
+        PhaseError: when there is none, or no one of them is meant.
+    """
+    counted = {quota.phase for quota in quotas if quota.is_counted}
+    free = [phase.id for phase in phases if phase.state == "open" and phase.id not in counted]
+    if len(free) == 1:
+        return free[0]
+    if "practice" in free:
+        return "practice"
+    raise PhaseError(free, [phase.id for phase in phases])

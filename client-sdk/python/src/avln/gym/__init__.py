@@ -1,8 +1,8 @@
 """Episodes as Gymnasium environments; `pip install 'avln[gym]'`.
 
-`gymnasium.make("avln.gym:avln/LHAVLN-v1", server=…, token=…, phase=…)` imports this module by itself; once it is
-imported, `"avln/LHAVLN-v1"` is enough. Gymnasium 1 looks for no entry points of packages. The same goes for
-`gymnasium.make_vec` with `vectorization_mode="vector_entry_point"`, which plays several slots of one run at once.
+`import avln` registers `"avln/LHAVLN-v1"` where Gymnasium is installed: `gymnasium.make("avln/LHAVLN-v1", server=…,
+token=…)`. So it does for `gymnasium.make_vec` with `vectorization_mode="vector_entry_point"`, which plays several slots
+of one run at once.
 """
 
 try:

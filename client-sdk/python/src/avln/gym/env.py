@@ -50,7 +50,7 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
         self,
         server: str,
         token: str,
-        phase: str,
+        phase: str = "",
         *,
         method: str = "gymnasium",
         order: Order | str = Order.UNORDERED,
@@ -66,7 +66,7 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
         Args:
             server: address like `http://127.0.0.1:50051`.
             token: the account's, or one run's.
-            phase: id of the phase.
+            phase: id of the phase; empty for `Arena.practice_phase`.
             method: name on the leaderboard.
             order: `avln.Order`, or its word.
             sensors: which sensors, and how; by default all at 256 x 256 pixels.

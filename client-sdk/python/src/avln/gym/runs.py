@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from avln.arena import RUN_TOKEN, Arena, begin_run, undone_on_error
+from avln.arena import RUN_TOKEN, begin_run, undone_on_error
 from avln.errors import Error, RunOverError
 from avln.gym.spaces import ObservationSpace
 
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from avln.link import Link
     from avln.play import Play
     from avln.task import Sensors
-
-_COUNTING = ("day", "month", "total")
 
 
 class Runs:
@@ -36,11 +34,12 @@ class Runs:
     ) -> None:
         self._method, self._order = method, order
         self._sensors, self._slots = sensors, slots
-        self.phase = phase
         self._arena, self._run = begin_run(server, token, phase, method, order, sensors=sensors, link=link)
         is_given = token.startswith(RUN_TOKEN)
         with undone_on_error(self._arena, self._run, is_own=not is_given):
-            self.is_counted = is_given or _is_counted(self._arena, phase)
+            self.phase = self._run.phase or phase
+            """The phase."""
+            self.is_counted = is_given or any(quota.is_counted for quota in self._arena.quota(self.phase))
             """Whether the phase limits how many runs a team has."""
             self.plays = self._open()
             """The slots of the open run."""
@@ -95,7 +94,3 @@ class Runs:
                 f"play {self._slots} slots in phase {self.phase}: it grants {len(plays)}; ask for num_envs={len(plays)}"
             )
         return plays
-
-
-def _is_counted(arena: Arena, phase: str) -> bool:
-    return any(quota.limit is not None and quota.window in _COUNTING for quota in arena.quota(phase))

@@ -71,7 +71,7 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
         num_envs: int,
         server: str,
         token: str,
-        phase: str,
+        phase: str = "",
         *,
         method: str = "gymnasium",
         order: Order | str = Order.UNORDERED,

@@ -1,0 +1,56 @@
+"""Where a run is begun that names no phase."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import pytest
+from server import PHASE
+
+import avln
+from avln.service import phase_to_practise
+from avln.v1 import info_pb2, run_pb2
+
+if TYPE_CHECKING:
+    from conftest import Door
+
+OPEN, CLOSED = info_pb2.PHASE_STATE_OPEN, info_pb2.PHASE_STATE_CLOSED
+
+
+def phase(name: str, state: info_pb2.PhaseState = OPEN) -> avln.Phase:
+    return avln.Phase.from_wire(info_pb2.Phase(id=name, state=state))
+
+
+def quota(name: str, window: run_pb2.QuotaWindow, limit: int) -> avln.Quota:
+    return avln.Quota.from_wire(run_pb2.Quota(phase=name, window=window, limit=limit))
+
+
+PHASES = [phase("val"), phase("test"), phase("practice"), phase("old", CLOSED)]
+COUNTED = quota("test", run_pb2.QUOTA_WINDOW_DAY, 5)
+
+
+def test_no_run_is_spent() -> None:
+    side_by_side = quota("val", run_pb2.QUOTA_WINDOW_CONCURRENT, 2)
+    assert phase_to_practise(PHASES[:2], [COUNTED, side_by_side]) == "val"
+    assert phase_to_practise(PHASES, [COUNTED]) == "practice"
+
+
+@pytest.mark.parametrize(
+    ("phases", "quotas", "problem"),
+    [
+        (PHASES[:2], [], "several to practise in, val, test; name one by phase= or --phase"),
+        (PHASES[1:2] + PHASES[3:], [COUNTED], "cannot begin in all of them, which are test, old; name one"),
+        ([], [], "shows your team none"),
+    ],
+)
+def test_where_none_is_meant_the_phases_are_told(
+    phases: list[avln.Phase], quotas: list[avln.Quota], problem: str
+) -> None:
+    with pytest.raises(avln.PhaseError, match=re.escape(problem)):
+        phase_to_practise(phases, quotas)
+
+
+def test_a_run_without_a_phase_is_practice(door: Door, arena: avln.Arena) -> None:
+    with avln.begin(door.url, door.token, "", "unnamed") as play:
+        assert arena.run(play.run).phase == PHASE
