@@ -36,7 +36,6 @@ avln split make few --houses 1 --missions 2 && avln phase open practice --split 
         ("cargo run --release -- demo --scene", "avln demo --missions 1 --scene"),
         ("cargo run --release -- demo", "avln demo --houses 1 --missions 2"),
         ("target/release/avln demo", "avln demo --houses 1 --missions 2"),
-        ("practice-3x4-seed1", "practice-1x2-seed1"),
         ("--houses 10 --missions 20", "--houses 1 --missions 2"),
         ("http://127.0.0.1:50051", "$AVLN_SERVER"),
         ("tcp://127.0.0.1:5555", "tcp://127.0.0.1:*"),
