@@ -29,7 +29,14 @@ struct Journey {
 }
 
 const PARTICIPANT: Journey = Journey {
-    documents: &["README.md", "docs/QUICKSTART.md", "docs/python.md", "docs/FAQ.md", "docs/VERIFYING.md"],
+    documents: &[
+        "README.md",
+        "docs/QUICKSTART.md",
+        "docs/python.md",
+        "docs/performance.md",
+        "docs/FAQ.md",
+        "docs/VERIFYING.md",
+    ],
     before: "mkdir -p path/to && avln scene export --seed 7 path/to/house.glb
 avln split make few --houses 1 --missions 2 && avln phase open practice --split few",
     instead: &[
@@ -37,6 +44,7 @@ avln split make few --houses 1 --missions 2 && avln phase open practice --split 
         ("cargo run --release -- demo", "avln demo --houses 1 --missions 2"),
         ("target/release/avln demo", "avln demo --houses 1 --missions 2"),
         ("--houses 10 --missions 20", "--houses 1 --missions 2"),
+        ("--episodes 2 --steps 900", "--episodes 1 --steps 9"),
         ("http://127.0.0.1:50051", "$AVLN_SERVER"),
         ("tcp://127.0.0.1:5555", "tcp://127.0.0.1:*"),
         ("https://arena.example:50051", "$AVLN_SERVER"),
@@ -57,6 +65,10 @@ avln split make few --houses 1 --missions 2 && avln phase open practice --split 
         ("cargo add", "the example is compiled with all tests"),
         ("cp ../lh-avln-arena", "the example is compiled with all tests"),
         ("cargo run -r", "the example is compiled with all tests"),
+        ("cargo bench", "it takes minutes and what it measures is not tested"),
+        ("python3 -m venv /tmp/venv", "the peers of benchmarks are no part of the tests"),
+        ("apt-get install libgl1", "the peers of benchmarks are no part of the tests"),
+        ("/tmp/venv/bin/python", "the peers of benchmarks are no part of the tests"),
     ],
 };
 
@@ -83,7 +95,7 @@ const ORGANISER: Journey = Journey {
 };
 
 const RESEARCHER: Journey = Journey {
-    documents: &["docs/DATASET.md", "docs/HABITAT.md", "docs/checking-sound.md"],
+    documents: &["docs/DATASET.md", "docs/HABITAT.md", "docs/checking-sound.md", "docs/perception.md"],
     before: r#"echo '["MoveForward", "TurnLeft"]' > actions.json
 echo '[{"position": [1, 1.25, -2], "rotation": [0, 0.7071, 0, 0.7071]}]' > poses.json"#,
     instead: &[
@@ -92,6 +104,10 @@ echo '[{"position": [1, 1.25, -2], "rotation": [0, 0.7071, 0, 0.7071]}]' > poses
         ("--houses 11 --views 60", "--houses 1 --views 2"),
         ("--episodes 2000", "--episodes 1"),
         (" --head listener.sofa", ""),
+        ("cargo run --release -p avln-eyes --example ", "$EXAMPLES/"),
+        ("cargo run --release -p avln-kit --example ", "$EXAMPLES/"),
+        ("measure -- ", "measure "),
+        ("recognise -- ", "recognise "),
     ],
     not_typed: &[
         ("avln split export val --dataset imported", "tests of imports do it"),
@@ -99,19 +115,60 @@ echo '[{"position": [1, 1.25, -2], "rotation": [0, 0.7071, 0, 0.7071]}]' > poses
     ],
 };
 
-const JOURNEYS: [&Journey; 3] = [&PARTICIPANT, &ORGANISER, &RESEARCHER];
+/// What containers are told to do is done without them, in the same order and folders.
+const DEPLOYER: Journey = Journey {
+    documents: &["docs/deploying.md"],
+    before: "mkdir backups && export AVLN_SEAL_KEY_FILE=docker/secrets/seal.key",
+    instead: &[
+        ("sudo chown -R 10001 docker/secrets && sudo chmod", "chmod"),
+        ("arena run --rm challenge-server ", ""),
+        ("arena exec challenge-server ", ""),
+        ("--houses 4 --missions 4", "--houses 2 --missions 2"),
+        ("apply /challenge/", "apply docker/challenge/"),
+        ("arena up --detach", "avln serve"),
+        ("arena run --rm --no-deps challenge-backup ls /backups", "avln db backup backups/NAME.tar"),
+        (
+            "docker run --rm --volume avln_restored:/data --volume avln_backups:/backups:ro avln-server avln",
+            "avln --data restored",
+        ),
+        ("restore /backups/", "restore backups/"),
+        ("avln_account_…", "$TOKEN"),
+        ("AVLN_TOKEN=…", "AVLN_TOKEN=$ORGANISER"),
+        ("python3 play.py", "avln agent random --phase challenge"),
+        (
+            "docker compose --file docker/compose.yaml --profile sealed up --abort-on-container-exit",
+            "avln serve && $AVLN_AGENT_COMMAND",
+        ),
+        ("sudo install -d -o avln -g avln -m 700 /var/lib/avln", "install -d -m 700 service"),
+        ("sudo -u avln avln", "avln"),
+        ("/var/lib/avln", "service"),
+    ],
+    not_typed: &[
+        ("just dist", "it takes the build of a release"),
+        ("docker compose --file docker/compose.yaml --profile trial", "tests of containers do it"),
+        ("alias arena", "there may be no engine"),
+        ("arena build", "there may be no engine"),
+        ("arena down", "what is served anew ends what was served"),
+        ("docker volume create", "there may be no engine"),
+        ("docker run --rm --user 0", "there may be no engine"),
+        ("sudo install avln", "it takes root"),
+        ("sudo install -D", "it takes root"),
+        ("sudo install -m 644", "it takes root"),
+        ("sudo systemd-sysusers", "it takes root"),
+        ("sudo systemctl", "it takes root"),
+    ],
+};
+
+const JOURNEYS: [&Journey; 4] = [&PARTICIPANT, &ORGANISER, &RESEARCHER, &DEPLOYER];
 
 /// Documents that nobody follows here, and why.
-const NOT_FOLLOWED: [(&str, &str); 6] = [
+const NOT_FOLLOWED: [(&str, &str); 3] = [
     ("agents/eyes/training/README.md", "it takes hours of training"),
     (
         "client-sdk/python/README.md",
         "its lines stand in docs/python.md, or are what tests of the package run",
     ),
-    ("docs/deploying.md", "it takes root and an engine for containers"),
     ("docs/models.md", "it takes models that people bring"),
-    ("docs/perception.md", "it takes the pictures of hundreds of houses"),
-    ("docs/performance.md", "it takes peers that are measured against"),
 ];
 
 /// Programs with which documents are followed.
@@ -203,7 +260,8 @@ fn surround(terminal: &mut Command) {
     for name in ["AVLN_TOKEN", "AVLN_CA", "AVLN_DATA", "AVLN_SEAL_KEY", "AVLN_SEAL_KEY_FILE"] {
         terminal.env_remove(name);
     }
-    terminal.env("AVLN_BIN", env!("CARGO_BIN_EXE_avln_under_test"));
+    let program = Path::new(env!("CARGO_BIN_EXE_avln_under_test"));
+    terminal.env("AVLN_BIN", program).env("EXAMPLES", program.with_file_name("examples"));
     terminal.env("AVLN_SERVER", format!("http://{grpc}"));
     terminal.env("AVLN_GRPC", grpc).env("AVLN_WEB", web).env("AVLN_ADMIN", admin);
     if let Some(python) = env::var_os("AVLN_PYTHON") {
@@ -238,4 +296,9 @@ fn organisers_hold_a_challenge() {
 #[test]
 fn researchers_get_data() {
     RESEARCHER.make();
+}
+
+#[test]
+fn servers_are_deployed_and_restored() {
+    DEPLOYER.make();
 }
