@@ -47,6 +47,13 @@ avln-bridge() {
     kill "$bridge"
 }
 
+# An example of the repository, which is compiled with all tests.
+example() {
+    local program="$EXAMPLES/$1"
+    [ -x "$program" ] || { echo "there is no $program; cargo build --workspace --examples makes it" >&2; return 1; }
+    "$program" "${@:2}"
+}
+
 # What the server signs logs with, as its status tells it.
 log_key() {
     curl -fsS "http://$AVLN_WEB/api/v1/status" | grep -o '"log_key":"[^"]*"' | cut -d '"' -f 4

@@ -75,5 +75,9 @@ async fn what_would_stop_a_run_is_told_and_no_quota_is_spent() {
         (Some(0), "ok", "skipped"),
         "{report}"
     );
+    let (code, report, _) = doctor(&house.agents_url(), &house.token, "");
+    assert_eq!((code, verdict(&report, "phase")), (Some(6), "failed"), "{report}");
+    let told = report.to_string();
+    assert!(told.contains(&format!("which are {PHASE}; name one with --phase")), "{told}");
     assert_eq!(store.reader().runs(&Viewer::Organiser, None, 10).await.unwrap(), []);
 }

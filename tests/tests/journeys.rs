@@ -104,10 +104,8 @@ echo '[{"position": [1, 1.25, -2], "rotation": [0, 0.7071, 0, 0.7071]}]' > poses
         ("--houses 11 --views 60", "--houses 1 --views 2"),
         ("--episodes 2000", "--episodes 1"),
         (" --head listener.sofa", ""),
-        ("cargo run --release -p avln-eyes --example ", "$EXAMPLES/"),
-        ("cargo run --release -p avln-kit --example ", "$EXAMPLES/"),
-        ("measure -- ", "measure "),
-        ("recognise -- ", "recognise "),
+        ("cargo run --release -p avln-eyes --example measure --", "example measure"),
+        ("cargo run --release -p avln-kit --example recognise --", "example recognise"),
     ],
     not_typed: &[
         ("avln split export val --dataset imported", "tests of imports do it"),

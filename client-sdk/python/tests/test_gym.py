@@ -100,6 +100,15 @@ def test_practice_goes_on_without_end_and_a_seed_begins_it_anew(env: LHAVLNEnv) 
     np.testing.assert_array_equal(env.reset(seed=4)[0]["rgb"], firsts[0])
 
 
+def test_a_runs_own_token_needs_no_phase(door: Door, arena: avln.Arena) -> None:
+    run = arena.start_run(PHASE, "given")
+    env = gymnasium.make(ENV_ID, server=door.url, token=run.token, sensors=SMALL, goal_side=32)
+    env.reset()
+    with pytest.raises(avln.RunOverError, match=f"run {run.id} gives no episode: reset was called with seed 7, and"):
+        env.reset(seed=7)
+    env.close()
+
+
 def test_counted_runs_refuse_seeds_and_end(door: Door) -> None:
     env = make(door, CHALLENGE)
     env.reset()

@@ -156,7 +156,7 @@ async fn account(report: &mut Report, patient: &Patient, link: &Link) {
     match phase(report, patient, &arena).await {
         Ok(Some((phase, quotas))) => practice::check(report, patient, &arena, &phase, &quotas).await,
         Ok(None) => {}
-        Err(error @ Error::Phase { .. }) => report.failed("phase", error, "--phase names it"),
+        Err(error @ Error::Phase { .. }) => report.failed("phase", error, ""),
         Err(error) => report.failed("phase", error, "the connection does not hold: look at the network"),
     }
 }

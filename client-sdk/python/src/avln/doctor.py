@@ -79,7 +79,7 @@ def examine(
 ) -> Iterator[Check]:
     """Looks at a server before a run, and plays some episodes of `practice` where it counts no runs.
 
-    Without a `phase` looks at the one to practise in, and plays in `phase` without `practice`.
+    An empty `phase` is `Arena.practice_phase`; without `practice` the phase itself is played.
     """
     try:
         arena = connect(server, token, link)

@@ -121,8 +121,9 @@ class EpisodeOverError(Error):
 class RunOverError(Error):
     """An episode was asked for in a run that has none left."""
 
-    def __init__(self, run: str, phase: str) -> None:
-        super().__init__(f"run {run} in phase {phase} has no episode left; start another run")
+    def __init__(self, run: str, phase: str, because: str = "none is left") -> None:
+        where = f" in phase {phase}" if phase else ""
+        super().__init__(f"run {run}{where} gives no episode: {because}; start another run")
 
 
 class RefusedError(Error):

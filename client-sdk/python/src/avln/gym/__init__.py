@@ -1,8 +1,8 @@
 """Episodes as Gymnasium environments; `pip install 'avln[gym]'`.
 
-`import avln` registers `"avln/LHAVLN-v1"` where Gymnasium is installed: `gymnasium.make("avln/LHAVLN-v1", server=…,
-token=…)`. So it does for `gymnasium.make_vec` with `vectorization_mode="vector_entry_point"`, which plays several slots
-of one run at once.
+`import avln` registers `"avln/LHAVLN-v1"` where Gymnasium is installed, for `gymnasium.make("avln/LHAVLN-v1", server=…,
+token=…)` and for `gymnasium.make_vec` with `vectorization_mode="vector_entry_point"`, which plays several slots of one
+run at once.
 """
 
 try:

@@ -38,7 +38,7 @@ class Runs:
         is_given = token.startswith(RUN_TOKEN)
         with undone_on_error(self._arena, self._run, is_own=not is_given):
             self.phase = self._run.phase or phase
-            """The phase."""
+            """The phase; empty where a run's own token was given and no phase."""
             self.is_counted = is_given or any(quota.is_counted for quota in self._arena.quota(self.phase))
             """Whether the phase limits how many runs a team has."""
             self.plays = self._open()
@@ -72,7 +72,7 @@ class Runs:
         if self.is_fresh:
             return
         if self.is_counted:
-            raise RunOverError(f"{self._run.id} cannot be begun anew ({because})", self.phase)
+            raise RunOverError(self.plays[0].run, self.phase, f"{because}, and runs that count are not begun anew")
         self.plays[0].finish()
         self._run = self._arena.start_run(self.phase, self._method, self._order)
         with undone_on_error(self._arena, self._run, is_own=True):
