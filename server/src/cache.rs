@@ -4,8 +4,8 @@
 //! Everything in the folder can be made anew. Whatever is wrong with it is a warning and never an error.
 
 use crate::{Failure, FailureKind, arena::secret};
-use avln_machine::Mapped;
 use avln_render::{Model, Shelf};
+use avln_simd::Mapped;
 use avln_world::{Cache, SoundShelf};
 use std::{
     fs::{self, File},

@@ -9,8 +9,8 @@ use crate::{
 use avln_grpc::Control;
 /// What [`Doors::with_limits`] changes.
 pub use avln_grpc::Limits;
+use avln_net::{Identity, Listener, Protocol};
 use avln_store::Reader;
-use avln_tls::{Identity, Listener, Protocol};
 use avln_web::Site;
 use clap::Args;
 use std::{net::SocketAddr, path::PathBuf, sync::Arc};

@@ -104,7 +104,7 @@ echo '[{"position": [1, 1.25, -2], "rotation": [0, 0.7071, 0, 0.7071]}]' > poses
         ("--houses 11 --views 60", "--houses 1 --views 2"),
         ("--episodes 2000", "--episodes 1"),
         (" --head listener.sofa", ""),
-        ("cargo run --release -p avln-eyes --example measure --", "example measure"),
+        ("cargo run --release -p avln-perception --example measure --", "example measure"),
         ("cargo run --release -p avln-kit --example recognise --", "example recognise"),
     ],
     not_typed: &[
@@ -161,7 +161,7 @@ const JOURNEYS: [&Journey; 4] = [&PARTICIPANT, &ORGANISER, &RESEARCHER, &DEPLOYE
 
 /// Documents that nobody follows here, and why.
 const NOT_FOLLOWED: [(&str, &str); 3] = [
-    ("agents/eyes/training/README.md", "it takes hours of training"),
+    ("agents/perception/training/README.md", "it takes hours of training"),
     (
         "client-sdk/python/README.md",
         "its lines stand in docs/python.md, or are what tests of the package run",

@@ -1,7 +1,7 @@
 //! The eyes of agents learnt from houses that no evaluation shows.
 
 use avln_dataset::{Recipe, SceneSource};
-use avln_eyes::Eyes;
+use avln_perception::Eyes;
 use std::collections::BTreeSet;
 
 /// Seeds of all houses that may be drawn for the splits of the program's recipes: those of `split`, or those of all others.

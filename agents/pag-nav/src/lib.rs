@@ -1,7 +1,7 @@
 //! PAG-Nav: the reference agent, a client like everyone else.
 //!
 //! Start reading at [`PagNav`] and [`run`]. It follows section 4 of the paper, with a small network
-//! (`avln-eyes`) in the place of large encoders:
+//! (`avln-perception`) in the place of large encoders:
 //!
 //! | paper | here |
 //! |---|---|
@@ -20,7 +20,7 @@
 //! an open gate waits until the target sounds again, since only its silence then tells that it was found; nobody tells
 //! which goal sounds.
 //!
-//! It sees by the network of `avln-eyes`, or by models that people bring (`avln-onnx`). [`Weights`] are its numbers; `pag-nav.toml` has them all. A [`Recorder`] writes down what it heard, believed and did.
+//! It sees by the network of `avln-perception`, or by models that people bring (`avln-onnx`). [`Weights`] are its numbers; `pag-nav.toml` has them all. A [`Recorder`] writes down what it heard, believed and did.
 //! [`Ablation`] takes parts of it away; [`PagNav::hinted`] is what a host may tell it to find out what a perfect sense is
 //! worth, and nobody else is told.
 //!

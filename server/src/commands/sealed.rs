@@ -12,8 +12,8 @@ use crate::{
     doors::{Addresses, Doors, OpenDoors},
     say::say,
 };
-use avln_cell::Report;
 use avln_episode::Order;
+use avln_sandbox::Report;
 use avln_store::{RunState, Store};
 use clap::{Args, Subcommand};
 use std::{
@@ -107,13 +107,14 @@ impl Enter {
     /// # Errors
     /// When the agent cannot be shut in or started.
     pub fn take(self) -> Result<(), Failure> {
-        let failed = |error: avln_cell::CellError| Failure::new(FailureKind::Run, error);
+        let failed = |error: avln_sandbox::CellError| Failure::new(FailureKind::Run, error);
         if self.inmate {
-            return avln_cell::shut(&self.plan, self.outside.as_deref()).map(|_| ()).map_err(failed);
+            return avln_sandbox::shut(&self.plan, self.outside.as_deref()).map(|_| ()).map_err(failed);
         }
         let again = ["sealed", "enter", "--inmate"].map(String::from);
         let arguments = [again.as_slice(), &[self.plan.display().to_string()]].concat();
-        let code = avln_cell::enter(&self.plan, Path::new("/proc/self/exe"), &arguments).map_err(failed)?;
+        let code =
+            avln_sandbox::enter(&self.plan, Path::new("/proc/self/exe"), &arguments).map_err(failed)?;
         process::exit(code.into())
     }
 }

@@ -2,7 +2,7 @@
 
 use super::sealed::Run;
 use crate::{Failure, FailureKind, arena::data::DataFolder};
-use avln_cell::{Container, Engine, Plan, Report};
+use avln_sandbox::{Container, Engine, Plan, Report};
 use std::{
     io,
     net::SocketAddr,
@@ -102,7 +102,7 @@ impl Cell {
     /// Makes the cell's folder and opens its sockets; who connects from inside gets to the server at `server`.
     pub(super) async fn prepare(way: &Way, server: SocketAddr) -> Result<Self, Failure> {
         let unusable = |error: io::Error| failed("cannot make a folder for the cell", error);
-        let folder = tempfile::Builder::new().prefix("avln-cell-").tempdir().map_err(unusable)?;
+        let folder = tempfile::Builder::new().prefix("avln-sandbox-").tempdir().map_err(unusable)?;
         let place = folder.path().canonicalize().map_err(unusable)?;
         let mut passage = JoinSet::new();
         passage.spawn(pass(listen(Plan::server_socket(&place))?, server));

@@ -2,7 +2,7 @@
 
 use super::frames::Record;
 use avln_client::{DepthImage, Pose};
-use avln_eyes::extent;
+use avln_perception::extent;
 use avln_kit::perception::{Place, Stand, Thing, View};
 use std::collections::BTreeMap;
 

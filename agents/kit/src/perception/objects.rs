@@ -1,6 +1,6 @@
 use super::{Palette, Place, Stand, View, color::contrast, geometry::Seen};
 use avln_client::{DepthImage, Image};
-use avln_eyes::extent;
+use avln_perception::extent;
 
 /// Nodes in a row of the grid on which a picture is cut into things.
 const NODES: usize = 64;

@@ -1,6 +1,6 @@
 use super::{Layout, Place, Query, Recognition, Stand, Thing, View, Words, objects::cosine};
 use avln_client::{DepthImage, GoalCue, Image, Mission, Observation, RgbImage, TaskSpec};
-use avln_eyes::{Camera, Depth, Eyes, Perception as _, Picture, Seen, Segment, WeightsError, lift};
+use avln_perception::{Camera, Depth, Eyes, Perception as _, Picture, Seen, Segment, WeightsError, lift};
 
 /// Likelihoods below this are left out.
 const UNLIKELY: f32 = 0.003;
@@ -25,7 +25,7 @@ const WIDER: [(&str, &str); 13] = [
     ("floor_lamp", "lighting"),
 ];
 
-/// Perception by the network of `avln-eyes`: segments with likelihoods of categories and embeddings, lifted to boxes by depth.
+/// Perception by the network of `avln-perception`: segments with likelihoods of categories and embeddings, lifted to boxes by depth.
 pub struct Sight {
     eyes: Eyes,
     view: View,
@@ -45,12 +45,12 @@ enum Goal {
 
 impl Default for Sight {
     fn default() -> Self {
-        Self::new().expect("the weights that come with avln-eyes can be read")
+        Self::new().expect("the weights that come with avln-perception can be read")
     }
 }
 
 impl Sight {
-    /// The network that comes with `avln-eyes`.
+    /// The network that comes with `avln-perception`.
     ///
     /// # Errors
     /// When its weights cannot be read.
@@ -166,7 +166,7 @@ fn look(segment: &Segment) -> Vec<f32> {
 mod tests {
     use super::*;
     use avln_client::{Mission, Pose};
-    use avln_eyes::{Histogram, PixelBox};
+    use avln_perception::{Histogram, PixelBox};
 
     const SIDE: usize = 32;
 

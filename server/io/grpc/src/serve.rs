@@ -11,7 +11,7 @@ use crate::{
     places::{Place, Places},
     service,
 };
-use avln_tls::{Greeter, Listener};
+use avln_net::{Greeter, Listener};
 use hyper::{body::Incoming, server::conn::http2, service::service_fn};
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use std::{

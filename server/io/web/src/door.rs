@@ -1,8 +1,8 @@
 //! The loop that lets visitors in.
 
 use crate::{Site, office::Peer, router_beside};
+use avln_net::{Listener, Stream};
 use avln_store::Reader;
-use avln_tls::{Listener, Stream};
 use axum::{Router, http::Request};
 use hyper::{body::Incoming, server::conn::http1};
 use hyper_util::{

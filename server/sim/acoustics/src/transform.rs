@@ -1,7 +1,7 @@
 //! The discrete Fourier transform, written so that the compiler works on many points at a time. Equal bits on every
 //! processor.
 
-use avln_machine::{Width, Work, run_at};
+use avln_simd::{Width, Work, run_at};
 use std::f64::consts::TAU;
 
 /// Points of a wide stretch.

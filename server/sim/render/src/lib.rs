@@ -18,7 +18,7 @@ mod raster;
 mod renderer;
 mod shade;
 
-pub use avln_machine::Width;
+pub use avln_simd::Width;
 pub use camera::{Camera, Frame};
 pub use model::{Model, ModelError};
 pub use noise::{DepthNoise, Noise, RgbNoise};

@@ -4,8 +4,8 @@ use crate::model::Model;
 use crate::raster::{Raster, Scratch};
 use crate::shade::Developer;
 use avln_geom::RayMesh;
-use avln_machine::{Width, run_at};
 use avln_scene::{InstanceId, Scene, Texture};
+use avln_simd::{Width, run_at};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Takes pictures of one scene. The same camera always gives the same bytes.

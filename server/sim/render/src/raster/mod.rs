@@ -19,7 +19,7 @@ pub(crate) use swatch::Swatches;
 
 use crate::camera::Lens;
 use crate::model::View;
-use avln_machine::Work;
+use avln_simd::Work;
 use batch::{Batches, Projected};
 
 /// What is nearer to the plane of the pinhole is not seen, metres.

@@ -5,8 +5,8 @@ mod sample;
 use crate::camera::Frame;
 use crate::model::{NO_TEXTURE, View};
 use crate::raster::{Scratch, Swatches};
-use avln_machine::Work;
 use avln_scene::InstanceId;
+use avln_simd::Work;
 pub(crate) use sample::modulate;
 use sample::{level_of, rounded, sample, sample_one};
 

@@ -1,6 +1,6 @@
 //! What the eyes tell of pictures of a house is in order, and is the same each time.
 
-use avln_eyes::{Camera, Depth, Eyes, Perception, Picture, lift};
+use avln_perception::{Camera, Depth, Eyes, Perception, Picture, lift};
 
 /// The first example: a picture of 64 x 64 pixels with depth.
 fn example() -> (Camera, Vec<u8>, Vec<f32>) {

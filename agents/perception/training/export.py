@@ -33,7 +33,7 @@ def folded(net):
 
 def write(path, tensors, about):
     """The layout of safetensors: length of the header, header, numbers."""
-    header, offset = {"__metadata__": {"avln-eyes": json.dumps(about)}}, 0
+    header, offset = {"__metadata__": {"avln-perception": json.dumps(about)}}, 0
     for name, values in tensors.items():
         end = offset + values.nbytes
         header[name] = {"dtype": "F16", "shape": list(values.shape), "data_offsets": [offset, end]}

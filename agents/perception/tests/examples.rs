@@ -1,6 +1,6 @@
 //! The engine tells what PyTorch tells.
 
-use avln_eyes::{Camera, Depth, Eyes, Picture};
+use avln_perception::{Camera, Depth, Eyes, Picture};
 
 /// Of what PyTorch told, every fourth pixel of a row and of a column was kept.
 const KEPT: usize = 4;

@@ -69,7 +69,7 @@ def read(path):
     raw = path.read_bytes()
     (length,) = struct.unpack("<Q", raw[:8])
     header, values = json.loads(raw[8 : 8 + length]), raw[8 + length :]
-    about = json.loads(header.pop("__metadata__")["avln-eyes"])
+    about = json.loads(header.pop("__metadata__")["avln-perception"])
     tensors = {}
     for name, tensor in header.items():
         if not name.startswith("shapes."):

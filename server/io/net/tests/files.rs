@@ -1,6 +1,6 @@
 //! Certificates that are no use are refused by name, and clients that do not speak TLS are told to.
 
-use avln_tls::{Identity, Listener, Protocol, Refused};
+use avln_net::{Identity, Listener, Protocol, Refused};
 use rcgen::{CertificateParams, KeyPair, date_time_ymd};
 use std::{path::PathBuf, time::Duration};
 use tempfile::TempDir;

@@ -2,7 +2,7 @@
 //!
 //! ```sh
 //! avln dataset frames --measure --split val --houses 11 --views 60 --out FOLDER
-//! cargo run --release -p avln-eyes --example measure -- FOLDER CONFUSIONS.csv
+//! cargo run --release -p avln-perception --example measure -- FOLDER CONFUSIONS.csv
 //! ```
 //!
 //! The file, which may be left out, gets how many objects of each category were taken for each.
@@ -11,7 +11,7 @@ mod frames;
 mod instances;
 mod pixels;
 
-use avln_eyes::{Depth, Eyes, Perception, Picture, Seen};
+use avln_perception::{Depth, Eyes, Perception, Picture, Seen};
 use frames::{Manifest, Record};
 use instances::{Precision, Retrieval, sightings};
 use pixels::{Confusion, SIZES_PX, Truth};

@@ -2,13 +2,13 @@
 //! the number of the house, the category that the segment truly shows, and what it is judged by.
 //!
 //! ```sh
-//! cargo run --release -p avln-eyes --example shapes -- FRAMES FIRST_HOUSE FILE
+//! cargo run --release -p avln-perception --example shapes -- FRAMES FIRST_HOUSE FILE
 //! ```
 
 #[path = "../measure/frames.rs"]
 mod frames;
 
-use avln_eyes::{Depth, Eyes, Perception, Picture, Seen, Segment, lift};
+use avln_perception::{Depth, Eyes, Perception, Picture, Seen, Segment, lift};
 use frames::Record;
 use std::{collections::BTreeMap, fs::File, io::BufWriter, io::Write, path::PathBuf};
 

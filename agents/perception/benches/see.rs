@@ -1,6 +1,6 @@
 //! How long a look takes, one thread: the fastest and the median of a hundred.
 
-use avln_eyes::{Camera, Depth, Eyes, Perception, Picture};
+use avln_perception::{Camera, Depth, Eyes, Perception, Picture};
 use std::hint::black_box;
 use std::time::Instant;
 

@@ -1,6 +1,6 @@
 //! Pixels and whole objects: which category they are, and which they are taken for.
 
-use avln_eyes::Seen;
+use avln_perception::Seen;
 
 /// Sizes from which objects count, pixels of the map.
 pub(crate) const SIZES_PX: [usize; 2] = [25, 100];

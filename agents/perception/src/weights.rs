@@ -93,7 +93,7 @@ impl<'a> Weights<'a> {
         let mut header: BTreeMap<String, serde_json::Value> =
             serde_json::from_slice(header).map_err(malformed)?;
         let told = header.remove("__metadata__").unwrap_or_default();
-        let told = told["avln-eyes"].as_str().ok_or_else(|| unusable("it does not say what it is"))?;
+        let told = told["avln-perception"].as_str().ok_or_else(|| unusable("it does not say what it is"))?;
         let about: About = serde_json::from_str(told).map_err(malformed)?;
         if about.version != 1 {
             return Err(unusable(format!("it has version {}, this build reads 1", about.version)));

@@ -1,5 +1,5 @@
 use crate::weights::{Layer, PANEL};
-use avln_machine::{Width, Work, run_at};
+use avln_simd::{Width, Work, run_at};
 
 /// Numbers for every pixel: rows of pixels of `channels` numbers each, with a border of one pixel of zeros around them, so that
 /// what a pixel of a 3 × 3 convolution is made from are three stretches of memory.

@@ -1,7 +1,7 @@
 //! Instances: whether their masks are found (average precision), and whether they are known again.
 
 use super::pixels::Truth;
-use avln_eyes::{Seen, Segment};
+use avln_perception::{Seen, Segment};
 use std::collections::BTreeMap;
 
 /// Smaller instances may be found or not, pixels of the map.

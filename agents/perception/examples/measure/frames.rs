@@ -2,7 +2,7 @@
 
 #![allow(dead_code, reason = "each example reads what it needs")]
 
-use avln_eyes::Camera;
+use avln_perception::Camera;
 use serde::Deserialize;
 use std::path::Path;
 
