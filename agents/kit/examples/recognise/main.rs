@@ -6,7 +6,7 @@
 //! cargo run --release -p avln-kit --example recognise -- FOLDER
 //! ```
 
-#[path = "../../../eyes/examples/measure/frames.rs"]
+#[path = "../../../perception/examples/measure/frames.rs"]
 mod frames;
 mod tally;
 mod truth;

@@ -2,8 +2,8 @@
 
 use super::frames::Record;
 use avln_client::{DepthImage, Pose};
-use avln_perception::extent;
 use avln_kit::perception::{Place, Stand, Thing, View};
+use avln_perception::extent;
 use std::collections::BTreeMap;
 
 /// Instances of fewer pixels in all pictures together are not looked for.
