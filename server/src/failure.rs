@@ -11,7 +11,7 @@ pub struct Failure {
 /// The kinds of failure, each with an exit code of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FailureKind {
-    /// Something that should not have happened.
+    /// An internal error.
     Internal = 1,
     /// The data folder or its database cannot be used.
     Data = 3,
@@ -25,13 +25,13 @@ pub enum FailureKind {
 
 /// The exit codes, as `avln --help` prints them.
 pub(crate) const EXIT_CODES: &str = "Exit codes:
-  0  done
-  1  something that should not have happened
-  2  the command line is wrong
-  3  the data folder or its database cannot be used
-  4  an address cannot be listened on
-  5  a scene or a split cannot be used
-  6  an agent's run failed";
+  0  success
+  1  internal error
+  2  invalid command line
+  3  unusable data folder or database
+  4  address in use or not available
+  5  unusable scene or split
+  6  failed run, check or request";
 
 impl Failure {
     /// A failure of `kind` that says `message`.

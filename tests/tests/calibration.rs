@@ -12,7 +12,7 @@ use std::{path::Path, process::Command, sync::Arc};
 /// Exit code and words of a calibration with the random agent.
 fn calibrate(data: &Path, more: &[&str]) -> (Option<i32>, String) {
     let mut avln = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-    avln.env_remove("AVLN_TOKEN").arg("--data").arg(data).arg("calibrate").args(more);
+    avln.env_remove("AVLN_TOKEN").arg("--data").arg(data).args(["lab", "calibrate"]).args(more);
     let output = avln.output().expect("the program runs");
     let text =
         String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);

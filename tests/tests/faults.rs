@@ -164,7 +164,7 @@ async fn agent_whose_team_cancels_abandons_the_last_episode_and_does_not_complet
     let expected = expect("stopped abandoned", RunState::Cancelled, true);
     assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
     let log = find(house.folder.path(), &run.id);
-    let verify = Command::new(PROGRAM).arg("--data").arg(house.folder.path()).arg("verify").arg(log).output();
+    let verify = Command::new(PROGRAM).arg("--data").arg(house.folder.path()).args(["run", "verify"]).arg(log).output();
     let verify = verify.expect("the program runs");
     assert!(verify.status.success(), "{}", String::from_utf8_lossy(&verify.stderr));
     assert!(matches!(last.step(Action::TurnLeft).await, Err(_) | Ok(_)) && last.is_over());

@@ -16,7 +16,7 @@ async fn old_logs_and_records_go_and_scores_stay() {
     let board = page(&format!("/api/v1/phases/{PHASE}/leaderboard?order=unordered")).await.body;
     let prune = |more: &[&str]| {
         let mut avln = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-        let output = avln.arg("--data").arg(house.folder.path()).args(["db", "prune"]).args(more).output();
+        let output = avln.arg("--data").arg(house.folder.path()).args(["data", "db", "prune"]).args(more).output();
         let output = output.expect("the program runs");
         let text =
             String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);

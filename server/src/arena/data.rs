@@ -186,7 +186,7 @@ impl DataFolder {
                 FailureKind::Data,
                 format!("cannot read split '{name}' at {}: {error}", path.display()),
             )
-            .hinted("make it with: avln split make NAME, or open a phase on a data set with --dataset")
+            .hinted("make it with: avln data split make NAME, or open a phase on a data set with --dataset")
         };
         let bytes = std::fs::read(&path).map_err(|error| unreadable(error.to_string()))?;
         let link: Link = serde_json::from_slice(&bytes).map_err(|error| unreadable(error.to_string()))?;

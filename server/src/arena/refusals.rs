@@ -64,7 +64,7 @@ fn seconds_until(moment_unix_ms: i64, now_unix_ms: i64) -> u32 {
 
 /// Why a token opens nothing.
 pub(super) fn token_refusal(state: &TokenState) -> Refusal {
-    let renew = "ask the organiser for a new one (avln team add NAME)";
+    let renew = "ask the organiser for a new one (avln challenge team add NAME)";
     match state {
         TokenState::Expired => Refusal::new(Reason::TokenExpired, format!("the token has expired; {renew}")),
         TokenState::Revoked => {

@@ -76,6 +76,6 @@ fn goal_text(goal: PublicGoal) -> GoalText {
 pub fn rules_of(name: &str, split: &SplitFolder) -> Result<Rules, Failure> {
     Rules::named(split.rules()).map_err(|error| {
         Failure::new(FailureKind::Scene, format!("split '{name}': {error}"))
-            .hinted("make the split again with: avln split make NAME --rules RULES")
+            .hinted("make the split again with: avln data split make NAME --rules RULES")
     })
 }

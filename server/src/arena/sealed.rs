@@ -74,7 +74,7 @@ pub async fn start(
 fn unknown(phase: &str, known: Vec<&str>) -> Failure {
     let message = format!("there is no phase '{}' to play in", phase.escape_debug());
     let hint = match known.join(", ") {
-        none if none.is_empty() => "make one with: avln phase open ID --split NAME".to_owned(),
+        none if none.is_empty() => "make one with: avln challenge phase open ID --split NAME".to_owned(),
         known => format!("the data folder has: {known}"),
     };
     Failure::new(FailureKind::Data, message).hinted(hint)

@@ -196,7 +196,7 @@ async fn play_one(
     if episodes.iter().any(|episode| episode.metrics.is_empty()) {
         let message = "the server does not tell what episodes were worth";
         return Err(Failure::new(FailureKind::Run, message)
-            .hinted("its organiser can open the phase as it is published: avln calibrate --open"));
+            .hinted("its organiser can open the phase as it is published: avln lab calibrate --open"));
     }
     let means = means(&episodes);
     Ok(Played { agent: reference.name().to_owned(), order: reference.order().to_string(), episodes, means })

@@ -82,7 +82,7 @@ async fn open(data: &Path) -> Result<(), Failure> {
     calibration::open(&data, &store).await?;
     store.close().await;
     say!("phase {PHASE} is open; once the server hosts it, agents prove it with:");
-    say!("avln calibrate --server URL --token TOKEN");
+    say!("avln lab calibrate --server URL --token TOKEN");
     Ok(())
 }
 

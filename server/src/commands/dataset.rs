@@ -110,8 +110,8 @@ fn build(data: &Path, options: &Build) -> Result<(), Failure> {
     print_numbers(&numbers);
     say!("\nData set     {}", folder.display());
     say!("Statistics   {}", folder.join("statistics.html").display());
-    say!("Check it     avln dataset check {}", folder.display());
-    say!("Play it      avln phase open ID --dataset {} --split {}", folder.display(), numbers[0].0);
+    say!("Check it     avln data dataset check {}", folder.display());
+    say!("Play it      avln challenge phase open ID --dataset {} --split {}", folder.display(), numbers[0].0);
     Ok(())
 }
 

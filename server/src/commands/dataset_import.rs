@@ -67,7 +67,7 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         say!("All of it      {}", import.report_path().display());
     }
     say!("Data set       {}", options.out.display());
-    say!("Play it        avln phase open ID --dataset {} --split {}", options.out.display(), options.split);
+    say!("Play it        avln challenge phase open ID --dataset {} --split {}", options.out.display(), options.split);
     Ok(())
 }
 

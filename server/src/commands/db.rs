@@ -25,7 +25,7 @@ pub enum Command {
     },
     /// Make the data folder out of a backup; the folder must not exist, or be empty
     Restore {
-        /// A file that avln db backup wrote
+        /// A file that avln data db backup wrote
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },

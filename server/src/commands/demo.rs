@@ -270,7 +270,7 @@ fn print_outlook(data: &DataFolder, open: &OpenDoors, phase: &str, options: &Opt
     say!("Leaderboard   http://{}", open.web);
     say!("Agents        http://{}", open.grpc);
     say!("Stop with     Ctrl-C; the next start finds its data again");
-    say!("Try next      avln team add \"My team\"");
+    say!("Try next      avln challenge team add \"My team\"");
     say!("              avln agent random --server http://{} --phase {phase} --token TOKEN", open.grpc);
     say!("              avln demo --scene PATH/TO/HOUSE.glb");
 }

@@ -94,7 +94,7 @@ pub async fn run(command: Command) -> Result<(), Failure> {
         Command::Run(options) => {
             let played = ladder::run(&options.out, &options.plan()).await?;
             say!("{played} episodes were played; results lie in {}", options.out.display());
-            say!("write the page with: avln ladder report --out {}", options.out.display());
+            say!("write the page with: avln lab baselines report --out {}", options.out.display());
             Ok(())
         }
         Command::Report(options) => {

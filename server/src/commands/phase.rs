@@ -48,7 +48,7 @@ pub struct Open {
     /// The split that is played: one of the data folder, or one of the data set of --dataset
     #[arg(long)]
     pub split: String,
-    /// The folder of a data set, as avln dataset build makes it
+    /// The folder of a data set, as avln data dataset build makes it
     #[arg(long, value_name = "DIR")]
     pub dataset: Option<PathBuf>,
     /// Heading on pages; the id by default
@@ -248,7 +248,7 @@ pub(crate) fn played(of_split: Rules, name: Option<&str>) -> Result<Rules, Failu
         of_split.name
     );
     Err(Failure::new(FailureKind::Scene, message)
-        .hinted("make a split with: avln split make NAME --rules RULES"))
+        .hinted("make a split with: avln data split make NAME --rules RULES"))
 }
 
 impl From<Who> for Visibility {

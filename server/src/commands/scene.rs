@@ -34,6 +34,7 @@ pub enum Command {
         #[command(flatten)]
         scene: Choice,
     },
+    #[command(arg(crate::cli::data_option()))]
     /// Draw a scene: each storey from above, and views from inside its rooms
     Preview(super::scene_preview::Options),
 }

@@ -111,7 +111,7 @@ impl Enter {
         if self.inmate {
             return avln_sandbox::shut(&self.plan, self.outside.as_deref()).map(|_| ()).map_err(failed);
         }
-        let again = ["sealed", "enter", "--inmate"].map(String::from);
+        let again = ["challenge", "sealed", "enter", "--inmate"].map(String::from);
         let arguments = [again.as_slice(), &[self.plan.display().to_string()]].concat();
         let code =
             avln_sandbox::enter(&self.plan, Path::new("/proc/self/exe"), &arguments).map_err(failed)?;

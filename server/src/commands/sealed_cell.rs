@@ -208,7 +208,7 @@ async fn stop(child: &mut Child, container: Option<(Engine, String)>) {
 fn spawn_porter(plan: &std::path::Path) -> Result<Child, Failure> {
     let program = std::env::current_exe().map_err(|error| failed("cannot find this program", error))?;
     Command::new(program)
-        .args(["sealed", "enter"])
+        .args(["challenge", "sealed", "enter"])
         .arg(plan)
         .stdin(Stdio::null())
         .kill_on_drop(true)

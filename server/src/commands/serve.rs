@@ -81,7 +81,7 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
     if phases.is_empty() {
         let message = format!("data folder {} has no phase to host", data.root().display());
         return Err(Failure::new(FailureKind::Data, message)
-            .hinted("make one with: avln split make NAME && avln phase open ID --split NAME"));
+            .hinted("make one with: avln data split make NAME && avln challenge phase open ID --split NAME"));
     }
     let open = doors.open(Arc::new(arena), store.reader())?;
     say!("data         {}", data.root().display());

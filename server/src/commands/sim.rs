@@ -60,6 +60,7 @@ pub enum Command {
         json: bool,
     },
     /// Take pictures: colours, depth and the numbers of instances
+    #[command(arg(crate::cli::data_option()))]
     Render(Box<render::Options>),
     /// Measure how many pictures a second one core takes
     Bench(bench::Options),

@@ -37,7 +37,7 @@ pub enum Command {
 pub struct Seal {
     /// Name of the split, one of the data folder or, with --dataset, of a data set
     pub name: String,
-    /// The folder of a data set, as avln dataset build makes it
+    /// The folder of a data set, as avln data dataset build makes it
     #[arg(long, value_name = "DIR")]
     pub dataset: Option<PathBuf>,
     /// A file that holds the passphrase; by default AVLN_SEAL_KEY_FILE names it, or AVLN_SEAL_KEY is it
@@ -85,7 +85,7 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
     let store = data.store().await?;
     let split = make(&data, &store, options, |line| say!("{line}")).await?;
     say!("split {}: {} scenes, {} missions", split.name, split.scenes.len(), split.episodes.len());
-    say!("open a phase on it with: avln phase open ID --split {}", split.name);
+    say!("open a phase on it with: avln challenge phase open ID --split {}", split.name);
     Ok(())
 }
 

@@ -29,7 +29,7 @@ pub struct Export {
 /// Where a split lies that something is taken from, and what its owner says of it.
 #[derive(Clone, Debug, Args)]
 pub(super) struct Origin {
-    /// The folder of a data set, as avln dataset build makes it
+    /// The folder of a data set, as avln data dataset build makes it
     #[arg(long, value_name = "DIR")]
     dataset: Option<PathBuf>,
     /// Say that scenes which were read from files are there to learn from, so that ground truth may be told

@@ -24,7 +24,7 @@ pub enum Command {
     },
     /// Take back one token
     Revoke {
-        /// Id of the token, as avln token list tells it
+        /// Id of the token, as avln challenge token list tells it
         id: String,
     },
 }

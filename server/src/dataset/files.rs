@@ -60,7 +60,7 @@ impl DatasetFiles {
     pub fn manifest(&self) -> Result<Manifest, Failure> {
         let path = self.manifest_path();
         let bytes = read(&path).map_err(|failure| {
-            failure.hinted("build a data set there with: avln dataset build CONFIG --out FOLDER")
+            failure.hinted("build a data set there with: avln data dataset build CONFIG --out FOLDER")
         })?;
         Ok(read_manifest(File { name: &path.display().to_string(), bytes: &bytes })
             .map_err(DatasetError::from)?)

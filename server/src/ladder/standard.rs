@@ -37,7 +37,7 @@ pub async fn play_oracle(
     let store = data.store().await?;
     let phase = store.phases().await?.into_iter().find(|known| known.id == phase).ok_or_else(|| {
         Failure::new(FailureKind::Data, format!("there is no phase '{phase}'"))
-            .hinted("list phases with: avln phase list")
+            .hinted("list phases with: avln challenge show")
     })?;
     let token = team::admit(&store, TEAM, Some(Reference::Oracle)).await?;
     let board = Arc::new(Board::default());

@@ -94,7 +94,7 @@ fn read(folder: &Path, name: &str) -> Result<String, Failure> {
 
 fn unreadable(path: &Path, error: &io::Error) -> Failure {
     Failure::new(FailureKind::Data, format!("cannot read {}: {error}", path.display()))
-        .hinted("name the folder that `avln board freeze --out` wrote")
+        .hinted("name the folder that `avln challenge leaderboard freeze --out` wrote")
 }
 
 fn refused(what: String) -> Failure {

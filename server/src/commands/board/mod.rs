@@ -83,7 +83,7 @@ async fn copy(data: &Path, options: Freeze) -> Result<(), Failure> {
     say!("{files} files in {}", options.out.display());
     say!("look at      {}", options.out.join("index.html").display());
     say!("signed by    {}", key.public());
-    say!("check with   avln board check {} --key {}", options.out.display(), key.public());
+    say!("check with   avln challenge leaderboard check {} --key {}", options.out.display(), key.public());
     say!("or           cd {} && sha256sum --check --quiet {SUMS}", options.out.display());
     Ok(())
 }

@@ -31,7 +31,7 @@ pub fn report(folder: &Path) -> Result<Report, Failure> {
     let path = results_path(folder);
     let nothing = || {
         Failure::new(FailureKind::Data, format!("nothing was played in {}", folder.display()))
-            .hinted("play first: avln ladder run --out FOLDER")
+            .hinted("play first: avln lab baselines run --out FOLDER")
     };
     let played = results::read(&path)?;
     let lines = comparable(played.values());
@@ -74,7 +74,7 @@ impl Page<'_> {
         missions.dedup();
         let hours: f64 = self.lines.iter().map(|line| line.wall_s).sum::<f64>() / 3600.0;
         format!(
-            "# Results\n\nWritten by `avln ladder report`; do not edit. {} missions in {} houses of the public split `val` of \
+            "# Results\n\nWritten by `avln lab baselines report`; do not edit. {} missions in {} houses of the public split `val` of \
              `server/src/ladder/recipe.json`, furnished from the pool for validation, which no agent was made with. Numbers are \
              percentages with 95 % intervals, resampled by house. Agents marked † are privileged: they are told what no agent may \
              know, and show what a perfect sense would be worth.\n\n\
