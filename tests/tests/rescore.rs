@@ -1,9 +1,6 @@
 //! Runs are scored again from what was recorded: by the same scorer to the same bits, by another beside the first.
 
-use avln_server::{
-    arena::data::DataFolder,
-    rescoring::{Scorer, rescore},
-};
+use avln_arena::{data::DataFolder, rescoring::{Scorer, rescore}};
 use avln_store::Store;
 use avln_tests::{House, PHASE, Plan, http, stroll::stroll};
 use std::{path::Path, process::Command};

@@ -2,7 +2,7 @@
 //! with and without the organiser's data, and forged in every way that a chain of hashes alone does not show.
 
 use avln_client::{Arena, RunOptions};
-use avln_server::runlog::{Entry, History, RunLogs, SigningKey};
+use avln_arena::runlog::{Entry, History, RunLogs, SigningKey};
 use avln_tests::{House, PHASE, Plan, http, stroll::stroll};
 use std::{
     fs,

@@ -1,6 +1,6 @@
 //! What documents, images and unit files tell people to type is what the program understands.
 
-use avln_server::Cli;
+use avln_cli::Cli;
 use avln_tests::repository::{files, root, shown, text, typed};
 use clap::{Parser, error::ErrorKind};
 use std::{fs, iter, mem};
