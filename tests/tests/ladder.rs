@@ -1,7 +1,7 @@
 //! The ladder end to end: agents play through the door, a second call goes on where the first one stopped, and the page tells
 //! what was reached.
 
-use avln_server::ladder::{self, Plan, Results, Rung, Size};
+use avln_lab::suite::{self, Plan, Results, Rung, Size};
 use std::{fs, path::Path};
 
 fn lines(folder: &Path) -> Vec<String> {

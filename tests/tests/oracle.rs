@@ -1,10 +1,8 @@
 //! The oracle of the ladder knows everything, follows the shortest tour through the real protocol, and must succeed: this
 //! proves that every mission can be solved and that rules, references and regions agree with each other.
 
-use avln_server::{
-    arena::data::DataFolder,
-    ladder::{self, Line, Plan, Results, Rung, Size},
-};
+use avln_arena::data::DataFolder;
+use avln_lab::suite::{self, Line, Plan, Results, Rung, Size};
 use avln_tests::{PHASE, http};
 
 /// Plays missions of three houses with the oracle in both orders.

@@ -1,0 +1,9 @@
+//! Data sets on disk, read scene by scene.
+
+pub mod files;
+mod folder;
+mod seal;
+
+pub use files::{DatasetFiles, Sealed};
+pub use folder::SplitFolder;
+pub use seal::Passphrase;
