@@ -1,7 +1,13 @@
 //! The organiser's file, and the audit list of what it changed.
 
 use crate::output::say;
-use avln_arena::{Failure, FailureKind, data::DataFolder, now_unix_ms, challenge::{ChallengeFile, PhaseFile, Plan, Planner, Unplanned, actor, json as as_json}, dataset::SplitFolder};
+use avln_arena::{
+    Failure, FailureKind,
+    challenge::{ChallengeFile, PhaseFile, Plan, Planner, Unplanned, actor, json as as_json},
+    data::DataFolder,
+    dataset::SplitFolder,
+    now_unix_ms,
+};
 use avln_store::{AuditLine, AuditNote, Revealed, calendar::rfc3339, pool_digest};
 use clap::{Args, Subcommand};
 use serde::{Deserialize, Serialize};

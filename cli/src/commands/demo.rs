@@ -1,9 +1,14 @@
 //! Houses, missions, two agents and a leaderboard in one command.
 
 use super::serve::AddressArgs;
-use avln_arena::setup::{NewPhase, NewSplit, make_split, open_phase, admit};
 use crate::output::say;
-use avln_arena::{Failure, FailureKind, Arena, SCENE_MEMORY_MIB, data::DataFolder, now_unix_ms, servers::{Servers, RunningServers}};
+use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
+use avln_arena::{
+    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
+    data::DataFolder,
+    now_unix_ms,
+    servers::{RunningServers, Servers},
+};
 use avln_dataset::SceneSource;
 use avln_episode::{Order, Rules};
 use avln_scoring::Key;
@@ -94,7 +99,10 @@ async fn prepare(data: &DataFolder, store: &Store, options: &Options) -> Result<
     };
     let split = make_split(data, store, make, |line| say!("{line}")).await?;
     let real = split.scenes.iter().any(|scene| matches!(scene.source, SceneSource::File { .. }));
-    let open = NewPhase { title: Some(if real { "Practice in a real house".to_owned() } else { "Practice".to_owned() }), ..NewPhase::public(&name, &name) };
+    let open = NewPhase {
+        title: Some(if real { "Practice in a real house".to_owned() } else { "Practice".to_owned() }),
+        ..NewPhase::public(&name, &name)
+    };
     open_phase(data, store, &open).await?;
     Ok(name)
 }
@@ -132,7 +140,13 @@ async fn play(store: &Store, open: &RunningServers, phase: &str, token: &str) ->
 }
 
 /// Starts an agent as a process of its own. The token travels in its environment.
-fn spawn(agent: &str, order: Order, open: &RunningServers, phase: &str, token: &str) -> Result<Child, Failure> {
+fn spawn(
+    agent: &str,
+    order: Order,
+    open: &RunningServers,
+    phase: &str,
+    token: &str,
+) -> Result<Child, Failure> {
     let failed = |error| Failure::new(FailureKind::Internal, format!("cannot start agent {agent}: {error}"));
     let program = std::env::current_exe().map_err(failed)?;
     let server = format!("http://{}", open.grpc);

@@ -1,7 +1,13 @@
 //! Tokens: what opens the doors, for whom and for how long.
 
 use crate::output::say;
-use avln_arena::{Failure, FailureKind, data::DataFolder, now_unix_ms, challenge::{actor, moment_of}, office::deeds::{self, Wish, note}};
+use avln_arena::{
+    Failure, FailureKind,
+    challenge::{actor, moment_of},
+    data::DataFolder,
+    now_unix_ms,
+    office::deeds::{self, Wish, note},
+};
 use avln_store::{Store, TokenKind, TokenLine, calendar::rfc3339};
 use clap::{Args, Subcommand};
 use std::path::Path;

@@ -3,8 +3,8 @@
 //!
 //! Files that once did harm are kept in `corpus/` beside the sound ones. `AVLN_MANGLE=100` tries a hundred times as many.
 
-use avln_geom::Rng;
 use avln_arena::{challenge::ChallengeFile, runlog::History, sounds};
+use avln_geom::Rng;
 use std::path::{Path, PathBuf};
 
 /// Copies of each file that are tried.

@@ -1,8 +1,8 @@
 //! Where one listens: a building or a test room, and what its surfaces do to sound.
 
 use super::{read, unusable};
-use avln_arena::{Failure, FailureKind};
 use avln_acoustics::{Acoustics, SURFACE_BANDS, Settings, Surface, Surfaces, expected_reverberation_s};
+use avln_arena::{Failure, FailureKind};
 use avln_geom::{Point3, RayMesh};
 use avln_scene::procedural::{self, HouseOptions};
 use avln_scene::{RoomPlan, Scene, open};

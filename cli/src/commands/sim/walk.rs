@@ -1,6 +1,6 @@
 use super::{Ground, read, text, unusable};
-use avln_arena::Failure;
 use crate::output::say;
+use avln_arena::Failure;
 use avln_geom::{Point3, Vector3, angle};
 use avln_navmesh::NavMesh;
 use clap::Args;

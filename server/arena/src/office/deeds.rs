@@ -1,6 +1,6 @@
 //! What the organiser does by commands and by pages alike.
 
-use crate::{Failure, FailureKind, now_unix_ms, secret::new_token, challenge};
+use crate::{Failure, FailureKind, challenge, now_unix_ms, secret::new_token};
 use avln_store::{AuditNote, NewToken, Phase, PhaseState, Reference, Schedule, Store, StoreError, TokenKind};
 
 /// Why something was not done.

@@ -3,7 +3,7 @@
 
 pub mod deeds;
 
-use crate::{admin, Arena, fault_count, now_unix_ms};
+use crate::{Arena, admin, fault_count, now_unix_ms};
 use avln_store::{AuditNote, NewGrant, StoreError, TokenKind, calendar::rfc3339};
 use avln_web::{Because, Deed, Doing, Done, Health, Member, Office, TeamDeed, Undone};
 use deeds::{Wish, note, reschedule};

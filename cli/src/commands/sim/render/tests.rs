@@ -1,6 +1,6 @@
 use super::*;
-use avln_lab::npy;
 use avln_geom::{Point3, RayMesh, Rng, UnitQuaternion, Vector3, angle};
+use avln_lab::npy;
 use avln_scene::procedural::house;
 use clap::Parser;
 use serde_json::json;
