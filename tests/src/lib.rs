@@ -22,7 +22,7 @@ use avln_arena::{
 };
 pub use avln_lab::suite::walk;
 use avln_store::Visibility;
-use avln_store::{AuditNote, NewToken, Phase, Store, TokenKind};
+use avln_store::{AuditNote, NewToken, Phase, Store, TokenScope};
 use std::{path::Path, sync::Arc};
 use tempfile::TempDir;
 
@@ -109,7 +109,7 @@ impl House {
     /// A new token of an organiser.
     pub async fn organiser(&self) -> String {
         let secret = new_token("organiser").expect("randomness");
-        let (kind, name) = (TokenKind::Organiser, "");
+        let (kind, name) = (TokenScope::Organiser, "");
         let token = NewToken { secret: &secret, kind, name, team: None, expires_unix_ms: None };
         let store = store(self.folder.path()).await;
         store.issue_token(&token, now_unix_ms()).await.expect("a token");

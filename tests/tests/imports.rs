@@ -14,17 +14,18 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("acoustics", &["geom", "simd", "scene"]),
     ("world", &["geom", "scene", "navmesh", "render", "acoustics"]),
     ("episode", &["geom"]),
+    ("challenge", &["episode"]),
     ("truth", &["geom", "episode"]),
     ("dataset", &["geom", "scene", "navmesh", "world", "episode", "truth"]),
     ("referee", &["world", "episode", "truth"]),
     ("scoring", &["geom", "episode", "truth"]),
-    ("store", &["episode", "truth", "scoring"]),
+    ("store", &["challenge", "episode", "truth", "scoring"]),
     ("proto", &[]),
     ("codec", &["proto"]),
     ("sandbox", &[]),
     ("net", &[]),
-    ("grpc", &["codec", "net", "proto", "episode", "referee"]),
-    ("web", &["net", "episode", "scoring", "store"]),
+    ("grpc", &["codec", "net", "proto", "challenge", "episode", "referee"]),
+    ("web", &["net", "challenge", "episode", "scoring", "store"]),
     ("client", &["codec", "proto"]),
     ("conformance", &["proto"]),
     ("kit", &["client", "perception"]),
@@ -38,6 +39,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
         "arena",
         &[
             "acoustics",
+            "challenge",
             "dataset",
             "episode",
             "geom",
@@ -104,7 +106,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "world",
         ],
     ),
-    ("tests", &["arena", "lab", "cli", "client", "human", "store", "truth", "dataset", "perception"]),
+    ("tests", &["arena", "lab", "cli", "client", "human", "challenge", "store", "truth", "dataset", "perception"]),
 ];
 
 fn short(name: &str) -> Option<&str> {
