@@ -106,7 +106,10 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "world",
         ],
     ),
-    ("tests", &["arena", "lab", "cli", "client", "human", "challenge", "store", "truth", "dataset", "perception"]),
+    (
+        "tests",
+        &["arena", "lab", "cli", "client", "human", "challenge", "store", "truth", "dataset", "perception"],
+    ),
 ];
 
 fn short(name: &str) -> Option<&str> {

@@ -1,7 +1,9 @@
 //! What the organiser does by commands and by pages alike.
 
 use crate::{Failure, FailureKind, challenge, now_unix_ms, secret::new_token};
-use avln_store::{AuditNote, NewToken, Phase, PhaseState, Reference, Schedule, Store, StoreError, TokenScope};
+use avln_store::{
+    AuditNote, NewToken, Phase, PhaseState, Reference, Schedule, Store, StoreError, TokenScope,
+};
 
 /// Why something was not done.
 #[derive(Debug)]
