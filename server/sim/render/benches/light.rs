@@ -4,7 +4,7 @@
 
 use avln_geom::{Point3, RayMesh, UnitQuaternion};
 use avln_render::{Camera, Renderer};
-use avln_scene::procedural::{HouseOptions, house};
+use avln_houses::{HouseOptions, house};
 use std::sync::Arc;
 use std::time::Instant;
 

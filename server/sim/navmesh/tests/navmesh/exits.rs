@@ -2,7 +2,7 @@
 
 use avln_geom::Rng;
 use avln_navmesh::{Body, CornerWays, Exits, NavMesh, NavPoint, Places};
-use avln_scene::procedural::{HouseOptions, house};
+use avln_houses::{HouseOptions, house};
 
 struct Looked {
     mesh: NavMesh,

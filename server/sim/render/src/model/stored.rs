@@ -115,7 +115,7 @@ mod tests {
     use crate::Renderer;
     use avln_geom::RayMesh;
     use avln_scene::digest::digest;
-    use avln_scene::procedural::{HouseOptions, house};
+    use avln_houses::{HouseOptions, house};
     use std::sync::Arc;
 
     fn model() -> Model {
