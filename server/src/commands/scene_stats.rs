@@ -2,9 +2,9 @@
 
 use crate::say::say;
 use crate::{Failure, FailureKind};
-use avln_scene::stats::{Census, MATTERPORT_PER_BUILDING, census, divergence_from_matterport};
 use avln_formats::open;
 use avln_scene::Scene;
+use avln_scene::stats::{Census, MATTERPORT_PER_BUILDING, census, divergence_from_matterport};
 use avln_world::stats::{WalkStats, walk_stats};
 use clap::Args;
 use serde_json::json;

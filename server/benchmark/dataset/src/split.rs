@@ -1,7 +1,7 @@
 use crate::{EpisodeSpec, MissionOptions, sample_missions, survey};
 use avln_episode::Rules;
-use avln_houses::{HouseOptions, Pool};
 use avln_formats::open::open;
+use avln_houses::{HouseOptions, Pool};
 use avln_scene::{Scene, SceneError, digest::digest};
 use avln_world::{Body, Cache, Cached, PrepareError, SceneAssets};
 use serde::{Deserialize, Serialize};

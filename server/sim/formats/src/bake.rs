@@ -1,7 +1,7 @@
 //! Carries instance numbers from the semantic mesh to the render mesh.
 
-use avln_scene::Mesh;
 use avln_geom::{Aabb, Point3};
+use avln_scene::Mesh;
 
 /// Centres of corresponding triangles lie at most this far apart, metres.
 const SAME_TRIANGLE_M: f32 = 0.01;

@@ -1,7 +1,7 @@
 //! Files as version control and archives leave them: real ones, and stand-ins that only say where the content is.
 
-use crate::glb::read_limited;
 use crate::Report;
+use crate::glb::read_limited;
 use avln_scene::SceneError;
 use std::path::{Path, PathBuf};
 

@@ -1,10 +1,10 @@
 //! From a file's axes and units to the world frame: Y up, metres.
 
-use crate::files::Checked;
-use avln_scene::limits::{MAX_SCENE_SIDE_M, MIN_SCENE_SIDE_M};
 use crate::Report;
-use avln_scene::Mesh;
+use crate::files::Checked;
 use avln_geom::{Aabb, Point3, Vector3};
+use avln_scene::Mesh;
+use avln_scene::limits::{MAX_SCENE_SIDE_M, MIN_SCENE_SIDE_M};
 
 /// One extent is clearly smaller than another below this share of it.
 const CLEARLY_SMALLER: f32 = 0.6;
@@ -211,8 +211,8 @@ fn advice(longest_m: f32) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use avln_scene::InstanceId;
     use avln_geom::Point2;
+    use avln_scene::InstanceId;
 
     /// The outside of a box of that size, in the file's axes.
     fn box_of([x, y, z]: [f32; 3]) -> Mesh {

@@ -1,9 +1,9 @@
 //! A scene from surfaces and a list of what is where.
 
-use avln_scene::describe::{Meaning, Surfaces, meaning};
 use crate::{Report, bake};
-use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Region, Scene, Texture};
 use avln_geom::{Aabb, Point3};
+use avln_scene::describe::{Meaning, Surfaces, meaning};
+use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Region, Scene, Texture};
 use std::collections::BTreeMap;
 
 /// Boxes of two meshes of the same building differ by less than this, metres.

@@ -4,9 +4,9 @@ mod layouts;
 #[cfg(test)]
 mod tests;
 
-use avln_scene::canonical::canonical;
 use crate::frame::Options;
 use crate::{Report, files};
+use avln_scene::canonical::canonical;
 use avln_scene::{Scene, SceneError};
 use layouts::{LAYOUTS, Layout};
 use std::path::{Path, PathBuf};

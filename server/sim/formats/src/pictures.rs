@@ -1,10 +1,10 @@
 //! Pictures that a file names, each read once.
 
-use avln_scene::limits::MAX_FILE_BYTES;
-use crate::glb::{checker, decode_picture, neighbour};
 use crate::files::Checked;
+use crate::glb::{checker, decode_picture, neighbour};
 use crate::{Report, files};
 use avln_scene::Texture;
+use avln_scene::limits::MAX_FILE_BYTES;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 

@@ -1,7 +1,7 @@
 //! Scenes composed of parts, in other people's files, where `../shared/scenes` lies beside the repository.
 
-use avln_geom::{Aabb, Point3};
 use avln_formats::{Report, habitat, hm3d, open};
+use avln_geom::{Aabb, Point3};
 use avln_scene::InstanceId;
 use std::path::{Path, PathBuf};
 

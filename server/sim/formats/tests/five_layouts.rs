@@ -1,9 +1,9 @@
 //! The same house in five layouts, where `../shared/scenes` lies beside the repository: the same things, boxes and depth.
 
-use avln_geom::{Aabb, Point3, RayMesh, Vector3};
-use avln_scene::digest::digest;
 use avln_formats::{Report, glb, open};
+use avln_geom::{Aabb, Point3, RayMesh, Vector3};
 use avln_scene::Scene;
+use avln_scene::digest::digest;
 use std::path::{Path, PathBuf};
 
 /// Boxes agree within this, metres; the list that came with the house is rounded to 0.0001.

@@ -48,9 +48,7 @@ fn scattered(seed: u64) -> Scene {
         let mesh = &scene.mesh;
         let whole = |[a, b, c]: [u32; 3]| a != b && b != c && c != a;
         let corners: Vec<Point3<f32>> = (0..200)
-            .filter(|&triangle| {
-                mesh.instance_of[triangle] == object.id && whole(mesh.triangles[triangle])
-            })
+            .filter(|&triangle| mesh.instance_of[triangle] == object.id && whole(mesh.triangles[triangle]))
             .flat_map(|triangle| mesh.triangles[triangle].map(|corner| mesh.positions[corner as usize]))
             .collect();
         object.bounds = Aabb::around(&corners).unwrap();
@@ -82,8 +80,7 @@ fn every_triangle_keeps_its_place_look_and_thing() {
             })
             .map(|triangle| {
                 let material = &scene.materials[usize::from(scene.mesh.material_of[triangle])];
-                let picture =
-                    material.texture.map(|texture| scene.textures[usize::from(texture)].pixels[0]);
+                let picture = material.texture.map(|texture| scene.textures[usize::from(texture)].pixels[0]);
                 let id = known(scene.mesh.instance_of[triangle]);
                 format!("{:?} {} {picture:?} {id}", scene.corners(triangle), material.name)
             })

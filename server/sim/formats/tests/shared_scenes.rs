@@ -1,7 +1,7 @@
 //! Real files of other people's tools, where `../shared/scenes` lies beside the repository.
 
-use avln_geom::{Aabb, Point3};
 use avln_formats::{glb, open};
+use avln_geom::{Aabb, Point3};
 use avln_scene::{InstanceId, Scene};
 use std::path::{Path, PathBuf};
 

@@ -3,10 +3,10 @@
 use super::model::{Corner, Model};
 use super::paint::Paint;
 use super::texture::Pattern;
+use avln_geom::{Aabb, Vector3};
 use avln_scene::colors::name_of;
 use avln_scene::describe::Surfaces;
 use avln_scene::{Attributes, InstanceId, Lamp, Lighting, Material, Mesh, Object, Region, Scene, Texture};
-use avln_geom::{Aabb, Vector3};
 use std::collections::BTreeMap;
 
 /// A scene that is being put together.

@@ -38,8 +38,8 @@ use super::paint::{Paint, Tint};
 use super::substance::Substance;
 use super::taste::{self, Taste, size_word};
 use super::texture::Pattern;
-use avln_scene::Attributes;
 use avln_geom::{Point3, Rng, Vector3, angle};
+use avln_scene::Attributes;
 
 /// A kind of furniture: what it is called, which looks it comes in, and how it is drawn.
 pub(super) struct Make {

@@ -19,9 +19,9 @@ mod taste;
 mod texture;
 mod tints;
 
-use avln_scene::{Region, Scene};
 use assembly::Assembly;
 use avln_geom::Rng;
+use avln_scene::{Region, Scene};
 use plan::{CEILING_M, Plan, RoomKind, STOREY_M};
 use reach::Reach;
 use rect::Rect;

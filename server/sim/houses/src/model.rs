@@ -7,8 +7,8 @@ mod soft;
 
 use super::paint::Paint;
 use super::rect::turned;
-use avln_scene::Lamp;
 use avln_geom::{Aabb, Point2, Point3, Vector3, angle};
+use avln_scene::Lamp;
 pub(super) use seen::Facet;
 
 /// A corner of a triangle.

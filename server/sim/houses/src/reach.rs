@@ -194,8 +194,8 @@ impl Lattice {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use avln_scene::{Attributes, InstanceId};
     use avln_geom::{Aabb, Point3, Rng};
+    use avln_scene::{Attributes, InstanceId};
 
     fn crate_on(opening: &Opening, room: usize) -> Object {
         let step = doorstep(opening, 0.3);

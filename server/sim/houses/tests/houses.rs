@@ -1,10 +1,10 @@
 //! What every procedural house must be.
 
 use avln_geom::{Aabb, Point3};
+use avln_houses::{HouseOptions, house};
 use avln_scene::categories::is_target;
 use avln_scene::colors::name_of;
 use avln_scene::digest::digest;
-use avln_houses::{HouseOptions, house};
 use avln_scene::{InstanceId, Object, Scene};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -318,10 +318,7 @@ fn most_rooms_of_a_house_have_a_lamp_and_every_window_lets_light_in() {
                 lamps.iter().any(|lamp| lamp.facing.is_none() && room.bounds.contains(&lamp.position))
             })
         };
-        assert!(
-            ["bedroom", "kitchen", "living room", "bathroom"].iter().all(|label| lit(label)),
-            "{seed}"
-        );
+        assert!(["bedroom", "kitchen", "living room", "bathroom"].iter().all(|label| lit(label)), "{seed}");
         for window in scene.objects.iter().filter(|object| object.category == "window") {
             let room = &scene.regions[usize::from(window.region.unwrap())].bounds;
             let near = window.bounds.grown(0.1);

@@ -5,9 +5,9 @@
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
 use avln_geom::{Rng, Vector3};
+use avln_houses::{HouseOptions, house};
 use avln_navmesh::{Body, NavMesh, NavMeshSettings, NavPoint};
 use avln_scene::Scene;
-use avln_houses::{HouseOptions, house};
 use std::{
     hint::black_box,
     path::Path,

@@ -8,9 +8,9 @@
 mod dense;
 
 use avln_geom::{Point3, RayMesh, Rng, angle};
+use avln_houses::{HouseOptions, house};
 use avln_render::{Camera, Renderer};
 use avln_scene::Scene;
-use avln_houses::{HouseOptions, house};
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 use std::time::Instant;

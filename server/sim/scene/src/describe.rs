@@ -43,7 +43,12 @@ pub fn is_structure(category: &str) -> bool {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Meaning {
     /// A thing: its category, mpcat40 where there is one, and the noun that people use where that is more exact.
-    Object { category: String, noun: String },
+    Object {
+        /// Category by its mpcat40 name, or the annotator's words in lower case.
+        category: String,
+        /// The more exact noun; empty if the category says it all.
+        noun: String,
+    },
     /// A part of the building itself.
     Structure,
     /// Nothing is said.
@@ -85,8 +90,11 @@ pub fn storeys(floors_m: &[f32]) -> Vec<u16> {
 
 /// Surfaces that can be looked at.
 pub struct Surfaces<'a> {
+    /// Triangles.
     pub mesh: &'a Mesh,
+    /// Materials of the triangles.
     pub materials: &'a [Material],
+    /// Textures of the materials.
     pub textures: &'a [Texture],
 }
 

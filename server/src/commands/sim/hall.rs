@@ -3,9 +3,9 @@
 use super::{read, unusable};
 use crate::{Failure, FailureKind};
 use avln_acoustics::{Acoustics, SURFACE_BANDS, Settings, Surface, Surfaces, expected_reverberation_s};
+use avln_formats::open;
 use avln_geom::{Point3, RayMesh};
 use avln_houses::HouseOptions;
-use avln_formats::open;
 use avln_scene::{RoomPlan, Scene};
 use clap::Args;
 use serde::Deserialize;

@@ -8,8 +8,8 @@ mod tests;
 use crate::frame::{Convention, Frame, Options, Up, check_size};
 use crate::labelled::{self, Label, Surface};
 use crate::{Report, files, glb, obj, ply};
-use avln_scene::{InstanceId, Mesh, Scene, SceneError};
 use avln_geom::{Aabb, Point3};
+use avln_scene::{InstanceId, Mesh, Scene, SceneError};
 use std::path::{Path, PathBuf};
 use table::Thing;
 

@@ -1,8 +1,8 @@
 //! Typed reading of accessors; nothing is read outside of its buffer view.
 
-use crate::files::Checked;
 use super::container::{Source, missing};
 use super::schema::{Accessor, Sparse, SparsePart};
+use crate::files::Checked;
 use std::borrow::Cow;
 
 const U8: u32 = 5121;

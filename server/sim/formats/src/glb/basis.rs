@@ -1,7 +1,7 @@
 //! Basis Universal pictures: `.basis` files, as in HM3D, and KTX2 files.
 
-use crate::files::Checked;
 use super::image::check_size;
+use crate::files::Checked;
 use avln_scene::Texture;
 use basisu::{DecodeFlags, TargetFormat, Transcoder};
 

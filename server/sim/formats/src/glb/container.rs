@@ -1,9 +1,9 @@
 //! From bytes to a document and its buffers: the GLB container, external files, `data:` URIs.
 
-use crate::files::Checked;
-use avln_scene::limits::{MAX_FILE_BYTES, MAX_JSON_BYTES};
 use super::schema::Document;
 use super::uri;
+use crate::files::Checked;
+use avln_scene::limits::{MAX_FILE_BYTES, MAX_JSON_BYTES};
 use std::borrow::Cow;
 use std::path::Path;
 

@@ -1,10 +1,10 @@
 //! Primitives packed with Draco (`KHR_draco_mesh_compression`).
 
-use crate::files::Checked;
 use super::container::Source;
-use avln_scene::limits::{MAX_TRIANGLES, MAX_VERTICES};
 use super::schema::Primitive;
 use super::surfaces::Corners;
+use crate::files::Checked;
+use avln_scene::limits::{MAX_TRIANGLES, MAX_VERTICES};
 use draco_core::{DecodeLimits, DecoderBuffer, Mesh, MeshDecoder, PointAttribute};
 use serde_json::Value;
 

@@ -1,9 +1,9 @@
 //! What exported files say beyond glTF, under `extras.avln` of nodes and of the scene.
 
 use crate::files::Checked;
+use avln_geom::{Aabb, Point3};
 use avln_scene::limits::MAX_WORD_CHARS;
 use avln_scene::{Attributes, InstanceId, Object, Region};
-use avln_geom::{Aabb, Point3};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 

@@ -1,9 +1,9 @@
 //! Pictures: PNG, JPEG and Basis Universal in, PNG out.
 
-use crate::files::Checked;
 use super::basis;
-use avln_scene::limits::MAX_TEXTURE_SIDE;
+use crate::files::Checked;
 use avln_scene::Texture;
+use avln_scene::limits::MAX_TEXTURE_SIDE;
 use std::io::Cursor;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;

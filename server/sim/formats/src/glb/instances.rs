@@ -3,9 +3,9 @@
 use super::extras::{self, NodeExtras};
 use super::{Model, ModelNode, names};
 use crate::files::Checked;
+use avln_geom::{Aabb, Point3};
 use avln_scene::describe::{Surfaces, is_structure};
 use avln_scene::{InstanceId, Lighting, Mesh, Object, Scene};
-use avln_geom::{Aabb, Point3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Pieces of one instance lie at most this far apart.

@@ -1,13 +1,13 @@
 //! Materials and the textures they use, read when the first surface asks for them.
 
-use crate::files::Checked;
 use super::container::{Source, missing};
 use super::image;
-use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXELS};
 use super::schema::{MaterialEntry, TextureUse};
 use super::uri;
-use avln_scene::colors::code_of;
 use crate::Report;
+use crate::files::Checked;
+use avln_scene::colors::code_of;
+use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXELS};
 use avln_scene::{Material, Texture};
 use std::borrow::Cow;
 use std::collections::BTreeMap;

@@ -21,12 +21,13 @@ mod surfaces;
 mod transform;
 mod uri;
 
+use crate::files::Checked;
 use crate::frame::{Convention, Frame, check_size};
 use crate::{Options, Report, Up, files};
+use avln_scene::limits::MAX_FILE_BYTES;
 use avln_scene::{Material, Mesh, Scene, SceneError, Texture};
 use container::Source;
 use extras::NodeExtras;
-use avln_scene::limits::MAX_FILE_BYTES;
 use std::path::Path;
 
 pub(crate) use bounded::bounded;

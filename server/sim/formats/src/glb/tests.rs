@@ -1,7 +1,7 @@
 use super::*;
 use crate::Report;
-use avln_scene::{Attributes, InstanceId, Lighting, Object, Region, Texture};
 use avln_geom::{Aabb, Point2, Point3, Rng, Vector3};
+use avln_scene::{Attributes, InstanceId, Lighting, Object, Region, Texture};
 
 mod formats;
 

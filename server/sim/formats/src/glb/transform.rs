@@ -1,8 +1,8 @@
 //! Where nodes stand: local matrices and the walk over the node tree.
 
-use crate::files::Checked;
 use super::container::missing;
 use super::schema::{Document, Node};
+use crate::files::Checked;
 use nalgebra::{Matrix4, Quaternion, UnitQuaternion, Vector3};
 
 /// A node of the scene with its parent and its transform.

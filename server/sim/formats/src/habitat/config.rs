@@ -2,8 +2,8 @@
 
 use super::files::read_json;
 use super::{Value, malformed, overlaid};
-use avln_scene::SceneError;
 use crate::glb::bounded;
+use avln_scene::SceneError;
 use serde::Deserialize;
 use serde_json::Map;
 use std::collections::BTreeMap;

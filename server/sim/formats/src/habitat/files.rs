@@ -1,8 +1,8 @@
 //! The files of a data set: listing folders, `*` in names, and staying inside of the data set's folder.
 
 use super::malformed;
-use avln_scene::SceneError;
 use crate::glb::read_limited;
+use avln_scene::SceneError;
 use serde::de::DeserializeOwned;
 use std::path::{Component, Path, PathBuf};
 

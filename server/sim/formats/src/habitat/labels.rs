@@ -3,10 +3,10 @@
 use super::config::{Dataset, Instance};
 use super::templates::Template;
 use super::{Value, files, rooms};
-use avln_scene::describe::{Meaning, meaning};
-use crate::glb::{bounded, category_of_name};
 use crate::Report;
+use crate::glb::{bounded, category_of_name};
 use avln_scene::SceneError;
+use avln_scene::describe::{Meaning, meaning};
 use serde::Deserialize;
 use serde_json::Map;
 use std::collections::BTreeMap;

@@ -13,8 +13,8 @@ mod rooms;
 mod templates;
 
 use crate::{Report, glb};
-use avln_scene::{Scene, SceneError};
 use assembly::Assembly;
+use avln_scene::{Scene, SceneError};
 use config::{Dataset, SceneInstance};
 use labels::Labels;
 use serde_json::Value;

@@ -2,9 +2,9 @@
 
 use super::config::{Instance, Origin};
 use super::templates::Template;
-use avln_scene::Mesh;
 use crate::files::Checked;
 use avln_geom::{Aabb, Point3};
+use avln_scene::Mesh;
 use nalgebra::{Matrix3, Matrix4, Quaternion, UnitQuaternion, Vector3};
 
 /// Directions shorter than this, and quaternions, have no direction.

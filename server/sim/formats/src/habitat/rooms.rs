@@ -2,12 +2,12 @@
 
 use super::config::{Dataset, SceneInstance};
 use super::{Value, files};
-use avln_scene::describe::storeys;
-use crate::glb::bounded;
-use avln_scene::limits::MAX_WORD_CHARS;
 use crate::Report;
-use avln_scene::{Region, SceneError};
+use crate::glb::bounded;
 use avln_geom::{Aabb, Point3};
+use avln_scene::describe::storeys;
+use avln_scene::limits::MAX_WORD_CHARS;
+use avln_scene::{Region, SceneError};
 use serde::Deserialize;
 use std::path::PathBuf;
 

@@ -1,6 +1,6 @@
 use super::*;
-use avln_scene::{InstanceId, Lighting, Material, Mesh};
 use avln_geom::{Aabb, Point2, Point3, Rng};
+use avln_scene::{InstanceId, Lighting, Material, Mesh};
 use serde_json::json;
 use tempfile::TempDir;
 

@@ -1,7 +1,7 @@
 //! The table `X.semantic.txt`.
 
-use avln_scene::InstanceId;
 use crate::files::Checked;
+use avln_scene::InstanceId;
 use avln_scene::limits::MAX_WORD_CHARS;
 use std::collections::BTreeSet;
 

@@ -1,9 +1,9 @@
 //! A scene as the files of an HM3D scene with semantics, for Habitat and for tools that read HM3D.
 
-use avln_scene::describe::{Meaning, meaning};
 use crate::glb;
-use avln_scene::{InstanceId, Lighting, Material, Mesh, Object, Scene, Texture};
 use avln_geom::{Point2, Point3};
+use avln_scene::describe::{Meaning, meaning};
+use avln_scene::{InstanceId, Lighting, Material, Mesh, Object, Scene, Texture};
 use std::collections::BTreeMap;
 
 /// Odd, so that multiplying by it permutes the 24-bit numbers and scatters neighbours.

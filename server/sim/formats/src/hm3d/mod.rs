@@ -6,13 +6,13 @@ mod export;
 mod paint;
 mod regions;
 
-use avln_scene::describe::{Meaning, Surfaces, meaning};
-use crate::glb::{self, Model, read_limited};
 use crate::files::Checked;
+use crate::glb::{self, Model, read_limited};
 use crate::{Report, bake};
-use avln_scene::{Attributes, InstanceId, Lighting, Mesh, Object, Scene, SceneError};
 use annotations::Annotation;
 use avln_geom::{Aabb, Point3};
+use avln_scene::describe::{Meaning, Surfaces, meaning};
+use avln_scene::{Attributes, InstanceId, Lighting, Mesh, Object, Scene, SceneError};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

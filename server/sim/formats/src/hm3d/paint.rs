@@ -2,8 +2,8 @@
 
 use super::annotations::Annotation;
 use crate::Report;
-use avln_scene::describe::{inner_points, texel_at};
 use crate::glb::Model;
+use avln_scene::describe::{inner_points, texel_at};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What triangles without an instance are painted in.

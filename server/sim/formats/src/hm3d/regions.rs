@@ -1,10 +1,10 @@
 //! Rooms, from the region column and where the instances lie.
 
 use super::annotations::Annotation;
-use avln_scene::Region;
-use avln_scene::describe::storeys;
 use crate::files::Checked;
 use avln_geom::Aabb;
+use avln_scene::Region;
+use avln_scene::describe::storeys;
 use std::collections::BTreeMap;
 
 type Regions = (Vec<Region>, BTreeMap<i32, u16>);

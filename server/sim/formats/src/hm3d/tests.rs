@@ -1,6 +1,6 @@
 use super::*;
-use avln_scene::{Material, Texture};
 use avln_geom::Point2;
+use avln_scene::{Material, Texture};
 
 const BED: [u8; 3] = [10, 200, 30];
 const WALL: [u8; 3] = [250, 1, 99];

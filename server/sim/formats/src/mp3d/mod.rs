@@ -7,12 +7,12 @@ mod rooms;
 #[cfg(test)]
 mod tests;
 
-use avln_scene::describe::is_structure;
 use crate::frame::{Convention, Frame, Options, Up, check_size};
-use avln_scene::limits::MAX_WORD_CHARS;
 use crate::labelled::{self, Label, Surface};
 use crate::ply::{self, Ply};
 use crate::{Report, files, glb, obj};
+use avln_scene::describe::is_structure;
+use avln_scene::limits::MAX_WORD_CHARS;
 use avln_scene::{InstanceId, Scene, SceneError, categories};
 use house::{Category, House, Thing};
 use std::collections::BTreeMap;

@@ -1,11 +1,11 @@
 //! Rooms and storeys of a Matterport3D house.
 
 use super::house::{House, Room};
-use crate::frame::Frame;
-use crate::files::Checked;
 use crate::Report;
-use avln_scene::Region;
+use crate::files::Checked;
+use crate::frame::Frame;
 use avln_geom::{Aabb, Point3};
+use avln_scene::Region;
 use std::collections::BTreeMap;
 
 /// What the letters of rooms mean (Matterport3D's data organisation).

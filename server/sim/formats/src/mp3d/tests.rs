@@ -1,8 +1,8 @@
 use super::*;
-use avln_scene::Lighting;
 use crate::glb::export;
 use crate::testing::{self, damaged};
 use avln_geom::{Aabb, Point3};
+use avln_scene::Lighting;
 
 const TABLE_TEXT: &str = "ASCII 1.1\n\
     H made - 0 0 0 0 3 3 3 2 0 2 0 0 0 0 0 0 0 0 6 5 3 0 0 0 0 0\n\

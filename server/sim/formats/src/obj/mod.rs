@@ -7,12 +7,12 @@ mod surfaces;
 #[cfg(test)]
 mod tests;
 
-use crate::frame::{Convention, Frame, Options, Up, check_size};
-use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXELS};
-use crate::glb::{Model, named_scene, neighbour, scene_name};
 use crate::files::Checked;
+use crate::frame::{Convention, Frame, Options, Up, check_size};
+use crate::glb::{Model, named_scene, neighbour, scene_name};
 use crate::pictures::Pictures;
 use crate::{Report, files};
+use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXELS};
 use avln_scene::{Material, Scene, SceneError};
 use mtl::Entry;
 use std::path::Path;

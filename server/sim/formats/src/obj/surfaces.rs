@@ -1,12 +1,12 @@
 //! Vertices, faces and what they belong to.
 
 use super::lines::{corner, lines, numbers, split};
-use avln_scene::limits::{MAX_ENTRIES, MAX_TRIANGLES, MAX_VERTICES};
-use crate::glb::category_of_name;
-use crate::files::Checked;
 use crate::Report;
-use avln_scene::{InstanceId, Mesh, polygon};
+use crate::files::Checked;
+use crate::glb::category_of_name;
 use avln_geom::{Point2, Point3};
+use avln_scene::limits::{MAX_ENTRIES, MAX_TRIANGLES, MAX_VERTICES};
+use avln_scene::{InstanceId, Mesh, polygon};
 use std::collections::BTreeMap;
 
 /// Coordinates beyond this are damage, in any unit.

@@ -6,12 +6,12 @@ mod tables;
 #[cfg(test)]
 mod tests;
 
-use crate::frame::{Convention, Frame, Options, Up, check_size};
-use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXELS};
-use crate::glb::scene_name;
 use crate::files::Checked;
+use crate::frame::{Convention, Frame, Options, Up, check_size};
+use crate::glb::scene_name;
 use crate::pictures::Pictures;
 use crate::{Report, files};
+use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXELS};
 use avln_scene::{InstanceId, Lighting, Material, Mesh, Scene, SceneError, polygon};
 use std::path::Path;
 use tables::Tables;

@@ -4,8 +4,8 @@ use super::body::Body;
 use super::header::{Element, Format, Header, Property};
 use crate::Report;
 use crate::files::Checked;
-use avln_scene::limits::{MAX_TRIANGLES, MAX_VERTICES};
 use avln_geom::{Point2, Point3};
+use avln_scene::limits::{MAX_TRIANGLES, MAX_VERTICES};
 
 const MAX_POLYGON: usize = 4096;
 /// Coordinates beyond this are damage, in any unit.

@@ -11,12 +11,12 @@ mod shell;
 mod sizes;
 mod things;
 
-use crate::frame::check_size;
-use avln_scene::limits::MAX_WORD_CHARS;
-use crate::glb::{self, read_limited};
 use crate::Report;
-use avln_scene::{InstanceId, Lighting, Material, Mesh, Region, Scene, SceneError};
+use crate::frame::check_size;
+use crate::glb::{self, read_limited};
 use avln_geom::{Aabb, Point2, Point3};
+use avln_scene::limits::MAX_WORD_CHARS;
+use avln_scene::{InstanceId, Lighting, Material, Mesh, Region, Scene, SceneError};
 use schema::House;
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -3,11 +3,11 @@
 use super::outline::{MAX_CORNERS, holds, triangles};
 use super::schema::{House, MaterialName, Opening, Wall};
 use super::{Builder, finite_box, world};
-use crate::files::Checked;
-use avln_scene::limits::MAX_WORD_CHARS;
 use crate::Report;
-use avln_scene::InstanceId;
+use crate::files::Checked;
 use avln_geom::{Aabb, Point2, Point3, Vector3};
+use avln_scene::InstanceId;
+use avln_scene::limits::MAX_WORD_CHARS;
 
 /// A wall is drawn this far from its line, towards the side it is seen from, so that the two sides of a wall differ; metres.
 const HALF_WALL_M: f32 = 0.01;

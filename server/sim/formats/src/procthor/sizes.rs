@@ -1,8 +1,8 @@
 //! How large the objects of a house are.
 
 use super::schema::Place;
-use avln_scene::SceneError;
 use crate::glb::read_limited;
+use avln_scene::SceneError;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -4,13 +4,13 @@ use super::schema::{House, Place, Rotation, Thing};
 use super::shell::Room;
 use super::sizes::{Sizes, common, usable};
 use super::{Builder, finite_box, world};
+use crate::Report;
+use crate::files::Checked;
+use crate::glb::category_of_name;
+use avln_geom::{Aabb, Point3, Vector3};
 use avln_scene::colors::PALETTE;
 use avln_scene::describe::{Meaning, Surfaces, meaning};
-use crate::glb::category_of_name;
-use crate::files::Checked;
-use crate::Report;
 use avln_scene::{Attributes, InstanceId, Object};
-use avln_geom::{Aabb, Point3, Vector3};
 use nalgebra::Matrix3;
 use std::f32::consts::PI;
 

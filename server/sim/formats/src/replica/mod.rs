@@ -9,8 +9,8 @@ use crate::frame::{Convention, Frame, Options, Up, check_size};
 use crate::labelled::{self, Label, Surface};
 use crate::ply::{self, Ply};
 use crate::{Report, files, glb};
-use avln_scene::{InstanceId, Scene, SceneError};
 use avln_geom::Aabb;
+use avln_scene::{InstanceId, Scene, SceneError};
 use std::path::{Path, PathBuf};
 
 /// What the table is called.

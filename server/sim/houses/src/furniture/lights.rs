@@ -2,8 +2,8 @@
 
 use super::parts::*;
 use super::*;
-use avln_scene::Lamp;
 use Substance::*;
+use avln_scene::Lamp;
 
 const SHADES: &[Substance] = &[Fabric, Metal, Paper, Glass, Wicker, Bamboo, Plastic];
 

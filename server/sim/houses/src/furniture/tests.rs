@@ -1,10 +1,10 @@
 //! What every piece of furniture must be.
 
 use super::*;
-use avln_scene::colors::PALETTE;
 use crate::Pool;
 use crate::assembly::Assembly;
 use crate::taste::combination_owner;
+use avln_scene::colors::PALETTE;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Everything that can be placed, doors and windows aside.

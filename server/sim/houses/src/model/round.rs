@@ -8,13 +8,7 @@ use std::f32::consts::TAU;
 impl Model {
     /// A solid of revolution about the vertical through `center` (x, z). `profile` goes from its lower to its
     /// upper end in (radius, height); ends that are not on the axis are closed by discs.
-    pub(crate) fn lathe(
-        &mut self,
-        center: [f32; 2],
-        profile: &[[f32; 2]],
-        sides: usize,
-        paint: Paint,
-    ) {
+    pub(crate) fn lathe(&mut self, center: [f32; 2], profile: &[[f32; 2]], sides: usize, paint: Paint) {
         self.oval(center, [1.0, 1.0], profile, sides, paint);
     }
 
@@ -36,25 +30,12 @@ impl Model {
     }
 
     /// An upright cylinder.
-    pub(crate) fn cylinder(
-        &mut self,
-        center: [f32; 2],
-        y: Span,
-        radius: f32,
-        sides: usize,
-        paint: Paint,
-    ) {
+    pub(crate) fn cylinder(&mut self, center: [f32; 2], y: Span, radius: f32, sides: usize, paint: Paint) {
         self.lathe(center, &[[radius, y[0]], [radius, y[1]]], sides, paint);
     }
 
     /// A straight round bar between two points, without end faces.
-    pub(crate) fn rod(
-        &mut self,
-        from: Point3<f32>,
-        to: Point3<f32>,
-        radius: f32,
-        paint: Paint,
-    ) {
+    pub(crate) fn rod(&mut self, from: Point3<f32>, to: Point3<f32>, radius: f32, paint: Paint) {
         const SIDES: usize = 6;
         let axis = (to - from).normalize();
         let helper = if axis.y.abs() < 0.9 { Vector3::y() } else { Vector3::x() };
@@ -75,13 +56,7 @@ impl Model {
     }
 
     /// A pointed leaf from `base` to `tip`, seen from above.
-    pub(crate) fn leaf(
-        &mut self,
-        base: Point3<f32>,
-        tip: Point3<f32>,
-        width: f32,
-        paint: Paint,
-    ) {
+    pub(crate) fn leaf(&mut self, base: Point3<f32>, tip: Point3<f32>, width: f32, paint: Paint) {
         let along = tip - base;
         let across =
             along.cross(&Vector3::y()).try_normalize(1e-6).unwrap_or_else(Vector3::x) * (width / 2.0);

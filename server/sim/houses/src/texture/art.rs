@@ -1,8 +1,8 @@
 //! Pictures for walls: each has a ground in a colour of its own and a motif on less than half of it.
 
 use super::Texture;
-use avln_scene::colors::PALETTE;
 use avln_geom::{Rng, angle};
+use avln_scene::colors::PALETTE;
 
 /// A picture for a wall.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
