@@ -19,7 +19,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("truth", &["geom", "episode"]),
     ("dataset", &["geom", "scene", "formats", "houses", "navmesh", "world", "episode", "truth"]),
     ("referee", &["world", "episode", "truth"]),
-    ("scoring", &["episode", "truth"]),
+    ("scoring", &["geom", "episode", "truth"]),
     ("store", &["episode", "truth", "scoring"]),
     ("proto", &[]),
     ("codec", &["proto"]),
