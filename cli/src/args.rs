@@ -1,5 +1,5 @@
-use avln_arena::{Failure, FailureKind};
 use crate::commands::*;
+use avln_arena::{Failure, FailureKind};
 use avln_kit::shell::run_for;
 use clap::{Arg, Parser, Subcommand, value_parser};
 use std::{
@@ -360,7 +360,9 @@ mod tests {
             ("conformance --client 127.0.0.1:0", "lab conformance --client 127.0.0.1:0"),
         ] {
             let before = parsed(&format!("avln --data there {old}"));
-            let after = parsed(&format!("avln {new} --data there").replace(" -- x --data there", " --data there -- x"));
+            let after = parsed(
+                &format!("avln {new} --data there").replace(" -- x --data there", " --data there -- x"),
+            );
             assert_eq!(before.data, after.data, "{old}");
             assert_eq!(current(before.command), current(after.command), "{old}");
         }

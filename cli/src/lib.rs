@@ -3,7 +3,7 @@
 //! Start at [`run`]. Each file of `commands` is one command.
 
 mod args;
-mod commands;
+pub mod commands;
 mod output;
 
 pub use args::{Cli, main, run};

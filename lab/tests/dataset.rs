@@ -1,13 +1,23 @@
 //! Building, checking and playing a data set on disk.
 
 use avln_arena::setup::{NewPhase, open_phase};
+use avln_arena::{
+    FailureKind,
+    cache::CacheFolder,
+    data::DataFolder,
+    dataset::{DatasetFiles, SplitFolder},
+};
 use avln_dataset::{
     CueSpec, EpisodeSpec, PublicGoal, Recipe,
     formats::{Adopter, Foreign, read},
 };
 use avln_episode::{Rules, SoundClip, Sounds};
-use avln_arena::{FailureKind, data::DataFolder, cache::CacheFolder, dataset::{DatasetFiles, SplitFolder}};
-use avln_lab::dataset::{build::Builder, check::{self, Report, Scope}, export::Export, openness::Openness};
+use avln_lab::dataset::{
+    build::Builder,
+    check::{self, Report, Scope},
+    export::Export,
+    openness::Openness,
+};
 use avln_store::{Phase, Visibility};
 use avln_world::Cache;
 use std::{
@@ -148,14 +158,16 @@ async fn a_phase_opens_on_a_split_of_a_data_set_and_reads_missions_one_scene_at_
     let home = TempDir::new().expect("a folder");
     let data = DataFolder::open(home.path()).expect("writable");
     let store = data.store().await.expect("a database");
-    let options = NewPhase { dataset: Some(BUILT.path().to_owned()), max_slots: 4, max_side: 256, ..NewPhase::public("val", "val") };
+    let options = NewPhase {
+        dataset: Some(BUILT.path().to_owned()),
+        max_slots: 4,
+        max_side: 256,
+        ..NewPhase::public("val", "val")
+    };
     let phase = open_phase(&data, &store, &options).await.expect("opens");
     assert_eq!((phase.split.as_str(), phase.episodes.len()), ("tiny-val", 6));
-    let by = |rules: &str| NewPhase {
-        id: "noisy".to_owned(),
-        rules: Some(rules.to_owned()),
-        ..options.clone()
-    };
+    let by =
+        |rules: &str| NewPhase { id: "noisy".to_owned(), rules: Some(rules.to_owned()), ..options.clone() };
     let noisy = open_phase(&data, &store, &by("lh-avln-noisy-v1")).await.expect("differs in noise alone");
     let by_noisy = Rules { sounds: Sounds::Validation, ..Rules::noisy() };
     assert_eq!((&noisy.rules, &noisy.episodes), (&by_noisy, &phase.episodes));

@@ -1,14 +1,18 @@
 //! Phases that are heard with a measured head.
 
-#[path = "../sim/acoustics/tests/common/sofa.rs"]
+#[path = "../../server/sim/acoustics/tests/common/sofa.rs"]
 mod sofa;
 
 use avln_arena::setup::{NewPhase, open_phase};
+use avln_arena::{
+    Arena, FailureKind, SCENE_MEMORY_MIB,
+    data::DataFolder,
+    dataset::{DatasetFiles, SplitFolder},
+};
 use avln_dataset::{Recipe, SceneSpec};
 use avln_episode::{HeadRule, Order, Rules, Sensors};
-use avln_referee::{Audio, Referee};
-use avln_arena::{FailureKind, Arena, SCENE_MEMORY_MIB, data::DataFolder, dataset::{DatasetFiles, SplitFolder}};
 use avln_lab::dataset::build::Builder;
+use avln_referee::{Audio, Referee};
 use avln_store::Store;
 use sofa::{Table, file};
 use std::{
@@ -44,7 +48,14 @@ fn write_head(path: &Path, gains: [f64; 2]) {
     fs::write(path, file("SOFA", &tables)).expect("a file");
 }
 
-fn options(dataset: &Path, head: Option<PathBuf>) -> NewPhase { NewPhase {, dataset: Some(dataset.to_owned()), head, max_slots: 4, max_side: 256, ..NewPhase::public("heads", "val") }
+fn options(dataset: &Path, head: Option<PathBuf>) -> NewPhase {
+    NewPhase {
+        dataset: Some(dataset.to_owned()),
+        head,
+        max_slots: 4,
+        max_side: 256,
+        ..NewPhase::public("heads", "val")
+    }
 }
 
 /// Energy at both ears over the first steps of the only episode.

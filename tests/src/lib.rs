@@ -12,11 +12,17 @@ pub mod skipped;
 pub mod stroll;
 pub mod tap;
 
+use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
+use avln_arena::{
+    Arena, SCENE_MEMORY_MIB,
+    data::DataFolder,
+    now_unix_ms,
+    secret::new_token,
+    servers::{Addresses, Limits, RunningServers, Security, Servers},
+};
 pub use avln_lab::suite::walk;
-use avln_arena::setup::{NewPhase, NewSplit, make_split, open_phase, admit};
 use avln_store::Visibility;
-use avln_arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder, now_unix_ms, secret::new_token, servers::{Addresses, Servers, Limits, RunningServers, Security}};
-use avln_store::{AuditNote, NewToken, Phase, Store, TokenKind};
+use avln_store::{AuditNote, NewToken, Phase, Store, TokenScope};
 use std::{path::Path, sync::Arc};
 use tempfile::TempDir;
 
@@ -103,7 +109,7 @@ impl House {
     /// A new token of an organiser.
     pub async fn organiser(&self) -> String {
         let secret = new_token("organiser").expect("randomness");
-        let (kind, name) = (TokenKind::Organiser, "");
+        let (kind, name) = (TokenScope::Organiser, "");
         let token = NewToken { secret: &secret, kind, name, team: None, expires_unix_ms: None };
         let store = store(self.folder.path()).await;
         store.issue_token(&token, now_unix_ms()).await.expect("a token");
@@ -132,7 +138,12 @@ pub async fn furnish(folder: &Path, plan: &Plan) -> String {
         rules: "lh-avln-v1".to_owned(),
     };
     make_split(&data, &store, make, |_| ()).await.expect("houses hold missions");
-    let open = NewPhase { scores: plan.visible_to, replays: plan.replays_to.unwrap_or(plan.visible_to), max_side: 256, ..NewPhase::public(PHASE, PHASE) };
+    let open = NewPhase {
+        scores: plan.visible_to,
+        replays: plan.replays_to.unwrap_or(plan.visible_to),
+        max_side: 256,
+        ..NewPhase::public(PHASE, PHASE)
+    };
     open_phase(&data, &store, &open).await.expect("the phase can be opened");
     let token = admit(&store, TEAM, None).await.expect("the team can be admitted");
     store.close().await;
@@ -164,7 +175,10 @@ async fn open_doors_as(folder: &Path, security: &Security) -> RunningServers {
 }
 
 /// Servers that are bound, and what opens them.
-async fn bound_doors(folder: &Path, security: &Security) -> (Servers, impl FnOnce(Servers) -> RunningServers + use<>) {
+async fn bound_doors(
+    folder: &Path,
+    security: &Security,
+) -> (Servers, impl FnOnce(Servers) -> RunningServers + use<>) {
     let data = DataFolder::open(folder).expect("the folder is writable");
     let store = data.store().await.expect("its database");
     let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await.expect("its phases");

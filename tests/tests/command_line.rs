@@ -139,7 +139,12 @@ fn a_data_folder_that_cannot_be_used_is_code_3() {
         3,
         &["no phase to host", "avln challenge phase open"],
     );
-    hinted(&data, &["challenge", "phase", "open", "p", "--split", "absent"], 3, &["'absent'", "avln data split make"]);
+    hinted(
+        &data,
+        &["challenge", "phase", "open", "p", "--split", "absent"],
+        3,
+        &["'absent'", "avln data split make"],
+    );
 }
 
 #[test]
@@ -308,7 +313,12 @@ async fn teams_are_admitted_and_refused_by_name() {
     let revoked = avln(&data, &["challenge", "team", "revoke", TEAM]);
     assert!(revoked.out.starts_with("1 tokens"), "{revoked:?}");
     hinted(&data, &["challenge", "team", "add", "two\nlines"], 3, &["printable"]);
-    hinted(&data, &["challenge", "phase", "open", "../up", "--split", avln_tests::PHASE], 5, &["'../up'", "letters"]);
+    hinted(
+        &data,
+        &["challenge", "phase", "open", "../up", "--split", avln_tests::PHASE],
+        5,
+        &["'../up'", "letters"],
+    );
 }
 
 #[test]
@@ -360,7 +370,8 @@ fn the_commands_of_the_organisers_page_do_what_it_says() {
     assert_eq!(json.pointer("/phases/1/opens"), Some(&"2026-07-01T00:00:00Z".into()));
 
     assert!(
-        done(&["challenge", "token", "new", "--organiser", "--name", "my laptop"]).contains("token    avln_organiser_")
+        done(&["challenge", "token", "new", "--organiser", "--name", "my laptop"])
+            .contains("token    avln_organiser_")
     );
     done(&["challenge", "team", "add", "Ada"]);
     done(&["challenge", "token", "new", "--team", "Ada", "--read-only", "--expires", "30d"]);
@@ -369,7 +380,18 @@ fn the_commands_of_the_organisers_page_do_what_it_says() {
     let id = tokens.iter().find(|line| line.contains("read_only")).expect("a token for looking");
     done(&["challenge", "token", "revoke", id.split_whitespace().next().expect("an id")]);
     done(&["challenge", "team", "approve", "Ada", "--phase", "challenge"]);
-    done(&["challenge", "team", "grant", "Ada", "--phase", "standard", "--runs", "2", "--reason", "our disk was full"]);
+    done(&[
+        "challenge",
+        "team",
+        "grant",
+        "Ada",
+        "--phase",
+        "standard",
+        "--runs",
+        "2",
+        "--reason",
+        "our disk was full",
+    ]);
     done(&["challenge", "team", "member", "add", "Ada", "ada@example.org", "--phase", "challenge"]);
     done(&["challenge", "team", "add", "Bob"]);
     let second = ["challenge", "team", "member", "add", "Bob", "Ada@Example.org", "--phase", "challenge"];
@@ -402,14 +424,21 @@ fn the_commands_of_the_organisers_page_do_what_it_says() {
 #[test]
 fn a_sealed_split_is_played_by_those_who_know_its_passphrase() {
     let (folder, data) = house();
-    assert_eq!(avln(&data, &["data", "split", "make", "val", "--houses", "1", "--missions", "1"]).code, Some(0));
+    assert_eq!(
+        avln(&data, &["data", "split", "make", "val", "--houses", "1", "--missions", "1"]).code,
+        Some(0)
+    );
     let [good, other, weak] = ["good", "other", "weak"].map(|name| folder.path().join(name));
     fs::write(&good, "V3ry-l0ng.and/unlike+others\n").expect("a file");
     fs::write(&other, "An0ther-long.and/good+one\n").expect("a file");
     fs::write(&weak, "password12345678").expect("a file");
     let seal = |key: &Path| {
         let key = key.to_str().expect("a path in Unicode").to_owned();
-        ["data", "split", "seal", "val", "--key-file"].map(str::to_owned).into_iter().chain([key]).collect::<Vec<_>>()
+        ["data", "split", "seal", "val", "--key-file"]
+            .map(str::to_owned)
+            .into_iter()
+            .chain([key])
+            .collect::<Vec<_>>()
     };
     let sealed = |key: &Path| {
         let arguments = seal(key);

@@ -9,8 +9,9 @@ use std::{
 const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
 
 async fn conformance(arguments: Vec<String>) -> Output {
-    let run =
-        move || Command::new(PROGRAM).args(["lab", "conformance"]).args(arguments).output().expect("the program runs");
+    let run = move || {
+        Command::new(PROGRAM).args(["lab", "conformance"]).args(arguments).output().expect("the program runs")
+    };
     tokio::task::spawn_blocking(run).await.expect("no panic")
 }
 

@@ -1,6 +1,6 @@
 //! `avln lab doctor` finds what would stop a run, plays where that costs nothing, and leaves nothing open behind it.
 
-use avln_arena::{data::DataFolder, now_unix_ms, challenge::notes};
+use avln_arena::{challenge::notes, data::DataFolder, now_unix_ms};
 use avln_store::{QuotaLimits, RunState, Viewer};
 use avln_tests::{House, PHASE, Plan};
 use serde_json::Value;

@@ -1,7 +1,7 @@
 //! What a visitor of a replay hears is what its agent was sent, sample by sample; where replays are hidden there is nothing.
 
-use avln_store::Visibility;
 use avln_client::{Audio, Sensors};
+use avln_store::Visibility;
 use avln_tests::{
     House, Plan, http,
     stroll::{EARS, STEPS, stroll, stroll_with},

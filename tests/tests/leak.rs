@@ -1,9 +1,9 @@
 //! Hidden data stays hidden: everything that a split hides is looked for in every byte that an agent or an anonymous
 //! visitor receives of a phase whose results are the organiser's alone. The same search finds it in a public phase.
 
-use avln_store::Visibility;
-use avln_client::{Action, Arena, Episode, Error, Order, Run, RunOptions, Sensors};
 use avln_arena::{data::DataFolder, register};
+use avln_client::{Action, Arena, Episode, Error, Order, Run, RunOptions, Sensors};
+use avln_store::Visibility;
 use avln_tests::{
     House, PHASE, Plan,
     canary::Canaries,
@@ -378,7 +378,8 @@ async fn nothing_hidden_reaches_an_agent_or_a_visitor() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn public_scores_do_not_show_what_hidden_replays_hide() {
-    let plan = Plan { visible_to: Visibility::Public, replays_to: Some(Visibility::Organiser), ..Plan::default() };
+    let plan =
+        Plan { visible_to: Visibility::Public, replays_to: Some(Visibility::Organiser), ..Plan::default() };
     let house = House::open(&plan).await;
     let received = receive(&house).await;
     let canaries = hidden(&house);

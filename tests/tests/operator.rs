@@ -1,7 +1,11 @@
 //! What the operator sees and does, and that nobody else can.
 
+use avln_arena::{
+    admin::{Drain, Notice, Status, ask},
+    data::DataFolder,
+    now_unix_ms,
+};
 use avln_client::{Action, Arena, Error, Link, Reason, RunOptions, Sensors};
-use avln_arena::{admin::{Drain, Notice, Status, ask}, data::DataFolder, now_unix_ms};
 use avln_store::AuditNote;
 use avln_tests::{House, PHASE, Plan, http};
 use serde::Serialize;

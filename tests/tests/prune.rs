@@ -1,7 +1,7 @@
 //! Logs and records of old runs can go; what the runs were worth stays.
 
-use avln_arena::now_unix_ms;
 use avln_arena::backup::{self, PruneOptions, Pruned};
+use avln_arena::now_unix_ms;
 use avln_tests::{House, PHASE, Plan, http, stroll::stroll};
 use std::process::Command;
 
@@ -14,7 +14,8 @@ async fn old_logs_and_records_go_and_scores_stay() {
     let board = page(&format!("/api/v1/phases/{PHASE}/leaderboard?order=unordered")).await.body;
     let prune = |more: &[&str]| {
         let mut avln = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-        let output = avln.arg("--data").arg(house.folder.path()).args(["data", "db", "prune"]).args(more).output();
+        let output =
+            avln.arg("--data").arg(house.folder.path()).args(["data", "db", "prune"]).args(more).output();
         let output = output.expect("the program runs");
         let text =
             String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);

@@ -20,7 +20,18 @@ fn sealed(data: &Path, options: &[&str], agent: &[&str]) -> Output {
         command.env_remove(name);
     }
     command
-        .args(["challenge", "sealed", "run", "--phase", PHASE, "--team", TEAM, "--method", "sealed walker", "--read"])
+        .args([
+            "challenge",
+            "sealed",
+            "run",
+            "--phase",
+            PHASE,
+            "--team",
+            TEAM,
+            "--method",
+            "sealed walker",
+            "--read",
+        ])
         .arg(programs)
         .args(options)
         .arg("--")

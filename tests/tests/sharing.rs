@@ -1,8 +1,8 @@
 //! What agents share is shared evenly, and nobody pays for the length of the wire.
 
-use avln_arena::setup::{admit};
-use avln_client::{Action, Arena, EndReason, Error, Order, RunOptions, Sensors};
 use avln_arena::servers::Limits;
+use avln_arena::setup::admit;
+use avln_client::{Action, Arena, EndReason, Error, Order, RunOptions, Sensors};
 use avln_tests::{House, PHASE, Plan, furnish, rule, scissors::Scissors, store};
 use std::{
     sync::{

@@ -1,8 +1,8 @@
 //! The log of a run says what happened, and `avln run verify` believes nothing else: it is fetched as a team fetches it, checked
 //! with and without the organiser's data, and forged in every way that a chain of hashes alone does not show.
 
-use avln_client::{Arena, RunOptions};
 use avln_arena::runlog::{Entry, History, RunLogs, SigningKey};
+use avln_client::{Arena, RunOptions};
 use avln_tests::{House, PHASE, Plan, http, stroll::stroll};
 use std::{
     fs,
@@ -63,8 +63,14 @@ impl Played {
 
 fn verify(data: &Path, log: &Path, more: &[&str]) -> (bool, String) {
     let mut verify = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-    let output =
-        verify.arg("--data").arg(data).args(["run", "verify"]).arg(log).args(more).output().expect("the program runs");
+    let output = verify
+        .arg("--data")
+        .arg(data)
+        .args(["run", "verify"])
+        .arg(log)
+        .args(more)
+        .output()
+        .expect("the program runs");
     let text =
         String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
     (output.status.success(), text)

@@ -141,7 +141,10 @@ fn what_people_are_told_to_type_is_understood() {
 fn a_line_of_shell_is_taken_apart() {
     let calls =
         |line: &str| -> Vec<_> { commands(line).iter().filter_map(|words| arguments(words)).collect() };
-    assert_eq!(calls("A=1 avln challenge team add \"Ada's team\"  # once"), [["challenge", "team", "add", "Ada's team"]]);
+    assert_eq!(
+        calls("A=1 avln challenge team add \"Ada's team\"  # once"),
+        [["challenge", "team", "add", "Ada's team"]]
+    );
     assert_eq!(calls("avln challenge reveal a > b.json && avln serve").len(), 2);
     assert_eq!(calls("docker compose run --rm challenge-server avln data split make val")[0].len(), 4);
     assert_eq!(calls("sudo -u avln avln data db backup x")[0][0], "data");

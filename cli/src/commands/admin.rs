@@ -1,7 +1,10 @@
 //! Asks a running server what is going on, announces things, and lets it come to its end.
 
 use crate::output::say;
-use avln_arena::{Failure, FailureKind, admin::{Drain, Notice, Status, ask}};
+use avln_arena::{
+    Failure, FailureKind,
+    admin::{Drain, Notice, Status, ask},
+};
 use clap::{Args, Subcommand};
 use serde::Serialize;
 

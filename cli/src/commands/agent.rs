@@ -1,8 +1,8 @@
 //! Runs the agents that come with the arena.
 
+use crate::output::say;
 use avln_arena::{Failure, FailureKind};
 use avln_human::HumanError;
-use crate::output::say;
 use clap::Subcommand;
 
 /// The agents that come with the arena; each connects as a client like everyone else.

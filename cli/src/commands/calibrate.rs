@@ -1,8 +1,12 @@
 //! Proves that a server scores as the published one does.
 
-use avln_arena::setup::{admit};
 use crate::output::say;
-use avln_arena::{Failure, FailureKind, Arena, SCENE_MEMORY_MIB, data::DataFolder, servers::{Addresses, Servers}};
+use avln_arena::setup::admit;
+use avln_arena::{
+    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
+    data::DataFolder,
+    servers::{Addresses, Servers},
+};
 use avln_lab::calibration::{self, Calibration, PHASE, Place, Reference, differences};
 use std::{
     fs,

@@ -1,8 +1,14 @@
 //! The organiser's file, and the audit list of what it changed.
 
 use crate::output::say;
-use avln_arena::{Failure, FailureKind, data::DataFolder, now_unix_ms, challenge::{ChallengeFile, PhaseFile, Plan, Planner, Unplanned, actor, json as as_json}, dataset::SplitFolder};
-use avln_store::{AuditLine, AuditNote, Revealed, calendar::rfc3339, pool_digest};
+use avln_arena::{
+    Failure, FailureKind,
+    challenge::{ChallengeFile, PhaseFile, Plan, Planner, Unplanned, actor, json as as_json},
+    data::DataFolder,
+    dataset::SplitFolder,
+    now_unix_ms,
+};
+use avln_store::{AuditLine, AuditNote, CommitmentValues, calendar::rfc3339, pool_digest};
 use clap::{Args, Subcommand};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -197,7 +203,7 @@ async fn reveal(data: &Path, phase: &str) -> Result<(), Failure> {
         ..AuditNote::default()
     };
     let (promise, values) = store.reveal_phase(phase, note, now_unix_ms()).await?;
-    let Revealed { pool, scorer, secret } = values;
+    let CommitmentValues { pool, scorer, secret } = values;
     say!(
         "{}",
         pretty(&Published {
@@ -224,7 +230,7 @@ fn verify(options: &Verify) -> Result<(), Failure> {
         .hinted("save what this prints: avln challenge reveal PHASE")
     })?;
     let Published { phase, commitment, values: PublishedValues { pool, scorer, secret }, .. } = published;
-    let values = Revealed { pool, scorer, secret };
+    let values = CommitmentValues { pool, scorer, secret };
     if values.commitment() != commitment {
         return Err(unfit(format!(
             "pool, scorer and secret of phase '{phase}' do not give its commitment {commitment}"

@@ -1,9 +1,15 @@
 //! Builds data sets by recipe, counts them and checks them.
 
+use crate::{
+    commands::{dataset_frames, dataset_import},
+    output::say,
+};
 use avln_arena::{Failure, FailureKind, cache::CacheFolder, dataset::DatasetFiles};
-use crate::{commands::{dataset_frames, dataset_import}, output::say};
-use avln_lab::dataset::{build::{Builder, Progress}, check::{self, Scope}};
 use avln_dataset::{Recipe, SceneChoice, Statistics, summary};
+use avln_lab::dataset::{
+    build::{Builder, Progress},
+    check::{self, Scope},
+};
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::path::{Path, PathBuf};

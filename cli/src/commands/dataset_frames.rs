@@ -1,9 +1,9 @@
 //! Takes pictures to train perception on, or to measure it by.
 
 use super::dataset::{bar, recipe};
+use crate::output::say;
 use avln_arena::Failure;
 use avln_lab::dataset::frames::{self, FrameOptions, Purpose};
-use crate::output::say;
 use clap::Args;
 use std::path::PathBuf;
 

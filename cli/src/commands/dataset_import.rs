@@ -1,10 +1,10 @@
 //! Imports missions of other data sets.
 
-use avln_arena::{Failure, FailureKind};
-use avln_lab::dataset::import::Import;
 use crate::output::say;
+use avln_arena::{Failure, FailureKind};
 use avln_dataset::formats::{Format, Loss};
 use avln_episode::Rules;
+use avln_lab::dataset::import::Import;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -69,7 +69,11 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         say!("All of it      {}", import.report_path().display());
     }
     say!("Data set       {}", options.out.display());
-    say!("Play it        avln challenge phase open ID --dataset {} --split {}", options.out.display(), options.split);
+    say!(
+        "Play it        avln challenge phase open ID --dataset {} --split {}",
+        options.out.display(),
+        options.split
+    );
     Ok(())
 }
 

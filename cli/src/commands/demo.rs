@@ -1,13 +1,18 @@
 //! Houses, missions, two agents and a leaderboard in one command.
 
 use super::serve::AddressArgs;
-use avln_arena::setup::{NewPhase, NewSplit, make_split, open_phase, admit};
 use crate::output::say;
-use avln_arena::{Failure, FailureKind, Arena, SCENE_MEMORY_MIB, data::DataFolder, now_unix_ms, servers::{Servers, RunningServers}};
+use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
+use avln_arena::{
+    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
+    data::DataFolder,
+    now_unix_ms,
+    servers::{RunningServers, Servers},
+};
 use avln_dataset::SceneSource;
 use avln_episode::{Order, Rules};
-use avln_scoring::Key;
-use avln_store::{Board, LeaderboardRow, Pick, Reference, RunLine, RunState, Store, Viewer};
+use avln_scoring::{Key, Metric};
+use avln_store::{Board, LeaderboardRow, Reference, RunChoice, RunLine, RunState, Store, Viewer};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::{
     path::{Path, PathBuf},
@@ -94,7 +99,10 @@ async fn prepare(data: &DataFolder, store: &Store, options: &Options) -> Result<
     };
     let split = make_split(data, store, make, |line| say!("{line}")).await?;
     let real = split.scenes.iter().any(|scene| matches!(scene.source, SceneSource::File { .. }));
-    let open = NewPhase { title: Some(if real { "Practice in a real house".to_owned() } else { "Practice".to_owned() }), ..NewPhase::public(&name, &name) };
+    let open = NewPhase {
+        title: Some(if real { "Practice in a real house".to_owned() } else { "Practice".to_owned() }),
+        ..NewPhase::public(&name, &name)
+    };
     open_phase(data, store, &open).await?;
     Ok(name)
 }
@@ -132,7 +140,13 @@ async fn play(store: &Store, open: &RunningServers, phase: &str, token: &str) ->
 }
 
 /// Starts an agent as a process of its own. The token travels in its environment.
-fn spawn(agent: &str, order: Order, open: &RunningServers, phase: &str, token: &str) -> Result<Child, Failure> {
+fn spawn(
+    agent: &str,
+    order: Order,
+    open: &RunningServers,
+    phase: &str,
+    token: &str,
+) -> Result<Child, Failure> {
     let failed = |error| Failure::new(FailureKind::Internal, format!("cannot start agent {agent}: {error}"));
     let program = std::env::current_exe().map_err(failed)?;
     let server = format!("http://{}", open.grpc);
@@ -208,41 +222,29 @@ async fn print_table(store: &Store, phase: &str) -> Result<(), Failure> {
             phase,
             order,
             key: Key::default(),
-            pick: Pick::Latest,
+            pick: RunChoice::Latest,
             as_of_unix_ms: None,
             now_unix_ms: now_unix_ms(),
         };
         let Some(view) = store.reader().leaderboard(&Viewer::Organiser, &board).await? else { continue };
         say!("\n{order} ({} episodes a run; mean and 95 % interval over scenes)", view.phase.episodes);
-        say!(
-            "{:>4}  {:<12} {:>17} {:>17} {:>17} {:>17} {:>17}",
-            "rank",
-            "method",
-            "SR",
-            "ISR",
-            "OSR",
-            "SPL",
-            "SoftSPL"
-        );
+        let labels = Metric::headlines().map(|metric| metric.label.to_owned()).collect();
+        print_cells("rank", "method", labels);
         view.rows.iter().for_each(print_row);
     }
     Ok(())
 }
 
 fn print_row(row: &LeaderboardRow) {
-    let summary = &row.summary;
-    let cells = [&summary.sr, &summary.isr, &summary.osr, &summary.spl, &summary.soft_spl]
-        .map(|e| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high));
-    say!(
-        "{:>4}  {:<12} {:>17} {:>17} {:>17} {:>17} {:>17}",
-        row.standing.map_or_else(|| "-".to_owned(), |standing| standing.rank.to_string()),
-        row.method,
-        cells[0],
-        cells[1],
-        cells[2],
-        cells[3],
-        cells[4]
-    );
+    let estimates = Metric::headlines().filter_map(|metric| metric.estimate_of(&row.summary));
+    let cells = estimates.map(|e| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high)).collect();
+    let rank = row.standing.map_or_else(|| "-".to_owned(), |standing| standing.rank.to_string());
+    print_cells(&rank, &row.method, cells);
+}
+
+fn print_cells(rank: &str, method: &str, numbers: Vec<String>) {
+    let numbers: Vec<String> = numbers.iter().map(|cell| format!("{cell:>17}")).collect();
+    say!("{rank:>4}  {method:<12} {}", numbers.join(" "));
 }
 
 fn print_outlook(data: &DataFolder, open: &RunningServers, phase: &str, options: &Options) {

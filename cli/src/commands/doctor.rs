@@ -2,8 +2,8 @@
 
 use crate::output::say;
 use avln_arena::{Failure, FailureKind};
-use avln_lab::doctor::{Patient, Report, examine};
 use avln_client::Sensors;
+use avln_lab::doctor::{Patient, Report, examine};
 use std::path::PathBuf;
 
 /// What to look at.

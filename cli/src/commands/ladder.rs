@@ -2,8 +2,8 @@
 
 use crate::output::say;
 use avln_arena::{Failure, FailureKind};
-use avln_lab::suite::{self, Plan, Rung, Size};
 use avln_episode::Order;
+use avln_lab::suite::{self, Plan, Rung, Size};
 use clap::{Args, Subcommand, ValueEnum};
 use std::{
     num::NonZero,
@@ -90,13 +90,13 @@ pub struct Report {
 pub async fn run(command: Command) -> Result<(), Failure> {
     match command {
         Command::Run(options) => {
-            let played = ladder::run(&options.out, &options.plan()).await?;
+            let played = suite::run(&options.out, &options.plan()).await?;
             say!("{played} episodes were played; results lie in {}", options.out.display());
             say!("write the page with: avln lab baselines report --out {}", options.out.display());
             Ok(())
         }
         Command::Report(options) => {
-            let report = ladder::report(&options.out)?;
+            let report = suite::report(&options.out)?;
             write(&report.page, &options.to)?;
             write(&report.episodes, &options.to.with_file_name("results.csv"))
         }

@@ -1,7 +1,12 @@
 //! Scores runs again and shows what changed.
 
 use crate::output::say;
-use avln_arena::{Failure, FailureKind, data::DataFolder, now_unix_ms, rescoring::{Comparison, Scorer, rescore}};
+use avln_arena::{
+    Failure, FailureKind,
+    data::DataFolder,
+    now_unix_ms,
+    rescoring::{Comparison, Scorer, rescore},
+};
 use avln_scoring::{Key, Summary};
 use avln_store::Run;
 use std::path::Path;

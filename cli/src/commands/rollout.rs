@@ -1,10 +1,12 @@
 //! Records demonstrations of the oracle, to learn from.
 
 use super::{dataset::bar, split_export::Origin};
-use avln_arena::{Failure, FailureKind, data::DataFolder, register, dataset::SplitFolder, setup::sounds_for_phase};
-use avln_lab::rollout::{Plan, Sense, Tally};
 use crate::output::say;
+use avln_arena::{
+    Failure, FailureKind, data::DataFolder, dataset::SplitFolder, register, setup::sounds_for_phase,
+};
 use avln_episode::Order;
+use avln_lab::rollout::{Plan, Sense, Tally};
 use clap::Args;
 use std::path::{Path, PathBuf};
 

@@ -1,7 +1,12 @@
 //! What the organiser rules on runs.
 
 use crate::output::say;
-use avln_arena::{Failure, FailureKind, data::DataFolder, challenge::actor, office::deeds::{disqualify, verify}};
+use avln_arena::{
+    Failure, FailureKind,
+    challenge::actor,
+    data::DataFolder,
+    office::deeds::{disqualify, verify},
+};
 use clap::{Args, Subcommand};
 use std::path::Path;
 

@@ -1,10 +1,10 @@
 //! Draws what a scene looks like, for people.
 
 use super::scene::Furnished;
-use avln_arena::cache::CacheFolder;
-use avln_lab::preview::{Picture, Viewer, indoors, storeys};
 use crate::output::say;
+use avln_arena::cache::CacheFolder;
 use avln_arena::{Failure, FailureKind};
+use avln_lab::preview::{Picture, Viewer, indoors, storeys};
 use clap::Args;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};

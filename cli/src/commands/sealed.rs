@@ -1,8 +1,14 @@
 //! Sealed runs: the organiser runs an agent that reaches nothing but the server.
 
 use super::sealed_cell::{Cell, Ended, Way};
-use avln_arena::{Failure, FailureKind, Arena, SCENE_MEMORY_MIB, data::DataFolder, now_unix_ms, sealed::{Wanted, start}, servers::{Addresses, Servers, RunningServers}};
 use crate::output::say;
+use avln_arena::{
+    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
+    data::DataFolder,
+    now_unix_ms,
+    sealed::{Wanted, start},
+    servers::{Addresses, RunningServers, Servers},
+};
 use avln_episode::Order;
 use avln_sandbox::Report;
 use avln_store::{RunState, Store};

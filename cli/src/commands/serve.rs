@@ -1,9 +1,20 @@
 //! Hosts the phases of a data folder.
 
 use crate::output::say;
-use avln_arena::{Failure, FailureKind, Arena, SCENE_MEMORY_MIB, budget::{Budget, SESSION_MEMORY_MIB}, data::DataFolder, servers::{Addresses, Servers, Security}};
+use avln_arena::{
+    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
+    budget::{Budget, SESSION_MEMORY_MIB},
+    data::DataFolder,
+    servers::{Addresses, Security, Servers},
+};
 use avln_grpc::Limits;
-use std::{net::SocketAddr, path::{Path, PathBuf}, str::FromStr, sync::Arc, time::Duration};
+use std::{
+    net::SocketAddr,
+    path::{Path, PathBuf},
+    str::FromStr,
+    sync::Arc,
+    time::Duration,
+};
 
 /// Addresses of the servers.
 #[derive(Clone, Debug, clap::Args)]
@@ -102,8 +113,9 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
     let phases: Vec<_> = arena.phases().await?.into_iter().map(named).collect();
     if phases.is_empty() {
         let message = format!("data folder {} has no phase to host", data.root().display());
-        return Err(Failure::new(FailureKind::Data, message)
-            .hinted("make one with: avln data split make NAME && avln challenge phase open ID --split NAME"));
+        return Err(Failure::new(FailureKind::Data, message).hinted(
+            "make one with: avln data split make NAME && avln challenge phase open ID --split NAME",
+        ));
     }
     let open = doors.open(Arc::new(arena), store.reader())?;
     say!("data         {}", data.root().display());

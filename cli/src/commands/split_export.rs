@@ -1,9 +1,9 @@
 //! Writes a split as others read it.
 
 use super::dataset::bar;
+use crate::output::say;
 use avln_arena::{Failure, FailureKind, data::DataFolder, dataset::SplitFolder};
 use avln_lab::dataset::{export, openness::Openness};
-use crate::output::say;
 use avln_store::Phase;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;

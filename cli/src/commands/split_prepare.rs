@@ -1,8 +1,8 @@
 //! Works out ahead of time what takes long in the episodes of a split.
 
+use crate::output::say;
 use avln_arena::data::DataFolder;
 use avln_arena::dataset::SplitFolder;
-use crate::output::say;
 use avln_arena::{Failure, FailureKind};
 use avln_dataset::SceneLine;
 use avln_episode::Rules;

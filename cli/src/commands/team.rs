@@ -1,7 +1,7 @@
 //! Admits teams and issues tokens.
 
 use crate::output::say;
-use avln_arena::{Failure, FailureKind, data::DataFolder, now_unix_ms, challenge::actor, setup::admit};
+use avln_arena::{Failure, FailureKind, challenge::actor, data::DataFolder, now_unix_ms, setup::admit};
 use avln_store::{AuditNote, Member, NewGrant, Reference, Store};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::Path;

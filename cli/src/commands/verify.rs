@@ -1,7 +1,11 @@
 //! Checks a run by its log: chain, signature, every state and every metric.
 
 use crate::output::say;
-use avln_arena::{Failure, FailureKind, Replayer, data::DataFolder, runlog::{Entry, EpisodeHistory, History, is_signed}};
+use avln_arena::{
+    Failure, FailureKind, Replayer,
+    data::DataFolder,
+    runlog::{Entry, EpisodeHistory, History, is_signed},
+};
 use avln_scoring::Metrics;
 use indicatif::ProgressBar;
 use std::{

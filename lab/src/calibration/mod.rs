@@ -4,7 +4,7 @@
 mod witness;
 
 use avln_arena::setup::{NewPhase, NewSplit, make_split, open_phase};
-use avln_arena::{Failure, FailureKind, BENCHMARK_VERSION, data::DataFolder};
+use avln_arena::{BENCHMARK_VERSION, Failure, FailureKind, data::DataFolder};
 use avln_client::{Agent, Arena, EpisodeEnd, Link, Order, RunOptions, Sensors, evaluate_with};
 use avln_episode::Rules;
 use avln_pag_nav::PagNav;
@@ -136,7 +136,8 @@ pub async fn open(data: &DataFolder, store: &Store) -> Result<(), Failure> {
     if store.phases().await?.iter().any(|phase| phase.id == PHASE) {
         return Ok(());
     }
-    let open = NewPhase { title: Some("Calibration".to_owned()), max_side: 256, ..NewPhase::public(PHASE, PHASE) };
+    let open =
+        NewPhase { title: Some("Calibration".to_owned()), max_side: 256, ..NewPhase::public(PHASE, PHASE) };
     open_phase(data, store, &open).await.map(drop)
 }
 
@@ -150,7 +151,8 @@ pub async fn play(
     tell: &mut (dyn FnMut(Reference, &EpisodeEnd) + Send),
 ) -> Result<Calibration, Failure> {
     let link = Link { ca: place.ca.clone(), ..Link::default() };
-    let arena = Arena::connect_with(&place.server, place.token.as_str(), &link).await.map_err(Failure::run)?;
+    let arena =
+        Arena::connect_with(&place.server, place.token.as_str(), &link).await.map_err(Failure::run)?;
     let benchmark = arena.server_info().await.map_err(Failure::run)?.benchmark;
     let mut runs = Vec::with_capacity(agents.len());
     for &agent in agents {
@@ -174,7 +176,9 @@ async fn play_one(
         tell(reference, end);
         ends.push(end.clone());
     };
-    evaluate_with(arena, &run, Sensors::square(SIDE), &mut witness, &mut on_end).await.map_err(Failure::run)?;
+    evaluate_with(arena, &run, Sensors::square(SIDE), &mut witness, &mut on_end)
+        .await
+        .map_err(Failure::run)?;
     let episodes: Vec<Episode> = ends.iter().zip(witness.digests()).map(episode).collect();
     if episodes.iter().any(|episode| episode.metrics.is_empty()) {
         let message = "the server does not tell what episodes were worth";

@@ -1,7 +1,7 @@
 //! Building a data set by recipe: resumable, on all processors, one scene's missions in memory for each thread.
 
 use crate::parallel;
-use avln_arena::dataset::{files::{self, DatasetFiles, cannot}};
+use avln_arena::dataset::files::{self, DatasetFiles, cannot};
 use avln_arena::{Failure, FailureKind};
 use avln_dataset::{
     BuiltScene, Job, Manifest, Recipe, SceneLine, Statistics, build_scene,

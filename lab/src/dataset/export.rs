@@ -1,7 +1,7 @@
 //! Our splits as others read them.
 
-use avln_arena::dataset::{SplitFolder, files::write_whole};
 use crate::dataset::openness::Openness;
+use avln_arena::dataset::{SplitFolder, files::write_whole};
 use avln_arena::{Failure, FailureKind};
 use avln_dataset::{
     SceneLine,

@@ -1,7 +1,6 @@
 //! Pictures with what is in them, from the houses of a split: what perception is trained on, or measured by.
 //!
-//! A folder holds `frames.json`, which tells kind, categories and houses, and for each house crate::parallel;
-use a `.npy` file of records and a
+//! A folder holds `frames.json`, which tells kind, categories and houses, and for each house a `.npy` file of records and a
 //! `.json` file of what can be said of its instances. The same recipe, split and numbers give the same bytes.
 
 mod record;
@@ -9,14 +8,15 @@ mod shot;
 
 pub use record::CATEGORIES;
 
-use super::{
-    files::{cannot, write_whole},
+use crate::parallel;
+use avln_arena::{
+    Failure, FailureKind,
+    dataset::files::{cannot, write_whole},
 };
-use avln_arena::{Failure, FailureKind};
 use avln_dataset::{Instance, Job, Recipe, SceneChoice, SceneSource, SceneSpec, survey};
 use avln_episode::Rules;
 use avln_geom::Rng;
-use avln_scene::procedural::Pool;
+use avln_houses::Pool;
 use avln_world::{Body, SceneAssets};
 use serde::Serialize;
 use std::path::Path;

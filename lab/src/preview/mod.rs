@@ -25,7 +25,8 @@ pub struct Picture {
 }
 
 impl Picture {
-    fn of(name: String, frame: Frame) -> Self {
+    /// A rendered frame as a picture.
+    pub fn of(name: String, frame: Frame) -> Self {
         Self { name, width: frame.width, height: frame.height, rgb: frame.rgb }
     }
 

@@ -7,8 +7,14 @@ mod archive;
 mod record;
 
 use crate::parallel;
-use avln_arena::{Failure, FailureKind, dataset::{SplitFolder, files::{cannot, check_plain, write_whole}}};
 use crate::suite::Oracle;
+use avln_arena::{
+    Failure, FailureKind,
+    dataset::{
+        SplitFolder,
+        files::{cannot, check_plain, write_whole},
+    },
+};
 use avln_dataset::{EpisodeSpec, SceneLine};
 use avln_episode::{Action, DistanceRule, Order, Rules, Sensors};
 use avln_referee::Audio;

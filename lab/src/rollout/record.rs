@@ -4,8 +4,8 @@ use super::{
     M_PER_MM, Plan, Sense,
     archive::{Archive, Array},
 };
-use avln_arena::{Failure, FailureKind};
 use crate::suite::Oracle;
+use avln_arena::{Failure, FailureKind};
 use avln_dataset::EpisodeSpec;
 use avln_episode::{Action, EndReason, Feedback, GoalCue, Mission, Observation, Order, Rules, Sensors};
 use avln_referee::Referee;

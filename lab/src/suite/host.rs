@@ -1,9 +1,15 @@
 //! The split that the ladder plays, and the server that hosts it.
 
-use avln_arena::setup::{admit};
 use super::{board::Board, results::Key};
-use avln_arena::{Failure, FailureKind, Arena, BENCHMARK_VERSION, SCENE_MEMORY_MIB, data::DataFolder, now_unix_ms, register, dataset::{DatasetFiles, SplitFolder}, servers::{Addresses, Servers, RunningServers}};
 use crate::dataset::build::Builder;
+use avln_arena::setup::admit;
+use avln_arena::{
+    Arena, BENCHMARK_VERSION, Failure, FailureKind, SCENE_MEMORY_MIB,
+    data::DataFolder,
+    dataset::{DatasetFiles, SplitFolder},
+    now_unix_ms, register,
+    servers::{Addresses, RunningServers, Servers},
+};
 use avln_dataset::{Recipe, SceneChoice};
 use avln_episode::{Order, Rules, Sounds};
 use avln_store::{AuditNote, Phase, PhaseEpisode, Reference, Store};

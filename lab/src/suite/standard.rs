@@ -1,18 +1,21 @@
 //! The oracle's runs of a phase, for its boards to show what can be reached.
 
-use avln_arena::setup::{admit};
 use super::{
     board::{Board, TrueHints},
     oracle::ShortestPath,
     play::client_order,
 };
-use avln_arena::{Failure, FailureKind, Arena, SCENE_MEMORY_MIB, data::DataFolder, dataset::SplitFolder, servers::{Addresses, Servers}};
+use avln_arena::setup::admit;
+use avln_arena::{
+    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
+    data::DataFolder,
+    dataset::SplitFolder,
+    servers::{Addresses, Servers},
+};
 use avln_client::{Agent, Play, RunOptions, RunSummary, Sensors};
 use avln_episode::Order;
 use avln_store::{Phase, Reference, Store};
-use std::{
-    sync::Arc,
-};
+use std::sync::Arc;
 
 /// The team under which the oracle plays, and its method.
 const TEAM: &str = "Oracle";
@@ -64,20 +67,21 @@ struct Oracle {
 
 impl Oracle {
     async fn run(&self, order: Order) -> Result<RunSummary, Failure> {
-        let arena = avln_client::Arena::connect(&self.server, self.token.as_str()).await?;
+        let arena =
+            avln_client::Arena::connect(&self.server, self.token.as_str()).await.map_err(Failure::run)?;
         let method = RunOptions::new(&self.phase.id, METHOD).method_version(env!("CARGO_PKG_VERSION"));
-        let run = arena.start_run(method.order(client_order(order))).await?;
+        let run = arena.start_run(method.order(client_order(order))).await.map_err(Failure::run)?;
         let none = Sensors { rgb: false, depth: false, audio: false, ..Sensors::square(64) };
-        let mut play = arena.play(&run, none).await?;
+        let mut play = arena.play(&run, none).await.map_err(Failure::run)?;
         let hints = Arc::new(TrueHints::new(self.board.clone(), self.phase.rules.clone()));
         while self.episode(&mut play, &hints, order).await? {}
-        Ok(play.finish().await?)
+        play.finish().await.map_err(Failure::run)
     }
 
     /// Plays the next episode; false when there is none.
     async fn episode(&self, play: &mut Play, hints: &Arc<TrueHints>, order: Order) -> Result<bool, Failure> {
         let (task, run) = (play.task().clone(), play.run().to_owned());
-        let Some(mut episode) = play.next_episode().await? else { return Ok(false) };
+        let Some(mut episode) = play.next_episode().await.map_err(Failure::run)? else { return Ok(false) };
         let handle = episode.id().to_owned();
         let open = self.store.underway().await?;
         let found = open.into_iter().find(|open| open.run == run && open.handle == handle);
@@ -93,7 +97,7 @@ impl Oracle {
         agent.begin(&task, episode.mission());
         while !episode.is_over() {
             let action = agent.act(episode.observation());
-            episode.step(action).await?;
+            episode.step(action).await.map_err(Failure::run)?;
         }
         self.board.forget(&handle);
         Ok(true)

@@ -1,6 +1,13 @@
 //! The folder that holds everything the server keeps.
 
-use crate::{Failure, FailureKind, cache::CacheFolder, dataset::{DatasetFiles, SplitFolder}, heads::HeadFolder, runlog::{RunLogs, SigningKey}, sounds::SoundFolder};
+use crate::{
+    Failure, FailureKind,
+    cache::CacheFolder,
+    dataset::{DatasetFiles, SplitFolder},
+    heads::HeadFolder,
+    runlog::{RunLogs, SigningKey},
+    sounds::SoundFolder,
+};
 use avln_dataset::Split;
 use avln_episode::{HeadRule, Rules, Sounds};
 use avln_referee::{Audio, Bank, Head, made_bank};

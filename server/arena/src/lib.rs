@@ -41,7 +41,6 @@ pub use failure::{Failure, FailureKind};
 pub use refusals::fault_count;
 pub use replayer::Replayer;
 
-use runlog::{RunLogs, SigningKey};
 use avln_grpc::Control;
 use avln_referee::Referee;
 use avln_store::{MadeUp, Store};
@@ -52,6 +51,7 @@ use disturb::Disturb;
 use heart::Heart;
 use lookout::DoorLookout;
 use onlooker::SceneOnlooker;
+use runlog::{RunLogs, SigningKey};
 use scenes::SceneCache;
 use stages::{Stage, Stages};
 use std::{

@@ -1,6 +1,6 @@
 //! Scoring runs again, from the facts that were recorded when they were played.
 
-use crate::{Failure, FailureKind, BENCHMARK_VERSION};
+use crate::{BENCHMARK_VERSION, Failure, FailureKind};
 use avln_episode::Rules;
 use avln_scoring::{Metrics, Summary, score};
 use avln_store::{Run, ScoredEpisode, Store};

@@ -1,6 +1,10 @@
 //! The gRPC server for agents, the web server for visitors, and the admin server for the operator.
 
-use crate::{Failure, FailureKind, admin::{self, Desk}, Arena, office::ArenaOffice};
+use crate::{
+    Arena, Failure, FailureKind,
+    admin::{self, Desk},
+    office::ArenaOffice,
+};
 use avln_grpc::Control;
 /// What [`Servers::with_limits`] changes.
 pub use avln_grpc::Limits;

@@ -11,7 +11,7 @@ use crate::{
 };
 use avln_dataset::{MissionOptions, SceneLine, SceneSource, Split};
 use avln_episode::{FeedbackRule, HeadRule, Rules, Sensors, Sounds};
-use avln_scene::procedural::{HouseOptions, Pool};
+use avln_houses::{HouseOptions, Pool};
 use avln_store::{Phase, QuotaLimits, Reference, SceneMap, Store, Visibility};
 use avln_world::Cache;
 use std::{

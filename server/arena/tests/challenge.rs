@@ -1,9 +1,14 @@
 //! A challenge from its file: checked, applied, shown, played by a server that runs, and revealed.
 
-use avln_arena::setup::{NewSplit, make_split, admit};
+use avln_arena::setup::{NewSplit, admit, make_split};
+use avln_arena::{
+    Arena, Failure, SCENE_MEMORY_MIB,
+    challenge::{ChallengeFile, Plan, Planner, Unplanned, actor},
+    data::DataFolder,
+    office::deeds,
+};
 use avln_episode::Order;
 use avln_grpc::{Account, Host, PhaseState, Reason, RunRequest, Scope};
-use avln_arena::{Failure, Arena, SCENE_MEMORY_MIB, data::DataFolder, challenge::{ChallengeFile, Plan, Planner, Unplanned, actor}, office::deeds};
 use avln_store::{AuditNote, Schedule, Store};
 use std::path::Path;
 use tempfile::TempDir;
@@ -124,7 +129,6 @@ async fn what_is_applied_or_shown_changes_nothing_when_applied_again() {
 async fn what_was_decided_by_hand_stays_when_a_file_is_applied() {
     let hall = Hall::new().await;
     hall.apply(FILE).await;
-    let root = hall.data.root().to_owned();
     hall.reschedule("practice", |schedule| schedule.paused = Some("the server moves".to_owned())).await;
     assert_eq!(hall.apply(FILE).await, []);
     let paused = hall.store.phase("practice").await.expect("the phase").schedule.paused;
@@ -186,7 +190,6 @@ async fn a_server_that_runs_sees_what_the_organiser_changes() {
     let refusal = arena.start_run(&account(), request("finals")).await.expect_err("one at a time");
     assert_eq!(refusal.reason, Reason::QuotaConcurrent);
 
-    let root = hall.data.root().to_owned();
     hall.reschedule("practice", |schedule| schedule.paused = Some("the server moves".to_owned())).await;
     let practice = listed().await.remove(0);
     assert_eq!((practice.state, practice.state_reason.as_str()), (PhaseState::Paused, "the server moves"));
@@ -220,7 +223,6 @@ async fn runs_fix_the_sample_and_the_promise_is_kept() {
     let text = FILE.replace("episodes = 2", "episodes = 3");
     let refused = hall.plan(&text).await.expect_err("the phase has runs").to_string();
     assert!(refused.contains("line 15: ") && refused.contains("the phase has runs"), "{refused}");
-    let root = hall.data.root().to_owned();
     hall.reschedule("finals", |schedule| schedule.closed = true).await;
     let (promise, values) =
         hall.store.reveal_phase("finals", AuditNote::default(), 1 << 42).await.expect("a closed phase");

@@ -3,8 +3,8 @@
 //!
 //! Files that once did harm are kept in `corpus/` beside the sound ones. `AVLN_MANGLE=100` tries a hundred times as many.
 
-use avln_geom::Rng;
 use avln_arena::{challenge::ChallengeFile, runlog::History, sounds};
+use avln_geom::Rng;
 use std::path::{Path, PathBuf};
 
 /// Copies of each file that are tried.
@@ -138,7 +138,7 @@ fn scenes() {
     try_all("scenes", 3, |file, bytes| {
         let copy = folder.path().join(file.file_name().expect("a name"));
         std::fs::write(&copy, bytes).expect("a copy");
-        if let Ok(scene) = avln_scene::open::open(&copy) {
+        if let Ok(scene) = avln_formats::open::open(&copy) {
             let finite = scene.mesh.positions.iter().all(|place| place.coords.iter().all(|x| x.is_finite()));
             assert!(finite, "{} was read with places that are no numbers", copy.display());
         }

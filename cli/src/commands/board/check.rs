@@ -1,8 +1,8 @@
 //! Whether a copy is what the server wrote.
 
 use super::folder::{SIGNATURE, SUMS, digest, statement};
-use avln_arena::{Failure, FailureKind, runlog::is_signed};
 use crate::output::say;
+use avln_arena::{Failure, FailureKind, runlog::is_signed};
 use clap::Args;
 use std::{
     collections::BTreeSet,

@@ -5,9 +5,9 @@ mod folder;
 
 use crate::output::say;
 use avln_arena::{Failure, FailureKind, data::DataFolder, now_unix_ms};
-use avln_lab::suite::play_oracle;
 use avln_client::RunSummary;
 use avln_episode::Order;
+use avln_lab::suite::play_oracle;
 use avln_web::{FreezeError, freeze};
 use check::{Check, check};
 use clap::{Args, Subcommand};

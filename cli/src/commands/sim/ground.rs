@@ -1,6 +1,6 @@
 use avln_arena::{Failure, FailureKind};
+use avln_formats::open;
 use avln_navmesh::{Body, NavMesh, NavMeshSettings};
-use avln_scene::open;
 use clap::Args;
 use std::path::PathBuf;
 

@@ -1,8 +1,8 @@
 //! Who listens, where, and to what: as the command line says it.
 
 use super::walk::Start;
-use avln_arena::{Failure, heads};
 use avln_acoustics::{Head, Listener, Settings};
+use avln_arena::{Failure, heads};
 use avln_geom::Point3;
 use clap::Args;
 use std::path::PathBuf;

@@ -3,11 +3,11 @@ mod poses;
 
 use super::shot::{Hfov, Pose, Reach, Size, camera};
 use super::{read, unusable};
-use avln_arena::cache::CacheFolder;
 use crate::commands::scene::Furnished;
 use crate::output::say;
-use avln_lab::scene_renderer::Studio;
+use avln_arena::cache::CacheFolder;
 use avln_arena::{Failure, FailureKind};
+use avln_lab::scene_renderer::Studio;
 use avln_render::{Camera, DepthNoise, Noise, Renderer, RgbNoise};
 use clap::Args;
 use files::Files;

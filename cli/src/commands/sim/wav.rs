@@ -1,7 +1,7 @@
 //! Sound files.
 
-use avln_arena::{Failure, FailureKind};
 use avln_acoustics::SAMPLE_RATE_HZ;
+use avln_arena::{Failure, FailureKind};
 use hound::{SampleFormat, WavSpec, WavWriter};
 use std::path::Path;
 

@@ -1,7 +1,10 @@
 //! Run logs in a backup: each as far as the copy of the database knows of it.
 
 use super::{Out, unread};
-use crate::{Failure, runlog::{Entry, History}};
+use crate::{
+    Failure,
+    runlog::{Entry, History},
+};
 use avln_store::KeptRun;
 use std::{collections::BTreeMap, fs, fs::File, io, path::Path};
 

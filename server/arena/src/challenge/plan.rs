@@ -4,7 +4,13 @@ use super::{
     notes,
 };
 use crate::setup::{check_sounds, rules_for_phase, sounds_for_phase};
-use crate::{Failure, data::{DataFolder, check_name}, now_unix_ms, register, stages::commit, dataset::SplitFolder};
+use crate::{
+    Failure,
+    data::{DataFolder, check_name},
+    dataset::SplitFolder,
+    now_unix_ms, register,
+    stages::commit,
+};
 use avln_episode::{HeadRule, Order, Rules, Sensors, Sounds};
 use avln_store::{AuditNote, Phase, PhaseEpisode, Sampling, Schedule, Store, Visibility};
 use std::{

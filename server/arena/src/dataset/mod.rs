@@ -1,5 +1,6 @@
 //! Data sets on disk, read scene by scene.
 
+/// Files of a data set.
 pub mod files;
 mod folder;
 mod seal;

@@ -1,6 +1,6 @@
-use avln_lab::preview::Picture;
 use avln_arena::{Failure, FailureKind};
 use avln_lab::npy;
+use avln_lab::preview::Picture;
 use avln_render::Frame;
 use std::fmt::Display;
 use std::fs::File;

@@ -1,7 +1,7 @@
 use super::*;
-use avln_lab::npy;
 use avln_geom::{Point3, RayMesh, Rng, UnitQuaternion, Vector3, angle};
-use avln_scene::procedural::house;
+use avln_houses::house;
+use avln_lab::npy;
 use clap::Parser;
 use serde_json::json;
 use std::fs;
