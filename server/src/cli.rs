@@ -1,5 +1,5 @@
 use crate::{Failure, FailureKind, commands, failure::EXIT_CODES};
-use avln_kit::shell::run_for;
+use avln_kit::run::run_for;
 use clap::{Parser, Subcommand};
 use std::{path::PathBuf, process::ExitCode};
 use tracing_subscriber::EnvFilter;

@@ -95,8 +95,8 @@ impl From<avln_human::HumanError> for Failure {
     }
 }
 
-impl From<avln_pag_nav::Error> for Failure {
-    fn from(error: avln_pag_nav::Error) -> Self {
+impl From<avln_pag_nav::PagNavError> for Failure {
+    fn from(error: avln_pag_nav::PagNavError) -> Self {
         Self::new(FailureKind::Run, error)
     }
 }

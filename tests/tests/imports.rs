@@ -29,11 +29,9 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("conformance", &["proto"]),
     ("kit", &["client", "perception"]),
     ("perception", &["simd"]),
-    ("human", &["client"]),
-    ("random", &["client"]),
+    ("human", &["client", "kit"]),
     ("baselines", &["client", "kit"]),
-    ("onnx", &["client", "kit"]),
-    ("pag-nav", &["client", "kit", "onnx"]),
+    ("pag-nav", &["client", "kit"]),
     (
         "server",
         &[
@@ -60,7 +58,6 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "conformance",
             "kit",
             "human",
-            "random",
             "baselines",
             "pag-nav",
         ],

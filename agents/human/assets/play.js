@@ -10,16 +10,16 @@ let busy = false;
 let playing = false;
 
 document.addEventListener("keydown", (event) => {
-  const wish = KEYS[event.key];
+  const request = KEYS[event.key];
   const elsewhere = event.target.closest("button, input, a") && event.key === "Enter";
-  if (!playing || !wish || elsewhere || event.target.closest("input") || event.altKey || event.ctrlKey || event.metaKey) {
+  if (!playing || !request || elsewhere || event.target.closest("input") || event.altKey || event.ctrlKey || event.metaKey) {
     return;
   }
   event.preventDefault();
-  act(wish);
+  act(request);
 });
-document.querySelectorAll("[data-wish]").forEach((button) =>
-  button.addEventListener("click", () => act(button.dataset.wish)),
+document.querySelectorAll("[data-request]").forEach((button) =>
+  button.addEventListener("click", () => act(button.dataset.request)),
 );
 document.querySelectorAll("[data-tone]").forEach((button) =>
   button.addEventListener("click", () => tone(Number(button.dataset.tone))),
@@ -35,23 +35,23 @@ at("volume").addEventListener("input", () => {
 });
 ask("look");
 
-function act(wish) {
-  if (wish === "stop" && !window.confirm("Stop ends the episode. Is the last goal here, or do you give up?")) {
+function act(request) {
+  if (request === "stop" && !window.confirm("Stop ends the episode. Is the last goal here, or do you give up?")) {
     return;
   }
-  ask(wish);
+  ask(request);
 }
 
-async function ask(wish) {
+async function ask(request) {
   if (busy) {
     return;
   }
   busy = true;
-  if (wish === "next") {
+  if (request === "next") {
     say("The house is being made ready …");
   }
   try {
-    const answer = await fetch(`/wish/${wish}`, { method: "POST", headers: { "X-Avln-Page": "1" } });
+    const answer = await fetch(`/request/${request}`, { method: "POST", headers: { "X-Avln-Page": "1" } });
     if (!answer.ok) {
       throw new Error(answer.status === 410 ? "The run is over, or the program has ended." : "The program refused.");
     }

@@ -8,10 +8,10 @@ use crate::{
     arena::{BENCHMARK_VERSION, data::DataFolder},
     commands::{phase, split},
 };
+use avln_baselines::RandomAgent;
 use avln_client::{Agent, Arena, EpisodeEnd, Link, Order, RunOptions, Sensors, evaluate_with};
 use avln_episode::Rules;
 use avln_pag_nav::PagNav;
-use avln_random::RandomAgent;
 use avln_store::Store;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
