@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 /// The simple agents that `avln agent baseline` offers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
 pub enum Baseline {
-    /// Walks ahead and turns at obstacles; senses only its pose.
+    /// Walks ahead and turns at obstacles; senses only the pose.
     ForwardAndTurn,
     /// Walks to the nearest unseen area; ignores goals.
     Frontier,

@@ -17,7 +17,7 @@ const REACH_M: f32 = 0.4;
 const RECENT: usize = 3;
 /// Level share after a Submit below which the source counts as silent: the target was found.
 const FOUND_LEVEL: f32 = 0.5;
-/// Unsuccessful Submits at one source before another is preferred.
+/// Unsuccessful Submits at a source before another is preferred.
 const MOST_WRONG: u32 = 2;
 
 /// An agent that walks to sounds and submits there. It does not see: its map contains only the obstacles that blocked
@@ -39,7 +39,7 @@ struct SoundFollowerState {
     sources: Vec<TrackedSource>,
     field: Option<SoundField>,
     levels: Vec<f32>,
-    /// The source of the last Submit, and its outcome so far.
+    /// The last Submit's source and outcome so far.
     pending: Option<(usize, SubmitOutcome)>,
     has_verdicts: bool,
     /// True if a Submit may be for any target: an unsuccessful one then rules out all sources near it.
@@ -59,6 +59,7 @@ impl SoundFollowerState {
     fn new(task: &TaskSpec, mission: &Mission) -> Self {
         let goals = mission.goals.len();
         let mut explorer = Explorer::new(task);
+        // Without images nothing widens the area in which sources are sought.
         explorer.map.suppose([FloorPoint::new(-AROUND_M, -AROUND_M), FloorPoint::new(AROUND_M, AROUND_M)]);
         Self {
             explorer,

@@ -46,7 +46,7 @@ impl Agent for Detector {
     }
 }
 
-/// Reduces a cue to its category, if it names one.
+/// Reduces a cue to the category, if there is a category.
 fn category_alone(cue: &GoalCue) -> GoalCue {
     match Query::new(cue) {
         Query::Words(CueWords { category, .. }) => GoalCue::Category(category),
@@ -109,6 +109,7 @@ impl SnapshotMemory {
         let size = detections.len();
         self.taken += 1;
         for thing in detections {
+            // Larger views win, so that few views cover everything.
             let known = self.covered_by.get(&thing).copied();
             if known.is_some_and(|(_, larger)| larger >= size) {
                 continue;
@@ -149,11 +150,11 @@ const SUBMIT_M: f32 = 1.2;
 const SUBMIT_RAD: f32 = 0.6;
 /// Distance to an object at which a path ends, metres.
 const REACH_M: f32 = 0.5;
-/// Steps towards one object before it is given up.
+/// Steps towards an object before giving up.
 const PATIENCE_STEPS: u32 = 150;
 
-/// The shared state in agents that see and do not hear: a map, its objects with their fits, and the open goals.
-/// Submit outcomes are unknown; every Submit counts as correct.
+/// The shared state in agents that see and do not hear: a map, objects with fits, and open goals. Submit outcomes are
+/// unknown; every Submit counts as correct.
 pub(crate) struct VisualMemory {
     pub(crate) explorer: Explorer,
     pub(crate) objects: ObjectMemory,

@@ -17,14 +17,14 @@ pub(crate) enum PageRequest {
     Next,
 }
 
-/// A request with its reply channel. The reply to a closed page is lost.
+/// A request with a reply channel. The reply to a closed page is lost.
 #[derive(Debug)]
 pub(crate) struct PendingRequest {
     pub(crate) request: PageRequest,
     pub(crate) answer: oneshot::Sender<Vec<u8>>,
 }
 
-/// Plays a run. An episode, and its clock, begins when the person asks for it.
+/// Plays a run. An episode starts, with its clock, when the person asks for it.
 pub(crate) async fn play(
     mut play: Play,
     mut requests: mpsc::Receiver<PendingRequest>,

@@ -5,9 +5,9 @@ use crate::map::occupancy::Occupancy;
 use crate::path::{Path, PathFollower};
 use avln_client::{Action, Observation, TaskSpec};
 
-/// Look-ahead along the path, metres.
+/// Look-ahead on the path, metres.
 const AIM_M: f32 = 1.0;
-/// A step forward below this share of its length hit an obstacle.
+/// A step forward below this share was blocked.
 const BLOCKED: f32 = 0.3;
 /// Steps without progress after which the body breaks loose.
 const PATIENCE: u32 = 16;
@@ -138,7 +138,7 @@ impl Explorer {
         self.motion.follow(&path, &self.pose, &self.map)
     }
 
-    /// Returns the turn towards a point; `None` if it is within `enough_rad` of straight ahead.
+    /// Returns the turn towards a point; `None` within `enough_rad`.
     pub fn face(&self, place: FloorPoint, enough_rad: f32) -> Option<Action> {
         let bearing_rad = self.pose.bearing_rad(place);
         self.motion.turn_toward(bearing_rad).filter(|_| bearing_rad.abs() > enough_rad)

@@ -89,7 +89,7 @@ pub struct PinholeCamera {
     depth_max_m: f32,
 }
 
-/// A surface point in one pixel.
+/// A surface point in a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SurfacePoint {
     /// Position on the floor plan.

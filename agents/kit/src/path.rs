@@ -64,7 +64,7 @@ impl Nodes {
         is_better
     }
 
-    /// Closes a node and returns its cost; `None` if it is closed already.
+    /// Closes a node and returns the cost; `None` if already closed.
     fn close(&mut self, cell: Cell) -> Option<f32> {
         let index = Self::index(cell)?;
         let is_open = self.before[index] & Self::CLOSED == 0;
@@ -88,6 +88,7 @@ impl Nodes {
 pub fn find_path(map: &Occupancy, from: FloorPoint, goal: FloorPoint, reach_m: f32) -> Path {
     let start = Cell::at(from);
     let mut nodes = Nodes::new();
+    // Cost 0 marks unvisited nodes, so the start needs a positive cost.
     nodes.improve(start, f32::MIN_POSITIVE, 0);
     let mut open = BinaryHeap::from([(Reverse(millimetres(from.distance_m(goal))), start)]);
     let mut nearest = (from.distance_m(goal), start);
@@ -103,6 +104,7 @@ pub fn find_path(map: &Occupancy, from: FloorPoint, goal: FloorPoint, reach_m: f
         for (side, (dc, dr)) in SIDES.into_iter().enumerate() {
             let next = cell.moved(dc * STRIDE, dr * STRIDE);
             let Some(step_m) = step_cost_m(map, cell, next, from) else { continue };
+            // The straight-line distance never overestimates: open floor costs 1 per metre.
             let total_m = cost_m + step_m;
             if nodes.improve(next, total_m, side) {
                 open.push((Reverse(millimetres(total_m + next.center().distance_m(goal))), next));
@@ -114,6 +116,7 @@ pub fn find_path(map: &Occupancy, from: FloorPoint, goal: FloorPoint, reach_m: f
 
 /// Returns a step's cost; `None` if the body does not fit.
 fn step_cost_m(map: &Occupancy, cell: Cell, next: Cell, from: FloorPoint) -> Option<f32> {
+    // A body that already stands too close to an obstacle must be able to leave.
     const ESCAPE_M: f32 = 0.25;
     let escapes = next.center().distance_m(from) <= ESCAPE_M && !map.is_obstacle(next);
     if map.is_blocked(next) && !escapes {
@@ -145,11 +148,12 @@ fn millimetres(metres: f32) -> u32 {
 }
 
 impl Path {
-    /// Returns the farthest point of the path within `most_m` with a free straight line to it.
+    /// Returns the most distant point within `most_m` with a free straight line to it.
     pub fn aim(&self, map: &Occupancy, most_m: f32) -> Option<FloorPoint> {
         let from = *self.places.first()?;
         let fits = |place: FloorPoint| {
             let steps = (from.distance_m(place) / CELL_M) as i32;
+            // The first cells are skipped: the body may be closer to an obstacle than any planned path.
             (4..=steps).all(|step| {
                 let share = step as f32 * CELL_M / from.distance_m(place).max(CELL_M);
                 let cell = Cell::at(from.toward(place, share));
@@ -166,7 +170,7 @@ impl Path {
 const KEPT_STEPS: u32 = 40;
 /// Goals within this distance count as equal, metres.
 const SAME_M: f32 = 0.5;
-/// Distance to its end at which a path is complete, metres.
+/// Distance to the end at which a path is complete, metres.
 const GONE_M: f32 = 0.3;
 
 /// A path follower with hysteresis. The path to an unreachable goal ends at a different point after every image: a
@@ -236,7 +240,7 @@ mod tests {
         assert!(path.places.iter().all(|&place| !map.is_blocked(Cell::at(place))));
     }
 
-    /// A room with two niches in its north wall, both equally distant from a goal behind the wall.
+    /// A room with two niches in the north wall, both equally distant from a goal behind the wall.
     fn room_with_niches() -> Occupancy {
         Occupancy::default()
             .with_floor(FloorPoint::new(-3.0, -3.0), FloorPoint::new(3.0, 3.0))

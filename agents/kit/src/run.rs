@@ -48,7 +48,7 @@ pub struct AgentArgs {
     /// Side of the images in pixels, 64 to 1024
     #[arg(long, default_value_t = 128, value_name = "PIXELS")]
     pub size: u32,
-    /// Episodes to play in parallel, on at most one thread per processor; the server may grant fewer
+    /// Episodes to play in parallel, on at most as many threads as processors; the server may grant fewer
     #[arg(long, default_value_t = 1, value_parser = value_parser!(u32).range(1..=64), value_name = "SLOTS")]
     pub slots: u32,
 }

@@ -39,7 +39,7 @@ pub struct PagNav {
     pub(crate) follower: PathFollower,
     /// Paths to frontiers.
     pub(crate) frontier_follower: PathFollower,
-    /// The current frontier, its score, and the steps for which it stays the target.
+    /// The current frontier with score and remaining steps as the target.
     pub(crate) frontier: Option<(FloorPoint, f32, u32)>,
     pub(crate) schedule: SoundSchedule,
     pub(crate) queries: Vec<Query>,
@@ -166,7 +166,7 @@ impl PagNav {
         }
     }
 
-    /// Updates all memories by one observation.
+    /// Updates all memories by an observation.
     fn perceive(&mut self, observation: &Observation, pose: &Pose2d) {
         self.remaining_steps = observation.remaining_steps;
         self.change_storey(observation.pose.position[1]);
@@ -214,7 +214,7 @@ impl PagNav {
         (0..count).for_each(|source| self.goals.forget(source));
     }
 
-    /// Updates the object memory by one image.
+    /// Updates the object memory by an image.
     fn look(&mut self, observation: &Observation, pose: &Pose2d) {
         let map = &self.map;
         let detections = self.perception.see(pose, observation, &|place| map.is_wall(Cell::at(place)));
@@ -317,7 +317,7 @@ impl PagNav {
         if self.ablation.no_priors { NEUTRAL } else { self.objects.context(place, &self.queries[goal]) }
     }
 
-    /// Updates a source's memory by one sound.
+    /// Updates a source's memory by a sound.
     fn listen(&mut self, index: usize, pose: &Pose2d, heard: &HeardSound) {
         if self.schedule.is_first() {
             self.levels.clear();

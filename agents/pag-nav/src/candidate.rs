@@ -29,7 +29,7 @@ impl Evidence {
     }
 }
 
-/// A source's audio memories at one position.
+/// A source's audio memories at a position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SoundSupport {
     /// Distance to the estimated source, metres.
@@ -83,7 +83,7 @@ pub(crate) enum Stage {
 }
 
 impl Stage {
-    /// Returns the stage for the best candidate, given its verification; `None` without a candidate.
+    /// Returns the stage for the best candidate, given the verification; `None` without a candidate.
     pub(crate) fn of(is_verified: Option<bool>) -> Self {
         match is_verified {
             None => Self::Search,
@@ -171,7 +171,7 @@ pub(crate) struct Decision {
     pub(crate) stage: Option<Stage>,
     pub(crate) candidate: Option<Candidate>,
     pub(crate) gate: Option<SubmitGate>,
-    /// The frontier that search chose, and its S_search.
+    /// The chosen frontier and S_search.
     pub(crate) frontier: Option<(FloorPoint, f32)>,
 }
 

@@ -166,7 +166,7 @@ impl PagNav {
         if self.ablation.no_memory { VerificationDemand { looks: 1, ..demand } } else { demand }
     }
 
-    /// Returns the current gate; a wall between body and candidate revokes its verification.
+    /// Returns the current gate; a wall between body and candidate revokes the verification.
     fn gate(&self, candidate: &Candidate, stage: Stage, pose: &Pose2d) -> SubmitGate {
         let in_sight = self.map.has_clear_line(pose.place, candidate.place);
         SubmitGate {
@@ -192,8 +192,7 @@ impl PagNav {
         self.motion.turn_toward(bearing_rad).filter(|_| bearing_rad.abs() > self.weights.submit_rad)
     }
 
-    /// Returns true if a source is likely an active goal, as far as comparing the objects at all sources with all
-    /// goals can still decide.
+    /// Returns true if a source is likely an active goal, provided that further comparisons can still decide.
     pub(crate) fn is_right_goal(&self, source: usize) -> bool {
         if self.ablation.no_audio {
             return true;

@@ -65,7 +65,7 @@ impl GoalPairing {
         self.fits[source][goal] = Some(fit);
     }
 
-    /// Forgets a source's fits after its estimate moved.
+    /// Forgets a source's fits after the estimate moved.
     pub(crate) fn forget(&mut self, source: usize) {
         self.fits[source].fill(None);
     }

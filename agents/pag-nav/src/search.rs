@@ -114,7 +114,7 @@ impl PagNav {
         self.motion.follow(&path, pose, &self.map)
     }
 
-    /// Returns the frontier with the best S_search, and its score.
+    /// Returns the frontier with the best S_search, and the score.
     fn frontier(&self, heard: FloorPoint, pose: &Pose2d) -> Option<(FloorPoint, f32)> {
         const LOOKED_AT: usize = 8;
         let sound = |place: FloorPoint| {

@@ -16,7 +16,7 @@ const NEAR_M: f32 = 1.0;
 const LANDING_M: f32 = 0.6;
 /// Height tolerance for level ground, metres; twice that distance to a landing's middle counts as arrival.
 const LEVEL_M: f32 = 0.1;
-/// Look-ahead along the path, metres.
+/// Look-ahead on the path, metres.
 const AIM_M: f32 = 0.35;
 /// A step forward below this length hit an obstacle, metres.
 const BLOCKED_M: f32 = 0.08;

@@ -16,7 +16,7 @@ impl FeatureMap {
         Self { width, height, channels, values: vec![0.0; (width + 2) * (height + 2) * channels] }
     }
 
-    /// Returns a row without its border.
+    /// Returns a row without the border.
     pub(crate) fn row(&self, row: usize) -> &[f32] {
         let start = self.start(row);
         &self.values[start..start + self.width * self.channels]
@@ -129,6 +129,7 @@ impl<T: Fn(usize) -> [usize; TAPS], const TAPS: usize> Work for Convolution<'_, 
     #[inline(always)]
     fn run(mut self) {
         let panels = self.map.channels.div_ceil(PANEL);
+        // Three panels at once read every value once for 24 outputs; the remaining panels follow singly.
         let whole = panels - panels % PANELS;
         for panel in (0..whole).step_by(PANELS) {
             let weights = [0, 1, 2].map(|next| self.weights(panel + next));
@@ -177,6 +178,8 @@ impl<'a, T: Fn(usize) -> [usize; TAPS], const TAPS: usize> Convolution<'a, T> {
         single: impl Fn(&[f32], &[usize], usize) -> [Sums<1>; COUNT],
     ) {
         for row in 0..self.map.height {
+            // The order of summation is fixed, whatever the vector width: calibration compares bits
+            // (docs/decisions/0019).
             let (taps, width) = ((self.taps)(row), self.map.width);
             let mut column = 0;
             while column < width {
@@ -223,7 +226,7 @@ fn one<const PIXELS: usize>(
     sums
 }
 
-/// Like [`one`] for three panels, reading every value once.
+/// Three panels at once, reading every value once.
 #[inline(always)]
 fn three<const PIXELS: usize>(
     from: &[f32],

@@ -23,7 +23,7 @@ pub(crate) struct UNet {
     memory: UNetBuffers,
 }
 
-/// The buffers for one input size.
+/// The buffers for an input size.
 #[derive(Default)]
 struct UNetBuffers {
     input: FeatureMap,
@@ -81,6 +81,7 @@ impl UNet {
     /// Returns the input map for an image size, in multiples of [`MULTIPLE_PX`](crate::picture::MULTIPLE_PX).
     pub(crate) fn input(&mut self, width: usize, height: usize) -> &mut FeatureMap {
         let outputs = self.head.bias.len();
+        // Buffers are reused: sizes rarely change within a run.
         if (self.memory.input.width, self.memory.input.height) != (width, height) {
             self.memory = UNetBuffers::new(width, height, outputs);
         }

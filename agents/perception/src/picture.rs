@@ -15,7 +15,7 @@ pub struct Picture<'a> {
     pub rgb: &'a [u8],
 }
 
-/// Depth by pixel along the viewing direction, metres; 0 if unknown.
+/// Depth by pixel in the viewing direction, metres; 0 if unknown.
 #[derive(Clone, Copy, Debug)]
 pub struct Depth<'a> {
     /// Row by row from the top-left; same size as the image.
@@ -138,6 +138,7 @@ pub(crate) fn fill(input: &mut FeatureMap, picture: &Picture, depth: Option<(&De
             pixel[..3].iter_mut().zip(rgb).for_each(|(to, level)| *to = (level / 255.0 - 0.5) * 4.0);
             pixel[3..].fill(0.0);
         }
+        // Depth is not interpolated: a value between an object and its background belongs to neither.
         let Some((depth, camera)) = depth else { continue };
         let climb = camera.ray([picture.width, picture.height], [0.0, from_row as f32])[1];
         let metres = &depth.metres[from_row * picture.width..][..picture.width];

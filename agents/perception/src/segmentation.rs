@@ -7,13 +7,13 @@ pub struct Segmentation {
     pub height: usize,
     /// Likeliest category by pixel, row by row from the top-left.
     pub categories: Vec<u8>,
-    /// Its probability, 0 to 1.
+    /// Probability, 0 to 1.
     pub confidences: Vec<f32>,
     /// Instances, largest first, without the building itself.
     pub segments: Vec<Segment>,
 }
 
-/// An instance as far as the image shows it.
+/// The visible part of an instance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Segment {
     /// Pixel indices, ascending: row times width plus column.
@@ -62,7 +62,7 @@ impl Segmentation {
 }
 
 impl Segment {
-    /// Returns the likeliest category and its probability.
+    /// Returns the likeliest category and the probability.
     pub fn category(&self) -> (usize, f32) {
         let all = self.categories.iter().copied().enumerate();
         all.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0))

@@ -14,7 +14,7 @@ const SPREAD_PX: usize = 5;
 const LEAST_SHARE: f32 = 0.12;
 /// Limit of parts per stretch.
 const MOST_PARTS: usize = 16;
-/// Distance between mean centres below which two stretches are one partly occluded instance, pixels.
+/// Distance between mean centres below which two stretches are a partly occluded instance, pixels.
 const TOGETHER_PX: f32 = 4.0;
 
 /// Converts the network's output to a segmentation.
@@ -49,6 +49,7 @@ fn likelihoods(output: &mut FeatureMap, kinds: usize) -> (Vec<u8>, Vec<f32>) {
     for row in 0..output.height {
         for pixel in output.row_mut(row).chunks_exact_mut(channels) {
             let logits = &mut pixel[..kinds];
+            // The maximum is subtracted against overflow.
             let most = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
             let best = logits.iter().position(|logit| *logit == most).unwrap_or(0);
             logits.iter_mut().for_each(|logit| *logit = (*logit - most).exp());
@@ -61,7 +62,7 @@ fn likelihoods(output: &mut FeatureMap, kinds: usize) -> (Vec<u8>, Vec<f32>) {
     (categories, confidences)
 }
 
-/// Collects the free pixels connected with `first` in its category.
+/// Collects the free pixels connected with `first` in the same category.
 fn flood(categories: &[u8], width: usize, first: usize, taken: &mut [bool]) -> Vec<u32> {
     let (mut found, mut open) = (Vec::new(), vec![first]);
     taken[first] = true;
@@ -110,6 +111,7 @@ impl InstanceCenters {
 
     /// Splits a stretch by predicted centre.
     fn cut(&self, stretch: &[u32]) -> Vec<Vec<u32>> {
+        // A small stretch cannot contain two instances.
         let peaks = if stretch.len() < 2 * LEAST_PX { Vec::new() } else { self.peaks(stretch) };
         if peaks.len() < 2 {
             return vec![stretch.to_vec()];
@@ -124,7 +126,7 @@ impl InstanceCenters {
         parts
     }
 
-    /// Finds the centres with most votes, greedily: after every centre its neighbourhood is removed.
+    /// Finds the centres with most votes, greedily: after every centre the neighbourhood is removed.
     fn peaks(&self, stretch: &[u32]) -> Vec<[f32; 2]> {
         let reach2 = (SPREAD_PX * SPREAD_PX) as f32;
         let least = (LEAST_SHARE * stretch.len() as f32).max(LEAST_PX as f32) as usize;
@@ -138,6 +140,7 @@ impl InstanceCenters {
                 break;
             }
             peaks.push(peak);
+            // Twice the radius: votes at the rim of this centre must not become a centre of their own.
             left.retain(|place| apart2(*place, peak) > 4.0 * reach2);
         }
         peaks
@@ -155,8 +158,9 @@ impl InstanceCenters {
         [(most % columns * 2) as f32 + 0.5, (most / columns * 2) as f32 + 0.5]
     }
 
-    /// Merges groups with one category and nearly equal mean centres.
+    /// Merges groups with the same category and nearly equal mean centres.
     fn together(&self, mut groups: Vec<(u8, Vec<u32>)>) -> Vec<Vec<u32>> {
+        // Large groups come first: their mean centres are the most reliable.
         groups.sort_by_key(|(category, pixels)| (*category, std::cmp::Reverse(pixels.len())));
         let mut whole: Vec<(u8, [f32; 2], Vec<u32>)> = Vec::new();
         for (category, pixels) in groups {
@@ -184,8 +188,9 @@ fn apart2(a: [f32; 2], b: [f32; 2]) -> f32 {
     (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
 }
 
-/// Builds a segment from its pixels.
+/// Builds a segment from pixels.
 fn segment(mut mask: Vec<u32>, output: &FeatureMap, kinds: usize, picture: &Picture) -> Option<Segment> {
+    // A fixed order of summation keeps results reproducible.
     mask.sort_unstable();
     let bounds = PixelBox::around(&mask, output.width)?;
     let mut sums = vec![0.0; output.channels];

@@ -28,6 +28,7 @@ impl ShapeClassifier {
     /// Reads the classifier; `None` if the file has none.
     pub(crate) fn read(weights: &WeightsFile) -> Result<Option<Self>, WeightsError> {
         if !weights.has("shapes.trust") {
+            // export.py writes files without shape weights; shapes.py adds them.
             return Ok(None);
         }
         let kinds = weights.info.categories.len();
@@ -97,7 +98,7 @@ pub(crate) fn features(seen: &Segmentation, segment: &Segment, solid: &ObjectBox
 /// Outlier share at both ends: depth edges belong to the background.
 const OUTLIERS: f32 = 0.03;
 
-/// A box around an instance's visible part, in the body frame: x right, y up from its floor, z back, metres.
+/// A box around an instance's visible part, in the body frame: x right, y up from the floor, z back, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ObjectBox {
     /// Lowest corner.
@@ -133,6 +134,7 @@ pub fn lift(
 
 /// Returns the extent of coordinates without outliers; `None` if empty.
 pub fn extent(mut numbers: Vec<f32>) -> Option<[f32; 2]> {
+    // Quantiles instead of extremes: single depth errors would stretch the box.
     numbers.sort_unstable_by(f32::total_cmp);
     let last = numbers.len().checked_sub(1)?;
     let left_out = (OUTLIERS * last as f32) as usize;

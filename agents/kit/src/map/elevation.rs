@@ -51,7 +51,7 @@ impl ClimbPath {
         self.places.last().copied().unwrap_or_default()
     }
 
-    /// Returns the last point before the path leaves the radius `most_m` around its start.
+    /// Returns the last point before the path leaves the radius `most_m`.
     pub fn ahead(&self, most_m: f32) -> FloorPoint {
         let start = self.places.first().copied().unwrap_or_default();
         let near = self.places.iter().take_while(|place| place.distance_m(start) <= most_m);
@@ -66,7 +66,7 @@ impl Default for Elevation {
 }
 
 impl Elevation {
-    /// Adds a depth image, taken by a body `height_m` above its start.
+    /// Adds a depth image from a body `height_m` above the start.
     pub fn see(&mut self, view: &PinholeCamera, pose: &Pose2d, height_m: f32, depth: &DepthImage) {
         for column in 0..view.width {
             for row in 0..view.height {
@@ -78,7 +78,7 @@ impl Elevation {
         }
     }
 
-    /// Records an invisible obstacle before a body `height_m` above its start.
+    /// Records an invisible obstacle before a body `height_m` above the start.
     pub fn mark_bump(&mut self, place: FloorPoint, height_m: f32) {
         self.add(Cell::at(place), height_m + 1.0);
     }
@@ -86,6 +86,7 @@ impl Elevation {
     fn add(&mut self, cell: Cell, height_m: f32) {
         let Some(index) = cell.index() else { return };
         let top_m = &mut self.tops_m[index];
+        // A large jump means another storey or an underpass: the newest surface wins, since it is the one in view.
         let is_of_another_storey = (*top_m - height_m).abs() > BAND_M;
         *top_m = if is_of_another_storey { height_m } else { top_m.max(height_m) };
     }
@@ -95,7 +96,7 @@ impl Elevation {
         cell.index().map(|index| self.tops_m[index]).filter(|top_m| top_m.is_finite())
     }
 
-    /// Finds a path for a body at `from`, `height_m` above its start, to the nearest surface that satisfies `wanted`
+    /// Finds a path for a body at `from`, `height_m` above the start, to the nearest surface that satisfies `wanted`
     /// (position, height).
     pub fn climb(
         &self,
@@ -105,6 +106,7 @@ impl Elevation {
     ) -> Option<ClimbPath> {
         const SIDES: [(i32, i32); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
         let start = Cell::at(from);
+        // The hash map is only used for lookups, so its order cannot change a result.
         let mut nodes =
             HashMap::from([(start, ClimbNode { before: start, cost_m: 0.0, height_m, unseen_m: 0.0 })]);
         let mut open = BinaryHeap::from([(Reverse(0_u32), start)]);
@@ -113,6 +115,7 @@ impl Elevation {
             if cost_mm > millimetres(here.cost_m) {
                 continue;
             }
+            // A target must be a seen surface: heights across unseen stretches are guesses.
             if here.unseen_m == 0.0 && wanted(cell.center(), here.height_m) {
                 return Some(ClimbPath { places: trace(&nodes, start, cell), height_m: here.height_m });
             }
@@ -192,7 +195,7 @@ impl<M> Storeys<M> {
         is_same(self.height_m, height_m)
     }
 
-    /// Moves the body to `height_m` above its start. On another storey this function swaps `here` for that storey's
+    /// Moves the body to `height_m` above the start. On another storey this function swaps `here` for that storey's
     /// memory, or for a new memory from `begin`, and returns true.
     pub fn enter(&mut self, height_m: f32, here: &mut M, begin: impl FnOnce() -> M) -> bool {
         if self.is_on(height_m) {

@@ -52,6 +52,7 @@ impl ObjectMemory {
     /// Adds an image's detections.
     pub fn see(&mut self, seen: Vec<DetectedObject>) {
         for detection in seen {
+            // The first match wins: indices stay stable, which Submits and traces refer to.
             if let Some(known) = self.all.iter_mut().find(|known| known.detection.is_same(&detection)) {
                 known.detection.merge(&detection);
             } else if self.all.len() < MOST {
@@ -65,7 +66,7 @@ impl ObjectMemory {
         }
     }
 
-    /// Adds a hypothesis without a detection, for an object that blends into its surroundings.
+    /// Adds a hypothesis without a detection, for an object that blends into the surroundings.
     pub fn suppose(&mut self, place: FloorPoint) {
         if self.all.len() < MOST {
             let detection =
@@ -89,7 +90,7 @@ impl ObjectMemory {
         self.all.iter_mut()
     }
 
-    /// Records an unsuccessful Submit at a hypothesis, which resets its views.
+    /// Records an unsuccessful Submit at a hypothesis, and resets the views.
     pub fn refute(&mut self, index: usize) {
         if let Some(object) = self.all.get_mut(index) {
             object.wrong_submits += 1;
@@ -132,7 +133,7 @@ impl ObjectMemory {
 }
 
 impl ObjectHypothesis {
-    /// Adds a near view, given its fit by goal, 0 to 1.
+    /// Adds a near view, given the fits by goal, 0 to 1.
     pub fn look(&mut self, fits: &[f32]) {
         /// Views of the mean. Older ones fade, since extents grow from view to view.
         const WINDOW: u32 = 4;

@@ -19,9 +19,9 @@ const SOFT_M: f32 = 0.3;
 /// A cell of the floor plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Cell {
-    /// Index along x.
+    /// Index in x.
     pub column: i32,
-    /// Index along z.
+    /// Index in z.
     pub row: i32,
 }
 
@@ -102,6 +102,7 @@ impl Occupancy {
                 self.add(Cell::at(view.along(pose, column, step as f32 * CELL_M)), -1);
             }
         }
+        // A cell counts once per image, and after the free lines of sight: obstacles prevail at their border.
         hits.sort_unstable();
         hits.dedup();
         hits.into_iter().for_each(|cell| self.add(cell, Self::HIT));
@@ -197,6 +198,7 @@ impl Occupancy {
         let Some(index) = cell.index() else { return };
         let before = self.evidence[index];
         let after = (before + amount).clamp(-Self::LIMIT, Self::LIMIT);
+        // 0 means unknown: a seen cell never returns to that state.
         self.evidence[index] = if after == 0 { amount.signum() } else { after };
         match (before > 0, self.evidence[index] > 0) {
             (false, true) => self.crowd(cell, 1),
@@ -206,6 +208,7 @@ impl Occupancy {
     }
 
     fn crowd(&mut self, cell: Cell, change: i16) {
+        // Counts per cell make `is_blocked` a lookup; paths query it for every node.
         for (counts, disk) in [&mut self.hard, &mut self.soft].into_iter().zip(&self.disks) {
             for &(dc, dr) in disk {
                 if let Some(index) = cell.moved(dc, dr).index() {

@@ -60,6 +60,7 @@ impl SoundField {
             for next in neighbours(at, area) {
                 let candidate = here.straight_on(listener, center(next));
                 let known = reached[next];
+                // The margin stops equal paths from reopening cells.
                 if known.is_none_or(|k| !k.done && candidate.ray.length_m < k.ray.length_m - 1e-3) {
                     reached[next] = Some(candidate);
                     open.push((Reverse((candidate.ray.length_m * 1000.0) as u32), next));
@@ -91,14 +92,14 @@ impl ReachedCell {
         Self { ray, bend: listener, bend_m: 0.0, done: false, passes: true }
     }
 
-    /// Extends the path straight from its last bend to `next`.
+    /// Extends the path straight from the last bend to `next`.
     fn straight_on(&self, listener: FloorPoint, next: FloorPoint) -> Self {
         let length_m = self.bend_m + self.bend.distance_m(next);
         let from = if self.bend == listener { next } else { self.ray.from };
         Self { ray: SoundRay { from, length_m }, done: false, ..*self }
     }
 
-    /// Extends the path with a bend at its end `at`.
+    /// Extends the path with a bend at `at`.
     fn bent(&self, listener: FloorPoint, at: FloorPoint, next: FloorPoint) -> Self {
         let from = if self.bend == listener { at } else { self.ray.from };
         let ray = SoundRay { from, length_m: self.ray.length_m + at.distance_m(next) };

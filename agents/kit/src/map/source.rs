@@ -22,7 +22,7 @@ const WORST_LEVEL: f32 = -4.0;
 const WEIGHT: f32 = 0.25;
 /// Decay of older evidence per sound: it was computed on an older map.
 const KEPT: f32 = 0.97;
-/// Range up to which a sound has full weight, metres: sound from farther away has passed corners.
+/// Range with full weight, metres: sound from a greater distance has passed corners.
 const CLEAR_M: f32 = 3.0;
 /// Log-priors for free floor and unseen cells, per metre outside the seen area, and per metre on the path.
 const FREE: f32 = -1.5;
@@ -59,6 +59,7 @@ impl SourceBelief {
     /// Adds a sound, measured at `pose`; `field` belongs to the same position.
     pub fn hear(&mut self, field: &SoundField, pose: &Pose2d, heard: &HeardSound) {
         let clear = (CLEAR_M / range_m(heard.level)).min(1.0);
+        // A distant sound has less weight, and displaces less of the older evidence in proportion.
         let (kept, weight) = (KEPT.powf(clear), WEIGHT * clear);
         for (index, score) in self.scores.iter_mut().enumerate() {
             let said = field.ray(index).map_or(WORST_BENT + WORST_LEVEL, |ray| {
@@ -88,6 +89,7 @@ impl SourceBelief {
             missed.iter().any(|&from| from.distance_m(place) <= MISSED_M && map.has_clear_line(from, place))
         };
         let top = self.scores.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        // Cells below e^-8 of the best score cannot change the estimate; skipping them saves most of the work.
         let plausible = self.scores.iter().enumerate().filter(|(_, score)| **score > top - 8.0);
         let weighed: Vec<(FloorPoint, f32)> = plausible
             .filter_map(|(index, score)| {
@@ -103,6 +105,7 @@ impl SourceBelief {
             })
             .collect();
         let (best, _) = *weighed.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        // The mean around the best cell is finer than the cells.
         let (mut mass, mut x, mut z) = (0.0, 0.0, 0.0);
         for (place, weight) in weighed.iter().filter(|(place, _)| place.distance_m(best) <= CERTAIN_M) {
             (mass, x, z) = (mass + weight, x + weight * place.x, z + weight * place.z);

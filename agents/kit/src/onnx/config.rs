@@ -40,7 +40,7 @@ pub(crate) struct Encoder {
     pub(crate) alike: [f32; 2],
 }
 
-/// A model and its input.
+/// A model and the input format.
 #[derive(Clone, Debug, Deserialize)]
 pub(crate) struct ModelFile {
     pub(crate) file: PathBuf,
@@ -81,7 +81,7 @@ pub enum ModelsError {
         /// Error of the system.
         problem: String,
     },
-    /// A model cannot be loaded, or its output is invalid.
+    /// A model cannot be loaded, or an output is invalid.
     #[error("model {}: {problem}; docs/models.md specifies inputs and outputs", path.display())]
     Model {
         /// Model file.
@@ -92,7 +92,7 @@ pub enum ModelsError {
 }
 
 impl Models {
-    /// Reads a configuration and resolves its paths.
+    /// Reads a configuration and resolves the paths.
     pub(crate) fn read(path: &Path) -> Result<Self, ModelsError> {
         let mut models: Self =
             toml::from_str(&text(path)?).map_err(|error| malformed(path, error.to_string().trim()))?;

@@ -76,6 +76,7 @@ impl OnnxRecognition {
             last: None,
             failure: SharedFailure::default(),
         };
+        // Wrong shapes must appear here, before a run begins.
         let blank = Image { width: 64, height: 64, pixels: vec![128; 3 * 64 * 64] };
         recognition.detect(&blank)?;
         recognition.encode(&blank, CropBox::ALL)?;
@@ -192,6 +193,7 @@ impl Recognition for OnnxRecognition {
     ) -> Option<Vec<DetectedObject>> {
         let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
         self.layout = Layout::of(image);
+        // A view from almost the same pose would count the same evidence twice, and models are slow.
         if self.last.is_some_and(|last| last.sees_like(pose)) {
             return None;
         }

@@ -75,7 +75,7 @@ pub(crate) fn planes(image: &Image, frame: CropBox, model: &ModelFile) -> Vec<f3
 /// ONNX Runtime, loaded once per process.
 static RUNTIME: Mutex<Option<Environment>> = Mutex::new(None);
 
-/// A model with one image input.
+/// A model with an image input.
 pub(crate) struct Model {
     about: ModelFile,
     session: Session,
@@ -98,7 +98,7 @@ impl Model {
         }
     }
 
-    /// Runs the model on a crop and returns its first `N` outputs.
+    /// Runs the model on a crop and returns the first `N` outputs.
     pub(crate) fn run<const N: usize>(
         &mut self,
         image: &Image,

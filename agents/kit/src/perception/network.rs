@@ -78,7 +78,7 @@ impl NetworkRecognition {
         self.network.look_at_picture(&picture(image)).ok()?.map(|segment| look(&segment))
     }
 
-    /// Builds an object from a segment; `None` if it is too far or without depth.
+    /// Builds an object from a segment; `None` if too distant or without depth.
     fn detection(
         &self,
         segment: &Segment,
@@ -134,6 +134,7 @@ impl Recognition for NetworkRecognition {
     ) -> Option<Vec<DetectedObject>> {
         let (image, depth) = (seen.rgb.as_ref()?, seen.depth.as_ref()?);
         self.layout = Layout::of(image);
+        // A view from almost the same pose would count the same evidence twice, and the network takes about 24 ms.
         if self.last.is_some_and(|last| last.sees_like(pose)) {
             return None;
         }

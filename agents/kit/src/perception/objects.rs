@@ -20,7 +20,7 @@ const WALL_CONTRAST: f32 = 0.07;
 const FEWEST_NODES: usize = 10;
 const LONGEST_M: f32 = 3.2;
 
-/// A detected object: a box in the pose frame, and its appearance.
+/// A detected object: box in the pose frame, and appearance.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DetectedObject {
     /// Lowest corner on the floor plan.
@@ -232,7 +232,7 @@ fn belongs(here: &GridNode, next: &GridNode) -> bool {
         && contrast(here.rgb, next.rgb) < limit
 }
 
-/// Builds an object from nodes; `None` if they are too few or too far apart.
+/// Builds an object from nodes; `None` if too few or too scattered.
 fn detection(nodes: &[GridNode]) -> Option<DetectedObject> {
     if nodes.len() < FEWEST_NODES {
         return None;
@@ -250,6 +250,7 @@ fn detection(nodes: &[GridNode]) -> Option<DetectedObject> {
         views: 1,
         ..DetectedObject::default()
     };
+    // Long stretches are walls or several objects that the depth does not separate.
     (detection.long_m() < LONGEST_M && !detection.is_wall()).then_some(detection)
 }
 

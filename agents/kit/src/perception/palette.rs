@@ -47,6 +47,7 @@ impl Palette {
         for (share, more) in self.shares.iter_mut().zip(&other.shares) {
             *share = (*share * self.pixels + more * other.pixels) / all;
         }
+        // The cap lets new views change the colours of objects with many views.
         self.pixels = all.min(20_000.0);
     }
 

@@ -92,7 +92,7 @@ struct HeardLine {
     level: f32,
 }
 
-/// Beliefs about one source.
+/// Beliefs about a source.
 #[derive(Serialize)]
 struct SourceLine {
     place_m: Option<[f32; 2]>,
@@ -281,7 +281,7 @@ impl MapLine {
 
 impl MapGrid {
     pub(crate) fn of(map: &Occupancy) -> Self {
-        // The map is a square around the start: the start's cell gives its size.
+        // The map is a square around the start: the start's cell gives the size.
         let last = 2 * Cell::at(Default::default()).column - 1;
         let inside = |cell: Cell| Cell { column: cell.column.clamp(0, last), row: cell.row.clamp(0, last) };
         let [low, high] = map.area(0.0).map(|corner| inside(Cell::at(corner)));
