@@ -2,8 +2,8 @@
 
 use avln_codec::{Encoding, SensorKind, Size, depth, offered, rgb};
 use avln_geom::{Point3, RayMesh, Rng, angle};
+use avln_houses::{HouseOptions, house};
 use avln_render::{Camera, Frame, Renderer};
-use avln_scene::procedural::{HouseOptions, house};
 use std::{
     f32::consts::{FRAC_PI_2, PI},
     hint::black_box,

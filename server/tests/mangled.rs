@@ -138,7 +138,7 @@ fn scenes() {
     try_all("scenes", 3, |file, bytes| {
         let copy = folder.path().join(file.file_name().expect("a name"));
         std::fs::write(&copy, bytes).expect("a copy");
-        if let Ok(scene) = avln_scene::open::open(&copy) {
+        if let Ok(scene) = avln_formats::open::open(&copy) {
             let finite = scene.mesh.positions.iter().all(|place| place.coords.iter().all(|x| x.is_finite()));
             assert!(finite, "{} was read with places that are no numbers", copy.display());
         }

@@ -96,7 +96,7 @@ fn frame_bytes(sensors: &Sensors) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use avln_scene::procedural::{HouseOptions, house};
+    use avln_houses::{HouseOptions, house};
     use avln_world::Body;
 
     fn scene(seed: u64) -> Arc<SceneAssets> {

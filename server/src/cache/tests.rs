@@ -1,6 +1,6 @@
 use super::*;
 use avln_geom::{UnitQuaternion, angle};
-use avln_scene::procedural::{HouseOptions, house};
+use avln_houses::{HouseOptions, house};
 use avln_scene::{Scene, digest::digest};
 use avln_world::{Body, Cached, Camera, Frame, SceneAssets};
 use std::sync::LazyLock;

@@ -10,7 +10,7 @@ use crate::{
 };
 use avln_dataset::{SceneLine, SceneSource};
 use avln_episode::{FeedbackRule, HeadRule, Rules, Sensors, Sounds};
-use avln_scene::procedural::Pool;
+use avln_houses::Pool;
 use avln_store::{Phase, QuotaLimits, Schedule, Store, Visibility};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::{Path, PathBuf};

@@ -4,8 +4,9 @@ use super::scene_export::{Semantics, export};
 use super::scene_import;
 use crate::say::say;
 use crate::{Failure, FailureKind};
-use avln_scene::procedural::{self, Pool};
-use avln_scene::{Scene, open};
+use avln_formats::open;
+use avln_houses::Pool;
+use avln_scene::Scene;
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 
@@ -105,8 +106,8 @@ fn load_from(choice: &Choice, pool: Pool) -> Result<Scene, Failure> {
         (Some(path), _) => open::open(path).map_err(|error| Failure::new(FailureKind::Scene, error)),
         (None, seed) => {
             let seed = seed.unwrap_or_default();
-            let options = procedural::HouseOptions { pool, ..Default::default() };
-            Ok(procedural::house(&format!("house-{seed}"), seed, &options))
+            let options = avln_houses::HouseOptions { pool, ..Default::default() };
+            Ok(avln_houses::house(&format!("house-{seed}"), seed, &options))
         }
     }
 }

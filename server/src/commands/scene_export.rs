@@ -2,7 +2,8 @@
 
 use crate::say::say;
 use crate::{Failure, FailureKind};
-use avln_scene::{Scene, glb, hm3d};
+use avln_formats::{glb, hm3d};
+use avln_scene::Scene;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 

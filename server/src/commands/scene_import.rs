@@ -2,7 +2,8 @@
 
 use crate::say::say;
 use crate::{Failure, FailureKind};
-use avln_scene::{Options as Reading, Report, Scene, Summary, Unit, Up, glb, open};
+use avln_formats::{Options as Reading, Report, Unit, Up, glb, open};
+use avln_scene::{Scene, Summary};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 use std::collections::BTreeMap;

@@ -2,8 +2,9 @@
 
 use crate::say::say;
 use crate::{Failure, FailureKind};
+use avln_formats::open;
+use avln_scene::Scene;
 use avln_scene::stats::{Census, MATTERPORT_PER_BUILDING, census, divergence_from_matterport};
-use avln_scene::{Scene, open, procedural};
 use avln_world::stats::{WalkStats, walk_stats};
 use clap::Args;
 use serde_json::json;
@@ -52,7 +53,7 @@ struct Line {
 pub fn run(options: &Options) -> Result<(), Failure> {
     let seeds = options.seed.iter().copied().chain(options.seeds.clone().into_iter().flatten());
     let houses = seeds.map(|seed| {
-        Ok(procedural::house(&format!("house-{seed}"), seed, &procedural::HouseOptions::default()))
+        Ok(avln_houses::house(&format!("house-{seed}"), seed, &avln_houses::HouseOptions::default()))
     });
     let files = options
         .scene
@@ -218,7 +219,7 @@ mod tests {
 
     #[test]
     fn houses_are_measured_and_lie_in_all_bands() {
-        let scene = procedural::house("one", 1, &procedural::HouseOptions::small());
+        let scene = avln_houses::house("one", 1, &avln_houses::HouseOptions::small());
         let measured = measure(&scene).expect("a house to walk in");
         let measured = [measured];
         for line in lines(&measured[0]).iter().chain(&medians(&measured)) {

@@ -12,7 +12,7 @@ use crate::{
 };
 use avln_dataset::{MissionOptions, SceneSource, Split};
 use avln_episode::Rules;
-use avln_scene::procedural::HouseOptions;
+use avln_houses::HouseOptions;
 use avln_store::SceneMap;
 use avln_world::Cache;
 use clap::{Args, Subcommand};

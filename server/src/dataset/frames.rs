@@ -16,7 +16,7 @@ use crate::{Failure, FailureKind};
 use avln_dataset::{Instance, Job, Recipe, SceneChoice, SceneSource, SceneSpec, survey};
 use avln_episode::Rules;
 use avln_geom::Rng;
-use avln_scene::procedural::Pool;
+use avln_houses::Pool;
 use avln_world::{Body, SceneAssets};
 use serde::Serialize;
 use std::path::Path;

@@ -3,7 +3,7 @@
 use super::SplitFolder;
 use crate::{Failure, FailureKind};
 use avln_dataset::{SceneLine, SceneSource};
-use avln_scene::procedural::Pool;
+use avln_houses::Pool;
 use avln_store::{Phase, Visibility};
 
 /// How much of a split may be handed out.

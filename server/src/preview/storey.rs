@@ -145,7 +145,7 @@ impl Corner {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use avln_scene::procedural::{HouseOptions, house};
+    use avln_houses::{HouseOptions, house};
 
     #[test]
     fn a_floor_fills_the_plan_and_nothing_above_the_cut_is_seen() {

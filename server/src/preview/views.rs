@@ -149,7 +149,7 @@ fn file_word(label: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use avln_scene::procedural::{HouseOptions, house};
+    use avln_houses::{HouseOptions, house};
 
     #[test]
     fn eight_views_from_places_where_one_can_stand() {

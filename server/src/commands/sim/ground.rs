@@ -1,6 +1,6 @@
 use crate::{Failure, FailureKind};
+use avln_formats::open;
 use avln_navmesh::{Body, NavMesh, NavMeshSettings};
-use avln_scene::open;
 use clap::Args;
 use std::path::PathBuf;
 

@@ -3,9 +3,10 @@
 use super::{read, unusable};
 use crate::{Failure, FailureKind};
 use avln_acoustics::{Acoustics, SURFACE_BANDS, Settings, Surface, Surfaces, expected_reverberation_s};
+use avln_formats::open;
 use avln_geom::{Point3, RayMesh};
-use avln_scene::procedural::{self, HouseOptions};
-use avln_scene::{RoomPlan, Scene, open};
+use avln_houses::HouseOptions;
+use avln_scene::{RoomPlan, Scene};
 use clap::Args;
 use serde::Deserialize;
 use std::path::PathBuf;
@@ -125,7 +126,7 @@ impl Choice {
             (Some(path), _) => open::open(path).map_err(|error| Failure::new(FailureKind::Scene, error)),
             (None, seed) => {
                 let seed = seed.unwrap_or_default();
-                Ok(procedural::house(&format!("house-{seed}"), seed, &HouseOptions::default()))
+                Ok(avln_houses::house(&format!("house-{seed}"), seed, &HouseOptions::default()))
             }
         }
     }

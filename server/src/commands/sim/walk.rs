@@ -153,7 +153,7 @@ mod tests {
 
     #[test]
     fn a_walk_slides_along_walls_and_says_so() {
-        let scene = avln_scene::procedural::house("house-1", 1, &Default::default());
+        let scene = avln_houses::house("house-1", 1, &Default::default());
         let mesh = NavMesh::build_with(&scene, &Default::default()).expect("a house to walk in");
         let on_floor = mesh.sample(&mut avln_geom::Rng::new(2), mesh.largest_island());
         let start = Start { position: on_floor.position(), heading_deg: 170.0 };

@@ -86,8 +86,8 @@ fn a_house_is_written_with_what_is_in_it() {
 #[test]
 fn everything_in_houses_has_a_number() {
     for (seed, pool) in [(1, Pool::Train), (2, Pool::Validation), (3, Pool::Test), (4, Pool::Train)] {
-        let house = avln_scene::procedural::HouseOptions { pool, ..Default::default() };
-        for object in avln_scene::procedural::house("house", seed, &house).objects {
+        let house = avln_houses::HouseOptions { pool, ..Default::default() };
+        for object in avln_houses::house("house", seed, &house).objects {
             assert!(CATEGORIES.contains(&object.category.as_str()), "{}", object.category);
         }
     }

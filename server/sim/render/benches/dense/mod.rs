@@ -2,7 +2,7 @@
 //! atlas of sixteen textures of 1024 by 1024 texels, a centimetre per texel.
 
 use avln_geom::{Point2, Point3, Rng, Vector3};
-use avln_scene::procedural::{HouseOptions, house};
+use avln_houses::{HouseOptions, house};
 use avln_scene::{Lighting, Material, Mesh, Scene, Texture};
 use std::collections::BTreeMap;
 

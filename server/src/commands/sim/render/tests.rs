@@ -1,7 +1,7 @@
 use super::*;
 use crate::npy::reading;
 use avln_geom::{Point3, RayMesh, Rng, UnitQuaternion, Vector3, angle};
-use avln_scene::procedural::house;
+use avln_houses::house;
 use clap::Parser;
 use serde_json::json;
 use std::fs;
