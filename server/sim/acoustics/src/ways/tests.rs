@@ -1,10 +1,10 @@
-//! First waves in small flats whose geometry can be reckoned by hand.
+//! First waves in small flats with simple geometry.
 
 use super::*;
 use crate::Settings;
 use crate::testing::{HARD, Soup, building};
 
-/// A source in a building and all its ways.
+/// A source in a building and all its paths.
 struct Heard {
     building: Building,
     field: GeodesicField,
@@ -27,7 +27,7 @@ impl Heard {
     }
 }
 
-/// Level of all waves, all octaves from 125 Hz to 4 kHz together, decibels re 1 m.
+/// Level of all waves over all octaves from 125 Hz to 4 kHz, decibels relative to 1 m.
 fn level_db(arrivals: &[Arrival]) -> f32 {
     10.0 * arrivals.iter().map(energy).sum::<f32>().log10()
 }
@@ -69,7 +69,7 @@ fn two_rooms() -> Soup {
     flat([8.2, 4.0], &[[[4.0, 0.0], [4.2, 1.0]], [[4.0, 1.9], [4.2, 4.0]]])
 }
 
-/// The same with a second door from z = 3.0 to 3.9.
+/// Two rooms with a second door from z = 3.0 to 3.9.
 fn two_doors() -> Soup {
     flat([8.2, 5.0], &[[[4.0, 0.0], [4.2, 1.0]], [[4.0, 1.9], [4.2, 3.0]], [[4.0, 3.9], [4.2, 5.0]]])
 }
