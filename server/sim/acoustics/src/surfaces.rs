@@ -1,19 +1,19 @@
-//! What surfaces do to sound.
+//! Acoustic properties of surfaces.
 
 mod table;
 
 use avln_scene::{InstanceId, Scene};
 
-/// Octave bands of the tables: 125, 250, 500, 1000, 2000 and 4000 Hz. The last holds for all that is above it, too.
+/// Octave bands of the tables: 125, 250, 500, 1000, 2000 and 4000 Hz. The last also applies to higher bands.
 pub const SURFACE_BANDS: usize = 6;
 
 /// Names of the bands in messages, hertz.
 const BAND_NAMES: [&str; SURFACE_BANDS] = ["125", "250", "500", "1000", "2000", "4000"];
 
-/// Shares of the energy that meets a surface, by octave band (125 to 4000 Hz), each 0 to 1.
+/// Energy shares at a surface by octave band (125 to 4000 Hz), 0 to 1.
 ///
-/// `1 - absorption - transmission` comes back; of that, `scattering` in all directions (Lambert's law) and the rest
-/// as from a mirror.
+/// `1 - absorption - transmission` is reflected; of that, `scattering` diffusely (Lambert's law) and the rest
+/// specularly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Energy share converted into heat.

@@ -18,9 +18,9 @@ pub(crate) struct Cells {
     /// Per air voxel: its cell, or [`NOWHERE`].
     cell_of: Vec<u32>,
     cells: Vec<Cell>,
-    /// Voxels along x, y, z of a block.
+    /// Voxels per block in x, y, z.
     block: [usize; 3],
-    /// Blocks along x, y, z.
+    /// Blocks in x, y, z.
     blocks: [usize; 3],
     /// Per block: its first cell; with a final sentinel.
     first_in_block: Vec<u32>,
