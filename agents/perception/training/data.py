@@ -1,4 +1,4 @@
-"""Batches of labelled images that `avln dataset frames` took in training houses."""
+"""Batches of labelled images that `avln data dataset frames` took in training houses."""
 
 import json
 from pathlib import Path

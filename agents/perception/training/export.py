@@ -73,7 +73,7 @@ def example(net, record, with_depth):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("checkpoint")
-    parser.add_argument("frames", help="folder written by `avln dataset frames`")
+    parser.add_argument("frames", help="folder written by `avln data dataset frames`")
     parser.add_argument("--crate", default=str(Path(__file__).parent.parent), help="folder of the crate")
     given = parser.parse_args()
     kept = torch.load(given.checkpoint, weights_only=True)

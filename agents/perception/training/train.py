@@ -25,7 +25,7 @@ MEASURED_VIEWS = 12
 
 def options():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("frames", help="folder written by `avln dataset frames`")
+    parser.add_argument("frames", help="folder written by `avln data dataset frames`")
     parser.add_argument("--out", default="run", help="folder for checkpoint.pt and curve.csv")
     parser.add_argument("--steps", type=int, default=12000, help="total number of steps")
     parser.add_argument("--settle", type=int, default=9000, help="final steps in which the learning rate falls to 0")

@@ -1,4 +1,4 @@
-//! Labelled images from `avln dataset frames`.
+//! Labelled images from `avln data dataset frames`.
 
 #![allow(dead_code, reason = "each example reads what it needs")]
 

@@ -1,7 +1,7 @@
 //! Measures the network on images from unfamiliar houses, and prints the tables in docs/perception.md:
 //!
 //! ```sh
-//! avln dataset frames --measure --split val --houses 11 --views 60 --out FOLDER
+//! avln data dataset frames --measure --split val --houses 11 --views 60 --out FOLDER
 //! cargo run --release -p avln-perception --example measure -- FOLDER CONFUSIONS.csv
 //! ```
 //!
@@ -24,7 +24,7 @@ struct Measured {
 
 fn main() {
     let Some(folder) = std::env::args().nth(1).map(PathBuf::from) else {
-        eprintln!("name the folder that avln dataset frames --measure has written");
+        eprintln!("name the folder that avln data dataset frames --measure has written");
         std::process::exit(2);
     };
     let manifest = frames::manifest(&folder);
