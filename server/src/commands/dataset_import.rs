@@ -1,8 +1,8 @@
 //! Imports missions of other data sets.
 
 use crate::{Failure, FailureKind, dataset::import::Import, say::say};
-use avln_dataset::formats::{Format, Loss};
 use avln_episode::Rules;
+use avln_interchange::{Format, Loss};
 use clap::Args;
 use std::path::PathBuf;
 
