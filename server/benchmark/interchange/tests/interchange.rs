@@ -2,11 +2,11 @@
 
 use avln_dataset::{CueSpec, Description, EpisodeSpec, Instance, survey};
 use avln_episode::Rules;
+use avln_houses::HouseOptions;
 use avln_interchange::{
     ForeignCue, ForeignFile, Format, Importer, Loss, MAX_GOALS, SceneMissions, Tables, authors_index,
     authors_scene, read,
 };
-use avln_scene::procedural::{self, HouseOptions};
 use avln_world::{Body, SceneAssets};
 use serde_json::{Value, json};
 use std::sync::LazyLock;
@@ -19,7 +19,7 @@ struct House {
 
 static HOUSE: LazyLock<House> = LazyLock::new(|| {
     let options = HouseOptions { rooms: 6..=6, storeys: 1..=1, ..HouseOptions::default() };
-    let assets = SceneAssets::prepare(procedural::house("house", 3, &options), &Body::default()).unwrap();
+    let assets = SceneAssets::prepare(avln_houses::house("house", 3, &options), &Body::default()).unwrap();
     let rules = Rules::paper();
     let instances = survey(&assets, &rules);
     House { assets, instances, rules }

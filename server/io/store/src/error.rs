@@ -1,4 +1,5 @@
-use crate::{Quota, QuotaWindow, calendar::rfc3339};
+use avln_challenge::calendar::rfc3339;
+use avln_challenge::{Quota, QuotaWindow, UnknownWord};
 use std::path::PathBuf;
 
 /// What went wrong in the store, and what to do about it.
@@ -86,7 +87,9 @@ pub enum StoreError {
         reason: String,
     },
     /// The phase is not over, so that its secret stays one.
-    #[error("phase '{0}' is not closed; close it with avln phase close, or wait for its closing date")]
+    #[error(
+        "phase '{0}' is not closed; close it with avln challenge phase close, or wait for its closing date"
+    )]
     NotClosed(String),
     /// Runs of the phase go on, so that its secret stays one.
     #[error("phase '{phase}' is still played by runs that began in time, until {} at the latest; reveal it then", rfc3339(*until_unix_ms))]
@@ -226,5 +229,11 @@ impl From<sqlx::Error> for StoreError {
             Some(SQLITE_BUSY | SQLITE_LOCKED) => Self::Busy,
             _ => Self::Database(error),
         }
+    }
+}
+
+impl From<UnknownWord> for StoreError {
+    fn from(error: UnknownWord) -> Self {
+        Self::damaged(error.kind, format!("unknown word '{}'", error.word))
     }
 }

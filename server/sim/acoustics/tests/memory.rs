@@ -1,8 +1,8 @@
-//! How much memory sound takes.
+//! Memory use of acoustics.
 
 use avln_acoustics::{Acoustics, Bank, Ears, Emitter, Listener, Settings, Surfaces};
 use avln_geom::RayMesh;
-use avln_scene::procedural::{HouseOptions, house};
+use avln_houses::{HouseOptions, house};
 use std::sync::Arc;
 
 const MB: usize = 1_000_000;

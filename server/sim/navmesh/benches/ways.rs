@@ -1,13 +1,13 @@
-//! What a navmesh costs: `cargo bench -p avln-navmesh --bench ways`.
+//! Cost of a navmesh: `cargo bench -p avln-navmesh --bench ways`.
 //!
-//! The houses are procedural; with `AVLN_BENCH_SCENE` set to a scene's path, that scene is measured as well.
+//! The houses are procedural; `AVLN_BENCH_SCENE` adds the scene at that path.
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
 use avln_geom::{Rng, Vector3};
+use avln_houses::{HouseOptions, house};
 use avln_navmesh::{Body, NavMesh, NavMeshSettings, NavPoint};
 use avln_scene::Scene;
-use avln_scene::procedural::{HouseOptions, house};
 use std::{
     hint::black_box,
     path::Path,
@@ -15,10 +15,10 @@ use std::{
 };
 
 const POINTS: usize = 200;
-/// Every measurement goes on for at least this long.
+/// Minimum duration of a measurement.
 const LEAST: Duration = Duration::from_millis(200);
 
-/// Mean time of one call of `work`, which is given the number of the call.
+/// Mean time per call of `work`, which receives the call index.
 fn each(mut work: impl FnMut(usize)) -> Duration {
     let begin = Instant::now();
     for call in 0.. {
@@ -81,7 +81,7 @@ fn main() {
         measure(&house(&format!("house-{seed}"), seed, &HouseOptions::default()));
     }
     if let Ok(path) = std::env::var("AVLN_BENCH_SCENE") {
-        match avln_scene::open::open(Path::new(&path)) {
+        match avln_formats::open::open(Path::new(&path)) {
             Ok(scene) => measure(&scene),
             Err(error) => println!("{error}"),
         }

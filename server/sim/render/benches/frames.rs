@@ -1,16 +1,15 @@
-//! Frames per second of processor time on one core: `cargo bench -p avln-render --bench frames`.
+//! Frames per second of processor time on a core: `cargo bench -p avln-render --bench frames`.
 //!
-//! `AVLN_BENCH_SCENE` names a scene to use instead of the ones made here, `AVLN_BENCH_TRIANGLES` how large the scan-like one is
-//! made.
+//! `AVLN_BENCH_SCENE` selects a scene file, `AVLN_BENCH_TRIANGLES` the size of the scan-like scene.
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
 mod dense;
 
 use avln_geom::{Point3, RayMesh, Rng, angle};
+use avln_houses::{HouseOptions, house};
 use avln_render::{Camera, Renderer};
 use avln_scene::Scene;
-use avln_scene::procedural::{HouseOptions, house};
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 use std::time::Instant;
@@ -20,7 +19,7 @@ const ROUNDS: usize = 9;
 
 fn main() {
     if let Some(path) = std::env::var_os("AVLN_BENCH_SCENE") {
-        return report(avln_scene::open::open(path.as_ref()).expect("a scene"));
+        return report(avln_formats::open::open(path.as_ref()).expect("a scene"));
     }
     report(house("bench", 7, &HouseOptions::default()));
     let asked = std::env::var("AVLN_BENCH_TRIANGLES").ok().map(|count| count.parse().expect("a number"));
@@ -63,7 +62,7 @@ fn frames_per_second(renderer: &Renderer, cameras: &[Camera], size: u32) -> f64 
     rounds[ROUNDS / 2]
 }
 
-/// Processor time of this thread where the system tells it, else time.
+/// Processor time of this thread if the system reports it, otherwise elapsed time.
 fn seconds() -> f64 {
     let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanoseconds = told.and_then(|text| text.split(' ').next()?.parse::<f64>().ok());

@@ -1,10 +1,10 @@
-//! What the light of procedural houses takes: `cargo bench -p avln-render --bench light`.
+//! Cost of baking light in procedural houses: `cargo bench -p avln-render --bench light`.
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
 use avln_geom::{Point3, RayMesh, UnitQuaternion};
+use avln_houses::{HouseOptions, house};
 use avln_render::{Camera, Renderer};
-use avln_scene::procedural::{HouseOptions, house};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -18,7 +18,7 @@ fn main() {
     }
 }
 
-/// Renders one pixel, which asks for the light; tells the best of some rounds.
+/// Renders a pixel, which bakes the light; prints the best of several rounds.
 fn first_picture(name: &str, seed: u64, options: &HouseOptions) {
     let scene = Arc::new(house("bench", seed, options));
     let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));

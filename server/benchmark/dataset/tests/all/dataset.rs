@@ -10,7 +10,8 @@ use avln_dataset::{
     page,
 };
 use avln_episode::{GoalCue, Order, Rules};
-use avln_scene::{InstanceId, procedural::Pool};
+use avln_houses::Pool;
+use avln_scene::InstanceId;
 use avln_world::SceneAssets;
 use std::{collections::BTreeSet, sync::LazyLock};
 

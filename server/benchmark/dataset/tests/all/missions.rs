@@ -7,11 +7,9 @@ use avln_dataset::{
 };
 use avln_episode::{Modality, Rules};
 use avln_geom::Point3;
-use avln_scene::{
-    InstanceId, Object,
-    open::open,
-    procedural::{HouseOptions, Pool, house},
-};
+use avln_formats::open::open;
+use avln_houses::{HouseOptions, Pool, house};
+use avln_scene::{InstanceId, Object};
 use avln_world::{Body, Camera, Frame, SceneAssets};
 use std::{collections::BTreeMap, path::Path, sync::LazyLock};
 
