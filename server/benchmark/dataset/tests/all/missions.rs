@@ -6,8 +6,8 @@ use avln_dataset::{
     survey_with,
 };
 use avln_episode::{Modality, Rules};
-use avln_geom::Point3;
 use avln_formats::open::open;
+use avln_geom::Point3;
 use avln_houses::{HouseOptions, Pool, house};
 use avln_scene::{InstanceId, Object};
 use avln_world::{Body, Camera, Frame, SceneAssets};
