@@ -1,54 +1,53 @@
-//! The audit list: what was changed, by whom and why. Rows are added and nothing else; the database refuses the rest.
+//! The audit list and the organiser's rulings on runs. Triggers of the database reject changes of audit lines.
 
-use crate::{Store, StoreError, words::row};
+use crate::{database::Store, error::StoreError, runs::read_run};
+use avln_challenge::Ruling;
 use serde::Serialize;
-use sqlx::{Sqlite, Transaction};
+use sqlx::{FromRow, Sqlite, Transaction};
 
-/// A change to be noted.
+/// A change to be recorded in the audit list.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct AuditNote {
-    /// Who changed it.
+    /// Author of the change.
     pub actor: String,
-    /// Of what: `phase practice`, `team red`.
+    /// Changed object: `phase practice`, `team red`.
     pub subject: String,
-    /// The setting or the deed: `quota.day`, `paused`, `granted`.
+    /// Setting or action: `quota.day`, `paused`, `granted`.
     pub what: String,
-    /// What it was; `None` for nothing.
+    /// Value before the change; `None` for no value.
     pub before: Option<String>,
-    /// What it is; `None` for nothing.
+    /// Value after the change; `None` for no value.
     pub after: Option<String>,
-    /// Why; may be empty.
+    /// Reason; may be empty.
     pub reason: String,
 }
 
-row! {
-    /// A line of the audit list.
-    #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-    pub struct AuditLine {
-        /// Counts up.
-        pub id: i64,
-        /// When, milliseconds since 1970-01-01 UTC.
-        pub at_ms: i64,
-        /// Who.
-        pub actor: String,
-        /// Of what.
-        pub subject: String,
-        /// The setting or the deed.
-        pub what: String,
-        /// What it was; `None` for nothing.
-        pub before: Option<String>,
-        /// What it is; `None` for nothing.
-        pub after: Option<String>,
-        /// Why; may be empty.
-        pub reason: String,
-    }
+/// A line of the audit list.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, FromRow)]
+pub struct AuditLine {
+    /// Ascending number.
+    pub id: i64,
+    /// Time, milliseconds since 1970-01-01 UTC.
+    pub at_ms: i64,
+    /// Author of the change.
+    pub actor: String,
+    /// Changed object.
+    pub subject: String,
+    /// Setting or action.
+    pub what: String,
+    /// Value before the change; `None` for no value.
+    pub before: Option<String>,
+    /// Value after the change; `None` for no value.
+    pub after: Option<String>,
+    /// Reason; may be empty.
+    pub reason: String,
 }
 
 impl Store {
-    /// The audit list, the oldest line first.
+    /// Returns the audit list, oldest line first.
     ///
     /// # Errors
-    /// When the database fails.
+    /// If the database fails.
     pub async fn audit(&self) -> Result<Vec<AuditLine>, StoreError> {
         let select = "SELECT id, at_ms, actor, subject, what, before, after, reason FROM audit ORDER BY id";
         Ok(sqlx::query_as(select).fetch_all(&self.read).await?)
@@ -57,20 +56,80 @@ impl Store {
     /// Adds a line to the audit list.
     ///
     /// # Errors
-    /// When the database fails.
-    pub async fn note(&self, note: AuditNote, now_unix_ms: i64) -> Result<(), StoreError> {
+    /// If the database fails.
+    pub async fn add_audit_note(&self, note: AuditNote, now_unix_ms: i64) -> Result<(), StoreError> {
         let mut tx = self.begin().await?;
         add_notes(&mut tx, &[note], now_unix_ms).await?;
         Ok(tx.commit().await?)
     }
 
-    /// Number of the newest line of the audit list, 0 for none: it tells whether the organiser changed anything.
+    /// Returns the id of the newest audit line, 0 for an empty list. It grows with every change by an organiser.
     ///
     /// # Errors
-    /// When the database fails.
-    pub async fn newest_change(&self) -> Result<i64, StoreError> {
+    /// If the database fails.
+    pub async fn newest_audit_id(&self) -> Result<i64, StoreError> {
         Ok(sqlx::query_scalar("SELECT COALESCE(MAX(id), 0) FROM audit").fetch_one(&self.read).await?)
     }
+
+    /// Marks a run as verified by the organiser, or removes the mark. Returns whether the ruling changed.
+    ///
+    /// # Errors
+    /// If the run is unknown or not over, or the database fails.
+    pub async fn verify_run(
+        &self,
+        run: &str,
+        verified: bool,
+        note: AuditNote,
+        now_unix_ms: i64,
+    ) -> Result<bool, StoreError> {
+        let mut tx = self.begin().await?;
+        let found = read_run(&mut tx, run).await?;
+        if verified && found.state.is_open() {
+            return Err(StoreError::RunOpen(run.to_owned()));
+        }
+        let after = Ruling { verified, ..found.ruling.clone() };
+        write_ruling(tx, run, &found.ruling, &after, note, now_unix_ms).await
+    }
+
+    /// Removes a run from all leaderboards for a public reason, or readmits it with `None`. Returns whether the ruling
+    /// changed.
+    ///
+    /// # Errors
+    /// If the run is unknown or the database fails.
+    pub async fn disqualify_run(
+        &self,
+        run: &str,
+        reason: Option<&str>,
+        note: AuditNote,
+        now_unix_ms: i64,
+    ) -> Result<bool, StoreError> {
+        let mut tx = self.begin().await?;
+        let before = read_run(&mut tx, run).await?.ruling;
+        let after = Ruling { disqualified: reason.map(str::to_owned), ..before.clone() };
+        write_ruling(tx, run, &before, &after, note, now_unix_ms).await
+    }
+}
+
+/// Writes a changed ruling with its audit note and commits.
+async fn write_ruling(
+    mut tx: Transaction<'_, Sqlite>,
+    run: &str,
+    before: &Ruling,
+    after: &Ruling,
+    note: AuditNote,
+    now_unix_ms: i64,
+) -> Result<bool, StoreError> {
+    if before == after {
+        return Ok(false);
+    }
+    let upsert = "INSERT INTO rulings (run, verified, disqualified, ruled_ms) VALUES ($1, $2, $3, $4) \
+                  ON CONFLICT (run) DO UPDATE SET verified = excluded.verified, \
+                  disqualified = excluded.disqualified, ruled_ms = excluded.ruled_ms";
+    let upsert = sqlx::query(upsert).bind(run).bind(after.verified).bind(&after.disqualified);
+    upsert.bind(now_unix_ms).execute(&mut *tx).await?;
+    add_notes(&mut tx, &[note], now_unix_ms).await?;
+    tx.commit().await?;
+    Ok(true)
 }
 
 pub(crate) async fn add_notes(

@@ -1,14 +1,15 @@
 //! A database with one phase, one team and names that must not leak.
 
+use avln_challenge::{GoalText, MethodInfo, PhaseEpisode, TimeAccount};
 use avln_episode::{Action, EndReason, Modality, Order, Pose, Rules, Sensors};
 use avln_scoring::{Metrics, score};
 use avln_store::{
-    Assigned, Finished, GoalText, NewRun, Phase, PhaseEpisode, Recorded, Scene, SceneMap, Split, Store,
-    StoreError, TimeAccount,
+    AssignedEpisode, AuditNote, EpisodeResult, NewRun, Phase, RecordedResult, Scene, SceneMap, Split, Store,
+    StoreError,
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
 use serde_json::json;
-use std::{collections::BTreeMap, path::PathBuf};
+use std::{collections::BTreeMap, path::PathBuf, sync::LazyLock};
 use tempfile::TempDir;
 
 pub(crate) const SCENES: [&str; 2] = ["canary-scene-a", "canary-scene-b"];
@@ -83,7 +84,8 @@ impl Arena {
     /// The same by the team `team`.
     pub(crate) async fn play_as(&self, team: &str, run: &str, method: &str, order: Order, found: u8) {
         let digests = BTreeMap::new();
-        let new = NewRun { id: run, token: run, team, method, order, ..new_run(&digests) };
+        let method = MethodInfo::new(method, "1");
+        let new = NewRun { id: run, token: run, team, method: &method, order, ..new_run(&digests) };
         self.store.start_run(&new, 10).await.expect("a run");
         let mut index = 0;
         while let Some(assigned) = self.assign(run, &format!("{run}-handle-{index}")).await {
@@ -93,7 +95,7 @@ impl Arena {
         }
     }
 
-    pub(crate) async fn assign(&self, run: &str, handle: &str) -> Option<Assigned> {
+    pub(crate) async fn assign(&self, run: &str, handle: &str) -> Option<AssignedEpisode> {
         self.store.assign_next_episode(run, handle, 20).await.expect("an open run")
     }
 
@@ -102,9 +104,16 @@ impl Arena {
         run: &str,
         handle: &str,
         played: &Played,
-    ) -> Result<Recorded, StoreError> {
-        self.store.record_result(&played.finished(run, handle), 30).await
+    ) -> Result<RecordedResult, StoreError> {
+        self.store.record_result(&played.result(run, handle), 30).await
     }
+}
+
+static WALKER: LazyLock<MethodInfo> = LazyLock::new(|| MethodInfo::new("walker", "1"));
+
+/// Returns an audit note about `what`.
+pub(crate) fn note(what: &str) -> AuditNote {
+    AuditNote { actor: "ada".to_owned(), what: what.to_owned(), ..AuditNote::default() }
 }
 
 /// A request by the team `red` for the phase `practice`.
@@ -114,8 +123,7 @@ pub(crate) fn new_run(digests: &BTreeMap<String, String>) -> NewRun<'_> {
         token: "secret-of-run-1",
         phase: "practice",
         team: TEAM,
-        method: "walker",
-        version: "1",
+        method: &WALKER,
         order: Order::Unordered,
         client_request_id: None,
         digests,
@@ -132,7 +140,7 @@ pub(crate) struct Played {
 
 impl Played {
     /// Four steps of 0.3125 m and two claims, of which the first `found` complete a goal.
-    pub(crate) fn new(assigned: &Assigned, order: Order, found: u8, end: EndReason) -> Self {
+    pub(crate) fn new(assigned: &AssignedEpisode, order: Order, found: u8, end: EndReason) -> Self {
         let truth = truth(&assigned.episode, &assigned.scene, order);
         let record = record(found, end);
         let metrics = score(&truth, &record, &Rules::paper());
@@ -140,9 +148,9 @@ impl Played {
         Self { truth, record, metrics, time }
     }
 
-    pub(crate) fn finished<'a>(&'a self, run: &'a str, handle: &'a str) -> Finished<'a> {
+    pub(crate) fn result<'a>(&'a self, run: &'a str, handle: &'a str) -> EpisodeResult<'a> {
         let Self { truth, record, metrics, time } = self;
-        Finished { run, handle, truth, record, metrics, time }
+        EpisodeResult { run, handle, truth, record, metrics, time }
     }
 }
 

@@ -1,11 +1,9 @@
 //! What counts against a team's quota, and when it fills up again.
 
 use crate::fixture::{Arena, Played, TEAM, new_run, phase};
+use avln_challenge::{Quota, QuotaLimits, QuotaWindow, RunState, calendar::unix_ms};
 use avln_episode::{EndReason, Order};
-use avln_store::{
-    AuditNote, NewGrant, NewRun, Phase, Quota, QuotaLimits, QuotaWindow, RunState, StartedRun, StoreError,
-    calendar::unix_ms,
-};
+use avln_store::{AuditNote, NewGrant, NewRun, Phase, StartedRun, StoreError};
 use std::collections::BTreeMap;
 use tokio::task::JoinSet;
 

@@ -1,9 +1,10 @@
 //! Canaries: hidden names are searched for in everything that a viewer can get.
 
 use crate::fixture::{Arena, CATEGORY, EPISODE, SCENES, SENTENCE, TEAM, phase};
+use avln_challenge::{RunChoice, Visibility};
 use avln_episode::Order;
 use avln_scoring::Key;
-use avln_store::{Board, RunChoice, Viewer, Visibility};
+use avln_store::{LeaderboardQuery, RowFilter, Viewer};
 
 /// Length of the walk of every episode: only a score can show it.
 const SCORE: &str = "\"path_m\":1.25";
@@ -12,6 +13,18 @@ const PLACES: [&str; 3] = ["4.25", "3.875", "[1.0,0.0,1.0]"];
 const NAMES: [&str; 4] = ["canary-scene", CATEGORY, SENTENCE, EPISODE];
 /// What pages never show, not even to the organiser: instance ids and seeds.
 const NEVER: [&str; 2] = ["54321", "77777"];
+
+fn query(order: Order) -> LeaderboardQuery<'static> {
+    LeaderboardQuery {
+        phase: "practice",
+        order,
+        key: Key::Sr,
+        pick: RunChoice::Best,
+        as_of_unix_ms: None,
+        now_unix_ms: 50,
+        filter: RowFilter::default(),
+    }
+}
 
 async fn everything(arena: &Arena, viewer: &Viewer) -> String {
     let reader = arena.store.reader();
@@ -25,15 +38,8 @@ async fn everything(arena: &Arena, viewer: &Viewer) -> String {
         serde_json::to_string(&reader.scene_map(viewer, "practice", SCENES[0]).await.expect("a map")),
     ];
     for order in [Order::Ordered, Order::Unordered] {
-        let board = Board {
-            phase: "practice",
-            order,
-            key: Key::Sr,
-            pick: RunChoice::Best,
-            as_of_unix_ms: None,
-            now_unix_ms: 50,
-        };
-        seen.push(serde_json::to_string(&reader.leaderboard(viewer, &board).await.expect("a board")));
+        let query = query(order);
+        seen.push(serde_json::to_string(&reader.leaderboard(viewer, &query).await.expect("a leaderboard")));
     }
     for ordinal in 0..2 {
         seen.push(serde_json::to_string(
@@ -87,18 +93,11 @@ async fn a_team_ranks_among_its_own_where_scores_are_for_teams() {
     teams_only.scores = Visibility::Team;
     let arena = Arena::new(&teams_only).await;
     arena.play("run_1", "walker", Order::Unordered, 1).await;
-    let board = Board {
-        phase: "practice",
-        order: Order::Unordered,
-        key: Key::Sr,
-        pick: RunChoice::Best,
-        as_of_unix_ms: None,
-        now_unix_ms: 50,
-    };
+    let query = &query(Order::Unordered);
     let rows = |viewer| {
         let reader = arena.store.reader();
         async move {
-            let view = reader.leaderboard(&viewer, &board).await.expect("an answer").expect("the phase");
+            let view = reader.leaderboard(&viewer, query).await.expect("an answer").expect("the phase");
             (view.rows.len(), view.complete)
         }
     };
