@@ -151,7 +151,7 @@ pub async fn prune(data: &Path, options: &Prune, now_unix_ms: i64) -> Result<Gon
         ..AuditNote::default()
     };
     if gone.logs > 0 && !options.dry_run {
-        store.note(note("logs pruned", u64::from(gone.logs)), now_unix_ms).await?;
+        store.add_audit_note(note("logs pruned", u64::from(gone.logs)), now_unix_ms).await?;
     }
     if gone.records > 0 && !options.dry_run {
         store.prune_records(moment, note("records pruned", gone.records), now_unix_ms).await?;

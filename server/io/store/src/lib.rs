@@ -28,6 +28,11 @@ mod views;
 pub use accounts::{NewToken, Team, Token, TokenHash, TokenLine, TokenState};
 pub use admission::{Member, NewGrant};
 pub use audit::{AuditLine, AuditNote};
+pub use avln_challenge::{
+    Admission, Charge, CommitmentValues, EpisodeState, GoalText, PhaseEpisode, PhaseState, Quota,
+    QuotaLimits, QuotaWindow, Reference, Ruling, RunChoice, RunState, Sample, Sampling, Schedule,
+    TimeAccount, TokenScope, Visibility, calendar, pool_digest,
+};
 pub use backup::{Inventory, KeptRun, copy_database, inspect_database};
 pub use catalog::{Scene, SceneMap, Split};
 pub use commitment::Commitment;
