@@ -14,16 +14,16 @@ use std::fmt;
 pub struct Team {
     /// Public name.
     pub name: String,
-    /// Purpose of the team's runs if they are shown for comparison; `None` for a competing team.
+    /// Reference kind; `None` for a competing team.
     pub reference: Option<Reference>,
 }
 
 /// A secret to be stored.
 #[derive(Clone, Copy, Debug)]
 pub struct NewToken<'a> {
-    /// The secret: 128 random bits or more. The store keeps its hash only.
+    /// The secret: 128 random bits or more. Only a hash is stored.
     pub secret: &'a str,
-    /// Rights of the token. Run tokens are created by [`Store::start_run`].
+    /// Granted rights. Run tokens are created by [`Store::start_run`].
     pub kind: TokenScope,
     /// Name given by the owner; may be empty.
     pub name: &'a str,
@@ -36,7 +36,7 @@ pub struct NewToken<'a> {
 /// A valid token.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Token {
-    /// Rights of the token.
+    /// Granted rights.
     pub kind: TokenScope,
     /// Owning team; `None` for an organiser's token.
     pub team: Option<String>,
@@ -48,31 +48,31 @@ pub struct Token {
     pub expires_unix_ms: Option<i64>,
 }
 
-/// A token in a list, without its secret. Times are milliseconds since 1970-01-01 UTC.
+/// A token in a list, without the secret. Times are milliseconds since 1970-01-01 UTC.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, FromRow)]
 pub struct TokenLine {
-    /// First digits of the token's hash: its name in commands.
+    /// First hash digits, used as a name in commands.
     pub id: String,
-    /// Word of its [`TokenScope`].
+    /// [`TokenScope`] word.
     pub kind: String,
     /// Name given by the owner; may be empty.
     pub name: String,
     /// Owning team; `None` for an organiser's token.
     pub team: Option<String>,
-    /// Time of issue.
+    /// Issue time.
     pub created_ms: i64,
     /// Expiry time; `None` if it never expires.
     pub expires_ms: Option<i64>,
-    /// Time of revocation; `None` if it is not revoked.
+    /// Revocation time; `None` if it is not revoked.
     pub revoked_ms: Option<i64>,
 }
 
-/// State of a secret at a given time.
+/// A secret's state at a given time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum TokenState {
     /// Valid.
     Valid(Token),
-    /// Past its expiry time.
+    /// Expired.
     Expired,
     /// Revoked.
     Revoked,
@@ -91,7 +91,7 @@ struct TokenRow {
 }
 
 impl Store {
-    /// Adds a team. Adding it again with the same `reference` changes nothing.
+    /// Adds a team. A repeated call with the same `reference` has no effect.
     ///
     /// # Errors
     /// If a team with this name has another `reference`, or the database fails.
@@ -122,7 +122,7 @@ impl Store {
         Ok(found.map(|reference| Team { name: name.to_owned(), reference: value(reference) }))
     }
 
-    /// Stores the hash of a secret. Storing it again changes nothing.
+    /// Stores a secret's hash. A repeated call has no effect.
     ///
     /// # Errors
     /// If the team is unknown or the database fails.
@@ -137,7 +137,7 @@ impl Store {
         Ok(tx.commit().await?)
     }
 
-    /// Returns the state of `secret` at `now_unix_ms`.
+    /// Returns a secret's state at `now_unix_ms`.
     ///
     /// # Errors
     /// If the database fails.
@@ -145,7 +145,7 @@ impl Store {
         find_token(&self.read, &TokenHash::of(secret), now_unix_ms).await
     }
 
-    /// Revokes all tokens of `team`, including those of its runs. Returns the number of revoked tokens.
+    /// Revokes all tokens of `team`, including run tokens. Returns their count.
     ///
     /// # Errors
     /// If the database fails.
@@ -154,7 +154,7 @@ impl Store {
         Ok(sqlx::query(update).bind(now_unix_ms).bind(team).execute(&self.write).await?.rows_affected())
     }
 
-    /// Returns the tokens of teams and organisers, newest first. Run tokens are not listed.
+    /// Returns all team and organiser tokens, newest first. Run tokens are not listed.
     ///
     /// # Errors
     /// If the database fails.
@@ -162,7 +162,7 @@ impl Store {
         read_tokens(&self.read, None).await
     }
 
-    /// Revokes the token with [`TokenLine::id`] `id`. A revoked token keeps its time of revocation.
+    /// Revokes the token with [`TokenLine::id`] `id`. A second call has no effect.
     ///
     /// # Errors
     /// If there is no such token or the database fails.
@@ -170,7 +170,7 @@ impl Store {
         self.revoke(id, None, note, now_unix_ms).await
     }
 
-    /// Revokes a token of `team` as [`Store::revoke_token`] does.
+    /// Revokes a token as [`Store::revoke_token`] does, if it belongs to `team`.
     ///
     /// # Errors
     /// If the team has no such token or the database fails.
@@ -203,7 +203,7 @@ impl Store {
     }
 }
 
-/// The BLAKE3 hash of a secret. It grants no rights, so sessions keep it to look the token up again.
+/// A secret's BLAKE3 hash. It grants no rights, so sessions can store it for later look-ups.
 #[derive(Clone, PartialEq, Eq)]
 pub struct TokenHash(String);
 
@@ -225,14 +225,14 @@ impl fmt::Debug for TokenHash {
     }
 }
 
-/// Returns the tokens of a team, or of all teams and organisers, newest first.
+/// Returns a team's tokens, or all team and organiser tokens, newest first.
 pub(crate) async fn read_tokens(pool: &SqlitePool, team: Option<&str>) -> Result<Vec<TokenLine>, StoreError> {
     let select = "SELECT substr(hash, 1, $1) AS id, kind, name, team, created_ms, expires_ms, revoked_ms FROM tokens \
                   WHERE kind <> 'run' AND ($2 IS NULL OR team = $2) ORDER BY created_ms DESC, hash";
     Ok(sqlx::query_as(select).bind(TOKEN_ID_DIGITS).bind(team).fetch_all(pool).await?)
 }
 
-/// Hexadecimal digits of a token's id.
+/// Hexadecimal digits in a token id.
 const TOKEN_ID_DIGITS: i64 = 12;
 
 pub(crate) async fn insert_token(
@@ -279,7 +279,7 @@ pub(crate) async fn find_token(
     }))
 }
 
-/// Returns the purpose of a team's reference runs; `None` for a competing team.
+/// Returns a team's reference kind; `None` for a competing team.
 pub(crate) async fn read_reference(
     tx: &mut Transaction<'_, Sqlite>,
     team: &str,

@@ -1,4 +1,4 @@
-//! Approved teams, members of teams, and runs granted beyond a quota.
+//! Approved teams, team members, and runs granted beyond a quota.
 
 use crate::{
     audit::{AuditNote, add_notes},
@@ -11,12 +11,12 @@ use avln_challenge::Quota;
 use serde::Serialize;
 use sqlx::{FromRow, Sqlite, Transaction};
 
-/// A person in a team of a phase.
+/// A person in a phase's team.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, FromRow)]
 pub struct Member {
-    /// Id of the phase.
+    /// Phase id.
     pub phase: String,
-    /// Name of the team.
+    /// Team name.
     pub team: String,
     /// The person.
     pub person: String,
@@ -25,11 +25,11 @@ pub struct Member {
 /// Runs granted by the organiser beyond a team's quota.
 #[derive(Clone, Copy, Debug)]
 pub struct NewGrant<'a> {
-    /// Id of the phase.
+    /// Phase id.
     pub phase: &'a str,
-    /// Name of the team.
+    /// Team name.
     pub team: &'a str,
-    /// Number of runs, at least 1.
+    /// Run count, at least 1.
     pub runs: u32,
     /// Reason.
     pub reason: &'a str,
@@ -65,10 +65,10 @@ impl Store {
         Ok(changed)
     }
 
-    /// Adds a person to a team of a phase. Returns whether that changed anything.
+    /// Adds a person to a team. Returns whether that changed anything.
     ///
     /// # Errors
-    /// If the phase or the team is unknown, the person is in another team of the phase, or the database fails.
+    /// If the phase or the team is unknown, the person is in another team, or the database fails.
     pub async fn add_member(
         &self,
         member: &Member,
@@ -100,7 +100,7 @@ impl Store {
         Ok(true)
     }
 
-    /// Removes a person from a team of a phase. Returns whether that changed anything.
+    /// Removes a person from a team. Returns whether that changed anything.
     ///
     /// # Errors
     /// If the database fails.
@@ -121,7 +121,7 @@ impl Store {
         Ok(changed)
     }
 
-    /// Returns the members of a team, by phase and person.
+    /// Returns a team's members, by phase and person.
     ///
     /// # Errors
     /// If the database fails.
@@ -130,7 +130,7 @@ impl Store {
         Ok(sqlx::query_as(select).bind(team).fetch_all(&self.read).await?)
     }
 
-    /// Grants runs to a team beyond its quota.
+    /// Grants runs to a team beyond the quota.
     ///
     /// # Errors
     /// If the phase or the team is unknown, or the database fails.
@@ -150,7 +150,7 @@ impl Store {
         Ok(tx.commit().await?)
     }
 
-    /// Returns the quotas of a team in a phase, or in all phases visible to it.
+    /// Returns a team's quotas in a phase, or in all visible phases.
     ///
     /// # Errors
     /// If the phase is unknown or hidden from the team, or the database fails.

@@ -10,29 +10,29 @@ use sqlx::{
 };
 use std::{collections::BTreeMap, path::Path};
 
-/// Contents of a copy.
+/// A copy's contents.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Inventory {
     /// Schema version.
     pub schema: i64,
-    /// Number of teams.
+    /// Team count.
     pub teams: u32,
-    /// Number of episodes with a result.
+    /// Episode count with a result.
     pub results: u32,
-    /// Splits of its phases.
+    /// Splits in use.
     pub splits: Vec<String>,
-    /// Its runs.
+    /// Runs.
     pub runs: Vec<KeptRun>,
 }
 
 /// A run in a copy.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct KeptRun {
-    /// Id of the run.
+    /// Run id.
     pub id: String,
-    /// Whether the run cannot change any more.
+    /// True if the run cannot change any more.
     pub is_settled: bool,
-    /// Number of attempts by episode ordinal; empty if the run is settled.
+    /// Attempts by episode ordinal; empty if the run is settled.
     pub attempts: BTreeMap<u32, u32>,
 }
 
@@ -48,7 +48,7 @@ pub async fn copy_database(path: &Path, to: &Path) -> Result<(), StoreError> {
     copied.map(drop).map_err(|error| explain(path, error))
 }
 
-/// Checks all pages and references of a copy and returns its contents. The copy is not changed.
+/// Checks all pages and references in a copy and returns the contents. The copy is not changed.
 ///
 /// # Errors
 /// If the copy is damaged, no LH-AVLN Arena database or has a newer schema.

@@ -5,22 +5,22 @@ use sqlx::types::Json;
 /// A set of missions.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Split {
-    /// Name of the split.
+    /// Split name.
     pub name: String,
-    /// Hash of all episodes.
+    /// Hash over all episodes.
     pub digest: String,
-    /// Number of scenes.
+    /// Scene count.
     pub scenes: u32,
-    /// Number of episodes.
+    /// Episode count.
     pub episodes: u32,
 }
 
-/// The public part of a scene.
+/// A scene's public part.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
-    /// Name of the scene.
+    /// Scene name.
     pub name: String,
-    /// Hash of the scene's content.
+    /// Content hash.
     pub digest: String,
     /// Floor plan.
     pub map: SceneMap,
@@ -29,16 +29,16 @@ pub struct Scene {
 /// A floor plan in the world frame (Y up), metres.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SceneMap {
-    /// Minimum corner of the building: x, y, z.
+    /// Building minimum corner: x, y, z.
     pub min: [f32; 3],
-    /// Maximum corner of the building: x, y, z.
+    /// Building maximum corner: x, y, z.
     pub max: [f32; 3],
     /// Walkable polygons, each a closed ring of x, y, z.
     pub polygons: Vec<Vec<[f32; 3]>>,
 }
 
 impl Store {
-    /// Adds a split. Adding it again changes nothing.
+    /// Adds a split. A repeated call has no effect.
     ///
     /// # Errors
     /// If a split with this name has another digest, or the database fails.
@@ -56,7 +56,7 @@ impl Store {
         check_digest("split", &split.name, &stored, &split.digest)
     }
 
-    /// Returns the names of all splits.
+    /// Returns all split names.
     ///
     /// # Errors
     /// If the database fails.
@@ -64,7 +64,7 @@ impl Store {
         Ok(sqlx::query_scalar("SELECT name FROM splits ORDER BY name").fetch_all(&self.read).await?)
     }
 
-    /// Returns the digest of a split; `None` if there is no split with this name.
+    /// Returns a split's digest; `None` if there is no split with this name.
     ///
     /// # Errors
     /// If the database fails.
@@ -73,7 +73,7 @@ impl Store {
         Ok(sqlx::query_scalar(select).bind(name).fetch_optional(&self.read).await?)
     }
 
-    /// Adds a scene or replaces its map. A map without polygons does not replace a stored one.
+    /// Adds a scene or replaces the map. A map without polygons never replaces a stored one.
     ///
     /// # Errors
     /// If a scene with this name has another digest, or the database fails.

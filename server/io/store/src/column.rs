@@ -8,7 +8,7 @@ use sqlx::{
     sqlite::{SqliteTypeInfo, SqliteValueRef},
 };
 
-/// A text column with the word of an enum.
+/// A text column with an enum's word.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Word<T>(pub(crate) T);
 
@@ -17,7 +17,7 @@ pub(crate) trait FromWord: Sized {
     fn from_word(word: &str) -> Result<Self, UnknownWord>;
 }
 
-/// Implements [`FromWord`] by the inherent method of the same name.
+/// Implements [`FromWord`] by the inherent method.
 macro_rules! from_word {
     ($($name:ident),+) => {
         $(impl FromWord for $name {
@@ -59,7 +59,7 @@ impl<'r, T: FromWord> Decode<'r, Sqlite> for Word<T> {
     }
 }
 
-/// Returns the value of an optional word.
+/// Unwraps an optional word.
 pub(crate) fn value<T>(word: Option<Word<T>>) -> Option<T> {
     word.map(|word| word.0)
 }

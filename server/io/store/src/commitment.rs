@@ -1,4 +1,4 @@
-//! Commitments: before a phase, its organiser commits to episodes, scorer and the secret of its draws; afterwards the values
+//! Commitments: before a phase, the organiser commits to episodes, scorer and secret; afterwards the values
 //! are published.
 
 use crate::{
@@ -11,12 +11,12 @@ use avln_challenge::{CommitmentValues, PhaseSecret, PhaseState, pool_digest};
 use serde::Serialize;
 use sqlx::{FromRow, Sqlite, Transaction};
 
-/// The commitment of a phase.
+/// A phase's commitment.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Commitment {
-    /// BLAKE3 hash of the values, hex.
+    /// BLAKE3 hash over the values, hex.
     pub commitment: String,
-    /// Time of the commitment, milliseconds since 1970-01-01 UTC.
+    /// Commitment time, milliseconds since 1970-01-01 UTC.
     pub committed_unix_ms: i64,
     /// The values; `None` before they are published.
     pub revealed: Option<CommitmentValues>,
@@ -47,7 +47,7 @@ impl SecretRow {
 }
 
 impl Store {
-    /// Commits a phase to its episodes, to `scorer` and to `secret` (256 random bits as 64 hexadecimal digits). Returns false
+    /// Commits a phase to the episodes, to `scorer` and to `secret` (256 random bits as 64 hexadecimal digits). Returns false
     /// if the phase was already committed to the same episodes, or has runs.
     ///
     /// # Errors
@@ -86,7 +86,7 @@ impl Store {
         Ok(true)
     }
 
-    /// Publishes the values behind a phase's commitment. A repeated call keeps the first time.
+    /// Publishes the values behind a phase's commitment. The first call counts.
     ///
     /// # Errors
     /// If the phase is unknown, not closed at `now_unix_ms`, still has open runs or was never committed, or the database fails.
@@ -102,7 +102,7 @@ impl Store {
         if read.schedule.state(now_unix_ms) != PhaseState::Closed {
             return Err(StoreError::NotClosed(phase.to_owned()));
         }
-        // The secret would tell the team of an open run which episodes follow.
+        // The secret reveals the following episodes to the team with an open run.
         if let Some(until_unix_ms) = last_deadline(&mut tx, phase, now_unix_ms).await? {
             return Err(StoreError::StillPlayed { phase: phase.to_owned(), until_unix_ms });
         }
@@ -118,7 +118,7 @@ impl Store {
         Ok((row.into_commitment(), values))
     }
 
-    /// Returns the commitment of a phase; `None` before it is made.
+    /// Returns a phase's commitment; `None` before it is made.
     ///
     /// # Errors
     /// If the database fails.
@@ -128,7 +128,7 @@ impl Store {
     }
 }
 
-/// Returns the latest deadline after `now_unix_ms` of an open run of a phase; `None` if there is none.
+/// Returns the latest deadline after `now_unix_ms` among a phase's open runs.
 async fn last_deadline(
     tx: &mut Transaction<'_, Sqlite>,
     phase: &str,
@@ -146,7 +146,7 @@ pub(crate) async fn read_commitment(
     Ok(read_secret(tx, phase).await?.map(SecretRow::into_commitment))
 }
 
-/// Returns the key of a phase's draws; `None` for a phase without commitment.
+/// Returns the key for a phase's draws; `None` without commitment.
 pub(crate) async fn read_key(
     tx: &mut Transaction<'_, Sqlite>,
     phase: &str,

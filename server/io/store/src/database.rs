@@ -1,6 +1,6 @@
 use crate::{
+    cache::ViewCache,
     error::{StoreError, sqlite_code},
-    views::Reader,
 };
 use sqlx::{
     Sqlite, Transaction,
@@ -26,7 +26,7 @@ pub struct Store {
     // SQLite allows one writer. One connection makes callers queue here instead of failing with SQLITE_BUSY.
     pub(crate) write: SqlitePool,
     pub(crate) read: SqlitePool,
-    reader: Reader,
+    pub(crate) views: ViewCache,
 }
 
 impl Store {
@@ -40,7 +40,7 @@ impl Store {
 
     pub(crate) async fn open_with_timeout(path: &Path, busy: Duration) -> Result<Self, StoreError> {
         let explained = |error| explain(path, error);
-        // The migrator writes its own table first, so a foreign file must be rejected before it runs.
+        // The migrator creates a table first, so a foreign file must be rejected before it runs.
         if path.exists() {
             reject_foreign(path, busy).await?;
         }
@@ -51,12 +51,7 @@ impl Store {
         let read = connect_options(path, busy).read_only(true);
         let read =
             SqlitePoolOptions::new().max_connections(READERS).connect_with(read).await.map_err(explained)?;
-        Ok(Self { write, reader: Reader::new(read.clone()), read })
-    }
-
-    /// Returns the read-only half of the store, for the web server.
-    pub fn reader(&self) -> Reader {
-        self.reader.clone()
+        Ok(Self { write, read, views: ViewCache::default() })
     }
 
     /// Waits for running statements and closes the file.
@@ -89,7 +84,7 @@ pub(crate) fn connect_options(path: &Path, busy: Duration) -> SqliteConnectOptio
         .pragma("temp_store", "memory")
 }
 
-/// Rejects an existing file of another program, without changing it.
+/// Rejects an existing foreign file, without changing it.
 pub(crate) async fn reject_foreign(path: &Path, busy: Duration) -> Result<(), StoreError> {
     let pool = SqlitePoolOptions::new().max_connections(1).connect_with(connect_options(path, busy)).await;
     let pool = pool.map_err(|error| explain(path, error))?;
@@ -102,7 +97,7 @@ pub(crate) async fn reject_foreign(path: &Path, busy: Duration) -> Result<(), St
     }
 }
 
-/// Returns the application id and the number of tables.
+/// Returns application id and table count.
 async fn read_identity(pool: &SqlitePool) -> Result<(i64, i64), sqlx::Error> {
     let application: i64 = sqlx::query_scalar("PRAGMA application_id").fetch_one(pool).await?;
     let tables: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM sqlite_schema").fetch_one(pool).await?;

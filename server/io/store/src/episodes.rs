@@ -1,4 +1,4 @@
-//! Assignment of episodes and their results.
+//! Episode assignment and results.
 
 use crate::{
     column::{Word, value},
@@ -15,7 +15,7 @@ use avln_scoring::Metrics;
 use avln_truth::{EpisodeTruth, Record};
 use sqlx::{FromRow, Sqlite, Transaction, types::Json};
 
-/// Number of attempts at an episode before repeated server failures end it.
+/// Attempts at an episode before repeated server failures end it.
 const MAX_ATTEMPTS: i64 = 3;
 
 /// An assigned episode.
@@ -23,29 +23,29 @@ const MAX_ATTEMPTS: i64 = 3;
 pub struct AssignedEpisode {
     /// Agent-visible name.
     pub handle: String,
-    /// Position in the run, from 0.
+    /// Index in the run, from 0.
     pub ordinal: u32,
-    /// Id inside the split.
+    /// Episode id inside the split.
     pub episode: String,
-    /// Name of the scene.
+    /// Scene name.
     pub scene: String,
 }
 
-/// An episode in progress, possibly interrupted by a stop of the server.
+/// An episode in progress, possibly interrupted by a server stop.
 #[derive(Clone, Debug, PartialEq, Eq, FromRow)]
 pub struct RunningEpisode {
-    /// Id of the run.
+    /// Run id.
     pub run: String,
     /// Agent-visible name.
     pub handle: String,
-    /// Id inside the split.
+    /// Episode id inside the split.
     pub episode: String,
 }
 
-/// Status of an assigned episode.
+/// An assigned episode's status.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EpisodeStatus {
-    /// State of the episode.
+    /// Episode state.
     pub state: EpisodeState,
     /// End reason; `None` before the end.
     pub end: Option<EndReason>,
@@ -53,16 +53,16 @@ pub struct EpisodeStatus {
     pub metrics: Option<Metrics>,
 }
 
-/// The result of an episode.
+/// An episode's result.
 #[derive(Clone, Copy, Debug)]
 pub struct EpisodeResult<'a> {
-    /// Id of the run.
+    /// Run id.
     pub run: &'a str,
-    /// Agent-visible name of the attempt.
+    /// Agent-visible attempt name.
     pub handle: &'a str,
     /// Ground truth.
     pub truth: &'a EpisodeTruth,
-    /// Facts of the attempt.
+    /// Facts.
     pub record: &'a Record,
     /// Metrics.
     pub metrics: &'a Metrics,
@@ -70,18 +70,18 @@ pub struct EpisodeResult<'a> {
     pub time: &'a TimeAccount,
 }
 
-/// The effect of [`Store::record_result`].
+/// The effect from [`Store::record_result`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordedResult {
     /// False if the episode had a result before, which is kept.
     pub is_new: bool,
-    /// False if a server failure ended the attempt; the episode is pending again or abandoned.
+    /// False if a server failure ended the attempt; the episode is reopened or abandoned.
     pub counts: bool,
-    /// The run afterwards; completed by its last episode.
+    /// The run afterwards; completed by the last episode.
     pub run: Run,
 }
 
-/// The part of a [`RecordedResult`] inside the transaction.
+/// A [`RecordedResult`] without the run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct WrittenResult {
     pub(crate) is_new: bool,
@@ -96,11 +96,11 @@ struct AttemptRow {
 }
 
 impl Store {
-    /// Assigns the next pending episode of a run; `None` if none is pending. Its name is drawn by the phase's secret. In a
+    /// Assigns a run's next pending episode; `None` if none is pending. The phase's secret draws the name. In a
     /// phase without a secret it is `handle`, a random name.
     ///
     /// # Errors
-    /// If the run is unknown, over or past its deadline, the handle was used before, or the database fails.
+    /// If the run is unknown, over or past the deadline, the handle was used before, or the database fails.
     pub async fn assign_next_episode(
         &self,
         run: &str,
@@ -130,7 +130,7 @@ impl Store {
         Ok(Some(AssignedEpisode { handle: handle.to_owned(), ordinal, episode, scene }))
     }
 
-    /// Returns the id of the episode that [`Store::assign_next_episode`] would assign now.
+    /// Returns the next episode for [`Store::assign_next_episode`], by id.
     ///
     /// # Errors
     /// If the database fails.
@@ -140,12 +140,12 @@ impl Store {
         Ok(sqlx::query_scalar(select).bind(run).fetch_optional(&self.read).await?)
     }
 
-    /// Stores the result of an episode, adds it to the run's totals and completes the run with its last episode, in one
-    /// transaction. A second result changes nothing. An episode ended by a server failure becomes pending again, up to three
+    /// Stores an episode's result, adds it to the run's totals and completes the run with the last episode, in one
+    /// transaction. A second result has no effect. A server failure reopens the episode, up to three
     /// attempts.
     ///
     /// # Errors
-    /// If no such episode is running or the database fails; nothing was stored then.
+    /// If no such episode is running or the database fails; the transaction is rolled back then.
     pub async fn record_result(
         &self,
         result: &EpisodeResult<'_>,
@@ -158,7 +158,7 @@ impl Store {
         Ok(RecordedResult { is_new, counts, run })
     }
 
-    /// Completes a run if all of its episodes are over. An incomplete run is not changed.
+    /// Completes a run if all episodes are over. An incomplete run is not changed.
     ///
     /// # Errors
     /// If the run is unknown or the database fails.
@@ -170,7 +170,7 @@ impl Store {
         Ok(run)
     }
 
-    /// Returns the running episodes of all runs, by run and handle. After a restart these are the interrupted ones.
+    /// Returns all running episodes by run and handle. After a restart these are the interrupted ones.
     ///
     /// # Errors
     /// If the database fails.
@@ -179,7 +179,7 @@ impl Store {
         Ok(sqlx::query_as(select).fetch_all(&self.read).await?)
     }
 
-    /// Returns the status of the attempt named `handle`; `None` if there is none, or a later attempt replaced it.
+    /// Returns an attempt's status; `None` if there is none, or a later attempt replaced it.
     ///
     /// # Errors
     /// If the database fails.
@@ -224,7 +224,7 @@ impl Store {
     }
 }
 
-/// Draws the name of the next attempt; `None` if the phase has no secret or no episode is pending.
+/// Draws the next attempt's name; `None` if the phase has no secret or no episode is pending.
 async fn draw_handle(tx: &mut Transaction<'_, Sqlite>, run: &Run) -> Result<Option<String>, StoreError> {
     let Some(key) = read_key(tx, &run.phase).await? else { return Ok(None) };
     let select = "SELECT ordinal, attempts FROM episodes WHERE run = $1 AND state = 'pending' ORDER BY ordinal LIMIT 1";
@@ -248,7 +248,7 @@ pub(crate) async fn write_result(
     }
     let retry = !counts && attempt.attempts < MAX_ATTEMPTS;
     if counts {
-        add_to_totals(tx, result).await?;
+        add_to_totals(tx, result.run, result.truth, result.metrics).await?;
     } else {
         count_fault(tx, result.run, !retry).await?;
     }
@@ -306,7 +306,7 @@ async fn write_facts(
     ordinal: i64,
 ) -> Result<(), StoreError> {
     let truth = serde_json::to_vec(result.truth).map_err(|error| StoreError::damaged("truth", error))?;
-    // All runs of a phase share the truth of an episode: rows are stored once, by their hash.
+    // All runs in a phase share an episode's truth: rows are stored once, by hash.
     let digest = blake3::hash(&truth).to_hex().to_string();
     let insert = "INSERT INTO truths (digest, body) VALUES ($1, $2) ON CONFLICT DO NOTHING";
     sqlx::query(insert).bind(&digest).bind(truth).execute(&mut **tx).await?;

@@ -1,17 +1,17 @@
 use avln_challenge::{Quota, QuotaWindow, UnknownWord, calendar::rfc3339};
 use std::path::PathBuf;
 
-/// A failure of the store, with a next step in its message.
+/// A store error, with a next step in the message.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// The file or its folder cannot be used.
+    /// The file or folder cannot be used.
     #[error(
         "cannot open the database {path}: {reason}; check that its folder exists, is writable and has free space, or choose another data folder"
     )]
     CannotOpen {
         /// The file.
         path: PathBuf,
-        /// The error of the operating system or SQLite.
+        /// The operating system's or SQLite's error.
         reason: String,
     },
     /// The file is no LH-AVLN Arena database.
@@ -27,7 +27,7 @@ pub enum StoreError {
     Newer {
         /// The file.
         path: PathBuf,
-        /// Schema version of the file.
+        /// File schema version.
         found: i64,
         /// Newest supported version.
         known: i64,
@@ -46,7 +46,7 @@ pub enum StoreError {
     /// A row with this name does not exist.
     #[error("there is no {what} '{name}'; check the name")]
     Unknown {
-        /// Kind of the row.
+        /// Row kind.
         what: &'static str,
         /// Requested name.
         name: String,
@@ -54,9 +54,9 @@ pub enum StoreError {
     /// A different row has this name.
     #[error("{what} '{name}' exists already and differs; choose another name")]
     Taken {
-        /// Kind of the row.
+        /// Row kind.
         what: &'static str,
-        /// Its name.
+        /// Name.
         name: String,
     },
     /// The phase is closed.
@@ -83,15 +83,15 @@ pub enum StoreError {
         /// Reason given by the organiser.
         reason: String,
     },
-    /// The phase is not closed, so its secret cannot be published.
+    /// The phase is not closed, so the secret cannot be published.
     #[error("phase '{0}' is not closed; close it with avln phase close, or wait for its closing date")]
     NotClosed(String),
-    /// Runs of the phase continue, so its secret cannot be published.
+    /// Runs continue, so the secret cannot be published.
     #[error("runs of phase '{phase}' continue until {} at the latest; reveal it then", rfc3339(*until_unix_ms))]
     StillPlayed {
         /// The phase.
         phase: String,
-        /// Latest deadline of an open run, milliseconds since 1970-01-01 UTC.
+        /// Latest deadline, milliseconds since 1970-01-01 UTC.
         until_unix_ms: i64,
     },
     /// The phase is hidden from the team.
@@ -114,7 +114,7 @@ pub enum StoreError {
         /// Reason.
         why: &'static str,
     },
-    /// The person is a member of another team of the phase.
+    /// The person is in another team in this phase.
     #[error("'{person}' is in team '{team}' of phase '{phase}'; remove the person from that team first")]
     InAnotherTeam {
         /// The person.
@@ -124,7 +124,7 @@ pub enum StoreError {
         /// The other team.
         team: String,
     },
-    /// The phase does not allow this order of goals.
+    /// The phase does not allow this mission order.
     #[error("phase '{phase}' does not allow {order} missions; choose the other order")]
     OrderNotAllowed {
         /// The phase.
@@ -132,17 +132,17 @@ pub enum StoreError {
         /// Requested order.
         order: &'static str,
     },
-    /// A quota of the team is used up.
+    /// A team quota is used up.
     #[error("{}", quota_message(.0))]
     QuotaUsed(Box<Quota>),
-    /// Two scorers of the same version disagree.
+    /// Two scorers with the same version disagree.
     #[error(
         "run '{run}' was rescored by benchmark {scorer} before, with a different result; the two programs differ despite the equal version"
     )]
     ScoresDiffer {
         /// The run.
         run: String,
-        /// Version of the benchmark.
+        /// Benchmark version.
         scorer: String,
     },
     /// The run is over.
@@ -150,7 +150,7 @@ pub enum StoreError {
     RunOver {
         /// The run.
         run: String,
-        /// Its state.
+        /// Run state.
         state: &'static str,
     },
     /// The run is open, so it cannot be verified.
@@ -159,7 +159,7 @@ pub enum StoreError {
     /// A stored value is invalid.
     #[error("the database contains a damaged {what}: {reason}; restore a backup")]
     Damaged {
-        /// Kind of the value.
+        /// Value kind.
         what: String,
         /// The fault.
         reason: String,
@@ -215,7 +215,7 @@ fn quota_message(quota: &Quota) -> String {
     format!("the team has used {used} '{phase}'; {next_step}")
 }
 
-/// Returns the primary result code of an SQLite error (sqlite.org/rescode.html).
+/// Returns an SQLite error's primary result code (sqlite.org/rescode.html).
 pub(crate) fn sqlite_code(error: &sqlx::Error) -> Option<i64> {
     let extended: i64 = error.as_database_error()?.code()?.parse().ok()?;
     Some(extended & 0xff)

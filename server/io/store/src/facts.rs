@@ -1,4 +1,4 @@
-//! Stored facts of episodes: scoring them again, and pruning old ones.
+//! Stored episode facts: rescoring and pruning.
 
 use crate::{
     audit::{AuditNote, add_notes},
@@ -14,7 +14,7 @@ use serde::Serialize;
 use sqlx::{Sqlite, Transaction, types::Json};
 use std::collections::BTreeMap;
 
-/// Ground truth and facts of an episode: the input of scoring.
+/// An episode's ground truth and facts: the input for scoring.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Facts {
     /// Ground truth.
@@ -26,7 +26,7 @@ pub struct Facts {
 /// An episode with a score.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScoredEpisode {
-    /// Position in the run, from 0.
+    /// Index in the run, from 0.
     pub ordinal: u32,
     /// Metrics computed when it was played.
     pub metrics: Metrics,
@@ -34,39 +34,39 @@ pub struct ScoredEpisode {
     pub facts: Option<Facts>,
 }
 
-/// A run's means by its first scorer and by another one.
+/// A run's means by the first scorer and by another one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rescored {
     /// Means by the first scorer; `None` without scored episodes.
     pub before: Option<Summary>,
     /// Means by the other scorer.
     pub after: Option<Summary>,
-    /// Whether the new scores were stored by this call.
+    /// True if the new scores were stored by this call.
     pub is_new: bool,
 }
 
-/// Stored means of a run by another scorer than the first.
+/// A run's stored means by another scorer than the first.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rescore {
-    /// Version of the benchmark.
+    /// Benchmark version.
     pub scorer: String,
-    /// Time of scoring, milliseconds since 1970-01-01 UTC.
+    /// Scoring time, milliseconds since 1970-01-01 UTC.
     pub scored_unix_ms: i64,
     /// Means and intervals; `None` without scored episodes.
     pub summary: Option<Summary>,
 }
 
-/// Numbers of deleted rows.
+/// Deleted rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pruned {
-    /// Records of episodes.
+    /// Episode records.
     pub records: u64,
     /// Truths without a record.
     pub truths: u64,
 }
 
 impl Store {
-    /// Returns the facts of an episode of a run; `None` if it has none.
+    /// Returns an episode's facts; `None` if it has none.
     ///
     /// # Errors
     /// If the stored bytes are damaged or the database fails.
@@ -92,47 +92,47 @@ impl Store {
         Ok(episodes)
     }
 
-    /// Compares the stored scores of a run with `again`: the metrics by `scorer` of each scored episode, by ordinal. Stores
+    /// Compares a run's stored scores with `rescored`: `scorer`'s metrics for all scored episodes, by ordinal. Stores
     /// them if `keep` is set. Stored scores are never changed.
     ///
     /// # Errors
-    /// If the run is unknown, `again` has other episodes than the scored ones, the same scorer gave different metrics before,
+    /// If the run is unknown, `rescored` has other episodes than the scored ones, the same scorer gave different metrics before,
     /// or the database fails.
     pub async fn rescore(
         &self,
         run: &str,
         scorer: &str,
-        again: &BTreeMap<u32, Metrics>,
+        rescored: &BTreeMap<u32, Metrics>,
         keep: bool,
         now_unix_ms: i64,
     ) -> Result<Rescored, StoreError> {
         let mut tx = self.begin().await?;
         read_run(&mut tx, run).await?;
         let scores = read_scores(&mut tx, run).await?;
-        if scores.len() != again.len() {
-            let counts = format!("{} episodes are scored, {} were scored again", scores.len(), again.len());
+        if scores.len() != rescored.len() {
+            let counts = format!("{} episodes are scored, {} were rescored", scores.len(), rescored.len());
             return Err(StoreError::damaged("run", counts));
         }
         let before = summarise(&scores, INTERVAL_SEED);
-        let rescored: Vec<EpisodeScore> = scores
+        let scores_after: Vec<EpisodeScore> = scores
             .into_iter()
-            .zip(again.values())
+            .zip(rescored.values())
             .map(|(score, metrics)| EpisodeScore { metrics: metrics.clone(), ..score })
             .collect();
-        let after = summarise(&rescored, INTERVAL_SEED);
+        let after = summarise(&scores_after, INTERVAL_SEED);
         let earlier = read_rescored_metrics(&mut tx, run, scorer).await?;
         let is_new = keep && earlier.is_none();
-        if earlier.is_some_and(|earlier| earlier != *again) {
+        if earlier.is_some_and(|earlier| earlier != *rescored) {
             return Err(StoreError::ScoresDiffer { run: run.to_owned(), scorer: scorer.to_owned() });
         }
         if is_new {
-            write_rescore(&mut tx, run, scorer, again, after.as_ref(), now_unix_ms).await?;
+            write_rescore(&mut tx, run, scorer, rescored, after.as_ref(), now_unix_ms).await?;
         }
         tx.commit().await?;
         Ok(Rescored { before, after, is_new })
     }
 
-    /// Returns the ids of runs that ended before `moment_unix_ms`.
+    /// Returns the runs that ended before `moment_unix_ms`, by id.
     ///
     /// # Errors
     /// If the database fails.
@@ -142,7 +142,7 @@ impl Store {
         Ok(sqlx::query_scalar(select).bind(moment_unix_ms).fetch_all(&self.read).await?)
     }
 
-    /// Returns the number of records that [`Store::prune_records`] would delete.
+    /// Counts records that [`Store::prune_records`] would delete.
     ///
     /// # Errors
     /// If the database fails.
@@ -153,8 +153,8 @@ impl Store {
         Ok(records.unsigned_abs())
     }
 
-    /// Deletes the records of runs that ended before `moment_unix_ms`, with a line in the audit list. Scores stay; replays
-    /// and rescoring of these runs become impossible.
+    /// Deletes records from runs that ended before `moment_unix_ms`, with an audit line. Scores stay; replays
+    /// and rescoring become impossible.
     ///
     /// # Errors
     /// If the database fails.
@@ -192,7 +192,7 @@ pub(crate) async fn read_facts(
     Ok(Some(Facts { truth, record: packed::unpack(&record)? }))
 }
 
-/// Returns the metrics of a run by another scorer; `None` if that scorer never scored it.
+/// Returns a run's metrics by another scorer; `None` if that scorer never scored it.
 async fn read_rescored_metrics(
     tx: &mut Transaction<'_, Sqlite>,
     run: &str,
@@ -214,7 +214,7 @@ async fn write_rescore(
     tx: &mut Transaction<'_, Sqlite>,
     run: &str,
     scorer: &str,
-    again: &BTreeMap<u32, Metrics>,
+    rescored: &BTreeMap<u32, Metrics>,
     summary: Option<&Summary>,
     now_unix_ms: i64,
 ) -> Result<(), StoreError> {
@@ -222,14 +222,14 @@ async fn write_rescore(
     let row = sqlx::query(insert).bind(run).bind(scorer).bind(now_unix_ms);
     row.bind(summary.map(Json)).execute(&mut **tx).await?;
     let insert = "INSERT INTO rescored_episodes (run, scorer, ordinal, metrics) VALUES ($1, $2, $3, $4)";
-    for (ordinal, metrics) in again {
+    for (ordinal, metrics) in rescored {
         let row = sqlx::query(insert).bind(run).bind(scorer).bind(*ordinal);
         row.bind(Json(metrics)).execute(&mut **tx).await?;
     }
     Ok(())
 }
 
-/// Returns the stored means of a run by other scorers, oldest first.
+/// Returns a run's stored means by other scorers, oldest first.
 pub(crate) async fn read_rescores(
     tx: &mut Transaction<'_, Sqlite>,
     run: &str,

@@ -9,6 +9,7 @@ mod accounts;
 mod admission;
 mod audit;
 mod backup;
+mod cache;
 mod catalog;
 mod column;
 mod commitment;

@@ -1,17 +1,17 @@
-//! Binary format of records: exact to the last bit, and 28 bytes a step instead of 250 in JSON.
+//! Binary record format: exact to the last bit, and 28 bytes a step instead of 250 in JSON.
 //!
-//! Little-endian. Version 1: `u8` version; name of the rules as `u16` length and UTF-8; start pose (x, y, z, heading as
-//! `f32`); word of the end reason, as the rules; `u8` count and one `u8` each for the regions at the start; `u8` count and
-//! (`u8` present, `f64`) each for the final distances; `u32` count of steps, each `u8` action with bit 7 for a collision, `u8`
-//! regions, `u8` sounding goal or 255, pose, `u64` state hash; `u32` count of submits, each `u32` step, `u8` completed goal or
-//! 255, `u8` skipped goal or 255. Version 2 adds `u8` goal of the wrong instance or 255 to each submit.
+//! Little-endian. Version 1: `u8` version; rules name as `u16` length and UTF-8; start pose (x, y, z, heading as
+//! `f32`); end reason word, as the rules; `u8` count and one `u8` per goal for the regions at the start; `u8` count and
+//! (`u8` present, `f64`) per goal for the final distances; `u32` step count, per step `u8` action with bit 7 for a collision, `u8`
+//! regions, `u8` sounding goal or 255, pose, `u64` state hash; `u32` submit count, per submit `u32` step, `u8` completed goal or
+//! 255, `u8` skipped goal or 255. Version 2 adds `u8` wrong-instance goal or 255 to every submit.
 
 use crate::{column::FromWord, error::StoreError};
 use avln_episode::{Action, EndReason, Point3, Pose};
 use avln_truth::{Record, StepFacts, SubmitFacts};
 
 const VERSION: u8 = 2;
-/// The version without the goals of wrong instances, still read.
+/// The version without wrong-instance goals, still read.
 const WITHOUT_WRONG_INSTANCES: u8 = 1;
 const NONE: u8 = 255;
 const COLLIDED: u8 = 0x80;
@@ -87,7 +87,7 @@ impl Unpack<'_> {
         self.take().map(|[byte]| byte)
     }
 
-    /// Reads a byte with `NONE` for a missing value. The outer option is `None` at the end of the bytes.
+    /// Reads a byte with `NONE` for a missing value. The outer option is `None` past the last byte.
     fn optional(&mut self) -> Option<Option<u8>> {
         self.byte().map(|byte| (byte != NONE).then_some(byte))
     }
@@ -106,7 +106,7 @@ impl Unpack<'_> {
         let end = EndReason::from_word(&self.text()?).ok()?;
         let in_region_at_start = (0..self.byte()?).map(|_| Some(self.byte()? != 0)).collect::<Option<_>>()?;
         let final_distance_m = (0..self.byte()?).map(|_| self.distance()).collect::<Option<_>>()?;
-        // A damaged count must not allocate: collecting stops at the end of the bytes.
+        // A damaged count must not allocate: collecting stops after the last byte.
         let steps = (0..self.count()?).map(|_| self.step()).collect::<Option<_>>()?;
         let submits = (0..self.count()?).map(|_| self.submit(version)).collect::<Option<_>>()?;
         Some(Record { rules, start, steps, submits, in_region_at_start, final_distance_m, end })

@@ -3,7 +3,6 @@
 use crate::{
     audit::{AuditNote, add_notes},
     column::Word,
-    commitment::{Commitment, read_commitment},
     database::Store,
     error::StoreError,
 };
@@ -15,7 +14,7 @@ use avln_scoring::Key;
 use serde::{Deserialize, Serialize};
 use sqlx::{FromRow, Sqlite, Transaction, types::Json};
 
-/// A playable part of the challenge: missions, rules, limits and visibility of results.
+/// A playable part of the challenge: missions, rules, limits and result visibility.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Phase {
     /// Id in URLs and requests.
@@ -26,7 +25,7 @@ pub struct Phase {
     pub description: String,
     /// Position in the organiser's list, from 0.
     pub position: u32,
-    /// Name of the split.
+    /// Split name.
     pub split: String,
     /// Rules with all options, including the feedback to a Submit.
     pub rules: Rules,
@@ -34,37 +33,37 @@ pub struct Phase {
     pub orders: Vec<Order>,
     /// Available sensors; width and height are maxima.
     pub sensors: Sensors,
-    /// Readers of scores.
+    /// Score visibility.
     pub scores: Visibility,
-    /// Readers of paths, maps and targets.
+    /// Visibility of paths, maps and targets.
     pub replays: Visibility,
-    /// Maximum number of parallel episodes of a run, at least 1.
+    /// Maximum parallel episodes per run, at least 1.
     pub max_slots: u32,
     /// Period in which runs can start.
     pub schedule: Schedule,
-    /// Maximum numbers of runs of a team.
+    /// Run limits per team.
     pub quotas: QuotaLimits,
-    /// Time limits of agents.
+    /// Agent time limits.
     pub time: TimeLimits,
     /// Default ranking.
     pub ranking: Ranking,
     /// Admitted teams.
     pub admission: Admission,
-    /// Selection and order of a run's episodes.
+    /// Episode selection and order per run.
     pub sampling: Sampling,
-    /// Whether the phase accepts sealed runs only.
+    /// True if the phase accepts sealed runs only.
     pub sealed: bool,
     /// Episodes; runs play them in this order unless `sampling` changes it.
     pub episodes: Vec<PhaseEpisode>,
 }
 
-/// Default ranking of a phase.
+/// A phase's default ranking.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Ranking {
     /// The metric.
     pub key: Key,
-    /// The run that represents a method of a team.
+    /// Selection rule for a method with several runs.
     pub entry: RunChoice,
 }
 
@@ -94,7 +93,7 @@ impl Phase {
         }
     }
 
-    /// Returns the number of episodes in a run.
+    /// Counts episodes in a run.
     pub fn episodes_of_run(&self) -> u32 {
         self.sampling.episodes_of_run(self.episodes.len() as u32)
     }
@@ -186,7 +185,7 @@ const OPEN: &str = "open";
 const CLOSED: &str = "closed";
 
 impl Store {
-    /// Adds or changes a phase without a line in the audit list. Runs fix its split, rules, episodes and sampling.
+    /// Adds or changes a phase without an audit line. Runs fix split, rules, episodes and sampling.
     ///
     /// # Errors
     /// If the split or a scene is unknown, runs fix a changed value, or the database fails.
@@ -334,16 +333,15 @@ async fn write_phase_episodes(tx: &mut Transaction<'_, Sqlite>, phase: &Phase) -
     Ok(())
 }
 
-/// A phase without its episodes, for lists and pages.
+/// A phase without episodes, for lists and pages.
 #[derive(Clone, Debug)]
 pub(crate) struct PhaseHead {
     pub(crate) phase: Phase,
     pub(crate) episodes: u32,
     pub(crate) scenes: u32,
-    pub(crate) commitment: Option<Commitment>,
 }
 
-/// Returns the head of the phase called `id`, or of all phases.
+/// Returns the head for phase `id`, or for all phases.
 pub(crate) async fn read_heads(
     tx: &mut Transaction<'_, Sqlite>,
     id: Option<&str>,
@@ -353,8 +351,7 @@ pub(crate) async fn read_heads(
     let mut heads = Vec::with_capacity(rows.len());
     for row in rows {
         let (episodes, scenes) = sqlx::query_as(counts).bind(&row.id).fetch_one(&mut **tx).await?;
-        let commitment = read_commitment(tx, &row.id).await?;
-        heads.push(PhaseHead { phase: row.into_phase(vec![]), episodes, scenes, commitment });
+        heads.push(PhaseHead { phase: row.into_phase(vec![]), episodes, scenes });
     }
     Ok(heads)
 }

@@ -27,7 +27,7 @@ impl From<UseRow> for RunUse {
     }
 }
 
-/// Returns the charge of a run.
+/// Returns a run's charge.
 pub(crate) async fn read_charge(
     tx: &mut Transaction<'_, Sqlite>,
     team: &str,
@@ -38,7 +38,7 @@ pub(crate) async fn read_charge(
     runs.first().map(RunUse::charge).ok_or_else(|| StoreError::unknown("run", run))
 }
 
-/// Returns the quotas of a team in a phase, the total first.
+/// Returns a team's quotas in a phase, the total first.
 pub(crate) async fn read_quotas(
     tx: &mut Transaction<'_, Sqlite>,
     phase: &Phase,
@@ -58,7 +58,7 @@ pub(crate) fn check_quotas(quotas: &[Quota]) -> Result<(), StoreError> {
     }
 }
 
-/// Returns the run called `run`, or all runs of a team in a phase, oldest first.
+/// Returns the run called `run`, or all a team's runs in a phase, oldest first.
 async fn read_uses(
     tx: &mut Transaction<'_, Sqlite>,
     team: &str,

@@ -4,22 +4,22 @@ use avln_episode::{Order, Sensors};
 use sqlx::{FromRow, Sqlite, Transaction, types::Json};
 use std::collections::BTreeMap;
 
-/// One pass of a method over all episodes of a phase, or a sample of them. Times are milliseconds since 1970-01-01 UTC.
+/// A method's pass over a phase's episodes, or a sample. Times are milliseconds since 1970-01-01 UTC.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Run {
-    /// Id of the run.
+    /// Run id.
     pub id: String,
-    /// Id of the phase.
+    /// Phase id.
     pub phase: String,
-    /// Name of the team.
+    /// Team name.
     pub team: String,
     /// The method.
     pub method: MethodInfo,
-    /// Order of the missions.
+    /// Mission order.
     pub order: Order,
-    /// State of the run.
+    /// Run state.
     pub state: RunState,
-    /// Number of episodes.
+    /// Episode count.
     pub episodes: u32,
     /// Episodes that are over.
     pub done: u32,
@@ -29,11 +29,11 @@ pub struct Run {
     pub senses: Option<Sensors>,
     /// Digests and versions in force at the start, by name.
     pub digests: BTreeMap<String, String>,
-    /// Start of the run.
+    /// Start time.
     pub created_unix_ms: i64,
-    /// End of the run.
+    /// End time.
     pub finished_unix_ms: Option<i64>,
-    /// Deadline: the end of the wall time or, for a run without one, of the phase. `None` for no deadline; in the past if
+    /// Deadline: the wall time's end or, without one, the phase's closing time. `None` for no deadline; in the past if
     /// the organiser closed the phase by hand.
     pub deadline_unix_ms: Option<i64>,
     /// The organiser's ruling.
@@ -41,11 +41,11 @@ pub struct Run {
 }
 
 impl Run {
-    /// Key in [`Run::digests`] of the restrictions enforced on a sealed run.
+    /// Key in [`Run::digests`] for restrictions enforced on a sealed run.
     pub const SEALED: &'static str = "sealed";
-    /// Key in [`Run::digests`] of the restrictions that could not be enforced; absent if there are none.
+    /// Key in [`Run::digests`] for restrictions that could not be enforced; absent if there are none.
     pub const UNSEALED: &'static str = "sealed except";
-    /// Key in [`Run::digests`] of the benchmark version that scores the run.
+    /// Key in [`Run::digests`] for the benchmark version.
     pub const SCORER: &'static str = "benchmark";
 
     /// Returns the benchmark version that scored the run first; empty if it was not recorded.
@@ -64,7 +64,7 @@ impl Run {
     }
 }
 
-/// A row of the view `run_overview`.
+/// A `run_overview` row.
 #[derive(FromRow)]
 struct RunRow {
     id: String,
@@ -121,7 +121,7 @@ impl From<RunRow> for Run {
     }
 }
 
-/// A selection of runs; `None` for no restriction.
+/// A run selection; `None` for no restriction.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct RunFilter<'a> {
     pub(crate) team: Option<&'a str>,
@@ -130,7 +130,7 @@ pub(crate) struct RunFilter<'a> {
 }
 
 impl Store {
-    /// Returns the charge of a run to its team's quota.
+    /// Returns a run's charge to the team quota.
     ///
     /// # Errors
     /// If the run is unknown or the database fails.
@@ -149,7 +149,7 @@ impl Store {
         read_run(&mut tx, id).await
     }
 
-    /// Returns the completed runs of a phase, newest first.
+    /// Returns a phase's completed runs, newest first.
     ///
     /// # Errors
     /// If the database fails.
@@ -159,7 +159,7 @@ impl Store {
         read_runs(&mut tx, &RunFilter { phase: Some(phase), state, ..RunFilter::default() }).await
     }
 
-    /// Returns the runs of a team, newest first.
+    /// Returns a team's runs, newest first.
     ///
     /// # Errors
     /// If the database fails.
@@ -168,7 +168,7 @@ impl Store {
         read_runs(&mut tx, &RunFilter { team: Some(team), ..RunFilter::default() }).await
     }
 
-    /// Returns the ids of open runs past their deadline, in ascending order.
+    /// Returns the open runs past the deadline, by id.
     ///
     /// # Errors
     /// If the database fails.
@@ -188,7 +188,7 @@ impl Store {
         Ok(runs.into_iter().filter(|run| run.state.is_open()).collect())
     }
 
-    /// Records the sensors requested in a session, and adds them to those of earlier sessions.
+    /// Records a session's requested sensors, and adds them to those from earlier sessions.
     ///
     /// # Errors
     /// If the run is unknown or the database fails.
@@ -205,7 +205,7 @@ impl Store {
         Ok(tx.commit().await?)
     }
 
-    /// Cancels a run. A run that is over is not changed; results of its running episodes can still be recorded.
+    /// Cancels a run. A run that is over is not changed; results from its running episodes can still be recorded.
     ///
     /// # Errors
     /// If the run is unknown or the database fails.
@@ -213,7 +213,7 @@ impl Store {
         self.end_run(run, RunState::Cancelled, now_unix_ms).await
     }
 
-    /// Ends an incomplete run as `Cancelled`, `Failed` or `Expired`. A run that is over is not changed; results of its
+    /// Ends an incomplete run as `Cancelled`, `Failed` or `Expired`. A run that is over is not changed; results from its
     /// running episodes can still be recorded.
     ///
     /// # Errors
@@ -227,6 +227,66 @@ impl Store {
         tx.commit().await?;
         Ok(run)
     }
+
+    /// Marks a run as verified by the organiser, or removes the mark. Returns whether the ruling changed.
+    ///
+    /// # Errors
+    /// If the run is unknown or not over, or the database fails.
+    pub async fn verify_run(
+        &self,
+        run: &str,
+        verified: bool,
+        note: AuditNote,
+        now_unix_ms: i64,
+    ) -> Result<bool, StoreError> {
+        let mut tx = self.begin().await?;
+        let found = read_run(&mut tx, run).await?;
+        if verified && found.state.is_open() {
+            return Err(StoreError::RunOpen(run.to_owned()));
+        }
+        let after = Ruling { verified, ..found.ruling.clone() };
+        write_ruling(tx, run, &found.ruling, &after, note, now_unix_ms).await
+    }
+
+    /// Removes a run from all leaderboards for a public reason, or readmits it with `None`. Returns whether the ruling
+    /// changed.
+    ///
+    /// # Errors
+    /// If the run is unknown or the database fails.
+    pub async fn disqualify_run(
+        &self,
+        run: &str,
+        reason: Option<&str>,
+        note: AuditNote,
+        now_unix_ms: i64,
+    ) -> Result<bool, StoreError> {
+        let mut tx = self.begin().await?;
+        let before = read_run(&mut tx, run).await?.ruling;
+        let after = Ruling { disqualified: reason.map(str::to_owned), ..before.clone() };
+        write_ruling(tx, run, &before, &after, note, now_unix_ms).await
+    }
+}
+
+/// Writes a changed ruling with its audit note and commits.
+async fn write_ruling(
+    mut tx: Transaction<'_, Sqlite>,
+    run: &str,
+    before: &Ruling,
+    after: &Ruling,
+    note: AuditNote,
+    now_unix_ms: i64,
+) -> Result<bool, StoreError> {
+    if before == after {
+        return Ok(false);
+    }
+    let upsert = "INSERT INTO rulings (run, verified, disqualified, ruled_ms) VALUES ($1, $2, $3, $4) \
+                  ON CONFLICT (run) DO UPDATE SET verified = excluded.verified, \
+                  disqualified = excluded.disqualified, ruled_ms = excluded.ruled_ms";
+    let upsert = sqlx::query(upsert).bind(run).bind(after.verified).bind(&after.disqualified);
+    upsert.bind(now_unix_ms).execute(&mut *tx).await?;
+    add_notes(&mut tx, &[note], now_unix_ms).await?;
+    tx.commit().await?;
+    Ok(true)
 }
 
 pub(crate) async fn read_run(tx: &mut Transaction<'_, Sqlite>, id: &str) -> Result<Run, StoreError> {

@@ -1,35 +1,38 @@
-//! Scores of a run's episodes, their running totals and the summary of a completed run.
+//! Episode scores, running totals and the final summary.
 
-use crate::{column::Word, episodes::EpisodeResult, error::StoreError};
+use crate::{column::Word, error::StoreError};
 use avln_episode::{Modality, Order};
 use avln_scoring::{EpisodeScore, Metrics, summarise};
+use avln_truth::EpisodeTruth;
 use sqlx::{Sqlite, Transaction, types::Json};
 
-/// Seed of all resampled intervals and tests: equal data gives equal pages.
+/// Seed for all resampled intervals and tests: equal data gives equal pages.
 pub(crate) const INTERVAL_SEED: u64 = 0x4156_4C4E;
 
-/// Goals of one modality.
+/// Goals with one modality.
 #[derive(Clone, Copy, Default)]
 struct ModalityCount {
     goals: u32,
     found: u32,
 }
 
-/// Adds a result to the totals of its run.
+/// Adds a result to the run's totals.
 pub(crate) async fn add_to_totals(
     tx: &mut Transaction<'_, Sqlite>,
-    result: &EpisodeResult<'_>,
+    run: &str,
+    truth: &EpisodeTruth,
+    metrics: &Metrics,
 ) -> Result<(), StoreError> {
-    let category = count_goals(result, Modality::Category);
-    let description = count_goals(result, Modality::Description);
-    let image = count_goals(result, Modality::Image);
+    let category = count_goals(truth, metrics, Modality::Category);
+    let description = count_goals(truth, metrics, Modality::Description);
+    let image = count_goals(truth, metrics, Modality::Image);
     let update = "UPDATE run_summaries SET scored = scored + 1, isr = isr + $2, \
          category_goals = category_goals + $3, category_found = category_found + $4, \
          description_goals = description_goals + $5, description_found = description_found + $6, \
          image_goals = image_goals + $7, image_found = image_found + $8 WHERE run = $1";
     sqlx::query(update)
-        .bind(result.run)
-        .bind(result.metrics.isr)
+        .bind(run)
+        .bind(metrics.isr)
         .bind(category.goals)
         .bind(category.found)
         .bind(description.goals)
@@ -41,12 +44,12 @@ pub(crate) async fn add_to_totals(
     Ok(())
 }
 
-fn count_goals(result: &EpisodeResult<'_>, modality: Modality) -> ModalityCount {
+fn count_goals(truth: &EpisodeTruth, metrics: &Metrics, modality: Modality) -> ModalityCount {
     let mut count = ModalityCount::default();
-    for (goal, target) in result.truth.targets.iter().enumerate() {
+    for (goal, target) in truth.targets.iter().enumerate() {
         if target.modality == modality {
             count.goals += 1;
-            let step = result.metrics.steps_to_goal.get(goal).copied().flatten();
+            let step = metrics.steps_to_goal.get(goal).copied().flatten();
             count.found += u32::from(step.is_some());
         }
     }
@@ -65,7 +68,7 @@ pub(crate) async fn count_fault(
     Ok(())
 }
 
-/// Completes a running run without open episodes, and stores its means and intervals.
+/// Completes a running run without open episodes, and stores means and intervals.
 pub(crate) async fn complete_run(
     tx: &mut Transaction<'_, Sqlite>,
     run: &str,

@@ -20,17 +20,17 @@ use std::collections::BTreeMap;
 pub struct NewRun<'a> {
     /// Id for a new run: `run_` and random digits.
     pub id: &'a str,
-    /// Random secret that plays the run. The store keeps its hash only.
+    /// Random secret that plays the run. Only a hash is stored.
     pub token: &'a str,
-    /// Id of the phase.
+    /// Phase id.
     pub phase: &'a str,
-    /// Name of the team.
+    /// Team name.
     pub team: &'a str,
     /// The method.
     pub method: &'a MethodInfo,
-    /// Order of the missions.
+    /// Mission order.
     pub order: Order,
-    /// The client's id of this request. A repeated request returns the same run.
+    /// The client's request id. A repeated request returns the same run.
     pub client_request_id: Option<&'a str>,
     /// Digests and versions in force, by name: program, split, scorer.
     pub digests: &'a BTreeMap<String, String>,
@@ -41,16 +41,16 @@ pub struct NewRun<'a> {
 pub struct StartedRun {
     /// The run.
     pub run: Run,
-    /// Whether this request started it.
+    /// True if this request started it.
     pub is_new: bool,
     /// The team's quotas in the phase after the start, the total first.
     pub quotas: Vec<Quota>,
 }
 
 impl Store {
-    /// Starts a run with its drawn episodes, and stores its token. One transaction checks and takes the quota.
+    /// Starts a run with drawn episodes, and stores the token. One transaction checks and takes the quota.
     ///
-    /// A request with the `client_request_id` of an earlier one returns the earlier run; the new token plays it as well.
+    /// A request with an earlier `client_request_id` returns the earlier run; the new token plays it as well.
     ///
     /// # Errors
     /// If the phase or team is unknown, the team is not admitted, the phase is not open, does not allow the order or requires
@@ -84,7 +84,7 @@ impl Store {
     }
 }
 
-/// Returns the run of an earlier request with the same id. A different request with this id is an error.
+/// Returns the run from an earlier request with the same id. A different request with this id is an error.
 async fn find_earlier_run(
     tx: &mut Transaction<'_, Sqlite>,
     new: &NewRun<'_>,
@@ -165,7 +165,7 @@ fn filled(text: &str) -> Option<&str> {
     Some(text).filter(|text| !text.is_empty())
 }
 
-/// Inserts the episodes of a run as pending, in the run's order.
+/// Inserts a run's episodes as pending, in playing order.
 async fn insert_episodes(
     tx: &mut Transaction<'_, Sqlite>,
     run: &str,

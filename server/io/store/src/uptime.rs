@@ -1,4 +1,4 @@
-//! The server's heartbeat, and the credit of its downtime to runs and phases (docs/decisions/0012).
+//! Server heartbeat, and downtime credit for runs and phases (docs/decisions/0012).
 
 use crate::{
     audit::{AuditNote, add_notes},
@@ -11,12 +11,12 @@ use sqlx::{FromRow, Sqlite, Transaction};
 /// Shortest downtime that is credited, milliseconds. Shorter ones would fill the audit list.
 const SHORTEST_MS: i64 = 1000;
 
-/// The effect of [`Store::credit_downtime`].
+/// The effect from [`Store::credit_downtime`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct DowntimeCredit {
     /// Downtime, milliseconds.
     pub away_ms: i64,
-    /// Number of open runs with a later deadline.
+    /// Open runs with a later deadline.
     pub runs: u64,
     /// Phases with a later closing time.
     pub phases: Vec<String>,
@@ -42,7 +42,7 @@ impl Store {
     }
 
     /// Records in the audit list that the server drains for maintenance, which lasts until the next
-    /// [`Store::credit_downtime`]. A repeated call keeps the first time.
+    /// [`Store::credit_downtime`]. The first call counts.
     ///
     /// # Errors
     /// If the database fails.
@@ -60,12 +60,12 @@ impl Store {
         Ok(tx.commit().await?)
     }
 
-    /// Extends deadlines by the downtime when a server starts. A crash extends the deadlines of open runs. An announced
-    /// maintenance ([`Store::record_drain`]) counts from its announcement, and extends the closing times of phases as well.
-    /// Each change is a line of the audit list.
+    /// Extends deadlines by the downtime when a server starts. A crash extends open runs' deadlines. An announced
+    /// maintenance ([`Store::record_drain`]) counts from the announcement, and extends closing times as well.
+    /// Every change is an audit line.
     ///
     /// # Errors
-    /// If the database fails; nothing was changed then.
+    /// If the database fails; the transaction is rolled back then.
     pub async fn credit_downtime(&self, now_unix_ms: i64) -> Result<DowntimeCredit, StoreError> {
         let mut tx = self.begin().await?;
         let select = "SELECT alive_ms, drain_ms, drain_reason FROM uptime";
@@ -90,11 +90,11 @@ impl Store {
         Ok(credit)
     }
 
-    /// Moves the deadlines of open runs by `by_ms` after the system clock was set, so that their remaining time stays.
-    /// Returns the number of runs.
+    /// Moves all open runs' deadlines by `by_ms` after the system clock was set: the remaining time is unchanged.
+    /// Counts runs.
     ///
     /// # Errors
-    /// If the database fails; nothing was changed then.
+    /// If the database fails; the transaction is rolled back then.
     pub async fn follow_clock(&self, by_ms: i64, now_unix_ms: i64) -> Result<u64, StoreError> {
         let mut tx = self.begin().await?;
         let runs = extend_runs(&mut tx, by_ms, "the clock was set", now_unix_ms).await?;
@@ -120,7 +120,7 @@ async fn extend_runs(
     Ok(runs)
 }
 
-/// Extends the closing times of phases that were open or upcoming at `since_unix_ms`.
+/// Extends closing times after `since_unix_ms`.
 async fn extend_phases(
     tx: &mut Transaction<'_, Sqlite>,
     since_unix_ms: i64,

@@ -1,4 +1,4 @@
-//! Comparison of two runs.
+//! Run comparison.
 
 use crate::{
     error::StoreError,
@@ -12,7 +12,7 @@ use avln_scoring::{Comparison, EpisodeScore, Metrics, compare};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Two runs of one phase and order, over their common episodes.
+/// Two runs with equal phase and order, over common episodes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CompareView {
     /// The first run.
@@ -21,16 +21,16 @@ pub struct CompareView {
     pub second: RunLine,
     /// Paired differences; `None` without episodes scored in both runs.
     pub comparison: Option<Comparison>,
-    /// Episodes scored in both runs, in playing order of the first.
+    /// Episodes scored in both runs, in the first run's playing order.
     pub episodes: Vec<PairView>,
 }
 
 /// An episode scored in both runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PairView {
-    /// Id inside the split.
+    /// Episode id inside the split.
     pub episode: String,
-    /// Name of the scene.
+    /// Scene name.
     pub scene: String,
     /// Position in the first run, from 0.
     pub first_ordinal: u32,
@@ -42,17 +42,17 @@ pub struct PairView {
     pub second: Metrics,
 }
 
-/// Reason of an impossible comparison.
+/// A reason against a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Incomparable {
     /// The runs have different phases or orders.
     Apart,
-    /// The metrics of single episodes are hidden from the viewer.
+    /// Single episodes' metrics are hidden from the viewer.
     Hidden,
 }
 
 impl Reader {
-    /// Compares two runs; `None` if one of them is unknown or hidden from the viewer.
+    /// Compares two runs; `None` if one is unknown or hidden from the viewer.
     ///
     /// # Errors
     /// If the database fails or contains damaged rows.

@@ -1,4 +1,4 @@
-//! Pages and replays of episodes.
+//! Episode pages and replays.
 
 use crate::{
     catalog::SceneMap,
@@ -19,14 +19,14 @@ use avln_truth::Target;
 use serde::Serialize;
 use sqlx::{Sqlite, Transaction, types::Json};
 
-/// An episode of a run. Data hidden from the viewer is `None`.
+/// A run's episode. Data hidden from the viewer is `None`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct EpisodeView {
     /// The run.
     pub run: RunLine,
-    /// Position in the run, from 0.
+    /// Index in the run, from 0.
     pub ordinal: u32,
-    /// State of the episode.
+    /// Episode state.
     pub state: EpisodeState,
     /// End reason.
     pub end: Option<EndReason>,
@@ -36,7 +36,7 @@ pub struct EpisodeView {
     pub mission: Option<MissionView>,
     /// Wall-clock time by activity.
     pub time: TimeAccount,
-    /// Time of the result, milliseconds since 1970-01-01 UTC.
+    /// Result time, milliseconds since 1970-01-01 UTC.
     pub finished_unix_ms: Option<i64>,
     /// The replay; `None` if hidden, not played yet or pruned.
     pub replay: Option<Replay>,
@@ -45,41 +45,41 @@ pub struct EpisodeView {
 /// A mission in words.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MissionView {
-    /// Order of the goals.
+    /// Goal order.
     pub order: Order,
-    /// Goals in the order of the mission.
+    /// Goals in mission order.
     pub goals: Vec<GoalView>,
 }
 
-/// A goal of a mission.
+/// A mission's goal.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GoalView {
-    /// Kind of the cue.
+    /// Cue kind.
     pub modality: Modality,
     /// The label or sentence; `None` for an image, or if replays are hidden.
     pub text: Option<String>,
     /// The step that found it, counted from 1; `None` if it was not found.
     pub found_at_step: Option<u32>,
-    /// Geodesic distance from the last pose to its success region, metres; `None` if unreachable or not played yet.
+    /// Geodesic distance from the last pose to the success region, metres; `None` if unreachable or not played yet.
     pub final_distance_m: Option<f64>,
 }
 
-/// Poses, actions and targets of an episode: world frame, Y up, metres, radians.
+/// An episode's poses, actions and targets: world frame, Y up, metres, radians.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Replay {
-    /// Id inside the split.
+    /// Episode id inside the split.
     pub episode: String,
-    /// Name of the scene.
+    /// Scene name.
     pub scene: String,
-    /// Rules of the phase.
+    /// Rules in force.
     pub rules: Rules,
     /// Sensors requested in the last session.
     pub sensors: Option<Sensors>,
-    /// Whether any session requested audio.
+    /// True if any session requested audio.
     pub hears: bool,
     /// Floor plan.
     pub map: SceneMap,
-    /// Positions of the base before the first action and after each action; x, y, z.
+    /// Base positions before the first action and after every action; x, y, z.
     pub path: Vec<[f32; 3]>,
     /// Headings at the same times; 0 faces -Z, positive turns left.
     pub headings_rad: Vec<f32>,
@@ -87,13 +87,13 @@ pub struct Replay {
     pub actions: Vec<String>,
     /// Steps with a collision, counted from 1.
     pub collisions: Vec<u32>,
-    /// Sounding goal of each step, from 0; `None` for silence.
+    /// Source goal in every step, from 0; `None` for silence.
     pub sounding: Vec<Option<u8>>,
-    /// For each step a bit per goal, set if the base was in its success region.
+    /// Per step a bit for every goal, set inside the success region.
     pub in_region: Vec<u8>,
     /// Submits and claiming Stops.
     pub submits: Vec<SubmitMark>,
-    /// Targets in the order of the mission.
+    /// Targets in mission order.
     pub targets: Vec<TargetView>,
     /// Reference path; x, y, z.
     pub reference_path: Vec<[f32; 3]>,
@@ -102,35 +102,35 @@ pub struct Replay {
 /// A Submit or a claiming Stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct SubmitMark {
-    /// Step, counted from 1; also the index of its position in the path.
+    /// Step, counted from 1; also the path index.
     pub step: u32,
     /// Completed goal, from 0.
     pub completed: Option<u8>,
-    /// Goal with a wrong instance of the right category at this position.
+    /// Goal with a wrong instance from the right category at this position.
     pub wrong_instance: Option<u8>,
 }
 
 /// A target.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TargetView {
-    /// Category of the instance.
+    /// Instance category.
     pub category: String,
-    /// Kind of the cue.
+    /// Cue kind.
     pub modality: Modality,
-    /// Centre of its bounding box; x, y, z.
+    /// Bounding-box centre; x, y, z.
     pub position: [f32; 3],
-    /// Minimum corner of its bounding box.
+    /// Bounding-box minimum corner.
     pub min: [f32; 3],
-    /// Maximum corner of its bounding box.
+    /// Bounding-box maximum corner.
     pub max: [f32; 3],
-    /// Position of its sound source.
+    /// Position of the sound source.
     pub source: [f32; 3],
-    /// Height of the floor below it, metres.
+    /// Floor height, metres.
     pub floor_y_m: f32,
 }
 
 impl Reader {
-    /// Returns the episode at `ordinal` of a run; `None` if there is none visible to the viewer.
+    /// Returns a run's episode; `None` if there is none visible to the viewer.
     ///
     /// # Errors
     /// If the database fails or contains damaged rows.

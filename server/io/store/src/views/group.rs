@@ -2,24 +2,24 @@ use avln_scoring::{EpisodeScore, Metrics};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// A group of a run's episodes; shares are means over them.
+/// A group of a run's episodes, with means.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GroupView {
-    /// Common scene or number of goals.
+    /// Common scene or goal count.
     pub name: String,
-    /// Number of episodes.
+    /// Episode count.
     pub episodes: u32,
     /// Success rate.
     pub sr: f64,
-    /// Share of goals found.
+    /// Found share.
     pub isr: f64,
-    /// Share of goals found weighted by path length.
+    /// Found share weighted by path length.
     pub soft_spl: f64,
-    /// Number of actions.
+    /// Action count.
     pub steps: f64,
 }
 
-/// Groups episodes by number of goals, ascending.
+/// Groups episodes by goal count, ascending.
 pub(crate) fn by_goals(scores: &[EpisodeScore]) -> Vec<GroupView> {
     grouped(scores, |score| score.metrics.goals, u32::to_string)
 }

@@ -13,40 +13,38 @@ use avln_episode::{EndReason, Order, Sensors};
 use avln_scoring::{
     Direction, Entry, EpisodeScore, Key, Metrics, RankedEntry, Standing, Summary, best_first, rank,
 };
-use quick_cache::sync::Cache;
 use serde::{Serialize, Serializer};
 use sqlx::{FromRow, Sqlite, Transaction, types::Json};
 use std::{
     collections::{BTreeMap, BTreeSet},
-    fmt,
     sync::Arc,
 };
 
 /// A request for a leaderboard.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LeaderboardQuery<'a> {
-    /// Id of the phase.
+    /// Phase id.
     pub phase: &'a str,
-    /// Order of the missions.
+    /// Mission order.
     pub order: Order,
     /// The ranking metric.
     pub key: Key,
-    /// The run that represents a method of a team.
+    /// Selection rule for a method with several runs.
     pub pick: RunChoice,
-    /// Latest completion time of a run, milliseconds since 1970-01-01 UTC; `None` for no restriction.
+    /// Latest completion time, milliseconds since 1970-01-01 UTC; `None` for no restriction.
     pub as_of_unix_ms: Option<i64>,
-    /// Time of the request, milliseconds since 1970-01-01 UTC.
+    /// Request time, milliseconds since 1970-01-01 UTC.
     pub now_unix_ms: i64,
-    /// Selection of rows.
+    /// Row selection.
     pub filter: RowFilter,
 }
 
-/// A selection of leaderboard rows. Selected rows keep their rank among all.
+/// A leaderboard row selection. Selected rows have their rank among all rows.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RowFilter {
-    /// Part of a method, version or team name, in any case; empty for all.
+    /// Part to be found in the method, version or team name, in any case; empty for all.
     pub words: String,
-    /// Name of the team; empty for all.
+    /// Team name; empty for all.
     pub team: String,
     /// Required and excluded sensors: RGB, depth, audio; `None` for no restriction.
     pub senses: [Option<bool>; 3],
@@ -76,24 +74,24 @@ impl RowFilter {
     }
 }
 
-/// A leaderboard: the completed runs of a phase and order in which every episode counts.
+/// A leaderboard: a phase's completed runs in which every episode counts.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LeaderboardView {
     /// The phase.
     pub phase: PhaseView,
-    /// Order of the missions.
+    /// Mission order.
     pub order: Order,
     /// The ranking metric.
     pub key: Key,
-    /// Direction of the ranking metric.
+    /// Ranking direction.
     pub direction: Direction,
-    /// The run that represents a method of a team.
+    /// Selection rule for a method with several runs.
     pub pick: RunChoice,
-    /// Latest completion time of a run, milliseconds since 1970-01-01 UTC; `None` for no restriction.
+    /// Latest completion time, milliseconds since 1970-01-01 UTC; `None` for no restriction.
     pub as_of_unix_ms: Option<i64>,
-    /// Number of rows before filtering, including references.
+    /// Row count before filtering, including references.
     pub entries: u32,
-    /// Whether the viewer sees all teams. Otherwise ranks are among the viewer's own runs.
+    /// True if the viewer sees all teams. Otherwise ranks are among the viewer's own runs.
     pub complete: bool,
     /// The selected rows, best first.
     pub rows: Vec<LeaderboardRow>,
@@ -105,43 +103,43 @@ pub struct LeaderboardView {
     pub teams: BTreeSet<String>,
 }
 
-/// A row of a leaderboard.
+/// A leaderboard row.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LeaderboardRow {
     /// Rank and tie group; `None` for a reference, which has no rank.
     #[serde(flatten, serialize_with = "flat")]
     pub standing: Option<Standing>,
-    /// Name of the team.
+    /// Team name.
     pub team: String,
-    /// Purpose of the team's runs if they are shown for comparison; `None` for a competing team.
+    /// Reference kind; `None` for a competing team.
     pub reference: Option<Reference>,
-    /// Name of the method.
+    /// Method name.
     pub method: String,
-    /// Version of the method.
+    /// Method version.
     pub version: String,
-    /// Id of the run.
+    /// Run id.
     pub run: String,
-    /// Version of the benchmark that scored the run.
+    /// Benchmark version used for scoring.
     pub scorer: String,
     /// Sensors sent to the agent; `None` if they were not recorded.
     pub sensors: Option<Sensors>,
     /// Means and intervals.
     pub summary: Summary,
-    /// Number of eligible runs of this method of the team.
+    /// Eligible runs with this method.
     pub runs_count: u32,
-    /// Median of the ranking metric over these runs.
+    /// Median ranking metric over these runs.
     pub median: f64,
     /// Completion time, milliseconds since 1970-01-01 UTC.
     pub finished_unix_ms: Option<i64>,
-    /// Number of episodes by end reason.
+    /// Episodes by end reason.
     pub health: BTreeMap<&'static str, u32>,
     /// Attempts lost by server failures, which do not count.
     pub server_faults: u32,
-    /// Whether the organiser verified the run.
+    /// True if the organiser verified the run.
     pub verified: bool,
 }
 
-/// Serialises rank, its interval and its tie group as fields of the row, null for a reference.
+/// Serialises rank, rank interval and tie group as row fields, null for a reference.
 fn flat<S: Serializer>(standing: &Option<Standing>, serializer: S) -> Result<S::Ok, S::Error> {
     #[derive(Serialize)]
     struct Flat {
@@ -157,38 +155,6 @@ fn flat<S: Serializer>(standing: &Option<Standing>, serializer: S) -> Result<S::
         tie_group: standing.map(|standing| standing.tie_group),
     };
     flat.serialize(serializer)
-}
-
-/// Ranked rows by [`RankingKey`]. Resampled rank intervals of a full leaderboard take longer than a page may.
-#[derive(Clone)]
-pub(crate) struct RankingCache(Arc<Cache<RankingKey, Arc<Vec<LeaderboardRow>>>>);
-
-impl Default for RankingCache {
-    fn default() -> Self {
-        const RANKINGS: usize = 64;
-        Self(Arc::new(Cache::new(RANKINGS)))
-    }
-}
-
-impl fmt::Debug for RankingCache {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "RankingCache({})", self.0.len())
-    }
-}
-
-/// All inputs of a ranking. A completed run never changes, so their number identifies the set of completed runs.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct RankingKey {
-    phase: String,
-    order: &'static str,
-    key: Key,
-    pick: RunChoice,
-    as_of_unix_ms: Option<i64>,
-    /// The only visible team; `None` for all teams.
-    team: Option<String>,
-    completed: i64,
-    /// All rulings on runs of the phase.
-    rulings: Option<String>,
 }
 
 impl Reader {
@@ -209,7 +175,7 @@ impl Reader {
             VisibleTeams::One(team) => self.ranking(&mut tx, query, Some(team)).await?,
             VisibleTeams::All => self.ranking(&mut tx, query, None).await?,
         };
-        let phase = PhaseView::new(head, viewer, query.now_unix_ms);
+        let phase = PhaseView::read(&mut tx, head, viewer, query.now_unix_ms).await?;
         Ok(Some(LeaderboardView {
             complete: phase.all_scores_visible,
             phase,
@@ -232,11 +198,12 @@ impl Reader {
         team: Option<&str>,
     ) -> Result<Arc<Vec<LeaderboardRow>>, StoreError> {
         let key = ranking_key(tx, query, team).await?;
-        if let Some(rows) = self.rankings.0.get(&key) {
+        // Resampled rank intervals of a full leaderboard take longer than a page may.
+        if let Some(rows) = self.cache.get(&key) {
             return Ok(rows);
         }
         let rows = Arc::new(rank_rows(tx, query, team).await?);
-        self.rankings.0.insert(key, rows.clone());
+        self.cache.insert(key, rows.clone());
         Ok(rows)
     }
 }
@@ -255,26 +222,20 @@ fn visible_teams<'a>(viewer: &'a Viewer, phase: &Phase) -> VisibleTeams<'a> {
     }
 }
 
+/// Returns a ranking's inputs as text. A completed run never changes, so the count identifies all completed
+/// runs.
 async fn ranking_key(
     tx: &mut Transaction<'_, Sqlite>,
     query: &LeaderboardQuery<'_>,
     team: Option<&str>,
-) -> Result<RankingKey, StoreError> {
+) -> Result<String, StoreError> {
     let select = "SELECT COUNT(*), (SELECT group_concat(g.run || ':' || g.verified || (g.disqualified IS NULL), ' ' ORDER BY g.run) \
                   FROM rulings g JOIN runs r ON r.id = g.run WHERE r.phase = $1) \
                   FROM runs WHERE phase = $1 AND mission_order = $2 AND state = 'completed'";
-    let (completed, rulings) =
+    let (completed, rulings): (i64, Option<String>) =
         sqlx::query_as(select).bind(query.phase).bind(query.order.as_str()).fetch_one(&mut **tx).await?;
-    Ok(RankingKey {
-        phase: query.phase.to_owned(),
-        order: query.order.as_str(),
-        key: query.key,
-        pick: query.pick,
-        as_of_unix_ms: query.as_of_unix_ms,
-        team: team.map(str::to_owned),
-        completed,
-        rulings,
-    })
+    let LeaderboardQuery { phase, order, key, pick, as_of_unix_ms, .. } = query;
+    Ok(format!("{:?}", (phase, order, key, pick, as_of_unix_ms, team, completed, rulings)))
 }
 
 /// An eligible run: completed, every episode counts, not disqualified.
@@ -296,7 +257,7 @@ struct Candidate {
 /// The run that represents a method.
 struct Representative {
     candidate: Candidate,
-    /// The ranking metric of all eligible runs of the method.
+    /// Ranking metrics for all eligible runs with the method.
     values: Vec<f64>,
     episodes: ScoredEpisodes,
 }
@@ -343,7 +304,7 @@ async fn read_candidates(
         .await?)
 }
 
-/// Chooses one run of each method of each team. `candidates` are sorted newest first.
+/// Chooses one run per team and method. `candidates` are sorted newest first.
 fn choose(candidates: Vec<Candidate>, query: &LeaderboardQuery<'_>) -> Vec<Representative> {
     let order: Vec<usize> = match query.pick {
         RunChoice::Latest => (0..candidates.len()).collect(),
@@ -368,7 +329,7 @@ fn choose(candidates: Vec<Candidate>, query: &LeaderboardQuery<'_>) -> Vec<Repre
     chosen.into_values().collect()
 }
 
-/// Reads the scores and end reasons of the chosen runs.
+/// Reads scores and end reasons for the chosen runs.
 async fn read_episodes(
     tx: &mut Transaction<'_, Sqlite>,
     order: Order,
@@ -426,7 +387,7 @@ impl Representative {
     }
 }
 
-/// Returns the median of a non-empty list; for an even length the mean of both middle values.
+/// Returns a non-empty list's median; for an even length the mean over both middle values.
 fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! Pages of accounts: a team sees its own, the organiser all teams and the audit list.
+//! Account pages: a team sees own data, the organiser all teams and the audit list.
 
 use crate::{
     accounts::{TokenHash, TokenLine, TokenState, find_token, read_tokens},
@@ -10,14 +10,14 @@ use crate::{
 use avln_challenge::TokenScope;
 use sqlx::{FromRow, Sqlite, Transaction};
 
-/// The owner of a valid token.
+/// A valid token's owner.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Holder {
     /// The viewer.
     pub viewer: Viewer,
-    /// Whether the token is read-only.
+    /// True if the token is read-only.
     pub read_only: bool,
-    /// Id of the token in lists.
+    /// Token id in lists.
     pub token: String,
     /// Expiry time, milliseconds since 1970-01-01 UTC; `None` if it never expires.
     pub expires_unix_ms: Option<i64>,
@@ -28,30 +28,30 @@ pub struct Holder {
 pub struct TeamLine {
     /// Public name.
     pub name: String,
-    /// Word of the purpose of its reference runs; `None` for a competing team.
+    /// Reference kind; `None` for a competing team.
     pub reference: Option<String>,
-    /// Time of admission, milliseconds since 1970-01-01 UTC.
+    /// Admission time, milliseconds since 1970-01-01 UTC.
     pub created_ms: i64,
-    /// Number of runs.
+    /// Run count.
     pub runs: i64,
-    /// Number of valid tokens.
+    /// Valid tokens.
     pub tokens: i64,
-    /// Phases with an approval of the team, separated by commas; `None` for no phase.
+    /// Phases that approved the team, separated by commas; `None` for no phase.
     pub approved: Option<String>,
 }
 
-/// Runs granted to a team beyond its quota.
+/// Runs granted to a team beyond the quota.
 #[derive(Clone, Debug, PartialEq, Eq, FromRow)]
 pub struct GrantLine {
-    /// Id of the phase.
+    /// Phase id.
     pub phase: String,
-    /// Name of the team.
+    /// Team name.
     pub team: String,
-    /// Number of runs.
+    /// Run count.
     pub runs: i64,
     /// Reason.
     pub reason: String,
-    /// Time of the grant, milliseconds since 1970-01-01 UTC.
+    /// Grant time, milliseconds since 1970-01-01 UTC.
     pub granted_ms: i64,
 }
 
@@ -66,11 +66,11 @@ pub struct TeamsView {
     pub phases_by_approval: Vec<String>,
 }
 
-/// Maximum number of listed grants.
+/// Maximum listed grants.
 const MAX_GRANTS: u32 = 50;
 
 impl Reader {
-    /// Returns the viewer with the token `secret` at `now_unix_ms`; `None` unless it is a valid token of a team or organiser.
+    /// Returns the viewer with the token `secret` at `now_unix_ms`; `None` without a valid team or organiser token.
     ///
     /// # Errors
     /// If the database fails.
@@ -79,7 +79,7 @@ impl Reader {
         Ok(holder.map(|holder| holder.viewer))
     }
 
-    /// Returns the owner of a token at `now_unix_ms`; `None` unless it is a valid token of a team or organiser.
+    /// Returns a token's owner at `now_unix_ms`; `None` without a valid team or organiser token.
     ///
     /// # Errors
     /// If the database fails.
@@ -130,7 +130,7 @@ impl Reader {
         })
     }
 
-    /// Returns the newest `limit` lines of the audit list before the line `before`; empty for viewers other than the organiser.
+    /// Returns the newest `limit` audit lines before the line `before`; empty for viewers other than the organiser.
     ///
     /// # Errors
     /// If the database fails.

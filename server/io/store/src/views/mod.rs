@@ -1,4 +1,4 @@
-//! Pages' view of the database. Every view is built for a [`Viewer`] and omits all data hidden from that viewer.
+//! Database views for pages. Every view is built for a [`Viewer`] and omits all data hidden from that viewer.
 
 pub(crate) mod compare;
 pub(crate) mod episode;
@@ -9,15 +9,11 @@ pub(crate) mod phase;
 pub(crate) mod run;
 pub(crate) mod run_list;
 
-use crate::{
-    error::StoreError,
-    phases::Phase,
-    views::{leaderboard::RankingCache, run::RunCache},
-};
+use crate::{cache::ViewCache, database::Store, error::StoreError, phases::Phase};
 use avln_challenge::Visibility;
 use sqlx::{Sqlite, SqlitePool, Transaction};
 
-/// The reader of a page.
+/// The person or team that reads a page.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Viewer {
     /// A visitor without token.
@@ -29,7 +25,7 @@ pub enum Viewer {
 }
 
 impl Viewer {
-    /// Returns whether the viewer sees data of `team` with this visibility.
+    /// Returns whether the viewer sees `team`'s data with this visibility.
     pub(crate) fn may_see(&self, visibility: Visibility, team: &str) -> bool {
         match visibility {
             Visibility::Public => true,
@@ -56,34 +52,36 @@ impl Viewer {
         }
     }
 
-    /// Returns whether the viewer sees data of all teams.
+    /// Returns whether the viewer sees all teams' data.
     pub(crate) fn sees_all(&self, visibility: Visibility) -> bool {
         visibility == Visibility::Public || *self == Self::Organiser
     }
 }
 
-/// Numbers of runs and episodes by state. Contains no names.
+/// Run and episode counts by state. Contains no names.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Census {
-    /// Runs by the word of their state.
+    /// Runs by state word.
     pub runs: Vec<(String, i64)>,
-    /// Episodes by the words of their state and end reason.
+    /// Episodes by state word and end reason word.
     pub episodes: Vec<(String, Option<String>, i64)>,
 }
 
-/// The read-only half of the store, for the web server. Cheap to clone.
+/// A read-only store for the web server. Cheap to clone.
 #[derive(Clone, Debug)]
 pub struct Reader {
     pub(crate) pool: SqlitePool,
-    pub(crate) rankings: RankingCache,
-    pub(crate) runs: RunCache,
+    pub(crate) cache: ViewCache,
+}
+
+impl Store {
+    /// Returns a read-only store for the web server.
+    pub fn reader(&self) -> Reader {
+        Reader { pool: self.read.clone(), cache: self.views.clone() }
+    }
 }
 
 impl Reader {
-    pub(crate) fn new(pool: SqlitePool) -> Self {
-        Self { pool, rankings: RankingCache::default(), runs: RunCache::default() }
-    }
-
     /// Checks that the database is readable.
     ///
     /// # Errors
@@ -93,7 +91,7 @@ impl Reader {
         Ok(())
     }
 
-    /// Returns the numbers of runs and episodes by state.
+    /// Counts runs and episodes by state.
     ///
     /// # Errors
     /// If the database fails.
@@ -106,7 +104,7 @@ impl Reader {
         Ok(Census { runs: runs.fetch_all(&mut *tx).await?, episodes: episodes.fetch_all(&mut *tx).await? })
     }
 
-    /// Begins a read transaction: a consistent state of the database without later writes.
+    /// Begins a read transaction: a consistent state without later writes.
     pub(crate) async fn snapshot(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
         Ok(self.pool.begin().await?)
     }

@@ -1,8 +1,8 @@
-//! Pages of phases and their missions.
+//! Phase and mission pages.
 
 use crate::{
     catalog::SceneMap,
-    commitment::Commitment,
+    commitment::{Commitment, read_commitment},
     error::StoreError,
     phases::{PhaseHead, Ranking, read_heads},
     quota::read_quotas,
@@ -25,9 +25,9 @@ pub struct PhaseView {
     pub title: String,
     /// Text for people; may be empty.
     pub description: String,
-    /// State at the time of the request.
+    /// State at request time.
     pub state: PhaseState,
-    /// Reason of a pause; `None` in other states.
+    /// Pause reason; `None` in other states.
     pub state_reason: Option<String>,
     /// Opening time; `None` if the phase is open from the beginning.
     pub opens_unix_ms: Option<i64>,
@@ -41,38 +41,43 @@ pub struct PhaseView {
     pub feedback: FeedbackRule,
     /// Available sensors; width and height are maxima.
     pub sensors: Sensors,
-    /// Number of episodes in a run.
+    /// Episodes per run.
     pub episodes: u32,
-    /// Number of scenes.
+    /// Scene count.
     pub scenes: u32,
-    /// Maximum number of parallel episodes of a run.
+    /// Maximum parallel episodes per run.
     pub max_slots: u32,
-    /// Maximum numbers of runs of a team.
+    /// Run limits per team.
     pub quotas: QuotaLimits,
-    /// Time limits of agents.
+    /// Agent time limits.
     pub time: TimeLimits,
     /// Default ranking.
     pub ranking: Ranking,
-    /// Whether the phase accepts sealed runs only.
+    /// True if the phase accepts sealed runs only.
     pub sealed: bool,
-    /// The commitment, and its values after their publication; `None` before the commitment.
+    /// The commitment, with values after publication; `None` before the commitment.
     pub promise: Option<Commitment>,
-    /// Readers of scores.
+    /// Score visibility.
     pub scores: Visibility,
-    /// Readers of paths, maps and targets.
+    /// Visibility of paths, maps and targets.
     pub replays: Visibility,
-    /// Whether the viewer sees the scores of all teams.
+    /// True if the viewer sees all teams' scores.
     pub all_scores_visible: bool,
 }
 
 impl PhaseView {
-    pub(crate) fn new(head: PhaseHead, viewer: &Viewer, now_unix_ms: i64) -> Self {
-        let PhaseHead { phase, episodes, scenes, commitment } = head;
+    pub(crate) async fn read(
+        tx: &mut Transaction<'_, Sqlite>,
+        head: PhaseHead,
+        viewer: &Viewer,
+        now_unix_ms: i64,
+    ) -> Result<Self, StoreError> {
+        let PhaseHead { phase, episodes, scenes } = head;
         let state = phase.schedule.state(now_unix_ms);
-        Self {
+        Ok(Self {
             scenes,
             episodes: phase.sampling.episodes_of_run(episodes),
-            promise: commitment,
+            promise: read_commitment(tx, &phase.id).await?,
             state,
             state_reason: phase.schedule.paused.filter(|_| state == PhaseState::Paused),
             opens_unix_ms: phase.schedule.opens_unix_ms,
@@ -92,20 +97,20 @@ impl PhaseView {
             sealed: phase.sealed,
             scores: phase.scores,
             replays: phase.replays,
-        }
+        })
     }
 }
 
-/// Statistics of a phase's missions.
+/// Mission statistics for a phase.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct MissionsView {
-    /// Missions by number of goals.
+    /// Missions by goal count.
     pub goals: BTreeMap<u32, u32>,
     /// Goals by modality.
     pub modalities: BTreeMap<&'static str, u32>,
     /// Category goals by category.
     pub categories: BTreeMap<String, u32>,
-    /// Lengths of the reference paths in the run completed last, metres, in playing order.
+    /// Reference path lengths in the latest completed run, metres, in playing order.
     pub reference_m: Vec<f64>,
     /// Missions by scene.
     pub scenes: BTreeMap<String, u32>,
@@ -131,9 +136,13 @@ impl Reader {
     /// If the database fails.
     pub async fn phases(&self, viewer: &Viewer, now_unix_ms: i64) -> Result<Vec<PhaseView>, StoreError> {
         let mut tx = self.snapshot().await?;
-        let heads = read_heads(&mut tx, None).await?;
-        let visible = heads.into_iter().filter(|head| viewer.knows(&head.phase));
-        Ok(visible.map(|head| PhaseView::new(head, viewer, now_unix_ms)).collect())
+        let mut views = Vec::new();
+        for head in read_heads(&mut tx, None).await? {
+            if viewer.knows(&head.phase) {
+                views.push(PhaseView::read(&mut tx, head, viewer, now_unix_ms).await?);
+            }
+        }
+        Ok(views)
     }
 
     /// Returns the phase called `id` at `now_unix_ms`; `None` if there is none visible to the viewer.
@@ -148,11 +157,13 @@ impl Reader {
     ) -> Result<Option<PhaseView>, StoreError> {
         let mut tx = self.snapshot().await?;
         let head = read_heads(&mut tx, Some(id)).await?.pop();
-        let visible = head.filter(|head| viewer.knows(&head.phase));
-        Ok(visible.map(|head| PhaseView::new(head, viewer, now_unix_ms)))
+        match head.filter(|head| viewer.knows(&head.phase)) {
+            Some(head) => PhaseView::read(&mut tx, head, viewer, now_unix_ms).await.map(Some),
+            None => Ok(None),
+        }
     }
 
-    /// Returns the quotas of the viewer's team in each visible phase; empty for other viewers.
+    /// Returns the team's quotas in all visible phases; empty for other viewers.
     ///
     /// # Errors
     /// If the database fails.
@@ -166,7 +177,7 @@ impl Reader {
         Ok(quotas)
     }
 
-    /// Returns the statistics of a phase's missions; `None` unless the viewer sees the replays of all teams.
+    /// Returns a phase's mission statistics; `None` unless the viewer sees all teams' replays.
     ///
     /// # Errors
     /// If the database fails or contains damaged rows.
@@ -190,7 +201,7 @@ impl Reader {
         Ok(Some(view))
     }
 
-    /// Returns the floor plan of a scene of a phase; `None` if there is none yet, or unless the viewer sees the replays of all
+    /// Returns a scene's floor plan; `None` if there is none yet, or unless the viewer sees the replays from all
     /// teams.
     ///
     /// # Errors

@@ -1,4 +1,4 @@
-//! Pages of runs.
+//! Run pages.
 
 use crate::{
     accounts::read_reference,
@@ -16,69 +16,68 @@ use crate::{
 use avln_challenge::{EpisodeState, MethodInfo, Reference, RunState, TimeAccount};
 use avln_episode::{EndReason, Modality, Order, Sensors};
 use avln_scoring::{Metrics, Summary, summarise};
-use quick_cache::sync::Cache;
 use serde::Serialize;
 use sqlx::{FromRow, Sqlite, Transaction, types::Json};
-use std::{collections::BTreeMap, fmt, sync::Arc};
+use std::{collections::BTreeMap, sync::Arc};
 
 /// A run in a list. Times are milliseconds since 1970-01-01 UTC.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RunLine {
-    /// Id of the run.
+    /// Run id.
     pub run: String,
-    /// Id of the phase.
+    /// Phase id.
     pub phase: String,
-    /// Name of the team.
+    /// Team name.
     pub team: String,
-    /// Purpose of the team's runs if they are shown for comparison; `None` for a competing team.
+    /// Reference kind; `None` for a competing team.
     pub reference: Option<Reference>,
-    /// Name of the method.
+    /// Method name.
     pub method: String,
-    /// Version of the method.
+    /// Method version.
     pub version: String,
-    /// Order of the missions.
+    /// Mission order.
     pub order: Order,
-    /// State of the run.
+    /// Run state.
     pub state: RunState,
-    /// Number of episodes.
+    /// Episode count.
     pub episodes: u32,
     /// Episodes that are over.
     pub done: u32,
-    /// Share of goals found, mean over scored episodes; `None` if hidden or no episode is scored.
+    /// Found share, mean over scored episodes; `None` if hidden or no episode is scored.
     pub isr: Option<f64>,
-    /// Start of the run.
+    /// Start time.
     pub created_unix_ms: i64,
-    /// End of the run.
+    /// End time.
     pub finished_unix_ms: Option<i64>,
-    /// Whether the organiser verified the run.
+    /// True if the organiser verified the run.
     pub verified: bool,
-    /// Public reason of a disqualification; `None` if the run is not disqualified.
+    /// Public disqualification reason; `None` if the run is not disqualified.
     pub disqualified: Option<String>,
 }
 
-/// A run with its episodes. Data hidden from the viewer is `None` or empty.
+/// A run with episodes. Data hidden from the viewer is `None` or empty.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RunView {
     /// The run.
     pub line: RunLine,
-    /// Description of the method.
+    /// Method description.
     #[serde(skip)]
     pub method: MethodInfo,
-    /// Whether the viewer sees the scores.
+    /// True if the viewer sees the scores.
     pub scores_visible: bool,
-    /// Whether the viewer sees paths, maps and targets.
+    /// True if the viewer sees paths, maps and targets.
     pub replays_visible: bool,
-    /// Whether the run is ranked: completed, every episode counts, not disqualified.
+    /// True if the run is ranked: completed, every episode counts, not disqualified.
     pub eligible: bool,
     /// Means and intervals over the scored episodes.
     pub summary: Option<Summary>,
     /// Goals by modality.
     pub modalities: Vec<ModalityView>,
-    /// Episodes by number of goals; empty if replays are hidden, because the lengths of a single episode reveal its targets.
+    /// Episodes by goal count; empty if replays are hidden, because a single episode's lengths reveal the targets.
     pub by_goals: Vec<GroupView>,
     /// Episodes by scene; empty if replays are hidden.
     pub by_scene: Vec<GroupView>,
-    /// Number of episodes by end reason.
+    /// Episodes by end reason.
     pub health: BTreeMap<&'static str, u32>,
     /// Attempts lost by server failures, which do not count.
     pub server_faults: u32,
@@ -94,51 +93,51 @@ pub struct RunView {
     pub episodes: Vec<EpisodeLine>,
 }
 
-/// Goals of one modality.
+/// Goals with one modality.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ModalityView {
     /// The modality.
     pub modality: Modality,
-    /// Goals of scored episodes.
+    /// Goals in scored episodes.
     pub goals: u32,
     /// Goals found.
     pub found: u32,
-    /// Share of goals found; `None` without goals.
+    /// Found share; `None` without goals.
     pub isr: Option<f64>,
 }
 
 /// An episode in a run's list.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct EpisodeLine {
-    /// Position in the run, from 0.
+    /// Index in the run, from 0.
     pub ordinal: u32,
-    /// State of the episode.
+    /// Episode state.
     pub state: EpisodeState,
     /// End reason.
     pub end: Option<EndReason>,
-    /// Id inside the split; `None` if replays are hidden.
+    /// Episode id inside the split; `None` if replays are hidden.
     pub episode: Option<String>,
-    /// Name of the scene; `None` if replays are hidden.
+    /// Scene name; `None` if replays are hidden.
     pub scene: Option<String>,
     /// Metrics; `None` if not scored, or if replays are hidden, because the lengths reveal the targets.
     pub metrics: Option<Metrics>,
-    /// Time of the result, milliseconds since 1970-01-01 UTC.
+    /// Result time, milliseconds since 1970-01-01 UTC.
     pub finished_unix_ms: Option<i64>,
 }
 
-/// Access of a viewer to a run's log, which reveals as much as its replays.
+/// A viewer's access to a run's log, which reveals as much as replays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LogAccess {
     /// No access, or no such run.
     None,
-    /// Access after the end of the run.
+    /// Access after the run's end.
     Later,
     /// Access.
     Now,
 }
 
-/// The parts of a run visible to a viewer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+/// A viewer's access to a run.
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Sight {
     pub(crate) scores: bool,
     pub(crate) replays: bool,
@@ -151,24 +150,6 @@ impl Sight {
         // A replay reveals the score.
         let replays = scores && viewer.may_see(phase.replays, team);
         (scores || viewer.owns(team)).then_some(Self { scores, replays })
-    }
-}
-
-/// Views of completed runs by id and sight. Their episodes never change.
-#[derive(Clone)]
-pub(crate) struct RunCache(Arc<Cache<(String, Sight), Arc<RunView>>>);
-
-impl Default for RunCache {
-    fn default() -> Self {
-        // Some megabytes if each run has 550 episodes.
-        const RUNS: usize = 32;
-        Self(Arc::new(Cache::new(RUNS)))
-    }
-}
-
-impl fmt::Debug for RunCache {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "RunCache({})", self.0.len())
     }
 }
 
@@ -198,7 +179,7 @@ pub(crate) struct EpisodeRow {
 }
 
 impl Reader {
-    /// Returns the viewer's access to the log of the run called `id`.
+    /// Returns the viewer's access to a run's log.
     ///
     /// # Errors
     /// If the database fails.
@@ -220,14 +201,14 @@ impl Reader {
         let Some((run, sight)) = find_run(&mut tx, viewer, id).await? else { return Ok(None) };
         let totals = read_totals(&mut tx, id).await?;
         let is_completed = run.state == RunState::Completed;
-        let key = (id.to_owned(), sight);
-        let cached = self.runs.0.get(&key).filter(|_| is_completed);
+        let key = format!("{id} {sight:?}");
+        let cached: Option<Arc<RunView>> = self.cache.get(&key).filter(|_| is_completed);
         let mut view = match cached {
             Some(view) => RunView::clone(&view),
             None => {
                 let view = read_view(&mut tx, &run, sight, &totals).await?;
                 if is_completed {
-                    self.runs.0.insert(key, Arc::new(view.clone()));
+                    self.cache.insert(key, Arc::new(view.clone()));
                 }
                 view
             }
@@ -241,7 +222,7 @@ impl Reader {
     }
 }
 
-/// Returns the view of a run without rescores and eligibility.
+/// Returns a run's view without rescores and eligibility.
 async fn read_view(
     tx: &mut Transaction<'_, Sqlite>,
     run: &Run,
@@ -278,7 +259,7 @@ async fn read_view(
     })
 }
 
-/// Returns a run and its visible parts; `None` if there is none visible to the viewer.
+/// Returns a run and the viewer's access; `None` if there is none visible to the viewer.
 pub(crate) async fn find_run(
     tx: &mut Transaction<'_, Sqlite>,
     viewer: &Viewer,
@@ -326,7 +307,7 @@ async fn read_totals(tx: &mut Transaction<'_, Sqlite>, run: &str) -> Result<Tota
     Ok(sqlx::query_as(select).bind(run).fetch_optional(&mut **tx).await?.unwrap_or_default())
 }
 
-/// Returns the episode at `ordinal`, or all episodes of a run.
+/// Returns a run's episode at `ordinal`, or all episodes.
 pub(crate) async fn read_episodes(
     tx: &mut Transaction<'_, Sqlite>,
     run: &str,

@@ -1,4 +1,4 @@
-//! Lists of runs.
+//! Run lists.
 
 use crate::{
     error::StoreError,
@@ -13,12 +13,12 @@ use avln_challenge::RunState;
 use serde::Serialize;
 use sqlx::{Sqlite, Transaction};
 
-/// A page of the list of runs.
+/// A page in the run list.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RunList {
     /// Runs, newest first.
     pub runs: Vec<RunLine>,
-    /// Start of the next page: the id of the last run; `None` on the last page.
+    /// Next page's start: the last run's id; `None` on the last page.
     pub next: Option<String>,
 }
 
@@ -27,14 +27,14 @@ pub struct RunList {
 pub struct LiveRun {
     /// The run.
     pub line: RunLine,
-    /// Number of running episodes.
+    /// Running episodes.
     pub playing: u32,
-    /// Whether the viewer sees the progress of single episodes, whose lengths reveal the targets.
+    /// True if the viewer sees single episodes' progress: lengths reveal targets.
     pub steps_visible: bool,
 }
 
 impl Reader {
-    /// Returns the newest `limit` runs visible to the viewer, of one phase or all.
+    /// Returns the newest `limit` runs visible to the viewer, in one phase or all.
     ///
     /// # Errors
     /// If the database fails.
@@ -84,7 +84,7 @@ impl Reader {
         Ok(Some(list))
     }
 
-    /// Returns the newest `limit` runs of the viewer's team; empty for other viewers.
+    /// Returns the team's newest `limit` runs; empty for other viewers.
     ///
     /// # Errors
     /// If the database fails.
@@ -102,7 +102,7 @@ impl Reader {
         Ok(lines)
     }
 
-    /// Returns the progress of the run called `id`; `None` if there is none visible to the viewer.
+    /// Returns a run's progress; `None` if there is none visible to the viewer.
     ///
     /// # Errors
     /// If the database fails or contains damaged rows.

@@ -9,7 +9,7 @@ use avln_store::{
 };
 use std::{collections::BTreeMap, fs};
 
-/// What another scorer says of the run: shares of goals found are halved.
+/// Returns the metrics of another scorer, with halved ISR.
 async fn halved(arena: &Arena, run: &str) -> BTreeMap<u32, Metrics> {
     let episodes = arena.store.scored_episodes(run).await.unwrap();
     assert!(episodes.iter().all(|episode| episode.facts.is_some()));
@@ -18,24 +18,24 @@ async fn halved(arena: &Arena, run: &str) -> BTreeMap<u32, Metrics> {
 }
 
 #[tokio::test]
-async fn both_scores_are_kept_and_the_first_is_never_changed() {
+async fn rescoring_keeps_first_scores() {
     let arena = Arena::new(&phase("practice", 4)).await;
     arena.play("run_1", "walker", Order::Unordered, 2).await;
     let reader = arena.store.reader();
     let before = reader.run(&Viewer::Anonymous, "run_1").await.unwrap().unwrap();
     let again = halved(&arena, "run_1").await;
-    let looked = arena.store.rescore("run_1", "9.0.0", &again, false, 50).await.unwrap();
-    assert!(!looked.is_new);
-    assert_eq!(reader.run(&Viewer::Anonymous, "run_1").await.unwrap().unwrap(), before, "nothing was kept");
+    let compared = arena.store.rescore("run_1", "9.0.0", &again, false, 50).await.unwrap();
+    assert!(!compared.is_new);
+    assert_eq!(reader.run(&Viewer::Anonymous, "run_1").await.unwrap().unwrap(), before, "not stored");
 
     let kept = arena.store.rescore("run_1", "9.0.0", &again, true, 50).await.unwrap();
     let isr = |summary: &Option<avln_scoring::Summary>| summary.as_ref().unwrap().isr.value;
     assert_eq!((isr(&kept.before), isr(&kept.after), kept.is_new), (1.0, 0.5, true));
     let after = reader.run(&Viewer::Anonymous, "run_1").await.unwrap().unwrap();
     assert_eq!((&after.summary, &after.episodes), (&before.summary, &before.episodes));
-    let told: Vec<_> =
+    let listed: Vec<_> =
         after.rescores.iter().map(|rescore| (rescore.scorer.as_str(), isr(&rescore.summary))).collect();
-    assert_eq!(told, [("9.0.0", 0.5)]);
+    assert_eq!(listed, [("9.0.0", 0.5)]);
 
     assert!(!arena.store.rescore("run_1", "9.0.0", &again, true, 60).await.unwrap().is_new);
     let first: BTreeMap<_, _> = arena
@@ -53,7 +53,7 @@ async fn both_scores_are_kept_and_the_first_is_never_changed() {
 }
 
 #[tokio::test]
-async fn other_scores_are_hidden_where_scores_are() {
+async fn rescores_are_as_visible_as_scores() {
     let mut hidden = phase("practice", 2);
     hidden.scores = Visibility::Organiser;
     let arena = Arena::new(&hidden).await;
@@ -67,7 +67,7 @@ async fn other_scores_are_hidden_where_scores_are() {
 }
 
 #[tokio::test]
-async fn old_records_go_and_results_stay() {
+async fn pruning_deletes_records_and_keeps_results() {
     let arena = Arena::new(&phase("practice", 4)).await;
     arena.play("run_1", "walker", Order::Unordered, 2).await;
     let reader = arena.store.reader();
@@ -78,7 +78,7 @@ async fn old_records_go_and_results_stay() {
     // Results of the fixture are stored at 30.
     assert_eq!(arena.store.runs_ended_before(30).await.unwrap(), Vec::<String>::new());
     assert_eq!(arena.store.prune_records(30, AuditNote::default(), 50).await.unwrap(), Pruned::default());
-    assert_eq!(arena.store.newest_audit_id().await.unwrap(), 0, "nothing was done, nothing is noted");
+    assert_eq!(arena.store.newest_audit_id().await.unwrap(), 0, "no deletion, no audit line");
 
     assert_eq!(arena.store.runs_ended_before(31).await.unwrap(), ["run_1"]);
     assert_eq!(arena.store.old_records(31).await.unwrap(), 4);
@@ -93,7 +93,7 @@ async fn old_records_go_and_results_stay() {
 }
 
 #[tokio::test]
-async fn what_is_open_is_not_old() {
+async fn open_runs_are_never_pruned() {
     let arena = Arena::new(&phase("practice", 2)).await;
     let digests = Default::default();
     arena.store.start_run(&new_run(&digests), 1).await.unwrap();
@@ -101,7 +101,7 @@ async fn what_is_open_is_not_old() {
 }
 
 #[tokio::test]
-async fn a_copy_is_made_while_somebody_writes_and_holds_one_moment() {
+async fn copy_during_writes_is_consistent() {
     let arena = Arena::new(&phase("practice", 3)).await;
     arena.play("run_1", "walker", Order::Unordered, 2).await;
     arena.assign("run_1", "unused").await.ok_or(()).unwrap_err();
@@ -128,7 +128,7 @@ async fn a_copy_is_made_while_somebody_writes_and_holds_one_moment() {
 }
 
 #[tokio::test]
-async fn a_damaged_copy_and_a_foreign_file_are_found() {
+async fn inspection_finds_damage_and_foreign_files() {
     let arena = Arena::new(&phase("practice", 40)).await;
     arena.play("run_1", "walker", Order::Unordered, 2).await;
     let to = arena.folder.path().join("copy.db");
@@ -138,7 +138,7 @@ async fn a_damaged_copy_and_a_foreign_file_are_found() {
     bytes[middle..middle + 4096].fill(0xA5);
     fs::write(&to, bytes).unwrap();
     inspect_database(&to).await.expect_err("pages are damaged");
-    fs::write(&to, "a letter, and no database at all").unwrap();
+    fs::write(&to, "plain text instead of a database").unwrap();
     let refused = inspect_database(&to).await.unwrap_err();
     assert!(matches!(refused, StoreError::NotOurs { .. }), "{refused}");
 }

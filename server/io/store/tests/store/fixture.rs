@@ -1,4 +1,4 @@
-//! A database with one phase, one team and names that must not leak.
+//! A database with one phase, two teams and canary names.
 
 use avln_challenge::{GoalText, MethodInfo, PhaseEpisode, TimeAccount};
 use avln_episode::{Action, EndReason, Modality, Order, Pose, Rules, Sensors};
@@ -23,7 +23,7 @@ pub(crate) struct Arena {
     pub(crate) store: Store,
 }
 
-/// A phase of `episodes` episodes in two scenes, with two goals each, open to everybody.
+/// Returns an open phase of `episodes` episodes in two scenes, with two goals each.
 pub(crate) fn phase(id: &str, episodes: usize) -> Phase {
     let goals = vec![
         GoalText { modality: Modality::Category, text: Some(CATEGORY.to_owned()) },
@@ -68,7 +68,7 @@ impl Arena {
         self.folder.path().join("arena.db")
     }
 
-    /// The database as another process finds it: nothing was closed.
+    /// Reopens the database as after a crash, without closing it first.
     pub(crate) async fn after_crash(self) -> Self {
         let Self { folder, store } = self;
         drop(store);
@@ -76,12 +76,12 @@ impl Arena {
         Self { folder, store }
     }
 
-    /// Starts a run of the phase `practice` and plays every episode; the first `found` goals of each are found.
+    /// Plays a run of the phase `practice` to its end; the agent finds the first `found` goals of each episode.
     pub(crate) async fn play(&self, run: &str, method: &str, order: Order, found: u8) {
         self.play_as(TEAM, run, method, order, found).await;
     }
 
-    /// The same by the team `team`.
+    /// Plays a run of `team` as [`Arena::play`] does.
     pub(crate) async fn play_as(&self, team: &str, run: &str, method: &str, order: Order, found: u8) {
         let digests = BTreeMap::new();
         let method = MethodInfo::new(method, "1");
@@ -116,7 +116,7 @@ pub(crate) fn note(what: &str) -> AuditNote {
     AuditNote { actor: "ada".to_owned(), what: what.to_owned(), ..AuditNote::default() }
 }
 
-/// A request by the team `red` for the phase `practice`.
+/// Returns a request of the team `red` for the phase `practice`.
 pub(crate) fn new_run(digests: &BTreeMap<String, String>) -> NewRun<'_> {
     NewRun {
         id: "run_1",
@@ -130,7 +130,7 @@ pub(crate) fn new_run(digests: &BTreeMap<String, String>) -> NewRun<'_> {
     }
 }
 
-/// An episode that was played: what was hidden, what happened, what it was worth.
+/// A finished episode.
 pub(crate) struct Played {
     pub(crate) truth: EpisodeTruth,
     pub(crate) record: Record,
@@ -139,7 +139,7 @@ pub(crate) struct Played {
 }
 
 impl Played {
-    /// Four steps of 0.3125 m and two claims, of which the first `found` complete a goal.
+    /// Returns an episode with four steps of 0.3125 m and two Submits; the first `found` complete a goal.
     pub(crate) fn new(assigned: &AssignedEpisode, order: Order, found: u8, end: EndReason) -> Self {
         let truth = truth(&assigned.episode, &assigned.scene, order);
         let record = record(found, end);

@@ -33,7 +33,7 @@ fn standing(row: &LeaderboardRow) -> (u32, u32) {
 }
 
 #[tokio::test]
-async fn references_are_shown_in_their_place_and_have_no_rank() {
+async fn references_are_sorted_in_without_rank() {
     let arena = Arena::new(&phase("practice", 4)).await;
     for (team, reference) in [("people", Reference::Human), ("oracle", Reference::Oracle)] {
         arena.store.create_team(team, Some(reference), 1).await.expect("a team");
@@ -55,12 +55,12 @@ async fn references_are_shown_in_their_place_and_have_no_rank() {
             ("run_weak", None, Some(1))
         ]
     );
-    let told = serde_json::to_value(&view.rows).expect("JSON");
-    assert!(told[0]["rank"].is_null() && told[2]["rank_high"] == 1 && told[0]["reference"] == "oracle");
+    let listed = serde_json::to_value(&view.rows).expect("JSON");
+    assert!(listed[0]["rank"].is_null() && told[2]["rank_high"] == 1 && told[0]["reference"] == "oracle");
 }
 
 #[tokio::test]
-async fn the_best_run_of_each_method_is_ranked_and_orders_do_not_mix() {
+async fn best_run_represents_method_per_order() {
     let arena = Arena::new(&phase("practice", 4)).await;
     arena.play("run_weak", "walker", Order::Unordered, 0).await;
     arena.play("run_good", "walker", Order::Unordered, 1).await;
@@ -81,7 +81,7 @@ async fn the_best_run_of_each_method_is_ranked_and_orders_do_not_mix() {
             ((2, 2), "run_good", 2, 0.25, 0.5)
         ]
     );
-    assert_eq!(leaderleaderboard(&arena, &query()).await, view, "asked twice");
+    assert_eq!(leaderleaderboard(&arena, &query()).await, view, "cached");
     arena.play("run_late", "late", Order::Unordered, 0).await;
     assert_eq!(leaderleaderboard(&arena, &query()).await.rows.len(), 4);
     let ordered = leaderboard(&arena, &LeaderboardQuery { order: Order::Ordered, ..query() }).await;
@@ -90,7 +90,7 @@ async fn the_best_run_of_each_method_is_ranked_and_orders_do_not_mix() {
 }
 
 #[tokio::test]
-async fn the_latest_run_stands_for_its_method_when_asked() {
+async fn latest_run_represents_method_on_request() {
     let arena = Arena::new(&phase("practice", 2)).await;
     arena.play("run_good", "walker", Order::Unordered, 2).await;
     let digests = BTreeMap::new();
@@ -112,7 +112,7 @@ async fn the_latest_run_stands_for_its_method_when_asked() {
 }
 
 #[tokio::test]
-async fn runs_that_are_not_whole_are_not_ranked() {
+async fn incomplete_runs_are_not_ranked() {
     let arena = Arena::new(&phase("practice", 2)).await;
     arena.store.start_run(&new_run(&BTreeMap::new()), 10).await.expect("a run");
     let assigned = arena.assign("run_1", "h").await.expect("an episode");
@@ -124,7 +124,7 @@ async fn runs_that_are_not_whole_are_not_ranked() {
 }
 
 #[tokio::test]
-async fn a_replay_shows_the_walk_the_targets_and_the_floor() {
+async fn replay_has_path_targets_and_map() {
     let arena = Arena::new(&phase("practice", 1)).await;
     arena.play("run_1", "walker", Order::Unordered, 1).await;
     let reader = arena.store.reader();
@@ -144,7 +144,7 @@ async fn a_replay_shows_the_walk_the_targets_and_the_floor() {
 }
 
 #[tokio::test]
-async fn a_board_of_the_past_has_the_runs_that_were_completed_by_then() {
+async fn past_leaderboard_has_runs_completed_by_then() {
     let arena = Arena::new(&phase("practice", 2)).await;
     arena.play("run_1", "walker", Order::Unordered, 1).await;
     let finished =
@@ -156,7 +156,7 @@ async fn a_board_of_the_past_has_the_runs_that_were_completed_by_then() {
 }
 
 #[tokio::test]
-async fn a_sense_that_an_agent_had_in_one_session_stays_noted() {
+async fn sensors_of_all_sessions_are_recorded() {
     let arena = Arena::new(&phase("practice", 2)).await;
     arena.play("run_1", "walker", Order::Unordered, 1).await;
     let deaf = Sensors { audio: false, ..Sensors::all(64, 64) };
@@ -165,7 +165,7 @@ async fn a_sense_that_an_agent_had_in_one_session_stays_noted() {
         arena.store.set_sensors("run_1", sensors).await.expect("a run");
     }
     let run = arena.store.run("run_1").await.expect("a run");
-    assert_eq!(run.sensors.as_ref(), Some(&blind), "what the last session asked for");
+    assert_eq!(run.sensors.as_ref(), Some(&blind), "sensors of the last session");
     let senses = run.senses.expect("senses");
     assert_eq!((senses.rgb, senses.depth, senses.audio, senses.width), (true, true, true, 32));
     let row = leaderleaderboard(&arena, &query()).await.rows.remove(0);
@@ -206,13 +206,13 @@ async fn filters_select_rows_and_keep_ranks() {
 }
 
 #[tokio::test]
-async fn a_disqualified_run_gives_its_place_to_the_next_and_gets_it_back() {
+async fn disqualified_run_is_replaced_until_readmitted() {
     let arena = Arena::new(&phase("practice", 2)).await;
     arena.play("run_good", "walker", Order::Unordered, 2).await;
     arena.play("run_weak", "walker", Order::Unordered, 1).await;
     let before = leaderboard(&arena, &query()).await;
     assert_eq!((before.rows[0].run.as_str(), before.rows[0].runs_count), ("run_good", 2));
-    let reason = Some("it knew the houses");
+    let reason = Some("it was trained on the test scenes");
     for changes in [true, false] {
         let ruled = arena.store.disqualify_run("run_good", reason, note("disqualified"), 40).await;
         assert_eq!(ruled.expect("a run"), changes);
@@ -227,12 +227,12 @@ async fn a_disqualified_run_gives_its_place_to_the_next_and_gets_it_back() {
     assert_eq!(leaderboard(&arena, &query()).await, before);
     let audit: Vec<String> =
         arena.store.audit().await.expect("a list").into_iter().map(|line| line.what).collect();
-    assert_eq!(audit, ["disqualified", "put back"], "what changes nothing is not noted");
+    assert_eq!(audit, ["disqualified", "put back"], "unchanged rulings add no audit line");
     arena.store.disqualify_run("nobody", reason, note("x"), 60).await.expect_err("no such run");
 }
 
 #[tokio::test]
-async fn a_mark_is_seen_on_boards_that_were_ranked_before_and_needs_a_run_that_is_over() {
+async fn verification_shows_on_cached_leaderboards() {
     let arena = Arena::new(&phase("practice", 2)).await;
     arena.play("run_good", "walker", Order::Unordered, 2).await;
     assert!(!leaderboard(&arena, &query()).await.rows[0].verified);
@@ -251,7 +251,7 @@ async fn a_mark_is_seen_on_boards_that_were_ranked_before_and_needs_a_run_that_i
 }
 
 #[tokio::test]
-async fn a_team_sees_its_own_tokens_and_runs_and_the_organiser_all_teams() {
+async fn accounts_show_own_data_or_all_teams() {
     let hidden = Phase { scores: Visibility::Organiser, ..phase("practice", 2) };
     let arena = Arena::new(&hidden).await;
     arena.play("run_red", "walker", Order::Unordered, 2).await;
@@ -287,8 +287,8 @@ async fn a_team_sees_its_own_tokens_and_runs_and_the_organiser_all_teams() {
         assert_eq!(reader.audit(viewer, None, 10).await.expect("nothing"), []);
     }
     let view = reader.teams(&Viewer::Organiser, 10).await.expect("all teams");
-    let told: Vec<_> = view.teams.iter().map(|team| (team.name.as_str(), team.runs, team.tokens)).collect();
-    assert_eq!(told, [("blue", 0, 1), (TEAM, 1, 1)]);
+    let listed: Vec<_> = view.teams.iter().map(|team| (team.name.as_str(), team.runs, team.tokens)).collect();
+    assert_eq!(listed, [("blue", 0, 1), (TEAM, 1, 1)]);
     assert_eq!((view.grants.len(), view.grants[0].reason.as_str()), (1, "why"));
     assert_eq!(reader.audit(&Viewer::Organiser, None, 10).await.expect("a list").len(), 1);
     arena.store.revoke_own_token(TEAM, of_blue.id(), note("x"), 20).await.expect_err("it is another team's");

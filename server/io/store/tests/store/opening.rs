@@ -53,7 +53,7 @@ async fn create_old(path: &Path, count: usize) {
 }
 
 #[tokio::test]
-async fn a_database_from_a_newer_version_is_refused_untouched() {
+async fn newer_database_is_rejected() {
     let arena = Arena::new(&phase("practice", 1)).await;
     let path = arena.path();
     arena.store.close().await;
@@ -66,10 +66,10 @@ async fn a_database_from_a_newer_version_is_refused_untouched() {
 }
 
 #[tokio::test]
-async fn files_of_others_are_refused_untouched() {
+async fn foreign_files_are_rejected_unchanged() {
     let folder = tempfile::tempdir().expect("a folder");
-    let text = folder.path().join("letter.db");
-    std::fs::write(&text, "Dear reader, this is not a database at all. ".repeat(100)).expect("a file");
+    let text = folder.path().join("text.db");
+    std::fs::write(&text, "This text file is not a database. ".repeat(100)).expect("a file");
     let foreign = folder.path().join("foreign.db");
     execute(&foreign, "CREATE TABLE recipes (name TEXT)").await;
     for path in [&text, &foreign] {
@@ -81,7 +81,7 @@ async fn files_of_others_are_refused_untouched() {
 }
 
 #[tokio::test]
-async fn a_place_where_no_file_can_be_is_named() {
+async fn unusable_paths_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     for path in [folder.path().join("missing/arena.db"), folder.path().to_owned()] {
         let error = Store::open(&path).await.expect_err("no file can be made there");
@@ -91,7 +91,7 @@ async fn a_place_where_no_file_can_be_is_named() {
 }
 
 #[tokio::test]
-async fn an_empty_file_becomes_a_database_and_a_second_opening_finds_it() {
+async fn empty_file_becomes_database() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("arena.db");
     std::fs::write(&path, "").expect("a file");
@@ -104,7 +104,7 @@ async fn an_empty_file_becomes_a_database_and_a_second_opening_finds_it() {
 }
 
 #[tokio::test]
-async fn a_database_of_the_first_schema_keeps_its_runs_tokens_and_quotas() {
+async fn first_schema_keeps_runs_tokens_and_quotas() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("arena.db");
     create_old(&path, 1).await;

@@ -18,7 +18,7 @@ async fn start(store: &Store, id: &str, now: i64) -> Result<StartedRun, StoreErr
 }
 
 #[tokio::test]
-async fn runs_start_between_the_dates_and_not_in_a_pause() {
+async fn runs_start_only_in_open_phases() {
     let schedule = Schedule { opens_unix_ms: Some(10), closes_unix_ms: Some(20), ..Schedule::default() };
     let time = TimeLimits { run_s: 1, ..TimeLimits::default() };
     let mut dated = Phase { schedule, time, ..phase("practice", 2) };
@@ -26,17 +26,17 @@ async fn runs_start_between_the_dates_and_not_in_a_pause() {
     let early = start(&arena.store, "run_0", 9).await;
     assert!(matches!(early, Err(StoreError::PhaseNotOpen { opens_unix_ms: 10, .. })), "{early:?}");
     start(&arena.store, "run_1", 10).await.expect("it is open");
-    dated.schedule.paused = Some("the roof leaks".to_owned());
+    dated.schedule.paused = Some("disk replacement".to_owned());
     arena.store.upsert_phase(&dated, 11).await.expect("a pause");
     let paused = start(&arena.store, "run_2", 12).await.expect_err("a pause");
-    assert!(paused.to_string().contains("the roof leaks"), "{paused}");
+    assert!(paused.to_string().contains("disk replacement"), "{paused}");
     assert!(matches!(start(&arena.store, "run_2", 20).await, Err(StoreError::PhaseClosed(_))));
-    // A run that was started in time has its whole wall time.
+    // The wall time continues after the phase closes.
     assert!(arena.assign("run_1", "h").await.is_some());
 }
 
 #[tokio::test]
-async fn a_phase_takes_the_teams_that_it_is_for() {
+async fn only_admitted_teams_start_runs() {
     let admission = Admission { approval: true, deny: vec!["blue".to_owned()], ..Admission::default() };
     let mut closed = Phase { admission, ..phase("practice", 2) };
     let arena = Arena::new(&closed).await;
@@ -52,12 +52,12 @@ async fn a_phase_takes_the_teams_that_it_is_for() {
     closed.admission = Admission { allow: vec!["blue".to_owned()], ..Admission::default() };
     arena.store.upsert_phase(&closed, 16).await.expect("other teams");
     assert!(matches!(start(&arena.store, "run_3", 17).await, Err(StoreError::PhaseNotVisible { .. })));
-    arena.store.start_run(&blue, 18).await.expect("it is for them");
+    arena.store.start_run(&blue, 18).await.expect("the team is allowed");
     assert_eq!(arena.store.audit().await.expect("a list").len(), 2);
 }
 
 #[tokio::test]
-async fn a_phase_for_some_teams_is_shown_to_them_alone() {
+async fn restricted_phase_is_hidden_from_others() {
     let admission = Admission { allow: vec!["blue".to_owned()], ..Admission::default() };
     let arena = Arena::new(&Phase { admission, ..phase("practice", 2) }).await;
     let reader = arena.store.reader();
@@ -71,7 +71,7 @@ async fn a_phase_for_some_teams_is_shown_to_them_alone() {
 }
 
 #[tokio::test]
-async fn a_person_is_in_one_team_of_a_phase() {
+async fn person_has_one_team_per_phase() {
     let arena = Arena::new(&phase("practice", 1)).await;
     arena.store.upsert_phase(&phase("second", 1), 1).await.expect("another phase");
     let member = |phase: &str, team: &str| Member {
@@ -93,7 +93,7 @@ async fn a_person_is_in_one_team_of_a_phase() {
 }
 
 #[tokio::test]
-async fn a_run_plays_the_sample_that_secret_and_run_draw() {
+async fn secret_and_run_determine_sample() {
     let sampling = Sampling { shuffle: true, sample: Some(Sample { episodes: 5, anchors: 2 }) };
     let drawn = Phase { sampling, ..phase("practice", 12) };
     let mut runs = Vec::new();
@@ -114,11 +114,11 @@ async fn a_run_plays_the_sample_that_secret_and_run_draw() {
         assert_eq!(view.expect("the phase").episodes, 5);
         runs.push(episodes);
     }
-    assert_eq!(runs[0], runs[1], "secret and run say it all");
+    assert_eq!(runs[0], runs[1], "secret and run determine the draw");
 }
 
 #[tokio::test]
-async fn a_played_phase_keeps_its_sampling() {
+async fn runs_fix_the_sampling() {
     let mut fixed = Phase { sampling: Sampling { shuffle: true, sample: None }, ..phase("practice", 3) };
     let arena = Arena::new(&fixed).await;
     arena.store.commit_phase("practice", SECRET, "1.0.0", 1).await.expect("a commitment");
@@ -128,7 +128,7 @@ async fn a_played_phase_keeps_its_sampling() {
 }
 
 #[tokio::test]
-async fn a_commitment_holds_and_opens_after_the_phase() {
+async fn commitment_is_revealed_after_closing() {
     let mut promised = phase("practice", 3);
     let arena = Arena::new(&promised).await;
     assert!(arena.store.commit_phase("practice", SECRET, "1.0.0", 1).await.expect("a commitment"));
@@ -159,7 +159,7 @@ async fn a_commitment_holds_and_opens_after_the_phase() {
 }
 
 #[tokio::test]
-async fn other_episodes_before_the_first_run_are_another_promise() {
+async fn new_episodes_before_first_run_renew_commitment() {
     let arena = Arena::new(&phase("practice", 3)).await;
     arena.store.commit_phase("practice", SECRET, "1.0.0", 1).await.expect("a commitment");
     let first = arena.store.commitment("practice").await.expect("an answer").expect("a promise");
@@ -170,7 +170,7 @@ async fn other_episodes_before_the_first_run_are_another_promise() {
 }
 
 #[tokio::test]
-async fn changes_and_notes_are_written_together_and_notes_stay() {
+async fn changes_and_audit_lines_are_atomic() {
     let arena = Arena::new(&phase("practice", 2)).await;
     let before = arena.store.newest_audit_id().await.expect("a number");
     let (good, mut bad) = (Phase { max_slots: 9, ..phase("practice", 2) }, phase("bad", 1));
@@ -192,7 +192,7 @@ async fn changes_and_notes_are_written_together_and_notes_stay() {
 }
 
 #[tokio::test]
-async fn tokens_are_listed_without_secrets_and_taken_back_one_by_one() {
+async fn tokens_are_listed_without_secrets_and_revoked() {
     let arena = Arena::new(&phase("practice", 1)).await;
     let new = |secret, kind, team| NewToken { secret, kind, name: "laptop", team, expires_unix_ms: None };
     let looking = new("secret-for-looking", TokenScope::ReadOnly, Some(TEAM));
@@ -212,7 +212,7 @@ async fn tokens_are_listed_without_secrets_and_taken_back_one_by_one() {
 }
 
 #[tokio::test]
-async fn a_run_of_a_phase_for_others_is_hidden_from_those_who_may_not_know_it() {
+async fn runs_of_hidden_phases_are_hidden() {
     let mut shown = phase("practice", 1);
     let arena = Arena::new(&shown).await;
     arena.play("run_1", "walker", Order::Unordered, 1).await;
@@ -225,7 +225,7 @@ async fn a_run_of_a_phase_for_others_is_hidden_from_those_who_may_not_know_it() 
 }
 
 #[tokio::test]
-async fn a_phase_comes_back_as_it_was_written() {
+async fn phases_round_trip() {
     let written = phase("practice", 3);
     let arena = Arena::new(&written).await;
     assert_eq!(arena.store.phase("practice").await.expect("the phase"), written);
@@ -233,7 +233,7 @@ async fn a_phase_comes_back_as_it_was_written() {
 }
 
 #[tokio::test]
-async fn a_phase_with_runs_keeps_its_episodes_but_may_close() {
+async fn runs_fix_episodes_but_not_state() {
     let mut changed = phase("practice", 3);
     let arena = Arena::new(&changed).await;
     let digests = BTreeMap::new();
@@ -247,7 +247,7 @@ async fn a_phase_with_runs_keeps_its_episodes_but_may_close() {
 }
 
 #[tokio::test]
-async fn a_sealed_phase_takes_sealed_runs_only_and_they_remember_it() {
+async fn sealed_phase_requires_sealed_runs() {
     let arena = Arena::new(&Phase { sealed: true, ..phase("practice", 1) }).await;
     let open = BTreeMap::new();
     let refused = arena.store.start_run(&new_run(&open), 10).await.unwrap_err();
@@ -260,7 +260,7 @@ async fn a_sealed_phase_takes_sealed_runs_only_and_they_remember_it() {
 }
 
 #[tokio::test]
-async fn tokens_are_found_by_their_secret_until_they_end() {
+async fn tokens_are_valid_until_expiry_or_revocation() {
     let arena = Arena::new(&phase("practice", 1)).await;
     let secret = "avln-0123456789abcdef";
     let token = NewToken {
@@ -272,7 +272,7 @@ async fn tokens_are_found_by_their_secret_until_they_end() {
     };
     arena.store.issue_token(&token, 5).await.expect("a token");
     let TokenState::Valid(found) = arena.store.find_token(secret, 99).await.expect("an answer") else {
-        panic!("the token holds")
+        panic!("the token is valid")
     };
     assert_eq!((found.kind, found.team.as_deref(), found.run), (TokenScope::Participant, Some(TEAM), None));
     assert_eq!(arena.store.find_token(secret, 100).await.expect("an answer"), TokenState::Expired);
@@ -290,7 +290,7 @@ async fn tokens_are_found_by_their_secret_until_they_end() {
 }
 
 #[tokio::test]
-async fn a_token_for_nobody_is_refused() {
+async fn token_of_unknown_team_is_rejected() {
     let arena = Arena::new(&phase("practice", 1)).await;
     let token = NewToken {
         secret: "s",
@@ -306,7 +306,7 @@ async fn a_token_for_nobody_is_refused() {
 }
 
 #[tokio::test]
-async fn the_same_request_gives_the_same_run_and_a_different_one_is_refused() {
+async fn repeated_request_returns_same_run() {
     let mut only_two = phase("practice", 2);
     only_two.quotas.total = Some(2);
     let arena = Arena::new(&only_two).await;
@@ -335,7 +335,7 @@ async fn the_same_request_gives_the_same_run_and_a_different_one_is_refused() {
 }
 
 #[tokio::test]
-async fn an_order_that_is_not_played_is_refused() {
+async fn order_outside_phase_is_rejected() {
     let mut one_order = phase("practice", 2);
     one_order.orders = vec![Order::Ordered];
     let arena = Arena::new(&one_order).await;

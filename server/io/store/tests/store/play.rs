@@ -16,7 +16,7 @@ async fn started(episodes: usize) -> Arena {
 }
 
 #[tokio::test]
-async fn episodes_are_handed_out_once_each_in_order() {
+async fn episodes_are_assigned_once_in_order() {
     let arena = started(3).await;
     for index in 0..3 {
         let next = arena.store.next_pending("run_1").await.expect("an answer");
@@ -29,7 +29,7 @@ async fn episodes_are_handed_out_once_each_in_order() {
 }
 
 #[tokio::test]
-async fn facts_come_back_bit_for_bit_and_score_the_same() {
+async fn facts_round_trip_bit_for_bit() {
     let arena = started(1).await;
     let assigned = arena.assign("run_1", "h").await.expect("an episode");
     let played = Played::new(&assigned, Order::Unordered, 1, EndReason::StepLimit);
@@ -40,7 +40,7 @@ async fn facts_come_back_bit_for_bit_and_score_the_same() {
 }
 
 #[tokio::test]
-async fn the_last_result_completes_the_run_and_a_second_one_changes_nothing() {
+async fn last_result_completes_run() {
     let arena = started(2).await;
     let mut recorded = None;
     for handle in ["h0", "h1"] {
@@ -64,7 +64,7 @@ async fn the_last_result_completes_the_run_and_a_second_one_changes_nothing() {
 }
 
 #[tokio::test]
-async fn a_result_for_an_episode_that_nobody_plays_is_refused() {
+async fn result_without_running_episode_is_rejected() {
     let arena = started(1).await;
     let assigned = arena.assign("run_1", "h").await.expect("an episode");
     let played = Played::new(&assigned, Order::Unordered, 1, EndReason::Stopped);
@@ -73,7 +73,7 @@ async fn a_result_for_an_episode_that_nobody_plays_is_refused() {
 }
 
 #[tokio::test]
-async fn what_was_played_when_the_server_died_is_played_again_and_results_stay() {
+async fn interrupted_episodes_reopen_after_crash() {
     let arena = started(2).await;
     let first = arena.assign("run_1", "h0").await.expect("an episode");
     let played = Played::new(&first, Order::Unordered, 1, EndReason::Stopped);
@@ -100,7 +100,7 @@ async fn what_was_played_when_the_server_died_is_played_again_and_results_stay()
 }
 
 #[tokio::test]
-async fn the_servers_fault_does_not_count_and_is_tried_three_times() {
+async fn server_faults_are_retried_twice() {
     let arena = started(1).await;
     for attempt in 1..=3 {
         let handle = format!("h{attempt}");
@@ -117,7 +117,7 @@ async fn the_servers_fault_does_not_count_and_is_tried_three_times() {
 }
 
 #[tokio::test]
-async fn an_episode_that_takes_the_server_down_is_given_up() {
+async fn crashing_episode_is_abandoned() {
     let mut arena = started(1).await;
     for attempt in 0..3 {
         arena.assign("run_1", &format!("h{attempt}")).await.expect("an attempt");
@@ -129,21 +129,21 @@ async fn an_episode_that_takes_the_server_down_is_given_up() {
 }
 
 #[tokio::test]
-async fn an_episode_that_cannot_be_started_is_taken_back_and_given_up_in_the_end() {
+async fn failing_starts_are_abandoned() {
     let arena = started(1).await;
     for attempt in 1..=3 {
         let handle = format!("h{attempt}");
         arena.assign("run_1", &handle).await.expect("an attempt");
-        arena.store.reopen_episode("run_1", "other", 40).await.expect("nobody's episode");
+        arena.store.reopen_episode("run_1", "other", 40).await.expect("no such episode");
         assert_eq!(arena.store.run("run_1").await.expect("the run").state, RunState::Running);
-        arena.store.reopen_episode("run_1", &handle, 40).await.expect("taken back");
+        arena.store.reopen_episode("run_1", &handle, 40).await.expect("reopened");
     }
     assert_eq!(arena.assign("run_1", "h4").await, None);
     assert_eq!(arena.store.run("run_1").await.expect("the run").state, RunState::Completed);
 }
 
 #[tokio::test]
-async fn results_of_many_slots_at_once_add_up() {
+async fn parallel_results_add_up() {
     let arena = started(8).await;
     let mut seats = Vec::new();
     for index in 0..8 {
@@ -185,9 +185,9 @@ async fn deadline(arena: &Arena) -> Option<i64> {
 }
 
 #[tokio::test]
-async fn a_run_ends_with_its_wall_time_whatever_its_phase_does() {
+async fn wall_time_outlasts_closing_phase() {
     let (arena, run) = started_in(&timed(3600, Some(50)), 10).await;
-    assert_eq!(run.deadline_unix_ms, Some(10 + HOUR_MS), "a run that began in time has its whole time");
+    assert_eq!(run.deadline_unix_ms, Some(10 + HOUR_MS), "a started run keeps its wall time");
     assert_eq!(arena.store.overdue(9 + HOUR_MS).await.expect("a list"), Vec::<String>::new());
     assert_eq!(arena.store.overdue(10 + HOUR_MS).await.expect("a list"), ["run_1"]);
     let late = arena.store.assign_next_episode("run_1", "h", 10 + HOUR_MS).await;
@@ -198,7 +198,7 @@ async fn a_run_ends_with_its_wall_time_whatever_its_phase_does() {
 }
 
 #[tokio::test]
-async fn a_run_without_wall_time_ends_with_its_phase() {
+async fn run_without_wall_time_ends_with_phase() {
     let (arena, run) = started_in(&timed(0, Some(HOUR_MS)), 10).await;
     assert_eq!(run.deadline_unix_ms, Some(HOUR_MS));
     arena.store.upsert_phase(&timed(0, Some(2 * HOUR_MS)), 20).await.expect("a later date");
@@ -211,7 +211,7 @@ async fn a_run_without_wall_time_ends_with_its_phase() {
 }
 
 #[tokio::test]
-async fn a_phase_keeps_its_secret_until_its_last_run_is_over() {
+async fn secret_is_kept_until_runs_end() {
     let (arena, _) = started_in(&timed(3600, Some(50)), 10).await;
     arena.store.commit_phase("practice", &"0f".repeat(32), "1.0.0", 20).await.expect("a promise");
     let early = arena.store.reveal_phase("practice", AuditNote::default(), 60).await;
@@ -220,7 +220,7 @@ async fn a_phase_keeps_its_secret_until_its_last_run_is_over() {
 }
 
 #[tokio::test]
-async fn what_a_death_of_the_server_took_is_given_back_to_runs_and_not_to_phases() {
+async fn crash_downtime_extends_runs_only() {
     let (arena, _) = started_in(&timed(3600, Some(2 * HOUR_MS)), 10).await;
     assert_eq!(arena.store.credit_downtime(20).await.expect("a first start"), DowntimeCredit::default());
     arena.store.record_heartbeat(5_000).await.expect("alive");
@@ -234,7 +234,7 @@ async fn what_a_death_of_the_server_took_is_given_back_to_runs_and_not_to_phases
 }
 
 #[tokio::test]
-async fn an_announced_maintenance_postpones_closing_dates_by_its_length() {
+async fn maintenance_extends_runs_and_phases() {
     let (arena, _) = started_in(&timed(3600, Some(HOUR_MS)), 10).await;
     arena.store.credit_downtime(20).await.expect("a first start");
     arena.store.record_drain("new disks", 1_000_000).await.expect("a note");
@@ -245,10 +245,10 @@ async fn an_announced_maintenance_postpones_closing_dates_by_its_length() {
     assert_eq!(credit, DowntimeCredit { away_ms: 2 * HOUR_MS, runs: 1, phases: vec!["practice".to_owned()] });
     assert_eq!(deadline(&arena).await, Some(10 + 3 * HOUR_MS), "it counts from the announcement");
     let closes = arena.store.phase("practice").await.expect("the phase").schedule.closes_unix_ms;
-    assert_eq!(closes, Some(3 * HOUR_MS), "although its date had passed meanwhile");
+    assert_eq!(closes, Some(3 * HOUR_MS), "although the date passed during the maintenance");
     let audit = arena.store.audit().await.expect("the audit list");
-    let told: Vec<_> = audit.iter().map(|line| (line.subject.as_str(), line.reason.as_str())).collect();
-    assert_eq!(told, [("server", "new disks"), ("runs", "new disks"), ("phase practice", "new disks")]);
+    let listed: Vec<_> = audit.iter().map(|line| (line.subject.as_str(), line.reason.as_str())).collect();
+    assert_eq!(listed, [("server", "new disks"), ("runs", "new disks"), ("phase practice", "new disks")]);
     assert_eq!(audit[2].before.as_deref(), Some("1970-01-01T01:00:00Z"));
     assert_eq!(
         arena.store.credit_downtime(back + 500).await.expect("a restart").runs,
@@ -258,16 +258,12 @@ async fn an_announced_maintenance_postpones_closing_dates_by_its_length() {
 }
 
 #[tokio::test]
-async fn a_clock_that_is_set_takes_nothing_from_runs() {
+async fn clock_change_keeps_remaining_time() {
     let (arena, _) = started_in(&timed(3600, None), 10).await;
     assert_eq!(arena.store.follow_clock(-5_000, 20).await.expect("an answer"), 1);
     assert_eq!(deadline(&arena).await, Some(10 + HOUR_MS - 5_000));
     let credit =
         arena.store.credit_downtime(20).await.and(arena.store.credit_downtime(10).await).expect("a start");
-    assert_eq!(
-        credit,
-        DowntimeCredit::default(),
-        "a clock that stands before the last sign of life gives nothing"
-    );
+    assert_eq!(credit, DowntimeCredit::default(), "no credit for a clock before the last heartbeat");
     assert_eq!(arena.store.runs_of(TEAM).await.expect("runs").len(), 1);
 }
