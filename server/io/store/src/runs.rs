@@ -1,4 +1,10 @@
-use crate::{column::Word, database::Store, error::StoreError, quota::read_charge};
+use crate::{
+    audit::{AuditNote, add_notes},
+    column::Word,
+    database::Store,
+    error::StoreError,
+    quota::read_charge,
+};
 use avln_challenge::{Charge, MethodInfo, Ruling, RunState};
 use avln_episode::{Order, Sensors};
 use sqlx::{FromRow, Sqlite, Transaction, types::Json};
