@@ -41,7 +41,7 @@ async fn references_are_sorted_in_without_rank() {
     arena.play("run_weak", "walker", Order::Unordered, 0).await;
     arena.play_as("people", "run_people", "ada", Order::Unordered, 1).await;
     arena.play_as("oracle", "run_oracle", "shortest-path", Order::Unordered, 2).await;
-    let view = leaderleaderboard(&arena, &query()).await;
+    let view = leaderboard(&arena, &query()).await;
     let lines: Vec<_> = view
         .rows
         .iter()
@@ -56,7 +56,7 @@ async fn references_are_sorted_in_without_rank() {
         ]
     );
     let listed = serde_json::to_value(&view.rows).expect("JSON");
-    assert!(listed[0]["rank"].is_null() && told[2]["rank_high"] == 1 && told[0]["reference"] == "oracle");
+    assert!(listed[0]["rank"].is_null() && listed[2]["rank_high"] == 1 && listed[0]["reference"] == "oracle");
 }
 
 #[tokio::test]
@@ -67,7 +67,7 @@ async fn best_run_represents_method_per_order() {
     arena.play("run_best", "runner", Order::Unordered, 2).await;
     arena.play("run_same", "copy", Order::Unordered, 1).await;
     arena.play("run_other", "walker", Order::Ordered, 2).await;
-    let view = leaderleaderboard(&arena, &query()).await;
+    let view = leaderboard(&arena, &query()).await;
     let lines: Vec<_> = view
         .rows
         .iter()
@@ -81,9 +81,9 @@ async fn best_run_represents_method_per_order() {
             ((2, 2), "run_good", 2, 0.25, 0.5)
         ]
     );
-    assert_eq!(leaderleaderboard(&arena, &query()).await, view, "cached");
+    assert_eq!(leaderboard(&arena, &query()).await, view, "cached");
     arena.play("run_late", "late", Order::Unordered, 0).await;
-    assert_eq!(leaderleaderboard(&arena, &query()).await.rows.len(), 4);
+    assert_eq!(leaderboard(&arena, &query()).await.rows.len(), 4);
     let ordered = leaderboard(&arena, &LeaderboardQuery { order: Order::Ordered, ..query() }).await;
     assert_eq!(ordered.rows.len(), 1);
     assert_eq!(ordered.rows[0].health, BTreeMap::from([("stopped", 4)]));
@@ -104,7 +104,7 @@ async fn latest_run_represents_method_on_request() {
         let played = Played::new(&assigned, Order::Unordered, 0, EndReason::Stopped);
         arena.store.record_result(&played.result("run_late", handle), 60).await.expect("a result");
     }
-    assert_eq!(leaderleaderboard(&arena, &query()).await.rows[0].run, "run_good");
+    assert_eq!(leaderboard(&arena, &query()).await.rows[0].run, "run_good");
     assert_eq!(
         leaderboard(&arena, &LeaderboardQuery { pick: RunChoice::Latest, ..query() }).await.rows[0].run,
         "run_late"
@@ -118,7 +118,7 @@ async fn incomplete_runs_are_not_ranked() {
     let assigned = arena.assign("run_1", "h").await.expect("an episode");
     let played = Played::new(&assigned, Order::Unordered, 2, EndReason::Stopped);
     arena.record("run_1", "h", &played).await.expect("a result");
-    assert!(leaderleaderboard(&arena, &query()).await.rows.is_empty());
+    assert!(leaderboard(&arena, &query()).await.rows.is_empty());
     let runs = arena.store.reader().runs(&Viewer::Anonymous, None, 10).await.expect("a list");
     assert_eq!((runs.len(), runs[0].done, runs[0].episodes, runs[0].isr), (1, 1, 2, Some(1.0)));
 }
@@ -147,8 +147,7 @@ async fn replay_has_path_targets_and_map() {
 async fn past_leaderboard_has_runs_completed_by_then() {
     let arena = Arena::new(&phase("practice", 2)).await;
     arena.play("run_1", "walker", Order::Unordered, 1).await;
-    let finished =
-        leaderleaderboard(&arena, &query()).await.rows[0].finished_unix_ms.expect("a completed run");
+    let finished = leaderboard(&arena, &query()).await.rows[0].finished_unix_ms.expect("a completed run");
     let by = |moment: i64| LeaderboardQuery { as_of_unix_ms: Some(moment), ..query() };
     assert_eq!(leaderboard(&arena, &by(finished - 1)).await.rows, []);
     let then = leaderboard(&arena, &by(finished)).await;
@@ -168,7 +167,7 @@ async fn sensors_of_all_sessions_are_recorded() {
     assert_eq!(run.sensors.as_ref(), Some(&blind), "sensors of the last session");
     let senses = run.senses.expect("senses");
     assert_eq!((senses.rgb, senses.depth, senses.audio, senses.width), (true, true, true, 32));
-    let row = leaderleaderboard(&arena, &query()).await.rows.remove(0);
+    let row = leaderboard(&arena, &query()).await.rows.remove(0);
     assert_eq!(row.sensors, Some(senses));
     arena.store.set_sensors("nobody", &deaf).await.expect_err("no such run");
 }
