@@ -84,7 +84,9 @@ pub enum StoreError {
         reason: String,
     },
     /// The phase is not closed, so the secret cannot be published.
-    #[error("phase '{0}' is not closed; close it with avln phase close, or wait for its closing date")]
+    #[error(
+        "phase '{0}' is not closed; close it with avln challenge phase close, or wait for its closing date"
+    )]
     NotClosed(String),
     /// Runs continue, so the secret cannot be published.
     #[error("runs of phase '{phase}' continue until {} at the latest; reveal it then", rfc3339(*until_unix_ms))]
