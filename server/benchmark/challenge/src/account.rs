@@ -26,6 +26,7 @@ pub enum TokenScope {
     /// A run's token: plays this run's episodes.
     Run,
 }
+// The word `account` dates from the first schema.
 words!(TokenScope, "token kind", {
     Participant => "account", ReadOnly => "read_only", Organiser => "organiser", Run => "run",
 });

@@ -183,6 +183,7 @@ fn granted(window: QuotaWindow, span: Span, grants: &[RunGrant]) -> u32 {
     if window == QuotaWindow::Concurrent {
         return 0;
     }
+    // A grant counts in the window in which it was given, so that it expires with this window.
     let inside = grants.iter().filter(|grant| span.contains(grant.granted_unix_ms));
     inside.fold(0, |sum, grant| sum.saturating_add(grant.runs))
 }

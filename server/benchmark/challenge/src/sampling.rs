@@ -150,6 +150,7 @@ fn stratified(
     }
     let mut sorted = from.to_vec();
     sorted.sort_by_cached_key(|&index| (stratum(&pool[index]), hash(&pool[index].episode)));
+    // The modulo bias is below 1e-16: 64 bits against some hundred episodes.
     let start_hash = hash("start");
     let start = u64::from_le_bytes(start_hash[..8].try_into().unwrap_or_default()) as usize % sorted.len();
     (0..wanted.min(sorted.len())).map(|index| sorted[(index * sorted.len() + start) / wanted]).collect()

@@ -192,6 +192,7 @@ impl Store {
         now_unix_ms: i64,
     ) -> Result<(), StoreError> {
         let mut tx = self.begin().await?;
+        // The first revocation time stays: it bounds the period of use. Run tokens end with their run.
         let update = "UPDATE tokens SET revoked_ms = COALESCE(revoked_ms, $1) \
                       WHERE substr(hash, 1, $2) = $3 AND kind <> 'run' AND ($4 IS NULL OR team = $4)";
         let update = sqlx::query(update).bind(now_unix_ms).bind(TOKEN_ID_DIGITS).bind(id).bind(team);
@@ -241,6 +242,7 @@ pub(crate) async fn insert_token(
     run: Option<&str>,
     now_unix_ms: i64,
 ) -> Result<(), StoreError> {
+    // A repeated start request may bring the same secret.
     let insert = "INSERT INTO tokens (hash, kind, name, team, run, created_ms, expires_ms) \
                   VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT DO NOTHING";
     sqlx::query(insert)

@@ -43,6 +43,7 @@ pub struct KeptRun {
 pub async fn copy_database(path: &Path, to: &Path) -> Result<(), StoreError> {
     reject_foreign(path, BUSY_TIMEOUT).await?;
     let pool = read_only(path).await?;
+    // VACUUM INTO reads in one transaction: the copy is consistent while others write. Copying the files would miss the WAL.
     let copied = sqlx::query("VACUUM INTO $1").bind(to.to_string_lossy().into_owned()).execute(&pool).await;
     pool.close().await;
     copied.map(drop).map_err(|error| explain(path, error))
@@ -73,6 +74,7 @@ async fn inspect(pool: &SqlitePool, path: &Path) -> Result<Inventory, StoreError
     if schema > SCHEMA_VERSION {
         return Err(StoreError::Newer { path: path.to_owned(), found: schema, known: SCHEMA_VERSION });
     }
+    // Three faults are enough for a message.
     let faults: Vec<String> = sqlx::query_scalar("PRAGMA integrity_check(3)").fetch_all(pool).await?;
     if faults != ["ok"] {
         return Err(StoreError::damaged("file", faults.join("; ")));

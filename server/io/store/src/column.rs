@@ -54,6 +54,7 @@ impl<T> Type<Sqlite> for Word<T> {
 
 impl<'r, T: FromWord> Decode<'r, Sqlite> for Word<T> {
     fn decode(value: SqliteValueRef<'r>) -> Result<Self, BoxDynError> {
+        // An unknown word comes from a newer program or a damaged file: the whole row is rejected.
         let word = <&str as Decode<Sqlite>>::decode(value)?;
         Ok(Self(T::from_word(word)?))
     }

@@ -59,6 +59,7 @@ impl Store {
         scorer: &str,
         now_unix_ms: i64,
     ) -> Result<bool, StoreError> {
+        // A malformed secret would surface at the first start of a run only.
         parse(secret)?;
         let mut tx = self.begin().await?;
         let pool = read_pool(&mut tx, phase).await?;

@@ -116,6 +116,7 @@ impl Store {
         if found.state.is_open() && found.is_overdue(now_unix_ms) {
             return Err(StoreError::RunOver { run: run.to_owned(), state: RunState::Expired.as_str() });
         }
+        // Agents see this name only: ids inside the split would let them recognise an episode.
         let drawn = draw_handle(&mut tx, &found).await?;
         let handle = drawn.as_deref().unwrap_or(handle);
         let take = "UPDATE episodes SET state = 'running', handle = $2, attempts = attempts + 1, started_ms = $3 \

@@ -122,6 +122,7 @@ impl Store {
         let after = summarise(&scores_after, INTERVAL_SEED);
         let earlier = read_rescored_metrics(&mut tx, run, scorer).await?;
         let is_new = keep && earlier.is_none();
+        // One version must always give the same scores. A difference means that formulas changed without a new version.
         if earlier.is_some_and(|earlier| earlier != *rescored) {
             return Err(StoreError::ScoresDiffer { run: run.to_owned(), scorer: scorer.to_owned() });
         }
@@ -168,6 +169,7 @@ impl Store {
         let old = "DELETE FROM records WHERE run IN \
                    (SELECT id FROM runs WHERE state NOT IN ('created', 'running') AND finished_ms < $1)";
         let records = sqlx::query(old).bind(moment_unix_ms).execute(&mut *tx).await?.rows_affected();
+        // Truths are shared between runs, so a truth goes with its last record.
         let unused = "DELETE FROM truths WHERE digest NOT IN (SELECT truth FROM records)";
         let truths = sqlx::query(unused).execute(&mut *tx).await?.rows_affected();
         if records > 0 {

@@ -278,6 +278,7 @@ async fn write_phase(
     phase: &Phase,
     now_unix_ms: i64,
 ) -> Result<(), StoreError> {
+    // `created_ms` is not updated: it orders phases with equal positions.
     let upsert = "INSERT INTO phases (id, title, description, position, split, rules, orders, sensors, scores, \
          replays, max_slots, state, opens_ms, closes_ms, paused, quotas, time, ranking, admission, sampling, created_ms, sealed) \
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, $22) \

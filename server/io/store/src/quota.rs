@@ -65,6 +65,7 @@ async fn read_uses(
     phase: &str,
     run: Option<&str>,
 ) -> Result<Vec<RunUse>, StoreError> {
+    // Only scored episodes have metrics. Attempts lost by the server have none, so they charge nothing.
     let select = "SELECT r.id, r.state, r.created_ms, s.scored, s.given_up, s.server_faults, \
          EXISTS (SELECT 1 FROM episodes e WHERE e.run = r.id AND e.metrics ->> '$.steps' > 0) AS stepped \
          FROM runs r JOIN run_summaries s ON s.run = r.id \

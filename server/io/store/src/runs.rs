@@ -190,6 +190,7 @@ impl Store {
     /// If the database fails.
     pub async fn open_runs(&self) -> Result<Vec<Run>, StoreError> {
         let mut tx = self.read.begin().await?;
+        // Open runs have two states, and the filter takes one.
         let runs = read_runs(&mut tx, &RunFilter::default()).await?;
         Ok(runs.into_iter().filter(|run| run.state.is_open()).collect())
     }
@@ -200,6 +201,7 @@ impl Store {
     /// If the run is unknown or the database fails.
     pub async fn set_sensors(&self, run: &str, sensors: &Sensors) -> Result<(), StoreError> {
         let mut tx = self.begin().await?;
+        // An agent may reconnect with fewer sensors; the leaderboard must show all sensors it ever used.
         let mut senses = sensors.clone();
         if let Some(before) = read_run(&mut tx, run).await?.senses {
             senses.rgb |= before.rgb;
@@ -226,6 +228,7 @@ impl Store {
     /// If the run is unknown or the database fails.
     pub async fn end_run(&self, run: &str, state: RunState, now_unix_ms: i64) -> Result<Run, StoreError> {
         let mut tx = self.begin().await?;
+        // The last result may complete the run at the same moment: the first end wins.
         let update = "UPDATE runs SET state = $3, finished_ms = $1 \
                       WHERE id = $2 AND state IN ('created', 'running')";
         sqlx::query(update).bind(now_unix_ms).bind(run).bind(state.as_str()).execute(&mut *tx).await?;

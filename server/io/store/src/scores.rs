@@ -74,6 +74,8 @@ pub(crate) async fn complete_run(
     run: &str,
     now_unix_ms: i64,
 ) -> Result<(), StoreError> {
+    // In the transaction of the last result: a crash between the two would leave a finished run open. Late results of a cancelled
+    // run do not complete it.
     let complete = "UPDATE runs SET state = 'completed', finished_ms = $2 \
          WHERE id = $1 AND state = 'running' \
          AND NOT EXISTS (SELECT 1 FROM episodes WHERE run = $1 AND state IN ('pending', 'running'))";

@@ -69,6 +69,7 @@ impl Store {
             check_start(&mut tx, new, &phase, now_unix_ms).await?;
             insert_run(&mut tx, new, &phase, now_unix_ms).await?;
         }
+        // The answer to the first request may be lost, so the client never saw its token. A repeated request gets a new one.
         let token = NewToken {
             secret: new.token,
             kind: TokenScope::Run,
@@ -113,6 +114,7 @@ async fn check_start(
     phase: &Phase,
     now_unix_ms: i64,
 ) -> Result<(), StoreError> {
+    // Quotas are tested last: waiting helps against a used-up quota, so lasting reasons are reported first.
     check_admission(tx, phase, new.team).await?;
     phase.check_open(now_unix_ms)?;
     if phase.sealed && !new.digests.contains_key(Run::SEALED) {
@@ -134,6 +136,7 @@ async fn insert_run(
                   created_ms, episodes, deadline_ms, method_description, method_code_url, method_paper_url, \
                   method_weights_licence, method_external_data) \
                   VALUES ($1, $2, $3, $4, $5, $6, 'created', $7, $8, $9, $10, $11, $12, $13, $14, $15, $16)";
+    // A limit of 0 s means no wall time; the run then ends with its phase.
     let wall_ms = (phase.time.run_s > 0).then(|| 1000 * i64::from(phase.time.run_s));
     let method = new.method;
     sqlx::query(insert)
@@ -172,6 +175,7 @@ async fn insert_episodes(
     phase: &Phase,
 ) -> Result<(), StoreError> {
     if phase.sampling == Sampling::default() {
+        // One statement copies the whole list.
         let all = "INSERT INTO episodes (run, ordinal, episode, scene, state) \
                    SELECT $1, ordinal, episode, scene, 'pending' FROM phase_episodes WHERE phase = $2";
         sqlx::query(all).bind(run).bind(&phase.id).execute(&mut **tx).await?;

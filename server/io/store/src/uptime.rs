@@ -48,6 +48,7 @@ impl Store {
     /// If the database fails.
     pub async fn record_drain(&self, reason: &str, now_unix_ms: i64) -> Result<(), StoreError> {
         let mut tx = self.begin().await?;
+        // A second announcement must not shorten the maintenance.
         let upsert = "INSERT INTO uptime (id, alive_ms, drain_ms, drain_reason) VALUES (1, $1, $1, $2) ON CONFLICT (id) \
                       DO UPDATE SET drain_ms = excluded.drain_ms, drain_reason = excluded.drain_reason \
                       WHERE drain_ms IS NULL";
@@ -128,10 +129,12 @@ async fn extend_phases(
     why: &str,
     now_unix_ms: i64,
 ) -> Result<Vec<String>, StoreError> {
+    // A phase that closed before the maintenance stays closed, and one that opens later lost no time.
     let update = "UPDATE phases SET closes_ms = closes_ms + $1 WHERE state = 'open' AND closes_ms > $2 \
                   AND COALESCE(opens_ms, 0) < $3 RETURNING id, closes_ms";
     let mut moved: Vec<(String, i64)> =
         sqlx::query_as(update).bind(by_ms).bind(since_unix_ms).bind(now_unix_ms).fetch_all(&mut **tx).await?;
+    // RETURNING has no defined order; equal changes must give equal audit lines.
     moved.sort();
     let note = |(phase, closes): &(String, i64)| AuditNote {
         before: Some(rfc3339(closes - by_ms)),

@@ -143,6 +143,7 @@ impl Reader {
         let mut tx = self.snapshot().await?;
         let Some((run, sight)) = find_run(&mut tx, viewer, run).await? else { return Ok(None) };
         let Some(row) = read_episodes(&mut tx, &run.id, Some(ordinal)).await?.pop() else { return Ok(None) };
+        // Facts hold the targets: they are not even read for a viewer without access to replays.
         let facts = if sight.replays { read_facts(&mut tx, &run.id, ordinal).await? } else { None };
         let replay = match facts {
             Some(facts) => read_replay(&mut tx, &run, &row, facts).await?,

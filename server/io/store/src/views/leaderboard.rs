@@ -170,6 +170,7 @@ impl Reader {
         let mut tx = self.snapshot().await?;
         let head = read_heads(&mut tx, Some(query.phase)).await?.pop();
         let Some(head) = head.filter(|head| viewer.knows(&head.phase)) else { return Ok(None) };
+        // A team with access to its own scores only is ranked among its own runs: ranks among all would reveal the others.
         let all = match visible_teams(viewer, &head.phase) {
             VisibleTeams::None => Arc::default(),
             VisibleTeams::One(team) => self.ranking(&mut tx, query, Some(team)).await?,
@@ -313,6 +314,7 @@ fn choose(candidates: Vec<Candidate>, query: &LeaderboardQuery<'_>) -> Vec<Repre
             best_first(&summaries, query.key)
         }
     };
+    // In rank order the first run of a method represents it.
     let mut left: Vec<Option<Candidate>> = candidates.into_iter().map(Some).collect();
     let mut chosen: BTreeMap<(String, String), Representative> = BTreeMap::new();
     for candidate in order.into_iter().filter_map(|index| left[index].take()) {
@@ -335,6 +337,7 @@ async fn read_episodes(
     order: Order,
     chosen: &mut [Representative],
 ) -> Result<(), StoreError> {
+    // SQLite could extract the metric from the JSON, but its text-to-float conversion is not exact to the last bit.
     let select = "SELECT run, episode, scene, end_reason, metrics FROM episodes \
                   WHERE run IN (SELECT value FROM json_each($1)) ORDER BY run, ordinal";
     let runs: Vec<&str> = chosen.iter().map(|entry| entry.candidate.run.as_str()).collect();

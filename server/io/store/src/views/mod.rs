@@ -106,6 +106,7 @@ impl Reader {
 
     /// Begins a read transaction: a consistent state without later writes.
     pub(crate) async fn snapshot(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
+        // Views need several statements; without a transaction a result stored in between would give a contradictory page.
         Ok(self.pool.begin().await?)
     }
 }

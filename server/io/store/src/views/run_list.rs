@@ -72,6 +72,7 @@ impl Reader {
         let runs: Vec<(String, String, String)> =
             sqlx::query_as(select).bind(phase).bind(before).fetch_all(&mut *tx).await?;
         let mut list = RunList { runs: Vec::new(), next: None };
+        // Visibility is decided here and not in SQL, so rows are read until the page is full.
         for (run, phase, team) in runs {
             let Some(sight) = sight_in(&phases, viewer, &phase, &team) else { continue };
             if list.runs.len() >= limit as usize {
