@@ -54,7 +54,7 @@ pub struct Schedule {
     pub closes_unix_ms: Option<i64>,
     /// Reason of a pause; `None` if the phase is not paused.
     pub paused: Option<String>,
-    /// Whether the organiser closed the phase by hand.
+    /// True if the organiser closed the phase by hand.
     pub closed: bool,
 }
 
@@ -78,7 +78,7 @@ impl Schedule {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Admission {
-    /// Whether the organiser must approve a team before its first run.
+    /// True if the organiser must approve a team before its first run.
     pub approval: bool,
     /// The teams that see the phase; empty for all teams.
     pub allow: Vec<String>,
@@ -146,7 +146,7 @@ pub struct PhaseInfo {
     pub closes_unix_ms: Option<i64>,
     /// Readers of the results.
     pub results: Visibility,
-    /// Whether the phase accepts sealed runs only: the organiser runs the agents.
+    /// True if the phase accepts sealed runs only: the organiser runs the agents.
     pub sealed: bool,
     /// Commitment made before the phase, hex; `None` before it.
     pub commitment: Option<String>,

@@ -75,7 +75,7 @@ pub struct Quota {
 pub struct Charge {
     /// Id of the run.
     pub run: String,
-    /// Whether the run counts.
+    /// True if the run counts.
     pub charged: bool,
     /// Reason, for people.
     pub reason: &'static str,
@@ -101,7 +101,7 @@ pub struct RunUse {
     pub given_up: u32,
     /// Attempts lost by server failures.
     pub server_faults: u32,
-    /// Whether an episode has a step.
+    /// True if an episode has a step.
     pub stepped: bool,
 }
 

@@ -79,7 +79,7 @@ impl MethodInfo {
 /// The organiser's ruling on a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Ruling {
-    /// Whether the organiser verified the run.
+    /// True if the organiser verified the run.
     pub verified: bool,
     /// Public reason of a disqualification; `None` if the run is not disqualified.
     pub disqualified: Option<String>,
@@ -141,7 +141,7 @@ pub struct RunStatus {
     pub metrics: Option<Vec<(String, f64)>>,
     /// Reasons that exclude the run from the leaderboard; empty if it takes part.
     pub ineligible_because: Vec<String>,
-    /// Whether the run is sealed: the organiser ran the agent without network access.
+    /// True if the run is sealed: the organiser ran the agent without network access.
     pub sealed: bool,
     /// Effect on the team's quota.
     pub charge: Charge,

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Sampling {
-    /// Whether the order is drawn per run.
+    /// True if the order is drawn per run.
     pub shuffle: bool,
     /// Size of the sample; `None` for all episodes.
     pub sample: Option<Sample>,

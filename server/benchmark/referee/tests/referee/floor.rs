@@ -12,7 +12,7 @@ use std::sync::{Arc, LazyLock};
 const HALF_FLOOR_M: f32 = 10.0;
 /// Centres of the three targets on the floor (x, z): ahead, to the left and to the right of the start.
 const PLACES: [(f32, f32); 3] = [(0.0, -5.0), (-5.0, 0.0), (5.0, 0.0)];
-/// Centre of another thing of the first target's category, 6 m behind the start and 6 m to its right.
+/// Centre of another object in the first target's category, 6 m behind the start and 6 m to its right.
 const DISTRACTOR: (f32, f32) = (6.0, 6.0);
 
 fn quad(mesh: &mut Mesh, corners: [[f32; 3]; 4], instance: InstanceId) {
@@ -46,7 +46,7 @@ fn prepare() -> Arc<SceneAssets> {
     let mut mesh = Mesh::default();
     let f = HALF_FLOOR_M;
     quad(&mut mesh, [[-f, 0.0, f], [f, 0.0, f], [f, 0.0, -f], [-f, 0.0, -f]], InstanceId::NONE);
-    // A lid, so that the floor is not taken for a roof.
+    // A lid, so that the floor is not mistaken for a roof.
     quad(&mut mesh, [[-f, 3.0, -f], [f, 3.0, -f], [f, 3.0, f], [-f, 3.0, f]], InstanceId::NONE);
     let objects = PLACES.iter().chain([&DISTRACTOR]).enumerate().map(|(index, &place)| {
         let id = InstanceId(index as u32 + 1);
@@ -97,7 +97,7 @@ pub(crate) fn target(index: usize) -> Target {
     }
 }
 
-/// What an episode with the first three things as targets hides.
+/// Truth with the first three objects as targets.
 pub(crate) fn truth(order: Order) -> EpisodeTruth {
     EpisodeTruth {
         episode: "floor-0000".to_owned(),
@@ -111,7 +111,7 @@ pub(crate) fn truth(order: Order) -> EpisodeTruth {
     }
 }
 
-/// What an agent is told of it.
+/// Mission for the same episode.
 pub(crate) fn mission(order: Order) -> Mission {
     Mission { order, goals: (0..3).map(|index| GoalCue::Category(format!("box{index}"))).collect() }
 }
