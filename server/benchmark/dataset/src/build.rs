@@ -246,6 +246,7 @@ impl Recipe {
             let reason = format!("scenes of split '{}' come from files; none of them is drawn", split.name);
             return Err(DatasetError::Recipe { reason });
         };
+        // A generator per attempt: the number of attempts in this scene changes no other scene.
         let mut rng = self.scene_rng(job).fork(&format!("house {attempt}"));
         let source = SceneSource::Procedural {
             seed: rng.next_u64(),
@@ -257,6 +258,8 @@ impl Recipe {
     }
 
     fn scene_rng(&self, job: Job) -> Rng {
+        // Forks by name and number instead of a shared generator: threads may build scenes in any order with equal
+        // bytes.
         Rng::new(self.seed).fork(&self.splits[job.split].name).fork(&format!("scene {}", job.scene))
     }
 }
@@ -280,6 +283,7 @@ pub fn build_scene(
     match &split.scenes {
         SceneChoice::Files(files) => {
             let source = SceneSource::File { path: files[job.scene].clone() };
+            // A file cannot be redrawn, so any mission count above 0 is accepted.
             let missions_seed = recipe.scene_rng(job).fork("missions").next_u64();
             maker.build(&name, source, missions_seed, 1)
         }
@@ -288,6 +292,8 @@ pub fn build_scene(
                 let (source, missions_seed) = recipe.drawn(job, attempt)?;
                 maker.build(&name, source, missions_seed, split.missions_per_scene)
             };
+            // A house can lack instances for all missions, and only the survey can tell. Another draw is cheaper than a
+            // search for the limits of each house.
             let mut last = house(0);
             for attempt in 1..Recipe::HOUSE_DRAWS {
                 if last.is_ok() {

@@ -79,6 +79,7 @@ struct Table {
 impl Table {
     fn fill(atlas: &Atlas, start: &Departure, regions: &[usize]) -> Self {
         let count = regions.len();
+        // 2^n sets with n ends each. Missions have at most 8 goals, so the table has at most 2,048 rows.
         let mut table = Self { regions: count, costs: vec![Costs::new(); count << count] };
         for visited in 1_usize..1 << count {
             for last in (0..count).filter(|last| visited >> last & 1 == 1) {
@@ -140,6 +141,7 @@ pub(crate) fn reference_steps(
     length_m: f64,
     goals: usize,
 ) -> u32 {
+    // The margin keeps exactly n moves at n although the length is a rounded sum.
     let moves = (length_m / f64::from(rules.forward_m) - 1e-6).ceil().max(0.0) as u32;
     let headings = (360 / rules.turn_deg.max(1)).max(1) as i32;
     let unit_rad = TAU / headings as f32;

@@ -118,6 +118,8 @@ impl SceneSpec {
     /// If the file cannot be read.
     pub fn new(name: &str, source: SceneSource) -> Result<(Self, Scene), DatasetError> {
         let scene = source.make(name)?;
+        // Success regions and reference tours depend on the geometry. A changed file must be an error, not a wrong
+        // score.
         Ok((Self { name: name.to_owned(), source, digest: digest(&scene) }, scene))
     }
 

@@ -234,6 +234,7 @@ impl Rules {
             sounding: SoundingRule::UnfinishedInDrawnOrder,
             sounding_window_steps: 25,
             source_lift_m: 0.0,
+            // The clip must reveal nothing about its target: docs/decisions/0010.
             sound_clip: SoundClip::Anonymous,
             sounds: Sounds::All,
             head: HeadRule::Sphere,
@@ -250,6 +251,7 @@ impl Rules {
     pub fn noisy() -> Self {
         Self {
             name: Self::NOISY.to_owned(),
+            // Noise is drawn per pixel: docs/decisions/0007.
             depth_noise: DepthNoise::Redwood,
             rgb_noise: RgbNoise::Gaussian,
             ..Self::paper()
@@ -283,6 +285,8 @@ impl Rules {
 
     /// True if episodes for `other` are playable with these rules: only name, noise, clips and head may differ.
     pub fn fits_episodes_of(&self, other: &Self) -> bool {
+        // Success regions and reference tours depend on all other fields. A new field counts as a difference until it
+        // is listed here.
         let Self { name, depth_noise, rgb_noise, sound_clip, sounds, head, .. } = self.clone();
         *self == Self { name, depth_noise, rgb_noise, sound_clip, sounds, head, ..other.clone() }
     }

@@ -70,6 +70,7 @@ impl Target {
         eye.y += rules.camera_height_m;
         let distance_m = self.bounds.distance_m(&eye);
         let on_its_floor = (base.y - self.floor_y_m).abs() < 0.5 * Self::STOREY_M;
+        // The line of sight casts rays, so it is tested last.
         let within = distance_m <= rules.success_radius_m && on_its_floor && sees(&eye, Rules::HALF_VIEW_RAD);
         within.then_some(f64::from(distance_m))
     }
@@ -128,6 +129,7 @@ pub struct SubmitFacts {
 impl Record {
     /// Returns the completion step per goal.
     pub fn found_at(&self, goal_count: usize) -> Vec<Option<u32>> {
+        // The first completion counts; rule sets never reopen a goal.
         let step_of = |goal| self.submits.iter().find(|s| s.completed == Some(goal)).map(|s| s.step);
         (0..goal_count as u8).map(step_of).collect()
     }

@@ -44,6 +44,7 @@ pub(crate) fn called(facts: &Facts, claims: &Claims, target: usize) -> Vec<usize
 
 /// True if the claims plainly hold for `target` and fit no other object.
 pub(crate) fn fits_only(facts: &Facts, claims: &Claims, target: usize) -> bool {
+    // Strict for the target, generous for rivals: doubtful cases are rejected on both sides.
     may_be_called(&facts.scene.objects[target], &claims.head)
         && claims.list.iter().all(|claim| holds(facts, claim, target, target, Reading::Plain))
         && rivals(facts, claims, target).is_empty()

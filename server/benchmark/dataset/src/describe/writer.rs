@@ -151,6 +151,7 @@ impl<'a> Writer<'a> {
         for &claim in &chosen {
             rivals.retain(|rival| pool.might_fit[claim].contains(rival));
         }
+        // Random claims give variety; the greedy rest keeps sentences short.
         while !rivals.is_empty() {
             let next = pool.most_telling(&chosen, &rivals)?;
             rivals.retain(|rival| pool.might_fit[next].contains(rival));
@@ -160,6 +161,7 @@ impl<'a> Writer<'a> {
         let claims: Vec<Claim> = chosen.iter().map(|&claim| pool.candidates[claim].clone()).collect();
         let claims = Claims { head, list: claims };
         let (text, frame) = self.words(pool, &claims, rng)?;
+        // The checker implements relations a second time: an error in either rejects the sentence.
         let checked = check::fits_only(&self.relater.facts, &claims, pool.index);
         checked.then_some(Sentence { text, claims, frame })
     }

@@ -71,6 +71,7 @@ impl<'a> File<'a> {
             let cause = FormatCause::Other { found: header.scene, expected: scene.to_owned() };
             return Err(self.error(Some(1), cause));
         }
+        // Limits come before any allocation: a damaged header can promise anything.
         self.limit("missions", header.missions, MAX_MISSIONS)?;
         self.limit("targets", header.targets.unwrap_or(0), MAX_TARGETS)?;
         Ok(header)
@@ -127,6 +128,7 @@ pub fn read_scenes(file: File, expected: &str) -> Result<Vec<SceneLine>, FormatE
         scenes.push(scene);
         file.limit("scenes", scenes.len(), MAX_SCENES)?;
     }
+    // The digest is checked last: a parse error names the line, a wrong digest only the file.
     file.tied(expected)?;
     Ok(scenes)
 }
@@ -164,6 +166,7 @@ pub fn read_scene(line: &SceneLine, missions: File, sealed: File) -> Result<Vec<
     let public = read_missions(missions, &line.name)?;
     missions.tied(&line.public)?;
     let header = sealed.header(Header::SEALED, &line.name)?;
+    // The sealed file names its public file, so that files from two builds are not mixed.
     if header.public.as_deref() != Some(line.public.as_str()) {
         let cause =
             FormatCause::Digest { found: header.public.unwrap_or_default(), expected: line.public.clone() };

@@ -96,6 +96,8 @@ impl EpisodeSpec {
 }
 
 fn sealed_bytes(spec: &SceneSpec, public: &str, episodes: &[EpisodeSpec]) -> Result<Vec<u8>, DatasetError> {
+    // Missions share targets, and success regions are most of the bytes: every target is written once, sorted by
+    // instance.
     let mut targets: BTreeMap<u32, &GoalSpec> = BTreeMap::new();
     let goals = episodes.iter().flat_map(|episode| &episode.goals);
     targets.extend(goals.map(|goal| (goal.target.instance, goal)));
@@ -110,6 +112,8 @@ fn sealed_bytes(spec: &SceneSpec, public: &str, episodes: &[EpisodeSpec]) -> Res
     };
     push(&mut bytes, &header)?;
     for goal in targets.into_values() {
+        // These two fields belong to goals; fixed values keep the target independent of the mission that is written
+        // first.
         let target = Target { modality: Modality::Category, start_distance_m: 0.0, ..goal.target.clone() };
         push(&mut bytes, &SealedTarget { target, distractors: goal.distractors })?;
     }

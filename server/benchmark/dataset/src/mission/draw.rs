@@ -41,6 +41,7 @@ pub fn sample_missions(
     let rng = Rng::new(options.seed).fork("missions");
     (0..options.episodes)
         .map_while(|number| {
+            // A generator per mission: a longer list with the same seed begins with the same missions.
             let mut episode = sampler.mission(&mut rng.fork(&format!("mission {number}")))?;
             episode.id = format!("{}-{number:04}", assets.scene.name);
             Some(episode)
@@ -97,6 +98,7 @@ impl<'a> Sampler<'a> {
             None => self.attempts(count, rng).next(),
             Some(steps) => self.draw_near(steps, count, rng),
         };
+        // A small house may not fit the drawn goal count. Any allowed count is better than a scene without missions.
         let draft = draft.or_else(|| goals.clone().find_map(|count| self.attempts(count, rng).next()))?;
         let modalities = self.pool.modalities(&draft.chosen, rng)?;
         let episode = self.finish(&draft, &modalities, rng)?;
@@ -109,6 +111,8 @@ impl<'a> Sampler<'a> {
         let goals = &self.options.goals;
         let middle = 0.5 * (goals.start() + goals.end()) as f64;
         let share = 1.0 + steps.spread * (2.0 * rng.unit() - 1.0);
+        // More goals need longer tours: without the proportion, missions with few goals would be rejected again and
+        // again.
         let wanted = steps.mean * share * count as f64 / middle;
         let off = |draft: &Draft| (f64::from(draft.steps) - wanted).abs();
         let mut best: Option<Draft> = None;
@@ -116,6 +120,7 @@ impl<'a> Sampler<'a> {
             if best.as_ref().is_none_or(|best| off(&draft) < off(best)) {
                 best = Some(draft);
             }
+            // Later draws would only cost time: the spread of the wanted counts is much wider than this tolerance.
             if best.as_ref().is_some_and(|best| off(best) < NEAR_ENOUGH * wanted) {
                 break;
             }
@@ -131,6 +136,7 @@ impl<'a> Sampler<'a> {
     fn attempt(&self, count: usize, rng: &mut Rng) -> Option<Draft> {
         let navmesh = &self.assets.navmesh;
         let point = navmesh.sample(rng, navmesh.largest_island());
+        // Headings are multiples of a turn, so that reference steps count whole turns.
         let turns = rng.below(360 / self.rules.turn_deg.max(1) as usize) as f32;
         let start = Pose::new(point.position(), (turns * self.rules.turn_deg as f32).to_radians());
         let departure = self.atlas.departure(&point);
@@ -226,6 +232,7 @@ impl<'a> CandidatePool<'a> {
         count: usize,
         rng: &mut Rng,
     ) -> Option<Vec<usize>> {
+        // Strict order by use would pair the same instances in every mission; the random shift mixes them.
         let uses = self.uses.iter().map(|&uses| f64::from(uses) + CHANCE_USES * rng.unit());
         let mut candidates: Vec<(f64, usize)> = uses.zip(0..).collect();
         candidates.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -241,6 +248,7 @@ impl<'a> CandidatePool<'a> {
                 chosen.push(index);
             }
             if chosen.len() == count {
+                // Choice order follows use; goal order must not.
                 rng.shuffle(&mut chosen);
                 return Some(chosen);
             }
@@ -255,6 +263,7 @@ impl<'a> CandidatePool<'a> {
         let least = totals.iter().copied().min().unwrap_or(0);
         let mut best: Option<(f64, Vec<Modality>)> = None;
         for choice in choices(chosen.iter().map(|&index| available(self.instances[index])).collect()) {
+            // The paper requires at least two modalities per mission.
             if choice.iter().all(|modality| *modality == choice[0]) {
                 continue;
             }

@@ -46,6 +46,7 @@ impl<'a> Atlas<'a> {
     /// Computes the tables. Region pairs closer than `least_apart_m` get no tours.
     pub(crate) fn new(navmesh: &'a NavMesh, regions: &[Vec<NavPoint>], least_apart_m: f64) -> Self {
         let found = look_around(navmesh, regions, least_apart_m);
+        // A path tree per corner, but most corners lie on no tour: trees are computed on first use.
         let ways = (0..navmesh.corner_count()).map(|_| OnceCell::new()).collect();
         let Sight { regions, places, straight, straight_m } = found;
         let mut atlas = Self { navmesh, regions, places, ways, straight, apart_m: straight_m };
@@ -276,6 +277,7 @@ fn look_around(navmesh: &NavMesh, regions: &[Vec<NavPoint>], least_apart_m: f64)
 impl Sight {
     fn note(&mut self, pair: usize, straight: Straight, least_apart_m: f64) {
         self.straight_m[pair] = self.straight_m[pair].min(straight.distance_m);
+        // Regions this close are never in the same mission, and their lists of visible pairs would be the longest.
         if self.straight_m[pair] < least_apart_m {
             self.straight[pair] = Vec::new();
         } else {

@@ -51,6 +51,7 @@ fn bin([r, g, b]: [u8; 3]) -> usize {
     let [r, g, b] = [r, g, b].map(i32::from);
     let (most, least) = (r.max(g).max(b), r.min(g).min(b));
     let chroma = most - least;
+    // Hue is noise for greys and dark pixels; they are binned by brightness.
     if chroma * 6 < most || most < 32 {
         return 48 + (most / 64) as usize;
     }

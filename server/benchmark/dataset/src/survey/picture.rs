@@ -51,6 +51,7 @@ fn margin(scene: &Scene, sighting: &Sighting, look: &Look, rival: &Sighting) -> 
     let (own, other) = (&scene.objects[sighting.index], &scene.objects[rival.index]);
     let rooms_differ = own.region.is_some() && other.region.is_some() && own.region != other.region;
     let room = if rooms_differ { nearest(&|other| look.context.distance(&other.context)) } else { 0.0 };
+    // One clear difference is enough to tell two instances apart, so the largest counts.
     colors.max(room).max(company(scene, own, look, other))
 }
 

@@ -66,6 +66,8 @@ pub fn target_at(
 fn floor_below(assets: &SceneAssets, bounds: &Aabb) -> Option<f32> {
     const SEARCH_M: f32 = 1.5;
     let mut column = bounds.grown(SEARCH_M);
+    // 3 m below reaches the floor under objects on furniture and under ceiling lamps. The centre is the upper limit, so
+    // that no upper storey is chosen.
     column.min.y = bounds.min.y - 3.0;
     column.max.y = bounds.center().y;
     let floors = island_grid(assets, &column).into_iter().map(|point| point.position().y);
@@ -73,6 +75,7 @@ fn floor_below(assets: &SceneAssets, bounds: &Aabb) -> Option<f32> {
 }
 
 fn island_grid(assets: &SceneAssets, bounds: &Aabb) -> Vec<NavPoint> {
+    // Other islands are unreachable: table tops, closed rooms, the roof.
     let island = assets.navmesh.largest_island();
     let points = assets.navmesh.grid(bounds, REGION_SPACING_M);
     points.into_iter().filter(|point| assets.navmesh.island_of(point) == island).collect()

@@ -82,6 +82,7 @@ impl Surveyor<'_> {
         let mut seen = false;
         let places = place::spread(region, &object.bounds.center(), self.options.looks);
         for (number, base) in places.into_iter().enumerate() {
+            // Enclosed objects are never visible, and every look renders a picture.
             if number >= HOPELESS_LOOKS && !seen {
                 break;
             }

@@ -1,6 +1,6 @@
 //! Sound content and schedule: no leak beyond target directions.
 
-use crate::floor::{AHEAD, ASSETS, go, mission, truth};
+use crate::{AHEAD, ASSETS, go, mission, truth};
 use avln_episode::{
     Action::{MoveForward, Submit, TurnLeft, TurnRight},
     GoalCue, Modality, Observation, Order, Rules, Sensors, SoundClip, Sounds,
