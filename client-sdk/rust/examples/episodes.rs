@@ -1,4 +1,5 @@
-//! Plays one run as a stream of episodes: `cargo run -p avln-client --example episodes -- TOKEN [http://127.0.0.1:50051] [PHASE]`.
+//! Plays a run as a stream of episodes: `cargo run -p avln-client --example episodes -- TOKEN
+//! [http://127.0.0.1:50051] [PHASE]`.
 
 use avln_client::{Action, Arena, Episode, Error, RunOptions, Sensors};
 use tokio_stream::StreamExt;

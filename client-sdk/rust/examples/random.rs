@@ -1,10 +1,11 @@
-//! Plays one run at random: `cargo run -p avln-client --example random -- TOKEN [http://127.0.0.1:50051] [PHASE]`.
+//! Plays a run at random: `cargo run -p avln-client --example random -- TOKEN [http://127.0.0.1:50051]
+//! [PHASE]`.
 
 use avln_client::{
     Action, Agent, Arena, Error, Mission, Observation, RunOptions, Sensors, TaskSpec, evaluate,
 };
 
-/// Walks ahead, turns now and then, stops with its last step.
+/// Moves forward, turns now and then, stops with the last step.
 struct Random {
     state: u64,
 }

@@ -1,5 +1,5 @@
-//! Plays one run with four episodes side by side, each slot on a task of its own:
-//! `cargo run -p avln-client --example slots -- TOKEN [http://127.0.0.1:50051] [PHASE]`.
+//! Plays a run with four parallel episodes, a task per slot: `cargo run -p avln-client --example slots --
+//! TOKEN [http://127.0.0.1:50051] [PHASE]`.
 
 use avln_client::{Action, Arena, Error, Play, RunOptions, Sensors};
 use tokio::task::JoinSet;

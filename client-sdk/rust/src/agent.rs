@@ -7,15 +7,16 @@ use tokio::{
     task::{self, JoinSet},
 };
 
-/// Something that plays. One agent plays one episode at a time.
+/// A policy. An agent plays a single episode at a time.
 pub trait Agent {
-    /// An episode is about to [`begin`](Self::begin): its handle, good for this run only, for agents that write things down.
+    /// Called before [`begin`](Self::begin) with the episode handle, valid for this run only, for agents that
+    /// keep records.
     fn enter(&mut self, _episode: &str) {}
 
-    /// An episode begins: forget the last one.
+    /// Starts an episode; forget the previous one.
     fn begin(&mut self, task: &TaskSpec, mission: &Mission);
 
-    /// What to do, seeing this.
+    /// Selects an action for an observation.
     fn act(&mut self, observation: &Observation) -> Action;
 }
 
@@ -33,12 +34,12 @@ impl<A: Agent + ?Sized> Agent for Box<A> {
     }
 }
 
-/// Plays a run to its end with one agent and says Goodbye.
+/// Plays a whole run with a single agent and finishes it.
 ///
-/// The agent thinks on the calling task; on a multi-thread runtime other tasks go on meanwhile.
+/// The agent runs on the calling task; on a multi-thread runtime other tasks continue.
 ///
 /// # Errors
-/// When the server refuses something, breaks the protocol or the connection is lost.
+/// If the server refuses a request or violates the protocol, or if the connection is lost.
 pub async fn evaluate(
     arena: &Arena,
     run: &Run,
@@ -64,11 +65,11 @@ pub async fn evaluate_with(
     play.finish().await
 }
 
-/// Plays a run with as many episodes at the same time as there are agents, or fewer where the server grants fewer slots,
-/// telling `on_end` about every episode that ended. `agents` must not be empty; but for one that panicked, all are there
-/// afterwards, in any order.
+/// Plays a run with an episode per agent in parallel, or fewer if the server grants fewer slots. Calls
+/// `on_end` for every ended episode. `agents` must not be empty; afterwards it contains all agents except a
+/// panicked one, in any order.
 ///
-/// Each slot is a task of its own: agents think at the same time on a multi-thread runtime, and in turn on one thread.
+/// A slot is a task: agents run in parallel on a multi-thread runtime, and in turn on a single thread.
 ///
 /// # Errors
 /// As for [`evaluate`].
@@ -99,7 +100,7 @@ pub async fn evaluate_slots<A: Agent + Send + 'static>(
     gather(players, agents).await?.finish().await
 }
 
-/// Waits for all slots; gives back one of their plays.
+/// Waits for all slots; returns a remaining play handle.
 async fn gather<A: 'static>(
     mut players: JoinSet<(A, Result<Play, Error>)>,
     agents: &mut Vec<A>,
@@ -144,7 +145,7 @@ async fn play_all(
     Ok(())
 }
 
-/// Lets other tasks go on while an agent thinks, where the runtime can.
+/// Runs agent code without blocking other tasks, if the runtime supports it.
 fn undisturbed<T>(think: impl FnOnce() -> T) -> T {
     match Handle::current().runtime_flavor() {
         RuntimeFlavor::MultiThread => task::block_in_place(think),

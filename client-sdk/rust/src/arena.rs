@@ -18,7 +18,7 @@ use tokio::{sync::mpsc, time::timeout};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Status, Streaming, transport::Channel};
 
-/// What the tokens of runs begin with.
+/// Prefix of run tokens.
 const RUN_TOKEN: &str = "avln_run_";
 const PLAY: &str = "open the run's stream";
 
@@ -27,8 +27,8 @@ type Runs = RunServiceClient<Channel>;
 
 /// A connection to a server. Clones share it.
 ///
-/// A call whose answer was lost with the connection is made again for ten seconds, or for as long as [`Link::patience`] allows
-/// where that is less; a run that was asked for twice is begun once.
+/// A call without an answer due to a lost connection is retried for ten seconds, or for [`Link::patience`] if
+/// shorter; a repeated request starts a run only once.
 #[derive(Clone, Debug)]
 pub struct Arena {
     channel: Channel,
@@ -38,13 +38,13 @@ pub struct Arena {
 }
 
 impl Arena {
-    /// Connects to `server`, like `http://127.0.0.1:50051`, `https://arena.example:50051` or `unix:/run/arena.sock`, and checks that it is one and takes the account's `token`.
-    /// An empty token is good for [`server_info`](Self::server_info), [`phases`](Self::phases) and for playing a
-    /// [`Run::from_token`].
+    /// Connects to `server`, like `http://127.0.0.1:50051`, `https://arena.example:50051` or
+    /// `unix:/run/arena.sock`, and verifies it with the account `token`. An empty token is sufficient for
+    /// [`server_info`](Self::server_info), [`phases`](Self::phases) and a [`Run::from_token`].
     ///
     /// # Errors
-    /// When the address makes no sense, nothing answers there within ten seconds, what answers is no such server, or
-    /// it refuses the token.
+    /// If the address is invalid, no server answers within ten seconds, the server is of a different kind, or
+    /// it rejects the token.
     pub async fn connect(server: impl AsRef<str>, token: impl Into<String>) -> Result<Self, Error> {
         Self::connect_with(server, token, &Link::default()).await
     }
@@ -68,8 +68,8 @@ impl Arena {
         Ok(arena)
     }
 
-    /// Connects and begins a run; with a run's own token, takes up that run, whatever `options` say, as in a sealed run where
-    /// the agent never sees the account.
+    /// Connects and starts a run. With a run token it joins that run and ignores `options`, as in a sealed
+    /// run without account access.
     ///
     /// # Errors
     /// As for [`connect_with`](Self::connect_with) and [`start_run`](Self::start_run).
@@ -88,20 +88,20 @@ impl Arena {
         Ok((arena, run))
     }
 
-    /// What the server is.
+    /// Returns server information.
     ///
     /// # Errors
-    /// When the connection is lost.
+    /// If the connection is lost.
     pub async fn server_info(&self) -> Result<ServerInfo, Error> {
         let request = plain(v1::GetServerInfoRequest {});
         let answer = InfoServiceClient::new(self.channel.clone()).get_server_info(request).await;
         Ok(ServerInfo::from_wire(unwrap("ask what the server is", answer)?))
     }
 
-    /// The phases that the team may see, in the organiser's order; without a token, those that anyone may see.
+    /// Returns the phases visible to the team, in the organiser's order; without a token, the public phases.
     ///
     /// # Errors
-    /// When the connection is lost.
+    /// If the connection is lost.
     pub async fn phases(&self) -> Result<Vec<Phase>, Error> {
         let team = if self.token.is_empty() { None } else { Some(bearer(&self.token)?) };
         let call = || async {
@@ -116,29 +116,29 @@ impl Arena {
         Ok(answer.phases.into_iter().map(Phase::from_wire).collect())
     }
 
-    /// Id of the phase that is played where none is named: the only open one in which the team's runs are not counted
-    /// or, where there are several, the one called `practice`.
+    /// Returns the default phase: the only open phase with uncounted runs, or among several the phase
+    /// `practice`.
     ///
     /// # Errors
-    /// When there is no such phase, or the connection is lost.
+    /// If no such phase exists, or the connection is lost.
     pub async fn practice_phase(&self) -> Result<String, Error> {
         let (phases, quotas) = (self.phases().await?, self.quota().await?);
         phase_to_practise(&phases, &quotas).map(|phase| phase.id.clone())
     }
 
-    /// Whose token this is.
+    /// Returns the account of the token.
     ///
     /// # Errors
-    /// When the server refuses the token or the connection is lost.
+    /// If the server rejects the token, or the connection is lost.
     pub async fn whoami(&self) -> Result<Account, Error> {
         let ask = |mut runs: Runs, request| async move { runs.who_am_i(request).await };
         Ok(Account::from_wire(self.ask("ask whose token this is", v1::WhoAmIRequest {}, ask).await?))
     }
 
-    /// Begins a run; where `options` name no phase, in [`practice_phase`](Self::practice_phase).
+    /// Starts a run; without a phase in `options`, in [`practice_phase`](Self::practice_phase).
     ///
     /// # Errors
-    /// When the phase is unknown, closed or not for this team, the quota is used up, the server is full, or the
+    /// If the phase is unknown, closed or forbidden, the quota is used up, the server is full, or the
     /// connection is lost.
     pub async fn start_run(&self, options: RunOptions) -> Result<Run, Error> {
         let options = match options.has_phase() {
@@ -150,20 +150,20 @@ impl Arena {
         Run::from_wire(self.ask("start a run", message, ask).await?)
     }
 
-    /// How a run of the team stands.
+    /// Returns the state of a run.
     ///
     /// # Errors
-    /// When there is no such run or the connection is lost.
+    /// If the run is unknown, or the connection is lost.
     pub async fn run(&self, id: &str) -> Result<RunStatus, Error> {
         let ask = |mut runs: Runs, request| async move { runs.get_run(request).await };
         let message = v1::GetRunRequest { run: id.to_owned() };
         RunStatus::from_wire(self.ask("look at a run", message, ask).await?.run)
     }
 
-    /// How a run of the team stands, again whenever it changes, until it is over.
+    /// Watches a run: returns its state after every change until it ends.
     ///
     /// # Errors
-    /// When there is no such run or the connection is lost.
+    /// If the run is unknown, or the connection is lost.
     pub async fn watch(&self, id: &str) -> Result<RunWatch, Error> {
         let mut request = self.request(v1::WatchRunRequest { run: id.to_owned() })?;
         request.metadata_mut().remove("grpc-timeout");
@@ -190,38 +190,37 @@ impl Arena {
         }
     }
 
-    /// Ends a run of the team; its open episodes end as abandoned.
+    /// Cancels a run; open episodes end as abandoned.
     ///
     /// # Errors
-    /// When there is no such run or the connection is lost.
+    /// If the run is unknown, or the connection is lost.
     pub async fn cancel_run(&self, id: &str) -> Result<RunStatus, Error> {
         let ask = |mut runs: Runs, request| async move { runs.cancel_run(request).await };
         let message = v1::CancelRunRequest { run: id.to_owned() };
         RunStatus::from_wire(self.ask("cancel a run", message, ask).await?.run)
     }
 
-    /// What the team has left in every phase that it can see.
+    /// Returns the remaining quota in all visible phases.
     ///
     /// # Errors
-    /// When the connection is lost.
+    /// If the connection is lost.
     pub async fn quota(&self) -> Result<Vec<Quota>, Error> {
         let ask = |mut runs: Runs, request| async move { runs.get_quota(request).await };
         let answer = self.ask("ask for the quota", v1::GetQuotaRequest { phase: String::new() }, ask).await?;
         Ok(answer.quotas.into_iter().map(Quota::from_wire).collect())
     }
 
-    /// Opens the run's stream for one episode at a time.
+    /// Opens the run stream for a single slot.
     ///
     /// # Errors
-    /// When `sensors` are outside of the limits or not allowed, the run is over, the server does not take this
-    /// client's version, breaks the protocol, or the connection is lost.
+    /// If `sensors` are out of range or forbidden, the run has ended, the server rejects this client version
+    /// or violates the protocol, or the connection is lost.
     pub async fn play(&self, run: &Run, sensors: Sensors) -> Result<Play, Error> {
         let slots = self.play_slots(run, sensors, 1).await?;
         slots.into_iter().next().ok_or_else(|| Error::protocol("Welcome grants no slot"))
     }
 
-    /// Opens the run's stream for up to `slots` episodes at the same time; returns as many as the server grants, which
-    /// may be driven from different tasks.
+    /// Opens the run stream for up to `slots` slots. Returns the granted slots, usable from different tasks.
     ///
     /// # Errors
     /// As for [`play`](Self::play).
@@ -263,7 +262,7 @@ impl Arena {
         }
     }
 
-    /// Makes a call about runs, again while its answer is lost: all of them may be made twice.
+    /// Makes an idempotent run call, repeated while the answer is lost.
     async fn ask<M: Clone, A, F>(
         &self,
         attempted: &'static str,
@@ -287,14 +286,14 @@ impl Arena {
     }
 }
 
-/// How a server answers a Hello.
+/// Answer to a Hello.
 pub(crate) enum Greeting {
     Welcome {
         requests: mpsc::Sender<v1::PlayRequest>,
         responses: Streaming<v1::PlayResponse>,
         welcome: Box<v1::Welcome>,
     },
-    /// The run that is to go on has ended, and so have episodes that the client still holds.
+    /// The resumed run has ended, including episodes still open at the client.
     RunEnd(Vec<v1::EpisodeEnd>, v1::RunEnd),
 }
 
@@ -332,7 +331,7 @@ async fn await_welcome(responses: &mut Streaming<v1::PlayResponse>) -> Result<Fi
     }
 }
 
-/// Tells a server of another kind from one that merely refused.
+/// Distinguishes a foreign server from a refusal.
 fn not_arena(address: &str, error: Error) -> Error {
     let foreign = |detail: String| Error::NotArena { address: address.to_owned(), detail };
     match error {

@@ -1,4 +1,4 @@
-//! Calls that are not a run's stream: how they are made, and made again when their answer was lost.
+//! Unary calls with retries after a lost answer.
 
 use crate::{Error, RunOptions};
 use avln_proto::v1;
@@ -12,14 +12,14 @@ use tonic::{
     metadata::{Ascii, MetadataValue},
 };
 
-/// How long the server may take to answer.
+/// Longest time for an answer.
 pub(crate) const TIMEOUT: Duration = Duration::from_secs(30);
-/// For how long a call whose answer was lost is made again, unless somebody wants less.
+/// Default retry time of a call with a lost answer.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Pauses between attempts: after the first, and the longest.
 const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(2));
 
-/// Makes a call, again and again while the connection is lost; for calls that may be made twice.
+/// Makes an idempotent call, repeated while the connection is lost.
 pub(crate) async fn persist<A, F>(
     attempted: &'static str,
     patience: Option<Duration>,
@@ -49,7 +49,7 @@ pub(crate) fn plain<T>(message: T) -> Request<T> {
     request
 }
 
-/// What tells a server whose call it is.
+/// Authorisation metadata of a call.
 pub(crate) type Bearer = MetadataValue<Ascii>;
 
 pub(crate) fn bearer(token: &str) -> Result<Bearer, Error> {
@@ -66,13 +66,13 @@ pub(crate) fn signed<T>(mut request: Request<T>, bearer: &Bearer) -> Request<T> 
 }
 
 impl RunOptions {
-    /// With a name for the request where it has none, so that asking twice begins one run.
+    /// Adds a request id if missing, so that a repeated request starts a single run.
     pub(crate) fn named(self) -> Self {
         if self.has_request_id() { self } else { self.request_id(random_name()) }
     }
 }
 
-/// A name that nobody else takes: hashers are keyed at random.
+/// A unique request id: hashers have random keys.
 fn random_name() -> String {
     let word = || RandomState::new().build_hasher().finish();
     format!("{:016x}{:016x}", word(), word())

@@ -9,14 +9,14 @@ use std::{
 };
 use tokio::sync::{OwnedMutexGuard, mpsc};
 
-/// An episode that is being played: lent by [`Play::next_episode`], or one of a stream, [`Play::episodes`], which borrows
-/// nothing.
+/// An episode in progress: borrowed from [`Play::next_episode`], or an owned item of the stream
+/// [`Play::episodes`].
 #[derive(Debug)]
 pub struct Episode<'play> {
     play: Hold<'play>,
 }
 
-/// How an episode has the slot that it is played on.
+/// Access of an episode to its slot.
 #[derive(Debug)]
 enum Hold<'play> {
     Lent(&'play mut Play),
@@ -43,12 +43,12 @@ impl DerefMut for Hold<'_> {
     }
 }
 
-/// Time that an agent has for its next action.
+/// Remaining time for the next action.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TimeLeft {
-    /// Thinking time that costs nothing; `None`: unlimited.
+    /// Free thinking time; `None`: unlimited.
     pub step: Option<Duration>,
-    /// What the episode may still overrun `step` by in total.
+    /// Remaining bank of the episode beyond `step`.
     pub bank: Duration,
 }
 
@@ -70,17 +70,17 @@ impl Episode<'_> {
         &self.play.seat.id
     }
 
-    /// Which episode of the run this is, counted in order of start from 1.
+    /// Number of the episode in start order, from 1.
     pub fn ordinal(&self) -> u32 {
         self.play.seat.ordinal
     }
 
-    /// What to find.
+    /// The mission.
     pub fn mission(&self) -> &Mission {
         &self.play.seat.mission
     }
 
-    /// What the agent senses now: at the start, or after its last step.
+    /// The latest observation: at the start, or after the last step.
     pub fn observation(&self) -> &Observation {
         &self.play.seat.observation
     }
@@ -90,31 +90,31 @@ impl Episode<'_> {
         self.play.seat.time
     }
 
-    /// How far the run is.
+    /// Progress of the run.
     pub fn progress(&self) -> Progress {
         self.play.progress()
     }
 
-    /// Whether the episode has ended: [`end`](Self::end) says how.
+    /// Returns true if the episode has ended; see [`end`](Self::end).
     pub fn is_over(&self) -> bool {
         self.play.seat.is_over()
     }
 
-    /// How the episode ended; `None` while it goes on.
+    /// Result of the episode; `None` before its end.
     pub fn end(&self) -> Option<&EpisodeEnd> {
         self.play.seat.end()
     }
 
-    /// What failed on the server when the episode ended with [`EndReason::ServerFault`](crate::EndReason::ServerFault).
+    /// The server failure behind [`EndReason::ServerFault`](crate::EndReason::ServerFault).
     pub fn fault(&self) -> Option<&Error> {
         self.play.seat.fault.as_ref()
     }
 
-    /// Takes one step. A limit may end the episode before the step is taken: ask [`is_over`](Self::is_over).
+    /// Takes a step. A limit may end the episode before the step: check [`is_over`](Self::is_over).
     ///
     /// # Errors
-    /// [`Error::EpisodeOver`] after the end; [`Error::Refused`] when the server refuses the step and the episode goes
-    /// on; otherwise when the protocol is broken or the connection is lost.
+    /// [`Error::EpisodeOver`] after the end; [`Error::Refused`] if the server refuses the step and the
+    /// episode continues; otherwise if the protocol is violated or the connection is lost.
     pub async fn step(&mut self, action: Action) -> Result<&Observation, Error> {
         let play = &mut *self.play;
         play.seat.step(&play.line, action).await?;
@@ -122,10 +122,10 @@ impl Episode<'_> {
         Ok(&play.seat.observation)
     }
 
-    /// Gives the episode up: it ends as abandoned and counts as it stands. Nothing happens after the end.
+    /// Abandons the episode: it is scored up to the last step. No effect after the end.
     ///
     /// # Errors
-    /// When the protocol is broken or the connection is lost.
+    /// If the protocol is violated, or the connection is lost.
     pub async fn abandon(&mut self) -> Result<(), Error> {
         let play = &mut *self.play;
         if !play.seat.is_over() {
@@ -136,7 +136,7 @@ impl Episode<'_> {
     }
 }
 
-/// What a slot holds: the episode, as the server last told it.
+/// State of a slot: its episode as last reported by the server.
 #[derive(Debug)]
 pub(crate) struct Seat {
     slot: u32,
@@ -157,7 +157,7 @@ enum Phase {
     Over(EpisodeEnd),
 }
 
-/// What came of Ready.
+/// Answer to Ready.
 pub(crate) enum Begun {
     Episode(Progress),
     RunEnd(v1::RunEnd),
@@ -193,7 +193,7 @@ impl Seat {
         }
     }
 
-    /// The next thing that happens to the slot.
+    /// Waits for the next event of the slot.
     pub(crate) async fn next(&mut self) -> Event {
         self.events.recv().await.unwrap_or(Event::Closed(None))
     }
@@ -226,7 +226,7 @@ impl Seat {
         Ok(Progress::from_wire(start.progress))
     }
 
-    /// Sends one action and waits for what comes of it.
+    /// Sends an action and waits for the result.
     pub(crate) async fn step(&mut self, line: &Line, action: Action) -> Result<(), Error> {
         if self.is_over() {
             return Err(Error::EpisodeOver);
@@ -282,7 +282,8 @@ impl Seat {
         Ok(false)
     }
 
-    /// A fault that ends the episode is kept, for EpisodeEnd follows; one of another episode is stale.
+    /// Stores a fault that ends the episode, because EpisodeEnd follows; faults of other episodes are
+    /// outdated.
     fn weigh(&mut self, attempted: &'static str, fault: &v1::Fault) -> Result<(), Error> {
         let stale = !fault.episode.is_empty() && fault.episode != self.id;
         if stale {

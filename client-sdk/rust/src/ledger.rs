@@ -1,22 +1,22 @@
-//! What was sent and what arrived, slot by slot: enough to go on when a connection is lost.
+//! Sent and received frames per slot, for resuming after a lost connection.
 
 use avln_proto::v1::{self, play_request::Frame as Sent, play_response::Frame as Arrived};
 
-/// The slots of a run, as the client knows them.
+/// The slots of a run from the client's perspective.
 #[derive(Debug, Default)]
 pub(crate) struct Ledger {
     slots: Vec<SlotLedger>,
     /// Goodbye was said.
     goodbye: bool,
-    /// RunEnd arrived: nothing more will come.
+    /// RunEnd was received: the run is complete.
     over: bool,
 }
 
 #[derive(Debug, Default)]
 struct SlotLedger {
-    /// The episode that it holds, and the step of the last observation that arrived.
+    /// Open episode, and the step of the last received observation.
     holds: Option<(String, u32)>,
-    /// What was sent and not answered.
+    /// Unanswered frame.
     open: Option<Sent>,
 }
 
@@ -79,12 +79,12 @@ impl Ledger {
         }
     }
 
-    /// Whether the run has ended.
+    /// Returns true if the run has ended.
     pub(crate) fn is_over(&self) -> bool {
         self.over
     }
 
-    /// What Hello says was received last.
+    /// Last received steps for Hello.
     pub(crate) fn known(&self) -> Vec<v1::SlotPosition> {
         let position = |(slot, ledger): (u32, &SlotLedger)| {
             let (episode, step) = ledger.holds.clone()?;
@@ -93,7 +93,7 @@ impl Ledger {
         (0..).zip(&self.slots).filter_map(position).collect()
     }
 
-    /// What must be sent again to a server that says where the slots are.
+    /// Frames to resend, given the slot positions of the server.
     pub(crate) fn to_repeat(&self, resumed: &[v1::SlotPosition]) -> Vec<Sent> {
         let again = |(slot, ledger): (u32, &SlotLedger)| {
             let there = resumed.iter().find(|position| position.slot == slot);
@@ -107,7 +107,7 @@ impl Ledger {
         (0..).zip(&self.slots).filter_map(again).chain(goodbye).collect()
     }
 
-    /// Whether `fault` says that an episode which a slot holds is gone.
+    /// Returns true if `fault` reports the loss of a slot's episode.
     pub(crate) fn is_gone(&self, fault: &v1::Fault) -> bool {
         let slot = fault.slot.and_then(|slot| self.slots.get(slot as usize));
         fault.reason() == v1::Reason::EpisodeUnknown

@@ -7,13 +7,13 @@ use avln_proto::v1::{self, play_request::Frame};
 use std::{sync::Arc, time::Duration};
 use tokio::{sync::mpsc, time};
 
-/// How long [`Play::finish`] waits for the run's summary.
+/// Longest wait of [`Play::finish`] for the summary.
 const FAREWELL: Duration = Duration::from_secs(60);
 
-/// One slot of a run: it plays episodes one after the other.
+/// A slot of a run, which plays episodes in sequence.
 ///
-/// A lost connection is dialled again, and its episodes go on, for as long as the server allows. Dropped before
-/// [`finish`](Self::finish), an open episode ends as disconnected, when that time is over.
+/// A lost connection is reopened and episodes continue, as long as the server permits. If dropped before
+/// [`finish`](Self::finish), an open episode ends as disconnected after that time.
 #[derive(Debug)]
 pub struct Play {
     pub(crate) line: Arc<Line>,
@@ -44,7 +44,7 @@ impl Play {
         self.slot
     }
 
-    /// How far the run is, as last heard of on this slot.
+    /// Latest progress of the run on this slot.
     pub fn progress(&self) -> Progress {
         self.progress
     }
@@ -54,12 +54,12 @@ impl Play {
         self.line.take_notices()
     }
 
-    /// Begins the next episode; `None` when the run has none left. An episode that was left open is given up first.
+    /// Starts the next episode; `None` if no episode remains. An open episode is abandoned first.
     ///
-    /// The clock of its first action starts now: load models before.
+    /// The clock of the first action starts now: load models before.
     ///
     /// # Errors
-    /// When the server refuses, breaks the protocol or the connection is lost.
+    /// If the server refuses or violates the protocol, or the connection is lost.
     pub async fn next_episode(&mut self) -> Result<Option<Episode<'_>>, Error> {
         Ok(self.begin_next().await?.then(|| Episode::lent(self)))
     }
@@ -83,10 +83,10 @@ impl Play {
         }
     }
 
-    /// Says Goodbye: the run ends, on all of its slots, and open episodes end as abandoned.
+    /// Sends Goodbye: the run ends on all slots, and open episodes end as abandoned.
     ///
     /// # Errors
-    /// When the connection is lost or the server does not answer within a minute.
+    /// If the connection is lost, or the server does not answer within a minute.
     pub async fn finish(mut self) -> Result<RunSummary, Error> {
         self.farewell().await
     }

@@ -21,7 +21,7 @@ where
     arena.play(&Run::from_token(RUN_TOKEN), Sensors::square(SIDE)).await
 }
 
-/// Greets and begins one episode.
+/// Greets and starts an episode.
 async fn one_episode(stage: &mut Stage) {
     stage.greet().await;
     stage.hear_ready().await;
@@ -281,7 +281,7 @@ async fn an_old_client_is_told_what_to_install() {
     assert!(error.to_string().contains("install avln-client 2.0"), "{error}");
 }
 
-/// What the client says to a Welcome that was spoilt.
+/// Client error for a modified Welcome.
 async fn complaint(spoil: impl Fn(&mut v1::Welcome) + Clone + Send + Sync + 'static) -> String {
     let opened = open(move |mut stage| {
         let spoil = spoil.clone();
@@ -357,7 +357,7 @@ async fn a_status_without_a_reason_keeps_its_text() {
     assert!(error.to_string().contains("id 7"), "{error}");
 }
 
-/// Plays one episode in each of two slots, step by step in turn: both are open at the same time.
+/// Plays an episode in each of two slots, step by step in turn.
 async fn two_slots(mut stage: Stage) {
     assert_eq!(stage.greet().await.slots, 2);
     for slot in [stage.hear_ready().await.slot, stage.hear_ready().await.slot] {
