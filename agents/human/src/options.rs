@@ -1,5 +1,5 @@
 use crate::{door, game};
-use avln_client::{Arena, EpisodeEnd, Error, Link, Order, RunOptions, RunSummary, Sensors};
+use avln_client::{Client, ConnectOptions, EpisodeEnd, Error, Order, RunOptions, RunSummary, Sensors};
 use clap::Args;
 use std::{io, net::SocketAddr, path::PathBuf};
 use tokio::{
@@ -79,10 +79,10 @@ pub async fn run_with(
     let no_page = |error| HumanError::Page { address: options.page, error };
     let listener = TcpListener::bind(options.page).await.map_err(no_page)?;
     let address = listener.local_addr().map_err(no_page)?;
-    let link = Link { ca: options.ca, ..Link::default() };
+    let link = ConnectOptions { ca: options.ca, ..ConnectOptions::default() };
     let method = RunOptions::new(options.phase, "human").method_version(env!("CARGO_PKG_VERSION"));
     let method = method.order(options.order);
-    let (arena, run) = Arena::begin(&options.server, options.token, &link, method).await?;
+    let (arena, run) = Client::begin(&options.server, options.token, &link, method).await?;
     let play = arena.play(&run, Sensors::square(options.size)).await?;
     let (wishes, wished) = mpsc::channel(1);
     let (stop, stopped) = oneshot::channel();

@@ -1,7 +1,7 @@
 //! What programs that play share: their command line, the run that they play, and what they tell people of it.
 
 use avln_client::{
-    Agent, Arena, EpisodeEnd, Error, Link, Order, RunOptions, RunSummary, Sensors, evaluate_slots,
+    Agent, Client, ConnectOptions, EpisodeEnd, Error, Order, RunOptions, RunSummary, Sensors, evaluate_slots,
 };
 use clap::{Args, value_parser};
 use std::{fmt::Display, future::Future, io, iter, path::PathBuf, process::ExitCode, thread};
@@ -64,9 +64,9 @@ pub async fn play<A: Agent + Send + 'static>(
     agents: &mut Vec<A>,
     on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
 ) -> Result<RunSummary, Error> {
-    let link = Link { ca: args.ca, ..Link::default() };
+    let link = ConnectOptions { ca: args.ca, ..ConnectOptions::default() };
     let wanted = RunOptions::new(args.phase, method.name).method_version(method.version).order(args.order);
-    let (arena, run) = Arena::begin(&args.server, args.token, &link, wanted).await?;
+    let (arena, run) = Client::begin(&args.server, args.token, &link, wanted).await?;
     evaluate_slots(&arena, &run, method.sensors, agents, on_end).await
 }
 

@@ -1,5 +1,7 @@
 use crate::RandomAgent;
-use avln_client::{Arena, EpisodeEnd, Error, Link, Order, RunOptions, RunSummary, Sensors, evaluate_with};
+use avln_client::{
+    Client, ConnectOptions, EpisodeEnd, Error, Order, RunOptions, RunSummary, Sensors, evaluate_with,
+};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -45,10 +47,10 @@ pub async fn run_with(
     options: Options,
     on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
 ) -> Result<RunSummary, Error> {
-    let link = Link { ca: options.ca, ..Link::default() };
+    let link = ConnectOptions { ca: options.ca, ..ConnectOptions::default() };
     let method = RunOptions::new(options.phase, "random").method_version(env!("CARGO_PKG_VERSION"));
     let method = method.order(options.order);
-    let (arena, run) = Arena::begin(&options.server, options.token, &link, method).await?;
+    let (arena, run) = Client::begin(&options.server, options.token, &link, method).await?;
     let mut agent = RandomAgent::new(options.seed);
     evaluate_with(&arena, &run, Sensors::square(options.size), &mut agent, on_end).await
 }

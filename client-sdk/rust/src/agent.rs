@@ -1,5 +1,5 @@
 use crate::{
-    Action, Arena, EpisodeEnd, Error, Mission, Observation, Play, Run, RunSummary, Sensors, TaskSpec,
+    Action, Client, EpisodeEnd, Error, Mission, Observation, Play, Run, RunSummary, Sensors, TaskSpec,
 };
 use tokio::{
     runtime::{Handle, RuntimeFlavor},
@@ -41,12 +41,12 @@ impl<A: Agent + ?Sized> Agent for Box<A> {
 /// # Errors
 /// If the server refuses a request or violates the protocol, or if the connection is lost.
 pub async fn evaluate(
-    arena: &Arena,
+    client: &Client,
     run: &Run,
     sensors: Sensors,
     agent: &mut (dyn Agent + Send),
 ) -> Result<RunSummary, Error> {
-    evaluate_with(arena, run, sensors, agent, &mut |_| {}).await
+    evaluate_with(client, run, sensors, agent, &mut |_| {}).await
 }
 
 /// As [`evaluate`], telling `on_end` about every episode that ended.
@@ -54,13 +54,13 @@ pub async fn evaluate(
 /// # Errors
 /// As for [`evaluate`].
 pub async fn evaluate_with(
-    arena: &Arena,
+    client: &Client,
     run: &Run,
     sensors: Sensors,
     agent: &mut (dyn Agent + Send),
     on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
 ) -> Result<RunSummary, Error> {
-    let mut play = arena.play(run, sensors).await?;
+    let mut play = client.play(run, sensors).await?;
     play_all(&mut play, agent, on_end).await?;
     play.finish().await
 }
@@ -74,14 +74,14 @@ pub async fn evaluate_with(
 /// # Errors
 /// As for [`evaluate`].
 pub async fn evaluate_slots<A: Agent + Send + 'static>(
-    arena: &Arena,
+    client: &Client,
     run: &Run,
     sensors: Sensors,
     agents: &mut Vec<A>,
     on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
 ) -> Result<RunSummary, Error> {
     let wish = u32::try_from(agents.len()).unwrap_or(u32::MAX);
-    let plays = arena.play_slots(run, sensors, wish).await?;
+    let plays = client.play_slots(run, sensors, wish).await?;
     let (tell, mut ended) = mpsc::unbounded_channel();
     let mut players = JoinSet::new();
     for mut play in plays {

@@ -1,6 +1,6 @@
 use crate::{
     Action, EpisodeEnd, Error, Mission, Observation, Play, Progress,
-    line::{Event, Line, closed},
+    connection::{Connection, Event, closed},
 };
 use avln_proto::v1::{self, play_request::Frame};
 use std::{
@@ -67,27 +67,27 @@ impl Episode<'static> {
 impl Episode<'_> {
     /// Random handle of the episode, good for this run only.
     pub fn id(&self) -> &str {
-        &self.play.seat.id
+        &self.play.state.id
     }
 
     /// Number of the episode in start order, from 1.
     pub fn ordinal(&self) -> u32 {
-        self.play.seat.ordinal
+        self.play.state.ordinal
     }
 
     /// The mission.
     pub fn mission(&self) -> &Mission {
-        &self.play.seat.mission
+        &self.play.state.mission
     }
 
     /// The latest observation: at the start, or after the last step.
     pub fn observation(&self) -> &Observation {
-        &self.play.seat.observation
+        &self.play.state.observation
     }
 
     /// Time for the next action.
     pub fn time_left(&self) -> TimeLeft {
-        self.play.seat.time
+        self.play.state.time
     }
 
     /// Progress of the run.
@@ -97,17 +97,17 @@ impl Episode<'_> {
 
     /// Returns true if the episode has ended; see [`end`](Self::end).
     pub fn is_over(&self) -> bool {
-        self.play.seat.is_over()
+        self.play.state.is_over()
     }
 
     /// Result of the episode; `None` before its end.
     pub fn end(&self) -> Option<&EpisodeEnd> {
-        self.play.seat.end()
+        self.play.state.end()
     }
 
     /// The server failure behind [`EndReason::ServerFault`](crate::EndReason::ServerFault).
     pub fn fault(&self) -> Option<&Error> {
-        self.play.seat.fault.as_ref()
+        self.play.state.fault.as_ref()
     }
 
     /// Takes a step. A limit may end the episode before the step: check [`is_over`](Self::is_over).
@@ -117,9 +117,9 @@ impl Episode<'_> {
     /// episode continues; otherwise if the protocol is violated or the connection is lost.
     pub async fn step(&mut self, action: Action) -> Result<&Observation, Error> {
         let play = &mut *self.play;
-        play.seat.step(&play.line, action).await?;
+        play.state.step(&play.connection, action).await?;
         play.note_progress();
-        Ok(&play.seat.observation)
+        Ok(&play.state.observation)
     }
 
     /// Abandons the episode: it is scored up to the last step. No effect after the end.
@@ -128,8 +128,8 @@ impl Episode<'_> {
     /// If the protocol is violated, or the connection is lost.
     pub async fn abandon(&mut self) -> Result<(), Error> {
         let play = &mut *self.play;
-        if !play.seat.is_over() {
-            play.seat.abandon(&play.line).await?;
+        if !play.state.is_over() {
+            play.state.abandon(&play.connection).await?;
         }
         play.note_progress();
         Ok(())
@@ -138,7 +138,7 @@ impl Episode<'_> {
 
 /// State of a slot: its episode as last reported by the server.
 #[derive(Debug)]
-pub(crate) struct Seat {
+pub(crate) struct SlotState {
     slot: u32,
     events: mpsc::Receiver<Event>,
     id: String,
@@ -147,11 +147,11 @@ pub(crate) struct Seat {
     observation: Observation,
     time: TimeLeft,
     fault: Option<Error>,
-    phase: Phase,
+    phase: SlotPhase,
 }
 
 #[derive(Debug)]
-enum Phase {
+enum SlotPhase {
     Idle,
     Playing,
     Over(EpisodeEnd),
@@ -167,7 +167,7 @@ const BEGIN: &str = "begin an episode";
 const STEP: &str = "take a step";
 const ABANDON: &str = "give an episode up";
 
-impl Seat {
+impl SlotState {
     pub(crate) fn new(slot: u32, events: mpsc::Receiver<Event>) -> Self {
         Self {
             slot,
@@ -178,18 +178,18 @@ impl Seat {
             observation: Observation::default(),
             time: TimeLeft::default(),
             fault: None,
-            phase: Phase::Idle,
+            phase: SlotPhase::Idle,
         }
     }
 
     pub(crate) fn is_over(&self) -> bool {
-        !matches!(self.phase, Phase::Playing)
+        !matches!(self.phase, SlotPhase::Playing)
     }
 
     pub(crate) fn end(&self) -> Option<&EpisodeEnd> {
         match &self.phase {
-            Phase::Over(end) => Some(end),
-            Phase::Idle | Phase::Playing => None,
+            SlotPhase::Over(end) => Some(end),
+            SlotPhase::Idle | SlotPhase::Playing => None,
         }
     }
 
@@ -199,10 +199,10 @@ impl Seat {
     }
 
     /// Waits for the answer to Ready.
-    pub(crate) async fn begin(&mut self, line: &Line) -> Result<Begun, Error> {
+    pub(crate) async fn begin(&mut self, connection: &Connection) -> Result<Begun, Error> {
         loop {
             match self.next().await {
-                Event::Start(start) => return self.start(line, *start).map(Begun::Episode),
+                Event::Start(start) => return self.start(connection, *start).map(Begun::Episode),
                 Event::RunEnd(end) => return Ok(Begun::RunEnd(end)),
                 Event::Fault(fault) if fault.episode.is_empty() => {
                     return Err(Error::from_fault(BEGIN, &fault));
@@ -213,33 +213,33 @@ impl Seat {
         }
     }
 
-    fn start(&mut self, line: &Line, start: v1::EpisodeStart) -> Result<Progress, Error> {
+    fn start(&mut self, connection: &Connection, start: v1::EpisodeStart) -> Result<Progress, Error> {
         let first =
             start.observation.ok_or_else(|| Error::protocol("an episode began without an observation"))?;
         self.id = start.episode;
         self.ordinal = start.ordinal;
         self.mission = Mission::from_wire(start.mission)?;
         self.time = time_left(first.time);
-        self.observation = line.agreement.unpack(first)?;
+        self.observation = connection.agreement.unpack(first)?;
         self.fault = None;
-        self.phase = Phase::Playing;
+        self.phase = SlotPhase::Playing;
         Ok(Progress::from_wire(start.progress))
     }
 
     /// Sends an action and waits for the result.
-    pub(crate) async fn step(&mut self, line: &Line, action: Action) -> Result<(), Error> {
+    pub(crate) async fn step(&mut self, connection: &Connection, action: Action) -> Result<(), Error> {
         if self.is_over() {
             return Err(Error::EpisodeOver);
         }
         let step = self.observation.step + 1;
         let act =
             v1::Act { slot: self.slot, episode: self.id.clone(), step, action: action.to_wire() as i32 };
-        line.send(Frame::Act(act)).await;
+        connection.send(Frame::Act(act)).await;
         loop {
             match self.next().await {
                 Event::Observation(seen) if seen.episode == self.id => {
                     let last = seen.terminated || seen.truncated;
-                    self.see(line, *seen, step)?;
+                    self.see(connection, *seen, step)?;
                     return if last { self.await_end(STEP).await } else { Ok(()) };
                 }
                 other => {
@@ -251,9 +251,9 @@ impl Seat {
         }
     }
 
-    pub(crate) async fn abandon(&mut self, line: &Line) -> Result<(), Error> {
+    pub(crate) async fn abandon(&mut self, connection: &Connection) -> Result<(), Error> {
         let abandon = v1::Abandon { slot: self.slot, episode: self.id.clone(), step: self.observation.step };
-        line.send(Frame::Abandon(abandon)).await;
+        connection.send(Frame::Abandon(abandon)).await;
         self.await_end(ABANDON).await
     }
 
@@ -270,7 +270,7 @@ impl Seat {
     fn settle(&mut self, attempted: &'static str, event: Event) -> Result<bool, Error> {
         match event {
             Event::End(end) if end.episode == self.id => {
-                self.phase = Phase::Over(EpisodeEnd::from_wire(end));
+                self.phase = SlotPhase::Over(EpisodeEnd::from_wire(end));
                 return Ok(true);
             }
             Event::Fault(fault) => self.weigh(attempted, &fault)?,
@@ -297,7 +297,7 @@ impl Seat {
         Ok(())
     }
 
-    fn see(&mut self, line: &Line, seen: v1::Observation, step: u32) -> Result<(), Error> {
+    fn see(&mut self, connection: &Connection, seen: v1::Observation, step: u32) -> Result<(), Error> {
         if seen.step != step {
             return Err(Error::protocol(format!(
                 "step {step} was answered by the observation of step {}",
@@ -305,7 +305,7 @@ impl Seat {
             )));
         }
         self.time = time_left(seen.time);
-        self.observation = line.agreement.unpack(seen)?;
+        self.observation = connection.agreement.unpack(seen)?;
         Ok(())
     }
 }

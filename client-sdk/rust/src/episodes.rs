@@ -19,12 +19,12 @@ type Next = Pin<Box<dyn Future<Output = Option<Result<Episode<'static>, Error>>>
 /// dropped; one that was dropped before its end is given up first.
 ///
 /// ```no_run
-/// use avln_client::{Action, Arena, Error, RunOptions, Sensors};
+/// use avln_client::{Action, Client, Error, RunOptions, Sensors};
 /// use tokio_stream::StreamExt;
 ///
-/// # async fn play(arena: Arena) -> Result<(), Error> {
-/// let run = arena.start_run(RunOptions::new("practice", "my-method")).await?;
-/// let mut episodes = arena.play(&run, Sensors::default()).await?.episodes();
+/// # async fn play(client: Client) -> Result<(), Error> {
+/// let run = client.start_run(RunOptions::new("practice", "my-method")).await?;
+/// let mut episodes = client.play(&run, Sensors::default()).await?.episodes();
 /// while let Some(mut episode) = episodes.try_next().await? {
 ///     while !episode.is_over() {
 ///         episode.step(Action::MoveForward).await?;

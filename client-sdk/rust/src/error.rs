@@ -116,6 +116,14 @@ impl Error {
         }
     }
 
+    /// The delay requested by the server before a retry, seconds.
+    pub(crate) fn retry_after_s(&self) -> Option<u32> {
+        match self {
+            Self::Refused { retry_after_s, .. } => *retry_after_s,
+            _ => None,
+        }
+    }
+
     pub(crate) fn protocol(detail: impl Into<String>) -> Self {
         Self::Protocol { detail: detail.into() }
     }
@@ -170,7 +178,7 @@ impl Error {
         Self::refused(attempted, code, fault.reason(), &message, fault.retry_after_s)
     }
 
-    fn refused(
+    pub(crate) fn refused(
         attempted: &'static str,
         code: Code,
         reason: Reason,

@@ -80,7 +80,7 @@ pub struct RunOptions {
 
 impl RunOptions {
     /// A run of `method`, the name on the leaderboard, in `phase`, or if empty in
-    /// [`Arena::practice_phase`](crate::Arena::practice_phase); unordered.
+    /// [`Client::practice_phase`](crate::Client::practice_phase); unordered.
     pub fn new(phase: impl Into<String>, method: impl Into<String>) -> Self {
         let method = v1::MethodInfo { name: method.into(), ..v1::MethodInfo::default() };
         Self { phase: phase.into(), method, order: Order::default(), request_id: String::new() }
@@ -216,7 +216,7 @@ pub struct RunStatus {
 
 /// Window of a quota.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Window {
+pub enum QuotaWindow {
     /// Calendar day, UTC.
     Day,
     /// Calendar month, UTC.
@@ -237,7 +237,7 @@ pub struct Quota {
     /// Phase.
     pub phase: String,
     /// Window.
-    pub window: Window,
+    pub window: QuotaWindow,
     /// Runs granted in the window; `None`: unlimited.
     pub limit: Option<u32>,
     /// Runs counted in the window.
@@ -253,7 +253,7 @@ pub struct Quota {
 impl Quota {
     /// Returns true if it limits the number of started runs, in total or per time.
     pub fn is_counted(&self) -> bool {
-        self.limit.is_some() && !matches!(self.window, Window::Concurrent | Window::Uncharged)
+        self.limit.is_some() && !matches!(self.window, QuotaWindow::Concurrent | QuotaWindow::Uncharged)
     }
 }
 
@@ -390,12 +390,12 @@ impl RunState {
 impl Quota {
     pub(crate) fn from_wire(quota: v1::Quota) -> Self {
         let window = match quota.window() {
-            v1::QuotaWindow::Day => Window::Day,
-            v1::QuotaWindow::Month => Window::Month,
-            v1::QuotaWindow::Total => Window::Total,
-            v1::QuotaWindow::Concurrent => Window::Concurrent,
-            v1::QuotaWindow::Uncharged => Window::Uncharged,
-            v1::QuotaWindow::Unspecified => Window::Other,
+            v1::QuotaWindow::Day => QuotaWindow::Day,
+            v1::QuotaWindow::Month => QuotaWindow::Month,
+            v1::QuotaWindow::Total => QuotaWindow::Total,
+            v1::QuotaWindow::Concurrent => QuotaWindow::Concurrent,
+            v1::QuotaWindow::Uncharged => QuotaWindow::Uncharged,
+            v1::QuotaWindow::Unspecified => QuotaWindow::Other,
         };
         Self {
             window,

@@ -1,8 +1,8 @@
 use crate::{
-    Account, Error, Link, Packing, Phase, Play, Quota, Run, RunOptions, RunStatus, RunWatch, Sensors,
-    ServerInfo,
+    Account, ConnectOptions, Error, Packing, Phase, Play, Quota, Run, RunOptions, RunStatus, RunWatch,
+    Sensors, ServerInfo,
     calls::{TIMEOUT, bearer, persist, plain, signed, unwrap},
-    line::{Dialler, Line, closed},
+    connection::{Connection, Reconnector, closed},
     service::phase_to_practise,
     welcome::Agreement,
 };
@@ -27,17 +27,17 @@ type Runs = RunServiceClient<Channel>;
 
 /// A connection to a server. Clones share it.
 ///
-/// A call without an answer due to a lost connection is retried for ten seconds, or for [`Link::patience`] if
+/// A call without an answer due to a lost connection is retried for ten seconds, or for [`ConnectOptions::patience`] if
 /// shorter; a repeated request starts a run only once.
 #[derive(Clone, Debug)]
-pub struct Arena {
+pub struct Client {
     channel: Channel,
     token: String,
     packing: Packing,
     pub(crate) patience: Option<Duration>,
 }
 
-impl Arena {
+impl Client {
     /// Connects to `server`, like `http://127.0.0.1:50051`, `https://arena.example:50051` or
     /// `unix:/run/arena.sock`, and verifies it with the account `token`. An empty token is sufficient for
     /// [`server_info`](Self::server_info), [`phases`](Self::phases) and a [`Run::from_token`].
@@ -46,26 +46,26 @@ impl Arena {
     /// If the address is invalid, no server answers within ten seconds, the server is of a different kind, or
     /// it rejects the token.
     pub async fn connect(server: impl AsRef<str>, token: impl Into<String>) -> Result<Self, Error> {
-        Self::connect_with(server, token, &Link::default()).await
+        Self::connect_with(server, token, &ConnectOptions::default()).await
     }
 
-    /// As [`connect`](Self::connect), in another way than by default.
+    /// Connects with options; see [`connect`](Self::connect).
     ///
     /// # Errors
-    /// As for [`connect`](Self::connect), and when the file of authorities is no use.
+    /// As for [`connect`](Self::connect), or if the file of authorities is invalid.
     pub async fn connect_with(
         server: impl AsRef<str>,
         token: impl Into<String>,
-        link: &Link,
+        options: &ConnectOptions,
     ) -> Result<Self, Error> {
         let address = server.as_ref();
-        let (channel, packing) = link.connect(address).await?;
-        let arena = Self { channel, token: token.into(), packing, patience: link.patience };
-        arena.server_info().await.map_err(|error| not_arena(address, error))?;
-        if !arena.token.is_empty() {
-            arena.whoami().await?;
+        let (channel, packing) = options.connect(address).await?;
+        let client = Self { channel, token: token.into(), packing, patience: options.patience };
+        client.server_info().await.map_err(|error| not_arena(address, error))?;
+        if !client.token.is_empty() {
+            client.whoami().await?;
         }
-        Ok(arena)
+        Ok(client)
     }
 
     /// Connects and starts a run. With a run token it joins that run and ignores `options`, as in a sealed
@@ -76,16 +76,16 @@ impl Arena {
     pub async fn begin(
         server: impl AsRef<str>,
         token: impl Into<String>,
-        link: &Link,
+        connect_options: &ConnectOptions,
         options: RunOptions,
     ) -> Result<(Self, Run), Error> {
         let token = token.into();
         if token.starts_with(RUN_TOKEN) {
-            return Ok((Self::connect_with(server, "", link).await?, Run::from_token(token)));
+            return Ok((Self::connect_with(server, "", connect_options).await?, Run::from_token(token)));
         }
-        let arena = Self::connect_with(server, token, link).await?;
-        let run = arena.start_run(options).await?;
-        Ok((arena, run))
+        let client = Self::connect_with(server, token, connect_options).await?;
+        let run = client.start_run(options).await?;
+        Ok((client, run))
     }
 
     /// Returns server information.
@@ -241,9 +241,9 @@ impl Arena {
         };
         let mut agreement = Agreement::new(*welcome, &sensors, self.packing)?;
         agreement.slots = agreement.slots.min(wish);
-        let dialler = Dialler { arena: self.clone(), token: run.token.clone(), hello };
-        let (line, receivers) = Line::open(agreement, requests, responses, dialler);
-        Ok((0..).zip(receivers).map(|(slot, events)| Play::new(line.clone(), slot, events)).collect())
+        let reconnector = Reconnector { client: self.clone(), token: run.token.clone(), hello };
+        let (connection, receivers) = Connection::open(agreement, requests, responses, reconnector);
+        Ok((0..).zip(receivers).map(|(slot, events)| Play::new(connection.clone(), slot, events)).collect())
     }
 
     /// Opens a stream with this Hello.

@@ -1,7 +1,10 @@
 //! The connection of a run: a task reads the stream, answers pings, passes frames to slots, and reconnects
 //! after a loss.
 
-use crate::{Arena, Error, Notice, arena::Greeting, ledger::Ledger, welcome::Agreement};
+use crate::{
+    Client, Error, Notice, backoff::Backoff, client::Greeting, resend_buffer::ResendBuffer,
+    welcome::Agreement,
+};
 use avln_proto::v1::{self, play_request, play_response::Frame};
 use std::{
     mem,
@@ -21,8 +24,6 @@ const MAX_NOTICES: usize = 64;
 const SLOT_QUEUE: usize = 8;
 /// Minimum reconnection time by default: a restarting server has to load scenes.
 const PATIENCE: Duration = Duration::from_secs(180);
-/// Pauses between attempts to dial: after the first, and the longest.
-const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(5));
 
 /// Event of a slot.
 #[derive(Debug)]
@@ -38,7 +39,7 @@ pub(crate) enum Event {
 
 /// The connection that the slots of a run share. Dropping the last of them closes it without a Goodbye.
 #[derive(Debug)]
-pub(crate) struct Line {
+pub(crate) struct Connection {
     pub(crate) agreement: Agreement,
     state: Arc<Mutex<State>>,
     reader: JoinHandle<()>,
@@ -47,41 +48,41 @@ pub(crate) struct Line {
 #[derive(Debug)]
 struct State {
     requests: mpsc::Sender<v1::PlayRequest>,
-    ledger: Ledger,
+    buffer: ResendBuffer,
     notices: Vec<Notice>,
 }
 
 /// Data for resuming a run.
 #[derive(Debug)]
-pub(crate) struct Dialler {
-    pub(crate) arena: Arena,
+pub(crate) struct Reconnector {
+    pub(crate) client: Client,
     pub(crate) token: String,
     /// The Hello that opened the run's first stream.
     pub(crate) hello: v1::Hello,
 }
 
-impl Drop for Line {
+impl Drop for Connection {
     fn drop(&mut self) {
         self.reader.abort();
     }
 }
 
-impl Line {
+impl Connection {
     /// Starts to read `responses`; returns a receiver per slot. A lost stream is reopened if the server
     /// permits resuming.
     pub(crate) fn open(
         agreement: Agreement,
         requests: mpsc::Sender<v1::PlayRequest>,
         responses: Streaming<v1::PlayResponse>,
-        dialler: Dialler,
+        reconnector: Reconnector,
     ) -> (Arc<Self>, Vec<mpsc::Receiver<Event>>) {
         let (slots, receivers) = (0..agreement.slots).map(|_| mpsc::channel(SLOT_QUEUE)).unzip();
-        let ledger = Ledger::new(agreement.slots);
-        let state = Arc::new(Mutex::new(State { requests, ledger, notices: Vec::new() }));
-        let wanted = dialler.arena.patience;
+        let buffer = ResendBuffer::new(agreement.slots);
+        let state = Arc::new(Mutex::new(State { requests, buffer, notices: Vec::new() }));
+        let wanted = reconnector.client.patience;
         let patience = (!agreement.may_be_away.is_zero())
             .then(|| wanted.unwrap_or_else(|| agreement.may_be_away.max(PATIENCE)));
-        let reader = Reader { state: state.clone(), slots, dialler, patience };
+        let reader = Reader { state: state.clone(), slots, reconnector, patience };
         let reader = tokio::spawn(reader.run(responses));
         (Arc::new(Self { agreement, state, reader }), receivers)
     }
@@ -91,7 +92,7 @@ impl Line {
     pub(crate) async fn send(&self, frame: play_request::Frame) {
         let requests = {
             let mut state = lock(&self.state);
-            state.ledger.sending(&frame);
+            state.buffer.sending(&frame);
             state.requests.clone()
         };
         let _ = requests.send(v1::PlayRequest { frame: Some(frame) }).await;
@@ -110,7 +111,7 @@ fn lock(state: &Mutex<State>) -> MutexGuard<'_, State> {
 struct Reader {
     state: Arc<Mutex<State>>,
     slots: Vec<mpsc::Sender<Event>>,
-    dialler: Dialler,
+    reconnector: Reconnector,
     /// Reconnection time; `None` disables reconnection.
     patience: Option<Duration>,
 }
@@ -140,26 +141,25 @@ impl Reader {
     /// Reconnects until the server answers; returns the original end on failure.
     async fn come_back(&self, end: Option<Status>) -> Result<Streaming<v1::PlayResponse>, Option<Error>> {
         let end = end.map(|status| Error::from_status("play", &status));
-        let lost = end.as_ref().is_none_or(Error::is_passing) && !lock(&self.state).ledger.is_over();
+        let lost = end.as_ref().is_none_or(Error::is_passing) && !lock(&self.state).buffer.is_over();
         let Some(patience) = self.patience.filter(|_| lost) else { return Err(end) };
         let until = Instant::now() + patience;
-        let mut pause = PAUSES.0;
+        let mut backoff = Backoff::new();
         loop {
             match self.dial().await {
                 Ok(Some(responses)) => return Ok(responses),
                 Ok(None) => return Err(end),
                 Err(error) if !error.is_passing() || Instant::now() >= until => return Err(Some(error)),
-                Err(_) => sleep(pause).await,
+                Err(error) => sleep(backoff.after(&error)).await,
             }
-            pause = (2 * pause).min(PAUSES.1);
         }
     }
 
     /// Opens the next stream and resends unanswered frames; `None` if the run has ended in the meantime.
     async fn dial(&self) -> Result<Option<Streaming<v1::PlayResponse>>, Error> {
-        let known = lock(&self.state).ledger.known();
-        let hello = v1::Hello { resume: true, known, ..self.dialler.hello.clone() };
-        match self.dialler.arena.greet(&self.dialler.token, hello).await? {
+        let known = lock(&self.state).buffer.known();
+        let hello = v1::Hello { resume: true, known, ..self.reconnector.hello.clone() };
+        match self.reconnector.client.greet(&self.reconnector.token, hello).await? {
             Greeting::RunEnd(ends, end) => {
                 for end in ends {
                     self.to(end.slot, Event::End(end)).await;
@@ -171,7 +171,7 @@ impl Reader {
                 let again = {
                     let mut state = lock(&self.state);
                     state.requests = requests.clone();
-                    state.ledger.to_repeat(&welcome.resumed)
+                    state.buffer.to_repeat(&welcome.resumed)
                 };
                 for frame in again {
                     let _ = requests.send(v1::PlayRequest { frame: Some(frame) }).await;
@@ -185,8 +185,8 @@ impl Reader {
         let Some(frame) = response.frame else { return };
         let (gone, is_new) = {
             let mut state = lock(&self.state);
-            let gone = matches!(&frame, Frame::Fault(fault) if state.ledger.is_gone(fault));
-            (gone, state.ledger.arrived(&frame))
+            let gone = matches!(&frame, Frame::Fault(fault) if state.buffer.is_gone(fault));
+            (gone, state.buffer.arrived(&frame))
         };
         match frame {
             Frame::EpisodeStart(start) => self.to(start.slot, Event::Start(Box::new(start))).await,

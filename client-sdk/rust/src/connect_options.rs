@@ -22,7 +22,7 @@ const UNIX: &str = "unix:";
 
 /// Connection options.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Link {
+pub struct ConnectOptions {
     /// PEM file with authorities for `https://` servers, instead of the system store.
     pub ca: Option<PathBuf>,
     /// Encoding of images and sound; `None`: raw on this machine, lossless otherwise.
@@ -31,7 +31,7 @@ pub struct Link {
     pub patience: Option<Duration>,
 }
 
-impl Link {
+impl ConnectOptions {
     /// Connects; returns the channel and the encoding.
     pub(crate) async fn connect(&self, address: &str) -> Result<(Channel, Packing), Error> {
         let endpoint = self.endpoint(address)?;
@@ -129,7 +129,7 @@ fn unreachable(address: &str, detail: String) -> Error {
 mod tests {
     use super::*;
 
-    fn problem(link: &Link, address: &str) -> String {
+    fn problem(link: &ConnectOptions, address: &str) -> String {
         link.endpoint(address).unwrap_err().to_string()
     }
 
@@ -137,21 +137,23 @@ mod tests {
     fn addresses_that_cannot_work_say_how_to_write_them() {
         for address in ["localhost:50051", "ftp://x", "http://", "http://a b", "unix:", "unix:relative.sock"]
         {
-            let text = problem(&Link::default(), address);
+            let text = problem(&ConnectOptions::default(), address);
             assert!(text.contains(address) && text.contains("http://127.0.0.1:50051"), "{text}");
         }
         for address in ["http://localhost:50051", "unix:/run/arena.sock", "unix:///run/arena.sock"] {
-            assert!(Link::default().endpoint(address).is_ok(), "{address}");
+            assert!(ConnectOptions::default().endpoint(address).is_ok(), "{address}");
         }
     }
 
     #[test]
     fn files_of_authorities_that_are_no_use_are_named() {
-        let missing = Link { ca: Some("no-such-file.pem".into()), ..Link::default() };
+        let missing = ConnectOptions { ca: Some("no-such-file.pem".into()), ..ConnectOptions::default() };
         let text = problem(&missing, "https://arena.example");
         assert!(text.contains("no-such-file.pem") && text.contains("cannot read"), "{text}");
-        let wrong =
-            Link { ca: Some(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml").into()), ..Link::default() };
+        let wrong = ConnectOptions {
+            ca: Some(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml").into()),
+            ..ConnectOptions::default()
+        };
         let text = problem(&wrong, "https://arena.example");
         assert!(text.contains("Cargo.toml") && text.contains("no certificate"), "{text}");
     }
