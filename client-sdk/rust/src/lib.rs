@@ -78,7 +78,7 @@
 //! # Connection
 //!
 //! ```no_run
-//! use avln_client::{Client, Error, Link};
+//! use avln_client::{Client, ConnectOptions, Error};
 //! use std::time::Duration;
 //!
 //! # #[tokio::main]
