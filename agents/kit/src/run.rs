@@ -1,7 +1,8 @@
 //! Command-line arguments, run loop and console output of agent programs.
 
 use avln_client::{
-    Agent, Client, EpisodeEnd, Error, ConnectOptions, Order, Run, RunOptions, RunSummary, Sensors, evaluate_slots,
+    Agent, Client, ConnectOptions, EpisodeEnd, Error, Order, Run, RunOptions, RunSummary, Sensors,
+    evaluate_slots,
 };
 use clap::{Args, value_parser};
 use std::{fmt::Display, future::Future, io, iter, path::PathBuf, process::ExitCode, thread};

@@ -151,8 +151,9 @@ pub async fn play(
     tell: &mut (dyn FnMut(Reference, &EpisodeEnd) + Send),
 ) -> Result<Calibration, Failure> {
     let connect_options = ConnectOptions { ca: place.ca.clone(), ..ConnectOptions::default() };
-    let arena =
-        Client::connect_with(&place.server, place.token.as_str(), &connect_options).await.map_err(Failure::run)?;
+    let arena = Client::connect_with(&place.server, place.token.as_str(), &connect_options)
+        .await
+        .map_err(Failure::run)?;
     let benchmark = arena.server_info().await.map_err(Failure::run)?.benchmark;
     let mut runs = Vec::with_capacity(agents.len());
     for &agent in agents {
