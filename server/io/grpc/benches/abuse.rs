@@ -1,7 +1,7 @@
 //! What an agent notices of hostile clients: steps over loopback, lock-step, while 100 others attack.
 
 #[allow(dead_code, unused_imports, reason = "the toy house of the tests has more in it")]
-#[path = "../tests/door/common/mod.rs"]
+#[path = "../tests/all/common/mod.rs"]
 mod common;
 
 use common::{Agent, Attack, House, Plan, Siege};

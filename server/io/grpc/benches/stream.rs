@@ -1,7 +1,7 @@
 //! Steps a second through the door over loopback, lock-step, without simulation: what transport costs.
 
 #[allow(dead_code, unused_imports, reason = "the toy house of the tests has more in it")]
-#[path = "../tests/door/common/mod.rs"]
+#[path = "../tests/all/common/mod.rs"]
 mod common;
 
 use common::{Agent, House, Plan};

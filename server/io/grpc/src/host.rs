@@ -1,80 +1,80 @@
 use crate::{
     control::Control,
+    limits::Limits,
     refusal::Refusal,
     seat::{Restored, Seat},
 };
 use avln_episode::{EndReason, FeedbackRule, Order, Rules, Sensors, TimeLimits};
 use std::time::Duration;
 
-/// What the door needs from the house behind it. The server implements it over its phases, data sets and store.
+/// The application behind the gRPC server. `Arena` implements it.
 ///
-/// Methods may be called at the same time from many tasks. A panic in one of them ends that call with a server
-/// fault and nothing else. Heavy work inside an `async` method belongs on a blocking thread.
+/// Methods are called concurrently. A panic ends only its call, with a server fault. Heavy work belongs on a blocking thread.
 #[tonic::async_trait]
 pub trait Host: Send + Sync + 'static {
-    /// Who this server is.
+    /// Returns the identity of the server.
     fn info(&self) -> ServerInfo;
 
-    /// The operator's hold on the door, where there is an operator.
+    /// Returns the operator's controls, if there is an operator.
     fn control(&self) -> Option<&Control> {
         None
     }
 
-    /// The phases that the account's team may know of; without an account, those that anybody may.
+    /// Returns the phases visible to the account's team, or the public ones without an account.
     async fn phases(&self, account: Option<&Account>) -> Result<Vec<PhaseInfo>, Refusal>;
 
-    /// Whose token this is: an account's, one for looking, or an organiser's.
+    /// Returns the account of a token: a team's, a read-only one, or an organiser's.
     async fn account(&self, token: &str) -> Result<Account, Refusal>;
 
-    /// Starts a run, or finds the one that the same `client_request_id` started before.
+    /// Starts a run, or returns the run of an earlier request with the same `client_request_id`.
     async fn start_run(&self, account: &Account, request: RunRequest) -> Result<RunTicket, Refusal>;
 
-    /// One run of the account's team.
+    /// Returns a run of the account's team.
     async fn run(&self, account: &Account, run: &str) -> Result<RunStatus, Refusal>;
 
-    /// All runs of the account's team, newest first.
+    /// Returns all runs of the account's team, newest first.
     async fn runs(&self, account: &Account) -> Result<Vec<RunStatus>, Refusal>;
 
-    /// Ends a run early; what was scored stays.
+    /// Cancels a run. Scored episodes remain.
     async fn cancel_run(&self, account: &Account, run: &str) -> Result<RunStatus, Refusal>;
 
-    /// What the account's team has left in a phase, or in all that it may know of.
+    /// Returns the quotas of the account's team in one phase, or in all visible ones.
     async fn quotas(&self, account: &Account, phase: Option<&str>) -> Result<Vec<Quota>, Refusal>;
 
-    /// The run that a run token plays, or played: `over` says when nothing is left to play.
+    /// Returns the run of a run token, open or over.
     async fn open_run(&self, run_token: &str) -> Result<OpenRun, Refusal>;
 
-    /// The next episode of the run for the slot `slot`, or `None` when none is left to hand out.
+    /// Returns the next episode of the run for a slot; `None` if none is left.
     async fn next_episode(&self, run: &str, slot: u32, sensors: &Sensors) -> Result<Option<Seat>, Refusal>;
 
-    /// Stores what happened in the episode. `Some` only where the phase shows results to agents.
+    /// Stores an episode. Returns its result if the phase shows results to agents.
     ///
-    /// A referee whose `end()` is `None` here broke down: the episode is a server fault.
+    /// An episode without an end reason broke down and counts as a server fault.
     async fn conclude(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal>;
 
-    /// How an episode ended whose result is stored; `None` when there is no such result.
+    /// Returns the end of an episode; `None` if its result is not stored.
     async fn ended(&self, run: &str, handle: &str) -> Result<Option<StoredEnd>, Refusal>;
 
-    /// Runs whose episodes were being played when the server stopped. Asked once, before anybody is let in.
+    /// Returns the runs with open episodes at the last stop of the server. Called once, before clients are admitted.
     async fn interrupted(&self) -> Result<Vec<String>, Refusal>;
 
-    /// The episodes of such a run, back where they were. Those that cannot be had again are played anew.
+    /// Restores the open episodes of a run. Episodes that cannot be restored are played again from the start.
     async fn restore(&self, run: &str) -> Result<Interrupted, Refusal>;
 
-    /// Closes the run: every episode was played or the agent left for good. Says how it stands.
+    /// Closes a run whose agent has finished or left, and returns its status. Later calls change nothing.
     async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal>;
 
-    /// An episode hangs in the simulator and never comes back: it is played again, at no charge.
+    /// Takes back an episode whose simulator hangs. It is played again, without charge.
     async fn lose(&self, run: &str, handle: &str, ticket: u64) -> Result<(), Refusal>;
 
-    /// The open runs whose time is over. Asked again and again while the server runs.
+    /// Returns the open runs whose deadline has passed. Called periodically.
     async fn overdue(&self) -> Result<Vec<String>, Refusal>;
 
-    /// Ends a run whose time is over. Episodes that are being played are concluded afterwards, as far as they came.
+    /// Ends a run whose deadline has passed. Its open episodes are concluded afterwards.
     async fn expire_run(&self, run: &str) -> Result<(), Refusal>;
 }
 
-/// Who this server is and what it speaks.
+/// Identity of the server.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ServerInfo {
     /// Name of the installation.
@@ -83,173 +83,173 @@ pub struct ServerInfo {
     pub version: String,
     /// Version of the benchmark: changes whenever a score could change.
     pub benchmark: String,
-    /// Minor number of the API `avln.v1`, see `avln_proto::API_MINOR`.
+    /// Minor version of the API `avln.v1`, see `avln_proto::API_MINOR`.
     pub api_minor: u32,
-    /// Client libraries that are accepted in some versions only; all others are accepted.
+    /// Client libraries with restricted versions. Other libraries are accepted.
     pub clients: Vec<ClientRange>,
 }
 
-/// Versions of a client library that are accepted.
+/// Accepted versions of a client library.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ClientRange {
     /// Name of the library.
     pub name: String,
-    /// Oldest version accepted, `major.minor.patch`; empty: any.
+    /// Oldest accepted version, `major.minor.patch`; empty for any.
     pub min_version: String,
-    /// Newest version accepted, `major.minor.patch`; empty: any.
+    /// Newest accepted version, `major.minor.patch`; empty for any.
     pub max_version: String,
-    /// How to install an accepted one.
+    /// Command that installs an accepted version.
     pub install: String,
 }
 
-/// What is told of a phase.
+/// Public description of a phase.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhaseInfo {
-    /// Id, as used in `RunRequest`.
+    /// Id.
     pub id: String,
     /// Title for people.
     pub title: String,
-    /// Text for people, may be empty.
+    /// Text for people; may be empty.
     pub description: String,
-    /// Time that agents have.
+    /// Time limits of agents.
     pub time: TimeLimits,
-    /// Orders that can be played.
+    /// Playable orders.
     pub orders: Vec<Order>,
     /// Name of the rule set.
     pub rules: String,
-    /// Episodes of a run.
+    /// Episodes per run.
     pub episode_count: u32,
-    /// What an agent learns from a Submit.
+    /// Feedback to a Submit.
     pub feedback: FeedbackRule,
-    /// Most slots of a Play stream.
+    /// Maximum number of slots.
     pub max_slots: u32,
-    /// Sensors that an agent may ask for; width and height are the largest allowed.
+    /// Allowed sensors, with the largest width and height.
     pub sensors: Sensors,
-    /// Whether a run can be started now.
+    /// Whether runs can be started.
     pub state: PhaseState,
-    /// Why it is in that state, for people; may be empty.
+    /// Reason of the state, for people; may be empty.
     pub state_reason: String,
-    /// When it opens, seconds since 1970-01-01 UTC; 0: it always was.
+    /// Opening time, seconds since 1970-01-01 UTC; 0 if it has always been open.
     pub opens_unix_s: i64,
-    /// When it closes, seconds since 1970-01-01 UTC; 0: never.
+    /// Closing time, seconds since 1970-01-01 UTC; 0 if it never closes.
     pub closes_unix_s: i64,
-    /// Who sees results.
+    /// Visibility of results.
     pub results: Visibility,
-    /// Whether only agents that the organiser runs can play.
+    /// Whether only agents run by the organiser can play.
     pub sealed: bool,
-    /// What the organiser promised before the phase; empty: nothing yet.
+    /// Commitment published before the phase; empty if none.
     pub commitment: String,
-    /// The values behind the commitment, once they are published.
+    /// Values behind the commitment, once published.
     pub revealed: Option<Revealed>,
 }
 
-/// Who sees results.
+/// Visibility of results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Visibility {
-    /// The organiser.
+    /// To the organiser.
     Organiser,
-    /// The organiser and the team itself.
+    /// To the organiser and the team itself.
     Team,
-    /// Anyone.
+    /// To the public.
     Public,
 }
 
-/// The values behind a phase's commitment.
+/// Values behind a phase's commitment.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Revealed {
-    /// Digest of the episodes that runs draw from, hex.
+    /// Digest of the episode pool, hex.
     pub pool: String,
     /// Version of the benchmark.
     pub scorer: String,
-    /// What keyed the draws, hex.
+    /// Key of the draws, hex.
     pub secret: String,
 }
 
-/// Whether runs can be started in a phase.
+/// State of a phase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PhaseState {
-    /// Not yet.
+    /// Not open yet.
     Upcoming,
-    /// Yes.
+    /// Runs can be started.
     Open,
-    /// Not until the organiser goes on.
+    /// No runs until the organiser resumes it.
     Paused,
-    /// No more.
+    /// Over.
     Closed,
 }
 
-/// Who is calling.
+/// Account of a caller.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Account {
-    /// Id of the team; empty for an organiser.
+    /// Team id; empty for an organiser.
     pub team: String,
-    /// What the token is good for.
+    /// Permissions of the token.
     pub scope: Scope,
-    /// What the token's maker calls it, may be empty.
+    /// Name of the token; may be empty.
     pub token_name: String,
-    /// When the token expires, seconds since 1970-01-01 UTC; 0: never.
+    /// Expiry time, seconds since 1970-01-01 UTC; 0 if it never expires.
     pub expires_unix_s: i64,
 }
 
-/// What a token is good for.
+/// Permissions of a token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scope {
-    /// A team's runs.
+    /// Read and write a team's runs.
     Participant,
-    /// A team's runs, for looking.
+    /// Read a team's runs.
     ReadOnly,
-    /// Everything.
+    /// All permissions.
     Organiser,
 }
 
-/// What a team has left in one window of a phase.
+/// Quota of a team in one window of a phase.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Quota {
     /// Id of the phase.
     pub phase: String,
-    /// How it fills up again.
+    /// Window of time.
     pub window: QuotaWindow,
-    /// Runs granted in the window; `None`: any number.
+    /// Granted runs; `None` if unlimited.
     pub limit: Option<u32>,
-    /// Runs counted in the window.
+    /// Counted runs.
     pub used: u32,
-    /// Runs left; `None`: any number.
+    /// Remaining runs; `None` if unlimited.
     pub remaining: Option<u32>,
-    /// When the window began, seconds since 1970-01-01 UTC.
+    /// Start of the window, seconds since 1970-01-01 UTC.
     pub window_start_unix_s: i64,
-    /// When `remaining` next grows, seconds since 1970-01-01 UTC; 0: never by waiting.
+    /// Time of the next increase of `remaining`, seconds since 1970-01-01 UTC; 0 if it does not depend on time.
     pub next_increase_unix_s: i64,
-    /// The runs that were counted and why, the oldest first.
+    /// Counted runs and the reasons, oldest first.
     pub charges: Vec<(String, String)>,
 }
 
-/// How a quota fills up again.
+/// Window of a quota.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum QuotaWindow {
-    /// With each day, UTC.
+    /// Renewed daily, UTC.
     Day,
-    /// With each month, UTC.
+    /// Renewed monthly, UTC.
     Month,
-    /// Never.
+    /// Never renewed.
     Total,
-    /// When an open run ends.
+    /// Renewed when an open run ends.
     Concurrent,
-    /// Never; counts runs that were not charged.
+    /// Not a limit; counts uncharged runs.
     Uncharged,
 }
 
-/// What an agent says when it starts a run.
+/// Request to start a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunRequest {
     /// Id of the phase.
     pub phase: String,
     /// Name of the method on the leaderboard.
     pub method: String,
-    /// Version of the method, may be empty.
+    /// Version of the method; may be empty.
     pub method_version: String,
-    /// Chosen by the client: the same id starts no second run. May be empty.
+    /// Idempotency key chosen by the client; may be empty.
     pub client_request_id: String,
-    /// Which order of missions is played.
+    /// Order of goals.
     pub order: Order,
 }
 
@@ -258,19 +258,19 @@ pub struct RunRequest {
 pub struct RunTicket {
     /// Id of the run.
     pub run: String,
-    /// Bearer token that plays this run and nothing else.
+    /// Bearer token that plays only this run.
     pub token: String,
     /// Episodes of the run.
     pub episodes: u32,
-    /// Most slots of its Play stream.
+    /// Maximum number of slots.
     pub max_slots: u32,
-    /// Time that its agent has.
+    /// Time limits of its agent.
     pub time: TimeLimits,
-    /// What the team has left now, in the window with the least.
+    /// Quota with the fewest remaining runs.
     pub quota: Option<Quota>,
 }
 
-/// How a run stands.
+/// Status of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunStatus {
     /// Id of the run.
@@ -279,126 +279,133 @@ pub struct RunStatus {
     pub phase: String,
     /// Name of the method.
     pub method: String,
-    /// Version of the method, may be empty.
+    /// Version of the method; may be empty.
     pub method_version: String,
-    /// Which order of missions is played.
+    /// Order of goals.
     pub order: Order,
-    /// Where it stands.
+    /// State.
     pub state: RunState,
     /// Episodes of the run.
     pub episodes: u32,
-    /// Episodes that are over and stored.
+    /// Stored episodes.
     pub done: u32,
-    /// Episodes that are being played.
+    /// Open episodes.
     pub in_flight: u32,
-    /// Start, milliseconds since 1970-01-01 UTC.
+    /// Start time, milliseconds since 1970-01-01 UTC.
     pub created_unix_ms: i64,
-    /// Last change of state, milliseconds since 1970-01-01 UTC.
+    /// Time of the last change of state, milliseconds since 1970-01-01 UTC.
     pub updated_unix_ms: i64,
-    /// How many episodes ended for which reason; reasons with none are left out.
+    /// End reasons with the number of episodes, without zeros.
     pub ends: Vec<(EndReason, u32)>,
-    /// Name and value of each metric, in the order of the phase's columns; `None` where the phase shows none.
+    /// Names and values of the metrics, in the order of the phase's columns; `None` if the phase hides them.
     pub metrics: Option<Vec<(String, f64)>>,
-    /// Rules that keep it out of the ranking; empty: it takes part.
+    /// Rules that exclude it from the ranking; empty if it takes part.
     pub ineligible_because: Vec<String>,
-    /// Whether the organiser ran the agent, shut off from everything but the server.
+    /// Whether the organiser ran the agent in a sandbox.
     pub sealed: bool,
-    /// Whether it counts against its team's quota.
+    /// Whether it counts against the quota of its team.
     pub charged: bool,
-    /// Why it does or does not, for people.
+    /// Reason for that, for people.
     pub charge_reason: String,
-    /// When an open run ends at the latest, milliseconds since 1970-01-01 UTC; `None`: never, or it is over.
+    /// Deadline of an open run, milliseconds since 1970-01-01 UTC.
     pub deadline_unix_ms: Option<i64>,
-    /// Where people find it; may be empty.
+    /// Path of its web page; may be empty.
     pub url: String,
 }
 
-/// Where a run stands.
+/// State of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RunState {
-    /// Stored, nothing played.
+    /// No episode was played.
     Created,
-    /// Episodes are left.
+    /// Episodes remain.
     Running,
     /// All episodes are over.
     Completed,
-    /// Ended by the server before all episodes were played.
+    /// Ended early by the server.
     Failed,
-    /// Ended by its team.
+    /// Ended early by its team.
     Cancelled,
-    /// Ran out of wall time.
+    /// Ended early by its deadline.
     Expired,
 }
 
-/// What the holder of a run token may play.
+/// Run of a run token.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OpenRun {
     /// Id of the run.
     pub run: String,
-    /// Whose run it is; capacity is shared out among teams.
+    /// Team id. Teams share the capacity of the server.
     pub team: String,
-    /// Most slots of its Play stream.
+    /// Maximum number of slots.
     pub max_slots: u32,
-    /// Rules in force.
+    /// Rules.
     pub rules: Rules,
-    /// The most that its agent may ask to sense.
+    /// Allowed sensors.
     pub sensors: Sensors,
     /// Episodes of the run.
     pub episodes: u32,
-    /// Episodes that are over and stored.
+    /// Stored episodes.
     pub done: u32,
-    /// Whether the organiser runs the agent, shut off from everything but the server.
+    /// Whether the organiser runs the agent in a sandbox.
     pub sealed: bool,
-    /// What decides scores.
+    /// Digests of everything that decides scores.
     pub digests: Digests,
-    /// Time that agents have.
+    /// Time limits of its agent.
     pub time: TimeLimits,
-    /// When the run ends at the latest, milliseconds since 1970-01-01 UTC; `None`: never.
+    /// Deadline, milliseconds since 1970-01-01 UTC.
     pub deadline_unix_ms: Option<i64>,
-    /// In which state the run ended; `None` while it can be played.
+    /// Final state; `None` while it is open.
     pub over: Option<String>,
 }
 
-/// A run that was being played when the server stopped.
+impl OpenRun {
+    /// Returns the maximum number of slots of a session.
+    pub(crate) fn slot_limit(&self) -> u32 {
+        self.max_slots.clamp(1, Limits::MAX_SLOTS)
+    }
+}
+
+/// A run with open episodes at the last stop of the server.
 #[derive(Debug)]
 pub struct Interrupted {
     /// The run.
     pub open: OpenRun,
-    /// The sensors that its agent asked for.
+    /// Requested sensors.
     pub sensors: Sensors,
-    /// Its episodes.
+    /// Its open episodes.
     pub episodes: Vec<Restored>,
-    /// What its lost connections took so far of the time that they may be away.
+    /// Time that earlier disconnects used of its allowance.
     pub away: Duration,
 }
 
-/// How a stored episode ended.
+/// End of a stored episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StoredEnd {
-    /// Why it ended; a server fault when it will be played again.
+    /// End reason; a server fault if the episode will be played again.
     pub reason: EndReason,
     /// Steps taken.
     pub steps: u32,
-    /// What the agent may know of it.
+    /// Result, if the phase shows it.
     pub outcome: Option<EpisodeOutcome>,
 }
 
-/// Hexadecimal digests of what decides scores; empty where the phase hides one.
+/// Hexadecimal digests of everything that decides scores; empty if the phase hides one.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Digests {
     /// Simulator.
     pub engine: String,
     /// Scenes and missions.
     pub dataset: String,
-    /// Formulas.
+    /// Scoring.
     pub scorer: String,
     /// Rules, limits and settings of the phase.
     pub config: String,
 }
 
-/// What an agent may know of a stored episode.
+/// Public result of a stored episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EpisodeOutcome {
-    /// Name and value of each metric.
+    /// Names and values of the metrics.
     pub metrics: Vec<(String, f64)>,
 }

@@ -2,32 +2,32 @@ use avln_episode::{Action, EndReason, Mission, Observation, Rules, Sensors};
 use avln_referee::{Referee, RefereeError, StepOutcome};
 use std::{any::Any, io, time::Duration};
 
-/// One running episode as the door sees it: what [`Referee`] does, and nothing about truth.
+/// A running episode: the agent-visible part of a [`Referee`].
 ///
-/// `start`, `step` and `truncate` are called on blocking threads and may panic: that ends this episode alone.
+/// `start`, `step` and `truncate` are called on simulation threads and may panic, which ends only this episode.
 pub trait EpisodeRunner: Send + 'static {
-    /// What the agent is told.
+    /// Returns the mission.
     fn mission(&self) -> &Mission;
-    /// The rules in force.
+    /// Returns the rules.
     fn rules(&self) -> &Rules;
-    /// The sensors that the agent asked for.
+    /// Returns the requested sensors.
     fn sensors(&self) -> &Sensors;
-    /// The observation before the first action.
+    /// Returns the observation before the first action.
     fn start(&mut self) -> Observation;
     /// Carries out one action.
     ///
     /// # Errors
-    /// When the episode is over.
+    /// If the episode is over.
     fn step(&mut self, action: Action) -> Result<StepOutcome, RefereeError>;
     /// Ends the episode from outside.
     fn truncate(&mut self, reason: EndReason);
-    /// Why the episode is over, when it is.
+    /// Returns the end reason; `None` while the episode is open.
     fn end(&self) -> Option<EndReason>;
-    /// Steps taken.
+    /// Returns the number of steps taken.
     fn steps(&self) -> u32;
-    /// Tells the state after a step from others.
+    /// Returns a hash of the simulation state.
     fn state_hash(&self) -> u64;
-    /// Gives the host its own type back.
+    /// Returns the host's own type.
     fn into_any(self: Box<Self>) -> Box<dyn Any + Send>;
 }
 
@@ -64,84 +64,84 @@ impl EpisodeRunner for Referee {
     }
 }
 
-/// Where what happens in an episode is written down, so that it outlives the server.
+/// Run log of an episode, from which a restarted server restores it.
 pub trait EpisodeLog: Send + 'static {
-    /// An action is about to be carried out.
+    /// Records that an action is about to be carried out.
     ///
     /// # Errors
-    /// As for [`EpisodeLog::acted`].
+    /// If it cannot be written. The episode is then a server fault.
     fn acting(&mut self, step: u32) -> io::Result<()>;
 
-    /// An action was carried out; its result is told to the agent when this returns.
+    /// Records an action. Its result is sent to the agent afterwards.
     ///
     /// # Errors
-    /// When it could not be written: then the episode is a server fault.
+    /// If it cannot be written. The episode is then a server fault.
     fn acted(&mut self, acted: &Acted) -> io::Result<()>;
 
-    /// An observation did not arrive, the connection was away for `away`, and the agent's clock starts again.
+    /// Records that the agent's clock restarted after a disconnect of `away`, because an observation had not arrived.
     ///
     /// # Errors
-    /// As for [`EpisodeLog::acted`].
+    /// If it cannot be written. The episode continues.
     fn clock_restarted(&mut self, step: u32, away: Duration) -> io::Result<()>;
 }
 
-/// An action that was carried out.
+/// Log entry of an action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Acted {
-    /// Number of the step, counted from 1.
+    /// Number of the step, from 1.
     pub step: u32,
     /// The action.
     pub action: Action,
-    /// The state that it led to.
+    /// Hash of the state after it.
     pub state_hash: u64,
-    /// For how long the agent thought, the wire both ways included.
+    /// Thinking time of the agent.
     pub thought: Duration,
-    /// What that left of the episode's bank.
+    /// Rest of the episode's time bank.
     pub bank_left: Duration,
 }
 
-/// An episode that the host hands out to be played, and takes back to be stored.
+/// An episode on its way from the host to a slot and back.
 pub struct Seat {
-    /// Random name of the episode in this run; agents see it.
+    /// Random name of the episode within its run, visible to the agent.
     pub handle: String,
     /// The episode.
     pub referee: Box<dyn EpisodeRunner>,
-    /// The host's own number for the episode; agents never see it.
+    /// The host's number of the episode, never sent to agents.
     pub ticket: u64,
-    /// Where its actions are written down.
+    /// Log of its actions.
     pub log: Box<dyn EpisodeLog>,
-    /// Where the time went; zero when it is handed out, the door adds to it.
+    /// Time accounts, zero at first.
     pub time: TimeSpent,
 }
 
-/// Where the time of an episode went, wall clock.
+/// Time accounts of an episode, wall clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TimeSpent {
-    /// Simulating: motion, sight and sound.
+    /// Simulation of motion, vision and sound.
     pub simulation: Duration,
-    /// Making frames of observations.
+    /// Encoding of observations.
     pub encoding: Duration,
-    /// Waiting for a free core.
+    /// Waiting for a simulation thread.
     pub queue: Duration,
-    /// From the moment when an observation was queued for the agent until its action came, the wire both ways included.
+    /// Thinking of the agent, from the departure of an observation to the arrival of the action, without the round trip.
     pub thinking: Duration,
 }
 
-/// An episode that was being played when the server stopped, back where it was.
+/// An episode restored to its state before the server stopped.
 #[derive(Debug)]
 pub struct Restored {
-    /// The slot that played it.
+    /// Slot that played it.
     pub slot: u32,
     /// The episode.
     pub seat: Seat,
-    /// The last observation, and the action that led to it; `None` at the start.
+    /// Last observation and the action before it, which is `None` at the start.
     pub last: (Observation, Option<Action>),
-    /// What is left of its bank.
+    /// Rest of its time bank.
     pub bank_left: Duration,
 }
 
 impl Seat {
-    /// The referee that the host put in, or `None` when something else sits here.
+    /// Returns the referee; `None` if the host uses another type.
     pub fn into_referee(self) -> Option<Box<Referee>> {
         self.referee.into_any().downcast().ok()
     }

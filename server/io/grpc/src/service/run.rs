@@ -1,8 +1,9 @@
-use super::WATCH_INTERVAL;
+//! Calls of the run service: a team's runs and quotas.
+
+use super::bearer;
 use crate::{
-    auth::bearer,
-    door::Door,
-    gate::Stop,
+    attachment::StopReason,
+    context::ServiceContext,
     host::{Account, PhaseInfo, RunRequest, RunStatus, Scope},
     limits::Limits,
     refusal::{Failure, Refusal, ask},
@@ -10,13 +11,16 @@ use crate::{
 };
 use avln_episode::Order;
 use avln_proto::v1::{self, Reason, run_service_server::RunService};
+use std::time::Duration;
 use tokio::{sync::mpsc, time::sleep};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, metadata::MetadataMap};
 
-/// Runs that a page holds when the caller does not say.
+/// Time between two looks at a watched run.
+const WATCH_INTERVAL: Duration = Duration::from_secs(1);
+/// Default number of runs per page.
 const PAGE: usize = 50;
-/// Most runs that a page holds.
+/// Largest number of runs per page.
 const LARGEST_PAGE: usize = 200;
 /// Longest name of a method, characters.
 const MAX_METHOD_CHARS: usize = 80;
@@ -27,30 +31,30 @@ const MAX_REQUEST_ID_CHARS: usize = 64;
 
 /// A team's runs.
 #[derive(Clone)]
-pub(crate) struct Runs(pub(crate) Door);
+pub(super) struct RunCalls(pub(super) ServiceContext);
 
-impl Runs {
+impl RunCalls {
     async fn account(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
         let token = bearer(metadata)?;
         let host = self.0.host.clone();
         ask("look an account up", async move { host.account(&token).await }).await
     }
 
-    /// The account, if its token is of a team.
+    /// Returns the account of a team's token.
     async fn team(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
         let account = self.account(metadata).await?;
         match account.scope {
             Scope::Participant | Scope::ReadOnly => Ok(account),
-            Scope::Organiser => Err(scope_refusal("an organiser's token has no runs; use a token of a team")),
+            Scope::Organiser => Err(scope_refusal("an organiser's token has no runs; use a team's token")),
         }
     }
 
-    /// The account, if its token may begin and end runs.
+    /// Returns the account of a token that may start and cancel runs.
     async fn participant(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
         let account = self.team(metadata).await?;
         match account.scope {
             Scope::Participant => Ok(account),
-            _ => Err(scope_refusal("the token is for looking only; use the team's account token")),
+            _ => Err(scope_refusal("the token is read-only; use the team's account token")),
         }
     }
 
@@ -59,7 +63,7 @@ impl Runs {
         ask("look a run up", async move { host.run(&account, &run).await }).await
     }
 
-    /// The order that is asked for, or the only one that the phase has.
+    /// Returns the requested order, or the only one of the phase.
     async fn order(&self, wanted: v1::Order, account: &Account, phase: &str) -> Result<Order, Failure> {
         match wanted {
             v1::Order::Ordered => return Ok(Order::Ordered),
@@ -73,7 +77,7 @@ impl Runs {
 
     async fn request(&self, account: &Account, start: v1::StartRunRequest) -> Result<RunRequest, Failure> {
         let info = self.0.host.info();
-        wire::client_is_welcome(start.client.as_ref(), &info.clients)?;
+        wire::check_client(start.client.as_ref(), &info.clients)?;
         let method = start.method.clone().unwrap_or_default();
         let phase = checked_id(&start.phase)?;
         Ok(RunRequest {
@@ -87,7 +91,7 @@ impl Runs {
 }
 
 #[tonic::async_trait]
-impl RunService for Runs {
+impl RunService for RunCalls {
     type WatchRunStream = ReceiverStream<Result<v1::WatchRunResponse, Status>>;
 
     async fn start_run(
@@ -95,7 +99,7 @@ impl RunService for Runs {
         request: Request<v1::StartRunRequest>,
     ) -> Result<Response<v1::StartRunResponse>, Status> {
         let account = self.participant(request.metadata()).await?;
-        self.0.gate.check_open().map_err(Failure::from)?;
+        self.0.registry.check_open().map_err(Failure::from)?;
         self.0.check_sound().map_err(Failure::from)?;
         let asked = self.request(&account, request.into_inner()).await?;
         let (host, team) = (self.0.host.clone(), account.clone());
@@ -141,12 +145,12 @@ impl RunService for Runs {
         request: Request<v1::CancelRunRequest>,
     ) -> Result<Response<v1::CancelRunResponse>, Status> {
         let account = self.participant(request.metadata()).await?;
-        // Only the run's own team may stop its session. The store hears of it first, or a run whose last episode ends with
-        // the session would be completed.
+        // The lookup comes first: only the run's own team may stop its session. Then the store: if the session ended first and its
+        // last episode with it, the run would be completed instead of cancelled.
         let run = self.status(&account, &request.get_ref().run).await?.run;
         let (host, team, id) = (self.0.host.clone(), account.clone(), run.clone());
         ask("cancel a run", async move { host.cancel_run(&team, &id).await }).await?;
-        self.0.gate.stop(&run, Stop::Left).await;
+        self.0.registry.stop(&run, StopReason::Cancelled).await;
         let status = self.status(&account, &run).await?;
         Ok(Response::new(v1::CancelRunResponse { run: Some(wire::run(status)) }))
     }
@@ -188,22 +192,22 @@ impl RunService for Runs {
     }
 }
 
-impl Runs {
-    /// Tells of the run whenever it changed, until it is over, the caller hangs up or the server stops.
+impl RunCalls {
+    /// Sends the run after each change, until it is over, the caller hangs up or the server stops.
     async fn watch(
         self,
         account: Account,
         first: RunStatus,
         updates: mpsc::Sender<Result<v1::WatchRunResponse, Status>>,
     ) {
-        let mut told: Option<v1::Run> = None;
+        let mut sent: Option<v1::Run> = None;
         let run = first.run.clone();
         let mut status = Ok(first);
         loop {
             let update = status.map(wire::run);
             let over = update.as_ref().map_or(true, |run| run.ended_unix_ms != 0);
-            if update.as_ref().ok() != told.as_ref() || over {
-                told = update.as_ref().ok().cloned();
+            if update.as_ref().ok() != sent.as_ref() || over {
+                sent = update.as_ref().ok().cloned();
                 let response = update.map(|run| v1::WatchRunResponse { run: Some(run) });
                 if updates.send(response.map_err(Status::from)).await.is_err() || over {
                     return;
@@ -211,10 +215,10 @@ impl Runs {
             }
             tokio::select! {
                 () = updates.closed() => return,
-                () = self.0.gate.shutting() => {}
+                () = self.0.registry.shutting() => {}
                 () = sleep(WATCH_INTERVAL) => {}
             }
-            status = match self.0.gate.check_open() {
+            status = match self.0.registry.check_open() {
                 Ok(()) => self.status(&account, &run).await,
                 Err(draining) => Err(draining.into()),
             };
@@ -228,7 +232,7 @@ fn scope_refusal(message: &str) -> Failure {
 
 fn only_order(phases: &[PhaseInfo], id: &str) -> Result<Order, Refusal> {
     let Some(phase) = phases.iter().find(|phase| phase.id == id) else {
-        let message = format!("phase '{id}' is unknown; ListPhases tells which there are");
+        let message = format!("phase '{id}' is unknown; list the phases with ListPhases");
         return Err(Refusal::new(Reason::PhaseUnknown, message));
     };
     match phase.orders[..] {
@@ -244,7 +248,7 @@ fn checked_id(id: &str) -> Result<String, Refusal> {
     text("id", id, 1, Limits::MAX_TEXT_BYTES)
 }
 
-/// A text of the agent within its length, counted in characters, and without control characters.
+/// Checks the length of a text, in characters, and the absence of control characters.
 fn text(field: &str, value: &str, min: usize, max: usize) -> Result<String, Refusal> {
     let length = value.chars().count();
     if !(min..=max).contains(&length) || value.chars().any(char::is_control) {
@@ -255,7 +259,7 @@ fn text(field: &str, value: &str, min: usize, max: usize) -> Result<String, Refu
     Ok(value.to_owned())
 }
 
-/// One page of the runs; the token of a page is the id of the run before it.
+/// Returns one page of the runs. The token of a page is the id of the run before it.
 fn page(runs: Vec<RunStatus>, request: &v1::ListRunsRequest) -> Result<v1::ListRunsResponse, Refusal> {
     let size = match request.page_size as usize {
         0 => PAGE,
@@ -266,7 +270,7 @@ fn page(runs: Vec<RunStatus>, request: &v1::ListRunsRequest) -> Result<v1::ListR
     if !request.page_token.is_empty() {
         let last = runs.iter().position(|run| run.run == request.page_token);
         let last = last.ok_or_else(|| {
-            Refusal::new(Reason::BadRequest, "page_token is not one that ListRuns gave; start without it")
+            Refusal::new(Reason::BadRequest, "page_token is not from ListRuns; start without it")
         })?;
         runs.drain(..=last);
     }

@@ -1,15 +1,12 @@
+//! Server, phases, quotas and runs.
+
 use crate::{
+    control::unix_ms,
     host::{PhaseInfo, PhaseState, Quota, QuotaWindow, RunState, RunStatus, Scope, ServerInfo, Visibility},
     limits::Limits,
 };
 use avln_episode::EndReason;
 use avln_proto::v1::{self, SensorKind};
-use std::time::{SystemTime, UNIX_EPOCH};
-
-/// The server's clock, milliseconds since 1970-01-01 UTC.
-pub(crate) fn unix_ms() -> i64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as i64)
-}
 
 pub(crate) fn server_info(
     info: ServerInfo,
@@ -32,7 +29,7 @@ pub(crate) fn server_info(
         benchmark: info.benchmark,
         digests: None,
         clients: clients.collect(),
-        encodings: super::encoding::offered(),
+        encodings: super::sensors::offered(),
         max_request_bytes: limits.decode_bytes as u32,
         server_time_unix_ms: unix_ms(),
         state: state.into(),
@@ -61,7 +58,7 @@ pub(crate) fn phase(phase: PhaseInfo) -> v1::Phase {
         max_slots: phase.max_slots.min(Limits::MAX_SLOTS),
         feedback: super::feedback_rule(phase.feedback).into(),
         sensors: sensors.into_iter().filter(|(on, _)| *on).map(|(_, kind)| kind.into()).collect(),
-        encodings: super::encoding::offered_in(&phase.sensors),
+        encodings: super::sensors::offered_in(&phase.sensors),
         state: state.into(),
         state_reason: phase.state_reason,
         opens_unix_s: phase.opens_unix_s,
@@ -119,12 +116,7 @@ pub(crate) fn quota(quota: Quota) -> v1::Quota {
 pub(crate) fn run(status: RunStatus) -> v1::Run {
     let state = run_state(status.state);
     let over = !matches!(status.state, RunState::Created | RunState::Running);
-    let progress = v1::RunProgress {
-        total: status.episodes,
-        done: status.done,
-        in_flight: status.in_flight,
-        eta_s: None,
-    };
+    let progress = progress(&status);
     v1::Run {
         id: status.run,
         phase: status.phase,
@@ -152,6 +144,23 @@ pub(crate) fn run(status: RunStatus) -> v1::Run {
     }
 }
 
+/// Builds the end of a stream.
+pub(crate) fn run_end(status: RunStatus) -> v1::RunEnd {
+    let cut_short = matches!(status.state, RunState::Failed | RunState::Cancelled | RunState::Expired);
+    v1::RunEnd {
+        progress: Some(progress(&status)),
+        run: status.run,
+        ends: end_counts(&status.ends),
+        metrics: status.metrics.map(|metrics| public_metrics(metrics, status.done)),
+        complete: !cut_short && status.done >= status.episodes,
+        url: status.url,
+    }
+}
+
+fn progress(status: &RunStatus) -> v1::RunProgress {
+    v1::RunProgress { total: status.episodes, done: status.done, in_flight: status.in_flight, eta_s: None }
+}
+
 fn run_state(state: RunState) -> v1::RunState {
     match state {
         RunState::Created => v1::RunState::Created,
@@ -163,12 +172,12 @@ fn run_state(state: RunState) -> v1::RunState {
     }
 }
 
-pub(crate) fn end_counts(ends: &[(EndReason, u32)]) -> Vec<v1::EndCount> {
+fn end_counts(ends: &[(EndReason, u32)]) -> Vec<v1::EndCount> {
     let count = |&(reason, episodes)| v1::EndCount { reason: super::end_reason(reason).into(), episodes };
     ends.iter().map(count).collect()
 }
 
-/// `episodes` is how many the values are taken over; 0 for a single one.
+/// Builds public metrics over a number of episodes; 0 for a single episode.
 pub(crate) fn public_metrics(metrics: Vec<(String, f64)>, episodes: u32) -> v1::PublicMetrics {
     let metric = |(name, value)| v1::Metric { name, value, low: None, high: None, n: episodes };
     v1::PublicMetrics { metrics: metrics.into_iter().map(metric).collect() }

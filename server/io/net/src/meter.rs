@@ -1,4 +1,4 @@
-//! How much a connection says beyond what it is answered.
+//! Detection of connections that send far more than their requests can need.
 
 use std::{
     io,
@@ -11,49 +11,53 @@ use std::{
 };
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
-/// Bytes that came on a connection less those that went, and less what its calls may cost: agents say little and are answered at
-/// length. A flood of heads, frames or pings that lead to no call shows.
+/// Received bytes of a connection, minus sent bytes and minus an allowance per request.
+///
+/// Clients send little and receive much, so a flood of headers, frames or pings without requests makes the excess grow.
 #[derive(Debug)]
-pub(crate) struct Meter {
+pub struct Meter {
     excess: AtomicI64,
     limit: i64,
 }
 
 impl Meter {
-    pub(crate) fn new(limit: i64) -> Arc<Self> {
+    /// Creates a meter with a limit for the excess, bytes.
+    pub fn new(limit: i64) -> Arc<Self> {
         Arc::new(Self { excess: AtomicI64::new(0), limit })
     }
 
-    /// Whether more came than may.
-    pub(crate) fn is_full(&self) -> bool {
+    /// Returns whether the excess is above the limit.
+    pub fn is_full(&self) -> bool {
         self.exceeds(self.limit)
     }
 
-    /// Whether so many bytes more came than were answered or allowed.
-    pub(crate) fn exceeds(&self, bytes: i64) -> bool {
+    /// Returns whether the excess is above `bytes`.
+    pub fn exceeds(&self, bytes: i64) -> bool {
         self.excess.load(Ordering::Relaxed) > bytes
     }
 
-    /// Allows as many bytes more. What is not used up to the limit is forgotten.
-    pub(crate) fn allow(&self, bytes: usize) {
+    /// Adds to the allowance, bytes.
+    pub fn allow(&self, bytes: usize) {
         self.count(-i64::try_from(bytes).unwrap_or(i64::MAX));
     }
 
     fn count(&self, bytes: i64) {
         let sum = self.excess.load(Ordering::Relaxed).saturating_add(bytes);
+        // Bounded: an honest connection must not save credit for a later flood.
         self.excess.store(sum.max(-self.limit), Ordering::Relaxed);
     }
 }
 
-/// A connection whose bytes are counted; it fails when the meter is full.
+/// A stream with a meter, which fails when the excess is above the limit.
 #[derive(Debug)]
-pub(crate) struct Metered<S> {
+pub struct Metered<S> {
     inner: S,
     meter: Arc<Meter>,
 }
 
 impl<S> Metered<S> {
-    pub(crate) fn new(inner: S, meter: Arc<Meter>) -> Self {
+    /// Attaches a meter to a stream.
+    pub fn new(inner: S, meter: Arc<Meter>) -> Self {
         Self { inner, meter }
     }
 
@@ -75,7 +79,7 @@ impl<S: AsyncRead + Unpin> AsyncRead for Metered<S> {
         let outcome = Pin::new(&mut self.inner).poll_read(context, buffer);
         self.meter.count((buffer.filled().len() - before) as i64);
         if self.meter.is_full() {
-            return Poll::Ready(Err(io::Error::other("the peer says far more than its calls can mean")));
+            return Poll::Ready(Err(io::Error::other("the peer sends far more than its requests need")));
         }
         outcome
     }
@@ -119,7 +123,7 @@ mod tests {
     use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 
     #[tokio::test]
-    async fn what_is_answered_or_allowed_does_not_count() {
+    async fn answered_and_allowed_bytes_do_not_count() {
         let (mut peer, server) = duplex(1 << 16);
         let meter = Meter::new(1000);
         let mut server = Metered::new(server, meter.clone());
@@ -139,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn credit_is_not_saved_up() {
+    fn credit_is_bounded() {
         let meter = Meter::new(1000);
         meter.allow(1 << 30);
         meter.count(1999);

@@ -1,18 +1,10 @@
+use crate::attachment::StopReason;
 use avln_episode::EndReason;
 use avln_proto::v1::RunProgress;
 use tokio::{sync::watch, time::Instant};
 
-/// Why a run has nothing more to play.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Over {
-    /// No episode is left and none is being played.
-    NothingLeft,
-    /// Too many episodes in a row ran out of time.
-    AgentHangs,
-}
-
-/// How far a run is, as its slots see it.
-pub(super) struct Board {
+/// Progress of a run, counted over its slots.
+pub(super) struct ProgressTracker {
     tally: watch::Sender<Tally>,
     total: u32,
     done_before: u32,
@@ -24,58 +16,58 @@ pub(super) struct Board {
 struct Tally {
     started: u32,
     done: u32,
-    /// Slots that hold an episode or are about to.
+    /// Slots with an episode, or with a pending request for one.
     busy: u32,
-    /// The host has no further episode.
-    dry: bool,
-    /// Episodes that may have gone back to the host, to be played again.
+    /// Whether the host has no further episode.
+    is_dry: bool,
+    /// Episodes that the host may hand out again.
     returned: u32,
     timeouts_in_a_row: u32,
 }
 
-impl Board {
+impl ProgressTracker {
     pub(super) fn new(total: u32, done_before: u32, timeouts_allowed: u32) -> Self {
         Self { tally: watch::Sender::default(), total, done_before, opened: Instant::now(), timeouts_allowed }
     }
 
-    /// A slot asks for an episode.
-    pub(super) fn asking(&self) {
+    /// Counts a request for an episode.
+    pub(super) fn requested(&self) {
         self.tally.send_modify(|tally| tally.busy += 1);
     }
 
-    /// How many episodes may have gone back to the host so far.
+    /// Returns the count of episodes that the host may hand out again.
     pub(super) fn returned(&self) -> u32 {
         self.tally.borrow().returned
     }
 
-    /// Waits until more than `seen` episodes have gone back.
+    /// Waits until more than `seen` episodes were returned.
     pub(super) async fn refilled(&self, seen: u32) {
         // The sender lives in self, so waiting cannot fail.
         let _ = self.tally.subscribe().wait_for(|tally| tally.returned > seen).await;
     }
 
-    /// It got none.
-    pub(super) fn refused(&self, dry: bool) {
+    /// Counts a request that got no episode.
+    pub(super) fn refused(&self, is_dry: bool) {
         self.tally.send_modify(|tally| {
             tally.busy -= 1;
-            tally.dry |= dry;
+            tally.is_dry |= is_dry;
         });
     }
 
-    /// It got one. Returns which one of the run it is, counted from 1.
+    /// Counts an episode that began. Returns its number in the run, from 1.
     pub(super) fn started(&self) -> u32 {
         self.tally.send_modify(|tally| tally.started += 1);
         self.done_before + self.tally.borrow().started
     }
 
-    /// The episode of a slot is over and stored.
+    /// Counts an episode that ended and was stored.
     pub(super) fn ended(&self, reason: EndReason) {
         self.tally.send_modify(|tally| {
             tally.busy -= 1;
             match reason {
                 EndReason::ServerFault => {
                     tally.returned += 1;
-                    tally.dry = false;
+                    tally.is_dry = false;
                 }
                 EndReason::TimeBudget => {
                     tally.done += 1;
@@ -99,18 +91,20 @@ impl Board {
         RunProgress { total: self.total, done, in_flight: tally.busy, eta_s }
     }
 
-    pub(super) async fn over(&self) -> Over {
+    /// Waits until no episode is left, or the agent let too many time out.
+    pub(super) async fn over(&self) -> StopReason {
         let mut tallies = self.tally.subscribe();
         // The sender lives in self, so waiting cannot fail.
         let settled = tallies.wait_for(|tally| self.judge(tally).is_some()).await.map(|tally| *tally);
-        settled.ok().and_then(|tally| self.judge(&tally)).unwrap_or(Over::NothingLeft)
+        settled.ok().and_then(|tally| self.judge(&tally)).unwrap_or(StopReason::NothingLeft)
     }
 
-    fn judge(&self, tally: &Tally) -> Option<Over> {
+    fn judge(&self, tally: &Tally) -> Option<StopReason> {
         if tally.timeouts_in_a_row >= self.timeouts_allowed {
-            return Some(Over::AgentHangs);
+            return Some(StopReason::AgentHangs);
         }
-        (tally.dry && tally.busy == 0).then_some(Over::NothingLeft)
+        // Not before the last busy slot is done: a server fault there returns its episode, which then must be played.
+        (tally.is_dry && tally.busy == 0).then_some(StopReason::NothingLeft)
     }
 }
 
@@ -120,44 +114,44 @@ mod tests {
     use std::time::Duration;
 
     #[tokio::test(start_paused = true)]
-    async fn the_run_is_over_when_the_last_slot_is_idle() {
-        let board = Board::new(5, 2, 20);
-        board.asking();
-        assert_eq!(board.started(), 3);
-        board.asking();
-        board.refused(true);
-        let open = tokio::time::timeout(Duration::from_secs(1), board.over()).await;
-        assert!(open.is_err(), "one slot is still playing");
-        board.ended(EndReason::Stopped);
-        assert_eq!(board.over().await, Over::NothingLeft);
-        let progress = board.progress();
+    async fn a_run_is_over_when_its_last_slot_is_idle() {
+        let tracker = ProgressTracker::new(5, 2, 20);
+        tracker.requested();
+        assert_eq!(tracker.started(), 3);
+        tracker.requested();
+        tracker.refused(true);
+        let open = tokio::time::timeout(Duration::from_secs(1), tracker.over()).await;
+        assert!(open.is_err(), "one slot still plays");
+        tracker.ended(EndReason::Stopped);
+        assert_eq!(tracker.over().await, StopReason::NothingLeft);
+        let progress = tracker.progress();
         assert_eq!((progress.total, progress.done, progress.in_flight), (5, 3, 0));
-        assert_eq!(progress.eta_s, Some(2), "one episode took the second that passed; two are left");
+        assert_eq!(progress.eta_s, Some(2), "one episode took one second; two are left");
     }
 
     #[tokio::test]
-    async fn an_episode_that_failed_may_be_had_again() {
-        let board = Board::new(2, 0, 20);
-        board.asking();
-        let seen = board.returned();
-        board.asking();
-        board.refused(true);
-        board.ended(EndReason::ServerFault);
-        board.refilled(seen).await;
-        assert_eq!(board.judge(&board.tally.borrow()), None, "somebody has to ask again first");
-        assert_eq!(board.progress().done, 0);
+    async fn failed_episodes_are_played_again() {
+        let tracker = ProgressTracker::new(2, 0, 20);
+        tracker.requested();
+        let seen = tracker.returned();
+        tracker.requested();
+        tracker.refused(true);
+        tracker.ended(EndReason::ServerFault);
+        tracker.refilled(seen).await;
+        assert_eq!(tracker.judge(&tracker.tally.borrow()), None, "a slot must ask again first");
+        assert_eq!(tracker.progress().done, 0);
     }
 
     #[tokio::test]
-    async fn only_timeouts_in_a_row_count() {
-        let board = Board::new(9, 0, 2);
+    async fn only_consecutive_timeouts_count() {
+        let tracker = ProgressTracker::new(9, 0, 2);
         for reason in [EndReason::TimeBudget, EndReason::Stopped, EndReason::TimeBudget] {
-            board.asking();
-            board.ended(reason);
+            tracker.requested();
+            tracker.ended(reason);
         }
-        assert_eq!(board.judge(&board.tally.borrow()), None);
-        board.asking();
-        board.ended(EndReason::TimeBudget);
-        assert_eq!(board.over().await, Over::AgentHangs);
+        assert_eq!(tracker.judge(&tracker.tally.borrow()), None);
+        tracker.requested();
+        tracker.ended(EndReason::TimeBudget);
+        assert_eq!(tracker.over().await, StopReason::AgentHangs);
     }
 }

@@ -1,0 +1,180 @@
+//! Ends of sessions: what follows each stop reason, detached sessions, cancelled and expired runs, and runs that a restart of
+//! the server interrupted.
+
+use crate::{
+    attachment::{AttachmentEvent, Ending, StopReason},
+    context::ServiceContext,
+    refusal::{Failure, ask},
+    registry::SessionGuard,
+    session::Session,
+};
+use avln_episode::EndReason;
+use avln_proto::v1;
+use std::sync::Arc;
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
+use tracing::Instrument;
+
+/// Ends the attachment of a session. Returns the end of the run if that ends as well.
+pub(crate) async fn end(
+    context: &ServiceContext,
+    session: Arc<Session>,
+    guard: SessionGuard,
+    reason: StopReason,
+) -> Result<Option<v1::RunEnd>, Failure> {
+    match reason.ending() {
+        Ending::Close(end) => session.close(end).await,
+        Ending::KeepForRestart => session.leave().await,
+        Ending::Detach => {
+            detach(context, session, guard).await;
+            return Ok(None);
+        }
+        Ending::HandOver => {
+            hand_over(context, session, guard).await;
+            return Ok(None);
+        }
+    }
+    if !reason.finishes_run() {
+        return Ok(None);
+    }
+    // The guard is still alive: a connection that waits for the run enters after its end and learns that it is over.
+    context.finish_run(&guard.run).await.map(Some)
+}
+
+/// Lets a session wait for its client, or closes it if the run allows no time to reconnect.
+async fn detach(context: &ServiceContext, session: Arc<Session>, guard: SessionGuard) {
+    let patience = session.detach().await;
+    if patience.is_zero() {
+        tracing::info!("connection lost; the run has no time left to reconnect");
+        return session.close(EndReason::Disconnected).await;
+    }
+    tracing::info!(?patience, "connection lost; open episodes wait");
+    spawn_wait(context.clone(), session, guard, Instant::now() + patience);
+}
+
+// Not async: the future of `wait` contains that of `end`, and with it this call.
+fn spawn_wait(context: ServiceContext, session: Arc<Session>, guard: SessionGuard, until: Instant) {
+    guard.apply(AttachmentEvent::Detached { until });
+    tokio::spawn(wait(context, session, guard, until).in_current_span());
+}
+
+async fn wait(context: ServiceContext, session: Arc<Session>, mut guard: SessionGuard, until: Instant) {
+    let reason = tokio::select! {
+        // First: a client that resumes in the last moment gets its session.
+        biased;
+        reason = guard.stopped() => reason,
+        () = sleep_until(until) => guard.ends(StopReason::AwayTooLong),
+    };
+    if let Err(failure) = end(&context, session, guard, reason).await {
+        tracing::warn!(why = failure.message(), "run not finished");
+    }
+}
+
+/// Passes a session to the connection that stopped it.
+async fn hand_over(context: &ServiceContext, session: Arc<Session>, guard: SessionGuard) {
+    session.detach().await;
+    let registry = context.registry.clone();
+    let patience = context.limits.handover;
+    let run = guard.run.clone();
+    let handed_over = Arc::downgrade(&session);
+    guard.hand_over(session);
+    tokio::spawn(async move {
+        // That connection may have given up waiting meanwhile. No one would ever close the session then.
+        sleep(patience).await;
+        if let Some(session) = registry.take_unclaimed(&run, &handed_over) {
+            session.close(EndReason::Disconnected).await;
+        }
+    });
+}
+
+/// Claims the runs that a restart of the server interrupted, before any client is admitted.
+pub(crate) async fn claim_interrupted(context: &ServiceContext) -> Vec<SessionGuard> {
+    let host = context.host.clone();
+    let runs = match ask("look for interrupted runs", async move { host.interrupted().await }).await {
+        Ok(runs) => runs,
+        Err(failure) => {
+            tracing::error!(why = failure.message(), "interrupted runs are not restored");
+            return Vec::new();
+        }
+    };
+    let mut guards = Vec::new();
+    for run in runs {
+        match context.registry.enter(&run, StopReason::Resumed).await {
+            Ok((guard, _)) => guards.push(guard),
+            Err(refused) => tracing::error!(run, %refused, "an interrupted run is not restored"),
+        }
+    }
+    guards
+}
+
+/// Restores the open episodes of an interrupted run and waits for its client.
+pub(crate) async fn restore(context: ServiceContext, guard: SessionGuard) {
+    let span = tracing::error_span!("session", run = guard.run);
+    if let Err(failure) = try_restore(&context, guard).instrument(span).await {
+        tracing::error!(why = failure.message(), "an interrupted run could not be restored");
+    }
+}
+
+async fn try_restore(context: &ServiceContext, guard: SessionGuard) -> Result<(), Failure> {
+    let host = context.host.clone();
+    let run = guard.run.clone();
+    let interrupted = ask("restore a run", async move { host.restore(&run).await }).await?;
+    let episodes = interrupted.episodes.len();
+    tracing::info!(episodes, "an interrupted run continues");
+    // The run may have ended while the server was down.
+    let reason = match interrupted.open.over.as_deref() {
+        None => StopReason::ConnectionLost,
+        Some("expired") => StopReason::Expired,
+        Some(_) => StopReason::Cancelled,
+    };
+    let session = context.session(interrupted);
+    end(context, session, guard, reason).await.map(drop)
+}
+
+/// Ends the sessions of runs that were cancelled outside gRPC, on the web page or the command line. Never returns.
+pub(crate) async fn end_cancelled_runs(context: ServiceContext) {
+    let Some(control) = context.host.control().cloned() else { return std::future::pending().await };
+    loop {
+        for run in control.cancelled_runs().await {
+            let registry = context.registry.clone();
+            // A task per run, because a session may need long to store its episodes.
+            tokio::spawn(async move { registry.stop(&run, StopReason::Cancelled).await });
+        }
+    }
+}
+
+/// Ends runs whose wall time has passed, connected or not. Never returns.
+pub(crate) async fn end_expired_runs(context: ServiceContext) {
+    let mut ticks = interval(context.limits.overdue_interval);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        ticks.tick().await;
+        let host = context.host.clone();
+        let runs = match ask("look for expired runs", async move { host.overdue().await }).await {
+            Ok(runs) => runs,
+            Err(failure) => {
+                tracing::error!(why = failure.message(), "cannot look for expired runs");
+                continue;
+            }
+        };
+        for run in runs {
+            let span = tracing::error_span!("session", run);
+            expire(&context, run).instrument(span).await;
+        }
+    }
+}
+
+async fn expire(context: &ServiceContext, run: String) {
+    let host = context.host.clone();
+    let id = run.clone();
+    // The host first: from then on no episode begins in the run, so none can start while its session ends.
+    if let Err(failure) = ask("end an expired run", async move { host.expire_run(&id).await }).await {
+        tracing::error!(why = failure.message(), "an expired run was not ended");
+        return;
+    }
+    let registry = context.registry.clone();
+    let stop = async move {
+        registry.stop(&run, StopReason::Expired).await;
+        tracing::info!("the wall time of the run has passed");
+    };
+    tokio::spawn(stop.in_current_span());
+}
