@@ -1,6 +1,6 @@
 //! What encodings cost and save on pictures of a procedural house: `cargo bench -p avln-server --bench codecs`.
 
-use avln_codec::{Encoding, SensorKind, Size, depth, offered, rgb};
+use avln_proto::wire::{Encoding, SensorKind, Size, depth, offered, rgb};
 use avln_geom::{Point3, RayMesh, Rng, angle};
 use avln_render::{Camera, Frame, Renderer};
 use avln_scene::procedural::{HouseOptions, house};

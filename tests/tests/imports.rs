@@ -20,12 +20,11 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("scoring", &["episode", "truth"]),
     ("store", &["episode", "truth", "scoring"]),
     ("proto", &[]),
-    ("codec", &["proto"]),
     ("sandbox", &[]),
     ("net", &[]),
-    ("grpc", &["codec", "net", "proto", "episode", "referee"]),
+    ("grpc", &["net", "proto", "episode", "referee"]),
     ("web", &["net", "episode", "scoring", "store"]),
-    ("client", &["codec", "proto"]),
+    ("client", &["proto"]),
     ("conformance", &["proto"]),
     ("kit", &["client", "perception"]),
     ("perception", &["simd"]),
@@ -51,7 +50,6 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "scoring",
             "store",
             "proto",
-            "codec",
             "net",
             "sandbox",
             "grpc",
@@ -150,6 +148,6 @@ fn the_clients_tree_holds_no_crate_of_the_server() {
         }
     }
     assert!(lies_in_server("grpc"), "the check sees what lies there");
-    assert_eq!(tree, BTreeSet::from(["client", "codec", "proto"]));
+    assert_eq!(tree, BTreeSet::from(["client", "proto"]));
     assert!(!tree.iter().any(|name| lies_in_server(name)));
 }

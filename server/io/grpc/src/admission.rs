@@ -3,7 +3,7 @@
 use crate::{
     attachment::StopReason,
     context::ServiceContext,
-    host::OpenRun,
+    host::{Host, OpenRun},
     limits::Limits,
     reaper,
     refusal::{Failure, Refusal},
@@ -16,10 +16,10 @@ use avln_proto::v1::{self, Reason};
 use std::sync::Arc;
 
 /// A client that was admitted to a run.
-pub(crate) struct Admission {
+pub(crate) struct Admission<H: Host> {
     pub(crate) open: OpenRun,
-    pub(crate) session: Arc<Session>,
-    pub(crate) guard: SessionGuard,
+    pub(crate) session: Arc<Session<H>>,
+    pub(crate) guard: SessionGuard<Session<H>>,
     /// Answer to the client's Hello.
     pub(crate) welcome: v1::Welcome,
 }
@@ -34,12 +34,12 @@ pub(crate) struct Agreement {
 /// Checks a Hello, stops the present session of the run or takes it over, and returns the session to play.
 ///
 /// `slots` is the maximum of the kind of connection.
-pub(crate) async fn admit(
-    context: &ServiceContext,
+pub(crate) async fn admit<H: Host>(
+    context: &ServiceContext<H>,
     token: &str,
     hello: &v1::Hello,
     slots: u32,
-) -> Result<Admission, Failure> {
+) -> Result<Admission<H>, Failure> {
     // Before the present session is stopped: a Hello that will be refused must not end the run of another connection.
     let (open, _) = check(context, token, hello).await?;
     let reason = if hello.resume { StopReason::Resumed } else { StopReason::Superseded };
@@ -72,8 +72,8 @@ pub(crate) async fn admit(
 }
 
 /// Checks a Hello against the run of the token and the server.
-pub(crate) async fn check(
-    context: &ServiceContext,
+pub(crate) async fn check<H: Host>(
+    context: &ServiceContext<H>,
     token: &str,
     hello: &v1::Hello,
 ) -> Result<(OpenRun, Agreement), Failure> {
@@ -82,7 +82,7 @@ pub(crate) async fn check(
     Ok((open, agreement))
 }
 
-fn agree(context: &ServiceContext, hello: &v1::Hello, open: &OpenRun) -> Result<Agreement, Refusal> {
+fn agree<H: Host>(context: &ServiceContext<H>, hello: &v1::Hello, open: &OpenRun) -> Result<Agreement, Refusal> {
     if !hello.run.is_empty() && hello.run != open.run {
         let named = Limits::shorten(&hello.run);
         let message = format!("the token plays run {}, not '{named}'; use the token of that run", open.run);
@@ -99,10 +99,10 @@ fn agree(context: &ServiceContext, hello: &v1::Hello, open: &OpenRun) -> Result<
 }
 
 /// Refuses a client and lets a session that was handed over to it wait for another one.
-async fn detach_and_refuse<T>(
-    context: &ServiceContext,
-    previous: Option<Arc<Session>>,
-    guard: SessionGuard,
+async fn detach_and_refuse<H: Host, T>(
+    context: &ServiceContext<H>,
+    previous: Option<Arc<Session<H>>>,
+    guard: SessionGuard<Session<H>>,
     refused: Failure,
 ) -> Result<T, Failure> {
     if let Some(session) = previous {
@@ -111,10 +111,10 @@ async fn detach_and_refuse<T>(
     Err(refused)
 }
 
-fn welcome(
-    context: &ServiceContext,
+fn welcome<H: Host>(
+    context: &ServiceContext<H>,
     open: &OpenRun,
-    session: &Session,
+    session: &Session<H>,
     agreement: Agreement,
     resumed: Vec<v1::SlotPosition>,
 ) -> v1::Welcome {

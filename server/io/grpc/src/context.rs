@@ -14,18 +14,30 @@ use std::{sync::Arc, time::Duration};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 /// State shared by all gRPC services.
-#[derive(Clone)]
-pub(crate) struct ServiceContext {
-    pub(crate) host: Arc<dyn Host>,
+pub(crate) struct ServiceContext<H: Host> {
+    pub(crate) host: Arc<H>,
     pub(crate) limits: Arc<Limits>,
-    pub(crate) registry: Arc<SessionRegistry>,
+    pub(crate) registry: Arc<SessionRegistry<Session<H>>>,
     pool: SimPool,
     watchdog: Watchdog,
     watchers: Arc<Semaphore>,
 }
 
-impl ServiceContext {
-    pub(crate) fn new(host: Arc<dyn Host>, limits: Limits) -> Self {
+impl<H: Host> Clone for ServiceContext<H> {
+    fn clone(&self) -> Self {
+        Self {
+            host: self.host.clone(),
+            limits: self.limits.clone(),
+            registry: self.registry.clone(),
+            pool: self.pool.clone(),
+            watchdog: self.watchdog.clone(),
+            watchers: self.watchers.clone(),
+        }
+    }
+}
+
+impl<H: Host> ServiceContext<H> {
+    pub(crate) fn new(host: Arc<H>, limits: Limits) -> Self {
         let limits = Arc::new(limits);
         let watchdog = host.control().map(|control| control.watchdog().clone()).unwrap_or_default();
         let pool = SimPool::new(limits.max_simulations, watchdog.clone());
@@ -76,7 +88,7 @@ impl ServiceContext {
     }
 
     /// Opens a session of a run.
-    pub(crate) fn open_session(&self, open: &OpenRun, sensors: &Sensors) -> Arc<Session> {
+    pub(crate) fn open_session(&self, open: &OpenRun, sensors: &Sensors) -> Arc<Session<H>> {
         self.session(Interrupted {
             open: open.clone(),
             sensors: sensors.clone(),
@@ -86,7 +98,7 @@ impl ServiceContext {
     }
 
     /// Opens the session of a run that a restart of the server interrupted.
-    pub(crate) fn session(&self, interrupted: Interrupted) -> Arc<Session> {
+    pub(crate) fn session(&self, interrupted: Interrupted<H::Episode>) -> Arc<Session<H>> {
         Arc::new(Session::open(Opening {
             host: self.host.clone(),
             pool: self.pool.clone(),

@@ -1,8 +1,8 @@
 use crate::{
     control::Control,
+    episode::{Episode, HostedEpisode, Restored},
     limits::Limits,
     refusal::Refusal,
-    seat::{Restored, Seat},
 };
 use avln_episode::{EndReason, FeedbackRule, Order, Rules, Sensors, TimeLimits};
 use std::time::Duration;
@@ -12,6 +12,9 @@ use std::time::Duration;
 /// Methods are called concurrently. A panic ends only its call, with a server fault. Heavy work belongs on a blocking thread.
 #[tonic::async_trait]
 pub trait Host: Send + Sync + 'static {
+    /// Running episode of this application.
+    type Episode: Episode;
+
     /// Returns the identity of the server.
     fn info(&self) -> ServerInfo;
 
@@ -45,12 +48,12 @@ pub trait Host: Send + Sync + 'static {
     async fn open_run(&self, run_token: &str) -> Result<OpenRun, Refusal>;
 
     /// Returns the next episode of the run for a slot; `None` if none is left.
-    async fn next_episode(&self, run: &str, slot: u32, sensors: &Sensors) -> Result<Option<Seat>, Refusal>;
+    async fn next_episode(&self, run: &str, slot: u32, sensors: &Sensors) -> Result<Option<HostedEpisode<Self::Episode>>, Refusal>;
 
     /// Stores an episode. Returns its result if the phase shows results to agents.
     ///
     /// An episode without an end reason broke down and counts as a server fault.
-    async fn conclude(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal>;
+    async fn conclude(&self, run: &str, hosted: HostedEpisode<Self::Episode>) -> Result<Option<EpisodeOutcome>, Refusal>;
 
     /// Returns the end of an episode; `None` if its result is not stored.
     async fn ended(&self, run: &str, handle: &str) -> Result<Option<StoredEnd>, Refusal>;
@@ -59,7 +62,7 @@ pub trait Host: Send + Sync + 'static {
     async fn interrupted(&self) -> Result<Vec<String>, Refusal>;
 
     /// Restores the open episodes of a run. Episodes that cannot be restored are played again from the start.
-    async fn restore(&self, run: &str) -> Result<Interrupted, Refusal>;
+    async fn restore(&self, run: &str) -> Result<Interrupted<Self::Episode>, Refusal>;
 
     /// Closes a run whose agent has finished or left, and returns its status. Later calls change nothing.
     async fn finish_run(&self, run: &str) -> Result<RunStatus, Refusal>;
@@ -368,13 +371,13 @@ impl OpenRun {
 
 /// A run with open episodes at the last stop of the server.
 #[derive(Debug)]
-pub struct Interrupted {
+pub struct Interrupted<E> {
     /// The run.
     pub open: OpenRun,
     /// Requested sensors.
     pub sensors: Sensors,
     /// Its open episodes.
-    pub episodes: Vec<Restored>,
+    pub episodes: Vec<Restored<E>>,
     /// Time that earlier disconnects used of its allowance.
     pub away: Duration,
 }

@@ -73,6 +73,7 @@ mod admission;
 mod attachment;
 mod context;
 mod control;
+mod episode;
 mod fair;
 mod host;
 mod limits;
@@ -81,7 +82,6 @@ mod play_stream;
 mod reaper;
 mod refusal;
 mod registry;
-mod seat;
 mod serve;
 mod service;
 mod session;
@@ -92,6 +92,7 @@ mod wire;
 
 pub use avln_proto::{API_MINOR, v1::Reason};
 pub use control::{Control, Drain, Histogram, SessionState, SlotState, Snapshot};
+pub use episode::{Acted, Episode, EpisodeLog, HostedEpisode, Restored, TimeSpent};
 pub use host::{
     Account, ClientRange, Digests, EpisodeOutcome, Host, Interrupted, OpenRun, PhaseInfo, PhaseState, Quota,
     QuotaWindow, Revealed, RunRequest, RunState, RunStatus, RunTicket, Scope, ServerInfo, StoredEnd,
@@ -99,7 +100,6 @@ pub use host::{
 };
 pub use limits::Limits;
 pub use refusal::Refusal;
-pub use seat::{Acted, EpisodeLog, EpisodeRunner, Restored, Seat, TimeSpent};
 pub use serve::{ServeError, serve};
 /// Attribute for implementations of [`Host`].
 pub use tonic::async_trait;

@@ -119,7 +119,7 @@ impl Limits {
         let audio = if sensors.audio { u64::from(audio_samples) * 2 * 4 } else { 0 };
         let senses = match sensors.encodings {
             encodings if encodings == Encodings::default() => rgb + depth + audio,
-            _ => avln_codec::most_bytes(rgb) + avln_codec::most_bytes(depth) + audio,
+            _ => avln_proto::wire::most_bytes(rgb) + avln_proto::wire::most_bytes(depth) + audio,
         };
         senses + Self::MISSION_BYTES + Self::ENVELOPE_BYTES
     }

@@ -5,6 +5,7 @@ use crate::{
     attachment::{AttachmentEvent, StopReason},
     context::ServiceContext,
     control::{Drain, unix_ms},
+    host::Host,
     limits::Limits,
     outbound::{Outbound, PingTimer, RunDeadline},
     reaper,
@@ -19,8 +20,8 @@ use tonic::{Status, Streaming};
 use tracing::Instrument;
 
 /// One Play stream.
-pub(crate) struct PlayStream {
-    pub(crate) context: ServiceContext,
+pub(crate) struct PlayStream<H: Host> {
+    pub(crate) context: ServiceContext<H>,
     pub(crate) token: String,
     pub(crate) inbound: Streaming<v1::PlayRequest>,
     pub(crate) out: Outbound,
@@ -44,7 +45,7 @@ impl StreamEnd {
     }
 }
 
-impl PlayStream {
+impl<H: Host> PlayStream<H> {
     /// Runs the stream until either side ends it. Open episodes are stored, kept or handed over before it returns.
     pub(crate) async fn run(mut self) {
         if let Err(failure) = self.play().await {
@@ -80,7 +81,7 @@ impl PlayStream {
     }
 
     /// Plays the session until the stream ends.
-    async fn attach(&mut self, admission: Admission, known: &[v1::SlotPosition]) -> Result<(), Failure> {
+    async fn attach(&mut self, admission: Admission<H>, known: &[v1::SlotPosition]) -> Result<(), Failure> {
         let Admission { open, session, mut guard, welcome } = admission;
         let slots = welcome.slots;
         let end = match self.out.send(Frame::Welcome(welcome)).await {
@@ -95,7 +96,7 @@ impl PlayStream {
     }
 
     /// Reads frames and passes them to the slots.
-    async fn read(&mut self, session: &Session, guard: &mut SessionGuard, deadline: RunDeadline) -> StreamEnd {
+    async fn read(&mut self, session: &Session<H>, guard: &mut SessionGuard<Session<H>>, deadline: RunDeadline) -> StreamEnd {
         let out = self.out.clone();
         let mut unread_for_too_long = pin!(out.gone());
         let mut over = pin!(session.over());
@@ -145,7 +146,7 @@ impl PlayStream {
     }
 
     /// Handles one frame. Returns a reason if the client ends the stream.
-    async fn receive(&self, session: &Session, request: v1::PlayRequest) -> Option<StopReason> {
+    async fn receive(&self, session: &Session<H>, request: v1::PlayRequest) -> Option<StopReason> {
         use play_request::Frame as Request;
         let (slot, request) = match request.frame {
             Some(Request::Ready(ready)) => (ready.slot, SlotRequest::Ready),
@@ -179,8 +180,8 @@ impl PlayStream {
     /// Ends the attachment and reports the end to the client.
     async fn finish(
         &self,
-        session: Arc<Session>,
-        guard: SessionGuard,
+        session: Arc<Session<H>>,
+        guard: SessionGuard<Session<H>>,
         end: StreamEnd,
     ) -> Result<(), Failure> {
         let reason = guard.ends(end.reason);

@@ -4,6 +4,7 @@
 use crate::{
     attachment::{AttachmentEvent, Ending, StopReason},
     context::ServiceContext,
+    host::Host,
     refusal::{Failure, ask},
     registry::SessionGuard,
     session::Session,
@@ -15,10 +16,10 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
 use tracing::Instrument;
 
 /// Ends the attachment of a session. Returns the end of the run if that ends as well.
-pub(crate) async fn end(
-    context: &ServiceContext,
-    session: Arc<Session>,
-    guard: SessionGuard,
+pub(crate) async fn end<H: Host>(
+    context: &ServiceContext<H>,
+    session: Arc<Session<H>>,
+    guard: SessionGuard<Session<H>>,
     reason: StopReason,
 ) -> Result<Option<v1::RunEnd>, Failure> {
     match reason.ending() {
@@ -41,7 +42,7 @@ pub(crate) async fn end(
 }
 
 /// Lets a session wait for its client, or closes it if the run allows no time to reconnect.
-async fn detach(context: &ServiceContext, session: Arc<Session>, guard: SessionGuard) {
+async fn detach<H: Host>(context: &ServiceContext<H>, session: Arc<Session<H>>, guard: SessionGuard<Session<H>>) {
     let patience = session.detach().await;
     if patience.is_zero() {
         tracing::info!("connection lost; the run has no time left to reconnect");
@@ -52,12 +53,12 @@ async fn detach(context: &ServiceContext, session: Arc<Session>, guard: SessionG
 }
 
 // Not async: the future of `wait` contains that of `end`, and with it this call.
-fn spawn_wait(context: ServiceContext, session: Arc<Session>, guard: SessionGuard, until: Instant) {
+fn spawn_wait<H: Host>(context: ServiceContext<H>, session: Arc<Session<H>>, guard: SessionGuard<Session<H>>, until: Instant) {
     guard.apply(AttachmentEvent::Detached { until });
     tokio::spawn(wait(context, session, guard, until).in_current_span());
 }
 
-async fn wait(context: ServiceContext, session: Arc<Session>, mut guard: SessionGuard, until: Instant) {
+async fn wait<H: Host>(context: ServiceContext<H>, session: Arc<Session<H>>, mut guard: SessionGuard<Session<H>>, until: Instant) {
     let reason = tokio::select! {
         // First: a client that resumes in the last moment gets its session.
         biased;
@@ -70,7 +71,7 @@ async fn wait(context: ServiceContext, session: Arc<Session>, mut guard: Session
 }
 
 /// Passes a session to the connection that stopped it.
-async fn hand_over(context: &ServiceContext, session: Arc<Session>, guard: SessionGuard) {
+async fn hand_over<H: Host>(context: &ServiceContext<H>, session: Arc<Session<H>>, guard: SessionGuard<Session<H>>) {
     session.detach().await;
     let registry = context.registry.clone();
     let patience = context.limits.handover;
@@ -87,7 +88,7 @@ async fn hand_over(context: &ServiceContext, session: Arc<Session>, guard: Sessi
 }
 
 /// Claims the runs that a restart of the server interrupted, before any client is admitted.
-pub(crate) async fn claim_interrupted(context: &ServiceContext) -> Vec<SessionGuard> {
+pub(crate) async fn claim_interrupted<H: Host>(context: &ServiceContext<H>) -> Vec<SessionGuard<Session<H>>> {
     let host = context.host.clone();
     let runs = match ask("look for interrupted runs", async move { host.interrupted().await }).await {
         Ok(runs) => runs,
@@ -107,14 +108,14 @@ pub(crate) async fn claim_interrupted(context: &ServiceContext) -> Vec<SessionGu
 }
 
 /// Restores the open episodes of an interrupted run and waits for its client.
-pub(crate) async fn restore(context: ServiceContext, guard: SessionGuard) {
+pub(crate) async fn restore<H: Host>(context: ServiceContext<H>, guard: SessionGuard<Session<H>>) {
     let span = tracing::error_span!("session", run = guard.run);
     if let Err(failure) = try_restore(&context, guard).instrument(span).await {
         tracing::error!(why = failure.message(), "an interrupted run could not be restored");
     }
 }
 
-async fn try_restore(context: &ServiceContext, guard: SessionGuard) -> Result<(), Failure> {
+async fn try_restore<H: Host>(context: &ServiceContext<H>, guard: SessionGuard<Session<H>>) -> Result<(), Failure> {
     let host = context.host.clone();
     let run = guard.run.clone();
     let interrupted = ask("restore a run", async move { host.restore(&run).await }).await?;
@@ -131,7 +132,7 @@ async fn try_restore(context: &ServiceContext, guard: SessionGuard) -> Result<()
 }
 
 /// Ends the sessions of runs that were cancelled outside gRPC, on the web page or the command line. Never returns.
-pub(crate) async fn end_cancelled_runs(context: ServiceContext) {
+pub(crate) async fn end_cancelled_runs<H: Host>(context: ServiceContext<H>) {
     let Some(control) = context.host.control().cloned() else { return std::future::pending().await };
     loop {
         for run in control.cancelled_runs().await {
@@ -143,7 +144,7 @@ pub(crate) async fn end_cancelled_runs(context: ServiceContext) {
 }
 
 /// Ends runs whose wall time has passed, connected or not. Never returns.
-pub(crate) async fn end_expired_runs(context: ServiceContext) {
+pub(crate) async fn end_expired_runs<H: Host>(context: ServiceContext<H>) {
     let mut ticks = interval(context.limits.overdue_interval);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
@@ -163,7 +164,7 @@ pub(crate) async fn end_expired_runs(context: ServiceContext) {
     }
 }
 
-async fn expire(context: &ServiceContext, run: String) {
+async fn expire<H: Host>(context: &ServiceContext<H>, run: String) {
     let host = context.host.clone();
     let id = run.clone();
     // The host first: from then on no episode begins in the run, so none can start while its session ends.

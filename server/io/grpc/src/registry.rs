@@ -4,7 +4,6 @@ use crate::{
     attachment::{Attachment, AttachmentEvent, Ending, StopReason},
     limits::Limits,
     refusal::Refusal,
-    session::Session,
 };
 use avln_proto::v1::{self, Reason};
 use std::{
@@ -16,10 +15,9 @@ use tokio::{
     time::{Instant, timeout_at},
 };
 
-/// Registry of all sessions of a server.
-#[derive(Debug)]
-pub(crate) struct SessionRegistry {
-    entries: Mutex<SessionEntries>,
+/// Registry of all sessions of a server, of type `S`.
+pub(crate) struct SessionRegistry<S> {
+    entries: Mutex<SessionEntries<S>>,
     summary: watch::Sender<RegistrySummary>,
     limits: Arc<Limits>,
 }
@@ -30,18 +28,16 @@ struct RegistrySummary {
     is_shut: bool,
 }
 
-#[derive(Debug, Default)]
-struct SessionEntries {
-    by_run: BTreeMap<String, SessionEntry>,
+struct SessionEntries<S> {
+    by_run: BTreeMap<String, SessionEntry<S>>,
     // A hash map with random keys: the time of a lookup reveals nothing about other tokens.
     run_of_token: HashMap<String, String>,
     /// Sessions between two connections, by run.
-    handed_over: BTreeMap<String, Arc<Session>>,
+    handed_over: BTreeMap<String, Arc<S>>,
     guards: u64,
 }
 
-#[derive(Debug)]
-struct SessionEntry {
+struct SessionEntry<S> {
     guard: u64,
     team: String,
     /// Slots granted to the session.
@@ -49,32 +45,37 @@ struct SessionEntry {
     attachment: watch::Sender<Attachment>,
     /// Closed when the guard is dropped.
     over: watch::Receiver<()>,
-    unary: Option<Arc<UnaryClient>>,
+    unary: Option<Arc<UnaryClient<S>>>,
 }
 
 /// Client that plays a session by unary calls.
-pub(crate) struct UnaryClient {
-    pub(crate) session: Arc<Session>,
+pub(crate) struct UnaryClient<S> {
+    pub(crate) session: Arc<S>,
     pub(crate) welcome: v1::Welcome,
     pub(crate) last_call: watch::Sender<Instant>,
 }
 
 /// Exclusive right to play a run, until it is dropped.
-#[derive(Debug)]
-pub(crate) struct SessionGuard {
+pub(crate) struct SessionGuard<S> {
     pub(crate) run: String,
     attachment: watch::Receiver<Attachment>,
     number: u64,
-    registry: Arc<SessionRegistry>,
+    registry: Arc<SessionRegistry<S>>,
     _over: watch::Sender<()>,
 }
 
-impl SessionRegistry {
+impl<S> SessionRegistry<S> {
     pub(crate) fn new(limits: Arc<Limits>) -> Arc<Self> {
-        Arc::new(Self { entries: Mutex::default(), summary: watch::Sender::default(), limits })
+        let entries = SessionEntries {
+            by_run: BTreeMap::new(),
+            run_of_token: HashMap::new(),
+            handed_over: BTreeMap::new(),
+            guards: 0,
+        };
+        Arc::new(Self { entries: Mutex::new(entries), summary: watch::Sender::default(), limits })
     }
 
-    fn entries(&self) -> MutexGuard<'_, SessionEntries> {
+    fn entries(&self) -> MutexGuard<'_, SessionEntries<S>> {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -103,7 +104,7 @@ impl SessionRegistry {
         self: &Arc<Self>,
         run: &str,
         reason: StopReason,
-    ) -> Result<(SessionGuard, Option<Arc<Session>>), Refusal> {
+    ) -> Result<(SessionGuard<S>, Option<Arc<S>>), Refusal> {
         if !self.stop(run, reason).await {
             let message = format!("the session that plays run {run} does not end; try again");
             return Err(Refusal::new(Reason::NoCapacity, message).retry_after(10));
@@ -133,7 +134,7 @@ impl SessionRegistry {
         Some(entry.over.clone())
     }
 
-    fn claim(self: &Arc<Self>, run: &str) -> Result<(SessionGuard, Option<Arc<Session>>), Refusal> {
+    fn claim(self: &Arc<Self>, run: &str) -> Result<(SessionGuard<S>, Option<Arc<S>>), Refusal> {
         let mut entries = self.entries();
         // Under the same lock as `shut`: either this call is refused, or `shut` finds the entry and stops it.
         self.check_open()?;
@@ -166,22 +167,22 @@ impl SessionRegistry {
     }
 
     /// Returns the unary client of a run token, unless its session ends.
-    pub(crate) fn unary_client(&self, token: &str) -> Option<Arc<UnaryClient>> {
+    pub(crate) fn unary_client(&self, token: &str) -> Option<Arc<UnaryClient<S>>> {
         let entries = self.entries();
         let entry = entries.by_run.get(entries.run_of_token.get(token)?)?;
         entry.unary.clone().filter(|_| *entry.attachment.borrow() == Attachment::Unary)
     }
 
     /// Removes a session that no connection took over.
-    pub(crate) fn take_unclaimed(&self, run: &str, session: &Weak<Session>) -> Option<Arc<Session>> {
+    pub(crate) fn take_unclaimed(&self, run: &str, session: &Weak<S>) -> Option<Arc<S>> {
         let mut entries = self.entries();
         let waiting = entries.handed_over.get(run);
         let unclaimed = waiting.is_some_and(|waiting| Arc::as_ptr(waiting) == session.as_ptr());
         if unclaimed { entries.handed_over.remove(run) } else { None }
     }
 
-    /// Admits no further session, stops all, and waits until they are over.
-    pub(crate) async fn shut(&self) {
+    /// Admits no further session, stops all, and waits until they are over. Returns sessions between two connections.
+    pub(crate) async fn shut(&self) -> Vec<Arc<S>> {
         {
             let entries = self.entries();
             self.summary.send_modify(|summary| summary.is_shut = true);
@@ -192,14 +193,11 @@ impl SessionRegistry {
         // The sender lives in self, so waiting cannot fail.
         let _ = self.summary.subscribe().wait_for(|summary| summary.sessions == 0).await;
         // The connections that would have resumed these sessions are refused from now on.
-        let unclaimed = std::mem::take(&mut self.entries().handed_over);
-        for session in unclaimed.into_values() {
-            session.leave().await;
-        }
+        std::mem::take(&mut self.entries().handed_over).into_values().collect()
     }
 }
 
-impl SessionEntry {
+impl<S> SessionEntry<S> {
     fn apply(&self, event: AttachmentEvent) {
         self.attachment.send_if_modified(|attachment| {
             let next = attachment.next(event);
@@ -208,7 +206,7 @@ impl SessionEntry {
     }
 }
 
-impl SessionEntries {
+impl<S> SessionEntries<S> {
     /// Returns the free slots for one more session of a team. Active teams have equal shares of `all`.
     fn share(&self, team: &str, all: u32) -> u32 {
         let playing = self.by_run.values().filter(|entry| entry.slots > 0).map(|entry| entry.team.as_str());
@@ -218,7 +216,7 @@ impl SessionEntries {
     }
 }
 
-impl SessionGuard {
+impl<S> SessionGuard<S> {
     /// Grants slots: the smaller of `wished` and the team's share, but at least one and at least `held`, the number needed for
     /// open episodes.
     pub(crate) fn take_slots(&self, team: &str, wished: u32, held: u32) -> u32 {
@@ -248,7 +246,7 @@ impl SessionGuard {
     }
 
     /// Makes the session available to unary calls with this token.
-    pub(crate) fn attach_unary(&self, token: &str, client: Arc<UnaryClient>) {
+    pub(crate) fn attach_unary(&self, token: &str, client: Arc<UnaryClient<S>>) {
         let mut entries = self.registry.entries();
         entries.run_of_token.insert(token.to_owned(), self.run.clone());
         if let Some(entry) = entries.by_run.get_mut(&self.run) {
@@ -258,7 +256,7 @@ impl SessionGuard {
     }
 
     /// Leaves the session to the next connection that enters the run.
-    pub(crate) fn hand_over(self, session: Arc<Session>) {
+    pub(crate) fn hand_over(self, session: Arc<S>) {
         // Before the guard is dropped, which wakes that connection.
         self.registry.entries().handed_over.insert(self.run.clone(), session);
     }
@@ -271,7 +269,7 @@ impl SessionGuard {
     }
 }
 
-impl Drop for SessionGuard {
+impl<S> Drop for SessionGuard<S> {
     fn drop(&mut self) {
         let mut entries = self.registry.entries();
         if entries.by_run.get(&self.run).is_some_and(|entry| entry.guard == self.number) {
@@ -282,18 +280,12 @@ impl Drop for SessionGuard {
     }
 }
 
-impl std::fmt::Debug for UnaryClient {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("UnaryClient").field("run", &self.welcome.run).finish_non_exhaustive()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::time::Duration;
 
-    fn registry(max_sessions: usize) -> Arc<SessionRegistry> {
+    fn registry(max_sessions: usize) -> Arc<SessionRegistry<()>> {
         SessionRegistry::new(Arc::new(Limits { max_sessions, ..Limits::default() }))
     }
 
@@ -318,14 +310,14 @@ mod tests {
         let registry = registry(4);
         let _first = registry.enter("run_a", StopReason::Superseded).await.unwrap();
         let before = Instant::now();
-        let refused = registry.enter("run_a", StopReason::Superseded).await.unwrap_err();
+        let refused = registry.enter("run_a", StopReason::Superseded).await.err().unwrap();
         assert_eq!(refused.reason, Reason::NoCapacity);
         assert_eq!(before.elapsed(), Duration::from_secs(30));
     }
 
     #[tokio::test]
     async fn teams_share_slots() {
-        let registry = SessionRegistry::new(Arc::new(Limits { max_slots: 32, ..Limits::default() }));
+        let registry = SessionRegistry::<()>::new(Arc::new(Limits { max_slots: 32, ..Limits::default() }));
         let enter = async |run| registry.enter(run, StopReason::Superseded).await.unwrap().0;
         let (greedy, more) = (enter("run_a").await, enter("run_b").await);
         assert_eq!(greedy.take_slots("red", 20, 0), 20);
@@ -344,7 +336,7 @@ mod tests {
     async fn full_and_closed_registries_refuse() {
         let registry = registry(1);
         let (mut first, _) = registry.enter("run_a", StopReason::Superseded).await.unwrap();
-        let refused = registry.enter("run_b", StopReason::Superseded).await.unwrap_err();
+        let refused = registry.enter("run_b", StopReason::Superseded).await.err().unwrap();
         assert_eq!(refused.reason, Reason::NoCapacity);
         let shutting = tokio::spawn({
             let registry = registry.clone();
@@ -353,7 +345,7 @@ mod tests {
         assert_eq!(first.stopped().await, StopReason::Draining);
         drop(first);
         shutting.await.unwrap();
-        let refused = registry.enter("run_b", StopReason::Superseded).await.unwrap_err();
+        let refused = registry.enter("run_b", StopReason::Superseded).await.err().unwrap();
         assert_eq!(refused.reason, Reason::Draining);
     }
 }

@@ -48,9 +48,9 @@ pub enum ServeError {
 ///
 /// # Errors
 /// If the server cannot start. Clients cannot cause an error.
-pub async fn serve(
+pub async fn serve<H: Host>(
     listener: impl Into<Listener>,
-    host: Arc<dyn Host>,
+    host: Arc<H>,
     limits: Limits,
     shutdown: impl Future<Output = ()> + Send,
 ) -> Result<(), ServeError> {
@@ -72,9 +72,14 @@ pub async fn serve(
         () = shutdown => {}
     }
     let connections = accept.stop_listening();
-    service::set_health(&health, false).await;
+    service::set_health::<H>(&health, false).await;
     // Sessions before connections: clients must receive the notice of the stop on their streams.
-    if timeout(limits.drain, context.registry.shut()).await.is_err() {
+    let end_sessions = async {
+        for session in context.registry.shut().await {
+            session.leave().await;
+        }
+    };
+    if timeout(limits.drain, end_sessions).await.is_err() {
         tracing::warn!("sessions were cut at the end of the drain time");
     }
     if timeout(limits.drain, connections.close()).await.is_err() {

@@ -1,10 +1,10 @@
 //! Thread pool for simulation.
 
 use crate::{
+    episode::{Episode, HostedEpisode},
     fair::FairQueue,
     limits::Limits,
     refusal::ServerFault,
-    seat::Seat,
     watchdog::{CancelToken, Lost, Watchdog, panic_message, settle},
 };
 use avln_episode::EndReason;
@@ -148,34 +148,34 @@ impl SimClient {
         Self { pool, team, longest_start: limits.preparation, longest_step: limits.step }
     }
 
-    /// Runs simulator work on an episode. A panic is returned as a fault together with the seat.
+    /// Runs simulator work on an episode. A panic is returned as a fault together with the episode.
     ///
     /// # Errors
-    /// If the work hangs. The seat is lost with it.
-    pub(crate) async fn run<T: Send + 'static>(
+    /// If the work hangs. The episode is lost with it.
+    pub(crate) async fn run<E: Episode, T: Send + 'static>(
         &self,
-        mut seat: Seat,
+        mut hosted: HostedEpisode<E>,
         limit: Duration,
-        work: impl FnOnce(&mut Seat, &CancelToken) -> T + Send + 'static,
-    ) -> Result<(Seat, Result<T, ServerFault>), ServerFault> {
+        work: impl FnOnce(&mut HostedEpisode<E>, &CancelToken) -> T + Send + 'static,
+    ) -> Result<(HostedEpisode<E>, Result<T, ServerFault>), ServerFault> {
         let queued = Instant::now();
         let done = self.pool.run(&self.team, limit, move |token| {
             let begun = Instant::now();
-            // Caught here and not in the pool, so that the seat survives: its episode must be stored as a server fault.
-            let result = catch_unwind(AssertUnwindSafe(|| work(&mut seat, token)));
+            // Caught here and not in the pool, so that the episode survives: it must be stored as a server fault.
+            let result = catch_unwind(AssertUnwindSafe(|| work(&mut hosted, token)));
             let result = result.map_err(|panic| ServerFault::simulator("simulate", panic_message(&*panic)));
-            seat.time.queue += begun - queued;
-            seat.time.simulation += begun.elapsed();
-            (seat, result)
+            hosted.time.queue += begun - queued;
+            hosted.time.simulation += begun.elapsed();
+            (hosted, result)
         });
         done.await.map_err(|lost| ServerFault::simulator("simulate", lost))
     }
 }
 
 /// Ends an episode from outside.
-pub(crate) fn truncate(seat: &mut Seat, reason: EndReason) {
+pub(crate) fn truncate<E: Episode>(hosted: &mut HostedEpisode<E>, reason: EndReason) {
     // After an earlier panic the simulator may be in any state and panic again.
-    if let Err(panic) = catch_unwind(AssertUnwindSafe(|| seat.referee.truncate(reason))) {
+    if let Err(panic) = catch_unwind(AssertUnwindSafe(|| hosted.episode.truncate(reason))) {
         ServerFault::simulator("truncate", panic_message(&*panic));
     }
 }

@@ -4,10 +4,11 @@ use crate::{
     admission::{admit, check},
     attachment::StopReason,
     context::ServiceContext,
+    host::Host,
     reaper,
     refusal::{Failure, ServerFault},
     registry::{SessionGuard, UnaryClient},
-    session::{SlotReply, SlotRequest},
+    session::{Session, SlotReply, SlotRequest},
 };
 use avln_proto::v1::{self, Reason, end_request, end_response, reset_response::Outcome};
 use std::{sync::Arc, time::Duration};
@@ -21,8 +22,8 @@ use tracing::Instrument;
 const SLOT: u32 = 0;
 
 /// Handles Reset: Hello and Ready in one call.
-pub(crate) async fn reset(
-    context: &ServiceContext,
+pub(crate) async fn reset<H: Host>(
+    context: &ServiceContext<H>,
     token: &str,
     request: v1::ResetRequest,
 ) -> Result<v1::ResetResponse, Failure> {
@@ -46,8 +47,8 @@ pub(crate) async fn reset(
 }
 
 /// Handles Step.
-pub(crate) async fn step(
-    context: &ServiceContext,
+pub(crate) async fn step<H: Host>(
+    context: &ServiceContext<H>,
     token: &str,
     request: v1::StepRequest,
 ) -> Result<v1::StepResponse, Failure> {
@@ -61,8 +62,8 @@ pub(crate) async fn step(
 }
 
 /// Handles End: Abandon or Goodbye.
-pub(crate) async fn end(
-    context: &ServiceContext,
+pub(crate) async fn end<H: Host>(
+    context: &ServiceContext<H>,
     token: &str,
     request: v1::EndRequest,
 ) -> Result<v1::EndResponse, Failure> {
@@ -91,7 +92,7 @@ pub(crate) async fn end(
 }
 
 /// Opens or resumes a session for unary calls.
-async fn open(context: &ServiceContext, token: &str, hello: &v1::Hello) -> Result<Arc<UnaryClient>, Failure> {
+async fn open<H: Host>(context: &ServiceContext<H>, token: &str, hello: &v1::Hello) -> Result<Arc<UnaryClient<Session<H>>>, Failure> {
     let admission = admit(context, token, hello, 1).await?;
     let session = admission.session;
     session.attach_unary().await;
@@ -104,7 +105,7 @@ async fn open(context: &ServiceContext, token: &str, hello: &v1::Hello) -> Resul
 }
 
 /// Waits for the end of a session and carries it out.
-async fn supervise(context: ServiceContext, client: Arc<UnaryClient>, mut guard: SessionGuard) {
+async fn supervise<H: Host>(context: ServiceContext<H>, client: Arc<UnaryClient<Session<H>>>, mut guard: SessionGuard<Session<H>>) {
     let reason = tokio::select! {
         biased;
         reason = guard.stopped() => reason,
@@ -118,7 +119,7 @@ async fn supervise(context: ServiceContext, client: Arc<UnaryClient>, mut guard:
 }
 
 /// Waits until no call has come for `limit`.
-async fn idle(client: &UnaryClient, limit: Duration) {
+async fn idle<H: Host>(client: &UnaryClient<Session<H>>, limit: Duration) {
     loop {
         let end = *client.last_call.borrow() + limit;
         if end <= Instant::now() {
@@ -129,9 +130,9 @@ async fn idle(client: &UnaryClient, limit: Duration) {
 }
 
 /// Sends a request to the slot and waits for its reply.
-async fn send(
-    context: &ServiceContext,
-    client: &UnaryClient,
+async fn send<H: Host>(
+    context: &ServiceContext<H>,
+    client: &UnaryClient<Session<H>>,
     request: SlotRequest,
 ) -> Result<SlotReply, Failure> {
     // At both ends, so that neither a long step nor the time until the next call counts as idle on its own.
@@ -155,7 +156,7 @@ fn unexpected(reply: &SlotReply) -> Failure {
 }
 
 /// Returns the client of the token's session.
-async fn find(context: &ServiceContext, token: &str) -> Result<Arc<UnaryClient>, Failure> {
+async fn find<H: Host>(context: &ServiceContext<H>, token: &str) -> Result<Arc<UnaryClient<Session<H>>>, Failure> {
     if let Some(client) = context.registry.unary_client(token) {
         return Ok(client);
     }
@@ -168,7 +169,7 @@ async fn find(context: &ServiceContext, token: &str) -> Result<Arc<UnaryClient>,
 }
 
 /// Ends the session of the run, whichever its kind, and then the run.
-async fn leave(context: &ServiceContext, run: &str) -> Result<v1::RunEnd, Failure> {
+async fn leave<H: Host>(context: &ServiceContext<H>, run: &str) -> Result<v1::RunEnd, Failure> {
     context.registry.stop(run, StopReason::Cancelled).await;
     context.finish_run(run).await
 }

@@ -5,6 +5,7 @@ mod run;
 use crate::{
     context::ServiceContext,
     control::Control,
+    host::Host,
     limits::Limits,
     outbound::{Frames, outbound},
     play_stream::PlayStream,
@@ -21,8 +22,8 @@ use tonic::{Request, Response, Status, Streaming, metadata::MetadataMap, service
 use tonic_health::server::HealthReporter;
 
 /// Creates all services, with health and reflection, and the reporter that sets the health.
-pub(crate) async fn routes(
-    context: &ServiceContext,
+pub(crate) async fn routes<H: Host>(
+    context: &ServiceContext<H>,
 ) -> Result<(Routes, HealthReporter), tonic_reflection::server::Error> {
     let Limits { decode_bytes, encode_bytes, .. } = *context.limits;
     let info = InfoServiceServer::new(InfoCalls(context.clone())).max_decoding_message_size(decode_bytes);
@@ -31,7 +32,7 @@ pub(crate) async fn routes(
         .max_decoding_message_size(decode_bytes)
         .max_encoding_message_size(encode_bytes);
     let (reporter, health) = tonic_health::server::health_reporter();
-    set_health(&reporter, true).await;
+    set_health::<H>(&reporter, true).await;
     let reflection = tonic_reflection::server::Builder::configure()
         .register_encoded_file_descriptor_set(avln_proto::FILE_DESCRIPTOR_SET)
         .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
@@ -42,15 +43,15 @@ pub(crate) async fn routes(
 }
 
 /// Sets the health of all services and of the server.
-pub(crate) async fn set_health(reporter: &HealthReporter, up: bool) {
+pub(crate) async fn set_health<H: Host>(reporter: &HealthReporter, up: bool) {
     use tonic::server::NamedService;
     use tonic_health::ServingStatus::{NotServing, Serving};
     let status = if up { Serving } else { NotServing };
     let names = [
         "",
-        InfoServiceServer::<InfoCalls>::NAME,
-        RunServiceServer::<run::RunCalls>::NAME,
-        PlayServiceServer::<PlayCalls>::NAME,
+        InfoServiceServer::<InfoCalls<H>>::NAME,
+        RunServiceServer::<run::RunCalls<H>>::NAME,
+        PlayServiceServer::<PlayCalls<H>>::NAME,
     ];
     for name in names {
         reporter.set_service_status(name, status).await;
@@ -75,11 +76,10 @@ fn bearer(metadata: &MetadataMap) -> Result<String, Refusal> {
 }
 
 /// Public information about the server.
-#[derive(Clone)]
-struct InfoCalls(ServiceContext);
+struct InfoCalls<H: Host>(ServiceContext<H>);
 
 #[tonic::async_trait]
-impl InfoService for InfoCalls {
+impl<H: Host> InfoService for InfoCalls<H> {
     async fn get_server_info(
         &self,
         _: Request<v1::GetServerInfoRequest>,
@@ -114,11 +114,10 @@ impl InfoService for InfoCalls {
 }
 
 /// Playing of episodes, by stream or by unary calls.
-#[derive(Clone)]
-struct PlayCalls(ServiceContext);
+struct PlayCalls<H: Host>(ServiceContext<H>);
 
 #[tonic::async_trait]
-impl PlayService for PlayCalls {
+impl<H: Host> PlayService for PlayCalls<H> {
     type PlayStream = Frames;
 
     async fn play(

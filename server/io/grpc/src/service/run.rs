@@ -4,7 +4,7 @@ use super::bearer;
 use crate::{
     attachment::StopReason,
     context::ServiceContext,
-    host::{Account, PhaseInfo, RunRequest, RunStatus, Scope},
+    host::{Account, Host, PhaseInfo, RunRequest, RunStatus, Scope},
     limits::Limits,
     refusal::{Failure, Refusal, ask},
     wire,
@@ -30,10 +30,9 @@ const MAX_VERSION_CHARS: usize = 40;
 const MAX_REQUEST_ID_CHARS: usize = 64;
 
 /// A team's runs.
-#[derive(Clone)]
-pub(super) struct RunCalls(pub(super) ServiceContext);
+pub(super) struct RunCalls<H: Host>(pub(super) ServiceContext<H>);
 
-impl RunCalls {
+impl<H: Host> RunCalls<H> {
     async fn account(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
         let token = bearer(metadata)?;
         let host = self.0.host.clone();
@@ -91,7 +90,7 @@ impl RunCalls {
 }
 
 #[tonic::async_trait]
-impl RunService for RunCalls {
+impl<H: Host> RunService for RunCalls<H> {
     type WatchRunStream = ReceiverStream<Result<v1::WatchRunResponse, Status>>;
 
     async fn start_run(
@@ -132,7 +131,7 @@ impl RunService for RunCalls {
         let first = self.status(&account, &run).await?;
         let place = self.0.watch().map_err(Failure::from)?;
         let (updates, stream) = mpsc::channel(1);
-        let runs = self.clone();
+        let runs = Self(self.0.clone());
         tokio::spawn(async move {
             runs.watch(account, first, updates).await;
             drop(place);
@@ -192,7 +191,7 @@ impl RunService for RunCalls {
     }
 }
 
-impl RunCalls {
+impl<H: Host> RunCalls<H> {
     /// Sends the run after each change, until it is over, the caller hangs up or the server stops.
     async fn watch(
         self,

@@ -5,9 +5,9 @@ use super::{
     slot::{Slot, SlotState},
 };
 use crate::{
+    episode::{Episode, HostedEpisode},
     host::Host,
     refusal::{FaultSubject, Failure, ServerFault, ask},
-    seat::Seat,
     sim_pool::truncate,
     wire,
 };
@@ -15,33 +15,33 @@ use avln_episode::EndReason;
 use avln_proto::v1::{self, Reason, play_response::Frame};
 use std::{sync::Arc, time::Duration};
 
-impl Slot {
+impl<H: Host> Slot<H> {
     /// Ends an episode whose first observation failed.
     pub(super) async fn failed_to_start(
         &mut self,
-        mut seat: Seat,
+        mut hosted: HostedEpisode<H::Episode>,
         fault: ServerFault,
     ) -> Result<SlotReply, Failure> {
-        truncate(&mut seat, EndReason::ServerFault);
-        self.conclude(seat).await;
+        truncate(&mut hosted, EndReason::ServerFault);
+        self.conclude(hosted).await;
         Err(fault.into())
     }
 
     /// Ends an episode whose simulator failed in a step. Other episodes are not affected.
     pub(super) async fn broken(
         &mut self,
-        mut seat: Seat,
+        mut hosted: HostedEpisode<H::Episode>,
         last: LastStep,
         act: &v1::Act,
         fault: ServerFault,
     ) -> SlotReply {
-        self.report_fault(&seat.handle, act.step, fault).await;
-        truncate(&mut seat, EndReason::ServerFault);
-        let episode_end = Some(self.end_with(seat, last).await);
+        self.report_fault(&hosted.handle, act.step, fault).await;
+        truncate(&mut hosted, EndReason::ServerFault);
+        let episode_end = Some(self.end_with(hosted, last).await);
         SlotReply::Step(Box::new(v1::StepResponse { observation: None, episode_end }))
     }
 
-    /// Ends an episode whose simulator hangs in a step. Its seat is lost with the hanging thread.
+    /// Ends an episode whose simulator hangs in a step. It is lost with the hanging thread.
     pub(super) async fn timed_out(
         &mut self,
         handle: &str,
@@ -64,7 +64,7 @@ impl Slot {
         }
     }
 
-    /// Returns an episode whose seat is lost to the host, to be played again.
+    /// Returns a lost episode to the host, to be played again.
     pub(super) async fn mark_lost(&mut self, handle: &str, ticket: u64) {
         let host = self.session.host.clone();
         let run = self.session.run.clone();
@@ -80,8 +80,8 @@ impl Slot {
         match std::mem::replace(&mut self.state, SlotState::Idle) {
             SlotState::Playing(mut playing) => {
                 playing.stop_clock();
-                truncate(&mut playing.seat, reason);
-                Some(self.end_with(playing.seat, playing.last).await)
+                truncate(&mut playing.hosted, reason);
+                Some(self.end_with(playing.hosted, playing.last).await)
             }
             other => {
                 self.state = other;
@@ -97,20 +97,20 @@ impl Slot {
         }
     }
 
-    pub(super) async fn end_with(&mut self, seat: Seat, last: LastStep) -> v1::EpisodeEnd {
-        let end = self.conclude(seat).await;
+    pub(super) async fn end_with(&mut self, hosted: HostedEpisode<H::Episode>, last: LastStep) -> v1::EpisodeEnd {
+        let end = self.conclude(hosted).await;
         self.state = SlotState::Finished(Box::new(FinishedEpisode { last, end: end.clone() }));
         end
     }
 
-    /// Returns the seat to the host, which stores the episode.
-    async fn conclude(&mut self, seat: Seat) -> v1::EpisodeEnd {
-        let episode = seat.handle.clone();
-        let step = seat.referee.steps();
-        let reason = seat.referee.end().unwrap_or(EndReason::ServerFault);
+    /// Returns an episode to the host, which stores it.
+    async fn conclude(&mut self, hosted: HostedEpisode<H::Episode>) -> v1::EpisodeEnd {
+        let episode = hosted.handle.clone();
+        let step = hosted.episode.steps();
+        let reason = hosted.episode.end().unwrap_or(EndReason::ServerFault);
         let host = self.session.host.clone();
         let run = self.session.run.clone();
-        let stored = ask("conclude", async move { host.conclude(&run, seat).await }).await;
+        let stored = ask("conclude", async move { host.conclude(&run, hosted).await }).await;
         let (reason, outcome) = match stored {
             Ok(outcome) => (reason, outcome),
             // An episode without a stored result must not count for its agent, whatever happened in it.
@@ -204,7 +204,7 @@ impl Slot {
         }
         let step = playing.last.observation.step;
         let restarted = !arrived && !away.is_zero();
-        if restarted && let Err(error) = playing.seat.log.clock_restarted(step, away) {
+        if restarted && let Err(error) = playing.hosted.log.clock_restarted(step, away) {
             tracing::error!(run = self.session.run, slot = self.id, %error, "a restarted clock was not recorded");
         }
         restarted
@@ -222,8 +222,8 @@ impl Slot {
 }
 
 /// Returns the end of an episode, if its result is stored.
-pub(crate) async fn stored_end(
-    host: &Arc<dyn Host>,
+pub(crate) async fn stored_end<H: Host>(
+    host: &Arc<H>,
     run: &str,
     known: &v1::SlotPosition,
 ) -> Result<Option<v1::EpisodeEnd>, Failure> {

@@ -12,15 +12,15 @@ pub(crate) use delivery::stored_end;
 pub(crate) use playing::{SlotReply, SlotRequest};
 
 use crate::{
+    attachment::StopReason,
     control::Control,
+    episode::Restored,
     host::{Host, Interrupted},
     limits::Limits,
     outbound::Outbound,
     refusal::{Failure, Refusal, ServerFault},
-    seat::Restored,
     sim_pool::{SimClient, SimPool},
 };
-use crate::attachment::StopReason;
 use avln_episode::{EndReason, Sensors, TimeLimits};
 use avln_proto::v1::{self, Reason};
 use playing::Audience;
@@ -44,8 +44,8 @@ use tracing::Instrument;
 const WAITING_FRAMES: usize = 2;
 
 /// State shared by all slots of a run.
-pub(crate) struct SessionState {
-    host: Arc<dyn Host>,
+pub(crate) struct SessionState<H> {
+    host: Arc<H>,
     simulator: SimClient,
     sensors: Sensors,
     run: String,
@@ -64,8 +64,8 @@ enum SlotEnding {
 }
 
 /// A run that is being played. If it is dropped without [`Session::close`], its episodes remain in the run log.
-pub(crate) struct Session {
-    state: Arc<SessionState>,
+pub(crate) struct Session<H> {
+    state: Arc<SessionState<H>>,
     slots: Vec<mpsc::Sender<SlotCommand>>,
     /// Slots granted to the present connection.
     granted: AtomicU32,
@@ -83,17 +83,17 @@ struct Absence {
 }
 
 /// Parameters of [`Session::open`].
-pub(crate) struct Opening<'a> {
-    pub(crate) host: Arc<dyn Host>,
+pub(crate) struct Opening<'a, H: Host> {
+    pub(crate) host: Arc<H>,
     pub(crate) pool: SimPool,
     pub(crate) limits: &'a Limits,
     /// The run, with the episodes to continue.
-    pub(crate) interrupted: Interrupted,
+    pub(crate) interrupted: Interrupted<H::Episode>,
 }
 
-impl Session {
+impl<H: Host> Session<H> {
     /// Opens the slots of a run, without a client.
-    pub(crate) fn open(opening: Opening<'_>) -> Self {
+    pub(crate) fn open(opening: Opening<'_, H>) -> Self {
         let Opening { host, pool, limits, interrupted } = opening;
         let Interrupted { open, sensors, episodes, away } = interrupted;
         let state = Arc::new(SessionState {
@@ -111,7 +111,7 @@ impl Session {
         let mut slots = Vec::new();
         let mut tasks = Vec::new();
         for id in 0..count {
-            let held = |episode: &&mut Option<Restored>| episode.as_ref().is_some_and(|held| held.slot == id);
+            let held = |episode: &&mut Option<Restored<H::Episode>>| episode.as_ref().is_some_and(|held| held.slot == id);
             let restored = episodes.iter_mut().find(held).and_then(Option::take);
             let (sender, commands) = mpsc::channel(WAITING_FRAMES);
             let slot = Slot::new(id, state.clone(), restored);
@@ -264,7 +264,7 @@ impl Session {
     }
 }
 
-impl std::fmt::Debug for Session {
+impl<H> std::fmt::Debug for Session<H> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Session").field("run", &self.state.run).finish_non_exhaustive()
     }

@@ -2,10 +2,10 @@
 
 use super::{SessionState, clock::ChessClock};
 use crate::{
+    episode::{Episode, HostedEpisode},
     limits::Limits,
     outbound::Outbound,
     refusal::{FaultSubject, Failure},
-    seat::Seat,
     wire,
 };
 use avln_episode::Action;
@@ -41,8 +41,8 @@ pub(crate) enum Audience {
 }
 
 /// Open episode of a slot.
-pub(super) struct OpenEpisode {
-    pub(super) seat: Seat,
+pub(super) struct OpenEpisode<E> {
+    pub(super) hosted: HostedEpisode<E>,
     /// Number of the episode in the run, from 1.
     pub(super) ordinal: u32,
     pub(super) last: LastStep,
@@ -93,11 +93,11 @@ pub(super) enum Received {
     LastObservation,
 }
 
-impl OpenEpisode {
+impl<E: Episode> OpenEpisode<E> {
     /// Returns the part that a client with this last position has received.
     pub(super) fn received_by(&self, known: Option<&v1::SlotPosition>) -> Received {
         match known {
-            Some(known) if known.episode != self.seat.handle => Received::Nothing,
+            Some(known) if known.episode != self.hosted.handle => Received::Nothing,
             Some(known) if known.step == self.last.observation.step => Received::LastObservation,
             Some(_) => Received::Mission,
             None => Received::Nothing,
@@ -105,22 +105,22 @@ impl OpenEpisode {
     }
 
     pub(super) fn position(&self, slot: u32) -> v1::SlotPosition {
-        v1::SlotPosition { slot, episode: self.seat.handle.clone(), step: self.last.observation.step }
+        v1::SlotPosition { slot, episode: self.hosted.handle.clone(), step: self.last.observation.step }
     }
 
     /// Stops the clock and adds the agent's thinking time to the account of the episode.
     pub(super) fn stop_clock(&mut self) -> std::time::Duration {
         let thought = self.clock.stop();
-        self.seat.time.thinking += thought;
+        self.hosted.time.thinking += thought;
         thought
     }
 
     /// Builds the frame that begins the episode, with the last observation instead of the first.
-    pub(super) fn start_frame(&self, slot: u32, session: &SessionState) -> v1::EpisodeStart {
+    pub(super) fn start_frame<H>(&self, slot: u32, session: &SessionState<H>) -> v1::EpisodeStart {
         v1::EpisodeStart {
             slot,
-            episode: self.seat.handle.clone(),
-            mission: Some(wire::mission(self.seat.referee.mission())),
+            episode: self.hosted.handle.clone(),
+            mission: Some(wire::mission(self.hosted.episode.mission())),
             observation: Some(self.last.observation.clone()),
             ordinal: self.ordinal,
             progress: Some(session.progress.progress()),

@@ -8,8 +8,9 @@ use super::{
     },
 };
 use crate::{
+    episode::{Acted, Episode, HostedEpisode, Restored},
+    host::Host,
     refusal::{Failure, ServerFault, ask},
-    seat::{Acted, Restored, Seat},
     watchdog::CancelToken,
     wire,
 };
@@ -42,24 +43,24 @@ pub(super) enum SlotCommand {
 }
 
 /// One slot. Its task is the only user of its episode, so the episode needs no lock.
-pub(super) struct Slot {
+pub(super) struct Slot<H: Host> {
     pub(super) id: u32,
-    pub(super) session: Arc<SessionState>,
+    pub(super) session: Arc<SessionState<H>>,
     pub(super) audience: Audience,
-    pub(super) state: SlotState,
+    pub(super) state: SlotState<H::Episode>,
     /// Count of returned episodes at the time when the host had none for this slot.
     waiting: Option<u32>,
 }
 
-pub(super) enum SlotState {
+pub(super) enum SlotState<E> {
     Idle,
-    Playing(Box<OpenEpisode>),
+    Playing(Box<OpenEpisode<E>>),
     Finished(Box<FinishedEpisode>),
 }
 
-impl Slot {
+impl<H: Host> Slot<H> {
     /// Creates a slot, idle or with a restored episode.
-    pub(super) fn new(id: u32, session: Arc<SessionState>, restored: Option<Restored>) -> Self {
+    pub(super) fn new(id: u32, session: Arc<SessionState<H>>, restored: Option<Restored<H::Episode>>) -> Self {
         let mut slot =
             Self { id, session, audience: Audience::Nobody, state: SlotState::Idle, waiting: None };
         if let Some(restored) = restored {
@@ -68,14 +69,14 @@ impl Slot {
         slot
     }
 
-    fn restored(&self, restored: Restored) -> OpenEpisode {
-        let Restored { seat, last: (sensed, action), bank_left, .. } = restored;
+    fn restored(&self, restored: Restored<H::Episode>) -> OpenEpisode<H::Episode> {
+        let Restored { hosted, last: (sensed, action), bank_left, .. } = restored;
         self.session.progress.requested();
         let ordinal = self.session.progress.started();
         let clock = ChessClock::new(&self.session.time).with_bank(bank_left);
-        let observation = self.observation(&seat, sensed, seat.referee.end(), &clock);
+        let observation = self.observation(&hosted, sensed, hosted.episode.end(), &clock);
         let last = LastStep { action: action.map(wire::action_number), observation };
-        OpenEpisode { seat, ordinal, last, clock }
+        OpenEpisode { hosted, ordinal, last, clock }
     }
 
     /// Serves the session until it ends.
@@ -108,7 +109,7 @@ impl Slot {
             && playing.last.is_last()
             && let SlotState::Playing(playing) = std::mem::replace(&mut self.state, SlotState::Idle)
         {
-            self.end_with(playing.seat, playing.last).await;
+            self.end_with(playing.hosted, playing.last).await;
         }
     }
 
@@ -198,9 +199,9 @@ impl Slot {
         let run = self.session.run.clone();
         let id = self.id;
         let sensors = self.session.sensors.clone();
-        let seat = ask("next episode", async move { host.next_episode(&run, id, &sensors).await }).await;
-        match seat {
-            Ok(Some(seat)) => self.start(seat).await,
+        let hosted = ask("next episode", async move { host.next_episode(&run, id, &sensors).await }).await;
+        match hosted {
+            Ok(Some(hosted)) => self.start(hosted).await,
             Ok(None) => {
                 self.waiting = (!matches!(self.audience, Audience::Callers)).then_some(returned);
                 self.session.progress.refused(true);
@@ -213,7 +214,7 @@ impl Slot {
         }
     }
 
-    fn already_playing(&self, playing: &OpenEpisode) -> Result<SlotReply, Failure> {
+    fn already_playing(&self, playing: &OpenEpisode<H::Episode>) -> Result<SlotReply, Failure> {
         match (&playing.last.action, &self.audience) {
             // A unary Reset may be repeated until the first step, because its reply can be lost. A stream loses no frames.
             (None, Audience::Callers) => {
@@ -226,13 +227,13 @@ impl Slot {
         }
     }
 
-    async fn start(&mut self, seat: Seat) -> Result<SlotReply, Failure> {
+    async fn start(&mut self, hosted: HostedEpisode<H::Episode>) -> Result<SlotReply, Failure> {
         let ordinal = self.session.progress.started();
-        let handle = seat.handle.clone();
-        let ticket = seat.ticket;
+        let handle = hosted.handle.clone();
+        let ticket = hosted.ticket;
         let simulator = &self.session.simulator;
-        let started = simulator.run(seat, simulator.longest_start, |seat, _| seat.referee.start()).await;
-        let (seat, first) = match started {
+        let started = simulator.run(hosted, simulator.longest_start, |hosted, _| hosted.episode.start()).await;
+        let (hosted, first) = match started {
             Ok(started) => started,
             Err(fault) => {
                 self.mark_lost(&handle, ticket).await;
@@ -241,16 +242,16 @@ impl Slot {
         };
         let first = match first {
             Ok(first) => first,
-            Err(fault) => return self.failed_to_start(seat, fault).await,
+            Err(fault) => return self.failed_to_start(hosted, fault).await,
         };
         let clock = ChessClock::new(&self.session.time);
-        let observation = self.observation(&seat, first, None, &clock);
-        let playing = OpenEpisode { seat, ordinal, last: LastStep { action: None, observation }, clock };
+        let observation = self.observation(&hosted, first, None, &clock);
+        let playing = OpenEpisode { hosted, ordinal, last: LastStep { action: None, observation }, clock };
         let start = playing.start_frame(self.id, &self.session);
         if let Err(fault) = self.check_size(&start) {
-            return self.failed_to_start(playing.seat, fault).await;
+            return self.failed_to_start(playing.hosted, fault).await;
         }
-        self.report_step(&playing.seat, 0);
+        self.report_step(&playing.hosted, 0);
         self.state = SlotState::Playing(Box::new(playing));
         Ok(SlotReply::Start(Box::new(start)))
     }
@@ -267,13 +268,13 @@ impl Slot {
 
     fn observation(
         &self,
-        seat: &Seat,
+        hosted: &HostedEpisode<H::Episode>,
         sensed: avln_episode::Observation,
         end: Option<EndReason>,
         clock: &ChessClock,
     ) -> v1::Observation {
-        let format = wire::ObservationFormat { sensors: &self.session.sensors, rules: seat.referee.rules() };
-        let frame = wire::observation(self.id, &seat.handle, sensed, format, end);
+        let format = wire::ObservationFormat { sensors: &self.session.sensors, rules: hosted.episode.rules() };
+        let frame = wire::observation(self.id, &hosted.handle, sensed, format, end);
         v1::Observation { time: Some(clock.account()), ..frame }
     }
 
@@ -283,7 +284,7 @@ impl Slot {
             SlotState::Finished(over) => return over.act(act, matches!(self.audience, Audience::Callers)),
             SlotState::Playing(playing) => playing,
         };
-        same_episode(&playing.seat.handle, &act.episode)?;
+        same_episode(&playing.hosted.handle, &act.episode)?;
         let Some(action) = playing.last.due(act)? else {
             let observation = Some(playing.last.observation.clone());
             return Ok(SlotReply::Step(Box::new(v1::StepResponse { observation, episode_end: None })));
@@ -305,45 +306,45 @@ impl Slot {
     /// Carries out an action and records it in the run log.
     async fn step(
         &mut self,
-        mut playing: OpenEpisode,
+        mut playing: OpenEpisode<H::Episode>,
         act: &v1::Act,
         action: Action,
     ) -> Result<SlotReply, Failure> {
         let thought = playing.stop_clock();
-        let OpenEpisode { seat, ordinal, last, clock } = playing;
+        let OpenEpisode { hosted, ordinal, last, clock } = playing;
         let step = act.step;
         let bank_left = clock.bank();
-        let handle = seat.handle.clone();
-        let ticket = seat.ticket;
-        let work = move |seat: &mut Seat, token: &CancelToken| {
+        let handle = hosted.handle.clone();
+        let ticket = hosted.ticket;
+        let work = move |hosted: &mut HostedEpisode<H::Episode>, token: &CancelToken| {
             let unwritten = |error: std::io::Error| format!("write the action down: {error}");
-            seat.log.acting(step).map_err(unwritten)?;
-            let outcome = seat.referee.step(action).map_err(|error| error.to_string())?;
-            let state_hash = seat.referee.state_hash();
+            hosted.log.acting(step).map_err(unwritten)?;
+            let outcome = hosted.episode.step(action).map_err(|error| error.to_string())?;
+            let state_hash = hosted.episode.state_hash();
             let acted = Acted { step, action, state_hash, thought, bank_left };
             // The log must not contain a step that was given up: its episode is played again from the start.
             if !token.commit() {
                 return Err("it was given up".to_owned());
             }
             // Before the client receives the result: after a crash the log must lead to every observation that it has seen.
-            seat.log.acted(&acted).map_err(unwritten)?;
+            hosted.log.acted(&acted).map_err(unwritten)?;
             Ok(outcome)
         };
         let simulator = &self.session.simulator;
-        let (seat, outcome) = match simulator.run(seat, simulator.longest_step, work).await {
+        let (hosted, outcome) = match simulator.run(hosted, simulator.longest_step, work).await {
             Ok(result) => result,
             Err(fault) => return Ok(self.timed_out(&handle, ticket, last, act, fault).await),
         };
         let refused = |error: String| ServerFault::simulator("step", error);
         match outcome.and_then(|outcome| outcome.map_err(refused)) {
-            Ok(outcome) => Ok(self.stepped(seat, ordinal, clock, act.action, outcome).await),
-            Err(fault) => Ok(self.broken(seat, last, act, fault).await),
+            Ok(outcome) => Ok(self.stepped(hosted, ordinal, clock, act.action, outcome).await),
+            Err(fault) => Ok(self.broken(hosted, last, act, fault).await),
         }
     }
 
     async fn stepped(
         &mut self,
-        mut seat: Seat,
+        mut hosted: HostedEpisode<H::Episode>,
         ordinal: u32,
         clock: ChessClock,
         action: i32,
@@ -351,23 +352,23 @@ impl Slot {
     ) -> SlotReply {
         let StepOutcome { observation, end } = outcome;
         let begun = Instant::now();
-        let observation = self.observation(&seat, observation, end, &clock);
-        seat.time.encoding += begun.elapsed();
-        self.report_step(&seat, observation.step);
+        let observation = self.observation(&hosted, observation, end, &clock);
+        hosted.time.encoding += begun.elapsed();
+        self.report_step(&hosted, observation.step);
         let last = LastStep { action: Some(action), observation: observation.clone() };
         let mut response = v1::StepResponse { observation: Some(observation), episode_end: None };
         if end.is_some() {
-            response.episode_end = Some(self.end_with(seat, last).await);
+            response.episode_end = Some(self.end_with(hosted, last).await);
         } else {
-            self.state = SlotState::Playing(Box::new(OpenEpisode { seat, ordinal, last, clock }));
+            self.state = SlotState::Playing(Box::new(OpenEpisode { hosted, ordinal, last, clock }));
         }
         SlotReply::Step(Box::new(response))
     }
 
     /// Reports the step to the operator's control.
-    fn report_step(&self, seat: &Seat, step: u32) {
+    fn report_step(&self, hosted: &HostedEpisode<H::Episode>, step: u32) {
         if let Some(control) = self.session.host.control() {
-            control.stepped(&self.session.run, self.id, step, seat.time);
+            control.stepped(&self.session.run, self.id, step, hosted.time);
         }
     }
 
@@ -379,7 +380,7 @@ impl Slot {
                 return Ok(SlotReply::Ended(Box::new(over.end.clone())));
             }
             SlotState::Playing(playing) => {
-                same_episode(&playing.seat.handle, &abandon.episode)?;
+                same_episode(&playing.hosted.handle, &abandon.episode)?;
                 not_ahead(abandon.step, playing.last.observation.step)?;
             }
         }
@@ -398,7 +399,7 @@ async fn next_ending(ending: &mut watch::Receiver<Option<SlotEnding>>) -> SlotEn
 }
 
 /// Waits until the host may have an episode again.
-async fn refilled(session: &SessionState, waiting: Option<u32>) {
+async fn refilled<H>(session: &SessionState<H>, waiting: Option<u32>) {
     match waiting {
         Some(seen) => session.progress.refilled(seen).await,
         None => std::future::pending().await,

@@ -197,15 +197,15 @@ mod tests {
                 (tensor.encoding, tensor.dtype, &tensor.shape)
             );
         }
-        let size = avln_codec::Size { width: 64, height: 64 };
+        let size = avln_proto::wire::Size { width: 64, height: 64 };
         let [rgb, depth, _] = &sent.tensors[..] else { panic!("{} tensors", sent.tensors.len()) };
         assert_eq!(
-            avln_codec::rgb::decode(rgb.encoding(), size, rgb.data.clone()),
+            avln_proto::wire::rgb::decode(rgb.encoding(), size, rgb.data.clone()),
             Ok(sensed().rgb.unwrap())
         );
-        let layout = avln_codec::depth::Layout { size, unit_m: 1.0 };
+        let layout = avln_proto::wire::depth::Layout { size, unit_m: 1.0 };
         assert_eq!(
-            avln_codec::depth::decode(depth.encoding(), layout, &depth.data),
+            avln_proto::wire::depth::decode(depth.encoding(), layout, &depth.data),
             Ok(sensed().depth.unwrap())
         );
     }

@@ -4,7 +4,7 @@ use crate::{
     host::ClientRange,
     refusal::{Refusal, ServerFault},
 };
-use avln_codec::{CodecError, Size, audio, depth, rgb};
+use avln_proto::wire::{CodecError, Size, audio, depth, rgb};
 use avln_episode::{Encoding, Encodings, Sensors};
 use avln_proto::v1::{self, Reason, SensorKind};
 use bytes::Bytes;
@@ -49,13 +49,13 @@ pub(super) fn encoding_of(encodings: &mut Encodings, kind: SensorKind) -> &mut E
 /// Returns whether a phase with these sensors allows an encoding: a lossy one only if the phase itself has a lossy one.
 fn allows(most: &Sensors, kind: SensorKind, encoding: v1::Encoding) -> bool {
     let mut most = most.encodings;
-    avln_codec::is_lossless(encoding) || !encoding_of(&mut most, kind).is_lossless()
+    avln_proto::wire::is_lossless(encoding) || !encoding_of(&mut most, kind).is_lossless()
 }
 
 /// Returns the encodings that a phase offers.
 pub(crate) fn offered_in(most: &Sensors) -> Vec<i32> {
     let of_kind = |kind: SensorKind| {
-        let offered = avln_codec::offered(kind).iter();
+        let offered = avln_proto::wire::offered(kind).iter();
         offered.filter(move |encoding| allows(most, kind, **encoding)).map(|encoding| *encoding as i32)
     };
     unique(KINDS.into_iter().flat_map(of_kind))
@@ -64,7 +64,7 @@ pub(crate) fn offered_in(most: &Sensors) -> Vec<i32> {
 /// Returns the encodings that the server supports.
 pub(crate) fn offered() -> Vec<i32> {
     unique(
-        KINDS.into_iter().flat_map(|kind| avln_codec::offered(kind).iter().map(|encoding| *encoding as i32)),
+        KINDS.into_iter().flat_map(|kind| avln_proto::wire::offered(kind).iter().map(|encoding| *encoding as i32)),
     )
 }
 
@@ -83,11 +83,11 @@ fn agree(wish: &v1::SensorWish, most: &Sensors) -> Result<Encoding, Refusal> {
     let kind = wish.kind();
     let offered = |wished: v1::Encoding| {
         let encoding = known(wished)?;
-        let can = avln_codec::offered(kind).contains(&self::encoding(encoding));
+        let can = avln_proto::wire::offered(kind).contains(&self::encoding(encoding));
         (can && allows(most, kind, self::encoding(encoding))).then_some(encoding)
     };
     wish.encodings().find_map(offered).ok_or_else(|| {
-        let offered = avln_codec::offered(kind).iter().filter(|encoding| allows(most, kind, **encoding));
+        let offered = avln_proto::wire::offered(kind).iter().filter(|encoding| allows(most, kind, **encoding));
         let names: Vec<_> = offered.map(|encoding| encoding.as_str_name()).collect();
         let message = format!(
             "none of the requested encodings of {} is offered; request one of {}",
@@ -137,7 +137,7 @@ fn try_pack(encoding: v1::Encoding, values: &SensorValues, sensors: &Sensors) ->
 fn raw(values: SensorValues) -> Bytes {
     match values {
         SensorValues::Rgb(pixels) => pixels.into(),
-        SensorValues::Depth(floats, _) | SensorValues::Audio(floats) => avln_codec::raw_floats(floats),
+        SensorValues::Depth(floats, _) | SensorValues::Audio(floats) => avln_proto::wire::raw_floats(floats),
     }
 }
 

@@ -1,11 +1,10 @@
-//! The door in front of a toy house, seen by real clients over real connections.
+//! The gRPC server with a toy host, tested by real clients over real connections.
 
-mod abuse;
 mod common;
 mod endings;
-mod misuse;
+mod hostile;
 mod play;
+mod random_clients;
 mod resume;
 mod services;
 mod unary;
-mod whatever;

@@ -1,6 +1,6 @@
 //! Agents that behave: whole runs through the stream.
 
-use crate::common::{Agent, House, Plan, Quirk, RUN_TOKEN, hello};
+use crate::common::{Agent, TestServer, Plan, Quirk, RUN_TOKEN, hello};
 use avln_episode::EndReason;
 use avln_proto::v1::{self, goal::Cue, play_request::Frame as Up};
 use std::sync::mpsc;
@@ -11,8 +11,8 @@ const STOP: i32 = 5;
 
 #[tokio::test]
 async fn a_whole_run_from_hello_to_run_end() {
-    let house = House::open(Plan::plain(2)).await;
-    let mut agent = Agent::enter(&house, 1).await;
+    let server = TestServer::open(Plan::plain(2)).await;
+    let mut agent = Agent::enter(&server, 1).await;
     let task = agent.welcome.task.clone().unwrap();
     assert_eq!((task.rules.as_str(), task.max_steps, agent.welcome.slots), ("lh-avln-v1", 10, 1));
     assert_eq!((task.width, task.height), (64, 64));
@@ -56,16 +56,16 @@ async fn a_whole_run_from_hello_to_run_end() {
 
     agent.send(Up::Ready(v1::Ready { slot: 0 })).await;
     let end = agent.run_end().await;
-    assert!(end.complete && house.host.finished());
+    assert!(end.complete && server.host.finished());
     assert_eq!(end.metrics.unwrap().metrics[0].value, 0.5);
     assert_eq!(agent.next().await.unwrap(), None, "the stream ends well");
-    assert_eq!(house.host.ends(2).await, [Some(EndReason::Stopped), Some(EndReason::StepLimit)]);
+    assert_eq!(server.host.ends(2).await, [Some(EndReason::Stopped), Some(EndReason::StepLimit)]);
 }
 
 #[tokio::test]
 async fn two_slots_play_at_the_same_time() {
-    let house = House::open(Plan::plain(2)).await;
-    let mut agent = Agent::enter(&house, 2).await;
+    let server = TestServer::open(Plan::plain(2)).await;
+    let mut agent = Agent::enter(&server, 2).await;
     let (left, right) = (agent.ready(0).await, agent.ready(1).await);
     assert_ne!(left.episode, right.episode);
     agent.act(0, &left.episode, 1, FORWARD).await;
@@ -88,8 +88,8 @@ async fn two_slots_play_at_the_same_time() {
 #[tokio::test]
 async fn a_slow_slot_does_not_hold_up_another() {
     let (word, words) = mpsc::channel();
-    let house = House::open(Plan::odd(vec![Quirk::Slow(words), Quirk::None])).await;
-    let mut agent = Agent::enter(&house, 2).await;
+    let server = TestServer::open(Plan::odd(vec![Quirk::Slow(words), Quirk::None])).await;
+    let mut agent = Agent::enter(&server, 2).await;
     let (slow, quick) = (agent.ready(0).await, agent.ready(1).await);
     agent.act(0, &slow.episode, 1, FORWARD).await;
     for step in 1..=5 {
@@ -102,9 +102,9 @@ async fn a_slow_slot_does_not_hold_up_another() {
 }
 
 #[tokio::test]
-async fn ready_without_episodes_waits_for_those_that_are_played() {
-    let house = House::open(Plan::plain(1)).await;
-    let mut agent = Agent::enter(&house, 2).await;
+async fn ready_waits_for_open_episodes() {
+    let server = TestServer::open(Plan::plain(1)).await;
+    let mut agent = Agent::enter(&server, 2).await;
     let start = agent.ready(0).await;
     agent.send(Up::Ready(v1::Ready { slot: 1 })).await;
     agent.act(0, &start.episode, 1, FORWARD).await;
@@ -116,14 +116,14 @@ async fn ready_without_episodes_waits_for_those_that_are_played() {
 }
 
 #[tokio::test]
-async fn a_waiting_slot_gets_the_episode_that_another_broke() {
-    let house = House::open(Plan::odd(vec![Quirk::Fragile])).await;
-    let mut agent = Agent::enter(&house, 2).await;
+async fn a_waiting_slot_gets_a_returned_episode() {
+    let server = TestServer::open(Plan::odd(vec![Quirk::Fragile])).await;
+    let mut agent = Agent::enter(&server, 2).await;
     let fragile = agent.ready(0).await;
     agent.send(Up::Ready(v1::Ready { slot: 1 })).await;
     agent.act(0, &fragile.episode, 1, FORWARD).await;
     agent.observation().await;
-    house.host.refill();
+    server.host.refill();
     agent.act(0, &fragile.episode, 2, SUBMIT).await;
     agent.fault().await;
     assert_eq!(agent.episode_end().await.reason(), v1::EndReason::ServerFault);
@@ -135,21 +135,21 @@ async fn a_waiting_slot_gets_the_episode_that_another_broke() {
 
 #[tokio::test]
 async fn goodbye_gives_up_what_is_open() {
-    let house = House::open(Plan::plain(3)).await;
-    let mut agent = Agent::enter(&house, 1).await;
+    let server = TestServer::open(Plan::plain(3)).await;
+    let mut agent = Agent::enter(&server, 1).await;
     let start = agent.ready(0).await;
     agent.goodbye().await;
     let end = agent.episode_end().await;
     assert_eq!((end.episode.clone(), end.reason()), (start.episode, v1::EndReason::Abandoned));
     assert!(!agent.run_end().await.complete);
     assert_eq!(agent.next().await.unwrap(), None);
-    assert_eq!(house.host.ends(1).await, [Some(EndReason::Abandoned)]);
+    assert_eq!(server.host.ends(1).await, [Some(EndReason::Abandoned)]);
 }
 
 #[tokio::test]
 async fn abandoning_frees_the_slot() {
-    let house = House::open(Plan::plain(2)).await;
-    let mut agent = Agent::enter(&house, 1).await;
+    let server = TestServer::open(Plan::plain(2)).await;
+    let mut agent = Agent::enter(&server, 1).await;
     let start = agent.ready(0).await;
     let abandon = v1::Abandon { slot: 0, episode: start.episode.clone(), step: 0 };
     agent.send(Up::Abandon(abandon.clone())).await;
@@ -157,13 +157,13 @@ async fn abandoning_frees_the_slot() {
     agent.send(Up::Abandon(abandon)).await;
     assert_eq!(agent.episode_end().await.episode, start.episode, "saying it twice changes nothing");
     assert_ne!(agent.ready(0).await.episode, start.episode);
-    assert_eq!(house.host.concluded(1).await.len(), 1);
+    assert_eq!(server.host.concluded(1).await.len(), 1);
 }
 
 #[tokio::test]
 async fn a_phase_that_hides_metrics_sends_none() {
-    let house = House::open(Plan { shows_metrics: false, ..Plan::plain(1) }).await;
-    let mut agent = Agent::enter(&house, 1).await;
+    let server = TestServer::open(Plan { shows_metrics: false, ..Plan::plain(1) }).await;
+    let mut agent = Agent::enter(&server, 1).await;
     let start = agent.ready(0).await;
     agent.act(0, &start.episode, 1, STOP).await;
     agent.observation().await;
@@ -175,8 +175,8 @@ async fn a_phase_that_hides_metrics_sends_none() {
 /// An agent that wishes for packed pictures gets the same numbers as one that does not, and what it did not ask for
 /// does not come.
 #[tokio::test]
-async fn packed_numbers_are_the_same_and_what_is_not_asked_for_does_not_come() {
-    let house = House::open(Plan::plain(1)).await;
+async fn packed_values_are_exact_and_only_requested_sensors_arrive() {
+    let server = TestServer::open(Plan::plain(1)).await;
     let wish = |kind: v1::SensorKind, encodings: &[v1::Encoding]| v1::SensorWish {
         kind: kind.into(),
         encodings: encodings.iter().map(|&encoding| encoding.into()).collect(),
@@ -188,7 +188,7 @@ async fn packed_numbers_are_the_same_and_what_is_not_asked_for_does_not_come() {
             wish(v1::SensorKind::Depth, &[v1::Encoding::DepthU16MmPacked, v1::Encoding::Packed]),
         ];
     }
-    let mut agent = Agent::dial(&house, RUN_TOKEN, vec![Up::Hello(hello)]).await.unwrap();
+    let mut agent = Agent::dial(&server, RUN_TOKEN, vec![Up::Hello(hello)]).await.unwrap();
     let welcome = agent.welcomed().await;
     let announced: Vec<_> = welcome.tensors.iter().map(|spec| (spec.kind(), spec.encoding())).collect();
     let (rgb, depth) = (v1::SensorKind::Rgb, v1::SensorKind::Depth);
@@ -198,9 +198,9 @@ async fn packed_numbers_are_the_same_and_what_is_not_asked_for_does_not_come() {
     agent.act(0, &start.episode, 1, FORWARD).await;
     let seen = agent.observation().await;
     let [rgb, depth] = &seen.tensors[..] else { panic!("{} tensors", seen.tensors.len()) };
-    let size = avln_codec::Size { width: 64, height: 64 };
-    assert_eq!(avln_codec::rgb::decode(rgb.encoding(), size, rgb.data.clone()), Ok(vec![1; 3 * 64 * 64]));
-    let layout = avln_codec::depth::Layout { size, unit_m: 1.0 };
-    assert_eq!(avln_codec::depth::decode(depth.encoding(), layout, &depth.data), Ok(vec![1.0; 64 * 64]));
+    let size = avln_proto::wire::Size { width: 64, height: 64 };
+    assert_eq!(avln_proto::wire::rgb::decode(rgb.encoding(), size, rgb.data.clone()), Ok(vec![1; 3 * 64 * 64]));
+    let layout = avln_proto::wire::depth::Layout { size, unit_m: 1.0 };
+    assert_eq!(avln_proto::wire::depth::decode(depth.encoding(), layout, &depth.data), Ok(vec![1.0; 64 * 64]));
     assert!(rgb.data.len() < 2000 && depth.data.len() < 2000, "{} {}", rgb.data.len(), depth.data.len());
 }

@@ -1,7 +1,7 @@
-//! What is not play: runs, phases, health, reflection, and connections that mean no good.
+//! Runs, phases, health, reflection, and malicious connections.
 
 use crate::common::{
-    ACCOUNT, Agent, House, LOOKING, ORGANISER, Plan, RUN, RUN_TOKEN, authorised, channel, reason, soon,
+    ACCOUNT, Agent, TestServer, LOOKING, ORGANISER, Plan, RUN, RUN_TOKEN, authorised, channel, reason, soon,
 };
 use avln_episode::{EndReason, Order};
 use avln_grpc::Limits;
@@ -22,9 +22,9 @@ fn start_request(phase: &str) -> v1::StartRunRequest {
 }
 
 #[tokio::test]
-async fn anyone_may_ask_what_the_server_is() {
-    let house = House::open(Plan::plain(2)).await;
-    let mut client = InfoServiceClient::new(channel(&house).await);
+async fn server_information_is_public() {
+    let server = TestServer::open(Plan::plain(2)).await;
+    let mut client = InfoServiceClient::new(channel(&server).await);
     let info = client.get_server_info(v1::GetServerInfoRequest {}).await.unwrap().into_inner();
     assert_eq!((info.name.as_str(), info.state()), ("toy", v1::ServerState::Up));
     assert_eq!(info.max_request_bytes as usize, Limits::default().decode_bytes);
@@ -38,9 +38,9 @@ async fn anyone_may_ask_what_the_server_is() {
 }
 
 #[tokio::test]
-async fn one_quota_is_told_everywhere() {
-    let house = House::open(Plan::plain(1)).await;
-    let mut client = RunServiceClient::new(channel(&house).await);
+async fn all_calls_report_the_same_quota() {
+    let server = TestServer::open(Plan::plain(1)).await;
+    let mut client = RunServiceClient::new(channel(&server).await);
     let ask = authorised(v1::GetQuotaRequest { phase: "practice".into() }, LOOKING);
     let told = client.get_quota(ask).await.unwrap().into_inner().quotas;
     let started =
@@ -55,9 +55,9 @@ async fn one_quota_is_told_everywhere() {
 }
 
 #[tokio::test]
-async fn a_token_is_good_for_its_scope_and_nothing_else() {
-    let house = House::open(Plan::plain(1)).await;
-    let mut client = RunServiceClient::new(channel(&house).await);
+async fn tokens_are_limited_to_their_scope() {
+    let server = TestServer::open(Plan::plain(1)).await;
+    let mut client = RunServiceClient::new(channel(&server).await);
     for token in [LOOKING, ORGANISER] {
         let start = client.start_run(authorised(start_request("practice"), token)).await.unwrap_err();
         let cancel = authorised(v1::CancelRunRequest { run: RUN.into() }, token);
@@ -73,13 +73,13 @@ async fn a_token_is_good_for_its_scope_and_nothing_else() {
 }
 
 #[tokio::test]
-async fn a_team_starts_looks_at_and_lists_its_runs() {
-    let house = House::open(Plan::plain(2)).await;
-    let mut client = RunServiceClient::new(channel(&house).await);
+async fn a_team_starts_and_lists_its_runs() {
+    let server = TestServer::open(Plan::plain(2)).await;
+    let mut client = RunServiceClient::new(channel(&server).await);
     let started =
         client.start_run(authorised(start_request("practice"), ACCOUNT)).await.unwrap().into_inner();
     assert_eq!((started.run_token.as_str(), started.run.unwrap().id.as_str()), (RUN_TOKEN, RUN));
-    let request = &house.host.requests()[0];
+    let request = &server.host.requests()[0];
     assert_eq!((request.method.as_str(), request.order), ("walker", Order::Unordered));
 
     let get = authorised(v1::GetRunRequest { run: RUN.into() }, ACCOUNT);
@@ -99,9 +99,9 @@ async fn a_team_starts_looks_at_and_lists_its_runs() {
 }
 
 #[tokio::test]
-async fn bad_requests_for_runs_are_told_what_is_wrong() {
-    let house = House::open(Plan::plain(1)).await;
-    let mut client = RunServiceClient::new(channel(&house).await);
+async fn bad_requests_are_refused_with_their_problem() {
+    let server = TestServer::open(Plan::plain(1)).await;
+    let mut client = RunServiceClient::new(channel(&server).await);
     let nameless = v1::StartRunRequest { method: None, ..start_request("practice") };
     let cases = [
         (Request::new(start_request("practice")), "TOKEN_MISSING"),
@@ -119,40 +119,40 @@ async fn bad_requests_for_runs_are_told_what_is_wrong() {
 }
 
 #[tokio::test]
-async fn a_panic_of_the_host_is_an_incident_without_detail() {
-    let house = House::open(Plan::plain(1)).await;
-    let mut client = RunServiceClient::new(channel(&house).await);
+async fn a_panic_of_the_host_reveals_no_detail() {
+    let server = TestServer::open(Plan::plain(1)).await;
+    let mut client = RunServiceClient::new(channel(&server).await);
     let status = client.who_am_i(authorised(v1::WhoAmIRequest {}, "break")).await.unwrap_err();
     assert_eq!((status.code(), reason(&status).as_str()), (Code::Internal, "INTERNAL"));
     assert!(status.message().contains("inc_") && !status.message().contains("secret"), "{status:?}");
-    house.still_serves().await;
+    server.still_serves().await;
 }
 
 #[tokio::test]
 async fn cancelling_a_run_ends_its_stream() {
-    let house = House::open(Plan::plain(2)).await;
-    let mut agent = Agent::enter(&house, 1).await;
+    let server = TestServer::open(Plan::plain(2)).await;
+    let mut agent = Agent::enter(&server, 1).await;
     agent.ready(0).await;
-    let mut client = RunServiceClient::new(channel(&house).await);
+    let mut client = RunServiceClient::new(channel(&server).await);
     let cancel = authorised(v1::CancelRunRequest { run: RUN.into() }, ACCOUNT);
     let run = client.cancel_run(cancel).await.unwrap().into_inner().run.unwrap();
     assert_eq!(run.state(), v1::RunState::Cancelled);
-    assert_eq!(house.host.ends(1).await, [Some(EndReason::Abandoned)]);
+    assert_eq!(server.host.ends(1).await, [Some(EndReason::Abandoned)]);
     assert_eq!(agent.episode_end().await.reason(), v1::EndReason::Abandoned);
     assert_eq!(agent.fault().await.reason(), v1::Reason::RunOver);
 }
 
 #[tokio::test]
-async fn a_watched_run_is_told_until_it_is_over() {
+async fn a_watched_run_is_reported_until_its_end() {
     let limits = Limits { max_watchers: 1, ..Limits::default() };
-    let house = House::with_limits(Plan::plain(1), limits).await;
-    let mut client = RunServiceClient::new(channel(&house).await);
+    let server = TestServer::with_limits(Plan::plain(1), limits).await;
+    let mut client = RunServiceClient::new(channel(&server).await);
     let watch = |run: &str| authorised(v1::WatchRunRequest { run: run.into() }, ACCOUNT);
     let mut updates = client.watch_run(watch(RUN)).await.unwrap().into_inner();
     let first = soon(updates.message()).await.unwrap().unwrap().run.unwrap();
     assert_eq!(first.state(), v1::RunState::Running);
     assert_eq!(reason(&client.watch_run(watch(RUN)).await.unwrap_err()), "NO_CAPACITY");
-    let mut agent = Agent::enter(&house, 1).await;
+    let mut agent = Agent::enter(&server, 1).await;
     agent.goodbye().await;
     agent.run_end().await;
     let last = soon(updates.message()).await.unwrap().unwrap().run.unwrap();
@@ -163,8 +163,8 @@ async fn a_watched_run_is_told_until_it_is_over() {
 
 #[tokio::test]
 async fn health_is_reported_until_the_server_stops() {
-    let house = House::open(Plan::plain(1)).await;
-    let mut client = HealthClient::new(channel(&house).await);
+    let server = TestServer::open(Plan::plain(1)).await;
+    let mut client = HealthClient::new(channel(&server).await);
     for service in ["", "avln.v1.PlayService", "avln.v1.RunService", "avln.v1.InfoService"] {
         let request = HealthCheckRequest { service: service.into() };
         let answer = client.check(request).await.unwrap().into_inner();
@@ -175,7 +175,7 @@ async fn health_is_reported_until_the_server_stops() {
     let watch = HealthCheckRequest { service: "avln.v1.PlayService".into() };
     let mut watched = client.watch(watch).await.unwrap().into_inner();
     assert_eq!(watched.message().await.unwrap().unwrap().status(), ServingStatus::Serving);
-    let closed = house.close();
+    let closed = server.close();
     assert_eq!(soon(watched.message()).await.unwrap().unwrap().status(), ServingStatus::NotServing);
     drop((watched, client));
     soon(closed).await.unwrap();
@@ -187,8 +187,8 @@ async fn reflection_names_the_services() {
         ServerReflectionRequest, server_reflection_client::ServerReflectionClient,
         server_reflection_request::MessageRequest, server_reflection_response::MessageResponse,
     };
-    let house = House::open(Plan::plain(1)).await;
-    let mut client = ServerReflectionClient::new(channel(&house).await);
+    let server = TestServer::open(Plan::plain(1)).await;
+    let mut client = ServerReflectionClient::new(channel(&server).await);
     let ask = ServerReflectionRequest {
         host: String::new(),
         message_request: Some(MessageRequest::ListServices(String::new())),
@@ -206,31 +206,31 @@ async fn reflection_names_the_services() {
 }
 
 #[tokio::test]
-async fn connections_that_ask_nothing_are_closed_and_places_are_limited() {
+async fn silent_connections_are_closed_and_limited() {
     let limits = Limits { first_request: Duration::from_millis(50), max_connections: 2, ..Limits::default() };
-    let house = House::with_limits(Plan::plain(1), limits).await;
-    let mut idle = TcpStream::connect(house.address).await.unwrap();
-    let mut half = TcpStream::connect(house.address).await.unwrap();
+    let server = TestServer::with_limits(Plan::plain(1), limits).await;
+    let mut idle = TcpStream::connect(server.address).await.unwrap();
+    let mut half = TcpStream::connect(server.address).await.unwrap();
     half.write_all(b"PRI * HTTP/2.0\r\n").await.unwrap();
-    let mut third = TcpStream::connect(house.address).await.unwrap();
+    let mut third = TcpStream::connect(server.address).await.unwrap();
     for connection in [&mut third, &mut idle, &mut half] {
         let mut rest = Vec::new();
-        // Both a clean end and a reset mean that the server let go.
+        // Both a clean end and a reset are a close by the server.
         let _ = soon(connection.read_to_end(&mut rest)).await;
     }
-    house.still_serves().await;
+    server.still_serves().await;
 }
 
 #[tokio::test]
-async fn nonsense_on_the_wire_harms_only_its_own_connection() {
-    let house = House::open(Plan::plain(1)).await;
+async fn nonsense_harms_only_its_connection() {
+    let server = TestServer::open(Plan::plain(1)).await;
     let preface = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n".to_vec();
     let garbage = [preface, vec![0xff; 4096]].concat();
     for bytes in [b"GET / HTTP/1.1\r\nHost: x\r\n\r\n".to_vec(), garbage, vec![0; 100_000]] {
-        let mut connection = TcpStream::connect(house.address).await.unwrap();
+        let mut connection = TcpStream::connect(server.address).await.unwrap();
         let _ = connection.write_all(&bytes).await;
         let mut rest = Vec::new();
         let _ = soon(connection.read_to_end(&mut rest)).await;
     }
-    house.still_serves().await;
+    server.still_serves().await;
 }

@@ -1,4 +1,4 @@
-use super::{House, RUN_TOKEN, soon};
+use super::{TestServer, RUN_TOKEN, soon};
 use avln_proto::v1::{
     self, PlayRequest, PlayResponse, play_request::Frame as Up, play_response::Frame as Down,
     play_service_client::PlayServiceClient,
@@ -10,14 +10,14 @@ use tonic::{
     transport::{Channel, Endpoint},
 };
 
-pub(crate) async fn channel(house: &House) -> Channel {
-    let endpoint = Endpoint::from_shared(format!("http://{}", house.address)).unwrap();
+pub(crate) async fn channel(server: &TestServer) -> Channel {
+    let endpoint = Endpoint::from_shared(format!("http://{}", server.address)).unwrap();
     let endpoint = endpoint.max_frame_size(256 << 10).initial_stream_window_size(2 << 20);
     soon(endpoint.connect()).await.unwrap()
 }
 
-pub(crate) async fn play_client(house: &House) -> PlayServiceClient<Channel> {
-    PlayServiceClient::new(channel(house).await).max_decoding_message_size(avln_proto::MAX_MESSAGE_BYTES)
+pub(crate) async fn play_client(server: &TestServer) -> PlayServiceClient<Channel> {
+    PlayServiceClient::new(channel(server).await).max_decoding_message_size(avln_proto::MAX_MESSAGE_BYTES)
 }
 
 pub(crate) fn authorised<T>(message: T, token: &str) -> Request<T> {
@@ -26,13 +26,13 @@ pub(crate) fn authorised<T>(message: T, token: &str) -> Request<T> {
     request
 }
 
-/// The reason in a status' trailer.
+/// Returns the reason in the trailer of a status.
 pub(crate) fn reason(status: &Status) -> String {
     let word = status.metadata().get(avln_proto::REASON_KEY);
     word.map(|word| word.to_str().unwrap().to_owned()).unwrap_or_default()
 }
 
-/// A Hello for small pictures, so that tests are quick.
+/// Returns a Hello for small pictures.
 pub(crate) fn hello(slots: u32) -> v1::Hello {
     let wish = |kind: v1::SensorKind| v1::SensorWish { kind: kind.into(), encodings: vec![] };
     let kinds = [v1::SensorKind::Rgb, v1::SensorKind::Depth, v1::SensorKind::Audio];
@@ -57,29 +57,29 @@ pub(crate) struct Agent {
 }
 
 impl Agent {
-    /// Opens the stream with any first frames.
-    pub(crate) async fn dial(house: &House, token: &str, frames: Vec<Up>) -> Result<Self, Status> {
+    /// Opens a stream with any first frames.
+    pub(crate) async fn dial(server: &TestServer, token: &str, frames: Vec<Up>) -> Result<Self, Status> {
         let (up, queue) = mpsc::channel(256);
         for frame in frames {
             up.send(PlayRequest { frame: Some(frame) }).await.unwrap();
         }
         let request = authorised(ReceiverStream::new(queue), token);
-        let down = soon(play_client(house).await.play(request)).await?.into_inner();
+        let down = soon(play_client(server).await.play(request)).await?.into_inner();
         Ok(Self { up: Some(up), down, welcome: v1::Welcome::default() })
     }
 
-    /// Opens the stream properly.
-    pub(crate) async fn enter(house: &House, slots: u32) -> Self {
-        Self::enter_with(house, slots, 64).await
+    /// Opens a stream with Hello and Welcome.
+    pub(crate) async fn enter(server: &TestServer, slots: u32) -> Self {
+        Self::enter_with(server, slots, 64).await
     }
 
-    /// The same, with pictures of another size.
-    pub(crate) async fn enter_with(house: &House, slots: u32, side: u32) -> Self {
+    /// Opens a stream with pictures of another size.
+    pub(crate) async fn enter_with(server: &TestServer, slots: u32, side: u32) -> Self {
         let mut hello = hello(slots);
         if let Some(sensors) = &mut hello.sensors {
             (sensors.width, sensors.height) = (side, side);
         }
-        let mut agent = Self::dial(house, RUN_TOKEN, vec![Up::Hello(hello)]).await.unwrap();
+        let mut agent = Self::dial(server, RUN_TOKEN, vec![Up::Hello(hello)]).await.unwrap();
         agent.welcome = agent.welcomed().await;
         agent
     }
@@ -91,8 +91,8 @@ impl Agent {
         }
     }
 
-    /// Comes back to the run after a lost connection, having received `known` last.
-    pub(crate) async fn resume(house: &House, slots: u32, known: &[(u32, &str, u32)]) -> Self {
+    /// Resumes the run after a lost connection. `known` was received last.
+    pub(crate) async fn resume(server: &TestServer, slots: u32, known: &[(u32, &str, u32)]) -> Self {
         let position = |&(slot, episode, step): &(u32, &str, u32)| v1::SlotPosition {
             slot,
             episode: episode.into(),
@@ -100,11 +100,8 @@ impl Agent {
         };
         let known = known.iter().map(position).collect();
         let hello = v1::Hello { resume: true, known, ..hello(slots) };
-        let mut agent = Self::dial(house, RUN_TOKEN, vec![Up::Hello(hello)]).await.unwrap();
-        agent.welcome = match agent.next().await {
-            Ok(Some(Down::Welcome(welcome))) => welcome,
-            other => panic!("no Welcome but {other:?}"),
-        };
+        let mut agent = Self::dial(server, RUN_TOKEN, vec![Up::Hello(hello)]).await.unwrap();
+        agent.welcome = agent.welcomed().await;
         agent
     }
 
@@ -124,12 +121,12 @@ impl Agent {
         self.send(Up::Goodbye(v1::Goodbye { pause: false })).await;
     }
 
-    /// Ends the sending half without a word.
+    /// Closes the sending half without Goodbye.
     pub(crate) fn hang_up(&mut self) {
         self.up = None;
     }
 
-    /// The next frame that is no Ping; `None` when the stream ended well.
+    /// Returns the next frame other than a Ping; `None` if the stream ended without an error.
     pub(crate) async fn next(&mut self) -> Result<Option<Down>, Status> {
         loop {
             match soon(self.down.message()).await?.map(|response| response.frame.unwrap()) {
@@ -139,7 +136,7 @@ impl Agent {
         }
     }
 
-    /// The next Ping.
+    /// Returns the next Ping.
     pub(crate) async fn ping(&mut self) -> v1::Ping {
         match soon(self.down.message()).await.unwrap().and_then(|response| response.frame) {
             Some(Down::Ping(ping)) => ping,
@@ -154,7 +151,7 @@ impl Agent {
         }
     }
 
-    /// Asks for an episode and gets one.
+    /// Requests an episode.
     pub(crate) async fn ready(&mut self, slot: u32) -> v1::EpisodeStart {
         self.send(Up::Ready(v1::Ready { slot })).await;
         self.episode_start().await

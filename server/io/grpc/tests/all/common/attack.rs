@@ -1,4 +1,4 @@
-//! What hostile clients do to an HTTP/2 server. Each attack goes on until it is dropped or the server ends it.
+//! Attacks on an HTTP/2 server. They continue until they are dropped or the server ends them.
 
 use bytes::Bytes;
 use h2::{Reason, client::SendRequest};
@@ -11,32 +11,32 @@ use tokio::{
     time::sleep,
 };
 
-/// A way to hurt.
+/// Kind of attack.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Attack {
-    /// Opens calls and resets them at once (CVE-2023-44487), on one connection after the other.
+    /// Opens calls and resets them at once (CVE-2023-44487), on consecutive connections.
     RapidReset,
-    /// Sends heads as large as the client library lets it, call after call.
+    /// Sends headers as large as the client library allows.
     HeaderFlood,
-    /// Connects and says a byte now and then.
+    /// Connects and sends single bytes slowly.
     SlowLoris,
-    /// Opens as many calls as it may, and leaves them open.
+    /// Opens as many calls as possible and leaves them open.
     IdleCalls,
 }
 
 impl Attack {
     pub(crate) const ALL: [Self; 4] = [Self::RapidReset, Self::HeaderFlood, Self::SlowLoris, Self::IdleCalls];
 
-    /// Attacks for ever.
+    /// Attacks without end.
     pub(crate) async fn rage(self, address: SocketAddr) {
         loop {
-            // What the server does about it is what the test is about.
+            // The server may end the attack with any error.
             let _ = self.once(address).await;
             sleep(Duration::from_millis(1)).await;
         }
     }
 
-    /// Attacks on one connection, until the server has enough.
+    /// Attacks on one connection until the server closes it.
     pub(crate) async fn once(self, address: SocketAddr) -> Outcome {
         match self {
             Self::RapidReset => rapid_reset(address).await,
@@ -47,7 +47,7 @@ impl Attack {
     }
 }
 
-/// Many attackers, on threads of their own, until it is dropped.
+/// Many attackers on their own threads, until it is dropped.
 pub(crate) struct Siege(Option<Runtime>);
 
 impl Siege {
@@ -62,7 +62,9 @@ impl Siege {
 
 impl Drop for Siege {
     fn drop(&mut self) {
-        self.0.take().into_iter().for_each(Runtime::shutdown_background);
+        if let Some(runtime) = self.0.take() {
+            runtime.shutdown_background();
+        }
     }
 }
 

@@ -4,9 +4,9 @@ use super::{
 };
 use avln_episode::{Action, EndReason, FeedbackRule, Order, Rules, Sensors, TimeLimits};
 use avln_grpc::{
-    Account, Acted, ClientRange, Digests, EpisodeLog, EpisodeOutcome, EpisodeRunner, Host, Interrupted,
+    Account, Acted, ClientRange, Digests, Episode, EpisodeLog, EpisodeOutcome, Host, HostedEpisode, Interrupted,
     OpenRun, PhaseInfo, PhaseState, Quota, QuotaWindow, Reason, Refusal, Restored, RunRequest, RunState,
-    RunStatus, RunTicket, Scope, Seat, ServerInfo, StoredEnd, Visibility,
+    RunStatus, RunTicket, Scope, ServerInfo, StoredEnd, Visibility,
 };
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -17,19 +17,20 @@ use std::{
 use tokio::sync::watch;
 
 pub(crate) const ACCOUNT: &str = "account-token";
-/// Tokens of the same team for looking, and of the organiser.
+/// Read-only token of the same team.
 pub(crate) const LOOKING: &str = "looking-token";
+/// Token of the organiser.
 pub(crate) const ORGANISER: &str = "organiser-token";
 pub(crate) const RUN: &str = "run_toy";
 pub(crate) const RUN_TOKEN: &str = "run-token";
 
-/// A minute an action, and no time for lost connections.
+/// A minute per action, and no time for lost connections.
 pub(crate) const PATIENT: TimeLimits =
     TimeLimits { step_ms: 60_000, bank_ms: 0, run_s: 0, disconnect_s: 0, disconnect_total_s: 0 };
 
-/// What the toy house hosts.
+/// Episodes and limits of the toy host.
 pub(crate) struct Plan {
-    /// One entry an episode.
+    /// One entry per episode.
     pub(crate) episodes: Vec<Quirk>,
     pub(crate) max_steps: u32,
     pub(crate) shows_metrics: bool,
@@ -45,13 +46,13 @@ impl Plan {
         Self { episodes, max_steps: 10, shows_metrics: true, time: PATIENT }
     }
 
-    /// Plain episodes under these limits of time.
+    /// Plain episodes with time limits.
     pub(crate) fn timed(episodes: usize, time: TimeLimits) -> Self {
         Self { time, ..Self::plain(episodes) }
     }
 }
 
-/// How an episode came back.
+/// Episode that was concluded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Concluded {
     pub(crate) handle: String,
@@ -69,8 +70,7 @@ pub(crate) struct ToyHost {
     book: Book,
 }
 
-/// What happened in each open episode, by handle: the slot and the actions. A house that is opened with the book of another
-/// goes on where that one was stopped.
+/// Log of open episodes by handle. A server opened with the book of another continues its episodes.
 pub(crate) type Book = Arc<Mutex<BTreeMap<String, Page>>>;
 
 #[derive(Clone, Debug, Default)]
@@ -143,7 +143,7 @@ impl ToyHost {
         self.state.lock().unwrap()
     }
 
-    /// One more plain episode, and the run open again.
+    /// Adds a plain episode and reopens the run.
     pub(crate) fn refill(&self) {
         let mut state = self.state();
         state.finished = false;
@@ -154,12 +154,12 @@ impl ToyHost {
         self.state().finished
     }
 
-    /// From now on the run's time is over.
+    /// Lets the deadline of the run pass.
     pub(crate) fn time_is_over(&self) {
         self.state().deadline_unix_ms = Some(1);
     }
 
-    /// The run's time will be over then, milliseconds since 1970.
+    /// Sets the deadline of the run, milliseconds since 1970.
     pub(crate) fn ends_at(&self, deadline_unix_ms: i64) {
         self.state().deadline_unix_ms = Some(deadline_unix_ms);
     }
@@ -172,7 +172,7 @@ impl ToyHost {
         self.state().expired
     }
 
-    /// Handles of the episodes that never came back.
+    /// Returns the handles of lost episodes.
     pub(crate) fn lost(&self) -> Vec<String> {
         self.state().lost.clone()
     }
@@ -181,23 +181,23 @@ impl ToyHost {
         self.state().requests.clone()
     }
 
-    /// The episodes that came back, once there are `count`.
+    /// Waits for `count` concluded episodes.
     pub(crate) async fn concluded(&self, count: usize) -> Vec<Concluded> {
         let mut watch = self.concluded.subscribe();
         soon(watch.wait_for(|list| list.len() >= count)).await.unwrap().clone()
     }
 
-    /// Why the first `count` episodes ended, in order of their end.
+    /// Waits for `count` concluded episodes and returns their end reasons.
     pub(crate) async fn ends(&self, count: usize) -> Vec<Option<EndReason>> {
         self.concluded(count).await.into_iter().map(|concluded| concluded.end).collect()
     }
 
-    fn seat(&self, handle: String, runner: ToyRunner) -> Seat {
+    fn hosted(&self, handle: String, episode: ToyRunner) -> HostedEpisode<ToyRunner> {
         let log = Box::new(ToyLog { book: self.book.clone(), handle: handle.clone() });
-        Seat { handle, referee: Box::new(runner), ticket: 0, log, time: avln_grpc::TimeSpent::default() }
+        HostedEpisode { handle, episode, ticket: 0, log, time: avln_grpc::TimeSpent::default() }
     }
 
-    /// The page of an open episode.
+    /// Returns the log of an open episode.
     pub(crate) fn page(&self, handle: &str) -> Page {
         self.book.lock().unwrap()[handle].clone()
     }
@@ -241,7 +241,7 @@ fn account(scope: Scope) -> Account {
     Account { team: "red".into(), scope, token_name: "laptop".into(), expires_unix_s: 77 }
 }
 
-/// One run of three is left of this day.
+/// Quota with one of three runs left today.
 pub(crate) fn quota() -> Quota {
     Quota {
         phase: "practice".into(),
@@ -264,6 +264,8 @@ fn own(run: &str) -> Result<(), Refusal> {
 
 #[avln_grpc::async_trait]
 impl Host for ToyHost {
+    type Episode = ToyRunner;
+
     fn info(&self) -> ServerInfo {
         let range = ClientRange {
             name: "old-client".into(),
@@ -309,7 +311,7 @@ impl Host for ToyHost {
             LOOKING => Ok(account(Scope::ReadOnly)),
             ORGANISER => Ok(account(Scope::Organiser)),
             "break" => panic!("the host's secret"),
-            _ => Err(Refusal::new(Reason::TokenMalformed, "the token is not one of this server's")),
+            _ => Err(Refusal::new(Reason::TokenMalformed, "the token is unknown")),
         }
     }
 
@@ -369,11 +371,16 @@ impl Host for ToyHost {
                 },
             }),
             ACCOUNT => Err(Refusal::new(Reason::TokenScope, "an account token plays nothing")),
-            _ => Err(Refusal::new(Reason::TokenMalformed, "the token is not one of this server's")),
+            _ => Err(Refusal::new(Reason::TokenMalformed, "the token is unknown")),
         }
     }
 
-    async fn next_episode(&self, run: &str, slot: u32, sensors: &Sensors) -> Result<Option<Seat>, Refusal> {
+    async fn next_episode(
+        &self,
+        run: &str,
+        slot: u32,
+        sensors: &Sensors,
+    ) -> Result<Option<HostedEpisode<ToyRunner>>, Refusal> {
         own(run)?;
         let mut state = self.state();
         let Some(quirk) = state.left.pop_front() else { return Ok(None) };
@@ -382,7 +389,7 @@ impl Host for ToyHost {
         let handle = format!("ep_{ticket}");
         let page = Page { slot, sensors: Some(sensors.clone()), ..Page::default() };
         self.book.lock().unwrap().insert(handle.clone(), page);
-        Ok(Some(self.seat(handle, ToyRunner::new(self.max_steps, sensors.clone(), quirk))))
+        Ok(Some(self.hosted(handle, ToyRunner::new(self.max_steps, sensors.clone(), quirk))))
     }
 
     async fn ended(&self, run: &str, handle: &str) -> Result<Option<StoredEnd>, Refusal> {
@@ -402,7 +409,7 @@ impl Host for ToyHost {
         Ok(open.then(|| RUN.to_owned()).into_iter().collect())
     }
 
-    async fn restore(&self, run: &str) -> Result<Interrupted, Refusal> {
+    async fn restore(&self, run: &str) -> Result<Interrupted<ToyRunner>, Refusal> {
         own(run)?;
         let book = self.book.lock().unwrap().clone();
         let sensors = book.values().find_map(|page| page.sensors.clone()).unwrap();
@@ -412,17 +419,21 @@ impl Host for ToyHost {
             for action in page.actions {
                 last = (runner.step(action).unwrap().observation, Some(action));
             }
-            Restored { slot: page.slot, seat: self.seat(handle, runner), last, bank_left: Duration::ZERO }
+            Restored { slot: page.slot, hosted: self.hosted(handle, runner), last, bank_left: Duration::ZERO }
         };
         let episodes = book.into_iter().map(restore).collect();
         Ok(Interrupted { open: self.open_run(RUN_TOKEN).await?, sensors, episodes, away: Duration::ZERO })
     }
 
-    async fn conclude(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal> {
+    async fn conclude(
+        &self,
+        run: &str,
+        hosted: HostedEpisode<ToyRunner>,
+    ) -> Result<Option<EpisodeOutcome>, Refusal> {
         own(run)?;
-        let toy = seat.referee.into_any().downcast::<ToyRunner>().expect("the host gets its own type back");
-        self.book.lock().unwrap().remove(&seat.handle);
-        let concluded = Concluded { handle: seat.handle, end: toy.end(), steps: toy.steps() };
+        self.book.lock().unwrap().remove(&hosted.handle);
+        let toy = hosted.episode;
+        let concluded = Concluded { handle: hosted.handle, end: toy.end(), steps: toy.steps() };
         self.concluded.send_modify(|list| list.push(concluded));
         Ok(self.shows_metrics.then(|| EpisodeOutcome { metrics: vec![("isr".into(), 0.25)] }))
     }

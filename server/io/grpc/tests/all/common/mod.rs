@@ -1,4 +1,4 @@
-//! A toy house behind the door, and an agent in front of it.
+//! Toy host and test client.
 
 mod agent;
 mod attack;
@@ -16,15 +16,15 @@ use std::{net::SocketAddr, sync::Arc, time::Duration};
 use tokio::{net::TcpListener, sync::oneshot, task::JoinHandle, time::timeout};
 use tonic::transport::Channel;
 
-/// A door that is open on a port of its own.
-pub(crate) struct House {
+/// A gRPC server on a free port.
+pub(crate) struct TestServer {
     pub(crate) host: Arc<ToyHost>,
     pub(crate) address: SocketAddr,
     stop: oneshot::Sender<()>,
     served: JoinHandle<()>,
 }
 
-impl House {
+impl TestServer {
     pub(crate) async fn open(plan: Plan) -> Self {
         Self::with_limits(plan, Limits::default()).await
     }
@@ -33,7 +33,7 @@ impl House {
         Self::with_book(plan, limits, Book::default()).await
     }
 
-    /// Opens again what a house with the same book was stopped in.
+    /// Opens a server that continues the episodes of another with the same book.
     pub(crate) async fn with_book(plan: Plan, limits: Limits, book: Book) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
@@ -47,18 +47,18 @@ impl House {
         Self { host, address, stop, served }
     }
 
-    /// The door for a team.
+    /// Returns a client for the run service.
     pub(crate) async fn runs(&self) -> RunServiceClient<Channel> {
         RunServiceClient::new(channel(self).await)
     }
 
-    /// Asks the server to stop.
+    /// Stops the server.
     pub(crate) fn close(self) -> JoinHandle<()> {
         self.stop.send(()).unwrap();
         self.served
     }
 
-    /// Whether a new connection is listened to.
+    /// Returns whether a new connection is served.
     pub(crate) async fn answers(&self) -> bool {
         let endpoint = tonic::transport::Endpoint::from_shared(format!("http://{}", self.address)).unwrap();
         let Ok(channel) = endpoint.connect().await else { return false };
@@ -66,7 +66,7 @@ impl House {
         client.get_server_info(avln_proto::v1::GetServerInfoRequest {}).await.is_ok()
     }
 
-    /// Plays a whole run: proof that the server still serves.
+    /// Plays an episode, as proof that the server works.
     pub(crate) async fn still_serves(&self) {
         self.host.refill();
         let mut agent = Agent::enter(self, 1).await;
@@ -77,7 +77,7 @@ impl House {
     }
 }
 
-/// Waits for what must come soon.
-pub(crate) async fn soon<T>(what: impl Future<Output = T>) -> T {
-    timeout(Duration::from_secs(20), what).await.expect("this should have happened within 20 s")
+/// Waits up to 20 s.
+pub(crate) async fn soon<T>(future: impl Future<Output = T>) -> T {
+    timeout(Duration::from_secs(20), future).await.expect("nothing happened within 20 s")
 }

@@ -1,24 +1,24 @@
 use avln_episode::{
     Action, EndReason, Feedback, GoalCue, Mission, Observation, Order, Point3, Pose, RgbImage, Rules, Sensors,
 };
-use avln_grpc::EpisodeRunner;
+use avln_grpc::Episode;
 use avln_referee::{RefereeError, StepOutcome};
-use std::{any::Any, sync::mpsc};
+use std::sync::mpsc;
 
-/// What is odd about an episode.
+/// Oddity of an episode.
 pub(crate) enum Quirk {
     None,
     /// The simulator panics when the agent submits.
     Fragile,
-    /// It panics at the start already.
+    /// The simulator panics at the start.
     Stillborn,
-    /// A step lasts until the test sends a word.
+    /// A step lasts until the test sends a message.
     Slow(mpsc::Receiver<()>),
-    /// The first observation lasts as long.
+    /// The first observation lasts until the test sends a message.
     SlowStart(mpsc::Receiver<()>),
 }
 
-/// A world of one number: how often the agent walked.
+/// A world of one number: the count of forward steps.
 pub(crate) struct ToyRunner {
     mission: Mission,
     rules: Rules,
@@ -58,26 +58,23 @@ impl ToyRunner {
     }
 }
 
-impl EpisodeRunner for ToyRunner {
+impl Episode for ToyRunner {
     fn mission(&self) -> &Mission {
         &self.mission
     }
     fn rules(&self) -> &Rules {
         &self.rules
     }
-    fn sensors(&self) -> &Sensors {
-        &self.sensors
-    }
     fn start(&mut self) -> Observation {
         assert!(!matches!(self.quirk, Quirk::Stillborn), "the secret of this episode");
-        if let Quirk::SlowStart(words) = &self.quirk {
-            let _ = words.recv();
+        if let Quirk::SlowStart(release) = &self.quirk {
+            let _ = release.recv();
         }
         self.sense()
     }
     fn step(&mut self, action: Action) -> Result<StepOutcome, RefereeError> {
-        if let Quirk::Slow(words) = &self.quirk {
-            words.recv().expect("the test lets the step go on");
+        if let Quirk::Slow(release) = &self.quirk {
+            release.recv().expect("the test releases the step");
         }
         if matches!(self.quirk, Quirk::Fragile) && action == Action::Submit {
             panic!("the secret of this episode");
@@ -102,8 +99,5 @@ impl EpisodeRunner for ToyRunner {
     }
     fn state_hash(&self) -> u64 {
         u64::from(self.steps) << 32 | u64::from(self.walked)
-    }
-    fn into_any(self: Box<Self>) -> Box<dyn Any + Send> {
-        self
     }
 }

@@ -1,40 +1,39 @@
-//! Distances: `height × width` numbers, first row on top.
+//! Depth: `height × width` values, top row first.
 //!
-//! The reciprocal of depth is linear along a column wherever the camera sees a plane. `PACKED` therefore predicts each
-//! number from the two above it, `a` the nearer one and `b` the farther: `p = a·b / (b + b - a)`, all in binary32, each
-//! operation rounded to nearest. Where `p` is not above 0 and finite, and in the second row, it is `a`; in the first row it
-//! is the number to the left, 0 for the first. What is kept is the difference of the two numbers' bits as signed 32-bit
-//! numbers, modulo 2^32, folded (0, -1, 1, -2 … become 0, 1, 2, 3 …) and packed in blocks.
+//! The reciprocal of depth is linear along an image column of a plane. `PACKED` therefore predicts a value from the two above
+//! it, `a` (directly above) and `b`: `p = a·b / (b + b - a)`, in binary32, with every operation rounded to nearest. If `p` is
+//! not positive and finite, and in the second row, the prediction is `a`; in the first row it is the value to the left, or 0.
+//! The stored residual is the difference of the bit patterns as signed 32-bit integers, modulo 2^32, folded (0, -1, 1, -2 …
+//! become 0, 1, 2, 3 …) and packed in blocks.
 //!
-//! `DEPTH_U16_MM_PACKED` predicts whole millimetres from their neighbours, left plus above minus above left, modulo 2^16,
-//! where a neighbour outside of the picture is 0, and keeps the difference as a signed 16-bit number in the same way.
+//! `DEPTH_U16_MM_PACKED` predicts millimetres as left plus above minus above left, modulo 2^16, with 0 outside of the picture,
+//! and stores the difference as a signed 16-bit integer in the same way.
 
-use crate::{
-    CodecError, Size,
+use super::{
+    CodecError, Encoding, SensorKind, Size,
     blocks::{self, fold, unfold},
-    floats, not_offered,
+    copy_floats, floats_from, not_offered,
 };
-use avln_proto::v1::{Encoding, SensorKind};
 use bytes::Bytes;
 
-/// A picture's size and what one of its numbers stands for.
+/// Size and unit of a depth picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layout {
-    /// Pixels.
+    /// Size.
     pub size: Size,
-    /// Metres that a depth of 1 stands for.
+    /// Unit of the values, metres.
     pub unit_m: f32,
 }
 
-/// Packs the distances of a picture.
+/// Encodes a depth picture.
 ///
 /// # Errors
-/// When there are not as many as the size asks for, or the encoding is not one of distances.
+/// If the number of values does not match the size, or depth has no such encoding.
 pub fn encode(encoding: Encoding, layout: Layout, depth: &[f32]) -> Result<Bytes, CodecError> {
     let width = layout.size.width as usize;
     CodecError::check_length("a depth picture", "numbers", depth.len(), layout.size.pixels())?;
     match encoding {
-        Encoding::Raw => Ok(floats::copy(depth)),
+        Encoding::Raw => Ok(copy_floats(depth)),
         Encoding::Packed => Ok(pack(width, depth).into()),
         Encoding::DepthU16Mm => {
             Ok(millimetres(depth, layout.unit_m).iter().flat_map(|mm| mm.to_le_bytes()).collect())
@@ -44,10 +43,10 @@ pub fn encode(encoding: Encoding, layout: Layout, depth: &[f32]) -> Result<Bytes
     }
 }
 
-/// Unpacks the distances of a picture.
+/// Decodes a depth picture.
 ///
 /// # Errors
-/// When `bytes` are not such a picture in this encoding.
+/// If `bytes` are not a picture of this size and encoding.
 pub fn decode(encoding: Encoding, layout: Layout, bytes: &[u8]) -> Result<Vec<f32>, CodecError> {
     let (width, count) = (layout.size.width as usize, layout.size.pixels());
     let check = |each: usize| CodecError::check_length("a depth picture", "bytes", bytes.len(), each * count);
@@ -56,7 +55,7 @@ pub fn decode(encoding: Encoding, layout: Layout, bytes: &[u8]) -> Result<Vec<f3
         numbers.map_err(|fault| CodecError::broken(encoding, fault))
     };
     match encoding {
-        Encoding::Raw => check(4).map(|()| floats::from_bytes(bytes)),
+        Encoding::Raw => check(4).map(|()| floats_from(bytes)),
         Encoding::Packed => unpacked(u32::BITS).map(|residuals| unpack(width, &residuals)),
         Encoding::DepthU16Mm => {
             check(2)?;
@@ -71,7 +70,7 @@ pub fn decode(encoding: Encoding, layout: Layout, bytes: &[u8]) -> Result<Vec<f3
     }
 }
 
-/// What a number should be, judging by the two above it.
+/// Predicts a value from the two above it.
 fn predict(above: f32, farther: f32) -> f32 {
     let straight = above * farther / (farther + farther - above);
     if straight > 0.0 && straight < f32::INFINITY { straight } else { above }
@@ -130,11 +129,12 @@ fn unpack(width: usize, residuals: &[u32]) -> Vec<f32> {
     depth
 }
 
-/// Whole millimetres; what is seen is never rounded to 0, which means that nothing is.
+/// Rounds depths to millimetres.
 fn millimetres(depth: &[f32], unit_m: f32) -> Vec<u16> {
     let scale = 1000.0 * unit_m;
     let rounded = |depth: &f32| {
         let millimetres = (depth * scale).round() as u16;
+        // Never to 0, which means "no hit".
         if *depth > 0.0 { millimetres.max(1) } else { millimetres }
     };
     depth.iter().map(rounded).collect()

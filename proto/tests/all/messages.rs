@@ -1,4 +1,4 @@
-//! What the messages look like as bytes.
+//! Messages as bytes.
 
 use avln_proto::{
     FILE_DESCRIPTOR_SET,
@@ -12,7 +12,7 @@ fn act() -> v1::Act {
 }
 
 #[test]
-fn an_act_has_the_bytes_that_the_wire_format_gives_by_hand() {
+fn an_act_has_the_expected_bytes() {
     let frame = v1::PlayRequest { frame: Some(play_request::Frame::Act(act())) };
     // Field 3, length 9: slot = 1, episode = "e", step = 2, action = 2.
     let by_hand = [0x1A, 9, 0x08, 1, 0x12, 1, b'e', 0x18, 2, 0x20, 2];
@@ -21,7 +21,7 @@ fn an_act_has_the_bytes_that_the_wire_format_gives_by_hand() {
 }
 
 #[test]
-fn an_observation_goes_there_and_back_without_copying_its_pictures() {
+fn observations_are_decoded_without_copying_pictures() {
     let data = Bytes::from(vec![7_u8; 4096]);
     let tensor = v1::Tensor {
         id: 1,
@@ -52,7 +52,7 @@ fn an_observation_goes_there_and_back_without_copying_its_pictures() {
 }
 
 #[test]
-fn a_frame_of_a_newer_minor_is_no_frame_and_a_newer_value_is_unspecified() {
+fn newer_frames_are_empty_and_values_unspecified() {
     let mut unknown = BytesMut::new();
     unknown.put_slice(&[0xFA, 0x01, 2, 0x08, 1]); // field 31, length 2
     assert_eq!(v1::PlayRequest::decode(unknown), Ok(v1::PlayRequest { frame: None }));
@@ -76,7 +76,7 @@ fn garbage_is_an_error() {
 }
 
 #[test]
-fn reasons_go_through_their_words() {
+fn reasons_round_trip_through_words() {
     for number in 0..64 {
         let Ok(reason) = Reason::try_from(number) else { continue };
         assert_eq!(Reason::from_word(reason.word()), Some(reason));

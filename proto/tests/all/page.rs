@@ -1,4 +1,4 @@
-//! PROTOCOL.md and the .proto files say the same; the .proto files keep their conventions.
+//! Agreement of PROTOCOL.md with the .proto files, and conventions of the .proto files.
 
 use avln_proto::v1::Reason;
 use std::{fs, path::Path};
@@ -13,7 +13,7 @@ fn page() -> String {
     fs::read_to_string(folder().join("PROTOCOL.md")).unwrap()
 }
 
-/// Name and text of each .proto file, by name.
+/// Names and texts of the .proto files, sorted.
 fn protos() -> Vec<(String, String)> {
     let entries = fs::read_dir(folder().join("avln/v1")).unwrap();
     let mut files: Vec<_> = entries
@@ -32,7 +32,7 @@ fn fingerprint() -> String {
     hasher.finalize().to_hex()[..32].to_owned()
 }
 
-/// The first words between backticks of each table row, with the cells after it.
+/// Words in backticks at the start of table rows, with the cells after them.
 fn rows(page: &str) -> impl Iterator<Item = (&str, Vec<&str>)> {
     page.lines().filter_map(|line| {
         let (word, rest) = line.strip_prefix("| `")?.split_once('`')?;
@@ -40,7 +40,7 @@ fn rows(page: &str) -> impl Iterator<Item = (&str, Vec<&str>)> {
     })
 }
 
-/// Names that `keyword` declares, with the file's text.
+/// Names declared by a keyword.
 fn declared(keyword: &str) -> Vec<String> {
     let declares = |line: &str| {
         let rest = line.trim_start().strip_prefix(keyword)?.strip_prefix(' ')?;
@@ -50,9 +50,9 @@ fn declared(keyword: &str) -> Vec<String> {
 }
 
 #[test]
-fn the_page_describes_these_very_files() {
+fn the_page_has_the_fingerprint_of_the_files() {
     let page = page();
-    let (_, rest) = page.split_once(MARK).expect("PROTOCOL.md has lost its fingerprint");
+    let (_, rest) = page.split_once(MARK).expect("PROTOCOL.md has no fingerprint");
     let written = rest.split('`').next().unwrap();
     assert_eq!(
         written,
@@ -62,12 +62,12 @@ fn the_page_describes_these_very_files() {
 }
 
 #[test]
-fn the_table_of_refusals_is_the_one_in_the_code() {
+fn the_table_of_refusals_matches_the_code() {
     let page = page();
     let (_, refusals) = page.split_once("## Refusals").unwrap();
     let listed: Vec<_> = rows(refusals).take_while(|(word, _)| *word != "Fault").collect();
     for (word, cells) in &listed {
-        let reason = Reason::from_word(word).unwrap_or_else(|| panic!("{word} is no reason"));
+        let reason = Reason::from_word(word).unwrap_or_else(|| panic!("{word} is not a reason"));
         let code = format!("{:?}", reason.code()).to_uppercase();
         assert_eq!(cells[1].replace('_', ""), code, "{word}");
     }
@@ -135,7 +135,7 @@ fn enums_begin_unspecified_and_carry_their_prefix() {
 }
 
 #[test]
-fn everything_is_commented() {
+fn every_declaration_has_a_comment() {
     for (file, text) in protos() {
         let lines: Vec<_> = text.lines().map(str::trim).collect();
         for pair in lines.windows(2) {
@@ -143,8 +143,8 @@ fn everything_is_commented() {
                 .iter()
                 .any(|word| pair[1].starts_with(word));
             let field = pair[1].contains(" = ") && pair[1].ends_with(';') && !pair[1].starts_with("syntax");
-            let told = pair[0].starts_with("//") || pair[1].starts_with("//");
-            assert!(told || !(opens || field), "{file}: no comment above `{}`", pair[1]);
+            let commented = pair[0].starts_with("//") || pair[1].starts_with("//");
+            assert!(commented || !(opens || field), "{file}: no comment above `{}`", pair[1]);
         }
     }
 }

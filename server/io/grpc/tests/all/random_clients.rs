@@ -1,6 +1,6 @@
-//! Whatever a client sends, well-formed or not, the server stays in a legal state, says so, and ends within its limits.
+//! Random clients: for well-formed and malformed input the server stays in a legal state and within its limits.
 
-use crate::common::{House, PATIENT, Plan, RUN_TOKEN, authorised, channel, hello};
+use crate::common::{TestServer, PATIENT, Plan, RUN_TOKEN, authorised, channel, hello};
 use avln_episode::TimeLimits;
 use avln_proto::v1::{
     self, PlayRequest, PlayResponse, Reason, play_request::Frame as Up, play_response::Frame as Down,
@@ -25,21 +25,21 @@ use tonic::{
 };
 use tonic_prost::{ProstCodec, ProstDecoder};
 
-/// What a client does next.
+/// Action of a client.
 #[derive(Clone, Debug)]
 enum Move {
     Ready(u32),
-    /// Acts in a slot: by how much the step is off, the action, and whether the episode is the slot's.
+    /// Act in a slot: offset of the step, action, and whether the episode is the slot's own.
     Act(u32, i32, i32, bool),
     Abandon(u32, bool),
     Hello(bool),
     Pong(u64),
     Nothing,
     Goodbye(bool),
-    /// A frame whose bytes were changed: where, and to what.
+    /// Frame with one changed byte: position and value.
     Spoilt(usize, u8),
     Bytes(Vec<u8>),
-    /// Waits for what the server says.
+    /// Reads frames.
     Listen,
 }
 
@@ -59,12 +59,12 @@ fn moves() -> impl Strategy<Value = Move> {
     ]
 }
 
-/// The lives of a run: connections one after the other, each with whether it resumes, how many slots it wants, and its moves.
+/// Consecutive connections of a run: whether they resume, their number of slots, and their moves.
 fn lives() -> impl Strategy<Value = Vec<(bool, u32, Vec<Move>)>> {
     prop::collection::vec((any::<bool>(), 0_u32..7, prop::collection::vec(moves(), 0..40)), 1..4)
 }
 
-/// Sends bytes as they are.
+/// Codec that sends raw bytes.
 #[derive(Clone, Copy, Debug, Default)]
 struct Raw;
 
@@ -93,9 +93,9 @@ impl Codec for Raw {
     }
 }
 
-/// What a client can know of a run from what it was told.
+/// State of a run as its client knows it.
 #[derive(Debug, Default)]
-struct Told {
+struct KnownState {
     granted: u32,
     /// Handle and step by slot.
     playing: BTreeMap<u32, (String, u32)>,
@@ -103,8 +103,8 @@ struct Told {
     begun: BTreeSet<String>,
 }
 
-impl Told {
-    /// Takes a frame in, if that can come now.
+impl KnownState {
+    /// Applies a frame. Returns false if it is illegal in this state.
     fn take(&mut self, frame: &Down) -> bool {
         match frame {
             Down::Welcome(welcome) => {
@@ -128,7 +128,7 @@ impl Told {
                     *step = seen.step;
                     follows
                 }
-                // The last one again.
+                // A repetition of the last one.
                 _ => self.ended.contains_key(&seen.episode) && (seen.terminated || seen.truncated),
             },
             Down::EpisodeEnd(end) => {
@@ -136,7 +136,7 @@ impl Told {
                 if held {
                     self.playing.remove(&end.slot);
                 }
-                // A client that comes back is told the end of what it held before.
+                // A client that resumes receives the end of its earlier episode.
                 let before = self.ended.insert(end.episode.clone(), end.reason);
                 before.map_or(held || self.begun.contains(&end.episode), |reason| reason == end.reason)
             }
@@ -145,7 +145,7 @@ impl Told {
         }
     }
 
-    /// The bytes of a move.
+    /// Returns the bytes of a move.
     fn bytes(&self, wanted: &Move) -> Vec<u8> {
         let held = |slot: &u32| self.playing.get(slot).cloned().unwrap_or_default();
         let name = |slot: &u32, own: bool| if own { held(slot).0 } else { "ep_0".to_owned() };
@@ -174,7 +174,7 @@ impl Told {
         PlayRequest { frame }.encode_to_vec()
     }
 
-    /// Takes in what the server says within `patience`; false when the stream has ended.
+    /// Applies the frames that arrive within `patience`. Returns false if the stream has ended.
     async fn listen(
         &mut self,
         down: &mut Streaming<PlayResponse>,
@@ -202,10 +202,10 @@ impl Told {
 
 const MOMENT: Duration = Duration::from_millis(4);
 
-/// One connection, from its Hello to its end.
-async fn live(house: &House, told: &mut Told, life: &(bool, u32, Vec<Move>)) -> Result<(), String> {
+/// Plays one connection from Hello to its end.
+async fn live(server: &TestServer, known_state: &mut KnownState, life: &(bool, u32, Vec<Move>)) -> Result<(), String> {
     let (resume, slots, moves) = life;
-    let known = told.playing.iter().map(|(&slot, (episode, step))| v1::SlotPosition {
+    let known = known_state.playing.iter().map(|(&slot, (episode, step))| v1::SlotPosition {
         slot,
         episode: episode.clone(),
         step: *step,
@@ -214,43 +214,43 @@ async fn live(house: &House, told: &mut Told, life: &(bool, u32, Vec<Move>)) -> 
     let (up, queue) = mpsc::channel(4);
     let first = PlayRequest { frame: Some(hello) }.encode_to_vec();
     up.send(first).await.map_err(|error| error.to_string())?;
-    let mut grpc = Grpc::new(channel(house).await);
+    let mut grpc = Grpc::new(channel(server).await);
     grpc.ready().await.map_err(|error| error.to_string())?;
     let path = PathAndQuery::from_static("/avln.v1.PlayService/Play");
     let request = authorised(ReceiverStream::new(queue), RUN_TOKEN);
     let Ok(down) = grpc.streaming(request, path, Raw).await else { return Ok(()) };
     let mut down = down.into_inner();
-    let mut goes_on = told.listen(&mut down, MOMENT * 5).await?;
+    let mut open = known_state.listen(&mut down, MOMENT * 5).await?;
     for wanted in moves {
-        if !goes_on {
+        if !open {
             return Ok(());
         }
         if matches!(wanted, Move::Listen) {
-            goes_on = told.listen(&mut down, MOMENT).await?;
-        } else if timeout(MOMENT * 100, up.send(told.bytes(wanted))).await.is_err() {
+            open = known_state.listen(&mut down, MOMENT).await?;
+        } else if timeout(MOMENT * 100, up.send(known_state.bytes(wanted))).await.is_err() {
             return Err(format!("the server does not take {wanted:?}"));
         }
     }
-    told.listen(&mut down, MOMENT).await.map(drop)
+    known_state.listen(&mut down, MOMENT).await.map(drop)
 }
 
 async fn check(lives: Vec<(bool, u32, Vec<Move>)>) -> Result<(), String> {
     let time = TimeLimits { disconnect_s: 60, disconnect_total_s: 600, ..PATIENT };
-    let house = House::open(Plan { max_steps: 6, ..Plan::timed(8, time) }).await;
-    let mut told = Told::default();
+    let server = TestServer::open(Plan { max_steps: 6, ..Plan::timed(8, time) }).await;
+    let mut known_state = KnownState::default();
     for life in &lives {
-        live(&house, &mut told, life).await?;
+        live(&server, &mut known_state, life).await?;
     }
-    let concluded = house.host.concluded(0).await;
+    let concluded = server.host.concluded(0).await;
     let names: BTreeSet<_> = concluded.iter().map(|concluded| &concluded.handle).collect();
     if names.len() != concluded.len() || concluded.iter().any(|c| c.end.is_none() || c.steps > 6) {
         return Err(format!("episodes came back as {concluded:?}"));
     }
-    timeout(Duration::from_secs(20), house.still_serves()).await.map_err(|_| "it serves no more".to_owned())
+    timeout(Duration::from_secs(20), server.still_serves()).await.map_err(|_| "it serves no longer".to_owned())
 }
 
 #[test]
-fn whatever_a_client_sends_the_server_stays_in_a_legal_state() {
+fn arbitrary_clients_leave_the_server_in_a_legal_state() {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
     let config = Config { cases: 96, max_shrink_iters: 200, failure_persistence: None, ..Config::default() };
     let mut runner = TestRunner::new(config);
@@ -260,7 +260,7 @@ fn whatever_a_client_sends_the_server_stays_in_a_legal_state() {
         match outcome {
             Ok(Ok(Ok(()))) => Ok(()),
             Ok(Ok(Err(wrong))) => Err(TestCaseError::fail(wrong)),
-            Ok(Err(_)) => Err(TestCaseError::fail("it does not come to an end")),
+            Ok(Err(_)) => Err(TestCaseError::fail("it does not end")),
             Err(panic) => Err(TestCaseError::fail(panic.to_string())),
         }
     });

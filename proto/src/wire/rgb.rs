@@ -1,34 +1,36 @@
-//! Colours: `height × width × 3` bytes, RGB, first row on top.
+//! Colour: `height × width × 3` bytes, RGB, top row first.
 //!
-//! `PACKED` holds three planes, green, red minus green and blue minus green, all modulo 256. Of each pixel it keeps the
-//! difference to the one above, which is 0 for the first row, as a signed byte, folded (0, -1, 1, -2 … become 0, 1, 2, 3 …)
-//! and packed in blocks.
+//! `PACKED` consists of three planes: green, red minus green, and blue minus green, modulo 256. It stores the difference to the
+//! pixel above, or to 0 in the first row, as a signed byte, folded (0, -1, 1, -2 … become 0, 1, 2, 3 …) and packed in blocks.
 
-use crate::{CodecError, Size, blocks, not_offered, png, qoi};
-use avln_proto::v1::{Encoding, SensorKind};
+use super::{CodecError, Encoding, SensorKind, Size, blocks, not_offered, qoi};
 use bytes::Bytes;
+use png::{BitDepth, ColorType, Compression, Decoder, Encoder, Limits};
+use std::io::Cursor;
 
 const CHANNELS: usize = 3;
+/// Memory of the decoder besides the picture: rows and dictionaries.
+const WORKING_BYTES: usize = 1 << 20;
 
-/// Packs the colours of a picture.
+/// Encodes a colour picture.
 ///
 /// # Errors
-/// When there are not as many bytes as `size` asks for, or the encoding is not one of colours.
+/// If the number of bytes does not match `size`, or colour has no such encoding.
 pub fn encode(encoding: Encoding, size: Size, pixels: &[u8]) -> Result<Bytes, CodecError> {
     CodecError::check_length("a colour picture", "bytes", pixels.len(), CHANNELS * size.pixels())?;
     match encoding {
         Encoding::Raw => Ok(Bytes::copy_from_slice(pixels)),
         Encoding::Packed => Ok(pack(size, pixels).into()),
-        Encoding::Png => png::encode(size, pixels).map(Bytes::from),
+        Encoding::Png => encode_png(size, pixels).map(Bytes::from),
         Encoding::Qoi => Ok(qoi::encode(size, pixels).into()),
         other => not_offered(SensorKind::Rgb, other),
     }
 }
 
-/// Unpacks the colours of a picture of `size`.
+/// Decodes a colour picture.
 ///
 /// # Errors
-/// When `bytes` are not such a picture in this encoding.
+/// If `bytes` are not a picture of this size and encoding.
 pub fn decode(encoding: Encoding, size: Size, bytes: Bytes) -> Result<Vec<u8>, CodecError> {
     match encoding {
         Encoding::Raw => {
@@ -36,7 +38,7 @@ pub fn decode(encoding: Encoding, size: Size, bytes: Bytes) -> Result<Vec<u8>, C
             Ok(bytes.into())
         }
         Encoding::Packed => unpack(size, &bytes),
-        Encoding::Png => png::decode(size, &bytes),
+        Encoding::Png => decode_png(size, &bytes),
         Encoding::Qoi => qoi::decode(size, &bytes),
         other => not_offered(SensorKind::Rgb, other),
     }
@@ -80,12 +82,49 @@ fn unpack(size: Size, bytes: &[u8]) -> Result<Vec<u8>, CodecError> {
     Ok(pixels)
 }
 
-/// A difference as a number that is small when it is near zero.
+/// Maps differences to small integers.
 fn fold(difference: u8) -> u8 {
     (difference << 1) ^ (difference as i8 >> 7) as u8
 }
 
-/// The difference that [`fold`] made a number of.
+/// Inverts [`fold`].
 fn unfold(number: u8) -> u8 {
     (number >> 1) ^ (number & 1).wrapping_neg()
+}
+
+/// Encodes a PNG file of 8-bit RGB, with the fastest compression.
+fn encode_png(size: Size, pixels: &[u8]) -> Result<Vec<u8>, CodecError> {
+    let broken = |error: png::EncodingError| CodecError::broken(Encoding::Png, error);
+    let mut file = Vec::with_capacity(pixels.len() / 2);
+    let mut encoder = Encoder::new(&mut file, size.width, size.height);
+    encoder.set_color(ColorType::Rgb);
+    encoder.set_depth(BitDepth::Eight);
+    encoder.set_compression(Compression::Fast);
+    let mut writer = encoder.write_header().map_err(broken)?;
+    writer.write_image_data(pixels).map_err(broken)?;
+    writer.finish().map_err(broken)?;
+    Ok(file)
+}
+
+fn decode_png(size: Size, bytes: &[u8]) -> Result<Vec<u8>, CodecError> {
+    let broken = |error: png::DecodingError| CodecError::broken(Encoding::Png, error);
+    let expected = 3 * size.pixels();
+    let limits = Limits { bytes: expected + WORKING_BYTES };
+    let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), limits);
+    decoder.set_ignore_text_chunk(true);
+    decoder.set_ignore_iccp_chunk(true);
+    let header = decoder.read_header_info().map_err(broken)?;
+    let fits = (header.width, header.height) == (size.width, size.height)
+        && (header.color_type, header.bit_depth) == (ColorType::Rgb, BitDepth::Eight);
+    if !fits {
+        let detail = format!(
+            "it is {} x {} {:?} of {:?} bits instead of {} x {} Rgb of Eight",
+            header.width, header.height, header.color_type, header.bit_depth, size.width, size.height
+        );
+        return Err(CodecError::broken(Encoding::Png, detail));
+    }
+    let mut reader = decoder.read_info().map_err(broken)?;
+    let mut pixels = vec![0; expected];
+    reader.next_frame(&mut pixels).map_err(broken)?;
+    Ok(pixels)
 }

@@ -1,16 +1,16 @@
-//! Small numbers in few bits: blocks of 16 numbers, each block as wide as its widest.
+//! Bit packing of small integers: blocks of 16 integers, all with the width of the widest.
 //!
-//! First the widths of all blocks, a byte each, then the blocks: number `i` of a block of width `w` lies in its bits
-//! `i·w` to `(i+1)·w - 1`, counted from the lowest bit of its first byte. A block takes `2·w` bytes; the last one is filled
-//! up with zeros.
+//! The widths of all blocks come first, one byte per block, then the blocks. Integer `i` of a block of width `w` occupies the bits
+//! `i·w` to `(i+1)·w - 1`, counted from the lowest bit of the first byte. A block takes `2·w` bytes; the last one is padded
+//! with zeros.
 
 const BLOCK: usize = 16;
 
-/// What is wrong with packed bytes.
-pub(crate) type Fault = String;
+/// Problem of packed bytes.
+pub(super) type Fault = String;
 
-/// Packs numbers.
-pub(crate) fn pack<T: Copy + Into<u32>>(numbers: &[T]) -> Vec<u8> {
+/// Packs integers.
+pub(super) fn pack<T: Copy + Into<u32>>(numbers: &[T]) -> Vec<u8> {
     let count = numbers.len().div_ceil(BLOCK);
     let mut bytes = Vec::with_capacity(count + size_of_val(numbers) + 2 * BLOCK);
     bytes.resize(count, 0);
@@ -24,8 +24,8 @@ pub(crate) fn pack<T: Copy + Into<u32>>(numbers: &[T]) -> Vec<u8> {
     bytes
 }
 
-/// Unpacks `count` numbers of at most `most_bits` bits each, 32 at most. All of `bytes` must belong to them.
-pub(crate) fn unpack<T: Copy + Default>(
+/// Unpacks `count` integers of at most `most_bits` bits, which is 32 or less. `bytes` must contain nothing else.
+pub(super) fn unpack<T: Copy + Default>(
     bytes: &[u8],
     count: usize,
     most_bits: u32,
@@ -33,10 +33,10 @@ pub(crate) fn unpack<T: Copy + Default>(
 ) -> Result<Vec<T>, Fault> {
     let blocks = count.div_ceil(BLOCK);
     let Some((widths, mut body)) = bytes.split_at_checked(blocks) else {
-        return Err(format!("{} bytes cannot hold the widths of {blocks} blocks", bytes.len()));
+        return Err(format!("{} bytes are too few for the widths of {blocks} blocks", bytes.len()));
     };
     if let Some(width) = widths.iter().find(|&&width| u32::from(width) > most_bits) {
-        return Err(format!("a block of {width} bits a number, {most_bits} are the most"));
+        return Err(format!("a block has {width} bits per number, {most_bits} is the maximum"));
     }
     let expected: usize = widths.iter().map(|&width| 2 * usize::from(width)).sum();
     if body.len() != expected {
@@ -54,7 +54,7 @@ pub(crate) fn unpack<T: Copy + Default>(
     Ok(numbers)
 }
 
-/// A function for each width: with the width known, the compiler lays out all shifts of a block.
+// One function per width: with a constant width the compiler unrolls all shifts of a block.
 macro_rules! by_width {
     ($function:ident) => {
         by_width!($function 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31 32)
@@ -66,7 +66,7 @@ type Block = [u32; BLOCK];
 const PUSH: [fn(&Block, &mut Vec<u8>); 33] = by_width!(push);
 const PULL: [fn(&[u8], &mut Block); 33] = by_width!(pull);
 
-/// Words of 32 bits that the widest block takes.
+/// 32-bit words of the widest block.
 const WORDS: usize = BLOCK;
 
 #[inline(always)]
@@ -93,13 +93,13 @@ fn pull<const WIDTH: usize>(bytes: &[u8], block: &mut Block) {
     }
 }
 
-/// A difference as a number that is small when it is near zero: 0, -1, 1, -2, 2 …
-pub(crate) fn fold(difference: i32) -> u32 {
+/// Maps differences to small integers: 0, -1, 1, -2, 2 … to 0, 1, 2, 3, 4 …
+pub(super) fn fold(difference: i32) -> u32 {
     ((difference << 1) ^ (difference >> 31)) as u32
 }
 
-/// The difference that [`fold`] made a number of.
-pub(crate) fn unfold(number: u32) -> i32 {
+/// Inverts [`fold`].
+pub(super) fn unfold(number: u32) -> i32 {
     (number >> 1) as i32 ^ -((number & 1) as i32)
 }
 
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_of_every_width_come_back() {
+    fn every_width_round_trips() {
         for width in 0..=32u32 {
             let most = ((1u64 << width) - 1) as u32;
             let numbers: Vec<u32> = (0..45u32).map(|i| most >> (i % (width + 1)).min(31)).collect();
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn the_layout_is_the_one_of_the_protocol_page() {
+    fn the_layout_matches_the_protocol() {
         let mut numbers = vec![0u32; 16];
         (numbers[0], numbers[1], numbers[15]) = (5, 2, 7);
         numbers.push(1);
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_that_lie_about_themselves_are_refused() {
+    fn inconsistent_bytes_are_refused() {
         for (bytes, complaint) in [
             (&[][..], "widths"),
             (&[9, 0][..], "9 bits"),
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn differences_come_back() {
+    fn differences_round_trip() {
         for difference in [0, -1, 1, -2, i32::MAX, i32::MIN] {
             assert_eq!(unfold(fold(difference)), difference);
         }

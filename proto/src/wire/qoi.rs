@@ -1,7 +1,6 @@
-//! QOI files of three channels, after the specification of D. Szablewski (qoiformat.org, version 1.0, 2022).
+//! QOI files of three channels, by the specification of D. Szablewski (qoiformat.org, version 1.0, 2022).
 
-use crate::{CodecError, Size};
-use avln_proto::v1::Encoding;
+use super::{CodecError, Encoding, Size};
 
 const MAGIC: &[u8; 4] = b"qoif";
 const CHANNELS: u8 = 3;
@@ -28,16 +27,16 @@ fn header(size: Size) -> [u8; HEADER_BYTES] {
     header
 }
 
-/// The place of a pixel among those that were seen; its alpha is always 255.
-fn place([r, g, b]: Pixel) -> usize {
+/// Returns the index of a pixel in the table of earlier pixels. Alpha is always 255.
+fn index_of([r, g, b]: Pixel) -> usize {
     let sum = 3 * usize::from(r) + 5 * usize::from(g) + 7 * usize::from(b) + 11 * 255;
     sum % 64
 }
 
-pub(crate) fn encode(size: Size, pixels: &[u8]) -> Vec<u8> {
+pub(super) fn encode(size: Size, pixels: &[u8]) -> Vec<u8> {
     let mut file = Vec::with_capacity(pixels.len() / 2);
     file.extend_from_slice(&header(size));
-    // At first the specification has transparent pixels here, which no pixel of ours equals.
+    // The specification starts with transparent pixels here, which differ from all RGB pixels.
     let mut seen: [Option<Pixel>; 64] = [None; 64];
     let (mut last, mut run) = ([0; 3], 0);
     for &pixel in pixels.as_chunks().0 {
@@ -49,11 +48,11 @@ pub(crate) fn encode(size: Size, pixels: &[u8]) -> Vec<u8> {
             continue;
         }
         end_run(&mut run, &mut file);
-        let place = place(pixel);
-        if seen[place] == Some(pixel) {
-            file.push(INDEX | place as u8);
+        let index = index_of(pixel);
+        if seen[index] == Some(pixel) {
+            file.push(INDEX | index as u8);
         } else {
-            seen[place] = Some(pixel);
+            seen[index] = Some(pixel);
             push_change(last, pixel, &mut file);
         }
         last = pixel;
@@ -84,7 +83,7 @@ fn push_change(last: Pixel, pixel: Pixel, file: &mut Vec<u8>) {
     }
 }
 
-pub(crate) fn decode(size: Size, bytes: &[u8]) -> Result<Vec<u8>, CodecError> {
+pub(super) fn decode(size: Size, bytes: &[u8]) -> Result<Vec<u8>, CodecError> {
     let broken = |detail: &str| CodecError::broken(Encoding::Qoi, detail);
     let body = bytes.strip_prefix(&header(size)).ok_or_else(|| {
         broken(&format!("its header is not that of {} x {} pixels, RGB, sRGB", size.width, size.height))
@@ -98,24 +97,24 @@ pub(crate) fn decode(size: Size, bytes: &[u8]) -> Result<Vec<u8>, CodecError> {
             run -= 1;
         } else {
             (last, run, body) = next(last, &seen, body).ok_or_else(|| broken("it ends too early"))?;
-            seen[place(last)] = last;
+            seen[index_of(last)] = last;
         }
         *pixel = last;
     }
     if run > 0 || !body.is_empty() {
-        return Err(broken("it goes on after the last pixel"));
+        return Err(broken("it continues after the last pixel"));
     }
     Ok(pixels)
 }
 
-/// The next pixel, how often it comes again, and the rest of the file.
+/// Returns the next pixel, the number of its repetitions, and the rest of the file.
 fn next<'a>(last: Pixel, seen: &[Pixel; 64], body: &'a [u8]) -> Option<(Pixel, u8, &'a [u8])> {
     let (&tag, rest) = body.split_first()?;
     let moved =
         |[dr, dg, db]: Pixel| [last[0].wrapping_add(dr), last[1].wrapping_add(dg), last[2].wrapping_add(db)];
     match tag {
         RGB => rest.split_first_chunk().map(|(pixel, rest)| (*pixel, 0, rest)),
-        // No RGB file of ours has transparent pixels.
+        // RGB files have no transparent pixels.
         RGBA => None,
         _ => match tag & 0xc0 {
             INDEX => Some((seen[usize::from(tag & 63)], 0, rest)),
@@ -140,13 +139,13 @@ mod tests {
 
     /// Worked out by hand from the specification.
     #[test]
-    fn a_file_is_what_the_specification_says() {
+    fn files_follow_the_specification() {
         let size = Size { width: 7, height: 1 };
         let pixels =
             [[0, 0, 0], [0, 0, 0], [1, 0, 255], [11, 10, 10], [200, 0, 0], [11, 10, 10], [11, 10, 10]];
         let file = encode(size, pixels.as_flattened());
         let body = [
-            0xc1,                       // twice the pixel before, which is black at first
+            0xc1,                       // twice the previous pixel, black at first
             0x40 | 3 << 4 | 2 << 2 | 1, // +1, 0, -1
             0x80 | 42,
             (8 + 10 - 10) << 4 | (8 + 11 - 10), // green +10, red +10, blue +11

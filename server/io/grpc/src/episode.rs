@@ -1,17 +1,17 @@
-use avln_episode::{Action, EndReason, Mission, Observation, Rules, Sensors};
+//! Episodes between host and slot, their run log and their time accounts.
+
+use avln_episode::{Action, EndReason, Mission, Observation, Rules};
 use avln_referee::{Referee, RefereeError, StepOutcome};
-use std::{any::Any, io, time::Duration};
+use std::{io, time::Duration};
 
 /// A running episode: the agent-visible part of a [`Referee`].
 ///
 /// `start`, `step` and `truncate` are called on simulation threads and may panic, which ends only this episode.
-pub trait EpisodeRunner: Send + 'static {
+pub trait Episode: Send + 'static {
     /// Returns the mission.
     fn mission(&self) -> &Mission;
     /// Returns the rules.
     fn rules(&self) -> &Rules;
-    /// Returns the requested sensors.
-    fn sensors(&self) -> &Sensors;
     /// Returns the observation before the first action.
     fn start(&mut self) -> Observation;
     /// Carries out one action.
@@ -27,19 +27,14 @@ pub trait EpisodeRunner: Send + 'static {
     fn steps(&self) -> u32;
     /// Returns a hash of the simulation state.
     fn state_hash(&self) -> u64;
-    /// Returns the host's own type.
-    fn into_any(self: Box<Self>) -> Box<dyn Any + Send>;
 }
 
-impl EpisodeRunner for Referee {
+impl Episode for Referee {
     fn mission(&self) -> &Mission {
         self.mission()
     }
     fn rules(&self) -> &Rules {
         self.rules()
-    }
-    fn sensors(&self) -> &Sensors {
-        self.sensors()
     }
     fn start(&mut self) -> Observation {
         self.start()
@@ -58,9 +53,6 @@ impl EpisodeRunner for Referee {
     }
     fn state_hash(&self) -> u64 {
         self.state_hash()
-    }
-    fn into_any(self: Box<Self>) -> Box<dyn Any + Send> {
-        self
     }
 }
 
@@ -101,11 +93,11 @@ pub struct Acted {
 }
 
 /// An episode on its way from the host to a slot and back.
-pub struct Seat {
+pub struct HostedEpisode<E> {
     /// Random name of the episode within its run, visible to the agent.
     pub handle: String,
     /// The episode.
-    pub referee: Box<dyn EpisodeRunner>,
+    pub episode: E,
     /// The host's number of the episode, never sent to agents.
     pub ticket: u64,
     /// Log of its actions.
@@ -129,27 +121,20 @@ pub struct TimeSpent {
 
 /// An episode restored to its state before the server stopped.
 #[derive(Debug)]
-pub struct Restored {
+pub struct Restored<E> {
     /// Slot that played it.
     pub slot: u32,
     /// The episode.
-    pub seat: Seat,
+    pub hosted: HostedEpisode<E>,
     /// Last observation and the action before it, which is `None` at the start.
     pub last: (Observation, Option<Action>),
     /// Rest of its time bank.
     pub bank_left: Duration,
 }
 
-impl Seat {
-    /// Returns the referee; `None` if the host uses another type.
-    pub fn into_referee(self) -> Option<Box<Referee>> {
-        self.referee.into_any().downcast().ok()
-    }
-}
-
-impl std::fmt::Debug for Seat {
+impl<E> std::fmt::Debug for HostedEpisode<E> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Seat")
+        f.debug_struct("HostedEpisode")
             .field("handle", &self.handle)
             .field("ticket", &self.ticket)
             .finish_non_exhaustive()
