@@ -6,7 +6,7 @@ use crate::{
 };
 use avln_episode::{Order, Sensors};
 use avln_scoring::Key;
-use avln_store::{Board, LeaderboardRow, LeaderboardView, PhaseView, Pick, calendar};
+use avln_store::{Board, LeaderboardRow, LeaderboardView, PhaseView, RunChoice, calendar};
 use axum::{
     extract::{FromRequestParts, Query},
     http::request::Parts,
@@ -58,7 +58,7 @@ pub(crate) const SENSES: [&str; 3] = ["rgb", "depth", "audio"];
 pub(crate) struct BoardQuery {
     pub(crate) orders: Option<Orders>,
     pub(crate) sort: Option<Key>,
-    pub(crate) pick: Option<Pick>,
+    pub(crate) pick: Option<RunChoice>,
     /// What method, version or team hold; empty: anything.
     pub(crate) words: String,
     /// Whose entries; empty: everybody's.
@@ -223,11 +223,11 @@ fn read<T: FromStr<Err: std::fmt::Display>>(name: &str, value: &str) -> Result<O
     if value.is_empty() { Ok(None) } else { value.parse().map(Some).map_err(wrong) }
 }
 
-fn read_pick(value: &str) -> Result<Option<Pick>, Trouble> {
+fn read_pick(value: &str) -> Result<Option<RunChoice>, Trouble> {
     match value {
         "" => Ok(None),
-        "best" => Ok(Some(Pick::Best)),
-        "latest" => Ok(Some(Pick::Latest)),
+        "best" => Ok(Some(RunChoice::Best)),
+        "latest" => Ok(Some(RunChoice::Latest)),
         other => Err(Trouble::Invalid(format!("pick is best or latest, not '{other}'"))),
     }
 }

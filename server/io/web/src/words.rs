@@ -5,7 +5,7 @@ pub(crate) use avln_store::calendar::rfc3339;
 use avln_episode::{Encoding, EndReason, Modality, Order, Sensors};
 use avln_scoring::{Difference, Direction, Estimate, Key, Standing, Summary};
 use avln_store::{
-    EpisodeState, LeaderboardRow, PhaseState, Pick, QuotaWindow, Reference, RunState, Visibility,
+    EpisodeState, LeaderboardRow, PhaseState, QuotaWindow, Reference, RunChoice, RunState, Visibility,
 };
 use std::{collections::BTreeMap, fmt::Write};
 
@@ -200,10 +200,10 @@ pub(crate) fn order(order: &Order) -> &'static str {
 }
 
 /// Which run stands for a method.
-pub(crate) fn pick(pick: &Pick) -> &'static str {
+pub(crate) fn pick(pick: &RunChoice) -> &'static str {
     match pick {
-        Pick::Best => "best",
-        Pick::Latest => "latest",
+        RunChoice::Best => "best",
+        RunChoice::Latest => "latest",
     }
 }
 

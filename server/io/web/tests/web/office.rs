@@ -1,7 +1,7 @@
 //! Those who sign in: what they may see and ask for, and what nobody may ask for in their name.
 
 use crate::fixture::{Answer, Arena, FORMULA_TEAM, ORGANISER, RUDE_TEAM, TOKEN};
-use avln_store::{AuditNote, Store, TokenKind};
+use avln_store::{AuditNote, Store, TokenScope};
 use avln_web::{Because, Deed, Doing, Done, Health, Member, Office, TeamDeed, Undone};
 use axum::{
     body::Body,
@@ -77,7 +77,7 @@ impl Stage {
         let asked = Arc::<Mutex<Vec<String>>>::default();
         let clerk = |store| Arc::new(Clerk { store, asked: asked.clone() }) as Arc<dyn Office>;
         let arena = Arena::staffed(clerk).await;
-        arena.issue(LOOKING, TokenKind::ReadOnly, Some(RUDE_TEAM)).await;
+        arena.issue(LOOKING, TokenScope::ReadOnly, Some(RUDE_TEAM)).await;
         Self { arena, asked }
     }
 
@@ -439,7 +439,7 @@ async fn a_disqualified_run_leaves_the_board_and_its_page_tells_why() {
 #[tokio::test]
 async fn hidden_phases_stay_hidden_from_teams_that_sign_in() {
     let stage = Stage::new().await;
-    stage.arena.issue("the-other-team", TokenKind::Account, Some(FORMULA_TEAM)).await;
+    stage.arena.issue("the-other-team", TokenScope::Participant, Some(FORMULA_TEAM)).await;
     let organiser = stage.signed_in(ORGANISER).await;
     organiser.act("/organise/runs/run_sealed", "deed=disqualify&reason=a+canary+reason").await;
     let browser = stage.signed_in("the-other-team").await;

@@ -7,7 +7,7 @@ use crate::{
 };
 use askama::Template;
 use avln_scoring::{Direction, Key};
-use avln_store::{LeaderboardRow, LeaderboardView, PhaseView, Pick};
+use avln_store::{LeaderboardRow, LeaderboardView, PhaseView, RunChoice};
 use std::collections::BTreeMap;
 
 /// Metrics of each order.

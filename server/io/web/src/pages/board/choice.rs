@@ -2,7 +2,7 @@ use super::segment;
 use crate::board::{BoardQuery, Orders, SENSES, Sense, day};
 use avln_episode::Order;
 use avln_scoring::Key;
-use avln_store::{LeaderboardView, PhaseView, Pick};
+use avln_store::{LeaderboardView, PhaseView, RunChoice};
 use std::collections::BTreeSet;
 
 /// What a visitor can choose on a board: links and a form that lead to the same phase, seen otherwise.
@@ -10,7 +10,7 @@ pub(super) struct Choice {
     pub(super) query: BoardQuery,
     phase: PhaseView,
     pub(super) key: Key,
-    pub(super) pick: Pick,
+    pub(super) pick: RunChoice,
     /// The teams with entries.
     pub(super) teams: BTreeSet<String>,
 }
@@ -45,7 +45,7 @@ impl Choice {
         self.changed(|query| query.orders = Some(Orders::Both))
     }
 
-    pub(super) fn picked_by(&self, pick: Pick) -> String {
+    pub(super) fn picked_by(&self, pick: RunChoice) -> String {
         self.changed(|query| query.pick = Some(pick))
     }
 
