@@ -1,10 +1,13 @@
+//! The interface between the gRPC server and the application behind it.
+
 use crate::{
     control::Control,
     episode::{Episode, HostedEpisode, Restored},
     limits::Limits,
     refusal::Refusal,
 };
-use avln_episode::{EndReason, FeedbackRule, Order, Rules, Sensors, TimeLimits};
+use avln_challenge::{Account, EpisodeOutcome, MethodInfo, PhaseInfo, Quota, RunState, RunStatus};
+use avln_episode::{EndReason, Order, Rules, Sensors, TimeLimits};
 use std::time::Duration;
 
 /// The application behind the gRPC server. `Arena` implements it.
@@ -105,151 +108,13 @@ pub struct ClientRange {
     pub install: String,
 }
 
-/// Public description of a phase.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PhaseInfo {
-    /// Id.
-    pub id: String,
-    /// Title for people.
-    pub title: String,
-    /// Text for people; may be empty.
-    pub description: String,
-    /// Time limits of agents.
-    pub time: TimeLimits,
-    /// Playable orders.
-    pub orders: Vec<Order>,
-    /// Name of the rule set.
-    pub rules: String,
-    /// Episodes per run.
-    pub episode_count: u32,
-    /// Feedback to a Submit.
-    pub feedback: FeedbackRule,
-    /// Maximum number of slots.
-    pub max_slots: u32,
-    /// Allowed sensors, with the largest width and height.
-    pub sensors: Sensors,
-    /// Whether runs can be started.
-    pub state: PhaseState,
-    /// Reason of the state, for people; may be empty.
-    pub state_reason: String,
-    /// Opening time, seconds since 1970-01-01 UTC; 0 if it has always been open.
-    pub opens_unix_s: i64,
-    /// Closing time, seconds since 1970-01-01 UTC; 0 if it never closes.
-    pub closes_unix_s: i64,
-    /// Visibility of results.
-    pub results: Visibility,
-    /// Whether only agents run by the organiser can play.
-    pub sealed: bool,
-    /// Commitment published before the phase; empty if none.
-    pub commitment: String,
-    /// Values behind the commitment, once published.
-    pub revealed: Option<Revealed>,
-}
-
-/// Visibility of results.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Visibility {
-    /// To the organiser.
-    Organiser,
-    /// To the organiser and the team itself.
-    Team,
-    /// To the public.
-    Public,
-}
-
-/// Values behind a phase's commitment.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Revealed {
-    /// Digest of the episode pool, hex.
-    pub pool: String,
-    /// Version of the benchmark.
-    pub scorer: String,
-    /// Key of the draws, hex.
-    pub secret: String,
-}
-
-/// State of a phase.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PhaseState {
-    /// Not open yet.
-    Upcoming,
-    /// Runs can be started.
-    Open,
-    /// No runs until the organiser resumes it.
-    Paused,
-    /// Over.
-    Closed,
-}
-
-/// Account of a caller.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Account {
-    /// Team id; empty for an organiser.
-    pub team: String,
-    /// Permissions of the token.
-    pub scope: Scope,
-    /// Name of the token; may be empty.
-    pub token_name: String,
-    /// Expiry time, seconds since 1970-01-01 UTC; 0 if it never expires.
-    pub expires_unix_s: i64,
-}
-
-/// Permissions of a token.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Scope {
-    /// Read and write a team's runs.
-    Participant,
-    /// Read a team's runs.
-    ReadOnly,
-    /// All permissions.
-    Organiser,
-}
-
-/// Quota of a team in one window of a phase.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Quota {
-    /// Id of the phase.
-    pub phase: String,
-    /// Window of time.
-    pub window: QuotaWindow,
-    /// Granted runs; `None` if unlimited.
-    pub limit: Option<u32>,
-    /// Counted runs.
-    pub used: u32,
-    /// Remaining runs; `None` if unlimited.
-    pub remaining: Option<u32>,
-    /// Start of the window, seconds since 1970-01-01 UTC.
-    pub window_start_unix_s: i64,
-    /// Time of the next increase of `remaining`, seconds since 1970-01-01 UTC; 0 if it does not depend on time.
-    pub next_increase_unix_s: i64,
-    /// Counted runs and the reasons, oldest first.
-    pub charges: Vec<(String, String)>,
-}
-
-/// Window of a quota.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum QuotaWindow {
-    /// Renewed daily, UTC.
-    Day,
-    /// Renewed monthly, UTC.
-    Month,
-    /// Never renewed.
-    Total,
-    /// Renewed when an open run ends.
-    Concurrent,
-    /// Not a limit; counts uncharged runs.
-    Uncharged,
-}
-
 /// Request to start a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunRequest {
     /// Id of the phase.
     pub phase: String,
-    /// Name of the method on the leaderboard.
-    pub method: String,
-    /// Version of the method; may be empty.
-    pub method_version: String,
+    /// Method that plays the run.
+    pub method: MethodInfo,
     /// Idempotency key chosen by the client; may be empty.
     pub client_request_id: String,
     /// Order of goals.
@@ -271,66 +136,6 @@ pub struct RunTicket {
     pub time: TimeLimits,
     /// Quota with the fewest remaining runs.
     pub quota: Option<Quota>,
-}
-
-/// Status of a run.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RunStatus {
-    /// Id of the run.
-    pub run: String,
-    /// Id of its phase.
-    pub phase: String,
-    /// Name of the method.
-    pub method: String,
-    /// Version of the method; may be empty.
-    pub method_version: String,
-    /// Order of goals.
-    pub order: Order,
-    /// State.
-    pub state: RunState,
-    /// Episodes of the run.
-    pub episodes: u32,
-    /// Stored episodes.
-    pub done: u32,
-    /// Open episodes.
-    pub in_flight: u32,
-    /// Start time, milliseconds since 1970-01-01 UTC.
-    pub created_unix_ms: i64,
-    /// Time of the last change of state, milliseconds since 1970-01-01 UTC.
-    pub updated_unix_ms: i64,
-    /// End reasons with the number of episodes, without zeros.
-    pub ends: Vec<(EndReason, u32)>,
-    /// Names and values of the metrics, in the order of the phase's columns; `None` if the phase hides them.
-    pub metrics: Option<Vec<(String, f64)>>,
-    /// Rules that exclude it from the ranking; empty if it takes part.
-    pub ineligible_because: Vec<String>,
-    /// Whether the organiser ran the agent in a sandbox.
-    pub sealed: bool,
-    /// Whether it counts against the quota of its team.
-    pub charged: bool,
-    /// Reason for that, for people.
-    pub charge_reason: String,
-    /// Deadline of an open run, milliseconds since 1970-01-01 UTC.
-    pub deadline_unix_ms: Option<i64>,
-    /// Path of its web page; may be empty.
-    pub url: String,
-}
-
-/// State of a run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RunState {
-    /// No episode was played.
-    Created,
-    /// Episodes remain.
-    Running,
-    /// All episodes are over.
-    Completed,
-    /// Ended early by the server.
-    Failed,
-    /// Ended early by its team.
-    Cancelled,
-    /// Ended early by its deadline.
-    Expired,
 }
 
 /// Run of a run token.
@@ -359,7 +164,7 @@ pub struct OpenRun {
     /// Deadline, milliseconds since 1970-01-01 UTC.
     pub deadline_unix_ms: Option<i64>,
     /// Final state; `None` while it is open.
-    pub over: Option<String>,
+    pub over: Option<RunState>,
 }
 
 impl OpenRun {
@@ -404,11 +209,4 @@ pub struct Digests {
     pub scorer: String,
     /// Rules, limits and settings of the phase.
     pub config: String,
-}
-
-/// Public result of a stored episode.
-#[derive(Clone, Debug, PartialEq)]
-pub struct EpisodeOutcome {
-    /// Names and values of the metrics.
-    pub metrics: Vec<(String, f64)>,
 }

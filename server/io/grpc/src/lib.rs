@@ -94,9 +94,7 @@ pub use avln_proto::{API_MINOR, v1::Reason};
 pub use control::{Control, Drain, Histogram, SessionState, SlotState, Snapshot};
 pub use episode::{Acted, Episode, EpisodeLog, HostedEpisode, Restored, TimeSpent};
 pub use host::{
-    Account, ClientRange, Digests, EpisodeOutcome, Host, Interrupted, OpenRun, PhaseInfo, PhaseState, Quota,
-    QuotaWindow, Revealed, RunRequest, RunState, RunStatus, RunTicket, Scope, ServerInfo, StoredEnd,
-    Visibility,
+    ClientRange, Digests, Host, Interrupted, OpenRun, RunRequest, RunTicket, ServerInfo, StoredEnd,
 };
 pub use limits::Limits;
 pub use refusal::Refusal;

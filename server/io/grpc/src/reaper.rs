@@ -9,6 +9,7 @@ use crate::{
     registry::SessionGuard,
     session::Session,
 };
+use avln_challenge::RunState;
 use avln_episode::EndReason;
 use avln_proto::v1;
 use std::sync::Arc;
@@ -122,9 +123,9 @@ async fn try_restore<H: Host>(context: &ServiceContext<H>, guard: SessionGuard<S
     let episodes = interrupted.episodes.len();
     tracing::info!(episodes, "an interrupted run continues");
     // The run may have ended while the server was down.
-    let reason = match interrupted.open.over.as_deref() {
+    let reason = match interrupted.open.over {
         None => StopReason::ConnectionLost,
-        Some("expired") => StopReason::Expired,
+        Some(RunState::Expired) => StopReason::Expired,
         Some(_) => StopReason::Cancelled,
     };
     let session = context.session(interrupted);

@@ -4,11 +4,12 @@ use super::bearer;
 use crate::{
     attachment::StopReason,
     context::ServiceContext,
-    host::{Account, Host, PhaseInfo, RunRequest, RunStatus, Scope},
+    host::{Host, RunRequest},
     limits::Limits,
     refusal::{Failure, Refusal, ask},
     wire,
 };
+use avln_challenge::{Account, MethodInfo, PhaseInfo, RunStatus, TokenScope};
 use avln_episode::Order;
 use avln_proto::v1::{self, Reason, run_service_server::RunService};
 use std::time::Duration;
@@ -26,6 +27,12 @@ const LARGEST_PAGE: usize = 200;
 const MAX_METHOD_CHARS: usize = 80;
 /// Longest version of a method, characters.
 const MAX_VERSION_CHARS: usize = 40;
+/// Longest description of a method, characters.
+const MAX_DESCRIPTION_CHARS: usize = 2000;
+/// Longest address of code or paper, characters.
+const MAX_URL_CHARS: usize = 500;
+/// Longest licence or description of training data, characters.
+const MAX_NOTE_CHARS: usize = 500;
 /// Longest id of a request, characters.
 const MAX_REQUEST_ID_CHARS: usize = 64;
 
@@ -43,8 +50,8 @@ impl<H: Host> RunCalls<H> {
     async fn team(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
         let account = self.account(metadata).await?;
         match account.scope {
-            Scope::Participant | Scope::ReadOnly => Ok(account),
-            Scope::Organiser => Err(scope_refusal("an organiser's token has no runs; use a team's token")),
+            TokenScope::Participant | TokenScope::ReadOnly => Ok(account),
+            TokenScope::Organiser | TokenScope::Run => Err(scope_refusal("an organiser's token has no runs; use a team's token")),
         }
     }
 
@@ -52,7 +59,7 @@ impl<H: Host> RunCalls<H> {
     async fn participant(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
         let account = self.team(metadata).await?;
         match account.scope {
-            Scope::Participant => Ok(account),
+            TokenScope::Participant => Ok(account),
             _ => Err(scope_refusal("the token is read-only; use the team's account token")),
         }
     }
@@ -80,8 +87,7 @@ impl<H: Host> RunCalls<H> {
         let method = start.method.clone().unwrap_or_default();
         let phase = checked_id(&start.phase)?;
         Ok(RunRequest {
-            method: text("method.name", method.name.trim(), 1, MAX_METHOD_CHARS)?,
-            method_version: text("method.version", method.version.trim(), 0, MAX_VERSION_CHARS)?,
+            method: checked_method(method)?,
             client_request_id: text("client_request_id", &start.client_request_id, 0, MAX_REQUEST_ID_CHARS)?,
             order: self.order(start.order(), account, &phase).await?,
             phase,
@@ -186,7 +192,7 @@ impl<H: Host> RunService for RunCalls<H> {
             team: account.team,
             token_name: account.token_name,
             scope: wire::scope(account.scope).into(),
-            expires_unix_s: account.expires_unix_s,
+            expires_unix_s: wire::seconds(account.expires_unix_ms),
         }))
     }
 }
@@ -245,6 +251,37 @@ fn only_order(phases: &[PhaseInfo], id: &str) -> Result<Order, Refusal> {
 
 fn checked_id(id: &str) -> Result<String, Refusal> {
     text("id", id, 1, Limits::MAX_TEXT_BYTES)
+}
+
+/// Checks the description of a method.
+fn checked_method(method: v1::MethodInfo) -> Result<MethodInfo, Refusal> {
+    Ok(MethodInfo {
+        name: text("method.name", method.name.trim(), 1, MAX_METHOD_CHARS)?,
+        version: text("method.version", method.version.trim(), 0, MAX_VERSION_CHARS)?,
+        description: paragraphs("method.description", method.description.trim(), MAX_DESCRIPTION_CHARS)?,
+        code_url: url("method.code_url", method.code_url.trim())?,
+        paper_url: url("method.paper_url", method.paper_url.trim())?,
+        weights_licence: text("method.weights_licence", method.weights_licence.trim(), 0, MAX_NOTE_CHARS)?,
+        external_data: text("method.external_data", method.external_data.trim(), 0, MAX_NOTE_CHARS)?,
+    })
+}
+
+/// Checks an address: empty or http(s).
+fn url(field: &str, value: &str) -> Result<String, Refusal> {
+    // Pages link to it: other schemes, such as javascript, would run in the browsers of visitors.
+    let is_http = value.starts_with("https://") || value.starts_with("http://");
+    if !value.is_empty() && !is_http {
+        let message = format!("{field} is not an address; begin with https:// or leave it empty");
+        return Err(Refusal::new(Reason::BadRequest, message));
+    }
+    text(field, value, 0, MAX_URL_CHARS)
+}
+
+/// Checks a text that may have several lines.
+fn paragraphs(field: &str, value: &str, max: usize) -> Result<String, Refusal> {
+    let lines: String = value.chars().map(|letter| if letter == '\n' { ' ' } else { letter }).collect();
+    text(field, &lines, 0, max)?;
+    Ok(value.to_owned())
 }
 
 /// Checks the length of a text, in characters, and the absence of control characters.

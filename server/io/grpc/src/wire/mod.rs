@@ -7,7 +7,7 @@ mod sensors;
 mod task;
 
 pub(crate) use observation::{ObservationFormat, observation, tensor_specs};
-pub(crate) use run::{phase, public_metrics, quota, run, run_end, scope, server_info};
+pub(crate) use run::{phase, public_metrics, quota, run, run_end, scope, seconds, server_info};
 pub(crate) use sensors::{check_client, sensors};
 pub(crate) use task::{digests, mission, task_spec, time_limits};
 

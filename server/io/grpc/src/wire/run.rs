@@ -1,9 +1,8 @@
 //! Server, phases, quotas and runs.
 
-use crate::{
-    control::unix_ms,
-    host::{PhaseInfo, PhaseState, Quota, QuotaWindow, RunState, RunStatus, Scope, ServerInfo, Visibility},
-    limits::Limits,
+use crate::{control::unix_ms, host::ServerInfo, limits::Limits};
+use avln_challenge::{
+    MethodInfo, PhaseInfo, PhaseState, Quota, QuotaWindow, RunState, RunStatus, TokenScope, Visibility,
 };
 use avln_episode::EndReason;
 use avln_proto::v1::{self, SensorKind};
@@ -60,11 +59,11 @@ pub(crate) fn phase(phase: PhaseInfo) -> v1::Phase {
         sensors: sensors.into_iter().filter(|(on, _)| *on).map(|(_, kind)| kind.into()).collect(),
         encodings: super::sensors::offered_in(&phase.sensors),
         state: state.into(),
-        state_reason: phase.state_reason,
-        opens_unix_s: phase.opens_unix_s,
-        closes_unix_s: phase.closes_unix_s,
+        state_reason: phase.state_reason.unwrap_or_default(),
+        opens_unix_s: seconds(phase.opens_unix_ms),
+        closes_unix_s: seconds(phase.closes_unix_ms),
         results: visibility(phase.results).into(),
-        commitment: phase.commitment,
+        commitment: phase.commitment.unwrap_or_default(),
         revealed: phase.revealed.map(|values| v1::Revealed {
             pool: values.pool,
             scorer: values.scorer,
@@ -85,12 +84,19 @@ fn visibility(visibility: Visibility) -> v1::Visibility {
     }
 }
 
-pub(crate) fn scope(scope: Scope) -> v1::TokenScope {
+pub(crate) fn scope(scope: TokenScope) -> v1::TokenScope {
     match scope {
-        Scope::Participant => v1::TokenScope::Participant,
-        Scope::ReadOnly => v1::TokenScope::ReadOnly,
-        Scope::Organiser => v1::TokenScope::Organiser,
+        TokenScope::Participant => v1::TokenScope::Participant,
+        TokenScope::ReadOnly => v1::TokenScope::ReadOnly,
+        TokenScope::Organiser => v1::TokenScope::Organiser,
+        // Run tokens have no account, so hosts never return this scope.
+        TokenScope::Run => v1::TokenScope::Unspecified,
     }
+}
+
+/// Returns whole seconds, and 0 if there is no time.
+pub(crate) fn seconds(unix_ms: Option<i64>) -> i64 {
+    unix_ms.map_or(0, |ms| ms.div_euclid(1000))
 }
 
 pub(crate) fn quota(quota: Quota) -> v1::Quota {
@@ -107,25 +113,25 @@ pub(crate) fn quota(quota: Quota) -> v1::Quota {
         limit: quota.limit,
         used: quota.used,
         remaining: quota.remaining,
-        window_start_unix_s: quota.window_start_unix_s,
-        next_increase_unix_s: quota.next_increase_unix_s,
-        charges: quota.charges.into_iter().map(|(run, reason)| v1::Charge { run, reason }).collect(),
+        window_start_unix_s: quota.window_start_unix_ms.div_euclid(1000),
+        next_increase_unix_s: seconds(quota.next_increase_unix_ms),
+        charges: quota
+            .charges
+            .into_iter()
+            .map(|charge| v1::Charge { run: charge.run, reason: charge.reason.to_owned() })
+            .collect(),
     }
 }
 
 pub(crate) fn run(status: RunStatus) -> v1::Run {
     let state = run_state(status.state);
-    let over = !matches!(status.state, RunState::Created | RunState::Running);
+    let over = !status.state.is_open();
     let progress = progress(&status);
     v1::Run {
         id: status.run,
         phase: status.phase,
         order: super::order(status.order).into(),
-        method: Some(v1::MethodInfo {
-            name: status.method,
-            version: status.method_version,
-            ..v1::MethodInfo::default()
-        }),
+        method: Some(method(status.method)),
         state: state.into(),
         state_since_unix_ms: status.updated_unix_ms,
         state_deadline_unix_ms: status.deadline_unix_ms.unwrap_or_default(),
@@ -137,8 +143,8 @@ pub(crate) fn run(status: RunStatus) -> v1::Run {
         ineligible_because: status.ineligible_because,
         metrics: status.metrics.map(|metrics| public_metrics(metrics, status.done)),
         sealed: status.sealed,
-        charged: status.charged,
-        charge_reason: status.charge_reason,
+        charged: status.charge.charged,
+        charge_reason: status.charge.reason.to_owned(),
         url: status.url,
         ..v1::Run::default()
     }
@@ -159,6 +165,11 @@ pub(crate) fn run_end(status: RunStatus) -> v1::RunEnd {
 
 fn progress(status: &RunStatus) -> v1::RunProgress {
     v1::RunProgress { total: status.episodes, done: status.done, in_flight: status.in_flight, eta_s: None }
+}
+
+fn method(method: MethodInfo) -> v1::MethodInfo {
+    let MethodInfo { name, version, description, code_url, paper_url, weights_licence, external_data } = method;
+    v1::MethodInfo { name, version, description, code_url, paper_url, weights_licence, external_data }
 }
 
 fn run_state(state: RunState) -> v1::RunState {

@@ -17,7 +17,14 @@ use tonic_health::pb::{
 };
 
 fn start_request(phase: &str) -> v1::StartRunRequest {
-    let method = v1::MethodInfo { name: " walker ".into(), version: "2".into(), ..v1::MethodInfo::default() };
+    let method = v1::MethodInfo {
+        name: " walker ".into(),
+        version: "2".into(),
+        description: "walks\nand stops".into(),
+        code_url: "https://example.org/walker".into(),
+        weights_licence: "MIT".into(),
+        ..v1::MethodInfo::default()
+    };
     v1::StartRunRequest { phase: phase.into(), method: Some(method), ..v1::StartRunRequest::default() }
 }
 
@@ -80,7 +87,10 @@ async fn a_team_starts_and_lists_its_runs() {
         client.start_run(authorised(start_request("practice"), ACCOUNT)).await.unwrap().into_inner();
     assert_eq!((started.run_token.as_str(), started.run.unwrap().id.as_str()), (RUN_TOKEN, RUN));
     let request = &server.host.requests()[0];
-    assert_eq!((request.method.as_str(), request.order), ("walker", Order::Unordered));
+    assert_eq!((request.method.name.as_str(), request.order), ("walker", Order::Unordered));
+    assert_eq!(request.method.description, "walks\nand stops");
+    assert_eq!(request.method.code_url, "https://example.org/walker");
+    assert_eq!((request.method.weights_licence.as_str(), request.method.paper_url.as_str()), ("MIT", ""));
 
     let get = authorised(v1::GetRunRequest { run: RUN.into() }, ACCOUNT);
     let run = client.get_run(get).await.unwrap().into_inner().run.unwrap();
@@ -103,12 +113,21 @@ async fn bad_requests_are_refused_with_their_problem() {
     let server = TestServer::open(Plan::plain(1)).await;
     let mut client = RunServiceClient::new(channel(&server).await);
     let nameless = v1::StartRunRequest { method: None, ..start_request("practice") };
+    let with = |change: fn(&mut v1::MethodInfo)| {
+        let mut request = start_request("practice");
+        request.method.iter_mut().for_each(change);
+        authorised(request, ACCOUNT)
+    };
     let cases = [
         (Request::new(start_request("practice")), "TOKEN_MISSING"),
         (authorised(start_request("practice"), "guess"), "TOKEN_MALFORMED"),
         (authorised(start_request("secret"), ACCOUNT), "PHASE_UNKNOWN"),
         (authorised(start_request(""), ACCOUNT), "BAD_REQUEST"),
         (authorised(nameless, ACCOUNT), "BAD_REQUEST"),
+        (with(|method| method.description = "x".repeat(2001)), "BAD_REQUEST"),
+        (with(|method| method.code_url = "javascript:alert(1)".into()), "BAD_REQUEST"),
+        (with(|method| method.paper_url = format!("https://{}", "x".repeat(500))), "BAD_REQUEST"),
+        (with(|method| method.external_data = "a\tb".into()), "BAD_REQUEST"),
     ];
     for (request, word) in cases {
         assert_eq!(reason(&client.start_run(request).await.unwrap_err()), word);

@@ -2,11 +2,14 @@ use super::{
     runner::{Quirk, ToyRunner},
     soon,
 };
+use avln_challenge::{
+    Account, Charge, EpisodeOutcome, MethodInfo, PhaseInfo, PhaseState, Quota, QuotaWindow, RunState,
+    RunStatus, TokenScope, Visibility,
+};
 use avln_episode::{Action, EndReason, FeedbackRule, Order, Rules, Sensors, TimeLimits};
 use avln_grpc::{
-    Account, Acted, ClientRange, Digests, Episode, EpisodeLog, EpisodeOutcome, Host, HostedEpisode, Interrupted,
-    OpenRun, PhaseInfo, PhaseState, Quota, QuotaWindow, Reason, Refusal, Restored, RunRequest, RunState,
-    RunStatus, RunTicket, Scope, ServerInfo, StoredEnd, Visibility,
+    Acted, ClientRange, Digests, Episode, EpisodeLog, Host, HostedEpisode, Interrupted, OpenRun, Reason, Refusal,
+    Restored, RunRequest, RunTicket, ServerInfo, StoredEnd,
 };
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -211,8 +214,7 @@ impl ToyHost {
         RunStatus {
             run: RUN.into(),
             phase: "practice".into(),
-            method: "toy".into(),
-            method_version: "1".into(),
+            method: MethodInfo::new("toy", "1"),
             order: Order::Unordered,
             state: match (state.cancelled, state.finished) {
                 _ if state.expired => RunState::Expired,
@@ -229,16 +231,15 @@ impl ToyHost {
             metrics: self.shows_metrics.then(|| vec![("sr".into(), 0.5)]),
             ineligible_because: vec![],
             sealed: true,
-            charged: true,
-            charge_reason: "it is open".into(),
+            charge: Charge { run: RUN.into(), charged: true, reason: "it is open" },
             deadline_unix_ms: state.deadline_unix_ms,
             url: String::new(),
         }
     }
 }
 
-fn account(scope: Scope) -> Account {
-    Account { team: "red".into(), scope, token_name: "laptop".into(), expires_unix_s: 77 }
+fn account(scope: TokenScope) -> Account {
+    Account { team: "red".into(), scope, token_name: "laptop".into(), expires_unix_ms: Some(77_000) }
 }
 
 /// Quota with one of three runs left today.
@@ -249,9 +250,9 @@ pub(crate) fn quota() -> Quota {
         limit: Some(3),
         used: 2,
         remaining: Some(1),
-        window_start_unix_s: 86_400,
-        next_increase_unix_s: 172_800,
-        charges: vec![("run_a".into(), "it was played".into())],
+        window_start_unix_ms: 86_400_000,
+        next_increase_unix_ms: Some(172_800_000),
+        charges: vec![Charge { run: "run_a".into(), charged: true, reason: "it was played" }],
     }
 }
 
@@ -295,21 +296,21 @@ impl Host for ToyHost {
             max_slots: 4,
             sensors: Sensors::all(512, 512),
             state: PhaseState::Open,
-            state_reason: String::new(),
-            opens_unix_s: 0,
-            closes_unix_s: 0,
+            state_reason: None,
+            opens_unix_ms: None,
+            closes_unix_ms: None,
             results: Visibility::Team,
             sealed: true,
-            commitment: "c0ffee".into(),
+            commitment: Some("c0ffee".into()),
             revealed: None,
         }])
     }
 
     async fn account(&self, token: &str) -> Result<Account, Refusal> {
         match token {
-            ACCOUNT => Ok(account(Scope::Participant)),
-            LOOKING => Ok(account(Scope::ReadOnly)),
-            ORGANISER => Ok(account(Scope::Organiser)),
+            ACCOUNT => Ok(account(TokenScope::Participant)),
+            LOOKING => Ok(account(TokenScope::ReadOnly)),
+            ORGANISER => Ok(account(TokenScope::Organiser)),
             "break" => panic!("the host's secret"),
             _ => Err(Refusal::new(Reason::TokenMalformed, "the token is unknown")),
         }
@@ -365,8 +366,8 @@ impl Host for ToyHost {
                 time: self.time,
                 deadline_unix_ms: self.deadline_unix_ms(),
                 over: match (self.expired(), self.finished()) {
-                    (true, _) => Some("expired".to_owned()),
-                    (_, true) => Some("completed".to_owned()),
+                    (true, _) => Some(RunState::Expired),
+                    (_, true) => Some(RunState::Completed),
                     _ => None,
                 },
             }),
