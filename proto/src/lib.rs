@@ -1,4 +1,4 @@
-//! Messages and encodings of the protocol between agents and server: package `avln.v1`.
+//! Protocol between agents and server: messages and encodings of package `avln.v1`.
 //!
 //! Start at `PROTOCOL.md`, which defines the states and rules, then read [`v1::PlayRequest`], [`v1::PlayResponse`] and the
 //! encodings of tensors in [`wire`].
@@ -40,18 +40,18 @@ pub const RETRY_AFTER_KEY: &str = "avln-retry-after-s";
 const REASON_PREFIX: &str = "REASON_";
 
 impl Reason {
-    /// Returns the word of the trailer `avln-reason`, without the prefix: `"TOKEN_MISSING"`.
+    /// Returns the trailer word without the prefix: `"TOKEN_MISSING"`.
     pub fn word(self) -> &'static str {
         let name = self.as_str_name();
         name.strip_prefix(REASON_PREFIX).unwrap_or(name)
     }
 
-    /// Returns the reason of a [`word`](Self::word); `None` for a word of a newer minor version.
+    /// Parses a [`word`](Self::word); `None` for a newer minor version's word.
     pub fn from_word(word: &str) -> Option<Self> {
         Self::from_str_name(&format!("{REASON_PREFIX}{word}"))
     }
 
-    /// Returns the gRPC status code of the reason, on unary calls and in `Fault.code`.
+    /// Returns the gRPC status code, on unary calls and in `Fault.code`.
     pub fn code(self) -> Code {
         match self {
             Self::Unspecified => Code::Unknown,
@@ -119,7 +119,7 @@ impl<T: Message> Encoder for WholeEncoder<T> {
     type Error = Status;
 
     fn encode(&mut self, message: T, buffer: &mut EncodeBuf<'_>) -> Result<(), Status> {
-        // Pictures are large, and a buffer that grows while they are written copies them again.
+        // Pictures are large, and a growing buffer would copy them.
         buffer.reserve(message.encoded_len());
         message.encode(buffer).map_err(|error| Status::internal(format!("cannot encode a message: {error}")))
     }

@@ -6,7 +6,7 @@ use bytes::Bytes;
 /// Integer of the pressure 1.
 const FULL_SCALE: f32 = 32_767.0;
 
-/// Encodes the samples of both ears. `AUDIO_I16` rounds to nearest and clamps to -1 to 1.
+/// Encodes both ears' samples. `AUDIO_I16` rounds to nearest and clamps to -1 to 1.
 ///
 /// # Errors
 /// If sound has no such encoding.

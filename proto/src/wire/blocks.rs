@@ -24,7 +24,7 @@ pub(super) fn pack<T: Copy + Into<u32>>(numbers: &[T]) -> Vec<u8> {
     bytes
 }
 
-/// Unpacks `count` integers of at most `most_bits` bits, which is 32 or less. `bytes` must contain nothing else.
+/// Unpacks `count` integers of at most `most_bits` bits, which is 32 or less. `bytes` must contain no more.
 pub(super) fn unpack<T: Copy + Default>(
     bytes: &[u8],
     count: usize,

@@ -22,7 +22,7 @@ pub mod rgb;
 pub use crate::v1::{Encoding, SensorKind};
 use bytes::Bytes;
 
-/// Size of a picture, pixels.
+/// Picture size, pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size {
     /// Pixels per row.
@@ -32,13 +32,13 @@ pub struct Size {
 }
 
 impl Size {
-    /// Returns the number of pixels.
+    /// Returns the pixel count.
     pub fn pixels(self) -> usize {
         self.width as usize * self.height as usize
     }
 }
 
-/// Returns the encodings of a sensor, best for a network first.
+/// Returns a sensor's encodings, best for a network first.
 pub fn offered(kind: SensorKind) -> &'static [Encoding] {
     match kind {
         SensorKind::Rgb => &[Encoding::Packed, Encoding::Png, Encoding::Qoi, Encoding::Raw],
@@ -63,7 +63,7 @@ pub fn is_lossless(encoding: Encoding) -> bool {
     }
 }
 
-/// Returns the largest number of bytes that `raw_bytes` can take in any encoding.
+/// Returns an upper bound for `raw_bytes` in any encoding.
 pub const fn most_bytes(raw_bytes: u64) -> u64 {
     raw_bytes / 3 * 4 + 1024
 }
@@ -73,7 +73,7 @@ fn not_offered<T>(kind: SensorKind, encoding: Encoding) -> Result<T, CodecError>
     Err(CodecError::NotOffered { kind, encoding })
 }
 
-/// Error of encoding or decoding.
+/// Codec error.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CodecError {
     /// The sensor has no such encoding.
@@ -84,7 +84,7 @@ pub enum CodecError {
         /// Encoding.
         encoding: Encoding,
     },
-    /// The number of values or bytes is wrong.
+    /// Wrong length.
     #[error("{what} of {found} {unit}, agreed were {expected}")]
     Length {
         /// Name of the data.

@@ -107,7 +107,7 @@ pub(super) fn decode(size: Size, bytes: &[u8]) -> Result<Vec<u8>, CodecError> {
     Ok(pixels)
 }
 
-/// Returns the next pixel, the number of its repetitions, and the rest of the file.
+/// Returns the next pixel, the repetitions, and the rest of the file.
 fn next<'a>(last: Pixel, seen: &[Pixel; 64], body: &'a [u8]) -> Option<(Pixel, u8, &'a [u8])> {
     let (&tag, rest) = body.split_first()?;
     let moved =

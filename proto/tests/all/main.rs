@@ -1,4 +1,4 @@
-//! Tests of the protocol: its page, its messages and its encodings.
+//! Protocol tests: page, messages and encodings.
 
 mod codec;
 mod messages;

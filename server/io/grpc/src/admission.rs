@@ -31,9 +31,9 @@ pub(crate) struct Agreement {
     api_minor: u32,
 }
 
-/// Checks a Hello, stops the present session of the run or takes it over, and returns the session to play.
+/// Checks a Hello, stops or takes over the run's present session, and returns the session to play.
 ///
-/// `slots` is the maximum of the kind of connection.
+/// `slots` is the limit for the connection type.
 pub(crate) async fn admit<H: Host>(
     context: &ServiceContext<H>,
     token: &str,
@@ -44,7 +44,7 @@ pub(crate) async fn admit<H: Host>(
     let (open, _) = check(context, token, hello).await?;
     let reason = if hello.resume { StopReason::Resumed } else { StopReason::Superseded };
     let (guard, previous) = context.registry.enter(&open.run, reason).await?;
-    // Again, because the previous session has stored its episodes since: progress has changed, and the run may be over.
+    // A second time, because the previous session has stored open episodes since: the run may even be over.
     let (open, agreement) = match check(context, token, hello).await {
         Ok(checked) => checked,
         Err(refused) => return detach_and_refuse(context, previous, guard, refused).await,
@@ -98,7 +98,7 @@ fn agree<H: Host>(context: &ServiceContext<H>, hello: &v1::Hello, open: &OpenRun
     })
 }
 
-/// Refuses a client and lets a session that was handed over to it wait for another one.
+/// Refuses a client and detaches the session that was handed over to it.
 async fn detach_and_refuse<H: Host, T>(
     context: &ServiceContext<H>,
     previous: Option<Arc<Session<H>>>,

@@ -1,9 +1,9 @@
-//! States of a session's attachment, its stop reasons, and their endings. The table is in the crate documentation.
+//! Attachment states, stop reasons and endings. The transition table is in the crate documentation.
 
 use avln_episode::EndReason;
 use tokio::time::Instant;
 
-/// State of the attachment of a session to its client.
+/// Attachment of a session to a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Attachment {
     /// The server opens, resumes or restores the session; no client is attached yet.
@@ -17,7 +17,7 @@ pub(crate) enum Attachment {
         /// End of the wait.
         until: Instant,
     },
-    /// The session ends; its open episodes are being stored, kept or handed over.
+    /// The session ends; open episodes are being stored, kept or handed over.
     Closing(StopReason),
 }
 
@@ -30,7 +30,7 @@ pub(crate) enum AttachmentEvent {
     Stopped(StopReason),
 }
 
-/// Reason for the end of an attachment.
+/// Reason of an attachment's end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum StopReason {
     /// Another connection starts over with new episodes.
@@ -39,9 +39,9 @@ pub(crate) enum StopReason {
     Resumed,
     /// The server stops.
     Draining,
-    /// The team cancelled the run, or its agent sent Goodbye by a unary call.
+    /// The team cancelled the run, or the agent sent Goodbye by a unary call.
     Cancelled,
-    /// The wall time of the run has passed.
+    /// The run's wall time has passed.
     Expired,
     /// The stream broke, ended without Goodbye, or was not read.
     ConnectionLost,
@@ -59,7 +59,7 @@ pub(crate) enum StopReason {
     AwayTooLong,
 }
 
-/// Treatment of a session after its attachment has ended.
+/// Treatment of a session after the attachment's end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Ending {
     /// End and store open episodes.
@@ -68,7 +68,7 @@ pub(crate) enum Ending {
     HandOver,
     /// Leave open episodes as they are in the run log, for the next server.
     KeepForRestart,
-    /// Wait for the client, if the time limits of the run allow it.
+    /// Wait for the client, if the run's time limits allow it.
     Detach,
 }
 
@@ -76,8 +76,8 @@ impl Attachment {
     /// Returns the state after an event.
     pub(crate) fn next(self, event: AttachmentEvent) -> Self {
         match (self, event) {
-            // The first reason wins, because its ending may already be under way. A client that attaches now learns the reason
-            // from `SessionGuard::stopped`, which its loop polls first.
+            // The first reason wins, because the ending may already be under way (drain during attach). A client that attaches now
+            // learns the reason from `SessionGuard::stopped`, which all loops poll first.
             (Self::Closing(reason), _) => Self::Closing(reason),
             (_, AttachmentEvent::Stopped(reason)) => Self::Closing(reason),
             (_, AttachmentEvent::StreamAttached) => Self::Streaming,
@@ -106,7 +106,7 @@ impl StopReason {
             Self::Cancelled | Self::Goodbye | Self::NothingLeft => Ending::Close(EndReason::Abandoned),
             Self::Expired | Self::AgentHangs => Ending::Close(EndReason::TimeBudget),
             Self::ConnectionLost | Self::Paused => Ending::Detach,
-            // Unary clients have no connection whose loss could be noticed: silence is their disconnect.
+            // Unary clients have no connection to lose: silence is their disconnect.
             Self::Idle | Self::AwayTooLong => Ending::Close(EndReason::Disconnected),
         }
     }

@@ -57,7 +57,7 @@ impl<H: Host> ServiceContext<H> {
         Err(Refusal::new(Reason::NoCapacity, message).retry_after(300))
     }
 
-    /// Takes a place among the callers of WatchRun, until it is dropped.
+    /// Takes a place among WatchRun calls, until it is dropped.
     pub(crate) fn watch(&self) -> Result<OwnedSemaphorePermit, Refusal> {
         self.watchers.clone().try_acquire_owned().map_err(|_| {
             let message = format!("{} runs are being watched; use GetRun", self.limits.max_watchers);
@@ -65,7 +65,7 @@ impl<H: Host> ServiceContext<H> {
         })
     }
 
-    /// Returns the open run of a run token.
+    /// Returns a run token's open run.
     pub(crate) async fn open_run(&self, token: &str) -> Result<OpenRun, Failure> {
         let open = self.any_run(token).await?;
         let Some(state) = &open.over else { return Ok(open) };
@@ -73,21 +73,21 @@ impl<H: Host> ServiceContext<H> {
         Err(Failure::new(Reason::RunOver, message))
     }
 
-    /// Returns the run of a run token, open or over.
+    /// Returns a run token's run, open or over.
     pub(crate) async fn any_run(&self, token: &str) -> Result<OpenRun, Failure> {
         let host = self.host.clone();
         let token = token.to_owned();
         ask("open a run", async move { host.open_run(&token).await }).await
     }
 
-    /// Closes the run and returns its status.
+    /// Closes the run and returns the status.
     pub(crate) async fn finish_run(&self, run: &str) -> Result<v1::RunEnd, Failure> {
         let host = self.host.clone();
         let run = run.to_owned();
         ask("finish a run", async move { host.finish_run(&run).await }).await.map(wire::run_end)
     }
 
-    /// Opens a session of a run.
+    /// Opens a session.
     pub(crate) fn open_session(&self, open: &OpenRun, sensors: &Sensors) -> Arc<Session<H>> {
         self.session(Interrupted {
             open: open.clone(),
@@ -97,7 +97,7 @@ impl<H: Host> ServiceContext<H> {
         })
     }
 
-    /// Opens the session of a run that a restart of the server interrupted.
+    /// Opens a session with restored episodes.
     pub(crate) fn session(&self, interrupted: Interrupted<H::Episode>) -> Arc<Session<H>> {
         Arc::new(Session::open(Opening {
             host: self.host.clone(),

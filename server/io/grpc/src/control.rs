@@ -13,22 +13,22 @@ use tokio::{
     time::{Instant, timeout_at},
 };
 
-/// Delay that clients of a draining server receive, seconds.
+/// Retry delay during a drain, seconds.
 const RETRY_AFTER_S: u32 = 60;
 
-/// Returns the time of the system clock, milliseconds since 1970-01-01 UTC.
+/// Returns the system time, milliseconds since 1970-01-01 UTC.
 pub(crate) fn unix_ms() -> i64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as i64)
 }
 
-/// Controls and statistics of a running server. Clones share them.
+/// Operator controls and statistics. Clones share them.
 #[derive(Clone, Debug, Default)]
 pub struct Control(Arc<ControlState>);
 
 #[derive(Debug, Default)]
 struct ControlState {
     statistics: Mutex<Statistics>,
-    /// Number of open episodes.
+    /// Open episodes.
     busy: watch::Sender<usize>,
     drain: watch::Sender<Option<Drain>>,
     /// Notified when a run is added to `Statistics::cancelled`.
@@ -45,7 +45,7 @@ struct Statistics {
     parts: [Histogram; 4],
     ends: BTreeMap<&'static str, u64>,
     notice: String,
-    /// Runs cancelled outside gRPC whose sessions must still end.
+    /// Runs cancelled outside gRPC, with sessions still to end.
     cancelled: Vec<String>,
 }
 
@@ -54,11 +54,11 @@ struct SlotStatistics {
     step: u32,
     /// Time accounts up to this step.
     spent: TimeSpent,
-    /// First counted step and its time.
+    /// First counted step, with time.
     first: Option<(u32, Instant)>,
-    /// Time of the last reply, and the duration of the step before it, from reply to reply.
+    /// Last reply: time, and the step's duration from reply to reply.
     last: Option<(Instant, Option<Duration>)>,
-    /// Time of the last reply by the system clock.
+    /// Last reply by the system clock, milliseconds since 1970-01-01 UTC.
     at_unix_ms: i64,
 }
 
@@ -72,7 +72,7 @@ impl SlotStatistics {
         self.at_unix_ms = unix_ms();
     }
 
-    /// Returns the mean duration of a step, from reply to reply.
+    /// Returns the mean step duration, from reply to reply.
     fn mean_step(&self) -> Option<Duration> {
         let (first, begun) = self.first?;
         let (last, _) = self.last?;
@@ -80,7 +80,7 @@ impl SlotStatistics {
     }
 }
 
-/// An announced stop of the server.
+/// An announced server stop.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Drain {
     /// Reason, for people.
@@ -89,24 +89,24 @@ pub struct Drain {
     pub until: Instant,
 }
 
-/// Live state of a slot with an open episode.
+/// A slot's live state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SlotState {
-    /// Id of the run.
+    /// Run id.
     pub run: String,
     /// The slot.
     pub slot: u32,
     /// Steps taken.
     pub step: u32,
-    /// Duration of the last step from reply to reply, including the agent's thinking.
+    /// Last step's duration from reply to reply, including the agent's thinking.
     pub last_step: Option<Duration>,
-    /// Mean duration of a step.
+    /// Mean step duration.
     pub mean_step: Option<Duration>,
-    /// Time of the last reply, milliseconds since 1970-01-01 UTC. The agent thinks since then.
+    /// Last reply, milliseconds since 1970-01-01 UTC. The agent thinks since then.
     pub at_unix_ms: i64,
 }
 
-/// Live state of an open run.
+/// An open run's live state.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SessionState {
     /// Whether the client is connected.
@@ -115,32 +115,32 @@ pub struct SessionState {
     pub slots: Vec<SlotState>,
 }
 
-/// Statistics since the start of the server.
+/// Statistics since server start.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
     /// Slots with an open episode, by run and number.
     pub slots: Vec<SlotState>,
     /// Steps taken.
     pub steps: u64,
-    /// Durations of the parts of a step, by name.
+    /// Step durations by part.
     pub parts: Vec<(&'static str, Histogram)>,
-    /// Number of episodes by end reason.
+    /// Episode count by end reason.
     pub ends: BTreeMap<&'static str, u64>,
     /// Announcement; empty if none.
     pub notice: String,
 }
 
-/// A histogram of durations.
+/// A duration histogram.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Histogram {
-    /// Number of durations up to each of [`Histogram::LIMITS_S`]; the last bucket counts longer ones.
+    /// Counts per bucket of [`Histogram::LIMITS_S`]; the last bucket has no limit.
     pub counts: [u64; Histogram::LIMITS_S.len() + 1],
-    /// Sum of all durations, seconds.
+    /// Sum, seconds.
     pub sum_s: f64,
 }
 
 impl Histogram {
-    /// Upper limits of the buckets, seconds.
+    /// Upper bucket limits, seconds.
     pub const LIMITS_S: [f64; 15] =
         [1e-4, 2.5e-4, 5e-4, 1e-3, 2.5e-3, 5e-3, 1e-2, 2.5e-2, 5e-2, 0.1, 0.25, 0.5, 1.0, 10.0, 60.0];
 
@@ -161,7 +161,7 @@ impl Control {
         &self.0.watchdog
     }
 
-    /// Records the number of steps of a slot and their time accounts. Step 0 is the start of an episode.
+    /// Records a slot's step count and time accounts. Step 0 starts an episode.
     pub(crate) fn stepped(&self, run: &str, slot: u32, step: u32, spent: TimeSpent) {
         let mut statistics = self.statistics();
         let slot = statistics.slots.entry((run.to_owned(), slot)).or_default();
@@ -181,7 +181,7 @@ impl Control {
         self.0.busy.send_replace(statistics.slots.len());
     }
 
-    /// Records the end of an episode.
+    /// Records an episode's end.
     pub(crate) fn ended(&self, run: &str, slot: u32, reason: EndReason) {
         let mut statistics = self.statistics();
         statistics.slots.remove(&(run.to_owned(), slot));
@@ -189,17 +189,17 @@ impl Control {
         self.0.busy.send_replace(statistics.slots.len());
     }
 
-    /// Records an open run and whether its client is connected.
+    /// Records an open run and the client's connection state.
     pub(crate) fn opened(&self, run: &str, is_there: bool) {
         self.statistics().sessions.insert(run.to_owned(), is_there);
     }
 
-    /// Records the end of a session.
+    /// Records a session's end.
     pub(crate) fn closed(&self, run: &str) {
         self.statistics().sessions.remove(run);
     }
 
-    /// Returns the live state of a run; `None` if it has no session.
+    /// Returns a run's live state; `None` without a session.
     pub fn session(&self, run: &str) -> Option<SessionState> {
         let statistics = self.statistics();
         let is_there = *statistics.sessions.get(run)?;
@@ -207,7 +207,7 @@ impl Control {
         Some(SessionState { is_there, slots: slots.map(slot_state).collect() })
     }
 
-    /// Returns the statistics since the start of the server.
+    /// Returns statistics since server start.
     pub fn snapshot(&self) -> Snapshot {
         let statistics = self.statistics();
         let names = ["simulation", "encoding", "queue", "thinking"];
@@ -225,12 +225,12 @@ impl Control {
         self.statistics().notice = text.to_owned();
     }
 
-    /// Returns the reason of a drain, or else the announcement; empty if there is none.
+    /// Returns the drain's reason or the announcement; empty without either.
     pub fn announcement(&self) -> String {
         self.draining().map_or_else(|| self.statistics().notice.clone(), |drain| drain.reason)
     }
 
-    /// Ends the session of a run that its team cancelled outside gRPC.
+    /// Ends a run's session after a cancellation outside gRPC.
     ///
     /// The caller must have stored the cancellation: if the session ends first with the run's last episode, the run counts as
     /// completed.
@@ -261,7 +261,7 @@ impl Control {
         });
     }
 
-    /// Returns the drain, if one has begun.
+    /// Returns the drain, if any.
     pub fn draining(&self) -> Option<Drain> {
         self.0.drain.borrow().clone()
     }

@@ -14,7 +14,7 @@ pub trait Episode: Send + 'static {
     fn rules(&self) -> &Rules;
     /// Returns the observation before the first action.
     fn start(&mut self) -> Observation;
-    /// Carries out one action.
+    /// Carries out an action.
     ///
     /// # Errors
     /// If the episode is over.
@@ -56,7 +56,7 @@ impl Episode for Referee {
     }
 }
 
-/// Run log of an episode, from which a restarted server restores it.
+/// Episode log, from which a restarted server restores the episode.
 pub trait EpisodeLog: Send + 'static {
     /// Records that an action is about to be carried out.
     ///
@@ -64,62 +64,62 @@ pub trait EpisodeLog: Send + 'static {
     /// If it cannot be written. The episode is then a server fault.
     fn acting(&mut self, step: u32) -> io::Result<()>;
 
-    /// Records an action. Its result is sent to the agent afterwards.
+    /// Records an action, before the result is sent to the agent.
     ///
     /// # Errors
     /// If it cannot be written. The episode is then a server fault.
     fn acted(&mut self, acted: &Acted) -> io::Result<()>;
 
-    /// Records that the agent's clock restarted after a disconnect of `away`, because an observation had not arrived.
+    /// Records a restart of the agent's clock after a disconnect of `away`, because an observation had not arrived.
     ///
     /// # Errors
     /// If it cannot be written. The episode continues.
     fn clock_restarted(&mut self, step: u32, away: Duration) -> io::Result<()>;
 }
 
-/// Log entry of an action.
+/// Logged action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Acted {
-    /// Number of the step, from 1.
+    /// Step number, from 1.
     pub step: u32,
     /// The action.
     pub action: Action,
-    /// Hash of the state after it.
+    /// State hash after the action.
     pub state_hash: u64,
-    /// Thinking time of the agent.
+    /// The agent's thinking time.
     pub thought: Duration,
-    /// Rest of the episode's time bank.
+    /// Rest of the time bank.
     pub bank_left: Duration,
 }
 
 /// An episode on its way from the host to a slot and back.
 pub struct HostedEpisode<E> {
-    /// Random name of the episode within its run, visible to the agent.
+    /// Random name within the run, visible to the agent.
     pub handle: String,
     /// The episode.
     pub episode: E,
-    /// The host's number of the episode, never sent to agents.
+    /// The host's episode number, never sent to agents.
     pub ticket: u64,
-    /// Log of its actions.
+    /// Action log.
     pub log: Box<dyn EpisodeLog>,
     /// Time accounts, zero at first.
     pub time: TimeSpent,
 }
 
-/// Time accounts of an episode, wall clock.
+/// Time accounts, wall clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TimeSpent {
-    /// Simulation of motion, vision and sound.
+    /// Simulation: motion, vision, sound.
     pub simulation: Duration,
-    /// Encoding of observations.
+    /// Observation encoding.
     pub encoding: Duration,
     /// Waiting for a simulation thread.
     pub queue: Duration,
-    /// Thinking of the agent, from the departure of an observation to the arrival of the action, without the round trip.
+    /// The agent's thinking, from the observation's departure to the action's arrival, without the round trip.
     pub thinking: Duration,
 }
 
-/// An episode restored to its state before the server stopped.
+/// An episode restored after a restart.
 #[derive(Debug)]
 pub struct Restored<E> {
     /// Slot that played it.
@@ -128,7 +128,7 @@ pub struct Restored<E> {
     pub hosted: HostedEpisode<E>,
     /// Last observation and the action before it, which is `None` at the start.
     pub last: (Observation, Option<Action>),
-    /// Rest of its time bank.
+    /// Rest of the time bank.
     pub bank_left: Duration,
 }
 

@@ -3,7 +3,7 @@ use std::{
     time::Duration,
 };
 
-/// Fair queue of jobs: the team with the least processor time goes first, regardless of the length of its queue. Teams that
+/// Fair queue of jobs: the team with the least processor time is first, regardless of queue length. Teams that
 /// always have jobs waiting get equal time.
 #[derive(Debug)]
 pub(crate) struct FairQueue<J> {
@@ -15,7 +15,7 @@ pub(crate) struct FairQueue<J> {
 #[derive(Debug)]
 struct TeamQueue<J> {
     waiting: VecDeque<J>,
-    /// Processor time used, as far as it counts.
+    /// Counted processor time.
     used: Duration,
     /// Jobs in progress and their expected duration.
     running: u32,
@@ -35,7 +35,7 @@ impl<J> Default for FairQueue<J> {
 }
 
 impl<J> FairQueue<J> {
-    /// Appends a job to the queue of its team.
+    /// Appends a job to a team's queue.
     pub(crate) fn push(&mut self, team: &str, job: J) {
         let level = self.level;
         let queue = self.teams.entry(team.to_owned()).or_insert_with(|| TeamQueue {
@@ -50,7 +50,7 @@ impl<J> FairQueue<J> {
         queue.waiting.push_back(job);
     }
 
-    /// Takes the next job and its team.
+    /// Takes the next job, with the team.
     pub(crate) fn take(&mut self) -> Option<(String, J)> {
         let waiting = self.teams.iter_mut().filter(|(_, queue)| !queue.waiting.is_empty());
         let (team, queue) = waiting.min_by_key(|(_, queue)| queue.used)?;
@@ -86,7 +86,7 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
-    /// Simulates a thread for some turns; each team keeps its slots busy. Returns the turns and the time per team.
+    /// Simulates a thread for some turns; all teams keep their slots busy. Returns turns and time per team.
     fn serve(teams: &[(&'static str, u32, Duration)], turns: u32) -> BTreeMap<String, (u32, Duration)> {
         let mut fair = FairQueue::default();
         for (team, slots, _) in teams {

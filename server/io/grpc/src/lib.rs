@@ -5,7 +5,7 @@
 //!
 //! # Slots
 //!
-//! A session is a run that is being played. Every slot of a session is a task that owns its episode:
+//! A session is a run in progress. Every slot is a task that owns an episode:
 //!
 //! ```text
 //!         Ready               EpisodeStart                Act
@@ -22,8 +22,8 @@
 //!
 //! # Sessions
 //!
-//! The `SessionRegistry` has at most one entry per run, with the state of its attachment to a client. Every stop reason has one
-//! ending (`StopReason::ending`), for streams, unary calls and detached sessions alike:
+//! The `SessionRegistry` has at most one entry per run, with the state of the attachment to a client. A stop reason has the same
+//! ending (`StopReason::ending`) for streams, unary calls and detached sessions:
 //!
 //! | event | Admitted | Streaming | Unary | Detached | Closing(r) |
 //! |---|---|---|---|---|---|
@@ -36,7 +36,7 @@
 //! | not resumed in time | | | | Closing | Closing(r) |
 //! | superseded, resumed, cancelled, expired, draining | Closing | Closing | Closing | Closing | Closing(r) |
 //!
-//! An entry is removed when its ending is complete. A connection that supersedes or resumes the session enters then, as
+//! An entry is removed when the ending is complete. A connection that supersedes or resumes the session enters then, as
 //! Admitted.
 //!
 //! | stop reason | open episodes | run |
@@ -51,8 +51,8 @@
 //!
 //! # Invariants
 //!
-//! *Never*: has access to ground truth, builds a message from anything but `avln-episode` types and public values of its host,
-//! blocks an async thread with simulation, or lets a fault of one agent reach another.
+//! *Never*: has access to ground truth, builds a message from anything but `avln-episode` types and public host values,
+//! blocks an async thread with simulation, or lets an agent's fault reach others.
 //!
 //! Hidden types cannot even be named here:
 //!

@@ -1,29 +1,29 @@
 use avln_episode::{Encodings, Sensors};
 use std::time::Duration;
 
-/// Limits of the gRPC server. The defaults suit a public server.
+/// gRPC server limits. The defaults suit a public server.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Open connections. A connection costs a file descriptor and some tens of kilobytes.
     pub max_connections: usize,
-    /// Open connections per address, so that one host cannot use all.
+    /// Open connections per address, so that no host can use all.
     pub max_connections_per_address: usize,
-    /// Sessions. A session keeps at least one scene in memory.
+    /// Sessions. A session occupies the memory of at least one scene.
     pub max_sessions: usize,
     /// Calls of WatchRun in progress. A watched run is looked up once per second.
     pub max_watchers: usize,
     /// Simulation threads. More threads than processor cores only slow every step down.
     pub max_simulations: usize,
-    /// Slots of all sessions, shared between active teams. An episode takes about 10 MiB without its scene. A session has at
+    /// Slots over all sessions, shared between active teams. An episode takes about 10 MiB without the scene. A session has at
     /// least one slot.
     pub max_slots: u32,
-    /// Hanging simulations at which new runs are refused. A hanging simulation occupies a thread, its memory and maybe a core.
+    /// Hanging simulations at which new runs are refused. A hanging simulation occupies a thread, memory and maybe a core.
     pub max_hanging: usize,
-    /// Longest step of the simulator; typical are milliseconds. A longer step counts as hanging: its episode is played again.
+    /// Longest simulator step; typical are milliseconds. A longer step counts as hanging: the episode restarts.
     pub step: Duration,
-    /// Longest first observation, including the preparation of a scene for rendering and acoustics.
+    /// Longest first observation, including scene preparation for rendering and acoustics.
     pub preparation: Duration,
-    /// Bytes per message of an agent. Actions take tens of bytes.
+    /// Bytes per agent message. Actions take tens of bytes.
     pub decode_bytes: usize,
     /// Bytes per message to an agent: the largest observation and mission, see [`Limits::frame_bytes`].
     pub encode_bytes: usize,
@@ -39,7 +39,7 @@ pub struct Limits {
     pub keepalive_interval: Duration,
     /// Time to answer an HTTP/2 ping. The transport of a busy agent answers for it.
     pub keepalive_timeout: Duration,
-    /// Time from opening a Play stream to its Hello.
+    /// Time from opening a Play stream to Hello.
     pub hello: Duration,
     /// Time between Pings. They measure the round trip and keep proxies from closing silent streams.
     pub ping_interval: Duration,
@@ -53,9 +53,9 @@ pub struct Limits {
     pub timeouts_in_a_row: u32,
     /// Silence after which a unary client counts as disconnected.
     pub unary_idle: Duration,
-    /// Time that a new connection waits for the previous session of its run to store its episodes.
+    /// Time that a new connection waits for the previous session to store open episodes.
     pub handover: Duration,
-    /// Time to end sessions, and again to close connections, when the server stops.
+    /// Time to end sessions, and the same time to close connections, when the server stops.
     pub drain: Duration,
 }
 
@@ -111,7 +111,7 @@ impl Limits {
         &text[..end]
     }
 
-    /// Returns the size of the largest frame with these sensors, bytes. `audio_samples` counts one ear.
+    /// Returns the largest frame size with these sensors, bytes. `audio_samples` is per ear.
     pub fn frame_bytes(sensors: &Sensors, audio_samples: u32) -> u64 {
         let pixels = u64::from(sensors.width) * u64::from(sensors.height);
         let rgb = if sensors.rgb { pixels * 3 } else { 0 };

@@ -1,4 +1,4 @@
-//! Frames on their way to one client: a bounded queue, pings, and the measured round-trip time.
+//! Outbound frames: a bounded queue, pings, and round-trip measurement.
 
 use crate::{control::unix_ms, host::OpenRun, refusal::Failure};
 use avln_proto::v1::{self, PlayResponse, play_response::Frame};
@@ -16,12 +16,12 @@ use tokio::{
 use tokio_stream::Stream;
 use tonic::Status;
 
-/// Longest time before the end of a run at which its client is warned.
+/// Longest time between the deadline warning and the deadline.
 const WARNING: Duration = Duration::from_secs(300);
 
 type Item = Result<PlayResponse, Status>;
 
-/// The sending end of a bounded queue of frames, which measures the waiting time of its oldest frame.
+/// The sending end of a bounded frame queue, which measures the oldest frame's waiting time.
 #[derive(Clone, Debug)]
 pub(crate) struct Outbound {
     queue: mpsc::Sender<Item>,
@@ -36,14 +36,14 @@ pub(crate) struct Frames {
     state: Arc<QueueState>,
 }
 
-/// Error of a client that does not read.
+/// Error: the client does not read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Gone;
 
 #[derive(Debug, Default)]
 struct QueueState {
     waiting: Mutex<VecDeque<QueuedFrame>>,
-    /// Shortest measured round trip of a small frame.
+    /// Shortest measured round trip.
     round_trip: Mutex<Option<Duration>>,
     is_cut: watch::Sender<bool>,
 }
@@ -72,7 +72,7 @@ impl Departure {
         self.state.round_trip().unwrap_or_default()
     }
 
-    /// Waits until the frame has left. A frame whose stream broke never leaves.
+    /// Waits until the frame has left. After a broken stream it never returns.
     pub(crate) async fn left(mut self) -> Instant {
         match self.left.wait_for(Option::is_some).await.map(|at| *at) {
             Ok(Some(at)) => at,
@@ -122,7 +122,7 @@ impl Outbound {
         self.state.is_cut.send_replace(true);
     }
 
-    /// Records the round trip of a small frame.
+    /// Records a round trip.
     pub(crate) fn measured(&self, took: Duration) {
         let mut round_trip = self.state.round_trip();
         // The shortest: longer ones contain pauses of either side.
@@ -169,7 +169,7 @@ impl Stream for Frames {
     }
 }
 
-/// Periodic Pings of a stream.
+/// Periodic Pings.
 #[derive(Debug, Default)]
 pub(crate) struct PingTimer {
     nonce: u64,
@@ -188,22 +188,22 @@ impl PingTimer {
         self.sent = out.send(Frame::Ping(ping)).await.ok();
     }
 
-    /// Handles a Pong. Its round trip counts up to `limit`.
+    /// Handles a Pong. The round trip counts up to `limit`.
     pub(crate) fn answered(&mut self, nonce: u64, out: &Outbound, limit: Duration) {
         if nonce != self.nonce {
             return;
         }
         if let Some(left) = self.sent.take().and_then(|sent| sent.at()) {
-            // Limited, because a client could answer late to be charged less for its thinking.
+            // Limited, because a client could answer late to be charged less thinking time.
             out.measured(left.elapsed().min(limit));
         }
     }
 }
 
-/// Wall-clock deadline of a run.
+/// Wall-clock deadline.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RunDeadline {
-    /// End of the run and time of the warning, by the monotonic clock of this server.
+    /// Deadline and warning time, by the monotonic clock.
     end: Option<(Instant, Instant)>,
     unix_ms: i64,
 }

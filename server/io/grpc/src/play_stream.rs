@@ -27,7 +27,7 @@ pub(crate) struct PlayStream<H: Host> {
     pub(crate) out: Outbound,
 }
 
-/// Reason for the end of a stream, with the status for its client if the connection was lost.
+/// A stream's end, with the client's status if the connection was lost.
 struct StreamEnd {
     reason: StopReason,
     failure: Option<Failure>,
@@ -145,7 +145,7 @@ impl<H: Host> PlayStream<H> {
         }
     }
 
-    /// Handles one frame. Returns a reason if the client ends the stream.
+    /// Handles a frame. Returns a reason if the client ends the stream.
     async fn receive(&self, session: &Session<H>, request: v1::PlayRequest) -> Option<StopReason> {
         use play_request::Frame as Request;
         let (slot, request) = match request.frame {
@@ -229,7 +229,7 @@ impl<H: Host> PlayStream<H> {
     }
 }
 
-/// Returns the refusal for a client whose stream was stopped by another party.
+/// Returns the refusal after a stop by another party.
 fn refusal_of(reason: StopReason) -> Option<Refusal> {
     match reason {
         StopReason::Superseded => {
@@ -256,7 +256,7 @@ fn agent_hangs(limits: &Limits) -> Failure {
     Failure::new(Reason::TooSlow, message)
 }
 
-/// Announces a drain and the time at which open episodes are cut.
+/// Announces a drain and the cut of open episodes.
 fn drain_notice(drain: &Drain) -> v1::Notice {
     let remaining = drain.until.saturating_duration_since(Instant::now());
     v1::Notice {

@@ -1,5 +1,4 @@
-//! Ends of sessions: what follows each stop reason, detached sessions, cancelled and expired runs, and runs that a restart of
-//! the server interrupted.
+//! Session reaper: endings, detached sessions, cancelled and expired runs, and runs interrupted by a server restart.
 
 use crate::{
     attachment::{AttachmentEvent, Ending, StopReason},
@@ -16,7 +15,7 @@ use std::sync::Arc;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
 use tracing::Instrument;
 
-/// Ends the attachment of a session. Returns the end of the run if that ends as well.
+/// Ends an attachment. Returns the run's end if the run ends as well.
 pub(crate) async fn end<H: Host>(
     context: &ServiceContext<H>,
     session: Arc<Session<H>>,
@@ -38,11 +37,11 @@ pub(crate) async fn end<H: Host>(
     if !reason.finishes_run() {
         return Ok(None);
     }
-    // The guard is still alive: a connection that waits for the run enters after its end and learns that it is over.
+    // With the guard alive: a connection that waits for the run enters after the end and learns that the run is over.
     context.finish_run(&guard.run).await.map(Some)
 }
 
-/// Lets a session wait for its client, or closes it if the run allows no time to reconnect.
+/// Lets a session wait for the client, or closes it if the run allows no time to reconnect.
 async fn detach<H: Host>(context: &ServiceContext<H>, session: Arc<Session<H>>, guard: SessionGuard<Session<H>>) {
     let patience = session.detach().await;
     if patience.is_zero() {
@@ -61,7 +60,7 @@ fn spawn_wait<H: Host>(context: ServiceContext<H>, session: Arc<Session<H>>, gua
 
 async fn wait<H: Host>(context: ServiceContext<H>, session: Arc<Session<H>>, mut guard: SessionGuard<Session<H>>, until: Instant) {
     let reason = tokio::select! {
-        // First: a client that resumes in the last moment gets its session.
+        // First: a client that resumes in the last moment gets the session.
         biased;
         reason = guard.stopped() => reason,
         () = sleep_until(until) => guard.ends(StopReason::AwayTooLong),
@@ -80,7 +79,7 @@ async fn hand_over<H: Host>(context: &ServiceContext<H>, session: Arc<Session<H>
     let handed_over = Arc::downgrade(&session);
     guard.hand_over(session);
     tokio::spawn(async move {
-        // That connection may have given up waiting meanwhile. No one would ever close the session then.
+        // That connection may have given up meanwhile. Without this task, the session would stay open for ever.
         sleep(patience).await;
         if let Some(session) = registry.take_unclaimed(&run, &handed_over) {
             session.close(EndReason::Disconnected).await;
@@ -88,7 +87,7 @@ async fn hand_over<H: Host>(context: &ServiceContext<H>, session: Arc<Session<H>
     });
 }
 
-/// Claims the runs that a restart of the server interrupted, before any client is admitted.
+/// Claims runs interrupted by a server restart, before any client is admitted.
 pub(crate) async fn claim_interrupted<H: Host>(context: &ServiceContext<H>) -> Vec<SessionGuard<Session<H>>> {
     let host = context.host.clone();
     let runs = match ask("look for interrupted runs", async move { host.interrupted().await }).await {
@@ -108,7 +107,7 @@ pub(crate) async fn claim_interrupted<H: Host>(context: &ServiceContext<H>) -> V
     guards
 }
 
-/// Restores the open episodes of an interrupted run and waits for its client.
+/// Restores an interrupted run and waits for the client.
 pub(crate) async fn restore<H: Host>(context: ServiceContext<H>, guard: SessionGuard<Session<H>>) {
     let span = tracing::error_span!("session", run = guard.run);
     if let Err(failure) = try_restore(&context, guard).instrument(span).await {
@@ -132,7 +131,7 @@ async fn try_restore<H: Host>(context: &ServiceContext<H>, guard: SessionGuard<S
     end(context, session, guard, reason).await.map(drop)
 }
 
-/// Ends the sessions of runs that were cancelled outside gRPC, on the web page or the command line. Never returns.
+/// Ends sessions after a cancellation outside gRPC, on the web page or the command line. Never returns.
 pub(crate) async fn end_cancelled_runs<H: Host>(context: ServiceContext<H>) {
     let Some(control) = context.host.control().cloned() else { return std::future::pending().await };
     loop {
@@ -144,7 +143,7 @@ pub(crate) async fn end_cancelled_runs<H: Host>(context: ServiceContext<H>) {
     }
 }
 
-/// Ends runs whose wall time has passed, connected or not. Never returns.
+/// Ends expired runs, connected or not. Never returns.
 pub(crate) async fn end_expired_runs<H: Host>(context: ServiceContext<H>) {
     let mut ticks = interval(context.limits.overdue_interval);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -168,7 +167,7 @@ pub(crate) async fn end_expired_runs<H: Host>(context: ServiceContext<H>) {
 async fn expire<H: Host>(context: &ServiceContext<H>, run: String) {
     let host = context.host.clone();
     let id = run.clone();
-    // The host first: from then on no episode begins in the run, so none can start while its session ends.
+    // The host first: from then on no episode begins in the run, so none can start while the session ends.
     if let Err(failure) = ask("end an expired run", async move { host.expire_run(&id).await }).await {
         tracing::error!(why = failure.message(), "an expired run was not ended");
         return;
@@ -176,7 +175,7 @@ async fn expire<H: Host>(context: &ServiceContext<H>, run: String) {
     let registry = context.registry.clone();
     let stop = async move {
         registry.stop(&run, StopReason::Expired).await;
-        tracing::info!("the wall time of the run has passed");
+        tracing::info!("the run's wall time has passed");
     };
     tokio::spawn(stop.in_current_span());
 }

@@ -33,13 +33,13 @@ impl Refusal {
         Self { retry_after_s: Some(seconds), ..self }
     }
 
-    /// Creates a failure of the server itself: `detail` is logged, the agent receives an incident id.
+    /// Creates a server failure: `detail` is logged, the agent receives an incident id.
     pub fn internal(detail: impl Display) -> Self {
         Self::new(Reason::Internal, detail.to_string())
     }
 }
 
-/// A failure of the server. The log has the details under the id; the agent receives only the id.
+/// A server failure. The log has the details under the id; the agent receives only the id.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ServerFault {
     reason: Reason,
@@ -47,12 +47,12 @@ pub(crate) struct ServerFault {
 }
 
 impl ServerFault {
-    /// Logs a failure of anything but the simulator.
+    /// Logs a failure outside the simulator.
     pub(crate) fn log(attempt: &str, detail: impl Display) -> Self {
         Self::record(Reason::Internal, attempt, detail)
     }
 
-    /// Logs a failure of the simulator.
+    /// Logs a simulator failure.
     pub(crate) fn simulator(attempt: &str, detail: impl Display) -> Self {
         Self::record(Reason::SimFault, attempt, detail)
     }
@@ -72,7 +72,7 @@ impl ServerFault {
     }
 }
 
-/// Failure of a call, by the client or by the server.
+/// A failed call: the client's or the server's fault.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Failure {
     Refused(Refusal),
@@ -124,7 +124,7 @@ impl Failure {
     }
 }
 
-/// Subject of a fault; the default is the whole stream.
+/// A fault's subject; the default is the whole stream.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct FaultSubject<'a> {
     pub(crate) slot: Option<u32>,
@@ -162,12 +162,12 @@ impl From<Failure> for Status {
     }
 }
 
-/// Calls the host. A panic of the host becomes a server fault.
+/// Calls the host. A panic becomes a server fault.
 pub(crate) async fn ask<T: Send + 'static>(
     attempt: &'static str,
     work: impl Future<Output = Result<T, Refusal>> + Send + 'static,
 ) -> Result<T, Failure> {
-    // In its own task, so that a caller that hangs up does not cancel the work halfway.
+    // In a task, so that a caller that hangs up does not cancel the work halfway.
     match tokio::spawn(work.in_current_span()).await {
         Ok(answer) => answer.map_err(Failure::from),
         Err(broken) => Err(ServerFault::log(attempt, broken).into()),

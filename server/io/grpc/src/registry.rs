@@ -15,7 +15,7 @@ use tokio::{
     time::{Instant, timeout_at},
 };
 
-/// Registry of all sessions of a server, of type `S`.
+/// Registry of all sessions, of type `S`.
 pub(crate) struct SessionRegistry<S> {
     entries: Mutex<SessionEntries<S>>,
     summary: watch::Sender<RegistrySummary>,
@@ -30,7 +30,7 @@ struct RegistrySummary {
 
 struct SessionEntries<S> {
     by_run: BTreeMap<String, SessionEntry<S>>,
-    // A hash map with random keys: the time of a lookup reveals nothing about other tokens.
+    // A hash map with random keys: lookup times reveal no other tokens.
     run_of_token: HashMap<String, String>,
     /// Sessions between two connections, by run.
     handed_over: BTreeMap<String, Arc<S>>,
@@ -99,7 +99,7 @@ impl<S> SessionRegistry<S> {
         Err(Refusal::new(Reason::Draining, message).retry_after(30))
     }
 
-    /// Stops the present session of a run and returns the right to play it, with the previous session if that was handed over.
+    /// Stops a run's present session and returns the right to play, with the previous session if that was handed over.
     pub(crate) async fn enter(
         self: &Arc<Self>,
         run: &str,
@@ -109,13 +109,13 @@ impl<S> SessionRegistry<S> {
             let message = format!("the session that plays run {run} does not end; try again");
             return Err(Refusal::new(Reason::NoCapacity, message).retry_after(10));
         }
-        // Several connections may wait for the same session, some to resume and some to start over. The lock decides which of
-        // them enters. A connection that starts over closes a session that was handed over to another one; the loser stops the
-        // winner, or is refused if both entered at the same moment.
+        // Superseded during Resumed: several connections may wait for the same session, some to resume, some to start over. The
+        // lock decides who enters first. A connection that starts over closes a session that was handed over to another; the
+        // loser then stops the winner, or is refused if both arrived in the same moment.
         self.claim(run)
     }
 
-    /// Stops the session of a run and waits until its episodes are stored. Returns false if that takes too long.
+    /// Stops a run's session and waits until open episodes are stored. Returns false if that takes too long.
     pub(crate) async fn stop(&self, run: &str, reason: StopReason) -> bool {
         let deadline = Instant::now() + self.limits.handover;
         // A loop, because another connection may enter between the end of the session and this check.
@@ -166,7 +166,7 @@ impl<S> SessionRegistry<S> {
         Ok((guard, session))
     }
 
-    /// Returns the unary client of a run token, unless its session ends.
+    /// Returns a run token's unary client, unless the session ends.
     pub(crate) fn unary_client(&self, token: &str) -> Option<Arc<UnaryClient<S>>> {
         let entries = self.entries();
         let entry = entries.by_run.get(entries.run_of_token.get(token)?)?;
@@ -207,7 +207,7 @@ impl<S> SessionEntry<S> {
 }
 
 impl<S> SessionEntries<S> {
-    /// Returns the free slots for one more session of a team. Active teams have equal shares of `all`.
+    /// Returns a team's free slots for another session. Active teams have equal shares of `all`.
     fn share(&self, team: &str, all: u32) -> u32 {
         let playing = self.by_run.values().filter(|entry| entry.slots > 0).map(|entry| entry.team.as_str());
         let teams = playing.chain([team]).collect::<BTreeSet<_>>().len() as u32;
@@ -217,7 +217,7 @@ impl<S> SessionEntries<S> {
 }
 
 impl<S> SessionGuard<S> {
-    /// Grants slots: the smaller of `wished` and the team's share, but at least one and at least `held`, the number needed for
+    /// Grants slots: the smaller of `wished` and the team's share, but at least 1 and at least `held`, the number needed for
     /// open episodes.
     pub(crate) fn take_slots(&self, team: &str, wished: u32, held: u32) -> u32 {
         let mut entries = self.registry.entries();
@@ -237,7 +237,7 @@ impl<S> SessionGuard<S> {
         }
     }
 
-    /// Records the end of the attachment and returns the effective reason: an earlier stop by another party wins.
+    /// Records the attachment's end and returns the effective reason: an earlier stop by another party wins.
     pub(crate) fn ends(&self, reason: StopReason) -> StopReason {
         if reason.ending() != Ending::Detach {
             self.apply(AttachmentEvent::Stopped(reason));
@@ -264,7 +264,7 @@ impl<S> SessionGuard<S> {
     /// Waits until the session must end.
     pub(crate) async fn stopped(&mut self) -> StopReason {
         let closing = self.attachment.wait_for(|attachment| attachment.stop_reason().is_some()).await;
-        // The sender lives in the registry as long as this guard. Draining would lose nothing.
+        // The sender lives in the registry as long as this guard. Draining would lose no episode.
         closing.ok().and_then(|attachment| attachment.stop_reason()).unwrap_or(StopReason::Draining)
     }
 }

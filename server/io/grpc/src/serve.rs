@@ -1,4 +1,4 @@
-//! HTTP/2 server: one connection after its handshake, and the shutdown of the whole.
+//! HTTP/2 server: connections after the handshake, and shutdown.
 
 use crate::{context::ServiceContext, host::Host, limits::Limits, reaper, service};
 use avln_net::{AcceptLimits, AcceptLoop, Connection, Listener, Meter, Metered};
@@ -19,22 +19,22 @@ use tower::Service;
 
 /// Pause after a failed accept.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
-/// Unread bytes per call from a client, whose frames are tiny.
+/// Unread bytes per call from a client. Client frames are tiny.
 const STREAM_WINDOW_BYTES: u32 = 64 << 10;
 /// Unread bytes per connection from a client.
 const CONNECTION_WINDOW_BYTES: u32 = 1 << 20;
 /// Bytes per call that wait for the socket: a whole observation.
 const SEND_BUFFER_BYTES: usize = 1 << 20;
-/// Calls that a client may open and reset at once before its connection is closed.
+/// Calls that a client may open and reset at once before the connection closes.
 const PENDING_RESETS: usize = 20;
 /// Calls that the server may have to reset before it closes the connection.
 const LOCAL_RESETS: usize = 64;
-/// Received bytes per connection beyond replies and request headers: one and a half times the largest message of a client.
+/// Received bytes per connection beyond replies and request headers: 1.5 times the largest client message.
 const EXCESS_BYTES: i64 = 96 << 10;
-/// Delay of new connections from an address whose connection had to be cut.
+/// Delay for new connections after a flood from the same address.
 const PENALTY: Duration = Duration::from_secs(2);
 
-/// Error of a server that cannot start.
+/// Error: the server cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
     /// The compiled `.proto` files are unreadable.
@@ -44,7 +44,7 @@ pub enum ServeError {
 
 /// Serves agents on `listener` until `shutdown` completes and all sessions have ended.
 ///
-/// Open episodes remain in the run log, and the next server continues them.
+/// Open episodes remain in the run log for the next server.
 ///
 /// # Errors
 /// If the server cannot start. Clients cannot cause an error.
@@ -100,7 +100,7 @@ fn accept_limits(limits: &Limits) -> AcceptLimits {
     }
 }
 
-/// Serves one connection until either side closes it, and delays others from its address after a flood.
+/// Serves a connection until either side closes it. After a flood, delays others from the same address.
 async fn serve_connection(connection: Connection, limits: Arc<Limits>, routes: Routes) {
     let Connection { stream, opened, place, mut closing, .. } = connection;
     let meter = Meter::new(EXCESS_BYTES);
@@ -144,7 +144,7 @@ async fn serve_connection(connection: Connection, limits: Arc<Limits>, routes: R
         }
     }
     if meter.exceeds(i64::from(limits.header_bytes)) {
-        tracing::warn!("connection closed: its client sent far more than its requests need");
+        tracing::warn!("connection closed: its client sent excessive data");
         place.delay_others(Instant::now() + PENALTY);
     }
 }

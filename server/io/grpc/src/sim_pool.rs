@@ -45,7 +45,7 @@ struct Job {
 }
 
 impl SimPool {
-    /// Starts a pool of `threads` threads, at least one.
+    /// Starts `threads` threads, at least one.
     pub(crate) fn new(threads: usize, watchdog: Watchdog) -> Self {
         let state = Arc::new(PoolState { queue: Mutex::default(), changed: Condvar::new(), watchdog });
         for _ in 0..threads.max(1) {
@@ -54,10 +54,10 @@ impl SimPool {
         Self(Arc::new(PoolOwner(state)))
     }
 
-    /// Runs a job of a team in its turn and waits for the result.
+    /// Runs a team's job in turn and waits for the result.
     ///
     /// # Errors
-    /// If the job takes longer than `limit`, counted from its turn, before it commits, or if it panics.
+    /// If the job panics, or does not commit within `limit` after the start.
     pub(crate) async fn run<T: Send + 'static>(
         &self,
         team: &str,
@@ -104,7 +104,7 @@ impl PoolState {
                 state.queue().jobs.done(&abandoned_team, limit);
                 state.spawn_worker();
             };
-            // An abandoned thread has its replacement already: it must not take another job.
+            // An abandoned thread was already replaced: it must not take another job.
             if !self.watchdog.watched(limit, &token, replace, || body(&token)) {
                 return;
             }
@@ -133,7 +133,7 @@ impl Drop for PoolOwner {
     }
 }
 
-/// Access of one team to the pool.
+/// A team's access to the pool.
 pub(crate) struct SimClient {
     pool: SimPool,
     team: String,
@@ -174,7 +174,7 @@ impl SimClient {
 
 /// Ends an episode from outside.
 pub(crate) fn truncate<E: Episode>(hosted: &mut HostedEpisode<E>, reason: EndReason) {
-    // After an earlier panic the simulator may be in any state and panic again.
+    // After an earlier panic the simulator may be in any state, and this call may panic too.
     if let Err(panic) = catch_unwind(AssertUnwindSafe(|| hosted.episode.truncate(reason))) {
         ServerFault::simulator("truncate", panic_message(&*panic));
     }

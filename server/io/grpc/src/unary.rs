@@ -1,4 +1,4 @@
-//! Unary calls: the same session as that of a stream, with a single slot, found by the run token.
+//! Unary calls: a session with a single slot, found by the run token.
 
 use crate::{
     admission::{admit, check},
@@ -21,7 +21,7 @@ use tracing::Instrument;
 /// Slot that unary calls play.
 const SLOT: u32 = 0;
 
-/// Handles Reset: Hello and Ready in one call.
+/// Handles Reset: Hello and Ready in a single call.
 pub(crate) async fn reset<H: Host>(
     context: &ServiceContext<H>,
     token: &str,
@@ -104,7 +104,7 @@ async fn open<H: Host>(context: &ServiceContext<H>, token: &str, hello: &v1::Hel
     Ok(client)
 }
 
-/// Waits for the end of a session and carries it out.
+/// Waits for a session's end and carries it out.
 async fn supervise<H: Host>(context: ServiceContext<H>, client: Arc<UnaryClient<Session<H>>>, mut guard: SessionGuard<Session<H>>) {
     let reason = tokio::select! {
         biased;
@@ -129,17 +129,17 @@ async fn idle<H: Host>(client: &UnaryClient<Session<H>>, limit: Duration) {
     }
 }
 
-/// Sends a request to the slot and waits for its reply.
+/// Sends a request to the slot and waits for the reply.
 async fn send<H: Host>(
     context: &ServiceContext<H>,
     client: &UnaryClient<Session<H>>,
     request: SlotRequest,
 ) -> Result<SlotReply, Failure> {
-    // At both ends, so that neither a long step nor the time until the next call counts as idle on its own.
+    // Before and after, so that a long step does not count as idle time.
     client.last_call.send_replace(Instant::now());
     let reply = client.session.call(SLOT, request).await;
     client.last_call.send_replace(Instant::now());
-    // A session that ended because the server stops reports the stop, not its own end.
+    // After a server stop, the caller must learn of the stop and not of the session's end.
     reply.map_err(|failure| context.registry.check_open().err().map_or(failure, Failure::from))
 }
 
@@ -155,7 +155,7 @@ fn unexpected(reply: &SlotReply) -> Failure {
     ServerFault::log("answer a unary call", format!("{reply:?}")).into()
 }
 
-/// Returns the client of the token's session.
+/// Returns the token's client.
 async fn find<H: Host>(context: &ServiceContext<H>, token: &str) -> Result<Arc<UnaryClient<Session<H>>>, Failure> {
     if let Some(client) = context.registry.unary_client(token) {
         return Ok(client);
@@ -168,7 +168,7 @@ async fn find<H: Host>(context: &ServiceContext<H>, token: &str) -> Result<Arc<U
     Err(Failure::new(Reason::EpisodeUnknown, message))
 }
 
-/// Ends the session of the run, whichever its kind, and then the run.
+/// Ends the run's session and then the run.
 async fn leave<H: Host>(context: &ServiceContext<H>, run: &str) -> Result<v1::RunEnd, Failure> {
     context.registry.stop(run, StopReason::Cancelled).await;
     context.finish_run(run).await

@@ -15,7 +15,7 @@ use std::{
 use tokio::sync::{Notify, oneshot};
 use tracing::Span;
 
-/// A watchdog over threads. Clones share it; its own thread ends with the last clone.
+/// A watchdog over threads. Clones share it; the watchdog thread ends with the last clone.
 #[derive(Clone, Debug, Default)]
 pub struct Watchdog(Arc<WatchdogOwner>);
 
@@ -52,7 +52,7 @@ impl std::fmt::Debug for WatchedJob {
     }
 }
 
-/// Error of a job without a result.
+/// Error: a job has no result.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Lost {
     /// The job exceeded its limit and may never end.
@@ -63,7 +63,7 @@ pub enum Lost {
     Panicked(String),
 }
 
-/// State of one job: running, committed or abandoned.
+/// Job state: running, committed or abandoned.
 #[derive(Debug, Default)]
 pub(crate) struct CancelToken {
     state: AtomicU8,
@@ -75,11 +75,11 @@ const COMMITTED: u8 = 1;
 const ABANDONED: u8 = 2;
 
 impl CancelToken {
-    /// Commits the job: its result counts from now on, regardless of the time limit. Returns false if the job was abandoned
-    /// before. Visible effects of a job must come after this call.
+    /// Commits the job: the result counts from now on, regardless of the time limit. Returns false if the job was abandoned
+    /// before. Visible effects must come after this call.
     #[must_use]
     pub(crate) fn commit(&self) -> bool {
-        // One atomic exchange decides the race between the job and the watchdog: exactly one of them wins.
+        // A single atomic exchange decides the race between job and watchdog, so exactly one side wins.
         let before = self.state.compare_exchange(RUNNING, COMMITTED, Ordering::AcqRel, Ordering::Acquire);
         matches!(before, Ok(_) | Err(COMMITTED))
     }
@@ -104,17 +104,17 @@ impl CancelToken {
 }
 
 impl Watchdog {
-    /// Returns the number of abandoned threads that still run.
+    /// Counts abandoned threads that still run.
     pub fn hanging(&self) -> usize {
         self.state().hanging.load(Ordering::Relaxed)
     }
 
-    /// Returns the number of jobs abandoned so far.
+    /// Counts abandoned jobs.
     pub fn given_up(&self) -> u64 {
         self.state().given_up.load(Ordering::Relaxed)
     }
 
-    /// Runs `work` on its own thread and waits up to `limit` for the result.
+    /// Runs `work` on a new thread and waits up to `limit` for the result.
     ///
     /// # Errors
     /// If the work hangs or panics.
@@ -233,7 +233,7 @@ impl Drop for WatchdogOwner {
     }
 }
 
-/// Waits for the result of a job, or until the job is abandoned.
+/// Waits for a job's result, or until the job is abandoned.
 pub(crate) async fn settle<T>(
     limit: Duration,
     token: &CancelToken,
@@ -246,7 +246,7 @@ pub(crate) async fn settle<T>(
     }
 }
 
-/// Returns the message of a panic.
+/// Returns a panic's message.
 pub(crate) fn panic_message(panic: &(dyn Any + Send)) -> String {
     let message = panic.downcast_ref::<&str>().copied();
     let message = message.or_else(|| panic.downcast_ref::<String>().map(String::as_str));

@@ -15,14 +15,14 @@ use tokio::{
     time::{Instant, sleep, sleep_until},
 };
 
-/// Limits of an accept loop.
+/// Accept loop limits.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AcceptLimits {
     /// Open connections.
     pub max_connections: usize,
     /// Open connections per address.
     pub max_connections_per_address: usize,
-    /// Whether new connections wait in the queue of the system while all places are taken, instead of being closed.
+    /// Whether new connections wait in the system's queue while all places are taken, instead of being closed.
     pub waits_when_full: bool,
     /// Time for a TLS handshake.
     pub handshake: Duration,
@@ -32,7 +32,7 @@ pub struct AcceptLimits {
     pub max_failures: Option<u32>,
 }
 
-/// An accept loop on a listener.
+/// An accept loop.
 #[derive(Debug)]
 pub struct AcceptLoop {
     listener: Listener,
@@ -41,14 +41,14 @@ pub struct AcceptLoop {
     connections: Connections,
 }
 
-/// The open connections of an accept loop.
+/// Open connections.
 #[derive(Debug)]
 pub struct Connections {
     closing: watch::Sender<bool>,
     tasks: JoinSet<()>,
 }
 
-/// An accepted connection, after its handshake.
+/// An accepted connection, after the handshake.
 #[derive(Debug)]
 pub struct Connection {
     /// Byte stream.
@@ -76,14 +76,14 @@ impl Closing {
 }
 
 impl AcceptLoop {
-    /// Creates a loop that accepts nothing until [`AcceptLoop::run`] is called.
+    /// Creates a loop for [`AcceptLoop::run`].
     pub fn new(listener: impl Into<Listener>, limits: AcceptLimits) -> Self {
         let limiter = ConnectionLimiter::new(limits.max_connections, limits.max_connections_per_address);
         let connections = Connections { closing: watch::Sender::new(false), tasks: JoinSet::new() };
         Self { listener: listener.into(), limits, limiter, connections }
     }
 
-    /// Accepts connections and runs `handle` for each of them in a task of its own. Returns only if accepting keeps failing.
+    /// Accepts connections and spawns `handle` for each. Returns after too many failed accepts.
     pub async fn run<F, T>(&mut self, handle: F) -> io::Error
     where
         F: Fn(Connection) -> T + Clone + Send + 'static,
@@ -149,17 +149,17 @@ impl Connections {
     }
 }
 
-/// Number of open connections, in total and per address.
+/// Connection counts, in total and per address.
 #[derive(Debug)]
 struct ConnectionLimiter {
     total: Arc<Semaphore>,
     by_address: Mutex<BTreeMap<IpAddr, usize>>,
     limit_per_address: usize,
-    /// Addresses with a penalty, and its end.
+    /// Ends of penalties by address.
     delayed: Mutex<BTreeMap<IpAddr, Instant>>,
 }
 
-/// Place of an open connection in the limits, until it is dropped.
+/// An open connection's place, until it is dropped.
 #[derive(Debug)]
 pub struct Place {
     limiter: Arc<ConnectionLimiter>,
@@ -173,7 +173,7 @@ impl ConnectionLimiter {
         Arc::new(Self { total, by_address: Mutex::default(), limit_per_address, delayed: Mutex::default() })
     }
 
-    /// Takes a place of the total, waiting for one.
+    /// Waits for a place.
     async fn wait(&self) -> Option<OwnedSemaphorePermit> {
         self.total.clone().acquire_owned().await.ok()
     }
@@ -200,12 +200,12 @@ impl ConnectionLimiter {
 }
 
 impl Place {
-    /// Delays new connections from this address, because this one had to be cut.
+    /// Delays new connections from this address.
     pub fn delay_others(&self, until: Instant) {
         self.limiter.delayed().insert(self.address, until);
     }
 
-    /// Returns the end of the delay of this connection.
+    /// Returns the end of this connection's delay.
     fn delayed_until(&self) -> Option<Instant> {
         let mut delayed = self.limiter.delayed();
         delayed.retain(|_, until| *until > Instant::now());

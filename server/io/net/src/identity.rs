@@ -1,4 +1,4 @@
-//! Certificates and keys, read from files and read again when the files change.
+//! Certificates and keys, reloaded when the files change.
 
 use crate::Protocol;
 use std::{
@@ -22,7 +22,7 @@ use tokio_rustls::{
 /// Shortest time between two looks at the files.
 const CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Error of a certificate or key.
+/// Certificate or key error.
 #[derive(Debug, thiserror::Error)]
 pub enum TlsError {
     /// A file cannot be read as PEM.
@@ -53,7 +53,7 @@ pub enum TlsError {
     },
 }
 
-/// TLS identity of a server: certificate and key.
+/// TLS identity: certificate and key.
 #[derive(Clone)]
 pub struct Identity {
     config: ServerConfig,
@@ -61,8 +61,8 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// Reads a certificate chain, the server's own certificate first, and its key, both PEM. Later changes of the files apply
-    /// to new connections.
+    /// Reads a certificate chain, the server's own certificate first, and the key, both PEM. Later file changes apply to new
+    /// connections.
     ///
     /// # Errors
     /// If a file cannot be read or has other content, or certificate and key do not match.
@@ -96,7 +96,7 @@ impl std::fmt::Debug for Identity {
     }
 }
 
-/// A certificate and a key that are read again when their files change.
+/// A certificate and a key, reloaded when the files change.
 #[derive(Debug)]
 struct ReloadingFiles {
     certificate: PathBuf,
@@ -111,7 +111,7 @@ struct LoadedPair {
     checked: Instant,
 }
 
-/// Modification time and length of a file.
+/// A file's modification time and length.
 type FileVersion = (SystemTime, u64);
 
 impl ReloadingFiles {
@@ -127,14 +127,14 @@ impl ReloadingFiles {
         self.loaded.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Reads the files again if they have changed.
+    /// Reloads the files if they have changed.
     fn refresh(&self, loaded: &mut LoadedPair) {
         let versions = file_versions(&self.certificate, &self.key);
         if versions == loaded.versions {
             return;
         }
         // Recorded also after a failure, so that a bad file is reported once and not for every connection. Programs write one
-        // file after the other: the pair that does not match yet fails, and the second file's change leads here again.
+        // file after the other: the pair that does not match yet fails, and the second file's change leads here once more.
         loaded.versions = versions;
         match read_pair(&self.certificate, &self.key) {
             Ok(certified) => {
@@ -209,9 +209,9 @@ fn unusable(certificate: &Path, key: &Path, error: &RustlsError) -> TlsError {
     }
 }
 
-/// Returns a problem with the dates of the certificate.
+/// Returns a problem with the certificate's dates.
 fn out_of_date(chain: &[CertificateDer<'static>]) -> Option<&'static str> {
-    // The chain serves as its own root: the issuer is for clients to judge, only the dates matter here.
+    // The chain serves as root too: clients judge the issuer, only the dates matter here.
     let own = chain.first()?;
     let mut roots = RootCertStore::empty();
     roots.add_parsable_certificates(chain.iter().cloned());
@@ -233,7 +233,7 @@ mod tests {
     use super::*;
     use rcgen::{CertificateParams, KeyPair};
 
-    /// Writes a certificate and its key with a modification time. Returns the certificate in DER form.
+    /// Writes certificate and key with a modification time. Returns the certificate in DER form.
     fn write(folder: &Path, names: &[&str], modified: SystemTime) -> Vec<u8> {
         let params = CertificateParams::new(["localhost".to_owned()]).unwrap();
         let key = KeyPair::generate().unwrap();

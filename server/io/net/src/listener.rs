@@ -26,7 +26,7 @@ pub enum Protocol {
 
 /// Bytes of plain text that are read before the connection closes.
 const MAX_PLAIN_TEXT: u64 = 64 << 10;
-/// First byte of a TLS connection: the type of a handshake record.
+/// First byte of a TLS connection: the handshake record type.
 const HANDSHAKE: u8 = 0x16;
 const ADVICE: &str = "this port uses TLS: write https:// in the address";
 
@@ -39,7 +39,7 @@ impl Protocol {
         }
     }
 
-    /// Returns the answer to a client that sends plain text, in its own protocol.
+    /// Returns the answer to plain text, in the client's protocol.
     fn plain_text_answer(self) -> Vec<u8> {
         match self {
             Self::Http1 => format!(
@@ -78,7 +78,7 @@ impl Listener {
         Self { tcp, handshaker: Handshaker(tls) }
     }
 
-    /// Accepts a connection, before its handshake.
+    /// Accepts a connection, before the handshake.
     ///
     /// # Errors
     /// If the system cannot provide a connection.
@@ -97,11 +97,11 @@ impl Listener {
     }
 }
 
-/// Performs the handshakes of a listener.
+/// Performs TLS handshakes.
 #[derive(Clone)]
 pub struct Handshaker(Option<(TlsAcceptor, Protocol)>);
 
-/// Error of a handshake.
+/// Handshake error.
 #[derive(Debug, thiserror::Error)]
 pub enum HandshakeError {
     /// The client was silent for too long.
@@ -147,7 +147,7 @@ impl std::fmt::Debug for Handshaker {
     }
 }
 
-/// Byte stream of a connection.
+/// A connection's byte stream.
 #[derive(Debug)]
 pub enum Stream {
     /// Plain text.

@@ -1,4 +1,4 @@
-//! Detection of connections that send far more than their requests can need.
+//! Detection of connections that send more than their requests need.
 
 use std::{
     io,
@@ -11,7 +11,7 @@ use std::{
 };
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
-/// Received bytes of a connection, minus sent bytes and minus an allowance per request.
+/// Received bytes, minus sent bytes and an allowance per request.
 ///
 /// Clients send little and receive much, so a flood of headers, frames or pings without requests makes the excess grow.
 #[derive(Debug)]
@@ -79,7 +79,7 @@ impl<S: AsyncRead + Unpin> AsyncRead for Metered<S> {
         let outcome = Pin::new(&mut self.inner).poll_read(context, buffer);
         self.meter.count((buffer.filled().len() - before) as i64);
         if self.meter.is_full() {
-            return Poll::Ready(Err(io::Error::other("the peer sends far more than its requests need")));
+            return Poll::Ready(Err(io::Error::other("the peer sends excessive data")));
         }
         outcome
     }
@@ -139,7 +139,7 @@ mod tests {
         server.read_exact(&mut buffer).await.unwrap();
         peer.write_all(&[1; 900]).await.unwrap();
         let error = server.read_exact(&mut buffer).await.unwrap_err();
-        assert!(meter.is_full() && error.to_string().contains("far more"), "{error}");
+        assert!(meter.is_full() && error.to_string().contains("excessive"), "{error}");
     }
 
     #[test]

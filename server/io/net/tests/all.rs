@@ -9,7 +9,7 @@ use tokio::{
     net::{TcpListener, TcpStream},
 };
 
-/// Certificate for localhost and its key.
+/// Certificate and key for localhost.
 struct Issued {
     folder: TempDir,
     certificate: PathBuf,
@@ -114,7 +114,7 @@ fn limits(waits_when_full: bool) -> AcceptLimits {
     }
 }
 
-/// Runs a loop that sends every connection one byte and closes it after the client has.
+/// Runs a loop that sends a byte per connection and closes after the client.
 async fn serve(limits: AcceptLimits) -> std::net::SocketAddr {
     let tcp = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = tcp.local_addr().unwrap();

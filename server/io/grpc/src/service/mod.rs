@@ -42,7 +42,7 @@ pub(crate) async fn routes<H: Host>(
     Ok((routes.prepare(), reporter))
 }
 
-/// Sets the health of all services and of the server.
+/// Sets the health of server and services.
 pub(crate) async fn set_health<H: Host>(reporter: &HealthReporter, up: bool) {
     use tonic::server::NamedService;
     use tonic_health::ServingStatus::{NotServing, Serving};
@@ -58,7 +58,7 @@ pub(crate) async fn set_health<H: Host>(reporter: &HealthReporter, up: bool) {
     }
 }
 
-/// Returns the bearer token of a call.
+/// Returns a call's bearer token.
 fn bearer(metadata: &MetadataMap) -> Result<String, Refusal> {
     let Some(value) = metadata.get("authorization") else {
         let message = "this call needs the metadata 'authorization: Bearer <token>'";
@@ -75,7 +75,7 @@ fn bearer(metadata: &MetadataMap) -> Result<String, Refusal> {
     }
 }
 
-/// Public information about the server.
+/// Info service: public information.
 struct InfoCalls<H: Host>(ServiceContext<H>);
 
 #[tonic::async_trait]
@@ -113,7 +113,7 @@ impl<H: Host> InfoService for InfoCalls<H> {
     }
 }
 
-/// Playing of episodes, by stream or by unary calls.
+/// Play service: streams and unary calls.
 struct PlayCalls<H: Host>(ServiceContext<H>);
 
 #[tonic::async_trait]
@@ -131,7 +131,7 @@ impl<H: Host> PlayService for PlayCalls<H> {
         // Two frames per slot: an observation and the end of its episode.
         let (out, frames) = outbound(2 * open.slot_limit() as usize, context.limits.reader_stall);
         let stream = PlayStream { context, token, inbound: request.into_inner(), out };
-        // In its own task, so that episodes are stored even if the connection is cut.
+        // In a task, so that episodes are stored even if the connection is cut.
         tokio::spawn(stream.run());
         Ok(Response::new(frames))
     }

@@ -1,4 +1,4 @@
-//! Calls of the run service: a team's runs and quotas.
+//! Run service: a team's runs and quotas.
 
 use super::bearer;
 use crate::{
@@ -17,23 +17,23 @@ use tokio::{sync::mpsc, time::sleep};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, metadata::MetadataMap};
 
-/// Time between two looks at a watched run.
+/// Time between looks at a watched run.
 const WATCH_INTERVAL: Duration = Duration::from_secs(1);
-/// Default number of runs per page.
+/// Default runs per page.
 const PAGE: usize = 50;
-/// Largest number of runs per page.
+/// Maximum runs per page.
 const LARGEST_PAGE: usize = 200;
-/// Longest name of a method, characters.
+/// Longest method name, characters.
 const MAX_METHOD_CHARS: usize = 80;
-/// Longest version of a method, characters.
+/// Longest method version, characters.
 const MAX_VERSION_CHARS: usize = 40;
-/// Longest description of a method, characters.
+/// Longest method description, characters.
 const MAX_DESCRIPTION_CHARS: usize = 2000;
-/// Longest address of code or paper, characters.
+/// Longest code or paper address, characters.
 const MAX_URL_CHARS: usize = 500;
-/// Longest licence or description of training data, characters.
+/// Longest licence or training data description, characters.
 const MAX_NOTE_CHARS: usize = 500;
-/// Longest id of a request, characters.
+/// Longest request id, characters.
 const MAX_REQUEST_ID_CHARS: usize = 64;
 
 /// A team's runs.
@@ -46,7 +46,7 @@ impl<H: Host> RunCalls<H> {
         ask("look an account up", async move { host.account(&token).await }).await
     }
 
-    /// Returns the account of a team's token.
+    /// Returns the account, if it belongs to a team.
     async fn team(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
         let account = self.account(metadata).await?;
         match account.scope {
@@ -55,7 +55,7 @@ impl<H: Host> RunCalls<H> {
         }
     }
 
-    /// Returns the account of a token that may start and cancel runs.
+    /// Returns the account, if it may start and cancel runs.
     async fn participant(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
         let account = self.team(metadata).await?;
         match account.scope {
@@ -69,7 +69,7 @@ impl<H: Host> RunCalls<H> {
         ask("look a run up", async move { host.run(&account, &run).await }).await
     }
 
-    /// Returns the requested order, or the only one of the phase.
+    /// Returns the requested order, or the phase's only order.
     async fn order(&self, wanted: v1::Order, account: &Account, phase: &str) -> Result<Order, Failure> {
         match wanted {
             v1::Order::Ordered => return Ok(Order::Ordered),
@@ -150,8 +150,8 @@ impl<H: Host> RunService for RunCalls<H> {
         request: Request<v1::CancelRunRequest>,
     ) -> Result<Response<v1::CancelRunResponse>, Status> {
         let account = self.participant(request.metadata()).await?;
-        // The lookup comes first: only the run's own team may stop its session. Then the store: if the session ended first and its
-        // last episode with it, the run would be completed instead of cancelled.
+        // The lookup comes first: only the run's own team may stop its session. Then the store: if the session ended first, with the
+        // last episode, the run would be completed instead of cancelled.
         let run = self.status(&account, &request.get_ref().run).await?.run;
         let (host, team, id) = (self.0.host.clone(), account.clone(), run.clone());
         ask("cancel a run", async move { host.cancel_run(&team, &id).await }).await?;
@@ -253,7 +253,7 @@ fn checked_id(id: &str) -> Result<String, Refusal> {
     text("id", id, 1, Limits::MAX_TEXT_BYTES)
 }
 
-/// Checks the description of a method.
+/// Checks a method description.
 fn checked_method(method: v1::MethodInfo) -> Result<MethodInfo, Refusal> {
     Ok(MethodInfo {
         name: text("method.name", method.name.trim(), 1, MAX_METHOD_CHARS)?,
@@ -284,7 +284,7 @@ fn paragraphs(field: &str, value: &str, max: usize) -> Result<String, Refusal> {
     Ok(value.to_owned())
 }
 
-/// Checks the length of a text, in characters, and the absence of control characters.
+/// Checks a text's length, in characters, and refuses control characters.
 fn text(field: &str, value: &str, min: usize, max: usize) -> Result<String, Refusal> {
     let length = value.chars().count();
     if !(min..=max).contains(&length) || value.chars().any(char::is_control) {
@@ -295,7 +295,7 @@ fn text(field: &str, value: &str, min: usize, max: usize) -> Result<String, Refu
     Ok(value.to_owned())
 }
 
-/// Returns one page of the runs. The token of a page is the id of the run before it.
+/// Returns a page of runs. A page token is the id of the run before the page.
 fn page(runs: Vec<RunStatus>, request: &v1::ListRunsRequest) -> Result<v1::ListRunsResponse, Refusal> {
     let size = match request.page_size as usize {
         0 => PAGE,

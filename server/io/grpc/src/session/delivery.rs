@@ -1,8 +1,8 @@
-//! Ends of episodes, and delivery of a slot's replies to its client, also after a lost connection.
+//! Episode ends, and delivery of replies, also after a lost connection.
 
 use super::{
     playing::{Audience, FinishedEpisode, LastStep, Received, SlotReply},
-    slot::{Slot, SlotState},
+    slot::{Slot, SlotContent},
 };
 use crate::{
     episode::{Episode, HostedEpisode},
@@ -16,7 +16,7 @@ use avln_proto::v1::{self, Reason, play_response::Frame};
 use std::{sync::Arc, time::Duration};
 
 impl<H: Host> Slot<H> {
-    /// Ends an episode whose first observation failed.
+    /// Ends an episode after a failed start.
     pub(super) async fn failed_to_start(
         &mut self,
         mut hosted: HostedEpisode<H::Episode>,
@@ -27,7 +27,7 @@ impl<H: Host> Slot<H> {
         Err(fault.into())
     }
 
-    /// Ends an episode whose simulator failed in a step. Other episodes are not affected.
+    /// Ends an episode after a failed step. Other episodes are not affected.
     pub(super) async fn broken(
         &mut self,
         mut hosted: HostedEpisode<H::Episode>,
@@ -41,7 +41,7 @@ impl<H: Host> Slot<H> {
         SlotReply::Step(Box::new(v1::StepResponse { observation: None, episode_end }))
     }
 
-    /// Ends an episode whose simulator hangs in a step. It is lost with the hanging thread.
+    /// Ends an episode after a hanging step. It is lost with the hanging thread.
     pub(super) async fn timed_out(
         &mut self,
         handle: &str,
@@ -53,7 +53,7 @@ impl<H: Host> Slot<H> {
         self.report_fault(handle, act.step, fault).await;
         self.mark_lost(handle, ticket).await;
         let end = self.end_frame(handle, last.observation.step, EndReason::ServerFault, None);
-        self.state = SlotState::Finished(Box::new(FinishedEpisode { last, end: end.clone() }));
+        self.state = SlotContent::Finished(Box::new(FinishedEpisode { last, end: end.clone() }));
         SlotReply::Step(Box::new(v1::StepResponse { observation: None, episode_end: Some(end) }))
     }
 
@@ -64,7 +64,7 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    /// Returns a lost episode to the host, to be played again.
+    /// Reports a lost episode to the host, which restarts it.
     pub(super) async fn mark_lost(&mut self, handle: &str, ticket: u64) {
         let host = self.session.host.clone();
         let run = self.session.run.clone();
@@ -77,8 +77,8 @@ impl<H: Host> Slot<H> {
 
     /// Ends an open episode from outside and stores it.
     pub(super) async fn store_open_episode(&mut self, reason: EndReason) -> Option<v1::EpisodeEnd> {
-        match std::mem::replace(&mut self.state, SlotState::Idle) {
-            SlotState::Playing(mut playing) => {
+        match std::mem::replace(&mut self.state, SlotContent::Idle) {
+            SlotContent::Playing(mut playing) => {
                 playing.stop_clock();
                 truncate(&mut playing.hosted, reason);
                 Some(self.end_with(playing.hosted, playing.last).await)
@@ -90,7 +90,7 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    /// Ends an open episode and sends its end to the client.
+    /// Ends an open episode and reports the end to the client.
     pub(super) async fn cut(&mut self, reason: EndReason) {
         if let Some(end) = self.store_open_episode(reason).await {
             self.deliver(FaultSubject::default(), Ok(SlotReply::Ended(Box::new(end)))).await;
@@ -99,7 +99,7 @@ impl<H: Host> Slot<H> {
 
     pub(super) async fn end_with(&mut self, hosted: HostedEpisode<H::Episode>, last: LastStep) -> v1::EpisodeEnd {
         let end = self.conclude(hosted).await;
-        self.state = SlotState::Finished(Box::new(FinishedEpisode { last, end: end.clone() }));
+        self.state = SlotContent::Finished(Box::new(FinishedEpisode { last, end: end.clone() }));
         end
     }
 
@@ -113,7 +113,7 @@ impl<H: Host> Slot<H> {
         let stored = ask("conclude", async move { host.conclude(&run, hosted).await }).await;
         let (reason, outcome) = match stored {
             Ok(outcome) => (reason, outcome),
-            // An episode without a stored result must not count for its agent, whatever happened in it.
+            // An episode without a stored result must not count for the agent.
             Err(failure) => {
                 tracing::error!(episode, why = failure.message(), "episode not stored");
                 (EndReason::ServerFault, None)
@@ -156,7 +156,7 @@ impl<H: Host> Slot<H> {
             let starts_clock = matches!(frame, Frame::EpisodeStart(_) | Frame::Observation(_));
             // A client that does not read is noticed by the stream itself.
             let Ok(departure) = out.send(frame).await else { return };
-            if let SlotState::Playing(playing) = &mut self.state
+            if let SlotContent::Playing(playing) = &mut self.state
                 && starts_clock
                 && !playing.clock.runs()
             {
@@ -165,18 +165,18 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    /// Sends a new stream the frames it missed. Returns whether the agent's clock restarted because the observation that it
-    /// must answer had not arrived.
+    /// Sends missed frames to a new stream. Returns whether the agent's clock restarted because the last observation had not
+    /// arrived.
     pub(super) async fn catch_up(&mut self, known: Option<v1::SlotPosition>, away: Duration) -> bool {
         if !matches!(self.audience, Audience::Stream(_)) {
             return false;
         }
         let missed = match (&self.state, &known) {
-            (SlotState::Playing(playing), known) => {
+            (SlotContent::Playing(playing), known) => {
                 let received = playing.received_by(known.as_ref());
                 return self.catch_up_playing(received, away).await;
             }
-            (SlotState::Finished(over), Some(known)) if known.episode == over.end.episode => {
+            (SlotContent::Finished(over), Some(known)) if known.episode == over.end.episode => {
                 Ok(over.missed(known))
             }
             (_, Some(known)) => self.earlier_end(known).await,
@@ -189,8 +189,8 @@ impl<H: Host> Slot<H> {
     }
 
     async fn catch_up_playing(&mut self, received: Received, away: Duration) -> bool {
-        let SlotState::Playing(playing) = &mut self.state else { return false };
-        // The clock of an observation that arrived goes on: the agent could think while it was disconnected.
+        let SlotContent::Playing(playing) = &mut self.state else { return false };
+        // The clock of a received observation runs on: the agent could think while it was disconnected.
         let arrived = received == Received::LastObservation && playing.clock.runs();
         let frame = match received {
             Received::Nothing => Frame::EpisodeStart(playing.start_frame(self.id, &self.session)),
@@ -210,7 +210,7 @@ impl<H: Host> Slot<H> {
         restarted
     }
 
-    /// Returns the end of an earlier episode of the slot.
+    /// Returns an earlier episode's end.
     async fn earlier_end(&mut self, known: &v1::SlotPosition) -> Result<SlotReply, Failure> {
         let Some(end) = stored_end(&self.session.host, &self.session.run, known).await? else {
             let message = "the episode is not of this run, or will be played again; send Ready";
@@ -221,7 +221,7 @@ impl<H: Host> Slot<H> {
     }
 }
 
-/// Returns the end of an episode, if its result is stored.
+/// Returns an episode's end, if a result is stored.
 pub(crate) async fn stored_end<H: Host>(
     host: &Arc<H>,
     run: &str,
@@ -242,7 +242,7 @@ pub(crate) async fn stored_end<H: Host>(
     }))
 }
 
-/// Returns the frames of a reply on a stream.
+/// Returns a reply's frames.
 fn frames(subject: FaultSubject<'_>, reply: Result<SlotReply, Failure>) -> Vec<Frame> {
     match reply {
         Ok(SlotReply::Start(start)) => vec![Frame::EpisodeStart(*start)],

@@ -1,6 +1,6 @@
-//! Session of a run: its slots, a task each, and their shared state.
+//! Session: the slots of a run, as tasks, and the shared state.
 //!
-//! A session outlives its connection. Without a client, its slots keep their episodes for a limited time.
+//! A session outlives the connection. Without a client, open episodes wait for a limited time.
 
 mod clock;
 mod delivery;
@@ -40,11 +40,11 @@ use tokio::{
 };
 use tracing::Instrument;
 
-/// Frames that may wait for one slot: an action, and one sent too early.
+/// Frames that may wait per slot: an action, and another sent too early.
 const WAITING_FRAMES: usize = 2;
 
-/// State shared by all slots of a run.
-pub(crate) struct SessionState<H> {
+/// State shared by all slots.
+pub(crate) struct SessionContext<H> {
     host: Arc<H>,
     simulator: SimClient,
     sensors: Sensors,
@@ -54,18 +54,18 @@ pub(crate) struct SessionState<H> {
     progress: ProgressTracker,
 }
 
-/// End of the slots of a session.
+/// End of all slots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SlotEnding {
     /// Open episodes end for this reason and are stored.
     Close(EndReason),
-    /// Open episodes remain in the run log, and the next server continues them.
+    /// Open episodes remain in the run log for the next server.
     Keep,
 }
 
-/// A run that is being played. If it is dropped without [`Session::close`], its episodes remain in the run log.
+/// A run in progress. If dropped without [`Session::close`], open episodes remain in the run log.
 pub(crate) struct Session<H> {
-    state: Arc<SessionState<H>>,
+    state: Arc<SessionContext<H>>,
     slots: Vec<mpsc::Sender<SlotCommand>>,
     /// Slots granted to the present connection.
     granted: AtomicU32,
@@ -78,7 +78,7 @@ pub(crate) struct Session<H> {
 #[derive(Debug)]
 struct Absence {
     since: Option<Instant>,
-    /// Time that earlier disconnects used of the run's allowance.
+    /// Used disconnect time.
     used: Duration,
 }
 
@@ -96,7 +96,7 @@ impl<H: Host> Session<H> {
     pub(crate) fn open(opening: Opening<'_, H>) -> Self {
         let Opening { host, pool, limits, interrupted } = opening;
         let Interrupted { open, sensors, episodes, away } = interrupted;
-        let state = Arc::new(SessionState {
+        let state = Arc::new(SessionContext {
             frame_bytes: Limits::frame_bytes(&sensors, open.rules.audio_samples),
             sensors,
             run: open.run.clone(),
@@ -138,7 +138,7 @@ impl<H: Host> Session<H> {
         }
     }
 
-    /// Returns the progress of the run.
+    /// Returns the run's progress.
     pub(crate) fn progress(&self) -> v1::RunProgress {
         self.state.progress.progress()
     }
@@ -162,7 +162,7 @@ impl<H: Host> Session<H> {
         })
     }
 
-    /// Sends a request to a slot and waits for its reply.
+    /// Sends a request to a slot and waits for the reply.
     pub(crate) async fn call(&self, slot: u32, request: SlotRequest) -> Result<SlotReply, Failure> {
         let (reply, answer) = oneshot::channel();
         let sent = self.sender(slot)?.send(SlotCommand::Handle(request, Some(reply))).await;
@@ -181,7 +181,7 @@ impl<H: Host> Session<H> {
         })
     }
 
-    /// Returns the slots with an episode and the step of their last observation, after all earlier requests are done.
+    /// Returns the positions of open episodes, after all earlier requests.
     pub(crate) async fn positions(&self) -> Vec<v1::SlotPosition> {
         let mut positions = Vec::new();
         for slot in &self.slots {
@@ -194,7 +194,7 @@ impl<H: Host> Session<H> {
         positions
     }
 
-    /// Attaches a stream with a number of slots and sends it the frames it missed. `known` is what its client received last.
+    /// Attaches a stream and sends missed frames. `known` are the positions that the client received last.
     pub(crate) async fn attach_stream(&self, out: &Outbound, slots: u32, known: &[v1::SlotPosition]) {
         self.report(|control, run| control.opened(run, true));
         self.granted.store(slots, Ordering::Relaxed);
@@ -210,7 +210,7 @@ impl<H: Host> Session<H> {
         absence.used += if restarted { away } else { Duration::ZERO };
     }
 
-    /// Attaches unary calls, with one slot.
+    /// Attaches unary calls, with a single slot.
     pub(crate) async fn attach_unary(&self) {
         self.report(|control, run| control.opened(run, true));
         self.granted.store(1, Ordering::Relaxed);
@@ -247,7 +247,7 @@ impl<H: Host> Session<H> {
         self.end(SlotEnding::Close(reason)).await;
     }
 
-    /// Ends the session and leaves open episodes in the run log, after all earlier requests are done.
+    /// Ends the session and leaves open episodes in the run log, after all earlier requests.
     pub(crate) async fn leave(&self) {
         self.end(SlotEnding::Keep).await;
     }
@@ -270,7 +270,7 @@ impl<H> std::fmt::Debug for Session<H> {
     }
 }
 
-/// Changes the audience of a slot. Returns whether its clock restarted.
+/// Changes a slot's audience. Returns whether the clock restarted.
 async fn switch(
     slot: &mpsc::Sender<SlotCommand>,
     audience: Audience,

@@ -1,6 +1,6 @@
-//! Requests to a slot, its replies, and its episode, open or finished.
+//! Slot requests, replies, and episodes, open or finished.
 
-use super::{SessionState, clock::ChessClock};
+use super::{SessionContext, clock::ChessClock};
 use crate::{
     episode::{Episode, HostedEpisode},
     limits::Limits,
@@ -11,7 +11,7 @@ use crate::{
 use avln_episode::Action;
 use avln_proto::v1::{self, Reason};
 
-/// Request of an agent to a slot.
+/// Agent request to a slot.
 #[derive(Clone, Debug)]
 pub(crate) enum SlotRequest {
     Ready,
@@ -21,7 +21,7 @@ pub(crate) enum SlotRequest {
     Abandon(v1::Abandon),
 }
 
-/// Reply of a slot.
+/// Slot reply.
 #[derive(Clone, Debug)]
 pub(crate) enum SlotReply {
     Start(Box<v1::EpisodeStart>),
@@ -30,20 +30,20 @@ pub(crate) enum SlotReply {
     Ended(Box<v1::EpisodeEnd>),
 }
 
-/// Receiver of a slot's replies.
+/// Receiver for slot replies.
 #[derive(Clone, Debug)]
 pub(crate) enum Audience {
     Stream(Outbound),
-    /// Unary calls, each of which waits for its reply.
+    /// Unary calls that wait for replies.
     Callers,
     /// No client is attached; the last observation is kept.
     Nobody,
 }
 
-/// Open episode of a slot.
+/// Open episode.
 pub(super) struct OpenEpisode<E> {
     pub(super) hosted: HostedEpisode<E>,
-    /// Number of the episode in the run, from 1.
+    /// Number in the run, from 1.
     pub(super) ordinal: u32,
     pub(super) last: LastStep,
     pub(super) clock: ChessClock,
@@ -63,7 +63,7 @@ pub(super) struct FinishedEpisode {
 }
 
 impl LastStep {
-    /// Returns the action to carry out; `None` if `act` repeats the last one.
+    /// Returns the action to carry out; `None` if `act` is a repetition.
     pub(super) fn due(&self, act: &v1::Act) -> Result<Option<Action>, Failure> {
         let action = wire::action(act.action).ok_or_else(|| unknown_action(act.action))?;
         let taken = self.observation.step;
@@ -84,7 +84,7 @@ impl LastStep {
     }
 }
 
-/// Part of an episode that a client has received.
+/// Received part of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Received {
     Nothing,
@@ -108,15 +108,15 @@ impl<E: Episode> OpenEpisode<E> {
         v1::SlotPosition { slot, episode: self.hosted.handle.clone(), step: self.last.observation.step }
     }
 
-    /// Stops the clock and adds the agent's thinking time to the account of the episode.
+    /// Stops the clock and accounts for the thinking time.
     pub(super) fn stop_clock(&mut self) -> std::time::Duration {
         let thought = self.clock.stop();
         self.hosted.time.thinking += thought;
         thought
     }
 
-    /// Builds the frame that begins the episode, with the last observation instead of the first.
-    pub(super) fn start_frame<H>(&self, slot: u32, session: &SessionState<H>) -> v1::EpisodeStart {
+    /// Builds an EpisodeStart with the last observation instead of the first.
+    pub(super) fn start_frame<H>(&self, slot: u32, session: &SessionContext<H>) -> v1::EpisodeStart {
         v1::EpisodeStart {
             slot,
             episode: self.hosted.handle.clone(),
@@ -129,7 +129,7 @@ impl<E: Episode> OpenEpisode<E> {
 }
 
 impl FinishedEpisode {
-    /// Repeats the last reply if the last action is repeated, and else refuses.
+    /// Repeats the last reply to a repeated action, and refuses any other.
     pub(super) fn act(&self, act: &v1::Act, is_unary: bool) -> Result<SlotReply, Failure> {
         same_episode(&self.end.episode, &act.episode)?;
         let taken = &self.last.observation;
@@ -139,7 +139,7 @@ impl FinishedEpisode {
             response.observation = Some(taken.clone());
             return Ok(SlotReply::Step(Box::new(response)));
         }
-        // An episode that ended while the agent was thinking: a stream was sent its end, a unary caller learns it only here.
+        // An episode that ended while the agent was thinking: a stream has received the end, a unary caller learns it only here.
         let cut_short = !self.last.is_last();
         if is_unary && cut_short && self.end.reason() != v1::EndReason::Abandoned {
             return Ok(SlotReply::Step(Box::new(response)));
@@ -161,7 +161,7 @@ impl FinishedEpisode {
 }
 
 impl SlotRequest {
-    /// Returns the subject of a fault about this request.
+    /// Returns the subject for faults about this request.
     pub(crate) fn subject(&self, slot: u32) -> FaultSubject<'_> {
         let (episode, step) = match self {
             Self::Ready | Self::Resume => ("", 0),

@@ -3,7 +3,7 @@ use avln_episode::EndReason;
 use avln_proto::v1::RunProgress;
 use tokio::{sync::watch, time::Instant};
 
-/// Progress of a run, counted over its slots.
+/// A run's progress, counted over all slots.
 pub(super) struct ProgressTracker {
     tally: watch::Sender<Tally>,
     total: u32,
@@ -16,11 +16,11 @@ pub(super) struct ProgressTracker {
 struct Tally {
     started: u32,
     done: u32,
-    /// Slots with an episode, or with a pending request for one.
+    /// Slots with an episode or a pending request.
     busy: u32,
     /// Whether the host has no further episode.
     is_dry: bool,
-    /// Episodes that the host may hand out again.
+    /// Episodes returned to the host.
     returned: u32,
     timeouts_in_a_row: u32,
 }
@@ -35,7 +35,7 @@ impl ProgressTracker {
         self.tally.send_modify(|tally| tally.busy += 1);
     }
 
-    /// Returns the count of episodes that the host may hand out again.
+    /// Counts episodes returned to the host.
     pub(super) fn returned(&self) -> u32 {
         self.tally.borrow().returned
     }
@@ -54,7 +54,7 @@ impl ProgressTracker {
         });
     }
 
-    /// Counts an episode that began. Returns its number in the run, from 1.
+    /// Counts an episode that began. Returns the number in the run, from 1.
     pub(super) fn started(&self) -> u32 {
         self.tally.send_modify(|tally| tally.started += 1);
         self.done_before + self.tally.borrow().started
@@ -103,7 +103,7 @@ impl ProgressTracker {
         if tally.timeouts_in_a_row >= self.timeouts_allowed {
             return Some(StopReason::AgentHangs);
         }
-        // Not before the last busy slot is done: a server fault there returns its episode, which then must be played.
+        // Not before the last busy slot is done: a server fault there would return an episode that must be played.
         (tally.is_dry && tally.busy == 0).then_some(StopReason::NothingLeft)
     }
 }

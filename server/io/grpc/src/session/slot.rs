@@ -1,7 +1,7 @@
-//! Slot: a task that owns one episode at a time.
+//! Slot: a task that owns an episode at a time.
 
 use super::{
-    SessionState, SlotEnding,
+    SessionContext, SlotEnding,
     clock::ChessClock,
     playing::{
         Audience, FinishedEpisode, LastStep, OpenEpisode, SlotReply, SlotRequest, not_ahead, same_episode,
@@ -42,17 +42,17 @@ pub(super) enum SlotCommand {
     },
 }
 
-/// One slot. Its task is the only user of its episode, so the episode needs no lock.
+/// A slot. The task is the episode's only user, so the episode needs no lock.
 pub(super) struct Slot<H: Host> {
     pub(super) id: u32,
-    pub(super) session: Arc<SessionState<H>>,
+    pub(super) session: Arc<SessionContext<H>>,
     pub(super) audience: Audience,
-    pub(super) state: SlotState<H::Episode>,
-    /// Count of returned episodes at the time when the host had none for this slot.
+    pub(super) state: SlotContent<H::Episode>,
+    /// Returned episodes when the host had none for this slot.
     waiting: Option<u32>,
 }
 
-pub(super) enum SlotState<E> {
+pub(super) enum SlotContent<E> {
     Idle,
     Playing(Box<OpenEpisode<E>>),
     Finished(Box<FinishedEpisode>),
@@ -60,11 +60,11 @@ pub(super) enum SlotState<E> {
 
 impl<H: Host> Slot<H> {
     /// Creates a slot, idle or with a restored episode.
-    pub(super) fn new(id: u32, session: Arc<SessionState<H>>, restored: Option<Restored<H::Episode>>) -> Self {
+    pub(super) fn new(id: u32, session: Arc<SessionContext<H>>, restored: Option<Restored<H::Episode>>) -> Self {
         let mut slot =
-            Self { id, session, audience: Audience::Nobody, state: SlotState::Idle, waiting: None };
+            Self { id, session, audience: Audience::Nobody, state: SlotContent::Idle, waiting: None };
         if let Some(restored) = restored {
-            slot.state = SlotState::Playing(Box::new(slot.restored(restored)));
+            slot.state = SlotContent::Playing(Box::new(slot.restored(restored)));
         }
         slot
     }
@@ -105,9 +105,9 @@ impl<H: Host> Slot<H> {
 
     /// Stores a restored episode that had ended before the server stopped.
     async fn store_finished(&mut self) {
-        if let SlotState::Playing(playing) = &self.state
+        if let SlotContent::Playing(playing) = &self.state
             && playing.last.is_last()
-            && let SlotState::Playing(playing) = std::mem::replace(&mut self.state, SlotState::Idle)
+            && let SlotContent::Playing(playing) = std::mem::replace(&mut self.state, SlotContent::Idle)
         {
             self.end_with(playing.hosted, playing.last).await;
         }
@@ -124,14 +124,14 @@ impl<H: Host> Slot<H> {
     fn clock(&self) -> Option<ChessClock> {
         match (&self.state, &self.audience) {
             // Without a client, the server cannot know whether the observation arrived and the agent thinks.
-            (SlotState::Playing(_), Audience::Nobody) => None,
-            (SlotState::Playing(playing), _) => Some(playing.clock.clone()),
+            (SlotContent::Playing(_), Audience::Nobody) => None,
+            (SlotContent::Playing(playing), _) => Some(playing.clock.clone()),
             _ => None,
         }
     }
 
     fn waiting(&self) -> Option<u32> {
-        // Only a stream can receive an episode unasked; unary callers call Reset again.
+        // Only a stream can receive an episode unasked; unary callers repeat Reset.
         self.waiting.filter(|_| matches!(self.audience, Audience::Stream(_)))
     }
 
@@ -149,7 +149,7 @@ impl<H: Host> Slot<H> {
 
     fn position(&self) -> Option<v1::SlotPosition> {
         match &self.state {
-            SlotState::Playing(playing) => Some(playing.position(self.id)),
+            SlotContent::Playing(playing) => Some(playing.position(self.id)),
             _ => None,
         }
     }
@@ -167,9 +167,9 @@ impl<H: Host> Slot<H> {
         };
         match caller {
             Some(caller) => {
-                // A caller that hung up receives the same reply when it repeats its request.
+                // A caller that hung up receives the same reply to a repeated request.
                 drop(caller.send(reply));
-                if let SlotState::Playing(playing) = &mut self.state {
+                if let SlotContent::Playing(playing) = &mut self.state {
                     playing.clock.handed_over();
                 }
             }
@@ -179,7 +179,7 @@ impl<H: Host> Slot<H> {
 
     async fn resume(&mut self) -> Result<SlotReply, Failure> {
         match &self.state {
-            SlotState::Playing(playing) => {
+            SlotContent::Playing(playing) => {
                 Ok(SlotReply::Start(Box::new(playing.start_frame(self.id, &self.session))))
             }
             _ => self.begin().await,
@@ -188,7 +188,7 @@ impl<H: Host> Slot<H> {
 
     /// Requests an episode from the host and starts it.
     async fn begin(&mut self) -> Result<SlotReply, Failure> {
-        if let SlotState::Playing(playing) = &self.state {
+        if let SlotContent::Playing(playing) = &self.state {
             return self.already_playing(playing);
         }
         self.waiting = None;
@@ -216,7 +216,7 @@ impl<H: Host> Slot<H> {
 
     fn already_playing(&self, playing: &OpenEpisode<H::Episode>) -> Result<SlotReply, Failure> {
         match (&playing.last.action, &self.audience) {
-            // A unary Reset may be repeated until the first step, because its reply can be lost. A stream loses no frames.
+            // A unary Reset may be repeated until the first step, because the reply can be lost. A stream loses no frames.
             (None, Audience::Callers) => {
                 Ok(SlotReply::Start(Box::new(playing.start_frame(self.id, &self.session))))
             }
@@ -252,7 +252,7 @@ impl<H: Host> Slot<H> {
             return self.failed_to_start(playing.hosted, fault).await;
         }
         self.report_step(&playing.hosted, 0);
-        self.state = SlotState::Playing(Box::new(playing));
+        self.state = SlotContent::Playing(Box::new(playing));
         Ok(SlotReply::Start(Box::new(start)))
     }
 
@@ -280,17 +280,17 @@ impl<H: Host> Slot<H> {
 
     async fn act(&mut self, act: &v1::Act) -> Result<SlotReply, Failure> {
         let playing = match &self.state {
-            SlotState::Idle => return Err(self.no_episode()),
-            SlotState::Finished(over) => return over.act(act, matches!(self.audience, Audience::Callers)),
-            SlotState::Playing(playing) => playing,
+            SlotContent::Idle => return Err(self.no_episode()),
+            SlotContent::Finished(over) => return over.act(act, matches!(self.audience, Audience::Callers)),
+            SlotContent::Playing(playing) => playing,
         };
         same_episode(&playing.hosted.handle, &act.episode)?;
         let Some(action) = playing.last.due(act)? else {
             let observation = Some(playing.last.observation.clone());
             return Ok(SlotReply::Step(Box::new(v1::StepResponse { observation, episode_end: None })));
         };
-        match std::mem::replace(&mut self.state, SlotState::Idle) {
-            SlotState::Playing(playing) => self.step(*playing, act, action).await,
+        match std::mem::replace(&mut self.state, SlotContent::Idle) {
+            SlotContent::Playing(playing) => self.step(*playing, act, action).await,
             other => {
                 self.state = other;
                 Err(self.no_episode())
@@ -322,7 +322,7 @@ impl<H: Host> Slot<H> {
             let outcome = hosted.episode.step(action).map_err(|error| error.to_string())?;
             let state_hash = hosted.episode.state_hash();
             let acted = Acted { step, action, state_hash, thought, bank_left };
-            // The log must not contain a step that was given up: its episode is played again from the start.
+            // The log must not contain an abandoned step: the episode restarts.
             if !token.commit() {
                 return Err("it was given up".to_owned());
             }
@@ -360,7 +360,7 @@ impl<H: Host> Slot<H> {
         if end.is_some() {
             response.episode_end = Some(self.end_with(hosted, last).await);
         } else {
-            self.state = SlotState::Playing(Box::new(OpenEpisode { hosted, ordinal, last, clock }));
+            self.state = SlotContent::Playing(Box::new(OpenEpisode { hosted, ordinal, last, clock }));
         }
         SlotReply::Step(Box::new(response))
     }
@@ -374,12 +374,12 @@ impl<H: Host> Slot<H> {
 
     async fn abandon(&mut self, abandon: &v1::Abandon) -> Result<SlotReply, Failure> {
         match &self.state {
-            SlotState::Idle => return Err(self.no_episode()),
-            SlotState::Finished(over) => {
+            SlotContent::Idle => return Err(self.no_episode()),
+            SlotContent::Finished(over) => {
                 same_episode(&over.end.episode, &abandon.episode)?;
                 return Ok(SlotReply::Ended(Box::new(over.end.clone())));
             }
-            SlotState::Playing(playing) => {
+            SlotContent::Playing(playing) => {
                 same_episode(&playing.hosted.handle, &abandon.episode)?;
                 not_ahead(abandon.step, playing.last.observation.step)?;
             }
@@ -393,13 +393,13 @@ impl<H: Host> Slot<H> {
 async fn next_ending(ending: &mut watch::Receiver<Option<SlotEnding>>) -> SlotEnding {
     match ending.wait_for(Option::is_some).await {
         Ok(ending) => ending.unwrap_or(SlotEnding::Keep),
-        // The session was dropped without an end: the run log is the safe place for its episodes.
+        // The session was dropped without an end: the run log is the safe place for open episodes.
         Err(_) => SlotEnding::Keep,
     }
 }
 
-/// Waits until the host may have an episode again.
-async fn refilled<H>(session: &SessionState<H>, waiting: Option<u32>) {
+/// Waits for an episode returned to the host.
+async fn refilled<H>(session: &SessionContext<H>, waiting: Option<u32>) {
     match waiting {
         Some(seen) => session.progress.refilled(seen).await,
         None => std::future::pending().await,

@@ -41,13 +41,13 @@ pub(crate) fn feedback_rule(rule: FeedbackRule) -> v1::FeedbackRule {
     }
 }
 
-/// Returns the action of a number on the wire: its index plus one.
+/// Returns the action for a wire number: index plus one.
 pub(crate) fn action(number: i32) -> Option<Action> {
     let index = u32::try_from(number).ok()?.checked_sub(1)?;
     Action::try_from(index).ok()
 }
 
-/// Returns the number of an action on the wire.
+/// Returns an action's wire number.
 pub(crate) fn action_number(action: Action) -> i32 {
     action.index() as i32 + 1
 }

@@ -9,7 +9,7 @@ const RGB_ID: u32 = 1;
 const DEPTH_ID: u32 = 2;
 const AUDIO_ID: u32 = 3;
 
-/// Returns the specifications of the requested tensors, in the order rgb, depth, audio.
+/// Returns the requested tensor specifications, in the order rgb, depth, audio.
 pub(crate) fn tensor_specs(sensors: &Sensors, rules: &Rules) -> Vec<v1::TensorSpec> {
     let (width, height) = (sensors.width, sensors.height);
     let mut specs = Vec::with_capacity(3);
@@ -64,7 +64,7 @@ pub(crate) struct ObservationFormat<'a> {
     pub(crate) rules: &'a Rules,
 }
 
-/// Builds the frame of an observation, without its time account. Raw pixels and samples are moved, not copied.
+/// Builds an observation frame, without the time account. Raw pixels and samples are moved, not copied.
 pub(crate) fn observation(
     slot: u32,
     episode: &str,

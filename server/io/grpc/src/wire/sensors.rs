@@ -37,7 +37,7 @@ fn known(encoding: v1::Encoding) -> Option<Encoding> {
     }
 }
 
-/// Returns the encoding of one kind of sensor.
+/// Returns a sensor's encoding.
 pub(super) fn encoding_of(encodings: &mut Encodings, kind: SensorKind) -> &mut Encoding {
     match kind {
         SensorKind::Depth => &mut encodings.depth,
@@ -46,7 +46,7 @@ pub(super) fn encoding_of(encodings: &mut Encodings, kind: SensorKind) -> &mut E
     }
 }
 
-/// Returns whether a phase with these sensors allows an encoding: a lossy one only if the phase itself has a lossy one.
+/// Returns whether a phase allows an encoding: lossy encodings only if the phase's own encoding is lossy.
 fn allows(most: &Sensors, kind: SensorKind, encoding: v1::Encoding) -> bool {
     let mut most = most.encodings;
     avln_proto::wire::is_lossless(encoding) || !encoding_of(&mut most, kind).is_lossless()
@@ -98,7 +98,7 @@ fn agree(wish: &v1::SensorWish, most: &Sensors) -> Result<Encoding, Refusal> {
     })
 }
 
-/// Values of one sensor.
+/// Sensor values.
 pub(super) enum SensorValues {
     Rgb(Vec<u8>),
     /// Depths and their unit, metres.
@@ -106,7 +106,7 @@ pub(super) enum SensorValues {
     Audio(Vec<f32>),
 }
 
-/// Encodes the values of a sensor. Values that cannot be encoded are sent raw.
+/// Encodes sensor values. Values that cannot be encoded are sent raw.
 pub(super) fn pack(values: SensorValues, wanted: Encoding, sensors: &Sensors) -> (v1::Encoding, Bytes) {
     let encoding = self::encoding(wanted);
     if wanted == Encoding::Raw {
@@ -143,7 +143,7 @@ fn raw(values: SensorValues) -> Bytes {
 
 /// Runs work that blocks the thread.
 fn blocking<T>(work: impl FnOnce() -> T) -> T {
-    // Large pictures take milliseconds. The runtime of a test has one thread and cannot block in place.
+    // Large pictures take milliseconds. Test runtimes have a single thread and cannot block in place.
     match Handle::try_current().map(|handle| handle.runtime_flavor()) {
         Ok(RuntimeFlavor::MultiThread) => tokio::task::block_in_place(work),
         _ => work(),
@@ -153,7 +153,7 @@ fn blocking<T>(work: impl FnOnce() -> T) -> T {
 /// Default width and height of pictures, pixels.
 const DEFAULT_SIDE: u32 = 256;
 
-/// Returns the sensors of a subscription; all sensors by default. `most` are those of the phase.
+/// Returns the subscribed sensors; all sensors by default. `most` are the phase's sensors.
 pub(crate) fn sensors(wish: Option<&v1::SensorSubscription>, most: &Sensors) -> Result<Sensors, Refusal> {
     let Some(wish) = wish else { return Ok(Sensors::all(DEFAULT_SIDE, DEFAULT_SIDE)) };
     let mut sensors = Sensors {
@@ -185,7 +185,7 @@ pub(crate) fn sensors(wish: Option<&v1::SensorSubscription>, most: &Sensors) -> 
     Ok(sensors)
 }
 
-/// Refuses versions of client libraries outside of the accepted ranges.
+/// Refuses client library versions outside the accepted ranges.
 pub(crate) fn check_client(
     client: Option<&v1::ClientInfo>,
     accepted: &[ClientRange],

@@ -1,4 +1,4 @@
-//! Misuse and attacks: every fault gets its reason, and other agents are not affected.
+//! Misuse and attacks: every fault has a reason, and other agents are not affected.
 
 use crate::common::{
     ACCOUNT, Agent, Attack, Plan, RUN_TOKEN, Siege, TestServer, authorised, hello, play_client, reason, soon,

@@ -172,7 +172,7 @@ async fn a_phase_that_hides_metrics_sends_none() {
     assert_eq!(agent.run_end().await.metrics, None);
 }
 
-/// An agent that wishes for packed pictures gets the same numbers as one that does not, and what it did not ask for
+/// Packed pictures decode to the raw values, and
 /// does not come.
 #[tokio::test]
 async fn packed_values_are_exact_and_only_requested_sensors_arrive() {

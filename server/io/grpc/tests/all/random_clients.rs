@@ -1,4 +1,4 @@
-//! Random clients: for well-formed and malformed input the server stays in a legal state and within its limits.
+//! Random clients: the server stays in a legal state for well-formed and malformed input.
 
 use crate::common::{TestServer, PATIENT, Plan, RUN_TOKEN, authorised, channel, hello};
 use avln_episode::TimeLimits;
@@ -36,7 +36,7 @@ enum Move {
     Pong(u64),
     Nothing,
     Goodbye(bool),
-    /// Frame with one changed byte: position and value.
+    /// Frame with a changed byte: position and value.
     Spoilt(usize, u8),
     Bytes(Vec<u8>),
     /// Reads frames.
@@ -93,7 +93,7 @@ impl Codec for Raw {
     }
 }
 
-/// State of a run as its client knows it.
+/// The client's view of a run.
 #[derive(Debug, Default)]
 struct KnownState {
     granted: u32,
@@ -128,7 +128,7 @@ impl KnownState {
                     *step = seen.step;
                     follows
                 }
-                // A repetition of the last one.
+                // A repetition.
                 _ => self.ended.contains_key(&seen.episode) && (seen.terminated || seen.truncated),
             },
             Down::EpisodeEnd(end) => {
@@ -136,7 +136,7 @@ impl KnownState {
                 if held {
                     self.playing.remove(&end.slot);
                 }
-                // A client that resumes receives the end of its earlier episode.
+                // A client that resumes receives the end of an earlier episode.
                 let before = self.ended.insert(end.episode.clone(), end.reason);
                 before.map_or(held || self.begun.contains(&end.episode), |reason| reason == end.reason)
             }
@@ -202,7 +202,7 @@ impl KnownState {
 
 const MOMENT: Duration = Duration::from_millis(4);
 
-/// Plays one connection from Hello to its end.
+/// Plays a connection from Hello to the end.
 async fn live(server: &TestServer, known_state: &mut KnownState, life: &(bool, u32, Vec<Move>)) -> Result<(), String> {
     let (resume, slots, moves) = life;
     let known = known_state.playing.iter().map(|(&slot, (episode, step))| v1::SlotPosition {

@@ -1,4 +1,4 @@
-//! Unary calls: the same session, one call at a time.
+//! Unary calls.
 
 use crate::common::{
     Agent, Book, TestServer, PATIENT, Plan, Quirk, RUN_TOKEN, authorised, hello, play_client, reason, soon,

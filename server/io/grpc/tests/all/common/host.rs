@@ -73,7 +73,7 @@ pub(crate) struct ToyHost {
     book: Book,
 }
 
-/// Log of open episodes by handle. A server opened with the book of another continues its episodes.
+/// Log of open episodes by handle. A server with another's book continues the episodes.
 pub(crate) type Book = Arc<Mutex<BTreeMap<String, Page>>>;
 
 #[derive(Clone, Debug, Default)]
