@@ -53,13 +53,11 @@ pub fn offered(kind: SensorKind) -> &'static [Encoding] {
 /// Returns whether decoded values are bit-identical.
 pub fn is_lossless(encoding: Encoding) -> bool {
     match encoding {
-        Encoding::Raw | Encoding::Packed | Encoding::Png | Encoding::Qoi | Encoding::Zstd => true,
+        Encoding::Raw | Encoding::Packed | Encoding::Png | Encoding::Qoi => true,
         Encoding::Unspecified
         | Encoding::DepthU16Mm
-        | Encoding::DepthU16MmZstd
         | Encoding::DepthU16MmPacked
-        | Encoding::AudioI16
-        | Encoding::Jpeg => false,
+        | Encoding::AudioI16 => false,
     }
 }
 

@@ -24,16 +24,15 @@ pub(crate) fn encoding(encoding: Encoding) -> v1::Encoding {
     }
 }
 
-fn known(encoding: v1::Encoding) -> Option<Encoding> {
+fn agreed(encoding: v1::Encoding) -> Encoding {
     match encoding {
-        v1::Encoding::Raw | v1::Encoding::Unspecified => Some(Encoding::Raw),
-        v1::Encoding::Packed => Some(Encoding::Packed),
-        v1::Encoding::Png => Some(Encoding::Png),
-        v1::Encoding::Qoi => Some(Encoding::Qoi),
-        v1::Encoding::DepthU16Mm => Some(Encoding::Millimetres),
-        v1::Encoding::DepthU16MmPacked => Some(Encoding::PackedMillimetres),
-        v1::Encoding::AudioI16 => Some(Encoding::Int16),
-        v1::Encoding::Zstd | v1::Encoding::DepthU16MmZstd | v1::Encoding::Jpeg => None,
+        v1::Encoding::Raw | v1::Encoding::Unspecified => Encoding::Raw,
+        v1::Encoding::Packed => Encoding::Packed,
+        v1::Encoding::Png => Encoding::Png,
+        v1::Encoding::Qoi => Encoding::Qoi,
+        v1::Encoding::DepthU16Mm => Encoding::Millimetres,
+        v1::Encoding::DepthU16MmPacked => Encoding::PackedMillimetres,
+        v1::Encoding::AudioI16 => Encoding::Int16,
     }
 }
 
@@ -82,7 +81,7 @@ fn agree(wish: &v1::SensorWish, most: &Sensors) -> Result<Encoding, Refusal> {
     }
     let kind = wish.kind();
     let offered = |wished: v1::Encoding| {
-        let encoding = known(wished)?;
+        let encoding = agreed(wished);
         let can = avln_proto::wire::offered(kind).contains(&self::encoding(encoding));
         (can && allows(most, kind, self::encoding(encoding))).then_some(encoding)
     };
@@ -262,7 +261,7 @@ mod tests {
             })
         };
         let (rgb, depth, audio) = (SensorKind::Rgb, SensorKind::Depth, SensorKind::Audio);
-        assert_eq!(agreed(rgb, &[Encoding::Jpeg, Encoding::Png, Encoding::Packed], &most()), Ok(Agreed::Png));
+        assert_eq!(agreed(rgb, &[Encoding::AudioI16, Encoding::Png, Encoding::Packed], &most()), Ok(Agreed::Png));
         assert_eq!(agreed(depth, &[Encoding::Packed, Encoding::Raw], &most()), Ok(Agreed::Packed));
         let rounding = [Encoding::DepthU16MmPacked, Encoding::Packed];
         assert_eq!(
@@ -283,7 +282,7 @@ mod tests {
     #[test]
     fn impossible_subscriptions_are_refused() {
         let cases = [
-            (subscription(vec![wish(SensorKind::Rgb, &[Encoding::Jpeg])]), Reason::EncodingUnsupported),
+            (subscription(vec![wish(SensorKind::Rgb, &[Encoding::AudioI16])]), Reason::EncodingUnsupported),
             (subscription(vec![wish(SensorKind::Unspecified, &[])]), Reason::BadRequest),
             (subscription(vec![wish(SensorKind::Rgb, &[]), wish(SensorKind::Rgb, &[])]), Reason::BadRequest),
             (v1::SensorSubscription { width: 4096, ..subscription(vec![]) }, Reason::BadRequest),
