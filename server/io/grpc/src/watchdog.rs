@@ -215,13 +215,14 @@ impl WatchdogState {
     }
 
     fn give_up(&self, watched: WatchedJob) {
-        // Counted first, because the job may end at once and subtract itself.
+        // Counted first: afterwards the waiter reads the counters, and the job may end at once and subtract itself.
         self.hanging.fetch_add(1, Ordering::Relaxed);
+        self.given_up.fetch_add(1, Ordering::Relaxed);
         if watched.token.give_up() {
-            self.given_up.fetch_add(1, Ordering::Relaxed);
             (watched.then)();
         } else {
             self.hanging.fetch_sub(1, Ordering::Relaxed);
+            self.given_up.fetch_sub(1, Ordering::Relaxed);
         }
     }
 }
