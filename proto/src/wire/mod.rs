@@ -54,10 +54,9 @@ pub fn offered(kind: SensorKind) -> &'static [Encoding] {
 pub fn is_lossless(encoding: Encoding) -> bool {
     match encoding {
         Encoding::Raw | Encoding::Packed | Encoding::Png | Encoding::Qoi => true,
-        Encoding::Unspecified
-        | Encoding::DepthU16Mm
-        | Encoding::DepthU16MmPacked
-        | Encoding::AudioI16 => false,
+        Encoding::Unspecified | Encoding::DepthU16Mm | Encoding::DepthU16MmPacked | Encoding::AudioI16 => {
+            false
+        }
     }
 }
 

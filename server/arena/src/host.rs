@@ -1,5 +1,7 @@
 use super::{
-    Arena, BENCHMARK_VERSION, episode::ArenaEpisode, Stage, now_unix_ms,
+    Arena, BENCHMARK_VERSION, Stage,
+    episode::ArenaEpisode,
+    now_unix_ms,
     refusals::{refusal, token_refusal},
     secret,
     stages::StageList,
@@ -8,8 +10,8 @@ use super::{
 use avln_challenge::{Account, EpisodeOutcome, PhaseInfo, Quota, RunStatus};
 use avln_episode::Sensors;
 use avln_grpc::{
-    ClientRange, Control, Digests, Host, HostedEpisode, Interrupted, OpenRun, Reason, Refusal, RunRequest, RunTicket, ServerInfo,
-    StoredEnd,
+    ClientRange, Control, Digests, Host, HostedEpisode, Interrupted, OpenRun, Reason, Refusal, RunRequest,
+    RunTicket, ServerInfo, StoredEnd,
 };
 use avln_store::{NewRun, Run, RunState, RunView, StoreError, Token, TokenState, Viewer};
 use std::{collections::BTreeMap, sync::Arc};
@@ -104,11 +106,20 @@ impl Host for Arena {
         self.describe(&self.store.run(&id).await.map_err(refusal)?).await
     }
 
-    async fn next_episode(&self, run: &str, slot: u32, sensors: &Sensors) -> Result<Option<HostedEpisode<ArenaEpisode>>, Refusal> {
+    async fn next_episode(
+        &self,
+        run: &str,
+        slot: u32,
+        sensors: &Sensors,
+    ) -> Result<Option<HostedEpisode<ArenaEpisode>>, Refusal> {
         self.seat_next(run, slot, sensors).await
     }
 
-    async fn conclude(&self, run: &str, seat: HostedEpisode<ArenaEpisode>) -> Result<Option<EpisodeOutcome>, Refusal> {
+    async fn conclude(
+        &self,
+        run: &str,
+        seat: HostedEpisode<ArenaEpisode>,
+    ) -> Result<Option<EpisodeOutcome>, Refusal> {
         self.conclude_seat(run, seat).await
     }
 

@@ -1,10 +1,11 @@
 //! Handing out episodes and taking them back.
 
-use super::{    Arena, Owed, Stage, budget::Holding, episode::ArenaEpisode, now_unix_ms, refusals::refusal, secret,
-    };
+use super::{
+    Arena, Owed, Stage, budget::Holding, episode::ArenaEpisode, now_unix_ms, refusals::refusal, secret,
+};
 use crate::runlog::{Entry, RunLog, SlotLog};
-use avln_episode::{EndReason, Order, Sensors};
 use avln_challenge::EpisodeOutcome;
+use avln_episode::{EndReason, Order, Sensors};
 use avln_grpc::{HostedEpisode, Reason, Refusal, StoredEnd, TimeSpent};
 use avln_referee::{Referee, RefereeError};
 use avln_scoring::{Metric, Metrics, score};
@@ -108,7 +109,12 @@ impl Arena {
     }
 
     /// A seat for the door, whose steps are written down.
-    pub(super) fn seat_of(&self, handle: String, referee: Referee, played: Played) -> HostedEpisode<ArenaEpisode> {
+    pub(super) fn seat_of(
+        &self,
+        handle: String,
+        referee: Referee,
+        played: Played,
+    ) -> HostedEpisode<ArenaEpisode> {
         let log = Box::new(SlotLog { log: played.log.clone(), slot: played.slot, taken_up: played.taken_up });
         let ticket = self.take_ticket(played);
         let episode = ArenaEpisode {
@@ -187,7 +193,11 @@ impl Arena {
         }
     }
 
-    async fn try_conclude(&self, run: &str, seat: HostedEpisode<ArenaEpisode>) -> Result<Option<EpisodeOutcome>, Refusal> {
+    async fn try_conclude(
+        &self,
+        run: &str,
+        seat: HostedEpisode<ArenaEpisode>,
+    ) -> Result<Option<EpisodeOutcome>, Refusal> {
         let (handle, ticket) = (seat.handle.clone(), seat.ticket);
         let unknown = || Refusal::internal(format!("episode {handle} was never handed out"));
         let Played { stage, log, slot, ended, .. } = self.return_ticket(ticket).ok_or_else(unknown)?;

@@ -10,7 +10,9 @@ use std::collections::BTreeMap;
 pub(super) fn viewer(account: &Account) -> Viewer {
     match account.scope {
         TokenScope::Organiser => Viewer::Organiser,
-        TokenScope::Participant | TokenScope::ReadOnly | TokenScope::Run => Viewer::Team(account.team.clone()),
+        TokenScope::Participant | TokenScope::ReadOnly | TokenScope::Run => {
+            Viewer::Team(account.team.clone())
+        }
     }
 }
 

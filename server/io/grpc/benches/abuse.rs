@@ -4,7 +4,7 @@
 #[path = "../tests/all/common/mod.rs"]
 mod common;
 
-use common::{Agent, Attack, TestServer, Plan, Siege};
+use common::{Agent, Attack, Plan, Siege, TestServer};
 use std::time::{Duration, Instant};
 
 const FORWARD: i32 = 1;

@@ -4,7 +4,7 @@
 #[path = "../tests/all/common/mod.rs"]
 mod common;
 
-use common::{Agent, TestServer, Plan};
+use common::{Agent, Plan, TestServer};
 use std::time::Instant;
 
 const FORWARD: i32 = 1;

@@ -82,7 +82,11 @@ pub(crate) async fn check<H: Host>(
     Ok((open, agreement))
 }
 
-fn agree<H: Host>(context: &ServiceContext<H>, hello: &v1::Hello, open: &OpenRun) -> Result<Agreement, Refusal> {
+fn agree<H: Host>(
+    context: &ServiceContext<H>,
+    hello: &v1::Hello,
+    open: &OpenRun,
+) -> Result<Agreement, Refusal> {
     if !hello.run.is_empty() && hello.run != open.run {
         let named = Limits::shorten(&hello.run);
         let message = format!("the token plays run {}, not '{named}'; use the token of that run", open.run);

@@ -1,6 +1,6 @@
 //! Operator controls: list live runs, read step times, post announcements, drain the server.
 
-use crate::{refusal::Refusal, episode::TimeSpent, watchdog::Watchdog};
+use crate::{episode::TimeSpent, refusal::Refusal, watchdog::Watchdog};
 use avln_episode::EndReason;
 use avln_proto::v1::Reason;
 use std::{

@@ -51,12 +51,21 @@ pub trait Host: Send + Sync + 'static {
     async fn open_run(&self, run_token: &str) -> Result<OpenRun, Refusal>;
 
     /// Returns a slot's next episode; `None` if none is left.
-    async fn next_episode(&self, run: &str, slot: u32, sensors: &Sensors) -> Result<Option<HostedEpisode<Self::Episode>>, Refusal>;
+    async fn next_episode(
+        &self,
+        run: &str,
+        slot: u32,
+        sensors: &Sensors,
+    ) -> Result<Option<HostedEpisode<Self::Episode>>, Refusal>;
 
     /// Stores an episode. Returns the result if the phase shows results to agents.
     ///
     /// An episode without an end reason broke down and counts as a server fault.
-    async fn conclude(&self, run: &str, hosted: HostedEpisode<Self::Episode>) -> Result<Option<EpisodeOutcome>, Refusal>;
+    async fn conclude(
+        &self,
+        run: &str,
+        hosted: HostedEpisode<Self::Episode>,
+    ) -> Result<Option<EpisodeOutcome>, Refusal>;
 
     /// Returns an episode's end; `None` if no result is stored.
     async fn ended(&self, run: &str, handle: &str) -> Result<Option<StoredEnd>, Refusal>;

@@ -9,7 +9,7 @@ use crate::{
     limits::Limits,
     outbound::{Outbound, PingTimer, RunDeadline},
     reaper,
-    refusal::{FaultSubject, Failure, Refusal},
+    refusal::{Failure, FaultSubject, Refusal},
     registry::SessionGuard,
     session::{Session, SlotRequest, stored_end},
 };
@@ -96,7 +96,12 @@ impl<H: Host> PlayStream<H> {
     }
 
     /// Reads frames and passes them to the slots.
-    async fn read(&mut self, session: &Session<H>, guard: &mut SessionGuard<Session<H>>, deadline: RunDeadline) -> StreamEnd {
+    async fn read(
+        &mut self,
+        session: &Session<H>,
+        guard: &mut SessionGuard<Session<H>>,
+        deadline: RunDeadline,
+    ) -> StreamEnd {
         let out = self.out.clone();
         let mut unread_for_too_long = pin!(out.gone());
         let mut over = pin!(session.over());

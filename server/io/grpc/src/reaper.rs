@@ -42,7 +42,11 @@ pub(crate) async fn end<H: Host>(
 }
 
 /// Lets a session wait for the client, or closes it if the run allows no time to reconnect.
-async fn detach<H: Host>(context: &ServiceContext<H>, session: Arc<Session<H>>, guard: SessionGuard<Session<H>>) {
+async fn detach<H: Host>(
+    context: &ServiceContext<H>,
+    session: Arc<Session<H>>,
+    guard: SessionGuard<Session<H>>,
+) {
     let patience = session.detach().await;
     if patience.is_zero() {
         tracing::info!("connection lost; the run has no time left to reconnect");
@@ -53,12 +57,22 @@ async fn detach<H: Host>(context: &ServiceContext<H>, session: Arc<Session<H>>, 
 }
 
 // Not async: the future of `wait` contains that of `end`, and with it this call.
-fn spawn_wait<H: Host>(context: ServiceContext<H>, session: Arc<Session<H>>, guard: SessionGuard<Session<H>>, until: Instant) {
+fn spawn_wait<H: Host>(
+    context: ServiceContext<H>,
+    session: Arc<Session<H>>,
+    guard: SessionGuard<Session<H>>,
+    until: Instant,
+) {
     guard.apply(AttachmentEvent::Detached { until });
     tokio::spawn(wait(context, session, guard, until).in_current_span());
 }
 
-async fn wait<H: Host>(context: ServiceContext<H>, session: Arc<Session<H>>, mut guard: SessionGuard<Session<H>>, until: Instant) {
+async fn wait<H: Host>(
+    context: ServiceContext<H>,
+    session: Arc<Session<H>>,
+    mut guard: SessionGuard<Session<H>>,
+    until: Instant,
+) {
     let reason = tokio::select! {
         // First: a client that resumes in the last moment gets the session.
         biased;
@@ -71,7 +85,11 @@ async fn wait<H: Host>(context: ServiceContext<H>, session: Arc<Session<H>>, mut
 }
 
 /// Passes a session to the connection that stopped it.
-async fn hand_over<H: Host>(context: &ServiceContext<H>, session: Arc<Session<H>>, guard: SessionGuard<Session<H>>) {
+async fn hand_over<H: Host>(
+    context: &ServiceContext<H>,
+    session: Arc<Session<H>>,
+    guard: SessionGuard<Session<H>>,
+) {
     session.detach().await;
     let registry = context.registry.clone();
     let patience = context.limits.handover;
@@ -115,7 +133,10 @@ pub(crate) async fn restore<H: Host>(context: ServiceContext<H>, guard: SessionG
     }
 }
 
-async fn try_restore<H: Host>(context: &ServiceContext<H>, guard: SessionGuard<Session<H>>) -> Result<(), Failure> {
+async fn try_restore<H: Host>(
+    context: &ServiceContext<H>,
+    guard: SessionGuard<Session<H>>,
+) -> Result<(), Failure> {
     let host = context.host.clone();
     let run = guard.run.clone();
     let interrupted = ask("restore a run", async move { host.restore(&run).await }).await?;

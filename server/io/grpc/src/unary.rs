@@ -92,7 +92,11 @@ pub(crate) async fn end<H: Host>(
 }
 
 /// Opens or resumes a session for unary calls.
-async fn open<H: Host>(context: &ServiceContext<H>, token: &str, hello: &v1::Hello) -> Result<Arc<UnaryClient<Session<H>>>, Failure> {
+async fn open<H: Host>(
+    context: &ServiceContext<H>,
+    token: &str,
+    hello: &v1::Hello,
+) -> Result<Arc<UnaryClient<Session<H>>>, Failure> {
     let admission = admit(context, token, hello, 1).await?;
     let session = admission.session;
     session.attach_unary().await;
@@ -105,7 +109,11 @@ async fn open<H: Host>(context: &ServiceContext<H>, token: &str, hello: &v1::Hel
 }
 
 /// Waits for a session's end and carries it out.
-async fn supervise<H: Host>(context: ServiceContext<H>, client: Arc<UnaryClient<Session<H>>>, mut guard: SessionGuard<Session<H>>) {
+async fn supervise<H: Host>(
+    context: ServiceContext<H>,
+    client: Arc<UnaryClient<Session<H>>>,
+    mut guard: SessionGuard<Session<H>>,
+) {
     let reason = tokio::select! {
         biased;
         reason = guard.stopped() => reason,
@@ -156,7 +164,10 @@ fn unexpected(reply: &SlotReply) -> Failure {
 }
 
 /// Returns the token's client.
-async fn find<H: Host>(context: &ServiceContext<H>, token: &str) -> Result<Arc<UnaryClient<Session<H>>>, Failure> {
+async fn find<H: Host>(
+    context: &ServiceContext<H>,
+    token: &str,
+) -> Result<Arc<UnaryClient<Session<H>>>, Failure> {
     if let Some(client) = context.registry.unary_client(token) {
         return Ok(client);
     }

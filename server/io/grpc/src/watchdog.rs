@@ -156,7 +156,8 @@ impl Watchdog {
         then: impl FnOnce() + Send + 'static,
         work: impl FnOnce(),
     ) -> bool {
-        let key = self.enter(Instant::now() + limit, WatchedJob { token: token.clone(), then: Box::new(then) });
+        let key =
+            self.enter(Instant::now() + limit, WatchedJob { token: token.clone(), then: Box::new(then) });
         work();
         self.state().jobs().watched.remove(&key);
         let was_abandoned = token.is_given_up();

@@ -58,7 +58,7 @@ pub struct Connection {
     /// Start of the handshake.
     pub opened: Instant,
     /// Place in the limits.
-    pub place: Place,
+    pub place: Arc<Place>,
     /// Signal that the server stops.
     pub closing: Closing,
 }
@@ -129,7 +129,13 @@ impl AcceptLoop {
             }
             let opened = Instant::now();
             match handshaker.handshake(tcp, limit).await {
-                Ok(stream) => handle(Connection { stream, peer, opened, place, closing }).await,
+                Ok(stream) => {
+                    // Kept here as well: a handler that moves only the stream out of the connection must not free the place.
+                    let kept = Arc::new(place);
+                    let place = kept.clone();
+                    handle(Connection { stream, peer, opened, place, closing }).await;
+                    drop(kept);
+                }
                 Err(refused) => tracing::debug!(%peer, %refused, "connection closed"),
             }
         });

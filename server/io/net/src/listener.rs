@@ -128,7 +128,11 @@ impl Handshaker {
     }
 }
 
-async fn secure(acceptor: &TlsAcceptor, protocol: Protocol, mut tcp: TcpStream) -> Result<Stream, HandshakeError> {
+async fn secure(
+    acceptor: &TlsAcceptor,
+    protocol: Protocol,
+    mut tcp: TcpStream,
+) -> Result<Stream, HandshakeError> {
     let mut first = [0];
     let arrived = tcp.peek(&mut first).await?;
     if arrived == 1 && first[0] != HANDSHAKE {

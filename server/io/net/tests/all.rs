@@ -1,6 +1,6 @@
 //! Errors of certificates, answers to plain text, and the accept loop.
 
-use avln_net::{AcceptLimits, AcceptLoop, Identity, Listener, Protocol, HandshakeError};
+use avln_net::{AcceptLimits, AcceptLoop, HandshakeError, Identity, Listener, Protocol};
 use rcgen::{CertificateParams, KeyPair, date_time_ymd};
 use std::{path::PathBuf, time::Duration};
 use tempfile::TempDir;

@@ -51,7 +51,9 @@ impl<H: Host> RunCalls<H> {
         let account = self.account(metadata).await?;
         match account.scope {
             TokenScope::Participant | TokenScope::ReadOnly => Ok(account),
-            TokenScope::Organiser | TokenScope::Run => Err(scope_refusal("an organiser's token has no runs; use a team's token")),
+            TokenScope::Organiser | TokenScope::Run => {
+                Err(scope_refusal("an organiser's token has no runs; use a team's token"))
+            }
         }
     }
 

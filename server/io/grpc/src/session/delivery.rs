@@ -7,7 +7,7 @@ use super::{
 use crate::{
     episode::{Episode, HostedEpisode},
     host::Host,
-    refusal::{FaultSubject, Failure, ServerFault, ask},
+    refusal::{Failure, FaultSubject, ServerFault, ask},
     sim_pool::truncate,
     wire,
 };
@@ -97,7 +97,11 @@ impl<H: Host> Slot<H> {
         }
     }
 
-    pub(super) async fn end_with(&mut self, hosted: HostedEpisode<H::Episode>, last: LastStep) -> v1::EpisodeEnd {
+    pub(super) async fn end_with(
+        &mut self,
+        hosted: HostedEpisode<H::Episode>,
+        last: LastStep,
+    ) -> v1::EpisodeEnd {
         let end = self.conclude(hosted).await;
         self.state = SlotContent::Finished(Box::new(FinishedEpisode { last, end: end.clone() }));
         end

@@ -111,7 +111,9 @@ impl<H: Host> Session<H> {
         let mut slots = Vec::new();
         let mut tasks = Vec::new();
         for id in 0..count {
-            let held = |episode: &&mut Option<Restored<H::Episode>>| episode.as_ref().is_some_and(|held| held.slot == id);
+            let held = |episode: &&mut Option<Restored<H::Episode>>| {
+                episode.as_ref().is_some_and(|held| held.slot == id)
+            };
             let restored = episodes.iter_mut().find(held).and_then(Option::take);
             let (sender, commands) = mpsc::channel(WAITING_FRAMES);
             let slot = Slot::new(id, state.clone(), restored);

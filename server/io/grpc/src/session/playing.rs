@@ -5,7 +5,7 @@ use crate::{
     episode::{Episode, HostedEpisode},
     limits::Limits,
     outbound::Outbound,
-    refusal::{FaultSubject, Failure},
+    refusal::{Failure, FaultSubject},
     wire,
 };
 use avln_episode::Action;

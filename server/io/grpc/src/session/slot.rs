@@ -60,7 +60,11 @@ pub(super) enum SlotContent<E> {
 
 impl<H: Host> Slot<H> {
     /// Creates a slot, idle or with a restored episode.
-    pub(super) fn new(id: u32, session: Arc<SessionContext<H>>, restored: Option<Restored<H::Episode>>) -> Self {
+    pub(super) fn new(
+        id: u32,
+        session: Arc<SessionContext<H>>,
+        restored: Option<Restored<H::Episode>>,
+    ) -> Self {
         let mut slot =
             Self { id, session, audience: Audience::Nobody, state: SlotContent::Idle, waiting: None };
         if let Some(restored) = restored {
@@ -232,7 +236,8 @@ impl<H: Host> Slot<H> {
         let handle = hosted.handle.clone();
         let ticket = hosted.ticket;
         let simulator = &self.session.simulator;
-        let started = simulator.run(hosted, simulator.longest_start, |hosted, _| hosted.episode.start()).await;
+        let started =
+            simulator.run(hosted, simulator.longest_start, |hosted, _| hosted.episode.start()).await;
         let (hosted, first) = match started {
             Ok(started) => started,
             Err(fault) => {
@@ -273,7 +278,8 @@ impl<H: Host> Slot<H> {
         end: Option<EndReason>,
         clock: &ChessClock,
     ) -> v1::Observation {
-        let format = wire::ObservationFormat { sensors: &self.session.sensors, rules: hosted.episode.rules() };
+        let format =
+            wire::ObservationFormat { sensors: &self.session.sensors, rules: hosted.episode.rules() };
         let frame = wire::observation(self.id, &hosted.handle, sensed, format, end);
         v1::Observation { time: Some(clock.account()), ..frame }
     }

@@ -168,7 +168,8 @@ fn progress(status: &RunStatus) -> v1::RunProgress {
 }
 
 fn method(method: MethodInfo) -> v1::MethodInfo {
-    let MethodInfo { name, version, description, code_url, paper_url, weights_licence, external_data } = method;
+    let MethodInfo { name, version, description, code_url, paper_url, weights_licence, external_data } =
+        method;
     v1::MethodInfo { name, version, description, code_url, paper_url, weights_licence, external_data }
 }
 

@@ -4,9 +4,9 @@ use crate::{
     host::ClientRange,
     refusal::{Refusal, ServerFault},
 };
-use avln_proto::wire::{CodecError, Size, audio, depth, rgb};
 use avln_episode::{Encoding, Encodings, Sensors};
 use avln_proto::v1::{self, Reason, SensorKind};
+use avln_proto::wire::{CodecError, Size, audio, depth, rgb};
 use bytes::Bytes;
 use tokio::runtime::{Handle, RuntimeFlavor};
 
@@ -63,7 +63,9 @@ pub(crate) fn offered_in(most: &Sensors) -> Vec<i32> {
 /// Returns the encodings that the server supports.
 pub(crate) fn offered() -> Vec<i32> {
     unique(
-        KINDS.into_iter().flat_map(|kind| avln_proto::wire::offered(kind).iter().map(|encoding| *encoding as i32)),
+        KINDS
+            .into_iter()
+            .flat_map(|kind| avln_proto::wire::offered(kind).iter().map(|encoding| *encoding as i32)),
     )
 }
 
@@ -86,7 +88,8 @@ fn agree(wish: &v1::SensorWish, most: &Sensors) -> Result<Encoding, Refusal> {
         (can && allows(most, kind, self::encoding(encoding))).then_some(encoding)
     };
     wish.encodings().find_map(offered).ok_or_else(|| {
-        let offered = avln_proto::wire::offered(kind).iter().filter(|encoding| allows(most, kind, **encoding));
+        let offered =
+            avln_proto::wire::offered(kind).iter().filter(|encoding| allows(most, kind, **encoding));
         let names: Vec<_> = offered.map(|encoding| encoding.as_str_name()).collect();
         let message = format!(
             "none of the requested encodings of {} is offered; request one of {}",
@@ -185,10 +188,7 @@ pub(crate) fn sensors(wish: Option<&v1::SensorSubscription>, most: &Sensors) -> 
 }
 
 /// Refuses client library versions outside the accepted ranges.
-pub(crate) fn check_client(
-    client: Option<&v1::ClientInfo>,
-    accepted: &[ClientRange],
-) -> Result<(), Refusal> {
+pub(crate) fn check_client(client: Option<&v1::ClientInfo>, accepted: &[ClientRange]) -> Result<(), Refusal> {
     let Some(client) = client else { return Ok(()) };
     let Some(range) = accepted.iter().find(|range| range.name == client.name) else { return Ok(()) };
     let version = numbers(&client.version);
@@ -261,7 +261,10 @@ mod tests {
             })
         };
         let (rgb, depth, audio) = (SensorKind::Rgb, SensorKind::Depth, SensorKind::Audio);
-        assert_eq!(agreed(rgb, &[Encoding::AudioI16, Encoding::Png, Encoding::Packed], &most()), Ok(Agreed::Png));
+        assert_eq!(
+            agreed(rgb, &[Encoding::AudioI16, Encoding::Png, Encoding::Packed], &most()),
+            Ok(Agreed::Png)
+        );
         assert_eq!(agreed(depth, &[Encoding::Packed, Encoding::Raw], &most()), Ok(Agreed::Packed));
         let rounding = [Encoding::DepthU16MmPacked, Encoding::Packed];
         assert_eq!(

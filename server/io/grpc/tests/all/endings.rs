@@ -1,7 +1,7 @@
 //! Ends of sessions by faults of the agent, the simulator and the server.
 
 use crate::common::{
-    ACCOUNT, Agent, TestServer, PATIENT, Plan, Quirk, RUN_TOKEN, authorised, hello, reason, soon,
+    ACCOUNT, Agent, PATIENT, Plan, Quirk, RUN_TOKEN, TestServer, authorised, hello, reason, soon,
 };
 use avln_episode::{EndReason, TimeLimits};
 use avln_grpc::Limits;

@@ -1,6 +1,6 @@
 //! Agents that behave: whole runs through the stream.
 
-use crate::common::{Agent, TestServer, Plan, Quirk, RUN_TOKEN, hello};
+use crate::common::{Agent, Plan, Quirk, RUN_TOKEN, TestServer, hello};
 use avln_episode::EndReason;
 use avln_proto::v1::{self, goal::Cue, play_request::Frame as Up};
 use std::sync::mpsc;
@@ -199,8 +199,14 @@ async fn packed_values_are_exact_and_only_requested_sensors_arrive() {
     let seen = agent.observation().await;
     let [rgb, depth] = &seen.tensors[..] else { panic!("{} tensors", seen.tensors.len()) };
     let size = avln_proto::wire::Size { width: 64, height: 64 };
-    assert_eq!(avln_proto::wire::rgb::decode(rgb.encoding(), size, rgb.data.clone()), Ok(vec![1; 3 * 64 * 64]));
+    assert_eq!(
+        avln_proto::wire::rgb::decode(rgb.encoding(), size, rgb.data.clone()),
+        Ok(vec![1; 3 * 64 * 64])
+    );
     let layout = avln_proto::wire::depth::Layout { size, unit_m: 1.0 };
-    assert_eq!(avln_proto::wire::depth::decode(depth.encoding(), layout, &depth.data), Ok(vec![1.0; 64 * 64]));
+    assert_eq!(
+        avln_proto::wire::depth::decode(depth.encoding(), layout, &depth.data),
+        Ok(vec![1.0; 64 * 64])
+    );
     assert!(rgb.data.len() < 2000 && depth.data.len() < 2000, "{} {}", rgb.data.len(), depth.data.len());
 }

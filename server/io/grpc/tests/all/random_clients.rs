@@ -1,6 +1,6 @@
 //! Random clients: the server stays in a legal state for well-formed and malformed input.
 
-use crate::common::{TestServer, PATIENT, Plan, RUN_TOKEN, authorised, channel, hello};
+use crate::common::{PATIENT, Plan, RUN_TOKEN, TestServer, authorised, channel, hello};
 use avln_episode::TimeLimits;
 use avln_proto::v1::{
     self, PlayRequest, PlayResponse, Reason, play_request::Frame as Up, play_response::Frame as Down,
@@ -203,7 +203,11 @@ impl KnownState {
 const MOMENT: Duration = Duration::from_millis(4);
 
 /// Plays a connection from Hello to the end.
-async fn live(server: &TestServer, known_state: &mut KnownState, life: &(bool, u32, Vec<Move>)) -> Result<(), String> {
+async fn live(
+    server: &TestServer,
+    known_state: &mut KnownState,
+    life: &(bool, u32, Vec<Move>),
+) -> Result<(), String> {
     let (resume, slots, moves) = life;
     let known = known_state.playing.iter().map(|(&slot, (episode, step))| v1::SlotPosition {
         slot,
@@ -246,7 +250,9 @@ async fn check(lives: Vec<(bool, u32, Vec<Move>)>) -> Result<(), String> {
     if names.len() != concluded.len() || concluded.iter().any(|c| c.end.is_none() || c.steps > 6) {
         return Err(format!("episodes came back as {concluded:?}"));
     }
-    timeout(Duration::from_secs(20), server.still_serves()).await.map_err(|_| "it serves no longer".to_owned())
+    timeout(Duration::from_secs(20), server.still_serves())
+        .await
+        .map_err(|_| "it serves no longer".to_owned())
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Lost connections and restarted servers: episodes continue.
 
-use crate::common::{Agent, Book, TestServer, PATIENT, Plan, RUN_TOKEN, hello, reason, soon};
+use crate::common::{Agent, Book, PATIENT, Plan, RUN_TOKEN, TestServer, hello, reason, soon};
 use avln_episode::{EndReason, TimeLimits};
 use avln_grpc::Limits;
 use avln_proto::v1::{self, Reason, play_request::Frame as Up, play_response::Frame as Down};

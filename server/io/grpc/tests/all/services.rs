@@ -1,7 +1,7 @@
 //! Runs, phases, health, reflection, and malicious connections.
 
 use crate::common::{
-    ACCOUNT, Agent, TestServer, LOOKING, ORGANISER, Plan, RUN, RUN_TOKEN, authorised, channel, reason, soon,
+    ACCOUNT, Agent, LOOKING, ORGANISER, Plan, RUN, RUN_TOKEN, TestServer, authorised, channel, reason, soon,
 };
 use avln_episode::{EndReason, Order};
 use avln_grpc::Limits;

@@ -1,7 +1,7 @@
 //! Unary calls.
 
 use crate::common::{
-    Agent, Book, TestServer, PATIENT, Plan, Quirk, RUN_TOKEN, authorised, hello, play_client, reason, soon,
+    Agent, Book, PATIENT, Plan, Quirk, RUN_TOKEN, TestServer, authorised, hello, play_client, reason, soon,
 };
 use avln_episode::{EndReason, TimeLimits};
 use avln_grpc::Limits;
@@ -29,7 +29,12 @@ async fn start(server: &TestServer) -> v1::EpisodeStart {
     }
 }
 
-async fn step(server: &TestServer, episode: &str, step: u32, action: i32) -> Result<v1::StepResponse, Status> {
+async fn step(
+    server: &TestServer,
+    episode: &str,
+    step: u32,
+    action: i32,
+) -> Result<v1::StepResponse, Status> {
     let request = v1::StepRequest { act: Some(v1::Act { slot: 0, episode: episode.into(), step, action }) };
     play_client(server).await.step(authorised(request, RUN_TOKEN)).await.map(|answer| answer.into_inner())
 }

@@ -1,4 +1,4 @@
-use super::{TestServer, RUN_TOKEN, soon};
+use super::{RUN_TOKEN, TestServer, soon};
 use avln_proto::v1::{
     self, PlayRequest, PlayResponse, play_request::Frame as Up, play_response::Frame as Down,
     play_service_client::PlayServiceClient,

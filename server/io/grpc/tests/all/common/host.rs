@@ -8,8 +8,8 @@ use avln_challenge::{
 };
 use avln_episode::{Action, EndReason, FeedbackRule, Order, Rules, Sensors, TimeLimits};
 use avln_grpc::{
-    Acted, ClientRange, Digests, Episode, EpisodeLog, Host, HostedEpisode, Interrupted, OpenRun, Reason, Refusal,
-    Restored, RunRequest, RunTicket, ServerInfo, StoredEnd,
+    Acted, ClientRange, Digests, Episode, EpisodeLog, Host, HostedEpisode, Interrupted, OpenRun, Reason,
+    Refusal, Restored, RunRequest, RunTicket, ServerInfo, StoredEnd,
 };
 use std::{
     collections::{BTreeMap, VecDeque},
