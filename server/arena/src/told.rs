@@ -1,7 +1,7 @@
 //! Conversion of store types to the domain types that the gRPC server sends.
 
 use super::refusals::token_refusal;
-use avln_challenge::{Account, Charge, MethodInfo, PhaseInfo, RunStatus, TokenScope};
+use avln_challenge::{Account, Charge, PhaseInfo, RunStatus, TokenScope};
 use avln_grpc::Refusal;
 use avln_scoring::{Metric, Summary};
 use avln_store::{PhaseView, RunView, TokenState, Viewer};
@@ -65,7 +65,7 @@ pub(super) fn status(view: RunView, charge: Charge) -> RunStatus {
         deadline_unix_ms: None,
         run: line.run,
         phase: line.phase,
-        method: MethodInfo::new(line.method, line.version),
+        method: view.method,
         order: line.order,
         state: line.state,
         episodes: line.episodes,
