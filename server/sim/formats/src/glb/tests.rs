@@ -1,7 +1,7 @@
 use super::*;
-use crate::Report;
+use crate::images;
 use avln_geom::{Aabb, Point2, Point3, Rng, Vector3};
-use avln_scene::{Attributes, InstanceId, Lighting, Object, Region, Texture};
+use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Region, Texture};
 
 mod formats;
 
@@ -270,9 +270,9 @@ fn an_external_file_may_not_lie_outside_the_folder() {
     std::fs::write(folder.path().join("secret.bin"), [0; 36]).unwrap();
     let scene = inside.join("scene.gltf");
     std::fs::write(&scene, r#"{"buffers":[{"byteLength":36,"uri":"../secret.bin"}]}"#).unwrap();
-    let error = import(&scene, &mut Report::default()).unwrap_err().to_string();
+    let error = import(&scene, &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.contains("own folder"), "{error}");
-    let error = import(&inside.join("absent.glb"), &mut Report::default()).unwrap_err().to_string();
+    let error = import(&inside.join("absent.glb"), &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.starts_with("cannot read"), "{error}");
 }
 
@@ -314,8 +314,8 @@ fn a_jpeg_texture_gives_the_surface_its_colour() {
 
 #[test]
 fn damaged_pictures_are_refused_or_read_but_never_stop_the_program() {
-    let jpeg = uri::load(JPEG, None, &mut 1000).unwrap();
-    let png = image::encode_png(&texture(5, 7, 200));
+    let jpeg = source::load(JPEG, None, &mut 1000).unwrap();
+    let png = images::encode_png(&texture(5, 7, 200));
     let mut rng = Rng::new(3);
     for whole in [jpeg, png] {
         let mut refused = 0;
@@ -324,7 +324,7 @@ fn damaged_pictures_are_refused_or_read_but_never_stop_the_program() {
             let at = rng.below(bytes.len());
             bytes[at] ^= 1 << rng.below(8);
             bytes.truncate(1 + rng.below(2 * whole.len()));
-            refused += u32::from(image::decode(&bytes, &mut 1_000_000).is_err());
+            refused += u32::from(images::decode(&bytes, &mut 1_000_000).is_err());
         }
         assert!(refused > 50, "{refused}");
     }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::glb;
 use avln_geom::{Aabb, Point2, Point3, Rng};
 use avln_scene::{InstanceId, Lighting, Material, Mesh};
 use serde_json::json;
@@ -108,7 +109,7 @@ fn data_set() -> TempDir {
 #[test]
 fn a_scene_instance_places_its_parts() {
     let folder = data_set();
-    let mut report = Report::default();
+    let mut report = ImportReport::default();
     let scene = import(&folder.path().join(SCENE), &mut report).unwrap();
     let found: Vec<_> = scene
         .objects
@@ -155,15 +156,15 @@ fn a_scene_instance_places_its_parts() {
 #[test]
 fn a_data_set_with_one_scene_is_opened_by_its_folder() {
     let folder = data_set();
-    let by_folder = import(folder.path(), &mut Report::default()).unwrap();
-    assert_eq!(by_folder, import(&folder.path().join(SCENE), &mut Report::default()).unwrap());
+    let by_folder = import(folder.path(), &mut ImportReport::default()).unwrap();
+    assert_eq!(by_folder, import(&folder.path().join(SCENE), &mut ImportReport::default()).unwrap());
     assert!(
         is_habitat(folder.path())
             && is_habitat(&folder.path().join(SCENE))
             && !is_habitat(Path::new("a.glb"))
     );
     write(&folder, "scenes/other.scene_instance.json", "{}");
-    let error = import(folder.path(), &mut Report::default()).unwrap_err().to_string();
+    let error = import(folder.path(), &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.contains("2 scenes") && error.contains("other.scene_instance.json"), "{error}");
 }
 
@@ -190,15 +191,16 @@ fn faults_are_named_with_file_and_cause() {
     for (file, content, expected) in cases {
         let folder = data_set();
         write(&folder, file, content);
-        let error = import(&folder.path().join(SCENE), &mut Report::default()).unwrap_err().to_string();
+        let error = import(&folder.path().join(SCENE), &mut ImportReport::default()).unwrap_err().to_string();
         let name = Path::new(file).file_name().unwrap().to_string_lossy().into_owned();
         let named = error.contains(&name) || file.starts_with("stages");
         assert!(named && error.contains(expected.trim_start_matches("no JSON")), "{expected}: {error}");
     }
     let lonely = tempfile::tempdir().unwrap();
     write(&lonely, "a/b/c/d/e/f/g/x.scene_instance.json", "{}");
-    let error = import(&lonely.path().join("a/b/c/d/e/f/g/x.scene_instance.json"), &mut Report::default())
-        .unwrap_err();
+    let error =
+        import(&lonely.path().join("a/b/c/d/e/f/g/x.scene_instance.json"), &mut ImportReport::default())
+            .unwrap_err();
     assert!(error.to_string().contains("folders above"), "{error}");
 }
 
@@ -230,10 +232,10 @@ fn damaged_configurations_are_refused_or_read_but_never_stop_the_program() {
                 bytes.truncate(rng.below(whole.len()));
             }
             write(&folder, file, bytes);
-            refused += u32::from(import(&folder.path().join(SCENE), &mut Report::default()).is_err());
+            refused += u32::from(import(&folder.path().join(SCENE), &mut ImportReport::default()).is_err());
         }
         write(&folder, file, whole);
     }
     assert!(refused > 300, "{refused}");
-    assert!(import(folder.path(), &mut Report::default()).is_ok());
+    assert!(import(folder.path(), &mut ImportReport::default()).is_ok());
 }

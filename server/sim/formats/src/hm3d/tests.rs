@@ -59,7 +59,7 @@ fn imported(pieces: u32) -> Scene {
     let semantic = flat(&RECTANGLES, &[BED, WALL, LAMP, [7, 7, 7]], 1);
     write("00001-made.semantic.glb", &glb::export(&semantic));
     write("00001-made.semantic.txt", TABLE.as_bytes());
-    import(folder.path(), &mut Report::default()).unwrap()
+    import(folder.path(), &mut ImportReport::default()).unwrap()
 }
 
 #[test]
@@ -97,12 +97,13 @@ fn another_tessellation_takes_the_nearest_label() {
 #[test]
 fn missing_semantics_are_named() {
     let folder = tempfile::tempdir().unwrap();
-    let error = import(folder.path(), &mut Report::default()).unwrap_err().to_string();
+    let error = import(folder.path(), &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.contains("semantic.txt"), "{error}");
     let flat = glb::export(&flat(&RECTANGLES, &[BED; 4], 1));
     std::fs::write(folder.path().join("X.basis.glb"), &flat).unwrap();
     std::fs::write(folder.path().join("X.semantic.glb"), &flat).unwrap();
-    let error = import(&folder.path().join("X.basis.glb"), &mut Report::default()).unwrap_err().to_string();
+    let error =
+        import(&folder.path().join("X.basis.glb"), &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.starts_with("cannot read") && error.contains("X.semantic.txt"), "{error}");
 }
 
@@ -115,7 +116,7 @@ fn colours_and_numbers_without_a_partner_are_reported() {
     write("X.semantic.glb", &painted);
     let table = format!("{TABLE}8,010203,\"chair\",1\n9,0AC81E,\"sofa\",1\n");
     write("X.semantic.txt", table.as_bytes());
-    let mut report = Report::default();
+    let mut report = ImportReport::default();
     let scene = import(folder.path(), &mut report).unwrap();
     assert_eq!(scene.objects.len(), 2);
     let warnings = report.warnings.join("\n");
@@ -129,14 +130,14 @@ fn colours_and_numbers_without_a_partner_are_reported() {
 }
 
 /// Writes what [`export`] makes of a scene and imports it.
-fn back(scene: &Scene) -> (Scene, Report) {
+fn back(scene: &Scene) -> (Scene, ImportReport) {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
     let exported = export(scene);
     write("back.glb", &exported.render);
     write("back.semantic.glb", &exported.semantic);
     write("back.semantic.txt", exported.table.as_bytes());
-    let mut report = Report::default();
+    let mut report = ImportReport::default();
     (import(folder.path(), &mut report).unwrap(), report)
 }
 
@@ -208,7 +209,7 @@ fn damaged_tables_are_refused_or_read_but_never_stop_the_program() {
         }
         bytes.truncate(1 + rng.below(2 * TABLE.len()));
         std::fs::write(folder.path().join("X.semantic.txt"), bytes).unwrap();
-        refused += u32::from(import(folder.path(), &mut Report::default()).is_err());
+        refused += u32::from(import(folder.path(), &mut ImportReport::default()).is_err());
     }
     assert!(refused > 300, "{refused}");
 }

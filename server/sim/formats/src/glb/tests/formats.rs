@@ -28,7 +28,7 @@ fn data_uri(bytes: &[u8]) -> String {
 }
 
 fn unpacked(coded: &str) -> Vec<u8> {
-    uri::load(&format!("data:;base64,{coded}"), None, &mut 10_000).unwrap()
+    source::load(&format!("data:;base64,{coded}"), None, &mut 10_000).unwrap()
 }
 
 fn bytes_of<const N: usize>(values: &[[f32; N]]) -> Vec<u8> {
@@ -53,7 +53,7 @@ fn basis_pictures_are_decoded_and_turned_where_their_bottom_row_comes_first() {
             file[21] = if bottom_first { file[21] | 2 } else { file[21] & !2 };
             let header = checksum(&file[8..77]);
             file[6..8].copy_from_slice(&header.to_le_bytes());
-            let texture = image::decode(&file, &mut 1000).unwrap();
+            let texture = images::decode(&file, &mut 1000).unwrap();
             let mut found = quarters(&texture);
             if bottom_first {
                 found = [found[2], found[3], found[0], found[1]];
@@ -61,7 +61,7 @@ fn basis_pictures_are_decoded_and_turned_where_their_bottom_row_comes_first() {
             let off =
                 found.iter().flatten().zip(expected.iter().flatten()).map(|(a, b)| a.abs_diff(*b)).max();
             assert!(off < Some(10), "{found:?}");
-            assert!(image::decode(&file, &mut 100).unwrap_err().contains("resize"));
+            assert!(images::decode(&file, &mut 100).unwrap_err().contains("resize"));
         }
     }
 }
@@ -93,7 +93,7 @@ fn damaged_basis_pictures_are_refused_or_read_but_never_stop_the_program() {
                 let header = checksum(&bytes[8..77]);
                 bytes[6..8].copy_from_slice(&header.to_le_bytes());
             }
-            refused += u32::from(image::decode(&bytes, &mut 1_000_000).is_err());
+            refused += u32::from(images::decode(&bytes, &mut 1_000_000).is_err());
         }
         assert!(refused > 700, "{refused}");
     }
@@ -130,10 +130,10 @@ fn ktx2(orientation: &str) -> Vec<u8> {
 
 #[test]
 fn ktx2_pictures_are_decoded_the_way_their_metadata_say_they_stand() {
-    let plain = image::decode(&unpacked(UASTC), &mut 1000).unwrap();
-    assert_eq!(image::decode(&ktx2("rd"), &mut 1000).unwrap(), plain);
+    let plain = images::decode(&unpacked(UASTC), &mut 1000).unwrap();
+    assert_eq!(images::decode(&ktx2("rd"), &mut 1000).unwrap(), plain);
     let [top_left, top_right, bottom_left, bottom_right] = quarters(&plain);
-    let turned = image::decode(&ktx2("ru"), &mut 1000).unwrap();
+    let turned = images::decode(&ktx2("ru"), &mut 1000).unwrap();
     assert_eq!(quarters(&turned), [bottom_left, bottom_right, top_left, top_right]);
     let mut rng = Rng::new(13);
     let mut refused = 0;
@@ -142,7 +142,7 @@ fn ktx2_pictures_are_decoded_the_way_their_metadata_say_they_stand() {
         let at = rng.below(160);
         bytes[at] ^= 1 << rng.below(8);
         bytes.truncate(bytes.len() - rng.below(2) * rng.below(bytes.len()));
-        refused += u32::from(image::decode(&bytes, &mut 1_000_000).is_err());
+        refused += u32::from(images::decode(&bytes, &mut 1_000_000).is_err());
     }
     assert!(refused > 700, "{refused}");
 }
@@ -304,7 +304,7 @@ fn quantised_positions_and_moved_textures_are_understood() {
         .collect();
     let mut bytes = positions.clone();
     bytes.extend([0, 0, 255, 0, 0, 255]);
-    let picture = image::encode_png(&texture(2, 2, 255));
+    let picture = images::encode_png(&texture(2, 2, 255));
     let document = json!({
         "extensionsRequired": ["KHR_mesh_quantization", "KHR_texture_transform"],
         "nodes": [{ "mesh": 0, "scale": [10, 10, 10] }],
@@ -348,7 +348,7 @@ fn pictures_with_a_palette_or_sixteen_bits_are_read() {
             encoder.set_trns(vec![255, 40]);
         }
         encoder.write_header().unwrap().write_image_data(data).unwrap();
-        image::decode(&file, &mut 10).unwrap().pixels
+        images::decode(&file, &mut 10).unwrap().pixels
     };
     let palette =
         encode(png::ColorType::Indexed, png::BitDepth::One, &[0b0100_0000], Some(&[1, 2, 3, 9, 8, 7]));
@@ -373,16 +373,16 @@ fn a_missing_picture_is_a_warning_and_a_checker() {
         "buffers": [{ "byteLength": 36, "uri": "room%20one.bin" }],
     });
     std::fs::write(&path, document.to_string()).unwrap();
-    let mut report = Report::default();
+    let mut report = ImportReport::default();
     let scene = import(&path, &mut report).unwrap();
-    assert_eq!(scene.textures, [image::checker()]);
+    assert_eq!(scene.textures, [images::checker()]);
     assert!(report.warnings[0].contains("gone/wood.jpg"), "{:?}", report.warnings);
     std::fs::write(
         folder.path().join("room one.bin"),
         "version https://git-lfs.github.com/spec/v1\noid sha256:1\n",
     )
     .unwrap();
-    let error = import(&path, &mut Report::default()).unwrap_err().to_string();
+    let error = import(&path, &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.contains("git lfs pull"), "{error}");
 }
 

@@ -1,9 +1,10 @@
-//! From bytes to a document and its buffers: the GLB container, external files, `data:` URIs.
+//! A file's document and buffers: GLB container, external files, `data:` URIs.
 
-use super::schema::Document;
-use super::uri;
-use crate::files::Checked;
+use crate::files::{Checked, neighbour, read_limited};
+use crate::glb::document::{Document, missing};
 use avln_scene::limits::{MAX_FILE_BYTES, MAX_JSON_BYTES};
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+use base64::{Engine as _, alphabet};
 use std::borrow::Cow;
 use std::path::Path;
 
@@ -13,16 +14,16 @@ const CHUNK_HEADER_BYTES: usize = 8;
 const JSON_CHUNK: &[u8] = b"JSON";
 const BIN_CHUNK: &[u8] = b"BIN\0";
 
-/// A parsed file with all its bytes at hand.
+/// A parsed file with its buffers.
 pub(super) struct Source<'a> {
     pub(super) document: Document,
     pub(super) buffers: Vec<Cow<'a, [u8]>>,
-    /// Where external files lie; `None` when the bytes came from no folder.
+    /// Folder of external files; `None` for bytes in memory.
     pub(super) folder: Option<&'a Path>,
 }
 
 impl<'a> Source<'a> {
-    /// Parses a `.glb` or `.gltf` file's bytes and reads the buffers it names.
+    /// Parses the bytes of a `.glb` or `.gltf` file, and reads its external buffers.
     pub(super) fn parse(bytes: &'a [u8], folder: Option<&'a Path>) -> Checked<Self> {
         let is_binary = bytes.starts_with(MAGIC);
         let (json, bin) = if is_binary { chunks(bytes)? } else { (bytes, None) };
@@ -40,7 +41,7 @@ impl<'a> Source<'a> {
         Ok(Self { document, buffers, folder })
     }
 
-    /// The bytes of a buffer view.
+    /// Returns the bytes of a buffer view.
     pub(super) fn view(&self, index: usize) -> Checked<&[u8]> {
         let view = self.document.buffer_views.get(index).ok_or_else(|| missing("buffer view", index))?;
         let buffer = self.buffers.get(view.buffer).ok_or_else(|| missing("buffer", view.buffer))?;
@@ -54,14 +55,9 @@ impl<'a> Source<'a> {
     }
 }
 
-/// The sentence for an index that points nowhere.
-pub(super) fn missing(what: &str, index: usize) -> String {
-    format!("it refers to {what} {index}, which does not exist; export the file again")
-}
-
 type Chunks<'a> = (&'a [u8], Option<&'a [u8]>);
 
-/// The JSON chunk and the binary chunk of a GLB file.
+/// JSON chunk and binary chunk of a GLB file.
 fn chunks(bytes: &[u8]) -> Checked<Chunks<'_>> {
     let version = word(bytes, 4).ok_or("it ends inside its header; copy the file again")?;
     if version != 2 {
@@ -88,7 +84,7 @@ fn chunks(bytes: &[u8]) -> Checked<Chunks<'_>> {
     Ok((json, (kind == BIN_CHUNK).then_some(bin)))
 }
 
-/// Kind, content and what follows of the chunk at the start of `bytes`.
+/// Kind and content of the first chunk, and the bytes after it.
 fn chunk(bytes: &[u8]) -> Checked<(&[u8], &[u8], &[u8])> {
     let cut = || "one of its chunks reaches beyond the end of the file; copy the file again".to_owned();
     let length = word(bytes, 0).ok_or_else(cut)?;
@@ -112,20 +108,77 @@ fn load_buffers<'a>(
     let mut buffers = Vec::with_capacity(document.buffers.len());
     for (index, buffer) in document.buffers.iter().enumerate() {
         let bytes = match &buffer.uri {
-            Some(address) => Cow::Owned(uri::load(address, folder, &mut budget)?),
+            Some(address) => Cow::Owned(load(address, folder, &mut budget)?),
             None if index == 0 => {
                 Cow::Borrowed(bin.ok_or("its binary chunk is missing; copy the file again")?)
             }
-            None => return Err(format!("buffer {index} names no file; export the file again")),
+            None => return Err(format!("buffer {index} has no URI; export the file again")),
         };
         if bytes.len() < buffer.byte_length {
             return Err(format!(
-                "buffer {index} should hold {} bytes and holds {}; copy the files again",
-                buffer.byte_length,
-                bytes.len()
+                "buffer {index} has {} bytes, {} were announced; copy the files again",
+                bytes.len(),
+                buffer.byte_length
             ));
         }
         buffers.push(bytes);
     }
     Ok(buffers)
+}
+
+/// Loads the bytes at `address`, and subtracts their number from `budget`.
+pub(super) fn load(address: &str, folder: Option<&Path>, budget: &mut u64) -> Checked<Vec<u8>> {
+    let bytes = if let Some(data) = address.strip_prefix("data:") {
+        let (_, encoded) =
+            data.split_once(";base64,").ok_or("a data: URI is not base64; export it as .glb")?;
+        base64(encoded).ok_or("a data: URI is not valid base64; export it as .glb")?
+    } else {
+        let folder = folder.ok_or_else(|| {
+            format!("it keeps data in another file, {address:?}; open it by its path, or export it as .glb")
+        })?;
+        read_limited(&neighbour(folder, address)?, *budget).map_err(|error| {
+            format!(
+                "its file {address:?} cannot be read ({error}); put it next to the scene, or export it as .glb"
+            )
+        })?
+    };
+    *budget = budget.checked_sub(bytes.len() as u64).ok_or_else(|| {
+        format!(
+            "its external files have more than {MAX_FILE_BYTES} bytes together; split or simplify the scene"
+        )
+    })?;
+    Ok(bytes)
+}
+
+/// Returns whether `address` refers to a missing file.
+pub(super) fn is_absent(address: &str, folder: Option<&Path>) -> bool {
+    let path =
+        folder.filter(|_| !address.starts_with("data:")).and_then(|folder| neighbour(folder, address).ok());
+    path.is_some_and(|path| !path.exists())
+}
+
+/// Decodes base64 (RFC 4648, section 4); padding is optional, white space is an error.
+fn base64(text: &str) -> Option<Vec<u8>> {
+    const LENIENT: GeneralPurpose = GeneralPurpose::new(
+        &alphabet::STANDARD,
+        GeneralPurposeConfig::new()
+            .with_decode_padding_mode(DecodePaddingMode::Indifferent)
+            .with_decode_allow_trailing_bits(true),
+    );
+    LENIENT.decode(text).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_agrees_with_rfc_4648() {
+        for (plain, coded) in
+            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foobar", "Zm9vYmFy")]
+        {
+            assert_eq!(base64(coded).unwrap(), plain.as_bytes());
+        }
+        assert_eq!([base64("Z"), base64("Zm9v!")], [None, None]);
+    }
 }

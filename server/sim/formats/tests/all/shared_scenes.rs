@@ -1,19 +1,10 @@
 //! Real files of other people's tools, where `../shared/scenes` lies beside the repository.
 
+use crate::scene_folder;
 use avln_formats::{glb, open};
 use avln_geom::{Aabb, Point3};
 use avln_scene::{InstanceId, Scene};
-use std::path::{Path, PathBuf};
-
-/// The folder of shared scenes; says that `test` is skipped where there is none.
-fn shared(test: &str) -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../../shared/scenes");
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    println!("skipped: {test}: needs ../shared/scenes");
-    None
-}
+use std::path::Path;
 
 fn check_consistent(scene: &Scene) {
     let mesh = &scene.mesh;
@@ -62,7 +53,9 @@ fn close(a: &Aabb, b: &Aabb, tolerance_m: f32) -> bool {
 
 #[test]
 fn the_small_house_in_hm3d_layout_has_its_labelled_instances() {
-    let Some(shared) = shared("the_small_house_in_hm3d_layout_has_its_labelled_instances") else { return };
+    let Some(shared) = scene_folder("the_small_house_in_hm3d_layout_has_its_labelled_instances") else {
+        return;
+    };
     let scene = open::open(&shared.join("aws_small_house/hm3d_style/00000-SmallHouse")).unwrap();
     check_consistent(&scene);
     assert_eq!(scene.name, "SmallHouse");
@@ -82,7 +75,7 @@ fn the_small_house_in_hm3d_layout_has_its_labelled_instances() {
 
 #[test]
 fn every_way_to_name_an_hm3d_scene_opens_it() {
-    let Some(shared) = shared("every_way_to_name_an_hm3d_scene_opens_it") else { return };
+    let Some(shared) = scene_folder("every_way_to_name_an_hm3d_scene_opens_it") else { return };
     let folder = shared.join("aws_small_house/hm3d_style/00000-SmallHouse");
     let whole = open::open(&folder).unwrap();
     assert_eq!(open::open(&folder.join("SmallHouse.glb")).unwrap().objects, whole.objects);
@@ -90,7 +83,7 @@ fn every_way_to_name_an_hm3d_scene_opens_it() {
 
 #[test]
 fn the_small_house_as_one_file_names_its_instances() {
-    let Some(shared) = shared("the_small_house_as_one_file_names_its_instances") else { return };
+    let Some(shared) = scene_folder("the_small_house_as_one_file_names_its_instances") else { return };
     let scene = open::open(&shared.join("aws_small_house/combined/small_house.glb")).unwrap();
     check_consistent(&scene);
     let expected = expected_instances(&shared);
@@ -117,7 +110,7 @@ fn the_small_house_as_one_file_names_its_instances() {
 
 #[test]
 fn a_real_house_survives_the_way_out_and_back() {
-    let Some(shared) = shared("a_real_house_survives_the_way_out_and_back") else { return };
+    let Some(shared) = scene_folder("a_real_house_survives_the_way_out_and_back") else { return };
     let scene = open::open(&shared.join("aws_small_house/hm3d_style/00000-SmallHouse")).unwrap();
     let back = glb::from_bytes("SmallHouse", "memory", &glb::export(&scene)).unwrap();
     check_consistent(&back);
@@ -129,7 +122,7 @@ fn a_real_house_survives_the_way_out_and_back() {
 
 #[test]
 fn files_of_other_tools_open_in_their_documented_size() {
-    let Some(shared) = shared("files_of_other_tools_open_in_their_documented_size") else { return };
+    let Some(shared) = scene_folder("files_of_other_tools_open_in_their_documented_size") else { return };
     for (file, triangles, size_m) in [
         ("webxr/home-theater/home-theater.gltf", 7_915, [6.1, 3.3, 7.1]),
         ("playcanvas/vr-gallery.glb", 1_930, [10.1, 5.1, 10.1]),
@@ -145,7 +138,7 @@ fn files_of_other_tools_open_in_their_documented_size() {
 
 #[test]
 fn a_box_in_millimetres_is_refused_with_its_size() {
-    let Some(shared) = shared("a_box_in_millimetres_is_refused_with_its_size") else { return };
+    let Some(shared) = scene_folder("a_box_in_millimetres_is_refused_with_its_size") else { return };
     let error = open::open(&shared.join("bevy/CornellBox.glb")).unwrap_err().to_string();
     assert!(error.contains("scale it") && error.contains("55"), "{error}");
 }

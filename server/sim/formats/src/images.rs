@@ -1,10 +1,13 @@
-//! Pictures: PNG, JPEG and Basis Universal in, PNG out.
+//! Images: PNG, JPEG and Basis Universal in, PNG out.
 
-use super::basis;
-use crate::files::Checked;
+use crate::files::{Checked, neighbour};
+use crate::options::ImportReport;
+use crate::{basis, files};
 use avln_scene::Texture;
-use avln_scene::limits::MAX_TEXTURE_SIDE;
+use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXTURE_SIDE};
+use std::collections::BTreeMap;
 use std::io::Cursor;
+use std::path::PathBuf;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
@@ -14,20 +17,20 @@ const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 const JPEG_MAGIC: &[u8] = &[0xff, 0xd8, 0xff];
 const SUPPORTED: &str = "PNG, JPEG, KTX2 and .basis pictures are read: convert the textures";
 
-/// Decodes a picture without touching its colours; takes the texels from `budget`.
+/// Decodes an image without colour conversion; subtracts its texels from `budget`.
 pub(crate) fn decode(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
     if bytes.starts_with(PNG_MAGIC) {
         decode_png(bytes, budget)
     } else if bytes.starts_with(JPEG_MAGIC) {
         decode_jpeg(bytes, budget)
     } else if basis::is_basis(bytes) {
-        basis::decode(bytes, budget)
+        basis::decode(bytes, |width, height| check_size(width, height, budget))
     } else {
         Err(format!("it is {}; {SUPPORTED}", kind_of(bytes)))
     }
 }
 
-/// What a picture in no supported format seems to be.
+/// Apparent format of an unsupported image.
 fn kind_of(bytes: &[u8]) -> &'static str {
     match bytes {
         [0xab, b'K', b'T', b'X', ..] => "a KTX texture of version 1",
@@ -37,7 +40,7 @@ fn kind_of(bytes: &[u8]) -> &'static str {
     }
 }
 
-pub(super) fn check_size(width: usize, height: usize, budget: &mut u64) -> Checked<()> {
+pub(crate) fn check_size(width: usize, height: usize, budget: &mut u64) -> Checked<()> {
     let side = MAX_TEXTURE_SIDE as usize;
     if width > side || height > side || width == 0 || height == 0 {
         return Err(format!("it has {width} x {height} texels, sides of 1 to {side} are read; resize it"));
@@ -82,7 +85,7 @@ fn decode_jpeg(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
     texture(u32::from(header.width), u32::from(header.height), &raw, raw.len() / texels)
 }
 
-/// A texture from grey, grey-alpha, RGB or RGBA bytes.
+/// Makes a texture of grey, grey-alpha, RGB or RGBA bytes.
 fn texture(width: u32, height: u32, raw: &[u8], samples: usize) -> Checked<Texture> {
     let texels = width as usize * height as usize;
     if !(1..=4).contains(&samples) || raw.len() != texels * samples {
@@ -98,7 +101,7 @@ fn texture(width: u32, height: u32, raw: &[u8], samples: usize) -> Checked<Textu
     Ok(Texture { width, height, pixels })
 }
 
-/// What stands in for a picture that is not there: a checker of magenta and black.
+/// Returns the placeholder for a missing image: a checker of magenta and black.
 pub(crate) fn checker() -> Texture {
     const SIDE: u32 = 16;
     let is_lit = |texel: u32| (texel / SIDE / 4 + texel % SIDE / 4).is_multiple_of(2);
@@ -107,8 +110,8 @@ pub(crate) fn checker() -> Texture {
     Texture { width: SIDE, height: SIDE, pixels: pixels.collect() }
 }
 
-/// A texture as a PNG file: RGB where it is opaque, RGBA elsewhere.
-pub(super) fn encode_png(texture: &Texture) -> Vec<u8> {
+/// Encodes a texture as PNG: RGB if it is opaque, else RGBA.
+pub(crate) fn encode_png(texture: &Texture) -> Vec<u8> {
     let opaque = texture.pixels.chunks_exact(4).all(|texel| texel[3] == 255);
     let data: Vec<u8> = if opaque {
         texture.pixels.chunks_exact(4).flat_map(|texel| [texel[0], texel[1], texel[2]]).collect()
@@ -123,8 +126,50 @@ pub(super) fn encode_png(texture: &Texture) -> Vec<u8> {
         writer.write_image_data(&data)?;
         writer.finish()
     });
-    written.expect("a texture has a size and as many pixels as that says");
+    written.expect("a texture has a size and the pixels for it");
     file
+}
+
+/// Images of a scene, each read once, in order of their first use.
+pub(crate) struct ImageSet {
+    folder: PathBuf,
+    textures: Vec<Texture>,
+    number_of: BTreeMap<String, u16>,
+    texels_left: u64,
+}
+
+impl ImageSet {
+    /// ImageSet lie in `folder` or below; `texels` is what all may hold together.
+    pub(crate) fn new(folder: impl Into<PathBuf>, texels: u64) -> Self {
+        Self { folder: folder.into(), textures: Vec::new(), number_of: BTreeMap::new(), texels_left: texels }
+    }
+
+    /// Returns the number of an image. An unreadable image is replaced by a checker, with a warning.
+    pub(crate) fn number(&mut self, name: &str, report: &mut ImportReport) -> Checked<u16> {
+        if let Some(&known) = self.number_of.get(name) {
+            return Ok(known);
+        }
+        let texture = self.load(name, report).unwrap_or_else(|reason| {
+            report.warn(format!("texture {name:?} is replaced by a checker: {reason}"));
+            checker()
+        });
+        let number = u16::try_from(self.textures.len())
+            .map_err(|_| "it uses more than 65536 textures; merge some of them")?;
+        self.textures.push(texture);
+        self.number_of.insert(name.to_owned(), number);
+        Ok(number)
+    }
+
+    /// Returns all images in order of their numbers.
+    pub(crate) fn into_textures(self) -> Vec<Texture> {
+        self.textures
+    }
+
+    fn load(&mut self, name: &str, report: &mut ImportReport) -> Checked<Texture> {
+        let path = neighbour(&self.folder, &name.replace('\\', "/"))?;
+        let bytes = files::read(&path, MAX_FILE_BYTES, report).map_err(|error| error.to_string())?;
+        decode(&bytes, &mut self.texels_left)
+    }
 }
 
 #[cfg(test)]
@@ -141,13 +186,13 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_beyond_the_budget_is_refused_before_it_is_decoded() {
+    fn images_beyond_the_budget_are_refused_undecoded() {
         let texture = Texture { width: 3, height: 2, pixels: vec![7; 24] };
         assert!(decode(&encode_png(&texture), &mut 5).unwrap_err().contains("resize"));
     }
 
     #[test]
-    fn a_picture_in_another_format_is_named_with_the_next_step() {
+    fn other_formats_are_refused_by_name() {
         for (bytes, name) in [
             (&b"RIFF1234WEBP"[..], "WebP"),
             (b"DDS rest", "DDS"),
@@ -159,5 +204,19 @@ mod tests {
         }
         let error = decode(b"sB\x13\0rest", &mut 100).unwrap_err();
         assert!(error.contains("Basis") && error.contains("convert"), "{error}");
+    }
+
+    #[test]
+    fn missing_images_are_checkers_with_one_warning() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("bad.png"), "no picture").unwrap();
+        let mut pictures = ImageSet::new(folder.path(), 1 << 20);
+        let mut report = ImportReport::default();
+        let numbers = ["absent.png", "bad.png", "absent.png", "../outside.png"]
+            .map(|name| pictures.number(name, &mut report).unwrap());
+        assert_eq!(numbers, [0, 1, 0, 2]);
+        assert_eq!(report.warnings.len(), 3, "{report:?}");
+        assert!(report.warnings[0].contains("\"absent.png\"") && report.warnings[0].contains("checker"));
+        assert_eq!(pictures.into_textures()[0], checker());
     }
 }

@@ -1,6 +1,8 @@
-//! The part of the glTF 2.0 schema that holds surfaces. Names follow the specification's JSON keys.
+//! The JSON document: the part of the glTF 2.0 schema that describes surfaces, and the node tree. Names follow the
+//! specification's JSON keys.
 
-use super::bounded::bounded;
+use crate::files::{Checked, bounded};
+use nalgebra::{Matrix4, Quaternion, UnitQuaternion, Vector3};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -87,7 +89,7 @@ struct MaterialExtensions {
     specular_glossiness: Option<SpecularGlossiness>,
 }
 
-/// The older way to give a surface its colour.
+/// Colours in the older extension.
 #[derive(Debug, Default, serde::Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 struct SpecularGlossiness {
@@ -96,7 +98,7 @@ struct SpecularGlossiness {
 }
 
 impl MaterialEntry {
-    /// Linear RGBA.
+    /// Returns the base colour, linear RGBA.
     pub(super) fn color(&self) -> [f32; 4] {
         let older = || self.extensions.specular_glossiness.as_ref()?.diffuse_factor;
         self.pbr_metallic_roughness.base_color_factor.or_else(older).unwrap_or([1.0; 4])
@@ -135,7 +137,7 @@ struct TextureExtensions {
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct TextureTransform {
     pub(super) offset: [f32; 2],
-    /// Counter-clockwise as seen, v pointing down.
+    /// Counter-clockwise in the image, with v downwards.
     #[serde(rename = "rotation")]
     pub(super) rotation_rad: f32,
     pub(super) scale: [f32; 2],
@@ -149,7 +151,7 @@ impl Default for TextureTransform {
 }
 
 impl TextureUse {
-    /// Which set of texture coordinates is used.
+    /// Returns the number of the texture coordinate set.
     pub(super) fn coordinate_set(&self) -> u32 {
         self.transform().and_then(|transform| transform.tex_coord).unwrap_or(self.tex_coord)
     }
@@ -187,7 +189,7 @@ pub(super) struct Accessor {
     pub(super) sparse: Option<Sparse>,
 }
 
-/// Elements that differ from the accessor's others.
+/// Replacements for single elements of an accessor.
 #[derive(Debug, Default, serde::Deserialize)]
 #[serde(default)]
 pub(super) struct Sparse {
@@ -218,4 +220,69 @@ pub(super) struct BufferView {
 pub(super) struct Buffer {
     pub(super) uri: Option<String>,
     pub(super) byte_length: usize,
+}
+
+/// Returns the error message of an index out of range.
+pub(super) fn missing(what: &str, index: usize) -> String {
+    format!("it refers to {what} {index}, which does not exist; export the file again")
+}
+
+/// A node of the scene with its parent and transform.
+pub(super) struct PlacedNode {
+    pub(super) node: usize,
+    /// Index of the parent among the placed nodes.
+    pub(super) parent: Option<usize>,
+    pub(super) world_from_node: Matrix4<f64>,
+}
+
+/// Returns the nodes of the default scene, parents before children; of all roots if the file has no scene.
+pub(super) fn placed_nodes(document: &Document) -> Checked<Vec<PlacedNode>> {
+    let mut seen = vec![false; document.nodes.len()];
+    let mut placed = Vec::new();
+    let mut open: Vec<PlacedNode> = Vec::new();
+    for root in roots(document)?.into_iter().rev() {
+        open.push(PlacedNode { node: root, parent: None, world_from_node: Matrix4::identity() });
+    }
+    while let Some(mut next) = open.pop() {
+        let node = document.nodes.get(next.node).ok_or_else(|| missing("node", next.node))?;
+        if std::mem::replace(&mut seen[next.node], true) {
+            return Err(format!("node {} is in the node tree twice; export the file again", next.node));
+        }
+        next.world_from_node *= local_matrix(node);
+        for &child in node.children.iter().rev() {
+            open.push(PlacedNode {
+                node: child,
+                parent: Some(placed.len()),
+                world_from_node: next.world_from_node,
+            });
+        }
+        placed.push(next);
+    }
+    Ok(placed)
+}
+
+fn roots(document: &Document) -> Checked<Vec<usize>> {
+    let index = document.scene.unwrap_or(0);
+    match document.scenes.get(index) {
+        Some(scene) => Ok(scene.nodes.clone()),
+        None if document.scenes.is_empty() => {
+            let mut is_root = vec![true; document.nodes.len()];
+            for &child in document.nodes.iter().flat_map(|node| &node.children) {
+                *is_root.get_mut(child).ok_or_else(|| missing("node", child))? = false;
+            }
+            Ok((0..is_root.len()).filter(|&node| is_root[node]).collect())
+        }
+        None => Err(missing("scene", index)),
+    }
+}
+
+fn local_matrix(node: &Node) -> Matrix4<f64> {
+    if let Some(columns) = &node.matrix {
+        return Matrix4::from_column_slice(columns);
+    }
+    let mut matrix = Matrix4::new_nonuniform_scaling(&Vector3::from(node.scale.unwrap_or([1.0; 3])));
+    if let Some([x, y, z, w]) = node.rotation {
+        matrix = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)).to_homogeneous() * matrix;
+    }
+    matrix.append_translation(&Vector3::from(node.translation.unwrap_or_default()))
 }

@@ -1,6 +1,6 @@
 //! The same house in five layouts, where `../shared/scenes` lies beside the repository: the same things, boxes and depth.
 
-use avln_formats::{Report, glb, open};
+use avln_formats::{ImportReport, glb, open};
 use avln_geom::{Aabb, Point3, RayMesh, Vector3};
 use avln_scene::Scene;
 use avln_scene::digest::digest;
@@ -24,9 +24,8 @@ const LAYOUTS: [(&str, &str); 5] = [
     ("Replica", "replica_style/small_house"),
 ];
 
-fn house() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../../shared/scenes/aws_small_house");
-    folder.is_dir().then_some(folder)
+fn house(test: &str) -> Option<PathBuf> {
+    Some(crate::scene_folder(test)?.join("aws_small_house"))
 }
 
 /// Category and box of each thing that is no part of the building.
@@ -86,18 +85,13 @@ fn depths(scene: &Scene, eye: Point3<f32>) -> Vec<f32> {
 
 #[test]
 fn five_layouts_of_a_house_give_the_same_things_boxes_and_depth() {
-    let Some(house) = house() else {
-        println!(
-            "skipped: five_layouts_of_a_house_give_the_same_things_boxes_and_depth: needs ../shared/scenes"
-        );
-        return;
-    };
+    let Some(house) = house("five_layouts_of_a_house_give_the_same_things_boxes_and_depth") else { return };
     let expected = expected(&house);
     assert_eq!(expected.len(), 66);
     let eyes = [Point3::new(0.5, 1.0, 1.0), Point3::new(-6.0, 1.3, -1.0), Point3::new(6.0, 1.0, 2.0)];
     let mut first: Option<Vec<Vec<f32>>> = None;
     for (layout, place) in LAYOUTS {
-        let mut report = Report::default();
+        let mut report = ImportReport::default();
         let scene = open::open_with(&house.join(place), &mut report).expect(layout);
         assert_eq!(report.layout, layout);
         check_things(layout, &scene, &expected);
@@ -114,10 +108,7 @@ fn five_layouts_of_a_house_give_the_same_things_boxes_and_depth() {
 
 #[test]
 fn layouts_that_number_things_give_the_same_numbers() {
-    let Some(house) = house() else {
-        println!("skipped: layouts_that_number_things_give_the_same_numbers: needs ../shared/scenes");
-        return;
-    };
+    let Some(house) = house("layouts_that_number_things_give_the_same_numbers") else { return };
     let numbered = LAYOUTS[2..].iter().map(|(_, place)| {
         let scene = open::open(&house.join(place)).expect("a scene");
         scene.objects.iter().map(|object| (object.id.0, object.category.clone())).collect::<Vec<_>>()
@@ -128,10 +119,7 @@ fn layouts_that_number_things_give_the_same_numbers() {
 
 #[test]
 fn the_cached_scene_of_each_layout_keeps_its_digest() {
-    let Some(house) = house() else {
-        println!("skipped: the_cached_scene_of_each_layout_keeps_its_digest: needs ../shared/scenes");
-        return;
-    };
+    let Some(house) = house("the_cached_scene_of_each_layout_keeps_its_digest") else { return };
     for (layout, place) in LAYOUTS {
         let scene = open::open(&house.join(place)).expect(layout);
         let back = glb::from_bytes(&scene.name, "memory", &glb::export(&scene)).expect("our own file");

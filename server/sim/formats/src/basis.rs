@@ -1,27 +1,26 @@
-//! Basis Universal pictures: `.basis` files, as in HM3D, and KTX2 files.
+//! Basis Universal images: `.basis` files, as in HM3D, and KTX2 files.
 
-use super::image::check_size;
 use crate::files::Checked;
 use avln_scene::Texture;
 use basisu::{DecodeFlags, TargetFormat, Transcoder};
 
 const KTX2_MAGIC: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
 const BASIS_MAGIC: &[u8] = b"sB";
-/// Where a `.basis` header holds its flags, and the one that says that the bottom row comes first.
+/// Offset of the flags in a `.basis` header, and the flag for the bottom row first.
 const BASIS_FLAGS_AT: usize = 21;
 const BASIS_BOTTOM_FIRST: u8 = 2;
-/// KTX2 metadata before the letters of the orientation; the second letter is `u` where rows go up.
+/// KTX2 metadata key of the orientation; the second letter of its value is `u` for the bottom row first.
 const ORIENTATION: &[u8] = b"KTXorientation\0";
-/// Bytes of a KTX2 file before which its metadata ends in all sane files.
+/// Bytes at the start of a KTX2 file that contain the metadata.
 const METADATA_BYTES: usize = 1 << 16;
 
-/// Whether `bytes` begin like a Basis Universal file.
-pub(super) fn is_basis(bytes: &[u8]) -> bool {
+/// Returns whether `bytes` start like a Basis Universal file.
+pub(crate) fn is_basis(bytes: &[u8]) -> bool {
     bytes.starts_with(BASIS_MAGIC) || bytes.starts_with(KTX2_MAGIC)
 }
 
-/// The picture's largest level, its top row first; takes the texels from `budget`.
-pub(super) fn decode(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
+/// Decodes the largest level, top row first, after `check_size` has accepted width and height.
+pub(crate) fn decode(bytes: &[u8], check_size: impl FnOnce(usize, usize) -> Checked<()>) -> Checked<Texture> {
     let fail = |error: basisu::Error| {
         format!(
             "it is a Basis Universal texture that cannot be decoded ({error:?}); convert it to PNG or JPEG"
@@ -29,7 +28,7 @@ pub(super) fn decode(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
     };
     let picture = Transcoder::new(bytes).map_err(fail)?;
     let (width, height) = picture.base_dimensions();
-    check_size(width as usize, height as usize, budget)?;
+    check_size(width as usize, height as usize)?;
     let mut pixels = picture.transcode(0, TargetFormat::Rgba32, DecodeFlags::NONE).map_err(fail)?;
     let row_bytes = 4 * width as usize;
     if pixels.len() != row_bytes * height as usize {

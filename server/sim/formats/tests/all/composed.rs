@@ -1,25 +1,15 @@
 //! Scenes composed of parts, in other people's files, where `../shared/scenes` lies beside the repository.
 
-use avln_formats::{Report, habitat, hm3d, open};
+use crate::scene_folder;
+use avln_formats::{ImportReport, habitat, hm3d, open};
 use avln_geom::{Aabb, Point3};
 use avln_scene::InstanceId;
-use std::path::{Path, PathBuf};
-
-/// The folder of shared scenes; says that `test` is skipped where there is none.
-fn shared(test: &str) -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../../shared/scenes");
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    println!("skipped: {test}: needs ../shared/scenes");
-    None
-}
 
 #[test]
 fn the_small_house_of_parts_has_its_labelled_instances() {
-    let Some(shared) = shared("the_small_house_of_parts_has_its_labelled_instances") else { return };
+    let Some(shared) = scene_folder("the_small_house_of_parts_has_its_labelled_instances") else { return };
     let folder = shared.join("aws_small_house");
-    let mut report = Report::default();
+    let mut report = ImportReport::default();
     let scene = open::open_with(&folder, &mut report).unwrap();
     assert_eq!(report.warnings, [""; 0]);
     assert_eq!(scene.name, "small_house");
@@ -47,7 +37,7 @@ fn the_small_house_of_parts_has_its_labelled_instances() {
 
 #[test]
 fn the_small_house_of_parts_comes_back_from_hm3d_layout() {
-    let Some(shared) = shared("the_small_house_of_parts_comes_back_from_hm3d_layout") else { return };
+    let Some(shared) = scene_folder("the_small_house_of_parts_comes_back_from_hm3d_layout") else { return };
     let scene = open::open(&shared.join("aws_small_house")).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let exported = hm3d::export(&scene);
@@ -59,7 +49,7 @@ fn the_small_house_of_parts_comes_back_from_hm3d_layout() {
         ("house.scene_dataset_config.json", config.as_bytes()),
     ];
     files.iter().for_each(|(name, bytes)| std::fs::write(folder.path().join(name), bytes).unwrap());
-    let mut report = Report::default();
+    let mut report = ImportReport::default();
     let back = open::open_with(folder.path(), &mut report).unwrap();
     assert_eq!((report.layout, report.warnings), ("HM3D", Vec::new()));
     assert_eq!(back.objects, scene.objects);
@@ -68,9 +58,11 @@ fn the_small_house_of_parts_comes_back_from_hm3d_layout() {
 
 #[test]
 fn the_test_data_sets_of_habitat_sim_open_with_their_rooms() {
-    let Some(shared) = shared("the_test_data_sets_of_habitat_sim_open_with_their_rooms") else { return };
+    let Some(shared) = scene_folder("the_test_data_sets_of_habitat_sim_open_with_their_rooms") else {
+        return;
+    };
     let sets = shared.join("habitat_sim/dataset_tests");
-    let mut report = Report::default();
+    let mut report = ImportReport::default();
     let scene = habitat::import(&sets.join("dataset_0"), &mut report).unwrap();
     assert_eq!(scene.name, "dataset_test_scene");
     let labels: Vec<&str> = scene.regions.iter().map(|region| region.label.as_str()).collect();
@@ -84,15 +76,18 @@ fn the_test_data_sets_of_habitat_sim_open_with_their_rooms() {
     assert!((center.x - 1.1).abs() < 0.01 && (center.z - 3.3).abs() < 0.01, "{center}");
     assert_eq!(scene.objects.len(), 2, "{:?}", report.warnings);
 
-    let error = habitat::import(&sets.join("dataset_1"), &mut Report::default()).unwrap_err().to_string();
+    let error =
+        habitat::import(&sets.join("dataset_1"), &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.contains("2 scenes") && error.contains("dataset_test_scene_1"), "{error}");
 }
 
 #[test]
 fn houses_of_procthor_open_with_the_sizes_of_its_asset_database() {
-    let Some(shared) = shared("houses_of_procthor_open_with_the_sizes_of_its_asset_database") else { return };
+    let Some(shared) = scene_folder("houses_of_procthor_open_with_the_sizes_of_its_asset_database") else {
+        return;
+    };
     let folder = shared.join("procthor");
-    let mut report = Report::default();
+    let mut report = ImportReport::default();
     let scene = open::open_with(&folder.join("house_100.json"), &mut report).unwrap();
     let labels: Vec<&str> = scene.regions.iter().map(|region| region.label.as_str()).collect();
     assert_eq!(labels, ["bathroom", "bedroom"]);

@@ -1,4 +1,4 @@
-//! What exported files say beyond glTF, under `extras.avln` of nodes and of the scene.
+//! Instance data in exported files, under `extras.avln` of nodes and of the scene.
 
 use crate::files::Checked;
 use avln_geom::{Aabb, Point3};
@@ -9,13 +9,13 @@ use serde_json::{Value, json};
 
 const KEY: &str = "avln";
 
-/// A node's instance; number 0 marks surfaces that belong to none.
+/// Instance of a node; number 0 marks structure.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(default)]
-pub(super) struct NodeExtras {
-    pub(super) instance: u32,
-    pub(super) category: String,
-    pub(super) region: Option<u16>,
+pub(crate) struct NodeExtras {
+    pub(crate) instance: u32,
+    pub(crate) category: String,
+    pub(crate) region: Option<u16>,
     noun: String,
     color: String,
     material: String,
@@ -41,8 +41,8 @@ struct RegionExtras {
 }
 
 impl NodeExtras {
-    /// What the `extras` of the node called `name` say; `None` when they are not ours.
-    pub(super) fn read(extras: &Value, name: &str) -> Checked<Option<Self>> {
+    /// Reads the `extras` of the node `name`; `None` if another program wrote them.
+    pub(crate) fn read(extras: &Value, name: &str) -> Checked<Option<Self>> {
         let Some(ours) = extras.get(KEY) else { return Ok(None) };
         let fail = |reason: &str| format!("extras.{KEY} of node {name:?} {reason}; correct or remove it");
         let read = Self::deserialize(ours).map_err(|error| fail(&format!("cannot be read ({error})")))?;
@@ -52,7 +52,7 @@ impl NodeExtras {
             .any(|word| word.chars().count() > MAX_WORD_CHARS || word.chars().any(char::is_control))
         {
             return Err(fail(&format!(
-                "holds a word of more than {MAX_WORD_CHARS} characters or with control characters"
+                "contains a word of more than {MAX_WORD_CHARS} characters or with control characters"
             )));
         }
         if read.instance > InstanceId::MAX {
@@ -68,7 +68,7 @@ impl NodeExtras {
         Ok(Some(read))
     }
 
-    pub(super) fn attributes(&self) -> Attributes {
+    pub(crate) fn attributes(&self) -> Attributes {
         Attributes {
             noun: self.noun.clone(),
             color: self.color.clone(),
@@ -78,14 +78,14 @@ impl NodeExtras {
         }
     }
 
-    /// The stored box, for an instance without surfaces.
-    pub(super) fn bounds(&self) -> Option<Aabb> {
+    /// Returns the stored box, for an instance without surfaces.
+    pub(crate) fn bounds(&self) -> Option<Aabb> {
         finite_box(self.min, self.max)
     }
 }
 
-/// `extras` of the node of `object`.
-pub(super) fn of_object(object: &Object) -> Value {
+/// Returns the `extras` of the node of `object`.
+pub(crate) fn of_object(object: &Object) -> Value {
     let Attributes { noun, color, material, size, shape } = object.attributes.clone();
     json!({ KEY: NodeExtras {
         instance: object.id.0,
@@ -101,13 +101,13 @@ pub(super) fn of_object(object: &Object) -> Value {
     } })
 }
 
-/// `extras` of a node whose surfaces belong to no object.
-pub(super) fn of_structure() -> Value {
+/// Returns the `extras` of the node of the structure.
+pub(crate) fn of_structure() -> Value {
     json!({ KEY: { "instance": InstanceId::NONE.0 } })
 }
 
-/// `extras` of the scene.
-pub(super) fn of_regions(regions: &[Region]) -> Value {
+/// Returns the `extras` of the scene.
+pub(crate) fn of_regions(regions: &[Region]) -> Value {
     let region = |region: &Region| RegionExtras {
         label: region.label.clone(),
         storey: region.storey,
@@ -117,8 +117,8 @@ pub(super) fn of_regions(regions: &[Region]) -> Value {
     json!({ KEY: SceneExtras { regions: regions.iter().map(region).collect() } })
 }
 
-/// The regions that a scene's `extras` list; none when they are not ours.
-pub(super) fn read_regions(extras: &Value) -> Checked<Vec<Region>> {
+/// Reads the regions in a scene's `extras`; none if another program wrote them.
+pub(crate) fn read_regions(extras: &Value) -> Checked<Vec<Region>> {
     let Some(ours) = extras.get(KEY) else { return Ok(Vec::new()) };
     let fail = |reason: &str| format!("extras.{KEY} of its scene {reason}; correct or remove it");
     let read = SceneExtras::deserialize(ours).map_err(|error| fail(&format!("cannot be read ({error})")))?;

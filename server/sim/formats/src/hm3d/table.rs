@@ -10,7 +10,7 @@ pub(super) const HEADER: &str = "HM3D Semantic Annotations";
 
 /// One line of the table.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Annotation {
+pub(super) struct InstanceAnnotation {
     /// Instance number, at least 1.
     pub(super) id: u32,
     /// The colour it is painted in.
@@ -21,12 +21,12 @@ pub(super) struct Annotation {
     pub(super) region: i32,
 }
 
-/// Parses the table: a header line, then `id,HEXRGB,"category",region` lines. Number 0 means unknown and is left out.
-pub(super) fn parse(text: &str) -> Checked<Vec<Annotation>> {
+/// Parses the table: a header line, then lines `id,HEXRGB,"category",region`. Number 0 is unknown and left out.
+pub(super) fn parse(text: &str) -> Checked<Vec<InstanceAnnotation>> {
     let mut lines = text.lines().enumerate();
     let header = lines.next().map(|(_, line)| line).unwrap_or_default();
     if !header.contains(HEADER) {
-        return Err(format!("its first line is not {HEADER:?}; take the .semantic.txt of HM3D"));
+        return Err(format!("its first line is not {HEADER:?}; use the .semantic.txt of HM3D"));
     }
     let mut annotations = Vec::new();
     let mut seen = BTreeSet::new();
@@ -40,7 +40,7 @@ pub(super) fn parse(text: &str) -> Checked<Vec<Annotation>> {
         })?;
         if !seen.insert(annotation.id) {
             return Err(format!(
-                "line {} gives number {} a second time; number the instances anew",
+                "line {} repeats number {}; renumber the instances",
                 index + 1,
                 annotation.id
             ));
@@ -51,11 +51,11 @@ pub(super) fn parse(text: &str) -> Checked<Vec<Annotation>> {
     Ok(annotations)
 }
 
-fn annotation(line: &str) -> Option<Annotation> {
+fn annotation(line: &str) -> Option<InstanceAnnotation> {
     let (id, rest) = line.split_once(',')?;
     let (hex, rest) = rest.split_once(',')?;
     let (category, region) = rest.rsplit_once(',')?;
-    Some(Annotation {
+    Some(InstanceAnnotation {
         id: id.trim().parse().ok().filter(|&id| id <= InstanceId::MAX)?,
         color: color(hex.trim())?,
         category: category
@@ -87,8 +87,12 @@ mod tests {
     fn lines_may_hold_commas_in_the_category() {
         let text =
             "HM3D Semantic Annotations\r\n0,000000,\"Unknown\",-1\r\n7,1A2B3C,\"table, small\",4\r\n\r\n";
-        let expected =
-            Annotation { id: 7, color: [0x1a, 0x2b, 0x3c], category: "table, small".to_owned(), region: 4 };
+        let expected = InstanceAnnotation {
+            id: 7,
+            color: [0x1a, 0x2b, 0x3c],
+            category: "table, small".to_owned(),
+            region: 4,
+        };
         assert_eq!(parse(text).unwrap(), [expected]);
     }
 

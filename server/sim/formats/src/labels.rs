@@ -1,25 +1,151 @@
-//! Carries instance numbers from the semantic mesh to the render mesh.
+//! Labels of scans: from a semantic mesh to the instances of the render mesh.
 
+use crate::options::ImportReport;
 use avln_geom::{Aabb, Point3};
-use avln_scene::Mesh;
+use avln_scene::describe::{Meaning, Surfaces, meaning};
+use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Region, Scene, Texture};
+use std::collections::BTreeMap;
 
-/// Centres of corresponding triangles lie at most this far apart, metres.
+/// Greatest difference between the boxes of two meshes of a building, metres.
+const SAME_BUILDING_M: f32 = 1.0;
+
+/// Surfaces in the world frame, without instances.
+pub(crate) struct UnlabelledSurfaces {
+    pub(crate) mesh: Mesh,
+    pub(crate) materials: Vec<Material>,
+    pub(crate) textures: Vec<Texture>,
+}
+
+/// Number, category and room of a labelled object.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct ObjectLabel {
+    /// Number, not 0.
+    pub(crate) id: u32,
+    /// Category; `None` for structure and unnamed surfaces, which are no objects.
+    pub(crate) category: Option<String>,
+    /// More specific noun; may be empty.
+    pub(crate) noun: String,
+    /// Index of the room.
+    pub(crate) region: Option<u16>,
+}
+
+impl ObjectLabel {
+    /// Creates a label from an annotator's words, without a room.
+    pub(crate) fn of_words(id: u32, words: &str) -> Self {
+        let (category, noun) = match meaning(words) {
+            Meaning::Object { category, noun } => (Some(category), noun),
+            Meaning::Structure | Meaning::Unknown => (None, String::new()),
+        };
+        Self { id, category, noun, region: None }
+    }
+}
+
+/// Transfers `labels` of the triangles of `semantic` to those of `render`; warns if the meshes differ in extent.
+pub(crate) fn carried(semantic: &Mesh, labels: &[u32], render: &Mesh, report: &mut ImportReport) -> Vec<u32> {
+    if let (Some(a), Some(b)) = (Aabb::around(&semantic.positions), Aabb::around(&render.positions)) {
+        let apart = (a.min - b.min).abs().max().max((a.max - b.max).abs().max());
+        if apart > SAME_BUILDING_M {
+            report.warn(format!(
+                "the labelled mesh and the shown mesh differ by {apart:.1} m in extent; check that both are of the same building and have the same axis up"
+            ));
+        }
+    }
+    transfer(semantic, labels, render)
+}
+
+/// Joins surfaces and labels into a scene; `label_of` is the label number per triangle, 0 for none. Objects without triangles
+/// are left out, with a warning.
+pub(crate) fn scene(
+    name: String,
+    surface: UnlabelledSurfaces,
+    label_of: &[u32],
+    labels: &[ObjectLabel],
+    regions: Vec<Region>,
+    report: &mut ImportReport,
+) -> Scene {
+    let UnlabelledSurfaces { mut mesh, materials, textures } = surface;
+    let triangles_of = triangles_of(label_of, labels, report);
+    let surfaces = Surfaces { mesh: &mesh, materials: &materials, textures: &textures };
+    let mut objects = Vec::new();
+    let mut unseen = Vec::new();
+    for (label, category) in labels.iter().filter_map(|label| Some((label, label.category.clone()?))) {
+        let triangles = triangles_of.get(&label.id).map_or(&[][..], Vec::as_slice);
+        let Some(bounds) = bounds(&mesh, triangles) else {
+            unseen.push(label.id);
+            continue;
+        };
+        let attributes = Attributes { noun: label.noun.clone(), ..surfaces.attributes(triangles, &bounds) };
+        objects.push(Object { id: InstanceId(label.id), category, bounds, region: label.region, attributes });
+    }
+    if !unseen.is_empty() {
+        report.warn(format!(
+            "{} labelled objects have no triangles and are left out (numbers {})",
+            unseen.len(),
+            some_of(&unseen)
+        ));
+    }
+    objects.sort_by_key(|object| object.id);
+    for object in &objects {
+        triangles_of[&object.id.0]
+            .iter()
+            .for_each(|&triangle| mesh.instance_of[triangle as usize] = object.id);
+    }
+    Scene { name, mesh, materials, textures, regions, objects, lighting: Lighting::Painted }
+}
+
+/// Triangles by label number.
+fn triangles_of(
+    label_of: &[u32],
+    labels: &[ObjectLabel],
+    report: &mut ImportReport,
+) -> BTreeMap<u32, Vec<u32>> {
+    let mut triangles_of: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for (triangle, &label) in label_of.iter().enumerate().filter(|(_, label)| **label != 0) {
+        triangles_of.entry(label).or_default().push(triangle as u32);
+    }
+    let known: std::collections::BTreeSet<u32> = labels.iter().map(|label| label.id).collect();
+    let unlisted: Vec<u32> = triangles_of.keys().copied().filter(|id| !known.contains(id)).collect();
+    if !unlisted.is_empty() {
+        report.warn(format!(
+            "{} numbers on the mesh are not in the table and have no object (numbers {})",
+            unlisted.len(),
+            some_of(&unlisted)
+        ));
+    }
+    triangles_of
+}
+
+fn bounds(mesh: &Mesh, triangles: &[u32]) -> Option<Aabb> {
+    let corners = triangles.iter().flat_map(|&triangle| mesh.triangles[triangle as usize]);
+    let positions: Vec<Point3<f32>> = corners.map(|corner| mesh.positions[corner as usize]).collect();
+    Aabb::around(&positions)
+}
+
+/// The first numbers of a list, as text.
+fn some_of(numbers: &[u32]) -> String {
+    const SHOWN: usize = 5;
+    let shown: Vec<String> = numbers.iter().take(SHOWN).map(u32::to_string).collect();
+    let more = if numbers.len() > SHOWN { " …" } else { "" };
+    format!("{}{more}", shown.join(", "))
+}
+
+/// Greatest distance between the centres of corresponding triangles, metres.
 const SAME_TRIANGLE_M: f32 = 0.01;
-/// Triangles of meshes in another order are the same where their centres lie at most this far apart, metres.
+/// Greatest distance between the centres of equal triangles in meshes of different order, metres.
 const TWIN_M: f32 = 0.0005;
-/// A triangle takes its number from the semantic surface at most this far from its centre, metres.
+/// Greatest distance from a triangle's centre to the semantic surface of its label, metres.
 const REACH_M: f32 = 0.5;
-/// Edge of a search cell, metres, unless the scene would need more than [`MAX_CELLS`] of them.
+/// Edge of a search cell, metres; larger for scenes that would need more than [`MAX_CELLS`].
 const CELL_M: f32 = 0.25;
 const MAX_CELLS: f32 = 4.0e6;
-/// Semantic surfaces are looked up at points about this far apart, metres.
+/// Spacing of the sample points on semantic surfaces, metres.
 const SAMPLE_M: f32 = 0.2;
-/// Points beyond one per triangle.
+/// Sample points in addition to one per triangle.
 const MAX_EXTRA_SAMPLES: usize = 4_000_000;
 const MAX_CUTS: usize = 64;
 
-/// A number for each triangle of `render`: that of the same triangle of `semantic` where the meshes correspond in order or
-/// a triangle has its centre in the same place, else that of the nearest semantic surface, else 0.
+/// Returns a label per triangle of `render`: of the corresponding triangle if the order of the meshes or the centre of the
+/// triangle agrees, else of the nearest semantic surface, else 0.
 pub(crate) fn transfer(semantic: &Mesh, labels: &[u32], render: &Mesh) -> Vec<u32> {
     let from = centers(semantic);
     let to = centers(render);
@@ -28,7 +154,7 @@ pub(crate) fn transfer(semantic: &Mesh, labels: &[u32], render: &Mesh) -> Vec<u3
         return labels.to_vec();
     }
     let (points, triangle_of) = samples(semantic);
-    let (Some(surfaces), Some(wholes)) = (Grid::new(&points), Grid::new(&from)) else {
+    let (Some(surfaces), Some(wholes)) = (PointGrid::new(&points), PointGrid::new(&from)) else {
         return vec![0; to.len()];
     };
     let label = |center: &Point3<f32>| {
@@ -39,7 +165,7 @@ pub(crate) fn transfer(semantic: &Mesh, labels: &[u32], render: &Mesh) -> Vec<u3
     to.iter().map(label).collect()
 }
 
-/// Points spread over the mesh, and the triangle of each.
+/// Sample points on the mesh, and their triangles.
 fn samples(mesh: &Mesh) -> (Vec<Point3<f32>>, Vec<u32>) {
     let mut points = Vec::new();
     let mut triangle_of = Vec::new();
@@ -55,13 +181,13 @@ fn samples(mesh: &Mesh) -> (Vec<Point3<f32>>, Vec<u32>) {
     (points, triangle_of)
 }
 
-/// Into how many parts the edges are cut.
+/// Number of parts per edge.
 fn cuts([a, b, c]: &[Point3<f32>; 3]) -> usize {
     let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
     ((longest / SAMPLE_M).ceil() as usize).clamp(1, MAX_CUTS)
 }
 
-/// The centres of the `cuts²` equal triangles that parallels to the sides make.
+/// Appends the centres of the `cuts²` equal triangles between parallels to the sides.
 fn add_samples([a, b, c]: &[Point3<f32>; 3], cuts: usize, points: &mut Vec<Point3<f32>>) {
     let (along, across) = ((b - a) / cuts as f32, (c - a) / cuts as f32);
     for row in 0..cuts {
@@ -82,8 +208,8 @@ fn centers(mesh: &Mesh) -> Vec<Point3<f32>> {
     mesh.triangles.iter().map(center).collect()
 }
 
-/// Points in equal cells: those of cell `c` are `order[starts[c]..starts[c + 1]]`.
-struct Grid<'a> {
+/// Points sorted into equal cells: cell `c` contains `order[starts[c]..starts[c + 1]]`.
+struct PointGrid<'a> {
     points: &'a [Point3<f32>],
     bounds: Aabb,
     cell_m: f32,
@@ -92,7 +218,7 @@ struct Grid<'a> {
     order: Vec<u32>,
 }
 
-impl<'a> Grid<'a> {
+impl<'a> PointGrid<'a> {
     fn new(points: &'a [Point3<f32>]) -> Option<Self> {
         let bounds = Aabb::around(points)?.grown(CELL_M);
         let size = bounds.size();
@@ -118,13 +244,13 @@ impl<'a> Grid<'a> {
         inside.then(|| ((cell[0] * self.cells[1] + cell[1]) * self.cells[2] + cell[2]) as usize)
     }
 
-    /// The nearest point within [`REACH_M`], the first of equals.
+    /// Returns the nearest point within [`REACH_M`]; the first in a tie.
     fn nearest(&self, to: &Point3<f32>) -> Option<usize> {
         let center = self.cell(to);
         let rings = (REACH_M / self.cell_m).ceil() as i64;
         let mut best: Option<(f32, u32)> = None;
         for ring in 0..=rings {
-            // Whatever lies in this ring is at least this far away.
+            // Lower bound of the distance to all points of this ring.
             let at_least = (ring - 1).max(0) as f32 * self.cell_m;
             if best.is_some_and(|(distance, _)| distance < at_least) {
                 break;
@@ -145,7 +271,7 @@ impl<'a> Grid<'a> {
     }
 }
 
-/// The cells whose largest offset from `center` along an axis is `ring`.
+/// Cells at the offset `ring` from `center` along at least one axis, and within it along the others.
 fn shell(center: [i64; 3], ring: i64) -> impl Iterator<Item = [i64; 3]> {
     let around = move |x: i64, y: i64| {
         let on_side = x.abs() == ring || y.abs() == ring;
@@ -167,10 +293,10 @@ mod tests {
     }
 
     #[test]
-    fn the_grid_finds_what_a_full_search_finds() {
+    fn grid_agrees_with_full_search() {
         let mut rng = Rng::new(7);
         let points = random_points(400, &mut rng);
-        let grid = Grid::new(&points).unwrap();
+        let grid = PointGrid::new(&points).unwrap();
         for query in random_points(300, &mut rng) {
             let full = (0..points.len())
                 .map(|index| ((points[index] - query).norm(), index))
@@ -194,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shell_holds_each_of_its_cells_once() {
+    fn shells_have_distinct_cells() {
         for (ring, count) in [(0, 1), (1, 26), (2, 98)] {
             let mut cells: Vec<[i64; 3]> = shell([0; 3], ring).collect();
             assert!(cells.iter().all(|cell| cell.iter().map(|offset| offset.abs()).max() == Some(ring)));

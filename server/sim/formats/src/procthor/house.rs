@@ -1,11 +1,15 @@
 //! The house's JSON, as far as it says where things are. Names follow its keys.
 
-use crate::glb::bounded;
+use crate::files::bounded;
+use avln_geom::{Aabb, Point2, Point3};
+use avln_scene::limits::MAX_WORD_CHARS;
+use avln_scene::{InstanceId, Material, Mesh};
 use serde::{Deserialize, Deserializer};
+use std::collections::BTreeMap;
 
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
-pub(super) struct House {
+pub(super) struct ProcthorHouse {
     #[serde(deserialize_with = "bounded")]
     pub(super) rooms: Vec<RoomEntry>,
     #[serde(deserialize_with = "bounded")]
@@ -15,7 +19,7 @@ pub(super) struct House {
     #[serde(deserialize_with = "maybe_bounded")]
     pub(super) windows: Vec<Opening>,
     #[serde(deserialize_with = "maybe_bounded")]
-    pub(super) objects: Vec<Thing>,
+    pub(super) objects: Vec<ProcthorObject>,
     pub(super) procedural_parameters: Parameters,
 }
 
@@ -28,7 +32,7 @@ pub(super) struct Parameters {
 /// Metres, or degrees; Unity's axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(default)]
-pub(super) struct Place {
+pub(super) struct UnityVector {
     pub(super) x: f32,
     pub(super) y: f32,
     pub(super) z: f32,
@@ -41,10 +45,10 @@ pub(super) struct RoomEntry {
     pub(super) room_type: String,
     pub(super) floor_material: MaterialName,
     #[serde(deserialize_with = "bounded")]
-    pub(super) floor_polygon: Vec<Place>,
+    pub(super) floor_polygon: Vec<UnityVector>,
 }
 
-/// A material by its name alone, or with a colour.
+/// A material: a name, with or without a colour.
 #[derive(Clone, Default)]
 pub(super) struct MaterialName {
     pub(super) name: String,
@@ -84,9 +88,9 @@ pub(super) struct Wall {
     pub(super) id: String,
     pub(super) room_id: String,
     pub(super) material: MaterialName,
-    /// Four corners: two below, two above, or the other way round.
+    /// Four corners: two lower and two upper ones, in either order.
     #[serde(deserialize_with = "bounded")]
-    pub(super) polygon: Vec<Place>,
+    pub(super) polygon: Vec<UnityVector>,
 }
 
 /// A door or window.
@@ -98,30 +102,30 @@ pub(super) struct Opening {
     pub(super) wall1: String,
     /// Two opposite corners on `wall0`: x along its lower edge from the edge's first point, y up.
     #[serde(deserialize_with = "bounded")]
-    pub(super) hole_polygon: Vec<Place>,
+    pub(super) hole_polygon: Vec<UnityVector>,
 }
 
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
-pub(super) struct Thing {
+pub(super) struct ProcthorObject {
     pub(super) id: String,
     pub(super) asset_id: String,
     pub(super) object_type: String,
     /// Centre of the box.
-    pub(super) position: Place,
+    pub(super) position: UnityVector,
     /// Unity's Euler angles, degrees.
     pub(super) rotation: Rotation,
-    /// Size, where the file gives one.
-    pub(super) bounding_box: Option<Place>,
+    /// Size, if the file has it.
+    pub(super) bounding_box: Option<UnityVector>,
     #[serde(deserialize_with = "maybe_bounded")]
-    pub(super) children: Vec<Thing>,
+    pub(super) children: Vec<ProcthorObject>,
 }
 
-/// Angles about the three axes, or one about the vertical.
+/// Angles about the three axes, or about the vertical axis only.
 #[derive(Clone, Copy, Deserialize)]
 #[serde(untagged)]
 pub(super) enum Rotation {
-    Angles(Place),
+    Angles(UnityVector),
     AboutY(f32),
 }
 
@@ -142,4 +146,66 @@ fn maybe_bounded<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
         }
     }
     Ok(Option::<Listed<T>>::deserialize(deserializer)?.map_or(Vec::new(), |listed| listed.0))
+}
+
+/// The mesh of a house under construction.
+#[derive(Default)]
+pub(super) struct HouseMesh {
+    pub(super) mesh: Mesh,
+    pub(super) materials: Vec<Material>,
+    material_of: BTreeMap<(String, [u8; 3]), u16>,
+}
+
+impl HouseMesh {
+    /// Returns the number of a plain material; creates it at the first use.
+    pub(super) fn material(&mut self, name: &str, color: [u8; 3]) -> u16 {
+        let name: String = name.chars().filter(|letter| !letter.is_control()).take(MAX_WORD_CHARS).collect();
+        let next = self.materials.len().min(usize::from(u16::MAX)) as u16;
+        let number = *self.material_of.entry((name.clone(), color)).or_insert(next);
+        if usize::from(number) == self.materials.len() {
+            let [r, g, b] = color;
+            self.materials.push(Material {
+                name,
+                base_color: [r, g, b, 255],
+                texture: None,
+                alpha_cutoff: None,
+            });
+        }
+        number
+    }
+
+    /// Adds corners and triangles; indices count from the first of these corners.
+    pub(super) fn add(
+        &mut self,
+        corners: &[Point3<f32>],
+        triangles: &[[u32; 3]],
+        material: u16,
+        instance: InstanceId,
+    ) {
+        let first = self.mesh.positions.len() as u32;
+        self.mesh.positions.extend(corners);
+        self.mesh
+            .uvs
+            .extend(corners.iter().map(|corner| Point2::new(corner.x + corner.y, corner.z + corner.y)));
+        self.mesh.colors.resize(self.mesh.positions.len(), [255; 3]);
+        self.mesh.triangles.extend(triangles.iter().map(|triangle| triangle.map(|corner| corner + first)));
+        self.mesh.material_of.resize(self.mesh.triangles.len(), material);
+        self.mesh.instance_of.resize(self.mesh.triangles.len(), instance);
+    }
+
+    /// Adds a quadrilateral by its corners in order.
+    pub(super) fn add_quad(&mut self, corners: [Point3<f32>; 4], material: u16) {
+        self.add(&corners, &[[0, 1, 2], [0, 2, 3]], material, InstanceId::NONE);
+    }
+}
+
+/// Converts a point of the file to the world frame.
+pub(super) fn world(point: &UnityVector) -> Point3<f32> {
+    Point3::new(point.x, point.y, -point.z)
+}
+
+/// Returns the box of points; `None` if a coordinate is not finite.
+pub(super) fn finite_box(points: &[Point3<f32>]) -> Option<Aabb> {
+    let finite = points.iter().flat_map(|point| point.iter()).all(|coordinate| coordinate.is_finite());
+    Aabb::around(points).filter(|_| finite)
 }
