@@ -179,7 +179,7 @@ fn of_runs() -> Vec<Endpoint> {
         endpoint("/runs/{run}", "A run with its episodes.", &[], Json("Run"), get(answers::run)),
         endpoint(
             "/runs/{run}/log",
-            "The signed log of a run that is over, where the phase shows its replay: avln verify checks it.",
+            "The signed log of a run that is over, where the phase shows its replay: avln run verify checks it.",
             &[],
             Text,
             get(logs::log),
