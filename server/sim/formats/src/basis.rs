@@ -6,12 +6,12 @@ use basisu::{DecodeFlags, TargetFormat, Transcoder};
 
 const KTX2_MAGIC: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
 const BASIS_MAGIC: &[u8] = b"sB";
-/// Offset of the flags in a `.basis` header, and the flag for the bottom row first.
+/// Flag offset in a `.basis` header, and the flag for bottom row first.
 const BASIS_FLAGS_AT: usize = 21;
 const BASIS_BOTTOM_FIRST: u8 = 2;
-/// KTX2 metadata key of the orientation; the second letter of its value is `u` for the bottom row first.
+/// KTX2 metadata key for the orientation; the value's second letter is `u` for bottom row first.
 const ORIENTATION: &[u8] = b"KTXorientation\0";
-/// Bytes at the start of a KTX2 file that contain the metadata.
+/// Bytes at a KTX2 file's start with the metadata.
 const METADATA_BYTES: usize = 1 << 16;
 
 /// Returns whether `bytes` start like a Basis Universal file.

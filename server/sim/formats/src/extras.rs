@@ -1,4 +1,4 @@
-//! Instance data in exported files, under `extras.avln` of nodes and of the scene.
+//! Instance data in exported files, under `extras.avln` in nodes and in the scene.
 
 use crate::files::Checked;
 use avln_geom::{Aabb, Point3};
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 const KEY: &str = "avln";
 
-/// Instance of a node; number 0 marks structure.
+/// A node's instance; number 0 marks structure.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub(crate) struct NodeExtras {
@@ -41,7 +41,7 @@ struct RegionExtras {
 }
 
 impl NodeExtras {
-    /// Reads the `extras` of the node `name`; `None` if another program wrote them.
+    /// Reads the node's `extras`; `None` if another program wrote them.
     pub(crate) fn read(extras: &Value, name: &str) -> Checked<Option<Self>> {
         let Some(ours) = extras.get(KEY) else { return Ok(None) };
         let fail = |reason: &str| format!("extras.{KEY} of node {name:?} {reason}; correct or remove it");
@@ -84,7 +84,7 @@ impl NodeExtras {
     }
 }
 
-/// Returns the `extras` of the node of `object`.
+/// Returns the `extras` for an object's node.
 pub(crate) fn of_object(object: &Object) -> Value {
     let Attributes { noun, color, material, size, shape } = object.attributes.clone();
     json!({ KEY: NodeExtras {
@@ -101,12 +101,12 @@ pub(crate) fn of_object(object: &Object) -> Value {
     } })
 }
 
-/// Returns the `extras` of the node of the structure.
+/// Returns the `extras` for the structure's node.
 pub(crate) fn of_structure() -> Value {
     json!({ KEY: { "instance": InstanceId::NONE.0 } })
 }
 
-/// Returns the `extras` of the scene.
+/// Returns the `extras` for the scene.
 pub(crate) fn of_regions(regions: &[Region]) -> Value {
     let region = |region: &Region| RegionExtras {
         label: region.label.clone(),

@@ -10,12 +10,12 @@ use std::io::Read;
 use std::marker::PhantomData;
 use std::path::{Component, Path, PathBuf};
 
-/// A result whose error is the reason, in words that continue "… is not a usable scene: ".
+/// A result with the reason as its error, in words that continue "… is not a usable scene: ".
 pub(crate) type Checked<T> = Result<T, String>;
 
-/// Start of a Git LFS pointer, the text in place of a file that was not downloaded.
+/// First words in a Git LFS pointer, the text instead of a file that was not downloaded.
 const LFS_POINTER: &[u8] = b"version https://git-lfs";
-/// Greatest size of a text link or Git LFS pointer.
+/// Greatest size for a text link or Git LFS pointer.
 const MAX_STAND_IN_BYTES: u64 = 1024;
 const MAX_LINKS: usize = 4;
 
@@ -24,7 +24,7 @@ pub(crate) fn malformed(path: &Path, reason: impl Into<String>) -> SceneError {
     SceneError::Malformed { path: path.display().to_string(), reason: reason.into() }
 }
 
-/// Reads a regular file of at most `limit` bytes.
+/// Reads a regular file with at most `limit` bytes.
 ///
 /// # Errors
 /// [`SceneError::Read`] if it cannot be read, is larger, or is a Git LFS pointer.
@@ -32,13 +32,13 @@ pub(crate) fn read_regular(path: &Path, limit: u64) -> Result<Vec<u8>, SceneErro
     read_limited(path, limit).map_err(|source| SceneError::Read { path: path.display().to_string(), source })
 }
 
-/// Reads a file of at most `limit` bytes; follows links like [`resolve`].
+/// Reads a file with at most `limit` bytes; follows links like [`resolve`].
 pub(crate) fn read(path: &Path, limit: u64, report: &mut ImportReport) -> Result<Vec<u8>, SceneError> {
     let real = resolve(path, report)?;
     read_regular(&real, limit)
 }
 
-/// Returns the path of the real file.
+/// Returns the real file's path.
 ///
 /// Version control writes a symbolic link as a short text with the target's name on systems without links: this link is
 /// followed, with a warning.
@@ -66,7 +66,7 @@ pub(crate) fn resolve(path: &Path, report: &mut ImportReport) -> Result<PathBuf,
     Err(malformed(path, format!("it starts a chain of more than {MAX_LINKS} links; put the real file there")))
 }
 
-/// The content of a file, if it is short enough for a text link or pointer.
+/// A file's content, if it is short enough for a text link or pointer.
 fn stand_in(path: &Path) -> Option<Vec<u8>> {
     read_limited_quietly(path).filter(|bytes| !bytes.is_empty())
 }
@@ -86,7 +86,7 @@ fn link_target(path: &Path, text: &[u8]) -> Option<PathBuf> {
     (target.extension() == path.extension() && target.is_file() && target != path).then_some(target)
 }
 
-/// Reads a regular file of at most `limit` bytes.
+/// Reads a regular file with at most `limit` bytes.
 ///
 /// # Errors
 /// If it cannot be read, is larger, or is a Git LFS pointer.
@@ -99,6 +99,7 @@ pub(crate) fn read_limited(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> 
     if metadata.len() > limit {
         return refuse(format!("it has {} bytes, at most {limit} are read", metadata.len()));
     }
+// The file may grow after the check of its metadata: `take` enforces the limit while reading.
     let mut bytes = Vec::with_capacity(metadata.len() as usize);
     File::open(path)?.take(limit).read_to_end(&mut bytes)?;
     if bytes.starts_with(LFS_POINTER) {
@@ -109,7 +110,7 @@ pub(crate) fn read_limited(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> 
     Ok(bytes)
 }
 
-/// Returns the file of a relative URI.
+/// Returns the file for a relative URI.
 ///
 /// # Errors
 /// If it is outside `folder`.
@@ -131,7 +132,7 @@ pub(crate) fn neighbour(folder: &Path, address: &str) -> Checked<PathBuf> {
     Ok(folder.join(relative))
 }
 
-/// Returns the file name up to the first dot, with `_` in place of characters that scene names cannot have.
+/// Returns the file name up to the first dot, with `_` for characters that scene names cannot have.
 pub(crate) fn scene_name(path: &Path) -> String {
     let file = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let stem = file.split('.').next().unwrap_or_default();
@@ -159,6 +160,8 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for Bounded<T> {
     fn visit_seq<A: SeqAccess<'de>>(self, mut entries: A) -> Result<Vec<T>, A::Error> {
         let mut found = Vec::new();
         while let Some(entry) = entries.next_element()? {
+// An entry of three bytes, `{},`, takes several hundred bytes in memory: without a limit, a small file
+// could exhaust it (docs/decisions/0019).
             if found.len() == MAX_ENTRIES {
                 return Err(A::Error::custom(format!("a list has more than {MAX_ENTRIES} entries")));
             }

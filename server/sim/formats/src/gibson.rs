@@ -1,5 +1,5 @@
-//! Buildings of Gibson: `X.scn` (objects with class and box), `X.glb` or `X.obj` (textured, Z up) and, if it exists,
-//! `X_semantic.ply` (object numbers of the faces).
+//! Gibson buildings: `X.scn` (objects with class and box), `X.glb` or `X.obj` (textured, Z up) and, if it exists,
+//! `X_semantic.ply` (object numbers per face).
 
 use crate::files::Checked;
 use crate::files::scene_name;
@@ -14,20 +14,20 @@ use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// What `X.scn` is called.
+/// Table suffix.
 pub(crate) const TABLE: &str = ".scn";
 const RENDER_MESHES: [&str; 3] = [".glb", ".obj", "_semantic.ply"];
 const SEMANTIC_MESH: &str = "_semantic.ply";
 const MAX_TABLE_BYTES: u64 = 64 << 20;
-/// A thing may reach this far out of its box, metres.
+/// Margin around an object's box, metres.
 const MARGIN_M: f32 = 0.02;
 
-/// Imports the building whose table is `table` (`X.scn`). Without labels on faces a thing is what lies inside its box, the
-/// smallest box first.
+/// Imports the building with this table (`X.scn`). Without labelled faces, an object is the surface inside its box; smaller
+/// boxes win.
 ///
 /// # Errors
-/// [`SceneError::Read`] for a file that cannot be read; [`SceneError::Malformed`], with line or byte, for one that does not
-/// hold what it should, and where there is no mesh.
+/// [`SceneError::Read`] if a file cannot be read; [`SceneError::Malformed`], with line or byte, if a file is damaged or the
+/// mesh is missing.
 pub fn import(table: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
     import_as(table, &ImportOptions::default(), report)
 }
@@ -35,7 +35,7 @@ pub fn import(table: &Path, report: &mut ImportReport) -> Result<Scene, SceneErr
 /// [`import`] with the caller's axis and unit.
 ///
 /// # Errors
-/// Those of [`import`].
+/// See [`import`].
 pub fn import_as(
     table: &Path,
     options: &ImportOptions,
@@ -45,7 +45,10 @@ pub fn import_as(
     let fail = |reason: String| files::malformed(table, reason);
     let listed = parse(&bytes, InstanceId::MAX).map_err(fail)?;
     let render = RENDER_MESHES.iter().find_map(|suffix| beside(table, suffix)).ok_or_else(|| {
-        fail("X.glb or X.obj is missing next to X.scn; put the mesh of the building into its folder".to_owned())
+        fail(
+            "X.glb or X.obj is missing next to X.scn; put the mesh of the building into its folder"
+                .to_owned(),
+        )
     })?;
     let mut surface = read_render(&render, report)?;
     let frame = FileFrame::of(&surface.mesh, options, UpConvention::Fixed(UpAxis::Z), report);
@@ -54,7 +57,8 @@ pub fn import_as(
     let label_of = match beside(table, SEMANTIC_MESH) {
         Some(path) => labels_of_faces(&path, &frame, &surface.mesh, report)?,
         None => {
-            report.warn("X_semantic.ply is missing next to X.scn: objects are the surfaces inside their boxes");
+            report
+                .warn("X_semantic.ply is missing next to X.scn: objects are the surfaces inside their boxes");
             labels_of_boxes(&listed, &frame, &surface.mesh)
         }
     };
@@ -98,11 +102,12 @@ fn labels_of_faces(
     Ok(labels::carried(&semantic.mesh, &labels, render, report))
 }
 
-/// Labels each triangle by the smallest box that contains its corners.
+/// Labels each triangle by the smallest enclosing box.
 fn labels_of_boxes(listed: &[GibsonObject], frame: &FileFrame, mesh: &Mesh) -> Vec<u32> {
     let volume = |bounds: &Aabb| bounds.size().product();
     let mut boxes: Vec<(u32, Aabb)> =
         listed.iter().filter_map(|object| Some((object.id, world_box(object, frame)?))).collect();
+// Small boxes first: a cushion on a sofa is inside both boxes.
     boxes.sort_by(|(a_id, a), (b_id, b)| volume(a).total_cmp(&volume(b)).then(a_id.cmp(b_id)));
     let label = |triangle: &[u32; 3]| {
         let corners = triangle.map(|corner| mesh.positions[corner as usize]);
@@ -242,7 +247,7 @@ mod tests {
         for (text, expected) in [
             (r#"{"objects": [{"id": 1"#, "line 1 column"),
             (r#"{"objects": [{"id": 0}]}"#, "number 0"),
-            (r#"{"objects": [{"id": 2}, {"id": 2}]}"#, "object 2 is there a second time"),
+            (r#"{"objects": [{"id": 2}, {"id": 2}]}"#, "object number 2 is not unique"),
             (r#"{"objects": [{"id": 2, "size": [1, 1, -3]}]}"#, "object 2 has the size -3"),
             (r#"{"objects": [{"id": 2, "size": [1, 1]}]}"#, "line 1 column"),
         ] {

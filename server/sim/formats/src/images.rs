@@ -17,7 +17,7 @@ const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 const JPEG_MAGIC: &[u8] = &[0xff, 0xd8, 0xff];
 const SUPPORTED: &str = "PNG, JPEG, KTX2 and .basis pictures are read: convert the textures";
 
-/// Decodes an image without colour conversion; subtracts its texels from `budget`.
+/// Decodes an image without colour conversion; subtracts the texels from `budget`.
 pub(crate) fn decode(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
     if bytes.starts_with(PNG_MAGIC) {
         decode_png(bytes, budget)
@@ -30,7 +30,7 @@ pub(crate) fn decode(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
     }
 }
 
-/// Apparent format of an unsupported image.
+/// Apparent format for an unsupported image.
 fn kind_of(bytes: &[u8]) -> &'static str {
     match bytes {
         [0xab, b'K', b'T', b'X', ..] => "a KTX texture of version 1",
@@ -58,6 +58,7 @@ fn decode_png(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
     decoder.set_ignore_text_chunk(true);
     let header = decoder.read_header_info().map_err(fail)?;
     let (width, height) = (header.width, header.height);
+// A small file can announce a huge image: sizes are checked before any pixel is decoded.
     check_size(width as usize, height as usize, budget)?;
     decoder.set_limits(png::Limits { bytes: 16 * width as usize * height as usize + (1 << 20) });
     let mut reader = decoder.read_info().map_err(fail)?;
@@ -85,7 +86,7 @@ fn decode_jpeg(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
     texture(u32::from(header.width), u32::from(header.height), &raw, raw.len() / texels)
 }
 
-/// Makes a texture of grey, grey-alpha, RGB or RGBA bytes.
+/// Makes a texture from grey, grey-alpha, RGB or RGBA bytes.
 fn texture(width: u32, height: u32, raw: &[u8], samples: usize) -> Checked<Texture> {
     let texels = width as usize * height as usize;
     if !(1..=4).contains(&samples) || raw.len() != texels * samples {
@@ -101,7 +102,7 @@ fn texture(width: u32, height: u32, raw: &[u8], samples: usize) -> Checked<Textu
     Ok(Texture { width, height, pixels })
 }
 
-/// Returns the placeholder for a missing image: a checker of magenta and black.
+/// Returns the placeholder for a missing image: a magenta and black checker.
 pub(crate) fn checker() -> Texture {
     const SIDE: u32 = 16;
     let is_lit = |texel: u32| (texel / SIDE / 4 + texel % SIDE / 4).is_multiple_of(2);
@@ -110,7 +111,7 @@ pub(crate) fn checker() -> Texture {
     Texture { width: SIDE, height: SIDE, pixels: pixels.collect() }
 }
 
-/// Encodes a texture as PNG: RGB if it is opaque, else RGBA.
+/// Encodes a texture as PNG: RGB for opaque textures, RGBA for others.
 pub(crate) fn encode_png(texture: &Texture) -> Vec<u8> {
     let opaque = texture.pixels.chunks_exact(4).all(|texel| texel[3] == 255);
     let data: Vec<u8> = if opaque {
@@ -130,7 +131,7 @@ pub(crate) fn encode_png(texture: &Texture) -> Vec<u8> {
     file
 }
 
-/// Images of a scene, each read once, in order of their first use.
+/// A scene's images in order by first use, without duplicates.
 pub(crate) struct ImageSet {
     folder: PathBuf,
     textures: Vec<Texture>,
@@ -139,16 +140,17 @@ pub(crate) struct ImageSet {
 }
 
 impl ImageSet {
-    /// ImageSet lie in `folder` or below; `texels` is what all may hold together.
+    /// Creates an empty set for files in `folder` or below, with at most `texels` texels in total.
     pub(crate) fn new(folder: impl Into<PathBuf>, texels: u64) -> Self {
         Self { folder: folder.into(), textures: Vec::new(), number_of: BTreeMap::new(), texels_left: texels }
     }
 
-    /// Returns the number of an image. An unreadable image is replaced by a checker, with a warning.
+    /// Returns an image's number. An unreadable image is replaced by a checker, with a warning.
     pub(crate) fn number(&mut self, name: &str, report: &mut ImportReport) -> Checked<u16> {
         if let Some(&known) = self.number_of.get(name) {
             return Ok(known);
         }
+// A missing image must not stop an import: scans are often shared without their textures. The checker makes it visible.
         let texture = self.load(name, report).unwrap_or_else(|reason| {
             report.warn(format!("texture {name:?} is replaced by a checker: {reason}"));
             checker()
@@ -160,7 +162,7 @@ impl ImageSet {
         Ok(number)
     }
 
-    /// Returns all images in order of their numbers.
+    /// Returns all images in number order.
     pub(crate) fn into_textures(self) -> Vec<Texture> {
         self.textures
     }

@@ -1,4 +1,4 @@
-//! Labels of scans: from a semantic mesh to the instances of the render mesh.
+//! Scan labels: from a semantic mesh to the render mesh's instances.
 
 use crate::options::ImportReport;
 use avln_geom::{Aabb, Point3};
@@ -6,7 +6,7 @@ use avln_scene::describe::{Meaning, Surfaces, meaning};
 use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Region, Scene, Texture};
 use std::collections::BTreeMap;
 
-/// Greatest difference between the boxes of two meshes of a building, metres.
+/// Greatest difference between two meshes' boxes for a building, metres.
 const SAME_BUILDING_M: f32 = 1.0;
 
 /// Surfaces in the world frame, without instances.
@@ -16,7 +16,7 @@ pub(crate) struct UnlabelledSurfaces {
     pub(crate) textures: Vec<Texture>,
 }
 
-/// Number, category and room of a labelled object.
+/// A labelled object's number, category and room.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ObjectLabel {
     /// Number, not 0.
@@ -25,7 +25,7 @@ pub(crate) struct ObjectLabel {
     pub(crate) category: Option<String>,
     /// More specific noun; may be empty.
     pub(crate) noun: String,
-    /// Index of the room.
+    /// Room index.
     pub(crate) region: Option<u16>,
 }
 
@@ -40,7 +40,7 @@ impl ObjectLabel {
     }
 }
 
-/// Transfers `labels` of the triangles of `semantic` to those of `render`; warns if the meshes differ in extent.
+/// Transfers triangle labels from `semantic` to `render`; warns if the meshes differ in extent.
 pub(crate) fn carried(semantic: &Mesh, labels: &[u32], render: &Mesh, report: &mut ImportReport) -> Vec<u32> {
     if let (Some(a), Some(b)) = (Aabb::around(&semantic.positions), Aabb::around(&render.positions)) {
         let apart = (a.min - b.min).abs().max().max((a.max - b.max).abs().max());
@@ -121,7 +121,7 @@ fn bounds(mesh: &Mesh, triangles: &[u32]) -> Option<Aabb> {
     Aabb::around(&positions)
 }
 
-/// The first numbers of a list, as text.
+/// A list's first numbers, as text.
 fn some_of(numbers: &[u32]) -> String {
     const SHOWN: usize = 5;
     let shown: Vec<String> = numbers.iter().take(SHOWN).map(u32::to_string).collect();
@@ -129,27 +129,28 @@ fn some_of(numbers: &[u32]) -> String {
     format!("{}{more}", shown.join(", "))
 }
 
-/// Greatest distance between the centres of corresponding triangles, metres.
+/// Greatest distance between corresponding triangles' centres, metres.
 const SAME_TRIANGLE_M: f32 = 0.01;
-/// Greatest distance between the centres of equal triangles in meshes of different order, metres.
+/// Greatest distance between equal triangles' centres in differently ordered meshes, metres.
 const TWIN_M: f32 = 0.0005;
-/// Greatest distance from a triangle's centre to the semantic surface of its label, metres.
+/// Greatest distance between a triangle's centre and the semantic surface with the label, metres.
 const REACH_M: f32 = 0.5;
-/// Edge of a search cell, metres; larger for scenes that would need more than [`MAX_CELLS`].
+/// Search cell edge, metres; larger for scenes that would need more than [`MAX_CELLS`].
 const CELL_M: f32 = 0.25;
 const MAX_CELLS: f32 = 4.0e6;
-/// Spacing of the sample points on semantic surfaces, metres.
+/// Sample point spacing on semantic surfaces, metres.
 const SAMPLE_M: f32 = 0.2;
 /// Sample points in addition to one per triangle.
 const MAX_EXTRA_SAMPLES: usize = 4_000_000;
 const MAX_CUTS: usize = 64;
 
-/// Returns a label per triangle of `render`: of the corresponding triangle if the order of the meshes or the centre of the
-/// triangle agrees, else of the nearest semantic surface, else 0.
+/// Returns a label per triangle in `render`: the corresponding triangle's label if mesh order or triangle
+/// centre agree, the nearest semantic surface's label, or 0.
 pub(crate) fn transfer(semantic: &Mesh, labels: &[u32], render: &Mesh) -> Vec<u32> {
     let from = centers(semantic);
     let to = centers(render);
     let same = from.len() == to.len() && from.iter().zip(&to).all(|(a, b)| (a - b).norm() <= SAME_TRIANGLE_M);
+// Meshes of the same export have the same order. This is exact, while the search below can confuse thin layers.
     if same {
         return labels.to_vec();
     }
@@ -173,6 +174,7 @@ fn samples(mesh: &Mesh) -> (Vec<Point3<f32>>, Vec<u32>) {
     for (index, triangle) in mesh.triangles.iter().enumerate() {
         let corners = triangle.map(|corner| mesh.positions[corner as usize]);
         let cuts = cuts(&corners);
+// Large triangles of walls need many samples, but their total is limited: beyond it, triangles have a single one.
         let affordable = extra.checked_sub(cuts * cuts - 1);
         extra = affordable.unwrap_or(extra);
         add_samples(&corners, if affordable.is_some() { cuts } else { 1 }, &mut points);
@@ -181,13 +183,13 @@ fn samples(mesh: &Mesh) -> (Vec<Point3<f32>>, Vec<u32>) {
     (points, triangle_of)
 }
 
-/// Number of parts per edge.
+/// Parts per edge.
 fn cuts([a, b, c]: &[Point3<f32>; 3]) -> usize {
     let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
     ((longest / SAMPLE_M).ceil() as usize).clamp(1, MAX_CUTS)
 }
 
-/// Appends the centres of the `cuts²` equal triangles between parallels to the sides.
+/// Appends the centres for `cuts²` equal triangles between parallels to the sides.
 fn add_samples([a, b, c]: &[Point3<f32>; 3], cuts: usize, points: &mut Vec<Point3<f32>>) {
     let (along, across) = ((b - a) / cuts as f32, (c - a) / cuts as f32);
     for row in 0..cuts {
@@ -250,8 +252,9 @@ impl<'a> PointGrid<'a> {
         let rings = (REACH_M / self.cell_m).ceil() as i64;
         let mut best: Option<(f32, u32)> = None;
         for ring in 0..=rings {
-            // Lower bound of the distance to all points of this ring.
+            // Lower bound for the distance to all points in this ring.
             let at_least = (ring - 1).max(0) as f32 * self.cell_m;
+// Rings grow outwards: once a point is nearer than the next ring, no later ring can contain a nearer one.
             if best.is_some_and(|(distance, _)| distance < at_least) {
                 break;
             }
@@ -271,7 +274,7 @@ impl<'a> PointGrid<'a> {
     }
 }
 
-/// Cells at the offset `ring` from `center` along at least one axis, and within it along the others.
+/// Cells with the largest axis offset `ring` from `center`.
 fn shell(center: [i64; 3], ring: i64) -> impl Iterator<Item = [i64; 3]> {
     let around = move |x: i64, y: i64| {
         let on_side = x.abs() == ring || y.abs() == ring;

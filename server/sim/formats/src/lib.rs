@@ -1,4 +1,4 @@
-//! Scene files: importers of scans and 3D models, exporters to GLB and HM3D.
+//! Scene files: importers for scans and 3D models, exporters to GLB and HM3D.
 //!
 //! Start at [`open`].
 //!

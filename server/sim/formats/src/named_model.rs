@@ -9,10 +9,10 @@ use avln_scene::describe::{Surfaces, is_structure};
 use avln_scene::{InstanceId, Lighting, Material, Mesh, Object, Scene, Texture};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Greatest distance between pieces of an instance.
+/// Greatest distance between an instance's pieces.
 const PIECE_GAP_M: f32 = 0.05;
 
-/// Surfaces of a file with named nodes, before instances are formed.
+/// A file's surfaces with named nodes, before instances are formed.
 pub(crate) struct Model {
     /// All instances are [`InstanceId::NONE`](avln_scene::InstanceId::NONE).
     pub(crate) mesh: Mesh,
@@ -40,7 +40,7 @@ impl Model {
     }
 }
 
-/// A node of the default scene.
+/// A node in the default scene.
 pub(crate) struct ModelNode {
     pub(crate) name: String,
     /// Index into [`Model::nodes`].
@@ -48,7 +48,7 @@ pub(crate) struct ModelNode {
     pub(crate) extras: Option<NodeExtras>,
 }
 
-/// Role of a node's surfaces, and of those of its descendants.
+/// Role for the surfaces in a node and below.
 #[derive(Clone, Copy)]
 enum NodeClaim<'a> {
     /// An instance.
@@ -57,16 +57,16 @@ enum NodeClaim<'a> {
     Structure,
 }
 
-/// Source of an instance's identity.
+/// An instance's identity.
 #[derive(Clone, Copy)]
 enum InstanceIdentity<'a> {
-    /// Extras of an exported scene.
+    /// Extras in an exported scene.
     Marked(&'a NodeExtras),
     /// The category in the node's name.
     Named(&'static str),
 }
 
-/// An instance with its triangles.
+/// An instance and the triangles.
 struct FoundInstance<'a> {
     identity: InstanceIdentity<'a>,
     name: &'a str,
@@ -74,7 +74,7 @@ struct FoundInstance<'a> {
     bounds: Aabb,
 }
 
-/// Returns the scene of a model: finds and numbers the instances, and describes those without a description.
+/// Converts a model to a scene: finds and numbers the instances, and describes those without a description.
 pub(crate) fn scene_of_named_model(name: String, model: Model) -> Checked<Scene> {
     let Model { mut mesh, materials, textures, node_of, nodes, scene_extras } = model;
     let regions = extras::read_regions(&scene_extras)?;
@@ -91,7 +91,7 @@ pub(crate) fn scene_of_named_model(name: String, model: Model) -> Checked<Scene>
     Ok(Scene { name, mesh, materials, textures, regions, objects, lighting: Lighting::Painted })
 }
 
-/// Instances in the order of their nodes.
+/// Instances in node order.
 fn found<'a>(mesh: &Mesh, node_of: &[u32], nodes: &'a [ModelNode]) -> Vec<FoundInstance<'a>> {
     let claims: Vec<Option<NodeClaim<'a>>> = nodes.iter().map(claim).collect();
     let owners = owners(nodes, &claims);
@@ -138,6 +138,7 @@ fn claim(node: &ModelNode) -> Option<NodeClaim<'_>> {
 
 /// The nearest node with a claim per node: the node itself, or an ancestor.
 fn owners(nodes: &[ModelNode], claims: &[Option<NodeClaim<'_>>]) -> Vec<Option<usize>> {
+// Parents are before children, so that a single pass finds the owner of every ancestor first.
     let mut owners: Vec<Option<usize>> = Vec::with_capacity(nodes.len());
     for (index, node) in nodes.iter().enumerate() {
         let inherited = || node.parent.and_then(|parent| owners[parent]);
@@ -175,12 +176,13 @@ fn merged(found: Vec<FoundInstance<'_>>) -> Vec<FoundInstance<'_>> {
     whole_instances
 }
 
-/// Numbers per instance: the number in the extras if it is free, else the next free number.
+/// Numbers per instance: the number in the extras if it is free, or the next free number.
 fn numbers(found: &[FoundInstance<'_>]) -> Checked<Vec<InstanceId>> {
     let mut taken = BTreeSet::new();
     let own: Vec<Option<u32>> = found
         .iter()
         .map(|instance| match instance.identity {
+// Own numbers are reserved first: free numbers must not take the number of a later instance.
             InstanceIdentity::Marked(extras) if taken.insert(extras.instance) => Some(extras.instance),
             _ => None,
         })
@@ -208,7 +210,7 @@ fn object(instance: &FoundInstance<'_>, id: InstanceId, surfaces: &Surfaces<'_>,
     }
 }
 
-/// Returns the mpcat40 category in a node's name; numbers and the letter of a variant at the end are ignored.
+/// Returns the mpcat40 category in a node's name; numbers and a variant letter at the end are ignored.
 pub(crate) fn category_of_name(name: &str) -> Option<&'static str> {
     let phrase = phrase(name);
     if phrase.is_empty() {
@@ -220,7 +222,7 @@ pub(crate) fn category_of_name(name: &str) -> Option<&'static str> {
     })
 }
 
-/// The name of the whole for a numbered piece: `Bed_01_001_2` is a piece of `Bed_01_001`, by exporters with a node per material.
+/// The whole's name for a numbered piece: `Bed_01_001_2` belongs to `Bed_01_001`, in files by exporters with a node per material.
 /// `chair_2` is no piece.
 pub(crate) fn whole_of_piece(name: &str) -> Option<&str> {
     let whole = without_number(name)?;

@@ -1,4 +1,4 @@
-//! Opening of scenes, with recognition of their layout.
+//! Scene opening, with layout recognition.
 
 use crate::options::{ImportOptions, ImportReport};
 use crate::{files, gibson, glb, habitat, hm3d, mp3d, obj, ply, procthor, replica};
@@ -9,29 +9,29 @@ use std::path::{Path, PathBuf};
 /// [`open_with`] without warnings.
 ///
 /// # Errors
-/// Those of [`open_with`].
+/// See [`open_with`].
 pub fn open(path: &Path) -> Result<Scene, SceneError> {
     open_with(path, &mut ImportReport::default())
 }
 
-/// [`open_as`] with the axis and unit of the layout.
+/// [`open_as`] with the layout's axis and unit.
 ///
 /// # Errors
-/// Those of [`open_as`].
+/// See [`open_as`].
 pub fn open_with(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
     open_as(path, &ImportOptions::default(), report)
 }
 
 /// Opens a folder or file. The files present select the layout: HM3D, Matterport3D, Replica, Gibson, Habitat's scene
-/// configurations, ProcTHOR, or a plain glTF, OBJ or PLY file. A file of a scan opens the whole scan with semantics; a folder
+/// configurations, ProcTHOR, or a plain glTF, OBJ or PLY file. A scan file opens the whole scan with semantics; a folder
 /// must contain a single scene.
 ///
-/// Triangles, materials and textures are in the order of an exported file, so that both have the same digest.
+/// Triangles, materials and textures are in exported file order, so that both have the same digest.
 ///
 /// The report contains the layout, the navmesh next to the scene, guesses and omissions.
 ///
 /// # Errors
-/// Those of the importer; [`SceneError::Malformed`] if the path has no scene, or several, or if `options` are given for a layout
+/// Importer errors; [`SceneError::Malformed`] if the path has no scene, or several, or if `options` are given for a layout
 /// with fixed axes and units.
 pub fn open_as(path: &Path, options: &ImportOptions, report: &mut ImportReport) -> Result<Scene, SceneError> {
     let path = &existing(path)?;
@@ -51,7 +51,7 @@ fn existing(path: &Path) -> Result<PathBuf, SceneError> {
 
 type Candidate = (&'static Layout, PathBuf);
 
-/// Recognises the layout of the only scene at `path`, and its main file.
+/// Recognises the layout and main file for the only scene at `path`.
 fn recognised(path: &Path) -> Result<Candidate, SceneError> {
     if !path.is_dir() {
         let found = LAYOUTS.iter().find_map(|layout| Some((layout, (layout.scene_of_file)(path)?)));
@@ -61,6 +61,8 @@ fn recognised(path: &Path) -> Result<Candidate, SceneError> {
     for layout in LAYOUTS {
         candidates.extend(in_folder(path, layout)?.into_iter().map(|scene| (layout, scene)));
     }
+// The folder of a scan also contains plain meshes and a configuration for Habitat. They are no further scenes: only the
+// candidates with the most information count.
     let most = candidates.iter().map(|(layout, _)| layout.detail).max();
     candidates.retain(|(layout, _)| Some(layout.detail) == most);
     match candidates.len() {
@@ -78,7 +80,11 @@ fn several(candidates: &[Candidate]) -> String {
         .map(|(layout, scene)| format!("{} ({})", scene.display(), layout.name))
         .collect();
     let more = if candidates.len() > SHOWN { ", …" } else { "" };
-    format!("it contains {} scenes; use the file of one of them: {}{more}", candidates.len(), shown.join(", "))
+    format!(
+        "it contains {} scenes; use the file of one of them: {}{more}",
+        candidates.len(),
+        shown.join(", ")
+    )
 }
 
 fn nothing(path: &Path) -> String {
@@ -88,14 +94,12 @@ fn nothing(path: &Path) -> String {
         .collect::<Vec<_>>()
         .join(", ");
     match path.extension().and_then(|extension| extension.to_str()) {
-        Some("navmesh") => {
-            "it is a navigation mesh, without surfaces; use the mesh next to it".to_owned()
-        }
+        Some("navmesh") => "it is a navigation mesh, without surfaces; use the mesh next to it".to_owned(),
         _ => format!("no scene of a known layout is there; known layouts are {wanted}"),
     }
 }
 
-/// Scenes of a layout in a folder or its inner folders, sorted by name.
+/// Scenes with a layout in a folder or the inner folders, sorted by name.
 fn in_folder(folder: &Path, layout: &Layout) -> Result<Vec<PathBuf>, SceneError> {
     let mut scenes = Vec::new();
     let inner = layout.inner_folders.iter().map(|name| folder.join(name)).filter(|inner| inner.is_dir());
@@ -113,7 +117,7 @@ fn in_folder(folder: &Path, layout: &Layout) -> Result<Vec<PathBuf>, SceneError>
     Ok(scenes)
 }
 
-/// The `.navmesh` of a scene: the file with the same name, else the only one in the folder.
+/// A scene's `.navmesh`: the file with the same name, or the only one in the folder.
 fn navmesh_beside(scene: &Path) -> Option<PathBuf> {
     let stem = scene.file_name()?.to_str()?.split('.').next()?.to_owned();
     let folder = scene.parent()?;
@@ -135,29 +139,29 @@ fn navmesh_beside(scene: &Path) -> Option<PathBuf> {
     }
 }
 
-/// A layout of scene files.
+/// A file layout.
 struct Layout {
-    /// Name of the layout.
+    /// Layout name.
     name: &'static str,
     /// Characteristic file, for error messages.
     sign: &'static str,
-    /// Inner folders of a scene with files of the layout.
+    /// Inner folders with files in this layout.
     inner_folders: &'static [&'static str],
-    /// Level of information; a layout hides layouts of lower levels in the same folder.
+    /// Information level; a layout hides lower levels in the same folder.
     detail: Detail,
-    /// Returns the main file of a scene, for a file in a folder.
+    /// Returns a scene's main file, for a file in a folder.
     scene_in_folder: fn(&Path) -> Option<PathBuf>,
-    /// Returns the main file of a scene, for a file given by the caller.
+    /// Returns a scene's main file, for a file from the caller.
     scene_of_file: fn(&Path) -> Option<PathBuf>,
     import: fn(&Path, &ImportOptions, &mut ImportReport) -> Result<Scene, SceneError>,
 }
 
-/// Information in the files of a layout, in increasing order.
+/// Information in a layout's files, in increasing order.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Detail {
     /// Surfaces.
     Mesh,
-    /// Composition of scenes, or how Habitat loads a scan.
+    /// Scene composition, or load settings for a scan.
     Composition,
     /// Labelled objects.
     Labels,
@@ -264,7 +268,7 @@ fn fixed(path: &Path, options: &ImportOptions, layout: &str) -> Result<(), Scene
     ))
 }
 
-/// The mesh `X.glb` or `X.basis.glb` of a semantic file of HM3D.
+/// The mesh `X.glb` or `X.basis.glb` for an HM3D semantic file.
 fn hm3d_mesh(file: &Path) -> Option<PathBuf> {
     let name = file.file_name()?.to_str()?;
     let stem = [".semantic.txt", ".semantic.glb"].iter().find_map(|suffix| name.strip_suffix(suffix))?;
@@ -281,20 +285,20 @@ fn ends_with(file: &Path, suffix: &str) -> bool {
     file.file_name().is_some_and(|name| name.to_string_lossy().ends_with(suffix))
 }
 
-/// The common start of the file names of a scan.
+/// The common start in a scan's file names.
 fn stem(file: &Path) -> Option<&str> {
     let stem = file.file_name()?.to_str()?.split('.').next()?;
     Some(stem.strip_suffix("_semantic").unwrap_or(stem))
 }
 
-/// The table `X<suffix>` of the scan of `file`.
+/// The table `X<suffix>` in the scan with `file`.
 fn companion(file: &Path, suffix: &str) -> Option<PathBuf> {
     let is_part = has_extension(file, &["glb", "obj", "ply"]) || ends_with(file, suffix);
     let table = file.with_file_name(format!("{}{suffix}", stem(file)?));
     (is_part && table.is_file()).then_some(table)
 }
 
-/// The table of the Replica scene with the mesh or table `file`.
+/// The Replica table for a mesh or table `file`.
 fn replica_table(file: &Path) -> Option<PathBuf> {
     if ends_with(file, replica::TABLE) {
         return Some(file.to_owned());
@@ -366,11 +370,11 @@ mod tests {
             error.contains("2 scenes") && error.contains("a.ply (PLY)") && error.contains("b.obj (OBJ)"),
             "{error}"
         );
-        // A table says which of the meshes is meant.
+        // A table selects the mesh.
         write(folder.path(), "a.scn", GIBSON);
         write(folder.path(), "a_semantic.ply", testing::ply("ascii"));
         assert_eq!(opened(folder.path()).0, "Gibson");
-        // How Habitat loads it is no second scene.
+        // Load settings for Habitat are no second scene.
         write(folder.path(), "a.scene_dataset_config.json", "{}");
         assert_eq!(opened(folder.path()).0, "Gibson");
         write(folder.path(), "c.house", HOUSE);

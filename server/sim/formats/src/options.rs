@@ -1,17 +1,17 @@
-//! ImportOptions and warnings of an import.
+//! Import options and warnings.
 
 use std::path::PathBuf;
 
-/// The vertical axis of a file.
+/// A file's vertical axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UpAxis {
     /// Y, as in glTF.
     Y,
-    /// Z, as in scans of Matterport, Replica and Gibson.
+    /// Z, as in Matterport, Replica and Gibson scans.
     Z,
 }
 
-/// The unit of length of a file.
+/// A file's unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LengthUnit {
     /// 1 m.
@@ -27,7 +27,7 @@ pub enum LengthUnit {
 pub struct ImportOptions {
     /// The vertical axis.
     pub up: Option<UpAxis>,
-    /// The unit of length.
+    /// The unit.
     pub unit: Option<LengthUnit>,
 }
 
@@ -74,18 +74,18 @@ impl UpAxis {
     }
 }
 
-/// Greatest number of listed warnings.
+/// Greatest warning count.
 const MAX_WARNINGS: usize = 100;
 const MORE: &str = "there are further warnings, which are not listed";
 
-/// Notes of a successful import: guesses, replacements and omissions.
+/// Notes from a successful import: guesses, replacements and omissions.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ImportReport {
     /// The recognised layout (`HM3D`, `glTF` …); empty before the import.
     pub layout: &'static str,
-    /// Path of a navigation mesh next to the scene.
+    /// Path to a navigation mesh next to the scene.
     pub navmesh: Option<PathBuf>,
-    /// Distinct sentences in order of occurrence; at most 100, and a note if there were more.
+    /// Distinct sentences in order; at most 100, and a note if there were more.
     pub warnings: Vec<String>,
 }
 
@@ -93,6 +93,7 @@ impl ImportReport {
     /// Adds a warning, unless it is a duplicate.
     pub fn warn(&mut self, text: impl Into<String>) {
         let text = text.into();
+// A damaged file can cause a warning per triangle; the linear search for duplicates stays short because of the limit.
         if self.warnings.len() > MAX_WARNINGS || self.warnings.contains(&text) {
             return;
         }

@@ -1,4 +1,4 @@
-//! Scans of Replica: `habitat/info_semantic.json` (things and classes), `habitat/mesh_semantic.ply` (the thing of each face)
+//! Replica scans: `habitat/info_semantic.json` (objects and classes), `habitat/mesh_semantic.ply` (object numbers per face)
 //! and `mesh.ply` (the same surfaces, coloured); polygons have four corners, Z is up.
 
 use crate::files::Checked;
@@ -15,23 +15,22 @@ use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// What the table is called.
+/// Table name.
 pub(crate) const TABLE: &str = "info_semantic.json";
-/// What the labelled mesh is called.
+/// Labelled mesh name.
 pub(crate) const SEMANTIC_MESH: &str = "mesh_semantic.ply";
 const RENDER_MESH: &str = "mesh.ply";
-/// The folder inside a scene's that holds table and labelled mesh.
+/// Inner folder with table and labelled mesh.
 pub(crate) const SEMANTIC_FOLDER: &str = "habitat";
 const MAX_TABLE_BYTES: u64 = 64 << 20;
-/// Boxes of the two meshes of one scan differ by less than this, in the file's unit.
+/// Greatest difference between two meshes' boxes in a scan, in the file's unit.
 const SAME_FRAME: f32 = 0.5;
 
-/// Imports the scene whose table is `table` (`…/habitat/info_semantic.json`). Things get their number in the table plus one,
-/// since no instance has number 0; walls, floors, doors and the like are no objects. The scene is named after its folder.
+/// Imports the scene with this table (`…/habitat/info_semantic.json`), named after the scene folder. Instance numbers are the
+/// table's numbers plus one, because 0 is no instance; walls, floors, doors and other structure are no objects.
 ///
 /// # Errors
-/// [`SceneError::Read`] for a file that cannot be read; [`SceneError::Malformed`], with line or byte, for one that does not
-/// hold what it should.
+/// [`SceneError::Read`] if a file cannot be read; [`SceneError::Malformed`], with line or byte, if a file is damaged.
 pub fn import(table: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
     import_as(table, &ImportOptions::default(), report)
 }
@@ -39,7 +38,7 @@ pub fn import(table: &Path, report: &mut ImportReport) -> Result<Scene, SceneErr
 /// [`import`] with the caller's axis and unit.
 ///
 /// # Errors
-/// Those of [`import`].
+/// See [`import`].
 pub fn import_as(
     table: &Path,
     options: &ImportOptions,
@@ -74,7 +73,7 @@ pub fn import_as(
     Ok(labels::scene(name(table), surface, &label_of, &labels, Vec::new(), report))
 }
 
-/// Reads the coloured mesh, if it exists, has colours, and has the extent of the labelled mesh.
+/// Reads the coloured mesh, if it exists, has colours, and has the labelled mesh's extent.
 fn render(table: &Path, semantic: &Ply, report: &mut ImportReport) -> Result<Option<Ply>, SceneError> {
     let folder = scene_folder(table);
     let path = folder.join(RENDER_MESH);
@@ -85,6 +84,7 @@ fn render(table: &Path, semantic: &Ply, report: &mut ImportReport) -> Result<Opt
         return Ok(None);
     }
     let render = ply::read(&path, report)?;
+// Some releases contain a mesh.ply in another frame: labels would land on the wrong surfaces.
     let boxes = Aabb::around(&render.mesh.positions).zip(Aabb::around(&semantic.mesh.positions));
     let is_same = boxes.is_some_and(|(a, b)| {
         (a.min - b.min).abs().max() < SAME_FRAME && (a.max - b.max).abs().max() < SAME_FRAME
@@ -95,7 +95,7 @@ fn render(table: &Path, semantic: &Ply, report: &mut ImportReport) -> Result<Opt
     Ok((is_same && render.is_coloured).then_some(render))
 }
 
-/// The folder of the scene: the folder of the table, or its parent if that folder is `habitat`.
+/// The scene folder: the table's folder, or its parent if that folder is `habitat`.
 fn scene_folder(table: &Path) -> PathBuf {
     let folder = table.parent().unwrap_or(Path::new(""));
     let is_inner = folder.file_name().is_some_and(|name| name == SEMANTIC_FOLDER);
@@ -146,7 +146,7 @@ struct InfoExtent {
     sizes: [f64; 3],
 }
 
-/// An object with the name of its class; empty if unknown.
+/// An object with its class name; empty if unknown.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct ReplicaObject {
     id: u32,
@@ -186,7 +186,7 @@ fn parse(bytes: &[u8], max_id: u32) -> Checked<Vec<ReplicaObject>> {
     Ok(found)
 }
 
-/// Checks the box of an object. Boxes are not used, but an invalid box is a sign of a damaged file.
+/// Checks an object's box. Boxes are not used, but an invalid box is a sign for a damaged file.
 fn check_box(id: u32, entry: &InfoObject) -> Checked<()> {
     let sizes = entry.oriented_bbox.as_ref().map_or([0.0; 3], |oriented| oriented.abb.sizes);
     match sizes.iter().find(|size| size.is_nan() || **size < 0.0) {
@@ -260,7 +260,7 @@ mod tests {
             ("room_7/mesh.ply", turned.as_bytes()),
         ];
         let report = check(folder_with(&files).path());
-        assert!(report.warnings[0].contains("mesh.ply does not lie where"), "{report:?}");
+        assert!(report.warnings[0].contains("mesh.ply differs from mesh_semantic.ply"), "{report:?}");
     }
 
     #[test]
@@ -290,7 +290,8 @@ mod tests {
             "objects": [{"id": 7, "class_id": 3, "class_name": "couch"}, {"id": 0},
                 {"id": 1}, {"id": 9, "class_id": 77, "class_name": "lamp"}]}"#;
         let listed = parse(text.as_bytes(), 100).unwrap();
-        let found: Vec<(u32, &str)> = listed.iter().map(|object| (object.id, object.class.as_str())).collect();
+        let found: Vec<(u32, &str)> =
+            listed.iter().map(|object| (object.id, object.class.as_str())).collect();
         assert_eq!(found, [(7, "sofa"), (0, "rug"), (9, "lamp")]);
     }
 
@@ -299,7 +300,7 @@ mod tests {
         for (text, expected) in [
             (r#"{"objects": ["#, "line 1 column"),
             (r#"{"classes": []}"#, "objects"),
-            (r#"{"objects": [{"id": 4}, {"id": 4}]}"#, "object 4 is there a second time"),
+            (r#"{"objects": [{"id": 4}, {"id": 4}]}"#, "object number 4 is not unique"),
             (r#"{"objects": [{"id": -4}]}"#, "number -4"),
             (r#"{"objects": [{"id": 101}]}"#, "number 101"),
             (

@@ -9,10 +9,10 @@ use avln_scene::limits::{MAX_SCENE_SIDE_M, MIN_SCENE_SIDE_M};
 
 /// An extent is clearly smaller than another below this ratio.
 const CLEARLY_SMALLER: f32 = 0.6;
-/// Height of a building that causes a warning, metres.
+/// Building height that causes a warning, metres.
 const TALLEST_M: f32 = 30.0;
 
-/// Certainty of a layout's vertical axis.
+/// Certainty about a layout's vertical axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum UpConvention {
     /// Required by the format: contrary evidence causes a warning only.
@@ -29,7 +29,7 @@ pub(crate) struct FileFrame {
 }
 
 impl FileFrame {
-    /// Chooses the frame of a mesh in the coordinates of its file.
+    /// Chooses the frame for a mesh in file coordinates.
     pub(crate) fn of(
         mesh: &Mesh,
         options: &ImportOptions,
@@ -62,7 +62,7 @@ impl FileFrame {
         Self { up, metres }
     }
 
-    /// Returns a point of the file in the world frame: for Z up, (x, y, z) becomes (x, z, -y).
+    /// Converts a point to the world frame: for Z up, (x, y, z) becomes (x, z, -y).
     pub(crate) fn point(&self, [x, y, z]: [f32; 3]) -> Point3<f32> {
         let turned = match self.up {
             UpAxis::Y => Point3::new(x, y, z),
@@ -71,7 +71,7 @@ impl FileFrame {
         turned * self.metres
     }
 
-    /// Returns the world box of two opposite corners in the file.
+    /// Returns the world box for two opposite corners.
     pub(crate) fn bounds(&self, a: [f32; 3], b: [f32; 3]) -> Aabb {
         let (a, b) = (self.point(a), self.point(b));
         Aabb::new(a.inf(&b), a.sup(&b))
@@ -89,13 +89,14 @@ fn lies_on_its_side(mesh: &Mesh, up: UpAxis) -> bool {
     let Some(bounds) = Aabb::around(&mesh.positions) else { return false };
     let size = bounds.size();
     let (height, other) = (size[up.index()], size[up.other().index()]);
+// Extent alone is not enough: a tower is higher than wide. Floors and ceilings decide.
     other < CLEARLY_SMALLER * height && other < CLEARLY_SMALLER * size.x && {
         let area = area_by_axis(mesh);
         area[up.other().index()] > area[up.index()]
     }
 }
 
-/// Projected area of the surfaces along each axis, in squared units of the file.
+/// Projected surface area per axis, in squared file units.
 fn area_by_axis(mesh: &Mesh) -> [f32; 3] {
     let mut area = Vector3::zeros();
     for triangle in &mesh.triangles {
@@ -105,7 +106,7 @@ fn area_by_axis(mesh: &Mesh) -> [f32; 3] {
     area.into()
 }
 
-/// Refuses a building of an impossible size in metres, and warns about a suspiciously high one.
+/// Refuses a building with an impossible size in metres, and warns about a suspiciously high one.
 pub(crate) fn check_size(mesh: &Mesh, report: &mut ImportReport) -> Checked<()> {
     let bounds = Aabb::around(&mesh.positions).ok_or("it has no triangles; export the meshes with it")?;
     let size = bounds.size();
@@ -128,7 +129,7 @@ pub(crate) fn check_size(mesh: &Mesh, report: &mut ImportReport) -> Checked<()> 
     Ok(())
 }
 
-/// Advice for a building with a longest side of `longest_m`.
+/// Advice for a building with this longest side.
 fn advice(longest_m: f32) -> String {
     let fitting = [LengthUnit::Centimetre, LengthUnit::Millimetre]
         .into_iter()
@@ -149,7 +150,7 @@ mod tests {
     use avln_geom::Point2;
     use avln_scene::InstanceId;
 
-    /// The surface of a box, in the file's axes.
+    /// A box, in the file's axes.
     fn box_of([x, y, z]: [f32; 3]) -> Mesh {
         let positions: Vec<Point3<f32>> = (0..8)
             .map(|corner| {

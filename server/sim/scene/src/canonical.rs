@@ -1,9 +1,9 @@
-//! Canonical order of the parts of a scene: the order in an exported file.
+//! Canonical scene order: the order in an exported file.
 
 use crate::scene::{InstanceId, Material, Mesh, Scene, Texture};
 use std::collections::BTreeMap;
 
-/// Triangles by index of their object (the number of objects for none) and by material.
+/// Triangles by object index (the object count for none) and material.
 type TriangleGroups = BTreeMap<(usize, u16), Vec<u32>>;
 
 /// Brings a scene into canonical order: triangles by instance and material, with separate vertices per group; materials and
@@ -11,7 +11,7 @@ type TriangleGroups = BTreeMap<(usize, u16), Vec<u32>>;
 ///
 /// Export and import keep this order, so that a scene has the same digest in every layout and as a file.
 pub fn canonical(scene: Scene) -> Scene {
-    // Materials are numbered by first use, in the order of the old numbers within an object.
+    // Materials are numbered by first use, in old number order within an object.
     let mut number_of: BTreeMap<u16, u16> = BTreeMap::new();
     for &(_, material) in groups(&scene, |material| material).keys() {
         let next = number_of.len() as u16;
@@ -32,6 +32,7 @@ fn groups(scene: &Scene, number: impl Fn(u16) -> u16) -> TriangleGroups {
     let mesh = &scene.mesh;
     let mut groups = TriangleGroups::new();
     for (triangle, [a, b, c]) in mesh.triangles.iter().enumerate() {
+// Importers drop such triangles too; they have no surface.
         if a == b || b == c || c == a {
             continue;
         }
@@ -42,7 +43,7 @@ fn groups(scene: &Scene, number: impl Fn(u16) -> u16) -> TriangleGroups {
     groups
 }
 
-/// Appends triangles and their vertices, in the order of `from`.
+/// Appends triangles and their vertices, in `from` order.
 fn append(from: &Mesh, triangles: &[u32], to: &mut Mesh) {
     let corners = || triangles.iter().map(|&triangle| from.triangles[triangle as usize]);
     let mut used: Vec<u32> = corners().flatten().collect();
@@ -58,7 +59,7 @@ fn append(from: &Mesh, triangles: &[u32], to: &mut Mesh) {
     }
 }
 
-/// Returns the numbered materials in order of their numbers, and their textures by first use.
+/// Returns the numbered materials in number order, and their textures by first use.
 fn looks(
     number_of: &BTreeMap<u16, u16>,
     materials: Vec<Material>,

@@ -1,6 +1,6 @@
 //! Category names: from annotators' words to the mpcat40 vocabulary (the 40 categories of Matterport3D).
 
-/// The 21 mpcat40 categories of mission targets, as in the MP3D object-goal and SAVi tasks.
+/// The 21 mpcat40 target categories in missions, as in the MP3D object-goal and SAVi tasks.
 pub const TARGET_CATEGORIES: [&str; 21] = [
     "chair",
     "table",
@@ -30,10 +30,10 @@ pub fn is_target(category: &str) -> bool {
     TARGET_CATEGORIES.contains(&category)
 }
 
-/// Returns the mpcat40 category of an annotator's words; `None` for unlisted words.
+/// Returns the mpcat40 category for an annotator's words; `None` for unlisted words.
 ///
-/// Case, underscores, hyphens and `#` are ignored. An unlisted name has the category of its longest listed ending
-/// (`black leather sofa` is a `sofa`), a plural that of its singular.
+/// Case, underscores, hyphens and `#` are ignored. An unlisted name has the longest listed ending's category
+/// (`black leather sofa` is a `sofa`), a plural has the singular's category.
 pub fn mpcat40(raw_name: &str) -> Option<&'static str> {
     let name = normalised(raw_name);
     let words: Vec<&str> = name.split(' ').collect();

@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-/// The colour words of [`Attributes::color`](crate::Attributes::color) with a typical sRGB value.
+/// Colour words for [`Attributes::color`](crate::Attributes::color) with a typical sRGB value.
 pub const PALETTE: [(&str, [u8; 3]); 12] = [
     ("red", [196, 36, 34]),
     ("orange", [240, 134, 38]),
@@ -18,7 +18,7 @@ pub const PALETTE: [(&str, [u8; 3]); 12] = [
     ("white", [242, 242, 240]),
 ];
 
-/// Further colours with the same words: dark and light variants, and hues of wood.
+/// Further colours with the same words: dark and light variants, and wood hues.
 const VARIANTS: [(&str, [u8; 3]); 15] = [
     ("red", [122, 18, 22]),
     ("yellow", [214, 184, 40]),
@@ -41,6 +41,7 @@ static LIGHT: LazyLock<[f32; 256]> =
     LazyLock::new(|| std::array::from_fn(|code| linear(code as f32 / 255.0)));
 
 /// `BETWEEN[i]`: the light half-way, in sRGB, between the codes `i` and `i + 1`.
+// Boundaries are half-way between the codes in sRGB, not in light: then every code converts to light and back unchanged.
 static BETWEEN: LazyLock<[f32; 255]> =
     LazyLock::new(|| std::array::from_fn(|code| linear((code as f32 + 0.5) / 255.0)));
 
@@ -48,8 +49,8 @@ static BETWEEN: LazyLock<[f32; 255]> =
 static NAMED: LazyLock<Vec<(&str, [f32; 3])>> =
     LazyLock::new(|| PALETTE.iter().chain(&VARIANTS).map(|&(name, rgb)| (name, lab(rgb))).collect());
 
-/// Returns the colour word of the nearest known colour by the CIE 1976 difference in L\*a\*b\*. A colour of [`PALETTE`] has
-/// its own word.
+/// Returns the nearest known colour's word by the CIE 1976 difference in L\*a\*b\*. A [`PALETTE`] colour has
+/// that colour's word.
 pub fn name_of(rgb: [u8; 3]) -> &'static str {
     let wanted = lab(rgb);
     let difference = |known: &[f32; 3]| distance_squared(&wanted, known);
@@ -57,17 +58,17 @@ pub fn name_of(rgb: [u8; 3]) -> &'static str {
     nearest.map_or("", |(name, _)| name)
 }
 
-/// Returns the linear light, 0 to 1, of an sRGB byte.
+/// Converts an sRGB byte to linear light, 0 to 1.
 pub fn light_of(code: u8) -> f32 {
     LIGHT[usize::from(code)]
 }
 
-/// Returns the nearest sRGB byte of a linear light; values outside 0 to 1 are clamped, NaN is 0.
+/// Converts linear light to the nearest sRGB byte; values outside 0 to 1 are clamped, NaN is 0.
 pub fn code_of(light: f32) -> u8 {
     BETWEEN.partition_point(|&boundary| boundary <= light) as u8
 }
 
-/// Linear light of an sRGB value, both 0 to 1 (IEC 61966-2-1).
+/// Converts an sRGB value to linear light, both 0 to 1 (IEC 61966-2-1).
 fn linear(value: f32) -> f32 {
     if value <= 0.040_45 { value / 12.92 } else { libm::powf((value + 0.055) / 1.055, 2.4) }
 }

@@ -1,4 +1,4 @@
-//! Descriptive words of an instance, from labels and surfaces.
+//! Descriptive words for instances, from labels and surfaces.
 
 use crate::categories::{mpcat40, noun};
 use crate::colors::{code_of, light_of, name_of};
@@ -6,7 +6,7 @@ use crate::limits::MAX_WORD_CHARS;
 use crate::scene::{Attributes, Material, Mesh, Texture};
 use avln_geom::{Aabb, Point2, Vector3};
 
-/// mpcat40 categories of the building's structure: such surfaces are no objects.
+/// Structural mpcat40 categories: these surfaces are no objects.
 const STRUCTURE: [&str; 12] = [
     "void",
     "wall",
@@ -22,40 +22,40 @@ const STRUCTURE: [&str; 12] = [
     "unlabeled",
 ];
 
-/// Least height between the floors of two storeys, metres.
+/// Least height between two storeys' floors, metres.
 const STOREY_STEP_M: f32 = 1.8;
-/// Greatest side of a small object, metres.
+/// Greatest side for the word `small`, metres.
 const SMALL_M: f32 = 0.35;
-/// Least height of a tall object, metres; it is also [`SLENDER`] times as high as wide.
+/// Least height for the word `tall`, metres; a tall object is also [`SLENDER`] times as high as wide.
 const TALL_M: f32 = 1.6;
-/// Least length of a long object, metres; it is also [`SLENDER`] times as long as deep.
+/// Least length for the word `long`, metres; a long object is also [`SLENDER`] times as long as deep.
 const LONG_M: f32 = 1.5;
 const SLENDER: f32 = 2.0;
-/// Least volume of the box of a large object, cubic metres.
+/// Least box volume for the word `large`, cubic metres.
 const LARGE_M3: f32 = 1.5;
 
-/// Returns whether a category is part of the building's structure.
+/// Returns whether a category is structural.
 pub fn is_structure(category: &str) -> bool {
     STRUCTURE.contains(&category)
 }
 
-/// Meaning of an annotator's words.
+/// An annotator's meaning.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Meaning {
     /// An object.
     Object {
-        /// Category by its mpcat40 name, or the annotator's words in lower case.
+        /// The mpcat40 category, or the annotator's words in lower case.
         category: String,
-        /// The more exact noun; empty if the category says it all.
+        /// The more exact noun; empty if the category is as exact.
         noun: String,
     },
-    /// A part of the building.
+    /// Building structure.
     Structure,
     /// No usable word.
     Unknown,
 }
 
-/// Interprets `words`. Words without an mpcat40 category become a category of their own, in lower case.
+/// Interprets `words`. Words without an mpcat40 category become a new category, in lower case.
 pub fn meaning(words: &str) -> Meaning {
     if let Some(category) = mpcat40(words) {
         let noun = noun(words).unwrap_or_default().to_owned();
@@ -71,7 +71,7 @@ pub fn meaning(words: &str) -> Meaning {
     if is_said { Meaning::Object { category, noun: String::new() } } else { Meaning::Unknown }
 }
 
-/// Returns the storey of each floor height, metres. A new storey begins at a jump of the sorted heights.
+/// Returns storeys for floor heights in metres. A new storey begins at a jump in the sorted heights.
 pub fn storeys(floors_m: &[f32]) -> Vec<u16> {
     let mut order: Vec<usize> = (0..floors_m.len()).collect();
     order.sort_by(|&a, &b| floors_m[a].total_cmp(&floors_m[b]));
@@ -92,25 +92,26 @@ pub fn storeys(floors_m: &[f32]) -> Vec<u16> {
 pub struct Surfaces<'a> {
     /// Triangles.
     pub mesh: &'a Mesh,
-    /// Materials of the triangles.
+    /// Materials for the triangles.
     pub materials: &'a [Material],
-    /// Textures of the materials.
+    /// Textures for the materials.
     pub textures: &'a [Texture],
 }
 
 impl Surfaces<'_> {
-    /// Returns colour and size words of the instance with these triangles.
+    /// Returns colour and size words for an instance with these triangles.
     pub fn attributes(&self, triangles: &[u32], bounds: &Aabb) -> Attributes {
         let color = self.mean_color(triangles).map_or("", name_of);
         Attributes { color: color.to_owned(), size: size_word(bounds).to_owned(), ..Attributes::default() }
     }
 
-    /// Returns the mean colour over the area, averaged as light; `None` if all of it is invisible.
+    /// Returns the mean colour over the area, averaged as light; `None` if everything is invisible.
     pub fn mean_color(&self, triangles: &[u32]) -> Option<[u8; 3]> {
         let mut sum = [0.0_f64; 3];
         let mut weight = 0.0_f64;
         for &triangle in triangles {
             let area = f64::from(self.area_m2(triangle as usize));
+// Light is averaged, not sRGB codes: a chequered surface has the colour that a camera sees from afar.
             for color in self.samples(triangle as usize).into_iter().flatten() {
                 (0..3).for_each(|channel| sum[channel] += area * f64::from(light_of(color[channel])));
                 weight += area;
@@ -125,7 +126,7 @@ impl Surfaces<'_> {
         normal.norm() / 2.0
     }
 
-    /// Colours at the centre and half-way to the corners of a triangle; `None` for cut-out texels.
+    /// Colours at a triangle's centre, and half-way to the corners; `None` for cut-out texels.
     fn samples(&self, triangle: usize) -> [Option<[u8; 3]>; 4] {
         let corners = self.mesh.triangles[triangle];
         let light = corners.map(|corner| self.mesh.colors[corner as usize]);
@@ -144,14 +145,14 @@ impl Surfaces<'_> {
     }
 }
 
-/// Returns the centre of a triangle, and the points half-way between centre and corners.
+/// Returns a triangle's centre, and the points half-way between centre and corners.
 pub fn inner_points(corners: &[Point2<f32>; 3]) -> [Point2<f32>; 4] {
     let [a, b, c] = corners.map(|corner| corner.coords);
     let center = (a + b + c) / 3.0;
     [center, (center + a) / 2.0, (center + b) / 2.0, (center + c) / 2.0].map(Point2::from)
 }
 
-/// Returns the texel at a texture coordinate of a repeating texture.
+/// Returns the texel at a texture coordinate; the texture repeats.
 pub fn texel_at(texture: &Texture, uv: &Point2<f32>) -> [u8; 4] {
     let along =
         |share: f32, side: u32| (((share - share.floor()) * side as f32) as u32).min(side - 1) as usize;
@@ -165,7 +166,7 @@ fn scaled(value: u8, by: u8) -> u8 {
     ((u16::from(value) * u16::from(by) + 127) / 255) as u8
 }
 
-/// Size word of a box; empty in doubtful cases.
+/// Size word for a box; empty in doubtful cases.
 fn size_word(bounds: &Aabb) -> &'static str {
     let size = bounds.size();
     let long = size.x.max(size.z);

@@ -1,9 +1,9 @@
-//! Content hash of a scene.
+//! Scene content hash.
 
 use crate::scene::{Attributes, InstanceId, Lamp, Lighting, Scene};
 use avln_geom::Aabb;
 
-/// Returns the BLAKE3 hash, in 64 hexadecimal digits, of all data with an influence on episodes: mesh, materials, textures,
+/// Returns the BLAKE3 hash, in 64 hexadecimal digits, over all data with an influence on episodes: mesh, materials, textures,
 /// regions, objects and lamps, in order, without the scene's name. Equal scenes have equal digests on every platform.
 pub fn digest(scene: &Scene) -> String {
     let mut writer = SceneHasher(blake3::Hasher::new());
@@ -66,7 +66,7 @@ impl SceneHasher {
         });
     }
 
-    // Baked light adds no bytes: digests of scans are older than lamps, and must stay.
+    // Baked light adds no bytes: scan digests are older than lamps, and must stay.
     fn lighting(&mut self, scene: &Scene) {
         if let Lighting::Lamps(lamps) = &scene.lighting {
             self.list(lamps, |out, Lamp { position, facing, radius_m, strength }| {
@@ -97,6 +97,7 @@ impl SceneHasher {
     }
 
     fn text(&mut self, text: &str) {
+// The length separates neighbouring texts: `ab`, `c` must differ from `a`, `bc`.
         self.length(text.len());
         self.bytes(text.as_bytes());
     }

@@ -1,13 +1,13 @@
-//! Triangulation of polygons, by the crate `earcut`.
+//! Polygon triangulation, by the crate `earcut`.
 
 use avln_geom::{Point3, Vector3};
 use earcut::Earcut;
 
-/// Largest relative difference between the area of an outline and that of its triangles; more of it means that the outline
+/// Largest relative difference between outline area and total triangle area; a larger one means that the outline
 /// crosses itself.
 const MAX_AREA_DIFFERENCE: f64 = 1e-3;
 
-/// Cuts the polygon `corners` (indices into `positions`) into triangles of the same winding, and appends them to `triangles`.
+/// Cuts the polygon `corners` (indices into `positions`) into triangles with the same winding, and appends them to `triangles`.
 ///
 /// Triangles with a repeated corner are left out.
 ///
@@ -24,12 +24,12 @@ pub fn triangulate(positions: &[Point3<f32>], corners: &[u32], triangles: &mut V
     triangles.extend(named.filter(|[a, b, c]| a != b && b != c && c != a));
 }
 
-/// Cuts a flat outline into triangles of the same winding: indices into `outline`.
+/// Cuts a flat outline into triangles with the same winding: indices into `outline`.
 ///
-/// A convex outline becomes the fan around its first corner.
+/// A convex outline becomes a fan around the first corner.
 pub fn triangulate_outline(outline: &[[f64; 2]]) -> Vec<[u32; 3]> {
-    // Nearly all faces of scans are convex. A fan keeps the order of their triangles, and with it the digest of the scene,
-    // independent of the library's version.
+    // Nearly all scan faces are convex. A fan makes triangle order, and with it the scene's digest, independent
+    // from the library version.
     if is_convex(outline) {
         return (2..outline.len() as u32).map(|last| [0, last - 1, last]).collect();
     }
@@ -46,7 +46,7 @@ pub fn triangulate_outline(outline: &[[f64; 2]]) -> Vec<[u32; 3]> {
     triangles
 }
 
-/// Whether `triangles` fill `outline`, which they do unless it crosses itself.
+/// Returns whether `triangles` fill `outline`; they do not if it crosses itself.
 pub fn fills_outline(outline: &[[f64; 2]], triangles: &[[u32; 3]]) -> bool {
     let area = signed_area(outline).abs();
     let corners = |triangle: &[u32; 3]| triangle.map(|corner| outline[corner as usize]);
@@ -54,13 +54,13 @@ pub fn fills_outline(outline: &[[f64; 2]], triangles: &[[u32; 3]]) -> bool {
     area > 0.0 && (filled - area).abs() <= MAX_AREA_DIFFERENCE * area
 }
 
-/// Area of a flat outline, positive if it turns from the first axis to the second.
+/// Signed area, positive if it turns from the first axis to the second.
 pub fn signed_area(outline: &[[f64; 2]]) -> f64 {
     let edges = outline.iter().zip(outline.iter().cycle().skip(1));
     edges.map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum::<f64>() / 2.0
 }
 
-/// Coordinates without the main axis of the polygon's normal, by Newell's formula (M. E. Newell in Sutherland, Sproull and
+/// Coordinates without the normal's main axis, by Newell's formula (M. E. Newell in Sutherland, Sproull and
 /// Schumacker 1974).
 fn projected(points: impl Iterator<Item = Point3<f64>> + Clone) -> Vec<[f64; 2]> {
     let next = points.clone().cycle().skip(1);
@@ -71,7 +71,7 @@ fn projected(points: impl Iterator<Item = Point3<f64>> + Clone) -> Vec<[f64; 2]>
     points.map(|point| [point[first], point[second]]).collect()
 }
 
-/// Whether each corner turns the same way, and the outline runs around only once.
+/// Returns whether all corners turn the same way, in a single turn.
 fn is_convex(outline: &[[f64; 2]]) -> bool {
     let count = outline.len();
     let edge = |at: usize| {
@@ -83,7 +83,7 @@ fn is_convex(outline: &[[f64; 2]]) -> bool {
         let [before, after] = [edge(at), edge(at + 1)];
         (before[0] * after[1] - before[1] * after[0]) * winding > 0.0
     });
-    // A star of five corners turns the same way everywhere, but changes its direction along x more than twice.
+    // A five-pointed star turns the same way everywhere, but changes direction in x more than twice.
     let goes_right: Vec<bool> = (0..count).map(|at| edge(at)[0] > 0.0).collect();
     let changes = (0..count).filter(|&at| goes_right[at] != goes_right[(at + 1) % count]).count();
     turns && changes <= 2

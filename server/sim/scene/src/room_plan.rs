@@ -5,19 +5,19 @@ use crate::scene::{InstanceId, Lighting, Material, Mesh, Region, Scene};
 use avln_geom::{Aabb, Point2, Point3};
 use std::ops::RangeInclusive;
 
-/// Number of corners of a plan; a curve needs no more.
+/// Corner count; a curve needs no more.
 const CORNERS: RangeInclusive<usize> = 3..=512;
 
-/// Length of a room along an axis, metres.
+/// Room length in an axis direction, metres.
 const SIDES_M: RangeInclusive<f32> = 0.1..=200.0;
 
-/// Greatest coordinate of a corner, metres.
+/// Greatest corner coordinate, metres.
 const REACH_M: f32 = 1000.0;
 
-/// Greatest distance of a corner on a straight wall from the line between its neighbours, metres.
+/// Greatest distance between a corner on a straight wall and the line between the neighbours, metres.
 const STRAIGHT_M: f64 = 1e-4;
 
-/// A room with vertical walls on a floor plan; its floor is at y = 0.
+/// A room with vertical walls on a floor plan; the floor is at y = 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoomPlan {
     /// Corners (x, z), metres, without corners on straight walls; this order turns the floor's normal up.
@@ -34,10 +34,10 @@ pub enum RoomPlanError {
     /// A corner without usable coordinates.
     #[error("corner {0} is at {1}, {2}: write metres within {REACH_M} of the origin")]
     Coordinates(usize, f32, f32),
-    /// Too short or too long along an axis.
+    /// Too short or too long in an axis direction.
     #[error("the room measures {1} m along {0}: write {least} to {most} m", least = SIDES_M.start(), most = SIDES_M.end())]
     Size(char, f32),
-    /// Two walls that cross or touch away from a common corner.
+    /// Two walls that cross, or touch without a common corner.
     #[error(
         "the walls from corner {0} and from corner {1} meet: write the corners once around the room, in order"
     )]
@@ -45,7 +45,7 @@ pub enum RoomPlanError {
 }
 
 impl RoomPlan {
-    /// Creates a room from its corners (x, z), metres, in order around the room in either direction.
+    /// Creates a room from corners (x, z), metres, in order around the room in either direction.
     ///
     /// # Errors
     /// If there are fewer than 3 or more than 512 corners, a side is below 0.1 m or above 200 m, a number is not finite, or
@@ -70,7 +70,7 @@ impl RoomPlan {
         Ok(Self { corners, height_m })
     }
 
-    /// Creates a box with a corner at the origin, metres along x, z and y.
+    /// Creates a box with a corner at the origin, metres in x, z and y.
     ///
     /// # Errors
     /// If a side is below 0.1 m or above 200 m.
@@ -87,7 +87,7 @@ impl RoomPlan {
         0.0 < point.y && point.y < self.height_m && passed.count() % 2 == 1
     }
 
-    /// Returns the volume of the air, cubic metres.
+    /// Returns the air volume, cubic metres.
     pub fn volume_m3(&self) -> f32 {
         (doubled_area(&self.corners).abs() / 2.0) as f32 * self.height_m
     }
@@ -146,12 +146,12 @@ fn span(corners: &[[f32; 2]], axis: usize) -> f32 {
     along().fold(f32::MIN, f32::max) - along().fold(f32::MAX, f32::min)
 }
 
-/// The walls, as pairs of corners.
+/// Walls, as corner pairs.
 fn walls(corners: &[[f32; 2]]) -> impl Iterator<Item = ([f32; 2], [f32; 2])> + '_ {
     corners.iter().zip(corners.iter().cycle().skip(1)).map(|(a, b)| (*a, *b))
 }
 
-/// Twice the signed area of the triangle a, b, c; positive if it turns from x to z.
+/// Twice the triangle's signed area; positive if it turns from x to z.
 fn turn(a: [f32; 2], b: [f32; 2], c: [f32; 2]) -> f64 {
     let [abx, abz, acx, acz] = [b[0] - a[0], b[1] - a[1], c[0] - a[0], c[1] - a[1]].map(f64::from);
     abx * acz - abz * acx
@@ -178,13 +178,13 @@ fn check_walls(corners: &[[f32; 2]]) -> Result<(), RoomPlanError> {
     Ok(())
 }
 
-/// Whether the wall after `b` runs back over the wall before it, or either has no length.
+/// Returns whether the wall after `b` runs back over the wall before it, or either has no length.
 fn folds_back(a: [f32; 2], b: [f32; 2], c: [f32; 2]) -> bool {
     let [abx, abz, bcx, bcz] = [b[0] - a[0], b[1] - a[1], c[0] - b[0], c[1] - b[1]].map(f64::from);
     turn(a, b, c) == 0.0 && abx * bcx + abz * bcz <= 0.0
 }
 
-/// Whether two walls without a common corner touch.
+/// Returns whether two walls without a common corner touch.
 fn meet((a, b): ([f32; 2], [f32; 2]), (c, d): ([f32; 2], [f32; 2])) -> bool {
     let sides = [turn(a, b, c), turn(a, b, d), turn(c, d, a), turn(c, d, b)];
     let apart = |one: f64, other: f64| one * other > 0.0;

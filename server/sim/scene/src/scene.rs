@@ -2,26 +2,26 @@
 
 use avln_geom::{Aabb, Point2, Point3, Vector3};
 
-/// A building, in the world frame of `avln-geom`.
+/// A building, in the `avln-geom` world frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     /// Short name, unique inside a data set: letters, digits, `-` and `_`.
     pub name: String,
     /// All surfaces.
     pub mesh: Mesh,
-    /// Surface materials, in the order of [`Mesh::material_of`].
+    /// Materials, indexed by [`Mesh::material_of`].
     pub materials: Vec<Material>,
-    /// Pictures of the materials.
+    /// Material images.
     pub textures: Vec<Texture>,
     /// Rooms.
     pub regions: Vec<Region>,
-    /// Labelled instances, in the order of their ids.
+    /// Labelled instances, sorted by id.
     pub objects: Vec<Object>,
-    /// The source of the light on the surfaces.
+    /// Light source.
     pub lighting: Lighting,
 }
 
-/// An indexed triangle mesh. The per-vertex lists have the length of `positions`, the per-triangle lists that of `triangles`.
+/// An indexed triangle mesh. Per-vertex lists are as long as `positions`, per-triangle lists as long as `triangles`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Vertices, metres.
@@ -38,18 +38,18 @@ pub struct Mesh {
     pub instance_of: Vec<InstanceId>,
 }
 
-/// Number of a labelled instance, unique within a scene.
+/// Instance number, unique within a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct InstanceId(pub u32);
 
 impl InstanceId {
-    /// Largest number: 2^24 - 1, because ids must fit the mantissa of a 32-bit float.
+    /// Largest number: 2^24 - 1, because ids must fit into a 32-bit float's mantissa.
     pub const MAX: u32 = (1 << 24) - 1;
     /// No instance.
     pub const NONE: Self = Self(0);
 }
 
-/// Material of a surface.
+/// A surface material.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// A material name for the acoustics (`wood`, `fabric`, `plaster` …) or the name in the file.
@@ -91,15 +91,15 @@ pub struct Object {
     pub id: InstanceId,
     /// Category: the mpcat40 name if it exists (`chair`, `tv_monitor`, `chest_of_drawers` …).
     pub category: String,
-    /// Bounding box of the triangles.
+    /// Bounding box.
     pub bounds: Aabb,
-    /// Index of the room in [`Scene::regions`].
+    /// Room index in [`Scene::regions`].
     pub region: Option<u16>,
     /// Descriptive words.
     pub attributes: Attributes,
 }
 
-/// Descriptive words of an instance; empty if unknown.
+/// Descriptive words for an instance; empty if unknown.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Attributes {
     /// Everyday noun, if more specific than the category: `armchair`, `nightstand`, `refrigerator` …
@@ -114,7 +114,7 @@ pub struct Attributes {
     pub shape: String,
 }
 
-/// An error of reading a scene.
+/// A scene that cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     /// The file cannot be read.
@@ -122,10 +122,10 @@ pub enum SceneError {
     Read {
         /// The file.
         path: String,
-        /// Error of the operating system.
+        /// Operating system error.
         source: std::io::Error,
     },
-    /// The content of the file is not usable.
+    /// The file's content is not usable.
     #[error("{path} is not a usable scene: {reason}")]
     Malformed {
         /// The file.
@@ -142,12 +142,12 @@ impl Scene {
         Some(&self.objects[found])
     }
 
-    /// Returns the bounding box of all surfaces; `None` for an empty scene.
+    /// Returns the bounding box; `None` for an empty scene.
     pub fn bounds(&self) -> Option<Aabb> {
         Aabb::around(&self.mesh.positions)
     }
 
-    /// Returns the three corners of triangle `index`.
+    /// Returns the corners for a triangle index.
     ///
     /// # Panics
     /// If `index` is out of range.
@@ -156,23 +156,23 @@ impl Scene {
     }
 }
 
-/// Source of the light on the surfaces of a scene.
+/// Light source in a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Lighting {
     /// Light baked into textures and vertex colours, as in scans.
     #[default]
     Painted,
-    /// Lamps. All triangles of the scene are counter-clockwise from their visible side. Vertex colours are an approximate
+    /// Lamps. All triangles are counter-clockwise from their visible side. Vertex colours are an approximate
     /// light for viewers without ray tracing; a renderer with ray tracing ignores them.
     Lamps(Vec<Lamp>),
 }
 
-/// A light source: a bulb, or a part of a window in daylight.
+/// A light source: a bulb, or a window pane in daylight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lamp {
     /// Centre, world frame.
     pub position: Point3<f32>,
-    /// Unit normal of a flat source, world frame; `None` for a bulb that shines in all directions.
+    /// Unit normal for a flat source, world frame; `None` for a bulb that shines in all directions.
     pub facing: Option<Vector3<f32>>,
     /// Radius, metres. Surfaces inside it belong to the lamp and cast no shadow.
     pub radius_m: f32,
@@ -182,7 +182,7 @@ pub struct Lamp {
 }
 
 impl Lighting {
-    /// Returns the colour of the background, sRGB: sky around houses with lamps, black around scans.
+    /// Returns the background colour, sRGB: sky around houses with lamps, black around scans.
     pub fn backdrop_rgb(&self) -> [u8; 3] {
         match self {
             Self::Painted => [0; 3],

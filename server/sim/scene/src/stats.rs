@@ -1,38 +1,38 @@
-//! Counts of a scene, and a comparison with Matterport3D.
+//! Scene counts, and a comparison with Matterport3D.
 
 use crate::digest::digest;
 use crate::scene::{InstanceId, Scene};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Counts and extents of a scene.
+/// Scene counts and extents.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// Name of the scene.
+    /// Scene name.
     pub name: String,
-    /// [`digest`] of the scene.
+    /// Scene [`digest`].
     pub digest: String,
-    /// Number of triangles.
+    /// Triangle count.
     pub triangles: usize,
-    /// Number of vertices.
+    /// Vertex count.
     pub vertices: usize,
-    /// Number of triangles of instances.
+    /// Labelled triangle count.
     pub labelled_triangles: usize,
-    /// Number of materials.
+    /// Material count.
     pub materials: usize,
-    /// Number of textures.
+    /// Texture count.
     pub textures: usize,
-    /// Texels of all textures.
+    /// Total texels.
     pub texels: u64,
-    /// Number of instances.
+    /// Instance count.
     pub instances: usize,
-    /// Number of instances by category.
+    /// Instances by category.
     pub instances_by_category: BTreeMap<String, usize>,
-    /// Number of regions.
+    /// Region count.
     pub regions: usize,
-    /// Number of regions by label; the empty label is unknown.
+    /// Regions by label; the empty label is unknown.
     pub regions_by_label: BTreeMap<String, usize>,
-    /// Number of storeys with a region; 1 for a scene without regions.
+    /// Storeys with a region; 1 for a scene without regions.
     pub storeys: usize,
     /// Lowest coordinates x, y, z, metres.
     pub min_m: [f32; 3],
@@ -41,7 +41,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Counts the parts of `scene`.
+    /// Counts everything in `scene`.
     pub fn of(scene: &Scene) -> Self {
         let bounds = scene.bounds();
         let storeys: BTreeSet<u16> = scene.regions.iter().map(|region| region.storey).collect();
@@ -75,7 +75,7 @@ fn counted<'a>(words: impl Iterator<Item = &'a str>) -> BTreeMap<String, usize> 
     counts
 }
 
-/// Mean number of labelled instances per building of Matterport3D (90 buildings), by mpcat40 category, without walls and other
+/// Mean labelled instances per Matterport3D building (90 buildings), by mpcat40 category, without walls and other
 /// structure. Counted from the data set's category mapping.
 pub const MATTERPORT_PER_BUILDING: [(&str, f64); 26] = [
     ("chair", 32.8),
@@ -106,22 +106,22 @@ pub const MATTERPORT_PER_BUILDING: [(&str, f64); 26] = [
     ("gym_equipment", 0.9),
 ];
 
-/// Counts of rooms, objects and categories.
+/// Room, object and category counts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Census {
-    /// Number of rooms; a room on two storeys counts twice.
+    /// Room count; a room on two storeys counts twice.
     pub rooms: usize,
-    /// Number of storeys with rooms; 1 for a scene without rooms.
+    /// Storeys with rooms; 1 for a scene without rooms.
     pub storeys: usize,
-    /// Number of labelled instances other than doors and windows.
+    /// Labelled instances other than doors and windows.
     pub objects: usize,
-    /// Number of triangles.
+    /// Triangle count.
     pub triangles: usize,
-    /// Number of labelled instances by category.
+    /// Labelled instances by category.
     pub categories: BTreeMap<String, usize>,
 }
 
-/// Counts rooms, objects and categories of `scene`.
+/// Counts rooms, objects and categories in `scene`.
 pub fn census(scene: &Scene) -> Census {
     let mut categories = BTreeMap::new();
     for object in scene.objects.iter().filter(|object| object.id != InstanceId::NONE) {

@@ -12,10 +12,10 @@ const I16: u32 = 5122;
 const U32: u32 = 5125;
 const F32: u32 = 5126;
 
-/// Elements of an accessor without data: the size of the file does not limit them.
+/// Elements in an accessor without data: the file size does not limit them.
 const MAX_UNBACKED: usize = 1 << 22;
 
-/// The elements of one accessor.
+/// An accessor's elements.
 pub(super) struct Elements<'a> {
     bytes: Cow<'a, [u8]>,
     stride: usize,
@@ -27,7 +27,7 @@ pub(super) struct Elements<'a> {
 }
 
 impl<'a> Elements<'a> {
-    /// Finds accessor `index`, and checks that its data is complete.
+    /// Finds accessor `index`, and checks that the data is complete.
     pub(super) fn find(source: &'a Source<'_>, index: usize) -> Checked<Self> {
         let accessor = source.document.accessors.get(index).ok_or_else(|| missing("accessor", index))?;
         let component_bytes = component_bytes(accessor.component_type).ok_or_else(|| {
@@ -68,7 +68,7 @@ impl<'a> Elements<'a> {
         Ok(elements)
     }
 
-    /// Replaces elements by the values of a sparse accessor (glTF 2.0, section 3.6.2.3).
+    /// Replaces elements by a sparse accessor's values (glTF 2.0, section 3.6.2.3).
     fn replace(&mut self, source: &Source<'_>, sparse: &Sparse) -> Checked<()> {
         let size = self.component_bytes * self.components;
         let index_bytes = match sparse.indices.component_type {
@@ -87,6 +87,7 @@ impl<'a> Elements<'a> {
         };
         let indices = part(&sparse.indices, index_bytes)?;
         let values = part(&sparse.values, size)?;
+// The view may be shared with other accessors: the replaced values belong to a copy.
         let mut bytes = std::mem::take(&mut self.bytes).into_owned();
         for (index, value) in indices.chunks_exact(index_bytes).zip(values.chunks_exact(size)) {
             let element = index.iter().rev().fold(0_usize, |word, &byte| word << 8 | usize::from(byte));
@@ -103,7 +104,7 @@ impl<'a> Elements<'a> {
         self.count
     }
 
-    /// Returns the first `N` components of every element; normalised integers are scaled to 0 to 1 or -1 to 1.
+    /// Returns the first `N` components for every element; normalised integers are scaled to 0 to 1 or -1 to 1.
     pub(super) fn floats<const N: usize>(&self) -> Checked<Vec<[f32; N]>> {
         if self.components < N {
             return Err(format!("an attribute has {} components where {N} are needed", self.components));
@@ -158,7 +159,7 @@ pub(super) fn full_scale(component: u32) -> f32 {
     }
 }
 
-/// Bytes from the first element of an accessor on, and the stride; `None` if they are too few.
+/// Bytes from an accessor's first element on, and the stride; `None` if they are too few.
 fn stored<'a>(
     accessor: &Accessor,
     view: &'a [u8],
@@ -191,7 +192,7 @@ fn components(kind: &str) -> Option<usize> {
     }
 }
 
-/// Vertices of a primitive.
+/// A primitive's vertices.
 pub(super) struct PrimitiveVertices {
     pub(super) positions: Vec<[f32; 3]>,
     pub(super) uvs: Option<Vec<[f32; 2]>>,

@@ -1,4 +1,4 @@
-//! The JSON document: the part of the glTF 2.0 schema that describes surfaces, and the node tree. Names follow the
+//! The JSON document: the glTF 2.0 schema's surface part, and the node tree. Names follow the
 //! specification's JSON keys.
 
 use crate::files::{Checked, bounded};
@@ -132,7 +132,7 @@ struct TextureExtensions {
     transform: Option<TextureTransform>,
 }
 
-/// `KHR_texture_transform`: scale, then rotation, then offset of texture coordinates.
+/// `KHR_texture_transform`: scale, then rotation, then texture coordinate offset.
 #[derive(Clone, Copy, Debug, serde::Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct TextureTransform {
@@ -151,7 +151,7 @@ impl Default for TextureTransform {
 }
 
 impl TextureUse {
-    /// Returns the number of the texture coordinate set.
+    /// Returns the texture coordinate set's number.
     pub(super) fn coordinate_set(&self) -> u32 {
         self.transform().and_then(|transform| transform.tex_coord).unwrap_or(self.tex_coord)
     }
@@ -189,7 +189,7 @@ pub(super) struct Accessor {
     pub(super) sparse: Option<Sparse>,
 }
 
-/// Replacements for single elements of an accessor.
+/// Replacements for single accessor elements.
 #[derive(Debug, Default, serde::Deserialize)]
 #[serde(default)]
 pub(super) struct Sparse {
@@ -222,20 +222,20 @@ pub(super) struct Buffer {
     pub(super) byte_length: usize,
 }
 
-/// Returns the error message of an index out of range.
+/// Returns the error message for an invalid index.
 pub(super) fn missing(what: &str, index: usize) -> String {
     format!("it refers to {what} {index}, which does not exist; export the file again")
 }
 
-/// A node of the scene with its parent and transform.
+/// A scene node with parent and transform.
 pub(super) struct PlacedNode {
     pub(super) node: usize,
-    /// Index of the parent among the placed nodes.
+    /// Parent index among the placed nodes.
     pub(super) parent: Option<usize>,
     pub(super) world_from_node: Matrix4<f64>,
 }
 
-/// Returns the nodes of the default scene, parents before children; of all roots if the file has no scene.
+/// Returns the default scene's nodes, parents before children; all nodes if the file has no scene.
 pub(super) fn placed_nodes(document: &Document) -> Checked<Vec<PlacedNode>> {
     let mut seen = vec![false; document.nodes.len()];
     let mut placed = Vec::new();
@@ -243,8 +243,10 @@ pub(super) fn placed_nodes(document: &Document) -> Checked<Vec<PlacedNode>> {
     for root in roots(document)?.into_iter().rev() {
         open.push(PlacedNode { node: root, parent: None, world_from_node: Matrix4::identity() });
     }
+// An explicit stack: the depth of a hostile file must not overflow the call stack.
     while let Some(mut next) = open.pop() {
         let node = document.nodes.get(next.node).ok_or_else(|| missing("node", next.node))?;
+// A node with two parents would be copied, a cycle would never end. glTF requires a strict tree.
         if std::mem::replace(&mut seen[next.node], true) {
             return Err(format!("node {} is in the node tree twice; export the file again", next.node));
         }

@@ -8,12 +8,12 @@ use avln_scene::limits::{MAX_TRIANGLES, MAX_VERTICES};
 use draco_core::{DecodeLimits, DecoderBuffer, Mesh, MeshDecoder, PointAttribute};
 use serde_json::Value;
 
-/// Name of the extension.
+/// Extension name.
 pub(super) const NAME: &str = "KHR_draco_mesh_compression";
-/// Bytes of the attributes of a primitive.
+/// Attribute bytes in a primitive.
 const MAX_DECODED_BYTES: u64 = 1 << 30;
 
-/// Decodes a packed primitive: vertices, and the corners of its triangles. `set` is the texture coordinate set.
+/// Decodes a packed primitive: vertices, and triangle corners. `set` is the texture coordinate set.
 pub(super) fn decode(
     source: &Source<'_>,
     primitive: &Primitive,
@@ -22,6 +22,7 @@ pub(super) fn decode(
 ) -> Checked<(PrimitiveVertices, Vec<u32>)> {
     let fail = |reason: &str| format!("a Draco-packed primitive {reason}; export it uncompressed");
     let view = packed.get("bufferView").and_then(Value::as_u64).ok_or_else(|| fail("has no data"))?;
+// The packed data announces its own sizes, which the accessors need not confirm.
     let limits = DecodeLimits::default()
         .with_max_points(MAX_VERTICES as u64)
         .with_max_faces(MAX_TRIANGLES as u64)
@@ -54,7 +55,7 @@ fn read<const N: usize>((attribute, scale): (&PointAttribute, f32), points: usiz
     values.as_chunks::<N>().0.iter().map(|element| element.map(|value| value * scale)).collect()
 }
 
-/// Value of a stored 1, by the accessor of the attribute.
+/// Value for a stored 1, by the attribute's accessor.
 fn scale(source: &Source<'_>, primitive: &Primitive, name: &str) -> f32 {
     let accessor = primitive.attributes.get(name).and_then(|&index| source.document.accessors.get(index));
     match accessor {

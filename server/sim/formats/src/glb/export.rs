@@ -1,4 +1,4 @@
-//! Export of scenes as binary glTF 2.0.
+//! Scene export as binary glTF 2.0.
 
 use crate::extras;
 use crate::images::encode_png;
@@ -22,7 +22,7 @@ type SurfaceGroups = BTreeMap<InstanceId, BTreeMap<u16, Vec<u32>>>;
 /// files, materials are unlit, colours linear. [`from_bytes`](super::from_bytes) restores objects, regions and attributes.
 ///
 /// # Panics
-/// If the scene is inconsistent: an index out of range, or a texture with too few pixels.
+/// If the scene is inconsistent: an invalid index, or a texture with too few pixels.
 pub fn export(scene: &Scene) -> Vec<u8> {
     let mut writer = GlbWriter::default();
     let mut groups = groups(&scene.mesh);
@@ -40,6 +40,7 @@ pub fn export(scene: &Scene) -> Vec<u8> {
         let name = format!("{}_{}", object.category, object.id.0);
         add(name, extras::of_object(object), groups.remove(&object.id));
     }
+// Triangles of unknown instances are structure too: the export loses no surface.
     let mut rest: BTreeMap<u16, Vec<u32>> = BTreeMap::new();
     for (material, triangles) in groups.into_values().flatten() {
         rest.entry(material).or_default().extend(triangles);
@@ -129,7 +130,7 @@ fn material(material: &Material) -> Value {
     entry
 }
 
-/// The binary chunk, and the descriptions of its parts.
+/// The binary chunk, and descriptions for the parts.
 #[derive(Default)]
 struct GlbWriter {
     bin: Vec<u8>,

@@ -15,11 +15,11 @@ use std::collections::BTreeMap;
 const BLEND_CUTOFF: u8 = 128;
 /// Default alpha cutoff (glTF 2.0, section 3.9.4).
 const DEFAULT_CUTOFF: f32 = 0.5;
-/// Texture extensions with images of other formats.
+/// Texture extensions with other image formats.
 const TEXTURE_EXTENSIONS: [&str; 4] =
     ["GOOGLE_texture_basis", "KHR_texture_basisu", "EXT_texture_webp", "MSFT_texture_dds"];
 
-/// Materials and textures of the scene by their numbers in the file.
+/// Scene materials and textures, by their numbers in the file.
 pub(super) struct Palette<'a, 'r> {
     source: &'a Source<'a>,
     report: &'r mut ImportReport,
@@ -46,8 +46,9 @@ impl<'a, 'r> Palette<'a, 'r> {
         }
     }
 
-    /// Returns the scene's number of material `index`; `None` is glTF's default material.
+    /// Returns the scene's number for material `index`; `None` is glTF's default material.
     pub(super) fn material(&mut self, index: Option<usize>) -> Checked<u16> {
+// Materials are read at their first use: unused ones often refer to missing images.
         if let Some(&known) = self.material_of.get(&index) {
             return Ok(known);
         }
@@ -60,7 +61,7 @@ impl<'a, 'r> Palette<'a, 'r> {
         Ok(number)
     }
 
-    /// Returns the texture use of material `index`.
+    /// Returns material `index`'s texture use.
     pub(super) fn texture_use(&self, index: Option<usize>) -> Checked<Option<TextureUse>> {
         Ok(self.entry(index)?.and_then(MaterialEntry::texture))
     }
@@ -98,7 +99,7 @@ impl<'a, 'r> Palette<'a, 'r> {
         decoded.map(Some).map_err(fail)
     }
 
-    /// The image of a texture, else the image in an extension.
+    /// A texture's image, or an extension's image.
     fn image_of(&self, texture: usize) -> Checked<Option<usize>> {
         let entry = self.source.document.textures.get(texture).ok_or_else(|| missing("texture", texture))?;
         let offered = || {

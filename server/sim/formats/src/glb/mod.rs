@@ -1,8 +1,8 @@
-//! Buildings as glTF 2.0 files (Khronos, glTF 2.0 specification 2.0.1): export of any scene, import of any `.glb` or `.gltf`.
+//! Buildings as glTF 2.0 files (Khronos, glTF 2.0 specification 2.0.1): export for any scene, import for any `.glb` or `.gltf`.
 //!
 //! Units are metres and Y is up, as the specification requires. Instance numbers, attributes and regions are `extras` under
-//! the key `avln`: an exported scene is imported without loss. In files of other programs, a node is an instance if its name,
-//! or the name of an ancestor, contains a category (`chair_3`, `KitchenTable_01`); walls, floors, doors and other structure
+//! the key `avln`: an exported scene is imported without loss. In other programs' files, a node is an instance if the name,
+//! or an ancestor's name, contains a category (`chair_3`, `KitchenTable_01`); walls, floors, doors and other structure
 //! have no instance.
 
 mod accessor;
@@ -30,7 +30,7 @@ pub use export::export;
 
 /// Imports a `.glb` or `.gltf` file, Y up, metres. The scene is named after the file.
 ///
-/// Files that it refers to must be in its own folder or below. A missing image is replaced by a checker, with a warning.
+/// Files that it refers to must be in the same folder or below. A missing image is replaced by a checker, with a warning.
 ///
 /// # Errors
 /// [`SceneError::Read`] if the file cannot be read; [`SceneError::Malformed`] if it is damaged, exceeds one of the
@@ -42,7 +42,7 @@ pub fn import(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneErro
 /// [`import`] with the caller's axis and unit.
 ///
 /// # Errors
-/// Those of [`import`].
+/// See [`import`].
 pub fn import_as(
     path: &Path,
     options: &ImportOptions,
@@ -55,7 +55,7 @@ pub fn import_as(
     scene_of_named_model(scene_name(path), model).map_err(fail)
 }
 
-/// Imports a file from memory; all its data must be inside (`.glb`, or `data:` URIs). `label_for_errors` replaces the path in
+/// Imports a file from memory; all data must be inside (`.glb`, or `data:` URIs). `label_for_errors` replaces the path in
 /// errors.
 ///
 /// # Errors
@@ -67,7 +67,7 @@ pub fn from_bytes(name: &str, label_for_errors: &str, bytes: &[u8]) -> Result<Sc
         .map_err(|reason| SceneError::Malformed { path: label_for_errors.to_owned(), reason })
 }
 
-/// Reads the surfaces of a building, without instances, and checks their size.
+/// Reads a building's surfaces, without instances, and checks their size.
 pub(crate) fn read_model(path: &Path, report: &mut ImportReport) -> Result<Model, SceneError> {
     let model = read_part(path, report)?;
     // The vertical axis is not known yet: a warning about the height would mislead.
@@ -75,7 +75,7 @@ pub(crate) fn read_model(path: &Path, report: &mut ImportReport) -> Result<Model
     Ok(model)
 }
 
-/// Reads the surfaces of a file of any size, even an empty one.
+/// Reads a file's surfaces, with any extent, even none.
 pub(crate) fn read_part(path: &Path, report: &mut ImportReport) -> Result<Model, SceneError> {
     let path = &files::resolve(path, report)?;
     let bytes = files::read(path, MAX_FILE_BYTES, report)?;

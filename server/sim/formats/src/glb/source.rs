@@ -14,16 +14,16 @@ const CHUNK_HEADER_BYTES: usize = 8;
 const JSON_CHUNK: &[u8] = b"JSON";
 const BIN_CHUNK: &[u8] = b"BIN\0";
 
-/// A parsed file with its buffers.
+/// A parsed file with buffers.
 pub(super) struct Source<'a> {
     pub(super) document: Document,
     pub(super) buffers: Vec<Cow<'a, [u8]>>,
-    /// Folder of external files; `None` for bytes in memory.
+    /// External file folder; `None` for bytes in memory.
     pub(super) folder: Option<&'a Path>,
 }
 
 impl<'a> Source<'a> {
-    /// Parses the bytes of a `.glb` or `.gltf` file, and reads its external buffers.
+    /// Parses a `.glb` or `.gltf` file, and reads external buffers.
     pub(super) fn parse(bytes: &'a [u8], folder: Option<&'a Path>) -> Checked<Self> {
         let is_binary = bytes.starts_with(MAGIC);
         let (json, bin) = if is_binary { chunks(bytes)? } else { (bytes, None) };
@@ -41,7 +41,7 @@ impl<'a> Source<'a> {
         Ok(Self { document, buffers, folder })
     }
 
-    /// Returns the bytes of a buffer view.
+    /// Returns a buffer view's bytes.
     pub(super) fn view(&self, index: usize) -> Checked<&[u8]> {
         let view = self.document.buffer_views.get(index).ok_or_else(|| missing("buffer view", index))?;
         let buffer = self.buffers.get(view.buffer).ok_or_else(|| missing("buffer", view.buffer))?;
@@ -57,7 +57,7 @@ impl<'a> Source<'a> {
 
 type Chunks<'a> = (&'a [u8], Option<&'a [u8]>);
 
-/// JSON chunk and binary chunk of a GLB file.
+/// A GLB file's JSON chunk and binary chunk.
 fn chunks(bytes: &[u8]) -> Checked<Chunks<'_>> {
     let version = word(bytes, 4).ok_or("it ends inside its header; copy the file again")?;
     if version != 2 {
@@ -72,6 +72,7 @@ fn chunks(bytes: &[u8]) -> Checked<Chunks<'_>> {
             bytes.len()
         ));
     }
+// Bytes after the announced length are ignored, as by other readers.
     let bytes = &bytes[..length];
     let (kind, json, rest) = chunk(bytes.get(HEADER_BYTES..).unwrap_or_default())?;
     if kind != JSON_CHUNK {
@@ -84,7 +85,7 @@ fn chunks(bytes: &[u8]) -> Checked<Chunks<'_>> {
     Ok((json, (kind == BIN_CHUNK).then_some(bin)))
 }
 
-/// Kind and content of the first chunk, and the bytes after it.
+/// The first chunk's kind and content, and the bytes after it.
 fn chunk(bytes: &[u8]) -> Checked<(&[u8], &[u8], &[u8])> {
     let cut = || "one of its chunks reaches beyond the end of the file; copy the file again".to_owned();
     let length = word(bytes, 0).ok_or_else(cut)?;

@@ -1,4 +1,4 @@
-//! Triangles of nodes, meshes and primitives as a mesh in the world frame.
+//! Nodes, meshes and primitives as a triangle mesh in the world frame.
 
 use crate::extras::NodeExtras;
 use crate::files::Checked;
@@ -18,9 +18,9 @@ use nalgebra::Matrix4;
 const TRIANGLES: u32 = 4;
 const TRIANGLE_STRIP: u32 = 5;
 const TRIANGLE_FAN: u32 = 6;
-/// Limit of texture coordinates: beyond it, their precision is too low for a position inside a texel.
+/// Texture coordinate limit: beyond it, precision is too low for a position inside a texel.
 const MAX_UV: f32 = 1.0e5;
-/// Primitives of all nodes together.
+/// Primitives in all nodes together.
 const MAX_PRIMITIVES: usize = 1 << 20;
 /// Supported extensions, and extensions without an effect on surfaces.
 const UNDERSTOOD: [&str; 7] = [
@@ -33,7 +33,7 @@ const UNDERSTOOD: [&str; 7] = [
     "EXT_texture_webp",
 ];
 
-/// Reads all surfaces of the default scene.
+/// Reads the default scene's surfaces.
 pub(super) fn model(source: &Source<'_>, report: &mut ImportReport) -> Checked<Model> {
     check_extensions(&source.document.extensions_required)?;
     let placed = placed_nodes(&source.document)?;
@@ -111,7 +111,7 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
         Ok(())
     }
 
-    /// Adds the triangles of a primitive; points and lines are no surfaces and are left out.
+    /// Adds a primitive's triangles; points and lines are no surfaces and are left out.
     fn add_primitive(&mut self, primitive: &Primitive, world_from_node: &Matrix4<f64>) -> Checked<()> {
         self.primitives_left = self.primitives_left.checked_sub(1).ok_or_else(|| {
             format!("its nodes have more than {MAX_PRIMITIVES} primitives; join its meshes")
@@ -139,7 +139,7 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
         Ok(())
     }
 
-    /// The vertices and triangles of a primitive, decoded where it is packed.
+    /// A primitive's vertices and triangles, decoded if it is packed.
     fn unpacked(&mut self, primitive: &Primitive, mode: u32) -> Checked<(PrimitiveVertices, Vec<[u32; 3]>)> {
         let packed = primitive.extensions.iter().find(|(name, _)| name.ends_with("_compression"));
         let used = self.palette.texture_use(primitive.material)?;
@@ -162,6 +162,7 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
                 (corners, order)
             }
         };
+// Nodes can share a mesh: its corners count for every node, because each use is copied into the scene.
         self.corners_left = self.corners_left.checked_sub(order.len()).ok_or_else(|| {
             format!("it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor")
         })?;
@@ -199,7 +200,7 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
         })
     }
 
-    /// Appends the vertices of `triangles`, and renumbers the triangles.
+    /// Appends the vertices for `triangles`, and renumbers the triangles.
     fn append_vertices(
         &mut self,
         corners: &PrimitiveVertices,
@@ -224,6 +225,7 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
 }
 
 fn transformed(world_from_node: &Matrix4<f64>, position: [f32; 3]) -> Checked<Point3<f32>> {
+// The product of several nodes is taken in 64 bits and rounded once: digests depend on the last bit of each vertex.
     let point = world_from_node.transform_point(&Point3::from(position).cast::<f64>()).cast::<f32>();
     if point.iter().all(|coordinate| coordinate.is_finite()) {
         Ok(point)
@@ -232,7 +234,7 @@ fn transformed(world_from_node: &Matrix4<f64>, position: [f32; 3]) -> Checked<Po
     }
 }
 
-/// Applies scale, rotation and offset, in the order of `KHR_texture_transform`.
+/// Applies scale, rotation and offset, in `KHR_texture_transform` order.
 fn transform_uvs(uvs: &mut [[f32; 2]], transform: &TextureTransform) {
     let TextureTransform { offset, rotation_rad, scale, .. } = *transform;
     let (sine, cosine) = (libm::sinf(rotation_rad), libm::cosf(rotation_rad));
@@ -246,7 +248,7 @@ fn sane_uv(uv: [f32; 2]) -> Point2<f32> {
     Point2::from(uv.map(|value| if value.abs() <= MAX_UV { value } else { 0.0 }))
 }
 
-/// Triangles of a list, strip or fan (glTF 2.0, section 3.7.2.1), without those with a repeated vertex.
+/// Triangles from a list, strip or fan (glTF 2.0, section 3.7.2.1), without those with a repeated vertex.
 fn triangles(order: &[u32], mode: u32) -> Checked<Vec<[u32; 3]>> {
     let all: Vec<[u32; 3]> =
         match mode {

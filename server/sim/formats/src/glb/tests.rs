@@ -5,7 +5,7 @@ use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Regio
 
 mod formats;
 
-/// Appends a box with a material; the corners of its six sides carry texture coordinates and a shade.
+/// Appends a box with a material; corners carry texture coordinates and a shade.
 fn add_box(mesh: &mut Mesh, bounds: &Aabb, material: u16, instance: InstanceId, shade: [u8; 3]) {
     for axis in 0..3 {
         for side in [0.0, 1.0] {

@@ -1,4 +1,4 @@
-//! Assembly of a scene from assets: each asset is read once and placed for each of its instances.
+//! Scene assembly from assets: an asset is read once and placed for all instances.
 
 use crate::files::{Checked, malformed};
 use crate::glb;
@@ -17,12 +17,12 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-/// A mesh with material numbers of the scene.
+/// A mesh with the scene's material numbers.
 struct LoadedAsset {
     mesh: Mesh,
 }
 
-/// A labelled object and its triangles.
+/// A labelled object and the triangles.
 struct PlacedObject {
     /// Number in the scene's configuration.
     own_id: Option<u32>,
@@ -105,7 +105,7 @@ impl Assembly {
         }))
     }
 
-    /// Returns the asset of a file; reads it at the first use.
+    /// Returns a file's asset; reads it at the first use.
     fn asset(&mut self, path: &Path, report: &mut ImportReport) -> Result<Rc<LoadedAsset>, SceneError> {
         if let Some(known) = self.assets.get(path) {
             return Ok(Rc::clone(known));
@@ -135,7 +135,7 @@ impl Assembly {
         Ok(asset)
     }
 
-    /// Adds the transformed triangles of `mesh`, and returns their numbers.
+    /// Adds `mesh` after a transform, and returns their numbers.
     fn append(&mut self, mesh: &Mesh, world_from_asset: &Matrix4<f64>) -> Checked<Range<usize>> {
         let (first, corner) = (self.mesh.triangles.len(), self.mesh.positions.len());
         if first + mesh.triangles.len() > MAX_TRIANGLES || corner + mesh.positions.len() > MAX_VERTICES {
@@ -150,6 +150,7 @@ impl Assembly {
             }
             self.mesh.positions.push(point);
         }
+// A mirrored asset would turn inside out: its triangles are reversed.
         let mirrored = world_from_asset.fixed_view::<3, 3>(0, 0).determinant() < 0.0;
         self.mesh.triangles.extend(mesh.triangles.iter().map(|&[a, b, c]| {
             let moved = if mirrored { [a, c, b] } else { [a, b, c] };
@@ -191,7 +192,7 @@ impl Assembly {
         })
     }
 
-    /// Numbers per object: the configured number if it is free, else the next free number.
+    /// Numbers per object: the configured number if it is free, or the next free number.
     fn numbers(&self, report: &mut ImportReport) -> Vec<InstanceId> {
         let mut taken = BTreeSet::new();
         let own: Vec<Option<u32>> =
@@ -220,17 +221,17 @@ fn object(
     Some(Object { id, category: placed.category.clone(), bounds, region, attributes })
 }
 
-/// Least length of a direction or quaternion.
+/// Least length for a direction or quaternion.
 const TINY: f64 = 1e-6;
 /// Greatest scale; larger ones are mistakes.
 const MAX_SCALE: f64 = 1.0e4;
 
-/// World from asset of the stage; its reference point is always its own origin.
+/// World from asset for the stage; the reference point is always the asset's origin.
 pub(super) fn stage_place(template: &Template, instance: &InstanceEntry) -> Checked<Matrix4<f64>> {
     Ok(motion(instance)? * upright(template, instance)?)
 }
 
-/// World from asset of an object: T · R · (-C) · S · F, with the centre C of habitat-sim's `RigidObject`.
+/// World from asset for an object: T · R · (-C) · S · F, with habitat-sim's `RigidObject` centre C.
 pub(super) fn object_place(
     template: &Template,
     instance: &InstanceEntry,
@@ -287,7 +288,7 @@ fn motion(instance: &InstanceEntry) -> Checked<Matrix4<f64>> {
     Ok(rotation.to_homogeneous().append_translation(&Vector3::from(instance.translation)))
 }
 
-/// The rotation of `up` to +Y and `front` to -Z.
+/// The rotation from `up` to +Y and from `front` to -Z.
 fn upright_frame(template: &Template) -> Checked<Matrix4<f64>> {
     let Template { up, front, .. } = template;
     let fail = || format!("has up {up:?} and front {front:?}, which form no frame; correct them");

@@ -1,4 +1,4 @@
-//! The JSON of data sets and scene instances, as far as it says where things are. Names follow habitat-sim's keys.
+//! JSON in data sets and scene instances. Names follow habitat-sim's keys.
 
 use crate::files::{bounded, malformed};
 use crate::habitat::files::read_json;
@@ -12,12 +12,12 @@ use std::path::{Path, PathBuf};
 pub(super) struct Dataset {
     /// The file.
     pub(super) path: PathBuf,
-    /// Its folder, which all its paths start from.
+    /// Base folder for all paths.
     pub(super) root: PathBuf,
     pub(super) stages: Section,
     pub(super) objects: Section,
     pub(super) scene_instances: Section,
-    /// Names of semantic descriptions with their files, and `paths`.
+    /// Semantic descriptions by name, and `paths`.
     pub(super) semantics: Map<String, Value>,
 }
 
@@ -30,7 +30,7 @@ struct DatasetFile {
     semantic_scene_descriptor_instances: Map<String, Value>,
 }
 
-/// A section of a data set: stages, objects or scene instances.
+/// A data set section: stages, objects or scene instances.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Section {
@@ -97,17 +97,17 @@ pub(super) struct InstanceEntry {
     pub(super) user_defined: Map<String, Value>,
 }
 
-/// Reference point of an instance's translation.
+/// Reference point for an instance's translation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Origin {
-    /// The given centre of mass, else the centre of the asset's box.
+    /// The given centre of mass, or the asset's box centre.
     CenterOfMass,
-    /// The origin of the asset.
+    /// The asset's origin.
     Asset,
 }
 
 impl SceneInstance {
-    /// Reads a file on top of the data set's defaults.
+    /// Reads a file over the data set's defaults.
     pub(super) fn read(path: &Path, defaults: &Section) -> Result<Self, SceneError> {
         let own: Map<String, Value> = read_json(path)?;
         let merged = overlaid(&defaults.default_attributes, &own);
@@ -115,7 +115,7 @@ impl SceneInstance {
             .map_err(|error| malformed(path, format!("it is no scene instance ({error}); correct it")))
     }
 
-    /// Returns the origin of the instance, else of the scene, else the centre of mass.
+    /// Returns the instance's origin; the default is the scene's, then the centre of mass.
     pub(super) fn origin_of(&self, instance: &InstanceEntry) -> Origin {
         let named = |name: &str| match name.to_ascii_lowercase().as_str() {
             "asset_local" => Some(Origin::Asset),
@@ -132,7 +132,7 @@ impl SceneInstance {
     }
 }
 
-/// Returns the entries of `below`, replaced by those of `above`.
+/// Returns the entries in `below`, with replacements from `above`.
 pub(super) fn overlaid(
     below: &serde_json::Map<String, Value>,
     above: &serde_json::Map<String, Value>,

@@ -1,35 +1,34 @@
-//! Files of a data set: folders, `*` in names, and paths inside the data set's folder.
+//! Data set files: folders, `*` in names, and paths inside the data set's folder.
 
 use crate::files::{malformed, read_regular};
 use avln_scene::SceneError;
 use serde::de::DeserializeOwned;
 use std::path::{Component, Path, PathBuf};
 
-/// Bytes of a configuration or table.
+/// Bytes in a configuration or table.
 pub(super) const MAX_CONFIG_BYTES: u64 = 64 << 20;
-/// Number of files that match a pattern.
+/// Files per pattern.
 const MAX_MATCHES: usize = 1 << 18;
 
 /// Reads a JSON file.
 pub(super) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, SceneError> {
     let bytes = read(path)?;
-    serde_json::from_slice(&bytes).map_err(|error| {
-        malformed(path, format!("it is not the expected JSON ({error}); correct it"))
-    })
+    serde_json::from_slice(&bytes)
+        .map_err(|error| malformed(path, format!("it is not the expected JSON ({error}); correct it")))
 }
 
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, SceneError> {
     read_regular(path, MAX_CONFIG_BYTES)
 }
 
-/// Lists the files of a folder with the suffix, sorted.
+/// Lists a folder's files with the suffix, sorted.
 pub(super) fn with_suffix(folder: &Path, suffix: &str) -> Result<Vec<PathBuf>, SceneError> {
     let mut found = entries(folder)?;
     found.retain(|path| path.to_string_lossy().ends_with(suffix) && path.is_file());
     Ok(found)
 }
 
-/// Lists a folder, sorted; nothing if it is no folder.
+/// Lists a folder, sorted; empty if it is no folder.
 fn entries(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     if !folder.is_dir() {
         return Ok(Vec::new());
@@ -38,6 +37,7 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(read)? {
         found.push(entry.map_err(read)?.path());
+// A folder can be huge: the limit applies while listing, before sorting.
         if found.len() > MAX_MATCHES {
             return Err(malformed(folder, format!("it contains more than {MAX_MATCHES} files; split it")));
         }
@@ -116,7 +116,7 @@ pub(super) fn inside(root: &Path, folder: &Path, address: &str) -> Option<PathBu
     normalised(&from_root).map(|relative| root.join(relative))
 }
 
-/// Removes `.` and `..`; `None` if the path leaves its start, or is absolute.
+/// Removes `.` and `..`; `None` if the path leaves the start folder, or is absolute.
 fn normalised(path: &Path) -> Option<PathBuf> {
     let mut plain = PathBuf::new();
     for component in path.components() {

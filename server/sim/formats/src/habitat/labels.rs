@@ -1,4 +1,4 @@
-//! Categories of instances, from configurations, semantic lexicons and metadata tables; rooms from semantic configurations.
+//! Instance categories, from configurations, semantic lexicons and metadata tables; rooms from semantic configurations.
 
 use crate::files::bounded;
 use crate::habitat::config::{Dataset, InstanceEntry, SceneInstance};
@@ -15,18 +15,18 @@ use serde_json::{Map, Value};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Keys of `user_defined` with a category, the most specific first.
+/// Category keys in `user_defined`, the most specific first.
 const CATEGORY_KEYS: [&str; 5] = ["category", "mpcat40", "class", "class_name", "semantic_class"];
-/// Columns of metadata tables with a template name.
+/// Template name columns in metadata tables.
 const ID_COLUMNS: [&str; 4] = ["id", "template", "template_name", "model_id"];
-/// Columns of metadata tables with a category, the most specific first (HSSD has the first two).
+/// Category columns in metadata tables, the most specific first (HSSD has the first two).
 const CATEGORY_COLUMNS: [&str; 4] = ["clean_category", "main_category", "category", "super_category"];
-/// Folders of metadata tables in a data set.
+/// Metadata folders in a data set.
 const TABLE_FOLDERS: [&str; 2] = ["metadata", "semantics"];
-/// Mark before the part number in template names of divided models.
+/// Mark before the part number in divided models' template names.
 const PART_MARK: &str = "_part_";
 
-/// Categories in the lexicons and metadata tables of a data set.
+/// Categories in a data set's lexicons and metadata tables.
 pub(super) struct CategorySources {
     class_of: BTreeMap<i64, String>,
     table: BTreeMap<String, String>,
@@ -84,10 +84,11 @@ impl CategorySources {
         Ok(())
     }
 
-    /// Returns the meaning of an instance, by the first source with a category.
+    /// Returns an instance's meaning, by the first source with a category.
     pub(super) fn of(&self, instance: &InstanceEntry, template: &Template) -> Meaning {
         let lexicon = || template.semantic_id.and_then(|id| self.class_of.get(&id).cloned());
         let by_name = || category_of_name(&template.name).map(str::to_owned);
+// From specific to general: an instance can differ from its template, and a name is only a guess.
         let words = category_words(&instance.user_defined)
             .or_else(|| category_words(&template.user_defined))
             .or_else(lexicon)
@@ -107,7 +108,7 @@ fn category_words(user_defined: &Map<String, Value>) -> Option<String> {
     words.map(str::trim).find(|words| !words.is_empty()).map(str::to_owned)
 }
 
-/// Cells of a comma-separated line; quoted cells may contain commas.
+/// Cells in a comma-separated line; quoted cells may contain commas.
 fn cells(line: &str) -> Vec<String> {
     let mut cells = vec![String::new()];
     let mut quoted = false;
@@ -125,7 +126,7 @@ fn cells(line: &str) -> Vec<String> {
 const SUFFIX: &str = ".semantic_config.json";
 /// Placeholder for the scene's own name.
 const OWN_NAME: &str = "%%CONFIG_NAME_AS_ASSET_FILENAME%%";
-/// Depth below the floor of a room that still belongs to it, metres.
+/// Depth below a room's floor that still belongs to it, metres.
 const BELOW_FLOOR_M: f32 = 0.3;
 
 #[derive(Default, Deserialize)]
@@ -140,7 +141,7 @@ struct Description {
 struct RegionAnnotation {
     name: String,
     label: String,
-    /// Corners of the floor, metres.
+    /// Floor corners, metres.
     #[serde(deserialize_with = "bounded")]
     poly_loop: Vec<[f32; 3]>,
     floor_height: f32,
@@ -149,7 +150,7 @@ struct RegionAnnotation {
     max_bounds: Option<[f32; 3]>,
 }
 
-/// A room with its outline in (x, z).
+/// A room with an outline in (x, z).
 pub(super) struct HabitatRoom {
     pub(super) region: Region,
     outline: Vec<[f32; 2]>,
@@ -174,7 +175,7 @@ impl HabitatRoom {
     }
 }
 
-/// Reads the rooms of the scene `name`; none if the data set has no description.
+/// Reads the rooms for the scene `name`; none if the data set has no description.
 pub(super) fn regions(
     dataset: &Dataset,
     scene: &SceneInstance,
@@ -199,7 +200,7 @@ pub(super) fn regions(
     Ok(rooms)
 }
 
-/// File with the rooms: the file in the scene's configuration, else the file with the scene's name.
+/// File with the rooms: the file in the scene's configuration, or the file with the scene's name.
 fn description(dataset: &Dataset, scene: &SceneInstance, name: &str) -> Result<Option<PathBuf>, SceneError> {
     let wanted = scene.semantic_scene_instance.replace(OWN_NAME, name);
     let named = dataset.semantics.get(&wanted).and_then(Value::as_str);
@@ -214,7 +215,7 @@ fn description(dataset: &Dataset, scene: &SceneInstance, name: &str) -> Result<O
     Ok(if stem.is_empty() { called(name) } else { called(stem).or_else(|| called(name)) })
 }
 
-/// Files of semantic descriptions that the data set lists by name.
+/// Semantic description files that the data set lists by name.
 pub(super) fn named_descriptions(dataset: &Dataset) -> Vec<PathBuf> {
     let named =
         dataset.semantics.iter().filter(|(key, _)| *key != "paths").filter_map(|(_, file)| file.as_str());

@@ -1,7 +1,7 @@
-//! Composed scenes of Habitat: `X.scene_dataset_config.json` with stages, objects and scene instances, as in HSSD, ReplicaCAD
+//! Habitat's composed scenes: `X.scene_dataset_config.json` with stages, objects and scene instances, as in HSSD, ReplicaCAD
 //! and ProcTHOR for Habitat.
 //!
-//! The path of a scene is its `.scene_instance.json`, or the folder or configuration of a data set with a single scene.
+//! A scene's path is a `.scene_instance.json`, or the folder or configuration for a data set with a single scene.
 //! Frames, scales and origins are those of habitat-sim; articulated objects (URDF) are left out, with a warning.
 
 mod assembly;
@@ -24,9 +24,9 @@ use std::path::{Path, PathBuf};
 
 pub(crate) const DATASET_SUFFIX: &str = ".scene_dataset_config.json";
 const SCENE_SUFFIX: &str = ".scene_instance.json";
-/// Number of folders above a scene instance that may contain its data set.
+/// Folders above a scene instance that may contain the data set.
 const MAX_PARENTS: usize = 6;
-/// Number of scenes in an error message.
+/// Scenes in an error message.
 const NAMED_SCENES: usize = 8;
 
 /// Returns whether `path` is a scene instance, a data set configuration, or a folder with a configuration.
@@ -40,8 +40,8 @@ pub(crate) fn is_habitat(path: &Path) -> bool {
 
 /// Imports a `.scene_instance.json`, or a data set (folder or configuration) with a single scene.
 ///
-/// The number of an instance is its `user_defined.instance_id`, else the next free number. Categories come from
-/// `user_defined`, the semantic lexicon, the metadata tables of the data set or the template's name, in this order, and become
+/// An instance's number is `user_defined.instance_id`, or the next free number. Categories come from
+/// `user_defined`, the semantic lexicon, the data set's metadata tables or the template's name, in this order, and become
 /// mpcat40 names if possible.
 ///
 /// # Errors
@@ -85,7 +85,9 @@ fn only_dataset(folder: &Path) -> Result<PathBuf, SceneError> {
     let mut found = files::with_suffix(folder, DATASET_SUFFIX)?;
     match found.len() {
         1 => Ok(found.swap_remove(0)),
-        0 => Err(malformed(folder, format!("it contains no *{DATASET_SUFFIX}; use the folder of a data set"))),
+        0 => {
+            Err(malformed(folder, format!("it contains no *{DATASET_SUFFIX}; use the folder of a data set")))
+        }
         _ => Err(malformed(
             folder,
             format!("it contains {} data sets; use one of {}", found.len(), listed(&found)),

@@ -1,4 +1,4 @@
-//! Templates of stages and objects: found by name, read at the first use.
+//! Stage and object templates: found by name, read at the first use.
 
 use crate::files::malformed;
 use crate::habitat::config::{Dataset, Section, overlaid};
@@ -13,20 +13,20 @@ use std::path::{Path, PathBuf};
 /// Placeholder for the template's own name in file names.
 const OWN_NAME: &str = "%%CONFIG_NAME_AS_ASSET_FILENAME%%";
 
-/// Section of the data set with the templates.
+/// The templates' section in the data set.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum TemplateKind {
     Stage,
     Object,
 }
 
-/// Configuration of an asset.
+/// An asset's configuration.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(default)]
 pub(super) struct Template {
     #[serde(skip)]
     pub(super) name: String,
-    /// Path of the mesh; `None` if it is missing.
+    /// Mesh path; `None` if it is missing.
     #[serde(skip)]
     pub(super) asset: Option<PathBuf>,
     pub(super) render_asset: String,
@@ -36,7 +36,7 @@ pub(super) struct Template {
     pub(super) front: [f64; 3],
     pub(super) scale: [f64; 3],
     pub(super) units_to_meters: f64,
-    /// Centre of mass, in the upright frame of the asset, before scaling.
+    /// Centre of mass, in the asset's upright frame, before scaling.
     #[serde(rename = "COM")]
     pub(super) center_of_mass: Option<[f64; 3]>,
     pub(super) semantic_id: Option<i64>,
@@ -60,16 +60,16 @@ impl Default for Template {
     }
 }
 
-/// Location of a template.
+/// A template's location.
 #[derive(Clone, Default)]
 struct TemplateSource {
-    /// Path of the configuration, or of the mesh of a bare asset.
+    /// Configuration path, or mesh path for a bare asset.
     file: Option<PathBuf>,
     /// Changes in the data set's configuration.
     attributes: Map<String, Value>,
 }
 
-/// Templates of a section, by file name without folders and suffixes, or by handle.
+/// A section's templates, by file name without folders and suffixes, or by handle.
 pub(super) struct Templates<'a> {
     dataset: &'a Dataset,
     kind: TemplateKind,
@@ -109,7 +109,7 @@ impl<'a> Templates<'a> {
         }
     }
 
-    /// Reads the template `name`, else the first template with `name` in its name, as habitat-sim does; `None` if there is none.
+    /// Reads the template `name`, or the first template that contains `name`, as habitat-sim does; `None` without a match.
     pub(super) fn read(&self, name: &str, report: &mut ImportReport) -> Result<Option<Template>, SceneError> {
         let wanted = stem(Path::new(name));
         if wanted.is_empty() {
@@ -120,7 +120,9 @@ impl<'a> Templates<'a> {
         let contains = || self.entries.iter().find(|(key, _)| key.to_lowercase().contains(&lower));
         let Some((key, entry)) = exact.or_else(contains) else { return Ok(None) };
         if exact.is_none() {
-            report.warn(format!("template {name:?} is not in the data set; {key:?} contains its name and is used"));
+            report.warn(format!(
+                "template {name:?} is not in the data set; {key:?} contains its name and is used"
+            ));
         }
         self.template(key, entry).map(Some)
     }
@@ -159,7 +161,7 @@ impl<'a> Templates<'a> {
         Ok(template)
     }
 
-    /// A stage without configuration has gravity along -Z, as habitat-sim assumes of every bare `.glb`.
+    /// A stage without configuration has gravity in direction -Z, as habitat-sim assumes for every bare `.glb`.
     fn default_frame(&self, attributes: &mut Map<String, Value>) {
         if self.kind == TemplateKind::Stage {
             attributes.entry("up").or_insert_with(|| serde_json::json!([0, 0, 1]));

@@ -5,7 +5,7 @@ use avln_scene::{InstanceId, Lighting, Material, Mesh};
 use serde_json::json;
 use tempfile::TempDir;
 
-/// A rectangle of `x` by `y` by `z` metres from its front lower left corner at the origin to the opposite one.
+/// A rectangle, `x` by `y` by `z` metres, from the origin to the opposite corner.
 fn sheet(x: f32, y: f32, z: f32) -> Vec<u8> {
     let mesh = Mesh {
         positions: vec![
@@ -132,24 +132,24 @@ fn a_scene_instance_places_its_parts() {
         })
     );
     let bounds = |id| scene.object(InstanceId(id)).unwrap().bounds;
-    // The bench is turned to the left: its length of 2 m points to -Z, its depth of 0.5 m to +X.
+    // The bench is turned to the left: length (2 m) points to -Z, depth (0.5 m) to +X.
     let expected = Aabb::new(Point3::new(3.0, 0.0, -3.0), Point3::new(3.5, 1.0, -1.0));
     assert!(
         (bounds(9).min - expected.min).norm() < 1e-5 && (bounds(9).max - expected.max).norm() < 1e-5,
         "{:?}",
         bounds(9)
     );
-    // The vase, 0.8 m high by its scale, hangs at the centre of its box.
+    // The vase, scaled to 0.8 m, has the box centre as reference point.
     assert!((bounds(1).center() - Point3::new(6.0, 1.0, -3.0)).norm() < 1e-5);
     assert!((bounds(1).size().y - 0.8).abs() < 1e-5);
     assert!((bounds(3).size().y - 2.0).abs() < 1e-5, "the data set's own file scales the tall bench");
-    // The floor lies in the plane y = 0, its far edge at z = -6.
+    // The floor is in the plane y = 0, with an edge at z = -6.
     assert_eq!(scene.bounds().unwrap().min, Point3::new(0.0, 0.0, -6.0));
     assert_eq!(scene.regions.len(), 1);
     assert_eq!(scene.regions[0].label, "hall");
     let warnings = report.warnings.join("\n");
-    for part in ["wardrobe", "articulated", "given twice"] {
-        assert!(warnings.contains(part), "{part} is not in {warnings}");
+    for part in ["wardrobe", "articulated", "instance_id is not unique"] {
+        assert!(warnings.contains(part), "{part}: {warnings}");
     }
 }
 

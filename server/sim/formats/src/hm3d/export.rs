@@ -1,4 +1,4 @@
-//! Export of scenes in HM3D's layout with semantics, for Habitat and other tools.
+//! Scene export in HM3D's layout with semantics, for Habitat and other tools.
 
 use crate::glb;
 use crate::hm3d::table::HEADER;
@@ -7,25 +7,25 @@ use avln_scene::describe::{Meaning, meaning};
 use avln_scene::{InstanceId, Lighting, Material, Mesh, Object, Scene, Texture};
 use std::collections::BTreeMap;
 
-/// Factor of the colours: odd, so that multiplication permutes the 24-bit numbers and separates neighbours.
+/// Colour factor: odd, so that multiplication permutes the 24-bit numbers and separates neighbours.
 const SCATTER: u32 = 0x9E_37B1;
 /// Palette colours in a row.
 const PALETTE_WIDTH: usize = 64;
 
-/// Contents of `X.glb`, `X.semantic.glb` and `X.semantic.txt`.
+/// Contents for `X.glb`, `X.semantic.glb` and `X.semantic.txt`.
 pub struct Exported {
     /// The visible scene, Z up.
     pub render: Vec<u8>,
-    /// The triangles of `render` in the same order, in the colours of their instances, Z up.
+    /// The triangles in `render`, in the same order, in their instances' colours, Z up.
     pub semantic: Vec<u8>,
-    /// Number, colour, category and room of every instance.
+    /// Number, colour, category and room for every instance.
     pub table: String,
 }
 
 /// Exports a scene in HM3D's layout: Z up, every instance in a unique colour, structure in black.
 ///
-/// [`import`](super::import) restores the numbers of instances and rooms. The layout has no words except category or noun, no
-/// labels of rooms, and no rooms without instances.
+/// [`import`](super::import) restores instance and room numbers. The layout has no words except category or noun, no
+/// room labels, and no rooms without instances.
 ///
 /// # Panics
 /// If the scene is inconsistent, like [`glb::export`].
@@ -47,8 +47,8 @@ pub fn export(scene: &Scene) -> Exported {
     Exported { render: glb::export(&render), semantic, table: table(&scene.objects) }
 }
 
-/// Returns the data set configuration of an exported scene for habitat-sim; `file` is the name of the render mesh in the same
-/// folder. Keys are those of HM3D's configurations.
+/// Returns the data set configuration for an exported scene in habitat-sim; `file` is the render mesh's name in the same
+/// folder. Keys are as in HM3D's configurations.
 pub fn dataset_config(file: &str) -> String {
     let config = serde_json::json!({
         "stages": {
@@ -70,14 +70,14 @@ pub fn dataset_config(file: &str) -> String {
     format!("{config:#}\n")
 }
 
-/// Converts the world frame to HM3D's frame, with gravity along -Z: (x, y, z) becomes (x, -z, y).
+/// Converts the world frame to HM3D's frame, with gravity in direction -Z: (x, y, z) becomes (x, -z, y).
 fn turn_z_up(mesh: &mut Mesh) {
     for position in &mut mesh.positions {
         *position = Point3::new(position.x, -position.z, position.y);
     }
 }
 
-/// Sorts triangles into the order of an importer: a primitive per material.
+/// Sorts triangles into import order: a primitive per material.
 fn sort_by_material(mesh: &mut Mesh) {
     let mut order: Vec<usize> = (0..mesh.triangles.len()).collect();
     order.sort_by_key(|&triangle| mesh.material_of[triangle]);
@@ -86,13 +86,13 @@ fn sort_by_material(mesh: &mut Mesh) {
     mesh.material_of = order.iter().map(|&triangle| mesh.material_of[triangle]).collect();
 }
 
-/// The unique colour of an instance number; black for none.
+/// The unique colour for an instance number; black for none.
 fn color(id: InstanceId) -> [u8; 3] {
     let [_, r, g, b] = (id.0.wrapping_mul(SCATTER) & InstanceId::MAX).to_be_bytes();
     [r, g, b]
 }
 
-/// The mesh with a single material; its texture has a texel per instance, the first for none.
+/// The mesh with a single material; the texture has a texel per instance, the first for none.
 fn painted(scene: &Scene, mesh: &Mesh) -> Scene {
     let ids: Vec<InstanceId> =
         std::iter::once(InstanceId::NONE).chain(scene.objects.iter().map(|object| object.id)).collect();
@@ -122,12 +122,13 @@ fn painted(scene: &Scene, mesh: &Mesh) -> Scene {
     }
 }
 
-/// The mesh with the texture coordinates of the instances; corners of several instances are duplicated.
+/// The mesh with texture coordinates per instance; shared corners are duplicated.
 fn repainted(mesh: &Mesh, place_of: &BTreeMap<InstanceId, Point2<f32>>) -> Mesh {
     let mut painted = Mesh::default();
     let mut number_of: BTreeMap<(u32, InstanceId), u32> = BTreeMap::new();
     for (triangle, &id) in mesh.triangles.iter().zip(&mesh.instance_of) {
         let corners = triangle.map(|corner| {
+// A vertex has a single texture coordinate, but neighbouring instances need different colours.
             *number_of.entry((corner, id)).or_insert_with(|| {
                 painted.positions.push(mesh.positions[corner as usize]);
                 painted.uvs.push(place_of.get(&id).copied().unwrap_or_else(|| place_of[&InstanceId::NONE]));
@@ -152,7 +153,7 @@ fn table(objects: &[Object]) -> String {
     text
 }
 
-/// The noun if an importer finds the category from it, else the category.
+/// The noun if an importer finds the category from it, or the category.
 fn words(object: &Object) -> String {
     let noun = &object.attributes.noun;
     let read = Meaning::Object { category: object.category.clone(), noun: noun.clone() };

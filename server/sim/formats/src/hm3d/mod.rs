@@ -1,5 +1,5 @@
 //! HM3D scenes with semantics: `X.glb` (Z up), `X.semantic.glb` (instances painted in colours) and `X.semantic.txt`
-//! (colour to category and region). The result has the triangles of `X.glb`, turned Y up.
+//! (colour to category and region). The result has the triangles in `X.glb`, turned Y up.
 
 mod export;
 mod table;
@@ -23,25 +23,25 @@ pub use export::{Exported, dataset_config, export};
 
 const SEMANTIC_MESH: &str = ".semantic.glb";
 const SEMANTIC_TABLE: &str = ".semantic.txt";
-/// Render meshes in order of preference; the second has `.basis` textures, in the archives for Habitat.
+/// Render meshes, the preferred first; the second has `.basis` textures, in the archives for Habitat.
 const RENDER_MESHES: [&str; 2] = [".glb", ".basis.glb"];
 const MAX_TABLE_BYTES: u64 = 16 << 20;
 
-/// The files of a scene.
+/// A scene's files.
 struct Hm3dFiles {
     render: PathBuf,
     semantic: PathBuf,
     table: PathBuf,
 }
 
-/// Returns whether `path` is a folder of an HM3D scene with semantics, or a mesh of it.
+/// Returns whether `path` is an HM3D scene folder with semantics, or a mesh in it.
 pub(crate) fn is_hm3d(path: &Path) -> bool {
     files(path).is_some()
 }
 
 /// Imports a folder (`00800-TEEsavR23oF`), or a `.glb` with semantic files next to it.
 ///
-/// Instances have the numbers of the table. Categories become mpcat40 names if possible; structure (walls, floors, doors,
+/// Instances have the table's numbers. Categories become mpcat40 names if possible; structure (walls, floors, doors,
 /// windows …) is no object, but stays in the mesh.
 ///
 /// # Errors
@@ -62,7 +62,7 @@ pub fn import(folder_or_glb: &Path, report: &mut ImportReport) -> Result<Scene, 
         .map_err(|reason| malformed(&files.table, reason))
 }
 
-/// Files of the scene of a mesh or folder; of several scenes in a folder, the first by name.
+/// Scene files for a mesh or folder; for several scenes in a folder, the first by name.
 fn files(path: &Path) -> Option<Hm3dFiles> {
     let (folder, stem) =
         if path.is_dir() { (path, first_stem(path)?) } else { (path.parent()?, stem_of_mesh(path)?) };
@@ -89,7 +89,7 @@ fn read_annotations(table: &Path) -> Result<Vec<InstanceAnnotation>, SceneError>
     table::parse(&String::from_utf8_lossy(&bytes)).map_err(|reason| malformed(table, reason))
 }
 
-/// Converts HM3D's frame, with gravity along -Z, to the world frame: (x, y, z) becomes (x, z, -y).
+/// Converts HM3D's frame, with gravity in direction -Z, to the world frame: (x, y, z) becomes (x, z, -y).
 fn turn_y_up(mesh: &mut Mesh) {
     for position in &mut mesh.positions {
         *position = Point3::new(position.x, position.z, -position.y);
@@ -139,7 +139,7 @@ fn bounds(mesh: &Mesh, triangles: &[u32]) -> Option<Aabb> {
     Aabb::around(&positions)
 }
 
-/// Rooms in order of their numbers in the file, and their indices by number. A room is the box of its instances; rooms without
+/// Rooms in number order, and their indices by number. A room is the box around the instances; rooms without
 /// instances are left out.
 fn regions(
     annotations: &[InstanceAnnotation],
@@ -161,10 +161,10 @@ fn regions(
     Ok((regions, index_of))
 }
 
-/// Colour of triangles without an instance.
+/// Colour for triangles without an instance.
 const BLACK: [u8; 3] = [0; 3];
 
-/// Returns instance numbers per triangle of the semantic mesh, 0 for colours outside the table; warns about unknown colours,
+/// Returns instance numbers per semantic triangle, 0 for colours outside the table; warns about unknown colours,
 /// and about numbers without triangles.
 fn painted_labels(
     semantic: &Model,
@@ -206,7 +206,7 @@ fn painted_labels(
     labels
 }
 
-/// Colours at the centre of a triangle, and half-way to its corners.
+/// Colours at a triangle's centre, and half-way to the corners.
 fn painted_colors(semantic: &Model, triangle: usize) -> [[u8; 3]; 4] {
     let material = &semantic.materials[usize::from(semantic.mesh.material_of[triangle])];
     let Some(texture) = material.texture.map(|texture| &semantic.textures[usize::from(texture)]) else {

@@ -5,19 +5,19 @@ use avln_scene::InstanceId;
 use avln_scene::limits::MAX_WORD_CHARS;
 use std::collections::BTreeSet;
 
-/// What the first line holds.
+/// First line.
 pub(super) const HEADER: &str = "HM3D Semantic Annotations";
 
-/// One line of the table.
+/// A table line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct InstanceAnnotation {
     /// Instance number, at least 1.
     pub(super) id: u32,
-    /// The colour it is painted in.
+    /// Painted colour.
     pub(super) color: [u8; 3],
-    /// What the annotator called it.
+    /// The annotator's words.
     pub(super) category: String,
-    /// Room number of the file; negative for none.
+    /// Room number in the file; negative for none.
     pub(super) region: i32,
 }
 
@@ -104,6 +104,6 @@ mod tests {
         }
         assert!(parse("1,AABBCC,\"bed\",0").unwrap_err().contains("first line"));
         let twice = format!("{HEADER}\n1,AABBCC,\"bed\",0\n1,AABBCD,\"sofa\",0");
-        assert!(parse(&twice).unwrap_err().contains("second time"));
+        assert!(parse(&twice).unwrap_err().contains("repeats number"));
     }
 }

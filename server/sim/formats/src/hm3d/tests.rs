@@ -50,7 +50,7 @@ fn flat(rectangles: &[[f32; 4]], colors: &[[u8; 3]], pieces: u32) -> Scene {
 const RECTANGLES: [[f32; 4]; 4] =
     [[0.0, 0.0, 2.0, 1.5], [3.0, 0.0, 3.2, 4.0], [5.0, 5.0, 5.3, 5.2], [8.0, 8.0, 8.5, 8.5]];
 
-/// Writes a scene whose render mesh is cut into `pieces` strips and imports it.
+/// Writes a scene with a render mesh in `pieces` strips, and imports it.
 fn imported(pieces: u32) -> Scene {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
@@ -74,7 +74,7 @@ fn painted_instances_become_objects_and_walls_do_not() {
     assert_eq!(bed.attributes.color, "red");
     assert_eq!((lamp.category.as_str(), lamp.region), ("lighting", None));
     assert_eq!((lamp.attributes.color.as_str(), lamp.attributes.size.as_str()), ("black", "small"));
-    // The room holds the bed and the wall, whose far end lies at z = -4.
+    // The room contains the bed and the wall, which ends at z = -4.
     assert_eq!(scene.regions.len(), 1);
     assert_eq!(scene.regions[0].bounds.min, Point3::new(0.0, 1.0, -4.0));
 }
@@ -122,14 +122,14 @@ fn colours_and_numbers_without_a_partner_are_reported() {
     let warnings = report.warnings.join("\n");
     for part in [
         "instances 3 and 9",
-        "1 painted colours are not in the table, 070707",
+        "1 painted colours are not in the table, for example 070707",
         "2 instances of the table have no surface",
     ] {
-        assert!(warnings.contains(part), "{part} is not in {warnings}");
+        assert!(warnings.contains(part), "{part}: {warnings}");
     }
 }
 
-/// Writes what [`export`] makes of a scene and imports it.
+/// Exports a scene and imports it again.
 fn back(scene: &Scene) -> (Scene, ImportReport) {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
@@ -147,7 +147,7 @@ fn an_exported_house_comes_back_with_its_instances() {
     let (back, report) = back(&scene);
     assert_eq!(report.warnings, [""; 0]);
     assert_eq!(back.mesh.triangles.len(), scene.mesh.triangles.len());
-    // A rug is a thing to its maker and a part of the floor to mpcat40.
+    // A rug is an object in the scene, and floor in mpcat40.
     let is_thing = |object: &&Object| matches!(meaning(&object.category), Meaning::Object { .. });
     let things: Vec<&Object> = scene.objects.iter().filter(is_thing).collect();
     assert_eq!(back.objects.len(), things.len());

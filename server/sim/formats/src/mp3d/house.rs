@@ -1,21 +1,21 @@
-//! The table of a house (`.house`, Matterport3D's data organisation, version "ASCII 1.1"): one record a line.
+//! A house's table (`.house`, Matterport3D's data organisation, version "ASCII 1.1"): one record a line.
 
 use crate::files::Checked;
 use std::collections::BTreeMap;
 use std::str::FromStr;
 
 const HEADER: &str = "ASCII 1.1";
-/// Limit of coordinates; boxes of rooms without surfaces exceed it.
+/// Coordinate limit; boxes for rooms without surfaces exceed it.
 const EMPTY_BOX: f32 = 1.0e6;
 
-/// What the table says of levels, rooms and things; all lengths in metres, Z up.
+/// Levels, rooms and objects in the table; lengths in metres, Z up.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct HouseTable {
     pub(super) levels: Vec<HouseLevel>,
     pub(super) regions: Vec<HouseRoom>,
     pub(super) categories: BTreeMap<u32, Category>,
     pub(super) objects: Vec<HouseObject>,
-    /// The object of each segment, by the segment's id.
+    /// Object number by segment id.
     pub(super) object_of_segment: BTreeMap<i64, u32>,
 }
 
@@ -37,7 +37,7 @@ pub(super) struct HouseRoom {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Category {
-    /// Words of the annotators, with blanks.
+    /// The annotators' words, with blanks.
     pub(super) raw_name: String,
     pub(super) mpcat40_index: Option<u32>,
     pub(super) mpcat40_name: String,
@@ -50,7 +50,7 @@ pub(super) struct HouseObject {
     pub(super) category: Option<u32>,
 }
 
-/// Numbers of records in the header.
+/// Record counts in the header.
 #[derive(Default)]
 struct RecordCounts {
     objects: usize,
@@ -136,7 +136,7 @@ impl HouseTable {
     }
 }
 
-/// The words of a line.
+/// A line's words.
 struct Record<'a> {
     words: Vec<&'a str>,
 }
@@ -164,7 +164,7 @@ impl Record<'_> {
         if number.is_finite() { Ok(number) } else { Err(format!("{number} is no {what}")) }
     }
 
-    /// The box whose six numbers begin at `at`; `None` for one turned inside out, as it is written for a room without surfaces.
+    /// Parses the box with six numbers from `at` on; `None` for an inverted box, the mark of a room without surfaces.
     fn bounds(&self, at: usize) -> Checked<Option<[[f32; 3]; 2]>> {
         let mut numbers = [0.0; 6];
         for (offset, number) in numbers.iter_mut().enumerate() {
@@ -286,7 +286,7 @@ mod tests {
             ("0 0 0 4 5 2.5", "0 0 0 4 -5 2.5", "line 4: its box has a negative size"),
             ("0.5 0.5 0.5 0", "0.5 -0.5 0.5 0", "line 7: its box has the negative radius"),
             ("0.5 0.5 0.5 0", "0.5 nan 0.5 0", "line 7"),
-            ("O 1 -1", "O 0 -1", "object 0 is there a second time"),
+            ("O 1 -1", "O 0 -1", "object number 0 is not unique"),
             ("O 1 -1 -1", "P 1 -1 -1", "1 objects and its header promises 2"),
             ("E 0 1 3000007", "E 0 1", "line 9"),
             ("P name", "Q name", "line 5: \"Q\""),
@@ -296,6 +296,6 @@ mod tests {
             assert!(error.contains(expected), "{to}: {error}");
         }
         let cut = &TEXT[..TEXT.find("\nO 0").unwrap()];
-        assert!(parse(cut).unwrap_err().contains("cut short"));
+        assert!(parse(cut).unwrap_err().contains("is incomplete"));
     }
 }

@@ -1,4 +1,4 @@
-//! Scans of Matterport3D: `X.house` (levels, rooms, objects), `X_semantic.ply` (object numbers of the faces) and `X.glb`
+//! Matterport3D scans: `X.house` (levels, rooms, objects), `X_semantic.ply` (object numbers per face) and `X.glb`
 //! (textured, Z up). The coloured `X_semantic.ply` replaces a missing `X.glb`; `X.ply` with the segments of the original
 //! release replaces a missing `X_semantic.ply`.
 
@@ -21,15 +21,15 @@ use avln_scene::{InstanceId, Region, Scene, SceneError, categories};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// What `X.house` is called.
+/// Table suffix.
 pub(crate) const TABLE: &str = ".house";
-/// The meshes that are shown, in order of preference.
+/// Visible meshes, the preferred first.
 const RENDER_MESHES: [&str; 3] = [".glb", ".basis.glb", ".obj"];
-/// The meshes that bring labels, in order of preference.
+/// Labelled meshes, the preferred first.
 const SEMANTIC_MESHES: [&str; 2] = ["_semantic.ply", ".ply"];
 const MAX_TABLE_BYTES: u64 = 256 << 20;
 
-/// The categories of mpcat40 by their numbers.
+/// mpcat40 categories by number.
 const MPCAT40: [&str; 42] = [
     "void",
     "wall",
@@ -75,12 +75,12 @@ const MPCAT40: [&str; 42] = [
     "unlabeled",
 ];
 
-/// Imports the house whose table is `table` (`X.house`). Things get their number in the table plus one, since no instance
-/// has number 0; walls, floors, doors and the like are no objects.
+/// Imports the house with this table (`X.house`). Instance numbers are the table's numbers plus one, because 0 is no instance;
+/// walls, floors, doors and other structure are no objects.
 ///
 /// # Errors
-/// [`SceneError::Read`] for a file that cannot be read; [`SceneError::Malformed`], with line or byte, for one that does not
-/// hold what it should, and where neither mesh is there.
+/// [`SceneError::Read`] if a file cannot be read; [`SceneError::Malformed`], with line or byte, if a file is damaged or both
+/// meshes are missing.
 pub fn import(table: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
     import_as(table, &ImportOptions::default(), report)
 }
@@ -88,7 +88,7 @@ pub fn import(table: &Path, report: &mut ImportReport) -> Result<Scene, SceneErr
 /// [`import`] with the caller's axis and unit.
 ///
 /// # Errors
-/// Those of [`import`].
+/// See [`import`].
 pub fn import_as(
     table: &Path,
     options: &ImportOptions,
@@ -177,9 +177,10 @@ fn read_render(path: &Path, report: &mut ImportReport) -> Result<UnlabelledSurfa
     Ok(UnlabelledSurfaces { mesh: model.mesh, materials: model.materials, textures: model.textures })
 }
 
-/// Labels per triangle, 0 for none: by the object number of the face, else of its segment.
+/// Labels per triangle, 0 for none: by object number, or else by segment.
 fn triangle_labels(ply: &Ply, house: &HouseTable, report: &mut ImportReport) -> Vec<u32> {
     let label = |object: i64| u32::try_from(object + 1).ok().filter(|&id| id <= InstanceId::MAX).unwrap_or(0);
+// Labels are numbers plus one: number 0 is an object in Matterport3D, and no instance in a scene.
     if let Some(objects) = &ply.object_of {
         return objects.iter().map(|&object| label(object.clamp(-1, i64::from(u32::MAX)))).collect();
     }
@@ -193,7 +194,7 @@ fn triangle_labels(ply: &Ply, house: &HouseTable, report: &mut ImportReport) -> 
     vec![0; ply.mesh.triangles.len()]
 }
 
-/// Labels of the table's objects: their numbers plus one.
+/// Labels for the table's objects: their numbers plus one.
 fn labels(house: &HouseTable, index_of: &BTreeMap<u32, u16>) -> Result<Vec<ObjectLabel>, String> {
     let label = |object: &HouseObject| {
         let (category, noun) = object
@@ -213,7 +214,7 @@ fn labels(house: &HouseTable, index_of: &BTreeMap<u32, u16>) -> Result<Vec<Objec
     house.objects.iter().map(label).collect()
 }
 
-/// Category and noun of a record: by its mpcat40 number, else by its names.
+/// A record's category and noun: by mpcat40 number, or else by name.
 fn meaning(record: &Category) -> (Option<String>, String) {
     let by_number = record.mpcat40_index.and_then(|index| MPCAT40.get(index as usize).copied());
     let category = by_number
@@ -270,7 +271,7 @@ const LABELS: [(&str, &str); 30] = [
     ("Z", "junk"),
 ];
 
-/// Rooms in the order of the table, and their indices by number. Rooms without surfaces are empty boxes.
+/// Rooms in table order, and their indices by number. Rooms without surfaces are empty boxes.
 fn regions(
     house: &HouseTable,
     frame: &FileFrame,
@@ -295,7 +296,7 @@ fn regions(
     Ok((regions, index_of))
 }
 
-/// Storeys by level number: levels in order of their floors.
+/// Storeys by level number: levels sorted by floor height.
 fn storeys(house: &HouseTable) -> BTreeMap<u32, u16> {
     let mut levels: Vec<_> = house.levels.iter().collect();
     levels.sort_by(|a, b| a.floor_m.total_cmp(&b.floor_m).then(a.index.cmp(&b.index)));
@@ -306,7 +307,10 @@ fn room_label(room: &HouseRoom, report: &mut ImportReport) -> String {
     let found = LABELS.iter().find(|(letter, _)| *letter == room.label);
     if found.is_none() && room.label != "-" {
         let start: String = room.label.chars().take(20).collect();
-        report.warn(format!("the label {start:?} of region {} is unknown; the region has no label", room.index));
+        report.warn(format!(
+            "the label {start:?} of region {} is unknown; the region has no label",
+            room.index
+        ));
     }
     found.map_or_else(String::new, |(_, name)| (*name).to_owned())
 }

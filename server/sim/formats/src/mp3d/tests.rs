@@ -55,7 +55,7 @@ fn check(scene: &Scene) {
     assert_eq!((labelled, scene.mesh.triangles.len()), (24, 26));
     let rooms: Vec<(&str, u16)> =
         scene.regions.iter().map(|room| (room.label.as_str(), room.storey)).collect();
-    assert_eq!(rooms, [("living_room", 1), ("kitchen", 0)], "the second level lies below the first");
+    assert_eq!(rooms, [("living_room", 1), ("kitchen", 0)], "the second level is below the first");
     assert_eq!(scene.regions[0].bounds, Aabb::new(Point3::new(0.0, 0.0, -5.0), Point3::new(6.0, 3.0, 0.0)));
 }
 
@@ -98,7 +98,7 @@ fn segments_of_the_original_release_lead_to_things() {
 fn a_house_without_labels_keeps_its_rooms() {
     let (scene, report) = imported(&[("made.glb", &render())]);
     assert_eq!((scene.objects.len(), scene.regions.len()), (0, 2));
-    assert!(report.warnings.iter().any(|warning| warning.contains("no labelled things")), "{report:?}");
+    assert!(report.warnings.iter().any(|warning| warning.contains("no labelled objects")), "{report:?}");
 }
 
 #[test]
@@ -107,7 +107,7 @@ fn what_fits_not_together_is_named() {
     let table = folder.path().join("made.house");
     testing::write(folder.path(), "made.house", TABLE_TEXT);
     let error = import(&table, &mut ImportReport::default()).unwrap_err().to_string();
-    assert!(error.contains("made.house") && error.contains("neither X.glb"), "{error}");
+    assert!(error.contains("made.house") && error.contains("X.glb and X_semantic.ply are missing"), "{error}");
     testing::write(folder.path(), "made_semantic.ply", &testing::ply("ascii")[..900]);
     let error = import(&table, &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.contains("made_semantic.ply") && error.contains("line"), "{error}");
@@ -120,8 +120,8 @@ fn what_fits_not_together_is_named() {
     let mut report = ImportReport::default();
     assert_eq!(import(&table, &mut report).unwrap().objects.len(), 1);
     let says = |words: &str| report.warnings.iter().any(|warning| warning.contains(words));
-    assert!(says("2 labelled things have no triangles and are left out (numbers 9, 10)"), "{report:?}");
-    assert!(says("1 numbers on the mesh are in no table and belong to no object (numbers 2)"), "{report:?}");
+    assert!(says("2 labelled objects have no triangles and are left out (numbers 9, 10)"), "{report:?}");
+    assert!(says("1 numbers on the mesh are not in the table and have no object (numbers 2)"), "{report:?}");
 }
 
 #[test]

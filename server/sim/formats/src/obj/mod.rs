@@ -1,4 +1,4 @@
-//! Wavefront `.obj` files with material libraries: polygons of any size, vertex colours and images. Objects or groups with a
+//! Wavefront `.obj` files with material libraries: polygons, vertex colours and images. Objects or groups with a
 //! category in their name (`chair_3`, `KitchenTable_01`) become instances.
 
 mod mtl;
@@ -33,7 +33,7 @@ pub fn import(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneErro
 /// [`import`] with the caller's axis and unit.
 ///
 /// # Errors
-/// Those of [`import`].
+/// See [`import`].
 pub fn import_as(
     path: &Path,
     options: &ImportOptions,
@@ -46,7 +46,7 @@ pub fn import_as(
     scene_of_named_model(scene_name(path), model).map_err(fail)
 }
 
-/// Reads a file in its own frame.
+/// Reads a file in file coordinates.
 pub(crate) fn read(path: &Path, report: &mut ImportReport) -> Result<Model, SceneError> {
     let real = files::resolve(path, report)?;
     let bytes = files::read(&real, MAX_FILE_BYTES, report)?;
@@ -66,7 +66,7 @@ fn model(bytes: &[u8], folder: &Path, report: &mut ImportReport) -> Checked<Mode
     Ok(Model::from_named_parts(surfaces.mesh, materials, textures, surfaces.part_of, surfaces.parts))
 }
 
-/// Materials of all libraries of the file.
+/// Materials in all the file's libraries.
 fn libraries(surfaces: &ObjSurfaces, folder: &Path, report: &mut ImportReport) -> Vec<MtlMaterial> {
     let mut entries = Vec::new();
     for name in &surfaces.libraries {
@@ -99,7 +99,7 @@ fn material(
     Ok(entry.material(texture))
 }
 
-/// Limit of coordinates; larger ones are damage, in any unit.
+/// Coordinate limit; larger ones are damage, in any unit.
 const MAX_COORDINATE: f32 = 1.0e9;
 const MAX_UV: f32 = 1.0e5;
 const MAX_POLYGON: usize = 4096;
@@ -107,20 +107,20 @@ const MAX_LIBRARIES: usize = 64;
 const NONE: u32 = u32::MAX;
 /// Keywords without data for scenes.
 const IGNORED: [&str; 10] = ["vn", "s", "l", "p", "vp", "usemap", "lod", "mg", "bevel", "maplib"];
-/// Keywords of curved surfaces.
+/// Keywords for curved surfaces.
 const CURVED: [&str; 5] = ["curv", "curv2", "surf", "cstype", "bmat"];
 
-/// Surfaces of an `.obj` file, in its own frame.
+/// Surfaces in an `.obj` file, in file coordinates.
 #[derive(Default)]
 struct ObjSurfaces {
     mesh: Mesh,
-    /// Material names in order of their numbers; the empty name is no material.
+    /// Material names in number order; the empty name is no material.
     materials: Vec<String>,
-    /// Names of objects and groups.
+    /// Object and group names.
     parts: Vec<String>,
     /// Index into `parts` per triangle.
     part_of: Vec<u32>,
-    /// Names of material libraries.
+    /// Material library names.
     libraries: Vec<String>,
 }
 
@@ -144,7 +144,7 @@ struct ObjParser {
     positions: Vec<Point3<f32>>,
     colors: Vec<[u8; 3]>,
     uvs: Vec<Point2<f32>>,
-    /// Lists of mesh vertices with the same position: the last vertex per position; per vertex its texture coordinate, and the
+    /// Linked lists for mesh vertices with the same position: the last vertex per position; per vertex the texture coordinate, and the
     /// vertex before it.
     last_vertex: Vec<u32>,
     vertex_uv: Vec<u32>,
@@ -229,10 +229,11 @@ impl ObjParser {
         Ok(())
     }
 
-    /// Returns the mesh vertex of a corner; creates it at its first use.
+    /// Returns a corner's mesh vertex; creates it at the first use.
     fn corner(&mut self, word: &str) -> Checked<u32> {
         let (position, uv) = corner(word, self.positions.len(), self.uvs.len())?;
         let uv = uv.unwrap_or(NONE);
+// Linked lists instead of a map: most positions have one or two texture coordinates, and scans have millions of corners.
         let mut vertex = self.last_vertex[position as usize];
         while vertex != NONE && self.vertex_uv[vertex as usize] != uv {
             vertex = self.vertex_before[vertex as usize];
@@ -253,7 +254,7 @@ impl ObjParser {
         Ok(made)
     }
 
-    /// Returns the number of the current part: the group if its name contains a category, else the object, else the group.
+    /// Returns the current part's number: a group with a category in the name, or the object, or the group.
     fn part(&mut self) -> Checked<u32> {
         if let Some(part) = self.part {
             return Ok(part);
@@ -300,7 +301,7 @@ impl ObjParser {
     }
 }
 
-/// Returns the lines of `bytes` with their numbers; a backslash at the end of a line joins the next line.
+/// Returns lines with their numbers; a backslash at a line's end joins the next line.
 fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     let mut physical = bytes.split(|&byte| byte == b'\n').enumerate();
     std::iter::from_fn(move || {
@@ -321,7 +322,7 @@ fn split(line: &str) -> (&str, &str) {
     line.split_once(char::is_whitespace).map_or((line, ""), |(keyword, rest)| (keyword, rest.trim()))
 }
 
-/// UpAxis to `N` numbers from the front of `text`, and how many there were; at least `least`, all finite and within `limit`.
+/// Parses up to `N` numbers, and returns their count; at least `least`, all finite and within `limit`.
 fn numbers<const N: usize>(text: &str, least: usize, limit: f32) -> Checked<([f32; N], usize)> {
     let mut found = [0.0; N];
     let mut count = 0;
@@ -333,11 +334,7 @@ fn numbers<const N: usize>(text: &str, least: usize, limit: f32) -> Checked<([f3
         found[count] = number;
         count += 1;
     }
-    if count < least {
-        Err(format!("{count} numbers, {least} are needed"))
-    } else {
-        Ok((found, count))
-    }
+    if count < least { Err(format!("{count} numbers, {least} are needed")) } else { Ok((found, count)) }
 }
 
 /// Parses a face's corner such as `3`, `3/1`, `3//2` or `-1/-1/-1`: position and texture coordinate, counted from 0.

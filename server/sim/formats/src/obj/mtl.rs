@@ -7,7 +7,7 @@ use avln_scene::limits::MAX_WORD_CHARS;
 const DEFAULT_DIFFUSE: [f32; 3] = [0.8; 3];
 /// Opacity below which a surface is transparent.
 const SEE_THROUGH: f32 = 0.5;
-/// Number of values per option of `map_Kd` (one to three for vectors).
+/// Values per `map_Kd` option (one to three for vectors).
 const MAP_OPTIONS: [(&str, usize); 14] = [
     ("-blendu", 1),
     ("-blendv", 1),
@@ -25,7 +25,7 @@ const MAP_OPTIONS: [(&str, usize); 14] = [
     ("-colorspace", 1),
 ];
 
-/// A material with the name of its image.
+/// A material with an image name.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct MtlMaterial {
     pub(super) name: String,
@@ -39,7 +39,7 @@ impl MtlMaterial {
         Self { name: name.to_owned(), diffuse: DEFAULT_DIFFUSE, opacity: 1.0, picture: None }
     }
 
-    /// Returns the material with the image number `texture`. Colours are display values, as in viewers of this format.
+    /// Returns the material with the image number `texture`. Colours are display values, as in common viewers.
     pub(super) fn material(&self, texture: Option<u16>) -> Material {
         let [r, g, b] = self.diffuse.map(|share| (share.clamp(0.0, 1.0) * 255.0).round() as u8);
         // An image on black would be invisible: viewers show it as if the colour were white.
@@ -111,7 +111,7 @@ fn picture(text: &str) -> Option<String> {
     (!rest.is_empty()).then(|| rest.to_owned())
 }
 
-/// Number of values of the option at the start of `text`.
+/// Value count for the option at the start.
 fn option_values(text: &str) -> Option<usize> {
     let word = text.split_whitespace().next()?;
     Some(MAP_OPTIONS.iter().find(|(name, _)| *name == word)?.1)

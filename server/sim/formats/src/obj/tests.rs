@@ -11,7 +11,7 @@ fn objects_named_by_category_are_instances() {
     testing::write(folder.path(), "scan.mtl", LIBRARY);
     let mut report = ImportReport::default();
     let scene = import(&folder.path().join("house.obj"), &mut report).unwrap();
-    // The scan has Z up, and lies so flat that it is seen.
+    // The scan has Z up, and is flat enough for recognition.
     assert_eq!(scene.bounds().unwrap(), Aabb::new(Point3::new(0.0, 0.0, -5.0), Point3::new(6.0, 0.9, 0.0)));
     let found: Vec<(u32, &str)> =
         scene.objects.iter().map(|object| (object.id.0, object.category.as_str())).collect();

@@ -14,17 +14,17 @@ use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXELS};
 use avln_scene::{InstanceId, Lighting, Material, Mesh, Scene, SceneError, polygon};
 use std::path::Path;
 
-/// Surfaces in the frame of the file, with object and segment numbers.
+/// Surfaces in the file's frame, with object and segment numbers.
 pub(crate) struct Ply {
     /// No instances yet.
     pub(crate) mesh: Mesh,
     /// Whether vertices have colours.
     pub(crate) is_coloured: bool,
-    /// Object number per triangle: `object_id` of the face, else of the majority of its vertices.
+    /// Object number per triangle: the face's `object_id`, or the vertices' majority.
     pub(crate) object_of: Option<Vec<i64>>,
-    /// Segment number per triangle (`face_material` in files of Matterport).
+    /// Segment number per triangle (`face_material` in Matterport files).
     pub(crate) segment_of: Option<Vec<i64>>,
-    /// Image of the texture coordinates.
+    /// Image for the texture coordinates.
     texture: Option<String>,
 }
 
@@ -41,7 +41,7 @@ pub fn import(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneErro
 /// [`import`] with the caller's axis and unit.
 ///
 /// # Errors
-/// Those of [`import`].
+/// See [`import`].
 pub fn import_as(
     path: &Path,
     options: &ImportOptions,
@@ -72,18 +72,18 @@ pub fn import_as(
     })
 }
 
-/// Returns the material of a PLY file.
+/// Returns the material for PLY files.
 pub(crate) fn material(texture: Option<u16>) -> Material {
     Material { name: "scan".to_owned(), base_color: [255; 4], texture, alpha_cutoff: None }
 }
 
-/// Reads a file in its own frame.
+/// Reads a file in file coordinates.
 pub(crate) fn read(path: &Path, report: &mut ImportReport) -> Result<Ply, SceneError> {
     let bytes = files::read(path, MAX_FILE_BYTES, report)?;
     parse(&bytes, report).map_err(|reason| files::malformed(path, reason))
 }
 
-/// Parses a file in its own frame.
+/// Parses a file in file coordinates.
 pub(crate) fn parse(bytes: &[u8], report: &mut ImportReport) -> Checked<Ply> {
     let mut tables = PlyTables::read(bytes, report)?;
     let mut triangles = Vec::new();
@@ -122,7 +122,7 @@ pub(crate) fn parse(bytes: &[u8], report: &mut ImportReport) -> Checked<Ply> {
     })
 }
 
-/// The majority of three numbers; the first if all differ.
+/// Three numbers' majority; the first if all differ.
 fn most([a, b, c]: [i64; 3]) -> i64 {
     if b == c { b } else { a }
 }

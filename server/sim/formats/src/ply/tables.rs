@@ -1,4 +1,4 @@
-//! Vertices and faces of a PLY file; `ply-rs-bw` reads the header and each row.
+//! Vertices and faces in a PLY file; `ply-rs-bw` reads the header and each row.
 
 use crate::files::Checked;
 use crate::options::ImportReport;
@@ -11,11 +11,11 @@ use ply_rs_bw::ply::{
 use std::io::ErrorKind;
 
 const MAX_HEADER_BYTES: usize = 1 << 16;
-/// Bytes of a row in a text file.
+/// Bytes in a text row.
 const MAX_LINE_BYTES: usize = 1 << 20;
 const ENDS_EARLY: &str = "the file ends inside its tables; copy it again";
 const MAX_POLYGON: usize = 4096;
-/// Limit of coordinates; larger ones are damage, in any unit.
+/// Coordinate limit; larger ones are damage, in any unit.
 const MAX_COORDINATE: f64 = 1.0e9;
 const MAX_UV: f64 = 1.0e5;
 /// Vertex columns in use, with their spellings; the position in this list is the index into a row.
@@ -33,12 +33,12 @@ const VERTEX_COLUMNS: [&[&str]; 9] = [
 const RED: usize = 3;
 const U: usize = 6;
 const OBJECT: usize = 8;
-/// Spellings of the corner list, the object number and the segment number of a face.
+/// Spellings for a face's corner list, object number and segment number.
 const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
 const OBJECTS: [&str; 2] = ["object_id", "objectId"];
 const SEGMENTS: [&str; 1] = ["face_material"];
 
-/// The content of a file: lists per vertex and lists per face.
+/// A file's content: lists per vertex and lists per face.
 #[derive(Default)]
 pub(super) struct PlyTables {
     pub(super) positions: Vec<Point3<f32>>,
@@ -49,15 +49,15 @@ pub(super) struct PlyTables {
     pub(super) vertex_objects: Option<Vec<i64>>,
     pub(super) face_objects: Option<Vec<i64>>,
     pub(super) face_segments: Option<Vec<i64>>,
-    /// Picture of the texture coordinates, from MeshLab's comment `TextureFile`.
+    /// Image for the texture coordinates, from MeshLab's comment `TextureFile`.
     pub(super) texture: Option<String>,
     corners: Vec<u32>,
-    /// End of each face in `corners`.
+    /// End indices in `corners` per face.
     ends: Vec<u32>,
 }
 
 impl PlyTables {
-    /// Reads all tables in the order of the header.
+    /// Reads all tables in header order.
     pub(super) fn read(bytes: &[u8], report: &mut ImportReport) -> Checked<Self> {
         let (header, mut rows) = read_header(bytes)?;
         let texture = header.comments.iter().rev().find_map(|comment| comment.strip_prefix("TextureFile"));
@@ -67,16 +67,17 @@ impl PlyTables {
             match element.name.as_str() {
                 "vertex" => tables.read_vertices(element, &mut rows)?,
                 "face" => tables.read_faces(element, &mut rows, report)?,
-                // RowCursor without columns take no bytes: their announced number bounds nothing.
+                // Rows without columns take no bytes: the file size does not limit their number.
                 _ if element.properties.is_empty() => {}
                 _ => (0..element.count).try_for_each(|_| rows.next::<UnusedRow>(element).map(drop))?,
             }
         }
+// Faces may precede vertices in a file: corners are checked after all tables.
         tables.check_corners()?;
         Ok(tables)
     }
 
-    /// Corner lists of the faces.
+    /// Returns the faces' corner lists.
     pub(super) fn faces(&self) -> impl Iterator<Item = &[u32]> {
         let starts = std::iter::once(0).chain(self.ends.iter().copied());
         starts.zip(&self.ends).map(|(start, &end)| &self.corners[start as usize..end as usize])
@@ -182,10 +183,10 @@ impl PlyTables {
     }
 }
 
-/// The header and a reader of the rows after it.
+/// Reads the header; returns a cursor over the rows after it.
 fn read_header(bytes: &[u8]) -> Checked<(Header, RowCursor<'_>)> {
     const END: &[u8] = b"end_header";
-    // The library reads lines of any length: a binary file without line ends would be copied as a whole.
+    // The library does not limit line length: a binary file without line ends would be copied as a whole.
     let start = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
     if !start.windows(END.len()).any(|window| window == END) {
         return Err(format!(
@@ -201,12 +202,12 @@ fn read_header(bytes: &[u8]) -> Checked<(Header, RowCursor<'_>)> {
     Ok((header, rows))
 }
 
-/// A cursor over the rows of the tables.
+/// A cursor over table rows.
 struct RowCursor<'a> {
     rest: &'a [u8],
-    /// Bytes of the whole file.
+    /// File size, bytes.
     size: usize,
-    /// Number of the next line, in a text file.
+    /// Next line number, in a text file.
     line: usize,
     encoding: Encoding,
 }
@@ -261,7 +262,7 @@ impl RowCursor<'_> {
         }
     }
 
-    /// Refuses a table that cannot fit into the rest of the file, before memory is reserved for it.
+    /// Refuses a table that cannot fit into the remaining bytes, before memory is reserved for it.
     fn check_fits(&self, element: &ElementDef) -> Checked<()> {
         let least_bytes = |kind: &PropertyType| match (self.encoding, kind) {
             // A digit and a blank.
@@ -269,7 +270,7 @@ impl RowCursor<'_> {
             (_, PropertyType::Scalar(kind) | PropertyType::List(kind, _)) => bytes(kind),
         };
         let row: usize = element.properties.values().map(|property| least_bytes(&property.data_type)).sum();
-        // The last number of a text needs no blank behind it.
+        // The last number in a text needs no blank after it.
         if element.count.checked_mul(row).is_none_or(|least| least > self.rest.len() + 1) {
             return Err(format!(
                 "{}: {} rows of {:?} are announced and {} bytes left; copy the file again",
@@ -286,7 +287,7 @@ impl RowCursor<'_> {
     }
 }
 
-/// Position of a row, for errors.
+/// Row position, for errors.
 #[derive(Clone, Copy)]
 enum RowPlace {
     Line(usize),
@@ -384,7 +385,7 @@ fn vertex_column(name: &str) -> Option<usize> {
     VERTEX_COLUMNS.iter().position(|names| names.contains(&name))
 }
 
-/// The value of a column that is no list; every number type fits a double exactly.
+/// A scalar column's value; every number type fits a double exactly.
 fn number(property: &Property) -> Option<f64> {
     Some(match *property {
         Property::Char(value) => f64::from(value),
@@ -399,7 +400,7 @@ fn number(property: &Property) -> Option<f64> {
     })
 }
 
-/// The type of the column `name`, unless it is a list.
+/// A scalar column's type.
 fn scalar<'a>(element: &'a ElementDef, name: &str) -> Option<&'a ScalarType> {
     match &element.properties.get(name)?.data_type {
         PropertyType::Scalar(kind) => Some(kind),
@@ -416,7 +417,7 @@ fn bytes(kind: &ScalarType) -> usize {
     }
 }
 
-/// The stored number for full intensity of a colour.
+/// The stored number for full colour intensity.
 fn full_scale(kind: &ScalarType) -> f64 {
     match kind {
         ScalarType::Char => 127.0,

@@ -1,4 +1,4 @@
-//! The house's JSON, as far as it says where things are. Names follow its keys.
+//! House JSON, and the house mesh. Names follow the JSON keys.
 
 use crate::files::bounded;
 use avln_geom::{Aabb, Point2, Point3};
@@ -100,7 +100,7 @@ pub(super) struct Opening {
     pub(super) id: String,
     pub(super) wall0: String,
     pub(super) wall1: String,
-    /// Two opposite corners on `wall0`: x along its lower edge from the edge's first point, y up.
+    /// Two opposite corners on `wall0`: x from the lower edge's first point, y up.
     #[serde(deserialize_with = "bounded")]
     pub(super) hole_polygon: Vec<UnityVector>,
 }
@@ -111,7 +111,7 @@ pub(super) struct ProcthorObject {
     pub(super) id: String,
     pub(super) asset_id: String,
     pub(super) object_type: String,
-    /// Centre of the box.
+    /// Box centre.
     pub(super) position: UnityVector,
     /// Unity's Euler angles, degrees.
     pub(super) rotation: Rotation,
@@ -148,7 +148,7 @@ fn maybe_bounded<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
     Ok(Option::<Listed<T>>::deserialize(deserializer)?.map_or(Vec::new(), |listed| listed.0))
 }
 
-/// The mesh of a house under construction.
+/// A house mesh under construction.
 #[derive(Default)]
 pub(super) struct HouseMesh {
     pub(super) mesh: Mesh,
@@ -157,7 +157,7 @@ pub(super) struct HouseMesh {
 }
 
 impl HouseMesh {
-    /// Returns the number of a plain material; creates it at the first use.
+    /// Returns a plain material's number; creates it at the first use.
     pub(super) fn material(&mut self, name: &str, color: [u8; 3]) -> u16 {
         let name: String = name.chars().filter(|letter| !letter.is_control()).take(MAX_WORD_CHARS).collect();
         let next = self.materials.len().min(usize::from(u16::MAX)) as u16;
@@ -174,7 +174,7 @@ impl HouseMesh {
         number
     }
 
-    /// Adds corners and triangles; indices count from the first of these corners.
+    /// Adds corners and triangles; indices count from the first new corner.
     pub(super) fn add(
         &mut self,
         corners: &[Point3<f32>],
@@ -193,18 +193,18 @@ impl HouseMesh {
         self.mesh.instance_of.resize(self.mesh.triangles.len(), instance);
     }
 
-    /// Adds a quadrilateral by its corners in order.
+    /// Adds a quadrilateral; corners are in order.
     pub(super) fn add_quad(&mut self, corners: [Point3<f32>; 4], material: u16) {
         self.add(&corners, &[[0, 1, 2], [0, 2, 3]], material, InstanceId::NONE);
     }
 }
 
-/// Converts a point of the file to the world frame.
+/// Converts a point to the world frame.
 pub(super) fn world(point: &UnityVector) -> Point3<f32> {
     Point3::new(point.x, point.y, -point.z)
 }
 
-/// Returns the box of points; `None` if a coordinate is not finite.
+/// Returns the points' box; `None` if a coordinate is not finite.
 pub(super) fn finite_box(points: &[Point3<f32>]) -> Option<Aabb> {
     let finite = points.iter().flat_map(|point| point.iter()).all(|coordinate| coordinate.is_finite());
     Aabb::around(points).filter(|_| finite)

@@ -1,8 +1,8 @@
 //! ProcTHOR houses: the JSON that AI2-THOR builds houses from, schema 1.0.0 (`rooms`, `walls`, `doors`, `windows`, `objects`).
 //!
-//! The file contains names of meshes, but no meshes. Floors, ceilings, and walls with their openings are built from the
+//! The file contains mesh names, but no meshes. Floors, ceilings, and walls with their openings are built from the
 //! outlines; objects are boxes with the size in an asset database (`asset-database.json` next to the house, in `databases/`,
-//! or one folder up), else with a common size of their category. Negating Z converts Unity's left-handed frame (Y up, Z forward)
+//! or one folder up), or a common size for the category. Negating Z converts Unity's left-handed frame (Y up, Z forward)
 //! to the world frame.
 
 mod house;
@@ -20,7 +20,7 @@ use avln_scene::{Lighting, Region, Scene, SceneError};
 use std::path::Path;
 
 const MAX_HOUSE_BYTES: u64 = 64 << 20;
-/// Greatest size of a JSON file that may be a house.
+/// Greatest size for a JSON file that may be a house.
 const MAX_CANDIDATE_BYTES: u64 = 64 << 20;
 
 /// Returns whether `path` is a JSON file with rooms and walls.
@@ -38,7 +38,7 @@ pub(crate) fn is_procthor(path: &Path) -> bool {
             .is_ok_and(|bytes| serde_json::from_slice::<HouseKeys>(&bytes).is_ok())
 }
 
-/// Imports a house, with boxes in place of AI2-THOR's meshes.
+/// Imports a house, with boxes instead of AI2-THOR's meshes.
 ///
 /// # Errors
 /// [`SceneError::Read`] if the file cannot be read; [`SceneError::Malformed`] if it is no house, a room has no usable outline,

@@ -1,4 +1,4 @@
-//! The objects of a house, as boxes.
+//! A house's objects, as boxes.
 
 use crate::files::{Checked, malformed, read_regular};
 use crate::named_model::category_of_name;
@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 use std::f32::consts::PI;
 use std::path::Path;
 
-/// Objects of a house, including children.
+/// Objects in a house, including children.
 const MAX_OBJECTS: usize = 1 << 16;
 /// Everyday words for AI2-THOR types with other names.
 const KINDS: [(&str, &str); 14] = [
@@ -36,7 +36,7 @@ const KINDS: [(&str, &str); 14] = [
     ("Box", "box"),
     ("Safe", "safe"),
 ];
-/// Outward sides of a box; bits 0, 1 and 2 of a corner number are x, y and z.
+/// A box's outward sides; a corner number's bits 0, 1 and 2 are x, y and z.
 const SIDES: [[u32; 4]; 6] =
     [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
 
@@ -56,6 +56,7 @@ pub(super) fn build(
         if count > MAX_OBJECTS {
             return Err(format!("it has more than {MAX_OBJECTS} objects; split the house"));
         }
+// An explicit stack: children can nest to any depth in a hostile file.
         open.extend(thing.children.iter().rev());
         let words = words(thing, sizes);
         let id = InstanceId(objects.len() as u32 + 1);
@@ -78,7 +79,7 @@ pub(super) fn build(
     Ok(objects)
 }
 
-/// Words for an object: by its type, the database, or the start of its id (`Dresser|2|0`).
+/// Words for an object: by type, database, or id prefix (`Dresser|2|0`).
 fn words(thing: &ProcthorObject, sizes: &AssetSizes) -> String {
     let front = thing.id.split('|').next().unwrap_or_default();
     let given = Some(thing.object_type.as_str())
@@ -160,13 +161,13 @@ fn turn(rotation: Rotation) -> Matrix3<f32> {
 }
 
 const DATABASE: &str = "asset-database.json";
-/// Folders of the database, relative to the house.
+/// Database folders, relative to the house.
 const FOLDERS: [&str; 4] = ["", "databases", "..", "../databases"];
 const MAX_DATABASE_BYTES: u64 = 256 << 20;
-/// Least and greatest side of a box, metres; other sides are clamped.
+/// Least and greatest box side, metres; other sides are clamped.
 const SIDES_M: (f32, f32) = (0.005, 10.0);
 
-/// AssetSizes and kinds of assets.
+/// Asset sizes and types.
 #[derive(Default)]
 pub(super) struct AssetSizes {
     assets: BTreeMap<String, DatabaseAsset>,
@@ -207,18 +208,18 @@ impl AssetSizes {
         Ok(Self { assets: assets.collect() })
     }
 
-    /// Returns the type of an asset (`Dresser`, `TVStand` …).
+    /// Returns an asset's type (`Dresser`, `TVStand` …).
     pub(super) fn kind(&self, asset: &str) -> Option<&str> {
         self.assets.get(asset).map(|asset| asset.object_type.as_str())
     }
 
-    /// Returns width, height and depth of an asset, metres.
+    /// Returns an asset's width, height and depth, metres.
     pub(super) fn of(&self, asset: &str) -> Option<[f32; 3]> {
         self.assets.get(asset).and_then(|asset| usable(&asset.bounding_box))
     }
 }
 
-/// Returns the sides of a box, if all are positive numbers.
+/// Returns a box's sides, if all are positive numbers.
 pub(super) fn usable(size: &UnityVector) -> Option<[f32; 3]> {
     let sides = [size.x, size.y, size.z];
     sides
@@ -227,7 +228,7 @@ pub(super) fn usable(size: &UnityVector) -> Option<[f32; 3]> {
         .then(|| sides.map(|side| side.clamp(SIDES_M.0, SIDES_M.1)))
 }
 
-/// Common size of an mpcat40 category: medians of ProcTHOR's assets.
+/// Common size in an mpcat40 category: medians over ProcTHOR's assets.
 pub(super) fn common(category: &str) -> [f32; 3] {
     match category {
         "chair" => [0.48, 0.88, 0.54],

@@ -9,17 +9,17 @@ use avln_geom::{Aabb, Point2, Point3, Vector3};
 use avln_scene::limits::MAX_WORD_CHARS;
 use avln_scene::{InstanceId, polygon};
 
-/// Distance of a wall's surface from its line, towards its visible side, metres. It separates the two sides of a wall.
+/// Distance between wall surface and wall line, towards the visible side, metres. It separates a wall's two sides.
 const HALF_WALL_M: f32 = 0.01;
-/// Height of a room without wall heights, metres.
+/// Room height without wall heights, metres.
 const COMMON_HEIGHT_M: f32 = 2.5;
-/// Greatest distance of corners from the common line of two walls, metres.
+/// Greatest distance between corners and two walls' common line, metres.
 const SAME_LINE_M: f32 = 0.02;
-/// Mark of walls with an outward side.
+/// Mark on outward walls.
 const EXTERIOR: &str = "exterior";
 const GLASS: [u8; 3] = [196, 216, 226];
 const DOOR: [u8; 3] = [120, 84, 54];
-/// Words in names of Unity materials, with a material name for the acoustics and a colour.
+/// Words in Unity material names, with a material name for the acoustics and a colour.
 const LOOKS: [(&str, &str, [u8; 3]); 9] = [
     ("wood", "wood", [156, 112, 70]),
     ("carpet", "carpet", [150, 140, 130]),
@@ -32,11 +32,11 @@ const LOOKS: [(&str, &str, [u8; 3]); 9] = [
     ("orange", "plaster", [222, 170, 110]),
 ];
 
-/// A room of the house.
+/// A room in the house.
 pub(super) struct ProcthorRoom {
     pub(super) label: String,
     pub(super) bounds: Aabb,
-    /// Outline in (x, z) of the world.
+    /// Outline in world (x, z).
     outline: Vec<Point2<f32>>,
 }
 
@@ -47,26 +47,26 @@ impl ProcthorRoom {
     }
 }
 
-/// A wall as a rectangle above its lower edge.
+/// A wall as a rectangle above a lower edge.
 struct WallPanel<'a> {
     wall: &'a Wall,
     start: Point3<f32>,
-    /// LengthUnit vector along the lower edge.
+    /// Unit vector in edge direction.
     along: Vector3<f32>,
     length_m: f32,
     height_m: f32,
-    /// LengthUnit vector to the side it is seen from.
+    /// Unit vector to the visible side.
     facing: Vector3<f32>,
 }
 
-/// A rectangle on a panel: along the edge and upwards, metres.
+/// A rectangle on a panel: horizontal and vertical positions, metres.
 #[derive(Clone, Copy)]
 struct WallHole {
     from: [f32; 2],
     to: [f32; 2],
 }
 
-/// Adds floors, ceilings and walls; returns the rooms in the order of the file.
+/// Adds floors, ceilings and walls; returns the rooms in file order.
 pub(super) fn build(
     house: &ProcthorHouse,
     builder: &mut HouseMesh,
@@ -89,6 +89,7 @@ pub(super) fn build(
             continue;
         };
         let hole = hole(opening, &panels[index])?;
+// A door has a hole in the walls of both rooms, and the file mentions only one of them with its position.
         for (panel, holes) in panels.iter().zip(&mut holes) {
             holes.extend(hole_through(panel, &panels[index], &hole));
         }
@@ -150,7 +151,7 @@ fn add_level(
     let mut found = triangles(&room.outline).ok_or_else(|| {
         format!("a {} has an outline that crosses itself; correct floorPolygon", room.label)
     })?;
-    // An outline that turns from x to z is clockwise from above: its triangles face down.
+    // An outline that turns from x to z is clockwise from above: the triangles face down.
     let faces_down = signed_area_m2(&room.outline) > 0.0;
     if faces_down == is_floor {
         found.iter_mut().for_each(|triangle| triangle.swap(1, 2));
@@ -169,7 +170,7 @@ fn look(material: &MaterialName, builder: &mut HouseMesh) -> u16 {
     builder.material(plain, given.unwrap_or(color))
 }
 
-/// Returns the panel of a wall; `None` for a wall without extent, with a warning.
+/// Returns a wall's panel; `None` for a wall without extent, with a warning.
 fn panel<'a>(
     wall: &'a Wall,
     house: &ProcthorHouse,
@@ -195,7 +196,8 @@ fn panel<'a>(
     let side = Vector3::new(along.z, 0.0, -along.x);
     let probe = start + edge / 2.0 + side * (5.0 * HALF_WALL_M);
     let room = house.rooms.iter().position(|room| room.id == wall.room_id);
-    let is_inward = room.is_some_and(|room| outline_contains(&rooms[room].outline, &Point2::new(probe.x, probe.z)));
+    let is_inward =
+        room.is_some_and(|room| outline_contains(&rooms[room].outline, &Point2::new(probe.x, probe.z)));
     let is_outside = wall.id.contains(EXTERIOR);
     let facing = if is_inward == is_outside { -side } else { side };
     Ok(Some(WallPanel {
@@ -227,7 +229,7 @@ fn clamped(hole: WallHole, panel: &WallPanel<'_>) -> WallHole {
     WallHole { from: within(hole.from), to: within(hole.to) }
 }
 
-/// The part of a hole in `of` that also opens `panel`, if both panels are on the same line.
+/// The part through `panel` for a hole in another panel, if both panels are on the same line.
 fn hole_through(panel: &WallPanel<'_>, of: &WallPanel<'_>, hole: &WallHole) -> Option<WallHole> {
     let ends = [hole.from[0], hole.to[0]].map(|along| of.start + of.along * along);
     let across = Vector3::new(panel.along.z, 0.0, -panel.along.x);
@@ -268,7 +270,7 @@ impl WallPanel<'_> {
     }
 }
 
-/// Adds a panel without its holes, in vertical strips between their edges, and the reveals of the holes.
+/// Adds a panel without holes, in vertical strips between hole edges, and the holes' reveals.
 fn add_panel(panel: &WallPanel<'_>, holes: &[WallHole], builder: &mut HouseMesh) {
     let material = look(&panel.wall.material, builder);
     let mut cuts: Vec<f32> = holes.iter().flat_map(|hole| [hole.from[0], hole.to[0]]).collect();
@@ -309,12 +311,12 @@ fn fill(opening: &Opening, is_door: bool, panel: &WallPanel<'_>, hole: &WallHole
     panel.add_rectangle(hole.from, hole.to, 0.0, material, builder);
 }
 
-/// Corners of an outline.
+/// Corners in an outline.
 pub(super) const MAX_CORNERS: usize = 256;
 
-/// Triangles of a simple outline, with its winding; `None` if the outline crosses itself.
+/// Triangles for a simple outline, with the same winding; `None` if the outline crosses itself.
 pub(super) fn triangles(outline: &[Point2<f32>]) -> Option<Vec<[u32; 3]>> {
-    // The fan of a convex outline starts at the last corner, and its last triangle one corner later. This is the order of the
+    // The fan of a convex outline starts at the last corner, its last triangle one corner later. This is the order of the
     // first version: it preserves the digests of imported houses.
     let mut points: Vec<[f64; 2]> = outline.iter().map(|point| point.cast::<f64>().into()).collect();
     let count = points.len() as u32;
@@ -365,7 +367,10 @@ mod tests {
             let found = triangles(&outline).unwrap();
             assert_eq!(area(&outline, &found), sign * 12.0);
             assert_eq!(signed_area_m2(&outline), sign * 12.0);
-            assert!(outline_contains(&outline, &Point2::new(1.0, 3.0)) && !outline_contains(&outline, &Point2::new(3.0, 3.0)));
+            assert!(
+                outline_contains(&outline, &Point2::new(1.0, 3.0))
+                    && !outline_contains(&outline, &Point2::new(3.0, 3.0))
+            );
             outline.reverse();
         }
     }

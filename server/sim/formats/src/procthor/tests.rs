@@ -56,7 +56,7 @@ fn imported(house: &Value, with_database: bool, report: &mut ImportReport) -> Re
     import(&path, report)
 }
 
-/// What a ray from `from` meets first: the distance, metres.
+/// Distance to the first surface on a ray, metres.
 fn hit(scene: &Scene, from: [f32; 3], towards: [f32; 3]) -> Option<f32> {
     let (from, towards) = (Point3::from(from), avln_geom::Vector3::from(towards));
     let distance = |triangle: usize| {

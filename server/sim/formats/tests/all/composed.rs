@@ -1,4 +1,4 @@
-//! Scenes composed of parts, in other people's files, where `../shared/scenes` lies beside the repository.
+//! Composed scenes by other tools, if `../shared/scenes` exists.
 
 use crate::scene_folder;
 use avln_formats::{ImportReport, habitat, hm3d, open};

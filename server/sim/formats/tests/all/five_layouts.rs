@@ -1,4 +1,4 @@
-//! The same house in five layouts, where `../shared/scenes` lies beside the repository: the same things, boxes and depth.
+//! A house in five layouts, if `../shared/scenes` exists: equal objects, boxes and depth.
 
 use avln_formats::{ImportReport, glb, open};
 use avln_geom::{Aabb, Point3, RayMesh, Vector3};
@@ -10,12 +10,12 @@ use std::path::{Path, PathBuf};
 const BOX_TOLERANCE_M: f32 = 0.002;
 /// Depths agree within this, metres.
 const DEPTH_TOLERANCE_M: f32 = 0.002;
-/// Share of rays that may differ: those along the edge of something.
+/// Share of rays that may differ, at object edges.
 const EDGE_SHARE: f32 = 0.002;
 /// Rays across and up of a picture.
 const SIDE: usize = 64;
 
-/// A layout and what leads to it, below `aws_small_house`.
+/// Layouts and paths below `aws_small_house`.
 const LAYOUTS: [(&str, &str); 5] = [
     ("glTF", "combined/small_house.glb"),
     ("Habitat scene instance", "."),
@@ -47,7 +47,7 @@ fn close(a: &Aabb, b: &Aabb) -> bool {
     (a.min - b.min).abs().max() <= BOX_TOLERANCE_M && (a.max - b.max).abs().max() <= BOX_TOLERANCE_M
 }
 
-/// Every expected thing is there once, and nothing else.
+/// Checks that the scene has exactly the expected objects.
 fn check_things(layout: &str, scene: &Scene, expected: &[(String, Aabb)]) {
     for (category, bounds) in expected {
         let found = scene
@@ -64,7 +64,7 @@ fn check_things(layout: &str, scene: &Scene, expected: &[(String, Aabb)]) {
     }
 }
 
-/// Distances along a picture's rays from `eye`, towards the four sides of the compass; 0 where there is nothing.
+/// Ray distances from `eye` in the four compass directions; 0 without a surface.
 fn depths(scene: &Scene, eye: Point3<f32>) -> Vec<f32> {
     let rays = RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles);
     let mut depths = Vec::new();

@@ -1,4 +1,4 @@
-//! Real files of other people's tools, where `../shared/scenes` lies beside the repository.
+//! Real files by other tools, if `../shared/scenes` exists.
 
 use crate::scene_folder;
 use avln_formats::{glb, open};

@@ -1,4 +1,4 @@
-//! What exporters may write beyond plain triangles: packed meshes, other pictures, sparse and quantised numbers.
+//! Files with more than plain triangles: packed meshes, other pictures, sparse and quantised numbers.
 
 use super::*;
 use draco_core::{
@@ -49,7 +49,7 @@ fn basis_pictures_are_decoded_and_turned_where_their_bottom_row_comes_first() {
     for coded in [ETC1S, UASTC] {
         let mut file = unpacked(coded);
         for bottom_first in [false, true] {
-            // Flags of the header, which its checksum does not have to cover for the picture to be read.
+            // Header flags; the checksum is updated.
             file[21] = if bottom_first { file[21] | 2 } else { file[21] & !2 };
             let header = checksum(&file[8..77]);
             file[6..8].copy_from_slice(&header.to_le_bytes());
@@ -281,7 +281,7 @@ fn sparse_accessors_replace_single_elements() {
     };
     let document = sparse(&[2], &[[0.0, 7.0, 0.0]]);
     assert_eq!(read(&document).unwrap().corners(0)[2], Point3::new(0.0, 7.0, 0.0));
-    // Without a view of its own, the rest is zero.
+    // Without a buffer view, the rest is zero.
     let mut empty = sparse(&[1, 2], &[[5.0, 0.0, 0.0], [0.0, 7.0, 0.0]]);
     empty["accessors"][0].as_object_mut().unwrap().remove("bufferView");
     assert_eq!(
