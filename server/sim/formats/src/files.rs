@@ -99,7 +99,7 @@ pub(crate) fn read_limited(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> 
     if metadata.len() > limit {
         return refuse(format!("it has {} bytes, at most {limit} are read", metadata.len()));
     }
-// The file may grow after the check of its metadata: `take` enforces the limit while reading.
+    // The file may grow after the check of its metadata: `take` enforces the limit while reading.
     let mut bytes = Vec::with_capacity(metadata.len() as usize);
     File::open(path)?.take(limit).read_to_end(&mut bytes)?;
     if bytes.starts_with(LFS_POINTER) {
@@ -160,8 +160,8 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for Bounded<T> {
     fn visit_seq<A: SeqAccess<'de>>(self, mut entries: A) -> Result<Vec<T>, A::Error> {
         let mut found = Vec::new();
         while let Some(entry) = entries.next_element()? {
-// An entry of three bytes, `{},`, takes several hundred bytes in memory: without a limit, a small file
-// could exhaust it (docs/decisions/0019).
+            // An entry of three bytes, `{},`, takes several hundred bytes in memory: without a limit, a small file
+            // could exhaust it (docs/decisions/0019).
             if found.len() == MAX_ENTRIES {
                 return Err(A::Error::custom(format!("a list has more than {MAX_ENTRIES} entries")));
             }

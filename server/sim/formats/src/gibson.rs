@@ -107,7 +107,7 @@ fn labels_of_boxes(listed: &[GibsonObject], frame: &FileFrame, mesh: &Mesh) -> V
     let volume = |bounds: &Aabb| bounds.size().product();
     let mut boxes: Vec<(u32, Aabb)> =
         listed.iter().filter_map(|object| Some((object.id, world_box(object, frame)?))).collect();
-// Small boxes first: a cushion on a sofa is inside both boxes.
+    // Small boxes first: a cushion on a sofa is inside both boxes.
     boxes.sort_by(|(a_id, a), (b_id, b)| volume(a).total_cmp(&volume(b)).then(a_id.cmp(b_id)));
     let label = |triangle: &[u32; 3]| {
         let corners = triangle.map(|corner| mesh.positions[corner as usize]);
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn things_are_what_lies_in_their_boxes() {
+    fn objects_are_the_surfaces_in_their_boxes() {
         let report = check(&[("Made.obj", testing::obj().as_bytes())]);
         assert!(report.warnings.iter().any(|warning| warning.contains("inside their boxes")), "{report:?}");
     }
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_is_an_error_and_never_a_panic() {
+    fn damaged_files_never_panic() {
         let mesh = ply::parse(&testing::ply("ascii"), &mut ImportReport::default()).unwrap().mesh;
         let frame = FileFrame::of(
             &mesh,
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn errors_name_the_defect() {
         for (text, expected) in [
             (r#"{"objects": [{"id": 1"#, "line 1 column"),
             (r#"{"objects": [{"id": 0}]}"#, "number 0"),

@@ -47,7 +47,7 @@ pub(crate) fn check_size(width: usize, height: usize, budget: &mut u64) -> Check
     }
     *budget = budget
         .checked_sub(width as u64 * height as u64)
-        .ok_or("with it the textures exceed the texels that fit into memory; resize them")?;
+        .ok_or("with it, the textures exceed the texel limit; resize them")?;
     Ok(())
 }
 
@@ -58,7 +58,7 @@ fn decode_png(bytes: &[u8], budget: &mut u64) -> Checked<Texture> {
     decoder.set_ignore_text_chunk(true);
     let header = decoder.read_header_info().map_err(fail)?;
     let (width, height) = (header.width, header.height);
-// A small file can announce a huge image: sizes are checked before any pixel is decoded.
+    // A small file can announce a huge image: sizes are checked before any pixel is decoded.
     check_size(width as usize, height as usize, budget)?;
     decoder.set_limits(png::Limits { bytes: 16 * width as usize * height as usize + (1 << 20) });
     let mut reader = decoder.read_info().map_err(fail)?;
@@ -150,7 +150,7 @@ impl ImageSet {
         if let Some(&known) = self.number_of.get(name) {
             return Ok(known);
         }
-// A missing image must not stop an import: scans are often shared without their textures. The checker makes it visible.
+        // A missing image must not stop an import: scans are often shared without their textures. The checker makes it visible.
         let texture = self.load(name, report).unwrap_or_else(|reason| {
             report.warn(format!("texture {name:?} is replaced by a checker: {reason}"));
             checker()

@@ -150,7 +150,7 @@ pub(crate) fn transfer(semantic: &Mesh, labels: &[u32], render: &Mesh) -> Vec<u3
     let from = centers(semantic);
     let to = centers(render);
     let same = from.len() == to.len() && from.iter().zip(&to).all(|(a, b)| (a - b).norm() <= SAME_TRIANGLE_M);
-// Meshes of the same export have the same order. This is exact, while the search below can confuse thin layers.
+    // Meshes of the same export have the same order. This is exact, while the search below can confuse thin layers.
     if same {
         return labels.to_vec();
     }
@@ -174,7 +174,7 @@ fn samples(mesh: &Mesh) -> (Vec<Point3<f32>>, Vec<u32>) {
     for (index, triangle) in mesh.triangles.iter().enumerate() {
         let corners = triangle.map(|corner| mesh.positions[corner as usize]);
         let cuts = cuts(&corners);
-// Large triangles of walls need many samples, but their total is limited: beyond it, triangles have a single one.
+        // Large triangles of walls need many samples, but their total is limited: beyond it, triangles have a single one.
         let affordable = extra.checked_sub(cuts * cuts - 1);
         extra = affordable.unwrap_or(extra);
         add_samples(&corners, if affordable.is_some() { cuts } else { 1 }, &mut points);
@@ -254,7 +254,7 @@ impl<'a> PointGrid<'a> {
         for ring in 0..=rings {
             // Lower bound for the distance to all points in this ring.
             let at_least = (ring - 1).max(0) as f32 * self.cell_m;
-// Rings grow outwards: once a point is nearer than the next ring, no later ring can contain a nearer one.
+            // Rings grow outwards: once a point is nearer than the next ring, no later ring can contain a nearer one.
             if best.is_some_and(|(distance, _)| distance < at_least) {
                 break;
             }

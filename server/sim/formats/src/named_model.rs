@@ -138,7 +138,7 @@ fn claim(node: &ModelNode) -> Option<NodeClaim<'_>> {
 
 /// The nearest node with a claim per node: the node itself, or an ancestor.
 fn owners(nodes: &[ModelNode], claims: &[Option<NodeClaim<'_>>]) -> Vec<Option<usize>> {
-// Parents are before children, so that a single pass finds the owner of every ancestor first.
+    // Parents are before children, so that a single pass finds the owner of every ancestor first.
     let mut owners: Vec<Option<usize>> = Vec::with_capacity(nodes.len());
     for (index, node) in nodes.iter().enumerate() {
         let inherited = || node.parent.and_then(|parent| owners[parent]);
@@ -182,7 +182,7 @@ fn numbers(found: &[FoundInstance<'_>]) -> Checked<Vec<InstanceId>> {
     let own: Vec<Option<u32>> = found
         .iter()
         .map(|instance| match instance.identity {
-// Own numbers are reserved first: free numbers must not take the number of a later instance.
+            // Own numbers are reserved first: free numbers must not take the number of a later instance.
             InstanceIdentity::Marked(extras) if taken.insert(extras.instance) => Some(extras.instance),
             _ => None,
         })

@@ -61,8 +61,8 @@ fn recognised(path: &Path) -> Result<Candidate, SceneError> {
     for layout in LAYOUTS {
         candidates.extend(in_folder(path, layout)?.into_iter().map(|scene| (layout, scene)));
     }
-// The folder of a scan also contains plain meshes and a configuration for Habitat. They are no further scenes: only the
-// candidates with the most information count.
+    // The folder of a scan also contains plain meshes and a configuration for Habitat. They are no further scenes: only the
+    // candidates with the most information count.
     let most = candidates.iter().map(|(layout, _)| layout.detail).max();
     candidates.retain(|(layout, _)| Some(layout.detail) == most);
     match candidates.len() {
@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_is_known_by_its_tables() {
+    fn tables_identify_the_layout() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         for (scan, name, table, mesh) in [
@@ -383,7 +383,7 @@ mod tests {
     }
 
     #[test]
-    fn what_leads_to_no_scene_is_named_with_what_would() {
+    fn unknown_layouts_list_the_known_ones() {
         let folder = tempfile::tempdir().unwrap();
         assert!(refusal(&folder.path().join("absent")).starts_with("cannot read"));
         write(folder.path(), "notes.txt", "nothing");
@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn axes_and_units_are_taken_from_the_caller() {
+    fn caller_sets_axis_and_unit() {
         let folder = tempfile::tempdir().unwrap();
         let small = testing::obj();
         let big = small.lines().map(|line| match line.strip_prefix("v ") {

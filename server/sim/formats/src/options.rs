@@ -93,7 +93,7 @@ impl ImportReport {
     /// Adds a warning, unless it is a duplicate.
     pub fn warn(&mut self, text: impl Into<String>) {
         let text = text.into();
-// A damaged file can cause a warning per triangle; the linear search for duplicates stays short because of the limit.
+        // A damaged file can cause a warning per triangle; the linear search for duplicates stays short because of the limit.
         if self.warnings.len() > MAX_WARNINGS || self.warnings.contains(&text) {
             return;
         }

@@ -84,7 +84,7 @@ fn render(table: &Path, semantic: &Ply, report: &mut ImportReport) -> Result<Opt
         return Ok(None);
     }
     let render = ply::read(&path, report)?;
-// Some releases contain a mesh.ply in another frame: labels would land on the wrong surfaces.
+    // Some releases contain a mesh.ply in another frame: labels would land on the wrong surfaces.
     let boxes = Aabb::around(&render.mesh.positions).zip(Aabb::around(&semantic.mesh.positions));
     let is_same = boxes.is_some_and(|(a, b)| {
         (a.min - b.min).abs().max() < SAME_FRAME && (a.max - b.max).abs().max() < SAME_FRAME
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn the_coloured_mesh_is_shown_where_it_lies_in_the_same_place() {
+    fn coloured_mesh_needs_the_same_extent() {
         let plain =
             String::from_utf8(testing::ply("ascii")).unwrap().replace(" red", " a").replace(" green", " b");
         let files: [(&str, &[u8]); 2] = [
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mesh_without_labels_is_refused_by_name() {
+    fn mesh_without_labels_is_refused() {
         let plain = String::from_utf8(testing::ply("ascii")).unwrap().replace("object_id", "group");
         let folder = folder_with(&[("room_7/habitat/mesh_semantic.ply", plain.as_bytes())]);
         let table = folder.path().join("room_7/habitat/info_semantic.json");
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_is_an_error_and_never_a_panic() {
+    fn damaged_files_never_panic() {
         let mut errors = 0;
         damaged(TABLE_TEXT.as_bytes(), 13, 4000, |bytes| {
             errors += usize::from(parse(bytes, InstanceId::MAX - 1).is_err());
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn classes_are_found_by_number_by_list_or_by_name() {
+    fn classes_are_found_by_number_list_or_name() {
         let text = r#"{"classes": [{"id": 3, "name": "sofa"}, {"id": 5, "name": "rug"}], "id_to_label": [5, -1],
             "objects": [{"id": 7, "class_id": 3, "class_name": "couch"}, {"id": 0},
                 {"id": 1}, {"id": 9, "class_id": 77, "class_name": "lamp"}]}"#;
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn errors_name_the_defect() {
         for (text, expected) in [
             (r#"{"objects": ["#, "line 1 column"),
             (r#"{"classes": []}"#, "objects"),

@@ -89,7 +89,7 @@ fn lies_on_its_side(mesh: &Mesh, up: UpAxis) -> bool {
     let Some(bounds) = Aabb::around(&mesh.positions) else { return false };
     let size = bounds.size();
     let (height, other) = (size[up.index()], size[up.other().index()]);
-// Extent alone is not enough: a tower is higher than wide. Floors and ceilings decide.
+    // Extent alone is not enough: a tower is higher than wide. Floors and ceilings decide.
     other < CLEARLY_SMALLER * height && other < CLEARLY_SMALLER * size.x && {
         let area = area_by_axis(mesh);
         area[up.other().index()] > area[up.index()]
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn house_on_its_side_is_turned_unless_format_is_fixed() {
+    fn house_on_its_side_is_turned_unless_fixed() {
         let (frame, warnings) =
             settled([10.0, 9.0, 3.0], ImportOptions::default(), UpConvention::Usual(UpAxis::Y));
         assert_eq!(frame.point([1.0, 2.0, 3.0]), Point3::new(1.0, 3.0, -2.0));

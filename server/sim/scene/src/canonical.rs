@@ -32,7 +32,7 @@ fn groups(scene: &Scene, number: impl Fn(u16) -> u16) -> TriangleGroups {
     let mesh = &scene.mesh;
     let mut groups = TriangleGroups::new();
     for (triangle, [a, b, c]) in mesh.triangles.iter().enumerate() {
-// Importers drop such triangles too; they have no surface.
+        // Importers drop such triangles too; they have no surface.
         if a == b || b == c || c == a {
             continue;
         }

@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn the_noun_is_the_more_exact_word() {
+    fn noun_is_the_more_specific_word() {
         for (raw, expected) in [
             ("black leather Armchair", Some("armchair")),
             ("office#desk", Some("desk")),
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn labels_of_a_real_house_map_to_its_annotators_categories() {
+    fn labels_map_to_annotators_categories() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("../../../../shared/scenes/aws_small_house/instances.json");
         let Ok(text) = std::fs::read_to_string(&path) else {

@@ -111,7 +111,7 @@ impl Surfaces<'_> {
         let mut weight = 0.0_f64;
         for &triangle in triangles {
             let area = f64::from(self.area_m2(triangle as usize));
-// Light is averaged, not sRGB codes: a chequered surface has the colour that a camera sees from afar.
+            // Light is averaged, not sRGB codes: a chequered surface has the colour that a camera sees from afar.
             for color in self.samples(triangle as usize).into_iter().flatten() {
                 (0..3).for_each(|channel| sum[channel] += area * f64::from(light_of(color[channel])));
                 weight += area;

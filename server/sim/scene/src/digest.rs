@@ -97,7 +97,7 @@ impl SceneHasher {
     }
 
     fn text(&mut self, text: &str) {
-// The length separates neighbouring texts: `ab`, `c` must differ from `a`, `bc`.
+        // The length separates neighbouring texts: `ab`, `c` must differ from `a`, `bc`.
         self.length(text.len());
         self.bytes(text.as_bytes());
     }

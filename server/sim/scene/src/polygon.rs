@@ -108,14 +108,14 @@ mod tests {
     }
 
     #[test]
-    fn a_quad_is_cut_along_the_diagonal_from_its_first_corner() {
+    fn convex_quad_is_cut_from_its_first_corner() {
         let (triangles, area) = cut(&[[0.0, 0.0], [0.0, 2.0], [3.0, 2.0], [3.0, 0.0]]);
         assert_eq!(triangles, [[0, 1, 2], [0, 2, 3]]);
         assert_eq!(area, 6.0);
     }
 
     #[test]
-    fn a_quad_with_an_inward_corner_is_cut_inside() {
+    fn concave_quad_is_cut_inside() {
         // The corner (1, 1) points inwards: only the diagonal through it stays inside.
         let (triangles, area) = cut(&[[0.0, 0.0], [1.0, 1.0], [0.0, 4.0], [4.0, 0.0]]);
         assert_eq!(triangles.len(), 2);
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn a_concave_polygon_of_many_corners_keeps_its_area() {
+    fn large_concave_polygon_preserves_its_area() {
         let corner = |index: usize| {
             let (sin, cos) = avln_geom::angle::sin_cos(index as f32 / 100.0 * std::f32::consts::TAU);
             let radius = if index.is_multiple_of(2) { 4.0 } else { 3.0 };

@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shoebox_is_a_closed_box_from_the_origin() {
+    fn shoebox_is_closed_and_starts_at_origin() {
         let room = RoomPlan::shoebox(6.0, 5.0, 3.0).expect("a room");
         let scene = room.scene();
         let bounds = scene.bounds().expect("surfaces");
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn a_curve_of_many_corners_keeps_its_volume() {
+    fn curve_of_many_corners_preserves_volume() {
         let corner = |index: usize| {
             let (sin, cos) = avln_geom::angle::sin_cos(index as f32 / 300.0 * std::f32::consts::TAU);
             let radius_m = if index.is_multiple_of(2) { 4.0 } else { 3.0 };

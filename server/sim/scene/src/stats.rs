@@ -158,7 +158,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn divergence_is_zero_for_matterports_shares_and_large_for_chairs_alone() {
+    fn divergence_is_zero_for_matterports_shares_only() {
         let like: BTreeMap<String, usize> = MATTERPORT_PER_BUILDING
             .iter()
             .map(|(category, count)| ((*category).to_owned(), (count * 1000.0) as usize))

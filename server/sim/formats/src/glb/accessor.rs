@@ -87,7 +87,7 @@ impl<'a> Elements<'a> {
         };
         let indices = part(&sparse.indices, index_bytes)?;
         let values = part(&sparse.values, size)?;
-// The view may be shared with other accessors: the replaced values belong to a copy.
+        // The view may be shared with other accessors: the replaced values belong to a copy.
         let mut bytes = std::mem::take(&mut self.bytes).into_owned();
         for (index, value) in indices.chunks_exact(index_bytes).zip(values.chunks_exact(size)) {
             let element = index.iter().rev().fold(0_usize, |word, &byte| word << 8 | usize::from(byte));

@@ -243,10 +243,10 @@ pub(super) fn placed_nodes(document: &Document) -> Checked<Vec<PlacedNode>> {
     for root in roots(document)?.into_iter().rev() {
         open.push(PlacedNode { node: root, parent: None, world_from_node: Matrix4::identity() });
     }
-// An explicit stack: the depth of a hostile file must not overflow the call stack.
+    // An explicit stack: the depth of a hostile file must not overflow the call stack.
     while let Some(mut next) = open.pop() {
         let node = document.nodes.get(next.node).ok_or_else(|| missing("node", next.node))?;
-// A node with two parents would be copied, a cycle would never end. glTF requires a strict tree.
+        // A node with two parents would be copied, a cycle would never end. glTF requires a strict tree.
         if std::mem::replace(&mut seen[next.node], true) {
             return Err(format!("node {} is in the node tree twice; export the file again", next.node));
         }

@@ -22,7 +22,7 @@ pub(super) fn decode(
 ) -> Checked<(PrimitiveVertices, Vec<u32>)> {
     let fail = |reason: &str| format!("a Draco-packed primitive {reason}; export it uncompressed");
     let view = packed.get("bufferView").and_then(Value::as_u64).ok_or_else(|| fail("has no data"))?;
-// The packed data announces its own sizes, which the accessors need not confirm.
+    // The packed data announces its own sizes, which the accessors need not confirm.
     let limits = DecodeLimits::default()
         .with_max_points(MAX_VERTICES as u64)
         .with_max_faces(MAX_TRIANGLES as u64)

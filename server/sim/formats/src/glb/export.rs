@@ -40,7 +40,7 @@ pub fn export(scene: &Scene) -> Vec<u8> {
         let name = format!("{}_{}", object.category, object.id.0);
         add(name, extras::of_object(object), groups.remove(&object.id));
     }
-// Triangles of unknown instances are structure too: the export loses no surface.
+    // Triangles of unknown instances are structure too: the export loses no surface.
     let mut rest: BTreeMap<u16, Vec<u32>> = BTreeMap::new();
     for (material, triangles) in groups.into_values().flatten() {
         rest.entry(material).or_default().extend(triangles);

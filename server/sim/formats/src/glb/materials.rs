@@ -48,7 +48,7 @@ impl<'a, 'r> Palette<'a, 'r> {
 
     /// Returns the scene's number for material `index`; `None` is glTF's default material.
     pub(super) fn material(&mut self, index: Option<usize>) -> Checked<u16> {
-// Materials are read at their first use: unused ones often refer to missing images.
+        // Materials are read at their first use: unused ones often refer to missing images.
         if let Some(&known) = self.material_of.get(&index) {
             return Ok(known);
         }

@@ -72,7 +72,7 @@ fn chunks(bytes: &[u8]) -> Checked<Chunks<'_>> {
             bytes.len()
         ));
     }
-// Bytes after the announced length are ignored, as by other readers.
+    // Bytes after the announced length are ignored, as by other readers.
     let bytes = &bytes[..length];
     let (kind, json, rest) = chunk(bytes.get(HEADER_BYTES..).unwrap_or_default())?;
     if kind != JSON_CHUNK {

@@ -62,7 +62,7 @@ fn check_extensions(required: &[String]) -> Checked<()> {
     let understood = |name: &str| name.starts_with("KHR_materials_") || UNDERSTOOD.contains(&name);
     match required.iter().find(|name| !understood(name)) {
         Some(name) => Err(format!(
-            "it needs the glTF extension {name:?}, which is not read; export it without (for example uncompressed)"
+            "it needs the glTF extension {name:?}, which is not supported; export it without (for example uncompressed)"
         )),
         None => Ok(()),
     }
@@ -150,7 +150,7 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
             }
             Some((name, _)) => {
                 return Err(format!(
-                    "its meshes are packed with {name:?}, which is not read; export it uncompressed"
+                    "its meshes are packed with {name:?}, which is not supported; export it uncompressed"
                 ));
             }
             None => {
@@ -162,7 +162,7 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
                 (corners, order)
             }
         };
-// Nodes can share a mesh: its corners count for every node, because each use is copied into the scene.
+        // Nodes can share a mesh: its corners count for every node, because each use is copied into the scene.
         self.corners_left = self.corners_left.checked_sub(order.len()).ok_or_else(|| {
             format!("it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor")
         })?;
@@ -225,7 +225,7 @@ impl<'a, 'r> MeshBuilder<'a, 'r> {
 }
 
 fn transformed(world_from_node: &Matrix4<f64>, position: [f32; 3]) -> Checked<Point3<f32>> {
-// The product of several nodes is taken in 64 bits and rounded once: digests depend on the last bit of each vertex.
+    // The product of several nodes is taken in 64 bits and rounded once: digests depend on the last bit of each vertex.
     let point = world_from_node.transform_point(&Point3::from(position).cast::<f64>()).cast::<f32>();
     if point.iter().all(|coordinate| coordinate.is_finite()) {
         Ok(point)

@@ -105,7 +105,7 @@ fn surfaces(scene: &Scene) -> Vec<Surface> {
 }
 
 #[test]
-fn an_exported_scene_comes_back_whole() {
+fn exported_scene_is_imported_without_loss() {
     let scene = sample();
     let back = from_bytes("sample", "memory", &export(&scene)).unwrap();
     assert_eq!(back.objects, scene.objects);
@@ -141,7 +141,7 @@ fn a_strict_reader_finds_the_export_valid() {
 }
 
 #[test]
-fn damaged_files_are_refused_or_read_but_never_stop_the_program() {
+fn damaged_files_never_panic() {
     let whole = export(&sample());
     let mut rng = Rng::new(41);
     let mut refused = 0;
@@ -187,7 +187,7 @@ fn base64_group(bytes: &[u8]) -> String {
 const TRIANGLE: [[f32; 3]; 3] = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 3.0, 0.0]];
 
 #[test]
-fn transforms_apply_from_the_root_down_and_mirrors_turn_the_winding() {
+fn transforms_compose_and_mirrors_turn_the_winding() {
     let scene = patched(&TRIANGLE, |document| {
         document["nodes"] = serde_json::json!([
             { "children": [1], "translation": [10.0, 0.0, 0.0], "rotation": [0.0, 0.707_106_77, 0.0, 0.707_106_77] },
@@ -234,7 +234,7 @@ fn each_fault_is_named_with_the_next_step() {
 }
 
 #[test]
-fn a_scene_that_cannot_be_in_metres_names_its_size() {
+fn impossible_size_is_refused_with_size() {
     for (factor, size) in [(200.0, "400 x 600 x 0 m"), (0.1, "0.2 x 0.3")] {
         let positions = TRIANGLE.map(|corner| corner.map(|value| value * factor));
         let error = patched(&positions, |_| ()).unwrap_err().to_string();
@@ -245,7 +245,7 @@ fn a_scene_that_cannot_be_in_metres_names_its_size() {
 }
 
 #[test]
-fn pieces_join_where_they_touch_and_doubles_get_their_own_number() {
+fn touching_pieces_join_and_duplicates_are_renumbered() {
     let scene = patched(&TRIANGLE, |document| {
         document["scenes"][0]["nodes"] = serde_json::json!([0, 1, 2, 3, 4]);
         document["nodes"] = serde_json::json!([
@@ -263,7 +263,7 @@ fn pieces_join_where_they_touch_and_doubles_get_their_own_number() {
 }
 
 #[test]
-fn an_external_file_may_not_lie_outside_the_folder() {
+fn external_files_outside_the_folder_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let inside = folder.path().join("inside");
     std::fs::create_dir(&inside).unwrap();
@@ -313,7 +313,7 @@ fn a_jpeg_texture_gives_the_surface_its_colour() {
 }
 
 #[test]
-fn damaged_pictures_are_refused_or_read_but_never_stop_the_program() {
+fn damaged_images_never_panic() {
     let jpeg = source::load(JPEG, None, &mut 1000).unwrap();
     let png = images::encode_png(&texture(5, 7, 200));
     let mut rng = Rng::new(3);

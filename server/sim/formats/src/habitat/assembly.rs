@@ -114,7 +114,7 @@ impl Assembly {
         let fail = |reason: &str| malformed(path, reason);
         let texels: u64 = model.textures.iter().map(|texture| texture.pixels.len() as u64 / 4).sum();
         self.texels_left = self.texels_left.checked_sub(texels).ok_or_else(|| {
-            fail("with it the textures exceed the texels that fit into memory; resize them")
+            fail("with it, the textures exceed the texel limit; resize them")
         })?;
         let (first_material, first_texture) = (self.materials.len(), self.textures.len());
         let count = (first_material + model.materials.len()).max(first_texture + model.textures.len());
@@ -150,7 +150,7 @@ impl Assembly {
             }
             self.mesh.positions.push(point);
         }
-// A mirrored asset would turn inside out: its triangles are reversed.
+        // A mirrored asset would turn inside out: its triangles are reversed.
         let mirrored = world_from_asset.fixed_view::<3, 3>(0, 0).determinant() < 0.0;
         self.mesh.triangles.extend(mesh.triangles.iter().map(|&[a, b, c]| {
             let moved = if mirrored { [a, c, b] } else { [a, b, c] };
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn the_centre_of_mass_is_moved_unless_the_asset_origin_is() {
+    fn translation_moves_centre_of_mass_or_origin() {
         let mesh = Mesh {
             positions: vec![Point3::new(0.0, 0.0, 0.0), Point3::new(2.0, 4.0, 6.0)],
             ..Mesh::default()

@@ -37,7 +37,7 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(read)? {
         found.push(entry.map_err(read)?.path());
-// A folder can be huge: the limit applies while listing, before sorting.
+        // A folder can be huge: the limit applies while listing, before sorting.
         if found.len() > MAX_MATCHES {
             return Err(malformed(folder, format!("it contains more than {MAX_MATCHES} files; split it")));
         }
@@ -135,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn stars_stand_for_any_letters_inside_of_a_name() {
+    fn star_matches_any_letters_in_a_name() {
         for (name, pattern, expected) in [
             ("a.glb", "*.glb", true),
             ("a.glb", "*", true),
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_may_climb_up_to_the_root_and_no_further() {
+    fn addresses_stay_inside_the_root() {
         let (root, folder) = (Path::new("set"), Path::new("set/configs/objects"));
         assert_eq!(inside(root, folder, "../../objects/a.glb"), Some(PathBuf::from("set/objects/a.glb")));
         for address in ["../../../a.glb", "/etc/passwd", "x/../../../../a"] {

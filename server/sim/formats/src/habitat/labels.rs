@@ -88,7 +88,7 @@ impl CategorySources {
     pub(super) fn of(&self, instance: &InstanceEntry, template: &Template) -> Meaning {
         let lexicon = || template.semantic_id.and_then(|id| self.class_of.get(&id).cloned());
         let by_name = || category_of_name(&template.name).map(str::to_owned);
-// From specific to general: an instance can differ from its template, and a name is only a guess.
+        // From specific to general: an instance can differ from its template, and a name is only a guess.
         let words = category_words(&instance.user_defined)
             .or_else(|| category_words(&template.user_defined))
             .or_else(lexicon)
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn an_outline_with_a_corner_cut_out_holds_what_lies_inside() {
+    fn concave_outline_contains_its_inside() {
         let annotation = RegionAnnotation {
             label: "kitchen".to_owned(),
             poly_loop: vec![

@@ -107,7 +107,7 @@ fn data_set() -> TempDir {
 }
 
 #[test]
-fn a_scene_instance_places_its_parts() {
+fn scene_instance_places_its_parts() {
     let folder = data_set();
     let mut report = ImportReport::default();
     let scene = import(&folder.path().join(SCENE), &mut report).unwrap();
@@ -154,7 +154,7 @@ fn a_scene_instance_places_its_parts() {
 }
 
 #[test]
-fn a_data_set_with_one_scene_is_opened_by_its_folder() {
+fn folder_opens_its_only_scene() {
     let folder = data_set();
     let by_folder = import(folder.path(), &mut ImportReport::default()).unwrap();
     assert_eq!(by_folder, import(&folder.path().join(SCENE), &mut ImportReport::default()).unwrap());
@@ -205,7 +205,7 @@ fn faults_are_named_with_file_and_cause() {
 }
 
 #[test]
-fn damaged_configurations_are_refused_or_read_but_never_stop_the_program() {
+fn damaged_configurations_never_panic() {
     let folder = data_set();
     let files = [
         "home.scene_dataset_config.json",

@@ -128,7 +128,7 @@ fn repainted(mesh: &Mesh, place_of: &BTreeMap<InstanceId, Point2<f32>>) -> Mesh 
     let mut number_of: BTreeMap<(u32, InstanceId), u32> = BTreeMap::new();
     for (triangle, &id) in mesh.triangles.iter().zip(&mesh.instance_of) {
         let corners = triangle.map(|corner| {
-// A vertex has a single texture coordinate, but neighbouring instances need different colours.
+            // A vertex has a single texture coordinate, but neighbouring instances need different colours.
             *number_of.entry((corner, id)).or_insert_with(|| {
                 painted.positions.push(mesh.positions[corner as usize]);
                 painted.uvs.push(place_of.get(&id).copied().unwrap_or_else(|| place_of[&InstanceId::NONE]));

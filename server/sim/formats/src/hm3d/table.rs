@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_may_hold_commas_in_the_category() {
+    fn categories_may_contain_commas() {
         let text =
             "HM3D Semantic Annotations\r\n0,000000,\"Unknown\",-1\r\n7,1A2B3C,\"table, small\",4\r\n\r\n";
         let expected = InstanceAnnotation {
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_line_is_named() {
+    fn invalid_lines_are_named() {
         for bad in ["7,12,\"x\",0", "16777216,123456,\"x\",0", "7,123456,\"x\"", "7,123456,\"x\",one", "x"] {
             let error = parse(&format!("{HEADER}\n1,AABBCC,\"bed\",0\n{bad}\n")).unwrap_err();
             assert!(error.starts_with("line 3"), "{error}");

@@ -108,7 +108,7 @@ fn missing_semantics_are_named() {
 }
 
 #[test]
-fn colours_and_numbers_without_a_partner_are_reported() {
+fn unmatched_colours_and_numbers_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
     let painted = glb::export(&flat(&RECTANGLES, &[BED, WALL, LAMP, [7, 7, 7]], 1));
@@ -142,7 +142,7 @@ fn back(scene: &Scene) -> (Scene, ImportReport) {
 }
 
 #[test]
-fn an_exported_house_comes_back_with_its_instances() {
+fn exported_house_preserves_its_instances() {
     let scene = avln_houses::house("made", 3, &avln_houses::HouseOptions::default());
     let (back, report) = back(&scene);
     assert_eq!(report.warnings, [""; 0]);
@@ -165,7 +165,7 @@ fn an_exported_house_comes_back_with_its_instances() {
 }
 
 #[test]
-fn the_table_names_instances_as_hm3d_does() {
+fn exported_table_has_hm3ds_format() {
     let mut scene = flat(&[[0.0, 0.0, 2.0, 1.5]], &[BED], 1);
     let bounds = scene.bounds().unwrap();
     let object = |id: u32, category: &str, noun: &str, region| Object {
@@ -194,7 +194,7 @@ fn the_table_names_instances_as_hm3d_does() {
 }
 
 #[test]
-fn damaged_tables_are_refused_or_read_but_never_stop_the_program() {
+fn damaged_tables_never_panic() {
     let folder = tempfile::tempdir().unwrap();
     let painted = glb::export(&flat(&RECTANGLES, &[BED, WALL, LAMP, [7, 7, 7]], 1));
     std::fs::write(folder.path().join("X.glb"), &painted).unwrap();

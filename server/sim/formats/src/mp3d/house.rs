@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named_with_its_line() {
+    fn errors_name_the_line() {
         for (from, to, expected) in [
             ("ASCII 1.1", "ASCII 1.0", "line 1"),
             ("R 3 0", "R three 0", "line 4: \"three\""),
@@ -287,7 +287,7 @@ mod tests {
             ("0.5 0.5 0.5 0", "0.5 -0.5 0.5 0", "line 7: its box has the negative radius"),
             ("0.5 0.5 0.5 0", "0.5 nan 0.5 0", "line 7"),
             ("O 1 -1", "O 0 -1", "object number 0 is not unique"),
-            ("O 1 -1 -1", "P 1 -1 -1", "1 objects and its header promises 2"),
+            ("O 1 -1 -1", "P 1 -1 -1", "it has 1 objects, its header announces 2"),
             ("E 0 1 3000007", "E 0 1", "line 9"),
             ("P name", "Q name", "line 5: \"Q\""),
             ("H made", "P made", "no header record"),

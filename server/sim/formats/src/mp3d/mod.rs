@@ -180,7 +180,7 @@ fn read_render(path: &Path, report: &mut ImportReport) -> Result<UnlabelledSurfa
 /// Labels per triangle, 0 for none: by object number, or else by segment.
 fn triangle_labels(ply: &Ply, house: &HouseTable, report: &mut ImportReport) -> Vec<u32> {
     let label = |object: i64| u32::try_from(object + 1).ok().filter(|&id| id <= InstanceId::MAX).unwrap_or(0);
-// Labels are numbers plus one: number 0 is an object in Matterport3D, and no instance in a scene.
+    // Labels are numbers plus one: number 0 is an object in Matterport3D, and no instance in a scene.
     if let Some(objects) = &ply.object_of {
         return objects.iter().map(|&object| label(object.clamp(-1, i64::from(u32::MAX)))).collect();
     }

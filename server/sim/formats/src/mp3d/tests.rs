@@ -68,14 +68,14 @@ fn labels_are_carried_to_the_textured_mesh() {
 }
 
 #[test]
-fn without_a_textured_mesh_the_labelled_one_is_shown() {
+fn labelled_mesh_replaces_missing_textured_mesh() {
     let (scene, report) = imported(&[("made_semantic.ply", &testing::ply("binary_big_endian"))]);
     check(&scene);
     assert!(report.warnings[0].contains("colours of X_semantic.ply"), "{report:?}");
 }
 
 #[test]
-fn segments_of_the_original_release_lead_to_things() {
+fn segments_of_the_original_release_have_objects() {
     let text = String::from_utf8(testing::ply("ascii")).unwrap().replace("object_id", "face_material");
     let body = text.find("end_header").unwrap();
     let (head, body) = text.split_at(body);
@@ -95,19 +95,22 @@ fn segments_of_the_original_release_lead_to_things() {
 }
 
 #[test]
-fn a_house_without_labels_keeps_its_rooms() {
+fn house_without_labels_has_rooms() {
     let (scene, report) = imported(&[("made.glb", &render())]);
     assert_eq!((scene.objects.len(), scene.regions.len()), (0, 2));
     assert!(report.warnings.iter().any(|warning| warning.contains("no labelled objects")), "{report:?}");
 }
 
 #[test]
-fn what_fits_not_together_is_named() {
+fn inconsistent_files_are_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let table = folder.path().join("made.house");
     testing::write(folder.path(), "made.house", TABLE_TEXT);
     let error = import(&table, &mut ImportReport::default()).unwrap_err().to_string();
-    assert!(error.contains("made.house") && error.contains("X.glb and X_semantic.ply are missing"), "{error}");
+    assert!(
+        error.contains("made.house") && error.contains("X.glb and X_semantic.ply are missing"),
+        "{error}"
+    );
     testing::write(folder.path(), "made_semantic.ply", &testing::ply("ascii")[..900]);
     let error = import(&table, &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.contains("made_semantic.ply") && error.contains("line"), "{error}");
@@ -125,7 +128,7 @@ fn what_fits_not_together_is_named() {
 }
 
 #[test]
-fn damage_is_an_error_and_never_a_panic() {
+fn damaged_files_never_panic() {
     let mut errors = 0;
     damaged(TABLE_TEXT.as_bytes(), 11, 4000, |bytes| match house::parse(&String::from_utf8_lossy(bytes)) {
         Ok(house) => {

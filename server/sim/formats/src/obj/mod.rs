@@ -233,7 +233,7 @@ impl ObjParser {
     fn corner(&mut self, word: &str) -> Checked<u32> {
         let (position, uv) = corner(word, self.positions.len(), self.uvs.len())?;
         let uv = uv.unwrap_or(NONE);
-// Linked lists instead of a map: most positions have one or two texture coordinates, and scans have millions of corners.
+        // Linked lists instead of a map: most positions have one or two texture coordinates, and scans have millions of corners.
         let mut vertex = self.last_vertex[position as usize];
         while vertex != NONE && self.vertex_uv[vertex as usize] != uv {
             vertex = self.vertex_before[vertex as usize];

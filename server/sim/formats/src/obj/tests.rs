@@ -104,7 +104,7 @@ fn a_backslash_joins_lines() {
 }
 
 #[test]
-fn corners_count_from_one_or_back_from_the_end() {
+fn corners_count_from_either_end() {
     assert_eq!(corner("3", 3, 0).unwrap(), (2, None));
     assert_eq!(corner("1//7", 3, 0).unwrap(), (0, None));
     assert_eq!(corner("-1/-2/-3", 3, 2).unwrap(), (2, Some(0)));

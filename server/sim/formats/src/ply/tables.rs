@@ -72,7 +72,7 @@ impl PlyTables {
                 _ => (0..element.count).try_for_each(|_| rows.next::<UnusedRow>(element).map(drop))?,
             }
         }
-// Faces may precede vertices in a file: corners are checked after all tables.
+        // Faces may precede vertices in a file: corners are checked after all tables.
         tables.check_corners()?;
         Ok(tables)
     }

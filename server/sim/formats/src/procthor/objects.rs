@@ -56,7 +56,7 @@ pub(super) fn build(
         if count > MAX_OBJECTS {
             return Err(format!("it has more than {MAX_OBJECTS} objects; split the house"));
         }
-// An explicit stack: children can nest to any depth in a hostile file.
+        // An explicit stack: children can nest to any depth in a hostile file.
         open.extend(thing.children.iter().rev());
         let words = words(thing, sizes);
         let id = InstanceId(objects.len() as u32 + 1);
@@ -257,7 +257,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_quarter_turn_of_unity_is_a_turn_to_the_right() {
+    fn unity_quarter_turn_is_a_right_turn() {
         // Unity's forward, +Z, is -Z here, and turns towards +X.
         let turned = turn(Rotation::AboutY(90.0)) * Vector3::new(0.0, 0.0, -1.0);
         assert!((turned - Vector3::new(1.0, 0.0, 0.0)).norm() < 1e-6, "{turned}");
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn kinds_are_called_what_people_call_them() {
+    fn types_have_everyday_words() {
         for (kind, expected) in
             [("TVStand", "tv stand"), ("CoffeeTable", "coffee table"), ("Sink_26", "sink"), ("Book", "book")]
         {

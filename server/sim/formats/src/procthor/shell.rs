@@ -89,7 +89,7 @@ pub(super) fn build(
             continue;
         };
         let hole = hole(opening, &panels[index])?;
-// A door has a hole in the walls of both rooms, and the file mentions only one of them with its position.
+        // A door has a hole in the walls of both rooms, and the file mentions only one of them with its position.
         for (panel, holes) in panels.iter().zip(&mut holes) {
             holes.extend(hole_through(panel, &panels[index], &hole));
         }
@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn an_l_shape_is_filled_whichever_way_it_turns() {
+    fn l_shape_is_filled_in_both_windings() {
         // 4 x 4 less the 2 x 2 corner, with a corner in the middle of an edge.
         let mut outline: Vec<Point2<f32>> =
             [[0.0, 0.0], [2.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0, 4.0], [0.0, 4.0]]
@@ -376,7 +376,7 @@ mod tests {
     }
 
     #[test]
-    fn a_convex_outline_keeps_the_order_of_its_triangles() {
+    fn convex_outline_has_a_fixed_triangle_order() {
         let square = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]].map(Point2::from);
         assert_eq!(triangles(&square).unwrap(), [[3, 0, 1], [1, 2, 3]]);
     }

@@ -84,8 +84,8 @@ fn depths(scene: &Scene, eye: Point3<f32>) -> Vec<f32> {
 }
 
 #[test]
-fn five_layouts_of_a_house_give_the_same_things_boxes_and_depth() {
-    let Some(house) = house("five_layouts_of_a_house_give_the_same_things_boxes_and_depth") else { return };
+fn five_layouts_have_equal_objects_and_depth() {
+    let Some(house) = house("five_layouts_have_equal_objects_and_depth") else { return };
     let expected = expected(&house);
     assert_eq!(expected.len(), 66);
     let eyes = [Point3::new(0.5, 1.0, 1.0), Point3::new(-6.0, 1.3, -1.0), Point3::new(6.0, 1.0, 2.0)];
@@ -107,8 +107,8 @@ fn five_layouts_of_a_house_give_the_same_things_boxes_and_depth() {
 }
 
 #[test]
-fn layouts_that_number_things_give_the_same_numbers() {
-    let Some(house) = house("layouts_that_number_things_give_the_same_numbers") else { return };
+fn numbering_layouts_agree_on_numbers() {
+    let Some(house) = house("numbering_layouts_agree_on_numbers") else { return };
     let numbered = LAYOUTS[2..].iter().map(|(_, place)| {
         let scene = open::open(&house.join(place)).expect("a scene");
         scene.objects.iter().map(|object| (object.id.0, object.category.clone())).collect::<Vec<_>>()
@@ -118,8 +118,8 @@ fn layouts_that_number_things_give_the_same_numbers() {
 }
 
 #[test]
-fn the_cached_scene_of_each_layout_keeps_its_digest() {
-    let Some(house) = house("the_cached_scene_of_each_layout_keeps_its_digest") else { return };
+fn exported_layouts_preserve_their_digest() {
+    let Some(house) = house("exported_layouts_preserve_their_digest") else { return };
     for (layout, place) in LAYOUTS {
         let scene = open::open(&house.join(place)).expect(layout);
         let back = glb::from_bytes(&scene.name, "memory", &glb::export(&scene)).expect("our own file");

@@ -1,6 +1,5 @@
 //! Tests of imports and exports with whole scenes.
 
-mod composed;
 mod five_layouts;
 mod round_trip;
 mod shared_scenes;

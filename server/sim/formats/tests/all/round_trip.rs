@@ -57,7 +57,7 @@ fn scattered(seed: u64) -> Scene {
 }
 
 #[test]
-fn export_and_import_keep_the_digest_of_the_canonical_order() {
+fn export_and_import_preserve_the_canonical_digest() {
     for seed in 0..40 {
         let ordered = canonical(scattered(seed));
         assert_eq!((ordered.materials.len(), ordered.textures.len() < 6), (7, true));
@@ -68,7 +68,7 @@ fn export_and_import_keep_the_digest_of_the_canonical_order() {
 }
 
 #[test]
-fn every_triangle_keeps_its_place_look_and_thing() {
+fn every_triangle_keeps_its_position_look_and_object() {
     let scene = scattered(99);
     let ordered = canonical(scene.clone());
     let told = |scene: &Scene| {
@@ -92,7 +92,7 @@ fn every_triangle_keeps_its_place_look_and_thing() {
 }
 
 #[test]
-fn lamps_are_a_part_of_the_house_that_its_file_does_not_hold() {
+fn exported_house_loses_its_lamps() {
     let scene = house("lamps", 1, &HouseOptions::small());
     let mut moved = scene.clone();
     let Lighting::Lamps(lamps) = &mut moved.lighting else { panic!("a house has lamps") };
