@@ -19,6 +19,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("challenge", &["episode"]),
     ("truth", &["geom", "episode"]),
     ("dataset", &["geom", "scene", "formats", "houses", "navmesh", "world", "episode", "truth"]),
+    ("interchange", &["geom", "scene", "world", "episode", "truth", "dataset"]),
     ("referee", &["world", "episode", "truth"]),
     ("scoring", &["geom", "episode", "truth"]),
     ("store", &["challenge", "episode", "truth", "scoring"]),
@@ -70,6 +71,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "formats",
             "geom",
             "houses",
+            "interchange",
             "kit",
             "pag-nav",
             "referee",
@@ -96,6 +98,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "houses",
             "grpc",
             "human",
+            "interchange",
             "kit",
             "lab",
             "navmesh",
@@ -123,6 +126,7 @@ const ALLOWED_IN_TESTS: &[(&str, &[&str])] = &[
     ("render", &["formats", "houses"]),
     ("acoustics", &["formats", "houses"]),
     ("world", &["houses"]),
+    ("interchange", &["houses"]),
 ];
 
 fn short(name: &str) -> Option<&str> {
