@@ -1,7 +1,7 @@
 //! Connection agreement from Welcome: task and observation decoding.
 
 use crate::{Audio, DepthImage, Error, Feedback, Image, Observation, Packing, Pose, Sensors, TaskSpec};
-use avln_codec::{CodecError, Size, audio, depth, rgb};
+use avln_proto::wire::{CodecError, Size, audio, depth, rgb};
 use avln_proto::{API_MINOR, MAX_MESSAGE_BYTES, v1};
 use std::time::Duration;
 use v1::{Dtype, SensorKind};
