@@ -6,7 +6,7 @@ mod witness;
 use avln_arena::setup::{NewPhase, NewSplit, make_split, open_phase};
 use avln_arena::{BENCHMARK_VERSION, Failure, FailureKind, data::DataFolder};
 use avln_baselines::RandomAgent;
-use avln_client::{Agent, Arena, EpisodeEnd, Link, Order, RunOptions, Sensors, evaluate_with};
+use avln_client::{Agent, Client, ConnectOptions, EpisodeEnd, Order, RunOptions, Sensors, evaluate_with};
 use avln_episode::Rules;
 use avln_pag_nav::PagNav;
 use avln_store::Store;
@@ -150,9 +150,10 @@ pub async fn play(
     agents: &[Reference],
     tell: &mut (dyn FnMut(Reference, &EpisodeEnd) + Send),
 ) -> Result<Calibration, Failure> {
-    let link = Link { ca: place.ca.clone(), ..Link::default() };
-    let arena =
-        Arena::connect_with(&place.server, place.token.as_str(), &link).await.map_err(Failure::run)?;
+    let connect_options = ConnectOptions { ca: place.ca.clone(), ..ConnectOptions::default() };
+    let arena = Client::connect_with(&place.server, place.token.as_str(), &connect_options)
+        .await
+        .map_err(Failure::run)?;
     let benchmark = arena.server_info().await.map_err(Failure::run)?.benchmark;
     let mut runs = Vec::with_capacity(agents.len());
     for &agent in agents {
@@ -162,7 +163,7 @@ pub async fn play(
 }
 
 async fn play_one(
-    arena: &Arena,
+    arena: &Client,
     reference: Reference,
     tell: &mut (dyn FnMut(Reference, &EpisodeEnd) + Send),
 ) -> Result<Played, Failure> {

@@ -2,7 +2,7 @@
 
 use super::{Patient, Report, Spread, Verdict, is_free, ms, order};
 use avln_baselines::RandomAgent;
-use avln_client::{Action, Agent, Arena, Error, Observation, Phase, Quota, RunOptions};
+use avln_client::{Action, Agent, Client, Error, Observation, Phase, Quota, RunOptions};
 use std::time::Instant;
 
 /// The name under which practice runs are shown.
@@ -12,7 +12,7 @@ const METHOD: &str = "doctor";
 pub(super) async fn check(
     report: &mut Report,
     patient: &Patient,
-    arena: &Arena,
+    arena: &Client,
     phase: &Phase,
     quotas: &[Quota],
 ) {
@@ -55,7 +55,7 @@ struct Played {
 }
 
 /// Plays the first episodes of a run and gives the run up, whatever happens.
-async fn play(patient: &Patient, arena: &Arena, place: &Phase) -> Result<Played, Error> {
+async fn play(patient: &Patient, arena: &Client, place: &Phase) -> Result<Played, Error> {
     let options =
         RunOptions::new(&place.id, METHOD).method_version(env!("CARGO_PKG_VERSION")).order(order(place));
     let run = arena.start_run(options).await?;
@@ -64,7 +64,7 @@ async fn play(patient: &Patient, arena: &Arena, place: &Phase) -> Result<Played,
     played.and_then(|played| given_up.map(|_| played))
 }
 
-async fn play_some(patient: &Patient, arena: &Arena, run: &avln_client::Run) -> Result<Played, Error> {
+async fn play_some(patient: &Patient, arena: &Client, run: &avln_client::Run) -> Result<Played, Error> {
     let mut play = arena.play(run, patient.sensors.clone()).await?;
     let task = play.task().clone();
     let steps = patient.steps.min(task.max_steps.saturating_sub(1));

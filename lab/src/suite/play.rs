@@ -143,7 +143,7 @@ impl Table {
     async fn play(self: &Arc<Self>, rung: Rung, order: Order, batch: Batch) -> Result<(), Failure> {
         let url = format!("http://{}", self.hosted.doors.grpc);
         let arena =
-            avln_client::Arena::connect(url, self.hosted.token.as_str()).await.map_err(Failure::run)?;
+            avln_client::Client::connect(url, self.hosted.token.as_str()).await.map_err(Failure::run)?;
         let method = RunOptions::new(&batch.phase, rung.name()).method_version(env!("CARGO_PKG_VERSION"));
         let run = arena.start_run(method.order(client_order(order))).await.map_err(Failure::run)?;
         let plays = arena
