@@ -1,5 +1,4 @@
-"""Turns towards the sound and walks there, around obstacles in the depth image; submits at loud
-positions.
+"""Turns towards the sound and walks there, around obstacles in the depth image; submits at loud positions.
 
 python examples/audio_follower.py --token TOKEN
 """
@@ -38,9 +37,7 @@ def delay_s(audio: NDArray[np.float32], sample_rate_hz: int) -> float:
 
 
 def bearing_rad(audio: NDArray[np.float32], sample_rate_hz: int) -> float:
-    """Returns the sound bearing, radians, -pi/2 to pi/2, left positive; rear directions are folded
-    to the front.
-    """
+    """Returns the sound bearing, radians, -pi/2 to pi/2, left positive; rear directions are folded to the front."""
     lead_s = -delay_s(audio, sample_rate_hz)
     # Woodworth: a sphere's ears hear with a difference of r / c (angle + sin angle).
     angles = np.linspace(-math.pi / 2, math.pi / 2, 181)

@@ -16,9 +16,7 @@ SUBMIT_CHANCE = 0.01
 
 
 class RandomWalk:
-    """An agent that mostly moves forward, sometimes turns, rarely submits, and stops with the last
-    step.
-    """
+    """An agent that mostly moves forward, sometimes turns, rarely submits, and stops with the last step."""
 
     sensors = avln.Sensors(rgb=False, depth=False, audio=False)
 

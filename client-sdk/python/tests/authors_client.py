@@ -1,6 +1,4 @@
-"""A client of the authors' protocol, written from its description: lock-step, MessagePack maps,
-arrays in frames.
-"""
+"""A client of the authors' protocol, written from its description: lock-step, MessagePack maps, arrays in frames."""
 
 from __future__ import annotations
 

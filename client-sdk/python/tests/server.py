@@ -26,8 +26,7 @@ def program() -> Path | None:
 
 
 def free_port() -> int:
-    """A free port below the ephemeral range, so that no connection takes it before the server does.
-    """
+    """A free port below the ephemeral range, so that no connection takes it before the server does."""
     for port in random.sample(range(10_000, 32_000), 100):
         with contextlib.suppress(OSError), socket.socket() as door:
             door.bind(("127.0.0.1", port))
@@ -49,10 +48,14 @@ class Server:
 
     def furnish(self, *, houses: int = 1, missions: int = 3) -> str:
         """Creates scenes and missions, opens the phases and returns a team token."""
-        self.command("data", "split", "make", "trial", "--houses", str(houses), "--missions", str(missions), "--seed", "5")
+        self.command(
+            "data", "split", "make", "trial", "--houses", str(houses), "--missions", str(missions), "--seed", "5"
+        )
         self.command("data", "split", "prepare", "trial")
         self.command("challenge", "phase", "open", PHASE, "--split", "trial", "--max-slots", "4")
-        self.command("challenge", "phase", "open", CHALLENGE, "--split", "trial", "--scores", "organiser", "--quota", "50")
+        self.command(
+            "challenge", "phase", "open", CHALLENGE, "--split", "trial", "--scores", "organiser", "--quota", "50"
+        )
         told = self.command("challenge", "team", "add", "Python")
         found = re.search(r"avln_\S+", told)
         assert found, told

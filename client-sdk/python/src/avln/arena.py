@@ -11,6 +11,7 @@ import grpc
 
 from avln.action import Order
 from avln.agreement import Agreement
+from avln.backoff import Backoff
 from avln.errors import Error, LostError, NotArenaError, ProtocolError, TokenError, from_call
 from avln.line import CALL_TIMEOUT_S, Dialler, Line
 from avln.link import CONNECT_TIMEOUT_S, Link, open_channel, parse_address, unreachable
@@ -31,7 +32,6 @@ RUN_TOKEN = "avln_run_"
 """Prefix of run tokens."""
 _PATIENCE_S = 10.0
 """Retry time of a call with a lost answer, unless the link has less patience."""
-_PAUSES_S = (0.05, 2.0)
 _ANSWERS: dict[str, Any] = {
     "InfoService/GetServerInfo": info_pb2.GetServerInfoResponse,
     "InfoService/ListPhases": info_pb2.ListPhasesResponse,
@@ -101,8 +101,7 @@ class Arena:
         return ServerInfo.from_wire(answer)
 
     def phases(self) -> list[Phase]:
-        """Returns the phases visible to the team, in the organiser's order; without a token, the
-        public phases.
+        """Returns the phases visible to the team, in the organiser's order; without a token, the public phases.
 
         Raises:
             Error: if the connection is lost.
@@ -151,8 +150,8 @@ class Arena:
             version: version of the method, at most 40 characters.
             description: text for people, at most 2000 characters.
             code_url: http(s) address of the code.
-            request_id: idempotency key, at most 64 characters; a repeated key returns the same run. The default is a random
-                key, so a lost answer does not start a second run.
+            request_id: idempotency key, at most 64 characters; a repeated key returns the same run. The default is a
+                random key, so a lost answer does not start a second run.
 
         Raises:
             RefusedError: if the phase is unknown, closed or forbidden, the quota is used up, or the server is full.
@@ -294,18 +293,18 @@ class Arena:
         (sensors or Sensors()).to_wire(self._packing)
 
     def _ask(self, attempted: str, method: str, request: Message) -> Any:
-        """Makes a call, again and again while its answer is lost: each may be made twice."""
+        """Makes an idempotent call, repeated while its answer is lost."""
         patience_s = _PATIENCE_S if self._patience_s is None else min(self._patience_s, _PATIENCE_S)
         until = time.monotonic() + patience_s
-        pause_s = _PAUSES_S[0]
+        backoff = Backoff()
         while True:
             try:
                 return self._ask_once(attempted, method, request)
-            except LostError:
+            except LostError as failure:
+                pause_s = backoff.after(failure)
                 if time.monotonic() + pause_s >= until:
                     raise
             time.sleep(pause_s)
-            pause_s = min(2 * pause_s, _PAUSES_S[1])
 
     def _ask_once(self, attempted: str, method: str, request: Message) -> Any:
         try:

@@ -38,8 +38,7 @@ def decode_rgb(encoding: int, data: bytes, height: int, width: int) -> NDArray[n
 
 
 def decode_depth(encoding: int, data: bytes, height: int, width: int, unit_m: float = 1.0) -> NDArray[np.float32]:
-    """Decodes depth, f32 [height, width], first row on top, in units of `unit_m` metres; 0: no hit
-    in range.
+    """Decodes depth, f32 [height, width], first row on top, in units of `unit_m` metres; 0: no hit in range.
 
     Raises:
         CodecError: if `data` is not a valid image in this encoding.
@@ -85,8 +84,7 @@ def _view(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[
 
 
 def unpack_blocks(data: bytes, count: int, most_bits: int) -> NDArray[np.uint32]:
-    """Unpacks blocks of 16 numbers with a bit width per block: `count` numbers of at most
-    `most_bits` bits.
+    """Unpacks blocks of 16 numbers with a bit width per block: `count` numbers of at most `most_bits` bits.
 
     Raises:
         CodecError: if `data` has a different length.

@@ -15,6 +15,7 @@ from weakref import WeakSet
 
 import grpc
 
+from avln.backoff import Backoff
 from avln.errors import Error, LostError, from_call, is_passing
 from avln.ledger import Arrived, Ledger, Sent
 from avln.summary import Notice, Progress
@@ -27,7 +28,6 @@ CALL_TIMEOUT_S = 30.0
 PLAY = "open the run's stream"
 _MAX_NOTICES = 64
 _PATIENCE_S = 180.0
-_PAUSES_S = (0.05, 5.0)
 
 
 @dataclass(frozen=True)
@@ -210,9 +210,7 @@ class Line:
         self.on_close()
 
     def _read(self) -> None:
-        """Reads to the end. Every failure must reach the waiting callers, because no other thread
-        reports it.
-        """
+        """Reads to the end. Every failure must reach the waiting callers, because no other thread reports it."""
         try:
             self._read_streams()
         except Exception as unforeseen:
@@ -243,21 +241,19 @@ class Line:
         if self._patience_s is None or not is_lost:
             return False
         until = time.monotonic() + self._patience_s
-        pause_s = _PAUSES_S[0]
+        backoff = Backoff()
         while not self._closing.is_set():
             try:
                 return self._dial()
-            except Error as again:
-                if not is_passing(again) or time.monotonic() >= until:
+            except Error as failure:
+                if not is_passing(failure) or time.monotonic() >= until:
                     raise
+                pause_s = backoff.after(failure)
             self._closing.wait(pause_s)
-            pause_s = min(2 * pause_s, _PAUSES_S[1])
         return False
 
     def _dial(self) -> bool:
-        """Opens the next stream and resends unanswered frames; False if the run has ended in the
-        meantime.
-        """
+        """Opens the next stream and resends unanswered frames; False if the run has ended in the meantime."""
         with self._lock:
             known = self._ledger.known()
         stream = self._dialler.dial(known=known)

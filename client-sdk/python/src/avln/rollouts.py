@@ -91,15 +91,12 @@ class Rollout:
 
     @functools.cached_property
     def depth_mm(self) -> NDArray[np.uint16] | None:
-        """Depth before every action, u16 [steps, height, width], millimetres; None if not recorded.
-        """
+        """Depth before every action, u16 [steps, height, width], millimetres; None if not recorded."""
         return self._sense("depth_mm")
 
     @functools.cached_property
     def pose(self) -> NDArray[np.float32] | None:
-        """Poses before every action, f32 [steps, 4]: x, y, z in metres and heading in radians; None
-        if not recorded.
-        """
+        """Poses before every action, f32 [steps, 4]: x, y, z in metres and heading in radians; None if not recorded."""
         return self._sense("pose")
 
     @functools.cached_property
@@ -183,7 +180,9 @@ def _manifest(path: Path) -> dict[str, Any]:
     try:
         manifest: dict[str, Any] = json.loads(path.read_text())
     except (OSError, ValueError) as error:
-        raise RolloutsError(f"read {path}: {error}; record one with: avln lab rollout --split SPLIT --out DIR") from None
+        raise RolloutsError(
+            f"read {path}: {error}; record one with: avln lab rollout --split SPLIT --out DIR"
+        ) from None
     told = (manifest.get("format"), manifest.get("version"))
     if told != (FORMAT, VERSION):
         raise RolloutsError(

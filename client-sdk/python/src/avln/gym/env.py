@@ -148,9 +148,7 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
         return self._layout.observation(episode.observation, self._mission)
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Returns the agent's view, u8 [height, width, 3]; None without a colour image or render
-        mode.
-        """
+        """Returns the agent's view, u8 [height, width, 3]; None without a colour image or render mode."""
         return self._episode.observation.rgb if self._episode and self.render_mode else None
 
     def close(self) -> None:

@@ -80,9 +80,7 @@ class ObservationSpace:
         return entries
 
     def observation(self, seen: Observation, mission: dict[str, Any]) -> dict[str, Any]:
-        """Returns an observation with a copy of the `mission` entries; sensor arrays may be
-        read-only.
-        """
+        """Returns an observation with a copy of the `mission` entries; sensor arrays may be read-only."""
         pose = seen.pose
         entries = {
             "rgb": seen.rgb,

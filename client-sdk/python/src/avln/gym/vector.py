@@ -161,9 +161,7 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
         return self._received(taken, acting)
 
     def _ask_for_episodes(self) -> None:
-        """Requests the remaining episodes in idle slots; an excess request would stay unanswered
-        for a long time.
-        """
+        """Requests the remaining episodes in idle slots; an excess request would stay unanswered for a long time."""
         waiting = self._runs.plays[0].progress.waiting
         idle = [seat for seat in self._seats if not seat.is_playing]
         for seat in idle[:waiting]:
