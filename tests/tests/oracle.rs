@@ -2,14 +2,14 @@
 //! proves that every mission can be solved and that rules, references and regions agree with each other.
 
 use avln_arena::data::DataFolder;
-use avln_lab::suite::{self, Line, Plan, Results, Rung, Size};
+use avln_lab::suite::{self, AgentVariant, ResultLine, Results, SuiteOptions, SuiteSize};
 use avln_tests::{PHASE, http};
 
 /// Plays missions of three houses with the oracle in both orders.
-async fn play() -> Vec<Line> {
+async fn play() -> Vec<ResultLine> {
     let folder = tempfile::tempdir().expect("a folder");
-    let size = Size { houses: 3, missions: 4, practice: false };
-    let plan = Plan { agents: vec![Rung::ShortestPath], size, ..Plan::default() };
+    let size = SuiteSize { houses: 3, missions: 4, practice: false };
+    let plan = SuiteOptions { agents: vec![AgentVariant::ShortestPath], size, ..SuiteOptions::default() };
     suite::run(folder.path(), &plan).await.expect("a ladder");
     let results = Results::open(&folder.path().join("results.jsonl")).expect("results");
     results.lines().cloned().collect()
@@ -32,8 +32,11 @@ async fn the_oracle_completes_every_mission_in_both_orders_on_a_short_path() {
 #[tokio::test(flavor = "multi_thread")]
 async fn the_oracle_stands_on_boards_for_comparison() {
     let folder = tempfile::tempdir().expect("a folder");
-    avln_tests::furnish(folder.path(), &avln_tests::Plan { houses: 1, missions: 2, ..Default::default() })
-        .await;
+    avln_tests::furnish(
+        folder.path(),
+        &avln_tests::SuiteOptions { houses: 1, missions: 2, ..Default::default() },
+    )
+    .await;
     let data = DataFolder::open(folder.path()).expect("the folder");
     let mut orders = Vec::new();
     suite::play_oracle(&data, PHASE, &mut |order, _| orders.push(order.as_str())).await.expect("two runs");
