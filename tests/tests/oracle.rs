@@ -34,7 +34,7 @@ async fn the_oracle_stands_on_boards_for_comparison() {
     let folder = tempfile::tempdir().expect("a folder");
     avln_tests::furnish(
         folder.path(),
-        &avln_tests::SuiteOptions { houses: 1, missions: 2, ..Default::default() },
+        &avln_tests::Plan { houses: 1, missions: 2, ..Default::default() },
     )
     .await;
     let data = DataFolder::open(folder.path()).expect("the folder");

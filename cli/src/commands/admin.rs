@@ -50,7 +50,8 @@ pub struct AdminAddress {
 /// Address and token for the admin server.
 #[derive(Clone, Debug, Args)]
 pub struct AdminAccess {
-    /// Address    #[command(flatten)]
+    /// Address
+    #[command(flatten)]
     pub address: AdminAddress,
     /// Organiser token
     #[arg(long, env = "AVLN_TOKEN", hide_env_values = true, value_name = "TOKEN")]

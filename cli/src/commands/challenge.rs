@@ -217,8 +217,11 @@ fn verify(args: &VerifyRevealArgs) -> Result<(), Failure> {
     };
     let text = read(&args.file)?;
     let published: PublishedCommitment = serde_json::from_str(&text).map_err(|error| {
-        Failure::new(FailureKind::Data, format!("{} is not a published commitment: {error}", args.file.display()))
-            .hinted("save the output of: avln challenge reveal PHASE")
+        Failure::new(
+            FailureKind::Data,
+            format!("{} is not a published commitment: {error}", args.file.display()),
+        )
+        .hinted("save the output of: avln challenge reveal PHASE")
     })?;
     let PublishedCommitment { phase, commitment, values: PublishedValues { pool, scorer, secret }, .. } =
         published;

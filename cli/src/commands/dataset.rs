@@ -56,7 +56,8 @@ pub struct BuildArgs {
 /// Arguments of `check`.
 #[derive(Debug, Args)]
 pub struct CheckArgs {
-    /// Folder of the data set    #[arg(value_name = "DIR")]
+    /// Folder of the data set
+    #[arg(value_name = "DIR")]
     pub folder: PathBuf,
     /// Split; all by default
     #[arg(long)]
@@ -70,7 +71,8 @@ pub struct CheckArgs {
     /// Recompute all missions, and compare all sentences and pictures with a survey of the scene
     #[arg(long, conflicts_with = "every")]
     pub full: bool,
-    /// Threads; one per processor by default    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    /// Threads; one per processor by default
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
 }
 

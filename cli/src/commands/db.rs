@@ -31,7 +31,8 @@ pub enum DbCommand {
     PruneArgs(PruneArgs),
 }
 
-/// Arguments of `prune`.#[derive(Clone, Debug, Args)]
+/// Arguments of `prune`.
+#[derive(Clone, Debug, Args)]
 pub struct PruneArgs {
     /// Minimum age since the end of the run, such as 90d
     #[arg(long, value_name = "DAYS", value_parser = days)]

@@ -6,7 +6,8 @@ use avln_client::Sensors;
 use avln_lab::doctor::{DoctorOptions, DoctorReport, examine};
 use std::path::PathBuf;
 
-/// Arguments of `avln lab doctor`.#[derive(Clone, Debug, clap::Args)]
+/// Arguments of `avln lab doctor`.
+#[derive(Clone, Debug, clap::Args)]
 pub struct DoctorArgs {
     /// URL of the gRPC server: http://, https:// or unix:/path
     #[arg(long, env = "AVLN_SERVER", default_value = "http://127.0.0.1:50051", value_name = "URL")]

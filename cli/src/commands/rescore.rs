@@ -11,7 +11,8 @@ use avln_scoring::{Key, Summary};
 use avln_store::Run;
 use std::path::Path;
 
-/// Arguments of `avln run rescore`.#[derive(Clone, Debug, clap::Args)]
+/// Arguments of `avln run rescore`.
+#[derive(Clone, Debug, clap::Args)]
 #[command(group(clap::ArgGroup::new("which").required(true).args(["run", "phase"])))]
 pub struct RescoreArgs {
     /// Id of the run

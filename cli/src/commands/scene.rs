@@ -168,10 +168,7 @@ fn export_hm3d(scene: &Scene, out: &Path) -> Result<(), Failure> {
     let Some(stem) = name.strip_suffix(".glb").filter(|stem| !stem.is_empty()) else {
         return Err(Failure::new(
             FailureKind::Data,
-            format!(
-                "{} does not end in .glb, which Habitat needs to find the labels",
-                out.display()
-            ),
+            format!("{} does not end in .glb, which Habitat needs to find the labels", out.display()),
         ));
     };
     let beside = |suffix: &str| -> PathBuf { out.with_file_name(format!("{stem}{suffix}")) };

@@ -83,7 +83,9 @@ fn seeds(text: &str) -> Result<std::ops::Range<u64>, String> {
     let parsed =
         text.split_once("..").and_then(|(a, b)| Some(a.trim().parse().ok()?..b.trim().parse().ok()?));
     parsed.filter(|range: &std::ops::Range<u64>| !range.is_empty()).ok_or_else(|| {
-        format!("'{text}' is not a range of seeds; use the first seed and the one after the last, such as 0..100")
+        format!(
+            "'{text}' is not a range of seeds; use the first seed and the one after the last, such as 0..100"
+        )
     })
 }
 

@@ -76,11 +76,8 @@ impl SandboxKind {
             }));
         };
         let engine = Engine::find(&std::env::var_os("PATH").unwrap_or_default()).ok_or_else(|| {
-            Failure::new(
-                FailureKind::Run,
-                "neither podman nor docker is installed, so no image can be run",
-            )
-            .hinted("install one of them, or omit --image to run the agent as a process")
+            Failure::new(FailureKind::Run, "neither podman nor docker is installed, so no image can be run")
+                .hinted("install one of them, or omit --image to run the agent as a process")
         })?;
         Ok(Self::Container(
             engine,

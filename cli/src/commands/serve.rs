@@ -45,7 +45,8 @@ pub struct TlsArgs {
     pub tls_key: Option<PathBuf>,
 }
 
-/// Arguments of `avln serve`.#[derive(Clone, Debug, clap::Args)]
+/// Arguments of `avln serve`.
+#[derive(Clone, Debug, clap::Args)]
 pub struct ServeArgs {
     /// Addresses
     #[command(flatten)]

@@ -167,7 +167,8 @@ fn geodesic(ground: &GroundArgs, file: &Path, exact: bool, json: bool) -> Result
 /// Reads a JSON file; `what` describes the expected contents.
 fn read<T: DeserializeOwned>(file: &Path, what: &str) -> Result<T, Failure> {
     let bytes = std::fs::read(file).map_err(|error| unusable(file, error, "check the path"))?;
-    serde_json::from_slice(&bytes).map_err(|error| unusable(file, error, format!("the file must contain {what}")))
+    serde_json::from_slice(&bytes)
+        .map_err(|error| unusable(file, error, format!("the file must contain {what}")))
 }
 
 fn unusable(file: &Path, why: impl std::fmt::Display, hint: impl std::fmt::Display) -> Failure {

@@ -16,7 +16,8 @@ use std::{
     thread,
 };
 
-/// Arguments of `avln run verify`.#[derive(Clone, Debug, clap::Args)]
+/// Arguments of `avln run verify`.
+#[derive(Clone, Debug, clap::Args)]
 pub struct VerifyArgs {
     /// Run log: DATA/runs/RUN.log, or a download from /api/v1/runs/RUN/log
     #[arg(value_name = "LOG")]
@@ -78,9 +79,7 @@ fn show(replayed: &Result<Replayed, String>, episodes: &BTreeMap<String, Episode
             let actions: usize = episodes.values().map(|episode| episode.taken.len()).sum();
             say!("episodes   {} with {actions} actions, not played again: {why}", episodes.len());
             say!("metrics    not recomputed");
-            say!(
-                "States and metrics can be checked with the organiser's data folder: --data FOLDER"
-            );
+            say!("States and metrics can be checked with the organiser's data folder: --data FOLDER");
         }
     }
 }
@@ -101,8 +100,9 @@ fn check_signature(history: &History, wanted: Option<&str>) -> Result<Option<Str
         _ => {
             return match wanted {
                 None => Ok(None),
-                Some(wanted) => Err(refused(format!("the log is not signed by {wanted}"))
-                    .hinted("logs are signed at the end of the run; omit --key to check the log of an open run")),
+                Some(wanted) => Err(refused(format!("the log is not signed by {wanted}")).hinted(
+                    "logs are signed at the end of the run; omit --key to check the log of an open run",
+                )),
             };
         }
     };
