@@ -9,13 +9,13 @@ use clap::Subcommand;
 #[derive(Debug, Subcommand)]
 pub enum AgentCommand {
     /// Walk at random: the lower bound of every leaderboard
-    Random(avln_random::Options),
+    Random(avln_baselines::RandomArgs),
     /// Run a simple agent for comparison
-    Baseline(avln_baselines::Options),
+    Baseline(avln_baselines::BaselineArgs),
     /// Run PAG-Nav, the reference agent
-    PagNav(avln_pag_nav::Options),
+    PagNav(avln_pag_nav::PagNavArgs),
     /// Play in a browser on this machine, with the senses and actions of an agent
-    Human(avln_human::Options),
+    Human(avln_human::HumanArgs),
 }
 
 impl AgentCommand {
@@ -35,7 +35,7 @@ impl AgentCommand {
 /// If the run fails.
 pub async fn run(agent: AgentCommand) -> Result<(), Failure> {
     let summary = match agent {
-        AgentCommand::Random(options) => avln_random::run(options).await.map_err(Failure::run)?,
+        AgentCommand::Random(options) => avln_baselines::run_random(options).await.map_err(Failure::run)?,
         AgentCommand::Baseline(options) => avln_baselines::run(options).await.map_err(Failure::run)?,
         AgentCommand::PagNav(options) => avln_pag_nav::run(options).await.map_err(Failure::run)?,
         AgentCommand::Human(options) => avln_human::run(options).await.map_err(human_failure)?,

@@ -4,10 +4,10 @@ use crate::output::{progress_bar, say};
 use avln_arena::{Failure, FailureKind, cache::CacheFolder, dataset::DatasetFiles};
 use avln_dataset::{
     Recipe, SceneChoice, Statistics,
-    formats::{Format, Loss},
     summary,
 };
 use avln_episode::Rules;
+use avln_interchange::{Format, Loss};
 use avln_lab::dataset::{
     build::{BuildProgress, Builder},
     check::{self, CheckScope},
