@@ -2,10 +2,7 @@
 
 use crate::output::{progress_bar, say};
 use avln_arena::{Failure, FailureKind, cache::CacheFolder, dataset::DatasetFiles};
-use avln_dataset::{
-    Recipe, SceneChoice, Statistics,
-    summary,
-};
+use avln_dataset::{Recipe, SceneChoice, Statistics, summary};
 use avln_episode::Rules;
 use avln_interchange::{Format, Loss};
 use avln_lab::dataset::{
