@@ -4,9 +4,9 @@ use crate::{
     trouble::Trouble,
     words::{self, rfc3339},
 };
-use avln_episode::{Order, Sensors};
+use avln_episode::Order;
 use avln_scoring::Key;
-use avln_store::{Board, LeaderboardRow, LeaderboardView, PhaseView, RunChoice, calendar};
+use avln_store::{LeaderboardQuery, PhaseView, RowFilter, RunChoice, calendar};
 use axum::{
     extract::{FromRequestParts, Query},
     http::request::Parts,
@@ -124,38 +124,25 @@ impl BoardQuery {
     }
 
     /// The board of a phase for goals in one order.
-    pub(crate) fn board<'a>(&self, phase: &'a PhaseView, order: Order, now_unix_ms: i64) -> Board<'a> {
-        Board {
+    pub(crate) fn board<'a>(
+        &self,
+        phase: &'a PhaseView,
+        order: Order,
+        now_unix_ms: i64,
+    ) -> LeaderboardQuery<'a> {
+        LeaderboardQuery {
             phase: &phase.id,
             order,
             key: self.sort.unwrap_or(phase.ranking.key),
             pick: self.pick.unwrap_or(phase.ranking.entry),
             as_of_unix_ms: self.as_of_unix_ms,
             now_unix_ms,
+            filter: RowFilter {
+                words: self.words.clone(),
+                team: self.team.clone(),
+                senses: self.senses.map(|sense| sense.map(|sense| sense == Sense::With)),
+            },
         }
-    }
-
-    /// Leaves the entries that are wanted; each keeps its rank among all.
-    pub(crate) fn filter(&self, view: &mut LeaderboardView) {
-        view.rows.retain(|row| self.wants(row));
-    }
-
-    fn wants(&self, row: &LeaderboardRow) -> bool {
-        let words = self.words.to_lowercase();
-        let holds = |name: &String| name.to_lowercase().contains(&words);
-        let named = [&row.method, &row.version, &row.team].into_iter().any(holds);
-        let of_team = self.team.is_empty() || row.team == self.team;
-        named && of_team && self.senses_fit(row.sensors.as_ref())
-    }
-
-    /// An agent of which it was not noted what it sensed is neither with nor without.
-    fn senses_fit(&self, sensors: Option<&Sensors>) -> bool {
-        let had = sensors.map(|Sensors { rgb, depth, audio, .. }| [*rgb, *depth, *audio]);
-        self.senses.iter().enumerate().all(|(index, wanted)| match (wanted, had) {
-            (None, _) => true,
-            (Some(_), None) => false,
-            (Some(wanted), Some(had)) => had[index] == (*wanted == Sense::With),
-        })
     }
 
     /// Whether only some entries are wanted.
@@ -317,18 +304,6 @@ mod tests {
         let query = asked("as_of=1970-01-02").expect("a day");
         assert_eq!(query.as_of_unix_ms, Some(2 * 86_400_000 - 1));
         assert_eq!(day(2 * 86_400_000 - 1), "1970-01-02");
-    }
-
-    #[test]
-    fn agents_whose_senses_were_not_noted_are_neither_with_nor_without() {
-        let deaf = Sensors { audio: false, ..Sensors::all(64, 64) };
-        let query = |text: &str| asked(text).expect("a query");
-        assert!(
-            query("audio=without").senses_fit(Some(&deaf)) && !query("audio=with").senses_fit(Some(&deaf))
-        );
-        assert!(query("rgb=with&audio=without").senses_fit(Some(&deaf)));
-        assert!(!query("rgb=without").senses_fit(None) && !query("rgb=with").senses_fit(None));
-        assert!(query("q=x").senses_fit(None));
     }
 
     #[test]

@@ -107,9 +107,7 @@ pub(super) async fn find_board(
     }
     let board = query.board(phase, order, visit.now_unix_ms);
     let view = visit.reader.leaderboard(&visit.viewer, &board).await?;
-    let mut view = view.ok_or_else(|| Trouble::Unknown { what: "phase", name: phase.id.clone() })?;
-    query.filter(&mut view);
-    Ok(view)
+    view.ok_or_else(|| Trouble::Unknown { what: "phase", name: phase.id.clone() })
 }
 
 /// The boards of a phase in all its orders.

@@ -35,7 +35,7 @@ impl SignedIn {
     /// The team that may act, by this token.
     pub(crate) fn member(&self) -> Result<Member, Trouble> {
         let Viewer::Team(team) = &self.holder.viewer else { return Err(Trouble::NoPage) };
-        if self.holder.looks_only {
+        if self.holder.read_only {
             let words = "a token for looking changes nothing; sign in with an account token of the team";
             return Err(Trouble::Refused(words.to_owned()));
         }

@@ -343,7 +343,7 @@ async fn the_audit_list_comes_in_pages() {
     let stage = Stage::new().await;
     for index in 0..150 {
         let note = AuditNote { what: format!("deed {index}."), ..AuditNote::default() };
-        stage.arena.store.note(note, 100).await.expect("a line");
+        stage.arena.store.add_audit_note(note, 100).await.expect("a line");
     }
     let browser = stage.signed_in(ORGANISER).await;
     let newest = browser.get("/organise/audit").await.body;

@@ -51,8 +51,7 @@ pub(super) async fn page(visit: &Visit, phase: PhaseView, query: BoardQuery) -> 
     let shell = Shell::new(title, Part::Boards).below("Leaderboards", "/leaderboard");
     let Some(first) = views.first() else { return Err(crate::trouble::Trouble::NoPage) };
     let mut choice = Choice::new(&query, first);
-    choice.teams.extend(views.iter().flat_map(|view| &view.rows).map(|row| row.team.clone()));
-    views.iter_mut().for_each(|view| query.filter(view));
+    choice.teams.extend(views.iter().flat_map(|view| view.teams.iter().cloned()));
     let columns = COLUMNS.into_iter().filter(|key| query.columns.is_empty() || query.columns.contains(key));
     let columns = columns.collect();
     let (lines, caption) = (lines(&views), caption(&views, &choice));

@@ -18,8 +18,13 @@ pub(super) struct Choice {
 impl Choice {
     /// The choice on a board that has all its entries yet.
     pub(super) fn new(query: &BoardQuery, view: &LeaderboardView) -> Self {
-        let teams = view.rows.iter().map(|row| row.team.clone()).collect();
-        Self { query: query.clone(), phase: view.phase.clone(), key: view.key, pick: view.pick, teams }
+        Self {
+            query: query.clone(),
+            phase: view.phase.clone(),
+            key: view.key,
+            pick: view.pick,
+            teams: view.teams.clone(),
+        }
     }
 
     pub(super) fn path(&self) -> String {

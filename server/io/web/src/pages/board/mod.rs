@@ -92,12 +92,11 @@ async fn whole(
 
 impl BoardPage {
     /// The page of a board that has all its entries yet.
-    pub(super) fn new(mut view: LeaderboardView, query: &BoardQuery) -> Self {
+    pub(super) fn new(view: LeaderboardView, query: &BoardQuery) -> Self {
         let title = format!("{}: {} goals", view.phase.title, words::order(&view.order).to_lowercase());
         let shell = Shell::new(title, Part::Boards).below("Leaderboards", "/leaderboard");
         let choice = Choice::new(query, &view);
-        let first = view.rows.first().map(|row| row.run.clone());
-        query.filter(&mut view);
+        let first = view.leader.clone();
         let columns = query.shown_columns(view.key);
         let orders = Orders::One(view.order);
         Self { shell, caption: caption(&view), columns, choice, orders, first, view }

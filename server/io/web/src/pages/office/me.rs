@@ -92,7 +92,7 @@ async fn show(reader: &Reader, desk: &Desk, by: SignedIn, secret: Option<String>
 impl MyPage {
     /// Whether the visitor may change something.
     fn may_act(&self) -> bool {
-        !self.by.holder.looks_only
+        !self.by.holder.read_only
     }
 
     fn is_own(&self, token: &TokenLine) -> bool {
