@@ -3,7 +3,7 @@
 use super::scene_stats;
 use crate::{args::data_option, output::say};
 use avln_arena::{Failure, FailureKind, cache::CacheFolder};
-use avln_formats::{Options as ImportOptions, Report as ImportReport, Unit, Up, glb, hm3d, open};
+use avln_formats::{ImportOptions, ImportReport, LengthUnit, UpAxis, glb, hm3d, open};
 use avln_houses::Pool;
 use avln_lab::preview::{Picture, Viewer, indoors, storeys};
 use avln_scene::{Scene, Summary};
@@ -199,10 +199,10 @@ pub struct ImportSceneArgs {
     out: PathBuf,
     /// Up axis of SRC, if the layout does not define it or is wrong
     #[arg(long, value_enum)]
-    up: Option<UpAxis>,
+    up: Option<UpArg>,
     /// Unit of SRC, if it is not the metre
     #[arg(long, value_enum)]
-    units: Option<LengthUnit>,
+    units: Option<UnitArg>,
     /// Print the report as JSON
     #[arg(long)]
     json: bool,
@@ -210,14 +210,14 @@ pub struct ImportSceneArgs {
 
 /// An up axis.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum UpAxis {
+enum UpArg {
     Y,
     Z,
 }
 
 /// A unit of length.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum LengthUnit {
+enum UnitArg {
     M,
     Cm,
     Mm,
@@ -244,13 +244,13 @@ fn import(args: &ImportSceneArgs) -> Result<(), Failure> {
 
 fn import_options(args: &ImportSceneArgs) -> ImportOptions {
     let up = args.up.map(|up| match up {
-        UpAxis::Y => Up::Y,
-        UpAxis::Z => Up::Z,
+        UpArg::Y => UpAxis::Y,
+        UpArg::Z => UpAxis::Z,
     });
     let unit = args.units.map(|unit| match unit {
-        LengthUnit::M => Unit::Metre,
-        LengthUnit::Cm => Unit::Centimetre,
-        LengthUnit::Mm => Unit::Millimetre,
+        UnitArg::M => LengthUnit::Metre,
+        UnitArg::Cm => LengthUnit::Centimetre,
+        UnitArg::Mm => LengthUnit::Millimetre,
     });
     ImportOptions { up, unit }
 }

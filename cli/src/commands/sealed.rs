@@ -210,7 +210,7 @@ enum SealedHost {
 impl SealedHost {
     async fn open(data: &DataFolder, store: &Store, server: Option<SocketAddr>) -> Result<Self, Failure> {
         if let Some(address) = server {
-            avln_client::Arena::connect(format!("http://{address}"), "").await.map_err(Failure::run)?;
+            avln_client::Client::connect(format!("http://{address}"), "").await.map_err(Failure::run)?;
             return Ok(Self::Other(address));
         }
         if store.open_runs().await?.iter().any(|run| run.state == RunState::Running) {

@@ -6,7 +6,7 @@ mod digesting_agent;
 use avln_arena::setup::{NewPhase, NewSplit, make_split, open_phase};
 use avln_arena::{BENCHMARK_VERSION, Failure, FailureKind, data::DataFolder};
 use avln_baselines::RandomAgent;
-use avln_client::{Agent, Arena, EpisodeEnd, Link, Order, RunOptions, Sensors, evaluate_with};
+use avln_client::{Agent, Client, ConnectOptions, EpisodeEnd, Order, RunOptions, Sensors, evaluate_with};
 use avln_episode::Rules;
 use avln_pag_nav::PagNav;
 use avln_store::Store;
@@ -150,8 +150,8 @@ pub async fn play(
     agents: &[ReferenceAgent],
     tell: &mut (dyn FnMut(ReferenceAgent, &EpisodeEnd) + Send),
 ) -> Result<Calibration, Failure> {
-    let link = Link { ca: server.ca.clone(), ..Link::default() };
-    let arena = Arena::connect_with(&server.url, server.token.as_str(), &link).await.map_err(Failure::run)?;
+    let link = ConnectOptions { ca: server.ca.clone(), ..ConnectOptions::default() };
+    let arena = Client::connect_with(&server.url, server.token.as_str(), &link).await.map_err(Failure::run)?;
     let benchmark = arena.server_info().await.map_err(Failure::run)?.benchmark;
     let mut runs = Vec::with_capacity(agents.len());
     for &agent in agents {
@@ -161,7 +161,7 @@ pub async fn play(
 }
 
 async fn play_one(
-    arena: &Arena,
+    arena: &Client,
     reference: ReferenceAgent,
     tell: &mut (dyn FnMut(ReferenceAgent, &EpisodeEnd) + Send),
 ) -> Result<CalibrationRun, Failure> {

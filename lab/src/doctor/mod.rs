@@ -6,7 +6,7 @@ mod report;
 pub use report::{Check, DoctorReport, Measured, Spread, Verdict};
 
 use avln_arena::{BENCHMARK_VERSION, now_unix_ms};
-use avln_client::{Arena, Error, Link, Order, Phase, PhaseState, Quota, Sensors, ServerInfo};
+use avln_client::{Client, ConnectOptions, Error, Order, Phase, PhaseState, Quota, Sensors, ServerInfo};
 use std::{path::PathBuf, time::Instant};
 
 /// Questions by which the round trip is measured.
@@ -40,8 +40,8 @@ pub struct DoctorOptions {
 /// Makes all checks, as far as one can be made after the other.
 pub async fn examine(options: &DoctorOptions) -> DoctorReport {
     let mut report = DoctorReport::default();
-    let link = Link { ca: options.ca.clone(), ..Link::default() };
-    let connected = match Arena::connect_with(&options.server, "", &link).await {
+    let link = ConnectOptions { ca: options.ca.clone(), ..ConnectOptions::default() };
+    let connected = match Client::connect_with(&options.server, "", &link).await {
         Ok(arena) => arena.server_info().await.map(|info| (arena, info)),
         Err(error) => Err(error),
     };
@@ -89,7 +89,7 @@ fn versions(report: &mut DoctorReport, info: &ServerInfo) {
     }
 }
 
-async fn round_trips(report: &mut DoctorReport, arena: &Arena) -> Result<(), Error> {
+async fn round_trips(report: &mut DoctorReport, arena: &Client) -> Result<(), Error> {
     let mut trips = Vec::with_capacity(ROUND_TRIPS);
     let mut best = (f64::INFINITY, 0.0);
     for _ in 0..ROUND_TRIPS {
@@ -129,8 +129,8 @@ fn ms(seconds: f64) -> String {
     format!("{:.1} ms", seconds * 1000.0)
 }
 
-async fn account(report: &mut DoctorReport, options: &DoctorOptions, link: &Link) {
-    let known = match Arena::connect_with(&options.server, options.token.as_str(), link).await {
+async fn account(report: &mut DoctorReport, options: &DoctorOptions, link: &ConnectOptions) {
+    let known = match Client::connect_with(&options.server, options.token.as_str(), link).await {
         Ok(arena) => arena.whoami().await.map(|account| (arena, account)),
         Err(error) => Err(error),
     };
@@ -165,7 +165,7 @@ async fn account(report: &mut DoctorReport, options: &DoctorOptions, link: &Link
 async fn phase(
     report: &mut DoctorReport,
     options: &DoctorOptions,
-    arena: &Arena,
+    arena: &Client,
 ) -> Result<Option<(Phase, Vec<Quota>)>, Error> {
     let wanted = match options.phase.as_str() {
         "" => arena.practice_phase().await?,

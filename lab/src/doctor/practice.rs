@@ -2,7 +2,7 @@
 
 use super::{DoctorOptions, DoctorReport, Spread, Verdict, is_free, ms, order};
 use avln_baselines::RandomAgent;
-use avln_client::{Action, Agent, Arena, Error, Observation, Phase, Quota, RunOptions};
+use avln_client::{Action, Agent, Client, Error, Observation, Phase, Quota, RunOptions};
 use std::time::Instant;
 
 /// The name under which practice runs are shown.
@@ -12,7 +12,7 @@ const METHOD: &str = "doctor";
 pub(super) async fn check(
     report: &mut DoctorReport,
     options: &DoctorOptions,
-    arena: &Arena,
+    arena: &Client,
     phase: &Phase,
     quotas: &[Quota],
 ) {
@@ -55,7 +55,7 @@ struct PracticeResult {
 }
 
 /// Plays the first episodes of a run and gives the run up, whatever happens.
-async fn play(options: &DoctorOptions, arena: &Arena, place: &Phase) -> Result<PracticeResult, Error> {
+async fn play(options: &DoctorOptions, arena: &Client, place: &Phase) -> Result<PracticeResult, Error> {
     let run =
         RunOptions::new(&place.id, METHOD).method_version(env!("CARGO_PKG_VERSION")).order(order(place));
     let run = arena.start_run(run).await?;
@@ -66,7 +66,7 @@ async fn play(options: &DoctorOptions, arena: &Arena, place: &Phase) -> Result<P
 
 async fn play_some(
     options: &DoctorOptions,
-    arena: &Arena,
+    arena: &Client,
     run: &avln_client::Run,
 ) -> Result<PracticeResult, Error> {
     let mut play = arena.play(run, options.sensors.clone()).await?;

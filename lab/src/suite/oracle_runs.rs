@@ -64,7 +64,7 @@ struct OracleRuns {
 impl OracleRuns {
     async fn run(&self, order: Order) -> Result<RunSummary, Failure> {
         let arena =
-            avln_client::Arena::connect(&self.server, self.token.as_str()).await.map_err(Failure::run)?;
+            avln_client::Client::connect(&self.server, self.token.as_str()).await.map_err(Failure::run)?;
         let method = RunOptions::new(&self.phase.id, METHOD).method_version(env!("CARGO_PKG_VERSION"));
         let run = arena.start_run(method.order(client_order(order))).await.map_err(Failure::run)?;
         let none = Sensors { rgb: false, depth: false, audio: false, ..Sensors::square(64) };

@@ -152,7 +152,7 @@ impl SuiteRun {
     ) -> Result<(), Failure> {
         let url = self.hosted.servers.grpc_url();
         let arena =
-            avln_client::Arena::connect(url, self.hosted.token.as_str()).await.map_err(Failure::run)?;
+            avln_client::Client::connect(url, self.hosted.token.as_str()).await.map_err(Failure::run)?;
         let method = RunOptions::new(&batch.phase, variant.name()).method_version(env!("CARGO_PKG_VERSION"));
         let run = arena.start_run(method.order(client_order(order))).await.map_err(Failure::run)?;
         let plays = arena
