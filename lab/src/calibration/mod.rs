@@ -151,7 +151,8 @@ pub async fn play(
     tell: &mut (dyn FnMut(ReferenceAgent, &EpisodeEnd) + Send),
 ) -> Result<Calibration, Failure> {
     let link = ConnectOptions { ca: server.ca.clone(), ..ConnectOptions::default() };
-    let arena = Client::connect_with(&server.url, server.token.as_str(), &link).await.map_err(Failure::run)?;
+    let arena =
+        Client::connect_with(&server.url, server.token.as_str(), &link).await.map_err(Failure::run)?;
     let benchmark = arena.server_info().await.map_err(Failure::run)?.benchmark;
     let mut runs = Vec::with_capacity(agents.len());
     for &agent in agents {
