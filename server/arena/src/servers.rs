@@ -1,15 +1,16 @@
 //! The gRPC server for agents, the web server for visitors, and the admin server for the operator.
 
 use crate::{
-    Arena, Failure, FailureKind,
+    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
     admin::{self, Desk},
+    data::DataFolder,
     office::ArenaOffice,
 };
 use avln_grpc::Control;
 /// What [`Servers::with_limits`] changes.
 pub use avln_grpc::Limits;
 use avln_net::{Identity, Listener, Protocol};
-use avln_store::Reader;
+use avln_store::{Reader, Store};
 use avln_web::Site;
 use std::{
     net::{Ipv4Addr, SocketAddr, SocketAddrV4},
@@ -162,6 +163,28 @@ impl Servers {
 }
 
 impl RunningServers {
+    /// Hosts the phases of a data folder at free ports of this machine.
+    ///
+    /// # Errors
+    /// If a phase cannot be read or there is no free port.
+    pub async fn local(data: &DataFolder, store: &Store) -> Result<Self, Failure> {
+        let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await?;
+        Self::local_for(arena, store).await
+    }
+
+    /// Serves an arena at free ports of this machine.
+    ///
+    /// # Errors
+    /// If there is no free port.
+    pub async fn local_for(arena: Arena, store: &Store) -> Result<Self, Failure> {
+        Servers::bind(&Addresses::LOCAL).await?.open(Arc::new(arena), store.reader())
+    }
+
+    /// URL of the gRPC server.
+    pub fn grpc_url(&self) -> String {
+        format!("{}://{}", self.scheme(), self.grpc)
+    }
+
     /// What addresses begin with: `https` where TLS is spoken, else `http`.
     pub fn scheme(&self) -> &'static str {
         if self.is_secure { "https" } else { "http" }

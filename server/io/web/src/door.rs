@@ -1,7 +1,7 @@
 //! The loop that lets visitors in.
 
 use crate::{Site, office::Peer, router_beside};
-use avln_net::{Listener, Stream};
+use avln_net::{AcceptLimits, AcceptLoop, Connection, Listener};
 use avln_store::Reader;
 use axum::{Router, http::Request};
 use hyper::{body::Incoming, server::conn::http1};
@@ -9,10 +9,9 @@ use hyper_util::{
     rt::{TokioIo, TokioTimer},
     service::TowerToHyperService,
 };
-use std::{future::Future, io, net::SocketAddr, pin::pin, sync::Arc, time::Duration};
+use std::{future::Future, io, pin::pin, time::Duration};
 use tokio::{
-    sync::{Semaphore, watch},
-    task::JoinSet,
+    sync::watch,
     time::{sleep, timeout},
 };
 use tower::ServiceExt;
@@ -68,70 +67,40 @@ pub async fn serve_router(
     router: Router,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), WebError> {
-    let listener = listener.into();
-    let (closing, closed) = watch::channel(());
-    let mut visitors = JoinSet::new();
+    let limits = AcceptLimits {
+        max_connections: MAX_CONNECTIONS,
+        max_connections_per_address: MAX_CONNECTIONS,
+        // Browsers open several connections at once and show a refused one as an error page.
+        waits_when_full: true,
+        handshake: HEADER_TIMEOUT,
+        failure_pause: ACCEPT_PAUSE,
+        max_failures: Some(ACCEPT_ATTEMPTS),
+    };
+    let mut accept = AcceptLoop::new(listener, limits);
     let accepted = tokio::select! {
-        failed = accept(&listener, &router, &mut visitors, &closed) => failed,
+        failed = accept.run(move |connection| serve_connection(connection, router.clone())) => Err(failed.into()),
         () = shutdown => Ok(()),
     };
-    drop(listener);
-    // Whom this wakes says good-bye after the answer that was begun.
-    drop(closing);
-    while visitors.join_next().await.is_some() {}
+    accept.stop_listening().close().await;
     accepted
 }
 
-/// Lets visitors in for ever; returns only when that keeps failing.
-async fn accept(
-    listener: &Listener,
-    router: &Router,
-    visitors: &mut JoinSet<()>,
-    closed: &watch::Receiver<()>,
-) -> Result<(), WebError> {
-    let places = Arc::new(Semaphore::new(MAX_CONNECTIONS));
-    let mut failures = 0;
-    loop {
-        let place = places.clone().acquire_owned().await;
-        while visitors.try_join_next().is_some() {}
-        match listener.accept().await {
-            Ok((stream, address)) => {
-                failures = 0;
-                let (greeter, router, closed) = (listener.greeter(), router.clone(), closed.clone());
-                visitors.spawn(async move {
-                    match greeter.greet(stream, HEADER_TIMEOUT).await {
-                        Ok(stream) => attend(stream, address, router, closed).await,
-                        Err(refused) => tracing::debug!(%refused, "a visitor was turned away"),
-                    }
-                    drop(place);
-                });
-            }
-            Err(error) if failures < ACCEPT_ATTEMPTS => {
-                failures += 1;
-                tracing::warn!(%error, "a visitor could not be let in");
-                sleep(ACCEPT_PAUSE).await;
-            }
-            Err(error) => return Err(error.into()),
-        }
-    }
-}
-
-/// Answers one visitor until it leaves, has been here for long enough, or the door closes.
-async fn attend(stream: Stream, address: SocketAddr, router: Router, mut closed: watch::Receiver<()>) {
-    let mut manners = http1::Builder::new();
-    manners.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_header_size(MAX_HEAD_BYTES);
-    let peer = Peer::of(address.ip());
+/// Serves one connection until the client leaves, the connection is too old, or the server stops.
+async fn serve_connection(connection: Connection, router: Router) {
+    let Connection { stream, peer, mut closing, place: _place, .. } = connection;
+    let mut builder = http1::Builder::new();
+    builder.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_header_size(MAX_HEAD_BYTES);
+    let peer = Peer::of(peer.ip());
     let from_peer = move |mut request: Request<Incoming>| {
         request.extensions_mut().insert(peer);
         request
     };
     let router = ServiceExt::<Request<Incoming>>::map_request(router, from_peer);
-    let connection = manners.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
+    let connection = builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
     let mut connection = pin!(connection);
     let ended = tokio::select! {
         ended = connection.as_mut() => Some(ended),
-        // The sender never sends: this ends when it is dropped.
-        _ = closed.changed() => None,
+        () = closing.wait() => None,
         () = sleep(CONNECTION_LIFE) => None,
     };
     if ended.is_none() {
