@@ -1,10 +1,10 @@
-//! What is played at this moment, for those who watch runs.
+//! Live status for visitors.
 
 use avln_grpc::{Control, SessionState, SlotState};
 use avln_web::{Lookout, SessionNow, SlotNow};
 use std::time::Duration;
 
-/// Looks at what the agents' door does.
+/// Live status of the gRPC server.
 #[derive(Clone, Debug)]
 pub(super) struct DoorLookout(pub(super) Control);
 

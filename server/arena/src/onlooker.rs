@@ -1,5 +1,4 @@
-//! Looking and listening in the scenes of phases for those who watch replays. It has scenes of its own, so that visitors take none
-//! from agents.
+//! Rendering of images and sound for replays, with separate scenes so that visitors do not slow agents.
 
 use super::{
     play::make_referee,
@@ -13,10 +12,10 @@ use avln_store::{Facts, Store};
 use avln_web::{Blind, Glance, Heard, Hearing, Listening, Looking, Onlooker, Seen};
 use std::{collections::BTreeMap, fmt, sync::Arc};
 
-/// Memory for scenes that were looked into, bytes; the last one stays even if it takes more.
+/// Memory limit of these scenes, bytes; the last scene always stays.
 const SCENE_BYTES: usize = 512 << 20;
 
-/// Who looks for visitors.
+/// Renderer for visitors.
 pub(super) struct SceneOnlooker {
     store: Store,
     stages: Arc<Stages>,
@@ -83,7 +82,7 @@ fn check_digests(stage: &Stage, then: &BTreeMap<String, String>) -> Result<(), B
     Err(Blind(format!("it was played with {name} '{}', which is '{}' now", told(then), told(&now))))
 }
 
-/// Plays the recorded actions again with nothing but ears.
+/// Replays the recorded actions with audio only.
 fn listen(stage: &Stage, scenes: &SceneCache, facts: &Facts) -> Result<Heard, Blind> {
     let ears = Sensors { rgb: false, depth: false, ..Sensors::all(64, 64) };
     let (truth, record) = (&facts.truth, &facts.record);
@@ -102,7 +101,7 @@ fn listen(stage: &Stage, scenes: &SceneCache, facts: &Facts) -> Result<Heard, Bl
     Ok(heard)
 }
 
-/// Takes the sound of a step, without what it was filled up with.
+/// Appends the sound of a step without padding.
 fn append(heard: &mut Heard, observation: Observation) -> Result<(), Blind> {
     let audio = observation.audio.unwrap_or_default();
     let (left, right) = audio.split_at(audio.len() / 2);

@@ -1,5 +1,4 @@
-//! What those who sign in at the people's door may have done, and what commands share with it. Every deed of the door leaves a line
-//! in the audit list, with the letters by which lists name the token that asked for it.
+//! Management actions of signed-in users. Every action is in the audit list with the prefix of its token.
 
 pub mod deeds;
 
@@ -9,7 +8,7 @@ use avln_web::{Because, Deed, Doing, Done, Health, Member, Office, TeamDeed, Und
 use deeds::{Wish, note, reschedule};
 use std::{fmt, sync::Arc};
 
-/// Tokens of a team that hold at a time: some for each person of a large one.
+/// Limit of valid tokens per team: several per person of a large team.
 const MOST_TOKENS: usize = 50;
 const DAY_MS: i64 = 86_400_000;
 
@@ -66,7 +65,7 @@ fn done(words: String) -> Answer {
     Ok(Done { words, secret: None })
 }
 
-/// What a team asks for, of what is its own.
+/// Executes a team action.
 async fn act(arena: &Arena, member: &Member, deed: TeamDeed) -> Answer {
     let actor = format!("token {} of team {}", member.token, member.team);
     match deed {
@@ -127,7 +126,7 @@ async fn cancel(arena: &Arena, member: &Member, actor: &str, run: &str) -> Answe
     done(format!("Run {run} is cancelled."))
 }
 
-/// What the organiser asks for.
+/// Executes an organiser action.
 async fn organise(arena: &Arena, because: &Because, deed: Deed) -> Answer {
     let actor = format!("token {} of the organiser", because.token);
     match deed {
@@ -172,7 +171,7 @@ async fn admit(arena: &Arena, actor: &str, reason: &str, team: &str) -> Answer {
     Ok(Done { words: format!("Team {team} is admitted, and has a new account token."), secret: Some(secret) })
 }
 
-/// What commands tell, as pages do.
+/// A message as a sentence for pages.
 fn sentence(words: &str) -> String {
     let mut letters = words.chars();
     let first = letters.next().map(|letter| letter.to_uppercase().to_string()).unwrap_or_default();
