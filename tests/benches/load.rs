@@ -5,7 +5,7 @@
 use avln_arena::data::DataFolder;
 use avln_arena::setup::admit;
 use avln_client::{Action, Client, Order, Play, RunOptions, Sensors};
-use avln_tests::{PHASE, Plan, furnish, server::Server};
+use avln_tests::{PHASE, TestSetup, furnish, server::Server};
 use std::{
     net::SocketAddr,
     path::Path,
@@ -48,13 +48,13 @@ fn measure(runtime: &Runtime, length: Duration) {
     let players: Vec<_> = tokens.iter().map(|token| player(server.grpc, token, length)).collect();
     let resident = watch(&server, length);
     let told: Vec<_> = players.into_iter().map(outcome).collect();
-    report(&told, length, server.lives());
+    report(&told, length, server.is_running());
     report_memory(&resident);
 }
 
 /// A phase, and a team for each process.
 async fn tokens(folder: &Path) -> Vec<String> {
-    furnish(folder, &Plan { houses: 2, missions: 24, ..Plan::default() }).await;
+    furnish(folder, &TestSetup { houses: 2, missions: 24, ..TestSetup::default() }).await;
     let data = DataFolder::open(folder).expect("the folder is writable");
     let store = data.store().await.expect("its database");
     let mut tokens = Vec::new();

@@ -3,7 +3,7 @@
 //! `cargo bench -p avln-tests --bench slots`. Agents sense nothing, so that the way alone is measured, or all senses.
 
 use avln_client::{Action, Client, Order, Play, RunOptions, Sensors};
-use avln_tests::{House, PHASE, Plan, scissors::Scissors};
+use avln_tests::{TestServer, PHASE, TestSetup, fault_proxy::FaultProxy};
 use std::time::{Duration, Instant};
 use tokio::task::JoinSet;
 
@@ -18,11 +18,11 @@ const FAR: Duration = Duration::from_millis(25);
 
 #[tokio::main]
 async fn main() {
-    let house = House::open(&Plan { houses: 1, missions: 32, ..Plan::default() }).await;
+    let house = TestServer::open(&TestSetup { houses: 1, missions: 32, ..TestSetup::default() }).await;
     println!("{:>16} {:>10} {:>8} {:>10}", "senses", "round trip", "slots", "steps/s");
     for (senses, sensors) in [("none", BLIND), ("all, 128 x 128", ALL)] {
         for delay in [Duration::ZERO, FAR] {
-            let wire = Scissors::far(house.doors.grpc, delay).await;
+            let wire = FaultProxy::open_delayed(house.doors.grpc, delay).await;
             let arena = Client::connect(wire.url(), &house.token).await.expect("the door is open");
             for slots in [1, 16] {
                 let rate = rate(&arena, sensors.clone(), slots).await;

@@ -19,7 +19,7 @@ pub struct Answer {
 }
 
 /// Asks for `path` as somebody whom nobody knows, and takes what comes in so long a time.
-pub async fn overhear(address: SocketAddr, path: &str, time: Duration) -> Answer {
+pub async fn get_events(address: SocketAddr, path: &str, time: Duration) -> Answer {
     let mut stream = ask(address, &format!("GET {path} HTTP/1.0\r\nHost: {address}\r\n\r\n")).await;
     let mut bytes = Vec::new();
     let end = Instant::now() + time;

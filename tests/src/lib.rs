@@ -6,11 +6,11 @@ pub mod http;
 pub mod python;
 pub mod raw;
 pub mod repository;
-pub mod scissors;
+pub mod fault_proxy;
 pub mod server;
 pub mod skipped;
-pub mod stroll;
-pub mod tap;
+pub mod scripted_run;
+pub mod recording_proxy;
 
 use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
 use avln_arena::{
@@ -27,7 +27,7 @@ use std::{path::Path, sync::Arc};
 use tempfile::TempDir;
 
 /// A server with both doors open on ports of its own, over a data folder of its own, with one phase and one team.
-pub struct House {
+pub struct TestServer {
     /// The data folder; it goes with the house.
     pub folder: TempDir,
     /// Both doors.
@@ -43,7 +43,7 @@ pub const PHASE: &str = "trial";
 
 /// How a house is furnished.
 #[derive(Clone, Debug)]
-pub struct Plan {
+pub struct TestSetup {
     /// Procedural houses in the split.
     pub houses: u32,
     /// Missions in each.
@@ -54,20 +54,20 @@ pub struct Plan {
     pub replays_to: Option<Visibility>,
 }
 
-impl Default for Plan {
+impl Default for TestSetup {
     fn default() -> Self {
         Self { houses: 1, missions: 2, visible_to: Visibility::Public, replays_to: None }
     }
 }
 
-impl House {
+impl TestServer {
     /// Builds scenes and missions, opens the phase and both doors.
-    pub async fn open(plan: &Plan) -> Self {
+    pub async fn open(plan: &TestSetup) -> Self {
         Self::open_as(plan, &Security::default()).await
     }
 
     /// The same, with doors that speak TLS where `security` names files.
-    pub async fn open_as(plan: &Plan, security: &Security) -> Self {
+    pub async fn open_as(plan: &TestSetup, security: &Security) -> Self {
         let folder = TempDir::new().expect("a folder for temporary files");
         let token = furnish(folder.path(), plan).await;
         let doors = open_doors_as(folder.path(), security).await;
@@ -80,7 +80,7 @@ impl House {
     }
 
     /// Opens the house with a door for the operator beside the others.
-    pub async fn open_with_admin(plan: &Plan) -> Self {
+    pub async fn open_with_admin(plan: &TestSetup) -> Self {
         let folder = TempDir::new().expect("a folder for temporary files");
         let token = furnish(folder.path(), plan).await;
         let (doors, open) = bound_doors(folder.path(), &Security::default()).await;
@@ -90,7 +90,7 @@ impl House {
     }
 
     /// Opens a house over a furnished folder, with changes to what hosts it and to the limits of its door.
-    pub async fn open_odd(
+    pub async fn open_with(
         folder: TempDir,
         token: String,
         arena: impl FnOnce(Arena) -> Arena,
@@ -120,13 +120,13 @@ impl House {
     /// Closes the doors and opens them again over the same folder.
     pub async fn reopen(self) -> Self {
         self.doors.close().await.expect("both doors close");
-        let doors = open_doors(self.folder.path()).await;
+        let doors = start_servers(self.folder.path()).await;
         Self { doors, ..self }
     }
 }
 
 /// Fills a data folder with a split, a phase and a team; gives back the team's token.
-pub async fn furnish(folder: &Path, plan: &Plan) -> String {
+pub async fn furnish(folder: &Path, plan: &TestSetup) -> String {
     let data = DataFolder::open(folder).expect("the folder is writable");
     let store = data.store().await.expect("a new database");
     let make = NewSplit {
@@ -165,7 +165,7 @@ pub async fn rule(folder: &Path, change: impl FnOnce(&mut Phase)) {
 }
 
 /// Opens both doors of a furnished folder on free ports.
-pub async fn open_doors(folder: &Path) -> RunningServers {
+pub async fn start_servers(folder: &Path) -> RunningServers {
     open_doors_as(folder, &Security::default()).await
 }
 

@@ -82,12 +82,12 @@ struct ReflectionRequest {
 
 /// A connection, with the token that it shows.
 #[derive(Debug)]
-pub struct Caller {
+pub struct RawClient {
     grpc: Grpc<Channel>,
     token: String,
 }
 
-impl Caller {
+impl RawClient {
     /// Connects to the agents' door at `url`.
     pub async fn connect(url: &str, token: &str) -> Self {
         let endpoint = Endpoint::from_shared(url.to_owned()).expect("an address");

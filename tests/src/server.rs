@@ -48,7 +48,7 @@ impl Server {
     }
 
     /// Whether it has not ended by itself.
-    pub fn lives(&mut self) -> bool {
+    pub fn is_running(&mut self) -> bool {
         self.process.try_wait().expect("a state").is_none()
     }
 

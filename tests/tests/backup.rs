@@ -3,10 +3,10 @@
 
 use avln_client::{Action, Client, Observation, Order, Play, RunOptions};
 use avln_tests::{
-    PHASE, Plan, furnish, http,
-    scissors::Scissors,
+    PHASE, TestSetup, furnish, http,
+    fault_proxy::FaultProxy,
     server::Server,
-    stroll::{BLIND, stroll},
+    scripted_run::{NO_SENSORS, play_script},
 };
 use serde_json::Value;
 use std::{
@@ -93,7 +93,7 @@ async fn play_run(url: String, token: String, method: &str, pace: &'static Pace)
     let arena = Client::connect(url, &token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, method).order(Order::Unordered)).await.expect("a run");
     let mut players = JoinSet::new();
-    for play in arena.play_slots(&run, BLIND, SLOTS).await.expect("a stream") {
+    for play in arena.play_slots(&run, NO_SENSORS, SLOTS).await.expect("a stream") {
         players.spawn(play_slot(play, pace));
     }
     let mut last = None;
@@ -125,10 +125,10 @@ async fn a_server_that_is_played_on_goes_on_elsewhere() {
     let place = tempfile::tempdir().expect("a folder");
     let (old, new, file) =
         (place.path().join("old"), place.path().join("new"), place.path().join("backup.tar"));
-    let token = furnish(&old, &Plan { houses: 1, missions: 8, ..Plan::default() }).await;
+    let token = furnish(&old, &TestSetup { houses: 1, missions: 8, ..TestSetup::default() }).await;
     let server = Server::start(PROGRAM, &old);
-    let wire = Scissors::open(server.grpc).await;
-    let over = stroll(&wire.url(), &token, "over before").await;
+    let wire = FaultProxy::open(server.grpc).await;
+    let over = play_script(&wire.url(), &token, "over before").await;
     let calm = play_run(wire.url(), token.clone(), "calm", &CALM).await;
     let (before, verified) = (board(server.web).await, check(&old, &over));
 
@@ -161,8 +161,8 @@ async fn a_server_that_is_played_on_goes_on_elsewhere() {
     }
     let server = Server::start(PROGRAM, &new);
     assert_eq!(board(server.web).await, before);
-    wire.lead_to(server.grpc);
-    wire.snip();
+    wire.redirect(server.grpc);
+    wire.cut();
     HELD.held.store(false, Ordering::Release);
     let held = held.await.expect("no panic");
     assert_eq!(worth(server.web, &held).await, worth(server.web, &calm).await, "it went on where it was");

@@ -1,7 +1,7 @@
 //! What an agent can do wrong is answered in words, and takes neither the server down nor a score away.
 
 use avln_client::{Action, Client, EndReason, Error, Reason, Run, RunOptions, RunState, Sensors};
-use avln_tests::{House, PHASE, Plan, http, tap, tap::Tap};
+use avln_tests::{TestServer, PHASE, TestSetup, http, recording_proxy, recording_proxy::RecordingProxy};
 use std::{net::SocketAddr, time::Duration};
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
@@ -14,7 +14,7 @@ const BLIND: Sensors =
 /// Long enough for a busy machine; only a test that fails waits for so long.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-async fn start(house: &House) -> (Client, Run) {
+async fn start(house: &TestServer) -> (Client, Run) {
     let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
     (arena, run)
@@ -30,7 +30,7 @@ async fn play_one(arena: &Client, run: &Run) -> avln_client::EpisodeEnd {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn tokens_that_open_nothing_are_refused_with_the_next_step() {
-    let house = House::open(&Plan::default()).await;
+    let house = TestServer::open(&TestSetup::default()).await;
     let refused = Client::connect(house.agents_url(), "avln_account_wrong").await.expect_err("a wrong token");
     assert!(matches!(&refused, Error::Token { reason: Reason::TokenMalformed, .. }), "{refused}");
     assert!(refused.to_string().contains("--token"), "{refused}");
@@ -48,7 +48,7 @@ async fn tokens_that_open_nothing_are_refused_with_the_next_step() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_unknown_phase_is_refused_with_the_names_of_the_known_ones() {
-    let house = House::open(&Plan::default()).await;
+    let house = TestServer::open(&TestSetup::default()).await;
     let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     let refused = arena.start_run(RunOptions::new("finals", "clumsy")).await.expect_err("no such phase");
     assert_eq!(refused.reason(), Some(Reason::PhaseUnknown), "{refused}");
@@ -59,7 +59,7 @@ async fn an_unknown_phase_is_refused_with_the_names_of_the_known_ones() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn sensors_outside_of_the_limits_are_refused_and_the_run_can_still_be_played() {
-    let house = House::open(&Plan::default()).await;
+    let house = TestServer::open(&TestSetup::default()).await;
     let (arena, run) = start(&house).await;
     let absurd = arena.play(&run, Sensors::square(4096)).await.expect_err("more than any server offers");
     assert!(matches!(absurd, Error::Sensors { width: 4096, .. }), "{absurd}");
@@ -74,16 +74,16 @@ async fn sensors_outside_of_the_limits_are_refused_and_the_run_can_still_be_play
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_illegal_action_and_a_step_out_of_order_are_refused_and_the_episode_goes_on() {
-    let house = House::open(&Plan::default()).await;
-    let tap = Tap::open(house.doors.grpc).await;
-    let arena = Client::connect(tap.url(), &house.token).await.expect("the door is open");
+    let house = TestServer::open(&TestSetup::default()).await;
+    let tap = RecordingProxy::open(house.doors.grpc).await;
+    let arena = Client::connect(recording_proxy.url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
     let mut play = arena.play(&run, BLIND).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
     for (spoiler, reason) in
-        [(tap::illegal_action(), Reason::ActionOutOfRange), (tap::wrong_step(9), Reason::StepAhead)]
+        [(recording_proxy::illegal_action(), Reason::ActionOutOfRange), (recording_proxy::wrong_step(9), Reason::StepAhead)]
     {
-        tap.spoil(spoiler);
+        recording_proxy.corrupt(spoiler);
         let step = timeout(PATIENCE, episode.step(Action::MoveForward)).await.expect("an answer");
         let refused = step.expect_err("a spoiled step");
         assert_eq!(refused.reason(), Some(reason), "{refused}");
@@ -97,15 +97,15 @@ async fn an_illegal_action_and_a_step_out_of_order_are_refused_and_the_episode_g
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_client_that_vanishes_loses_one_episode_and_the_run_goes_on() {
-    let house = House::open(&Plan::default()).await;
-    let tap = Tap::open(house.doors.grpc).await;
-    let vanishing = Client::connect(tap.url(), &house.token).await.expect("the door is open");
+    let house = TestServer::open(&TestSetup::default()).await;
+    let tap = RecordingProxy::open(house.doors.grpc).await;
+    let vanishing = Client::connect(recording_proxy.url(), &house.token).await.expect("the door is open");
     let run = vanishing.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
     let mut play = vanishing.play(&run, BLIND).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
     episode.step(Action::MoveForward).await.expect("a legal step");
     let lost = episode.id().to_owned();
-    tap.cut();
+    recording_proxy.cut();
     drop(play);
 
     let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
@@ -138,7 +138,7 @@ fn oversized_frame(length: u32) -> Vec<u8> {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn noise_and_idle_visitors_do_not_stop_the_server() {
-    let house = House::open(&Plan::default()).await;
+    let house = TestServer::open(&TestSetup::default()).await;
     let (arena, run) = start(&house).await;
     let mut idle = Vec::new();
     for door in [house.doors.grpc, house.doors.web] {
@@ -157,7 +157,7 @@ async fn noise_and_idle_visitors_do_not_stop_the_server() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_restarted_server_keeps_results_and_goes_on_with_the_run() {
-    let house = House::open(&Plan::default()).await;
+    let house = TestServer::open(&TestSetup::default()).await;
     let (arena, run) = start(&house).await;
     let first = play_one(&arena, &run).await;
     drop(arena);

@@ -3,10 +3,10 @@
 use avln_client::Order;
 use avln_human::{HumanArgs, RunArgs, run_with};
 use avln_tests::{
-    House, PHASE, Plan, python,
+    TestServer, PHASE, TestSetup, python,
     repository::root,
     skipped::skipped,
-    stroll::{EARS, stroll, stroll_with},
+    scripted_run::{AUDIO_ONLY, play_script, play_script_with},
 };
 use std::{env, path::PathBuf};
 use tokio::{sync::oneshot, task::spawn_blocking};
@@ -26,7 +26,7 @@ fn chromium() -> Option<PathBuf> {
     found
 }
 
-fn person(house: &House) -> HumanArgs {
+fn person(house: &TestServer) -> HumanArgs {
     let run = RunArgs {
         server: house.agents_url(),
         ca: None,
@@ -42,11 +42,11 @@ async fn every_page_is_for_everybody() {
     let needed = ["playwright", "axe_playwright_python"];
     let Some(mut check) = python::command("pages in a browser", &needed, REMEDY) else { return };
     let Some(chromium) = chromium() else { return };
-    let house = House::open(&Plan::default()).await;
+    let house = TestServer::open(&TestSetup::default()).await;
     for method in ["stroller", "wanderer"] {
-        stroll(&house.agents_url(), &house.token, method).await;
+        play_script(&house.agents_url(), &house.token, method).await;
     }
-    let heard = stroll_with(&house.agents_url(), &house.token, "listener", EARS, |_, _| ()).await;
+    let heard = play_script_with(&house.agents_url(), &house.token, "listener", AUDIO_ONLY, |_, _| ()).await;
     let (found, page) = oneshot::channel();
     let options = person(&house);
     let run = tokio::spawn(async move {

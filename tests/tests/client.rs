@@ -1,7 +1,7 @@
 //! The Rust client's stream of episodes, and its calls while a server is away.
 
 use avln_client::{Action, Client, EndReason, Episode, Error, Order, RunOptions, Sensors};
-use avln_tests::{House, PHASE, Plan, scissors::Scissors};
+use avln_tests::{TestServer, PHASE, TestSetup, fault_proxy::FaultProxy};
 use std::{net::SocketAddr, time::Duration};
 use tokio::time::{sleep, timeout};
 use tokio_stream::StreamExt;
@@ -9,8 +9,8 @@ use tokio_stream::StreamExt;
 const BLIND: Sensors =
     Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
 
-async fn house(missions: usize) -> House {
-    House::open(&Plan { houses: 1, missions, ..Plan::default() }).await
+async fn house(missions: usize) -> TestServer {
+    TestServer::open(&TestSetup { houses: 1, missions, ..TestSetup::default() }).await
 }
 
 fn options() -> RunOptions {
@@ -62,12 +62,12 @@ async fn the_next_episode_waits_for_the_one_before_and_gives_it_up_where_it_is_o
 #[tokio::test(flavor = "multi_thread")]
 async fn a_stream_goes_on_over_a_lost_connection_and_ends_after_an_error() {
     let house = house(2).await;
-    let wire = Scissors::open(house.doors.grpc).await;
+    let wire = FaultProxy::open(house.doors.grpc).await;
     let arena = Client::connect(wire.url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(options()).await.expect("a run");
     let mut episodes = arena.play(&run, BLIND).await.expect("a stream").episodes();
     let mut first = episodes.try_next().await.expect("an answer").expect("an episode");
-    wire.snip();
+    wire.cut();
     first.step(Action::TurnLeft).await.expect("the client comes back");
     drop(first);
     let cancelled = arena.cancel_run(&run.id).await.expect("it is its own");
@@ -82,12 +82,12 @@ async fn a_stream_goes_on_over_a_lost_connection_and_ends_after_an_error() {
 #[tokio::test(flavor = "multi_thread")]
 async fn calls_wait_for_a_server_that_is_away_for_a_while_and_begin_one_run() {
     let house = house(1).await;
-    let wire = Scissors::open(house.doors.grpc).await;
+    let wire = FaultProxy::open(house.doors.grpc).await;
     let arena = Client::connect(wire.url(), &house.token).await.expect("the door is open");
     let nowhere = SocketAddr::from(([127, 0, 0, 1], 9));
     for call in 0..2 {
-        wire.lead_to(nowhere);
-        wire.snip();
+        wire.redirect(nowhere);
+        wire.cut();
         let asking = {
             let arena = arena.clone();
             tokio::spawn(async move {
@@ -99,7 +99,7 @@ async fn calls_wait_for_a_server_that_is_away_for_a_while_and_begin_one_run() {
         };
         sleep(Duration::from_millis(500)).await;
         assert!(!asking.is_finished(), "it waits");
-        wire.lead_to(house.doors.grpc);
+        wire.redirect(house.doors.grpc);
         asking.await.expect("no panic").expect("an answer in the end");
     }
     assert_eq!(arena.runs().await.expect("a list").len(), 1);

@@ -1,6 +1,6 @@
 //! The program as its users meet it: help, hints and exit codes.
 
-use avln_tests::{Plan, TEAM, furnish};
+use avln_tests::{TestSetup, TEAM, furnish};
 use std::{
     fs,
     net::TcpListener,
@@ -289,7 +289,7 @@ fn an_agent_without_a_server_is_code_6() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_agent_with_a_wrong_token_or_phase_is_code_6() {
-    let house = avln_tests::House::open(&Plan::default()).await;
+    let house = avln_tests::TestServer::open(&TestSetup::default()).await;
     let (url, token) = (house.agents_url(), house.token.clone());
     let data = house.folder.path().to_owned();
     let calls = tokio::task::spawn_blocking(move || {
@@ -306,7 +306,7 @@ async fn an_agent_with_a_wrong_token_or_phase_is_code_6() {
 #[tokio::test(flavor = "multi_thread")]
 async fn teams_are_admitted_and_refused_by_name() {
     let (_folder, data) = house();
-    furnish(&data, &Plan { missions: 1, ..Plan::default() }).await;
+    furnish(&data, &TestSetup { missions: 1, ..TestSetup::default() }).await;
     let added = avln(&data, &["challenge", "team", "add", "Another"]);
     assert_eq!(added.code, Some(0), "{added:?}");
     assert!(added.out.contains("token  "), "{added:?}");

@@ -1,6 +1,6 @@
 //! The server keeps its own protocol, as the conformance kit sees it, and the kit sees when one does not.
 
-use avln_tests::{House, PHASE, Plan};
+use avln_tests::{TestServer, PHASE, TestSetup};
 use std::{
     io::{BufRead, BufReader, Read},
     process::{Command, Output, Stdio},
@@ -21,7 +21,7 @@ fn text(output: &Output) -> String {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn this_server_keeps_every_rule() {
-    let house = House::open(&Plan { houses: 1, missions: 12, ..Plan::default() }).await;
+    let house = TestServer::open(&TestSetup { houses: 1, missions: 12, ..TestSetup::default() }).await;
     let of = |words: [&str; 6]| words.map(str::to_owned).to_vec();
     let url = house.agents_url();
     let kept = conformance(of(["--server", &url, "--token", &house.token, "--phase", PHASE])).await;

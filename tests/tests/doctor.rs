@@ -2,7 +2,7 @@
 
 use avln_arena::{challenge::notes, data::DataFolder, now_unix_ms};
 use avln_store::{QuotaLimits, RunState, Viewer};
-use avln_tests::{House, PHASE, Plan};
+use avln_tests::{TestServer, PHASE, TestSetup};
 use serde_json::Value;
 use std::process::Command;
 
@@ -24,7 +24,7 @@ fn verdict<'a>(report: &'a Value, name: &str) -> &'a str {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_server_that_is_well_is_measured_and_left_as_it_was() {
-    let house = House::open(&Plan { missions: 3, ..Plan::default() }).await;
+    let house = TestServer::open(&TestSetup { missions: 3, ..TestSetup::default() }).await;
     let (code, report, said) = doctor(&house.agents_url(), &house.token, PHASE);
     assert_eq!((code, said.as_str()), (Some(0), ""), "{report}");
     for name in
@@ -49,7 +49,7 @@ async fn a_server_that_is_well_is_measured_and_left_as_it_was() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn what_would_stop_a_run_is_told_and_no_quota_is_spent() {
-    let house = House::open(&Plan::default()).await;
+    let house = TestServer::open(&TestSetup::default()).await;
     let (code, report, said) = doctor(&house.agents_url(), "wrong", PHASE);
     assert_eq!((code, verdict(&report, "token")), (Some(6), "failed"), "{report}");
     assert!(said.contains("a run would fail: token") && verdict(&report, "round trip") == "ok", "{said}");

@@ -5,7 +5,7 @@ use avln_arena::{budget::Budget, data::DataFolder, servers::Limits};
 use avln_client::{Action, Client, EndReason, Episode, Error, Order, Play, Reason, Run, RunOptions, Sensors};
 use avln_store::{Phase, RunState, Viewer};
 use avln_tests::{
-    House, PHASE, Plan, disk::Disk, furnish, rule, scissors::Scissors, server::Server, store, tap,
+    TestServer, PHASE, TestSetup, disk::Disk, furnish, rule, fault_proxy::FaultProxy, server::Server, store, recording_proxy,
 };
 use sqlx::{Connection, SqliteConnection, sqlite::SqliteConnectOptions};
 use std::{
@@ -31,14 +31,14 @@ type Verdict = (String, RunState, bool);
 /// A data folder with one phase of two episodes, as `change` wants it.
 async fn furnished(change: impl FnOnce(&mut Phase)) -> (TempDir, String) {
     let folder = tempfile::tempdir().expect("a folder");
-    let token = furnish(folder.path(), &Plan { houses: 1, missions: 2, ..Plan::default() }).await;
+    let token = furnish(folder.path(), &TestSetup { houses: 1, missions: 2, ..TestSetup::default() }).await;
     rule(folder.path(), change).await;
     (folder, token)
 }
 
-async fn house(change: impl FnOnce(&mut Phase)) -> House {
+async fn house(change: impl FnOnce(&mut Phase)) -> TestServer {
     let (folder, token) = furnished(change).await;
-    House::open_odd(folder, token, |arena| arena, |limits| limits).await
+    TestServer::open_with(folder, token, |arena| arena, |limits| limits).await
 }
 
 async fn begin(url: &str, token: &str) -> (Run, Play) {
@@ -97,11 +97,11 @@ fn brief(phase: &mut Phase) {
 #[tokio::test(flavor = "multi_thread")]
 async fn agent_an_illegal_message_costs_nothing() {
     let house = house(|_| ()).await;
-    let wire = tap::Tap::open(house.doors.grpc).await;
+    let wire = recording_proxy::RecordingProxy::open(house.doors.grpc).await;
     let (run, mut play) = begin(&wire.url(), &house.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
-    for spoil in [tap::illegal_action(), tap::wrong_step(9)] {
-        wire.spoil(spoil);
+    for spoil in [recording_proxy::illegal_action(), recording_proxy::wrong_step(9)] {
+        wire.corrupt(spoil);
         assert!(episode.step(Action::MoveForward).await.is_err(), "the server refuses it");
     }
     episode.step(Action::Stop).await.expect("and goes on");
@@ -175,11 +175,11 @@ async fn agent_whose_team_cancels_abandons_the_last_episode_and_does_not_complet
 #[tokio::test(flavor = "multi_thread")]
 async fn agent_that_speaks_nonsense_is_one_that_is_gone() {
     let house = house(brief).await;
-    let wire = tap::Tap::open(house.doors.grpc).await;
+    let wire = recording_proxy::RecordingProxy::open(house.doors.grpc).await;
     let (run, mut play) = begin(&wire.url(), &house.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
     // Frames of HTTP/2 that are none, from here on.
-    wire.spoil(Box::new(|bytes| {
+    wire.corrupt(Box::new(|bytes| {
         bytes.fill(0xff);
         false
     }));
@@ -217,10 +217,10 @@ async fn time_that_is_over_ends_a_run_with_what_it_has() {
 #[tokio::test(flavor = "multi_thread")]
 async fn network_that_is_cut_or_stalls_costs_nothing() {
     let house = house(|_| ()).await;
-    let wire = Scissors::open(house.doors.grpc).await;
+    let wire = FaultProxy::open(house.doors.grpc).await;
     let (run, mut play) = begin(&wire.url(), &house.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
-    wire.snip();
+    wire.cut();
     episode.step(Action::TurnLeft).await.expect("after another connection");
     wire.hold(true);
     let step = episode.step(Action::TurnLeft);
@@ -243,8 +243,8 @@ async fn network_that_is_dead_without_a_word_is_an_agent_that_is_gone() {
         keepalive_timeout: Duration::from_millis(300),
         ..limits
     };
-    let house = House::open_odd(folder, token, |arena| arena, keen).await;
-    let wire = Scissors::open(house.doors.grpc).await;
+    let house = TestServer::open_with(folder, token, |arena| arena, keen).await;
+    let wire = FaultProxy::open(house.doors.grpc).await;
     let (run, mut play) = begin(&wire.url(), &house.token).await;
     play.next_episode().await.expect("an answer").expect("an episode");
     wire.hold(true);
@@ -256,10 +256,10 @@ async fn network_that_is_dead_without_a_word_is_an_agent_that_is_gone() {
 /// What a simulator does wrong, in some steps.
 type Mischief = Arc<dyn Fn(u32) + Send + Sync>;
 
-async fn disturbed(mischief: Mischief) -> House {
+async fn disturbed(mischief: Mischief) -> TestServer {
     let (folder, token) = furnished(|_| ()).await;
     let hasty = |limits: Limits| Limits { step: Duration::from_millis(500), ..limits };
-    House::open_odd(folder, token, |arena| arena.disturbed(move |step| mischief(step)), hasty).await
+    TestServer::open_with(folder, token, |arena| arena.disturbed(move |step| mischief(step)), hasty).await
 }
 
 /// The first `times` steps fail, as `fail` has it.
@@ -314,7 +314,7 @@ async fn server_a_step_that_hangs_is_played_again_for_nothing() {
 async fn server_without_memory_for_an_episode_does_not_begin_it() {
     let (folder, token) = furnished(|_| ()).await;
     let poor = Budget { session_memory_mib: 1, ..Budget::default() };
-    let house = House::open_odd(folder, token, |arena| arena.with_budget(poor), |limits| limits).await;
+    let house = TestServer::open_with(folder, token, |arena| arena.with_budget(poor), |limits| limits).await;
     let (run, mut play) = begin(&house.agents_url(), &house.token).await;
     let Err(refused) = play.next_episode().await else { panic!("a house has more than one MiB") };
     assert_eq!(refused.reason(), Some(Reason::SimFault), "{refused}");
@@ -364,15 +364,15 @@ fn find(folder: &Path, part: &str) -> std::path::PathBuf {
 async fn server_that_dies_costs_nothing() {
     let (folder, token) = furnished(|phase| phase.time.run_s = 3600).await;
     let server = Server::start(PROGRAM, folder.path());
-    let wire = Scissors::open(server.grpc).await;
+    let wire = FaultProxy::open(server.grpc).await;
     let (run, mut play) = begin(&wire.url(), &token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
     episode.step(Action::TurnLeft).await.expect("a step");
     server.kill();
-    wire.snip();
+    wire.cut();
     sleep(Duration::from_secs(2)).await;
     let server = Server::start(PROGRAM, folder.path());
-    wire.lead_to(server.grpc);
+    wire.redirect(server.grpc);
     episode.step(Action::Stop).await.expect("on another server");
     play_on(play).await.expect("to the end");
     let expected = expect("stopped stopped", RunState::Completed, true);
@@ -388,7 +388,7 @@ async fn disk_full_under_the_run_log_is_played_again_for_nothing() {
     let logs = folder.path().join("runs");
     std::fs::create_dir_all(&logs).expect("a folder");
     let Some(disk) = Disk::mount(&logs, "256k") else { return };
-    let house = House::open_odd(folder, token, |arena| arena, |limits| limits).await;
+    let house = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
     let (run, mut play) = begin(&house.agents_url(), &house.token).await;
     let mut episode = play.next_episode().await.expect("an answer").expect("an episode");
     disk.fill();
@@ -444,7 +444,7 @@ async fn clock_that_jumps_ends_no_run() {
     let (folder, token) = furnished(|phase| phase.time.run_s = 3600).await;
     let data = DataFolder::open(folder.path()).expect("the folder");
     let arena = avln_arena::Arena::open(&data, store(folder.path()).await, 256).await.expect("phases");
-    let house = House::open_odd(folder, token, |arena| arena, |limits| limits).await;
+    let house = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
     let (run, play) = begin(&house.agents_url(), &house.token).await;
     let now = avln_arena::now_unix_ms();
     let day_ms = 86_400_000;

@@ -1,6 +1,6 @@
 //! A frozen copy of the board can be trusted: whatever was done to it is found.
 
-use avln_tests::{Plan, furnish};
+use avln_tests::{TestSetup, furnish};
 use std::{fs, path::Path, process::Command};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
@@ -33,7 +33,7 @@ fn found(copy: &Path, key: &str, file: &str, text: Option<&str>) -> String {
 #[tokio::test(flavor = "multi_thread")]
 async fn what_is_done_to_a_copy_is_found() {
     let (data, elsewhere) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
-    furnish(data.path(), &Plan { houses: 1, missions: 1, ..Plan::default() }).await;
+    furnish(data.path(), &TestSetup { houses: 1, missions: 1, ..TestSetup::default() }).await;
     let copy = elsewhere.path().join("frozen");
     let place = copy.display().to_string();
     let (content, told) = avln(data.path(), &["challenge", "leaderboard", "freeze", "--out", &place]);

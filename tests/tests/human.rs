@@ -2,7 +2,7 @@
 
 use avln_client::Order;
 use avln_human::{HumanArgs, HumanError, RunArgs, run_with};
-use avln_tests::{House, PHASE, Plan, http};
+use avln_tests::{TestServer, PHASE, TestSetup, http};
 use serde_json::Value;
 use std::net::SocketAddr;
 use tokio::{
@@ -11,7 +11,7 @@ use tokio::{
     sync::oneshot,
 };
 
-fn args(house: &House, page: &str) -> HumanArgs {
+fn args(house: &TestServer, page: &str) -> HumanArgs {
     let run = RunArgs {
         server: format!("http://{}", house.doors.grpc),
         ca: None,
@@ -57,7 +57,7 @@ async fn play(page: SocketAddr, begun: &Value) -> Value {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_person_plays_a_run_that_stands_on_the_board() {
-    let house = House::open(&Plan::default()).await;
+    let house = TestServer::open(&TestSetup::default()).await;
     let (found, page) = oneshot::channel();
     let options = args(&house, "127.0.0.1:0");
     let run = tokio::spawn(async move {
@@ -90,7 +90,7 @@ async fn a_person_plays_a_run_that_stands_on_the_board() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn the_page_is_for_this_machine_alone() {
-    let house = House::open(&Plan::default()).await;
+    let house = TestServer::open(&TestSetup::default()).await;
     let open = run_with(args(&house, "0.0.0.0:0"), |_| {}, &mut |_| {}).await;
     assert!(matches!(open, Err(HumanError::Open(_))), "{open:?}");
     let taken = house.doors.web.to_string();

@@ -5,12 +5,12 @@ use avln_arena::{data::DataFolder, register};
 use avln_client::{Action, Client, Episode, Error, Order, Run, RunOptions, Sensors};
 use avln_store::Visibility;
 use avln_tests::{
-    House, PHASE, Plan,
+    TestServer, PHASE, TestSetup,
     canary::Canaries,
     http,
-    raw::{Caller, MOVE_FORWARD, SUBMIT},
-    tap,
-    tap::Tap,
+    raw::{RawClient, MOVE_FORWARD, SUBMIT},
+    recording_proxy,
+    recording_proxy::RecordingProxy,
     walk::{PASSED_M, Walker, distance_m},
 };
 use serde_json::Value;
@@ -20,7 +20,7 @@ const BLIND: Sensors =
     Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
 /// What the split of a house hides from everybody.
-fn hidden(house: &House) -> Canaries {
+fn hidden(house: &TestServer) -> Canaries {
     let split = DataFolder::open(house.folder.path()).and_then(|data| data.split(PHASE)).expect("its split");
     let mut canaries = Canaries::default();
     for scene in &split.scenes {
@@ -54,7 +54,7 @@ fn hidden(house: &House) -> Canaries {
 }
 
 /// Categories of targets: those of which no mission tells, and all of them as pages would show them.
-fn categories(house: &House) -> (Canaries, Canaries) {
+fn categories(house: &TestServer) -> (Canaries, Canaries) {
     let split = DataFolder::open(house.folder.path()).and_then(|data| data.split(PHASE)).expect("its split");
     let (mut told, mut categories) = (String::new(), BTreeSet::new());
     for goal in split.episodes.iter().flat_map(|episode| &episode.goals) {
@@ -81,7 +81,7 @@ fn categories(house: &House) -> (Canaries, Canaries) {
 }
 
 /// Walks along the reference tour until the first target on it can be claimed.
-async fn claim_first_target(house: &House, episode: &mut Episode<'_>, order: Order) {
+async fn claim_first_target(house: &TestServer, episode: &mut Episode<'_>, order: Order) {
     let data = DataFolder::open(house.folder.path()).expect("the data folder");
     let split = data.split(PHASE).expect("its split");
     let rules = register::rules_of(PHASE, &data.missions(PHASE).expect("its files")).expect("its rules");
@@ -126,7 +126,7 @@ struct Received {
 }
 
 /// Plays an episode with all senses: wrong claims, refused steps, and then gives it up.
-async fn fumble(tap: &Tap, arena: &Client, run: &Run) {
+async fn fumble(tap: &RecordingProxy, arena: &Client, run: &Run) {
     let mut play = arena.play(run, Sensors::square(64)).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
     for action in
@@ -134,8 +134,8 @@ async fn fumble(tap: &Tap, arena: &Client, run: &Run) {
     {
         episode.step(action).await.expect("a legal step");
     }
-    for spoiler in [tap::illegal_action(), tap::wrong_step(100)] {
-        tap.spoil(spoiler);
+    for spoiler in [recording_proxy::illegal_action(), recording_proxy::wrong_step(100)] {
+        recording_proxy.corrupt(spoiler);
         let refused = episode.step(Action::MoveForward).await.expect_err("a spoiled step");
         assert!(matches!(refused, Error::Refused { .. }), "{refused}");
     }
@@ -143,7 +143,7 @@ async fn fumble(tap: &Tap, arena: &Client, run: &Run) {
 }
 
 /// Plays the rest of a run without senses: the first target of each episode is claimed, then a wrong place.
-async fn claim(house: &House, arena: &Client, run: &Run, order: Order) -> Vec<(String, f64)> {
+async fn claim(house: &TestServer, arena: &Client, run: &Run, order: Order) -> Vec<(String, f64)> {
     let mut play = arena.play(run, BLIND).await.expect("a stream");
     while let Some(mut episode) = play.next_episode().await.expect("a stream") {
         claim_first_target(house, &mut episode, order).await;
@@ -158,9 +158,9 @@ async fn claim(house: &House, arena: &Client, run: &Run, order: Order) -> Vec<(S
 }
 
 /// Plays one step through the unary mirror, gives episode and run up, and asks for health and reflection.
-async fn go_unary(tap: &Tap, arena: &Client) -> String {
+async fn go_unary(tap: &RecordingProxy, arena: &Client) -> String {
     let run = arena.start_run(RunOptions::new(PHASE, "mirror")).await.expect("a run");
-    let mut caller = Caller::connect(&tap.url(), &run.token).await;
+    let mut caller = RawClient::connect(&recording_proxy.url(), &run.token).await;
     caller.play(&[MOVE_FORWARD, SUBMIT], true).await.expect("legal calls");
     caller.play(&[MOVE_FORWARD], false).await.expect("legal calls");
     caller.play(&[], false).await.expect_err("the run is over");
@@ -176,7 +176,7 @@ async fn watch(arena: &Client, run: &str) {
 }
 
 /// Asks for everything else that the agents' door answers.
-async fn ask_around(house: &House, tap: &Tap, arena: &Client) {
+async fn ask_around(house: &TestServer, tap: &RecordingProxy, arena: &Client) {
     arena.server_info().await.expect("an answer");
     arena.phases().await.expect("an answer");
     arena.quota().await.expect("an answer");
@@ -184,24 +184,24 @@ async fn ask_around(house: &House, tap: &Tap, arena: &Client) {
     arena.whoami().await.expect("an answer");
     arena.run("run_of_nobody").await.expect_err("no such run");
     arena.start_run(RunOptions::new("finals", "curious")).await.expect_err("no such phase");
-    Client::connect(tap.url(), "wrong").await.expect_err("no such token");
+    Client::connect(recording_proxy.url(), "wrong").await.expect_err("no such token");
     let own = Run::from_token(&house.token);
     arena.play(&own, BLIND).await.expect_err("no token of a run");
 }
 
 /// What is told to somebody who follows a run that is under way, and all of them.
-async fn follow(house: &House, run: &str) -> Vec<(String, http::Answer)> {
+async fn follow(house: &TestServer, run: &str) -> Vec<(String, http::Answer)> {
     const LONG_ENOUGH: Duration = Duration::from_millis(1500);
     let mut told = Vec::new();
     for path in ["/api/v1/runs/events".to_owned(), format!("/api/v1/runs/{run}/events")] {
-        let answer = http::overhear(house.doors.web, &path, LONG_ENOUGH).await;
+        let answer = http::get_events(house.doors.web, &path, LONG_ENOUGH).await;
         told.push((path, answer));
     }
     told
 }
 
-async fn receive(house: &House) -> Received {
-    let (noisy, plain) = (Tap::open(house.doors.grpc).await, Tap::open(house.doors.grpc).await);
+async fn receive(house: &TestServer) -> Received {
+    let (noisy, plain) = (RecordingProxy::open(house.doors.grpc).await, RecordingProxy::open(house.doors.grpc).await);
     let curious = Client::connect(noisy.url(), &house.token).await.expect("the door is open");
     let sober = Client::connect(plain.url(), &house.token).await.expect("the door is open");
     let (mut metrics, mut runs) = (Vec::new(), Vec::new());
@@ -222,7 +222,7 @@ async fn receive(house: &House) -> Received {
         pages.push((path, answer));
     }
     pages.extend(followed);
-    Received { noisy: noisy.heard(), plain: plain.heard(), pages, metrics }
+    Received { noisy: noisy.recorded(), plain: plain.recorded(), pages, metrics }
 }
 
 /// Every page and every way into the API that has to do with the runs.
@@ -338,8 +338,8 @@ fn holds(bytes: &[u8], word: &str) -> bool {
     bytes.windows(word.len()).any(|window| window == word.as_bytes())
 }
 
-async fn house(visible_to: Visibility) -> House {
-    House::open(&Plan { visible_to, ..Plan::default() }).await
+async fn house(visible_to: Visibility) -> TestServer {
+    TestServer::open(&TestSetup { visible_to, ..TestSetup::default() }).await
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -379,8 +379,8 @@ async fn nothing_hidden_reaches_an_agent_or_a_visitor() {
 #[tokio::test(flavor = "multi_thread")]
 async fn public_scores_do_not_show_what_hidden_replays_hide() {
     let plan =
-        Plan { visible_to: Visibility::Public, replays_to: Some(Visibility::Organiser), ..Plan::default() };
-    let house = House::open(&plan).await;
+        TestSetup { visible_to: Visibility::Public, replays_to: Some(Visibility::Organiser), ..TestSetup::default() };
+    let house = TestServer::open(&plan).await;
     let received = receive(&house).await;
     let canaries = hidden(&house);
     let (untold, shown) = categories(&house);

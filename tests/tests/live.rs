@@ -1,7 +1,7 @@
 //! Who follows a run over the people's door sees it advance, and why it does not.
 
 use avln_client::{Action, Client, RunOptions};
-use avln_tests::{House, PHASE, Plan, http, stroll::BLIND};
+use avln_tests::{TestServer, PHASE, TestSetup, http, scripted_run::NO_SENSORS};
 use serde_json::Value;
 use std::time::Duration;
 use tokio::time::sleep;
@@ -14,15 +14,15 @@ fn events(answer: &http::Answer) -> Vec<Value> {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_run_is_seen_to_advance_and_to_wait() {
-    let house = House::open(&Plan::default()).await;
+    let house = TestServer::open(&TestSetup::default()).await;
     let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, "walker")).await.expect("a run");
     let (web, path) = (house.doors.web, format!("/api/v1/runs/{}/events", run.id));
-    let before = events(&http::overhear(web, &path, Duration::from_millis(500)).await);
+    let before = events(&http::get_events(web, &path, Duration::from_millis(500)).await);
     assert_eq!((before.len(), &before[0]["state"]), (1, &"created".into()));
     assert_eq!(before[0]["words"]["waits"], "the run waits for its agent to connect");
 
-    let mut play = arena.play(&run, BLIND).await.expect("a stream");
+    let mut play = arena.play(&run, NO_SENSORS).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
     let walk = async {
         for _ in 0..20 {
@@ -30,7 +30,7 @@ async fn a_run_is_seen_to_advance_and_to_wait() {
             sleep(Duration::from_millis(150)).await;
         }
     };
-    let (heard, ()) = tokio::join!(http::overhear(web, &path, Duration::from_millis(3500)), walk);
+    let (heard, ()) = tokio::join!(http::get_events(web, &path, Duration::from_millis(3500)), walk);
     let told = events(&heard);
     assert!(
         heard.body.contains("retry: 2000") && (3..=5).contains(&told.len()),
@@ -46,7 +46,7 @@ async fn a_run_is_seen_to_advance_and_to_wait() {
     );
     let rate = last["steps_per_s"].as_f64().expect("it is told");
     assert!((2.0..8.0).contains(&rate), "{rate} steps a second");
-    let list = events(&http::overhear(web, "/api/v1/runs/events", Duration::from_millis(500)).await);
+    let list = events(&http::get_events(web, "/api/v1/runs/events", Duration::from_millis(500)).await);
     assert_eq!(list[0]["runs"][0]["run"], run.id.as_str());
     let page = http::get(web, "/runs").await.body;
     assert!(page.contains("1 run under way.") && page.contains("steps a second"), "{page}");
@@ -54,6 +54,6 @@ async fn a_run_is_seen_to_advance_and_to_wait() {
     drop(episode);
     drop(play);
     drop(arena);
-    let lost = http::overhear(web, &path, Duration::from_millis(2500)).await;
+    let lost = http::get_events(web, &path, Duration::from_millis(2500)).await;
     assert!(lost.body.contains("waits for its agent to come back"), "{}", lost.body);
 }

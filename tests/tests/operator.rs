@@ -7,7 +7,7 @@ use avln_arena::{
 };
 use avln_client::{Action, Client, ConnectOptions, Error, Reason, RunOptions, Sensors};
 use avln_store::AuditNote;
-use avln_tests::{House, PHASE, Plan, http};
+use avln_tests::{TestServer, PHASE, TestSetup, http};
 use serde::Serialize;
 use std::time::Duration;
 use tokio::time::timeout;
@@ -21,7 +21,7 @@ struct Operator {
 }
 
 impl Operator {
-    async fn of(house: &House) -> Self {
+    async fn of(house: &TestServer) -> Self {
         let token = house.organiser().await;
         Self { url: format!("http://{}", house.doors.admin.unwrap()), token }
     }
@@ -45,7 +45,7 @@ impl Operator {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn the_operator_sees_what_is_played_and_nobody_else_does() {
-    let house = House::open_with_admin(&Plan::default()).await;
+    let house = TestServer::open_with_admin(&TestSetup::default()).await;
     let operator = Operator::of(&house).await;
     let arena = Client::connect(house.agents_url(), &house.token).await.unwrap();
     let run = arena.start_run(RunOptions::new(PHASE, "secretive method")).await.unwrap();
@@ -86,7 +86,7 @@ async fn the_operator_sees_what_is_played_and_nobody_else_does() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_drain_begins_nothing_new_and_lets_open_episodes_end() {
-    let house = House::open_with_admin(&Plan::default()).await;
+    let house = TestServer::open_with_admin(&TestSetup::default()).await;
     let operator = Operator::of(&house).await;
     let link = ConnectOptions { patience: Some(Duration::from_secs(2)), ..ConnectOptions::default() };
     let arena = Client::connect_with(house.agents_url(), &house.token, &link).await.unwrap();
@@ -125,7 +125,7 @@ async fn a_drain_begins_nothing_new_and_lets_open_episodes_end() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn what_a_drain_takes_from_phases_is_given_back_on_record() {
-    let house = House::open_with_admin(&Plan::default()).await;
+    let house = TestServer::open_with_admin(&TestSetup::default()).await;
     let operator = Operator::of(&house).await;
     let store = DataFolder::open(house.folder.path()).unwrap().store().await.unwrap();
     let mut phase = store.phase(PHASE).await.unwrap();
@@ -136,7 +136,7 @@ async fn what_a_drain_takes_from_phases_is_given_back_on_record() {
     operator.status("/v1/drain", Some(&Drain { reason: "new disks".into(), minutes: 0 })).await;
     timeout(Duration::from_secs(60), house.doors.wait()).await.expect("it stops").unwrap();
     tokio::time::sleep(Duration::from_millis(1500)).await;
-    let next = avln_tests::open_doors(house.folder.path()).await;
+    let next = avln_tests::start_servers(house.folder.path()).await;
     let away = now_unix_ms() - before;
     let later = store.phase(PHASE).await.unwrap().schedule.closes_unix_ms.unwrap() - closes;
     assert!((1500..=away).contains(&later), "{later} ms later after {away} ms");

@@ -2,13 +2,13 @@
 
 use avln_arena::backup::{self, PruneOptions, Pruned};
 use avln_arena::now_unix_ms;
-use avln_tests::{House, PHASE, Plan, http, stroll::stroll};
+use avln_tests::{TestServer, PHASE, TestSetup, http, scripted_run::play_script};
 use std::process::Command;
 
 #[tokio::test(flavor = "multi_thread")]
 async fn old_logs_and_records_go_and_scores_stay() {
-    let house = House::open(&Plan::default()).await;
-    let run = stroll(&house.agents_url(), &house.token, "walker").await;
+    let house = TestServer::open(&TestSetup::default()).await;
+    let run = play_script(&house.agents_url(), &house.token, "walker").await;
     let log = house.folder.path().join("runs").join(format!("{run}.log"));
     let page = async |path: &str| http::get(house.doors.web, path).await;
     let board = page(&format!("/api/v1/phases/{PHASE}/leaderboard?order=unordered")).await.body;

@@ -5,7 +5,7 @@ use avln_arena::{
     rescoring::{Scorer, rescore},
 };
 use avln_store::Store;
-use avln_tests::{House, PHASE, Plan, http, stroll::stroll};
+use avln_tests::{TestServer, PHASE, TestSetup, http, scripted_run::play_script};
 use std::{path::Path, process::Command};
 
 /// What `avln run rescore` says, and its exit code.
@@ -33,14 +33,14 @@ const STRICT: Scorer = Scorer {
     },
 };
 
-async fn store(house: &House) -> Store {
+async fn store(house: &TestServer) -> Store {
     DataFolder::open(house.folder.path()).expect("the folder").store().await.expect("its database")
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn the_same_scorer_says_the_same_and_another_is_kept_beside_it() {
-    let house = House::open(&Plan::default()).await;
-    let run = stroll(&house.agents_url(), &house.token, "walker").await;
+    let house = TestServer::open(&TestSetup::default()).await;
+    let run = play_script(&house.agents_url(), &house.token, "walker").await;
     let folder = house.folder.path();
     for arguments in [&[run.as_str()][..], &["--phase", PHASE]] {
         let (code, text) = avln_rescore(folder, arguments);
@@ -74,8 +74,8 @@ async fn the_same_scorer_says_the_same_and_another_is_kept_beside_it() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_version_that_says_two_things_and_a_run_without_records_are_told() {
-    let house = House::open(&Plan::default()).await;
-    let run = stroll(&house.agents_url(), &house.token, "walker").await;
+    let house = TestServer::open(&TestSetup::default()).await;
+    let run = play_script(&house.agents_url(), &house.token, "walker").await;
     let store = store(&house).await;
     let row = store.run(&run).await.expect("the run");
     let forged = Scorer { version: Scorer::OURS.version, ..STRICT };

@@ -2,7 +2,7 @@
 //! what its episodes were worth, lose an episode or count one twice.
 
 use avln_client::{Action, Client, Episode, Error, Observation, Order, Play, Run, RunOptions, Sensors};
-use avln_tests::{House, PHASE, Plan, furnish, http, scissors::Scissors, server::Server};
+use avln_tests::{TestServer, PHASE, TestSetup, furnish, http, fault_proxy::FaultProxy, server::Server};
 use serde_json::Value;
 use std::{
     net::SocketAddr,
@@ -82,17 +82,17 @@ async fn worth(web: SocketAddr, run: &str) -> Vec<Value> {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_thousand_lost_connections_change_nothing() {
     static STEPS_TAKEN: AtomicU32 = AtomicU32::new(0);
-    let house = House::open(&Plan { houses: 1, missions: 12, ..Plan::default() }).await;
+    let house = TestServer::open(&TestSetup { houses: 1, missions: 12, ..TestSetup::default() }).await;
     let calm = play_run(house.agents_url(), house.token.clone(), 4, &STEPS_TAKEN).await;
     let steps = STEPS_TAKEN.swap(0, Ordering::Relaxed);
 
-    let wire = Scissors::open(house.doors.grpc).await;
+    let wire = FaultProxy::open(house.doors.grpc).await;
     let playing = tokio::spawn(play_run(wire.url(), house.token.clone(), 4, &STEPS_TAKEN));
     let (mut snips, mut draw, mut due) = (0, 7_u32, 1);
     while !playing.is_finished() {
         draw = draw.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         if STEPS_TAKEN.load(Ordering::Relaxed) >= due {
-            wire.snip();
+            wire.cut();
             snips += 1;
             due = STEPS_TAKEN.load(Ordering::Relaxed) + 1;
         }
@@ -132,9 +132,9 @@ const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
 async fn fifty_deaths_of_the_server_change_nothing() {
     static STEPS_TAKEN: AtomicU32 = AtomicU32::new(0);
     let folder = tempfile::tempdir().expect("a folder");
-    let token = furnish(folder.path(), &Plan { houses: 1, missions: 20, ..Plan::default() }).await;
+    let token = furnish(folder.path(), &TestSetup { houses: 1, missions: 20, ..TestSetup::default() }).await;
     let mut server = Server::start(PROGRAM, folder.path());
-    let wire = Scissors::open(server.grpc).await;
+    let wire = FaultProxy::open(server.grpc).await;
     let calm = play_run(wire.url(), token.clone(), 16, &STEPS_TAKEN).await;
     let steps = STEPS_TAKEN.swap(0, Ordering::Relaxed);
 
@@ -147,9 +147,9 @@ async fn fifty_deaths_of_the_server_change_nothing() {
             tokio::time::sleep(Duration::from_micros(300)).await;
         }
         server.kill();
-        wire.snip();
+        wire.cut();
         server = Server::start(PROGRAM, folder.path());
-        wire.lead_to(server.grpc);
+        wire.redirect(server.grpc);
         deaths += 1;
     }
     let stormy = playing.await.expect("no panic");

@@ -2,7 +2,7 @@
 #![cfg(target_os = "linux")]
 
 use avln_client::{Client, Metric, RunStatus};
-use avln_tests::{House, PHASE, Plan, TEAM, furnish, http};
+use avln_tests::{TestServer, PHASE, TestSetup, TEAM, furnish, http};
 use std::{
     net::TcpListener,
     path::Path,
@@ -47,7 +47,7 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-async fn status(house: &House, method: &str) -> RunStatus {
+async fn status(house: &TestServer, method: &str) -> RunStatus {
     let arena = Client::connect(house.agents_url(), &house.token).await.unwrap();
     arena.runs().await.unwrap().into_iter().find(|run| run.method == method).expect("its run")
 }
@@ -59,7 +59,7 @@ fn values(status: &RunStatus) -> Vec<(String, u64)> {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_sealed_run_scores_as_the_same_agent_that_dials_in() {
-    let house = House::open(&Plan::default()).await;
+    let house = TestServer::open(&TestSetup::default()).await;
     let agent = [PROGRAM, "agent", "random", "--seed", "3", "--size", "64"];
     let dial_in = tokio::process::Command::new(PROGRAM)
         .args(&agent[1..])
@@ -132,7 +132,7 @@ fn got_through(output: &str, probe: &str) -> bool {
 async fn nothing_is_reached_from_inside_but_the_server() {
     let (folder, home) = (TempDir::new().unwrap(), TempDir::new().unwrap());
     let data = folder.path().join("data");
-    furnish(&data, &Plan::default()).await;
+    furnish(&data, &TestSetup::default()).await;
     let web = TcpListener::bind("127.0.0.1:0").unwrap();
     let probe = script(web.local_addr().unwrap().port(), std::process::id(), home.path(), &data);
 
@@ -172,7 +172,7 @@ async fn nothing_is_reached_from_inside_but_the_server() {
 #[tokio::test(flavor = "multi_thread")]
 async fn agents_that_do_not_play_are_told_and_their_runs_end() {
     let folder = TempDir::new().unwrap();
-    furnish(folder.path(), &Plan::default()).await;
+    furnish(folder.path(), &TestSetup::default()).await;
     let data = folder.path().to_owned();
     let refused = move |options: &[&str], agent: &[&str], words: &str| {
         let output = sealed(&data, options, agent);

@@ -3,7 +3,7 @@
 use avln_arena::servers::Limits;
 use avln_arena::setup::admit;
 use avln_client::{Action, Client, EndReason, Error, Order, RunOptions, Sensors};
-use avln_tests::{House, PHASE, Plan, furnish, rule, scissors::Scissors, store};
+use avln_tests::{TestServer, PHASE, TestSetup, furnish, rule, fault_proxy::FaultProxy, store};
 use std::{
     sync::{
         Arc,
@@ -50,12 +50,12 @@ async fn turn(
 async fn a_team_of_one_slot_steps_as_often_as_one_of_sixteen() {
     let _alone = ALONE.lock().await;
     let folder = tempfile::tempdir().expect("a folder");
-    let token = furnish(folder.path(), &Plan { houses: 1, missions: 17, ..Plan::default() }).await;
+    let token = furnish(folder.path(), &TestSetup { houses: 1, missions: 17, ..TestSetup::default() }).await;
     let store = store(folder.path()).await;
     let modest = admit(&store, "modest", None).await.expect("another team");
     store.close().await;
     let one_core = |limits: Limits| Limits { max_simulations: 1, ..limits };
-    let house = House::open_odd(folder, token, |arena| arena, one_core).await;
+    let house = TestServer::open_with(folder, token, |arena| arena, one_core).await;
 
     let enough = Arc::new(AtomicBool::new(false));
     let steps: [Arc<AtomicU32>; 2] = Default::default();
@@ -82,10 +82,10 @@ async fn a_team_of_one_slot_steps_as_often_as_one_of_sixteen() {
 async fn fifty_milliseconds_away_costs_no_time() {
     let _alone = ALONE.lock().await;
     let folder = tempfile::tempdir().expect("a folder");
-    let token = furnish(folder.path(), &Plan::default()).await;
+    let token = furnish(folder.path(), &TestSetup::default()).await;
     rule(folder.path(), |phase| (phase.time.step_ms, phase.time.bank_ms) = (80, 1000)).await;
-    let house = House::open_odd(folder, token, |arena| arena, |limits| limits).await;
-    let wire = Scissors::far(house.doors.grpc, Duration::from_millis(50)).await;
+    let house = TestServer::open_with(folder, token, |arena| arena, |limits| limits).await;
+    let wire = FaultProxy::open_delayed(house.doors.grpc, Duration::from_millis(50)).await;
     let arena = Client::connect(wire.url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, "far").order(Order::Unordered)).await.expect("a run");
     let blind = Sensors { rgb: false, depth: false, audio: false, ..Sensors::default() };

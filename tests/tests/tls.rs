@@ -2,7 +2,7 @@
 
 use avln_arena::servers::Security;
 use avln_client::{Action, Client, ConnectOptions, Error, Observation, Packing, RunOptions, Sensors};
-use avln_tests::{House, PHASE, Plan, http};
+use avln_tests::{TestServer, PHASE, TestSetup, http};
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use std::path::PathBuf;
 use tempfile::TempDir;
@@ -44,7 +44,7 @@ impl Authority {
 }
 
 /// What an agent sees on its first steps.
-async fn look(house: &House, link: &ConnectOptions) -> Vec<Observation> {
+async fn look(house: &TestServer, link: &ConnectOptions) -> Vec<Observation> {
     let arena = Client::connect_with(house.agents_url(), &house.token, link).await.unwrap();
     let run = arena.start_run(RunOptions::new(PHASE, "looker")).await.unwrap();
     let mut play = arena.play(&run, Sensors::square(64)).await.unwrap();
@@ -60,7 +60,7 @@ async fn look(house: &House, link: &ConnectOptions) -> Vec<Observation> {
 #[tokio::test(flavor = "multi_thread")]
 async fn episodes_are_played_over_tls_and_look_the_same_however_they_are_packed() {
     let (authority, stranger) = (Authority::new(), Authority::new());
-    let house = House::open_as(&Plan::default(), &authority.security()).await;
+    let house = TestServer::open_as(&TestSetup::default(), &authority.security()).await;
     let raw = look(&house, &authority.link(Packing::Raw)).await;
     let packed = look(&house, &authority.link(Packing::Lossless)).await;
     assert!(raw.len() == 4 && raw[0].rgb != raw[1].rgb, "the pictures show something");
@@ -85,7 +85,7 @@ async fn episodes_are_played_over_tls_and_look_the_same_however_they_are_packed(
 #[tokio::test(flavor = "multi_thread")]
 async fn tls_where_plain_text_is_spoken_is_told_apart() {
     let authority = Authority::new();
-    let house = House::open(&Plan::default()).await;
+    let house = TestServer::open(&TestSetup::default()).await;
     let secure = format!("https://{}", house.doors.grpc);
     let refused = Client::connect_with(secure, "", &authority.link(Packing::Raw)).await.unwrap_err();
     let text = refused.to_string();
@@ -95,7 +95,7 @@ async fn tls_where_plain_text_is_spoken_is_told_apart() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_server_that_speaks_tls_is_checked_like_any_other() {
     let authority = Authority::new();
-    let house = House::open_as(&Plan { missions: 12, ..Plan::default() }, &authority.security()).await;
+    let house = TestServer::open_as(&TestSetup { missions: 12, ..TestSetup::default() }, &authority.security()).await;
     let mut kit = std::process::Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
     kit.args(["conformance", "--server", &house.agents_url(), "--token", &house.token, "--phase", PHASE]);
     kit.arg("--ca").arg(authority.file("ca.pem"));

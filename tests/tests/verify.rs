@@ -3,7 +3,7 @@
 
 use avln_arena::runlog::{Entry, History, RunLogs, SigningKey};
 use avln_client::{Client, RunOptions};
-use avln_tests::{House, PHASE, Plan, http, stroll::stroll};
+use avln_tests::{TestServer, PHASE, TestSetup, http, scripted_run::play_script};
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -13,7 +13,7 @@ use tempfile::TempDir;
 
 /// A server, a run that was played on it, and its log as the server gives it out.
 struct Played {
-    house: House,
+    house: TestServer,
     files: TempDir,
     log: PathBuf,
     key: String,
@@ -21,12 +21,12 @@ struct Played {
 
 impl Played {
     async fn new() -> Self {
-        let house = House::open(&Plan::default()).await;
+        let house = TestServer::open(&TestSetup::default()).await;
         let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
         let open = arena.start_run(RunOptions::new(PHASE, "idle")).await.expect("a run").id;
         let early = http::get(house.doors.web, &format!("/api/v1/runs/{open}/log")).await;
         assert_eq!(early.status, 400, "the run is not over: {}", early.body);
-        let run = stroll(&house.agents_url(), &house.token, "walker").await;
+        let run = play_script(&house.agents_url(), &house.token, "walker").await;
         let answer = http::get(house.doors.web, &format!("/api/v1/runs/{run}/log")).await;
         assert_eq!(answer.status, 200, "{}", answer.body);
         let status = http::get(house.doors.web, "/api/v1/status").await;

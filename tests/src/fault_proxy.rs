@@ -13,7 +13,7 @@ use tokio::{
 };
 
 /// A listener in front of a server.
-pub struct Scissors {
+pub struct FaultProxy {
     /// Where clients connect.
     pub address: SocketAddr,
     wire: Wire,
@@ -29,14 +29,14 @@ struct Wire {
     delay: Duration,
 }
 
-impl Scissors {
+impl FaultProxy {
     /// Listens on a free port and passes every connection on to `server`.
     pub async fn open(server: SocketAddr) -> Self {
-        Self::far(server, Duration::ZERO).await
+        Self::open_delayed(server, Duration::ZERO).await
     }
 
     /// The same, `delay` away: everything takes that time in each direction.
-    pub async fn far(server: SocketAddr, delay: Duration) -> Self {
+    pub async fn open_delayed(server: SocketAddr, delay: Duration) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("its address");
         let wire = Wire {
@@ -55,7 +55,7 @@ impl Scissors {
     }
 
     /// Cuts every connection without a farewell.
-    pub fn snip(&self) {
+    pub fn cut(&self) {
         self.wire.snips.send_modify(|snips| *snips += 1);
     }
 
@@ -65,7 +65,7 @@ impl Scissors {
     }
 
     /// Whoever connects from now on reaches this server.
-    pub fn lead_to(&self, server: SocketAddr) {
+    pub fn redirect(&self, server: SocketAddr) {
         self.wire.server.send_replace(server);
     }
 }

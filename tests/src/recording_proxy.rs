@@ -14,10 +14,10 @@ use tokio::{
 };
 
 /// Changes bytes on their way to the server; true when it has done so, and then it is forgotten.
-pub type Spoiler = Box<dyn FnMut(&mut [u8]) -> bool + Send>;
+pub type Corruption = Box<dyn FnMut(&mut [u8]) -> bool + Send>;
 
 /// A listener in front of a server.
-pub struct Tap {
+pub struct RecordingProxy {
     /// Where clients connect.
     pub address: SocketAddr,
     said: Shared,
@@ -27,10 +27,10 @@ pub struct Tap {
 #[derive(Clone, Default)]
 struct Shared {
     heard: Arc<Mutex<Vec<u8>>>,
-    spoiler: Arc<Mutex<Option<Spoiler>>>,
+    spoiler: Arc<Mutex<Option<Corruption>>>,
 }
 
-impl Tap {
+impl RecordingProxy {
     /// Listens on a free port and passes every connection on to `server`.
     pub async fn open(server: SocketAddr) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
@@ -47,12 +47,12 @@ impl Tap {
     }
 
     /// Every byte that the server said so far.
-    pub fn heard(&self) -> Vec<u8> {
+    pub fn recorded(&self) -> Vec<u8> {
         self.said.heard.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Lets `spoiler` see everything that clients say from now on, until it has changed something.
-    pub fn spoil(&self, spoiler: Spoiler) {
+    pub fn corrupt(&self, spoiler: Corruption) {
         *self.said.spoiler.lock().unwrap_or_else(PoisonError::into_inner) = Some(spoiler);
     }
 
@@ -110,7 +110,7 @@ const STEP: usize = 1;
 const ACTION: usize = 3;
 
 /// Writes `value` over the byte at `offset` behind the episode's name of the next Act.
-fn overwrite(offset: usize, value: u8) -> Spoiler {
+fn overwrite(offset: usize, value: u8) -> Corruption {
     const NAME_BYTES: usize = 3 + 32;
     Box::new(move |bytes| {
         let is_act = |at: &usize| {
@@ -126,11 +126,11 @@ fn overwrite(offset: usize, value: u8) -> Spoiler {
 }
 
 /// Turns the action of the next Act into one that does not exist. Steps must be below 128.
-pub fn illegal_action() -> Spoiler {
+pub fn illegal_action() -> Corruption {
     overwrite(ACTION, 77)
 }
 
 /// Turns the step of the next Act into `step`, below 128. Steps must be below 128.
-pub fn wrong_step(step: u8) -> Spoiler {
+pub fn wrong_step(step: u8) -> Corruption {
     overwrite(STEP, step)
 }

@@ -3,10 +3,10 @@
 use avln_client::{Action, Client, EndReason, Error, Order, Reason, RunOptions, Sensors};
 use avln_store::AuditLine;
 use avln_tests::{
-    House, PHASE, Plan, TEAM, http,
+    TestServer, PHASE, TestSetup, TEAM, http,
     http::{Answer, Visitor},
     store,
-    stroll::stroll,
+    scripted_run::play_script,
 };
 use std::time::Duration;
 use tokio::time::sleep;
@@ -18,21 +18,21 @@ fn shown_token(page: &Answer) -> String {
     format!("avln_{}", secret.unwrap_or_else(|| panic!("no token in {}", page.body)))
 }
 
-async fn audit(house: &House) -> Vec<AuditLine> {
+async fn audit(house: &TestServer) -> Vec<AuditLine> {
     let store = store(house.folder.path()).await;
     let lines = store.audit().await.expect("the audit list");
     store.close().await;
     lines
 }
 
-async fn start(house: &House) -> Result<String, Error> {
+async fn start(house: &TestServer) -> Result<String, Error> {
     let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     Ok(arena.start_run(RunOptions::new(PHASE, "walker").order(Order::Unordered)).await?.id)
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_team_makes_and_takes_back_tokens_and_cancels_its_runs() {
-    let house = House::open(&Plan::default()).await;
+    let house = TestServer::open(&TestSetup::default()).await;
     let team = Visitor::sign_in(house.doors.web, &house.token).await;
     let page =
         team.act("/me", &[("deed", "issue"), ("name", "laptop"), ("kind", "read_only"), ("days", "2")]).await;
@@ -72,7 +72,7 @@ async fn a_team_makes_and_takes_back_tokens_and_cancels_its_runs() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_run_that_is_cancelled_on_a_page_is_over_for_the_agent_that_plays_it() {
-    let house = House::open(&Plan { houses: 1, missions: 2, ..Plan::default() }).await;
+    let house = TestServer::open(&TestSetup { houses: 1, missions: 2, ..TestSetup::default() }).await;
     let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, "walker")).await.expect("a run");
     let blind = Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
@@ -95,7 +95,7 @@ async fn a_run_that_is_cancelled_on_a_page_is_over_for_the_agent_that_plays_it()
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_team_touches_nothing_that_is_not_its_own() {
-    let house = House::open(&Plan::default()).await;
+    let house = TestServer::open(&TestSetup::default()).await;
     let organiser = house.organiser().await;
     let office = Visitor::sign_in(house.doors.web, &organiser).await;
     let page = office.act("/organise/teams", &[("deed", "admit"), ("team", "blue"), ("reason", "")]).await;
@@ -115,7 +115,7 @@ async fn a_team_touches_nothing_that_is_not_its_own() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn the_organiser_pauses_rules_and_grants() {
-    let house = House::open(&Plan::default()).await;
+    let house = TestServer::open(&TestSetup::default()).await;
     let organiser = Visitor::sign_in(house.doors.web, &house.organiser().await).await;
     let phase = format!("/organise/phases/{PHASE}");
     let paused = organiser.act(&phase, &[("deed", "pause"), ("reason", "the roof leaks")]).await;
@@ -124,7 +124,7 @@ async fn the_organiser_pauses_rules_and_grants() {
     assert_eq!(refused.reason(), Some(Reason::PhasePaused), "{refused}");
     assert!(refused.to_string().contains("the roof leaks"), "{refused}");
     assert_eq!(organiser.act(&phase, &[("deed", "resume"), ("reason", "it is dry")]).await.status, 303);
-    let run = stroll(&house.agents_url(), &house.token, "walker").await;
+    let run = play_script(&house.agents_url(), &house.token, "walker").await;
     let rule = format!("/organise/runs/{run}");
     assert_eq!(organiser.act(&rule, &[("deed", "verify"), ("reason", "we ran it")]).await.status, 303);
     let board = format!("/leaderboard/{PHASE}?order=unordered");

@@ -3,8 +3,8 @@
 use avln_client::{Audio, Sensors};
 use avln_store::Visibility;
 use avln_tests::{
-    House, Plan, http,
-    stroll::{EARS, STEPS, stroll, stroll_with},
+    TestServer, TestSetup, http,
+    scripted_run::{AUDIO_ONLY, STEPS, play_script, play_script_with},
 };
 use std::collections::BTreeMap;
 
@@ -12,10 +12,10 @@ use std::collections::BTreeMap;
 const HEAD_BYTES: usize = 58;
 
 /// Plays a run with ears; its id, and what each episode was sent to hear.
-async fn play(house: &House, sensors: Sensors) -> (String, BTreeMap<u32, Vec<Audio>>) {
+async fn play(house: &TestServer, sensors: Sensors) -> (String, BTreeMap<u32, Vec<Audio>>) {
     let mut heard: BTreeMap<u32, Vec<Audio>> = BTreeMap::new();
     let url = house.agents_url();
-    let run = stroll_with(&url, &house.token, "listener", sensors, |ordinal, observation| {
+    let run = play_script_with(&url, &house.token, "listener", sensors, |ordinal, observation| {
         heard.entry(ordinal).or_default().extend(observation.audio.clone());
     });
     let run = run.await;
@@ -36,8 +36,8 @@ fn body(answer: &http::Answer) -> &[u8] {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_replay_sounds_as_its_agent_heard_it() {
-    let house = House::open(&Plan::default()).await;
-    let (run, heard) = play(&house, EARS).await;
+    let house = TestServer::open(&TestSetup::default()).await;
+    let (run, heard) = play(&house, AUDIO_ONLY).await;
     assert_eq!(heard.len(), 2);
     for (ordinal, steps) in &heard {
         let last = steps.len() - 1;
@@ -58,10 +58,10 @@ async fn a_replay_sounds_as_its_agent_heard_it() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn there_is_nothing_to_hear_without_ears_or_where_replays_are_hidden() {
-    let house = House::open(&Plan::default()).await;
-    let deaf = stroll(&house.agents_url(), &house.token, "deaf").await;
-    let hidden = House::open(&Plan { visible_to: Visibility::Organiser, ..Plan::default() }).await;
-    let (run, _) = play(&hidden, EARS).await;
+    let house = TestServer::open(&TestSetup::default()).await;
+    let deaf = play_script(&house.agents_url(), &house.token, "deaf").await;
+    let hidden = TestServer::open(&TestSetup { visible_to: Visibility::Organiser, ..TestSetup::default() }).await;
+    let (run, _) = play(&hidden, AUDIO_ONLY).await;
     for (house, run) in [(&house, &deaf), (&hidden, &run)] {
         for path in ["runs/RUN/episodes/0/ears/0-1.wav", "api/v1/runs/RUN/episodes/0/levels.csv"] {
             let answer = http::get(house.doors.web, &format!("/{}", path.replace("RUN", run))).await;

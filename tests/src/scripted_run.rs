@@ -4,21 +4,21 @@ use crate::PHASE;
 use avln_client::{Action, Client, Observation, Order, RunOptions, Sensors};
 
 /// No senses but its pose.
-pub const BLIND: Sensors =
+pub const NO_SENSORS: Sensors =
     Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
 /// Actions of each episode, unless it ends by itself.
 pub const STEPS: u32 = 41;
 
 /// Ears, and nothing else.
-pub const EARS: Sensors = Sensors { audio: true, ..BLIND };
+pub const AUDIO_ONLY: Sensors = Sensors { audio: true, ..NO_SENSORS };
 
 /// Plays all episodes of a run over `url`, one after the other; gives back its id.
-pub async fn stroll(url: &str, token: &str, method: &str) -> String {
-    stroll_with(url, token, method, BLIND, |_, _| ()).await
+pub async fn play_script(url: &str, token: &str, method: &str) -> String {
+    play_script_with(url, token, method, NO_SENSORS, |_, _| ()).await
 }
 
 /// The same with `sensors`; `sense` is told the episode, counted from 0, and each observation.
-pub async fn stroll_with(
+pub async fn play_script_with(
     url: &str,
     token: &str,
     method: &str,
