@@ -141,11 +141,12 @@ impl Doors {
         }
         let control = arena.control().clone();
         let site = Site {
-            agents_port: grpc.port(),
+            grpc_port: grpc.port(),
             logs: Some(arena.signed_logs()),
-            onlooker: Some(arena.onlooker()),
-            lookout: Some(arena.lookout()),
-            office: Some(Arc::new(ArenaOffice::new(arena.clone()))),
+            replay_renderer: Some(arena.onlooker()),
+            live_status: Some(arena.lookout()),
+            management: Some(Arc::new(ArenaOffice::new(arena.clone()))),
+            ..Site::default()
         };
         let agents = avln_grpc::serve(agents_door, arena, self.limits, until(stopped.clone()));
         tasks.spawn(async { agents.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });

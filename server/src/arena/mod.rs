@@ -33,13 +33,13 @@ use crate::{
 use avln_grpc::Control;
 use avln_referee::Referee;
 use avln_store::{MadeUp, Store};
-use avln_web::{Lookout, Onlooker, SignedLogs};
+use avln_web::{LiveStatus, ReplayRenderer, SignedLogs};
 use budget::Budget;
 use data::DataFolder;
 use disturb::Disturb;
 use heart::Heart;
-use lookout::DoorLookout;
-use onlooker::SceneOnlooker;
+use lookout::ControlStatus;
+use onlooker::SceneRenderer;
 pub use replayer::Replayer;
 use scenes::SceneCache;
 use stages::{Stage, Stages};
@@ -75,7 +75,7 @@ pub struct Arena {
     budget: Budget,
     heart: Heart,
     /// Who looks into scenes for visitors.
-    onlooker: Arc<SceneOnlooker>,
+    onlooker: Arc<SceneRenderer>,
     /// Episodes, by run and handle, that could neither be stored nor taken back.
     owed: Mutex<Owed>,
     disturb: Option<Disturb>,
@@ -92,7 +92,7 @@ impl Arena {
     /// When the database or a split cannot be read.
     pub async fn open(data: &DataFolder, store: Store, scene_memory_mib: u32) -> Result<Self, Failure> {
         let stages = Arc::new(Stages::open(data, &store).await?);
-        let onlooker = Arc::new(SceneOnlooker::new(store.clone(), stages.clone(), data.cache()));
+        let onlooker = Arc::new(SceneRenderer::new(store.clone(), stages.clone(), data.cache()));
         let budget_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
         let scenes = Arc::new(SceneCache::new(budget_bytes, data.cache()));
         let logs = Arc::new(data.run_logs());
@@ -162,13 +162,13 @@ impl Arena {
     }
 
     /// Who looks and listens in scenes for those who watch replays.
-    pub fn onlooker(&self) -> Arc<dyn Onlooker> {
+    pub fn onlooker(&self) -> Arc<dyn ReplayRenderer> {
         self.onlooker.clone()
     }
 
     /// Who tells those who watch runs what is played at this moment.
-    pub fn lookout(&self) -> Arc<dyn Lookout> {
-        Arc::new(DoorLookout(self.control.clone()))
+    pub fn lookout(&self) -> Arc<dyn LiveStatus> {
+        Arc::new(ControlStatus(self.control.clone()))
     }
 
     /// The database, with the right to write.

@@ -1,7 +1,7 @@
-//! The API's description by OpenAPI 3.1, made from the same list as its routes.
+//! OpenAPI 3.1 description of the API, generated from the list of routes.
 
 use super::{Answer, BASE, Endpoint, SCHEMA_VERSION};
-use crate::visit::RunsQuery;
+use crate::request::RunsQuery;
 use avln_scoring::Key;
 use serde_json::{Map, Value, json};
 
@@ -14,8 +14,8 @@ pub(super) fn document(endpoints: &[Endpoint]) -> Value {
         "info": {
             "title": "LH-AVLN Arena",
             "version": env!("CARGO_PKG_VERSION"),
-            "description": "Phases, leaderboards, runs and episodes. A team's token shows what only it may see. \
-                            Shares are 0 to 1, lengths metres, times seconds, moments RFC 3339 in UTC.",
+            "description": "Phases, leaderboards, runs and episodes. With a token, a team also sees its own hidden results. \
+                            Shares are from 0 to 1, lengths in metres, durations in seconds, times by RFC 3339 in UTC.",
         },
         "security": [{}, { "token": [] }],
         "paths": paths,
@@ -42,10 +42,10 @@ fn path_item(endpoint: &Endpoint) -> Value {
         "operationId": operation_id(endpoint.path),
         "parameters": parameters,
         "responses": {
-            "200": { "description": "The answer, with an ETag.", "content": { kind: { "schema": schema } } },
-            "304": { "description": "The answer has the ETag of If-None-Match." },
+            "200": { "description": "The response, with an ETag.", "content": { kind: { "schema": schema } } },
+            "304": { "description": "The response has not changed: If-None-Match matches its ETag." },
             "default": {
-                "description": "Why there is no answer.",
+                "description": "The error.",
                 "content": { "application/problem+json": { "schema": reference("Problem") } },
             },
         },
@@ -148,9 +148,9 @@ fn schemas() -> Value {
         "Run": run(),
         "LiveRuns": object(&[("runs", list("LiveRun"))]),
         "LiveRun": live_run(),
-        "LiveWords": object(&all(&["state", "episodes", "pace", "waits"], "string")),
+        "LiveText": object(&all(&["state", "episodes", "pace", "waits"], "string")),
         "Slot": slot(),
-        "Group": object(&[all(&["name"], "string"), all(&["episodes"], "integer"), all(&["sr", "isr", "soft_spl", "steps"], "number")].concat()),
+        "OutcomeGroup": object(&[all(&["name"], "string"), all(&["episodes"], "integer"), all(&["sr", "isr", "soft_spl", "steps"], "number")].concat()),
         "Rescore": rescore(),
         "Episodes": answer(&[all(&["run"], "string"), vec![("episodes", list("EpisodeLine"))]].concat()),
         "EpisodeLine": episode_line(),
@@ -257,7 +257,7 @@ fn run() -> Value {
     let mut fields = vec![("line", reference("RunLine")), ("summary?", reference("Summary"))];
     fields.extend(all(&["scores_visible", "replays_visible", "eligible"], "boolean"));
     fields.extend(all(&["modalities"], "list"));
-    fields.extend([("by_goals", list("Group")), ("by_scene", list("Group"))]);
+    fields.extend([("by_goals", list("OutcomeGroup")), ("by_scene", list("OutcomeGroup"))]);
     fields.extend(all(&["health", "time", "sensors?", "digests"], "object"));
     fields.extend(all(&["server_faults"], "integer"));
     fields.extend([("rescores", list("Rescore")), ("episodes", list("EpisodeLine"))]);
@@ -270,7 +270,7 @@ fn live_run() -> Value {
     fields.extend(all(&["connected?"], "boolean"));
     fields.extend(all(&["steps_per_s?"], "number"));
     fields.extend(all(&["created_at", "finished_at?"], "moment"));
-    fields.extend([("slots", list("Slot")), ("words", reference("LiveWords"))]);
+    fields.extend([("slots", list("Slot")), ("words", reference("LiveText"))]);
     object(&fields)
 }
 

@@ -1,6 +1,6 @@
 use crate::{
     fixture::{Answer, Arena},
-    onlooker::Grey,
+    replay_renderer::Grey,
 };
 use avln_episode::Sensors;
 use axum::{

@@ -6,7 +6,7 @@ use avln_store::{
     Finished, GoalText, NewRun, NewToken, Phase, PhaseEpisode, Scene, SceneMap, Split, Store, TimeAccount,
     TokenKind, Visibility,
 };
-use avln_web::{Lookout, Office, Onlooker, SignedLogs, Site};
+use avln_web::{LiveStatus, Management, ReplayRenderer, SignedLogs, Site};
 use axum::{
     Router,
     body::Body,
@@ -86,28 +86,28 @@ impl Arena {
     }
 
     /// The same, where somebody can look into scenes.
-    pub(crate) async fn seen_by(onlooker: Option<Arc<dyn Onlooker>>) -> Self {
-        Self::watched_by(onlooker, None).await
+    pub(crate) async fn seen_by(replay_renderer: Option<Arc<dyn ReplayRenderer>>) -> Self {
+        Self::watched_by(replay_renderer, None).await
     }
 
     /// The same, where somebody knows what is played.
     pub(crate) async fn watched_by(
-        onlooker: Option<Arc<dyn Onlooker>>,
-        lookout: Option<Arc<dyn Lookout>>,
+        replay_renderer: Option<Arc<dyn ReplayRenderer>>,
+        live_status: Option<Arc<dyn LiveStatus>>,
     ) -> Self {
-        Self::open(|_| Site { onlooker, lookout, ..Site::default() }).await
+        Self::open(|_| Site { replay_renderer, live_status, ..Site::default() }).await
     }
 
-    /// The same, where visitors can sign in and an office over the database does what they ask for.
-    pub(crate) async fn staffed(office: impl FnOnce(Store) -> Arc<dyn Office>) -> Self {
-        Self::open(|store| Site { office: Some(office(store)), ..Site::default() }).await
+    /// The same, where visitors can sign in and an management over the database does what they ask for.
+    pub(crate) async fn staffed(management: impl FnOnce(Store) -> Arc<dyn Management>) -> Self {
+        Self::open(|store| Site { management: Some(management(store)), ..Site::default() }).await
     }
 
     async fn open(site: impl FnOnce(Store) -> Site) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let store = Store::open(&folder.path().join("arena.db")).await.expect("a new database");
         let logs = Some(SignedLogs { folder: folder.path().to_owned(), key: LOG_KEY.to_owned() });
-        let site = Site { agents_port: 50051, logs, ..site(store.clone()) };
+        let site = Site { grpc_port: 50051, logs, ..site(store.clone()) };
         let router = avln_web::router(store.reader(), site);
         let arena = Self { folder: Arc::new(folder), store, router };
         arena.furnish().await;

@@ -1,5 +1,5 @@
 use crate::fixture::{Arena, TOKEN};
-use avln_web::{Lookout, SessionNow, Site, SlotNow};
+use avln_web::{LiveStatus, LiveSession, Site, LiveSlot};
 use axum::http::{StatusCode, header};
 use std::{
     sync::{Arc, Mutex},
@@ -24,12 +24,12 @@ impl Tower {
     }
 }
 
-impl Lookout for Tower {
-    fn session(&self, _: &str) -> Option<SessionNow> {
+impl LiveStatus for Tower {
+    fn session(&self, _: &str) -> Option<LiveSession> {
         let step = *self.0.lock().expect("nobody broke");
         let since_unix_ms = 1000 * i64::from(step);
-        let slot = SlotNow { slot: 0, step, last_step_s: Some(0.5), mean_step_s: Some(0.25), since_unix_ms };
-        Some(SessionNow { is_there: true, slots: vec![slot] })
+        let slot = LiveSlot { slot: 0, step, last_step_s: Some(0.5), mean_step_s: Some(0.25), since_unix_ms };
+        Some(LiveSession { is_connected: true, slots: vec![slot] })
     }
 
     fn draining(&self) -> Option<String> {

@@ -7,7 +7,7 @@ mod fixture;
 mod freeze;
 mod golden;
 mod live;
-mod office;
+mod management;
 mod onlooker;
 mod pages;
 mod replay;

@@ -2,7 +2,7 @@
 
 use crate::fixture::{Answer, Arena, FORMULA_TEAM, ORGANISER, RUDE_TEAM, TOKEN};
 use avln_store::{AuditNote, Store, TokenKind};
-use avln_web::{Because, Deed, Doing, Done, Health, Member, Office, TeamDeed, Undone};
+use avln_web::{ActionOrigin, OrganiserAction, Doing, ActionOutcome, ServerHealth, TeamCredential, Management, TeamAction, ActionError};
 use axum::{
     body::Body,
     http::{Request, StatusCode, header},
@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex};
 const LOOKING: &str = "a-token-for-looking";
 const NEW_SECRET: &str = "avln_account_shown-once";
 
-/// An office that notes what it is asked for, and rules on runs.
+/// An management that notes what it is asked for, and rules on runs.
 #[derive(Debug)]
 struct Clerk {
     store: Store,
@@ -25,39 +25,39 @@ impl Clerk {
     }
 }
 
-impl Office for Clerk {
-    fn act(&self, member: Member, deed: TeamDeed) -> Doing {
+impl Management for Clerk {
+    fn act(&self, member: TeamCredential, deed: TeamAction) -> Doing {
         self.note(format!("{}: {deed:?}", member.team));
-        let secret = matches!(deed, TeamDeed::IssueToken { .. }).then(|| NEW_SECRET.to_owned());
-        Box::pin(async { Ok(Done { words: "It is <done>.".to_owned(), secret }) })
+        let secret = matches!(deed, TeamAction::IssueToken { .. }).then(|| NEW_SECRET.to_owned());
+        Box::pin(async { Ok(ActionOutcome { words: "It is <done>.".to_owned(), secret }) })
     }
 
-    fn organise(&self, because: Because, deed: Deed) -> Doing {
+    fn organise(&self, because: ActionOrigin, deed: OrganiserAction) -> Doing {
         self.note(format!("organiser: {deed:?} because {}", because.reason));
         let store = self.store.clone();
         Box::pin(async move {
             let note =
                 AuditNote { actor: because.token, reason: because.reason.clone(), ..AuditNote::default() };
-            let failed = |error: avln_store::StoreError| Undone::Failed(error.to_string());
+            let failed = |error: avln_store::StoreError| ActionError::Failed(error.to_string());
             let (mut secret, reason) = (None, because.reason.as_str());
             match &deed {
-                Deed::Disqualify(run) => store.disqualify_run(run, Some(reason), note, 50).await,
-                Deed::Reinstate(run) => store.disqualify_run(run, None, note, 60).await,
-                Deed::Verify { run, verified } => store.verify_run(run, *verified, note, 70).await,
-                Deed::Admit { .. } => {
+                OrganiserAction::Disqualify(run) => store.disqualify_run(run, Some(reason), note, 50).await,
+                OrganiserAction::Reinstate(run) => store.disqualify_run(run, None, note, 60).await,
+                OrganiserAction::Verify { run, verified } => store.verify_run(run, *verified, note, 70).await,
+                OrganiserAction::Admit { .. } => {
                     secret = Some(NEW_SECRET.to_owned());
                     Ok(true)
                 }
-                Deed::Grant { .. } => return Err(Undone::Refused("no such team".to_owned())),
+                OrganiserAction::Grant { .. } => return Err(ActionError::Refused("no such team".to_owned())),
                 _ => Ok(true),
             }
             .map_err(failed)?;
-            Ok(Done { words: format!("{deed:?} is done."), secret })
+            Ok(ActionOutcome { words: format!("{deed:?} is done."), secret })
         })
     }
 
-    fn health(&self) -> Health {
-        Health { steps: 4321, slots: vec![("run_begun".to_owned(), 2, 77)], ..Health::default() }
+    fn health(&self) -> ServerHealth {
+        ServerHealth { steps: 4321, slots: vec![("run_begun".to_owned(), 2, 77)], ..ServerHealth::default() }
     }
 }
 
@@ -75,7 +75,7 @@ struct Stage {
 impl Stage {
     async fn new() -> Self {
         let asked = Arc::<Mutex<Vec<String>>>::default();
-        let clerk = |store| Arc::new(Clerk { store, asked: asked.clone() }) as Arc<dyn Office>;
+        let clerk = |store| Arc::new(Clerk { store, asked: asked.clone() }) as Arc<dyn Management>;
         let arena = Arena::staffed(clerk).await;
         arena.issue(LOOKING, TokenKind::ReadOnly, Some(RUDE_TEAM)).await;
         Self { arena, asked }

@@ -1,6 +1,6 @@
 use crate::fixture::{Arena, TOKEN};
 use avln_episode::Sensors;
-use avln_web::{Blind, Glance, Heard, Hearing, Listening, Looking, Onlooker, Seen};
+use avln_web::{RenderError, ViewRequest, RenderedSound, Hearing, SoundRequest, Looking, ReplayRenderer, RenderedView};
 use axum::{
     body::Body,
     http::{HeaderMap, HeaderValue, Request, StatusCode, header},
@@ -14,8 +14,8 @@ const STEP: usize = 4000;
 /// Sees grey and hears a rising tone on the left, once for each permit, and remembers where it looked from and what it listened to.
 #[derive(Debug)]
 pub(crate) struct Grey {
-    glances: Mutex<Vec<Glance>>,
-    listened: Mutex<Vec<Listening>>,
+    glances: Mutex<Vec<ViewRequest>>,
+    listened: Mutex<Vec<SoundRequest>>,
     permits: Arc<Semaphore>,
 }
 
@@ -25,33 +25,33 @@ impl Grey {
         Arc::new(Self { glances: Mutex::default(), listened: Mutex::default(), permits })
     }
 
-    fn listened(&self) -> Vec<Listening> {
+    fn listened(&self) -> Vec<SoundRequest> {
         self.listened.lock().expect("nobody broke").clone()
     }
 
-    fn glances(&self) -> Vec<Glance> {
+    fn glances(&self) -> Vec<ViewRequest> {
         self.glances.lock().expect("nobody broke").clone()
     }
 }
 
-impl Onlooker for Grey {
-    fn look(&self, glance: Glance) -> Looking {
+impl ReplayRenderer for Grey {
+    fn look(&self, glance: ViewRequest) -> Looking {
         let (permits, pixels) = (self.permits.clone(), (glance.width * glance.height) as usize);
         self.glances.lock().expect("nobody broke").push(glance);
         Box::pin(async move {
-            let permit = permits.acquire().await.map_err(|_| Blind("a secret reason".to_owned()))?;
+            let permit = permits.acquire().await.map_err(|_| RenderError("a secret reason".to_owned()))?;
             permit.forget();
-            Ok(Seen { rgb: vec![128; 3 * pixels], depth_m: vec![5.0; pixels], depth_max_m: 10.0 })
+            Ok(RenderedView { rgb: vec![128; 3 * pixels], depth_m: vec![5.0; pixels], depth_max_m: 10.0 })
         })
     }
 
-    fn listen(&self, listening: Listening) -> Hearing {
+    fn listen(&self, listening: SoundRequest) -> Hearing {
         let permits = self.permits.clone();
         self.listened.lock().expect("nobody broke").push(listening);
         Box::pin(async move {
-            let permit = permits.acquire().await.map_err(|_| Blind("a secret reason".to_owned()))?;
+            let permit = permits.acquire().await.map_err(|_| RenderError("a secret reason".to_owned()))?;
             permit.forget();
-            Ok(Heard { samples_per_step: STEP, left: tone(), right: vec![0.0; 7 * STEP] })
+            Ok(RenderedSound { samples_per_step: STEP, left: tone(), right: vec![0.0; 7 * STEP] })
         })
     }
 }
@@ -194,7 +194,7 @@ async fn sound_is_the_samples_that_were_heard_and_is_made_once() {
     assert!(part == wav[100..200] && !headers.contains_key(header::CONTENT_ENCODING));
     let (_, headers, packed) = bytes(&arena, SOUND, &[(header::ACCEPT_ENCODING, "gzip")]).await;
     assert!(packed == wav && !headers.contains_key(header::CONTENT_ENCODING), "noise is not packed");
-    let expected = Listening { phase: "open".to_owned(), run: "run_formula".to_owned(), ordinal: 1 };
+    let expected = SoundRequest { phase: "open".to_owned(), run: "run_formula".to_owned(), ordinal: 1 };
     assert_eq!(grey.listened(), [expected], "it was listened to once");
 }
 

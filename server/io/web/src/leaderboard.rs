@@ -1,0 +1,437 @@
+//! Selection of leaderboard entries: query parameters, and the links that change them.
+
+use crate::{
+    error::RequestError,
+    format::{self, rfc3339, url_encode},
+};
+use avln_episode::{Order, Sensors};
+use avln_scoring::Key;
+use avln_store::{Board, LeaderboardRow, LeaderboardView, PhaseView, Pick, calendar};
+use axum::{
+    extract::{FromRequestParts, Query},
+    http::request::Parts,
+};
+use std::{collections::BTreeSet, str::FromStr};
+
+/// Default columns.
+const DEFAULT_COLUMNS: [Key; 9] = [
+    Key::Sr,
+    Key::Isr,
+    Key::Osr,
+    Key::Spl,
+    Key::SoftSpl,
+    Key::Steps,
+    Key::PathM,
+    Key::Collisions,
+    Key::WrongSubmits,
+];
+/// The last second of a day.
+const LAST_SECOND: u32 = 86_399;
+
+/// The displayed leaderboards of a phase.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Orders {
+    One(Order),
+    /// All orders of the phase side by side.
+    Both,
+}
+
+impl Orders {
+    pub(crate) fn is_only(self, order: &Order) -> bool {
+        self == Self::One(*order)
+    }
+}
+
+/// A filter by a sensor of the agent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum SensorFilter {
+    With,
+    Without,
+}
+
+impl SensorFilter {
+    pub(crate) fn as_str(self) -> &'static str {
+        match self {
+            Self::With => "with",
+            Self::Without => "without",
+        }
+    }
+}
+
+/// Parameter names of the sensors, in the order of [`LeaderboardParams::sensors`].
+pub(crate) const SENSOR_PARAMS: [&str; 3] = ["rgb", "depth", "audio"];
+
+/// Query parameters of a leaderboard. Missing ones default to the phase's ranking.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct LeaderboardParams {
+    pub(crate) orders: Option<Orders>,
+    pub(crate) sort: Option<Key>,
+    pub(crate) pick: Option<Pick>,
+    /// Part of the method, version or team; empty for all entries.
+    pub(crate) search: String,
+    /// Name of a team; empty for all teams.
+    pub(crate) team: String,
+    /// Filters by colour, depth and sound.
+    pub(crate) sensors: [Option<SensorFilter>; 3],
+    /// Only runs completed by the end of this day, milliseconds since 1970-01-01 UTC.
+    pub(crate) as_of_unix_ms: Option<i64>,
+    /// Columns; empty for the default ones.
+    pub(crate) columns: Vec<Key>,
+    /// Whether a parameter was empty, as in forms.
+    pub(crate) has_blanks: bool,
+}
+
+impl<S: Sync> FromRequestParts<S> for LeaderboardParams {
+    type Rejection = RequestError;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, RequestError> {
+        let pairs = Query::<Vec<(String, String)>>::try_from_uri(&parts.uri);
+        let Query(pairs) = pairs.map_err(|error| RequestError::Invalid(error.body_text()))?;
+        Self::from_pairs(&pairs)
+    }
+}
+
+impl LeaderboardParams {
+    fn from_pairs(pairs: &[(String, String)]) -> Result<Self, RequestError> {
+        let mut params = Self::default();
+        for (name, value) in pairs {
+            params.set(name, value)?;
+        }
+        Ok(params)
+    }
+
+    fn set(&mut self, name: &str, value: &str) -> Result<(), RequestError> {
+        if value.is_empty() {
+            self.has_blanks = true;
+        }
+        match name {
+            "order" if value == "both" => self.orders = Some(Orders::Both),
+            "order" => self.orders = parse(name, value)?.map(Orders::One),
+            "sort" => self.sort = parse(name, value)?,
+            "pick" => self.pick = parse_pick(value)?,
+            "q" => value.trim().clone_into(&mut self.search),
+            "team" => value.clone_into(&mut self.team),
+            "as_of" => self.as_of_unix_ms = parse_day(value)?,
+            "column" => self.columns.extend(parse::<Key>(name, value)?),
+            other => {
+                let sensor = SENSOR_PARAMS.iter().position(|sensor| *sensor == other);
+                let sensor =
+                    sensor.ok_or_else(|| RequestError::Invalid(format!("unknown parameter '{other}'")))?;
+                self.sensors[sensor] = parse_sensor_filter(value)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the order of a single leaderboard.
+    pub(crate) fn order(&self, phase: &PhaseView) -> Result<Order, RequestError> {
+        match self.orders {
+            Some(Orders::One(order)) => Ok(order),
+            Some(Orders::Both) => {
+                Err(RequestError::Invalid("this address supports a single order, not both".to_owned()))
+            }
+            None => Ok(first_order(phase)),
+        }
+    }
+
+    /// Returns the orders on the page of a phase: by default all of them side by side.
+    pub(crate) fn shown_orders(&self, phase: &PhaseView) -> Orders {
+        let usual = if phase.orders.len() > 1 { Orders::Both } else { Orders::One(first_order(phase)) };
+        self.orders.unwrap_or(usual)
+    }
+
+    /// Returns the store's query for one order.
+    pub(crate) fn query<'a>(&self, phase: &'a PhaseView, order: Order, now_unix_ms: i64) -> Board<'a> {
+        Board {
+            phase: &phase.id,
+            order,
+            key: self.sort.unwrap_or(phase.ranking.key),
+            pick: self.pick.unwrap_or(phase.ranking.entry),
+            as_of_unix_ms: self.as_of_unix_ms,
+            now_unix_ms,
+        }
+    }
+
+    /// Removes the entries that do not match; the others keep their ranks.
+    pub(crate) fn filter(&self, view: &mut LeaderboardView) {
+        view.rows.retain(|row| self.matches(row));
+    }
+
+    fn matches(&self, row: &LeaderboardRow) -> bool {
+        let search = self.search.to_lowercase();
+        let mut names = [&row.method, &row.version, &row.team].into_iter();
+        names.any(|name| name.to_lowercase().contains(&search))
+            && (self.team.is_empty() || row.team == self.team)
+            && self.matches_sensors(row.sensors.as_ref())
+    }
+
+    /// An agent without recorded sensors matches neither filter.
+    fn matches_sensors(&self, sensors: Option<&Sensors>) -> bool {
+        let had = sensors.map(|Sensors { rgb, depth, audio, .. }| [*rgb, *depth, *audio]);
+        self.sensors.iter().enumerate().all(|(index, filter)| match (filter, had) {
+            (None, _) => true,
+            (Some(_), None) => false,
+            (Some(filter), Some(had)) => had[index] == (*filter == SensorFilter::With),
+        })
+    }
+
+    pub(crate) fn is_filtered(&self) -> bool {
+        !self.search.is_empty() || !self.team.is_empty() || self.sensors.iter().any(Option::is_some)
+    }
+
+    /// Returns the metrics of the table, including the ranking key.
+    pub(crate) fn shown_columns(&self, key: Key) -> Vec<Key> {
+        let columns = if self.columns.is_empty() { &DEFAULT_COLUMNS[..] } else { &self.columns };
+        Key::ALL.into_iter().filter(|column| *column == key || columns.contains(column)).collect()
+    }
+
+    /// Returns the query string in canonical form: a fixed order, without the defaults of `phase`. Equal selections have equal
+    /// addresses.
+    pub(crate) fn address(&self, phase: &PhaseView) -> String {
+        let mut parts = Vec::new();
+        let mut add = |name: &str, value: &str| parts.push(format!("{name}={}", url_encode(value)));
+        if let Some(Orders::One(order)) = self.orders.filter(|_| phase.orders.len() > 1) {
+            add("order", order.as_str());
+        }
+        if let Some(key) = self.sort.filter(|key| *key != phase.ranking.key) {
+            add("sort", key.as_str());
+        }
+        if let Some(pick) = self.pick.filter(|pick| *pick != phase.ranking.entry) {
+            add("pick", format::pick(&pick));
+        }
+        for (name, value) in [("q", &self.search), ("team", &self.team)] {
+            if !value.is_empty() {
+                add(name, value);
+            }
+        }
+        for (name, filter) in SENSOR_PARAMS.iter().zip(self.sensors) {
+            if let Some(filter) = filter {
+                add(name, filter.as_str());
+            }
+        }
+        if let Some(moment) = self.as_of_unix_ms {
+            add("as_of", &day(moment));
+        }
+        let columns = Key::ALL.into_iter().filter(|key| self.columns.contains(key)).collect::<Vec<_>>();
+        if columns != DEFAULT_COLUMNS {
+            columns.iter().for_each(|key| add("column", key.as_str()));
+        }
+        if parts.is_empty() { String::new() } else { format!("?{}", parts.join("&")) }
+    }
+}
+
+fn first_order(phase: &PhaseView) -> Order {
+    phase.orders.first().copied().unwrap_or(Order::Unordered)
+}
+
+/// Parses a value; `None` if it is empty.
+fn parse<T: FromStr<Err: std::fmt::Display>>(name: &str, value: &str) -> Result<Option<T>, RequestError> {
+    let wrong = |error| RequestError::Invalid(format!("{name}: {error}"));
+    if value.is_empty() { Ok(None) } else { value.parse().map(Some).map_err(wrong) }
+}
+
+fn parse_pick(value: &str) -> Result<Option<Pick>, RequestError> {
+    match value {
+        "" => Ok(None),
+        "best" => Ok(Some(Pick::Best)),
+        "latest" => Ok(Some(Pick::Latest)),
+        other => Err(RequestError::Invalid(format!("pick must be best or latest, not '{other}'"))),
+    }
+}
+
+fn parse_sensor_filter(value: &str) -> Result<Option<SensorFilter>, RequestError> {
+    match value {
+        "" => Ok(None),
+        "with" => Ok(Some(SensorFilter::With)),
+        "without" => Ok(Some(SensorFilter::Without)),
+        other => {
+            Err(RequestError::Invalid(format!("rgb, depth and audio must be with or without, not '{other}'")))
+        }
+    }
+}
+
+/// Parses a day such as `2026-07-01` and returns its last millisecond.
+fn parse_day(value: &str) -> Result<Option<i64>, RequestError> {
+    if value.is_empty() {
+        return Ok(None);
+    }
+    let parts: Vec<&str> = value.split('-').collect();
+    let end = match parts[..] {
+        [year, month, day] => year
+            .parse()
+            .ok()
+            .zip(month.parse().ok())
+            .zip(day.parse().ok())
+            .and_then(|((year, month), day)| calendar::unix_ms(year, month, day, LAST_SECOND)),
+        _ => None,
+    };
+    let wrong = || RequestError::Invalid(format!("as_of must be a day such as 2026-07-01, not '{value}'"));
+    end.map(|end| Some(end + 999)).ok_or_else(wrong)
+}
+
+/// Returns the UTC day of a moment.
+pub(crate) fn day(unix_ms: i64) -> String {
+    rfc3339(unix_ms).split('T').next().unwrap_or_default().to_owned()
+}
+
+/// The form and the links of a leaderboard page, which lead to other selections from the same phase.
+pub(crate) struct LeaderboardControls {
+    pub(crate) params: LeaderboardParams,
+    phase: PhaseView,
+    pub(crate) key: Key,
+    pub(crate) pick: Pick,
+    /// Teams with entries.
+    pub(crate) teams: BTreeSet<String>,
+}
+
+impl LeaderboardControls {
+    /// `view` is the leaderboard before filtering.
+    pub(crate) fn new(params: &LeaderboardParams, view: &LeaderboardView) -> Self {
+        let teams = view.rows.iter().map(|row| row.team.clone()).collect();
+        Self { params: params.clone(), phase: view.phase.clone(), key: view.key, pick: view.pick, teams }
+    }
+
+    pub(crate) fn path(&self) -> String {
+        format!("/leaderboard/{}", url_encode(&self.phase.id))
+    }
+
+    fn changed(&self, change: impl FnOnce(&mut LeaderboardParams)) -> String {
+        let mut params = self.params.clone();
+        change(&mut params);
+        self.path() + &params.address(&self.phase)
+    }
+
+    pub(crate) fn sorted_by(&self, key: &Key) -> String {
+        self.changed(|params| params.sort = Some(*key))
+    }
+
+    pub(crate) fn ordered_by(&self, order: &Order) -> String {
+        self.changed(|params| params.orders = Some(Orders::One(*order)))
+    }
+
+    pub(crate) fn side_by_side(&self) -> String {
+        self.changed(|params| params.orders = Some(Orders::Both))
+    }
+
+    pub(crate) fn picked_by(&self, pick: Pick) -> String {
+        self.changed(|params| params.pick = Some(pick))
+    }
+
+    /// Returns the address of all entries at the present time.
+    pub(crate) fn unfiltered(&self) -> String {
+        self.changed(|params| {
+            *params = LeaderboardParams {
+                orders: params.orders,
+                sort: params.sort,
+                pick: params.pick,
+                ..LeaderboardParams::default()
+            }
+        })
+    }
+
+    /// Returns the address of the same selection in the API, which always returns all columns.
+    pub(crate) fn api_address(&self, name: &str) -> String {
+        let orders = self.params.orders.filter(|orders| *orders != Orders::Both);
+        let params = LeaderboardParams { columns: vec![], orders, ..self.params.clone() };
+        format!("/api/v1/phases/{}/{name}{}", url_encode(&self.phase.id), params.address(&self.phase))
+    }
+
+    /// Returns the query string of this selection.
+    pub(crate) fn query_string(&self) -> String {
+        self.params.address(&self.phase)
+    }
+
+    pub(crate) fn orders(&self) -> &[Order] {
+        &self.phase.orders
+    }
+
+    /// Returns the hidden value of `order` in the form; all orders side by side need none.
+    pub(crate) fn order_value(&self) -> Option<&'static str> {
+        match self.params.orders {
+            Some(Orders::One(order)) => Some(order.as_str()),
+            Some(Orders::Both) | None => None,
+        }
+    }
+
+    /// Returns the parameter name, label and value of each sensor filter.
+    pub(crate) fn sensors(&self) -> [(&'static str, &'static str, &'static str); 3] {
+        let labels = ["Colour", "Depth", "Sound"];
+        let value = |index: usize| self.params.sensors[index].map_or("", SensorFilter::as_str);
+        [0, 1, 2].map(|index| (SENSOR_PARAMS[index], labels[index], value(index)))
+    }
+
+    pub(crate) fn is_team(&self, team: &str) -> bool {
+        self.params.team == team
+    }
+
+    /// Returns the selected day, or an empty text.
+    pub(crate) fn day(&self) -> String {
+        self.params.as_of_unix_ms.map_or_else(String::new, day)
+    }
+
+    /// Returns each metric with its visibility.
+    pub(crate) fn columns(&self) -> Vec<(Key, bool)> {
+        let shown = self.params.shown_columns(self.key);
+        Key::ALL.into_iter().map(|key| (key, shown.contains(&key))).collect()
+    }
+
+    /// Returns true if the form differs from its defaults, in which case the page shows it open.
+    pub(crate) fn is_open(&self) -> bool {
+        self.params.is_filtered() || self.params.as_of_unix_ms.is_some() || !self.params.columns.is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn params(query: &str) -> Result<LeaderboardParams, RequestError> {
+        let uri = format!("/x?{query}").parse().expect("an address");
+        let Query(pairs) = Query::<Vec<(String, String)>>::try_from_uri(&uri).expect("pairs");
+        LeaderboardParams::from_pairs(&pairs)
+    }
+
+    #[test]
+    fn empty_form_fields_are_ignored() {
+        let query = params("order=&sort=&q=&team=&audio=&as_of=&column=spl").expect("a query");
+        assert_eq!(query, LeaderboardParams { columns: vec![Key::Spl], has_blanks: true, ..LeaderboardParams::default() });
+        assert!(!query.is_filtered());
+        assert_eq!(query.shown_columns(Key::Sr), [Key::Sr, Key::Spl]);
+        assert_eq!(LeaderboardParams::default().shown_columns(Key::Sna).len(), 10);
+    }
+
+    #[test]
+    fn unknown_values_are_rejected() {
+        for wrong in [
+            "colour=red",
+            "order=sideways",
+            "sort=fame",
+            "pick=worst",
+            "audio=yes",
+            "as_of=2026-02-30",
+            "as_of=now",
+        ] {
+            params(wrong).expect_err(wrong);
+        }
+    }
+
+    #[test]
+    fn days_end_with_their_last_millisecond() {
+        let query = params("as_of=1970-01-02").expect("a day");
+        assert_eq!(query.as_of_unix_ms, Some(2 * 86_400_000 - 1));
+        assert_eq!(day(2 * 86_400_000 - 1), "1970-01-02");
+    }
+
+    #[test]
+    fn unrecorded_sensors_match_no_filter() {
+        let deaf = Sensors { audio: false, ..Sensors::all(64, 64) };
+        let query = |text: &str| params(text).expect("a query");
+        assert!(
+            query("audio=without").matches_sensors(Some(&deaf)) && !query("audio=with").matches_sensors(Some(&deaf))
+        );
+        assert!(query("rgb=with&audio=without").matches_sensors(Some(&deaf)));
+        assert!(!query("rgb=without").matches_sensors(None) && !query("rgb=with").matches_sensors(None));
+        assert!(query("q=x").matches_sensors(None));
+    }
+
+}
