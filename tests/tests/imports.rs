@@ -17,7 +17,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("truth", &["geom", "episode"]),
     ("dataset", &["geom", "scene", "navmesh", "world", "episode", "truth"]),
     ("referee", &["world", "episode", "truth"]),
-    ("scoring", &["episode", "truth"]),
+    ("scoring", &["geom", "episode", "truth"]),
     ("store", &["episode", "truth", "scoring"]),
     ("proto", &[]),
     ("codec", &["proto"]),

@@ -8,7 +8,7 @@ use crate::runlog::{Entry, RunLog, SlotLog};
 use avln_episode::{EndReason, Order, Sensors};
 use avln_grpc::{EpisodeOutcome, EpisodeRunner, Reason, Refusal, Seat, StoredEnd, TimeSpent};
 use avln_referee::{Referee, RefereeError};
-use avln_scoring::{Metrics, score};
+use avln_scoring::{Metric, Metrics, score};
 use avln_store::{Assigned, EpisodeState, Finished, Run, Scene, TimeAccount, Visibility};
 use avln_truth::{EpisodeTruth, Record};
 use avln_world::SceneAssets;
@@ -335,12 +335,6 @@ fn settle(mut referee: Referee, stage: &Stage) -> (EpisodeTruth, Record, Metrics
 }
 
 fn outcome(metrics: &Metrics) -> EpisodeOutcome {
-    let values = [
-        ("sr", metrics.sr),
-        ("isr", metrics.isr),
-        ("osr", metrics.osr),
-        ("spl", metrics.spl),
-        ("soft_spl", metrics.soft_spl),
-    ];
-    EpisodeOutcome { metrics: values.into_iter().map(|(name, value)| (name.to_owned(), value)).collect() }
+    let values = Metric::headlines().filter_map(|metric| Some((metric.id.to_owned(), metric.of(metrics)?)));
+    EpisodeOutcome { metrics: values.collect() }
 }

@@ -5,7 +5,7 @@ use avln_grpc::{
     Account, PhaseInfo, PhaseState, Quota, QuotaWindow, Refusal, Revealed, RunState, RunStatus, Scope,
     Visibility,
 };
-use avln_scoring::Summary;
+use avln_scoring::{Metric, Summary};
 use avln_store::{Charge, PhaseView, RunView, TokenKind, TokenState, Viewer};
 use std::collections::BTreeMap;
 
@@ -141,14 +141,7 @@ fn ends(health: &BTreeMap<&'static str, u32>) -> Vec<(avln_episode::EndReason, u
 }
 
 fn columns(summary: &Summary) -> Vec<(String, f64)> {
-    let metrics = [
-        ("sr", summary.sr.value),
-        ("isr", summary.isr.value),
-        ("osr", summary.osr.value),
-        ("spl", summary.spl.value),
-        ("soft_spl", summary.soft_spl.value),
-    ];
-    metrics.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+    Metric::headlines().filter_map(|metric| Some((metric.id.to_owned(), metric.mean_of(summary)?))).collect()
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use crate::{
 };
 use avln_dataset::SceneSource;
 use avln_episode::{Order, Rules};
-use avln_scoring::Key;
+use avln_scoring::{Key, Metric};
 use avln_store::{Board, LeaderboardRow, Pick, Reference, RunLine, RunState, Store, Viewer};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::{
@@ -231,35 +231,23 @@ async fn print_table(store: &Store, phase: &str) -> Result<(), Failure> {
         };
         let Some(view) = store.reader().leaderboard(&Viewer::Organiser, &board).await? else { continue };
         say!("\n{order} ({} episodes a run; mean and 95 % interval over scenes)", view.phase.episodes);
-        say!(
-            "{:>4}  {:<12} {:>17} {:>17} {:>17} {:>17} {:>17}",
-            "rank",
-            "method",
-            "SR",
-            "ISR",
-            "OSR",
-            "SPL",
-            "SoftSPL"
-        );
+        let labels = Metric::headlines().map(|metric| metric.label.to_owned()).collect();
+        print_cells("rank", "method", labels);
         view.rows.iter().for_each(print_row);
     }
     Ok(())
 }
 
 fn print_row(row: &LeaderboardRow) {
-    let summary = &row.summary;
-    let cells = [&summary.sr, &summary.isr, &summary.osr, &summary.spl, &summary.soft_spl]
-        .map(|e| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high));
-    say!(
-        "{:>4}  {:<12} {:>17} {:>17} {:>17} {:>17} {:>17}",
-        row.standing.map_or_else(|| "-".to_owned(), |standing| standing.rank.to_string()),
-        row.method,
-        cells[0],
-        cells[1],
-        cells[2],
-        cells[3],
-        cells[4]
-    );
+    let estimates = Metric::headlines().filter_map(|metric| metric.estimate_of(&row.summary));
+    let cells = estimates.map(|e| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high)).collect();
+    let rank = row.standing.map_or_else(|| "-".to_owned(), |standing| standing.rank.to_string());
+    print_cells(&rank, &row.method, cells);
+}
+
+fn print_cells(rank: &str, method: &str, numbers: Vec<String>) {
+    let numbers: Vec<String> = numbers.iter().map(|cell| format!("{cell:>17}")).collect();
+    say!("{rank:>4}  {method:<12} {}", numbers.join(" "));
 }
 
 fn print_outlook(data: &DataFolder, open: &OpenDoors, phase: &str, options: &Options) {

@@ -1,36 +1,19 @@
-/// Resamples behind an interval.
+//! Percentile bootstrap over scenes (Efron 1979).
+
+use avln_geom::SplitMix64;
+
+/// Resamples per interval.
 pub(crate) const RESAMPLES: usize = 1000;
 
-/// SplitMix64 (Steele, Lea and Flood 2014): a stream fixed by its seed, enough to draw indices.
-pub(crate) struct SplitMix(u64);
-
-impl SplitMix {
-    pub(crate) fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// An index below `count`, which must not be 0.
-    pub(crate) fn below(&mut self, count: usize) -> usize {
-        ((u128::from(self.next()) * count as u128) >> 64) as usize
-    }
-}
-
-/// The clusters that are drawn together: one of sums over its values, and how many there are.
+/// Episodes drawn together: the sum of each of `K` columns, and the number of episodes.
 pub(crate) struct Cluster<const K: usize> {
-    pub(crate) sums: [f64; K],
-    pub(crate) count: usize,
+    sums: [f64; K],
+    count: usize,
 }
 
-/// Groups rows by scene, or one by one when there is a single scene. Rows of a scene must be neighbours.
+/// Groups rows by scene; rows of a single scene form a cluster each. Rows of a scene must be adjacent.
 pub(crate) fn clusters<const K: usize>(rows: &[(&str, [f64; K])]) -> Vec<Cluster<K>> {
+    // Episodes of a scene are correlated, so scenes are resampled. A single scene leaves only episodes to resample.
     let one_scene = rows.windows(2).all(|pair| pair[0].0 == pair[1].0);
     let same = |a: &(&str, [f64; K]), b: &(&str, [f64; K])| !one_scene && a.0 == b.0;
     rows.chunk_by(same).map(total).collect()
@@ -46,25 +29,31 @@ fn total<const K: usize>(rows: &[(&str, [f64; K])]) -> Cluster<K> {
     Cluster { sums, count: rows.len() }
 }
 
-/// Means of the clusters drawn with replacement, sorted upwards, for each of the `K` columns.
+/// Means of clusters drawn with replacement, ascending, for each column.
 fn resampled_means<const K: usize>(clusters: &[Cluster<K>], seed: u64) -> [Vec<f64>; K] {
-    let mut draw = SplitMix(seed);
+    let mut draw = SplitMix64::new(seed);
     let mut means: [Vec<f64>; K] = std::array::from_fn(|_| Vec::with_capacity(RESAMPLES));
     for _ in 0..RESAMPLES {
-        let (mut sums, mut count) = ([0.0; K], 0);
+        let mut sums = [0.0; K];
+        let mut count = 0;
         for _ in clusters {
             let drawn = &clusters[draw.below(clusters.len())];
             count += drawn.count;
-            sums.iter_mut().zip(&drawn.sums).for_each(|(sum, value)| *sum += value);
+            for (sum, value) in sums.iter_mut().zip(&drawn.sums) {
+                *sum += value;
+            }
         }
-        means.iter_mut().zip(sums).for_each(|(column, sum)| column.push(sum / count as f64));
+        for (column, sum) in means.iter_mut().zip(sums) {
+            column.push(sum / count as f64);
+        }
     }
-    means.iter_mut().for_each(|column| column.sort_by(f64::total_cmp));
+    for column in &mut means {
+        column.sort_by(f64::total_cmp);
+    }
     means
 }
 
-/// The middle 95 % of the resampled means of each column (percentile bootstrap, Efron 1979), as (low, high).
-/// `clusters` must not be empty.
+/// Returns the middle 95 % of the resampled means of each column, as (low, high). `clusters` must not be empty.
 pub(crate) fn intervals<const K: usize>(clusters: &[Cluster<K>], seed: u64) -> [(f64, f64); K] {
     let means = resampled_means(clusters, seed);
     std::array::from_fn(|column| {
@@ -77,13 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_stream_of_seed_zero_is_the_published_one() {
-        let mut stream = SplitMix(0);
-        assert_eq!([stream.next(), stream.next()], [0xe220_a839_7b1d_cdaf, 0x6e78_9e6a_a1b9_65f4]);
-    }
-
-    #[test]
-    fn two_scenes_that_disagree_span_everything() {
+    fn opposite_scenes_give_the_full_interval() {
         let rows = [("a", [0.0]), ("a", [0.0]), ("b", [1.0]), ("b", [1.0])];
         let grouped = clusters(&rows);
         assert_eq!(grouped.len(), 2);
@@ -91,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn the_interval_of_a_fair_coin_agrees_with_the_normal_approximation() {
+    fn fair_coin_interval_matches_normal_approximation() {
         // 100 episodes of one scene, half of them 1: 0.5 ± 1.96 × sqrt(0.25 / 100) = 0.402 to 0.598.
         let rows: Vec<_> = (0..100).map(|i| ("a", [f64::from(i % 2)])).collect();
         let [(low, high)] = intervals(&clusters(&rows), 9);

@@ -1,56 +1,59 @@
+//! Paired comparison of two runs.
+
 use crate::{
-    EpisodeScore, Estimate, Key,
     bootstrap::{clusters, intervals},
-    summary::sorted,
+    metrics::Key,
+    score::{EpisodeScore, Estimate, sorted},
 };
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Two runs over the episodes that both played.
+/// Paired comparison of two runs over their common episodes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
-    /// Episodes that both played.
+    /// Number of common episodes.
     pub episodes: u32,
-    /// Scenes that these took place in.
+    /// Number of scenes of these episodes.
     pub scenes: u32,
     /// In the order of [`Key::ALL`].
     pub differences: Vec<Difference>,
 }
 
-/// How two runs differ in a metric.
+/// Difference of two runs in a metric.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Difference {
     /// The metric.
     pub key: Key,
-    /// Mean of the first over the episodes that both played.
+    /// Mean of the first run over the common episodes.
     pub first: f64,
-    /// Mean of the second.
+    /// Mean of the second run.
     pub second: f64,
-    /// Mean of the first less the second, episode by episode, with its 95 % interval, resampled by scene.
+    /// Mean of the differences per episode, first minus second, with its 95 % interval, resampled by scene.
     pub estimate: Estimate,
-    /// Whether that interval excludes 0; never with fewer than two episodes.
+    /// Whether the interval excludes 0; false with fewer than two episodes.
     pub is_sure: bool,
 }
 
-/// How `first` differs from `second` over the episodes that both played; `None` when there are none.
+/// Compares `first` with `second` over their common episodes; `None` if they have none in common.
 pub fn compare(first: &[EpisodeScore], second: &[EpisodeScore], seed: u64) -> Option<Comparison> {
     const COUNT: usize = Key::ALL.len();
     let pairs = pairs(first, second);
     if pairs.is_empty() {
         return None;
     }
-    let less =
-        |(a, b): &(&EpisodeScore, &EpisodeScore)| Key::ALL.map(|key| key.of(&a.metrics) - key.of(&b.metrics));
-    let rows: Vec<(&str, [f64; COUNT])> =
-        pairs.iter().map(|pair| (pair.0.scene.as_str(), less(pair))).collect();
+    let rows: Vec<(&str, [f64; COUNT])> = pairs
+        .iter()
+        .map(|(a, b)| (a.scene.as_str(), Key::ALL.map(|key| key.of(&a.metrics) - key.of(&b.metrics))))
+        .collect();
     let bounds = intervals(&clusters(&rows), seed);
-    let mean = |value: &dyn Fn(usize) -> f64| (0..pairs.len()).map(value).sum::<f64>() / pairs.len() as f64;
+    let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / pairs.len() as f64;
     let difference = |(column, key): (usize, Key)| {
-        let (value, (low, high)) = (mean(&|pair| rows[pair].1[column]), bounds[column]);
+        let value = mean(&mut rows.iter().map(|(_, values)| values[column]));
+        let (low, high) = bounds[column];
         Difference {
             key,
-            first: mean(&|pair| key.of(&pairs[pair].0.metrics)),
-            second: mean(&|pair| key.of(&pairs[pair].1.metrics)),
+            first: mean(&mut pairs.iter().map(|(a, _)| key.of(&a.metrics))),
+            second: mean(&mut pairs.iter().map(|(_, b)| key.of(&b.metrics))),
             estimate: Estimate { value, low: low.min(value), high: high.max(value) },
             is_sure: pairs.len() > 1 && (low > 0.0 || high < 0.0),
         }
@@ -62,25 +65,25 @@ pub fn compare(first: &[EpisodeScore], second: &[EpisodeScore], seed: u64) -> Op
     })
 }
 
-/// The scores of the episodes that are in both, by scene, then episode, then order.
+/// Pairs the scores of common episodes, sorted by scene, episode and order.
 pub(crate) fn pairs<'a>(
     first: &'a [EpisodeScore],
     second: &'a [EpisodeScore],
 ) -> Vec<(&'a EpisodeScore, &'a EpisodeScore)> {
-    let of_second: BTreeMap<_, _> = second.iter().map(|score| (episode(score), score)).collect();
-    let of_both = |score| Some((score, *of_second.get(&episode(score))?));
+    let of_second: BTreeMap<_, _> = second.iter().map(|score| (identity(score), score)).collect();
+    let of_both = |score| Some((score, *of_second.get(&identity(score))?));
     sorted(first).into_iter().filter_map(of_both).collect()
 }
 
-/// What makes an episode the same for both: its id and the order of its goals.
-fn episode(score: &EpisodeScore) -> (&str, &str) {
+/// Id and goal order: runs of both orders play the same episodes, which are not comparable.
+fn identity(score: &EpisodeScore) -> (&str, &str) {
     (&score.episode, score.order.as_str())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Metrics;
+    use crate::score::Metrics;
     use avln_episode::Order;
 
     fn score(episode: u32, found: u32) -> EpisodeScore {
@@ -107,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cancels_is_not_sure_and_strangers_cannot_be_compared() {
+    fn cancelling_differences_are_not_sure() {
         let first: Vec<_> = (0..8).map(|episode| score(episode, 2 * (episode / 4))).collect();
         let second: Vec<_> = (0..8).map(|episode| score(episode, 2 - 2 * (episode / 4))).collect();
         let sr = of(&compare(&first, &second, 1).expect("pairs"), Key::Sr);

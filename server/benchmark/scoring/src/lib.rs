@@ -1,19 +1,19 @@
-//! Pure: (truth, record) to metrics; aggregates, intervals, ranks.
+//! Scores: metrics of an episode from its truth and record; means, intervals and ranks of runs.
 //!
-//! Start reading at [`score`], then [`summarise`], [`rank`] and [`compare`]. Every formula stands in `docs/scoring.md`.
+//! Entry points: [`score`], then [`summarise`], [`rank`] and [`compare`]. [`METRICS`] defines every metric once.
+//! `docs/scoring.md` explains the formulas.
 //!
-//! *Never*: does I/O; knows more of an episode than its truth and its record; depends on the order of its inputs.
+//! *Never*: does I/O; uses facts outside the truth and the record of an episode; depends on the order of its inputs.
 
 mod bootstrap;
 mod compare;
-mod key;
 mod metrics;
 mod rank;
-mod standing;
-mod summary;
+mod score;
 
 pub use compare::{Comparison, Difference, compare};
-pub use key::{Direction, Key, UnknownKey};
-pub use metrics::{Metrics, score};
-pub use rank::{Entry, Place, Standing, best_first, rank};
-pub use summary::{EpisodeScore, Estimate, Summary, summarise};
+pub use metrics::{
+    Direction, EpisodeValue, Key, METRICS, Metric, Prominence, SummaryValue, Unit, UnknownKey,
+};
+pub use rank::{Entry, RankedEntry, Standing, best_first, rank};
+pub use score::{EpisodeScore, Estimate, Metrics, Summary, score, summarise};

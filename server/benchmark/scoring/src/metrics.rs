@@ -1,151 +1,406 @@
-use avln_episode::{Point3, Rules};
-use avln_truth::{EpisodeTruth, Record};
+//! Metric definitions: the table of all metrics.
+//!
+//! To add a metric: a row of [`METRICS`] here; a field of [`Metrics`], of [`Summary`] and the formulas in `score.rs`.
+//! JSON keys, CSV columns, tables and forms follow the table.
+
+use crate::score::{Estimate, Metrics, Summary};
 use serde::{Deserialize, Serialize};
+use std::{fmt, str::FromStr};
 
-/// What one episode was worth. Shares and rates lie in [0, 1]; `osr >= isr` and `spl <= sr` always hold.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Metrics {
-    /// Goals of the mission.
-    pub goals: u32,
-    /// Goals that were found.
-    pub found: u32,
-    /// Success: 1 when every goal was found, else 0.
-    pub sr: f64,
-    /// Share of the goals that were found.
-    pub isr: f64,
-    /// Share of the goals whose success region was ever entered, or that were found.
-    pub osr: f64,
-    /// 1 when `osr` is 1, else 0.
-    pub osr_all: f64,
-    /// `sr × reference / max(reference, path)` (Anderson et al. 2018).
-    pub spl: f64,
-    /// `isr × reference / max(reference, path)`.
-    pub soft_spl: f64,
-    /// `sr × fewest actions / max(fewest actions, actions)` (Chen et al. 2020).
-    pub sna: f64,
-    /// Actions taken, of all five kinds.
-    pub steps: u32,
-    /// Length of the walk of the base in space, metres.
-    pub path_m: f64,
-    /// Length of the reference tour, metres.
-    pub reference_m: f64,
-    /// Actions in which an obstacle held the body back.
-    pub collisions: u32,
+/// Definition of a metric.
+#[derive(Clone, Copy, Debug)]
+pub struct Metric {
+    /// Name in JSON, CSV files, URLs and the database.
+    pub id: &'static str,
+    /// Column heading.
+    pub label: &'static str,
+    /// Explanation in one sentence.
+    pub meaning: &'static str,
+    /// Unit of the value.
+    pub unit: Unit,
+    /// The better end; `None` for properties of the mission.
+    pub direction: Option<Direction>,
+    /// True for values that depend on the hidden truth: phases with hidden scores publish them after their reveal only.
+    pub hidden_until_reveal: bool,
+    /// Prominence in tables.
+    pub prominence: Prominence,
+    /// Key for ranking; `None` if boards cannot be sorted by this metric.
+    pub key: Option<Key>,
+    /// Value in an episode.
+    pub episode: EpisodeValue,
+    /// Value in a summary.
+    pub summary: SummaryValue,
+}
+
+/// Unit of a metric.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// A share in [0, 1].
+    Share,
+    /// A number of goals, actions or claims.
+    Count,
+    /// Metres.
+    Metres,
+}
+
+/// The better end of a metric.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Direction {
+    /// More is better.
+    Higher,
+    /// Less is better.
+    Lower,
+}
+
+/// Prominence of a metric in tables.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Prominence {
+    /// In every table, and in the messages to agents.
+    Headline,
+    /// In a table with default columns.
+    Default,
+    /// On request, on detail pages and in files.
+    Optional,
+}
+
+/// Accessor for the value in an episode.
+#[derive(Clone, Copy, Debug)]
+pub enum EpisodeValue {
+    /// One number.
+    Number(fn(&Metrics) -> f64),
+    /// One number per goal.
+    PerGoal(fn(&Metrics) -> Vec<Option<f64>>),
+    /// Defined for summaries only.
+    None,
+}
+
+/// Accessor for the value in a summary.
+#[derive(Clone, Copy, Debug)]
+pub enum SummaryValue {
+    /// A mean with its interval.
+    Estimate(fn(&Summary) -> Estimate),
+    /// A mean without interval.
+    Mean(fn(&Summary) -> f64),
+    /// A mean over goals, absent if there is no such goal.
+    GoalMean(fn(&Summary) -> Option<f64>),
+    /// Defined for episodes only.
+    None,
+}
+
+/// All metrics, in the order of JSON fields and CSV columns.
+pub const METRICS: [Metric; 18] = [
+    Metric {
+        id: "goals",
+        label: "Goals",
+        meaning: "Goals of the mission",
+        direction: None,
+        hidden_until_reveal: false,
+        episode: EpisodeValue::Number(|m| f64::from(m.goals)),
+        ..COUNT
+    },
+    Metric {
+        id: "found",
+        label: "Found",
+        meaning: "Goals found",
+        direction: Some(Direction::Higher),
+        episode: EpisodeValue::Number(|m| f64::from(m.found)),
+        ..COUNT
+    },
+    Metric {
+        id: "sr",
+        label: "SR",
+        meaning: "Success rate: share of episodes in which every goal was found",
+        prominence: Prominence::Headline,
+        key: Some(Key::Sr),
+        episode: EpisodeValue::Number(|m| m.sr),
+        summary: SummaryValue::Estimate(|s| s.sr),
+        ..SHARE
+    },
+    Metric {
+        id: "isr",
+        label: "ISR",
+        meaning: "Share of the goals that were found, mean over episodes",
+        prominence: Prominence::Headline,
+        key: Some(Key::Isr),
+        episode: EpisodeValue::Number(|m| m.isr),
+        summary: SummaryValue::Estimate(|s| s.isr),
+        ..SHARE
+    },
+    Metric {
+        id: "isr_by_goal",
+        label: "ISR by goal",
+        meaning: "Share of the goals that were found, over all goals of all episodes",
+        summary: SummaryValue::Mean(|s| s.isr_by_goal),
+        ..SHARE
+    },
+    Metric {
+        id: "osr",
+        label: "OSR",
+        meaning: "Share of the goals whose success region was entered, claimed or not",
+        prominence: Prominence::Headline,
+        key: Some(Key::Osr),
+        episode: EpisodeValue::Number(|m| m.osr),
+        summary: SummaryValue::Estimate(|s| s.osr),
+        ..SHARE
+    },
+    Metric {
+        id: "osr_all",
+        label: "OSR, all goals",
+        meaning: "Share of episodes in which every success region was entered",
+        episode: EpisodeValue::Number(|m| m.osr_all),
+        summary: SummaryValue::Mean(|s| s.osr_all),
+        ..SHARE
+    },
+    Metric {
+        id: "spl",
+        label: "SPL",
+        meaning: "Success weighted by path length: SR times reference tour over the longer of tour and walk",
+        prominence: Prominence::Headline,
+        key: Some(Key::Spl),
+        episode: EpisodeValue::Number(|m| m.spl),
+        summary: SummaryValue::Estimate(|s| s.spl),
+        ..SHARE
+    },
+    Metric {
+        id: "soft_spl",
+        label: "SoftSPL",
+        meaning: "ISR weighted by path length: ISR times reference tour over the longer of tour and walk",
+        prominence: Prominence::Headline,
+        key: Some(Key::SoftSpl),
+        episode: EpisodeValue::Number(|m| m.soft_spl),
+        summary: SummaryValue::Estimate(|s| s.soft_spl),
+        ..SHARE
+    },
+    Metric {
+        id: "sna",
+        label: "SNA",
+        meaning: "Success weighted by the number of actions",
+        key: Some(Key::Sna),
+        episode: EpisodeValue::Number(|m| m.sna),
+        summary: SummaryValue::Estimate(|s| s.sna),
+        ..SHARE
+    },
+    Metric {
+        id: "steps",
+        label: "Steps",
+        meaning: "Actions taken in an episode",
+        hidden_until_reveal: false,
+        prominence: Prominence::Default,
+        key: Some(Key::Steps),
+        episode: EpisodeValue::Number(|m| f64::from(m.steps)),
+        summary: SummaryValue::Mean(|s| s.steps),
+        ..COUNT
+    },
+    Metric {
+        id: "path_m",
+        label: "Path",
+        meaning: "Length of the walk, metres",
+        hidden_until_reveal: false,
+        prominence: Prominence::Default,
+        key: Some(Key::PathM),
+        episode: EpisodeValue::Number(|m| m.path_m),
+        summary: SummaryValue::Mean(|s| s.path_m),
+        ..LENGTH
+    },
+    Metric {
+        id: "reference_m",
+        label: "Reference tour",
+        meaning: "Length of the shortest tour through all success regions, metres",
+        direction: None,
+        episode: EpisodeValue::Number(|m| m.reference_m),
+        ..LENGTH
+    },
+    Metric {
+        id: "collisions",
+        label: "Collisions",
+        meaning: "Actions in which an obstacle held the body back",
+        hidden_until_reveal: false,
+        prominence: Prominence::Default,
+        key: Some(Key::Collisions),
+        episode: EpisodeValue::Number(|m| f64::from(m.collisions)),
+        summary: SummaryValue::Mean(|s| s.collisions),
+        ..COUNT
+    },
+    Metric {
+        id: "wrong_submits",
+        label: "Wrong submits",
+        meaning: "Claims that completed no goal",
+        prominence: Prominence::Default,
+        key: Some(Key::WrongSubmits),
+        episode: EpisodeValue::Number(|m| f64::from(m.wrong_submits)),
+        summary: SummaryValue::Mean(|s| s.wrong_submits),
+        ..COUNT
+    },
+    Metric {
+        id: "wrong_instance_submits",
+        label: "Wrong instances",
+        meaning: "Wrong submits at another instance of a goal's category",
+        episode: EpisodeValue::Number(|m| f64::from(m.wrong_instance_submits)),
+        summary: SummaryValue::Mean(|s| s.wrong_instance_submits),
+        ..COUNT
+    },
+    Metric {
+        id: "steps_to_goal",
+        label: "Steps to goal",
+        meaning: "Number of the action that found a goal, mean over the goals found",
+        episode: EpisodeValue::PerGoal(|m| m.steps_to_goal.iter().map(|step| step.map(f64::from)).collect()),
+        summary: SummaryValue::GoalMean(|s| s.steps_to_goal),
+        ..COUNT
+    },
+    Metric {
+        id: "final_distance_m",
+        label: "Final distance",
+        meaning: "Walking distance from the last pose to a goal, metres, mean over the reachable goals",
+        episode: EpisodeValue::PerGoal(|m| m.final_distance_m.clone()),
+        summary: SummaryValue::GoalMean(|s| s.final_distance_m),
+        ..LENGTH
+    },
+];
+
+/// Defaults of a share.
+const SHARE: Metric = Metric {
+    id: "",
+    label: "",
+    meaning: "",
+    unit: Unit::Share,
+    direction: Some(Direction::Higher),
+    hidden_until_reveal: true,
+    prominence: Prominence::Optional,
+    key: None,
+    episode: EpisodeValue::None,
+    summary: SummaryValue::None,
+};
+/// Defaults of a count.
+const COUNT: Metric = Metric { unit: Unit::Count, direction: Some(Direction::Lower), ..SHARE };
+/// Defaults of a length.
+const LENGTH: Metric = Metric { unit: Unit::Metres, ..COUNT };
+
+impl Metric {
+    /// Returns the number of an episode; `None` for lists per goal and for values of summaries only.
+    pub fn of(&self, metrics: &Metrics) -> Option<f64> {
+        match self.episode {
+            EpisodeValue::Number(value) => Some(value(metrics)),
+            EpisodeValue::PerGoal(_) | EpisodeValue::None => None,
+        }
+    }
+
+    /// Returns the mean over the episodes of a run; `None` if the summary has none.
+    pub fn mean_of(&self, summary: &Summary) -> Option<f64> {
+        match self.summary {
+            SummaryValue::Estimate(estimate) => Some(estimate(summary).value),
+            SummaryValue::Mean(mean) => Some(mean(summary)),
+            SummaryValue::GoalMean(mean) => mean(summary),
+            SummaryValue::None => None,
+        }
+    }
+
+    /// Returns the mean with its interval, for metrics with an interval.
+    pub fn estimate_of(&self, summary: &Summary) -> Option<Estimate> {
+        match self.summary {
+            SummaryValue::Estimate(estimate) => Some(estimate(summary)),
+            SummaryValue::Mean(_) | SummaryValue::GoalMean(_) | SummaryValue::None => None,
+        }
+    }
+
+    /// Iterates over the metrics of every table and of the messages to agents: SR, ISR, OSR, SPL and SoftSPL.
+    pub fn headlines() -> impl Iterator<Item = &'static Self> {
+        METRICS.iter().filter(|metric| metric.prominence == Prominence::Headline)
+    }
+}
+
+/// A metric that boards can be ranked by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Key {
+    /// Share of episodes with every goal found.
+    #[default]
+    Sr,
+    /// Mean share of goals found.
+    Isr,
+    /// Mean share of goals with a visited region.
+    Osr,
+    /// Success weighted by path length.
+    Spl,
+    /// Goals found weighted by path length.
+    SoftSpl,
+    /// Success weighted by number of actions.
+    Sna,
+    /// Actions.
+    Steps,
+    /// Length of the path.
+    PathM,
+    /// Collisions.
+    Collisions,
     /// Submits and Stops that completed no goal.
-    pub wrong_submits: u32,
-    /// Those of them at an instance of the right category that is not the target.
-    #[serde(default)]
-    pub wrong_instance_submits: u32,
-    /// For each goal, the number of the step that found it, counted from 1.
-    pub steps_to_goal: Vec<Option<u32>>,
-    /// For each goal, the walk from the last pose to its success region, metres; `None` when unreachable.
-    pub final_distance_m: Vec<Option<f64>>,
+    WrongSubmits,
 }
 
-impl Metrics {
-    /// Every number that an episode has one of, with its name in files and URLs.
-    pub fn named(&self) -> [(&'static str, f64); 15] {
-        [
-            ("goals", f64::from(self.goals)),
-            ("found", f64::from(self.found)),
-            ("sr", self.sr),
-            ("isr", self.isr),
-            ("osr", self.osr),
-            ("osr_all", self.osr_all),
-            ("spl", self.spl),
-            ("soft_spl", self.soft_spl),
-            ("sna", self.sna),
-            ("steps", f64::from(self.steps)),
-            ("path_m", self.path_m),
-            ("reference_m", self.reference_m),
-            ("collisions", f64::from(self.collisions)),
-            ("wrong_submits", f64::from(self.wrong_submits)),
-            ("wrong_instance_submits", f64::from(self.wrong_instance_submits)),
-        ]
+/// A word that is not a ranking key.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("cannot rank by the metric '{0}'; use {choices}", choices = choices())]
+pub struct UnknownKey(pub String);
+
+/// "a, b or c": the ids of all keys.
+fn choices() -> String {
+    let [rest @ .., last] = Key::ALL.map(Key::as_str);
+    format!("{} or {last}", rest.join(", "))
+}
+
+impl Key {
+    /// All keys, in the order of [`METRICS`].
+    pub const ALL: [Self; 10] = ranking_keys();
+
+    /// Returns the definition of the metric.
+    pub fn metric(self) -> &'static Metric {
+        // The table has a row for every key: a test checks it.
+        METRICS.iter().find(|metric| metric.key == Some(self)).unwrap_or(&SHARE)
+    }
+
+    /// Returns the id of the metric.
+    pub fn as_str(self) -> &'static str {
+        self.metric().id
+    }
+
+    /// Returns the better end.
+    pub fn direction(self) -> Direction {
+        self.metric().direction.unwrap_or(Direction::Higher)
+    }
+
+    /// Returns the value of an episode.
+    pub fn of(self, metrics: &Metrics) -> f64 {
+        self.metric().of(metrics).unwrap_or(0.0)
+    }
+
+    /// Returns the mean over the episodes of a run.
+    pub fn mean_of(self, summary: &Summary) -> f64 {
+        self.metric().mean_of(summary).unwrap_or(0.0)
     }
 }
 
-/// Turns the facts of an episode into its metrics. An episode without goals scores 0.
-///
-/// An episode that ended by [`avln_episode::EndReason::ServerFault`] has metrics too, which must enter no mean.
-pub fn score(truth: &EpisodeTruth, record: &Record, rules: &Rules) -> Metrics {
-    let goals = truth.targets.len();
-    let steps_to_goal = record.found_at(goals);
-    let found = steps_to_goal.iter().flatten().count();
-    let entered =
-        (0..goals).filter(|&goal| steps_to_goal[goal].is_some() || entered_region(record, goal)).count();
-    let (sr, isr) = (all(found, goals), share(found, goals));
-    let path_m = path_length_m(record);
-    let on_path = efficiency(truth.reference_m, path_m);
-    let fewest = fewest_actions(truth.reference_m, rules.forward_m, goals);
-    Metrics {
-        goals: goals as u32,
-        found: found as u32,
-        sr,
-        isr,
-        osr: share(entered, goals),
-        osr_all: all(entered, goals),
-        spl: sr * on_path,
-        soft_spl: isr * on_path,
-        sna: sr * efficiency(fewest, record.steps.len() as f64),
-        steps: record.steps.len() as u32,
-        path_m,
-        reference_m: truth.reference_m,
-        collisions: record.steps.iter().filter(|step| step.collided).count() as u32,
-        wrong_submits: record.submits.iter().filter(|submit| submit.completed.is_none()).count() as u32,
-        wrong_instance_submits: record.submits.iter().filter(|submit| submit.wrong_instance.is_some()).count()
-            as u32,
-        steps_to_goal,
-        final_distance_m: (0..goals)
-            .map(|goal| record.final_distance_m.get(goal).copied().flatten())
-            .collect(),
+const fn ranking_keys() -> [Key; 10] {
+    let mut keys = [Key::Sr; 10];
+    let (mut row, mut count) = (0, 0);
+    while row < METRICS.len() {
+        if let Some(key) = METRICS[row].key {
+            keys[count] = key;
+            count += 1;
+        }
+        row += 1;
+    }
+    keys
+}
+
+impl FromStr for Key {
+    type Err = UnknownKey;
+
+    fn from_str(word: &str) -> Result<Self, UnknownKey> {
+        Self::ALL.into_iter().find(|key| key.as_str() == word).ok_or_else(|| UnknownKey(word.to_owned()))
     }
 }
 
-fn share(count: usize, goals: usize) -> f64 {
-    if goals == 0 { 0.0 } else { count as f64 / goals as f64 }
-}
-
-fn all(count: usize, goals: usize) -> f64 {
-    if goals > 0 && count == goals { 1.0 } else { 0.0 }
-}
-
-fn entered_region(record: &Record, goal: usize) -> bool {
-    let bit = u8::try_from(1_u64.checked_shl(goal as u32).unwrap_or(0)).unwrap_or(0);
-    let at_start = record.in_region_at_start.get(goal).copied().unwrap_or(false);
-    at_start || record.steps.iter().any(|step| step.in_region & bit != 0)
-}
-
-/// Sum of the straight lines between one pose of the base and the next, metres, computed in f64.
-fn path_length_m(record: &Record) -> f64 {
-    let mut at = record.start.position;
-    let mut length_m = 0.0;
-    for step in &record.steps {
-        length_m += distance_m(&at, &step.pose.position);
-        at = step.pose.position;
+impl fmt::Display for Key {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
     }
-    length_m
-}
-
-fn distance_m(a: &Point3<f32>, b: &Point3<f32>) -> f64 {
-    let squared = |axis: usize| {
-        let difference = f64::from(b[axis]) - f64::from(a[axis]);
-        difference * difference
-    };
-    (squared(0) + squared(1) + squared(2)).sqrt()
-}
-
-/// `least / max(least, spent)` in [0, 1]: 1 when nothing was needed and nothing spent, 0 when `least` is no length.
-fn efficiency(least: f64, spent: f64) -> f64 {
-    if !least.is_finite() || least < 0.0 {
-        return 0.0;
-    }
-    let most = least.max(spent);
-    if most > 0.0 { least / most } else { 1.0 }
-}
-
-/// A count of actions that no success can undercut: forward steps along the reference tour and one claim a goal.
-fn fewest_actions(reference_m: f64, forward_m: f32, goals: usize) -> f64 {
-    // The margin keeps a tour of exactly n forward steps at n when its length is a rounded sum.
-    (reference_m / f64::from(forward_m) - 1e-6).ceil().max(0.0) + goals as f64
 }

@@ -1,60 +1,66 @@
-use crate::{
-    Direction, EpisodeScore, Key, Summary,
-    bootstrap::{clusters, intervals},
-    compare::pairs,
-    standing::rank_intervals,
-};
-use serde::{Deserialize, Serialize};
-use std::cmp::Ordering;
+//! Ranks of leaderboard entries: intervals over resampled scenes, and groups of statistically equal entries.
 
-/// One line of a leaderboard before it is ranked.
+use crate::{
+    bootstrap::{RESAMPLES, clusters, intervals},
+    compare::pairs,
+    metrics::{Direction, Key},
+    score::{EpisodeScore, Summary, sorted},
+};
+use avln_geom::SplitMix64;
+use serde::{Deserialize, Serialize};
+use std::{
+    cmp::Ordering,
+    collections::{BTreeMap, BTreeSet},
+};
+
+/// An entry of a leaderboard before ranking.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry<'a> {
-    /// The means of the entry.
+    /// Means of the entry.
     pub summary: &'a Summary,
-    /// The episodes behind them, for the paired test.
+    /// Its episodes, for the paired test.
     pub scores: &'a [EpisodeScore],
-    /// Whether it competes; other entries are shown among those that do, and have no rank.
+    /// Whether it competes; other entries are listed among the competitors, without a rank.
     pub is_ranked: bool,
 }
 
-/// Where an entry is shown.
+/// A row of a ranked leaderboard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Place {
-    /// Index of the entry in the slice that was ranked.
+pub struct RankedEntry {
+    /// Index of the entry in the ranked slice.
     pub entry: usize,
-    /// Where it stands among those that compete; `None` where it does not.
+    /// Standing among the competing entries; `None` for the others.
     pub standing: Option<Standing>,
 }
 
-/// Where an entry stands among those that compete.
+/// Standing of an entry among the competing ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Standing {
-    /// 1 for the best; entries with equal numbers share a rank and the next rank is skipped.
+    /// Rank from 1; equal entries share a rank, and the next rank is skipped.
     pub rank: u32,
-    /// The best rank of the middle 95 % that it would have with other scenes, at most `rank`.
+    /// Best rank of the middle 95 % over resampled scenes, at most `rank`.
     pub rank_low: u32,
-    /// The worst of them, at least `rank`.
+    /// Worst rank of the middle 95 %, at least `rank`.
     pub rank_high: u32,
-    /// Entries of one group cannot be told apart from the group's first; groups count from 1.
+    /// Number of the tie group, from 1. Entries of a group do not differ significantly from its first entry.
     pub tie_group: u32,
 }
 
-/// The metrics that part entries with the same key, in order.
+/// Tie breaks between entries with equal keys, in order.
 const TIE_BREAKS: [Key; 5] = [Key::Sr, Key::Isr, Key::Spl, Key::SoftSpl, Key::Osr];
 
-/// Indices of `summaries` by `key`, best first; those that agree in it are parted by SR, ISR, SPL, SoftSPL and OSR.
+/// Returns the indices of `summaries` by `key`, best first. Ties are broken by SR, ISR, SPL, SoftSPL and OSR.
 pub fn best_first(summaries: &[&Summary], key: Key) -> Vec<usize> {
     let mut order: Vec<usize> = (0..summaries.len()).collect();
     order.sort_by(|&a, &b| better(summaries[a], summaries[b], key));
     order
 }
 
-/// Orders `entries` by `key`, best first, and says where those that compete stand and which of them cannot be told apart.
+/// Sorts `entries` by `key`, best first, and computes the standings of the competing ones.
 ///
-/// Entries that agree in the key and in SR, ISR, SPL, SoftSPL and OSR share a rank. An entry joins the tie group above
+/// Entries equal in the key and in SR, ISR, SPL, SoftSPL and OSR share a rank. An entry joins the tie group above
 /// it unless the 95 % interval of its paired difference in `key` to the group's first entry excludes 0.
-pub fn rank(entries: &[Entry<'_>], key: Key, seed: u64) -> Vec<Place> {
+pub fn rank(entries: &[Entry<'_>], key: Key, seed: u64) -> Vec<RankedEntry> {
     let summaries: Vec<&Summary> = entries.iter().map(|entry| entry.summary).collect();
     let order = best_first(&summaries, key);
     let competing: Vec<usize> = order.iter().copied().filter(|&entry| entries[entry].is_ranked).collect();
@@ -63,23 +69,29 @@ pub fn rank(entries: &[Entry<'_>], key: Key, seed: u64) -> Vec<Place> {
     for (entry, standing) in competing.into_iter().zip(standings_of(&ranked, key, seed)) {
         standings[entry] = Some(standing);
     }
-    order.into_iter().map(|entry| Place { entry, standing: standings[entry] }).collect()
+    order.into_iter().map(|entry| RankedEntry { entry, standing: standings[entry] }).collect()
 }
 
-/// Where entries stand that come best first.
+/// Standings of entries sorted best first.
 fn standings_of(sorted: &[Entry<'_>], key: Key, seed: u64) -> Vec<Standing> {
     let scores: Vec<&[EpisodeScore]> = sorted.iter().map(|entry| entry.scores).collect();
     let spans = rank_intervals(&scores, key, seed);
     let mut standings: Vec<Standing> = Vec::with_capacity(sorted.len());
     let mut group_first = 0;
     for (index, (entry, (low, high))) in sorted.iter().zip(spans).enumerate() {
-        let above = standings.last().map(|above| (above, &sorted[index - 1]));
-        let equal = above.is_some_and(|(_, above)| better(above.summary, entry.summary, key).is_eq());
-        let apart = !equal && index > 0 && differ(&sorted[group_first], entry, key, seed);
-        let rank = above.filter(|_| equal).map_or(index as u32 + 1, |(above, _)| above.rank);
-        let tie_group = above.map_or(1, |(above, _)| above.tie_group + u32::from(apart));
-        if apart {
-            group_first = index;
+        let mut rank = index as u32 + 1;
+        let mut tie_group = 1;
+        if let Some(above) = standings.last() {
+            let is_equal = better(sorted[index - 1].summary, entry.summary, key).is_eq();
+            // The test is against the first of the group: a chain of small differences must not span a large one.
+            let is_apart = !is_equal && differ(&sorted[group_first], entry, key, seed);
+            if is_equal {
+                rank = above.rank;
+            }
+            tie_group = above.tie_group + u32::from(is_apart);
+            if is_apart {
+                group_first = index;
+            }
         }
         standings.push(Standing { rank, rank_low: low.min(rank), rank_high: high.max(rank), tie_group });
     }
@@ -88,22 +100,169 @@ fn standings_of(sorted: &[Entry<'_>], key: Key, seed: u64) -> Vec<Standing> {
 
 fn better(a: &Summary, b: &Summary, key: Key) -> Ordering {
     let by = |key: Key| {
-        let upwards = key.mean_of(a).total_cmp(&key.mean_of(b));
-        if key.direction() == Direction::Higher { upwards.reverse() } else { upwards }
+        let ascending = key.mean_of(a).total_cmp(&key.mean_of(b));
+        if key.direction() == Direction::Higher { ascending.reverse() } else { ascending }
     };
-    TIE_BREAKS.into_iter().fold(by(key), |so_far, next| so_far.then_with(|| by(next)))
+    TIE_BREAKS.into_iter().fold(by(key), |ordering, next| ordering.then_with(|| by(next)))
 }
 
-/// Whether the paired difference of the key over the episodes that both played is surely not 0.
-/// Two episodes at least are needed to be sure of anything.
+/// Whether the 95 % interval of the paired difference over common episodes excludes 0. Needs at least two pairs.
 fn differ(a: &Entry<'_>, b: &Entry<'_>, key: Key, seed: u64) -> bool {
-    let less =
-        |(of_a, of_b): &(&EpisodeScore, &EpisodeScore)| [key.of(&of_a.metrics) - key.of(&of_b.metrics)];
     let pairs = pairs(a.scores, b.scores);
-    let rows: Vec<_> = pairs.iter().map(|pair| (pair.0.scene.as_str(), less(pair))).collect();
-    if rows.len() < 2 {
+    if pairs.len() < 2 {
         return false;
     }
+    let rows: Vec<_> = pairs
+        .iter()
+        .map(|(of_a, of_b)| (of_a.scene.as_str(), [key.of(&of_a.metrics) - key.of(&of_b.metrics)]))
+        .collect();
     let [(low, high)] = intervals(&clusters(&rows), seed);
     low > 0.0 || high < 0.0
+}
+
+/// The middle 95 % of each entry's ranks over resampled scenes, as (best, worst). All entries share the resamples.
+/// With a single scene episodes are resampled. Entries with equal means share a rank.
+fn rank_intervals(entries: &[&[EpisodeScore]], key: Key, seed: u64) -> Vec<(u32, u32)> {
+    let sums = ClusterSums::new(entries, key);
+    let mut ranks: Vec<Vec<u32>> = vec![Vec::with_capacity(RESAMPLES); entries.len()];
+    let mut rng = SplitMix64::new(seed);
+    for _ in 0..RESAMPLES {
+        let means = sums.means(&sums.draw(&mut rng));
+        for (entry, rank) in shared_ranks(&means) {
+            ranks[entry].push(rank);
+        }
+    }
+    let middle = |mut ranks: Vec<u32>| {
+        ranks.sort_unstable();
+        (ranks[RESAMPLES / 40 - 1], ranks[RESAMPLES - RESAMPLES / 40 - 1])
+    };
+    ranks.into_iter().map(middle).collect()
+}
+
+/// Sums of the ranking key per entry and cluster of episodes.
+struct ClusterSums {
+    clusters: usize,
+    /// Per entry and cluster: the sum of the key (lower is better) and the number of episodes.
+    sums: Vec<Vec<(f64, u32)>>,
+}
+
+impl ClusterSums {
+    fn new(entries: &[&[EpisodeScore]], key: Key) -> Self {
+        let all = || entries.iter().flat_map(|scores| scores.iter());
+        let scenes: BTreeSet<&str> = all().map(scene_of).collect();
+        let name = if scenes.len() > 1 { scene_of } else { episode_of };
+        let names: BTreeSet<&str> = all().map(name).collect();
+        let indices: BTreeMap<&str, usize> = names.into_iter().zip(0..).collect();
+        let sign = if key.direction() == Direction::Higher { -1.0 } else { 1.0 };
+        let sums_of = |scores: &&[EpisodeScore]| {
+            let mut sums = vec![(0.0, 0); indices.len()];
+            for score in sorted(scores) {
+                let (sum, count) = &mut sums[indices[name(score)]];
+                *sum += sign * key.of(&score.metrics);
+                *count += 1;
+            }
+            sums
+        };
+        Self { clusters: indices.len(), sums: entries.iter().map(sums_of).collect() }
+    }
+
+    /// Draws clusters with replacement; returns the number of draws of each.
+    fn draw(&self, rng: &mut SplitMix64) -> Vec<u32> {
+        let mut times = vec![0; self.clusters];
+        for _ in 0..self.clusters {
+            times[rng.below(self.clusters)] += 1;
+        }
+        times
+    }
+
+    /// Means of the entries over the drawn clusters; infinite for an entry without episodes in them.
+    fn means(&self, times: &[u32]) -> Vec<f64> {
+        let mean = |sums: &Vec<(f64, u32)>| {
+            let mut total = 0.0;
+            let mut count = 0;
+            for ((sum, episodes), times) in sums.iter().zip(times) {
+                if *times > 0 {
+                    total += sum * f64::from(*times);
+                    count += episodes * times;
+                }
+            }
+            if count == 0 { f64::INFINITY } else { total / f64::from(count) }
+        };
+        self.sums.iter().map(mean).collect()
+    }
+}
+
+fn scene_of(score: &EpisodeScore) -> &str {
+    &score.scene
+}
+
+fn episode_of(score: &EpisodeScore) -> &str {
+    &score.episode
+}
+
+/// Indices of `means` with their ranks, 1 for the smallest; equal means share a rank.
+fn shared_ranks(means: &[f64]) -> Vec<(usize, u32)> {
+    let mut order: Vec<usize> = (0..means.len()).collect();
+    order.sort_by(|&a, &b| means[a].total_cmp(&means[b]));
+    let mut ranks: Vec<(usize, u32)> = Vec::with_capacity(means.len());
+    for (index, entry) in order.into_iter().enumerate() {
+        let shared = ranks.last().filter(|(above, _)| means[*above].total_cmp(&means[entry]).is_eq());
+        ranks.push((entry, shared.map_or(index as u32 + 1, |(_, rank)| *rank)));
+    }
+    ranks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::score::Metrics;
+    use avln_episode::Order;
+
+    /// Ten episodes in five scenes; `found` selects the successful ones.
+    fn scores(found: impl Fn(u32) -> bool) -> Vec<EpisodeScore> {
+        (0..10)
+            .map(|episode| EpisodeScore {
+                episode: format!("e{episode}"),
+                scene: format!("s{}", episode / 2),
+                order: Order::Ordered,
+                metrics: Metrics { isr: f64::from(u8::from(found(episode))), ..Metrics::default() },
+            })
+            .collect()
+    }
+
+    #[test]
+    fn clear_winner_has_one_rank_others_an_interval() {
+        let all = scores(|_| true);
+        let (early, late) = (scores(|episode| episode < 4), scores(|episode| episode >= 6));
+        let ranks = rank_intervals(&[&early, &all, &late], Key::Isr, 1);
+        assert_eq!(ranks, [(2, 3), (1, 1), (2, 3)]);
+    }
+
+    #[test]
+    fn equal_entries_share_ranks_in_any_episode_order() {
+        let mut entries = [scores(|episode| episode % 2 == 0), scores(|episode| episode % 2 == 0)];
+        let intervals =
+            |entries: &[Vec<EpisodeScore>; 2]| rank_intervals(&[&entries[0], &entries[1]], Key::Isr, 3);
+        assert_eq!(intervals(&entries), [(1, 1), (1, 1)]);
+        entries[1].reverse();
+        assert_eq!(intervals(&entries), [(1, 1), (1, 1)]);
+    }
+
+    #[test]
+    fn fewer_steps_rank_first_and_no_episodes_last() {
+        let steps = |steps| {
+            let mut scores = scores(|_| true);
+            scores.iter_mut().for_each(|score| score.metrics.steps = steps);
+            scores
+        };
+        assert_eq!(rank_intervals(&[&steps(9), &[], &steps(3)], Key::Steps, 1), [(2, 2), (3, 3), (1, 1)]);
+        assert!(rank_intervals(&[], Key::Steps, 1).is_empty());
+    }
+
+    #[test]
+    fn single_scene_resamples_episodes() {
+        let mut entries = [scores(|episode| episode < 6), scores(|episode| episode >= 5)];
+        entries.iter_mut().flatten().for_each(|score| "only".clone_into(&mut score.scene));
+        assert_eq!(rank_intervals(&[&entries[0], &entries[1]], Key::Isr, 1), [(1, 2), (1, 2)]);
+    }
 }

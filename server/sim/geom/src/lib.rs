@@ -18,4 +18,4 @@ pub use aabb::Aabb;
 pub use nalgebra::{Isometry3, Point2, Point3, UnitQuaternion, Vector2, Vector3};
 pub use pose::Pose;
 pub use ray_mesh::{Hit, RayMesh, Visitor};
-pub use rng::Rng;
+pub use rng::{Rng, SplitMix64};

@@ -10,8 +10,8 @@ pub struct Rng {
 impl Rng {
     /// The generator of `seed`.
     pub fn new(seed: u64) -> Self {
-        let mut counter = seed;
-        Self { state: std::array::from_fn(|_| split_mix(&mut counter)) }
+        let mut words = SplitMix64::new(seed);
+        Self { state: std::array::from_fn(|_| words.next_u64()) }
     }
 
     /// An independent generator for the part of the work called `label`; the parent is not advanced.
@@ -26,7 +26,7 @@ impl Rng {
     /// The 64 random bits at place `index` of the stream of `key` (SplitMix64): what is drawn at one place does not depend
     /// on what is drawn elsewhere.
     pub fn word(key: u64, index: u64) -> u64 {
-        split_mix(&mut key.wrapping_add(index.wrapping_mul(GAMMA)))
+        SplitMix64::new(key.wrapping_add(index.wrapping_mul(SplitMix64::GAMMA))).next_u64()
     }
 
     /// 64 random bits.
@@ -80,15 +80,32 @@ impl Rng {
     }
 }
 
-/// What SplitMix64's counter grows by.
-const GAMMA: u64 = 0x9e37_79b9_7f4a_7c15;
+/// SplitMix64 (Steele, Lea and Flood 2014): the generator of seeds, and of the resamples behind score intervals.
+#[derive(Clone, Debug)]
+pub struct SplitMix64(u64);
 
-fn split_mix(counter: &mut u64) -> u64 {
-    *counter = counter.wrapping_add(GAMMA);
-    let mut z = *counter;
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
+impl SplitMix64 {
+    /// Increment of the counter.
+    const GAMMA: u64 = 0x9e37_79b9_7f4a_7c15;
+
+    /// Returns the generator of `seed`.
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    /// Returns 64 random bits.
+    pub fn next_u64(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(Self::GAMMA);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Returns an index below `count`; 0 if `count` is 0.
+    pub fn below(&mut self, count: usize) -> usize {
+        ((u128::from(self.next_u64()) * count as u128) >> 64) as usize
+    }
 }
 
 #[cfg(test)]
@@ -97,16 +114,17 @@ mod tests {
 
     #[test]
     fn the_stream_of_a_seed_is_fixed() {
-        // SplitMix64 of 0 begins with this word in the authors' reference implementation.
-        assert_eq!(split_mix(&mut 0), 0xe220_a839_7b1d_cdaf);
+        // The first words of the authors' reference implementation.
+        let mut words = SplitMix64::new(0);
+        assert_eq!([words.next_u64(), words.next_u64()], [0xe220_a839_7b1d_cdaf, 0x6e78_9e6a_a1b9_65f4]);
         let (mut a, mut b) = (Rng::new(7), Rng::new(7));
         assert!((0..100).all(|_| a.next_u64() == b.next_u64()));
     }
 
     #[test]
     fn words_are_the_stream_of_their_key_in_any_order() {
-        let mut counter = 77;
-        let stream: Vec<u64> = (0..50).map(|_| split_mix(&mut counter)).collect();
+        let mut words = SplitMix64::new(77);
+        let stream: Vec<u64> = (0..50).map(|_| words.next_u64()).collect();
         assert!((0..50).rev().all(|index| Rng::word(77, index) == stream[index as usize]));
     }
 

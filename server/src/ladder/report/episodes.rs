@@ -1,37 +1,48 @@
-//! Every episode that the tables rest on.
+//! The table of all episodes (CSV).
 
 use crate::ladder::Line;
-use std::fmt::Write as _;
+use avln_scoring::{EpisodeValue, METRICS, Metric, Unit};
 
-/// Names of the columns.
-const HEADER: &str = "agent,order,episode,scene,goals,found,sr,isr,osr,spl,soft_spl,steps,path_m,reference_m,collisions,\
-                      wrong_submits,steps_to_first_goal,end\n";
+/// Metrics left out, to keep the columns of the published docs/results.csv.
+const OMITTED: [&str; 3] = ["osr_all", "sna", "wrong_instance_submits"];
 
-/// A row for each episode, in the order of the lines. Names of agents, episodes and houses hold nothing to quote.
+/// Returns a header and a row per episode, in the order of `lines`. No cell needs quotes: names are ids.
 pub(super) fn table(lines: &[&Line]) -> String {
-    let mut text = HEADER.to_owned();
-    for Line { key, scene, metrics: m, end, .. } in lines {
-        let first = m.steps_to_goal.iter().flatten().min().map(u32::to_string).unwrap_or_default();
-        let _ = writeln!(
-            text,
-            "{},{},{},{scene},{},{},{},{:.4},{:.4},{:.4},{:.4},{},{:.2},{:.2},{},{},{first},{}",
-            key.agent,
-            key.order,
-            key.episode,
-            m.goals,
-            m.found,
-            m.sr,
-            m.isr,
-            m.osr,
-            m.spl,
-            m.soft_spl,
-            m.steps,
-            m.path_m,
-            m.reference_m,
-            m.collisions,
-            m.wrong_submits,
-            end.as_str()
-        );
+    let ids = METRICS.iter().filter(|metric| is_column(metric)).map(|metric| metric.id);
+    let header: Vec<&str> = ["agent", "order", "episode", "scene"]
+        .into_iter()
+        .chain(ids)
+        .chain(["steps_to_first_goal", "end"])
+        .collect();
+    let mut text = header.join(",") + "\n";
+    for line in lines {
+        text += &(cells(line).join(",") + "\n");
     }
     text
+}
+
+fn is_column(metric: &Metric) -> bool {
+    matches!(metric.episode, EpisodeValue::Number(_)) && !OMITTED.contains(&metric.id)
+}
+
+fn cells(line: &Line) -> Vec<String> {
+    let Line { key, scene, metrics, end, .. } = line;
+    let mut cells = vec![key.agent.clone(), key.order.clone(), key.episode.clone(), scene.clone()];
+    for metric in METRICS.iter().filter(|metric| is_column(metric)) {
+        cells.extend(metric.of(metrics).map(|value| number(metric, value)));
+    }
+    let first = metrics.steps_to_goal.iter().flatten().min();
+    cells.push(first.map(u32::to_string).unwrap_or_default());
+    cells.push(end.as_str().to_owned());
+    cells
+}
+
+fn number(metric: &Metric, value: f64) -> String {
+    match metric.unit {
+        // SR of an episode is 0 or 1.
+        Unit::Share if metric.id == "sr" => value.to_string(),
+        Unit::Share => format!("{value:.4}"),
+        Unit::Metres => format!("{value:.2}"),
+        Unit::Count => value.to_string(),
+    }
 }

@@ -8,7 +8,7 @@ mod paper;
 use super::{Cause, Line, Rung, host::results_path, results};
 use crate::{Failure, FailureKind};
 use avln_episode::{EndReason, Modality, Order};
-use avln_scoring::{Estimate, Summary};
+use avln_scoring::{Estimate, Metric, Summary};
 use facts::{Played, comparable, compare, mean, steps_to_first};
 use paired::Paired;
 use std::{fmt::Write as _, path::Path};
@@ -94,12 +94,7 @@ impl Page<'_> {
     fn main(&self) -> String {
         let mut text = String::from("## All agents\n");
         for order in ORDERS {
-            let _ = write!(
-                text,
-                "\n### {}\n\n| agent | audio | n | SR | ISR | OSR | SPL | SoftSPL | ms a step | hours |\n\
-                 |---|---|---|---|---|---|---|---|---|---|\n",
-                heading(order)
-            );
+            let _ = write!(text, "\n### {}\n\n{}", heading(order), header(&["ms a step", "hours"]));
             for rung in self.rungs().filter(|rung| !rung.is_variant() || rung.is_privileged()) {
                 let played = self.of(rung, order);
                 let Some(summary) = played.summary() else { continue };
@@ -134,12 +129,7 @@ impl Page<'_> {
     fn variants(&self) -> String {
         let mut text = String::from("## What parts of PAG-Nav are worth\n");
         for order in ORDERS {
-            let _ = write!(
-                text,
-                "\n### {}\n\n| agent | audio | n | SR | ISR | OSR | SPL | SoftSPL | ISR less than PAG-Nav's |\n\
-                 |---|---|---|---|---|---|---|---|---|\n",
-                heading(order)
-            );
+            let _ = write!(text, "\n### {}\n\n{}", heading(order), header(&["ISR less than PAG-Nav's"]));
             let whole = self.of(Rung::PagNav, order);
             for rung in self.rungs().filter(|&rung| rung == Rung::PagNav || rung.is_variant()) {
                 let played = self.of(rung, order);
@@ -261,12 +251,20 @@ fn yes(is: bool) -> &'static str {
     if is { "yes" } else { "-" }
 }
 
-/// The cells that all tables of agents begin with.
+/// Header of a table of agents: the cells of [`row`], then `more`.
+fn header(more: &[&str]) -> String {
+    let labels = Metric::headlines().map(|metric| metric.label);
+    let cells: Vec<&str> =
+        ["agent", "audio", "n"].into_iter().chain(labels).chain(more.iter().copied()).collect();
+    format!("| {} |\n|{}\n", cells.join(" | "), "---|".repeat(cells.len()))
+}
+
+/// First cells of a row in every table of agents.
 fn row(rung: Rung, summary: &Summary) -> String {
-    let of = [&summary.sr, &summary.isr, &summary.osr, &summary.spl, &summary.soft_spl];
     let percent =
-        |e: &Estimate| format!("{:.1} [{:.1}, {:.1}]", 100.0 * e.value, 100.0 * e.low, 100.0 * e.high);
-    let cells = of.map(percent).join(" | ");
+        |e: Estimate| format!("{:.1} [{:.1}, {:.1}]", 100.0 * e.value, 100.0 * e.low, 100.0 * e.high);
+    let estimates = Metric::headlines().filter_map(|metric| metric.estimate_of(summary));
+    let cells = estimates.map(percent).collect::<Vec<_>>().join(" | ");
     format!("| {} | {} | {} | {cells} |", name(rung), yes(rung.hears()), summary.episodes)
 }
 

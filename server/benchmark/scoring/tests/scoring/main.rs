@@ -1,5 +1,118 @@
-//! The worked examples of docs/scoring.md and the properties of every score.
+//! The worked examples of docs/scoring.md, the metric table, and the properties of every score.
 
 mod properties;
 mod script;
-mod worked;
+mod table;
+
+use crate::script::{Did, record, truth};
+use avln_episode::{Action, EndReason, Order, Rules};
+use avln_scoring::{EpisodeScore, Key, Metrics, score, summarise};
+
+const PAGE: &str = include_str!("../../../../../docs/scoring.md");
+
+fn scored(
+    episode: &str,
+    scene: &str,
+    order: Order,
+    reference_m: f64,
+    start: &[bool],
+    script: &[Did],
+) -> EpisodeScore {
+    let truth = truth(episode, scene, order, start.len(), reference_m);
+    let record = record(script, start.to_vec(), EndReason::TimeBudget);
+    let metrics = score(&truth, &record, &Rules::paper());
+    EpisodeScore { episode: episode.to_owned(), scene: scene.to_owned(), order, metrics }
+}
+
+fn forward(count: usize) -> Vec<Did> {
+    vec![Did::plain(Action::MoveForward); count]
+}
+
+fn episode_a() -> EpisodeScore {
+    let mut script = forward(8);
+    script.push(Did::claim(Action::Submit, Some(0)));
+    script.extend([Did::plain(Action::TurnLeft); 2]);
+    script.extend(forward(8));
+    script.extend([Did::plain(Action::TurnRight), Did::claim(Action::Stop, Some(1))]);
+    scored("A", "first", Order::Unordered, 3.0, &[false, false], &script)
+}
+
+fn episode_b() -> EpisodeScore {
+    let mut script = forward(12);
+    script.push(Did::claim(Action::Submit, Some(0)));
+    script.extend(forward(12));
+    script[20].in_region = 0b100;
+    script.push(Did::claim(Action::Submit, None));
+    script.extend(forward(7));
+    script.extend([Did { moved_m: 0.125, collided: true, ..Did::plain(Action::MoveForward) }; 2]);
+    scored("B", "second", Order::Ordered, 6.0, &[false; 3], &script)
+}
+
+fn episode_c() -> EpisodeScore {
+    let script = [Did::claim(Action::Submit, Some(1)), Did::claim(Action::Stop, Some(0))];
+    scored("C", "first", Order::Unordered, 0.0, &[true, true], &script)
+}
+
+/// The numbers of the table row that begins with `name`.
+fn row(name: &str) -> Vec<f64> {
+    let start = format!("| {name} |");
+    let line = PAGE.lines().find(|line| line.starts_with(&start)).unwrap_or_else(|| panic!("no row {name}"));
+    line[start.len()..].split('|').filter_map(|cell| cell.trim().parse().ok()).collect()
+}
+
+fn assert_cell(name: &str, page: f64, computed: f64) {
+    assert!((page - computed).abs() < 5e-4, "{name}: {page} on the page, {computed} computed");
+}
+
+#[test]
+fn page_tables_match_computed_metrics() {
+    let episodes = [episode_a(), episode_b(), episode_c()];
+    let summary = summarise(&episodes, 1).expect("three episodes");
+    for key in Key::ALL {
+        let page = row(key.as_str());
+        assert_eq!(page.len(), 4, "{key}");
+        for (cell, episode) in page.iter().zip(&episodes) {
+            assert_cell(key.as_str(), *cell, key.of(&episode.metrics));
+        }
+        assert_cell(key.as_str(), page[3], key.mean_of(&summary));
+    }
+    let strict: Vec<f64> = episodes.iter().map(|episode| episode.metrics.osr_all).collect();
+    assert_eq!(row("osr_all")[..3], strict);
+    assert_cell("isr_by_goal", row("isr_by_goal")[0], summary.isr_by_goal);
+    assert_eq!((summary.sr.low, summary.sr.high), (0.0, 1.0));
+}
+
+#[test]
+fn wrong_instance_submits_are_wrong_submits() {
+    let claim = |wrong_instance| Did { wrong_instance, ..Did::claim(Action::Submit, None) };
+    let script = [claim(Some(1)), claim(None), Did::claim(Action::Submit, Some(0)), claim(Some(1))];
+    let episode = scored("A", "first", Order::Unordered, 3.0, &[false, false], &script);
+    assert_eq!((episode.metrics.wrong_submits, episode.metrics.wrong_instance_submits), (3, 2));
+    let summary = summarise(&[episode, episode_a()], 1).expect("two episodes");
+    assert_eq!((summary.wrong_submits, summary.wrong_instance_submits), (1.5, 1.0));
+}
+
+#[test]
+fn goals_are_found_at_the_documented_steps() {
+    let found = |episode: EpisodeScore| episode.metrics.steps_to_goal;
+    assert_eq!(found(episode_a()), [Some(9), Some(21)]);
+    assert_eq!(found(episode_b()), [Some(13), None, None]);
+    assert_eq!(found(episode_c()), [Some(2), Some(1)]);
+}
+
+#[test]
+fn needless_walk_costs_all_and_short_walk_nothing() {
+    let script = [Did::plain(Action::MoveForward), Did::claim(Action::Stop, Some(0))];
+    let idle = scored("a", "s", Order::Ordered, 0.0, &[true], &script).metrics;
+    assert_eq!((idle.sr, idle.spl, idle.soft_spl), (1.0, 0.0, 0.0));
+    let short = scored("b", "s", Order::Ordered, 5.0, &[false, false], &script).metrics;
+    assert_eq!((short.isr, short.soft_spl, short.spl), (0.5, 0.5, 0.0));
+    let endless = scored("c", "s", Order::Ordered, f64::INFINITY, &[false], &script).metrics;
+    assert_eq!((endless.sr, endless.spl, endless.sna), (1.0, 0.0, 0.0));
+}
+
+#[test]
+fn episode_without_goals_scores_zero() {
+    let nothing: Metrics = scored("a", "s", Order::Ordered, 1.0, &[], &forward(3)).metrics;
+    assert_eq!((nothing.sr, nothing.isr, nothing.osr, nothing.spl), (0.0, 0.0, 0.0, 0.0));
+}

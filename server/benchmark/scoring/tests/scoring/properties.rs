@@ -1,8 +1,8 @@
-//! What holds for every record, tried on many random ones.
+//! Properties of every score, on random records.
 
 use crate::script::{Did, record, truth};
 use avln_episode::{Action, EndReason, Order, Rules};
-use avln_scoring::{Entry, EpisodeScore, Key, Place, Summary, rank, score, summarise};
+use avln_scoring::{Entry, EpisodeScore, Key, RankedEntry, Summary, rank, score, summarise};
 
 /// A small generator for test data (Knuth's MMIX constants).
 struct Draw(u64);
@@ -42,7 +42,7 @@ fn random_scores(seed: u64, count: u64) -> Vec<EpisodeScore> {
 }
 
 #[test]
-fn the_inequalities_of_the_metrics_hold() {
+fn metrics_satisfy_their_inequalities() {
     let mut successes = 0;
     for s in random_scores(3, 2000) {
         let m = &s.metrics;
@@ -55,21 +55,21 @@ fn the_inequalities_of_the_metrics_hold() {
         );
         successes += m.sr as u32;
     }
-    assert!(successes > 100, "{successes} successes are too few to mean anything");
+    assert!(successes > 100, "only {successes} successes");
 }
 
 #[test]
-fn a_summary_does_not_depend_on_the_order_of_its_episodes() {
+fn summary_is_independent_of_episode_order() {
     let scores = random_scores(5, 200);
-    let mut turned = scores.clone();
-    turned.reverse();
-    turned.rotate_left(77);
-    assert_eq!(summarise(&scores, 4), summarise(&turned, 4));
+    let mut permuted = scores.clone();
+    permuted.reverse();
+    permuted.rotate_left(77);
+    assert_eq!(summarise(&scores, 4), summarise(&permuted, 4));
     assert_eq!(summarise(&[], 4), None);
 }
 
 #[test]
-fn means_lie_in_their_intervals_and_spl_stays_below_sr() {
+fn means_lie_in_their_intervals() {
     for seed in 0..20 {
         let summary = summarise(&random_scores(seed, 1 + seed * 3), seed).expect("some episodes");
         for estimate in [summary.sr, summary.isr, summary.osr, summary.spl, summary.soft_spl, summary.sna] {
@@ -91,13 +91,13 @@ fn competing<'a>(summary: &'a Summary, scores: &'a [EpisodeScore]) -> Entry<'a> 
     Entry { summary, scores, is_ranked: true }
 }
 
-/// Rank and tie group of a place.
-fn stands(place: &Place) -> (u32, u32) {
+/// Rank and tie group of a competing entry.
+fn rank_and_group(place: &RankedEntry) -> (u32, u32) {
     place.standing.map(|standing| (standing.rank, standing.tie_group)).expect("a rank")
 }
 
 #[test]
-fn references_stand_in_their_place_and_take_nobodys_rank() {
+fn references_are_sorted_without_a_rank() {
     let base = random_scores(8, 140);
     let runs = [0.0, 0.5, 0.25].map(|more| with_isr(&base, |_, isr| isr + more));
     let summaries = runs.each_ref().map(|run| summarise(run, 1).expect("episodes"));
@@ -105,11 +105,14 @@ fn references_stand_in_their_place_and_take_nobodys_rank() {
     entries[1].is_ranked = false;
     let places = rank(&entries, Key::Isr, 1);
     assert_eq!(places.iter().map(|place| place.entry).collect::<Vec<_>>(), [1, 2, 0]);
-    assert_eq!((places[0].standing, stands(&places[1]), stands(&places[2])), (None, (1, 1), (2, 2)));
+    assert_eq!(
+        (places[0].standing, rank_and_group(&places[1]), rank_and_group(&places[2])),
+        (None, (1, 1), (2, 2))
+    );
 }
 
 #[test]
-fn equal_entries_share_a_rank_and_a_clear_winner_stands_alone() {
+fn equal_entries_share_a_rank() {
     let base = random_scores(8, 140);
     let runs =
         [with_isr(&base, |_, isr| isr), with_isr(&base, |_, isr| isr + 0.5), with_isr(&base, |_, isr| isr)];
@@ -117,12 +120,12 @@ fn equal_entries_share_a_rank_and_a_clear_winner_stands_alone() {
     let entries: Vec<Entry<'_>> =
         summaries.iter().zip(&runs).map(|(summary, scores)| competing(summary, scores)).collect();
     let places = rank(&entries, Key::Isr, 1);
-    let told: Vec<_> = places.iter().map(|place| (place.entry, stands(place))).collect();
-    assert_eq!(told, [(1, (1, 1)), (0, (2, 2)), (2, (2, 2))]);
+    let standings: Vec<_> = places.iter().map(|place| (place.entry, rank_and_group(place))).collect();
+    assert_eq!(standings, [(1, (1, 1)), (0, (2, 2)), (2, (2, 2))]);
 }
 
 #[test]
-fn a_difference_that_chance_explains_leaves_both_in_one_group() {
+fn insignificant_difference_keeps_one_tie_group() {
     let base = random_scores(8, 140);
     // Up in one half of the scenes, a little less down in the other.
     let noisy = with_isr(&base, |index, isr| isr + if (index % 7) < 4 { 0.2 } else { -0.25 });
@@ -130,7 +133,7 @@ fn a_difference_that_chance_explains_leaves_both_in_one_group() {
     let entries = [competing(&summaries[0], &base), competing(&summaries[1], &noisy)];
     let places = rank(&entries, Key::Isr, 1);
     assert_eq!((places[0].entry, places[1].entry), (1, 0));
-    assert_eq!(stands(&places[1]), (2, 1));
+    assert_eq!(rank_and_group(&places[1]), (2, 1));
 }
 
 #[test]
@@ -141,5 +144,8 @@ fn fewer_steps_rank_higher() {
     let summaries = [summarise(&slow, 1).expect("episodes"), summarise(&quick, 1).expect("episodes")];
     let entries = [competing(&summaries[0], &slow), competing(&summaries[1], &quick)];
     let places = rank(&entries, Key::Steps, 1);
-    assert_eq!((places[0].entry, stands(&places[0]), stands(&places[1])), (1, (1, 1), (2, 2)));
+    assert_eq!(
+        (places[0].entry, rank_and_group(&places[0]), rank_and_group(&places[1])),
+        (1, (1, 1), (2, 2))
+    );
 }

@@ -1,10 +1,10 @@
-//! Episodes made from a word for each action.
+//! Scripted episodes: a fact per action.
 
 use avln_episode::{Action, EndReason, Order, Point3, Pose};
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
 use serde_json::json;
 
-/// A truth with `goals` targets and a reference of `reference_m`; the tests' targets have no shape.
+/// A truth with `goals` identical targets and a reference tour of `reference_m`.
 pub(crate) fn truth(
     episode: &str,
     scene: &str,
@@ -27,7 +27,7 @@ pub(crate) fn truth(
     truth
 }
 
-/// One action of a script: what it is, how far it moved, the regions it ended in, and the goal it completed.
+/// Facts of one scripted action.
 #[derive(Clone, Copy)]
 pub(crate) struct Did {
     pub(crate) action: Action,
@@ -48,7 +48,7 @@ impl Did {
     }
 }
 
-/// The record of a script, walked along -Z.
+/// The record of a script: a walk along -Z.
 pub(crate) fn record(script: &[Did], in_region_at_start: Vec<bool>, end: EndReason) -> Record {
     let start = Pose::new(Point3::origin(), 0.0);
     let (mut steps, mut submits, mut at) = (Vec::new(), Vec::new(), start);

@@ -8,7 +8,7 @@ use crate::{
     words::{count, end_reason, from_json},
 };
 use avln_episode::{Order, Sensors};
-use avln_scoring::{Direction, Entry, EpisodeScore, Key, Place, Standing, Summary, best_first, rank};
+use avln_scoring::{Direction, Entry, EpisodeScore, Key, RankedEntry, Standing, Summary, best_first, rank};
 use serde::{Deserialize, Serialize, Serializer};
 use sqlx::{Sqlite, Transaction};
 use std::{
@@ -219,7 +219,7 @@ async fn rank_rows(
     }
     let entries: Vec<Entry<'_>> = chosen.iter().map(Candidate::entry).collect();
     let mut rows = Vec::with_capacity(chosen.len());
-    for Place { entry, standing } in rank(&entries, board.key, INTERVAL_SEED) {
+    for RankedEntry { entry, standing } in rank(&entries, board.key, INTERVAL_SEED) {
         rows.push(row(tx, &chosen[entry], standing).await?);
     }
     Ok(rows)

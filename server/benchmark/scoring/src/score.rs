@@ -1,0 +1,272 @@
+//! Formulas: metrics of an episode from its facts, means and intervals of a run from its episodes.
+
+use crate::bootstrap::{clusters, intervals};
+use avln_episode::{Order, Point3, Rules};
+use avln_truth::{EpisodeTruth, Record};
+use serde::{Deserialize, Serialize};
+
+/// Metrics of one episode. Shares and rates lie in [0, 1]; `osr >= isr` and `spl <= sr` always.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Metrics {
+    /// Goals of the mission.
+    pub goals: u32,
+    /// Goals found.
+    pub found: u32,
+    /// Success: 1 if every goal was found, else 0.
+    pub sr: f64,
+    /// Share of goals found.
+    pub isr: f64,
+    /// Share of goals found or with a visited success region.
+    pub osr: f64,
+    /// 1 if `osr` is 1, else 0.
+    pub osr_all: f64,
+    /// `sr × reference / max(reference, path)` (Anderson et al. 2018).
+    pub spl: f64,
+    /// `isr × reference / max(reference, path)`.
+    pub soft_spl: f64,
+    /// `sr × fewest actions / max(fewest actions, actions)` (Chen et al. 2020).
+    pub sna: f64,
+    /// Actions of all five kinds.
+    pub steps: u32,
+    /// Length of the base's path in space, metres.
+    pub path_m: f64,
+    /// Length of the reference tour, metres.
+    pub reference_m: f64,
+    /// Actions blocked by an obstacle.
+    pub collisions: u32,
+    /// Submits and Stops that completed no goal.
+    pub wrong_submits: u32,
+    /// Wrong submits at another instance of a goal's category.
+    #[serde(default)]
+    pub wrong_instance_submits: u32,
+    /// Number of the step that found each goal, from 1.
+    pub steps_to_goal: Vec<Option<u32>>,
+    /// Walking distance from the last pose to the success region of each goal, metres; `None` if unreachable.
+    pub final_distance_m: Vec<Option<f64>>,
+}
+
+/// Metrics of one episode, with its group keys.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EpisodeScore {
+    /// Id of the episode inside its split.
+    pub episode: String,
+    /// Name of the scene.
+    pub scene: String,
+    /// Order of the goals.
+    pub order: Order,
+    /// Metrics.
+    pub metrics: Metrics,
+}
+
+/// A mean over episodes with its 95 % interval, resampled by scene. `low <= value <= high`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// The mean.
+    pub value: f64,
+    /// Lower end.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+}
+
+/// Metrics of a set of episodes. Plain numbers are means over episodes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Number of episodes.
+    pub episodes: u32,
+    /// Number of scenes.
+    pub scenes: u32,
+    /// Success rate.
+    pub sr: Estimate,
+    /// Share of goals found, mean over episodes.
+    pub isr: Estimate,
+    /// Share of goals found, over all goals of all episodes.
+    pub isr_by_goal: f64,
+    /// Share of goals with a visited region, mean over episodes.
+    pub osr: Estimate,
+    /// Share of episodes with all regions visited.
+    pub osr_all: f64,
+    /// Success weighted by path length.
+    pub spl: Estimate,
+    /// Share of goals found, weighted by path length.
+    pub soft_spl: Estimate,
+    /// Success weighted by number of actions.
+    pub sna: Estimate,
+    /// Actions.
+    pub steps: f64,
+    /// Length of the path, metres.
+    pub path_m: f64,
+    /// Collisions.
+    pub collisions: f64,
+    /// Submits and Stops that completed no goal.
+    pub wrong_submits: f64,
+    /// Wrong submits at another instance of a goal's category.
+    #[serde(default)]
+    pub wrong_instance_submits: f64,
+    /// Steps to a goal, mean over the goals found; `None` if none was found.
+    pub steps_to_goal: Option<f64>,
+    /// Final distance to a goal, metres, mean over the reachable goals; `None` if none is reachable.
+    pub final_distance_m: Option<f64>,
+}
+
+/// Computes the metrics of an episode from its facts. An episode without goals scores 0.
+///
+/// An episode that ended by [`avln_episode::EndReason::ServerFault`] has metrics too; callers exclude them from means.
+pub fn score(truth: &EpisodeTruth, record: &Record, rules: &Rules) -> Metrics {
+    let goals = truth.targets.len();
+    let steps_to_goal = record.found_at(goals);
+    let found = steps_to_goal.iter().flatten().count();
+    // A completed goal counts as visited even if the record of regions lacks the visit: isr <= osr always.
+    let is_visited = |&goal: &usize| steps_to_goal[goal].is_some() || entered_region(record, goal);
+    let visited = (0..goals).filter(is_visited).count();
+    let wrong_submits = record.submits.iter().filter(|submit| submit.completed.is_none());
+    let wrong_instances = record.submits.iter().filter(|submit| submit.wrong_instance.is_some());
+    let final_distance_m = |goal: usize| record.final_distance_m.get(goal).copied().flatten();
+
+    let sr = all(found, goals);
+    let isr = share(found, goals);
+    let path_m = path_length_m(record);
+    let path_efficiency = efficiency(truth.reference_m, path_m);
+    let fewest = fewest_actions(truth.reference_m, rules.forward_m, goals);
+    Metrics {
+        goals: goals as u32,
+        found: found as u32,
+        sr,
+        isr,
+        osr: share(visited, goals),
+        osr_all: all(visited, goals),
+        spl: sr * path_efficiency,
+        soft_spl: isr * path_efficiency,
+        sna: sr * efficiency(fewest, record.steps.len() as f64),
+        steps: record.steps.len() as u32,
+        path_m,
+        reference_m: truth.reference_m,
+        collisions: record.steps.iter().filter(|step| step.collided).count() as u32,
+        wrong_submits: wrong_submits.count() as u32,
+        wrong_instance_submits: wrong_instances.count() as u32,
+        final_distance_m: (0..goals).map(final_distance_m).collect(),
+        steps_to_goal,
+    }
+}
+
+fn share(count: usize, goals: usize) -> f64 {
+    if goals == 0 { 0.0 } else { count as f64 / goals as f64 }
+}
+
+fn all(count: usize, goals: usize) -> f64 {
+    if goals > 0 && count == goals { 1.0 } else { 0.0 }
+}
+
+fn entered_region(record: &Record, goal: usize) -> bool {
+    // The record has 8 bits for regions; goals beyond them count as not visited instead of overflowing the shift.
+    let bit = u8::try_from(1_u64.checked_shl(goal as u32).unwrap_or(0)).unwrap_or(0);
+    let at_start = record.in_region_at_start.get(goal).copied().unwrap_or(false);
+    at_start || record.steps.iter().any(|step| step.in_region & bit != 0)
+}
+
+/// Sum of the straight lines between consecutive base positions, metres.
+fn path_length_m(record: &Record) -> f64 {
+    // Poses are f32; the sum of up to 1,000 steps is computed in f64, so that its rounding does not grow with the walk.
+    let mut at = record.start.position;
+    let mut length_m = 0.0;
+    for step in &record.steps {
+        length_m += distance_m(&at, &step.pose.position);
+        at = step.pose.position;
+    }
+    length_m
+}
+
+fn distance_m(a: &Point3<f32>, b: &Point3<f32>) -> f64 {
+    let squared = |axis: usize| {
+        let difference = f64::from(b[axis]) - f64::from(a[axis]);
+        difference * difference
+    };
+    (squared(0) + squared(1) + squared(2)).sqrt()
+}
+
+/// `least / max(least, spent)` in [0, 1]: 1 if both are 0, 0 if `least` is not a finite length.
+fn efficiency(least: f64, spent: f64) -> f64 {
+    if !least.is_finite() || least < 0.0 {
+        return 0.0;
+    }
+    let most = least.max(spent);
+    if most > 0.0 { least / most } else { 1.0 }
+}
+
+/// Lower bound of the actions of a success: forward steps along the reference tour, and one claim per goal.
+fn fewest_actions(reference_m: f64, forward_m: f32, goals: usize) -> f64 {
+    // Turns are left out, so that no success needs fewer actions. The margin keeps a tour of exactly n forward steps
+    // at n although its length is a rounded sum.
+    (reference_m / f64::from(forward_m) - 1e-6).ceil().max(0.0) + goals as f64
+}
+
+/// Returns the means and intervals over `scores`; `None` for an empty slice.
+///
+/// The result depends on the scores and the seed, not on the order of the slice.
+pub fn summarise(scores: &[EpisodeScore], seed: u64) -> Option<Summary> {
+    let scores = sorted(scores);
+    if scores.is_empty() {
+        return None;
+    }
+    // All columns share the draws of the bootstrap: a new one at the end leaves the intervals of the others unchanged.
+    let columns: [fn(&Metrics) -> f64; 6] =
+        [|m| m.sr, |m| m.isr, |m| m.osr, |m| m.spl, |m| m.soft_spl, |m| m.sna];
+    let [sr, isr, osr, spl, soft_spl, sna] = estimates(&scores, columns, seed);
+    let mean = |value: fn(&Metrics) -> f64| average(scores.iter().map(|s| value(&s.metrics))).unwrap_or(0.0);
+    let found_at = scores.iter().flat_map(|s| s.metrics.steps_to_goal.iter().flatten());
+    let distances_m = scores.iter().flat_map(|s| s.metrics.final_distance_m.iter().flatten());
+    Some(Summary {
+        episodes: scores.len() as u32,
+        scenes: scores.chunk_by(|a, b| a.scene == b.scene).count() as u32,
+        sr,
+        isr,
+        isr_by_goal: share_of_all_goals(&scores),
+        osr,
+        osr_all: mean(|m| m.osr_all),
+        spl,
+        soft_spl,
+        sna,
+        steps: mean(|m| f64::from(m.steps)),
+        path_m: mean(|m| m.path_m),
+        collisions: mean(|m| f64::from(m.collisions)),
+        wrong_submits: mean(|m| f64::from(m.wrong_submits)),
+        wrong_instance_submits: mean(|m| f64::from(m.wrong_instance_submits)),
+        steps_to_goal: average(found_at.map(|&step| f64::from(step))),
+        final_distance_m: average(distances_m.copied()),
+    })
+}
+
+/// Sorts by scene, episode and order.
+pub(crate) fn sorted(scores: &[EpisodeScore]) -> Vec<&EpisodeScore> {
+    // Floating-point sums depend on the order of their terms; episodes arrive in any order.
+    let mut sorted: Vec<&EpisodeScore> = scores.iter().collect();
+    sorted.sort_by_key(|s| (&s.scene, &s.episode, s.order.as_str()));
+    sorted
+}
+
+fn estimates<const K: usize>(
+    scores: &[&EpisodeScore],
+    columns: [fn(&Metrics) -> f64; K],
+    seed: u64,
+) -> [Estimate; K] {
+    let values = |metrics: &Metrics| columns.map(|column| column(metrics));
+    let rows: Vec<_> = scores.iter().map(|s| (s.scene.as_str(), values(&s.metrics))).collect();
+    let bounds = intervals(&clusters(&rows), seed);
+    std::array::from_fn(|column| {
+        let value = average(rows.iter().map(|(_, values)| values[column])).unwrap_or(0.0);
+        let (low, high) = bounds[column];
+        // Rounding can put the mean of equal numbers a last bit outside of its resamples.
+        Estimate { value, low: low.min(value), high: high.max(value) }
+    })
+}
+
+fn share_of_all_goals(scores: &[&EpisodeScore]) -> f64 {
+    let total = |count: fn(&Metrics) -> u32| scores.iter().map(|s| u64::from(count(&s.metrics))).sum::<u64>();
+    let goals = total(|m| m.goals);
+    if goals == 0 { 0.0 } else { total(|m| m.found) as f64 / goals as f64 }
+}
+
+fn average(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0_u32), |(sum, count), value| (sum + value, count + 1));
+    (count > 0).then(|| sum / f64::from(count))
+}
