@@ -3,7 +3,7 @@
 pub(crate) use avln_store::calendar::rfc3339;
 
 use avln_episode::{Encoding, EndReason, Modality, Order, Sensors};
-use avln_scoring::{Difference, Direction, Estimate, Key, Standing, Summary};
+use avln_scoring::{Difference, Direction, Estimate, Key, Standing, Summary, Unit};
 use avln_store::{
     EpisodeState, LeaderboardRow, PhaseState, Pick, QuotaWindow, Reference, RunState, Visibility,
 };
@@ -85,38 +85,12 @@ pub(crate) fn maybe_time_html(unix_ms: &Option<i64>) -> String {
 
 /// Label of a metric.
 pub(crate) fn metric(key: &Key) -> &'static str {
-    match key {
-        Key::Sr => "SR",
-        Key::Isr => "ISR",
-        Key::Osr => "OSR",
-        Key::Spl => "SPL",
-        Key::SoftSpl => "SoftSPL",
-        Key::Sna => "SNA",
-        Key::Steps => "Steps",
-        Key::PathM => "Path",
-        Key::Collisions => "Collisions",
-        Key::WrongSubmits => "Wrong submits",
-    }
+    key.metric().label
 }
 
 /// Definition of a metric.
 pub(crate) fn meaning(key: &Key) -> &'static str {
-    match key {
-        Key::Sr => "Success rate: share of episodes in which every goal was found",
-        Key::Isr => "Share of the goals that were found, mean over episodes",
-        Key::Osr => "Share of the goals whose success region was entered, claimed or not",
-        Key::Spl => {
-            "Success weighted by path length: SR times reference tour over the longer of tour and walk"
-        }
-        Key::SoftSpl => {
-            "ISR weighted by path length: ISR times reference tour over the longer of tour and walk"
-        }
-        Key::Sna => "Success weighted by the number of actions",
-        Key::Steps => "Actions taken in an episode",
-        Key::PathM => "Length of the walk, metres",
-        Key::Collisions => "Actions in which an obstacle held the body back",
-        Key::WrongSubmits => "Claims that completed no goal",
-    }
+    key.metric().meaning
 }
 
 /// Direction of a metric.
@@ -129,24 +103,24 @@ pub(crate) fn better(direction: &Direction) -> &'static str {
 
 /// A mean of a metric with its unit.
 pub(crate) fn mean(key: &Key, value: &f64) -> String {
-    match key {
-        Key::PathM => metres(value),
-        Key::Steps | Key::Collisions | Key::WrongSubmits => number(value),
-        Key::Sr | Key::Isr | Key::Osr | Key::Spl | Key::SoftSpl | Key::Sna => share(value),
+    match key.metric().unit {
+        Unit::Metres => metres(value),
+        Unit::Count => number(value),
+        Unit::Share => share(value),
     }
 }
 
 /// A difference with its interval; shares differ in percentage points.
 pub(crate) fn difference(difference: &Difference) -> String {
     let Estimate { value, low, high } = difference.estimate;
-    let (unit, digits) = match difference.key {
-        Key::PathM => (1.0, 2),
-        Key::Steps | Key::Collisions | Key::WrongSubmits => (1.0, 1),
-        Key::Sr | Key::Isr | Key::Osr | Key::Spl | Key::SoftSpl | Key::Sna => (100.0, 1),
+    let (factor, digits) = match difference.key.metric().unit {
+        Unit::Metres => (1.0, 2),
+        Unit::Count => (1.0, 1),
+        Unit::Share => (100.0, 1),
     };
     // A value that rounds to zero has no sign.
     let signed = |value: f64| {
-        let text = format!("{:+.digits$}", unit * value).replace('-', "−");
+        let text = format!("{:+.digits$}", factor * value).replace('-', "−");
         if text.chars().any(|letter| matches!(letter, '1'..='9')) {
             text
         } else {
@@ -166,31 +140,12 @@ pub(crate) fn verdict(difference: &Difference) -> &'static str {
     }
 }
 
-/// The estimate of a metric; `None` for metrics without an interval.
-pub(crate) fn estimate(key: Key, summary: &Summary) -> Option<Estimate> {
-    match key {
-        Key::Sr => Some(summary.sr),
-        Key::Isr => Some(summary.isr),
-        Key::Osr => Some(summary.osr),
-        Key::Spl => Some(summary.spl),
-        Key::SoftSpl => Some(summary.soft_spl),
-        Key::Sna => Some(summary.sna),
-        Key::Steps | Key::PathM | Key::Collisions | Key::WrongSubmits => None,
-    }
-}
-
-/// Returns true for metrics with an interval.
-pub(crate) fn has_interval(key: Key) -> bool {
-    !matches!(key, Key::Steps | Key::PathM | Key::Collisions | Key::WrongSubmits)
-}
-
 /// The content of a table cell: the mean and, if available, its interval as text and bar. It contains only digits, so it needs no
 /// escaping.
 pub(crate) fn cell_html(key: &Key, summary: &Summary) -> String {
-    match estimate(*key, summary) {
+    match key.metric().estimate_of(summary) {
         Some(estimate) => estimate_html(&estimate),
-        None if *key == Key::PathM => metres(&key.mean_of(summary)),
-        None => number(&key.mean_of(summary)),
+        None => mean(key, &key.mean_of(summary)),
     }
 }
 

@@ -5,7 +5,7 @@ use crate::{
     format::{self, rfc3339, url_encode},
 };
 use avln_episode::{Order, Sensors};
-use avln_scoring::Key;
+use avln_scoring::{Key, Prominence};
 use avln_store::{Board, LeaderboardRow, LeaderboardView, PhaseView, Pick, calendar};
 use axum::{
     extract::{FromRequestParts, Query},
@@ -13,18 +13,6 @@ use axum::{
 };
 use std::{collections::BTreeSet, str::FromStr};
 
-/// Default columns.
-const DEFAULT_COLUMNS: [Key; 9] = [
-    Key::Sr,
-    Key::Isr,
-    Key::Osr,
-    Key::Spl,
-    Key::SoftSpl,
-    Key::Steps,
-    Key::PathM,
-    Key::Collisions,
-    Key::WrongSubmits,
-];
 /// The last second of a day.
 const LAST_SECOND: u32 = 86_399;
 
@@ -181,8 +169,9 @@ impl LeaderboardParams {
 
     /// Returns the metrics of the table, including the ranking key.
     pub(crate) fn shown_columns(&self, key: Key) -> Vec<Key> {
-        let columns = if self.columns.is_empty() { &DEFAULT_COLUMNS[..] } else { &self.columns };
-        Key::ALL.into_iter().filter(|column| *column == key || columns.contains(column)).collect()
+        let is_shown =
+            |column: &Key| if self.columns.is_empty() { is_default(*column) } else { self.columns.contains(column) };
+        Key::ALL.into_iter().filter(|column| *column == key || is_shown(column)).collect()
     }
 
     /// Returns the query string in canonical form: a fixed order, without the defaults of `phase`. Equal selections have equal
@@ -212,12 +201,18 @@ impl LeaderboardParams {
         if let Some(moment) = self.as_of_unix_ms {
             add("as_of", &day(moment));
         }
-        let columns = Key::ALL.into_iter().filter(|key| self.columns.contains(key)).collect::<Vec<_>>();
-        if columns != DEFAULT_COLUMNS {
-            columns.iter().for_each(|key| add("column", key.as_str()));
+        if Key::ALL.into_iter().any(|key| self.columns.contains(&key) != is_default(key)) {
+            for key in Key::ALL.into_iter().filter(|key| self.columns.contains(key)) {
+                add("column", key.as_str());
+            }
         }
         if parts.is_empty() { String::new() } else { format!("?{}", parts.join("&")) }
     }
+}
+
+/// Returns true for the columns of a table without selection.
+fn is_default(column: Key) -> bool {
+    column.metric().prominence != Prominence::Optional
 }
 
 fn first_order(phase: &PhaseView) -> Order {

@@ -5,14 +5,14 @@ use super::json::{
 };
 use crate::{
     error::RequestError,
-    format::{self, estimate},
+    format,
     leaderboard::LeaderboardParams,
     replay::{Moment, moments},
     replay_renderer::{MaybeRenderQueue, StepLevels},
     request::{CompareQuery, NoParameters, RequestContext, RunsQuery, StrictQuery},
 };
 use avln_episode::{EndReason, Order, Sensors};
-use avln_scoring::{Estimate, Key, Metrics, Standing};
+use avln_scoring::{EpisodeValue, Estimate, Key, METRICS, Metric, Standing, SummaryValue};
 use avln_store::{EpisodeLine, LeaderboardRow, LeaderboardView, MissionsView, PairView, Reference, RunLine};
 use axum::{
     Extension,
@@ -144,12 +144,9 @@ fn leaderboard_columns() -> Row<OrderedRow> {
         .value("finished_at", |r| maybe_time(r.row.finished_unix_ms))
         .value("episodes", |r| r.row.summary.episodes.to_string())
         .value("scenes", |r| r.row.summary.scenes.to_string())
-        .values(Key::ALL, metric_columns)
-        .value("isr_by_goal", |r| r.row.summary.isr_by_goal.to_string())
-        .value("osr_all", |r| r.row.summary.osr_all.to_string())
-        .value("wrong_instance_submits", |r| r.row.summary.wrong_instance_submits.to_string())
-        .value("steps_to_goal", |r| maybe(r.row.summary.steps_to_goal))
-        .value("final_distance_m", |r| maybe(r.row.summary.final_distance_m))
+        // Ranking keys first: the order of the columns is part of the format.
+        .values(METRICS.iter().filter(|metric| metric.key.is_some()), summary_columns)
+        .values(METRICS.iter().filter(|metric| metric.key.is_none()), summary_columns)
         .values(EndReason::ALL, |row, reason| {
             row.value(format!("ended_{}", reason.as_str()), move |r| {
                 r.row.health.get(reason.as_str()).copied().unwrap_or(0).to_string()
@@ -165,15 +162,20 @@ fn leaderboard_columns() -> Row<OrderedRow> {
 }
 
 /// Adds the columns of a metric: the mean and, if available, its interval.
-fn metric_columns(row: Row<OrderedRow>, key: Key) -> Row<OrderedRow> {
-    let row = row.value(key.to_string(), move |r| key.mean_of(&r.row.summary).to_string());
-    if !format::has_interval(key) {
-        return row;
-    }
-    let bound = move |value: fn(Estimate) -> f64| {
-        move |r: &OrderedRow| maybe(estimate(key, &r.row.summary).map(value))
+fn summary_columns(row: Row<OrderedRow>, metric: &'static Metric) -> Row<OrderedRow> {
+    let id = metric.id;
+    let mean = move |r: &OrderedRow| maybe(metric.mean_of(&r.row.summary));
+    let bound = |value: fn(Estimate) -> f64| {
+        move |r: &OrderedRow| maybe(metric.estimate_of(&r.row.summary).map(value))
     };
-    row.value(format!("{key}_low"), bound(|e| e.low)).value(format!("{key}_high"), bound(|e| e.high))
+    match metric.summary {
+        SummaryValue::None => row,
+        SummaryValue::Mean(_) | SummaryValue::GoalMean(_) => row.value(id, mean),
+        SummaryValue::Estimate(_) => row
+            .value(id, mean)
+            .value(format!("{id}_low"), bound(|e| e.low))
+            .value(format!("{id}_high"), bound(|e| e.high)),
+    }
 }
 
 /// Serves the counts of each property of the missions.
@@ -256,9 +258,6 @@ pub(super) async fn episodes(
     _: StrictQuery<NoParameters>,
 ) -> Result<Response, RequestError> {
     let view = find_run(&context, &id).await?;
-    let metric = |value: fn(&Metrics) -> String| {
-        move |line: &EpisodeLine| line.metrics.as_ref().map(value).unwrap_or_default()
-    };
     Row::<EpisodeLine>::new()
         .value("ordinal", |line| line.ordinal.to_string())
         .value("state", |line| line.state.as_str().to_owned())
@@ -266,21 +265,12 @@ pub(super) async fn episodes(
         .text("episode", |line| line.episode.as_deref().unwrap_or_default())
         .text("scene", |line| line.scene.as_deref().unwrap_or_default())
         .value("finished_at", |line| maybe_time(line.finished_unix_ms))
-        .value("goals", metric(|m| m.goals.to_string()))
-        .value("found", metric(|m| m.found.to_string()))
-        .value("sr", metric(|m| m.sr.to_string()))
-        .value("isr", metric(|m| m.isr.to_string()))
-        .value("osr", metric(|m| m.osr.to_string()))
-        .value("osr_all", metric(|m| m.osr_all.to_string()))
-        .value("spl", metric(|m| m.spl.to_string()))
-        .value("soft_spl", metric(|m| m.soft_spl.to_string()))
-        .value("sna", metric(|m| m.sna.to_string()))
-        .value("steps", metric(|m| m.steps.to_string()))
-        .value("path_m", metric(|m| m.path_m.to_string()))
-        .value("reference_m", metric(|m| m.reference_m.to_string()))
-        .value("collisions", metric(|m| m.collisions.to_string()))
-        .value("wrong_submits", metric(|m| m.wrong_submits.to_string()))
-        .value("wrong_instance_submits", metric(|m| m.wrong_instance_submits.to_string()))
+        .values(&METRICS, |row, metric| match metric.episode {
+            EpisodeValue::Number(value) => {
+                row.value(metric.id, move |line| maybe(line.metrics.as_ref().map(value)))
+            }
+            EpisodeValue::PerGoal(_) | EpisodeValue::None => row,
+        })
         .respond(&view.episodes)
 }
 

@@ -78,7 +78,7 @@ struct Document {
 #[template(path = "docs.html")]
 struct DocsPage {
     shell: PageShell,
-    host: GrpcAddress,
+    grpc_address: GrpcAddress,
     keys: [Key; 10],
     documents: Vec<&'static Document>,
     decisions: Vec<&'static Document>,
@@ -92,10 +92,10 @@ struct DocumentPage {
 }
 
 /// Serves the instructions, the definitions of the metrics, and the list of documents.
-pub(super) async fn index(host: GrpcAddress, _: StrictQuery<NoParameters>) -> Page {
+pub(super) async fn index(grpc_address: GrpcAddress, _: StrictQuery<NoParameters>) -> Page {
     let (decisions, documents) = DOCUMENTS.iter().partition(|document| document.is_decision());
     let shell = PageShell::new("How to take part", SiteSection::Docs);
-    render(&DocsPage { shell, host, keys: Key::ALL, documents, decisions })
+    render(&DocsPage { shell, grpc_address, keys: Key::ALL, documents, decisions })
 }
 
 /// Serves one document.

@@ -9,16 +9,13 @@ use crate::{
 };
 use askama::Template;
 use avln_episode::Order;
-use avln_scoring::{Direction, Key};
+use avln_scoring::{Direction, Key, Metric};
 use avln_store::{LeaderboardRow, LeaderboardView, PhaseView, Pick, Visibility};
 use axum::{
     extract::Path,
     response::{IntoResponse, Redirect, Response},
 };
 use std::collections::{BTreeMap, BTreeSet};
-
-/// Metrics of the narrow tables.
-const MAIN_COLUMNS: [Key; 5] = [Key::Sr, Key::Isr, Key::Osr, Key::Spl, Key::SoftSpl];
 
 #[derive(Template)]
 #[template(path = "leaderboard.html")]
@@ -41,7 +38,7 @@ struct EmbeddedLeaderboard {
     /// Address of the full page.
     address: String,
     view: LeaderboardView,
-    columns: [Key; 5],
+    columns: Vec<Key>,
 }
 
 #[derive(Template)]
@@ -104,7 +101,7 @@ pub(super) async fn embedded(
         LeaderboardPage::new(read_leaderboard(&context, &phase, &params, order).await?, &params);
     let address = page.controls.path() + &page.controls.query_string();
     let LeaderboardPage { shell, caption, view, .. } = page;
-    let page = EmbeddedLeaderboard { title: shell.title, caption, address, view, columns: MAIN_COLUMNS };
+    let page = EmbeddedLeaderboard { title: shell.title, caption, address, view, columns: headline_keys() };
     Ok(render(&page)?.into_response())
 }
 
@@ -131,7 +128,7 @@ async fn all_orders(context: &RequestContext, phase: PhaseView, params: Leaderbo
     let mut controls = LeaderboardControls::new(&params, first);
     controls.teams.extend(views.iter().flat_map(|view| &view.rows).map(|row| row.team.clone()));
     views.iter_mut().for_each(|view| params.filter(view));
-    let mut columns = MAIN_COLUMNS.to_vec();
+    let mut columns = headline_keys();
     columns.retain(|key| params.columns.is_empty() || params.columns.contains(key));
     render(&AllOrdersPage {
         shell,
@@ -230,6 +227,11 @@ impl AllOrdersPage {
             ("JSON", self.controls.api_address("leaderboards")),
         ]
     }
+}
+
+/// Returns the metrics of narrow tables.
+fn headline_keys() -> Vec<Key> {
+    Metric::headlines().filter_map(|metric| metric.key).collect()
 }
 
 /// Returns the rank of the first entry in the tie group of `row`, unless that is `row` itself.

@@ -1,6 +1,6 @@
 //! Pages of runs: the list, one run, the comparison of two runs, and the badge.
 
-use super::{Page, PageShell, SiteSection, find_phase, render};
+use super::{Menu, Page, PageShell, SiteSection, find_phase, render};
 use crate::{
     error::RequestError,
     format::{self, url_encode},
@@ -265,7 +265,7 @@ async fn standing_text(
 /// Returns a metric with its interval in one line.
 fn score_text(key: Key, summary: &Summary) -> String {
     let name = format::metric(&key);
-    match format::estimate(key, summary) {
+    match key.metric().estimate_of(summary) {
         Some(estimate) => {
             let [low, high] = [estimate.low, estimate.high].map(|share| format::number(&(100.0 * share)));
             format!("{name} {} ({low} to {high})", format::share(&estimate.value))

@@ -75,7 +75,7 @@ pub(crate) struct SubmitSpot {
     pub(crate) step: u32,
     pub(crate) is_later: bool,
     pub(crate) right: bool,
-    pub(crate) words: String,
+    pub(crate) text: String,
 }
 
 /// The bounding box of a target, with its label.
@@ -280,7 +280,7 @@ impl MapMoment<'_> {
     fn submits(&self, walk: &[Spot]) -> Vec<SubmitSpot> {
         let mark = |submit: &avln_store::SubmitMark| {
             let at = *walk.get(submit.step as usize)?;
-            let words = match submit.completed {
+            let text = match submit.completed {
                 Some(goal) => format!("Step {}: Submit of goal {}, right", submit.step, u32::from(goal) + 1),
                 None => format!("Step {}: Submit, wrong", submit.step),
             };
@@ -290,7 +290,7 @@ impl MapMoment<'_> {
                 step: submit.step,
                 is_later: submit.step > self.moment.step,
                 right: submit.completed.is_some(),
-                words,
+                text,
             })
         };
         self.replay.submits.iter().filter_map(mark).collect()

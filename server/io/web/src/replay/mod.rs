@@ -6,14 +6,15 @@ mod sound;
 mod storeys;
 mod timeline;
 
-pub(crate) use ears::{SoundView, level_words};
+pub(crate) use sound::{SoundView, level_words};
 pub(crate) use map::{MapView, colour, plan};
 pub(crate) use plots::{Plots, plots};
-pub(crate) use timeline::{Moment, ReplayEvent, events, moments};
+pub(crate) use timeline::{Moment, ReplayEvent, moments};
 
 use avln_store::EpisodeView;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use timeline::events;
 
 /// An episode with the displayed step.
 #[derive(Debug)]
@@ -135,7 +136,7 @@ mod tests {
         assert_eq!(moments.len(), 5);
         assert_eq!((moments[0].walked_m, moments[4].walked_m), (0.0, 1.0));
         assert_eq!((moments[0].actions_left, moments[4].actions_left), (1000, 996));
-        assert_eq!(moments[0].action_words(), "before the first");
+        assert_eq!(moments[0].action_words(), "none yet");
         assert_eq!(
             (moments[4].sounding_words().as_str(), moments[4].bearing_words().as_str()),
             ("nothing", "–")

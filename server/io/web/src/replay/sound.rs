@@ -44,7 +44,7 @@ pub(crate) struct SoundLevels {
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct SoundLine {
     pub(crate) step: u32,
-    pub(crate) words: String,
+    pub(crate) text: String,
 }
 
 impl SoundView {
@@ -97,7 +97,7 @@ fn lines(replay: &Replay, moments: &[Moment], levels: Option<&[StepLevels]>) -> 
         }
         before = Some(now);
         let level = levels.and_then(|levels| levels.get(moment.step as usize)).map(StepLevels::both_db);
-        lines.push(SoundLine { step: moment.step, words: line(replay, now, level) });
+        lines.push(SoundLine { step: moment.step, text: line(replay, now, level) });
     }
     lines
 }
@@ -204,7 +204,7 @@ mod tests {
     fn each_change_of_the_sound_is_a_line() {
         let replay = passing();
         let texts = |lines: Vec<SoundLine>| -> Vec<(u32, String)> {
-            lines.into_iter().map(|line| (line.step, line.words)).collect()
+            lines.into_iter().map(|line| (line.step, line.text)).collect()
         };
         let words = |direction: &str, level: &str| format!("alarm clock (goal 1), {direction}{level}");
         let expected = vec![
