@@ -298,6 +298,8 @@ fn new_value(value: &str, to_file: &mut dyn FnMut(&str) -> Option<String>) -> Op
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+
     #[test]
     fn addresses_map_to_file_names() {
         for (address, file) in [

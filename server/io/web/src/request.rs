@@ -225,11 +225,11 @@ mod tests {
 
     #[test]
     fn host_names_are_safe_in_a_shell() {
-        assert_eq!(host("arena.example:8080"), Some("arena.example"));
-        assert_eq!(host("127.0.0.1"), Some("127.0.0.1"));
-        assert_eq!(host("a;reboot"), None);
-        assert_eq!(host(":80"), None);
-        assert_eq!(host("[::1]:8080"), None);
+        assert_eq!(host_name("arena.example:8080"), Some("arena.example"));
+        assert_eq!(host_name("127.0.0.1"), Some("127.0.0.1"));
+        assert_eq!(host_name("a;reboot"), None);
+        assert_eq!(host_name(":80"), None);
+        assert_eq!(host_name("[::1]:8080"), None);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! An arena with a public phase that two teams have played, and a hidden phase that one of them has.
+//! An arena with a public phase, played by two teams, and a hidden phase, played by one of them.
 
 use avln_episode::{EndReason, Modality, Order, Rules, Sensors};
 use avln_scoring::Metrics;
@@ -32,21 +32,21 @@ pub(crate) struct Arena {
     router: Router,
 }
 
-/// An answer that was read to its end.
+/// A complete response.
 pub(crate) struct Answer {
     pub(crate) status: StatusCode,
     pub(crate) headers: HeaderMap,
     pub(crate) body: String,
 }
 
-/// Somebody who is told events.
+/// A subscriber of events.
 pub(crate) struct Follower {
     pub(crate) status: StatusCode,
     pub(crate) headers: HeaderMap,
     body: Body,
 }
 
-/// Something that happened, as it is told.
+/// A received event.
 #[derive(Debug)]
 pub(crate) struct Event {
     pub(crate) id: String,
@@ -55,7 +55,7 @@ pub(crate) struct Event {
 }
 
 impl Follower {
-    /// The next event; `None` when no more will come. What keeps the connection alive is none.
+    /// Returns the next event; `None` after the end of the stream. Skips heartbeats.
     pub(crate) async fn next(&mut self) -> Option<Event> {
         loop {
             let frame = self.body.frame().await?.expect("a frame").into_data().expect("no trailers");
@@ -85,13 +85,13 @@ impl Arena {
         Self::open(|_| Site::default()).await
     }
 
-    /// The same, where somebody can look into scenes.
-    pub(crate) async fn seen_by(replay_renderer: Option<Arc<dyn ReplayRenderer>>) -> Self {
-        Self::watched_by(replay_renderer, None).await
+    /// As [`Arena::new`], with a renderer.
+    pub(crate) async fn with_renderer(replay_renderer: Option<Arc<dyn ReplayRenderer>>) -> Self {
+        Self::with_live_status(replay_renderer, None).await
     }
 
-    /// The same, where somebody knows what is played.
-    pub(crate) async fn watched_by(
+    /// As [`Arena::new`], with a renderer and a live status.
+    pub(crate) async fn with_live_status(
         replay_renderer: Option<Arc<dyn ReplayRenderer>>,
         live_status: Option<Arc<dyn LiveStatus>>,
     ) -> Self {
@@ -99,7 +99,7 @@ impl Arena {
     }
 
     /// The same, where visitors can sign in and an management over the database does what they ask for.
-    pub(crate) async fn staffed(management: impl FnOnce(Store) -> Arc<dyn Management>) -> Self {
+    pub(crate) async fn with_management(management: impl FnOnce(Store) -> Arc<dyn Management>) -> Self {
         Self::open(|store| Site { management: Some(management(store)), ..Site::default() }).await
     }
 
@@ -162,7 +162,7 @@ impl Arena {
         }
     }
 
-    /// Starts a run of the rude team and hands out its first episode.
+    /// Starts a run of the rude team with its first episode.
     pub(crate) async fn begin(&self, run: &str, phase: &str, digests: &BTreeMap<String, String>) {
         let (method, order) = ("beginner", Order::Unordered);
         let new = NewRun {
@@ -181,14 +181,14 @@ impl Arena {
         assert!(assigned.is_some());
     }
 
-    /// Hands out the next episode of a run, whose agent goes away and does not come back.
+    /// Starts the next episode of a run, whose agent then disconnects.
     pub(crate) async fn lose(&self, run: &str) {
         let assigned = self.store.assign_next_episode(run, "lost", 20).await.expect("an open run");
         let episode = assigned.expect("an episode").episode;
         self.finish(run, "lost", &episode, 1, EndReason::Disconnected).await;
     }
 
-    /// Stores a played episode. What is hidden of it goes in as JSON: this crate has no name for it.
+    /// Stores an episode. Its hidden parts are JSON, because this crate cannot name their types.
     async fn finish(&self, run: &str, handle: &str, episode: &str, found: u32, end: EndReason) {
         let finished = Finished {
             run,
@@ -213,7 +213,7 @@ impl Arena {
         self.ask(Request::get(address).body(Body::empty()).expect("a request")).await
     }
 
-    /// The answer to a visitor who follows something, whose body is still to be read.
+    /// Returns a response with an unread body.
     pub(crate) async fn follow(&self, address: &str, headers: &[(&str, &str)]) -> Follower {
         let mut request = Request::get(address);
         for (name, value) in headers {
@@ -225,13 +225,13 @@ impl Arena {
         Follower { status: parts.status, headers: parts.headers, body }
     }
 
-    /// Bytes of the body, whatever they are, and the headers.
+    /// Returns the size of the body, and the headers.
     pub(crate) async fn measure(&self, request: Request<Body>) -> (usize, HeaderMap) {
         let (_, headers, body) = self.bytes(request).await;
         (body.len(), headers)
     }
 
-    /// Status, headers and body.
+    /// Returns status, headers and body.
     pub(crate) async fn bytes(&self, request: Request<Body>) -> (StatusCode, HeaderMap, Vec<u8>) {
         let response = self.router.clone().oneshot(request).await.expect("an answer");
         let (parts, body) = response.into_parts();

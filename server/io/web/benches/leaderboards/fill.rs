@@ -1,4 +1,4 @@
-//! A database as after a busy year.
+//! A database of the size of a busy year.
 
 use avln_episode::{EndReason, Modality, Order, Rules};
 use avln_scoring::{EpisodeScore, Metrics, summarise};
@@ -8,16 +8,16 @@ use std::path::Path;
 
 /// Name of the database file.
 pub(crate) const DATABASE: &str = "arena.db";
-/// Id of the phase that everybody played.
+/// Id of the phase.
 pub(crate) const PHASE: &str = "standard";
 pub(crate) const RUNS: u32 = 1000;
 pub(crate) const EPISODES: u32 = 550;
 const SCENES: u32 = 25;
-/// Each plays two methods.
+/// Teams, with two methods each.
 const TEAMS: u32 = 25;
 const SEED: u64 = 0x4156_4C4E;
 
-/// What was made.
+/// The filled database.
 pub(crate) struct Filled {
     /// Id of one of the runs.
     pub(crate) run: String,
@@ -25,7 +25,7 @@ pub(crate) struct Filled {
     pub(crate) bytes: u64,
 }
 
-/// Makes a database with a phase and its runs: half of them ordered, half not, ten of each team's method in each order.
+/// Creates a database with a phase and its runs: half of them ordered, and ten runs per method and order.
 pub(crate) async fn fill(folder: &Path) -> Filled {
     let path = folder.join(DATABASE);
     let known = Store::open(&path).await.expect("a database");
@@ -149,7 +149,7 @@ async fn add_episode(tx: &mut SqliteConnection, run: &str, ordinal: u32, score: 
     .expect("an episode");
 }
 
-/// What a method of this skill reached, as if by chance.
+/// Returns a pseudo-random score of a method of the given skill.
 fn score(run: u32, episode: u32, order: Order, skill: f64) -> EpisodeScore {
     let goals = 2 + episode % 3;
     let luck = |salt| f64::from(mixed(run, episode, salt) % 1000) / 1000.0;
@@ -178,7 +178,7 @@ fn score(run: u32, episode: u32, order: Order, skill: f64) -> EpisodeScore {
     EpisodeScore { episode: format!("e{episode:03}"), scene: scene(episode), order, metrics }
 }
 
-/// Numbers that look drawn (the finaliser of MurmurHash3, Appleby 2011).
+/// Hashes the arguments with the finaliser of MurmurHash3 (Appleby 2011).
 fn mixed(run: u32, episode: u32, salt: u32) -> u32 {
     let mut hash =
         run.wrapping_mul(0x9E37_79B9) ^ episode.wrapping_mul(0x85EB_CA6B) ^ salt.wrapping_mul(0xC2B2_AE35);

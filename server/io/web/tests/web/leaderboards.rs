@@ -2,7 +2,7 @@ use crate::fixture::Arena;
 use avln_episode::Sensors;
 use axum::http::{StatusCode, header};
 
-/// Two methods, one of which hears.
+/// Returns an arena with two methods, one with and one without sound.
 async fn arena() -> Arena {
     let arena = Arena::new().await;
     let hears = Sensors::all(64, 64);
@@ -13,7 +13,7 @@ async fn arena() -> Arena {
     arena
 }
 
-/// The methods in the rows of a table.
+/// Returns the methods in a table in order of their rows.
 fn methods(page: &str) -> Vec<&'static str> {
     let body = page.split("<tbody>").nth(1).unwrap_or_default();
     let mut found: Vec<_> = ["good walker", "@walker", "slow walker", "secret walker"]
@@ -25,7 +25,7 @@ fn methods(page: &str) -> Vec<&'static str> {
 }
 
 #[tokio::test]
-async fn entries_are_searched_and_filtered_and_keep_their_ranks() {
+async fn filtered_entries_keep_their_ranks() {
     let arena = arena().await;
     let board =
         async |query: &str| arena.get(&format!("/leaderboard/open?order=unordered&{query}")).await.body;
@@ -50,15 +50,15 @@ async fn entries_are_searched_and_filtered_and_keep_their_ranks() {
     let second = board("audio=without").await;
     assert!(second.contains("1 of 2 methods, ranked among all of them,"), "{second}");
     assert!(second.contains("<td class=\"num rank\">2"), "{second}");
-    assert!(second.contains("colours, depth, no sound"), "{second}");
+    assert!(second.contains("colour, depth, no sound"), "{second}");
     assert!(
         second.contains("/compare?first=run_formula&#38;second=run_rude"),
-        "the leader is not shown: {second}"
+        "the leader is filtered out: {second}"
     );
 }
 
 #[tokio::test]
-async fn a_form_leads_to_the_address_that_a_link_has() {
+async fn forms_redirect_to_canonical_addresses() {
     let arena = arena().await;
     let form = "order=&sort=sr&pick=best&q=&team=&rgb=&depth=&audio=with&as_of=";
     let all = "sr isr osr spl soft_spl steps path_m collisions wrong_submits".split(' ');
@@ -78,7 +78,7 @@ async fn a_form_leads_to_the_address_that_a_link_has() {
     );
     assert!(
         page.contains("leaderboard.csv?order=unordered&#38;sort=isr\""),
-        "tables have all columns: {page}"
+        "CSV has all columns: {page}"
     );
     for wrong in ["as_of=yesterday", "audio=yes", "q=a&colour=red", "column=fame"] {
         let page = arena.get(&format!("/leaderboard/open?{wrong}")).await;
@@ -88,21 +88,21 @@ async fn a_form_leads_to_the_address_that_a_link_has() {
 }
 
 #[tokio::test]
-async fn a_board_of_the_past_says_so() {
+async fn past_leaderboards_show_their_date() {
     let arena = arena().await;
     let then = arena.get("/leaderboard/open?order=unordered&as_of=1970-01-01").await.body;
-    assert!(then.contains(", as it stood at the end of 1970-01-01 UTC"), "{then}");
+    assert!(then.contains(", as of the end of 1970-01-01 UTC"), "{then}");
     assert_eq!(methods(&then).len(), 2);
     let before = arena.get("/leaderboard/open?order=unordered&as_of=1969-12-31").await.body;
-    assert!(before.contains("No completed runs here") && methods(&before).is_empty(), "{before}");
+    assert!(before.contains("There are no completed runs") && methods(&before).is_empty(), "{before}");
 }
 
 #[tokio::test]
-async fn both_orders_stand_side_by_side() {
+async fn all_orders_are_side_by_side() {
     let arena = arena().await;
     let page = arena.get("/leaderboard/open?order=both").await;
     assert_eq!(page.status, StatusCode::OK);
-    assert_eq!(page.body, arena.get("/leaderboard/open").await.body, "what a phase shows first");
+    assert_eq!(page.body, arena.get("/leaderboard/open").await.body, "the default of a phase");
     assert_eq!(methods(&page.body), ["good walker", "@walker"]);
     assert_eq!(page.body.matches("scope=\"colgroup\" colspan=\"6\"").count(), 2);
     assert!(page.body.contains("Unordered: 2 methods; Ordered: 0 methods."), "{}", page.body);
@@ -120,5 +120,5 @@ async fn both_orders_stand_side_by_side() {
     }
     let sealed = arena.get("/leaderboard/sealed?order=both").await;
     assert!(sealed.status == StatusCode::OK && !sealed.body.contains("secret walker"), "{}", sealed.body);
-    assert!(sealed.body.contains("Ranks here are among the runs that you may see"), "{}", sealed.body);
+    assert!(sealed.body.contains("These ranks include only the runs that you may see"), "{}", sealed.body);
 }

@@ -1,9 +1,9 @@
-//! How long visitors wait for pages of a full database: 1000 runs of 550 episodes, 200 requests a second.
+//! Latency of pages over a full database: 1000 runs of 550 episodes, 200 requests per second.
 //!
-//! `cargo bench -p avln-web --bench boards -- 20` asks for twenty seconds; ten without a number. The latency of a request counts
-//! from the moment at which it was due, so that a server that stops for a while is not forgiven what it held up.
+//! `cargo bench -p avln-web --bench leaderboards -- 20` measures each page for 20 seconds; the default is 10. The latency of a request
+//! starts at its scheduled time, so a stalled server also counts for the requests behind it (no coordinated omission).
 
-#[path = "boards/fill.rs"]
+#[path = "leaderboards/fill.rs"]
 mod fill;
 
 use avln_store::Store;
@@ -23,12 +23,12 @@ use tokio::{
     time::sleep_until,
 };
 
-/// Requests a second.
+/// Requests per second.
 const RATE: u32 = 200;
-/// Visitors whose connections stay open.
+/// Open connections.
 const VISITORS: usize = 16;
-/// A connection is left after this many answers, before the server asks for it.
-const ANSWERS_OF_A_CONNECTION: usize = 200;
+/// Requests of a connection before the client reconnects, below the server's limit.
+const REQUESTS_PER_CONNECTION: usize = 200;
 
 fn main() {
     let seconds = std::env::args().skip(1).find_map(|word| word.parse().ok()).unwrap_or(10);
@@ -51,12 +51,12 @@ async fn measure(seconds: u32) {
     let web = listener.local_addr().expect("its address");
     tokio::spawn(avln_web::serve(listener, store.reader(), Site::default(), std::future::pending()));
     println!("| page | first, ms | bytes | p50 ms | p99 ms | worst ms |\n|---|---:|---:|---:|---:|---:|");
-    let board = format!("/leaderboard/{}", fill::PHASE);
+    let leaderboard = format!("/leaderboard/{}", fill::PHASE);
     let pages = [
         ("home", "/".to_owned()),
-        ("both leaderboards", board.clone()),
-        ("leaderboard", format!("{board}?order=ordered")),
-        ("leaderboard by SPL", format!("{board}?order=ordered&sort=spl")),
+        ("both leaderboards", leaderboard.clone()),
+        ("leaderboard", format!("{leaderboard}?order=ordered")),
+        ("leaderboard by SPL", format!("{leaderboard}?order=ordered&sort=spl")),
         ("leaderboard, JSON", format!("/api/v1/phases/{}/leaderboard?order=ordered", fill::PHASE)),
         ("run", format!("/runs/{}", filled.run)),
         ("runs", "/runs".to_owned()),
@@ -71,14 +71,14 @@ async fn report(name: &str, web: SocketAddr, path: &str, seconds: u32) {
     let begun = Instant::now();
     let bytes = first.get(path).await;
     let first_ms = begun.elapsed().as_secs_f64() * 1e3;
-    let mut waited_ms = ask(web, path, RATE * seconds).await;
+    let mut waited_ms = send_requests(web, path, RATE * seconds).await;
     waited_ms.sort_by(f64::total_cmp);
     let at = |share: f64| waited_ms[((waited_ms.len() - 1) as f64 * share) as usize];
     println!("| {name} | {first_ms:.0} | {bytes} | {:.1} | {:.1} | {:.1} |", at(0.5), at(0.99), at(1.0));
 }
 
-/// Asks `count` times at the rate, and tells how long each answer took from the moment at which it was due, milliseconds.
-async fn ask(web: SocketAddr, path: &str, count: u32) -> Vec<f64> {
+/// Sends `count` requests at the rate, and returns the latency of each from its scheduled time, milliseconds.
+async fn send_requests(web: SocketAddr, path: &str, count: u32) -> Vec<f64> {
     let idle: Arc<Mutex<Vec<Visitor>>> = Arc::default();
     idle.lock().await.extend((0..VISITORS).map(|_| Visitor::new(web)));
     let (begun, mut asked) = (Instant::now(), JoinSet::new());
@@ -98,7 +98,7 @@ async fn ask(web: SocketAddr, path: &str, count: u32) -> Vec<f64> {
     asked.join_all().await
 }
 
-/// Somebody with a connection, who asks for one page after the other.
+/// A client with a connection.
 struct Visitor {
     web: SocketAddr,
     stream: Option<TcpStream>,
@@ -110,10 +110,9 @@ impl Visitor {
         Self { web, stream: None, answers: 0 }
     }
 
-    /// Asks for a page as browsers do, and gives back how many bytes came. A connection that the server has left by now is
-    /// opened anew.
+    /// Requests a page as a browser does, and returns the size of the response. Reconnects if the server has closed the connection.
     async fn get(&mut self, path: &str) -> usize {
-        if self.answers == ANSWERS_OF_A_CONNECTION {
+        if self.answers == REQUESTS_PER_CONNECTION {
             *self = Self::new(self.web);
         }
         let is_old = self.stream.is_some();
@@ -140,7 +139,7 @@ impl Visitor {
     }
 }
 
-/// Reads an answer to its end, which is told by its length or by an empty chunk.
+/// Reads a response up to its declared length or its final chunk.
 async fn read_answer(stream: &mut TcpStream) -> io::Result<usize> {
     let (mut bytes, mut part) = (Vec::new(), [0; 16 << 10]);
     loop {
