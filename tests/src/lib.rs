@@ -18,7 +18,7 @@ use avln_server::{
     commands::{phase, split, team},
     doors::{Addresses, Doors, Limits, OpenDoors, Security},
 };
-use avln_store::{AuditNote, NewToken, Phase, Store, TokenKind};
+use avln_store::{AuditNote, NewToken, Phase, Store, TokenScope};
 use std::{path::Path, sync::Arc};
 use tempfile::TempDir;
 
@@ -105,7 +105,7 @@ impl House {
     /// A new token of an organiser.
     pub async fn organiser(&self) -> String {
         let secret = new_token("organiser").expect("randomness");
-        let (kind, name) = (TokenKind::Organiser, "");
+        let (kind, name) = (TokenScope::Organiser, "");
         let token = NewToken { secret: &secret, kind, name, team: None, expires_unix_ms: None };
         let store = store(self.folder.path()).await;
         store.issue_token(&token, now_unix_ms()).await.expect("a token");

@@ -6,7 +6,7 @@ use avln_grpc::{
     Visibility,
 };
 use avln_scoring::{Metric, Summary};
-use avln_store::{Charge, PhaseView, RunView, TokenKind, TokenState, Viewer};
+use avln_store::{Charge, PhaseView, RunView, TokenScope, TokenState, Viewer};
 use std::collections::BTreeMap;
 
 pub(super) fn viewer(account: &Account) -> Viewer {
@@ -20,10 +20,10 @@ pub(super) fn viewer(account: &Account) -> Viewer {
 pub(super) fn account_of(state: TokenState) -> Result<Account, Refusal> {
     let TokenState::Valid(token) = state else { return Err(token_refusal(&state)) };
     let scope = match token.kind {
-        TokenKind::Account => Scope::Participant,
-        TokenKind::ReadOnly => Scope::ReadOnly,
-        TokenKind::Organiser => Scope::Organiser,
-        TokenKind::Run => return Err(token_refusal(&TokenState::Valid(token))),
+        TokenScope::Participant => Scope::Participant,
+        TokenScope::ReadOnly => Scope::ReadOnly,
+        TokenScope::Organiser => Scope::Organiser,
+        TokenScope::Run => return Err(token_refusal(&TokenState::Valid(token))),
     };
     let team = token.team.unwrap_or_default();
     Ok(Account { team, scope, token_name: token.name, expires_unix_s: seconds(token.expires_unix_ms) })

@@ -7,7 +7,7 @@ use crate::{
     challenge::{ChallengeFile, PhaseFile, Plan, Planner, Unplanned, actor, json as as_json},
     dataset::SplitFolder,
 };
-use avln_store::{AuditLine, AuditNote, Revealed, calendar::rfc3339, pool_digest};
+use avln_store::{AuditLine, AuditNote, CommitmentValues, calendar::rfc3339, pool_digest};
 use clap::{Args, Subcommand};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -202,7 +202,7 @@ async fn reveal(data: &Path, phase: &str) -> Result<(), Failure> {
         ..AuditNote::default()
     };
     let (promise, values) = store.reveal_phase(phase, note, now_unix_ms()).await?;
-    let Revealed { pool, scorer, secret } = values;
+    let CommitmentValues { pool, scorer, secret } = values;
     say!(
         "{}",
         pretty(&Published {
@@ -229,7 +229,7 @@ fn verify(options: &Verify) -> Result<(), Failure> {
         .hinted("save what this prints: avln challenge reveal PHASE")
     })?;
     let Published { phase, commitment, values: PublishedValues { pool, scorer, secret }, .. } = published;
-    let values = Revealed { pool, scorer, secret };
+    let values = CommitmentValues { pool, scorer, secret };
     if values.commitment() != commitment {
         return Err(unfit(format!(
             "pool, scorer and secret of phase '{phase}' do not give its commitment {commitment}"

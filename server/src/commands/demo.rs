@@ -10,7 +10,7 @@ use crate::{
 use avln_dataset::SceneSource;
 use avln_episode::{Order, Rules};
 use avln_scoring::{Key, Metric};
-use avln_store::{Board, LeaderboardRow, Pick, Reference, RunLine, RunState, Store, Viewer};
+use avln_store::{Board, LeaderboardRow, Reference, RunChoice, RunLine, RunState, Store, Viewer};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::{
     path::{Path, PathBuf},
@@ -225,7 +225,7 @@ async fn print_table(store: &Store, phase: &str) -> Result<(), Failure> {
             phase,
             order,
             key: Key::default(),
-            pick: Pick::Latest,
+            pick: RunChoice::Latest,
             as_of_unix_ms: None,
             now_unix_ms: now_unix_ms(),
         };

@@ -7,7 +7,7 @@ use crate::{
     challenge::{actor, moment_of},
     office::deeds::{self, Wish, note},
 };
-use avln_store::{Store, TokenKind, TokenLine, calendar::rfc3339};
+use avln_store::{Store, TokenLine, TokenScope, calendar::rfc3339};
 use clap::{Args, Subcommand};
 use std::path::Path;
 
@@ -72,9 +72,9 @@ async fn issue(store: &Store, options: &New) -> Result<(), Failure> {
     let expires = options.expires.as_deref().map(|words| expiry(words, now)).transpose()?;
     let wish = Wish {
         kind: match (options.organiser, options.read_only) {
-            (true, _) => TokenKind::Organiser,
-            (false, true) => TokenKind::ReadOnly,
-            (false, false) => TokenKind::Account,
+            (true, _) => TokenScope::Organiser,
+            (false, true) => TokenScope::ReadOnly,
+            (false, false) => TokenScope::Participant,
         },
         name: &options.name,
         team: options.team.as_deref(),

@@ -1,7 +1,9 @@
 //! What the organiser does by commands and by pages alike.
 
 use crate::{Failure, FailureKind, arena::now_unix_ms, arena::secret::new_token, challenge};
-use avln_store::{AuditNote, NewToken, Phase, PhaseState, Reference, Schedule, Store, StoreError, TokenKind};
+use avln_store::{
+    AuditNote, NewToken, Phase, PhaseState, Reference, Schedule, Store, StoreError, TokenScope,
+};
 
 /// Why something was not done.
 #[derive(Debug)]
@@ -54,7 +56,7 @@ pub fn note(actor: &str, subject: String, what: &str, reason: &str) -> AuditNote
 #[derive(Clone, Copy, Debug)]
 pub struct Wish<'a> {
     /// Which door it opens; not a run's.
-    pub kind: TokenKind,
+    pub kind: TokenScope,
     /// What to call it; may be empty.
     pub name: &'a str,
     /// Whose it is; `None` for an organiser.
@@ -78,11 +80,11 @@ pub async fn admit(
         let words = format!("'{}' cannot be the name of a team", name.escape_debug());
         return Err(Undone::refused(words, "use 1 to 64 bytes of printable text"));
     }
-    let secret = random_token(TokenKind::Account)?;
+    let secret = random_token(TokenScope::Participant)?;
     store.create_team(name, reference, now_unix_ms).await?;
     let token = NewToken {
         secret: &secret,
-        kind: TokenKind::Account,
+        kind: TokenScope::Participant,
         name: "",
         team: Some(name),
         expires_unix_ms: None,
@@ -111,16 +113,16 @@ pub async fn issue(store: &Store, wish: &Wish<'_>, actor: &str, now_unix_ms: i64
 }
 
 /// What a token is for, in its first letters and in the audit list.
-fn word(kind: TokenKind) -> &'static str {
+fn word(kind: TokenScope) -> &'static str {
     match kind {
-        TokenKind::Account => "account",
-        TokenKind::ReadOnly => "looking",
-        TokenKind::Organiser => "organiser",
-        TokenKind::Run => "run",
+        TokenScope::Participant => "account",
+        TokenScope::ReadOnly => "looking",
+        TokenScope::Organiser => "organiser",
+        TokenScope::Run => "run",
     }
 }
 
-fn random_token(kind: TokenKind) -> Result<String, Undone> {
+fn random_token(kind: TokenScope) -> Result<String, Undone> {
     new_token(word(kind)).map_err(|error| Undone::System(error.to_string()))
 }
 

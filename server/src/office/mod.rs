@@ -7,7 +7,7 @@ use crate::{
     admin,
     arena::{Arena, fault_count, now_unix_ms},
 };
-use avln_store::{AuditNote, NewGrant, StoreError, TokenKind, calendar::rfc3339};
+use avln_store::{AuditNote, NewGrant, StoreError, TokenScope, calendar::rfc3339};
 use avln_web::{ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction, TeamCredential, async_trait};
 use deeds::{Wish, note, reschedule};
 use std::{fmt, sync::Arc};
@@ -103,7 +103,7 @@ async fn issue(
     }
     let asked = days.map(|days| now + i64::from(days) * DAY_MS);
     let wish = Wish {
-        kind: if looks_only { TokenKind::ReadOnly } else { TokenKind::Account },
+        kind: if looks_only { TokenScope::ReadOnly } else { TokenScope::Participant },
         name,
         team: Some(&member.team),
         expires_unix_ms: [asked, member.expires_unix_ms].into_iter().flatten().min(),

@@ -1,9 +1,6 @@
-use crate::{
-    AuditNote, Store, StoreError,
-    audit::add_notes,
-    words::{row, words},
-};
-use serde::{Deserialize, Serialize};
+use crate::{AuditNote, Store, StoreError, audit::add_notes, words::row};
+use avln_challenge::{Reference, TokenScope};
+use serde::Serialize;
 use sqlx::{Sqlite, SqlitePool, Transaction};
 use std::fmt;
 
@@ -16,42 +13,13 @@ pub struct Team {
     pub reference: Option<Reference>,
 }
 
-/// What runs that are shown for comparison stand for. They have no rank.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Reference {
-    /// An agent that others are compared with.
-    Baseline,
-    /// Who knows everything, and shows what can be reached.
-    Oracle,
-    /// People.
-    Human,
-}
-words!(Reference, "reference", { Baseline => "baseline", Oracle => "oracle", Human => "human" });
-
-/// Which door a token opens.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TokenKind {
-    /// A team's own: starts runs and sees the team's results.
-    Account,
-    /// A team's own for looking: sees the team's results and starts nothing.
-    ReadOnly,
-    /// The organiser's: sees everything.
-    Organiser,
-    /// One run's: plays its episodes.
-    Run,
-}
-words!(TokenKind, "token kind", {
-    Account => "account", ReadOnly => "read_only", Organiser => "organiser", Run => "run",
-});
-
 /// A secret to be stored.
 #[derive(Clone, Copy, Debug)]
 pub struct NewToken<'a> {
     /// The secret itself, 128 random bits or more; only its hash is kept.
     pub secret: &'a str,
     /// Which door it opens; run tokens are made by [`Store::start_run`].
-    pub kind: TokenKind,
+    pub kind: TokenScope,
     /// What its maker calls it; may be empty.
     pub name: &'a str,
     /// Whose it is; `None` for an organiser.
@@ -64,7 +32,7 @@ pub struct NewToken<'a> {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Token {
     /// Which door it opens.
-    pub kind: TokenKind,
+    pub kind: TokenScope,
     /// Whose it is; `None` for an organiser.
     pub team: Option<String>,
     /// The run it plays; `None` unless `kind` is run.
@@ -151,7 +119,7 @@ impl Store {
             sqlx::query_scalar(select).bind(name).fetch_optional(&self.read).await?;
         let team = |word: Option<String>| {
             let reference = word.as_deref().map(Reference::from_word).transpose()?;
-            Ok(Team { name: name.to_owned(), reference })
+            Ok::<_, StoreError>(Team { name: name.to_owned(), reference })
         };
         found.map(team).transpose()
     }
@@ -315,7 +283,7 @@ pub(crate) async fn find_token(
         Some(row) if row.revoked_ms.is_some() => TokenState::Revoked,
         Some(row) if row.expires_ms.is_some_and(|expires| expires <= now_unix_ms) => TokenState::Expired,
         Some(TokenRow { kind, name, team, run, expires_ms, .. }) => TokenState::Valid(Token {
-            kind: TokenKind::from_word(&kind)?,
+            kind: TokenScope::from_word(&kind)?,
             team,
             run,
             name,
@@ -331,5 +299,5 @@ pub(crate) async fn read_reference(
 ) -> Result<Option<Reference>, StoreError> {
     let select = "SELECT reference FROM teams WHERE name = $1";
     let word: Option<String> = sqlx::query_scalar(select).bind(team).fetch_one(&mut **tx).await?;
-    word.as_deref().map(Reference::from_word).transpose()
+    Ok(word.as_deref().map(Reference::from_word).transpose()?)
 }

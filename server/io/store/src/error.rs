@@ -1,4 +1,5 @@
-use crate::{Quota, QuotaWindow, calendar::rfc3339};
+use avln_challenge::calendar::rfc3339;
+use avln_challenge::{Quota, QuotaWindow, UnknownWord};
 use std::path::PathBuf;
 
 /// What went wrong in the store, and what to do about it.
@@ -226,5 +227,11 @@ impl From<sqlx::Error> for StoreError {
             Some(SQLITE_BUSY | SQLITE_LOCKED) => Self::Busy,
             _ => Self::Database(error),
         }
+    }
+}
+
+impl From<UnknownWord> for StoreError {
+    fn from(error: UnknownWord) -> Self {
+        Self::damaged(error.kind, format!("unknown word '{}'", error.word))
     }
 }

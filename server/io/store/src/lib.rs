@@ -8,10 +8,8 @@ mod accounts;
 mod admission;
 mod audit;
 mod backup;
-pub mod calendar;
 mod catalogue;
 mod database;
-mod draw;
 mod error;
 mod facts;
 mod packed;
@@ -28,29 +26,30 @@ mod uptime;
 mod views;
 mod words;
 
-pub use accounts::{NewToken, Reference, Team, Token, TokenHash, TokenKind, TokenLine, TokenState};
+pub use accounts::{NewToken, Team, Token, TokenHash, TokenLine, TokenState};
 pub use admission::{Member, NewGrant};
 pub use audit::{AuditLine, AuditNote};
+pub use avln_challenge::calendar;
+pub use avln_challenge::{
+    Admission, Charge, CommitmentValues, EpisodeState, GoalText, PhaseEpisode, PhaseState, Quota,
+    QuotaLimits, QuotaWindow, Reference, Ruling, RunChoice, RunState, Sample, Sampling, Schedule,
+    TimeAccount, TokenScope, Visibility, pool_digest,
+};
 pub use backup::{Inventory, KeptRun, copy_database, inspect_database};
 pub use catalogue::{Scene, SceneMap, Split};
 pub use database::{SCHEMA_VERSION, Store};
 pub use error::StoreError;
 pub use facts::Facts;
-pub use phases::{
-    Admission, GoalText, Phase, PhaseEpisode, PhaseState, QuotaLimits, Ranking, Sample, Sampling, Schedule,
-    Visibility,
-};
-pub use play::{Assigned, EpisodeState, Finished, HandedOut, Recorded, TimeAccount, Underway};
+pub use phases::{Phase, Ranking};
+pub use play::{Assigned, Finished, HandedOut, Recorded, Underway};
 pub use prune::Pruned;
-pub use quota::{Charge, Quota, QuotaWindow};
 pub use rescore::{Rescore, Rescored, ScoredEpisode};
-pub use reveal::{Promise, Revealed, pool_digest};
-pub use rulings::Ruling;
-pub use runs::{NewRun, Run, RunState, StartedRun};
+pub use reveal::Promise;
+pub use runs::{NewRun, Run, StartedRun};
 pub use uptime::MadeUp;
 pub use views::{
     Board, Census, CompareView, EpisodeLine, EpisodeView, GoalView, GrantLine, GroupView, Holder,
     Incomparable, LeaderboardRow, LeaderboardView, LiveRun, LogAccess, MissionView, MissionsView,
-    ModalityView, PairView, PhaseView, Pick, Reader, Replay, RunLine, RunList, RunView, SubmitMark,
-    TargetView, TeamLine, TeamsView, Viewer,
+    ModalityView, PairView, PhaseView, Reader, Replay, RunLine, RunList, RunView, SubmitMark, TargetView,
+    TeamLine, TeamsView, Viewer,
 };

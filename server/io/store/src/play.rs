@@ -1,37 +1,18 @@
 use crate::{
-    Run, RunState, Store, StoreError, packed,
+    Run, Store, StoreError, packed,
     reveal::read_key,
     runs::read_run,
     totals::{add_to_totals, count_fault, settle_run},
-    words::{count, end_reason, from_json, row, to_json, words},
+    words::{count, end_reason, from_json, row, to_json},
 };
+use avln_challenge::{EpisodeState, RunState, TimeAccount};
 use avln_episode::EndReason;
 use avln_scoring::Metrics;
 use avln_truth::{EpisodeTruth, Record};
-use serde::{Deserialize, Serialize};
 use sqlx::{Sqlite, Transaction};
 
 /// Attempts after which an episode that the server keeps losing is given up.
 const MAX_ATTEMPTS: i64 = 3;
-
-/// How far an episode of a run is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum EpisodeState {
-    /// Not handed out yet.
-    Pending,
-    /// Being played.
-    Running,
-    /// Ended as the task defines it.
-    Terminated,
-    /// Ended by a limit or by the agent's absence.
-    Truncated,
-    /// Given up because the server failed repeatedly; does not count.
-    Infra,
-}
-words!(EpisodeState, "episode state", {
-    Pending => "pending", Running => "running", Terminated => "terminated", Truncated => "truncated", Infra => "infra",
-});
 
 /// An episode that was handed out.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -66,31 +47,6 @@ pub struct HandedOut {
     pub end: Option<EndReason>,
     /// What it was worth; `None` when it was not scored.
     pub metrics: Option<Metrics>,
-}
-
-/// Where the time of an episode went, seconds of wall clock.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct TimeAccount {
-    /// Simulating: motion, sight and sound.
-    pub simulation_s: f64,
-    /// Encoding observations.
-    pub encoding_s: f64,
-    /// Waiting for a free core.
-    pub queue_s: f64,
-    /// Waiting for the agent, the wire both ways included.
-    pub thinking_s: f64,
-}
-
-impl TimeAccount {
-    /// Both together.
-    pub fn plus(&self, other: &Self) -> Self {
-        Self {
-            simulation_s: self.simulation_s + other.simulation_s,
-            encoding_s: self.encoding_s + other.encoding_s,
-            queue_s: self.queue_s + other.queue_s,
-            thinking_s: self.thinking_s + other.thinking_s,
-        }
-    }
 }
 
 /// What is known of an episode when it ends.

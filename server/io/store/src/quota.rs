@@ -3,62 +3,11 @@
 //! Whether a run is charged follows from what the server stored of it, never from what an agent says.
 
 use crate::{
-    Phase, QuotaLimits, RunState, StoreError, calendar,
+    Phase, StoreError,
     words::{count, row},
 };
-use serde::Serialize;
+use avln_challenge::{Charge, Quota, QuotaWindow, RunState, calendar};
 use sqlx::{Sqlite, Transaction};
-
-/// How a quota fills up again.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum QuotaWindow {
-    /// With each day, UTC.
-    Day,
-    /// With each month, UTC.
-    Month,
-    /// Never.
-    Total,
-    /// When an open run ends.
-    Concurrent,
-    /// Never; counts the runs that were not charged.
-    Uncharged,
-}
-
-/// What a team has left in one window of a phase.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Quota {
-    /// Id of the phase.
-    pub phase: String,
-    /// How it fills up again.
-    pub window: QuotaWindow,
-    /// Runs granted in the window; `None` for any number.
-    pub limit: Option<u32>,
-    /// Runs counted in the window.
-    pub used: u32,
-    /// Runs left; `None` for any number.
-    pub remaining: Option<u32>,
-    /// When the window began, milliseconds since 1970-01-01 UTC.
-    pub window_start_unix_ms: i64,
-    /// When `remaining` next grows; `None` when waiting does not help.
-    pub next_increase_unix_ms: Option<i64>,
-    /// The runs that were counted, the oldest first; the latest 200 where there are more.
-    pub charges: Vec<Charge>,
-}
-
-/// Runs that a quota names, so that answers stay small where nothing is limited.
-const CHARGES_TOLD: usize = 200;
-
-/// Whether a run counts against its team's quota.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Charge {
-    /// Id of the run.
-    pub run: String,
-    /// Whether it is charged.
-    pub charged: bool,
-    /// Why or why not, for people.
-    pub reason: &'static str,
-}
 
 row! {
     /// What is stored of a run that bears on its charge.
@@ -151,19 +100,6 @@ pub(crate) async fn read_quotas(
     Ok(windows.into_iter().filter_map(of).collect())
 }
 
-impl QuotaLimits {
-    /// The limit of a window; `None` when it is not limited and not worth telling.
-    fn of(&self, window: QuotaWindow) -> Option<Option<u32>> {
-        match window {
-            QuotaWindow::Day => self.day.map(Some),
-            QuotaWindow::Month => self.month.map(Some),
-            QuotaWindow::Total => Some(self.total),
-            QuotaWindow::Concurrent => self.concurrent.map(Some),
-            QuotaWindow::Uncharged => self.uncharged.map(Some),
-        }
-    }
-}
-
 /// The limit with what was granted in the window; runs at the same time are never more.
 fn granted(
     limit: Option<u32>,
@@ -195,7 +131,7 @@ fn quota(
     };
     let counted: Vec<&Charged> = runs.iter().filter(counts).collect();
     let used = counted.len() as u32;
-    let told = &counted[counted.len().saturating_sub(CHARGES_TOLD)..];
+    let told = &counted[counted.len().saturating_sub(Charge::MAX_LISTED)..];
     Quota {
         phase: phase.to_owned(),
         window,

@@ -3,11 +3,11 @@
 use crate::{
     AuditNote, Store, StoreError,
     audit::add_notes,
-    draw::PhaseSecret,
     phases::{has_runs, read_phases},
     words::row,
 };
-use serde::{Deserialize, Serialize};
+use avln_challenge::{CommitmentValues, PhaseSecret, PhaseState, pool_digest};
+use serde::Serialize;
 use sqlx::{Sqlite, Transaction};
 
 /// What a phase promised, and the values behind it once the organiser published them.
@@ -18,39 +18,7 @@ pub struct Promise {
     /// When it was made, milliseconds since 1970-01-01 UTC.
     pub committed_unix_ms: i64,
     /// The values; `None` before they are published.
-    pub revealed: Option<Revealed>,
-}
-
-/// The values behind a commitment.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Revealed {
-    /// Digest of the phase's split and the ids of its episodes, hex.
-    pub pool: String,
-    /// Version of the benchmark.
-    pub scorer: String,
-    /// What keyed samples, orders and handles, hex.
-    pub secret: String,
-}
-
-impl Revealed {
-    /// BLAKE3 of the values, each behind its length in bytes as 64 bits, little-endian; hex.
-    pub fn commitment(&self) -> String {
-        let mut hasher = blake3::Hasher::new_derive_key("avln 2026 phase commitment");
-        for part in [&self.pool, &self.scorer, &self.secret] {
-            hasher.update(&(part.len() as u64).to_le_bytes()).update(part.as_bytes());
-        }
-        hasher.finalize().to_hex().to_string()
-    }
-}
-
-/// Digest of what runs of a phase draw from: the digest of its split and the ids of its episodes, in order.
-pub fn pool_digest<'a>(split_digest: &'a str, episodes: impl IntoIterator<Item = &'a str>) -> String {
-    let mut hasher = blake3::Hasher::new_derive_key("avln 2026 phase pool");
-    for part in std::iter::once(split_digest).chain(episodes) {
-        hasher.update(&(part.len() as u64).to_le_bytes()).update(part.as_bytes());
-    }
-    hasher.finalize().to_hex().to_string()
+    pub revealed: Option<CommitmentValues>,
 }
 
 row! {
@@ -88,7 +56,7 @@ impl Store {
         if kept || (before.is_some() && has_runs(&mut tx, phase).await?) {
             return Ok(false);
         }
-        let values = Revealed { pool, scorer: scorer.to_owned(), secret: secret.to_owned() };
+        let values = CommitmentValues { pool, scorer: scorer.to_owned(), secret: secret.to_owned() };
         let upsert = "INSERT INTO phase_secrets (phase, secret, pool, scorer, commitment, committed_ms) \
              VALUES ($1, $2, $3, $4, $5, $6) ON CONFLICT (phase) DO UPDATE SET secret = excluded.secret, \
              pool = excluded.pool, scorer = excluded.scorer, commitment = excluded.commitment, \
@@ -116,11 +84,11 @@ impl Store {
         phase: &str,
         note: AuditNote,
         now_unix_ms: i64,
-    ) -> Result<(Promise, Revealed), StoreError> {
+    ) -> Result<(Promise, CommitmentValues), StoreError> {
         let mut tx = self.begin().await?;
         let read = read_phases(&mut tx, Some(phase)).await?.pop();
         let read = read.ok_or_else(|| StoreError::unknown("phase", phase))?;
-        if read.schedule.state(now_unix_ms) != crate::PhaseState::Closed {
+        if read.schedule.state(now_unix_ms) != PhaseState::Closed {
             return Err(StoreError::NotClosed(phase.to_owned()));
         }
         if let Some(until_unix_ms) = played_until(&mut tx, phase, now_unix_ms).await? {
@@ -188,17 +156,13 @@ async fn read_pool(tx: &mut Transaction<'_, Sqlite>, phase: &str) -> Result<Stri
 }
 
 fn parse(secret: &str) -> Result<PhaseSecret, StoreError> {
-    let digits: Option<Vec<u8>> =
-        (0..secret.len()).step_by(2).map(|at| u8::from_str_radix(secret.get(at..at + 2)?, 16).ok()).collect();
-    let bytes = digits.and_then(|digits| digits.try_into().ok());
-    bytes
-        .map(PhaseSecret)
+    PhaseSecret::from_hex(secret)
         .ok_or_else(|| StoreError::damaged("phase secret", "it is not 64 hexadecimal digits"))
 }
 
 impl SecretRow {
-    fn values(&self) -> Revealed {
-        Revealed { pool: self.pool.clone(), scorer: self.scorer.clone(), secret: self.secret.clone() }
+    fn values(&self) -> CommitmentValues {
+        CommitmentValues { pool: self.pool.clone(), scorer: self.scorer.clone(), secret: self.secret.clone() }
     }
 
     fn into_promise(self) -> Promise {

@@ -5,17 +5,8 @@ use crate::{
     audit::add_notes,
     runs::{Run, read_run},
 };
-use serde::Serialize;
+use avln_challenge::Ruling;
 use sqlx::{Sqlite, Transaction};
-
-/// What the organiser ruled on a run.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Ruling {
-    /// Whether the organiser verified it.
-    pub verified: bool,
-    /// Why it is on no board, for everybody to read; `None` where it may be.
-    pub disqualified: Option<String>,
-}
 
 impl Store {
     /// Marks a run as verified by the organiser, or no more; whether that changed anything.

@@ -1,39 +1,16 @@
 use crate::{
-    Charge, NewToken, Phase, PhaseEpisode, Quota, Ruling, Sampling, Store, StoreError, TokenKind,
+    NewToken, Phase, Store, StoreError,
     accounts::insert_token,
     admission::refuse_team,
-    draw::draw,
-    phases::{has_runs, read_phases},
+    phases::{has_runs, read_phases, refuse_closed},
     quota::{read_charge, read_quotas, refuse_used_up},
     reveal::read_key,
-    words::{self, count, from_json, row, to_json, words},
+    words::{self, count, from_json, row, to_json},
 };
+use avln_challenge::{Charge, PhaseEpisode, Quota, Ruling, RunState, Sampling, TokenScope, draw};
 use avln_episode::{Order, Sensors};
-use serde::{Deserialize, Serialize};
 use sqlx::{Sqlite, Transaction};
 use std::collections::BTreeMap;
-
-/// How far a run is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum RunState {
-    /// No episode was handed out yet.
-    Created,
-    /// Episodes are being played.
-    Running,
-    /// Every episode is done.
-    Completed,
-    /// It was given up.
-    Cancelled,
-    /// The server failed.
-    Failed,
-    /// Its wall time was used up.
-    Expired,
-}
-words!(RunState, "run state", {
-    Created => "created", Running => "running", Completed => "completed", Cancelled => "cancelled",
-    Failed => "failed", Expired => "expired",
-});
 
 impl Run {
     /// Name in [`Run::digests`] under which a sealed run has what was enforced while it was played.
@@ -59,13 +36,6 @@ impl Run {
     /// Whether its time is over at `now_unix_ms`.
     pub fn is_overdue(&self, now_unix_ms: i64) -> bool {
         self.deadline_unix_ms.is_some_and(|deadline| deadline <= now_unix_ms)
-    }
-}
-
-impl RunState {
-    /// Whether episodes may still be handed out.
-    pub fn is_open(self) -> bool {
-        matches!(self, Self::Created | Self::Running)
     }
 }
 
@@ -223,7 +193,7 @@ impl Store {
         }
         let token = NewToken {
             secret: new.token,
-            kind: TokenKind::Run,
+            kind: TokenScope::Run,
             name: "",
             team: Some(new.team),
             expires_unix_ms: None,
@@ -375,7 +345,7 @@ async fn refuse_start(
     now_unix_ms: i64,
 ) -> Result<(), StoreError> {
     refuse_team(tx, phase, new.team).await?;
-    phase.schedule.refuse_start(&phase.id, now_unix_ms)?;
+    refuse_closed(phase, now_unix_ms)?;
     if phase.sealed && !new.digests.contains_key(Run::SEALED) {
         return Err(StoreError::PhaseSealed(phase.id.clone()));
     }

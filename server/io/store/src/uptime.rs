@@ -1,6 +1,7 @@
 //! When the server was there. What its absence took from runs and phases is given back when the next one starts.
 
-use crate::{AuditNote, Store, StoreError, audit::add_notes, calendar::rfc3339, words::row};
+use crate::{AuditNote, Store, StoreError, audit::add_notes, words::row};
+use avln_challenge::calendar::rfc3339;
 use sqlx::{Sqlite, Transaction};
 
 /// Absences shorter than this are not worth a line, milliseconds.

@@ -4,28 +4,6 @@ use crate::StoreError;
 use avln_episode::{EndReason, Order};
 use serde::{Serialize, de::DeserializeOwned};
 
-/// Gives an enum the words by which columns, files and URLs know its values.
-macro_rules! words {
-    ($name:ident, $what:literal, { $($variant:ident => $word:literal),+ $(,)? }) => {
-        impl $name {
-            /// The word used in files and URLs.
-            pub fn as_str(self) -> &'static str {
-                match self {
-                    $(Self::$variant => $word,)+
-                }
-            }
-
-            pub(crate) fn from_word(word: &str) -> Result<Self, StoreError> {
-                match word {
-                    $($word => Ok(Self::$variant),)+
-                    other => Err(StoreError::damaged($what, format!("unknown word '{other}'"))),
-                }
-            }
-        }
-    };
-}
-pub(crate) use words;
-
 /// A struct that is read from the columns with the names of its fields.
 macro_rules! row {
     ($(#[$attribute:meta])* $vis:vis struct $name:ident {

@@ -5,7 +5,7 @@ pub(crate) use avln_store::calendar::rfc3339;
 use avln_episode::{Encoding, EndReason, Modality, Order, Sensors};
 use avln_scoring::{Difference, Direction, Estimate, Key, Standing, Summary, Unit};
 use avln_store::{
-    EpisodeState, LeaderboardRow, PhaseState, Pick, QuotaWindow, Reference, RunState, Visibility,
+    EpisodeState, LeaderboardRow, PhaseState, QuotaWindow, Reference, RunChoice, RunState, Visibility,
 };
 use serde::Serializer;
 use std::{collections::BTreeMap, fmt::Write};
@@ -176,10 +176,10 @@ pub(crate) fn order(order: &Order) -> &'static str {
 }
 
 /// Name of the selected run of a method.
-pub(crate) fn pick(pick: &Pick) -> &'static str {
+pub(crate) fn pick(pick: &RunChoice) -> &'static str {
     match pick {
-        Pick::Best => "best",
-        Pick::Latest => "latest",
+        RunChoice::Best => "best",
+        RunChoice::Latest => "latest",
     }
 }
 

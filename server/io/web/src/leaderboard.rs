@@ -6,7 +6,7 @@ use crate::{
 };
 use avln_episode::{Order, Sensors};
 use avln_scoring::{Key, Prominence};
-use avln_store::{Board, LeaderboardRow, LeaderboardView, PhaseView, Pick, calendar};
+use avln_store::{Board, LeaderboardRow, LeaderboardView, PhaseView, RunChoice, calendar};
 use axum::{
     extract::{FromRequestParts, Query},
     http::request::Parts,
@@ -54,7 +54,7 @@ pub(crate) const SENSOR_PARAMS: [&str; 3] = ["rgb", "depth", "audio"];
 pub(crate) struct LeaderboardParams {
     pub(crate) orders: Option<Orders>,
     pub(crate) sort: Option<Key>,
-    pub(crate) pick: Option<Pick>,
+    pub(crate) pick: Option<RunChoice>,
     /// Part of the method, version or team; empty for all entries.
     pub(crate) search: String,
     /// Name of a team; empty for all teams.
@@ -225,11 +225,11 @@ fn parse<T: FromStr<Err: std::fmt::Display>>(name: &str, value: &str) -> Result<
     if value.is_empty() { Ok(None) } else { value.parse().map(Some).map_err(wrong) }
 }
 
-fn parse_pick(value: &str) -> Result<Option<Pick>, RequestError> {
+fn parse_pick(value: &str) -> Result<Option<RunChoice>, RequestError> {
     match value {
         "" => Ok(None),
-        "best" => Ok(Some(Pick::Best)),
-        "latest" => Ok(Some(Pick::Latest)),
+        "best" => Ok(Some(RunChoice::Best)),
+        "latest" => Ok(Some(RunChoice::Latest)),
         other => Err(RequestError::Invalid(format!("pick must be best or latest, not '{other}'"))),
     }
 }
@@ -274,7 +274,7 @@ pub(crate) struct LeaderboardControls {
     pub(crate) params: LeaderboardParams,
     phase: PhaseView,
     pub(crate) key: Key,
-    pub(crate) pick: Pick,
+    pub(crate) pick: RunChoice,
     /// Teams with entries.
     pub(crate) teams: BTreeSet<String>,
 }
@@ -308,7 +308,7 @@ impl LeaderboardControls {
         self.changed(|params| params.orders = Some(Orders::Both))
     }
 
-    pub(crate) fn picked_by(&self, pick: Pick) -> String {
+    pub(crate) fn picked_by(&self, pick: RunChoice) -> String {
         self.changed(|params| params.pick = Some(pick))
     }
 

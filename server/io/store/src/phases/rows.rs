@@ -1,10 +1,11 @@
-use super::{Phase, PhaseEpisode, Schedule, Visibility};
+use super::Phase;
 use crate::{
     AuditNote, Promise, Store, StoreError,
     audit::add_notes,
     reveal::read_promise,
     words::{count, from_json, row, to_json},
 };
+use avln_challenge::{PhaseEpisode, Schedule, Visibility};
 use sqlx::{Sqlite, Transaction};
 
 row! {

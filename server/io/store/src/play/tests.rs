@@ -1,5 +1,6 @@
 use super::*;
-use crate::{GoalText, NewRun, Phase, PhaseEpisode, Scene, SceneMap, Split};
+use crate::{NewRun, Phase, Scene, SceneMap, Split};
+use avln_challenge::{GoalText, PhaseEpisode};
 use avln_episode::{Modality, Order, Rules};
 use std::{collections::BTreeMap, time::Duration};
 

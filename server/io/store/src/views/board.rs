@@ -7,9 +7,10 @@ use crate::{
     totals::{INTERVAL_SEED, plain_scores},
     words::{count, end_reason, from_json},
 };
+use avln_challenge::RunChoice;
 use avln_episode::{Order, Sensors};
 use avln_scoring::{Direction, Entry, EpisodeScore, Key, RankedEntry, Standing, Summary, best_first, rank};
-use serde::{Deserialize, Serialize, Serializer};
+use serde::{Serialize, Serializer};
 use sqlx::{Sqlite, Transaction};
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -26,22 +27,11 @@ pub struct Board<'a> {
     /// What entries are ranked by.
     pub key: Key,
     /// Which run stands for a method.
-    pub pick: Pick,
+    pub pick: RunChoice,
     /// Only runs that were completed by then, milliseconds since 1970-01-01 UTC; `None` for all of them.
     pub as_of_unix_ms: Option<i64>,
     /// When one looks, milliseconds since 1970-01-01 UTC.
     pub now_unix_ms: i64,
-}
-
-/// Which of its runs stands for a method of a team.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Pick {
-    /// The one that ranks first.
-    #[default]
-    Best,
-    /// The one that was completed last.
-    Latest,
 }
 
 /// A board: the completed runs of one phase and order whose every episode counts.
@@ -56,7 +46,7 @@ pub struct LeaderboardView {
     /// Which end of it is good.
     pub direction: Direction,
     /// Which run stands for a method.
-    pub pick: Pick,
+    pub pick: RunChoice,
     /// Only runs that were completed by then are on it, milliseconds since 1970-01-01 UTC; `None` for all of them.
     pub as_of_unix_ms: Option<i64>,
     /// Entries of which the rows are some: those that compete, and references. More than rows where the visitor asked for some of them.
@@ -123,7 +113,7 @@ fn flat<S: Serializer>(standing: &Option<Standing>, serializer: S) -> Result<S::
 pub(super) struct RankedBoards(Arc<Mutex<BTreeMap<Question, Vec<LeaderboardRow>>>>);
 
 /// The runs that may stand on a board, what they are ranked by and which stands for its method.
-type Question = (Vec<String>, Key, Pick);
+type Question = (Vec<String>, Key, RunChoice);
 
 impl RankedBoards {
     /// Boards kept at a time; there are few phases, and old lists of runs are asked for no more.
@@ -270,8 +260,8 @@ async fn candidate(tx: &mut Transaction<'_, Sqlite>, run: Run, key: Key) -> Resu
 /// Keeps the run that stands for each method of each team. `candidates` come newest first.
 fn one_per_method(candidates: Vec<Candidate>, board: &Board<'_>) -> Vec<Candidate> {
     let order: Vec<usize> = match board.pick {
-        Pick::Latest => (0..candidates.len()).collect(),
-        Pick::Best => {
+        RunChoice::Latest => (0..candidates.len()).collect(),
+        RunChoice::Best => {
             let summaries: Vec<&Summary> = candidates.iter().map(|candidate| &candidate.summary).collect();
             best_first(&summaries, board.key)
         }

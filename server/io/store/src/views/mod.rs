@@ -13,7 +13,7 @@ mod phase;
 mod run;
 
 use board::RankedBoards;
-pub use board::{Board, LeaderboardRow, LeaderboardView, Pick};
+pub use board::{Board, LeaderboardRow, LeaderboardView};
 pub use census::Census;
 pub use compare::{CompareView, Incomparable, PairView};
 pub use episode::{EpisodeView, GoalView, MissionView, Replay, SubmitMark, TargetView};

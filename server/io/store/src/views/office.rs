@@ -5,7 +5,7 @@ use super::{
     run::{Sight, line},
 };
 use crate::{
-    AuditLine, StoreError, TokenHash, TokenKind, TokenLine, TokenState,
+    AuditLine, StoreError, TokenHash, TokenLine, TokenScope, TokenState,
     accounts::{find_token, read_tokens},
     phases::read_heads,
     runs::{RunFilter, read_runs},
@@ -86,13 +86,13 @@ impl Reader {
             return Ok(None);
         };
         let viewer = match (known.kind, known.team) {
-            (TokenKind::Organiser, _) => Viewer::Organiser,
-            (TokenKind::Account | TokenKind::ReadOnly, Some(team)) => Viewer::Team(team),
+            (TokenScope::Organiser, _) => Viewer::Organiser,
+            (TokenScope::Participant | TokenScope::ReadOnly, Some(team)) => Viewer::Team(team),
             _ => return Ok(None),
         };
         Ok(Some(Holder {
             viewer,
-            looks_only: known.kind == TokenKind::ReadOnly,
+            looks_only: known.kind == TokenScope::ReadOnly,
             token: token.id().to_owned(),
             expires_unix_ms: known.expires_unix_ms,
         }))

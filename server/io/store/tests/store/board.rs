@@ -3,14 +3,14 @@
 use crate::fixture::{Arena, CATEGORY, Played, SCENES, new_run, phase};
 use avln_episode::{EndReason, Order, Sensors};
 use avln_scoring::Key;
-use avln_store::{Board, LeaderboardRow, LeaderboardView, NewRun, Pick, Reference, Viewer};
+use avln_store::{Board, LeaderboardRow, LeaderboardView, NewRun, Reference, RunChoice, Viewer};
 use std::collections::BTreeMap;
 
 const BOARD: Board<'_> = Board {
     phase: "practice",
     order: Order::Unordered,
     key: Key::Isr,
-    pick: Pick::Best,
+    pick: RunChoice::Best,
     as_of_unix_ms: None,
     now_unix_ms: 100,
 };
@@ -97,7 +97,7 @@ async fn the_latest_run_stands_for_its_method_when_asked() {
         arena.store.record_result(&played.finished("run_late", handle), 60).await.expect("a result");
     }
     assert_eq!(board(&arena, &BOARD).await.rows[0].run, "run_good");
-    assert_eq!(board(&arena, &Board { pick: Pick::Latest, ..BOARD }).await.rows[0].run, "run_late");
+    assert_eq!(board(&arena, &Board { pick: RunChoice::Latest, ..BOARD }).await.rows[0].run, "run_late");
 }
 
 #[tokio::test]

@@ -4,7 +4,7 @@ use crate::fixture::{Arena, TEAM, new_run, phase};
 use avln_episode::TimeLimits;
 use avln_store::{
     Admission, AuditNote, Member, NewRun, NewToken, Phase, Sample, Sampling, Schedule, StartedRun, Store,
-    StoreError, TokenKind, TokenState, Viewer, Visibility, pool_digest,
+    StoreError, TokenScope, TokenState, Viewer, Visibility, pool_digest,
 };
 use sqlx::{ConnectOptions, sqlite::SqliteConnectOptions};
 use std::collections::{BTreeMap, BTreeSet};
@@ -151,9 +151,9 @@ async fn a_commitment_holds_and_opens_after_the_phase() {
     let ids = promised.episodes.iter().map(|episode| episode.episode.as_str());
     assert_eq!(values.pool, pool_digest("d", ids));
     for wrong in [
-        avln_store::Revealed { secret: other, ..values.clone() },
-        avln_store::Revealed { scorer: "1.0.1".to_owned(), ..values.clone() },
-        avln_store::Revealed { pool: pool_digest("e", ["a"]), ..values.clone() },
+        avln_store::CommitmentValues { secret: other, ..values.clone() },
+        avln_store::CommitmentValues { scorer: "1.0.1".to_owned(), ..values.clone() },
+        avln_store::CommitmentValues { pool: pool_digest("e", ["a"]), ..values.clone() },
     ] {
         assert_ne!(wrong.commitment(), promise.commitment);
     }
@@ -198,9 +198,9 @@ async fn changes_and_notes_are_written_together_and_notes_stay() {
 async fn tokens_are_listed_without_secrets_and_taken_back_one_by_one() {
     let arena = Arena::new(&phase("practice", 1)).await;
     let new = |secret, kind, team| NewToken { secret, kind, name: "laptop", team, expires_unix_ms: None };
-    let looking = new("secret-for-looking", TokenKind::ReadOnly, Some(TEAM));
+    let looking = new("secret-for-looking", TokenScope::ReadOnly, Some(TEAM));
     arena.store.issue_token(&looking, 1).await.expect("a token");
-    let organiser = new("secret-of-organiser", TokenKind::Organiser, None);
+    let organiser = new("secret-of-organiser", TokenScope::Organiser, None);
     arena.store.issue_token(&organiser, 2).await.expect("a token");
     let lines = arena.store.tokens().await.expect("a list");
     let text = serde_json::to_string(&lines).expect("JSON");

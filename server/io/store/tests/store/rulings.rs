@@ -4,8 +4,8 @@ use crate::fixture::{Arena, TEAM, new_run, phase};
 use avln_episode::Order;
 use avln_scoring::Key;
 use avln_store::{
-    AuditNote, Board, LeaderboardView, NewGrant, NewToken, Phase, Pick, Ruling, StoreError, TeamsView,
-    TokenHash, TokenKind, Viewer, Visibility,
+    AuditNote, Board, LeaderboardView, NewGrant, NewToken, Phase, Ruling, RunChoice, StoreError, TeamsView,
+    TokenHash, TokenScope, Viewer, Visibility,
 };
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ async fn board(arena: &Arena) -> LeaderboardView {
         phase: "practice",
         order: Order::Unordered,
         key: Key::Isr,
-        pick: Pick::Best,
+        pick: RunChoice::Best,
         as_of_unix_ms: None,
         now_unix_ms: 100,
     };
@@ -75,8 +75,13 @@ async fn a_team_sees_its_own_tokens_and_runs_and_the_organiser_all_teams() {
     let hidden = Phase { scores: Visibility::Organiser, ..phase("practice", 2) };
     let arena = Arena::new(&hidden).await;
     arena.play("run_red", "walker", Order::Unordered, 2).await;
-    let token =
-        |secret, team| NewToken { secret, kind: TokenKind::Account, name: "", team, expires_unix_ms: None };
+    let token = |secret, team| NewToken {
+        secret,
+        kind: TokenScope::Participant,
+        name: "",
+        team,
+        expires_unix_ms: None,
+    };
     for (secret, team) in [("of-red", TEAM), ("of-blue", "blue")] {
         arena.store.issue_token(&token(secret, Some(team)), 5).await.expect("a token");
     }

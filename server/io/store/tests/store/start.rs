@@ -2,7 +2,7 @@
 
 use crate::fixture::{Arena, TEAM, new_run, phase};
 use avln_episode::Order;
-use avln_store::{NewRun, NewToken, Phase, Run, RunState, StoreError, TokenKind, TokenState, Viewer};
+use avln_store::{NewRun, NewToken, Phase, Run, RunState, StoreError, TokenScope, TokenState, Viewer};
 use std::collections::BTreeMap;
 
 #[tokio::test]
@@ -46,7 +46,7 @@ async fn tokens_are_found_by_their_secret_until_they_end() {
     let secret = "avln-0123456789abcdef";
     let token = NewToken {
         secret,
-        kind: TokenKind::Account,
+        kind: TokenScope::Participant,
         name: "laptop",
         team: Some(TEAM),
         expires_unix_ms: Some(100),
@@ -55,7 +55,7 @@ async fn tokens_are_found_by_their_secret_until_they_end() {
     let TokenState::Valid(found) = arena.store.find_token(secret, 99).await.expect("an answer") else {
         panic!("the token holds")
     };
-    assert_eq!((found.kind, found.team.as_deref(), found.run), (TokenKind::Account, Some(TEAM), None));
+    assert_eq!((found.kind, found.team.as_deref(), found.run), (TokenScope::Participant, Some(TEAM), None));
     assert_eq!(arena.store.find_token(secret, 100).await.expect("an answer"), TokenState::Expired);
     assert_eq!(arena.store.find_token("another", 1).await.expect("an answer"), TokenState::Unknown);
     let viewer = arena.store.reader().viewer(secret, 99).await.expect("an answer");
@@ -75,7 +75,7 @@ async fn a_token_for_nobody_is_refused() {
     let arena = Arena::new(&phase("practice", 1)).await;
     let token = NewToken {
         secret: "s",
-        kind: TokenKind::Account,
+        kind: TokenScope::Participant,
         name: "laptop",
         team: Some("nobody"),
         expires_unix_ms: None,
@@ -106,7 +106,7 @@ async fn the_same_request_gives_the_same_run_and_a_different_one_is_refused() {
     else {
         panic!("the second token plays the run")
     };
-    assert_eq!((token.kind, token.run.as_deref()), (TokenKind::Run, Some("run_1")));
+    assert_eq!((token.kind, token.run.as_deref()), (TokenScope::Run, Some("run_1")));
     let different = NewRun { method: "runner", ..again };
     assert!(matches!(arena.store.start_run(&different, 12).await, Err(StoreError::Taken { .. })));
 }

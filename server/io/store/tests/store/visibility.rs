@@ -3,7 +3,7 @@
 use crate::fixture::{Arena, CATEGORY, EPISODE, SCENES, SENTENCE, TEAM, phase};
 use avln_episode::Order;
 use avln_scoring::Key;
-use avln_store::{Board, Pick, Viewer, Visibility};
+use avln_store::{Board, RunChoice, Viewer, Visibility};
 
 /// Length of the walk of every episode: only a score can show it.
 const SCORE: &str = "\"path_m\":1.25";
@@ -29,7 +29,7 @@ async fn everything(arena: &Arena, viewer: &Viewer) -> String {
             phase: "practice",
             order,
             key: Key::Sr,
-            pick: Pick::Best,
+            pick: RunChoice::Best,
             as_of_unix_ms: None,
             now_unix_ms: 50,
         };
@@ -91,7 +91,7 @@ async fn a_team_ranks_among_its_own_where_scores_are_for_teams() {
         phase: "practice",
         order: Order::Unordered,
         key: Key::Sr,
-        pick: Pick::Best,
+        pick: RunChoice::Best,
         as_of_unix_ms: None,
         now_unix_ms: 50,
     };

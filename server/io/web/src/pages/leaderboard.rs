@@ -10,7 +10,7 @@ use crate::{
 use askama::Template;
 use avln_episode::Order;
 use avln_scoring::{Direction, Key, Metric};
-use avln_store::{LeaderboardRow, LeaderboardView, PhaseView, Pick, Visibility};
+use avln_store::{LeaderboardRow, LeaderboardView, PhaseView, RunChoice, Visibility};
 use axum::{
     extract::Path,
     response::{IntoResponse, Redirect, Response},

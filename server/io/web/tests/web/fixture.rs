@@ -4,7 +4,7 @@ use avln_episode::{EndReason, Modality, Order, Rules, Sensors};
 use avln_scoring::Metrics;
 use avln_store::{
     Finished, GoalText, NewRun, NewToken, Phase, PhaseEpisode, Scene, SceneMap, Split, Store, TimeAccount,
-    TokenKind, Visibility,
+    TokenScope, Visibility,
 };
 use avln_web::{LiveStatus, Management, ReplayRenderer, SignedLogs, Site};
 use axum::{
@@ -130,11 +130,11 @@ impl Arena {
         for team in [RUDE_TEAM, FORMULA_TEAM] {
             self.store.create_team(team, None, 1).await.expect("a team");
         }
-        self.issue(TOKEN, TokenKind::Account, Some(RUDE_TEAM)).await;
-        self.issue(ORGANISER, TokenKind::Organiser, None).await;
+        self.issue(TOKEN, TokenScope::Participant, Some(RUDE_TEAM)).await;
+        self.issue(ORGANISER, TokenScope::Organiser, None).await;
     }
 
-    pub(crate) async fn issue(&self, secret: &str, kind: TokenKind, team: Option<&str>) {
+    pub(crate) async fn issue(&self, secret: &str, kind: TokenScope, team: Option<&str>) {
         let token = NewToken { secret, kind, name: "", team, expires_unix_ms: None };
         self.store.issue_token(&token, 1).await.expect("a token");
     }

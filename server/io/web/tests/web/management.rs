@@ -1,7 +1,7 @@
 //! Sign-in, permissions of teams and organisers, and protection against requests from other sites.
 
 use crate::fixture::{Answer, Arena, FORMULA_TEAM, ORGANISER, RUDE_TEAM, TOKEN};
-use avln_store::{AuditNote, Store, TokenKind};
+use avln_store::{AuditNote, Store, TokenScope};
 use avln_web::{
     ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction, TeamCredential,
     async_trait,
@@ -88,7 +88,7 @@ impl Site {
         let asked = Arc::<Mutex<Vec<String>>>::default();
         let management = |store| Arc::new(FakeManagement { store, asked: asked.clone() }) as Arc<dyn Management>;
         let arena = Arena::with_management(management).await;
-        arena.issue(READ_ONLY, TokenKind::ReadOnly, Some(RUDE_TEAM)).await;
+        arena.issue(READ_ONLY, TokenScope::ReadOnly, Some(RUDE_TEAM)).await;
         Self { arena, asked }
     }
 
@@ -450,7 +450,7 @@ async fn disqualified_runs_leave_the_leaderboard() {
 #[tokio::test]
 async fn hidden_phases_stay_hidden_after_sign_in() {
     let site = Site::new().await;
-    site.arena.issue("the-other-team", TokenKind::Account, Some(FORMULA_TEAM)).await;
+    site.arena.issue("the-other-team", TokenScope::Participant, Some(FORMULA_TEAM)).await;
     let organiser = site.signed_in(ORGANISER).await;
     organiser.act("/organise/runs/run_sealed", "action=disqualify&reason=a+canary+reason").await;
     let browser = site.signed_in("the-other-team").await;

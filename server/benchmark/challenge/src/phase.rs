@@ -1,0 +1,181 @@
+use crate::{CommitmentValues, word::words};
+use avln_episode::{FeedbackRule, Modality, Order, Sensors, TimeLimits};
+use serde::{Deserialize, Serialize};
+
+/// The readers of scores or replays.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Visibility {
+    /// Everybody.
+    Public,
+    /// The team of the run, and the organiser.
+    Team,
+    /// The organiser.
+    Organiser,
+}
+words!(Visibility, "visibility", { Public => "public", Team => "team", Organiser => "organiser" });
+
+/// State of a phase at a given time. It decides over new runs; a started run keeps its wall time in every state. A run
+/// without wall time ends with its phase.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PhaseState {
+    /// Runs cannot start yet.
+    Upcoming,
+    /// Runs can start.
+    Open,
+    /// The organiser paused the phase; runs cannot start until it is resumed.
+    Paused,
+    /// Runs cannot start any more.
+    Closed,
+}
+words!(PhaseState, "phase state", {
+    Upcoming => "upcoming", Open => "open", Paused => "paused", Closed => "closed",
+});
+
+/// The run that represents a method of a team on a leaderboard.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RunChoice {
+    /// The run with the best rank.
+    #[default]
+    Best,
+    /// The run that was completed last.
+    Latest,
+}
+words!(RunChoice, "choice of runs", { Best => "best", Latest => "latest" });
+
+/// The period in which runs of a phase can start. Times are milliseconds since 1970-01-01 UTC.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Schedule {
+    /// Opening time; `None` if the phase is open from the beginning.
+    pub opens_unix_ms: Option<i64>,
+    /// Closing time; `None` if it never closes.
+    pub closes_unix_ms: Option<i64>,
+    /// Reason of a pause; `None` if the phase is not paused.
+    pub paused: Option<String>,
+    /// Whether the organiser closed the phase by hand.
+    pub closed: bool,
+}
+
+impl Schedule {
+    /// Returns the state at `now_unix_ms`.
+    pub fn state(&self, now_unix_ms: i64) -> PhaseState {
+        // The order of the tests is a rule: closing beats dates, and dates beat a pause.
+        if self.closed || self.closes_unix_ms.is_some_and(|closes| closes <= now_unix_ms) {
+            PhaseState::Closed
+        } else if self.opens_unix_ms.is_some_and(|opens| now_unix_ms < opens) {
+            PhaseState::Upcoming
+        } else if self.paused.is_some() {
+            PhaseState::Paused
+        } else {
+            PhaseState::Open
+        }
+    }
+}
+
+/// The teams that can play a phase.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Admission {
+    /// Whether the organiser must approve a team before its first run.
+    pub approval: bool,
+    /// The teams that see the phase; empty for all teams.
+    pub allow: Vec<String>,
+    /// Teams that cannot play.
+    pub deny: Vec<String>,
+}
+
+impl Admission {
+    /// Returns whether `team` sees the phase; `None` stands for an anonymous visitor.
+    pub fn shows_to(&self, team: Option<&str>) -> bool {
+        self.allow.is_empty() || team.is_some_and(|team| self.allow.iter().any(|allowed| allowed == team))
+    }
+}
+
+/// An episode of a phase.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PhaseEpisode {
+    /// Id inside the split.
+    pub episode: String,
+    /// Name of the scene.
+    pub scene: String,
+    /// Goals in the order of the mission.
+    pub goals: Vec<GoalText>,
+}
+
+/// A goal cue in words.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct GoalText {
+    /// Kind of the cue.
+    pub modality: Modality,
+    /// The category's label or the sentence; `None` for an image.
+    pub text: Option<String>,
+}
+
+/// Public description of a phase, for agents. Times are milliseconds since 1970-01-01 UTC.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PhaseInfo {
+    /// Id of the phase.
+    pub id: String,
+    /// Title for people.
+    pub title: String,
+    /// Text for people; may be empty.
+    pub description: String,
+    /// Time limits of agents.
+    pub time: TimeLimits,
+    /// Playable mission orders.
+    pub orders: Vec<Order>,
+    /// Name of the rule set.
+    pub rules: String,
+    /// Number of episodes in a run.
+    pub episode_count: u32,
+    /// Feedback to a Submit.
+    pub feedback: FeedbackRule,
+    /// Maximum number of parallel episodes of a run.
+    pub max_slots: u32,
+    /// Available sensors; width and height are maxima.
+    pub sensors: Sensors,
+    /// State of the phase.
+    pub state: PhaseState,
+    /// Reason of a pause; `None` in other states.
+    pub state_reason: Option<String>,
+    /// Opening time; `None` if the phase is open from the beginning.
+    pub opens_unix_ms: Option<i64>,
+    /// Closing time; `None` if it never closes.
+    pub closes_unix_ms: Option<i64>,
+    /// Readers of the results.
+    pub results: Visibility,
+    /// Whether the phase accepts sealed runs only: the organiser runs the agents.
+    pub sealed: bool,
+    /// Commitment made before the phase, hex; `None` before it.
+    pub commitment: Option<String>,
+    /// The committed values; `None` before they are published.
+    pub revealed: Option<CommitmentValues>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn state_follows_dates_pause_and_closing() {
+        let dated = Schedule { opens_unix_ms: Some(10), closes_unix_ms: Some(20), ..Schedule::default() };
+        let states = [9, 10, 19, 20].map(|now| dated.state(now));
+        assert_eq!(states, [PhaseState::Upcoming, PhaseState::Open, PhaseState::Open, PhaseState::Closed]);
+        let paused = Schedule { paused: Some("maintenance".to_owned()), ..dated.clone() };
+        let states = [9, 10, 20].map(|now| paused.state(now));
+        assert_eq!(states, [PhaseState::Upcoming, PhaseState::Paused, PhaseState::Closed]);
+        let closed = Schedule { closed: true, ..paused };
+        assert_eq!([9, 10].map(|now| closed.state(now)), [PhaseState::Closed; 2]);
+        assert_eq!(Schedule::default().state(0), PhaseState::Open);
+    }
+
+    #[test]
+    fn allow_list_hides_phase() {
+        let open = Admission::default();
+        assert!(open.shows_to(None) && open.shows_to(Some("red")));
+        let closed = Admission { allow: vec!["red".to_owned()], ..open };
+        assert_eq!([None, Some("blue"), Some("red")].map(|team| closed.shows_to(team)), [false, false, true]);
+    }
+}

@@ -1,0 +1,209 @@
+use crate::{RunState, Schedule, calendar, word::words};
+use serde::{Deserialize, Serialize};
+
+/// Maximum numbers of runs of a team in a phase; `None` for no limit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct QuotaLimits {
+    /// Charged runs in a UTC day.
+    pub day: Option<u32>,
+    /// Charged runs in a UTC month.
+    pub month: Option<u32>,
+    /// Charged runs in the phase.
+    pub total: Option<u32>,
+    /// Runs open at the same time.
+    pub concurrent: Option<u32>,
+    /// Uncharged runs in the phase. Bounds the number of free failures.
+    pub uncharged: Option<u32>,
+}
+
+impl QuotaLimits {
+    /// Returns the limit of a window; `None` if the window is not reported. The total is always reported.
+    pub fn of(&self, window: QuotaWindow) -> Option<Option<u32>> {
+        match window {
+            QuotaWindow::Day => self.day.map(Some),
+            QuotaWindow::Month => self.month.map(Some),
+            QuotaWindow::Total => Some(self.total),
+            QuotaWindow::Concurrent => self.concurrent.map(Some),
+            QuotaWindow::Uncharged => self.uncharged.map(Some),
+        }
+    }
+}
+
+/// The set of runs counted by a quota, and the event that refills it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum QuotaWindow {
+    /// Charged runs of a UTC day; refilled at midnight.
+    Day,
+    /// Charged runs of a UTC month; refilled on the first.
+    Month,
+    /// Charged runs of the phase; never refilled.
+    Total,
+    /// Open runs; refilled when one ends.
+    Concurrent,
+    /// Uncharged runs of the phase; never refilled.
+    Uncharged,
+}
+words!(QuotaWindow, "quota window", {
+    Day => "day", Month => "month", Total => "total", Concurrent => "concurrent", Uncharged => "uncharged",
+});
+
+/// Used and remaining runs of a team in a window of a phase. Times are milliseconds since 1970-01-01 UTC.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Quota {
+    /// Id of the phase.
+    pub phase: String,
+    /// The window.
+    pub window: QuotaWindow,
+    /// Granted runs; `None` for no limit.
+    pub limit: Option<u32>,
+    /// Counted runs.
+    pub used: u32,
+    /// Remaining runs; `None` for no limit.
+    pub remaining: Option<u32>,
+    /// Start of the window.
+    pub window_start_unix_ms: i64,
+    /// Time of the next refill; `None` if waiting does not help.
+    pub next_increase_unix_ms: Option<i64>,
+    /// The counted runs, oldest first; at most the latest 200.
+    pub charges: Vec<Charge>,
+}
+
+/// The effect of a run on its team's quota.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Charge {
+    /// Id of the run.
+    pub run: String,
+    /// Whether the run counts.
+    pub charged: bool,
+    /// Reason, for people.
+    pub reason: &'static str,
+}
+
+impl Charge {
+    /// Maximum number of runs listed in a quota. Keeps answers small for teams without a limit.
+    pub const MAX_LISTED: usize = 200;
+}
+
+/// Stored facts of a run that decide its charge. An agent's statements have no influence.
+#[derive(Clone, Debug)]
+pub struct RunUse {
+    /// Id of the run.
+    pub run: String,
+    /// State of the run.
+    pub state: RunState,
+    /// Start of the run, milliseconds since 1970-01-01 UTC.
+    pub created_unix_ms: i64,
+    /// Episodes with a score.
+    pub scored: u32,
+    /// Episodes abandoned after server failures.
+    pub given_up: u32,
+    /// Attempts lost by server failures.
+    pub server_faults: u32,
+    /// Whether an episode has a step.
+    pub stepped: bool,
+}
+
+impl RunUse {
+    /// Returns the charge of the run.
+    pub fn charge(&self) -> Charge {
+        let (charged, reason) = match self.state {
+            // An open run counts: otherwise a team could open more runs than remain.
+            RunState::Created | RunState::Running => (true, "it is open; it counts until it ends"),
+            RunState::Failed => (false, "the server failed"),
+            _ if self.given_up > 0 => (false, "the server lost an episode of it for good"),
+            RunState::Completed => (true, "all of its episodes were played"),
+            _ if self.stepped => (true, "it ended after its first step"),
+            _ if self.scored == 0 && self.server_faults > 0 => {
+                (false, "the server failed before its first step")
+            }
+            _ => (false, "it ended before its first step"),
+        };
+        Charge { run: self.run.clone(), charged, reason }
+    }
+}
+
+/// Runs granted by the organiser beyond the quota.
+#[derive(Clone, Copy, Debug)]
+pub struct RunGrant {
+    /// Number of runs.
+    pub runs: u32,
+    /// Time of the grant, milliseconds since 1970-01-01 UTC.
+    pub granted_unix_ms: i64,
+}
+
+/// Start and end of a window; `None` for no end.
+#[derive(Clone, Copy)]
+struct Span {
+    start: i64,
+    end: Option<i64>,
+}
+
+impl Span {
+    fn contains(self, unix_ms: i64) -> bool {
+        self.end.is_none_or(|end| (self.start..end).contains(&unix_ms))
+    }
+}
+
+/// Returns the quota of a team in each limited window of a phase and in the whole phase. `runs` are the team's runs in the
+/// phase, oldest first.
+pub fn quotas(
+    phase: &str,
+    limits: &QuotaLimits,
+    schedule: &Schedule,
+    runs: &[RunUse],
+    grants: &[RunGrant],
+    now_unix_ms: i64,
+) -> Vec<Quota> {
+    // The window that lasts longest comes first, so that a refusal names it.
+    let windows = [
+        QuotaWindow::Total,
+        QuotaWindow::Uncharged,
+        QuotaWindow::Month,
+        QuotaWindow::Day,
+        QuotaWindow::Concurrent,
+    ];
+    let quota = |window| {
+        let (start, end) = match window {
+            QuotaWindow::Month => calendar::month_around(now_unix_ms),
+            QuotaWindow::Day => calendar::day_around(now_unix_ms),
+            _ => (schedule.opens_unix_ms.unwrap_or(0), i64::MAX),
+        };
+        let end = Some(end).filter(|_| matches!(window, QuotaWindow::Month | QuotaWindow::Day));
+        let span = Span { start, end };
+        let limit = limits.of(window)?.map(|limit| limit.saturating_add(granted(window, span, grants)));
+        Some(quota_of(phase, window, limit, span, runs))
+    };
+    windows.into_iter().filter_map(quota).collect()
+}
+
+/// Returns the number of runs granted in a window. A grant never raises the number of parallel runs.
+fn granted(window: QuotaWindow, span: Span, grants: &[RunGrant]) -> u32 {
+    if window == QuotaWindow::Concurrent {
+        return 0;
+    }
+    let inside = grants.iter().filter(|grant| span.contains(grant.granted_unix_ms));
+    inside.fold(0, |sum, grant| sum.saturating_add(grant.runs))
+}
+
+fn quota_of(phase: &str, window: QuotaWindow, limit: Option<u32>, span: Span, runs: &[RunUse]) -> Quota {
+    let counts = |run: &&RunUse| match window {
+        QuotaWindow::Concurrent => run.state.is_open(),
+        QuotaWindow::Uncharged => !run.charge().charged,
+        _ => run.charge().charged && span.contains(run.created_unix_ms),
+    };
+    let counted: Vec<&RunUse> = runs.iter().filter(counts).collect();
+    let used = counted.len() as u32;
+    let listed = &counted[counted.len().saturating_sub(Charge::MAX_LISTED)..];
+    Quota {
+        phase: phase.to_owned(),
+        window,
+        limit,
+        used,
+        remaining: limit.map(|limit| limit.saturating_sub(used)),
+        window_start_unix_ms: span.start,
+        next_increase_unix_ms: span.end.filter(|_| used > 0),
+        charges: listed.iter().map(|run| run.charge()).collect(),
+    }
+}
