@@ -281,7 +281,7 @@ mod tests {
     fn tours_are_binned_by_length() {
         let texts = lengths(&[0.0, 9.9, 10.0, 55.0, 400.0]);
         assert_eq!(texts.first().cloned(), Some(("0 to 10 m".to_owned(), 2)));
-        assert_eq!(texts.last().cloned(), Some(("50 m and more".to_owned(), 2)));
+        assert_eq!(texts.last().cloned(), Some(("50 m or more".to_owned(), 2)));
         assert_eq!(texts.iter().map(|(_, count)| count).sum::<u32>(), 5);
         assert!(lengths(&[]).is_empty());
     }
