@@ -2,7 +2,7 @@
 # Writes a backup of the data folder into the folder BACKUPS once a day, and keeps the latest KEEP of them.
 set -eu
 while true; do
-    avln db backup "$BACKUPS/avln-$(date --utc +%Y%m%dT%H%M%SZ).tar"
+    avln data db backup "$BACKUPS/avln-$(date --utc +%Y%m%dT%H%M%SZ).tar"
     find "$BACKUPS" -maxdepth 1 -name 'avln-*.tar' | sort --reverse | tail --lines "+$((KEEP + 1))" | xargs --no-run-if-empty rm
     sleep 86400
 done

@@ -26,5 +26,5 @@ export RUSTUP_TOOLCHAIN="${RUST_VERSION:-$rust}"
 mkdir -p "$out"
 out=$(cd "$out" && pwd)
 cd "$(dirname "$0")/.."
-cargo build --release --locked --package avln-server
+cargo build --release --locked --package avln-cli
 install -m 755 "${CARGO_TARGET_DIR:-target}/release/avln" "$out/avln"

@@ -12,7 +12,7 @@ case $target in
 esac
 
 rustup target add "$target"
-CARGO_PROFILE_RELEASE_STRIP=symbols cargo build --release --locked --package avln-server --target "$target"
+CARGO_PROFILE_RELEASE_STRIP=symbols cargo build --release --locked --package avln-cli --target "$target"
 rm -rf "$folder"
 mkdir -p "$folder/systemd" "$folder/proxy"
 install -m 755 "${CARGO_TARGET_DIR:-target}/$target/release/avln" "$folder/avln"

@@ -2,8 +2,9 @@
 //!
 //! `cargo bench -p avln-tests --bench load -- 10` plays for ten minutes; one without a number. Memory is told on Linux only.
 
+use avln_arena::data::DataFolder;
+use avln_arena::setup::admit;
 use avln_client::{Action, Arena, Order, Play, RunOptions, Sensors};
-use avln_server::{arena::data::DataFolder, commands::team};
 use avln_tests::{PHASE, Plan, furnish, server::Server};
 use std::{
     net::SocketAddr,
@@ -58,7 +59,7 @@ async fn tokens(folder: &Path) -> Vec<String> {
     let store = data.store().await.expect("its database");
     let mut tokens = Vec::new();
     for number in 0..PROCESSES {
-        tokens.push(team::admit(&store, &format!("team {number}"), None).await.expect("a team"));
+        tokens.push(admit(&store, &format!("team {number}"), None).await.expect("a team"));
     }
     store.close().await;
     tokens

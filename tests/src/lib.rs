@@ -12,12 +12,16 @@ pub mod skipped;
 pub mod stroll;
 pub mod tap;
 
-pub use avln_server::ladder::walk;
-use avln_server::{
-    arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder, now_unix_ms, secret::new_token},
-    commands::{phase, split, team},
-    doors::{Addresses, Doors, Limits, OpenDoors, Security},
+use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
+use avln_arena::{
+    Arena, SCENE_MEMORY_MIB,
+    data::DataFolder,
+    now_unix_ms,
+    secret::new_token,
+    servers::{Addresses, Limits, RunningServers, Security, Servers},
 };
+pub use avln_lab::suite::walk;
+use avln_store::Visibility;
 use avln_store::{AuditNote, NewToken, Phase, Store, TokenScope};
 use std::{path::Path, sync::Arc};
 use tempfile::TempDir;
@@ -27,7 +31,7 @@ pub struct House {
     /// The data folder; it goes with the house.
     pub folder: TempDir,
     /// Both doors.
-    pub doors: OpenDoors,
+    pub doors: RunningServers,
     /// Account token of the team [`TEAM`].
     pub token: String,
 }
@@ -45,14 +49,14 @@ pub struct Plan {
     /// Missions in each.
     pub missions: usize,
     /// Who may see scores, and replays where `replays_to` does not say otherwise.
-    pub visible_to: phase::Who,
+    pub visible_to: Visibility,
     /// Who may see replays, where that is not who may see scores.
-    pub replays_to: Option<phase::Who>,
+    pub replays_to: Option<Visibility>,
 }
 
 impl Default for Plan {
     fn default() -> Self {
-        Self { houses: 1, missions: 2, visible_to: phase::Who::Public, replays_to: None }
+        Self { houses: 1, missions: 2, visible_to: Visibility::Public, replays_to: None }
     }
 }
 
@@ -96,7 +100,7 @@ impl House {
         let store = data.store().await.expect("its database");
         let opened = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await.expect("its phases");
         let free = "127.0.0.1:0".parse().expect("an address");
-        let doors = Doors::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
+        let doors = Servers::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
         let doors = doors.with_admin(free).await.expect("a free port").with_limits(limits);
         let doors = doors.open(Arc::new(arena(opened)), store.reader()).expect("all doors");
         Self { folder, doors, token }
@@ -125,32 +129,23 @@ impl House {
 pub async fn furnish(folder: &Path, plan: &Plan) -> String {
     let data = DataFolder::open(folder).expect("the folder is writable");
     let store = data.store().await.expect("a new database");
-    let make = split::Make {
+    let make = NewSplit {
         name: PHASE.to_owned(),
         houses: plan.houses,
-        scene: vec![],
+        scenes: vec![],
         missions: plan.missions,
         seed: 5,
         rules: "lh-avln-v1".to_owned(),
     };
-    split::make(&data, &store, make, |_| ()).await.expect("houses hold missions");
-    let open = phase::Open {
-        id: PHASE.to_owned(),
-        split: PHASE.to_owned(),
-        dataset: None,
-        title: None,
+    make_split(&data, &store, make, |_| ()).await.expect("houses hold missions");
+    let open = NewPhase {
         scores: plan.visible_to,
         replays: plan.replays_to.unwrap_or(plan.visible_to),
-        rules: None,
-        sounds: None,
-        head: None,
-        feedback: None,
-        quota: None,
-        max_slots: 16,
         max_side: 256,
+        ..NewPhase::public(PHASE, PHASE)
     };
-    phase::open(&data, &store, &open).await.expect("the phase can be opened");
-    let token = team::admit(&store, TEAM, None).await.expect("the team can be admitted");
+    open_phase(&data, &store, &open).await.expect("the phase can be opened");
+    let token = admit(&store, TEAM, None).await.expect("the team can be admitted");
     store.close().await;
     token
 }
@@ -170,22 +165,25 @@ pub async fn rule(folder: &Path, change: impl FnOnce(&mut Phase)) {
 }
 
 /// Opens both doors of a furnished folder on free ports.
-pub async fn open_doors(folder: &Path) -> OpenDoors {
+pub async fn open_doors(folder: &Path) -> RunningServers {
     open_doors_as(folder, &Security::default()).await
 }
 
-async fn open_doors_as(folder: &Path, security: &Security) -> OpenDoors {
+async fn open_doors_as(folder: &Path, security: &Security) -> RunningServers {
     let (doors, open) = bound_doors(folder, security).await;
     open(doors)
 }
 
-/// Doors that are bound, and what opens them.
-async fn bound_doors(folder: &Path, security: &Security) -> (Doors, impl FnOnce(Doors) -> OpenDoors + use<>) {
+/// Servers that are bound, and what opens them.
+async fn bound_doors(
+    folder: &Path,
+    security: &Security,
+) -> (Servers, impl FnOnce(Servers) -> RunningServers + use<>) {
     let data = DataFolder::open(folder).expect("the folder is writable");
     let store = data.store().await.expect("its database");
     let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await.expect("its phases");
     let free = "127.0.0.1:0".parse().expect("an address");
     let identity = security.identity().expect("files of a certificate");
-    let doors = Doors::bind_as(&Addresses { grpc: free, web: free }, identity).await.expect("free ports");
-    (doors, move |doors: Doors| doors.open(Arc::new(arena), store.reader()).expect("all doors"))
+    let doors = Servers::bind_as(&Addresses { grpc: free, web: free }, identity).await.expect("free ports");
+    (doors, move |doors: Servers| doors.open(Arc::new(arena), store.reader()).expect("all doors"))
 }

@@ -142,22 +142,22 @@ async fn a_server_that_is_played_on_goes_on_elsewhere() {
     while BUSY.steps.load(Ordering::Acquire) < 60 {
         tokio::time::sleep(Duration::from_millis(2)).await;
     }
-    let said = done(&old, &["db", "backup", &file.display().to_string()]);
+    let said = done(&old, &["data", "db", "backup", &file.display().to_string()]);
     assert!(!busy.is_finished(), "the run was over before the backup was");
     assert!(said.contains("4 runs (2 open)") && said.contains("4 run logs"), "{said}");
-    let (content, said) = avln(&old, &["db", "backup", &file.display().to_string()]);
+    let (content, said) = avln(&old, &["data", "db", "backup", &file.display().to_string()]);
     assert!(!content && said.contains("is not written over"), "{said}");
     busy.abort();
     server.kill();
 
-    let said = done(&new, &["db", "restore", &file.display().to_string()]);
+    let said = done(&new, &["data", "db", "restore", &file.display().to_string()]);
     assert!(said.contains("4 runs (2 open)"), "{said}");
-    let (content, said) = avln(&new, &["db", "restore", &file.display().to_string()]);
+    let (content, said) = avln(&new, &["data", "db", "restore", &file.display().to_string()]);
     assert!(!content && said.contains("never restored over"), "{said}");
     assert_eq!(check(&new, &over), verified, "the same log by the same key");
     let logs = fs::read_dir(new.join("runs")).expect("logs").map(|log| log.expect("a log").path());
     for log in logs {
-        done(&new, &["verify", &log.display().to_string()]);
+        done(&new, &["run", "verify", &log.display().to_string()]);
     }
     let server = Server::start(PROGRAM, &new);
     assert_eq!(board(server.web).await, before);
@@ -169,8 +169,8 @@ async fn a_server_that_is_played_on_goes_on_elsewhere() {
     check(&new, &held);
 }
 
-/// What `avln verify` says of a run's log.
+/// What `avln run verify` says of a run's log.
 fn check(data: &Path, run: &str) -> String {
     let log = data.join("runs").join(format!("{run}.log"));
-    done(data, &["verify", &log.display().to_string()])
+    done(data, &["run", "verify", &log.display().to_string()])
 }

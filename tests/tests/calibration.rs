@@ -1,18 +1,19 @@
 //! The calibration phase: this build senses and reaches what is published, here and on a server, and another phase under
 //! its name is found out. What moves a score moves what is published: `AVLN_BLESS=1` writes it anew.
 
-use avln_server::{
-    arena::{Arena, SCENE_MEMORY_MIB, data::DataFolder},
-    calibration,
-    commands::{phase, split, team},
-    doors::{Addresses, Doors, OpenDoors},
+use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
+use avln_arena::{
+    Arena, SCENE_MEMORY_MIB,
+    data::DataFolder,
+    servers::{Addresses, RunningServers, Servers},
 };
+use avln_lab::calibration;
 use std::{path::Path, process::Command, sync::Arc};
 
 /// Exit code and words of a calibration with the random agent.
 fn calibrate(data: &Path, more: &[&str]) -> (Option<i32>, String) {
     let mut avln = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-    avln.env_remove("AVLN_TOKEN").arg("--data").arg(data).arg("calibrate").args(more);
+    avln.env_remove("AVLN_TOKEN").arg("--data").arg(data).args(["lab", "calibrate"]).args(more);
     let output = avln.output().expect("the program runs");
     let text =
         String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
@@ -20,12 +21,12 @@ fn calibrate(data: &Path, more: &[&str]) -> (Option<i32>, String) {
 }
 
 /// Hosts the phases of a folder; gives back the doors and a team's token.
-async fn host(data: &DataFolder) -> (OpenDoors, String) {
+async fn host(data: &DataFolder) -> (RunningServers, String) {
     let store = data.store().await.expect("a database");
-    let token = team::admit(&store, "ada", None).await.expect("a team");
+    let token = admit(&store, "ada", None).await.expect("a team");
     let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
     let free = "127.0.0.1:0".parse().expect("an address");
-    let doors = Doors::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
+    let doors = Servers::bind(&Addresses { grpc: free, web: free }).await.expect("free ports");
     (doors.open(Arc::new(arena), store.reader()).expect("both doors"), token)
 }
 
@@ -34,7 +35,7 @@ async fn this_build_is_calibrated_and_leaves_nothing_behind() {
     let place = tempfile::tempdir().expect("a folder");
     let data = place.path().join("data");
     if std::env::var_os("AVLN_BLESS").is_some() {
-        let published = concat!(env!("CARGO_MANIFEST_DIR"), "/../server/src/calibration/published.json");
+        let published = concat!(env!("CARGO_MANIFEST_DIR"), "/../lab/src/calibration/published.json");
         let (code, text) = calibrate(&data, &["--write", published]);
         assert_eq!(code, Some(0), "{text}");
         return;
@@ -64,24 +65,10 @@ async fn another_phase_of_that_name_is_found_out() {
     let store = data.store().await.expect("a database");
     let name = calibration::PHASE.to_owned();
     let rules = "lh-avln-v1".to_owned();
-    let make = split::Make { name: name.clone(), houses: 1, scene: vec![], missions: 2, seed: 5, rules };
-    split::make(&data, &store, make, |_| ()).await.expect("a split");
-    let open = phase::Open {
-        id: name.clone(),
-        split: name,
-        dataset: None,
-        title: None,
-        scores: phase::Who::Public,
-        replays: phase::Who::Public,
-        rules: None,
-        sounds: None,
-        head: None,
-        feedback: None,
-        quota: None,
-        max_slots: 4,
-        max_side: 256,
-    };
-    phase::open(&data, &store, &open).await.expect("a phase");
+    let make = NewSplit { name: name.clone(), houses: 1, scenes: vec![], missions: 2, seed: 5, rules };
+    make_split(&data, &store, make, |_| ()).await.expect("a split");
+    let open = NewPhase { max_slots: 4, max_side: 256, ..NewPhase::public(&name, &name) };
+    open_phase(&data, &store, &open).await.expect("a phase");
     let (doors, token) = host(&data).await;
     let url = format!("http://{}", doors.grpc);
     let (code, text) = calibrate(place.path(), &["--agent", "random", "--server", &url, "--token", &token]);

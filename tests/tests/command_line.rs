@@ -62,23 +62,8 @@ fn hinted(data: &Path, arguments: &[&str], code: i32, words: &[&str]) {
     assert!(words.iter().all(|word| err.contains(word)), "{words:?} in: {err}");
 }
 
-const COMMANDS: [&str; 15] = [
-    "calibrate",
-    "db",
-    "doctor",
-    "rescore",
-    "demo",
-    "serve",
-    "agent",
-    "split",
-    "phase",
-    "challenge",
-    "team",
-    "sealed",
-    "token",
-    "scene",
-    "sim",
-];
+const COMMANDS: [&str; 10] =
+    ["demo", "serve", "admin", "agent", "challenge", "data", "run", "lab", "scene", "sim"];
 const FREE: [&str; 4] = ["--grpc", "127.0.0.1:0", "--web", "127.0.0.1:0"];
 
 fn house() -> (TempDir, PathBuf) {
@@ -102,18 +87,18 @@ fn a_split_is_prepared_ahead_of_time_and_once() {
         names.sort();
         names
     };
-    done(&["split", "make", "few", "--houses", "1", "--missions", "1"]);
-    let said = done(&["split", "prepare", "few"]);
+    done(&["data", "split", "make", "few", "--houses", "1", "--missions", "1"]);
+    let said = done(&["data", "split", "prepare", "few"]);
     let sources = kept().iter().filter(|name| name.ends_with(".sound")).count();
     assert!((2..=4).contains(&sources), "{sources}");
     assert!(said.contains(&format!("1 scene and {sources} sources")), "{said}");
     let before = kept();
-    done(&["split", "prepare", "few", "--threads", "1"]);
+    done(&["data", "split", "prepare", "few", "--threads", "1"]);
     assert_eq!(kept(), before);
-    done(&["split", "prepare", "few", "--cache-size", "9"]);
+    done(&["data", "split", "prepare", "few", "--cache-size", "9"]);
     assert_eq!(fs::read_to_string(data.join("cache/scenes/limit_gib")).expect("noted down"), "9");
-    hinted(&data, &["split", "prepare", "many"], 3, &["'many'", "avln split make"]);
-    refused(&data, &["split", "prepare", "few", "--rules", "none"], 5);
+    hinted(&data, &["data", "split", "prepare", "many"], 3, &["'many'", "avln data split make"]);
+    refused(&data, &["data", "split", "prepare", "few", "--rules", "none"], 5);
 }
 
 #[test]
@@ -145,16 +130,21 @@ fn a_data_folder_that_cannot_be_used_is_code_3() {
     let (folder, _) = house();
     let file = folder.path().join("file");
     fs::write(&file, "not a folder").expect("a file");
-    hinted(&file.join("data"), &["team", "add", "A"], 3, &["data folder", "--data FOLDER"]);
+    hinted(&file.join("data"), &["challenge", "team", "add", "A"], 3, &["data folder", "--data FOLDER"]);
 
     let data = folder.path().join("data");
     hinted(
         &data,
         &["serve", "--admin", "off", FREE[0], FREE[1], FREE[2], FREE[3]],
         3,
-        &["no phase to host", "avln phase open"],
+        &["no phase to host", "avln challenge phase open"],
     );
-    hinted(&data, &["phase", "open", "p", "--split", "absent"], 3, &["'absent'", "avln split make"]);
+    hinted(
+        &data,
+        &["challenge", "phase", "open", "p", "--split", "absent"],
+        3,
+        &["'absent'", "avln data split make"],
+    );
 }
 
 #[test]
@@ -163,7 +153,7 @@ fn a_file_that_is_no_database_is_code_3_and_is_left_alone() {
     fs::create_dir_all(&data).expect("a folder");
     let letter = "Dear diary, this is no database at all.\n".repeat(100);
     fs::write(data.join("avln.db"), &letter).expect("a file");
-    let err = refused(&data, &["team", "add", "A"], 3);
+    let err = refused(&data, &["challenge", "team", "add", "A"], 3);
     assert!(err.contains("avln.db is not an LH-AVLN Arena database"), "{err}");
     assert_eq!(fs::read_to_string(data.join("avln.db")).expect("still a text"), letter);
 }
@@ -317,13 +307,18 @@ async fn an_agent_with_a_wrong_token_or_phase_is_code_6() {
 async fn teams_are_admitted_and_refused_by_name() {
     let (_folder, data) = house();
     furnish(&data, &Plan { missions: 1, ..Plan::default() }).await;
-    let added = avln(&data, &["team", "add", "Another"]);
+    let added = avln(&data, &["challenge", "team", "add", "Another"]);
     assert_eq!(added.code, Some(0), "{added:?}");
     assert!(added.out.contains("token  "), "{added:?}");
-    let revoked = avln(&data, &["team", "revoke", TEAM]);
+    let revoked = avln(&data, &["challenge", "team", "revoke", TEAM]);
     assert!(revoked.out.starts_with("1 tokens"), "{revoked:?}");
-    hinted(&data, &["team", "add", "two\nlines"], 3, &["printable"]);
-    hinted(&data, &["phase", "open", "../up", "--split", avln_tests::PHASE], 5, &["'../up'", "letters"]);
+    hinted(&data, &["challenge", "team", "add", "two\nlines"], 3, &["printable"]);
+    hinted(
+        &data,
+        &["challenge", "phase", "open", "../up", "--split", avln_tests::PHASE],
+        5,
+        &["'../up'", "letters"],
+    );
 }
 
 #[test]
@@ -361,7 +356,7 @@ fn the_commands_of_the_organisers_page_do_what_it_says() {
     };
     let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/challenge.toml");
     hinted(&data, &["challenge", "check", page], 3, &["challenge.toml, line ", "'val'", "for example: "]);
-    done(&["split", "make", "val", "--houses", "1", "--missions", "4", "--seed", "7"]);
+    done(&["data", "split", "make", "val", "--houses", "1", "--missions", "4", "--seed", "7"]);
     assert!(done(&["challenge", "check", page]).contains("would change  phase practice: made"));
     assert_eq!(done(&["challenge", "show"]).trim(), "phases = []");
     done(&["challenge", "apply", page, "--reason", "first version"]);
@@ -375,28 +370,40 @@ fn the_commands_of_the_organisers_page_do_what_it_says() {
     assert_eq!(json.pointer("/phases/1/opens"), Some(&"2026-07-01T00:00:00Z".into()));
 
     assert!(
-        done(&["token", "new", "--organiser", "--name", "my laptop"]).contains("token    avln_organiser_")
+        done(&["challenge", "token", "new", "--organiser", "--name", "my laptop"])
+            .contains("token    avln_organiser_")
     );
-    done(&["team", "add", "Ada"]);
-    done(&["token", "new", "--team", "Ada", "--read-only", "--expires", "30d"]);
-    let tokens: Vec<String> = done(&["token", "list"]).lines().map(str::to_owned).collect();
+    done(&["challenge", "team", "add", "Ada"]);
+    done(&["challenge", "token", "new", "--team", "Ada", "--read-only", "--expires", "30d"]);
+    let tokens: Vec<String> = done(&["challenge", "token", "list"]).lines().map(str::to_owned).collect();
     assert_eq!(tokens.len(), 3, "{tokens:?}");
     let id = tokens.iter().find(|line| line.contains("read_only")).expect("a token for looking");
-    done(&["token", "revoke", id.split_whitespace().next().expect("an id")]);
-    done(&["team", "approve", "Ada", "--phase", "challenge"]);
-    done(&["team", "grant", "Ada", "--phase", "standard", "--runs", "2", "--reason", "our disk was full"]);
-    done(&["team", "member", "add", "Ada", "ada@example.org", "--phase", "challenge"]);
-    done(&["team", "add", "Bob"]);
-    let second = ["team", "member", "add", "Bob", "Ada@Example.org", "--phase", "challenge"];
+    done(&["challenge", "token", "revoke", id.split_whitespace().next().expect("an id")]);
+    done(&["challenge", "team", "approve", "Ada", "--phase", "challenge"]);
+    done(&[
+        "challenge",
+        "team",
+        "grant",
+        "Ada",
+        "--phase",
+        "standard",
+        "--runs",
+        "2",
+        "--reason",
+        "our disk was full",
+    ]);
+    done(&["challenge", "team", "member", "add", "Ada", "ada@example.org", "--phase", "challenge"]);
+    done(&["challenge", "team", "add", "Bob"]);
+    let second = ["challenge", "team", "member", "add", "Bob", "Ada@Example.org", "--phase", "challenge"];
     assert!(refused(&data, &second, 3).contains("'ada@example.org' is in team 'Ada'"));
 
-    done(&["phase", "pause", "standard", "--reason", "the server moves"]);
-    done(&["phase", "resume", "standard"]);
-    let of_nobody = ["ruling", "disqualified", "run_of_nobody", "--reason", "why"];
+    done(&["challenge", "phase", "pause", "standard", "--reason", "the server moves"]);
+    done(&["challenge", "phase", "resume", "standard"]);
+    let of_nobody = ["challenge", "ruling", "disqualified", "run_of_nobody", "--reason", "why"];
     assert!(refused(&data, &of_nobody, 3).contains("there is no run 'run_of_nobody'"));
-    hinted(&data, &["ruling", "verified", "run_of_nobody", "--reason", " "], 3, &["say why"]);
+    hinted(&data, &["challenge", "ruling", "verified", "run_of_nobody", "--reason", " "], 3, &["say why"]);
     assert!(refused(&data, &["challenge", "reveal", "practice"], 3).contains("not closed"));
-    done(&["phase", "close", "challenge"]);
+    done(&["challenge", "phase", "close", "challenge"]);
     let revealed = folder.path().join("revealed.json");
     let published = done(&["challenge", "reveal", "challenge"]);
     fs::write(&revealed, &published).expect("a file");
@@ -417,14 +424,21 @@ fn the_commands_of_the_organisers_page_do_what_it_says() {
 #[test]
 fn a_sealed_split_is_played_by_those_who_know_its_passphrase() {
     let (folder, data) = house();
-    assert_eq!(avln(&data, &["split", "make", "val", "--houses", "1", "--missions", "1"]).code, Some(0));
+    assert_eq!(
+        avln(&data, &["data", "split", "make", "val", "--houses", "1", "--missions", "1"]).code,
+        Some(0)
+    );
     let [good, other, weak] = ["good", "other", "weak"].map(|name| folder.path().join(name));
     fs::write(&good, "V3ry-l0ng.and/unlike+others\n").expect("a file");
     fs::write(&other, "An0ther-long.and/good+one\n").expect("a file");
     fs::write(&weak, "password12345678").expect("a file");
     let seal = |key: &Path| {
         let key = key.to_str().expect("a path in Unicode").to_owned();
-        ["split", "seal", "val", "--key-file"].map(str::to_owned).into_iter().chain([key]).collect::<Vec<_>>()
+        ["data", "split", "seal", "val", "--key-file"]
+            .map(str::to_owned)
+            .into_iter()
+            .chain([key])
+            .collect::<Vec<_>>()
     };
     let sealed = |key: &Path| {
         let arguments = seal(key);
@@ -445,7 +459,7 @@ fn a_sealed_split_is_played_by_those_who_know_its_passphrase() {
         }
     }
     assert_eq!(read, 3);
-    let open = ["phase", "open", "p", "--split", "val"];
+    let open = ["challenge", "phase", "open", "p", "--split", "val"];
     hinted(&data, &open, 3, &["is sealed", "AVLN_SEAL_KEY_FILE"]);
     let with = |key: &Path| avln_with(&data, &open, "AVLN_SEAL_KEY_FILE", key.to_str().expect("Unicode"));
     assert!(with(&other).err.contains("another one"));

@@ -9,8 +9,9 @@ use std::{
 const PROGRAM: &str = env!("CARGO_BIN_EXE_avln_under_test");
 
 async fn conformance(arguments: Vec<String>) -> Output {
-    let run =
-        move || Command::new(PROGRAM).arg("conformance").args(arguments).output().expect("the program runs");
+    let run = move || {
+        Command::new(PROGRAM).args(["lab", "conformance"]).args(arguments).output().expect("the program runs")
+    };
     tokio::task::spawn_blocking(run).await.expect("no panic")
 }
 
@@ -37,7 +38,7 @@ async fn this_server_keeps_every_rule() {
 /// Whether the kit is content with a client that is the program itself, and what it says.
 fn checked(agent: &[&str]) -> (bool, String) {
     let mut kit = Command::new(PROGRAM);
-    kit.args(["conformance", "--client", "127.0.0.1:0"]).stdout(Stdio::piped());
+    kit.args(["lab", "conformance", "--client", "127.0.0.1:0"]).stdout(Stdio::piped());
     let mut kit = kit.spawn().expect("the program runs");
     let mut says = BufReader::new(kit.stdout.take().expect("its output"));
     let mut told = String::new();

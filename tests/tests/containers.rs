@@ -111,7 +111,7 @@ fn end(mut script: Child) {
 fn the_latest_backups_are_kept() {
     let container = Container::new();
     let words = |line: &str| line.split(' ').map(str::to_owned).collect::<Vec<_>>();
-    container.succeeds(container.command(&words("avln team add Ada")));
+    container.succeeds(container.command(&words("avln challenge team add Ada")));
     let folder = container.path("backups");
     fs::create_dir(&folder).expect("a folder");
     let mut known = Vec::new();
@@ -133,7 +133,7 @@ fn the_latest_backups_are_kept() {
     kept.sort();
     assert_eq!(kept, known[1..]);
     let restored = container.path("restored");
-    let mut restore = container.command(&words("avln db restore"));
+    let mut restore = container.command(&words("avln data db restore"));
     restore.arg(&kept[1]).env("AVLN_DATA", &restored);
     assert!(container.succeeds(restore).contains("1 teams"));
 }

@@ -1,9 +1,6 @@
-//! `avln doctor` finds what would stop a run, plays where that costs nothing, and leaves nothing open behind it.
+//! `avln lab doctor` finds what would stop a run, plays where that costs nothing, and leaves nothing open behind it.
 
-use avln_server::{
-    arena::{data::DataFolder, now_unix_ms},
-    challenge::notes,
-};
+use avln_arena::{challenge::notes, data::DataFolder, now_unix_ms};
 use avln_store::{QuotaLimits, RunState, Viewer};
 use avln_tests::{House, PHASE, Plan};
 use serde_json::Value;
@@ -12,7 +9,7 @@ use std::process::Command;
 /// Exit code, report and standard error of the doctor's look at `url`.
 fn doctor(url: &str, token: &str, phase: &str) -> (Option<i32>, Value, String) {
     let mut avln = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-    let arguments = ["doctor", "--server", url, "--token", token, "--phase", phase, "--json"];
+    let arguments = ["lab", "doctor", "--server", url, "--token", token, "--phase", phase, "--json"];
     let output = avln.args(arguments).args(["--steps", "20", "--episodes", "2", "--size", "64"]).output();
     let output = output.expect("the program runs");
     let report = serde_json::from_slice(&output.stdout).expect("JSON");

@@ -1,7 +1,7 @@
 //! What a visitor of a replay hears is what its agent was sent, sample by sample; where replays are hidden there is nothing.
 
 use avln_client::{Audio, Sensors};
-use avln_server::commands::phase::Who;
+use avln_store::Visibility;
 use avln_tests::{
     House, Plan, http,
     stroll::{EARS, STEPS, stroll, stroll_with},
@@ -60,7 +60,7 @@ async fn a_replay_sounds_as_its_agent_heard_it() {
 async fn there_is_nothing_to_hear_without_ears_or_where_replays_are_hidden() {
     let house = House::open(&Plan::default()).await;
     let deaf = stroll(&house.agents_url(), &house.token, "deaf").await;
-    let hidden = House::open(&Plan { visible_to: Who::Organiser, ..Plan::default() }).await;
+    let hidden = House::open(&Plan { visible_to: Visibility::Organiser, ..Plan::default() }).await;
     let (run, _) = play(&hidden, EARS).await;
     for (house, run) in [(&house, &deaf), (&hidden, &run)] {
         for path in ["runs/RUN/episodes/0/ears/0-1.wav", "api/v1/runs/RUN/episodes/0/levels.csv"] {

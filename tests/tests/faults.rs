@@ -1,11 +1,8 @@
 //! Every fault, on whichever side, ends an episode for exactly one reason, leaves its run in exactly one state, and costs its team
 //! a run of the quota or not. Each fault happens for real: panics, hanging threads, dead wires, full disks, locked databases.
 
+use avln_arena::{budget::Budget, data::DataFolder, servers::Limits};
 use avln_client::{Action, Arena, EndReason, Episode, Error, Order, Play, Reason, Run, RunOptions, Sensors};
-use avln_server::{
-    arena::{budget::Budget, data::DataFolder},
-    doors::Limits,
-};
 use avln_store::{Phase, RunState, Viewer};
 use avln_tests::{
     House, PHASE, Plan, disk::Disk, furnish, rule, scissors::Scissors, server::Server, store, tap,
@@ -164,7 +161,12 @@ async fn agent_whose_team_cancels_abandons_the_last_episode_and_does_not_complet
     let expected = expect("stopped abandoned", RunState::Cancelled, true);
     assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
     let log = find(house.folder.path(), &run.id);
-    let verify = Command::new(PROGRAM).arg("--data").arg(house.folder.path()).arg("verify").arg(log).output();
+    let verify = Command::new(PROGRAM)
+        .arg("--data")
+        .arg(house.folder.path())
+        .args(["run", "verify"])
+        .arg(log)
+        .output();
     let verify = verify.expect("the program runs");
     assert!(verify.status.success(), "{}", String::from_utf8_lossy(&verify.stderr));
     assert!(matches!(last.step(Action::TurnLeft).await, Err(_) | Ok(_)) && last.is_over());
@@ -441,11 +443,10 @@ fn copy(from: &Path, to: &Path) {
 async fn clock_that_jumps_ends_no_run() {
     let (folder, token) = furnished(|phase| phase.time.run_s = 3600).await;
     let data = DataFolder::open(folder.path()).expect("the folder");
-    let arena =
-        avln_server::arena::Arena::open(&data, store(folder.path()).await, 256).await.expect("phases");
+    let arena = avln_arena::Arena::open(&data, store(folder.path()).await, 256).await.expect("phases");
     let house = House::open_odd(folder, token, |arena| arena, |limits| limits).await;
     let (run, play) = begin(&house.agents_url(), &house.token).await;
-    let now = avln_server::arena::now_unix_ms();
+    let now = avln_arena::now_unix_ms();
     let day_ms = 86_400_000;
     let look =
         async |now_ms, age_s| arena.overdue_at(now_ms, Duration::from_secs(age_s)).await.expect("a list");

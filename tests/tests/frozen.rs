@@ -20,7 +20,8 @@ fn found(copy: &Path, key: &str, file: &str, text: Option<&str>) -> String {
         Some(text) => fs::write(&path, text).expect("a file"),
         None => fs::remove_file(&path).expect("a file"),
     }
-    let (content, told) = avln(copy, &["board", "check", &copy.display().to_string(), "--key", key]);
+    let (content, told) =
+        avln(copy, &["challenge", "leaderboard", "check", &copy.display().to_string(), "--key", key]);
     assert!(!content, "{told}");
     match before {
         Some(bytes) => fs::write(&path, bytes).expect("a file"),
@@ -35,12 +36,14 @@ async fn what_is_done_to_a_copy_is_found() {
     furnish(data.path(), &Plan { houses: 1, missions: 1, ..Plan::default() }).await;
     let copy = elsewhere.path().join("frozen");
     let place = copy.display().to_string();
-    let (content, told) = avln(data.path(), &["board", "freeze", "--out", &place]);
+    let (content, told) = avln(data.path(), &["challenge", "leaderboard", "freeze", "--out", &place]);
     assert!(content, "{told}");
     let key = told.lines().find_map(|line| line.strip_prefix("signed by    ")).expect("a key").to_owned();
 
     // The copy is checked where there is no data folder.
-    let check = |more: &[&str]| avln(elsewhere.path(), &[&["board", "check", place.as_str()], more].concat());
+    let check = |more: &[&str]| {
+        avln(elsewhere.path(), &[&["challenge", "leaderboard", "check", place.as_str()], more].concat())
+    };
     let (content, told) = check(&["--key", &key]);
     assert!(content && told.contains(", as asked for"), "{told}");
     let (content, told) = check(&[]);

@@ -8,6 +8,8 @@ use std::process::Command;
 const ALLOWED: &[(&str, &[&str])] = &[
     ("geom", &[]),
     ("scene", &["geom"]),
+    ("formats", &["geom", "scene"]),
+    ("houses", &["geom", "scene"]),
     ("navmesh", &["geom", "scene"]),
     ("simd", &[]),
     ("render", &["geom", "simd", "scene"]),
@@ -16,7 +18,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("episode", &["geom"]),
     ("challenge", &["episode"]),
     ("truth", &["geom", "episode"]),
-    ("dataset", &["geom", "scene", "navmesh", "world", "episode", "truth"]),
+    ("dataset", &["geom", "scene", "formats", "houses", "navmesh", "world", "episode", "truth"]),
     ("referee", &["world", "episode", "truth"]),
     ("scoring", &["geom", "episode", "truth"]),
     ("store", &["challenge", "episode", "truth", "scoring"]),
@@ -36,53 +38,116 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("onnx", &["client", "kit"]),
     ("pag-nav", &["client", "kit", "onnx"]),
     (
-        "server",
+        "arena",
         &[
-            "geom",
-            "scene",
-            "simd",
-            "navmesh",
-            "render",
+            "formats",
+            "houses",
             "acoustics",
-            "world",
-            "episode",
             "challenge",
-            "truth",
             "dataset",
-            "referee",
-            "scoring",
-            "store",
-            "proto",
-            "codec",
-            "net",
-            "sandbox",
+            "episode",
+            "geom",
             "grpc",
+            "net",
+            "referee",
+            "render",
+            "scene",
+            "scoring",
+            "simd",
+            "store",
+            "truth",
             "web",
-            "client",
-            "conformance",
-            "kit",
-            "human",
-            "random",
-            "baselines",
-            "pag-nav",
+            "world",
         ],
     ),
-    ("tests", &["server", "client", "human", "challenge", "store", "truth", "dataset", "perception"]),
+    (
+        "lab",
+        &[
+            "arena",
+            "baselines",
+            "client",
+            "codec",
+            "dataset",
+            "episode",
+            "formats",
+            "geom",
+            "houses",
+            "kit",
+            "pag-nav",
+            "random",
+            "referee",
+            "render",
+            "scene",
+            "scoring",
+            "store",
+            "truth",
+            "world",
+        ],
+    ),
+    (
+        "cli",
+        &[
+            "acoustics",
+            "arena",
+            "baselines",
+            "client",
+            "conformance",
+            "dataset",
+            "episode",
+            "formats",
+            "geom",
+            "houses",
+            "grpc",
+            "human",
+            "kit",
+            "lab",
+            "navmesh",
+            "pag-nav",
+            "random",
+            "referee",
+            "render",
+            "sandbox",
+            "scene",
+            "scoring",
+            "store",
+            "web",
+            "world",
+        ],
+    ),
+    (
+        "tests",
+        &["arena", "lab", "cli", "client", "human", "challenge", "store", "truth", "dataset", "perception"],
+    ),
+];
+
+/// Crates of ours that only the tests and benches of a crate may import: scenes to try it on.
+const ALLOWED_IN_TESTS: &[(&str, &[&str])] = &[
+    ("formats", &["houses"]),
+    ("navmesh", &["formats", "houses"]),
+    ("render", &["formats", "houses"]),
+    ("acoustics", &["formats", "houses"]),
+    ("world", &["houses"]),
 ];
 
 fn short(name: &str) -> Option<&str> {
     name.strip_prefix("avln-")
 }
 
-/// (importer, imported) of all kinds of dependencies, as cargo sees them.
-fn edges(metadata: &Value) -> BTreeSet<(String, String)> {
+/// (importer, imported) of all dependencies whose kind `is_meant`; the kind is `None`, `dev` or `build`.
+fn edges(metadata: &Value, is_meant: fn(Option<&str>) -> bool) -> BTreeSet<(String, String)> {
     let packages = metadata["packages"].as_array().expect("cargo lists packages");
     let edges_of = |package: &Value| {
         let from = short(package["name"].as_str()?)?.to_owned();
-        let imported = package["dependencies"].as_array()?.iter().filter_map(|d| short(d["name"].as_str()?));
+        let dependencies = package["dependencies"].as_array()?.iter();
+        let meant = dependencies.filter(|dependency| is_meant(dependency["kind"].as_str()));
+        let imported = meant.filter_map(|dependency| short(dependency["name"].as_str()?));
         Some(imported.map(|to| (from.clone(), to.to_owned())).collect::<Vec<_>>())
     };
     packages.iter().filter_map(edges_of).flatten().collect()
+}
+
+fn table(rows: &[(&str, &[&str])]) -> BTreeSet<(String, String)> {
+    rows.iter().flat_map(|(from, to)| to.iter().map(|to| ((*from).to_owned(), (*to).to_owned()))).collect()
 }
 
 fn metadata() -> Value {
@@ -97,12 +162,14 @@ fn metadata() -> Value {
 
 #[test]
 fn crates_import_only_what_the_table_allows() {
-    let allowed: BTreeSet<_> = ALLOWED
-        .iter()
-        .flat_map(|(from, to)| to.iter().map(|to| ((*from).to_owned(), (*to).to_owned())))
-        .collect();
-    let forbidden: Vec<_> = edges(&metadata()).difference(&allowed).cloned().collect();
+    let metadata = metadata();
+    let mut allowed = table(ALLOWED);
+    let forbidden: Vec<_> =
+        edges(&metadata, |kind| kind != Some("dev")).difference(&allowed).cloned().collect();
     assert!(forbidden.is_empty(), "edges outside of the table: {forbidden:?}");
+    allowed.extend(table(ALLOWED_IN_TESTS));
+    let forbidden: Vec<_> = edges(&metadata, |_| true).difference(&allowed).cloned().collect();
+    assert!(forbidden.is_empty(), "edges of tests outside of the tables: {forbidden:?}");
 }
 
 #[test]
@@ -130,7 +197,7 @@ fn the_check_sees_a_forbidden_edge() {
     let sample = serde_json::json!({ "packages": [
         { "name": "avln-grpc", "dependencies": [{ "name": "avln-truth" }, { "name": "tokio" }] }
     ]});
-    assert_eq!(edges(&sample), BTreeSet::from([("grpc".to_owned(), "truth".to_owned())]));
+    assert_eq!(edges(&sample, |_| true), BTreeSet::from([("grpc".to_owned(), "truth".to_owned())]));
 }
 
 #[test]
@@ -144,7 +211,7 @@ fn the_clients_tree_holds_no_crate_of_the_server() {
         let path = package["manifest_path"].as_str().and_then(|path| path.strip_prefix(root));
         path.expect("it lies in the workspace").replace('\\', "/").starts_with("/server/")
     };
-    let edges = edges(&metadata);
+    let edges = edges(&metadata, |_| true);
     let (mut tree, mut open) = (BTreeSet::new(), vec!["client"]);
     while let Some(next) = open.pop() {
         if tree.insert(next) {

@@ -38,7 +38,7 @@ const PARTICIPANT: Journey = Journey {
         "docs/VERIFYING.md",
     ],
     before: "mkdir -p path/to && avln scene export --seed 7 path/to/house.glb
-avln split make few --houses 1 --missions 2 && avln phase open practice --split few",
+avln data split make few --houses 1 --missions 2 && avln challenge phase open practice --split few",
     instead: &[
         ("cargo run --release -- demo --scene", "avln demo --missions 1 --scene"),
         ("cargo run --release -- demo", "avln demo --houses 1 --missions 2"),
@@ -89,7 +89,7 @@ const ORGANISER: Journey = Journey {
     ],
     not_typed: &[
         ("cd agents/ada", "tests of sealed runs do it"),
-        ("avln --data /srv/avln sealed", "tests of sealed runs do it"),
+        ("avln --data /srv/avln challenge sealed", "tests of sealed runs do it"),
         ("avln serve --grpc 0.0.0.0:50051", "tests of TLS do it"),
     ],
 };
@@ -108,8 +108,8 @@ echo '[{"position": [1, 1.25, -2], "rotation": [0, 0.7071, 0, 0.7071]}]' > poses
         ("cargo run --release -p avln-kit --example recognise --", "example recognise"),
     ],
     not_typed: &[
-        ("avln split export val --dataset imported", "tests of imports do it"),
-        ("avln dataset import auto", "tests of imports do it"),
+        ("avln data split export val --dataset imported", "tests of imports do it"),
+        ("avln data dataset import auto", "tests of imports do it"),
     ],
 };
 
@@ -124,7 +124,7 @@ const DEPLOYER: Journey = Journey {
         ("--houses 4 --missions 4", "--houses 2 --missions 2"),
         ("apply /challenge/", "apply docker/challenge/"),
         ("arena up --detach", "avln serve"),
-        ("arena run --rm --no-deps challenge-backup ls /backups", "avln db backup backups/NAME.tar"),
+        ("arena run --rm --no-deps challenge-backup ls /backups", "avln data db backup backups/NAME.tar"),
         (
             "docker run --rm --volume avln_restored:/data --volume avln_backups:/backups:ro avln-server avln",
             "avln --data restored",

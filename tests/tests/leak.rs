@@ -1,11 +1,9 @@
 //! Hidden data stays hidden: everything that a split hides is looked for in every byte that an agent or an anonymous
 //! visitor receives of a phase whose results are the organiser's alone. The same search finds it in a public phase.
 
+use avln_arena::{data::DataFolder, register};
 use avln_client::{Action, Arena, Episode, Error, Order, Run, RunOptions, Sensors};
-use avln_server::{
-    arena::{data::DataFolder, register},
-    commands::phase::Who,
-};
+use avln_store::Visibility;
 use avln_tests::{
     House, PHASE, Plan,
     canary::Canaries,
@@ -340,15 +338,15 @@ fn holds(bytes: &[u8], word: &str) -> bool {
     bytes.windows(word.len()).any(|window| window == word.as_bytes())
 }
 
-async fn house(visible_to: Who) -> House {
+async fn house(visible_to: Visibility) -> House {
     House::open(&Plan { visible_to, ..Plan::default() }).await
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn nothing_hidden_reaches_an_agent_or_a_visitor() {
-    let open = receive(&house(Who::Public).await).await;
+    let open = receive(&house(Visibility::Public).await).await;
     let results = results(&open);
-    let house = house(Who::Organiser).await;
+    let house = house(Visibility::Organiser).await;
     let received = receive(&house).await;
     let canaries = hidden(&house);
     let (untold, shown) = categories(&house);
@@ -380,7 +378,8 @@ async fn nothing_hidden_reaches_an_agent_or_a_visitor() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn public_scores_do_not_show_what_hidden_replays_hide() {
-    let plan = Plan { visible_to: Who::Public, replays_to: Some(Who::Organiser), ..Plan::default() };
+    let plan =
+        Plan { visible_to: Visibility::Public, replays_to: Some(Visibility::Organiser), ..Plan::default() };
     let house = House::open(&plan).await;
     let received = receive(&house).await;
     let canaries = hidden(&house);
@@ -398,7 +397,7 @@ async fn public_scores_do_not_show_what_hidden_replays_hide() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn the_same_search_finds_what_a_public_phase_shows() {
-    let house = house(Who::Public).await;
+    let house = house(Visibility::Public).await;
     let received = receive(&house).await;
     let (_, shown) = categories(&house);
     let canaries = hidden(&house);

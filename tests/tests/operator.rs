@@ -1,10 +1,11 @@
 //! What the operator sees and does, and that nobody else can.
 
-use avln_client::{Action, Arena, Error, Link, Reason, RunOptions, Sensors};
-use avln_server::{
+use avln_arena::{
     admin::{Drain, Notice, Status, ask},
-    arena::{data::DataFolder, now_unix_ms},
+    data::DataFolder,
+    now_unix_ms,
 };
+use avln_client::{Action, Arena, Error, Link, Reason, RunOptions, Sensors};
 use avln_store::AuditNote;
 use avln_tests::{House, PHASE, Plan, http};
 use serde::Serialize;
@@ -150,8 +151,8 @@ async fn what_a_drain_takes_from_phases_is_given_back_on_record() {
 #[tokio::test(flavor = "multi_thread")]
 async fn the_operators_door_is_never_opened_to_other_machines() {
     let free = "127.0.0.1:0".parse().unwrap();
-    let addresses = avln_server::doors::Addresses { grpc: free, web: free };
-    let doors = avln_server::doors::Doors::bind(&addresses).await.unwrap();
+    let addresses = avln_arena::servers::Addresses { grpc: free, web: free };
+    let doors = avln_arena::servers::Servers::bind(&addresses).await.unwrap();
     let Err(refused) = doors.with_admin("0.0.0.0:0".parse().unwrap()).await else { panic!("it was opened") };
     assert!(refused.to_string().contains("ssh -L"), "{refused}");
 }

@@ -1,10 +1,8 @@
 //! The oracle of the ladder knows everything, follows the shortest tour through the real protocol, and must succeed: this
 //! proves that every mission can be solved and that rules, references and regions agree with each other.
 
-use avln_server::{
-    arena::data::DataFolder,
-    ladder::{self, Line, Plan, Results, Rung, Size},
-};
+use avln_arena::data::DataFolder;
+use avln_lab::suite::{self, Line, Plan, Results, Rung, Size};
 use avln_tests::{PHASE, http};
 
 /// Plays missions of three houses with the oracle in both orders.
@@ -12,7 +10,7 @@ async fn play() -> Vec<Line> {
     let folder = tempfile::tempdir().expect("a folder");
     let size = Size { houses: 3, missions: 4, practice: false };
     let plan = Plan { agents: vec![Rung::ShortestPath], size, ..Plan::default() };
-    ladder::run(folder.path(), &plan).await.expect("a ladder");
+    suite::run(folder.path(), &plan).await.expect("a ladder");
     let results = Results::open(&folder.path().join("results.jsonl")).expect("results");
     results.lines().cloned().collect()
 }
@@ -38,7 +36,7 @@ async fn the_oracle_stands_on_boards_for_comparison() {
         .await;
     let data = DataFolder::open(folder.path()).expect("the folder");
     let mut orders = Vec::new();
-    ladder::play_oracle(&data, PHASE, &mut |order, _| orders.push(order.as_str())).await.expect("two runs");
+    suite::play_oracle(&data, PHASE, &mut |order, _| orders.push(order.as_str())).await.expect("two runs");
     assert_eq!(orders, ["ordered", "unordered"]);
     let doors = avln_tests::open_doors(folder.path()).await;
     let board =
@@ -57,6 +55,6 @@ async fn the_oracle_stands_on_boards_for_comparison() {
 async fn an_oracle_without_a_phase_is_told_where_phases_are_listed() {
     let folder = tempfile::tempdir().expect("a folder");
     let data = DataFolder::open(folder.path()).expect("the folder");
-    let strange = ladder::play_oracle(&data, "nowhere", &mut |_, _| ()).await.expect_err("no such phase");
+    let strange = suite::play_oracle(&data, "nowhere", &mut |_, _| ()).await.expect_err("no such phase");
     assert!(strange.to_string().contains("'nowhere'"), "{strange}");
 }

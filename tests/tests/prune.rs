@@ -1,9 +1,7 @@
 //! Logs and records of old runs can go; what the runs were worth stays.
 
-use avln_server::{
-    arena::now_unix_ms,
-    commands::db::{self, Gone, Prune},
-};
+use avln_arena::backup::{self, PruneOptions, Pruned};
+use avln_arena::now_unix_ms;
 use avln_tests::{House, PHASE, Plan, http, stroll::stroll};
 use std::process::Command;
 
@@ -16,7 +14,8 @@ async fn old_logs_and_records_go_and_scores_stay() {
     let board = page(&format!("/api/v1/phases/{PHASE}/leaderboard?order=unordered")).await.body;
     let prune = |more: &[&str]| {
         let mut avln = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-        let output = avln.arg("--data").arg(house.folder.path()).args(["db", "prune"]).args(more).output();
+        let output =
+            avln.arg("--data").arg(house.folder.path()).args(["data", "db", "prune"]).args(more).output();
         let output = output.expect("the program runs");
         let text =
             String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
@@ -30,16 +29,16 @@ async fn old_logs_and_records_go_and_scores_stay() {
     // As it is in two days.
     let later = now_unix_ms() + 2 * 86_400_000;
     let prune = async |records, dry_run| {
-        let options = Prune { older_than: 1, records, dry_run };
-        db::prune(house.folder.path(), &options, later).await.expect("it can go")
+        let options = PruneOptions { older_than_days: 1, records, dry_run };
+        backup::prune(house.folder.path(), &options, later).await.expect("it can go")
     };
     let trial = prune(true, true).await;
     assert_eq!((trial.runs, trial.logs, trial.records), (1, 1, 2));
     assert!(log.exists() && trial.bytes == log.metadata().expect("a log").len(), "nothing went");
-    assert_eq!(prune(false, false).await, Gone { records: 0, ..trial });
+    assert_eq!(prune(false, false).await, Pruned { records: 0, ..trial });
     assert!(!log.exists());
     assert_eq!(page(&format!("/api/v1/runs/{run}/log")).await.status, 404);
-    assert_eq!(prune(true, false).await, Gone { logs: 0, bytes: 0, ..trial });
+    assert_eq!(prune(true, false).await, Pruned { logs: 0, bytes: 0, ..trial });
     let after = page(&format!("/api/v1/phases/{PHASE}/leaderboard?order=unordered")).await.body;
     assert_eq!(after, board);
     assert_eq!(page(&format!("/runs/{run}/episodes/0")).await.status, 200, "without a replay");

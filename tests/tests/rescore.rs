@@ -1,18 +1,23 @@
 //! Runs are scored again from what was recorded: by the same scorer to the same bits, by another beside the first.
 
-use avln_server::{
-    arena::data::DataFolder,
+use avln_arena::{
+    data::DataFolder,
     rescoring::{Scorer, rescore},
 };
 use avln_store::Store;
 use avln_tests::{House, PHASE, Plan, http, stroll::stroll};
 use std::{path::Path, process::Command};
 
-/// What `avln rescore` says, and its exit code.
+/// What `avln run rescore` says, and its exit code.
 fn avln_rescore(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
     let mut avln = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-    let output =
-        avln.arg("--data").arg(folder).arg("rescore").args(arguments).output().expect("the program runs");
+    let output = avln
+        .arg("--data")
+        .arg(folder)
+        .args(["run", "rescore"])
+        .args(arguments)
+        .output()
+        .expect("the program runs");
     let text =
         String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
     (output.status.code(), text)

@@ -104,10 +104,11 @@ async fn a_thousand_lost_connections_change_nothing() {
     assert_eq!(worth(house.doors.web, &stormy).await, worth(house.doors.web, &calm).await);
 }
 
-/// What `avln verify` says of a run's log, and whether it is content.
+/// What `avln run verify` says of a run's log, and whether it is content.
 fn verify(folder: &Path, log: &Path) -> (bool, String) {
     let mut verify = Command::new(PROGRAM);
-    let output = verify.arg("--data").arg(folder).arg("verify").arg(log).output().expect("the program runs");
+    let output =
+        verify.arg("--data").arg(folder).args(["run", "verify"]).arg(log).output().expect("the program runs");
     let text =
         String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
     (output.status.success(), text)

@@ -20,7 +20,18 @@ fn sealed(data: &Path, options: &[&str], agent: &[&str]) -> Output {
         command.env_remove(name);
     }
     command
-        .args(["sealed", "run", "--phase", PHASE, "--team", TEAM, "--method", "sealed walker", "--read"])
+        .args([
+            "challenge",
+            "sealed",
+            "run",
+            "--phase",
+            PHASE,
+            "--team",
+            TEAM,
+            "--method",
+            "sealed walker",
+            "--read",
+        ])
         .arg(programs)
         .args(options)
         .arg("--")
@@ -176,7 +187,7 @@ async fn agents_that_do_not_play_are_told_and_their_runs_end() {
         refused(&["--server", "127.0.0.1:9"], &["true"], "127.0.0.1:9");
     };
     tokio::task::spawn_blocking(all).await.unwrap();
-    let store = avln_server::arena::data::DataFolder::open(folder.path()).unwrap().store().await.unwrap();
+    let store = avln_arena::data::DataFolder::open(folder.path()).unwrap().store().await.unwrap();
     let runs = store.runs_of(TEAM).await.unwrap();
     assert!(runs.len() == 3 && runs.iter().all(|run| !run.state.is_open() && run.is_sealed()), "{runs:?}");
 }

@@ -1,7 +1,8 @@
 //! What agents share is shared evenly, and nobody pays for the length of the wire.
 
+use avln_arena::servers::Limits;
+use avln_arena::setup::admit;
 use avln_client::{Action, Arena, EndReason, Error, Order, RunOptions, Sensors};
-use avln_server::{commands::team, doors::Limits};
 use avln_tests::{House, PHASE, Plan, furnish, rule, scissors::Scissors, store};
 use std::{
     sync::{
@@ -46,7 +47,7 @@ async fn a_team_of_one_slot_steps_as_often_as_one_of_sixteen() {
     let folder = tempfile::tempdir().expect("a folder");
     let token = furnish(folder.path(), &Plan { houses: 1, missions: 17, ..Plan::default() }).await;
     let store = store(folder.path()).await;
-    let modest = team::admit(&store, "modest", None).await.expect("another team");
+    let modest = admit(&store, "modest", None).await.expect("another team");
     store.close().await;
     let one_core = |limits: Limits| Limits { max_simulations: 1, ..limits };
     let house = House::open_odd(folder, token, |arena| arena, one_core).await;

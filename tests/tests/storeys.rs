@@ -40,9 +40,9 @@ async fn it_takes_stairs() {
     let folder = place.path();
     fs::write(folder.join("recipe.json"), RECIPE).expect("a recipe");
     fs::write(folder.join("weights.toml"), WEIGHTS).expect("weights");
-    avln(folder, &["dataset", "build", "recipe.json", "--out", "set"]);
-    avln(folder, &["phase", "open", "stairs", "--dataset", "set", "--split", "two"]);
-    let told = avln(folder, &["team", "add", "ada"]);
+    avln(folder, &["data", "dataset", "build", "recipe.json", "--out", "set"]);
+    avln(folder, &["challenge", "phase", "open", "stairs", "--dataset", "set", "--split", "two"]);
+    let told = avln(folder, &["challenge", "team", "add", "ada"]);
     let token = told.split_whitespace().find(|word| word.starts_with("avln_")).expect("a token");
     let server = Server::start(PROGRAM, &folder.join("data"));
     let url = format!("http://{}", server.grpc);

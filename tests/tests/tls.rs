@@ -1,7 +1,7 @@
 //! Both doors over TLS, with certificates that the test itself issues.
 
+use avln_arena::servers::Security;
 use avln_client::{Action, Arena, Error, Link, Observation, Packing, RunOptions, Sensors};
-use avln_server::doors::Security;
 use avln_tests::{House, PHASE, Plan, http};
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use std::path::PathBuf;

@@ -1,8 +1,8 @@
-//! The log of a run says what happened, and `avln verify` believes nothing else: it is fetched as a team fetches it, checked
+//! The log of a run says what happened, and `avln run verify` believes nothing else: it is fetched as a team fetches it, checked
 //! with and without the organiser's data, and forged in every way that a chain of hashes alone does not show.
 
+use avln_arena::runlog::{Entry, History, RunLogs, SigningKey};
 use avln_client::{Arena, RunOptions};
-use avln_server::runlog::{Entry, History, RunLogs, SigningKey};
 use avln_tests::{House, PHASE, Plan, http, stroll::stroll};
 use std::{
     fs,
@@ -37,7 +37,7 @@ impl Played {
         Self { house, files, log, key: status["log_key"].as_str().expect("a key").to_owned() }
     }
 
-    /// What `avln verify` says with the organiser's data, and whether it is content.
+    /// What `avln run verify` says with the organiser's data, and whether it is content.
     fn verify(&self, log: &Path, more: &[&str]) -> (bool, String) {
         verify(self.house.folder.path(), log, more)
     }
@@ -63,8 +63,14 @@ impl Played {
 
 fn verify(data: &Path, log: &Path, more: &[&str]) -> (bool, String) {
     let mut verify = Command::new(env!("CARGO_BIN_EXE_avln_under_test"));
-    let output =
-        verify.arg("--data").arg(data).arg("verify").arg(log).args(more).output().expect("the program runs");
+    let output = verify
+        .arg("--data")
+        .arg(data)
+        .args(["run", "verify"])
+        .arg(log)
+        .args(more)
+        .output()
+        .expect("the program runs");
     let text =
         String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
     (output.status.success(), text)

@@ -1,6 +1,6 @@
 //! What documents, images and unit files tell people to type is what the program understands.
 
-use avln_server::Cli;
+use avln_cli::Cli;
 use avln_tests::repository::{files, root, shown, text, typed};
 use clap::{Parser, error::ErrorKind};
 use std::{fs, iter, mem};
@@ -141,10 +141,13 @@ fn what_people_are_told_to_type_is_understood() {
 fn a_line_of_shell_is_taken_apart() {
     let calls =
         |line: &str| -> Vec<_> { commands(line).iter().filter_map(|words| arguments(words)).collect() };
-    assert_eq!(calls("A=1 avln team add \"Ada's team\"  # once"), [["team", "add", "Ada's team"]]);
+    assert_eq!(
+        calls("A=1 avln challenge team add \"Ada's team\"  # once"),
+        [["challenge", "team", "add", "Ada's team"]]
+    );
     assert_eq!(calls("avln challenge reveal a > b.json && avln serve").len(), 2);
-    assert_eq!(calls("docker compose run --rm challenge-server avln split make val")[0].len(), 3);
-    assert_eq!(calls("sudo -u avln avln db backup x")[0][0], "db");
+    assert_eq!(calls("docker compose run --rm challenge-server avln data split make val")[0].len(), 4);
+    assert_eq!(calls("sudo -u avln avln data db backup x")[0][0], "data");
     assert!(calls("systemctl restart avln").is_empty());
     assert!(refusal(&["serve".into(), "--no-such-thing".into()]).is_some());
     assert!(refusal(&["team".into(), "add".into()]).is_some());

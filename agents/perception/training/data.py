@@ -1,4 +1,4 @@
-"""Pictures that `avln dataset frames` took in training houses, as batches with what is to be learnt from them."""
+"""Pictures that `avln data dataset frames` took in training houses, as batches with what is to be learnt from them."""
 
 import json
 from pathlib import Path

@@ -73,7 +73,7 @@ def example(net, record, with_depth):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("checkpoint")
-    parser.add_argument("frames", help="folder that `avln dataset frames` has written")
+    parser.add_argument("frames", help="folder that `avln data dataset frames` has written")
     parser.add_argument("--crate", default=str(Path(__file__).parent.parent), help="the folder of the crate")
     given = parser.parse_args()
     kept = torch.load(given.checkpoint, weights_only=True)

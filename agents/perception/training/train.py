@@ -26,7 +26,7 @@ MEASURED_VIEWS = 12
 
 def options():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("frames", help="folder that `avln dataset frames` has written")
+    parser.add_argument("frames", help="folder that `avln data dataset frames` has written")
     parser.add_argument("--out", default="run", help="folder for checkpoint.pt and curve.csv")
     parser.add_argument("--steps", type=int, default=12000, help="steps in all")
     parser.add_argument("--settle", type=int, default=9000, help="last steps, in which the learning rate falls to 0")

@@ -48,11 +48,11 @@ class Server:
 
     def furnish(self, *, houses: int = 1, missions: int = 3) -> str:
         """Makes scenes and missions, opens the phases; gives back a team's token."""
-        self.command("split", "make", "trial", "--houses", str(houses), "--missions", str(missions), "--seed", "5")
-        self.command("split", "prepare", "trial")
-        self.command("phase", "open", PHASE, "--split", "trial", "--max-slots", "4")
-        self.command("phase", "open", CHALLENGE, "--split", "trial", "--scores", "organiser", "--quota", "50")
-        told = self.command("team", "add", "Python")
+        self.command("data", "split", "make", "trial", "--houses", str(houses), "--missions", str(missions), "--seed", "5")
+        self.command("data", "split", "prepare", "trial")
+        self.command("challenge", "phase", "open", PHASE, "--split", "trial", "--max-slots", "4")
+        self.command("challenge", "phase", "open", CHALLENGE, "--split", "trial", "--scores", "organiser", "--quota", "50")
+        told = self.command("challenge", "team", "add", "Python")
         found = re.search(r"avln_\S+", told)
         assert found, told
         return found.group()

@@ -112,14 +112,14 @@ def test_the_doctor_leaves_no_run_open_and_plays_more_than_one_episode(program: 
 
 
 def test_the_doctor_does_not_play_the_only_episode(program: Program, door: Door) -> None:
-    door.server.command("split", "make", "single", "--houses", "1", "--missions", "1")
-    door.server.command("phase", "open", "single", "--split", "single")
+    door.server.command("data", "split", "make", "single", "--houses", "1", "--missions", "1")
+    door.server.command("challenge", "phase", "open", "single", "--split", "single")
     code, told = program("doctor", "--phase", "single")
     assert (code, "single has one episode, which a run would complete" in told) == (0, True), told
 
 
 def test_the_doctor_warns_of_a_token_that_ends_soon(program: Program, door: Door) -> None:
-    made = door.server.command("token", "new", "--team", "Python", "--expires", "2d")
+    made = door.server.command("challenge", "token", "new", "--team", "Python", "--expires", "2d")
     token = next(word for word in made.split() if word.startswith("avln_"))
     code, told = program("doctor", "--phase", CHALLENGE, "--token", token)
     assert (code, "warning  token: of team 'Python'" in told) == (0, True), told

@@ -23,7 +23,7 @@ def host() -> Iterator[subprocess.Popen[str]]:
     binary = program()
     if binary is None:
         pytest.skip(WHAT_TO_DO)
-    command = [str(binary), "conformance", "--client", f"{ADDRESS[0]}:{ADDRESS[1]}"]
+    command = [str(binary), "lab", "conformance", "--client", f"{ADDRESS[0]}:{ADDRESS[1]}"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
         yield process
         process.kill()

@@ -36,7 +36,7 @@ def folder(copied: Server, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def record(server: Server, out: Path, *more: str) -> str:
     arguments = ("--split", "trial", "--out", str(out), "--size", str(SIDE), *more)
-    return server.command("rollout", *arguments)
+    return server.command("lab", "rollout", *arguments)
 
 
 def test_episodes_and_steps_are_read(folder: Path) -> None:
@@ -118,15 +118,15 @@ def test_other_sensors_need_another_folder(copied: Server, folder: Path, tmp_pat
 
 def test_hidden_splits_are_refused(furnished: Furnished, tmp_path: Path) -> None:
     server = furnished.copy(tmp_path / "data")
-    server.command("phase", "open", "finals", "--split", "trial", "--replays", "organiser")
-    for command in (("rollout", "--split", "trial"), ("split", "export", "trial")):
+    server.command("challenge", "phase", "open", "finals", "--split", "trial", "--replays", "organiser")
+    for command in (("lab", "rollout", "--split", "trial"), ("data", "split", "export", "trial")):
         with pytest.raises(AssertionError, match="'trial' is hidden: phase 'finals' plays it"):
             server.command(*command, "--out", str(tmp_path / "out"))
     assert not (tmp_path / "out").exists()
 
 
 def test_damage_is_named(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(RolloutsError, match="avln rollout --split"):
+    with pytest.raises(RolloutsError, match="avln lab rollout --split"):
         Rollouts(tmp_path)
     (tmp_path / "rollouts.json").write_text('{"format": "avln-rollouts", "version": 2}')
     with pytest.raises(RolloutsError, match="version 2"):
@@ -142,7 +142,7 @@ def test_damage_is_named(folder: Path, tmp_path: Path) -> None:
 
 def test_tables_are_read_by_another_reader(copied: Server, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet", reason="pip install pyarrow")
-    copied.command("split", "export", "trial", "--out", str(tmp_path))
+    copied.command("data", "split", "export", "trial", "--out", str(tmp_path))
     tables = {path.stem: parquet.read_table(path) for path in (tmp_path / "trial").glob("*.parquet")}
     assert set(tables) == {"missions", "goals", "targets", "places", "tours"}
     missions, goals = tables["missions"].to_pylist(), tables["goals"].to_pylist()

@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    avln_server::main()
+    avln_cli::main()
 }

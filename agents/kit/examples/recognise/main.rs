@@ -2,7 +2,7 @@
 //! kit, and prints tables of docs/perception.md:
 //!
 //! ```sh
-//! avln dataset frames --measure --split val --houses 11 --views 60 --out FOLDER
+//! avln data dataset frames --measure --split val --houses 11 --views 60 --out FOLDER
 //! cargo run --release -p avln-kit --example recognise -- FOLDER
 //! ```
 
@@ -18,7 +18,7 @@ use tally::Tally;
 
 fn main() {
     let Some(folder) = std::env::args().nth(1).map(PathBuf::from) else {
-        eprintln!("name the folder that avln dataset frames has written");
+        eprintln!("name the folder that avln data dataset frames has written");
         std::process::exit(2);
     };
     let manifest = frames::manifest(&folder);

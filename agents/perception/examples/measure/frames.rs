@@ -1,4 +1,4 @@
-//! Pictures with what they show, as `avln dataset frames` writes them.
+//! Pictures with what they show, as `avln data dataset frames` writes them.
 
 #![allow(dead_code, reason = "each example reads what it needs")]
 

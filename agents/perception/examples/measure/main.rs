@@ -1,7 +1,7 @@
 //! Measures the eyes on pictures of houses that they did not learn from, and prints the tables of docs/perception.md:
 //!
 //! ```sh
-//! avln dataset frames --measure --split val --houses 11 --views 60 --out FOLDER
+//! avln data dataset frames --measure --split val --houses 11 --views 60 --out FOLDER
 //! cargo run --release -p avln-perception --example measure -- FOLDER CONFUSIONS.csv
 //! ```
 //!
@@ -26,7 +26,7 @@ struct Measured {
 
 fn main() {
     let Some(folder) = std::env::args().nth(1).map(PathBuf::from) else {
-        eprintln!("name the folder that avln dataset frames --measure has written");
+        eprintln!("name the folder that avln data dataset frames --measure has written");
         std::process::exit(2);
     };
     let manifest = frames::manifest(&folder);

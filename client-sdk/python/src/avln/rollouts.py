@@ -1,4 +1,4 @@
-"""Demonstrations that `avln rollout` recorded, for agents that learn by imitation.
+"""Demonstrations that `avln lab rollout` recorded, for agents that learn by imitation.
 
     from avln.rollouts import Rollouts
 
@@ -42,7 +42,7 @@ _DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.err
 
 
 class RolloutsError(Error):
-    """A folder or a file is not what `avln rollout` writes."""
+    """A folder or a file is not what `avln lab rollout` writes."""
 
 
 class Rollout:
@@ -152,7 +152,7 @@ class Rollouts(Sequence[Rollout]):
         """Looks what is there; without `complete_only`, episodes in which a goal was not found are read too.
 
         Raises:
-            RolloutsError: when the folder is not one that `avln rollout` made, or a file is damaged.
+            RolloutsError: when the folder is not one that `avln lab rollout` made, or a file is damaged.
         """
         self.folder = Path(folder)
         """Where they lie."""
@@ -180,7 +180,7 @@ def _manifest(path: Path) -> dict[str, Any]:
     try:
         manifest: dict[str, Any] = json.loads(path.read_text())
     except (OSError, ValueError) as error:
-        raise RolloutsError(f"read {path}: {error}; record one with: avln rollout --split SPLIT --out DIR") from None
+        raise RolloutsError(f"read {path}: {error}; record one with: avln lab rollout --split SPLIT --out DIR") from None
     told = (manifest.get("format"), manifest.get("version"))
     if told != (FORMAT, VERSION):
         raise RolloutsError(

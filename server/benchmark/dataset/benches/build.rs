@@ -6,7 +6,7 @@
 use avln_dataset::{
     Recipe, SceneChoice, SceneSource, SceneSpec, format::write_scene, sample_missions, survey,
 };
-use avln_scene::procedural::Pool;
+use avln_houses::Pool;
 use avln_world::{Body, SceneAssets};
 use std::time::Instant;
 

@@ -6,10 +6,8 @@
 
 use avln_dataset::{Instance, survey};
 use avln_episode::Rules;
-use avln_scene::{
-    categories,
-    procedural::{HouseOptions, house},
-};
+use avln_houses::{HouseOptions, house};
+use avln_scene::categories;
 use avln_world::{Body, SceneAssets};
 use std::time::Instant;
 

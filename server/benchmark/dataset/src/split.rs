@@ -1,7 +1,8 @@
 use crate::{EpisodeSpec, MissionOptions, sample_missions, survey};
 use avln_episode::Rules;
-use avln_scene::procedural::{self, HouseOptions, Pool};
-use avln_scene::{Scene, SceneError, digest::digest, open::open};
+use avln_formats::open::open;
+use avln_houses::{HouseOptions, Pool};
+use avln_scene::{Scene, SceneError, digest::digest};
 use avln_world::{Body, Cache, Cached, PrepareError, SceneAssets};
 use serde::{Deserialize, Serialize};
 use std::{ops::RangeInclusive, path::PathBuf, sync::Arc};
@@ -173,7 +174,7 @@ impl SceneSource {
             Self::Procedural { seed, rooms, storeys, pool } => {
                 let (rooms, storeys) = (rooms.clone(), storeys.clone());
                 let options = HouseOptions { rooms, storeys, pool: *pool };
-                Ok(procedural::house(name, *seed, &options))
+                Ok(avln_houses::house(name, *seed, &options))
             }
             Self::File { path } => Ok(Scene { name: name.to_owned(), ..open(path)? }),
         }

@@ -5,7 +5,7 @@ use avln_dataset::formats::{
 };
 use avln_dataset::{CueSpec, Description, EpisodeSpec, Instance, survey};
 use avln_episode::Rules;
-use avln_scene::procedural::{self, HouseOptions};
+use avln_houses::HouseOptions;
 use avln_world::{Body, SceneAssets};
 use serde_json::{Value, json};
 use std::sync::LazyLock;
@@ -18,7 +18,7 @@ struct House {
 
 static HOUSE: LazyLock<House> = LazyLock::new(|| {
     let options = HouseOptions { rooms: 6..=6, storeys: 1..=1, ..HouseOptions::default() };
-    let assets = SceneAssets::prepare(procedural::house("house", 3, &options), &Body::default()).unwrap();
+    let assets = SceneAssets::prepare(avln_houses::house("house", 3, &options), &Body::default()).unwrap();
     let rules = Rules::paper();
     let instances = survey(&assets, &rules);
     House { assets, instances, rules }

@@ -6,7 +6,7 @@ use avln_dataset::{
 };
 use avln_episode::{Modality, Rules};
 use avln_geom::Point3;
-use avln_scene::procedural::Pool;
+use avln_houses::Pool;
 use avln_world::SceneAssets;
 use std::{collections::BTreeMap, sync::LazyLock};
 

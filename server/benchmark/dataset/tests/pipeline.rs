@@ -2,7 +2,8 @@
 
 use avln_dataset::{CueSpec, EpisodeSpec, MissionOptions, SceneSource, Split};
 use avln_episode::{GoalCue, Order, Rules};
-use avln_scene::{InstanceId, procedural::Pool};
+use avln_houses::Pool;
+use avln_scene::InstanceId;
 use avln_world::SceneAssets;
 use std::{collections::BTreeSet, sync::LazyLock};
 

@@ -2,11 +2,9 @@
 
 use avln_dataset::{Instance, SurveyOptions, ThresholdsOnly, Verifier, View, survey_with};
 use avln_episode::Rules;
-use avln_scene::{
-    InstanceId, Object,
-    open::open,
-    procedural::{HouseOptions, house},
-};
+use avln_formats::open::open;
+use avln_houses::{HouseOptions, house};
+use avln_scene::{InstanceId, Object};
 use avln_world::{Body, Camera, Frame, SceneAssets};
 use std::{path::Path, sync::LazyLock};
 

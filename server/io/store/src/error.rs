@@ -87,7 +87,9 @@ pub enum StoreError {
         reason: String,
     },
     /// The phase is not over, so that its secret stays one.
-    #[error("phase '{0}' is not closed; close it with avln phase close, or wait for its closing date")]
+    #[error(
+        "phase '{0}' is not closed; close it with avln challenge phase close, or wait for its closing date"
+    )]
     NotClosed(String),
     /// Runs of the phase go on, so that its secret stays one.
     #[error("phase '{phase}' is still played by runs that began in time, until {} at the latest; reveal it then", rfc3339(*until_unix_ms))]

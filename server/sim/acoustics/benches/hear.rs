@@ -9,7 +9,7 @@ use avln_acoustics::{
     Surface, Surfaces,
 };
 use avln_geom::{Point3, RayMesh, Rng};
-use avln_scene::procedural::{HouseOptions, house};
+use avln_houses::{HouseOptions, house};
 use avln_scene::{InstanceId, Scene};
 use std::collections::BTreeMap;
 use std::hint::black_box;
@@ -22,7 +22,7 @@ fn main() {
     let (_, bank) = timed("clip bank", || Bank::default().clips().collect::<Vec<Clip>>());
     let given = std::env::args().skip(1).find(|argument| std::path::Path::new(argument).exists());
     let scene = match given {
-        Some(path) => avln_scene::open::open(path.as_ref()).expect("a scene"),
+        Some(path) => avln_formats::open::open(path.as_ref()).expect("a scene"),
         None => house("bench", 7, &HouseOptions { rooms: 10..=10, ..Default::default() }),
     };
     let scene = Arc::new(scene);

@@ -4,7 +4,7 @@ mod common;
 
 use avln_acoustics::{Acoustics, Bank, Clip, Ears, Emitter, Listener, Settings, Source, Surface, Surfaces};
 use avln_geom::{Point3, RayMesh, Rng, angle};
-use avln_scene::procedural::{HouseOptions, house};
+use avln_houses::{HouseOptions, house};
 use avln_scene::{RoomPlan, Scene};
 use common::lag::{FRAME, Fourier};
 use common::{free_field, rooms_of};

@@ -2,7 +2,7 @@
 
 use avln_acoustics::{Acoustics, Bank, Ears, Emitter, Listener, Settings, Surfaces};
 use avln_geom::RayMesh;
-use avln_scene::procedural::{HouseOptions, house};
+use avln_houses::{HouseOptions, house};
 use std::sync::Arc;
 
 const MB: usize = 1_000_000;

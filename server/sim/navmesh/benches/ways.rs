@@ -5,9 +5,9 @@
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
 use avln_geom::{Rng, Vector3};
+use avln_houses::{HouseOptions, house};
 use avln_navmesh::{Body, NavMesh, NavMeshSettings, NavPoint};
 use avln_scene::Scene;
-use avln_scene::procedural::{HouseOptions, house};
 use std::{
     hint::black_box,
     path::Path,
@@ -81,7 +81,7 @@ fn main() {
         measure(&house(&format!("house-{seed}"), seed, &HouseOptions::default()));
     }
     if let Ok(path) = std::env::var("AVLN_BENCH_SCENE") {
-        match avln_scene::open::open(Path::new(&path)) {
+        match avln_formats::open::open(Path::new(&path)) {
             Ok(scene) => measure(&scene),
             Err(error) => println!("{error}"),
         }

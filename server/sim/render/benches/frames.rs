@@ -8,9 +8,9 @@
 mod dense;
 
 use avln_geom::{Point3, RayMesh, Rng, angle};
+use avln_houses::{HouseOptions, house};
 use avln_render::{Camera, Renderer};
 use avln_scene::Scene;
-use avln_scene::procedural::{HouseOptions, house};
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;
 use std::time::Instant;
@@ -20,7 +20,7 @@ const ROUNDS: usize = 9;
 
 fn main() {
     if let Some(path) = std::env::var_os("AVLN_BENCH_SCENE") {
-        return report(avln_scene::open::open(path.as_ref()).expect("a scene"));
+        return report(avln_formats::open::open(path.as_ref()).expect("a scene"));
     }
     report(house("bench", 7, &HouseOptions::default()));
     let asked = std::env::var("AVLN_BENCH_TRIANGLES").ok().map(|count| count.parse().expect("a number"));

@@ -3,8 +3,8 @@
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
 use avln_geom::{Point3, RayMesh, UnitQuaternion};
+use avln_houses::{HouseOptions, house};
 use avln_render::{Camera, Renderer};
-use avln_scene::procedural::{HouseOptions, house};
 use std::sync::Arc;
 use std::time::Instant;
 

@@ -14,11 +14,12 @@ mod places;
 #[path = "peers/tessellate.rs"]
 mod tessellate;
 
+use avln_formats::open;
 use avln_geom::convert::{GlamVec3, glam_from_point, glam_from_vector};
 use avln_geom::{Point3, RayMesh, Vector3};
+use avln_houses::{HouseOptions, house};
 use avln_render::{Camera, Frame, Renderer};
-use avln_scene::procedural::{HouseOptions, house};
-use avln_scene::{Lighting, Scene, open};
+use avln_scene::{Lighting, Scene};
 use parry3d::query::{Ray, RayCast};
 use parry3d::shape::TriMesh;
 use std::hint::black_box;

@@ -1,8 +1,8 @@
 //! Frames of small hand-made scenes, whose every number can be worked out on paper.
 
 use avln_geom::{Point2, Point3, RayMesh, Rng, Vector3, angle};
+use avln_houses::{HouseOptions, house};
 use avln_render::{Camera, Frame, Renderer, Width};
-use avln_scene::procedural::{HouseOptions, house};
 use avln_scene::{InstanceId, Lighting, Material, Mesh, Scene, Texture};
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::sync::Arc;

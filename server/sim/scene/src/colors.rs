@@ -58,12 +58,12 @@ pub fn name_of(rgb: [u8; 3]) -> &'static str {
 }
 
 /// Linear light, 0 to 1, of an sRGB byte.
-pub(crate) fn light_of(code: u8) -> f32 {
+pub fn light_of(code: u8) -> f32 {
     LIGHT[usize::from(code)]
 }
 
 /// The sRGB byte nearest to a linear light; values outside 0 to 1 are clamped, NaN is 0.
-pub(crate) fn code_of(light: f32) -> u8 {
+pub fn code_of(light: f32) -> u8 {
     BETWEEN.partition_point(|&boundary| boundary <= light) as u8
 }
 

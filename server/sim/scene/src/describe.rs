@@ -2,7 +2,7 @@
 
 use crate::categories::{mpcat40, noun};
 use crate::colors::{code_of, light_of, name_of};
-use crate::glb::limits::MAX_WORD_CHARS;
+use crate::limits::MAX_WORD_CHARS;
 use crate::{Attributes, Material, Mesh, Texture};
 use avln_geom::{Aabb, Point2, Vector3};
 
@@ -35,15 +35,20 @@ const SLENDER: f32 = 2.0;
 const LARGE_M3: f32 = 1.5;
 
 /// Whether a category is part of the building and not a thing in it.
-pub(crate) fn is_structure(category: &str) -> bool {
+pub fn is_structure(category: &str) -> bool {
     STRUCTURE.contains(&category)
 }
 
 /// What an annotator's words mean.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Meaning {
+pub enum Meaning {
     /// A thing: its category, mpcat40 where there is one, and the noun that people use where that is more exact.
-    Object { category: String, noun: String },
+    Object {
+        /// Category by its mpcat40 name, or the annotator's words in lower case.
+        category: String,
+        /// The more exact noun; empty if the category says it all.
+        noun: String,
+    },
     /// A part of the building itself.
     Structure,
     /// Nothing is said.
@@ -51,7 +56,7 @@ pub(crate) enum Meaning {
 }
 
 /// What `words` mean; words without an mpcat40 category stay as they are, in lower case.
-pub(crate) fn meaning(words: &str) -> Meaning {
+pub fn meaning(words: &str) -> Meaning {
     if let Some(category) = mpcat40(words) {
         let noun = noun(words).unwrap_or_default().to_owned();
         return match is_structure(category) {
@@ -67,7 +72,7 @@ pub(crate) fn meaning(words: &str) -> Meaning {
 }
 
 /// The storey of each floor height, metres: a new one begins where the sorted heights jump.
-pub(crate) fn storeys(floors_m: &[f32]) -> Vec<u16> {
+pub fn storeys(floors_m: &[f32]) -> Vec<u16> {
     let mut order: Vec<usize> = (0..floors_m.len()).collect();
     order.sort_by(|&a, &b| floors_m[a].total_cmp(&floors_m[b]));
     let mut storeys = vec![0; floors_m.len()];
@@ -84,21 +89,24 @@ pub(crate) fn storeys(floors_m: &[f32]) -> Vec<u16> {
 }
 
 /// Surfaces that can be looked at.
-pub(crate) struct Surfaces<'a> {
-    pub(crate) mesh: &'a Mesh,
-    pub(crate) materials: &'a [Material],
-    pub(crate) textures: &'a [Texture],
+pub struct Surfaces<'a> {
+    /// Triangles.
+    pub mesh: &'a Mesh,
+    /// Materials of the triangles.
+    pub materials: &'a [Material],
+    /// Textures of the materials.
+    pub textures: &'a [Texture],
 }
 
 impl Surfaces<'_> {
     /// Colour and size words of the instance made of `triangles`.
-    pub(crate) fn attributes(&self, triangles: &[u32], bounds: &Aabb) -> Attributes {
+    pub fn attributes(&self, triangles: &[u32], bounds: &Aabb) -> Attributes {
         let color = self.mean_color(triangles).map_or("", name_of);
         Attributes { color: color.to_owned(), size: size_word(bounds).to_owned(), ..Attributes::default() }
     }
 
     /// Mean colour over the area, averaged as light; `None` where nothing can be seen.
-    pub(crate) fn mean_color(&self, triangles: &[u32]) -> Option<[u8; 3]> {
+    pub fn mean_color(&self, triangles: &[u32]) -> Option<[u8; 3]> {
         let mut sum = [0.0_f64; 3];
         let mut weight = 0.0_f64;
         for &triangle in triangles {
@@ -137,14 +145,14 @@ impl Surfaces<'_> {
 }
 
 /// The centre of a triangle and the points half-way from there to its corners.
-pub(crate) fn inner_points(corners: &[Point2<f32>; 3]) -> [Point2<f32>; 4] {
+pub fn inner_points(corners: &[Point2<f32>; 3]) -> [Point2<f32>; 4] {
     let [a, b, c] = corners.map(|corner| corner.coords);
     let center = (a + b + c) / 3.0;
     [center, (center + a) / 2.0, (center + b) / 2.0, (center + c) / 2.0].map(Point2::from)
 }
 
 /// The texel under a texture coordinate, the texture repeating.
-pub(crate) fn texel_at(texture: &Texture, uv: &Point2<f32>) -> [u8; 4] {
+pub fn texel_at(texture: &Texture, uv: &Point2<f32>) -> [u8; 4] {
     let along =
         |share: f32, side: u32| (((share - share.floor()) * side as f32) as u32).min(side - 1) as usize;
     let (column, row) = (along(uv.x, texture.width), along(uv.y, texture.height));

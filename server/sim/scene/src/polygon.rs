@@ -7,7 +7,7 @@ const MAX_EARS: usize = 64;
 
 /// Cuts the polygon `corners` (indices into `positions`, which must exist) into triangles of the same winding, by clipping ears;
 /// triangles that use a corner twice are left out.
-pub(crate) fn triangulate(positions: &[Point3<f32>], corners: &[u32], triangles: &mut Vec<[u32; 3]>) {
+pub fn triangulate(positions: &[Point3<f32>], corners: &[u32], triangles: &mut Vec<[u32; 3]>) {
     let add = |[a, b, c]: [u32; 3]| {
         if a != b && b != c && c != a {
             triangles.push([a, b, c]);
@@ -22,7 +22,7 @@ pub(crate) fn triangulate(positions: &[Point3<f32>], corners: &[u32], triangles:
 
 /// Cuts a polygon of at least three corners into triangles, however many there are, in the plane that Newell's formula gives
 /// (M. E. Newell in Sutherland, Sproull and Schumacker 1974).
-pub(crate) fn clip_ears(positions: &[Point3<f32>], mut rest: Vec<u32>, mut add: impl FnMut([u32; 3])) {
+pub fn clip_ears(positions: &[Point3<f32>], mut rest: Vec<u32>, mut add: impl FnMut([u32; 3])) {
     let at = |corner: u32| positions[corner as usize];
     let normal = newell(rest.iter().map(|&corner| at(corner)));
     while rest.len() > 3 {

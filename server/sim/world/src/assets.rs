@@ -187,7 +187,8 @@ fn check_lists(scene: &Scene) -> Result<(), PrepareError> {
 mod tests {
     use super::*;
     use avln_geom::Point2;
-    use avln_scene::{Lighting, procedural::HouseOptions};
+    use avln_houses::HouseOptions;
+    use avln_scene::Lighting;
 
     #[test]
     fn assets_are_shared_between_threads() {
@@ -199,7 +200,7 @@ mod tests {
 
     #[test]
     fn bytes_are_counted_and_grow_with_the_first_picture() {
-        let house = avln_scene::procedural::house("counted", 1, &HouseOptions::small());
+        let house = avln_houses::house("counted", 1, &HouseOptions::small());
         let textures: usize = house.textures.iter().map(|texture| texture.pixels.len()).sum();
         let mesh = mesh_bytes(&house.mesh);
         let assets = SceneAssets::prepare(house, &Body::default()).expect("a house");

@@ -1,7 +1,7 @@
 //! A body in procedural houses.
 
 use avln_geom::angle;
-use avln_scene::procedural::{HouseOptions, house};
+use avln_houses::{HouseOptions, house};
 use avln_world::{Body, Camera, InstanceId, Point3, Rng, SceneAssets};
 use std::collections::BTreeMap;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};

@@ -1,6 +1,6 @@
 //! Procedural houses in numbers: whole, closed, and as hard to walk in as real buildings.
 
-use avln_scene::procedural::{HouseOptions, house};
+use avln_houses::{HouseOptions, house};
 use avln_scene::stats::{census, divergence_from_matterport};
 use avln_world::stats::{closed_share, walk_stats};
 use std::collections::BTreeMap;

@@ -143,7 +143,7 @@ impl SplitRecipe {
 impl SceneChoice {
     fn check(&self) -> Result<(), DatasetError> {
         let Self::Houses { rooms, storeys, pool, .. } = self else { return Ok(()) };
-        if avln_scene::procedural::Pool::from_name(pool).is_none() {
+        if avln_houses::Pool::from_name(pool).is_none() {
             return Err(refused(format!("`pool` is '{pool}'; use train, validation or test")));
         }
         range("rooms", rooms[0].into(), rooms[1].into(), 1, 64)?;

@@ -8,7 +8,7 @@ use crate::{
 };
 use avln_episode::Rules;
 use avln_geom::Rng;
-use avln_scene::procedural::Pool;
+use avln_houses::Pool;
 use avln_world::{Cache, SceneAssets};
 use std::sync::Arc;
 

@@ -178,7 +178,7 @@ fn of_runs() -> Vec<Endpoint> {
         endpoint("/runs/{run}", "A run with its episodes.", &[], Json("Run"), get(json::run)),
         endpoint(
             "/runs/{run}/log",
-            "The signed log of a finished run, if the phase shows its replay. Check it with avln verify.",
+            "The signed log of a finished run, if the phase shows its replay. Check it with avln run verify.",
             &[],
             Text,
             get(json::log),

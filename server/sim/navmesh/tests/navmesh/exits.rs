@@ -1,8 +1,8 @@
 //! Distances put together from exits are those of the mesh.
 
 use avln_geom::Rng;
+use avln_houses::{HouseOptions, house};
 use avln_navmesh::{Body, CornerWays, Exits, NavMesh, NavPoint, Places};
-use avln_scene::procedural::{HouseOptions, house};
 
 struct Looked {
     mesh: NavMesh,

@@ -37,7 +37,7 @@ const POSES: [(usize, Place, f32); 6] = [
 
 fn house(test: &str) -> Option<NavMesh> {
     let path = shared(test, "aws_small_house/combined/small_house.glb")?;
-    let scene = avln_scene::open::open(&path).expect("a readable scene");
+    let scene = avln_formats::open::open(&path).expect("a readable scene");
     Some(NavMesh::build_with(&scene, &NavMeshSettings::default()).expect("a house to walk in"))
 }
 
@@ -91,7 +91,7 @@ fn the_arenas_own_mesh_covers_the_same_floor() {
     else {
         return;
     };
-    let scene = avln_scene::open::open(&path).expect("a readable scene");
+    let scene = avln_formats::open::open(&path).expect("a readable scene");
     let own = NavMesh::build(&scene, &Body::default()).expect("a house to walk in");
     let habitats = NavMesh::build_with(&scene, &NavMeshSettings::default()).expect("a house to walk in");
     let ratio = own.island_area_m2(0) / habitats.island_area_m2(0);

@@ -2,7 +2,7 @@
 //! sixteen textures of 1024 by 1024 texels, a centimetre each.
 
 use avln_geom::{Point2, Point3, Rng, Vector3};
-use avln_scene::procedural::{HouseOptions, house};
+use avln_houses::{HouseOptions, house};
 use avln_scene::{Lighting, Material, Mesh, Scene, Texture};
 use std::collections::BTreeMap;
 

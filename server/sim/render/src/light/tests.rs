@@ -1,6 +1,6 @@
 use super::*;
 use avln_geom::{Point2, Point3, Vector3};
-use avln_scene::procedural::{HouseOptions, house};
+use avln_houses::{HouseOptions, house};
 use avln_scene::{InstanceId, Lamp};
 use std::collections::BTreeMap;
 

@@ -114,8 +114,8 @@ mod tests {
     use super::*;
     use crate::Renderer;
     use avln_geom::RayMesh;
+    use avln_houses::{HouseOptions, house};
     use avln_scene::digest::digest;
-    use avln_scene::procedural::{HouseOptions, house};
     use std::sync::Arc;
 
     fn model() -> Model {

@@ -1,9 +1,10 @@
 //! Buildings to look at.
 
+use avln_formats::open;
 use avln_geom::{Point2, Point3, RayMesh, Rng, UnitQuaternion, Vector3, angle};
+use avln_houses::{HouseOptions, house};
 use avln_render::{Camera, Frame, Renderer};
-use avln_scene::procedural::{HouseOptions, house};
-use avln_scene::{InstanceId, Lighting, Material, Mesh, Scene, Texture, open};
+use avln_scene::{InstanceId, Lighting, Material, Mesh, Scene, Texture};
 use std::f32::consts::{FRAC_PI_2, PI};
 use std::path::Path;
 use std::sync::Arc;

@@ -10,10 +10,8 @@ use crate::{
 };
 use avln_episode::Rules;
 use avln_geom::{Aabb, Rng};
-use avln_scene::{
-    Object, Scene,
-    procedural::{self, HouseOptions},
-};
+use avln_houses::HouseOptions;
+use avln_scene::{Object, Scene};
 use avln_world::{Body, SceneAssets};
 use std::{collections::BTreeSet, sync::LazyLock};
 
@@ -29,7 +27,7 @@ fn write(seed: u64) -> Written {
     let rules = Rules::paper();
     let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
     let options = HouseOptions { rooms: 6..=8, ..HouseOptions::default() };
-    let scene = procedural::house(&format!("house-{seed}"), seed, &options);
+    let scene = avln_houses::house(&format!("house-{seed}"), seed, &options);
     let assets = SceneAssets::prepare(scene, &body).expect("a house can be lived in");
     let options = SurveyOptions { looks: 6, look_px: 64, ..SurveyOptions::default() };
     let (sightings, palettes) = look_around(&assets, &rules, &options, &ThresholdsOnly);

@@ -1,0 +1,395 @@
+use crate::commands::*;
+use avln_arena::{Failure, FailureKind};
+use avln_kit::shell::run_for;
+use clap::{Arg, Parser, Subcommand, value_parser};
+use std::{
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
+use tracing_subscriber::EnvFilter;
+
+/// LH-AVLN Arena: hosts long-horizon audio-visual-language navigation episodes, scores them and shows the results
+#[derive(Debug, Parser)]
+#[command(name = "avln", bin_name = "avln", version, after_help = EXIT_CODES)]
+pub struct Cli {
+    /// Folder of the database, splits and caches
+    // Commands that use the folder show the option by `data_option`, which has the same id: clap copies the value
+    // upwards. Here it is hidden and global, because `avln --data FOLDER COMMAND` is common in scripts.
+    #[arg(long, global = true, hide = true, env = "AVLN_DATA", default_value = DATA_FOLDER, value_name = "FOLDER")]
+    pub data: PathBuf,
+    /// Log filter for standard error, such as info or avln_grpc=debug
+    #[arg(long, global = true, env = "AVLN_LOG", default_value = "warn", value_name = "FILTER")]
+    pub log: String,
+    /// Command to run
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The exit codes, as `avln --help` prints them.
+const EXIT_CODES: &str = "Exit codes:
+  0  success
+  1  internal error
+  2  invalid command line
+  3  unusable data folder or database
+  4  address in use or not available
+  5  unusable scene or split
+  6  failed run, check or request";
+
+const DATA_FOLDER: &str = "avln-data";
+
+/// The option `--data` as shown in the help of commands that use the data folder.
+pub(crate) fn data_option() -> Arg {
+    Arg::new("data")
+        .long("data")
+        .global(true)
+        .env("AVLN_DATA")
+        .default_value(DATA_FOLDER)
+        .value_name("FOLDER")
+        .value_parser(value_parser!(PathBuf))
+        .help("Folder of the database, splits and caches")
+}
+
+/// The top-level commands and groups.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Build houses and missions, run two agents over gRPC, show the leaderboard
+    #[command(arg(data_option()))]
+    Demo(demo::Options),
+    /// Host the phases of the data folder for remote agents
+    #[command(arg(data_option()))]
+    Serve(serve::Options),
+    /// Inspect, notify or drain a running server
+    #[command(subcommand)]
+    Admin(admin::Command),
+    /// Run one of the bundled agents against a server
+    #[command(subcommand)]
+    Agent(agent::Agent),
+    /// Manage a challenge: phases, teams, tokens, rulings, leaderboards
+    #[command(subcommand, arg(data_option()))]
+    Challenge(ChallengeCommand),
+    /// Make splits and data sets, and maintain the data folder
+    #[command(subcommand, arg(data_option()))]
+    Data(DataCommand),
+    /// Verify and rescore runs
+    #[command(subcommand, arg(data_option()))]
+    Run(RunCommand),
+    /// Evaluate bundled agents, record demonstrations, check servers and clients
+    #[command(subcommand)]
+    Lab(LabCommand),
+    /// Inspect, measure, draw, import and export scenes
+    #[command(subcommand)]
+    Scene(scene::Command),
+    /// Compute distances, paths, pictures and sounds in a scene, as Habitat would
+    #[command(subcommand)]
+    Sim(sim::Command),
+    /// Write man pages, and completions for Bash, Zsh and Fish
+    #[command(hide = true)]
+    Manual(manual::Options),
+    /// A spelling of version 0.1
+    #[command(flatten)]
+    Old(OldCommand),
+}
+
+/// Commands for organisers of a challenge.
+#[derive(Debug, Subcommand)]
+pub enum ChallengeCommand {
+    /// A command on the challenge file
+    #[command(flatten)]
+    File(challenge::Command),
+    /// Open, pause, resume and close phases
+    #[command(subcommand)]
+    Phase(phase::Command),
+    /// Admit teams, enter members, grant runs
+    #[command(subcommand)]
+    Team(team::Command),
+    /// Issue, list and revoke tokens
+    #[command(subcommand)]
+    Token(token::Command),
+    /// Verify or disqualify runs
+    #[command(subcommand)]
+    Ruling(ruling::Command),
+    /// Run an agent in a sandbox that reaches only the server
+    #[command(subcommand)]
+    Sealed(sealed::Command),
+    /// Freeze leaderboards as static pages, check a frozen copy, add the oracle
+    #[command(subcommand)]
+    Leaderboard(board::Command),
+}
+
+/// Commands on splits, data sets and the data folder.
+#[derive(Debug, Subcommand)]
+pub enum DataCommand {
+    /// Make, prepare, export and seal splits
+    #[command(subcommand)]
+    Split(split::Command),
+    /// Build, import, count and check data sets
+    #[command(subcommand)]
+    Dataset(dataset::Command),
+    /// Back up, restore and prune the data folder
+    #[command(subcommand)]
+    Db(db::Command),
+}
+
+/// Commands on runs.
+#[derive(Debug, Subcommand)]
+pub enum RunCommand {
+    /// Verify a run log: its hash chain, its replay, and its score
+    Verify(verify::Options),
+    /// Score runs again with the scorer of this build, keep both scores, show the differences
+    Rescore(rescore::Options),
+}
+
+/// Commands that use the arena for experiments and checks.
+#[derive(Debug, Subcommand)]
+pub enum LabCommand {
+    /// Run the baseline suite: all bundled agents on one split, with a report
+    #[command(subcommand)]
+    Baselines(ladder::Command),
+    /// Prove that a server scores like the published one, bit for bit
+    #[command(arg(data_option()))]
+    Calibrate(calibrate::Options),
+    /// Record demonstrations of the oracle on a training split
+    #[command(arg(data_option()))]
+    Rollout(rollout::Options),
+    /// Check before a run that it will succeed: token, clock, versions, speed, and practice episodes
+    Doctor(doctor::Options),
+    /// Check that a server or a client follows the protocol
+    Conformance(conformance::Options),
+}
+
+/// The spellings of version 0.1, hidden; they will be removed after one version.
+#[derive(Debug, Subcommand)]
+pub enum OldCommand {
+    /// Same as avln challenge phase
+    #[command(subcommand, hide = true)]
+    Phase(phase::Command),
+    /// Same as avln challenge team
+    #[command(subcommand, hide = true)]
+    Team(team::Command),
+    /// Same as avln challenge token
+    #[command(subcommand, hide = true)]
+    Token(token::Command),
+    /// Same as avln challenge ruling
+    #[command(subcommand, hide = true)]
+    Ruling(ruling::Command),
+    /// Same as avln challenge sealed
+    #[command(subcommand, hide = true)]
+    Sealed(sealed::Command),
+    /// Same as avln challenge leaderboard
+    #[command(subcommand, hide = true)]
+    Board(board::Command),
+    /// Same as avln data split
+    #[command(subcommand, hide = true)]
+    Split(split::Command),
+    /// Same as avln data dataset
+    #[command(subcommand, hide = true)]
+    Dataset(dataset::Command),
+    /// Same as avln data db
+    #[command(subcommand, hide = true)]
+    Db(db::Command),
+    /// Same as avln run verify
+    #[command(hide = true)]
+    Verify(verify::Options),
+    /// Same as avln run rescore
+    #[command(hide = true)]
+    Rescore(rescore::Options),
+    /// Same as avln lab baselines
+    #[command(subcommand, hide = true)]
+    Ladder(ladder::Command),
+    /// Same as avln lab calibrate
+    #[command(hide = true)]
+    Calibrate(calibrate::Options),
+    /// Same as avln lab rollout
+    #[command(hide = true)]
+    Rollout(rollout::Options),
+    /// Same as avln lab doctor
+    #[command(hide = true)]
+    Doctor(doctor::Options),
+    /// Same as avln lab conformance
+    #[command(hide = true)]
+    Conformance(conformance::Options),
+}
+
+impl From<OldCommand> for Command {
+    fn from(old: OldCommand) -> Self {
+        match old {
+            OldCommand::Phase(command) => Self::Challenge(ChallengeCommand::Phase(command)),
+            OldCommand::Team(command) => Self::Challenge(ChallengeCommand::Team(command)),
+            OldCommand::Token(command) => Self::Challenge(ChallengeCommand::Token(command)),
+            OldCommand::Ruling(command) => Self::Challenge(ChallengeCommand::Ruling(command)),
+            OldCommand::Sealed(command) => Self::Challenge(ChallengeCommand::Sealed(command)),
+            OldCommand::Board(command) => Self::Challenge(ChallengeCommand::Leaderboard(command)),
+            OldCommand::Split(command) => Self::Data(DataCommand::Split(command)),
+            OldCommand::Dataset(command) => Self::Data(DataCommand::Dataset(command)),
+            OldCommand::Db(command) => Self::Data(DataCommand::Db(command)),
+            OldCommand::Verify(options) => Self::Run(RunCommand::Verify(options)),
+            OldCommand::Rescore(options) => Self::Run(RunCommand::Rescore(options)),
+            OldCommand::Ladder(command) => Self::Lab(LabCommand::Baselines(command)),
+            OldCommand::Calibrate(options) => Self::Lab(LabCommand::Calibrate(options)),
+            OldCommand::Rollout(options) => Self::Lab(LabCommand::Rollout(options)),
+            OldCommand::Doctor(options) => Self::Lab(LabCommand::Doctor(options)),
+            OldCommand::Conformance(options) => Self::Lab(LabCommand::Conformance(options)),
+        }
+    }
+}
+
+/// Runs the command line of this process and prints a failure to standard error.
+pub fn main() -> ExitCode {
+    match run(Cli::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            failure.exit_code()
+        }
+    }
+}
+
+/// Runs one command line.
+///
+/// # Errors
+/// If the command fails. The failure contains the exit code and a hint.
+pub fn run(cli: Cli) -> Result<(), Failure> {
+    start_log(&cli.log)?;
+    let data = cli.data.as_path();
+    match cli.command {
+        Command::Demo(options) => block_on(demo::run(data, options)),
+        Command::Serve(options) => block_on(serve::run(data, options)),
+        Command::Admin(command) => block_on(admin::run(command)),
+        Command::Agent(agent) => play(agent),
+        Command::Challenge(command) => run_challenge(data, command),
+        Command::Data(DataCommand::Split(command)) => block_on(split::run(data, command)),
+        Command::Data(DataCommand::Dataset(command)) => dataset::run(data, command),
+        Command::Data(DataCommand::Db(command)) => block_on(db::run(data, command)),
+        Command::Run(RunCommand::Verify(options)) => block_on(verify::run(data, options)),
+        Command::Run(RunCommand::Rescore(options)) => block_on(rescore::run(data, options)),
+        Command::Lab(command) => block_on(run_lab(data, command)),
+        Command::Scene(command) => scene::run(data, command),
+        Command::Sim(command) => sim::run(data, command),
+        Command::Manual(options) => manual::run(&options),
+        Command::Old(old) => run(Cli { command: old.into(), ..cli }),
+    }
+}
+
+fn run_challenge(data: &Path, command: ChallengeCommand) -> Result<(), Failure> {
+    match command {
+        ChallengeCommand::File(command) => block_on(challenge::run(data, command)),
+        ChallengeCommand::Phase(command) => block_on(phase::run(data, command)),
+        ChallengeCommand::Team(command) => block_on(team::run(data, command)),
+        ChallengeCommand::Token(command) => block_on(token::run(data, command)),
+        ChallengeCommand::Ruling(command) => block_on(ruling::run(data, command)),
+        // The sandbox is entered before any thread starts: namespaces apply to the calling thread alone.
+        ChallengeCommand::Sealed(sealed::Command::Enter(step)) => step.take(),
+        ChallengeCommand::Sealed(command) => block_on(sealed::run(data, command)),
+        ChallengeCommand::Leaderboard(command) => block_on(board::run(data, command)),
+    }
+}
+
+async fn run_lab(data: &Path, command: LabCommand) -> Result<(), Failure> {
+    match command {
+        LabCommand::Baselines(command) => ladder::run(command).await,
+        LabCommand::Calibrate(options) => calibrate::run(data, options).await,
+        LabCommand::Rollout(options) => rollout::run(data, options).await,
+        LabCommand::Doctor(options) => doctor::run(options).await,
+        LabCommand::Conformance(options) => conformance::run(options).await,
+    }
+}
+
+fn start_log(filter: &str) -> Result<(), Failure> {
+    let filter = EnvFilter::try_new(filter).map_err(|error| {
+        Failure::new(FailureKind::Internal, format!("cannot read the log filter '{filter}': {error}"))
+            .hinted("use a level such as info, or target=level pairs separated by commas")
+    })?;
+    let subscriber = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    // A log that cannot be written, on a full disk, must not stop the server.
+    let subscriber = subscriber.log_internal_errors(false);
+    // In tests a process runs several command lines; the first subscriber stays.
+    let _ = subscriber.try_init();
+    Ok(())
+}
+
+fn play(agent: agent::Agent) -> Result<(), Failure> {
+    let no_threads = |error| Failure::new(FailureKind::Internal, format!("cannot start threads: {error}"));
+    run_for(agent.slots(), agent::run(agent)).map_err(no_threads)?
+}
+
+#[tokio::main]
+async fn block_on(command: impl Future<Output = Result<(), Failure>>) -> Result<(), Failure> {
+    command.await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parsed(words: &str) -> Cli {
+        Cli::try_parse_from(words.split_whitespace()).unwrap_or_else(|error| panic!("{words}: {error}"))
+    }
+
+    fn current(command: Command) -> String {
+        match command {
+            Command::Old(old) => format!("{:?}", Command::from(old)),
+            command => format!("{command:?}"),
+        }
+    }
+
+    #[test]
+    fn old_spellings_mean_the_new_commands() {
+        for (old, new) in [
+            ("phase open p --split s", "challenge phase open p --split s"),
+            ("phase close p", "challenge phase close p"),
+            ("team add A", "challenge team add A"),
+            ("team member list A", "challenge team member list A"),
+            ("token list --json", "challenge token list --json"),
+            ("ruling verified r --reason x", "challenge ruling verified r --reason x"),
+            (
+                "sealed run --phase p --team t --method m -- x",
+                "challenge sealed run --phase p --team t --method m -- x",
+            ),
+            ("sealed enter plan", "challenge sealed enter plan"),
+            ("board freeze --out x", "challenge leaderboard freeze --out x"),
+            ("board oracle --phase p", "challenge leaderboard oracle --phase p"),
+            ("split make val", "data split make val"),
+            ("dataset build mini", "data dataset build mini"),
+            ("db prune --older-than 90d", "data db prune --older-than 90d"),
+            ("verify x.log --log-only", "run verify x.log --log-only"),
+            ("rescore --phase p", "run rescore --phase p"),
+            ("ladder run --out x", "lab baselines run --out x"),
+            ("calibrate", "lab calibrate"),
+            ("rollout --split s --out x", "lab rollout --split s --out x"),
+            ("doctor --token t", "lab doctor --token t"),
+            ("conformance --client 127.0.0.1:0", "lab conformance --client 127.0.0.1:0"),
+        ] {
+            let before = parsed(&format!("avln --data there {old}"));
+            let after = parsed(
+                &format!("avln {new} --data there").replace(" -- x --data there", " --data there -- x"),
+            );
+            assert_eq!(before.data, after.data, "{old}");
+            assert_eq!(current(before.command), current(after.command), "{old}");
+        }
+    }
+
+    #[test]
+    fn data_folder_is_accepted_at_every_level() {
+        for words in [
+            "avln --data there challenge team add A",
+            "avln challenge --data there team add A",
+            "avln challenge team --data there add A",
+            "avln challenge team add A --data there",
+            "avln --data there serve",
+            "avln serve --data there",
+            "avln --data elsewhere serve --data there",
+            "avln --data there admin health",
+            "avln lab rollout --split s --out x --data there",
+        ] {
+            assert_eq!(parsed(words).data, Path::new("there"), "{words}");
+        }
+    }
+
+    #[test]
+    fn help_hides_old_spellings() {
+        let help = <Cli as clap::CommandFactory>::command().render_long_help().to_string();
+        for word in ["  team ", "  board ", "  ladder ", "--data"] {
+            assert!(!help.contains(word), "{word} in {help}");
+        }
+    }
+}

@@ -1,0 +1,258 @@
+//! The organiser's file, and the audit list of what it changed.
+
+use crate::output::say;
+use avln_arena::{
+    Failure, FailureKind,
+    challenge::{ChallengeFile, PhaseFile, Plan, Planner, Unplanned, actor, json as as_json},
+    data::DataFolder,
+    dataset::SplitFolder,
+    now_unix_ms,
+};
+use avln_store::{AuditLine, AuditNote, CommitmentValues, calendar::rfc3339, pool_digest};
+use clap::{Args, Subcommand};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Commands about the challenge as a whole.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Say what a file would change, or what is wrong with it; docs/challenge.toml is an example
+    Check {
+        /// The file
+        file: PathBuf,
+    },
+    /// Make the phases as a file has them; a server that runs sees it at once
+    Apply {
+        /// The file
+        file: PathBuf,
+        /// Why, for the audit list
+        #[arg(long, default_value = "", value_name = "TEXT")]
+        reason: String,
+    },
+    /// Print the file that is in force: to apply it changes nothing
+    Show {
+        /// As JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// Print the audit list: what was changed, when, by whom and why
+    Audit {
+        /// As JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// Publish what a closed phase had committed to: its episodes, the scorer and the secret of its draws
+    Reveal {
+        /// Id of the phase
+        phase: String,
+    },
+    /// Check published values, as `avln challenge reveal` prints them, against their commitment
+    VerifyReveal(Verify),
+}
+
+/// What is checked.
+#[derive(Clone, Debug, Args)]
+pub struct Verify {
+    /// A file with what `avln challenge reveal` printed
+    pub file: PathBuf,
+    /// Also check the episodes: the folder of the data set
+    #[arg(long, value_name = "DIR", requires = "split")]
+    pub dataset: Option<PathBuf>,
+    /// The split of --dataset
+    #[arg(long, requires = "dataset")]
+    pub split: Option<String>,
+}
+
+/// What a phase had committed to, as it is published.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Published {
+    phase: String,
+    commitment: String,
+    committed_at: String,
+    #[serde(flatten)]
+    values: PublishedValues,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct PublishedValues {
+    pool: String,
+    scorer: String,
+    secret: String,
+}
+
+/// Carries out a command about the challenge.
+///
+/// # Errors
+/// When a file is wrong, values do not fit their commitment, or the database refuses.
+pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
+    match command {
+        Command::Check { file } => check(data, &file).await,
+        Command::Apply { file, reason } => apply(data, &file, &reason).await,
+        Command::Show { json } => show(data, json).await,
+        Command::Audit { json } => audit(data, json).await,
+        Command::Reveal { phase } => reveal(data, &phase).await,
+        Command::VerifyReveal(options) => verify(&options),
+    }
+}
+
+async fn check(data: &Path, path: &Path) -> Result<(), Failure> {
+    let data = DataFolder::open(data)?;
+    let store = data.store().await?;
+    let planner = Planner { data: &data, store: &store, base: folder_of(path), reason: "" };
+    let plan = plan(&planner, path).await?;
+    tell(&plan, "would change");
+    Ok(())
+}
+
+async fn apply(data: &Path, path: &Path, reason: &str) -> Result<(), Failure> {
+    let data = DataFolder::open(data)?;
+    let store = data.store().await?;
+    let planner = Planner { data: &data, store: &store, base: folder_of(path), reason };
+    let plan = plan(&planner, path).await?;
+    tell(&plan, "changed");
+    planner.apply(plan).await
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().unwrap_or(Path::new(""))
+}
+
+/// Largest file that is read, bytes: thousands of phases.
+const LARGEST_FILE: u64 = 4 << 20;
+
+async fn plan(planner: &Planner<'_>, path: &Path) -> Result<Plan, Failure> {
+    let text = read(path)?;
+    let file = ChallengeFile::parse(&text).map_err(|fault| fault.explain(path, &text))?;
+    planner.plan(&file).await.map_err(|unplanned| match unplanned {
+        Unplanned::File(fault) => fault.explain(path, &text),
+        Unplanned::Other(failure) => failure,
+    })
+}
+
+fn read(path: &Path) -> Result<String, Failure> {
+    let failed = |error: &dyn std::fmt::Display| {
+        Failure::new(FailureKind::Data, format!("cannot read {}: {error}", path.display()))
+    };
+    let size = std::fs::metadata(path).map_err(|error| failed(&error))?.len();
+    if size > LARGEST_FILE {
+        return Err(failed(&format!("it has {size} bytes, more than {LARGEST_FILE}"))
+            .hinted("name the file of a challenge, such as challenge.toml"));
+    }
+    std::fs::read_to_string(path).map_err(|error| failed(&error))
+}
+
+fn tell(plan: &Plan, verb: &str) {
+    for AuditNote { subject, what, before, after, .. } in &plan.notes {
+        let words = |value: &Option<String>| value.clone().unwrap_or_else(|| "-".to_owned());
+        say!("{verb}  {subject}: {what}  {} -> {}", words(before), words(after));
+    }
+    if plan.notes.is_empty() {
+        say!("nothing to change");
+    }
+    for phase in &plan.left_out {
+        say!("phase {phase} is not in the file and stays as it is");
+    }
+}
+
+async fn show(data: &Path, json: bool) -> Result<(), Failure> {
+    let store = DataFolder::open(data)?.store().await?;
+    let file = ChallengeFile::of(&store.phases().await?);
+    if json {
+        say!("{}", pretty(&as_json(&file))?);
+    } else {
+        say!("{}", file.text().map_err(|error| Failure::new(FailureKind::Internal, error))?.trim_end());
+        for PhaseFile { id, .. } in &file.phases {
+            let promise = store.promise(id).await?;
+            promise.iter().for_each(|promise| say!("# phase {id} is committed to {}", promise.commitment));
+        }
+    }
+    Ok(())
+}
+
+fn pretty(value: &impl Serialize) -> Result<String, Failure> {
+    serde_json::to_string_pretty(value).map_err(|error| Failure::new(FailureKind::Internal, error))
+}
+
+async fn audit(data: &Path, json: bool) -> Result<(), Failure> {
+    let store = DataFolder::open(data)?.store().await?;
+    let lines = store.audit().await?;
+    if json {
+        say!("{}", pretty(&lines)?);
+        return Ok(());
+    }
+    for AuditLine { id, at_ms, actor, subject, what, before, after, reason } in lines {
+        let words = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
+        let reason = if reason.is_empty() { reason } else { format!("  because {reason}") };
+        say!(
+            "{id:>5}  {}  {actor}  {subject}: {what}  {} -> {}{reason}",
+            rfc3339(at_ms),
+            words(before),
+            words(after)
+        );
+    }
+    Ok(())
+}
+
+async fn reveal(data: &Path, phase: &str) -> Result<(), Failure> {
+    let store = DataFolder::open(data)?.store().await?;
+    let note = AuditNote {
+        actor: actor(),
+        subject: format!("phase {phase}"),
+        what: "revealed".to_owned(),
+        ..AuditNote::default()
+    };
+    let (promise, values) = store.reveal_phase(phase, note, now_unix_ms()).await?;
+    let CommitmentValues { pool, scorer, secret } = values;
+    say!(
+        "{}",
+        pretty(&Published {
+            phase: phase.to_owned(),
+            commitment: promise.commitment,
+            committed_at: rfc3339(promise.committed_unix_ms),
+            values: PublishedValues { pool, scorer, secret },
+        })?
+    );
+    Ok(())
+}
+
+fn verify(options: &Verify) -> Result<(), Failure> {
+    let unfit = |message: String| {
+        Failure::new(FailureKind::Data, message)
+            .hinted("ask the organiser; keep the commitment that was published first")
+    };
+    let text = read(&options.file)?;
+    let published: Published = serde_json::from_str(&text).map_err(|error| {
+        Failure::new(
+            FailureKind::Data,
+            format!("{} is not what was published: {error}", options.file.display()),
+        )
+        .hinted("save what this prints: avln challenge reveal PHASE")
+    })?;
+    let Published { phase, commitment, values: PublishedValues { pool, scorer, secret }, .. } = published;
+    let values = CommitmentValues { pool, scorer, secret };
+    if values.commitment() != commitment {
+        return Err(unfit(format!(
+            "pool, scorer and secret of phase '{phase}' do not give its commitment {commitment}"
+        )));
+    }
+    if let (Some(dataset), Some(split)) = (&options.dataset, &options.split) {
+        let found = digest_of(dataset, split)?;
+        if found != values.pool {
+            return Err(unfit(format!(
+                "split '{split}' has the pool {found}, phase '{phase}' had {}",
+                values.pool
+            )));
+        }
+        say!("the episodes of split {split} are those of phase {phase}");
+    }
+    say!("the values of phase {phase} fit its commitment");
+    Ok(())
+}
+
+/// The digest of a split as the pool of a phase.
+fn digest_of(dataset: &Path, split: &str) -> Result<String, Failure> {
+    let folder = SplitFolder::open(dataset, split)?;
+    let episodes = avln_arena::register::phase_episodes(&folder)?;
+    Ok(pool_digest(folder.digest(), episodes.iter().map(|episode| episode.episode.as_str())))
+}

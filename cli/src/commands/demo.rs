@@ -1,0 +1,261 @@
+//! Houses, missions, two agents and a leaderboard in one command.
+
+use super::serve::AddressArgs;
+use crate::output::say;
+use avln_arena::setup::{NewPhase, NewSplit, admit, make_split, open_phase};
+use avln_arena::{
+    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
+    data::DataFolder,
+    now_unix_ms,
+    servers::{RunningServers, Servers},
+};
+use avln_dataset::SceneSource;
+use avln_episode::{Order, Rules};
+use avln_scoring::{Key, Metric};
+use avln_store::{Board, LeaderboardRow, Reference, RunChoice, RunLine, RunState, Store, Viewer};
+use indicatif::{ProgressBar, ProgressStyle};
+use std::{
+    path::{Path, PathBuf},
+    process::Stdio,
+    sync::Arc,
+    time::Duration,
+};
+use tokio::process::{Child, Command};
+
+/// What to show.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Options {
+    /// Addresses
+    #[command(flatten)]
+    pub addresses: AddressArgs,
+    /// A real scene instead of procedural houses: a file or a folder in any layout that `avln scene import` reads
+    #[arg(long, value_name = "PATH")]
+    pub scene: Option<PathBuf>,
+    /// Procedural houses to build
+    #[arg(long, default_value_t = 3)]
+    pub houses: u32,
+    /// Missions to draw in each scene
+    #[arg(long, default_value_t = 4)]
+    pub missions: usize,
+    /// Seed of houses and missions
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Exit after the table instead of keeping the leaderboard up
+    #[arg(long)]
+    pub once: bool,
+}
+
+/// The team under which the arena's own agents play.
+const TEAM: &str = "LH-AVLN Arena";
+/// The agents that play, as `avln agent` knows them.
+const AGENTS: [&str; 2] = ["random", "pag-nav"];
+const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
+/// Runs that play at the same time.
+const RUNS_AT_ONCE: usize = 2;
+
+/// Builds houses and missions, runs two agents over gRPC, prints the table and keeps the leaderboard up.
+///
+/// # Errors
+/// When a scene cannot be used, an address is taken, the data folder cannot be written or an agent fails.
+pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
+    let data = DataFolder::open(data)?;
+    let doors = Servers::bind(&options.addresses.addresses()).await?;
+    let store = data.store().await?;
+    let phase = prepare(&data, &store, &options).await?;
+    let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await?;
+    let token = admit(&store, TEAM, Some(Reference::Baseline)).await?;
+    let open = doors.open(Arc::new(arena), store.reader())?;
+    play(&store, &open, &phase, &token).await?;
+    print_table(&store, &phase).await?;
+    print_outlook(&data, &open, &phase, &options);
+    let ended = if options.once { open.close().await } else { open.wait().await };
+    store.close().await;
+    ended
+}
+
+/// Makes the demo's phase, or finds the one that an earlier demo made; its id names what it was made of.
+async fn prepare(data: &DataFolder, store: &Store, options: &Options) -> Result<String, Failure> {
+    let name = match &options.scene {
+        None => format!("practice-{}x{}-seed{}", options.houses, options.missions, options.seed),
+        Some(path) => {
+            let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+            let fits = |letter: &char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_');
+            let stem: String = stem.chars().filter(fits).take(24).collect();
+            format!("scene-{stem}-{}-seed{}", options.missions, options.seed)
+        }
+    };
+    if store.phases().await?.iter().any(|phase| phase.id == name) {
+        say!("Found phase {name} of an earlier demo in {}", data.root().display());
+        return Ok(name);
+    }
+    say!("Building scenes and missions");
+    let make = NewSplit {
+        name: name.clone(),
+        houses: options.houses,
+        scenes: options.scene.iter().cloned().collect(),
+        missions: if options.scene.is_some() { options.missions * 2 } else { options.missions },
+        seed: options.seed,
+        rules: Rules::PAPER.to_owned(),
+    };
+    let split = make_split(data, store, make, |line| say!("{line}")).await?;
+    let real = split.scenes.iter().any(|scene| matches!(scene.source, SceneSource::File { .. }));
+    let open = NewPhase {
+        title: Some(if real { "Practice in a real house".to_owned() } else { "Practice".to_owned() }),
+        ..NewPhase::public(&name, &name)
+    };
+    open_phase(data, store, &open).await?;
+    Ok(name)
+}
+
+/// Lets each agent play both orders, unless an earlier demo saw it finish.
+async fn play(store: &Store, open: &RunningServers, phase: &str, token: &str) -> Result<(), Failure> {
+    let before = runs(store, phase).await?;
+    let method_of = |agent: &str| if agent == "random" { "random" } else { "PAG-Nav" };
+    let done = |agent: &str, order: Order| {
+        let same = |run: &&RunLine| run.method == method_of(agent) && run.order == order;
+        before.iter().filter(same).any(|run| run.state == RunState::Completed)
+    };
+    let all = AGENTS.iter().flat_map(|&agent| ORDERS.map(|order| (agent, order)));
+    let mut waiting: Vec<_> = all.filter(|&(agent, order)| !done(agent, order)).rev().collect();
+    if waiting.is_empty() {
+        say!("All agents have played this phase; here is the table of their runs");
+        return Ok(());
+    }
+    say!("Running {} agents over gRPC: {} runs", AGENTS.len(), waiting.len());
+    let mut watch = Watch::new(store, phase, before, waiting.len() as u64).await?;
+    let mut playing: Vec<Child> = Vec::new();
+    while !waiting.is_empty() || !playing.is_empty() {
+        while playing.len() < RUNS_AT_ONCE
+            && let Some((agent, order)) = waiting.pop()
+        {
+            playing.push(spawn(agent, order, open, phase, token)?);
+        }
+        watch.look(store, phase).await?;
+        tokio::time::sleep(Duration::from_millis(250)).await;
+        reap(&mut playing).await?;
+    }
+    watch.look(store, phase).await?;
+    watch.bar.finish();
+    Ok(())
+}
+
+/// Starts an agent as a process of its own. The token travels in its environment.
+fn spawn(
+    agent: &str,
+    order: Order,
+    open: &RunningServers,
+    phase: &str,
+    token: &str,
+) -> Result<Child, Failure> {
+    let failed = |error| Failure::new(FailureKind::Internal, format!("cannot start agent {agent}: {error}"));
+    let program = std::env::current_exe().map_err(failed)?;
+    let server = format!("http://{}", open.grpc);
+    Command::new(program)
+        .args(["agent", agent, "--server", &server, "--phase", phase, "--order", order.as_str()])
+        .env("AVLN_TOKEN", token)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .kill_on_drop(true)
+        .spawn()
+        .map_err(failed)
+}
+
+/// Takes out the agents that have ended; one that failed fails the demo with its own words.
+async fn reap(playing: &mut Vec<Child>) -> Result<(), Failure> {
+    let mut index = 0;
+    while index < playing.len() {
+        let ended = playing[index].try_wait().map_err(|error| Failure::new(FailureKind::Internal, error))?;
+        if ended.is_none() {
+            index += 1;
+            continue;
+        }
+        let output = playing.swap_remove(index).wait_with_output().await;
+        let output = output.map_err(|error| Failure::new(FailureKind::Internal, error))?;
+        if !output.status.success() {
+            let words = String::from_utf8_lossy(&output.stderr).trim().to_owned();
+            return Err(Failure::new(
+                FailureKind::Run,
+                format!("an agent failed ({}): {words}", output.status),
+            ));
+        }
+    }
+    Ok(())
+}
+
+async fn runs(store: &Store, phase: &str) -> Result<Vec<RunLine>, Failure> {
+    Ok(store.reader().runs(&Viewer::Organiser, Some(phase), 1000).await?)
+}
+
+/// The progress bar: episodes done, time left, share of goals found so far.
+struct Watch {
+    bar: ProgressBar,
+    before: Vec<RunLine>,
+}
+
+impl Watch {
+    async fn new(store: &Store, phase: &str, before: Vec<RunLine>, runs: u64) -> Result<Self, Failure> {
+        let episodes = store.phase(phase).await?.episodes.len() as u64;
+        let style = ProgressStyle::with_template("{bar:30} {pos}/{len} episodes, {eta} left  {msg}")
+            .unwrap_or_else(|_| ProgressStyle::default_bar());
+        Ok(Self { bar: ProgressBar::new(runs * episodes).with_style(style), before })
+    }
+
+    async fn look(&mut self, store: &Store, phase: &str) -> Result<(), Failure> {
+        let known = |run: &RunLine| self.before.iter().any(|before| before.run == run.run);
+        let new: Vec<_> = runs(store, phase).await?.into_iter().filter(|run| !known(run)).collect();
+        self.bar.set_position(new.iter().map(|run| u64::from(run.done)).sum());
+        let isr_of = |run: &RunLine| Some(format!("{} {} {:.2}", run.method, run.order, run.isr?));
+        let mut shares: Vec<_> = new.iter().filter_map(isr_of).collect();
+        shares.sort();
+        self.bar.set_message(format!(
+            "ISR {}",
+            if shares.is_empty() { "-".to_owned() } else { shares.join(", ") }
+        ));
+        Ok(())
+    }
+}
+
+async fn print_table(store: &Store, phase: &str) -> Result<(), Failure> {
+    for order in ORDERS {
+        let board = Board {
+            phase,
+            order,
+            key: Key::default(),
+            pick: RunChoice::Latest,
+            as_of_unix_ms: None,
+            now_unix_ms: now_unix_ms(),
+        };
+        let Some(view) = store.reader().leaderboard(&Viewer::Organiser, &board).await? else { continue };
+        say!("\n{order} ({} episodes a run; mean and 95 % interval over scenes)", view.phase.episodes);
+        let labels = Metric::headlines().map(|metric| metric.label.to_owned()).collect();
+        print_cells("rank", "method", labels);
+        view.rows.iter().for_each(print_row);
+    }
+    Ok(())
+}
+
+fn print_row(row: &LeaderboardRow) {
+    let estimates = Metric::headlines().filter_map(|metric| metric.estimate_of(&row.summary));
+    let cells = estimates.map(|e| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high)).collect();
+    let rank = row.standing.map_or_else(|| "-".to_owned(), |standing| standing.rank.to_string());
+    print_cells(&rank, &row.method, cells);
+}
+
+fn print_cells(rank: &str, method: &str, numbers: Vec<String>) {
+    let numbers: Vec<String> = numbers.iter().map(|cell| format!("{cell:>17}")).collect();
+    say!("{rank:>4}  {method:<12} {}", numbers.join(" "));
+}
+
+fn print_outlook(data: &DataFolder, open: &RunningServers, phase: &str, options: &Options) {
+    say!("\nData lies in  {}", data.root().display());
+    if options.once {
+        return;
+    }
+    say!("Leaderboard   http://{}", open.web);
+    say!("Agents        http://{}", open.grpc);
+    say!("Stop with     Ctrl-C; the next start finds its data again");
+    say!("Try next      avln challenge team add \"My team\"");
+    say!("              avln agent random --server http://{} --phase {phase} --token TOKEN", open.grpc);
+    say!("              avln demo --scene PATH/TO/HOUSE.glb");
+}

@@ -1,0 +1,229 @@
+//! Measures scenes and prints the numbers next to those of real buildings.
+
+use crate::output::say;
+use avln_arena::{Failure, FailureKind};
+use avln_formats::open;
+use avln_scene::Scene;
+use avln_scene::stats::{Census, MATTERPORT_PER_BUILDING, census, divergence_from_matterport};
+use avln_world::stats::{WalkStats, walk_stats};
+use clap::Args;
+use serde_json::json;
+use std::{collections::BTreeMap, path::PathBuf};
+
+/// Which scenes to measure, and how to print it.
+#[derive(Debug, Args)]
+pub struct Options {
+    /// A scene to measure: a file or a folder (can be repeated)
+    #[arg(long, value_name = "PATH")]
+    scene: Vec<PathBuf>,
+    /// Seed of a procedural house to measure (can be repeated)
+    #[arg(long)]
+    seed: Vec<u64>,
+    /// Procedural houses of the seeds from A to B, B not included
+    #[arg(long, value_name = "A..B", value_parser = seeds)]
+    seeds: Option<std::ops::Range<u64>>,
+    /// Print JSON instead of a table
+    #[arg(long)]
+    json: bool,
+    /// Fail when a number lies outside its band
+    #[arg(long)]
+    check: bool,
+}
+
+/// What is measured of one scene.
+struct Measured {
+    name: String,
+    census: Census,
+    walk: WalkStats,
+}
+
+/// A number of a scene, the band that it should lie in, and what real buildings have.
+struct Line {
+    name: &'static str,
+    value: f64,
+    band: [f64; 2],
+    real: &'static str,
+}
+
+/// Measures the scenes.
+///
+/// # Errors
+/// When there is nothing to measure, when a scene cannot be read or walked in, or with `--check` when a number lies
+/// outside its band.
+pub fn run(options: &Options) -> Result<(), Failure> {
+    let seeds = options.seed.iter().copied().chain(options.seeds.clone().into_iter().flatten());
+    let houses = seeds.map(|seed| {
+        Ok(avln_houses::house(&format!("house-{seed}"), seed, &avln_houses::HouseOptions::default()))
+    });
+    let files = options
+        .scene
+        .iter()
+        .map(|path| open::open(path).map_err(|error| Failure::new(FailureKind::Scene, error)));
+    let mut all = Vec::new();
+    for scene in files.chain(houses) {
+        let measured = measure(&scene?)?;
+        if !options.json {
+            print(&measured);
+        }
+        all.push(measured);
+    }
+    if all.is_empty() {
+        let hint = "name one with --scene, --seed or --seeds";
+        return Err(Failure::new(FailureKind::Scene, "there is no scene to measure").hinted(hint));
+    }
+    if options.json {
+        let scenes: Vec<_> = all.iter().map(as_json).collect();
+        say!("{}", json!({ "scenes": scenes, "summary": summary(&all) }));
+    } else if all.len() > 1 {
+        print_summary(&all);
+    }
+    verdict(options, &all)
+}
+
+fn seeds(text: &str) -> Result<std::ops::Range<u64>, String> {
+    let parsed =
+        text.split_once("..").and_then(|(a, b)| Some(a.trim().parse().ok()?..b.trim().parse().ok()?));
+    parsed.filter(|range: &std::ops::Range<u64>| !range.is_empty()).ok_or_else(|| {
+        format!("'{text}' is no range of seeds; write the first and the one after the last, as in 0..100")
+    })
+}
+
+fn measure(scene: &Scene) -> Result<Measured, Failure> {
+    let walk = walk_stats(scene, 0).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    Ok(Measured { name: scene.name.clone(), census: census(scene), walk })
+}
+
+/// The numbers of a scene. Real numbers: Matterport3D (90 buildings), HM3D paper, Gibson (572 spaces).
+fn lines(measured: &Measured) -> Vec<Line> {
+    let Measured { census, walk, .. } = measured;
+    let most = f64::INFINITY;
+    let line = |name, value, band, real| Line { name, value, band, real };
+    vec![
+        line("rooms", census.rooms as f64, [6.0, 24.0], "MP3D 24.5, Gibson 15.5, HM3D 14.4"),
+        line("storeys", census.storeys as f64, [1.0, 2.0], "MP3D 2.0, Gibson 2.8"),
+        line("navigable m2", walk.navigable_m2, [25.0, 400.0], "HM3D 113, HSSD 37 to 132 (r 0.3)"),
+        line("floor m2", walk.floor_m2, [50.0, 700.0], "HM3D 366, Gibson 360 (median)"),
+        line("complexity beyond 2 m", walk.complexity, [2.0, 10.0], "Gibson 2.7 (median, its own measure)"),
+        line("complexity of all pairs", walk.complexity_of_all, [2.0, most], "HM3D 13.3 (so measured)"),
+        line("clutter", walk.clutter, [1.0, 4.0], "HM3D 3.9, Gibson 1.38 (median)"),
+        line("objects", census.objects as f64, [20.0, most], "HM3D 660, MP3D 565"),
+        line("objects per 100 m2", per_100_m2(measured), [25.0, most], "HM3D 180"),
+        line("largest island", walk.largest_island, [0.95, 1.0], "-"),
+        line("rooms reached (r 0.25)", walk.rooms_reached, [1.0, 1.0], "-"),
+        divergence_line(divergence_from_matterport(&census.categories)),
+    ]
+}
+
+fn divergence_line(value: f64) -> Line {
+    Line { name: "categories KL", value, band: [0.0, 1.0], real: "0 is Matterport3D" }
+}
+
+fn per_100_m2(measured: &Measured) -> f64 {
+    100.0 * measured.census.objects as f64 / measured.walk.floor_m2.max(1.0)
+}
+
+fn inside(line: &Line) -> bool {
+    (line.band[0]..=line.band[1]).contains(&line.value)
+}
+
+fn print(measured: &Measured) {
+    say!("{}", measured.name);
+    lines(measured).iter().for_each(print_line);
+}
+
+/// A number, whether it lies in its band, the band, and what real buildings have.
+fn print_line(line: &Line) {
+    let band = match line.band[1].is_finite() {
+        true => format!("{} to {}", line.band[0], line.band[1]),
+        false => format!("{} or more", line.band[0]),
+    };
+    let mark = if inside(line) { "ok" } else { "OUT" };
+    say!("  {:<24} {:>8.2}  {:<4} {:<14} {}", line.name, line.value, mark, band, line.real);
+}
+
+fn as_json(measured: &Measured) -> serde_json::Value {
+    let numbers: BTreeMap<&str, serde_json::Value> = lines(measured)
+        .iter()
+        .map(|line| (line.name, json!({ "value": line.value, "band": line.band, "inside": inside(line) })))
+        .collect();
+    json!({ "scene": measured.name, "numbers": numbers, "categories": measured.census.categories })
+}
+
+/// Medians of all numbers, and the categories of all scenes together.
+fn summary(all: &[Measured]) -> serde_json::Value {
+    let medians: BTreeMap<&str, f64> = medians(all).iter().map(|line| (line.name, line.value)).collect();
+    let categories = together(all);
+    let divergence = divergence_from_matterport(&categories);
+    json!({ "median": medians, "categories": categories, "divergence_from_matterport": divergence })
+}
+
+/// The lines of the first scene with the median over all scenes in place of its own numbers.
+fn medians(all: &[Measured]) -> Vec<Line> {
+    let every: Vec<Vec<Line>> = all.iter().map(lines).collect();
+    let median = |(index, line): (usize, Line)| {
+        let mut values: Vec<f64> = every.iter().map(|lines| lines[index].value).collect();
+        values.sort_by(f64::total_cmp);
+        Line { value: values[values.len() / 2], ..line }
+    };
+    all.first().map(lines).unwrap_or_default().into_iter().enumerate().map(median).collect()
+}
+
+fn together(all: &[Measured]) -> BTreeMap<String, usize> {
+    let mut categories = BTreeMap::new();
+    for (category, count) in all.iter().flat_map(|measured| &measured.census.categories) {
+        *categories.entry(category.clone()).or_default() += count;
+    }
+    categories
+}
+
+fn print_summary(all: &[Measured]) {
+    say!("{} scenes, medians", all.len());
+    medians(all).iter().for_each(print_line);
+    let categories = together(all);
+    say!("instances per scene, and per building of Matterport3D");
+    for (category, real) in MATTERPORT_PER_BUILDING {
+        let count = categories.get(category).copied().unwrap_or(0) as f64 / all.len() as f64;
+        say!("  {category:<24} {count:>8.2}  {real:>6.1}");
+    }
+    let value = divergence_from_matterport(&categories);
+    print_line(&divergence_line(value));
+}
+
+fn verdict(options: &Options, all: &[Measured]) -> Result<(), Failure> {
+    let outside = |measured: &Measured| -> Vec<String> {
+        let out = lines(measured).into_iter().filter(|line| !inside(line));
+        out.map(|line| format!("{}: {} is {:.2}", measured.name, line.name, line.value)).collect()
+    };
+    let out: Vec<String> = all.iter().flat_map(outside).collect();
+    if !options.check || out.is_empty() {
+        return Ok(());
+    }
+    let (count, first) = (out.len(), &out[0]);
+    Err(Failure::new(
+        FailureKind::Scene,
+        format!("{count} numbers lie outside their bands, the first of them: {first}"),
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_of_seeds_are_read_and_empty_ones_refused() {
+        assert_eq!(seeds("3..7"), Ok(3..7));
+        for text in ["7..3", "4", "a..b", "5..5", ""] {
+            assert!(seeds(text).unwrap_err().contains("0..100"), "{text}");
+        }
+    }
+
+    #[test]
+    fn houses_are_measured_and_lie_in_all_bands() {
+        let scene = avln_houses::house("one", 1, &avln_houses::HouseOptions::small());
+        let measured = measure(&scene).expect("a house to walk in");
+        let measured = [measured];
+        for line in lines(&measured[0]).iter().chain(&medians(&measured)) {
+            assert!(inside(line), "{}: {}", line.name, line.value);
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! Hosts the phases of a data folder.
+
+use crate::output::say;
+use avln_arena::{
+    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
+    budget::{Budget, SESSION_MEMORY_MIB},
+    data::DataFolder,
+    servers::{Addresses, Security, Servers},
+};
+use avln_grpc::Limits;
+use std::{
+    net::SocketAddr,
+    path::{Path, PathBuf},
+    str::FromStr,
+    sync::Arc,
+    time::Duration,
+};
+
+/// Addresses of the servers.
+#[derive(Clone, Debug, clap::Args)]
+pub struct AddressArgs {
+    /// Address for agents
+    #[arg(long, env = "AVLN_GRPC", default_value = "127.0.0.1:50051", value_name = "ADDRESS")]
+    pub grpc: SocketAddr,
+    /// Address of the leaderboard
+    #[arg(long, env = "AVLN_WEB", default_value = "127.0.0.1:8080", value_name = "ADDRESS")]
+    pub web: SocketAddr,
+}
+
+impl AddressArgs {
+    /// The addresses as the servers take them.
+    pub fn addresses(&self) -> Addresses {
+        Addresses { grpc: self.grpc, web: self.web }
+    }
+}
+
+/// TLS files.
+#[derive(Clone, Debug, clap::Args)]
+pub struct TlsArgs {
+    /// PEM file of the certificate and its intermediates; agents and visitors then connect by TLS
+    #[arg(long, env = "AVLN_TLS_CERT", value_name = "FILE", requires = "tls_key")]
+    pub tls_cert: Option<PathBuf>,
+    /// PEM file of the certificate's private key
+    #[arg(long, env = "AVLN_TLS_KEY", value_name = "FILE", requires = "tls_cert")]
+    pub tls_key: Option<PathBuf>,
+}
+
+/// How to host.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Options {
+    /// Addresses
+    #[command(flatten)]
+    pub addresses: AddressArgs,
+    /// TLS files
+    #[command(flatten)]
+    pub tls: TlsArgs,
+    /// Where the operator asks, on this machine: metrics, avln admin; off for nowhere
+    #[arg(long, env = "AVLN_ADMIN", default_value = "127.0.0.1:50052", value_name = "ADDRESS")]
+    pub admin: Admin,
+    /// Memory for scenes that are ready, MiB; those that are being played stay even if they take more
+    #[arg(long, value_name = "MIB", default_value_t = SCENE_MEMORY_MIB)]
+    pub scene_memory: u32,
+    /// Memory for the open episodes of one session, MiB: their scenes, ears and frames; an episode that would take more counts as the server's fault
+    #[arg(long, value_name = "MIB", default_value_t = SESSION_MEMORY_MIB, value_parser = clap::value_parser!(u32).range(1..))]
+    pub session_memory: u32,
+    /// Seconds that a step of the simulator may take; one that takes longer hangs, and its episode is played again
+    #[arg(long, value_name = "S", default_value_t = 120, value_parser = clap::value_parser!(u32).range(1..=86400))]
+    pub step_limit: u32,
+    /// Seconds that it may take to get an episode ready
+    #[arg(long, value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u32).range(1..=86400))]
+    pub preparation_limit: u32,
+    /// GiB on disk that prepared scenes and sounds may take, from now on and for all commands [default: 4]
+    #[arg(long, value_name = "GIB", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub cache_size: Option<u32>,
+}
+
+/// Where the operator's door is; `None` for nowhere.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Admin(pub Option<SocketAddr>);
+
+impl FromStr for Admin {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = |_| "write an address like 127.0.0.1:50052, or off".to_owned();
+        if text == "off" {
+            Ok(Self(None))
+        } else {
+            text.parse().map(|address| Self(Some(address))).map_err(wrong)
+        }
+    }
+}
+
+/// Hosts the phases of the data folder until it is stopped.
+///
+/// # Errors
+/// When the data folder cannot be used or an address is taken.
+pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
+    let data = DataFolder::open(data)?;
+    data.limit_cache(options.cache_size)?;
+    let security = Security { tls_cert: options.tls.tls_cert, tls_key: options.tls.tls_key };
+    let mut doors = Servers::bind_as(&options.addresses.addresses(), security.identity()?).await?;
+    if let Admin(Some(address)) = options.admin {
+        doors = doors.with_admin(address).await?;
+    }
+    let store = data.store().await?;
+    let seconds = |s: u32| Duration::from_secs(u64::from(s));
+    let (step, preparation) = (seconds(options.step_limit), seconds(options.preparation_limit));
+    let doors = doors.with_limits(|limits| Limits { step, preparation, ..limits });
+    let budget = Budget { session_memory_mib: options.session_memory, preparation };
+    let arena = Arena::open(&data, store.clone(), options.scene_memory).await?.with_budget(budget);
+    let named = |(id, episodes)| format!("{id} ({episodes} episodes)");
+    let phases: Vec<_> = arena.phases().await?.into_iter().map(named).collect();
+    if phases.is_empty() {
+        let message = format!("data folder {} has no phase to host", data.root().display());
+        return Err(Failure::new(FailureKind::Data, message).hinted(
+            "make one with: avln data split make NAME && avln challenge phase open ID --split NAME",
+        ));
+    }
+    let open = doors.open(Arc::new(arena), store.reader())?;
+    say!("data         {}", data.root().display());
+    say!("phases       {}", phases.join(", "));
+    say!("agents       {}://{}", open.scheme(), open.grpc);
+    say!("leaderboard  {}://{}", open.scheme(), open.web);
+    if let Some(admin) = open.admin {
+        say!("operator     http://{admin}");
+    }
+    say!("Stop with Ctrl-C.");
+    let ended = open.wait().await;
+    store.close().await;
+    ended
+}

@@ -1,0 +1,215 @@
+use super::shot::{Hfov, Pose, Size, camera};
+use super::text;
+use crate::commands::scene::Furnished;
+use crate::output::say;
+use avln_arena::{Failure, FailureKind};
+use avln_geom::{Point3, RayMesh, Rng, Vector3, angle};
+use avln_navmesh::NavMesh;
+use avln_render::{Camera, Renderer};
+use avln_scene::Scene;
+use clap::Args;
+use serde::Serialize;
+use std::f32::consts::PI;
+use std::hint::black_box;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Height of the eye above the floor, metres.
+const EYE_M: f32 = 1.0;
+/// Every picture is taken so often; its fastest time counts.
+const ROUNDS: usize = 5;
+/// Sides of the pictures where none are asked for, pixels.
+const SIDES_PX: [u32; 3] = [128, 256, 512];
+/// Of the places and headings.
+const SEED: u64 = 1;
+
+/// What to take pictures of, and how many.
+#[derive(Debug, Args)]
+pub struct Options {
+    /// The scene to take pictures of
+    #[command(flatten)]
+    scene: Furnished,
+    /// Pixels in a row and rows, 1 to 4096 each; 128x128, 256x256 and 512x512 unless given
+    #[arg(long, value_name = "WxH")]
+    size: Option<Size>,
+    /// Pictures of each size, from places and headings drawn on the scene's floor, 1 to 10000
+    #[arg(long, value_name = "COUNT", default_value_t = 48, value_parser = clap::value_parser!(u16).range(1..=10_000))]
+    frames: u16,
+    /// Angle between left and right border, degrees from 0.2 to 179.8
+    #[arg(long, value_name = "DEGREES", default_value = "90")]
+    hfov: Hfov,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// What was measured.
+#[derive(Debug, Serialize)]
+struct Report {
+    scene: String,
+    triangles: usize,
+    textures: usize,
+    /// Bytes of the textures as the scene holds them, RGBA.
+    texture_bytes: usize,
+    /// Seconds from the scene in memory to its first picture, of one pixel.
+    prepare_s: f64,
+    /// Bytes that the renderer keeps, textures included.
+    resident_bytes: usize,
+    /// Of these, bytes of triangles and the tree over them, for each triangle that is drawn.
+    geometry_bytes_per_triangle: f64,
+    eyes: &'static str,
+    frames: usize,
+    hfov_deg: f64,
+    clock: &'static str,
+    sizes: Vec<Rate>,
+}
+
+#[derive(Debug, Serialize)]
+struct Rate {
+    width: u32,
+    height: u32,
+    frames_per_s: f64,
+    mean_ms: f64,
+}
+
+pub(super) fn run(options: &Options) -> Result<(), Failure> {
+    let report = measure(options)?;
+    if options.json {
+        say!("{}", text(&report)?);
+        return Ok(());
+    }
+    say!(
+        "{}: {} triangles, {} textures of {:.1} MB",
+        report.scene,
+        report.triangles,
+        report.textures,
+        report.texture_bytes as f64 / 1e6
+    );
+    say!(
+        "ready in {:.0} ms, {:.1} MB resident, {:.0} bytes a triangle without textures",
+        report.prepare_s * 1e3,
+        report.resident_bytes as f64 / 1e6,
+        report.geometry_bytes_per_triangle
+    );
+    say!("{} pictures of {} degrees, {}; {}", report.frames, report.hfov_deg, report.eyes, report.clock);
+    for rate in &report.sizes {
+        let Rate { width, height, frames_per_s, mean_ms } = rate;
+        say!(
+            "{width:>5} x {height:<5} RGB, depth and ids: {frames_per_s:>8.1} frames/s, {mean_ms:.3} ms each, one core"
+        );
+    }
+    Ok(())
+}
+
+fn measure(options: &Options) -> Result<Report, Failure> {
+    let scene = Arc::new(options.scene.load()?);
+    let (poses, eyes) = poses(&scene, usize::from(options.frames))?;
+    let start = Instant::now();
+    let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
+    let renderer = Renderer::new(Arc::clone(&scene), rays);
+    black_box(renderer.render(&camera(&poses[0], Size { width: 1, height: 1 }, options.hfov, None)));
+    let prepare_s = start.elapsed().as_secs_f64();
+    let sizes = match options.size {
+        Some(size) => vec![size],
+        None => SIDES_PX.map(|side| Size { width: side, height: side }).to_vec(),
+    };
+    let rate = |size: Size| {
+        let cameras = poses.iter().map(|pose| camera(pose, size, options.hfov, None));
+        rate(&renderer, size, &cameras.collect::<Vec<_>>())
+    };
+    let model = renderer.model();
+    Ok(Report {
+        scene: scene.name.clone(),
+        triangles: scene.mesh.triangles.len(),
+        textures: scene.textures.len(),
+        texture_bytes: scene.textures.iter().map(|texture| texture.pixels.len()).sum(),
+        prepare_s,
+        resident_bytes: renderer.resident_bytes(),
+        geometry_bytes_per_triangle: model.geometry_bytes() as f64 / model.triangle_count().max(1) as f64,
+        eyes,
+        frames: poses.len(),
+        hfov_deg: options.hfov.degrees,
+        clock: "wall time, the fastest of 5 rounds for each picture",
+        sizes: sizes.into_iter().map(rate).collect(),
+    })
+}
+
+/// Takes all pictures in turn, several times; a picture's fastest time is the one that nothing else disturbed.
+fn rate(renderer: &Renderer, size: Size, cameras: &[Camera]) -> Rate {
+    let mut fastest_s = vec![f64::INFINITY; cameras.len()];
+    for _ in 0..ROUNDS {
+        for (camera, fastest_s) in cameras.iter().zip(&mut fastest_s) {
+            let start = Instant::now();
+            black_box(renderer.render(black_box(camera)));
+            *fastest_s = fastest_s.min(start.elapsed().as_secs_f64());
+        }
+    }
+    let mean_s = fastest_s.iter().sum::<f64>() / cameras.len() as f64;
+    Rate { width: size.width, height: size.height, frames_per_s: 1.0 / mean_s, mean_ms: mean_s * 1e3 }
+}
+
+/// Level cameras with drawn headings, and where they stand in words.
+fn poses(scene: &Scene, count: usize) -> Result<(Vec<Pose>, &'static str), Failure> {
+    let middle = scene.bounds().map(|bounds| bounds.center()).ok_or_else(|| {
+        Failure::new(FailureKind::Scene, format!("scene '{}' has no triangle to see", scene.name))
+    })?;
+    let navmesh = NavMesh::build_with(scene, &Default::default()).ok();
+    let mut rng = Rng::new(SEED);
+    let mut pose = || {
+        let on_floor = navmesh.as_ref().map(|mesh| mesh.sample(&mut rng, mesh.largest_island()).position());
+        let eye = on_floor.map_or(middle, |floor: Point3<f32>| floor + Vector3::y() * EYE_M);
+        Pose { eye, world_from_camera: angle::about_up(rng.range(-PI, PI)) }
+    };
+    let poses = (0..count).map(|_| pose()).collect();
+    let words = match navmesh {
+        Some(_) => "1.0 m above places drawn on the navmesh",
+        None => "in the middle of the scene, which has no navmesh",
+    };
+    Ok((poses, words))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn options(size: Option<Size>) -> Options {
+        let hfov = Hfov::new(90.0).expect("an angle");
+        Options { scene: Furnished::grown(3), size, frames: 2, hfov, json: true }
+    }
+
+    #[test]
+    fn three_sizes_are_measured_unless_one_is_asked_for() {
+        let report = measure(&options(None)).expect("a report");
+        let sides: Vec<_> = report.sizes.iter().map(|rate| (rate.width, rate.height)).collect();
+        assert_eq!(sides, [(128, 128), (256, 256), (512, 512)]);
+        assert!(report.resident_bytes > 10 * report.triangles);
+        assert!(report.triangles > 1000 && report.texture_bytes > 0 && report.frames == 2);
+        for rate in &report.sizes {
+            assert!((rate.frames_per_s * rate.mean_ms - 1e3).abs() < 1e-6 && rate.mean_ms > 0.0, "{rate:?}");
+        }
+        let one = measure(&options(Some(Size { width: 8, height: 4 }))).expect("a report");
+        assert_eq!(one.sizes.iter().map(|rate| (rate.width, rate.height)).collect::<Vec<_>>(), [(8, 4)]);
+    }
+
+    #[test]
+    fn a_scene_without_a_floor_is_seen_from_its_middle() {
+        let mut scene = Furnished::grown(3).load().expect("a house");
+        let (walked, words) = poses(&scene, 20).expect("poses");
+        assert!(
+            words.contains("navmesh")
+                && walked.iter().all(|pose| pose.eye != walked[0].eye || pose == &walked[0])
+        );
+        // Only what stands upright is left: nowhere to stand.
+        let upright = |corners: [Point3<f32>; 3]| {
+            let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
+            normal.y.abs() < 0.1 * normal.norm()
+        };
+        let kept: Vec<usize> =
+            (0..scene.mesh.triangles.len()).filter(|&i| upright(scene.corners(i))).collect();
+        scene.mesh.triangles = kept.iter().map(|&i| scene.mesh.triangles[i]).collect();
+        let (poses, words) = poses(&scene, 3).expect("poses");
+        assert!(words.contains("no navmesh"), "{words}");
+        let middle = scene.bounds().expect("walls").center();
+        assert!(poses.iter().all(|pose| pose.eye == middle));
+    }
+}

@@ -1,0 +1,213 @@
+//! Where one listens: a building or a test room, and what its surfaces do to sound.
+
+use super::{read, unusable};
+use avln_acoustics::{Acoustics, SURFACE_BANDS, Settings, Surface, Surfaces, expected_reverberation_s};
+use avln_arena::{Failure, FailureKind};
+use avln_formats::open;
+use avln_geom::{Point3, RayMesh};
+use avln_houses::HouseOptions;
+use avln_scene::{RoomPlan, Scene};
+use clap::Args;
+use serde::Deserialize;
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::sync::Arc;
+
+/// What comes back from surfaces whose absorption or scattering is not given.
+const USUAL_ABSORPTION: f32 = 0.1;
+const USUAL_SCATTERING: f32 = 0.1;
+
+/// The shortest and the longest response that is chosen, seconds.
+const SHORTEST_S: f32 = 0.5;
+const LONGEST_S: f32 = 10.0;
+
+/// The building and its surfaces.
+#[derive(Debug, Args)]
+pub(super) struct Surroundings {
+    #[command(flatten)]
+    choice: Choice,
+    /// Energy that surfaces absorb, 0 to 1: one share, or six for 125, 250, 500, 1000, 2000 and 4000 Hz. All surfaces are
+    /// alike then, in place of what the materials of a scene say [default of test rooms: 0.1]
+    #[arg(long, value_name = "A[,...]")]
+    absorption: Option<Shares>,
+    /// Of what surfaces do not absorb: thrown in all directions (Lambert), 0 to 1; one share or six. The rest is mirrored.
+    /// All surfaces are alike then [default of test rooms: 0.1]
+    #[arg(long, value_name = "S[,...]")]
+    scattering: Option<Shares>,
+}
+
+/// One of the ways to name a building.
+#[derive(Debug, Args)]
+#[group(required = true, multiple = false)]
+struct Choice {
+    /// A scene in any layout that can be opened: a file or a folder
+    #[arg(long, value_name = "PATH")]
+    scene: Option<PathBuf>,
+    /// Seed of a procedural house
+    #[arg(long)]
+    seed: Option<u64>,
+    /// A box-shaped test room with one corner at the origin: metres along x, z and y
+    #[arg(long, value_name = "LxWxH")]
+    shoebox: Option<Box3>,
+    /// A test room with vertical walls, floor at y = 0: {"vertices": [[x,z],...], "height_m": 2.7}, metres, corners once
+    /// around
+    #[arg(long, value_name = "FILE.json")]
+    polygon: Option<PathBuf>,
+}
+
+/// Shares of energy by octave band.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Shares([f32; SURFACE_BANDS]);
+
+/// Lengths along x, z and y, metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Box3([f32; 3]);
+
+/// A file of a test room.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Polygon {
+    vertices: Vec<[f32; 2]>,
+    height_m: f32,
+}
+
+/// A building that can be listened in.
+pub(super) struct Hall {
+    scene: Scene,
+    surfaces: Surfaces,
+    /// The plan of a test room.
+    plan: Option<RoomPlan>,
+}
+
+impl Surroundings {
+    /// Opens, grows or builds it.
+    pub(super) fn open(&self) -> Result<Hall, Failure> {
+        let plan = self.choice.plan()?;
+        let scene = match &plan {
+            Some(plan) => plan.scene(),
+            None => self.choice.scene()?,
+        };
+        let alike = plan.is_some() || self.absorption.is_some() || self.scattering.is_some();
+        let surfaces = match alike {
+            true => Surfaces::uniform(&scene, self.surface()),
+            false => Surfaces::by_material(&scene),
+        };
+        Ok(Hall { scene, surfaces, plan })
+    }
+
+    /// The one kind of all surfaces.
+    fn surface(&self) -> Surface {
+        let shares = |given: Option<Shares>, usual| given.map_or([usual; SURFACE_BANDS], |shares| shares.0);
+        Surface {
+            absorption: shares(self.absorption, USUAL_ABSORPTION),
+            scattering: shares(self.scattering, USUAL_SCATTERING),
+            transmission: [0.0; SURFACE_BANDS],
+        }
+    }
+}
+
+impl Choice {
+    /// The plan of a test room, if it is one.
+    fn plan(&self) -> Result<Option<RoomPlan>, Failure> {
+        if let Some(Box3([x_m, z_m, y_m])) = self.shoebox {
+            let named = |error| Failure::new(FailureKind::Scene, format!("--shoebox: {error}"));
+            return RoomPlan::shoebox(x_m, z_m, y_m).map(Some).map_err(named);
+        }
+        let Some(file) = &self.polygon else { return Ok(None) };
+        let what = r#"{"vertices": [[x,z],...], "height_m": 2.7}, metres"#;
+        let polygon: Polygon = read(file, what)?;
+        let plan = RoomPlan::new(&polygon.vertices, polygon.height_m);
+        plan.map(Some)
+            .map_err(|error| unusable(file, error, format!("the file holds {what}; corner 0 is the first")))
+    }
+
+    fn scene(&self) -> Result<Scene, Failure> {
+        match (&self.scene, self.seed) {
+            (Some(path), _) => open::open(path).map_err(|error| Failure::new(FailureKind::Scene, error)),
+            (None, seed) => {
+                let seed = seed.unwrap_or_default();
+                Ok(avln_houses::house(&format!("house-{seed}"), seed, &HouseOptions::default()))
+            }
+        }
+    }
+}
+
+impl Hall {
+    /// Seconds after which next to nothing is heard, as far as surfaces tell.
+    pub(super) fn response_s(&self) -> f32 {
+        expected_reverberation_s(&self.scene, &self.surfaces).clamp(SHORTEST_S, LONGEST_S)
+    }
+
+    /// Refuses a place outside of a test room. `what` names it.
+    pub(super) fn check(&self, what: &str, place: &Point3<f32>) -> Result<(), Failure> {
+        if self.plan.as_ref().is_none_or(|plan| plan.contains(place)) {
+            return Ok(());
+        }
+        let ends = self.scene.bounds().map(|bounds| format!("{:?} to {:?}", bounds.min, bounds.max));
+        let message = format!("{what} at {}, {}, {} is outside of the room", place.x, place.y, place.z);
+        let hint = format!("the room lies within {} (x, y, z in metres)", ends.unwrap_or_default());
+        Err(Failure::new(FailureKind::Scene, message).hinted(hint))
+    }
+
+    /// What is known of its sound.
+    pub(super) fn acoustics(&self, settings: Settings) -> Acoustics {
+        let rays = Arc::new(RayMesh::new(&self.scene.mesh.positions, &self.scene.mesh.triangles));
+        Acoustics::new(&self.scene, rays, self.surfaces.clone(), settings)
+    }
+}
+
+impl FromStr for Shares {
+    type Err = String;
+
+    fn from_str(words: &str) -> Result<Self, String> {
+        let values: Vec<f32> = numbers(words.split(','))?;
+        if let Some(value) = values.iter().find(|value| !(0.0..=1.0).contains(*value)) {
+            return Err(format!("{value} is no share of energy; write 0 to 1"));
+        }
+        match *values.as_slice() {
+            [all] => Ok(Self([all; SURFACE_BANDS])),
+            _ => values.as_slice().try_into().map(Self).map_err(|_| {
+                format!(
+                    "{} shares; write one, or six for 125, 250, 500, 1000, 2000 and 4000 Hz",
+                    values.len()
+                )
+            }),
+        }
+    }
+}
+
+impl FromStr for Box3 {
+    type Err = String;
+
+    fn from_str(words: &str) -> Result<Self, String> {
+        let values = numbers(words.split(['x', 'X']))?;
+        let count = values.len();
+        values.try_into().map(Self).map_err(|_| format!("{count} lengths; write three, such as 6x5x3"))
+    }
+}
+
+fn numbers<'a>(words: impl Iterator<Item = &'a str>) -> Result<Vec<f32>, String> {
+    words.map(|word| word.trim().parse().map_err(|error| format!("'{word}': {error}"))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_are_one_or_six_from_0_to_1() {
+        assert_eq!("0.25".parse(), Ok(Shares([0.25; 6])));
+        assert_eq!("0,0.1,0.2, 0.3,0.4,1".parse(), Ok(Shares([0.0, 0.1, 0.2, 0.3, 0.4, 1.0])));
+        for bad in ["", "1.1", "-0.1", "NaN", "0.1,0.2", "a", "0.1,,0.1"] {
+            assert!(bad.parse::<Shares>().is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn boxes_are_three_lengths() {
+        assert_eq!("6x5X3".parse(), Ok(Box3([6.0, 5.0, 3.0])));
+        for bad in ["6x5", "6x5x3x1", "6,5,3", "axbxc", ""] {
+            assert!(bad.parse::<Box3>().is_err(), "{bad}");
+        }
+    }
+}

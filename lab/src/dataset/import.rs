@@ -1,0 +1,236 @@
+//! Missions of other data sets: finding their files and scenes, and what became of each episode.
+
+use avln_arena::dataset::files::{DatasetFiles, cannot, read, write_whole};
+use avln_arena::{Failure, FailureKind};
+use avln_dataset::{
+    EpisodeSpec, SceneSource, SceneSpec, Split,
+    formats::{self, Adopter, Foreign, ForeignEpisode, Format, Loss},
+};
+use avln_episode::Rules;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::{Path, PathBuf},
+};
+
+/// How deep below a folder files are looked for.
+const DEPTH: usize = 4;
+/// Most files of one data set that are read.
+const MAX_FILES: usize = 100_000;
+
+/// What to import.
+#[derive(Clone, Debug)]
+pub struct Import<'a> {
+    /// The format; told by the keys of each file where it is `None`.
+    pub format: Option<Format>,
+    /// A file, or the folder of a data set.
+    pub source: &'a Path,
+    /// Where its scenes lie.
+    pub scenes: &'a Path,
+    /// Where the data set of ours goes.
+    pub out: &'a Path,
+    /// Name of the split that it becomes.
+    pub split: &'a str,
+    /// The rules by which success regions and references are computed.
+    pub rules: &'a Rules,
+    /// Seed of what is drawn while episodes run.
+    pub seed: u64,
+}
+
+/// What was imported, and what was not.
+#[derive(Clone, Debug, Default)]
+pub struct Account {
+    /// Files that were read.
+    pub files: usize,
+    /// Episodes that they held.
+    pub episodes: usize,
+    /// Missions that were written.
+    pub missions: usize,
+    /// Scenes that they play in.
+    pub scenes: usize,
+    /// Every goal and episode that could not be kept.
+    pub losses: Vec<Loss>,
+    /// What was done how often on the way.
+    pub notes: BTreeMap<String, usize>,
+}
+
+/// Episodes by their scenes.
+type Scenes = BTreeMap<String, Vec<ForeignEpisode>>;
+
+impl Import<'_> {
+    /// Reads, adopts and writes; `watch` hears of each scene.
+    ///
+    /// # Errors
+    /// When a file is malformed, none holds an episode that can be kept, or the data set cannot be written.
+    pub fn run(&self, watch: impl Fn(&str)) -> Result<Account, Failure> {
+        let mut account = Account::default();
+        let scenes = self.read_all(&mut account)?;
+        let mut split = Split::new(self.split, self.rules);
+        for (name, episodes) in &scenes {
+            watch(name);
+            self.scene(name, episodes, &mut split, &mut account);
+        }
+        (account.scenes, account.missions) = (split.scenes.len(), split.episodes.len());
+        self.write_report(&account)?;
+        if split.episodes.is_empty() {
+            let message = format!("no episode of {} could be kept", self.source.display());
+            let hint = format!("{} tells why, one line each", self.report_path().display());
+            return Err(Failure::new(FailureKind::Scene, message).hinted(hint));
+        }
+        DatasetFiles::at(self.out).write_split(&split)?;
+        Ok(account)
+    }
+
+    /// Where every loss is written down.
+    pub fn report_path(&self) -> PathBuf {
+        self.out.join("import.txt")
+    }
+
+    fn read_all(&self, account: &mut Account) -> Result<Scenes, Failure> {
+        let mut scenes = Scenes::new();
+        let mut ids = BTreeSet::new();
+        for path in files(self.source)? {
+            let bytes = read(&path)?;
+            let read = formats::read(&path.display().to_string(), &bytes, self.format);
+            let (_, foreign) = read.map_err(|error| Failure::new(FailureKind::Scene, error))?;
+            let Foreign { episodes, losses, notes } = foreign;
+            account.files += 1;
+            account.episodes += episodes.len();
+            account.losses.extend(losses);
+            notes.into_iter().for_each(|(note, times)| *account.notes.entry(note).or_default() += times);
+            for episode in episodes {
+                if ids.insert((episode.scene.clone(), episode.id.clone())) {
+                    scenes.entry(episode.scene.clone()).or_default().push(episode);
+                } else {
+                    account.losses.push(Loss::episode(&episode, "another file has an episode of this id"));
+                }
+            }
+        }
+        Ok(scenes)
+    }
+
+    fn scene(&self, name: &str, episodes: &[ForeignEpisode], split: &mut Split, account: &mut Account) {
+        match self.adopt(name, episodes, account) {
+            Ok((spec, missions)) if !missions.is_empty() => {
+                split.scenes.push(spec);
+                split.episodes.extend(missions);
+            }
+            Ok(_) => {}
+            Err(reason) => {
+                let lost = episodes.iter().map(|episode| Loss::episode(episode, reason.clone()));
+                account.losses.extend(lost);
+            }
+        }
+    }
+
+    fn adopt(
+        &self,
+        name: &str,
+        episodes: &[ForeignEpisode],
+        account: &mut Account,
+    ) -> Result<(SceneSpec, Vec<EpisodeSpec>), String> {
+        let stated = episodes.first().map_or("", |episode| episode.scene_path.as_str());
+        let path = locate(self.scenes, name, stated).ok_or_else(|| {
+            format!("its scene is not known: nothing called {name} in {}", self.scenes.display())
+        })?;
+        let source = SceneSource::File { path };
+        let (spec, _) = SceneSpec::new(name, source).map_err(|error| error.to_string())?;
+        let assets = spec.open(self.rules).map_err(|error| error.to_string())?;
+        let mut adopter = Adopter::new(&assets, self.rules, self.seed);
+        let mut missions = Vec::new();
+        for episode in episodes {
+            let adopted = adopter.adopt(episode);
+            missions.extend(adopted.episode);
+            account.losses.extend(adopted.losses);
+            adopted.notes.into_iter().for_each(|note| *account.notes.entry(note).or_default() += 1);
+        }
+        Ok((spec, missions))
+    }
+
+    fn write_report(&self, account: &Account) -> Result<(), Failure> {
+        let mut text = String::new();
+        account.notes.iter().for_each(|(note, times)| text.push_str(&format!("{times} x {note}\n")));
+        account.losses.iter().for_each(|loss| text.push_str(&format!("{loss}\n")));
+        write_whole(&self.report_path(), text.as_bytes())
+    }
+}
+
+/// The files of a data set: the file itself and what lies in `content` beside it, or all packed files and trajectory
+/// files below a folder, in the order of their names.
+fn files(source: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let mut found = Vec::new();
+    if source.is_dir() {
+        collect(source, DEPTH, &mut found)?;
+    } else {
+        let content = source.parent().unwrap_or(Path::new(".")).join("content");
+        found.push(source.to_owned());
+        if content.is_dir() {
+            collect(&content, 1, &mut found)?;
+        }
+    }
+    if found.is_empty() {
+        let message = format!("{} holds no files of a data set", source.display());
+        return Err(Failure::new(FailureKind::Scene, message)
+            .hinted("name a .json or .json.gz file, or a folder that holds some .json.gz files"));
+    }
+    Ok(found)
+}
+
+fn collect(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<(), Failure> {
+    let entries = std::fs::read_dir(folder).map_err(|error| cannot("read", folder, &error))?;
+    let mut paths: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
+    paths.sort();
+    for path in paths {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if path.is_dir() && depth > 0 {
+            collect(&path, depth - 1, found)?;
+        } else if (name.ends_with(".json.gz") || name == "trajectory_dataset.json") && found.len() < MAX_FILES
+        {
+            found.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// The scene that a data set calls `stated`: its folder where that is named like it, else the file.
+fn locate(scenes: &Path, name: &str, stated: &str) -> Option<PathBuf> {
+    let plain = |part: &&str| !part.is_empty() && *part != "." && *part != "..";
+    let parts: Vec<&str> = stated.split(['/', '\\']).filter(plain).collect();
+    let endings = (0..parts.len()).map(|from| parts[from..].iter().collect::<PathBuf>());
+    let mut places: Vec<PathBuf> = Vec::new();
+    for ending in endings {
+        let folder = ending.parent().filter(|folder| folder.ends_with(name));
+        places.extend(folder.map(Path::to_owned));
+        places.push(ending);
+    }
+    places.extend([PathBuf::from(name), PathBuf::from(format!("{name}.glb"))]);
+    places.into_iter().map(|place| scenes.join(place)).find(|path| path.exists())?.canonicalize().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenes_are_found_by_folder_by_file_and_never_outside() {
+        let root = tempfile::tempdir().unwrap();
+        let make = |path: &str| {
+            let path = root.path().join("scenes").join(path);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, b"").unwrap();
+        };
+        make("mp3d/17D/17D.glb");
+        make("val/00800-TEE/TEE.basis.glb");
+        make("Adrian.glb");
+        std::fs::write(root.path().join("secret.glb"), b"").unwrap();
+        let scenes = root.path().join("scenes");
+        let found = |name: &str, stated: &str| {
+            let path = locate(&scenes, name, stated)?;
+            Some(path.strip_prefix(scenes.canonicalize().unwrap()).unwrap().display().to_string())
+        };
+        assert_eq!(found("17D", "data/scene_datasets/mp3d/17D/17D.glb").as_deref(), Some("mp3d/17D"));
+        assert_eq!(found("00800-TEE", "hm3d/val/00800-TEE/TEE.basis.glb").as_deref(), Some("val/00800-TEE"));
+        assert_eq!(found("Adrian", "gibson/Adrian.glb").as_deref(), Some("Adrian.glb"));
+        assert_eq!(found("secret", "../secret.glb"), None);
+        assert_eq!(found("other", "other/other.glb"), None);
+    }
+}

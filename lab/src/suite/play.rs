@@ -1,0 +1,304 @@
+//! Every agent plays what it has not played yet.
+
+use super::{
+    Line, Results, Rung, Size,
+    board::TrueHints,
+    causes::causes,
+    host::{Batch, Ground, Hosted},
+    results::Key,
+};
+use avln_arena::{Failure, FailureKind};
+use avln_client::{Action, Play, RunOptions};
+use avln_episode::{EndReason, Order};
+use avln_scoring::score;
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, PoisonError},
+    time::{Duration, Instant},
+};
+use tokio::task::{JoinSet, block_in_place};
+
+/// How often progress is told, seconds.
+const TELL_EVERY: Duration = Duration::from_secs(5);
+
+/// What is played.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Who plays, one after the other.
+    pub agents: Vec<Rung>,
+    /// In which orders.
+    pub orders: Vec<Order>,
+    /// How many missions of the split at most: an equal share of each house.
+    pub episodes: usize,
+    /// Episodes side by side.
+    pub slots: u32,
+    /// Seed of agents that draw.
+    pub seed: u64,
+    /// Pixels a side of the pictures.
+    pub side: u32,
+    /// Whether episodes that were played are played again.
+    pub again: bool,
+    /// Which split, and how large.
+    pub size: Size,
+    /// Folder for traces of PAG-Nav and its variants.
+    pub trace: Option<PathBuf>,
+}
+
+impl Default for Plan {
+    /// All agents on the whole split in both orders.
+    fn default() -> Self {
+        Self {
+            agents: Rung::ALL.to_vec(),
+            orders: vec![Order::Ordered, Order::Unordered],
+            episodes: usize::MAX,
+            slots: 2,
+            seed: 0,
+            side: 128,
+            again: false,
+            size: Size::default(),
+            trace: None,
+        }
+    }
+}
+
+/// Plays what `folder` holds no results of. It can be stopped at any time; the next call goes on.
+///
+/// Gives back how many episodes were played.
+///
+/// # Errors
+/// When the folder cannot be used or a run fails. What was played stays.
+pub async fn run(folder: &Path, plan: &Plan) -> Result<usize, Failure> {
+    let (path, size) = (folder.to_owned(), plan.size);
+    let ground = tokio::task::spawn_blocking(move || Ground::open(&path, size)).await;
+    let ground = ground.map_err(|error| Failure::new(FailureKind::Internal, error))??;
+    let results = Results::open(&ground.results())?;
+    let todo = todo(&ground, &results, plan)?;
+    if todo.is_empty() {
+        eprintln!("nothing is left to play");
+        return Ok(0);
+    }
+    let batches: Vec<Batch> = todo.iter().map(|(_, _, batch)| batch.copy()).collect();
+    let hosted = ground.host(&batches).await?;
+    let tally = Tally::new(results, batches.iter().map(|batch| batch.episodes.len()).sum());
+    let table = Arc::new(Table { ground, hosted, plan: plan.clone(), tally: Mutex::new(tally) });
+    let mut played = Ok(());
+    for (rung, order, batch) in todo {
+        played = table.play(rung, order, batch).await;
+        if played.is_err() {
+            break;
+        }
+    }
+    let count = table.tally().played;
+    if let Ok(Table { hosted, .. }) = Arc::try_unwrap(table).map_err(|_| ()) {
+        hosted.doors.close().await?;
+        hosted.store.close().await;
+    }
+    played.map(|()| count)
+}
+
+/// What has not been played, agent by agent.
+fn todo(ground: &Ground, results: &Results, plan: &Plan) -> Result<Vec<(Rung, Order, Batch)>, Failure> {
+    let mut all = ground.episodes()?;
+    all.truncate(plan.episodes);
+    let mut todo = Vec::new();
+    for &rung in &plan.agents {
+        for &order in &plan.orders {
+            let is_left = |episode: &str| {
+                plan.again || !results.has(&ground.key(rung.name(), order, episode, plan.seed))
+            };
+            let episodes: Vec<_> = all.iter().filter(|episode| is_left(&episode.episode)).cloned().collect();
+            if !episodes.is_empty() {
+                let phase = format!("{}-{}", rung.name(), order.as_str());
+                todo.push((rung, order, Batch { phase, episodes }));
+            }
+        }
+    }
+    Ok(todo)
+}
+
+impl Batch {
+    fn copy(&self) -> Self {
+        Self { phase: self.phase.clone(), episodes: self.episodes.clone() }
+    }
+}
+
+/// Where everybody plays.
+struct Table {
+    ground: Ground,
+    hosted: Hosted,
+    plan: Plan,
+    tally: Mutex<Tally>,
+}
+
+/// A run that is being played.
+struct Run {
+    rung: Rung,
+    order: Order,
+    batch: Batch,
+    id: String,
+}
+
+impl Table {
+    async fn play(self: &Arc<Self>, rung: Rung, order: Order, batch: Batch) -> Result<(), Failure> {
+        let url = format!("http://{}", self.hosted.doors.grpc);
+        let arena =
+            avln_client::Arena::connect(url, self.hosted.token.as_str()).await.map_err(Failure::run)?;
+        let method = RunOptions::new(&batch.phase, rung.name()).method_version(env!("CARGO_PKG_VERSION"));
+        let run = arena.start_run(method.order(client_order(order))).await.map_err(Failure::run)?;
+        let plays = arena
+            .play_slots(&run, rung.sensors(self.plan.side), self.plan.slots)
+            .await
+            .map_err(Failure::run)?;
+        let here = Arc::new(Run { rung, order, batch, id: run.id.clone() });
+        let mut slots = JoinSet::new();
+        for play in plays {
+            let (table, run) = (self.clone(), here.clone());
+            slots.spawn(async move { table.play_slot(&run, play).await });
+        }
+        let mut last = None;
+        while let Some(joined) = slots.join_next().await {
+            last = Some(joined.map_err(|error| Failure::new(FailureKind::Internal, error))??);
+        }
+        match last {
+            Some(play) => play.finish().await.map(drop).map_err(Failure::run),
+            None => Ok(()),
+        }
+    }
+
+    async fn play_slot(&self, run: &Run, mut play: Play) -> Result<Play, Failure> {
+        let task = play.task().clone();
+        let hints = Arc::new(TrueHints::new(self.hosted.board.clone(), self.ground.rules.clone()));
+        while let Some(mut episode) = play.next_episode().await.map_err(Failure::run)? {
+            let (began, handle) = (Instant::now(), episode.id().to_owned());
+            let id = self.episode_of(run, &handle).await?;
+            let spec = self.ground.split.episode(&id)?.ok_or_else(|| unknown(&id))?;
+            hints.follow(&handle, spec.truth(run.order));
+            let traces = self.plan.trace.as_ref().map(|folder| folder.join(&run.batch.phase));
+            let mut agent = run.rung.agent(seed_of(self.plan.seed, &id), &hints, traces.as_deref())?;
+            let mut thought = Duration::ZERO;
+            agent.enter(&id);
+            timed(&mut thought, || agent.begin(&task, episode.mission()));
+            while !episode.is_over() {
+                let action: Action = timed(&mut thought, || agent.act(episode.observation()));
+                episode.step(action).await.map_err(Failure::run)?;
+            }
+            self.hosted.board.forget(&handle);
+            self.keep(run, &id, thought, began.elapsed()).await?;
+        }
+        Ok(play)
+    }
+
+    /// The mission that is played under a handle.
+    async fn episode_of(&self, run: &Run, handle: &str) -> Result<String, Failure> {
+        let open = self.hosted.store.underway().await?;
+        let found = open.into_iter().find(|open| open.run == run.id && open.handle == handle);
+        found.map(|open| open.episode).ok_or_else(|| unknown(handle))
+    }
+
+    /// Writes down what an episode was worth; one that was lost is played again, by the server or by the next call.
+    async fn keep(&self, run: &Run, id: &str, thought: Duration, wall: Duration) -> Result<(), Failure> {
+        let place = run.batch.episodes.iter().position(|episode| episode.episode == id);
+        let facts = match place {
+            Some(place) => self.hosted.store.facts(&run.id, place as u32).await?,
+            None => None,
+        };
+        let Some(facts) = facts else { return Ok(()) };
+        if matches!(facts.record.end, EndReason::ServerFault | EndReason::Disconnected | EndReason::Abandoned)
+        {
+            eprintln!("{id} was lost: {}", facts.record.end.as_str());
+            return Ok(());
+        }
+        let mut wrong = BTreeMap::new();
+        for cause in causes(&facts.truth, &facts.record, &self.ground.rules) {
+            *wrong.entry(cause).or_default() += 1;
+        }
+        let metrics = score(&facts.truth, &facts.record, &self.ground.rules);
+        let line = Line {
+            key: self.key(run, id),
+            scene: facts.truth.scene,
+            modalities: facts.truth.targets.iter().map(|target| target.modality).collect(),
+            end: facts.record.end,
+            think_ms: thought.as_secs_f64() * 1e3 / f64::from(metrics.steps.max(1)),
+            wall_s: wall.as_secs_f64(),
+            metrics,
+            wrong,
+        };
+        self.tally().add(line)
+    }
+
+    fn key(&self, run: &Run, id: &str) -> Key {
+        self.ground.key(run.rung.name(), run.order, id, self.plan.seed)
+    }
+
+    fn tally(&self) -> std::sync::MutexGuard<'_, Tally> {
+        self.tally.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Results, and what is told of them while they grow.
+struct Tally {
+    results: Results,
+    played: usize,
+    to_play: usize,
+    began: Instant,
+    told: Option<Instant>,
+}
+
+impl Tally {
+    fn new(results: Results, to_play: usize) -> Self {
+        Self { results, played: 0, to_play, began: Instant::now(), told: None }
+    }
+
+    fn add(&mut self, line: Line) -> Result<(), Failure> {
+        self.played += 1;
+        let is_last = self.played == self.to_play;
+        if is_last || self.told.is_none_or(|told| told.elapsed() >= TELL_EVERY) {
+            self.told = Some(Instant::now());
+            self.tell(&line);
+        }
+        self.results.add(line)
+    }
+
+    fn tell(&self, line: &Line) {
+        let rest =
+            self.began.elapsed().as_secs_f64() / self.played as f64 * (self.to_play - self.played) as f64;
+        let (minutes, Key { agent, order, .. }) = ((rest / 60.0).ceil(), &line.key);
+        eprintln!(
+            "{} of {} episodes, about {minutes} min left: {agent} {order}, {} of {} goals in {} steps, {:.0} ms each to think",
+            self.played,
+            self.to_play,
+            line.metrics.found,
+            line.metrics.goals,
+            line.metrics.steps,
+            line.think_ms
+        );
+    }
+}
+
+/// Seed of an agent's choices in one episode.
+fn seed_of(seed: u64, episode: &str) -> u64 {
+    let hash = blake3::Hasher::new().update(&seed.to_le_bytes()).update(episode.as_bytes()).finalize();
+    let mut first = [0; 8];
+    first.copy_from_slice(&hash.as_bytes()[..8]);
+    u64::from_le_bytes(first)
+}
+
+pub(super) fn client_order(order: Order) -> avln_client::Order {
+    match order {
+        Order::Ordered => avln_client::Order::Ordered,
+        Order::Unordered => avln_client::Order::Unordered,
+    }
+}
+
+/// Lets other tasks go on while an agent thinks, and adds up how long it takes.
+fn timed<T>(sum: &mut Duration, think: impl FnOnce() -> T) -> T {
+    let began = Instant::now();
+    let thought = block_in_place(think);
+    *sum += began.elapsed();
+    thought
+}
+
+fn unknown(episode: &str) -> Failure {
+    Failure::new(FailureKind::Internal, format!("episode {episode} was played and is not in the split"))
+}

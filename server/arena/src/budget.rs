@@ -1,0 +1,128 @@
+//! What one session may take of the server.
+
+use super::Arena;
+use avln_episode::Sensors;
+use avln_grpc::{Reason, Refusal};
+use avln_referee::Referee;
+use avln_world::SceneAssets;
+use std::{
+    sync::{Arc, PoisonError},
+    time::Duration,
+};
+
+/// Memory for the open episodes of one session, MiB, unless somebody says otherwise: sixteen scans, or a hundred houses.
+pub const SESSION_MEMORY_MIB: u32 = 4096;
+
+/// Bytes that a pixel takes on its way from the renderer to the wire: colour, depth and instance as they are drawn, as they are
+/// sensed, as they are packed and as they wait to be sent.
+const BYTES_PER_PIXEL: usize = 40;
+
+/// What one session may take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Budget {
+    /// Memory for its open episodes, MiB: their scenes, each once, with sources of sound, ears and frames.
+    pub session_memory_mib: u32,
+    /// Longest time to get an episode ready; one that takes longer hangs.
+    pub preparation: Duration,
+}
+
+impl Default for Budget {
+    fn default() -> Self {
+        Self { session_memory_mib: SESSION_MEMORY_MIB, preparation: Duration::from_secs(600) }
+    }
+}
+
+impl Budget {
+    pub(super) fn session_bytes(&self) -> usize {
+        (self.session_memory_mib as usize).saturating_mul(1 << 20)
+    }
+
+    /// Refuses what one session would hold beyond its memory.
+    fn check(&self, bytes: usize) -> Result<(), Refusal> {
+        if bytes <= self.session_bytes() {
+            return Ok(());
+        }
+        let (mib, limit) = (bytes.div_ceil(1 << 20), self.session_memory_mib);
+        let message = format!(
+            "the session would hold {mib} MiB, {limit} MiB are allowed; give it more with avln serve --session-memory"
+        );
+        Err(Refusal::new(Reason::SimFault, message))
+    }
+
+    /// Refuses a scene whose file alone is beyond the memory, before it is read.
+    pub(super) fn check_file(&self, bytes: u64) -> Result<(), Refusal> {
+        self.check(usize::try_from(bytes).unwrap_or(usize::MAX))
+    }
+}
+
+/// What an open episode holds.
+#[derive(Clone)]
+pub(super) struct Holding {
+    pub(super) scene: Arc<SceneAssets>,
+    /// Bytes apart from the scene: ears and frames.
+    pub(super) own_bytes: usize,
+}
+
+impl Holding {
+    pub(super) fn of(scene: Arc<SceneAssets>, referee: &Referee) -> Self {
+        let own_bytes = referee.most_bytes() + frame_bytes(referee.sensors());
+        Self { scene, own_bytes }
+    }
+}
+
+impl Arena {
+    /// Refuses an episode that would take its session beyond its memory.
+    pub(super) fn check_memory(&self, run: &str, new: &Holding) -> Result<(), Refusal> {
+        let playing = self.playing.lock().unwrap_or_else(PoisonError::into_inner);
+        let held = playing.of_run(run).cloned().chain([new.clone()]).collect();
+        drop(playing);
+        self.budget.check(bytes_of(held))
+    }
+}
+
+/// Bytes of episodes; scenes that several of them play count once.
+fn bytes_of(mut held: Vec<Holding>) -> usize {
+    let own: usize = held.iter().map(|holding| holding.own_bytes).sum();
+    held.sort_by_key(|holding| Arc::as_ptr(&holding.scene));
+    held.dedup_by_key(|holding| Arc::as_ptr(&holding.scene));
+    own + held.iter().map(|holding| holding.scene.resident_bytes()).sum::<usize>()
+}
+
+fn frame_bytes(sensors: &Sensors) -> usize {
+    let sees = sensors.rgb || sensors.depth;
+    if sees { sensors.width as usize * sensors.height as usize * BYTES_PER_PIXEL } else { 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use avln_houses::{HouseOptions, house};
+    use avln_world::Body;
+
+    fn scene(seed: u64) -> Arc<SceneAssets> {
+        let house = house("house", seed, &HouseOptions { rooms: 6..=6, ..HouseOptions::default() });
+        Arc::new(SceneAssets::prepare(house, &Body::default()).expect("a house to walk in"))
+    }
+
+    #[test]
+    fn a_scene_counts_once_and_what_each_episode_has_for_itself_each_time() {
+        let (a, b) = (scene(1), scene(2));
+        let holding = |scene: &Arc<SceneAssets>| Holding { scene: scene.clone(), own_bytes: 1000 };
+        let one = bytes_of(vec![holding(&a)]);
+        assert_eq!(one, a.resident_bytes() + 1000);
+        assert!(a.resident_bytes() > 100_000, "a house is not nothing: {}", a.resident_bytes());
+        assert_eq!(bytes_of(vec![holding(&a), holding(&b), holding(&a)]), one + b.resident_bytes() + 2000);
+        assert_eq!(frame_bytes(&Sensors::all(256, 256)), 2_621_440);
+    }
+
+    #[test]
+    fn a_refusal_names_the_size_the_limit_and_the_option() {
+        let budget = Budget { session_memory_mib: 2, ..Budget::default() };
+        assert_eq!(budget.check(2 << 20), Ok(()));
+        let refused = budget.check((2 << 20) + 1).unwrap_err();
+        assert_eq!(refused.reason, Reason::SimFault, "the server's fault, so that the episode is free");
+        for part in ["3 MiB", "2 MiB", "--session-memory"] {
+            assert!(refused.message.contains(part), "{refused}");
+        }
+    }
+}

@@ -1,0 +1,392 @@
+use super::{
+    ChallengeFile, Fault, PhaseFile, Place, SplitSource, actor,
+    file::{KEPT, SPHERE, Sensor, unix_ms},
+    notes,
+};
+use crate::setup::{check_sounds, rules_for_phase, sounds_for_phase};
+use crate::{
+    Failure,
+    data::{DataFolder, check_name},
+    dataset::SplitFolder,
+    now_unix_ms, register,
+    stages::commit,
+};
+use avln_episode::{HeadRule, Order, Rules, Sensors, Sounds};
+use avln_store::{AuditNote, Phase, PhaseEpisode, Sampling, Schedule, Store, Visibility};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
+
+/// Turns a file into changes of a data folder.
+pub struct Planner<'a> {
+    /// The data folder.
+    pub data: &'a DataFolder,
+    /// Its database.
+    pub store: &'a Store,
+    /// Folder of the file, from which its relative paths start.
+    pub base: &'a Path,
+    /// Why it is changed, for the audit list; may be empty.
+    pub reason: &'a str,
+}
+
+/// What a file changes.
+#[derive(Debug, Default)]
+pub struct Plan {
+    /// Splits to be taken in: name and source.
+    splits: Vec<(String, SplitSource)>,
+    /// Phases that are new or differ.
+    phases: Vec<Phase>,
+    /// What differs.
+    pub notes: Vec<AuditNote>,
+    /// Phases of the data folder that the file leaves out; they stay as they are.
+    pub left_out: Vec<String>,
+}
+
+/// What could not be planned.
+#[derive(Debug)]
+pub enum Unplanned {
+    /// Something in the file is wrong.
+    File(Fault),
+    /// Something else is.
+    Other(Failure),
+}
+
+impl From<Fault> for Unplanned {
+    fn from(fault: Fault) -> Self {
+        Self::File(fault)
+    }
+}
+
+impl From<Failure> for Unplanned {
+    fn from(failure: Failure) -> Self {
+        Self::Other(failure)
+    }
+}
+
+impl From<avln_store::StoreError> for Unplanned {
+    fn from(error: avln_store::StoreError) -> Self {
+        Self::Other(error.into())
+    }
+}
+
+impl Planner<'_> {
+    /// What the file changes. Nothing is written but recordings that the file names, which the data folder keeps.
+    ///
+    /// # Errors
+    /// When a value of the file cannot be used, or the data folder cannot be read.
+    pub async fn plan(&self, file: &ChallengeFile) -> Result<Plan, Unplanned> {
+        let before = self.store.phases().await?;
+        let splits = self.splits(file)?;
+        refuse_repeated(file)?;
+        let positions = positions(file, &before);
+        let mut plan = Plan::default();
+        for (index, (entry, position)) in file.phases.iter().zip(positions).enumerate() {
+            let old = before.iter().find(|phase| phase.id == entry.id);
+            let desk = Desk { planner: self, index: &index.to_string(), entry };
+            let phase = Phase { position, ..desk.phase(&splits, old)? };
+            let differs = notes(&actor(), old, &phase, self.reason);
+            if !differs.is_empty() {
+                self.refuse_fixed(&desk, old, &phase).await?;
+                plan.phases.push(phase);
+            }
+            plan.notes.extend(differs);
+        }
+        let named = |id: &str| file.phases.iter().any(|entry| entry.id == id);
+        plan.left_out = before.into_iter().map(|phase| phase.id).filter(|id| !named(id)).collect();
+        let known = self.store.split_names().await?;
+        plan.splits = file.splits.clone().into_iter().filter(|(name, _)| !known.contains(name)).collect();
+        plan.notes.extend(plan.splits.iter().map(|(name, source)| self.taken_in(name, source)));
+        Ok(plan)
+    }
+
+    /// Carries a plan out. Phases and notes are written together or not at all.
+    ///
+    /// # Errors
+    /// When a split cannot be taken in or the database refuses.
+    pub async fn apply(&self, plan: Plan) -> Result<(), Failure> {
+        for (name, source) in &plan.splits {
+            self.data.link_split_as(name, &self.base.join(&source.dataset), &source.split)?;
+            register::register_split(self.store, name, &self.data.missions(name)?, &[]).await?;
+        }
+        if plan.notes.is_empty() {
+            return Ok(());
+        }
+        self.store.change_phases(&plan.phases, &plan.notes, now_unix_ms()).await?;
+        for phase in &plan.phases {
+            commit(self.store, &phase.id).await?;
+        }
+        Ok(())
+    }
+
+    /// The splits that the file names, opened.
+    fn splits(&self, file: &ChallengeFile) -> Result<BTreeMap<String, SplitFolder>, Fault> {
+        let mut open = BTreeMap::new();
+        for (name, SplitSource { dataset, split }) in &file.splits {
+            let place = Place { path: &["splits", name] };
+            check_name("split", name).map_err(|failure| place.fault(one_line(&failure)))?;
+            let folder = SplitFolder::open(&self.base.join(dataset), split);
+            open.insert(name.clone(), folder.map_err(|failure| place.fault(one_line(&failure)))?);
+        }
+        Ok(open)
+    }
+
+    /// Runs fix what they are drawn from and judged by.
+    async fn refuse_fixed(&self, desk: &Desk<'_>, old: Option<&Phase>, new: &Phase) -> Result<(), Unplanned> {
+        let Some(old) = old else { return Ok(()) };
+        let key = if old.split != new.split || old.episodes != new.episodes {
+            "split"
+        } else if old.rules != new.rules {
+            "rules"
+        } else if old.sampling != new.sampling {
+            "sample"
+        } else {
+            return Ok(());
+        };
+        if self.store.has_runs(&old.id).await? {
+            let said = "the phase has runs, which fix split, rules, feedback, sounds, head, sample and shuffle; open another phase";
+            return Err(desk.fault(key, said).into());
+        }
+        Ok(())
+    }
+
+    fn taken_in(&self, name: &str, source: &SplitSource) -> AuditNote {
+        AuditNote {
+            actor: actor(),
+            subject: format!("split {name}"),
+            what: "taken in".to_owned(),
+            before: None,
+            after: Some(source.split.clone()),
+            reason: self.reason.to_owned(),
+        }
+    }
+}
+
+/// One entry of the file while it becomes a phase.
+struct Desk<'a> {
+    planner: &'a Planner<'a>,
+    /// Its place in the file, from 0.
+    index: &'a str,
+    entry: &'a PhaseFile,
+}
+
+impl Desk<'_> {
+    fn fault(&self, key: &str, said: impl std::fmt::Display) -> Fault {
+        let mut path = vec!["phases", self.index];
+        path.extend(key.split('.'));
+        Place { path: &path }.fault(said)
+    }
+
+    /// The phase of the entry; when it may start by hand is taken from what it was.
+    fn phase(&self, splits: &BTreeMap<String, SplitFolder>, old: Option<&Phase>) -> Result<Phase, Unplanned> {
+        let entry = self.entry;
+        check_name("phase", &entry.id).map_err(|failure| self.fault("id", one_line(&failure)))?;
+        self.check_texts()?;
+        let kept;
+        let split = match splits.get(&entry.split) {
+            Some(split) => split,
+            None => {
+                let found = self.planner.data.missions(&entry.split);
+                kept = found.map_err(|failure| self.fault("split", one_line(&failure)))?;
+                &kept
+            }
+        };
+        let rules = self.rules(split)?;
+        let episodes = register::phase_episodes(split)?;
+        if episodes.is_empty() {
+            return Err(self.fault("split", format!("split '{}' has no episodes", entry.split)).into());
+        }
+        let side = self.within("max_side", entry.max_side.unwrap_or(512), 64, 1024)?;
+        let phase = Phase {
+            title: entry.title.clone().unwrap_or_else(|| entry.id.clone()),
+            description: entry.description.clone(),
+            orders: self.orders()?,
+            sensors: self.sensors(side)?,
+            scores: entry.scores,
+            replays: entry.replays,
+            max_slots: self.within("max_slots", entry.max_slots.unwrap_or(16), 1, 64)?,
+            schedule: self.schedule(old)?,
+            quotas: self.quotas()?,
+            time: self.time()?,
+            ranking: entry.ranking,
+            admission: self.admission()?,
+            sampling: self.sampling(&episodes)?,
+            sealed: entry.sealed,
+            ..Phase::new(&entry.id, &entry.split, rules, episodes)
+        };
+        check_sounds(self.planner.data, &phase)
+            .map_err(|failure| self.fault("sounds", one_line(&failure)))?;
+        Ok(phase)
+    }
+
+    fn within(&self, key: &str, value: u32, least: u32, most: u32) -> Result<u32, Fault> {
+        if (least..=most).contains(&value) {
+            return Ok(value);
+        }
+        Err(self.fault(key, format!("{value} is not {least} to {most}")))
+    }
+
+    fn check_texts(&self) -> Result<(), Fault> {
+        let title = self.entry.title.as_deref().unwrap_or("x");
+        for (key, text, least, most) in
+            [("title", title, 1, 200), ("description", self.entry.description.as_str(), 0, 2000)]
+        {
+            let length = text.chars().count();
+            let printable = text.chars().all(|letter| !letter.is_control() || letter == '\n');
+            if !(least..=most).contains(&length) || !printable {
+                return Err(self.fault(key, format!("use {least} to {most} printable characters")));
+            }
+        }
+        Ok(())
+    }
+
+    fn rules(&self, split: &SplitFolder) -> Result<Rules, Unplanned> {
+        let of_split = register::rules_of(&self.entry.split, split)?;
+        let played = rules_for_phase(of_split, self.entry.rules.as_deref());
+        let mut rules = played.map_err(|failure| self.fault("rules", one_line(&failure)))?;
+        rules.sounds = self.sounds(split)?;
+        rules.head = self.head()?;
+        rules.feedback = self.entry.feedback.unwrap_or(rules.feedback);
+        Ok(rules)
+    }
+
+    fn sounds(&self, split: &SplitFolder) -> Result<Sounds, Fault> {
+        let word = self.entry.sounds.as_deref();
+        let data = self.planner.data;
+        let found = match word {
+            None | Some("all" | "train" | "validation" | "test") => sounds_for_phase(data, word, split),
+            Some(word) => match word.strip_prefix(KEPT) {
+                Some(digest) => {
+                    data.bank(&Sounds::Own(digest.to_owned())).map(|_| Sounds::Own(digest.to_owned()))
+                }
+                None => data.sounds().adopt(&self.planner.base.join(word)).map(Sounds::Own),
+            },
+        };
+        found.map_err(|failure| self.fault("sounds", one_line(&failure)))
+    }
+
+    fn head(&self) -> Result<HeadRule, Fault> {
+        let heads = self.planner.data.heads();
+        let found = match self.entry.head.as_deref() {
+            None | Some(SPHERE) => return Ok(HeadRule::Sphere),
+            Some(word) => match word.strip_prefix(KEPT) {
+                Some(digest) => heads.head(digest).map(|_| digest.to_owned()),
+                None => heads.adopt(&self.planner.base.join(word)),
+            },
+        };
+        found.map(HeadRule::Measured).map_err(|failure| self.fault("head", one_line(&failure)))
+    }
+
+    fn orders(&self) -> Result<Vec<Order>, Fault> {
+        let orders = self.entry.orders.clone().unwrap_or_else(|| vec![Order::Ordered, Order::Unordered]);
+        let different: BTreeSet<_> = orders.iter().map(|order| order.as_str()).collect();
+        if orders.is_empty() || different.len() != orders.len() {
+            return Err(self.fault("orders", "name one order or both, each once"));
+        }
+        Ok(orders)
+    }
+
+    fn sensors(&self, side: u32) -> Result<Sensors, Fault> {
+        let all = vec![Sensor::Rgb, Sensor::Depth, Sensor::Audio];
+        let wanted = self.entry.sensors.clone().unwrap_or(all);
+        if wanted.is_empty() {
+            return Err(self.fault("sensors", "name one sensor or more"));
+        }
+        let has = |sensor| wanted.contains(&sensor);
+        let (rgb, depth, audio) = (has(Sensor::Rgb), has(Sensor::Depth), has(Sensor::Audio));
+        let encodings = self.entry.encodings;
+        Ok(Sensors { rgb, depth, audio, encodings, ..Sensors::all(side, side) })
+    }
+
+    fn schedule(&self, old: Option<&Phase>) -> Result<Schedule, Fault> {
+        let moment = |key, written| unix_ms(written, Place { path: &["phases", self.index, key] });
+        let opens = moment("opens", self.entry.opens.as_ref())?;
+        let closes = moment("closes", self.entry.closes.as_ref())?;
+        if let (Some(opens), Some(closes)) = (opens, closes)
+            && opens >= closes
+        {
+            return Err(self.fault("closes", "the phase closes before it opens"));
+        }
+        let by_hand = old.map(|old| old.schedule.clone()).unwrap_or_default();
+        Ok(Schedule { opens_unix_ms: opens, closes_unix_ms: closes, ..by_hand })
+    }
+
+    fn quotas(&self) -> Result<avln_store::QuotaLimits, Fault> {
+        let quota = self.entry.quota;
+        let limits = [
+            ("quota.day", quota.day),
+            ("quota.month", quota.month),
+            ("quota.total", quota.total),
+            ("quota.concurrent", quota.concurrent),
+            ("quota.uncharged", quota.uncharged),
+        ];
+        match limits.into_iter().find(|(_, limit)| *limit == Some(0)) {
+            Some((key, _)) => Err(self.fault(key, "0 lets nobody play; leave it out for any number of runs")),
+            None => Ok(quota),
+        }
+    }
+
+    fn time(&self) -> Result<avln_episode::TimeLimits, Fault> {
+        let time = self.entry.time;
+        if time.disconnect_s > time.disconnect_total_s {
+            let said =
+                "one lost connection cannot be away for longer than all of a run's (disconnect_total_s)";
+            return Err(self.fault("time.disconnect_s", said));
+        }
+        Ok(time)
+    }
+
+    fn admission(&self) -> Result<avln_store::Admission, Fault> {
+        let teams = &self.entry.teams;
+        for (key, names) in [("teams.allow", &teams.allow), ("teams.deny", &teams.deny)] {
+            if names.iter().any(|name| name.trim().is_empty()) {
+                return Err(self.fault(key, "a team without a name"));
+            }
+        }
+        match teams.allow.iter().find(|name| teams.deny.contains(name)) {
+            Some(both) => Err(self.fault("teams.deny", format!("team '{both}' is allowed and denied"))),
+            None => Ok(teams.clone()),
+        }
+    }
+
+    fn sampling(&self, pool: &[PhaseEpisode]) -> Result<Sampling, Fault> {
+        let shuffle = self.entry.shuffle.unwrap_or(self.entry.replays != Visibility::Public);
+        if let Some(sample) = self.entry.sample {
+            let most = pool.len() as u32;
+            self.within("sample.episodes", sample.episodes, 1, most)?;
+            self.within("sample.anchors", sample.anchors, 0, sample.episodes)?;
+        }
+        Ok(Sampling { shuffle, sample: self.entry.sample })
+    }
+}
+
+/// Two phases cannot share an id.
+fn refuse_repeated(file: &ChallengeFile) -> Result<(), Fault> {
+    let mut seen = BTreeSet::new();
+    for (index, entry) in file.phases.iter().enumerate() {
+        if !seen.insert(&entry.id) {
+            let place = Place { path: &["phases", &index.to_string(), "id"] };
+            return Err(place.fault(format!("'{}' is the id of an earlier phase", entry.id)));
+        }
+    }
+    Ok(())
+}
+
+/// Places of the file's phases: those that they have while their order is the file's, else counted from 0.
+fn positions(file: &ChallengeFile, before: &[Phase]) -> Vec<u32> {
+    let place = |id: &str| before.iter().position(|phase| phase.id == id);
+    let known: Vec<usize> = file.phases.iter().map_while(|entry| place(&entry.id)).collect();
+    let new = &file.phases[known.len()..];
+    let kept = known.is_sorted() && new.iter().all(|entry| place(&entry.id).is_none());
+    if !kept {
+        return (0..file.phases.len() as u32).collect();
+    }
+    let next = before.iter().map(|phase| phase.position + 1).max().unwrap_or(0);
+    let old = known.into_iter().map(|index| before[index].position);
+    old.chain((next..).take(new.len())).collect()
+}
+
+/// A failure and its hint in one line.
+fn one_line(failure: &Failure) -> String {
+    failure.to_string().replace('\n', "; ")
+}

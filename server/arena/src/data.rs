@@ -1,0 +1,292 @@
+//! The folder that holds everything the server keeps.
+
+use crate::{
+    Failure, FailureKind,
+    cache::CacheFolder,
+    dataset::{DatasetFiles, SplitFolder},
+    heads::HeadFolder,
+    runlog::{RunLogs, SigningKey},
+    sounds::SoundFolder,
+};
+use avln_dataset::Split;
+use avln_episode::{HeadRule, Rules, Sounds};
+use avln_referee::{Audio, Bank, Head, made_bank};
+use avln_store::Store;
+use avln_world::Cache;
+use serde::{Deserialize, Serialize};
+use std::{
+    io,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+/// The folder that holds everything the server keeps: `avln.db`, `splits/`, `sounds/`, `heads/` and `runs/`, and `cache/`, which
+/// can be made anew.
+#[derive(Clone, Debug)]
+pub struct DataFolder {
+    root: PathBuf,
+}
+
+impl DataFolder {
+    /// Opens the folder, and makes it when it is not there.
+    ///
+    /// # Errors
+    /// When it cannot be made or written to.
+    pub fn open(root: &Path) -> Result<Self, Failure> {
+        let failed = |error: io::Error| {
+            Failure::new(
+                FailureKind::Data,
+                format!("cannot write to data folder {}: {error}", root.display()),
+            )
+            .hinted("choose a folder of your own with --data FOLDER, or give this one write permission")
+        };
+        private_folder(root).and_then(|()| private_folder(&root.join("splits"))).map_err(failed)?;
+        probe(&root.join(".writable")).map_err(failed)?;
+        let root = root.canonicalize().map_err(failed)?;
+        Ok(Self { root })
+    }
+
+    /// Where the folder lies.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// The clips that `sounds` names.
+    ///
+    /// # Errors
+    /// When they are recordings that the folder does not hold.
+    pub fn bank(&self, sounds: &Sounds) -> Result<Bank, Failure> {
+        match sounds {
+            Sounds::Own(digest) => self.sounds().bank(digest),
+            made => Ok(made_bank(made).unwrap_or_default()),
+        }
+    }
+
+    /// The clips and the head that `rules` name.
+    ///
+    /// # Errors
+    /// When the folder does not hold them.
+    pub fn audio(&self, rules: &Rules) -> Result<Audio, Failure> {
+        let head = match &rules.head {
+            HeadRule::Sphere => Head::Sphere,
+            HeadRule::Measured(digest) => self.heads().head(digest)?,
+        };
+        Ok(Audio { bank: self.bank(&rules.sounds)?, head })
+    }
+
+    /// The measured heads that it keeps.
+    pub fn heads(&self) -> HeadFolder {
+        HeadFolder::at(&self.root.join("heads"))
+    }
+
+    /// The recordings that it keeps.
+    pub fn sounds(&self) -> SoundFolder {
+        SoundFolder::at(&self.root.join("sounds"))
+    }
+
+    /// The logs of runs that it keeps.
+    pub fn run_logs(&self) -> RunLogs {
+        RunLogs::at(&self.root.join("runs"))
+    }
+
+    /// What the server signs with; made when it is not there.
+    ///
+    /// # Errors
+    /// When it cannot be read or made.
+    pub fn signing_key(&self) -> Result<SigningKey, Failure> {
+        let path = self.root.join("signing.key");
+        SigningKey::at(&path).map_err(|error| {
+            Failure::new(FailureKind::Data, format!("signing key {}: {error}", path.display())).hinted(
+                "restore it from a backup; without it a new one is made, and old logs stay signed by the old",
+            )
+        })
+    }
+
+    /// The cache of scenes that it keeps.
+    pub fn cache(&self) -> Arc<dyn Cache> {
+        Arc::new(self.cache_folder())
+    }
+
+    /// The folder of that cache.
+    pub fn cache_folder(&self) -> CacheFolder {
+        CacheFolder::at(&self.root.join(CacheFolder::IN_DATA))
+    }
+
+    /// Lets the cache take so many GiB from now on; leaves it as it is for `None`.
+    ///
+    /// # Errors
+    /// When that cannot be noted down.
+    pub fn limit_cache(&self, gib: Option<u32>) -> Result<(), Failure> {
+        gib.map_or(Ok(()), |gib| CacheFolder::limit(&self.root.join(CacheFolder::IN_DATA), gib))
+    }
+
+    /// Opens its database, and makes it when it is not there.
+    ///
+    /// # Errors
+    /// When it is not a database of this or an older version, or cannot be written to.
+    pub async fn store(&self) -> Result<Store, Failure> {
+        Ok(Store::open(&self.root.join("avln.db")).await?)
+    }
+
+    /// Writes a split as a data set of its own; its name must be free.
+    ///
+    /// # Errors
+    /// When there is one of that name with other missions, or it cannot be written.
+    pub fn save_split(&self, split: &Split) -> Result<(), Failure> {
+        let folder = self.split_folder(&split.name)?;
+        if self.knows(&split.name)? && self.split(&split.name)? != *split {
+            return Err(taken(&split.name));
+        }
+        DatasetFiles::at(&folder).write_split(split)
+    }
+
+    /// Makes a split of a data set elsewhere known under a name of its own; gives back the name.
+    ///
+    /// # Errors
+    /// When there is no such split, or the name is taken by another one.
+    pub fn link_split(&self, dataset: &Path, split: &str) -> Result<String, Failure> {
+        let root = dataset.canonicalize().map_err(|error| {
+            Failure::new(FailureKind::Data, format!("cannot find data set {}: {error}", dataset.display()))
+        })?;
+        let name = format!("{}-{split}", DatasetFiles::at(&root).manifest()?.name);
+        self.link_split_as(&name, &root, split)?;
+        Ok(name)
+    }
+
+    /// Makes a split of a data set elsewhere known as `name`.
+    ///
+    /// # Errors
+    /// When there is no such split, or the name is taken by another one.
+    pub fn link_split_as(&self, name: &str, dataset: &Path, split: &str) -> Result<(), Failure> {
+        let root = dataset.canonicalize().map_err(|error| {
+            Failure::new(FailureKind::Data, format!("cannot find data set {}: {error}", dataset.display()))
+        })?;
+        let (digest, path) = (SplitFolder::open(&root, split)?.digest().to_owned(), self.link_path(name)?);
+        if self.knows(name)? && self.missions(name)?.digest() != digest {
+            return Err(taken(name));
+        }
+        let link = Link { dataset: root, split: split.to_owned() };
+        let json = serde_json::to_vec(&link).map_err(|error| Failure::new(FailureKind::Internal, error))?;
+        std::fs::write(&path, json).map_err(|error| {
+            Failure::new(FailureKind::Data, format!("cannot write {}: {error}", path.display()))
+        })
+    }
+
+    /// The split called `name`; its missions stay on disk until somebody asks.
+    ///
+    /// # Errors
+    /// When there is none, or its files cannot be used.
+    pub fn missions(&self, name: &str) -> Result<SplitFolder, Failure> {
+        let (folder, path) = (self.split_folder(name)?, self.link_path(name)?);
+        if folder.is_dir() {
+            return SplitFolder::open(&folder, name);
+        }
+        let unreadable = |error: String| {
+            Failure::new(
+                FailureKind::Data,
+                format!("cannot read split '{name}' at {}: {error}", path.display()),
+            )
+            .hinted("make it with: avln data split make NAME, or open a phase on a data set with --dataset")
+        };
+        let bytes = std::fs::read(&path).map_err(|error| unreadable(error.to_string()))?;
+        let link: Link = serde_json::from_slice(&bytes).map_err(|error| unreadable(error.to_string()))?;
+        SplitFolder::open(&link.dataset, &link.split)
+    }
+
+    /// The folder of a split that lies in the data folder itself.
+    ///
+    /// # Errors
+    /// When there is none, or it lies elsewhere.
+    pub fn own_split(&self, name: &str) -> Result<PathBuf, Failure> {
+        let folder = self.split_folder(name)?;
+        if folder.is_dir() {
+            return Ok(folder);
+        }
+        Err(Failure::new(FailureKind::Data, format!("the data folder holds no split '{name}' of its own"))
+            .hinted("name the data set that it lies in with --dataset"))
+    }
+
+    /// The split called `name`, with all missions in memory.
+    ///
+    /// # Errors
+    /// When there is none, or its files cannot be used.
+    pub fn split(&self, name: &str) -> Result<Split, Failure> {
+        Ok(Split { name: name.to_owned(), ..self.missions(name)?.load()? })
+    }
+
+    fn knows(&self, name: &str) -> Result<bool, Failure> {
+        Ok(self.split_folder(name)?.is_dir() || self.link_path(name)?.is_file())
+    }
+
+    fn split_folder(&self, name: &str) -> Result<PathBuf, Failure> {
+        check_name("split", name)?;
+        Ok(self.root.join("splits").join(name))
+    }
+
+    fn link_path(&self, name: &str) -> Result<PathBuf, Failure> {
+        check_name("split", name)?;
+        Ok(self.root.join("splits").join(format!("{name}.link.json")))
+    }
+}
+
+/// Where a split lies that is not in the data folder.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Link {
+    dataset: PathBuf,
+    split: String,
+}
+
+fn taken(name: &str) -> Failure {
+    Failure::new(FailureKind::Scene, format!("split '{name}' exists with other missions"))
+        .hinted("give the new split another name")
+}
+
+/// Names become file names and parts of URLs: letters, digits, `-` and `_`, at most 64.
+///
+/// # Errors
+/// When `name` is none.
+pub fn check_name(what: &str, name: &str) -> Result<(), Failure> {
+    const LONGEST: usize = 64;
+    let fits = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_');
+    if !name.is_empty() && name.len() <= LONGEST && name.chars().all(fits) {
+        return Ok(());
+    }
+    Err(Failure::new(FailureKind::Scene, format!("'{}' cannot be the name of a {what}", name.escape_debug()))
+        .hinted(format!("use 1 to {LONGEST} letters, digits, - and _")))
+}
+
+/// Writes a file and takes it away again, which another program that opens the folder just now may have done before.
+fn probe(file: &Path) -> io::Result<()> {
+    std::fs::write(file, b"")?;
+    match std::fs::remove_file(file) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        removed => removed,
+    }
+}
+
+/// Makes a folder, and those above it, where there is none: nobody else on the machine may look into it, for it holds ground
+/// truth.
+fn private_folder(folder: &Path) -> io::Result<()> {
+    let mut builder = std::fs::DirBuilder::new();
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    builder.recursive(true).create(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_is_opened_by_many_at_once() {
+        let folder = tempfile::tempdir().expect("a folder");
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    (0..200).for_each(|_| drop(DataFolder::open(folder.path()).expect("it is ours")))
+                });
+            }
+        });
+    }
+}

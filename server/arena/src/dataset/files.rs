@@ -1,0 +1,251 @@
+use super::seal::{self, Keyring, Passphrase, Salt};
+use crate::{Failure, FailureKind};
+use avln_dataset::{
+    DatasetError, Manifest, SceneLine, Split, SplitLine, Statistics,
+    format::{
+        DATASET_VERSION, File, digest_of, manifest_bytes, read_manifest, read_scenes, scenes_bytes,
+        write_scene,
+    },
+};
+use std::{
+    io::{self, Read},
+    path::{Path, PathBuf},
+};
+
+/// Largest file of a data set that is read, bytes: one scene's missions take some megabytes.
+const MAX_FILE_BYTES: u64 = 1 << 30;
+
+/// Where the files of a data set lie.
+#[derive(Clone, Debug)]
+pub struct DatasetFiles {
+    root: PathBuf,
+}
+
+impl DatasetFiles {
+    /// The data set in `root`, whether it is there or not.
+    pub fn at(root: &Path) -> Self {
+        Self { root: root.to_owned() }
+    }
+
+    /// Its folder.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Path of `dataset.json`.
+    pub fn manifest_path(&self) -> PathBuf {
+        self.root.join("dataset.json")
+    }
+
+    /// Path of the scene list of a split.
+    pub fn scenes_path(&self, split: &str) -> PathBuf {
+        self.root.join(split).join("scenes.jsonl")
+    }
+
+    /// Path of the public missions of a scene.
+    pub fn missions_path(&self, split: &str, scene: &str) -> PathBuf {
+        self.root.join(split).join("missions").join(format!("{scene}.jsonl"))
+    }
+
+    /// Path of the ground truth of a scene.
+    pub fn sealed_path(&self, split: &str, scene: &str) -> PathBuf {
+        self.root.join(split).join("sealed").join(format!("{scene}.jsonl"))
+    }
+
+    /// Whether a complete data set lies here.
+    pub fn is_complete(&self) -> bool {
+        self.manifest_path().is_file()
+    }
+
+    /// Reads what the data set is.
+    ///
+    /// # Errors
+    /// When there is none, or it is of another version.
+    pub fn manifest(&self) -> Result<Manifest, Failure> {
+        let path = self.manifest_path();
+        let bytes = read(&path).map_err(|failure| {
+            failure.hinted("build a data set there with: avln data dataset build CONFIG --out FOLDER")
+        })?;
+        Ok(read_manifest(File { name: &path.display().to_string(), bytes: &bytes })
+            .map_err(DatasetError::from)?)
+    }
+
+    /// Reads the list of scenes of a split.
+    ///
+    /// # Errors
+    /// When it cannot be read or is not the one that the manifest names.
+    pub fn scenes(&self, split: &SplitLine) -> Result<Vec<SceneLine>, Failure> {
+        check_plain(&split.name)?;
+        self.scenes_in(split, &read(&self.scenes_path(&split.name))?)
+    }
+
+    /// The scenes that the list of a split names.
+    fn scenes_in(&self, split: &SplitLine, bytes: &[u8]) -> Result<Vec<SceneLine>, Failure> {
+        let name = self.scenes_path(&split.name).display().to_string();
+        let scenes = read_scenes(File { name: &name, bytes }, &split.digest).map_err(DatasetError::from)?;
+        scenes.iter().try_for_each(|scene| check_plain(&scene.name))?;
+        Ok(scenes)
+    }
+
+    /// Returns `true` if the scene list of a split is sealed, and with it the rest.
+    ///
+    /// # Errors
+    /// If the list cannot be read.
+    pub fn is_sealed(&self, split: &str) -> Result<bool, Failure> {
+        Ok(seal::is_sealed(&read_as_is(&self.scenes_path(split))?))
+    }
+
+    /// Writes the scene list of a split and returns its line in the manifest.
+    ///
+    /// # Errors
+    /// If the folder cannot be written.
+    pub fn write_scenes(&self, split: &str, scenes: &[SceneLine]) -> Result<SplitLine, Failure> {
+        let bytes = scenes_bytes(scenes)?;
+        write_whole(&self.scenes_path(split), &bytes)?;
+        let missions = scenes.iter().map(|scene| scene.missions).sum();
+        Ok(SplitLine { name: split.to_owned(), scenes: scenes.len(), missions, digest: digest_of(&bytes) })
+    }
+
+    /// Writes `dataset.json`.
+    ///
+    /// # Errors
+    /// If the folder cannot be written.
+    pub fn write_manifest(&self, manifest: &Manifest) -> Result<(), Failure> {
+        write_whole(&self.manifest_path(), &manifest_bytes(manifest)?)
+    }
+
+    /// Writes the statistics, as numbers and as a page.
+    ///
+    /// # Errors
+    /// When the folder cannot be written.
+    pub fn write_statistics(&self, name: &str, splits: &[(String, Statistics)]) -> Result<PathBuf, Failure> {
+        let numbers: std::collections::BTreeMap<_, _> =
+            splits.iter().map(|(split, numbers)| (split.as_str(), numbers)).collect();
+        let json = serde_json::to_vec_pretty(&numbers)
+            .map_err(|error| Failure::new(FailureKind::Internal, error))?;
+        write_whole(&self.root.join("statistics.json"), &json)?;
+        let page = self.root.join("statistics.html");
+        write_whole(&page, avln_dataset::page(name, splits).as_bytes())?;
+        Ok(page)
+    }
+
+    /// Seals the missions, the truth and the list of scenes of a split, each in its place. Files that are sealed stay so.
+    ///
+    /// # Errors
+    /// When there is no such split, a file is sealed under another passphrase, or one cannot be written.
+    pub fn seal(&self, split: &str, passphrase: Passphrase) -> Result<Sealed, Failure> {
+        let manifest = self.manifest()?;
+        let line = manifest.splits.iter().find(|line| line.name == split).ok_or_else(|| {
+            let message = format!("data set {} has no split '{split}'", self.root.display());
+            Failure::new(FailureKind::Scene, message)
+        })?;
+        let (ring, salt) = (Keyring::new(Some(passphrase)), Salt::random()?);
+        let list = self.scenes_path(split);
+        let mut paths = Vec::new();
+        for scene in self.scenes_in(line, &ring.open(&list, read_as_is(&list)?)?)? {
+            paths.extend([self.missions_path(split, &scene.name), self.sealed_path(split, &scene.name)]);
+        }
+        paths.push(list);
+        let mut sealed = Sealed::default();
+        for path in paths {
+            let bytes = read_as_is(&path)?;
+            if seal::is_sealed(&bytes) {
+                ring.open(&path, bytes)?;
+                sealed.before += 1;
+            } else {
+                write_whole(&path, &ring.seal(&salt, &path, &bytes)?)?;
+                sealed.now += 1;
+            }
+        }
+        Ok(sealed)
+    }
+
+    /// Writes a split that was put together in memory as a data set of its own.
+    ///
+    /// # Errors
+    /// When the folder cannot be written.
+    pub fn write_split(&self, split: &Split) -> Result<(), Failure> {
+        let mut lines = Vec::new();
+        for scene in &split.scenes {
+            let episodes: Vec<_> =
+                split.episodes.iter().filter(|episode| episode.scene == scene.name).cloned().collect();
+            let written = write_scene(scene, None, &episodes)?;
+            write_whole(&self.missions_path(&split.name, &scene.name), &written.missions)?;
+            write_whole(&self.sealed_path(&split.name, &scene.name), &written.sealed)?;
+            lines.push(written.line);
+        }
+        let line = self.write_scenes(&split.name, &lines)?;
+        self.write_manifest(&Manifest {
+            format: Manifest::FORMAT.to_owned(),
+            version: DATASET_VERSION,
+            name: split.name.clone(),
+            rules: split.rules.clone(),
+            recipe: None,
+            splits: vec![line],
+        })
+    }
+}
+
+/// How many files of a split were sealed now, and how many were before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sealed {
+    /// Sealed now.
+    pub now: usize,
+    /// Sealed before.
+    pub before: usize,
+}
+
+/// Checks a name of a scene or split: names become file names.
+///
+/// # Errors
+/// If the name has other characters than letters, digits, `-`, `_` and `.`, or is too long.
+pub fn check_plain(name: &str) -> Result<(), Failure> {
+    let fits = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_' | '.');
+    if (1..=100).contains(&name.len()) && name.chars().all(fits) && !name.starts_with('.') {
+        return Ok(());
+    }
+    Err(Failure::new(
+        FailureKind::Scene,
+        format!("'{}' cannot be the name of a scene or split of a data set", name.escape_debug()),
+    ))
+}
+
+/// Reads a file of a data set; sealed files are decrypted in memory.
+///
+/// # Errors
+/// If the file cannot be read, is too large, or there is no key.
+pub fn read(path: &Path) -> Result<Vec<u8>, Failure> {
+    seal::opened(path, read_as_is(path)?)
+}
+
+/// Reads a file as it lies there.
+fn read_as_is(path: &Path) -> Result<Vec<u8>, Failure> {
+    let mut bytes = Vec::new();
+    let limited = |file: std::fs::File| file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes);
+    std::fs::File::open(path).and_then(limited).map_err(|error| cannot("read", path, &error))?;
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        let message = format!("{} is larger than the {MAX_FILE_BYTES} bytes that are read", path.display());
+        return Err(Failure::new(FailureKind::Data, message));
+    }
+    Ok(bytes)
+}
+
+/// Writes a file under another name and renames it: a file with this name is always complete.
+///
+/// # Errors
+/// If the folder cannot be written.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(".partial");
+    let partial = path.with_file_name(name);
+    let folder = path.parent().unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder)
+        .and_then(|()| std::fs::write(&partial, bytes))
+        .and_then(|()| std::fs::rename(&partial, path))
+        .map_err(|error| cannot("write", path, &error))
+}
+
+/// A failure to read or write `path`; `what` is the verb.
+pub fn cannot(what: &str, path: &Path, error: &io::Error) -> Failure {
+    Failure::new(FailureKind::Data, format!("cannot {what} {}: {error}", path.display()))
+}

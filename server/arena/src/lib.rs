@@ -1,0 +1,227 @@
+//! The hosted arena as a library: phases, episodes, run log, data folder, backup and management.
+//!
+//! [`Arena`] implements the `Host` of the gRPC server: it admits teams, starts episodes with a referee each, scores and
+//! stores their records. [`servers`] serves it to agents, visitors and the operator.
+
+pub mod admin;
+mod ahead;
+pub mod backup;
+pub mod budget;
+pub mod cache;
+pub mod challenge;
+pub mod data;
+pub mod dataset;
+mod disturb;
+mod failure;
+pub mod heads;
+mod heart;
+mod host;
+mod lookout;
+pub mod office;
+mod onlooker;
+mod play;
+mod refusals;
+pub mod register;
+mod replayer;
+pub mod rescoring;
+mod restore;
+pub mod runlog;
+mod scenes;
+pub mod sealed;
+pub mod secret;
+pub mod servers;
+pub mod setup;
+pub mod sounds;
+pub mod stages;
+mod told;
+mod warm;
+mod watch;
+
+pub use failure::{Failure, FailureKind};
+pub use refusals::fault_count;
+pub use replayer::Replayer;
+
+use avln_grpc::Control;
+use avln_referee::Referee;
+use avln_store::{MadeUp, Store};
+use avln_web::{LiveStatus, ReplayRenderer, SignedLogs};
+use budget::Budget;
+use data::DataFolder;
+use disturb::Disturb;
+use heart::Heart;
+use lookout::ControlStatus;
+use onlooker::SceneRenderer;
+use runlog::{RunLogs, SigningKey};
+use scenes::SceneCache;
+use stages::{Stage, Stages};
+use std::{
+    collections::BTreeSet,
+    sync::{Arc, Mutex},
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
+
+use tokio::sync::Semaphore;
+use watch::Watch;
+
+/// Version of the benchmark: it changes whenever a score could change.
+pub const BENCHMARK_VERSION: &str = "1.0.0";
+
+/// Memory for scenes that are ready, MiB, unless somebody says otherwise: some tens of scans or two hundred houses.
+pub const SCENE_MEMORY_MIB: u32 = 2048;
+
+/// What hosts the phases of a data folder.
+pub struct Arena {
+    store: Store,
+    stages: Arc<Stages>,
+    scenes: Arc<SceneCache>,
+    /// What is being played, by ticket.
+    playing: Mutex<play::Playing>,
+    /// Where runs are written down.
+    logs: Arc<RunLogs>,
+    /// What the logs of runs that are over are signed with.
+    key: Arc<SigningKey>,
+    /// Who prepares an episode ahead of time: one after the other, so that the others can play.
+    ahead: Arc<Semaphore>,
+    control: Control,
+    budget: Budget,
+    heart: Heart,
+    /// Who looks into scenes for visitors.
+    onlooker: Arc<SceneRenderer>,
+    /// Episodes, by run and handle, that could neither be stored nor taken back.
+    owed: Mutex<Owed>,
+    disturb: Option<Disturb>,
+    watch: Option<Watch>,
+}
+
+type Owed = BTreeSet<(String, String)>;
+
+impl Arena {
+    /// Reads the phases of the data folder and their splits. Scenes stay ready in
+    /// `scene_memory_mib` MiB; those that are being played stay even if they take more.
+    ///
+    /// # Errors
+    /// When the database or a split cannot be read.
+    pub async fn open(data: &DataFolder, store: Store, scene_memory_mib: u32) -> Result<Self, Failure> {
+        let stages = Arc::new(Stages::open(data, &store).await?);
+        let onlooker = Arc::new(SceneRenderer::new(store.clone(), stages.clone(), data.cache()));
+        let budget_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
+        let scenes = Arc::new(SceneCache::new(budget_bytes, data.cache()));
+        let logs = Arc::new(data.run_logs());
+        keep_safe(&logs);
+        let key = Arc::new(data.signing_key()?);
+        let (playing, ahead) = (Mutex::default(), Arc::new(Semaphore::new(1)));
+        let (control, budget, heart) = (Control::default(), Budget::default(), Heart::new());
+        let made_up = store.make_up(now_unix_ms()).await?;
+        if made_up != MadeUp::default() {
+            let MadeUp { away_ms, runs, phases } = made_up;
+            tracing::info!(away_ms, runs, ?phases, "the server was away; what that took is given back");
+        }
+        Ok(Self {
+            store,
+            stages,
+            scenes,
+            playing,
+            logs,
+            key,
+            ahead,
+            control,
+            budget,
+            heart,
+            onlooker,
+            owed: Mutex::default(),
+            disturb: None,
+            watch: None,
+        })
+    }
+
+    /// The same with another budget for each session.
+    pub fn with_budget(self, budget: Budget) -> Self {
+        Self { budget, ..self }
+    }
+
+    /// The same with a simulator that fails as somebody wishes, so that one can see what that costs: before each step `disturb`
+    /// is called on the simulator's thread, with the number of steps that the episode has taken.
+    pub fn disturbed(self, disturb: impl Fn(u32) + Send + Sync + 'static) -> Self {
+        Self { disturb: Some(Arc::new(disturb)), ..self }
+    }
+
+    /// The same with a host that watches: before each observation of an episode is sent, `watch` is called on the simulator's
+    /// thread with the episode's handle and referee. What it sees crosses no wire.
+    pub fn watched(self, watch: impl Fn(&str, &Referee) + Send + Sync + 'static) -> Self {
+        Self { watch: Some(Arc::new(watch)), ..self }
+    }
+
+    /// Begins nothing new from now on and gives open episodes `patience` to end. What the time until the next server starts takes
+    /// from runs and phases is given back then.
+    ///
+    /// # Errors
+    /// When the database fails; then the server goes on.
+    pub async fn drain(&self, reason: &str, patience: Duration) -> Result<(), Failure> {
+        self.store.note_drain(reason, now_unix_ms()).await?;
+        self.control.drain(reason, patience);
+        Ok(())
+    }
+
+    /// The operator's hold on what is played.
+    pub fn control(&self) -> &Control {
+        &self.control
+    }
+
+    /// Where the logs of runs lie, and by which key they are signed.
+    pub fn signed_logs(&self) -> SignedLogs {
+        SignedLogs { folder: self.logs.folder().to_owned(), key: self.key.public() }
+    }
+
+    /// Who looks and listens in scenes for those who watch replays.
+    pub fn onlooker(&self) -> Arc<dyn ReplayRenderer> {
+        self.onlooker.clone()
+    }
+
+    /// Who tells those who watch runs what is played at this moment.
+    pub fn lookout(&self) -> Arc<dyn LiveStatus> {
+        Arc::new(ControlStatus(self.control.clone()))
+    }
+
+    /// The database, with the right to write.
+    pub(crate) fn store(&self) -> &Store {
+        &self.store
+    }
+
+    /// Bytes of scenes that are ready.
+    pub fn scene_bytes(&self) -> usize {
+        self.scenes.bytes()
+    }
+
+    /// Ids of the phases, and how many episodes a run of each has.
+    ///
+    /// # Errors
+    /// When the phases cannot be read.
+    pub async fn phases(&self) -> Result<Vec<(String, u32)>, Failure> {
+        let stages = self.stages.now(&self.store).await?;
+        Ok(stages.iter().map(|stage| (stage.phase.id.clone(), stage.phase.episodes_of_run())).collect())
+    }
+}
+
+/// How long lines of run logs may wait for the disk: what a power cut can cost is played again.
+const SYNC_EVERY: Duration = Duration::from_secs(1);
+
+/// Has the disk take what is written in run logs, as long as somebody holds them.
+fn keep_safe(logs: &Arc<RunLogs>) {
+    let logs = Arc::downgrade(logs);
+    tokio::spawn(async move {
+        let mut ticks = tokio::time::interval(SYNC_EVERY);
+        loop {
+            ticks.tick().await;
+            let Some(logs) = logs.upgrade() else { return };
+            if let Err(error) = tokio::task::spawn_blocking(move || logs.sync()).await {
+                tracing::error!(%error, "run logs are not safe on the disk");
+            }
+        }
+    });
+}
+
+/// The clock that results carry: milliseconds since 1970-01-01 UTC.
+pub fn now_unix_ms() -> i64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
+}

@@ -1,0 +1,196 @@
+//! What the organiser does by commands and by pages alike.
+
+use crate::{Failure, FailureKind, challenge, now_unix_ms, secret::new_token};
+use avln_store::{
+    AuditNote, NewToken, Phase, PhaseState, Reference, Schedule, Store, StoreError, TokenScope,
+};
+
+/// Why something was not done.
+#[derive(Debug)]
+pub enum Undone {
+    /// It cannot be done.
+    Refused {
+        /// Why.
+        words: String,
+        /// What to do instead; may be empty.
+        hint: &'static str,
+    },
+    /// The store refused, or failed.
+    Store(StoreError),
+    /// The system failed.
+    System(String),
+}
+
+impl Undone {
+    pub(super) fn refused(words: impl Into<String>, hint: &'static str) -> Self {
+        Self::Refused { words: words.into(), hint }
+    }
+}
+
+impl From<StoreError> for Undone {
+    fn from(error: StoreError) -> Self {
+        Self::Store(error)
+    }
+}
+
+impl From<Undone> for Failure {
+    fn from(undone: Undone) -> Self {
+        match undone {
+            Undone::Refused { words, hint } => {
+                let failure = Self::new(FailureKind::Data, words);
+                if hint.is_empty() { failure } else { failure.hinted(hint) }
+            }
+            Undone::Store(error) => error.into(),
+            Undone::System(error) => Self::new(FailureKind::Internal, error),
+        }
+    }
+}
+
+/// A line for the audit list.
+pub fn note(actor: &str, subject: String, what: &str, reason: &str) -> AuditNote {
+    let (actor, what, reason) = (actor.to_owned(), what.to_owned(), reason.to_owned());
+    AuditNote { actor, subject, what, reason, ..AuditNote::default() }
+}
+
+/// A token that somebody wants.
+#[derive(Clone, Copy, Debug)]
+pub struct Wish<'a> {
+    /// Which door it opens; not a run's.
+    pub kind: TokenScope,
+    /// What to call it; may be empty.
+    pub name: &'a str,
+    /// Whose it is; `None` for an organiser.
+    pub team: Option<&'a str>,
+    /// From when it is void; `None` for never.
+    pub expires_unix_ms: Option<i64>,
+}
+
+/// Admits a team, or an admitted one again, and makes an account token for it.
+///
+/// # Errors
+/// When the name cannot be used or the database refuses.
+pub async fn admit(
+    store: &Store,
+    name: &str,
+    reference: Option<Reference>,
+    now_unix_ms: i64,
+) -> Result<String, Undone> {
+    let printable = |letter: char| !letter.is_control();
+    if name.trim().is_empty() || name.len() > 64 || !name.chars().all(printable) {
+        let words = format!("'{}' cannot be the name of a team", name.escape_debug());
+        return Err(Undone::refused(words, "use 1 to 64 bytes of printable text"));
+    }
+    let secret = random_token(TokenScope::Participant)?;
+    store.create_team(name, reference, now_unix_ms).await?;
+    let token = NewToken {
+        secret: &secret,
+        kind: TokenScope::Participant,
+        name: "",
+        team: Some(name),
+        expires_unix_ms: None,
+    };
+    store.issue_token(&token, now_unix_ms).await?;
+    Ok(secret)
+}
+
+/// Makes a token, with a line in the audit list.
+///
+/// # Errors
+/// When the name cannot be used, the team is unknown or the database refuses.
+pub async fn issue(store: &Store, wish: &Wish<'_>, actor: &str, now_unix_ms: i64) -> Result<String, Undone> {
+    let Wish { kind, name, team, expires_unix_ms } = *wish;
+    if name.chars().count() > 64 || name.chars().any(char::is_control) {
+        return Err(Undone::refused("the name of a token takes at most 64 printable characters", ""));
+    }
+    let secret = random_token(kind)?;
+    let token = NewToken { secret: &secret, kind, name, team, expires_unix_ms };
+    store.issue_token(&token, now_unix_ms).await?;
+    let whose = team.map_or_else(|| "organiser".to_owned(), |team| format!("team {team}"));
+    let issued = note(actor, whose, &format!("token for {}", word(kind)), "");
+    let name = Some(name.to_owned()).filter(|name| !name.is_empty());
+    store.note(AuditNote { after: name, ..issued }, now_unix_ms).await?;
+    Ok(secret)
+}
+
+/// What a token is for, in its first letters and in the audit list.
+fn word(kind: TokenScope) -> &'static str {
+    match kind {
+        TokenScope::Participant => "account",
+        TokenScope::ReadOnly => "looking",
+        TokenScope::Organiser => "organiser",
+        TokenScope::Run => "run",
+    }
+}
+
+fn random_token(kind: TokenScope) -> Result<String, Undone> {
+    new_token(word(kind)).map_err(|error| Undone::System(error.to_string()))
+}
+
+/// Changes when runs may start in a phase, with lines in the audit list by an actor and for a reason.
+///
+/// # Errors
+/// When the phase is unknown or the database refuses.
+pub async fn reschedule(
+    store: &Store,
+    id: &str,
+    (actor, reason): (&str, &str),
+    change: impl FnOnce(&mut Schedule),
+) -> Result<Phase, StoreError> {
+    let before = store.phase(id).await?;
+    let mut after = before.clone();
+    change(&mut after.schedule);
+    let notes = challenge::notes(actor, Some(&before), &after, reason);
+    if !notes.is_empty() {
+        store.change_phases(std::slice::from_ref(&after), &notes, now_unix_ms()).await?;
+    }
+    Ok(after)
+}
+
+/// Marks a run as verified by the organiser, or no more; tells what became of it.
+///
+/// # Errors
+/// When the run is unknown or not over, or the database refuses.
+pub async fn verify(
+    store: &Store,
+    run: &str,
+    verified: bool,
+    (actor, reason): (&str, &str),
+) -> Result<String, StoreError> {
+    let word = if verified { "verified" } else { "no more verified" };
+    let ruled = note(actor, format!("run {run}"), word, reason);
+    let changed = store.verify_run(run, verified, ruled, now_unix_ms()).await?;
+    Ok(format!("run {run} is {word}{}", as_before(changed)))
+}
+
+/// Takes a run off all boards for a reason that everybody may read, or puts it back; tells what became of it.
+///
+/// # Errors
+/// When the run is unknown or the database refuses.
+pub async fn disqualify(
+    store: &Store,
+    run: &str,
+    disqualified: bool,
+    (actor, reason): (&str, &str),
+) -> Result<String, StoreError> {
+    let what = if disqualified { "disqualified" } else { "put back on boards" };
+    let ruled = note(actor, format!("run {run}"), what, reason);
+    let public = disqualified.then_some(reason);
+    let changed = store.disqualify_run(run, public, ruled, now_unix_ms()).await?;
+    let told =
+        if disqualified { "is on no board any more; its page tells why" } else { "may be on boards again" };
+    Ok(format!("run {run} {told}{}", as_before(changed)))
+}
+
+fn as_before(changed: bool) -> &'static str {
+    if changed { "" } else { ", as before" }
+}
+
+/// Whether runs may start, after a phase was opened again.
+pub fn state_word(state: PhaseState) -> &'static str {
+    match state {
+        PhaseState::Upcoming => "not open before its date",
+        PhaseState::Open => "open",
+        PhaseState::Paused => "paused",
+        PhaseState::Closed => "closed since its date",
+    }
+}

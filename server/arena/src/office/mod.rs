@@ -1,0 +1,205 @@
+//! What those who sign in at the people's door may have done, and what commands share with it. Every deed of the door leaves a line
+//! in the audit list, with the letters by which lists name the token that asked for it.
+
+pub mod deeds;
+
+use crate::{Arena, admin, fault_count, now_unix_ms};
+use avln_store::{AuditNote, NewGrant, StoreError, TokenScope, calendar::rfc3339};
+use avln_web::{ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction, TeamCredential, async_trait};
+use deeds::{Wish, note, reschedule};
+use std::{fmt, sync::Arc};
+
+/// Tokens of a team that hold at a time: some for each person of a large one.
+const MOST_TOKENS: usize = 50;
+const DAY_MS: i64 = 86_400_000;
+
+/// The office of a running server.
+pub struct ArenaOffice(Arc<Arena>);
+
+impl ArenaOffice {
+    /// The office of `arena`.
+    pub fn new(arena: Arc<Arena>) -> Self {
+        Self(arena)
+    }
+}
+
+impl fmt::Debug for ArenaOffice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("ArenaOffice")
+    }
+}
+
+#[async_trait]
+impl Management for ArenaOffice {
+    async fn team_action(&self, team: TeamCredential, action: TeamAction) -> Result<ActionOutcome, ActionError> {
+        Ok(act(&self.0, &team, action).await?)
+    }
+
+    async fn organiser_action(&self, origin: ActionOrigin, action: OrganiserAction) -> Result<ActionOutcome, ActionError> {
+        Ok(organise(&self.0, &origin, action).await?)
+    }
+
+    fn health(&self) -> ServerHealth {
+        let admin::Status { draining, notice, slots, steps, scene_bytes, hanging } =
+            admin::status_of(&self.0);
+        let slots = slots.into_iter().map(|slot| (slot.run, slot.slot, slot.step)).collect();
+        ServerHealth { draining, notice, slots, steps, scene_bytes, hanging, faults: fault_count() }
+    }
+}
+
+impl From<deeds::Undone> for ActionError {
+    fn from(undone: deeds::Undone) -> Self {
+        match undone {
+            deeds::Undone::Refused { words, hint: "" } => Self::Refused(words),
+            deeds::Undone::Refused { words, hint } => Self::Refused(format!("{words}; {hint}")),
+            deeds::Undone::Store(error) if error.is_fault() => Self::Failed(error.to_string()),
+            deeds::Undone::Store(error) => Self::Refused(error.to_string()),
+            deeds::Undone::System(error) => Self::Failed(error),
+        }
+    }
+}
+
+type Answer = Result<ActionOutcome, deeds::Undone>;
+
+fn done(words: String) -> Answer {
+    Ok(ActionOutcome { message: words, secret: None })
+}
+
+/// What a team asks for, of what is its own.
+async fn act(arena: &Arena, member: &TeamCredential, deed: TeamAction) -> Answer {
+    let actor = format!("token {} of team {}", member.token, member.team);
+    match deed {
+        TeamAction::IssueToken { name, looks_only, days } => {
+            issue(arena, member, &actor, (&name, looks_only, days)).await
+        }
+        TeamAction::RevokeToken { id } => {
+            let revoked = note(&actor, format!("token {id}"), "revoked", "");
+            arena.store().revoke_own_token(&member.team, &id, revoked, now_unix_ms()).await?;
+            done(format!("Token {id} is void now."))
+        }
+        TeamAction::CancelRun { run } => cancel(arena, member, &actor, &run).await,
+    }
+}
+
+async fn issue(
+    arena: &Arena,
+    member: &TeamCredential,
+    actor: &str,
+    (name, looks_only, days): (&str, bool, Option<u32>),
+) -> Answer {
+    let (store, now) = (arena.store(), now_unix_ms());
+    let tokens = store.tokens().await?;
+    let is_own = |team: &Option<String>| team.as_deref() == Some(member.team.as_str());
+    let holds = |revoked: Option<i64>, expires: Option<i64>| {
+        revoked.is_none() && expires.is_none_or(|expires| expires > now)
+    };
+    let held = tokens.iter().filter(|t| is_own(&t.team) && holds(t.revoked_ms, t.expires_ms)).count();
+    if held >= MOST_TOKENS {
+        let words = format!("the team has {held} tokens that hold, the most at a time");
+        return Err(deeds::Undone::refused(words, "take one back that nobody needs"));
+    }
+    let asked = days.map(|days| now + i64::from(days) * DAY_MS);
+    let wish = Wish {
+        kind: if looks_only { TokenScope::ReadOnly } else { TokenScope::Participant },
+        name,
+        team: Some(&member.team),
+        expires_unix_ms: [asked, member.expires_unix_ms].into_iter().flatten().min(),
+    };
+    let secret = deeds::issue(store, &wish, actor, now).await?;
+    let until = wish.expires_unix_ms.map_or_else(String::new, |moment| format!(" until {}", rfc3339(moment)));
+    Ok(ActionOutcome { message: format!("A token was made that holds{until}."), secret: Some(secret) })
+}
+
+async fn cancel(arena: &Arena, member: &TeamCredential, actor: &str, run: &str) -> Answer {
+    let found = arena.store().run(run).await?;
+    if found.team != member.team {
+        return Err(StoreError::Unknown { what: "run", name: run.to_owned() }.into());
+    }
+    if !found.state.is_open() {
+        let state = found.state.as_str();
+        return Err(StoreError::RunOver { run: run.to_owned(), state }.into());
+    }
+    arena.cancel(run).await?;
+    arena.control().leave(run);
+    let cancelled = note(actor, format!("run {run}"), "cancelled", "");
+    arena.store().note(cancelled, now_unix_ms()).await?;
+    done(format!("Run {run} is cancelled."))
+}
+
+/// What the organiser asks for.
+async fn organise(arena: &Arena, because: &ActionOrigin, deed: OrganiserAction) -> Answer {
+    let actor = format!("token {} of the organiser", because.token);
+    match deed {
+        OrganiserAction::Admit { team } => admit(arena, &actor, &because.reason, &team).await,
+        OrganiserAction::Approve { team, phase, approved } => {
+            let word = if approved { "approved" } else { "no more approved" };
+            let decided =
+                note(&actor, format!("team {team}"), &format!("{word} in phase {phase}"), &because.reason);
+            arena.store().approve(&phase, &team, approved, decided, now_unix_ms()).await?;
+            done(format!("Team {team} is {word} in phase {phase}."))
+        }
+        OrganiserAction::Grant { team, phase, runs } => {
+            let grant = NewGrant { phase: &phase, team: &team, runs, reason: &because.reason };
+            let granted =
+                note(&actor, format!("team {team}"), &format!("granted in phase {phase}"), &because.reason);
+            let granted = AuditNote { after: Some(format!("{runs} runs")), ..granted };
+            arena.store().grant(&grant, granted, now_unix_ms()).await?;
+            done(format!("Team {team} has {runs} runs more in phase {phase}."))
+        }
+        OrganiserAction::Verify { run, verified } => {
+            let words = deeds::verify(arena.store(), &run, verified, (&actor, &because.reason)).await?;
+            done(sentence(&words))
+        }
+        OrganiserAction::Disqualify(run) => {
+            let words = deeds::disqualify(arena.store(), &run, true, (&actor, &because.reason)).await?;
+            done(sentence(&words))
+        }
+        OrganiserAction::Reinstate(run) => {
+            let words = deeds::disqualify(arena.store(), &run, false, (&actor, &because.reason)).await?;
+            done(sentence(&words))
+        }
+        of_phase => rule_phase(arena, &actor, &because.reason, of_phase).await,
+    }
+}
+
+async fn admit(arena: &Arena, actor: &str, reason: &str, team: &str) -> Answer {
+    let (store, now) = (arena.store(), now_unix_ms());
+    let secret = deeds::admit(store, team, None, now).await?;
+    store.note(note(actor, format!("team {team}"), "admitted, token for account", reason), now).await?;
+    Ok(ActionOutcome { message: format!("Team {team} is admitted, and has a new account token."), secret: Some(secret) })
+}
+
+/// What commands tell, as pages do.
+fn sentence(words: &str) -> String {
+    let mut letters = words.chars();
+    let first = letters.next().map(|letter| letter.to_uppercase().to_string()).unwrap_or_default();
+    format!("{first}{}.", letters.as_str())
+}
+
+async fn rule_phase(arena: &Arena, actor: &str, reason: &str, deed: OrganiserAction) -> Answer {
+    let store = arena.store();
+    match deed {
+        OrganiserAction::Pause(id) => {
+            let words = reason.to_owned();
+            reschedule(store, &id, (actor, reason), |schedule| schedule.paused = Some(words)).await?;
+            done(format!("Phase {id} is paused; runs that were started go on."))
+        }
+        OrganiserAction::Resume(id) => {
+            let change = |schedule: &mut avln_store::Schedule| {
+                (schedule.paused, schedule.closed) = (None, false);
+            };
+            let phase = reschedule(store, &id, (actor, reason), change).await?;
+            done(format!("Phase {id} is {}.", deeds::state_word(phase.schedule.state(now_unix_ms()))))
+        }
+        OrganiserAction::Close(id) => {
+            reschedule(store, &id, (actor, reason), |schedule| schedule.closed = true).await?;
+            done(format!("Phase {id} is closed; its results stay."))
+        }
+        OrganiserAction::Reveal(id) => {
+            let revealed = note(actor, format!("phase {id}"), "revealed", reason);
+            store.reveal_phase(&id, revealed, now_unix_ms()).await?;
+            done(format!("What phase {id} had committed to is published."))
+        }
+        other => Err(deeds::Undone::System(format!("{other:?} is no deed on a phase"))),
+    }
+}

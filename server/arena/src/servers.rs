@@ -1,0 +1,248 @@
+//! The gRPC server for agents, the web server for visitors, and the admin server for the operator.
+
+use crate::{
+    Arena, Failure, FailureKind,
+    admin::{self, Desk},
+    office::ArenaOffice,
+};
+use avln_grpc::Control;
+/// What [`Servers::with_limits`] changes.
+pub use avln_grpc::Limits;
+use avln_net::{Identity, Listener, Protocol};
+use avln_store::Reader;
+use avln_web::Site;
+use std::{
+    net::{Ipv4Addr, SocketAddr, SocketAddrV4},
+    path::PathBuf,
+    sync::Arc,
+};
+use tokio::{net::TcpListener, sync::watch, task::JoinSet};
+
+/// Addresses of the gRPC and the web server.
+#[derive(Clone, Copy, Debug)]
+pub struct Addresses {
+    /// Address for agents.
+    pub grpc: SocketAddr,
+    /// Address for visitors.
+    pub web: SocketAddr,
+}
+
+impl Addresses {
+    /// Free ports of this machine.
+    pub const LOCAL: Self = {
+        let free = SocketAddr::V4(SocketAddrV4::new(Ipv4Addr::LOCALHOST, 0));
+        Self { grpc: free, web: free }
+    };
+}
+
+/// Files of the TLS certificate; none for plain text.
+#[derive(Clone, Debug, Default)]
+pub struct Security {
+    /// PEM file of the certificate, followed by its intermediates.
+    pub tls_cert: Option<PathBuf>,
+    /// PEM file of the private key.
+    pub tls_key: Option<PathBuf>,
+}
+
+impl Security {
+    /// Reads the files, where there are any. A certificate that agents will refuse is told on standard error.
+    ///
+    /// # Errors
+    /// When they are no use.
+    pub fn identity(&self) -> Result<Option<Identity>, Failure> {
+        let (Some(certificate), Some(key)) = (&self.tls_cert, &self.tls_key) else { return Ok(None) };
+        let identity = Identity::read(certificate, key).map_err(|error| {
+            Failure::new(FailureKind::Address, error).hinted("see docs/OPERATING.md for how to get a pair")
+        })?;
+        if let Some(warning) = identity.warning() {
+            eprintln!("warning: {warning}");
+        }
+        Ok(Some(identity))
+    }
+}
+
+/// The listeners, bound and not yet served.
+pub struct Servers {
+    grpc: TcpListener,
+    web: TcpListener,
+    admin: Option<TcpListener>,
+    identity: Option<Identity>,
+    limits: Limits,
+}
+
+/// Both doors, open.
+pub struct RunningServers {
+    /// Where agents connect.
+    pub grpc: SocketAddr,
+    /// Where people look.
+    pub web: SocketAddr,
+    /// Where the operator asks, if anywhere.
+    pub admin: Option<SocketAddr>,
+    is_secure: bool,
+    control: Control,
+    stop: watch::Sender<bool>,
+    tasks: JoinSet<Result<(), Failure>>,
+}
+
+impl Servers {
+    /// Takes both addresses.
+    ///
+    /// # Errors
+    /// When one is taken or cannot be had.
+    pub async fn bind(addresses: &Addresses) -> Result<Self, Failure> {
+        Self::bind_as(addresses, None).await
+    }
+
+    /// The same, to speak TLS where there is an identity.
+    ///
+    /// # Errors
+    /// As for [`Servers::bind`].
+    pub async fn bind_as(addresses: &Addresses, identity: Option<Identity>) -> Result<Self, Failure> {
+        if identity.is_none() {
+            refuse_open_plain_text(addresses)?;
+        }
+        let grpc = listen(addresses.grpc, "agents (gRPC)", "--grpc").await?;
+        let web = listen(addresses.web, "the leaderboard (web)", "--web").await?;
+        Ok(Self { grpc, web, admin: None, identity, limits: Limits::default() })
+    }
+
+    /// The same with a door for the operator, which is on this machine alone: it stops the server.
+    ///
+    /// # Errors
+    /// When other machines could reach the address, or it is taken.
+    pub async fn with_admin(self, address: SocketAddr) -> Result<Self, Failure> {
+        if !address.ip().is_loopback() {
+            let message = format!("{address} can be reached from other machines; the operator's door cannot");
+            return Err(Failure::new(FailureKind::Address, message)
+                .hinted("use --admin 127.0.0.1:50052 and reach it through ssh -L 50052:127.0.0.1:50052"));
+        }
+        let admin = listen(address, "the operator", "--admin").await?;
+        Ok(Self { admin: Some(admin), ..self })
+    }
+
+    /// The same with other limits of the agents' door.
+    pub fn with_limits(self, change: impl FnOnce(Limits) -> Limits) -> Self {
+        Self { limits: change(self.limits), ..self }
+    }
+
+    /// Serves the arena through the doors.
+    ///
+    /// # Errors
+    /// When an address cannot be read back from the system.
+    pub fn open(self, arena: Arc<Arena>, reader: Reader) -> Result<RunningServers, Failure> {
+        let local = |listener: &TcpListener| {
+            listener.local_addr().map_err(|error| Failure::new(FailureKind::Address, error))
+        };
+        let (grpc, web) = (local(&self.grpc)?, local(&self.web)?);
+        let (stop, stopped) = watch::channel(false);
+        let mut tasks = JoinSet::new();
+        let identity = self.identity.as_ref();
+        let agents_door = Listener::new(self.grpc, identity, Protocol::Http2);
+        let peoples_door = Listener::new(self.web, identity, Protocol::Http1);
+        let admin = self.admin.as_ref().map(local).transpose()?;
+        if let Some(listener) = self.admin {
+            let desk = Desk { arena: arena.clone(), reader: reader.clone() };
+            let operator = avln_web::serve_router(listener, admin::router(desk), until(stopped.clone()));
+            tasks.spawn(async { operator.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
+        }
+        let control = arena.control().clone();
+        let site = Site {
+            grpc_port: grpc.port(),
+            logs: Some(arena.signed_logs()),
+            replay_renderer: Some(arena.onlooker()),
+            live_status: Some(arena.lookout()),
+            management: Some(Arc::new(ArenaOffice::new(arena.clone()))),
+            ..Site::default()
+        };
+        let agents = avln_grpc::serve(agents_door, arena, self.limits, until(stopped.clone()));
+        tasks.spawn(async { agents.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
+        let people = avln_web::serve(peoples_door, reader, site, until(stopped));
+        tasks.spawn(async { people.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
+        Ok(RunningServers { grpc, web, admin, is_secure: self.identity.is_some(), control, stop, tasks })
+    }
+}
+
+impl RunningServers {
+    /// What addresses begin with: `https` where TLS is spoken, else `http`.
+    pub fn scheme(&self) -> &'static str {
+        if self.is_secure { "https" } else { "http" }
+    }
+
+    /// Waits for Ctrl-C, a termination signal or the end of a drain, then closes. A door that fails ends the wait.
+    ///
+    /// # Errors
+    /// When a door failed.
+    pub async fn wait(mut self) -> Result<(), Failure> {
+        tokio::select! {
+            () = signalled() => self.close().await,
+            () = drained(self.control.clone()) => self.close().await,
+            Some(ended) = self.tasks.join_next() => ended.map_err(|error| Failure::new(FailureKind::Internal, error))?,
+        }
+    }
+
+    /// Lets nobody in any more, lets running work end, and closes.
+    ///
+    /// # Errors
+    /// When a door failed.
+    pub async fn close(mut self) -> Result<(), Failure> {
+        let _ = self.stop.send(true);
+        while let Some(ended) = self.tasks.join_next().await {
+            ended.map_err(|error| Failure::new(FailureKind::Internal, error))??;
+        }
+        Ok(())
+    }
+}
+
+/// Tokens cross these doors in plain text, so only this machine may reach them.
+fn refuse_open_plain_text(addresses: &Addresses) -> Result<(), Failure> {
+    let open = [addresses.grpc, addresses.web].into_iter().find(|address| !address.ip().is_loopback());
+    match open {
+        Some(address) if std::env::var_os("AVLN_ALLOW_PLAIN_TEXT").is_none() => Err(Failure::new(
+            FailureKind::Address,
+            format!("{address} can be reached from other machines in plain text"),
+        )
+        .hinted(
+            "speak TLS with --tls-cert and --tls-key, or set AVLN_ALLOW_PLAIN_TEXT=1 on a network you trust",
+        )),
+        _ => Ok(()),
+    }
+}
+
+async fn listen(address: SocketAddr, what: &str, flag: &str) -> Result<TcpListener, Failure> {
+    TcpListener::bind(address).await.map_err(|error| {
+        Failure::new(FailureKind::Address, format!("cannot listen on {address} for {what}: {error}")).hinted(
+            format!(
+                "stop what uses port {}, or choose another with {flag} {}:{}",
+                address.port(),
+                address.ip(),
+                address.port().wrapping_add(1).max(1024)
+            ),
+        )
+    })
+}
+
+/// Waits until the operator has let the server come to its end.
+async fn drained(control: Control) {
+    control.drained().await;
+}
+
+async fn until(mut stopped: watch::Receiver<bool>) {
+    // An error means that the sender is gone, which is a stop too.
+    let _ = stopped.wait_for(|stopped| *stopped).await;
+}
+
+/// Waits for Ctrl-C, or for the signal with which services are stopped.
+async fn signalled() {
+    #[cfg(unix)]
+    {
+        use tokio::signal::unix::{SignalKind, signal};
+        if let Ok(mut terminate) = signal(SignalKind::terminate()) {
+            tokio::select! {
+                _ = tokio::signal::ctrl_c() => {}
+                _ = terminate.recv() => {}
+            }
+            return;
+        }
+    }
+    let _ = tokio::signal::ctrl_c().await;
+}

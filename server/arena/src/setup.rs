@@ -1,0 +1,267 @@
+//! Setup of splits, phases and teams.
+
+use crate::{
+    Failure, FailureKind, challenge,
+    data::{DataFolder, check_name},
+    dataset::SplitFolder,
+    now_unix_ms,
+    office::deeds,
+    register,
+    stages::commit,
+};
+use avln_dataset::{MissionOptions, SceneLine, SceneSource, Split};
+use avln_episode::{FeedbackRule, HeadRule, Rules, Sensors, Sounds};
+use avln_houses::{HouseOptions, Pool};
+use avln_store::{Phase, QuotaLimits, Reference, SceneMap, Store, Visibility};
+use avln_world::Cache;
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+/// The scenes and missions of a new split.
+#[derive(Clone, Debug)]
+pub struct NewSplit {
+    /// Name of the split.
+    pub name: String,
+    /// Number of procedural houses, if `scenes` is empty.
+    pub houses: u32,
+    /// Scene files or folders.
+    pub scenes: Vec<PathBuf>,
+    /// Missions per scene.
+    pub missions: usize,
+    /// Seed of houses and missions.
+    pub seed: u64,
+    /// Name of the rule set.
+    pub rules: String,
+}
+
+/// The settings of a new or changed phase.
+#[derive(Clone, Debug)]
+pub struct NewPhase {
+    /// Id, used in URLs and by agents.
+    pub id: String,
+    /// Name of the split.
+    pub split: String,
+    /// Folder of the data set that contains the split; `None` for a split of the data folder.
+    pub dataset: Option<PathBuf>,
+    /// Heading on pages; the id if `None`.
+    pub title: Option<String>,
+    /// Visibility of scores.
+    pub scores: Visibility,
+    /// Visibility of paths, maps and targets.
+    pub replays: Visibility,
+    /// Name of the rule set; that of the split if `None`.
+    pub rules: Option<String>,
+    /// The clips of targets: a share (`all`, `train`, `validation`, `test`) or a folder of recordings.
+    pub sounds: Option<String>,
+    /// SOFA file of a measured head; a sphere if `None`.
+    pub head: Option<PathBuf>,
+    /// Feedback to a Submit; that of the rule set if `None`.
+    pub feedback: Option<FeedbackRule>,
+    /// Runs per team; unlimited if `None`.
+    pub quota: Option<u32>,
+    /// Largest number of episodes that a run may play in parallel.
+    pub max_slots: u32,
+    /// Largest side of a picture, pixels.
+    pub max_side: u32,
+}
+
+impl NewPhase {
+    /// A public phase on the split `split` of the data folder, with the rules and sounds of the split.
+    pub fn public(id: &str, split: &str) -> Self {
+        Self {
+            id: id.to_owned(),
+            split: split.to_owned(),
+            dataset: None,
+            title: None,
+            scores: Visibility::Public,
+            replays: Visibility::Public,
+            rules: None,
+            sounds: None,
+            head: None,
+            feedback: None,
+            quota: None,
+            max_slots: 16,
+            max_side: 512,
+        }
+    }
+}
+
+/// Admits a team and returns a new account token. A team with a reference kind does not compete.
+///
+/// # Errors
+/// If the name is invalid or the database fails.
+pub async fn admit(store: &Store, name: &str, reference: Option<Reference>) -> Result<String, Failure> {
+    Ok(deeds::admit(store, name, reference, now_unix_ms()).await?)
+}
+
+/// Makes a split, saves and registers it. `report` receives a line per scene.
+///
+/// # Errors
+/// If a scene cannot be used or the data folder cannot be written.
+pub async fn make_split(
+    data: &DataFolder,
+    store: &Store,
+    new: NewSplit,
+    report: impl Fn(String) + Send + 'static,
+) -> Result<Split, Failure> {
+    check_name("split", &new.name)?;
+    let cache = data.cache();
+    let built = tokio::task::spawn_blocking(move || build_split(&new, &cache, report)).await;
+    let (split, maps) = built.map_err(|error| Failure::new(FailureKind::Internal, error))??;
+    data.save_split(&split)?;
+    register::register_split(store, &split.name, &data.missions(&split.name)?, &maps).await?;
+    Ok(split)
+}
+
+/// Builds the scenes in order and draws missions in each.
+fn build_split(
+    new: &NewSplit,
+    cache: &Arc<dyn Cache>,
+    report: impl Fn(String),
+) -> Result<(Split, Vec<SceneMap>), Failure> {
+    let rules = Rules::named(&new.rules).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    let mut split = Split::new(&new.name, &rules);
+    let mut maps = Vec::new();
+    for (index, (name, source)) in scene_sources(new)?.into_iter().enumerate() {
+        let missions = MissionOptions::new(new.missions, new.seed.wrapping_add(index as u64));
+        let before = split.episodes.len();
+        let assets = split.add_scene(&name, source, &rules, &missions, Some(cache))?;
+        report(format!(
+            "  {name}: {} triangles, {} objects, {:.0} m2 to walk on, {} missions",
+            assets.scene.mesh.triangles.len(),
+            assets.scene.objects.len(),
+            assets.navmesh.area_m2(),
+            split.episodes.len() - before,
+        ));
+        maps.push(register::map_of(&assets));
+    }
+    Ok((split, maps))
+}
+
+/// Names and sources of the scenes: the given files, or procedural houses by seed.
+fn scene_sources(new: &NewSplit) -> Result<Vec<(String, SceneSource)>, Failure> {
+    if !new.scenes.is_empty() {
+        return new.scenes.iter().map(|path| file_source(&new.name, path)).collect();
+    }
+    let house = |number: u32| {
+        let seed = new.seed.wrapping_mul(1000).wrapping_add(u64::from(number));
+        let HouseOptions { rooms, storeys, pool } = HouseOptions::small();
+        let source = SceneSource::Procedural { seed, rooms, storeys, pool };
+        (format!("{}-house-{number:03}", new.name), source)
+    };
+    Ok((0..new.houses).map(house).collect())
+}
+
+fn file_source(split: &str, path: &Path) -> Result<(String, SceneSource), Failure> {
+    let path = path.canonicalize().map_err(|error| {
+        Failure::new(FailureKind::Scene, format!("cannot find scene {}: {error}", path.display()))
+            .hinted("name a .glb or .gltf file, or the folder of a scene with its semantics")
+    })?;
+    let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+    let fits = |letter: &char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_');
+    let name = format!("{split}-{}", stem.chars().filter(fits).take(40).collect::<String>());
+    Ok((name, SceneSource::File { path }))
+}
+
+/// Opens or changes a phase.
+///
+/// # Errors
+/// If the split is unknown, a file is unusable or the database fails.
+pub async fn open_phase(data: &DataFolder, store: &Store, new: &NewPhase) -> Result<Phase, Failure> {
+    check_name("phase", &new.id)?;
+    let name = match &new.dataset {
+        Some(dataset) => data.link_split(dataset, &new.split)?,
+        None => new.split.clone(),
+    };
+    let split = data.missions(&name)?;
+    if new.dataset.is_some() {
+        register::register_split(store, &name, &split, &[]).await?;
+    }
+    let mut rules = rules_for_phase(register::rules_of(&name, &split)?, new.rules.as_deref())?;
+    rules.sounds = sounds_for_phase(data, new.sounds.as_deref(), &split)?;
+    if let Some(file) = &new.head {
+        rules.head = HeadRule::Measured(data.heads().adopt(file)?);
+    }
+    if let Some(feedback) = new.feedback {
+        rules.feedback = feedback;
+    }
+    let phase = Phase {
+        title: new.title.clone().unwrap_or_else(|| new.id.clone()),
+        sensors: Sensors::all(new.max_side, new.max_side),
+        scores: new.scores,
+        replays: new.replays,
+        max_slots: new.max_slots,
+        quotas: QuotaLimits { total: new.quota, ..QuotaLimits::default() },
+        ..Phase::new(&new.id, &name, rules, register::phase_episodes(&split)?)
+    };
+    if phase.episodes.is_empty() {
+        return Err(Failure::new(FailureKind::Scene, format!("split '{name}' has no episodes")));
+    }
+    check_sounds(data, &phase)?;
+    let before = store.phases().await?.into_iter().find(|before| before.id == phase.id);
+    let notes = challenge::notes(&challenge::actor(), before.as_ref(), &phase, "");
+    store.change_phases(std::slice::from_ref(&phase), &notes, now_unix_ms()).await?;
+    commit(store, &phase.id).await?;
+    Ok(phase)
+}
+
+/// Returns the clips of targets for a share name or a folder of recordings; by default the share of the split's pool.
+///
+/// # Errors
+/// If the folder of recordings is unusable.
+pub fn sounds_for_phase(
+    data: &DataFolder,
+    choice: Option<&str>,
+    split: &SplitFolder,
+) -> Result<Sounds, Failure> {
+    Ok(match choice {
+        None => sounds_of_pool(split),
+        Some("all") => Sounds::All,
+        Some("train") => Sounds::Train,
+        Some("validation") => Sounds::Validation,
+        Some("test") => Sounds::Test,
+        Some(folder) => Sounds::Own(data.sounds().adopt(Path::new(folder))?),
+    })
+}
+
+/// Returns the share of the pool that all houses of a split are furnished from.
+fn sounds_of_pool(split: &SplitFolder) -> Sounds {
+    let of = |scene: &SceneLine| match scene.source {
+        SceneSource::Procedural { pool: Pool::Train, .. } => Sounds::Train,
+        SceneSource::Procedural { pool: Pool::Validation, .. } => Sounds::Validation,
+        SceneSource::Procedural { pool: Pool::Test, .. } => Sounds::Test,
+        SceneSource::File { .. } => Sounds::All,
+    };
+    // Test clips must not occur in training: a split of one pool plays only the clips of that pool.
+    let first = split.scenes().first().map_or(Sounds::All, of);
+    if split.scenes().iter().all(|scene| of(scene) == first) { first } else { Sounds::All }
+}
+
+/// Rejects a phase whose sound bank has too few clips for one of its episodes.
+pub(crate) fn check_sounds(data: &DataFolder, phase: &Phase) -> Result<(), Failure> {
+    let targets = phase.episodes.iter().map(|episode| episode.goals.len()).max().unwrap_or(0);
+    let found = data.bank(&phase.rules.sounds)?.len();
+    let needed = phase.rules.clips_of_episode(targets);
+    if found >= needed {
+        return Ok(());
+    }
+    let message = format!("rules '{}' need {needed} clips, the folder holds {found}", phase.rules.name);
+    Err(Failure::new(FailureKind::Data, message).hinted("add recordings, or leave --sounds away"))
+}
+
+/// Returns the rule set `name`, or that of the split. The two may differ only in noise and clips.
+pub(crate) fn rules_for_phase(of_split: Rules, name: Option<&str>) -> Result<Rules, Failure> {
+    let Some(name) = name else { return Ok(of_split) };
+    let rules = Rules::named(name).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    if rules.fits_episodes_of(&of_split) {
+        return Ok(rules);
+    }
+    let message = format!(
+        "rule sets '{name}' and '{}', which the split was made for, differ in more than noise and clips",
+        of_split.name
+    );
+    Err(Failure::new(FailureKind::Scene, message)
+        .hinted("make a split with: avln data split make NAME --rules RULES"))
+}

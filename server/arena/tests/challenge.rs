@@ -1,0 +1,232 @@
+//! A challenge from its file: checked, applied, shown, played by a server that runs, and revealed.
+
+use avln_arena::setup::{NewSplit, admit, make_split};
+use avln_arena::{
+    Arena, Failure, SCENE_MEMORY_MIB,
+    challenge::{ChallengeFile, Plan, Planner, Unplanned, actor},
+    data::DataFolder,
+    office::deeds,
+};
+use avln_episode::Order;
+use avln_grpc::{Account, Host, PhaseState, Reason, RunRequest, Scope};
+use avln_store::{AuditNote, Schedule, Store};
+use std::path::Path;
+use tempfile::TempDir;
+
+const TEAM: &str = "red";
+const FILE: &str = r#"
+[[phases]]
+id = "practice"
+split = "val"
+scores = "public"
+replays = "public"
+feedback = "verdict"
+
+[[phases]]
+id = "finals"
+title = "The finals"
+split = "val"
+scores = "organiser"
+replays = "organiser"
+sample = { episodes = 2, anchors = 1 }
+quota = { total = 2, concurrent = 1 }
+ranking = { key = "spl", entry = "latest" }
+"#;
+
+struct Hall {
+    _folder: TempDir,
+    data: DataFolder,
+    store: Store,
+}
+
+impl Hall {
+    /// A data folder with the split `val` of three missions, and a team.
+    async fn new() -> Self {
+        let folder = TempDir::new().expect("a folder");
+        let data = DataFolder::open(folder.path()).expect("writable");
+        let store = data.store().await.expect("a database");
+        let make = NewSplit {
+            name: "val".to_owned(),
+            houses: 1,
+            scenes: vec![],
+            missions: 3,
+            seed: 5,
+            rules: "lh-avln-v1".to_owned(),
+        };
+        make_split(&data, &store, make, |_| ()).await.expect("a house holds missions");
+        admit(&store, TEAM, None).await.expect("a team");
+        Self { _folder: folder, data, store }
+    }
+
+    async fn reschedule(&self, id: &str, change: impl FnOnce(&mut Schedule)) {
+        deeds::reschedule(&self.store, id, (&actor(), "a test"), change).await.expect("rescheduled");
+    }
+
+    fn planner(&self) -> Planner<'_> {
+        Planner { data: &self.data, store: &self.store, base: Path::new(""), reason: "a test" }
+    }
+
+    async fn plan(&self, text: &str) -> Result<Plan, Failure> {
+        let explain = |fault: avln_arena::challenge::Fault| fault.explain(Path::new("challenge.toml"), text);
+        let file = ChallengeFile::parse(text).map_err(explain)?;
+        self.planner().plan(&file).await.map_err(|unplanned| match unplanned {
+            Unplanned::File(fault) => explain(fault),
+            Unplanned::Other(failure) => failure,
+        })
+    }
+
+    async fn apply(&self, text: &str) -> Vec<AuditNote> {
+        let plan = self.plan(text).await.expect("a good file");
+        let notes = plan.notes.clone();
+        self.planner().apply(plan).await.expect("applied");
+        notes
+    }
+
+    async fn audit_lines(&self) -> usize {
+        self.store.audit().await.expect("a list").len()
+    }
+
+    async fn shown(&self) -> String {
+        ChallengeFile::of(&self.store.phases().await.expect("phases")).text().expect("TOML")
+    }
+}
+
+fn account() -> Account {
+    Account { team: TEAM.to_owned(), scope: Scope::Participant, token_name: String::new(), expires_unix_s: 0 }
+}
+
+fn request(phase: &str) -> RunRequest {
+    RunRequest {
+        phase: phase.to_owned(),
+        method: "walker".to_owned(),
+        method_version: String::new(),
+        client_request_id: String::new(),
+        order: Order::Unordered,
+    }
+}
+
+#[tokio::test]
+async fn what_is_applied_or_shown_changes_nothing_when_applied_again() {
+    let hall = Hall::new().await;
+    assert!(!hall.apply(FILE).await.is_empty());
+    let lines = hall.audit_lines().await;
+    assert_eq!(hall.apply(FILE).await, []);
+    let shown = hall.shown().await;
+    assert_eq!(hall.apply(&shown).await, []);
+    assert_eq!((hall.audit_lines().await, hall.shown().await), (lines, shown.clone()));
+    let ids: Vec<_> = hall.store.phases().await.expect("phases").into_iter().map(|p| p.id).collect();
+    assert_eq!(ids, ["practice", "finals"]);
+    let finals = hall.store.phase("finals").await.expect("the phase");
+    assert!(finals.sampling.shuffle, "hidden replays are shuffled");
+    let notes = hall.apply(&shown.replace("total = 2", "total = 5")).await;
+    let [AuditNote { subject, what, before, after, reason, .. }] = &notes[..] else { panic!("{notes:?}") };
+    assert_eq!((subject.as_str(), what.as_str(), reason.as_str()), ("phase finals", "quota.total", "a test"));
+    assert_eq!((before.as_deref(), after.as_deref()), (Some("2"), Some("5")));
+    assert_eq!(hall.audit_lines().await, lines + 1);
+}
+
+#[tokio::test]
+async fn what_was_decided_by_hand_stays_when_a_file_is_applied() {
+    let hall = Hall::new().await;
+    hall.apply(FILE).await;
+    hall.reschedule("practice", |schedule| schedule.paused = Some("the server moves".to_owned())).await;
+    assert_eq!(hall.apply(FILE).await, []);
+    let paused = hall.store.phase("practice").await.expect("the phase").schedule.paused;
+    assert_eq!(paused.as_deref(), Some("the server moves"));
+    hall.reschedule("practice", |schedule| (schedule.paused, schedule.closed) = (None, false)).await;
+    assert_eq!(hall.store.phase("practice").await.expect("the phase").schedule.paused, None);
+    let last = hall.store.audit().await.expect("a list").pop().expect("a line");
+    assert_eq!((last.what.as_str(), last.after), ("paused", None));
+}
+
+#[tokio::test]
+async fn values_that_make_no_sense_are_refused_by_line() {
+    let hall = Hall::new().await;
+    let cases = [
+        ("split = \"val\"", "split = \"train\"", 4, "split 'train'"),
+        ("id = \"finals\"", "id = \"practice\"", 10, "earlier phase"),
+        ("id = \"finals\"", "id = \"../finals\"", 10, "letters"),
+        ("episodes = 2", "episodes = 4", 15, "4 is not 1 to 3"),
+        ("anchors = 1", "anchors = 3", 15, "3 is not 0 to 2"),
+        ("total = 2", "total = 0", 16, "0 lets nobody play"),
+        ("feedback = \"verdict\"", "max_slots = 65", 7, "65 is not 1 to 64"),
+        ("feedback = \"verdict\"", "max_side = 32", 7, "32 is not 64 to 1024"),
+        ("feedback = \"verdict\"", "orders = []", 7, "one order or both"),
+        ("feedback = \"verdict\"", "sounds = \"kept:00\"", 7, "sounds"),
+        ("feedback = \"verdict\"", "rules = \"habitat\"", 7, "habitat"),
+        ("feedback = \"verdict\"", "opens = 2026-07-01T00:00:00", 7, "offset"),
+        ("feedback = \"verdict\"", "teams = { allow = [\"a\"], deny = [\"a\"] }", 7, "allowed and denied"),
+        (
+            "feedback = \"verdict\"",
+            "opens = 2026-07-02T00:00:00Z\ncloses = 2026-07-01T00:00:00Z",
+            8,
+            "closes before it opens",
+        ),
+    ];
+    for (good, bad, line, said) in cases {
+        let text = FILE.replacen(good, bad, 1);
+        let refused = hall.plan(&text).await.expect_err(bad).to_string();
+        assert!(refused.contains(&format!("challenge.toml, line {line}: ")), "{bad}: {refused}");
+        assert!(refused.contains(said) && refused.contains("for example: "), "{bad}: {refused}");
+    }
+    assert_eq!(hall.audit_lines().await, 0);
+    hall.apply(FILE).await;
+}
+
+#[tokio::test]
+async fn a_server_that_runs_sees_what_the_organiser_changes() {
+    let hall = Hall::new().await;
+    hall.apply(FILE).await;
+    let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
+    let listed = async || Host::phases(&arena, None).await.expect("a list");
+    assert_eq!(
+        listed().await.iter().map(|phase| phase.id.as_str()).collect::<Vec<_>>(),
+        ["practice", "finals"]
+    );
+    let ticket = arena.start_run(&account(), request("finals")).await.expect("a run");
+    assert_eq!(ticket.episodes, 2);
+    let quota = ticket.quota.expect("a quota");
+    assert_eq!((quota.limit, quota.remaining), (Some(1), Some(0)), "the one run at a time");
+    let refusal = arena.start_run(&account(), request("finals")).await.expect_err("one at a time");
+    assert_eq!(refusal.reason, Reason::QuotaConcurrent);
+
+    hall.reschedule("practice", |schedule| schedule.paused = Some("the server moves".to_owned())).await;
+    let practice = listed().await.remove(0);
+    assert_eq!((practice.state, practice.state_reason.as_str()), (PhaseState::Paused, "the server moves"));
+    let refusal = arena.start_run(&account(), request("practice")).await.expect_err("a pause");
+    assert_eq!(refusal.reason, Reason::PhasePaused);
+    assert!(refusal.message.contains("the server moves"), "{refusal}");
+
+    let later = FILE.replace("feedback = \"verdict\"", "opens = 2999-01-01T00:00:00Z");
+    hall.reschedule("practice", |schedule| (schedule.paused, schedule.closed) = (None, false)).await;
+    hall.apply(&later).await;
+    let refusal = arena.start_run(&account(), request("practice")).await.expect_err("too early");
+    assert_eq!((refusal.reason, refusal.retry_after_s.is_some()), (Reason::PhaseNotOpen, true));
+
+    let third = format!(
+        "{FILE}\n[[phases]]\nid = \"third\"\nsplit = \"val\"\nscores = \"team\"\nreplays = \"team\"\n"
+    );
+    hall.apply(&third).await;
+    arena.start_run(&account(), request("third")).await.expect("a phase that was not there at the start");
+    let refusal = arena.start_run(&account(), request("fourth")).await.expect_err("no such phase");
+    assert!(refusal.message.contains("practice, finals, third"), "{refusal}");
+}
+
+#[tokio::test]
+async fn runs_fix_the_sample_and_the_promise_is_kept() {
+    let hall = Hall::new().await;
+    hall.apply(FILE).await;
+    let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
+    let promised = Host::phases(&arena, None).await.expect("a list").remove(1).commitment;
+    assert_eq!(promised.len(), 64);
+    arena.start_run(&account(), request("finals")).await.expect("a run");
+    let text = FILE.replace("episodes = 2", "episodes = 3");
+    let refused = hall.plan(&text).await.expect_err("the phase has runs").to_string();
+    assert!(refused.contains("line 15: ") && refused.contains("the phase has runs"), "{refused}");
+    hall.reschedule("finals", |schedule| schedule.closed = true).await;
+    let (promise, values) =
+        hall.store.reveal_phase("finals", AuditNote::default(), 1 << 42).await.expect("a closed phase");
+    assert_eq!((promise.commitment, values.commitment()), (promised.clone(), promised));
+    let told = Host::phases(&arena, None).await.expect("a list").remove(1);
+    assert_eq!(told.revealed.map(|values| values.secret), Some(values.secret));
+}

@@ -1,0 +1,251 @@
+//! A scene as binary glTF 2.0.
+
+use super::extras;
+use super::image::encode_png;
+use avln_scene::colors::light_of;
+use avln_scene::{InstanceId, Material, Mesh, Scene};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+
+const ARRAY_BUFFER: u32 = 34_962;
+const ELEMENT_ARRAY_BUFFER: u32 = 34_963;
+const U16: u32 = 5123;
+const U32: u32 = 5125;
+const F32: u32 = 5126;
+
+/// Triangles by instance and, inside, by material.
+type Groups = BTreeMap<InstanceId, BTreeMap<u16, Vec<u32>>>;
+
+/// The scene as the bytes of a `.glb` file: binary glTF 2.0, Y up, metres, that Blender and Habitat open.
+///
+/// One node per object, named `<category>_<id>`, and a node `structure` for what belongs to none. Textures are embedded
+/// PNG files, materials unlit, colours linear as glTF wants them. [`from_bytes`](super::from_bytes) restores
+/// objects, regions and attributes.
+///
+/// # Panics
+/// When the scene's lists do not fit each other (an index points nowhere, a texture has too few pixels).
+pub fn export(scene: &Scene) -> Vec<u8> {
+    let mut writer = Writer::default();
+    let mut groups = groups(&scene.mesh);
+    let mut meshes = Vec::new();
+    let mut nodes = Vec::new();
+    let mut add = |name: String, extras: Value, surfaces: Option<BTreeMap<u16, Vec<u32>>>| {
+        let mut node = json!({ "name": name, "extras": extras });
+        if let Some(surfaces) = surfaces {
+            node["mesh"] = json!(meshes.len());
+            meshes.push(json!({ "name": name, "primitives": writer.primitives(&scene.mesh, &surfaces) }));
+        }
+        nodes.push(node);
+    };
+    for object in &scene.objects {
+        let name = format!("{}_{}", object.category, object.id.0);
+        add(name, extras::of_object(object), groups.remove(&object.id));
+    }
+    let mut rest: BTreeMap<u16, Vec<u32>> = BTreeMap::new();
+    for (material, triangles) in groups.into_values().flatten() {
+        rest.entry(material).or_default().extend(triangles);
+    }
+    if !rest.is_empty() {
+        add("structure".to_owned(), extras::of_structure(), Some(rest));
+    }
+    let images: Vec<Value> =
+        scene.textures.iter().map(|texture| writer.image(&encode_png(texture))).collect();
+    let document = document(scene, nodes, meshes, images, &mut writer);
+    container(&document, &writer.bin)
+}
+
+fn groups(mesh: &Mesh) -> Groups {
+    let mut groups = Groups::new();
+    for (triangle, (&instance, &material)) in mesh.instance_of.iter().zip(&mesh.material_of).enumerate() {
+        groups.entry(instance).or_default().entry(material).or_default().push(triangle as u32);
+    }
+    groups
+}
+
+fn document(
+    scene: &Scene,
+    nodes: Vec<Value>,
+    meshes: Vec<Value>,
+    images: Vec<Value>,
+    writer: &mut Writer,
+) -> Value {
+    let roots: Vec<usize> = (0..nodes.len()).collect();
+    let mut entry = Map::new();
+    entry.insert("name".to_owned(), json!(scene.name));
+    entry.insert("extras".to_owned(), extras::of_regions(&scene.regions));
+    insert_list(&mut entry, "nodes", roots.into_iter().map(Value::from).collect());
+    let mut root = Map::new();
+    root.insert("asset".to_owned(), json!({ "version": "2.0", "generator": "LH-AVLN Arena" }));
+    root.insert("scene".to_owned(), json!(0));
+    root.insert("scenes".to_owned(), json!([entry]));
+    let textures = (0..images.len()).map(|image| json!({ "source": image, "sampler": 0 })).collect();
+    if !images.is_empty() {
+        // Linear filters with mip levels, repeating in both directions.
+        let sampler = json!({ "magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497 });
+        insert_list(&mut root, "samplers", vec![sampler]);
+    }
+    if !scene.materials.is_empty() {
+        root.insert("extensionsUsed".to_owned(), json!(["KHR_materials_unlit"]));
+    }
+    insert_list(&mut root, "nodes", nodes);
+    insert_list(&mut root, "meshes", meshes);
+    insert_list(&mut root, "materials", scene.materials.iter().map(material).collect());
+    insert_list(&mut root, "textures", textures);
+    insert_list(&mut root, "images", images);
+    insert_list(&mut root, "accessors", std::mem::take(&mut writer.accessors));
+    insert_list(&mut root, "bufferViews", std::mem::take(&mut writer.views));
+    if !writer.bin.is_empty() {
+        insert_list(&mut root, "buffers", vec![json!({ "byteLength": writer.bin.len() })]);
+    }
+    Value::Object(root)
+}
+
+/// glTF allows no empty lists.
+fn insert_list(object: &mut Map<String, Value>, key: &str, list: Vec<Value>) {
+    if !list.is_empty() {
+        object.insert(key.to_owned(), Value::Array(list));
+    }
+}
+
+fn material(material: &Material) -> Value {
+    let [r, g, b, a] = material.base_color;
+    let mut pbr = json!({
+        "baseColorFactor": [light_of(r), light_of(g), light_of(b), f32::from(a) / 255.0],
+        "metallicFactor": 0.0,
+        "roughnessFactor": 1.0,
+    });
+    if let Some(texture) = material.texture {
+        pbr["baseColorTexture"] = json!({ "index": texture });
+    }
+    let mut entry = json!({
+        "name": material.name,
+        "pbrMetallicRoughness": pbr,
+        "doubleSided": true,
+        "extensions": { "KHR_materials_unlit": {} },
+    });
+    if let Some(cutoff) = material.alpha_cutoff {
+        entry["alphaMode"] = json!("MASK");
+        entry["alphaCutoff"] = json!(f32::from(cutoff) / 255.0);
+    }
+    entry
+}
+
+/// The binary chunk and what describes its parts.
+#[derive(Default)]
+struct Writer {
+    bin: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+impl Writer {
+    /// One primitive per material, each with the vertices that it uses.
+    fn primitives(&mut self, mesh: &Mesh, surfaces: &BTreeMap<u16, Vec<u32>>) -> Vec<Value> {
+        surfaces.iter().map(|(&material, triangles)| self.primitive(mesh, material, triangles)).collect()
+    }
+
+    fn primitive(&mut self, mesh: &Mesh, material: u16, triangles: &[u32]) -> Value {
+        let corners = || triangles.iter().flat_map(|&triangle| mesh.triangles[triangle as usize]);
+        let mut used: Vec<u32> = corners().collect();
+        used.sort_unstable();
+        used.dedup();
+        let indices: Vec<u32> =
+            corners().map(|corner| used.partition_point(|&vertex| vertex < corner) as u32).collect();
+        let vertices = || used.iter().map(|&vertex| vertex as usize);
+        let mut attributes = json!({
+            "POSITION": self.positions(vertices().map(|vertex| mesh.positions[vertex].into()).collect()),
+            "TEXCOORD_0": self.floats(vertices().map(|vertex| mesh.uvs[vertex].into()).collect::<Vec<[f32; 2]>>(), "VEC2"),
+        });
+        if vertices().any(|vertex| mesh.colors[vertex] != [255; 3]) {
+            attributes["COLOR_0"] = self.colors(vertices().map(|vertex| mesh.colors[vertex]).collect());
+        }
+        json!({ "attributes": attributes, "indices": self.indices(&indices), "material": material })
+    }
+
+    fn positions(&mut self, positions: Vec<[f32; 3]>) -> Value {
+        let bound = |pick: fn(f32, f32) -> f32| -> [f32; 3] {
+            std::array::from_fn(|axis| {
+                positions.iter().map(|position| position[axis]).reduce(pick).unwrap_or(0.0)
+            })
+        };
+        let (min, max) = (bound(f32::min), bound(f32::max));
+        let accessor = self.floats(positions, "VEC3");
+        if let Some(entry) = self.accessors.last_mut() {
+            entry["min"] = json!(min);
+            entry["max"] = json!(max);
+        }
+        accessor
+    }
+
+    fn floats<const N: usize>(&mut self, elements: Vec<[f32; N]>, kind: &str) -> Value {
+        let bytes = elements.iter().flatten().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
+        let view = self.view(&bytes, Some(ARRAY_BUFFER));
+        self.accessor(
+            json!({ "bufferView": view, "componentType": F32, "count": elements.len(), "type": kind }),
+        )
+    }
+
+    /// Vertex colours as linear light in 16 bits, which keeps all 256 sRGB codes apart; alpha fills the alignment.
+    fn colors(&mut self, colors: Vec<[u8; 3]>) -> Value {
+        let light = |code: u8| (light_of(code) * f32::from(u16::MAX)).round() as u16;
+        let rgba = colors.iter().flat_map(|&[r, g, b]| [light(r), light(g), light(b), u16::MAX]);
+        let bytes: Vec<u8> = rgba.flat_map(u16::to_le_bytes).collect();
+        let view = self.view(&bytes, Some(ARRAY_BUFFER));
+        let count = colors.len();
+        self.accessor(
+            json!({ "bufferView": view, "componentType": U16, "normalized": true, "count": count, "type": "VEC4" }),
+        )
+    }
+
+    fn indices(&mut self, indices: &[u32]) -> Value {
+        let bytes: Vec<u8> = indices.iter().flat_map(|index| index.to_le_bytes()).collect();
+        let view = self.view(&bytes, Some(ELEMENT_ARRAY_BUFFER));
+        self.accessor(
+            json!({ "bufferView": view, "componentType": U32, "count": indices.len(), "type": "SCALAR" }),
+        )
+    }
+
+    fn image(&mut self, png: &[u8]) -> Value {
+        json!({ "bufferView": self.view(png, None), "mimeType": "image/png" })
+    }
+
+    fn accessor(&mut self, entry: Value) -> Value {
+        self.accessors.push(entry);
+        json!(self.accessors.len() - 1)
+    }
+
+    /// Appends bytes at a multiple of four.
+    fn view(&mut self, bytes: &[u8], target: Option<u32>) -> usize {
+        let mut entry = json!({ "buffer": 0, "byteOffset": self.bin.len(), "byteLength": bytes.len() });
+        if let Some(target) = target {
+            entry["target"] = json!(target);
+        }
+        self.bin.extend_from_slice(bytes);
+        pad(&mut self.bin, 0);
+        self.views.push(entry);
+        self.views.len() - 1
+    }
+}
+
+fn pad(bytes: &mut Vec<u8>, with: u8) {
+    bytes.resize(bytes.len().next_multiple_of(4), with);
+}
+
+/// The GLB container (glTF 2.0, section 4): header, JSON chunk, binary chunk.
+fn container(document: &Value, bin: &[u8]) -> Vec<u8> {
+    let mut json = document.to_string().into_bytes();
+    pad(&mut json, b' ');
+    let mut file = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
+    let mut chunk = |kind: &[u8; 4], content: &[u8]| {
+        file.extend_from_slice(&(content.len() as u32).to_le_bytes());
+        file.extend_from_slice(kind);
+        file.extend_from_slice(content);
+    };
+    chunk(b"JSON", &json);
+    if !bin.is_empty() {
+        chunk(b"BIN\0", bin);
+    }
+    let length = (file.len() as u32).to_le_bytes();
+    file[8..12].copy_from_slice(&length);
+    file
+}

@@ -1,0 +1,298 @@
+//! From nodes, meshes and primitives to one triangle mesh in the world frame.
+
+use super::accessor::Elements;
+use super::container::{Source, missing};
+use super::draco;
+use super::extras::NodeExtras;
+use super::materials::Palette;
+use super::schema::{Primitive, TextureTransform};
+use super::transform::{Placed, placed_nodes};
+use super::{Model, ModelNode};
+use crate::Report;
+use crate::files::Checked;
+use avln_geom::{Point2, Point3};
+use avln_scene::colors::code_of;
+use avln_scene::limits::{MAX_TRIANGLES, MAX_VERTICES};
+use avln_scene::{InstanceId, Mesh};
+use nalgebra::Matrix4;
+
+const TRIANGLES: u32 = 4;
+const TRIANGLE_STRIP: u32 = 5;
+const TRIANGLE_FAN: u32 = 6;
+/// Texture coordinates beyond this carry no position inside a texel any more.
+const MAX_UV: f32 = 1.0e5;
+/// Primitives that nodes may ask for together.
+const MAX_PRIMITIVES: usize = 1 << 20;
+/// Extensions that may be demanded: they change nothing here, or are understood.
+const UNDERSTOOD: [&str; 7] = [
+    draco::NAME,
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "KHR_lights_punctual",
+    "GOOGLE_texture_basis",
+    "KHR_texture_basisu",
+    "EXT_texture_webp",
+];
+
+/// Reads all surfaces of the default scene.
+pub(super) fn model(source: &Source<'_>, report: &mut Report) -> Checked<Model> {
+    check_extensions(&source.document.extensions_required)?;
+    let placed = placed_nodes(&source.document)?;
+    if source.document.scene.is_none() && source.document.scenes.len() > 1 {
+        report.warn(format!(
+            "it has {} scenes and none is the default; the first is read",
+            source.document.scenes.len()
+        ));
+    }
+    let mut builder = Builder::new(source, report);
+    for (number, place) in placed.iter().enumerate() {
+        builder.add_node(number as u32, place)?;
+    }
+    let scene = source.document.scenes.get(source.document.scene.unwrap_or(0));
+    Ok(Model {
+        mesh: builder.mesh,
+        materials: builder.palette.materials,
+        textures: builder.palette.textures,
+        node_of: builder.node_of,
+        nodes: nodes(source, &placed)?,
+        scene_extras: scene.map(|scene| scene.extras.clone()).unwrap_or_default(),
+    })
+}
+
+fn check_extensions(required: &[String]) -> Checked<()> {
+    let understood = |name: &str| name.starts_with("KHR_materials_") || UNDERSTOOD.contains(&name);
+    match required.iter().find(|name| !understood(name)) {
+        Some(name) => Err(format!(
+            "it needs the glTF extension {name:?}, which is not read; export it without (for example uncompressed)"
+        )),
+        None => Ok(()),
+    }
+}
+
+fn nodes(source: &Source<'_>, placed: &[Placed]) -> Checked<Vec<ModelNode>> {
+    let node = |place: &Placed| {
+        let entry = &source.document.nodes[place.node];
+        let extras = NodeExtras::read(&entry.extras, &entry.name)?;
+        Ok(ModelNode { name: entry.name.clone(), parent: place.parent, extras })
+    };
+    placed.iter().map(node).collect()
+}
+
+struct Builder<'a, 'r> {
+    source: &'a Source<'a>,
+    palette: Palette<'a, 'r>,
+    mesh: Mesh,
+    node_of: Vec<u32>,
+    /// What the file may still ask for, drawn triangles or not.
+    vertices_left: usize,
+    corners_left: usize,
+    primitives_left: usize,
+}
+
+/// What a primitive adds, with its own vertex numbers.
+pub(super) struct Corners {
+    pub(super) positions: Vec<[f32; 3]>,
+    pub(super) uvs: Option<Vec<[f32; 2]>>,
+    /// Linear light, 0 to 1.
+    pub(super) colors: Option<Vec<[f32; 3]>>,
+}
+
+impl<'a, 'r> Builder<'a, 'r> {
+    fn new(source: &'a Source<'a>, report: &'r mut Report) -> Self {
+        Self {
+            source,
+            palette: Palette::new(source, report),
+            mesh: Mesh::default(),
+            node_of: Vec::new(),
+            vertices_left: MAX_VERTICES,
+            corners_left: 3 * MAX_TRIANGLES,
+            primitives_left: MAX_PRIMITIVES,
+        }
+    }
+
+    fn add_node(&mut self, number: u32, place: &Placed) -> Checked<()> {
+        let Some(index) = self.source.document.nodes[place.node].mesh else { return Ok(()) };
+        let mesh = self.source.document.meshes.get(index).ok_or_else(|| missing("mesh", index))?;
+        for primitive in &mesh.primitives {
+            self.add_primitive(primitive, &place.world_from_node)?;
+        }
+        self.node_of.resize(self.mesh.triangles.len(), number);
+        Ok(())
+    }
+
+    /// Adds the triangles of a primitive; points and lines are no surfaces and are left out.
+    fn add_primitive(&mut self, primitive: &Primitive, world_from_node: &Matrix4<f64>) -> Checked<()> {
+        self.primitives_left = self.primitives_left.checked_sub(1).ok_or_else(|| {
+            format!("its nodes hold more than {MAX_PRIMITIVES} primitives; join its meshes")
+        })?;
+        let mode = primitive.mode.unwrap_or(TRIANGLES);
+        if !(TRIANGLES..=TRIANGLE_FAN).contains(&mode) {
+            return Ok(());
+        }
+        let (corners, mut triangles) = self.unpacked(primitive, mode)?;
+        if triangles.iter().flatten().any(|&corner| corner as usize >= corners.positions.len()) {
+            return Err("a triangle refers to a vertex that does not exist; export the file again".to_owned());
+        }
+        if self.mesh.triangles.len() + triangles.len() > MAX_TRIANGLES {
+            return Err(format!("it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor"));
+        }
+        if world_from_node.fixed_view::<3, 3>(0, 0).determinant() < 0.0 {
+            triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
+        }
+        let material = self.palette.material(primitive.material)?;
+        self.append_vertices(&corners, &mut triangles, world_from_node)?;
+        let total = self.mesh.triangles.len() + triangles.len();
+        self.mesh.triangles.append(&mut triangles);
+        self.mesh.material_of.resize(total, material);
+        self.mesh.instance_of.resize(total, InstanceId::NONE);
+        Ok(())
+    }
+
+    /// The vertices and triangles of a primitive, decoded where it is packed.
+    fn unpacked(&mut self, primitive: &Primitive, mode: u32) -> Checked<(Corners, Vec<[u32; 3]>)> {
+        let packed = primitive.extensions.iter().find(|(name, _)| name.ends_with("_compression"));
+        let used = self.palette.texture_use(primitive.material)?;
+        let set = used.map_or(0, |used| used.coordinate_set());
+        let (mut corners, order) = match packed {
+            Some((name, packed)) if name == draco::NAME => {
+                draco::decode(self.source, primitive, packed, set)?
+            }
+            Some((name, _)) => {
+                return Err(format!(
+                    "its meshes are packed with {name:?}, which is not read; export it uncompressed"
+                ));
+            }
+            None => {
+                let corners = self.corners(primitive, set)?;
+                let order = match primitive.indices {
+                    Some(index) => Elements::find(self.source, index)?.indices()?,
+                    None => (0..corners.positions.len() as u32).collect(),
+                };
+                (corners, order)
+            }
+        };
+        self.corners_left = self.corners_left.checked_sub(order.len()).ok_or_else(|| {
+            format!("it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor")
+        })?;
+        if let (Some(uvs), Some(transform)) = (&mut corners.uvs, used.and_then(|used| used.transform())) {
+            transform_uvs(uvs, &transform);
+        }
+        let mode = if packed.is_some() { TRIANGLES } else { mode };
+        Ok((corners, triangles(&order, mode)?))
+    }
+
+    fn corners(&mut self, primitive: &Primitive, set: u32) -> Checked<Corners> {
+        let find = |name: &str| {
+            primitive.attributes.get(name).map(|&index| Elements::find(self.source, index)).transpose()
+        };
+        let positions = find("POSITION")?.ok_or("a primitive has no POSITION; export the file again")?;
+        let count = positions.count();
+        self.vertices_left = self
+            .vertices_left
+            .checked_sub(count)
+            .ok_or_else(|| format!("it has more than {MAX_VERTICES} vertices; decimate it in a 3D editor"))?;
+        let attribute = |name: &str| {
+            let found = find(name)?;
+            match found {
+                Some(elements) if elements.count() != count => Err(format!(
+                    "{name} has {} elements for {count} vertices; export the file again",
+                    elements.count()
+                )),
+                found => Ok(found),
+            }
+        };
+        Ok(Corners {
+            uvs: attribute(&format!("TEXCOORD_{set}"))?.map(|elements| elements.floats()).transpose()?,
+            colors: attribute("COLOR_0")?.map(|elements| elements.floats()).transpose()?,
+            positions: positions.floats()?,
+        })
+    }
+
+    /// Appends the vertices that `triangles` use and renumbers these.
+    fn append_vertices(
+        &mut self,
+        corners: &Corners,
+        triangles: &mut [[u32; 3]],
+        world_from_node: &Matrix4<f64>,
+    ) -> Checked<()> {
+        const UNUSED: u32 = u32::MAX;
+        let mut number = vec![UNUSED; corners.positions.len()];
+        triangles.iter().flatten().for_each(|&corner| number[corner as usize] = 0);
+        let used = (0..number.len()).filter(|&corner| number[corner] != UNUSED).collect::<Vec<_>>();
+        for corner in used {
+            number[corner] = self.mesh.positions.len() as u32;
+            self.mesh.positions.push(transformed(world_from_node, corners.positions[corner])?);
+            self.mesh.uvs.push(corners.uvs.as_ref().map_or(Point2::origin(), |uvs| sane_uv(uvs[corner])));
+            self.mesh
+                .colors
+                .push(corners.colors.as_ref().map_or([255; 3], |colors| colors[corner].map(code_of)));
+        }
+        triangles.iter_mut().flatten().for_each(|corner| *corner = number[*corner as usize]);
+        Ok(())
+    }
+}
+
+fn transformed(world_from_node: &Matrix4<f64>, position: [f32; 3]) -> Checked<Point3<f32>> {
+    let point = world_from_node.transform_point(&Point3::from(position).cast::<f64>()).cast::<f32>();
+    if point.iter().all(|coordinate| coordinate.is_finite()) {
+        Ok(point)
+    } else {
+        Err("a vertex has no finite position; repair the mesh in a 3D editor".to_owned())
+    }
+}
+
+/// Scale, rotation and offset as `KHR_texture_transform` orders them.
+fn transform_uvs(uvs: &mut [[f32; 2]], transform: &TextureTransform) {
+    let TextureTransform { offset, rotation_rad, scale, .. } = *transform;
+    let (sine, cosine) = (libm::sinf(rotation_rad), libm::cosf(rotation_rad));
+    for uv in uvs {
+        let [u, v] = [uv[0] * scale[0], uv[1] * scale[1]];
+        *uv = [cosine * u + sine * v + offset[0], cosine * v - sine * u + offset[1]];
+    }
+}
+
+fn sane_uv(uv: [f32; 2]) -> Point2<f32> {
+    Point2::from(uv.map(|value| if value.abs() <= MAX_UV { value } else { 0.0 }))
+}
+
+/// Triangles of a list, strip or fan (glTF 2.0, section 3.7.2.1), without those that use a vertex twice.
+fn triangles(order: &[u32], mode: u32) -> Checked<Vec<[u32; 3]>> {
+    let all: Vec<[u32; 3]> =
+        match mode {
+            TRIANGLE_STRIP => order
+                .windows(3)
+                .enumerate()
+                .map(|(index, three)| {
+                    if index % 2 == 0 {
+                        [three[0], three[1], three[2]]
+                    } else {
+                        [three[0], three[2], three[1]]
+                    }
+                })
+                .collect(),
+            TRIANGLE_FAN => {
+                order.get(1..).unwrap_or_default().windows(2).map(|two| [two[0], two[1], order[0]]).collect()
+            }
+            _ if !order.len().is_multiple_of(3) => {
+                return Err(format!(
+                    "a triangle list has {} corners, no multiple of 3; export the file again",
+                    order.len()
+                ));
+            }
+            _ => order.chunks_exact(3).map(|three| [three[0], three[1], three[2]]).collect(),
+        };
+    Ok(all.into_iter().filter(|[a, b, c]| a != b && b != c && c != a).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strips_and_fans_keep_their_winding() {
+        assert_eq!(triangles(&[0, 1, 2, 3], TRIANGLE_STRIP).unwrap(), [[0, 1, 2], [1, 3, 2]]);
+        assert_eq!(triangles(&[0, 1, 2, 3], TRIANGLE_FAN).unwrap(), [[1, 2, 0], [2, 3, 0]]);
+        assert_eq!(triangles(&[0, 1, 2, 2, 1, 1], TRIANGLES).unwrap(), [[0, 1, 2]]);
+        assert!(triangles(&[0, 1], TRIANGLES).is_err());
+    }
+}

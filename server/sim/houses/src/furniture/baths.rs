@@ -1,0 +1,190 @@
+//! Toilets, bathtubs and showers.
+
+use super::parts::*;
+use super::*;
+use Substance::*;
+
+/// A toilet with its cistern against the wall.
+pub(crate) const TOILET: Make = Make {
+    category: "toilet",
+    noun: "",
+    styles: 8,
+    substances: &[Ceramic, Ceramic, Ceramic, Metal, Plastic, Marble, Concrete, Wood],
+    colors: taste::SANITARY,
+    draw: toilet,
+};
+
+/// A bathtub, its long side along x.
+pub(crate) const BATHTUB: Make = Make {
+    category: "bathtub",
+    noun: "",
+    styles: 8,
+    substances: &[Ceramic, Ceramic, Plastic, Metal, Marble, Wood, Concrete],
+    colors: taste::SANITARY,
+    draw: bathtub,
+};
+
+/// A shower: a tray, a back wall, a pipe with a head.
+pub(crate) const SHOWER: Make = Make {
+    category: "shower",
+    noun: "",
+    styles: 8,
+    substances: &[Tile, Tile, Marble, Glass, Plastic, Concrete, Terrazzo, Wood],
+    colors: &[
+        "blue", "white", "grey", "teal", "green", "brown", "black", "pink", "yellow", "purple", "orange",
+        "red",
+    ],
+    draw: shower,
+};
+
+fn toilet(k: &mut Draft) -> Words {
+    let p = k.p;
+    let h = k.len(0.76, 0.88);
+    let square = matches!(k.style, 2 | 6);
+    let lid = if !k.dark() && k.rng.chance(0.15) { Paint::OAK } else { p.times(0.97) };
+    if square {
+        k.m.soft(about(0.0, 0.36), [0.02, 0.41], [-0.1, 0.34], 0.03, p);
+        k.m.soft(about(0.0, 0.37), [0.41, 0.44], [-0.12, 0.35], 0.012, lid);
+    } else {
+        let low = if k.style == 3 { 0.12 } else { 0.0 };
+        let bowl =
+            [[0.62, low], [0.55, 0.14], [0.7, 0.25], [1.0, 0.38], [1.0, 0.41]].map(|[r, y]| [r * 0.19, y]);
+        let long = if k.style == 1 { 1.5 } else { 1.3 };
+        k.m.oval([0.0, 0.1], [1.0, long], &bowl, 12, p);
+        k.m.oval([0.0, 0.1], [1.0, long], &[[0.195, 0.41], [0.2, 0.425], [0.19, 0.445]], 12, lid);
+    }
+    let (back, feet) = (-0.34, if k.style == 3 { 0.12 } else { 0.0 });
+    k.m.block(about(0.0, 0.2), [feet, 0.4], [back, 0.0], p);
+    match k.style {
+        3 => k.m.block(about(0.0, 0.46), [0.0, 1.05], [back, back + 0.12], p),
+        4 => {
+            k.m.rod(Point3::new(0.0, 0.4, back + 0.06), Point3::new(0.0, 1.55, back + 0.06), 0.02, k.metal());
+            k.m.soft(about(0.0, 0.42), [1.55, 1.85], [back, back + 0.18], 0.02, p);
+        }
+        5 => k.m.oval([0.0, back + 0.11], [1.7, 1.0], &[[0.11, 0.4], [0.12, 0.5], [0.11, h]], 12, p),
+        6 => k.m.block(about(0.0, 0.5), [0.0, 1.1], [back, back + 0.14], p),
+        7 => k.m.soft(about(0.0, 0.38), [0.4, 0.6], [back, back + 0.24], 0.05, p),
+        _ => {
+            k.m.soft(about(0.0, 0.38), [0.4, h - 0.03], [back, back + 0.19], 0.025, p);
+            k.m.soft(about(0.0, 0.4), [h - 0.03, h], [back, back + 0.2], 0.01, p);
+        }
+    }
+    let shape =
+        ["round", "oval", "square", "wall-hung", "high-tanked", "round", "square", "low-backed"][k.style];
+    [size_word(h, 0.8, 0.85, ["low", "tall"]), shape]
+}
+
+fn bathtub(k: &mut Draft) -> Words {
+    let (l, w, h) = (k.width(1.45, 1.75), k.len(0.7, 0.78), k.len(0.5, 0.6));
+    let size = size_word(l, 1.55, 1.66, ["small", "large"]);
+    let p = k.p;
+    let r = w / 2.0;
+    let oval = |k: &mut Draft, foot: f32| {
+        let profile = [[0.7, foot], [0.9, 0.2], [1.0, h], [0.9, h], [0.78, 0.26], [0.0, 0.2]];
+        k.m.oval([0.0, 0.0], [l / w, 1.0], &profile.map(|[s, y]| [s * r, y]), 18, p);
+    };
+    let shape = match k.style {
+        0..=2 => {
+            walls(k, [l, h, w], [0.1, 0.08, 0.05][k.style]);
+            let panel = [0.05, h - 0.06];
+            if k.style == 1 {
+                k.m.lid(about(0.0, l - 0.2), panel, [r, r + 0.012], p.with(Pattern::WallTiles));
+            }
+            "rectangular"
+        }
+        3 => {
+            oval(k, 0.06);
+            legs(&mut k.m, [l * 0.6, w * 0.7], 0.12, 0.06, 0.02, Paint::STEEL);
+            "oval"
+        }
+        4 => {
+            oval(k, 0.0);
+            "oval"
+        }
+        5 => {
+            let boat = [[0.72, 0.0], [0.8, 0.2], [1.0, h + 0.04], [0.93, h + 0.04], [0.7, 0.26], [0.0, 0.22]];
+            k.m.oval([0.0, 0.0], [l / w, 1.0], &boat.map(|[s, y]| [s * r, y]), 18, p);
+            "boat-shaped"
+        }
+        6 => {
+            let deep = [[1.0, 0.0], [1.0, 0.66], [0.9, 0.66], [0.88, 0.3], [0.0, 0.28]];
+            k.m.lathe([0.0, 0.0], &deep.map(|[s, y]| [s * 0.55, y]), 20, p);
+            return ["small", "round"];
+        }
+        _ => {
+            walls(k, [l, h, w], 0.06);
+            k.m.soft(about(0.0, l + 0.06), [h - 0.03, h + 0.02], [r, r + 0.08], 0.015, p);
+            "rectangular"
+        }
+    };
+    let x = -l / 2.0 + 0.07;
+    k.m.cylinder([x, 0.0], [h - 0.02, h + 0.12], 0.02, 8, k.metal());
+    k.m.block([x, x + 0.15], [h + 0.09, h + 0.12], about(0.0, 0.03), k.metal());
+    [size, shape]
+}
+
+/// A straight tub: bottom and four walls.
+fn walls(k: &mut Draft, [l, h, w]: [f32; 3], thick: f32) {
+    k.board(about(0.0, l), [0.0, 0.16], about(0.0, w));
+    k.m.pair([l / 2.0 - thick, l / 2.0], [0.16, h], about(0.0, w), k.p);
+    for z in [[w / 2.0 - thick, w / 2.0], [-w / 2.0, -w / 2.0 + thick]] {
+        k.board(about(0.0, l - 2.0 * thick), [0.16, h], z);
+    }
+}
+
+fn shower(k: &mut Draft) -> Words {
+    let size = k.len(0.8, 1.0);
+    let (half, p) = (size / 2.0, k.p);
+    let tray_paint = if p.brightness() > 0.6 { Paint::PORCELAIN } else { p.times(0.9) };
+    let words = |shape| [size_word(size, 0.86, 0.94, ["small", "large"]), shape];
+    let curved = matches!(k.style, 2 | 6);
+    if curved {
+        let mut quadrant = vec![[-half, half], [-half, -half * 0.2]];
+        quadrant.extend((0..=6).map(|i| {
+            let (sin, cos) = angle::sin_cos(std::f32::consts::FRAC_PI_2 * i as f32 / 6.0);
+            [-half * 0.2 + half * 1.2 * sin, half * 0.2 - half * 1.2 * cos]
+        }));
+        quadrant.push([half, half]);
+        k.m.prism_y(&quadrant, [0.0, 0.1], tray_paint);
+    } else {
+        let tray = if k.style == 5 { 0.03 } else { 0.1 };
+        k.m.block(about(0.0, size), [0.0, tray], about(0.0, size), tray_paint);
+    }
+    k.board(about(0.0, size), [0.03, 2.1], [-half, -half + 0.03]);
+    if k.style != 4 {
+        k.board([-half, -half + 0.03], [0.03, 2.1], [-half + 0.03, half]);
+    }
+    if k.style == 3 || k.style == 7 {
+        k.board([half - 0.03, half], [0.03, 2.1], [-half + 0.03, half]);
+    }
+    frame(k, half);
+    plumbing(k, half, p);
+    words(["square", "open", "rounded", "walled", "open", "flat", "rounded", "walled"][k.style])
+}
+
+/// Posts and rails where the glass is.
+fn frame(k: &mut Draft, half: f32) {
+    if matches!(k.style, 1 | 4 | 5) {
+        return;
+    }
+    for z in [-half * 0.2, half - 0.02] {
+        if !matches!(k.style, 3 | 7 | 2 | 6) {
+            k.m.block([half - 0.02, half], [0.1, 2.0], [z, z + 0.02], k.metal());
+        }
+    }
+    if matches!(k.style, 0 | 3 | 7) {
+        k.m.block([half - 0.02, half], [1.97, 2.0], [-half + 0.03, half - 0.02], k.metal());
+    }
+    if k.style == 3 {
+        k.m.block(about(0.0, 2.0 * half - 0.06), [2.0, 2.03], [half - 0.03, half], k.metal());
+    }
+}
+
+fn plumbing(k: &mut Draft, half: f32, _: Paint) {
+    let back = -half + 0.06;
+    let reach = if k.style == 1 || k.style == 6 { 0.0 } else { -half * 0.5 };
+    k.m.rod(Point3::new(0.0, 0.9, back), Point3::new(0.0, 2.0, back), 0.014, k.metal());
+    k.m.rod(Point3::new(0.0, 2.0, back), Point3::new(0.0, 2.0, reach), 0.014, k.metal());
+    k.m.lathe([0.0, reach + 0.02], &[[0.1, 1.95], [0.1, 1.97], [0.02, 2.0]], 10, k.metal());
+    k.m.block(about(0.0, 0.16), [1.05, 1.1], [-half + 0.03, -half + 0.08], k.metal());
+}

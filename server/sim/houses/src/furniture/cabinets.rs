@@ -1,0 +1,267 @@
+//! Cabinets.
+
+use super::parts::*;
+use super::*;
+use Substance::*;
+
+const FACES: &[Substance] = &[Wood, Wood, Metal, Plastic, Bamboo, Wicker, Glass];
+
+/// A wardrobe.
+pub(crate) const WARDROBE: Make = Make {
+    category: "cabinet",
+    noun: "wardrobe",
+    styles: 5,
+    substances: FACES,
+    colors: taste::WOOD,
+    draw: wardrobe,
+};
+
+/// A low and wide cabinet.
+pub(crate) const SIDEBOARD: Make = Make {
+    category: "cabinet",
+    noun: "sideboard",
+    styles: 8,
+    substances: FACES,
+    colors: taste::WOOD,
+    draw: sideboard,
+};
+
+/// A stand for a television.
+pub(crate) const TV_STAND: Make = Make {
+    category: "cabinet",
+    noun: "tv stand",
+    styles: 4,
+    substances: FACES,
+    colors: taste::WOOD,
+    draw: tv_stand,
+};
+
+/// A cabinet that hangs on a wall; its base is on y = 0.
+pub(crate) const WALL_CABINET: Make = Make {
+    category: "cabinet",
+    noun: "wall cabinet",
+    styles: 4,
+    substances: FACES,
+    colors: taste::WOOD,
+    draw: wall_cabinet,
+};
+
+/// A low cabinet to carry a basin.
+pub(crate) const VANITY: Make = Make {
+    category: "cabinet",
+    noun: "vanity",
+    styles: 4,
+    substances: FACES,
+    colors: taste::WOOD,
+    draw: vanity,
+};
+
+/// A tall cabinet with glass doors, or a locker.
+pub(crate) const TALL_CABINET: Make = Make {
+    category: "cabinet",
+    noun: "",
+    styles: 4,
+    substances: &[Wood, Wood, Metal, Metal, Plastic, Bamboo, Wicker],
+    colors: taste::WOOD,
+    draw: tall_cabinet,
+};
+
+fn wardrobe(k: &mut Draft) -> Words {
+    let (w, h, d) = (k.width(0.9, 1.5), k.len(1.85, 2.2), k.len(0.52, 0.62));
+    let columns = if w > 1.25 { 3 } else { 2 };
+    let p = k.p;
+    let size = size_word(w, 1.0, 1.3, ["narrow", "wide"]);
+    match k.style {
+        0 => carcass(k, &Carcass { size: [w, h, d], feet: 0.06, cells: [columns, 1], doors: true }),
+        1 => {
+            carcass(k, &Carcass { size: [w, h, d], feet: 0.12, cells: [columns, 1], doors: true });
+            let looks = Fronts { panel: p.times(0.95), handle: handle(k), doors: false };
+            fronts(&mut k.m, about(0.0, w - 0.02), [0.14, 0.46], d / 2.0 + 0.018, [columns, 1], &looks);
+        }
+        2 => {
+            k.board(about(0.0, w), [0.0, h], about(0.0, d));
+            for i in 0..2 {
+                let x = about((i as f32 - 0.5) * w * 0.48, w * 0.5);
+                let z = d / 2.0 + 0.02 * i as f32;
+                k.m.lid(x, [0.05, h - 0.04], [z, z + 0.02], p.times(1.03));
+                let at = x[0] + 0.05;
+                k.m.lid(about(at, 0.03), [0.8, 1.3], [z + 0.02, z + 0.03], Paint::STEEL);
+            }
+        }
+        3 => {
+            carcass(k, &Carcass { size: [w, h - 0.1, d], feet: 0.08, cells: [columns, 2], doors: true });
+            k.m.soft(about(0.0, w + 0.1), [h - 0.1, h], about(0.02, d + 0.08), 0.03, p);
+        }
+        _ => {
+            carcass(k, &Carcass { size: [w, h, d], feet: 0.06, cells: [2, 1], doors: true });
+            let x = w / 4.0 - 0.01;
+            let glass = [0.3, h - 0.2];
+            k.m.lid(about(x, w * 0.3), glass, [d / 2.0 + 0.018, d / 2.0 + 0.022], Paint::MIRROR);
+        }
+    }
+    [size, ["", "", "sliding", "corniced", "mirrored"][k.style]]
+}
+
+fn sideboard(k: &mut Draft) -> Words {
+    let (w, h, d) = (k.width(0.8, 1.5), k.len(0.5, 0.88), k.depth(0.36, 0.46));
+    let p = k.p;
+    let columns = if w > 1.2 { 3 } else { 2 };
+    let mut body = Carcass { size: [w, h, d], feet: 0.05, cells: [columns, 1], doors: true };
+    let shape = match k.style {
+        0 => "plain",
+        1 => {
+            body.feet = 0.15;
+            "legged"
+        }
+        2 => {
+            (body.cells, body.doors) = ([columns, 2], false);
+            "drawered"
+        }
+        3 => {
+            body.feet = 0.18;
+            body.cells = [1, 2];
+            body.doors = false;
+            "legged"
+        }
+        4 => {
+            k.m.soft(about(0.0, w), [0.12, h], about(0.0, d), 0.04, p);
+            splayed_legs(&mut k.m, [w - 0.2, d], 0.13, 0.02, k.trim);
+            let looks = Fronts { panel: p.times(0.95), handle: handle(k), doors: true };
+            fronts(&mut k.m, about(0.0, w - 0.1), [0.17, h - 0.05], d / 2.0, [columns, 1], &looks);
+            return [size_word(h, 0.62, 0.78, ["low", "tall"]), "rounded"];
+        }
+        5 => {
+            let outline = oval([0.0, 0.0], [w / 2.0, d / 2.0], 16);
+            k.m.prism_y(&outline, [0.08, h], p);
+            legs(&mut k.m, [w * 0.7, d * 0.7], 0.08, 0.05, 0.0, k.trim);
+            for x in [-0.05, 0.05] {
+                k.m.lid(
+                    about(x, 0.02),
+                    about(h * 0.55, 0.14),
+                    [d / 2.0 - 0.005, d / 2.0 + 0.025],
+                    Paint::BRASS,
+                );
+            }
+            return [size_word(h, 0.62, 0.78, ["low", "tall"]), "oval"];
+        }
+        6 => {
+            body.cells = [4, 1];
+            "panelled"
+        }
+        _ => {
+            k.m.pair([w / 2.0 - 0.03, w / 2.0], [0.0, h], about(0.0, d), p);
+            for y in [0.06, h * 0.5, h - 0.03] {
+                k.board(about(0.0, w - 0.06), [y, y + 0.03], about(0.0, d));
+            }
+            k.board(about(0.0, w - 0.06), [0.06, h], [-d / 2.0, -d / 2.0 + 0.015]);
+            return [size_word(h, 0.62, 0.78, ["low", "tall"]), "open"];
+        }
+    };
+    carcass(k, &body);
+    [size_word(h, 0.62, 0.78, ["low", "tall"]), shape]
+}
+
+fn tv_stand(k: &mut Draft) -> Words {
+    let (w, h, d) = (k.width(1.1, 1.6), k.len(0.38, 0.56), 0.4);
+    let p = k.p;
+    let shape = match k.style {
+        0 => {
+            legs(&mut k.m, [w, d], 0.1, 0.05, 0.03, p.times(0.85));
+            k.board(about(0.0, w), [0.1, h - 0.16], about(0.0, d));
+            k.board(about(0.0, w), [h - 0.03, h], about(0.0, d));
+            k.m.pair([w / 2.0 - 0.03, w / 2.0], [h - 0.16, h - 0.03], about(0.0, d), p);
+            k.board(about(0.0, w - 0.06), [h - 0.16, h - 0.03], [-d / 2.0, -d / 2.0 + 0.02]);
+            let looks = Fronts { panel: p.times(1.04), handle: handle(k), doors: false };
+            fronts(&mut k.m, about(0.0, w - 0.04), [0.12, h - 0.18], d / 2.0, [2, 1], &looks);
+            "open"
+        }
+        1 => {
+            carcass(k, &Carcass { size: [w, h, d], feet: 0.12, cells: [3, 1], doors: true });
+            "legged"
+        }
+        2 => {
+            carcass(k, &Carcass { size: [w, h, d], feet: 0.04, cells: [2, 2], doors: false });
+            "drawered"
+        }
+        _ => {
+            k.m.soft(about(0.0, w), [0.1, h], about(0.0, d), 0.05, p);
+            legs(&mut k.m, [w - 0.2, d], 0.1, 0.04, 0.0, Paint::DARK_METAL);
+            k.m.lid(about(0.0, w * 0.4), [0.16, h - 0.06], [d / 2.0, d / 2.0 + 0.012], p.times(0.85));
+            "rounded"
+        }
+    };
+    [size_word(w, 1.25, 1.45, ["short", "long"]), shape]
+}
+
+fn wall_cabinet(k: &mut Draft) -> Words {
+    let (w, h, d) = (k.width(0.45, 1.2), k.height(0.5, 0.72), k.depth(0.28, 0.34));
+    let columns = ((w / 0.45).round() as usize).max(1);
+    let p = k.p;
+    k.board(about(0.0, w), [0.0, h], about(0.0, d));
+    let looks = Fronts { panel: p.times(1.04), handle: handle(k), doors: true };
+    let (x, y) = (about(0.0, w - 0.01), [0.01, h - 0.01]);
+    let shape = match k.style {
+        0 => {
+            fronts(&mut k.m, x, y, d / 2.0, [columns, 1], &looks);
+            ""
+        }
+        1 => {
+            fronts(&mut k.m, x, y, d / 2.0, [columns, 2], &looks);
+            "panelled"
+        }
+        2 => {
+            fronts(&mut k.m, x, y, d / 2.0, [columns, 1], &Fronts { handle: Paint::DARK_METAL, ..looks });
+            let glass = [h * 0.3, h * 0.85];
+            k.m.lid(about(0.0, w * 0.6), glass, [d / 2.0 + 0.018, d / 2.0 + 0.022], Paint::PANE);
+            "glazed"
+        }
+        _ => {
+            k.m.soft(about(0.0, w + 0.04), [h, h + 0.05], about(0.01, d + 0.05), 0.015, p.times(0.97));
+            fronts(&mut k.m, x, y, d / 2.0, [columns, 1], &Fronts { doors: false, ..looks });
+            "corniced"
+        }
+    };
+    [size_word(w, 0.6, 1.0, ["small", "long"]), shape]
+}
+
+fn vanity(k: &mut Draft) -> Words {
+    let (w, h, d) = (k.width(0.6, 0.95), k.len(0.66, 0.74), 0.46);
+    let cells = [[2, 1], [1, 2], [2, 2], [2, 1]][k.style];
+    let feet = [0.06, 0.14, 0.06, 0.2][k.style];
+    let doors = k.style != 1 && k.style != 2;
+    carcass(k, &Carcass { size: [w, h, d], feet, cells, doors });
+    [size_word(w, 0.7, 0.85, ["small", "wide"]), ["", "legged", "drawered", "legged"][k.style]]
+}
+
+fn tall_cabinet(k: &mut Draft) -> Words {
+    let (w, h, d) = (k.width(0.55, 0.95), k.len(1.4, 1.95), k.depth(0.34, 0.44));
+    let size = size_word(h, 1.55, 1.8, ["low", "tall"]);
+    let p = k.p;
+    let shape = match k.style {
+        0 | 1 => {
+            carcass(k, &Carcass { size: [w, h, d], feet: [0.05, 0.16][k.style], cells: [2, 1], doors: true });
+            let z = [d / 2.0 + 0.018, d / 2.0 + 0.022];
+            for x in [-w / 4.0, w / 4.0] {
+                k.m.lid(about(x + 0.01, w * 0.3), [h * 0.5, h - 0.14], z, Paint::PANE);
+            }
+            "glazed"
+        }
+        2 => {
+            carcass(k, &Carcass { size: [w, h, d], feet: 0.04, cells: [2, 3], doors: true });
+            k.noun = "locker";
+            "panelled"
+        }
+        _ => {
+            k.board(about(0.0, w), [0.0, h * 0.45], about(0.0, d));
+            let looks = Fronts { panel: p.times(1.04), handle: handle(k), doors: true };
+            fronts(&mut k.m, about(0.0, w), [0.04, h * 0.45 - 0.02], d / 2.0, [2, 1], &looks);
+            k.m.pair([w / 2.0 - 0.03, w / 2.0], [h * 0.45, h], about(-0.04, d - 0.08), p);
+            for y in [h * 0.7, h - 0.03] {
+                k.board(about(0.0, w - 0.06), [y, y + 0.03], about(-0.04, d - 0.08));
+            }
+            k.board(about(0.0, w - 0.06), [h * 0.45, h], [-d / 2.0, -d / 2.0 + 0.015]);
+            "open"
+        }
+    };
+    [size, shape]
+}

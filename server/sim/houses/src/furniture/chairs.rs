@@ -1,0 +1,180 @@
+//! Chairs of all kinds.
+
+use super::parts::*;
+use super::*;
+use Substance::*;
+
+/// A chair for a dining table or a wall.
+pub(crate) const CHAIR: Make = Make {
+    category: "chair",
+    noun: "",
+    styles: 8,
+    substances: &[Wood, Fabric, Wood, Leather, Plastic, Velvet, Metal, Wicker],
+    colors: taste::WOOD,
+    draw: chair,
+};
+
+/// A swivel chair for a desk.
+pub(crate) const OFFICE_CHAIR: Make = Make {
+    category: "chair",
+    noun: "office chair",
+    styles: 3,
+    substances: &[Fabric, Leather, Knit, Plastic, Velvet],
+    colors: taste::DARK,
+    draw: office_chair,
+};
+
+/// A padded chair with arms.
+pub(crate) const ARMCHAIR: Make = Make {
+    category: "chair",
+    noun: "armchair",
+    styles: 8,
+    substances: &[Fabric, Leather, Velvet, Corduroy, Checked, Wicker, Striped],
+    colors: taste::CLOTH,
+    draw: armchair,
+};
+
+fn chair(k: &mut Draft) -> Words {
+    let (w, d, h) = (k.len(0.42, 0.5), k.len(0.42, 0.5), k.len(0.8, 1.02));
+    let seat = 0.45;
+    let frame = if k.soft() { k.trim } else { k.p };
+    let back = -d / 2.0;
+    let shape = match k.style {
+        0 | 1 | 5 => {
+            legs(&mut k.m, [w, d], seat - 0.04, 0.04, 0.0, frame);
+            k.pad(about(0.0, w), [seat - 0.04, seat + if k.soft() { 0.04 } else { 0.0 }], about(0.0, d));
+            open_back(k, [w, back], [seat, h], frame);
+            "straight"
+        }
+        2 => {
+            splayed_legs(&mut k.m, [w, d], seat - 0.05, 0.02, frame);
+            k.m.soft(about(0.0, w), [seat - 0.06, seat], about(0.0, d), 0.03, k.p);
+            k.m.soft(about(0.0, w - 0.04), [seat - 0.02, h], [back - 0.01, back + 0.05], 0.02, k.p);
+            "rounded"
+        }
+        3 => {
+            sled(&mut k.m, [w, d], seat - 0.04, Paint::DARK_METAL);
+            k.pad(about(0.0, w), [seat - 0.05, seat + 0.03], about(0.0, d));
+            k.pad(about(0.0, w), [seat + 0.12, h], [back, back + 0.07]);
+            k.m.pair(
+                [w / 2.0 - 0.07, w / 2.0 - 0.04],
+                [seat, seat + 0.2],
+                [back, back + 0.03],
+                Paint::DARK_METAL,
+            );
+            ""
+        }
+        4 => {
+            splayed_legs(&mut k.m, [w, d], seat - 0.04, 0.02, frame);
+            round_pad(&mut k.m, w / 2.0, [seat - 0.05, seat], 14, k.p);
+            spindles(k, [w, back + 0.04], [seat, h], frame);
+            "round"
+        }
+        6 => {
+            pedestal(&mut k.m, 0.24, seat - 0.05, Paint::DARK_METAL);
+            round_pad(&mut k.m, w / 2.0, [seat - 0.06, seat + 0.02], 16, k.p);
+            tub(k, w / 2.0, [seat, h - 0.12]);
+            "round"
+        }
+        _ => {
+            legs(&mut k.m, [w, d], 0.2, 0.05, 0.0, k.trim);
+            k.pad(about(0.0, w), [0.2, seat + 0.03], about(0.0, d));
+            k.pad(about(0.0, w), [0.2, h], [back - 0.02, back + 0.07]);
+            "square"
+        }
+    };
+    [size_word(h, 0.86, 0.96, ["low", "tall"]), shape]
+}
+
+/// Posts with slats, rungs or a cross between them.
+fn open_back(k: &mut Draft, [w, back]: [f32; 2], [seat, top]: Span, frame: Paint) {
+    k.m.pair([w / 2.0 - 0.04, w / 2.0], [seat, top], [back, back + 0.035], frame);
+    k.board(about(0.0, w - 0.08), [top - 0.09, top], [back, back + 0.03]);
+    match k.style {
+        0 => (0..4).for_each(|i| {
+            let x = (i as f32 - 1.5) * (w - 0.1) / 4.0;
+            k.board(about(x, 0.03), [seat, top - 0.09], [back + 0.005, back + 0.025]);
+        }),
+        1 => (0..2).for_each(|i| {
+            let y = seat + 0.12 + i as f32 * (top - seat - 0.2) / 2.0;
+            k.board(about(0.0, w - 0.08), [y, y + 0.06], [back, back + 0.025]);
+        }),
+        _ => {
+            let x = w / 2.0 - 0.05;
+            for side in [-1.0, 1.0] {
+                let from = Point3::new(-x * side, seat, back + 0.015);
+                k.m.rod(from, Point3::new(x * side, top - 0.09, back + 0.015), 0.016, k.p);
+            }
+        }
+    }
+}
+
+/// Thin bars on an arc behind a round seat, a rail on top.
+fn spindles(k: &mut Draft, [w, back]: [f32; 2], [seat, top]: Span, frame: Paint) {
+    for i in 0..5 {
+        let x = (i as f32 - 2.0) * w * 0.19;
+        let z = back + 0.05 * (i as f32 - 2.0).abs() * 0.5;
+        k.m.rod(Point3::new(x, seat, z + 0.02), Point3::new(x * 1.05, top - 0.05, z - 0.02), 0.011, frame);
+    }
+    k.m.soft(about(0.0, w), [top - 0.08, top], [back - 0.03, back + 0.02], 0.015, k.p);
+}
+
+/// A low wall around the back half of a round seat.
+fn tub(k: &mut Draft, radius: f32, [low, high]: Span) {
+    const STEPS: usize = 8;
+    let ring = |radius: f32, i: usize| {
+        let turn = std::f32::consts::PI * (i as f32 / STEPS as f32);
+        let (sin, cos) = angle::sin_cos(turn);
+        [radius * cos, radius * sin]
+    };
+    for i in 0..STEPS {
+        let outline =
+            [ring(radius - 0.05, i), ring(radius, i), ring(radius, i + 1), ring(radius - 0.05, i + 1)];
+        k.m.prism_y(&outline, [low, high], k.p);
+    }
+}
+
+fn office_chair(k: &mut Draft) -> Words {
+    for spoke in 0..5 {
+        let (sin, cos) = angle::sin_cos(spoke as f32 * 1.2566);
+        let tip = Point3::new(0.27 * sin, 0.06, 0.27 * cos);
+        k.m.rod(Point3::new(0.0, 0.1, 0.0), tip, 0.02, Paint::DARK_METAL);
+        k.m.cylinder([0.27 * sin, 0.27 * cos], [0.0, 0.06], 0.03, 6, Paint::DARK_METAL);
+    }
+    k.m.cylinder([0.0, 0.0], [0.08, 0.42], 0.03, 8, Paint::DARK_METAL);
+    k.m.soft(about(0.0, 0.52), [0.42, 0.52], about(0.0, 0.5), 0.03, k.p);
+    k.m.block(about(0.0, 0.06), [0.46, 0.66], [-0.27, -0.24], Paint::DARK_METAL);
+    let top = k.len(0.95, 1.22);
+    let width = [0.46, 0.52, 0.4][k.style];
+    k.m.soft(about(0.0, width), [0.58, top], [-0.28, -0.18], 0.04, k.p);
+    if k.style != 2 {
+        k.m.pair([0.25, 0.3], [0.68, 0.71], [-0.16, 0.14], Paint::DARK_METAL);
+        k.m.pair([0.26, 0.29], [0.48, 0.68], [-0.04, 0.0], Paint::DARK_METAL);
+    }
+    [size_word(top, 1.03, 1.14, ["low", "tall"]), ""]
+}
+
+fn armchair(k: &mut Draft) -> Words {
+    let (w, d, h) = (k.len(0.74, 0.98), k.len(0.78, 0.9), k.len(0.78, 1.08));
+    let shape = match k.style {
+        4 => {
+            pedestal(&mut k.m, 0.3, 0.2, Paint::DARK_METAL);
+            round_pad(&mut k.m, d / 2.0, [0.18, 0.42], 14, k.p);
+            tub(k, d / 2.0, [0.4, h - 0.1]);
+            "round"
+        }
+        5 => {
+            sled(&mut k.m, [w - 0.1, d], 0.6, k.trim);
+            k.m.pair([w / 2.0 - 0.09, w / 2.0 - 0.02], [0.58, 0.62], about(0.0, d), k.trim);
+            k.pad(about(0.0, w - 0.16), [0.3, 0.46], about(0.04, d - 0.1));
+            k.pad(about(0.0, w - 0.16), [0.4, h], [-d / 2.0, -d / 2.0 + 0.14]);
+            "open"
+        }
+        _ => {
+            let look = super::sofas::Upholstery::of(k, 1);
+            super::sofas::upholstered(k, [w, h, d], 1, &look);
+            look.shape
+        }
+    };
+    [size_word(w, 0.8, 0.92, ["small", "large"]), shape]
+}

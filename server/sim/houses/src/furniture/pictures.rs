@@ -1,0 +1,125 @@
+//! Pictures and mirrors; the lower edge is on y = 0, the back on z = 0.
+
+use super::super::texture::{Art, Medium, Motif};
+use super::parts::*;
+use super::*;
+use Substance::*;
+
+/// A framed picture of the wished width and height.
+pub(crate) const PICTURE: Make = Make {
+    category: "picture",
+    noun: "",
+    styles: 8,
+    substances: &[Paper],
+    colors: taste::CLOTH,
+    draw: picture,
+};
+
+/// A mirror of the wished width and height; its colour and material are those of the frame.
+pub(crate) const MIRROR: Make = Make {
+    category: "mirror",
+    noun: "",
+    styles: 8,
+    substances: &[Wood, Metal, Plastic, Bamboo, Wicker, Marble],
+    colors: &[
+        "brown", "black", "white", "grey", "yellow", "red", "blue", "green", "teal", "orange", "pink",
+        "purple",
+    ],
+    draw: mirror,
+};
+
+/// A bar along each side of an outline, `bar` wide, between the wall and `front`.
+fn frame(m: &mut Model, outline: &[[f32; 2]], bar: f32, front: f32, paint: Paint) {
+    let count = outline.len();
+    let middle = outline.iter().fold([0.0; 2], |sum, p| [sum[0] + p[0], sum[1] + p[1]]);
+    let middle = middle.map(|sum| sum / count as f32);
+    let inner = |[x, y]: [f32; 2]| {
+        let offset = [x - middle[0], y - middle[1]];
+        let shrink = |d: f32| d - d.signum() * bar.min(d.abs());
+        if count == 4 {
+            return [middle[0] + shrink(offset[0]), middle[1] + shrink(offset[1])];
+        }
+        let length = (offset[0] * offset[0] + offset[1] * offset[1]).sqrt().max(1e-3);
+        let share = 1.0 - bar / length;
+        [middle[0] + offset[0] * share, middle[1] + offset[1] * share]
+    };
+    let at = |[x, y]: [f32; 2], z: f32| Point3::new(x, y, z);
+    for i in 0..count {
+        let (a, b) = (outline[i], outline[(i + 1) % count]);
+        m.quad([at(a, front), at(b, front), at(inner(b), front), at(inner(a), front)], paint);
+        m.quad([at(a, 0.0), at(b, 0.0), at(b, front), at(a, front)], paint);
+        m.quad([at(inner(b), 0.005), at(inner(a), 0.005), at(inner(a), front), at(inner(b), front)], paint);
+    }
+}
+
+fn picture(k: &mut Draft) -> Words {
+    let (w, h) = (k.width(0.4, 1.0), k.height(0.4, 0.8));
+    let medium = *k.rng.choose(&Medium::ALL).expect("some");
+    let motif = Motif::ALL[(k.style + k.rng.below(2) * 4) % 8];
+    k.material = medium.word();
+    let art = Art { ground: k.tint.rgb, motif, medium, seed: k.rng.next_u64() as u32 };
+    let canvas = Paint::plain(medium.surface(), [255; 3]).with(Pattern::Art(art));
+    let thin = [Paint::WALNUT, Paint::DARK_METAL];
+    let paint = if k.rng.chance(0.75) { *k.rng.choose(&thin).expect("some") } else { k.trim };
+    let round = matches!(k.style, 6 | 7);
+    let outline = match k.style {
+        6 => oval([0.0, h / 2.0], [w / 2.0, h / 2.0], 16),
+        7 => circle([0.0, w.min(h) / 2.0], w.min(h) / 2.0, 8),
+        _ => rectangle(w, h, h / 2.0),
+    };
+    let (bar, front) = [
+        (0.015, 0.018),
+        (0.022, 0.02),
+        (0.006, 0.025),
+        (0.026, 0.02),
+        (0.034, 0.026),
+        (0.012, 0.03),
+        (0.02, 0.02),
+        (0.018, 0.02),
+    ][k.style];
+    frame(&mut k.m, &outline, bar, front, paint);
+    k.m.pictured(&outline, front - 0.006, canvas);
+    if k.style == 3 {
+        let mat = Paint::plain("paper", k.tint.rgb);
+        frame(&mut k.m, &rectangle(w - 0.08, h - 0.08, h / 2.0), 0.05, front - 0.003, mat);
+    }
+    let ratio = w / h;
+    let shape = match k.style {
+        6 => "oval",
+        7 => "octagonal",
+        _ if ratio < 0.87 => "upright",
+        _ if ratio > 1.15 => "wide",
+        _ => "square",
+    };
+    let area = if round { w * h * 0.8 } else { w * h };
+    [size_word(area, 0.25, 0.5, ["small", "large"]), shape]
+}
+
+fn mirror(k: &mut Draft) -> Words {
+    let (w, h) = (k.width(0.45, 0.8), k.height(0.5, 1.3));
+    let p = k.p;
+    let side = w.min(h);
+    let outline = match k.style {
+        0 => rectangle(w, h, h / 2.0),
+        1 => circle([0.0, side / 2.0], side / 2.0, 20),
+        2 => oval([0.0, h / 2.0], [w / 2.0, h / 2.0], 18),
+        3 => arch(w, 0.0, h),
+        4 => circle([0.0, side / 2.0], side / 2.0, 8),
+        5 => circle([0.0, side / 2.0], side / 2.0, 6),
+        6 => rectangle(w, h, h / 2.0),
+        _ => circle([0.0, side / 2.0], side * 0.3, 16),
+    };
+    let bar = [0.04, 0.05, 0.05, 0.045, 0.05, 0.05, 0.1, 0.04][k.style];
+    frame(&mut k.m, &outline, bar, 0.025, p);
+    k.m.pictured(&outline, 0.012, Paint::MIRROR.with(Pattern::Sheen));
+    if k.style == 7 {
+        for i in 0..16 {
+            let (sin, cos) = angle::sin_cos(i as f32 * std::f32::consts::TAU / 16.0);
+            let at = |r: f32| Point3::new(sin * r, side / 2.0 + cos * r, 0.015);
+            k.m.rod(at(side * 0.29), at(side * 0.49), 0.012, p);
+        }
+    }
+    let shape =
+        ["rectangular", "round", "oval", "arched", "octagonal", "hexagonal", "broad-framed", "sunburst"];
+    [size_word(h.max(w), 0.62, 1.0, ["small", "tall"]), shape[k.style]]
+}

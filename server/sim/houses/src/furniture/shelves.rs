@@ -1,0 +1,162 @@
+//! Shelves and what stands in them.
+
+use super::parts::*;
+use super::*;
+use Substance::*;
+
+/// A free-standing shelf with books.
+pub(crate) const BOOKCASE: Make = Make {
+    category: "shelving",
+    noun: "bookcase",
+    styles: 8,
+    substances: &[Wood, Wood, Metal, Bamboo, Plastic, Glass, Wicker],
+    colors: taste::WOOD,
+    draw: bookcase,
+};
+
+/// A board on a wall; its base is on y = 0.
+pub(crate) const WALL_SHELF: Make = Make {
+    category: "shelving",
+    noun: "wall shelf",
+    styles: 4,
+    substances: &[Wood, Metal, Glass, Bamboo, Plastic, Marble],
+    colors: taste::WOOD,
+    draw: wall_shelf,
+};
+
+/// A row of books or another thing on a board.
+fn filled(k: &mut Draft, x: Span, y: f32, z: Span) {
+    let room = x[1] - x[0];
+    match k.rng.below(5) {
+        0 | 1 => {
+            let end = x[0] + room * k.rng.range(0.45, 0.95);
+            books_row(k, [x[0], end], y, z);
+        }
+        2 => {
+            let paint = k.trim;
+            k.m.block(
+                about((x[0] + x[1]) / 2.0, room * 0.6),
+                [y, y + 0.18],
+                [z[0] + 0.03, z[1] - 0.02],
+                paint,
+            );
+        }
+        3 => {
+            let r = 0.06;
+            let center = [x[0] + room * k.rng.range(0.3, 0.7), (z[0] + z[1]) / 2.0];
+            let profile = [[0.7, 0.0], [1.0, 0.08], [0.5, 0.2]];
+            k.m.lathe(center, &profile.map(|[s, up]| [s * r, y + up]), 6, k.trim);
+        }
+        _ => {}
+    }
+}
+
+/// Books as one block with their spines drawn on it.
+fn books_row(k: &mut Draft, x: Span, y: f32, z: Span) {
+    let height = k.len(0.19, 0.25);
+    let spines = Paint::plain("paper", [255; 3]).with(Pattern::Books(k.rng.below(12) as u8));
+    let (low, high) = ([z[0] + 0.02, z[1] - 0.05], y + height);
+    let pages = Paint::plain("paper", [132, 124, 108]);
+    let p = |px: f32, py: f32, pz: f32| Point3::new(px, py, pz);
+    let mut m = Model::new();
+    m.picture([p(x[0], y, low[1]), p(x[1], y, low[1]), p(x[1], high, low[1]), p(x[0], high, low[1])], spines);
+    m.quad(
+        [p(x[0], high, low[1]), p(x[1], high, low[1]), p(x[1], high, low[0]), p(x[0], high, low[0])],
+        pages,
+    );
+    m.quad([p(x[1], y, low[1]), p(x[1], y, low[0]), p(x[1], high, low[0]), p(x[1], high, low[1])], pages);
+    m.quad([p(x[0], y, low[0]), p(x[0], y, low[1]), p(x[0], high, low[1]), p(x[0], high, low[0])], pages);
+    k.m.add(&m, 0, Vector3::zeros());
+}
+
+fn bookcase(k: &mut Draft) -> Words {
+    let (w, d) = (k.width(0.7, 1.15), k.depth(0.28, 0.34));
+    let levels = match k.style {
+        2 => 2,
+        5 => 3,
+        _ => 3 + k.rng.below(3),
+    };
+    let h = k.height(0.08 + 0.34 * levels as f32, 0.1 + 0.38 * levels as f32);
+    let p = k.p;
+    let size = size_word(h, 1.15, 1.65, ["low", "tall"]);
+    let z = about(0.0, d);
+    let shelf_at = |level: usize| 0.04 + (h - 0.07) * level as f32 / levels as f32;
+    match k.style {
+        3 => legs(&mut k.m, [w, d], h, 0.03, 0.0, k.trim),
+        4 => {
+            for side in [-1.0, 1.0] {
+                let x = side * (w / 2.0 - 0.02);
+                k.m.rod(
+                    Point3::new(x, 0.0, d / 2.0 - 0.02),
+                    Point3::new(x, h, -d / 2.0 + 0.04),
+                    0.02,
+                    k.trim,
+                );
+                k.m.rod(
+                    Point3::new(x, 0.0, -d / 2.0 + 0.02),
+                    Point3::new(x, h, -d / 2.0 + 0.02),
+                    0.02,
+                    k.trim,
+                );
+            }
+        }
+        _ => k.m.pair([w / 2.0 - 0.03, w / 2.0], [0.0, h], z, p),
+    }
+    if !matches!(k.style, 3 | 4 | 6) {
+        k.board(about(0.0, w - 0.06), [0.04, h], [-d / 2.0, -d / 2.0 + 0.015]);
+    }
+    for level in 0..=levels {
+        let y = shelf_at(level);
+        let depth = if k.style == 4 { d * (1.0 - 0.5 * level as f32 / levels as f32) } else { d };
+        let z = [-d / 2.0, -d / 2.0 + depth - 0.01];
+        k.board(about(0.0, w - 0.06), [y, y + 0.03], z);
+        if level < levels {
+            match k.style {
+                5 => {
+                    k.board(about(0.0, 0.025), [y + 0.03, shelf_at(level + 1)], z);
+                    filled(k, [-w / 2.0 + 0.05, -0.03], y + 0.03, z);
+                    filled(k, [0.03, w / 2.0 - 0.05], y + 0.03, z);
+                }
+                _ => filled(k, [-w / 2.0 + 0.05, w / 2.0 - 0.05], y + 0.03, z),
+            }
+        }
+    }
+    if k.style == 1 {
+        k.m.block(about(0.0, w + 0.05), [h - 0.02, h + 0.03], about(0.01, d + 0.04), p);
+    }
+    if k.style == 7 {
+        k.m.prism_z(&arch(w, h, h + 0.12), [-d / 2.0, -d / 2.0 + 0.03], p);
+    }
+    [size, ["", "", "low", "framed", "leaning", "cubed", "open", "arched"][k.style]]
+}
+
+fn wall_shelf(k: &mut Draft) -> Words {
+    let (w, d) = (k.width(0.5, 1.1), 0.22);
+    let p = k.p;
+    let z = about(0.0, d);
+    k.m.soft(about(0.0, w), [0.1, 0.13], z, 0.005, p);
+    let shape = match k.style {
+        0 => {
+            for x in [-w * 0.35, w * 0.35] {
+                k.m.prism_x(&[[d / 2.0, 0.0], [d / 2.0, 0.1], [-d / 4.0, 0.1]], about(x, 0.02), k.trim);
+            }
+            "bracketed"
+        }
+        1 => {
+            k.m.pair([w / 2.0 - 0.02, w / 2.0], [0.0, 0.34], z, p);
+            k.board(about(0.0, w), [0.34, 0.36], z);
+            "box-shaped"
+        }
+        2 => {
+            k.board(about(0.0, w), [0.4, 0.43], z);
+            k.m.pair([w * 0.36, w * 0.38], [0.0, 0.46], [-d / 2.0, -d / 2.0 + 0.02], Paint::DARK_METAL);
+            "double"
+        }
+        _ => {
+            k.board(about(0.0, w), [0.0, 0.1], [-d / 2.0, -d / 2.0 + 0.02]);
+            "plain"
+        }
+    };
+    filled(k, [-w / 2.0 + 0.04, w / 2.0 - 0.04], 0.13, z);
+    [size_word(w, 0.65, 0.95, ["short", "long"]), shape]
+}

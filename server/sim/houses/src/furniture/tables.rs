@@ -1,0 +1,252 @@
+//! Tables and desks.
+
+use super::parts::*;
+use super::*;
+use Substance::*;
+
+const TOPS: &[Substance] = &[Wood, Glass, Metal, Marble, Plastic, Bamboo, Wicker, Concrete];
+
+/// A dining table of the wished width and depth; round ones are as wide as wished.
+pub(crate) const DINING_TABLE: Make = Make {
+    category: "table",
+    noun: "dining table",
+    styles: 8,
+    substances: &[Wood, Wood, Glass, Marble, Metal, Plastic, Bamboo],
+    colors: taste::WOOD,
+    draw: dining_table,
+};
+
+/// A low table for the front of a sofa.
+pub(crate) const COFFEE_TABLE: Make = Make {
+    category: "table",
+    noun: "coffee table",
+    styles: 8,
+    substances: TOPS,
+    colors: taste::WOOD,
+    draw: coffee_table,
+};
+
+/// A small table for the side of a sofa or a bath.
+pub(crate) const SIDE_TABLE: Make = Make {
+    category: "table",
+    noun: "side table",
+    styles: 5,
+    substances: TOPS,
+    colors: taste::WOOD,
+    draw: side_table,
+};
+
+/// A narrow table for a hallway.
+pub(crate) const CONSOLE: Make = Make {
+    category: "table",
+    noun: "console table",
+    styles: 4,
+    substances: TOPS,
+    colors: taste::WOOD,
+    draw: console,
+};
+
+/// A desk.
+pub(crate) const DESK: Make = Make {
+    category: "table",
+    noun: "desk",
+    styles: 5,
+    substances: &[Wood, Metal, Glass, Plastic, Bamboo, Leather],
+    colors: taste::WOOD,
+    draw: desk,
+};
+
+/// Whether a dining table of style `style` wants chairs all around.
+fn is_round(style: usize) -> bool {
+    matches!(style, 3 | 4)
+}
+
+fn dining_table(k: &mut Draft) -> Words {
+    let (w, d, h) = (k.width(1.1, 1.8), k.depth(0.75, 0.95), k.len(0.72, 0.78));
+    let p = k.p;
+    let round = is_round(k.style) && (w - d).abs() < 0.3;
+    let size = size_word(w, 1.1, 1.6, ["small", "large"]);
+    if round {
+        let r = w.min(d) / 2.0;
+        round_pad(&mut k.m, r, [h - 0.05, h], 20, p);
+        match k.style {
+            3 => k.m.lathe([0.0, 0.0], &[[0.3, 0.0], [0.27, 0.03], [0.07, 0.1], [0.05, h - 0.04]], 12, p),
+            _ => splayed_legs(&mut k.m, [w * 0.75, w * 0.75], h - 0.05, 0.03, p),
+        }
+        return [size, "round"];
+    }
+    if is_round(k.style) {
+        k.m.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 20), [h - 0.04, h], p);
+        legs(&mut k.m, [w * 0.66, d * 0.66], h - 0.04, 0.06 + 0.02 * (k.style - 3) as f32, 0.0, p);
+        return [size, "oval"];
+    }
+    k.m.soft(about(0.0, w), [h - 0.04, h], about(0.0, d), 0.008, p);
+    match k.style {
+        0 => {
+            k.board(about(0.0, w - 0.16), [h - 0.12, h - 0.04], about(0.0, d - 0.16));
+            legs(&mut k.m, [w, d], h - 0.04, 0.07, 0.03, p);
+        }
+        1 => splayed_legs(&mut k.m, [w - 0.08, d - 0.08], h - 0.04, 0.035, p),
+        2 => trestle(k, [w, d], h - 0.04),
+        5 => crossed_legs(&mut k.m, [w - 0.2, d - 0.1], h - 0.04, 0.03, k.trim),
+        6 => {
+            k.m.pair([w / 2.0 - 0.3, w / 2.0 - 0.22], [0.0, h - 0.04], about(0.0, d * 0.6), p);
+            k.board(about(0.0, w - 0.6), [0.3, 0.36], about(0.0, 0.08));
+        }
+        _ => sled(&mut k.m, [w - 0.1, d - 0.1], h - 0.04, Paint::DARK_METAL),
+    }
+    [size, if w - d < 0.12 { "square" } else { "rectangular" }]
+}
+
+fn trestle(k: &mut Draft, [w, d]: [f32; 2], height: f32) {
+    let x = [w / 2.0 - 0.3, w / 2.0 - 0.22];
+    k.m.pair(x, [0.0, 0.06], about(0.0, d - 0.1), k.p);
+    k.m.pair(x, [0.06, height], about(0.0, 0.16), k.p);
+    k.board(about(0.0, w - 0.5), [0.2, 0.3], about(0.0, 0.05));
+}
+
+fn coffee_table(k: &mut Draft) -> Words {
+    let (w, d, h) = (k.width(0.8, 1.2), k.len(0.5, 0.68), k.len(0.36, 0.46));
+    let p = k.p;
+    let top = |k: &mut Draft, low: f32| k.m.soft(about(0.0, w), [low, h], about(0.0, d), 0.008, p);
+    let r = d * 0.6;
+    let shape = match k.style {
+        0 => {
+            top(k, h - 0.04);
+            k.board(about(0.0, w - 0.1), [0.12, 0.14], about(0.0, d - 0.1));
+            legs(&mut k.m, [w, d], h - 0.04, 0.05, 0.01, p);
+            "rectangular"
+        }
+        1 => {
+            round_pad(&mut k.m, r, [h - 0.05, h], 20, p);
+            splayed_legs(&mut k.m, [r * 1.7, r * 1.7], h - 0.04, 0.02, k.trim);
+            "round"
+        }
+        2 => {
+            top(k, h - 0.12);
+            k.m.pair([w / 2.0 - 0.06, w / 2.0], [0.0, h - 0.12], about(0.0, d), p);
+            "rectangular"
+        }
+        3 => {
+            k.m.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 20), [h - 0.04, h], p);
+            legs(&mut k.m, [w * 0.62, d * 0.7], h - 0.04, 0.04, 0.0, k.trim);
+            "oval"
+        }
+        4 => {
+            k.m.soft(about(0.0, w), [0.0, h], about(0.0, d), 0.02, p);
+            k.noun = "chest table";
+            "box-shaped"
+        }
+        5 => {
+            k.m.prism_y(&circle([0.0, 0.0], r, 6), [h - 0.05, h], p);
+            crossed_legs(&mut k.m, [r, r], h - 0.05, 0.02, Paint::DARK_METAL);
+            "hexagonal"
+        }
+        6 => {
+            let drum = [[0.9, 0.0], [1.0, 0.4], [1.0, 0.8], [0.95, 1.0]];
+            k.m.lathe([0.0, 0.0], &drum.map(|[s, y]| [s * r, y * h]), 18, p);
+            "drum-shaped"
+        }
+        _ => {
+            k.m.soft(about(0.0, d * 1.2), [h - 0.05, h], about(0.0, d * 1.2), 0.01, p);
+            sled(&mut k.m, [d, d], h - 0.05, Paint::DARK_METAL);
+            "square"
+        }
+    };
+    [size_word(w, 0.92, 1.08, ["small", "large"]), shape]
+}
+
+fn side_table(k: &mut Draft) -> Words {
+    let (size, h) = (k.len(0.38, 0.52), k.len(0.48, 0.64));
+    let (r, p) = (size / 2.0, k.p);
+    let shape = match k.style {
+        0 => {
+            round_pad(&mut k.m, r, [h - 0.03, h], 16, p);
+            pedestal(&mut k.m, r * 0.7, h - 0.02, k.trim);
+            "round"
+        }
+        1 => {
+            k.m.soft(about(0.0, size), [h - 0.03, h], about(0.0, size), 0.006, p);
+            k.board(about(0.0, size - 0.06), [0.16, 0.18], about(0.0, size - 0.06));
+            legs(&mut k.m, [size, size], h - 0.03, 0.04, 0.0, p);
+            "square"
+        }
+        2 => {
+            round_pad(&mut k.m, r, [h - 0.04, h], 16, p);
+            splayed_legs(&mut k.m, [size * 0.9, size * 0.9], h - 0.04, 0.016, p);
+            "round"
+        }
+        3 => {
+            k.m.prism_y(&circle([0.0, 0.0], r, 8), [h - 0.03, h], p);
+            crossed_legs(&mut k.m, [r, r], h - 0.03, 0.016, k.trim);
+            "octagonal"
+        }
+        _ => {
+            k.m.soft(about(0.0, size), [0.0, h], about(0.0, size), 0.012, p);
+            "cube-shaped"
+        }
+    };
+    [size_word(h, 0.53, 0.6, ["low", "tall"]), shape]
+}
+
+fn console(k: &mut Draft) -> Words {
+    let (w, d, h) = (k.width(0.8, 1.25), k.depth(0.26, 0.36), k.len(0.74, 0.86));
+    let p = k.p;
+    match k.style {
+        3 => k.m.prism_y(&oval([0.0, 0.0], [w / 2.0, d / 2.0], 18), [h - 0.04, h], p),
+        _ => k.m.soft(about(0.0, w), [h - 0.04, h], about(0.0, d), 0.006, p),
+    }
+    match k.style {
+        0 => {
+            legs(&mut k.m, [w, d], h - 0.04, 0.045, 0.0, p);
+            k.board(about(0.0, w - 0.04), [0.18, 0.21], about(0.0, d - 0.04));
+        }
+        1 => {
+            legs(&mut k.m, [w, d], h - 0.04, 0.04, 0.0, p);
+            k.board(about(0.0, w - 0.06), [h - 0.16, h - 0.04], about(0.0, d - 0.03));
+            let looks = Fronts { panel: p.times(1.04), handle: Paint::BRASS, doors: false };
+            fronts(&mut k.m, about(0.0, w - 0.1), [h - 0.15, h - 0.05], d / 2.0 - 0.015, [2, 1], &looks);
+        }
+        2 => sled(&mut k.m, [w - 0.04, d], h - 0.04, Paint::DARK_METAL),
+        _ => splayed_legs(&mut k.m, [w * 0.8, d], h - 0.04, 0.02, k.trim),
+    }
+    [size_word(w, 0.9, 1.1, ["small", "long"]), if k.style == 3 { "oval" } else { "narrow" }]
+}
+
+fn desk(k: &mut Draft) -> Words {
+    let (w, d, h) = (k.width(1.1, 1.55), k.depth(0.56, 0.7), k.len(0.72, 0.76));
+    let p = k.p;
+    k.m.soft(about(0.0, w), [h - 0.035, h], about(0.0, d), 0.006, p);
+    let back = [-d / 2.0 + 0.02, -d / 2.0 + 0.04];
+    let side = if k.rng.chance(0.5) { 1.0 } else { -1.0 };
+    let drawers = |k: &mut Draft, side: f32| {
+        let x = about(side * (w / 2.0 - 0.2), 0.38);
+        k.board(x, [0.05, h - 0.035], [-d / 2.0 + 0.02, d / 2.0 - 0.04]);
+        let looks = Fronts { panel: p.times(1.05), handle: Paint::STEEL, doors: false };
+        fronts(&mut k.m, x, [0.06, h - 0.04], d / 2.0 - 0.04, [1, 3], &looks);
+    };
+    match k.style {
+        0 => {
+            drawers(k, side);
+            k.board(about(-side * (w / 2.0 - 0.03), 0.05), [0.0, h - 0.035], about(0.0, d - 0.06));
+            k.board(about(0.0, w - 0.1), [h - 0.3, h - 0.035], back);
+        }
+        1 => {
+            drawers(k, 1.0);
+            drawers(k, -1.0);
+        }
+        2 => {
+            crossed_legs(&mut k.m, [w - 0.2, d - 0.06], h - 0.035, 0.025, k.trim);
+            k.board(about(0.0, w - 0.3), [h - 0.14, h - 0.035], about(0.0, d - 0.16));
+        }
+        3 => {
+            sled(&mut k.m, [w - 0.06, d - 0.04], h - 0.035, Paint::DARK_METAL);
+            k.board(about(0.0, w - 0.1), [h - 0.24, h - 0.035], back);
+        }
+        _ => {
+            k.m.pair([w / 2.0 - 0.05, w / 2.0], [0.0, h - 0.035], about(0.0, d), p);
+            k.board(about(0.0, w - 0.1), [0.3, h - 0.035], back);
+        }
+    }
+    [size_word(w, 1.22, 1.42, ["small", "large"]), "rectangular"]
+}

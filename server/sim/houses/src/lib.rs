@@ -1,0 +1,259 @@
+//! Furnished houses from a seed: hallways with rooms on both sides, small rooms in the corners of large ones, one or two
+//! storeys.
+//!
+//! The same name, seed and options give the same bits on every platform. Every room can be reached by a body of
+//! 0.25 m radius that climbs 0.2 m; furniture leaves the doors free.
+
+mod assembly;
+mod furnish;
+mod furniture;
+mod model;
+mod paint;
+mod plan;
+mod reach;
+mod rect;
+mod shell;
+mod space;
+mod substance;
+mod taste;
+mod texture;
+mod tints;
+
+use assembly::Assembly;
+use avln_geom::Rng;
+use avln_scene::{Region, Scene};
+use plan::{CEILING_M, Plan, RoomKind, STOREY_M};
+use reach::Reach;
+use rect::Rect;
+use serde::{Deserialize, Serialize};
+use shell::Finish;
+use std::ops::RangeInclusive;
+use taste::Taste;
+
+/// What a house should be like.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct HouseOptions {
+    /// How many rooms it has, hallways, entryway and stairs (one a storey) among them; drawn from this range, as small,
+    /// medium and large houses where it is wide. At least one and at most 24 rooms are built.
+    pub rooms: RangeInclusive<u8>,
+    /// How many storeys it has, 1 or 2; drawn from this range. Houses of fewer than 11 rooms have one.
+    pub storeys: RangeInclusive<u8>,
+    /// Which palettes, shapes and part combinations its furniture is drawn from.
+    pub pool: Pool,
+}
+
+/// The most rooms of a house.
+const MOST_ROOMS: u8 = 24;
+
+impl HouseOptions {
+    /// Small houses on one storey, quick to build and to walk: six to nine rooms.
+    pub fn small() -> Self {
+        Self { rooms: 6..=9, storeys: 1..=1, ..Self::default() }
+    }
+}
+
+impl Default for HouseOptions {
+    /// Six to 24 rooms on one or two storeys, furniture of the training pool.
+    fn default() -> Self {
+        Self { rooms: 6..=MOST_ROOMS, storeys: 1..=2, pool: Pool::Train }
+    }
+}
+
+/// A share of the palettes, shapes and part combinations of furniture; the shares are disjoint, so that a split can
+/// show things that no other split shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Pool {
+    /// For training splits.
+    #[default]
+    Train,
+    /// For validation splits.
+    Validation,
+    /// For test splits.
+    Test,
+}
+
+impl Pool {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Train, Self::Validation, Self::Test];
+
+    /// Its name: `train`, `validation` or `test`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Train => "train",
+            Self::Validation => "validation",
+            Self::Test => "test",
+        }
+    }
+
+    /// The pool called `name`; `None` when there is none.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|pool| pool.name() == name)
+    }
+}
+
+/// Builds the house of `seed`. The lowest floor lies on y = 0, its ceiling at 2.6 m, the next floor at 3.12 m, the middle
+/// of the house near the origin. Houses of five rooms or more have a hallway, a living room, a kitchen, a bedroom and a
+/// bathroom.
+pub fn house(name: &str, seed: u64, options: &HouseOptions) -> Scene {
+    let rng = Rng::new(seed).fork("house");
+    let (rooms, storeys) = size(&mut rng.fork("size"), options);
+    let (plan, assembly) = sound(&rng, rooms, storeys, options.pool);
+    assembly.into_scene(name, regions(&plan))
+}
+
+/// How often a house is drawn until a body gets everywhere.
+const DRAWS: u32 = 8;
+
+/// The first draw of a house in which a body gets everywhere, or else the last one.
+fn sound(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly) {
+    let mut draw = 0;
+    loop {
+        let rng = if draw == 0 { rng.clone() } else { rng.fork(&format!("draw {draw}")) };
+        let (plan, mut assembly) = build(&rng, rooms, storeys, pool);
+        let sound = repair(&plan, &mut assembly);
+        draw += 1;
+        if sound || draw == DRAWS {
+            return (plan, assembly);
+        }
+    }
+}
+
+/// One draw of a house.
+fn build(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly) {
+    let plan = Plan::draw(&rng.fork("plan"), rooms, storeys);
+    let mut finish_rng = rng.fork("finish");
+    let mut finishes: Vec<Finish> =
+        plan.rooms.iter().map(|room| Finish::choose(&mut finish_rng, room.kind)).collect();
+    let wells: Vec<usize> =
+        (0..plan.rooms.len()).filter(|&index| plan.rooms[index].kind == RoomKind::Stairs).collect();
+    if let [lower, upper, ..] = wells[..] {
+        finishes[upper] = finishes[lower].above();
+    }
+    let mut assembly = Assembly::default();
+    add_building(&mut assembly, &plan, &finishes);
+    let mut taste = Taste::new(rng.fork("taste"), pool);
+    for (index, finish) in finishes.iter().enumerate() {
+        assembly.on_floor_at(floor_m(plan.rooms[index].storey));
+        shell::add_room(&mut assembly, &plan, index, finish);
+        let room_rng = rng.fork(&format!("room {index}"));
+        let covered = furnish::furnish(&mut assembly, &mut taste, &room_rng, &plan, index);
+        shell::add_floor(&mut assembly, &plan, index, finish, &covered);
+        shell::add_far_windows(&mut assembly, &plan, index);
+    }
+    (plan, assembly)
+}
+
+/// The facade, what is inside the openings, and the stairs.
+fn add_building(assembly: &mut Assembly, plan: &Plan, finishes: &[Finish]) {
+    for storey in 0..plan.storeys() {
+        assembly.on_floor_at(floor_m(storey));
+        shell::add_facade(assembly, plan, storey);
+    }
+    for opening in &plan.openings {
+        assembly.on_floor_at(floor_m(plan.rooms[opening.rooms[0]].storey));
+        shell::add_opening(assembly, opening, &finishes[opening.rooms[0]]);
+    }
+    for index in (0..plan.rooms.len()).filter(|&index| plan.begins_stairs(index)) {
+        assembly.on_floor_at(floor_m(plan.rooms[index].storey));
+        shell::stairs::add_stairs(assembly, plan, index, &finishes[index]);
+    }
+}
+
+/// Radius of the body that gets through every door, and of the one whose floor is one piece, metres.
+const BODIES_M: [f32; 2] = [0.25 + RASTER_M, 0.1 + RASTER_M];
+
+/// What a lattice of 5 cm takes of a gap at each side, when a navmesh is cut from it, metres.
+const RASTER_M: f32 = 0.075;
+
+/// Share of the floor that must be one piece.
+const ONE_PIECE: f32 = 0.95;
+
+/// Takes away what stands in front of doors that a body cannot pass; `false` when that is not enough.
+fn repair(plan: &Plan, assembly: &mut Assembly) -> bool {
+    let reach = Reach::of(plan, assembly.objects(), BODIES_M[0]);
+    let blocked = reach.blocked(plan, BODIES_M[0]);
+    if !blocked.is_empty() {
+        let steps: Vec<_> = blocked
+            .iter()
+            .map(|door| (plan.rooms[door.rooms[0]].storey, reach::doorstep(door, 0.9)))
+            .collect();
+        assembly.remove(|object| {
+            let room = &plan.rooms[usize::from(object.region.unwrap_or(0))];
+            let place = Rect::of(&object.bounds);
+            let fixed = matches!(object.category.as_str(), "window" | "door");
+            !fixed && steps.iter().any(|(storey, step)| *storey == room.storey && step.overlaps(&place))
+        });
+    }
+    let [wide, slim] = BODIES_M.map(|radius_m| Reach::of(plan, assembly.objects(), radius_m));
+    wide.sealed().is_empty() && wide.blocked(plan, BODIES_M[0]).is_empty() && slim.share() >= ONE_PIECE
+}
+
+/// Numbers of rooms of small, medium and large houses, and how likely each class is.
+const SIZES: [(RangeInclusive<u8>, f32); 3] = [(6..=9, 0.3), (10..=15, 0.4), (16..=24, 0.3)];
+
+/// How likely a house that may have one or two storeys and enough rooms for two has two; about a third of all houses
+/// have too few.
+const TWO_STOREYS: f64 = 0.43;
+
+/// Numbers of rooms and of storeys within the options.
+fn size(rng: &mut Rng, options: &HouseOptions) -> (usize, usize) {
+    let (low, high) = (*options.rooms.start(), (*options.rooms.end()).max(*options.rooms.start()));
+    let classes = SIZES.map(|(class, weight)| ((*class.start()).max(low)..=(*class.end()).min(high), weight));
+    let classes: Vec<_> = classes.into_iter().filter(|(class, _)| !class.is_empty()).collect();
+    let mut left = rng.range(0.0, classes.iter().map(|(_, weight)| weight).sum());
+    let drawn = classes.into_iter().find(|(_, weight)| {
+        left -= weight;
+        left < 0.0
+    });
+    let (low, high) = drawn.map_or((low, high), |(class, _)| class.into_inner());
+    let rooms = usize::from(low) + rng.below(usize::from(high - low) + 1);
+    let (fewest, most) = (*options.storeys.start(), (*options.storeys.end()).min(2));
+    let upper = if fewest < most { rng.chance(TWO_STOREYS) } else { fewest.min(most) == 2 };
+    (rooms.clamp(1, usize::from(MOST_ROOMS)), 1 + usize::from(upper && rooms >= plan::STAIRS_FROM))
+}
+
+fn regions(plan: &Plan) -> Vec<Region> {
+    let region = |room: &plan::Room| {
+        let floor_m = floor_m(room.storey);
+        Region {
+            label: room.kind.label().to_owned(),
+            bounds: room.extent().raised([floor_m, floor_m + CEILING_M]),
+            storey: room.storey as u16,
+        }
+    };
+    plan.rooms.iter().map(region).collect()
+}
+
+/// Height of the floor of a storey above that of the lowest, metres.
+fn floor_m(storey: usize) -> f32 {
+    storey as f32 * STOREY_M
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn furnished_houses_let_a_wide_body_through_every_door_into_every_room() {
+        for seed in 0..120 {
+            let options = HouseOptions { pool: Pool::ALL[seed as usize % 3], ..HouseOptions::default() };
+            let rng = Rng::new(seed).fork("house");
+            let (rooms, storeys) = size(&mut rng.fork("size"), &options);
+            let (plan, assembly) = sound(&rng, rooms, storeys, options.pool);
+            assert_eq!((plan.rooms.len(), plan.storeys()), (rooms, storeys), "seed {seed}");
+            let reach = Reach::of(&plan, assembly.objects(), 0.25);
+            assert_eq!(reach.sealed(), Vec::<usize>::new(), "seed {seed}");
+            assert!(reach.blocked(&plan, 0.25).is_empty(), "seed {seed}");
+        }
+    }
+
+    #[test]
+    fn pools_are_found_by_their_names() {
+        for pool in Pool::ALL {
+            assert_eq!(Pool::from_name(pool.name()), Some(pool));
+            assert_eq!(serde_json::to_value(pool).unwrap(), pool.name());
+        }
+        assert_eq!(Pool::from_name("Train"), None);
+    }
+}

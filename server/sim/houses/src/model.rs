@@ -1,0 +1,231 @@
+//! Shapes that furniture is built of, in the furniture's own frame: the base on y = 0, the front towards +z.
+
+mod prism;
+mod round;
+mod seen;
+mod soft;
+
+use super::paint::Paint;
+use super::rect::turned;
+use avln_geom::{Aabb, Point2, Point3, Vector3, angle};
+use avln_scene::Lamp;
+pub(super) use seen::Facet;
+
+/// A corner of a triangle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Corner {
+    pub(super) position: Point3<f32>,
+    pub(super) normal: Vector3<f32>,
+    pub(super) uv: Point2<f32>,
+}
+
+/// A shape: triangles, each with its paint.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Model {
+    pub(super) corners: Vec<Corner>,
+    pub(super) triangles: Vec<([u32; 3], Paint)>,
+    /// Boxes that are part of the shape: what lies inside of them is not seen.
+    solids: Vec<Aabb>,
+    /// What shines.
+    pub(super) lamps: Vec<Lamp>,
+}
+
+/// A range along one axis, metres.
+pub(super) type Span = [f32; 2];
+
+/// The range of length `length` around `center`.
+pub(super) fn about(center: f32, length: f32) -> Span {
+    [center - length / 2.0, center + length / 2.0]
+}
+
+impl Model {
+    pub(super) fn new() -> Self {
+        Self::default()
+    }
+
+    /// Box around all corners.
+    ///
+    /// # Panics
+    /// When the model is empty.
+    pub(super) fn bounds(&self) -> Aabb {
+        Aabb::around(self.corners.iter().map(|corner| &corner.position)).expect("a model has corners")
+    }
+
+    /// A box with sharp edges.
+    pub(super) fn block(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
+        self.solid(x, y, z);
+        let p = |i: usize, j: usize, k: usize| Point3::new(x[i], y[j], z[k]);
+        self.quad([p(0, 0, 1), p(1, 0, 1), p(1, 1, 1), p(0, 1, 1)], paint);
+        self.quad([p(1, 0, 0), p(0, 0, 0), p(0, 1, 0), p(1, 1, 0)], paint);
+        self.quad([p(1, 0, 1), p(1, 0, 0), p(1, 1, 0), p(1, 1, 1)], paint);
+        self.quad([p(0, 0, 0), p(0, 0, 1), p(0, 1, 1), p(0, 1, 0)], paint);
+        self.quad([p(0, 1, 1), p(1, 1, 1), p(1, 1, 0), p(0, 1, 0)], paint);
+        self.quad([p(0, 0, 0), p(1, 0, 0), p(1, 0, 1), p(0, 0, 1)], paint);
+    }
+
+    /// Remembers that a box is full.
+    fn solid(&mut self, x: Span, y: Span, z: Span) {
+        let corner = |end: usize| Point3::new(x[end], y[end], z[end]);
+        self.solids.push(Aabb::new(corner(0), corner(1)));
+    }
+
+    /// The same box mirrored to -x, both sides of the furniture.
+    pub(super) fn pair(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
+        self.block(x, y, z, paint);
+        self.block([-x[1], -x[0]], y, z, paint);
+    }
+
+    /// A flat face with its corners counter-clockwise from the side that one sees.
+    pub(super) fn quad(&mut self, points: [Point3<f32>; 4], paint: Paint) {
+        let normal = (points[1] - points[0]).cross(&(points[3] - points[0]));
+        let normal = normal.try_normalize(1e-12).unwrap_or_else(Vector3::y);
+        let corner =
+            |point: &Point3<f32>| Corner { position: *point, normal, uv: flat_uv(point, &normal, paint) };
+        let corners = points.each_ref().map(corner);
+        self.face(corners, paint);
+    }
+
+    /// A flat face over which its paint's picture is stretched once, the first corner at the bottom left.
+    pub(super) fn picture(&mut self, points: [Point3<f32>; 4], paint: Paint) {
+        let normal = (points[1] - points[0]).cross(&(points[3] - points[0])).normalize();
+        let uvs = [(0.0, 1.0), (1.0, 1.0), (1.0, 0.0), (0.0, 0.0)];
+        let corner = |i: usize| Corner { position: points[i], normal, uv: Point2::new(uvs[i].0, uvs[i].1) };
+        self.face([corner(0), corner(1), corner(2), corner(3)], paint);
+    }
+
+    /// A face with corners of its own making.
+    pub(super) fn face(&mut self, corners: [Corner; 4], paint: Paint) {
+        let first = self.corners.len() as u32;
+        self.corners.extend(corners);
+        self.triangles.push(([first, first + 1, first + 2], paint));
+        self.triangles.push(([first, first + 2, first + 3], paint));
+    }
+
+    /// Adds `other`, turned by `quarter` quarter turns about +Y and then moved by `offset`.
+    pub(super) fn add(&mut self, other: &Model, quarter: u8, offset: Vector3<f32>) {
+        let first = self.corners.len() as u32;
+        let moved = other.moved(quarter, offset);
+        self.corners.extend(moved.corners);
+        self.solids.extend(moved.solids);
+        self.lamps.extend(moved.lamps);
+        let triangles = moved.triangles.iter();
+        self.triangles
+            .extend(triangles.map(|&(corners, paint)| (corners.map(|corner| corner + first), paint)));
+    }
+
+    /// This model turned by `quarter` quarter turns about +Y and then moved by `offset`.
+    pub(super) fn moved(&self, quarter: u8, offset: Vector3<f32>) -> Model {
+        let turn = |v: Vector3<f32>| {
+            let [x, z] = turned(quarter, [v.x, v.z]);
+            Vector3::new(x, v.y, z)
+        };
+        let corner = |c: &Corner| Corner {
+            position: Point3::from(turn(c.position.coords) + offset),
+            normal: turn(c.normal),
+            uv: c.uv,
+        };
+        let place = |point: &Point3<f32>| Point3::from(turn(point.coords) + offset);
+        let solid = |solid: &Aabb| {
+            let (a, b) = (place(&solid.min), place(&solid.max));
+            Aabb::new(a.inf(&b), a.sup(&b))
+        };
+        let lamp =
+            |lamp: &Lamp| Lamp { position: place(&lamp.position), facing: lamp.facing.map(turn), ..*lamp };
+        Model {
+            corners: self.corners.iter().map(corner).collect(),
+            triangles: self.triangles.clone(),
+            solids: self.solids.iter().map(solid).collect(),
+            lamps: self.lamps.iter().map(lamp).collect(),
+        }
+    }
+}
+
+impl Model {
+    /// This model leant back by 70 degrees: what lay on its base stands on its front edge.
+    pub(super) fn leaning(&self) -> Model {
+        let (sin, cos) = angle::sin_cos(1.22);
+        let lean = |v: Vector3<f32>| Vector3::new(v.x, v.y * cos - v.z * sin, v.y * sin + v.z * cos);
+        let corner = |c: &Corner| Corner {
+            position: Point3::from(lean(c.position.coords)),
+            normal: lean(c.normal),
+            uv: c.uv,
+        };
+        Model {
+            corners: self.corners.iter().map(corner).collect(),
+            triangles: self.triangles.clone(),
+            solids: vec![],
+            lamps: vec![],
+        }
+    }
+}
+
+/// Texture coordinates of a point on a flat face: metres along the face's own axes, in tiles of the pattern.
+pub(super) fn flat_uv(point: &Point3<f32>, normal: &Vector3<f32>, paint: Paint) -> Point2<f32> {
+    let tile_m = paint.pattern.and_then(|pattern| pattern.tile_m()).unwrap_or(1.0);
+    let size = normal.abs();
+    let (u, v) = if size.y >= size.x && size.y >= size.z {
+        (point.x, point.z)
+    } else if size.x >= size.z {
+        (point.z, -point.y)
+    } else {
+        (point.x, -point.y)
+    };
+    Point2::new(u / tile_m, v / tile_m)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::paint::Paint;
+    use std::f32::consts::{FRAC_PI_2, PI, TAU};
+
+    const PAINT: Paint = Paint::CHROME;
+
+    /// The volume that the triangles enclose; negative when they face inwards.
+    fn volume_m3(model: &Model) -> f32 {
+        let corner = |index: u32| model.corners[index as usize].position.coords;
+        let wedge = |&([a, b, c], _): &([u32; 3], Paint)| corner(a).dot(&corner(b).cross(&corner(c))) / 6.0;
+        model.triangles.iter().map(wedge).sum()
+    }
+
+    /// Checks the volume of a convex shape, and that all its faces and normals look away from its middle.
+    fn check(name: &str, draw: impl Fn(&mut Model), expected_m3: f32, tolerance_m3: f32) {
+        let mut model = Model::new();
+        draw(&mut model);
+        let (volume, middle) = (volume_m3(&model), model.bounds().center());
+        assert!((volume - expected_m3).abs() < tolerance_m3, "{name}: {volume} instead of {expected_m3}");
+        for ([a, b, c], _) in &model.triangles {
+            let [a, b, c] = [a, b, c].map(|&index| model.corners[index as usize]);
+            let facing = (b.position - a.position).cross(&(c.position - a.position));
+            let outwards = (a.position - middle) + (b.position - middle) + (c.position - middle);
+            assert!(facing.dot(&outwards) >= -1e-6, "{name}: a face looks inwards");
+            assert!(facing.dot(&(a.normal + b.normal + c.normal)) >= -1e-6, "{name}: a normal looks inwards");
+        }
+    }
+
+    #[test]
+    fn shapes_are_closed_and_face_outwards() {
+        let (x, y, z) = ([-1.0, 1.0], [0.5, 1.0], [2.0, 5.0]);
+        check("block", |m| m.block(x, y, z, PAINT), 3.0, 1e-4);
+        check("soft", |m| m.soft(x, y, z, 0.05, PAINT), 3.0, 0.05);
+        check("cylinder", |m| m.cylinder([1.0, 2.0], [1.0, 3.0], 0.5, 64, PAINT), FRAC_PI_2, 0.01);
+        check("cone", |m| m.lathe([0.0, 0.0], &[[1.0, 0.0], [0.0, 3.0]], 64, PAINT), PI, 0.02);
+        check("oval", |m| m.oval([0.0, 0.0], [2.0, 1.0], &[[1.0, 0.0], [1.0, 1.0]], 64, PAINT), TAU, 0.02);
+        // Along each axis the mean height over five cells is 0.7729 of the full one.
+        check("pillow", |m| m.pillow(x, y, z, PAINT), 3.0 * 0.7729 * 0.7729, 0.02);
+        let square = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+        check("prism along z", |m| m.prism_z(&square, [0.0, 3.0], PAINT), 12.0, 1e-4);
+        check("prism along y", |m| m.prism_y(&square, [0.0, 3.0], PAINT), 12.0, 1e-4);
+        check("prism along x", |m| m.prism_x(&square, [0.0, 3.0], PAINT), 12.0, 1e-4);
+    }
+
+    #[test]
+    fn a_quarter_turn_takes_the_front_to_plus_x() {
+        let mut model = Model::new();
+        model.block([-1.0, 1.0], [0.0, 1.0], [0.0, 3.0], PAINT);
+        let bounds = model.moved(1, Vector3::new(10.0, 0.0, 0.0)).bounds();
+        assert_eq!((bounds.min, bounds.max), (Point3::new(10.0, 0.0, -1.0), Point3::new(13.0, 1.0, 1.0)));
+        let turned = model.moved(3, Vector3::zeros());
+        assert!(volume_m3(&turned) > 0.0);
+    }
+}

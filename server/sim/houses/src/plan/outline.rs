@@ -1,0 +1,227 @@
+//! From the rectangles of a room to its floor and its walls.
+
+use crate::rect::{Rect, Side};
+
+/// A straight piece of wall as one sees it from inside.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Face {
+    /// Which way it looks.
+    pub(crate) side: Side,
+    /// Where it stands, on the axis across it.
+    pub(crate) line_m: f32,
+    /// What it covers on the axis along it.
+    pub(crate) along: [f32; 2],
+}
+
+impl Face {
+    /// Distance on the floor between a place and this wall.
+    pub(crate) fn distance_m(&self, place: [f32; 2]) -> f32 {
+        let line = [self.line_m; 2];
+        let flat =
+            if self.side.runs_along_x() { Rect::new(self.along, line) } else { Rect::new(line, self.along) };
+        flat.distance_m(place)
+    }
+}
+
+/// A shape with right angles: a grid of lines, and which of its cells belong to the shape.
+pub(crate) struct Outline {
+    x: Vec<f32>,
+    z: Vec<f32>,
+    /// Row by row, x fastest.
+    inside: Vec<bool>,
+}
+
+impl Outline {
+    /// The union of `rects`, every edge of it moved inwards by `margin_m` (outwards when that is negative). Parts of
+    /// the union are wider than twice the margin.
+    pub(crate) fn inset(rects: &[Rect], margin_m: f32) -> Self {
+        let lines = |axis: fn(&Rect) -> [f32; 2]| {
+            let both = rects.iter().flat_map(&axis).flat_map(|v| [v - margin_m, v + margin_m]);
+            sorted_lines(both.collect())
+        };
+        let holds = |place: [f32; 2]| rects.iter().any(|rect| rect.distance_m(place) < 1e-4);
+        Self::filled(lines(|rect| rect.x), lines(|rect| rect.z), |[x, z]| match margin_m > 0.0 {
+            true => [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)]
+                .iter()
+                .all(|(i, k)| holds([x + i * margin_m, z + k * margin_m])),
+            false => rects.iter().any(|rect| rect.inset(margin_m).distance_m([x, z]) == 0.0),
+        })
+    }
+
+    /// What remains of `rect` without `holes`.
+    pub(crate) fn without(rect: &Rect, holes: &[Rect]) -> Self {
+        let lines = |axis: fn(&Rect) -> [f32; 2]| {
+            let [low, high] = axis(rect);
+            let cuts = holes.iter().flat_map(&axis).map(|value| value.clamp(low, high));
+            sorted_lines(cuts.chain([low, high]).collect())
+        };
+        Self::filled(lines(|rect| rect.x), lines(|rect| rect.z), |place| {
+            holes.iter().all(|hole| hole.distance_m(place) > 0.0)
+        })
+    }
+
+    /// What remains without `rect`, whose edges lie on the grid.
+    pub(crate) fn less(&self, rect: &Rect) -> Self {
+        Self::filled(self.x.clone(), self.z.clone(), |place| {
+            rect.distance_m(place) > 0.0 && self.contains(place)
+        })
+    }
+
+    fn contains(&self, [x, z]: [f32; 2]) -> bool {
+        let cell = |lines: &[f32], value: f32| lines.partition_point(|line| *line <= value) as isize - 1;
+        self.holds(cell(&self.x, x), cell(&self.z, z))
+    }
+
+    fn filled(x: Vec<f32>, z: Vec<f32>, is_inside: impl Fn([f32; 2]) -> bool) -> Self {
+        let middles = |lines: &[f32]| lines.windows(2).map(|w| (w[0] + w[1]) / 2.0).collect::<Vec<f32>>();
+        let (columns, rows) = (middles(&x), middles(&z));
+        let cells = rows.iter().flat_map(|&z| columns.iter().map(move |&x| [x, z]));
+        let inside = cells.map(is_inside).collect();
+        Self { x, z, inside }
+    }
+
+    fn holds(&self, column: isize, row: isize) -> bool {
+        let (columns, rows) = (self.x.len() as isize - 1, self.z.len() as isize - 1);
+        let on_grid = (0..columns).contains(&column) && (0..rows).contains(&row);
+        on_grid && self.inside[(row * columns + column) as usize]
+    }
+
+    /// Rectangles without overlap that cover the shape, the largest first.
+    pub(crate) fn rects(&self) -> Vec<Rect> {
+        let mut rects: Vec<Rect> = Vec::new();
+        for row in 0..self.z.len().saturating_sub(1) {
+            let z = [self.z[row], self.z[row + 1]];
+            for [from, to] in self.runs(row) {
+                let x = [self.x[from], self.x[to]];
+                match rects.iter_mut().find(|rect| rect.x == x && rect.z[1] == z[0]) {
+                    Some(above) => above.z[1] = z[1],
+                    None => rects.push(Rect::new(x, z)),
+                }
+            }
+        }
+        rects.sort_by(|a, b| b.area_m2().total_cmp(&a.area_m2()));
+        rects
+    }
+
+    /// The columns of one row that lie inside, as ranges of lines.
+    fn runs(&self, row: usize) -> Vec<[usize; 2]> {
+        let mut runs: Vec<[usize; 2]> = Vec::new();
+        for column in 0..self.x.len() - 1 {
+            if self.holds(column as isize, row as isize) {
+                match runs.last_mut().filter(|run| run[1] == column) {
+                    Some(run) => run[1] = column + 1,
+                    None => runs.push([column, column + 1]),
+                }
+            }
+        }
+        runs
+    }
+
+    /// The largest rectangle inside the shape; `None` when the shape is empty.
+    pub(crate) fn largest(&self) -> Option<Rect> {
+        let mut best: Option<Rect> = None;
+        for top in 0..self.z.len().saturating_sub(1) {
+            let mut open: Vec<bool> = (0..self.x.len() - 1).map(|_| true).collect();
+            for row in top..self.z.len() - 1 {
+                let holds = |column: usize| self.holds(column as isize, row as isize);
+                open.iter_mut().enumerate().for_each(|(column, free)| *free &= holds(column));
+                for [from, to] in runs_of(&open) {
+                    let rect = Rect::new([self.x[from], self.x[to]], [self.z[top], self.z[row + 1]]);
+                    if best.is_none_or(|best| rect.area_m2() > best.area_m2() + 1e-4) {
+                        best = Some(rect);
+                    }
+                }
+            }
+        }
+        best
+    }
+
+    /// The walls around the shape as seen from inside, in the order of [`Side::ALL`].
+    pub(crate) fn faces(&self) -> Vec<Face> {
+        let mut faces: Vec<Face> = Vec::new();
+        for side in Side::ALL {
+            let (step_column, step_row) = match side {
+                Side::North => (0, -1),
+                Side::South => (0, 1),
+                Side::West => (-1, 0),
+                Side::East => (1, 0),
+            };
+            for cell in 0..self.inside.len() {
+                let columns = self.x.len() - 1;
+                let (column, row) = (cell % columns, cell / columns);
+                let beyond = self.holds(column as isize + step_column, row as isize + step_row);
+                if self.inside[cell] && !beyond {
+                    let rect =
+                        Rect::new([self.x[column], self.x[column + 1]], [self.z[row], self.z[row + 1]]);
+                    join(&mut faces, side, &rect);
+                }
+            }
+        }
+        faces
+    }
+}
+
+/// Adds one side of a cell to the faces, as a longer face where it continues one.
+fn join(faces: &mut Vec<Face>, side: Side, cell: &Rect) {
+    let (line_m, along) = (side.line_m(cell), side.span(cell));
+    let continued = |face: &&mut Face| {
+        face.side == side && face.line_m == line_m && (face.along[1] - along[0]).abs() < 1e-4
+    };
+    match faces.iter_mut().find(continued) {
+        Some(face) => face.along[1] = along[1],
+        None => faces.push(Face { side, line_m, along }),
+    }
+}
+
+fn runs_of(open: &[bool]) -> Vec<[usize; 2]> {
+    let mut runs = Vec::new();
+    let mut start = None;
+    for (index, &free) in open.iter().chain([&false]).enumerate() {
+        match (start, free) {
+            (None, true) => start = Some(index),
+            (Some(from), false) => {
+                runs.push([from, index]);
+                start = None;
+            }
+            _ => {}
+        }
+    }
+    runs
+}
+
+fn sorted_lines(mut lines: Vec<f32>) -> Vec<f32> {
+    lines.sort_by(f32::total_cmp);
+    lines.dedup_by(|a, b| (*a - *b).abs() < 1e-3);
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ell() -> Vec<Rect> {
+        vec![Rect::new([0.0, 4.0], [0.0, 2.0]), Rect::new([0.0, 1.0], [2.0, 5.0])]
+    }
+
+    #[test]
+    fn an_l_has_six_walls_and_its_inner_corner_moves_outwards() {
+        let room = Outline::inset(&ell(), 0.25);
+        let mut faces = room.faces();
+        faces.sort_by(|a, b| a.line_m.total_cmp(&b.line_m));
+        assert_eq!(faces.len(), 6);
+        let south: Vec<&Face> = faces.iter().filter(|face| face.side == Side::South).collect();
+        assert_eq!((south[0].line_m, south[0].along), (1.75, [0.75, 3.75]));
+        assert_eq!((south[1].line_m, south[1].along), (4.75, [0.25, 0.75]));
+        let area: f32 = room.rects().iter().map(Rect::area_m2).sum();
+        assert!((area - (3.5 * 1.5 + 0.5 * 3.0)).abs() < 1e-4, "{area}");
+        assert_eq!(room.largest(), Some(Rect::new([0.25, 3.75], [0.25, 1.75])));
+        assert_eq!(Outline::inset(&ell(), -0.25).largest(), Some(Rect::new([-0.25, 4.25], [-0.25, 2.25])));
+    }
+
+    #[test]
+    fn a_corner_cut_out_leaves_an_l() {
+        let rest = Outline::without(&Rect::new([0.0, 4.0], [0.0, 5.0]), &[Rect::new([1.0, 4.0], [2.0, 5.0])]);
+        assert_eq!(rest.rects(), ell());
+        assert_eq!(rest.faces().len(), 6);
+    }
+}

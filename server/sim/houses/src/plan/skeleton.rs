@@ -1,0 +1,262 @@
+//! The shape of a storey: arms of rooms on both sides of a hallway, and where the stairs are.
+//!
+//! All of this is in the frame of the main hallway, which runs along x from 0; rows of rooms lie at smaller z (row 0)
+//! and larger z (row 1).
+
+use super::RoomKind;
+use crate::rect::{Rect, Side};
+use avln_geom::Rng;
+
+/// Width of the stairs' cell, and its least depth, metres.
+const STAIRS_M: [f32; 2] = [2.24, 4.37];
+
+/// The shortest stretch beside a hallway that is worth a room, metres.
+const LEAST_M: f32 = 2.6;
+
+/// A rectangle that rooms are cut from, side by side along its hallway.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Block {
+    pub(super) rect: Rect,
+    /// The side that the hallway runs along.
+    pub(super) hall: Side,
+    /// The part of that side that the hallway reaches.
+    pub(super) frontage: [f32; 2],
+    /// Whether it closes the end of a hallway and is one room.
+    pub(super) closes: bool,
+}
+
+/// Hallways, stairs, and the blocks that rooms are cut from.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Skeleton {
+    pub(super) passages: Vec<(RoomKind, Rect)>,
+    pub(super) blocks: Vec<Block>,
+}
+
+/// The measures of a house that its storeys share, metres.
+#[derive(Clone, Debug)]
+pub(super) struct Frame {
+    hall: f32,
+    rows: [f32; 2],
+    length: f32,
+    /// Where the entryway ends; 0 when there is none.
+    entry: f32,
+    /// Where the main hallway stops short of the end, a room of row 1 across it.
+    stop: f32,
+    /// Where the stairs begin along row 0.
+    stairs: Option<f32>,
+    pub(super) wings: Vec<Wing>,
+}
+
+/// An arm across the main one.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Wing {
+    /// The row that its hallway cuts through.
+    row: usize,
+    /// Where its hallway lies along the main one.
+    start: f32,
+    hall: f32,
+    /// Depths of the rooms at smaller and larger x; 0 when that side has none.
+    sides: [f32; 2],
+    length: f32,
+    /// Length of the room across its end; 0 when there is none.
+    end: f32,
+}
+
+impl Wing {
+    fn span(&self) -> [f32; 2] {
+        [self.start - self.sides[0], self.start + self.hall + self.sides[1]]
+    }
+
+    fn width(&self) -> f32 {
+        self.sides[0] + self.hall + self.sides[1]
+    }
+
+    fn rooms_m2(&self) -> f32 {
+        (self.sides[0] + self.sides[1]) * self.length + self.end * self.hall
+    }
+}
+
+/// What a frame is drawn for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Wanted {
+    /// Floor area of all rooms but the passages, square metres.
+    pub(super) rooms_m2: f32,
+    pub(super) wings: usize,
+    pub(super) entry: bool,
+    pub(super) stairs: bool,
+}
+
+impl Frame {
+    /// Draws a frame; `None` when the draw does not come out well.
+    pub(super) fn draw(rng: &mut Rng, wanted: Wanted) -> Option<Self> {
+        let deep = if wanted.rooms_m2 < 60.0 { [3.3, 4.0] } else { [3.8, 4.8] };
+        let mut rows = [rng.range(deep[0], deep[1]), rng.range(deep[0], deep[1])];
+        rows[0] = if wanted.stairs { rows[0].max(STAIRS_M[1]) } else { rows[0] };
+        let hall = rng.range(1.42, 1.75);
+        let mut wings: Vec<Wing> = (0..wanted.wings).map(|index| wing(rng, wanted, index)).collect();
+        let through: f32 = wings.iter().map(|wing| wing.hall * rows[wing.row]).sum();
+        let stairs_m2 = if wanted.stairs { STAIRS_M[0] * rows[0] } else { 0.0 };
+        let in_wings: f32 = wings.iter().map(Wing::rooms_m2).sum();
+        let stop = if rng.chance(0.55) { rng.range(3.6, 4.4) } else { 0.0 };
+        let main_m2 = wanted.rooms_m2 - in_wings + through + stairs_m2 - stop * hall;
+        let length = (main_m2 / (rows[0] + rows[1])).max(6.0);
+        place(rng, &mut wings, length)?;
+        let stop = if blocked(&wings, length - stop - LEAST_M, length) { 0.0 } else { stop };
+        let stairs = if wanted.stairs { Some(stairs_start(rng, length, stop)?) } else { None };
+        let entry = if wanted.entry { rng.range(2.0, 2.8) } else { 0.0 };
+        let apart = wings.iter().all(|wing| wing.start >= entry);
+        (apart && length < 26.0).then_some(Self { hall, rows, length, entry, stop, stairs, wings }.rounded())
+    }
+
+    fn rounded(mut self) -> Self {
+        let round = |value: &mut f32| *value = (*value * 100.0).round() / 100.0;
+        let own = [&mut self.hall, &mut self.length, &mut self.entry, &mut self.stop];
+        own.into_iter().chain(&mut self.rows).chain(&mut self.stairs).for_each(round);
+        for wing in &mut self.wings {
+            let own = [&mut wing.start, &mut wing.hall, &mut wing.length, &mut wing.end];
+            own.into_iter().chain(&mut wing.sides).for_each(round);
+            let flush = wing.span()[1] - self.length;
+            wing.start -= if flush.abs() < 0.05 { flush } else { 0.0 };
+            let flush = wing.span()[0];
+            wing.start -= if flush.abs() < 0.05 { flush } else { 0.0 };
+        }
+        self
+    }
+
+    /// The storey with the first `wings` wings; the lowest one has the entryway.
+    pub(super) fn storey(&self, wings: usize, lowest: bool) -> Skeleton {
+        let mut skeleton = Skeleton::default();
+        self.main_hall(&mut skeleton, lowest);
+        let end = self.length - self.stop;
+        for row in 0..2 {
+            let reach = if row == 1 { end } else { self.length };
+            let mut cuts: Vec<[f32; 2]> = self.wings[..wings]
+                .iter()
+                .filter(|wing| wing.row == row)
+                .map(|wing| [wing.start, wing.start + wing.hall])
+                .collect();
+            if let Some(start) = self.stairs.filter(|_| row == 0) {
+                cuts.push([start, start + STAIRS_M[0]]);
+            }
+            for x in super::remainder([0.0, reach], cuts.into_iter()) {
+                let (z, hall) = (self.row_z(row), if row == 0 { Side::South } else { Side::North });
+                let frontage = [x[0], x[1].min(end)];
+                skeleton.blocks.push(Block { rect: Rect::new(x, z), hall, frontage, closes: false });
+            }
+        }
+        if self.stop > 0.0 {
+            let rect = Rect::new([end, self.length], [0.0, self.row_z(1)[1]]);
+            let frontage = [0.0, self.hall];
+            skeleton.blocks.push(Block { rect, hall: Side::West, frontage, closes: true });
+        }
+        for wing in &self.wings[..wings] {
+            self.add_wing(&mut skeleton, wing);
+        }
+        skeleton
+    }
+
+    fn row_z(&self, row: usize) -> [f32; 2] {
+        if row == 0 { [-self.rows[0], 0.0] } else { [self.hall, self.hall + self.rows[1]] }
+    }
+
+    fn main_hall(&self, skeleton: &mut Skeleton, lowest: bool) {
+        let (z, end) = ([0.0, self.hall], self.length - self.stop);
+        let entry = if lowest { self.entry } else { 0.0 };
+        skeleton.passages.push((RoomKind::Hallway, Rect::new([entry, end], z)));
+        if entry > 0.0 {
+            skeleton.passages.push((RoomKind::Entryway, Rect::new([0.0, entry], z)));
+        }
+        if let Some(start) = self.stairs {
+            let cell = Rect::new([start, start + STAIRS_M[0]], self.row_z(0));
+            skeleton.passages.push((RoomKind::Stairs, cell));
+        }
+    }
+
+    fn add_wing(&self, skeleton: &mut Skeleton, wing: &Wing) {
+        // z grows away from the main hallway; wings of row 0 are mirrored at the end.
+        let outer = if wing.row == 1 { self.row_z(1)[1] } else { self.hall + self.rows[0] };
+        let mirrored = |rect: Rect| match wing.row {
+            1 => rect,
+            _ => Rect::new(rect.x, rect.z.map(|z| self.hall - z)),
+        };
+        let (far, [low, high]) = (outer + wing.length, wing.span());
+        let hall_x = [wing.start, wing.start + wing.hall];
+        let stop = far - wing.end;
+        skeleton.passages.push((RoomKind::Hallway, mirrored(Rect::new(hall_x, [self.hall, stop]))));
+        // The room across the end takes one side of the hallway, the other side's row goes on beside it.
+        let across = usize::from(wing.sides[1] > wing.sides[0]);
+        for (side, x, hall) in [(0, [low, hall_x[0]], Side::East), (1, [hall_x[1], high], Side::West)] {
+            if wing.sides[side] > 0.0 {
+                let reach = if side == across { stop } else { far };
+                let rect = mirrored(Rect::new(x, [outer, reach]));
+                let frontage = mirrored(Rect::new(x, [outer, stop])).z;
+                skeleton.blocks.push(Block { rect, hall, frontage, closes: false });
+            }
+        }
+        if wing.end > 0.0 {
+            let x = if across == 0 { [low, hall_x[1]] } else { [hall_x[0], high] };
+            let hall = if wing.row == 1 { Side::North } else { Side::South };
+            let rect = mirrored(Rect::new(x, [stop, far]));
+            skeleton.blocks.push(Block { rect, hall, frontage: hall_x, closes: true });
+        }
+    }
+}
+
+fn wing(rng: &mut Rng, wanted: Wanted, index: usize) -> Wing {
+    let share = if wanted.wings == 1 { rng.range(0.3, 0.42) } else { rng.range(0.22, 0.3) };
+    let depths = [rng.range(3.4, 4.4), rng.range(3.4, 4.4)];
+    let area = share * wanted.rooms_m2;
+    // Arms with few rooms have them on one side of the hallway only.
+    let sides = match (area < 34.0 || rng.chance(0.25), rng.chance(0.5)) {
+        (true, true) => [depths[0], 0.0],
+        (true, false) => [0.0, depths[1]],
+        _ => depths,
+    };
+    let hall = rng.range(1.42, 1.7);
+    let length = (area / (sides[0] + sides[1])).clamp(3.4, 11.0);
+    let end = if length > 7.0 && rng.chance(0.5) { rng.range(3.4, 4.2) } else { 0.0 };
+    let row = if wanted.stairs || index == 0 { 1 } else { rng.below(2) };
+    Wing { row, start: 0.0, hall, sides, length, end }
+}
+
+/// Finds places for the wings along the main arm: flush with an end of it, or in between.
+fn place(rng: &mut Rng, wings: &mut [Wing], length: f32) -> Option<()> {
+    for index in 0..wings.len() {
+        let wing = wings[index];
+        let play = length - wing.width();
+        let row: Vec<[f32; 2]> =
+            wings[..index].iter().filter(|other| other.row == wing.row).map(Wing::span).collect();
+        let fits = |from: &f32| {
+            let span = [*from, *from + wing.width()];
+            let hall = [span[0] + wing.sides[0], span[0] + wing.sides[0] + wing.hall];
+            let whole = |gap: f32| !(1e-3..LEAST_M).contains(&gap);
+            whole(hall[0])
+                && whole(length - hall[1])
+                && row.iter().all(|other| other[0] - span[1] > LEAST_M || span[0] - other[1] > LEAST_M)
+        };
+        let free = rng.range(0.0, play.max(0.01));
+        let mut places = [0.0, play, free];
+        rng.shuffle(&mut places);
+        let from = places.into_iter().filter(|from| *from >= 0.0).find(fits)?;
+        wings[index].start = from + wing.sides[0];
+    }
+    Some(())
+}
+
+/// Whether a wing has its hallway in a range of the main one.
+fn blocked(wings: &[Wing], from: f32, to: f32) -> bool {
+    wings.iter().any(|wing| wing.start + wing.hall > from && wing.start < to)
+}
+
+/// Where the stairs may begin: where they leave no stretch beside them that is too short for a room.
+fn stairs_start(rng: &mut Rng, length: f32, stop: f32) -> Option<f32> {
+    let last = length - stop - STAIRS_M[0];
+    let free = rng.range(LEAST_M, last.max(LEAST_M + 0.1));
+    let fits = |start: &f32| {
+        let after = length - start - STAIRS_M[0];
+        *start <= last + 1e-3 && (*start < 1e-3 || *start >= LEAST_M) && !(1e-3..LEAST_M).contains(&after)
+    };
+    let mut starts = [free, free, last];
+    rng.shuffle(&mut starts);
+    starts.into_iter().find(fits)
+}

@@ -1,0 +1,230 @@
+//! Whether a body gets everywhere: free floor on a lattice, before anybody builds a navmesh.
+
+use super::plan::{Opening, Plan, RoomKind, WALL_M};
+use super::rect::Rect;
+use super::{floor_m, shell};
+use avln_scene::Object;
+
+/// What reaches from below this height to above it stands in the way of a body, metres above the floor.
+const BODY_M: [f32; 2] = [0.2, 1.5];
+
+/// Edge of a lattice cell, metres.
+const CELL_M: f32 = 0.1;
+
+/// Which floor a body of one radius can stand on, and what of it is one piece.
+pub(super) struct Reach {
+    /// Cells of one room each, by room.
+    rooms: Vec<Vec<Cell>>,
+    lattice: Lattice,
+    /// By cell: the piece that it belongs to; `None` where nobody can stand.
+    piece_of: Vec<Option<usize>>,
+    /// Cells of each piece.
+    sizes: Vec<usize>,
+}
+
+type Cell = usize;
+
+impl Reach {
+    pub(super) fn of(plan: &Plan, objects: &[Object], radius_m: f32) -> Self {
+        let lattice = Lattice::around(plan);
+        let mut free = vec![false; lattice.count()];
+        let mut rooms = Vec::new();
+        for index in 0..plan.rooms.len() {
+            let obstacles = obstacles(plan, objects, index);
+            let cells = standing(plan, &lattice, index, &obstacles, radius_m);
+            cells.iter().for_each(|&cell| free[cell] = true);
+            rooms.push(cells);
+        }
+        for opening in &plan.openings {
+            let storey = plan.rooms[opening.rooms[0]].storey;
+            lattice.cells_in(storey, through(opening, radius_m)).for_each(|cell| free[cell] = true);
+        }
+        let stairs: Vec<&[Cell]> = (0..rooms.len())
+            .filter(|&room| plan.rooms[room].kind == RoomKind::Stairs)
+            .map(|room| rooms[room].as_slice())
+            .collect();
+        let (piece_of, sizes) = lattice.pieces(&free, &stairs);
+        Self { rooms, lattice, piece_of, sizes }
+    }
+
+    fn largest(&self) -> Option<usize> {
+        (0..self.sizes.len()).max_by_key(|&piece| (self.sizes[piece], usize::MAX - piece))
+    }
+
+    /// Share of the free floor that is the largest piece, 0 to 1.
+    pub(super) fn share(&self) -> f32 {
+        let most = self.sizes.iter().max().copied().unwrap_or(0);
+        most as f32 / self.sizes.iter().sum::<usize>().max(1) as f32
+    }
+
+    /// The rooms in which nobody from the largest piece can stand.
+    pub(super) fn sealed(&self) -> Vec<usize> {
+        let largest = self.largest();
+        let entered = |cells: &Vec<Cell>| cells.iter().any(|&cell| self.piece_of[cell] == largest);
+        (0..self.rooms.len()).filter(|&room| largest.is_none() || !entered(&self.rooms[room])).collect()
+    }
+
+    /// The openings that the largest piece does not go through.
+    pub(super) fn blocked<'a>(&self, plan: &'a Plan, radius_m: f32) -> Vec<&'a Opening> {
+        let largest = self.largest();
+        let passable = |opening: &Opening| {
+            let storey = plan.rooms[opening.rooms[0]].storey;
+            let mut cells = self.lattice.cells_in(storey, through(opening, radius_m));
+            cells.any(|cell| self.piece_of[cell] == largest)
+        };
+        plan.openings.iter().filter(|opening| largest.is_none() || !passable(opening)).collect()
+    }
+}
+
+/// The floor inside an opening where a body touches neither jamb, a little beyond the wall on both sides.
+fn through(opening: &Opening, radius_m: f32) -> Rect {
+    let beyond = WALL_M / 2.0 + radius_m + CELL_M;
+    let across = [opening.line_m - beyond, opening.line_m + beyond];
+    let along = [opening.along[0] + radius_m, opening.along[1] - radius_m];
+    if opening.along_x { Rect::new(along, across) } else { Rect::new(across, along) }
+}
+
+/// The floor in front of an opening, on both sides of it.
+pub(super) fn doorstep(opening: &Opening, depth_m: f32) -> Rect {
+    let across = [opening.line_m - depth_m, opening.line_m + depth_m];
+    if opening.along_x { Rect::new(opening.along, across) } else { Rect::new(across, opening.along) }
+}
+
+/// What stands in a body's way in one room, seen from above.
+fn obstacles(plan: &Plan, objects: &[Object], index: usize) -> Vec<Rect> {
+    let floor_m = floor_m(plan.rooms[index].storey);
+    let in_room = objects.iter().filter(|object| object.region == Some(index as u16));
+    let solid = in_room.filter(|object| {
+        object.bounds.max.y - floor_m > BODY_M[0] && object.bounds.min.y - floor_m < BODY_M[1]
+    });
+    solid.map(|object| Rect::of(&object.bounds)).collect()
+}
+
+/// The cells of a room where a body can stand.
+fn standing(plan: &Plan, lattice: &Lattice, index: usize, obstacles: &[Rect], radius_m: f32) -> Vec<Cell> {
+    let room = &plan.rooms[index];
+    let walls = room.faces();
+    let floor = shell::floor_of(plan, index);
+    let clear = |cell: &Cell| {
+        let place = lattice.center(*cell);
+        obstacles.iter().all(|solid| solid.distance_m(place) >= radius_m)
+            && walls.iter().all(|wall| wall.distance_m(place) >= radius_m)
+    };
+    floor.into_iter().flat_map(|rect| lattice.cells_in(room.storey, rect)).filter(clear).collect()
+}
+
+/// Square cells over all storeys, storey by storey, row by row.
+struct Lattice {
+    origin: [f32; 2],
+    columns: usize,
+    rows: usize,
+    storeys: usize,
+}
+
+impl Lattice {
+    fn around(plan: &Plan) -> Self {
+        let cells: Vec<Rect> = plan.rooms.iter().flat_map(|room| room.cells.iter().copied()).collect();
+        let extent = super::plan::around(&cells);
+        let [columns, rows] = extent.size().map(|length| (length / CELL_M).ceil() as usize + 1);
+        Self { origin: [extent.x[0], extent.z[0]], columns, rows, storeys: plan.storeys() }
+    }
+
+    fn count(&self) -> usize {
+        self.columns * self.rows * self.storeys
+    }
+
+    fn center(&self, cell: Cell) -> [f32; 2] {
+        let (column, row) = (cell % self.columns, cell / self.columns % self.rows);
+        let at = |origin: f32, index: usize| origin + (index as f32 + 0.5) * CELL_M;
+        [at(self.origin[0], column), at(self.origin[1], row)]
+    }
+
+    /// The cells of a storey whose middle lies in `rect`.
+    fn cells_in(&self, storey: usize, rect: Rect) -> impl Iterator<Item = Cell> + use<> {
+        let range = |span: [f32; 2], origin: f32, count: usize| {
+            let index =
+                |value: f32| ((value - origin) / CELL_M - 0.5).ceil().clamp(0.0, count as f32) as usize;
+            index(span[0])..index(span[1])
+        };
+        let columns = range(rect.x, self.origin[0], self.columns);
+        let rows = range(rect.z, self.origin[1], self.rows);
+        let (width, height) = (self.columns, self.rows);
+        rows.flat_map(move |row| columns.clone().map(move |column| (storey * height + row) * width + column))
+    }
+
+    /// The connected pieces of the free cells: by cell its piece, and the sizes of the pieces. The cells of all `joined`
+    /// groups, those of stairs, count as neighbours of each other.
+    fn pieces(&self, free: &[bool], joined: &[&[Cell]]) -> (Vec<Option<usize>>, Vec<usize>) {
+        let mut is_joined = vec![false; free.len()];
+        joined.iter().flat_map(|group| group.iter()).for_each(|&cell| is_joined[cell] = true);
+        let mut piece_of = vec![None; free.len()];
+        let mut sizes = Vec::new();
+        for start in 0..free.len() {
+            let mut open = vec![start];
+            let piece = sizes.len();
+            let mut size = 0;
+            while let Some(cell) = open.pop() {
+                if !free[cell] || piece_of[cell].is_some() {
+                    continue;
+                }
+                piece_of[cell] = Some(piece);
+                size += 1;
+                open.extend(self.neighbours(cell));
+                if is_joined[cell] {
+                    open.extend(joined.iter().flat_map(|group| group.iter()));
+                }
+            }
+            if size > 0 {
+                sizes.push(size);
+            }
+        }
+        (piece_of, sizes)
+    }
+
+    fn neighbours(&self, cell: Cell) -> impl Iterator<Item = Cell> {
+        let (column, row) = (cell % self.columns, cell / self.columns % self.rows);
+        let left = (column > 0).then(|| cell - 1);
+        let right = (column + 1 < self.columns).then(|| cell + 1);
+        let above = (row > 0).then(|| cell - self.columns);
+        let below = (row + 1 < self.rows).then(|| cell + self.columns);
+        [left, right, above, below].into_iter().flatten()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use avln_geom::{Aabb, Point3, Rng};
+    use avln_scene::{Attributes, InstanceId};
+
+    fn crate_on(opening: &Opening, room: usize) -> Object {
+        let step = doorstep(opening, 0.3);
+        Object {
+            id: InstanceId(1),
+            category: "chest_of_drawers".into(),
+            bounds: Aabb::new(Point3::new(step.x[0], 0.0, step.z[0]), Point3::new(step.x[1], 0.9, step.z[1])),
+            region: Some(room as u16),
+            attributes: Attributes::default(),
+        }
+    }
+
+    #[test]
+    fn empty_houses_can_be_walked_everywhere_even_over_stairs() {
+        for seed in 0..2000 {
+            let plan = Plan::draw(&Rng::new(seed), 6 + seed as usize % 19, 1 + seed as usize / 19 % 2);
+            let reach = Reach::of(&plan, &[], 0.25);
+            assert_eq!(reach.sealed(), Vec::<usize>::new(), "seed {seed}");
+            assert!(reach.blocked(&plan, 0.25).is_empty(), "seed {seed}");
+            assert!(reach.share() > 0.99, "seed {seed}: {}", reach.share());
+        }
+    }
+
+    #[test]
+    fn a_crate_in_its_only_door_seals_a_room() {
+        let plan = Plan::draw(&Rng::new(5), 9, 1);
+        let doors = |room: usize| plan.openings.iter().filter(move |door| door.rooms.contains(&room));
+        let room = (0..9).find(|&room| doors(room).count() == 1).expect("a room with one door");
+        let crates: Vec<Object> = doors(room).map(|door| crate_on(door, room)).collect();
+        assert_eq!(Reach::of(&plan, &crates, 0.25).sealed(), [room]);
+    }
+}

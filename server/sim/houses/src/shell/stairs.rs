@@ -1,0 +1,156 @@
+//! Stairs between two storeys: two flights side by side, a half landing, a wall between the flights.
+//!
+//! Both storeys enter the stairs from the same side. All of this is in the frame of the stairs: `along` runs away from
+//! that side, `across` from the flight that one takes first to the other one, heights from the lower floor.
+
+use super::{Finish, facing_light, flat, upright};
+use crate::assembly::Assembly;
+use crate::model::Model;
+use crate::paint::Paint;
+use crate::plan::{CEILING_M, Plan, STOREY_M};
+use crate::rect::{Rect, Side};
+
+/// Steps of each flight; the last one of each is a landing.
+const STEPS: usize = 9;
+
+/// Height of a step, metres.
+const RISE_M: f32 = STOREY_M / (2 * STEPS) as f32;
+
+/// Depth of a step, metres.
+const TREAD_M: f32 = 0.25;
+
+/// Depth of the landings at the doors, metres.
+const LANDING_M: f32 = 1.1;
+
+/// Width of the wall between the flights, and its height above the steps and the upper floor, metres.
+const SPINE_M: [f32; 2] = [0.1, 0.95];
+
+/// The floor of a stairwell and the side that one enters it from.
+#[derive(Clone, Copy)]
+struct Well {
+    floor: Rect,
+    door: Side,
+}
+
+impl Well {
+    /// `None` when the stairs have no door.
+    fn of(plan: &Plan, index: usize) -> Option<Self> {
+        let floor = plan.rooms[index].interior();
+        let has_door = |side: &Side| plan.openings_on(index, &floor, *side).next().is_some();
+        let door = Side::ALL.into_iter().find(has_door)?;
+        Some(Self { floor, door })
+    }
+
+    fn width_m(&self) -> f32 {
+        let span = self.door.span(&self.floor);
+        span[1] - span[0]
+    }
+
+    fn depth_m(&self) -> f32 {
+        self.floor.area_m2() / self.width_m()
+    }
+
+    /// What the first and the second flight take across.
+    fn flights(&self) -> [[f32; 2]; 2] {
+        let (width, flight) = (self.width_m(), (self.width_m() - SPINE_M[0]) / 2.0);
+        [[0.0, flight], [width - flight, width]]
+    }
+
+    fn rect(&self, along: [f32; 2], across: [f32; 2]) -> Rect {
+        let start = self.door.span(&self.floor)[0];
+        self.door.band(&self.floor, across.map(|value| start + value), along)
+    }
+
+    fn level(&self, model: &mut Model, along: [f32; 2], across: [f32; 2], y: f32, paint: Paint) {
+        let rect = self.rect(along, across);
+        model.quad(flat(rect.x, rect.z, y), paint);
+    }
+
+    /// An upright face at `along` that looks back to the door or away from it.
+    fn riser(&self, model: &mut Model, along: f32, across: [f32; 2], y: [f32; 2], back: bool, paint: Paint) {
+        let rect = self.rect([0.0, along], across);
+        let far = self.door.opposite();
+        let side = if back { far } else { self.door };
+        model.quad(upright(side, far.line_m(&rect), self.door.span(&rect), y), paint);
+    }
+
+    /// A wooden rail on top of a wall.
+    fn rail(&self, model: &mut Model, along: [f32; 2], across: [f32; 2], y: f32) {
+        let wider = [(across[0] - RAIL_M[1]).max(0.0), across[1] + RAIL_M[1]];
+        let rect = self.rect(along, wider);
+        model.block(rect.x, [y, y + RAIL_M[0]], rect.z, Paint::plain("wood", [134, 92, 58]));
+    }
+
+    fn block(&self, model: &mut Model, along: [f32; 2], across: [f32; 2], y: [f32; 2], paint: Paint) {
+        let rect = self.rect(along, across);
+        model.slab(rect.x, y, rect.z, paint);
+    }
+}
+
+/// The part of a stairwell that has a floor on both storeys; `None` when the stairs have no door.
+pub(crate) fn landing(plan: &Plan, index: usize) -> Option<Rect> {
+    let well = Well::of(plan, index)?;
+    Some(well.rect([0.0, LANDING_M], [0.0, well.width_m()]))
+}
+
+/// Builds the stairs that begin in the room `lower`; heights count from its floor.
+pub(crate) fn add_stairs(assembly: &mut Assembly, plan: &Plan, lower: usize, finish: &Finish) {
+    let Some(well) = Well::of(plan, lower) else { return };
+    let mut model = Model::new();
+    first_flight(&mut model, &well, finish);
+    second_flight(&mut model, &well, finish);
+    banisters(&mut model, &well);
+    assembly.add_shell(&model, |corner| 0.1 + 0.9 * facing_light(&corner.normal));
+}
+
+/// The flight from the lower landing to the half landing, and that.
+fn first_flight(model: &mut Model, well: &Well, finish: &Finish) {
+    let across = well.flights()[0];
+    for step in 0..STEPS {
+        let (start, y) = (LANDING_M + step as f32 * TREAD_M, step as f32 * RISE_M);
+        well.riser(model, start, across, [y, y + RISE_M], true, finish.skirting);
+        let (end, across) = match step + 1 == STEPS {
+            true => (well.depth_m(), [0.0, well.width_m()]),
+            false => (start + TREAD_M, across),
+        };
+        well.level(model, [start, end], across, y + RISE_M, finish.floor);
+    }
+}
+
+/// The flight from the half landing to the upper floor, and the edge of that.
+fn second_flight(model: &mut Model, well: &Well, finish: &Finish) {
+    let across = well.flights()[1];
+    let far = LANDING_M + (STEPS - 1) as f32 * TREAD_M;
+    for step in 0..STEPS {
+        let start = far - step as f32 * TREAD_M;
+        let y = (STEPS + step) as f32 * RISE_M;
+        well.riser(model, start, across, [y, y + RISE_M], false, finish.skirting);
+        if step + 1 < STEPS {
+            well.level(model, [start - TREAD_M, start], across, y + RISE_M, finish.floor);
+        }
+    }
+    well.riser(model, LANDING_M, across, [0.0, CEILING_M], true, finish.wall);
+    let beside = [0.0, across[0]];
+    well.riser(model, LANDING_M, beside, [CEILING_M, STOREY_M], false, finish.ceiling);
+}
+
+/// Thickness of the rail on the wall between the flights, and how far it stands out at each side, metres.
+const RAIL_M: [f32; 2] = [0.05, 0.025];
+
+/// The wall between the flights, as high above the second one as a banister, and the railing of the upper floor.
+fn banisters(model: &mut Model, well: &Well) {
+    let paint = Paint::plain("wood", [224, 218, 206]);
+    let [first, second] = well.flights();
+    let between = [first[1], second[0]];
+    let far = LANDING_M + (STEPS - 1) as f32 * TREAD_M;
+    for step in 1..STEPS {
+        let start = far - step as f32 * TREAD_M;
+        let top = (STEPS + step) as f32 * RISE_M + SPINE_M[1];
+        well.block(model, [start, start + TREAD_M], between, [0.0, top], paint);
+        well.rail(model, [start, start + TREAD_M], between, top);
+    }
+    let (railing, across, top) =
+        ([LANDING_M - SPINE_M[0], LANDING_M], [0.0, between[1]], STOREY_M + SPINE_M[1]);
+    well.block(model, railing, across, [STOREY_M, top], paint);
+    well.rail(model, [railing[0] - RAIL_M[1], railing[1] + RAIL_M[1]], [0.0, across[1] - RAIL_M[1]], top);
+}

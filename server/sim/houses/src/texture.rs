@@ -1,0 +1,224 @@
+//! Small pictures: wood, tiles, cloth, wallpaper, stone, book spines, and art for walls.
+
+mod art;
+mod cloth;
+mod hard;
+mod noise;
+
+pub(super) use art::{Art, Medium, Motif};
+
+use avln_scene::Texture;
+use noise::{Noise, SIZE};
+
+/// A picture that a house can use; all but art and books are shades of grey that a base colour multiplies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Pattern {
+    /// Floor boards along u, four in a tile.
+    Planks,
+    /// Herringbone-like short floor boards.
+    Parquet,
+    /// Grain of one board.
+    Grain,
+    /// Canes with rings.
+    Bamboo,
+    /// Strips that go over and under each other.
+    Wicker,
+    /// Square tiles with joints, two by two.
+    Tiles,
+    /// Flat glazed wall tiles, half-bonded.
+    WallTiles,
+    /// Light and dark squares.
+    Checker,
+    /// Fine noise.
+    Plaster,
+    /// Bricks in bond.
+    Brick,
+    /// Veined stone.
+    Marble,
+    /// Cast stone with blotches and pores.
+    Concrete,
+    /// Stone chips.
+    Terrazzo,
+    /// Fine lines.
+    Brushed,
+    /// Slanted reflections.
+    Sheen,
+    /// Woven cloth.
+    Weave,
+    /// Thick pile.
+    Carpet,
+    /// Soft light and shade.
+    Velvet,
+    /// Pebbled skin.
+    Leather,
+    /// Ribs along v.
+    Ribs,
+    /// Rows of stitches.
+    Knit,
+    /// Slanted ribs.
+    Twill,
+    /// Stitched diamonds.
+    Quilt,
+    /// Stripes of cloth along v.
+    ClothStripes,
+    /// Crossing stripes.
+    Gingham,
+    /// Spots.
+    Dots,
+    /// Broad stripes of wallpaper along v.
+    Stripes,
+    /// Wallpaper with ornaments.
+    Damask,
+    /// Wallpaper with flowers.
+    Floral,
+    /// Wallpaper with a lattice.
+    Trellis,
+    /// The spines of a row of books, in their own colours.
+    Books(u8),
+    /// A picture for a wall, in its own colours.
+    Art(Art),
+}
+
+impl Pattern {
+    /// Edge length in the world of one repetition, metres; `None` for pictures that are stretched over a face.
+    pub(super) fn tile_m(self) -> Option<f32> {
+        Some(match self {
+            Self::Planks | Self::Checker => 0.8,
+            Self::Parquet | Self::Grain | Self::Tiles => 0.6,
+            Self::Bamboo => 0.35,
+            Self::Wicker => 0.22,
+            Self::WallTiles => 0.32,
+            Self::Plaster => 1.2,
+            Self::Brick => 0.5,
+            Self::Marble | Self::Concrete => 0.9,
+            Self::Terrazzo => 0.4,
+            Self::Brushed => 0.5,
+            Self::Sheen => 0.8,
+            Self::Weave => 0.25,
+            Self::Carpet => 0.5,
+            Self::Velvet => 0.7,
+            Self::Leather => 0.3,
+            Self::Ribs => 0.2,
+            Self::Knit => 0.24,
+            Self::Twill => 0.16,
+            Self::Quilt => 0.32,
+            Self::ClothStripes => 0.24,
+            Self::Gingham => 0.2,
+            Self::Dots => 0.24,
+            Self::Stripes => 0.4,
+            Self::Damask | Self::Trellis => 0.5,
+            Self::Floral => 0.6,
+            Self::Books(_) | Self::Art(_) => return None,
+        })
+    }
+
+    /// Draws the picture.
+    pub(super) fn draw(self) -> Texture {
+        match self {
+            Self::Art(art) => art.draw(),
+            Self::Books(seed) => art::books(seed),
+            _ => self.grey(),
+        }
+    }
+
+    /// Mean brightness, 0 to 1.
+    pub(super) fn mean(self) -> f32 {
+        let texture = self.draw();
+        let sum: f32 = texture.pixels.as_chunks::<4>().0.iter().map(|texel| f32::from(texel[0])).sum();
+        sum / (255.0 * (texture.width * texture.height) as f32)
+    }
+
+    fn grey(self) -> Texture {
+        let noise = Noise::new(0x5eed + self.salt());
+        let mut pixels = Vec::with_capacity((SIZE * SIZE * 4) as usize);
+        for y in 0..SIZE {
+            for x in 0..SIZE {
+                let shade = (self.shade(&noise, x, y).clamp(0.0, 1.0) * 255.0).round() as u8;
+                pixels.extend([shade, shade, shade, 255]);
+            }
+        }
+        Texture { width: SIZE, height: SIZE, pixels }
+    }
+
+    fn salt(self) -> u64 {
+        match self {
+            Self::Planks => 1,
+            Self::Parquet => 2,
+            Self::Grain => 3,
+            Self::Bamboo => 4,
+            Self::Marble => 5,
+            Self::Concrete => 6,
+            Self::Terrazzo => 7,
+            Self::Brushed => 8,
+            _ => 9,
+        }
+    }
+
+    /// Brightness of a texel, 0 to 1.
+    fn shade(self, noise: &Noise, x: u32, y: u32) -> f32 {
+        match self {
+            Self::Planks => hard::boards(noise, x, y, 16, 64),
+            Self::Parquet => hard::boards(noise, x, y, 16, 32),
+            Self::Grain => hard::grain(noise, x, y),
+            Self::Bamboo => hard::bamboo(noise, x, y),
+            Self::Wicker => hard::wicker(x, y),
+            Self::Tiles => hard::tiles(noise, x, y, [32, 32], 0),
+            Self::WallTiles => hard::tiles(noise, x, y, [32, 16], 16),
+            Self::Checker => [0.55, 1.0][((x / 32 + y / 32) % 2) as usize],
+            Self::Plaster => 0.965 + 0.035 * noise.smooth(x, y, 4, 4),
+            Self::Brick => hard::tiles(noise, x, y, [32, 16], 16) - 0.12 * noise.smooth(x, y, 4, 4),
+            Self::Marble => hard::veins(noise, x, y),
+            Self::Concrete => hard::concrete(noise, x, y),
+            Self::Terrazzo => hard::terrazzo(noise, x, y),
+            Self::Brushed => 0.9 + 0.1 * noise.smooth(x, y, 32, 1),
+            Self::Sheen => hard::sheen(x, y),
+            Self::Carpet => 0.88 + 0.12 * noise.at(x, y),
+            _ => cloth::shade(self, noise, x, y),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patterns_are_bright_enough_not_to_change_the_name_of_a_colour() {
+        use Pattern::*;
+        for pattern in [
+            Grain,
+            Bamboo,
+            Wicker,
+            WallTiles,
+            Plaster,
+            Brick,
+            Marble,
+            Concrete,
+            Terrazzo,
+            Brushed,
+            Sheen,
+            Weave,
+            Carpet,
+            Velvet,
+            Leather,
+            Ribs,
+            Knit,
+            Twill,
+            Quilt,
+            ClothStripes,
+            Gingham,
+            Dots,
+            Stripes,
+            Damask,
+            Floral,
+            Trellis,
+        ] {
+            let texture = pattern.draw();
+            assert_eq!(texture.pixels.len(), (texture.width * texture.height * 4) as usize);
+            let mean = pattern.mean();
+            assert!((0.84..=1.0).contains(&mean), "{pattern:?}: {mean}");
+            let range = |pick: fn(u8, u8) -> u8| texture.pixels.chunks(4).map(|texel| texel[0]).reduce(pick);
+            assert!(range(u8::max) > range(u8::min), "{pattern:?} can be seen");
+        }
+    }
+}
