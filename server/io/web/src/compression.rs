@@ -1,4 +1,4 @@
-//! Compression of responses. Compressed bodies are cached by the hash of their content, so the cache cannot be out of date.
+//! Response compression. The content hash is the cache key, so the cache cannot be out of date.
 
 use axum::{
     body::Bytes,
@@ -10,7 +10,7 @@ use std::io::{self, Write};
 
 /// Cache size, bytes: some thousands of pages.
 const CACHE_BYTES: u64 = 32 << 20;
-/// Typical size of a compressed page, bytes; an estimate for the cache.
+/// Typical compressed page, bytes; an estimate for the cache.
 const TYPICAL_BYTES: usize = 8 << 10;
 /// Bodies below this size fit into a single packet without compression, bytes.
 const MIN_BYTES: usize = 1024;
@@ -24,7 +24,7 @@ impl Weighter<blake3::Hash, Bytes> for BodyWeighter {
     }
 }
 
-/// A cache of compressed bodies.
+/// A cache for compressed bodies.
 pub(crate) struct CompressedBodies(Cache<blake3::Hash, Bytes, BodyWeighter>);
 
 impl Default for CompressedBodies {

@@ -83,17 +83,17 @@ pub(crate) fn maybe_time_html(unix_ms: &Option<i64>) -> String {
     unix_ms.as_ref().map_or_else(|| NOTHING.to_owned(), time_html)
 }
 
-/// Label of a metric.
+/// Metric label.
 pub(crate) fn metric(key: &Key) -> &'static str {
     key.metric().label
 }
 
-/// Definition of a metric.
+/// Metric definition.
 pub(crate) fn meaning(key: &Key) -> &'static str {
     key.metric().meaning
 }
 
-/// Direction of a metric.
+/// Metric direction.
 pub(crate) fn better(direction: &Direction) -> &'static str {
     match direction {
         Direction::Higher => "higher is better",
@@ -218,7 +218,7 @@ pub(crate) fn modality(modality: &Modality) -> &'static str {
     }
 }
 
-/// State of a run.
+/// Run state.
 pub(crate) fn run_state(state: &RunState) -> &'static str {
     match state {
         RunState::Created => "not started",
@@ -230,7 +230,7 @@ pub(crate) fn run_state(state: &RunState) -> &'static str {
     }
 }
 
-/// State of an episode.
+/// Episode state.
 pub(crate) fn episode_state(state: &EpisodeState) -> &'static str {
     match state {
         EpisodeState::Pending => "pending",
@@ -241,7 +241,7 @@ pub(crate) fn episode_state(state: &EpisodeState) -> &'static str {
     }
 }
 
-/// State of a phase.
+/// Phase state.
 pub(crate) fn phase_state(state: &PhaseState) -> &'static str {
     match state {
         PhaseState::Upcoming => "not open yet",
@@ -251,7 +251,7 @@ pub(crate) fn phase_state(state: &PhaseState) -> &'static str {
     }
 }
 
-/// Window of a quota.
+/// Quota window.
 pub(crate) fn window(window: &QuotaWindow) -> &'static str {
     match window {
         QuotaWindow::Day => "today (UTC)",

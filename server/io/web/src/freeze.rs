@@ -25,9 +25,9 @@ pub enum FreezeError {
     /// A linked page is not available.
     #[error("cannot copy {address}: the response has status {status}")]
     Page {
-        /// Address of the page.
+        /// Page address.
         address: String,
-        /// Status of the response.
+        /// Response status.
         status: StatusCode,
     },
     /// Two addresses have the same file name.
@@ -41,7 +41,7 @@ pub enum FreezeError {
     /// A file cannot be written.
     #[error("cannot write {file}: {error}")]
     File {
-        /// Name of the file.
+        /// File name.
         file: String,
         /// Cause.
         error: io::Error,
@@ -59,7 +59,7 @@ struct Scope {
 }
 
 /// Copies the public pages of `phase`, or of all phases, as of `now_unix_ms`. Passes name and content of each file to `write`, and
-/// returns the number of files.
+/// returns the file count.
 ///
 /// # Errors
 /// If the phase does not exist, the database fails or a file cannot be written.

@@ -1,4 +1,4 @@
-//! Selection of leaderboard entries: query parameters, and the links that change them.
+//! Leaderboard selection: query parameters, and the links that change them.
 
 use crate::{
     error::RequestError,
@@ -13,14 +13,14 @@ use axum::{
 };
 use std::{collections::BTreeSet, str::FromStr};
 
-/// The last second of a day.
+/// The last second in a day.
 const LAST_SECOND: u32 = 86_399;
 
-/// The displayed leaderboards of a phase.
+/// The displayed orders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Orders {
     One(Order),
-    /// All orders of the phase side by side.
+    /// All orders side by side.
     Both,
 }
 
@@ -30,7 +30,7 @@ impl Orders {
     }
 }
 
-/// A filter by a sensor of the agent.
+/// A filter by sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SensorFilter {
     With,
@@ -46,22 +46,22 @@ impl SensorFilter {
     }
 }
 
-/// Parameter names of the sensors, in the order of [`LeaderboardParams::sensors`].
+/// Parameter names, ordered as [`LeaderboardParams::sensors`].
 pub(crate) const SENSOR_PARAMS: [&str; 3] = ["rgb", "depth", "audio"];
 
-/// Query parameters of a leaderboard. Missing ones default to the phase's ranking.
+/// Leaderboard query parameters. Missing parameters default to the phase's ranking.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct LeaderboardParams {
     pub(crate) orders: Option<Orders>,
     pub(crate) sort: Option<Key>,
     pub(crate) pick: Option<RunChoice>,
-    /// Part of the method, version or team; empty for all entries.
+    /// Part of a method, version or team; empty for all entries.
     pub(crate) search: String,
-    /// Name of a team; empty for all teams.
+    /// Team name; empty for all teams.
     pub(crate) team: String,
     /// Filters by colour, depth and sound.
     pub(crate) sensors: [Option<SensorFilter>; 3],
-    /// Only runs completed by the end of this day, milliseconds since 1970-01-01 UTC.
+    /// Only runs completed on or before this day; its end in milliseconds since 1970-01-01 UTC.
     pub(crate) as_of_unix_ms: Option<i64>,
     /// Columns; empty for the default ones.
     pub(crate) columns: Vec<Key>,
@@ -111,7 +111,7 @@ impl LeaderboardParams {
         Ok(())
     }
 
-    /// Returns the order of a single leaderboard.
+    /// Returns the order for a single leaderboard.
     pub(crate) fn order(&self, phase: &PhaseView) -> Result<Order, RequestError> {
         match self.orders {
             Some(Orders::One(order)) => Ok(order),
@@ -122,13 +122,12 @@ impl LeaderboardParams {
         }
     }
 
-    /// Returns the orders on the page of a phase: by default all of them side by side.
+    /// Returns the orders for a page: by default all, side by side.
     pub(crate) fn shown_orders(&self, phase: &PhaseView) -> Orders {
         let usual = if phase.orders.len() > 1 { Orders::Both } else { Orders::One(first_order(phase)) };
         self.orders.unwrap_or(usual)
     }
 
-    /// Returns the store's query for one order.
     pub(crate) fn query<'a>(&self, phase: &'a PhaseView, order: Order, now_unix_ms: i64) -> Board<'a> {
         Board {
             phase: &phase.id,
@@ -167,15 +166,14 @@ impl LeaderboardParams {
         !self.search.is_empty() || !self.team.is_empty() || self.sensors.iter().any(Option::is_some)
     }
 
-    /// Returns the metrics of the table, including the ranking key.
+    /// Returns the table metrics, including the ranking key.
     pub(crate) fn shown_columns(&self, key: Key) -> Vec<Key> {
         let is_shown =
             |column: &Key| if self.columns.is_empty() { is_default(*column) } else { self.columns.contains(column) };
         Key::ALL.into_iter().filter(|column| *column == key || is_shown(column)).collect()
     }
 
-    /// Returns the query string in canonical form: a fixed order, without the defaults of `phase`. Equal selections have equal
-    /// addresses.
+    /// Returns the canonical query string, without the phase's defaults. Equal selections have equal addresses.
     pub(crate) fn address(&self, phase: &PhaseView) -> String {
         let mut parts = Vec::new();
         let mut add = |name: &str, value: &str| parts.push(format!("{name}={}", url_encode(value)));
@@ -210,7 +208,7 @@ impl LeaderboardParams {
     }
 }
 
-/// Returns true for the columns of a table without selection.
+/// Returns true for default columns.
 fn is_default(column: Key) -> bool {
     column.metric().prominence != Prominence::Optional
 }
@@ -264,12 +262,11 @@ fn parse_day(value: &str) -> Result<Option<i64>, RequestError> {
     end.map(|end| Some(end + 999)).ok_or_else(wrong)
 }
 
-/// Returns the UTC day of a moment.
 pub(crate) fn day(unix_ms: i64) -> String {
     rfc3339(unix_ms).split('T').next().unwrap_or_default().to_owned()
 }
 
-/// The form and the links of a leaderboard page, which lead to other selections from the same phase.
+/// Form and links for other selections from the same phase.
 pub(crate) struct LeaderboardControls {
     pub(crate) params: LeaderboardParams,
     phase: PhaseView,
@@ -312,7 +309,6 @@ impl LeaderboardControls {
         self.changed(|params| params.pick = Some(pick))
     }
 
-    /// Returns the address of all entries at the present time.
     pub(crate) fn unfiltered(&self) -> String {
         self.changed(|params| {
             *params = LeaderboardParams {
@@ -324,14 +320,12 @@ impl LeaderboardControls {
         })
     }
 
-    /// Returns the address of the same selection in the API, which always returns all columns.
     pub(crate) fn api_address(&self, name: &str) -> String {
         let orders = self.params.orders.filter(|orders| *orders != Orders::Both);
         let params = LeaderboardParams { columns: vec![], orders, ..self.params.clone() };
         format!("/api/v1/phases/{}/{name}{}", url_encode(&self.phase.id), params.address(&self.phase))
     }
 
-    /// Returns the query string of this selection.
     pub(crate) fn query_string(&self) -> String {
         self.params.address(&self.phase)
     }
@@ -340,7 +334,7 @@ impl LeaderboardControls {
         &self.phase.orders
     }
 
-    /// Returns the hidden value of `order` in the form; all orders side by side need none.
+    /// Returns the form's hidden `order`; all orders need none.
     pub(crate) fn order_value(&self) -> Option<&'static str> {
         match self.params.orders {
             Some(Orders::One(order)) => Some(order.as_str()),
@@ -348,7 +342,6 @@ impl LeaderboardControls {
         }
     }
 
-    /// Returns the parameter name, label and value of each sensor filter.
     pub(crate) fn sensors(&self) -> [(&'static str, &'static str, &'static str); 3] {
         let labels = ["Colour", "Depth", "Sound"];
         let value = |index: usize| self.params.sensors[index].map_or("", SensorFilter::as_str);
@@ -364,13 +357,12 @@ impl LeaderboardControls {
         self.params.as_of_unix_ms.map_or_else(String::new, day)
     }
 
-    /// Returns each metric with its visibility.
     pub(crate) fn columns(&self) -> Vec<(Key, bool)> {
         let shown = self.params.shown_columns(self.key);
         Key::ALL.into_iter().map(|key| (key, shown.contains(&key))).collect()
     }
 
-    /// Returns true if the form differs from its defaults, in which case the page shows it open.
+    /// Returns true if the form differs from its defaults; the page then shows it open.
     pub(crate) fn is_open(&self) -> bool {
         self.params.is_filtered() || self.params.as_of_unix_ms.is_some() || !self.params.columns.is_empty()
     }

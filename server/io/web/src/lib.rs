@@ -49,18 +49,18 @@ use request::GrpcEndpoint;
 use std::sync::Arc;
 use tokio::sync::watch;
 
-/// Settings and services of the web server, in addition to its database.
+/// Settings and services for the web server, besides its database.
 #[derive(Clone, Debug, Default)]
 pub struct Site {
-    /// Port of the gRPC server.
+    /// gRPC server port.
     pub grpc_port: u16,
     /// Run logs for download; `None` disables the download.
     pub logs: Option<SignedLogs>,
-    /// Renderer of views and sound; `None` disables pictures and sound in replays.
+    /// Renderer for replays; `None` disables pictures and sound.
     pub replay_renderer: Option<Arc<dyn ReplayRenderer>>,
-    /// State of the running arena; `None` limits pages to the database.
+    /// Live arena state; `None` limits pages to the database.
     pub live_status: Option<Arc<dyn LiveStatus>>,
-    /// Actions of teams and organisers; `None` disables sign-in.
+    /// Management actions; `None` disables sign-in.
     pub management: Option<Arc<dyn Management>>,
     /// Reverse proxies whose `X-Forwarded-For` header names the client.
     pub trusted_proxies: Vec<TrustedProxy>,
@@ -72,7 +72,7 @@ pub fn router(reader: Reader, site: Site) -> Router {
     router_until(reader, site, false, None)
 }
 
-/// As [`router`]. `is_secure`: the servers use TLS. Event streams end when the sender of `closed` is dropped.
+/// As [`router`]. `is_secure`: the servers use TLS. Event streams end when `closed` loses its sender.
 fn router_until(reader: Reader, site: Site, is_secure: bool, closed: Option<watch::Receiver<()>>) -> Router {
     let live_status = site.live_status;
     let open = Router::new()
@@ -92,7 +92,7 @@ fn router_until(reader: Reader, site: Site, is_secure: bool, closed: Option<watc
     middleware::with_middleware(router, live_status)
 }
 
-/// Adds sign-in and the pages of teams and organisers.
+/// Adds sign-in and the management pages.
 fn with_management(open: Router<Reader>, management: ManagementState, reader: Reader) -> Router {
     let management = Arc::new(management);
     open.merge(pages::management_router())

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-/// Size of a plot, and position of its axes, pixels.
+/// Plot size, and position of its axes, pixels.
 const SIZE_PX: [f64; 2] = [640.0, 210.0];
 pub(crate) const LEFT_PX: f64 = 84.0;
 pub(crate) const WIDTH_PX: f64 = 520.0;
@@ -22,7 +22,7 @@ pub(crate) struct Curves<'a> {
     pub(crate) levels: Vec<(f64, &'a str)>,
     /// Last step.
     pub(crate) last: u32,
-    /// Step of the cursor.
+    /// Cursor step.
     pub(crate) step: u32,
 }
 
@@ -152,7 +152,7 @@ fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
-/// Width of a bar, and smallest width of a part with a visible count, pixels.
+/// Bar width, and smallest width of a part with a visible count, pixels.
 const BAR_WIDTH_PX: f64 = 600.0;
 const COUNT_WIDTH_PX: f64 = 26.0;
 /// Bar styles in the style sheet.

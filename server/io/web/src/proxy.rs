@@ -44,7 +44,7 @@ impl ClientAddress {
     }
 }
 
-/// Returns the address of the client: the TCP peer, or, if the peer is a trusted proxy, the last address in `X-Forwarded-For`
+/// Returns the client address: the TCP peer, or, if the peer is a trusted proxy, the last address in `X-Forwarded-For`
 /// that is not a trusted proxy.
 pub(crate) fn client_address(peer: IpAddr, headers: &HeaderMap, trusted: &[TrustedProxy]) -> IpAddr {
     let is_trusted = |address: IpAddr| trusted.iter().any(|TrustedProxy(range)| range.contains(&address));

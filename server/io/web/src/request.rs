@@ -115,7 +115,6 @@ pub(crate) struct CompareQuery {
 }
 
 impl CompareQuery {
-    /// Reads the comparison.
     pub(crate) async fn view(&self, context: &RequestContext) -> Result<CompareView, RequestError> {
         let Self { first, second } = self;
         match context.reader.compare(&context.viewer, [first, second]).await? {
@@ -206,7 +205,6 @@ impl RunsQuery {
         parameter("phase", self.phase.as_deref()) + &parameter("before", before) + &format!("limit={limit}")
     }
 
-    /// Reads the runs of this page.
     pub(crate) async fn list(&self, reader: &Reader, viewer: &Viewer) -> Result<RunList, RequestError> {
         let before = self.before.as_deref();
         let list = reader.older_runs(viewer, self.phase.as_deref(), before, self.limit()?).await?;

@@ -30,7 +30,7 @@ pub struct WebError(#[from] io::Error);
 pub(crate) const MAX_CONNECTIONS: usize = 256;
 /// Time limit for a TLS handshake, for the head of a request, and for an idle connection.
 const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
-/// Lifetime of a connection. The client then reconnects, so slow clients cannot occupy all connections.
+/// Connection lifetime. The client then reconnects, so slow clients cannot occupy all connections.
 const CONNECTION_LIFETIME: Duration = Duration::from_secs(60);
 /// Time limit for the response in progress when a connection is closed.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(10);
@@ -147,7 +147,6 @@ struct Connection {
 }
 
 impl Connection {
-    /// Serves requests until the client disconnects, the connection's lifetime ends or the server shuts down.
     async fn serve(self, stream: Stream) {
         let Self { address, router, proxies, mut closed } = self;
         let mut builder = http1::Builder::new();

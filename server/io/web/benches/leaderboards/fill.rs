@@ -8,7 +8,7 @@ use std::path::Path;
 
 /// Name of the database file.
 pub(crate) const DATABASE: &str = "arena.db";
-/// Id of the phase.
+/// Phase id.
 pub(crate) const PHASE: &str = "standard";
 pub(crate) const RUNS: u32 = 1000;
 pub(crate) const EPISODES: u32 = 550;
@@ -21,7 +21,7 @@ const SEED: u64 = 0x4156_4C4E;
 pub(crate) struct Filled {
     /// Id of one of the runs.
     pub(crate) run: String,
-    /// Size of the database.
+    /// Database size.
     pub(crate) bytes: u64,
 }
 

@@ -22,7 +22,7 @@ use axum::{
 };
 use csv::{Terminator, WriterBuilder};
 
-/// The cells of a row with their column names, which keeps the header and the rows consistent.
+/// A row definition: columns with names and cells. A single definition keeps header and rows consistent.
 struct Row<T>(Vec<Column<T>>);
 
 /// A column: its name, and the cell of a row.
@@ -36,18 +36,15 @@ impl<T> Row<T> {
         Self(Vec::new())
     }
 
-    /// Adds a column of numbers, times or fixed words.
     fn value(mut self, name: impl Into<String>, cell: impl Fn(&T) -> String + 'static) -> Self {
         self.0.push(Column { name: name.into(), cell: Box::new(cell) });
         self
     }
 
-    /// Adds a column of free text.
     fn text(self, name: &str, cell: impl Fn(&T) -> &str + 'static) -> Self {
         self.value(name, move |row| without_formula(cell(row)))
     }
 
-    /// Adds a column for each item.
     fn values<I>(mut self, items: impl IntoIterator<Item = I>, add: impl Fn(Self, I) -> Self) -> Self {
         for item in items {
             self = add(self, item);
@@ -112,7 +109,7 @@ pub(super) async fn leaderboards(
     leaderboard_table(find_leaderboards(&context, &id, &params).await?)
 }
 
-/// An entry with the order of its leaderboard.
+/// An entry with its leaderboard's order.
 struct OrderedRow {
     order: Order,
     row: LeaderboardRow,
@@ -144,7 +141,7 @@ fn leaderboard_columns() -> Row<OrderedRow> {
         .value("finished_at", |r| maybe_time(r.row.finished_unix_ms))
         .value("episodes", |r| r.row.summary.episodes.to_string())
         .value("scenes", |r| r.row.summary.scenes.to_string())
-        // Ranking keys first: the order of the columns is part of the format.
+        // Ranking keys first: the column order is part of the format.
         .values(METRICS.iter().filter(|metric| metric.key.is_some()), summary_columns)
         .values(METRICS.iter().filter(|metric| metric.key.is_none()), summary_columns)
         .values(EndReason::ALL, |row, reason| {
@@ -161,7 +158,7 @@ fn leaderboard_columns() -> Row<OrderedRow> {
         .value("verified", |r| r.row.verified.to_string())
 }
 
-/// Adds the columns of a metric: the mean and, if available, its interval.
+/// Adds a metric's columns: the mean and, if available, the interval.
 fn summary_columns(row: Row<OrderedRow>, metric: &'static Metric) -> Row<OrderedRow> {
     let id = metric.id;
     let mean = move |r: &OrderedRow| maybe(metric.mean_of(&r.row.summary));
@@ -178,7 +175,6 @@ fn summary_columns(row: Row<OrderedRow>, metric: &'static Metric) -> Row<Ordered
     }
 }
 
-/// Serves the counts of each property of the missions.
 pub(super) async fn missions(
     context: RequestContext,
     Path(id): Path<String>,
@@ -209,7 +205,6 @@ fn property_counts(view: &MissionsView) -> Vec<PropertyCount> {
     rows
 }
 
-/// Serves the episodes of two runs with the metrics of both.
 pub(super) async fn compare(
     context: RequestContext,
     StrictQuery(query): StrictQuery<CompareQuery>,
@@ -280,7 +275,6 @@ struct StepRow {
     moment: Moment,
 }
 
-/// Serves the moments of a replay.
 pub(super) async fn steps(
     context: RequestContext,
     Path((run, place)): Path<(String, String)>,

@@ -1,4 +1,4 @@
-//! JSON responses, and the download of run logs.
+//! JSON responses, and run log downloads.
 
 use super::SCHEMA_VERSION;
 use crate::{
@@ -23,12 +23,12 @@ use std::{io, path::PathBuf};
 use tokio::fs::File;
 use tokio_util::io::ReaderStream;
 
-/// The folder of run logs, and the key of their signatures.
+/// Run logs with their signature key.
 #[derive(Clone, Debug)]
 pub struct SignedLogs {
-    /// Folder with one file per run.
+    /// Folder with a file per run.
     pub folder: PathBuf,
-    /// Public key of the server, hexadecimal.
+    /// The server's public key, hexadecimal.
     pub key: String,
 }
 
@@ -126,7 +126,6 @@ pub(super) async fn episode(
     respond(&find_episode(&context, &run, &place).await?)
 }
 
-/// Serves the log of a finished run.
 pub(super) async fn log(
     context: RequestContext,
     Path(run): Path<String>,
@@ -187,7 +186,6 @@ pub(super) async fn find_missions(
     view.ok_or_else(|| RequestError::Unknown { what: "public list of missions of phase", name: phase.to_owned() })
 }
 
-/// Reads the leaderboard of one order with the selected entries.
 pub(super) async fn find_leaderboard(
     context: &RequestContext,
     phase: &PhaseView,
@@ -205,7 +203,6 @@ pub(super) async fn find_leaderboard(
     Ok(view)
 }
 
-/// Reads the leaderboards of all orders of a phase.
 pub(super) async fn find_leaderboards(
     context: &RequestContext,
     id: &str,

@@ -15,9 +15,9 @@ use axum::{
     routing::{MethodRouter, get},
 };
 
-/// Prefix of all addresses.
+/// Address prefix.
 const BASE: &str = "/api/v1";
-/// Version of the schema; it changes if a field is removed or changes its meaning.
+/// Schema version; it changes if a field is removed or changes its meaning.
 const SCHEMA_VERSION: u32 = 1;
 
 /// A route with its description.
@@ -25,27 +25,27 @@ struct Endpoint {
     /// Path below [`BASE`].
     path: &'static str,
     summary: &'static str,
-    /// Names of the query parameters.
+    /// Query parameter names.
     query: &'static [&'static str],
     answer: Answer,
     route: MethodRouter<Reader>,
 }
 
-/// Format of a response.
+/// Response format.
 #[derive(Clone, Copy)]
 enum Answer {
-    /// A JSON object; the name of its schema.
+    /// A JSON object with this schema.
     Json(&'static str),
     /// A table.
     Csv,
     /// Plain text.
     Text,
-    /// Server-Sent Events; the schema name of their data.
+    /// Server-Sent Events with this data schema.
     Events(&'static str),
 }
 
 const LEADERBOARD_QUERY: &[&str] = &["order", "sort", "pick", "q", "team", "rgb", "depth", "audio", "as_of"];
-/// Parameters of the leaderboards of all orders.
+/// As [`LEADERBOARD_QUERY`], for all orders.
 const ALL_ORDERS_QUERY: &[&str] = &["sort", "pick", "q", "team", "rgb", "depth", "audio", "as_of"];
 const RUNS_QUERY: &[&str] = &["phase", "before", "limit"];
 
@@ -63,7 +63,6 @@ fn endpoints() -> Vec<Endpoint> {
     of_phases().into_iter().chain(of_runs()).chain(of_episodes()).collect()
 }
 
-/// Routes of phases and leaderboards.
 fn of_phases() -> Vec<Endpoint> {
     use Answer::{Csv, Json};
     vec![
@@ -129,7 +128,6 @@ fn of_phases() -> Vec<Endpoint> {
     ]
 }
 
-/// Routes of runs.
 fn of_runs() -> Vec<Endpoint> {
     use Answer::{Csv, Events, Json, Text};
     vec![
@@ -186,7 +184,6 @@ fn of_runs() -> Vec<Endpoint> {
     ]
 }
 
-/// Routes of episodes.
 fn of_episodes() -> Vec<Endpoint> {
     use Answer::{Csv, Json};
     vec![
@@ -222,7 +219,6 @@ fn of_episodes() -> Vec<Endpoint> {
     ]
 }
 
-/// Returns the routes of the API.
 pub(crate) fn router() -> Router<Reader> {
     let endpoints = endpoints();
     let document = openapi::document(&endpoints).to_string();

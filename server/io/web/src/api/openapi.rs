@@ -1,11 +1,11 @@
-//! OpenAPI 3.1 description of the API, generated from the list of routes.
+//! OpenAPI 3.1 description, generated from the routes.
 
 use super::{Answer, BASE, Endpoint, SCHEMA_VERSION};
 use crate::request::RunsQuery;
 use avln_scoring::Key;
 use serde_json::{Map, Value, json};
 
-/// The description of `endpoints`.
+/// Describes `endpoints`.
 pub(super) fn document(endpoints: &[Endpoint]) -> Value {
     let paths: Map<String, Value> =
         endpoints.iter().map(|endpoint| (format!("{BASE}{}", endpoint.path), path_item(endpoint))).collect();
@@ -34,7 +34,7 @@ fn path_item(endpoint: &Endpoint) -> Value {
         Answer::Json(name) => ("application/json", reference(name)),
         Answer::Csv => ("text/csv", json!({ "type": "string" })),
         Answer::Text => ("text/plain", json!({ "type": "string" })),
-        // By version 3.1 an event is described by its data.
+        // OpenAPI 3.1 describes an event by its data.
         Answer::Events(name) => ("text/event-stream", reference(name)),
     };
     json!({ "get": {
@@ -52,7 +52,7 @@ fn path_item(endpoint: &Endpoint) -> Value {
     } })
 }
 
-/// The letters of a path as one word.
+/// Joins the words in a path.
 fn operation_id(path: &str) -> String {
     let words = path.split(|letter: char| !letter.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
     words.collect::<Vec<_>>().join("_")
@@ -93,7 +93,7 @@ fn list(of: &str) -> Value {
     json!({ "type": "array", "items": reference(of) })
 }
 
-/// An object: each field by `name`, `name?` where it may be null, and its kind.
+/// An object schema from pairs of field name and schema. A name ending in `?` marks a nullable field.
 fn object(fields: &[(&str, Value)]) -> Value {
     let mut properties = Map::new();
     let mut required = Vec::new();
@@ -106,13 +106,13 @@ fn object(fields: &[(&str, Value)]) -> Value {
     json!({ "type": "object", "properties": properties, "required": required })
 }
 
-/// An object that is an answer of its own.
+/// The schema of a complete response.
 fn answer(fields: &[(&str, Value)]) -> Value {
     let version = ("schema_version", json!({ "const": SCHEMA_VERSION }));
     object(&[&[version], fields].concat())
 }
 
-/// Fields of one kind.
+/// Fields with the same schema.
 fn all<'a>(names: &[&'a str], kind: &str) -> Vec<(&'a str, Value)> {
     let schema = match kind {
         "moment" => json!({ "type": "string", "format": "date-time" }),

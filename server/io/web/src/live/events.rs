@@ -1,4 +1,4 @@
-//! Server-Sent Events of open runs. Each event holds the complete state, so a lost event does no harm.
+//! Server-Sent Events for open runs. Every event holds the complete state, so a lost event does no harm.
 
 use super::{LiveRunJson, LiveRunView, LiveStatus, MAX_RUNS};
 use crate::{
@@ -24,21 +24,21 @@ use tokio::{
 };
 use tokio_stream::wrappers::ReceiverStream;
 
-/// Limit of subscribers: a quarter of all connections, so that pages remain available.
+/// Subscriber limit: a quarter of all connections, so that pages remain available.
 const MAX_SUBSCRIBERS: usize = MAX_CONNECTIONS / 4;
 /// Shortest time between two events.
 const INTERVAL: Duration = Duration::from_secs(1);
-/// Interval of comments that keep an idle connection open.
+/// Interval between comments that keep an idle connection open.
 const HEARTBEAT: Duration = Duration::from_secs(15);
-/// Lifetime of a stream, shorter than that of a connection. The browser then reconnects, and its token is checked again.
+/// Stream lifetime, shorter than that of a connection. The browser then reconnects, which repeats the token check.
 const STREAM_LIFETIME: Duration = Duration::from_secs(50);
-/// Wait of browsers before they reconnect.
+/// Delay before a browser reconnects.
 const RECONNECT_DELAY: Duration = Duration::from_secs(2);
 const LAST_EVENT_ID: HeaderName = HeaderName::from_static("last-event-id");
 /// Header that makes nginx forward events without buffering.
 const UNBUFFERED: HeaderName = HeaderName::from_static("x-accel-buffering");
 
-/// Source of live runs, with its limit of subscribers.
+/// Live runs with a subscriber limit.
 #[derive(Debug)]
 pub(crate) struct LiveFeed {
     live_status: Option<Arc<dyn LiveStatus>>,
@@ -73,7 +73,7 @@ impl LiveFeed {
     }
 }
 
-/// Streams the state of one run.
+/// Streams a run's state.
 pub(crate) async fn run(
     context: RequestContext,
     Path(id): Path<String>,
@@ -97,7 +97,7 @@ pub(crate) async fn runs(
 struct Subscription {
     feed: Arc<LiveFeed>,
     context: RequestContext,
-    /// Id of the run; `None` for all open runs.
+    /// Run id; `None` for all open runs.
     run: Option<String>,
 }
 
@@ -107,9 +107,8 @@ pub(crate) struct LiveRunsJson {
     runs: Vec<LiveRunJson>,
 }
 
-/// The data of an event.
 struct Snapshot {
-    /// Hash of the data.
+    /// Data hash.
     id: String,
     data: String,
     /// Whether the run has ended.

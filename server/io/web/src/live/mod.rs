@@ -1,4 +1,4 @@
-//! Live state of open runs: the database's view, combined with the running arena's.
+//! Live state of open runs, from the database and the running arena.
 
 mod events;
 
@@ -9,12 +9,12 @@ use avln_store::{LiveRun, RunState};
 use serde::Serialize;
 use std::fmt;
 
-/// Limit of runs in the list of open runs.
+/// Limit for the list of open runs.
 pub(crate) const MAX_RUNS: u32 = 50;
 /// Wait for an agent after which the page names the slot, milliseconds.
 const LONG_WAIT_MS: i64 = 10_000;
 
-/// The session of an open run.
+/// An open run's session.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LiveSession {
     /// Whether the agent is connected.
@@ -28,23 +28,23 @@ pub struct LiveSession {
 pub struct LiveSlot {
     /// Slot number.
     pub slot: u32,
-    /// Steps of the episode.
+    /// Steps so far.
     pub step: u32,
-    /// Duration of the last step, from observation to observation, seconds.
+    /// Last step's duration from observation to observation, seconds.
     pub last_step_s: Option<f64>,
-    /// Mean duration of a step, seconds.
+    /// Mean step duration, seconds.
     pub mean_step_s: Option<f64>,
-    /// Time of the last observation sent to the agent, milliseconds since 1970-01-01 UTC.
+    /// Time when the agent received its last observation, milliseconds since 1970-01-01 UTC.
     #[serde(rename = "since_at", serialize_with = "format::at")]
     pub since_unix_ms: i64,
 }
 
-/// The live state of a running arena.
+/// Live state, implemented by a running arena.
 pub trait LiveStatus: fmt::Debug + Send + Sync {
-    /// Returns the session of a run; `None` if it has none.
+    /// Returns the run session; `None` if it has none.
     fn session(&self, run: &str) -> Option<LiveSession>;
 
-    /// Returns the reason of the drain in progress, if any.
+    /// Returns the reason if the server is draining.
     fn draining(&self) -> Option<String>;
 
     /// Returns the organiser's announcement for all pages; empty if there is none.
@@ -55,7 +55,7 @@ pub trait LiveStatus: fmt::Debug + Send + Sync {
 #[derive(Debug)]
 pub(crate) struct LiveRunView {
     pub(crate) run: LiveRun,
-    /// The session, without its slots if the viewer may not see steps.
+    /// The session, without slots if the viewer may not see steps.
     session: Option<LiveSession>,
     draining: Option<String>,
     now_unix_ms: i64,
@@ -79,7 +79,7 @@ pub(crate) struct LiveRunJson {
     words: LiveText,
 }
 
-/// Texts on the pages of an open run.
+/// Texts about an open run.
 #[derive(Debug, PartialEq, Eq, Serialize)]
 pub(crate) struct LiveText {
     pub(crate) state: String,
@@ -90,7 +90,7 @@ pub(crate) struct LiveText {
 }
 
 impl LiveRunView {
-    /// Combines a run with its session, and hides the steps from viewers who may not see them.
+    /// Adds the session, without hidden steps.
     pub(crate) fn new(run: LiveRun, live_status: Option<&dyn LiveStatus>, now_unix_ms: i64) -> Self {
         let mut session = live_status.and_then(|status| status.session(&run.line.run));
         if let Some(session) = session.as_mut().filter(|_| !run.steps_visible) {
@@ -99,7 +99,7 @@ impl LiveRunView {
         Self { session, draining: live_status.and_then(LiveStatus::draining), now_unix_ms, run }
     }
 
-    /// Returns the speed of all slots together, steps per second.
+    /// Returns the total speed, steps per second.
     fn steps_per_s(&self) -> Option<f64> {
         let means = self.slots().iter().filter_map(|slot| slot.mean_step_s);
         let rates: Vec<f64> = means.filter(|mean| *mean > 0.0).map(|mean| 1.0 / mean).collect();

@@ -78,7 +78,6 @@ impl FormFields {
         Ok(Self(pairs.into_iter().collect()))
     }
 
-    /// Returns a field without changes.
     pub(crate) fn get(&self, name: &str) -> Result<&str, RequestError> {
         let missing = || RequestError::Invalid(format!("the form has no field '{name}'"));
         self.0.get(name).map(String::as_str).ok_or_else(missing)
@@ -89,7 +88,6 @@ impl FormFields {
         printable(name, self.get(name)?, MAX_NAME_CHARS)
     }
 
-    /// Returns the reason; it must not be empty.
     pub(crate) fn reason(&self) -> Result<String, RequestError> {
         match self.maybe_reason()? {
             reason if reason.is_empty() => {

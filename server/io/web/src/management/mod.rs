@@ -16,11 +16,11 @@ use std::{fmt, sync::Arc};
 /// The team token behind an action.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TeamCredential {
-    /// Name of the team.
+    /// Team name.
     pub team: String,
-    /// Public id of the token.
+    /// Public token id.
     pub token: String,
-    /// Expiry time of the token, milliseconds since 1970-01-01 UTC; `None` if it never expires.
+    /// Token expiry time, milliseconds since 1970-01-01 UTC; `None` if it never expires.
     pub expires_unix_ms: Option<i64>,
 }
 
@@ -29,7 +29,7 @@ pub struct TeamCredential {
 pub enum TeamAction {
     /// Creates a token, which expires no later than the token used to sign in.
     IssueToken {
-        /// Name of the token; may be empty.
+        /// Token name; may be empty.
         name: String,
         /// Whether the token only grants read access.
         looks_only: bool,
@@ -38,12 +38,12 @@ pub enum TeamAction {
     },
     /// Revokes a token.
     RevokeToken {
-        /// Public id of the token.
+        /// Public token id.
         id: String,
     },
     /// Cancels a run.
     CancelRun {
-        /// Id of the run.
+        /// Run id.
         run: String,
     },
 }
@@ -67,18 +67,18 @@ pub enum OrganiserAction {
     },
     /// Approves a team for a phase that requires approval, or withdraws the approval.
     Approve {
-        /// Name of the team.
+        /// Team name.
         team: String,
-        /// Id of the phase.
+        /// Phase id.
         phase: String,
         /// Whether the team may play.
         approved: bool,
     },
     /// Grants a team runs beyond its quota; requires a reason.
     Grant {
-        /// Name of the team.
+        /// Team name.
         team: String,
-        /// Id of the phase.
+        /// Phase id.
         phase: String,
         /// Number of runs, at least 1.
         runs: u32,
@@ -93,7 +93,7 @@ pub enum OrganiserAction {
     Reveal(String),
     /// Marks a run as verified, or removes the mark.
     Verify {
-        /// Id of the run.
+        /// Run id.
         run: String,
         /// Whether the run is verified.
         verified: bool,

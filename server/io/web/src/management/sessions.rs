@@ -1,4 +1,4 @@
-//! Sessions of signed-in visitors: cookies, lifetime, and the middleware that identifies them.
+//! Sessions: cookies, lifetime, and the middleware that identifies visitors.
 
 use super::{ActionOrigin, ManagementState, TeamCredential};
 use crate::{
@@ -23,30 +23,30 @@ use std::{
 /// Cookie names. Browsers accept the prefix `__Host-` only over TLS, and then guarantee that no other site or port set the cookie.
 const COOKIE: &str = "avln-session";
 const SECURE_COOKIE: &str = "__Host-avln-session";
-/// Lifetime of an unused session, for pages left open on a shared computer.
+/// Idle time-out, for pages left open on a shared computer.
 const MAX_IDLE: Duration = Duration::from_secs(2 * 3600);
-/// Lifetime of any session: one working day.
+/// Session lifetime: a working day.
 const MAX_AGE: Duration = Duration::from_secs(12 * 3600);
-/// Limit of sessions of one team, or of all organisers. Beyond it, the session unused for longest ends.
+/// Session limit per team, and for all organisers together. Beyond it, the session unused for longest ends.
 const MAX_PER_VIEWER: usize = 64;
-/// Limit of all sessions, about 2 MiB of memory. Beyond it, the session unused for longest ends.
+/// Total session limit, about 2 MiB. Beyond it, the session unused for longest ends.
 const MAX_SESSIONS: usize = 4096;
 
 /// A visitor with a session and a valid token.
 #[derive(Clone, Debug)]
 pub(crate) struct SignedIn {
     pub(crate) holder: Holder,
-    /// Session id, the value of the cookie.
+    /// Session id, as in the cookie.
     pub(crate) id: String,
 }
 
 impl SignedIn {
-    /// Returns the key in every form of this session.
+    /// Returns the session's form key.
     pub(crate) fn form_key(&self) -> String {
         form_key(&self.id).to_string()
     }
 
-    /// Returns true if `key` is the form key of this session.
+    /// Returns true for the session's form key.
     pub(super) fn accepts_form_key(&self, key: &str) -> bool {
         // `blake3::Hash` compares in constant time, so the response time does not leak the key.
         blake3::Hash::from_hex(key).is_ok_and(|key| key == form_key(&self.id))
@@ -96,7 +96,7 @@ impl<S: Sync> FromRequestParts<S> for Organiser {
     }
 }
 
-/// Middleware that identifies visitors by their cookies and selects the menu of the page.
+/// Middleware that identifies visitors by cookie and selects the page menu.
 pub(crate) async fn identify(
     State((management, reader)): State<(Arc<ManagementState>, Reader)>,
     mut request: Request,
@@ -114,7 +114,7 @@ pub(crate) async fn identify(
     }
     let context = PageContext { menu, ..PageContext::current() };
     let mut response = context.scope(next.run(request)).await;
-    // Error pages are rendered outside of this context.
+    // Error pages are rendered outside this context.
     response.extensions_mut().insert(menu);
     response
 }
@@ -155,7 +155,7 @@ fn session_id<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
     pairs.find(|(found, _)| *found == name).map(|(_, id)| id)
 }
 
-/// Returns true for addresses of pages that require a session; a safe target after sign-in.
+/// Returns true for pages that require a session; they are safe targets after sign-in.
 pub(crate) fn is_management_page(address: &str) -> bool {
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '/' | '-' | '_' | '.');
     let is_page = address == "/me" || address == "/organise" || address.starts_with("/organise/");
@@ -176,7 +176,7 @@ pub(crate) fn expired_cookie(is_secure: bool) -> Result<HeaderValue, RequestErro
     HeaderValue::try_from(text).map_err(|_| RequestError::Internal)
 }
 
-/// All sessions by the hash of their id: a dump of the memory opens no session.
+/// All sessions by id hash: a memory dump opens no session.
 #[derive(Default)]
 pub(crate) struct Sessions(Mutex<BTreeMap<SessionKey, Session>>);
 
@@ -187,7 +187,7 @@ struct Session {
     viewer: Viewer,
     started: Instant,
     used: Instant,
-    /// Confirmation of the last action, for the next page.
+    /// Confirmation for the next page.
     message: Option<String>,
 }
 
@@ -208,7 +208,7 @@ fn session_key(id: &str) -> SessionKey {
     *blake3::hash(id.as_bytes()).as_bytes()
 }
 
-/// Returns the form key of a session. It is derived from the cookie, but does not reveal it.
+/// Derives a session's form key, which does not reveal the cookie.
 fn form_key(id: &str) -> blake3::Hash {
     blake3::Hash::from_bytes(blake3::derive_key("LH-AVLN Arena: key of a session's forms", id.as_bytes()))
 }
@@ -218,7 +218,7 @@ impl Sessions {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Starts a session for the holder of `token` and returns its random id.
+    /// Starts a session for the holder of `token` and returns a random id.
     ///
     /// # Errors
     /// If the system's random number generator fails.
@@ -239,7 +239,7 @@ impl Sessions {
         Ok(id)
     }
 
-    /// Returns the token of a session and marks the session as used.
+    /// Returns a session's token and marks the session as used.
     pub(crate) fn find(&self, id: &str, now: Instant) -> Option<TokenHash> {
         let mut all = self.all();
         let key = session_key(id);
@@ -256,20 +256,20 @@ impl Sessions {
         self.all().remove(&session_key(id));
     }
 
-    /// Stores a message for the next page of a session.
+    /// Stores a message for the session's next page.
     pub(crate) fn set_message(&self, id: &str, message: String) {
         if let Some(session) = self.all().get_mut(&session_key(id)) {
             session.message = Some(message);
         }
     }
 
-    /// Removes and returns the message of a session.
+    /// Removes and returns the session's message.
     pub(crate) fn take_message(&self, id: &str) -> Option<String> {
         self.all().get_mut(&session_key(id))?.message.take()
     }
 }
 
-/// Ends the longest unused of the sessions that `selects` accepts, until fewer than `limit` remain.
+/// Ends the longest unused sessions among those accepted by `selects`, until fewer than `limit` remain.
 fn evict(all: &mut BTreeMap<SessionKey, Session>, limit: usize, selects: impl Fn(&Session) -> bool) {
     while all.values().filter(|session| selects(session)).count() >= limit {
         let oldest =

@@ -1,4 +1,4 @@
-//! Rate limit of failed sign-ins.
+//! Rate limit for failed sign-ins.
 
 use crate::proxy::ClientAddress;
 use std::{
@@ -11,10 +11,10 @@ use std::{
 const MAX_FAILURES: u32 = 10;
 /// Wait after the last failure.
 const WAIT: Duration = Duration::from_secs(60);
-/// Limit of remembered addresses. Beyond it, the address with the oldest failure is forgotten.
+/// Limit for remembered addresses. Beyond it, the oldest failure is forgotten.
 const MAX_CLIENTS: usize = 4096;
 
-/// Failed sign-ins by client address: count and time of the last one. `None` is the key of requests without an address.
+/// Failed sign-ins by client address: count and last time. `None` stands for requests without an address.
 #[derive(Debug, Default)]
 pub(crate) struct SignInLimiter(Mutex<BTreeMap<Option<ClientAddress>, (u32, Instant)>>);
 
@@ -46,7 +46,7 @@ impl SignInLimiter {
         *entry = (entry.0.saturating_add(1), now);
     }
 
-    /// Forgets the failures of a client after a successful sign-in.
+    /// Forgets a client's failures after a successful sign-in.
     pub(crate) fn record_success(&self, client: Option<ClientAddress>) {
         self.failures().remove(&client);
     }

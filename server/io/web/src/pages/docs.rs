@@ -1,4 +1,4 @@
-//! Instructions for participants, and the documents of the repository.
+//! Instructions for participants, and the repository's documents.
 
 mod markdown;
 
@@ -13,12 +13,12 @@ use avln_scoring::Key;
 use axum::extract::Path;
 use std::sync::LazyLock;
 
-/// Pairs each path with the text of the file.
+/// Pairs paths with file texts.
 macro_rules! texts {
     ($($path:literal,)*) => { [$(($path, include_str!(concat!("../../../../../", $path)))),*] };
 }
 
-/// Documents of the repository, those for participants first: path and Markdown.
+/// Documents as path and Markdown, those for participants first.
 const PATHS: [(&str, &str); 40] = texts![
     "docs/QUICKSTART.md",
     "docs/FAQ.md",
@@ -62,7 +62,7 @@ const PATHS: [(&str, &str); 40] = texts![
     "docs/decisions/0018-pages-without-a-library.md",
 ];
 
-/// All documents in the order of [`PATHS`].
+/// All documents, ordered as [`PATHS`].
 static DOCUMENTS: LazyLock<Vec<Document>> =
     LazyLock::new(|| PATHS.into_iter().map(|(path, text)| Document::new(path, text)).collect());
 
@@ -91,14 +91,13 @@ struct DocumentPage {
     document: &'static Document,
 }
 
-/// Serves the instructions, the definitions of the metrics, and the list of documents.
+/// Serves instructions, metric definitions and the list of documents.
 pub(super) async fn index(grpc_address: GrpcAddress, _: StrictQuery<NoParameters>) -> Page {
     let (decisions, documents) = DOCUMENTS.iter().partition(|document| document.is_decision());
     let shell = PageShell::new("How to take part", SiteSection::Docs);
     render(&DocsPage { shell, grpc_address, keys: Key::ALL, documents, decisions })
 }
 
-/// Serves one document.
 pub(super) async fn document(Path(slug): Path<String>, _: StrictQuery<NoParameters>) -> Page {
     let found = DOCUMENTS.iter().find(|document| document.slug == slug);
     let document = found.ok_or(RequestError::Unknown { what: "document", name: slug })?;
@@ -117,13 +116,13 @@ impl Document {
     }
 }
 
-/// Returns the address below `/docs/` of the document at `path`.
+/// Returns the document's address below `/docs/`.
 fn slug(path: &str) -> String {
     let inside = path.strip_prefix("docs/").or(path.strip_prefix("proto/")).unwrap_or(path);
     inside.trim_end_matches(".md").to_lowercase()
 }
 
-/// Returns the address of the document at `path`; `None` for other files.
+/// Returns the document's address; `None` for other files.
 fn address(path: &str) -> Option<String> {
     PATHS.iter().any(|(listed, _)| *listed == path).then(|| format!("/docs/{}", slug(path)))
 }

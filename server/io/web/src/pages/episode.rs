@@ -1,4 +1,4 @@
-//! Page of an episode, with its replay.
+//! Episode page, with its replay.
 
 use super::{Page, PageShell, SiteSection, render};
 use crate::{
@@ -33,7 +33,6 @@ struct EpisodePage {
     query: ReplayQuery,
 }
 
-/// Serves the page of an episode.
 pub(super) async fn page(
     context: RequestContext,
     Path((run, place)): Path<(String, String)>,
@@ -48,7 +47,7 @@ pub(super) async fn page(
     render(&EpisodePage::new(view, query, queue.is_some(), sound))
 }
 
-/// Returns the sound of an episode if the visitor requested levels and it is available in time.
+/// Returns the sound if the visitor requested levels and it is ready in time.
 async fn render_sound(
     queue: &MaybeRenderQueue,
     view: &EpisodeView,
@@ -84,18 +83,15 @@ impl EpisodePage {
         format!("/runs/{}/episodes/{}", url_encode(&self.view.run.run), self.view.ordinal)
     }
 
-    /// Returns the address of another step, without default parameters.
     fn at(&self, replay: &ReplayView, step: &u32) -> String {
         self.with([step_parameter(replay, *step), self.storey_parameter(), self.levels_parameter()])
     }
 
-    /// Returns the address of the same step with sound levels.
     fn with_levels(&self, replay: &ReplayView) -> String {
         let levels = Some("ears=on".to_owned());
         self.with([step_parameter(replay, replay.step), self.storey_parameter(), levels])
     }
 
-    /// Returns the address of the same step with another storey in front.
     fn on_storey(&self, replay: &ReplayView, number: &usize) -> String {
         let storey = Some(format!("storey={number}"));
         self.with([step_parameter(replay, replay.step), storey, self.levels_parameter()])
@@ -115,43 +111,38 @@ impl EpisodePage {
         format!("{}{mark}{query}", self.path())
     }
 
-    /// Returns the address of the picture at a step.
+    /// Returns a picture's address.
     fn picture_address(&self, step: impl fmt::Display) -> String {
         format!("{}/eyes/{step}.png", self.path())
     }
 
-    /// Returns the address of the sound of some steps.
+    /// Returns a sound file's address.
     fn sound_address(&self, steps: impl fmt::Display) -> String {
         format!("{}/ears/{steps}.wav", self.path())
     }
 
-    /// Returns width and height of the pictures.
     fn picture_px(&self) -> [u32; 2] {
         self.view.replay.as_ref().map_or([1, 1], size_px)
     }
 
-    /// Returns the range of the depth sensor.
     fn depth_max_m(&self) -> f32 {
         self.view.replay.as_ref().map_or(0.0, |replay| replay.rules.depth_max_m)
     }
 
-    /// Returns the simulated duration of a step.
     fn step_s(&self) -> f32 {
         self.view.replay.as_ref().map_or(0.0, |replay| replay.rules.step_s)
     }
 
-    /// Returns the targets in the order of the mission.
     fn targets(&self) -> &[TargetView] {
         self.view.replay.as_ref().map_or(&[], |replay| &replay.targets)
     }
 
-    /// Returns the colours of the path in the legend, each with its position.
     fn strip(&self) -> Vec<(usize, String)> {
         (0..12).map(|index| (index * 10, colour(index as f32 / 11.0))).collect()
     }
 }
 
-/// Returns the parameter of a step; `None` for the last one, which is the default.
+/// Returns the step parameter; `None` for the last one, which is the default.
 fn step_parameter(replay: &ReplayView, step: u32) -> Option<String> {
     (step < replay.last()).then(|| format!("t={step}"))
 }

@@ -1,4 +1,4 @@
-//! Home page, and the index of leaderboards.
+//! Home page, and leaderboard index.
 
 use super::{Page, PageShell, SiteSection, render};
 use crate::{
@@ -10,7 +10,7 @@ use askama::Template;
 use avln_scoring::Key;
 use avln_store::{LeaderboardView, PhaseState, PhaseView};
 
-/// Entries of each leaderboard on the home page.
+/// Entries per leaderboard on the home page.
 const TOP_ENTRIES: usize = 3;
 
 #[derive(Template)]
@@ -19,7 +19,7 @@ struct HomePage {
     shell: PageShell,
     phases: Vec<PhaseView>,
     grpc_address: GrpcAddress,
-    /// Id of a phase for the example command.
+    /// Phase id for the example command.
     example: String,
     leaderboards: Vec<LeaderboardView>,
     columns: [Key; 4],
@@ -32,7 +32,6 @@ struct LeaderboardIndexPage {
     phases: Vec<PhaseView>,
 }
 
-/// Serves the home page.
 pub(super) async fn home(
     context: RequestContext,
     grpc_address: GrpcAddress,
@@ -60,7 +59,6 @@ pub(super) async fn home(
     })
 }
 
-/// Serves the index of all leaderboards.
 pub(super) async fn leaderboards(context: RequestContext, _: StrictQuery<NoParameters>) -> Page {
     let phases = context.reader.phases(&context.viewer, context.now_unix_ms).await?;
     let shell = PageShell::new("Leaderboards", SiteSection::Leaderboards);

@@ -1,4 +1,4 @@
-//! Leaderboard pages: one order, all orders side by side, and the version for frames of other sites.
+//! Leaderboard pages: single order, all orders side by side, and embedded.
 
 use super::{Page, PageShell, SiteSection, find_phase, render};
 use crate::{
@@ -26,7 +26,7 @@ struct LeaderboardPage {
     columns: Vec<Key>,
     controls: LeaderboardControls,
     orders: Orders,
-    /// Run of the first entry before filtering.
+    /// The leader's run, before filtering.
     leader: Option<String>,
 }
 
@@ -35,7 +35,7 @@ struct LeaderboardPage {
 struct EmbeddedLeaderboard {
     title: String,
     caption: String,
-    /// Address of the full page.
+    /// Full page address.
     address: String,
     view: LeaderboardView,
     columns: Vec<Key>,
@@ -54,11 +54,11 @@ struct AllOrdersPage {
     columns: Vec<Key>,
 }
 
-/// A method of a team with its entries in all orders.
+/// A team's method with its entries in all orders.
 struct MethodRow {
-    /// One of the entries, for the data that all of them share.
+    /// Any entry, for the data shared by all.
     any: LeaderboardRow,
-    /// The entries, in the phase's sequence of orders.
+    /// Entries by order, as in the phase.
     entries: Vec<Option<OrderEntry>>,
 }
 
@@ -69,7 +69,6 @@ struct OrderEntry {
     tied_with: Option<u32>,
 }
 
-/// Serves the leaderboard of one order, or of all orders side by side.
 pub(super) async fn page(
     context: RequestContext,
     Path(id): Path<String>,
@@ -89,7 +88,6 @@ pub(super) async fn page(
     Ok(render(&LeaderboardPage::new(view, &params))?.into_response())
 }
 
-/// Serves a leaderboard for frames of other sites.
 pub(super) async fn embedded(
     context: RequestContext,
     Path(id): Path<String>,
@@ -105,7 +103,7 @@ pub(super) async fn embedded(
     Ok(render(&page)?.into_response())
 }
 
-/// Reads a leaderboard with all its entries.
+/// Reads all entries.
 async fn read_leaderboard(
     context: &RequestContext,
     phase: &PhaseView,
@@ -116,7 +114,6 @@ async fn read_leaderboard(
     context.reader.leaderboard(&context.viewer, &query).await?.ok_or(RequestError::NoPage)
 }
 
-/// Serves all orders of a phase side by side.
 async fn all_orders(context: &RequestContext, phase: PhaseView, params: LeaderboardParams) -> Page {
     let mut views = Vec::new();
     for &order in &phase.orders {
@@ -141,7 +138,7 @@ async fn all_orders(context: &RequestContext, phase: PhaseView, params: Leaderbo
     })
 }
 
-/// Returns the methods, sorted by position in the first order, then in the next one.
+/// Returns the methods, sorted by position in the first order, then in the next.
 fn method_rows(views: &[LeaderboardView]) -> Vec<MethodRow> {
     let mut rows: BTreeMap<(&str, &str), MethodRow> = BTreeMap::new();
     for (order, view) in views.iter().enumerate() {
@@ -175,17 +172,17 @@ impl LeaderboardPage {
         Self { shell, caption: caption(&view), columns, controls, orders, leader, view }
     }
 
-    /// Returns the address of this leaderboard in the API.
+    /// Returns the API address.
     fn api_address(&self, suffix: &str) -> String {
         self.controls.api_address(&format!("leaderboard{suffix}"))
     }
 
-    /// Returns the address for frames of other sites.
+    /// Returns the address for frames.
     fn embedded(&self) -> String {
         format!("/embed/{}{}", url_encode(&self.view.phase.id), self.controls.query_string())
     }
 
-    /// Returns the address of the comparison with the leader, if single episodes are public.
+    /// Returns the comparison with the leader, if single episodes are public.
     fn against_leader(&self, row: &LeaderboardRow) -> Option<String> {
         let leader = self.leader.as_ref().filter(|leader| **leader != row.run)?;
         let is_public = self.view.phase.replays == Visibility::Public;
@@ -196,7 +193,6 @@ impl LeaderboardPage {
         self.view.key == *key
     }
 
-    /// Returns the value of `aria-sort`.
     fn aria_sort(&self, key: &Key) -> &'static str {
         match key.direction() {
             _ if !self.is_key(key) => "none",
@@ -215,12 +211,12 @@ impl AllOrdersPage {
         self.controls.key == *key
     }
 
-    /// Returns true if the viewer does not see the scores of all teams.
+    /// Returns true if the viewer cannot see all scores.
     fn is_partial(&self) -> bool {
         self.views.iter().any(|view| !view.complete)
     }
 
-    /// Returns the formats and addresses of these leaderboards in the API.
+    /// Returns API formats and addresses.
     fn api_addresses(&self) -> [(&'static str, String); 2] {
         [
             ("CSV", self.controls.api_address("leaderboards.csv")),
@@ -229,12 +225,11 @@ impl AllOrdersPage {
     }
 }
 
-/// Returns the metrics of narrow tables.
 fn headline_keys() -> Vec<Key> {
     Metric::headlines().filter_map(|metric| metric.key).collect()
 }
 
-/// Returns the rank of the first entry in the tie group of `row`, unless that is `row` itself.
+/// Returns the rank at the top of a row's tie group, unless the row is at the top.
 fn tied_with(rows: &[LeaderboardRow], row: &LeaderboardRow) -> Option<u32> {
     let group = |row: &LeaderboardRow| row.standing.map(|standing| standing.tie_group);
     let own = group(row)?;
@@ -269,7 +264,7 @@ fn orders_caption(views: &[LeaderboardView], controls: &LeaderboardControls) -> 
     )
 }
 
-/// Returns the number of displayed methods, and of all methods if they differ.
+/// Returns the method count, displayed and total.
 fn entry_count(view: &LeaderboardView) -> String {
     let all = format::plural(&view.entries, "method");
     let shown = view.rows.len() as u32;

@@ -24,7 +24,6 @@ use std::future::Future;
 /// Version in the footer.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// Returns the routes of all pages for visitors.
 pub(crate) fn router() -> Router<Reader> {
     Router::new()
         .route("/", get(home::home))
@@ -74,22 +73,19 @@ tokio::task_local! {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct PageContext {
     pub(crate) menu: Menu,
-    /// Announcement of the organiser; empty if there is none.
+    /// The organiser's announcement; may be empty.
     pub(crate) announcement: String,
 }
 
 impl PageContext {
-    /// Returns the context of the current request.
     pub(crate) fn current() -> Self {
         CONTEXT.try_with(Self::clone).unwrap_or_default()
     }
 
-    /// Runs a handler in this context.
     pub(crate) async fn scope<T>(self, handler: impl Future<Output = T>) -> T {
         CONTEXT.scope(self, handler).await
     }
 
-    /// Renders a page in this context.
     pub(crate) fn sync_scope<T>(self, render: impl FnOnce() -> T) -> T {
         CONTEXT.sync_scope(self, render)
     }
@@ -103,14 +99,13 @@ pub(crate) enum Menu {
     Plain,
     /// Sign-in.
     Stranger,
-    /// The page of the visitor's team.
+    /// The visitor's team page.
     Team,
     /// The organiser's pages.
     Organiser,
 }
 
 impl Menu {
-    /// Returns address and name of the entry.
     pub(crate) fn link(self) -> Option<(&'static str, &'static str)> {
         match self {
             Self::Plain => None,
@@ -121,10 +116,9 @@ impl Menu {
     }
 }
 
-/// The frame of every page.
 #[derive(Debug)]
 struct PageShell {
-    /// Heading of the page and title of the browser tab.
+    /// Page heading and browser tab title.
     title: String,
     /// Pages above this one, the highest first, without the home page.
     trail: Vec<Breadcrumb>,
@@ -160,7 +154,6 @@ impl PageShell {
         self
     }
 
-    /// Returns the value of `aria-current` for a menu entry.
     fn current(&self, section: &SiteSection) -> &'static str {
         if self.section == *section { "page" } else { "false" }
     }
@@ -175,7 +168,6 @@ struct ErrorPage {
     is_signing_in: bool,
 }
 
-/// Renders the page of an error.
 pub(crate) fn error_page(error: &RequestError) -> String {
     let page = ErrorPage {
         shell: PageShell::new(error.title(), SiteSection::Elsewhere),

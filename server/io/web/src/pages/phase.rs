@@ -1,4 +1,4 @@
-//! Page of a phase: tables of its rules, statistics of its missions, and plans of its scenes.
+//! Phase page: rules, mission statistics and floor plans.
 
 use super::{Page, PageShell, SiteSection, find_phase, render};
 use crate::{
@@ -19,7 +19,7 @@ use axum::{
 };
 use std::collections::BTreeMap;
 
-/// Width and number of the bins of reference tours, metres; the last bin is open.
+/// Width (metres) and number of bins for reference tours; the last bin is open.
 const BIN_M: f64 = 10.0;
 const BINS: usize = 6;
 
@@ -29,14 +29,13 @@ struct PhasePage {
     shell: PageShell,
     grpc_address: GrpcAddress,
     phase: PhaseView,
-    /// Statistics of the missions, if replays are public.
+    /// Mission statistics, if replays are public.
     missions: Option<MissionsView>,
 }
 
-/// A row of a table: name and meaning.
+/// A table row: name and meaning.
 type Row = (&'static str, String);
 
-/// Serves the page of a phase.
 pub(super) async fn page(context: RequestContext, grpc_address: GrpcAddress, Path(id): Path<String>, _: StrictQuery<NoParameters>) -> Page {
     let phase = find_phase(&context, &id).await?;
     let shell = PageShell::new(phase.title.clone(), SiteSection::Leaderboards).below("Leaderboards", "/leaderboard");
@@ -154,7 +153,6 @@ impl PhasePage {
         ]
     }
 
-    /// Returns heading, caption and rows of each table.
     fn tables(&self) -> [(&'static str, &'static str, Vec<Row>); 4] {
         [
             ("Actions", "Actions of an agent", self.actions().to_vec()),
@@ -168,12 +166,11 @@ impl PhasePage {
         self.missions.as_ref().map(statistics).unwrap_or_default()
     }
 
-    /// Returns name, mission count and plan address of each scene.
     fn scenes(&self) -> Vec<(String, u32, String)> {
         self.missions.as_ref().map(|missions| scenes(&self.phase.id, missions)).unwrap_or_default()
     }
 
-    /// Returns the address of this phase in the API.
+    /// Returns the API address.
     fn api_address(&self, below: &str) -> String {
         format!("/api/v1/phases/{}{below}", url_encode(&self.phase.id))
     }
@@ -191,7 +188,7 @@ fn run_limits(quotas: &QuotaLimits) -> String {
     if texts.is_empty() { "unlimited".to_owned() } else { texts.join(", ") }
 }
 
-/// Counts of a property of missions.
+/// Counts by a mission property.
 struct MissionTable {
     heading: &'static str,
     caption: &'static str,
@@ -216,7 +213,6 @@ fn statistics(missions: &MissionsView) -> Vec<MissionTable> {
 }
 
 impl MissionTable {
-    /// Returns the largest count.
     fn most(&self) -> u32 {
         self.rows.iter().map(|(_, count)| *count).max().unwrap_or(0)
     }
@@ -245,14 +241,13 @@ fn lengths(reference_m: &[f64]) -> Vec<(String, u32)> {
     bins.into_iter().enumerate().map(|(bin, count)| (name(bin), count)).collect()
 }
 
-/// Returns name, mission count and plan address of each scene.
 fn scenes(phase: &str, missions: &MissionsView) -> Vec<(String, u32, String)> {
     let address = |index| format!("/phases/{}/scenes/{index}.svg", url_encode(phase));
     let named = missions.scenes.iter().enumerate();
     named.map(|(index, (name, count))| (name.clone(), *count, address(index))).collect()
 }
 
-/// Serves the floor plan of a scene, `INDEX.svg`.
+/// Serves a scene's floor plan, `INDEX.svg`.
 pub(super) async fn scene(
     context: RequestContext,
     Path((phase, file)): Path<(String, String)>,

@@ -1,4 +1,4 @@
-//! Pages of runs: the list, one run, the comparison of two runs, and the badge.
+//! Run pages: list, single run, comparison, badge.
 
 use super::{Menu, Page, PageShell, SiteSection, find_phase, render};
 use crate::{
@@ -30,20 +30,18 @@ struct RunsPage {
     /// Open runs.
     live: Vec<LiveRunView>,
     runs: Vec<RunLine>,
-    /// Last run of this page, if older ones exist.
     next: Option<String>,
     query: RunsQuery,
     limit: u32,
 }
 
 impl RunsPage {
-    /// Returns the address of this list in the API.
+    /// Returns the API address.
     fn api_address(&self, suffix: &str) -> String {
         format!("/api/v1/runs{suffix}?{}", self.query.address(self.query.before.as_deref()))
     }
 }
 
-/// Serves the list of runs.
 pub(super) async fn list(
     context: RequestContext,
     Extension(feed): Extension<Arc<LiveFeed>>,
@@ -56,7 +54,7 @@ pub(super) async fn list(
     render(&RunsPage { shell: PageShell::new("Runs", SiteSection::Runs), live, runs, next, query, limit })
 }
 
-/// A row of the time table: activity, total, time per step, share.
+/// A time table row: activity, total, time per step, share.
 type TimeRow = (&'static str, String, String, String);
 
 #[derive(Template)]
@@ -64,12 +62,11 @@ type TimeRow = (&'static str, String, String, String);
 struct RunPage {
     shell: PageShell,
     view: RunView,
-    /// Live state of an open run.
+    /// Live state, if open.
     live: Option<LiveRunView>,
     keys: [Key; 10],
 }
 
-/// Serves the page of a run.
 pub(super) async fn one(
     context: RequestContext,
     Path(id): Path<String>,
@@ -96,20 +93,18 @@ impl RunPage {
         Self { shell, view, live, keys: Key::ALL }
     }
 
-    /// Returns the tables of grouped episodes with their names.
     fn groupings(&self) -> impl Iterator<Item = (&'static str, &[GroupView])> {
         let all =
             [("number of goals", self.view.by_goals.as_slice()), ("scene", self.view.by_scene.as_slice())];
         all.into_iter().filter(|(_, groups)| !groups.is_empty())
     }
 
-    /// Returns the end reasons as a bar.
     fn ends_bar(&self) -> String {
         let counts: Vec<u32> = format::ends(&self.view.health).iter().map(|(count, _)| *count).collect();
         plot::stacked(&counts)
     }
 
-    /// Returns the episodes that did not end by the rules of the task.
+    /// Returns the episodes that ended against the task's rules.
     fn failures(&self) -> Vec<&EpisodeLine> {
         let is_failure = |end: EndReason| match end {
             EndReason::TimeBudget
@@ -121,7 +116,7 @@ impl RunPage {
         self.view.episodes.iter().filter(|episode| episode.end.is_some_and(is_failure)).collect()
     }
 
-    /// Returns the step count of all scored episodes; `None` if scores are hidden.
+    /// Returns the total step count; `None` if scores are hidden.
     fn steps(&self) -> Option<f64> {
         let summary = self.view.summary.as_ref()?;
         Some(summary.steps * f64::from(summary.episodes)).filter(|&steps| steps > 0.0)
@@ -164,13 +159,12 @@ struct ComparePage {
 
 /// Episodes with the same outcome.
 struct OutcomeGroup {
-    /// Id of the section on the page.
+    /// Section id on the page.
     anchor: &'static str,
     heading: &'static str,
     pairs: Vec<PairView>,
 }
 
-/// Serves the comparison of two runs.
 pub(super) async fn compare(
     context: RequestContext,
     StrictQuery(query): StrictQuery<CompareQuery>,
@@ -185,7 +179,7 @@ pub(super) async fn compare(
 }
 
 impl ComparePage {
-    /// Returns the address of this comparison in the API.
+    /// Returns the API address.
     fn api_address(&self, suffix: &str) -> String {
         let [first, second] = [&self.view.first, &self.view.second].map(|line| url_encode(&line.run));
         format!("/api/v1/compare{suffix}?first={first}&second={second}")
@@ -193,7 +187,7 @@ impl ComparePage {
 }
 
 fn outcome_groups(pairs: &[PairView]) -> [OutcomeGroup; 4] {
-    // SR of a single episode is 0 or 1.
+    // An episode's SR is 0 or 1.
     let all_found = |pair: &PairView| [pair.first.sr, pair.second.sr].map(|sr| sr > 0.5);
     let group = |anchor, heading, outcome: [bool; 2]| {
         let pairs = pairs.iter().filter(|pair| all_found(pair) == outcome).cloned().collect();
@@ -207,11 +201,11 @@ fn outcome_groups(pairs: &[PairView]) -> [OutcomeGroup; 4] {
     ]
 }
 
-/// Width of a letter and of the margin on either side of a text, pixels.
+/// Letter width, and margin on either side, pixels.
 const LETTER_PX: u32 = 7;
 const MARGIN_PX: u32 = 8;
 
-/// An image with the score and rank of a run.
+/// An image with a run's score and rank.
 #[derive(Template)]
 #[template(path = "badge.svg")]
 struct Badge {
@@ -225,7 +219,6 @@ struct BadgeLabel {
     width_px: u32,
 }
 
-/// Serves the badge of a run.
 pub(super) async fn badge(
     context: RequestContext,
     Path(id): Path<String>,
@@ -262,7 +255,6 @@ async fn standing_text(
     Ok(score_text(phase.ranking.key, summary) + &rank)
 }
 
-/// Returns a metric with its interval in one line.
 fn score_text(key: Key, summary: &Summary) -> String {
     let name = format::metric(&key);
     match key.metric().estimate_of(summary) {

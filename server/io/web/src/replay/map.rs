@@ -1,4 +1,4 @@
-//! Map of a replay. One unit is a metre; right is +X and down is +Z, so heading 0 points up.
+//! Replay map. One unit is a metre; right is +X and down is +Z, so heading 0 points up.
 
 use super::{
     Moment,
@@ -7,38 +7,38 @@ use super::{
 use avln_store::{MissionView, Replay, SceneMap, TargetView};
 use std::fmt::Write;
 
-/// Number of coloured pieces of the path.
+/// Coloured path pieces.
 const PIECES: usize = 60;
-/// Colours of the path at its start, middle and end. Each has a contrast of at least 3 on white and on near-black.
+/// Path colours at start, middle and end, with a contrast of at least 3 on white and on near-black.
 const COLOURS: [[f32; 3]; 3] = [[0.0, 114.0, 178.0], [204.0, 121.0, 167.0], [213.0, 94.0, 0.0]];
 /// Margin around the building, metres.
 const MARGIN_M: f32 = 0.6;
 
-/// Shapes of the map, in metres.
+/// Map shapes, metres.
 #[derive(Debug)]
 pub(crate) struct MapView {
     /// `min-x min-y width height`.
     pub(crate) view_box: String,
     /// Font size.
     pub(crate) letter_m: f32,
-    /// Half the size of a mark.
+    /// Half a mark's size.
     pub(crate) mark_m: f32,
     /// Storeys, the lowest first.
     pub(crate) storeys: Vec<StoreyTab>,
-    /// Index of the storey in front.
+    /// Front storey.
     pub(crate) storey: usize,
-    /// Path data of each storey's floor.
+    /// Floor path data by storey.
     pub(crate) floors: Vec<String>,
-    /// Path data of the reference tour, with storeys.
+    /// Reference tour: storeys and path data.
     pub(crate) reference: Vec<(usize, String)>,
-    /// Path of the agent in order of time.
+    /// Agent's path in time order.
     pub(crate) pieces: Vec<Piece>,
     pub(crate) collisions: Vec<Spot>,
     pub(crate) start: Spot,
     /// Heading at the start, degrees clockwise from up.
     pub(crate) start_degrees: f32,
     pub(crate) end: Spot,
-    /// Position of the agent at the displayed step.
+    /// Agent's position at the displayed step.
     pub(crate) body: Spot,
     pub(crate) body_degrees: i32,
     pub(crate) submits: Vec<SubmitSpot>,
@@ -49,7 +49,7 @@ pub(crate) struct MapView {
 /// A tab that brings a storey to the front.
 #[derive(Debug, PartialEq)]
 pub(crate) struct StoreyTab {
-    /// Number of the storey, from 1.
+    /// Storey number, from 1.
     pub(crate) number: usize,
     /// Height above the lowest storey.
     pub(crate) height_m: f64,
@@ -60,7 +60,7 @@ pub(crate) struct StoreyTab {
 pub(crate) struct Piece {
     pub(crate) path: String,
     pub(crate) colour: String,
-    /// First step of the piece.
+    /// First step.
     pub(crate) from_step: usize,
     pub(crate) storey: usize,
     /// Whether it comes after the displayed step.
@@ -78,7 +78,7 @@ pub(crate) struct SubmitSpot {
     pub(crate) text: String,
 }
 
-/// The bounding box of a target, with its label.
+/// A target's bounding box and label.
 #[derive(Debug)]
 pub(crate) struct TargetBox {
     pub(crate) corner: Spot,
@@ -86,11 +86,11 @@ pub(crate) struct TargetBox {
     pub(crate) height: f32,
     pub(crate) label: String,
     pub(crate) label_at: Spot,
-    /// Whether the label ends at its point instead of starting there.
+    /// Whether the label ends at `label_at` instead of starting there.
     pub(crate) leftwards: bool,
     pub(crate) found: bool,
     pub(crate) storey: usize,
-    /// Position of the sound source.
+    /// Sound source.
     pub(crate) source: Spot,
     /// Whether it sounds at the displayed step.
     pub(crate) sounds: bool,
@@ -104,7 +104,7 @@ pub(crate) struct Scale {
 }
 
 impl MapView {
-    /// Computes the map at `moment`. `storey` defaults to that of the agent; `mission` marks the found goals.
+    /// `storey` defaults to the agent's storey; `mission` marks found goals.
     pub(super) fn new(
         replay: &Replay,
         mission: Option<&MissionView>,
@@ -149,7 +149,6 @@ impl MapView {
     }
 }
 
-/// Returns a tab for each storey.
 fn tabs(storeys: &Storeys) -> Vec<StoreyTab> {
     let tab = |(index, height_m)| StoreyTab { number: index + 1, height_m: f64::from(height_m) };
     storeys.heights_m().enumerate().map(tab).collect()
@@ -205,7 +204,6 @@ impl MapBounds {
     }
 }
 
-/// Returns the path data of a line.
 fn line(spots: &[Spot]) -> String {
     let mut path = String::new();
     for (index, spot) in spots.iter().enumerate() {
@@ -215,7 +213,6 @@ fn line(spots: &[Spot]) -> String {
     path
 }
 
-/// Returns the path data of each storey's floor.
 fn floors(map: &SceneMap, storeys: &Storeys) -> Vec<String> {
     let mut paths = vec![String::new(); storeys.count()];
     for polygon in map.polygons.iter().filter(|polygon| !polygon.is_empty()) {
@@ -226,7 +223,7 @@ fn floors(map: &SceneMap, storeys: &Storeys) -> Vec<String> {
     paths
 }
 
-/// Draws the floor plan of a scene. It contains only digits, so it needs no escaping.
+/// Draws a scene's floor plan. It contains only digits, so it needs no escaping.
 pub(crate) fn plan(map: &SceneMap) -> String {
     let bounds = MapBounds { min: spot(&map.min), max: spot(&map.max) };
     let storeys = Storeys::of(map, 0.0);
@@ -238,7 +235,7 @@ pub(crate) fn plan(map: &SceneMap) -> String {
     svg + "</svg>"
 }
 
-/// Returns the colour of the path at `time`, from 0 (start) to 1 (end).
+/// Returns the path colour at `time`, from 0 (start) to 1 (end).
 pub(crate) fn colour(time: f32) -> String {
     let (from, to, share) = if time < 0.5 {
         (COLOURS[0], COLOURS[1], time * 2.0)
@@ -249,7 +246,7 @@ pub(crate) fn colour(time: f32) -> String {
     format!("#{:02x}{:02x}{:02x}", mix(0), mix(1), mix(2))
 }
 
-/// A replay at one moment, with the shapes that depend on it.
+/// A replay at a moment, for the shapes that depend on it.
 struct MapMoment<'a> {
     replay: &'a Replay,
     storeys: &'a Storeys,
@@ -257,12 +254,12 @@ struct MapMoment<'a> {
 }
 
 impl MapMoment<'_> {
-    /// Returns the storey of the agent after `step` steps.
+    /// Returns the agent's storey after `step` steps.
     fn storey_at(&self, step: usize) -> usize {
         self.replay.path.get(step).map_or(0, |place| self.storeys.nearest(place[1]))
     }
 
-    /// Splits the agent's path into pieces of about equal duration, which share their end points.
+    /// Splits the agent's path into pieces with about equal duration, which share their end points.
     fn pieces(&self, walk: &[Spot]) -> Vec<Piece> {
         let moves = walk.len().saturating_sub(1);
         let count = moves.min(PIECES);

@@ -1,4 +1,4 @@
-//! Replay of an episode: a map, plots, sound and a list of events, all at the same step.
+//! Episode replay: a map, plots, sound and a list of events, all at the same step.
 
 mod map;
 mod plots;
@@ -22,14 +22,14 @@ pub(crate) struct ReplayView {
     pub(crate) map: MapView,
     pub(crate) plots: Plots,
     pub(crate) events: Vec<ReplayEvent>,
-    /// State before the first action and after each action.
+    /// State before the first and after every action.
     pub(crate) moments: Vec<Moment>,
     /// Displayed step.
     pub(crate) step: u32,
 }
 
 impl ReplayView {
-    /// `step` defaults to the last one, `storey` to that of the agent. `None` if the viewer may not see the replay.
+    /// Defaults: the last step and the agent's storey. `None` if the viewer may not see the replay.
     pub(crate) fn new(view: &EpisodeView, step: Option<u32>, storey: Option<usize>) -> Option<Self> {
         let replay = view.replay.as_ref()?;
         let moments = moments(replay);
@@ -45,22 +45,20 @@ impl ReplayView {
         })
     }
 
-    /// Returns the displayed moment.
     pub(crate) fn moment(&self) -> &Moment {
         &self.moments[self.step as usize]
     }
 
-    /// Returns the last step.
     pub(crate) fn last(&self) -> u32 {
         self.moments.last().map_or(0, |moment| moment.step)
     }
 
-    /// Returns true for the index of the last event up to the displayed step.
+    /// Returns true for the last event up to the displayed step.
     pub(crate) fn is_newest(&self, index: &usize) -> bool {
         self.events.iter().rposition(|event| event.step <= self.step) == Some(*index)
     }
 
-    /// Returns all moments as JSON columns for the script of the page.
+    /// Returns all moments as JSON columns for the page script.
     pub(crate) fn columns(&self) -> String {
         let column = |value: fn(&Moment) -> Value| -> Value { self.moments.iter().map(value).collect() };
         let mut columns = json!({
@@ -83,7 +81,7 @@ impl ReplayView {
         columns.to_string()
     }
 
-    /// Returns a column of texts as a dictionary and indices, which is shorter than the texts.
+    /// Returns a text column as dictionary and indices, which is shorter.
     fn coded(&self, words: fn(&Moment) -> String) -> Value {
         let mut all: Vec<String> = Vec::new();
         let mut indices: BTreeMap<String, usize> = BTreeMap::new();
@@ -109,7 +107,7 @@ mod tests {
     use avln_episode::Rules;
     use avln_store::{Replay, SceneMap};
 
-    /// Returns a straight path of `steps` steps of 0.25 m towards -Z, without targets and sound.
+    /// Returns a straight path towards -Z in steps of 0.25 m, without targets and sound.
     pub(crate) fn replay(steps: usize) -> Replay {
         Replay {
             episode: "e".to_owned(),

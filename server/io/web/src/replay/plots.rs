@@ -1,4 +1,4 @@
-//! Plots of an episode over its steps.
+//! Plots over the steps of an episode.
 
 use super::timeline::Moment;
 use crate::{
@@ -7,10 +7,9 @@ use crate::{
 };
 use avln_store::{EpisodeView, Replay};
 
-/// Names of goals at the ends of curves.
+/// Goal names at the curve ends.
 const LABELS: [&str; 8] = ["1", "2", "3", "4", "5", "6", "7", "8"];
 
-/// All plots of an episode.
 #[derive(Debug)]
 pub(crate) struct Plots {
     pub(crate) distances: Plot,
@@ -57,7 +56,6 @@ fn distances(replay: &Replay, moments: &[Moment], last: u32, step: u32) -> Plot 
     Plot { svg, words: nearest_words(moments, replay.targets.len()) }
 }
 
-/// Describes the nearest approach to each target.
 fn nearest_words(moments: &[Moment], goals: usize) -> String {
     let nearest = |goal: usize| {
         let at =
@@ -83,7 +81,7 @@ fn bearings(replay: &Replay, moments: &[Moment], last: u32, step: u32) -> Plot {
     Plot { svg, words: format!("Sounding goals: {}.", shares.join(", ")) }
 }
 
-/// Returns the bearings of one goal, degrees. The curve is interrupted in silence and where the bearing wraps around behind the agent.
+/// Returns a goal's bearings, degrees. NaN marks silence and the wrap-around behind the agent.
 fn bearings_of(moments: &[Moment], goal: usize) -> Vec<(u32, f64)> {
     const HALF_TURN: f64 = 180.0;
     let mut points: Vec<(u32, f64)> = Vec::new();

@@ -1,4 +1,4 @@
-//! Sound of a replay: the audible goals in words, and the sound levels.
+//! Replay sound: the audible goals in words, and the sound levels.
 
 use super::{plots::Plot, timeline::Moment};
 use crate::{
@@ -9,20 +9,20 @@ use avln_store::Replay;
 use serde_json::json;
 use std::{f32::consts::FRAC_PI_4, sync::Arc};
 
-/// Names of directions, counter-clockwise from straight ahead in steps of 45 degrees.
+/// Direction names, counter-clockwise from straight ahead in 45-degree steps.
 const DIRECTIONS: [&str; 8] =
     ["ahead", "ahead left", "left", "behind left", "behind", "behind right", "right", "ahead right"];
 /// Note on a page that was requested with levels but has none.
 const NOT_READY: &str = "The sound levels are not ready yet. Load the page again in a few seconds.";
 
-/// Sound of an episode around the displayed step.
+/// Episode sound around the displayed step.
 #[derive(Debug)]
 pub(crate) struct SoundView {
-    /// First and last step of the current sound file.
+    /// First and last step in the current sound file.
     pub(crate) window: [u32; 2],
-    /// Changes of the sound.
+    /// Sound changes.
     pub(crate) lines: Vec<SoundLine>,
-    /// Index of the last change up to the displayed step.
+    /// Last change up to the displayed step.
     newest: Option<usize>,
     /// EpisodeSound levels, if rendered.
     pub(crate) levels: Option<SoundLevels>,
@@ -30,7 +30,7 @@ pub(crate) struct SoundView {
     pub(crate) note: &'static str,
 }
 
-/// EpisodeSound levels of an episode.
+/// Sound levels with their plot.
 #[derive(Debug)]
 pub(crate) struct SoundLevels {
     pub(crate) plot: Plot,
@@ -40,7 +40,7 @@ pub(crate) struct SoundLevels {
     pub(crate) columns: String,
 }
 
-/// A change of the sound.
+/// A sound change.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) struct SoundLine {
     pub(crate) step: u32,
@@ -68,24 +68,24 @@ impl SoundView {
         }
     }
 
-    /// Returns true for the index of the last change up to the displayed step.
+    /// Returns true for the last change up to the displayed step.
     pub(crate) fn is_newest(&self, index: &usize) -> bool {
         self.newest == Some(*index)
     }
 
-    /// Returns the steps in the name of the sound file.
+    /// Returns the steps in the sound file name.
     pub(crate) fn file(&self) -> String {
         let [first, last] = self.window;
         format!("{first}-{last}")
     }
 }
 
-/// Returns the text of a level.
+/// Returns the level text.
 pub(crate) fn level_words(level_db: &Option<f64>) -> String {
     level_db.map_or_else(|| "inaudible".to_owned(), |level| format!("{level:.0} dB"))
 }
 
-/// Returns the changes of the sounding goal or of its direction.
+/// Returns the changes in sounding goal or direction.
 fn lines(replay: &Replay, moments: &[Moment], levels: Option<&[StepLevels]>) -> Vec<SoundLine> {
     let mut before = None;
     let mut lines = Vec::new();
@@ -114,7 +114,7 @@ fn line(
     format!("{} (goal {}), {direction}{level}", category.replace('_', " "), u32::from(goal) + 1)
 }
 
-/// Returns the name of a bearing, which is positive to the left.
+/// Returns the bearing name, which is positive to the left.
 fn direction(bearing_rad: f32) -> &'static str {
     let eighth = (bearing_rad / FRAC_PI_4).round().rem_euclid(DIRECTIONS.len() as f32);
     DIRECTIONS[eighth as usize % DIRECTIONS.len()]
@@ -168,7 +168,7 @@ mod tests {
     use avln_episode::Modality;
     use avln_store::TargetView;
 
-    /// Returns a path of four steps past a sounding target, which then falls silent.
+    /// Returns a four-step path past a sounding target, which then falls silent.
     fn passing() -> Replay {
         let target = TargetView {
             category: "alarm_clock".to_owned(),

@@ -1,13 +1,13 @@
-//! Storeys of a building, found from its floor polygons.
+//! Storeys, found from the floor polygons.
 
 use avln_store::SceneMap;
 use std::collections::BTreeMap;
 
-/// Height of a layer of floor polygons, metres.
+/// Layer height for floor polygons, metres.
 const LAYER_M: f32 = 0.3;
 /// Smallest distance between storeys, metres.
 const APART_M: f32 = 1.5;
-/// Smallest share of the floor area in a storey. Stairs and platforms stay below it.
+/// Smallest share of the floor area in a storey; stairs and platforms stay below.
 const LEAST_SHARE: f32 = 0.08;
 
 /// A point of the map in metres: +x is right (world +X), +y is down (world +Z).
@@ -17,18 +17,18 @@ pub(crate) struct Spot {
     pub(crate) y: f32,
 }
 
-/// Projects a point of the scene onto the map.
+/// Projects a scene point onto the map.
 pub(super) fn spot(point: &[f32; 3]) -> Spot {
     let finite = |value: f32| if value.is_finite() { value } else { 0.0 };
     Spot { x: finite(point[0]), y: finite(point[2]) }
 }
 
-/// Heights of the storeys of a building, metres, the lowest first; never empty.
+/// Storey heights, metres, lowest first; never empty.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Storeys(Vec<f32>);
 
 impl Storeys {
-    /// Selects the layers with most floor area; `fallback_m` is the height of a building without floor.
+    /// Selects the layers with most floor area; `fallback_m` is for buildings without floor.
     pub(super) fn of(map: &SceneMap, fallback_m: f32) -> Self {
         let mut layers: BTreeMap<i32, f32> = BTreeMap::new();
         for polygon in map.polygons.iter().filter(|polygon| !polygon.is_empty()) {
@@ -51,7 +51,7 @@ impl Storeys {
         self.0.len()
     }
 
-    /// Returns the index of the storey nearest to a height.
+    /// Returns the storey nearest to a height.
     pub(super) fn nearest(&self, height: f32) -> usize {
         let distance = |index: &usize| (self.0[*index] - height).abs();
         (0..self.0.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
@@ -63,19 +63,19 @@ impl Storeys {
     }
 }
 
-/// Returns the mean height of a polygon's corners.
+/// Returns a polygon's mean height.
 pub(super) fn height(polygon: &[[f32; 3]]) -> f32 {
     polygon.iter().map(|point| point[1]).sum::<f32>() / polygon.len().max(1) as f32
 }
 
-/// Returns the area of a polygon in the horizontal plane.
+/// Returns a polygon's horizontal area.
 fn area(polygon: &[[f32; 3]]) -> f32 {
     let next = polygon.iter().cycle().skip(1);
     let twice: f32 = polygon.iter().zip(next).map(|(a, b)| a[0] * b[2] - b[0] * a[2]).sum();
     twice.abs() / 2.0
 }
 
-/// Splits a path at changes of the storey; consecutive pieces share a point.
+/// Splits a path by storey; consecutive pieces share a point.
 pub(super) fn by_storey(points: &[[f32; 3]], storeys: &Storeys) -> Vec<(usize, Vec<Spot>)> {
     let mut pieces: Vec<(usize, Vec<Spot>)> = Vec::new();
     for pair in points.windows(2) {

@@ -1,4 +1,4 @@
-//! Timeline of a replay: the state at each step, and the list of events.
+//! Replay timeline: the state at each step, and the list of events.
 
 use super::storeys::{Spot, Storeys, spot};
 use crate::format::{self, NOTHING};
@@ -8,7 +8,7 @@ use std::f32::consts::{PI, TAU};
 /// The state before the first action, or after an action.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Moment {
-    /// Number of actions so far.
+    /// Actions so far.
     pub(crate) step: u32,
     pub(crate) at: Spot,
     pub(crate) storey: usize,
@@ -18,19 +18,18 @@ pub(crate) struct Moment {
     pub(crate) action: Option<String>,
     /// Whether the last action collided with an obstacle.
     pub(crate) collided: bool,
-    /// Index of the sounding goal.
+    /// Sounding goal, from 0.
     pub(crate) sounding: Option<u8>,
-    /// Horizontal direction of the sounding goal, radians: 0 is straight ahead, positive is left.
+    /// Horizontal bearing to the sounding goal, radians: 0 is straight ahead, positive is left.
     pub(crate) bearing_rad: Option<f32>,
     /// Path length so far.
     pub(crate) walked_m: f64,
-    /// Straight distance from the camera to the bounding box of each target.
+    /// Straight distances from the camera to the targets' bounding boxes.
     pub(crate) distances_m: Vec<f32>,
     pub(crate) actions_left: u32,
     pub(crate) submits_left: u32,
 }
 
-/// Returns all moments in order of time.
 pub(crate) fn moments(replay: &Replay) -> Vec<Moment> {
     let storeys = Storeys::of(&replay.map, replay.path.first().map_or(0.0, |point| point[1]));
     let mut walked_m = 0.0;
@@ -66,14 +65,14 @@ fn distance_m(from: &[f32; 3], to: &[f32; 3]) -> f64 {
     squares.sum::<f64>().sqrt()
 }
 
-/// Returns the distance from the camera of an agent at `base` to a target's bounding box.
+/// Returns the distance from the camera above `base` to a target's bounding box.
 fn to_box_m(replay: &Replay, base: &[f32; 3], target: &TargetView) -> f32 {
     let eye = [base[0], base[1] + replay.rules.camera_height_m, base[2]];
     let outside = |axis: usize| (target.min[axis] - eye[axis]).max(eye[axis] - target.max[axis]).max(0.0);
     (0..3).map(|axis| outside(axis).powi(2)).sum::<f32>().sqrt()
 }
 
-/// Returns the bearing of `source` for an agent at `base`; `None` directly above or below.
+/// Returns the bearing from `base` to `source`; `None` directly above or below.
 fn bearing_rad(base: &[f32; 3], heading_rad: f32, source: &[f32; 3]) -> Option<f32> {
     let (right, back) = (source[0] - base[0], source[2] - base[2]);
     let seen = (right != 0.0 || back != 0.0).then(|| (-right).atan2(-back) - heading_rad)?;
@@ -117,17 +116,15 @@ impl Moment {
     }
 }
 
-/// An event of an episode.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ReplayEvent {
-    /// Step of the event; 0 is before the first action.
+    /// Event step; 0 is before the first action.
     pub(crate) step: u32,
     pub(crate) text: String,
-    /// Success of a Submit; `None` for other events.
+    /// Submit success; `None` for other events.
     pub(crate) is_right: Option<bool>,
 }
 
-/// Returns the events of a replay in order of time.
 pub(super) fn events(view: &EpisodeView, replay: &Replay) -> Vec<ReplayEvent> {
     let mut events = vec![event(0, "Start".to_owned())];
     events.extend(sounds(&replay.sounding));
@@ -135,7 +132,7 @@ pub(super) fn events(view: &EpisodeView, replay: &Replay) -> Vec<ReplayEvent> {
     events.extend(replay.submits.iter().map(|submit| submit_event(replay, submit)));
     let reason = view.end.map(|end| format!("End: {}", format::end(&end)));
     events.extend(reason.map(|words| event(replay.actions.len() as u32, words)));
-    // A stable sort: events of the same step stay in the order above.
+    // A stable sort: events in the same step stay in the order above.
     events.sort_by_key(|event| event.step);
     events
 }
@@ -144,7 +141,7 @@ fn event(step: u32, text: String) -> ReplayEvent {
     ReplayEvent { step, text, is_right: None }
 }
 
-/// Returns the name of a goal, counted from 1.
+/// Returns the goal name, counted from 1.
 fn goal_name(replay: &Replay, goal: u8) -> String {
     let number = u32::from(goal) + 1;
     let target = replay.targets.get(usize::from(goal));
@@ -154,7 +151,6 @@ fn goal_name(replay: &Replay, goal: u8) -> String {
     )
 }
 
-/// Returns the changes of the sounding goal.
 fn sounds(sounding: &[Option<u8>]) -> Vec<ReplayEvent> {
     let mut last = None;
     let mut changes = Vec::new();
@@ -169,7 +165,6 @@ fn sounds(sounding: &[Option<u8>]) -> Vec<ReplayEvent> {
     changes
 }
 
-/// Returns the first entry into each success region.
 fn entries(replay: &Replay) -> Vec<ReplayEvent> {
     let first = |goal: u8| {
         let inside = replay
@@ -181,7 +176,6 @@ fn entries(replay: &Replay) -> Vec<ReplayEvent> {
     (0..replay.targets.len() as u8).filter_map(first).collect()
 }
 
-/// Returns the event of a Submit.
 fn submit_event(replay: &Replay, submit: &SubmitMark) -> ReplayEvent {
     let action =
         replay.actions.get((submit.step as usize).saturating_sub(1)).map_or("Submit", String::as_str);

@@ -29,9 +29,9 @@ const SOUNDS: usize = 16;
 /// A camera view to render.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewRequest {
-    /// Id of the phase, which defines the rules and the scenes.
+    /// Phase id, which defines the rules and the scenes.
     pub phase: String,
-    /// Name of the scene.
+    /// Scene name.
     pub scene: String,
     /// Pose of the agent's base.
     pub pose: Pose,
@@ -57,9 +57,9 @@ pub struct RenderedView {
 /// An episode whose sound is to be rendered.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SoundRequest {
-    /// Id of the phase, which defines the rules, scenes and sounds.
+    /// Phase id, which defines the rules, scenes and sounds.
     pub phase: String,
-    /// Id of the run.
+    /// Run id.
     pub run: String,
     /// Index of the episode in the run.
     pub ordinal: u32,
@@ -137,7 +137,7 @@ impl RenderQueue {
         }
     }
 
-    /// Returns the pictures of a view.
+    /// Returns the view pictures.
     async fn pictures(
         self: Arc<Self>,
         key: String,
@@ -152,7 +152,7 @@ impl RenderQueue {
         self.find_or_render(|queue| &queue.pictures, key, rendering).await
     }
 
-    /// Returns the sound of an episode; `None` if the viewer may not hear it or the agent requested no sound.
+    /// Returns the episode sound; `None` if the viewer may not hear it or the agent requested no sound.
     pub(crate) async fn sound(
         self: Arc<Self>,
         view: &EpisodeView,

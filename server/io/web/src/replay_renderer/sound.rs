@@ -1,4 +1,4 @@
-//! Sound of episodes: levels by step, and WAV files for the player of the replay page.
+//! Episode sound: levels by step, and WAV files for the player of the replay page.
 
 use super::{ByteSize, MaybeRenderQueue, RenderedSound, SoundRequest};
 use crate::{
@@ -132,7 +132,7 @@ fn wav_header(samples: usize) -> Option<Vec<u8>> {
     Some(wav)
 }
 
-/// Returns the first and last step of the file that contains `step`, in an episode whose last step is `last`.
+/// Returns the steps in the same file as `step`, for an episode that ends at `last`.
 pub(crate) fn window_of(step: u32, last: u32) -> [u32; 2] {
     let first = step - step % WINDOW_STEPS;
     [first, last.min(first + WINDOW_STEPS - 1)]

@@ -39,7 +39,6 @@ pub(crate) struct Answer {
     pub(crate) body: String,
 }
 
-/// A subscriber of events.
 pub(crate) struct Follower {
     pub(crate) status: StatusCode,
     pub(crate) headers: HeaderMap,
@@ -225,7 +224,7 @@ impl Arena {
         Follower { status: parts.status, headers: parts.headers, body }
     }
 
-    /// Returns the size of the body, and the headers.
+    /// Returns the body size, and the headers.
     pub(crate) async fn measure(&self, request: Request<Body>) -> (usize, HeaderMap) {
         let (_, headers, body) = self.bytes(request).await;
         (body.len(), headers)

@@ -5,7 +5,7 @@ use pulldown_cmark::{CowStr, Event, HeadingLevel, Options, Parser, Tag, TagEnd, 
 
 /// Renders the document at `path` and returns its title (the first heading) and the HTML below it.
 ///
-/// Links to other documents lead to their pages; links to other files of the repository become plain text. Tables scroll. HTML in the
+/// Links to other documents lead to their pages; links to other files become plain text. Tables scroll. HTML in the
 /// text is escaped.
 pub(super) fn render(path: &str, text: &str) -> (String, String) {
     let events: Vec<Event> = Parser::new_ext(text, Options::ENABLE_TABLES).collect();
@@ -26,7 +26,6 @@ fn split_title(events: Vec<Event<'_>>) -> (String, Vec<Event<'_>>) {
     (title, events.into_iter().skip(end + 1).collect())
 }
 
-/// Returns the text without markup.
 fn plain(events: &[Event]) -> String {
     let texts = events.iter().filter_map(|event| match event {
         Event::Text(text) | Event::Code(text) => Some(text.as_ref()),
@@ -35,7 +34,7 @@ fn plain(events: &[Event]) -> String {
     texts.collect()
 }
 
-/// Turns HTML into text, and removes the alignment of columns, which the content security policy would block as inline style.
+/// Turns HTML into text, and removes column alignment: the content security policy blocks inline styles.
 fn harmless(event: Event<'_>) -> Event<'_> {
     match event {
         Event::Html(text) | Event::InlineHtml(text) => Event::Text(text),
@@ -46,7 +45,6 @@ fn harmless(event: Event<'_>) -> Event<'_> {
     }
 }
 
-/// Rewrites or removes links.
 fn linked<'a>(path: &str, events: Vec<Event<'a>>) -> Vec<Event<'a>> {
     let mut open = Vec::new();
     let mut linked = Vec::with_capacity(events.len());
@@ -68,7 +66,7 @@ fn linked<'a>(path: &str, events: Vec<Event<'a>>) -> Vec<Event<'a>> {
     linked
 }
 
-/// Returns the target of a link in the document at `path`; `None` for files without a page.
+/// Resolves a link in the document at `path`; `None` for files without a page.
 fn target(path: &str, link: &str) -> Option<String> {
     if link.starts_with("https://") || link.starts_with("http://") || link.starts_with('#') {
         return Some(link.to_owned());
@@ -87,7 +85,7 @@ fn target(path: &str, link: &str) -> Option<String> {
     Some(place.map_or(page.clone(), |place| format!("{page}#{place}")))
 }
 
-/// Gives each heading an id, for links to it.
+/// Adds ids to headings, for links.
 fn anchored(mut events: Vec<Event<'_>>) -> Vec<Event<'_>> {
     for at in 0..events.len() {
         let Event::Start(Tag::Heading { level, .. }) = events[at] else { continue };
@@ -100,14 +98,14 @@ fn anchored(mut events: Vec<Event<'_>>) -> Vec<Event<'_>> {
     events
 }
 
-/// Returns the id of a heading: lower case with hyphens, as on GitHub.
+/// Returns the heading id: lower case with hyphens, as on GitHub.
 fn anchor(words: &str) -> String {
     let kept = words.to_lowercase();
     let kept = kept.chars().filter(|c| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_'));
     kept.collect::<String>().replace(' ', "-")
 }
 
-/// Wraps each table into a scrollable region with an accessible name.
+/// Wraps tables into scrollable regions with accessible names.
 fn framed<'a>(events: Vec<Event<'a>>, title: &str) -> Vec<Event<'a>> {
     let mut framed = Vec::with_capacity(events.len());
     let mut tables = 0;

@@ -20,10 +20,9 @@ use axum::{
 use serde::Deserialize;
 use std::sync::Arc;
 
-/// Lines on a page of the audit log.
+/// Lines per audit log page.
 const AUDIT_LINES: u32 = 100;
 
-/// Returns the routes of these pages.
 pub(crate) fn router() -> Router<Reader> {
     Router::new()
         .route("/sign-in", get(team::sign_in_page).post(team::sign_in))
@@ -38,9 +37,9 @@ pub(crate) fn router() -> Router<Reader> {
         .route("/organise/health", get(health))
 }
 
-/// The common part of all pages with forms.
+/// Form data for all management pages.
 struct FormContext {
-    /// Form key of the session.
+    /// The session's form key.
     key: String,
     /// Confirmation of the last action.
     message: Option<String>,
@@ -52,7 +51,7 @@ impl FormContext {
     }
 }
 
-/// A tab of the organiser's pages.
+/// An organiser tab.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum OrganiserTab {
     Phases,
@@ -85,7 +84,6 @@ impl OrganiserTab {
         }
     }
 
-    /// Returns name, address and `aria-current` of each tab.
     fn tabs(self) -> [(&'static str, &'static str, &'static str); 5] {
         Self::ALL.map(|tab| (tab.name(), tab.href(), if tab == self { "page" } else { "false" }))
     }
@@ -151,12 +149,12 @@ struct AuditPage {
     form_context: FormContext,
     tab: OrganiserTab,
     lines: Vec<AuditLine>,
-    /// Last line of this page, if older ones exist.
+    /// Last line on this page, if older lines exist.
     older_than: Option<i64>,
     is_newest: bool,
 }
 
-/// A page of the audit log: the lines before this one, or the newest.
+/// An audit log page: the lines before this line, or the newest.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct AuditQuery {

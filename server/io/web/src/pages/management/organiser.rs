@@ -19,7 +19,7 @@ use axum::{
 };
 use std::sync::Arc;
 
-/// Limit of runs in one grant.
+/// Run limit per grant.
 const MAX_GRANTED_RUNS: u32 = 1000;
 
 #[derive(Template)]
@@ -66,7 +66,6 @@ pub(super) async fn phase(
     render(&OrganisePhasePage { shell, form_context: FormContext::new(&management, &by), tab, phase })
 }
 
-/// Executes the action of a form on the page of a phase.
 pub(super) async fn act_on_phase(
     organiser: Organiser,
     Extension(management): Extension<Arc<ManagementState>>,
@@ -78,7 +77,7 @@ pub(super) async fn act_on_phase(
     Ok(redirect_after(&management, &by, outcome, &format!("/organise/phases/{}", url_encode(&id))))
 }
 
-/// Returns the action and its reason. Irreversible actions require the typed id of the phase.
+/// Returns action and reason. Irreversible actions require the typed phase id.
 fn phase_action(id: &str, fields: &FormFields) -> Result<(OrganiserAction, String), RequestError> {
     let phase = id.to_owned();
     Ok(match fields.get("action")? {
@@ -114,7 +113,6 @@ struct OrganiseRunsPage {
     form_context: FormContext,
     tab: OrganiserTab,
     runs: Vec<RunLine>,
-    /// Last run of this page, if older ones exist.
     next: Option<String>,
     query: RunsQuery,
     limit: u32,
@@ -163,7 +161,6 @@ pub(super) async fn run(
     render(&OrganiseRunPage { shell, form_context: FormContext::new(&management, &by), tab, view })
 }
 
-/// Executes the action of a form on the page of a run.
 pub(super) async fn act_on_run(
     organiser: Organiser,
     Extension(management): Extension<Arc<ManagementState>>,
@@ -212,7 +209,6 @@ pub(super) async fn teams(
     show_teams(&reader, FormContext::new(&management, &organiser.0), None).await
 }
 
-/// Executes the action of a form on the page of all teams.
 pub(super) async fn act_on_team(
     organiser: Organiser,
     State(reader): State<Reader>,

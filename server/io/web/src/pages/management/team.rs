@@ -1,4 +1,4 @@
-//! Sign-in, and the page of a team: tokens, quotas and runs.
+//! Sign-in, and the team page: tokens, quotas and runs.
 
 use super::{FormContext, Page, PageShell, SiteSection, redirect_after, render, unknown_action};
 use crate::{
@@ -24,7 +24,7 @@ use std::{sync::Arc, time::Instant};
 
 /// Runs in the list.
 const LISTED_RUNS: u32 = 100;
-/// Longest lifetime of a token, days.
+/// Longest token lifetime, days.
 const MAX_DAYS: u32 = 3650;
 
 #[derive(Template)]
@@ -104,7 +104,7 @@ struct TeamPage {
     now_unix_ms: i64,
 }
 
-/// The page of a team; organisers are redirected to their own.
+/// Redirects organisers to their own page.
 pub(super) async fn page(
     State(reader): State<Reader>,
     Extension(management): Extension<Arc<ManagementState>>,
@@ -116,7 +116,6 @@ pub(super) async fn page(
     Ok(show(&reader, &management, by, None).await?.into_response())
 }
 
-/// Executes the action of a form on this page.
 pub(super) async fn act(
     State(reader): State<Reader>,
     Extension(management): Extension<Arc<ManagementState>>,
@@ -164,7 +163,7 @@ impl TeamPage {
         !self.by.holder.looks_only
     }
 
-    /// Returns true for the token of this session.
+    /// Returns true for this session's token.
     fn is_own(&self, token: &TokenLine) -> bool {
         token.id == self.by.holder.token
     }
