@@ -1,4 +1,4 @@
-//! Steps a second of hearing, and the time to prepare a building and a source in it.
+//! Steps per second of the listener, and preparation time of a building and a source.
 //!
 //! `cargo bench -p avln-acoustics`; the first argument that is a path is opened as a scene instead.
 
@@ -63,7 +63,7 @@ fn main() {
     hard();
 }
 
-/// Four sources that were kept, as the first episode in a building that is ready takes them in. Without the disk.
+/// Loads four cached sources, as the first episode in a prepared building does. Excludes the disk.
 fn warm(scene: &Scene, rays: &Arc<RayMesh>, places: &[Point3<f32>]) {
     let place = SoundPlace { shelf: Arc::new(Memory::default()), name: "bench".to_owned() };
     let open = || {
@@ -82,7 +82,7 @@ fn warm(scene: &Scene, rays: &Arc<RayMesh>, places: &[Point3<f32>]) {
     }
 }
 
-/// The worst that a source can cost: hard rooms from which nothing escapes.
+/// The most expensive source: hard rooms without openings.
 fn hard() {
     let large = HouseOptions { rooms: 24..=24, ..Default::default() };
     let mut houses = (5..25).map(|seed| house("hard", seed, &large));
@@ -100,7 +100,7 @@ fn hard() {
     }
 }
 
-/// Puts a box around a building, so that no door leads out.
+/// Encloses a building in a box, so that no door leads outside.
 fn enclose(scene: &mut Scene) {
     let outside = scene.bounds().expect("surfaces");
     let [low, high] = [outside.min.coords.add_scalar(-1.0), outside.max.coords.add_scalar(1.0)];
@@ -120,7 +120,7 @@ fn enclose(scene: &mut Scene) {
     }
 }
 
-/// What is kept, in memory.
+/// An in-memory cache.
 #[derive(Default)]
 struct Memory(Mutex<BTreeMap<String, Vec<u8>>>);
 
@@ -134,7 +134,7 @@ impl SoundShelf for Memory {
     }
 }
 
-/// Processor time of this thread, where the system tells it; else the time that has passed.
+/// Processor time of this thread if the system reports it, otherwise elapsed time.
 fn busy() -> Duration {
     let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanoseconds = told.and_then(|text| text.split(' ').next()?.parse().ok());
@@ -142,7 +142,7 @@ fn busy() -> Duration {
     nanoseconds.map_or_else(|| START.get_or_init(Instant::now).elapsed(), Duration::from_nanos)
 }
 
-/// Random places a metre above the floor of the lowest storey, inside rooms where they are known.
+/// Random positions a metre above the floor of the lowest storey, inside rooms if they are known.
 fn wander(scene: &Scene, rng: &mut Rng) -> Listener {
     let room =
         rng.choose(&scene.regions).map_or_else(|| scene.bounds().expect("surfaces"), |region| region.bounds);
@@ -168,8 +168,8 @@ fn responses(what: &str, scene: &Scene, emitters: &[Emitter]) {
     println!("  mean {mean:?} of processor time");
 }
 
-/// Steps of 25 cm and turns of 30 degrees in turn, or a new place every time; sources take turns every `window` steps,
-/// so that with few steps the one before still rings.
+/// Alternates steps of 25 cm and turns of 30 degrees, or jumps to random positions. Sources alternate every
+/// `window` steps, so that with few steps the previous source still rings.
 fn steps(what: &str, scene: &Scene, emitters: &[Emitter], window: usize, leaps: bool) {
     const STEPS: usize = 2000;
     let (mut rng, mut place) = (Rng::new(2), wander(scene, &mut Rng::new(3)));

@@ -1,4 +1,4 @@
-//! The air of a building on a grid: which cells are open, and which steps between them no surface blocks.
+//! The air of a building on a grid: open cells and unobstructed steps between them.
 
 use avln_geom::{Aabb, Point3, RayMesh, Vector3};
 use avln_scene::Scene;
@@ -9,20 +9,20 @@ mod raster;
 /// Edge of a cell, metres.
 const CELL_M: f32 = 0.2;
 
-/// More cells than this make the cells larger.
+/// Limit on the number of cells; larger buildings get larger cells.
 const MAX_CELLS: f32 = 1.0e6;
 
-/// Connected air with less than this around cells whose six neighbours are air too is the inside of a wall, a slab
-/// or a piece of furniture, cubic metres.
+/// Smallest volume of room air, cubic metres, counting cells with six air neighbours. Smaller connected air
+/// is the inside of a wall, a slab or furniture.
 const MIN_ROOM_M3: f32 = 0.8;
 
-/// Where sound can travel in a building.
+/// The air of a building in which sound travels.
 pub(crate) struct Air {
     rays: Arc<RayMesh>,
     grid: Grid,
-    /// Per cell: whether its centre is in the air of a room.
+    /// Per cell: true if the centre is room air.
     in_room: Vec<bool>,
-    /// Per cell: whether the steps to the next cell along x, y, z are free.
+    /// Per cell: true if the step to the next cell in x, y, z is free.
     free_steps: Vec<[bool; 3]>,
 }
 
@@ -69,7 +69,7 @@ impl Grid {
         self.first_center + Vector3::from_fn(|axis, _| cell[axis] as f32 * self.cell_m)
     }
 
-    /// Whether `point` lies in one of the cells.
+    /// Returns true if `point` is inside the grid.
     pub(crate) fn holds(&self, point: &Point3<f32>) -> bool {
         (0..3).all(|axis| {
             let place = (point[axis] - self.first_center[axis]) / self.cell_m + 0.5;
@@ -77,12 +77,12 @@ impl Grid {
         })
     }
 
-    /// Index distance between neighbours along `axis`.
+    /// Index distance between neighbours in direction `axis`.
     pub(crate) fn stride(&self, axis: usize) -> usize {
         [1, self.size[0], self.size[0] * self.size[1]][axis]
     }
 
-    /// The cells within `reach` cells of the one that holds `point` (of the nearest one when it lies outside).
+    /// Returns the cells within `reach` cells of `point` (of the nearest cell if `point` is outside).
     fn around(&self, point: &Point3<f32>, reach: usize) -> Vec<usize> {
         if self.len() == 0 {
             return Vec::new();
@@ -114,7 +114,7 @@ impl Air {
         air
     }
 
-    /// Bytes of what is known of the cells.
+    /// Bytes of the cell data.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.in_room.as_slice()) + size_of_val(self.free_steps.as_slice())
     }
@@ -127,12 +127,12 @@ impl Air {
         &self.rays
     }
 
-    /// Whether the centre of `cell` is in the air of a room.
+    /// Returns true if the centre of `cell` is room air.
     pub(crate) fn in_room(&self, cell: usize) -> bool {
         self.in_room[cell]
     }
 
-    /// The open cells that are one free step away from `cell`.
+    /// Returns the open cells reachable from `cell` in a single free step.
     pub(crate) fn neighbours(&self, cell: usize) -> impl Iterator<Item = usize> + '_ {
         let position = self.grid.cell(cell);
         (0..3).flat_map(move |axis| {
@@ -145,7 +145,7 @@ impl Air {
         })
     }
 
-    /// Closes all connected air that is too small or too thin to be a room; the largest one always stays.
+    /// Closes connected air too small or thin for a room; the largest part always stays.
     fn keep_rooms(&mut self) {
         let mut group_of = vec![u32::MAX; self.grid.len()];
         let mut counts: Vec<usize> = Vec::new();
@@ -162,7 +162,7 @@ impl Air {
         }
     }
 
-    /// Marks all cells that lead to `seed` and counts those in the midst of others.
+    /// Marks all cells connected to `seed` and counts cells with six air neighbours.
     fn flood(&self, seed: usize, group: u32, group_of: &mut [u32]) -> usize {
         let mut stack = vec![seed];
         let mut count = 0;
@@ -179,7 +179,7 @@ impl Air {
         count
     }
 
-    /// Room cells around `point` that nothing hides from it; a few, the nearest first.
+    /// Returns a few room cells visible from `point`, nearest first.
     pub(crate) fn clear_cells(&self, point: &Point3<f32>) -> Vec<usize> {
         const ENOUGH: usize = 8;
         for reach in 1..=2 {
@@ -193,8 +193,8 @@ impl Air {
         Vec::new()
     }
 
-    /// The room cell to which a point that is shut in by furniture or lies outside belongs: the nearest one behind
-    /// a single surface, else the one behind the fewest. `None` when there is no room air at all.
+    /// Returns the room cell for a point enclosed by furniture or outside: the nearest cell behind a single
+    /// surface, otherwise the cell behind the fewest surfaces. `None` without room air.
     pub(crate) fn nearest_cell(&self, point: &Point3<f32>) -> Option<usize> {
         const REACH_M: f32 = 1.2;
         const ENOUGH: usize = 128;

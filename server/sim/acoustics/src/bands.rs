@@ -1,4 +1,4 @@
-//! Octave bands, what they lose on the way, and the short filters that realise it.
+//! Octave bands, propagation losses and short filters that realise them.
 
 use crate::{SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
 use std::f32::consts::{LN_10, PI};
@@ -13,24 +13,23 @@ pub(crate) const BAND_HZ: [f32; BANDS] = [125.0, 250.0, 500.0, 1000.0, 2000.0, 4
 /// Taps of a loss filter.
 pub(crate) const LOSS_TAPS: usize = 48;
 
-/// Decibels lost in each band; 0 changes nothing.
+/// Loss per band in decibels; 0 is no loss.
 pub(crate) type BandLoss = [f32; BANDS];
 
 /// Absorption of air at 20 degrees Celsius, 50 % humidity and 101.325 kPa, decibels a metre (ISO 9613-1).
 const AIR_DB_PER_M: BandLoss = [0.000_44, 0.001_31, 0.002_73, 0.004_67, 0.009_89, 0.0297, 0.105];
 
-/// The detour to which longer ones tend, metres: bending takes 25 dB from the band of 4 kHz there, and less from lower
-/// ones.
+/// Asymptotic detour, metres: diffraction removes 25 dB from the 4 kHz band there, less from lower bands.
 const MOST_DETOUR_M: f32 = 0.68;
 
-/// What `length_m` metres of air absorb.
+/// Absorption of `length_m` metres of air.
 pub(crate) fn air_loss(length_m: f32) -> BandLoss {
     AIR_DB_PER_M.map(|db| db * length_m)
 }
 
-/// What edges take from a path that is `detour_m` longer than the straight line, decibels: 5 dB at the border of the
-/// shadow, more for deeper shadows and higher bands. Deep shadows tend to 25 dB at 4 kHz; the difference between
-/// bands never shrinks on the way there.
+/// Diffraction loss of a path with a detour of `detour_m`, decibels: 5 dB at the shadow boundary, more in
+/// deeper shadows and higher bands. Deep shadows approach 25 dB at 4 kHz; the difference between bands never
+/// shrinks.
 ///
 /// Source: Kurze and Anderson (1971), "Sound attenuation by barriers", Applied Acoustics 4.
 pub(crate) fn diffraction_loss(detour_m: f32) -> BandLoss {
@@ -40,21 +39,21 @@ pub(crate) fn diffraction_loss(detour_m: f32) -> BandLoss {
     BAND_HZ.map(|frequency_hz| {
         let fresnel_number = 2.0 * detour_m * frequency_hz / SPEED_OF_SOUND_M_S;
         let x = (2.0 * PI * fresnel_number).sqrt();
-        // x / tanh x tends to 1 at the border of the shadow.
+        // x / tanh x approaches 1 at the shadow boundary.
         let ratio = if x < 1e-3 { 1.0 } else { x / libm::tanhf(x) };
         5.0 + 20.0 * libm::log10f(ratio)
     })
 }
 
-/// Both losses, one after the other.
+/// Sum of two losses.
 pub(crate) fn both(first: &BandLoss, second: &BandLoss) -> BandLoss {
     std::array::from_fn(|band| first[band] + second[band])
 }
 
-/// The minimum-phase filter whose magnitude follows `loss`, linear in decibels over the logarithm of frequency.
+/// Returns the minimum-phase filter with magnitude `loss`, linear in decibels over log frequency.
 ///
-/// The logarithm of a magnitude is linear in the losses, and so is the cepstrum of its minimum-phase filter: one
-/// cepstrum per band is known, and the filter follows from their sum by the recursion of Oppenheim and Schafer,
+/// The log magnitude is linear in the losses, and so is the minimum-phase cepstrum. The cepstra of the bands
+/// are precomputed; the filter follows from their sum by the recursion of Oppenheim and Schafer,
 /// "Discrete-Time Signal Processing", chapter 13: `n h[n] = sum over k of k c[k] h[n - k]`.
 pub(crate) fn loss_filter(loss: &BandLoss) -> [f32; LOSS_TAPS] {
     let mut cepstrum = [0.0_f32; LOSS_TAPS];
@@ -71,7 +70,7 @@ pub(crate) fn loss_filter(loss: &BandLoss) -> [f32; LOSS_TAPS] {
     taps
 }
 
-/// Minimum-phase cepstrum of one neper in each band.
+/// Minimum-phase cepstra of one neper per band.
 fn band_cepstra() -> &'static [[f32; LOSS_TAPS]; BANDS] {
     static CEPSTRA: OnceLock<[[f32; LOSS_TAPS]; BANDS]> = OnceLock::new();
     CEPSTRA.get_or_init(|| std::array::from_fn(band_cepstrum))
@@ -92,7 +91,7 @@ fn band_cepstrum(band: usize) -> [f32; LOSS_TAPS] {
     })
 }
 
-/// How much of `band` there is at `frequency_hz`: a triangle over octaves, the first band flat below its centre.
+/// Weight of `band` at `frequency_hz`: a triangle over octaves, flat below the centre of the first band.
 fn band_share(band: usize, frequency_hz: f64) -> f64 {
     let octaves = libm::log2(frequency_hz.max(f64::from(BAND_HZ[0])) / f64::from(BAND_HZ[band]));
     (1.0 - octaves.abs()).max(0.0)

@@ -1,7 +1,7 @@
-//! The sounds that sources play: made by rule, the same on every machine, or taken from recordings.
+//! Sound clips: synthesised, with equal bits on every machine, or from recordings.
 //!
-//! Every clip that is made can be placed by ear: broadband, with several onsets a second and no long gap. All are
-//! equally loud, so that level tells distance and nothing else.
+//! Every synthesised clip is localisable: broadband, with several onsets per second and no long gap. All
+//! clips are equally loud, so that level depends on distance only.
 
 use std::sync::Arc;
 
@@ -18,12 +18,13 @@ mod tones;
 pub use bank::{Bank, ClipPool};
 pub use recording::RecordingError;
 
-/// A sound that repeats without a seam.
+/// A seamless sound loop.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clip {
     /// Family and number, `pink-bursts-0`, or the name of a recording.
     pub name: String,
-    /// Pressure at 1 m, mono, at [`SAMPLE_RATE_HZ`](crate::SAMPLE_RATE_HZ); the last sample is followed by the first.
+    /// Pressure at 1 m, mono, at [`SAMPLE_RATE_HZ`](crate::SAMPLE_RATE_HZ); the first sample follows the
+    /// last.
     pub samples: Arc<[f32]>,
 }
 

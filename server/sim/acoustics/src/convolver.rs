@@ -1,7 +1,7 @@
-//! Convolution by overlap-save with filters in equal parts: what is known of the input serves every filter, and what is
-//! known of a filter serves every step.
+//! Partitioned overlap-save convolution. Spectra of the input are shared by all filters, spectra of a filter
+//! by all steps.
 //!
-//! The two ears are the real and the imaginary part of one signal: one transform serves both.
+//! The two ears are the real and the imaginary part of a signal, so a single transform serves both.
 
 use crate::transform::{Complexes, Transform};
 use std::collections::VecDeque;
@@ -12,7 +12,7 @@ pub(crate) struct Convolver {
     window: usize,
     transform: Transform,
     sum: Complexes,
-    /// Spectra that serve no more.
+    /// Spectra for reuse.
     spare: Vec<Complexes>,
 }
 
@@ -20,27 +20,27 @@ pub(crate) struct Convolver {
 pub(crate) struct Input {
     /// The newest window, newest sample last.
     recent: Vec<f32>,
-    /// Spectra of the window now and of those one, two … blocks ago; `None` for silence.
+    /// Spectra of the present window and of windows one, two … blocks earlier; `None` for silence.
     past: VecDeque<Option<Complexes>>,
-    /// How many of them are kept.
+    /// Number of stored spectra.
     most: usize,
-    /// Silent samples at the end.
+    /// Number of silent samples at the end.
     quiet: usize,
 }
 
-/// A filter for each of two ears, and the spectra of those of its parts that were needed so far.
+/// A filter pair for the two ears, and the spectra of its parts used so far.
 pub(crate) struct Filter {
     taps: [Vec<f32>; 2],
     parts: Vec<Option<Complexes>>,
 }
 
 impl Input {
-    /// Silent samples at the end.
+    /// Number of silent samples at the end.
     pub(crate) fn quiet_samples(&self) -> usize {
         self.quiet
     }
 
-    /// Whether all that is remembered is silence.
+    /// Returns true if the stored past is silent.
     pub(crate) fn is_silent(&self) -> bool {
         self.past.iter().all(Option::is_none)
     }
@@ -62,7 +62,7 @@ fn bytes_of<'a>(spectra: impl Iterator<Item = &'a Complexes>) -> usize {
 }
 
 impl Convolver {
-    /// For blocks of `block` samples, at least 1.
+    /// Creates a convolver for blocks of `block` samples, at least 1.
     pub(crate) fn new(block: usize) -> Self {
         let window = (2 * block).next_power_of_two();
         let (transform, sum) = (Transform::new(window), Complexes::zero(window));
@@ -73,13 +73,13 @@ impl Convolver {
         self.transform.byte_count() + self.sum.byte_count() + bytes_of(self.spare.iter())
     }
 
-    /// Bytes that an input takes at most, with the two filters that it is faded between.
+    /// Upper limit of the bytes of an input with the two filters of a cross-fade.
     pub(crate) fn most_bytes(&self, input: &Input) -> usize {
         let (spectrum, taps) = (self.sum.byte_count(), 2 * input.most * self.block * size_of::<f32>());
         size_of_val(input.recent.as_slice()) + 3 * input.most * spectrum + 2 * taps
     }
 
-    /// Silence, to be convolved with filters of up to `longest` taps.
+    /// Returns a silent input for filters of up to `longest` taps.
     pub(crate) fn input(&self, longest: usize) -> Input {
         let most = longest.div_ceil(self.block).max(1);
         Input { recent: vec![0.0; self.window], past: VecDeque::with_capacity(most + 1), most, quiet: 0 }
@@ -90,7 +90,7 @@ impl Convolver {
         Filter { taps, parts: vec![None; longest.div_ceil(self.block)] }
     }
 
-    /// Takes back what a filter was made of.
+    /// Recycles the buffers of a filter.
     pub(crate) fn recycle(&mut self, filter: Filter) {
         self.spare.extend(filter.parts.into_iter().flatten());
     }
@@ -107,7 +107,7 @@ impl Convolver {
         self.spare.extend(input.past.drain(input.most.min(input.past.len())..).flatten());
     }
 
-    /// The newest block of an input through both filters. Exactly zero where a filter reaches no sound any more.
+    /// Returns the newest block of an input through both filters. Exactly zero if the filters reach no sound.
     pub(crate) fn output(&mut self, input: &Input, filter: &mut Filter) -> [Vec<f32>; 2] {
         self.sum.fill(0.0);
         let mut is_silent = true;
@@ -131,7 +131,7 @@ impl Convolver {
         ears
     }
 
-    /// The spectrum of a part of both filters, scaled so that no sum need be.
+    /// Spectrum of a part of both filters, pre-scaled.
     fn part(&mut self, taps: &[Vec<f32>; 2], index: usize) -> Complexes {
         let scale = 1.0 / self.window as f32;
         let part = |taps: &Vec<f32>| -> Vec<f32> {
@@ -142,7 +142,7 @@ impl Convolver {
         self.spectrum([&left, &right])
     }
 
-    /// The spectrum of the window that begins with the real and the imaginary values given; the rest is zero.
+    /// Spectrum of the window that starts with the given real and imaginary values; the rest is zero.
     fn spectrum(&mut self, [re, im]: [&[f32]; 2]) -> Complexes {
         let mut values = self.spare.pop().unwrap_or_else(|| Complexes::zero(self.window));
         for (part, given) in [(&mut values.re, re), (&mut values.im, im)] {

@@ -1,4 +1,4 @@
-//! What two ears hear while a listener moves and sources take turns.
+//! The signals at two ears of a moving listener with alternating sources.
 
 use crate::convolver::{Convolver, Filter, Input};
 use crate::impulse::ImpulseResponse;
@@ -6,27 +6,27 @@ use crate::source::Heard;
 use crate::{Clip, SAMPLE_RATE_HZ, Source};
 use avln_geom::Point3;
 
-/// From one impulse response of an emitter to its next, samples: 50 ms.
+/// Cross-fade between two impulse responses of an emitter, samples: 50 ms.
 const CROSSFADE_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 20;
 
 /// Fade of the dry signal when an emitter starts or stops, samples: 10 ms.
 const SWITCH_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 100;
 
-/// What was emitted longer ago than this still rings, from everywhere: it is heard as before, whatever the head does.
-/// Samples: 0.2 s.
+/// Sound emitted longer ago than this only has a diffuse tail and uses the previous response, regardless of
+/// head motion. Samples: 0.2 s.
 const RINGING_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 5;
 
 /// A source that plays a clip.
 ///
-/// The clip runs on with simulated time whether it is heard or not: at sample `t` since the first call of
-/// [`Ears::hear`] it stands at `(offset_samples + t) mod length`.
+/// The clip position follows simulated time even while silent: at sample `t` since the first call of
+/// [`Ears::hear`] it is `(offset_samples + t) mod length`.
 #[derive(Clone)]
 pub struct Emitter {
-    /// Where the sound comes from.
+    /// Position and cached acoustics of the source.
     pub source: Source,
-    /// What it plays, over and over.
+    /// Repeated clip.
     pub clip: Clip,
-    /// Where in the clip time 0 falls, samples.
+    /// Clip position at time 0, samples.
     pub offset_samples: usize,
 }
 
@@ -35,11 +35,11 @@ pub struct Emitter {
 pub struct Listener {
     /// Its centre, world frame, metres.
     pub position: Point3<f32>,
-    /// Rotation about +Y, radians; 0 looks along -Z, positive is to the left.
+    /// Rotation about +Y, radians; 0 looks along -Z, left is positive.
     pub heading_rad: f32,
 }
 
-/// The two ears of one listener through an episode. Remembers what still rings.
+/// The two ears of a listener during an episode, with the ringing sound.
 pub struct Ears {
     channels: Vec<Channel>,
     samples_per_step: usize,
@@ -47,25 +47,25 @@ pub struct Ears {
     convolver: Convolver,
 }
 
-/// One emitter on its way to the ears.
+/// The path from an emitter to the ears.
 struct Channel {
     emitter: Emitter,
-    /// What it emitted, as far back as an impulse response reaches.
+    /// Emitted signal, as long as an impulse response.
     dry: Input,
     sounding: bool,
-    /// How the previous step was heard.
+    /// Listener state of the previous step.
     previous: Option<Previous>,
 }
 
 struct Previous {
     listener: Listener,
-    /// What reaches that place.
+    /// Arrivals at that position.
     heard: Heard,
     filter: Filter,
 }
 
 impl Ears {
-    /// Ears at time 0 that hear nothing yet.
+    /// Creates silent ears at time 0.
     pub fn new(emitters: Vec<Emitter>, samples_per_step: usize) -> Self {
         let convolver = Convolver::new(samples_per_step.max(1));
         let channel = |emitter: Emitter| {
@@ -76,7 +76,7 @@ impl Ears {
         Self { channels, samples_per_step, heard_samples: 0, convolver }
     }
 
-    /// Bytes of what still rings and how it is heard; sources and clips belong to others.
+    /// Bytes of the ringing sound and the filters, without sources and clips.
     pub fn resident_bytes(&self) -> usize {
         let channel = |channel: &Channel| {
             channel.dry.byte_count() + channel.previous.as_ref().map_or(0, |p| p.filter.byte_count())
@@ -84,18 +84,18 @@ impl Ears {
         self.convolver.byte_count() + self.channels.iter().map(channel).sum::<usize>()
     }
 
-    /// Bytes that this is at most, whatever is heard.
+    /// Upper limit of the bytes.
     pub fn most_bytes(&self) -> usize {
         let channels = self.channels.iter().map(|channel| self.convolver.most_bytes(&channel.dry));
         self.convolver.byte_count() + channels.sum::<usize>()
     }
 
-    /// The sound of the next step: `2 × samples_per_step` samples at [`SAMPLE_RATE_HZ`], the left ear first.
+    /// Returns the next step: `2 × samples_per_step` samples at [`SAMPLE_RATE_HZ`], left ear first.
     ///
-    /// `listener` is the head during the whole step; coming from another pose, the first 50 ms fade over.
-    /// Only the emitter with index `sounding` is fed (none for `None` or an index that does not exist); it
-    /// starts and stops within 10 ms, and what it emitted before rings out. Amplitude: a clip of unit pressure
-    /// at 1 m in the free field; no normalisation, so that level tells distance.
+    /// `listener` is the head pose during the whole step; after a change of pose, the first 50 ms cross-fade.
+    /// Only the emitter `sounding` is fed (none for `None` or an unknown index); it starts and stops within
+    /// 10 ms, and earlier sound rings out. Amplitude: a clip of unit pressure at 1 m in the free field,
+    /// without normalisation, so that level depends on distance only.
     pub fn hear(&mut self, listener: &Listener, sounding: Option<usize>) -> Vec<f32> {
         let count = self.samples_per_step;
         let mut heard = vec![0.0; 2 * count];
@@ -122,7 +122,7 @@ impl Ears {
 }
 
 impl Channel {
-    /// Appends one step of the clip, or of silence, to the dry signal.
+    /// Appends a step of the clip, or silence, to the dry signal.
     fn feed(&mut self, start: usize, count: usize, sounding: bool, convolver: &mut Convolver) {
         let was_sounding = std::mem::replace(&mut self.sounding, sounding);
         if !sounding && !was_sounding && self.dry.is_silent() {
@@ -138,7 +138,7 @@ impl Channel {
         convolver.feed(&mut self.dry, &block);
     }
 
-    /// This step at both ears.
+    /// Renders this step at both ears.
     fn render(&mut self, listener: &Listener, count: usize, convolver: &mut Convolver) -> [Vec<f32>; 2] {
         let only_rings = self.dry.quiet_samples() >= count + RINGING_SAMPLES;
         let is_as_before = |before: &Previous| only_rings || before.listener == *listener;
@@ -161,7 +161,8 @@ impl Channel {
         ears
     }
 
-    /// How it is heard from now on, and the filter of before. What reaches a place is asked for once.
+    /// Updates the filter for a new pose and returns the previous filter. Arrivals are computed once per
+    /// position.
     fn turn(
         &self,
         listener: &Listener,

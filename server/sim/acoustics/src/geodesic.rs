@@ -1,7 +1,7 @@
-//! The shortest way of sound through the air from a source to every cell, by any angle.
+//! Shortest any-angle paths of sound through the air from a source to every cell.
 //!
-//! Source: Nash, Koenig and Tovey (2010), "Lazy Theta*", without a goal, so that all cells are reached in the
-//! order of their distance.
+//! Source: Nash, Koenig and Tovey (2010), "Lazy Theta*", without a goal, so that cells are expanded in order
+//! of distance.
 
 use crate::air::Air;
 use crate::stored::{Reader, Writer};
@@ -11,11 +11,11 @@ use avln_geom::{Point3, RayMesh};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Shortest ways from one source.
+/// Shortest paths from a source.
 pub(crate) struct GeodesicField {
-    /// Where ways bend, the source first.
+    /// Corners of the paths, source first.
     corners: Vec<Corner>,
-    /// Per cell: the corner last passed on the way there, [`UNREACHED`] where none leads.
+    /// Per cell: the last corner of its path, [`UNREACHED`] without a path.
     last_corner: Vec<u32>,
 }
 
@@ -25,26 +25,26 @@ const UNREACHED: u32 = u32::MAX;
 struct Corner {
     point: Point3<f32>,
     distance_m: f32,
-    /// The corner before it; the source is its own.
+    /// The previous corner; the source is its own predecessor.
     before: u32,
 }
 
-/// A way through the air: the listener, the corners and the source, in this order; two points when it is straight.
+/// A path through the air: listener, corners, source; two points if straight.
 pub(crate) type Way = Vec<Point3<f32>>;
 
-/// Length of a way, metres.
+/// Length of a path, metres.
 pub(crate) fn length_m(way: &[Point3<f32>]) -> f32 {
     way.windows(2).map(|leg| (leg[1] - leg[0]).norm()).sum()
 }
 
-/// Distance of two points on a plan, metres.
+/// Horizontal distance of two points, metres.
 pub(crate) fn horizontal_m(one: &Point3<f32>, other: &Point3<f32>) -> f32 {
     let offset = one - other;
     (offset.x * offset.x + offset.z * offset.z).sqrt()
 }
 
 impl GeodesicField {
-    /// Bytes that the lists take.
+    /// Bytes of the lists.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.corners.as_slice()) + size_of_val(self.last_corner.as_slice())
     }
@@ -58,7 +58,7 @@ impl GeodesicField {
         writer.words(&self.last_corner);
     }
 
-    /// What [`GeodesicField::write`] wrote; `None` when it does not fit the air.
+    /// Reads the output of [`GeodesicField::write`]; `None` if it does not fit the air.
     pub(crate) fn read(reader: &mut Reader, air: &Air) -> Option<Self> {
         let (words, last_corner) = (reader.words()?, reader.words()?);
         let corner = |[x, y, z, distance_m, before]: [u32; 5]| Corner {
@@ -67,14 +67,14 @@ impl GeodesicField {
             before,
         };
         let corners: Vec<_> = words.as_chunks().0.iter().map(|words| corner(*words)).collect();
-        // Every chain of corners ends at the source.
+        // Every chain of corners must end at the source.
         let is_chained = |(index, corner): (usize, &Corner)| corner.before < (index as u32).max(1);
         let is_known = |last: &u32| *last == UNREACHED || (*last as usize) < corners.len();
         let fits = last_corner.len() == air.grid().len() && last_corner.iter().all(is_known);
         (fits && corners.iter().enumerate().all(is_chained)).then_some(Self { corners, last_corner })
     }
 
-    /// Explores the air around `source`, from the cells in `seeds`, which must see it.
+    /// Explores the air around `source` from the cells `seeds`, which must be visible from it.
     pub(crate) fn new(air: &Air, source: &Point3<f32>, seeds: &[usize]) -> Self {
         let mut search = Search::new(air, source);
         for seed in seeds {
@@ -84,8 +84,8 @@ impl GeodesicField {
         Self { corners: search.corners, last_corner: search.parent }
     }
 
-    /// The shortest way from `listener` to the source, taut to a centimetre or two; `None` when no air leads
-    /// there. `near_cells` must be visible from the listener.
+    /// Returns the shortest path from `listener` to the source, tight to 1 or 2 cm; `None` if unreachable.
+    /// `near_cells` must be visible from the listener.
     pub(crate) fn way(&self, air: &Air, listener: &Point3<f32>, near_cells: &[usize]) -> Option<Way> {
         let options = near_cells.iter().filter_map(|cell| self.way_by(air, listener, *cell));
         let (_, mut way) = options.min_by(|a, b| a.0.total_cmp(&b.0))?;
@@ -93,8 +93,8 @@ impl GeodesicField {
         Some(way)
     }
 
-    /// The shortest way from the same listener that passes obstacles on another side than `first` does and arrives from
-    /// elsewhere; taut. `None` when there is none within a few metres more.
+    /// Returns the shortest tight path that passes obstacles on a different side than `first` and arrives
+    /// from a different direction. `None` within a few additional metres.
     pub(crate) fn second_way(&self, air: &Air, first: &[Point3<f32>]) -> Option<Way> {
         const MOST_TRIED: usize = 32;
         const MOST_TIGHTENED: usize = 3;
@@ -117,13 +117,14 @@ impl GeodesicField {
         ways.find(|way| way.len() > 2 && horizontal_m(&way[1], &first[1]) > APART_M)
     }
 
-    /// Whether two corners lie in one vertical line.
+    /// Returns true if two corners are on a vertical line.
     fn are_in_line(&self, one: u32, other: u32) -> bool {
         let [one, other] = [one, other].map(|corner| &self.corners[corner as usize].point);
         one.x == other.x && one.z == other.z
     }
 
-    /// Whether the way by `bend` is free, bends around something, and has an obstacle between itself and `first`.
+    /// Returns true if the path by `bend` is free, bends around an edge, and has an obstacle between itself
+    /// and `first`.
     fn is_other(&self, rays: &RayMesh, first: &[Point3<f32>], bend: u32) -> bool {
         let (listener, near) = (&first[0], &first[1]);
         let corner = &self.corners[bend as usize];
@@ -139,7 +140,7 @@ impl GeodesicField {
             && !nothing_between()
     }
 
-    /// Corners off the way `first`, each with the length of the way by it, metres.
+    /// Corners off the path `first`, with the path lengths in metres.
     fn other_bends<'a>(&'a self, first: &'a [Point3<f32>]) -> impl Iterator<Item = (f32, u32)> + 'a {
         let (listener, shortest_m) = (first[0], length_m(first));
         let ahead = (first[1] - listener).normalize();
@@ -159,7 +160,7 @@ impl GeodesicField {
         std::iter::successors(Some(last), before).map(|corner| &self.corners[corner as usize].point)
     }
 
-    /// The way through one cell and its length, metres.
+    /// The path through a cell and its length, metres.
     fn way_by(&self, air: &Air, listener: &Point3<f32>, cell: usize) -> Option<(f32, Way)> {
         let last = self.last_corner[cell];
         let corner = *self.corners.get(last as usize)?;
@@ -172,11 +173,11 @@ impl GeodesicField {
     }
 }
 
-/// Cosine of 4 degrees: a second way arrives at least so far from the first.
+/// Cosine of 4 degrees: minimum angle between first and second path.
 const COS_ASIDE: f32 = 0.997_6;
 
-/// Whether the way from `before` by `corner` to `after` bends around something: what is pulled towards the straight line
-/// by more than a cell is caught.
+/// Returns true if the path from `before` by `corner` to `after` bends around an edge: pulling it straight by
+/// more than a cell is blocked.
 fn is_taut(rays: &RayMesh, [before, corner, after]: [&Point3<f32>; 3]) -> bool {
     const PULL_M: f32 = 0.3;
     let leg = after - before;
@@ -193,13 +194,13 @@ const SOURCE: u32 = 0;
 struct Search<'a> {
     air: &'a Air,
     corners: Vec<Corner>,
-    /// Per cell: the corner that it is a copy of, once something bends there.
+    /// Per cell: its corner index, once a path bends there.
     corner_of: Vec<u32>,
     distance_m: Vec<f32>,
     parent: Vec<u32>,
-    /// Per cell: the last corner that turned out not to be visible from it.
+    /// Per cell: the last corner found to be invisible.
     refuted: Vec<u32>,
-    /// Per cell: whether its parent is known to be visible from it.
+    /// Per cell: true if the parent is known to be visible.
     verified: Vec<bool>,
     closed: Vec<bool>,
     /// Smallest distance first (bits of positive floats sort like the floats), then smallest cell.
@@ -244,7 +245,7 @@ impl<'a> Search<'a> {
         corner.distance_m + (self.air.grid().center(cell) - corner.point).norm()
     }
 
-    /// Proposes to reach `cell` straight from `corner`.
+    /// Offers a straight path to `cell` from `corner`.
     fn offer(&mut self, cell: usize, corner: u32, verified: bool) {
         let distance_m = self.distance_by(cell, corner);
         if distance_m < self.distance_m[cell] {
@@ -266,7 +267,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The parent of `cell` is hidden from it: its way bends at the best neighbour that is already reached.
+    /// Replaces an invisible parent of `cell` by the best neighbour already reached, where the path then
+    /// bends.
     fn fall_back(&mut self, cell: usize) {
         self.refuted[cell] = self.parent[cell];
         self.distance_m[cell] = f32::INFINITY;

@@ -1,4 +1,4 @@
-//! The head: what each ear makes of a wave from a given direction and range.
+//! Head models: the response of each ear to a wave by direction and range.
 
 use crate::SAMPLE_RATE_HZ;
 use crate::late::HeardField;
@@ -13,15 +13,15 @@ mod sofa;
 
 pub use measured::{HeadError, MeasuredHead};
 
-/// Who listens.
+/// A head model.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Head {
     /// A rigid sphere with a radius of 8.75 cm and ears at 100 degrees.
     #[default]
     Sphere,
-    /// No head: both ears get the pressure at the place of its centre.
+    /// No head: both ears receive the pressure at the head centre.
     Omni,
-    /// A head that was measured; what is near sounds from the directions of what is far.
+    /// A measured head, without distance dependence.
     Measured(Arc<MeasuredHead>),
 }
 
@@ -31,7 +31,7 @@ const EAR_AZIMUTH_DEG: f32 = 100.0;
 /// Taps of a head filter.
 pub(crate) const HEAD_TAPS: usize = 64;
 
-/// Samples of a head filter that lie before the arrival of the wave front.
+/// Samples of a head filter before the arrival of the wave front.
 pub(crate) const HEAD_LEAD: usize = 16;
 
 /// Inverse ranges of the table, per metre: 0.25, 0.5, 1, 2, 4 metres and a plane wave.
@@ -43,7 +43,7 @@ const ANGLES: usize = 181;
 /// Points of the discrete Fourier transform that designs the filters.
 const DESIGN_POINTS: usize = 256;
 
-/// Above this the response is rolled off to silence at half the sample rate, so that filters are short.
+/// Roll-off frequency: above it the response falls to zero at half the sample rate, to shorten filters.
 const ROLL_OFF_FROM_HZ: f64 = 6000.0;
 
 type Filter = [f32; HEAD_TAPS];
@@ -54,29 +54,30 @@ pub(crate) struct HeadTable {
     filters: Vec<Filter>,
 }
 
-/// An ear's answer to one wave.
+/// Response of an ear to a wave.
 pub(crate) struct EarResponse {
-    /// Filter whose tap [`HEAD_LEAD`] is the wave front.
+    /// Filter with the wave front at tap [`HEAD_LEAD`].
     pub(crate) filter: Filter,
-    /// Wave front at this ear after the wave front at the centre of the head, seconds; negative is earlier.
+    /// Delay of the wave front at this ear relative to the head centre, seconds; negative is earlier.
     pub(crate) delay_s: f64,
 }
 
 impl EarResponse {
-    /// That of a place where there is no head.
+    /// Response without a head.
     fn free_field() -> Self {
         Self { filter: std::array::from_fn(|tap| if tap == HEAD_LEAD { 1.0 } else { 0.0 }), delay_s: 0.0 }
     }
 }
 
 impl Head {
-    /// Works out what it makes of sound from everywhere: some 0.1 s, which else the first to hear late energy waits.
+    /// Computes the response to diffuse sound in advance (about 0.1 s), which otherwise delays the first late
+    /// energy.
     pub fn prepare(&self) {
         HeardField::of(self);
     }
 
-    /// What the left and the right ear make of a wave that comes from `direction` (unit vector, world frame) and
-    /// began `range_m` (at least 0.1) away.
+    /// Responses of the left and right ear to a wave from `direction` (unit vector, world frame) with an
+    /// origin `range_m` (at least 0.1) away.
     pub(crate) fn ears(&self, direction: &Vector3<f32>, heading_rad: f32, range_m: f32) -> [EarResponse; 2] {
         match self {
             Self::Sphere => ear_axes(heading_rad).map(|axis| head().ear(axis.dot(direction), range_m)),
@@ -106,8 +107,8 @@ impl HeadTable {
         Self { filters: filters.collect() }
     }
 
-    /// The response to a source at `range_m` (at least 0.1) whose direction makes an angle of the given cosine
-    /// with the axis of the ear. Relative to the free field at the centre of the head.
+    /// Response to a source at `range_m` (at least 0.1) at the given cosine to the ear axis. Relative to the
+    /// free field at the head centre.
     pub(crate) fn ear(&self, cos_incidence: f32, range_m: f32) -> EarResponse {
         let cos_incidence = cos_incidence.clamp(-1.0, 1.0);
         let (row, row_weight) = range_position(range_m);
@@ -129,7 +130,7 @@ impl HeadTable {
     }
 }
 
-/// The row of the table just beyond `range_m` on the near side, and the weight of the next row.
+/// The table row just beyond `range_m` on the near side, and the weight of the next row.
 fn range_position(range_m: f32) -> (usize, f32) {
     let inverse = (1.0 / range_m).clamp(0.0, INVERSE_RANGES[0]);
     let row = (0..INVERSE_RANGES.len() - 2).find(|row| inverse >= INVERSE_RANGES[row + 1]);
@@ -151,14 +152,14 @@ fn design_range(range_m: f64) -> Vec<Filter> {
     (0..ANGLES).map(at_angle).collect()
 }
 
-/// The filter of a spectrum (bins from 0 to half the sample rate, [`DESIGN_POINTS`] a period) with its wave front, which
-/// comes at `onset_s`, moved to tap [`HEAD_LEAD`].
+/// Filter of a spectrum (bins from 0 to half the sample rate, [`DESIGN_POINTS`] per period), with the wave
+/// front at `onset_s` moved to tap [`HEAD_LEAD`].
 fn design_from(spectrum: &[Complex64], onset_s: f64) -> Filter {
     let bin_hz = f64::from(SAMPLE_RATE_HZ) / DESIGN_POINTS as f64;
     let aligned = |(bin, value): (usize, &Complex64)| {
         let frequency_hz = bin as f64 * bin_hz;
         let value = value * unit_phasor(TAU * frequency_hz * onset_s);
-        // The two halves of the spectrum are conjugates: every bin but the first stands for two.
+        // The two halves of the spectrum are conjugates: every bin except the first counts twice.
         if bin == 0 { Complex64::new(value.norm(), 0.0) } else { value * 2.0 * roll_off(frequency_hz) }
     };
     let spectrum: Vec<_> = spectrum.iter().enumerate().map(aligned).collect();
@@ -171,7 +172,7 @@ fn design_from(spectrum: &[Complex64], onset_s: f64) -> Filter {
     })
 }
 
-/// One turn in [`DESIGN_POINTS`] steps.
+/// Unit circle in [`DESIGN_POINTS`] steps.
 fn turns() -> &'static [Complex64; DESIGN_POINTS] {
     static TURNS: OnceLock<[Complex64; DESIGN_POINTS]> = OnceLock::new();
     TURNS.get_or_init(|| std::array::from_fn(|step| unit_phasor(TAU * step as f64 / DESIGN_POINTS as f64)))
@@ -184,7 +185,7 @@ fn roll_off(frequency_hz: f64) -> f64 {
     0.5 + 0.5 * libm::cos(PI * position)
 }
 
-/// Fades the first and last taps, so that cutting the response there makes no step.
+/// Fades the first and last taps, to avoid a step at the cut.
 fn edge_fade(tap: usize) -> f64 {
     const FADE: usize = 8;
     let from_edge = tap.min(HEAD_TAPS - 1 - tap);

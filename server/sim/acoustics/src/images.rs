@@ -1,8 +1,8 @@
-//! Reflections that arrive as waves of their own: mirror images of a source in the planes of a building.
+//! Specular reflections as discrete waves: mirror images of a source in the planes of a building.
 //!
-//! Source: Vorländer (1989), "Simulation of the transient and steady-state sound propagation in rooms using a new
-//! combined ray-tracing/image-source algorithm", J. Acoust. Soc. Am. 86: rays tell which of all the sequences of
-//! planes there are, so that only those are looked into.
+//! Source: Vorländer (1989), "Simulation of the transient and steady-state sound propagation in rooms using a
+//! new combined ray-tracing/image-source algorithm", J. Acoust. Soc. Am. 86: rays find the existing sequences
+//! of planes, so that only those are evaluated.
 
 use crate::bands::{BANDS, BandLoss, air_loss, both};
 use crate::impulse::Arrival;
@@ -15,25 +15,25 @@ use avln_geom::{Aabb, Point3, Vector3, angle};
 use std::collections::BTreeMap;
 use std::f32::consts::TAU;
 
-/// Most bounces of a sequence.
+/// Largest number of bounces in a sequence.
 pub(crate) const MAX_ORDER: usize = 3;
 
-/// Rays that look for sequences.
+/// Rays that search for sequences.
 const RAYS: usize = 32_768;
 
-/// Sequences that fewer rays met are left to the late energy.
+/// Sequences met by fewer rays are left to the late energy.
 const LEAST_RAYS: u32 = 8;
 
-/// Most waves that are returned, the strongest.
+/// Largest number of returned waves, strongest first.
 const MAX_ARRIVALS: usize = 40;
 
-/// Of a turn: what makes a sunflower's pattern (Vogel 1979).
+/// Golden angle as a share of a turn, for a sunflower pattern (Vogel 1979).
 const GOLDEN_SHARE: f32 = 0.381_966;
 
-/// The planes that a ray is mirrored in, in the order from the source.
+/// Mirror planes of a ray, in order from the source.
 type Sequence = [Option<PlaneId>; MAX_ORDER];
 
-/// All mirror images of one source.
+/// All mirror images of a source.
 pub(crate) struct Images {
     outlet: Point3<f32>,
     /// Sorted by sequence.
@@ -42,16 +42,16 @@ pub(crate) struct Images {
 
 struct Image {
     sequence: Sequence,
-    /// Where the source is seen in the last mirror.
+    /// Position of the source in the last mirror.
     position: Point3<f32>,
-    /// Per mirror: around the places where rays met it, and the gaps between them.
+    /// Per mirror: bounds of the ray hits, including gaps between rays.
     lit: [Aabb; MAX_ORDER],
 }
 
-/// What the rays found of a sequence.
+/// Ray statistics of a sequence.
 struct Found {
     rays: u32,
-    /// Per mirror: a box around the places where it was met, and the longest way there, metres.
+    /// Per mirror: bounds of the hits, and the longest path to them, metres.
     met: [(Aabb, f32); MAX_ORDER],
 }
 
@@ -64,7 +64,7 @@ impl Default for Found {
 }
 
 impl Found {
-    /// Adds a ray, given where it met each mirror and after how many metres.
+    /// Adds a ray: its hit on every mirror and the path length in metres.
     fn add(&mut self, bounces: &[(Point3<f32>, f32)]) {
         self.rays += 1;
         for ((lit, farthest_m), (point, way_m)) in self.met.iter_mut().zip(bounces) {
@@ -75,7 +75,7 @@ impl Found {
 }
 
 impl Images {
-    /// The images of a source at `outlet` up to the order that the building's settings ask for, at most three.
+    /// Finds the images of a source at `outlet` up to the order in the settings, at most three.
     pub(crate) fn new(building: &Building, outlet: &Point3<f32>) -> Self {
         let order = building.settings.reflection_order.min(MAX_ORDER);
         let mut found = BTreeMap::new();
@@ -92,19 +92,20 @@ impl Images {
         writer.words(words.as_flattened());
     }
 
-    /// What [`Images::write`] wrote of a source at `outlet`; `None` when it does not fit the building.
+    /// Reads the output of [`Images::write`] for a source at `outlet`; `None` if it does not fit the
+    /// building.
     pub(crate) fn read(reader: &mut Reader, building: &Building, outlet: &Point3<f32>) -> Option<Self> {
         let words = reader.words()?;
         let images = words.as_chunks().0.iter().map(|words| Image::read(words, building));
         Some(Self { outlet: *outlet, images: images.collect::<Option<_>>()? })
     }
 
-    /// Bytes that the list takes.
+    /// Bytes of the list.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.images.as_slice())
     }
 
-    /// Whether rays that are mirrored in these planes one after the other, and nowhere else, are among the images.
+    /// Returns true if rays mirrored exactly in this sequence of planes are among the images.
     pub(crate) fn contains(&self, planes: &[PlaneId]) -> bool {
         if planes.is_empty() || planes.len() > MAX_ORDER {
             return false;
@@ -113,8 +114,8 @@ impl Images {
         self.images.binary_search_by(|image| image.sequence.cmp(&sequence)).is_ok()
     }
 
-    /// The reflections that reach `listener`, the strongest first. Where a mirror ends they fade over half a metre, but
-    /// for those that do not matter beside `others`, the waves that come without a mirror.
+    /// Returns the reflections at `listener`, strongest first. At the edge of a mirror they fade over half a
+    /// metre, except those negligible compared with `others`, the waves without a mirror.
     pub(crate) fn arrivals(
         &self,
         building: &Building,
@@ -142,16 +143,16 @@ fn strength_db(arrival: &Arrival) -> f32 {
     -arrival.loss[3] - 20.0 * libm::log10f(arrival.length_m.max(0.1))
 }
 
-/// What is weaker than the other waves by this may begin and end without a fade, decibels.
+/// Waves weaker than the others by this may start and end without a fade, decibels.
 const FAINT_DB: f32 = 12.0;
 
-/// Radius of the disc over which the border of a reflection is blurred, metres.
+/// Radius of the disc that blurs the edge of a reflection, metres.
 const BLUR_M: f32 = 0.25;
 
-/// Places on the rim of that disc: what reaches the middle and all of them reaches the rest; what reaches none does not.
+/// Points on the rim of that disc. If all of them and the centre agree, no further points are tested.
 const RIM: usize = 4;
 
-/// Places spread evenly over a level disc around the listener, as far as nothing hides them from it; the rim first.
+/// Points spread evenly over a horizontal disc around the listener, limited by obstacles; the rim first.
 fn places_around(building: &Building, listener: &Point3<f32>) -> Vec<Point3<f32>> {
     const PLACES: usize = 14;
     let place = |index: usize| {
@@ -163,7 +164,7 @@ fn places_around(building: &Building, listener: &Point3<f32>) -> Vec<Point3<f32>
     (0..PLACES).rev().map(place).filter(clear).collect()
 }
 
-/// Words of an image.
+/// Serialised words of an image.
 const WORDS: usize = MAX_ORDER + 3 + 6 * MAX_ORDER;
 
 impl Image {
@@ -194,14 +195,14 @@ impl Image {
 impl Image {
     fn new(building: &Building, outlet: &Point3<f32>, sequence: Sequence, found: &Found) -> Self {
         let position = mirrors(building, &sequence).fold(*outlet, |point, plane| plane.mirrored(&point));
-        // Neighbouring rays are about so far apart; at grazing incidence more.
+        // Approximate spacing of neighbouring rays; larger at grazing incidence.
         let spread = 2.0 * (2.0 * TAU / RAYS as f32).sqrt();
         let lit = found.met.map(|(lit, farthest_m)| lit.grown(spread * farthest_m + BLUR_M));
         Self { sequence, position, lit }
     }
 
-    /// A cheap test that most images fail: whether the way from the image to `listener` passes the lit parts of the
-    /// mirrors.
+    /// Cheap rejection test: returns true if the line from the image to `listener` crosses the lit parts of
+    /// the mirrors.
     fn may_reach(&self, building: &Building, listener: &Point3<f32>, reach_m: f32) -> bool {
         let (mut seen, mut from) = (self.position, *listener);
         let mut passes = |(id, lit): (&PlaneId, &Aabb)| {
@@ -221,7 +222,7 @@ impl Image {
             .all(&mut passes)
     }
 
-    /// The wave with the share of its energy that reaches the places around the listener.
+    /// Returns the wave, scaled by the energy share at the points around the listener.
     fn softly(
         &self,
         building: &Building,
@@ -250,8 +251,8 @@ impl Image {
         })
     }
 
-    /// What the mirrors take from the wave to `listener`, if rays find every one where it should be and nothing in the
-    /// way.
+    /// Returns the mirror losses of the wave to `listener`, if rays confirm every mirror and find no
+    /// obstacle.
     fn mirrors_loss(
         &self,
         building: &Building,
@@ -277,14 +278,15 @@ fn mirrors<'a>(building: &'a Building, sequence: &'a Sequence) -> impl Iterator<
     sequence.iter().flatten().map(|id| building.planes.plane(*id))
 }
 
-/// Where the straight line between two points on different sides of `plane` passes it.
+/// Intersection of the line between two points on different sides of `plane`.
 fn crossing(plane: &Plane, from: &Point3<f32>, to: &Point3<f32>) -> Option<Point3<f32>> {
     let (here, there) = (plane.height_m(from), plane.height_m(to));
     let apart = (here > 0.0 && there < 0.0) || (here < 0.0 && there > 0.0);
     apart.then(|| from + (to - from) * (here / (here - there)))
 }
 
-/// The triangle of plane `id` that is met first on the way to `point` on that plane; `None` when something else is.
+/// Returns the triangle of plane `id` hit first on the line to `point` on that plane; `None` if another
+/// surface is hit.
 fn first_on(building: &Building, id: PlaneId, from: &Point3<f32>, point: &Point3<f32>) -> Option<u32> {
     let offset = point - from;
     let length_m = offset.norm();
@@ -296,7 +298,7 @@ fn first_on(building: &Building, id: PlaneId, from: &Point3<f32>, point: &Point3
     (building.planes.of(hit.triangle) == Some(id)).then_some(hit.triangle)
 }
 
-/// What one bounce costs: all that does not come back as from a mirror.
+/// Loss of a bounce: all energy not reflected specularly.
 fn mirror_loss(surface: &Surface) -> BandLoss {
     std::array::from_fn::<_, BANDS, _>(|band| {
         let band = band.min(SURFACE_BANDS - 1);
@@ -306,7 +308,7 @@ fn mirror_loss(surface: &Surface) -> BandLoss {
     })
 }
 
-/// Adds the sequences that one ray meets.
+/// Adds the sequences met by a ray.
 fn follow(
     building: &Building,
     outlet: &Point3<f32>,
@@ -421,8 +423,8 @@ mod tests {
     fn around_a_corner_only_mirrors_that_see_both_ends_reflect() {
         let building = building(&l_shaped_room(), 1);
         let images = Images::new(&building, &Point3::new(7.0, 1.2, 2.0));
-        // The ways by the walls z = 0 and x = 0 pass the corner at (4, 4) at x = 3.59 where z = 4 and at z = 3.60 where
-        // x = 4; from the second place, at x = 4.79, that is behind it, and at z = 3.57.
+        // The paths by the walls z = 0 and x = 0 pass the corner at (4, 4) at x = 3.59 for z = 4 and at z =
+        // 3.60 for x = 4; from the second position, at x = 4.79, which is behind it, and at z = 3.57.
         for (listener, lengths_m) in
             [([2.0, 1.2, 6.8], &[10.121_27, 10.2][..]), ([3.5, 1.2, 7.5], &[11.853_27])]
         {

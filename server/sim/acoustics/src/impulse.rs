@@ -1,4 +1,4 @@
-//! From waves that arrive at a head to one impulse response per ear.
+//! Conversion of arriving waves into an impulse response per ear.
 
 use crate::bands::{BandLoss, LOSS_TAPS, loss_filter};
 use crate::head::{HEAD_LEAD, HEAD_TAPS};
@@ -6,48 +6,49 @@ use crate::{Listener, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S, Settings};
 use avln_geom::Vector3;
 use std::f32::consts::PI;
 
-/// Sources nearer than this sound as if they were this far, metres.
+/// Smallest source distance, metres; closer sources use it.
 const MIN_DISTANCE_M: f32 = 0.1;
 
-/// Half the taps of the filter that delays by parts of a sample.
+/// Half the taps of the fractional delay filter.
 const DELAY_HALF_TAPS: usize = 16;
 
-/// A wave that reaches the listener.
+/// A wave at the listener.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Arrival {
-    /// Unit vector from the listener towards where the wave comes from, world frame.
+    /// Unit vector from the listener towards the origin of the wave, world frame.
     pub(crate) direction: Vector3<f32>,
-    /// Length of its path, metres: gives delay, 1/r level and the curvature of the wave front.
+    /// Path length, metres: determines delay, 1/r level and wave-front curvature.
     pub(crate) length_m: f32,
-    /// What the bands lost on the way beyond 1/r.
+    /// Band losses in addition to 1/r.
     pub(crate) loss: BandLoss,
 }
 
 impl Arrival {
-    /// Length of its path that is heard, metres.
+    /// Effective path length, metres.
     fn heard_length_m(&self) -> f32 {
         self.length_m.max(MIN_DISTANCE_M)
     }
 
-    /// When it passes the centre of the head, seconds after it was emitted.
+    /// Arrival time at the head centre, seconds after emission.
     pub(crate) fn delay_s(&self) -> f64 {
         f64::from(self.heard_length_m()) / f64::from(SPEED_OF_SOUND_M_S)
     }
 }
 
-/// What one source at one place does to the two ears of a listener: a filter for each.
+/// The effect of a source on the two ears of a listener: a filter per ear.
 ///
-/// The sample index is the time since emission at [`SAMPLE_RATE_HZ`]; a source of unit pressure at 1 m has gain 1.
+/// The sample index is the time since emission at [`SAMPLE_RATE_HZ`]; a source of unit pressure at 1 m has
+/// gain 1.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImpulseResponse {
-    /// Left ear; at most as long as the settings allow, not padded to the length of the other.
+    /// Left ear; limited by the settings, not padded to the length of the right ear.
     pub left: Vec<f32>,
     /// Right ear.
     pub right: Vec<f32>,
 }
 
 impl ImpulseResponse {
-    /// Both ears' answer to all of `arrivals`.
+    /// Returns the response of both ears to all `arrivals`.
     pub(crate) fn new(listener: &Listener, arrivals: &[Arrival], settings: &Settings) -> Self {
         let mut response = Self::default();
         for arrival in arrivals {
@@ -61,7 +62,7 @@ impl ImpulseResponse {
         self.left.len().max(self.right.len())
     }
 
-    /// Whether nothing arrives.
+    /// Returns true if no wave arrives.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -87,8 +88,8 @@ fn convolve(filter: &[f32; HEAD_TAPS], loss: &[f32; LOSS_TAPS]) -> [f32; HEAD_TA
     taps
 }
 
-/// Adds `taps` to `ear` from sample `start` on, which may lie between samples and before 0 (what lies there is
-/// the run-up of a band-limited pulse, and is cut).
+/// Adds `taps` to `ear` from sample `start`, which may be fractional or negative (the run-up of a
+/// band-limited pulse before 0 is cut).
 fn add_delayed(ear: &mut Vec<f32>, taps: &[f32], start: f64, most_samples: usize) {
     let whole = libm::floor(start);
     let kernel = delay_kernel((start - whole) as f32);
@@ -112,7 +113,7 @@ fn delay_kernel(fraction: f32) -> [f32; 2 * DELAY_HALF_TAPS] {
         let whole = tap as i32 + 1 - DELAY_HALF_TAPS as i32;
         let time = whole as f32 - fraction;
         let window = 0.5 + 0.5 * libm::cosf(PI * time / DELAY_HALF_TAPS as f32);
-        // sin(pi (n - f)) is sin(pi f), with the sign of n's parity turned.
+        // sin(pi (n - f)) is sin(pi f) with the parity sign of n inverted.
         let sine = if whole % 2 == 0 { -sin_fraction } else { sin_fraction };
         let sinc = if time.abs() < 1e-6 { 1.0 } else { sine / (PI * time) };
         sinc * window

@@ -1,4 +1,4 @@
-//! What reaches a listener after the waves that have a direction of their own: the energy of all other reflections.
+//! Late energy: all reflections without a discrete direction.
 
 mod bins;
 mod cells;

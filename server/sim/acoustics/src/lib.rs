@@ -1,10 +1,10 @@
-//! Sound: propagation through a building, the ears of a listener, and the clips that sources play.
+//! Sound: propagation through a building, the ears of a listener, and sound clips.
 //!
-//! Start reading at [`Acoustics`] (a building), [`Source`] (its cached answer for one place) and [`Ears`]
-//! (what a listener hears, step by step). Everything that a source does to a listener is one impulse response
-//! per ear and pose ([`ImpulseResponse`]); whatever else reaches the ears only adds taps to it.
+//! Start reading at [`Acoustics`] (a building), [`Source`] (cached acoustics of a position) and [`Ears`] (the
+//! received signal, step by step). The effect of a source on a listener is an impulse response per ear and
+//! pose ([`ImpulseResponse`]); every further propagation effect adds taps to it.
 //!
-//! *Never*: pans, normalises, reads files or clocks, or knows which source is a goal. Equal inputs give equal bits.
+//! *Never*: pans, normalises, reads files or clocks, or depends on goals. Equal inputs give equal bits.
 
 mod air;
 mod bands;
@@ -41,8 +41,8 @@ pub use shelf::{SoundPlace, SoundShelf};
 pub use source::{Acoustics, FirstWave, Source};
 pub use surfaces::{SURFACE_BANDS, Surface, SurfaceError, Surfaces};
 
-/// Samples a second of everything that is heard.
+/// Sample rate of all signals, hertz.
 pub const SAMPLE_RATE_HZ: u32 = 16_000;
 
-/// Speed of sound in air of 20 degrees Celsius, metres a second.
+/// Speed of sound in air of 20 degrees Celsius, metres per second.
 pub const SPEED_OF_SOUND_M_S: f32 = 343.0;

@@ -1,4 +1,4 @@
-//! What rooms are described by, from impulse responses (ISO 3382-1).
+//! Room acoustic measures of impulse responses (ISO 3382-1).
 
 mod decay;
 mod expected;
@@ -11,50 +11,50 @@ pub use expected::expected_reverberation_s;
 use octave::{Octaves, band_energies, core_share, power_share};
 use std::ops::Range;
 
-/// What arrives no later than this after the first wave is direct sound, seconds.
+/// End of the direct sound after the first wave, seconds.
 const DIRECT_S: f64 = 0.0025;
 
-/// What arrives no later than this after the first wave is early, seconds.
+/// End of the early sound after the first wave, seconds.
 const EARLY_S: f64 = 0.05;
 
-/// Octaves over which direct sound and the rest are compared: 500, 1000 and 2000 Hz.
+/// Octaves for the direct-to-reverberant ratio: 500, 1000 and 2000 Hz.
 const MIDDLE: Range<usize> = 2..5;
 
-/// The measures of one impulse response. `None` is what does not exist: a decay that does not take place or that the
-/// response is too short to show, a ratio to silence.
+/// Measures of an impulse response. `None` is undefined: no decay, a response too short for it, or a ratio to
+/// silence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measures {
-    /// Energy until 2.5 ms after the first wave over that of the rest, decibels: both ears, the octaves of 500, 1000 and
-    /// 2000 Hz with equal weight.
+    /// Energy until 2.5 ms after the first wave relative to the rest, decibels: both ears, octaves 500, 1000
+    /// and 2000 Hz with equal weight.
     pub drr_db: Option<f64>,
     /// 125, 250, 500, 1000, 2000 and 4000 Hz.
     pub bands: [BandMeasures; SURFACE_BANDS],
 }
 
-/// What is measured in one octave band: a Butterworth band pass of third order, as magnitude, without delay.
+/// Measures of an octave band: a third-order Butterworth band pass, as magnitude, without delay.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BandMeasures {
-    /// Energy, mean of both ears, over that of the free-field pressure 1 m from the source, decibels.
+    /// Energy, mean of both ears, relative to the free-field pressure 1 m from the source, decibels.
     pub level_db: Option<f64>,
-    /// Reverberation time from the decay between -5 and -25 dB, seconds; energies of both ears are added. Of the core of
-    /// the octave, 0.45 octaves to either side, so that slower neighbours are not taken for it.
+    /// Reverberation time from the decay between -5 and -25 dB, seconds; energies of both ears are added.
+    /// Uses the octave core of 0.45 octaves to either side, to exclude slower neighbours.
     pub t20_s: Option<f64>,
-    /// The same between -5 and -35 dB.
+    /// As above between -5 and -35 dB.
     pub t30_s: Option<f64>,
-    /// Early decay time: the same from the first wave to -10 dB, of the whole octave.
+    /// Early decay time: from the first wave to -10 dB, of the whole octave.
     pub edt_s: Option<f64>,
-    /// Energy until 50 ms after the first wave over that of the rest, decibels; both ears.
+    /// Energy until 50 ms after the first wave relative to the rest, decibels; both ears.
     pub c50_db: Option<f64>,
-    /// Energy at the left ear over that at the right ear, decibels.
+    /// Energy at the left ear relative to the right ear, decibels.
     pub ild_db: Option<f64>,
 }
 
 impl Measures {
-    /// Measures `response`, whose first wave passes the centre of the head `first_arrival_s` after it was emitted and
-    /// which was cut at `length_s`.
+    /// Measures `response`, with the first wave at the head centre `first_arrival_s` after emission and a
+    /// length of `length_s`.
     ///
-    /// Decays are straight lines fitted to Schroeder's backward integral (1965, J. Acoust. Soc. Am. 37). A response shows
-    /// one when it goes on for 15 dB below the range of the fit. The early part is cut out before it is filtered.
+    /// Decays are straight lines fitted to Schroeder's backward integral (1965, J. Acoust. Soc. Am. 37), if
+    /// the response continues for 15 dB below the fit range. The early part is cut before filtering.
     pub fn of(response: &ImpulseResponse, first_arrival_s: f64, length_s: f64) -> Self {
         let ears = [response.left.as_slice(), response.right.as_slice()];
         let split = |after_s: f64| {
@@ -89,8 +89,8 @@ impl Measures {
     }
 }
 
-/// Interaural delay of a wave, seconds: positive when it reaches the left ear first. The peak of the cross-correlation of
-/// the ears below 1500 Hz, within 1 ms either way; `None` when an ear hears nothing.
+/// Interaural delay of a wave, seconds: positive if it reaches the left ear first. The peak of the
+/// cross-correlation below 1500 Hz, within 1 ms; `None` if an ear is silent.
 pub fn interaural_delay_s(wave: &ImpulseResponse) -> Option<f64> {
     lag::lead_s(&wave.left, &wave.right)
 }
@@ -102,9 +102,9 @@ fn both(energies: &Ears, band: usize) -> f64 {
     energies[0][band] + energies[1][band]
 }
 
-/// Decibels of an energy over another; `None` unless both are more than nothing.
+/// Energy ratio in decibels; `None` unless both are positive.
 fn ratio_db(energy: f64, other: f64) -> Option<f64> {
-    // Filters of finite precision leave this much of a unit pulse where there is nothing.
+    // Residual of finite-precision filters, relative to a unit pulse.
     const NOTHING: f64 = 1e-16;
     (energy > NOTHING && other > NOTHING).then(|| 10.0 * libm::log10(energy / other))
 }

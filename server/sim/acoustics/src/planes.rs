@@ -1,4 +1,4 @@
-//! The large flat parts of a building, in which sound is mirrored.
+//! Large planar parts of a building, which mirror sound.
 
 mod fit;
 
@@ -9,11 +9,11 @@ use avln_scene::Scene;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct PlaneId(pub(crate) u16);
 
-/// The planes that the triangles of a building lie in, whatever they are cut into.
+/// The planes of a building, independent of the triangulation.
 #[derive(Debug)]
 pub(crate) struct Planes {
     planes: Vec<Plane>,
-    /// Per triangle: its plane, [`NO_PLANE`] for what is small or curved.
+    /// Per triangle: its plane, [`NO_PLANE`] for small or curved parts.
     plane_of: Vec<u16>,
 }
 
@@ -26,22 +26,22 @@ pub(crate) struct Plane {
     pub(crate) normal: Vector3<f32>,
     /// Signed distance from the origin, metres.
     pub(crate) offset_m: f32,
-    /// No triangle of the plane lies farther from it, metres.
+    /// Largest distance of a triangle from the plane, metres.
     pub(crate) slack_m: f32,
 }
 
 impl Plane {
-    /// Signed distance of `point`, metres; positive on the side that the normal points to.
+    /// Signed distance of `point`, metres; positive in the direction of the normal.
     pub(crate) fn height_m(&self, point: &Point3<f32>) -> f32 {
         self.normal.dot(&point.coords) - self.offset_m
     }
 
-    /// Where `point` is seen in the mirror.
+    /// Mirror image of `point`.
     pub(crate) fn mirrored(&self, point: &Point3<f32>) -> Point3<f32> {
         point - self.normal * (2.0 * self.height_m(point))
     }
 
-    /// What becomes of a ray's direction.
+    /// Mirrored direction of a ray.
     pub(crate) fn reflected(&self, direction: &Vector3<f32>) -> Vector3<f32> {
         direction - self.normal * (2.0 * self.normal.dot(direction))
     }
@@ -54,23 +54,23 @@ impl Planes {
         Self { planes, plane_of }
     }
 
-    /// The plane in which a triangle lies; `None` for what is small or curved.
+    /// The plane of a triangle; `None` for small or curved parts.
     pub(crate) fn of(&self, triangle: u32) -> Option<PlaneId> {
         let plane = self.plane_of[triangle as usize];
         (plane != NO_PLANE).then_some(PlaneId(plane))
     }
 
-    /// What is known of a plane.
+    /// Returns a plane.
     pub(crate) fn plane(&self, id: PlaneId) -> &Plane {
         &self.planes[usize::from(id.0)]
     }
 
-    /// How many planes there are.
+    /// Number of planes.
     pub(crate) fn len(&self) -> usize {
         self.planes.len()
     }
 
-    /// Bytes that the lists take.
+    /// Bytes of the lists.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.planes.as_slice()) + size_of_val(self.plane_of.as_slice())
     }

@@ -1,18 +1,18 @@
-//! How a building's sound is computed.
+//! Settings of the acoustic simulation.
 
 use crate::stored::VERSION;
 use crate::{Head, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S};
 
-/// What of a building's sound is computed, and how finely. Equal settings give equal bits.
+/// Scope and resolution of the acoustic simulation. Equal settings give equal bits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Length of impulse responses, seconds; what arrives later is not heard.
+    /// Length of impulse responses, seconds; later sound is dropped.
     pub response_s: f32,
     /// Rays that carry the late energy of a source.
     pub ray_count: usize,
-    /// Highest order of reflections that arrive as waves of their own, 0 to 3; 0 leaves all to the late energy.
+    /// Highest order of discrete reflections, 0 to 3; 0 leaves all reflections to the late energy.
     pub reflection_order: usize,
-    /// Who listens; [`Source::heard_by`](crate::Source::heard_by) changes it later.
+    /// Head model; [`Source::heard_by`](crate::Source::heard_by) changes it later.
     pub head: Head,
 }
 

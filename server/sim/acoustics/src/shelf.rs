@@ -1,16 +1,16 @@
-//! Where what is known of sources is kept.
+//! A persistent cache of acoustic data.
 
 use std::sync::Arc;
 
-/// Where what is known of sources is kept from one run of the program to the next.
+/// A persistent cache of source data between runs of the program.
 pub trait SoundShelf: Send + Sync {
-    /// The bytes that were kept as `name`, if they are there and none of them changed.
+    /// Returns the bytes stored as `name`, if present and intact.
     fn find_sound(&self, name: &str) -> Option<Vec<u8>>;
-    /// Keeps bytes, if that is possible.
+    /// Stores bytes; failures are ignored.
     fn keep_sound(&self, name: &str, bytes: &[u8]);
 }
 
-/// A place on a shelf for the sources of one building.
+/// The part of a cache for the sources of a building.
 #[derive(Clone)]
 pub struct SoundPlace {
     /// The shelf.

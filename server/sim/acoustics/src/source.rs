@@ -14,13 +14,13 @@ use avln_scene::Scene;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// Bytes of sources that a building keeps; those in use by somebody are kept by them, too.
+/// Memory limit of cached sources per building, bytes; sources in use also stay alive through their users.
 const SOURCES_BYTES: usize = 64 << 20;
 
-/// What a building does to sound. Shared by all who listen in it; answers do not depend on who asked before.
+/// Acoustics of a building, shared by all listeners. Results do not depend on earlier queries.
 pub struct Acoustics {
     building: Arc<Building>,
-    /// The one that was asked for last comes first.
+    /// Most recently used first.
     sources: Mutex<VecDeque<(Key, Slot)>>,
     place: Option<SoundPlace>,
 }
@@ -28,40 +28,40 @@ pub struct Acoustics {
 /// The bits of a source's position.
 type Key = [u32; 3];
 
-/// Filled by the first who needs the source, while others wait.
+/// Filled by the first user of the source, while others wait.
 type Slot = Arc<OnceLock<Source>>;
 
-/// What is known of a building before anything sounds in it.
+/// Precomputed data of a building.
 pub(crate) struct Building {
     pub(crate) air: Air,
     pub(crate) planes: Planes,
     pub(crate) surfaces: Surfaces,
     pub(crate) settings: Settings,
-    /// Per triangle: its unit normal; 0 where it has no area.
+    /// Per triangle: unit normal; 0 for degenerate triangles.
     pub(crate) normals: Vec<Vector3<f32>>,
     pub(crate) cells: Cells,
 }
 
-/// A place from which sound comes, with all that is known of its ways through the building. Cheap to clone.
+/// A sound source position with its precomputed paths through the building. Cheap to clone.
 #[derive(Clone)]
 pub struct Source {
     known: Arc<Known>,
-    /// Who listens.
+    /// Head model.
     head: Head,
 }
 
 /// A wave that is the first to arrive.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FirstWave {
-    /// From its emission until it passes the centre of the head, seconds.
+    /// Time from emission to the head centre, seconds.
     pub delay_s: f64,
-    /// Where it comes from, in the horizontal plane: 0 is ahead of the listener, positive to the left.
+    /// Direction of the wave in the horizontal plane: 0 is ahead of the listener, left is positive.
     pub azimuth_rad: f32,
-    /// What it alone is at the two ears.
+    /// Response of the two ears to this wave.
     pub response: ImpulseResponse,
 }
 
-/// What reaches a place from a source.
+/// Arrivals at a position.
 pub(crate) struct Heard {
     arrivals: Vec<Arrival>,
     echo: Echo,
@@ -70,7 +70,7 @@ pub(crate) struct Heard {
 struct Known {
     building: Arc<Building>,
     position: Point3<f32>,
-    /// Where sound leaves into the air of a room: `position`, unless that is shut in by furniture.
+    /// Entry of the sound into room air: `position`, unless enclosed by furniture.
     outlet: Point3<f32>,
     field: GeodesicField,
     images: Images,
@@ -79,7 +79,7 @@ struct Known {
 }
 
 impl Acoustics {
-    /// Prepares `scene`; `rays` must be built over the triangles of its mesh, and `surfaces` describe them.
+    /// Prepares `scene`; `rays` must contain the triangles of its mesh, and `surfaces` their materials.
     pub fn new(scene: &Scene, rays: Arc<RayMesh>, surfaces: Surfaces, settings: Settings) -> Self {
         if settings.ray_count > 0 {
             settings.head.prepare();
@@ -88,13 +88,13 @@ impl Acoustics {
         Self { building: Arc::new(building), sources: Mutex::default(), place: None }
     }
 
-    /// The same, with what is known of sources looked for and kept at a place.
+    /// Sets the persistent cache for sources.
     #[must_use]
     pub fn kept_at(self, place: Option<SoundPlace>) -> Self {
         Self { place, ..self }
     }
 
-    /// Bytes of what is known of the building and of all sources that are kept.
+    /// Bytes of the building and of all cached sources.
     pub fn resident_bytes(&self) -> usize {
         let sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
         self.building.byte_count() + sources.iter().map(|(_, slot)| bytes_of(slot)).sum::<usize>()
@@ -124,7 +124,7 @@ impl Acoustics {
         slot
     }
 
-    /// Reads the source from its place, or else works it out and keeps it there.
+    /// Reads the source from the cache, or computes and stores it.
     fn find(&self, position: &Point3<f32>, key: Key) -> Source {
         let Some(SoundPlace { shelf, name }) = &self.place else {
             return Source::new(Arc::clone(&self.building), position);
@@ -185,7 +185,7 @@ impl Source {
         Self { known: Arc::new(known), head }
     }
 
-    /// The same source as another head hears it.
+    /// Returns the source with a different head model.
     #[must_use]
     pub fn heard_by(&self, head: &Head) -> Self {
         Self { known: Arc::clone(&self.known), head: head.clone() }
@@ -203,7 +203,7 @@ impl Source {
         writer.bytes
     }
 
-    /// What [`Source::to_bytes`] wrote; `None` when it does not fit the building.
+    /// Reads the output of [`Source::to_bytes`]; `None` if it does not fit the building.
     fn read(bytes: &[u8], building: Arc<Building>, position: &Point3<f32>) -> Option<Self> {
         let mut reader = Reader::new(bytes);
         let outlet = Point3::from(*reader.words()?.first_chunk::<3>()?).map(f32::from_bits);
@@ -213,17 +213,17 @@ impl Source {
         Some(Self::of(Known { building, position: *position, outlet, field, images, late }))
     }
 
-    /// Where the source was put, world frame, metres.
+    /// Position of the source, world frame, metres.
     pub fn position(&self) -> Point3<f32> {
         self.known.position
     }
 
-    /// What this source does to the two ears of `listener`. Empty for positions that are not finite.
+    /// Returns the response of both ears of `listener`. Empty for non-finite positions.
     pub fn impulse_response(&self, listener: &Listener) -> ImpulseResponse {
         self.response(listener, &self.heard_at(&listener.position))
     }
 
-    /// All that arrives at a place, whichever way the listener looks.
+    /// Returns all arrivals at a position, independent of the heading.
     pub(crate) fn heard_at(&self, place: &Point3<f32>) -> Heard {
         let arrivals = self.known.arrivals(place);
         let late = self.known.late.as_ref().filter(|_| !arrivals.is_empty());
@@ -231,7 +231,7 @@ impl Source {
         Heard { arrivals, echo }
     }
 
-    /// [`Source::impulse_response`], given what is heard at the listener's place.
+    /// Computes [`Source::impulse_response`] from the arrivals at the listener position.
     pub(crate) fn response(&self, listener: &Listener, heard: &Heard) -> ImpulseResponse {
         let settings = &self.settings();
         let arrivals = if listener.heading_rad.is_finite() { heard.arrivals.as_slice() } else { &[] };
@@ -243,12 +243,12 @@ impl Source {
         response
     }
 
-    /// How it is heard.
+    /// Settings with the head model of this source.
     fn settings(&self) -> Settings {
         Settings { head: self.head.clone(), ..self.known.building.settings.clone() }
     }
 
-    /// The wave that reaches `listener` before all others. `None` for positions that are not finite.
+    /// Returns the first wave at `listener`. `None` for non-finite positions.
     pub fn first_wave(&self, listener: &Listener) -> Option<FirstWave> {
         let arrivals = self.known.arrivals(&listener.position);
         let first = arrivals.first().filter(|_| listener.heading_rad.is_finite())?;
@@ -269,7 +269,7 @@ impl Source {
         self.known.building.settings.response_samples()
     }
 
-    /// Metres that the first sound travels to `point`; `None` when no air leads there.
+    /// Path length of the first sound to `point`, metres; `None` if unreachable.
     pub fn distance_m(&self, point: &Point3<f32>) -> Option<f32> {
         if !finite(point) || !finite(&self.known.outlet) {
             return None;

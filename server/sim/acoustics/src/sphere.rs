@@ -11,7 +11,7 @@ pub(crate) const HEAD_RADIUS_M: f64 = 0.0875;
 /// Terms of the series: the last one is below 1e-15 for ka < 13 and ranges from 0.25 m.
 const ORDERS: usize = 46;
 
-/// One frequency and range of the sphere; answers for any angle of incidence.
+/// The sphere response at a frequency and range for any angle of incidence.
 pub(crate) struct SphereResponse {
     /// Coefficient of each Legendre polynomial.
     coefficients: [Complex64; ORDERS],
@@ -34,8 +34,8 @@ impl SphereResponse {
         Self { coefficients }
     }
 
-    /// Pressure at the surface point whose radius makes an angle with the direction to the source, given by
-    /// its cosine; relative to the free-field pressure at the centre, phase included.
+    /// Pressure at a surface point by the cosine of the angle between its radius and the source direction;
+    /// relative to the free-field pressure at the centre, including phase.
     pub(crate) fn pressure(&self, cos_incidence: f64) -> Complex64 {
         let (mut previous, mut current) = (1.0, cos_incidence);
         let mut sum = self.coefficients[0];
@@ -95,8 +95,8 @@ fn hankel_slopes(x: f64) -> [Complex64; ORDERS] {
     })
 }
 
-/// When the wave front reaches the surface point, seconds after it passes the free-field centre: straight
-/// where the point sees the source, else along the tangent and around the sphere (Woodworth's geometry).
+/// Delay of the wave front at the surface point, seconds after the free-field centre: straight if the source
+/// is visible, otherwise tangential and around the sphere (Woodworth's geometry).
 ///
 /// `range_m` must exceed the radius, and may be infinite.
 pub(crate) fn onset_delay_s(cos_incidence: f64, range_m: f64) -> f64 {

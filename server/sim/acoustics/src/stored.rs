@@ -1,9 +1,9 @@
-//! What is known of a source, as bytes: lists of numbers, each after its length, little-endian.
+//! Serialisation of source data: lists of numbers with length prefixes, little-endian.
 
 /// Changes whenever equal places in equal buildings would give other bytes.
 pub(crate) const VERSION: u32 = 4;
 
-/// Writes lists one after the other.
+/// A writer of lists.
 #[derive(Default)]
 pub(crate) struct Writer {
     pub(crate) bytes: Vec<u8>,
@@ -25,7 +25,7 @@ impl Writer {
     }
 }
 
-/// Reads them back; `None` where the bytes end too soon.
+/// A reader of lists; `None` if the bytes end too early.
 pub(crate) struct Reader<'a> {
     bytes: &'a [u8],
 }
@@ -45,7 +45,7 @@ impl<'a> Reader<'a> {
         Some(halves.collect())
     }
 
-    /// Whether everything was read.
+    /// Returns true if everything was read.
     pub(crate) fn is_at_end(&self) -> bool {
         self.bytes.is_empty()
     }

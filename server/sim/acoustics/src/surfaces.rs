@@ -1,59 +1,59 @@
-//! What surfaces do to sound.
+//! Acoustic properties of surfaces.
 
 mod table;
 
 use avln_scene::{InstanceId, Scene};
 
-/// Octave bands of the tables: 125, 250, 500, 1000, 2000 and 4000 Hz. The last holds for all that is above it, too.
+/// Octave bands of the tables: 125, 250, 500, 1000, 2000 and 4000 Hz. The last also applies to higher bands.
 pub const SURFACE_BANDS: usize = 6;
 
 /// Names of the bands in messages, hertz.
 const BAND_NAMES: [&str; SURFACE_BANDS] = ["125", "250", "500", "1000", "2000", "4000"];
 
-/// Shares of the energy that meets a surface, by octave band (125 to 4000 Hz), each 0 to 1.
+/// Energy shares at a surface by octave band (125 to 4000 Hz), 0 to 1.
 ///
-/// `1 - absorption - transmission` comes back; of that, `scattering` in all directions (Lambert's law) and the rest
-/// as from a mirror.
+/// `1 - absorption - transmission` is reflected; of that, `scattering` diffusely (Lambert's law) and the rest
+/// specularly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
-    /// Turned into heat.
+    /// Energy share converted into heat.
     pub absorption: [f32; SURFACE_BANDS],
-    /// Of what comes back: thrown in all directions.
+    /// Scattered share of the reflected energy.
     pub scattering: [f32; SURFACE_BANDS],
-    /// Goes through.
+    /// Transmitted energy share.
     pub transmission: [f32; SURFACE_BANDS],
 }
 
-/// Why numbers describe no surface.
+/// Errors of surface values.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SurfaceError {
-    /// A share is not a share.
+    /// A share is outside 0 to 1.
     #[error("{what} at {band_hz} Hz is {value}; a share of energy must lie between 0 and 1")]
     Share {
         /// `absorption`, `scattering` or `transmission`.
         what: &'static str,
         /// Centre of the octave band, hertz.
         band_hz: &'static str,
-        /// The number that was given.
+        /// The value.
         value: f32,
     },
-    /// More goes in and through than arrives.
+    /// The sum of absorption and transmission exceeds 1.
     #[error(
         "absorption and transmission at {band_hz} Hz are {sum} together; lower one of them, so that the sum is at most 1"
     )]
     Sum {
         /// Centre of the octave band, hertz.
         band_hz: &'static str,
-        /// What was given.
+        /// The sum.
         sum: f32,
     },
 }
 
 impl Surface {
-    /// A surface with these shares by band.
+    /// Creates a surface with these shares by band.
     ///
     /// # Errors
-    /// When a share is not between 0 and 1, or absorption and transmission are more than all.
+    /// If a share is outside 0 to 1, or the sum of absorption and transmission exceeds 1.
     pub fn new(
         absorption: [f32; SURFACE_BANDS],
         scattering: [f32; SURFACE_BANDS],
@@ -63,7 +63,7 @@ impl Surface {
         check_shares("scattering", &scattering)?;
         check_shares("transmission", &transmission)?;
         for (band, (absorbed, through)) in absorption.iter().zip(&transmission).enumerate() {
-            // Decimal fractions that make 1 on paper may make a little more in binary.
+            // Decimal fractions with the sum 1 may exceed 1 slightly in binary.
             let sum = absorbed + through;
             if sum > 1.0 + 1e-6 {
                 return Err(SurfaceError::Sum { band_hz: BAND_NAMES[band], sum });
@@ -72,7 +72,7 @@ impl Surface {
         Ok(Self { absorption, scattering, transmission })
     }
 
-    /// Share that comes back in `band`, 0 to 1.
+    /// Reflected energy share in `band`, 0 to 1.
     pub fn returned(&self, band: usize) -> f32 {
         (1.0 - self.absorption[band] - self.transmission[band]).max(0.0)
     }
@@ -94,13 +94,13 @@ pub struct Surfaces {
 }
 
 impl Surfaces {
-    /// Every triangle of `scene` of the same kind.
+    /// Assigns the same kind to every triangle of `scene`.
     pub fn uniform(scene: &Scene, surface: Surface) -> Self {
         Self { kinds: vec![surface], kind_of: vec![0; scene.mesh.triangles.len()] }
     }
 
-    /// What names say, the first of these that the table knows: that of the triangle's material, the material of the
-    /// object that it belongs to, that object's category. Else a mean of all that is in a furnished flat.
+    /// Assigns kinds by name: the material of the triangle, the material of the object, or the category of
+    /// the object, in this order; otherwise the mean of a furnished flat.
     pub fn by_material(scene: &Scene) -> Self {
         let kind_of_material: Vec<_> =
             scene.materials.iter().map(|material| table::find(&material.name)).collect();

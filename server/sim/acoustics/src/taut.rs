@@ -1,11 +1,12 @@
-//! Pulling a way through the air taut around the edges that it bends at.
+//! Tightening of paths around edges.
 
 use avln_geom::{Point3, RayMesh};
 
-/// Shortens `way` in place until it lies against the edges, to a centimetre or two; both ends stay.
+/// Shortens `way` in place until it touches the edges, to 1 or 2 cm; both ends stay.
 ///
-/// Corners that can be passed by are dropped, the others move towards the straight line between their neighbours
-/// as far as nothing hides them, and on towards the next. A corner that stands off two edges (the two jambs of a thick wall) is cut into two.
+/// Redundant corners are dropped; the others move towards the line between their neighbours until they touch
+/// an obstacle, and on towards the next corner. A corner around two edges (the jambs of a thick wall) is
+/// split.
 pub(crate) fn tighten(rays: &RayMesh, way: &mut Vec<Point3<f32>>) {
     sweep(rays, way);
     let mut corner = 1;
@@ -31,15 +32,15 @@ fn sweep(rays: &RayMesh, way: &mut Vec<Point3<f32>>) {
     }
 }
 
-/// Moves one corner on towards the next as far as the one before still sees it: the way now leaves the one before
-/// exactly past the edge that hides the rest.
+/// Moves a corner towards the next, as far as it is visible from the previous corner: the path then leaves
+/// the previous corner exactly past the hiding edge.
 fn slide(rays: &RayMesh, way: &mut [Point3<f32>], corner: usize) {
     let (before, from) = (way[corner - 1], way[corner]);
     let leg = way[corner + 1] - from;
     way[corner] = from + leg * largest_share(|share| rays.is_clear(&before, &(from + leg * share)));
 }
 
-/// Moves one corner towards the straight line between its neighbours, first only up or down, then freely.
+/// Moves a corner towards the line between its neighbours, first vertically, then freely.
 fn pull(rays: &RayMesh, way: &mut [Point3<f32>], corner: usize) {
     let (before, after) = (way[corner - 1], way[corner + 1]);
     let leg = after - before;
@@ -58,7 +59,7 @@ fn pull(rays: &RayMesh, way: &mut [Point3<f32>], corner: usize) {
     }
 }
 
-/// Two points on the legs before and behind a corner, as far from it as they still see each other.
+/// Two mutually visible points on the legs before and after a corner, as far from it as possible.
 fn cut(rays: &RayMesh, [before, corner, after]: [Point3<f32>; 3]) -> [Point3<f32>; 2] {
     let shorter_m = (before - corner).norm().min((after - corner).norm());
     let towards = |end: &Point3<f32>, share: f32| {
@@ -73,7 +74,7 @@ fn cut(rays: &RayMesh, [before, corner, after]: [Point3<f32>; 3]) -> [Point3<f32
     ends(share)
 }
 
-/// The largest share, to one part in 64, up to which `fits` holds; it is taken to hold at 0.
+/// The largest share, to one part in 64, accepted by `fits`; 0 is assumed to fit.
 fn largest_share(fits: impl Fn(f32) -> bool) -> f32 {
     if fits(1.0) {
         return 1.0;

@@ -6,7 +6,7 @@ use avln_geom::{Point3, RayMesh, angle};
 use avln_scene::{InstanceId, Lighting, Mesh, Scene};
 use std::sync::Arc;
 
-/// Triangles, each with corners of its own.
+/// Triangles with separate corners.
 #[derive(Clone, Default)]
 pub(crate) struct Soup {
     pub(crate) corners: Vec<[f32; 3]>,
@@ -42,14 +42,14 @@ impl Soup {
         self.corners.extend([a, b, c, a, c, d]);
     }
 
-    /// All of it turned about the vertical axis.
+    /// Rotates everything about the vertical axis.
     pub(crate) fn rotated(mut self, heading_rad: f32) -> Self {
         let (sin, cos) = angle::sin_cos(heading_rad);
         self.corners.iter_mut().for_each(|[x, _, z]| (*x, *z) = (cos * *x + sin * *z, cos * *z - sin * *x));
         self
     }
 
-    /// Moves all corners; those at one place stay together.
+    /// Moves all corners; coincident corners stay together.
     pub(crate) fn shake(&mut self, mut offset: impl FnMut() -> f32) {
         let mut moved = std::collections::BTreeMap::new();
         for corner in &mut self.corners {
@@ -86,7 +86,7 @@ pub(crate) fn scene(soup: &Soup) -> Scene {
 pub(crate) const HARD: Surface =
     Surface { absorption: [0.1; 6], scattering: [0.1; 6], transmission: [0.0; 6] };
 
-/// A building of one kind of surface.
+/// A building with a single kind of surface.
 pub(crate) fn building(soup: &Soup, surface: Surface, settings: Settings) -> Building {
     let scene = scene(soup);
     let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));

@@ -1,5 +1,4 @@
-//! The discrete Fourier transform, written so that the compiler works on many points at a time. Equal bits on every
-//! processor.
+//! A discrete Fourier transform written for auto-vectorisation. Equal bits on every processor.
 
 use avln_simd::{Width, Work, run_at};
 use std::f64::consts::TAU;
@@ -7,17 +6,17 @@ use std::f64::consts::TAU;
 /// Points of a wide stretch.
 const WIDE: usize = 8;
 
-/// Points of a narrow stretch: the values that follow each other after one stage.
+/// Points of a narrow stretch: consecutive values after one stage.
 const NARROW: usize = 4;
 
-/// Complex numbers, their parts apart.
+/// Complex numbers with separate parts.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Complexes {
     pub(crate) re: Vec<f32>,
     pub(crate) im: Vec<f32>,
 }
 
-/// A transform of a power of two of points: Stockham's, by fours and at last by two, in order at both ends.
+/// A power-of-two Stockham transform, radix 4 with a final radix 2, in order at both ends.
 ///
 /// Source: C. Van Loan, "Computational Frameworks for the Fast Fourier Transform" (1992), 1.7 and 2.4.
 pub(crate) struct Transform {
@@ -25,7 +24,7 @@ pub(crate) struct Transform {
     other: Complexes,
 }
 
-/// One stage by fours. Per group: the first three powers of its turn, real and imaginary part each.
+/// A radix-4 stage. Per group: the first three powers of its twiddle factor, real and imaginary part.
 struct Stage {
     turns: [Vec<f32>; 6],
 }
@@ -44,7 +43,7 @@ impl Complexes {
         self.im.fill(value);
     }
 
-    /// Adds `a * b`, point by point; all have as many points.
+    /// Adds `a * b` point by point; all have equal lengths.
     pub(crate) fn add_product(&mut self, a: &Self, b: &Self) {
         run_at(Width::Eight, Product { sum: self, a, b });
     }
@@ -63,7 +62,7 @@ impl Transform {
         turns.map(|turns| size_of_val(turns.as_slice())).sum::<usize>() + self.other.byte_count()
     }
 
-    /// `sum over n of values[n] exp(-2 pi i k n / points)` in place of each value.
+    /// Replaces values by `sum over n of values[n] exp(-2 pi i k n / points)`.
     pub(crate) fn forward(&mut self, values: &mut Complexes) {
         run_at(Width::Eight, Forward { stages: &self.stages, values, other: &mut self.other });
     }
@@ -119,7 +118,7 @@ impl Work for Forward<'_> {
     }
 }
 
-/// The first stage: neighbouring groups at a time, whose results are interleaved.
+/// The first stage: neighbouring groups together, with interleaved results.
 #[inline(always)]
 fn first_stage<const L: usize>(stage: &Stage, from: &Complexes, to: &mut Complexes) {
     let groups = from.re.len() / 4;
@@ -133,7 +132,7 @@ fn first_stage<const L: usize>(stage: &Stage, from: &Complexes, to: &mut Complex
     }
 }
 
-/// A later stage: `stride` neighbours share their turns.
+/// A later stage: `stride` neighbours share their twiddle factors.
 #[inline(always)]
 fn later_stage<const L: usize>(stage: &Stage, stride: usize, from: &Complexes, to: &mut Complexes) {
     let quarter = from.re.len() / 4;
@@ -153,7 +152,8 @@ fn later_stage<const L: usize>(stage: &Stage, stride: usize, from: &Complexes, t
     }
 }
 
-/// The last stage where the points are no power of four: sums in the first half, differences in the second.
+/// The final radix-2 stage if the length is not a power of four: sums in the first half, differences in the
+/// second.
 #[inline(always)]
 fn last_by_two(values: &mut [f32]) {
     let (low, high) = values.split_at_mut(values.len() / 2);
@@ -162,7 +162,7 @@ fn last_by_two(values: &mut [f32]) {
     }
 }
 
-/// The transforms of [`L`] groups of four values, each but the first turned.
+/// Transforms of [`L`] groups of four values, all except the first rotated.
 #[inline(always)]
 fn butterfly<const L: usize>(
     re: [[f32; L]; 4],
@@ -196,7 +196,7 @@ fn interleave<const L: usize>(to: &mut [f32], parts: &[[f32; L]; 4]) {
     }
 }
 
-/// `L` values from place `first` on.
+/// `L` values from index `first`.
 #[inline(always)]
 fn lanes<const L: usize>(values: &[f32], first: usize) -> [f32; L] {
     let mut lanes = [0.0; L];
@@ -204,7 +204,7 @@ fn lanes<const L: usize>(values: &[f32], first: usize) -> [f32; L] {
     lanes
 }
 
-/// An array of what is found for each place in it.
+/// An array of the results of `find` per index.
 #[inline(always)]
 fn each<const L: usize, const N: usize>(find: impl Fn(usize) -> [f32; L]) -> [[f32; L]; N] {
     let mut found = [[0.0; L]; N];

@@ -1,4 +1,4 @@
-//! How much of a source a listener sees: a soft border instead of a switch at the edge of a shadow.
+//! Visible share of a source: a soft shadow boundary instead of a switch.
 
 use avln_geom::{Point3, RayMesh, Vector3, angle};
 use std::f32::consts::TAU;
@@ -9,15 +9,15 @@ const RAYS: usize = 32;
 /// Radius of the bundle, metres.
 const RADIUS_M: f32 = 0.3;
 
-/// What a bundle of parallel rays around the straight line found.
+/// Result of a bundle of parallel rays around the straight line.
 pub(crate) struct Visibility {
-    /// Whether the middle line is clear.
+    /// True if the centre line is clear.
     pub(crate) center: bool,
-    /// Share of the rays that are clear, 0 to 1, of those that have both ends in the same air as the middle line.
+    /// Share of clear rays, 0 to 1, among rays with both ends in the same air as the centre line.
     pub(crate) share: f32,
 }
 
-/// Looks from `listener` to `source` along a bundle of parallel rays.
+/// Casts a bundle of parallel rays from `listener` to `source`.
 pub(crate) fn visibility(rays: &RayMesh, listener: &Point3<f32>, source: &Point3<f32>) -> Visibility {
     let line = source - listener;
     let center = rays.is_clear(listener, source);
@@ -36,7 +36,7 @@ pub(crate) fn visibility(rays: &RayMesh, listener: &Point3<f32>, source: &Point3
     Visibility { center, share }
 }
 
-/// Offsets across `line`, spread evenly over a disc in a sunflower's pattern (Vogel 1979).
+/// Offsets perpendicular to `line`, spread over a disc in a sunflower pattern (Vogel 1979).
 fn bundle(line: &Vector3<f32>) -> impl Iterator<Item = Vector3<f32>> + use<> {
     const GOLDEN_SHARE: f32 = 0.381_966;
     let up = if line.x.abs() + line.z.abs() > 1e-3 * line.y.abs() { Vector3::y() } else { Vector3::x() };

@@ -1,4 +1,4 @@
-//! The waves that reach a listener without a mirror: straight, around edges, or through walls.
+//! Waves without a mirror: direct, diffracted, or transmitted.
 
 use crate::bands::{BandLoss, air_loss, both, diffraction_loss};
 use crate::geodesic::{GeodesicField, Way, horizontal_m, length_m};
@@ -8,16 +8,16 @@ use crate::surfaces::{SURFACE_BANDS, Surface};
 use crate::visibility::{Visibility, visibility};
 use avln_geom::{Point3, Vector3};
 
-/// A band that loses more than this is silent, decibels.
+/// Loss of a silent band, decibels.
 pub(crate) const SILENT_DB: f32 = 100.0;
 
-/// Two ways count as one while their last bends are nearer than this, metres, and as two from twice as far on.
+/// Separation of last bends below which two paths count as one, metres; from twice this they count as two.
 pub(crate) const APART_M: f32 = 0.5;
 
-/// Ways that are longer than the shortest one by this are not heard as waves of their own, metres.
+/// Longest detour of a second path relative to the shortest, metres.
 pub(crate) const LONGER_M: f32 = 3.0;
 
-/// A source's ways through the air of a building.
+/// Paths of a source through the air of a building.
 pub(crate) struct Ways<'a> {
     pub(crate) building: &'a Building,
     pub(crate) field: &'a GeodesicField,
@@ -25,12 +25,12 @@ pub(crate) struct Ways<'a> {
 }
 
 impl Ways<'_> {
-    /// The direct wave; where something hides the source, those that bend around the edges on up to two ways and the
-    /// one that goes through the walls, as far as anything of them is left. The shortest way through the air first.
+    /// Returns the direct wave; if the source is hidden, up to two diffracted waves and the transmitted wave,
+    /// if audible. The shortest path through the air is first.
     pub(crate) fn arrivals(&self, listener: &Point3<f32>) -> Vec<Arrival> {
         let seen = visibility(self.building.air.rays(), listener, self.outlet);
         if seen.center {
-            // At the border of a shadow the decibels lost to diffraction fade in with what the edge hides.
+            // At the shadow boundary the diffraction loss fades in with the hidden share.
             let loss = diffraction_loss(0.0).map(|db| db * (1.0 - seen.share));
             return vec![straight(listener, self.outlet, &loss)];
         }
@@ -39,14 +39,14 @@ impl Ways<'_> {
         arrivals
     }
 
-    /// The shortest way through the air; `None` when none leads from `listener` to the source.
+    /// The shortest path through the air; `None` if unreachable from `listener`.
     pub(crate) fn shortest(&self, listener: &Point3<f32>) -> Option<Way> {
         let air = &self.building.air;
         let near = air.clear_cells(listener);
         if !near.is_empty() {
             return self.field.way(air, listener, &near);
         }
-        // Shut in or outside: the way is that of the air next to the listener.
+        // Enclosed or outside: the path of the nearest air.
         let cell = air.nearest_cell(listener)?;
         let mut way = self.field.way(air, &air.grid().center(cell), &[cell])?;
         way.insert(0, *listener);
@@ -67,7 +67,7 @@ impl Ways<'_> {
         arrivals
     }
 
-    /// The wave on a way with corners, of whose pressure `share` is heard.
+    /// The wave on a bent path with the pressure share `share`.
     fn bent(&self, way: &[Point3<f32>], hidden: f32, share: f32) -> Arrival {
         let length_m = length_m(way);
         let detour_m = length_m - (self.outlet - way[0]).norm();
@@ -77,7 +77,7 @@ impl Ways<'_> {
         Arrival { direction: first_leg(way), length_m, loss: both(&air_loss(length_m), &loss) }
     }
 
-    /// The wave straight through all that hides the source; `None` when a surface lets nothing through.
+    /// The wave transmitted through all surfaces; `None` if a surface blocks it.
     fn through_walls(&self, listener: &Point3<f32>) -> Option<Arrival> {
         let (direction, length_m) = bearing(self.outlet, listener);
         let (mut loss, mut from_m) = ([0.0; SURFACE_BANDS], 0.0);
@@ -85,7 +85,7 @@ impl Ways<'_> {
             let from = self.outlet + direction * from_m;
             let Some(hit) = self.building.air.rays().cast(&from, &direction, length_m - from_m) else {
                 let loss = std::array::from_fn(|band| loss[band.min(SURFACE_BANDS - 1)]);
-                // Where the line touches an edge, bending around it says it all.
+                // If the line touches an edge, the diffracted wave is sufficient.
                 return (crossed > 0).then(|| straight(listener, self.outlet, &loss));
             };
             let surface = self.building.surfaces.of(hit.triangle);
@@ -99,10 +99,10 @@ impl Ways<'_> {
     }
 }
 
-/// More surfaces than this in a row let nothing through.
+/// Limit on consecutive surfaces; more block the wave.
 const MOST_SURFACES: usize = 64;
 
-/// Surfaces nearer to each other than this count as one, metres.
+/// Surfaces closer than this count as one, metres.
 const SURFACE_GAP_M: f32 = 5e-4;
 
 fn transmission_db(surface: &Surface, band: usize) -> f32 {
@@ -110,7 +110,7 @@ fn transmission_db(surface: &Surface, band: usize) -> f32 {
     if share > 1e-10 { -10.0 * libm::log10f(share) } else { SILENT_DB }
 }
 
-/// How much of a second way is a wave of its own, 0 to 1: it must leave for somewhere else and not be much longer.
+/// Weight of a second path as a separate wave, 0 to 1, by direction and length.
 fn independence(first: &[Point3<f32>], second: &[Point3<f32>]) -> f32 {
     let apart = horizontal_m(&first[1], &second[1]) / APART_M - 1.0;
     let shorter = 1.0 - (length_m(second) - length_m(first)) / LONGER_M;
@@ -122,14 +122,14 @@ fn straight(listener: &Point3<f32>, outlet: &Point3<f32>, loss: &BandLoss) -> Ar
     Arrival { direction, length_m, loss: both(&air_loss(length_m), loss) }
 }
 
-/// Unit vector from `from` towards `to` and the distance, metres; straight ahead of heading 0 for equal points.
+/// Unit vector from `from` to `to` and the distance in metres; straight ahead at heading 0 for equal points.
 fn bearing(from: &Point3<f32>, to: &Point3<f32>) -> (Vector3<f32>, f32) {
     let offset = to - from;
     let length_m = offset.norm();
     if length_m < 1e-6 { (Vector3::new(0.0, 0.0, -1.0), length_m) } else { (offset / length_m, length_m) }
 }
 
-/// Direction in which a way leaves the listener, past corners that are next to it.
+/// Direction in which a path leaves the listener, ignoring adjacent corners.
 fn first_leg(way: &[Point3<f32>]) -> Vector3<f32> {
     const NEAR_M: f32 = 0.02;
     let ahead = way[1..].iter().find(|point| (*point - way[0]).norm() > NEAR_M);

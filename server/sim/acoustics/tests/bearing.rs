@@ -1,4 +1,4 @@
-//! What an agent makes of it: where a sound comes from, by the lag between its ears in each step.
+//! Bearing estimates of an agent from the interaural lag of a step.
 
 mod common;
 
@@ -24,13 +24,13 @@ fn acoustics(scene: &Scene, surfaces: Surfaces) -> Acoustics {
 /// All frequencies.
 const ALL_HZ: RangeInclusive<f32> = 0.0..=8000.0;
 
-/// Those at which the far ear is not in the shadow of the head.
+/// Frequencies without head shadow at the far ear.
 const LOW_HZ: RangeInclusive<f32> = 100.0..=4000.0;
 
-/// From lags to bearings: what ears in the open hear of a source 3 m away.
+/// Conversion from lags to bearings, measured in the open at 3 m.
 struct Bearings {
     fourier: Fourier,
-    /// What is listened to.
+    /// Analysed frequencies.
     band_hz: RangeInclusive<f32>,
     /// Lag, samples, for each of [`Bearings::degrees_of`].
     lags: Vec<f32>,
@@ -90,7 +90,7 @@ impl Bearings {
     }
 }
 
-/// The listener with `source` at so many degrees to the left.
+/// The listener with `source` at the given angle to the left.
 fn facing(place: Point3<f32>, source: &Point3<f32>, degrees: f32) -> Listener {
     let offset = source - place;
     let bearing_rad = angle::atan2(-offset.x, -offset.z);
@@ -143,7 +143,7 @@ fn sources_in_sight_are_placed_in_houses() {
     }
 }
 
-/// Sources, and ears in the same room that see them, up to 5 m away.
+/// Sources and visible ears in the same room, up to 5 m apart.
 fn pairs_in_sight(scene: &Scene, rng: &mut Rng) -> Vec<[Point3<f32>; 2]> {
     let rays = RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles);
     let mut pairs = Vec::new();

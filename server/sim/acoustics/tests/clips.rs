@@ -6,7 +6,7 @@ use avln_acoustics::{Bank, SAMPLE_RATE_HZ};
 use avln_geom::Rng;
 use common::lag::{FRAME, Fourier};
 
-/// How much later the sound reaches the right ear, samples: that of a source 45 degrees to the left.
+/// Delay at the right ear, samples: a source 45 degrees to the left.
 const LAG: i32 = 8;
 /// Two samples are some 15 degrees.
 const TOLERANCE: f32 = 2.0;
@@ -28,7 +28,8 @@ fn heard(fourier: &mut Fourier, clip: &[f32], response: &[f32]) -> Vec<f32> {
     fourier.signal(product, clip.len())
 }
 
-/// A direct sound after `lag` samples, and four times its energy in a diffuse tail of the ear's own: 60 dB in 0.25 s.
+/// A direct sound after `lag` samples, and four times its energy in an independent diffuse tail: 60 dB in
+/// 0.25 s.
 fn response(lag: i32) -> Vec<f32> {
     let mut rng = Rng::new(31 + lag as u64);
     let decay = |n: usize| libm::expf(-6.9 * n as f32 / FRAME as f32);

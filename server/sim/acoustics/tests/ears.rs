@@ -222,7 +222,7 @@ fn what_rings_is_heard_as_it_was_and_the_next_sound_from_where_the_head_is() {
         (0..2).for_each(|_| drop(ears.hear(&place(0.0), Some(0))));
         ears.hear(&place(0.0), None);
     }
-    // A quarter of a second after the end there is nothing but the tail.
+    // A quarter of a second after the end only the tail remains.
     for step in 1..4 {
         let (turning, standing) =
             (ears.hear(&place(30.0 * step as f32), None), still.hear(&place(0.0), None));
@@ -233,7 +233,7 @@ fn what_rings_is_heard_as_it_was_and_the_next_sound_from_where_the_head_is() {
     (0..6).for_each(|_| drop(fresh.hear(&place(90.0), None)));
     let again = ears.hear(&place(90.0), Some(0));
     let new = fresh.hear(&place(90.0), Some(0));
-    // Once the fade is over it is the sound at the new heading, and what is left of the old tail.
+    // After the fade the sound has the new heading, plus the rest of the old tail.
     let (late, new) = (&again[2000..STEP], &new[2000..STEP]);
     let rest: Vec<f32> = late.iter().zip(new).map(|(a, b)| a - b).collect();
     assert!(energy(&rest) < 0.05 * energy(new), "{} of {}", energy(&rest), energy(new));

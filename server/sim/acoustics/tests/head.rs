@@ -125,7 +125,8 @@ fn a_source_overhead_is_equal_in_both_ears() {
 #[test]
 fn pressure_falls_as_one_over_distance() {
     for range_m in [0.5, 1.0, 2.0, 4.0, 8.0, 16.0] {
-        // At 125 Hz and right across the axis of the ear the head is hardly there; nearer sources curve around it.
+        // At 125 Hz and perpendicular to the ear axis the head has almost no effect; closer sources have
+        // curved waves.
         let response = from_azimuth(10.0, range_m);
         let level = level_db(&response.right, 125.0) + 20.0 * f64::from(range_m).log10();
         let near_field = 0.1 + 0.05 / f64::from(range_m * range_m);
@@ -202,7 +203,7 @@ fn without_a_head_both_ears_hear_the_pressure_at_its_centre() {
             let turn = TAU * frequency_hz / f64::from(SAMPLE_RATE_HZ);
             let late = (samples + im.atan2(re) / turn).rem_euclid(TAU / turn);
             let late = late.min(TAU / turn - late);
-            // What air absorbs delays by a trace.
+            // Air absorption adds a tiny delay.
             assert!(late < 0.03 + 0.005 * f64::from(range_m), "{range_m} m: {late} samples late");
         }
     }

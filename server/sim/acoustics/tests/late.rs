@@ -38,7 +38,7 @@ struct Theory {
 fn theory(absorption: f64, air_db_per_m: f64) -> Theory {
     let (volume, area) = (90.0, 126.0);
     let per_second = |nepers_m2: f64| {
-        // Energy falls by 60 dB in this time; the air takes its part.
+        // Energy falls by 60 dB in this time, plus air absorption.
         let air = air_db_per_m / 10.0 * std::f64::consts::LN_10;
         24.0 * std::f64::consts::LN_10 / 4.0 / (SPEED_M_S * (nepers_m2 / (4.0 * volume) + air))
     };

@@ -1,4 +1,4 @@
-//! How much memory sound takes.
+//! Memory use of acoustics.
 
 use avln_acoustics::{Acoustics, Bank, Ears, Emitter, Listener, Settings, Surfaces};
 use avln_geom::RayMesh;

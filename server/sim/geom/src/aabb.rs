@@ -16,14 +16,14 @@ impl Aabb {
         Self { min: a.inf(&b), max: a.sup(&b) }
     }
 
-    /// The smallest box around `points`; `None` when there are none.
+    /// Returns the smallest box around `points`; `None` without points.
     pub fn around<'a>(points: impl IntoIterator<Item = &'a Point3<f32>>) -> Option<Self> {
         let mut points = points.into_iter();
         let first = *points.next()?;
         Some(points.fold(Self { min: first, max: first }, |found, point| found.including(point)))
     }
 
-    /// This box grown to hold `point`.
+    /// Returns the box extended to `point`.
     pub fn including(&self, point: &Point3<f32>) -> Self {
         Self { min: self.min.inf(point), max: self.max.sup(point) }
     }
@@ -44,22 +44,22 @@ impl Aabb {
         nalgebra::center(&self.min, &self.max)
     }
 
-    /// Edge lengths along x, y, z.
+    /// Edge lengths in x, y, z.
     pub fn size(&self) -> Vector3<f32> {
         self.max - self.min
     }
 
-    /// Whether `point` lies inside or on the surface.
+    /// Returns true if `point` is inside or on the surface.
     pub fn contains(&self, point: &Point3<f32>) -> bool {
         (0..3).all(|axis| self.min[axis] <= point[axis] && point[axis] <= self.max[axis])
     }
 
-    /// Whether the two boxes share a point.
+    /// Returns true if the boxes share a point.
     pub fn intersects(&self, other: &Self) -> bool {
         (0..3).all(|axis| self.min[axis] <= other.max[axis] && other.min[axis] <= self.max[axis])
     }
 
-    /// The point of the box nearest to `point`; `point` itself when it lies inside.
+    /// The box point nearest to `point`; `point` itself if inside.
     pub fn closest_point(&self, point: &Point3<f32>) -> Point3<f32> {
         point.sup(&self.min).inf(&self.max)
     }

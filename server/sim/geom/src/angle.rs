@@ -14,13 +14,13 @@ pub fn about_up(heading_rad: f32) -> UnitQuaternion<f32> {
     UnitQuaternion::new_unchecked(Quaternion::new(cos, 0.0, sin, 0.0))
 }
 
-/// The rotation by `pitch_rad` about +X, equal bits on every platform: what looks along -Z looks up where it is positive.
+/// Rotation by `pitch_rad` about +X, bit-identical on every platform; positive looks up from -Z.
 pub fn about_right(pitch_rad: f32) -> UnitQuaternion<f32> {
     let (sin, cos) = sin_cos(pitch_rad * 0.5);
     UnitQuaternion::new_unchecked(Quaternion::new(cos, sin, 0.0, 0.0))
 }
 
-/// The rotation of the quaternion x, y, z, w of any length; `None` where it is 0 or not finite.
+/// Rotation of the quaternion x, y, z, w of any length; `None` if zero or not finite.
 pub fn rotation(quaternion: [f64; 4]) -> Option<UnitQuaternion<f32>> {
     let largest = quaternion.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
     if largest == 0.0 || !quaternion.iter().all(|value| value.is_finite()) {

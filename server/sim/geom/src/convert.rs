@@ -1,4 +1,4 @@
-//! The only place where nalgebra's points meet the vectors of parry and rerecast (glam).
+//! Conversions between nalgebra points and the vectors of parry and rerecast (glam).
 
 use nalgebra::{Point3, Vector3};
 pub use parry3d::math::Vec3 as GlamVec3;

@@ -2,17 +2,17 @@ use crate::angle;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Where a body stands and which way it faces, in the world frame unless a name says otherwise.
+/// Position and heading of a body, in the world frame unless named otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
-    /// The base of the body (its feet), metres.
+    /// Base of the body (feet), metres.
     pub position: Point3<f32>,
-    /// Rotation about +Y, radians in (-pi, pi]; 0 looks along -Z, positive is to the left.
+    /// Rotation about +Y, radians in (-pi, pi]; 0 looks along -Z, left is positive.
     pub heading_rad: f32,
 }
 
 impl Pose {
-    /// A pose with its heading brought into (-pi, pi].
+    /// Creates a pose with the heading normalised to (-pi, pi].
     pub fn new(position: Point3<f32>, heading_rad: f32) -> Self {
         Self { position, heading_rad: angle::wrap(heading_rad) }
     }

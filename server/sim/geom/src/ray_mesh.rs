@@ -7,7 +7,7 @@ use packet::Packet;
 use tree::{Node, Tree};
 pub use walk::Visitor;
 
-/// Where a ray met a triangle.
+/// A hit of a ray on a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Index of the triangle.
@@ -26,10 +26,10 @@ pub struct RayMesh {
 }
 
 impl RayMesh {
-    /// Builds the acceleration structure over `triangles`, each three indices into `positions`.
+    /// Builds the acceleration structure over `triangles`, given as three indices into `positions`.
     ///
     /// # Panics
-    /// When an index lies outside of `positions`.
+    /// If an index is outside `positions`.
     pub fn new(positions: &[Point3<f32>], triangles: &[[u32; 3]]) -> Self {
         let corners = |index: u32| triangles[index as usize].map(|i| positions[i as usize]);
         let boxes: Vec<_> = (0..triangles.len() as u32).map(|i| box_around(&corners(i))).collect();
@@ -38,7 +38,7 @@ impl RayMesh {
         Self { nodes, packets, triangle_count: triangles.len() }
     }
 
-    /// How many triangles there are.
+    /// Triangle count.
     pub fn len(&self) -> usize {
         self.triangle_count
     }
@@ -48,17 +48,17 @@ impl RayMesh {
         size_of_val(self.nodes.as_slice()) + size_of_val(self.packets.as_slice())
     }
 
-    /// Whether there is nothing to hit.
+    /// Returns true without triangles.
     pub fn is_empty(&self) -> bool {
         self.triangle_count == 0
     }
 
-    /// The first triangle along `direction` from `origin`, no farther than `max_distance` lengths of `direction`.
+    /// Returns the first triangle in `direction` from `origin`, within `max_distance` lengths of `direction`.
     pub fn cast(&self, origin: &Point3<f32>, direction: &Vector3<f32>, max_distance: f32) -> Option<Hit> {
         walk::nearest(self, origin, direction, max_distance)
     }
 
-    /// Whether nothing lies between `from` and `to`, both ends left out by a millimetre.
+    /// Returns true if the segment from `from` to `to` is free, except for a millimetre at both ends.
     pub fn is_clear(&self, from: &Point3<f32>, to: &Point3<f32>) -> bool {
         const END_GAP_M: f32 = 1e-3;
         let offset = to - from;
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
     use crate::Rng;
 
-    /// Distance of the hit on one triangle, straight from the paper of Möller and Trumbore.
+    /// Distance of the hit on a triangle, by the formula of Möller and Trumbore.
     fn distance_to(
         [a, b, c]: [Point3<f32>; 3],
         origin: &Point3<f32>,
@@ -172,7 +172,7 @@ mod tests {
         assert_eq!(hit.expect("in the middle").distance, 1.0);
     }
 
-    /// Enters every box that reaches beyond x = 0 and remembers what it saw.
+    /// A visitor of all boxes beyond x = 0 that records their triangles.
     struct RightHalf(Vec<u32>);
 
     impl Visitor for RightHalf {

@@ -23,8 +23,8 @@ impl Rng {
         Self::new(self.state[0].rotate_left(17) ^ self.state[2] ^ hash)
     }
 
-    /// The 64 random bits at place `index` of the stream of `key` (SplitMix64): what is drawn at one place does not depend
-    /// on what is drawn elsewhere.
+    /// Returns the 64 random bits at `index` in the stream of `key` (SplitMix64), independent of all other
+    /// draws.
     pub fn word(key: u64, index: u64) -> u64 {
         SplitMix64::new(key.wrapping_add(index.wrapping_mul(SplitMix64::GAMMA))).next_u64()
     }
@@ -62,12 +62,12 @@ impl Rng {
         ((u128::from(self.next_u64()) * count as u128) >> 64) as usize
     }
 
-    /// Whether an event of probability `probability` happens.
+    /// Returns true with probability `probability`.
     pub fn chance(&mut self, probability: f64) -> bool {
         self.unit() < probability
     }
 
-    /// One of `items`; `None` when there are none.
+    /// Returns a random element of `items`; `None` if empty.
     pub fn choose<'a, T>(&mut self, items: &'a [T]) -> Option<&'a T> {
         if items.is_empty() { None } else { Some(&items[self.below(items.len())]) }
     }

@@ -1,6 +1,6 @@
-//! What a navmesh costs: `cargo bench -p avln-navmesh --bench ways`.
+//! Cost of a navmesh: `cargo bench -p avln-navmesh --bench ways`.
 //!
-//! The houses are procedural; with `AVLN_BENCH_SCENE` set to a scene's path, that scene is measured as well.
+//! The houses are procedural; `AVLN_BENCH_SCENE` adds the scene at that path.
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
@@ -15,10 +15,10 @@ use std::{
 };
 
 const POINTS: usize = 200;
-/// Every measurement goes on for at least this long.
+/// Minimum duration of a measurement.
 const LEAST: Duration = Duration::from_millis(200);
 
-/// Mean time of one call of `work`, which is given the number of the call.
+/// Mean time per call of `work`, which receives the call index.
 fn each(mut work: impl FnMut(usize)) -> Duration {
     let begin = Instant::now();
     for call in 0.. {

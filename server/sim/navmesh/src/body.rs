@@ -3,8 +3,8 @@ use crate::NavMeshError;
 /// The upright cylinder that walks. The default is Habitat's: radius 0.1 m, height 1.5 m, climb 0.2 m, slope 45 degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Body {
-    /// How far the middle stays from walls, metres, 0 to 2; rounded up to whole lattice cells of 5 cm, at
-    /// least one.
+    /// Distance from the centre to walls, metres, 0 to 2; rounded up to whole lattice cells of 5 cm, at least
+    /// one.
     pub radius_m: f32,
     /// Headroom that is needed, metres, 0.2 to 10.
     pub height_m: f32,

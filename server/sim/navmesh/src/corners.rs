@@ -6,13 +6,13 @@ use std::ops::Range;
 /// Slack of the tangent test, cells squared.
 const SLACK: f64 = 1e-7;
 
-/// The corners that shortest paths bend around, and which of them reach each other in a straight line.
+/// The corners around which shortest paths bend, and their mutual straight connections.
 ///
-/// A shortest path on the mesh bends only where a wall turns away from it (Lozano-Pérez and Wesley 1979).
+/// A shortest path on the mesh bends only at convex wall corners (Lozano-Pérez and Wesley 1979).
 pub(crate) struct Corners {
     lattice: Lattice,
     corners: Vec<Corner>,
-    /// Corner at the beginning of each edge; `NONE` where walls do not turn away.
+    /// Corner at the start of every edge; `NONE` at other corners.
     at_edge: Vec<u32>,
     first_link: Vec<u32>,
     links: Vec<Link>,
@@ -22,9 +22,9 @@ pub(crate) struct Corners {
 #[derive(Clone, Copy)]
 pub(crate) struct Corner {
     pub(crate) eye: Eye,
-    /// Height of the ground there, metres.
+    /// Ground height, metres.
     pub(crate) height_m: f64,
-    /// Where the wall that arrives begins, and where the wall that leaves ends; the floor is on their left.
+    /// Start of the arriving wall and end of the leaving wall; the floor is on their left.
     before: Spot,
     after: Spot,
 }
@@ -33,12 +33,13 @@ pub(crate) struct Corner {
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) struct Link {
     pub(crate) to: u32,
-    /// How long it is in space, metres.
+    /// Length in space, metres.
     pub(crate) metres: f64,
 }
 
 impl Corner {
-    /// Whether a way from `spot` can bend here: the wall lies on one side of the line through both.
+    /// Returns true if a path from `spot` can bend here: the wall is on a single side of the line through
+    /// both.
     fn is_tangent(&self, spot: &Spot) -> bool {
         let before = turn(spot, &self.eye.spot, &self.before);
         let after = turn(spot, &self.eye.spot, &self.after);
@@ -55,7 +56,7 @@ impl Corners {
             + size_of_val(self.links.as_slice())
     }
 
-    /// Finds the corners; `height_m` tells how high the ground is at the beginning of an edge.
+    /// Finds the corners; `height_m` returns the ground height at the start of an edge.
     pub(crate) fn new(polygons: &Polygons, lattice: Lattice, height_m: impl Fn(u32) -> f64) -> Self {
         let (corners, at_edge) = find(polygons, height_m);
         let mut found = Self { lattice, corners, at_edge, first_link: vec![0], links: Vec::new() };
@@ -80,13 +81,13 @@ impl Corners {
         &self.links[range(corner as usize)..range(corner as usize + 1)]
     }
 
-    /// Distance in space between a corner and a place (a spot and its height), metres.
+    /// Distance in space between a corner and a position (spot and height), metres.
     pub(crate) fn metres_to(&self, corner: u32, place: (&Spot, f64)) -> f64 {
         let corner = self.get(corner);
         self.lattice.apart_m((&corner.eye.spot, corner.height_m), place)
     }
 
-    /// Calls `found` for the corners among `edges` of one polygon that are in `view` from `place` and useful from there.
+    /// Calls `found` for corners among the `edges` of a polygon that are in `view` and useful from `place`.
     pub(crate) fn in_view(
         &self,
         edges: Range<u32>,
@@ -122,7 +123,7 @@ impl Corners {
     }
 }
 
-/// Walks around the end of every wall to the wall that goes on from there, and keeps the ends where it turns right.
+/// Follows every wall end to the adjacent wall and returns the ends with a right turn.
 fn find(polygons: &Polygons, height_m: impl Fn(u32) -> f64) -> (Vec<Corner>, Vec<u32>) {
     let edges = 0..polygons.edges(polygons.len() - 1).end;
     let mut at_edge = vec![NONE; edges.len()];

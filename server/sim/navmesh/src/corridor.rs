@@ -7,22 +7,22 @@ use crate::waiting::Waiting;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Detour's factor on the straight way that is left, so that none is over-estimated.
+/// Detour's factor on the remaining straight distance, so that the estimate is a lower bound.
 const HEURISTIC: f64 = 0.999;
 /// A first portal this close to the start is passed, metres.
 const AT_PORTAL_M: f64 = 0.001;
-/// Places closer than this are one, metres.
+/// Positions within this distance are equal, metres.
 const SAME_M: f64 = 1.0 / 16384.0;
 
-/// One end of a path and its polygon.
+/// An end of a path and its polygon.
 #[derive(Clone, Copy)]
 pub(crate) struct End {
     pub(crate) place: Corner,
     pub(crate) polygon: u32,
 }
 
-/// Length of Detour's path, metres: from `from` to `to` on the mesh, drawn between `start` and `end`, which may be above or
-/// below them. `None` when there is no path.
+/// Length of Detour's path, metres: from `from` to `to` on the mesh, drawn between `start` and `end`, which
+/// may be above or below. `None` without a path.
 pub(crate) fn corridor_m(
     polygons: &Polygons,
     lattice: &Lattice,
@@ -39,7 +39,7 @@ fn apart_m(lattice: &Lattice, a: &Corner, b: &Corner) -> f64 {
     lattice.apart_m((&a.spot, a.height_m), (&b.spot, b.height_m))
 }
 
-/// What is known of a polygon: where it was first entered, and the best way to it.
+/// Search state of a polygon: entry point and best path.
 #[derive(Clone, Copy)]
 struct Node {
     place: Corner,
@@ -85,7 +85,7 @@ impl<'a> Search<'a> {
     fn expand(&mut self, polygon: u32, node: &Node) {
         let edges = self.polygons.edges(polygon);
         let before = (node.portal != NONE).then(|| self.polygons.owner(node.portal));
-        // The last edge comes last: outlines are kept the other way around than Detour keeps them.
+        // The last edge comes last: outlines have the opposite direction in Detour.
         for edge in (edges.start..edges.end - 1).rev().chain([edges.end - 1]) {
             let Some(neighbour) = self.polygons.neighbour(edge).filter(|&next| Some(next) != before) else {
                 continue;
@@ -126,7 +126,7 @@ fn begin(polygons: &Polygons, edge: u32) -> Corner {
     Corner { spot: *polygons.from(edge), height_m: polygons.height_m(edge) }
 }
 
-/// A side of the funnel: its tip and the portal that the tip belongs to.
+/// A side of the funnel: tip and portal.
 #[derive(Clone, Copy)]
 struct Side {
     tip: Corner,
@@ -168,7 +168,7 @@ impl Pull<'_> {
         points
     }
 
-    /// Right and left end of a portal; behind the last one lies the end of the path.
+    /// Right and left end of a portal; the end of the path follows the last portal.
     fn portal(&self, at: usize) -> (Corner, Corner) {
         match self.portals.get(at) {
             Some(&edge) => (begin(self.polygons, edge), begin(self.polygons, self.polygons.next(edge))),
@@ -182,8 +182,8 @@ impl Pull<'_> {
         (nearest - start.spot).norm() * f64::from(self.lattice.cell_m) < AT_PORTAL_M
     }
 
-    /// Moves `side` in to `next` where that narrows the funnel; the tip of `other`, where `next` lies beyond it. `sign` is 1
-    /// for the right side and -1 for the left.
+    /// Moves `side` to `next` if that narrows the funnel; returns the tip of `other` if `next` is beyond it.
+    /// `sign` is 1 for the right side and -1 for the left.
     fn narrow(
         &self,
         apex: &Corner,

@@ -1,7 +1,7 @@
 use crate::plane::{Spot, share_of_segment, turn};
 use crate::polygons::{Corner, RawPolygon};
 
-/// How far outside of a triangle its height still holds, as a share of its area.
+/// Tolerance outside a triangle for its height, relative to its area.
 const RIM: f64 = 1e-6;
 
 /// Triangles that give the polygons their heights: the detail mesh of Recast.
@@ -25,7 +25,7 @@ impl Detail {
         detail
     }
 
-    /// Height of `spot` on `polygon`: that of the triangle over it, or else of the nearest side of a triangle.
+    /// Height at `spot` on `polygon`: from the covering triangle, otherwise from the nearest triangle side.
     pub(crate) fn height_m(&self, polygon: u32, spot: &Spot) -> f64 {
         let triangles = self.of(polygon);
         triangles.iter().find_map(|triangle| height_inside(triangle, spot)).unwrap_or_else(|| {
@@ -54,7 +54,7 @@ impl Detail {
     }
 }
 
-/// Height of `spot` in the plane of a triangle that it lies in.
+/// Height at `spot` in the plane of a covering triangle.
 fn height_inside([a, b, c]: &[Corner; 3], spot: &Spot) -> Option<f64> {
     let area = turn(&a.spot, &b.spot, &c.spot);
     if area == 0.0 {

@@ -22,39 +22,39 @@ pub enum DetourError {
         "the navmesh file ends within {what}: {needed} bytes from byte {offset} on, of {length}; copy the file again"
     )]
     Truncated {
-        /// What was being read.
+        /// Item being read.
         what: &'static str,
-        /// Where it begins.
+        /// Offset of the item.
         offset: usize,
-        /// How many bytes it has.
+        /// Required bytes.
         needed: usize,
-        /// How many bytes the file has.
+        /// File size in bytes.
         length: usize,
     },
     /// Another kind of file.
     #[error("{what} at byte {offset} begins with {found:02x?} where {expected:02x?} belongs{hint}")]
     Magic {
-        /// What was being read.
+        /// Item being read.
         what: &'static str,
-        /// Where it begins.
+        /// Offset of the item.
         offset: usize,
-        /// What lies there.
+        /// Bytes found.
         found: Vec<u8>,
-        /// What should lie there.
+        /// Expected bytes.
         expected: [u8; 4],
-        /// What it may be instead; empty or a further part of the sentence.
+        /// Alternative explanation; empty or a continuation of the sentence.
         hint: &'static str,
     },
     /// A number that cannot be.
     #[error("{what} at byte {offset} is {found}; {expected}")]
     Value {
-        /// What was being read.
+        /// Item being read.
         what: &'static str,
-        /// Where it lies.
+        /// Offset of the item.
         offset: usize,
-        /// What it says.
+        /// Value found.
         found: String,
-        /// What can be read.
+        /// Supported value.
         expected: String,
     },
     /// No polygon can be walked on.
@@ -62,12 +62,12 @@ pub enum DetourError {
         "the navmesh file holds {polygons} polygons, none of which can be walked on (flag 1); build it again"
     )]
     NoFloor {
-        /// How many polygons there are.
+        /// Polygon count.
         polygons: usize,
     },
 }
 
-/// Reads a set of one tile.
+/// Reads a set with a single tile.
 pub(crate) fn read(bytes: &[u8]) -> Result<Parts, DetourError> {
     let mut reader = Reader::new(bytes);
     let pointer = bytes.starts_with(b"version https://git-lfs");

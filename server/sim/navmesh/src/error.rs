@@ -1,4 +1,4 @@
-/// Why there is no navmesh.
+/// Errors during the construction of a navmesh.
 #[derive(Debug, thiserror::Error)]
 pub enum NavMeshError {
     /// A measure of the body is out of range.
@@ -6,7 +6,7 @@ pub enum NavMeshError {
     Body {
         /// The field of [`Body`](crate::Body).
         field: &'static str,
-        /// What it says.
+        /// The value.
         value: f32,
         /// The smallest value allowed.
         low: f32,
@@ -18,7 +18,7 @@ pub enum NavMeshError {
     Settings {
         /// The field of [`NavMeshSettings`](crate::NavMeshSettings).
         field: &'static str,
-        /// What it says.
+        /// The value.
         value: f32,
         /// The smallest value allowed.
         low: f32,
@@ -36,7 +36,7 @@ pub enum NavMeshError {
     Malformed {
         /// Name of the scene.
         scene: String,
-        /// Which part, with its value and the limit.
+        /// The part, with value and limit.
         what: String,
     },
     /// The scene is larger than the lattice can be.
@@ -47,13 +47,13 @@ pub enum NavMeshError {
     TooLarge {
         /// Name of the scene.
         scene: String,
-        /// Extent along x.
+        /// Extent in x.
         width_m: f32,
-        /// Extent along y.
+        /// Extent in y.
         height_m: f32,
-        /// Extent along z.
+        /// Extent in z.
         depth_m: f32,
-        /// What would be accepted.
+        /// Accepted range.
         limit: String,
     },
     /// No surface is large, level and free enough.
@@ -76,7 +76,7 @@ pub enum NavMeshError {
         scene: String,
         /// Step of the pipeline.
         stage: &'static str,
-        /// What it said.
+        /// Reason given by the library.
         reason: String,
     },
 }

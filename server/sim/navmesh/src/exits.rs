@@ -3,42 +3,41 @@ use crate::mesh::{NavMesh, NavPoint};
 use crate::plane::Spot;
 use avln_geom::Point3;
 
-/// Places of one mesh among which distances are asked for again and again; each is named by its index in the list that
-/// was given.
+/// Points of a mesh for repeated distance queries, identified by index.
 pub struct Places {
     /// Polygon, index, spot and height, ordered by polygon.
     places: Vec<(u32, u32, Spot, f64)>,
 }
 
-/// How one leaves a point of the mesh: where shortest ways from it can bend first, and the places in straight reach.
+/// Exits of a mesh point: the first corners of shortest paths, and the points in straight reach.
 ///
-/// With the [`CornerWays`] of the same mesh, distances between points whose exits are known are sums: the straight way,
-/// or the least of exit, way between corners and exit.
+/// With the [`CornerWays`] of the mesh, distances between points with known exits are sums: the straight
+/// distance, or the minimum over exit, path between corners, and exit.
 #[derive(Clone, Debug, Default)]
 pub struct Exits {
     /// Corners in view that a shortest way can bend around, ascending by corner, each once.
     pub corners: Vec<Exit>,
-    /// Places in straight reach and how far they are, metres, ascending by place, each once.
+    /// Points in straight reach with distances in metres, ascending by index.
     pub places: Vec<(u32, f64)>,
 }
 
 /// A corner in straight reach.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exit {
-    /// Its number, below [`NavMesh::corner_count`].
+    /// Corner index, below [`NavMesh::corner_count`].
     pub corner: u32,
-    /// How far it is, metres.
+    /// Distance, metres.
     pub distance_m: f64,
 }
 
-/// Shortest ways from every corner of one mesh to one of them.
+/// Shortest paths from all corners of a mesh to a corner.
 pub struct CornerWays {
     home: u32,
     corners: Vec<(f64, Next)>,
 }
 
 impl Places {
-    /// Keeps `points` of `mesh` for looks.
+    /// Stores `points` of `mesh` for visibility queries.
     pub fn new(mesh: &NavMesh, points: &[NavPoint]) -> Self {
         let place = |(point, index): (&NavPoint, u32)| {
             let eye = mesh.eye(point);
@@ -56,12 +55,12 @@ impl Places {
 }
 
 impl NavMesh {
-    /// How many corners ways can bend around.
+    /// Corner count.
     pub fn corner_count(&self) -> usize {
         self.corners.len()
     }
 
-    /// How one leaves `point`: by which corners, and to which of `places` straight.
+    /// Exits of `point`: corners, and the visible `places`.
     pub fn exits(&self, point: &NavPoint, places: &Places) -> Exits {
         let outlook = self.outlook(point);
         let exit = |link: &crate::corners::Link| Exit { corner: link.to, distance_m: link.metres };
@@ -78,10 +77,10 @@ impl NavMesh {
         exits
     }
 
-    /// Shortest ways from all corners to `corner`.
+    /// Shortest paths from all corners to `corner`.
     ///
     /// # Panics
-    /// When there is no such corner.
+    /// If `corner` is out of range.
     pub fn corner_ways(&self, corner: u32) -> CornerWays {
         let mut corners = vec![(f64::INFINITY, Next::Nowhere); self.corners.len()];
         corners[corner as usize] = (0.0, Next::Nowhere);
@@ -91,18 +90,18 @@ impl NavMesh {
 }
 
 impl CornerWays {
-    /// Length of the way from `corner`, metres; infinite when there is none.
+    /// Path length from `corner`, metres; infinite without a path.
     ///
     /// # Panics
-    /// When there is no such corner.
+    /// If `corner` is out of range.
     pub fn distance_m(&self, corner: u32) -> f64 {
         self.corners[corner as usize].0
     }
 
-    /// Where the way from `corner` bends: `corner` first, the corner of these ways last; empty when there is none.
+    /// Bends of the path from `corner`: `corner` first, the target corner last; empty without a path.
     ///
     /// # Panics
-    /// When there is no such corner, or `mesh` is not the mesh of these ways and smaller.
+    /// If `corner` is out of range, or `mesh` is a different, smaller mesh.
     pub fn path(&self, mesh: &NavMesh, corner: u32) -> Vec<Point3<f32>> {
         if self.corners[corner as usize].0.is_infinite() {
             return Vec::new();

@@ -8,13 +8,13 @@ use avln_geom::Point3;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Distances over one [`NavMesh`] to the nearest of some weighted seeds.
+/// Distances over a [`NavMesh`] to the nearest of weighted seeds.
 ///
-/// The distance of a point is the minimum over the seeds of the seed's weight plus the geodesic distance to it.
+/// The distance of a point is the minimum over the seeds of weight plus geodesic distance.
 pub struct DistanceField {
     /// Seeds, ordered by polygon.
     seeds: Vec<Seed>,
-    /// For each corner of the mesh: the least cost, metres, and where it leads.
+    /// Per mesh corner: lowest cost in metres and next stop.
     corners: Vec<(f64, Next)>,
 }
 
@@ -38,7 +38,7 @@ pub(crate) enum Next {
     Seed(u32),
 }
 
-/// The best way from a point: its cost in metres and its first stop.
+/// The best path from a point: cost in metres and first stop.
 struct Way {
     metres: f64,
     next: Next,
@@ -82,19 +82,20 @@ impl DistanceField {
         Self { seeds, corners }
     }
 
-    /// Distance from `point` to its best seed, metres, the seed's weight included; `None` when no seed is on its island.
+    /// Distance from `point` to the best seed, metres, including its weight; `None` without a seed on the
+    /// island.
     ///
     /// # Panics
-    /// When `mesh` is not the mesh of this field and smaller.
+    /// If `mesh` is a different, smaller mesh.
     pub fn distance_m(&self, mesh: &NavMesh, point: &NavPoint) -> Option<f64> {
         self.way(mesh, point).metres()
     }
 
-    /// [`DistanceField::distance_m`] of the point that `outlook` was made for: several times faster where one point is asked
-    /// for in many fields.
+    /// Like [`DistanceField::distance_m`] for the point of `outlook`: several times faster for a point in
+    /// many fields.
     ///
     /// # Panics
-    /// When `mesh` is not the mesh of this field and of `outlook`, and smaller.
+    /// If `mesh` is a different, smaller mesh.
     pub fn distance_from_m(&self, mesh: &NavMesh, outlook: &Outlook) -> Option<f64> {
         let mut way = Way::NONE;
         for (polygon, view) in outlook.views() {
@@ -106,12 +107,12 @@ impl DistanceField {
         way.metres()
     }
 
-    /// The shortest path from `point` to its best seed: `point`, the corners where the path bends, the seed.
+    /// The shortest path from `point` to the best seed: `point`, the bends, the seed.
     ///
-    /// `None` when no seed is on the island of `point`.
+    /// `None` without a seed on the island of `point`.
     ///
     /// # Panics
-    /// When `mesh` is not the mesh of this field and smaller.
+    /// If `mesh` is a different, smaller mesh.
     pub fn path(&self, mesh: &NavMesh, point: &NavPoint) -> Option<Vec<Point3<f32>>> {
         let mut next = self.way(mesh, point).next;
         let mut path = vec![point.position()];
@@ -156,7 +157,7 @@ impl DistanceField {
     }
 }
 
-/// Lowers the costs of all corners to what their links allow (Dijkstra 1959).
+/// Relaxes the costs of all corners over their links (Dijkstra 1959).
 pub(crate) fn spread(corners: &Corners, costs: &mut [(f64, Next)]) {
     let seeded = costs.iter().zip(0..).filter(|(cost, _)| cost.0.is_finite());
     let mut waiting: BinaryHeap<_> =

@@ -1,5 +1,5 @@
-//! What habitat-sim's `PathFinder` answers, by its rules: how points are taken to the mesh, what a step is, how long a path.
-//! Sources: habitat-sim `src/esp/nav/PathFinder.cpp`, Detour `findNearestPoly` and `findStraightPath`.
+//! Habitat-compatible queries: projection, steps and path lengths as in habitat-sim's `PathFinder`. Sources:
+//! habitat-sim `src/esp/nav/PathFinder.cpp`, Detour `findNearestPoly` and `findStraightPath`.
 
 use crate::corridor::{End, corridor_m};
 use crate::mesh::{NavMesh, NavPoint, Slide};
@@ -10,17 +10,18 @@ use crate::stop::stop;
 use crate::surface::Surface;
 use avln_geom::Point3;
 
-/// Half of the box in which a polygon is looked for: along x and z, and along y, metres.
+/// Half extents of the polygon search box: in x and z, and in y, metres.
 const BOX_M: (f64, f64) = (2.0, 4.0);
-/// Ends closer than this share of their distance from the origin are one point.
+/// End points closer than this share of their distance from the origin are equal.
 const SAME: f32 = 1e-5;
-/// How far a point on a crack between two islands is moved into its polygon, metres.
+/// Shift into the polygon for a point on a crack between two islands, metres.
 const NUDGE_M: f32 = 1e-4;
 
 impl NavMesh {
-    /// The point of the mesh that Habitat takes `point` to; `None` where the box of 4 x 8 x 4 m around it has no polygon.
+    /// Projects `point` to the mesh like Habitat; `None` if the box of 4 x 8 x 4 m around it contains no
+    /// polygon.
     ///
-    /// A polygon under or over the point within the body's climb comes before nearer ones beside it.
+    /// A polygon above or below the point within the body's climb has priority over nearer lateral polygons.
     pub fn project(&self, point: &Point3<f32>) -> Option<NavPoint> {
         let (spot, height_m) = (self.lattice().spot(point), f64::from(point.y));
         let reach_cells = self.lattice().cells(BOX_M.0);
@@ -38,8 +39,8 @@ impl NavMesh {
         best.map(|(_, polygon, nearest)| self.point(&nearest, polygon))
     }
 
-    /// Where a step from `start` to `end` leads, as Habitat's `try_step` (or, where it must not slide along walls,
-    /// `try_step_no_sliding`): `start` itself when either is off the mesh or `end` is nearest to another island.
+    /// End of a step from `start` to `end`, like Habitat's `try_step` (or `try_step_no_sliding` if not
+    /// `slides`): `start` if either point is off the mesh or `end` is nearest to a different island.
     pub fn try_step(&self, start: &Point3<f32>, end: &Point3<f32>, slides: bool) -> Point3<f32> {
         self.stepped(start, end, slides).unwrap_or(*start)
     }
@@ -64,9 +65,9 @@ impl NavMesh {
         Some(place + inwards * (NUDGE_M / inwards.norm().max(NUDGE_M)))
     }
 
-    /// Length of the path that Habitat finds between two points, metres: both are taken to the mesh first, but keep their
-    /// own heights; the path is pulled tight through the best chain of polygons, which is not always the shortest one, and
-    /// its legs are measured in space. `None` where there is no path.
+    /// Habitat's path length between two points, metres. Both are projected to the mesh but retain their
+    /// heights; the path is tightened in the best polygon chain, which is not always shortest, and measured
+    /// in space. `None` without a path.
     pub fn geodesic_m(&self, a: &Point3<f32>, b: &Point3<f32>) -> Option<f64> {
         let (on_a, on_b) = (self.project(a)?, self.project(b)?);
         if self.island_of(&on_a) != self.island_of(&on_b) {
@@ -80,8 +81,7 @@ impl NavMesh {
         corridor_m(&self.polygons, self.lattice(), ends, drawn)
     }
 
-    /// Length of the shortest of all paths between the points that [`NavMesh::geodesic_m`] measures between; never longer
-    /// than that.
+    /// Length of the shortest path between the points of [`NavMesh::geodesic_m`]; never longer.
     pub fn shortest_m(&self, a: &Point3<f32>, b: &Point3<f32>) -> Option<f64> {
         let (on_a, on_b) = (self.project(a)?, self.project(b)?);
         if are_same(&on_a, &on_b) {
@@ -95,7 +95,7 @@ impl NavMesh {
         Corner { spot: self.lattice().spot(&position), height_m: f64::from(position.y) }
     }
 
-    /// `point` itself over its polygon, or else the place on the polygon's rim, at the height of the rim.
+    /// `point` itself above its polygon, otherwise the point on the polygon's rim at rim height.
     fn end_of_path(&self, point: &Point3<f32>, on: &NavPoint) -> NavPoint {
         let spot = self.lattice().spot(point);
         let nearest = self.polygons.nearest(on.polygon, &spot);
@@ -136,8 +136,8 @@ impl NavMesh {
         beside && bottom_m <= height_m + BOX_M.1 && top_m >= height_m - BOX_M.1
     }
 
-    /// What Habitat compares polygons by, square metres: over or under one, what the rise is more than a climb; beside
-    /// it, the distance in space.
+    /// Habitat's ranking of polygons, square metres: above or below a polygon, the rise beyond a climb;
+    /// laterally, the distance in space.
     fn nearness(&self, polygon: u32, spot: &Spot, nearest: &Spot, height_m: f64) -> f64 {
         let rise_m = f64::from(self.surface.height_m(polygon, nearest)) - height_m;
         if nearest == spot {
@@ -157,7 +157,7 @@ impl NavMesh {
     }
 }
 
-/// Whether Habitat takes two points of the mesh for one.
+/// Returns true if Habitat treats two mesh points as equal.
 fn are_same(a: &NavPoint, b: &NavPoint) -> bool {
     let least = a.position.coords.norm_squared().min(b.position.coords.norm_squared());
     (a.position - b.position).norm_squared() <= SAME * SAME * least

@@ -2,7 +2,7 @@ use crate::plane::Spot;
 use crate::polygons::{NONE, Polygons};
 use avln_geom::Rng;
 
-/// The connected parts of the mesh, the one to live on first.
+/// Connected parts of the mesh, the main island first.
 pub(crate) struct Islands {
     of_polygon: Vec<u32>,
     parts: Vec<Island>,
@@ -17,7 +17,7 @@ struct Island {
 #[derive(Clone, Copy)]
 struct Triangle {
     polygon: u32,
-    /// The triangle's second corner in the polygon; the first is corner 0, the third the next one.
+    /// Second corner of the triangle in the polygon; the first is corner 0, the third the next.
     corner: u32,
 }
 
@@ -28,7 +28,7 @@ impl Islands {
         size_of_val(self.of_polygon.as_slice()) + triangles.sum::<usize>()
     }
 
-    /// Numbers the parts: those where `is_roof` (by polygon) holds for most of the area come last, larger ones first.
+    /// Numbers the parts by decreasing area; parts with a majority of `is_roof` area (by polygon) come last.
     pub(crate) fn new(polygons: &Polygons, cell_m: f32, is_roof: impl Fn(u32) -> bool) -> Self {
         let square_cell_m2 = f64::from(cell_m) * f64::from(cell_m);
         let (mut of_polygon, members) = components(polygons);
@@ -59,7 +59,7 @@ impl Islands {
         self.parts.len() as u32
     }
 
-    /// A spot of `island` and its polygon, uniform by area in the plane.
+    /// Samples a spot of `island` and its polygon, uniform by area in the plane.
     pub(crate) fn sample(&self, polygons: &Polygons, rng: &mut Rng, island: u32) -> (Spot, u32) {
         let triangles = &self.parts[island as usize].triangles;
         let total = triangles.last().map_or(0.0, |entry| entry.0);
@@ -76,7 +76,7 @@ impl Islands {
     }
 }
 
-/// Number of the part of each polygon, and the members of each part in ascending order.
+/// Part index per polygon, and the sorted members of every part.
 fn components(polygons: &Polygons) -> (Vec<u32>, Vec<Vec<u32>>) {
     let mut of_polygon = vec![NONE; polygons.len() as usize];
     let mut parts = Vec::new();

@@ -1,16 +1,18 @@
-//! Where one can walk and how far it is.
+//! Walkable area and geodesic distances.
 //!
-//! A [`NavMesh`] is the floor of a scene, eroded by the body that walks it: convex polygons over a lattice of cells,
-//! joined edge to edge. Whoever stands on it is a [`NavPoint`]: a position and the polygon it belongs to. All movement
-//! and all sight lines go from polygon to neighbour, so storeys above each other never mix.
-//! Shortest paths are exact in the ground plane of the polygons; their legs are measured in space.
+//! A [`NavMesh`] is the floor of a scene, eroded by the body: convex polygons over a lattice of cells, joined
+//! at edges. A [`NavPoint`] is a position with its polygon. Movement and lines of sight go from polygon to
+//! neighbour, so storeys above each other never mix. Shortest paths are exact in the ground plane of the
+//! polygons; their legs are measured in space.
 //!
-//! Meshes are built with the arena's own settings ([`NavMesh::build`]) or with any, by default Habitat's
-//! ([`NavMesh::build_with`]), or read from Habitat's files ([`NavMesh::from_detour`]). `habitat` answers as Habitat does.
+//! Meshes are built with the arena's settings ([`NavMesh::build`]), with other settings, by default Habitat's
+//! ([`NavMesh::build_with`]), or read from Habitat files ([`NavMesh::from_detour`]). `habitat` contains
+//! Habitat-compatible queries.
 //!
-//! Start reading at [`NavMesh`]; then `voxels` (how polygons come from triangles), `polygons`, `sight`, `route`, `field`.
+//! Start reading at [`NavMesh`]; then `voxels` (triangles to polygons), `polygons`, `sight`, `route`,
+//! `field`.
 //!
-//! *Never*: knows of missions or sounds; reads a clock, the environment or a file; iterates in hash order.
+//! *Never*: depends on missions or sounds; reads a clock, the environment or a file; iterates in hash order.
 
 mod body;
 mod corners;

@@ -4,7 +4,7 @@ use crate::polygons::Polygons;
 /// Side of a bin, cells (0.5 m).
 const BIN_CELLS: f64 = 10.0;
 
-/// Which polygons may be near a spot: a regular grid of bins.
+/// A grid of bins for polygon lookups.
 pub(crate) struct Bins {
     columns: i64,
     rows: i64,
@@ -18,7 +18,7 @@ impl Bins {
         size_of_val(self.first.as_slice()) + size_of_val(self.polygons.as_slice())
     }
 
-    /// Files every polygon under all bins that its bounding rectangle touches.
+    /// Registers every polygon in all bins touched by its bounding rectangle.
     pub(crate) fn new(polygons: &Polygons) -> Self {
         let boxes: Vec<_> = (0..polygons.len()).map(|polygon| bounds(polygons.corners(polygon))).collect();
         let reach = boxes.iter().fold((0, 0), |(x, y), b| (b.2.max(x), b.3.max(y)));
@@ -37,13 +37,13 @@ impl Bins {
         }
     }
 
-    /// Polygons whose bounding rectangle touches the bin of `spot`, in ascending order.
+    /// Polygons with a bounding rectangle in the bin of `spot`, ascending.
     pub(crate) fn at(&self, spot: &Spot) -> &[u32] {
         self.bin((spot.x / BIN_CELLS).floor() as i64, (spot.y / BIN_CELLS).floor() as i64)
     }
 
-    /// Visits the polygons within `reach` cells of `spot`, near ones first, some more than once and some beyond the reach
-    /// as well. `visit` returns how far it wants to go on.
+    /// Visits the polygons within `reach` cells of `spot`, roughly nearest first, with duplicates and some
+    /// beyond the reach. `visit` returns the new reach.
     pub(crate) fn around(&self, spot: &Spot, mut reach: f64, mut visit: impl FnMut(u32) -> f64) {
         let clamp = |value: f64, count: i64| ((value / BIN_CELLS).floor() as i64).clamp(0, count - 1);
         let (x, y) = (clamp(spot.x, self.columns), clamp(spot.y, self.rows));

@@ -17,14 +17,14 @@ use crate::{Body, NavMeshError, NavMeshSettings};
 use avln_geom::{Aabb, Point3, Rng, Vector3};
 use avln_scene::Scene;
 
-/// What rounding a position to f32 may do to it, cells (5 micrometres).
+/// Rounding error of an f32 position, cells (5 micrometres).
 const ROUNDING_CELLS: f64 = 1e-4;
-/// How far beyond the middle of a step, besides half of its length, walls are looked at, metres (Detour's).
+/// Margin of the wall search around the centre of a step, besides half of its length, metres (Detour's).
 const STEP_RIM_M: f64 = 0.001;
 /// Corners that Recast shares between polygons are the same to the bit.
 const SHARED_M: f64 = 1e-6;
 
-/// A point that stands on a [`NavMesh`].
+/// A point on a [`NavMesh`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NavPoint {
     pub(crate) position: Point3<f32>,
@@ -32,27 +32,27 @@ pub struct NavPoint {
 }
 
 impl NavPoint {
-    /// Where it is, in the world frame; the height is that of the ground.
+    /// Position in the world frame, at ground height.
     pub fn position(&self) -> Point3<f32> {
         self.position
     }
 }
 
-/// How a step along the mesh went.
+/// Result of a step on the mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Slide {
-    /// Where it ended.
+    /// End of the step.
     pub end: NavPoint,
-    /// Whether a wall took something of it.
+    /// True if a wall shortened the step.
     pub blocked: bool,
 }
 
-/// The floor that a body can walk in one scene; immutable.
+/// The walkable floor of a scene; immutable.
 ///
-/// The mesh falls into islands, connected parts: number 0 is the one to live on, then come the others by falling area;
-/// flat roofs (surfaces less than a body's height under the top of the scene) come last.
+/// Islands are connected parts: number 0 is the main island, the others follow by decreasing area; flat roofs
+/// (surfaces less than a body height below the top of the scene) come last.
 ///
-/// Points given to a mesh must stem from it: methods panic or answer nonsense for those of another mesh.
+/// Points must belong to the mesh: with points of a different mesh, methods panic or return wrong results.
 pub struct NavMesh {
     lattice: Lattice,
     headroom_m: f32,
@@ -73,7 +73,7 @@ pub(crate) struct Parts {
 }
 
 impl NavMesh {
-    /// Bytes of its lists.
+    /// Size of the lists in bytes.
     pub fn byte_count(&self) -> usize {
         self.polygons.byte_count()
             + self.corners.byte_count()
@@ -82,21 +82,22 @@ impl NavMesh {
             + self.surface.byte_count()
     }
 
-    /// Builds the mesh of `scene` for `body` with the arena's own settings: a lattice of 5 cm, heights of the scene,
-    /// Habitat's settings otherwise. Triangles that face upwards are floor; parts below about 1 square metre are left out.
+    /// Builds the mesh of `scene` for `body` with the arena's settings: a 5 cm lattice, heights of the scene,
+    /// otherwise Habitat's settings. Upward triangles are floor; parts below about 1 square metre are
+    /// omitted.
     ///
     /// # Errors
-    /// When the body's measures are out of range, when the scene's mesh is empty, broken or too large, or when nobody
-    /// can stand in it.
+    /// If the body is out of range, if the scene mesh is empty, invalid or too large, or if no floor is
+    /// walkable.
     pub fn build(scene: &Scene, body: &Body) -> Result<NavMesh, NavMeshError> {
         Self::build_with(scene, &NavMeshSettings::from(body))
     }
 
-    /// Builds the mesh of `scene` as `settings` say; by default they are Habitat's.
+    /// Builds the mesh of `scene` with `settings`; the default is Habitat's.
     ///
     /// # Errors
-    /// When a setting is out of range, when the scene's mesh is empty, broken or too large, or when nobody can stand in
-    /// it.
+    /// If a setting is out of range, if the scene mesh is empty, invalid or too large, or if no floor is
+    /// walkable.
     pub fn build_with(scene: &Scene, settings: &NavMeshSettings) -> Result<NavMesh, NavMeshError> {
         settings.check()?;
         let body = &settings.body;
@@ -115,18 +116,19 @@ impl NavMesh {
         Ok(Self::assemble(parts, surface, max_gap_m, top_m))
     }
 
-    /// Reads a Detour navmesh as Habitat saves it (`.navmesh`, set versions 1 and 2): polygons that Habitat walks, their
-    /// heights, and the measures of the body that it was built for.
+    /// Reads a Detour navmesh saved by Habitat (`.navmesh`, set versions 1 and 2): walkable polygons,
+    /// heights, and body size.
     ///
     /// # Errors
-    /// When the bytes are not such a file: what was read at which byte, and what was expected.
+    /// If the bytes are invalid: the item, its offset and the expected value.
     pub fn from_detour(bytes: &[u8]) -> Result<NavMesh, DetourError> {
         let parts = detour::read(bytes)?;
         let surface = Surface::Detail(Detail::new(&parts.raw));
         Ok(Self::assemble(parts, surface, SHARED_M, f32::INFINITY))
     }
 
-    /// Joins polygons whose edges differ by at most `max_gap_m` in height; those above `top_m` are roofs.
+    /// Joins polygons with a height difference of at most `max_gap_m` at the edge; those above `top_m` are
+    /// roofs.
     fn assemble(parts: Parts, surface: Surface, max_gap_m: f64, top_m: f32) -> Self {
         let Parts { lattice, headroom_m, climb_m, raw } = parts;
         let polygons = Polygons::new(&raw, max_gap_m);
@@ -141,9 +143,9 @@ impl NavMesh {
         Self { lattice, headroom_m, climb_m, polygons, corners, islands, bins, surface }
     }
 
-    /// The point of the mesh nearest to `point`, if it is no farther than `max_distance_m` (in space).
+    /// Returns the mesh point nearest to `point` within `max_distance_m` (in space).
     ///
-    /// Polygons are compared by their point nearest in the plane, at its own height.
+    /// Polygons are compared by their nearest point in the plane, at its height.
     pub fn snap(&self, point: &Point3<f32>, max_distance_m: f32) -> Option<NavPoint> {
         let spot = self.lattice.spot(point);
         let cell_m = f64::from(self.lattice.cell_m);
@@ -152,7 +154,7 @@ impl NavMesh {
         self.bins.around(&spot, f64::from(max_distance_m) / cell_m, |polygon| {
             let nearest = self.polygons.nearest(polygon, &spot);
             let flat = (nearest - spot).norm_squared() * cell_m * cell_m;
-            // The height itself is dear: it is looked up where the level leaves it open.
+            // The exact height is expensive: it is computed only if the rough height is inconclusive.
             let rough_m = self.surface.rough_height_m(polygon, &nearest);
             let least_m = (rise_m(rough_m) - 2.0 * f64::from(self.lattice.level_m)).max(0.0);
             if flat + least_m * least_m <= best.0 {
@@ -168,12 +170,12 @@ impl NavMesh {
         Some(self.point(&nearest, polygon))
     }
 
-    /// Number of the island that `point` stands on.
+    /// Island index of `point`.
     pub fn island_of(&self, point: &NavPoint) -> u32 {
         self.islands.of(point.polygon)
     }
 
-    /// How many islands there are, at least 1.
+    /// Island count, at least 1.
     pub fn island_count(&self) -> u32 {
         self.islands.count()
     }
@@ -181,12 +183,12 @@ impl NavMesh {
     /// Area of an island in the ground plane, square metres.
     ///
     /// # Panics
-    /// When there is no such island.
+    /// If `island` is out of range.
     pub fn island_area_m2(&self, island: u32) -> f64 {
         self.islands.area_m2(island)
     }
 
-    /// The island to live on: the largest one that is not a roof.
+    /// The main island: the largest island except roofs.
     pub fn largest_island(&self) -> u32 {
         0
     }
@@ -196,17 +198,17 @@ impl NavMesh {
         self.islands.total_area_m2()
     }
 
-    /// A random point of `island`, uniform by area in the ground plane.
+    /// Samples a point of `island`, uniform by area in the ground plane.
     ///
     /// # Panics
-    /// When there is no such island.
+    /// If `island` is out of range.
     pub fn sample(&self, rng: &mut Rng, island: u32) -> NavPoint {
         let (spot, polygon) = self.islands.sample(&self.polygons, rng, island);
         self.point(&spot, polygon)
     }
 
-    /// All points of the mesh inside `bounds` whose x and z are whole multiples of `spacing_m`, on every storey; ordered
-    /// by x, then z, then height. None for a spacing below a lattice cell.
+    /// Mesh points inside `bounds` with x and z at multiples of `spacing_m`, on every storey; sorted by x, z,
+    /// height. Empty if the spacing is below a lattice cell.
     pub fn grid(&self, bounds: &Aabb, spacing_m: f32) -> Vec<NavPoint> {
         if spacing_m.is_nan() || spacing_m < self.lattice.cell_m {
             return Vec::new();
@@ -227,9 +229,8 @@ impl NavMesh {
         points
     }
 
-    /// Walks `displacement` from `from` along the surface, as Habitat does: where walls are in the way, it ends at the place
-    /// nearest to where it would have ended of those that can be walked to around the step, which is along the wall. Only
-    /// the horizontal part of `displacement` counts.
+    /// Moves by `displacement` from `from` with sliding, like Habitat: at a wall the step ends at the nearest
+    /// reachable point to its target. Only the horizontal part of `displacement` counts.
     pub fn slide(&self, from: &NavPoint, displacement: &Vector3<f32>) -> Slide {
         let start = self.eye(from);
         let cells = |metres: f32| self.lattice.cells(f64::from(metres));
@@ -248,8 +249,9 @@ impl NavMesh {
         Some(Slide { end: self.point(&walked.end.spot, walked.end.polygon), blocked: walked.blocked })
     }
 
-    /// Length of the shortest path from `a` to `b` over the mesh, metres; `None` across islands. The path is exact in the
-    /// ground plane of the polygons; its legs are measured in space, from corner to corner. The same to the bit both ways.
+    /// Length of the shortest path from `a` to `b`, metres; `None` across islands. The path is exact in the
+    /// ground plane of the polygons; legs are measured in space, from corner to corner. Bit-identical in both
+    /// directions.
     pub fn distance_m(&self, a: &NavPoint, b: &NavPoint) -> Option<f64> {
         if self.island_of(a) != self.island_of(b) {
             return None;
@@ -258,7 +260,7 @@ impl NavMesh {
         route(self, a, b).map(|route| route.metres)
     }
 
-    /// The shortest path from `a` to `b`: `a`, the corners where it bends, `b`; `None` across islands.
+    /// The shortest path from `a` to `b`: `a`, the bends, `b`; `None` across islands.
     pub fn path(&self, a: &NavPoint, b: &NavPoint) -> Option<Vec<Point3<f32>>> {
         if self.island_of(a) != self.island_of(b) {
             return None;
@@ -268,8 +270,8 @@ impl NavMesh {
         Some(std::iter::once(a.position).chain(between).chain([b.position]).collect())
     }
 
-    /// Distances from each of `from` (outer) to each of `to` (inner), metres; `None` across islands. Far cheaper than one
-    /// by one: every point is looked around from once.
+    /// Distances from `from` (outer) to `to` (inner), metres; `None` across islands. Much cheaper than single
+    /// queries: visibility is computed once per point.
     pub fn distances_m(&self, from: &[NavPoint], to: &[NavPoint]) -> Vec<Vec<Option<f64>>> {
         let outlooks: Vec<_> = from.iter().map(|point| self.outlook(point)).collect();
         let mut distances = vec![Vec::with_capacity(to.len()); from.len()];
@@ -282,14 +284,14 @@ impl NavMesh {
         distances
     }
 
-    /// What `point` sees of the mesh, for many fields.
+    /// Visibility of `point`, for many fields.
     pub fn outlook(&self, point: &NavPoint) -> Outlook {
         Outlook::new(self, point)
     }
 
-    /// Distances to the nearest of `seeds`, each with a weight in metres that is added to the way to it.
+    /// Distances to the nearest of `seeds`, with a weight in metres added per seed.
     ///
-    /// Seeds whose weight is not finite are left out.
+    /// Seeds with a non-finite weight are ignored.
     pub fn field(&self, seeds: &[(NavPoint, f64)]) -> DistanceField {
         DistanceField::new(self, seeds)
     }
@@ -303,7 +305,7 @@ impl NavMesh {
     }
 
     pub(crate) fn eye(&self, point: &NavPoint) -> Eye {
-        // Rounding to f32 may have moved the point over the rim of its polygon or off a corner.
+        // Rounding to f32 may have moved the point across the rim of its polygon or off a corner.
         let spot = self.polygons.nearest(point.polygon, &self.lattice.spot(&point.position));
         let is_here = |corner: &&Spot| (*corner - spot).norm_squared() < ROUNDING_CELLS * ROUNDING_CELLS;
         let corner = self.polygons.corners(point.polygon).iter().find(is_here);
@@ -329,14 +331,14 @@ impl NavMesh {
         NavPoint { position: self.lattice.point(spot, height_m), polygon }
     }
 
-    /// Box around the mesh in the plane; its heights mean nothing.
+    /// Bounds of the mesh in the plane; heights are undefined.
     fn reach(&self) -> Option<Aabb> {
         let spots = (0..self.polygons.len()).flat_map(|polygon| self.polygons.corners(polygon));
         let points: Vec<_> = spots.map(|spot| self.lattice.point(spot, 0.0)).collect();
         Aabb::around(&points)
     }
 
-    /// The points of all storeys above and below `at`, lowest first. On a shared edge only one of its polygons counts.
+    /// The points of all storeys at `at`, lowest first. On a shared edge a single polygon counts.
     fn column(&self, at: &Point3<f32>) -> Vec<NavPoint> {
         let spot = self.lattice.spot(at);
         let above =

@@ -3,7 +3,7 @@ use crate::mesh::{NavMesh, NavPoint};
 use crate::plane::Spot;
 use crate::sight::{Eye, View, look};
 
-/// What one point sees of its mesh: made once, it answers many fields
+/// Visibility of a point on its mesh, reusable for many fields
 /// ([`DistanceField::distance_from_m`](crate::DistanceField::distance_from_m)).
 pub struct Outlook {
     eye: Eye,

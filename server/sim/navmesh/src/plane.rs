@@ -1,5 +1,5 @@
-//! The ground plane in lattice units: where corners of the mesh have whole coordinates, so that what a corner
-//! sees of other corners is decided exactly.
+//! The ground plane in lattice units: mesh corners have integer coordinates, so visibility between corners is
+//! exact.
 
 use avln_geom::{Point2, Point3};
 
@@ -43,7 +43,7 @@ impl Lattice {
         metres / f64::from(self.cell_m)
     }
 
-    /// Distance in space between two places, metres; a place is a spot and its height in metres.
+    /// Distance in space between two positions (spot and height in metres), metres.
     pub(crate) fn apart_m(&self, a: (&Spot, f64), b: (&Spot, f64)) -> f64 {
         let flat_m = (a.0 - b.0).norm() * f64::from(self.cell_m);
         let rise_m = a.1 - b.1;
@@ -51,7 +51,8 @@ impl Lattice {
     }
 }
 
-/// Twice the area of the triangle `a`, `b`, `c`, cells squared; positive when `c` lies left of the way from `a` to `b`.
+/// Twice the area of the triangle `a`, `b`, `c`, cells squared; positive if `c` is left of the line from `a`
+/// to `b`.
 pub(crate) fn turn(a: &Spot, b: &Spot, c: &Spot) -> f64 {
     (b - a).perp(&(c - a))
 }
@@ -61,7 +62,7 @@ pub(crate) fn nearest_on_segment(p: &Spot, a: &Spot, b: &Spot) -> Spot {
     a + (b - a) * share_of_segment(p, a, b)
 }
 
-/// How far along the segment from `a` (0) to `b` (1) its point nearest to `p` lies.
+/// Parameter (0 at `a`, 1 at `b`) of the segment point nearest to `p`.
 pub(crate) fn share_of_segment(p: &Spot, a: &Spot, b: &Spot) -> f64 {
     let along = b - a;
     let length_squared = along.norm_squared();

@@ -4,17 +4,17 @@ use std::ops::Range;
 /// No edge, no polygon, no corner.
 pub(crate) const NONE: u32 = u32::MAX;
 
-/// A convex polygon before it is joined to others: its corners in order, either way around.
+/// A convex polygon before joining: corners in order, in either direction.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RawPolygon {
     pub(crate) corners: Vec<Corner>,
     /// The patch of floor that it covers.
     pub(crate) region: u16,
-    /// Triangles that cover it in the plane and give its heights; none where the scene gives them.
+    /// Triangles that cover it in the plane and define its heights; empty if the scene defines them.
     pub(crate) detail: Vec<[Corner; 3]>,
 }
 
-/// A corner of a polygon or of one of its triangles.
+/// A corner of a polygon or detail triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Corner {
     pub(crate) spot: Spot,
@@ -22,7 +22,7 @@ pub(crate) struct Corner {
 }
 
 impl RawPolygon {
-    /// Area of its triangles in space, square metres.
+    /// Area of the triangles in space, square metres.
     pub(crate) fn detail_m2(&self, lattice: &Lattice) -> f64 {
         let cell_m = f64::from(lattice.cell_m);
         let area = |[a, b, c]: &[Corner; 3]| {
@@ -35,7 +35,7 @@ impl RawPolygon {
         self.detail.iter().map(area).sum()
     }
 
-    /// Whether at least three of its corners differ in the plane.
+    /// Returns true if at least three corners differ in the plane.
     pub(crate) fn has_three_sides(&self) -> bool {
         let mut plan: Vec<_> = self.corners.iter().map(|corner| key(&corner.spot)).collect();
         plan.sort_unstable();
@@ -43,7 +43,7 @@ impl RawPolygon {
         plan.len() >= 3
     }
 
-    /// The same without corners that repeat in the plane, counter-clockwise.
+    /// Counter-clockwise corners without duplicates in the plane.
     fn tidy(&self) -> Vec<Corner> {
         let mut corners = self.corners.clone();
         corners.dedup_by_key(|corner| key(&corner.spot));
@@ -59,7 +59,7 @@ impl RawPolygon {
     }
 }
 
-/// Orders spots and tells equal ones.
+/// Sort and equality key of a spot.
 fn key(spot: &Spot) -> (i64, i64) {
     let ordered = |value: f64| {
         let bits = (value + 0.0).to_bits() as i64;
@@ -68,10 +68,10 @@ fn key(spot: &Spot) -> (i64, i64) {
     (ordered(spot.x), ordered(spot.y))
 }
 
-/// Convex polygons in the ground plane, joined along shared edges.
+/// Convex polygons in the ground plane, joined at shared edges.
 ///
-/// Edges are numbered through: those of a polygon follow each other, counter-clockwise (inside on the left); edge `e`
-/// leaves the corner `from[e]`. An edge with a twin is a portal, one without is a wall.
+/// Edges have consecutive indices per polygon, counter-clockwise (inside on the left); edge `e` leaves the
+/// corner `from[e]`. An edge with a twin is a portal, an edge without is a wall.
 pub(crate) struct Polygons {
     first_edge: Vec<u32>,
     from: Vec<Spot>,
@@ -90,7 +90,7 @@ impl Polygons {
             + size_of_val(self.owner.as_slice())
     }
 
-    /// Joins polygons whose edges coincide in the plane and differ by no more than `max_gap_m` in height.
+    /// Joins polygons with edges that coincide in the plane and differ by at most `max_gap_m` in height.
     pub(crate) fn new(raw: &[RawPolygon], max_gap_m: f64) -> Self {
         let outlines: Vec<_> = raw.iter().map(RawPolygon::tidy).collect();
         let mut first_edge = vec![0];
@@ -104,7 +104,7 @@ impl Polygons {
         Self { first_edge, from, height_m, twin: twins(&outlines, max_gap_m), owner }
     }
 
-    /// How many polygons there are.
+    /// Polygon count.
     pub(crate) fn len(&self) -> u32 {
         self.first_edge.len() as u32 - 1
     }
@@ -124,28 +124,28 @@ impl Polygons {
         &self.height_m[edges.start as usize..edges.end as usize]
     }
 
-    /// Where `edge` begins.
+    /// Start of `edge`.
     pub(crate) fn from(&self, edge: u32) -> &Spot {
         &self.from[edge as usize]
     }
 
-    /// Height of the corner where `edge` begins, metres.
+    /// Height at the start of `edge`, metres.
     pub(crate) fn height_m(&self, edge: u32) -> f64 {
         self.height_m[edge as usize]
     }
 
-    /// Where `edge` ends.
+    /// End of `edge`.
     pub(crate) fn to(&self, edge: u32) -> &Spot {
         &self.from[self.next(edge) as usize]
     }
 
-    /// The edge after `edge` around its polygon.
+    /// Next edge around the polygon.
     pub(crate) fn next(&self, edge: u32) -> u32 {
         let edges = self.edges(self.owner[edge as usize]);
         if edge + 1 == edges.end { edges.start } else { edge + 1 }
     }
 
-    /// The same edge as the neighbour sees it; `None` for a wall.
+    /// The opposite edge of the neighbour; `None` for a wall.
     pub(crate) fn twin(&self, edge: u32) -> Option<u32> {
         let twin = self.twin[edge as usize];
         (twin != NONE).then_some(twin)
@@ -166,7 +166,7 @@ impl Polygons {
         (2..corners.len()).map(|i| 0.5 * turn(&corners[0], &corners[i - 1], &corners[i])).sum()
     }
 
-    /// The spot of `polygon` nearest to `spot`; `spot` itself when it lies inside.
+    /// The point of `polygon` nearest to `spot`; `spot` itself if inside.
     pub(crate) fn nearest(&self, polygon: u32, spot: &Spot) -> Spot {
         let mut best = (f64::INFINITY, *spot);
         for edge in self.edges(polygon) {
@@ -183,8 +183,7 @@ impl Polygons {
     }
 }
 
-/// Pairs up edges that run along the same line in opposite directions: lowest edge first, each with the twin nearest in
-/// height.
+/// Pairs opposite edges on the same line: lowest edge first, with the twin nearest in height.
 fn twins(outlines: &[Vec<Corner>], max_gap_m: f64) -> Vec<u32> {
     let ends: Vec<_> = outlines
         .iter()
@@ -219,7 +218,7 @@ fn twins(outlines: &[Vec<Corner>], max_gap_m: f64) -> Vec<u32> {
 pub(crate) mod tests {
     use super::*;
 
-    /// A square with sides of 10 cells at one height, as its outline and two triangles.
+    /// A square with sides of 10 cells at a height, as outline and two triangles.
     pub(crate) fn square(x: f64, z: f64, height_m: f64) -> RawPolygon {
         let corner = |dx, dz| Corner { spot: Spot::new(x + dx, z + dz), height_m };
         let corners = vec![corner(0.0, 0.0), corner(10.0, 0.0), corner(10.0, 10.0), corner(0.0, 10.0)];
@@ -227,8 +226,8 @@ pub(crate) mod tests {
         RawPolygon { corners, region: 1, detail }
     }
 
-    /// An L of three squares (right of the origin, above the first, right of the first) and, 3 m above the first, a
-    /// square on its own; the second is given clockwise.
+    /// An L of three squares (right of the origin, above the first, right of the first) and a separate square
+    /// 3 m above the first; the second is clockwise.
     pub(crate) fn letter_l() -> Polygons {
         let mut second = square(0.0, 10.0, 0.1);
         second.corners.reverse();

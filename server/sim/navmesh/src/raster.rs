@@ -1,5 +1,5 @@
-//! Triangles into the columns of a heightfield, with the operations of Recast's `rasterizeTri` and `addSpan` one by one:
-//! walls at round numbers lie on cell borders, where the last bit decides which cells they fill.
+//! Rasterisation of triangles into heightfield columns, operation by operation like Recast's `rasterizeTri`
+//! and `addSpan`: walls at round numbers are on cell borders, where the last bit selects the filled cells.
 
 use avln_geom::Point3;
 use rerecast::{AreaType, Heightfield, Span};
@@ -31,13 +31,13 @@ impl Outline {
         }
     }
 
-    /// Least and greatest value along `axis`.
+    /// Smallest and largest value on `axis`.
     fn reach(&self, axis: usize) -> (f32, f32) {
         let values = self.corners().iter().map(|corner| corner[axis]);
         values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
     }
 
-    /// The parts below and above `at` along `axis`; corners on the line belong to both.
+    /// The parts below and above `at` on `axis`; corners on the line belong to both.
     fn split(&self, axis: usize, at: f32) -> (Self, Self) {
         let (mut below, mut above) = (Self::NONE, Self::NONE);
         let Some(mut last) = self.corners().last() else { return (below, above) };
@@ -66,8 +66,8 @@ impl Outline {
     }
 }
 
-/// Fills the cells that a triangle touches. Spans whose tops differ by at most `merge_levels` share their area when they
-/// meet.
+/// Fills the cells touched by a triangle. Merged spans share their area if their tops differ by at most
+/// `merge_levels`.
 pub(crate) fn rasterise(
     field: &mut Heightfield,
     corners: [Point3<f32>; 3],
@@ -198,7 +198,7 @@ mod tests {
         fill(&mut field, level(1.7), 0);
         fill(&mut field, level(0.1), 63);
         assert_eq!(spans(&field, 0, 0), [(0, 1, 63), (8, 9, 0)]);
-        // One level higher: it keeps the area of the one below. Two levels higher: it has its own.
+        // One level higher: the area of the lower span remains. Two levels higher: separate area.
         fill(&mut field, level(0.3), 0);
         assert_eq!(spans(&field, 0, 0), [(0, 2, 63), (8, 9, 0)]);
         fill(&mut field, [[0.0, 0.3, 0.0], [0.0, 0.9, 0.3], [0.3, 0.9, 0.0]], 0);

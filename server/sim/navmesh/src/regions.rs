@@ -1,22 +1,22 @@
-//! Divides floors into regions without holes: what the outlines of `rerecast` can be cut from.
+//! Division of floors into regions without holes, as required for outlines in `rerecast`.
 //!
-//! Sweep over rows of cells: a run of connected cells goes on with the region of the row before it where the two touch
-//! each other and nothing else; otherwise it opens a region. So a region has one run a row, and its borders with other
-//! regions are straight.
+//! Sweep over rows of cells: a run of connected cells continues the region of the previous row if both touch
+//! only each other; otherwise it opens a new region. A region therefore has a single run per row, and borders
+//! between regions are straight.
 
 use rerecast::{CompactHeightfield, RegionId};
 
 /// Regions are numbered from 1 to this; the upper half of the numbers has another meaning to `rerecast`.
 const MAX_REGIONS: usize = 0x7fff;
-/// The neighbours of a cell as `rerecast` numbers its directions: towards lower x, and towards lower z.
+/// `rerecast` direction numbers of cell neighbours: towards lower x, and towards lower z.
 const LOWER_X: u8 = 0;
 const LOWER_Z: u8 = 3;
 const NONE: u32 = u32::MAX;
 
-/// Gives every walkable floor cell its region; those of connected parts below `min_cells` get none.
+/// Assigns regions to walkable floor cells, except in connected parts below `min_cells`.
 ///
 /// # Errors
-/// The number of regions, when there are more than 32,767.
+/// The region count, if above 32,767.
 pub(crate) fn divide(field: &mut CompactHeightfield, min_cells: u32) -> Result<(), usize> {
     let links = Links::new(field);
     let large = in_large_parts(&links, min_cells);
@@ -31,7 +31,7 @@ pub(crate) fn divide(field: &mut CompactHeightfield, min_cells: u32) -> Result<(
     Ok(())
 }
 
-/// For each floor cell the floor cell one step towards lower x and z, `NONE` where none can be walked to.
+/// Per floor cell: the connected floor cells towards lower x and z, or `NONE`.
 struct Links {
     walkable: Vec<bool>,
     lower_x: Vec<u32>,
@@ -58,7 +58,7 @@ impl Links {
     }
 }
 
-/// Whether each cell is walkable and belongs to a connected part of at least `min_cells`.
+/// Per cell: true if walkable and in a connected part of at least `min_cells`.
 fn in_large_parts(links: &Links, min_cells: u32) -> Vec<bool> {
     let count = links.walkable.len() as u32;
     let mut parent: Vec<u32> = (0..count).collect();
@@ -84,7 +84,8 @@ fn root(parent: &mut [u32], mut span: u32) -> u32 {
     span
 }
 
-/// What a run of cells touches in the row before: at how many cells the region that it met first, and whether others too.
+/// Contact of a run with the previous row: cell count of the first region met, and a flag for further
+/// regions.
 struct Below {
     region: u32,
     cells: u32,
@@ -100,14 +101,14 @@ impl Below {
         self.cells += 1;
     }
 
-    /// The region that the run goes on with: the only one that it touches, if that touches no other run.
+    /// The continued region: the only touched region, if it touches no other run.
     fn goes_on(&self, touched: &[u32]) -> Option<u32> {
         let alone = self.region != NONE && !self.others && touched[self.region as usize] == self.cells;
         alone.then_some(self.region)
     }
 }
 
-/// Region of each chosen cell, and how many regions there are.
+/// Region per chosen cell, and the region count.
 fn sweep(field: &CompactHeightfield, links: &Links, chosen: &[bool]) -> (Vec<u32>, usize) {
     let (mut region_of, mut run_of) = (vec![NONE; chosen.len()], vec![0; chosen.len()]);
     let mut count = 0;

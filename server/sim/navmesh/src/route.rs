@@ -11,11 +11,11 @@ use std::collections::BinaryHeap;
 /// A way between two points.
 pub(crate) struct Route {
     pub(crate) metres: f64,
-    /// The corners where it bends, in order.
+    /// Bends in order, as corner indices.
     pub(crate) bends: Vec<u32>,
 }
 
-/// Where a way begins or ends.
+/// An end of a path.
 struct End {
     eye: Eye,
     height_m: f64,
@@ -38,7 +38,7 @@ struct Reached {
     from: u32,
 }
 
-/// The shortest route from `a` to `b`; `None` when there is none.
+/// The shortest route from `a` to `b`; `None` if unreachable.
 pub(crate) fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route> {
     let (a, b) = (End::new(mesh, a), End::new(mesh, b));
     let mut search = Search::new(mesh, &b);
@@ -51,7 +51,7 @@ pub(crate) fn route(mesh: &NavMesh, a: &NavPoint, b: &NavPoint) -> Option<Route>
 struct Search<'a> {
     mesh: &'a NavMesh,
     goal: &'a End,
-    /// For each corner how far the goal is in a straight line, infinite where it is not in view.
+    /// Per corner: straight distance to the goal, infinite if not in view.
     last_m: Vec<f64>,
     reached: Vec<Reached>,
     waiting: BinaryHeap<Reverse<Waiting>>,

@@ -1,10 +1,11 @@
 use crate::{Body, NavMeshError};
 
-/// How a navmesh is built. The default is Habitat's (habitat-sim, `NavMeshSettings::setDefaults`): cells of 5 cm by 20 cm,
-/// regions of at least 20 x 20 cells, outlines within 1.3 cells of the raster, walls cut at 12 m.
+/// Construction settings of a navmesh. The default is Habitat's (habitat-sim,
+/// `NavMeshSettings::setDefaults`): cells of 5 cm by 20 cm, regions of at least 20 x 20 cells, outlines
+/// within 1.3 cells of the raster, walls cut at 12 m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NavMeshSettings {
-    /// Who walks.
+    /// Walking body.
     pub body: Body,
     /// Width of a lattice cell, metres, 0.01 to 1.
     pub cell_m: f32,
@@ -12,27 +13,27 @@ pub struct NavMeshSettings {
     pub level_m: f32,
     /// Side, in cells, of the square that the smallest part of floor must cover, 0 to 200.
     pub region_min_cells: f32,
-    /// Side, in cells, of the square below which a region is merged with its neighbour, 0 to 200.
+    /// Merge threshold of regions: side of a square in cells, 0 to 200.
     pub region_merge_cells: f32,
     /// Length at which the outline of a wall is cut, metres, 0 (never) to 1000.
     pub edge_max_m: f32,
-    /// How far an outline may leave the raster, cells, 0 to 10.
+    /// Largest deviation of an outline from the raster, cells, 0 to 10.
     pub edge_error_cells: f32,
-    /// Spacing of the height samples, cells, 0 (none) to 100; below 0.9 there are none.
+    /// Spacing of height samples, cells, 0 (none) to 100; values below 0.9 disable them.
     pub detail_cells: f32,
-    /// How far the heights between samples may be off, levels, 0 to 100.
+    /// Largest height error between samples, levels, 0 to 100.
     pub detail_error_levels: f32,
-    /// What the mesh keeps to.
+    /// Reference for outlines and heights.
     pub finish: Finish,
 }
 
-/// What a navmesh keeps to.
+/// Reference for outlines and heights of a navmesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Finish {
-    /// Recast and Detour as Habitat uses them: regions by watershed, no margin around the scene, heights from the
-    /// lattice (up to one level above the ground), clearance of one level more than the body is high.
+    /// Recast and Detour as in Habitat: watershed regions, no margin around the scene, lattice heights (up to
+    /// a level above the ground), clearance of a level above body height.
     Habitat,
-    /// The scene: outlines that never lose a passage of one cell, heights of the surfaces that one stands on.
+    /// The scene: outlines that preserve passages of a single cell, heights of the supporting surfaces.
     Scene,
 }
 
@@ -85,11 +86,11 @@ impl NavMeshSettings {
     }
 }
 
-/// The settings in whole cells, rounded as the finish says.
+/// Settings in whole cells, rounded by `finish`.
 pub(crate) struct Cells {
     pub(crate) radius: u16,
     pub(crate) height: u16,
-    /// Free levels that are asked for above a floor: in Habitat's Recast one more than the height.
+    /// Required free levels above a floor: in Habitat's Recast the height plus 1.
     pub(crate) clearance: u16,
     pub(crate) climb: u16,
     pub(crate) min_area: u16,
@@ -104,8 +105,8 @@ impl Cells {
         let height = (body.height_m / level_m).ceil() as u16;
         let (radius, climb, clearance) = match settings.finish {
             Finish::Habitat => (radius.ceil(), climb.floor(), height + 1),
-            // 0.2 m are four levels of 0.05 m whatever f32 makes of it. One cell of radius at least: it leaves no crack
-            // between cells that touch without a way from one to the other.
+            // 0.2 m are four levels of 0.05 m despite f32 rounding. A radius of at least one cell leaves no
+            // crack between unconnected adjacent cells.
             Finish::Scene => ((radius - 1e-3).ceil().max(1.0), (climb + 1e-3).floor(), height),
         };
         let square = |side: f32| (side * side) as u16;

@@ -1,13 +1,13 @@
-//! What is in straight reach of a spot: the view is cut at every portal that it passes (triangular expansion, Bungiu and
+//! Straight visibility from a spot: the view is clipped at every portal (triangular expansion, Bungiu and
 //! others 2014), so it follows the floor and never mixes storeys.
 
 use crate::plane::{Spot, nearest_on_segment, turn};
 use crate::polygons::Polygons;
 
-/// A spot this close to a portal stands on both sides of it, cells (5 nm).
+/// A spot this close to a portal is on both sides, cells (5 nm).
 const ON_EDGE_CELLS: f64 = 1e-7;
-/// Slack of "inside the view", cells squared: seen along a wall, the wall's far end stays visible despite rounding.
-/// Between corners of the lattice all values are whole and the test is exact.
+/// Tolerance of the view test, cells squared: the end of a wall seen lengthwise stays visible despite
+/// rounding. Between lattice corners all values are integers and the test is exact.
 const SLACK: f64 = 1e-7;
 /// Views narrower than this end, cells squared.
 const NARROWEST: f64 = 1e-9;
@@ -19,7 +19,7 @@ pub(crate) struct Eye {
     pub(crate) polygon: u32,
 }
 
-/// The part of a polygon that is in view: all of it, or what lies between two rays.
+/// The visible part of a polygon: all of it, or the part between two rays.
 #[derive(Clone, Copy)]
 pub(crate) enum View {
     Whole,
@@ -27,7 +27,7 @@ pub(crate) enum View {
 }
 
 impl View {
-    /// Whether a spot of the viewed polygon is in view.
+    /// Returns true if a spot of the viewed polygon is visible.
     pub(crate) fn holds(&self, spot: &Spot) -> bool {
         match self {
             Self::Whole => true,
@@ -46,7 +46,7 @@ struct Beam {
     left: Spot,
 }
 
-/// Calls `see` for every polygon in straight reach of `eye`, once for each way that leads there.
+/// Calls `see` for every polygon visible from `eye`, once per path of portals.
 pub(crate) fn look(polygons: &Polygons, eye: &Eye, mut see: impl FnMut(u32, &View)) {
     let around = polygons_around(polygons, eye);
     let spot = &eye.spot;
@@ -69,7 +69,7 @@ pub(crate) fn look(polygons: &Polygons, eye: &Eye, mut see: impl FnMut(u32, &Vie
     }
 }
 
-/// Pushes what is left of `beam` behind the other portals of the polygon that it enters.
+/// Pushes the remaining `beam` behind the other portals of the entered polygon.
 fn spread(polygons: &Polygons, eye: &Spot, beam: &Beam, beams: &mut Vec<Beam>) {
     let mut edge = polygons.next(beam.entry);
     while edge != beam.entry {
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn the_inner_corner_of_an_l_hides_what_lies_behind() {
-        // The corner is at (10, 10): from (5, 15) one sees it, and along the diagonal no farther.
+        // The corner is at (10, 10): visible from (5, 15), and nothing beyond it on the diagonal.
         assert!(sees((5.0, 15.0, 1), (10.0, 10.0, 2)));
         assert!(sees((5.0, 15.0, 1), (14.0, 6.0, 2)));
         assert!(!sees((5.0, 15.0, 1), (14.1, 6.0, 2)));

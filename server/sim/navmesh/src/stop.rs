@@ -1,10 +1,10 @@
-//! Where a step ends at a wall, to the bit: whether f32 puts the place just inside or just outside of its polygon decides
-//! whether Detour gives it the height of the detail mesh or of the straight rim (`moveAlongSurface`, `getPolyHeight`).
+//! Exact end of a step at a wall: f32 rounding to the inside or outside of the polygon decides between the
+//! height of the detail mesh and the straight rim in Detour (`moveAlongSurface`, `getPolyHeight`).
 
 use crate::mesh::NavMesh;
 use avln_geom::Point3;
 
-/// A stretch of wall as Detour runs along it.
+/// A wall segment in Detour's direction.
 #[derive(Clone, Copy)]
 struct Wall {
     begin: Point3<f32>,
@@ -12,7 +12,7 @@ struct Wall {
 }
 
 impl Wall {
-    /// How far along the wall (0 to 1) the place nearest to `target` in the plane is, and its distance squared.
+    /// Parameter (0 to 1) of the wall point nearest to `target` in the plane, and the squared distance.
     fn nearest(&self, target: &Point3<f32>) -> (f32, f32) {
         let (along, to) = (self.end - self.begin, target - self.begin);
         let length_squared = along.x * along.x + along.z * along.z;
@@ -25,7 +25,7 @@ impl Wall {
         (share, x * x + z * z)
     }
 
-    /// Whether a ray from `place` along x crosses it.
+    /// Returns true if a ray in x from `place` crosses the wall.
     fn crosses(&self, place: &Point3<f32>) -> bool {
         let (a, b) = (&self.end, &self.begin);
         (a.z > place.z) != (b.z > place.z) && place.x < (b.x - a.x) * (place.z - a.z) / (b.z - a.z) + a.x

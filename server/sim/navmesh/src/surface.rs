@@ -4,14 +4,14 @@ use crate::voxels::Floors;
 use avln_geom::{Point3, RayMesh, Vector3};
 use avln_scene::Scene;
 
-/// How far around a spot its patch of floor is looked for, cells: polygon edges leave the raster by less.
+/// Search radius for the floor patch of a spot, cells: polygon edges deviate less from the raster.
 const SEARCH_CELLS: i64 = 4;
 
 /// The height of the ground under the polygons.
 pub(crate) enum Surface {
     /// That of the scene.
     Scene(Box<Ground>),
-    /// That of the triangles that came with the polygons.
+    /// Height of the triangles supplied with the polygons.
     Detail(Detail),
 }
 
@@ -44,11 +44,11 @@ impl Surface {
     }
 }
 
-/// The surfaces of a scene that one can stand on, found through the floors of its lattice.
+/// The supporting surfaces of a scene, found through the lattice floors.
 pub(crate) struct Ground {
     lattice: Lattice,
     floors: Floors,
-    /// Region of each polygon and its height where the lattice knows nothing, metres.
+    /// Region per polygon, and its height outside the lattice floors, metres.
     patches: Vec<(u16, f32)>,
     faces: RayMesh,
 }
@@ -58,7 +58,7 @@ impl Ground {
         Self { lattice, floors, patches, faces: upward_faces(scene) }
     }
 
-    /// The scene's own surface, or half a level below the top of its lattice cell where the surface has a gap.
+    /// Height of the scene surface, or half a level below the top of the lattice cell at gaps.
     fn height_m(&self, polygon: u32, spot: &Spot) -> f32 {
         let level_m = self.lattice.level_m;
         let top = self.top_m(polygon, spot) + level_m;
@@ -91,7 +91,7 @@ fn square_ring(ring: i64) -> impl Iterator<Item = (i64, i64)> {
     })
 }
 
-/// What a body can stand on: the triangles that face upwards, however steep.
+/// Supporting triangles: all that face up, at any slope.
 fn upward_faces(scene: &Scene) -> RayMesh {
     let mesh = &scene.mesh;
     let corner = |index: u32| -> &Point3<f32> { &mesh.positions[index as usize] };

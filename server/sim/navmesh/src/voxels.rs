@@ -1,4 +1,4 @@
-//! From triangles to walkable polygons: the one place that speaks with `rerecast`.
+//! Conversion of triangles to walkable polygons with `rerecast`.
 
 use crate::plane::Lattice;
 use crate::polygons::{Corner, RawPolygon};
@@ -16,31 +16,31 @@ use rerecast::{
 use std::fmt::Display;
 
 const MAX_CORNERS: u16 = 6;
-/// Outlines that cannot be cut are tried again closer to the raster.
+/// Invalid outlines are retried closer to the raster.
 const CLOSER_EDGE_ERRORS_CELLS: [f32; 2] = [0.5, 0.0];
 /// Polygons below this area are none to Habitat, square metres.
 const MIN_POLYGON_M2: f64 = 1e-5;
 
-/// Free cells around the scene. Odd parts of a cell keep walls at round numbers off the cell borders, where rounding
-/// would file them under one cell or the next; a scene that defeats one lattice is tried on the next.
+/// Free cells around the scene. Fractional cells move walls at round numbers off the cell borders, where
+/// rounding would select the cell; a scene that fails on one lattice is retried on the next.
 const MARGINS_CELLS: [f32; 3] = [3.4373, 3.5721, 3.2917];
 const MAX_SIDE_CELLS: f32 = 60_000.0;
 const MAX_LEVELS: f32 = 60_000.0;
 const MAX_COLUMNS: f32 = 3.0e7;
 
-/// The walkable part of a scene, before its polygons are joined.
+/// The walkable part of a scene before joining.
 pub(crate) struct Voxels {
     pub(crate) lattice: Lattice,
     pub(crate) polygons: Vec<RawPolygon>,
-    /// Where the finish asks for the scene's heights.
+    /// Present if heights come from the scene.
     pub(crate) floors: Option<Floors>,
 }
 
-/// Which floors each column of the lattice has. A region never has two floors in one column.
+/// Floors per lattice column. A region never has two floors in a column.
 pub(crate) struct Floors {
     pub(crate) width: usize,
     pub(crate) depth: usize,
-    /// Where each column begins in `floors`; one more than there are columns. Columns are ordered x within z.
+    /// Start index of every column in `floors`, with a sentinel. Columns are ordered x within z.
     starts: Vec<u32>,
     /// Region and level, lowest first within a column.
     floors: Vec<(u16, u16)>,
@@ -60,7 +60,7 @@ impl Floors {
     }
 }
 
-/// Rasterises the scene, erodes what is walkable by the body and cuts it into convex polygons.
+/// Rasterises the scene, erodes the walkable part by the body and cuts it into convex polygons.
 pub(crate) fn voxelise(scene: &Scene, settings: &NavMeshSettings) -> Result<Voxels, NavMeshError> {
     let bounds = check(scene, settings)?;
     let mut tries: Vec<_> =
@@ -81,7 +81,7 @@ pub(crate) fn voxelise(scene: &Scene, settings: &NavMeshSettings) -> Result<Voxe
     Ok(voxels)
 }
 
-/// One run of the pipeline: floors divided as `regions` does, a margin around the scene's bounds.
+/// A pipeline run: floors divided by `regions`, with a margin around the scene.
 fn on_lattice(
     scene: &Scene,
     settings: &NavMeshSettings,
@@ -97,7 +97,7 @@ fn on_lattice(
     Ok(Voxels { lattice, polygons, floors })
 }
 
-/// The pipeline indexes by what it finds in the file's geometry: a fault in it must not take the server down.
+/// Catches panics: the pipeline indexes by file geometry, and a fault must not stop the server.
 fn guarded<T>(run: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(run))
         .unwrap_or_else(|_| Err(Failure { stage: "rasterising", reason: "the geometry defeats it".into() }))
@@ -157,7 +157,7 @@ impl Failure {
 struct Built {
     field: CompactHeightfield,
     mesh: PolygonNavmesh,
-    /// Where the finish asks for the lattice's heights.
+    /// Present if heights come from the lattice.
     detail: Option<DetailNavmesh>,
 }
 
@@ -193,7 +193,7 @@ fn pipeline(
     Ok(Built { field, mesh, detail })
 }
 
-/// The floor cells on which the middle of the body may stand.
+/// Floor cells permitted for the body centre.
 fn open_floor(
     scene: &Scene,
     settings: &NavMeshSettings,
@@ -219,7 +219,7 @@ fn open_floor(
     Ok(field)
 }
 
-/// Outlines that cross themselves cannot be cut: they are tried again, following the raster closer.
+/// Cuts outlines into polygons; self-intersecting outlines are retried closer to the raster.
 fn cut(
     field: &CompactHeightfield,
     settings: &NavMeshSettings,
@@ -233,8 +233,8 @@ fn cut(
     CLOSER_EDGE_ERRORS_CELLS.into_iter().fold(loosest, |cut, max_error| cut.or_else(|_| attempt(max_error)))
 }
 
-/// The upward part of a triangle's unit normal; NaN for one without area. Bevels of exactly 45 degrees are common: whether
-/// they are floor hangs on the last bit, so the operations are those of Recast, one by one.
+/// Upward component of the unit normal; NaN for degenerate triangles. Bevels of exactly 45 degrees are common
+/// and the last bit decides, so the operations follow Recast one by one.
 fn upward([a, b, c]: &[Point3<f32>; 3]) -> f32 {
     let normal = (b - a).cross(&(c - a));
     let length = (normal.x * normal.x + normal.y * normal.y + normal.z * normal.z).sqrt();
@@ -261,7 +261,7 @@ fn raw_polygons(mesh: &PolygonNavmesh, detail: Option<&DetailNavmesh>, lattice: 
     raw.filter(is_polygon).collect()
 }
 
-/// As Detour has them: corners of the polygon at their own height, samples one level above the lattice.
+/// Detail triangles as in Detour: polygon corners at their heights, samples one level above the lattice.
 fn detail_triangles(
     detail: &DetailNavmesh,
     polygon: usize,

@@ -1,6 +1,6 @@
 use std::cmp::Ordering;
 
-/// A corner or a polygon that waits for its turn in a search: ordered by cost, then by number.
+/// A queue entry of a search (corner or polygon), ordered by cost, then by index.
 #[derive(PartialEq)]
 pub(crate) struct Waiting {
     pub(crate) metres: f64,

@@ -1,27 +1,27 @@
-//! Steps along the surface that slide at walls, as `dtNavMeshQuery::moveAlongSurface` takes them: of all places around the
-//! step that can be walked to, the one nearest to where the step would have ended.
+//! Steps with sliding at walls, as in `dtNavMeshQuery::moveAlongSurface`: the reachable point around the step
+//! nearest to its target.
 
 use crate::plane::{Spot, nearest_on_segment, turn};
 use crate::polygons::Polygons;
 use crate::sight::Eye;
 use std::collections::VecDeque;
 
-/// An end this close to the one that was asked for is that one, cells (5 micrometres).
+/// Ends this close to the target are equal to it, cells (5 micrometres).
 const SAME_CELLS: f64 = 1e-4;
-/// Directions whose cross product is smaller are parallel, cells squared.
+/// Directions with a smaller cross product are parallel, cells squared.
 const PARALLEL: f64 = 1e-9;
 
 /// A step that is asked for.
 pub(crate) struct Step {
     pub(crate) start: Eye,
     pub(crate) target: Spot,
-    /// How far from the middle of the step portals are passed, cells.
+    /// Portal search radius around the step centre, cells.
     pub(crate) reach_cells: f64,
-    /// Whether walls are slid along; otherwise the step ends at the first one.
+    /// True to slide at walls; otherwise the step ends at the first wall.
     pub(crate) slides: bool,
 }
 
-/// Where a step ends, and whether a wall took something of it.
+/// End of a step, and a flag for walls.
 pub(crate) struct Walked {
     pub(crate) end: Eye,
     pub(crate) blocked: bool,
@@ -37,7 +37,7 @@ pub(crate) fn walk(polygons: &Polygons, step: &Step) -> Option<Walked> {
         if holds(polygons, polygon, &step.target) {
             return Some(Walked { end: Eye { spot: step.target, polygon }, blocked: false });
         }
-        // Outlines are kept the other way around than Detour keeps them; of equal places the first counts.
+        // Outlines have the opposite direction in Detour; among equal points the first counts.
         for edge in polygons.edges(polygon).rev() {
             let (from, to) = (polygons.from(edge), polygons.to(edge));
             if let Some(neighbour) = polygons.neighbour(edge) {
@@ -58,12 +58,12 @@ pub(crate) fn walk(polygons: &Polygons, step: &Step) -> Option<Walked> {
     best.map(|(gap, end)| Walked { end, blocked: gap > SAME_CELLS * SAME_CELLS })
 }
 
-/// Where the step could end at a wall.
+/// Possible end of the step at a wall.
 fn stop(step: &Step, from: &Spot, to: &Spot) -> Option<Spot> {
     if step.slides { Some(nearest_on_segment(&step.target, from, to)) } else { crossing(step, from, to) }
 }
 
-/// Where the straight step crosses a segment.
+/// Intersection of the straight step with a segment.
 fn crossing(step: &Step, from: &Spot, to: &Spot) -> Option<Spot> {
     let (along, way) = (to - from, step.target - step.start.spot);
     let cross = along.perp(&way);
@@ -109,9 +109,9 @@ mod tests {
     #[test]
     fn walls_leave_the_part_along_them() {
         assert_step((5.0, 5.0, 0), (3.0, -9.0), (8.0, 0.0, 0), true);
-        // From one wall into the next: the step ends in the room's corner.
+        // Two walls in a row: the step ends in the room corner.
         assert_step((15.0, 5.0, 2), (9.0, -9.0), (20.0, 0.0, 2), true);
-        // Along a wall and past its end, the inner corner of the L.
+        // Past the end of a wall, the inner corner of the L.
         assert_step((18.0, 9.0, 2), (-12.0, 3.0), (6.0, 12.0, 1), false);
     }
 
@@ -129,7 +129,7 @@ mod tests {
         assert!((at_wall.end.spot - Spot::new(7.5, 0.0)).norm() < 1e-12 && at_wall.blocked);
         let free = step((5.0, 5.0, 0), (10.0, 2.0), false).expect("an end");
         assert!(free.end.spot == Spot::new(15.0, 7.0) && !free.blocked);
-        // Out through one wall and in again through another is no way.
+        // Out through a wall and in through another is not a path.
         let out = step((18.0, 9.0, 2), (-12.0, 5.0), false).expect("an end");
         assert!((out.end.spot - Spot::new(15.6, 10.0)).norm() < 1e-12 && out.blocked);
     }

@@ -1,7 +1,6 @@
-//! Frames per second of processor time on one core: `cargo bench -p avln-render --bench frames`.
+//! Frames per second of processor time on a core: `cargo bench -p avln-render --bench frames`.
 //!
-//! `AVLN_BENCH_SCENE` names a scene to use instead of the ones made here, `AVLN_BENCH_TRIANGLES` how large the scan-like one is
-//! made.
+//! `AVLN_BENCH_SCENE` selects a scene file, `AVLN_BENCH_TRIANGLES` the size of the scan-like scene.
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
@@ -63,7 +62,7 @@ fn frames_per_second(renderer: &Renderer, cameras: &[Camera], size: u32) -> f64 
     rounds[ROUNDS / 2]
 }
 
-/// Processor time of this thread where the system tells it, else time.
+/// Processor time of this thread if the system reports it, otherwise elapsed time.
 fn seconds() -> f64 {
     let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
     let nanoseconds = told.and_then(|text| text.split(' ').next()?.parse::<f64>().ok());

@@ -1,4 +1,4 @@
-//! What the light of procedural houses takes: `cargo bench -p avln-render --bench light`.
+//! Cost of baking light in procedural houses: `cargo bench -p avln-render --bench light`.
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
@@ -18,7 +18,7 @@ fn main() {
     }
 }
 
-/// Renders one pixel, which asks for the light; tells the best of some rounds.
+/// Renders a pixel, which bakes the light; prints the best of several rounds.
 fn first_picture(name: &str, seed: u64, options: &HouseOptions) {
     let scene = Arc::new(house("bench", seed, options));
     let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));

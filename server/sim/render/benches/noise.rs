@@ -1,4 +1,4 @@
-//! What the sensors' noise costs: `cargo bench -p avln-render --bench noise`.
+//! Cost of sensor noise: `cargo bench -p avln-render --bench noise`.
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 

@@ -1,9 +1,8 @@
-//! Our renderer beside rays through our own tree and parry3d's, on the same mesh and poses, one thread:
+//! The renderer compared with rays through our tree and parry3d's, on the same mesh and poses, single thread:
 //! `cargo bench -p avln-render --bench peers [-- --scene FILE] [--dump FOLDER]`.
 //!
-//! Without a file the scene is a procedural house whose triangles are halved across their longest edge until there are
-//! half a million. `--dump` writes mesh, textures, cameras and our own frames for `benches/embree.py` and
-//! `benches/llvmpipe.py`.
+//! Without a file the scene is a procedural house subdivided to half a million triangles. `--dump` writes
+//! mesh, textures, cameras and frames for `benches/embree.py` and `benches/llvmpipe.py`.
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
@@ -64,12 +63,12 @@ fn main() {
     }
 }
 
-/// What follows `name` on the command line.
+/// Argument after `name` on the command line.
 fn argument(name: &str) -> Option<String> {
     std::env::args().skip_while(|word| word != name).nth(1)
 }
 
-/// The scene in the light of its own colours, so that everyone draws the same mesh.
+/// The scene with its own colours as light, so that all renderers draw the same mesh.
 fn scene() -> Scene {
     let scene = match argument("--scene") {
         Some(path) => open::open(path.as_ref()).expect("a scene"),
@@ -78,7 +77,7 @@ fn scene() -> Scene {
     Scene { lighting: Lighting::Painted, ..scene }
 }
 
-/// Mean seconds a picture over the fastest of some rounds for each camera, and what was seen.
+/// Mean seconds per image over the fastest of several rounds per camera, and the results.
 fn timed<T>(cameras: &[Camera], mut take: impl FnMut(&Camera) -> T) -> (f64, Vec<T>) {
     let mut fastest_s = vec![f64::INFINITY; cameras.len()];
     let mut seen = Vec::new();
@@ -102,7 +101,7 @@ fn report(what: &str, seconds: f64, ours_s: f64) {
     );
 }
 
-/// Says how many pixels of two sets of pictures differ by more than a thousandth.
+/// Prints the pixel count with a difference above a thousandth.
 fn agreement(ours: &[Frame], theirs: &[Vec<f32>]) {
     let pairs = ours.iter().zip(theirs).flat_map(|(ours, theirs)| ours.depth.iter().zip(theirs));
     let differ = pairs.filter(|(a, b)| (**a - **b).abs() > 1e-3 * b.max(0.1)).count();
@@ -110,7 +109,7 @@ fn agreement(ours: &[Frame], theirs: &[Vec<f32>]) {
     println!("    {differ} of {all} pixels differ by more than 0.1 %");
 }
 
-/// Depth along the ray of every pixel, row-major; 0 where there is nothing.
+/// Depth of every pixel by rays, row-major; 0 for a miss.
 fn depths(camera: &Camera, cast: impl Fn(&Point3<f32>, &Vector3<f32>) -> Option<f32>) -> Vec<f32> {
     let [right, up, ahead] = places::axes(camera);
     let half = 0.5 * camera.width as f32;
@@ -131,7 +130,7 @@ fn cast(mesh: &TriMesh, from: &Point3<f32>, to: &Vector3<f32>) -> Option<f32> {
     mesh.cast_local_ray(&Ray::new(glam_from_point(from), glam_from_vector(to)), REACH_M, false)
 }
 
-/// Says what the memory of this machine would allow if writing a frame were all there is to do.
+/// Prints the limit set by memory bandwidth.
 fn print_bandwidth(ours_s: f64) {
     const BYTES: usize = 256 << 20;
     let (mut from, mut to) = (vec![1_u8; BYTES], vec![2_u8; BYTES]);

@@ -6,8 +6,8 @@ use avln_scene::InstanceId;
 pub struct Camera {
     /// The pinhole, world frame.
     pub eye: Point3<f32>,
-    /// The camera's frame in the world: it looks along its -Z, +Y is up in the picture, +X to the right.
-    /// [`angle::about_up`] gives that of a level camera.
+    /// Orientation of the camera in the world: -Z is forward, +Y up, +X right. [`angle::about_up`] returns it
+    /// for a level camera.
     pub world_from_camera: UnitQuaternion<f32>,
     /// Pixels in a row.
     pub width: u32,
@@ -15,11 +15,11 @@ pub struct Camera {
     pub height: u32,
     /// Angle between the left and the right border, radians, in (0, pi).
     pub hfov_rad: f32,
-    /// Depth is reported up to here, metres; colour has no such limit.
+    /// Range of depth, metres; colour is unlimited.
     pub depth_max_m: f32,
 }
 
-/// What a camera sees, row-major from the top-left.
+/// A camera image, row-major from the top-left.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Frame {
     /// Pixels in a row.
@@ -28,13 +28,13 @@ pub struct Frame {
     pub height: u32,
     /// `height × width × 3` bytes, sRGB.
     pub rgb: Vec<u8>,
-    /// `height × width` distances along the viewing direction, metres; 0 where there is nothing within reach.
+    /// `height × width` planar depths, metres; 0 without a hit in range.
     pub depth: Vec<f32>,
-    /// `height × width` instances; hidden from agents. [`InstanceId::NONE`] where there is none.
+    /// `height × width` instances; hidden from agents. [`InstanceId::NONE`] for no instance.
     pub instances: Vec<InstanceId>,
 }
 
-/// The camera frame: x to the right and y down, both in pixels at one metre of depth, z ahead in metres.
+/// The camera frame: x right and y down, in pixels at one metre of depth, z forward in metres.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Lens {
     pub(crate) eye: Point3<f32>,
@@ -43,13 +43,13 @@ pub(crate) struct Lens {
     pub(crate) forward: Vector3<f32>,
     /// Half of the picture, pixels.
     pub(crate) half: [f32; 2],
-    /// Column and row of the middle, pixels from the centre of the first one.
+    /// Column and row of the image centre, relative to the centre of the first pixel.
     pub(crate) middle: [f32; 2],
 }
 
 impl Camera {
     pub(crate) fn lens(&self) -> Lens {
-        /// Keeps the tangent of half the angle finite and above 0.
+        /// Smallest angle; the tangent of half the angle stays finite and positive.
         const NARROWEST_RAD: f32 = 1e-3;
         let half_angle =
             (0.5 * self.hfov_rad).clamp(NARROWEST_RAD, 0.5 * std::f32::consts::PI - NARROWEST_RAD);

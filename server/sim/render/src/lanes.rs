@@ -3,7 +3,7 @@
 use std::array::from_fn;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Sub};
 
-/// How many there are.
+/// Lane count.
 pub(crate) const LANES: usize = 8;
 
 /// Eight floats.
@@ -33,13 +33,13 @@ impl Floats {
         Self(from_fn(|i| self.0[i].abs()))
     }
 
-    /// The smaller ones of each two; those of `other` where one is not a number.
+    /// Lane-wise minimum; `other` for NaN lanes.
     #[inline(always)]
     pub(crate) fn least(self, other: Self) -> Self {
         self.zipped(other, |a, b| if a < b { a } else { b })
     }
 
-    /// The larger ones of each two; those of `other` where one is not a number.
+    /// Lane-wise maximum; `other` for NaN lanes.
     #[inline(always)]
     pub(crate) fn most(self, other: Self) -> Self {
         self.zipped(other, |a, b| if a > b { a } else { b })
@@ -51,7 +51,7 @@ impl Floats {
         (self.halved(Self::least), self.halved(Self::most))
     }
 
-    /// What is left when halves are combined until there is one.
+    /// Reduces the lanes by combining halves.
     #[inline(always)]
     fn halved(self, combined: impl Fn(Self, Self) -> Self) -> f32 {
         let four = combined(self, Self(from_fn(|i| self.0[i ^ 4])));
@@ -69,14 +69,14 @@ impl Floats {
         Truths(from_fn(|i| if self.0[i] == other.0[i] { u32::MAX } else { 0 }))
     }
 
-    /// The whole numbers next above or at these, which must lie between 0 and 2^22.
+    /// Rounds up to integers; values must be between 0 and 2^22.
     #[inline(always)]
     pub(crate) fn rounded_up(self) -> Numbers {
         let whole = self.rounded();
         Numbers(from_fn(|i| whole.0[i] + u32::from((whole.0[i] as i32 as f32) < self.0[i])))
     }
 
-    /// The whole numbers next below or at these, which must lie between 0 and 2^22.
+    /// Rounds down to integers; values must be between 0 and 2^22.
     #[inline(always)]
     pub(crate) fn rounded_down(self) -> Numbers {
         let whole = self.rounded();
@@ -97,7 +97,7 @@ impl Floats {
 }
 
 impl Truths {
-    /// `yes` where true, else `no`.
+    /// `yes` in true lanes, `no` in false lanes.
     #[inline(always)]
     pub(crate) fn choose(self, yes: Floats, no: Floats) -> Floats {
         Floats(from_fn(|i| {
@@ -105,19 +105,19 @@ impl Truths {
         }))
     }
 
-    /// `value` where true, else +0.
+    /// `value` in true lanes, +0 in false lanes.
     #[inline(always)]
     pub(crate) fn keep(self, value: Floats) -> Floats {
         Floats(from_fn(|i| f32::from_bits(self.0[i] & value.0[i].to_bits())))
     }
 
-    /// `value` where true, else 0.
+    /// `value` in true lanes, 0 in false lanes.
     #[inline(always)]
     pub(crate) fn keep_numbers(self, value: Numbers) -> Numbers {
         Numbers(from_fn(|i| self.0[i] & value.0[i]))
     }
 
-    /// `yes` where true, else `no`.
+    /// `yes` in true lanes, `no` in false lanes.
     #[inline(always)]
     pub(crate) fn choose_number(self, yes: u32, no: &[u32; LANES]) -> [u32; LANES] {
         from_fn(|i| (self.0[i] & yes) | (!self.0[i] & no[i]))

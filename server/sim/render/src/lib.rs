@@ -1,13 +1,13 @@
-//! Light: RGB, planar depth and hidden instance ids.
+//! Rendering: RGB, planar depth and hidden instance ids.
 //!
-//! A [`Model`] holds a scene's triangles in clusters under a tree of boxes, and its textures in all their sizes. A picture
-//! is made in two steps: the tree is walked from near to far and what is not hidden is drawn, eight pixels at a time
-//! (`raster`); then every pixel is coloured once (`shade`). Surfaces shine by their own colour; where a scene has lamps,
-//! their light is worked into it before the first picture.
+//! A [`Model`] contains the triangles of a scene in clusters under a box tree, and its textures in all sizes.
+//! An image takes two passes: the tree is traversed front to back and visible triangles are drawn, eight
+//! pixels at a time (`raster`); then every pixel is shaded once (`shade`). Surfaces are emissive; for scenes
+//! with lamps, light is baked before the first image.
 //!
 //! Start reading at [`Renderer`].
 //!
-//! *Never*: starts threads; opens files; knows of agents, missions or sound.
+//! *Never*: starts threads; opens files; depends on agents, missions or sound.
 
 mod camera;
 mod lanes;

@@ -1,8 +1,7 @@
-//! Light on the surfaces of scenes with lamps: found once for a scene, kept in the colours of a finer mesh.
+//! Baked light for scenes with lamps, stored in the vertex colours of a finer mesh.
 //!
-//! Each triangle of the finer mesh is one sample: indirect light, which is the same everywhere but where things are
-//! near (ambient occlusion with a fixed set of rays), and that of every lamp which is not hidden. A corner gets the
-//! mean of the triangles around it which go on smoothly.
+//! Every triangle of the finer mesh is a sample: indirect light with ambient occlusion from a fixed set of
+//! rays, and the visible lamps. A vertex uses the mean of the smoothly adjacent triangles.
 
 mod cut;
 mod gather;
@@ -13,9 +12,9 @@ mod tests;
 use avln_geom::RayMesh;
 use avln_scene::{Lighting, Mesh, Scene};
 
-/// The mesh of `scene`, cut finely enough to carry light, which its colours hold: RGB, 0 to 255, factors of the surface's
-/// own sRGB colour. `None` where surfaces carry their light themselves. `rays` holds the triangles of the scene in their
-/// order; those of the result differ.
+/// Returns the mesh of `scene`, subdivided for light, with light factors as vertex colours: RGB, 0 to 255,
+/// multiplied with the sRGB surface colour. `None` if surfaces contain their light. `rays` contains the scene
+/// triangles in order; the result has a different order.
 pub(crate) fn lit(scene: &Scene, rays: &RayMesh) -> Option<Mesh> {
     let Lighting::Lamps(lamps) = &scene.lighting else { return None };
     let mut mesh = cut::cut(&scene.mesh);

@@ -1,7 +1,6 @@
-//! What real sensors do to a picture. Off unless asked for; instances are never touched.
+//! Sensor noise, disabled by default. Instances are unaffected.
 //!
-//! Noise depends on the seed, the number of the picture and the pixel alone, so that it is the same on every platform
-//! and in every thread.
+//! Noise depends only on seed, image number and pixel, so it is equal on every platform and in every thread.
 
 mod depth;
 mod normal;
@@ -17,34 +16,34 @@ pub struct Noise {
     pub depth: DepthNoise,
     /// Of colours.
     pub rgb: RgbNoise,
-    /// What it is drawn with.
+    /// Seed of the draws.
     pub seed: u64,
 }
 
-/// Noise of depth, by the name of its model.
+/// Depth noise by model name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DepthNoise {
     /// Depth as it is.
     #[default]
     None,
-    /// A structured-light camera after Choi, Zhou and Koltun, "Robust Reconstruction of Indoor Scenes" (CVPR 2015), with the
-    /// numbers of Habitat's `RedwoodDepthNoiseModel`. A pixel reads the depth z of a place that is shifted by a normal
-    /// deviate of 0.25 pixels to either side and lies on every other pixel and row. Its disparity 35.13 m / z, in pixels,
-    /// gets a normal deviate of 1/36 and is rounded to 1/8; depth is 35.13 m over the result. So steps of depth are
-    /// z² / 281 m: 4 mm at 1 m, 32 mm at 3 m, 89 mm at 5 m; and the deviation over all depths is 0.0455 z² / 35.13 m:
-    /// 1.3 mm, 12 mm, 32 mm. From 10 m on it reads nothing. Left out: the lens distortion measured for one camera (table
-    /// `dist-model`), which shifts depth by a factor that depends on the place in the picture.
+    /// A structured-light camera after Choi, Zhou and Koltun, "Robust Reconstruction of Indoor Scenes" (CVPR
+    /// 2015), with the constants of Habitat's `RedwoodDepthNoiseModel`. A pixel reads the depth z at a
+    /// position shifted by a normal deviate of 0.25 pixels, on every other pixel and row. The disparity 35.13
+    /// m / z, in pixels, has a normal deviate of 1/36 and is rounded to 1/8; depth is 35.13 m over the
+    /// result. Depth steps are z² / 281 m: 4 mm at 1 m, 32 mm at 3 m, 89 mm at 5 m; the overall deviation is
+    /// 0.0455 z² / 35.13 m: 1.3 mm, 12 mm, 32 mm. No depth from 10 m. Omits the measured lens distortion of a
+    /// specific camera (table `dist-model`), a position-dependent depth factor.
     Redwood,
 }
 
-/// Noise of colours, by the name of its model.
+/// Colour noise by model name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RgbNoise {
     /// Colours as they are.
     #[default]
     None,
-    /// A normal deviate of 51 grey levels in every channel of every pixel, then cut off at 0 and 255: Habitat's
-    /// `GaussianNoiseModel` as it is unless told otherwise (intensity 0.2, mean 0, sigma 1), rounded instead of truncated.
+    /// A normal deviate of 51 grey levels per channel and pixel, clamped to 0 to 255: Habitat's
+    /// `GaussianNoiseModel` with defaults (intensity 0.2, mean 0, sigma 1), rounded instead of truncated.
     Gaussian,
 }
 
@@ -71,8 +70,8 @@ impl RgbNoise {
 }
 
 impl Noise {
-    /// Adds the noise of picture number `index` to a frame whose depth reaches up to `depth_max_m`, metres. A pixel
-    /// without depth stays without; noisy depth beyond the reach is 0 as well.
+    /// Adds noise for image number `index` to a frame with a depth range of `depth_max_m`, metres. A pixel
+    /// without depth stays empty; noisy depth beyond the range becomes 0.
     pub fn apply(&self, frame: &mut Frame, index: u64, depth_max_m: f32) {
         let key = |sensor: u64| Rng::word(Rng::word(self.seed, sensor), index);
         match self.depth {

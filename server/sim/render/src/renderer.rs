@@ -8,21 +8,21 @@ use avln_scene::{InstanceId, Scene, Texture};
 use avln_simd::{Width, run_at};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// Takes pictures of one scene. The same camera always gives the same bytes.
+/// A renderer of a scene. Equal cameras give equal bytes.
 pub struct Renderer {
     /// Made for the first picture.
     model: OnceLock<Model>,
-    /// What it is made from; nothing once it is made.
+    /// Source data; empty once the model is built.
     source: Mutex<Option<Source>>,
     /// Memory of pictures that are finished, for those to come.
     idle: Mutex<Vec<Scratch>>,
 }
 
-/// Where models are kept from one run of the program to the next.
+/// A persistent cache of models.
 pub trait Shelf: Send + Sync {
-    /// The model that was kept as `name`, if it is there and sound.
+    /// Returns the model stored as `name`, if present and intact.
     fn find(&self, name: &str) -> Option<Model>;
-    /// Keeps a model. Gives back the same one, in memory that others may share.
+    /// Stores a model. Returns an equal model, possibly in shared memory.
     fn keep(&self, name: &str, model: Model) -> Model;
 }
 
@@ -58,13 +58,13 @@ impl Source {
 }
 
 impl Renderer {
-    /// A renderer of `scene`, whose triangles `rays` holds in the same order.
+    /// Creates a renderer of `scene`; `rays` contains the triangles in the same order.
     pub fn new(scene: Arc<Scene>, rays: Arc<RayMesh>) -> Self {
         Self::of(Source { scene, textures: None, rays, place: None })
     }
 
-    /// A renderer of `scene`, whose triangles `rays` holds in the same order and whose materials use `textures` instead of its
-    /// own. The model is looked for and kept at `place`. Textures are let go when the model is there.
+    /// Creates a renderer of `scene` with `textures` instead of its own and a model cache at `place`; `rays`
+    /// contains the triangles in the same order. Textures are freed once the model exists.
     pub fn shelved(
         scene: Arc<Scene>,
         textures: Vec<Texture>,
@@ -78,8 +78,7 @@ impl Renderer {
         Self { model: OnceLock::new(), source: Mutex::new(Some(source)), idle: Mutex::default() }
     }
 
-    /// What pictures are made from. The first call takes longer: surfaces are sorted and, where there are lamps, their light
-    /// is worked out.
+    /// Render data. The first call builds it and bakes the light of lamps.
     pub fn model(&self) -> &Model {
         let source = || self.source.lock().unwrap_or_else(PoisonError::into_inner);
         let model = self.model.get_or_init(|| {
@@ -90,8 +89,8 @@ impl Renderer {
         model
     }
 
-    /// Bytes of what pictures are made from: the model, mapped files included; before the first picture the textures that
-    /// [`Renderer::shelved`] was given.
+    /// Size of the render data in bytes: the model including mapped files; before the first image, the
+    /// textures passed to [`Renderer::shelved`].
     pub fn resident_bytes(&self) -> usize {
         self.model.get().map_or_else(|| self.waiting_bytes(), Model::byte_count)
     }
@@ -103,8 +102,8 @@ impl Renderer {
         textures.map_or(0, |textures| textures.iter().map(|texture| texture.pixels.len()).sum())
     }
 
-    /// What `camera` sees. The first picture takes longer, as [`Renderer::model`] tells. Surfaces have two sides; texels
-    /// below their material's alpha cutoff are not there.
+    /// Renders `camera`. The first image takes longer, see [`Renderer::model`]. Surfaces are two-sided;
+    /// texels below the alpha cutoff of the material are holes.
     pub fn render(&self, camera: &Camera) -> Frame {
         self.render_with(camera, Width::Eight)
     }
@@ -125,7 +124,7 @@ impl Renderer {
 }
 
 impl Frame {
-    /// A picture of nothing.
+    /// An empty image.
     fn empty(camera: &Camera) -> Self {
         let pixels = camera.width as usize * camera.height as usize;
         Self {

@@ -1,4 +1,4 @@
-//! Frames of small hand-made scenes, whose every number can be worked out on paper.
+//! Frames of small scenes with hand-computed values.
 
 use avln_geom::{Point2, Point3, RayMesh, Rng, Vector3, angle};
 use avln_houses::{HouseOptions, house};
@@ -28,7 +28,7 @@ fn material(scene: &mut Scene, base_color: [u8; 4], texture: Option<u16>, alpha_
     scene.materials.len() as u16 - 1
 }
 
-/// Adds a quad: corners in the order of `WHOLE_TEXTURE` as seen from its front.
+/// Adds a quad with corners in the order of `WHOLE_TEXTURE`, seen from the front.
 fn quad(scene: &mut Scene, corners: [(f32, f32, f32); 4], material: u16, instance: u32) {
     let mesh = &mut scene.mesh;
     let base = mesh.positions.len() as u32;
@@ -90,7 +90,7 @@ fn the_floor_recedes_by_height_over_tangent() {
     floor(&mut scene, 500.0, 0.0, paint, 1);
     let frame = shoot(scene, &camera(64, 64));
     for row in 32..64 {
-        // A 90 degree picture spans a tangent of 1 over 32 pixels; pixel centres lie half a pixel in.
+        // A 90 degree image spans a tangent of 1 over 32 pixels; pixel centres are at half pixels.
         let tangent = (row as f32 + 0.5 - 32.0) / 32.0;
         let expected = if 1.0 / tangent <= 10.0 { 1.0 / tangent } else { 0.0 };
         for column in 0..64 {
@@ -140,7 +140,7 @@ fn a_narrower_lens_and_an_odd_picture_keep_pixels_square() {
     let frame = shoot(scene, &camera);
     let hits: Vec<_> =
         (0..101 * 67).filter(|&at| frame.depth[at] > 0.0).map(|at| (at % 101, at / 101)).collect();
-    // 101 pixels span a tangent of 1, so the plate spans 50.5 of them around the middle one, both ways.
+    // 101 pixels span a tangent of 1, so the plate spans 50.5 pixels around the centre, both ways.
     let span = |values: Vec<usize>| (*values.iter().min().unwrap(), *values.iter().max().unwrap());
     assert_eq!(span(hits.iter().map(|hit| hit.0).collect()), (25, 75));
     assert_eq!(span(hits.iter().map(|hit| hit.1).collect()), (8, 58));
@@ -200,7 +200,7 @@ fn texture_base_colour_and_vertex_colour_multiply() {
 #[test]
 fn rays_pass_through_the_holes_of_a_cut_out_texture() {
     let mut scene = empty_scene();
-    // Left half there, right half cut out; between the two texel centres alpha falls evenly from 255 to 0.
+    // Left half solid, right half cut out; alpha falls linearly from 255 to 0 between the texel centres.
     scene.textures.push(Texture { width: 2, height: 1, pixels: vec![9, 9, 9, 255, 9, 9, 9, 0] });
     let lattice = material(&mut scene, WHITE, Some(0), Some(128));
     let solid = material(&mut scene, [70, 80, 90, 255], None, None);

@@ -1,4 +1,4 @@
-//! Noise of the sensors: as large as its documentation says, repeatable, and only where something is seen.
+//! Sensor noise: documented magnitude, repeatable, only on hits.
 
 use avln_render::{DepthNoise, Frame, Noise, RgbNoise};
 use avln_scene::InstanceId;
@@ -8,7 +8,7 @@ const GAUSSIAN: Noise = Noise { depth: DepthNoise::None, rgb: RgbNoise::Gaussian
 const BOTH: Noise = Noise { rgb: RgbNoise::Gaussian, ..REDWOOD };
 const REACH_M: f32 = 10.0;
 
-/// A frame of one depth and one grey.
+/// A frame with constant depth and grey.
 fn flat(side: u32, depth_m: f32, grey: u8) -> Frame {
     let pixels = (side * side) as usize;
     Frame {
@@ -35,7 +35,7 @@ fn spread(errors: &[f64]) -> (f64, f64) {
 #[test]
 fn depth_is_as_wrong_as_documented() {
     for (depth_m, documented_m) in [(1.0, 0.0013), (3.0, 0.012), (5.0, 0.032)] {
-        // Depths around it in many steps, so that rounding does not always fall the same way.
+        // Many depths around it, so that rounding varies.
         let errors: Vec<f64> = (0..400)
             .flat_map(|index| {
                 let clean_m = depth_m * (0.95 + 0.1 * index as f32 / 400.0);
@@ -65,7 +65,7 @@ fn depth_comes_in_steps_of_disparity() {
 #[test]
 fn where_nothing_is_nothing_is_read() {
     let mut frame = flat(40, 4.0, 100);
-    // The left half sees nothing.
+    // The left half is empty.
     (0..1600).filter(|pixel| pixel % 40 < 20).for_each(|pixel| frame.depth[pixel] = 0.0);
     for index in 0..20 {
         let read = noisy(&BOTH, frame.clone(), index).depth;

@@ -1,8 +1,8 @@
-//! What only `unsafe` code can ask of the machine: its widest vector instructions, and files as memory.
+//! Wide vector instructions and memory-mapped files: all `unsafe` code of the workspace.
 //!
-//! `README.md` beside this crate tells why each use is sound.
+//! The `README.md` of this crate contains the soundness arguments.
 //!
-//! *Never*: knows what it is used for.
+//! *Never*: depends on its use.
 
 mod mapped;
 mod widest;

@@ -3,14 +3,14 @@ use std::fs::File;
 use std::io;
 use std::path::Path;
 
-/// A file's content as memory, read when it is first touched and shared with all who map the same file.
+/// A memory-mapped file, loaded on first access and shared between processes.
 pub struct Mapped(Mmap);
 
 impl Mapped {
-    /// Maps the file at `path`, which nobody writes to any more; it may be unlinked.
+    /// Maps the file at `path`, which must not be modified any more; it may be unlinked.
     ///
     /// # Errors
-    /// When it cannot be opened, or cannot be mapped, as an empty one.
+    /// If the file cannot be opened or mapped, for example an empty file.
     pub fn open(path: &Path) -> io::Result<Self> {
         let file = File::open(path)?;
         // SAFETY: the content does not change while it is borrowed, by the promise above that callers give; see README.md.

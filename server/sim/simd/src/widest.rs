@@ -1,16 +1,16 @@
-/// How many numbers vector instructions work on.
+/// Lane count of vector instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Width {
-    /// As many as on every processor that the program was built for.
+    /// Baseline of the build target.
     Portable,
-    /// Eight floats (AVX2, x86-64-v3), where the processor has them.
+    /// Eight floats (AVX2, x86-64-v3), if the processor supports them.
     Eight,
 }
 
-/// Something to be computed. All that matters for speed must be `#[inline(always)]`, the method too: what is called instead
-/// of inlined is not compiled anew.
+/// A computation. All speed-critical functions, including this method, must be `#[inline(always)]`: code that
+/// is called instead of inlined is not compiled for the wider instructions.
 pub trait Work {
-    /// What is found.
+    /// Result type.
     type Output;
     /// Computes it.
     fn run(self) -> Self::Output;

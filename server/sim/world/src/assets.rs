@@ -6,21 +6,21 @@ use avln_render::{Camera, Frame, Place, Renderer, Shelf};
 use avln_scene::{InstanceId, Mesh, Scene};
 use std::sync::{Arc, OnceLock};
 
-/// Everything immutable that episodes in one building share.
+/// Immutable data shared by all episodes in a building.
 pub struct SceneAssets {
     /// The building, without textures: the renderer has them.
     pub scene: Arc<Scene>,
-    /// Where one can walk in it.
+    /// Walkable floor.
     pub navmesh: NavMesh,
     rays: Arc<RayMesh>,
     renderer: Renderer,
-    /// Made when somebody first listens.
+    /// Built on first use.
     acoustics: OnceLock<Acoustics>,
     cached: Option<Cached>,
     surfaces: Surfaces,
 }
 
-/// Where what takes long to work out is kept from one run of the program to the next: models and sources of sound.
+/// A persistent cache of render models and sound sources.
 pub trait Cache: Shelf + SoundShelf {}
 
 impl<T: Shelf + SoundShelf> Cache for T {}
@@ -34,10 +34,10 @@ pub struct Cached {
     pub name: String,
 }
 
-/// What a ray meets first.
+/// The first hit of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Struck {
-    /// How far away, metres.
+    /// Distance, metres.
     pub distance_m: f32,
     /// Of which instance the surface is; [`InstanceId::NONE`] for the building itself.
     pub instance: InstanceId,
@@ -46,15 +46,15 @@ pub struct Struck {
 /// Why a building cannot be lived in.
 #[derive(Debug, thiserror::Error)]
 pub enum PrepareError {
-    /// Nobody can walk in it.
+    /// No walkable floor.
     #[error("cannot prepare scene `{scene}`: {source}")]
     NavMesh {
         /// Name of the scene.
         scene: String,
-        /// What the navmesh says.
+        /// Error of the navmesh.
         source: NavMeshError,
     },
-    /// A list of its mesh has the wrong length.
+    /// A mesh list has the wrong length.
     #[error(
         "cannot prepare scene `{scene}`: its mesh has {found} entries in `{list}` where {expected} belong; \
          import the file again"
@@ -64,7 +64,7 @@ pub enum PrepareError {
         scene: String,
         /// The list.
         list: &'static str,
-        /// Its length.
+        /// Actual length.
         found: usize,
         /// The length it should have.
         expected: usize,
@@ -72,25 +72,25 @@ pub enum PrepareError {
 }
 
 impl SceneAssets {
-    /// Makes `scene` ready for a body: where to walk, what to see, what to hear.
+    /// Prepares `scene` for a body: navmesh, rendering, acoustics.
     ///
     /// # Errors
-    /// When the mesh is broken or nobody can stand in it.
+    /// If the mesh is invalid or not walkable.
     pub fn prepare(scene: Scene, body: &Body) -> Result<SceneAssets, PrepareError> {
         Self::prepare_cached(scene, body, None)
     }
 
-    /// [`SceneAssets::prepare`], with what takes long looked for and kept in a cache.
+    /// Like [`SceneAssets::prepare`], with a cache for expensive results.
     ///
     /// # Errors
-    /// When the mesh is broken or nobody can stand in it.
+    /// If the mesh is invalid or not walkable.
     pub fn prepare_cached(
         mut scene: Scene,
         body: &Body,
         cached: Option<Cached>,
     ) -> Result<SceneAssets, PrepareError> {
         check_lists(&scene)?;
-        // The navmesh checks corners and indices, on which all else relies.
+        // The navmesh validates corners and indices, which all other parts rely on.
         let navmesh = NavMesh::build(&scene, body)
             .map_err(|source| PrepareError::NavMesh { scene: scene.name.clone(), source })?;
         let textures = std::mem::take(&mut scene.textures);
@@ -103,9 +103,9 @@ impl SceneAssets {
         Ok(Self { scene, navmesh, rays, renderer, acoustics: OnceLock::new(), cached, surfaces })
     }
 
-    /// Bytes that it keeps in memory, as far as they can be counted: mesh, rays, navmesh, points on things, what is known of
-    /// sound, and what pictures are made from, files that are mapped included. It grows with the first picture and with every
-    /// new source of sound. Names, regions and the memory of pictures under way are not counted.
+    /// Memory in bytes as far as it can be counted: mesh, rays, navmesh, surface points, acoustics, and
+    /// render data including mapped files. It grows with the first image and with every new sound source.
+    /// Names, regions and images in progress are not counted.
     pub fn resident_bytes(&self) -> usize {
         mesh_bytes(&self.scene.mesh)
             + self.rays.byte_count()
@@ -115,36 +115,36 @@ impl SceneAssets {
             + self.renderer.resident_bytes()
     }
 
-    /// What a camera sees.
+    /// Renders a camera image.
     pub fn render(&self, camera: &Camera) -> Frame {
         self.renderer.render(camera)
     }
 
-    /// The first surface along `direction` (of length 1) from `origin`, no farther than `reach_m`.
+    /// Returns the first surface in the unit direction `direction` from `origin` within `reach_m`.
     pub fn cast(&self, origin: &Point3<f32>, direction: &Vector3<f32>, reach_m: f32) -> Option<Struck> {
         let hit = self.rays.cast(origin, direction, reach_m)?;
         let instance = self.scene.mesh.instance_of[hit.triangle as usize];
         Some(Struck { distance_m: hit.distance, instance })
     }
 
-    /// Whether some sampled surface point of `instance` is in line of sight from `eye`, at some heading, no more than
+    /// Returns true if a sampled surface point of `instance` is visible from `eye` at some heading, at most
     /// `half_vfov_rad` above or below the horizon. False for instances without surface.
     pub fn sees(&self, eye: &Point3<f32>, instance: InstanceId, half_vfov_rad: f32) -> bool {
         let is_of_instance = |triangle: u32| self.scene.mesh.instance_of[triangle as usize] == instance;
         self.surfaces.any_visible(&self.rays, eye, instance, half_vfov_rad, is_of_instance)
     }
 
-    /// Works out, or takes from the cache, what the first picture needs.
+    /// Computes or loads the data for the first image.
     pub fn prepare_pictures(&self) {
         self.renderer.model();
     }
 
-    /// Works out, or takes from the cache, what is needed to hear a source at `position` (world frame, metres).
+    /// Computes or loads the acoustics of a source at `position` (world frame, metres).
     pub fn prepare_sound(&self, position: &Point3<f32>) {
         self.source(position);
     }
 
-    /// The source of sound at `position`; shared by all who ask for it.
+    /// The shared sound source at `position`.
     pub(crate) fn source(&self, position: &Point3<f32>) -> Source {
         let listen = || {
             let surfaces = avln_acoustics::Surfaces::by_material(&self.scene);

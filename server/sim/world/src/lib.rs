@@ -1,11 +1,11 @@
-//! One body moving in one building, one step at a time.
+//! A body that moves in a building, step by step.
 //!
-//! [`SceneAssets`] is what all episodes in a building share; a [`World`] is one body in it. Equal assets, options and
-//! motions give equal senses and equal [`World::state_hash`]es.
+//! [`SceneAssets`] is shared by all episodes in a building; a [`World`] is a body in it. Equal assets,
+//! options and motions give equal senses and equal [`World::state_hash`]es.
 //!
 //! Start reading at [`World`].
 //!
-//! *Never*: knows of goals, budgets or scores; reads a clock; starts threads.
+//! *Never*: depends on goals, budgets or scores; reads a clock; starts threads.
 
 mod assets;
 mod sight;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 /// Points sampled on each instance.
 const POINTS: usize = 64;
-/// How far behind a sampled point its own surface may be met, metres.
+/// Tolerance for hits on the surface of a sampled point, metres.
 const TOLERANCE_M: f32 = 0.01;
 
 /// Points on the surfaces of every instance, spread evenly over their area.
@@ -29,7 +29,7 @@ impl Surfaces {
         Self { points: points.collect() }
     }
 
-    /// Whether a ray from `eye` to some point of `instance` first meets a triangle that `is_own`.
+    /// Returns true if a ray from `eye` to some point of `instance` first hits a triangle with `is_own`.
     pub(crate) fn any_visible(
         &self,
         rays: &RayMesh,
@@ -52,7 +52,7 @@ impl Surfaces {
     }
 }
 
-/// [`POINTS`] points on `triangles`, one on each equal share of their area; none when there is no area.
+/// [`POINTS`] points on `triangles`, one per equal share of area; none without area.
 fn spread(triangles: &[[Point3<f32>; 3]], seed: u64) -> Vec<Point3<f32>> {
     let mut rng = Rng::new(seed);
     let area = |[a, b, c]: &[Point3<f32>; 3]| f64::from((b - a).cross(&(c - a)).norm());

@@ -1,29 +1,30 @@
-//! How a building is to walk in, in numbers that can be laid next to those of real buildings.
+//! Walkability statistics of a building, comparable with real buildings.
 //!
-//! The measures are those of the HM3D paper (Ramakrishnan et al. 2021): a body of radius 0.1 m and height 1.5 m.
+//! Measures of the HM3D paper (Ramakrishnan et al. 2021): a body of radius 0.1 m and height 1.5 m.
 
 use avln_geom::{Point3, RayMesh, Rng, Vector3};
 use avln_navmesh::{Body, NavMesh, NavMeshError, NavPoint};
 use avln_scene::Scene;
 
-/// How a building is to walk in.
+/// Walkability statistics of a building.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WalkStats {
-    /// Floor where the body can stand and that hangs together: the largest island, square metres.
+    /// Area of the largest island, square metres.
     pub navigable_m2: f64,
-    /// Share of all standing places on floors that the largest island holds, 0 to 1; places on furniture do not count.
+    /// Share of the largest island among all standing positions on floors, 0 to 1; positions on furniture do
+    /// not count.
     pub largest_island: f64,
-    /// The largest ratio of walking to straight distance over 20 000 pairs of places on one floor that are at least 2 m
-    /// apart. Nearer pairs tell how thick the walls are.
+    /// Largest ratio of geodesic to straight distance over 20 000 pairs on a floor, at least 2 m apart.
+    /// Closer pairs only measure wall thickness.
     pub complexity: f64,
-    /// The same over all of the pairs, as the HM3D paper has it.
+    /// The ratio over all pairs, as in the HM3D paper.
     pub complexity_of_all: f64,
     /// Mesh area within 0.5 m of the navigable floor over navigable area.
     pub clutter: f64,
     /// Convex hulls of the navigable floor, summed over floors, square metres.
     pub floor_m2: f64,
-    /// Share of the rooms that a body of radius 0.25 m gets into from its largest island, 0 to 1; 1 where no room is
-    /// known.
+    /// Share of rooms reachable by a body of radius 0.25 m from the largest island, 0 to 1; 1 without known
+    /// rooms.
     pub rooms_reached: f64,
 }
 
@@ -36,10 +37,10 @@ const PAIRS: [usize; 2] = [200, 100];
 /// Places of different height are on different floors beyond this difference, metres.
 const SAME_FLOOR_M: f32 = 0.5;
 
-/// Measures `scene`; `seed` draws the sampled places.
+/// Measures `scene`; `seed` draws the sampled positions.
 ///
 /// # Errors
-/// When nobody can walk in it.
+/// If the scene is not walkable.
 pub fn walk_stats(scene: &Scene, seed: u64) -> Result<WalkStats, NavMeshError> {
     let navmesh = NavMesh::build(scene, &Body::default())?;
     let wide = NavMesh::build(scene, &WIDE_BODY)?;
@@ -57,8 +58,8 @@ pub fn walk_stats(scene: &Scene, seed: u64) -> Result<WalkStats, NavMeshError> {
     })
 }
 
-/// Share of the largest island in all islands that lie on a floor of the building: no higher than 0.3 m above the lowest
-/// place of some room, or of the building where no room is known.
+/// Share of the largest island among all islands on a floor: at most 0.3 m above the lowest point of some
+/// room, or of the building without known rooms.
 fn largest_share(navmesh: &NavMesh, scene: &Scene, rng: &Rng) -> f64 {
     let floors: Vec<f32> = match scene.regions.as_slice() {
         [] => scene.bounds().iter().map(|bounds| bounds.min.y).collect(),
@@ -76,7 +77,7 @@ fn largest_share(navmesh: &NavMesh, scene: &Scene, rng: &Rng) -> f64 {
 /// Pairs that are nearer than this do not count for [`WalkStats::complexity`], metres.
 const APART_M: f64 = 2.0;
 
-/// Largest ratio of walking to straight distance: of all pairs, and of those far enough apart.
+/// Largest ratio of geodesic to straight distance: over all pairs, and over distant pairs.
 fn complexity(navmesh: &NavMesh, rng: &mut Rng) -> [f64; 2] {
     let island = navmesh.largest_island();
     let mut most = [1.0_f64; 2];
@@ -84,7 +85,7 @@ fn complexity(navmesh: &NavMesh, rng: &mut Rng) -> [f64; 2] {
         let start = navmesh.sample(rng, island);
         let field = navmesh.field(&[(start, 0.0)]);
         let mut left = PAIRS[1];
-        // A floor with few places would never fill its share of the pairs.
+        // The limit stops on floors with too few positions.
         for _ in 0..20 * PAIRS[1] {
             let goal = navmesh.sample(rng, island);
             let offset = goal.position() - start.position();
@@ -101,8 +102,8 @@ fn complexity(navmesh: &NavMesh, rng: &mut Rng) -> [f64; 2] {
     most
 }
 
-/// Surface that lies within 0.5 m of the largest island: triangles cut into quarters until they are small, judged at
-/// their middles.
+/// Surface within 0.5 m of the largest island: triangles are subdivided until small and judged at their
+/// centres.
 fn clutter_m2(navmesh: &NavMesh, scene: &Scene) -> f64 {
     const NEAR_M: f32 = 0.5;
     const SMALL_M: f32 = 0.3;
@@ -132,8 +133,8 @@ fn quarters([a, b, c]: [Point3<f32>; 3]) -> [[Point3<f32>; 3]; 4] {
     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
 }
 
-/// Convex hulls of the floors: heights in bands of 0.2 m that hold a twentieth of the places or more, neighbouring bands
-/// joined.
+/// Convex hulls of the floors: height bands of 0.2 m with at least a twentieth of the positions, adjacent
+/// bands merged.
 fn floor_m2(navmesh: &NavMesh, rng: &mut Rng) -> f64 {
     const PLACES: usize = 4000;
     const BAND_M: f32 = 0.2;

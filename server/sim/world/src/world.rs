@@ -5,9 +5,9 @@ use avln_navmesh::NavPoint;
 use avln_render::{Camera, Frame, Noise};
 use std::sync::Arc;
 
-/// The farthest that a start may lie from the navmesh, metres.
+/// Largest distance of a start from the navmesh, metres.
 const MAX_SNAP_M: f32 = 0.3;
-/// A step forward that gets less far than this share of what was asked has collided.
+/// Collision threshold: share of the requested forward distance.
 const FULL_STEP: f32 = 0.99;
 
 /// The body's measures and senses.
@@ -27,9 +27,9 @@ pub struct WorldOptions {
     pub samples_per_step: usize,
     /// The picture taken each step; `None` for none.
     pub view: Option<View>,
-    /// Whether to listen.
+    /// True to render audio.
     pub audio: bool,
-    /// Who listens.
+    /// Head model.
     pub head: Head,
     /// Noise of the pictures that the body perceives; none in those taken by [`SceneAssets::render`].
     pub noise: Noise,
@@ -49,20 +49,20 @@ pub struct View {
 /// Something that can sound.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SoundSource {
-    /// Where, world frame.
+    /// Position, world frame.
     pub position: Point3<f32>,
-    /// What it plays, over and over.
+    /// Repeated clip.
     pub clip: Clip,
-    /// Where in the clip the episode begins, samples.
+    /// Clip position at the start of the episode, samples.
     pub offset_samples: usize,
 }
 
-/// What a body can do in a step.
+/// A motion of the body in a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
     /// Stand still.
     Stay,
-    /// One step ahead, sliding along what is in the way.
+    /// A step forward, sliding along obstacles.
     Forward,
     /// Turn to the left on the spot.
     Left,
@@ -70,19 +70,19 @@ pub enum Motion {
     Right,
 }
 
-/// How a motion went.
+/// Result of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moved {
-    /// Whether a step forward was stopped or turned aside.
+    /// True if an obstacle stopped or deflected a forward step.
     pub collided: bool,
-    /// Distance between its ends along the floor plane, metres.
+    /// Horizontal distance moved, metres.
     pub displacement_m: f32,
 }
 
-/// What a body perceives in a step.
+/// Sensor readings of a step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Senses {
-    /// The picture, if one was asked for.
+    /// Camera image, if requested.
     pub frame: Option<Frame>,
     /// `2 × samples_per_step` samples, the left ear first, if audio was asked for.
     pub audio: Option<Vec<f32>>,
@@ -91,7 +91,7 @@ pub struct Senses {
 /// Why a body cannot start.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum StartError {
-    /// It would not stand on the floor.
+    /// The start is too far from the floor.
     #[error(
         "cannot start in scene `{scene}` at ({x}, {y}, {z}): the floor is more than {limit_m} m away; \
          choose a start on the navmesh"
@@ -110,7 +110,7 @@ pub enum StartError {
     },
 }
 
-/// One body in one building.
+/// A body in a building.
 pub struct World {
     assets: Arc<SceneAssets>,
     options: WorldOptions,
@@ -118,16 +118,16 @@ pub struct World {
     /// Degrees turned to the left since the start, 0 to 359.
     turned_deg: u32,
     standing: NavPoint,
-    /// Motions so far.
+    /// Motion count.
     steps: u64,
     ears: Option<Ears>,
 }
 
 impl World {
-    /// A body at `start`, put onto the floor, and the things that may sound around it.
+    /// Places a body on the floor at `start`, with the possible sound sources.
     ///
     /// # Errors
-    /// When the start is off the navmesh.
+    /// If the start is off the navmesh.
     pub fn new(
         assets: Arc<SceneAssets>,
         start: Pose,
@@ -167,7 +167,7 @@ impl World {
         Moved { collided, displacement_m }
     }
 
-    /// Where the body stands and faces, world frame.
+    /// Pose of the body, world frame.
     pub fn pose(&self) -> Pose {
         let turned_rad = (self.turned_deg as f32).to_radians();
         Pose::new(self.standing.position(), self.start_heading_rad + turned_rad)
@@ -178,14 +178,14 @@ impl World {
         self.standing.position() + Vector3::y() * self.options.camera_height_m
     }
 
-    /// What the body perceives now. One call a step: each lets the sound run on by a step.
-    /// Of the sources, only the one with index `sounding` emits; earlier ones ring out.
+    /// Returns the present sensor readings. Call once per step: every call advances the sound by a step. Only
+    /// the source `sounding` emits; earlier sources ring out.
     pub fn sense(&mut self, sounding: Option<usize>) -> Senses {
         let frame = self.options.view.map(|view| self.look(&view));
         Senses { frame, audio: self.hear(sounding) }
     }
 
-    /// The sound of [`World::sense`] alone, in its place: for steps whose pictures nobody will see.
+    /// Audio part of [`World::sense`], instead of it: for steps without a used image.
     pub fn hear(&mut self, sounding: Option<usize>) -> Option<Vec<f32>> {
         let pose = self.pose();
         let position = pose.position + Vector3::y() * self.options.ear_height_m;
@@ -210,8 +210,8 @@ impl World {
         }
     }
 
-    /// A number that tells this state from others: two runs that agree in it after every motion went the same way.
-    /// FNV-1a over the bits of the pose, the turns and the number of motions.
+    /// Hash of the state: equal hashes after every motion mean equal trajectories. FNV-1a over the bits of
+    /// pose, turns and motion count.
     pub fn state_hash(&self) -> u64 {
         let pose = self.pose();
         let bits = [pose.position.x, pose.position.y, pose.position.z, pose.heading_rad].map(f32::to_bits);
@@ -221,12 +221,12 @@ impl World {
         })
     }
 
-    /// Bytes that the body takes for itself at most, apart from the building: what rings in its ears.
+    /// Largest memory of the body in bytes, without the building: the ringing sound.
     pub fn most_bytes(&self) -> usize {
         self.ears.as_ref().map_or(0, Ears::most_bytes)
     }
 
-    /// What this body shares with others in the building.
+    /// Shared data of the building.
     pub fn assets(&self) -> &Arc<SceneAssets> {
         &self.assets
     }

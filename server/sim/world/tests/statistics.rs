@@ -6,7 +6,7 @@ use avln_world::stats::{closed_share, walk_stats};
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
-/// What real buildings measure, and what is asked of ours.
+/// Range of real buildings, required for procedural houses.
 const COMPLEXITY: RangeInclusive<f64> = 2.0..=10.0;
 const CLUTTER: RangeInclusive<f64> = 1.0..=4.0;
 const LEAST_PER_100_M2: f64 = 25.0;

@@ -21,7 +21,7 @@ use avln_world::{
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
 use std::sync::{Arc, OnceLock};
 
-/// Adds a box with its faces outwards.
+/// Adds a box with outward faces.
 fn put(mesh: &mut Mesh, low: [f32; 3], high: [f32; 3], material: u16, instance: u32) {
     for axis in 0..3 {
         for (at, flip) in [(low, true), (high, false)] {
@@ -167,7 +167,7 @@ fn walls_stop_head_on_and_turn_aside_at_an_angle() {
     }
     assert!(!slid[0].collided && slid[9].collided);
     assert!((slid[9].displacement_m - 0.25 * angle.sin()).abs() < 0.02, "{slid:?}");
-    // Head on there is nothing to slide along.
+    // Head on, no sliding is possible.
     let mut world = body_at(-2.0, -1.0, 0.0);
     let moves: Vec<_> = (0..8).map(|_| world.advance(Motion::Forward)).collect();
     assert!(moves[7].collided && moves[7].displacement_m < 1e-3, "{moves:?}");
@@ -184,7 +184,7 @@ fn one_walks_through_the_door_and_not_through_the_wall() {
     }
 }
 
-/// A body that slides ends at the reachable place nearest to its aim, which can lie a little beyond.
+/// Largest distance beyond the target of a sliding step.
 const BEYOND_M: f32 = 2e-3;
 
 #[test]
@@ -272,7 +272,7 @@ fn the_camera_stands_at_its_height_and_looks_along_the_heading() {
     let start = Pose::new(Point3::new(1.0, 0.0, 0.0), -FRAC_PI_2);
     let mut world = World::new(assets(), start, options, Vec::new()).expect("on the floor");
     let frame = world.sense(None).frame.expect("a view was asked for");
-    // The middle row looks over the cabinet's top edge, or just at it; one row below hits its front at 3.2 m.
+    // The middle row looks over or just at the top edge of the cabinet; the next row hits its front at 3.2 m.
     let below = (33 / 2 + 1) * 33 + 33 / 2;
     assert_eq!(frame.instances[below], InstanceId(1));
     assert!((frame.depth[below] - 2.2).abs() < 0.03, "{}", frame.depth[below]);
@@ -321,7 +321,7 @@ fn things_are_seen_in_the_open_and_not_through_walls() {
 #[test]
 fn things_too_high_for_the_camera_are_not_seen() {
     let (house, lamp) = (assets(), InstanceId(2));
-    // The lamp hangs 1.3 m above the eye: beyond 45 degrees from 0.8 m away, below 45 degrees from 1.9 m away.
+    // The lamp hangs 1.3 m above the eye: more than 45 degrees from 0.8 m, less from 1.9 m.
     assert!(!house.sees(&Point3::new(-2.0, 1.0, 0.8), lamp, FRAC_PI_4));
     assert!(house.sees(&Point3::new(-2.0, 1.0, 1.9), lamp, FRAC_PI_4));
     assert!(house.sees(&Point3::new(-2.0, 1.0, 0.8), lamp, FRAC_PI_2));

@@ -1,13 +1,13 @@
-//! Triangles against the grid of the air.
+//! Rasterisation of triangles into the air grid.
 
 use super::Grid;
 use avln_geom::{Point3, Vector3};
 use std::ops::RangeInclusive;
 
-/// Centres nearer than this to a surface belong to the surface, metres.
+/// Cell centres within this distance of a surface belong to the surface, metres.
 const SKIN_M: f32 = 0.04;
 
-/// Closes the cells whose centre lies within the skin of the triangle.
+/// Closes the cells with a centre within the skin of the triangle.
 pub(super) fn close_cells_near(grid: &Grid, corners: &[Point3<f32>; 3], open: &mut [bool]) {
     let ranges = [0, 1, 2].map(|axis| span(grid, corners, axis, SKIN_M));
     let [Some(xs), Some(ys), Some(zs)] = ranges else { return };
@@ -21,7 +21,7 @@ pub(super) fn close_cells_near(grid: &Grid, corners: &[Point3<f32>; 3], open: &m
     }
 }
 
-/// Blocks the steps between neighbouring centres that the triangle cuts.
+/// Blocks the steps between neighbouring centres cut by the triangle.
 pub(super) fn block_steps_through(grid: &Grid, corners: &[Point3<f32>; 3], free_steps: &mut [[bool; 3]]) {
     for axis in 0..3 {
         let across = [(axis + 1) % 3, (axis + 2) % 3];
@@ -38,7 +38,8 @@ pub(super) fn block_steps_through(grid: &Grid, corners: &[Point3<f32>; 3], free_
     }
 }
 
-/// Blocks the step of one line of centres along `axis`; `column` are its indices on the two axes after it.
+/// Blocks the cut steps in a row of centres in direction `axis`; `column` contains the indices on the
+/// following two axes.
 fn block_column(
     grid: &Grid,
     corners: &[Point3<f32>; 3],
@@ -60,8 +61,8 @@ fn block_column(
     }
 }
 
-/// Barycentric weights of the origin in a flat triangle; `None` outside. Edges are inside, with a little to spare,
-/// so that no gap opens between triangles that share one.
+/// Barycentric weights of the origin in a flat triangle; `None` outside. Edges are inside with a small
+/// tolerance, so that no gap opens between adjacent triangles.
 fn weights_at_origin(corners: &[[f32; 2]; 3]) -> Option<[f32; 3]> {
     let cross = |a: [f32; 2], b: [f32; 2]| a[0] * b[1] - a[1] * b[0];
     let [a, b, c] = *corners;
@@ -71,7 +72,7 @@ fn weights_at_origin(corners: &[[f32; 2]; 3]) -> Option<[f32; 3]> {
     (total != 0.0 && weights.iter().all(|weight| *weight >= -1e-4)).then_some(weights)
 }
 
-/// The indices along `axis` whose centres lie within `margin_m` of the triangle's extent.
+/// Returns the index range on `axis` within `margin_m` of the triangle's extent.
 fn span(
     grid: &Grid,
     corners: &[Point3<f32>; 3],

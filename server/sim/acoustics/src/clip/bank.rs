@@ -4,33 +4,33 @@ use super::{
 };
 use std::sync::Arc;
 
-/// A share of the clips that are made by rule. Shares of training, validation and test have no clip in common, and each
+/// A share of the synthesised clips. The shares for training, validation and test are disjoint, and every
 /// family has clips in all three.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClipPool {
     /// All 100.
     All,
-    /// 70 of them.
+    /// 70 clips.
     Train,
-    /// 15 others.
+    /// 15 further clips.
     Validation,
-    /// The last 15.
+    /// The remaining 15.
     Test,
 }
 
-/// What clips are drawn from.
+/// A set of clips to draw from.
 #[derive(Clone, Debug)]
 pub struct Bank(Content);
 
 #[derive(Clone, Debug)]
 enum Content {
-    /// Indices of clips that are made.
+    /// Indices of synthesised clips.
     Made(Arc<[usize]>),
     Own(Arc<[Clip]>),
 }
 
 impl Bank {
-    /// The clips of `pool`: 6 s each, in ten families. A clip is made when it is first asked for, and kept.
+    /// Returns the clips of `pool`: 6 s long, in ten families. A clip is synthesised on first use and cached.
     pub fn of(pool: ClipPool) -> Self {
         Self(Content::Made((0..made::COUNT).filter(|&index| pool.holds(index)).collect()))
     }
@@ -40,7 +40,7 @@ impl Bank {
         Self(Content::Own(clips.into()))
     }
 
-    /// How many clips it holds.
+    /// Number of clips.
     pub fn len(&self) -> usize {
         match &self.0 {
             Content::Made(indices) => indices.len(),
@@ -48,12 +48,12 @@ impl Bank {
         }
     }
 
-    /// Whether it holds none.
+    /// Returns true if the bank is empty.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The clip at `index`; `None` when there is none.
+    /// Returns the clip at `index`; `None` if out of range.
     pub fn clip(&self, index: usize) -> Option<Clip> {
         match &self.0 {
             Content::Made(indices) => indices.get(index).map(|&index| made::clip(index).clone()),
@@ -61,7 +61,7 @@ impl Bank {
         }
     }
 
-    /// The names of all clips, in order; none is made for it.
+    /// Names of all clips, in order, without synthesis.
     pub fn names(&self) -> Vec<String> {
         match &self.0 {
             Content::Made(indices) => indices.iter().map(|&index| made::name(index)).collect(),
@@ -83,8 +83,8 @@ impl Default for Bank {
 }
 
 impl ClipPool {
-    /// Whether the made clip at `index` is in it. Of ten clips of a family, seven are for training; the other three go to
-    /// validation and test, the larger part to either in turn.
+    /// Returns true if the pool contains the synthesised clip at `index`. Of ten clips per family, seven are
+    /// for training; validation and test share the other three, with the larger part in turn.
     fn holds(self, index: usize) -> bool {
         let (family, number) = (index / CLIPS_PER_FAMILY, index % CLIPS_PER_FAMILY);
         let validation_end = 8 + family % 2;

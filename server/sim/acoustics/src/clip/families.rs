@@ -7,10 +7,10 @@ use super::tones::{bell, buzz, note};
 use avln_geom::Rng;
 use std::f32::consts::TAU;
 
-/// A kind of sound with a few random traits.
+/// A kind of sound with random traits.
 pub(super) struct Family {
     pub(super) name: &'static str,
-    /// One loop, of any level.
+    /// Generator of a loop of any level.
     pub(super) make: fn(&mut Rng) -> Vec<f32>,
 }
 
@@ -28,7 +28,7 @@ pub(super) const FAMILIES: [Family; 10] = [
     Family { name: "grains", make: grains },
 ];
 
-/// Even bursts of pink noise, three and a half to seven a second.
+/// Regular bursts of pink noise, 3.5 to 7 per second.
 fn pink_bursts(rng: &mut Rng) -> Vec<f32> {
     let noise = pink(rng);
     let (rate_hz, duty) = (rng.range(3.5, 7.0), rng.range(0.6, 0.75));
@@ -41,7 +41,7 @@ fn pink_bursts(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// Pairs of a strong and a weak burst of coloured noise, 0 to 6 dB an octave down.
+/// Pairs of a strong and a weak burst of coloured noise, falling by 0 to 6 dB per octave.
 fn noise_bursts(rng: &mut Rng) -> Vec<f32> {
     let mut noise = white(rng);
     recur(&mut noise, rng.range(0.0, 0.8), 0.0);
@@ -55,7 +55,7 @@ fn noise_bursts(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// Claps: short decays of coloured noise, nine to sixteen a second.
+/// Claps: short decays of coloured noise, 9 to 16 per second.
 fn claps(rng: &mut Rng) -> Vec<f32> {
     let color_hz = rng.range(700.0, 2500.0);
     let raw = white(rng);
@@ -71,7 +71,7 @@ fn claps(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// Sweeps over five octaves, up, down or in turn, five to eight a second, with a rush of noise.
+/// Sweeps over five octaves, up, down or alternating, 5 to 8 per second, with a rush of noise.
 fn chirps(rng: &mut Rng) -> Vec<f32> {
     let noise = leveled(&pink(rng));
     let (low_hz, high_hz) = (rng.range(150.0, 240.0), rng.range(6400.0, 7500.0));
@@ -82,7 +82,7 @@ fn chirps(rng: &mut Rng) -> Vec<f32> {
         let up = manner == 0 || (manner == 2 && number % 2 == 0);
         let (from_hz, to_hz) = if up { (low_hz, high_hz) } else { (high_hz, low_hz) };
         let length = samples(0.85 / rate_hz);
-        // Nearly flat, so that no end of the sweep is lost.
+        // Nearly flat, to preserve both ends of the sweep.
         let envelope: Vec<f32> = hump(length, 0.2).iter().map(|height| (3.0 * height).min(1.0)).collect();
         let tone = leveled(&sweep(from_hz, to_hz, length));
         add(&mut sound, &shaped(&tone, &envelope), start, 1.0);
@@ -91,7 +91,7 @@ fn chirps(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// Something like speech: a buzzing voice through four formants, with hisses between.
+/// Babble: a buzzing voice through four formants, with hisses in between.
 fn babble(rng: &mut Rng) -> Vec<f32> {
     let (pitch_hz, rate_hz) = (rng.range(95.0, 230.0), rng.range(3.8, 5.5));
     let stretch = rng.range(0.9, 1.2);
@@ -115,7 +115,7 @@ fn babble(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// A shaken box: random knocks on a handful of resonances, louder four to six times a second.
+/// A shaken box: random knocks on a few resonances, louder 4 to 6 times per second.
 fn rattle(rng: &mut Rng) -> Vec<f32> {
     let mut knocks = silence();
     let accents = beats(rng, rng.clone().range(4.0, 6.0), 0.1);
@@ -136,9 +136,9 @@ fn rattle(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// Wind: noise more than three octaves wide whose edges wander up and down, in puffs.
+/// Wind: noise more than three octaves wide with drifting edges, in puffs.
 fn gusts(rng: &mut Rng) -> Vec<f32> {
-    /// Upper edge over the lower one.
+    /// Ratio of the upper to the lower edge.
     const WIDTH: f32 = 12.0;
     let (lowest_hz, octaves) = (rng.range(150.0, 220.0), rng.range(1.0, 1.8));
     let (waves, phase) = ((3 + rng.below(4)) as f32, rng.range(0.0, TAU));
@@ -159,7 +159,7 @@ fn gusts(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// Bells whose overtones glide, each struck with a hiss.
+/// Bells with gliding overtones, struck with a hiss.
 fn bells(rng: &mut Rng) -> Vec<f32> {
     let noise = leveled(&white(rng));
     let (rate_hz, ratio) = (rng.range(4.5, 7.0), rng.range(1.3, 2.9));
@@ -176,7 +176,7 @@ fn bells(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// A tune on a reed: notes of a scale, and breath 0 to 6 dB below them.
+/// A reed melody: notes of a scale, and breath 0 to 6 dB below them.
 fn notes(rng: &mut Rng) -> Vec<f32> {
     /// A scale of five notes, semitones.
     const SCALE: [f32; 5] = [0.0, 2.0, 4.0, 7.0, 9.0];
@@ -197,7 +197,7 @@ fn notes(rng: &mut Rng) -> Vec<f32> {
     sound
 }
 
-/// A swarm of grains, tonal sweeps and noise, that thickens four to six times a second.
+/// A swarm of tonal and noisy grains, denser 4 to 6 times per second.
 fn grains(rng: &mut Rng) -> Vec<f32> {
     let noise = pink(rng);
     let (rate_hz, tonal) = (rng.range(4.0, 6.0), rng.range(0.3, 0.7));

@@ -1,4 +1,4 @@
-//! What all clips have in common: balance of the spectrum, peaks, level.
+//! Common processing of clips: spectral balance, peak limit, level.
 
 use super::loudness::{LOUDNESS, weighted_mean_square};
 use crate::SAMPLE_RATE_HZ;
@@ -6,23 +6,23 @@ use realfft::num_complex::Complex32;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use std::sync::Arc;
 
-/// Root mean square while peaks are rounded off.
+/// Root mean square during peak limiting.
 const LEVEL: f32 = 0.05;
 
 /// Largest peak over the root mean square: 13 dB.
 const CREST: f32 = 4.467;
 
-/// Where the low part of the spectrum ends and the high one begins, hertz.
+/// End of the low part of the spectrum, hertz.
 const LOW_END_HZ: f32 = 1200.0;
 const HIGH_START_HZ: f32 = 2000.0;
 
-/// Shares of the energy that the low and the high part are brought up to.
+/// Minimum energy shares of the low and the high part.
 const LEAST_SHARE: f32 = 0.3;
 
 /// Lowest frequency of a clip, hertz.
 const CUT_HZ: f32 = 80.0;
 
-/// Brings raw loops into their common form; all of one length.
+/// Processing of raw loops with a common length.
 pub(super) struct Finish {
     forward: Arc<dyn RealToComplex<f32>>,
     inverse: Arc<dyn ComplexToReal<f32>>,
@@ -48,9 +48,9 @@ impl Finish {
         debug_assert!(audible);
     }
 
-    /// Brings a loop to the loudness of all clips; false when it is all but silent, and then it stays as it is.
+    /// Scales a loop to the common loudness. Returns false, without a change, if it is almost silent.
     pub(super) fn set_loudness(&self, sound: &mut [f32]) -> bool {
-        /// Of a recording whose samples reach 1: -120 dB.
+        /// -120 dB for a recording with full-scale samples.
         const SILENCE: f64 = 1e-6;
         let mut spectrum = self.forward.make_output_vec();
         let done = self.forward.process(&mut sound.to_vec(), &mut spectrum);
@@ -62,7 +62,7 @@ impl Finish {
         audible
     }
 
-    /// Weighs the low and the high part of the spectrum so that neither is missing.
+    /// Weighs the low and high parts of the spectrum, so that both are present.
     fn balance(&self, sound: &mut [f32]) {
         let mut spectrum = self.forward.make_output_vec();
         let done = self.forward.process(sound, &mut spectrum);
@@ -93,7 +93,7 @@ fn weigh(spectrum: &mut [Complex32], bin_hz: f32) {
     }
 }
 
-/// The gains of the low, middle and high part, joined over a fifth of an octave around their borders.
+/// Gains of the low, middle and high part, blended over a fifth of an octave around the edges.
 fn gain_at(frequency_hz: f32, gains: &[f32; 3]) -> f32 {
     const HALF_WIDTH: f32 = 0.07;
     let passed =
@@ -108,7 +108,7 @@ fn set_level(sound: &mut [f32]) {
     sound.iter_mut().for_each(|sample| *sample *= gain);
 }
 
-/// Rounds peaks off: straight up to half of the largest one allowed, then bending towards it.
+/// Limits peaks: linear up to half the maximum, then saturating.
 fn limit(sound: &mut [f32]) {
     const KNEE: f32 = 0.5;
     let ceiling = LEVEL * CREST;

@@ -1,17 +1,17 @@
-//! How loud a clip is: its level weighted by how the ear hears each frequency.
+//! Loudness of a clip: the A-weighted level.
 
 use crate::SAMPLE_RATE_HZ;
 use realfft::num_complex::Complex32;
 
-/// A-weighted root mean square of every clip. Over the clips that are made, the plain one is then 0.05 in the mean.
+/// A-weighted root mean square of every clip. The unweighted mean over the synthesised clips is then 0.05.
 pub(super) const LOUDNESS: f32 = 0.0468;
 
-/// A-weighted mean square of a signal of `length` samples, from the half of its spectrum that a real transform gives.
+/// A-weighted mean square of a signal of `length` samples, from the half spectrum of a real transform.
 pub(super) fn weighted_mean_square(spectrum: &[Complex32], length: usize) -> f64 {
     let bin_hz = f64::from(SAMPLE_RATE_HZ) / length as f64;
     let weighted =
         |(bin, value): (usize, &Complex32)| weight(bin as f64 * bin_hz) * f64::from(value.norm_sqr());
-    // Each bin stands for its mirror image as well; at both ends the weight is small.
+    // A bin also represents its mirror image; the weight at both ends is small.
     2.0 * spectrum.iter().enumerate().map(weighted).sum::<f64>() / (length as f64 * length as f64)
 }
 
@@ -19,7 +19,7 @@ pub(super) fn weighted_mean_square(spectrum: &[Complex32], length: usize) -> f64
 fn weight(frequency_hz: f64) -> f64 {
     /// Corner frequencies, squared.
     const CORNERS: [f64; 4] = [20.6 * 20.6, 107.7 * 107.7, 737.9 * 737.9, 12_194.0 * 12_194.0];
-    /// What the formula gives at 1 kHz.
+    /// Value of the formula at 1 kHz.
     const AT_1_KHZ: f64 = 0.630_978;
     let squared = frequency_hz * frequency_hz;
     let [a, b, c, d] = CORNERS.map(|corner| squared + corner);

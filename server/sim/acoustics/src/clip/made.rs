@@ -1,4 +1,4 @@
-//! Clips that are made by rule.
+//! Synthesised clips.
 
 use super::{Clip, families::FAMILIES, finish::Finish};
 use crate::SAMPLE_RATE_HZ;
@@ -8,30 +8,30 @@ use std::sync::OnceLock;
 /// Length of every clip, samples: six seconds.
 pub(super) const CLIP_SAMPLES: usize = 6 * SAMPLE_RATE_HZ as usize;
 
-/// Clips of each family.
+/// Clips per family.
 pub(super) const CLIPS_PER_FAMILY: usize = 10;
 
-/// How many clips there are.
+/// Total number of clips.
 pub(super) const COUNT: usize = FAMILIES.len() * CLIPS_PER_FAMILY;
 
-/// Seed of all clips; another one makes others.
+/// Seed of all clips.
 const SEED: u64 = 0x61_766c_6e01;
 
-/// The clip at `index`, family by family; made when somebody first asks for it.
+/// Returns the clip at `index`, family by family, synthesised on first use.
 ///
 /// # Panics
-/// When there is none of that index.
+/// If `index` is out of range.
 pub(super) fn clip(index: usize) -> &'static Clip {
     static CLIPS: [OnceLock<Clip>; COUNT] = [const { OnceLock::new() }; COUNT];
     CLIPS[index].get_or_init(|| make(index))
 }
 
-/// The name of the clip at `index`: its family's and its number in it.
+/// Name of the clip at `index`: family and number.
 pub(super) fn name(index: usize) -> String {
     format!("{}-{}", FAMILIES[index / CLIPS_PER_FAMILY].name, index % CLIPS_PER_FAMILY)
 }
 
-/// Makes the clip at `index`.
+/// Synthesises the clip at `index`.
 pub(super) fn make(index: usize) -> Clip {
     static FINISH: OnceLock<Finish> = OnceLock::new();
     let family = &FAMILIES[index / CLIPS_PER_FAMILY];

@@ -1,4 +1,4 @@
-//! Clips out of recordings.
+//! Clips from recordings.
 
 use super::{Clip, finish::Finish, resample::resample};
 use crate::SAMPLE_RATE_HZ;
@@ -11,47 +11,47 @@ const RATES_HZ: RangeInclusive<u32> = 8_000..=192_000;
 /// Lengths of recordings, seconds.
 const LENGTHS_S: RangeInclusive<f64> = 1.0..=60.0;
 
-/// The largest sample of a recording that is believed; those of most files reach 1.
+/// Largest plausible sample; most files reach 1.
 const LARGEST: f32 = 1e6;
 
-/// How long a recording's end and its start sound together, samples: 50 ms.
+/// Cross-fade between end and start of a recording, samples: 50 ms.
 const SEAM_SAMPLES: usize = SAMPLE_RATE_HZ as usize / 20;
 
-/// Why a recording cannot be a clip.
+/// Errors of a recording.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RecordingError {
-    /// It has too few or too many samples a second.
+    /// The sample rate is out of range.
     #[error("it has {rate_hz} samples a second; {} to {} are possible", RATES_HZ.start(), RATES_HZ.end())]
     Rate {
-        /// Samples a second.
+        /// Sample rate, hertz.
         rate_hz: u32,
     },
-    /// It is too short or too long.
+    /// The recording is too short or too long.
     #[error("it is {length_s:.2} s long; {} to {} s are possible", LENGTHS_S.start(), LENGTHS_S.end())]
     Length {
-        /// Its length, seconds.
+        /// Length, seconds.
         length_s: f64,
     },
-    /// A sample is no number, or too large for a sound.
+    /// A sample is not finite or too large.
     #[error("its sample {index} is {value}; save it again with samples from -1 to 1")]
     Sample {
-        /// Where, counted from 0.
+        /// Index of the sample, from 0.
         index: usize,
         /// The sample.
         value: f32,
     },
-    /// Nothing is to be heard.
+    /// The recording is silent.
     #[error("it is silent; take it out or record it again")]
     Silent,
 }
 
 impl Clip {
-    /// A clip of the same loudness as all others out of a recording, mono, `rate_hz` samples a second. Its last 50 ms fade
-    /// into its first ones, so that it repeats without a seam and is 50 ms shorter.
+    /// Returns a clip with the common loudness from a mono recording at `rate_hz`. The last 50 ms fade into
+    /// the first, so that the loop is seamless and 50 ms shorter.
     ///
     /// # Errors
-    /// When it has fewer than 8000 or more than 192000 samples a second, is shorter than 1 s or longer than 60 s, is silent,
-    /// or holds what is no number or above a million.
+    /// If the rate is below 8000 or above 192000 Hz, the length is below 1 s or above 60 s, the recording is
+    /// silent, or a sample is not finite or above a million.
     pub fn recorded(name: &str, samples: &[f32], rate_hz: u32) -> Result<Self, RecordingError> {
         check(samples, rate_hz)?;
         let mut sound = without_seam(&resample(samples, rate_hz, SAMPLE_RATE_HZ));
@@ -76,7 +76,7 @@ fn check(samples: &[f32], rate_hz: u32) -> Result<(), RecordingError> {
     }
 }
 
-/// The sound with its end faded over into its start; both keep their power.
+/// Cross-fades the end into the start at constant power.
 fn without_seam(sound: &[f32]) -> Vec<f32> {
     let (kept, end) = sound.split_at(sound.len().saturating_sub(SEAM_SAMPLES));
     let mut looped = kept.to_vec();
@@ -104,7 +104,7 @@ mod tests {
 
     #[test]
     fn the_same_sound_is_the_same_clip_at_any_rate() {
-        // A tone of 1 kHz weighs 1: its mean square is its loudness.
+        // A 1 kHz tone has weight 1: mean square and loudness are equal.
         for rate_hz in [8_000, 11_025, 16_000, 22_050, 44_100, 48_000, 96_000, 192_000] {
             let clip = Clip::recorded("tone", &tone(1000.0, rate_hz, 2.0), rate_hz).expect("a clip");
             assert_eq!(clip.samples.len(), 2 * 16_000 - 800, "{rate_hz}");

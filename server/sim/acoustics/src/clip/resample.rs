@@ -1,24 +1,23 @@
-//! Another sample rate for a recording.
+//! Sample rate conversion of recordings.
 
 use std::f64::consts::PI;
 
-/// Zero crossings of the filter to either side.
+/// Zero crossings of the filter per side.
 const CROSSINGS: f64 = 24.0;
 
-/// Where the filter passes half, as a share of the lower of both Nyquist frequencies.
+/// Half-amplitude frequency of the filter, as a share of the lower Nyquist frequency.
 const EDGE: f64 = 0.95;
 
-/// `samples` at `from_hz` as they are at `to_hz`, by a windowed sinc.
+/// Converts `samples` from `from_hz` to `to_hz` by a windowed sinc.
 ///
-/// The filter for each place between two samples is worked out once (Crochiere and Rabiner 1983, polyphase); its window is
-/// Blackman's.
+/// Filters are computed once per phase (Crochiere and Rabiner 1983, polyphase), with a Blackman window.
 pub(super) fn resample(samples: &[f32], from_hz: u32, to_hz: u32) -> Vec<f32> {
     if from_hz == to_hz {
         return samples.to_vec();
     }
     let shared = common_divisor(from_hz, to_hz);
     let (step, phases) = ((from_hz / shared) as usize, (to_hz / shared) as usize);
-    // Of the samples' own Nyquist frequency.
+    // Relative to the Nyquist frequency of the samples.
     let cutoff = EDGE * (f64::from(to_hz) / f64::from(from_hz)).min(1.0);
     let reach = (CROSSINGS / cutoff) as usize + 1;
     let filters: Vec<_> =
@@ -27,7 +26,8 @@ pub(super) fn resample(samples: &[f32], from_hz: u32, to_hz: u32) -> Vec<f32> {
     (0..count).map(|n| filtered(samples, n * step / phases, reach, &filters[n * step % phases])).collect()
 }
 
-/// Weights of the `2 × reach` samples around a place `share` of a sample after the middle ones' first; their sum is 1.
+/// Weights of the `2 × reach` samples around a position `share` of a sample after the first middle sample;
+/// their sum is 1.
 fn filter(share: f64, cutoff: f64, reach: usize) -> Vec<f32> {
     let weight = |tap: usize| {
         let distance = tap as f64 - (reach as f64 - 1.0) - share;
@@ -38,7 +38,7 @@ fn filter(share: f64, cutoff: f64, reach: usize) -> Vec<f32> {
     weights.iter().map(|weight| (weight / sum) as f32).collect()
 }
 
-/// The sum of samples around `place` by `weights`; outside of the recording there is silence.
+/// Weighted sum of the samples around `place`; silence outside the recording.
 fn filtered(samples: &[f32], place: usize, reach: usize, weights: &[f32]) -> f32 {
     let before = reach - 1;
     let skipped = before.saturating_sub(place);
@@ -75,7 +75,7 @@ mod tests {
                 let resampled = resample(&tone(frequency_hz, rate_hz, rate_hz as usize), rate_hz, 16_000);
                 assert_eq!(resampled.len(), 16_000);
                 let wanted = tone(frequency_hz, 16_000, 16_000);
-                // At both ends half of the filter looks into silence.
+                // At both ends half of the filter covers silence.
                 let errors = resampled.iter().zip(&wanted).skip(200).take(15_600).map(|(a, b)| (a - b).abs());
                 let worst = errors.fold(0.0, f32::max);
                 assert!(worst < 1e-3, "{rate_hz} Hz, tone of {frequency_hz} Hz: {worst}");

@@ -1,4 +1,4 @@
-//! Building blocks of clips. All of them live on a loop: what runs over the end comes in at the start.
+//! Building blocks of clips on a loop: samples beyond the end wrap to the start.
 
 use super::made::CLIP_SAMPLES;
 use crate::SAMPLE_RATE_HZ;
@@ -15,7 +15,7 @@ pub(super) fn white(rng: &mut Rng) -> Vec<f32> {
     (0..CLIP_SAMPLES).map(|_| rng.range(-1.0, 1.0)).collect()
 }
 
-/// A loop of noise that falls by about 3 dB an octave: three leaky sums of white noise, one per two octaves.
+/// A loop of noise that falls by about 3 dB per octave: three leaky sums of white noise, one per two octaves.
 pub(super) fn pink(rng: &mut Rng) -> Vec<f32> {
     let white = white(rng);
     let mut pink: Vec<f32> = white.iter().map(|sample| 0.2 * sample).collect();
@@ -32,7 +32,7 @@ pub(super) fn samples(seconds: f32) -> usize {
     (seconds * SAMPLE_RATE_HZ as f32) as usize
 }
 
-/// Adds `event` times `gain` to the loop from sample `start` on, around the end.
+/// Adds `event` times `gain` to the loop from sample `start`, wrapping at the end.
 pub(super) fn add(target: &mut [f32], event: &[f32], start: usize, gain: f32) {
     let mut place = start % target.len();
     for part in event.chunks(target.len()) {
@@ -56,9 +56,10 @@ pub(super) fn recur(signal: &mut [f32], a: f32, b: f32) {
     }
 }
 
-/// A copy of the loop through a low pass of first order whose edge moves: `edge_hz` of the share of the loop that is over.
+/// Copies the loop through a first-order low pass with a moving edge: `edge_hz` of the elapsed share of the
+/// loop.
 pub(super) fn low_pass(signal: &[f32], edge_hz: impl Fn(f32) -> f32) -> Vec<f32> {
-    /// Samples for which the edge stays.
+    /// Samples with a constant edge.
     const BLOCK: usize = 64;
     let follow = |block: usize| {
         let angle = TAU * edge_hz((block * BLOCK) as f32 / signal.len() as f32) / SAMPLE_RATE_HZ as f32;
@@ -76,7 +77,7 @@ pub(super) fn low_pass(signal: &[f32], edge_hz: impl Fn(f32) -> f32) -> Vec<f32>
     passed
 }
 
-/// A copy of the loop through a resonance at `frequency_hz`, `bandwidth_hz` wide, of gain about 1 at its peak.
+/// Copies the loop through a resonance at `frequency_hz`, `bandwidth_hz` wide, with a peak gain of about 1.
 pub(super) fn resonate(signal: &[f32], frequency_hz: f32, bandwidth_hz: f32) -> Vec<f32> {
     let rate = SAMPLE_RATE_HZ as f32;
     let radius = libm::expf(-PI * bandwidth_hz / rate);
@@ -110,7 +111,8 @@ pub(super) fn sweep(from_hz: f32, to_hz: f32, count: usize) -> Vec<f32> {
     (0..count).map(next).collect()
 }
 
-/// Start samples of events around the loop: about `rate_hz` a second, each moved by up to `jitter` of its share.
+/// Start samples of events on the loop: about `rate_hz` per second, moved randomly by up to `jitter` of the
+/// spacing.
 pub(super) fn beats(rng: &mut Rng, rate_hz: f32, jitter: f32) -> Vec<usize> {
     let count = (rate_hz * CLIP_SAMPLES as f32 / SAMPLE_RATE_HZ as f32).round().max(1.0) as usize;
     let share = CLIP_SAMPLES as f32 / count as f32;
@@ -118,7 +120,7 @@ pub(super) fn beats(rng: &mut Rng, rate_hz: f32, jitter: f32) -> Vec<usize> {
     (0..count).map(place).map(|start| start as usize).collect()
 }
 
-/// A copy of root mean square 1; silence stays.
+/// Copies the signal with root mean square 1; silence stays silent.
 pub(super) fn leveled(signal: &[f32]) -> Vec<f32> {
     let mean_square = signal.iter().map(|sample| sample * sample).sum::<f32>() / signal.len().max(1) as f32;
     let gain = if mean_square > 0.0 { 1.0 / mean_square.sqrt() } else { 1.0 };

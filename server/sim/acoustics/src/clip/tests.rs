@@ -20,7 +20,7 @@ fn energy(bins: &[Complex32]) -> f32 {
     bins.iter().map(|bin| bin.norm_sqr()).sum()
 }
 
-/// Of a spectrum of which the last bin is at 8 kHz.
+/// Energy share of a spectrum that ends at 8 kHz.
 fn share_of_energy(spectrum: &[Complex32], from_hz: f32, to_hz: f32) -> f32 {
     let bin = |frequency_hz: f32| (frequency_hz / 8000.0 * (spectrum.len() - 1) as f32) as usize;
     energy(&spectrum[bin(from_hz)..bin(to_hz)]) / energy(spectrum)

@@ -1,4 +1,4 @@
-//! Tones with many harmonics, of any level.
+//! Tones with many harmonics.
 
 use crate::SAMPLE_RATE_HZ;
 use std::f32::consts::TAU;
@@ -6,7 +6,7 @@ use std::f32::consts::TAU;
 /// A train of smooth pulses at `pitch_hz`.
 pub(super) fn buzz(pitch_hz: f32, count: usize) -> Vec<f32> {
     let turn = turn_of(pitch_hz);
-    // A power of a raised cosine: one narrow hump a period.
+    // A power of a raised cosine: a narrow hump per period.
     let pulse = |n: usize| {
         let cosine = 0.5 + 0.5 * libm::cosf((turn * n as f32) % TAU);
         let squared = cosine * cosine;
@@ -16,9 +16,9 @@ pub(super) fn buzz(pitch_hz: f32, count: usize) -> Vec<f32> {
     (0..count).map(pulse).collect()
 }
 
-/// All harmonics of `pitch_hz` below 7 kHz, softer the higher they are.
+/// All harmonics of `pitch_hz` below 7 kHz, with falling amplitude.
 ///
-/// The sum of cosines is Dirichlet's kernel; a leaky sum over time bends it down by up to 6 dB an octave.
+/// The sum of cosines is the Dirichlet kernel; a leaky integrator tilts it by up to 6 dB per octave.
 pub(super) fn note(pitch_hz: f32, count: usize) -> Vec<f32> {
     const TOP_HZ: f32 = 7000.0;
     const KEPT: f32 = 0.7;
@@ -38,7 +38,8 @@ fn cosines(x: f32, count: f32) -> f32 {
     if half.abs() < 1e-4 { count } else { 0.5 * (libm::sinf((count + 0.5) * x) / half - 1.0) }
 }
 
-/// A tone at `pitch_hz`, its phase swung by another at `ratio` times that: by `depth` radians first, then less and less.
+/// A tone at `pitch_hz` with phase modulation at `ratio` times the pitch, starting at `depth` radians and
+/// decaying.
 pub(super) fn bell(pitch_hz: f32, ratio: f32, depth: f32, count: usize) -> Vec<f32> {
     let (carrier, modulator) = (turn_of(pitch_hz), turn_of(pitch_hz * ratio));
     let next = |n: usize| {

@@ -1,4 +1,4 @@
-//! A head that was measured.
+//! Measured heads.
 
 use super::sofa::{EarMeasurement, Measurements};
 use super::{DESIGN_POINTS, EarResponse, Filter, design_from, ear_axes, unit_phasor};
@@ -12,79 +12,79 @@ use std::f64::consts::TAU;
 use std::fmt;
 use std::sync::OnceLock;
 
-/// Between directions of the table, degrees.
+/// Angle between table directions, degrees.
 const STEP_DEG: f32 = 5.0;
 
-/// Directions of the table: once around, and from straight down to straight up.
+/// Table directions: a full circle, and from straight down to straight up.
 const AROUND: usize = 72;
 const UP: usize = 37;
 
-/// Measured directions that one of the table is made from.
+/// Number of measured directions interpolated into a table direction.
 const NEIGHBOURS: usize = 4;
 
-/// Of a response, what is this long before and after its highest peak is used, seconds.
+/// Window of a response before and after its highest peak, seconds.
 const BEFORE_PEAK_S: f64 = 0.002;
 const AFTER_PEAK_S: f64 = 0.008;
 
-/// Times the sample rate at which wave fronts are looked for.
+/// Oversampling factor of the wave-front search.
 const FINER: usize = 8;
 
-/// Bins whose level is that of the free field: the head is no obstacle there (188 to 1000 Hz).
+/// Bins normalised to the free-field level: the head is no obstacle there (188 to 1000 Hz).
 const CALM_BINS: std::ops::RangeInclusive<usize> = 3..=16;
 
-/// Why a file is no head.
+/// Errors of a head file.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum HeadError {
-    /// Another format, or a damaged file.
+    /// A different format, or a damaged file.
     #[error(
         "it is no SOFA file, or damaged: name a whole file of head-related impulse responses (SimpleFreeFieldHRIR)"
     )]
     NoSofa,
-    /// A table is not there.
+    /// A table is missing.
     #[error(
         "it has no table of numbers called {0}: name a file of head-related impulse responses (SimpleFreeFieldHRIR)"
     )]
     Missing(&'static str),
-    /// A table has another shape.
+    /// A table has the wrong shape.
     #[error("{0} holds {1}: two ears, 2 to 50000 directions as M x 3 and 8 to 16384 taps are read")]
     Shape(&'static str, String),
-    /// Too few or too many samples a second.
+    /// The sample rate is out of range.
     #[error("{0} samples a second: 16000 to 400000 are read")]
     Rate(f64),
-    /// Nothing is heard.
+    /// The responses are silent.
     #[error("both ears are silent: name a file of head-related impulse responses")]
     Silent,
 }
 
-/// A head as it was measured from many directions, at [`SAMPLE_RATE_HZ`].
+/// A head measured from many directions, at [`SAMPLE_RATE_HZ`].
 pub struct MeasuredHead {
-    /// `UP x AROUND`, row by row: from -90 degrees of elevation up, from straight ahead to the left.
+    /// `UP x AROUND`, row by row: elevation from -90 degrees up, azimuth from ahead to the left.
     table: Vec<[Ear; 2]>,
-    /// What it makes of late energy, computed on first use.
+    /// Response to diffuse sound, computed on first use.
     heard_field: OnceLock<HeardField>,
 }
 
-/// An ear's answer to a wave from one direction.
+/// Response of an ear to a wave from a direction.
 #[derive(Clone, Debug, PartialEq)]
 struct Ear {
-    /// Tap [`super::HEAD_LEAD`] is the wave front.
+    /// The wave front is tap [`super::HEAD_LEAD`].
     filter: Filter,
-    /// Wave front after that at the head's centre, seconds.
+    /// Delay of the wave front relative to the head centre, seconds.
     delay_s: f64,
 }
 
 impl MeasuredHead {
     /// Reads a SOFA file of free-field responses.
     ///
-    /// Delay and shape of each response are separated: the wave front is where the response is most like its
-    /// minimum-phase version (Nam, Abel and Smith 2008, AES Convention 125, paper 7612). Both are interpolated over
-    /// direction by the four nearest measurements. The mean level of all responses from 188 to 1000 Hz becomes that of the
-    /// free field, their mean delay that of a sphere.
+    /// Delay and shape of a response are separated: the wave front is the best match with the minimum-phase
+    /// version (Nam, Abel and Smith 2008, AES Convention 125, paper 7612). Both are interpolated over
+    /// direction from the four nearest measurements. The mean level from 188 to 1000 Hz is normalised to the
+    /// free field, the mean delay to a sphere.
     ///
     /// # Errors
-    /// For files of another kind, damaged ones, and what [`HeadError`] names.
+    /// For other formats, damaged files, and the cases of [`HeadError`].
     pub fn from_sofa(bytes: &[u8]) -> Result<Self, HeadError> {
-        // The reader of the format was not written for damaged files.
+        // The HDF5 reader can panic on damaged files.
         let read = std::panic::catch_unwind(|| Measurements::read(bytes));
         let measured = read.unwrap_or(Err(HeadError::NoSofa))?;
         let mut analysis = Analysis::new(measured.rate_hz);
@@ -105,12 +105,12 @@ impl MeasuredHead {
         Ok(Self { table, heard_field: OnceLock::new() })
     }
 
-    /// Where is kept what it makes of late energy.
+    /// Cell for the response to diffuse sound.
     pub(crate) fn heard_field(&self) -> &OnceLock<HeardField> {
         &self.heard_field
     }
 
-    /// What the left and the right ear make of a wave from `direction` (unit vector, world frame).
+    /// Responses of the left and right ear to a wave from `direction` (unit vector, world frame).
     pub(super) fn ears(&self, direction: &Vector3<f32>, heading_rad: f32) -> [EarResponse; 2] {
         let (sin, cos) = angle::sin_cos(heading_rad);
         let ahead = -direction.x * sin - direction.z * cos;
@@ -145,13 +145,13 @@ impl fmt::Debug for MeasuredHead {
     }
 }
 
-/// The cell of `count` that holds `position`, and how far into it that is.
+/// The cell of `count` at `position`, and the fraction within it.
 fn cell(position: f32, count: usize) -> (usize, f32) {
     let whole = (position.max(0.0) as usize).min(count - 1);
     (whole, (position - whole as f32).clamp(0.0, 1.0))
 }
 
-/// Direction of the table: x ahead, y to the left, z up.
+/// Table direction: x ahead, y left, z up.
 fn node_direction(up: usize, around: usize) -> Vector3<f64> {
     let elevation = (f64::from(STEP_DEG) * up as f64 - 90.0).to_radians();
     let azimuth = (f64::from(STEP_DEG) * around as f64).to_radians();
@@ -159,9 +159,9 @@ fn node_direction(up: usize, around: usize) -> Vector3<f64> {
     Vector3::new(level * libm::cos(azimuth), level * libm::sin(azimuth), libm::sin(elevation))
 }
 
-/// The ears' answer from `direction`, by the measurements that are nearest to it.
+/// Interpolates the ear responses from `direction` between the nearest measurements.
 fn interpolated(direction: &Vector3<f64>, known: &[Vector3<f64>], ears: &[[Ear; 2]]) -> [Ear; 2] {
-    // Half the squared chord: nearly half the squared angle. This much is no distance at all.
+    // Half the squared chord, almost half the squared angle. Smaller values count as zero distance.
     const SAME: f64 = 1e-6;
     let mut nearest: Vec<(f64, usize)> =
         known.iter().enumerate().map(|(index, other)| (1.0 - direction.dot(other), index)).collect();
@@ -186,10 +186,10 @@ fn mixed<'a>(parts: impl Iterator<Item = (&'a Ear, f64)>) -> Ear {
     sum
 }
 
-/// By how much the wave fronts come later than at a sphere, mean over all, seconds.
+/// Mean delay of the wave fronts relative to a sphere, seconds.
 fn mean_lateness_s(directions: &[Vector3<f64>], ears: &[[Ear; 2]]) -> f64 {
     let lateness = directions.iter().zip(ears).flat_map(|(direction, ears)| {
-        // At heading 0 straight ahead is -Z and left is -X.
+        // At heading 0, ahead is -Z and left is -X.
         let world = Vector3::new(-direction.y as f32, direction.z as f32, -direction.x as f32);
         let sphere_s = ear_axes(0.0).map(|axis| onset_delay_s(f64::from(axis.dot(&world)), f64::INFINITY));
         [ears[0].delay_s - sphere_s[0], ears[1].delay_s - sphere_s[1]]
@@ -197,10 +197,10 @@ fn mean_lateness_s(directions: &[Vector3<f64>], ears: &[[Ear; 2]]) -> f64 {
     lateness.sum::<f64>() / (2 * ears.len()) as f64
 }
 
-/// Takes responses apart.
+/// Separation of delay and shape.
 struct Analysis {
     rate_hz: f64,
-    /// `exp(-j w)` of each bin for one sample of the file.
+    /// `exp(-j w)` per bin for one sample of the file.
     turns: Vec<Complex64>,
     planner: RealFftPlanner<f64>,
     /// Sum over all responses of their mean power in [`CALM_BINS`].
@@ -226,13 +226,13 @@ impl Analysis {
         }
     }
 
-    /// Where the response is most like its minimum-phase version, seconds after its first tap.
+    /// Time of the best match with the minimum-phase version, seconds after the first tap.
     fn front_s(&mut self, spectrum: &[Complex64]) -> f64 {
         let minimum = self.minimum_phase(spectrum);
         let points = FINER * DESIGN_POINTS;
         let inverse = self.planner.plan_fft_inverse(points);
         let mut common = inverse.make_input_vec();
-        // Neither the mean pressure nor the last bin tells of a delay.
+        // The mean and the last bin contain no delay information.
         for bin in 1..spectrum.len() - 1 {
             common[bin] = spectrum[bin] * minimum[bin].conj();
         }
@@ -244,13 +244,13 @@ impl Analysis {
         let (before, peak, after) = (at(points - 1), at(0), at(1));
         let bend = before - 2.0 * peak + after;
         let shift = if bend < 0.0 { 0.5 * (before - after) / bend } else { 0.0 };
-        // What wraps around lies before the first tap.
+        // Wrapped positions are before the first tap.
         let whole = if best > points * 3 / 4 { best as f64 - points as f64 } else { best as f64 };
         (whole + shift) / (FINER as f64 * f64::from(SAMPLE_RATE_HZ))
     }
 
-    /// The minimum-phase spectrum of the same magnitude (Oppenheim and Schafer, "Discrete-Time Signal Processing",
-    /// chapter 13).
+    /// Minimum-phase spectrum with the same magnitude (Oppenheim and Schafer, "Discrete-Time Signal
+    /// Processing", chapter 13).
     fn minimum_phase(&mut self, spectrum: &[Complex64]) -> Vec<Complex64> {
         let (forward, inverse) =
             (self.planner.plan_fft_forward(DESIGN_POINTS), self.planner.plan_fft_inverse(DESIGN_POINTS));
@@ -294,7 +294,7 @@ fn around_peak(taps: &[f32], rate_hz: f64) -> (usize, &[f32]) {
     (first, &taps[first..end])
 }
 
-/// The Fourier sum of `taps` at a frequency that turns by `turn` a tap.
+/// Fourier sum of `taps` at a frequency of `turn` per tap.
 fn fourier_sum(taps: &[f32], turn: Complex64) -> Complex64 {
     taps.iter().rev().fold(Complex64::default(), |sum, tap| sum * turn + f64::from(*tap))
 }

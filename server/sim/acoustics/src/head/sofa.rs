@@ -1,35 +1,35 @@
-//! Measured heads in files of the SOFA format (AES69).
+//! Measured heads in SOFA files (AES69).
 
 use super::measured::HeadError;
 use avln_geom::Vector3;
 use sofar::hdf::{self, DataObject, ParsedHdf};
 use std::ops::RangeInclusive;
 
-/// Directions of a file.
+/// Permitted number of directions.
 const DIRECTIONS: RangeInclusive<usize> = 2..=50_000;
 
-/// Taps of a response.
+/// Permitted taps of a response.
 const TAPS: RangeInclusive<usize> = 8..=16_384;
 
-/// Samples a second: all that is heard must be in the file.
+/// Permitted sample rates, hertz: the whole audible range must be in the file.
 const RATES_HZ: RangeInclusive<f64> = 16_000.0..=400_000.0;
 
-/// The longest delay that is not in the taps, seconds.
+/// Longest separate delay, seconds.
 const MOST_DELAY_S: f64 = 0.1;
 
-/// What a file holds.
+/// Content of a file.
 pub(super) struct Measurements {
     pub(super) rate_hz: f64,
-    /// Unit vectors to the source: x ahead, y to the left, z up.
+    /// Unit vectors to the source: x ahead, y left, z up.
     pub(super) directions: Vec<Vector3<f64>>,
-    /// For each direction the left ear, then the right one.
+    /// Per direction: left ear, right ear.
     pub(super) ears: Vec<[EarMeasurement; 2]>,
 }
 
-/// What one ear hears of one pulse.
+/// Response of an ear to a pulse.
 pub(super) struct EarMeasurement {
     pub(super) taps: Vec<f32>,
-    /// Before the first tap, seconds.
+    /// Delay before the first tap, seconds.
     pub(super) delay_s: f64,
 }
 
@@ -37,7 +37,7 @@ pub(super) struct EarMeasurement {
 struct Table {
     values: Vec<f64>,
     sizes: Vec<usize>,
-    /// How places are written: `cartesian` or `spherical`.
+    /// Coordinate type: `cartesian` or `spherical`.
     kind: Option<String>,
 }
 
@@ -73,7 +73,7 @@ impl Measurements {
 }
 
 impl Table {
-    /// The table called `name`, which holds at least one number; all of them are finite.
+    /// Reads the table `name`: at least one number, all finite.
     fn of(file: &ParsedHdf<'_>, name: &'static str) -> Result<Self, HeadError> {
         let object = file.get_child(name).and_then(Result::ok).ok_or(HeadError::Missing(name))?;
         let values = numbers(&object).filter(|values| !values.is_empty()).ok_or(HeadError::Missing(name))?;
@@ -91,7 +91,7 @@ impl Table {
         &self.values[index * length..(index + 1) * length]
     }
 
-    /// The place in row `index`, metres.
+    /// Position in row `index`, metres.
     fn place(&self, index: usize) -> Vector3<f64> {
         let [a, b, c] = [0, 1, 2].map(|axis| self.values[3 * index + axis]);
         if self.kind.as_deref() != Some("spherical") {
@@ -109,7 +109,7 @@ fn attribute(object: &DataObject, name: &str) -> Option<String> {
     Some(found.value.as_deref()?.trim_matches(['\0', ' ']).to_owned())
 }
 
-/// The numbers of an object; `None` for other things.
+/// Numbers of an object; `None` for other objects.
 fn numbers(object: &DataObject) -> Option<Vec<f64>> {
     const FLOAT: u8 = 1;
     match (object.dt.class_and_version & 0x0f, object.dt.size) {
@@ -133,7 +133,7 @@ fn directions(places: &Table, count: usize) -> Result<Vec<Vector3<f64>>, HeadErr
     (0..count).map(unit).collect()
 }
 
-/// For each direction the delays of both ears, in the order of the file.
+/// Per direction: delays of both ears, in file order.
 fn delays_s(file: &ParsedHdf<'_>, count: usize, rate_hz: f64) -> Result<Vec<[f64; 2]>, HeadError> {
     let Ok(delays) = Table::of(file, "Data.Delay") else { return Ok(vec![[0.0; 2]; count]) };
     let most = MOST_DELAY_S * rate_hz;
@@ -150,7 +150,7 @@ fn delays_s(file: &ParsedHdf<'_>, count: usize, rate_hz: f64) -> Result<Vec<[f64
     }
 }
 
-/// Which receiver is the left ear.
+/// Index of the left ear among the receivers.
 fn left_ear(file: &ParsedHdf<'_>) -> Result<usize, HeadError> {
     let Ok(receivers) = Table::of(file, "ReceiverPosition") else { return Ok(0) };
     if receivers.values.len() < 6 {
@@ -159,7 +159,7 @@ fn left_ear(file: &ParsedHdf<'_>) -> Result<usize, HeadError> {
     Ok(usize::from(receivers.place(0).y < receivers.place(1).y))
 }
 
-/// Refuses heads that look elsewhere than along the x axis.
+/// Rejects heads that do not face the x axis.
 fn check_view(file: &ParsedHdf<'_>) -> Result<(), HeadError> {
     let Ok(view) = Table::of(file, "ListenerView") else { return Ok(()) };
     let ahead = view.values.len() >= 3 && {

@@ -1,32 +1,32 @@
-//! Time in slices that widen: 5 ms up to 80 ms, 10 ms up to 240 ms, 20 ms up to 560 ms, and so on.
+//! Time slices of increasing width: 5 ms up to 80 ms, 10 ms up to 240 ms, 20 ms up to 560 ms, and so on.
 
 use crate::SPEED_OF_SOUND_M_S;
 
 /// The shortest slice, seconds.
 const FIRST_S: f32 = 0.005;
 
-/// Slices of one width.
+/// Slices per width.
 const OF_A_WIDTH: u32 = 16;
 
-/// The slice in which a wave arrives that travelled `length_m` (0 to 1e6).
+/// Returns the slice of a wave with path length `length_m` (0 to 1e6).
 pub(super) fn bin_of(length_m: f32) -> usize {
     let slot = (length_m * (1.0 / (SPEED_OF_SOUND_M_S * FIRST_S))) as u32 + OF_A_WIDTH;
     let doubling = (slot / OF_A_WIDTH).ilog2();
     (doubling * OF_A_WIDTH + (slot >> doubling) - OF_A_WIDTH) as usize
 }
 
-/// How many times wider the slice is in which a wave arrives that travelled `length_m` than the first, as a power of two.
+/// Width of the slice for a path length `length_m`, relative to the first slice, as a power of two.
 pub(super) fn doublings(length_m: f32) -> u32 {
     bin_of(length_m) as u32 / OF_A_WIDTH
 }
 
-/// When slice `bin` begins, seconds.
+/// Start of slice `bin`, seconds.
 pub(super) fn start_s(bin: usize) -> f32 {
     let (doubling, place) = (bin as u32 / OF_A_WIDTH, bin as u32 % OF_A_WIDTH);
     (((OF_A_WIDTH + place) << doubling) - OF_A_WIDTH) as f32 * FIRST_S
 }
 
-/// Slices that begin before `duration_s`.
+/// Number of slices that start before `duration_s`.
 pub(super) fn count(duration_s: f32) -> usize {
     (0..).take_while(|bin| start_s(*bin) < duration_s).count()
 }

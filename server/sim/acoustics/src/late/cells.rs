@@ -1,40 +1,40 @@
-//! Where late energy is counted: pieces of open air, none of which reaches through a wall.
+//! Cells of open air that collect late energy. No cell crosses a wall.
 
 use crate::air::Air;
 use avln_geom::{Point3, Vector3};
 
-/// Voxels of the air along a block's edge, and the most of them.
+/// Edge of a block in voxels, and its limit.
 const BLOCK: usize = 3;
 const MOST_BLOCK: usize = 24;
 
 /// No cell.
 pub(super) const NOWHERE: u32 = u32::MAX;
 
-/// Blocks of air, each parted where no free step leads from one voxel to the next.
+/// Blocks of air, divided at blocked voxel steps.
 ///
-/// Blocks are twice as high as wide. Voxels that a surface may cut belong to no cell, so that a cell's volume is
-/// known and no energy is counted on the wrong side of a wall.
+/// Blocks are twice as high as wide. Voxels near surfaces belong to no cell, so that the cell volume is exact
+/// and no energy is counted on the wrong side of a wall.
 pub(crate) struct Cells {
-    /// Per voxel of the air: its cell, or [`NOWHERE`].
+    /// Per air voxel: its cell, or [`NOWHERE`].
     cell_of: Vec<u32>,
     cells: Vec<Cell>,
-    /// Voxels along x, y, z of a block.
+    /// Voxels per block in x, y, z.
     block: [usize; 3],
-    /// Blocks along x, y, z.
+    /// Blocks in x, y, z.
     blocks: [usize; 3],
-    /// Per block: its first cell; one more at the end.
+    /// Per block: its first cell; with a final sentinel.
     first_in_block: Vec<u32>,
 }
 
-/// A piece of air.
+/// A connected part of a block.
 struct Cell {
-    /// The voxel nearest to its middle.
+    /// The voxel nearest to the centre.
     middle: u32,
     voxels: u32,
 }
 
 impl Cells {
-    /// Parts the air into at most `most` cells.
+    /// Divides the air into at most `most` cells.
     pub(crate) fn new(air: &Air, most: usize) -> Self {
         let whole: Vec<bool> = (0..air.grid().len()).map(|voxel| is_whole(air, voxel)).collect();
         let mut edge = BLOCK;
@@ -64,7 +64,7 @@ impl Cells {
         cells
     }
 
-    /// Makes the cells of one block.
+    /// Creates the cells of a block.
     fn part(&mut self, air: &Air, whole: &[bool], index: usize) {
         for voxel in self.voxels(air, index) {
             if whole[voxel] && self.cell_of[voxel] == NOWHERE {
@@ -75,7 +75,7 @@ impl Cells {
         }
     }
 
-    /// The voxels of a block that free steps inside of it join to `seed`; they become the next cell.
+    /// Returns the voxels of a block connected to `seed`; they become the next cell.
     fn flood(&mut self, air: &Air, whole: &[bool], index: usize, seed: usize) -> Vec<usize> {
         let cell = self.cells.len() as u32;
         self.cell_of[seed] = cell;
@@ -110,19 +110,19 @@ impl Cells {
         (z * self.blocks[1] + y) * self.blocks[0] + x
     }
 
-    /// How many cells there are.
+    /// Number of cells.
     pub(crate) fn len(&self) -> usize {
         self.cells.len()
     }
 
-    /// Bytes that the lists take.
+    /// Bytes of the lists.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.cell_of.as_slice())
             + size_of_val(self.cells.as_slice())
             + size_of_val(self.first_in_block.as_slice())
     }
 
-    /// The cell that holds a voxel of the air; [`NOWHERE`] beside surfaces.
+    /// The cell of an air voxel; [`NOWHERE`] near surfaces.
     pub(super) fn of_voxel(&self, voxel: usize) -> u32 {
         self.cell_of[voxel]
     }
@@ -133,8 +133,8 @@ impl Cells {
         self.cells[cell].voxels as f32 * (edge_m * edge_m * edge_m)
     }
 
-    /// Cells around `point` and their weights, which add up to 1: those of the eight blocks next to it whose middle
-    /// is in sight. Without one, the cell of the nearest voxel in sight; empty far from all air.
+    /// Returns cells around `point` with weights of sum 1: the visible ones of the eight adjacent blocks;
+    /// otherwise the cell of the nearest visible voxel; empty if no air is near.
     pub(super) fn around(&self, air: &Air, point: &Point3<f32>) -> Vec<(usize, f32)> {
         let mut around = self.in_sight(air, point);
         if around.is_empty() {
@@ -159,7 +159,7 @@ impl Cells {
         found
     }
 
-    /// The eight blocks whose middles surround `point`, with trilinear weights.
+    /// The eight blocks around `point`, with trilinear weights.
     fn blocks_around(&self, air: &Air, point: &Point3<f32>) -> Vec<(usize, f32)> {
         let grid = air.grid();
         let corner = grid.first_center - Vector3::from_element(0.5 * grid.cell_m);
@@ -184,7 +184,7 @@ impl Cells {
         found
     }
 
-    /// The cell of the nearest voxel that has one, behind as few surfaces as possible.
+    /// The cell of the nearest voxel with a cell, behind as few surfaces as possible.
     fn nearest(&self, air: &Air, point: &Point3<f32>) -> Option<usize> {
         const FAR_M: f32 = 2.0;
         let start = air.clear_cells(point).first().copied().or_else(|| air.nearest_cell(point))?;
@@ -193,7 +193,7 @@ impl Cells {
         }
         let mut seen = vec![start];
         let mut next = 0;
-        // Breadth first: the air beside surfaces is a voxel or two thick.
+        // Breadth first: the air near surfaces is one or two voxels thick.
         const ENOUGH: usize = 4096;
         while let Some(&voxel) = seen.get(next).filter(|_| next < ENOUGH) {
             next += 1;
@@ -210,7 +210,7 @@ impl Cells {
     }
 }
 
-/// Whether no surface cuts the axes of a voxel of room air.
+/// Returns true if no surface cuts the axes of a voxel of room air.
 fn is_whole(air: &Air, voxel: usize) -> bool {
     if !air.in_room(voxel) {
         return false;
@@ -224,7 +224,7 @@ fn is_whole(air: &Air, voxel: usize) -> bool {
         .all(|axis| air.rays().is_clear(&(center - axis * half_m), &(center + axis * half_m)))
 }
 
-/// The one of `members` that is nearest to the middle of them all.
+/// The member nearest to the mean of `members`.
 fn nearest_to_mean(air: &Air, members: &[usize]) -> usize {
     let sum: Vector3<f32> = members.iter().map(|voxel| air.grid().center(*voxel).coords).sum();
     let mean = Point3::from(sum / members.len() as f32);

@@ -1,4 +1,4 @@
-//! How heads hear sound that comes from everywhere.
+//! Head responses to diffuse sound.
 
 use super::noise::{Diffuse, Noise};
 use crate::bands::{BAND_HZ, BANDS};
@@ -9,27 +9,27 @@ use realfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 use std::sync::OnceLock;
 
-/// Directions over which is averaged.
+/// Number of averaged directions.
 const DIRECTIONS: usize = 256;
 
-/// Frequencies at which is measured: multiples of 125 Hz up to half the sample rate.
+/// Number of frequencies: multiples of 125 Hz up to half the sample rate.
 const FREQUENCIES: usize = 65;
 
-/// Above this, filters roll off.
+/// Roll-off frequency of the filters, hertz.
 const MOST_PROBED_HZ: f64 = 6000.0;
 
-/// From farther than this, waves are flat, metres.
+/// Distance of plane waves, metres.
 pub(super) const FAR_M: f32 = 1e6;
 
-/// What a head makes of late energy.
+/// The response of a head to late energy.
 pub(crate) struct HeardField {
     pub(super) noise: Noise,
-    /// Energy at an ear relative to that in the free field, by band, for sound from everywhere.
+    /// Energy at an ear for diffuse sound, relative to the free field, by band.
     energy: [f32; BANDS],
 }
 
 impl HeardField {
-    /// That of `head`, computed on first use.
+    /// Returns the response of `head`, computed on first use.
     pub(crate) fn of(head: &Head) -> &Self {
         static SPHERE: OnceLock<HeardField> = OnceLock::new();
         static OMNI: OnceLock<HeardField> = OnceLock::new();
@@ -54,7 +54,7 @@ impl HeardField {
         Self { noise, energy }
     }
 
-    /// Energy at an ear that answers `response` to a wave, over that for sound from everywhere, by band.
+    /// Energy of `response` relative to diffuse sound, by band.
     pub(super) fn tilt(&self, response: &EarResponse) -> [f32; BANDS] {
         let heard = band_energies(response);
         std::array::from_fn(
@@ -63,10 +63,10 @@ impl HeardField {
     }
 }
 
-/// Frequencies at which the energy of a band is measured, octaves from its centre.
+/// Probe frequencies of a band, octaves from the centre.
 const PROBES_OCTAVES: [f64; 3] = [-0.33, 0.0, 0.33];
 
-/// The energy of an ear's filter in each band.
+/// Energy of an ear filter by band.
 fn band_energies(ear: &EarResponse) -> [f32; BANDS] {
     static WAVES: OnceLock<Vec<[[f32; 2]; HEAD_TAPS]>> = OnceLock::new();
     let waves = WAVES.get_or_init(probe_waves);
@@ -96,7 +96,7 @@ fn probe_waves() -> Vec<[[f32; 2]; HEAD_TAPS]> {
     frequencies.map(wave).collect()
 }
 
-/// What both ears make of plane waves from all directions, by frequency.
+/// Response of both ears to plane waves from all directions, by frequency.
 fn diffuse_field(ears: &impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<Diffuse> {
     let (mut energy, mut likeness) = ([0.0; FREQUENCIES], [0.0; FREQUENCIES]);
     for index in 0..DIRECTIONS {
@@ -113,7 +113,7 @@ fn diffuse_field(ears: &impl Fn(&Vector3<f32>) -> [EarResponse; 2]) -> Vec<Diffu
     energy.into_iter().zip(likeness).map(mean).collect()
 }
 
-/// An ear's response at the frequencies, delay included.
+/// Response of an ear at the frequencies, including the delay.
 fn spectrum(ear: &EarResponse) -> [Complex64; FREQUENCIES] {
     const TURN: usize = 2 * (FREQUENCIES - 1);
     let step_hz = f64::from(SAMPLE_RATE_HZ) / TURN as f64;
@@ -157,7 +157,7 @@ mod tests {
         for frequency_hz in [1500.0, 2000.0, 4000.0, 6000.0] {
             assert!(at(frequency_hz).coherence.abs() < 0.3, "{:?} at {frequency_hz} Hz", at(frequency_hz));
         }
-        // Long waves pass the head as if it were not there; short ones meet half of the surface, at twice the pressure.
+        // Long waves pass the head unchanged; short waves hit half of the surface at twice the pressure.
         assert!((at(125.0).energy - 1.0).abs() < 0.1, "{:?}", at(125.0));
         assert!((1.0..2.5).contains(&at(4000.0).energy), "{:?}", at(4000.0));
     }

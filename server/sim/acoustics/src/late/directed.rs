@@ -1,4 +1,4 @@
-//! The share of early late energy that comes from one direction: through a door, say.
+//! The directional part of early late energy, for example through a door.
 
 use super::diffuse::FAR_M;
 use super::envelope::{Density, Envelope};
@@ -10,13 +10,13 @@ use crate::head::{EarResponse, HEAD_LEAD, HEAD_TAPS};
 use crate::impulse::ImpulseResponse;
 use crate::{Listener, SAMPLE_RATE_HZ, Settings};
 
-/// Slices with less than this share of all late energy are not worth a direction.
+/// Smallest energy share of a slice with a direction.
 const LEAST_SHARE: f32 = 1e-3;
 
-/// Taps that move a filter by a part of a sample.
+/// Taps of the fractional shift of a filter.
 const MOVE_TAPS: usize = 4;
 
-/// Adds what has a direction, slice by slice, each as noise through the filters of both ears.
+/// Adds the directional part of every slice as noise through the filters of both ears.
 pub(super) fn add(
     response: &mut ImpulseResponse,
     envelope: &Envelope,
@@ -42,10 +42,10 @@ pub(super) fn add(
     }
 }
 
-/// The noise of one slice, rising from the middle of the one before and falling to the middle of the next.
+/// Noise of a slice, rising from the centre of the previous slice and falling to the centre of the next.
 fn slice_sound(envelope: &Envelope, index: usize, density: &Density, noise: &Noise) -> Vec<f32> {
     let samples = envelope.samples_of(index);
-    // Neighbours overlap: each has noise of its own, so that their energies add up.
+    // Neighbouring slices overlap and use independent noise, so that their energies add.
     let first = samples.start + (index % 2) * PERIOD / 2;
     let mut sound = vec![0.0_f32; samples.len()];
     for band in (0..BANDS).filter(|band| density[*band] > 0.0) {
@@ -59,7 +59,7 @@ fn slice_sound(envelope: &Envelope, index: usize, density: &Density, noise: &Noi
     sound
 }
 
-/// Adds `sound`, which passes the centre of the head from sample `first` on, as the ear hears it.
+/// Adds `sound`, which passes the head centre from sample `first`, as heard by the ear.
 fn add_filtered(ear: &mut Vec<f32>, sound: &[f32], first: usize, filter: &EarResponse, most_samples: usize) {
     let delay = filter.delay_s * f64::from(SAMPLE_RATE_HZ);
     let whole = libm::floor(delay);
@@ -77,7 +77,7 @@ fn add_filtered(ear: &mut Vec<f32>, sound: &[f32], first: usize, filter: &EarRes
     }
 }
 
-/// The filter later by one sample and `fraction` (0 to 1) of another: Lagrange's polynomial through four taps.
+/// The filter delayed by one sample and `fraction` (0 to 1): Lagrange interpolation with four taps.
 fn moved(filter: &[f32; HEAD_TAPS], fraction: f32) -> [f32; HEAD_TAPS + MOVE_TAPS] {
     let d = 1.0 + fraction;
     let weights = [

@@ -1,27 +1,27 @@
-//! Energy over time: straight lines between the middles of slices.
+//! Energy over time, interpolated linearly between slice centres.
 
 use super::bins;
 use super::field::Slice;
 use crate::SAMPLE_RATE_HZ;
 use crate::bands::BANDS;
 
-/// Samples over which gains go straight from one value to the next.
+/// Samples with linearly interpolated gains.
 pub(super) const BLOCK: usize = 16;
 
-/// Energy a second by band; the direct wave at 1 m has the energy 1.
+/// Energy per second by band; the direct wave at 1 m has energy 1.
 pub(super) type Density = [f32; BANDS];
 
-/// When late sound begins and ends, and how much time each slice stands for.
+/// Start, end and slice weights of late sound.
 ///
-/// Before the first middle and after the last, energy is constant. All energy of a slice is in its two lines, also
-/// where the sound begins in the midst of it.
+/// Energy is constant before the first centre and after the last. Both lines of a slice contain its whole
+/// energy, also if the sound starts inside the slice.
 pub(super) struct Envelope {
-    /// Sample at which the sound begins.
+    /// First sample of the sound.
     pub(super) start: usize,
     blocks: usize,
-    /// Per slice: its middle, seconds.
+    /// Per slice: its centre, seconds.
     middles_s: Vec<f32>,
-    /// Per block: where it starts.
+    /// Per block: its start.
     places: Vec<Place>,
     /// Per slice: seconds under its two lines.
     weight_s: Vec<f32>,
@@ -42,8 +42,8 @@ impl Envelope {
         Self { start, blocks, middles_s, places, weight_s }
     }
 
-    /// The slices with what comes before the sound begins moved to the first one after it: cells are larger than a
-    /// point, and what is known of them may be early.
+    /// Moves energy before the start of the sound into the first slice after it: cells have an extent, so
+    /// their energy can be early.
     pub(super) fn gathered(&self, slices: &[Slice]) -> Vec<Slice> {
         let mut early = [0.0; BANDS];
         let gather = |(slice, weight_s): (&Slice, &f32)| {
@@ -55,7 +55,7 @@ impl Envelope {
         slices.iter().zip(&self.weight_s).map(gather).collect()
     }
 
-    /// Energy a second at the middle of slice `index`.
+    /// Energy per second at the centre of slice `index`.
     pub(super) fn density(&self, index: usize, slice: &Slice) -> Density {
         slice.energy.map(|energy| if energy > 0.0 { energy / self.weight_s[index] } else { 0.0 })
     }
@@ -70,13 +70,14 @@ impl Envelope {
         })
     }
 
-    /// Blocks until slice `index` begins, no more than there are.
+    /// Number of blocks before slice `index`, limited to the total.
     pub(super) fn blocks_until(&self, index: usize) -> usize {
         let sample = (bins::start_s(index) * SAMPLE_RATE_HZ as f32) as usize;
         (sample.saturating_sub(self.start) / BLOCK + 1).min(self.blocks)
     }
 
-    /// Samples between the middles of the slices before and after slice `index`, as far as the sound has begun.
+    /// Sample range between the centres of the slices before and after `index`, limited by the start of the
+    /// sound.
     pub(super) fn samples_of(&self, index: usize) -> std::ops::Range<usize> {
         let sample = |time_s: f32| (time_s * SAMPLE_RATE_HZ as f32) as usize;
         let from = if index == 0 { 0 } else { sample(self.middles_s[index - 1]) };
@@ -95,11 +96,11 @@ impl Envelope {
     }
 }
 
-/// Between two middles.
+/// A position between two centres.
 struct Place {
-    /// The slice of the earlier one.
+    /// The earlier slice.
     slice: usize,
-    /// How far it is on the way to the later one, 0 to 1.
+    /// Fraction towards the later slice, 0 to 1.
     share: f32,
 }
 
@@ -107,7 +108,7 @@ fn middle_s(slice: usize) -> f32 {
     0.5 * (bins::start_s(slice) + bins::start_s(slice + 1))
 }
 
-/// The places of the samples `first`, `first` + [`BLOCK`] and so on.
+/// Positions of the samples `first`, `first` + [`BLOCK`] and so on.
 fn places(first: usize, count: usize, middles_s: &[f32]) -> impl Iterator<Item = Place> {
     let mut slice = 0;
     (0..count).map(move |block| {
@@ -119,7 +120,7 @@ fn places(first: usize, count: usize, middles_s: &[f32]) -> impl Iterator<Item =
     })
 }
 
-/// How far `time_s` is on the way from the middle of a slice to the next middle, 0 to 1.
+/// Fraction of `time_s` between the centre of a slice and the next, 0 to 1.
 fn share_of_next(slice: usize, time_s: f32, middles_s: &[f32]) -> f32 {
     let Some(next_s) = middles_s.get(slice + 1) else { return 0.0 };
     ((time_s - middles_s[slice]) / (next_s - middles_s[slice])).clamp(0.0, 1.0)

@@ -1,4 +1,4 @@
-//! The late energy of one source, everywhere.
+//! Late energy of a source in the whole building.
 
 use super::bins;
 use super::cells::NOWHERE;
@@ -11,48 +11,48 @@ use crate::surfaces::SURFACE_BANDS;
 use crate::{SPEED_OF_SOUND_M_S, Settings};
 use avln_geom::{Point3, Rng, Vector3};
 
-/// Draws that belong to late energy and to nothing else.
+/// Salt of the random draws for late energy.
 const SALT: u64 = 0x5d0_1a7e;
 
-/// The most that the energy of a source may take in memory.
+/// Largest memory of the energy of a source, bytes.
 const MOST_BYTES: usize = 6 << 20;
 
 /// Energy by cell, slice of time, band and direction.
 pub(crate) struct LateField {
-    /// Per cell: its row in `values`, [`NOWHERE`] where nothing arrives.
+    /// Per cell: its row in `values`, [`NOWHERE`] without energy.
     row_of: Vec<u32>,
-    /// `rows × slices × channels`: energy a cubic metre times metres, in the upper half of a 32-bit float.
+    /// `rows × slices × channels`: energy per cubic metre times metres, in the upper half of a 32-bit float.
     values: Vec<u16>,
-    /// Per slice and band: what the air leaves.
+    /// Per slice and band: the energy share after air absorption.
     air: Vec<[f32; BANDS]>,
-    /// Share of the energy that left the building through holes, 0 to 1.
+    /// Energy share lost through holes of the building, 0 to 1.
     lost_share: f32,
 }
 
-/// Late energy at one place. The direct wave at 1 m has the energy 1.
+/// Late energy at a position. The direct wave at 1 m has energy 1.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Echo {
-    /// Slices of time from emission on.
+    /// Time slices from the emission.
     pub(crate) slices: Vec<Slice>,
 }
 
-/// What arrives in a slice of time.
+/// Energy of a time slice.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Slice {
     pub(crate) energy: [f32; BANDS],
-    /// Direction in which the energy travels; 0 where it travels evenly in all, length 1 where in one only.
+    /// Energy flow direction; 0 if isotropic, length 1 if unidirectional.
     pub(crate) flow: Vector3<f32>,
 }
 
 impl LateField {
-    /// So many cells fit into [`MOST_BYTES`].
+    /// Number of cells within [`MOST_BYTES`].
     pub(crate) fn most_cells(settings: &Settings) -> usize {
         MOST_BYTES / (bins::count(settings.response_s).max(1) * CHANNELS * size_of::<u16>())
     }
 
-    /// Traces the rays of a source whose sound comes into the air at `outlet`, which must be finite.
+    /// Traces the rays of a source whose sound enters the air at `outlet`, which must be finite.
     ///
-    /// Left out is what is heard as waves of their own: the direct one, and those of `images`.
+    /// Excludes discrete waves: the direct wave, and those of `images`.
     pub(crate) fn new(building: &Building, outlet: &Point3<f32>, images: &Images) -> Self {
         Self::with_key(building, outlet, images, key_of(outlet))
     }
@@ -75,7 +75,7 @@ impl LateField {
         writer.halves(&self.values);
     }
 
-    /// What [`LateField::write`] wrote; `None` when it does not fit the building.
+    /// Reads the output of [`LateField::write`]; `None` if it does not fit the building.
     pub(crate) fn read(reader: &mut Reader, building: &Building) -> Option<Self> {
         let count = bins::count(building.settings.response_s);
         let (lost_share, row_of, values) = (reader.words()?, reader.words()?, reader.halves()?);
@@ -86,17 +86,17 @@ impl LateField {
         fits.then(|| Self { row_of, values, air: air_leaves(count), lost_share })
     }
 
-    /// Bytes that the lists take.
+    /// Bytes of the lists.
     pub(crate) fn byte_count(&self) -> usize {
         size_of_val(self.values.as_slice()) + size_of_val(self.row_of.as_slice())
     }
 
-    /// Share of the energy that left the building through holes, 0 to 1.
+    /// Energy share lost through holes of the building, 0 to 1.
     pub(crate) fn lost_share(&self) -> f32 {
         self.lost_share
     }
 
-    /// What arrives at `listener`.
+    /// Returns the late energy at `listener`.
     pub(crate) fn at(&self, building: &Building, listener: &Point3<f32>) -> Echo {
         let width = self.air.len() * CHANNELS;
         let mut sums = vec![0.0_f32; width];
@@ -112,7 +112,7 @@ impl LateField {
     }
 }
 
-/// Per slice and band: the share of the energy that the air leaves.
+/// Per slice and band: energy share after air absorption.
 fn air_leaves(count: usize) -> Vec<[f32; BANDS]> {
     let leaves = |bin| {
         let middle_s = 0.5 * (bins::start_s(bin) + bins::start_s(bin + 1));
@@ -122,14 +122,14 @@ fn air_leaves(count: usize) -> Vec<[f32; BANDS]> {
 }
 
 fn slice(channels: &[f32], air: &[f32; BANDS]) -> Slice {
-    // The table of surfaces ends at 4 kHz; above, only the air takes more.
+    // The surface table ends at 4 kHz; higher bands only add air absorption.
     let energy = std::array::from_fn(|band| channels[band.min(SURFACE_BANDS - 1)] * air[band]);
     let mean = channels[..SURFACE_BANDS].iter().sum::<f32>() / SURFACE_BANDS as f32;
     let flux = Vector3::from_column_slice(&channels[SURFACE_BANDS..]);
     Slice { energy, flow: if mean > 0.0 { flux / mean } else { Vector3::zeros() } }
 }
 
-/// From energy times length to the density of it in each cell.
+/// Converts energy times length into density per cell.
 fn divide_by_volumes(building: &Building, tally: &mut Tally) {
     let width = tally.bins * CHANNELS;
     for (cell, row) in tally.row_of.iter().enumerate().filter(|(_, row)| **row != NOWHERE) {
@@ -139,7 +139,7 @@ fn divide_by_volumes(building: &Building, tally: &mut Tally) {
     }
 }
 
-/// The key of a source's draws: the bits of its place.
+/// Key of the random draws of a source: the bits of its position.
 fn key_of(outlet: &Point3<f32>) -> u64 {
     outlet.iter().fold(SALT, |key, coordinate| Rng::word(key, u64::from(coordinate.to_bits())))
 }

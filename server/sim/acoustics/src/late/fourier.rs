@@ -1,4 +1,4 @@
-//! The discrete Fourier transform with equal bits on every processor.
+//! A discrete Fourier transform with equal bits on every processor.
 
 use realfft::num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -17,7 +17,7 @@ impl Fourier {
         Self { turns: (0..points / 2).map(turn).collect() }
     }
 
-    /// `sum over n of values[n] exp(-2 pi i k n / points)` in place of each value.
+    /// Replaces values by `sum over n of values[n] exp(-2 pi i k n / points)`.
     pub(super) fn forward(&self, values: &mut [Complex64]) {
         let points = values.len();
         reverse_bits(values);

@@ -1,34 +1,35 @@
-//! Makes late energy differ at two ears as sound from everywhere does in every few hundredths of a second.
+//! Interaural decorrelation of late energy in every 32 ms, as in a diffuse field.
 //!
-//! Two noises that differ by chance alone agree by chance at some lag, and all places would hear the same direction in it.
+//! Two independent noises correlate by chance at some lag, and all positions would hear the same direction in
+//! it.
 
 use super::fourier::Fourier;
 use super::noise::PERIOD;
 use realfft::num_complex::Complex64;
 use std::f64::consts::{FRAC_PI_4, PI};
 
-/// Parts of the period that are looked at: 32 ms each, and each half over the one before.
+/// Analysed parts of the period: 32 ms long, with half overlap.
 const PARTS: usize = 32;
 
-/// Longest lag that could be taken for a direction, samples: 1 ms.
+/// Longest lag perceived as a direction, samples: 1 ms.
 const HEARD_SAMPLES: usize = 16;
 
-/// How much of what is too much is taken out at once: about half of it comes back, as a band has no sharp lags.
+/// Over-correction factor: about half of a correction returns, because lags of a band are not sharp.
 const STEP: f64 = 2.0;
 
-/// What one band of two ears' noise should have in common.
+/// Target interaural correlation of a noise band.
 pub(super) struct Lags {
     fourier: Fourier,
     window: Vec<f64>,
-    /// Per frequency of a part: the mean cosine of the phase between the ears; `None` beyond the band.
+    /// Per frequency of a part: mean cosine of the interaural phase; `None` outside the band.
     cosines: Vec<Option<f64>>,
-    /// The last lag that counts, points.
+    /// Last relevant lag, points.
     last: usize,
 }
 
 impl Lags {
-    /// For noise of `points` points a period; `coherence` tells, by bin of the whole period, how alike the ears are, -1 to
-    /// 1, where there is anything of the band.
+    /// Creates targets for noise with `points` points per period; `coherence` is the interaural coherence by
+    /// bin of the whole period, -1 to 1, inside the band.
     pub(super) fn new(points: usize, coherence: impl Fn(usize) -> Option<f64>) -> Self {
         let length = points / PARTS;
         let window = |n| libm::sin(PI * (n as f64 + 0.5) / length as f64);
@@ -40,7 +41,7 @@ impl Lags {
         }
     }
 
-    /// Turns the phases of both ears, one period each, towards what they should have in common.
+    /// Rotates the phases of both ears, a period each, towards the target correlation.
     pub(super) fn even_out(&self, ears: &mut [Vec<Complex64>; 2]) {
         let (length, points) = (self.window.len(), ears[0].len());
         let mut sums = [(); 2].map(|()| vec![Complex64::default(); points]);
@@ -57,7 +58,7 @@ impl Lags {
         *ears = sums;
     }
 
-    /// The spectrum of the part from `start` on.
+    /// Spectrum of the part from `start`.
     fn part(&self, ear: &[Complex64], start: usize) -> Vec<Complex64> {
         let value = |(n, window): (usize, &f64)| ear[(start + n) % ear.len()] * *window;
         let mut part: Vec<_> = self.window.iter().enumerate().map(value).collect();
@@ -65,7 +66,7 @@ impl Lags {
         part
     }
 
-    /// Takes out what the phases between the ears have too much at lags that count, half at either ear.
+    /// Removes excess correlation at relevant lags, half at each ear.
     fn turn(&self, parts: &mut [Vec<Complex64>; 2]) {
         let [left, right] = parts;
         let phases: Vec<_> = left.iter().zip(right.iter()).map(|(l, r)| unit(r * l.conj())).collect();
@@ -91,8 +92,8 @@ impl Lags {
     }
 }
 
-/// Mean cosine of the phase between two Gaussian noises whose coherence is real: within 0.05 of
-/// `pi/4 c F(1/2, 1/2; 2; c^2)`, which follows from the density of that phase (Goodman 2007, "Speckle Phenomena in Optics").
+/// Mean cosine of the phase between two Gaussian noises with real coherence: within 0.05 of `pi/4 c F(1/2,
+/// 1/2; 2; c^2)`, from the density of that phase (Goodman 2007, "Speckle Phenomena in Optics").
 fn mean_cosine(coherence: f64) -> f64 {
     FRAC_PI_4 * coherence + (1.0 - FRAC_PI_4) * coherence * coherence * coherence
 }
@@ -107,14 +108,14 @@ mod tests {
     use super::*;
     use avln_geom::Rng;
 
-    /// Two ears' white noise with nothing in common, one period of as many points.
+    /// Two independent white noises with a period of `points` points.
     fn two_noises() -> [Vec<Complex64>; 2] {
         let mut rng = Rng::new(4);
         let mut ear = || (0..PERIOD).map(|_| Complex64::new(rng.unit() - 0.5, rng.unit() - 0.5)).collect();
         [ear(), ear()]
     }
 
-    /// The highest peak at lags that count of what phases have in common, mean of all parts, 0 to 1.
+    /// Highest phase correlation peak at relevant lags, mean over parts, 0 to 1.
     fn peak(lags: &Lags, ears: &[Vec<Complex64>; 2]) -> f64 {
         let length = lags.window.len();
         let of_part = |start| {

@@ -1,10 +1,10 @@
-//! A leg of a ray through the voxels of the air (Amanatides and Woo, 1987).
+//! Traversal of air voxels by a ray (Amanatides and Woo, 1987).
 
 use crate::air::Grid;
 use avln_geom::{Point3, Vector3};
 
-/// Calls `visit` with the index of every voxel on the way from `from` along the unit vector `direction`, and the
-/// metres from `from` at which the way enters and leaves it.
+/// Calls `visit` with the index of every voxel on the ray from `from` in the unit direction `direction`, and
+/// the distances in metres at entry and exit.
 pub(super) fn march(
     grid: &Grid,
     from: &Point3<f32>,
@@ -41,7 +41,7 @@ pub(super) fn march(
     }
 }
 
-/// Where the grid begins along `axis`.
+/// Lower bound of the grid on `axis`.
 fn low(grid: &Grid, axis: usize) -> f32 {
     grid.first_center[axis] - 0.5 * grid.cell_m
 }
@@ -51,7 +51,7 @@ fn inverse(direction: f32) -> f32 {
     if direction.abs() < 1.0 / HUGE { HUGE.copysign(direction) } else { 1.0 / direction }
 }
 
-/// The part of the leg inside of the grid's box.
+/// Part of the leg inside the grid box.
 fn inside(grid: &Grid, from: &Point3<f32>, direction: &Vector3<f32>, length_m: f32) -> Option<(f32, f32)> {
     let (mut near_m, mut far_m) = (0.0_f32, length_m);
     for axis in 0..3 {

@@ -1,8 +1,8 @@
-//! The noise that late energy sounds like: always the same, so that steps from place to place fit together.
+//! The noise of late energy. It is constant, so that positions are coherent.
 //!
-//! Each band has nearly the same energy in every few milliseconds, so that what is heard decays as the field says and
-//! not as chance has it: "low-noise noise" (Pumplin 1985, J. Acoust. Soc. Am. 78), made by dividing by the envelope
-//! and putting the spectrum right again, over and over (Kohlrausch and others 1997, Acta Acustica 83).
+//! Every band has nearly constant energy, so that decays follow the field instead of chance: "low-noise
+//! noise" (Pumplin 1985, J. Acoust. Soc. Am. 78), made by repeated division by the envelope and restoration
+//! of the spectrum (Kohlrausch and others 1997, Acta Acustica 83).
 
 use super::envelope::BLOCK;
 use super::fourier::Fourier;
@@ -13,29 +13,29 @@ use avln_geom::Rng;
 use realfft::num_complex::Complex64;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// After so many samples the noise begins anew, a second. A power of two.
+/// Period of the noise, samples: about a second. A power of two.
 pub(super) const PERIOD: usize = 16_384;
 
-/// How often the envelope is made even.
+/// Iterations of envelope flattening.
 const ROUNDS: usize = 12;
 
 /// Width of the border between bands, octaves.
 const BORDER_OCTAVES: f64 = 0.25;
 
-/// The lowest frequencies are left out: they are no sound.
+/// Lowest frequency, hertz; lower frequencies are inaudible.
 const LOWEST_HZ: f64 = 40.0;
 
-/// How a head hears sound from everywhere, at one frequency.
+/// Diffuse-field response of a head at a frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Diffuse {
-    /// Energy at an ear relative to that in the free field.
+    /// Energy at an ear relative to the free field.
     pub(super) energy: f64,
-    /// Likeness of both ears, -1 to 1: the real part of their coherence.
+    /// Real part of the interaural coherence, -1 to 1.
     pub(super) coherence: f64,
 }
 
-/// Noise of unit spectral density, a period and a block of it, in the free field, by band; in each band of both ears as `Diffuse` tells, and at a
-/// point for what comes from one direction.
+/// Noise of unit spectral density by band, a period and a block long: in the free field, at both ears for a
+/// diffuse field, and at a point for directional sound.
 pub(super) struct Noise {
     pub(super) left: [Vec<f32>; BANDS],
     pub(super) right: [Vec<f32>; BANDS],
@@ -43,7 +43,7 @@ pub(super) struct Noise {
 }
 
 impl Noise {
-    /// Makes noise for ears that hear sound from everywhere as `diffuse` says for a frequency in hertz.
+    /// Creates noise for ears with the diffuse-field response `diffuse` (by frequency in hertz).
     pub(super) fn new(diffuse: impl Fn(f64) -> Diffuse) -> Self {
         let mut noise = Self::silent();
         for band in 0..BANDS {
@@ -62,7 +62,7 @@ impl Noise {
     }
 }
 
-/// Half the sum and half the difference of two ears' noise in one band, as spectra of positive frequencies.
+/// Half sum and half difference of two ears' noise in a band, as positive-frequency spectra.
 struct Pair {
     sum: Vec<Complex64>,
     difference: Vec<Complex64>,
@@ -100,7 +100,7 @@ impl Pair {
         pair
     }
 
-    /// Gives the spectra their sizes and leaves their phases.
+    /// Restores the magnitudes of the spectra, without the phases.
     fn resize(&mut self) {
         let sizes = [(&mut self.sum, &self.sum_size), (&mut self.difference, &self.difference_size)];
         for (spectrum, sizes) in sizes {
@@ -111,9 +111,9 @@ impl Pair {
         }
     }
 
-    /// Makes the envelopes of both ears as even as the spectra allow.
+    /// Flattens the envelopes of both ears as far as the spectra allow.
     fn even_out(&mut self, coherence: impl Fn(usize) -> Option<f64>) {
-        // The envelope of a band needs no more points than twice its bins.
+        // The envelope of a band needs at most twice as many points as bins.
         let points = (2 * self.sum.len()).next_power_of_two().min(PERIOD);
         let (fourier, lags) = (Fourier::new(points), Lags::new(points, coherence));
         for _ in 0..ROUNDS {
@@ -133,7 +133,7 @@ impl Pair {
         }
     }
 
-    /// The spectrum of one ear: `sign` is 1 for the left one, -1 for the right one.
+    /// Spectrum of an ear: `sign` is 1 for the left ear, -1 for the right ear.
     fn ear(&self, sign: f64, points: usize) -> Vec<Complex64> {
         let mut ear: Vec<_> =
             self.sum.iter().zip(&self.difference).map(|(sum, difference)| sum + difference * sign).collect();
@@ -141,7 +141,7 @@ impl Pair {
         ear
     }
 
-    /// Both ears over time.
+    /// Time signals of both ears.
     fn samples(&self) -> [Vec<f32>; 2] {
         let fourier = Fourier::new(PERIOD);
         // A real signal has half of its spectrum at negative frequencies.
@@ -157,14 +157,14 @@ impl Pair {
     }
 }
 
-/// The last bin in which there is anything of `band`.
+/// Last bin of `band`.
 fn highest_bin(band: usize) -> usize {
     let edge_hz = f64::from(BAND_HZ[band]) * libm::exp2(0.5 + 0.5 * BORDER_OCTAVES);
     let bin = edge_hz * PERIOD as f64 / f64::from(SAMPLE_RATE_HZ);
     (bin as usize).min(PERIOD / 2 - 1)
 }
 
-/// The share of the energy at `frequency_hz` that belongs to `band`; the shares of all bands add up to 1.
+/// Energy share of `band` at `frequency_hz`; the shares add up to 1.
 fn band_energy(band: usize, frequency_hz: f64) -> f64 {
     if frequency_hz < LOWEST_HZ {
         return 0.0;
@@ -175,7 +175,7 @@ fn band_energy(band: usize, frequency_hz: f64) -> f64 {
     above * below
 }
 
-/// From 0 to 1 over the border between two bands, `octaves` from its middle.
+/// Transition from 0 to 1 across a band edge, `octaves` from its centre.
 fn rise(octaves: f64) -> f64 {
     let share = (octaves / BORDER_OCTAVES + 0.5).clamp(0.0, 1.0);
     let sine = libm::sin(FRAC_PI_2 * share);
@@ -209,7 +209,7 @@ mod tests {
             let bandwidth = f64::from(*center_hz) * std::f64::consts::FRAC_1_SQRT_2 / 8000.0;
             let expected = PERIOD as f64 * if band == BANDS - 1 { 0.293 } else { bandwidth };
             assert!((energy / expected - 1.0).abs() < 0.05, "band {band}: {energy} of {expected}");
-            // Slices of 10 ms: plain noise of 90 Hz would spread by 75 %.
+            // Slices of 10 ms: plain noise of 90 Hz bandwidth would vary by 75 %.
             let slices = left.chunks(160).map(|slice| dot(slice, slice) * PERIOD as f64 / 160.0 / energy);
             let spread = slices.clone().map(|share| (share - 1.0) * (share - 1.0)).sum::<f64>();
             let spread = (spread / slices.count() as f64).sqrt();

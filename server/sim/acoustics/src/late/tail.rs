@@ -1,4 +1,4 @@
-//! Late energy as sound at two ears.
+//! Rendering of late energy at two ears.
 
 use super::diffuse::{FAR_M, HeardField};
 use super::directed;
@@ -10,17 +10,17 @@ use crate::impulse::ImpulseResponse;
 use crate::{Listener, SAMPLE_RATE_HZ, SPEED_OF_SOUND_M_S, Settings};
 use avln_geom::Vector3;
 
-/// What is quieter than this, relative to the direct wave at 1 m, is not heard: 140 dB down.
+/// Inaudible energy relative to the direct wave at 1 m: -140 dB.
 const SILENT: f32 = 1e-7;
 
-/// Slices from the first on in which the share of sound that has a direction comes from there, with its delay
-/// between the ears: 80 ms. Later, it only makes one ear louder.
+/// Number of first slices (80 ms) with directional rendering including interaural delay. Later directions
+/// only change the level difference.
 pub(super) const DIRECTED: usize = 16;
 
-/// Slices of later sound whose directions are averaged.
+/// Slices per group with a common direction in later sound.
 const GROUP: usize = 16;
 
-/// Adds `echo` to both ears of `listener`, from when sound has travelled `first_m` on.
+/// Adds `echo` to both ears of `listener`, starting after a path length of `first_m`.
 pub(crate) fn add_tail(
     response: &mut ImpulseResponse,
     listener: &Listener,
@@ -43,16 +43,15 @@ pub(crate) fn add_tail(
     directed::add(response, &envelope, &slices, &densities, listener, settings, &heard.noise);
 }
 
-/// Share of the sound in a slice that has a direction, 0 to 1.
+/// Directional share of the sound in a slice, 0 to 1.
 ///
-/// Sound whose energy falls off evenly from one side to the other (as `1 + 3 f cos`) flows by `f`; only what flows more must
-/// come from somewhere.
+/// Sound with a smooth asymmetry (`1 + 3 f cos`) has a flow of `f`; only a larger flow needs a direction.
 pub(super) fn directed_share(slice: &Slice) -> f32 {
     const BROAD: f32 = 0.22;
     ((slice.flow.norm().min(1.0) - BROAD) / (1.0 - BROAD)).max(0.0)
 }
 
-/// What the diffuse sound of each slice is multiplied by at the left and the right ear, by band.
+/// Gains of diffuse sound per slice at the left and right ear, by band.
 fn shares(
     slices: &[Slice],
     listener: &Listener,
@@ -72,7 +71,7 @@ fn shares(
     shares
 }
 
-/// How much louder or quieter each ear is where sound comes more from one side.
+/// Gain of each ear for asymmetric sound.
 fn group_tilt(group: &[Slice], listener: &Listener, settings: &Settings, heard: &HeardField) -> [Density; 2] {
     let weight = |slice: &Slice| slice.energy.iter().sum::<f32>();
     let total: f32 = group.iter().map(weight).sum();
@@ -86,7 +85,7 @@ fn group_tilt(group: &[Slice], listener: &Listener, settings: &Settings, heard: 
     ears.map(|ear| heard.tilt(&ear).map(|tilt| 1.0 - share + share * tilt))
 }
 
-/// Adds what comes from everywhere.
+/// Adds the diffuse part.
 fn add_diffuse(
     response: &mut ImpulseResponse,
     envelope: &Envelope,
@@ -117,7 +116,7 @@ fn add_diffuse(
     }
 }
 
-/// Adds one block of noise whose gains go from `before` to `after`.
+/// Adds a block of noise with gains from `before` to `after`.
 fn add_block(
     samples: &mut [f32],
     noise: &[Vec<f32>; BANDS],
@@ -126,7 +125,7 @@ fn add_block(
     after: &[f32; BANDS],
 ) {
     let mut sums = [0.0_f32; BLOCK];
-    // Blocks begin anywhere; the noise goes on behind its end as far as a block.
+    // Blocks start anywhere; the stored noise continues for a block after its period.
     let start = first % PERIOD;
     for band in 0..BANDS {
         if before[band].max(after[band]) > SILENT {

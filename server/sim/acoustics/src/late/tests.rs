@@ -39,7 +39,7 @@ fn field(building: &Building, source: [f32; 3]) -> LateField {
     LateField::new(building, &source.into(), &Images::new(building, &source.into()))
 }
 
-/// Energy of one band in each slice of time, mean over places all over the room, air taken out of it.
+/// Band energy per time slice, averaged over positions in the room, without air absorption.
 fn mean_energy(building: &Building, field: &LateField, band: usize) -> Vec<f64> {
     let places: Vec<_> = (1..6).flat_map(|x| (1..5).map(move |z| [x as f32, 1.3, z as f32])).collect();
     let mut sums = Vec::new();
@@ -75,7 +75,7 @@ fn reverberation_s(energy: &[f64], from_s: f64, to_s: f64) -> f64 {
     -60.0 / slope
 }
 
-/// Volume and surface of the room, and its reverberation after Eyring and Sabine, seconds.
+/// Volume and surface of the room, and reverberation times after Eyring and Sabine, seconds.
 fn theory(absorption: f64) -> (f64, f64) {
     let [x, y, z] = SIZE_M.map(f64::from);
     let (volume, area) = (x * y * z, 2.0 * (x * y + y * z + z * x));
@@ -110,7 +110,7 @@ fn energy_is_kept_where_nothing_absorbs() {
     let counted: f32 =
         (0..building.cells.len()).map(|cell| building.cells.volume_m3(&building.air, cell)).sum();
     let room: f32 = SIZE_M.iter().product();
-    // All rays are on their way all the time, evenly in the volume; slices from 80 ms to 1 s.
+    // All rays travel all the time, uniformly in the volume; slices from 80 ms to 1 s.
     for bin in 16..bins - 1 {
         let found: f32 = tally.sums.chunks(bins * CHANNELS).map(|row| row[bin * CHANNELS]).sum();
         let due = 4.0 * PI * width_s(bin) * f64::from(SPEED_OF_SOUND_M_S) * f64::from(counted / room);
@@ -163,7 +163,8 @@ fn responses_hold_the_energy_and_the_decay_of_the_field() {
     let first = (3.0 / SPEED_OF_SOUND_M_S * 16_000.0) as usize;
     assert!(response.left[..first].iter().all(|sample| *sample == 0.0));
     assert_eq!(response.left, response.right);
-    // Octaves of white noise: half an octave up and down, all that is below the first, all that is above the last.
+    // Octaves of white noise: half an octave to each side, with everything below the first and above the
+    // last.
     let edges_hz = [40.0, 176.8, 353.6, 707.1, 1414.2, 2828.4, 5656.9, 8000.0];
     for (from_s, to_s) in [(0.0, 0.05), (0.05, 0.16), (0.16, 0.4)] {
         let within = (0..echo.slices.len()).filter(|bin| (from_s..to_s).contains(&mid_s(*bin)));
@@ -188,7 +189,7 @@ fn what_walls_are_cut_into_does_not_matter() {
     assert!(step_db.abs() < 0.2, "{step_db} dB");
 }
 
-/// Energy of 10 to 60 ms at some places with some keys: mean square of its relative deviations.
+/// Energy from 10 to 60 ms at some positions with some keys: mean squared relative deviation.
 fn variance(rays: usize) -> f64 {
     const KEYS: u64 = 8;
     let building = room(surface(0.1, 0.4), settings(rays));
@@ -238,7 +239,7 @@ fn what_comes_from_one_side_is_heard_from_there() {
     let mut response = ImpulseResponse::default();
     add_tail(&mut response, &listener, &echo, 1.0, &settings(0));
     let energy = |ear: &[f32]| ear.iter().map(|sample| f64::from(sample * sample)).sum::<f64>();
-    // It travels to the right, so that the left ear is turned to it.
+    // The sound travels to the right, so the left ear faces it.
     let (early, late) = (0..1280, 1400..2000);
     for span in [early, late] {
         let level_db = 10.0 * (energy(&response.left[span.clone()]) / energy(&response.right[span])).log10();

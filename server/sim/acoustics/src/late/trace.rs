@@ -1,4 +1,4 @@
-//! Rays that carry a source's energy through a building.
+//! Rays that carry the energy of a source through a building.
 
 use super::bins::{bin_of, doublings};
 use super::cells::NOWHERE;
@@ -10,55 +10,55 @@ use crate::surfaces::{SURFACE_BANDS, Surface};
 use avln_geom::{Hit, Point3, Rng, Vector3, angle};
 use std::f32::consts::{PI, TAU};
 
-/// Numbers that are counted per cell and slice of time: the energy of each band, and the flux along x, y, z.
+/// Counters per cell and time slice: energy per band, and the flux in x, y, z.
 pub(super) const CHANNELS: usize = SURFACE_BANDS + 3;
 
-/// Rays with less than this share of their first energy in every band end: 65 dB down.
+/// Rays below this share of their initial energy in every band end: -65 dB.
 const FAINT: f32 = 3.2e-7;
 
-/// Rays end after so many surfaces; only those that are caught in a crack meet more.
+/// Limit on surfaces per ray; only rays trapped in a crack exceed it.
 const MOST_BOUNCES: u64 = 1 << 14;
 
-/// The next leg starts so far off the surface, metres.
+/// Offset of the next leg from the surface, metres.
 const OFF_SURFACE_M: f32 = 2e-4;
 
-/// Half of the rays end where slices are four times as wide as at first, and half of the others where they are eight times as
-/// wide: the others count twice, and each slice is met as often as before. A quarter goes on to the end.
+/// Half of the rays end at fourfold slice width, and half of the remaining rays at eightfold width. Survivors
+/// count double, so every slice has the same statistics. A quarter continues to the end.
 const MOST_HALVINGS: u32 = 2;
 
-/// What may go through a surface is followed at least this often, so that quiet rooms are heard evenly.
+/// Smallest transmission probability, so that quiet rooms have even statistics.
 const LEAST_FOLLOWED: f32 = 0.02;
 
-/// What all rays of a source leave behind.
+/// Accumulated energy of all rays of a source.
 pub(super) struct Tally {
-    /// Per cell: its row in `sums`, [`NOWHERE`] where no ray passed.
+    /// Per cell: its row in `sums`, [`NOWHERE`] without rays.
     pub(super) row_of: Vec<u32>,
-    /// `rows × bins × CHANNELS`: energy per square metre re the source's at 1 m, times cubic metres.
+    /// `rows × bins × CHANNELS`: energy per square metre relative to the source at 1 m, times cubic metres.
     pub(super) sums: Vec<f32>,
     pub(super) bins: usize,
-    /// Share of the energy that left the building through holes, mean of the bands.
+    /// Energy share lost through holes of the building, mean over bands.
     pub(super) lost_share: f32,
 }
 
-/// One ray at the start of a leg.
+/// A ray at the start of a leg.
 #[derive(Clone, Copy)]
 struct Ray {
     index: u64,
     origin: Point3<f32>,
     direction: Vector3<f32>,
-    /// Share of the first energy that is left, by band.
+    /// Remaining energy share by band.
     weights: [f32; SURFACE_BANDS],
     length_m: f32,
     bounces: u64,
-    /// How often half of the rays ended so far.
+    /// Number of halvings so far.
     halvings: u32,
-    /// Whether it went through the last surface that it met.
+    /// True if the ray passed through the last surface.
     went_through: bool,
     path: Path,
 }
 
 impl Ray {
-    /// Whether it is not among those that end because slices have become wider; it stands for those that are.
+    /// Returns false if the ray ends because slices have become wider; a survivor takes over the weight.
     fn survives(&mut self) -> bool {
         let due = doublings(self.length_m).saturating_sub(1).min(MOST_HALVINGS);
         while self.halvings < due {
@@ -69,13 +69,13 @@ impl Ray {
     }
 }
 
-/// What a ray was mirrored in, as long as it may be a wave that is heard as such.
+/// The mirror sequence of a ray, as long as it may be a discrete wave.
 #[derive(Clone, Copy)]
 struct Path {
     planes: [PlaneId; MAX_ORDER],
-    /// How many of them; more than [`MAX_ORDER`] for all other ways.
+    /// Number of mirrors; above [`MAX_ORDER`] for all other paths.
     len: usize,
-    /// Whether it went through surfaces before any mirror.
+    /// True if the ray passed through surfaces before any mirror.
     through: bool,
 }
 
@@ -94,7 +94,7 @@ impl Path {
         }
     }
 
-    /// Straight on behind a surface.
+    /// The path after transmission through a surface.
     fn onwards(self) -> Self {
         if self.len == 0 { Self { through: true, ..self } } else { Self::other() }
     }
@@ -103,13 +103,13 @@ impl Path {
         Self { len: MAX_ORDER + 1, ..Self::straight() }
     }
 
-    /// Whether waves on this way are heard as such.
+    /// Returns true if waves on this path are rendered as discrete waves.
     fn is_wave(&self, images: &Images) -> bool {
         self.len == 0 || self.planes.get(..self.len).is_some_and(|planes| images.contains(planes))
     }
 }
 
-/// Sends out the rays of a source at `outlet`; `key` draws their fates.
+/// Traces the rays of a source at `outlet`; `key` seeds the random draws.
 pub(super) fn trace(
     building: &Building,
     outlet: &Point3<f32>,
@@ -148,9 +148,9 @@ struct Tracer<'a> {
     building: &'a Building,
     images: &'a Images,
     key: u64,
-    /// Metres after which rays end.
+    /// Length limit of rays, metres.
     reach_m: f32,
-    /// First energy of a ray.
+    /// Initial energy of a ray.
     energy: f32,
     tally: Tally,
 }
@@ -174,7 +174,7 @@ impl Tracer<'_> {
         }
     }
 
-    /// Counts a leg in the cells on its way; whether it passed the air of a room.
+    /// Adds a leg to the cells it crosses. Returns true if it crossed room air.
     fn deposit(&mut self, ray: &Ray, leg_m: f32) -> bool {
         let (air, cells) = (&self.building.air, &self.building.cells);
         let counted = !ray.path.is_wave(self.images);
@@ -206,14 +206,14 @@ impl Tracer<'_> {
         }
     }
 
-    /// What a surface makes of a ray: it goes on behind it, scattered, or as from a mirror.
+    /// Continues a ray at a surface: transmitted, scattered or mirrored.
     fn meet(&self, ray: &mut Ray, hit: &Hit, in_air: bool) {
         let surface = self.building.surfaces.of(hit.triangle);
         let point = ray.origin + ray.direction * hit.distance;
         let normal = against(&self.building.normals[hit.triangle as usize], &ray.direction);
         let draw = Draw::new(self.key, ray.index, ray.bounces);
         ray.bounces += 1;
-        // Inside of a wall nothing is known but that it goes on to the other side.
+        // Inside a wall the ray can only continue to the other side.
         let inside_wall = ray.went_through && !in_air;
         let fate = if inside_wall { Fate::Through(1.0) } else { Fate::draw(surface, draw.choice) };
         ray.went_through = matches!(fate, Fate::Through(_));
@@ -232,19 +232,19 @@ impl Tracer<'_> {
         };
     }
 
-    /// `direction` after a mirror: in the plane of the triangle where it has one, so that bumps of a scan do not
-    /// bend the way.
+    /// `direction` after a mirror: in the fitted plane if there is one, so that scan bumps do not deflect the
+    /// ray.
     fn mirrored(&self, direction: &Vector3<f32>, triangle: u32, normal: &Vector3<f32>) -> Vector3<f32> {
         let planes = &self.building.planes;
         let by_plane = planes.of(triangle).map(|plane| planes.plane(plane).reflected(direction));
         let outwards = by_plane.filter(|reflected| reflected.dot(normal) > 0.0);
         let reflected = outwards.unwrap_or_else(|| direction - normal * (2.0 * direction.dot(normal)));
-        // Rounding must not make rays longer from bounce to bounce.
+        // Rounding must not lengthen directions from bounce to bounce.
         reflected.normalize()
     }
 }
 
-/// A part of a leg inside of one cell, metres from the leg's start.
+/// Part of a leg inside a cell, metres from the start of the leg.
 struct Run {
     cell: u32,
     from_m: f32,
@@ -279,7 +279,7 @@ impl Tally {
     }
 }
 
-/// What becomes of a ray at a surface, and how likely that was.
+/// Continuation of a ray at a surface, with its probability.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fate {
     Through(f32),
@@ -288,7 +288,7 @@ enum Fate {
 }
 
 impl Fate {
-    /// Chooses by `choice` in [0, 1). How often sound is absorbed does not change what is chosen.
+    /// Selects a continuation by `choice` in [0, 1). Absorption does not affect the selection.
     fn draw(surface: &Surface, choice: f32) -> Self {
         let through = match mean(&surface.transmission) {
             none if none <= 0.0 => 0.0,
@@ -306,7 +306,7 @@ impl Fate {
         }
     }
 
-    /// What is left of each band: the share that goes this way over how often it is gone.
+    /// Corrects the band weights: energy share divided by selection probability.
     fn weigh(self, surface: &Surface, weights: &mut [f32; SURFACE_BANDS]) {
         for (band, weight) in weights.iter_mut().enumerate() {
             let (returned, scattering) = (surface.returned(band), surface.scattering[band]);
@@ -319,7 +319,7 @@ impl Fate {
     }
 }
 
-/// The mean share, kept off 0 and 1 where some band is, so that no band's weight grows without bounds.
+/// The mean share, kept off 0 and 1 if some band is, so that band weights stay bounded.
 fn likelihood(shares: &[f32; SURFACE_BANDS]) -> f32 {
     const LEAST: f32 = 0.1;
     let low = if shares.iter().all(|share| *share <= 0.0) { 0.0 } else { LEAST };
@@ -331,7 +331,7 @@ fn mean(values: &[f32; SURFACE_BANDS]) -> f32 {
     values.iter().sum::<f32>() / SURFACE_BANDS as f32
 }
 
-/// Three random numbers in [0, 1) of one ray at one surface.
+/// Three random numbers in [0, 1) of a ray at a surface.
 struct Draw {
     choice: f32,
     cos_squared: f32,
@@ -346,22 +346,22 @@ impl Draw {
     }
 }
 
-/// A direction around `normal` by Lambert's law: the tip of the normal and a random unit vector, added.
+/// A Lambertian direction around `normal`: the sum of the normal and a random unit vector.
 fn lambert(normal: &Vector3<f32>, draw: &Draw) -> Vector3<f32> {
     let height = 1.0 - 2.0 * draw.cos_squared;
     let (sin, cos) = angle::sin_cos(TAU * draw.turn);
     let radius = (1.0 - height * height).max(0.0).sqrt();
     let direction = normal + Vector3::new(radius * cos, height, radius * sin);
-    // Opposite to the normal the sum is nothing.
+    // Opposite to the normal the sum is zero.
     direction.try_normalize(1e-4).unwrap_or(*normal)
 }
 
-/// `normal`, turned to the side from which `direction` comes.
+/// `normal`, turned to the side of the incoming `direction`.
 fn against(normal: &Vector3<f32>, direction: &Vector3<f32>) -> Vector3<f32> {
     if normal.dot(direction) > 0.0 { -normal } else { *normal }
 }
 
-/// A rotation that is equally likely to be any (Shoemake 1992, "Uniform random rotations").
+/// A uniformly random rotation (Shoemake 1992, "Uniform random rotations").
 fn random_turn(key: u64) -> avln_geom::UnitQuaternion<f32> {
     let mut rng = Rng::new(key);
     let mut unit = || rng.unit() as f32;

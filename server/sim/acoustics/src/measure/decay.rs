@@ -1,22 +1,22 @@
-//! How energy dies away.
+//! Energy decay curves.
 
 use super::octave::bandwidth_hz;
 use crate::SAMPLE_RATE_HZ;
 
-/// How far a decay must go on below the range of a fit, decibels: cutting it there moves the range's end by 0.14 dB.
+/// Required decay below the fit range, decibels: a cut there moves the end of the range by 0.14 dB.
 const BEYOND_DB: f64 = 15.0;
 
-/// Bandwidth times decay time below which a decay may be that of the filter: a pulse has 10.8.
+/// Smallest product of bandwidth and decay time distinguishable from the filter: a pulse has 10.8.
 const LEAST_BANDWIDTH_TIME: f64 = 11.0;
 
-/// No room is quieter this soon, seconds.
+/// Shortest plausible decay, seconds.
 const LEAST_TIME_S: f64 = 0.02;
 
-/// What is left of the energy of a band, as a curve over time.
+/// Remaining energy of a band over time.
 pub(super) struct Decay {
-    /// Decibels of the energy that is still to come, over all energy, from the first wave on; one a sample.
+    /// Decibels of the remaining energy relative to the total, per sample from the first wave.
     left_db: Vec<f64>,
-    /// Where the response was cut, seconds after the first wave.
+    /// End of the response, seconds after the first wave.
     end_s: f64,
     least_time_s: f64,
 }
@@ -39,7 +39,7 @@ impl Decay {
         Self { left_db, end_s: length_s - first_arrival_s, least_time_s }
     }
 
-    /// Seconds that 60 dB take on the straight line through the curve between two levels, decibels.
+    /// Time for 60 dB on the line through the curve between two levels in decibels.
     pub(super) fn time_s(&self, from_db: f64, to_db: f64) -> Option<f64> {
         let first_below = |level_db: f64| self.left_db.iter().position(|db| *db < level_db);
         let start = if from_db < 0.0 { first_below(from_db)? } else { 0 };
@@ -51,8 +51,7 @@ impl Decay {
     }
 }
 
-/// The line of least squares through `levels_db`, the first of which is at sample `start`: its level at time 0 and its
-/// slope a second.
+/// Least-squares line through `levels_db`, starting at sample `start`: level at time 0 and slope per second.
 fn line(levels_db: &[f64], start: usize) -> Option<(f64, f64)> {
     let count = levels_db.len() as f64;
     let mean_time = start as f64 + (count - 1.0) / 2.0;

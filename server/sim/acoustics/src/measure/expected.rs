@@ -1,11 +1,11 @@
-//! What the theory of diffuse sound expects.
+//! Predictions of diffuse-field theory.
 
 use crate::{SURFACE_BANDS, Surfaces};
 use avln_scene::Scene;
 
-/// Sabine's reverberation time of the box around `scene`, filled with its surfaces, in the band where it is longest,
-/// seconds: `24 ln 10 V / (c A)` with the volume V and the absorbing area A (W. C. Sabine 1898). Infinite where nothing is
-/// absorbed, 0 where there are no surfaces.
+/// Sabine's reverberation time of the bounding box of `scene` with its surfaces, in the slowest band,
+/// seconds: `24 ln 10 V / (c A)` with the volume V and the absorbing area A (W. C. Sabine 1898). Infinite
+/// without absorption, 0 without surfaces.
 pub fn expected_reverberation_s(scene: &Scene, surfaces: &Surfaces) -> f32 {
     let Some(bounds) = scene.bounds() else { return 0.0 };
     let mut absorbing_m2 = [0.0; SURFACE_BANDS];

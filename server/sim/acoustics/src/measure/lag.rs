@@ -1,26 +1,26 @@
-//! By how much one ear leads the other.
+//! Interaural delay.
 
 use crate::SAMPLE_RATE_HZ;
 use std::f64::consts::TAU;
 
-/// Frequencies that are compared, hertz.
+/// Compared frequencies, hertz.
 const LOW_HZ: f64 = 100.0;
 const HIGH_HZ: f64 = 1500.0;
 const STEP_HZ: f64 = 10.0;
 
-/// The longest delay, and the steps of the search for it, microseconds.
+/// Longest delay, and the search steps, microseconds.
 const MOST_US: f64 = 1000.0;
 const COARSE_US: f64 = 10.0;
 const FINE_US: f64 = 0.1;
 
-/// What two ears have in common at one frequency: left times conjugate of right.
+/// Cross spectrum of two ears at a frequency: left times conjugate right.
 struct Common {
     turn_us: f64,
     re: f64,
     im: f64,
 }
 
-/// Lead of the left ear, seconds; `None` when the ears have nothing in common.
+/// Lead of the left ear, seconds; `None` without common content.
 pub(super) fn lead_s(left: &[f32], right: &[f32]) -> Option<f64> {
     let count = ((HIGH_HZ - LOW_HZ) / STEP_HZ) as usize;
     let products: Vec<Common> =
@@ -42,7 +42,7 @@ fn common(left: &[f32], right: &[f32], frequency_hz: f64) -> Common {
     }
 }
 
-/// Fourier sum of `ear` at `turn` radians a sample.
+/// Fourier sum of `ear` at `turn` radians per sample.
 fn bin(ear: &[f32], turn: f64) -> (f64, f64) {
     let heard = ear.iter().enumerate().filter(|(_, tap)| **tap != 0.0);
     heard.fold((0.0, 0.0), |(re, im), (n, tap)| {
@@ -51,7 +51,7 @@ fn bin(ear: &[f32], turn: f64) -> (f64, f64) {
     })
 }
 
-/// The lead around `middle_us` at which the ears are most alike.
+/// The lead around `middle_us` with the highest correlation.
 fn best(products: &[Common], middle_us: f64, reach_us: f64, step_us: f64) -> f64 {
     let alike = |lead_us: f64| -> f64 {
         let turned = |common: &Common| {

@@ -5,7 +5,7 @@ use crate::{SAMPLE_RATE_HZ, SURFACE_BANDS};
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex64;
 
-/// Silence around a signal, samples: longer than the filters ring.
+/// Silence around a signal, samples: longer than the filter response.
 const SILENCE: usize = 4096;
 
 /// Bandwidth of an octave, hertz.
@@ -13,8 +13,8 @@ pub(super) fn bandwidth_hz(band: usize) -> f64 {
     f64::from(BAND_HZ[band]) * std::f64::consts::FRAC_1_SQRT_2
 }
 
-/// Share of the power at `frequency_hz` that a band pass of third order lets through (Butterworth 1930, as IEC 61260-1 asks
-/// for): half at the edges of the octave.
+/// Power transmission of a third-order band pass at `frequency_hz` (Butterworth 1930, as in IEC 61260-1):
+/// half at the octave edges.
 pub(super) fn power_share(band: usize, frequency_hz: f64) -> f64 {
     let center_hz = f64::from(BAND_HZ[band]);
     if frequency_hz <= 0.0 {
@@ -25,11 +25,11 @@ pub(super) fn power_share(band: usize, frequency_hz: f64) -> f64 {
     1.0 / (1.0 + squared * squared * squared)
 }
 
-/// Share of the power at `frequency_hz` that lies in the core of a band: all up to a tenth of an octave from the centre,
-/// nothing from 0.45 octaves on, a squared sine between them.
+/// Power transmission of the octave core at `frequency_hz`: 1 up to a tenth of an octave from the centre, 0
+/// from 0.45 octaves, a squared sine in between.
 ///
-/// Neighbouring bands may decay at other speeds. Through the flanks of an octave filter the slower one would be heard before
-/// the band itself has fallen by 35 dB.
+/// Neighbouring bands may decay at different speeds. Through the flanks of an octave filter the slower band
+/// would dominate before the band itself has fallen by 35 dB.
 pub(super) fn core_share(band: usize, frequency_hz: f64) -> f64 {
     const WHOLE_OCTAVES: f64 = 0.1;
     const NOTHING_OCTAVES: f64 = 0.45;
@@ -39,7 +39,7 @@ pub(super) fn core_share(band: usize, frequency_hz: f64) -> f64 {
     sine * sine
 }
 
-/// A signal as a spectrum, ready to be looked at band by band.
+/// A spectrum for band-wise analysis.
 pub(super) struct Octaves {
     spectrum: Vec<Complex64>,
     samples: usize,
@@ -52,7 +52,7 @@ impl Octaves {
         let mut padded = forward.make_input_vec();
         padded.iter_mut().zip(signal).for_each(|(to, from)| *to = f64::from(*from));
         let mut spectrum = forward.make_output_vec();
-        // Lengths are those of the plan, so that no call fails.
+        // The lengths match the plan, so no call fails.
         let done = forward.process(&mut padded, &mut spectrum);
         debug_assert!(done.is_ok());
         Self { spectrum, samples: signal.len() }
@@ -62,7 +62,8 @@ impl Octaves {
         f64::from(SAMPLE_RATE_HZ) / 2.0 / (self.spectrum.len() - 1) as f64
     }
 
-    /// The square of the signal, sample by sample, of whose power at a frequency in hertz `share` is let through.
+    /// Squared signal, sample by sample, filtered with the power transmission `share` (by frequency in
+    /// hertz).
     pub(super) fn squared(&self, share: impl Fn(f64) -> f64) -> Vec<f64> {
         let length = 2 * (self.spectrum.len() - 1);
         let inverse = RealFftPlanner::<f64>::new().plan_fft_inverse(length);
@@ -81,7 +82,7 @@ impl Octaves {
         filtered
     }
 
-    /// Energy in each band, relative to that of a unit pulse.
+    /// Energy by band, relative to a unit pulse.
     fn energies(&self) -> [f64; SURFACE_BANDS] {
         let bin_hz = self.bin_hz();
         std::array::from_fn(|band| {
@@ -95,7 +96,7 @@ impl Octaves {
     }
 }
 
-/// Energy of a signal in each band, relative to that of a unit pulse.
+/// Energy of a signal by band, relative to a unit pulse.
 pub(super) fn band_energies(signal: &[f32]) -> [f64; SURFACE_BANDS] {
     Octaves::new(signal).energies()
 }

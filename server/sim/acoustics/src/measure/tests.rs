@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 const RATE: f64 = SAMPLE_RATE_HZ as f64;
 
-/// A tone in each band that falls by 60 dB in `time_s`, beside a pulse of height `direct`, both at 0.01 s.
+/// A tone per band that falls by 60 dB in `time_s`, plus a pulse of height `direct`, both at 0.01 s.
 fn room(time_s: f64, direct: f32, length_s: f64) -> ImpulseResponse {
     let first = (0.01 * RATE) as usize;
     let sample = |n: usize| {
@@ -35,7 +35,7 @@ fn reverberation_times_are_those_of_the_decay() {
     }
 }
 
-/// Octaves full of tones, each of which falls by 60 dB in its own time.
+/// Octaves full of tones with individual decay times.
 fn octaves_that_fall_in(times_s: [f64; SURFACE_BANDS], length_s: f64) -> ImpulseResponse {
     const TONES: i32 = 24;
     let mut left = vec![0.0; (length_s * RATE) as usize];
@@ -65,7 +65,7 @@ fn a_band_is_not_taken_for_its_slower_neighbour() {
 
 #[test]
 fn a_response_that_is_cut_short_shows_no_long_decay() {
-    // -5 to -25 dB and 15 more take two thirds of 0.9 s, to -35 dB five sixths.
+    // -5 to -25 dB plus 15 dB take two thirds of 0.9 s, to -35 dB five sixths.
     let times = |length_s| {
         let band = Measures::of(&room(0.9, 0.0, length_s), 0.01, length_s).bands[3];
         (band.edt_s.is_some(), band.t20_s.is_some(), band.t30_s.is_some())
@@ -96,7 +96,7 @@ fn direct_sound_is_weighed_against_the_rest() {
     left[first + 400] = 0.5;
     let response = ImpulseResponse { left, right: Vec::new() };
     let found = Measures::of(&response, 0.01, 0.8).drr_db.expect("a ratio");
-    // 39 samples are 2.4 ms: one pulse and a half against half a pulse, which interfere in the octaves.
+    // 39 samples are 2.4 ms: one and a half pulses against half a pulse, with interference in the octaves.
     assert!((found - 10.0 * libm::log10(1.25 / 0.25)).abs() < 0.5, "{found} dB");
     assert_eq!(Measures::of(&ImpulseResponse::default(), 0.01, 0.8).drr_db, None);
 }

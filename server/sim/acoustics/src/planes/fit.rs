@@ -1,21 +1,21 @@
-//! Finding planes: directions in which much surface faces, and the offsets along them at which it lies.
+//! Plane detection: directions with much surface, and the offsets of the surface in these directions.
 //!
-//! First what lies in a plane exactly, then, of the rest, what does so with the bumps of a scan. Sums are over area,
-//! so that it does not matter into how many triangles a wall is cut. The mean of the area vectors of a bumpy wall is
-//! the normal of its outline: bumps cancel.
+//! Exact planes are found first, then the bumpy planes of scans. Sums are weighted by area, so the
+//! triangulation has no effect. The mean area vector of a bumpy wall is the normal of its outline, because
+//! bumps cancel.
 
 use super::{NO_PLANE, Plane};
 use avln_geom::{Point3, Vector3};
 use avln_scene::Scene;
 
-/// How far the triangles of a plane may differ from it.
+/// Tolerances of a plane.
 struct Tolerance {
     /// Cosine of the angle between the normals.
     cosine: f32,
-    /// The same angle in cells of the directions, rounded up.
+    /// The angle in direction cells, rounded up.
     reach: i32,
     distance_m: f32,
-    /// Less surface than this is no plane, square metres.
+    /// Smallest area of a plane, square metres.
     least_m2: f32,
 }
 
@@ -25,10 +25,10 @@ const EXACT: Tolerance = Tolerance { cosine: 0.999_96, reach: 1, distance_m: 0.0
 /// Eighteen degrees and 4 cm: bumps of a few millimetres tilt small triangles.
 const BUMPY: Tolerance = Tolerance { cosine: 0.951, reach: 11, distance_m: 0.04, least_m2: 0.5 };
 
-/// Cells of the directions along each half axis.
+/// Direction cells per half axis.
 const HALF: i32 = 32;
 
-/// A triangle that has an area.
+/// A triangle with an area.
 struct Facet {
     triangle: u32,
     cell: u32,
@@ -41,9 +41,9 @@ struct Fitter<'a> {
     scene: &'a Scene,
     /// Sorted by cell.
     facets: Vec<Facet>,
-    /// Per cell of the directions: its first facet; one more entry than cells.
+    /// Per direction cell: its first facet, with a final sentinel.
     first_of: Vec<u32>,
-    /// Per facet: the plane that it was given to, by the order of finding.
+    /// Per facet: its plane, in order of detection.
     taken_by: Vec<Option<u32>>,
     found: Vec<(f32, Plane)>,
 }
@@ -81,7 +81,7 @@ fn index([x, y, z]: [i32; 3]) -> u32 {
     ((z * 2 * HALF + y) * 2 * HALF + x) as u32
 }
 
-/// The cells within `reach` of that of `normal`.
+/// The cells within `reach` of the cell of `normal`.
 fn cells_around(normal: &Vector3<f32>, reach: i32) -> impl Iterator<Item = u32> + use<> {
     let cell = cell_of(normal) as i32;
     let around = move |middle: i32| (middle - reach).max(0)..=(middle + reach).min(2 * HALF - 1);
@@ -102,7 +102,7 @@ impl<'a> Fitter<'a> {
         Self { scene, taken_by: vec![None; facets.len()], facets, first_of, found: Vec::new() }
     }
 
-    /// Looks along every direction in which there may be enough free surface, most surface first.
+    /// Examines every direction with enough free surface, largest first.
     fn search(&mut self, tolerance: &Tolerance) {
         let least_m2 = 0.25 * tolerance.least_m2;
         let mut cells: Vec<_> = self.used_cells().map(|cell| (self.free_m2(cell), cell)).collect();
@@ -125,7 +125,7 @@ impl<'a> Fitter<'a> {
         used.map(|(cell, _)| cell as u32)
     }
 
-    /// The facets of a cell that no plane has taken.
+    /// The free facets of a cell.
     fn free(&self, cell: u32) -> impl Iterator<Item = usize> + '_ {
         let range = self.first_of[cell as usize]..self.first_of[cell as usize + 1];
         range.map(|facet| facet as usize).filter(|facet| self.taken_by[*facet].is_none())
@@ -135,7 +135,7 @@ impl<'a> Fitter<'a> {
         self.free(cell).map(|facet| self.facets[facet].area_m2).sum()
     }
 
-    /// The mean direction around the largest free facet of a cell.
+    /// Mean direction around the largest free facet of a cell.
     fn direction(&self, cell: u32, tolerance: &Tolerance) -> Vector3<f32> {
         let larger = |a: &usize, b: &usize| self.facets[*a].area_m2.total_cmp(&self.facets[*b].area_m2);
         let Some(largest) = self.free(cell).max_by(larger) else { return Vector3::y() };
@@ -143,7 +143,7 @@ impl<'a> Fitter<'a> {
         self.mean_normal(&self.facing(&middle, tolerance), &middle)
     }
 
-    /// The free facets that face along `direction` or against it.
+    /// The free facets that face `direction` or its opposite.
     fn facing(&self, direction: &Vector3<f32>, tolerance: &Tolerance) -> Vec<usize> {
         let sides = [*direction, -direction];
         let cells = sides.iter().flat_map(|side| cells_around(side, tolerance.reach));
@@ -151,7 +151,7 @@ impl<'a> Fitter<'a> {
         near.filter(|facet| self.facets[*facet].normal.dot(direction).abs() >= tolerance.cosine).collect()
     }
 
-    /// Mean normal by area, turned to the side of `direction`.
+    /// Mean normal by area, on the side of `direction`.
     fn mean_normal(&self, facets: &[usize], direction: &Vector3<f32>) -> Vector3<f32> {
         let mut sum = Vector3::<f64>::zeros();
         for facet in facets.iter().map(|facet| &self.facets[*facet]) {
@@ -161,7 +161,7 @@ impl<'a> Fitter<'a> {
         sum.try_normalize(0.0).map_or(*direction, |mean| mean.cast::<f32>())
     }
 
-    /// Takes the planes that lie across `direction`; whether there were any.
+    /// Extracts the planes perpendicular to `direction`. Returns true if there were any.
     fn look_along(&mut self, direction: &Vector3<f32>, tolerance: &Tolerance) -> bool {
         let mut row: Vec<_> = self
             .facing(direction, tolerance)
@@ -183,7 +183,7 @@ impl<'a> Fitter<'a> {
         any
     }
 
-    /// Fits a plane to the free facets of `layer` and takes all of the row that lies in it.
+    /// Fits a plane to the free facets of `layer` and takes all matching facets of the row.
     fn take(
         &mut self,
         row: &[(f32, usize)],
@@ -236,13 +236,13 @@ impl<'a> Fitter<'a> {
             && self.distance_m(facet, plane) <= tolerance.distance_m
     }
 
-    /// How far the farthest corner of a facet is from a plane, metres.
+    /// Largest distance of a facet corner from a plane, metres.
     fn distance_m(&self, facet: usize, plane: &Plane) -> f32 {
         let corners = self.scene.corners(self.facets[facet].triangle as usize);
         corners.iter().map(|corner| plane.height_m(corner).abs()).fold(0.0, f32::max)
     }
 
-    /// The planes by falling area, and the plane of each triangle.
+    /// The planes by decreasing area, and the plane of every triangle.
     fn ranked(self) -> (Vec<Plane>, Vec<u16>) {
         let mut order: Vec<_> = (0..self.found.len()).collect();
         order.sort_by(|a, b| self.found[*b].0.total_cmp(&self.found[*a].0).then(a.cmp(b)));

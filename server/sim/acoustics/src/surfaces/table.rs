@@ -4,30 +4,30 @@ use super::{SURFACE_BANDS, Surface};
 
 /// A row of the table.
 struct Row {
-    /// What tokens of a name begin with.
+    /// Prefixes of name tokens.
     words: &'static [&'static str],
-    /// Energy that does not come back, 0 to 1: what sources call absorption, transmission included.
+    /// Energy share not reflected, 0 to 1: absorption including transmission, as in the sources.
     lost: [f32; SURFACE_BANDS],
     scattering: [f32; SURFACE_BANDS],
-    /// Decibels that sound loses on its way through one surface; a wall has two of them.
+    /// Transmission loss per surface, decibels; a wall has two surfaces.
     reduction_db: [f32; SURFACE_BANDS],
 }
 
-/// Nothing goes through.
+/// No transmission.
 const CLOSED: [f32; SURFACE_BANDS] = [f32::INFINITY; SURFACE_BANDS];
 
-/// Half of what a heavy wall takes.
+/// Half the transmission loss of a heavy wall.
 const HEAVY: [f32; SURFACE_BANDS] = [20.0, 22.0, 24.0, 27.0, 30.0, 32.0];
 
-/// Scattering, edges included, of large smooth surfaces, of surfaces with some relief, and of things with many parts.
+/// Scattering, including edges, of large smooth surfaces, surfaces with relief, and composite objects.
 const SMOOTH: [f32; SURFACE_BANDS] = [0.1, 0.1, 0.1, 0.15, 0.2, 0.25];
 const ROUGH: [f32; SURFACE_BANDS] = [0.15, 0.2, 0.25, 0.35, 0.45, 0.55];
 const BROKEN: [f32; SURFACE_BANDS] = [0.3, 0.4, 0.5, 0.6, 0.7, 0.75];
 
-/// Index of the row for what has no known name.
+/// Index of the row for unknown names.
 pub(super) const UNKNOWN: usize = ROWS.len() - 1;
 
-/// Sources by row: `docs/acoustics.md`. Of several rows that fit a name, the first one counts.
+/// Sources by row: `docs/acoustics.md`. The first matching row applies.
 const ROWS: [Row; 17] = [
     Row {
         words: &["curtain", "drape", "blind"],
@@ -168,19 +168,19 @@ const ROWS: [Row; 17] = [
     },
 ];
 
-/// The rows as surfaces, in their order.
+/// The rows as surfaces.
 pub(super) fn surfaces() -> Vec<Surface> {
     ROWS.iter().map(Row::surface).collect()
 }
 
-/// Index of the row whose word a token of `name` begins with; `None` when no row knows any.
+/// Index of the first row with a prefix of a token of `name`; `None` without a match.
 pub(super) fn find(name: &str) -> Option<usize> {
     let tokens = tokens(name);
     let fits = |row: &Row| row.words.iter().any(|word| tokens.iter().any(|token| token.starts_with(word)));
     ROWS.iter().position(fits)
 }
 
-/// Words of a name, in lower case: apart at everything but letters, and where a small letter meets a capital.
+/// Lower-case words of a name, split at non-letters and before capitals.
 fn tokens(name: &str) -> Vec<String> {
     let mut tokens = vec![String::new()];
     let mut after_small = false;
@@ -238,7 +238,7 @@ mod tests {
         }
     }
 
-    /// A row as the page shows it.
+    /// A row in the format of the page.
     fn shown(row: &Row) -> String {
         let list = |values: &[f32; SURFACE_BANDS]| values.map(|value| format!("{value}")).join(" ");
         let reduction = if row.reduction_db == CLOSED { "closed".into() } else { list(&row.reduction_db) };

@@ -1,10 +1,10 @@
-//! First waves in small flats whose geometry can be reckoned by hand.
+//! First waves in small flats with simple geometry.
 
 use super::*;
 use crate::Settings;
 use crate::testing::{HARD, Soup, building};
 
-/// A source in a building and all its ways.
+/// A source in a building and all its paths.
 struct Heard {
     building: Building,
     field: GeodesicField,
@@ -27,7 +27,7 @@ impl Heard {
     }
 }
 
-/// Level of all waves, all octaves from 125 Hz to 4 kHz together, decibels re 1 m.
+/// Level of all waves over all octaves from 125 Hz to 4 kHz, decibels relative to 1 m.
 fn level_db(arrivals: &[Arrival]) -> f32 {
     10.0 * arrivals.iter().map(energy).sum::<f32>().log10()
 }
@@ -69,7 +69,7 @@ fn two_rooms() -> Soup {
     flat([8.2, 4.0], &[[[4.0, 0.0], [4.2, 1.0]], [[4.0, 1.9], [4.2, 4.0]]])
 }
 
-/// The same with a second door from z = 3.0 to 3.9.
+/// Two rooms with a second door from z = 3.0 to 3.9.
 fn two_doors() -> Soup {
     flat([8.2, 5.0], &[[[4.0, 0.0], [4.2, 1.0]], [[4.0, 1.9], [4.2, 3.0]], [[4.0, 3.9], [4.2, 5.0]]])
 }
@@ -118,7 +118,7 @@ fn along((from, to): ([f32; 2], [f32; 2])) -> impl Iterator<Item = [f32; 2]> {
         .map(move |step| [0, 1].map(|axis| from[axis] + (to[axis] - from[axis]) * step as f32 / steps as f32))
 }
 
-/// Whether the first wave at (x, z) comes from an opening of the plane x = `wall_x`, to five degrees.
+/// Returns true if the first wave at (x, z) comes from an opening of the plane x = `wall_x`, to five degrees.
 fn comes_from(heard: &Heard, [x, z]: [f32; 2], wall_x: f32, door: [f32; 2]) -> bool {
     let azimuth = |at_z: f32| azimuth_deg(&Vector3::new(wall_x - x, 0.0, at_z - z)).rem_euclid(360.0);
     let (one, other) = (azimuth(door[0]), azimuth(door[1]));
@@ -154,7 +154,7 @@ fn two_doors_send_two_waves() {
     let jamb_deg = 180.0 - 0.55_f32.atan2(3.0).to_degrees();
     assert!(azimuths.iter().all(|azimuth| (azimuth - jamb_deg).abs() < 1.5), "{azimuths:?}");
     assert!((waves[0].direction.z + waves[1].direction.z).abs() < 0.03);
-    // Through one door there is one way, whatever stands in the room.
+    // A single door allows a single path, regardless of furniture.
     let mut furnished = two_rooms();
     furnished.block([5.2, 0.0, 2.6], [6.2, 0.7, 3.4]);
     assert_eq!(Heard::new(&furnished, HARD, [2.5, 1.0, 3.4]).at(7.0, 3.2).len(), 1);
@@ -200,7 +200,8 @@ fn storeys_hear_each_other_through_the_stairwell() {
     house.block([-0.2, 2.6, -0.2], [4.8, 2.8, 4.2]);
     let heard = Heard::new(&house, HARD, [1.5, 4.0, 2.0]);
     let wave = &heard.at(1.5, 2.0)[0];
-    // Around the two edges of the slab at x = 4.8: 3.3 m along and 1.6 m up, 0.2 m, and 3.3 m along and 1.2 m up.
+    // Around both edges of the slab at x = 4.8: 3.3 m horizontal and 1.6 m up, 0.2 m, then 3.3 m horizontal
+    // and 1.2 m up.
     let way_m = 3.3_f32.hypot(1.6) + 0.2 + 3.3_f32.hypot(1.2);
     assert!((-0.02..0.06).contains(&(wave.length_m - way_m)), "{} m, not {way_m} m", wave.length_m);
     let elevation_deg = wave.direction.y.asin().to_degrees();

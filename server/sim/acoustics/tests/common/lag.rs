@@ -1,4 +1,4 @@
-//! How a pair of ears tells where a sound comes from: by the lag between them.
+//! Lag between two ears.
 
 use realfft::{RealFftPlanner, num_complex::Complex32};
 use std::ops::RangeInclusive;
@@ -41,7 +41,7 @@ impl Fourier {
         self.lag_within(left, right, 0.0..=8000.0)
     }
 
-    /// The same of frequencies in `band_hz` alone, all with one weight.
+    /// Lag within `band_hz`, with equal weights.
     pub(crate) fn lag_within(&mut self, left: &[f32], right: &[f32], band_hz: RangeInclusive<f32>) -> f32 {
         let length = 2 * FRAME;
         let (left, right) = (self.spectrum(left, length), self.spectrum(right, length));

@@ -13,13 +13,12 @@ use avln_scene::{InstanceId, Lighting, Mesh, Scene};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// Acoustics of solid boxes, each given by two opposite corners; all that is computed by default, of a material that
-/// has no name.
+/// Acoustics of solid boxes, given by opposite corners, with default settings and an unnamed material.
 pub(crate) fn building(boxes: &[[[f32; 3]; 2]]) -> Acoustics {
     acoustics(boxes, Settings::default(), Surfaces::by_material)
 }
 
-/// Acoustics of solid boxes that let nothing through.
+/// Acoustics of solid boxes without transmission.
 pub(crate) fn opaque_building(boxes: &[[[f32; 3]; 2]], settings: Settings) -> Acoustics {
     let plaster = [0.02, 0.02, 0.03, 0.03, 0.04, 0.05];
     let surface = Surface::new(plaster, [0.1; SURFACE_BANDS], [0.0; SURFACE_BANDS]).expect("shares");
@@ -73,23 +72,23 @@ fn add_box(mesh: &mut Mesh, bounds: &Aabb) {
     }
 }
 
-/// Nothing but air.
+/// Open air.
 pub(crate) fn free_field() -> Acoustics {
     building(&[])
 }
 
-/// Two rooms of 4 x 4 x 2.6 m along x, divided at x = 4.0 to 4.2 by a wall whose door is at z = 1.0 to 1.9, as high
-/// as the rooms where `door` is set, else closed.
+/// Two rooms of 4 x 4 x 2.6 m in x, divided at x = 4.0 to 4.2 by a wall with a room-high door at z = 1.0 to
+/// 1.9, open if `door`.
 pub(crate) fn two_rooms(door: bool) -> Acoustics {
     building(&two_rooms_boxes(door))
 }
 
-/// The same two rooms, of what lets nothing through.
+/// Two rooms without transmission.
 pub(crate) fn opaque_rooms(door: bool, settings: Settings) -> Acoustics {
     opaque_building(&two_rooms_boxes(door), settings)
 }
 
-/// The same two rooms, all of one surface.
+/// Two rooms with a single kind of surface.
 pub(crate) fn rooms_of(surface: Surface, settings: Settings) -> Acoustics {
     acoustics(&two_rooms_boxes(true), settings, |scene| Surfaces::uniform(scene, surface))
 }
@@ -141,13 +140,13 @@ pub(crate) fn energy_db(response: &ImpulseResponse) -> f64 {
     10.0 * (energy(&response.left) + energy(&response.right)).log10()
 }
 
-/// The lag of the left ear behind the right one, microseconds: peak of their cross-correlation from `low_hz` to
-/// `high_hz`, searched over 1 ms either way.
+/// Lag of the left ear behind the right, microseconds: peak of the cross-correlation from `low_hz` to
+/// `high_hz` within 1 ms.
 pub(crate) fn lag_us(response: &ImpulseResponse, low_hz: f64, high_hz: f64) -> f64 {
     lag_of_spectra_us(|hz| [bin(&response.left, hz), bin(&response.right, hz)], low_hz, high_hz)
 }
 
-/// The same of two spectra, real and imaginary part of the left and the right one by frequency.
+/// Lag from two spectra, real and imaginary part of left and right by frequency.
 pub(crate) fn lag_of_spectra_us(spectra: impl Fn(f64) -> [(f64, f64); 2], low_hz: f64, high_hz: f64) -> f64 {
     let steps = 40;
     let products: Vec<_> = (0..=steps)

@@ -1,4 +1,4 @@
-//! Writes small SOFA files: netCDF-4's way of laying out HDF5, as far as readers of heads look at it.
+//! A writer of small SOFA files: the subset of netCDF-4/HDF5 used by readers.
 //!
 //! Source: The HDF Group, "HDF5 File Format Specification 3.0".
 
@@ -7,13 +7,13 @@ pub(crate) struct Table {
     pub(crate) name: &'static str,
     pub(crate) sizes: Vec<u64>,
     pub(crate) values: Vec<f64>,
-    /// How places are written.
+    /// Coordinate type.
     pub(crate) kind: Option<&'static str>,
 }
 
 const SUPERBLOCK_BYTES: usize = 48;
 
-/// The file with these tables, which has `conventions` as its kind.
+/// A file with these tables and the convention `conventions`.
 pub(crate) fn file(conventions: &str, tables: &[Table]) -> Vec<u8> {
     let mut bytes = vec![0; SUPERBLOCK_BYTES];
     let mut links = Vec::new();
@@ -48,7 +48,7 @@ pub(crate) fn file(conventions: &str, tables: &[Table]) -> Vec<u8> {
     bytes
 }
 
-/// Appends a part and tells its address.
+/// Appends a part and returns its address.
 fn place(bytes: &mut Vec<u8>, part: Vec<u8>) -> u64 {
     let address = bytes.len() as u64;
     bytes.extend(part);
@@ -85,7 +85,7 @@ fn attribute(name: &str, text: &str) -> Vec<u8> {
     message(12, [vec![3, 0], sizes, vec![0], name, kind, space, text.as_bytes().to_vec()].concat())
 }
 
-/// A block of a fractal heap that holds links.
+/// A fractal heap block with links.
 fn heap_block(links: &[(&str, u64)]) -> Vec<u8> {
     let mut block = b"FHDB\0".to_vec();
     block.extend([0; 12]);
@@ -100,7 +100,7 @@ fn heap_block(links: &[(&str, u64)]) -> Vec<u8> {
     block
 }
 
-/// The header of a fractal heap that has one block: heaps of up to 2^32 bytes in blocks of up to 64 KiB.
+/// The header of a fractal heap with a single block: heaps of up to 2^32 bytes in blocks of up to 64 KiB.
 fn heap_header(block: u64) -> Vec<u8> {
     let mut header = b"FRHP\0\x08\0\0\0\0".to_vec();
     header.extend(65_536_u32.to_le_bytes());

@@ -3,7 +3,7 @@
 use super::tree::WIDTH;
 use crate::{Point3, Vector3};
 
-/// The same number for each of four triangles.
+/// A value for each of four triangles.
 type Lanes = [f32; WIDTH];
 
 /// Up to four triangles, each a corner and the two edges that leave it; unused lanes are degenerate.
@@ -14,11 +14,11 @@ pub(super) struct Packet {
     edge_v: [Lanes; 3],
     /// Index of each triangle in the mesh.
     pub(super) triangles: [u32; WIDTH],
-    /// How many lanes are used.
+    /// Number of used lanes.
     pub(super) len: u8,
 }
 
-/// Where a ray meets the planes of four triangles; distance is infinite where it misses the triangle.
+/// Hits of a ray on four triangles; infinite distance for a miss.
 pub(super) struct PacketHits {
     pub(super) distance: Lanes,
     pub(super) u: Lanes,
@@ -26,7 +26,7 @@ pub(super) struct PacketHits {
 }
 
 impl Packet {
-    /// The triangles numbered `members`, whose corners `corners` tells.
+    /// Packs the triangles `members` with corners from `corners`.
     pub(super) fn new(members: &[u32], corners: impl Fn(u32) -> [Point3<f32>; 3]) -> Self {
         let zero = [[0.0; WIDTH]; 3];
         let mut packet = Self {
@@ -68,7 +68,7 @@ fn put(lanes: &mut [Lanes; 3], lane: usize, vector: &Vector3<f32>) {
     }
 }
 
-/// The same vector in every lane.
+/// Copies the vector into every lane.
 pub(super) fn splat(vector: &Vector3<f32>) -> [Lanes; 3] {
     [[vector.x; WIDTH], [vector.y; WIDTH], [vector.z; WIDTH]]
 }

@@ -10,10 +10,10 @@ use parry3d::{
 /// Boxes of a node, and triangles of a leaf.
 pub(super) const WIDTH: usize = 4;
 
-/// What lies below one of a node's boxes.
+/// Content of a node box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Child {
-    /// Nothing: its box is inside out and never met.
+    /// Empty: an inverted box that no ray hits.
     Empty,
     /// Index into [`Tree::nodes`].
     Node(u32),
@@ -21,18 +21,18 @@ pub(super) enum Child {
     Leaf(u32),
 }
 
-/// Four boxes, one coordinate of all four side by side.
+/// Four boxes in structure-of-arrays layout.
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     /// Smallest corners: `[axis][box]`.
     pub(super) min: [[f32; WIDTH]; 3],
     /// Largest corners: `[axis][box]`.
     pub(super) max: [[f32; WIDTH]; 3],
-    /// What is inside of each box.
+    /// Content of every box.
     pub(super) children: [Child; WIDTH],
 }
 
-/// The tree; node 0 is the root, and there is none without triangles.
+/// The tree; node 0 is the root. Empty without triangles.
 #[derive(Default)]
 pub(super) struct Tree {
     pub(super) nodes: Vec<Node>,
@@ -50,7 +50,7 @@ struct Binary {
 
 enum Content {
     Triangle(u32),
-    /// Index of the left child; the right one follows it.
+    /// Index of the left child; the right child follows.
     Pair(usize),
 }
 
@@ -73,7 +73,7 @@ impl Tree {
         tree
     }
 
-    /// Makes what lies below binary node `top`; a node's own boxes are left to do in `open`.
+    /// Creates the child for the binary node `top`; boxes of new nodes are pushed to `open`.
     fn child(&mut self, binary: &[Binary], top: usize, open: &mut Vec<(usize, usize)>) -> Child {
         if binary[top].count as usize <= WIDTH {
             self.leaves.push(triangles_below(binary, top));
@@ -109,7 +109,7 @@ impl Node {
     }
 }
 
-/// The boxes that stand in for `top` in a wide node: the largest is opened until there are four.
+/// Boxes that replace `top` in a wide node: the largest is expanded until there are four.
 fn opened(binary: &[Binary], top: usize) -> Vec<usize> {
     let mut shown = vec![top];
     while shown.len() < WIDTH {
@@ -172,7 +172,7 @@ fn binary_tree(boxes: &[Aabb]) -> Vec<Binary> {
     }
 }
 
-/// Gives the two newest entries to the parent that waits for them. parry walks the left subtree before the right one.
+/// Assigns the two newest entries to the waiting parent. parry traverses the left subtree before the right.
 fn adopt(copy: &mut [Binary], parents: &mut Vec<usize>) {
     let left = copy.len() - 2;
     if let Some(parent) = parents.pop() {

@@ -5,15 +5,15 @@ use super::tree::{Child, Node, WIDTH};
 use super::{Hit, RayMesh};
 use crate::{Aabb, Point3, Vector3};
 
-/// Someone who looks at a mesh box by box; see [`RayMesh::visit`].
+/// A traversal of mesh boxes; see [`RayMesh::visit`].
 pub trait Visitor {
-    /// How far away a box is: of two boxes, the one with the smaller number comes first.
+    /// Returns the sort key of a box: the smaller key comes first.
     fn distance(&self, bounds: &Aabb) -> f32;
 
-    /// Whether to look into a box.
+    /// Returns true to enter a box.
     fn enters(&mut self, bounds: &Aabb) -> bool;
 
-    /// A triangle, by its index, of a box that was entered.
+    /// Receives the index of a triangle in an entered box.
     fn triangle(&mut self, index: u32);
 }
 
@@ -21,13 +21,13 @@ pub trait Visitor {
 struct Ray {
     origin: [[f32; WIDTH]; 3],
     direction: [[f32; WIDTH]; 3],
-    /// One over the direction; huge instead of infinite.
+    /// Reciprocal of the direction; huge instead of infinite.
     inverse: [f32; 3],
 }
 
 /// Nodes that wait to be looked at, with the distance at which the ray enters them.
 struct Stack {
-    /// Enough for any tree but a badly degenerate one.
+    /// Sufficient for any tree that is not badly degenerate.
     near: [(u32, f32); 48],
     len: usize,
     rest: Vec<(u32, f32)>,
@@ -67,7 +67,7 @@ impl Ray {
         Self { origin: splat(&origin.coords), direction: splat(direction), inverse }
     }
 
-    /// Where the ray enters each of a node's boxes; infinite where it misses the box or gets there beyond `reach`.
+    /// Entry distances of the ray into the boxes of a node; infinite for a miss or beyond `reach`.
     #[inline]
     fn enter(&self, node: &Node, reach: f32) -> [f32; WIDTH] {
         // Rounding can shorten the way through a box by three units in the last place (Ize 2013).
@@ -107,7 +107,7 @@ pub(super) fn nearest(
     (best.triangle != u32::MAX).then_some(best)
 }
 
-/// Tests the leaves of `node` and stacks its inner nodes, the nearest on top.
+/// Tests the leaves of `node` and pushes its inner nodes, the nearest on top.
 #[inline]
 fn look_into(mesh: &RayMesh, ray: &Ray, node: &Node, best: &mut Hit, stack: &mut Stack) {
     let entered = ray.enter(node, best.distance);
@@ -151,7 +151,7 @@ fn closest(hits: &PacketHits, triangles: &[u32; WIDTH], best: &mut Hit) {
     }
 }
 
-/// Whether there is a hit within `reach` lengths of `direction`.
+/// Returns true for a hit within `reach` lengths of `direction`.
 pub(super) fn any(mesh: &RayMesh, origin: &Point3<f32>, direction: &Vector3<f32>, reach: f32) -> bool {
     let ray = Ray::new(origin, direction);
     let mut stack = Stack::new();

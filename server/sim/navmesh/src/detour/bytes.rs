@@ -13,7 +13,7 @@ impl<'a> Reader<'a> {
         Self { bytes, at: 0, end: bytes.len() }
     }
 
-    /// Where the next byte lies in the file.
+    /// Offset of the next byte in the file.
     pub(super) fn at(&self) -> usize {
         self.at
     }

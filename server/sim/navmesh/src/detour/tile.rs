@@ -1,4 +1,4 @@
-//! One tile: a header, then corners, polygons, links, detail meshes, detail corners and detail triangles.
+//! A tile: header, corners, polygons, links, detail meshes, detail corners and detail triangles.
 
 use super::DetourError;
 use super::bytes::Reader;
@@ -18,11 +18,11 @@ const WALKABLE: u16 = 1;
 const OUTSIDE: u16 = 0x8000;
 /// Polygons below this area are none to Habitat, square metres.
 const MIN_POLYGON_M2: f64 = 1e-5;
-/// What rounding may turn a straight corner inwards, cells squared.
+/// Largest inward turn of a straight corner due to rounding, cells squared.
 const SLACK: f64 = 0.5;
 const MAX_SIDE_CELLS: f64 = 60_000.0;
 const MAX_CELLS: f64 = 3.0e7;
-/// Coordinates this close to a lattice corner are that corner, cells: what f32 does to them.
+/// Snap distance to a lattice corner, cells: f32 rounding.
 const ROUNDING_CELLS: f64 = 2e-3;
 
 struct Header {
@@ -44,7 +44,7 @@ struct Stored {
     walkable: bool,
 }
 
-/// Where the detail triangles of a polygon lie.
+/// Range of detail triangles of a polygon.
 struct Part {
     first_corner: usize,
     first_triangle: usize,
@@ -117,7 +117,7 @@ fn header(reader: &mut Reader<'_>) -> Result<Header, DetourError> {
 }
 
 fn corners(reader: &mut Reader<'_>, what: &'static str, count: usize) -> Result<Vec<[f32; 3]>, DetourError> {
-    // The whole block is there before anything is reserved for it.
+    // The whole block must be present before memory is reserved.
     let mut block = reader.part(what, count * 12)?;
     (0..count).map(|_| block.corner(what)).collect()
 }
@@ -243,7 +243,7 @@ impl Tile<'_> {
     }
 }
 
-/// Whether the way around turns to one side only, but for what rounding does, and once.
+/// Returns true if the outline turns to a single side, except for rounding, and once.
 fn is_convex(corners: &[Corner]) -> bool {
     let spot = |index: usize| &corners[index % corners.len()].spot;
     let turns: Vec<_> = (0..corners.len()).map(|i| turn(spot(i), spot(i + 1), spot(i + 2))).collect();

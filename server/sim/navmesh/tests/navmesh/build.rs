@@ -74,7 +74,7 @@ pub(crate) fn two_rooms() -> NavMesh {
     hall().block([4.95, 0.0, 0.0], [5.05, 2.5, 2.5]).block([4.95, 0.0, 3.5], [5.05, 2.5, 6.0]).build()
 }
 
-/// The hall without its dividing wall.
+/// The hall without the dividing wall.
 pub(crate) fn hall() -> Builder {
     Builder::default().floor([0.0; 3], [10.0, 0.0, 6.0]).walls_around([0.0, 0.0], [10.0, 6.0])
 }

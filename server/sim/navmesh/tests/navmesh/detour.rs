@@ -3,7 +3,7 @@
 use avln_geom::Point3;
 use avln_navmesh::{DetourError, NavMesh};
 
-/// A tile of three squares with sides of 2 m: two at height 0 that share an edge, one 3 m above the first.
+/// A tile of three squares with sides of 2 m: two adjacent at height 0, one 3 m above the first.
 struct File {
     version: i32,
     tiles: i32,
@@ -70,7 +70,7 @@ impl File {
             tile.0.extend([4, 0]);
         }
         tile.0.extend([0; 24]);
-        // The second square has a detail corner in its middle.
+        // The second square has a detail corner in the centre.
         for (corners, first, triangles) in [(0, 0, 2), (1, 2, 4), (0, 6, 2)] {
             tile.ints(&[0, first]);
             tile.0.extend([corners, triangles, 0, 0]);
@@ -112,7 +112,7 @@ fn both_versions_give_the_polygons_their_joints_and_heights() {
         let (a, b) = (Point3::new(-0.5, 0.0, 5.5), Point3::new(2.5, 0.0, 5.5));
         assert!((mesh.geodesic_m(&a, &b).expect("a way") - 3.0).abs() < 1e-6);
         assert_eq!(mesh.geodesic_m(&a, &Point3::new(0.0, 3.0, 6.0)), None);
-        // The middle of the second square rises to 0.5 m; a point above it is taken down to there.
+        // The centre of the second square rises to 0.5 m; a point above it is projected there.
         let top = mesh.project(&Point3::new(2.0, 1.0, 6.0)).expect("a polygon below");
         assert!((top.position() - Point3::new(2.0, 0.5, 6.0)).norm() < 1e-5, "{top:?}");
         assert_eq!(mesh.project(&Point3::new(9.0, 0.0, 6.0)), None);
@@ -128,7 +128,7 @@ fn steps_follow_the_heights_and_slide() {
     assert!((slid - Point3::new(0.2, 0.0, 5.0)).norm() < 1e-5, "{slid}");
     let stopped = mesh.try_step(&Point3::new(0.0, 0.0, 5.1), &Point3::new(0.2, 0.0, 4.9), false);
     assert!((stopped - Point3::new(0.1, 0.0, 5.0)).norm() < 1e-5, "{stopped}");
-    // Nearer to the square above than to the one it stands on, and off everything: neither is a step.
+    // Nearer to the upper square, or off the mesh: neither is a step.
     for end in [Point3::new(0.0, 3.0, 6.0), Point3::new(50.0, 0.0, 6.0)] {
         assert_eq!(mesh.try_step(&Point3::new(0.0, 0.0, 6.0), &end, true), Point3::new(0.0, 0.0, 6.0));
     }
@@ -178,7 +178,7 @@ fn values_that_cannot_be_are_named_with_their_place() {
     bytes[72..76].copy_from_slice(&i32::MAX.to_le_bytes());
     let error = NavMesh::from_detour(&bytes).err().expect("too many polygons").to_string();
     assert!(error.contains("number of polygons"), "{error}");
-    // The first corner lies at byte 148: a tile that is kilometres wide, and a corner before its beginning.
+    // The first corner is at byte 148: a tile kilometres wide, and a corner before its start.
     for (x, words) in [(9e5_f32, "the extent of the corners"), (-50.0, "a corner at byte 148 is (-50, 0, 5)")]
     {
         let mut bytes = File::default().bytes();

@@ -2,7 +2,7 @@ use crate::build::{Builder, hall, two_rooms};
 use avln_geom::{Aabb, Point3, Rng, Vector3};
 use avln_navmesh::{NavMesh, NavPoint};
 
-/// A lattice cell: what rasterising may add to a way around a wall.
+/// A lattice cell: the error of a path around a wall due to rasterisation.
 const CELL_M: f64 = 0.05;
 
 fn at(mesh: &NavMesh, x: f32, z: f32) -> NavPoint {
@@ -25,7 +25,7 @@ fn the_area_is_the_floor_without_a_rim_of_the_bodys_radius() {
 #[test]
 fn furniture_in_the_middle_of_a_room_is_left_out() {
     let mesh = hall().block([3.0, 0.0, 2.0], [5.0, 1.0, 4.0]).block([7.0, 0.0, 3.0], [8.0, 3.0, 4.0]).build();
-    // The hall less its rim, 9.8 x 5.8 m, less two blocks with theirs, 2.2 x 2.2 m and 1.2 x 1.2 m.
+    // The hall without its rim, 9.8 x 5.8 m, minus two blocks with rims, 2.2 x 2.2 m and 1.2 x 1.2 m.
     let area_m2 = mesh.island_area_m2(mesh.largest_island());
     assert!((area_m2 - (56.84 - 4.84 - 1.44)).abs() < 1.5, "{area_m2}");
     assert_eq!(mesh.snap(&Point3::new(7.5, 0.0, 3.5), 0.5), None);
@@ -97,7 +97,7 @@ fn sliding_along_a_wall_keeps_the_part_along_it() {
     let free = mesh.slide(&at(&mesh, 2.0, 2.0), &Vector3::new(0.15, 0.0, -0.2));
     assert!(!free.blocked);
     assert!((free.end.position() - Point3::new(2.15, 0.0, 1.8)).norm() < 1e-5);
-    // The wall at z = 0 keeps the body's middle at z = 0.1; of 0.25 m, 0.15 m lead along it.
+    // The wall at z = 0 limits the body centre to z = 0.1; 0.15 m of 0.25 m are parallel to it.
     let start = at(&mesh, 2.0, 0.12);
     let along = mesh.slide(&start, &Vector3::new(0.15, 0.0, -0.2));
     assert!(along.blocked);

@@ -6,7 +6,7 @@ use avln_navmesh::{Body, NavMesh, NavMeshSettings};
 
 type Place = [f32; 3];
 
-/// From, to, metres; infinite where there is no path.
+/// From, to, metres; infinite without a path.
 const PATHS: [(Place, Place, f64); 12] = [
     ([-2.05, 0.2, -4.87], [-0.82, 0.2, 3.96], 8.9152565),
     ([-2.46, 0.2, 1.33], [7.8, 0.2, 4.31], 11.1869297),
@@ -25,7 +25,7 @@ const PATHS: [(Place, Place, f64); 12] = [
 /// Forward, left and right by 30 degrees, from the first place above.
 const ACTIONS: &str = "LFRFRRRLFFFRFFFFFFFLFLFFRFFFFF";
 const COLLIDED: &str = "000000001110000000001011011111";
-/// Number of actions, where they lead.
+/// Action count, pose after it.
 const POSES: [(usize, Place, f32); 6] = [
     (6, [-2.175, 0.19865, -5.3365065], -60.0),
     (11, [-1.525482, 0.19865, -5.350_004], -60.0),

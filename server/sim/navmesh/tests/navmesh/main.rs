@@ -1,4 +1,4 @@
-//! What a navmesh promises, checked against distances worked by hand and against brute force.
+//! Navmesh tests against hand-computed distances and brute force.
 
 mod broken;
 mod build;

@@ -1,5 +1,4 @@
-//! Brute force: Dijkstra over a fine raster whose steps lie on the mesh, and over all corners in sight of each
-//! other.
+//! Brute force: Dijkstra over a fine raster with steps on the mesh, and over all mutually visible corners.
 
 use crate::build::{hall, two_rooms};
 use avln_geom::{Aabb, Point3, Rng};
@@ -7,7 +6,7 @@ use avln_navmesh::{NavMesh, NavPoint};
 use std::collections::BTreeMap;
 
 const SPACING_M: f32 = 0.1;
-/// What going in eight directions may cost over going straight.
+/// Largest ratio of eight-direction to straight path lengths.
 const EIGHT_WAYS: f64 = 1.0824;
 
 struct Raster<'a> {
@@ -34,7 +33,7 @@ impl<'a> Raster<'a> {
         Self { mesh, points, links }
     }
 
-    /// Costs from `start`, by relaxing until nothing changes.
+    /// Costs from `start`, by relaxation to a fixed point.
     fn costs(&self, start: usize) -> Vec<f64> {
         let mut costs = vec![f64::INFINITY; self.points.len()];
         costs[start] = 0.0;
@@ -58,7 +57,7 @@ impl<'a> Raster<'a> {
             for (point, cost) in self.points.iter().zip(self.costs(start)) {
                 let exact = field.distance_m(self.mesh, point).unwrap_or(f64::INFINITY);
                 assert!(exact <= cost + 1e-3, "{exact} > {cost} to {point:?}");
-                // The raster may miss gaps narrower than its spacing, so this bound holds for its reach only.
+                // The raster may miss gaps narrower than its spacing, so this bound is limited to its reach.
                 assert!(
                     cost.is_infinite() || cost <= exact * EIGHT_WAYS + 0.3,
                     "{exact} << {cost} to {point:?}"
@@ -68,13 +67,13 @@ impl<'a> Raster<'a> {
     }
 }
 
-/// Length of the straight step between two points where all of it is on the mesh.
+/// Length of the straight step between two points if it is on the mesh.
 fn walked(mesh: &NavMesh, from: &NavPoint, to: &NavPoint) -> Option<f64> {
     let (from, to) = (from.position(), to.position());
     is_straight(mesh, &from, &to).then(|| f64::from((to - from).norm()))
 }
 
-/// Whether all places on the straight line, a centimetre apart, are on the mesh.
+/// Returns true if the straight line, sampled every centimetre, is on the mesh.
 fn is_straight(mesh: &NavMesh, from: &Point3<f32>, to: &Point3<f32>) -> bool {
     let count = ((to - from).norm() / 0.01).ceil().max(1.0);
     (0..=count as u32).all(|i| mesh.snap(&(from + (to - from) * (i as f32 / count)), 1e-4).is_some())

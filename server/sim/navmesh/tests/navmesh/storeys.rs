@@ -6,8 +6,8 @@ const RISE_M: f32 = 0.18;
 const STEPS: usize = 15;
 const UPPER_M: f32 = RISE_M * STEPS as f32;
 
-/// A ground floor of 12 x 4 m and an upper floor over it. A flight of steps, 0.18 m high and 0.28 m long, rises in an
-/// opening along z = 3 to 4 m from x = 4 m to x = 8.2 m.
+/// A ground floor of 12 x 4 m with an upper floor. A flight of steps, 0.18 m high and 0.28 m long, rises in
+/// an opening at z = 3 to 4 m from x = 4 m to x = 8.2 m.
 fn house() -> NavMesh {
     let mut builder = Builder::default().floor([0.0; 3], [12.0, 0.0, 4.0]);
     for step in 0..STEPS {
@@ -31,10 +31,10 @@ fn stairs_join_two_storeys_and_points_above_each_other_stay_apart() {
     assert!((below.position().y, above.position().y) == (0.0, UPPER_M), "{below:?} {above:?}");
     assert_eq!(mesh.island_of(&below), mesh.island_of(&above));
     let distance = mesh.distance_m(&below, &above).unwrap();
-    // The side of the flight divides it from the floor beside it from the second step on, (4.28, 3.0). One walks there,
-    // 0.1 m off, turns around it, goes up to the end of the opening at (8.2, 3.0), again 0.1 m off, and on from there:
-    // sqrt(5.72^2 + 1.9^2) + 0.1 * pi + sqrt(3.92^2 + 2.5^2) + 0.1 + sqrt(1.7^2 + 2.1^2) = 13.79, where 2.5 m are what the
-    // flight rises from there: its 2.7 m less a step or two.
+    // The side of the flight separates it from the adjacent floor from the second step, (4.28, 3.0). The path
+    // goes there, 0.1 m off, around it, up to the end of the opening at (8.2, 3.0), 0.1 m off, and on:
+    // sqrt(5.72^2 + 1.9^2) + 0.1 * pi + sqrt(3.92^2 + 2.5^2) + 0.1 + sqrt(1.7^2 + 2.1^2) = 13.79, with a rise
+    // of 2.5 m: 2.7 m minus one or two steps.
     assert!((distance - 13.79).abs() < 0.3, "{distance}");
     let path = mesh.path(&below, &above).unwrap();
     assert!(path.iter().any(|corner| corner.x < 4.5), "{path:?}");

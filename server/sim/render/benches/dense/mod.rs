@@ -1,5 +1,5 @@
-//! A scan-like scene: a procedural house whose surfaces are cut into small triangles with 3 mm of noise, under an atlas of
-//! sixteen textures of 1024 by 1024 texels, a centimetre each.
+//! A scan-like scene: a procedural house with surfaces cut into small triangles with 3 mm noise, under an
+//! atlas of sixteen textures of 1024 by 1024 texels, a centimetre per texel.
 
 use avln_geom::{Point2, Point3, Rng, Vector3};
 use avln_houses::{HouseOptions, house};
@@ -11,7 +11,7 @@ const TEXTURES: u16 = 16;
 const TEXTURE_SIDE: u32 = 1024;
 const TEXELS_PER_M: f32 = 100.0;
 
-/// A house with at least so many triangles.
+/// A house with at least `triangles` triangles.
 pub(crate) fn scan(triangles: usize) -> Scene {
     let mut scene = house("bench", 7, &HouseOptions::default());
     let mut longest_m = 1.0;

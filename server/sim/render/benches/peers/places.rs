@@ -7,7 +7,8 @@ const EYE_M: f32 = 1.0;
 const ELBOW_ROOM_M: f32 = 0.3;
 const TRIES: usize = 100_000;
 
-/// Level cameras 1 m above floors, nothing near, drawn over the rooms or where there are none over the whole scene.
+/// Level cameras 1 m above floors with free surroundings, over the rooms or, without rooms, over the whole
+/// scene.
 pub(crate) fn cameras(scene: &Scene, rays: &RayMesh, count: usize, side: u32) -> Vec<Camera> {
     let mut rng = Rng::new(1);
     let rooms: Vec<Aabb> = match scene.bounds() {

@@ -2,8 +2,8 @@ use avln_geom::Point3;
 use avln_scene::{Mesh, Scene};
 use std::collections::BTreeMap;
 
-/// The scene with edges halved until it has `least` triangles or a few more. Edges that two triangles share are halved in
-/// both, so that the surface stays closed.
+/// The scene with edges halved until it has at least `least` triangles. Shared edges are halved in both
+/// triangles, so the surface stays closed.
 pub(crate) fn refined(scene: Scene, least: usize) -> Scene {
     let mut longest_m = 1.0;
     loop {
@@ -15,7 +15,7 @@ pub(crate) fn refined(scene: Scene, least: usize) -> Scene {
     }
 }
 
-/// The mesh without edges longer than `longest_m`: the longest edge of a triangle is halved as long as there is one.
+/// The mesh without edges longer than `longest_m`, by repeated halving of the longest edge.
 fn halved(mesh: &Mesh, longest_m: f32) -> Mesh {
     let mut fine = Mesh { triangles: vec![], material_of: vec![], instance_of: vec![], ..mesh.clone() };
     let mut middles: BTreeMap<[u32; 2], u32> = BTreeMap::new();

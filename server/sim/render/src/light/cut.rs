@@ -9,8 +9,8 @@ const LONGEST_M: f32 = 0.5;
 /// Edges that are longer still belong to no room and stay whole, metres.
 const ENDLESS_M: f32 = 64.0;
 
-/// The same surfaces with no edge longer than 0.4 m. Whether an edge is halved, and where, depends on its ends alone, so
-/// triangles that share an edge still do.
+/// Subdivides edges longer than 0.4 m. The split depends only on the end points, so adjacent triangles stay
+/// adjacent.
 pub(super) fn cut(mesh: &Mesh) -> Mesh {
     let vertices = Mesh {
         positions: mesh.positions.clone(),
@@ -41,7 +41,7 @@ struct Cutter {
 }
 
 impl Cutter {
-    /// The two triangles that halving the longest edge gives; `None` when all edges stay whole.
+    /// Splits a triangle at its longest edge; `None` if no edge is split.
     fn halves(&mut self, [a, b, c]: [u32; 3]) -> Option<[[u32; 3]; 2]> {
         let edges = [[a, b, c], [b, c, a], [c, a, b]];
         let lengths = edges.map(|[from, to, _]| self.length_to_cut(from, to));
@@ -54,7 +54,7 @@ impl Cutter {
         Some([[middle, to, apex], [from, middle, apex]])
     }
 
-    /// Squared length of an edge, metres squared; 0 for one that stays whole.
+    /// Squared length of an edge, metres squared; 0 if it is not split.
     fn length_to_cut(&self, from: u32, to: u32) -> f32 {
         let place = |vertex: u32| -> Point3<f32> { self.mesh.positions[vertex as usize] };
         let length = (place(from) - place(to)).norm_squared();

@@ -1,15 +1,15 @@
-//! How much light arrives at the middle of a triangle.
+//! Light at the centre of a triangle.
 
 use avln_geom::{Point3, RayMesh, Vector3, angle};
 use avln_scene::{Lamp, Mesh};
 
-/// Rays start this far before their surface, metres.
+/// Offset of ray origins from the surface, metres.
 const OFF_M: f32 = 0.002;
-/// What lies this close before a surface covers it, metres.
+/// Surfaces within this distance cover the sample, metres.
 const COVER_M: f32 = 0.03;
-/// Surfaces this far away take no indirect light, metres.
+/// Surfaces beyond this distance do not reduce indirect light, metres.
 const OPEN_M: f32 = 1.8;
-/// How far a lamp shines, metres; its light fades away towards there.
+/// Range of a lamp, metres; its light fades to zero there.
 const REACH_M: f32 = 5.0;
 /// Less light than this is not worth a ray.
 const FAINT: f32 = 0.03;
@@ -17,17 +17,17 @@ const FAINT: f32 = 0.03;
 const RAYS: [usize; 2] = [8, 4];
 /// Triangles of at most this area are small, square metres.
 const SMALL_M2: f32 = 0.004;
-/// Neighbouring triangles take turns with so many sets of rays.
+/// Number of ray sets, alternated between neighbouring triangles.
 const SETS: usize = 4;
 /// Indirect light in the narrowest corner.
 pub(super) const LEAST: f32 = 0.15;
 
-/// What is known of one triangle.
+/// Light sample of a triangle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sample {
-    /// The side that one sees, of length 1; zero for a triangle without area.
+    /// Unit normal of the visible side; zero for degenerate triangles.
     pub(super) normal: Vector3<f32>,
-    /// How much it says of its corners: its area, square metres, less what is covered of it.
+    /// Weight at the corners: uncovered area, square metres.
     pub(super) weight: f32,
     /// Red, green and blue light; 1 is the indirect light in the open.
     pub(super) light: [f32; 3],
@@ -42,7 +42,7 @@ struct Gatherer<'a> {
     directions: [[Vec<Vector3<f32>>; SETS]; 2],
 }
 
-/// A sample for each triangle of `fine`, whose surfaces are those of `coarse`, whose triangles `rays` holds.
+/// Samples for the triangles of `fine`, a subdivision of `coarse`, whose triangles are in `rays`.
 pub(super) fn samples(coarse: &Mesh, rays: &RayMesh, lamps: &[Lamp], fine: &Mesh) -> Vec<Sample> {
     let normals = coarse.triangles.iter().map(|triangle| area_and_normal(coarse, triangle).1).collect();
     let directions = RAYS.map(|count| std::array::from_fn(|set| hemisphere(count, set)));
@@ -59,8 +59,8 @@ fn area_and_normal(mesh: &Mesh, triangle: &[u32; 3]) -> (f32, Vector3<f32>) {
     if length > 1e-12 { (0.5 * length, cross / length) } else { (0.0, Vector3::zeros()) }
 }
 
-/// Directions around +Z, as many in each direction as light from there counts: points spread evenly on a disc by the
-/// golden angle (Vogel 1979) and lifted onto the hemisphere (Malley's method).
+/// Cosine-distributed directions around +Z: points on a disc by the golden angle (Vogel 1979), lifted to the
+/// hemisphere (Malley's method).
 fn hemisphere(count: usize, set: usize) -> Vec<Vector3<f32>> {
     const GOLDEN_RAD: f32 = 2.399_963;
     let direction = |index: usize| {
@@ -90,7 +90,7 @@ impl Gatherer<'_> {
         Sample { normal, weight: area_m2 * seen, light }
     }
 
-    /// How open it is before a surface, 0 to 1, and the share of it that is not covered.
+    /// Openness in front of a surface, 0 to 1, and the uncovered share.
     fn openness(&self, origin: &Point3<f32>, normal: &Vector3<f32>, set: &[Vector3<f32>]) -> (f32, f32) {
         let (right, up) = axes(normal);
         let (mut open, mut seen) = (0.0, 0.0);
@@ -122,7 +122,7 @@ impl Gatherer<'_> {
         }
     }
 
-    /// Whether nothing but itself hides a lamp.
+    /// Returns true if the lamp is visible, ignoring its own body.
     fn sees(&self, origin: &Point3<f32>, lamp: &Lamp) -> bool {
         let offset = lamp.position - origin;
         let distance_m = offset.norm();
@@ -131,13 +131,13 @@ impl Gatherer<'_> {
     }
 }
 
-/// Indirect light: 1 in the open, less where surfaces are near, a little less on what looks down.
+/// Indirect light: 1 in the open, less near surfaces, slightly less on surfaces facing down.
 fn indirect(open: f32, normal: &Vector3<f32>) -> f32 {
     (0.9 + 0.1 * normal.y) * (LEAST + (1.0 - LEAST) * open * open)
 }
 
-/// The share of a lamp's strength that falls on a surface if nothing is in between: less with the square of the distance,
-/// and by the cosines at the surface and at a flat lamp. `None` for one that the surface or the lamp turns away from.
+/// Unoccluded share of a lamp's strength on a surface: inverse square, with the cosines at the surface and at
+/// a flat lamp. `None` if either faces away.
 fn falling(lamp: &Lamp, origin: &Point3<f32>, normal: &Vector3<f32>) -> Option<f32> {
     let offset = lamp.position - origin;
     let distance2 = offset.norm_squared();

@@ -5,22 +5,21 @@ use avln_geom::Vector3;
 use avln_scene::Mesh;
 use std::collections::BTreeMap;
 
-/// Surfaces go on smoothly where their normals differ by less than 50 degrees: the cosine.
+/// Largest angle of a smooth transition, 50 degrees: the cosine.
 const SMOOTH: f32 = 0.643;
-/// How bright the picture is made before its curve.
+/// Exposure before the tone curve.
 const EXPOSURE: f32 = 2.8;
-/// This much exposed light shows a surface in its own colour.
+/// Exposed light that shows a surface in its own colour.
 const WHITE: f32 = 6.0;
-/// How often covered triangles take over light from those beside them.
+/// Iterations in which covered triangles borrow light from neighbours.
 const ROUNDS: usize = 2;
-/// What a triangle that took over its light says of its corners.
+/// Weight of a triangle with borrowed light.
 const BORROWED: f32 = 1e-6;
 
 /// A key that is the same for the same place.
 type Place = [u32; 3];
 
-/// Paints every corner of `mesh`, of which `samples` holds a sample for each triangle. Vertices where light breaks become
-/// several.
+/// Colours every corner of `mesh` from the triangle `samples`. Vertices at light discontinuities are split.
 pub(super) fn spread(samples: Vec<Sample>, mesh: &mut Mesh) {
     let colors = corner_colors(samples, mesh);
     let mut painter = Painter::new(mesh.positions.len());
@@ -34,12 +33,12 @@ pub(super) fn spread(samples: Vec<Sample>, mesh: &mut Mesh) {
     mesh.colors = painter.colors;
 }
 
-/// Gives out a new vertex for every pair of an old vertex and a colour.
+/// Creates a vertex per pair of old vertex and colour.
 struct Painter {
-    /// The newest vertex made of each old one, and for each new vertex the one made before it.
+    /// The newest copy of every old vertex, and for every copy the previous copy.
     newest: Vec<u32>,
     before: Vec<u32>,
-    /// The old vertex and the colour of each new one.
+    /// Old vertex and colour of every new vertex.
     source: Vec<u32>,
     colors: Vec<[u8; 3]>,
 }
@@ -86,7 +85,7 @@ fn corner_colors(mut samples: Vec<Sample>, mesh: &Mesh) -> Vec<[u8; 3]> {
     colors
 }
 
-/// Every corner of every triangle with its place.
+/// Every triangle corner with its position.
 fn placed_corners(mesh: &Mesh) -> Vec<(Place, u32)> {
     let key = |vertex: u32| {
         let place = mesh.positions[vertex as usize];
@@ -96,7 +95,7 @@ fn placed_corners(mesh: &Mesh) -> Vec<(Place, u32)> {
     mesh.triangles.iter().flatten().zip(0..).map(|(&vertex, corner)| (key(vertex), corner)).collect()
 }
 
-/// Covered samples take the light of those beside them: a part of their triangle may be seen all the same.
+/// Covered samples borrow light from their neighbours: part of the triangle may still be visible.
 fn borrow(samples: &mut [Sample], corners: &[(Place, u32)]) {
     let mut found: BTreeMap<u32, Vec<Sample>> = BTreeMap::new();
     for group in corners.chunk_by(|(a, _), (b, _)| a == b) {

@@ -48,7 +48,7 @@ fn normal(mesh: &Mesh, triangle: [u32; 3]) -> Vector3<f32> {
     (b - a).cross(&(c - a))
 }
 
-/// The green light at the corner nearest to a place, among the triangles that look along `facing`.
+/// Green light at the corner nearest to a position, among triangles facing `facing`.
 fn light_at(mesh: &Mesh, facing: Vector3<f32>, [x, y, z]: [f32; 3]) -> i32 {
     let place = Point3::new(x, y, z);
     let seen =
@@ -62,7 +62,7 @@ fn area_m2(mesh: &Mesh) -> f32 {
     mesh.triangles.iter().map(|&triangle| 0.5 * normal(mesh, triangle).norm()).sum()
 }
 
-/// How many triangles meet at each edge, by the places of its ends.
+/// Triangle count per edge, by end positions.
 fn edges(mesh: &Mesh) -> BTreeMap<[[u32; 3]; 2], usize> {
     let place = |vertex: u32| {
         let place = mesh.positions[vertex as usize];
@@ -83,7 +83,7 @@ fn edges(mesh: &Mesh) -> BTreeMap<[[u32; 3]; 2], usize> {
 fn a_cut_box_stays_closed_and_keeps_its_faces() {
     let mut whole = Mesh::default();
     add_box(&mut whole, [-1.37, 0.0, 0.11], [2.9, 2.6, 5.3], true);
-    // The same faces with vertices of their own: what is cut must depend on places alone.
+    // Faces with separate vertices: the split must depend on positions only.
     let mut apart = Mesh { triangles: Vec::new(), ..whole.clone() };
     for triangle in &whole.triangles {
         let first = apart.positions.len() as u32;
@@ -140,7 +140,7 @@ fn a_white_room_is_brighter_under_its_lamp_alike_on_both_sides_and_darker_in_cor
         let (least, most) = (all.iter().min().unwrap(), all.iter().max().unwrap());
         assert!(most - least <= 12, "({x}, {z}): {all:?}");
     }
-    // The box has eight vertices; each face has light of its own all the same.
+    // The box has eight vertices, but every face has separate light.
     let wall = light_at(&lit, Vector3::x(), [-2.0, 1.3, 0.0]);
     assert!(wall < floor(0.0, 0.0), "{wall}");
     assert!((area_m2(&lit) - area_m2(&room.mesh)).abs() < 1e-3);
@@ -162,7 +162,7 @@ fn the_floor_around_a_closed_cupboard_is_no_darker_than_a_corner() {
     add_box(&mut room.mesh, [-2.0, 0.0, -2.0], [2.0, 2.6, 2.0], true);
     add_box(&mut room.mesh, [-2.0, 0.0, -0.6], [-1.45, 1.8, 0.6], false);
     let lit = light(&room);
-    // The nearest floor vertices lie under the cupboard, where nobody sees them, and show just outside of it.
+    // The nearest floor vertices are hidden under the cupboard but visible just outside.
     for x in [-1.75, -1.5, -1.25] {
         let floor = light_at(&lit, Vector3::y(), [x, 0.0, 0.0]);
         assert!(floor > 90, "{floor} at {x}");

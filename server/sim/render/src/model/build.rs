@@ -9,12 +9,12 @@ use avln_geom::Aabb;
 use avln_scene::{Material, Mesh, Scene, Texture};
 use std::collections::BTreeMap;
 
-/// The last material: of surfaces whose own is not known.
+/// The last material, for surfaces without a known material.
 const PLAIN: [u32; 4] = [u32::MAX, NO_TEXTURE, 0, 0];
 
 impl Model {
-    /// The model of `mesh`, made of the materials of `scene`, which use `pictures`. Triangles that nobody can see are left out:
-    /// those without area, and those with corners that are not finite or not there.
+    /// Builds the model of `mesh` with the materials of `scene` and the textures `pictures`. Omits invisible
+    /// triangles: degenerate, or with invalid corners.
     pub(crate) fn build(scene: &Scene, mesh: &Mesh, pictures: &[Texture]) -> Self {
         let (boxes, members) = visible(mesh);
         let left_out = mesh.triangles.len() - members.len();
@@ -48,7 +48,7 @@ impl Model {
 }
 
 impl Default for Model {
-    /// The model of nothing.
+    /// The empty model.
     fn default() -> Self {
         let Textures { levels, texels } = Textures::new();
         let levels = bytemuck::cast_slice(&levels);
@@ -82,7 +82,7 @@ struct Surfaces {
 }
 
 impl Surfaces {
-    /// The surface of every triangle; materials from `materials` on count as the plain one.
+    /// Surface of every triangle; unknown materials map to the plain material.
     fn of_triangles(&mut self, mesh: &Mesh, materials: usize) -> Vec<u32> {
         let pairs = mesh.material_of.iter().zip(&mesh.instance_of);
         let mut last = None;
@@ -109,7 +109,7 @@ impl Surfaces {
     }
 }
 
-/// The materials of a model, the plain one last.
+/// Materials of a model, the plain material last.
 fn materials(scene: &Scene, pictures: &[Texture], textures: &mut Textures) -> Vec<[u32; 4]> {
     let levels: Vec<u32> = pictures.iter().map(|texture| textures.add(texture)).collect();
     let material = |material: &Material| {

@@ -1,13 +1,13 @@
-//! Packs clusters: corners that are the same are stored once, in arrays that fill vector registers.
+//! Packing of clusters: equal corners are stored once, in arrays aligned to vector registers.
 
 use super::{CORNERS, Cluster, HOLED};
 use crate::lanes::LANES;
 use avln_scene::Mesh;
 
-/// Slots of the table that finds corners that are the same: more than twice as many as corners.
+/// Hash table slots for equal corners: more than twice the corner count.
 const SLOTS: usize = 512;
 
-/// The packed lists of all clusters so far; see [`super::View`].
+/// Packed lists of all clusters; see [`super::View`].
 #[derive(Default)]
 pub(super) struct Packed {
     pub(super) clusters: Vec<Cluster>,
@@ -19,15 +19,15 @@ pub(super) struct Packed {
 /// A corner as bits: position, texture coordinates, colour.
 type Corner = [u32; 6];
 
-/// The different corners of one cluster.
+/// Distinct corners of a cluster.
 struct Distinct {
     corners: Vec<Corner>,
-    /// One more than an index into `corners`, or 0.
+    /// Index into `corners` plus one, or 0.
     slots: [u8; SLOTS],
 }
 
 impl Packed {
-    /// Adds the cluster of the triangles `members`; `surface_of` tells the surface of each and whether it has holes.
+    /// Adds the cluster of the triangles `members`; `surface_of` returns the surface and a flag for holes.
     pub(super) fn add(&mut self, mesh: &Mesh, members: &[u32], surface_of: impl Fn(u32) -> (u32, bool)) {
         let mut distinct = Distinct { corners: Vec::with_capacity(CORNERS), slots: [0; SLOTS] };
         let first_triangle = self.triangles.len();
@@ -100,7 +100,7 @@ mod tests {
 
     #[test]
     fn equal_corners_are_stored_once() {
-        // Two triangles of a square, each with corners of its own; one of them has another colour.
+        // Two triangles of a square with separate corners, one with a different colour.
         let position = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
         let mut mesh = Mesh {
             positions: position.map(|(x, y)| Point3::new(x, y, 2.0)).to_vec(),

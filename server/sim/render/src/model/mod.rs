@@ -1,5 +1,5 @@
-//! A scene as it is drawn: clusters of triangles under a tree of boxes, and textures in all their sizes, in one block of
-//! memory that can be kept in a file.
+//! A scene prepared for rendering: clusters of triangles under a box tree, and textures in all sizes, in a
+//! single memory block that can be stored in a file.
 
 mod build;
 mod cluster;
@@ -19,53 +19,53 @@ use crate::lanes::LANES;
 /// Corners of a cluster, at most.
 pub(crate) const CORNERS: usize = 3 * CLUSTER;
 
-/// Marks triangles that have holes, beside the numbers of their corners.
+/// Flag of triangles with holes, next to the corner numbers.
 pub(crate) const HOLED: u32 = 1 << 24;
 
 /// Sections of a model, in their order.
 const SECTIONS: usize = 10;
 
-/// All that pictures of one scene are made from. It is not changed any more, and pictures may be made on many threads.
+/// Immutable render data of a scene, shared by threads.
 pub struct Model {
     bytes: Box<dyn AsRef<[u8]> + Send + Sync>,
-    /// Where each section lies, bytes.
+    /// Byte range of every section.
     sections: [Range<usize>; SECTIONS],
 }
 
 /// A model's lists.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct View<'a> {
-    /// Boxes: the smallest and the largest corner as bits of floats, then two numbers: that of a left child and 0, or
-    /// that of a cluster and 1.
+    /// Boxes: smallest and largest corner as float bits, then the left child and 0, or a cluster and 1.
     pub(crate) nodes: &'a [[u32; 8]],
     pub(crate) clusters: &'a [Cluster],
-    /// Of each cluster all x of its corners, metres, filled up to a multiple of [`LANES`], then all y, then all z.
+    /// Per cluster: x of all corners in metres, padded to a multiple of [`LANES`], then y, then z.
     pub(crate) coordinates: &'a [f32],
-    /// Texture coordinates and colours of corners, in the order of the clusters: u and v as bits of floats, then RGB.
+    /// Texture coordinates and colours of corners, in cluster order: u and v as float bits, then RGB.
     pub(crate) corners: &'a [[u32; 3]],
-    /// Of each triangle its corners within the cluster, a byte each, and its surface.
+    /// Per triangle: corners within the cluster, a byte each, and the surface.
     pub(crate) triangles: &'a [[u32; 2]],
     /// Material, instance.
     pub(crate) surfaces: &'a [[u32; 2]],
-    /// Base colour RGBA; number of the first level of its texture, and below it, in [`LEVEL_BITS`], that of levels; alpha
-    /// below which there is nothing; 0.
+    /// Base colour RGBA; first texture level with the level count in the low [`LEVEL_BITS`] bits; alpha
+    /// cutoff; 0.
     pub(crate) materials: &'a [[u32; 4]],
     /// Sizes of textures: first texel; width in the low 16 bits and height in the high.
     pub(crate) levels: &'a [Level],
     /// RGBA, in blocks of 4 by 4.
     pub(crate) texels: &'a [u32],
-    /// Numbers of the whole: what is seen beyond all surfaces, RGB; triangles that were left out.
+    /// Global values: background colour RGB; number of omitted triangles.
     pub(crate) whole: &'a [u32],
 }
 
-/// Where a size of a texture begins, and how large it is; see [`View::levels`].
+/// Start and size of a texture level; see [`View::levels`].
 pub(crate) type Level = [u32; 2];
 
-/// Where a cluster's lists begin: coordinate, corner, triangle; then triangles in the low 16 bits and corners in the high.
+/// Start of the lists of a cluster: coordinate, corner, triangle; then triangle count in the low 16 bits and
+/// corner count in the high.
 pub(crate) type Cluster = [u32; 4];
 
 impl Model {
-    /// A model in `bytes`, whose sections are known to fit.
+    /// A model in `bytes` with validated sections.
     fn new(bytes: Box<dyn AsRef<[u8]> + Send + Sync>, sections: [Range<usize>; SECTIONS]) -> Self {
         Self { bytes, sections }
     }
@@ -88,7 +88,7 @@ impl Model {
         }
     }
 
-    /// Triangles that can be seen; those without area or with corners that are not finite are left out.
+    /// Count of visible triangles, without degenerate or invalid triangles.
     pub fn triangle_count(&self) -> usize {
         self.view().triangles.len()
     }

@@ -1,30 +1,30 @@
-//! A model as one block of bytes: a header that tells the length of each section, then the sections.
+//! Serialisation of a model: a header with section lengths, then the sections.
 //!
-//! Numbers are words of four bytes in the machine's own order: it is a cache and not for exchange. The header: the letters
-//! `AVLN`, the version of the layout, the number of words in each section, and the BLAKE3 hash of all sections.
+//! Words have four bytes in native order: the format is a cache, not for exchange. Header: the letters
+//! `AVLN`, layout version, word count per section, and the BLAKE3 hash of all sections.
 
 use super::{Model, SECTIONS};
 use std::io::{self, Write};
 use std::ops::Range;
 
 const MAGIC: u32 = u32::from_le_bytes(*b"AVLN");
-/// Counts changes of the layout, of how models are built and of how light is worked out.
+/// Version of the layout, the model construction and the light computation.
 const VERSION: u32 = 2;
 const HASH_WORDS: usize = 8;
 const HEADER_WORDS: usize = 2 + SECTIONS + HASH_WORDS;
 const WORD: usize = size_of::<u32>();
-/// Words of one entry of each section.
+/// Words per entry of every section.
 const ENTRY_WORDS: [usize; SECTIONS] = [8, 4, 1, 3, 2, 2, 4, 2, 1, 2];
 
 /// Why bytes are not a model.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum ModelError {
-    /// They are something else, or of another version of this program.
+    /// A different format or version.
     #[error(
         "it was not written by this version of the program (layout {found:#x}, expected {VERSION:#x}); delete it, it will be made anew"
     )]
     Foreign {
-        /// The version they tell, or 0.
+        /// Version found, or 0.
         found: u32,
     },
     /// Some are missing or changed.
@@ -33,14 +33,13 @@ pub enum ModelError {
 }
 
 impl Model {
-    /// Counts changes of the layout, of how models are built and of how light is worked out: a model of another version is
-    /// refused.
+    /// Version of the layout, the model construction and the light computation; other versions are rejected.
     pub const VERSION: u32 = VERSION;
 
-    /// The model in `bytes`, as [`Model::write`] wrote it; they may be a file that is mapped into memory.
+    /// Reads a model written by [`Model::write`]; the bytes may be a mapped file.
     ///
     /// # Errors
-    /// When they are something else, cut short or changed.
+    /// If the bytes have a different format, are truncated or modified.
     pub fn read(bytes: impl AsRef<[u8]> + Send + Sync + 'static) -> Result<Self, ModelError> {
         let sections = sections(bytes.as_ref())?;
         Ok(Self::new(Box::new(bytes), sections))
@@ -55,7 +54,7 @@ impl Model {
     }
 }
 
-/// Words whose bytes can be borrowed.
+/// Words with borrowable bytes.
 struct Words(Vec<u32>);
 
 impl AsRef<[u8]> for Words {
@@ -129,7 +128,7 @@ mod tests {
         bytes
     }
 
-    /// Bytes at an address that words may lie at.
+    /// Bytes at a word-aligned address.
     fn read(bytes: &[u8]) -> Result<Model, ModelError> {
         Model::read(Words(
             bytes.chunks(WORD).map(|word| word.iter().rev().fold(0, |w, &b| w << 8 | u32::from(b))).collect(),
@@ -145,7 +144,8 @@ mod tests {
         assert_eq!(again.view().corners, [[1, 2, 3]]);
     }
 
-    /// Kept models are drawn for as long as the version stays: one that would be built otherwise by now shows old pictures.
+    /// Cached models are used as long as the version is equal, so a changed construction without a new
+    /// version would show old images.
     #[test]
     fn models_that_are_built_otherwise_have_another_version() {
         let scene = Arc::new(house("kept", 21, &HouseOptions::small()));

@@ -2,13 +2,13 @@
 
 use avln_scene::Texture;
 
-/// Texels along the side of a block: 16 of 4 bytes fill a line of the cache.
+/// Texels per block side: 16 texels of 4 bytes fill a cache line.
 pub(crate) const BLOCK: usize = 4;
 
-/// Bits of a texture that tell how many levels it has; the others tell the number of the first one.
+/// Bits for the level count of a texture; the rest is the first level.
 pub(crate) const LEVEL_BITS: u32 = 5;
 
-/// The texture of what has none: level 0, which is white.
+/// The white texture (level 0) for untextured surfaces.
 pub(crate) const NO_TEXTURE: u32 = 1;
 
 /// Texels in a row or column, at most: more would not fit the arithmetic of sampling.
@@ -33,10 +33,9 @@ impl Textures {
         Self { levels: vec![[0, 1 | 1 << 16]], texels: vec![u32::MAX; BLOCK * BLOCK] }
     }
 
-    /// Adds a texture and its smaller versions, each half as large as the one before, down to one texel. The number of
-    /// the first level, and below it, in [`LEVEL_BITS`], that of levels. [`NO_TEXTURE`] for a picture without texels, with
-    /// more than 16,384 in a row or column, with another number of bytes than its size asks for, or where there would be
-    /// more than 2^32 texels.
+    /// Adds a texture and its mipmaps down to one texel. Returns the first level with the level count in the
+    /// low [`LEVEL_BITS`] bits. [`NO_TEXTURE`] for an empty image, more than 16,384 texels per side, a wrong
+    /// byte count, or more than 2^32 texels in total.
     pub(super) fn add(&mut self, texture: &Texture) -> u32 {
         let first = self.levels.len() as u32;
         let mut level = Level::full(texture);
@@ -64,7 +63,7 @@ impl Level {
         fits.then(|| Self { width, height, texels: texels.to_vec() })
     }
 
-    /// Appends the texels block by block; blocks that reach over the border repeat its texels.
+    /// Appends the texels block by block; blocks across the border repeat its texels.
     fn store(&self, texels: &mut Vec<u32>) {
         for (top, left) in (0..self.height)
             .step_by(BLOCK)

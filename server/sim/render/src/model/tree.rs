@@ -1,4 +1,4 @@
-//! A binary tree of boxes over a mesh, whose leaves are clusters of up to 64 triangles.
+//! A binary box tree over a mesh with clusters of up to 64 triangles as leaves.
 
 use avln_geom::{Aabb, Point3};
 
@@ -8,7 +8,7 @@ pub(crate) const CLUSTER: usize = 64;
 /// Bins that an axis is divided into when a split is sought.
 const BINS: usize = 16;
 
-/// What it costs to look into a cluster, in triangles.
+/// Cost of entering a cluster, in triangles.
 const CLUSTER_COST: usize = 24;
 
 /// A box of the tree.
@@ -18,31 +18,31 @@ pub(crate) struct Node {
     pub(crate) content: Content,
 }
 
-/// What a box holds.
+/// Content of a box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Content {
-    /// The number of the left child; the right one follows it.
+    /// Index of the left child; the right child follows.
     Pair(u32),
     /// The number of a cluster.
     Cluster(u32),
 }
 
-/// The tree; node 0 is the root, and there is none without triangles.
+/// The tree; node 0 is the root. Empty without triangles.
 #[derive(Debug, Default)]
 pub(crate) struct Tree {
     pub(crate) nodes: Vec<Node>,
-    /// Triangles of each cluster, one to [`CLUSTER`].
+    /// Triangles per cluster, one to [`CLUSTER`].
     pub(crate) clusters: Vec<Vec<u32>>,
 }
 
-/// Triangles that stand below one node.
+/// Triangles below a node.
 struct Open {
     node: usize,
     first: usize,
     end: usize,
 }
 
-/// Where an axis is cut: triangles with their centres in bins below `bin` go to the left.
+/// A split of an axis: triangles with centres in bins below `bin` go left.
 struct Split {
     axis: usize,
     bin: usize,
@@ -61,7 +61,7 @@ const NO_BOX: Aabb = Aabb {
 };
 
 impl Tree {
-    /// The tree over the triangles `members`, whose boxes are `boxes[member]`; all must be finite.
+    /// Builds the tree over the triangles `members` with finite bounds `boxes[member]`.
     pub(crate) fn new(boxes: &[Aabb], mut members: Vec<u32>) -> Self {
         let mut tree = Self::default();
         if members.is_empty() {
@@ -91,8 +91,7 @@ impl Tree {
     }
 }
 
-/// Sorts the triangles into those of the left child and those of the right one; how many go to the left. `None` when
-/// they fit into one cluster.
+/// Partitions the triangles into left and right; returns the left count. `None` if they fit into a cluster.
 fn divide(boxes: &[Aabb], members: &mut [u32]) -> Option<usize> {
     if members.len() <= CLUSTER {
         return None;
@@ -104,7 +103,7 @@ fn divide(boxes: &[Aabb], members: &mut [u32]) -> Option<usize> {
     })
 }
 
-/// The cheapest cut by the surface area heuristic; `None` when all centres are in one place.
+/// The cheapest split by the surface area heuristic; `None` if all centres coincide.
 fn best_split(boxes: &[Aabb], members: &[u32], centers: &Aabb) -> Option<Split> {
     let mut best: Option<Split> = None;
     for axis in (0..3).filter(|&axis| centers.max[axis] > centers.min[axis]) {
@@ -152,12 +151,12 @@ impl Bin {
     }
 }
 
-/// What it costs to draw so many triangles, in triangles.
+/// Cost of drawing `count` triangles, in triangles.
 fn cost(count: usize) -> f32 {
     (count + CLUSTER_COST * count.div_ceil(CLUSTER)) as f32
 }
 
-/// The bin of a box's centre along an axis.
+/// Bin of a box centre on an axis.
 #[inline]
 fn bin_of(bounds: &Aabb, centers: &Aabb, axis: usize) -> usize {
     let scale = BINS as f32 / (centers.max[axis] - centers.min[axis]);
@@ -169,7 +168,7 @@ fn doubled_center(bounds: &Aabb) -> Point3<f32> {
     bounds.min + bounds.max.coords
 }
 
-/// Swaps the members that `to_left` to the front; how many they are.
+/// Moves members with `to_left` to the front; returns their count.
 fn partition(members: &mut [u32], to_left: impl Fn(u32) -> bool) -> usize {
     let mut front = 0;
     for at in 0..members.len() {

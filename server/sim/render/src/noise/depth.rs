@@ -9,7 +9,7 @@ const DISPARITY_PX_M: f32 = 35.13;
 const DISPARITY_NOISE_PX: f32 = 1.0 / 36.0;
 /// Steps of disparity in a pixel.
 const STEPS_PER_PX: f32 = 8.0;
-/// From here on nothing is read, metres.
+/// Range of the model, metres.
 const REACH_M: f32 = 10.0;
 
 /// See [`DepthNoise::Redwood`](super::DepthNoise::Redwood).
@@ -40,7 +40,7 @@ fn place(index: usize, deviate: f32, count: usize) -> usize {
     shifted.min(count - 1) & !1
 }
 
-/// Depth by its rounded disparity; 0 where there is none.
+/// Depth from the rounded disparity; 0 for no depth.
 #[inline]
 fn measured_m(depth_m: f32, deviate: f32) -> f32 {
     if depth_m <= 0.0 || depth_m >= REACH_M {

@@ -9,7 +9,7 @@ pub(super) fn gaussian(frame: &mut Frame, key: u64) {
     let normal = Normal::table();
     for (pixel, color) in frame.rgb.as_chunks_mut::<3>().0.iter_mut().enumerate() {
         for (channel, deviate) in color.iter_mut().zip(normal.three(key, pixel)) {
-            // A conversion to u8 cuts off what is below 0 or above 255.
+            // The conversion to u8 clamps to 0 to 255.
             *channel = (f32::from(*channel) + deviate * DEVIATION + 0.5) as u8;
         }
     }

@@ -13,32 +13,32 @@ const BYTE: usize = 256;
 
 /// Corners of a cluster on the screen.
 pub(super) struct Projected {
-    /// Column and row, pixels from the centre of the first one.
+    /// Column and row, relative to the centre of the first pixel.
     pub(super) x: [f32; BYTE],
     pub(super) y: [f32; BYTE],
-    /// One over the depth, 1/metres; negative behind the pinhole.
+    /// Reciprocal depth, 1/metres; negative behind the pinhole.
     pub(super) nearness: [f32; BYTE],
     /// Depth, metres.
     pub(super) depth_m: [f32; BYTE],
 }
 
-/// Eight triangles on the screen, their corners far enough ahead of the pinhole; the others' numbers mean nothing.
+/// Eight projected triangles with corners in front of the pinhole; other lanes are undefined.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Batch {
     /// Of each triangle's three corners.
     pub(super) corners: [Position; 3],
     pub(super) nearness: [Floats; 3],
-    /// One over twice the area, signed.
+    /// Reciprocal of twice the signed area.
     pub(super) inverse: Floats,
-    /// First column and row that the triangle can cover, and those after the last; no more than the first where there are
-    /// none.
+    /// First column and row covered by the triangle, and the end after the last; empty ranges have end <=
+    /// first.
     first: [Numbers; 2],
     end: [Numbers; 2],
     /// Nearness of the nearest corner and a little more.
     nearest: Floats,
     /// Edges opposite to the corners.
     edges: [Edges; 3],
-    /// The planes of nearness, and the farthest corners, which they are anchored at: what is far is rounded least.
+    /// Planes of reciprocal depth, anchored at the farthest corners to minimise rounding.
     slope: [Floats; 2],
     anchor: Position,
     least: Floats,
@@ -55,7 +55,7 @@ pub(super) struct Plane {
     pub(super) constant: f32,
 }
 
-/// A plane given by its value at some place.
+/// A plane with its value at an anchor.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Anchored {
     pub(super) x: f32,
@@ -65,7 +65,7 @@ pub(super) struct Anchored {
     pub(super) value: f32,
 }
 
-/// A line whose inside is where its plane is above `limit`.
+/// An edge: inside if its plane is above `limit`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Edge {
     pub(super) plane: Plane,
@@ -115,7 +115,7 @@ impl Default for Projected {
 }
 
 impl Raster<'_> {
-    /// Draws what can be seen of a cluster.
+    /// Draws the visible part of a cluster.
     #[inline(always)]
     pub(super) fn draw_cluster(&mut self, number: usize) {
         let [coordinate, _, first, counts] = self.view.clusters[number];
@@ -145,7 +145,8 @@ impl Raster<'_> {
         self.make_swatches(number);
     }
 
-    /// Projects `count` corners of a cluster, whose coordinates begin at `first`; the smallest depth, metres.
+    /// Projects `count` corners of a cluster with coordinates from `first`; returns the smallest depth,
+    /// metres.
     #[inline(always)]
     fn project(&mut self, first: usize, count: usize) -> f32 {
         let eights = count.div_ceil(LANES);
@@ -190,7 +191,7 @@ impl Batch {
         }
     }
 
-    /// One triangle with these corners: column, row and nearness.
+    /// A batch with a single triangle: column, row and reciprocal depth per corner.
     pub(super) fn single(corners: [[f32; 3]; 3], size: [usize; 2]) -> Self {
         let of = |value: usize| corners.map(|corner| Floats::of(corner[value]));
         let (x, y) = (of(0), of(1));
@@ -230,7 +231,7 @@ impl Batch {
         self.end[0] = is_there.keep_numbers(self.end[0]);
     }
 
-    /// The pixels that a triangle can cover, if there are any.
+    /// Pixels that a triangle may cover, if any.
     #[inline(always)]
     pub(super) fn pixels(&self, lane: usize) -> Option<PixelRect> {
         let first = [self.first[0].0[lane], self.first[1].0[lane]];

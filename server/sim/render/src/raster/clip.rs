@@ -7,7 +7,7 @@ use crate::model::HOLED;
 use avln_geom::{Point3, Vector3};
 
 impl Raster<'_> {
-    /// Draws triangle `at` of a cluster if a corner of it is nearer than what is seen; whether that is so.
+    /// Draws triangle `at` of a cluster if it crosses the near plane; returns true in that case.
     pub(super) fn clip(&mut self, cluster: usize, at: usize) -> bool {
         let [word, surface] = self.view.triangles[self.view.clusters[cluster][2] as usize + at];
         let [a, b, c, _] = word.to_le_bytes();
@@ -51,8 +51,8 @@ impl Raster<'_> {
         Point3::from([0, 1, 2].map(|axis| self.view.coordinates[first as usize + axis * padded + index]))
     }
 
-    /// Corners on the screen, and their nearness, of the part that is far enough away to be seen: three or four. Corners
-    /// that the triangle shares with others are where these have them.
+    /// Projected corners and reciprocal depths of the part beyond the near plane: three or four. Shared
+    /// corners use the shared projection.
     fn outline(&self, corners: &[Vector3<f32>; 3], indices: &[usize; 3]) -> Vec<[f32; 3]> {
         let projected = &self.scratch.projected;
         let mut outline = Vec::with_capacity(4);
@@ -93,7 +93,7 @@ struct Homogeneous {
 }
 
 impl Homogeneous {
-    /// Of a triangle with these corners in the camera frame; `None` for one that is seen edge-on.
+    /// Creates the planes of a triangle in the camera frame; `None` if seen edge-on.
     fn new(corners: &[Vector3<f32>; 3]) -> Option<Self> {
         let [a, b, c] = corners.map(|corner| corner.cast::<f64>());
         let normals = [b.cross(&c), c.cross(&a), a.cross(&b)];

@@ -14,11 +14,11 @@ pub(super) struct Planes {
     pub(super) constant: Floats,
 }
 
-/// Lines whose inside is where their plane is above `limit`.
+/// Edges: inside if the plane is above `limit`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Edges {
     pub(super) plane: Planes,
-    /// A little below 0 where points on the line belong to the inside, else 0.
+    /// Slightly below 0 if points on the line are inside, otherwise 0.
     pub(super) limit: Floats,
 }
 
@@ -28,10 +28,10 @@ pub(super) fn double_area([ax, ay]: Position, [bx, by]: Position, [cx, cy]: Posi
     (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 }
 
-/// The edges from `a` to `b` of triangles whose inside lies to the right for `side` 1 and to the left for -1.
+/// Edges from `a` to `b` of triangles with the inside on the right for `side` 1 and on the left for -1.
 ///
-/// From `b` to `a` it gives the same numbers with opposite signs: planes are anchored at the same end, the one nearer to
-/// the first pixel, where they are least rounded.
+/// From `b` to `a` the values are equal with opposite signs: planes are anchored at the end nearer to the
+/// first pixel, which minimises rounding.
 #[inline(always)]
 pub(super) fn edges([ax, ay]: Position, [bx, by]: Position, side: Floats) -> Edges {
     let zero = Floats::of(0.0);
@@ -47,7 +47,7 @@ pub(super) fn edges([ax, ay]: Position, [bx, by]: Position, side: Floats) -> Edg
     }
 }
 
-/// The planes through three corners' values, where `inverse` is one over the triangles' [`double_area`].
+/// Planes through values at three corners; `inverse` is the reciprocal of the triangles' [`double_area`].
 #[inline(always)]
 pub(super) fn planes(corners: &[Position; 3], inverse: Floats, [a, b, c]: [Floats; 3]) -> Planes {
     let [[ax, ay], [bx, by], [cx, cy]] = *corners;

@@ -6,7 +6,8 @@ use super::screen::{SIDE, Screen, TileRect};
 use crate::lanes::{Floats, Truths};
 use crate::shade::is_solid;
 
-/// Eight columns of a stroke: what its edges' planes and its nearness grow by from column 0, and the edges' limits.
+/// Eight columns of a triangle: increments of edge planes and reciprocal depth from column 0, and edge
+/// limits.
 struct Strip<'a> {
     stroke: &'a Stroke,
     edges: [Floats; 3],
@@ -33,10 +34,10 @@ impl Stroke {
         }
     }
 
-    /// Whether no pixel of a tile can lie inside.
+    /// Returns true if no pixel of a tile can be inside.
     #[inline(always)]
     fn misses(&self, first: [usize; 2]) -> bool {
-        /// From the middle of a tile to the centres of its outermost pixels, and a little more against rounding.
+        /// Distance from a tile centre to its outermost pixel centres, with a rounding margin.
         const HALF: f32 = 0.5 * (SIDE - 1) as f32 + 0.01;
         let [x, y] = first.map(|at| at as f32 + 0.5 * (SIDE - 1) as f32);
         let outside = |Edge { plane, .. }: &Edge| {
@@ -124,7 +125,7 @@ impl Strip<'_> {
 }
 
 impl Raster<'_> {
-    /// Draws a triangle of a surface with holes, whose swatch has the number `swatch`.
+    /// Draws a triangle of a surface with holes and the shading record `swatch`.
     pub(super) fn fill_holed(&mut self, stroke: &Stroke, surface: u32, swatch: u32) {
         let planes = self.scratch.swatches.planes[swatch as usize];
         let screen = &mut self.scratch.screen;

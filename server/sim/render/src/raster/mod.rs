@@ -1,9 +1,9 @@
-//! Finds the nearest hit of every pixel's ray: the tree is walked from near to far, boxes and triangles behind what was
-//! seen already are left out, and the others are drawn.
+//! Rasterisation: the nearest hit of every pixel. The tree is traversed front to back; occluded boxes and
+//! triangles are skipped.
 //!
-//! A triangle is projected, and a pixel belongs to it when the pixel's centre lies within its three edges. Both sides of an
-//! edge work with the same numbers up to sign, and a centre on an edge belongs to the side that the top-left rule names, so
-//! that surfaces have neither cracks nor seams.
+//! A pixel belongs to a projected triangle if the pixel centre is inside its three edges. Both sides of an
+//! edge use equal numbers up to sign, and the top-left rule assigns centres on an edge, so surfaces have no
+//! cracks and no double pixels.
 
 mod batch;
 mod clip;
@@ -22,23 +22,23 @@ use crate::model::View;
 use avln_simd::Work;
 use batch::{Batches, Projected};
 
-/// What is nearer to the plane of the pinhole is not seen, metres.
+/// Near plane, metres.
 pub(crate) const NEAR_M: f32 = 1e-3;
 
-/// Memory that pictures are drawn in; it may be used again and again.
+/// Reusable memory for drawing.
 #[derive(Default)]
 pub(crate) struct Scratch {
     pub(crate) screen: Screen,
     pub(crate) swatches: Swatches,
     projected: Box<Projected>,
     batches: Box<Batches>,
-    /// Triangles of the current cluster that are about to be drawn: their numbers and the pixels that they can cover.
+    /// Triangles of the present cluster to draw: numbers and covered pixels.
     waiting: Vec<(u8, PixelRect)>,
-    /// Boxes that are still to be looked into, the next one last.
+    /// Boxes to visit, the next one last.
     open: Vec<u32>,
 }
 
-/// Draws one picture.
+/// Drawing of a single image.
 pub(crate) struct Raster<'a> {
     pub(crate) view: View<'a>,
     pub(crate) lens: Lens,

@@ -1,25 +1,25 @@
-//! What has been seen so far: of each pixel the nearest hit, and of each tile the farthest of these.
+//! Depth buffer: the nearest hit per pixel, and the farthest of these per tile.
 
-/// Pixels that are worked on at a time, and pixels along the side of a tile.
+/// Pixels per vector, and pixels per tile side.
 pub(crate) const SIDE: usize = 8;
 
-/// Pixels row by row. Rows are filled up with pixels that nothing can cover, to whole tiles and a tile more, so that eight
-/// pixels can be taken from any.
+/// Pixels row by row. Rows are padded to whole tiles plus a tile, so that eight pixels can be read from any
+/// position.
 #[derive(Default)]
 pub(crate) struct Screen {
     pub(crate) width: usize,
     pub(crate) height: usize,
     /// Pixels from a row to the next.
     pub(crate) stride: usize,
-    /// One over the planar depth of the nearest hit, 1/metres; 0 for none.
+    /// Reciprocal planar depth of the nearest hit, 1/metres; 0 for none.
     pub(crate) nearness: Vec<f32>,
-    /// Number of the swatch of the triangle that was hit; of no meaning where nothing was.
+    /// Shading record of the hit triangle; undefined without a hit.
     pub(crate) swatch: Vec<u32>,
     /// Tiles in a row.
     columns: usize,
-    /// Of each tile the nearness of the farthest hit, or less; 0 while some pixel has met nothing.
+    /// Per tile: lower bound of the reciprocal depth of its farthest hit; 0 while a pixel is empty.
     far: Vec<f32>,
-    /// Tiles whose `far` may be too small, each once.
+    /// Tiles with a possibly outdated `far`, without duplicates.
     stale: Vec<u32>,
     is_stale: Vec<bool>,
 }
@@ -52,7 +52,7 @@ impl Screen {
         self.is_stale.resize(tiles, false);
     }
 
-    /// Whether something of this nearness could be seen anywhere in `pixels`.
+    /// Returns true if a surface at this reciprocal depth may be visible in `pixels`.
     #[inline(always)]
     pub(crate) fn shows(&self, pixels: &PixelRect, nearness: f32) -> bool {
         let TileRect { first: [left, top], end: [right, bottom] } = pixels.tiles();
@@ -67,7 +67,7 @@ impl Screen {
         false
     }
 
-    /// Whether something of this nearness could be seen in one tile.
+    /// Returns true if a surface at this reciprocal depth may be visible in a tile.
     #[inline(always)]
     pub(crate) fn tile_shows(&self, column: usize, row: usize, nearness: f32) -> bool {
         self.far[row * self.columns + column] < nearness
@@ -83,7 +83,7 @@ impl Screen {
         }
     }
 
-    /// Looks again how far the farthest hit is in tiles that changed.
+    /// Updates the farthest hits of changed tiles.
     #[inline(always)]
     pub(crate) fn settle(&mut self) {
         while let Some(tile) = self.stale.pop() {
@@ -109,7 +109,7 @@ pub(super) struct TileRect {
 }
 
 impl PixelRect {
-    /// The tiles that the pixels lie in.
+    /// Tiles of the pixels.
     #[inline(always)]
     pub(super) fn tiles(&self) -> TileRect {
         let ([left, top], [right, bottom]) = (self.first, self.end);
@@ -119,8 +119,8 @@ impl PixelRect {
         }
     }
 
-    /// The pixels of a picture of this size whose centres may lie between `min` and `max`, both in pixels from the centre
-    /// of the first; `None` when there are none.
+    /// Pixels of an image of this size with centres between `min` and `max`, relative to the centre of the
+    /// first pixel; `None` if empty.
     #[inline(always)]
     pub(crate) fn between(min: [f32; 2], max: [f32; 2], size: [usize; 2]) -> Option<Self> {
         let (mut first, mut after) = ([0; 2], [0; 2]);
@@ -128,7 +128,7 @@ impl PixelRect {
             let end = size[axis] as f32 - 1.0;
             let low = min[axis] - SLACK_PX;
             let high = max[axis] + SLACK_PX;
-            // Written so that what is not a number is seen everywhere.
+            // Written so that NaN covers everything.
             let low = if low > 0.0 { if low < end + 1.0 { low } else { end + 1.0 } } else { 0.0 };
             let high = if high < end { if high > -1.0 { high } else { -1.0 } } else { end };
             let whole = low as i32;
@@ -143,7 +143,7 @@ impl PixelRect {
     }
 }
 
-/// Room for rounding around what is projected, pixels.
+/// Rounding margin of projections, pixels.
 pub(crate) const SLACK_PX: f32 = 0.02;
 
 #[cfg(test)]

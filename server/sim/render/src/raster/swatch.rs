@@ -1,4 +1,4 @@
-//! What is needed to colour the pixels of each triangle that was seen.
+//! Shading records of the visible triangles.
 
 use super::batch::{Batch, Plane};
 use super::edges::{Planes, planes};
@@ -8,14 +8,14 @@ use crate::model::{CLUSTER, HOLED, LEVEL_BITS, NO_TEXTURE, View};
 use crate::shade;
 use std::array::from_fn;
 
-/// Set in tints that are one colour, RGB; other tints are numbers of [`Swatches::tints`].
+/// Flag of constant tints (RGB); other tints index [`Swatches::tints`].
 const TINT_IS_EVEN: u32 = 0xff00_0000;
 
-/// One entry for each triangle that was seen, in the order of drawing, after that of nothing.
+/// A record per visible triangle in drawing order, after the record of the background.
 #[derive(Default)]
 pub(crate) struct Swatches {
-    /// The planes of u and v times nearness (x, y, constant each), texels of the full size on a pixel at one metre of depth
-    /// (it grows with depth cubed), and 0.
+    /// Planes of u and v times reciprocal depth (x, y, constant), texels of the full size per pixel at one
+    /// metre (scales with depth cubed), and 0.
     pub(crate) planes: Vec<[f32; 8]>,
     pub(crate) meta: Vec<Meta>,
     /// Planes of red, green and blue, 0 to 255, times nearness.
@@ -24,12 +24,12 @@ pub(crate) struct Swatches {
     kept: Vec<u8>,
 }
 
-/// What all points of a triangle share.
+/// Common shading data of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Meta {
-    /// Its texture; see [`View::materials`].
+    /// Texture; see [`View::materials`].
     pub(crate) texture: u32,
-    /// The colour of material and corners where it is even, else the number of its planes.
+    /// Constant colour of material and corners, or the index of the colour planes.
     pub(crate) tint: u32,
     pub(crate) instance: u32,
 }
@@ -38,10 +38,10 @@ pub(crate) struct Meta {
 type Corner = [u32; 3];
 
 impl Meta {
-    /// Of nothing.
+    /// The background.
     pub(crate) const NONE: Self = Self { texture: NO_TEXTURE, tint: u32::MAX, instance: 0 };
 
-    /// Of a surface whose corners have these colours; an uneven tint is left to be numbered.
+    /// Shading data of a surface with these corner colours; varying tints are numbered later.
     #[inline(always)]
     fn new(view: &View, surface: u32, [a, b, c]: [u32; 3]) -> Self {
         let [material, instance] = view.surfaces[surface as usize];
@@ -50,7 +50,7 @@ impl Meta {
         Self { texture, tint, instance }
     }
 
-    /// Whether all points have the same tint.
+    /// Returns true if the tint is constant.
     #[inline(always)]
     pub(crate) fn is_even(&self) -> bool {
         self.tint & TINT_IS_EVEN != 0
@@ -71,7 +71,7 @@ fn base_color(view: &View, surface: u32) -> [f32; 3] {
     [r, g, b].map(|value| f32::from(value) / 255.0)
 }
 
-/// The corners of triangle `at` of a cluster, and its surface.
+/// Corners and surface of triangle `at` in a cluster.
 #[inline(always)]
 pub(super) fn corners(view: &View, cluster: usize, at: usize) -> ([Corner; 3], u32) {
     let [_, first_corner, first, _] = view.clusters[cluster];
@@ -80,7 +80,7 @@ pub(super) fn corners(view: &View, cluster: usize, at: usize) -> ([Corner; 3], u
     (from_fn(|corner| view.corners[first_corner as usize + usize::from([a, b, c][corner])]), surface)
 }
 
-/// A whole number near `value`; where there are none any more, `value` itself.
+/// Nearest integer; `value` itself beyond the integer range.
 #[inline(always)]
 fn nearest_whole(value: f32) -> f32 {
     /// Numbers of this size have no binary places left, so that adding it rounds.
@@ -88,7 +88,7 @@ fn nearest_whole(value: f32) -> f32 {
     (value + ROUNDER) - ROUNDER
 }
 
-/// What the corners of eight triangles look like; of those that are not needed anything.
+/// Corner attributes of eight triangles; unused lanes are undefined.
 #[derive(Default)]
 struct Looks {
     u: [Floats; 3],
@@ -98,7 +98,7 @@ struct Looks {
 }
 
 impl Looks {
-    /// Of the triangles of a cluster with these numbers, which belong to one batch.
+    /// Attributes of the triangles `numbers` of a cluster, which form a batch.
     #[inline(always)]
     fn new(view: &View, cluster: usize, numbers: &[u8]) -> Self {
         let mut looks = Self::default();
@@ -116,7 +116,7 @@ impl Looks {
     }
 }
 
-/// Texture coordinates moved by whole numbers towards 0, where they have more binary places: textures repeat.
+/// Shifts texture coordinates by integers towards 0, where precision is higher: textures repeat.
 #[inline(always)]
 fn near_zero([a, b, c]: [Floats; 3]) -> [Floats; 3] {
     let whole = Floats(from_fn(|lane| nearest_whole(a.0[lane])));
@@ -133,7 +133,7 @@ impl Swatches {
         self.meta.push(Meta::NONE);
     }
 
-    /// The number of the swatch of nothing.
+    /// Record of the background.
     pub(crate) const NOTHING: u32 = 0;
 
     /// The number of the next swatch.
@@ -142,7 +142,7 @@ impl Swatches {
         (self.planes.len() + self.kept.len()) as u32
     }
 
-    /// Adds a swatch; `tint` tells the planes of red, green and blue over depth if they are needed.
+    /// Adds a record; `tint` computes the colour planes over depth if needed.
     #[inline(always)]
     fn add(&mut self, [u, v]: [Plane; 2], texels: f32, mut meta: Meta, tint: impl FnOnce() -> [Plane; 3]) {
         self.planes.push([u.x, u.y, u.constant, v.x, v.y, v.constant, texels, 0.0]);
@@ -156,7 +156,7 @@ impl Swatches {
 }
 
 impl Raster<'_> {
-    /// Draws the triangles of a cluster that wait for it, and keeps those that are seen to be given a swatch.
+    /// Draws the waiting triangles of a cluster and keeps the visible ones for a record.
     #[inline(always)]
     pub(super) fn draw_waiting(&mut self, cluster: usize) {
         let [_, _, first, _] = self.view.clusters[cluster];
@@ -167,7 +167,7 @@ impl Raster<'_> {
             let stroke = batches[usize::from(at) / LANES].stroke(usize::from(at) % LANES, pixels);
             let number = swatches.next();
             if corners & HOLED != 0 {
-                // Where there are holes depends on the texture, which takes a swatch to look up.
+                // Holes depend on the texture, which needs a record.
                 swatches.kept.push(at);
                 self.make_swatches(cluster);
                 self.fill_holed(&stroke, surface, number);
@@ -216,8 +216,8 @@ impl Raster<'_> {
         }
     }
 
-    /// Makes the swatch of triangle `at` of a cluster, which reaches behind the pinhole: `plane` tells the plane over depth
-    /// through three corners' values, and `per_area` what areas between them grow by on the screen.
+    /// Creates the record of triangle `at` in a cluster across the near plane: `plane` computes planes over
+    /// depth from corner values, `per_area` is the scale of screen areas.
     pub(super) fn make_crossing_swatch(
         &mut self,
         cluster: usize,

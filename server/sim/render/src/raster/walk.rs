@@ -1,4 +1,4 @@
-//! Walks the tree of boxes from near to far.
+//! Front-to-back traversal of the box tree.
 
 use super::screen::PixelRect;
 use super::{NEAR_M, Raster};
@@ -53,7 +53,7 @@ impl Raster<'_> {
         gap(0) * gap(0) + gap(1) * gap(1) + gap(2) * gap(2)
     }
 
-    /// Whether something in a box could be seen.
+    /// Returns true if a box may be visible.
     #[inline(always)]
     fn may_show(&self, node: u32) -> bool {
         let [x, y, z] = self.camera_from_box(&self.bounds(node));
@@ -87,7 +87,7 @@ impl Raster<'_> {
         [along(&self.lens.right), along(&self.lens.down), along(&self.lens.forward)]
     }
 
-    /// Whether a box around or beside the pinhole can be in the picture: false when it lies beyond one of its borders.
+    /// Returns true if a box near the pinhole may be in the image: false if it is beyond an image border.
     fn may_face(&self, x: &[f32; LANES], y: &[f32; LANES], z: &[f32; LANES]) -> bool {
         let [half_x, half_y] = self.lens.half;
         [(x, half_x), (y, half_y)].into_iter().all(|(values, half)| {

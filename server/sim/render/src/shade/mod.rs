@@ -1,4 +1,4 @@
-//! Colours, depths and instances of the pixels, once it is known what they show.
+//! Shading: colour, depth and instance of every pixel from its hit.
 
 mod sample;
 
@@ -14,27 +14,27 @@ const WHITE: u32 = u32::MAX;
 /// Pixels that are worked on at a time.
 const RUN: usize = 64;
 
-/// Writes a picture out of what was drawn.
+/// Writes an image from the depth buffer.
 pub(crate) struct Developer<'a> {
     pub(crate) view: View<'a>,
     pub(crate) depth_max_m: f32,
     pub(crate) scratch: &'a Scratch,
-    /// Its lists have the right length.
+    /// Output with lists of the right length.
     pub(crate) frame: &'a mut Frame,
 }
 
-/// Neighbouring pixels of a row and what is known of each.
+/// Adjacent pixels of a row.
 struct Run {
-    /// One over the depth, 1/metres; 0 where nothing is seen.
+    /// Reciprocal depth, 1/metres; 0 for background.
     nearness: [f32; RUN],
-    /// Numbers of the swatches of what is seen.
+    /// Shading records.
     swatch: [u32; RUN],
-    /// Planar depth, metres; 0 where nothing is seen.
+    /// Planar depth, metres; 0 for background.
     depth_m: [f32; RUN],
     /// Texture coordinates.
     u: [f32; RUN],
     v: [f32; RUN],
-    /// The level that is looked at: both its words; see [`View::levels`].
+    /// Texture level, both words; see [`View::levels`].
     level: [[u32; RUN]; 2],
     /// The colour of material and corners, RGB.
     tint: [u32; RUN],
@@ -70,14 +70,14 @@ impl Work for Developer<'_> {
     }
 }
 
-/// What colours of a run depend on.
+/// Colour inputs of a run.
 struct Looks {
     is_textured: bool,
     is_tinted: bool,
 }
 
 impl Developer<'_> {
-    /// Finds where in which textures the pixels lie, how they are tinted and what they belong to.
+    /// Computes texture coordinates, tints and instances of the pixels.
     #[inline(always)]
     fn place(&self, run: &mut Run, [column, row]: [usize; 2], count: usize) -> Looks {
         let swatches = &self.scratch.swatches;
@@ -174,7 +174,8 @@ impl Run {
     }
 }
 
-/// Whether a surface with holes is there, given the planes of its swatch, a pixel's column and row and one over its depth.
+/// Returns true if a surface with holes is solid at a pixel, from the planes of its record, column, row and
+/// reciprocal depth.
 #[inline(always)]
 pub(crate) fn is_solid(
     view: &View,

@@ -7,11 +7,11 @@ const SIDE: u32 = BLOCK as u32;
 /// Texels of a block.
 const AREA: u32 = SIDE * SIDE;
 
-/// The number of the level whose texels are about as large as a pixel, where `footprint` texels of the full size fall on
-/// one: half of log2(`footprint`), rounded, and no farther than the last level of `texture`.
+/// Texture level with texels about as large as a pixel, for `footprint` full-size texels per pixel: half of
+/// log2(`footprint`), rounded and clamped to the levels of `texture`.
 #[inline(always)]
 pub(super) fn level_of(footprint: f32, texture: u32) -> u32 {
-    // The exponent of a float is its log2 rounded down; numbers below 1 and what is not a number end at the borders.
+    // The exponent of a float is log2 rounded down; values below 1 and NaN are clamped.
     let log2 = (footprint.to_bits() >> 23) as i32 - 127;
     let level = (log2 + 1) >> 1;
     let last = (texture & ((1 << LEVEL_BITS) - 1)) as i32 - 1;
@@ -19,7 +19,7 @@ pub(super) fn level_of(footprint: f32, texture: u32) -> u32 {
     (texture >> LEVEL_BITS) + (if level > 0 { level } else { 0 }) as u32
 }
 
-/// Looks up the colours of `count` pixels: of each the four texels around, weighted by how near they are.
+/// Bilinear lookup of `count` pixels.
 #[inline(always)]
 pub(super) fn sample(texels: &[u32], run: &mut Run, count: usize) {
     let mut at = [[0; RUN]; 4];
@@ -46,14 +46,14 @@ pub(super) fn sample(texels: &[u32], run: &mut Run, count: usize) {
     }
 }
 
-/// The colour at one place.
+/// Bilinear lookup of a single pixel.
 pub(super) fn sample_one(texels: &[u32], uv: [f32; 2], level: Level) -> u32 {
     let Neighbours { at, across, down } = Neighbours::new(uv, level);
     let [a, b, c, d] = at.map(|at| texels.get(at as usize).copied().unwrap_or(WHITE));
     mix(mix(a, b, across), mix(c, d, across), down)
 }
 
-/// The four texels around a place, and how much the right and the lower ones count, 0 to 255 of 256.
+/// Four texels around a position, and the weights of the right and lower ones, 0 to 255 of 256.
 struct Neighbours {
     /// Upper left, upper right, lower left, lower right.
     at: [u32; 4],
@@ -68,7 +68,7 @@ impl Neighbours {
         let blocks = width.div_ceil(SIDE);
         let (left, right, across) = along(u, width);
         let (upper, lower, down) = along(v, height);
-        // Pixels that nothing is known of are worked on too; their numbers may be any.
+        // Background pixels are processed too, with arbitrary values.
         let in_row = |x: u32| (x / SIDE).wrapping_mul(AREA).wrapping_add(x % SIDE);
         let in_column = |y: u32| {
             let block = (y / SIDE).wrapping_mul(blocks).wrapping_mul(AREA);
@@ -83,7 +83,7 @@ impl Neighbours {
 /// The two texels of `count` around a repeating coordinate, and the weight of the second, 0 to 255.
 #[inline(always)]
 fn along(coordinate: f32, count: u32) -> (u32, u32, u32) {
-    // Texel centres lie half a texel, 128 of 256 steps, after their beginnings.
+    // Texel centres are half a texel (128 of 256 steps) after their start.
     let steps = rounded(fraction(coordinate) * (count as i32 as f32 * 256.0)) + 128;
     let second = steps >> 8;
     let second = if second < count { second } else { 0 };
@@ -91,7 +91,7 @@ fn along(coordinate: f32, count: u32) -> (u32, u32, u32) {
     (first, second, steps & 255)
 }
 
-/// The distance from the whole number below, 0 to 1; 0 for what is not a number.
+/// Fractional part, 0 to 1; 0 for NaN.
 #[inline(always)]
 fn fraction(value: f32) -> f32 {
     /// Numbers of this size have no binary places left, so that adding it rounds.
@@ -103,7 +103,7 @@ fn fraction(value: f32) -> f32 {
     if within < 1.0 { within } else { 1.0 }
 }
 
-/// The nearest whole number to `value`, which must lie between 0 and 2^23. A cast would check for more.
+/// Nearest integer to `value`, which must be between 0 and 2^23. Cheaper than a checked cast.
 #[inline(always)]
 pub(super) fn rounded(value: f32) -> u32 {
     /// From 2^23 on floats are whole, with the number's bits at the end.
@@ -114,7 +114,7 @@ pub(super) fn rounded(value: f32) -> u32 {
 const EVEN: u32 = 0x00ff_00ff;
 const HALVES: u32 = 0x0080_0080;
 
-/// A colour between two, each of four bytes: `weight` of 256 parts of the second.
+/// Mixes two colours of four bytes: `weight` of 256 parts of the second.
 #[inline(always)]
 fn mix(a: u32, b: u32, weight: u32) -> u32 {
     let rest = 256 - weight;
@@ -123,7 +123,7 @@ fn mix(a: u32, b: u32, weight: u32) -> u32 {
     (even >> 8 & EVEN) | (odd & !EVEN)
 }
 
-/// The product of two colours' red, green and blue, where 255 is one, rounded.
+/// Product of red, green and blue of two colours, rounded; 255 is one.
 #[inline(always)]
 pub(crate) fn modulate(a: u32, b: u32) -> u32 {
     let channel = |shift: u32| {
@@ -138,7 +138,7 @@ pub(crate) fn modulate(a: u32, b: u32) -> u32 {
 mod tests {
     use super::*;
 
-    /// The red of a texture of one level.
+    /// Red channel of a single-level texture.
     fn red_at(values: &[u32], [width, height]: [u32; 2], u: f32, v: f32) -> u32 {
         let blocks = width.div_ceil(SIDE);
         let mut texels = vec![0; (blocks * height.div_ceil(SIDE) * AREA) as usize];

@@ -1,4 +1,4 @@
-//! Scenes that no importer lets through still give a picture: what makes no sense is not there, or is plain.
+//! Invalid scenes still give an image: invalid parts are omitted or plain.
 
 use crate::scenes::{add, camera, empty, painted, procedural, shoot, textured};
 use avln_geom::{Point3, UnitQuaternion, Vector3};
@@ -72,7 +72,7 @@ fn paint(texture: Option<u16>) -> Material {
     Material { name: "paint".into(), base_color: [10, 200, 90, 255], texture, alpha_cutoff: None }
 }
 
-/// Checks that the wall is there, in one colour.
+/// Checks for a wall with a single colour.
 fn is_plain(scene: Scene, rgb: [u8; 3]) {
     let frame = shoot(scene, &ahead());
     assert!(frame.depth.iter().all(|depth| (depth - 2.0).abs() < 1e-5));

@@ -1,8 +1,10 @@
-//! Depth and instances of every pixel against a ray in double precision, from a thousand places and more.
+//! Depth and instances of every pixel compared with double-precision rays, from more than a thousand
+//! positions.
 //!
-//! A pixel is right when its depth is that of its ray within 1 mm or 0.1 % and its instance is that of a surface there. A
-//! pixel that is not lies on a silhouette, where rays 0.02 pixels beside it meet something else, or is wrong. Of a scene one
-//! pixel in 10,000 may be wrong: single precision is short for thin triangles of which a corner lies beside the camera.
+//! A pixel is right if depth agrees within 1 mm or 0.1 % and the instance is that of a surface there. Other
+//! pixels are on a silhouette, where rays 0.02 pixels aside hit a different surface, or wrong. One pixel in
+//! 10,000 may be wrong, because single precision is insufficient for thin triangles with a corner next to the
+//! camera.
 
 use crate::rays::{Met, NEAR_M, Trace, instance, nearest, plane_depth_m, ray};
 use crate::scenes::{camera, direction, painted, procedural, renderer, shared, tumbled};
@@ -11,22 +13,22 @@ use avln_render::{Camera, Frame, Renderer};
 use avln_scene::{InstanceId, Scene};
 use std::sync::Arc;
 
-/// How far depth may be off, as a share of it.
+/// Relative depth tolerance.
 const RIGHT: f64 = 1e-3;
-/// How far beside a pixel's ray its surroundings are looked at, pixels.
+/// Offset of the silhouette test, pixels.
 const BESIDE_PX: f64 = 0.02;
-/// Single precision moves a corner by so much, as a share of its distance.
+/// Relative rounding of a corner in single precision.
 const ROUNDING: f64 = 4e-7;
-/// Of the pixels, so many may differ from their rays because they lie on silhouettes.
+/// Permitted share of silhouette pixels.
 const SILHOUETTES: f64 = 0.002;
-/// And so many may be wrong.
+/// Permitted share of wrong pixels.
 const WRONG: f64 = 0.0;
 
-/// How a scene's pictures compare.
+/// Comparison result of a scene.
 #[derive(Debug, Default)]
 struct Tally {
     pixels: usize,
-    /// Differ, and lie on a silhouette.
+    /// Different, on a silhouette.
     silhouette: usize,
     wrong: Vec<String>,
 }
@@ -42,7 +44,7 @@ impl Oracle<'_> {
         Trace::through(self.scene, self.tree, origin, direction)
     }
 
-    /// How much depth may be off where the ray meets `met`: more where it grazes a near surface, whose place is rounded.
+    /// Depth tolerance at `met`: larger at grazing incidence on a near surface.
     fn tolerance_m(met: &Met) -> f64 {
         (RIGHT * met.depth_m).max(1e-3) + met.depth_m * ROUNDING * met.extent_m / met.plane_m.max(1e-9)
     }
@@ -59,7 +61,8 @@ impl Oracle<'_> {
         nothing || too_near.chain(nearest(met).as_ref()).any(shown)
     }
 
-    /// Whether a ray beside a pixel's meets another instance or leaves the plane of what the pixel's own ray meets.
+    /// Returns true if a ray next to the pixel hits a different instance or leaves the plane of the pixel's
+    /// hit.
     fn is_silhouette(&self, camera: &Camera, [x, y]: [f64; 2]) -> bool {
         let middle = nearest(&self.met(camera, [x, y]));
         let beside = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
@@ -125,7 +128,7 @@ pub(crate) fn check(scene: Scene, cameras: impl FnOnce(&Scene, &RayMesh) -> Vec<
     assert!(silhouette as f64 <= SILHOUETTES * pixels as f64, "{counts}");
 }
 
-/// Somewhere in a room, or where there are none in the scene, held any way.
+/// A random pose in a room, or anywhere without rooms.
 fn inside(scene: &Scene, rng: &mut Rng) -> Camera {
     let room = match rng.choose(&scene.regions) {
         Some(region) => region.bounds,
@@ -135,7 +138,7 @@ fn inside(scene: &Scene, rng: &mut Rng) -> Camera {
     camera(eye, tumbled(rng))
 }
 
-/// Near the middle of a piece of furniture; the middle itself often lies in a surface.
+/// A pose near the centre of a piece of furniture; the centre itself is often on a surface.
 fn in_furniture(scene: &Scene, rng: &mut Rng) -> Camera {
     match rng.choose(&scene.objects) {
         Some(object) => camera(object.bounds.center() + direction(rng) * 0.01, tumbled(rng)),

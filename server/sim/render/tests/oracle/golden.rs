@@ -1,6 +1,6 @@
-//! Small pictures that lie beside this file. `AVLN_BLESS=1 cargo test -p avln-render --test oracle` writes them anew.
+//! Golden images. `AVLN_BLESS=1 cargo test -p avln-render --test oracle` rewrites them.
 //!
-//! Filters may change a little: grey levels may differ by [`MEAN`] on average over a picture, and by more than [`MOST`] in
+//! Filters may change slightly: grey levels may differ by [`MEAN`] on average, and by more than [`MOST`] in
 //! one channel of a hundred.
 
 use crate::scenes::{camera, procedural, shoot, textured};
@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 /// Mean difference of a channel, grey levels.
 const MEAN: f64 = 2.0;
-/// Difference that one channel in a hundred may exceed, grey levels.
+/// Difference exceeded by at most one channel in a hundred, grey levels.
 const MOST: u8 = 24;
 
 fn path(name: &str) -> PathBuf {
@@ -55,7 +55,7 @@ fn compare(name: &str, frame: &Frame) {
     );
 }
 
-/// From the middle of a room, 1.2 m above its floor.
+/// A view from a room centre, 1.2 m above the floor.
 fn in_room(seed: u64, room: usize, [heading_rad, pitch_rad]: [f32; 2]) -> Frame {
     let scene = procedural(seed);
     let bounds = scene.regions[room].bounds;

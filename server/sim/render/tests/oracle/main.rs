@@ -1,6 +1,6 @@
-//! The renderer against rays that are traced in double precision, one by one; its properties; its looks; bad input.
+//! The renderer compared with double-precision rays; properties; golden images; bad input.
 //!
-//! Everything goes through the crate's public interface, so that these tests outlive the way pictures are made.
+//! All tests use the public interface, so they are independent of the implementation.
 
 mod bad_input;
 mod compare;

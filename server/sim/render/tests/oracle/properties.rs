@@ -1,4 +1,4 @@
-//! What holds for every picture, whatever it shows.
+//! Properties of every image.
 
 use crate::compare::check;
 use crate::scenes::{
@@ -76,7 +76,7 @@ fn closed_rooms_have_no_holes() {
 
 #[test]
 fn cameras_that_stand_on_edges_see_no_holes_either() {
-    // Down the diagonal and straight at the lattice, where pixels' rays run through corners and along edges exactly.
+    // Diagonal and head-on views of the lattice, where pixel rays pass exactly through corners and edges.
     let scene = Arc::new(closed_room(&mut Rng::new(1), 1));
     let (renderer, _) = renderer(&scene);
     for (quarter, height) in (0..4).flat_map(|quarter| [(quarter, 0.5), (quarter, 1.5), (quarter, 2.0)]) {

@@ -1,4 +1,4 @@
-//! One ray at a time in double precision: slow, and with nothing in common with the renderer.
+//! Single rays in double precision: slow and independent of the renderer.
 
 use avln_geom::{Aabb, RayMesh, Vector3, Visitor};
 use avln_render::Camera;
@@ -7,13 +7,13 @@ use avln_scene::{InstanceId, Scene};
 /// Boxes are grown by this against rounding, metres.
 const MARGIN_M: f64 = 1e-4;
 
-/// What is nearer to the plane of the pinhole may be seen or not, metres; a hair more than a millimetre against rounding.
+/// Near plane with tolerance, metres: closer surfaces may or may not be visible.
 pub(crate) const NEAR_M: f64 = 1.05e-3;
 
-/// What a ray meets.
+/// A hit of a ray.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Met {
-    /// In lengths of the ray's direction: depth, for directions of length 1 along the view.
+    /// Distance in lengths of the direction: planar depth for unit view directions.
     pub(crate) depth_m: f64,
     pub(crate) triangle: u32,
     /// From the ray's origin to the triangle's plane, metres.
@@ -22,7 +22,7 @@ pub(crate) struct Met {
     pub(crate) extent_m: f64,
 }
 
-/// A ray on its way through the tree of boxes, and all that it has met.
+/// A ray traversal with all hits.
 pub(crate) struct Trace<'a> {
     scene: &'a Scene,
     origin: [f64; 3],
@@ -32,21 +32,21 @@ pub(crate) struct Trace<'a> {
 }
 
 impl Trace<'_> {
-    /// Everything that the ray meets of what may be nearest, in no order; `tree` holds the scene's triangles.
+    /// All candidate hits of the ray, unordered; `tree` contains the scene triangles.
     pub(crate) fn through(scene: &Scene, tree: &RayMesh, origin: [f64; 3], direction: [f64; 3]) -> Vec<Met> {
         let mut trace = Trace { scene, origin, direction, nearest: f64::INFINITY, met: Vec::new() };
         tree.visit(&mut trace);
         trace.met
     }
 
-    /// The same with a look at every triangle.
+    /// All hits by testing every triangle.
     pub(crate) fn by_force(scene: &Scene, origin: [f64; 3], direction: [f64; 3]) -> Vec<Met> {
         let mut trace = Trace { scene, origin, direction, nearest: f64::INFINITY, met: Vec::new() };
         (0..scene.mesh.triangles.len() as u32).for_each(|index| trace.triangle(index));
         trace.met
     }
 
-    /// Where the ray enters a box; infinite where it does not.
+    /// Entry distance into a box; infinite for a miss.
     fn entry(&self, bounds: &Aabb) -> f64 {
         let (mut enter, mut leave) = (0.0_f64, f64::INFINITY);
         for axis in 0..3 {
@@ -54,7 +54,7 @@ impl Trace<'_> {
                 (f64::from(bounds.min[axis]) - MARGIN_M, f64::from(bounds.max[axis]) + MARGIN_M);
             let inverse = 1.0 / self.direction[axis];
             let (a, b) = ((low - self.origin[axis]) * inverse, (high - self.origin[axis]) * inverse);
-            // A ray that runs along the axis' border gives NaN, which min and max leave out.
+            // A ray on the box border gives NaN, which min and max ignore.
             enter = enter.max(a.min(b));
             leave = leave.min(a.max(b));
         }
@@ -83,7 +83,7 @@ impl Visitor for Trace<'_> {
     }
 }
 
-/// Where a ray crosses a triangle, and how far its plane is from the origin (Möller and Trumbore 1997).
+/// Intersection with a triangle, and the distance of its plane (Möller and Trumbore 1997).
 fn crossing([a, b, c]: [[f64; 3]; 3], origin: [f64; 3], direction: [f64; 3]) -> Option<(f64, f64)> {
     let (along, across, offset) = (minus(b, a), minus(c, a), minus(origin, a));
     let p = cross(direction, across);
@@ -99,7 +99,7 @@ fn crossing([a, b, c]: [[f64; 3]; 3], origin: [f64; 3], direction: [f64; 3]) -> 
     (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && depth_m > 0.0).then_some((depth_m, plane_m))
 }
 
-/// Where a ray crosses the plane of a triangle.
+/// Intersection with the plane of a triangle.
 pub(crate) fn plane_depth_m(scene: &Scene, triangle: u32, (origin, direction): ([f64; 3], [f64; 3])) -> f64 {
     let [a, b, c] = corners(scene, triangle);
     let normal = cross(minus(b, a), minus(c, a));
@@ -122,7 +122,7 @@ pub(crate) fn ray(camera: &Camera, [x, y]: [f64; 2]) -> ([f64; 3], [f64; 3]) {
     (double(camera.eye.coords), direction)
 }
 
-/// The nearest of what was met, but for what may be seen or not.
+/// The nearest certain hit.
 pub(crate) fn nearest(met: &[Met]) -> Option<Met> {
     let certain = met.iter().copied().filter(|met| met.depth_m >= NEAR_M);
     certain.min_by(|a, b| a.depth_m.total_cmp(&b.depth_m))

@@ -14,12 +14,12 @@ pub(crate) fn procedural(seed: u64) -> Scene {
     solid(house(&format!("house-{seed}"), seed, &HouseOptions::default()))
 }
 
-/// The same without lamps: nobody has to wait for their light.
+/// The scene without lamps, to skip light baking.
 pub(crate) fn painted(scene: Scene) -> Scene {
     Scene { lighting: Lighting::Painted, ..scene }
 }
 
-/// The shared scene at `path` beside the repository; says so where it is not there.
+/// The shared scene at `path`; prints a note if absent.
 pub(crate) fn shared(path: &str) -> Option<Scene> {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../../shared/scenes").join(path);
     if !file.exists() {
@@ -29,7 +29,7 @@ pub(crate) fn shared(path: &str) -> Option<Scene> {
     Some(solid(open::open(&file).expect("a scene")))
 }
 
-/// The same without holes in its textures: rays know shapes alone.
+/// The scene without texture holes: rays only know shapes.
 fn solid(mut scene: Scene) -> Scene {
     scene.materials.iter_mut().for_each(|material| material.alpha_cutoff = None);
     scene
@@ -60,8 +60,8 @@ pub(crate) fn add(scene: &mut Scene, corners: [Point3<f32>; 3], instance: u32) {
     mesh.instance_of.push(InstanceId(instance));
 }
 
-/// A room of 6 × 3 × 5 m around the point (0, 1.5, 0): every wall is a lattice whose inner corners were moved at random in
-/// the wall, so that triangles have all shapes and share their edges exactly.
+/// A room of 6 × 3 × 5 m around (0, 1.5, 0): every wall is a lattice with inner corners moved randomly in the
+/// plane, so triangles have all shapes and share edges exactly.
 pub(crate) fn closed_room(rng: &mut Rng, cells: usize) -> Scene {
     let mut scene = empty();
     let half = [3.0, 1.5, 2.5];
@@ -144,7 +144,7 @@ fn bars() -> Texture {
     Texture { width: 16, height: 16, pixels: (0..256).flat_map(texel).collect() }
 }
 
-/// A renderer of `scene` and the tree of its triangles.
+/// A renderer of `scene` and its ray tree.
 pub(crate) fn renderer(scene: &Arc<Scene>) -> (Renderer, Arc<RayMesh>) {
     let tree = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
     (Renderer::new(Arc::clone(scene), Arc::clone(&tree)), tree)
