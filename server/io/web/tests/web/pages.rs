@@ -235,12 +235,12 @@ async fn episode_pages_have_tables_and_a_map() {
     assert!(page.contains("Episode 2 of 2") && page.contains("last submit"));
     assert!(page.contains("✓ step 5") && page.contains("✕ not found"), "{page}");
     assert!(page.contains("d=\"M0.00 0.00L4.00 0.00L0.00 4.25Z\""), "the floor");
-    assert!(page.contains("d=\"M0.50 2.00L0.50 1.75\" stroke=\"#0072b2\""), "the first step of the walk");
-    assert!(page.contains("Step 5: claim of goal 1, right") && page.contains("Step 6: claim, wrong"));
+    assert!(page.contains("d=\"M0.50 2.00L0.50 1.75\" stroke=\"#0072b2\""), "the first piece of the path");
+    assert!(page.contains("Step 5: Submit of goal 1, right") && page.contains("Step 6: Submit, wrong"));
     assert!(page.contains("1 m</text>"), "the scale");
     assert!(page.contains("rel=\"prev\"") && !page.contains("rel=\"next\""));
     let pending = arena.get("/runs/run_begun/episodes/1").await.body;
-    assert!(pending.contains("There is a map here once the episode is over") && !pending.contains("<figure"));
+    assert!(pending.contains("The replay is available after the episode") && !pending.contains("<figure"));
 }
 
 #[tokio::test]
