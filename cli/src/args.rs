@@ -1,6 +1,6 @@
 use crate::commands::*;
 use avln_arena::{Failure, FailureKind};
-use avln_kit::shell::run_for;
+use avln_kit::run::run_for;
 use clap::{Arg, Parser, Subcommand, value_parser};
 use std::{
     path::{Path, PathBuf},

@@ -7,11 +7,9 @@ use avln_arena::{
     data::DataFolder,
     dataset::{DatasetFiles, SplitFolder},
 };
-use avln_dataset::{
-    CueSpec, EpisodeSpec, PublicGoal, Recipe,
-    formats::{Adopter, Foreign, read},
-};
+use avln_dataset::{CueSpec, EpisodeSpec, PublicGoal, Recipe};
 use avln_episode::{Rules, SoundClip, Sounds};
+use avln_interchange::{ForeignFile, Importer, read};
 use avln_lab::dataset::{
     build::Builder,
     check::{self, Report, Scope},
@@ -239,7 +237,7 @@ fn exported(split: &str, openness: Openness) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 /// What the authors' files say of a scene.
-fn read_back(files: &BTreeMap<PathBuf, Vec<u8>>, path: &str) -> Foreign {
+fn read_back(files: &BTreeMap<PathBuf, Vec<u8>>, path: &str) -> ForeignFile {
     let bytes = files.get(Path::new(path)).expect("a file");
     read(path, bytes, None).expect("it is read").1
 }
@@ -256,9 +254,9 @@ fn a_training_split_that_is_exported_comes_back_the_same() {
     let (split, rules) = (SplitFolder::open(BUILT.path(), "train").expect("a split"), Rules::paper());
     let scene = &split.scenes()[0];
     let assets = scene.spec().open(&rules).expect("a scene");
-    let mut adopter = Adopter::new(&assets, &rules, 1);
+    let mut importer = Importer::new(&assets, &rules, 1);
     let back: Vec<EpisodeSpec> =
-        foreign.episodes.iter().map(|episode| adopter.adopt(episode).episode.expect("kept")).collect();
+        foreign.episodes.iter().map(|episode| importer.import(episode).episode.expect("kept")).collect();
     let ours = split.episodes(scene).expect("missions");
     assert_eq!(back.len(), ours.len());
     for (back, ours) in back.iter().zip(&ours) {

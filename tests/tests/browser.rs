@@ -1,7 +1,7 @@
 //! The pages are for everybody: a real browser goes through them, light and dark, wide and narrow, and by keyboard alone.
 
 use avln_client::Order;
-use avln_human::{Options, run_with};
+use avln_human::{HumanArgs, RunArgs, run_with};
 use avln_tests::{
     House, PHASE, Plan, python,
     repository::root,
@@ -26,16 +26,15 @@ fn chromium() -> Option<PathBuf> {
     found
 }
 
-fn person(house: &House) -> Options {
-    Options {
+fn person(house: &House) -> HumanArgs {
+    let run = RunArgs {
         server: house.agents_url(),
         ca: None,
         token: house.token.clone(),
         phase: PHASE.to_owned(),
         order: Order::Unordered,
-        size: 64,
-        page: "127.0.0.1:0".parse().expect("an address"),
-    }
+    };
+    HumanArgs { run, size: 64, page: "127.0.0.1:0".parse().expect("an address") }
 }
 
 #[tokio::test(flavor = "multi_thread")]

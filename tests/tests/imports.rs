@@ -19,6 +19,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("challenge", &["episode"]),
     ("truth", &["geom", "episode"]),
     ("dataset", &["geom", "scene", "formats", "houses", "navmesh", "world", "episode", "truth"]),
+    ("interchange", &["geom", "scene", "world", "episode", "truth", "dataset"]),
     ("referee", &["world", "episode", "truth"]),
     ("scoring", &["geom", "episode", "truth"]),
     ("store", &["challenge", "episode", "truth", "scoring"]),
@@ -32,11 +33,9 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("conformance", &["proto"]),
     ("kit", &["client", "perception"]),
     ("perception", &["simd"]),
-    ("human", &["client"]),
-    ("random", &["client"]),
+    ("human", &["client", "kit"]),
     ("baselines", &["client", "kit"]),
-    ("onnx", &["client", "kit"]),
-    ("pag-nav", &["client", "kit", "onnx"]),
+    ("pag-nav", &["client", "kit"]),
     (
         "arena",
         &[
@@ -72,9 +71,9 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "formats",
             "geom",
             "houses",
+            "interchange",
             "kit",
             "pag-nav",
-            "random",
             "referee",
             "render",
             "scene",
@@ -99,11 +98,11 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "houses",
             "grpc",
             "human",
+            "interchange",
             "kit",
             "lab",
             "navmesh",
             "pag-nav",
-            "random",
             "referee",
             "render",
             "sandbox",
@@ -127,6 +126,7 @@ const ALLOWED_IN_TESTS: &[(&str, &[&str])] = &[
     ("render", &["formats", "houses"]),
     ("acoustics", &["formats", "houses"]),
     ("world", &["houses"]),
+    ("interchange", &["houses"]),
 ];
 
 fn short(name: &str) -> Option<&str> {

@@ -1,7 +1,7 @@
-//! The eyes of agents learnt from houses that no evaluation shows.
+//! The bundled perception network was trained on houses outside every evaluation split.
 
 use avln_dataset::{Recipe, SceneSource};
-use avln_perception::Eyes;
+use avln_perception::VisionNetwork;
 use std::collections::BTreeSet;
 
 /// Seeds of all houses that may be drawn for the splits of the program's recipes: those of `split`, or those of all others.
@@ -16,9 +16,9 @@ fn seeds(recipe: &Recipe, wanted: impl Fn(&str) -> bool) -> BTreeSet<u64> {
 }
 
 #[test]
-fn eyes_learnt_from_no_house_of_an_evaluation() {
-    let eyes = Eyes::new().expect("the weights of the crate");
-    let training = &eyes.about().training;
+fn network_was_not_trained_on_evaluation_houses() {
+    let network = VisionNetwork::new().expect("the bundled weights are valid");
+    let training = &network.info().training;
     let learnt: BTreeSet<u64> = training.seeds.iter().copied().collect();
     assert_eq!(training.split, "train");
     assert!(!learnt.is_empty());

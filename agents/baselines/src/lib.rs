@@ -1,24 +1,17 @@
-//! Simple agents that others are compared with, each a file on the parts of `avln-kit`.
+//! Simple agents for comparison, built from the parts of `avln-kit`, and the random agent.
 //!
-//! Start reading at [`Baseline`]. Where an agent follows the published core of a method, its documentation names the method
-//! and says what differs; none of them is that method.
+//! Start reading at [`Baseline`] and [`RandomAgent`]. An agent modelled on a published method names it and lists the
+//! differences; no agent here is a reimplementation.
 //!
-//! *Never*: links anything of the server; learns anything but what observations say.
+//! *Never*: links a server crate other than `avln-simd`; uses information beyond observations. [`RandomAgent`] uses neither
+//! images nor sound.
 
-mod allowance;
-mod detector;
-mod forward;
-mod frontier;
-mod memory;
-mod name;
-mod options;
-mod snapshot;
+mod args;
 mod sound;
+mod unguided;
+mod visual;
 
-pub use detector::Detector;
-pub use forward::ForwardAndTurn;
-pub use frontier::Frontier;
-pub use name::Baseline;
-pub use options::{Options, run, run_with};
-pub use snapshot::Snapshot;
+pub use args::{Baseline, BaselineArgs, RandomArgs, run, run_random, run_random_with, run_with};
 pub use sound::SoundFollower;
+pub use unguided::{ForwardAndTurn, Frontier, RandomAgent};
+pub use visual::{Detector, Snapshot};

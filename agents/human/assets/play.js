@@ -1,4 +1,4 @@
-// Shows what the agent of this run senses, plays what it hears, and says what the person does.
+// Draws observations, plays sound, and sends the person's actions.
 "use strict";
 
 const KEYS = { ArrowUp: "forward", ArrowLeft: "left", ArrowRight: "right", Enter: "submit", Escape: "stop" };
@@ -10,16 +10,16 @@ let busy = false;
 let playing = false;
 
 document.addEventListener("keydown", (event) => {
-  const wish = KEYS[event.key];
+  const request = KEYS[event.key];
   const elsewhere = event.target.closest("button, input, a") && event.key === "Enter";
-  if (!playing || !wish || elsewhere || event.target.closest("input") || event.altKey || event.ctrlKey || event.metaKey) {
+  if (!playing || !request || elsewhere || event.target.closest("input") || event.altKey || event.ctrlKey || event.metaKey) {
     return;
   }
   event.preventDefault();
-  act(wish);
+  act(request);
 });
-document.querySelectorAll("[data-wish]").forEach((button) =>
-  button.addEventListener("click", () => act(button.dataset.wish)),
+document.querySelectorAll("[data-request]").forEach((button) =>
+  button.addEventListener("click", () => act(button.dataset.request)),
 );
 document.querySelectorAll("[data-tone]").forEach((button) =>
   button.addEventListener("click", () => tone(Number(button.dataset.tone))),
@@ -35,29 +35,29 @@ at("volume").addEventListener("input", () => {
 });
 ask("look");
 
-function act(wish) {
-  if (wish === "stop" && !window.confirm("Stop ends the episode. Is the last goal here, or do you give up?")) {
+function act(request) {
+  if (request === "stop" && !window.confirm("Stop ends the episode. Is the last goal here, or do you give up?")) {
     return;
   }
-  ask(wish);
+  ask(request);
 }
 
-async function ask(wish) {
+async function ask(request) {
   if (busy) {
     return;
   }
   busy = true;
-  if (wish === "next") {
-    say("The house is being made ready …");
+  if (request === "next") {
+    say("Loading the scene …");
   }
   try {
-    const answer = await fetch(`/wish/${wish}`, { method: "POST", headers: { "X-Avln-Page": "1" } });
+    const answer = await fetch(`/request/${request}`, { method: "POST", headers: { "X-Avln-Page": "1" } });
     if (!answer.ok) {
-      throw new Error(answer.status === 410 ? "The run is over, or the program has ended." : "The program refused.");
+      throw new Error(answer.status === 410 ? "The run is over, or the program has stopped." : "The program refused the request.");
     }
     show(await answer.arrayBuffer());
   } catch (error) {
-    say(`${error.message} Look at the program's window, and load this page again.`);
+    say(`${error.message} Check the program's output, then reload this page.`);
   } finally {
     busy = false;
   }
@@ -69,18 +69,18 @@ function say(words) {
 
 function show(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
-  const told = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
-  playing = told.state === "playing";
-  at("waiting").hidden = told.state !== "waiting";
+  const state = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  playing = state.state === "playing";
+  at("waiting").hidden = state.state !== "waiting";
   at("playing").hidden = !playing;
   if (playing) {
-    showEpisode(told, new Uint8Array(buffer, 4 + length));
-  } else if (told.state === "over") {
+    showEpisode(state, new Uint8Array(buffer, 4 + length));
+  } else if (state.state === "over") {
     say("The run is over. Thank you for playing; the leaderboard has the result.");
   } else {
-    const { done, total } = told.progress;
-    say(`${done} of ${total} episodes are played.`);
-    at("result").textContent = told.end ? ended(told.end) : "";
+    const { done, total } = state.progress;
+    say(`${done} of ${total} episodes are complete.`);
+    at("result").textContent = state.end ? ended(state.end) : "";
     at("next").focus();
   }
 }
@@ -91,39 +91,39 @@ function ended(end) {
   return `The last episode ended after ${end.steps} steps: ${end.reason.replaceAll("_", " ")}. ${numbers}`;
 }
 
-function showEpisode(told, bytes) {
+function showEpisode(state, bytes) {
   let place = 0;
   const take = (count) => bytes.slice(place, (place += count));
   const numbers = (count) => new Float32Array(take(4 * count).buffer);
-  const { rgb, depth, audio } = told.senses;
+  const { rgb, depth, audio } = state.senses;
   if (rgb) {
     paint(at("rgb"), rgb, coloured(take(3 * rgb[0] * rgb[1])));
   }
   if (depth) {
-    paint(at("depth"), depth, grey(numbers(depth[0] * depth[1]), told.depth_max_m));
+    paint(at("depth"), depth, grey(numbers(depth[0] * depth[1]), state.depth_max_m));
   }
   if (audio) {
     const ears = [numbers(audio[1]), numbers(audio[1])];
     at("left").value = level(ears[0]);
     at("right").value = level(ears[1]);
-    if (told.step > 0) {
+    if (state.step > 0) {
       play(audio[0], ears);
     }
   }
-  showGoals(told, take);
-  tell(told);
+  showGoals(state, take);
+  tell(state);
 }
 
-function showGoals(told, take) {
-  const isNew = told.pictures.some(Boolean) || told.step === 0;
+function showGoals(state, take) {
+  const isNew = state.pictures.some(Boolean) || state.step === 0;
   if (!isNew && at("goals").childElementCount > 0) {
     return;
   }
-  at("goals-title").textContent = told.order === "ordered" ? "Find in this order" : "Find in any order";
-  const items = told.goals.map((goal, index) => {
+  at("goals-title").textContent = state.order === "ordered" ? "Find in this order" : "Find in any order";
+  const items = state.goals.map((goal, index) => {
     const item = document.createElement("li");
-    item.textContent = goal.kind === "picture" ? "What this picture shows:" : goal.text;
-    const size = told.pictures[index];
+    item.textContent = goal.kind === "picture" ? "The object in this image:" : goal.text;
+    const size = state.pictures[index];
     if (size) {
       const canvas = document.createElement("canvas");
       canvas.setAttribute("role", "img");
@@ -136,16 +136,16 @@ function showGoals(told, take) {
   at("goals").replaceChildren(...items);
 }
 
-function tell(told) {
-  const feedback = { right: "That was right.", wrong: "That was wrong.", counted: "Your submit was counted." };
-  say(told.trouble || feedback[told.feedback] || `Episode ${told.episode} of ${told.progress.total}.`);
-  at("step").textContent = `${told.step} of ${told.max_steps}, ${told.remaining_steps} left`;
-  at("submits").textContent = `${told.remaining_submits}, and one that is final`;
-  const [right, , back] = told.position;
-  const degrees = Math.round((told.heading_rad * 180) / Math.PI);
+function tell(state) {
+  const feedback = { right: "Correct.", wrong: "Wrong.", counted: "Your Submit was accepted." };
+  say(state.trouble || feedback[state.feedback] || `Episode ${state.episode} of ${state.progress.total}.`);
+  at("step").textContent = `${state.step} of ${state.max_steps}, ${state.remaining_steps} left`;
+  at("submits").textContent = `${state.remaining_submits}, plus the final Stop`;
+  const [right, , back] = state.position;
+  const degrees = Math.round((state.heading_rad * 180) / Math.PI);
   at("pose").textContent = `${(-back).toFixed(2)} m ahead, ${right.toFixed(2)} m to the right, turned ${degrees}° to the left`;
-  const step = told.step_s === null ? "no limit for an action" : `${told.step_s.toFixed(0)} s for an action`;
-  at("time").textContent = `${step}, ${told.bank_s.toFixed(0)} s beyond that in all`;
+  const step = state.step_s === null ? "no limit for an action" : `${state.step_s.toFixed(0)} s for an action`;
+  at("time").textContent = `${step}, ${state.bank_s.toFixed(0)} s beyond that in all`;
 }
 
 function paint(canvas, [width, height], pixels) {
@@ -171,13 +171,13 @@ function grey(metres, most) {
   return pixels;
 }
 
-// Mean power of a step, decibels below the loudest that there can be.
+// Mean power per step, in decibels relative to full scale.
 function level(samples) {
   const power = samples.reduce((sum, sample) => sum + sample * sample, 0) / Math.max(1, samples.length);
   return Math.max(QUIET_DB, 10 * Math.log10(power + 1e-12));
 }
 
-// Sound may begin only when the person has done something.
+// Browsers allow sound only after a user action.
 function hear() {
   if (!sound.context) {
     sound.context = new AudioContext();
@@ -188,7 +188,7 @@ function hear() {
   sound.context.resume();
 }
 
-// Steps of sound follow each other without gaps; one that comes late begins at once.
+// Steps play without gaps; a late step starts at once.
 function play(rate, ears) {
   hear();
   const step = sound.context.createBuffer(2, ears[0].length, rate);

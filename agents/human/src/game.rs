@@ -1,13 +1,15 @@
-//! The run, at the pace of the person.
+//! The run at the person's pace, and the messages to the page: text length, JSON text, then raw images and sound.
 
-use crate::message;
-use avln_client::{Action, Episode, EpisodeEnd, Error, Play, RunSummary};
+use avln_client::{
+    Action, Episode, EpisodeEnd, Error, Feedback, GoalCue, Image, Observation, Play, Progress, RunSummary,
+};
+use serde_json::{Value, json};
 use tokio::sync::{mpsc, oneshot};
 
-/// What the page wants to know or do.
+/// A request of the page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Wish {
-    /// See how things are.
+pub(crate) enum PageRequest {
+    /// Report the state.
     Look,
     /// Take a step.
     Act(Action),
@@ -15,72 +17,215 @@ pub(crate) enum Wish {
     Next,
 }
 
-/// A wish, and where its answer goes. A page that has gone gets none.
+/// A request with a reply channel. The reply to a closed page is lost.
 #[derive(Debug)]
-pub(crate) struct Wished {
-    pub(crate) wish: Wish,
+pub(crate) struct PendingRequest {
+    pub(crate) request: PageRequest,
     pub(crate) answer: oneshot::Sender<Vec<u8>>,
 }
 
-/// Plays a run to its end. No clock runs before the person says so: an episode begins when it is wished for.
+/// Plays a run. An episode starts, with its clock, when the person asks for it.
 pub(crate) async fn play(
     mut play: Play,
-    mut wishes: mpsc::Receiver<Wished>,
+    mut requests: mpsc::Receiver<PendingRequest>,
     on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
 ) -> Result<RunSummary, Error> {
     let mut last: Option<EpisodeEnd> = None;
     loop {
-        let Some(next) = wait(&mut wishes, &message::waiting(&play, last.as_ref())).await else { break };
-        let facts = message::Facts::of(&play);
+        let Some(next) = wait(&mut requests, &waiting(&play, last.as_ref())).await else { break };
+        let facts = RunFacts::of(&play);
         let Some(mut episode) = play.next_episode().await? else {
-            let _ = next.send(message::over(last.as_ref()));
+            let _ = next.send(over(last.as_ref()));
             break;
         };
-        let answer = drive(&mut episode, &facts, next, &mut wishes).await?;
+        let answer = drive(&mut episode, &facts, next, &mut requests).await?;
         last = episode.end().cloned();
         if let Some(end) = &last {
             on_end(end);
         }
-        let _ = answer.map(|answer| answer.send(message::waiting(&play, last.as_ref())));
+        let _ = answer.map(|answer| answer.send(waiting(&play, last.as_ref())));
     }
     play.finish().await
 }
 
-/// Tells how things are until the next episode is wished for; `None` when nobody is there any more.
-async fn wait(wishes: &mut mpsc::Receiver<Wished>, state: &[u8]) -> Option<oneshot::Sender<Vec<u8>>> {
+/// Answers with `state` until the next episode is requested; `None` if the page's server has stopped.
+async fn wait(
+    requests: &mut mpsc::Receiver<PendingRequest>,
+    state: &[u8],
+) -> Option<oneshot::Sender<Vec<u8>>> {
     loop {
-        let Wished { wish, answer } = wishes.recv().await?;
-        if wish == Wish::Next {
+        let PendingRequest { request, answer } = requests.recv().await?;
+        if request == PageRequest::Next {
             return Some(answer);
         }
         let _ = answer.send(state.to_vec());
     }
 }
 
-/// Plays an episode until it ends; gives back who waits for an answer still.
+/// Plays an episode. Returns the last request's reply channel.
 async fn drive(
     episode: &mut Episode<'_>,
-    facts: &message::Facts,
+    facts: &RunFacts,
     first: oneshot::Sender<Vec<u8>>,
-    wishes: &mut mpsc::Receiver<Wished>,
+    requests: &mut mpsc::Receiver<PendingRequest>,
 ) -> Result<Option<oneshot::Sender<Vec<u8>>>, Error> {
     let _ = first.send(facts.playing(episode, true, ""));
     loop {
-        let Some(Wished { wish, answer }) = wishes.recv().await else {
+        let Some(PendingRequest { request, answer }) = requests.recv().await else {
             episode.abandon().await?;
             return Ok(None);
         };
-        let trouble = match wish {
-            Wish::Act(action) => match episode.step(action).await {
+        let trouble = match request {
+            PageRequest::Act(action) => match episode.step(action).await {
                 Ok(_) => String::new(),
                 Err(refused @ Error::Refused { .. }) => refused.to_string(),
                 Err(error) => return Err(error),
             },
-            Wish::Look | Wish::Next => String::new(),
+            PageRequest::Look | PageRequest::Next => String::new(),
         };
         if episode.is_over() {
             return Ok(Some(answer));
         }
-        let _ = answer.send(facts.playing(episode, wish == Wish::Look, &trouble));
+        let _ = answer.send(facts.playing(episode, request == PageRequest::Look, &trouble));
+    }
+}
+
+/// Constants of the run.
+#[derive(Clone, Debug)]
+pub(crate) struct RunFacts {
+    max_steps: u32,
+    depth_max_m: f32,
+}
+
+impl RunFacts {
+    pub(crate) fn of(play: &Play) -> Self {
+        let task = play.task();
+        Self { max_steps: task.max_steps, depth_max_m: task.depth_max_m }
+    }
+
+    /// Encodes an episode's state, optionally with reference images.
+    pub(crate) fn playing(&self, episode: &Episode<'_>, with_goals: bool, trouble: &str) -> Vec<u8> {
+        let (seen, time) = (episode.observation(), episode.time_left());
+        let mission = episode.mission();
+        let mut told = json!({
+            "state": "playing", "trouble": trouble,
+            "episode": episode.ordinal(), "progress": progress(episode.progress()),
+            "order": mission.order.to_string(), "goals": mission.goals.iter().map(goal).collect::<Vec<_>>(),
+            "step": seen.step, "max_steps": self.max_steps,
+            "remaining_steps": seen.remaining_steps, "remaining_submits": seen.remaining_submits,
+            "feedback": feedback(seen.feedback), "depth_max_m": self.depth_max_m,
+            "position": seen.pose.position, "heading_rad": seen.pose.heading_rad,
+            "step_s": time.step.map(|step| step.as_secs_f64()), "bank_s": time.bank.as_secs_f64(),
+        });
+        let mut bytes = Vec::new();
+        told["senses"] = senses(seen, &mut bytes);
+        let pictures = mission.goals.iter().map(|cue| picture(cue).filter(|_| with_goals));
+        told["pictures"] =
+            pictures.map(|picture| picture.map(|image| add_image(image, &mut bytes))).collect();
+        framed(&told, &bytes)
+    }
+}
+
+/// Encodes the state between episodes, with the last end.
+pub(crate) fn waiting(play: &Play, last: Option<&EpisodeEnd>) -> Vec<u8> {
+    framed(&json!({ "state": "waiting", "progress": progress(play.progress()), "end": last.map(end) }), &[])
+}
+
+/// Encodes the state after the last episode.
+pub(crate) fn over(last: Option<&EpisodeEnd>) -> Vec<u8> {
+    framed(&json!({ "state": "over", "end": last.map(end) }), &[])
+}
+
+fn framed(told: &Value, rest: &[u8]) -> Vec<u8> {
+    let text = told.to_string();
+    let length = (text.len() as u32).to_le_bytes();
+    [&length, text.as_bytes(), rest].concat()
+}
+
+fn progress(progress: Progress) -> Value {
+    json!({ "done": progress.done, "total": progress.total })
+}
+
+fn end(end: &EpisodeEnd) -> Value {
+    let metrics = end.metrics.iter().flatten().map(|metric| (metric.name.clone(), json!(metric.value)));
+    let metrics: serde_json::Map<String, Value> = metrics.collect();
+    json!({ "reason": end.reason.to_string(), "steps": end.steps, "metrics": metrics })
+}
+
+fn goal(cue: &GoalCue) -> Value {
+    match cue {
+        GoalCue::Category(text) => json!({ "kind": "category", "text": text }),
+        GoalCue::Description(text) => json!({ "kind": "sentence", "text": text }),
+        GoalCue::Image(_) => json!({ "kind": "picture", "text": "" }),
+    }
+}
+
+fn picture(cue: &GoalCue) -> Option<&Image> {
+    if let GoalCue::Image(image) = cue { Some(image) } else { None }
+}
+
+fn feedback(feedback: Feedback) -> Option<&'static str> {
+    match feedback {
+        Feedback::None => None,
+        Feedback::Accepted => Some("counted"),
+        Feedback::Verdict(true) => Some("right"),
+        Feedback::Verdict(false) => Some("wrong"),
+    }
+}
+
+/// Encodes the observation; appends colours, depth, left ear and right ear to `bytes`, in this order.
+fn senses(seen: &Observation, bytes: &mut Vec<u8>) -> Value {
+    let rgb = seen.rgb.as_ref().map(|image| add_image(image, bytes));
+    let depth = seen.depth.as_ref().map(|depth| {
+        add_numbers(&depth.metres, bytes);
+        json!([depth.width, depth.height])
+    });
+    let audio = seen.audio.as_ref().map(|audio| {
+        add_numbers(&audio.left, bytes);
+        add_numbers(&audio.right, bytes);
+        json!([audio.sample_rate_hz, audio.left.len()])
+    });
+    json!({ "rgb": rgb, "depth": depth, "audio": audio })
+}
+
+fn add_image(image: &Image, bytes: &mut Vec<u8>) -> Value {
+    bytes.extend(&image.pixels);
+    json!([image.width, image.height])
+}
+
+fn add_numbers(numbers: &[f32], bytes: &mut Vec<u8>) {
+    bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use avln_client::{Audio, DepthImage};
+
+    #[test]
+    fn raw_bytes_follow_in_order() {
+        let seen = Observation {
+            rgb: Some(Image { width: 1, height: 2, pixels: vec![1, 2, 3, 4, 5, 6] }),
+            depth: Some(DepthImage { width: 1, height: 1, metres: vec![1.5] }),
+            audio: Some(Audio { sample_rate_hz: 16_000, left: vec![0.5], right: vec![-0.5] }),
+            ..Observation::default()
+        };
+        let mut bytes = Vec::new();
+        let told = senses(&seen, &mut bytes);
+        assert_eq!(told, json!({ "rgb": [1, 2], "depth": [1, 1], "audio": [16_000, 1] }));
+        let expected = [
+            &[1, 2, 3, 4, 5, 6][..],
+            &1.5_f32.to_le_bytes(),
+            &0.5_f32.to_le_bytes(),
+            &(-0.5_f32).to_le_bytes(),
+        ];
+        assert_eq!(bytes, expected.concat());
+        assert_eq!(senses(&Observation::default(), &mut bytes)["audio"], Value::Null);
+    }
+
+    #[test]
+    fn text_follows_its_length() {
+        let framed = framed(&json!({ "a": 1 }), &[9]);
+        assert_eq!(framed, [&[7, 0, 0, 0][..], b"{\"a\":1}", &[9]].concat());
     }
 }

@@ -1,30 +1,22 @@
-//! What agents share: maps of what was seen and heard, ways through them, what pictures, sounds and cues say.
+//! Building blocks of agents: mapping, path following, hearing, perception and the run loop.
 //!
-//! Start reading at [`map`] and [`perception`]; [`path()`] and [`Motion`] turn places into actions, which [`Scout`] puts
-//! together for agents that explore; [`Turns`] tells which source sounds, [`Aftermath`] what
-//! became of a Submit. [`Hints`] are for agents whose host tells them more
-//! than an agent may know. An agent is put together from these parts and adds what it wants; [`shell`] makes a program of it.
+//! Start reading at [`map`] and [`perception`]. [`path`] and [`explorer`] turn points into actions; [`hearing`] measures
+//! sound, models the sounding order and infers Submit outcomes; [`perception::Hints`] passes ground truth to privileged agents of the
+//! same process; [`run`] makes a program of an agent. The feature `onnx` adds perception by
+//! user-supplied models.
 //!
-//! *Never*: links anything of the server; decides where to go or what to submit; learns anything but what observations say.
+//! *Never*: links a server crate other than `avln-simd`; chooses targets or Submits; uses information beyond observations
+//! (except [`perception::Hints`]).
 
-mod aftermath;
-mod course;
-mod hints;
+pub mod explorer;
+pub mod geometry;
+pub mod hearing;
 pub mod map;
-mod motion;
-mod path;
+#[cfg(feature = "onnx")]
+pub mod onnx;
+pub mod path;
 pub mod perception;
-mod scout;
-pub mod shell;
-mod turns;
+pub mod run;
 
-pub use aftermath::Aftermath;
-pub use course::Course;
-pub use hints::{Hints, Sight, Told};
-pub use motion::Motion;
-pub use path::{Path, path};
-pub use scout::Scout;
-pub use turns::Turns;
-
-/// Agents look at a thing within this distance to tell what it is, metres.
+/// Range within which agents compare objects with goals, metres.
 pub const LOOK_M: f32 = 2.8;

@@ -1,35 +1,37 @@
-use crate::map::{CELL_M, Cell, Occupancy};
-use crate::perception::Place;
+//! Path search on the occupancy map.
+
+use crate::geometry::FloorPoint;
+use crate::map::occupancy::{CELL_M, Cell, Occupancy};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Cells from node to node of the search.
+/// Cells between nodes of the search.
 const STRIDE: i32 = 2;
-/// What a metre costs near obstacles and through the unknown, in metres of open floor.
+/// Cost per metre near obstacles and through unknown cells, in metres on open floor.
 const TIGHT: f32 = 2.5;
 const UNKNOWN: f32 = 1.3;
-/// What is added to that for every time that the body was blocked there.
+/// Additional cost per blocked step in the cell.
 const BUMP: f32 = 6.0;
-/// Most nodes that one search opens.
+/// Node limit of a search.
 const MOST_NODES: usize = 40_000;
 const SIDES: [(i32, i32); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
 
-/// A way over the floor plan.
+/// A path over the floor plan.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Path {
-    /// Places about 0.1 m apart, the body's own first.
-    pub places: Vec<Place>,
-    /// Distance from the last place to the goal, metres.
+    /// Points about 0.1 m apart, starting at the body.
+    pub places: Vec<FloorPoint>,
+    /// Distance from the last point to the goal, metres.
     pub left_m: f32,
     /// Cost in metres of open floor.
     pub cost_m: f32,
 }
 
-/// What the search knows of each cell that it may come to.
+/// The search state by node.
 struct Nodes {
-    /// Cost of the cheapest way so far, metres; 0 where none is known.
+    /// Lowest cost so far, metres; 0 for an unvisited node.
     cost_m: Vec<f32>,
-    /// Number of the side by which that way comes, and whether it is final.
+    /// Index of the side towards the predecessor, and the closed flag.
     before: Vec<u8>,
     count: usize,
 }
@@ -43,14 +45,14 @@ impl Nodes {
         Self { cost_m: vec![0.0; count], before: vec![0; count], count: 0 }
     }
 
-    /// The place of a cell in the lists: of `STRIDE` cells in a row the search comes to one.
+    /// Returns the node index for a cell.
     fn index(cell: Cell) -> Option<usize> {
         let (column, row) = (cell.column / STRIDE, cell.row / STRIDE);
         let inside = cell.column >= 0 && cell.row >= 0 && column < Self::COLUMNS && row < Self::COLUMNS;
         inside.then_some((row * Self::COLUMNS + column) as usize)
     }
 
-    /// Takes a way to a cell, by the side `before`, unless a cheaper one is known.
+    /// Records a path that enters a cell from side `before`, unless a cheaper path is known.
     fn improve(&mut self, cell: Cell, cost_m: f32, before: usize) -> bool {
         let Some(index) = Self::index(cell) else { return false };
         let known_m = self.cost_m[index];
@@ -62,7 +64,7 @@ impl Nodes {
         is_better
     }
 
-    /// Makes the way to a cell final and gives back its cost; `None` where it is already.
+    /// Closes a node and returns the cost; `None` if already closed.
     fn close(&mut self, cell: Cell) -> Option<f32> {
         let index = Self::index(cell)?;
         let is_open = self.before[index] & Self::CLOSED == 0;
@@ -74,18 +76,19 @@ impl Nodes {
         Self::index(cell).map_or(0.0, |index| self.cost_m[index])
     }
 
-    /// The cell from which the way to this one comes.
+    /// Returns the predecessor of a cell.
     fn before(&self, cell: Cell) -> Option<Cell> {
         let (dc, dr) = SIDES[usize::from(self.before[Self::index(cell)?] & !Self::CLOSED)];
         Some(cell.moved(-dc * STRIDE, -dr * STRIDE))
     }
 }
 
-/// The cheapest way from `from` to within `reach_m` of `goal`, through unknown places where that is shorter; where none
-/// leads there, the way to the reachable place nearest to it.
-pub fn path(map: &Occupancy, from: Place, goal: Place, reach_m: f32) -> Path {
+/// Finds the cheapest path from `from` to within `reach_m` metres around `goal`, through unknown cells if shorter;
+/// otherwise the path to the nearest reachable cell.
+pub fn find_path(map: &Occupancy, from: FloorPoint, goal: FloorPoint, reach_m: f32) -> Path {
     let start = Cell::at(from);
     let mut nodes = Nodes::new();
+    // Cost 0 marks unvisited nodes, so the start needs a positive cost.
     nodes.improve(start, f32::MIN_POSITIVE, 0);
     let mut open = BinaryHeap::from([(Reverse(millimetres(from.distance_m(goal))), start)]);
     let mut nearest = (from.distance_m(goal), start);
@@ -101,6 +104,7 @@ pub fn path(map: &Occupancy, from: Place, goal: Place, reach_m: f32) -> Path {
         for (side, (dc, dr)) in SIDES.into_iter().enumerate() {
             let next = cell.moved(dc * STRIDE, dr * STRIDE);
             let Some(step_m) = step_cost_m(map, cell, next, from) else { continue };
+            // The straight-line distance never overestimates: open floor costs 1 per metre.
             let total_m = cost_m + step_m;
             if nodes.improve(next, total_m, side) {
                 open.push((Reverse(millimetres(total_m + next.center().distance_m(goal))), next));
@@ -110,8 +114,9 @@ pub fn path(map: &Occupancy, from: Place, goal: Place, reach_m: f32) -> Path {
     trace(&nodes, start, nearest, from)
 }
 
-/// Cost of one step; `None` where the body does not fit. Out of a tight spot every step is allowed.
-fn step_cost_m(map: &Occupancy, cell: Cell, next: Cell, from: Place) -> Option<f32> {
+/// Returns a step's cost; `None` if the body does not fit.
+fn step_cost_m(map: &Occupancy, cell: Cell, next: Cell, from: FloorPoint) -> Option<f32> {
+    // A body that already stands too close to an obstacle must be able to leave.
     const ESCAPE_M: f32 = 0.25;
     let escapes = next.center().distance_m(from) <= ESCAPE_M && !map.is_obstacle(next);
     if map.is_blocked(next) && !escapes {
@@ -126,7 +131,7 @@ fn step_cost_m(map: &Occupancy, cell: Cell, next: Cell, from: Place) -> Option<f
     Some(length_m * (factor + BUMP * f32::from(map.bumps(next))))
 }
 
-fn trace(nodes: &Nodes, start: Cell, (left_m, end): (f32, Cell), from: Place) -> Path {
+fn trace(nodes: &Nodes, start: Cell, (left_m, end): (f32, Cell), from: FloorPoint) -> Path {
     let mut places = Vec::new();
     let mut cell = end;
     while cell != start {
@@ -143,11 +148,12 @@ fn millimetres(metres: f32) -> u32 {
 }
 
 impl Path {
-    /// The farthest place of the way that lies straight ahead within `most_m`, without an obstacle between.
-    pub fn aim(&self, map: &Occupancy, most_m: f32) -> Option<Place> {
+    /// Returns the most distant point within `most_m` with a free straight line to it.
+    pub fn aim(&self, map: &Occupancy, most_m: f32) -> Option<FloorPoint> {
         let from = *self.places.first()?;
-        let fits = |place: Place| {
+        let fits = |place: FloorPoint| {
             let steps = (from.distance_m(place) / CELL_M) as i32;
+            // The first cells are skipped: the body may be closer to an obstacle than any planned path.
             (4..=steps).all(|step| {
                 let share = step as f32 * CELL_M / from.distance_m(place).max(CELL_M);
                 let cell = Cell::at(from.toward(place, share));
@@ -160,39 +166,113 @@ impl Path {
     }
 }
 
+/// Steps for which the end of a path stays the target.
+const KEPT_STEPS: u32 = 40;
+/// Goals within this distance count as equal, metres.
+const SAME_M: f32 = 0.5;
+/// Distance to the end at which a path is complete, metres.
+const GONE_M: f32 = 0.3;
+
+/// A path follower with hysteresis. The path to an unreachable goal ends at a different point after every image: a
+/// body that always follows the best path would oscillate between these points.
+#[derive(Clone, Debug, Default)]
+pub struct PathFollower {
+    to: FloorPoint,
+    end: FloorPoint,
+    steps_left: u32,
+}
+
+impl PathFollower {
+    /// Returns a path from `from` to within `reach_m` metres around `to`. The path ends at the previous end, unless
+    /// the previous path is complete, old or leads to another goal.
+    pub fn path_to(&mut self, map: &Occupancy, from: FloorPoint, to: FloorPoint, reach_m: f32) -> Path {
+        let continues = self.steps_left > 0
+            && self.to.distance_m(to) <= SAME_M
+            && self.end.distance_m(to) > reach_m
+            && self.end.distance_m(from) > GONE_M;
+        if continues {
+            self.steps_left -= 1;
+            let path = find_path(map, from, self.end, GONE_M);
+            if path.left_m <= GONE_M {
+                return Path { left_m: self.end.distance_m(to), ..path };
+            }
+        }
+        let path = find_path(map, from, to, reach_m);
+        let end = path.places.last().copied().unwrap_or(from);
+        *self = Self { to, end, steps_left: KEPT_STEPS };
+        path
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn room() -> Occupancy {
-        Occupancy::default().with_floor(Place::new(-3.0, -3.0), Place::new(3.0, 3.0))
+        Occupancy::default().with_floor(FloorPoint::new(-3.0, -3.0), FloorPoint::new(3.0, 3.0))
     }
 
     #[test]
-    fn on_open_floor_the_way_is_straight() {
-        let way = path(&room(), Place::new(-2.0, 0.0), Place::new(2.0, 0.0), 0.1);
-        assert!((way.cost_m - 4.0).abs() < 0.2 && way.left_m <= 0.1, "{way:?}");
-        let aim = way.aim(&room(), 0.8).unwrap();
+    fn paths_on_open_floor_are_straight() {
+        let path = find_path(&room(), FloorPoint::new(-2.0, 0.0), FloorPoint::new(2.0, 0.0), 0.1);
+        assert!((path.cost_m - 4.0).abs() < 0.2 && path.left_m <= 0.1, "{path:?}");
+        let aim = path.aim(&room(), 0.8).unwrap();
         assert!((aim.x + 1.25).abs() < 0.1 && aim.z.abs() < 0.1, "{aim:?}");
     }
 
     #[test]
-    fn a_wall_is_walked_around() {
-        let map = room().with_wall(Place::new(0.0, -2.0), Place::new(0.1, 8.0));
-        let (from, goal) = (Place::new(-1.0, 1.0), Place::new(1.0, 1.0));
-        let way = path(&map, from, goal, 0.1);
+    fn paths_lead_around_walls() {
+        let map = room().with_wall(FloorPoint::new(0.0, -2.0), FloorPoint::new(0.1, 8.0));
+        let (from, goal) = (FloorPoint::new(-1.0, 1.0), FloorPoint::new(1.0, 1.0));
+        let path = find_path(&map, from, goal, 0.1);
         // Past the wall's end at (0, -2): more than 2 √(1² + 3²) metres.
-        assert!(way.left_m <= 0.1 && way.cost_m > 6.1, "{}", way.cost_m);
-        assert!(way.places.iter().all(|&place| !map.is_blocked(Cell::at(place))));
-        assert!(way.places.iter().any(|place| place.z < -2.0));
+        assert!(path.left_m <= 0.1 && path.cost_m > 6.1, "{}", path.cost_m);
+        assert!(path.places.iter().all(|&place| !map.is_blocked(Cell::at(place))));
+        assert!(path.places.iter().any(|place| place.z < -2.0));
     }
 
     #[test]
-    fn where_no_way_leads_it_ends_as_near_as_can_be() {
-        let goal = Place::new(1.0, 0.0);
-        let map = room().with_wall(Place::new(0.6, -0.4), Place::new(1.4, 0.4));
-        let way = path(&map, Place::new(-1.0, 0.0), goal, 0.1);
-        assert!(way.left_m > 0.4 && way.left_m < 0.75, "{}", way.left_m);
-        assert!(way.places.iter().all(|&place| !map.is_blocked(Cell::at(place))));
+    fn unreachable_goals_end_at_the_nearest_cell() {
+        let goal = FloorPoint::new(1.0, 0.0);
+        let map = room().with_wall(FloorPoint::new(0.6, -0.4), FloorPoint::new(1.4, 0.4));
+        let path = find_path(&map, FloorPoint::new(-1.0, 0.0), goal, 0.1);
+        assert!(path.left_m > 0.4 && path.left_m < 0.75, "{}", path.left_m);
+        assert!(path.places.iter().all(|&place| !map.is_blocked(Cell::at(place))));
+    }
+
+    /// A room with two niches in the north wall, both equally distant from a goal behind the wall.
+    fn room_with_niches() -> Occupancy {
+        Occupancy::default()
+            .with_floor(FloorPoint::new(-3.0, -3.0), FloorPoint::new(3.0, 3.0))
+            .with_wall(FloorPoint::new(-3.0, -3.1), FloorPoint::new(3.0, -3.0))
+            .with_wall(FloorPoint::new(-0.5, -3.0), FloorPoint::new(0.5, -1.0))
+            .with_wall(FloorPoint::new(-9.0, -9.0), FloorPoint::new(9.0, -3.0))
+    }
+
+    #[test]
+    fn follower_keeps_its_end_until_reached() {
+        let (map, mut follower) = (room_with_niches(), PathFollower::default());
+        let to = FloorPoint::new(0.05, -4.0);
+        let first = follower.path_to(&map, FloorPoint::new(1.0, 0.0), to, 0.5);
+        let end = *first.places.last().unwrap();
+        assert!(first.left_m > 0.9 && end.x > 0.5, "{end:?}");
+        // The goal moves a little to the left, but the path still leads to the right.
+        let there = FloorPoint::new(-0.2, -4.0);
+        let other = find_path(&map, FloorPoint::new(0.8, 0.0), there, 0.5);
+        assert!(other.places.last().unwrap().x < -0.5, "{:?}", other.places.last());
+        let kept = follower.path_to(&map, FloorPoint::new(0.8, 0.0), there, 0.5);
+        assert!(kept.places.last().unwrap().distance_m(end) <= GONE_M);
+        assert!((kept.left_m - end.distance_m(there)).abs() < 1e-6);
+        // At its end a new path is planned.
+        let next = follower.path_to(&map, end, there, 0.5);
+        assert!(next.places.last().unwrap().x < -0.5);
+    }
+
+    #[test]
+    fn new_goals_get_new_paths() {
+        let (map, mut follower) = (room_with_niches(), PathFollower::default());
+        follower.path_to(&map, FloorPoint::new(1.0, 0.0), FloorPoint::new(0.05, -4.0), 0.5);
+        let back = follower.path_to(&map, FloorPoint::new(1.0, 0.0), FloorPoint::new(-2.0, 2.0), 0.2);
+        assert!(back.left_m <= 0.2);
     }
 }

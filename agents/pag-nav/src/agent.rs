@@ -1,106 +1,74 @@
-use crate::Ablation;
-use crate::planner::{Candidate, Evidence, Goals, Weights};
-use crate::stairs::Flight;
-use crate::trace::{Recorder, Thought};
+use crate::candidate::{Candidate, Decision, Evidence};
+use crate::goals::{GoalPairing, PendingSubmit, SourceMemory};
+use crate::stairs::StairClimber;
+use crate::trace::lines::TraceInput;
+use crate::trace::{Recorder, TraceError};
+use crate::weights::{Ablation, Weights};
 use avln_client::{Action, Agent, Feedback, FeedbackRule, Mission, Observation, Order, TaskSpec};
-use avln_kit::{
-    Aftermath, Course, Hints, LOOK_M, Motion, Turns,
-    map::{
-        Cell, Elevation, Estimate, Intensity, Objects, Occupancy, SoundField, SourceBelief, Storeys, range_m,
-    },
-    perception::{Classical, Ear, Heard, Place, Query, Recognition, Sight, Stand, View},
-};
+use avln_kit::LOOK_M;
+use avln_kit::explorer::MotionController;
+use avln_kit::geometry::{FloorPoint, PinholeCamera, Pose2d};
+use avln_kit::hearing::{Ear, HeardSound, SoundSchedule, SubmitOutcome};
+use avln_kit::map::{Cell, ObjectMemory, Occupancy, SoundField, SourceEstimate, Storeys, range_m};
+use avln_kit::path::PathFollower;
+use avln_kit::perception::{ClassicalRecognition, Hints, NetworkRecognition, Query, Recognition};
 use std::{mem, sync::Arc};
 
-/// How far beyond everything seen sources may be, metres.
+/// Margin around the seen area in which sources may be, metres.
 const AROUND_M: f32 = 1.5;
-/// Steps of sound whose mean tells how loud it is here.
+/// Steps of sound over which the level is averaged.
 const RECENT: usize = 3;
 
-/// The reference agent of the paper (section 4): hears where targets are, maps the way, looks at the things there and
-/// submits those that pass its visual gate. Training-free; forgets everything between episodes.
+/// The paper's reference agent (section 4): it localises targets by sound, maps the surroundings, compares objects
+/// with goals and submits objects that pass the visual gate. Training-free; memories last for one episode.
 pub struct PagNav {
     pub(crate) weights: Weights,
     pub(crate) ablation: Ablation,
     perception: Box<dyn Recognition>,
     hints: Option<Arc<dyn Hints>>,
     ear: Ear,
-    view: View,
+    view: PinholeCamera,
     pub(crate) map: Occupancy,
-    pub(crate) objects: Objects,
-    storeys: Storeys<Memory>,
-    pub(crate) elevation: Elevation,
-    /// Stairs that it is on.
-    pub(crate) flight: Option<Flight>,
-    /// Where what seemed to be stairs was none.
-    pub(crate) false_stairs: Vec<Place>,
-    /// How high the body is above its start, metres.
-    pub(crate) height_m: f32,
-    /// What a turn turns it by, radians.
-    pub(crate) turn_rad: f32,
+    pub(crate) objects: ObjectMemory,
+    storeys: Storeys<StoreyMemory>,
+    pub(crate) stairs: StairClimber,
+    /// Sound propagation to the current position; recomputed after a move.
     field: Option<SoundField>,
-    pub(crate) motion: Motion,
-    /// Ways to what it heads for, and to frontiers.
-    pub(crate) course: Course,
-    pub(crate) scouting: Course,
-    /// The frontier that it keeps to, its score, and for how many steps.
-    pub(crate) frontier: Option<(Place, f32, u32)>,
-    pub(crate) turns: Turns,
+    pub(crate) motion: MotionController,
+    /// Paths to sources and candidates.
+    pub(crate) follower: PathFollower,
+    /// Paths to frontiers.
+    pub(crate) frontier_follower: PathFollower,
+    /// The current frontier with score and remaining steps as the target.
+    pub(crate) frontier: Option<(FloorPoint, f32, u32)>,
+    pub(crate) schedule: SoundSchedule,
     pub(crate) queries: Vec<Query>,
-    pub(crate) goals: Goals,
-    pub(crate) sources: Vec<Source>,
+    pub(crate) goals: GoalPairing,
+    pub(crate) sources: Vec<SourceMemory>,
     /// The source that the agent heads for.
     pub(crate) focus: Option<usize>,
-    pub(crate) claim: Option<Claim>,
-    /// Levels of the source that sounds, since its turn began.
+    pub(crate) pending: Option<PendingSubmit>,
+    /// The current source's levels since its turn began.
     levels: Vec<f32>,
-    /// Whether the rules tell what became of a Submit.
-    is_told: bool,
+    /// True if the phase returns the verdict of a Submit.
+    has_verdicts: bool,
     pub(crate) remaining_steps: u32,
-    /// What the last action was decided by.
-    pub(crate) thought: Thought,
-    pub(crate) trace: Option<Recorder>,
+    pub(crate) decision: Decision,
+    trace: Option<Recorder>,
 }
 
-/// What is remembered of one storey.
-struct Memory {
+/// A storey's memory.
+struct StoreyMemory {
     map: Occupancy,
-    objects: Objects,
-    sources: Vec<Source>,
+    objects: ObjectMemory,
+    sources: Vec<SourceMemory>,
 }
 
-impl Memory {
-    /// Nothing yet, in a mission of `goals` goals.
-    fn of(goals: usize) -> Self {
-        let sources = (0..goals).map(|_| Source::default()).collect();
-        Self { map: Occupancy::default(), objects: Objects::new(goals), sources }
+impl StoreyMemory {
+    fn new(goals: usize) -> Self {
+        let sources = (0..goals).map(|_| SourceMemory::default()).collect();
+        Self { map: Occupancy::default(), objects: ObjectMemory::new(goals), sources }
     }
-}
-
-/// What is known of one sounding target, as it is heard on one storey: the audio memories A_bear and A_int of the paper.
-#[derive(Default)]
-pub(crate) struct Source {
-    belief: SourceBelief,
-    pub(crate) estimate: Option<Estimate>,
-    pub(crate) intensity: Intensity,
-    /// Pictures that showed the place from nearby, and the place that they showed.
-    pub(crate) looks: u32,
-    looked_at: Place,
-    /// Where Submits for it found nothing, and how loud it must be for the next.
-    missed: Vec<Place>,
-    missed_level: f32,
-    /// Steps for which the agent has headed for it.
-    pub(crate) sought_steps: u32,
-}
-
-/// A Submit whose outcome is not known yet.
-#[derive(Clone, Copy)]
-pub(crate) struct Claim {
-    pub(crate) source: usize,
-    pub(crate) object: usize,
-    pub(crate) goal: usize,
-    level: f32,
-    aftermath: Aftermath,
 }
 
 impl Default for PagNav {
@@ -110,9 +78,9 @@ impl Default for PagNav {
 }
 
 impl PagNav {
-    /// An agent that has played nothing yet.
+    /// Creates an agent that sees by the bundled network.
     pub fn new(weights: Weights) -> Self {
-        Self::with(weights, Box::<Sight>::default())
+        Self::with(weights, Box::<NetworkRecognition>::default())
     }
 
     fn with(weights: Weights, perception: Box<dyn Recognition>) -> Self {
@@ -123,170 +91,207 @@ impl PagNav {
             perception,
             hints: None,
             ear: Ear::default(),
-            view: View::new(&task),
+            view: PinholeCamera::new(&task),
             map: Occupancy::default(),
-            objects: Objects::default(),
+            objects: ObjectMemory::default(),
             storeys: Storeys::default(),
-            elevation: Elevation::default(),
-            flight: None,
-            false_stairs: Vec::new(),
-            height_m: 0.0,
-            turn_rad: task.turn_rad,
+            stairs: StairClimber::new(task.turn_rad),
             field: None,
-            motion: Motion::new(&task),
-            course: Course::default(),
-            scouting: Course::default(),
+            motion: MotionController::new(&task),
+            follower: PathFollower::default(),
+            frontier_follower: PathFollower::default(),
             frontier: None,
-            turns: Turns::new(0, task.sounding_window_steps),
+            schedule: SoundSchedule::new(0, task.sounding_window_steps),
             queries: Vec::new(),
-            goals: Goals::new(0, false),
+            goals: GoalPairing::new(0, false),
             sources: Vec::new(),
             focus: None,
-            claim: None,
+            pending: None,
             levels: Vec::new(),
-            is_told: false,
+            has_verdicts: false,
             remaining_steps: task.max_steps,
-            thought: Thought::default(),
+            decision: Decision::default(),
             trace: None,
         }
     }
 
-    /// The same without some of its parts.
+    /// Disables the parts that `ablation` names.
     pub fn without(self, ablation: Ablation) -> Self {
         let weights = if ablation.no_audio { self.weights.silent() } else { self.weights };
         Self { weights, ablation, ..self }
     }
 
-    /// The same with other eyes.
+    /// Replaces the perception.
     pub fn seeing(self, perception: impl Recognition + 'static) -> Self {
         Self { perception: Box::new(perception), ..self }
     }
 
-    /// The same, told where each sound comes from.
+    /// Supplies the true position of the sounding source, for privileged variants.
     pub fn hinted(self, hints: Arc<dyn Hints>) -> Self {
         Self { hints: Some(hints), ..self }
     }
 
-    /// Takes in one observation.
-    fn perceive(&mut self, observation: &Observation, stand: &Stand) {
-        self.remaining_steps = observation.remaining_steps;
-        self.climb(observation.pose.position[1]);
-        self.motion.feel(stand, &mut self.map);
-        if let Some(depth) = &observation.depth {
-            self.map.see(&self.view, stand, depth);
-            self.elevation.see(&self.view, stand, self.height_m, depth);
-        }
-        let audio = observation.audio.as_ref().filter(|_| !self.ablation.no_audio);
-        let heard = audio.and_then(|audio| self.ear.hear(audio));
-        self.settle(observation.feedback, heard.as_ref(), stand.place);
-        match heard {
-            _ if self.claim.is_some() => self.turns.defer(),
-            Some(heard) => {
-                self.turns.advance().into_iter().for_each(|source| self.listen(source, stand, &heard))
-            }
-            None => _ = self.turns.advance(),
-        }
-        if observation.rgb.is_some() && observation.depth.is_some() {
-            self.look(observation, stand);
+    /// Records traces. Actions stay the same, even if recording fails.
+    pub fn traced(self, trace: Recorder) -> Self {
+        Self { trace: Some(trace), ..self }
+    }
+
+    /// Ends the last episode's trace.
+    ///
+    /// # Errors
+    /// The first failure in any episode.
+    pub fn end_trace(&mut self) -> Result<(), TraceError> {
+        self.trace(Recorder::end);
+        self.trace.take().map_or(Ok(()), Recorder::conclude)
+    }
+
+    fn trace(&mut self, write: impl FnOnce(&mut Recorder, &TraceInput)) {
+        let Some(mut trace) = self.trace.take() else { return };
+        write(&mut trace, &self.trace_input());
+        self.trace = Some(trace);
+    }
+
+    fn trace_input(&self) -> TraceInput<'_> {
+        TraceInput {
+            weights: &self.weights,
+            ablation: self.ablation,
+            map: &self.map,
+            objects: &self.objects,
+            goals: self.queries.len(),
+            sources: &self.sources,
+            schedule: &self.schedule,
+            focus: self.focus,
+            pending: self.pending,
+            decision: &self.decision,
         }
     }
 
-    /// Notes how high the body is: what it remembers of another storey is of no use on this one.
-    fn climb(&mut self, height_m: f32) {
-        self.height_m = height_m;
+    /// Updates all memories by an observation.
+    fn perceive(&mut self, observation: &Observation, pose: &Pose2d) {
+        self.remaining_steps = observation.remaining_steps;
+        self.change_storey(observation.pose.position[1]);
+        self.motion.mark_blocked(pose, &mut self.map);
+        if let Some(depth) = &observation.depth {
+            self.map.see(&self.view, pose, depth);
+            self.stairs.elevation.see(&self.view, pose, self.stairs.height_m, depth);
+        }
+        let audio = observation.audio.as_ref().filter(|_| !self.ablation.no_audio);
+        let heard = audio.and_then(|audio| self.ear.hear(audio));
+        self.settle(observation.feedback, heard.as_ref(), pose.place);
+        if self.pending.is_some() {
+            // The sound belongs to the pending source or, after a find, to the next one: only the outcome decides.
+            self.schedule.defer();
+        } else if let (Some(source), Some(heard)) = (self.schedule.advance(), heard) {
+            self.listen(source, pose, &heard);
+        }
+        if observation.rgb.is_some() && observation.depth.is_some() {
+            self.look(observation, pose);
+        }
+    }
+
+    /// Swaps the memories when the body reaches another storey: what was mapped below does not apply above.
+    fn change_storey(&mut self, height_m: f32) {
+        self.stairs.height_m = height_m;
         if self.storeys.is_on(height_m) {
             return;
         }
-        let mut memory = Memory {
+        let mut memory = StoreyMemory {
             map: mem::take(&mut self.map),
             objects: mem::take(&mut self.objects),
             sources: mem::take(&mut self.sources),
         };
         let count = self.queries.len();
-        self.storeys.enter(height_m, &mut memory, || Memory::of(count));
-        (self.map, self.objects, self.sources) = (memory.map, memory.objects, memory.sources);
+        self.storeys.enter(height_m, &mut memory, || StoreyMemory::new(count));
+        self.map = memory.map;
+        self.objects = memory.objects;
+        self.sources = memory.sources;
         self.sources.iter_mut().for_each(|source| source.sought_steps = 0);
-        (self.course, self.scouting) = (Course::default(), Course::default());
-        (self.frontier, self.field, self.focus) = (None, None, None);
+        self.follower = PathFollower::default();
+        self.frontier_follower = PathFollower::default();
+        self.frontier = None;
+        self.field = None;
+        self.focus = None;
         (0..count).for_each(|source| self.goals.forget(source));
     }
 
-    /// Takes in one picture.
-    fn look(&mut self, observation: &Observation, stand: &Stand) {
+    /// Updates the object memory by an image.
+    fn look(&mut self, observation: &Observation, pose: &Pose2d) {
         let map = &self.map;
-        let things = self.perception.see(stand, observation, &|place| map.is_wall(Cell::at(place)));
-        if self.ablation.no_memory && things.is_some() {
-            self.objects = Objects::new(self.queries.len());
+        let detections = self.perception.see(pose, observation, &|place| map.is_wall(Cell::at(place)));
+        if self.ablation.no_memory && detections.is_some() {
+            self.objects = ObjectMemory::new(self.queries.len());
         }
-        self.objects.see(things.unwrap_or_default());
-        self.look_at_objects(stand);
-        self.look_at_sources(stand);
+        self.objects.see(detections.unwrap_or_default());
+        self.look_at_objects(pose);
+        self.look_at_sources(pose);
     }
 
-    /// Finds out what became of the last Submit: a target that was found falls silent.
-    fn settle(&mut self, feedback: Feedback, heard: Option<&Heard>, here: Place) {
-        let Some(claim) = &mut self.claim else { return };
-        let outcome = claim.aftermath.outcome(feedback, heard, self.weights.found_level);
+    /// Applies the outcome of the pending Submit, once it is known.
+    fn settle(&mut self, feedback: Feedback, heard: Option<&HeardSound>, here: FloorPoint) {
+        let Some(pending) = &mut self.pending else { return };
+        let outcome = pending.outcome.update(feedback, heard, self.weights.found_level);
+        // Without audio and verdicts there is no evidence: the Submit counts as correct.
         let Some(found) = outcome.or(self.ablation.no_audio.then_some(true)) else { return };
-        let claim = *claim;
-        self.claim = None;
+        let pending = *pending;
+        self.pending = None;
         self.levels.clear();
         if found {
-            self.turns.silence(claim.source);
+            self.schedule.silence(pending.source);
             if self.ablation.no_audio {
-                self.goals.close(claim.goal);
-                self.objects.refute(claim.object);
+                self.goals.close(pending.goal);
+                self.objects.refute(pending.object);
             } else {
-                self.goals.found(claim.source);
-                self.begin_anew();
+                self.goals.found(pending.source);
+                self.forget_misses();
             }
             self.focus = None;
         } else {
-            self.goals.missed(claim.source);
-            self.objects.refute(claim.object);
-            self.miss(&claim, here);
+            self.goals.missed(pending.source);
+            self.objects.refute(pending.object);
+            self.record_miss(&pending, here);
         }
     }
 
-    /// Forgets Submits in vain that were for another goal.
-    fn begin_anew(&mut self) {
-        let anew = self.sources.iter_mut().filter(|_| self.goals.is_ordered());
-        anew.for_each(|source| {
-            source.missed.clear();
-            source.missed_level = 0.0;
-        });
+    /// Forgets unsuccessful Submits of ordered missions: they were for the previous goal.
+    fn forget_misses(&mut self) {
+        if self.goals.is_ordered() {
+            for source in &mut self.sources {
+                source.missed.clear();
+                source.missed_level = 0.0;
+            }
+        }
     }
 
-    /// Takes in that a Submit found nothing: what may be found is not there, the next goal's target at the least.
-    fn miss(&mut self, claim: &Claim, here: Place) {
+    /// Records an unsuccessful Submit. In unordered missions it rules out every source near the position.
+    fn record_miss(&mut self, pending: &PendingSubmit, here: FloorPoint) {
         const LOUDER: f32 = 1.2;
         let all = !self.goals.is_ordered();
-        let sources = self.sources.iter_mut().enumerate();
-        sources
-            .filter(|(source, _)| all || *source == claim.source)
-            .for_each(|(_, source)| source.missed.push(here));
-        self.sources[claim.source].missed_level = LOUDER * claim.level;
+        for (index, source) in self.sources.iter_mut().enumerate() {
+            if all || index == pending.source {
+                source.missed.push(here);
+            }
+        }
+        self.sources[pending.source].missed_level = LOUDER * pending.level;
     }
 
-    /// Compares every hypothesis that is near and before the camera with the goals.
-    fn look_at_objects(&mut self, stand: &Stand) {
-        let (map, goals, perception) = (&self.map, 0..self.queries.len(), &self.perception);
+    /// Compares every near hypothesis in view with the goals.
+    fn look_at_objects(&mut self, pose: &Pose2d) {
+        let goals = self.queries.len();
         for object in self.objects.iter_mut() {
-            if map.is_in_view(stand, object.thing.center(), LOOK_M) {
-                let fits: Vec<f32> = goals.clone().map(|goal| perception.fit(&object.thing, goal)).collect();
+            if self.map.is_in_view(pose, object.detection.center(), LOOK_M) {
+                let fit = |goal| self.perception.fit(&object.detection, goal);
+                let fits: Vec<f32> = (0..goals).map(fit).collect();
                 object.look(&fits);
             }
         }
     }
 
-    /// Notes how well what stands at the believed sources in view fits each goal.
-    fn look_at_sources(&mut self, stand: &Stand) {
+    /// Records the objects' fits at located sources in view.
+    fn look_at_sources(&mut self, pose: &Pose2d) {
         for index in 0..self.sources.len() {
-            let estimate = self.sources[index].estimate;
-            let Some(estimate) = estimate.filter(|estimate| self.is_located(index, estimate)) else {
-                continue;
-            };
-            if self.map.is_in_view(stand, estimate.place, LOOK_M) {
+            let is_located = self.sources[index].is_located(&self.weights);
+            let Some(estimate) = self.sources[index].estimate.filter(|_| is_located) else { continue };
+            if self.map.is_in_view(pose, estimate.place, LOOK_M) {
                 self.sources[index].look_at(estimate.place);
                 for goal in 0..self.queries.len() {
                     self.goals.see(index, goal, self.fit_at(estimate.place, goal));
@@ -295,69 +300,67 @@ impl PagNav {
         }
     }
 
-    /// How well the best of the things at a place fits a goal by what is seen, 0 to 1.
-    fn fit_at(&self, place: Place, goal: usize) -> f32 {
+    /// Returns the best visual fit with a goal among the objects at a position, 0 to 1.
+    fn fit_at(&self, place: FloorPoint, goal: usize) -> f32 {
         const AT_M: f32 = 0.4;
-        let at = self.objects.all().iter().filter(|object| object.thing.distance_m(place) <= AT_M);
+        let at = self.objects.all().iter().filter(|object| object.detection.distance_m(place) <= AT_M);
         let fits = at.map(|object| {
-            let context = self.context(object.thing.center(), goal);
+            let context = self.context(object.detection.center(), goal);
             Evidence { vis: object.vis(goal), context, sound: 0.0 }.seen(&self.weights)
         });
         fits.fold(0.0, f32::max)
     }
 
-    /// How much rooms and things around a place speak for a goal, 0 to 1.
-    pub(crate) fn context(&self, place: Place, goal: usize) -> f32 {
+    /// Returns the support of rooms and neighbouring objects for a goal at a position, 0 to 1.
+    pub(crate) fn context(&self, place: FloorPoint, goal: usize) -> f32 {
         const NEUTRAL: f32 = 0.5;
         if self.ablation.no_priors { NEUTRAL } else { self.objects.context(place, &self.queries[goal]) }
     }
 
-    /// Whether a believed source is certain, and has been heard from so near that it can be seen.
-    pub(crate) fn is_located(&self, source: usize, estimate: &Estimate) -> bool {
-        let heard_m = range_m(self.sources[source].intensity.loudest());
-        estimate.certainty >= self.weights.certain && heard_m <= self.weights.look_range_m
-    }
-
-    fn listen(&mut self, index: usize, stand: &Stand, heard: &Heard) {
-        if self.turns.is_first() {
+    /// Updates a source's memory by a sound.
+    fn listen(&mut self, index: usize, pose: &Pose2d, heard: &HeardSound) {
+        if self.schedule.is_first() {
             self.levels.clear();
         }
         self.levels.push(heard.level);
-        self.thought.heard = Some((index, *heard));
-        let (map, source) = (&self.map, &mut self.sources[index]);
-        let field = self.field.take().filter(|field| field.listener() == stand.place);
-        let field = field.unwrap_or_else(|| SoundField::new(map, stand.place, map.area(AROUND_M)));
-        source.intensity.hear(stand.place, heard.level);
-        source.belief.hear(&field, stand, heard);
-        let told = self.hints.as_ref().and_then(|hints| hints.source());
-        let told = told.map(|place| Estimate { place, certainty: 1.0 });
-        let estimate = told.or_else(|| source.belief.estimate(&field, map, &source.missed));
+        self.decision.heard = Some((index, *heard));
+        let map = &self.map;
+        let source = &mut self.sources[index];
+        let field = self.field.take().filter(|field| field.listener() == pose.place);
+        let field = field.unwrap_or_else(|| SoundField::new(map, pose.place, map.area(AROUND_M)));
+        source.intensity.hear(pose.place, heard.level);
+        source.belief.hear(&field, pose, heard);
+        let hint = self.hints.as_ref().and_then(|hints| hints.source());
+        let hint = hint.map(|place| SourceEstimate { place, certainty: 1.0 });
+        let estimate = hint.or_else(|| source.belief.estimate(&field, map, &source.missed));
         if source.locate(estimate) {
             self.goals.forget(index);
         }
         self.field = Some(field);
     }
 
-    /// Submits a candidate, unless its outcome would stay unknown: where the rules tell none, only the silence of a
-    /// source that was loud before does. One that a Submit from here found nothing at is refuted instead: waiting changes nothing.
-    pub(crate) fn submit(&mut self, candidate: &Candidate, stand: &Stand) -> Option<Action> {
+    /// Submits a candidate, unless the outcome would remain unknown.
+    pub(crate) fn submit(&mut self, candidate: &Candidate, pose: &Pose2d) -> Option<Action> {
         let Candidate { object, source, goal, .. } = *candidate;
         let recent = &self.levels[self.levels.len().saturating_sub(RECENT)..];
         let level = recent.iter().sum::<f32>() / recent.len().max(1) as f32;
-        let is_heard = self.turns.current() == source
-            && recent.len() == RECENT
-            && self.turns.steps_left() >= Aftermath::STEPS
-            && range_m(level) <= self.weights.look_range_m;
-        if !self.is_told && !self.ablation.no_audio {
+        // Without verdicts the only evidence is the silence of a source that was loud before.
+        if !self.has_verdicts && !self.ablation.no_audio {
+            let is_heard = self.schedule.current() == source
+                && recent.len() == RECENT
+                && self.schedule.steps_left() >= SubmitOutcome::STEPS
+                && range_m(level) <= self.weights.look_range_m;
             if !is_heard {
                 return None;
             }
-            if !self.sources[source].is_worth(level, stand.place) {
+            if !self.sources[source].is_worth_submit(level, pose.place) {
+                // The same Submit failed before, and waiting would not help: another candidate is next.
                 self.objects.refute(object);
                 return None;
             }
         }
-        self.claim = Some(Claim { source, object, goal, level, aftermath: Aftermath::of(level) });
+        self.pending =
+            Some(PendingSubmit { source, object, goal, level, outcome: SubmitOutcome::new(level) });
         Some(Action::Submit)
     }
 }
@@ -369,63 +372,34 @@ impl Agent for PagNav {
 
     fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
         let count = mission.goals.len();
-        let nothing: Box<dyn Recognition> = Box::<Classical>::default();
-        let mut perception = mem::replace(&mut self.perception, nothing);
+        let placeholder: Box<dyn Recognition> = Box::<ClassicalRecognition>::default();
+        let mut perception = mem::replace(&mut self.perception, placeholder);
         perception.begin(task, mission);
         *self = Self {
             ablation: self.ablation,
             hints: self.hints.take(),
             trace: self.trace.take(),
-            view: View::new(task),
-            motion: Motion::new(task),
-            turn_rad: task.turn_rad,
-            objects: Objects::new(count),
-            turns: Turns::new(count, task.sounding_window_steps),
+            view: PinholeCamera::new(task),
+            motion: MotionController::new(task),
+            stairs: StairClimber::new(task.turn_rad),
+            objects: ObjectMemory::new(count),
+            schedule: SoundSchedule::new(count, task.sounding_window_steps),
             queries: mission.goals.iter().map(Query::new).collect(),
-            goals: Goals::new(count, mission.order == Order::Ordered),
-            sources: mission.goals.iter().map(|_| Source::default()).collect(),
-            is_told: task.feedback == FeedbackRule::Verdict,
+            goals: GoalPairing::new(count, mission.order == Order::Ordered),
+            sources: mission.goals.iter().map(|_| SourceMemory::default()).collect(),
+            has_verdicts: task.feedback == FeedbackRule::Verdict,
             ..Self::with(self.weights.clone(), perception)
         };
         self.trace(|trace, agent| trace.begin(agent, mission));
     }
 
     fn act(&mut self, observation: &Observation) -> Action {
-        let stand = Stand::new(&observation.pose);
-        self.thought = Thought::default();
-        self.perceive(observation, &stand);
-        let action = self.decide(&stand);
-        self.motion.note(action, &stand);
+        let pose = Pose2d::new(&observation.pose);
+        self.decision = Decision::default();
+        self.perceive(observation, &pose);
+        let action = self.decide(&pose);
+        self.motion.record(action, &pose);
         self.trace(|trace, agent| trace.step(agent, observation, action));
         action
-    }
-}
-
-impl Source {
-    /// Takes in where it is believed to be. Gives back whether that is elsewhere than what was looked at, which counts no
-    /// more.
-    fn locate(&mut self, estimate: Option<Estimate>) -> bool {
-        const SAME_M: f32 = 1.0;
-        self.estimate = estimate;
-        let is_there = estimate.is_some_and(|estimate| estimate.place.distance_m(self.looked_at) <= SAME_M);
-        let is_elsewhere = self.looks > 0 && !is_there;
-        if is_elsewhere {
-            self.looks = 0;
-        }
-        is_elsewhere
-    }
-
-    /// Whether a Submit at this level and place is worth another try: it is louder, or not where one found nothing.
-    fn is_worth(&self, level: f32, here: Place) -> bool {
-        const ANEW_M: f32 = 0.4;
-        level > self.missed_level || self.missed.iter().all(|place| place.distance_m(here) >= ANEW_M)
-    }
-
-    /// Counts a look.
-    fn look_at(&mut self, place: Place) {
-        if self.looks == 0 {
-            self.looked_at = place;
-        }
-        self.looks += 1;
     }
 }

@@ -1,69 +1,85 @@
 use crate::agent::PagNav;
-use crate::planner::{Candidate, Demand, Evidence, Gate, HeardThere, Stage, best};
+use crate::candidate::{Candidate, Evidence, SoundSupport, Stage, SubmitGate, VerificationDemand, best};
 use avln_client::Action;
-use avln_kit::{
-    map::{Object, range_m},
-    perception::{Place, Stand},
-};
+use avln_kit::geometry::{FloorPoint, Pose2d};
+use avln_kit::map::{ObjectHypothesis, range_m};
 
-/// Submits at one hypothesis after which it is no candidate any more.
+/// Unsuccessful Submits after which a hypothesis is dropped.
 const MOST_WRONG: i32 = 3;
+/// Steps between searches for stairs.
+const STAIRS_EVERY: u32 = 10;
 
 impl PagNav {
-    /// The next action, by the stage that the grounding of the goals has reached.
-    pub(crate) fn decide(&mut self, stand: &Stand) -> Action {
+    /// Returns the next action, by the stage of the paper.
+    pub(crate) fn decide(&mut self, pose: &Pose2d) -> Action {
         if self.remaining_steps <= 1 {
             return Action::Stop;
         }
-        if self.claim.is_some() {
+        if self.pending.is_some() {
             return Action::TurnLeft;
         }
-        if let Some(step) = self.take_stairs(stand) {
+        let wants_stairs = self.wants_stairs();
+        if let Some(step) = self.stairs.next_action(pose, &self.motion, wants_stairs) {
             return step;
         }
-        let candidate = self.candidate(stand);
+        let candidate = self.candidate(pose);
         let stage = Stage::of(candidate.as_ref().map(|candidate| self.is_verified(candidate)));
-        (self.thought.stage, self.thought.candidate) = (Some(stage), candidate);
+        self.decision.stage = Some(stage);
+        self.decision.candidate = candidate;
         let Some(candidate) = candidate.filter(|_| stage != Stage::Search) else {
-            return if self.ablation.no_audio { self.wander(stand) } else { self.search(stand) };
+            return if self.ablation.no_audio { self.wander(pose) } else { self.search(pose) };
         };
         self.head_for(candidate.source);
-        let gate = self.gate(&candidate, stage, stand);
-        self.thought.gate = Some(gate);
+        let gate = self.gate(&candidate, stage, pose);
+        self.decision.gate = Some(gate);
         let nearer = self.weights.nearer.powi(self.object(&candidate).wrong_submits);
         if gate.is_open(nearer * self.weights.submit_m, self.weights.submit_rad)
-            && let Some(submit) = self.submit(&candidate, stand)
+            && let Some(submit) = self.submit(&candidate, pose)
         {
             return submit;
         }
         let is_near = gate.distance_m <= nearer * self.weights.submit_m && gate.is_verified;
-        self.approach(&candidate, is_near, stand)
+        self.approach(&candidate, is_near, pose)
     }
 
-    /// o*: of each goal that may be next the candidate with the best S_ground, and of these the one that can be
-    /// submitted first.
-    fn candidate(&self, stand: &Stand) -> Option<Candidate> {
+    /// Returns true if the search on this storey took too long, and it is time to look for stairs.
+    fn wants_stairs(&self) -> bool {
+        let sought = |source: usize| self.sources[source].sought_steps;
+        let sought_steps = match self.focus {
+            Some(source) => sought(source),
+            None => self.goals.active().map(sought).max().unwrap_or(0),
+        };
+        // The search is expensive: it runs every few steps only.
+        self.remaining_steps.is_multiple_of(STAIRS_EVERY)
+            && sought_steps >= self.weights.storey_steps
+            && self.remaining_steps > self.weights.hurry_steps
+    }
+
+    /// Returns o*: the best candidates (by S_ground) for the active goals, and among them the first that can be
+    /// submitted.
+    fn candidate(&self, pose: &Pose2d) -> Option<Candidate> {
         let supported: Vec<(usize, Option<usize>, f32)> =
             if self.ablation.no_audio { self.seen() } else { self.supported() };
         let of_goals = self.goals.active().filter_map(|goal| {
             let candidates = supported.iter().map(|&(object, source, sound)| {
                 let evidence = self.evidence(object, goal, sound);
-                let place = self.place(object, source, stand);
+                let place = self.place(object, source, pose);
                 Candidate { object, goal, source: source.unwrap_or(goal), evidence, place }
             });
             best(candidates.filter(|candidate| !self.is_set_aside(candidate)), &self.weights)
         });
         let cost = |candidate: &Candidate| {
-            let wait_steps = if self.ablation.no_audio { 0 } else { self.turns.wait_steps(candidate.source) };
-            self.cost_steps(candidate.source, candidate.place, wait_steps, stand)
+            let wait_steps =
+                if self.ablation.no_audio { 0 } else { self.schedule.wait_steps(candidate.source) };
+            self.cost_steps(candidate.source, candidate.place, wait_steps, pose)
         };
         of_goals.min_by(|a, b| cost(a).total_cmp(&cost(b)))
     }
 
-    /// The hypotheses at which a source may be: object, source, consistency with its sound.
+    /// Returns hypotheses near sources: object, source, consistency.
     fn supported(&self) -> Vec<(usize, Option<usize>, f32)> {
         const LEAST: f32 = 0.05;
-        let open = || (0..self.sources.len()).filter(|&source| !self.turns.is_silent(source));
+        let open = || (0..self.sources.len()).filter(|&source| !self.schedule.is_silent(source));
         let all = self.objects.all().iter().enumerate();
         all.filter(|(_, object)| object.wrong_submits < MOST_WRONG)
             .filter_map(|(index, object)| {
@@ -75,20 +91,20 @@ impl PagNav {
             .collect()
     }
 
-    /// The hypotheses at which nothing was submitted, for an agent that hears no sources.
+    /// Returns the viewed hypotheses without a Submit, for agents without audio.
     fn seen(&self) -> Vec<(usize, Option<usize>, f32)> {
         let all = self.objects.all().iter().enumerate();
         let open = all.filter(|(_, object)| object.wrong_submits == 0 && object.looks > 0);
         open.map(|(index, _)| (index, None, 0.0)).collect()
     }
 
-    /// Consistency of a hypothesis with the audio memories of a source (s_int of the paper), 0 to 1: how near it is to
-    /// where the source is believed to be, how certain that is, and how well it explains where the sound was loud.
-    fn sound(&self, object: &Object, source: usize) -> f32 {
+    /// Returns a hypothesis' consistency with a source's audio memories (s_int in the paper), 0 to 1: distance to the
+    /// estimate, the estimate's certainty, and agreement with the loudest positions.
+    fn sound(&self, object: &ObjectHypothesis, source: usize) -> f32 {
         let known = &self.sources[source];
         let Some(estimate) = &known.estimate else { return 0.0 };
-        let place = object.thing.nearest(estimate.place);
-        let heard = HeardThere {
+        let place = object.detection.nearest(estimate.place);
+        let heard = SoundSupport {
             off_m: place.distance_m(estimate.place),
             certainty: estimate.certainty,
             loudest_range_m: range_m(known.intensity.loudest()),
@@ -97,29 +113,29 @@ impl PagNav {
         heard.consistency(&self.weights)
     }
 
-    /// p(o): the place of a hypothesis that is nearest to where its sound is believed to come from, since what was seen
-    /// as one thing may be a whole row of furniture; without a sound the nearest to the body.
-    fn place(&self, object: usize, source: Option<usize>, stand: &Stand) -> Place {
-        let thing = &self.objects.all()[object].thing;
-        let Some(source) = source else { return thing.nearest(stand.place) };
-        let heard = self.sources[source].estimate.map(|estimate| thing.nearest(estimate.place));
-        heard.unwrap_or_else(|| thing.center())
+    /// Returns p(o), a hypothesis' nearest point to the estimated source, since a row of furniture may be a single
+    /// detection; without a source, the nearest point to the body.
+    fn place(&self, object: usize, source: Option<usize>, pose: &Pose2d) -> FloorPoint {
+        let detection = &self.objects.all()[object].detection;
+        let Some(source) = source else { return detection.nearest(pose.place) };
+        let heard = self.sources[source].estimate.map(|estimate| detection.nearest(estimate.place));
+        heard.unwrap_or_else(|| detection.center())
     }
 
     fn evidence(&self, object: usize, goal: usize, sound: f32) -> Evidence {
         let known = &self.objects.all()[object];
-        let context = self.context(known.thing.center(), goal);
+        let context = self.context(known.detection.center(), goal);
         Evidence { vis: known.vis(goal), context, sound }
     }
 
-    /// Whether a candidate has been looked at in vain: others, and search, come first until the demand relaxes.
+    /// Returns true for a viewed candidate that failed verification: others come first until the demand relaxes.
     fn is_set_aside(&self, candidate: &Candidate) -> bool {
         let enough = self.object(candidate).looks >= self.weights.verify_looks;
         let settled = !self.ablation.no_audio && self.is_settled(candidate.source);
         (enough || settled) && !self.is_verified(candidate)
     }
 
-    /// V of the paper: looked at from near, seen to fit the goal, and no other goal has a better claim to its sound.
+    /// Returns V of the paper: viewed from near, a sufficient fit, and no better source for the goal.
     fn is_verified(&self, candidate: &Candidate) -> bool {
         if self.ablation.no_gate {
             return true;
@@ -130,8 +146,8 @@ impl PagNav {
             && self.is_right_goal(candidate.source)
     }
 
-    /// What verification asks of a candidate now.
-    fn demand(&self, candidate: &Candidate) -> Demand {
+    /// Returns the current demand of verification.
+    fn demand(&self, candidate: &Candidate) -> VerificationDemand {
         if self.ablation.no_audio {
             return self.demand_of_sight(candidate);
         }
@@ -139,68 +155,67 @@ impl PagNav {
             self.demand_of_sight(candidate)
         } else {
             let sought_steps = self.sources[candidate.source].sought_steps;
-            Demand::of_any(sought_steps, self.remaining_steps, &self.weights)
+            VerificationDemand::of_any(sought_steps, self.remaining_steps, &self.weights)
         };
         if self.goals.is_last() { demand.of_last(self.remaining_steps, &self.weights) } else { demand }
     }
 
-    fn demand_of_sight(&self, candidate: &Candidate) -> Demand {
+    fn demand_of_sight(&self, candidate: &Candidate) -> VerificationDemand {
         let sought_steps = self.sources[candidate.source].sought_steps;
-        let demand = Demand::after(sought_steps, self.remaining_steps, &self.weights);
-        if self.ablation.no_memory { Demand { looks: 1, ..demand } } else { demand }
+        let demand = VerificationDemand::after(sought_steps, self.remaining_steps, &self.weights);
+        if self.ablation.no_memory { VerificationDemand { looks: 1, ..demand } } else { demand }
     }
 
-    /// The gate here and now; a wall between body and candidate takes its verification away.
-    fn gate(&self, candidate: &Candidate, stage: Stage, stand: &Stand) -> Gate {
-        let in_sight = self.map.hears(stand.place, candidate.place);
-        Gate {
+    /// Returns the current gate; a wall between body and candidate revokes the verification.
+    fn gate(&self, candidate: &Candidate, stage: Stage, pose: &Pose2d) -> SubmitGate {
+        let in_sight = self.map.has_clear_line(pose.place, candidate.place);
+        SubmitGate {
             is_verified: stage == Stage::Verify && in_sight,
-            distance_m: candidate.place.distance_m(stand.place),
-            bearing_rad: stand.bearing_rad(candidate.place),
+            distance_m: candidate.place.distance_m(pose.place),
+            bearing_rad: pose.bearing_rad(candidate.place),
         }
     }
 
-    /// A step towards a viewpoint of a candidate, or the turn that faces it.
-    fn approach(&mut self, candidate: &Candidate, is_near: bool, stand: &Stand) -> Action {
-        let facing = self.face(stand, candidate.place);
+    /// Returns a step towards the candidate's viewpoint, or the turn that faces the candidate.
+    fn approach(&mut self, candidate: &Candidate, is_near: bool, pose: &Pose2d) -> Action {
+        let facing = self.face(pose, candidate.place);
         if is_near && let Some(turn) = facing {
             return turn;
         }
-        let is_seen = self.map.hears(stand.place, candidate.place);
-        self.go_to(candidate.place, is_seen, stand).or(facing).unwrap_or(Action::TurnLeft)
+        let is_seen = self.map.has_clear_line(pose.place, candidate.place);
+        self.go_to(candidate.place, is_seen, pose).or(facing).unwrap_or(Action::TurnLeft)
     }
 
-    /// The turn that brings a place into view; `None` when it is.
-    pub(crate) fn face(&self, stand: &Stand, place: Place) -> Option<Action> {
-        let bearing_rad = stand.bearing_rad(place);
-        self.motion.toward(bearing_rad).filter(|_| bearing_rad.abs() > self.weights.submit_rad)
+    /// Returns the turn that brings a point into view; `None` if it is in view.
+    pub(crate) fn face(&self, pose: &Pose2d, place: FloorPoint) -> Option<Action> {
+        let bearing_rad = pose.bearing_rad(place);
+        self.motion.turn_toward(bearing_rad).filter(|_| bearing_rad.abs() > self.weights.submit_rad)
     }
 
-    /// Whether a source is likely to be a goal that may be submitted now, as far as that can still be found out by
-    /// comparing what stands at all sources with all goals.
+    /// Returns true if a source is likely an active goal, provided that further comparisons can still decide.
     pub(crate) fn is_right_goal(&self, source: usize) -> bool {
         if self.ablation.no_audio {
             return true;
         }
         let right = self.goals.right(source);
-        let open = || (0..self.sources.len()).filter(|&other| !self.turns.is_silent(other));
+        let open = || (0..self.sources.len()).filter(|&other| !self.schedule.is_silent(other));
         let no_better = || open().all(|other| self.goals.right(other) <= right);
         let is_hurry = self.remaining_steps < self.weights.hurry_steps;
         let all_settled = is_hurry || open().all(|other| self.is_settled(other));
         right >= self.weights.commit || (all_settled && no_better())
     }
 
-    /// Whether a source has been looked at often enough, or sought for so long that it will not be.
+    /// Returns true if a source was viewed sufficiently, or sought for too long.
     pub(crate) fn is_settled(&self, source: usize) -> bool {
         self.is_looked_at(source) || self.sources[source].sought_steps >= self.weights.patience_steps
     }
 
-    /// Whether what stands where a source is believed to be has been looked at often enough.
+    /// Returns true if the estimated position of a source was viewed sufficiently.
     pub(crate) fn is_looked_at(&self, source: usize) -> bool {
         self.sources[source].looks >= self.weights.verify_looks
     }
 
-    fn object(&self, candidate: &Candidate) -> &Object {
+    fn object(&self, candidate: &Candidate) -> &ObjectHypothesis {
         &self.objects.all()[candidate.object]
     }
 }

@@ -1,44 +1,43 @@
-//! PAG-Nav: the reference agent, a client like everyone else.
+//! PAG-Nav: the reference agent.
 //!
-//! Start reading at [`PagNav`] and [`run`]. It follows section 4 of the paper, with a small network
-//! (`avln-perception`) in the place of large encoders:
+//! Start reading at [`PagNav`] and [`run`]. The agent follows section 4 of the paper, with a small network
+//! (`avln-perception`) in place of large encoders:
 //!
 //! | paper | here |
 //! |---|---|
-//! | object memory O_t | `avln_kit::map::Objects`: boxes, colours, looks, and compatibility with each goal |
-//! | audio memories A_int, A_bear | `avln_kit::map::Intensity` and `SourceBelief`, one of each per sounding target |
-//! | spatial frame, occupancy | `avln_kit::map::Occupancy`, one for each storey (`Storeys`); stairs are told by `Elevation` |
-//! | room memory R_t, P_room, P_obj, P_ctx | `Objects::context`: what the things around a place are typical for |
-//! | s_vis | `Recognition::fit`; by default the likelihood of the category, colour, size and shape words; for pictures likeness of embeddings and views |
-//! | S_search, S_ground | `search.rs`, `planner::Evidence::score` |
-//! | Search, Ground, Verify | `planner::Stage` |
-//! | V, Submit gate | `planner::Demand` and the comparison of goals in `planner::Goals`; `planner::Gate` |
+//! | object memory O_t | `avln_kit::map::ObjectMemory`: boxes, colours, looks, and compatibility with each goal |
+//! | audio memories A_int, A_bear | `avln_kit::map::IntensityMemory` and `SourceBelief`, one of each per sounding target |
+//! | spatial frame, occupancy | `avln_kit::map::Occupancy`, one per storey (`Storeys`); `Elevation` detects stairs |
+//! | room memory R_t, P_room, P_obj, P_ctx | `ObjectMemory::context`: rooms inferred from typical objects |
+//! | s_vis | `Recognition::fit`; by default probability of the category, colour, size and shape words; for images similarity of embeddings and views |
+//! | S_search, S_ground | `search.rs`, `candidate::Evidence::score` |
+//! | Search, Ground, Verify | `candidate::Stage` |
+//! | V, Submit gate | `candidate::VerificationDemand` and the comparison of goals in `goals::GoalPairing`; `candidate::SubmitGate` |
 //!
-//! Three things are its own. V asks for less the longer a source has been sought and near the end of the episode
-//! (`Demand::after`), since a small network cannot confirm all that a person could. Where a source was sought on one storey for long
-//! in vain, it takes stairs (`stairs.rs`); what it remembers of a storey waits there. And where the rules tell no outcome,
-//! an open gate waits until the target sounds again, since only its silence then tells that it was found; nobody tells
-//! which goal sounds.
+//! Three additions to the paper:
+//! - V relaxes with the search time of a source and near the end of the episode (`VerificationDemand::after`): a small network
+//!   cannot confirm everything that a person could.
+//! - After a long unsuccessful search on one storey the agent takes stairs (`stairs.rs`). The memory of each storey is kept.
+//! - Without verdicts, an open gate waits until the target sounds again: only its silence after the Submit is evidence. The
+//!   agent does not know the goal of a sound.
 //!
-//! It sees by the network of `avln-perception`, or by models that people bring (`avln-onnx`). [`Weights`] are its numbers; `pag-nav.toml` has them all. A [`Recorder`] writes down what it heard, believed and did.
-//! [`Ablation`] takes parts of it away; [`PagNav::hinted`] is what a host may tell it to find out what a perfect sense is
-//! worth, and nobody else is told.
+//! Perception is the network of `avln-perception` or user-supplied ONNX models. [`Weights`] are the tunable numbers, documented
+//! in `pag-nav.toml`. A [`Recorder`] writes traces. [`Ablation`] disables parts of the agent; [`PagNav::hinted`] measures the
+//! value of perfect hearing, for privileged variants only.
 //!
-//! *Never*: links anything of the server; learns anything but what its observations say.
+//! *Never*: links a server crate other than `avln-simd`; uses information beyond observations (except [`PagNav::hinted`]).
 
-mod ablation;
 mod agent;
+mod args;
+mod candidate;
 mod decide;
-mod error;
-mod options;
-mod planner;
+mod goals;
 mod search;
 mod stairs;
 mod trace;
+mod weights;
 
-pub use ablation::Ablation;
 pub use agent::PagNav;
-pub use error::Error;
-pub use options::{Options, run, run_with};
-pub use planner::{Weights, WeightsError};
+pub use args::{PagNavArgs, PagNavError, run, run_with};
 pub use trace::{Recorder, TraceError};
+pub use weights::{Ablation, Weights, WeightsError};

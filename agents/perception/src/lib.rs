@@ -1,87 +1,88 @@
-//! Sight for agents: what a picture shows, told by a small network that comes with this crate.
+//! Image segmentation for agents by a small bundled network.
 //!
-//! [`Eyes`] looks at a picture, with depth or without, and tells what is [`Seen`]: the category of every pixel and the
-//! [`Segment`]s, which are instances as far as one picture shows them. The network learnt from houses of the training pool
-//! alone ([`Eyes::about`] names their seeds); `training/` makes it. Agents that bring other eyes implement [`Perception`].
+//! [`VisionNetwork`] segments an image, with or without depth, into a [`Segmentation`]: a category per pixel, and
+//! [`Segment`]s, the visible parts of instances. The training used only houses from the training pool
+//! ([`VisionNetwork::info`] lists their seeds); `training/` contains the scripts. Other networks implement
+//! [`Perception`].
 //!
-//! Start reading at [`Eyes::see`].
+//! Start reading at [`VisionNetwork::see`].
 //!
-//! *Never*: depends on the simulator; reads a clock or draws at random.
+//! *Never*: depends on the simulator; reads a clock; uses random numbers.
 
-mod histogram;
-mod input;
-mod lift;
-mod map;
+mod feature_map;
 mod network;
 mod picture;
-mod seen;
+mod segmentation;
 mod segments;
 mod shapes;
 mod weights;
 
-pub use histogram::Histogram;
-pub use lift::{Solid, extent, lift};
-pub use picture::{Camera, Depth, Picture, SeeError};
-pub use seen::{PixelBox, Seen, Segment};
-pub use weights::{About, Training, WeightsError};
+pub use picture::{CameraModel, Depth, Picture, PictureError};
+pub use segmentation::{Histogram, PixelBox, Segment, Segmentation};
+pub use shapes::{ObjectBox, extent, lift};
+pub use weights::{NetworkInfo, TrainingInfo, WeightsError};
 
-use network::Network;
+use network::UNet;
+use picture::MULTIPLE_PX;
 
-/// The network that comes with the crate.
-const WEIGHTS: &[u8] = include_bytes!("../weights/eyes.safetensors");
+/// The bundled weights.
+const WEIGHTS: &[u8] = include_bytes!("../weights/network.safetensors");
 
-/// What tells agents what they see.
+/// An image segmentation.
 pub trait Perception {
-    /// Names of the categories that it tells apart, by number.
+    /// Returns the category names by index.
     fn categories(&self) -> &[String];
 
-    /// What a picture shows; with `depth`, taken by `camera`, it is told better.
+    /// Segments an image; `depth`, taken by the given camera, improves the result.
     ///
     /// # Errors
-    /// When the picture cannot be looked at.
-    fn see(&mut self, picture: &Picture, depth: Option<(&Depth, &Camera)>) -> Result<Seen, SeeError>;
+    /// If the image or depth has an invalid size.
+    fn see(
+        &mut self,
+        picture: &Picture,
+        depth: Option<(&Depth, &CameraModel)>,
+    ) -> Result<Segmentation, PictureError>;
 
-    /// The object in the middle of a reference picture; `None` where only the building is.
+    /// Returns the object in a reference image's middle; `None` for the building.
     ///
     /// # Errors
-    /// When the picture cannot be looked at.
-    fn look_at_picture(&mut self, picture: &Picture) -> Result<Option<Segment>, SeeError> {
+    /// If the image has an invalid size.
+    fn look_at_picture(&mut self, picture: &Picture) -> Result<Option<Segment>, PictureError> {
         Ok(self.see(picture, None)?.in_the_middle().cloned())
     }
 }
 
-/// The network that comes with the crate, ready to look.
+/// The segmentation network.
 ///
-/// It keeps its memory from picture to picture. On one machine equal pictures give equal bits.
-pub struct Eyes {
-    network: Network,
+/// Buffers persist between images. Equal images give equal bits on one machine.
+pub struct VisionNetwork {
+    network: UNet,
 }
 
-impl Eyes {
-    /// The network that comes with the crate.
+impl VisionNetwork {
+    /// Loads the bundled weights.
     ///
     /// # Errors
-    /// Never, as its tests show.
+    /// If they are invalid, which a test excludes.
     pub fn new() -> Result<Self, WeightsError> {
         Self::from_bytes(WEIGHTS)
     }
 
-    /// A network from a file that `training/export.py` has written.
+    /// Loads weights that `training/export.py` has written.
     ///
     /// # Errors
-    /// When it is none.
+    /// If the file is malformed.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, WeightsError> {
-        Ok(Self { network: Network::read(bytes)? })
+        Ok(Self { network: UNet::read(bytes)? })
     }
 
-    /// What the network says of itself, and what it learnt from.
-    pub fn about(&self) -> &About {
-        &self.network.about
+    /// Returns the description and training data.
+    pub fn info(&self) -> &NetworkInfo {
+        &self.network.info
     }
 
-    /// Likelihood of each category for a segment of `seen`, by its likeness and by the box around it; they add up to 1. Without
-    /// weights for shapes they are those of the segment.
-    pub fn judge(&self, seen: &Seen, segment: &Segment, solid: &Solid) -> Vec<f32> {
+    /// Returns a segment's category probabilities by appearance and box; without shape weights, by appearance only.
+    pub fn judge(&self, seen: &Segmentation, segment: &Segment, solid: &ObjectBox) -> Vec<f32> {
         let shapes = self.network.shapes.as_ref();
         shapes.map_or_else(
             || segment.categories.clone(),
@@ -89,39 +90,47 @@ impl Eyes {
         )
     }
 
-    /// What a segment is judged by: 14 numbers about its box and its place in the picture, then the logarithms of its
-    /// likelihoods.
-    pub fn features(seen: &Seen, segment: &Segment, solid: &Solid) -> Vec<f32> {
+    /// Returns the shape classifier's input: 14 numbers about the box and its position in the image, then the
+    /// log-probabilities.
+    pub fn features(seen: &Segmentation, segment: &Segment, solid: &ObjectBox) -> Vec<f32> {
         shapes::features(seen, segment, solid)
     }
 
-    /// The bare numbers that the network gives for every second pixel of a picture whose sides are multiples of 16, row by row:
-    /// logits of categories, offset (x, y) to the middle of the instance, embedding.
+    /// Returns the network's output for every second pixel, row by row: category logits, offset (x, y) to the
+    /// instance centre, embedding. Image sides must be multiples of 16.
     ///
     /// # Errors
-    /// When the picture cannot be looked at.
-    pub fn raw(&mut self, picture: &Picture, depth: Option<(&Depth, &Camera)>) -> Result<Vec<f32>, SeeError> {
+    /// If the image or depth has an invalid size.
+    pub fn raw(
+        &mut self,
+        picture: &Picture,
+        depth: Option<(&Depth, &CameraModel)>,
+    ) -> Result<Vec<f32>, PictureError> {
         picture.check(depth.map(|(depth, _)| depth))?;
-        let odd = |side: usize| !side.is_multiple_of(network::MULTIPLE_PX);
+        let odd = |side: usize| !side.is_multiple_of(MULTIPLE_PX);
         if odd(picture.width) || odd(picture.height) {
             let (width, height, bytes) = (picture.width, picture.height, picture.rgb.len());
-            return Err(SeeError::Picture { width, height, bytes });
+            return Err(PictureError::Picture { width, height, bytes });
         }
-        input::fill(self.network.input(picture.width, picture.height), picture, depth);
+        picture::fill(self.network.input(picture.width, picture.height), picture, depth);
         let output = self.network.run();
         Ok((0..output.height).flat_map(|row| output.row(row)).copied().collect())
     }
 }
 
-impl Perception for Eyes {
+impl Perception for VisionNetwork {
     fn categories(&self) -> &[String] {
-        &self.network.about.categories
+        &self.network.info.categories
     }
 
-    fn see(&mut self, picture: &Picture, depth: Option<(&Depth, &Camera)>) -> Result<Seen, SeeError> {
+    fn see(
+        &mut self,
+        picture: &Picture,
+        depth: Option<(&Depth, &CameraModel)>,
+    ) -> Result<Segmentation, PictureError> {
         picture.check(depth.map(|(depth, _)| depth))?;
-        let [width, height] = picture.seen_size(self.network.about.side_px);
-        input::fill(self.network.input(width, height), picture, depth);
+        let [width, height] = picture.seen_size(self.network.info.side_px);
+        picture::fill(self.network.input(width, height), picture, depth);
         self.network.run();
         Ok(segments::seen(&mut self.network, picture))
     }

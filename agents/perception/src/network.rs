@@ -1,49 +1,46 @@
-use crate::map::Map;
-use crate::shapes::Shapes;
-use crate::weights::{About, Layer, Weights, WeightsError};
+use crate::feature_map::FeatureMap;
+use crate::picture::INPUTS;
+use crate::shapes::ShapeClassifier;
+use crate::weights::{ConvLayer, NetworkInfo, WeightsError, WeightsFile};
 
-/// Channels of the input: red, green, blue, depth, height, and whether the last two are known.
-pub(crate) const INPUTS: usize = 6;
-/// Channels at a half, a quarter, an eighth and a sixteenth of the input's size, and of what the head reads.
+/// Channels at 1/2, 1/4, 1/8 and 1/16 size, and in the head's input.
 const WIDTHS: [usize; 4] = [24, 48, 96, 192];
 const LAST: usize = 32;
-/// Sides of pictures are multiples of this, pixels.
-pub(crate) const MULTIPLE_PX: usize = 16;
 
-/// A U-Net whose skips are added, of 3 × 3 convolutions.
-pub(crate) struct Network {
-    pub(crate) about: About,
-    stem: Layer,
-    /// For each size: the convolution on the way down; the first one of the next size.
-    levels: [Layer; 4],
-    downs: [Layer; 3],
-    whole: Layer,
-    /// For each size but the smallest: from the next smaller one, and the convolution on the way up.
-    lifts: [Layer; 3],
-    backs: [Layer; 3],
-    head: Layer,
-    pub(crate) shapes: Option<Shapes>,
-    memory: Memory,
+/// A U-Net of 3 × 3 convolutions with additive skips.
+pub(crate) struct UNet {
+    pub(crate) info: NetworkInfo,
+    stem: ConvLayer,
+    /// Convolutions by level on the way down, and strided convolutions between levels.
+    levels: [ConvLayer; 4],
+    downs: [ConvLayer; 3],
+    whole: ConvLayer,
+    /// Projections from the next smaller level, and convolutions on the way up.
+    lifts: [ConvLayer; 3],
+    backs: [ConvLayer; 3],
+    head: ConvLayer,
+    pub(crate) shapes: Option<ShapeClassifier>,
+    memory: UNetBuffers,
 }
 
-/// What a picture of one size needs; kept from picture to picture.
+/// The buffers for an input size.
 #[derive(Default)]
-struct Memory {
-    input: Map,
-    /// For each size, two maps that take turns.
-    levels: [[Map; 2]; 4],
-    lifted: [Map; 3],
-    last: Map,
-    output: Map,
+struct UNetBuffers {
+    input: FeatureMap,
+    /// Two alternating maps per level.
+    levels: [[FeatureMap; 2]; 4],
+    lifted: [FeatureMap; 3],
+    last: FeatureMap,
+    output: FeatureMap,
     mean: Vec<f32>,
     sum: Vec<f32>,
 }
 
-impl Memory {
+impl UNetBuffers {
     fn new(width: usize, height: usize, outputs: usize) -> Self {
         let (half, level) =
             ([width / 2, height / 2], |level: usize| [width >> (level + 1), height >> (level + 1)]);
-        let map = |[width, height]: [usize; 2], channels| Map::new(width, height, channels);
+        let map = |[width, height]: [usize; 2], channels| FeatureMap::new(width, height, channels);
         Self {
             input: map([width, height], INPUTS),
             levels: std::array::from_fn(|n| [map(level(n), WIDTHS[n]), map(level(n), WIDTHS[n])]),
@@ -55,10 +52,10 @@ impl Memory {
     }
 }
 
-impl Network {
+impl UNet {
     pub(crate) fn read(bytes: &[u8]) -> Result<Self, WeightsError> {
-        let weights = Weights::read(bytes)?;
-        let outputs = weights.about.categories.len() + 2 + weights.about.embedding;
+        let weights = WeightsFile::read(bytes)?;
+        let outputs = weights.info.categories.len() + 2 + weights.info.embedding;
         let conv = |name: &str, inputs, outputs| weights.layer(name, 9, inputs, outputs);
         let point = |name: &str, inputs, outputs| weights.layer(name, 1, inputs, outputs);
         let [a, b, c, d] = WIDTHS;
@@ -75,24 +72,26 @@ impl Network {
             lifts: [point("lift_1", b, a)?, point("lift_2", c, b)?, point("lift_3", d, c)?],
             backs: [conv("back_1", a, LAST)?, conv("back_2", b, b)?, conv("back_3", c, c)?],
             head: point("head", LAST, outputs)?,
-            shapes: Shapes::read(&weights)?,
-            memory: Memory::default(),
-            about: weights.about,
+            shapes: ShapeClassifier::read(&weights)?,
+            memory: UNetBuffers::default(),
+            info: weights.info,
         })
     }
 
-    /// The map to fill before [`Network::run`], for a picture of this size; sides are multiples of [`MULTIPLE_PX`].
-    pub(crate) fn input(&mut self, width: usize, height: usize) -> &mut Map {
+    /// Returns the input map for an image size, in multiples of [`MULTIPLE_PX`](crate::picture::MULTIPLE_PX).
+    pub(crate) fn input(&mut self, width: usize, height: usize) -> &mut FeatureMap {
         let outputs = self.head.bias.len();
+        // Buffers are reused: sizes rarely change within a run.
         if (self.memory.input.width, self.memory.input.height) != (width, height) {
-            self.memory = Memory::new(width, height, outputs);
+            self.memory = UNetBuffers::new(width, height, outputs);
         }
         &mut self.memory.input
     }
 
-    /// What the network tells of every second pixel: logits of categories, offset to the middle of its instance (x, y), embedding.
-    pub(crate) fn run(&mut self) -> &mut Map {
-        let Memory { input, levels, lifted, last, output, mean, sum } = &mut self.memory;
+    /// Runs the network. The output has every second pixel: category logits, offset (x, y) to the instance centre,
+    /// embedding.
+    pub(crate) fn run(&mut self) -> &mut FeatureMap {
+        let UNetBuffers { input, levels, lifted, last, output, mean, sum } = &mut self.memory;
         levels[0][0].convolve(input, &self.stem);
         for (level, layer) in self.levels.iter().enumerate() {
             let (finer, here) = levels.split_at_mut(level);
@@ -104,7 +103,11 @@ impl Network {
         }
         let [one, two, three, four] = levels;
         four[1].add_whole(&self.whole, mean, sum);
-        let back = |level: usize, lifted: &mut Map, from: &Map, skip: &mut Map, to: &mut Map| {
+        let back = |level: usize,
+                    lifted: &mut FeatureMap,
+                    from: &FeatureMap,
+                    skip: &mut FeatureMap,
+                    to: &mut FeatureMap| {
             lifted.project(from, &self.lifts[level]);
             skip.add_twice(lifted);
             to.convolve(skip, &self.backs[level]);
@@ -117,8 +120,8 @@ impl Network {
         output
     }
 
-    /// What the last [`Network::run`] told.
-    pub(crate) fn output(&mut self) -> &mut Map {
+    /// Returns the output of the last [`UNet::run`].
+    pub(crate) fn output(&mut self) -> &mut FeatureMap {
         &mut self.memory.output
     }
 }

@@ -1,29 +1,30 @@
-//! From pixels to instances: connected pixels of one category, cut where they tell of different middles, and put together where
-//! they tell of the same one.
+//! From pixels to instances: connected pixels with one category, split by predicted centres and merged across
+//! occlusions.
 
-use crate::map::Map;
-use crate::network::Network;
-use crate::{Histogram, Picture, PixelBox, Seen, Segment};
+use crate::feature_map::FeatureMap;
+use crate::network::UNet;
+use crate::picture::Picture;
+use crate::segmentation::{Histogram, PixelBox, Segment, Segmentation};
 
-/// Fewer pixels are no instance.
+/// Fewest pixels of an instance.
 const LEAST_PX: usize = 12;
-/// Middles that pixels of one instance tell of lie within this, pixels of the map.
+/// Radius around predicted centres within an instance, map pixels.
 const SPREAD_PX: usize = 5;
-/// Share of the pixels of a connected stretch that tell of a middle, at least, for it to be one.
+/// Least vote share for a centre in a stretch.
 const LEAST_SHARE: f32 = 0.12;
-/// Parts that a stretch is cut into, at most.
+/// Limit of parts per stretch.
 const MOST_PARTS: usize = 16;
-/// Stretches of one category that tell of middles nearer than this, pixels, are one instance behind something.
+/// Distance between mean centres below which two stretches are a partly occluded instance, pixels.
 const TOGETHER_PX: f32 = 4.0;
 
-/// What the network's output tells.
-pub(crate) fn seen(network: &mut Network, picture: &Picture) -> Seen {
-    let (kinds, building) = (network.about.categories.len(), network.about.building);
-    let offset_px = network.about.offset_px;
+/// Converts the network's output to a segmentation.
+pub(crate) fn seen(network: &mut UNet, picture: &Picture) -> Segmentation {
+    let (kinds, building) = (network.info.categories.len(), network.info.building);
+    let offset_px = network.info.offset_px;
     let output = network.output();
     let (categories, confidences) = likelihoods(output, kinds);
     let [width, height] = [output.width, output.height];
-    let middles = Middles::of(output, kinds, offset_px);
+    let middles = InstanceCenters::of(output, kinds, offset_px);
     let mut groups = Vec::new();
     let mut taken: Vec<bool> = categories.iter().map(|category| usize::from(*category) < building).collect();
     for first in 0..taken.len() {
@@ -37,17 +38,18 @@ pub(crate) fn seen(network: &mut Network, picture: &Picture) -> Seen {
     let mut segments: Vec<Segment> =
         whole.filter_map(|pixels| segment(pixels, output, kinds, picture)).collect();
     segments.sort_by_key(|segment| std::cmp::Reverse(segment.mask.len()));
-    Seen { width, height, categories, confidences, segments }
+    Segmentation { width, height, categories, confidences, segments }
 }
 
-/// Turns logits into likelihoods where they are; the likeliest category of each pixel, and its likelihood.
-fn likelihoods(output: &mut Map, kinds: usize) -> (Vec<u8>, Vec<f32>) {
+/// Converts logits to probabilities in place; returns the likeliest category by pixel and its probability.
+fn likelihoods(output: &mut FeatureMap, kinds: usize) -> (Vec<u8>, Vec<f32>) {
     let pixels = output.width * output.height;
     let (mut categories, mut confidences) = (Vec::with_capacity(pixels), Vec::with_capacity(pixels));
     let channels = output.channels;
     for row in 0..output.height {
         for pixel in output.row_mut(row).chunks_exact_mut(channels) {
             let logits = &mut pixel[..kinds];
+            // The maximum is subtracted against overflow.
             let most = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
             let best = logits.iter().position(|logit| *logit == most).unwrap_or(0);
             logits.iter_mut().for_each(|logit| *logit = (*logit - most).exp());
@@ -60,7 +62,7 @@ fn likelihoods(output: &mut Map, kinds: usize) -> (Vec<u8>, Vec<f32>) {
     (categories, confidences)
 }
 
-/// All pixels connected with `first` that are of its category and not taken.
+/// Collects the free pixels connected with `first` in the same category.
 fn flood(categories: &[u8], width: usize, first: usize, taken: &mut [bool]) -> Vec<u32> {
     let (mut found, mut open) = (Vec::new(), vec![first]);
     taken[first] = true;
@@ -83,15 +85,15 @@ fn flood(categories: &[u8], width: usize, first: usize, taken: &mut [bool]) -> V
     found
 }
 
-/// The place of the middle of its instance that each pixel tells, in pixels of the map.
-struct Middles {
+/// Predicted instance centres by pixel, in map pixels.
+struct InstanceCenters {
     places: Vec<[f32; 2]>,
     width: usize,
     height: usize,
 }
 
-impl Middles {
-    fn of(output: &Map, kinds: usize, offset_px: f32) -> Self {
+impl InstanceCenters {
+    fn of(output: &FeatureMap, kinds: usize, offset_px: f32) -> Self {
         let (width, height) = (output.width, output.height);
         let place = |pixel: usize| {
             let (column, row) = (pixel % width, pixel / width);
@@ -101,14 +103,15 @@ impl Middles {
         Self { places: (0..width * height).map(place).collect(), width, height }
     }
 
-    /// The pixel of the map that is nearest to a place.
+    /// Returns the nearest pixel of a position.
     fn cell(&self, [x, y]: [f32; 2]) -> [usize; 2] {
         let inside = |at: f32, side: usize| at.round().clamp(0.0, (side - 1) as f32) as usize;
         [inside(x, self.width), inside(y, self.height)]
     }
 
-    /// The pixels of a stretch by the middle that they tell of: all in one where there is but one.
+    /// Splits a stretch by predicted centre.
     fn cut(&self, stretch: &[u32]) -> Vec<Vec<u32>> {
+        // A small stretch cannot contain two instances.
         let peaks = if stretch.len() < 2 * LEAST_PX { Vec::new() } else { self.peaks(stretch) };
         if peaks.len() < 2 {
             return vec![stretch.to_vec()];
@@ -123,7 +126,7 @@ impl Middles {
         parts
     }
 
-    /// Places that many pixels tell of, one after the other: the one that most tell of, then without those near it the next.
+    /// Finds the centres with most votes, greedily: after every centre the neighbourhood is removed.
     fn peaks(&self, stretch: &[u32]) -> Vec<[f32; 2]> {
         let reach2 = (SPREAD_PX * SPREAD_PX) as f32;
         let least = (LEAST_SHARE * stretch.len() as f32).max(LEAST_PX as f32) as usize;
@@ -137,12 +140,13 @@ impl Middles {
                 break;
             }
             peaks.push(peak);
+            // Twice the radius: votes at the rim of this centre must not become a centre of their own.
             left.retain(|place| apart2(*place, peak) > 4.0 * reach2);
         }
         peaks
     }
 
-    /// The place that most of `places` are at, in steps of two pixels; `votes` is scratch memory.
+    /// Returns the position with most votes, in steps of two pixels; `votes` is a scratch buffer.
     fn peak(&self, places: &[[f32; 2]], votes: &mut Vec<u32>) -> [f32; 2] {
         let columns = self.width.div_ceil(2);
         votes.clear();
@@ -154,8 +158,9 @@ impl Middles {
         [(most % columns * 2) as f32 + 0.5, (most / columns * 2) as f32 + 0.5]
     }
 
-    /// Puts groups of one category together that tell of the same middle.
+    /// Merges groups with the same category and nearly equal mean centres.
     fn together(&self, mut groups: Vec<(u8, Vec<u32>)>) -> Vec<Vec<u32>> {
+        // Large groups come first: their mean centres are the most reliable.
         groups.sort_by_key(|(category, pixels)| (*category, std::cmp::Reverse(pixels.len())));
         let mut whole: Vec<(u8, [f32; 2], Vec<u32>)> = Vec::new();
         for (category, pixels) in groups {
@@ -171,7 +176,7 @@ impl Middles {
         whole.into_iter().map(|(_, _, pixels)| pixels).collect()
     }
 
-    /// The mean of the middles that pixels tell.
+    /// Returns the mean predicted centre of pixels.
     fn mean(&self, pixels: &[u32]) -> [f32; 2] {
         let places = pixels.iter().map(|pixel| self.places[*pixel as usize]);
         let [x, y] = places.fold([0.0; 2], |[x, y], place| [x + place[0], y + place[1]]);
@@ -183,8 +188,9 @@ fn apart2(a: [f32; 2], b: [f32; 2]) -> f32 {
     (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)
 }
 
-/// Sums up what `pixels` tell.
-fn segment(mut mask: Vec<u32>, output: &Map, kinds: usize, picture: &Picture) -> Option<Segment> {
+/// Builds a segment from pixels.
+fn segment(mut mask: Vec<u32>, output: &FeatureMap, kinds: usize, picture: &Picture) -> Option<Segment> {
+    // A fixed order of summation keeps results reproducible.
     mask.sort_unstable();
     let bounds = PixelBox::around(&mask, output.width)?;
     let mut sums = vec![0.0; output.channels];
@@ -210,14 +216,14 @@ fn segment(mut mask: Vec<u32>, output: &Map, kinds: usize, picture: &Picture) ->
 mod tests {
     use super::*;
 
-    /// The middles that the pixels of a map tell of.
-    fn told(width: usize, height: usize, middle: impl Fn(usize, usize) -> [f32; 2]) -> Middles {
+    /// Predicted centres for all pixels.
+    fn told(width: usize, height: usize, middle: impl Fn(usize, usize) -> [f32; 2]) -> InstanceCenters {
         let places = (0..width * height).map(|pixel| middle(pixel % width, pixel / width)).collect();
-        Middles { places, width, height }
+        InstanceCenters { places, width, height }
     }
 
     #[test]
-    fn two_chairs_side_by_side_are_two() {
+    fn adjacent_chairs_are_split() {
         let middles = told(40, 20, |x, _| if x < 20 { [9.5, 10.0] } else { [29.5, 10.0] });
         let all: Vec<u32> = (0..800).collect();
         let parts = middles.cut(&all);
@@ -226,14 +232,14 @@ mod tests {
     }
 
     #[test]
-    fn one_table_whose_middle_is_told_about_right_is_one() {
+    fn noisy_centres_do_not_split_a_table() {
         let middles = told(40, 20, |x, y| [19.5 + (x % 3) as f32, 9.5 + (y % 3) as f32]);
         let all: Vec<u32> = (0..800).collect();
         assert_eq!(middles.cut(&all).len(), 1);
     }
 
     #[test]
-    fn halves_of_a_bed_behind_a_column_are_one() {
+    fn occluded_halves_are_merged() {
         let middles = told(40, 20, |_, _| [20.0, 10.0]);
         let half = |from: u32| (0..800).filter(|pixel| pixel % 40 / 20 == from).collect::<Vec<u32>>();
         let together = middles.together(vec![(3, half(0)), (3, half(1)), (4, vec![1])]);
@@ -241,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn floods_stay_within_a_category() {
+    fn floods_stay_within_their_category() {
         let categories = [1, 1, 2, 1, 2, 2];
         let mut taken = vec![false; 6];
         assert_eq!(flood(&categories, 3, 0, &mut taken).len(), 3);

@@ -1,63 +1,63 @@
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
-/// What the file of a network says of itself.
+/// The network description in a weights file.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
-pub struct About {
-    /// Version of the file's layout: 1.
+pub struct NetworkInfo {
+    /// Version of the layout: 1.
     pub version: u32,
-    /// Names of categories by number, mpcat40's where there is one.
+    /// Category names; mpcat40's where possible.
     pub categories: Vec<String>,
-    /// How many of them, the first ones, are the building itself: they have no instances.
+    /// Number of leading categories for the building itself, without instances.
     pub building: usize,
-    /// Numbers of an embedding.
+    /// Length of an embedding.
     pub embedding: usize,
-    /// Pixels of the output in which offsets to the middle of instances are told.
+    /// Unit for centre offsets, output pixels.
     pub offset_px: f32,
-    /// Pixels along a side of the pictures that it learnt from.
+    /// Side of the training images, pixels.
     pub side_px: usize,
-    /// What it learnt from.
-    pub training: Training,
+    /// Training data.
+    pub training: TrainingInfo,
 }
 
-/// What a network learnt from.
+/// The training data of a network.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
-pub struct Training {
-    /// The recipe whose houses were drawn.
+pub struct TrainingInfo {
+    /// Recipe of the houses.
     pub recipe: String,
-    /// The split of the recipe.
+    /// Split of the recipe.
     pub split: String,
     /// Seeds of the houses.
     pub seeds: Vec<u64>,
-    /// Pictures of each house.
+    /// Images per house.
     pub views: u32,
-    /// Steps of training.
+    /// Training steps.
     pub steps: u32,
-    /// Pictures in a step.
+    /// Images per step.
     pub batch: u32,
 }
 
-/// Why the bytes of a network cannot be used.
+/// Reasons for invalid weights.
 #[derive(Debug, thiserror::Error)]
-#[error("weights cannot be used: {reason}")]
+#[error("invalid weights: {reason}")]
 pub struct WeightsError {
     reason: String,
 }
 
-/// Outputs whose weights lie beside each other.
+/// Outputs with interleaved weights.
 pub(crate) const PANEL: usize = 8;
 
 /// A convolution.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Layer {
-    /// For each [`PANEL`] of outputs, for each tap (row by row), for each input: the weight of each output, 0 beyond the last one.
+pub(crate) struct ConvLayer {
+    /// Weights by panel of [`PANEL`] outputs, tap (row by row), input and output; 0 beyond the last output.
     pub(crate) panels: Vec<[f32; PANEL]>,
-    /// For each output.
+    /// Bias by output.
     pub(crate) bias: Vec<f32>,
 }
 
-impl Layer {
-    /// `weights` are for each tap, for each input, for each output.
+impl ConvLayer {
+    /// Creates a layer from weights by tap, input and output.
     pub(crate) fn new(weights: &[f32], bias: Vec<f32>) -> Self {
         let outputs = bias.len();
         let panel = |first: usize| {
@@ -69,9 +69,9 @@ impl Layer {
     }
 }
 
-/// A file in the layout of safetensors: length of the header (8 bytes), header (JSON), numbers (16-bit floats).
-pub(crate) struct Weights<'a> {
-    pub(crate) about: About,
+/// A weights file in the safetensors layout: header length (8 bytes), header (JSON), 16-bit floats.
+pub(crate) struct WeightsFile<'a> {
+    pub(crate) info: NetworkInfo,
     tensors: BTreeMap<String, Tensor>,
     values: &'a [u8],
 }
@@ -83,35 +83,39 @@ struct Tensor {
     data_offsets: [usize; 2],
 }
 
-impl<'a> Weights<'a> {
+impl<'a> WeightsFile<'a> {
     pub(crate) fn read(bytes: &'a [u8]) -> Result<Self, WeightsError> {
-        let (length, rest) = bytes.split_first_chunk().ok_or_else(|| unusable("the file is cut off"))?;
+        let (length, rest) = bytes.split_first_chunk().ok_or_else(|| unusable("the file is truncated"))?;
         let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
         let (header, values) =
-            rest.split_at_checked(length).ok_or_else(|| unusable("the file ends within its header"))?;
-        let malformed = |error: serde_json::Error| unusable(format!("its header is malformed: {error}"));
+            rest.split_at_checked(length).ok_or_else(|| unusable("the file ends inside its header"))?;
+        let malformed = |error: serde_json::Error| unusable(format!("the header is malformed: {error}"));
         let mut header: BTreeMap<String, serde_json::Value> =
             serde_json::from_slice(header).map_err(malformed)?;
         let told = header.remove("__metadata__").unwrap_or_default();
-        let told = told["avln-perception"].as_str().ok_or_else(|| unusable("it does not say what it is"))?;
-        let about: About = serde_json::from_str(told).map_err(malformed)?;
-        if about.version != 1 {
-            return Err(unusable(format!("it has version {}, this build reads 1", about.version)));
+        let told =
+            told["avln-perception"].as_str().ok_or_else(|| unusable("the header has no description"))?;
+        let info: NetworkInfo = serde_json::from_str(told).map_err(malformed)?;
+        if info.version != 1 {
+            return Err(unusable(format!(
+                "version {} is not supported; this build reads version 1",
+                info.version
+            )));
         }
         let tensors = header.into_iter().map(|(name, value)| Ok((name, serde_json::from_value(value)?)));
-        Ok(Self { about, tensors: tensors.collect::<Result<_, _>>().map_err(malformed)?, values })
+        Ok(Self { info, tensors: tensors.collect::<Result<_, _>>().map_err(malformed)?, values })
     }
 
-    /// The convolution called `name`, of `taps` taps.
+    /// Reads a convolution with `taps` taps.
     pub(crate) fn layer(
         &self,
         name: &str,
         taps: usize,
         inputs: usize,
         outputs: usize,
-    ) -> Result<Layer, WeightsError> {
+    ) -> Result<ConvLayer, WeightsError> {
         let weights = self.tensor(&format!("{name}.weight"), &[taps, inputs, outputs])?;
-        Ok(Layer::new(&weights, self.tensor(&format!("{name}.bias"), &[outputs])?))
+        Ok(ConvLayer::new(&weights, self.tensor(&format!("{name}.bias"), &[outputs])?))
     }
 
     pub(crate) fn has(&self, name: &str) -> bool {
@@ -119,15 +123,15 @@ impl<'a> Weights<'a> {
     }
 
     pub(crate) fn tensor(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, WeightsError> {
-        let found = self.tensors.get(name).ok_or_else(|| unusable(format!("it has no `{name}`")))?;
+        let found = self.tensors.get(name).ok_or_else(|| unusable(format!("tensor `{name}` is missing")))?;
         if found.dtype != "F16" || found.shape != shape {
             let (dtype, is) = (&found.dtype, &found.shape);
-            return Err(unusable(format!("`{name}` is {dtype} {is:?}, not F16 {shape:?}")));
+            return Err(unusable(format!("tensor `{name}` is {dtype} {is:?}, not F16 {shape:?}")));
         }
         let [start, end] = found.data_offsets;
         let bytes = self.values.get(start..end).unwrap_or_default();
         if bytes.len() != 2 * shape.iter().product::<usize>() {
-            return Err(unusable(format!("`{name}` has {} bytes", bytes.len())));
+            return Err(unusable(format!("tensor `{name}` has {} bytes", bytes.len())));
         }
         let (halves, _) = bytes.as_chunks();
         Ok(halves.iter().map(|half| from_half(u16::from_le_bytes(*half))).collect())
@@ -138,7 +142,7 @@ fn unusable(reason: impl Into<String>) -> WeightsError {
     WeightsError { reason: reason.into() }
 }
 
-/// The number of a 16-bit float (IEEE 754 binary16).
+/// Converts a 16-bit float (IEEE 754 binary16).
 fn from_half(half: u16) -> f32 {
     let sign = if half >> 15 == 1 { -1.0 } else { 1.0 };
     let (exponent, fraction) = (i32::from(half >> 10 & 31), f32::from(half & 1023));
@@ -155,7 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn halves_are_what_the_standard_says() {
+    fn half_floats_follow_the_standard() {
         for (half, value) in [
             (0x3c00, 1.0),
             (0xc000, -2.0),
@@ -171,12 +175,12 @@ mod tests {
     }
 
     #[test]
-    fn files_that_are_none_are_refused() {
+    fn malformed_files_are_refused() {
         let file = |header: &str| [&(header.len() as u64).to_le_bytes(), header.as_bytes()].concat();
-        let said = |bytes: &[u8]| Weights::read(bytes).err().expect("refused").to_string();
-        assert!(said(b"abc").contains("cut off"));
-        assert!(said(&u64::MAX.to_le_bytes()).contains("within its header"));
+        let said = |bytes: &[u8]| WeightsFile::read(bytes).err().expect("refused").to_string();
+        assert!(said(b"abc").contains("truncated"));
+        assert!(said(&u64::MAX.to_le_bytes()).contains("inside its header"));
         assert!(said(&file("{]")).contains("malformed"));
-        assert!(said(&file("{}")).contains("what it is"));
+        assert!(said(&file("{}")).contains("no description"));
     }
 }

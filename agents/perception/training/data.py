@@ -1,4 +1,4 @@
-"""Pictures that `avln data dataset frames` took in training houses, as batches with what is to be learnt from them."""
+"""Batches of labelled images that `avln data dataset frames` took in training houses."""
 
 import json
 from pathlib import Path
@@ -8,21 +8,21 @@ import torch
 from torch.nn import functional as F
 
 UNKNOWN = 255
-# Categories before this number are the building itself, which has no instances.
+# Lower categories are the building itself, without instances.
 BUILDING = 3
-# An instance counts as seen in a picture from so many pixels of the file on.
+# Fewest pixels of an instance that counts as visible.
 SEEN_PX = 80
-# More instances than any house has.
+# Upper bound of instance ids in a house.
 INSTANCES = 1024
 
 
 class Frames:
-    """The houses of a folder, mapped into memory."""
+    """The houses of a folder, memory-mapped."""
 
     def __init__(self, folder: str):
         manifest = json.loads((Path(folder) / "frames.json").read_text())
         if manifest["format"] != "avln-frames" or manifest["purpose"] != "training":
-            raise SystemExit(f"{folder} is for {manifest['purpose']}; nothing is learnt from it")
+            raise SystemExit(f"{folder} is for {manifest['purpose']}, not for training")
         self.categories = manifest["categories"]
         self.recipe = {"name": manifest["recipe"], "split": manifest["split"], "views": manifest["views"]}
         self.seeds, self.houses, self.shared = [], [], []
@@ -35,7 +35,7 @@ class Frames:
                 self.shared.append(shared(records))
 
     def pairs(self, rng, houses, count):
-        """`count` pairs of views, the two of a pair in one house and with instances in common where there are such."""
+        """Draws `count` pairs of views of one house, with common instances if possible."""
         picked = []
         for _ in range(count):
             house = int(rng.choice(houses))
@@ -48,7 +48,7 @@ class Frames:
 
 
 def shared(records):
-    """For each view the chances with which another one is taken beside it."""
+    """Returns, for each view, the probability of every other view as its partner."""
     seen = np.zeros((len(records), INSTANCES), np.float32)
     for view, record in enumerate(records):
         counts = np.bincount(record["instance"].ravel(), minlength=INSTANCES)
@@ -60,7 +60,7 @@ def shared(records):
 
 
 def heights(records, depth_m):
-    """Height of every pixel above the floor that the camera's body stands on, metres: N x S x S."""
+    """Returns the height of every pixel above the floor of the camera's body, metres: N x S x S."""
     side = depth_m.shape[-1]
     across = (np.arange(side, dtype=np.float32) + 0.5 - side / 2) / (side / 2)
     tangent = np.tan(records["hfov_rad"] / 2)[:, None]
@@ -70,9 +70,9 @@ def heights(records, depth_m):
 
 
 def batch(frames, picked, rng, side, train=True, drop=0.3):
-    """Pictures of `picked` (house, view) as the network sees them, `side` pixels wide, and their labels at half of that.
+    """Returns the inputs of `picked` (house, view), `side` pixels wide, and their labels at half the size.
 
-    In training each is flipped, cut and coloured at random, and goes without depth with the chance `drop`.
+    In training, images are flipped, cropped and recoloured at random, and lose their depth with probability `drop`.
     """
     records = np.stack([frames.houses[house][view] for house, view in picked])
     depth_m = records["depth_mm"].astype(np.float32) / 1000
@@ -93,7 +93,7 @@ def batch(frames, picked, rng, side, train=True, drop=0.3):
 
 
 def colored(rgb, rng):
-    """Other light: the same for both pictures of a pair but for a little."""
+    """Changes the light, nearly equally for both images of a pair."""
     count = len(rgb)
     pairs = np.repeat(rng.uniform(-1, 1, (count // 2, 5)), 2, 0) + 0.1 * rng.uniform(-1, 1, (count, 5))
     draw = torch.from_numpy(pairs.astype(np.float32))[:, :, None, None]
@@ -103,7 +103,7 @@ def colored(rgb, rng):
 
 
 def cut(rng, side, *pictures):
-    """A square of all pictures, no smaller than `side` or 0.85 of them, each mirrored with the chance of one half."""
+    """Crops a common square of at least `side` or 0.85 of the images, and mirrors each with probability 0.5."""
     whole = pictures[0].shape[-1]
     width = int(rng.integers(min(side, int(0.85 * whole)), whole + 1))
     left, top = rng.integers(whole - width + 1, size=2)

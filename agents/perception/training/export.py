@@ -1,4 +1,4 @@
-"""Writes a checkpoint as the file that the crate reads, and examples of what it should then tell."""
+"""Exports a checkpoint as the crate's weights file, with examples of the expected output."""
 
 import argparse
 import json
@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import torch
 from data import BUILDING, Frames, heights
-from model import EMBEDDING, OFFSET_PX, Eyes, channels
+from model import EMBEDDING, OFFSET_PX, VisionNetwork, channels
 from train import BATCH, LARGE_PX
 
-# Examples are made of every third pixel of a picture; of the answers every fourth pixel of a row and of a column is kept.
+# Examples contain every third pixel of an image, and every fourth pixel of the output.
 INPUT_STEP, OUTPUT_STEP = 3, 4
 
 
 def folded(net):
-    """Convolutions with their normalisation in them, as taps x inputs x outputs and a bias, 16-bit floats."""
+    """Folds normalisation into the convolutions: taps x inputs x outputs and a bias, 16-bit floats."""
     tensors = {}
     for name, module in net.named_children():
         conv = getattr(module, "conv", module)
@@ -32,7 +32,7 @@ def folded(net):
 
 
 def write(path, tensors, about):
-    """The layout of safetensors: length of the header, header, numbers."""
+    """Writes the safetensors layout: header length, header, numbers."""
     header, offset = {"__metadata__": {"avln-perception": json.dumps(about)}}, 0
     for name, values in tensors.items():
         end = offset + values.nbytes
@@ -44,7 +44,7 @@ def write(path, tensors, about):
 
 
 def rounded(net, tensors):
-    """A network of the numbers that were written, without normalisation of its own."""
+    """Returns the network with the exported (rounded) numbers and without normalisation."""
     for name, module in net.named_children():
         conv = getattr(module, "conv", module)
         taps = torch.from_numpy(tensors[f"{name}.weight"]).float()
@@ -58,7 +58,7 @@ def rounded(net, tensors):
 
 @torch.no_grad()
 def example(net, record, with_depth):
-    """A small picture and what the network tells of it: side, camera, colours, depth, numbers; all little-endian."""
+    """Encodes a small image and the network's output: side, camera, colours, depth, numbers; little-endian."""
     rgb = np.ascontiguousarray(record["rgb"][::INPUT_STEP, ::INPUT_STEP])
     depth = record["depth_mm"][::INPUT_STEP, ::INPUT_STEP].astype("<f4") / 1000 * with_depth
     height = heights(record.reshape(1), depth[None])
@@ -73,11 +73,11 @@ def example(net, record, with_depth):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("checkpoint")
-    parser.add_argument("frames", help="folder that `avln data dataset frames` has written")
-    parser.add_argument("--crate", default=str(Path(__file__).parent.parent), help="the folder of the crate")
+    parser.add_argument("frames", help="folder written by `avln data dataset frames`")
+    parser.add_argument("--crate", default=str(Path(__file__).parent.parent), help="folder of the crate")
     given = parser.parse_args()
     kept = torch.load(given.checkpoint, weights_only=True)
-    net = Eyes(len(kept["categories"]))
+    net = VisionNetwork(len(kept["categories"]))
     net.load_state_dict(kept["net"])
     net.eval()
     recipe = kept["recipe"]
@@ -100,10 +100,10 @@ def main():
     tensors = folded(net)
     crate = Path(given.crate)
     (crate / "weights").mkdir(exist_ok=True)
-    write(crate / "weights" / "eyes.safetensors", tensors, about)
+    write(crate / "weights" / "network.safetensors", tensors, about)
     net, frames = rounded(net, tensors), Frames(given.frames)
     (crate / "tests" / "examples").mkdir(parents=True, exist_ok=True)
-    # Of houses that were not learnt from.
+    # The first houses of the folder are not used for training.
     for number, (house, view, with_depth) in enumerate([(0, 0, 1), (1, 5, 1), (2, 9, 0), (3, 17, 1)]):
         record = frames.houses[house][view]
         (crate / "tests" / "examples" / f"{number}.bin").write_bytes(example(net, record, with_depth))

@@ -1,17 +1,17 @@
-"""What the network is to get right: categories, the middles of instances, and which instance is which."""
+"""Losses: categories, instance centres and instance embeddings."""
 
 import torch
 from data import BUILDING, INSTANCES, UNKNOWN
 from model import OFFSET_PX
 from torch.nn import functional as F
 
-# Instances of fewer pixels of the output teach no embedding.
+# Fewest output pixels of an instance in the embedding loss.
 LEAST_PX = 20
 TEMPERATURE = 0.1
 
 
 def class_weights(frames):
-    """Rare categories count more, common ones less."""
+    """Returns weights that raise rare categories and lower common ones."""
     counts = torch.ones(len(frames.categories))
     for records in frames.houses[::4]:
         seen = torch.from_numpy(records["category"][:, ::8, ::8].astype("int64")).flatten()
@@ -21,7 +21,7 @@ def class_weights(frames):
 
 
 def loss(net, out, categories, instances, houses, weights):
-    """The sum that is made small, and its parts as numbers."""
+    """Returns the total loss and its parts."""
     logits, offsets, embeddings = net.split(out)
     what = F.cross_entropy(logits, categories, weights, ignore_index=UNKNOWN)
     things = (instances > 0) & (categories >= BUILDING) & (categories != UNKNOWN)
@@ -33,13 +33,13 @@ def loss(net, out, categories, instances, houses, weights):
 
 
 def mean_by(values, index, sizes):
-    """Means of `values` (count x n) over equal `index`."""
+    """Averages `values` (count x n) over equal `index`."""
     sums = torch.zeros(len(sizes), values.shape[1]).index_add(0, index, values)
     return sums / sizes[:, None]
 
 
 def offset_loss(offsets, things, index, sizes):
-    """Distance between told and true offsets to the middle of what is seen of the instance."""
+    """Distance between predicted and true offsets to the centre of the visible part of the instance."""
     rows = torch.arange(things.shape[1])[None, :, None].expand(things.shape)
     columns = torch.arange(things.shape[2])[None, None, :].expand(things.shape)
     places = torch.stack([columns[things], rows[things]], 1).float()
@@ -49,7 +49,7 @@ def offset_loss(offsets, things, index, sizes):
 
 
 def embedding_loss(embeddings, things, index, sizes, keys, categories, houses):
-    """Views of an instance are to be nearer to each other than to other instances of its category (van den Oord 2018)."""
+    """Contrastive loss between an instance and others of its category (van den Oord 2018)."""
     means = F.normalize(mean_by(embeddings.permute(0, 2, 3, 1)[things], index, sizes), dim=1)
     kind = mean_by(categories[things].float()[:, None], index, sizes)[:, 0].round()
     owner = houses[keys // INSTANCES] * INSTANCES + keys % INSTANCES

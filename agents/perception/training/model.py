@@ -1,4 +1,4 @@
-"""The network: RGB-D in, at half the resolution categories, offsets to the middles of instances, and embeddings out."""
+"""The network: RGB-D input; categories, offsets to instance centres and embeddings at half the resolution."""
 
 import torch
 from torch import nn
@@ -7,12 +7,12 @@ from torch.nn import functional as F
 INPUTS = 6
 WIDTHS = (24, 48, 96, 192)
 EMBEDDING = 12
-# Offsets are predicted in units of so many pixels of the output.
+# Unit of predicted offsets, output pixels.
 OFFSET_PX = 16.0
 
 
 class Block(nn.Module):
-    """A 3x3 convolution with batch normalisation, which export folds into it, and rectification."""
+    """A 3x3 convolution with batch normalisation (folded on export) and rectification."""
 
     def __init__(self, inputs: int, outputs: int, stride: int = 1):
         super().__init__()
@@ -23,8 +23,8 @@ class Block(nn.Module):
         return F.relu(self.norm(self.conv(x)))
 
 
-class Eyes(nn.Module):
-    """A U-Net whose skips are added; `categories + 2 + EMBEDDING` numbers for every second pixel."""
+class VisionNetwork(nn.Module):
+    """A U-Net with additive skips; `categories + 2 + EMBEDDING` numbers for every second pixel."""
 
     def __init__(self, categories: int):
         super().__init__()
@@ -46,7 +46,7 @@ class Eyes(nn.Module):
         two = self.level_2(self.down_2(one))
         three = self.level_3(self.down_3(two))
         four = self.level_4(self.down_4(three))
-        # What is in the picture as a whole tells what its parts may be.
+        # The mean over the image gives context to its parts.
         four = four + self.whole(four.mean((2, 3), keepdim=True))
         three = self.back_3(twice(self.lift_3(four)) + three)
         two = self.back_2(twice(self.lift_2(three)) + two)
@@ -54,7 +54,7 @@ class Eyes(nn.Module):
         return self.head(one)
 
     def split(self, out):
-        """Logits, offsets in pixels of the output (x, y), embeddings."""
+        """Splits the output into logits, offsets (x, y) and embeddings."""
         return out.split([self.categories, 2, EMBEDDING], 1)
 
 
@@ -63,9 +63,9 @@ def twice(x):
 
 
 def channels(rgb, depth_m, height_m):
-    """What the network sees: colours around 0, depth, height above the floor, and where both are known.
+    """Returns the network input: colours around 0, depth, height above the floor, and a mask of known depth.
 
-    rgb: N x 3 x S x S, 0 to 1; depth_m and height_m: N x 1 x S x S, depth 0 where it is not known.
+    rgb: N x 3 x S x S, 0 to 1; depth_m and height_m: N x 1 x S x S, with depth 0 if unknown.
     """
     known = (depth_m > 0).to(rgb.dtype)
     return torch.cat([(rgb - 0.5) * 4, known * depth_m / 4, known * (height_m - 1), known], 1)

@@ -1,4 +1,4 @@
-"""Teaches the second, small network what segments are by likeness and shape together, and adds it to the weights."""
+"""Trains the shape classifier on segments of the network, and adds it to the weights."""
 
 import argparse
 import json
@@ -10,7 +10,7 @@ import torch
 from export import write
 from torch import nn
 
-# Numbers of a row before what a segment is judged by: house and category. The shape comes first, then logarithms of likelihoods.
+# A row: house and category (HEAD), shape features (SHAPE), then log-probabilities.
 HEAD, SHAPE, HIDDEN = 2, 14, 64
 EPOCHS, BATCH, PEAK_RATE = 30, 128, 2e-3
 FOLDS = 4
@@ -32,7 +32,7 @@ class Shapes(nn.Module):
         return self.second(hidden) + self.trust * features[:, SHAPE:]
 
     def tensors(self):
-        """Inputs x outputs and biases, with the normalisation of features in them, as 16-bit floats."""
+        """Returns inputs x outputs and biases with folded feature normalisation, as 16-bit floats."""
         weight = (self.first.weight / self.spread).detach()
         bias = self.first.bias.detach() - weight @ self.mean
         tensors = {
@@ -65,7 +65,7 @@ def right(logits, categories):
 
 
 def read(path):
-    """Tensors and description of a file of weights, without those of shapes."""
+    """Reads the tensors and description of a weights file, without the shape classifier."""
     raw = path.read_bytes()
     (length,) = struct.unpack("<Q", raw[:8])
     header, values = json.loads(raw[8 : 8 + length]), raw[8 + length :]
@@ -80,13 +80,13 @@ def read(path):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("segments", help="file that the example `shapes` of the crate has written")
-    parser.add_argument("frames", help="folder of the pictures that it was written from")
-    parser.add_argument("--crate", default=str(Path(__file__).parent.parent), help="the folder of the crate")
+    parser.add_argument("segments", help="file written by the crate's example `shapes`")
+    parser.add_argument("frames", help="folder of its images")
+    parser.add_argument("--crate", default=str(Path(__file__).parent.parent), help="folder of the crate")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     torch.set_num_threads(1)
-    weights = Path(given.crate) / "weights" / "eyes.safetensors"
+    weights = Path(given.crate) / "weights" / "network.safetensors"
     tensors, about = read(weights)
     rows = np.fromfile(given.segments, "<f4").reshape(-1, HEAD + SHAPE + len(about["categories"]))
     houses = torch.from_numpy(rows[:, 0].astype(np.int64))
@@ -98,7 +98,7 @@ def main():
         other = houses % FOLDS == fold
         net = learn(features[~other], categories[~other], given.seed)
         folds.append(right(net(features[other]), categories[other]))
-    print(f"{len(rows)} segments: {before:.3f} right by likeness, {np.mean(folds):.3f} by shape too, in other houses")
+    print(f"{len(rows)} segments: accuracy {before:.3f} by appearance, {np.mean(folds):.3f} with shape, in held-out houses")
     manifest = json.loads((Path(given.frames) / "frames.json").read_text())
     seeds = [manifest["houses"][house]["procedural"]["seed"] for house in houses.unique().tolist()]
     about["training"]["seeds"] = sorted({*about["training"]["seeds"], *seeds})

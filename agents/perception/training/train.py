@@ -1,4 +1,4 @@
-"""Trains the network on the pictures of a folder; README.md tells how."""
+"""Trains the network on a folder of images; see README.md."""
 
 import argparse
 import csv
@@ -10,41 +10,40 @@ import numpy as np
 import torch
 from data import BUILDING, UNKNOWN, Frames, batch
 from losses import class_weights, loss
-from model import Eyes, channels
+from model import VisionNetwork, channels
 
-# Pictures of a batch, two of each house.
+# Images per batch, two per house.
 BATCH = 16
 WARM_UP_STEPS = 200
 PEAK_RATE = 3e-3
-# Sides of the pictures that are learnt from: small ones first, then those that agents use.
+# Image sides: small ones first, then those of agents.
 SMALL_PX, LARGE_PX = 128, 192
-# The first houses of the folder are not learnt from; the curve is measured on some views of them. The last ones are kept for
-# shapes.py.
+# The first houses are held out for the training curve, the last ones for shapes.py.
 HELD_OUT, FOR_SHAPES = 4, 40
 MEASURED_VIEWS = 12
 
 
 def options():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("frames", help="folder that `avln data dataset frames` has written")
+    parser.add_argument("frames", help="folder written by `avln data dataset frames`")
     parser.add_argument("--out", default="run", help="folder for checkpoint.pt and curve.csv")
-    parser.add_argument("--steps", type=int, default=12000, help="steps in all")
-    parser.add_argument("--settle", type=int, default=9000, help="last steps, in which the learning rate falls to 0")
-    parser.add_argument("--large", type=int, default=1500, help="last steps, on pictures of 192 pixels")
+    parser.add_argument("--steps", type=int, default=12000, help="total number of steps")
+    parser.add_argument("--settle", type=int, default=9000, help="final steps in which the learning rate falls to 0")
+    parser.add_argument("--large", type=int, default=1500, help="final steps on images of 192 pixels")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--resume", action="store_true", help="go on from checkpoint.pt")
+    parser.add_argument("--resume", action="store_true", help="continue from checkpoint.pt")
     parser.add_argument("--every", type=int, default=250, help="steps between checkpoints")
     return parser.parse_args()
 
 
 def rate(step, steps, settle):
-    """The learning rate: rises, stays, falls."""
+    """Returns the learning rate: warm-up, plateau, decay."""
     return PEAK_RATE * min(1, (step + 1) / WARM_UP_STEPS, max(steps - step, 0) / max(settle, 1))
 
 
 @torch.no_grad()
 def measure(net, frames, houses, drop):
-    """Mean intersection over union and the share of instances whose most frequent category is theirs."""
+    """Returns the mean IoU and the share of instances whose majority category is correct."""
     net.eval()
     rng, count = np.random.default_rng(0), len(frames.categories)
     table, right, all_ = torch.zeros(count, count), 0, 0
@@ -73,7 +72,7 @@ def main():
     torch.manual_seed(given.seed)
     frames = Frames(given.frames)
     learnt, held_out = np.arange(HELD_OUT, len(frames.houses) - FOR_SHAPES), range(HELD_OUT)
-    net = Eyes(len(frames.categories)).to(memory_format=torch.channels_last)
+    net = VisionNetwork(len(frames.categories)).to(memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), PEAK_RATE, weight_decay=1e-3)
     out = Path(given.out)
     out.mkdir(parents=True, exist_ok=True)

@@ -9,13 +9,13 @@ use clap::Subcommand;
 #[derive(Debug, Subcommand)]
 pub enum Agent {
     /// Walk at random: the floor of every leaderboard
-    Random(avln_random::Options),
+    Random(avln_baselines::RandomArgs),
     /// Simple agents that others are compared with
-    Baseline(avln_baselines::Options),
+    Baseline(avln_baselines::BaselineArgs),
     /// PAG-Nav, the reference agent
-    PagNav(avln_pag_nav::Options),
+    PagNav(avln_pag_nav::PagNavArgs),
     /// A person in a browser on this machine, who senses and may do what agents do
-    Human(avln_human::Options),
+    Human(avln_human::HumanArgs),
 }
 
 impl Agent {
@@ -35,7 +35,7 @@ impl Agent {
 /// When the run fails.
 pub async fn run(agent: Agent) -> Result<(), Failure> {
     let summary = match agent {
-        Agent::Random(options) => avln_random::run(options).await.map_err(Failure::run)?,
+        Agent::Random(options) => avln_baselines::run_random(options).await.map_err(Failure::run)?,
         Agent::Baseline(options) => avln_baselines::run(options).await.map_err(Failure::run)?,
         Agent::PagNav(options) => avln_pag_nav::run(options).await.map_err(Failure::run)?,
         Agent::Human(options) => avln_human::run(options).await.map_err(human_failure)?,

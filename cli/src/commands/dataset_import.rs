@@ -2,8 +2,8 @@
 
 use crate::output::say;
 use avln_arena::{Failure, FailureKind};
-use avln_dataset::formats::{Format, Loss};
 use avln_episode::Rules;
+use avln_interchange::{Format, Loss};
 use avln_lab::dataset::import::Import;
 use clap::Args;
 use std::path::PathBuf;

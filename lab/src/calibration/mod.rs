@@ -5,10 +5,10 @@ mod witness;
 
 use avln_arena::setup::{NewPhase, NewSplit, make_split, open_phase};
 use avln_arena::{BENCHMARK_VERSION, Failure, FailureKind, data::DataFolder};
+use avln_baselines::RandomAgent;
 use avln_client::{Agent, Arena, EpisodeEnd, Link, Order, RunOptions, Sensors, evaluate_with};
 use avln_episode::Rules;
 use avln_pag_nav::PagNav;
-use avln_random::RandomAgent;
 use avln_store::Store;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};

@@ -3,11 +3,9 @@
 use crate::dataset::openness::Openness;
 use avln_arena::dataset::{SplitFolder, files::write_whole};
 use avln_arena::{Failure, FailureKind};
-use avln_dataset::{
-    SceneLine,
-    formats::{ExportedFile, FormatsError, Tables, Told, authors_index, authors_scene},
-};
+use avln_dataset::SceneLine;
 use avln_episode::Rules;
+use avln_interchange::{ExportedFile, InterchangeError, SceneMissions, Tables, authors_index, authors_scene};
 use std::path::Path;
 
 /// What to write of a split, and how.
@@ -35,36 +33,38 @@ impl Export<'_> {
         let mut tables = Tables::new(name);
         let mut missions = 0;
         for scene in self.split.scenes() {
-            let told = self.told(scene)?;
-            missions += told.missions();
+            let scene_missions = self.missions(scene)?;
+            missions += scene_missions.count();
             if self.authors {
-                write(out, authors_scene(name, &scene.name, &told, &rules))?;
+                write(out, authors_scene(name, &scene.name, &scene_missions, &rules))?;
             }
             if self.parquet {
-                tables.add(&scene.name, &told).map_err(unwritable)?;
+                tables.add(&scene.name, &scene_missions).map_err(unwritable)?;
             }
             watch();
         }
         if self.authors {
             write(out, authors_index(name))?;
         }
-        tables.finish().into_iter().try_for_each(|file| write(out, Ok(file)))?;
+        for file in tables.finish().map_err(unwritable)? {
+            write(out, Ok(file))?;
+        }
         Ok(missions)
     }
 
-    fn told(&self, scene: &SceneLine) -> Result<Told, Failure> {
+    fn missions(&self, scene: &SceneLine) -> Result<SceneMissions, Failure> {
         match self.openness {
-            Openness::Training => self.split.episodes(scene).map(Told::Whole),
-            Openness::Public => self.split.public(scene).map(Told::Public),
+            Openness::Training => self.split.episodes(scene).map(SceneMissions::Whole),
+            Openness::Public => self.split.public(scene).map(SceneMissions::Public),
         }
     }
 }
 
-fn write(out: &Path, file: Result<ExportedFile, FormatsError>) -> Result<(), Failure> {
+fn write(out: &Path, file: Result<ExportedFile, InterchangeError>) -> Result<(), Failure> {
     let file = file.map_err(unwritable)?;
     write_whole(&out.join(&file.path), &file.bytes)
 }
 
-fn unwritable(error: FormatsError) -> Failure {
+fn unwritable(error: InterchangeError) -> Failure {
     Failure::new(FailureKind::Data, error)
 }

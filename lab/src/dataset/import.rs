@@ -2,11 +2,9 @@
 
 use avln_arena::dataset::files::{DatasetFiles, cannot, read, write_whole};
 use avln_arena::{Failure, FailureKind};
-use avln_dataset::{
-    EpisodeSpec, SceneSource, SceneSpec, Split,
-    formats::{self, Adopter, Foreign, ForeignEpisode, Format, Loss},
-};
+use avln_dataset::{EpisodeSpec, SceneSource, SceneSpec, Split};
 use avln_episode::Rules;
+use avln_interchange::{self as interchange, ForeignEpisode, ForeignFile, Format, Importer, Loss};
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
@@ -90,9 +88,9 @@ impl Import<'_> {
         let mut ids = BTreeSet::new();
         for path in files(self.source)? {
             let bytes = read(&path)?;
-            let read = formats::read(&path.display().to_string(), &bytes, self.format);
+            let read = interchange::read(&path.display().to_string(), &bytes, self.format);
             let (_, foreign) = read.map_err(|error| Failure::new(FailureKind::Scene, error))?;
-            let Foreign { episodes, losses, notes } = foreign;
+            let ForeignFile { episodes, losses, notes } = foreign;
             account.files += 1;
             account.episodes += episodes.len();
             account.losses.extend(losses);
@@ -135,13 +133,13 @@ impl Import<'_> {
         let source = SceneSource::File { path };
         let (spec, _) = SceneSpec::new(name, source).map_err(|error| error.to_string())?;
         let assets = spec.open(self.rules).map_err(|error| error.to_string())?;
-        let mut adopter = Adopter::new(&assets, self.rules, self.seed);
+        let mut importer = Importer::new(&assets, self.rules, self.seed);
         let mut missions = Vec::new();
         for episode in episodes {
-            let adopted = adopter.adopt(episode);
-            missions.extend(adopted.episode);
-            account.losses.extend(adopted.losses);
-            adopted.notes.into_iter().for_each(|note| *account.notes.entry(note).or_default() += 1);
+            let imported = importer.import(episode);
+            missions.extend(imported.episode);
+            account.losses.extend(imported.losses);
+            imported.notes.into_iter().for_each(|note| *account.notes.entry(note).or_default() += 1);
         }
         Ok((spec, missions))
     }

@@ -1,8 +1,8 @@
 //! Some episodes of practice with an agent that does not think, to measure what a run takes.
 
 use super::{Patient, Report, Spread, Verdict, is_free, ms, order};
+use avln_baselines::RandomAgent;
 use avln_client::{Action, Agent, Arena, Error, Observation, Phase, Quota, RunOptions};
-use avln_random::RandomAgent;
 use std::time::Instant;
 
 /// The name under which practice runs are shown.

@@ -1,6 +1,7 @@
 use avln_episode::{Pose, Rules};
 use avln_geom::{Aabb, Point3};
-use avln_kit::{Hints, Sight, perception::Place};
+use avln_kit::geometry::FloorPoint;
+use avln_kit::perception::{Hints, TargetHint};
 use avln_referee::Referee;
 use avln_truth::EpisodeTruth;
 use avln_world::{InstanceId, SceneAssets};
@@ -79,13 +80,13 @@ impl TrueHints {
 }
 
 impl Hints for TrueHints {
-    fn source(&self) -> Option<Place> {
+    fn source(&self) -> Option<FloorPoint> {
         let (truth, now) = self.now()?;
         let told = in_frame_of(&truth.start, &truth.targets.get(now.sounding?)?.source);
-        Some(Place::new(told.x, told.z))
+        Some(FloorPoint::new(told.x, told.z))
     }
 
-    fn targets(&self) -> Vec<Sight> {
+    fn targets(&self) -> Vec<TargetHint> {
         let Some((truth, now)) = self.now() else { return Vec::new() };
         let in_view = |goal: &usize| {
             let target = &truth.targets[*goal];
@@ -119,7 +120,7 @@ fn middle_of(bounds: &Aabb) -> Point3<f32> {
     bounds.min + (bounds.max - bounds.min) * 0.5
 }
 
-fn sight(goal: usize, bounds: &Aabb, start: &Pose, floor_y_m: f32) -> Sight {
+fn sight(goal: usize, bounds: &Aabb, start: &Pose, floor_y_m: f32) -> TargetHint {
     let corners = [bounds.min.x, bounds.max.x].into_iter().flat_map(|x| {
         [bounds.min.z, bounds.max.z].map(|z| in_frame_of(start, &Point3::new(x, bounds.min.y, z)))
     });
@@ -129,7 +130,7 @@ fn sight(goal: usize, bounds: &Aabb, start: &Pose, floor_y_m: f32) -> Sight {
         (min_m[2], max_m[2]) = (min_m[2].min(corner.z), max_m[2].max(corner.z));
     }
     (min_m[1], max_m[1]) = (bounds.min.y - floor_y_m, bounds.max.y - floor_y_m);
-    Sight { goal, min_m, max_m }
+    TargetHint { goal, min_m, max_m }
 }
 
 #[cfg(test)]

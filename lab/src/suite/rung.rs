@@ -1,10 +1,9 @@
 use super::{board::TrueHints, oracle::ShortestPath, traced::Traced};
 use avln_arena::{Failure, FailureKind};
-use avln_baselines::Baseline;
+use avln_baselines::{Baseline, RandomAgent};
 use avln_client::{Agent, Sensors};
-use avln_kit::{Told, perception::Classical};
+use avln_kit::perception::{ClassicalRecognition, HintRecognition};
 use avln_pag_nav::{Ablation, PagNav, Recorder};
-use avln_random::RandomAgent;
 use clap::ValueEnum;
 use std::{path::Path, sync::Arc};
 
@@ -150,9 +149,9 @@ impl Rung {
             Self::PagNavNoPriors => agent().without(Ablation { no_priors: true, ..none }),
             Self::PagNavNoMemory => agent().without(Ablation { no_memory: true, ..none }),
             Self::PagNavNoGate => agent().without(Ablation { no_gate: true, ..none }),
-            Self::PagNavNoNetwork => agent().seeing(Classical::default()),
+            Self::PagNavNoNetwork => agent().seeing(ClassicalRecognition::default()),
             Self::PagNavTrueSounds => agent().hinted(hints.clone()),
-            Self::PagNavTrueSight => agent().seeing(Told::new(hints.clone())),
+            Self::PagNavTrueSight => agent().seeing(HintRecognition::new(hints.clone())),
             _ => return None,
         })
     }

@@ -1,20 +1,13 @@
-//! What the whole episode has said so far, in one frame: where one can stand, what has been seen, where sounds come
-//! from.
+//! Maps for one episode in the pose frame: free floor, surface heights, object hypotheses, sound sources.
 
-mod elevation;
-mod intensity;
-mod level;
-mod objects;
-mod occupancy;
-mod sound;
-mod source;
-mod storeys;
+pub(crate) mod elevation;
+pub(crate) mod objects;
+pub(crate) mod occupancy;
+pub(crate) mod sound_field;
+pub(crate) mod source;
 
-pub use elevation::{Climb, Elevation};
-pub use intensity::Intensity;
-pub use level::{expected_level, range_m};
-pub use objects::{Object, Objects};
+pub use elevation::{ClimbPath, Elevation, Storeys};
+pub use objects::{ObjectHypothesis, ObjectMemory};
 pub use occupancy::{CELL_M, Cell, Occupancy};
-pub use sound::SoundField;
-pub use source::{Estimate, SourceBelief};
-pub use storeys::Storeys;
+pub use sound_field::SoundField;
+pub use source::{IntensityMemory, SourceBelief, SourceEstimate, expected_level, range_m};

@@ -1,15 +1,18 @@
-use crate::perception::{Place, Query, Thing, Words, category_likeness};
+use crate::geometry::FloorPoint;
+use crate::perception::category::likeness;
+use crate::perception::cue::{CueWords, Query};
+use crate::perception::objects::DetectedObject;
 
-/// Most hypotheses that are remembered.
+/// Limit of hypotheses.
 const MOST: usize = 400;
-/// Things within this distance are near, and in one room, metres.
+/// Radius for nearby objects, and a room's radius, metres.
 const NEAR_M: f32 = 1.2;
 const ROOM_M: f32 = 3.0;
-/// How high things are taken to be that no picture shows, metres.
+/// Assumed height for objects without a detection, metres.
 const SUPPOSED_M: f32 = 1.0;
-/// What is said for a goal whose cue says nothing of its surroundings.
+/// Context for goals without surroundings in their cue.
 const NEUTRAL: f32 = 0.5;
-/// What is typical for a room.
+/// Typical objects of rooms.
 const ROOMS: [(&str, &[&str]); 7] = [
     ("bathroom", &["toilet", "bathtub", "shower", "towel"]),
     ("bedroom", &["bed", "chest_of_drawers", "clothes"]),
@@ -20,63 +23,74 @@ const ROOMS: [(&str, &[&str]); 7] = [
     ("gym", &["gym_equipment"]),
 ];
 
-/// The object memory O_t of the paper: everything that was seen as a whole, merged over pictures, with what looks at it
-/// said for each goal.
+/// The paper's object memory O_t: object hypotheses merged over images, and their compatibility with the goals.
 #[derive(Clone, Debug, Default)]
-pub struct Objects {
-    all: Vec<Object>,
+pub struct ObjectMemory {
+    all: Vec<ObjectHypothesis>,
     goals: usize,
 }
 
-/// A persistent object hypothesis.
+/// An object hypothesis.
 #[derive(Clone, Debug)]
-pub struct Object {
-    /// Position, extent, colours.
-    pub thing: Thing,
-    /// Looks from nearby.
+pub struct ObjectHypothesis {
+    /// Position, extent and appearance.
+    pub detection: DetectedObject,
+    /// Number of near views.
     pub looks: u32,
-    /// Submits here that found nothing.
+    /// Unsuccessful Submits at the hypothesis.
     pub wrong_submits: i32,
-    /// Visual compatibility with each goal over all looks, 0 to 1 (s_vis of the paper).
+    /// Visual compatibility by goal over all views, 0 to 1 (s_vis in the paper).
     vis: Vec<f32>,
 }
 
-impl Objects {
-    /// A memory for a mission of `goals` goals.
+impl ObjectMemory {
+    /// Creates a memory for `goals` goals.
     pub fn new(goals: usize) -> Self {
         Self { all: Vec::new(), goals }
     }
 
-    /// Takes in the things of one picture.
-    pub fn see(&mut self, seen: Vec<Thing>) {
-        for thing in seen {
-            if let Some(known) = self.all.iter_mut().find(|known| known.thing.is_same(&thing)) {
-                known.thing.merge(&thing);
+    /// Adds an image's detections.
+    pub fn see(&mut self, seen: Vec<DetectedObject>) {
+        for detection in seen {
+            // The first match wins: indices stay stable, which Submits and traces refer to.
+            if let Some(known) = self.all.iter_mut().find(|known| known.detection.is_same(&detection)) {
+                known.detection.merge(&detection);
             } else if self.all.len() < MOST {
-                self.all.push(Object { thing, looks: 0, wrong_submits: 0, vis: vec![0.0; self.goals] });
+                self.all.push(ObjectHypothesis {
+                    detection,
+                    looks: 0,
+                    wrong_submits: 0,
+                    vis: vec![0.0; self.goals],
+                });
             }
         }
     }
 
-    /// Something stands at a place, although no picture tells it from what is around it.
-    pub fn suppose(&mut self, place: Place) {
+    /// Adds a hypothesis without a detection, for an object that blends into the surroundings.
+    pub fn suppose(&mut self, place: FloorPoint) {
         if self.all.len() < MOST {
-            let thing = Thing { min: place, max: place, high_m: SUPPOSED_M, ..Thing::default() };
-            self.all.push(Object { thing, looks: 0, wrong_submits: 0, vis: vec![0.0; self.goals] });
+            let detection =
+                DetectedObject { min: place, max: place, high_m: SUPPOSED_M, ..DetectedObject::default() };
+            self.all.push(ObjectHypothesis {
+                detection,
+                looks: 0,
+                wrong_submits: 0,
+                vis: vec![0.0; self.goals],
+            });
         }
     }
 
-    /// All hypotheses; the index of one stays the same for the whole episode.
-    pub fn all(&self) -> &[Object] {
+    /// Returns all hypotheses. Indices are stable within an episode.
+    pub fn all(&self) -> &[ObjectHypothesis] {
         &self.all
     }
 
-    /// All hypotheses, to be looked at.
-    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut Object> {
+    /// Returns all hypotheses for updates.
+    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut ObjectHypothesis> {
         self.all.iter_mut()
     }
 
-    /// A Submit at hypothesis `index` found nothing: it has to be looked at anew.
+    /// Records an unsuccessful Submit at a hypothesis, and resets the views.
     pub fn refute(&mut self, index: usize) {
         if let Some(object) = self.all.get_mut(index) {
             object.wrong_submits += 1;
@@ -84,15 +98,15 @@ impl Objects {
         }
     }
 
-    /// How much rooms and things around a place speak for a goal, 0 to 1 (P_room, P_obj and P_ctx of the paper).
-    pub fn context(&self, place: Place, query: &Query) -> f32 {
+    /// Returns the support from room and surroundings for a goal, 0 to 1 (P_room, P_obj and P_ctx in the paper).
+    pub fn context(&self, place: FloorPoint, query: &Query) -> f32 {
         match query {
             Query::Words(words) => self.expects(place, words),
             Query::Picture { .. } => NEUTRAL,
         }
     }
 
-    fn expects(&self, place: Place, words: &Words) -> f32 {
+    fn expects(&self, place: FloorPoint, words: &CueWords) -> f32 {
         let stated = words.room.as_deref().map(|room| self.room(place, room));
         let typical = ROOMS.iter().filter(|(_, typical)| typical.contains(&words.category.as_str()));
         let usual = typical.map(|(room, _)| self.room(place, room)).reduce(f32::max);
@@ -103,32 +117,32 @@ impl Objects {
         }
     }
 
-    /// How sure it is that something of a category stands within `reach_m` of a place, 0 to 1.
-    fn presence(&self, place: Place, reach_m: f32, category: &str) -> f32 {
-        let near = self.all.iter().filter(|object| object.thing.distance_m(place) <= reach_m);
-        near.map(|object| category_likeness(&object.thing, category)).fold(0.0, f32::max)
+    /// Returns the confidence in an object within `reach_m` metres with this category, 0 to 1.
+    fn presence(&self, place: FloorPoint, reach_m: f32, category: &str) -> f32 {
+        let near = self.all.iter().filter(|object| object.detection.distance_m(place) <= reach_m);
+        near.map(|object| likeness(&object.detection, category)).fold(0.0, f32::max)
     }
 
-    /// How much the things around a place speak for a room, 0 to 1 (the room memory R_t of the paper); neutral for
-    /// rooms of which nothing is typical.
-    fn room(&self, place: Place, room: &str) -> f32 {
+    /// Returns the support from nearby objects for a room, 0 to 1 (the paper's room memory R_t); neutral for rooms
+    /// without typical objects.
+    fn room(&self, place: FloorPoint, room: &str) -> f32 {
         let Some((_, typical)) = ROOMS.iter().find(|(name, _)| *name == room) else { return NEUTRAL };
         let sum: f32 = typical.iter().map(|category| self.presence(place, ROOM_M, category)).sum();
         sum / typical.len() as f32
     }
 }
 
-impl Object {
-    /// Takes in one look from nearby: how well it fits each goal, 0 to 1.
+impl ObjectHypothesis {
+    /// Adds a near view, given the fits by goal, 0 to 1.
     pub fn look(&mut self, fits: &[f32]) {
-        /// Looks over which the mean is taken; older ones fade, since extents grow from look to look.
+        /// Views of the mean. Older ones fade, since extents grow from view to view.
         const WINDOW: u32 = 4;
         self.looks += 1;
         let share = 1.0 / self.looks.min(WINDOW) as f32;
         self.vis.iter_mut().zip(fits).for_each(|(vis, fit)| *vis += share * (fit - *vis));
     }
 
-    /// Visual compatibility with a goal, 0 to 1; 0 before the first look.
+    /// Returns the visual compatibility with a goal, 0 to 1; 0 before the first view.
     pub fn vis(&self, goal: usize) -> f32 {
         self.vis.get(goal).copied().unwrap_or(0.0)
     }
@@ -137,29 +151,29 @@ impl Object {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::perception::Palette;
+    use crate::perception::palette::Palette;
     use avln_client::GoalCue;
 
-    fn thing(x: f32, size_m: [f32; 2], high_m: f32, rgb: [u8; 3]) -> Thing {
-        let (min, max) = (Place::new(x, 0.0), Place::new(x + size_m[0], size_m[1]));
+    fn detection(x: f32, size_m: [f32; 2], high_m: f32, rgb: [u8; 3]) -> DetectedObject {
+        let (min, max) = (FloorPoint::new(x, 0.0), FloorPoint::new(x + size_m[0], size_m[1]));
         let palette = Palette::of([rgb; 50].into_iter());
-        Thing { min, max, low_m: 0.0, high_m, palette, views: 1, ..Thing::default() }
+        DetectedObject { min, max, low_m: 0.0, high_m, palette, views: 1, ..DetectedObject::default() }
     }
 
     #[test]
-    fn pictures_of_one_thing_are_one_hypothesis() {
-        let mut objects = Objects::new(2);
-        let bed = thing(0.0, [2.0, 1.6], 0.6, [40, 60, 190]);
-        objects.see(vec![bed.clone(), thing(5.0, [0.5, 0.5], 0.9, [200, 40, 40])]);
+    fn images_of_one_object_give_one_hypothesis() {
+        let mut objects = ObjectMemory::new(2);
+        let bed = detection(0.0, [2.0, 1.6], 0.6, [40, 60, 190]);
+        objects.see(vec![bed.clone(), detection(5.0, [0.5, 0.5], 0.9, [200, 40, 40])]);
         objects.see(vec![bed]);
         assert_eq!(objects.all().len(), 2);
-        assert_eq!(objects.all()[0].thing.views, 2);
+        assert_eq!(objects.all()[0].detection.views, 2);
     }
 
     #[test]
-    fn compatibility_is_the_mean_of_the_last_looks() {
-        let mut objects = Objects::new(2);
-        objects.see(vec![thing(0.0, [1.0, 1.0], 1.0, [0; 3])]);
+    fn compatibility_averages_recent_views() {
+        let mut objects = ObjectMemory::new(2);
+        objects.see(vec![detection(0.0, [1.0, 1.0], 1.0, [0; 3])]);
         let object = objects.iter_mut().next().unwrap();
         assert_eq!((object.vis(0), object.looks), (0.0, 0));
         object.look(&[0.8, 0.0]);
@@ -173,11 +187,11 @@ mod tests {
     }
 
     #[test]
-    fn surroundings_speak_for_goals() {
-        let mut objects = Objects::new(1);
-        objects.see(vec![thing(0.0, [2.0, 1.6], 0.6, [40, 60, 190])]);
+    fn surroundings_support_goals() {
+        let mut objects = ObjectMemory::new(1);
+        objects.see(vec![detection(0.0, [2.0, 1.6], 0.6, [40, 60, 190])]);
         let context = |sentence: &str, x: f32| {
-            objects.context(Place::new(x, 0.3), &Query::new(&GoalCue::Description(sentence.into())))
+            objects.context(FloorPoint::new(x, 0.3), &Query::new(&GoalCue::Description(sentence.into())))
         };
         assert!(context("the lamp in the bedroom", 2.5) > context("the lamp in the bathroom", 2.5));
         assert!(context("the lamp near a bed", 2.5) > context("the lamp near a bed", 9.0));

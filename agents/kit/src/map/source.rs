@@ -1,52 +1,51 @@
-use super::sound::{SIDE, SoundField, center};
-use super::{Cell, Occupancy, expected_level, range_m};
-use crate::perception::{Heard, Place, Stand, sloped_itd_s};
+use crate::geometry::{FloorPoint, Pose2d};
+use crate::hearing::{HeardSound, sloped_itd_s};
+use crate::map::occupancy::{Cell, Occupancy};
+use crate::map::sound_field::{SIDE, SoundField, center};
+use std::collections::BTreeMap;
 
-/// Spread of the measured delay, seconds: its own error, and what is added per metre since places are only cells and
-/// maps only known in part.
+/// Standard deviation of the measured delay, seconds: a constant part, and a part per metre for the cell size and the
+/// incomplete map.
 const ITD_SIGMA_S: f32 = 45e-6;
 const ITD_SIGMA_PER_M_S: f32 = 8e-6;
-/// Mean and spread of the logarithm of the expected level by the one that is heard: straight ways, and ways around corners,
-/// which take level away, however short the detour is.
+/// Mean and standard deviation for the log ratio between expected and measured level: straight paths, and paths
+/// around corners, which lose level even on short detours.
 const STRAIGHT: [f32; 2] = [0.0, 0.45];
 const BENT: [f32; 2] = [1.2, 0.9];
-/// What speaks against furniture hiding a source to which no wall bars the way.
+/// Log-likelihood of furniture between a source and a listener without a wall between them.
 const HIDDEN: f32 = -2.5;
-/// Worst that the delay of one sound can say against a place in sight and against one around a corner, and its level against
-/// either, in units of log-likelihood.
+/// Lower bounds for a sound's log-likelihood: by delay in view, by delay around corners, and by level.
 const WORST_STRAIGHT: f32 = -6.0;
 const WORST_BENT: f32 = -4.0;
 const WORST_LEVEL: f32 = -4.0;
-/// Weight of one sound: sounds of neighbouring steps err alike.
+/// Weight per sound: errors in consecutive steps are correlated.
 const WEIGHT: f32 = 0.25;
-/// What is kept of older evidence at each sound: it was judged by an older map.
+/// Decay of older evidence per sound: it was computed on an older map.
 const KEPT: f32 = 0.97;
-/// Range up to which a sound has its full weight, metres: what comes from farther has been around corners.
+/// Range with full weight, metres: sound from a greater distance has passed corners.
 const CLEAR_M: f32 = 3.0;
-/// What speaks against a place where the floor has been seen free, where nothing has been seen, per
-/// metre outside of the rectangle of all that has been seen, and per metre of way.
+/// Log-priors for free floor and unseen cells, per metre outside the seen area, and per metre on the path.
 const FREE: f32 = -1.5;
 const UNKNOWN: f32 = -1.0;
 const OUTSIDE_PER_M: f32 = -1.5;
 const PER_M: f32 = -0.1;
-/// What a Submit that found nothing says against the places around it that can be seen from there, and how far, metres.
+/// Log-prior of cells near an unsuccessful Submit with a clear line to it, and their radius, metres.
 const MISSED: f32 = -12.0;
 const MISSED_M: f32 = 1.8;
-/// Mass within this distance of the best place is what is called certain, metres.
+/// Radius around the best cell whose probability mass is the certainty, metres.
 const CERTAIN_M: f32 = 0.75;
 
-/// Where one source may be: a likelihood over the floor plan, accumulated from bearings and levels (the bearing memory
-/// of the paper).
+/// A source's likelihood over the floor plan, accumulated from bearings and levels (the paper's bearing memory).
 pub struct SourceBelief {
     scores: Vec<f32>,
 }
 
-/// The best guess about a source.
+/// An estimate of a source's position.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Estimate {
-    /// Where it is believed to be.
-    pub place: Place,
-    /// Probability that it is within 0.75 m of `place`, 0 to 1.
+pub struct SourceEstimate {
+    /// Position.
+    pub place: FloorPoint,
+    /// Probability within 0.75 m around `place`, 0 to 1.
     pub certainty: f32,
 }
 
@@ -57,14 +56,15 @@ impl Default for SourceBelief {
 }
 
 impl SourceBelief {
-    /// Adds one sound of the source, heard at `stand`, from where `field` spreads.
-    pub fn hear(&mut self, field: &SoundField, stand: &Stand, heard: &Heard) {
+    /// Adds a sound, measured at `pose`; `field` belongs to the same position.
+    pub fn hear(&mut self, field: &SoundField, pose: &Pose2d, heard: &HeardSound) {
         let clear = (CLEAR_M / range_m(heard.level)).min(1.0);
+        // A distant sound has less weight, and displaces less of the older evidence in proportion.
         let (kept, weight) = (KEPT.powf(clear), WEIGHT * clear);
         for (index, score) in self.scores.iter_mut().enumerate() {
             let said = field.ray(index).map_or(WORST_BENT + WORST_LEVEL, |ray| {
                 let sigma_s = ITD_SIGMA_S + ITD_SIGMA_PER_M_S * ray.length_m;
-                let delay_s = sloped_itd_s(stand.bearing_rad(ray.from), ray.length_m);
+                let delay_s = sloped_itd_s(pose.bearing_rad(ray.from), ray.length_m);
                 let late = (delay_s - heard.itd_s) / sigma_s;
                 let loss = (expected_level(ray.length_m.max(0.2)) / heard.level.max(1e-6)).ln();
                 let (level, worst) = if field.is_straight(index) {
@@ -78,14 +78,20 @@ impl SourceBelief {
         }
     }
 
-    /// The best place by all that was heard, in view of what is known of the map; `None` when sound reaches nothing.
-    pub fn estimate(&self, field: &SoundField, map: &Occupancy, missed: &[Place]) -> Option<Estimate> {
-        let is_missed = |place: Place| {
-            missed.iter().any(|&from| from.distance_m(place) <= MISSED_M && map.hears(from, place))
+    /// Returns the best position in view of the map; `None` if sound reaches no cell.
+    pub fn estimate(
+        &self,
+        field: &SoundField,
+        map: &Occupancy,
+        missed: &[FloorPoint],
+    ) -> Option<SourceEstimate> {
+        let is_missed = |place: FloorPoint| {
+            missed.iter().any(|&from| from.distance_m(place) <= MISSED_M && map.has_clear_line(from, place))
         };
         let top = self.scores.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        // Cells below e^-8 of the best score cannot change the estimate; skipping them saves most of the work.
         let plausible = self.scores.iter().enumerate().filter(|(_, score)| **score > top - 8.0);
-        let weighed: Vec<(Place, f32)> = plausible
+        let weighed: Vec<(FloorPoint, f32)> = plausible
             .filter_map(|(index, score)| {
                 let place = center(index);
                 let prior = match Cell::at(place) {
@@ -99,19 +105,97 @@ impl SourceBelief {
             })
             .collect();
         let (best, _) = *weighed.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        // The mean around the best cell is finer than the cells.
         let (mut mass, mut x, mut z) = (0.0, 0.0, 0.0);
         for (place, weight) in weighed.iter().filter(|(place, _)| place.distance_m(best) <= CERTAIN_M) {
             (mass, x, z) = (mass + weight, x + weight * place.x, z + weight * place.z);
         }
         let total: f32 = weighed.iter().map(|(_, weight)| weight).sum();
-        Some(Estimate { place: Place::new(x / mass, z / mass), certainty: mass / total })
+        Some(SourceEstimate { place: FloorPoint::new(x / mass, z / mass), certainty: mass / total })
     }
 }
 
-/// Logarithm of a bell curve of height 1.
+/// Returns the logarithm for a unit Gaussian.
 fn bell(value: f32, [mean, sigma]: [f32; 2]) -> f32 {
     let off = (value - mean) / sigma;
     -0.5 * off * off
+}
+
+/// Cell side in the intensity memory, metres.
+const MEMORY_CELL_M: f32 = 0.5;
+/// Number of loudest cells in an estimate.
+const ASKED: usize = 3;
+/// Standard deviation for the log range at a level.
+const SPREAD: f32 = 0.8;
+
+/// The paper's intensity memory A_int for one source: the highest level by position.
+#[derive(Clone, Debug, Default)]
+pub struct IntensityMemory {
+    cells: BTreeMap<(i32, i32), LoudestSound>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct LoudestSound {
+    level: f32,
+    place: FloorPoint,
+}
+
+impl IntensityMemory {
+    /// Adds a level at a position: A(x) = max(A(x), level).
+    pub fn hear(&mut self, place: FloorPoint, level: f32) {
+        let cell = |coordinate: f32| (coordinate / MEMORY_CELL_M).floor() as i32;
+        let heard = self.cells.entry((cell(place.x), cell(place.z))).or_insert(LoudestSound { level, place });
+        if level > heard.level {
+            *heard = LoudestSound { level, place };
+        }
+    }
+
+    /// Returns the highest level; 0 without sound.
+    pub fn loudest(&self) -> f32 {
+        self.cells.values().map(|heard| heard.level).fold(0.0, f32::max)
+    }
+
+    /// Returns the support for a source at `distance_m` from the measured positions, 0 to 1: a Gaussian over the log
+    /// ratio between the range by level and the distance, averaged over the loudest cells.
+    pub fn supports(&self, distance_m: impl Fn(FloorPoint) -> f32) -> f32 {
+        let mut loud: Vec<&LoudestSound> = self.cells.values().collect();
+        loud.sort_by(|a, b| b.level.total_cmp(&a.level));
+        loud.truncate(ASKED);
+        let fits = loud.iter().map(|heard| {
+            let range_m = range_m(heard.level).max(MEMORY_CELL_M);
+            let off = (range_m / distance_m(heard.place).max(MEMORY_CELL_M)).ln() / SPREAD;
+            (-0.5 * off * off).exp()
+        });
+        fits.sum::<f32>() / loud.len().max(1) as f32
+    }
+}
+
+/// Distance, metres, and level relative to [`LEVEL_AT_1_M`] for a visible source: geometric means over walks through
+/// twenty missions in ten furnished training houses. Reverberation makes the level fall slowly within a room and
+/// faster between rooms.
+const CURVE: [[f32; 2]; 8] =
+    [[0.5, 3.4], [1.25, 2.0], [2.25, 1.55], [3.25, 1.3], [4.5, 0.8], [7.0, 0.3], [9.5, 0.17], [15.0, 0.06]];
+/// Free-field level of a source at 1 m.
+const LEVEL_AT_1_M: f32 = 0.05;
+
+/// Returns the expected level of a visible source at `distance_m`.
+pub fn expected_level(distance_m: f32) -> f32 {
+    let logs = CURVE.map(|[distance_m, level]| [distance_m.ln(), level.ln()]);
+    LEVEL_AT_1_M * between(&logs, distance_m.max(0.05).ln()).exp()
+}
+
+/// Returns the expected distance for a level, metres, 0.1 to 100.
+pub fn range_m(level: f32) -> f32 {
+    let mut logs = CURVE.map(|[distance_m, level]| [level.ln(), distance_m.ln()]);
+    logs.reverse();
+    between(&logs, (level.max(1e-6) / LEVEL_AT_1_M).ln()).exp().clamp(0.1, 100.0)
+}
+
+/// Interpolates linearly between points of rising x, and extrapolates by the first and last segment.
+fn between<const N: usize>(points: &[[f32; 2]; N], x: f32) -> f32 {
+    let passed = points[1..N - 1].iter().take_while(|[px, _]| *px < x).count();
+    let ([x0, y0], [x1, y1]) = (points[passed], points[passed + 1]);
+    y0 + (y1 - y0) * (x - x0) / (x1 - x0)
 }
 
 #[cfg(test)]
@@ -119,25 +203,25 @@ mod tests {
     use super::*;
     use avln_client::Pose;
 
-    const AREA: [Place; 2] = [Place { x: -8.0, z: -8.0 }, Place { x: 8.0, z: 8.0 }];
+    const AREA: [FloorPoint; 2] = [FloorPoint { x: -8.0, z: -8.0 }, FloorPoint { x: 8.0, z: 8.0 }];
 
-    fn heard_from(stand: &Stand, source: Place) -> Heard {
-        let distance_m = stand.place.distance_m(source);
-        let itd_s = sloped_itd_s(stand.bearing_rad(source), distance_m);
+    fn heard_from(pose: &Pose2d, source: FloorPoint) -> HeardSound {
+        let distance_m = pose.place.distance_m(source);
+        let itd_s = sloped_itd_s(pose.bearing_rad(source), distance_m);
         let level = expected_level(distance_m);
-        Heard { itd_s, level }
+        HeardSound { itd_s, level }
     }
 
     #[test]
-    fn bearings_from_several_headings_and_places_find_the_source() {
-        for source in [Place::new(3.0, -4.0), Place::new(-2.0, 5.0), Place::new(0.5, 1.5)] {
+    fn bearings_locate_the_source() {
+        for source in [FloorPoint::new(3.0, -4.0), FloorPoint::new(-2.0, 5.0), FloorPoint::new(0.5, 1.5)] {
             let (mut belief, mut field) = (SourceBelief::default(), None);
             for step in 0..24 {
                 let heading_rad = step as f32 * 30_f32.to_radians();
                 let position = [0.1 * step as f32, 0.0, -0.05 * step as f32];
-                let stand = Stand::new(&Pose { position, heading_rad });
-                let spread = SoundField::new(&Occupancy::default(), stand.place, AREA);
-                belief.hear(&spread, &stand, &heard_from(&stand, source));
+                let pose = Pose2d::new(&Pose { position, heading_rad });
+                let spread = SoundField::new(&Occupancy::default(), pose.place, AREA);
+                belief.hear(&spread, &pose, &heard_from(&pose, source));
                 field = Some(spread);
             }
             let found = belief.estimate(&field.unwrap(), &Occupancy::default().with_area(AREA), &[]).unwrap();
@@ -147,27 +231,65 @@ mod tests {
     }
 
     #[test]
-    fn one_heading_leaves_front_and_back_open() {
+    fn one_heading_is_front_back_ambiguous() {
         let mut belief = SourceBelief::default();
-        let stand = Stand::new(&Pose::default());
-        let field = SoundField::new(&Occupancy::default(), stand.place, AREA);
-        (0..4).for_each(|_| belief.hear(&field, &stand, &heard_from(&stand, Place::new(0.0, -4.0))));
+        let pose = Pose2d::new(&Pose::default());
+        let field = SoundField::new(&Occupancy::default(), pose.place, AREA);
+        (0..4).for_each(|_| belief.hear(&field, &pose, &heard_from(&pose, FloorPoint::new(0.0, -4.0))));
         assert!(belief.estimate(&field, &Occupancy::default().with_area(AREA), &[]).unwrap().certainty < 0.5);
-        let ahead = [Place::new(-7.9, -7.9), Place::new(7.9, -0.1)];
+        let ahead = [FloorPoint::new(-7.9, -7.9), FloorPoint::new(7.9, -0.1)];
         let map = Occupancy::default().with_area(AREA).with_floor(ahead[0], ahead[1]);
         let behind = belief.estimate(&field, &map, &[]).unwrap();
         assert!(behind.place.z > 2.0, "{behind:?}");
     }
 
     #[test]
-    fn it_is_not_where_it_was_sought_in_vain() {
+    fn unsuccessful_submits_exclude_nearby_sources() {
         let (mut belief, map) = (SourceBelief::default(), Occupancy::default().with_area(AREA));
-        let stand = Stand::new(&Pose::default());
-        let field = SoundField::new(&map, stand.place, AREA);
-        belief.hear(&field, &stand, &heard_from(&stand, Place::new(-1.5, 0.0)));
+        let pose = Pose2d::new(&Pose::default());
+        let field = SoundField::new(&map, pose.place, AREA);
+        belief.hear(&field, &pose, &heard_from(&pose, FloorPoint::new(-1.5, 0.0)));
         let before = belief.estimate(&field, &map, &[]).unwrap().place;
-        assert!(before.distance_m(Place::new(-1.5, 0.0)) < 0.4, "{before:?}");
-        let after = belief.estimate(&field, &map, &[stand.place]).unwrap().place;
-        assert!(after.distance_m(stand.place) > MISSED_M - 0.2, "{after:?}");
+        assert!(before.distance_m(FloorPoint::new(-1.5, 0.0)) < 0.4, "{before:?}");
+        let after = belief.estimate(&field, &map, &[pose.place]).unwrap().place;
+        assert!(after.distance_m(pose.place) > MISSED_M - 0.2, "{after:?}");
+    }
+
+    #[test]
+    fn cells_keep_their_highest_level() {
+        let mut memory = IntensityMemory::default();
+        assert_eq!((memory.loudest(), memory.supports(|_| 1.0)), (0.0, 0.0));
+        memory.hear(FloorPoint::new(0.1, 0.1), 0.025);
+        memory.hear(FloorPoint::new(0.2, 0.1), 0.01);
+        assert!(memory.cells.len() == 1 && memory.loudest() == 0.025);
+        memory.hear(FloorPoint::new(0.9, 0.1), 0.05);
+        assert!(memory.cells.len() == 2 && memory.loudest() == 0.05);
+    }
+
+    #[test]
+    fn intensity_supports_matching_distances() {
+        let mut memory = IntensityMemory::default();
+        // A source at (3, 0).
+        memory.hear(FloorPoint::new(1.0, 0.0), expected_level(2.0));
+        memory.hear(FloorPoint::new(2.0, 0.0), expected_level(1.0));
+        let supports = |x: f32| memory.supports(|place| place.distance_m(FloorPoint::new(x, 0.0)));
+        assert!((supports(3.0) - 1.0).abs() < 1e-4);
+        // At (5, 0): ln(2 / 4) and ln(1 / 3) in spreads of 0.8 are -0.866 and -1.373.
+        assert!((supports(5.0) - 0.5 * (0.687 + 0.390)).abs() < 1e-2, "{}", supports(5.0));
+    }
+
+    #[test]
+    fn range_inverts_level() {
+        for distance_m in [0.4, 0.75, 2.0, 3.5, 6.0, 12.0, 30.0] {
+            let told_m = range_m(expected_level(distance_m));
+            assert!((told_m / distance_m - 1.0).abs() < 1e-3, "{distance_m}: {told_m}");
+        }
+        assert!((expected_level(4.5) - 0.04).abs() < 1e-6 && range_m(0.0) == 100.0 && range_m(9.0) == 0.1);
+    }
+
+    #[test]
+    fn level_falls_with_distance() {
+        let levels: Vec<f32> = (1..80).map(|quarter| expected_level(0.25 * quarter as f32)).collect();
+        assert!(levels.is_sorted_by(|a, b| a > b), "{levels:?}");
     }
 }

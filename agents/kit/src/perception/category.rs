@@ -1,7 +1,6 @@
-use super::Thing;
+use crate::perception::objects::DetectedObject;
 
-/// What things of a category look like: ranges of their long side on the floor plan, of the height of their top and of
-/// their lowest point above the floor, metres, and colours that they mostly have.
+/// A category's appearance: ranges for the long side and the top and bottom heights, metres, and typical colours.
 struct Prior {
     name: &'static str,
     long_m: [f32; 2],
@@ -20,7 +19,7 @@ const fn prior(
     Prior { name, long_m, top_m, low_m, colors }
 }
 
-/// From everyday sizes of furniture: the categories of missions, then kinds of them and other things that cues name.
+/// Everyday furniture sizes: mission categories first, then subtypes and other objects in cues.
 const PRIORS: &[Prior] = &[
     prior("chair", [0.35, 0.8], [0.7, 1.15], [0.0, 0.15], &[]),
     prior("table", [0.5, 2.2], [0.65, 0.85], [0.0, 0.15], &[]),
@@ -63,7 +62,7 @@ const PRIORS: &[Prior] = &[
     prior("door", [0.7, 1.1], [1.9, 2.3], [0.0, 0.1], &[]),
 ];
 
-/// Other words for what [`PRIORS`] knows.
+/// Synonyms of the names in [`PRIORS`].
 const SYNONYMS: &[(&str, &str)] = &[
     ("couch", "sofa"),
     ("loveseat", "sofa"),
@@ -114,24 +113,24 @@ const SYNONYMS: &[(&str, &str)] = &[
     ("blind", "curtain"),
 ];
 
-/// How well `thing` fits a category, 0 to 1: by what perception says, else by its shape and colours, and 0.5 for a
-/// category that is not known.
-pub fn likeness(thing: &Thing, category: &str) -> f32 {
-    if let Some(told) = thing.is_a(category) {
+/// Returns an object's fit with a category, 0 to 1: its probability, or by shape and colours; 0.5 for unknown
+/// categories.
+pub fn likeness(detection: &DetectedObject, category: &str) -> f32 {
+    if let Some(told) = detection.is_a(category) {
         return told;
     }
     let Some(prior) = PRIORS.iter().find(|prior| prior.name == category) else { return 0.5 };
-    let fit = inside(thing.long_m(), prior.long_m, 0.3)
-        * inside(thing.high_m, prior.top_m, 0.25)
-        * inside(thing.low_m, prior.low_m, 0.25);
-    let shares = prior.colors.iter().filter_map(|word| thing.palette.share_of(word));
+    let fit = inside(detection.long_m(), prior.long_m, 0.3)
+        * inside(detection.high_m, prior.top_m, 0.25)
+        * inside(detection.low_m, prior.low_m, 0.25);
+    let shares = prior.colors.iter().filter_map(|word| detection.palette.share_of(word));
     let color = shares.fold(None, |sum: Option<f32>, share| Some(sum.unwrap_or(0.0) + share));
     fit * color.map_or(0.7, |share| 0.2 + 0.8 * share.min(1.0))
 }
 
-/// What `words` call a thing that is known, by the longest known ending: `old floor lamp` is a `floor_lamp`, `desk lamp`
-/// a `lamp`; with the number of words of that ending. A plural is what its singular is.
-pub(super) fn noun_of(words: &[&str]) -> Option<(&'static str, usize)> {
+/// Returns the category for the longest known ending, and the ending's word count: `old floor lamp` is a
+/// `floor_lamp`, `desk lamp` a `lamp`. Plurals match their singular.
+pub(crate) fn noun_of(words: &[&str]) -> Option<(&'static str, usize)> {
     (0..words.len()).find_map(|from| Some((known(&words[from..].join("_"))?, words.len() - from)))
 }
 
@@ -142,28 +141,29 @@ fn known(noun: &str) -> Option<&'static str> {
     prior.or_else(|| SYNONYMS.iter().find(|(word, _)| is(word)).map(|(_, name)| *name))
 }
 
-/// How well a thing has the looks that an adjective names, 0 to 1, by its extent against what is usual for `category`;
-/// `None` for words of which boxes say nothing. Materials are such words: at this resolution texture does not tell wood
-/// from painted metal.
-pub(super) fn has_trait(thing: &Thing, category: &str, word: &str) -> Option<f32> {
+/// Returns the fit with an adjective, 0 to 1, by extents relative to the category; `None` for adjectives without a
+/// geometric meaning, such as materials: at this resolution texture does not separate wood from painted metal.
+pub(crate) fn has_trait(detection: &DetectedObject, category: &str, word: &str) -> Option<f32> {
     let prior = PRIORS.iter().find(|prior| prior.name == category)?;
     let share = |value: f32, [low, high]: [f32; 2]| ((value - low) / (high - low)).clamp(0.0, 1.0);
-    let long = share(thing.long_m(), prior.long_m);
-    let top = share(thing.high_m, prior.top_m);
-    let slender = thing.short_m() / thing.long_m().max(0.01);
+    let long = share(detection.long_m(), prior.long_m);
+    let top = share(detection.high_m, prior.top_m);
+    let slender = detection.short_m() / detection.long_m().max(0.01);
     match word {
         "large" | "big" | "long" | "wide" => Some(long),
         "small" | "short" | "narrow" | "little" => Some(1.0 - long),
         "tall" | "high" => Some(top),
         "low" => Some(1.0 - top),
-        "upright" => Some(share((thing.high_m - thing.low_m) / thing.long_m().max(0.01), [0.7, 1.3])),
+        "upright" => {
+            Some(share((detection.high_m - detection.low_m) / detection.long_m().max(0.01), [0.7, 1.3]))
+        }
         "round" | "square" | "circular" => Some(share(slender, [0.4, 0.9])),
         "rectangular" | "oval" => Some(1.0 - share(slender, [0.6, 1.0])),
         _ => None,
     }
 }
 
-/// 1 inside a range, falling to 0 like a bell with `spread` outside.
+/// Returns 1 inside a range, with a Gaussian fall-off of width `spread` outside.
 fn inside(value: f32, [low, high]: [f32; 2], spread: f32) -> f32 {
     let out = (low - value).max(value - high).max(0.0) / spread;
     (-0.5 * out * out).exp()
@@ -172,36 +172,37 @@ fn inside(value: f32, [low, high]: [f32; 2], spread: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::perception::{Palette, Place};
+    use crate::geometry::FloorPoint;
+    use crate::perception::palette::Palette;
 
-    fn thing(size_m: [f32; 2], low_m: f32, high_m: f32, rgb: [u8; 3]) -> Thing {
-        Thing {
-            min: Place::new(0.0, 0.0),
-            max: Place::new(size_m[0], size_m[1]),
+    fn detection(size_m: [f32; 2], low_m: f32, high_m: f32, rgb: [u8; 3]) -> DetectedObject {
+        DetectedObject {
+            min: FloorPoint::new(0.0, 0.0),
+            max: FloorPoint::new(size_m[0], size_m[1]),
             low_m,
             high_m,
             palette: Palette::of([rgb; 50].into_iter()),
             views: 1,
-            ..Thing::default()
+            ..DetectedObject::default()
         }
     }
 
-    fn best(thing: &Thing, of: &[&'static str]) -> &'static str {
-        of.iter().copied().max_by(|a, b| likeness(thing, a).total_cmp(&likeness(thing, b))).unwrap()
+    fn best(detection: &DetectedObject, of: &[&'static str]) -> &'static str {
+        of.iter().copied().max_by(|a, b| likeness(detection, a).total_cmp(&likeness(detection, b))).unwrap()
     }
 
     #[test]
-    fn shapes_and_colours_tell_categories_apart() {
+    fn shape_and_colour_separate_categories() {
         let all = ["bed", "toilet", "picture", "plant", "bathtub", "table"];
-        assert_eq!(best(&thing([2.0, 1.6], 0.0, 0.6, [60, 60, 180]), &all), "bed");
-        assert_eq!(best(&thing([0.6, 0.4], 0.0, 0.8, [245, 245, 240]), &all), "toilet");
-        assert_eq!(best(&thing([0.8, 0.05], 1.1, 1.7, [180, 60, 60]), &all), "picture");
-        assert_eq!(best(&thing([0.4, 0.4], 0.0, 1.0, [50, 130, 50]), &all), "plant");
-        assert_eq!(best(&thing([1.6, 0.7], 0.0, 0.55, [245, 245, 240]), &all), "bathtub");
+        assert_eq!(best(&detection([2.0, 1.6], 0.0, 0.6, [60, 60, 180]), &all), "bed");
+        assert_eq!(best(&detection([0.6, 0.4], 0.0, 0.8, [245, 245, 240]), &all), "toilet");
+        assert_eq!(best(&detection([0.8, 0.05], 1.1, 1.7, [180, 60, 60]), &all), "picture");
+        assert_eq!(best(&detection([0.4, 0.4], 0.0, 1.0, [50, 130, 50]), &all), "plant");
+        assert_eq!(best(&detection([1.6, 0.7], 0.0, 0.55, [245, 245, 240]), &all), "bathtub");
     }
 
     #[test]
-    fn nouns_are_understood() {
+    fn longest_known_noun_wins() {
         assert_eq!(noun_of(&["chest", "of", "drawers"]), Some(("chest_of_drawers", 3)));
         assert_eq!(noun_of(&["wooden", "tv"]), Some(("tv_monitor", 1)));
         assert_eq!(noun_of(&["old", "floor", "lamp"]), Some(("floor_lamp", 2)));
@@ -209,13 +210,13 @@ mod tests {
         assert_eq!(noun_of(&["two", "armchairs"]), Some(("armchair", 1)));
         assert_eq!(noun_of(&["bathtub"]), Some(("bathtub", 1)));
         assert_eq!((noun_of(&["unicorn"]), noun_of(&[])), (None, None));
-        assert_eq!(likeness(&thing([1.0, 1.0], 0.0, 1.0, [0; 3]), "unicorn"), 0.5);
+        assert_eq!(likeness(&detection([1.0, 1.0], 0.0, 1.0, [0; 3]), "unicorn"), 0.5);
     }
 
     #[test]
-    fn sizes_and_shapes_are_judged_by_what_is_usual() {
+    fn traits_are_relative_to_the_category() {
         // Tables are 0.5 to 2.2 m long and 0.65 to 0.85 m high.
-        let table = thing([1.84, 0.46], 0.0, 0.7, [120, 80, 50]);
+        let table = detection([1.84, 0.46], 0.0, 0.7, [120, 80, 50]);
         let has = |word: &str| has_trait(&table, "table", word);
         assert!((has("long").unwrap() - 1.34 / 1.7).abs() < 1e-3);
         assert!((has("small").unwrap() - 0.36 / 1.7).abs() < 1e-3);

@@ -1,40 +1,42 @@
-use super::{Palette, Thing, category, color::is_color};
+use crate::perception::category::{has_trait, likeness, noun_of};
+use crate::perception::objects::DetectedObject;
+use crate::perception::palette::{Palette, is_color};
 use avln_client::{GoalCue, Image, RgbImage};
 use std::ops::Range;
 
-/// Sides of the layout grid of a picture.
+/// Fields per side of a layout.
 const LAYOUT: usize = 3;
 
-/// What a goal looks like, as far as its cue says.
+/// A goal's appearance, parsed from the cue.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Query {
     /// A label or a sentence.
-    Words(Words),
-    /// A picture: what stands out in its middle, and how the whole is laid out.
+    Words(CueWords),
+    /// A reference image.
     Picture {
-        /// Colours of what stands in its middle.
+        /// Colours in the middle.
         middle: Palette,
-        /// Colours of its fields.
+        /// Colours by field.
         layout: Layout,
     },
 }
 
-/// What a sentence says.
+/// The content of a sentence.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Words {
-    /// Label of the category.
+pub struct CueWords {
+    /// Category.
     pub category: String,
     /// Colour word.
     pub color: Option<String>,
-    /// The other words before the noun: size, shape, material.
+    /// Other adjectives: size, shape, material.
     pub traits: Vec<String>,
-    /// The room it is in.
+    /// Room.
     pub room: Option<String>,
-    /// Category of what it is near to.
+    /// Category of a neighbouring object.
     pub near: Option<String>,
 }
 
-/// Rooms that sentences name.
+/// Names of rooms.
 const ROOMS: [&str; 12] = [
     "living room",
     "dining room",
@@ -51,40 +53,40 @@ const ROOMS: [&str; 12] = [
 ];
 
 impl Query {
-    /// What a cue asks for.
+    /// Parses a cue.
     pub fn new(cue: &GoalCue) -> Self {
         match cue {
-            GoalCue::Category(label) => Self::Words(Words::parse(&label.replace('_', " "))),
-            GoalCue::Description(sentence) => Self::Words(Words::parse(sentence)),
+            GoalCue::Category(label) => Self::Words(CueWords::parse(&label.replace('_', " "))),
+            GoalCue::Description(sentence) => Self::Words(CueWords::parse(sentence)),
             GoalCue::Image(image) => Self::Picture { middle: middle(image), layout: Layout::of(image) },
         }
     }
 
-    /// How well one look at `thing` in a picture laid out as `layout` fits the cue by what is seen alone, 0 to 1 (s_vis
-    /// of the paper for one look).
-    pub fn fit(&self, thing: &Thing, layout: &Layout) -> f32 {
+    /// Returns an object's visual fit in a single view, given the image layout, 0 to 1 (s_vis in the paper).
+    pub fn fit(&self, detection: &DetectedObject, layout: &Layout) -> f32 {
         match self {
-            Self::Words(words) => words.fit(thing),
+            Self::Words(words) => words.fit(detection),
             Self::Picture { middle, layout: wanted } => {
                 let view = stretched(layout.likeness(wanted), ALIKE);
-                VIEW * view + (1.0 - VIEW) * thing.palette.likeness(middle)
+                VIEW * view + (1.0 - VIEW) * detection.palette.likeness(middle)
             }
         }
     }
 }
 
-/// Share of the whole view, against that of the thing's own colours, in the fit with a picture.
+/// Weight of the whole view against the object's colours in the fit with a reference image.
 const VIEW: f32 = 0.75;
-/// Likenesses of views that show different things and of views that show the same.
+/// Similarities for different and for equal views.
 const ALIKE: [f32; 2] = [0.4, 0.9];
 
 fn stretched(value: f32, [low, high]: [f32; 2]) -> f32 {
     ((value - low) / (high - low)).clamp(0.0, 1.0)
 }
 
-impl Words {
-    /// Understands sentences about one thing: its noun is the first that is known, what stands directly before it and
-    /// after a later *is* are its looks, the next noun is what it is near to. Without a known noun the last word is it.
+impl CueWords {
+    /// Parses a sentence about an object: the first known noun is the category; adjectives are directly before the
+    /// noun and after a later *is*; the next known noun is a neighbour. Without a known noun the last word is the
+    /// category.
     pub fn parse(sentence: &str) -> Self {
         let text = sentence.to_lowercase().replace(|c: char| !c.is_alphanumeric(), " ");
         let words: Vec<&str> = text.split_whitespace().collect();
@@ -106,29 +108,28 @@ impl Words {
         }
     }
 
-    /// How well a thing fits by extent, height and colours, 0 to 1.
-    pub(super) fn fit(&self, thing: &Thing) -> f32 {
-        let color = self.color.as_deref().and_then(|word| thing.palette.share_of(word));
-        let traits = self.traits.iter().filter_map(|word| category::has_trait(thing, &self.category, word));
+    /// Returns the fit by extents and colours, 0 to 1.
+    pub(crate) fn fit(&self, detection: &DetectedObject) -> f32 {
+        let color = self.color.as_deref().and_then(|word| detection.palette.share_of(word));
+        let traits = self.traits.iter().filter_map(|word| has_trait(detection, &self.category, word));
         let factor = |fit: f32, least: f32| least + (1.0 - least) * fit;
-        category::likeness(thing, &self.category)
+        likeness(detection, &self.category)
             * color.map_or(1.0, |share| factor((2.0 * share).min(1.0), WRONG_COLOR))
             * traits.map(|fit| factor(fit, WRONG_TRAIT)).product::<f32>()
     }
 }
 
-/// What is left of a fit where the colour, and where the size or shape is the opposite of what the cue says: extents of
-/// things that were seen from one side only are too small.
+/// Factors for a wrong colour, and for the opposite size or shape: objects seen from a single side appear too small.
 const WRONG_COLOR: f32 = 0.15;
 const WRONG_TRAIT: f32 = 0.6;
 
-/// The known nouns of a sentence, each with the words that it takes; `floor lamp` is one, `television room` none.
+/// Returns the known nouns with their word ranges: `floor lamp` counts once, `television room` not at all.
 fn nouns(words: &[&str]) -> Vec<(Range<usize>, &'static str)> {
     const LONGEST: usize = 3;
     let mut found = Vec::new();
     let mut from = 0;
     for end in 1..=words.len() {
-        let ending = |end: usize| category::noun_of(&words[from.max(end.saturating_sub(LONGEST))..end]);
+        let ending = |end: usize| noun_of(&words[from.max(end.saturating_sub(LONGEST))..end]);
         let Some((name, length)) = ending(end) else { continue };
         let next = words.get(end).copied().unwrap_or_default();
         if next.starts_with("room") || (!next.is_empty() && ending(end + 1).is_some()) {
@@ -140,7 +141,7 @@ fn nouns(words: &[&str]) -> Vec<(Range<usize>, &'static str)> {
     found
 }
 
-/// The adjectives of the noun at `span`: those before it back to its article, and those after the first *is* behind it.
+/// Returns a noun's adjectives: back to its article, and after the first later *is*.
 fn looks<'a>(words: &[&'a str], span: &Range<usize>) -> Vec<&'a str> {
     const ARTICLES: [&str; 4] = ["the", "a", "an", "one"];
     const MOST: usize = 4;
@@ -156,12 +157,12 @@ fn looks<'a>(words: &[&'a str], span: &Range<usize>) -> Vec<&'a str> {
     looks
 }
 
-/// Colours of the fields of a picture, row by row.
+/// Palettes by field, row by row.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Layout(Vec<Palette>);
 
 impl Layout {
-    /// The layout of a picture.
+    /// Computes the layout of an image.
     pub fn of(image: &Image) -> Self {
         let (width, height) = (image.width as usize, image.height as usize);
         let field = |i: usize| {
@@ -172,14 +173,14 @@ impl Layout {
         Self((0..LAYOUT * LAYOUT).map(field).collect())
     }
 
-    /// How much two pictures look alike, 0 to 1.
+    /// Returns the similarity of two images, 0 to 1.
     pub fn likeness(&self, other: &Self) -> f32 {
         let fields = self.0.iter().zip(&other.0);
         fields.map(|(a, b)| a.likeness(b)).sum::<f32>() / (LAYOUT * LAYOUT) as f32
     }
 }
 
-/// The colours in the middle of a picture.
+/// Returns the palette in an image's middle.
 fn middle(image: &RgbImage) -> Palette {
     let (width, height) = (image.width as usize, image.height as usize);
     palette(image, [width * 3 / 8, width * 5 / 8], [height * 3 / 8, height * 5 / 8])
@@ -199,72 +200,80 @@ fn palette(image: &Image, columns: [usize; 2], rows: [usize; 2]) -> Palette {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::perception::Place;
+    use crate::geometry::FloorPoint;
 
     #[test]
-    fn sentences_are_understood() {
-        let words = Words::parse("the large round red wooden chest of drawers near a bed in the living room");
+    fn sentences_are_parsed() {
+        let words =
+            CueWords::parse("the large round red wooden chest of drawers near a bed in the living room");
         assert_eq!(words.category, "chest_of_drawers");
         assert_eq!(words.color.as_deref(), Some("red"));
         assert_eq!(words.traits, ["large", "round", "wooden"]);
         assert_eq!((words.near.as_deref(), words.room.as_deref()), (Some("bed"), Some("living room")));
-        let words = Words::parse("the yellow piece of gym equipment");
+        let words = CueWords::parse("the yellow piece of gym equipment");
         assert_eq!((words.category.as_str(), words.color.as_deref()), ("gym_equipment", Some("yellow")));
-        let words = Words::parse("A small black fridge, next to the coffee table");
+        let words = CueWords::parse("A small black fridge, next to the coffee table");
         assert_eq!((words.category.as_str(), words.near.as_deref()), ("refrigerator", Some("coffee_table")));
         assert_eq!((words.color.as_deref(), words.traits), (Some("black"), vec!["small".to_owned()]));
     }
 
     #[test]
-    fn orders_and_relative_clauses_are_understood() {
-        let words = Words::parse("In one of the bedrooms, find the tall lamp that stands by the red sofa.");
+    fn commands_and_relative_clauses_are_parsed() {
+        let words =
+            CueWords::parse("In one of the bedrooms, find the tall lamp that stands by the red sofa.");
         assert_eq!((words.category.as_str(), words.color), ("lamp", None));
         assert_eq!(words.traits, ["tall"]);
         assert_eq!((words.near.as_deref(), words.room.as_deref()), (Some("sofa"), Some("bedroom")));
         let words =
-            Words::parse("The armchair that stands opposite the door is large, green and made of wood.");
+            CueWords::parse("The armchair that stands opposite the door is large, green and made of wood.");
         assert_eq!((words.category.as_str(), words.color.as_deref()), ("armchair", Some("green")));
         assert!(words.traits.contains(&"large".to_owned()) && words.near.as_deref() == Some("door"));
-        let words = Words::parse("Look in the television room for a blue desk chair.");
+        let words = CueWords::parse("Look in the television room for a blue desk chair.");
         assert_eq!((words.category.as_str(), words.color.as_deref()), ("chair", Some("blue")));
     }
 
     #[test]
-    fn labels_and_unknown_words_are_nouns() {
-        assert_eq!(Words::parse("the unicorn"), Words { category: "unicorn".into(), ..Words::default() });
-        assert_eq!(Words::parse("").category, "");
+    fn unknown_words_become_categories() {
+        assert_eq!(
+            CueWords::parse("the unicorn"),
+            CueWords { category: "unicorn".into(), ..CueWords::default() }
+        );
+        assert_eq!(CueWords::parse("").category, "");
         let label = Query::new(&GoalCue::Category("tv_monitor".into()));
-        assert_eq!(label, Query::Words(Words { category: "tv_monitor".into(), ..Words::default() }));
+        assert_eq!(label, Query::Words(CueWords { category: "tv_monitor".into(), ..CueWords::default() }));
     }
 
     #[test]
-    fn a_look_is_scored_by_form_and_colour() {
-        // A bed of 2 x 1.6 m, 0.6 m high: inside of all that is usual, so 0.7 before colour and size count.
-        let bed = Thing {
-            max: Place::new(2.0, 1.6),
+    fn words_are_scored_by_shape_and_colour() {
+        // A bed, 2 x 1.6 m, 0.6 m high: inside all usual ranges, so 0.7 before colour and size.
+        let bed = DetectedObject {
+            max: FloorPoint::new(2.0, 1.6),
             high_m: 0.6,
             palette: Palette::of([[45, 85, 190]; 50].into_iter()),
-            ..Thing::default()
+            ..DetectedObject::default()
         };
-        let fit = |sentence: &str| Words::parse(sentence).fit(&bed);
+        let fit = |sentence: &str| CueWords::parse(sentence).fit(&bed);
         assert!((fit("the bed") - 0.7).abs() < 1e-4 && (fit("the blue bed") - 0.7).abs() < 1e-4);
         assert!((fit("the red bed") - 0.7 * 0.15).abs() < 0.02, "{}", fit("the red bed"));
-        // It is 0.3 m longer than the shortest, of a range of 0.7 m.
+        // 0.3 m above the minimum in a range of 0.7 m.
         assert!((fit("the large bed") - 0.7 * (0.6 + 0.4 * 3.0 / 7.0)).abs() < 1e-3);
         assert!(fit("the bed") > 3.0 * fit("the sink"));
     }
 
     #[test]
-    fn a_look_is_scored_by_the_view_where_the_cue_is_a_picture() {
+    fn image_cues_are_scored_by_the_view() {
         let red = Image { width: 30, height: 30, pixels: [200, 30, 30].repeat(900) };
         let query = Query::new(&GoalCue::Image(red.clone()));
-        let thing = Thing { palette: Palette::of([[30, 30, 200]; 9].into_iter()), ..Thing::default() };
+        let detection = DetectedObject {
+            palette: Palette::of([[30, 30, 200]; 9].into_iter()),
+            ..DetectedObject::default()
+        };
         // The view is the same, the colours of the thing are others.
-        assert!((query.fit(&thing, &Layout::of(&red)) - 0.75).abs() < 0.02);
+        assert!((query.fit(&detection, &Layout::of(&red)) - 0.75).abs() < 0.02);
     }
 
     #[test]
-    fn pictures_are_like_themselves() {
+    fn layouts_match_themselves() {
         let picture = |rgb: [u8; 3]| Image { width: 30, height: 30, pixels: rgb.repeat(900) };
         let (red, blue) = (Layout::of(&picture([200, 30, 30])), Layout::of(&picture([30, 30, 200])));
         assert!(red.likeness(&red) > 0.95 && red.likeness(&blue) < 0.2);

@@ -1,57 +1,58 @@
-use super::{Palette, Place, Stand, View, color::contrast, geometry::Seen};
+use crate::geometry::{FloorPoint, PinholeCamera, Pose2d, SurfacePoint};
+use crate::perception::palette::{Palette, contrast};
 use avln_client::{DepthImage, Image};
 use avln_perception::extent;
 
-/// Nodes in a row of the grid on which a picture is cut into things.
+/// Grid nodes per image row.
 const NODES: usize = 64;
-/// Heights between which things are looked for, metres: below is floor, above ceiling.
+/// Heights of objects, metres: below is floor, above ceiling.
 const HEIGHTS_M: [f32; 2] = [0.05, 2.3];
-/// Farther things are too coarse, metres.
+/// Farther objects are too coarse, metres.
 const FAR_M: f32 = 6.0;
-/// Neighbours on one thing differ in range by less than this, and by this share of the range.
+/// Largest range difference between neighbours within an object: a constant, metres, plus a share.
 const STEP_M: f32 = 0.06;
 const STEP_SHARE: f32 = 0.04;
-/// Contrast within a thing that stands free, and within one on a wall, which nothing but its colour sets apart.
+/// Largest colour contrast within a free-standing object, and within an object on a wall, which only colour
+/// separates.
 const FREE_CONTRAST: f32 = 0.4;
 const WALL_CONTRAST: f32 = 0.07;
-/// Fewer nodes are no thing, longer is no furniture, metres.
+/// Fewest nodes and greatest length, metres, of an object.
 const FEWEST_NODES: usize = 10;
 const LONGEST_M: f32 = 3.2;
 
-/// Something that was seen as a whole: a box in the frame of poses, and its colours.
+/// A detected object: box in the pose frame, and appearance.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Thing {
-    /// Corner on the floor plan with the lowest coordinates.
-    pub min: Place,
-    /// Corner with the highest.
-    pub max: Place,
+pub struct DetectedObject {
+    /// Lowest corner on the floor plan.
+    pub min: FloorPoint,
+    /// Highest corner.
+    pub max: FloorPoint,
     /// Lowest point above the floor, metres.
     pub low_m: f32,
     /// Highest point above the floor, metres.
     pub high_m: f32,
-    /// Its colours.
+    /// Colours.
     pub palette: Palette,
-    /// What tells this instance from others, by perception that has such a thing; else empty.
+    /// Instance embedding; empty if the recognition has none.
     pub embedding: Vec<f32>,
-    /// Categories and their probabilities; empty where perception tells none.
+    /// Categories and probabilities; empty if the recognition has none.
     pub kinds: Vec<(String, f32)>,
-    /// Pictures in which it was seen.
+    /// Number of images.
     pub views: u32,
 }
 
-impl Thing {
-    /// The box and colours of the pixels (column, row) of a picture that show it; `None` where they are too few, too far, or
-    /// without depth.
+impl DetectedObject {
+    /// Builds an object from pixels (column, row); `None` for too few, too distant or depthless pixels.
     pub fn of_pixels(
-        view: &View,
-        stand: &Stand,
+        view: &PinholeCamera,
+        pose: &Pose2d,
         image: &Image,
         depth: &DepthImage,
         pixels: Vec<(usize, usize)>,
     ) -> Option<Self> {
         const FEWEST_PIXELS: usize = 32;
         let [mut x, mut z, mut up]: [Vec<f32>; 3] = Default::default();
-        for seen in pixels.iter().filter_map(|&(column, row)| view.seen(stand, depth, column, row)) {
+        for seen in pixels.iter().filter_map(|&(column, row)| view.seen(pose, depth, column, row)) {
             if seen.range_m < FAR_M {
                 x.push(seen.place.x);
                 z.push(seen.place.z);
@@ -67,41 +68,42 @@ impl Thing {
             image.pixels.get(start..start + 3)?.try_into().ok()
         };
         let palette = Palette::of(pixels.into_iter().filter_map(rgb));
-        let (min, max) = (Place::new(x0, z0), Place::new(x1, z1));
+        let (min, max) = (FloorPoint::new(x0, z0), FloorPoint::new(x1, z1));
         Some(Self { min, max, low_m, high_m, palette, views: 1, ..Self::default() })
     }
 
-    /// Long side on the floor plan, metres.
+    /// Returns the long side on the floor plan, metres.
     pub fn long_m(&self) -> f32 {
         (self.max.x - self.min.x).max(self.max.z - self.min.z)
     }
 
-    /// Short side on the floor plan, metres.
+    /// Returns the short side on the floor plan, metres.
     pub fn short_m(&self) -> f32 {
         (self.max.x - self.min.x).min(self.max.z - self.min.z)
     }
 
-    /// The place of the box on the floor plan that is nearest to `place`.
-    pub fn nearest(&self, place: Place) -> Place {
-        Place::new(place.x.clamp(self.min.x, self.max.x), place.z.clamp(self.min.z, self.max.z))
+    /// Returns the nearest point of the box on the floor plan.
+    pub fn nearest(&self, place: FloorPoint) -> FloorPoint {
+        FloorPoint::new(place.x.clamp(self.min.x, self.max.x), place.z.clamp(self.min.z, self.max.z))
     }
 
-    /// Distance on the floor plan from `place` to the box, metres.
-    pub fn distance_m(&self, place: Place) -> f32 {
+    /// Returns the distance of a point to the box on the floor plan, metres.
+    pub fn distance_m(&self, place: FloorPoint) -> f32 {
         self.nearest(place).distance_m(place)
     }
 
-    /// Its middle on the floor plan.
-    pub fn center(&self) -> Place {
+    /// Returns the centre on the floor plan.
+    pub fn center(&self) -> FloorPoint {
         self.min.toward(self.max, 0.5)
     }
 
-    /// Whether this is a stretch of wall: thin, long and as high as what is looked at.
+    /// Returns true for a stretch of wall: thin, long and tall.
     fn is_wall(&self) -> bool {
         self.high_m - self.low_m > 1.7 && self.long_m() > 1.2 && self.short_m() < 0.2
     }
 
-    /// Whether both may be one: boxes that touch, and embeddings alike or, where there are none, colours.
+    /// Returns true if both may be the same object: touching boxes, and similar embeddings or, without embeddings,
+    /// colours.
     pub fn is_same(&self, other: &Self) -> bool {
         const SLACK_M: f32 = 0.1;
         const LIKE: f32 = 0.6;
@@ -116,10 +118,10 @@ impl Thing {
         !apart(self, other) && !apart(other, self) && alike()
     }
 
-    /// Takes in another view of the same thing.
+    /// Merges another view of the object.
     pub fn merge(&mut self, other: &Self) {
-        self.min = Place::new(self.min.x.min(other.min.x), self.min.z.min(other.min.z));
-        self.max = Place::new(self.max.x.max(other.max.x), self.max.z.max(other.max.z));
+        self.min = FloorPoint::new(self.min.x.min(other.min.x), self.min.z.min(other.min.z));
+        self.max = FloorPoint::new(self.max.x.max(other.max.x), self.max.z.max(other.max.z));
         (self.low_m, self.high_m) = (self.low_m.min(other.low_m), self.high_m.max(other.high_m));
         self.palette.merge(&other.palette);
         let share = other.views as f32 / (self.views + other.views).max(1) as f32;
@@ -128,7 +130,7 @@ impl Thing {
         self.views += other.views;
     }
 
-    /// How likely it is of a category, 0 to 1; `None` where perception tells no categories.
+    /// Returns the probability of a category, 0 to 1; `None` without probabilities.
     pub fn is_a(&self, category: &str) -> Option<f32> {
         let told =
             self.kinds.iter().filter(|(kind, _)| kind == category).map(|(_, probability)| probability).sum();
@@ -150,12 +152,12 @@ impl Thing {
     }
 }
 
-pub(super) fn cosine(a: &[f32], b: &[f32]) -> f32 {
+pub(crate) fn cosine(a: &[f32], b: &[f32]) -> f32 {
     let product = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
     product(a, b) / (product(a, a) * product(b, b)).sqrt().max(f32::EPSILON)
 }
 
-/// Moves a mean by `share` towards others; takes them over where there is none.
+/// Moves a mean by `share` towards new values; copies them if the mean is empty.
 fn mix(mean: &mut Vec<f32>, others: &[f32], share: f32) {
     if mean.len() != others.len() {
         *mean = if others.is_empty() { std::mem::take(mean) } else { others.to_vec() };
@@ -164,39 +166,39 @@ fn mix(mean: &mut Vec<f32>, others: &[f32], share: f32) {
     mean.iter_mut().zip(others).for_each(|(mean, other)| *mean += share * (other - *mean));
 }
 
-/// A node of the grid: what is seen there and whether it is part of a wall.
+/// A node of the grid.
 #[derive(Clone, Copy)]
-struct Node {
-    seen: Seen,
+struct GridNode {
+    seen: SurfacePoint,
     rgb: [u8; 3],
     on_wall: bool,
 }
 
-/// Cuts a picture into things: connected stretches without a jump in depth, of one colour where they lie on a wall.
-pub fn things(
-    view: &View,
-    stand: &Stand,
+/// Segments an image into objects: connected stretches without depth jumps, with one colour on walls.
+pub fn detect_objects(
+    view: &PinholeCamera,
+    pose: &Pose2d,
     image: &Image,
     depth: &DepthImage,
-    is_wall: impl Fn(Place) -> bool,
-) -> Vec<Thing> {
+    is_wall: impl Fn(FloorPoint) -> bool,
+) -> Vec<DetectedObject> {
     let stride = (view.width / NODES).max(1);
     let (columns, rows) = (view.width / stride, view.height / stride);
     let node = |index: usize| {
         let (column, row) = (index % columns * stride, index / columns * stride);
-        let seen = view.seen(stand, depth, column, row)?;
+        let seen = view.seen(pose, depth, column, row)?;
         let start = 3 * (row * view.width + column);
         let rgb = image.pixels.get(start..start + 3)?.try_into().ok()?;
         let inside = (HEIGHTS_M[0]..HEIGHTS_M[1]).contains(&seen.height_m) && seen.range_m < FAR_M;
-        inside.then(|| Node { seen, rgb, on_wall: is_wall(seen.place) })
+        inside.then(|| GridNode { seen, rgb, on_wall: is_wall(seen.place) })
     };
-    let nodes: Vec<Option<Node>> = (0..columns * rows).map(node).collect();
+    let nodes: Vec<Option<GridNode>> = (0..columns * rows).map(node).collect();
     let mut taken = vec![false; nodes.len()];
-    (0..nodes.len()).filter_map(|first| thing(&flood(&nodes, columns, first, &mut taken))).collect()
+    (0..nodes.len()).filter_map(|first| detection(&flood(&nodes, columns, first, &mut taken))).collect()
 }
 
-/// All nodes connected with `first` that no other thing has taken.
-fn flood(nodes: &[Option<Node>], columns: usize, first: usize, taken: &mut [bool]) -> Vec<Node> {
+/// Collects the free nodes connected with `first`.
+fn flood(nodes: &[Option<GridNode>], columns: usize, first: usize, taken: &mut [bool]) -> Vec<GridNode> {
     let (mut found, mut open) = (Vec::new(), vec![first]);
     if taken[first] || nodes[first].is_none() {
         return found;
@@ -222,7 +224,7 @@ fn flood(nodes: &[Option<Node>], columns: usize, first: usize, taken: &mut [bool
     found
 }
 
-fn belongs(here: &Node, next: &Node) -> bool {
+fn belongs(here: &GridNode, next: &GridNode) -> bool {
     let jump_m = (here.seen.range_m - next.seen.range_m).abs();
     let limit = if here.on_wall { WALL_CONTRAST } else { FREE_CONTRAST };
     here.on_wall == next.on_wall
@@ -230,25 +232,26 @@ fn belongs(here: &Node, next: &Node) -> bool {
         && contrast(here.rgb, next.rgb) < limit
 }
 
-/// The box around nodes; `None` where they are too few or too far apart for a thing.
-fn thing(nodes: &[Node]) -> Option<Thing> {
+/// Builds an object from nodes; `None` if too few or too scattered.
+fn detection(nodes: &[GridNode]) -> Option<DetectedObject> {
     if nodes.len() < FEWEST_NODES {
         return None;
     }
     let places = nodes.iter().map(|node| node.seen.place);
-    let low = |a: Place, b: Place| Place::new(a.x.min(b.x), a.z.min(b.z));
-    let high = |a: Place, b: Place| Place::new(a.x.max(b.x), a.z.max(b.z));
+    let low = |a: FloorPoint, b: FloorPoint| FloorPoint::new(a.x.min(b.x), a.z.min(b.z));
+    let high = |a: FloorPoint, b: FloorPoint| FloorPoint::new(a.x.max(b.x), a.z.max(b.z));
     let heights = nodes.iter().map(|node| node.seen.height_m);
-    let thing = Thing {
+    let detection = DetectedObject {
         min: places.clone().reduce(low)?,
         max: places.reduce(high)?,
         low_m: heights.clone().fold(f32::INFINITY, f32::min),
         high_m: heights.fold(0.0, f32::max),
         palette: Palette::of(nodes.iter().map(|node| node.rgb)),
         views: 1,
-        ..Thing::default()
+        ..DetectedObject::default()
     };
-    (thing.long_m() < LONGEST_M && !thing.is_wall()).then_some(thing)
+    // Long stretches are walls or several objects that the depth does not separate.
+    (detection.long_m() < LONGEST_M && !detection.is_wall()).then_some(detection)
 }
 
 #[cfg(test)]
@@ -257,14 +260,15 @@ mod tests {
     use avln_client::{Pose, TaskSpec};
 
     #[test]
-    fn a_red_block_before_a_grey_wall_is_one_thing() {
-        let view = View::new(&TaskSpec { width: 64, height: 64, ..TaskSpec::default() });
+    fn block_before_a_wall_is_one_object() {
+        let view = PinholeCamera::new(&TaskSpec { width: 64, height: 64, ..TaskSpec::default() });
         let block = |i: usize| (24..40).contains(&(i % 64)) && (32..48).contains(&(i / 64));
         let metres = (0..4096).map(|i| if block(i) { 1.5 } else { 3.0 }).collect();
         let depth = DepthImage { width: 64, height: 64, metres };
         let pixels = (0..4096).flat_map(|i| if block(i) { [200, 30, 30] } else { [128; 3] }).collect();
         let image = Image { width: 64, height: 64, pixels };
-        let found = things(&view, &Stand::new(&Pose::default()), &image, &depth, |place| place.z < -2.9);
+        let found =
+            detect_objects(&view, &Pose2d::new(&Pose::default()), &image, &depth, |place| place.z < -2.9);
         assert_eq!(found.len(), 1, "{found:?}");
         // 16 of 64 pixels at 1.5 m are 0.75 m wide; rows 32 to 48 reach from the eye down to 0.25 m.
         assert!((found[0].long_m() - 0.7).abs() < 0.05 && (found[0].center().z + 1.5).abs() < 0.05);
@@ -273,40 +277,43 @@ mod tests {
     }
 
     #[test]
-    fn views_of_one_thing_are_one_and_other_colours_are_not() {
-        let block = |x: f32, rgb: [u8; 3]| Thing {
-            min: Place::new(x, 0.0),
-            max: Place::new(x + 0.5, 0.5),
+    fn equal_colours_merge_and_others_do_not() {
+        let block = |x: f32, rgb: [u8; 3]| DetectedObject {
+            min: FloorPoint::new(x, 0.0),
+            max: FloorPoint::new(x + 0.5, 0.5),
             low_m: 0.0,
             high_m: 0.8,
             palette: Palette::of([rgb; 20].into_iter()),
             views: 1,
-            ..Thing::default()
+            ..DetectedObject::default()
         };
         let mut red = block(0.0, [200, 30, 30]);
         assert!(red.is_same(&block(0.4, [190, 35, 30])));
         assert!(!red.is_same(&block(0.4, [30, 30, 200])) && !red.is_same(&block(1.0, [200, 30, 30])));
         red.merge(&block(0.4, [190, 35, 30]));
         assert!((red.long_m() - 0.9).abs() < 1e-6 && red.views == 2);
-        assert!((red.distance_m(Place::new(1.2, 0.9)) - 0.5).abs() < 1e-6);
+        assert!((red.distance_m(FloorPoint::new(1.2, 0.9)) - 0.5).abs() < 1e-6);
     }
 
     #[test]
-    fn what_perception_says_of_views_is_averaged() {
-        let view = |kind: &str, value: f32| Thing {
+    fn probabilities_and_embeddings_are_averaged() {
+        let view = |kind: &str, value: f32| DetectedObject {
             kinds: vec![(kind.to_owned(), 1.0)],
             embedding: vec![value, 1.0],
             views: 1,
-            ..Thing::default()
+            ..DetectedObject::default()
         };
-        let mut thing = view("bed", 0.0);
-        thing.merge(&view("bed", 0.0));
-        thing.merge(&view("sofa", 3.0));
+        let mut detection = view("bed", 0.0);
+        detection.merge(&view("bed", 0.0));
+        detection.merge(&view("sofa", 3.0));
         let near = |value: Option<f32>, expected: f32| (value.unwrap() - expected).abs() < 1e-6;
-        assert!(near(thing.is_a("bed"), 2.0 / 3.0) && near(thing.is_a("sofa"), 1.0 / 3.0), "{thing:?}");
-        assert!(thing.is_a("lamp") == Some(0.0) && Thing::default().is_a("lamp").is_none());
-        assert!((thing.embedding[0] - 1.0).abs() < 1e-6 && thing.embedding[1] == 1.0);
-        thing.merge(&Thing { views: 1, ..Thing::default() });
-        assert_eq!(thing.embedding.len(), 2);
+        assert!(
+            near(detection.is_a("bed"), 2.0 / 3.0) && near(detection.is_a("sofa"), 1.0 / 3.0),
+            "{detection:?}"
+        );
+        assert!(detection.is_a("lamp") == Some(0.0) && DetectedObject::default().is_a("lamp").is_none());
+        assert!((detection.embedding[0] - 1.0).abs() < 1e-6 && detection.embedding[1] == 1.0);
+        detection.merge(&DetectedObject { views: 1, ..DetectedObject::default() });
+        assert_eq!(detection.embedding.len(), 2);
     }
 }

@@ -1,80 +1,100 @@
-use super::events::Event;
-use super::map::MapLine;
-use crate::planner::{Candidate, Gate, Stage};
-use crate::{Ablation, PagNav, Weights};
+use crate::candidate::{Candidate, Decision, Stage, SubmitGate};
+use crate::goals::{PendingSubmit, SourceMemory};
+use crate::weights::{Ablation, Weights};
 use avln_client::{Action, GoalCue, Mission, Observation, Order, Pose};
-use avln_kit::perception::{Place, Thing};
+use avln_kit::geometry::FloorPoint;
+use avln_kit::hearing::{HeardSound, SoundSchedule};
+use avln_kit::map::{CELL_M, Cell, ObjectHypothesis, ObjectMemory, Occupancy};
+use avln_kit::perception::DetectedObject;
 use serde::Serialize;
+use std::fmt::Write;
 
 /// Version of the format.
 const FORMAT: u32 = 1;
+/// Words per object in a map line.
+const WORDS: usize = 3;
 
-/// One line of a trace.
+/// The agent's state that traces describe.
+pub(crate) struct TraceInput<'a> {
+    pub(crate) weights: &'a Weights,
+    pub(crate) ablation: Ablation,
+    pub(crate) map: &'a Occupancy,
+    pub(crate) objects: &'a ObjectMemory,
+    /// Number of goals.
+    pub(crate) goals: usize,
+    pub(crate) sources: &'a [SourceMemory],
+    pub(crate) schedule: &'a SoundSchedule,
+    pub(crate) focus: Option<usize>,
+    pub(crate) pending: Option<PendingSubmit>,
+    pub(crate) decision: &'a Decision,
+}
+
+/// A line of a trace.
 #[derive(Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
-pub(super) enum Line<'a> {
-    Mission(Opening<'a>),
-    Step(Step),
+pub(crate) enum TraceLine<'a> {
+    Mission(MissionLine<'a>),
+    Step(StepLine),
     Event {
         step: u32,
         #[serde(flatten)]
-        event: Event,
+        event: TraceEvent,
     },
     Map(MapLine),
 }
 
-/// What is written down once.
+/// The first line: mission and settings.
 #[derive(Serialize)]
-pub(super) struct Opening<'a> {
+pub(crate) struct MissionLine<'a> {
     format: u32,
     episode: &'a str,
     agent: &'static str,
     version: &'static str,
     order: &'static str,
-    goals: Vec<Goal<'a>>,
+    goals: Vec<GoalLine<'a>>,
     ablation: Ablation,
     weights: &'a Weights,
 }
 
 #[derive(Serialize)]
 #[serde(rename_all = "snake_case")]
-enum Goal<'a> {
+enum GoalLine<'a> {
     Category(&'a str),
     Description(&'a str),
     Image { width: u32, height: u32 },
 }
 
-/// What is written down at every step.
+/// A step: observation, beliefs and action.
 #[derive(Serialize)]
-pub(super) struct Step {
+pub(crate) struct StepLine {
     step: u32,
-    pose: PoseNote,
-    heard: Option<Sound>,
-    sources: Vec<Track>,
+    pose: PoseLine,
+    heard: Option<HeardLine>,
+    sources: Vec<SourceLine>,
     focus: Option<usize>,
     stage: Option<Stage>,
-    candidate: Option<Choice>,
-    gate: Option<GateNote>,
-    frontier: Option<Frontier>,
+    candidate: Option<CandidateLine>,
+    gate: Option<GateLine>,
+    frontier: Option<FrontierLine>,
     action: String,
 }
 
 #[derive(Serialize)]
-struct PoseNote {
+struct PoseLine {
     position_m: [f32; 3],
     heading_rad: f32,
 }
 
 #[derive(Serialize)]
-struct Sound {
+struct HeardLine {
     source: usize,
     itd_s: f32,
     level: f32,
 }
 
-/// What is believed of one source.
+/// Beliefs about a source.
 #[derive(Serialize)]
-struct Track {
+struct SourceLine {
     place_m: Option<[f32; 2]>,
     certainty: Option<f32>,
     is_silent: bool,
@@ -83,13 +103,13 @@ struct Track {
 }
 
 #[derive(Serialize)]
-struct Choice {
+struct CandidateLine {
     goal: usize,
     object: usize,
     source: usize,
     place_m: [f32; 2],
     #[serde(flatten)]
-    solid: Solid,
+    solid: BoxLine,
     vis: f32,
     context: f32,
     sound: f32,
@@ -97,27 +117,27 @@ struct Choice {
 }
 
 #[derive(Serialize)]
-struct GateNote {
+struct GateLine {
     is_verified: bool,
     distance_m: f32,
     bearing_rad: f32,
 }
 
 #[derive(Serialize)]
-struct Frontier {
+struct FrontierLine {
     place_m: [f32; 2],
     score: f32,
 }
 
-/// A box: x and z in the frame of poses, y from the floor.
+/// A box: x and z in the frame of poses, y above the floor.
 #[derive(Serialize)]
-pub(super) struct Solid {
+pub(crate) struct BoxLine {
     min_m: [f32; 3],
     max_m: [f32; 3],
 }
 
-impl<'a> Opening<'a> {
-    pub(super) fn new(agent: &'a PagNav, mission: &'a Mission, episode: &'a str) -> Self {
+impl<'a> MissionLine<'a> {
+    pub(crate) fn new(agent: &'a TraceInput<'a>, mission: &'a Mission, episode: &'a str) -> Self {
         Self {
             format: FORMAT,
             episode,
@@ -127,14 +147,14 @@ impl<'a> Opening<'a> {
                 Order::Ordered => "ordered",
                 Order::Unordered => "unordered",
             },
-            goals: mission.goals.iter().map(Goal::of).collect(),
+            goals: mission.goals.iter().map(GoalLine::of).collect(),
             ablation: agent.ablation,
-            weights: &agent.weights,
+            weights: agent.weights,
         }
     }
 }
 
-impl<'a> Goal<'a> {
+impl<'a> GoalLine<'a> {
     fn of(cue: &'a GoalCue) -> Self {
         match cue {
             GoalCue::Category(label) => Self::Category(label),
@@ -144,75 +164,254 @@ impl<'a> Goal<'a> {
     }
 }
 
-impl Step {
-    pub(super) fn new(agent: &PagNav, observation: &Observation, action: Action) -> Self {
-        let thought = &agent.thought;
+impl StepLine {
+    pub(crate) fn new(agent: &TraceInput, observation: &Observation, action: Action) -> Self {
+        let decision = agent.decision;
         let Pose { position, heading_rad } = observation.pose;
-        let sound = |(source, heard): (usize, avln_kit::perception::Heard)| Sound {
+        let sound = |(source, heard): (usize, HeardSound)| HeardLine {
             source,
             itd_s: heard.itd_s,
             level: heard.level,
         };
         Self {
             step: observation.step,
-            pose: PoseNote { position_m: position, heading_rad },
-            heard: thought.heard.map(sound),
-            sources: (0..agent.sources.len()).map(|source| Track::of(agent, source)).collect(),
+            pose: PoseLine { position_m: position, heading_rad },
+            heard: decision.heard.map(sound),
+            sources: (0..agent.sources.len()).map(|source| SourceLine::of(agent, source)).collect(),
             focus: agent.focus,
-            stage: thought.stage,
-            candidate: thought.candidate.map(|candidate| Choice::of(agent, &candidate)),
-            gate: thought.gate.map(GateNote::of),
-            frontier: thought.frontier.map(|(place, score)| Frontier { place_m: xz(place), score }),
+            stage: decision.stage,
+            candidate: decision.candidate.map(|candidate| CandidateLine::of(agent, &candidate)),
+            gate: decision.gate.map(GateLine::of),
+            frontier: decision.frontier.map(|(place, score)| FrontierLine { place_m: xz(place), score }),
             action: action.to_string(),
         }
     }
 }
 
-impl Track {
-    fn of(agent: &PagNav, index: usize) -> Self {
+impl SourceLine {
+    fn of(agent: &TraceInput, index: usize) -> Self {
         let source = &agent.sources[index];
         Self {
             place_m: source.estimate.map(|estimate| xz(estimate.place)),
             certainty: source.estimate.map(|estimate| estimate.certainty),
-            is_silent: agent.turns.is_silent(index),
+            is_silent: agent.schedule.is_silent(index),
             looks: source.looks,
             sought_steps: source.sought_steps,
         }
     }
 }
 
-impl Choice {
-    fn of(agent: &PagNav, candidate: &Candidate) -> Self {
+impl CandidateLine {
+    fn of(agent: &TraceInput, candidate: &Candidate) -> Self {
         let &Candidate { goal, object, source, place, evidence } = candidate;
         Self {
             goal,
             object,
             source,
             place_m: xz(place),
-            solid: Solid::of(&agent.objects.all()[object].thing),
+            solid: BoxLine::of(&agent.objects.all()[object].detection),
             vis: evidence.vis,
             context: evidence.context,
             sound: evidence.sound,
-            score: evidence.score(&agent.weights),
+            score: evidence.score(agent.weights),
         }
     }
 }
 
-impl GateNote {
-    fn of(gate: Gate) -> Self {
-        let Gate { is_verified, distance_m, bearing_rad } = gate;
+impl GateLine {
+    fn of(gate: SubmitGate) -> Self {
+        let SubmitGate { is_verified, distance_m, bearing_rad } = gate;
         Self { is_verified, distance_m, bearing_rad }
     }
 }
 
-impl Solid {
-    pub(super) fn of(thing: &Thing) -> Self {
-        let solid = |corner: Place, y: f32| [corner.x, y, corner.z];
-        Self { min_m: solid(thing.min, thing.low_m), max_m: solid(thing.max, thing.high_m) }
+impl BoxLine {
+    pub(crate) fn of(detection: &DetectedObject) -> Self {
+        let solid = |corner: FloorPoint, y: f32| [corner.x, y, corner.z];
+        Self { min_m: solid(detection.min, detection.low_m), max_m: solid(detection.max, detection.high_m) }
     }
 }
 
-/// A place as it is written.
-pub(super) fn xz(place: Place) -> [f32; 2] {
+/// Returns x and z of a point.
+pub(crate) fn xz(place: FloorPoint) -> [f32; 2] {
     [place.x, place.z]
+}
+
+/// Map and object memory.
+#[derive(Serialize)]
+pub(crate) struct MapLine {
+    step: u32,
+    #[serde(flatten)]
+    plan: MapGrid,
+    objects: Vec<ObjectLine>,
+}
+
+/// The floor plan as run-length encoded rows of cells.
+#[derive(Serialize)]
+pub(crate) struct MapGrid {
+    cell_m: f32,
+    /// Lowest corner of the first cell.
+    min_m: [f32; 2],
+    pub(crate) columns: u32,
+    pub(crate) rows: u32,
+    pub(crate) cells: String,
+}
+
+#[derive(Serialize)]
+struct ObjectLine {
+    object: usize,
+    #[serde(flatten)]
+    solid: BoxLine,
+    /// The likeliest categories with their probabilities.
+    words: Vec<(String, f32)>,
+    /// Visual compatibility with each goal.
+    vis: Vec<f32>,
+    looks: u32,
+    views: u32,
+    wrong_submits: i32,
+}
+
+impl MapLine {
+    pub(crate) fn new(agent: &TraceInput, step: u32) -> Self {
+        let objects = agent.objects.all().iter().enumerate();
+        let note = |(index, object)| ObjectLine::new(index, object, agent.goals);
+        Self { step, plan: MapGrid::of(agent.map), objects: objects.map(note).collect() }
+    }
+}
+
+impl MapGrid {
+    pub(crate) fn of(map: &Occupancy) -> Self {
+        // The map is a square around the start: the start's cell gives the size.
+        let last = 2 * Cell::at(Default::default()).column - 1;
+        let inside = |cell: Cell| Cell { column: cell.column.clamp(0, last), row: cell.row.clamp(0, last) };
+        let [low, high] = map.area(0.0).map(|corner| inside(Cell::at(corner)));
+        let rows = low.row..=high.row;
+        let cells = rows.flat_map(|row| (low.column..=high.column).map(move |column| Cell { column, row }));
+        let [x, z] = xz(low.center());
+        Self {
+            cell_m: CELL_M,
+            min_m: [x - 0.5 * CELL_M, z - 0.5 * CELL_M],
+            columns: low.column.abs_diff(high.column) + 1,
+            rows: low.row.abs_diff(high.row) + 1,
+            cells: runs(cells.map(|cell| state(map, cell))),
+        }
+    }
+}
+
+impl ObjectLine {
+    fn new(index: usize, object: &ObjectHypothesis, goals: usize) -> Self {
+        let detection = &object.detection;
+        let mut words = detection.kinds.clone();
+        words.sort_by(|a, b| b.1.total_cmp(&a.1));
+        words.truncate(WORDS);
+        Self {
+            object: index,
+            solid: BoxLine::of(detection),
+            words,
+            vis: (0..goals).map(|goal| object.vis(goal)).collect(),
+            looks: object.looks,
+            views: detection.views,
+            wrong_submits: object.wrong_submits,
+        }
+    }
+}
+
+/// Returns the letter of a cell: wall, lower obstacle, free floor or unknown.
+fn state(map: &Occupancy, cell: Cell) -> char {
+    match cell {
+        cell if map.is_wall(cell) => 'w',
+        cell if map.is_obstacle(cell) => 'o',
+        cell if map.is_free(cell) => 'f',
+        _ => 'u',
+    }
+}
+
+/// Run-length encodes letters: `uuuf` becomes `3u1f`.
+pub(crate) fn runs(letters: impl Iterator<Item = char>) -> String {
+    let mut text = String::new();
+    let mut letters = letters.peekable();
+    while let Some(letter) = letters.next() {
+        let mut count = 1;
+        while letters.next_if_eq(&letter).is_some() {
+            count += 1;
+        }
+        let _ = write!(text, "{count}{letter}");
+    }
+    text
+}
+
+/// The rarely changing state.
+#[derive(Clone, Default)]
+pub(crate) struct TracedState {
+    stage: Option<Stage>,
+    focus: Option<usize>,
+    pending: Option<PendingSubmit>,
+    silent: Vec<bool>,
+    located: Vec<bool>,
+}
+
+/// A change of [`TracedState`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub(crate) enum TraceEvent {
+    Found { source: usize, goal: usize, object: usize },
+    Missed { source: usize, goal: usize, object: usize },
+    Silenced { source: usize },
+    Located { source: usize },
+    Stage { stage: Stage },
+    Focus { source: Option<usize> },
+    Claimed { source: usize, goal: usize, object: usize },
+}
+
+impl TracedState {
+    pub(crate) fn of(agent: &TraceInput) -> Self {
+        let sources = 0..agent.sources.len();
+        let is_located = |source: usize| {
+            let memory = &agent.sources[source];
+            !agent.schedule.is_silent(source) && memory.is_located(agent.weights)
+        };
+        Self {
+            stage: agent.decision.stage,
+            focus: agent.focus,
+            pending: agent.pending,
+            silent: sources.clone().map(|source| agent.schedule.is_silent(source)).collect(),
+            located: sources.map(is_located).collect(),
+        }
+    }
+
+    /// Returns the changes up to `next`: new information first, then decisions.
+    pub(crate) fn until(&self, next: &Self) -> Vec<TraceEvent> {
+        let settled = self
+            .pending
+            .filter(|_| next.pending.is_none())
+            .map(|pending| pending.settled(next.silent.get(pending.source) == Some(&true)));
+        let silenced = risen(&self.silent, &next.silent).map(|source| TraceEvent::Silenced { source });
+        let located = risen(&self.located, &next.located).map(|source| TraceEvent::Located { source });
+        let stage = next.stage.filter(|_| self.stage != next.stage).map(|stage| TraceEvent::Stage { stage });
+        let focus = (self.focus != next.focus).then_some(TraceEvent::Focus { source: next.focus });
+        let known = settled.into_iter().chain(silenced).chain(located);
+        let made = next.pending.filter(|_| self.pending.is_none()).map(PendingSubmit::made);
+        known.chain(stage).chain(focus).chain(made).collect()
+    }
+}
+
+impl PendingSubmit {
+    fn made(self) -> TraceEvent {
+        TraceEvent::Claimed { source: self.source, goal: self.goal, object: self.object }
+    }
+
+    fn settled(self, is_found: bool) -> TraceEvent {
+        let Self { source, goal, object, .. } = self;
+        if is_found {
+            TraceEvent::Found { source, goal, object }
+        } else {
+            TraceEvent::Missed { source, goal, object }
+        }
+    }
+}
+
+/// Returns the indices that changed from false to true.
+fn risen(before: &[bool], after: &[bool]) -> impl Iterator<Item = usize> {
+    let pairs = before.iter().zip(after).enumerate();
+    pairs.filter(|(_, (before, after))| !**before && **after).map(|(index, _)| index)
 }

@@ -1,50 +1,190 @@
-//! What the agent writes down of each episode; `docs/traces.md` has the format.
+//! Episode traces as JSON Lines; `docs/traces.md` specifies the format. The agent passes its state as a
+//! [`TraceInput`]; a trace never affects actions.
 
-mod events;
-mod lines;
-mod map;
-mod recorder;
+pub(crate) mod lines;
 #[cfg(test)]
 mod tests;
 
-use crate::PagNav;
-use crate::planner::{Candidate, Gate, Stage};
-use avln_kit::perception::{Heard, Place};
+use crate::trace::lines::{MapLine, MissionLine, StepLine, TraceInput, TraceLine, TracedState};
+use avln_client::{Action, Mission, Observation};
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
 
-pub use recorder::{Recorder, TraceError};
+/// Steps between map lines.
+const MAP_STEPS: u32 = 25;
 
-/// What the last action was decided by.
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Thought {
-    /// What was heard, and which source it was taken for.
-    pub(crate) heard: Option<(usize, Heard)>,
-    pub(crate) stage: Option<Stage>,
-    pub(crate) candidate: Option<Candidate>,
-    pub(crate) gate: Option<Gate>,
-    /// The frontier that search chose, and its S_search.
-    pub(crate) frontier: Option<(Place, f32)>,
+/// A trace writer: a JSON Lines file per episode, named by the episode's handle.
+///
+/// A failed write ends the episode's trace; the episode continues, and [`PagNav::end_trace`] returns the error.
+///
+/// [`PagNav::end_trace`]: crate::PagNav::end_trace
+pub struct Recorder {
+    folder: PathBuf,
+    file: Option<TraceFile>,
+    before: TracedState,
+    /// Last written step, and step of the last map line.
+    last_step: Option<u32>,
+    map_step: Option<u32>,
+    failure: Option<TraceError>,
 }
 
-impl PagNav {
-    /// The same, writing down each episode; what it does stays the same, even where that fails.
-    pub fn traced(mut self, trace: Recorder) -> Self {
-        self.trace = Some(trace);
-        self
-    }
+struct TraceFile {
+    episode: String,
+    path: PathBuf,
+    out: Box<dyn Write + Send>,
+}
 
-    /// Ends the trace of the last episode: there will be no other.
+/// Reasons for a missing or incomplete trace.
+#[derive(Debug, thiserror::Error)]
+pub enum TraceError {
+    /// The folder cannot be created or is not writable.
+    #[error("cannot write traces to {}: {problem}; give --trace a writable folder", folder.display())]
+    Folder {
+        /// Folder as given.
+        folder: PathBuf,
+        /// Error of the system.
+        problem: io::Error,
+    },
+    /// A file is incomplete.
+    #[error("trace {} is incomplete: {problem}; the agent's actions were not affected", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Error of the system.
+        problem: io::Error,
+    },
+    /// An episode's handle is not a valid file name.
+    #[error(
+        "no trace of episode {handle:?}: the handle is not a valid file name (1 to 128 letters, digits, '-', '_' and '.', \
+         not starting with '.')"
+    )]
+    Handle {
+        /// Handle from the server.
+        handle: String,
+    },
+}
+
+impl Recorder {
+    /// Creates a recorder that writes to `folder`; creates the folder if necessary.
     ///
     /// # Errors
-    /// The first thing that could not be written down, in all episodes.
-    pub fn end_trace(&mut self) -> Result<(), TraceError> {
-        self.trace(Recorder::end);
-        self.trace.take().map_or(Ok(()), Recorder::conclude)
+    /// If the folder cannot be created or is not writable.
+    pub fn new(folder: impl Into<PathBuf>) -> Result<Self, TraceError> {
+        let folder = folder.into();
+        if let Err(problem) = check_writable(&folder) {
+            return Err(TraceError::Folder { folder, problem });
+        }
+        let before = TracedState::default();
+        Ok(Self { folder, file: None, before, last_step: None, map_step: None, failure: None })
     }
 
-    pub(crate) fn trace(&mut self, write: impl FnOnce(&mut Recorder, &Self)) {
-        if let Some(mut trace) = self.trace.take() {
-            write(&mut trace, self);
-            self.trace = Some(trace);
+    /// Ends the current trace and opens the file of `episode`.
+    pub(crate) fn enter(&mut self, agent: &TraceInput, episode: &str) {
+        self.end(agent);
+        if !is_file_name(episode) {
+            return self.fail(TraceError::Handle { handle: episode.to_owned() });
+        }
+        let path = self.folder.join(format!("{episode}.jsonl"));
+        match File::create(&path) {
+            Ok(file) => self.write_to(episode, path, Box::new(BufWriter::new(file))),
+            Err(problem) => self.fail(TraceError::File { path, problem }),
         }
     }
+
+    fn write_to(&mut self, episode: &str, path: PathBuf, out: Box<dyn Write + Send>) {
+        self.file = Some(TraceFile { episode: episode.to_owned(), path, out });
+    }
+
+    /// Writes the mission line.
+    pub(crate) fn begin(&mut self, agent: &TraceInput, mission: &Mission) {
+        self.before = TracedState::of(agent);
+        self.last_step = None;
+        self.map_step = None;
+        let Some(file) = &self.file else { return };
+        let episode = file.episode.clone();
+        self.write(&TraceLine::Mission(MissionLine::new(agent, mission, &episode)));
+    }
+
+    /// Writes a step's lines.
+    pub(crate) fn step(&mut self, agent: &TraceInput, observation: &Observation, action: Action) {
+        if self.file.is_none() {
+            return;
+        }
+        let step = observation.step;
+        self.write(&TraceLine::Step(StepLine::new(agent, observation, action)));
+        let now = TracedState::of(agent);
+        for event in self.before.until(&now) {
+            self.write(&TraceLine::Event { step, event });
+        }
+        self.before = now;
+        self.last_step = Some(step);
+        if step.is_multiple_of(MAP_STEPS) {
+            self.map(agent, step);
+        }
+    }
+
+    /// Writes the last map line and closes the file.
+    pub(crate) fn end(&mut self, agent: &TraceInput) {
+        if let Some(step) = self.last_step.filter(|_| self.last_step != self.map_step) {
+            self.map(agent, step);
+        }
+        self.flush();
+        self.file = None;
+    }
+
+    /// Returns the first failure of all episodes.
+    pub(crate) fn conclude(self) -> Result<(), TraceError> {
+        self.failure.map_or(Ok(()), Err)
+    }
+
+    fn map(&mut self, agent: &TraceInput, step: u32) {
+        if self.file.is_some() {
+            self.write(&TraceLine::Map(MapLine::new(agent, step)));
+            // A reader may follow a running episode map by map.
+            self.flush();
+            self.map_step = Some(step);
+        }
+    }
+
+    fn write(&mut self, line: &TraceLine) {
+        self.attempt(|out| {
+            serde_json::to_writer(&mut *out, line)?;
+            out.write_all(b"\n")
+        });
+    }
+
+    fn flush(&mut self) {
+        self.attempt(|out| out.flush());
+    }
+
+    fn attempt(&mut self, work: impl FnOnce(&mut dyn Write) -> io::Result<()>) {
+        let Some(file) = &mut self.file else { return };
+        if let Err(problem) = work(&mut *file.out) {
+            let path = file.path.clone();
+            // No further attempt in this episode: a trace with a gap would be worse than a short one.
+            self.file = None;
+            self.fail(TraceError::File { path, problem });
+        }
+    }
+
+    fn fail(&mut self, error: TraceError) {
+        self.failure.get_or_insert(error);
+    }
+}
+
+/// Creates the folder if necessary, and creates and deletes a file in it.
+fn check_writable(folder: &Path) -> io::Result<()> {
+    fs::create_dir_all(folder)?;
+    let file = folder.join(".writable");
+    File::create(&file)?;
+    fs::remove_file(file)
+}
+
+/// Returns true if the handle is a plain file name.
+// The server chooses the handle: a hostile one must not leave the folder.
+fn is_file_name(handle: &str) -> bool {
+    const LONGEST: usize = 128;
+    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    (1..=LONGEST).contains(&handle.len()) && handle.chars().all(plain) && !handle.starts_with('.')
 }

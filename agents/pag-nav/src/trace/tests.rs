@@ -1,34 +1,38 @@
-use super::Recorder;
-use super::map::{Plan, runs};
-use crate::{Ablation, PagNav, Weights};
+use crate::agent::PagNav;
+use crate::trace::Recorder;
+use crate::trace::lines::{MapGrid, runs};
+use crate::weights::{Ablation, Weights};
 use avln_client::{
     Action, Agent, Audio, DepthImage, GoalCue, Image, Mission, Observation, Order, Pose, TaskSpec,
 };
+use avln_kit::geometry::{FloorPoint, PinholeCamera, Pose2d};
 use avln_kit::map::{Occupancy, expected_level};
-use avln_kit::perception::{Place, Stand, View};
-use avln_kit::{Hints, Sight, Told};
+use avln_kit::perception::{HintRecognition, Hints, TargetHint};
 use serde_json::Value;
-use std::{fs, io, io::Write, path::Path, sync::Arc};
+use std::io::Write;
+use std::path::Path;
+use std::sync::Arc;
+use std::{fs, io};
 
 const SIDE: u32 = 64;
 const STEPS: u32 = 30;
 
-/// A host that tells of one target, 1.1 m ahead, which sounds.
+/// A host with hints about one sounding target, 1.1 m ahead.
 struct OneTarget;
 
 impl Hints for OneTarget {
-    fn source(&self) -> Option<Place> {
-        Some(Place::new(0.0, -1.1))
+    fn source(&self) -> Option<FloorPoint> {
+        Some(FloorPoint::new(0.0, -1.1))
     }
 
-    fn targets(&self) -> Vec<Sight> {
-        vec![Sight { goal: 0, min_m: [-0.3, 0.0, -1.5], max_m: [0.3, 0.8, -1.0] }]
+    fn targets(&self) -> Vec<TargetHint> {
+        vec![TargetHint { goal: 0, min_m: [-0.3, 0.0, -1.5], max_m: [0.3, 0.8, -1.0] }]
     }
 }
 
 fn agent() -> PagNav {
     let hints = Arc::new(OneTarget);
-    PagNav::new(Weights::default()).hinted(hints.clone()).seeing(Told::new(hints))
+    PagNav::new(Weights::default()).hinted(hints.clone()).seeing(HintRecognition::new(hints))
 }
 
 fn task() -> TaskSpec {
@@ -43,7 +47,7 @@ fn mission() -> Mission {
     Mission { order: Order::Unordered, goals }
 }
 
-/// What a body senses that stands on one spot 3 m before a wall; the source falls silent after the first Submit.
+/// Observation of a body that stands 3 m in front of a wall; the source falls silent after the first Submit.
 fn observation(step: u32, is_silent: bool) -> Observation {
     let depth_m = |row: u32| match (row as f32 + 0.5 - 32.0) / 32.0 {
         down if down > 0.0 => (1.0 / down).min(3.02),
@@ -86,7 +90,7 @@ fn of_kind<'a>(lines: &'a [Value], kind: &str) -> Vec<&'a Value> {
 }
 
 #[test]
-fn an_episode_can_be_read_back() {
+fn traces_can_be_read_back() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("new/traces");
     let mut traced = agent().traced(Recorder::new(&place).unwrap());
@@ -122,7 +126,7 @@ fn an_episode_can_be_read_back() {
 }
 
 #[test]
-fn events_tell_what_changed() {
+fn events_describe_changes() {
     let folder = tempfile::tempdir().unwrap();
     let mut traced = agent().traced(Recorder::new(folder.path()).unwrap());
     let actions = play(&mut traced, "e");
@@ -142,7 +146,7 @@ fn events_tell_what_changed() {
 }
 
 #[test]
-fn maps_come_every_25_steps_and_at_the_end() {
+fn maps_appear_every_25_steps_and_last() {
     let folder = tempfile::tempdir().unwrap();
     let mut traced = agent().traced(Recorder::new(folder.path()).unwrap());
     play(&mut traced, "e");
@@ -160,7 +164,7 @@ fn maps_come_every_25_steps_and_at_the_end() {
 }
 
 #[test]
-fn search_tells_its_frontier() {
+fn search_steps_have_a_frontier() {
     let folder = tempfile::tempdir().unwrap();
     let deaf = PagNav::default().without(Ablation { no_audio: true, ..Ablation::default() });
     let mut traced = deaf.traced(Recorder::new(folder.path()).unwrap());
@@ -174,12 +178,12 @@ fn search_tells_its_frontier() {
 }
 
 #[test]
-fn cells_are_runs_of_their_states() {
+fn cells_are_run_length_encoded() {
     assert_eq!(runs("uuufwwu".chars()), "3u1f2w1u");
     let mut map = Occupancy::default();
     let depth = observation(0, true).depth.unwrap();
-    map.see(&View::new(&task()), &Stand::new(&Pose::default()), &depth);
-    let plan = Plan::of(&map);
+    map.see(&PinholeCamera::new(&task()), &Pose2d::new(&Pose::default()), &depth);
+    let plan = MapGrid::of(&map);
     let count = |wanted: Option<char>| {
         let mut sum = 0;
         let mut number = 0;
@@ -215,7 +219,7 @@ impl Write for FullDisk {
 }
 
 #[test]
-fn whatever_becomes_of_the_trace_the_agent_does_the_same() {
+fn tracing_does_not_change_actions() {
     let plain = play(&mut agent(), "e");
     let folder = tempfile::tempdir().unwrap();
     let mut traced = agent().traced(Recorder::new(folder.path()).unwrap());
@@ -232,10 +236,11 @@ fn whatever_becomes_of_the_trace_the_agent_does_the_same() {
 }
 
 #[test]
-fn a_full_disk_ends_the_trace_and_nothing_else() {
+fn full_disks_end_only_the_trace() {
     let folder = tempfile::tempdir().unwrap();
-    let mut traced = agent().traced(Recorder::new(folder.path()).unwrap());
-    traced.trace(|trace, _| trace.write_to("e", "e.jsonl".into(), Box::new(FullDisk { left: 4000 })));
+    let mut recorder = Recorder::new(folder.path()).unwrap();
+    recorder.write_to("e", "e.jsonl".into(), Box::new(FullDisk { left: 4000 }));
+    let mut traced = agent().traced(recorder);
     traced.begin(&task(), &mission());
     let mut plain = agent();
     plain.begin(&task(), &mission());
@@ -244,21 +249,21 @@ fn a_full_disk_ends_the_trace_and_nothing_else() {
         assert_eq!(traced.act(&seen), plain.act(&seen), "step {step}");
     }
     let error = traced.end_trace().unwrap_err().to_string();
-    assert!(error.starts_with("trace e.jsonl: ") && error.contains("ends early"), "{error}");
+    assert!(error.starts_with("trace e.jsonl is incomplete: "), "{error}");
 }
 
 #[test]
-fn a_folder_that_cannot_be_written_to_is_refused_at_once() {
+fn unwritable_folders_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file");
-    fs::write(&file, "in the way").unwrap();
+    fs::write(&file, "in the path").unwrap();
     let error = Recorder::new(file.join("traces")).err().expect("a refusal").to_string();
     assert!(error.contains("file/traces") && error.contains("--trace"), "{error}");
     assert!(fs::read_dir(folder.path()).unwrap().count() == 1);
 }
 
 #[test]
-fn handles_that_would_leave_the_folder_name_no_file() {
+fn hostile_handles_name_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("traces");
     for handle in ["../up", "..", "", "a/b", "a\\b", "/root", ".hidden", "line\nbreak", &"a".repeat(129)] {

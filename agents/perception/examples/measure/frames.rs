@@ -1,12 +1,12 @@
-//! Pictures with what they show, as `avln data dataset frames` writes them.
+//! Labelled images from `avln data dataset frames`.
 
 #![allow(dead_code, reason = "each example reads what it needs")]
 
-use avln_perception::Camera;
+use avln_perception::CameraModel;
 use serde::Deserialize;
 use std::path::Path;
 
-/// What `frames.json` says.
+/// The content of `frames.json`.
 #[derive(Deserialize)]
 pub(crate) struct Manifest {
     pub(crate) purpose: String,
@@ -21,12 +21,12 @@ pub(crate) struct Manifest {
 #[derive(Deserialize)]
 pub(crate) struct House {
     pub(crate) file: String,
-    /// The file of sentences; without it there are none.
+    /// File with sentences; optional.
     #[serde(default)]
     pub(crate) sentences: String,
 }
 
-/// A sentence that fits one instance of its house alone.
+/// A sentence for a single instance.
 #[derive(Deserialize)]
 pub(crate) struct Sentence {
     pub(crate) instance: u16,
@@ -34,10 +34,10 @@ pub(crate) struct Sentence {
     pub(crate) text: String,
 }
 
-/// One picture, and what each of its pixels shows: 255 is no category, 0 no instance.
+/// An image with labels per pixel: category (255 for none) and instance (0 for none).
 pub(crate) struct Record {
-    pub(crate) camera: Camera,
-    /// Where the base of the body stands in the world, metres, and its heading, radians.
+    pub(crate) camera: CameraModel,
+    /// Body position in the world, metres, and heading, radians.
     pub(crate) base_m: [f32; 3],
     pub(crate) heading_rad: f32,
     pub(crate) rgb: Vec<u8>,
@@ -51,13 +51,13 @@ pub(crate) fn manifest(folder: &Path) -> Manifest {
     serde_json::from_slice(&text).expect("frames.json is a list of pictures")
 }
 
-/// What can be said of the instances of a house.
+/// Reads a house's sentences.
 pub(crate) fn sentences(path: &Path) -> Vec<Sentence> {
     let text = std::fs::read(path).expect("the house's sentences can be read");
     serde_json::from_slice(&text).expect("a list of sentences")
 }
 
-/// The pictures of a house.
+/// Reads a house's images.
 pub(crate) fn house(path: &Path, side_px: usize) -> Vec<Record> {
     let file = std::fs::read(path).expect("the house's file can be read");
     let start = 10 + usize::from(u16::from_le_bytes([file[8], file[9]]));
@@ -77,7 +77,7 @@ fn read(record: &[u8], pixels: usize) -> Record {
         bytes.as_chunks().0.iter().map(|two| u16::from_le_bytes(*two)).collect()
     };
     Record {
-        camera: Camera { height_m: camera[3], pitch_rad: camera[5], hfov_rad: camera[6] },
+        camera: CameraModel { height_m: camera[3], pitch_rad: camera[5], hfov_rad: camera[6] },
         base_m: [camera[0], camera[1] - camera[3], camera[2]],
         heading_rad: camera[4],
         rgb: rgb.to_vec(),

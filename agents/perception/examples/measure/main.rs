@@ -1,23 +1,21 @@
-//! Measures the eyes on pictures of houses that they did not learn from, and prints the tables of docs/perception.md:
+//! Measures the network on images from unfamiliar houses, and prints the tables in docs/perception.md:
 //!
 //! ```sh
 //! avln data dataset frames --measure --split val --houses 11 --views 60 --out FOLDER
 //! cargo run --release -p avln-perception --example measure -- FOLDER CONFUSIONS.csv
 //! ```
 //!
-//! The file, which may be left out, gets how many objects of each category were taken for each.
+//! The optional CSV file receives the confusion matrix by object.
 
 mod frames;
-mod instances;
-mod pixels;
+mod metrics;
 
-use avln_perception::{Depth, Eyes, Perception, Picture, Seen};
+use avln_perception::{Depth, Perception, Picture, Segmentation, VisionNetwork};
 use frames::{Manifest, Record};
-use instances::{Precision, Retrieval, sightings};
-use pixels::{Confusion, SIZES_PX, Truth};
+use metrics::{Confusion, Precision, Retrieval, SIZES_PX, Truth, sightings};
 use std::path::PathBuf;
 
-/// All that is measured: with depth and without, and for both instances by depth.
+/// Measurements with and without depth.
 struct Measured {
     confusions: [Confusion; 2],
     precisions: [Precision; 2],
@@ -31,8 +29,12 @@ fn main() {
     };
     let manifest = frames::manifest(&folder);
     assert_eq!(manifest.purpose, "measurement", "measured is by what was not learnt from");
-    let mut eyes = Eyes::new().expect("the weights of the crate");
-    assert_eq!(manifest.categories, eyes.about().categories, "pictures and network have the same categories");
+    let mut network = VisionNetwork::new().expect("the weights of the crate");
+    assert_eq!(
+        manifest.categories,
+        network.info().categories,
+        "pictures and network have the same categories"
+    );
     let kinds = manifest.categories.len();
     let mut measured = Measured {
         confusions: [Confusion::new(kinds), Confusion::new(kinds)],
@@ -41,7 +43,7 @@ fn main() {
     };
     for house in &manifest.houses {
         visit(
-            &mut eyes,
+            &mut network,
             &frames::house(&folder.join(&house.file), manifest.side_px),
             manifest.side_px,
             &mut measured,
@@ -53,7 +55,7 @@ fn main() {
     }
 }
 
-/// A row for each category that objects are of, and a column for each that they are taken for.
+/// Formats the confusion matrix: true categories by row, predictions by column.
 fn confusions(manifest: &Manifest, measured: &Measured) -> String {
     let mut rows = vec![format!("seen by,category,{}", manifest.categories.join(","))];
     for (way, confusion) in ["depth and colours", "colours"].iter().zip(&measured.confusions) {
@@ -68,14 +70,14 @@ fn confusions(manifest: &Manifest, measured: &Measured) -> String {
     rows.join("\n") + "\n"
 }
 
-fn visit(eyes: &mut Eyes, records: &[Record], side_px: usize, measured: &mut Measured) {
-    let building = eyes.about().building;
+fn visit(network: &mut VisionNetwork, records: &[Record], side_px: usize, measured: &mut Measured) {
+    let building = network.info().building;
     let mut sighted = [Vec::new(), Vec::new()];
     for (view, record) in records.iter().enumerate() {
         let picture = Picture { width: side_px, height: side_px, rgb: &record.rgb };
         let depth = Depth { metres: &record.depth_m };
         for (way, depth) in [Some((&depth, &record.camera)), None].into_iter().enumerate() {
-            let seen = eyes.see(&picture, depth).expect("a picture");
+            let seen = network.see(&picture, depth).expect("a picture");
             let truth = truth(&seen, record, side_px);
             measured.confusions[way].add(&seen, &truth, building);
             measured.precisions[way].add(&seen, &truth, building);
@@ -85,8 +87,8 @@ fn visit(eyes: &mut Eyes, records: &[Record], side_px: usize, measured: &mut Mea
     measured.retrieval.add(&sighted[1], &sighted[0]);
 }
 
-/// What the picture shows at the size of the map.
-fn truth(seen: &Seen, record: &Record, side_px: usize) -> Truth {
+/// Samples the labels at the map's resolution.
+fn truth(seen: &Segmentation, record: &Record, side_px: usize) -> Truth {
     let (x, y) = (side_px / seen.width, side_px / seen.height);
     let places = (0..seen.width * seen.height).map(|p| p / seen.width * y * side_px + p % seen.width * x);
     let places: Vec<usize> = places.collect();

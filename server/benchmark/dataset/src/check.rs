@@ -5,22 +5,16 @@
 
 mod fault;
 mod goals;
-mod seen;
-mod tour;
 
-use crate::{EpisodeSpec, MissionRules, SurveyOptions, reference::reference_steps};
+use crate::{build::MissionRules, mission::EpisodeSpec, reference::reference_steps, survey::SurveyOptions};
 use avln_episode::Rules;
-use avln_world::{NavPoint, SceneAssets};
+use avln_world::{DistanceField, NavMesh, NavPoint, SceneAssets};
 pub use fault::{Constraint, Fault};
-use goals::GoalCheck;
-use seen::Seen;
+use goals::{GoalCheck, SNAP_M, Seen};
 use std::collections::{BTreeMap, BTreeSet};
-use tour::Tours;
 
 /// How far lengths may differ from those that are stored, metres.
 const LENGTH_M: f64 = 1e-3;
-/// How far a stored place may lie from the mesh, metres.
-const SNAP_M: f32 = 0.1;
 /// Missions of a scene from which on its targets must be asked for about equally often.
 const BALANCED_FROM: usize = 50;
 /// How many times the mean a target may be asked for at most, plus [`REUSE_SLACK`].
@@ -218,5 +212,59 @@ impl SceneCheck<'_> {
             );
             self.fault(&episodes[0], Constraint::Reuse, found);
         }
+    }
+}
+
+/// Shortest tours by plain distance fields: slower than the atlas of the sampler, and independent of it.
+struct Tours<'a> {
+    navmesh: &'a NavMesh,
+    regions: &'a [Vec<NavPoint>],
+}
+
+impl<'a> Tours<'a> {
+    fn new(navmesh: &'a NavMesh, regions: &'a [Vec<NavPoint>]) -> Self {
+        Self { navmesh, regions }
+    }
+
+    /// Length of the tour in the order of the regions, metres; infinite when one is out of reach.
+    fn ordered_m(&self, start: NavPoint) -> f64 {
+        let mut field = self.navmesh.field(&[(start, 0.0)]);
+        let mut length_m = f64::INFINITY;
+        for region in 0..self.regions.len() {
+            (field, length_m) = self.visit(&field, region);
+        }
+        length_m
+    }
+
+    /// The same for the best of all orders: every order is tried.
+    fn unordered_m(&self, start: NavPoint) -> f64 {
+        let mut best_m = f64::INFINITY;
+        let left: Vec<usize> = (0..self.regions.len()).collect();
+        self.try_all(&self.navmesh.field(&[(start, 0.0)]), &left, &mut best_m);
+        best_m
+    }
+
+    fn try_all(&self, field: &DistanceField, left: &[usize], best_m: &mut f64) {
+        for &region in left {
+            let (onward, length_m) = self.visit(field, region);
+            if length_m >= *best_m {
+                continue;
+            }
+            let rest: Vec<usize> = left.iter().copied().filter(|&other| other != region).collect();
+            if rest.is_empty() {
+                *best_m = length_m;
+            } else {
+                self.try_all(&onward, &rest, best_m);
+            }
+        }
+    }
+
+    /// Goes on to every point of a region: the distances from there, and the least of them, metres.
+    fn visit(&self, field: &DistanceField, region: usize) -> (DistanceField, f64) {
+        let points = self.regions[region].iter();
+        let seeds: Vec<_> =
+            points.filter_map(|point| Some((*point, field.distance_m(self.navmesh, point)?))).collect();
+        let least_m = seeds.iter().map(|seed| seed.1).fold(f64::INFINITY, f64::min);
+        (self.navmesh.field(&seeds), least_m)
     }
 }

@@ -56,8 +56,8 @@ impl View {
         })
     }
 
-    /// The same view as a reference picture.
-    pub(crate) fn as_cue(&self) -> Self {
+    /// Returns this view with the size of a reference picture.
+    pub fn as_cue(&self) -> Self {
         Self { side_px: CUE_SIDE_PX, ..*self }
     }
 }

@@ -7,16 +7,13 @@
 //! DIR/SPLIT/sealed/SCENE.jsonl      hidden: targets, success regions, views of pictures, reference tours
 //! ```
 
-mod error;
-mod finite;
 mod lines;
 mod read;
 mod write;
 
-pub use error::{FormatCause, FormatError};
-pub use lines::{Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine, SplitLine};
+pub use lines::{
+    DATASET_VERSION, FormatCause, FormatError, Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine,
+    SplitLine,
+};
 pub use read::{File, read_manifest, read_missions, read_scene, read_scenes};
 pub use write::{WrittenScene, digest_of, manifest_bytes, scenes_bytes, write_scene};
-
-/// Version of the layout that this code writes and reads.
-pub const DATASET_VERSION: u32 = 1;

@@ -12,9 +12,7 @@ mod check;
 mod cue;
 mod describe;
 pub mod format;
-pub mod formats;
 mod mission;
-mod picture;
 mod reference;
 mod split;
 mod stats;
@@ -25,7 +23,9 @@ pub use check::{Constraint, Depth, Fault, check_scene};
 pub use cue::{CueSpec, Description, View};
 pub use describe::Claims;
 pub use format::{FormatError, Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine, SplitLine};
-pub use mission::{EpisodeSpec, GoalSpec, MissionOptions, ReferenceTour, StepGoal, sample_missions};
+pub use mission::{
+    EpisodeSpec, GoalSpec, MissionOptions, ReferenceTour, StepGoal, reference_tours, sample_missions,
+};
 pub use split::{DatasetError, SceneSource, SceneSpec, Split};
 pub use stats::{Spread, Statistics, page, summary};
-pub use survey::{Instance, SurveyOptions, ThresholdsOnly, Verifier, survey, survey_with};
+pub use survey::{Instance, SurveyOptions, ThresholdsOnly, Verifier, survey, survey_with, target_at};

@@ -1,17 +1,22 @@
-//! The numbers of a data set: what is in it, and how it is spread.
-
-mod page;
-mod spread;
+//! Statistics of data sets, and their page.
 
 use crate::{
     cue::CueSpec,
     format::SceneFacts,
     mission::{EpisodeSpec, GoalSpec},
 };
-pub use page::{page, summary};
 use serde::{Deserialize, Serialize};
-pub use spread::Spread;
-use std::collections::BTreeMap;
+use std::{
+    collections::BTreeMap,
+    fmt::{Display, Write},
+};
+
+const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}\
+table{border-collapse:collapse;margin:.5rem 0 1.5rem}td,th{padding:.15rem .6rem;text-align:left;vertical-align:middle}\
+td.n{text-align:right;font-variant-numeric:tabular-nums}.bar{background:#4a7ab5;height:.8rem;display:block}\
+h2{margin-top:2.5rem;border-bottom:1px solid #ccc}";
+/// Length of the longest bar, em.
+const LONGEST_BAR_EM: f64 = 20.0;
 
 /// Counts over scenes and their missions; those of two sets of scenes add up.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -176,5 +181,199 @@ impl Statistics {
 fn add<K: Ord + Clone>(mine: &mut BTreeMap<K, u64>, theirs: &BTreeMap<K, u64>) {
     for (key, count) in theirs {
         *mine.entry(key.clone()).or_default() += count;
+    }
+}
+
+/// How values are spread: their number, sum, extremes and a histogram.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Spread {
+    /// How many.
+    pub count: u64,
+    /// Their sum.
+    pub sum: f64,
+    /// The least; 0 when there are none.
+    pub min: f64,
+    /// The greatest; 0 when there are none.
+    pub max: f64,
+    /// Width of a bin of the histogram.
+    pub bin: f64,
+    /// Values in `[n * bin, (n + 1) * bin)`, by n.
+    pub bins: BTreeMap<u32, u64>,
+}
+
+impl Spread {
+    /// Nothing, with bins of width `bin`.
+    pub fn new(bin: f64) -> Self {
+        Self { count: 0, sum: 0.0, min: 0.0, max: 0.0, bin, bins: BTreeMap::new() }
+    }
+
+    /// Adds a value, 0 or more.
+    pub fn note(&mut self, value: f64) {
+        self.min = if self.count == 0 { value } else { self.min.min(value) };
+        self.max = if self.count == 0 { value } else { self.max.max(value) };
+        self.count += 1;
+        self.sum += value;
+        *self.bins.entry((value / self.bin).floor().max(0.0) as u32).or_default() += 1;
+    }
+
+    /// Adds the values of another spread with bins of the same width.
+    pub fn add(&mut self, other: &Self) {
+        if other.count == 0 {
+            return;
+        }
+        self.min = if self.count == 0 { other.min } else { self.min.min(other.min) };
+        self.max = if self.count == 0 { other.max } else { self.max.max(other.max) };
+        self.count += other.count;
+        self.sum += other.sum;
+        for (bin, count) in &other.bins {
+            *self.bins.entry(*bin).or_default() += count;
+        }
+    }
+
+    /// The mean; 0 when there are none.
+    pub fn mean(&self) -> f64 {
+        self.sum / self.count.max(1) as f64
+    }
+}
+
+/// The statistics page of a data set, HTML; one part for each split.
+pub fn page(name: &str, splits: &[(String, Statistics)]) -> String {
+    let name = escaped(name);
+    let mut html = format!(
+        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>{name}: statistics</title>\
+         <style>{STYLE}</style><h1>{name}: statistics</h1>"
+    );
+    for (split, numbers) in splits {
+        let _ = write!(html, "<h2>{}</h2><table>", escaped(split));
+        for (label, value) in summary(numbers) {
+            let _ = write!(html, "<tr><th>{label}<td>{value}");
+        }
+        html.push_str("</table>");
+        counts(&mut html, "Goals of a mission", &numbers.goals);
+        counts(&mut html, "Modalities of goals", &numbers.modalities);
+        counts(&mut html, "Modalities of a mission", &numbers.mixes);
+        counts(&mut html, "Categories of targets", &numbers.categories);
+        counts(&mut html, "Same-category distractors of a target", &numbers.distractors);
+        counts(&mut html, "Missions that ask for a target", &numbers.uses);
+        histogram(&mut html, "Reference length, ordered, metres", &numbers.ordered_m);
+        histogram(&mut html, "Reference length, unordered, metres", &numbers.unordered_m);
+        histogram(&mut html, "Reference steps, ordered", &numbers.ordered_steps);
+        histogram(&mut html, "Reference steps, unordered", &numbers.unordered_steps);
+        histogram(&mut html, "Start to success region, metres", &numbers.start_m);
+        histogram(&mut html, "Words of a description", &numbers.words);
+        histogram(&mut html, "Rooms of a scene", &numbers.regions);
+        counts(&mut html, "Storeys of a scene", &numbers.storeys);
+        histogram(&mut html, "Walkable area of a scene, square metres", &numbers.area_m2);
+        histogram(&mut html, "Possible targets of a scene", &numbers.instances);
+    }
+    html
+}
+
+/// The main numbers, as label and value.
+pub fn summary(numbers: &Statistics) -> Vec<(&'static str, String)> {
+    let spread = |spread: &Spread, unit: &str| {
+        format!("{:.1}{unit} ({:.1} to {:.1})", spread.mean(), spread.min, spread.max)
+    };
+    let share = |modality| format!("{:.1} %", 100.0 * numbers.share(modality));
+    let targets: u64 = numbers.uses.values().sum();
+    let most = numbers.uses.keys().next_back().copied().unwrap_or(0);
+    vec![
+        ("scenes", numbers.scenes.to_string()),
+        ("missions", numbers.missions.to_string()),
+        ("goals", numbers.goal_count().to_string()),
+        (
+            "category, description, image",
+            [share("category"), share("description"), share("image")].join(", "),
+        ),
+        (
+            "targets",
+            format!(
+                "{targets}, each asked for {:.1} times, at most {most}",
+                per(numbers.goal_count(), targets)
+            ),
+        ),
+        ("reference length, ordered", spread(&numbers.ordered_m, " m")),
+        ("reference length, unordered", spread(&numbers.unordered_m, " m")),
+        ("reference steps, ordered", spread(&numbers.ordered_steps, "")),
+        ("reference steps, unordered", spread(&numbers.unordered_steps, "")),
+        ("start to success region", spread(&numbers.start_m, " m")),
+        ("words of a description", spread(&numbers.words, "")),
+        ("rooms of a scene", spread(&numbers.regions, "")),
+        ("walkable area of a scene", spread(&numbers.area_m2, " m2")),
+    ]
+}
+
+/// Escapes text for HTML. Categories of imported data sets are arbitrary text.
+fn escaped(text: &str) -> String {
+    let mut html = String::with_capacity(text.len());
+    for letter in text.chars() {
+        match letter {
+            '&' => html.push_str("&amp;"),
+            '<' => html.push_str("&lt;"),
+            '>' => html.push_str("&gt;"),
+            '"' => html.push_str("&quot;"),
+            _ => html.push(letter),
+        }
+    }
+    html
+}
+
+fn per(count: u64, of: u64) -> f64 {
+    count as f64 / of.max(1) as f64
+}
+
+fn counts<K: Display>(html: &mut String, title: &str, counts: &BTreeMap<K, u64>) {
+    table(html, title, counts.iter().map(|(key, &count)| (key.to_string(), count)));
+}
+
+fn histogram(html: &mut String, title: &str, spread: &Spread) {
+    let label = |bin: u32| format!("{} to {}", f64::from(bin) * spread.bin, f64::from(bin + 1) * spread.bin);
+    table(html, title, spread.bins.iter().map(|(&bin, &count)| (label(bin), count)));
+}
+
+fn table(html: &mut String, title: &str, rows: impl Iterator<Item = (String, u64)>) {
+    let rows: Vec<_> = rows.collect();
+    let most = rows.iter().map(|row| row.1).max().unwrap_or(1).max(1);
+    let total: u64 = rows.iter().map(|row| row.1).sum();
+    let _ = write!(html, "<h3>{title}</h3><table>");
+    for (label, count) in rows {
+        let label = escaped(&label);
+        let width = LONGEST_BAR_EM * count as f64 / most as f64;
+        let share = 100.0 * per(count, total);
+        let _ = write!(
+            html,
+            "<tr><td>{label}<td class=n>{count}<td class=n>{share:.1} %<td><span class=bar style=\"width:{width:.2}em\"></span>"
+        );
+    }
+    html.push_str("</table>");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn page_escapes_names_and_categories() {
+        let mut numbers = Statistics::default();
+        numbers.categories.insert("<script>\"&".to_owned(), 1);
+        let html = page("<b>", &[("<i>".to_owned(), numbers)]);
+        assert!(html.contains("&lt;script&gt;&quot;&amp;") && html.contains("&lt;b&gt;: statistics"));
+        assert!(!html.contains("<script") && !html.contains("<b>") && !html.contains("<i>"), "{html}");
+    }
+
+    #[test]
+    fn spreads_add_up() {
+        let of = |values: &[f64]| {
+            let mut spread = Spread::new(5.0);
+            values.iter().for_each(|&value| spread.note(value));
+            spread
+        };
+        let mut sum = of(&[1.0, 4.0]);
+        sum.add(&of(&[5.0, 12.0]));
+        sum.add(&of(&[]));
+        assert_eq!(sum, of(&[1.0, 4.0, 5.0, 12.0]));
+        assert_eq!((sum.mean(), sum.min, sum.max), (5.5, 1.0, 12.0));
+        assert_eq!(sum.bins, BTreeMap::from([(0, 2), (1, 1), (2, 1)]));
     }
 }

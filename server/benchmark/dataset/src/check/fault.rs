@@ -1,3 +1,5 @@
+//! Constraints of missions, and their violations.
+
 use std::fmt;
 
 /// A mission that breaks a constraint.

@@ -1,11 +1,21 @@
-use super::{Constraint, SNAP_M, seen::Seen};
-use crate::{GoalSpec, MissionRules, cue::CueSpec, describe::unsaid};
+//! Checks of goals: targets, cues, success regions.
+
+use crate::{
+    build::MissionRules,
+    check::fault::Constraint,
+    cue::{CueSpec, Description, View},
+    describe::{Facts, fits_only, unsaid},
+    mission::GoalSpec,
+    survey::{Palette, Sighting, SurveyOptions, ThresholdsOnly, choose_pictures, look_around},
+};
 use avln_episode::Rules;
 use avln_scene::InstanceId;
 use avln_truth::Target;
 use avln_world::{NavPoint, SceneAssets};
 use std::collections::{BTreeMap, btree_map::Entry};
 
+/// Largest distance of a stored point from the mesh, metres.
+pub(super) const SNAP_M: f32 = 0.1;
 /// Most words of a description.
 const MAX_WORDS: usize = 60;
 /// How far a box may differ from the scene's, metres.
@@ -166,4 +176,40 @@ fn distractors(assets: &SceneAssets, goal: &GoalSpec, limits: &MissionRules) -> 
         faults.push((Constraint::Distractors, found));
     }
     faults
+}
+
+/// What was seen when the looks of the survey were taken again.
+pub(super) struct Seen<'a> {
+    assets: &'a SceneAssets,
+    options: &'a SurveyOptions,
+    sightings: Vec<Sighting>,
+    palettes: BTreeMap<InstanceId, Palette>,
+}
+
+impl<'a> Seen<'a> {
+    pub(super) fn of(assets: &'a SceneAssets, rules: &Rules, options: &'a SurveyOptions) -> Self {
+        let (sightings, palettes) = look_around(assets, rules, options, &ThresholdsOnly);
+        Self { assets, options, sightings, palettes }
+    }
+
+    /// What is wrong with a sentence that was said of `instance`.
+    pub(super) fn sentence(&self, instance: u32, said: &Description) -> Option<String> {
+        let Some(claims) = &said.claims else {
+            return Some("the description comes without its claims".to_owned());
+        };
+        let facts = Facts::new(self.assets, &self.palettes);
+        let index = self.assets.scene.objects.iter().position(|object| object.id.0 == instance)?;
+        let fits = fits_only(&facts, claims, index);
+        (!fits).then(|| format!("'{}' does not fit instance {instance} alone", said.text))
+    }
+
+    /// What is wrong with a picture that was taken of `instance`.
+    pub(super) fn picture(&self, instance: u32, view: &View) -> Option<String> {
+        let objects = &self.assets.scene.objects;
+        let sighting = self.sightings.iter().find(|sighting| objects[sighting.index].id.0 == instance);
+        let known = sighting.is_some_and(|sighting| {
+            choose_pictures(&self.assets.scene, sighting, &self.sightings, self.options).0.contains(view)
+        });
+        (!known).then(|| format!("the picture does not tell instance {instance} from others of its kind"))
+    }
 }

@@ -3,10 +3,9 @@
 //! Every claim has two readings. By the plain one it holds for the target; by the generous one, with wide thresholds
 //! and the benefit of every doubt, it must still fail for each rival.
 
-use super::{
-    claim::{Claim, Claims, Landmark, Relation},
-    facts::{Facts, SIDES},
-    lexicon::{may_be_called, room_noun},
+use crate::describe::{
+    facts::{Claim, Claims, Facts, Landmark, Relation, SIDES},
+    lexicon::{self, may_be_called, room_noun},
 };
 use avln_geom::{Aabb, Point3};
 use avln_scene::Object;
@@ -247,4 +246,42 @@ fn is_across(facts: &Facts, own: &Object, thing: &Object, reading: Reading) -> b
     let (at, with) = (walls(facts, own, reading), walls(facts, thing, reading));
     let faces = (0..4).any(|side| at[side] && with[side ^ 1]);
     apart && aligned && !other_room && (faces || reading == Reading::Generous)
+}
+
+/// The first word that `claims` need and `text` lacks.
+pub(crate) fn unsaid(text: &str, claims: &Claims) -> Option<String> {
+    let text = text.to_lowercase();
+    let said = |word: &String| text.contains(word) || text.contains(&lexicon::plural(word));
+    let head = std::iter::once(claims.head.noun.clone());
+    let words = head.chain(claims.list.iter().flat_map(words)).map(|word| word.to_lowercase());
+    words.into_iter().find(|word| !said(word))
+}
+
+/// The words without which a claim is not made.
+fn words(claim: &Claim) -> Vec<String> {
+    match claim {
+        Claim::Color(word) | Claim::Shape(word) | Claim::Size(word) => vec![word.clone()],
+        // `wool` is in `woollen`, `wood` in `wooden`: said as adjective or as what it is made of.
+        Claim::Material(word) => vec![lexicon::substance(word).unwrap_or(word).to_owned()],
+        Claim::Room(noun) => vec![noun.clone()],
+        Claim::Place(relation, landmarks) => {
+            let side = side(*relation).map(str::to_owned);
+            landmarks.iter().flat_map(named).cloned().chain(side).collect()
+        }
+    }
+}
+
+fn named(landmark: &Landmark) -> impl Iterator<Item = &String> {
+    landmark.color.iter().chain([&landmark.name.noun])
+}
+
+fn side(relation: Relation) -> Option<&'static str> {
+    match relation {
+        Relation::LeftOf => Some("to the left of"),
+        Relation::RightOf => Some("to the right of"),
+        Relation::Between => Some("between"),
+        Relation::Corner => Some("corner"),
+        Relation::AgainstWall => Some("wall"),
+        _ => None,
+    }
 }

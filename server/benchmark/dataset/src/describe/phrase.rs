@@ -1,7 +1,7 @@
 //! Claims in words.
 
-use super::{
-    claim::{Claim, Landmark, Relation},
+use crate::describe::{
+    facts::{Claim, Landmark, Relation},
     frames::Frame,
     lexicon::{article, plural, substance},
 };

@@ -1,8 +1,7 @@
 //! Finds what can be said of where an object is: only what nobody would dispute.
 
-use super::{
-    claim::{Claim, Landmark, Relation},
-    facts::{Facts, SIDES},
+use crate::describe::{
+    facts::{Claim, Facts, Landmark, Relation, SIDES},
     lexicon::{is_landmark, may_be_called, names},
 };
 use avln_geom::{Aabb, Vector3};

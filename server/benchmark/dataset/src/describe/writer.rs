@@ -1,14 +1,13 @@
-use super::{
-    check::{self, Reading},
-    claim::{Claim, Claims, Relation},
-    facts::Facts,
-    frames::Frame,
-    lexicon::{self, Name},
-    phrase::Words,
-    relate::Relater,
-};
 use crate::{
     cue::Description,
+    describe::{
+        check::{self, Reading},
+        facts::{Claim, Claims, Facts, Relation},
+        frames::Frame,
+        lexicon::{self, Name},
+        phrase::Words,
+        relate::Relater,
+    },
     survey::{Palette, Sighting, SurveyOptions},
 };
 use avln_geom::Rng;

@@ -1,10 +1,12 @@
-use super::{
-    DATASET_VERSION, FormatCause, FormatError, Manifest, PublicGoal, PublicMission, SceneLine, digest_of,
-    finite,
-    lines::{Header, SealedGoal, SealedMission, SealedTarget},
-};
 use crate::{
     cue::{CueSpec, Description},
+    format::{
+        lines::{
+            DATASET_VERSION, FormatCause, FormatError, Header, Manifest, PublicGoal, PublicMission,
+            SceneLine, SealedGoal, SealedMission, SealedTarget,
+        },
+        write::digest_of,
+    },
     mission::{EpisodeSpec, GoalSpec},
 };
 use avln_episode::Modality;
@@ -286,4 +288,44 @@ fn json_error(error: &serde_json::Error) -> String {
         return format!("it ends in the middle of a line, after {} bytes: {what}", error.column());
     }
     format!("{what} (column {})", error.column())
+}
+
+/// Checks for finite numbers: JSON has no infinity, but a number too large for its type becomes one.
+mod finite {
+    use crate::{cue::View, mission::ReferenceTour};
+    use avln_geom::{Point3, Pose};
+    use avln_truth::Target;
+
+    /// The first field that is not finite, by name.
+    pub(super) type Bad = Option<&'static str>;
+
+    pub(super) fn point(point: &Point3<f32>, what: &'static str) -> Bad {
+        (!point.iter().all(|value| value.is_finite())).then_some(what)
+    }
+
+    pub(super) fn pose(pose: &Pose, what: &'static str) -> Bad {
+        point(&pose.position, what).or((!pose.heading_rad.is_finite()).then_some(what))
+    }
+
+    pub(super) fn number(value: f64, what: &'static str) -> Bad {
+        (!value.is_finite()).then_some(what)
+    }
+
+    pub(super) fn target(target: &Target) -> Bad {
+        let bounds = &target.bounds;
+        point(&bounds.min, "target.bounds")
+            .or_else(|| point(&bounds.max, "target.bounds"))
+            .or_else(|| point(&target.source, "target.source"))
+            .or_else(|| number(f64::from(target.floor_y_m), "target.floor_y_m"))
+            .or_else(|| target.region.iter().find_map(|place| point(place, "target.region")))
+            .or_else(|| target.viewpoints.iter().find_map(|place| pose(place, "target.viewpoints")))
+    }
+
+    pub(super) fn view(view: &View) -> Bad {
+        pose(&view.pose, "goals.view").or_else(|| number(f64::from(view.hfov_rad), "goals.view"))
+    }
+
+    pub(super) fn tour(tour: &ReferenceTour, what: &'static str) -> Bad {
+        number(tour.length_m, what).or_else(|| tour.path.iter().find_map(|corner| point(corner, what)))
+    }
 }

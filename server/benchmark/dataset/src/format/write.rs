@@ -1,9 +1,9 @@
-use super::{
-    DATASET_VERSION, Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine,
-    lines::{Header, SealedGoal, SealedMission, SealedTarget},
-};
 use crate::{
     cue::CueSpec,
+    format::lines::{
+        DATASET_VERSION, Header, Manifest, PublicGoal, PublicMission, SceneFacts, SceneLine, SealedGoal,
+        SealedMission, SealedTarget,
+    },
     mission::{EpisodeSpec, GoalSpec},
     split::{DatasetError, SceneSpec},
 };

@@ -1,4 +1,5 @@
-use super::look::{self, Region, Stand, Straight};
+//! Distance tables of the success regions of a house, computed once for all missions.
+
 use avln_geom::Point3;
 use avln_navmesh::{CornerWays, Exits, NavMesh, NavPoint, Places};
 use std::cell::OnceCell;
@@ -21,7 +22,7 @@ pub(crate) struct Atlas<'a> {
 /// Where a tour starts.
 pub(crate) struct Departure {
     position: Point3<f32>,
-    pub(super) exits: Exits,
+    exits: Exits,
 }
 
 /// How one stand is reached from another.
@@ -45,9 +46,9 @@ impl Way {
 impl<'a> Atlas<'a> {
     /// Looks around in `regions`. Pairs nearer to each other than `least_apart_m` need no tours between them.
     pub(crate) fn new(navmesh: &'a NavMesh, regions: &[Vec<NavPoint>], least_apart_m: f64) -> Self {
-        let found = look::around(navmesh, regions, least_apart_m);
+        let found = look_around(navmesh, regions, least_apart_m);
         let ways = (0..navmesh.corner_count()).map(|_| OnceCell::new()).collect();
-        let look::Found { regions, places, straight, straight_m } = found;
+        let Sight { regions, places, straight, straight_m } = found;
         let mut atlas = Self { navmesh, regions, places, ways, straight, apart_m: straight_m };
         atlas.measure();
         atlas
@@ -201,5 +202,137 @@ impl<'a> Atlas<'a> {
             let (a, b) = (pair.from as usize, pair.to as usize);
             if turned { (b, a, pair.distance_m) } else { (a, b, pair.distance_m) }
         })
+    }
+}
+
+/// A success region.
+struct Region {
+    /// Number of its first place among the places of all regions.
+    first: usize,
+    stands: Vec<Stand>,
+    /// Corners by which one can leave it, ascending.
+    gates: Vec<u32>,
+    /// For each gate: how far the nearest stand is, metres.
+    near_m: Vec<f64>,
+}
+
+/// A sampled place of a region.
+struct Stand {
+    position: Point3<f32>,
+    /// Gates in straight reach, by their index in the region, and how far they are, metres.
+    exits: Vec<(u32, f64)>,
+}
+
+/// Two stands in straight reach of each other.
+struct Straight {
+    from: u32,
+    to: u32,
+    distance_m: f64,
+}
+
+/// What there is to see. Pairs of regions are numbered `smaller * regions + larger`.
+struct Sight {
+    regions: Vec<Region>,
+    /// All stands of all regions, one region after the other.
+    places: Places,
+    /// For each pair of regions: stands in straight reach of each other.
+    straight: Vec<Vec<Straight>>,
+    /// For each pair: the least of their distances, metres.
+    straight_m: Vec<f64>,
+}
+
+/// Looks around from every point; pairs of regions that turn out to be nearer than `least_apart_m` are not kept.
+fn look_around(navmesh: &NavMesh, regions: &[Vec<NavPoint>], least_apart_m: f64) -> Sight {
+    let all: Vec<NavPoint> = regions.iter().flatten().copied().collect();
+    let place_of: Vec<(usize, u32)> = regions
+        .iter()
+        .enumerate()
+        .flat_map(|(region, points)| (0..points.len() as u32).map(move |stand| (region, stand)))
+        .collect();
+    let count = regions.len();
+    let mut found = Sight {
+        regions: Vec::with_capacity(count),
+        places: Places::new(navmesh, &all),
+        straight: std::iter::repeat_with(Vec::new).take(count * count).collect(),
+        straight_m: vec![f64::INFINITY; count * count],
+    };
+    let mut first = 0;
+    for (here, points) in regions.iter().enumerate() {
+        let exits: Vec<_> = points.iter().map(|point| navmesh.exits(point, &found.places)).collect();
+        for (from, exits) in exits.iter().enumerate() {
+            for &(place, distance_m) in &exits.places {
+                let (there, to) = place_of[place as usize];
+                if there > here {
+                    let pair = Straight { from: from as u32, to, distance_m };
+                    found.note(here * count + there, pair, least_apart_m);
+                }
+            }
+        }
+        found.regions.push(Region::new(first, points, &exits));
+        first += points.len();
+    }
+    found
+}
+
+impl Sight {
+    fn note(&mut self, pair: usize, straight: Straight, least_apart_m: f64) {
+        self.straight_m[pair] = self.straight_m[pair].min(straight.distance_m);
+        if self.straight_m[pair] < least_apart_m {
+            self.straight[pair] = Vec::new();
+        } else {
+            self.straight[pair].push(straight);
+        }
+    }
+}
+
+impl Region {
+    fn new(first: usize, points: &[NavPoint], exits: &[Exits]) -> Self {
+        let mut gates: Vec<u32> =
+            exits.iter().flat_map(|seen| &seen.corners).map(|exit| exit.corner).collect();
+        gates.sort_unstable();
+        gates.dedup();
+        let mut near_m = vec![f64::INFINITY; gates.len()];
+        let mut stands = Vec::with_capacity(points.len());
+        for (point, seen) in points.iter().zip(exits) {
+            let exits = seen.corners.iter().map(|exit| {
+                let gate = gates.partition_point(|&gate| gate < exit.corner);
+                near_m[gate] = near_m[gate].min(exit.distance_m);
+                (gate as u32, exit.distance_m)
+            });
+            stands.push(Stand { position: point.position(), exits: exits.collect() });
+        }
+        Self { first, stands, gates, near_m }
+    }
+
+    /// Costs at the gates from costs at the stands.
+    fn gather(&self, costs: &[f64]) -> Vec<f64> {
+        let mut gates = vec![f64::INFINITY; self.gates.len()];
+        for (stand, cost) in self.stands.iter().zip(costs) {
+            for &(gate, distance_m) in &stand.exits {
+                let gate = &mut gates[gate as usize];
+                *gate = gate.min(cost + distance_m);
+            }
+        }
+        gates
+    }
+
+    /// Costs at the stands from costs at the gates.
+    fn spread(&self, gates: &[f64]) -> Vec<f64> {
+        let least = |stand: &Stand| {
+            let ways = stand.exits.iter().map(|&(gate, distance_m)| gates[gate as usize] + distance_m);
+            ways.fold(f64::INFINITY, f64::min)
+        };
+        self.stands.iter().map(least).collect()
+    }
+
+    /// The stands in straight reach of a start, and how far they are, metres.
+    fn seen_from(&self, start: &Departure) -> impl Iterator<Item = (usize, f64)> {
+        let places = &start.exits.places;
+        let from = places.partition_point(|place| (place.0 as usize) < self.first);
+        let end = self.first + self.stands.len();
+        places[from..]
+            .iter()
+            .take_while(move |place| (place.0 as usize) < end)
+            .map(|place| (place.0 as usize - self.first, place.1))
     }
 }

@@ -1,8 +1,8 @@
-//! Where one can stand to look at a target.
+//! Success regions and viewpoints of targets.
 
-use avln_episode::Rules;
+use avln_episode::{Modality, Rules};
 use avln_geom::{Aabb, Point3, Pose, Vector3, angle};
-use avln_scene::InstanceId;
+use avln_scene::{InstanceId, Object};
 use avln_truth::Target;
 use avln_world::{NavPoint, SceneAssets};
 use std::f32::consts::TAU;
@@ -10,8 +10,60 @@ use std::f32::consts::TAU;
 /// Spacing of the sampled points of a success region, metres.
 const REGION_SPACING_M: f32 = 0.25;
 
+/// Fewest points of a success region.
+const MIN_REGION_POINTS: usize = 4;
+/// Largest distance of an imported viewpoint from the walkable floor, metres.
+const SNAP_M: f32 = 0.5;
+/// Most viewpoints of an imported target.
+const MAX_VIEWPOINTS: usize = 12;
+
+/// Returns the target of an object with its success region, without viewpoints; `None` if the region is too small.
+pub(crate) fn target_without_views(
+    assets: &SceneAssets,
+    rules: &Rules,
+    object: &Object,
+    category: &str,
+) -> Option<Target> {
+    let mut target = Target {
+        instance: object.id.0,
+        category: category.to_owned(),
+        modality: Modality::Category,
+        bounds: object.bounds,
+        source: object.bounds.center(),
+        floor_y_m: floor_below(assets, &object.bounds)?,
+        region: Vec::new(),
+        viewpoints: Vec::new(),
+        start_distance_m: 0.0,
+    };
+    target.region = success_region(assets, rules, &target);
+    (target.region.len() >= MIN_REGION_POINTS).then_some(target)
+}
+
+/// Returns the target of an object of an imported mission, with the given viewpoints as far as they are on the floor, or
+/// else with viewpoints spread over its success region; `None` if the region is too small.
+pub fn target_at(
+    assets: &SceneAssets,
+    rules: &Rules,
+    object: &Object,
+    category: &str,
+    viewpoints: &[Pose],
+) -> Option<Target> {
+    let mut target = target_without_views(assets, rules, object, category)?;
+    let snapped = viewpoints.iter().filter_map(|pose| {
+        let point = assets.navmesh.snap(&pose.position, SNAP_M)?;
+        Some(Pose::new(point.position(), pose.heading_rad))
+    });
+    target.viewpoints = snapped.take(MAX_VIEWPOINTS).collect();
+    if target.viewpoints.is_empty() {
+        let center = object.bounds.center();
+        let bases = spread(&target.region, &center, MAX_VIEWPOINTS);
+        target.viewpoints = bases.iter().map(|base| facing(base, &center)).collect();
+    }
+    Some(target)
+}
+
 /// Height of the highest floor of the largest island near the box that is not above its lower half.
-pub(crate) fn floor_below(assets: &SceneAssets, bounds: &Aabb) -> Option<f32> {
+fn floor_below(assets: &SceneAssets, bounds: &Aabb) -> Option<f32> {
     const SEARCH_M: f32 = 1.5;
     let mut column = bounds.grown(SEARCH_M);
     column.min.y = bounds.min.y - 3.0;
@@ -27,7 +79,7 @@ fn island_grid(assets: &SceneAssets, bounds: &Aabb) -> Vec<NavPoint> {
 }
 
 /// The grid points from which a Submit would count.
-pub(crate) fn success_region(assets: &SceneAssets, rules: &Rules, target: &Target) -> Vec<Point3<f32>> {
+fn success_region(assets: &SceneAssets, rules: &Rules, target: &Target) -> Vec<Point3<f32>> {
     let mut around = target.bounds.grown(rules.success_radius_m);
     (around.min.y, around.max.y) = (target.floor_y_m - 1.0, target.floor_y_m + 1.0);
     let sees =

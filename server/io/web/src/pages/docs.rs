@@ -57,7 +57,7 @@ const PATHS: [(&str, &str); 40] = texts![
     "docs/decisions/0013-backups-cut-logs.md",
     "docs/decisions/0014-traces-are-lines.md",
     "docs/decisions/0015-models-run-by-a-library-of-the-user.md",
-    "docs/decisions/0016-parquet-without-a-library.md",
+    "docs/decisions/0016-parquet-crate.md",
     "docs/decisions/0017-people-play-as-agents-do.md",
     "docs/decisions/0018-pages-without-a-library.md",
 ];

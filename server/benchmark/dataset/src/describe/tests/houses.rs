@@ -2,7 +2,7 @@
 
 use crate::{
     describe::{
-        claim::{Claim, Landmark, Relation},
+        facts::{Claim, Landmark, Relation},
         lexicon, unsaid,
         writer::{Sentence, Writer},
     },

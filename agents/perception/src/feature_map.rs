@@ -1,0 +1,400 @@
+use crate::weights::{ConvLayer, PANEL};
+use avln_simd::{Width, Work, run_at};
+
+/// A feature map: pixels with `channels` numbers, row by row, and a zero border, so that a 3 × 3 convolution reads
+/// three contiguous stretches per pixel.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct FeatureMap {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) channels: usize,
+    values: Vec<f32>,
+}
+
+impl FeatureMap {
+    pub(crate) fn new(width: usize, height: usize, channels: usize) -> Self {
+        Self { width, height, channels, values: vec![0.0; (width + 2) * (height + 2) * channels] }
+    }
+
+    /// Returns a row without the border.
+    pub(crate) fn row(&self, row: usize) -> &[f32] {
+        let start = self.start(row);
+        &self.values[start..start + self.width * self.channels]
+    }
+
+    pub(crate) fn row_mut(&mut self, row: usize) -> &mut [f32] {
+        let (start, length) = (self.start(row), self.width * self.channels);
+        &mut self.values[start..start + length]
+    }
+
+    /// Returns a pixel.
+    pub(crate) fn at(&self, column: usize, row: usize) -> &[f32] {
+        let start = self.start(row) + column * self.channels;
+        &self.values[start..start + self.channels]
+    }
+
+    fn start(&self, row: usize) -> usize {
+        ((row + 1) * (self.width + 2) + 1) * self.channels
+    }
+
+    /// Computes the rectified 3 × 3 convolution; `input` has equal or (stride 2) double size.
+    pub(crate) fn convolve(&mut self, input: &FeatureMap, layer: &ConvLayer) {
+        let step = input.width / self.width;
+        let line = (input.width + 2) * input.channels;
+        let start = |row: usize| step * row * line;
+        let taps = |row: usize| std::array::from_fn::<usize, 3, _>(|tap| start(row) + tap * line);
+        self.fill(layer, &input.values, [step * input.channels, 3 * input.channels], taps, 0.0);
+    }
+
+    /// Computes the 1 × 1 convolution; `input` has equal size.
+    pub(crate) fn project(&mut self, input: &FeatureMap, layer: &ConvLayer) {
+        let sizes = [input.channels, input.channels];
+        self.fill(layer, &input.values, sizes, |row| [input.start(row)], f32::NEG_INFINITY);
+    }
+
+    /// Fills the map with sums of products.
+    fn fill<const TAPS: usize>(
+        &mut self,
+        layer: &ConvLayer,
+        from: &[f32],
+        [step, length]: [usize; 2],
+        taps: impl Fn(usize) -> [usize; TAPS],
+        least: f32,
+    ) {
+        run_at(Width::Eight, Convolution { map: self, layer, from, step, length, taps, least });
+    }
+
+    /// Adds `coarse`, upsampled by 2.
+    pub(crate) fn add_twice(&mut self, coarse: &FeatureMap) {
+        for row in 0..self.height {
+            let from = coarse.row(row / 2).chunks_exact(coarse.channels);
+            let length = self.channels;
+            for (two, add) in self.row_mut(row).chunks_exact_mut(2 * length).zip(from) {
+                let (left, right) = two.split_at_mut(length);
+                for ((left, right), add) in left.iter_mut().zip(right).zip(add) {
+                    *left += add;
+                    *right += add;
+                }
+            }
+        }
+    }
+
+    /// Adds a 1 × 1 convolution over the global mean to all pixels; `mean` and `sum` are scratch buffers.
+    pub(crate) fn add_whole(&mut self, layer: &ConvLayer, mean: &mut Vec<f32>, sum: &mut Vec<f32>) {
+        let channels = self.channels;
+        mean.clear();
+        mean.resize(channels, 0.0);
+        for row in 0..self.height {
+            for pixel in self.row(row).chunks_exact(channels) {
+                mean.iter_mut().zip(pixel).for_each(|(mean, value)| *mean += value);
+            }
+        }
+        let share = 1.0 / (self.width * self.height) as f32;
+        sum.clone_from(&layer.bias);
+        for (panel, sums) in layer.panels.chunks_exact(channels).zip(sum.chunks_mut(PANEL)) {
+            for (mean, weights) in mean.iter().zip(panel) {
+                sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += mean * share * weight);
+            }
+        }
+        for row in 0..self.height {
+            for pixel in self.row_mut(row).chunks_exact_mut(channels) {
+                pixel.iter_mut().zip(&*sum).for_each(|(value, add)| *value += add);
+            }
+        }
+    }
+}
+
+/// A convolution into `map`, clipped below at `least`. Pixels read `length` numbers from `from` per tap; `taps`
+/// returns the offsets for a row's first pixel, and the next pixel reads `step` numbers later.
+struct Convolution<'a, T> {
+    map: &'a mut FeatureMap,
+    layer: &'a ConvLayer,
+    from: &'a [f32],
+    step: usize,
+    length: usize,
+    taps: T,
+    least: f32,
+}
+
+/// Pixels and panels per iteration: their sums fill the registers.
+const TILE: usize = 4;
+const PANELS: usize = 3;
+
+/// Sums by pixel for a panel's outputs.
+type Sums<const PIXELS: usize> = [[f32; PANEL]; PIXELS];
+
+impl<T: Fn(usize) -> [usize; TAPS], const TAPS: usize> Work for Convolution<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(mut self) {
+        let panels = self.map.channels.div_ceil(PANEL);
+        // Three panels at once read every value once for 24 outputs; the remaining panels follow singly.
+        let whole = panels - panels % PANELS;
+        for panel in (0..whole).step_by(PANELS) {
+            let weights = [0, 1, 2].map(|next| self.weights(panel + next));
+            self.rows(
+                panel,
+                |from, at, step| three(from, at, step, weights),
+                |from, at, step| three(from, at, step, weights),
+            );
+        }
+        for panel in whole..panels {
+            let weights = self.weights(panel);
+            self.rows(
+                panel,
+                |from, at, step| [one(from, at, step, weights)],
+                |from, at, step| [one(from, at, step, weights)],
+            );
+        }
+    }
+}
+
+/// A panel's weights by tap and input, and the bias.
+#[derive(Clone, Copy)]
+struct PanelWeights<'a> {
+    taps: &'a [[f32; PANEL]],
+    length: usize,
+    bias: [f32; PANEL],
+}
+
+impl<'a, T: Fn(usize) -> [usize; TAPS], const TAPS: usize> Convolution<'a, T> {
+    #[inline(always)]
+    fn weights(&self, panel: usize) -> PanelWeights<'a> {
+        let first = panel * PANEL;
+        let kept = PANEL.min(self.map.channels - first);
+        let mut bias = [0.0; PANEL];
+        bias[..kept].copy_from_slice(&self.layer.bias[first..first + kept]);
+        let count = TAPS * self.length;
+        PanelWeights { taps: &self.layer.panels[panel * count..][..count], length: self.length, bias }
+    }
+
+    /// Fills all rows from `panel` on: full tiles by `tile`, the rest of a row by `single`.
+    #[inline(always)]
+    fn rows<const COUNT: usize>(
+        &mut self,
+        panel: usize,
+        tile: impl Fn(&[f32], &[usize], usize) -> [Sums<TILE>; COUNT],
+        single: impl Fn(&[f32], &[usize], usize) -> [Sums<1>; COUNT],
+    ) {
+        for row in 0..self.map.height {
+            // The order of summation is fixed, whatever the vector width: calibration compares bits
+            // (docs/decisions/0019).
+            let (taps, width) = ((self.taps)(row), self.map.width);
+            let mut column = 0;
+            while column < width {
+                let at = taps.map(|tap| tap + column * self.step);
+                if column + TILE <= width {
+                    self.keep(row, column, panel, &tile(self.from, &at, self.step));
+                    column += TILE;
+                } else {
+                    self.keep(row, column, panel, &single(self.from, &at, self.step));
+                    column += 1;
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn keep<const PIXELS: usize>(&mut self, row: usize, column: usize, panel: usize, sums: &[Sums<PIXELS>]) {
+        let (channels, least) = (self.map.channels, self.least);
+        let to = &mut self.map.row_mut(row)[column * channels..];
+        for (first, sums) in (panel * PANEL..).step_by(PANEL).zip(sums) {
+            let kept = PANEL.min(channels - first);
+            for (to, sums) in to.chunks_exact_mut(channels).zip(sums) {
+                to[first..first + kept].iter_mut().zip(sums).for_each(|(to, sum)| *to = sum.max(least));
+            }
+        }
+    }
+}
+
+/// Sums values times weights over the stretches at `taps`, for pixels that are `step` apart.
+#[inline(always)]
+fn one<const PIXELS: usize>(
+    from: &[f32],
+    taps: &[usize],
+    step: usize,
+    weights: PanelWeights,
+) -> Sums<PIXELS> {
+    let mut sums = [weights.bias; PIXELS];
+    for (start, weights) in taps.iter().zip(weights.taps.chunks_exact(weights.length)) {
+        let values = stretches::<PIXELS>(from, *start, step, weights.len());
+        for (index, weights) in weights.iter().enumerate() {
+            add(&mut sums, &values, index, weights);
+        }
+    }
+    sums
+}
+
+/// Three panels at once, reading every value once.
+#[inline(always)]
+fn three<const PIXELS: usize>(
+    from: &[f32],
+    taps: &[usize],
+    step: usize,
+    [a, b, c]: [PanelWeights; PANELS],
+) -> [Sums<PIXELS>; PANELS] {
+    let [mut sums_a, mut sums_b, mut sums_c] = [[a.bias; PIXELS], [b.bias; PIXELS], [c.bias; PIXELS]];
+    let length = a.length;
+    for (tap, start) in taps.iter().enumerate() {
+        let values = stretches::<PIXELS>(from, *start, step, length);
+        let (a, b, c) = (
+            &a.taps[tap * length..][..length],
+            &b.taps[tap * length..][..length],
+            &c.taps[tap * length..][..length],
+        );
+        for index in 0..length {
+            add(&mut sums_a, &values, index, &a[index]);
+            add(&mut sums_b, &values, index, &b[index]);
+            add(&mut sums_c, &values, index, &c[index]);
+        }
+    }
+    [sums_a, sums_b, sums_c]
+}
+
+/// Returns the stretches for several pixels at one tap.
+#[inline(always)]
+fn stretches<const PIXELS: usize>(
+    from: &[f32],
+    start: usize,
+    step: usize,
+    length: usize,
+) -> [&[f32]; PIXELS] {
+    std::array::from_fn(|pixel| &from[start + pixel * step..][..length])
+}
+
+#[inline(always)]
+fn add<const PIXELS: usize>(
+    sums: &mut Sums<PIXELS>,
+    values: &[&[f32]; PIXELS],
+    index: usize,
+    weights: &[f32; PANEL],
+) {
+    for (sums, values) in sums.iter_mut().zip(values) {
+        let value = values[index];
+        sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * weight);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Pseudo-random numbers, -0.5 to 0.5.
+    fn noise(count: usize, seed: u32) -> Vec<f32> {
+        let mut state = seed;
+        let mut next = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32 - 0.5
+        };
+        (0..count).map(|_| next()).collect()
+    }
+
+    fn filled(width: usize, height: usize, channels: usize) -> FeatureMap {
+        let mut map = FeatureMap::new(width, height, channels);
+        for row in 0..height {
+            map.row_mut(row).copy_from_slice(&noise(width * channels, row as u32));
+        }
+        map
+    }
+
+    /// Reference implementation of the convolution.
+    fn plain(
+        input: &FeatureMap,
+        (weights, bias): (&[f32], &[f32]),
+        step: usize,
+        [column, row]: [usize; 2],
+    ) -> Vec<f32> {
+        let (mut sums, outputs) = (bias.to_vec(), bias.len());
+        for (tap, weights) in weights.chunks_exact(input.channels * outputs).enumerate() {
+            let (x, y) = ((step * column + tap % 3).wrapping_sub(1), (step * row + tap / 3).wrapping_sub(1));
+            if x < input.width && y < input.height {
+                for (value, weights) in input.at(x, y).iter().zip(weights.chunks_exact(outputs)) {
+                    sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += value * weight);
+                }
+            }
+        }
+        sums.into_iter().map(|sum| sum.max(0.0)).collect()
+    }
+
+    fn check(step: usize, width: usize) {
+        let (inputs, outputs) = (7, 9);
+        let (weights, bias) = (noise(9 * inputs * outputs, 3), noise(outputs, 4));
+        let layer = ConvLayer::new(&weights, bias.clone());
+        let input = filled(width, 16, inputs);
+        let mut output = FeatureMap::new(width / step, 16 / step, outputs);
+        // Previous content must not matter.
+        output.values.fill(7.0);
+        output.values[..(width / step + 3) * outputs].fill(0.0);
+        for _ in 0..2 {
+            output.convolve(&input, &layer);
+        }
+        for (column, row) in
+            [(0, 0), (1, 2), (width / step - 1, 0), (0, 16 / step - 1), (width / step - 1, 16 / step - 1)]
+        {
+            let wanted = plain(&input, (&weights, &bias), step, [column, row]);
+            let close = output.at(column, row).iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 1e-5);
+            assert!(close, "{column} {row}: {:?} {wanted:?}", output.at(column, row));
+        }
+    }
+
+    #[test]
+    fn convolutions_match_the_definition() {
+        for width in [4, 12, 32] {
+            check(1, width);
+            check(2, width);
+        }
+    }
+
+    #[test]
+    fn all_simd_widths_give_equal_bits() {
+        let (inputs, outputs) = (7, 33);
+        let layer = ConvLayer::new(&noise(9 * inputs * outputs, 3), noise(outputs, 4));
+        let input = filled(30, 16, inputs);
+        let convolved = |width: Width| {
+            let mut map = FeatureMap::new(30, 16, outputs);
+            let line = 32 * inputs;
+            let taps = |row: usize| std::array::from_fn::<usize, 3, _>(|tap| (row + tap) * line);
+            let (step, length) = (inputs, 3 * inputs);
+            run_at(
+                width,
+                Convolution {
+                    map: &mut map,
+                    layer: &layer,
+                    from: &input.values,
+                    step,
+                    length,
+                    taps,
+                    least: 0.0,
+                },
+            );
+            map.values
+        };
+        let (four, eight) = (convolved(Width::Portable), convolved(Width::Eight));
+        assert!(four.iter().zip(&eight).all(|(a, b)| a.to_bits() == b.to_bits()));
+        assert!(four.iter().any(|value| *value > 0.0));
+    }
+
+    #[test]
+    fn coarse_maps_are_upsampled_and_added() {
+        let (coarse, mut fine) = (filled(3, 2, 2), filled(6, 4, 2));
+        let before = fine.clone();
+        fine.add_twice(&coarse);
+        for (column, row) in [(0, 0), (5, 3), (2, 1)] {
+            for channel in 0..2 {
+                let wanted = before.at(column, row)[channel] + coarse.at(column / 2, row / 2)[channel];
+                assert_eq!(fine.at(column, row)[channel], wanted);
+            }
+        }
+    }
+
+    #[test]
+    fn global_mean_is_added_to_each_pixel() {
+        let mut map = FeatureMap::new(2, 1, 2);
+        map.row_mut(0).copy_from_slice(&[1.0, 2.0, 3.0, 6.0]);
+        let layer = ConvLayer::new(&[1.0, 10.0, 0.5, 0.0], vec![0.25, 0.0]);
+        map.add_whole(&layer, &mut Vec::new(), &mut Vec::new());
+        // Means 2 and 4: 2 + 2 + 0.25 and 20.
+        assert_eq!(map.row(0), [5.25, 22.0, 7.25, 26.0]);
+    }
+}

@@ -1,0 +1,179 @@
+//! Reference pictures, and whether they show one instance and no other of its kind.
+
+use crate::{
+    cue::View,
+    survey::{look::Look, options::SurveyOptions, sighting::Sighting},
+};
+use avln_scene::{Object, Scene};
+use std::collections::BTreeSet;
+
+/// How near to the target a thing is that tells its place, metres between boxes.
+const NEAR_M: f32 = 0.8;
+/// How far from a rival such a thing must be, metres between boxes.
+const FAR_M: f32 = 1.5;
+/// Share of the picture that such a thing fills at least.
+const COMPANION_SHARE: f32 = 0.01;
+/// Places of two reference pictures are this far apart, metres.
+const APART_M: f32 = 0.6;
+
+/// The reference pictures of an instance, the best first, and the least margin among them (0 without any).
+///
+/// A picture counts when it differs from every look at every other instance of the category by
+/// [`SurveyOptions::min_image_margin`]; none come back when no picture does.
+pub(crate) fn choose_pictures(
+    scene: &Scene,
+    sighting: &Sighting,
+    all: &[Sighting],
+    options: &SurveyOptions,
+) -> (Vec<View>, f32) {
+    let category = &sighting.target.category;
+    let rivals: Vec<&Sighting> = all
+        .iter()
+        .filter(|other| other.target.category == *category && other.index != sighting.index)
+        .collect();
+    let mut chosen: Vec<View> = Vec::new();
+    let mut least: Option<f32> = None;
+    for look in &sighting.looks {
+        let margin = rivals.iter().map(|rival| margin(scene, sighting, look, rival)).fold(1.0, f32::min);
+        let apart = |other: &View| (other.pose.position - look.view.pose.position).norm() >= APART_M;
+        if chosen.len() < options.images && margin >= options.min_image_margin && chosen.iter().all(apart) {
+            chosen.push(look.view.as_cue());
+            least = Some(least.map_or(margin, |least| least.min(margin)));
+        }
+    }
+    (chosen, least.unwrap_or(0.0))
+}
+
+/// By how much `look` differs from a rival, 0 to 1: in its colours, in the room around it, or in what is next to it.
+fn margin(scene: &Scene, sighting: &Sighting, look: &Look, rival: &Sighting) -> f32 {
+    let nearest = |distance: &dyn Fn(&Look) -> f32| rival.looks.iter().map(distance).fold(1.0, f32::min);
+    let colors = nearest(&|other| look.object.distance(&other.object));
+    let (own, other) = (&scene.objects[sighting.index], &scene.objects[rival.index]);
+    let rooms_differ = own.region.is_some() && other.region.is_some() && own.region != other.region;
+    let room = if rooms_differ { nearest(&|other| look.context.distance(&other.context)) } else { 0.0 };
+    colors.max(room).max(company(scene, own, look, other))
+}
+
+/// Share of the kinds of thing seen next to `own` that are not near `other`, 0 to 1.
+fn company(scene: &Scene, own: &Object, look: &Look, other: &Object) -> f32 {
+    let enough = COMPANION_SHARE * (look.view.side_px * look.view.side_px) as f32;
+    let shown = |thing: &&Object| look.beside.get(&thing.id).is_some_and(|&pixels| pixels as f32 >= enough);
+    let around = |object: &Object, reach_m: f32| -> BTreeSet<&str> {
+        let reach = object.bounds.grown(reach_m);
+        let things = scene.objects.iter().filter(|thing| thing.bounds.intersects(&reach));
+        things.filter(|thing| thing.category != own.category).map(|thing| thing.category.as_str()).collect()
+    };
+    let reach = own.bounds.grown(NEAR_M);
+    let seen: BTreeSet<&str> = scene
+        .objects
+        .iter()
+        .filter(|thing| thing.category != own.category && thing.bounds.intersects(&reach))
+        .filter(shown)
+        .map(|thing| thing.category.as_str())
+        .collect();
+    let missing = seen.difference(&around(other, FAR_M)).count();
+    if seen.is_empty() { 0.0 } else { missing as f32 / seen.len() as f32 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::survey::look::Histogram;
+    use avln_episode::Modality;
+    use avln_geom::{Aabb, Point3, Pose};
+    use avln_scene::{Attributes, InstanceId, Lighting, Mesh};
+    use avln_truth::Target;
+    use std::collections::BTreeMap;
+
+    const RED: [u8; 3] = [200, 30, 30];
+    const BLUE: [u8; 3] = [30, 30, 200];
+    const WHITE: [u8; 3] = [240, 240, 240];
+
+    /// Two sofas 10 m apart, with a lamp next to the first one only.
+    fn scene(regions: [u16; 2]) -> Scene {
+        let object = |id: u32, category: &str, x: f32, region: u16| Object {
+            id: InstanceId(id),
+            category: category.to_owned(),
+            bounds: Aabb::new(Point3::new(x, 0.0, 0.0), Point3::new(x + 1.0, 1.0, 1.0)),
+            region: Some(region),
+            attributes: Attributes::default(),
+        };
+        let objects = vec![
+            object(1, "sofa", 0.0, regions[0]),
+            object(2, "sofa", 10.0, regions[1]),
+            object(3, "lamp", 1.5, regions[0]),
+        ];
+        Scene {
+            name: "sofas".into(),
+            mesh: Mesh::default(),
+            materials: vec![],
+            textures: vec![],
+            regions: vec![],
+            objects,
+            lighting: Lighting::Painted,
+        }
+    }
+
+    /// The sofa `index`, seen once in one colour before one other colour, with or without the lamp.
+    fn sighting(scene: &Scene, index: usize, color: [u8; 3], around: [u8; 3], lamp: bool) -> Sighting {
+        let bounds = scene.objects[index].bounds;
+        let view = View { pose: Pose::new(bounds.center(), 0.0), hfov_rad: 1.5, side_px: 96 };
+        let of = |rgb: [u8; 3]| Histogram::of(std::iter::once(rgb));
+        let look = Look {
+            view,
+            share: 0.2,
+            truncation: 0.0,
+            contrast: 1.0,
+            distinctness: 1.0,
+            object: of(color),
+            context: of(around),
+            beside: if lamp { BTreeMap::from([(InstanceId(3), 400)]) } else { BTreeMap::new() },
+        };
+        let target = Target {
+            instance: index as u32 + 1,
+            category: "sofa".into(),
+            modality: Modality::Image,
+            bounds,
+            source: bounds.center(),
+            floor_y_m: 0.0,
+            region: vec![],
+            viewpoints: vec![],
+            start_distance_m: 0.0,
+        };
+        Sighting { index, target, looks: vec![look] }
+    }
+
+    /// Pictures and margin of the first sofa, which is red before white.
+    fn chosen(regions: [u16; 2], lamp: bool, color: [u8; 3], around: [u8; 3]) -> (usize, f32) {
+        let scene = scene(regions);
+        let all = [sighting(&scene, 0, RED, WHITE, lamp), sighting(&scene, 1, color, around, false)];
+        let (views, margin) = choose_pictures(&scene, &all[0], &all, &SurveyOptions::default());
+        assert!(views.iter().all(|view| view.side_px == 256));
+        (views.len(), margin)
+    }
+
+    #[test]
+    fn a_twin_in_the_same_room_rules_pictures_out() {
+        assert_eq!(
+            chosen([0, 0], false, RED, BLUE),
+            (0, 0.0),
+            "the room is the same, however it looks from there"
+        );
+    }
+
+    #[test]
+    fn colours_company_and_another_room_tell_apart() {
+        assert_eq!(chosen([0, 0], false, BLUE, WHITE), (1, 1.0));
+        assert_eq!(chosen([0, 0], true, RED, WHITE), (1, 1.0), "only the first one has a lamp next to it");
+        assert_eq!(chosen([0, 1], false, RED, BLUE), (1, 1.0));
+        assert_eq!(chosen([0, 1], false, RED, WHITE), (0, 0.0), "the other room looks the same");
+    }
+
+    #[test]
+    fn the_only_one_of_its_kind_is_told_apart() {
+        let scene = scene([0, 0]);
+        let all = [sighting(&scene, 0, RED, WHITE, false)];
+        let (views, margin) = choose_pictures(&scene, &all[0], &all, &SurveyOptions::default());
+        assert_eq!((views.len(), margin), (1, 1.0));
+    }
+}

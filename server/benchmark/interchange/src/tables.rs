@@ -1,0 +1,226 @@
+//! Export of a split as Parquet tables.
+
+use crate::{
+    InterchangeError,
+    authors_export::{ExportedFile, SceneMissions},
+    parquet::{Column, ParquetFile, Values},
+};
+use avln_dataset::{CueSpec, EpisodeSpec, GoalSpec, PublicGoal, PublicMission, ReferenceTour, View};
+use avln_episode::Modality;
+use avln_geom::{Point3, Pose};
+use avln_truth::Target;
+use std::collections::BTreeMap;
+
+/// Tables of a split: missions and goals; with ground truth also targets, places and tours. Every scene is a row group.
+pub struct Tables {
+    split: String,
+    files: BTreeMap<&'static str, ParquetFile>,
+}
+
+impl Tables {
+    /// Returns empty tables of a split.
+    pub fn new(split: &str) -> Self {
+        Self { split: split.to_owned(), files: BTreeMap::new() }
+    }
+
+    /// Adds the missions of a scene.
+    ///
+    /// # Errors
+    /// If a table cannot be encoded.
+    pub fn add(&mut self, scene: &str, missions: &SceneMissions) -> Result<(), InterchangeError> {
+        match missions {
+            SceneMissions::Public(missions) => {
+                self.append("missions", scene_missions(scene, missions))?;
+                self.append("goals", goals(missions))
+            }
+            SceneMissions::Whole(episodes) => self.add_whole(scene, episodes),
+        }
+    }
+
+    /// Returns the files.
+    ///
+    /// # Errors
+    /// If a table cannot be encoded.
+    pub fn finish(self) -> Result<Vec<ExportedFile>, InterchangeError> {
+        let split = self.split;
+        let file = |(name, table): (&str, ParquetFile)| {
+            Ok(ExportedFile { path: format!("{split}/{name}.parquet"), bytes: table.finish()? })
+        };
+        self.files.into_iter().map(file).collect()
+    }
+
+    fn add_whole(&mut self, scene: &str, episodes: &[EpisodeSpec]) -> Result<(), InterchangeError> {
+        let public: Vec<PublicMission> = episodes.iter().map(EpisodeSpec::public).collect();
+        let mut missions = scene_missions(scene, &public);
+        missions.extend(lengths(episodes));
+        self.append("missions", missions)?;
+        let mut goals = goals(&public);
+        goals.extend(goal_truth(episodes));
+        self.append("goals", goals)?;
+        let known = episodes.iter().flat_map(|episode| &episode.goals);
+        let targets: BTreeMap<u32, &Target> =
+            known.map(|goal| (goal.target.instance, &goal.target)).collect();
+        let targets: Vec<&Target> = targets.into_values().collect();
+        self.append("targets", self::targets(scene, &targets))?;
+        self.append("places", places(scene, &targets))?;
+        self.append("tours", tours(episodes))
+    }
+
+    fn append(&mut self, table: &'static str, columns: Vec<Column>) -> Result<(), InterchangeError> {
+        self.files.entry(table).or_insert_with(|| ParquetFile::new(table)).append(&columns)
+    }
+}
+
+fn text<'a>(name: &'static str, values: impl Iterator<Item = &'a str>) -> Column {
+    Column { name, values: Values::Text(values.map(str::to_owned).collect()) }
+}
+
+fn whole(name: &'static str, values: impl Iterator<Item = usize>) -> Column {
+    let limited = |value| i32::try_from(value).unwrap_or(i32::MAX);
+    Column { name, values: Values::Whole(values.map(limited).collect()) }
+}
+
+fn single(name: &'static str, values: impl Iterator<Item = f32>) -> Column {
+    Column { name, values: Values::Single(values.collect()) }
+}
+
+fn double(name: &'static str, values: impl Iterator<Item = f64>) -> Column {
+    Column { name, values: Values::Double(values.collect()) }
+}
+
+/// The three columns of points.
+fn place(names: [&'static str; 3], places: &[Point3<f32>]) -> [Column; 3] {
+    let along = |axis: usize| single(names[axis], places.iter().map(move |place| place[axis]));
+    [0, 1, 2].map(along)
+}
+
+fn scene_missions(scene: &str, missions: &[PublicMission]) -> Vec<Column> {
+    let starts: Vec<Point3<f32>> = missions.iter().map(|mission| mission.start.position).collect();
+    let mut columns = vec![
+        text("mission", missions.iter().map(|mission| mission.id.as_str())),
+        text("scene", missions.iter().map(|_| scene)),
+        whole("goals", missions.iter().map(|mission| mission.goals.len())),
+        single("start_heading_rad", missions.iter().map(|mission| mission.start.heading_rad)),
+    ];
+    columns.extend(place(["start_x_m", "start_y_m", "start_z_m"], &starts));
+    columns
+}
+
+fn goals(missions: &[PublicMission]) -> Vec<Column> {
+    let numbered = |mission: &PublicMission| (0..mission.goals.len()).collect::<Vec<_>>();
+    let all = || missions.iter().flat_map(|mission| &mission.goals);
+    let ids = missions.iter().flat_map(|mission| mission.goals.iter().map(|_| mission.id.as_str()));
+    vec![
+        text("mission", ids),
+        whole("goal", missions.iter().flat_map(numbered)),
+        text("modality", all().map(|goal| modality(goal).as_str())),
+        text("text", all().map(words)),
+    ]
+}
+
+fn modality(goal: &PublicGoal) -> Modality {
+    match goal {
+        PublicGoal::Category(_) => Modality::Category,
+        PublicGoal::Description(_) => Modality::Description,
+        PublicGoal::Image => Modality::Image,
+    }
+}
+
+fn words(goal: &PublicGoal) -> &str {
+    match goal {
+        PublicGoal::Category(words) | PublicGoal::Description(words) => words,
+        PublicGoal::Image => "",
+    }
+}
+
+fn lengths(episodes: &[EpisodeSpec]) -> [Column; 4] {
+    let tours = |tour: fn(&EpisodeSpec) -> &ReferenceTour| episodes.iter().map(tour);
+    [
+        double("ordered_m", tours(|episode| &episode.ordered).map(|tour| tour.length_m)),
+        whole("ordered_steps", tours(|episode| &episode.ordered).map(|tour| tour.steps as usize)),
+        double("unordered_m", tours(|episode| &episode.unordered).map(|tour| tour.length_m)),
+        whole("unordered_steps", tours(|episode| &episode.unordered).map(|tour| tour.steps as usize)),
+    ]
+}
+
+/// Hidden columns of goals. The camera of a goal without a picture is NaN.
+fn goal_truth(episodes: &[EpisodeSpec]) -> Vec<Column> {
+    let all = || episodes.iter().flat_map(|episode| &episode.goals);
+    let view = |goal: &GoalSpec| match goal.cue {
+        CueSpec::Image(view) => view,
+        CueSpec::Category | CueSpec::Description(_) => no_view(),
+    };
+    let cameras: Vec<Point3<f32>> = all().map(|goal| view(goal).pose.position).collect();
+    let mut columns = vec![
+        whole("instance", all().map(|goal| goal.target.instance as usize)),
+        double("start_distance_m", all().map(|goal| goal.target.start_distance_m)),
+        whole("distractors", all().map(|goal| usize::from(goal.distractors))),
+        single("view_heading_rad", all().map(|goal| view(goal).pose.heading_rad)),
+        single("view_hfov_rad", all().map(|goal| view(goal).hfov_rad)),
+    ];
+    columns.extend(place(["view_x_m", "view_y_m", "view_z_m"], &cameras));
+    columns
+}
+
+fn no_view() -> View {
+    let pose = Pose { position: Point3::new(f32::NAN, f32::NAN, f32::NAN), heading_rad: f32::NAN };
+    View { pose, hfov_rad: f32::NAN, side_px: 0 }
+}
+
+fn targets(scene: &str, targets: &[&Target]) -> Vec<Column> {
+    let places =
+        |of: fn(&Target) -> Point3<f32>| -> Vec<_> { targets.iter().map(|target| of(target)).collect() };
+    let mut columns = vec![
+        text("scene", targets.iter().map(|_| scene)),
+        whole("instance", targets.iter().map(|target| target.instance as usize)),
+        text("category", targets.iter().map(|target| target.category.as_str())),
+        single("floor_y_m", targets.iter().map(|target| target.floor_y_m)),
+    ];
+    columns.extend(place(["box_min_x_m", "box_min_y_m", "box_min_z_m"], &places(|target| target.bounds.min)));
+    columns.extend(place(["box_max_x_m", "box_max_y_m", "box_max_z_m"], &places(|target| target.bounds.max)));
+    columns.extend(place(["source_x_m", "source_y_m", "source_z_m"], &places(|target| target.source)));
+    columns
+}
+
+/// Points of success regions, with NaN as heading, and viewpoints with their headings.
+fn places(scene: &str, targets: &[&Target]) -> Vec<Column> {
+    let row = |target: &&Target| {
+        let instance = target.instance as usize;
+        let region = target.region.iter().map(move |place| (instance, "region", *place, f32::NAN));
+        let seen = target.viewpoints.iter();
+        let seen = seen.map(move |pose| (instance, "viewpoint", pose.position, pose.heading_rad));
+        region.chain(seen).collect::<Vec<_>>()
+    };
+    let rows: Vec<_> = targets.iter().flat_map(row).collect();
+    let at: Vec<Point3<f32>> = rows.iter().map(|row| row.2).collect();
+    let mut columns = vec![
+        text("scene", rows.iter().map(|_| scene)),
+        whole("instance", rows.iter().map(|row| row.0)),
+        text("kind", rows.iter().map(|row| row.1)),
+        single("heading_rad", rows.iter().map(|row| row.3)),
+    ];
+    columns.extend(place(["x_m", "y_m", "z_m"], &at));
+    columns
+}
+
+/// Corners of the reference tours.
+fn tours(episodes: &[EpisodeSpec]) -> Vec<Column> {
+    let corners = |episode: &EpisodeSpec| {
+        let id = episode.id.clone();
+        let both = [("ordered", &episode.ordered), ("unordered", &episode.unordered)];
+        let of = |(order, tour): (&'static str, &ReferenceTour)| {
+            let corners = tour.path.iter().enumerate();
+            corners.map(|(corner, point)| (id.clone(), order, corner, *point)).collect::<Vec<_>>()
+        };
+        both.map(of).concat()
+    };
+    let rows: Vec<_> = episodes.iter().flat_map(corners).collect();
+    let at: Vec<Point3<f32>> = rows.iter().map(|row| row.3).collect();
+    let mut columns = vec![
+        text("mission", rows.iter().map(|row| row.0.as_str())),
+        text("order", rows.iter().map(|row| row.1)),
+        whole("corner", rows.iter().map(|row| row.2)),
+    ];
+    columns.extend(place(["x_m", "y_m", "z_m"], &at));
+    columns
+}
