@@ -74,7 +74,7 @@ async fn verdict(folder: &Path, run: &str) -> Verdict {
         let state = store.run(run).await.expect("the run").state;
         let charged = store.charge(run).await.expect("a charge").charged;
         let now = (ends.join(" "), state, charged);
-        let underway = store.underway().await.expect("a list").len();
+        let underway = store.running_episodes().await.expect("a list").len();
         if underway == 0 && before.as_ref() == Some(&now) {
             store.close().await;
             return now;
@@ -339,7 +339,7 @@ async fn server_a_preparation_that_hangs_costs_its_episode() {
     drop(play);
     server.kill();
     let store = store(folder.path()).await;
-    assert_eq!(store.underway().await.expect("a list").len(), 0);
+    assert_eq!(store.running_episodes().await.expect("a list").len(), 0);
     store.cancel_run(&run.id, 1).await.expect("the run");
     assert!(!store.charge(&run.id).await.expect("a charge").charged, "and costs nothing");
 }

@@ -163,7 +163,7 @@ async fn show(data: &Path, json: bool) -> Result<(), Failure> {
     } else {
         say!("{}", file.text().map_err(|error| Failure::new(FailureKind::Internal, error))?.trim_end());
         for PhaseFile { id, .. } in &file.phases {
-            let promise = store.promise(id).await?;
+            let promise = store.commitment(id).await?;
             promise.iter().for_each(|promise| say!("# phase {id} is committed to {}", promise.commitment));
         }
     }

@@ -12,7 +12,9 @@ use avln_arena::{
 use avln_dataset::SceneSource;
 use avln_episode::{Order, Rules};
 use avln_scoring::{Key, Metric};
-use avln_store::{Board, LeaderboardRow, Reference, RunChoice, RunLine, RunState, Store, Viewer};
+use avln_store::{
+    LeaderboardQuery, LeaderboardRow, Reference, RowFilter, RunChoice, RunLine, RunState, Store, Viewer,
+};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::{
     path::{Path, PathBuf},
@@ -218,15 +220,16 @@ impl Watch {
 
 async fn print_table(store: &Store, phase: &str) -> Result<(), Failure> {
     for order in ORDERS {
-        let board = Board {
+        let query = LeaderboardQuery {
             phase,
             order,
             key: Key::default(),
             pick: RunChoice::Latest,
             as_of_unix_ms: None,
             now_unix_ms: now_unix_ms(),
+            filter: RowFilter::default(),
         };
-        let Some(view) = store.reader().leaderboard(&Viewer::Organiser, &board).await? else { continue };
+        let Some(view) = store.reader().leaderboard(&Viewer::Organiser, &query).await? else { continue };
         say!("\n{order} ({} episodes a run; mean and 95 % interval over scenes)", view.phase.episodes);
         let labels = Metric::headlines().map(|metric| metric.label.to_owned()).collect();
         print_cells("rank", "method", labels);

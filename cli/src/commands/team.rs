@@ -111,7 +111,7 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
         }
         Command::Revoke { name } => {
             let count = store.revoke_tokens(&name, now_unix_ms()).await?;
-            store.note(note(&name, format!("{count} tokens revoked")), now_unix_ms()).await?;
+            store.add_audit_note(note(&name, format!("{count} tokens revoked")), now_unix_ms()).await?;
             say!("{count} tokens of team {name} are void now");
         }
         Command::Approve { name, phase, withdraw } => approve(&store, &name, &phase, !withdraw).await?,

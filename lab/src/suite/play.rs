@@ -191,7 +191,7 @@ impl Table {
 
     /// The mission that is played under a handle.
     async fn episode_of(&self, run: &Run, handle: &str) -> Result<String, Failure> {
-        let open = self.hosted.store.underway().await?;
+        let open = self.hosted.store.running_episodes().await?;
         let found = open.into_iter().find(|open| open.run == run.id && open.handle == handle);
         found.map(|open| open.episode).ok_or_else(|| unknown(handle))
     }

@@ -83,7 +83,7 @@ impl Oracle {
         let (task, run) = (play.task().clone(), play.run().to_owned());
         let Some(mut episode) = play.next_episode().await.map_err(Failure::run)? else { return Ok(false) };
         let handle = episode.id().to_owned();
-        let open = self.store.underway().await?;
+        let open = self.store.running_episodes().await?;
         let found = open.into_iter().find(|open| open.run == run && open.handle == handle);
         let spec = found.map(|open| self.split.episode(&open.episode)).transpose()?.flatten();
         let spec = spec.ok_or_else(|| {

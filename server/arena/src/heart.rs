@@ -78,7 +78,7 @@ impl Arena {
         }
         self.settle_debts().await?;
         if due.note_alive {
-            self.store.note_alive(now_unix_ms).await.map_err(refusal)?;
+            self.store.record_heartbeat(now_unix_ms).await.map_err(refusal)?;
         }
         self.store.overdue(now_unix_ms).await.map_err(refusal)
     }

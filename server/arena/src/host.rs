@@ -5,6 +5,7 @@ use super::{
     stages::StageList,
     told::{account_of, phase_info, quota_of, status, viewer},
 };
+use avln_challenge::MethodInfo;
 use avln_episode::Sensors;
 use avln_grpc::{
     Account, ClientRange, Control, Digests, EpisodeOutcome, Host, Interrupted, OpenRun, PhaseInfo, Quota,
@@ -51,8 +52,7 @@ impl Host for Arena {
             token: &token,
             phase: &request.phase,
             team: &account.team,
-            method: &request.method,
-            version: &request.method_version,
+            method: &MethodInfo::new(&request.method, &request.method_version),
             order: request.order,
             client_request_id: Some(request.client_request_id.as_str()).filter(|id| !id.is_empty()),
             digests: &stage.digests(),

@@ -43,7 +43,7 @@ pub use replayer::Replayer;
 
 use avln_grpc::Control;
 use avln_referee::Referee;
-use avln_store::{MadeUp, Store};
+use avln_store::{DowntimeCredit, Store};
 use avln_web::{LiveStatus, ReplayRenderer, SignedLogs};
 use budget::Budget;
 use data::DataFolder;
@@ -111,9 +111,9 @@ impl Arena {
         let key = Arc::new(data.signing_key()?);
         let (playing, ahead) = (Mutex::default(), Arc::new(Semaphore::new(1)));
         let (control, budget, heart) = (Control::default(), Budget::default(), Heart::new());
-        let made_up = store.make_up(now_unix_ms()).await?;
-        if made_up != MadeUp::default() {
-            let MadeUp { away_ms, runs, phases } = made_up;
+        let made_up = store.credit_downtime(now_unix_ms()).await?;
+        if made_up != DowntimeCredit::default() {
+            let DowntimeCredit { away_ms, runs, phases } = made_up;
             tracing::info!(away_ms, runs, ?phases, "the server was away; what that took is given back");
         }
         Ok(Self {
@@ -157,7 +157,7 @@ impl Arena {
     /// # Errors
     /// When the database fails; then the server goes on.
     pub async fn drain(&self, reason: &str, patience: Duration) -> Result<(), Failure> {
-        self.store.note_drain(reason, now_unix_ms()).await?;
+        self.store.record_drain(reason, now_unix_ms()).await?;
         self.control.drain(reason, patience);
         Ok(())
     }

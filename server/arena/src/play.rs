@@ -9,7 +9,7 @@ use avln_episode::{EndReason, Order, Sensors};
 use avln_grpc::{EpisodeOutcome, EpisodeRunner, Reason, Refusal, Seat, StoredEnd, TimeSpent};
 use avln_referee::{Referee, RefereeError};
 use avln_scoring::{Metric, Metrics, score};
-use avln_store::{Assigned, EpisodeState, Finished, Run, Scene, TimeAccount, Visibility};
+use avln_store::{AssignedEpisode, EpisodeResult, EpisodeState, Run, Scene, TimeAccount, Visibility};
 use avln_truth::{EpisodeTruth, Record};
 use avln_world::SceneAssets;
 use std::{
@@ -65,7 +65,7 @@ impl Arena {
         let handle = assigned.handle.clone();
         let seated = self.begin(&row, &stage, (slot, assigned), sensors).await;
         if seated.is_err() {
-            self.store.take_back(run, &handle, now_unix_ms()).await.map_err(refusal)?;
+            self.store.reopen_episode(run, &handle, now_unix_ms()).await.map_err(refusal)?;
         }
         self.look_ahead(run, &stage);
         seated.map(Some)
@@ -76,7 +76,7 @@ impl Arena {
         &self,
         run: &Run,
         stage: &Arc<Stage>,
-        (slot, assigned): (u32, Assigned),
+        (slot, assigned): (u32, AssignedEpisode),
         sensors: &Sensors,
     ) -> Result<Seat, Refusal> {
         let log = self.log_of(run, stage)?;
@@ -156,7 +156,7 @@ impl Arena {
     /// Takes back an episode that hangs: it is played again.
     pub(super) async fn lose_seat(&self, run: &str, handle: &str, ticket: u64) -> Result<(), Refusal> {
         self.return_ticket(ticket);
-        self.store.take_back(run, handle, now_unix_ms()).await.map_err(refusal).map(drop)
+        self.store.reopen_episode(run, handle, now_unix_ms()).await.map_err(refusal).map(drop)
     }
 
     /// Scores what happened, writes it down and stores it in one transaction. What cannot be stored is played again.
@@ -168,7 +168,7 @@ impl Arena {
         let handle = seat.handle.clone();
         let concluded = self.try_conclude(run, seat).await;
         if concluded.is_err()
-            && let Err(error) = self.store.take_back(run, &handle, now_unix_ms()).await
+            && let Err(error) = self.store.reopen_episode(run, &handle, now_unix_ms()).await
         {
             tracing::error!(run, handle, %error, "an episode that could not be stored is taken back later");
             self.owed().insert((run.to_owned(), handle));
@@ -185,7 +185,7 @@ impl Arena {
         loop {
             let Some(first) = self.owed().first().cloned() else { return Ok(()) };
             let (run, handle) = &first;
-            self.store.take_back(run, handle, now_unix_ms()).await.map_err(refusal)?;
+            self.store.reopen_episode(run, handle, now_unix_ms()).await.map_err(refusal)?;
             self.owed().remove(&first);
         }
     }
@@ -212,8 +212,14 @@ impl Arena {
         });
         let (truth, record, metrics) =
             settled.await.map_err(Refusal::internal)?.map_err(Refusal::internal)?;
-        let finished =
-            Finished { run, handle: &handle, truth: &truth, record: &record, metrics: &metrics, time: &time };
+        let finished = EpisodeResult {
+            run,
+            handle: &handle,
+            truth: &truth,
+            record: &record,
+            metrics: &metrics,
+            time: &time,
+        };
         let recorded = self.store.record_result(&finished, now_unix_ms()).await.map_err(refusal)?;
         self.sign_if_over(&recorded.run).await;
         Ok((recorded.counts && stage.shows_metrics()).then(|| outcome(&metrics)))
@@ -233,7 +239,9 @@ impl Arena {
 
     /// How an episode ended whose result is stored; one that the server lost is told as its fault.
     pub(super) async fn stored_end(&self, run: &str, handle: &str) -> Result<Option<StoredEnd>, Refusal> {
-        let Some(found) = self.store.handed_out(run, handle).await.map_err(refusal)? else { return Ok(None) };
+        let Some(found) = self.store.episode_status(run, handle).await.map_err(refusal)? else {
+            return Ok(None);
+        };
         let reason = match (found.state, found.end) {
             (EpisodeState::Running, _) => return Ok(None),
             (_, Some(reason)) => reason,

@@ -80,7 +80,7 @@ pub async fn rescore(
     let rescored = store.rescore(&run.id, scorer.version, &again, is_other, now_unix_ms).await?;
     Ok(Comparison {
         run: run.id.clone(),
-        method: run.method.clone(),
+        method: run.method.name.clone(),
         scorer_before: run.scorer().to_owned(),
         scorer_after: scorer.version.to_owned(),
         episodes: episodes.len(),

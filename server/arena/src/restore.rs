@@ -5,7 +5,7 @@ use crate::runlog::{Entry, EpisodeHistory, History};
 use avln_episode::{Action, Observation, Sensors};
 use avln_grpc::{Interrupted, Refusal, Restored};
 use avln_referee::Referee;
-use avln_store::{Run, Underway};
+use avln_store::{Run, RunningEpisode};
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
@@ -20,7 +20,7 @@ impl Arena {
     /// The runs that can go on. Episodes whose runs cannot are played anew.
     pub(super) async fn interrupted_runs(&self) -> Result<Vec<String>, Refusal> {
         let mut runs = BTreeSet::new();
-        for lost in self.store.underway().await.map_err(refusal)? {
+        for lost in self.store.running_episodes().await.map_err(refusal)? {
             match self.history(&lost.run).await {
                 Ok(_) => drop(runs.insert(lost.run)),
                 Err(why) => self.play_anew(&lost, &why.message).await?,
@@ -42,9 +42,9 @@ impl Arena {
         read.await.map_err(Refusal::internal)?
     }
 
-    async fn play_anew(&self, lost: &Underway, why: &str) -> Result<(), Refusal> {
+    async fn play_anew(&self, lost: &RunningEpisode, why: &str) -> Result<(), Refusal> {
         tracing::warn!(run = lost.run, episode = lost.handle, why, "an interrupted episode is played anew");
-        self.store.take_back(&lost.run, &lost.handle, now_unix_ms()).await.map_err(refusal).map(drop)
+        self.store.reopen_episode(&lost.run, &lost.handle, now_unix_ms()).await.map_err(refusal).map(drop)
     }
 
     /// Brings the episodes of a run back to where they were.
@@ -53,7 +53,9 @@ impl Arena {
         let stage = self.stage(&row.phase).await?;
         let (history, mut histories) = self.history(run).await?;
         let mut episodes = Vec::new();
-        for lost in self.store.underway().await.map_err(refusal)?.into_iter().filter(|lost| lost.run == run) {
+        for lost in
+            self.store.running_episodes().await.map_err(refusal)?.into_iter().filter(|lost| lost.run == run)
+        {
             let restored = match histories.remove(&lost.handle) {
                 Some(history) => self.restore_episode(&row, &stage, &lost, history).await,
                 None => Err(Refusal::internal("its beginning was not written down")),
@@ -73,7 +75,7 @@ impl Arena {
         &self,
         run: &Run,
         stage: &Arc<Stage>,
-        lost: &Underway,
+        lost: &RunningEpisode,
         history: EpisodeHistory,
     ) -> Result<Restored, Refusal> {
         if history.deaths() >= MOST_DEATHS {

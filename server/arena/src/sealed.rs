@@ -6,6 +6,7 @@ use super::{
     stages::{Stage, Stages},
 };
 use crate::{Failure, FailureKind};
+use avln_challenge::MethodInfo;
 use avln_episode::Order;
 use avln_store::{NewRun, Run, Store};
 
@@ -56,13 +57,13 @@ pub async fn start(
     let random = |error| Failure::new(FailureKind::Internal, error);
     let run = format!("run_{}", secret::random_hex().map_err(random)?);
     let token = secret::new_token("run").map_err(random)?;
+    let method = MethodInfo::new(wanted.method, wanted.version);
     let new = NewRun {
         id: &run,
         token: &token,
         phase: wanted.phase,
         team: wanted.team,
-        method: wanted.method,
-        version: wanted.version,
+        method: &method,
         order: wanted.order,
         client_request_id: None,
         digests: &digests,

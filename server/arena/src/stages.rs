@@ -29,7 +29,7 @@ pub(super) struct Stages {
 impl Stages {
     /// Reads all phases of the data folder.
     pub(super) async fn open(data: &DataFolder, store: &Store) -> Result<Self, Failure> {
-        let change = store.newest_change().await?;
+        let change = store.newest_audit_id().await?;
         let mut stages = Vec::new();
         for phase in store.phases().await? {
             commit(store, &phase.id).await?;
@@ -41,7 +41,7 @@ impl Stages {
     /// The phases as they are now. One that cannot be hosted as the organiser changed it stays as it was.
     pub(super) async fn now(&self, store: &Store) -> Result<StageList, Failure> {
         let mut read = self.read.lock().await;
-        let change = store.newest_change().await?;
+        let change = store.newest_audit_id().await?;
         if change != read.0 {
             *read = (change, self.read_again(store, &read.1).await?);
         }

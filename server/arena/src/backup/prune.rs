@@ -65,7 +65,7 @@ pub async fn prune(data: &Path, options: &PruneOptions, now_unix_ms: i64) -> Res
         ..AuditNote::default()
     };
     if pruned.logs > 0 && !options.dry_run {
-        store.note(note("logs pruned", u64::from(pruned.logs)), now_unix_ms).await?;
+        store.add_audit_note(note("logs pruned", u64::from(pruned.logs)), now_unix_ms).await?;
     }
     if pruned.records > 0 && !options.dry_run {
         store.prune_records(cutoff, note("records pruned", pruned.records), now_unix_ms).await?;

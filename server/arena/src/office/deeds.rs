@@ -108,7 +108,7 @@ pub async fn issue(store: &Store, wish: &Wish<'_>, actor: &str, now_unix_ms: i64
     let whose = team.map_or_else(|| "organiser".to_owned(), |team| format!("team {team}"));
     let issued = note(actor, whose, &format!("token for {}", word(kind)), "");
     let name = Some(name.to_owned()).filter(|name| !name.is_empty());
-    store.note(AuditNote { after: name, ..issued }, now_unix_ms).await?;
+    store.add_audit_note(AuditNote { after: name, ..issued }, now_unix_ms).await?;
     Ok(secret)
 }
 

@@ -122,7 +122,7 @@ async fn cancel(arena: &Arena, member: &TeamCredential, actor: &str, run: &str) 
     arena.cancel(run).await?;
     arena.control().leave(run);
     let cancelled = note(actor, format!("run {run}"), "cancelled", "");
-    arena.store().note(cancelled, now_unix_ms()).await?;
+    arena.store().add_audit_note(cancelled, now_unix_ms()).await?;
     done(format!("Run {run} is cancelled."))
 }
 
@@ -165,7 +165,7 @@ async fn organise(arena: &Arena, because: &ActionOrigin, deed: OrganiserAction) 
 async fn admit(arena: &Arena, actor: &str, reason: &str, team: &str) -> Answer {
     let (store, now) = (arena.store(), now_unix_ms());
     let secret = deeds::admit(store, team, None, now).await?;
-    store.note(note(actor, format!("team {team}"), "admitted, token for account", reason), now).await?;
+    store.add_audit_note(note(actor, format!("team {team}"), "admitted, token for account", reason), now).await?;
     Ok(ActionOutcome { message: format!("Team {team} is admitted, and has a new account token."), secret: Some(secret) })
 }
 

@@ -1,7 +1,7 @@
 use crate::word::words;
 use serde::{Deserialize, Serialize};
 
-/// The purpose of a team's runs that are shown for comparison. They have no rank.
+/// The kind of a reference team. Its runs are shown for comparison, without rank.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reference {
@@ -23,22 +23,23 @@ pub enum TokenScope {
     ReadOnly,
     /// An organiser's token: reads everything.
     Organiser,
-    /// A run's token: plays the episodes of this run.
+    /// A run's token: plays this run's episodes.
     Run,
 }
+// The word `account` dates from the first schema.
 words!(TokenScope, "token kind", {
     Participant => "account", ReadOnly => "read_only", Organiser => "organiser", Run => "run",
 });
 
-/// The owner of a token.
+/// A token's owner.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Account {
-    /// Name of the team; empty for an organiser.
+    /// Team name; empty for an organiser.
     pub team: String,
-    /// Rights of the token.
+    /// Granted rights.
     pub scope: TokenScope,
-    /// Name of the token; may be empty.
+    /// Token name; may be empty.
     pub token_name: String,
-    /// Expiry time of the token, milliseconds since 1970-01-01 UTC; `None` if it never expires.
+    /// Expiry time, milliseconds since 1970-01-01 UTC; `None` if it never expires.
     pub expires_unix_ms: Option<i64>,
 }

@@ -1,10 +1,10 @@
-//! UTC dates of timestamps in milliseconds since 1970-01-01 UTC.
+//! UTC dates for timestamps in milliseconds since 1970-01-01 UTC.
 
 use jiff::{Timestamp, civil::Date, tz::Offset};
 
 const DAY_S: u32 = 86_400;
 
-/// Returns the timestamp of a date and a second of its day, both UTC; `None` if there is no such date or second.
+/// Converts a UTC date and a second after midnight to a timestamp; `None` if there is no such date or second.
 pub fn unix_ms(year: u16, month: u8, day: u8, second_of_day: u32) -> Option<i64> {
     let date =
         Date::new(i16::try_from(year).ok()?, i8::try_from(month).ok()?, i8::try_from(day).ok()?).ok()?;
@@ -18,14 +18,14 @@ pub fn rfc3339(unix_ms: i64) -> String {
     second.unwrap_or(if unix_ms < 0 { Timestamp::MIN } else { Timestamp::MAX }).to_string()
 }
 
-/// Returns the start of the UTC day of a timestamp and the start of the next day.
+/// Returns the enclosing UTC day: start and end.
 pub fn day_around(unix_ms: i64) -> (i64, i64) {
     let day_ms = 1000 * i64::from(DAY_S);
     let start = unix_ms.div_euclid(day_ms) * day_ms;
     (start, start + day_ms)
 }
 
-/// Returns the start of the UTC month of a timestamp and the start of the next month.
+/// Returns the enclosing UTC month: start and end.
 pub fn month_around(unix_ms: i64) -> (i64, i64) {
     let moment = Timestamp::from_millisecond(unix_ms).unwrap_or_default();
     let date = Offset::UTC.to_datetime(moment).date();

@@ -1,4 +1,4 @@
-//! Domain types of a challenge: phases, runs, quotas, visibility, accounts and the draw of a run's episodes.
+//! Domain types for challenges: phases, runs, quotas, visibility, accounts, episode draws.
 //!
 //! The store, the gRPC server, the web server and the arena share these types. Enums convert to and from the words used in
 //! database columns, JSON and URLs: `as_str`, `from_word`.

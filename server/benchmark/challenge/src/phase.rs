@@ -2,21 +2,21 @@ use crate::{CommitmentValues, word::words};
 use avln_episode::{FeedbackRule, Modality, Order, Sensors, TimeLimits};
 use serde::{Deserialize, Serialize};
 
-/// The readers of scores or replays.
+/// A group with access to scores or replays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Visibility {
     /// Everybody.
     Public,
-    /// The team of the run, and the organiser.
+    /// The run's team, and the organiser.
     Team,
     /// The organiser.
     Organiser,
 }
 words!(Visibility, "visibility", { Public => "public", Team => "team", Organiser => "organiser" });
 
-/// State of a phase at a given time. It decides over new runs; a started run keeps its wall time in every state. A run
-/// without wall time ends with its phase.
+/// A phase's state at a given time. It decides over new runs; a started run has full wall time in every state. A run
+/// without wall time ends with the phase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PhaseState {
@@ -33,7 +33,7 @@ words!(PhaseState, "phase state", {
     Upcoming => "upcoming", Open => "open", Paused => "paused", Closed => "closed",
 });
 
-/// The run that represents a method of a team on a leaderboard.
+/// Selection rule for the leaderboard run of a team's method.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RunChoice {
@@ -45,23 +45,23 @@ pub enum RunChoice {
 }
 words!(RunChoice, "choice of runs", { Best => "best", Latest => "latest" });
 
-/// The period in which runs of a phase can start. Times are milliseconds since 1970-01-01 UTC.
+/// The period for starting runs. Times are milliseconds since 1970-01-01 UTC.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Schedule {
     /// Opening time; `None` if the phase is open from the beginning.
     pub opens_unix_ms: Option<i64>,
     /// Closing time; `None` if it never closes.
     pub closes_unix_ms: Option<i64>,
-    /// Reason of a pause; `None` if the phase is not paused.
+    /// Pause reason; `None` if the phase is not paused.
     pub paused: Option<String>,
-    /// Whether the organiser closed the phase by hand.
+    /// True if the organiser closed the phase by hand.
     pub closed: bool,
 }
 
 impl Schedule {
     /// Returns the state at `now_unix_ms`.
     pub fn state(&self, now_unix_ms: i64) -> PhaseState {
-        // The order of the tests is a rule: closing beats dates, and dates beat a pause.
+        // The test order is a rule: closing beats dates, and dates beat a pause.
         if self.closed || self.closes_unix_ms.is_some_and(|closes| closes <= now_unix_ms) {
             PhaseState::Closed
         } else if self.opens_unix_ms.is_some_and(|opens| now_unix_ms < opens) {
@@ -78,7 +78,7 @@ impl Schedule {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Admission {
-    /// Whether the organiser must approve a team before its first run.
+    /// True if teams need the organiser's approval before the first run.
     pub approval: bool,
     /// The teams that see the phase; empty for all teams.
     pub allow: Vec<String>,
@@ -87,66 +87,66 @@ pub struct Admission {
 }
 
 impl Admission {
-    /// Returns whether `team` sees the phase; `None` stands for an anonymous visitor.
+    /// Returns whether `team` sees the phase; `None` is an anonymous visitor.
     pub fn shows_to(&self, team: Option<&str>) -> bool {
         self.allow.is_empty() || team.is_some_and(|team| self.allow.iter().any(|allowed| allowed == team))
     }
 }
 
-/// An episode of a phase.
+/// An episode in a phase.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PhaseEpisode {
-    /// Id inside the split.
+    /// Episode id inside the split.
     pub episode: String,
-    /// Name of the scene.
+    /// Scene name.
     pub scene: String,
-    /// Goals in the order of the mission.
+    /// Goals in mission order.
     pub goals: Vec<GoalText>,
 }
 
 /// A goal cue in words.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct GoalText {
-    /// Kind of the cue.
+    /// Cue kind.
     pub modality: Modality,
     /// The category's label or the sentence; `None` for an image.
     pub text: Option<String>,
 }
 
-/// Public description of a phase, for agents. Times are milliseconds since 1970-01-01 UTC.
+/// A phase's public description, for agents. Times are milliseconds since 1970-01-01 UTC.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhaseInfo {
-    /// Id of the phase.
+    /// Phase id.
     pub id: String,
     /// Title for people.
     pub title: String,
     /// Text for people; may be empty.
     pub description: String,
-    /// Time limits of agents.
+    /// Agent time limits.
     pub time: TimeLimits,
     /// Playable mission orders.
     pub orders: Vec<Order>,
-    /// Name of the rule set.
+    /// Rule set name.
     pub rules: String,
-    /// Number of episodes in a run.
+    /// Episodes per run.
     pub episode_count: u32,
     /// Feedback to a Submit.
     pub feedback: FeedbackRule,
-    /// Maximum number of parallel episodes of a run.
+    /// Maximum parallel episodes per run.
     pub max_slots: u32,
     /// Available sensors; width and height are maxima.
     pub sensors: Sensors,
-    /// State of the phase.
+    /// Phase state.
     pub state: PhaseState,
-    /// Reason of a pause; `None` in other states.
+    /// Pause reason; `None` in other states.
     pub state_reason: Option<String>,
     /// Opening time; `None` if the phase is open from the beginning.
     pub opens_unix_ms: Option<i64>,
     /// Closing time; `None` if it never closes.
     pub closes_unix_ms: Option<i64>,
-    /// Readers of the results.
+    /// Result visibility.
     pub results: Visibility,
-    /// Whether the phase accepts sealed runs only: the organiser runs the agents.
+    /// True if the phase accepts sealed runs only: the organiser runs the agents.
     pub sealed: bool,
     /// Commitment made before the phase, hex; `None` before it.
     pub commitment: Option<String>,

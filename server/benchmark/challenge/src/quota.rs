@@ -1,7 +1,7 @@
 use crate::{RunState, Schedule, calendar, word::words};
 use serde::{Deserialize, Serialize};
 
-/// Maximum numbers of runs of a team in a phase; `None` for no limit.
+/// Run limits per team in a phase; `None` for no limit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct QuotaLimits {
@@ -13,12 +13,12 @@ pub struct QuotaLimits {
     pub total: Option<u32>,
     /// Runs open at the same time.
     pub concurrent: Option<u32>,
-    /// Uncharged runs in the phase. Bounds the number of free failures.
+    /// Uncharged runs in the phase. Bounds free failures.
     pub uncharged: Option<u32>,
 }
 
 impl QuotaLimits {
-    /// Returns the limit of a window; `None` if the window is not reported. The total is always reported.
+    /// Returns a window's limit; `None` if the window is not reported. The total is always reported.
     pub fn of(&self, window: QuotaWindow) -> Option<Option<u32>> {
         match window {
             QuotaWindow::Day => self.day.map(Some),
@@ -30,29 +30,29 @@ impl QuotaLimits {
     }
 }
 
-/// The set of runs counted by a quota, and the event that refills it.
+/// The runs counted by a quota, and the refilling event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum QuotaWindow {
-    /// Charged runs of a UTC day; refilled at midnight.
+    /// Charged runs in a UTC day; refilled at midnight.
     Day,
-    /// Charged runs of a UTC month; refilled on the first.
+    /// Charged runs in a UTC month; refilled on the first.
     Month,
-    /// Charged runs of the phase; never refilled.
+    /// Charged runs in the phase; never refilled.
     Total,
     /// Open runs; refilled when one ends.
     Concurrent,
-    /// Uncharged runs of the phase; never refilled.
+    /// Uncharged runs in the phase; never refilled.
     Uncharged,
 }
 words!(QuotaWindow, "quota window", {
     Day => "day", Month => "month", Total => "total", Concurrent => "concurrent", Uncharged => "uncharged",
 });
 
-/// Used and remaining runs of a team in a window of a phase. Times are milliseconds since 1970-01-01 UTC.
+/// A team's used and remaining runs in a window. Times are milliseconds since 1970-01-01 UTC.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Quota {
-    /// Id of the phase.
+    /// Phase id.
     pub phase: String,
     /// The window.
     pub window: QuotaWindow,
@@ -62,38 +62,38 @@ pub struct Quota {
     pub used: u32,
     /// Remaining runs; `None` for no limit.
     pub remaining: Option<u32>,
-    /// Start of the window.
+    /// Window start.
     pub window_start_unix_ms: i64,
-    /// Time of the next refill; `None` if waiting does not help.
+    /// Next refill; `None` if waiting does not help.
     pub next_increase_unix_ms: Option<i64>,
     /// The counted runs, oldest first; at most the latest 200.
     pub charges: Vec<Charge>,
 }
 
-/// The effect of a run on its team's quota.
+/// A run's effect on the team quota.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Charge {
-    /// Id of the run.
+    /// Run id.
     pub run: String,
-    /// Whether the run counts.
+    /// True if the run counts.
     pub charged: bool,
     /// Reason, for people.
     pub reason: &'static str,
 }
 
 impl Charge {
-    /// Maximum number of runs listed in a quota. Keeps answers small for teams without a limit.
+    /// Maximum listed runs in a quota: a bound on answers for teams without a limit.
     pub const MAX_LISTED: usize = 200;
 }
 
-/// Stored facts of a run that decide its charge. An agent's statements have no influence.
+/// A run's stored facts that decide the charge. An agent's statements have no influence.
 #[derive(Clone, Debug)]
 pub struct RunUse {
-    /// Id of the run.
+    /// Run id.
     pub run: String,
-    /// State of the run.
+    /// Run state.
     pub state: RunState,
-    /// Start of the run, milliseconds since 1970-01-01 UTC.
+    /// Start time, milliseconds since 1970-01-01 UTC.
     pub created_unix_ms: i64,
     /// Episodes with a score.
     pub scored: u32,
@@ -101,12 +101,12 @@ pub struct RunUse {
     pub given_up: u32,
     /// Attempts lost by server failures.
     pub server_faults: u32,
-    /// Whether an episode has a step.
+    /// True if an episode has a step.
     pub stepped: bool,
 }
 
 impl RunUse {
-    /// Returns the charge of the run.
+    /// Returns the charge.
     pub fn charge(&self) -> Charge {
         let (charged, reason) = match self.state {
             // An open run counts: otherwise a team could open more runs than remain.
@@ -127,13 +127,13 @@ impl RunUse {
 /// Runs granted by the organiser beyond the quota.
 #[derive(Clone, Copy, Debug)]
 pub struct RunGrant {
-    /// Number of runs.
+    /// Run count.
     pub runs: u32,
-    /// Time of the grant, milliseconds since 1970-01-01 UTC.
+    /// Grant time, milliseconds since 1970-01-01 UTC.
     pub granted_unix_ms: i64,
 }
 
-/// Start and end of a window; `None` for no end.
+/// A window's start and end; `None` for no end.
 #[derive(Clone, Copy)]
 struct Span {
     start: i64,
@@ -146,7 +146,7 @@ impl Span {
     }
 }
 
-/// Returns the quota of a team in each limited window of a phase and in the whole phase. `runs` are the team's runs in the
+/// Returns a team's quotas in all limited windows and in the whole phase. `runs` are the team's runs in the
 /// phase, oldest first.
 pub fn quotas(
     phase: &str,
@@ -178,11 +178,12 @@ pub fn quotas(
     windows.into_iter().filter_map(quota).collect()
 }
 
-/// Returns the number of runs granted in a window. A grant never raises the number of parallel runs.
+/// Counts runs granted in a window. Grants never raise the limit for parallel runs.
 fn granted(window: QuotaWindow, span: Span, grants: &[RunGrant]) -> u32 {
     if window == QuotaWindow::Concurrent {
         return 0;
     }
+    // A grant counts in the window in which it was given, so that it expires with this window.
     let inside = grants.iter().filter(|grant| span.contains(grant.granted_unix_ms));
     inside.fold(0, |sum, grant| sum.saturating_add(grant.runs))
 }

@@ -2,7 +2,7 @@ use crate::{Charge, word::words};
 use avln_episode::{EndReason, Order};
 use serde::{Deserialize, Serialize};
 
-/// State of a run.
+/// A run's state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RunState {
@@ -12,11 +12,11 @@ pub enum RunState {
     Running,
     /// All episodes are over.
     Completed,
-    /// Ended by its team or the organiser.
+    /// Ended by the team or the organiser.
     Cancelled,
     /// Ended by a server failure.
     Failed,
-    /// Ended by its wall-time limit.
+    /// Ended by the wall-time limit.
     Expired,
 }
 words!(RunState, "run state", {
@@ -31,7 +31,7 @@ impl RunState {
     }
 }
 
-/// State of an episode of a run.
+/// An episode's state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EpisodeState {
@@ -39,7 +39,7 @@ pub enum EpisodeState {
     Pending,
     /// Assigned and not over.
     Running,
-    /// Ended by the rules of the task.
+    /// Ended by the task's rules.
     Terminated,
     /// Ended by a limit or the agent's absence.
     Truncated,
@@ -50,7 +50,7 @@ words!(EpisodeState, "episode state", {
     Pending => "pending", Running => "running", Terminated => "terminated", Truncated => "truncated", Infra => "infra",
 });
 
-/// The method that plays a run, as described by its team.
+/// A method, as described by the team.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MethodInfo {
     /// Name on the leaderboard.
@@ -59,11 +59,11 @@ pub struct MethodInfo {
     pub version: String,
     /// Text for people; may be empty, as the fields below.
     pub description: String,
-    /// Address of the code.
+    /// Code address.
     pub code_url: String,
-    /// Address of the paper.
+    /// Paper address.
     pub paper_url: String,
-    /// Licence of the weights.
+    /// Weights licence.
     pub weights_licence: String,
     /// Training data other than the benchmark's.
     pub external_data: String,
@@ -79,18 +79,18 @@ impl MethodInfo {
 /// The organiser's ruling on a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Ruling {
-    /// Whether the organiser verified the run.
+    /// True if the organiser verified the run.
     pub verified: bool,
-    /// Public reason of a disqualification; `None` if the run is not disqualified.
+    /// Public disqualification reason; `None` if the run is not disqualified.
     pub disqualified: Option<String>,
 }
 
-/// Wall-clock time of an episode by activity, seconds.
+/// An episode's wall-clock time by activity, seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TimeAccount {
-    /// Simulation of motion, vision and sound.
+    /// Simulating motion, vision and sound.
     pub simulation_s: f64,
-    /// Encoding of observations.
+    /// Encoding observations.
     pub encoding_s: f64,
     /// Waiting for a simulation thread.
     pub queue_s: f64,
@@ -99,7 +99,7 @@ pub struct TimeAccount {
 }
 
 impl TimeAccount {
-    /// Returns the sum of both accounts.
+    /// Adds both accounts.
     pub fn plus(&self, other: &Self) -> Self {
         Self {
             simulation_s: self.simulation_s + other.simulation_s,
@@ -110,48 +110,48 @@ impl TimeAccount {
     }
 }
 
-/// Status of a run, for its own team. Times are milliseconds since 1970-01-01 UTC.
+/// A run's status, for its team. Times are milliseconds since 1970-01-01 UTC.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunStatus {
-    /// Id of the run.
+    /// Run id.
     pub run: String,
-    /// Id of the phase.
+    /// Phase id.
     pub phase: String,
     /// The method.
     pub method: MethodInfo,
-    /// Order of the missions.
+    /// Mission order.
     pub order: Order,
-    /// State of the run.
+    /// Run state.
     pub state: RunState,
-    /// Number of episodes.
+    /// Episode count.
     pub episodes: u32,
     /// Episodes with a stored result.
     pub done: u32,
     /// Episodes in progress.
     pub in_flight: u32,
-    /// Start of the run.
+    /// Start time.
     pub created_unix_ms: i64,
-    /// Last change of state.
+    /// Last state change.
     pub updated_unix_ms: i64,
-    /// Deadline of an open run; `None` for no deadline, or if the run is over.
+    /// Deadline; `None` for no deadline, or if the run is over.
     pub deadline_unix_ms: Option<i64>,
-    /// Number of episodes by end reason; reasons without episodes are omitted.
+    /// Episodes by end reason; reasons without episodes are omitted.
     pub ends: Vec<(EndReason, u32)>,
-    /// Name and mean of each public metric; `None` if the phase hides them from the team.
+    /// Public metrics: name and mean; `None` if the phase hides them from the team.
     pub metrics: Option<Vec<(String, f64)>>,
     /// Reasons that exclude the run from the leaderboard; empty if it takes part.
     pub ineligible_because: Vec<String>,
-    /// Whether the run is sealed: the organiser ran the agent without network access.
+    /// True if the run is sealed: the organiser ran the agent without network access.
     pub sealed: bool,
     /// Effect on the team's quota.
     pub charge: Charge,
-    /// Path of the run's web page; may be empty.
+    /// Web page path; may be empty.
     pub url: String,
 }
 
-/// Public result of a stored episode.
+/// A stored episode's public result.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EpisodeOutcome {
-    /// Name and value of each public metric.
+    /// Public metrics: name and value.
     pub metrics: Vec<(String, f64)>,
 }

@@ -1,34 +1,34 @@
-//! The draw of a run's episodes. A pure function of the phase's secret and the run's id, so that a published secret lets
+//! Drawing a run's episodes: a pure function with the arguments secret and run id. A published secret lets
 //! everybody repeat it.
 
 use crate::PhaseEpisode;
 use avln_episode::Modality;
 use serde::{Deserialize, Serialize};
 
-/// Selection and order of a run's episodes.
+/// Episode selection and order per run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Sampling {
-    /// Whether the order is drawn per run.
+    /// True if the order is drawn per run.
     pub shuffle: bool,
-    /// Size of the sample; `None` for all episodes.
+    /// Sample size; `None` for all episodes.
     pub sample: Option<Sample>,
 }
 
 impl Sampling {
-    /// Returns the number of episodes in a run of a phase with `all` episodes.
+    /// Returns a run's episode count in a phase with `all` episodes.
     pub fn episodes_of_run(&self, all: u32) -> u32 {
         self.sample.map_or(all, |sample| sample.episodes.min(all))
     }
 }
 
-/// Size of a run's sample of a phase's episodes.
+/// A run's sample size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sample {
-    /// Episodes of a run.
+    /// Episodes per run.
     pub episodes: u32,
-    /// Episodes of these that all runs share, for paired comparisons.
+    /// Episodes among these that all runs share, for paired comparisons.
     #[serde(default)]
     pub anchors: u32,
 }
@@ -37,23 +37,23 @@ pub struct Sample {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CommitmentValues {
-    /// Digest of the phase's split and episode ids ([`pool_digest`]), hex.
+    /// Digest over the phase's split and episode ids ([`pool_digest`]), hex.
     pub pool: String,
-    /// Version of the benchmark.
+    /// Benchmark version.
     pub scorer: String,
-    /// Key of samples, orders and handles ([`PhaseSecret`]), hex.
+    /// Key for samples, orders and handles ([`PhaseSecret`]), hex.
     pub secret: String,
 }
 
 impl CommitmentValues {
-    /// Returns the BLAKE3 hash of the values in hex. Each value is preceded by its length as 64 bits, little-endian.
+    /// Hashes the values by BLAKE3, in hex. A 64-bit little-endian length precedes every value.
     pub fn commitment(&self) -> String {
         let parts = [&self.pool, &self.scorer, &self.secret];
         hash_parts("avln 2026 phase commitment", parts.into_iter().map(String::as_str))
     }
 }
 
-/// Returns the hash of a split's digest and the ids of a phase's episodes in order, hex.
+/// Hashes a split's digest and a phase's episode ids in order, hex.
 pub fn pool_digest<'a>(split_digest: &'a str, episodes: impl IntoIterator<Item = &'a str>) -> String {
     hash_parts("avln 2026 phase pool", std::iter::once(split_digest).chain(episodes))
 }
@@ -67,11 +67,11 @@ fn hash_parts<'a>(context: &str, parts: impl Iterator<Item = &'a str>) -> String
     hasher.finalize().to_hex().to_string()
 }
 
-/// The 256-bit key of a phase's draws.
+/// The 256-bit key for a phase's draws.
 #[derive(Clone, Copy)]
 pub struct PhaseSecret([u8; 32]);
 
-/// Purpose of a hash. Draws with different purposes are independent.
+/// A hash purpose. Draws with different purposes are independent.
 #[derive(Clone, Copy)]
 enum Purpose {
     Anchors,
@@ -88,7 +88,7 @@ impl PhaseSecret {
         Some(Self(bytes))
     }
 
-    /// Returns a keyed BLAKE3 hash of purpose, run and name.
+    /// Hashes purpose, run and name by keyed BLAKE3.
     fn hash(&self, purpose: Purpose, run: &str, name: &str) -> [u8; 32] {
         let mut hasher = blake3::Hasher::new_keyed(&self.0);
         hasher.update(&[purpose as u8]);
@@ -98,14 +98,14 @@ impl PhaseSecret {
         *hasher.finalize().as_bytes()
     }
 
-    /// Returns the agent-visible name of an attempt at an episode: `ep_` and 128 bits, hex.
+    /// Returns an attempt's agent-visible name: `ep_` and 128 bits, hex.
     pub fn handle(&self, run: &str, ordinal: i64, attempt: i64) -> String {
         let hash = self.hash(Purpose::Handle, run, &format!("{ordinal} {attempt}"));
         format!("ep_{}", hex::encode(&hash[..16]))
     }
 }
 
-/// Returns the indices in `pool` of a run's episodes in playing order.
+/// Draws a run's episodes: indices in `pool` in playing order.
 pub fn draw(pool: &[PhaseEpisode], sampling: Sampling, secret: &PhaseSecret, run: &str) -> Vec<usize> {
     let all: Vec<usize> = (0..pool.len()).collect();
     let mut drawn = match sampling.sample {
@@ -118,7 +118,7 @@ pub fn draw(pool: &[PhaseEpisode], sampling: Sampling, secret: &PhaseSecret, run
     drawn
 }
 
-/// Returns the anchors and the run's own part of the sample, in the order of the pool.
+/// Returns the anchors and the run's own sample, in pool order.
 fn sampled(
     pool: &[PhaseEpisode],
     all: Vec<usize>,
@@ -137,7 +137,7 @@ fn sampled(
     drawn
 }
 
-/// Draws `wanted` elements of `from` with equal probability, and with proportional strata: a systematic sample with a random
+/// Draws `wanted` elements from `from` with equal probability, and with proportional strata: a systematic sample with a random
 /// start of the list sorted by stratum and, inside a stratum, by hash (W. G. Cochran, Sampling Techniques, chapter 8).
 fn stratified(
     pool: &[PhaseEpisode],
@@ -150,12 +150,13 @@ fn stratified(
     }
     let mut sorted = from.to_vec();
     sorted.sort_by_cached_key(|&index| (stratum(&pool[index]), hash(&pool[index].episode)));
+    // The modulo bias is below 1e-16: 64 bits against some hundred episodes.
     let start_hash = hash("start");
     let start = u64::from_le_bytes(start_hash[..8].try_into().unwrap_or_default()) as usize % sorted.len();
     (0..wanted.min(sorted.len())).map(|index| sorted[(index * sorted.len() + start) / wanted]).collect()
 }
 
-/// Number of goals, in total and by modality.
+/// Goal counts, in total and by modality.
 fn stratum(episode: &PhaseEpisode) -> [usize; 4] {
     let count = |modality| episode.goals.iter().filter(|goal| goal.modality == modality).count();
     [episode.goals.len(), count(Modality::Category), count(Modality::Description), count(Modality::Image)]

@@ -2,7 +2,7 @@
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("unknown {kind} '{word}'")]
 pub struct UnknownWord {
-    /// Name of the enum, for people: `run state`.
+    /// Enum name, for people: `run state`.
     pub kind: &'static str,
     /// The rejected word.
     pub word: String,
@@ -12,7 +12,7 @@ pub struct UnknownWord {
 macro_rules! words {
     ($name:ident, $kind:literal, { $($variant:ident => $word:literal),+ $(,)? }) => {
         impl $name {
-            /// All values, in the order of declaration.
+            /// All values, in declaration order.
             pub const ALL: &[Self] = &[$(Self::$variant),+];
 
             /// Returns the word used in database columns, files and URLs.
@@ -48,7 +48,7 @@ macro_rules! words {
             }
         }
 
-        // Row structs of the store decode a text column by this conversion.
+        // The store decodes text columns by this conversion.
         impl TryFrom<String> for $name {
             type Error = $crate::UnknownWord;
 

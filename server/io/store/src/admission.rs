@@ -1,46 +1,45 @@
-//! Which teams may play in a phase, who is in them, and what the organiser gave them beyond their quota.
+//! Approved teams, team members, and runs granted beyond a quota.
 
 use crate::{
-    AuditNote, Phase, Quota, Store, StoreError,
-    audit::add_notes,
-    phases::{read_heads, read_phases},
+    audit::{AuditNote, add_notes},
+    database::Store,
+    error::StoreError,
+    phases::{Phase, read_heads, read_phases},
     quota::read_quotas,
-    words::row,
 };
+use avln_challenge::Quota;
 use serde::Serialize;
-use sqlx::{Sqlite, Transaction};
+use sqlx::{FromRow, Sqlite, Transaction};
 
-row! {
-    /// A person in a team of a phase.
-    #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-    pub struct Member {
-        /// The phase.
-        pub phase: String,
-        /// The team.
-        pub team: String,
-        /// The person.
-        pub person: String,
-    }
+/// A person in a phase's team.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, FromRow)]
+pub struct Member {
+    /// Phase id.
+    pub phase: String,
+    /// Team name.
+    pub team: String,
+    /// The person.
+    pub person: String,
 }
 
-/// Runs that the organiser gives to a team beyond its quota.
+/// Runs granted by the organiser beyond a team's quota.
 #[derive(Clone, Copy, Debug)]
 pub struct NewGrant<'a> {
-    /// Where they can be used.
+    /// Phase id.
     pub phase: &'a str,
-    /// Whose they are.
+    /// Team name.
     pub team: &'a str,
-    /// How many, at least 1.
+    /// Run count, at least 1.
     pub runs: u32,
-    /// Why.
+    /// Reason.
     pub reason: &'a str,
 }
 
 impl Store {
-    /// Lets a team play in a phase that asks for approval, or no more; whether that changed anything.
+    /// Approves a team for a phase, or withdraws the approval. Returns whether that changed anything.
     ///
     /// # Errors
-    /// When the phase or the team is unknown, or the database fails.
+    /// If the phase or the team is unknown, or the database fails.
     pub async fn approve(
         &self,
         phase: &str,
@@ -66,10 +65,10 @@ impl Store {
         Ok(changed)
     }
 
-    /// Enters a person into a team of a phase; whether that changed anything.
+    /// Adds a person to a team. Returns whether that changed anything.
     ///
     /// # Errors
-    /// When the phase or the team is unknown, the person is in another team of the phase, or the database fails.
+    /// If the phase or the team is unknown, the person is in another team, or the database fails.
     pub async fn add_member(
         &self,
         member: &Member,
@@ -101,10 +100,10 @@ impl Store {
         Ok(true)
     }
 
-    /// Takes a person out of a team of a phase; whether that changed anything.
+    /// Removes a person from a team. Returns whether that changed anything.
     ///
     /// # Errors
-    /// When the database fails.
+    /// If the database fails.
     pub async fn remove_member(
         &self,
         member: &Member,
@@ -122,19 +121,19 @@ impl Store {
         Ok(changed)
     }
 
-    /// The members of a team, by phase and person.
+    /// Returns a team's members, by phase and person.
     ///
     /// # Errors
-    /// When the database fails.
+    /// If the database fails.
     pub async fn members(&self, team: &str) -> Result<Vec<Member>, StoreError> {
         let select = "SELECT phase, team, person FROM members WHERE team = $1 ORDER BY phase, person";
         Ok(sqlx::query_as(select).bind(team).fetch_all(&self.read).await?)
     }
 
-    /// Gives runs to a team beyond its quota.
+    /// Grants runs to a team beyond the quota.
     ///
     /// # Errors
-    /// When the phase or the team is unknown, or the database fails.
+    /// If the phase or the team is unknown, or the database fails.
     pub async fn grant(
         &self,
         grant: &NewGrant<'_>,
@@ -151,10 +150,10 @@ impl Store {
         Ok(tx.commit().await?)
     }
 
-    /// What a team has left in a phase, or in all that it may know of.
+    /// Returns a team's quotas in a phase, or in all visible phases.
     ///
     /// # Errors
-    /// When the phase is unknown or not for this team's eyes, or the database fails.
+    /// If the phase is unknown or hidden from the team, or the database fails.
     pub async fn quotas(
         &self,
         team: &str,
@@ -165,7 +164,7 @@ impl Store {
         let phases = match phase {
             Some(id) => {
                 let phase = find_phase(&mut tx, id).await?;
-                refuse_unseen(&phase, team)?;
+                reject_hidden(&phase, team)?;
                 vec![phase]
             }
             None => read_heads(&mut tx, None).await?.into_iter().map(|head| head.phase).collect(),
@@ -188,30 +187,30 @@ async fn find_team(tx: &mut Transaction<'_, Sqlite>, name: &str) -> Result<(), S
     found.map(drop).ok_or_else(|| StoreError::unknown("team", name))
 }
 
-fn refuse_unseen(phase: &Phase, team: &str) -> Result<(), StoreError> {
+fn reject_hidden(phase: &Phase, team: &str) -> Result<(), StoreError> {
     if phase.admission.shows_to(Some(team)) {
         return Ok(());
     }
     Err(StoreError::PhaseNotVisible { phase: phase.id.clone(), team: team.to_owned() })
 }
 
-/// Refuses a team that may not play in the phase.
-pub(crate) async fn refuse_team(
+/// Rejects a team without access to the phase.
+pub(crate) async fn check_admission(
     tx: &mut Transaction<'_, Sqlite>,
     phase: &Phase,
     team: &str,
 ) -> Result<(), StoreError> {
-    refuse_unseen(phase, team)?;
-    let refused =
+    reject_hidden(phase, team)?;
+    let rejected =
         |why| Err(StoreError::TeamNotApproved { phase: phase.id.clone(), team: team.to_owned(), why });
     if phase.admission.deny.iter().any(|denied| denied == team) {
-        return refused("the organiser excluded it");
+        return rejected("the organiser excluded it");
     }
     let select = "SELECT 1 FROM approvals WHERE phase = $1 AND team = $2";
     let approved: Option<i64> =
         sqlx::query_scalar(select).bind(&phase.id).bind(team).fetch_optional(&mut **tx).await?;
     match approved {
-        None if phase.admission.approval => refused("the organiser has not approved it yet"),
+        None if phase.admission.approval => rejected("the organiser has not approved it yet"),
         _ => Ok(()),
     }
 }

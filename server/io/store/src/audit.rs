@@ -1,54 +1,52 @@
-//! The audit list: what was changed, by whom and why. Rows are added and nothing else; the database refuses the rest.
+//! The audit list: lines are only added. Database triggers reject updates and deletions.
 
-use crate::{Store, StoreError, words::row};
+use crate::{database::Store, error::StoreError};
 use serde::Serialize;
-use sqlx::{Sqlite, Transaction};
+use sqlx::{FromRow, Sqlite, Transaction};
 
-/// A change to be noted.
+/// A change to be recorded in the audit list.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct AuditNote {
-    /// Who changed it.
+    /// Author.
     pub actor: String,
-    /// Of what: `phase practice`, `team red`.
+    /// Changed object: `phase practice`, `team red`.
     pub subject: String,
-    /// The setting or the deed: `quota.day`, `paused`, `granted`.
+    /// Setting or action: `quota.day`, `paused`, `granted`.
     pub what: String,
-    /// What it was; `None` for nothing.
+    /// Value before the change; `None` for no value.
     pub before: Option<String>,
-    /// What it is; `None` for nothing.
+    /// Value after the change; `None` for no value.
     pub after: Option<String>,
-    /// Why; may be empty.
+    /// Reason; may be empty.
     pub reason: String,
 }
 
-row! {
-    /// A line of the audit list.
-    #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-    pub struct AuditLine {
-        /// Counts up.
-        pub id: i64,
-        /// When, milliseconds since 1970-01-01 UTC.
-        pub at_ms: i64,
-        /// Who.
-        pub actor: String,
-        /// Of what.
-        pub subject: String,
-        /// The setting or the deed.
-        pub what: String,
-        /// What it was; `None` for nothing.
-        pub before: Option<String>,
-        /// What it is; `None` for nothing.
-        pub after: Option<String>,
-        /// Why; may be empty.
-        pub reason: String,
-    }
+/// An audit line.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, FromRow)]
+pub struct AuditLine {
+    /// Ascending number.
+    pub id: i64,
+    /// Time, milliseconds since 1970-01-01 UTC.
+    pub at_ms: i64,
+    /// Author.
+    pub actor: String,
+    /// Changed object.
+    pub subject: String,
+    /// Setting or action.
+    pub what: String,
+    /// Value before the change; `None` for no value.
+    pub before: Option<String>,
+    /// Value after the change; `None` for no value.
+    pub after: Option<String>,
+    /// Reason; may be empty.
+    pub reason: String,
 }
 
 impl Store {
-    /// The audit list, the oldest line first.
+    /// Returns the audit list, oldest line first.
     ///
     /// # Errors
-    /// When the database fails.
+    /// If the database fails.
     pub async fn audit(&self) -> Result<Vec<AuditLine>, StoreError> {
         let select = "SELECT id, at_ms, actor, subject, what, before, after, reason FROM audit ORDER BY id";
         Ok(sqlx::query_as(select).fetch_all(&self.read).await?)
@@ -57,18 +55,18 @@ impl Store {
     /// Adds a line to the audit list.
     ///
     /// # Errors
-    /// When the database fails.
-    pub async fn note(&self, note: AuditNote, now_unix_ms: i64) -> Result<(), StoreError> {
+    /// If the database fails.
+    pub async fn add_audit_note(&self, note: AuditNote, now_unix_ms: i64) -> Result<(), StoreError> {
         let mut tx = self.begin().await?;
         add_notes(&mut tx, &[note], now_unix_ms).await?;
         Ok(tx.commit().await?)
     }
 
-    /// Number of the newest line of the audit list, 0 for none: it tells whether the organiser changed anything.
+    /// Returns the newest audit line's id, 0 for an empty list. It grows with every change by an organiser.
     ///
     /// # Errors
-    /// When the database fails.
-    pub async fn newest_change(&self) -> Result<i64, StoreError> {
+    /// If the database fails.
+    pub async fn newest_audit_id(&self) -> Result<i64, StoreError> {
         Ok(sqlx::query_scalar("SELECT COALESCE(MAX(id), 0) FROM audit").fetch_one(&self.read).await?)
     }
 }

@@ -1,58 +1,60 @@
-//! Copies of a database, made while a server writes to it.
+//! Online copies of a database, and their inspection.
 
 use crate::{
-    SCHEMA_VERSION, StoreError,
-    database::{BUSY_TIMEOUT, explain, options, refuse_foreign},
-    words::count,
+    database::{BUSY_TIMEOUT, SCHEMA_VERSION, connect_options, explain, reject_foreign},
+    error::StoreError,
 };
-use sqlx::sqlite::{SqlitePool, SqlitePoolOptions};
+use sqlx::{
+    sqlite::{SqlitePool, SqlitePoolOptions},
+    types::Json,
+};
 use std::{collections::BTreeMap, path::Path};
 
-/// What a copy of a database holds.
+/// A copy's contents.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Inventory {
-    /// Version of its schema.
+    /// Schema version.
     pub schema: i64,
-    /// Teams in it.
+    /// Team count.
     pub teams: u32,
-    /// Episodes with a result.
+    /// Episode count with a result.
     pub results: u32,
-    /// Splits that its phases play.
+    /// Splits in use.
     pub splits: Vec<String>,
-    /// Its runs.
+    /// Runs.
     pub runs: Vec<KeptRun>,
 }
 
-/// A run in a copy of a database.
+/// A run in a copy.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct KeptRun {
-    /// Its id.
+    /// Run id.
     pub id: String,
-    /// Whether nothing of it can change any more.
+    /// True if the run cannot change any more.
     pub is_settled: bool,
-    /// How often each of its episodes was handed out, by place; empty when it is settled.
+    /// Attempts by episode ordinal; empty if the run is settled.
     pub attempts: BTreeMap<u32, u32>,
 }
 
-/// Copies the database at `path` to the new file `to`, as it is at one moment. It changes nothing, and servers may go on
-/// writing meanwhile.
+/// Copies the database at `path` to the new file `to` in one consistent state. Servers can write meanwhile.
 ///
 /// # Errors
-/// When `path` is no database of ours, or the copy cannot be written.
+/// If `path` is no LH-AVLN Arena database, or the copy cannot be written.
 pub async fn copy_database(path: &Path, to: &Path) -> Result<(), StoreError> {
-    refuse_foreign(path, BUSY_TIMEOUT).await?;
+    reject_foreign(path, BUSY_TIMEOUT).await?;
     let pool = read_only(path).await?;
+    // VACUUM INTO reads in one transaction: the copy is consistent while others write. Copying the files would miss the WAL.
     let copied = sqlx::query("VACUUM INTO $1").bind(to.to_string_lossy().into_owned()).execute(&pool).await;
     pool.close().await;
     copied.map(drop).map_err(|error| explain(path, error))
 }
 
-/// Reads a copy through: every page of it and every reference from one row to another. It changes nothing.
+/// Checks all pages and references in a copy and returns the contents. The copy is not changed.
 ///
 /// # Errors
-/// When it is damaged, is no database of ours or comes from a newer program.
+/// If the copy is damaged, no LH-AVLN Arena database or has a newer schema.
 pub async fn inspect_database(path: &Path) -> Result<Inventory, StoreError> {
-    refuse_foreign(path, BUSY_TIMEOUT).await?;
+    reject_foreign(path, BUSY_TIMEOUT).await?;
     let pool = read_only(path).await?;
     let inventory = inspect(&pool, path).await;
     pool.close().await;
@@ -60,7 +62,7 @@ pub async fn inspect_database(path: &Path) -> Result<Inventory, StoreError> {
 }
 
 async fn read_only(path: &Path) -> Result<SqlitePool, StoreError> {
-    let options = options(path, BUSY_TIMEOUT).read_only(true);
+    let options = connect_options(path, BUSY_TIMEOUT).read_only(true);
     let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await;
     pool.map_err(|error| explain(path, error))
 }
@@ -72,35 +74,32 @@ async fn inspect(pool: &SqlitePool, path: &Path) -> Result<Inventory, StoreError
     if schema > SCHEMA_VERSION {
         return Err(StoreError::Newer { path: path.to_owned(), found: schema, known: SCHEMA_VERSION });
     }
+    // Three faults are enough for a message.
     let faults: Vec<String> = sqlx::query_scalar("PRAGMA integrity_check(3)").fetch_all(pool).await?;
     if faults != ["ok"] {
         return Err(StoreError::damaged("file", faults.join("; ")));
     }
     let dangling = sqlx::query("PRAGMA foreign_key_check").fetch_all(pool).await?.len();
     if dangling > 0 {
-        return Err(StoreError::damaged("file", format!("{dangling} rows point at rows that are not there")));
+        return Err(StoreError::damaged("file", format!("{dangling} rows refer to missing rows")));
     }
-    let number = async |query: &'static str| sqlx::query_scalar::<_, i64>(query).fetch_one(pool).await;
+    let results = "SELECT COUNT(*) FROM episodes WHERE metrics IS NOT NULL";
     Ok(Inventory {
         schema,
-        teams: count(number("SELECT COUNT(*) FROM teams").await?),
-        results: count(number("SELECT COUNT(*) FROM episodes WHERE metrics IS NOT NULL").await?),
+        teams: sqlx::query_scalar("SELECT COUNT(*) FROM teams").fetch_one(pool).await?,
+        results: sqlx::query_scalar(results).fetch_one(pool).await?,
         splits: sqlx::query_scalar("SELECT DISTINCT split FROM phases ORDER BY 1").fetch_all(pool).await?,
-        runs: runs(pool).await?,
+        runs: read_kept_runs(pool).await?,
     })
 }
 
-async fn runs(pool: &SqlitePool) -> Result<Vec<KeptRun>, StoreError> {
-    let settled = "SELECT id, state NOT IN ('created', 'running') AND NOT EXISTS \
-                   (SELECT 1 FROM episodes e WHERE e.run = r.id AND e.state = 'running') FROM runs r ORDER BY id";
-    let rows: Vec<(String, bool)> = sqlx::query_as(settled).fetch_all(pool).await?;
-    let mut runs = Vec::with_capacity(rows.len());
-    for (id, is_settled) in rows {
-        let select = "SELECT ordinal, attempts FROM episodes WHERE run = $1 AND NOT $2";
-        let attempts: Vec<(i64, i64)> =
-            sqlx::query_as(select).bind(&id).bind(is_settled).fetch_all(pool).await?;
-        let attempts = attempts.into_iter().map(|(ordinal, times)| (count(ordinal), count(times))).collect();
-        runs.push(KeptRun { id, is_settled, attempts });
-    }
-    Ok(runs)
+async fn read_kept_runs(pool: &SqlitePool) -> Result<Vec<KeptRun>, StoreError> {
+    let select = "SELECT id, settled, (SELECT json_group_object(ordinal, attempts) FROM episodes e \
+                  WHERE e.run = id AND NOT settled) AS attempts \
+                  FROM (SELECT id, state NOT IN ('created', 'running') AND NOT EXISTS \
+                  (SELECT 1 FROM episodes e WHERE e.run = r.id AND e.state = 'running') AS settled FROM runs r) \
+                  ORDER BY id";
+    let rows: Vec<(String, bool, Json<BTreeMap<u32, u32>>)> = sqlx::query_as(select).fetch_all(pool).await?;
+    let run = |(id, is_settled, Json(attempts))| KeptRun { id, is_settled, attempts };
+    Ok(rows.into_iter().map(run).collect())
 }

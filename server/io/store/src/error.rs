@@ -1,107 +1,104 @@
-use avln_challenge::calendar::rfc3339;
-use avln_challenge::{Quota, QuotaWindow, UnknownWord};
+use avln_challenge::{Quota, QuotaWindow, UnknownWord, calendar::rfc3339};
 use std::path::PathBuf;
 
-/// What went wrong in the store, and what to do about it.
+/// A store error, with a next step in the message.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// The file or its folder cannot be used.
+    /// The file or folder cannot be used.
     #[error(
-        "cannot open the database {path}: {reason}; check that its folder exists, is writable and has space, or choose another"
+        "cannot open the database {path}: {reason}; check that its folder exists, is writable and has free space, or choose another data folder"
     )]
     CannotOpen {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The operating system's or SQLite's error.
         reason: String,
     },
-    /// The file is something else.
-    #[error("{path} is not an LH-AVLN Arena database; move it away or choose another data folder")]
+    /// The file is no LH-AVLN Arena database.
+    #[error("{path} is not an LH-AVLN Arena database; move it or choose another data folder")]
     NotOurs {
         /// The file.
         path: PathBuf,
     },
-    /// A newer program wrote the file.
+    /// The file has a newer schema.
     #[error(
-        "the database {path} has schema version {found}, this program knows up to {known}; use the newer program or another data folder"
+        "the database {path} has schema version {found}, but this program supports up to {known}; use the newer program or another data folder"
     )]
     Newer {
         /// The file.
         path: PathBuf,
-        /// Version of the file.
+        /// File schema version.
         found: i64,
-        /// Newest version known.
+        /// Newest supported version.
         known: i64,
     },
-    /// Migrations failed for another reason.
-    #[error(
-        "cannot bring the database {path} up to date: {reason}; restore a backup or choose another data folder"
-    )]
+    /// A migration failed.
+    #[error("cannot migrate the database {path}: {reason}; restore a backup or choose another data folder")]
     Migration {
         /// The file.
         path: PathBuf,
-        /// What failed.
+        /// The failure.
         reason: String,
     },
-    /// Another process holds the database for too long.
-    #[error("the database is held by another program; stop that program, then try again")]
+    /// Another process locks the database.
+    #[error("the database is locked by another program; stop that program, then try again")]
     Busy,
-    /// A name that is not there.
+    /// A row with this name does not exist.
     #[error("there is no {what} '{name}'; check the name")]
     Unknown {
-        /// Kind of thing.
+        /// Row kind.
         what: &'static str,
-        /// Its name.
+        /// Requested name.
         name: String,
     },
-    /// A name that is taken by something different.
+    /// A different row has this name.
     #[error("{what} '{name}' exists already and differs; choose another name")]
     Taken {
-        /// Kind of thing.
+        /// Row kind.
         what: &'static str,
-        /// Its name.
+        /// Name.
         name: String,
     },
-    /// The phase takes no new runs.
+    /// The phase is closed.
     #[error("phase '{0}' is closed; choose an open phase")]
     PhaseClosed(String),
-    /// The phase takes no runs yet.
-    #[error("phase '{phase}' opens at {}; choose an open phase, or come back then", rfc3339(*opens_unix_ms))]
+    /// The phase is not open yet.
+    #[error("phase '{phase}' opens at {}; choose an open phase, or try again then", rfc3339(*opens_unix_ms))]
     PhaseNotOpen {
         /// The phase.
         phase: String,
-        /// When it opens, milliseconds since 1970-01-01 UTC.
+        /// Opening time, milliseconds since 1970-01-01 UTC.
         opens_unix_ms: i64,
     },
-    /// The phase takes runs from the organiser alone.
+    /// The phase accepts sealed runs only.
     #[error(
-        "phase '{0}' is played in sealed runs only, which its organiser starts: send the agent to the organiser"
+        "phase '{0}' accepts sealed runs only, which its organiser starts; send the agent to the organiser"
     )]
     PhaseSealed(String),
-    /// The phase takes no runs for now.
-    #[error("phase '{phase}' is paused: {reason}; runs that were started may go on")]
+    /// The phase is paused.
+    #[error("phase '{phase}' is paused: {reason}; started runs can continue")]
     PhasePaused {
         /// The phase.
         phase: String,
-        /// Why.
+        /// Reason given by the organiser.
         reason: String,
     },
-    /// The phase is not over, so that its secret stays one.
+    /// The phase is not closed, so the secret cannot be published.
     #[error(
         "phase '{0}' is not closed; close it with avln challenge phase close, or wait for its closing date"
     )]
     NotClosed(String),
-    /// Runs of the phase go on, so that its secret stays one.
-    #[error("phase '{phase}' is still played by runs that began in time, until {} at the latest; reveal it then", rfc3339(*until_unix_ms))]
+    /// Runs continue, so the secret cannot be published.
+    #[error("runs of phase '{phase}' continue until {} at the latest; reveal it then", rfc3339(*until_unix_ms))]
     StillPlayed {
         /// The phase.
         phase: String,
-        /// When the last of them ends at the latest, milliseconds since 1970-01-01 UTC.
+        /// Latest deadline, milliseconds since 1970-01-01 UTC.
         until_unix_ms: i64,
     },
-    /// The phase is for other teams' eyes.
+    /// The phase is hidden from the team.
     #[error(
-        "phase '{phase}' is not for team '{team}'; ask the organiser, or choose a phase that ListPhases tells"
+        "phase '{phase}' is not visible to team '{team}'; ask the organiser, or choose a phase of ListPhases"
     )]
     PhaseNotVisible {
         /// The phase.
@@ -109,18 +106,18 @@ pub enum StoreError {
         /// The team.
         team: String,
     },
-    /// The team may not play in the phase.
+    /// The team is not admitted to the phase.
     #[error("team '{team}' may not play in phase '{phase}': {why}; ask the organiser")]
     TeamNotApproved {
         /// The phase.
         phase: String,
         /// The team.
         team: String,
-        /// Why not.
+        /// Reason.
         why: &'static str,
     },
-    /// A person can be in one team of a phase.
-    #[error("'{person}' is in team '{team}' of phase '{phase}'; take the person out there first")]
+    /// The person is in another team in this phase.
+    #[error("'{person}' is in team '{team}' of phase '{phase}'; remove the person from that team first")]
     InAnotherTeam {
         /// The person.
         person: String,
@@ -129,25 +126,25 @@ pub enum StoreError {
         /// The other team.
         team: String,
     },
-    /// The phase is not played in this order.
-    #[error("phase '{phase}' is not played {order}; choose the other order")]
+    /// The phase does not allow this mission order.
+    #[error("phase '{phase}' does not allow {order} missions; choose the other order")]
     OrderNotAllowed {
         /// The phase.
         phase: String,
-        /// The order asked for.
+        /// Requested order.
         order: &'static str,
     },
-    /// The team has no run left.
-    #[error("{}", used_up(.0))]
+    /// A team quota is used up.
+    #[error("{}", quota_message(.0))]
     QuotaUsed(Box<Quota>),
-    /// One version of the benchmark said two things.
+    /// Two scorers with the same version disagree.
     #[error(
-        "run '{run}' was scored again by benchmark {scorer} before, and otherwise than now; that program was not this one"
+        "run '{run}' was rescored by benchmark {scorer} before, with a different result; the two programs differ despite the equal version"
     )]
     ScoresDiffer {
         /// The run.
         run: String,
-        /// Version of the benchmark.
+        /// Benchmark version.
         scorer: String,
     },
     /// The run is over.
@@ -155,18 +152,18 @@ pub enum StoreError {
     RunOver {
         /// The run.
         run: String,
-        /// Its state.
+        /// Run state.
         state: &'static str,
     },
-    /// Only a run that is over can be verified.
-    #[error("run '{0}' is not over; verify it when it is")]
+    /// The run is open, so it cannot be verified.
+    #[error("run '{0}' is not over; verify it after its end")]
     RunOpen(String),
-    /// A row does not hold what its column promises.
-    #[error("the database holds a damaged {what}: {reason}; restore a backup")]
+    /// A stored value is invalid.
+    #[error("the database contains a damaged {what}: {reason}; restore a backup")]
     Damaged {
-        /// What could not be read.
-        what: &'static str,
-        /// Why not.
+        /// Value kind.
+        what: String,
+        /// The fault.
         reason: String,
     },
     /// SQLite failed.
@@ -179,42 +176,48 @@ impl StoreError {
         Self::Unknown { what, name: name.to_owned() }
     }
 
-    /// Whether the database failed, rather than refused what somebody asked for.
-    pub fn is_fault(&self) -> bool {
-        let files = matches!(
-            self,
-            Self::CannotOpen { .. } | Self::NotOurs { .. } | Self::Newer { .. } | Self::Migration { .. }
-        );
-        files || matches!(self, Self::Busy | Self::Damaged { .. } | Self::Database(_))
+    pub(crate) fn damaged(what: impl Into<String>, reason: impl ToString) -> Self {
+        Self::Damaged { what: what.into(), reason: reason.to_string() }
     }
 
-    pub(crate) fn damaged(what: &'static str, reason: impl ToString) -> Self {
-        Self::Damaged { what, reason: reason.to_string() }
+    /// Returns whether the database failed, as opposed to a rejected request.
+    pub fn is_fault(&self) -> bool {
+        matches!(
+            self,
+            Self::CannotOpen { .. }
+                | Self::NotOurs { .. }
+                | Self::Newer { .. }
+                | Self::Migration { .. }
+                | Self::Busy
+                | Self::Damaged { .. }
+                | Self::Database(_)
+        )
     }
 }
 
-/// Which quota is used up, and what helps.
-fn used_up(quota: &Quota) -> String {
-    let (limit, phase) = (quota.limit.unwrap_or_default(), &quota.phase);
-    let what = match quota.window {
+/// Names the used-up quota and the next step.
+fn quota_message(quota: &Quota) -> String {
+    let phase = &quota.phase;
+    let limit = quota.limit.unwrap_or_default();
+    let used = match quota.window {
         QuotaWindow::Day => format!("all {limit} runs of this day (UTC)"),
         QuotaWindow::Month => format!("all {limit} runs of this month (UTC)"),
         QuotaWindow::Total => format!("all {limit} runs of the phase"),
         QuotaWindow::Concurrent => {
             return format!(
-                "the team has {limit} runs open in phase '{phase}', the most at a time; finish or cancel one"
+                "the team has {limit} open runs in phase '{phase}', the maximum; finish or cancel one"
             );
         }
-        QuotaWindow::Uncharged => format!("all {limit} runs of the phase that may end without being charged"),
+        QuotaWindow::Uncharged => format!("all {limit} uncharged runs of the phase"),
     };
-    let helps = match quota.next_increase_unix_ms {
+    let next_step = match quota.next_increase_unix_ms {
         Some(moment) => format!("the next can start at {}", rfc3339(moment)),
         None => "the organiser can grant more".to_owned(),
     };
-    format!("the team has used {what} '{phase}'; {helps}")
+    format!("the team has used {used} '{phase}'; {next_step}")
 }
 
-/// Primary result code of SQLite (sqlite.org/rescode.html), when it was SQLite that failed.
+/// Returns an SQLite error's primary result code (sqlite.org/rescode.html).
 pub(crate) fn sqlite_code(error: &sqlx::Error) -> Option<i64> {
     let extended: i64 = error.as_database_error()?.code()?.parse().ok()?;
     Some(extended & 0xff)
@@ -225,9 +228,12 @@ const SQLITE_LOCKED: i64 = 6;
 
 impl From<sqlx::Error> for StoreError {
     fn from(error: sqlx::Error) -> Self {
-        match sqlite_code(&error) {
-            Some(SQLITE_BUSY | SQLITE_LOCKED) => Self::Busy,
-            _ => Self::Database(error),
+        match (sqlite_code(&error), error) {
+            (Some(SQLITE_BUSY | SQLITE_LOCKED), _) => Self::Busy,
+            (_, sqlx::Error::ColumnDecode { index, source }) => {
+                Self::damaged(format!("column {index}"), source)
+            }
+            (_, error) => Self::Database(error),
         }
     }
 }

@@ -1,55 +1,58 @@
-//! SQLite rows to domain types and back; blobs; visibility applied on read.
+//! The SQLite database: phases, runs, results, accounts and the audit list.
 //!
-//! Start reading at [`Store`], which the server writes through, and [`Reader`], the only half that pages are given.
+//! Start reading at [`Store`], the half with write access, and [`Reader`], the read-only half for pages. `migrations/`
+//! describes the tables.
 //!
-//! *Never*: hands a hidden thing to a [`Reader`]'s caller whom the phase does not let see it; stores a secret in clear.
+//! *Never*: returns data to a [`Reader`]'s caller that the phase hides from this viewer; stores a secret in plain text.
 
 mod accounts;
 mod admission;
 mod audit;
 mod backup;
-mod catalogue;
+mod cache;
+mod catalog;
+mod column;
+mod commitment;
 mod database;
+mod episodes;
 mod error;
 mod facts;
 mod packed;
 mod phases;
-mod play;
-mod prune;
 mod quota;
-mod rescore;
-mod reveal;
-mod rulings;
 mod runs;
-mod totals;
+mod scores;
+mod start;
 mod uptime;
 mod views;
-mod words;
 
 pub use accounts::{NewToken, Team, Token, TokenHash, TokenLine, TokenState};
 pub use admission::{Member, NewGrant};
 pub use audit::{AuditLine, AuditNote};
-pub use avln_challenge::calendar;
 pub use avln_challenge::{
     Admission, Charge, CommitmentValues, EpisodeState, GoalText, PhaseEpisode, PhaseState, Quota,
     QuotaLimits, QuotaWindow, Reference, Ruling, RunChoice, RunState, Sample, Sampling, Schedule,
-    TimeAccount, TokenScope, Visibility, pool_digest,
+    TimeAccount, TokenScope, Visibility, calendar, pool_digest,
 };
 pub use backup::{Inventory, KeptRun, copy_database, inspect_database};
-pub use catalogue::{Scene, SceneMap, Split};
+pub use catalog::{Scene, SceneMap, Split};
+pub use commitment::Commitment;
 pub use database::{SCHEMA_VERSION, Store};
+pub use episodes::{AssignedEpisode, EpisodeResult, EpisodeStatus, RecordedResult, RunningEpisode};
 pub use error::StoreError;
-pub use facts::Facts;
+pub use facts::{Facts, Pruned, Rescore, Rescored, ScoredEpisode};
 pub use phases::{Phase, Ranking};
-pub use play::{Assigned, Finished, HandedOut, Recorded, Underway};
-pub use prune::Pruned;
-pub use rescore::{Rescore, Rescored, ScoredEpisode};
-pub use reveal::Promise;
-pub use runs::{NewRun, Run, StartedRun};
-pub use uptime::MadeUp;
+pub use runs::Run;
+pub use start::{NewRun, StartedRun};
+pub use uptime::DowntimeCredit;
 pub use views::{
-    Board, Census, CompareView, EpisodeLine, EpisodeView, GoalView, GrantLine, GroupView, Holder,
-    Incomparable, LeaderboardRow, LeaderboardView, LiveRun, LogAccess, MissionView, MissionsView,
-    ModalityView, PairView, PhaseView, Reader, Replay, RunLine, RunList, RunView, SubmitMark, TargetView,
-    TeamLine, TeamsView, Viewer,
+    Census, Reader, Viewer,
+    compare::{CompareView, Incomparable, PairView},
+    episode::{EpisodeView, GoalView, MissionView, Replay, SubmitMark, TargetView},
+    group::GroupView,
+    leaderboard::{LeaderboardQuery, LeaderboardRow, LeaderboardView, RowFilter},
+    management::{GrantLine, Holder, TeamLine, TeamsView},
+    phase::{MissionsView, PhaseView},
+    run::{EpisodeLine, LogAccess, ModalityView, RunLine, RunView},
+    run_list::{LiveRun, RunList},
 };

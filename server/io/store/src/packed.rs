@@ -1,17 +1,17 @@
-//! Records as bytes, exact to the last bit: 28 bytes a step instead of JSON's 250.
+//! Binary record format: exact to the last bit, and 28 bytes a step instead of 250 in JSON.
 //!
-//! Little-endian. Version 1: `u8` version; rules as `u16` length and UTF-8; start pose (x, y, z, heading as `f32`);
-//! word of the end reason like the rules; `u8` count and one `u8` each for the regions at the start;
-//! `u8` count and (`u8` present, `f64`) each for the final distances; `u32` count of steps, each `u8` action with bit 7
-//! for a collision, `u8` regions, `u8` sounding goal or 255, pose, `u64` state hash; `u32` count of submits, each `u32` step,
-//! `u8` completed goal or 255, `u8` skipped goal or 255. Version 2 adds to each submit: `u8` goal of the wrong instance or 255.
+//! Little-endian. Version 1: `u8` version; rules name as `u16` length and UTF-8; start pose (x, y, z, heading as
+//! `f32`); end reason word, as the rules; `u8` count and one `u8` per goal for the regions at the start; `u8` count and
+//! (`u8` present, `f64`) per goal for the final distances; `u32` step count, per step `u8` action with bit 7 for a collision, `u8`
+//! regions, `u8` sounding goal or 255, pose, `u64` state hash; `u32` submit count, per submit `u32` step, `u8` completed goal or
+//! 255, `u8` skipped goal or 255. Version 2 adds `u8` wrong-instance goal or 255 to every submit.
 
-use crate::{StoreError, words};
-use avln_episode::{Action, Point3, Pose};
+use crate::{column::FromWord, error::StoreError};
+use avln_episode::{Action, EndReason, Point3, Pose};
 use avln_truth::{Record, StepFacts, SubmitFacts};
 
 const VERSION: u8 = 2;
-/// The version before the goals of wrong instances.
+/// The version without wrong-instance goals, still read.
 const WITHOUT_WRONG_INSTANCES: u8 = 1;
 const NONE: u8 = 255;
 const COLLIDED: u8 = 0x80;
@@ -34,7 +34,7 @@ pub(crate) fn pack(record: &Record) -> Vec<u8> {
     out
 }
 
-/// Names are short; what would not fit the length is cut.
+/// Packs a name, cut to 65 535 bytes.
 fn pack_text(out: &mut Vec<u8>, text: &str) {
     let bytes = &text.as_bytes()[..text.floor_char_boundary(usize::from(u16::MAX))];
     out.extend((bytes.len() as u16).to_le_bytes());
@@ -69,7 +69,7 @@ pub(crate) fn unpack(bytes: &[u8]) -> Result<Record, StoreError> {
     let record = from.record();
     record
         .filter(|_| from.bytes.is_empty())
-        .ok_or_else(|| StoreError::damaged("record", "its bytes do not fit"))
+        .ok_or_else(|| StoreError::damaged("record", "its length or a value is invalid"))
 }
 
 struct Unpack<'a> {
@@ -87,7 +87,7 @@ impl Unpack<'_> {
         self.take().map(|[byte]| byte)
     }
 
-    /// A byte that is `NONE` for nothing; the outer option is the failure.
+    /// Reads a byte with `NONE` for a missing value. The outer option is `None` past the last byte.
     fn optional(&mut self) -> Option<Option<u8>> {
         self.byte().map(|byte| (byte != NONE).then_some(byte))
     }
@@ -103,9 +103,10 @@ impl Unpack<'_> {
         }
         let rules = self.text()?;
         let start = self.pose()?;
-        let end = words::end_reason(&self.text()?).ok()?;
+        let end = EndReason::from_word(&self.text()?).ok()?;
         let in_region_at_start = (0..self.byte()?).map(|_| Some(self.byte()? != 0)).collect::<Option<_>>()?;
         let final_distance_m = (0..self.byte()?).map(|_| self.distance()).collect::<Option<_>>()?;
+        // A damaged count must not allocate: collecting stops after the last byte.
         let steps = (0..self.count()?).map(|_| self.step()).collect::<Option<_>>()?;
         let submits = (0..self.count()?).map(|_| self.submit(version)).collect::<Option<_>>()?;
         Some(Record { rules, start, steps, submits, in_region_at_start, final_distance_m, end })
@@ -126,7 +127,7 @@ impl Unpack<'_> {
 
     fn pose(&mut self) -> Option<Pose> {
         let mut value = || self.take().map(f32::from_le_bytes);
-        // Built field by field: a heading must come back as the bits that were stored.
+        // Built field by field: `Pose::new` would wrap the heading and change its bits.
         Some(Pose { position: Point3::new(value()?, value()?, value()?), heading_rad: value()? })
     }
 
@@ -155,7 +156,6 @@ impl Unpack<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use avln_episode::EndReason;
 
     fn sample() -> Record {
         let pose = |x: f32| Pose { position: Point3::new(x, 0.1, -3.7), heading_rad: -1.000_000_1 };
@@ -182,13 +182,13 @@ mod tests {
     }
 
     #[test]
-    fn a_record_comes_back_bit_for_bit() {
+    fn records_survive_bit_for_bit() {
         let record = sample();
-        assert_eq!(unpack(&pack(&record)).expect("our own bytes"), record);
+        assert_eq!(unpack(&pack(&record)).expect("packed bytes"), record);
     }
 
     #[test]
-    fn a_record_of_the_first_version_knows_of_no_wrong_instance() {
+    fn first_version_has_no_wrong_instance() {
         let one_submit =
             |wrong_instance| vec![SubmitFacts { step: 4, completed: None, skipped: None, wrong_instance }];
         let mut bytes = pack(&Record { submits: one_submit(Some(1)), ..sample() });
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn every_cut_and_every_addition_is_noticed() {
+    fn wrong_lengths_are_rejected() {
         let bytes = pack(&sample());
         for length in 0..bytes.len() {
             assert!(unpack(&bytes[..length]).is_err(), "cut to {length} bytes");
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn a_count_without_content_is_refused_before_memory_is_spent() {
+    fn huge_count_without_content_is_rejected() {
         let mut bytes = pack(&Record { steps: vec![], submits: vec![], ..sample() });
         let steps_at = bytes.len() - 8;
         bytes[steps_at..steps_at + 4].copy_from_slice(&u32::MAX.to_le_bytes());

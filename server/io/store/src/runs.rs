@@ -1,166 +1,133 @@
 use crate::{
-    NewToken, Phase, Store, StoreError,
-    accounts::insert_token,
-    admission::refuse_team,
-    phases::{has_runs, read_phases, refuse_closed},
-    quota::{read_charge, read_quotas, refuse_used_up},
-    reveal::read_key,
-    words::{self, count, from_json, row, to_json},
+    audit::{AuditNote, add_notes},
+    column::Word,
+    database::Store,
+    error::StoreError,
+    quota::read_charge,
 };
-use avln_challenge::{Charge, PhaseEpisode, Quota, Ruling, RunState, Sampling, TokenScope, draw};
+use avln_challenge::{Charge, MethodInfo, Ruling, RunState};
 use avln_episode::{Order, Sensors};
-use sqlx::{Sqlite, Transaction};
+use sqlx::{FromRow, Sqlite, Transaction, types::Json};
 use std::collections::BTreeMap;
 
-impl Run {
-    /// Name in [`Run::digests`] under which a sealed run has what was enforced while it was played.
-    pub const SEALED: &'static str = "sealed";
-    /// Name in [`Run::digests`] under which a sealed run has what could not be enforced; left out where all was.
-    pub const UNSEALED: &'static str = "sealed except";
+/// A method's pass over a phase's episodes, or a sample. Times are milliseconds since 1970-01-01 UTC.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Run {
+    /// Run id.
+    pub id: String,
+    /// Phase id.
+    pub phase: String,
+    /// Team name.
+    pub team: String,
+    /// The method.
+    pub method: MethodInfo,
+    /// Mission order.
+    pub order: Order,
+    /// Run state.
+    pub state: RunState,
+    /// Episode count.
+    pub episodes: u32,
+    /// Episodes that are over.
+    pub done: u32,
+    /// Sensors requested in the last session; `None` before the first session.
+    pub sensors: Option<Sensors>,
+    /// Sensors requested in any session.
+    pub senses: Option<Sensors>,
+    /// Digests and versions in force at the start, by name.
+    pub digests: BTreeMap<String, String>,
+    /// Start time.
+    pub created_unix_ms: i64,
+    /// End time.
+    pub finished_unix_ms: Option<i64>,
+    /// Deadline: the wall time's end or, without one, the phase's closing time. `None` for no deadline; in the past if
+    /// the organiser closed the phase by hand.
+    pub deadline_unix_ms: Option<i64>,
+    /// The organiser's ruling.
+    pub ruling: Ruling,
+}
 
-    /// Name in [`Run::digests`] of the version of the benchmark that scores it.
+impl Run {
+    /// Key in [`Run::digests`] for restrictions enforced on a sealed run.
+    pub const SEALED: &'static str = "sealed";
+    /// Key in [`Run::digests`] for restrictions that could not be enforced; absent if there are none.
+    pub const UNSEALED: &'static str = "sealed except";
+    /// Key in [`Run::digests`] for the benchmark version.
     pub const SCORER: &'static str = "benchmark";
 
-    /// Version of the benchmark that scored it when it was played; empty where nobody noted it.
+    /// Returns the benchmark version that scored the run first; empty if it was not recorded.
     pub fn scorer(&self) -> &str {
         self.digests.get(Self::SCORER).map_or("", String::as_str)
     }
 
-    /// Whether the organiser ran the agent, shut off from everything but the server.
+    /// Returns whether the organiser ran the agent without network access.
     pub fn is_sealed(&self) -> bool {
         self.digests.contains_key(Self::SEALED)
     }
-}
 
-impl Run {
-    /// Whether its time is over at `now_unix_ms`.
+    /// Returns whether the deadline has passed at `now_unix_ms`.
     pub fn is_overdue(&self, now_unix_ms: i64) -> bool {
         self.deadline_unix_ms.is_some_and(|deadline| deadline <= now_unix_ms)
     }
 }
 
-/// A run to be started.
-#[derive(Clone, Copy, Debug)]
-pub struct NewRun<'a> {
-    /// Id for the run, if it is new: `run_` and random letters.
-    pub id: &'a str,
-    /// Random secret that plays the run; only its hash is kept.
-    pub token: &'a str,
-    /// What is played.
-    pub phase: &'a str,
-    /// Who plays.
-    pub team: &'a str,
-    /// Name of the method.
-    pub method: &'a str,
-    /// Version of the method.
-    pub version: &'a str,
-    /// How goals count.
-    pub order: Order,
-    /// The client's own id of this request: asking again with it gives the same run.
-    pub client_request_id: Option<&'a str>,
-    /// What is in force, by name: digests and versions of the program, the split, the scorer.
-    pub digests: &'a BTreeMap<String, String>,
+/// A `run_overview` row.
+#[derive(FromRow)]
+struct RunRow {
+    id: String,
+    phase: String,
+    team: String,
+    method: String,
+    version: String,
+    method_description: Option<String>,
+    method_code_url: Option<String>,
+    method_paper_url: Option<String>,
+    method_weights_licence: Option<String>,
+    method_external_data: Option<String>,
+    mission_order: Word<Order>,
+    state: Word<RunState>,
+    sensors: Option<Json<Sensors>>,
+    senses: Option<Json<Sensors>>,
+    digests: Json<BTreeMap<String, String>>,
+    created_ms: i64,
+    finished_ms: Option<i64>,
+    ends_ms: Option<i64>,
+    episodes: u32,
+    done: u32,
+    verified: bool,
+    disqualified: Option<String>,
 }
 
-/// A run that was started, now or by an earlier request with the same id.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StartedRun {
-    /// The run.
-    pub run: Run,
-    /// Whether this request made it.
-    pub is_new: bool,
-    /// What the team has left in the phase afterwards, the total first.
-    pub quotas: Vec<Quota>,
-}
-
-/// One pass of one method over all episodes of a phase, or a sample of them.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Run {
-    /// Its id.
-    pub id: String,
-    /// What is played.
-    pub phase: String,
-    /// Who plays.
-    pub team: String,
-    /// Name of the method.
-    pub method: String,
-    /// Version of the method.
-    pub version: String,
-    /// How goals count.
-    pub order: Order,
-    /// How far it is.
-    pub state: RunState,
-    /// Episodes in all.
-    pub episodes: u32,
-    /// Episodes done.
-    pub done: u32,
-    /// What the agent asked to sense; `None` before it did.
-    pub sensors: Option<Sensors>,
-    /// The same with every sense that it had in an earlier session.
-    pub senses: Option<Sensors>,
-    /// What was in force, by name.
-    pub digests: BTreeMap<String, String>,
-    /// When it was started.
-    pub created_unix_ms: i64,
-    /// When it ended.
-    pub finished_unix_ms: Option<i64>,
-    /// When it ends at the latest: with its wall time or, where it has none, with its phase. `None` for never; in the past
-    /// where the organiser closed the phase by hand.
-    pub deadline_unix_ms: Option<i64>,
-    /// What the organiser ruled on it.
-    pub ruling: Ruling,
-}
-
-row! {
-    pub(crate) struct RunRow {
-        id: String,
-        phase: String,
-        team: String,
-        method: String,
-        version: String,
-        mission_order: String,
-        state: String,
-        sensors: Option<String>,
-        senses: Option<String>,
-        digests: String,
-        created_ms: i64,
-        finished_ms: Option<i64>,
-        deadline_ms: Option<i64>,
-        episodes: i64,
-        done: i64,
-        verified: bool,
-        disqualified: Option<String>,
+impl From<RunRow> for Run {
+    fn from(row: RunRow) -> Self {
+        Self {
+            id: row.id,
+            phase: row.phase,
+            team: row.team,
+            method: MethodInfo {
+                name: row.method,
+                version: row.version,
+                description: row.method_description.unwrap_or_default(),
+                code_url: row.method_code_url.unwrap_or_default(),
+                paper_url: row.method_paper_url.unwrap_or_default(),
+                weights_licence: row.method_weights_licence.unwrap_or_default(),
+                external_data: row.method_external_data.unwrap_or_default(),
+            },
+            order: row.mission_order.0,
+            state: row.state.0,
+            episodes: row.episodes,
+            done: row.done,
+            sensors: row.sensors.map(|Json(sensors)| sensors),
+            senses: row.senses.map(|Json(senses)| senses),
+            digests: row.digests.0,
+            created_unix_ms: row.created_ms,
+            finished_unix_ms: row.finished_ms,
+            deadline_unix_ms: row.ends_ms,
+            ruling: Ruling { verified: row.verified, disqualified: row.disqualified },
+        }
     }
 }
 
-/// When run `r` of phase `p` ends at the latest; null for never.
-macro_rules! deadline {
-    () => {
-        "COALESCE(r.deadline_ms, CASE p.state WHEN 'closed' THEN r.created_ms ELSE p.closes_ms END)"
-    };
-}
-
-/// Reads runs that are wanted.
-macro_rules! select_runs {
-    ($wanted:literal) => {
-        concat!(
-            "SELECT r.id, r.phase, r.team, r.method, r.version, r.mission_order, r.state, r.sensors, r.senses, \
-             r.digests, r.created_ms, r.finished_ms, r.episodes, s.scored + s.given_up AS done, \
-             COALESCE(g.verified, 0) AS verified, g.disqualified, ",
-            deadline!(),
-            " AS deadline_ms FROM runs r JOIN run_summaries s ON s.run = r.id JOIN phases p ON p.id = r.phase \
-             LEFT JOIN rulings g ON g.run = r.id WHERE ",
-            $wanted
-        )
-    };
-}
-const SELECT_RUN: &str = select_runs!("r.id = $1");
-const SELECT_RUNS: &str = select_runs!(
-    "($1 IS NULL OR r.team = $1) AND ($2 IS NULL OR r.phase = $2) AND ($3 IS NULL OR r.state = $3) \
-     ORDER BY r.created_ms DESC, r.id"
-);
-
-/// Which runs are wanted; `None` for any.
+/// A run selection; `None` for no restriction.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct RunFilter<'a> {
     pub(crate) team: Option<&'a str>,
@@ -169,143 +136,99 @@ pub(crate) struct RunFilter<'a> {
 }
 
 impl Store {
-    /// Starts a run with the episodes that it draws from its phase pending, and stores its token. The quota is checked and
-    /// taken in one transaction.
-    ///
-    /// A request with the `client_request_id` of an earlier one gives the earlier run, which the new token plays too.
+    /// Returns a run's charge to the team quota.
     ///
     /// # Errors
-    /// When the phase or team is unknown, the team may not play, the phase is not open, not played in this order or for sealed
-    /// runs only, a quota is used up, the request id belongs to a different request, or the database fails.
-    pub async fn start_run(&self, new: &NewRun<'_>, now_unix_ms: i64) -> Result<StartedRun, StoreError> {
-        if self.team(new.team).await?.is_none() {
-            return Err(StoreError::unknown("team", new.team));
-        }
-        let mut tx = self.begin().await?;
-        let phase = read_phases(&mut tx, Some(new.phase)).await?.pop();
-        let phase = phase.ok_or_else(|| StoreError::unknown("phase", new.phase))?;
-        let earlier = earlier_run(&mut tx, new).await?;
-        let is_new = earlier.is_none();
-        let id = earlier.unwrap_or_else(|| new.id.to_owned());
-        if is_new {
-            refuse_start(&mut tx, new, &phase, now_unix_ms).await?;
-            insert_run(&mut tx, new, &phase, now_unix_ms).await?;
-        }
-        let token = NewToken {
-            secret: new.token,
-            kind: TokenScope::Run,
-            name: "",
-            team: Some(new.team),
-            expires_unix_ms: None,
-        };
-        insert_token(&mut tx, &token, Some(&id), now_unix_ms).await?;
-        let run = read_run(&mut tx, &id).await?;
-        let quotas = read_quotas(&mut tx, &phase, new.team, now_unix_ms).await?;
-        tx.commit().await?;
-        Ok(StartedRun { run, is_new, quotas })
-    }
-
-    /// Whether anybody started a run in the phase.
-    ///
-    /// # Errors
-    /// When the database fails.
-    pub async fn has_runs(&self, phase: &str) -> Result<bool, StoreError> {
-        let mut tx = self.read.begin().await?;
-        has_runs(&mut tx, phase).await
-    }
-
-    /// Whether a run is charged, and why.
-    ///
-    /// # Errors
-    /// When the run is unknown or the database fails.
+    /// If the run is unknown or the database fails.
     pub async fn charge(&self, run: &str) -> Result<Charge, StoreError> {
         let mut tx = self.read.begin().await?;
         let Run { id, team, phase, .. } = read_run(&mut tx, run).await?;
         read_charge(&mut tx, &team, &phase, &id).await
     }
 
-    /// The run called `id`.
+    /// Returns the run called `id`.
     ///
     /// # Errors
-    /// When there is none ([`StoreError::Unknown`]) or the database fails.
+    /// If there is none ([`StoreError::Unknown`]) or the database fails.
     pub async fn run(&self, id: &str) -> Result<Run, StoreError> {
         let mut tx = self.read.begin().await?;
         read_run(&mut tx, id).await
     }
 
-    /// The runs of a phase that were completed, the newest first.
+    /// Returns a phase's completed runs, newest first.
     ///
     /// # Errors
-    /// When the database fails.
+    /// If the database fails.
     pub async fn completed_runs(&self, phase: &str) -> Result<Vec<Run>, StoreError> {
         let mut tx = self.read.begin().await?;
         let state = Some(RunState::Completed);
         read_runs(&mut tx, &RunFilter { phase: Some(phase), state, ..RunFilter::default() }).await
     }
 
-    /// The runs of a team, the newest first.
+    /// Returns a team's runs, newest first.
     ///
     /// # Errors
-    /// When the database fails.
+    /// If the database fails.
     pub async fn runs_of(&self, team: &str) -> Result<Vec<Run>, StoreError> {
         let mut tx = self.read.begin().await?;
         read_runs(&mut tx, &RunFilter { team: Some(team), ..RunFilter::default() }).await
     }
 
-    /// The open runs whose time is over, by id.
+    /// Returns the open runs past the deadline, by id.
     ///
     /// # Errors
-    /// When the database fails.
+    /// If the database fails.
     pub async fn overdue(&self, now_unix_ms: i64) -> Result<Vec<String>, StoreError> {
-        let select = concat!(
-            "SELECT r.id FROM runs r JOIN phases p ON p.id = r.phase WHERE r.state IN ('created', 'running') AND ",
-            deadline!(),
-            " <= $1 ORDER BY r.id"
-        );
+        let select =
+            "SELECT id FROM run_overview WHERE state IN ('created', 'running') AND ends_ms <= $1 ORDER BY id";
         Ok(sqlx::query_scalar(select).bind(now_unix_ms).fetch_all(&self.read).await?)
     }
 
-    /// The runs that may still be played, the newest first.
+    /// Returns the open runs, newest first.
     ///
     /// # Errors
-    /// When the database fails.
+    /// If the database fails.
     pub async fn open_runs(&self) -> Result<Vec<Run>, StoreError> {
         let mut tx = self.read.begin().await?;
-        let any = read_runs(&mut tx, &RunFilter::default()).await?;
-        Ok(any.into_iter().filter(|run| run.state.is_open()).collect())
+        // Open runs have two states, and the filter takes one.
+        let runs = read_runs(&mut tx, &RunFilter::default()).await?;
+        Ok(runs.into_iter().filter(|run| run.state.is_open()).collect())
     }
 
-    /// Notes what the agent of a run asked to sense in a session, and keeps what it had in those before.
+    /// Records a session's requested sensors, and adds them to those from earlier sessions.
     ///
     /// # Errors
-    /// When the run is unknown or the database fails.
+    /// If the run is unknown or the database fails.
     pub async fn set_sensors(&self, run: &str, sensors: &Sensors) -> Result<(), StoreError> {
         let mut tx = self.begin().await?;
-        let before = read_run(&mut tx, run).await?.senses;
-        let had = |sense: fn(&Sensors) -> bool| sense(sensors) || before.as_ref().is_some_and(sense);
-        let (rgb, depth, audio) = (had(|s| s.rgb), had(|s| s.depth), had(|s| s.audio));
-        let senses = to_json("senses", &Sensors { rgb, depth, audio, ..sensors.clone() })?;
-        let asked = to_json("sensors", sensors)?;
+        // An agent may reconnect with fewer sensors; the leaderboard must show all sensors it ever used.
+        let mut senses = sensors.clone();
+        if let Some(before) = read_run(&mut tx, run).await?.senses {
+            senses.rgb |= before.rgb;
+            senses.depth |= before.depth;
+            senses.audio |= before.audio;
+        }
         let update = "UPDATE runs SET sensors = $1, senses = $2 WHERE id = $3";
-        sqlx::query(update).bind(asked).bind(senses).bind(run).execute(&mut *tx).await?;
+        sqlx::query(update).bind(Json(sensors)).bind(Json(&senses)).bind(run).execute(&mut *tx).await?;
         Ok(tx.commit().await?)
     }
 
-    /// Gives a run up. A run that is over stays as it is; episodes being played may still be recorded.
+    /// Cancels a run. A run that is over is not changed; results from its running episodes can still be recorded.
     ///
     /// # Errors
-    /// When the run is unknown or the database fails.
+    /// If the run is unknown or the database fails.
     pub async fn cancel_run(&self, run: &str, now_unix_ms: i64) -> Result<Run, StoreError> {
         self.end_run(run, RunState::Cancelled, now_unix_ms).await
     }
 
-    /// Ends a run that was not played to its end, as `Cancelled`, `Failed` or `Expired`. A run that is over stays as it is;
-    /// episodes being played may still be recorded.
+    /// Ends an incomplete run as `Cancelled`, `Failed` or `Expired`. A run that is over is not changed; results from its
+    /// running episodes can still be recorded.
     ///
     /// # Errors
-    /// When the run is unknown or the database fails.
+    /// If the run is unknown or the database fails.
     pub async fn end_run(&self, run: &str, state: RunState, now_unix_ms: i64) -> Result<Run, StoreError> {
         let mut tx = self.begin().await?;
+        // The last result may complete the run at the same moment: the first end wins.
         let update = "UPDATE runs SET state = $3, finished_ms = $1 \
                       WHERE id = $2 AND state IN ('created', 'running')";
         sqlx::query(update).bind(now_unix_ms).bind(run).bind(state.as_str()).execute(&mut *tx).await?;
@@ -313,138 +236,86 @@ impl Store {
         tx.commit().await?;
         Ok(run)
     }
-}
 
-/// The run that the same request made before; an error when the id was used for something else.
-async fn earlier_run(
-    tx: &mut Transaction<'_, Sqlite>,
-    new: &NewRun<'_>,
-) -> Result<Option<String>, StoreError> {
-    let Some(request) = new.client_request_id else { return Ok(None) };
-    let select = "SELECT id, phase = $3 AND method = $4 AND version = $5 AND mission_order = $6 \
-                  FROM runs WHERE team = $1 AND client_request_id = $2";
-    let found: Option<(String, bool)> = sqlx::query_as(select)
-        .bind(new.team)
-        .bind(request)
-        .bind(new.phase)
-        .bind(new.method)
-        .bind(new.version)
-        .bind(new.order.as_str())
-        .fetch_optional(&mut **tx)
-        .await?;
-    match found {
-        Some((_, false)) => Err(StoreError::Taken { what: "client request id", name: request.to_owned() }),
-        found => Ok(found.map(|(id, _)| id)),
+    /// Marks a run as verified by the organiser, or removes the mark. Returns whether the ruling changed.
+    ///
+    /// # Errors
+    /// If the run is unknown or not over, or the database fails.
+    pub async fn verify_run(
+        &self,
+        run: &str,
+        verified: bool,
+        note: AuditNote,
+        now_unix_ms: i64,
+    ) -> Result<bool, StoreError> {
+        let mut tx = self.begin().await?;
+        let found = read_run(&mut tx, run).await?;
+        if verified && found.state.is_open() {
+            return Err(StoreError::RunOpen(run.to_owned()));
+        }
+        let after = Ruling { verified, ..found.ruling.clone() };
+        write_ruling(tx, run, &found.ruling, &after, note, now_unix_ms).await
+    }
+
+    /// Removes a run from all leaderboards for a public reason, or readmits it with `None`. Returns whether the ruling
+    /// changed.
+    ///
+    /// # Errors
+    /// If the run is unknown or the database fails.
+    pub async fn disqualify_run(
+        &self,
+        run: &str,
+        reason: Option<&str>,
+        note: AuditNote,
+        now_unix_ms: i64,
+    ) -> Result<bool, StoreError> {
+        let mut tx = self.begin().await?;
+        let before = read_run(&mut tx, run).await?.ruling;
+        let after = Ruling { disqualified: reason.map(str::to_owned), ..before.clone() };
+        write_ruling(tx, run, &before, &after, note, now_unix_ms).await
     }
 }
 
-async fn refuse_start(
-    tx: &mut Transaction<'_, Sqlite>,
-    new: &NewRun<'_>,
-    phase: &Phase,
-    now_unix_ms: i64,
-) -> Result<(), StoreError> {
-    refuse_team(tx, phase, new.team).await?;
-    refuse_closed(phase, now_unix_ms)?;
-    if phase.sealed && !new.digests.contains_key(Run::SEALED) {
-        return Err(StoreError::PhaseSealed(phase.id.clone()));
-    }
-    if !phase.orders.contains(&new.order) {
-        return Err(StoreError::OrderNotAllowed { phase: phase.id.clone(), order: new.order.as_str() });
-    }
-    refuse_used_up(&read_quotas(tx, phase, new.team, now_unix_ms).await?)
-}
-
-async fn insert_run(
-    tx: &mut Transaction<'_, Sqlite>,
-    new: &NewRun<'_>,
-    phase: &Phase,
-    now_unix_ms: i64,
-) -> Result<(), StoreError> {
-    let insert = "INSERT INTO runs (id, phase, team, method, version, mission_order, state, client_request_id, digests, \
-                  created_ms, episodes, deadline_ms) VALUES ($1, $2, $3, $4, $5, $6, 'created', $7, $8, $9, $10, $11)";
-    let wall_ms = (phase.time.run_s > 0).then(|| 1000 * i64::from(phase.time.run_s));
-    sqlx::query(insert)
-        .bind(new.id)
-        .bind(new.phase)
-        .bind(new.team)
-        .bind(new.method)
-        .bind(new.version)
-        .bind(new.order.as_str())
-        .bind(new.client_request_id)
-        .bind(to_json("digests", new.digests)?)
-        .bind(now_unix_ms)
-        .bind(phase.episodes_of_run())
-        .bind(wall_ms.map(|wall_ms| now_unix_ms.saturating_add(wall_ms)))
-        .execute(&mut **tx)
-        .await?;
-    insert_episodes(tx, new.id, phase).await?;
-    sqlx::query("INSERT INTO run_summaries (run) VALUES ($1)").bind(new.id).execute(&mut **tx).await?;
-    Ok(())
-}
-
-/// Lays out the episodes that the run plays, in its own order.
-async fn insert_episodes(
-    tx: &mut Transaction<'_, Sqlite>,
+/// Writes a changed ruling with its audit note and commits.
+async fn write_ruling(
+    mut tx: Transaction<'_, Sqlite>,
     run: &str,
-    phase: &Phase,
-) -> Result<(), StoreError> {
-    if phase.sampling == Sampling::default() {
-        let all = "INSERT INTO episodes (run, ordinal, episode, scene, state) \
-                   SELECT $1, ordinal, episode, scene, 'pending' FROM phase_episodes WHERE phase = $2";
-        sqlx::query(all).bind(run).bind(&phase.id).execute(&mut **tx).await?;
-        return Ok(());
+    before: &Ruling,
+    after: &Ruling,
+    note: AuditNote,
+    now_unix_ms: i64,
+) -> Result<bool, StoreError> {
+    if before == after {
+        return Ok(false);
     }
-    let key = read_key(tx, &phase.id).await?;
-    let key = key.ok_or_else(|| StoreError::unknown("secret of phase", &phase.id))?;
-    let drawn = draw(&phase.episodes, phase.sampling, &key, run);
-    let insert =
-        "INSERT INTO episodes (run, ordinal, episode, scene, state) VALUES ($1, $2, $3, $4, 'pending')";
-    for (ordinal, index) in drawn.into_iter().enumerate() {
-        let PhaseEpisode { episode, scene, .. } = &phase.episodes[index];
-        let row = sqlx::query(insert).bind(run).bind(ordinal as i64).bind(episode).bind(scene);
-        row.execute(&mut **tx).await?;
-    }
-    Ok(())
+    let upsert = "INSERT INTO rulings (run, verified, disqualified, ruled_ms) VALUES ($1, $2, $3, $4) \
+                  ON CONFLICT (run) DO UPDATE SET verified = excluded.verified, \
+                  disqualified = excluded.disqualified, ruled_ms = excluded.ruled_ms";
+    let upsert = sqlx::query(upsert).bind(run).bind(after.verified).bind(&after.disqualified);
+    upsert.bind(now_unix_ms).execute(&mut *tx).await?;
+    add_notes(&mut tx, &[note], now_unix_ms).await?;
+    tx.commit().await?;
+    Ok(true)
 }
 
 pub(crate) async fn read_run(tx: &mut Transaction<'_, Sqlite>, id: &str) -> Result<Run, StoreError> {
-    let row: Option<RunRow> = sqlx::query_as(SELECT_RUN).bind(id).fetch_optional(&mut **tx).await?;
-    row.ok_or_else(|| StoreError::unknown("run", id))?.into_run()
+    let select = "SELECT * FROM run_overview WHERE id = $1";
+    let row: Option<RunRow> = sqlx::query_as(select).bind(id).fetch_optional(&mut **tx).await?;
+    row.map(Run::from).ok_or_else(|| StoreError::unknown("run", id))
 }
 
+/// Returns the selected runs, newest first.
 pub(crate) async fn read_runs(
     tx: &mut Transaction<'_, Sqlite>,
     filter: &RunFilter<'_>,
 ) -> Result<Vec<Run>, StoreError> {
-    let rows: Vec<RunRow> = sqlx::query_as(SELECT_RUNS)
+    let select = "SELECT * FROM run_overview WHERE ($1 IS NULL OR team = $1) AND ($2 IS NULL OR phase = $2) \
+                  AND ($3 IS NULL OR state = $3) ORDER BY created_ms DESC, id";
+    let rows: Vec<RunRow> = sqlx::query_as(select)
         .bind(filter.team)
         .bind(filter.phase)
         .bind(filter.state.map(RunState::as_str))
         .fetch_all(&mut **tx)
         .await?;
-    rows.into_iter().map(RunRow::into_run).collect()
-}
-
-impl RunRow {
-    fn into_run(self) -> Result<Run, StoreError> {
-        Ok(Run {
-            order: words::order(&self.mission_order)?,
-            state: RunState::from_word(&self.state)?,
-            sensors: self.sensors.map(|json| from_json("sensors", &json)).transpose()?,
-            senses: self.senses.map(|json| from_json("senses", &json)).transpose()?,
-            digests: from_json("digests", &self.digests)?,
-            episodes: count(self.episodes),
-            done: count(self.done),
-            id: self.id,
-            phase: self.phase,
-            team: self.team,
-            method: self.method,
-            version: self.version,
-            created_unix_ms: self.created_ms,
-            finished_unix_ms: self.finished_ms,
-            deadline_unix_ms: self.deadline_ms,
-            ruling: Ruling { verified: self.verified, disqualified: self.disqualified },
-        })
-    }
+    Ok(rows.into_iter().map(Run::from).collect())
 }

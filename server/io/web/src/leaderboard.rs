@@ -4,9 +4,9 @@ use crate::{
     error::RequestError,
     format::{self, rfc3339, url_encode},
 };
-use avln_episode::{Order, Sensors};
+use avln_episode::Order;
 use avln_scoring::{Key, Prominence};
-use avln_store::{Board, LeaderboardRow, LeaderboardView, PhaseView, RunChoice, calendar};
+use avln_store::{LeaderboardQuery, LeaderboardView, PhaseView, RowFilter, RunChoice, calendar};
 use axum::{
     extract::{FromRequestParts, Query},
     http::request::Parts,
@@ -128,38 +128,20 @@ impl LeaderboardParams {
         self.orders.unwrap_or(usual)
     }
 
-    pub(crate) fn query<'a>(&self, phase: &'a PhaseView, order: Order, now_unix_ms: i64) -> Board<'a> {
-        Board {
+    pub(crate) fn query<'a>(&self, phase: &'a PhaseView, order: Order, now_unix_ms: i64) -> LeaderboardQuery<'a> {
+        LeaderboardQuery {
             phase: &phase.id,
             order,
             key: self.sort.unwrap_or(phase.ranking.key),
             pick: self.pick.unwrap_or(phase.ranking.entry),
             as_of_unix_ms: self.as_of_unix_ms,
             now_unix_ms,
+            filter: RowFilter {
+                words: self.search.clone(),
+                team: self.team.clone(),
+                senses: self.sensors.map(|filter| filter.map(|filter| filter == SensorFilter::With)),
+            },
         }
-    }
-
-    /// Removes the entries that do not match; the others keep their ranks.
-    pub(crate) fn filter(&self, view: &mut LeaderboardView) {
-        view.rows.retain(|row| self.matches(row));
-    }
-
-    fn matches(&self, row: &LeaderboardRow) -> bool {
-        let search = self.search.to_lowercase();
-        let mut names = [&row.method, &row.version, &row.team].into_iter();
-        names.any(|name| name.to_lowercase().contains(&search))
-            && (self.team.is_empty() || row.team == self.team)
-            && self.matches_sensors(row.sensors.as_ref())
-    }
-
-    /// An agent without recorded sensors matches neither filter.
-    fn matches_sensors(&self, sensors: Option<&Sensors>) -> bool {
-        let had = sensors.map(|Sensors { rgb, depth, audio, .. }| [*rgb, *depth, *audio]);
-        self.sensors.iter().enumerate().all(|(index, filter)| match (filter, had) {
-            (None, _) => true,
-            (Some(_), None) => false,
-            (Some(filter), Some(had)) => had[index] == (*filter == SensorFilter::With),
-        })
     }
 
     pub(crate) fn is_filtered(&self) -> bool {
@@ -277,10 +259,14 @@ pub(crate) struct LeaderboardControls {
 }
 
 impl LeaderboardControls {
-    /// `view` is the leaderboard before filtering.
     pub(crate) fn new(params: &LeaderboardParams, view: &LeaderboardView) -> Self {
-        let teams = view.rows.iter().map(|row| row.team.clone()).collect();
-        Self { params: params.clone(), phase: view.phase.clone(), key: view.key, pick: view.pick, teams }
+        Self {
+            params: params.clone(),
+            phase: view.phase.clone(),
+            key: view.key,
+            pick: view.pick,
+            teams: view.teams.clone(),
+        }
     }
 
     pub(crate) fn path(&self) -> String {
@@ -407,18 +393,6 @@ mod tests {
         let query = params("as_of=1970-01-02").expect("a day");
         assert_eq!(query.as_of_unix_ms, Some(2 * 86_400_000 - 1));
         assert_eq!(day(2 * 86_400_000 - 1), "1970-01-02");
-    }
-
-    #[test]
-    fn unrecorded_sensors_match_no_filter() {
-        let deaf = Sensors { audio: false, ..Sensors::all(64, 64) };
-        let query = |text: &str| params(text).expect("a query");
-        assert!(
-            query("audio=without").matches_sensors(Some(&deaf)) && !query("audio=with").matches_sensors(Some(&deaf))
-        );
-        assert!(query("rgb=with&audio=without").matches_sensors(Some(&deaf)));
-        assert!(!query("rgb=without").matches_sensors(None) && !query("rgb=with").matches_sensors(None));
-        assert!(query("q=x").matches_sensors(None));
     }
 
 }

@@ -1,62 +1,69 @@
-use super::{EpisodeLine, Reader, RunLine, RunView, Viewer};
-use crate::{StoreError, totals::INTERVAL_SEED};
+//! Run comparison.
+
+use crate::{
+    error::StoreError,
+    scores::INTERVAL_SEED,
+    views::{
+        Reader, Viewer,
+        run::{EpisodeLine, RunLine, RunView},
+    },
+};
 use avln_scoring::{Comparison, EpisodeScore, Metrics, compare};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Two runs of one phase and order, over the episodes that both played.
+/// Two runs with equal phase and order, over common episodes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CompareView {
     /// The first run.
     pub first: RunLine,
     /// The second run.
     pub second: RunLine,
-    /// How they differ; `None` where no episode was scored in both.
+    /// Paired differences; `None` without episodes scored in both runs.
     pub comparison: Option<Comparison>,
-    /// The episodes that were scored in both, in playing order of the first.
+    /// Episodes scored in both runs, in the first run's playing order.
     pub episodes: Vec<PairView>,
 }
 
-/// An episode that two runs played.
+/// An episode scored in both runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PairView {
-    /// Id of the episode inside the split.
+    /// Episode id inside the split.
     pub episode: String,
-    /// Name of the scene.
+    /// Scene name.
     pub scene: String,
-    /// Place in the first run, from 0.
+    /// Position in the first run, from 0.
     pub first_ordinal: u32,
-    /// Place in the second run.
+    /// Position in the second run.
     pub second_ordinal: u32,
-    /// What it was worth in the first run.
+    /// Metrics in the first run.
     pub first: Metrics,
-    /// What it was worth in the second.
+    /// Metrics in the second run.
     pub second: Metrics,
 }
 
-/// Why two runs cannot be compared.
+/// A reason against a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Incomparable {
-    /// They are of different phases or orders of goals.
+    /// The runs have different phases or orders.
     Apart,
-    /// The viewer may not see what single episodes of one of them were worth.
+    /// Single episodes' metrics are hidden from the viewer.
     Hidden,
 }
 
 impl Reader {
-    /// Two runs side by side; `None` when the viewer may not know of one of them.
+    /// Compares two runs; `None` if one is unknown or hidden from the viewer.
     ///
     /// # Errors
-    /// When the database fails or holds damaged rows.
+    /// If the database fails or contains damaged rows.
     pub async fn compare(
         &self,
         viewer: &Viewer,
         [first, second]: [&str; 2],
     ) -> Result<Option<Result<CompareView, Incomparable>>, StoreError> {
-        let (first, second) = (self.run(viewer, first).await?, self.run(viewer, second).await?);
-        let (Some(first), Some(second)) = (first, second) else { return Ok(None) };
-        let place = |run: &RunView| (run.line.phase.clone(), run.line.order);
-        if place(&first) != place(&second) {
+        let Some(first) = self.run(viewer, first).await? else { return Ok(None) };
+        let Some(second) = self.run(viewer, second).await? else { return Ok(None) };
+        if first.line.phase != second.line.phase || first.line.order != second.line.order {
             return Ok(Some(Err(Incomparable::Apart)));
         }
         if !(first.replays_visible && second.replays_visible) {

@@ -1,134 +1,139 @@
-use super::{
-    Reader, Viewer,
-    run::{EpisodeRow, RunLine, Sight, find_run, line, read_episodes},
-};
-use crate::{
-    EpisodeState, Facts, GoalText, Run, SceneMap, StoreError, TimeAccount,
-    facts::read_facts,
-    phases::read_heads,
-    words::{count, end_reason, from_json},
-};
-use avln_episode::{EndReason, Modality, Order, Point3, Rules, Sensors};
-use avln_scoring::Metrics;
-use avln_truth::{SubmitFacts, Target};
-use serde::Serialize;
-use sqlx::{Sqlite, Transaction};
+//! Episode pages and replays.
 
-/// One episode of a run. What the viewer may not see is `None`.
+use crate::{
+    catalog::SceneMap,
+    column::value,
+    error::StoreError,
+    facts::{Facts, read_facts},
+    phases::read_heads,
+    runs::Run,
+    views::{
+        Reader, Viewer,
+        run::{EpisodeRow, RunLine, Sight, find_run, read_episodes, read_line},
+    },
+};
+use avln_challenge::{EpisodeState, GoalText, TimeAccount};
+use avln_episode::{EndReason, Modality, Order, Point3, Pose, Rules, Sensors};
+use avln_scoring::Metrics;
+use avln_truth::Target;
+use serde::Serialize;
+use sqlx::{Sqlite, Transaction, types::Json};
+
+/// A run's episode. Data hidden from the viewer is `None`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct EpisodeView {
     /// The run.
     pub run: RunLine,
-    /// Place in the phase's list, from 0.
+    /// Index in the run, from 0.
     pub ordinal: u32,
-    /// How far it is.
+    /// Episode state.
     pub state: EpisodeState,
-    /// Why it ended.
+    /// End reason.
     pub end: Option<EndReason>,
-    /// What it was worth; `None` when not scored, or when replays are hidden: its lengths tell where the targets are.
+    /// Metrics; `None` if not scored, or if replays are hidden, because the lengths reveal the targets.
     pub metrics: Option<Metrics>,
-    /// The mission; `None` when scores are hidden.
+    /// The mission; `None` if scores are hidden.
     pub mission: Option<MissionView>,
-    /// Where the time went.
+    /// Wall-clock time by activity.
     pub time: TimeAccount,
-    /// When the result was stored, milliseconds since 1970-01-01 UTC.
+    /// Result time, milliseconds since 1970-01-01 UTC.
     pub finished_unix_ms: Option<i64>,
-    /// Where everything was; `None` when hidden or not played yet.
+    /// The replay; `None` if hidden, not played yet or pruned.
     pub replay: Option<Replay>,
 }
 
 /// A mission in words.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MissionView {
-    /// How goals count.
+    /// Goal order.
     pub order: Order,
-    /// The goals in the order of the mission.
+    /// Goals in mission order.
     pub goals: Vec<GoalView>,
 }
 
-/// One goal of a mission.
+/// A mission's goal.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GoalView {
-    /// How it was told.
+    /// Cue kind.
     pub modality: Modality,
-    /// The label or sentence; `None` for a picture or when replays are hidden.
+    /// The label or sentence; `None` for an image, or if replays are hidden.
     pub text: Option<String>,
-    /// The step that found it, counted from 1; `None` when it was not found.
+    /// The step that found it, counted from 1; `None` if it was not found.
     pub found_at_step: Option<u32>,
-    /// Walk from the last pose to its region, metres; `None` when unreachable or not played yet.
+    /// Geodesic distance from the last pose to the success region, metres; `None` if unreachable or not played yet.
     pub final_distance_m: Option<f64>,
 }
 
-/// Where everything was: world frame, Y up, metres, radians.
+/// An episode's poses, actions and targets: world frame, Y up, metres, radians.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Replay {
-    /// Id of the episode inside the split.
+    /// Episode id inside the split.
     pub episode: String,
-    /// Name of the scene.
+    /// Scene name.
     pub scene: String,
-    /// The rules that were in force.
+    /// Rules in force.
     pub rules: Rules,
-    /// What the agent asked to sense.
+    /// Sensors requested in the last session.
     pub sensors: Option<Sensors>,
-    /// Whether the agent asked for sound, in this session or an earlier one.
+    /// True if any session requested audio.
     pub hears: bool,
     /// Floor plan.
     pub map: SceneMap,
-    /// Positions of the base: before the first action and after each; x, y, z.
+    /// Base positions before the first action and after every action; x, y, z.
     pub path: Vec<[f32; 3]>,
-    /// Headings at the same times; 0 looks along -Z, positive is to the left.
+    /// Headings at the same times; 0 faces -Z, positive turns left.
     pub headings_rad: Vec<f32>,
     /// Words of the actions, one fewer than positions.
     pub actions: Vec<String>,
-    /// Steps in which an obstacle held the body back, counted from 1.
+    /// Steps with a collision, counted from 1.
     pub collisions: Vec<u32>,
-    /// Goal that sounded in each step, from 0; `None` in silence.
+    /// Source goal in every step, from 0; `None` for silence.
     pub sounding: Vec<Option<u8>>,
-    /// For each step: bit i is set when the body then stood in the success region of goal i.
+    /// Per step a bit for every goal, set inside the success region.
     pub in_region: Vec<u8>,
-    /// The claims.
+    /// Submits and claiming Stops.
     pub submits: Vec<SubmitMark>,
-    /// The targets in the order of the mission.
+    /// Targets in mission order.
     pub targets: Vec<TargetView>,
-    /// The reference tour; x, y, z.
+    /// Reference path; x, y, z.
     pub reference_path: Vec<[f32; 3]>,
 }
 
-/// A Submit or a Stop.
+/// A Submit or a claiming Stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct SubmitMark {
-    /// Step, counted from 1; also the index of its position in the path.
+    /// Step, counted from 1; also the path index.
     pub step: u32,
-    /// Goal that it completed, from 0.
+    /// Completed goal, from 0.
     pub completed: Option<u8>,
-    /// Goal that it would have completed if another instance of the target's category were the target.
+    /// Goal with a wrong instance from the right category at this position.
     pub wrong_instance: Option<u8>,
 }
 
 /// A target.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TargetView {
-    /// Category of the instance.
+    /// Instance category.
     pub category: String,
-    /// How it was told.
+    /// Cue kind.
     pub modality: Modality,
-    /// Middle of its box; x, y, z.
+    /// Bounding-box centre; x, y, z.
     pub position: [f32; 3],
-    /// Smallest corner of its box.
+    /// Bounding-box minimum corner.
     pub min: [f32; 3],
-    /// Largest corner of its box.
+    /// Bounding-box maximum corner.
     pub max: [f32; 3],
-    /// Where its sound comes from.
+    /// Position of the sound source.
     pub source: [f32; 3],
-    /// Height of the floor from which it can be reached, metres.
+    /// Floor height, metres.
     pub floor_y_m: f32,
 }
 
 impl Reader {
-    /// The episode at place `ordinal` of a run; `None` when there is none that the viewer may know of.
+    /// Returns a run's episode; `None` if there is none visible to the viewer.
     ///
     /// # Errors
-    /// When the database fails or holds damaged rows.
+    /// If the database fails or contains damaged rows.
     pub async fn episode(
         &self,
         viewer: &Viewer,
@@ -138,25 +143,25 @@ impl Reader {
         let mut tx = self.snapshot().await?;
         let Some((run, sight)) = find_run(&mut tx, viewer, run).await? else { return Ok(None) };
         let Some(row) = read_episodes(&mut tx, &run.id, Some(ordinal)).await?.pop() else { return Ok(None) };
+        // Facts hold the targets: they are not even read for a viewer without access to replays.
         let facts = if sight.replays { read_facts(&mut tx, &run.id, ordinal).await? } else { None };
         let replay = match facts {
             Some(facts) => read_replay(&mut tx, &run, &row, facts).await?,
             None => None,
         };
         let goals = read_goals(&mut tx, &run.phase, &row.episode).await?;
-        let metrics = row.metrics.as_deref().filter(|_| sight.replays);
-        let metrics: Option<Metrics> = metrics.map(|json| from_json("metrics", json)).transpose()?;
+        let time = row.time();
+        let metrics = row.metrics.filter(|_| sight.replays).map(|Json(metrics)| metrics);
         let order = run.order;
+        let mission = MissionView { order, goals: goal_views(goals, metrics.as_ref(), sight) };
         Ok(Some(EpisodeView {
-            run: line(&mut tx, run, sight).await?,
-            ordinal: count(row.ordinal),
-            state: EpisodeState::from_word(&row.state)?,
-            end: row.end_reason.as_deref().map(end_reason).transpose()?,
-            mission: sight
-                .scores
-                .then(|| MissionView { order, goals: goal_views(goals, metrics.as_ref(), sight) }),
+            run: read_line(&mut tx, run, sight).await?,
+            ordinal: row.ordinal,
+            state: row.state.0,
+            end: value(row.end_reason),
+            mission: sight.scores.then_some(mission),
             metrics,
-            time: row.time()?,
+            time,
             finished_unix_ms: row.finished_ms,
             replay,
         }))
@@ -169,12 +174,12 @@ async fn read_goals(
     episode: &str,
 ) -> Result<Vec<GoalText>, StoreError> {
     let select = "SELECT goals FROM phase_episodes WHERE phase = $1 AND episode = $2";
-    let json: Option<String> =
+    let goals: Option<Json<Vec<GoalText>>> =
         sqlx::query_scalar(select).bind(phase).bind(episode).fetch_optional(&mut **tx).await?;
-    json.map_or(Ok(vec![]), |json| from_json("goals", &json))
+    Ok(goals.map(|Json(goals)| goals).unwrap_or_default())
 }
 
-/// What happened, on its map and by its rules.
+/// Returns the replay with the scene's map and the phase's rules.
 async fn read_replay(
     tx: &mut Transaction<'_, Sqlite>,
     run: &Run,
@@ -182,15 +187,9 @@ async fn read_replay(
     facts: Facts,
 ) -> Result<Option<Replay>, StoreError> {
     let Some(head) = read_heads(tx, Some(&run.phase)).await?.pop() else { return Ok(None) };
-    let map = read_map(tx, row).await?;
-    let hears = run.senses.as_ref().is_some_and(|senses| senses.audio);
-    Ok(Some(Replay { sensors: run.sensors.clone(), hears, ..replay(facts, head.phase.rules, map) }))
-}
-
-async fn read_map(tx: &mut Transaction<'_, Sqlite>, row: &EpisodeRow) -> Result<SceneMap, StoreError> {
     let select = "SELECT map FROM scenes WHERE name = $1";
-    let json: String = sqlx::query_scalar(select).bind(&row.scene).fetch_one(&mut **tx).await?;
-    from_json("map", &json)
+    let Json(map) = sqlx::query_scalar(select).bind(&row.scene).fetch_one(&mut **tx).await?;
+    Ok(Some(replay(facts, head.phase.rules, map, run)))
 }
 
 fn goal_views(goals: Vec<GoalText>, metrics: Option<&Metrics>, sight: Sight) -> Vec<GoalView> {
@@ -203,34 +202,37 @@ fn goal_views(goals: Vec<GoalText>, metrics: Option<&Metrics>, sight: Sight) -> 
     goals.into_iter().enumerate().map(view).collect()
 }
 
-fn replay(facts: Facts, rules: Rules, map: SceneMap) -> Replay {
+fn replay(facts: Facts, rules: Rules, map: SceneMap, run: &Run) -> Replay {
     let Facts { truth, record } = facts;
-    let poses = || std::iter::once(&record.start).chain(record.steps.iter().map(|step| &step.pose));
-    let numbered = || (1_u32..).zip(&record.steps);
-    let mark = |submit: &SubmitFacts| {
-        let SubmitFacts { step, completed, wrong_instance, .. } = *submit;
-        SubmitMark { step, completed, wrong_instance }
-    };
+    let steps = &record.steps;
+    let poses: Vec<&Pose> =
+        std::iter::once(&record.start).chain(steps.iter().map(|step| &step.pose)).collect();
+    let collisions = (1_u32..).zip(steps).filter(|(_, step)| step.collided);
+    let submits = record.submits.iter().map(|submit| SubmitMark {
+        step: submit.step,
+        completed: submit.completed,
+        wrong_instance: submit.wrong_instance,
+    });
     Replay {
         rules,
-        sensors: None,
-        hears: false,
+        sensors: run.sensors.clone(),
+        hears: run.senses.as_ref().is_some_and(|senses| senses.audio),
         map,
-        path: poses().map(|pose| xyz(&pose.position)).collect(),
-        headings_rad: poses().map(|pose| pose.heading_rad).collect(),
-        actions: record.steps.iter().map(|step| step.action.to_string()).collect(),
-        collisions: numbered().filter(|(_, step)| step.collided).map(|(number, _)| number).collect(),
-        sounding: record.steps.iter().map(|step| step.sounding).collect(),
-        in_region: record.steps.iter().map(|step| step.in_region).collect(),
-        submits: record.submits.iter().map(mark).collect(),
-        targets: truth.targets.iter().map(target).collect(),
+        path: poses.iter().map(|pose| xyz(&pose.position)).collect(),
+        headings_rad: poses.iter().map(|pose| pose.heading_rad).collect(),
+        actions: steps.iter().map(|step| step.action.to_string()).collect(),
+        collisions: collisions.map(|(number, _)| number).collect(),
+        sounding: steps.iter().map(|step| step.sounding).collect(),
+        in_region: steps.iter().map(|step| step.in_region).collect(),
+        submits: submits.collect(),
+        targets: truth.targets.iter().map(target_view).collect(),
         reference_path: truth.reference_path.iter().map(xyz).collect(),
         episode: truth.episode,
         scene: truth.scene,
     }
 }
 
-fn target(target: &Target) -> TargetView {
+fn target_view(target: &Target) -> TargetView {
     TargetView {
         category: target.category.clone(),
         modality: target.modality,

@@ -2,30 +2,30 @@ use avln_scoring::{EpisodeScore, Metrics};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Episodes of a run that have something in common; shares are means over them.
+/// A group of a run's episodes, with means.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GroupView {
-    /// What they have in common: their scene, or how many goals they have.
+    /// Common scene or goal count.
     pub name: String,
-    /// How many there are.
+    /// Episode count.
     pub episodes: u32,
     /// Success rate.
     pub sr: f64,
-    /// Share of goals found.
+    /// Found share.
     pub isr: f64,
-    /// Share of goals found weighted by path length.
+    /// Found share weighted by path length.
     pub soft_spl: f64,
-    /// Actions.
+    /// Action count.
     pub steps: f64,
 }
 
-/// The episodes by number of goals, few first.
-pub(super) fn by_goals(scores: &[EpisodeScore]) -> Vec<GroupView> {
+/// Groups episodes by goal count, ascending.
+pub(crate) fn by_goals(scores: &[EpisodeScore]) -> Vec<GroupView> {
     grouped(scores, |score| score.metrics.goals, u32::to_string)
 }
 
-/// The episodes by scene, in the order of their names.
-pub(super) fn by_scene(scores: &[EpisodeScore]) -> Vec<GroupView> {
+/// Groups episodes by scene name.
+pub(crate) fn by_scene(scores: &[EpisodeScore]) -> Vec<GroupView> {
     grouped(scores, |score| score.scene.as_str(), |scene| (*scene).to_owned())
 }
 
@@ -41,7 +41,7 @@ fn grouped<'a, K: Ord>(
 
 impl GroupView {
     fn new(name: String, mut scores: Vec<&EpisodeScore>) -> Self {
-        // Sums must not depend on the order in which episodes were played.
+        // Float addition is not associative: sorted sums are equal for every playing order.
         scores.sort_by(|a, b| a.episode.cmp(&b.episode));
         let mean = |value: fn(&Metrics) -> f64| {
             scores.iter().map(|score| value(&score.metrics)).sum::<f64>() / scores.len() as f64
@@ -71,10 +71,10 @@ mod tests {
             metrics: Metrics { goals, isr, steps: 10, ..Metrics::default() },
         };
         let scores = [score("c", "x", 4, 0.5), score("a", "y", 2, 1.0), score("b", "x", 2, 0.0)];
-        let told = |groups: Vec<GroupView>| {
+        let values = |groups: Vec<GroupView>| {
             groups.into_iter().map(|group| (group.name, group.episodes, group.isr)).collect::<Vec<_>>()
         };
-        assert_eq!(told(by_goals(&scores)), [("2".to_owned(), 2, 0.5), ("4".to_owned(), 1, 0.5)]);
-        assert_eq!(told(by_scene(&scores)), [("x".to_owned(), 2, 0.25), ("y".to_owned(), 1, 1.0)]);
+        assert_eq!(values(by_goals(&scores)), [("2".to_owned(), 2, 0.5), ("4".to_owned(), 1, 0.5)]);
+        assert_eq!(values(by_scene(&scores)), [("x".to_owned(), 2, 0.25), ("y".to_owned(), 1, 1.0)]);
     }
 }

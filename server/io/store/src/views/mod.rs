@@ -1,46 +1,31 @@
-//! What pages show. Every view is built for a [`Viewer`] and holds nothing that the phase hides from that viewer.
+//! Database views for pages. Every view is built for a [`Viewer`] and omits all data hidden from that viewer.
 
-mod board;
-mod census;
-mod compare;
-mod episode;
-mod group;
-mod kept;
-mod live;
-mod missions;
-mod office;
-mod phase;
-mod run;
+pub(crate) mod compare;
+pub(crate) mod episode;
+pub(crate) mod group;
+pub(crate) mod leaderboard;
+pub(crate) mod management;
+pub(crate) mod phase;
+pub(crate) mod run;
+pub(crate) mod run_list;
 
-use board::RankedBoards;
-pub use board::{Board, LeaderboardRow, LeaderboardView};
-pub use census::Census;
-pub use compare::{CompareView, Incomparable, PairView};
-pub use episode::{EpisodeView, GoalView, MissionView, Replay, SubmitMark, TargetView};
-pub use group::GroupView;
-use kept::KeptRuns;
-pub use live::LiveRun;
-pub use missions::MissionsView;
-pub use office::{GrantLine, Holder, TeamLine, TeamsView};
-pub use phase::PhaseView;
-pub use run::{EpisodeLine, LogAccess, ModalityView, RunLine, RunList, RunView};
-
-use crate::{Phase, StoreError, TokenHash, Visibility};
+use crate::{cache::ViewCache, database::Store, error::StoreError, phases::Phase};
+use avln_challenge::Visibility;
 use sqlx::{Sqlite, SqlitePool, Transaction};
 
-/// Who looks.
+/// The person or team that reads a page.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Viewer {
-    /// Anybody.
+    /// A visitor without token.
     Anonymous,
-    /// A team that showed its token.
+    /// A team, by name.
     Team(String),
     /// The organiser.
     Organiser,
 }
 
 impl Viewer {
-    /// Whether this viewer may see a thing of `team` that has this visibility.
+    /// Returns whether the viewer sees `team`'s data with this visibility.
     pub(crate) fn may_see(&self, visibility: Visibility, team: &str) -> bool {
         match visibility {
             Visibility::Public => true,
@@ -49,7 +34,7 @@ impl Viewer {
         }
     }
 
-    /// Whether the thing of `team` is this viewer's own; everything is the organiser's.
+    /// Returns whether the viewer is `team` or the organiser.
     pub(crate) fn owns(&self, team: &str) -> bool {
         match self {
             Self::Anonymous => false,
@@ -58,7 +43,7 @@ impl Viewer {
         }
     }
 
-    /// Whether this viewer may know that the phase exists.
+    /// Returns whether the phase is visible to the viewer.
     pub(crate) fn knows(&self, phase: &Phase) -> bool {
         match self {
             Self::Anonymous => phase.admission.shows_to(None),
@@ -67,45 +52,61 @@ impl Viewer {
         }
     }
 
-    /// Whether this viewer sees the things of all teams.
+    /// Returns whether the viewer sees all teams' data.
     pub(crate) fn sees_all(&self, visibility: Visibility) -> bool {
         visibility == Visibility::Public || *self == Self::Organiser
     }
 }
 
-/// The reading half of the store: the only half that pages are given.
+/// Run and episode counts by state. Contains no names.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Census {
+    /// Runs by state word.
+    pub runs: Vec<(String, i64)>,
+    /// Episodes by state word and end reason word.
+    pub episodes: Vec<(String, Option<String>, i64)>,
+}
+
+/// A read-only store for the web server. Cheap to clone.
 #[derive(Clone, Debug)]
 pub struct Reader {
-    pool: SqlitePool,
-    boards: RankedBoards,
-    runs: KeptRuns,
+    pub(crate) pool: SqlitePool,
+    pub(crate) cache: ViewCache,
+}
+
+impl Store {
+    /// Returns a read-only store for the web server.
+    pub fn reader(&self) -> Reader {
+        Reader { pool: self.read.clone(), cache: self.views.clone() }
+    }
 }
 
 impl Reader {
-    pub(crate) fn new(pool: SqlitePool) -> Self {
-        Self { pool, boards: RankedBoards::default(), runs: KeptRuns::default() }
-    }
-
-    /// Who holds the token `secret` at `now_unix_ms`; `None` when it is not a valid account's or organiser's token.
+    /// Checks that the database is readable.
     ///
     /// # Errors
-    /// When the database fails.
-    pub async fn viewer(&self, secret: &str, now_unix_ms: i64) -> Result<Option<Viewer>, StoreError> {
-        let holder = self.holder(&TokenHash::of(secret), now_unix_ms).await?;
-        Ok(holder.map(|holder| holder.viewer))
-    }
-
-    /// Answers when the database can be read.
-    ///
-    /// # Errors
-    /// When it cannot.
+    /// If it is not.
     pub async fn ping(&self) -> Result<(), StoreError> {
         let _: i64 = sqlx::query_scalar("SELECT COUNT(*) FROM phases").fetch_one(&self.pool).await?;
         Ok(())
     }
 
-    /// One view of the database as it is now, unmoved by writes that follow.
-    async fn snapshot(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
+    /// Counts runs and episodes by state.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn census(&self) -> Result<Census, StoreError> {
+        let mut tx = self.snapshot().await?;
+        let runs = sqlx::query_as("SELECT state, COUNT(*) FROM runs GROUP BY state ORDER BY state");
+        let episodes = sqlx::query_as(
+            "SELECT state, end_reason, COUNT(*) FROM episodes GROUP BY state, end_reason ORDER BY state, end_reason",
+        );
+        Ok(Census { runs: runs.fetch_all(&mut *tx).await?, episodes: episodes.fetch_all(&mut *tx).await? })
+    }
+
+    /// Begins a read transaction: a consistent state without later writes.
+    pub(crate) async fn snapshot(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
+        // Views need several statements; without a transaction a result stored in between would give a contradictory page.
         Ok(self.pool.begin().await?)
     }
 }

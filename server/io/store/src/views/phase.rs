@@ -1,69 +1,83 @@
-use super::{Reader, Viewer};
-use crate::{
-    PhaseState, Promise, Quota, QuotaLimits, Ranking, StoreError, Visibility,
-    phases::{PhaseHead, read_heads},
-    quota::read_quotas,
-};
-use avln_episode::{FeedbackRule, Order, Rules, Sensors, TimeLimits};
-use serde::Serialize;
+//! Phase and mission pages.
 
-/// A phase as pages show it. Everybody may know that a phase exists and how it is played, unless it is for some teams only.
+use crate::{
+    catalog::SceneMap,
+    commitment::{Commitment, read_commitment},
+    error::StoreError,
+    phases::{PhaseHead, Ranking, read_heads},
+    quota::read_quotas,
+    views::{Reader, Viewer},
+};
+use avln_challenge::{GoalText, PhaseState, Quota, QuotaLimits, Visibility};
+use avln_episode::{FeedbackRule, Modality, Order, Rules, Sensors, TimeLimits};
+use avln_scoring::Metrics;
+use serde::Serialize;
+use sqlx::{Sqlite, Transaction, types::Json};
+use std::collections::BTreeMap;
+
+/// A phase on pages. Its existence and rules are public, unless it is restricted to some teams. Times are milliseconds since
+/// 1970-01-01 UTC.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PhaseView {
     /// Id in URLs.
     pub id: String,
-    /// Heading.
+    /// Title.
     pub title: String,
     /// Text for people; may be empty.
     pub description: String,
-    /// Whether runs may start now.
+    /// State at request time.
     pub state: PhaseState,
-    /// Why it is paused, where it is.
+    /// Pause reason; `None` in other states.
     pub state_reason: Option<String>,
-    /// From when runs may start, milliseconds since 1970-01-01 UTC; `None` for at once.
+    /// Opening time; `None` if the phase is open from the beginning.
     pub opens_unix_ms: Option<i64>,
-    /// From when no more; `None` for never.
+    /// Closing time; `None` if it never closes.
     pub closes_unix_ms: Option<i64>,
-    /// Orders that a run may choose.
+    /// Playable mission orders.
     pub orders: Vec<Order>,
-    /// The rules, with every option.
+    /// Rules with all options.
     pub rules: Rules,
-    /// What agents learn from a Submit.
+    /// Feedback to a Submit.
     pub feedback: FeedbackRule,
-    /// The most that an agent may ask for.
+    /// Available sensors; width and height are maxima.
     pub sensors: Sensors,
-    /// Episodes of a run.
+    /// Episodes per run.
     pub episodes: u32,
-    /// Scenes that they are drawn from.
+    /// Scene count.
     pub scenes: u32,
-    /// Episodes that a run may play side by side.
+    /// Maximum parallel episodes per run.
     pub max_slots: u32,
-    /// How many runs a team may start.
+    /// Run limits per team.
     pub quotas: QuotaLimits,
-    /// Wall time that agents have.
+    /// Agent time limits.
     pub time: TimeLimits,
-    /// How runs are ranked unless somebody asks otherwise.
+    /// Default ranking.
     pub ranking: Ranking,
-    /// Whether only sealed runs may be played.
+    /// True if the phase accepts sealed runs only.
     pub sealed: bool,
-    /// What the organiser promised before the phase, and published after it; `None` before that.
-    pub promise: Option<Promise>,
-    /// Who may see scores.
+    /// The commitment, with values after publication; `None` before the commitment.
+    pub promise: Option<Commitment>,
+    /// Score visibility.
     pub scores: Visibility,
-    /// Who may see paths, maps and targets.
+    /// Visibility of paths, maps and targets.
     pub replays: Visibility,
-    /// Whether this viewer sees the scores of all teams.
+    /// True if the viewer sees all teams' scores.
     pub all_scores_visible: bool,
 }
 
 impl PhaseView {
-    pub(super) fn new(head: PhaseHead, viewer: &Viewer, now_unix_ms: i64) -> Self {
-        let PhaseHead { phase, episodes, scenes, promise } = head;
+    pub(crate) async fn read(
+        tx: &mut Transaction<'_, Sqlite>,
+        head: PhaseHead,
+        viewer: &Viewer,
+        now_unix_ms: i64,
+    ) -> Result<Self, StoreError> {
+        let PhaseHead { phase, episodes, scenes } = head;
         let state = phase.schedule.state(now_unix_ms);
-        Self {
+        Ok(Self {
             scenes,
             episodes: phase.sampling.episodes_of_run(episodes),
-            promise,
+            promise: read_commitment(tx, &phase.id).await?,
             state,
             state_reason: phase.schedule.paused.filter(|_| state == PhaseState::Paused),
             opens_unix_ms: phase.schedule.opens_unix_ms,
@@ -83,26 +97,76 @@ impl PhaseView {
             sealed: phase.sealed,
             scores: phase.scores,
             replays: phase.replays,
+        })
+    }
+}
+
+/// Mission statistics for a phase.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct MissionsView {
+    /// Missions by goal count.
+    pub goals: BTreeMap<u32, u32>,
+    /// Goals by modality.
+    pub modalities: BTreeMap<&'static str, u32>,
+    /// Category goals by category.
+    pub categories: BTreeMap<String, u32>,
+    /// Reference path lengths in the latest completed run, metres, in playing order.
+    pub reference_m: Vec<f64>,
+    /// Missions by scene.
+    pub scenes: BTreeMap<String, u32>,
+}
+
+impl MissionsView {
+    fn add(&mut self, scene: String, goals: Vec<GoalText>) {
+        *self.scenes.entry(scene).or_default() += 1;
+        *self.goals.entry(goals.len() as u32).or_default() += 1;
+        for GoalText { modality, text } in goals {
+            *self.modalities.entry(modality.as_str()).or_default() += 1;
+            if modality == Modality::Category {
+                *self.categories.entry(text.unwrap_or_default()).or_default() += 1;
+            }
         }
     }
 }
 
 impl Reader {
-    /// The phases that the viewer may know of, as they are at `now_unix_ms`, in the organiser's order.
+    /// Returns the phases visible to the viewer at `now_unix_ms`, in the organiser's order.
     ///
     /// # Errors
-    /// When the database fails.
+    /// If the database fails.
     pub async fn phases(&self, viewer: &Viewer, now_unix_ms: i64) -> Result<Vec<PhaseView>, StoreError> {
         let mut tx = self.snapshot().await?;
-        let heads = read_heads(&mut tx, None).await?;
-        let known = heads.into_iter().filter(|head| viewer.knows(&head.phase));
-        Ok(known.map(|head| PhaseView::new(head, viewer, now_unix_ms)).collect())
+        let mut views = Vec::new();
+        for head in read_heads(&mut tx, None).await? {
+            if viewer.knows(&head.phase) {
+                views.push(PhaseView::read(&mut tx, head, viewer, now_unix_ms).await?);
+            }
+        }
+        Ok(views)
     }
 
-    /// What a team has left in each phase that it may know of; nothing for other viewers, who start no runs.
+    /// Returns the phase called `id` at `now_unix_ms`; `None` if there is none visible to the viewer.
     ///
     /// # Errors
-    /// When the database fails.
+    /// If the database fails.
+    pub async fn phase(
+        &self,
+        viewer: &Viewer,
+        id: &str,
+        now_unix_ms: i64,
+    ) -> Result<Option<PhaseView>, StoreError> {
+        let mut tx = self.snapshot().await?;
+        let head = read_heads(&mut tx, Some(id)).await?.pop();
+        match head.filter(|head| viewer.knows(&head.phase)) {
+            Some(head) => PhaseView::read(&mut tx, head, viewer, now_unix_ms).await.map(Some),
+            None => Ok(None),
+        }
+    }
+
+    /// Returns the team's quotas in all visible phases; empty for other viewers.
+    ///
+    /// # Errors
+    /// If the database fails.
     pub async fn quotas(&self, viewer: &Viewer, now_unix_ms: i64) -> Result<Vec<Quota>, StoreError> {
         let Viewer::Team(team) = viewer else { return Ok(vec![]) };
         let mut tx = self.snapshot().await?;
@@ -113,19 +177,61 @@ impl Reader {
         Ok(quotas)
     }
 
-    /// The phase called `id` as it is at `now_unix_ms`; `None` when there is none that the viewer may know of.
+    /// Returns a phase's mission statistics; `None` unless the viewer sees all teams' replays.
     ///
     /// # Errors
-    /// When the database fails.
-    pub async fn phase(
+    /// If the database fails or contains damaged rows.
+    pub async fn missions(&self, viewer: &Viewer, phase: &str) -> Result<Option<MissionsView>, StoreError> {
+        let mut tx = self.snapshot().await?;
+        if !sees_missions(&mut tx, viewer, phase).await? {
+            return Ok(None);
+        }
+        let mut view = MissionsView::default();
+        let select = "SELECT scene, goals FROM phase_episodes WHERE phase = $1";
+        let rows: Vec<(String, Json<Vec<GoalText>>)> =
+            sqlx::query_as(select).bind(phase).fetch_all(&mut *tx).await?;
+        for (scene, Json(goals)) in rows {
+            view.add(scene, goals);
+        }
+        let select = "SELECT metrics FROM episodes WHERE metrics IS NOT NULL AND run = \
+                      (SELECT id FROM runs WHERE phase = $1 AND state = 'completed' ORDER BY finished_ms DESC, id LIMIT 1) \
+                      ORDER BY ordinal";
+        let metrics: Vec<Json<Metrics>> = sqlx::query_scalar(select).bind(phase).fetch_all(&mut *tx).await?;
+        view.reference_m = metrics.into_iter().map(|Json(metrics)| metrics.reference_m).collect();
+        Ok(Some(view))
+    }
+
+    /// Returns a scene's floor plan; `None` if there is none yet, or unless the viewer sees the replays from all
+    /// teams.
+    ///
+    /// # Errors
+    /// If the database fails or contains a damaged map.
+    pub async fn scene_map(
         &self,
         viewer: &Viewer,
-        id: &str,
-        now_unix_ms: i64,
-    ) -> Result<Option<PhaseView>, StoreError> {
+        phase: &str,
+        scene: &str,
+    ) -> Result<Option<SceneMap>, StoreError> {
         let mut tx = self.snapshot().await?;
-        let head = read_heads(&mut tx, Some(id)).await?.pop();
-        let known = head.filter(|head| viewer.knows(&head.phase));
-        Ok(known.map(|head| PhaseView::new(head, viewer, now_unix_ms)))
+        if !sees_missions(&mut tx, viewer, phase).await? {
+            return Ok(None);
+        }
+        let select = "SELECT map FROM scenes WHERE name = $2 \
+                      AND EXISTS (SELECT 1 FROM phase_episodes WHERE phase = $1 AND scene = $2)";
+        let map: Option<Json<SceneMap>> =
+            sqlx::query_scalar(select).bind(phase).bind(scene).fetch_optional(&mut *tx).await?;
+        Ok(map.map(|Json(map)| map).filter(|map| !map.polygons.is_empty()))
     }
+}
+
+async fn sees_missions(
+    tx: &mut Transaction<'_, Sqlite>,
+    viewer: &Viewer,
+    phase: &str,
+) -> Result<bool, StoreError> {
+    let head = read_heads(tx, Some(phase)).await?.pop();
+    Ok(head.is_some_and(|PhaseHead { phase, .. }| {
+        // As for replays: lengths and positions would reveal hidden scores.
+        viewer.knows(&phase) && viewer.sees_all(phase.scores) && viewer.sees_all(phase.replays)
+    }))
 }

@@ -1,14 +1,15 @@
-//! A database with one phase, one team and names that must not leak.
+//! A database with one phase, two teams and canary names.
 
+use avln_challenge::{GoalText, MethodInfo, PhaseEpisode, TimeAccount};
 use avln_episode::{Action, EndReason, Modality, Order, Pose, Rules, Sensors};
 use avln_scoring::{Metrics, score};
 use avln_store::{
-    Assigned, Finished, GoalText, NewRun, Phase, PhaseEpisode, Recorded, Scene, SceneMap, Split, Store,
-    StoreError, TimeAccount,
+    AssignedEpisode, AuditNote, EpisodeResult, NewRun, Phase, RecordedResult, Scene, SceneMap, Split, Store,
+    StoreError,
 };
 use avln_truth::{EpisodeTruth, Record, StepFacts, SubmitFacts};
 use serde_json::json;
-use std::{collections::BTreeMap, path::PathBuf};
+use std::{collections::BTreeMap, path::PathBuf, sync::LazyLock};
 use tempfile::TempDir;
 
 pub(crate) const SCENES: [&str; 2] = ["canary-scene-a", "canary-scene-b"];
@@ -22,7 +23,7 @@ pub(crate) struct Arena {
     pub(crate) store: Store,
 }
 
-/// A phase of `episodes` episodes in two scenes, with two goals each, open to everybody.
+/// Returns an open phase of `episodes` episodes in two scenes, with two goals each.
 pub(crate) fn phase(id: &str, episodes: usize) -> Phase {
     let goals = vec![
         GoalText { modality: Modality::Category, text: Some(CATEGORY.to_owned()) },
@@ -67,7 +68,7 @@ impl Arena {
         self.folder.path().join("arena.db")
     }
 
-    /// The database as another process finds it: nothing was closed.
+    /// Reopens the database as after a crash, without closing it first.
     pub(crate) async fn after_crash(self) -> Self {
         let Self { folder, store } = self;
         drop(store);
@@ -75,15 +76,16 @@ impl Arena {
         Self { folder, store }
     }
 
-    /// Starts a run of the phase `practice` and plays every episode; the first `found` goals of each are found.
+    /// Plays a run of the phase `practice` to its end; the agent finds the first `found` goals of each episode.
     pub(crate) async fn play(&self, run: &str, method: &str, order: Order, found: u8) {
         self.play_as(TEAM, run, method, order, found).await;
     }
 
-    /// The same by the team `team`.
+    /// Plays a run of `team` as [`Arena::play`] does.
     pub(crate) async fn play_as(&self, team: &str, run: &str, method: &str, order: Order, found: u8) {
         let digests = BTreeMap::new();
-        let new = NewRun { id: run, token: run, team, method, order, ..new_run(&digests) };
+        let method = MethodInfo::new(method, "1");
+        let new = NewRun { id: run, token: run, team, method: &method, order, ..new_run(&digests) };
         self.store.start_run(&new, 10).await.expect("a run");
         let mut index = 0;
         while let Some(assigned) = self.assign(run, &format!("{run}-handle-{index}")).await {
@@ -93,7 +95,7 @@ impl Arena {
         }
     }
 
-    pub(crate) async fn assign(&self, run: &str, handle: &str) -> Option<Assigned> {
+    pub(crate) async fn assign(&self, run: &str, handle: &str) -> Option<AssignedEpisode> {
         self.store.assign_next_episode(run, handle, 20).await.expect("an open run")
     }
 
@@ -102,27 +104,33 @@ impl Arena {
         run: &str,
         handle: &str,
         played: &Played,
-    ) -> Result<Recorded, StoreError> {
-        self.store.record_result(&played.finished(run, handle), 30).await
+    ) -> Result<RecordedResult, StoreError> {
+        self.store.record_result(&played.result(run, handle), 30).await
     }
 }
 
-/// A request by the team `red` for the phase `practice`.
+static WALKER: LazyLock<MethodInfo> = LazyLock::new(|| MethodInfo::new("walker", "1"));
+
+/// Returns an audit note about `what`.
+pub(crate) fn note(what: &str) -> AuditNote {
+    AuditNote { actor: "ada".to_owned(), what: what.to_owned(), ..AuditNote::default() }
+}
+
+/// Returns a request of the team `red` for the phase `practice`.
 pub(crate) fn new_run(digests: &BTreeMap<String, String>) -> NewRun<'_> {
     NewRun {
         id: "run_1",
         token: "secret-of-run-1",
         phase: "practice",
         team: TEAM,
-        method: "walker",
-        version: "1",
+        method: &WALKER,
         order: Order::Unordered,
         client_request_id: None,
         digests,
     }
 }
 
-/// An episode that was played: what was hidden, what happened, what it was worth.
+/// A finished episode.
 pub(crate) struct Played {
     pub(crate) truth: EpisodeTruth,
     pub(crate) record: Record,
@@ -131,8 +139,8 @@ pub(crate) struct Played {
 }
 
 impl Played {
-    /// Four steps of 0.3125 m and two claims, of which the first `found` complete a goal.
-    pub(crate) fn new(assigned: &Assigned, order: Order, found: u8, end: EndReason) -> Self {
+    /// Returns an episode with four steps of 0.3125 m and two Submits; the first `found` complete a goal.
+    pub(crate) fn new(assigned: &AssignedEpisode, order: Order, found: u8, end: EndReason) -> Self {
         let truth = truth(&assigned.episode, &assigned.scene, order);
         let record = record(found, end);
         let metrics = score(&truth, &record, &Rules::paper());
@@ -140,9 +148,9 @@ impl Played {
         Self { truth, record, metrics, time }
     }
 
-    pub(crate) fn finished<'a>(&'a self, run: &'a str, handle: &'a str) -> Finished<'a> {
+    pub(crate) fn result<'a>(&'a self, run: &'a str, handle: &'a str) -> EpisodeResult<'a> {
         let Self { truth, record, metrics, time } = self;
-        Finished { run, handle, truth, record, metrics, time }
+        EpisodeResult { run, handle, truth, record, metrics, time }
     }
 }
 

@@ -1,16 +1,11 @@
-//! The store on a real file: round trips, transactions, crashes, foreign files and what each viewer may see.
+//! The store on a real file: results, transactions, crashes, foreign files, upgrades and visibility.
 
-mod backup;
-mod board;
-mod challenge;
+mod facts;
 mod fixture;
+mod leaderboard;
 mod opening;
+mod phases;
 mod play;
-mod prune;
 mod quota;
-mod rescore;
-mod rulings;
-mod schema;
-mod start;
-mod uptime;
+mod statements;
 mod visibility;

@@ -1,10 +1,13 @@
-//! Handing out episodes, recording results, crashes.
+//! Assignment of episodes, results, crashes, deadlines and downtime.
 
-use crate::fixture::{Arena, EPISODE, Played, new_run, phase};
-use avln_episode::{EndReason, Order};
+use crate::fixture::{Arena, EPISODE, Played, TEAM, new_run, phase};
+use avln_challenge::{EpisodeState, RunState, Schedule};
+use avln_episode::{EndReason, Order, TimeLimits};
 use avln_scoring::score;
-use avln_store::{EpisodeState, RunState, StoreError, Viewer};
+use avln_store::{AuditNote, DowntimeCredit, NewRun, Phase, Run, StoreError, Viewer};
 use std::collections::BTreeMap;
+
+const HOUR_MS: i64 = 3_600_000;
 
 async fn started(episodes: usize) -> Arena {
     let arena = Arena::new(&phase("practice", episodes)).await;
@@ -13,7 +16,7 @@ async fn started(episodes: usize) -> Arena {
 }
 
 #[tokio::test]
-async fn episodes_are_handed_out_once_each_in_order() {
+async fn episodes_are_assigned_once_in_order() {
     let arena = started(3).await;
     for index in 0..3 {
         let next = arena.store.next_pending("run_1").await.expect("an answer");
@@ -26,7 +29,7 @@ async fn episodes_are_handed_out_once_each_in_order() {
 }
 
 #[tokio::test]
-async fn facts_come_back_bit_for_bit_and_score_the_same() {
+async fn facts_round_trip_bit_for_bit() {
     let arena = started(1).await;
     let assigned = arena.assign("run_1", "h").await.expect("an episode");
     let played = Played::new(&assigned, Order::Unordered, 1, EndReason::StepLimit);
@@ -37,7 +40,7 @@ async fn facts_come_back_bit_for_bit_and_score_the_same() {
 }
 
 #[tokio::test]
-async fn the_last_result_completes_the_run_and_a_second_one_changes_nothing() {
+async fn last_result_completes_run() {
     let arena = started(2).await;
     let mut recorded = None;
     for handle in ["h0", "h1"] {
@@ -61,7 +64,7 @@ async fn the_last_result_completes_the_run_and_a_second_one_changes_nothing() {
 }
 
 #[tokio::test]
-async fn a_result_for_an_episode_that_nobody_plays_is_refused() {
+async fn result_without_running_episode_is_rejected() {
     let arena = started(1).await;
     let assigned = arena.assign("run_1", "h").await.expect("an episode");
     let played = Played::new(&assigned, Order::Unordered, 1, EndReason::Stopped);
@@ -70,22 +73,22 @@ async fn a_result_for_an_episode_that_nobody_plays_is_refused() {
 }
 
 #[tokio::test]
-async fn what_was_played_when_the_server_died_is_played_again_and_results_stay() {
+async fn interrupted_episodes_reopen_after_crash() {
     let arena = started(2).await;
     let first = arena.assign("run_1", "h0").await.expect("an episode");
     let played = Played::new(&first, Order::Unordered, 1, EndReason::Stopped);
     arena.record("run_1", "h0", &played).await.expect("a result");
     arena.assign("run_1", "h1").await.expect("an episode");
     let arena = arena.after_crash().await;
-    let underway = arena.store.underway().await.expect("a list");
-    assert_eq!(underway.iter().map(|lost| lost.handle.as_str()).collect::<Vec<_>>(), ["h1"]);
-    let standing = |handle| arena.store.handed_out("run_1", handle);
-    let ended = standing("h0").await.expect("an answer").expect("it was handed out");
+    let running = arena.store.running_episodes().await.expect("a list");
+    assert_eq!(running.iter().map(|lost| lost.handle.as_str()).collect::<Vec<_>>(), ["h1"]);
+    let status = |handle| arena.store.episode_status("run_1", handle);
+    let ended = status("h0").await.expect("an answer").expect("it was handed out");
     assert_eq!((ended.state, ended.end), (EpisodeState::Terminated, Some(EndReason::Stopped)));
     assert_eq!(ended.metrics.expect("scored").found, 1);
-    assert_eq!(standing("h1").await.expect("an answer").expect("it too").end, None);
-    assert_eq!(standing("h7").await.expect("an answer"), None);
-    assert!(arena.store.take_back("run_1", "h1", 40).await.expect("an answer"));
+    assert_eq!(status("h1").await.expect("an answer").expect("it too").end, None);
+    assert_eq!(status("h7").await.expect("an answer"), None);
+    assert!(arena.store.reopen_episode("run_1", "h1", 40).await.expect("an answer"));
     let open = arena.store.open_runs().await.expect("a list");
     assert_eq!((open.len(), open[0].done), (1, 1));
     let stale = arena.record("run_1", "h1", &played).await;
@@ -97,7 +100,7 @@ async fn what_was_played_when_the_server_died_is_played_again_and_results_stay()
 }
 
 #[tokio::test]
-async fn the_servers_fault_does_not_count_and_is_tried_three_times() {
+async fn server_faults_are_retried_twice() {
     let arena = started(1).await;
     for attempt in 1..=3 {
         let handle = format!("h{attempt}");
@@ -114,33 +117,33 @@ async fn the_servers_fault_does_not_count_and_is_tried_three_times() {
 }
 
 #[tokio::test]
-async fn an_episode_that_takes_the_server_down_is_given_up() {
+async fn crashing_episode_is_abandoned() {
     let mut arena = started(1).await;
     for attempt in 0..3 {
         arena.assign("run_1", &format!("h{attempt}")).await.expect("an attempt");
         arena = arena.after_crash().await;
-        assert!(arena.store.take_back("run_1", &format!("h{attempt}"), 40).await.expect("an answer"));
+        assert!(arena.store.reopen_episode("run_1", &format!("h{attempt}"), 40).await.expect("an answer"));
     }
     assert_eq!(arena.assign("run_1", "h3").await, None);
     assert_eq!(arena.store.run("run_1").await.expect("the run").state, RunState::Completed);
 }
 
 #[tokio::test]
-async fn an_episode_that_cannot_be_started_is_taken_back_and_given_up_in_the_end() {
+async fn failing_starts_are_abandoned() {
     let arena = started(1).await;
     for attempt in 1..=3 {
         let handle = format!("h{attempt}");
         arena.assign("run_1", &handle).await.expect("an attempt");
-        arena.store.take_back("run_1", "other", 40).await.expect("nobody's episode");
+        arena.store.reopen_episode("run_1", "other", 40).await.expect("no such episode");
         assert_eq!(arena.store.run("run_1").await.expect("the run").state, RunState::Running);
-        arena.store.take_back("run_1", &handle, 40).await.expect("taken back");
+        arena.store.reopen_episode("run_1", &handle, 40).await.expect("reopened");
     }
     assert_eq!(arena.assign("run_1", "h4").await, None);
     assert_eq!(arena.store.run("run_1").await.expect("the run").state, RunState::Completed);
 }
 
 #[tokio::test]
-async fn results_of_many_slots_at_once_add_up() {
+async fn parallel_results_add_up() {
     let arena = started(8).await;
     let mut seats = Vec::new();
     for index in 0..8 {
@@ -150,7 +153,7 @@ async fn results_of_many_slots_at_once_add_up() {
         let (store, found) = (arena.store.clone(), (index % 3) as u8);
         tokio::spawn(async move {
             let played = Played::new(&seat, Order::Unordered, found, EndReason::Stopped);
-            store.record_result(&played.finished("run_1", &seat.handle), 30).await.expect("a result").is_new
+            store.record_result(&played.result("run_1", &seat.handle), 30).await.expect("a result").is_new
         })
     });
     for result in results.collect::<Vec<_>>() {
@@ -161,4 +164,106 @@ async fn results_of_many_slots_at_once_add_up() {
     // Found goals by episode: 0 1 2 0 1 2 0 1 of 2 each.
     assert_eq!(view.line.isr, Some(3.5 / 8.0));
     assert_eq!(view.summary.expect("scores").isr_by_goal, 7.0 / 16.0);
+}
+
+fn timed(run_s: u32, closes_unix_ms: Option<i64>) -> Phase {
+    let time = TimeLimits { run_s, ..TimeLimits::default() };
+    let schedule = Schedule { closes_unix_ms, ..Schedule::default() };
+    Phase { time, schedule, ..phase("practice", 2) }
+}
+
+async fn started_in(phase: &Phase, now: i64) -> (Arena, Run) {
+    let arena = Arena::new(phase).await;
+    let digests = BTreeMap::new();
+    let new = NewRun { id: "run_1", token: "run_1", ..new_run(&digests) };
+    let run = arena.store.start_run(&new, now).await.expect("a run").run;
+    (arena, run)
+}
+
+async fn deadline(arena: &Arena) -> Option<i64> {
+    arena.store.run("run_1").await.expect("the run").deadline_unix_ms
+}
+
+#[tokio::test]
+async fn wall_time_outlasts_closing_phase() {
+    let (arena, run) = started_in(&timed(3600, Some(50)), 10).await;
+    assert_eq!(run.deadline_unix_ms, Some(10 + HOUR_MS), "a started run keeps its wall time");
+    assert_eq!(arena.store.overdue(9 + HOUR_MS).await.expect("a list"), Vec::<String>::new());
+    assert_eq!(arena.store.overdue(10 + HOUR_MS).await.expect("a list"), ["run_1"]);
+    let late = arena.store.assign_next_episode("run_1", "h", 10 + HOUR_MS).await;
+    assert!(matches!(late, Err(StoreError::RunOver { state: "expired", .. })), "{late:?}");
+    let ended = arena.store.end_run("run_1", RunState::Expired, 11 + HOUR_MS).await.expect("the run");
+    assert_eq!(ended.state, RunState::Expired);
+    assert_eq!(arena.store.overdue(i64::MAX).await.expect("a list"), Vec::<String>::new());
+}
+
+#[tokio::test]
+async fn run_without_wall_time_ends_with_phase() {
+    let (arena, run) = started_in(&timed(0, Some(HOUR_MS)), 10).await;
+    assert_eq!(run.deadline_unix_ms, Some(HOUR_MS));
+    arena.store.upsert_phase(&timed(0, Some(2 * HOUR_MS)), 20).await.expect("a later date");
+    assert_eq!(deadline(&arena).await, Some(2 * HOUR_MS), "it follows the date");
+    arena.store.upsert_phase(&timed(0, None), 20).await.expect("no date");
+    assert_eq!(deadline(&arena).await, None);
+    let schedule = Schedule { closed: true, ..Schedule::default() };
+    arena.store.upsert_phase(&Phase { schedule, ..timed(0, None) }, 20).await.expect("closed by hand");
+    assert_eq!(arena.store.overdue(20).await.expect("a list"), ["run_1"]);
+}
+
+#[tokio::test]
+async fn secret_is_kept_until_runs_end() {
+    let (arena, _) = started_in(&timed(3600, Some(50)), 10).await;
+    arena.store.commit_phase("practice", &"0f".repeat(32), "1.0.0", 20).await.expect("a promise");
+    let early = arena.store.reveal_phase("practice", AuditNote::default(), 60).await;
+    assert!(matches!(early, Err(StoreError::StillPlayed { until_unix_ms: 3_600_010, .. })), "{early:?}");
+    arena.store.reveal_phase("practice", AuditNote::default(), 10 + HOUR_MS).await.expect("its time is over");
+}
+
+#[tokio::test]
+async fn crash_downtime_extends_runs_only() {
+    let (arena, _) = started_in(&timed(3600, Some(2 * HOUR_MS)), 10).await;
+    assert_eq!(arena.store.credit_downtime(20).await.expect("a first start"), DowntimeCredit::default());
+    arena.store.record_heartbeat(5_000).await.expect("alive");
+    let credit = arena.store.credit_downtime(5_000 + HOUR_MS).await.expect("a second start");
+    assert_eq!(credit, DowntimeCredit { away_ms: HOUR_MS, runs: 1, phases: vec![] });
+    assert_eq!(deadline(&arena).await, Some(10 + 2 * HOUR_MS));
+    let audit = arena.store.audit().await.expect("the audit list");
+    let line = audit.last().expect("a line");
+    assert_eq!((line.subject.as_str(), line.what.as_str()), ("runs", "deadline"));
+    assert_eq!(line.after.as_deref(), Some("+3600 s for 1 open runs"));
+}
+
+#[tokio::test]
+async fn maintenance_extends_runs_and_phases() {
+    let (arena, _) = started_in(&timed(3600, Some(HOUR_MS)), 10).await;
+    arena.store.credit_downtime(20).await.expect("a first start");
+    arena.store.record_drain("new disks", 1_000_000).await.expect("a note");
+    arena.store.record_drain("again", 1_100_000).await.expect("no second one");
+    arena.store.record_heartbeat(1_500_000).await.expect("alive while it drains");
+    let back = 1_000_000 + 2 * HOUR_MS;
+    let credit = arena.store.credit_downtime(back).await.expect("the next start");
+    assert_eq!(credit, DowntimeCredit { away_ms: 2 * HOUR_MS, runs: 1, phases: vec!["practice".to_owned()] });
+    assert_eq!(deadline(&arena).await, Some(10 + 3 * HOUR_MS), "it counts from the announcement");
+    let closes = arena.store.phase("practice").await.expect("the phase").schedule.closes_unix_ms;
+    assert_eq!(closes, Some(3 * HOUR_MS), "although the date passed during the maintenance");
+    let audit = arena.store.audit().await.expect("the audit list");
+    let listed: Vec<_> = audit.iter().map(|line| (line.subject.as_str(), line.reason.as_str())).collect();
+    assert_eq!(listed, [("server", "new disks"), ("runs", "new disks"), ("phase practice", "new disks")]);
+    assert_eq!(audit[2].before.as_deref(), Some("1970-01-01T01:00:00Z"));
+    assert_eq!(
+        arena.store.credit_downtime(back + 500).await.expect("a restart").runs,
+        0,
+        "a maintenance counts once"
+    );
+}
+
+#[tokio::test]
+async fn clock_change_keeps_remaining_time() {
+    let (arena, _) = started_in(&timed(3600, None), 10).await;
+    assert_eq!(arena.store.follow_clock(-5_000, 20).await.expect("an answer"), 1);
+    assert_eq!(deadline(&arena).await, Some(10 + HOUR_MS - 5_000));
+    let credit =
+        arena.store.credit_downtime(20).await.and(arena.store.credit_downtime(10).await).expect("a start");
+    assert_eq!(credit, DowntimeCredit::default(), "no credit for a clock before the last heartbeat");
+    assert_eq!(arena.store.runs_of(TEAM).await.expect("runs").len(), 1);
 }

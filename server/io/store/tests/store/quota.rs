@@ -1,11 +1,9 @@
-//! What counts against a team's quota, and when it fills up again.
+//! Quotas of teams.
 
 use crate::fixture::{Arena, Played, TEAM, new_run, phase};
+use avln_challenge::{Quota, QuotaLimits, QuotaWindow, RunState, calendar::unix_ms};
 use avln_episode::{EndReason, Order};
-use avln_store::{
-    AuditNote, NewGrant, NewRun, Phase, Quota, QuotaLimits, QuotaWindow, RunState, StartedRun, StoreError,
-    calendar::unix_ms,
-};
+use avln_store::{AuditNote, NewGrant, NewRun, Phase, StartedRun, StoreError};
 use std::collections::BTreeMap;
 use tokio::task::JoinSet;
 
@@ -13,7 +11,7 @@ fn limited(quotas: QuotaLimits) -> Phase {
     Phase { quotas, ..phase("practice", 2) }
 }
 
-/// A moment of 2026, UTC.
+/// Returns a timestamp in 2026, UTC.
 fn at(month: u8, day: u8, second_of_day: u32) -> i64 {
     unix_ms(2026, month, day, second_of_day).expect("a moment")
 }
@@ -44,7 +42,7 @@ async fn play(arena: &Arena, run: &str, end: EndReason) {
     arena.record(run, &assigned.handle, &played).await.expect("a result");
 }
 
-/// Handles differ from call to call.
+/// Returns a new number per call, for unique handles.
 fn rand_suffix() -> u64 {
     use std::sync::atomic::{AtomicU64, Ordering};
     static NEXT: AtomicU64 = AtomicU64::new(0);
@@ -52,7 +50,7 @@ fn rand_suffix() -> u64 {
 }
 
 #[tokio::test]
-async fn of_a_hundred_starts_at_once_exactly_one_gets_the_last_run() {
+async fn one_of_many_starts_gets_last_run() {
     let arena = Arena::new(&limited(QuotaLimits { total: Some(1), ..QuotaLimits::default() })).await;
     let mut starts = JoinSet::new();
     for number in 0..100 {
@@ -70,7 +68,7 @@ async fn of_a_hundred_starts_at_once_exactly_one_gets_the_last_run() {
 }
 
 #[tokio::test]
-async fn a_day_of_quota_ends_at_midnight_utc() {
+async fn daily_quota_ends_at_utc_midnight() {
     let arena = Arena::new(&limited(QuotaLimits { day: Some(1), ..QuotaLimits::default() })).await;
     start(&arena, "run_1", at(7, 1, LAST_SECOND)).await.expect("the first of the day");
     let used = quota(&arena, QuotaWindow::Day, at(7, 1, LAST_SECOND)).await;
@@ -87,7 +85,7 @@ async fn a_day_of_quota_ends_at_midnight_utc() {
 }
 
 #[tokio::test]
-async fn a_month_of_quota_ends_with_the_month_and_the_total_never() {
+async fn monthly_quota_refills_but_total_does_not() {
     let limits = QuotaLimits { month: Some(1), total: Some(2), ..QuotaLimits::default() };
     let arena = Arena::new(&limited(limits)).await;
     start(&arena, "run_1", at(1, 31, LAST_SECOND)).await.expect("January's");
@@ -98,7 +96,7 @@ async fn a_month_of_quota_ends_with_the_month_and_the_total_never() {
 }
 
 #[tokio::test]
-async fn only_so_many_runs_are_open_at_a_time() {
+async fn concurrent_quota_limits_open_runs() {
     let arena = Arena::new(&limited(QuotaLimits { concurrent: Some(1), ..QuotaLimits::default() })).await;
     start(&arena, "run_1", 10).await.expect("a run");
     assert_eq!(refused_for(start(&arena, "run_2", 11).await), (QuotaWindow::Concurrent, None));
@@ -107,7 +105,7 @@ async fn only_so_many_runs_are_open_at_a_time() {
 }
 
 #[tokio::test]
-async fn a_run_is_charged_by_what_the_server_stored_of_it() {
+async fn stored_facts_decide_charges() {
     let arena = Arena::new(&limited(QuotaLimits { total: Some(9), ..QuotaLimits::default() })).await;
     let charge = async |run: &str| arena.store.charge(run).await.expect("a run").charged;
     for run in ["run_open", "run_idle", "run_left", "run_whole", "run_lost", "run_failed", "run_late"] {
@@ -143,7 +141,7 @@ async fn a_run_is_charged_by_what_the_server_stored_of_it() {
 }
 
 #[tokio::test]
-async fn what_ended_before_its_first_step_is_free_but_not_for_ever() {
+async fn uncharged_runs_are_limited() {
     let limits = QuotaLimits { total: Some(1), uncharged: Some(2), ..QuotaLimits::default() };
     let arena = Arena::new(&limited(limits)).await;
     for number in 0..2 {
@@ -158,7 +156,7 @@ async fn what_ended_before_its_first_step_is_free_but_not_for_ever() {
 }
 
 #[tokio::test]
-async fn granted_runs_count_where_and_when_they_were_granted() {
+async fn grants_count_in_their_window() {
     let limits = QuotaLimits { day: Some(1), total: Some(1), ..QuotaLimits::default() };
     let arena = Arena::new(&limited(limits)).await;
     start(&arena, "run_1", at(7, 1, 0)).await.expect("a run");

@@ -1,17 +1,30 @@
-//! Canaries: hidden names are searched for in everything that a viewer can get.
+//! Searches all pages of each viewer for hidden canary names.
 
 use crate::fixture::{Arena, CATEGORY, EPISODE, SCENES, SENTENCE, TEAM, phase};
+use avln_challenge::{RunChoice, Visibility};
 use avln_episode::Order;
 use avln_scoring::Key;
-use avln_store::{Board, RunChoice, Viewer, Visibility};
+use avln_store::{LeaderboardQuery, RowFilter, Viewer};
 
-/// Length of the walk of every episode: only a score can show it.
+/// Path length of every episode, visible in scores only.
 const SCORE: &str = "\"path_m\":1.25";
-/// Coordinates that only the map, the reference tour and the target have.
+/// Coordinates of the map, the reference path and the target only.
 const PLACES: [&str; 3] = ["4.25", "3.875", "[1.0,0.0,1.0]"];
 const NAMES: [&str; 4] = ["canary-scene", CATEGORY, SENTENCE, EPISODE];
-/// What pages never show, not even to the organiser: instance ids and seeds.
+/// Instance ids and seeds, hidden from all viewers including the organiser.
 const NEVER: [&str; 2] = ["54321", "77777"];
+
+fn query(order: Order) -> LeaderboardQuery<'static> {
+    LeaderboardQuery {
+        phase: "practice",
+        order,
+        key: Key::Sr,
+        pick: RunChoice::Best,
+        as_of_unix_ms: None,
+        now_unix_ms: 50,
+        filter: RowFilter::default(),
+    }
+}
 
 async fn everything(arena: &Arena, viewer: &Viewer) -> String {
     let reader = arena.store.reader();
@@ -25,15 +38,8 @@ async fn everything(arena: &Arena, viewer: &Viewer) -> String {
         serde_json::to_string(&reader.scene_map(viewer, "practice", SCENES[0]).await.expect("a map")),
     ];
     for order in [Order::Ordered, Order::Unordered] {
-        let board = Board {
-            phase: "practice",
-            order,
-            key: Key::Sr,
-            pick: RunChoice::Best,
-            as_of_unix_ms: None,
-            now_unix_ms: 50,
-        };
-        seen.push(serde_json::to_string(&reader.leaderboard(viewer, &board).await.expect("a board")));
+        let query = query(order);
+        seen.push(serde_json::to_string(&reader.leaderboard(viewer, &query).await.expect("a leaderboard")));
     }
     for ordinal in 0..2 {
         seen.push(serde_json::to_string(
@@ -47,7 +53,7 @@ fn viewers() -> [Viewer; 4] {
     [Viewer::Anonymous, Viewer::Team("blue".to_owned()), Viewer::Team(TEAM.to_owned()), Viewer::Organiser]
 }
 
-/// Whether the run's team is this viewer or above it, seen from a visibility.
+/// True if the run's team is this viewer or above it, seen from a visibility.
 fn expected(visibility: Visibility, viewer: &Viewer) -> bool {
     match visibility {
         Visibility::Public => true,
@@ -57,7 +63,7 @@ fn expected(visibility: Visibility, viewer: &Viewer) -> bool {
 }
 
 #[tokio::test]
-async fn each_viewer_finds_what_the_phase_shows_and_nothing_else() {
+async fn viewers_find_visible_data_only() {
     let mut shown = phase("practice", 2);
     let arena = Arena::new(&shown).await;
     arena.play("run_1", "walker-method", Order::Unordered, 1).await;
@@ -82,23 +88,16 @@ async fn each_viewer_finds_what_the_phase_shows_and_nothing_else() {
 }
 
 #[tokio::test]
-async fn a_team_ranks_among_its_own_where_scores_are_for_teams() {
+async fn team_visibility_ranks_own_runs() {
     let mut teams_only = phase("practice", 2);
     teams_only.scores = Visibility::Team;
     let arena = Arena::new(&teams_only).await;
     arena.play("run_1", "walker", Order::Unordered, 1).await;
-    let board = Board {
-        phase: "practice",
-        order: Order::Unordered,
-        key: Key::Sr,
-        pick: RunChoice::Best,
-        as_of_unix_ms: None,
-        now_unix_ms: 50,
-    };
+    let query = &query(Order::Unordered);
     let rows = |viewer| {
         let reader = arena.store.reader();
         async move {
-            let view = reader.leaderboard(&viewer, &board).await.expect("an answer").expect("the phase");
+            let view = reader.leaderboard(&viewer, query).await.expect("an answer").expect("the phase");
             (view.rows.len(), view.complete)
         }
     };

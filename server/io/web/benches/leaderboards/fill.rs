@@ -119,30 +119,15 @@ async fn add_episode(tx: &mut SqliteConnection, run: &str, ordinal: u32, score: 
     let m = &score.metrics;
     let metrics = serde_json::to_string(m).expect("JSON");
     sqlx::query(
-        "INSERT INTO episodes (run, ordinal, episode, scene, state, attempts, handle, end_reason, goals, found, sr, isr, osr, \
-         osr_all, spl, soft_spl, sna, steps, path_m, reference_m, collisions, wrong_submits, metrics, time_account, started_ms, \
-         finished_ms) VALUES ($1, $2, $3, $4, 'terminated', 1, $1 || '-' || $2, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, \
-         $15, $16, $17, $18, $19, $20, '{\"simulation_s\":1.5,\"encoding_s\":0.25,\"queue_s\":0.5,\"thinking_s\":4.25}', 1790000000000, 1790000000000)",
+        "INSERT INTO episodes (run, ordinal, episode, scene, state, attempts, handle, end_reason, metrics, time_account, \
+         started_ms, finished_ms) VALUES ($1, $2, $3, $4, 'terminated', 1, $1 || '-' || $2, $5, $6, \
+         '{\"simulation_s\":1.5,\"encoding_s\":0.25,\"queue_s\":0.5,\"thinking_s\":4.25}', 1790000000000, 1790000000000)",
     )
     .bind(run)
     .bind(ordinal)
     .bind(&score.episode)
     .bind(&score.scene)
     .bind(if m.sr > 0.5 { EndReason::Stopped } else { EndReason::StepLimit }.as_str())
-    .bind(m.goals)
-    .bind(m.found)
-    .bind(m.sr)
-    .bind(m.isr)
-    .bind(m.osr)
-    .bind(m.osr_all)
-    .bind(m.spl)
-    .bind(m.soft_spl)
-    .bind(m.sna)
-    .bind(m.steps)
-    .bind(m.path_m)
-    .bind(m.reference_m)
-    .bind(m.collisions)
-    .bind(m.wrong_submits)
     .bind(metrics)
     .execute(tx)
     .await

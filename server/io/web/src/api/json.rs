@@ -198,9 +198,7 @@ pub(super) async fn find_leaderboard(
     }
     let query = params.query(phase, order, context.now_unix_ms);
     let view = context.reader.leaderboard(&context.viewer, &query).await?;
-    let mut view = view.ok_or_else(|| RequestError::Unknown { what: "phase", name: phase.id.clone() })?;
-    params.filter(&mut view);
-    Ok(view)
+    view.ok_or_else(|| RequestError::Unknown { what: "phase", name: phase.id.clone() })
 }
 
 pub(super) async fn find_leaderboards(

@@ -55,7 +55,7 @@ impl SignedIn {
     /// Returns the team's credential for actions.
     pub(crate) fn team(&self) -> Result<TeamCredential, RequestError> {
         let Viewer::Team(team) = &self.holder.viewer else { return Err(RequestError::NoPage) };
-        if self.holder.looks_only {
+        if self.holder.read_only {
             let message = "a read-only token cannot change anything; sign in with an account token of the team";
             return Err(RequestError::Refused(message.to_owned()));
         }

@@ -123,8 +123,7 @@ async fn all_orders(context: &RequestContext, phase: PhaseView, params: Leaderbo
     let shell = PageShell::new(title, SiteSection::Leaderboards).below("Leaderboards", "/leaderboard");
     let Some(first) = views.first() else { return Err(RequestError::NoPage) };
     let mut controls = LeaderboardControls::new(&params, first);
-    controls.teams.extend(views.iter().flat_map(|view| &view.rows).map(|row| row.team.clone()));
-    views.iter_mut().for_each(|view| params.filter(view));
+    controls.teams.extend(views.iter().flat_map(|view| view.teams.iter().cloned()));
     let mut columns = headline_keys();
     columns.retain(|key| params.columns.is_empty() || params.columns.contains(key));
     render(&AllOrdersPage {
@@ -160,13 +159,11 @@ fn method_rows(views: &[LeaderboardView]) -> Vec<MethodRow> {
 }
 
 impl LeaderboardPage {
-    /// `view` is the leaderboard before filtering.
-    fn new(mut view: LeaderboardView, params: &LeaderboardParams) -> Self {
+    fn new(view: LeaderboardView, params: &LeaderboardParams) -> Self {
         let title = format!("{}: {} goals", view.phase.title, format::order(&view.order).to_lowercase());
         let shell = PageShell::new(title, SiteSection::Leaderboards).below("Leaderboards", "/leaderboard");
         let controls = LeaderboardControls::new(params, &view);
-        let leader = view.rows.first().map(|row| row.run.clone());
-        params.filter(&mut view);
+        let leader = view.leader.clone();
         let columns = params.shown_columns(view.key);
         let orders = Orders::One(view.order);
         Self { shell, caption: caption(&view), columns, controls, orders, leader, view }

@@ -1,10 +1,11 @@
 //! An arena with a public phase, played by two teams, and a hidden phase, played by one of them.
 
+use avln_challenge::MethodInfo;
 use avln_episode::{EndReason, Modality, Order, Rules, Sensors};
 use avln_scoring::Metrics;
 use avln_store::{
-    Finished, GoalText, NewRun, NewToken, Phase, PhaseEpisode, Scene, SceneMap, Split, Store, TimeAccount,
-    TokenScope, Visibility,
+    EpisodeResult, GoalText, NewRun, NewToken, Phase, PhaseEpisode, Scene, SceneMap, Split, Store,
+    TimeAccount, TokenScope, Visibility,
 };
 use avln_web::{LiveStatus, Management, ReplayRenderer, SignedLogs, Site};
 use axum::{
@@ -146,8 +147,7 @@ impl Arena {
             token: run,
             phase,
             team,
-            method,
-            version: "1.0",
+            method: &MethodInfo::new(method, "1.0"),
             order,
             client_request_id: None,
             digests: &digests,
@@ -163,15 +163,13 @@ impl Arena {
 
     /// Starts a run of the rude team with its first episode.
     pub(crate) async fn begin(&self, run: &str, phase: &str, digests: &BTreeMap<String, String>) {
-        let (method, order) = ("beginner", Order::Unordered);
         let new = NewRun {
             id: run,
             token: run,
             phase,
             team: RUDE_TEAM,
-            method,
-            version: "1.0",
-            order,
+            method: &MethodInfo::new("beginner", "1.0"),
+            order: Order::Unordered,
             client_request_id: None,
             digests,
         };
@@ -189,7 +187,7 @@ impl Arena {
 
     /// Stores an episode. Its hidden parts are JSON, because this crate cannot name their types.
     async fn finish(&self, run: &str, handle: &str, episode: &str, found: u32, end: EndReason) {
-        let finished = Finished {
+        let finished = EpisodeResult {
             run,
             handle,
             truth: &serde_json::from_value(truth(episode)).expect("a truth"),

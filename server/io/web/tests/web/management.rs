@@ -354,7 +354,7 @@ async fn the_audit_log_has_pages() {
     let site = Site::new().await;
     for index in 0..150 {
         let note = AuditNote { what: format!("change {index}."), ..AuditNote::default() };
-        site.arena.store.note(note, 100).await.expect("a line");
+        site.arena.store.add_audit_note(note, 100).await.expect("a line");
     }
     let browser = site.signed_in(ORGANISER).await;
     let newest = browser.get("/organise/audit").await.body;

@@ -160,7 +160,7 @@ async fn show(reader: &Reader, management: &ManagementState, by: SignedIn, secre
 
 impl TeamPage {
     fn may_act(&self) -> bool {
-        !self.by.holder.looks_only
+        !self.by.holder.read_only
     }
 
     /// Returns true for this session's token.

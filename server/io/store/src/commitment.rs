@@ -1,46 +1,57 @@
-//! What a phase promises before it is played and publishes afterwards: its episodes, the scorer and the secret of its draws.
+//! Commitments: before a phase, the organiser commits to episodes, scorer and secret; afterwards the values
+//! are published.
 
 use crate::{
-    AuditNote, Store, StoreError,
-    audit::add_notes,
+    audit::{AuditNote, add_notes},
+    database::Store,
+    error::StoreError,
     phases::{has_runs, read_phases},
-    words::row,
 };
 use avln_challenge::{CommitmentValues, PhaseSecret, PhaseState, pool_digest};
 use serde::Serialize;
-use sqlx::{Sqlite, Transaction};
+use sqlx::{FromRow, Sqlite, Transaction};
 
-/// What a phase promised, and the values behind it once the organiser published them.
+/// A phase's commitment.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Promise {
-    /// BLAKE3 of the values, hex.
+pub struct Commitment {
+    /// BLAKE3 hash over the values, hex.
     pub commitment: String,
-    /// When it was made, milliseconds since 1970-01-01 UTC.
+    /// Commitment time, milliseconds since 1970-01-01 UTC.
     pub committed_unix_ms: i64,
     /// The values; `None` before they are published.
     pub revealed: Option<CommitmentValues>,
 }
 
-row! {
-    struct SecretRow {
-        secret: String,
-        pool: String,
-        scorer: String,
-        commitment: String,
-        committed_ms: i64,
-        revealed_ms: Option<i64>,
+#[derive(FromRow)]
+struct SecretRow {
+    secret: String,
+    pool: String,
+    scorer: String,
+    commitment: String,
+    committed_ms: i64,
+    revealed_ms: Option<i64>,
+}
+
+impl SecretRow {
+    fn values(&self) -> CommitmentValues {
+        CommitmentValues { pool: self.pool.clone(), scorer: self.scorer.clone(), secret: self.secret.clone() }
+    }
+
+    fn into_commitment(self) -> Commitment {
+        Commitment {
+            revealed: self.revealed_ms.map(|_| self.values()),
+            commitment: self.commitment,
+            committed_unix_ms: self.committed_ms,
+        }
     }
 }
 
-const SELECT_SECRET: &str = "SELECT secret, pool, scorer, commitment, committed_ms, revealed_ms FROM phase_secrets \
-                             WHERE phase = $1";
-
 impl Store {
-    /// Commits a phase to its episodes, to `scorer` and to `secret`, 64 hexadecimal digits of 256 random bits, unless
-    /// it is committed to the same episodes already. Whether it was done now.
+    /// Commits a phase to the episodes, to `scorer` and to `secret` (256 random bits as 64 hexadecimal digits). Returns false
+    /// if the phase was already committed to the same episodes, or has runs.
     ///
     /// # Errors
-    /// When the phase is unknown or the database fails.
+    /// If the phase is unknown or the database fails.
     pub async fn commit_phase(
         &self,
         phase: &str,
@@ -48,12 +59,14 @@ impl Store {
         scorer: &str,
         now_unix_ms: i64,
     ) -> Result<bool, StoreError> {
+        // A malformed secret would surface at the first start of a run only.
         parse(secret)?;
         let mut tx = self.begin().await?;
         let pool = read_pool(&mut tx, phase).await?;
         let before = read_secret(&mut tx, phase).await?;
-        let kept = before.as_ref().is_some_and(|before| before.pool == pool);
-        if kept || (before.is_some() && has_runs(&mut tx, phase).await?) {
+        let is_current = before.as_ref().is_some_and(|before| before.pool == pool);
+        // A secret that has drawn episodes must never change: the draws could not be checked any more.
+        if is_current || (before.is_some() && has_runs(&mut tx, phase).await?) {
             return Ok(false);
         }
         let values = CommitmentValues { pool, scorer: scorer.to_owned(), secret: secret.to_owned() };
@@ -74,24 +87,24 @@ impl Store {
         Ok(true)
     }
 
-    /// Publishes the values behind a phase's commitment. A phase that did so keeps the time.
+    /// Publishes the values behind a phase's commitment. The first call counts.
     ///
     /// # Errors
-    /// When the phase is unknown, not closed at `now_unix_ms`, still played by runs that began in time or never committed, or the
-    /// database fails.
+    /// If the phase is unknown, not closed at `now_unix_ms`, still has open runs or was never committed, or the database fails.
     pub async fn reveal_phase(
         &self,
         phase: &str,
         note: AuditNote,
         now_unix_ms: i64,
-    ) -> Result<(Promise, CommitmentValues), StoreError> {
+    ) -> Result<(Commitment, CommitmentValues), StoreError> {
         let mut tx = self.begin().await?;
         let read = read_phases(&mut tx, Some(phase)).await?.pop();
         let read = read.ok_or_else(|| StoreError::unknown("phase", phase))?;
         if read.schedule.state(now_unix_ms) != PhaseState::Closed {
             return Err(StoreError::NotClosed(phase.to_owned()));
         }
-        if let Some(until_unix_ms) = played_until(&mut tx, phase, now_unix_ms).await? {
+        // The secret reveals the following episodes to the team with an open run.
+        if let Some(until_unix_ms) = last_deadline(&mut tx, phase, now_unix_ms).await? {
             return Err(StoreError::StillPlayed { phase: phase.to_owned(), until_unix_ms });
         }
         let update = "UPDATE phase_secrets SET revealed_ms = $2 WHERE phase = $1 AND revealed_ms IS NULL";
@@ -103,21 +116,21 @@ impl Store {
         let row = row.ok_or_else(|| StoreError::unknown("commitment of phase", phase))?;
         tx.commit().await?;
         let values = row.values();
-        Ok((row.into_promise(), values))
+        Ok((row.into_commitment(), values))
     }
 
-    /// What a phase promised; `None` before it did.
+    /// Returns a phase's commitment; `None` before it is made.
     ///
     /// # Errors
-    /// When the database fails.
-    pub async fn promise(&self, phase: &str) -> Result<Option<Promise>, StoreError> {
+    /// If the database fails.
+    pub async fn commitment(&self, phase: &str) -> Result<Option<Commitment>, StoreError> {
         let mut tx = self.read.begin().await?;
-        read_promise(&mut tx, phase).await
+        read_commitment(&mut tx, phase).await
     }
 }
 
-/// When the last run of a phase ends at the latest that has wall time left; `None` where none has.
-async fn played_until(
+/// Returns the latest deadline after `now_unix_ms` among a phase's open runs.
+async fn last_deadline(
     tx: &mut Transaction<'_, Sqlite>,
     phase: &str,
     now_unix_ms: i64,
@@ -127,14 +140,14 @@ async fn played_until(
     Ok(sqlx::query_scalar(select).bind(phase).bind(now_unix_ms).fetch_one(&mut **tx).await?)
 }
 
-pub(crate) async fn read_promise(
+pub(crate) async fn read_commitment(
     tx: &mut Transaction<'_, Sqlite>,
     phase: &str,
-) -> Result<Option<Promise>, StoreError> {
-    Ok(read_secret(tx, phase).await?.map(SecretRow::into_promise))
+) -> Result<Option<Commitment>, StoreError> {
+    Ok(read_secret(tx, phase).await?.map(SecretRow::into_commitment))
 }
 
-/// The secret that keys the draws of a phase; `None` for one that was never committed.
+/// Returns the key for a phase's draws; `None` without commitment.
 pub(crate) async fn read_key(
     tx: &mut Transaction<'_, Sqlite>,
     phase: &str,
@@ -143,7 +156,9 @@ pub(crate) async fn read_key(
 }
 
 async fn read_secret(tx: &mut Transaction<'_, Sqlite>, phase: &str) -> Result<Option<SecretRow>, StoreError> {
-    Ok(sqlx::query_as(SELECT_SECRET).bind(phase).fetch_optional(&mut **tx).await?)
+    let select = "SELECT secret, pool, scorer, commitment, committed_ms, revealed_ms FROM phase_secrets \
+                  WHERE phase = $1";
+    Ok(sqlx::query_as(select).bind(phase).fetch_optional(&mut **tx).await?)
 }
 
 async fn read_pool(tx: &mut Transaction<'_, Sqlite>, phase: &str) -> Result<String, StoreError> {
@@ -158,18 +173,4 @@ async fn read_pool(tx: &mut Transaction<'_, Sqlite>, phase: &str) -> Result<Stri
 fn parse(secret: &str) -> Result<PhaseSecret, StoreError> {
     PhaseSecret::from_hex(secret)
         .ok_or_else(|| StoreError::damaged("phase secret", "it is not 64 hexadecimal digits"))
-}
-
-impl SecretRow {
-    fn values(&self) -> CommitmentValues {
-        CommitmentValues { pool: self.pool.clone(), scorer: self.scorer.clone(), secret: self.secret.clone() }
-    }
-
-    fn into_promise(self) -> Promise {
-        Promise {
-            revealed: self.revealed_ms.map(|_| self.values()),
-            commitment: self.commitment,
-            committed_unix_ms: self.committed_ms,
-        }
-    }
 }

@@ -1,11 +1,12 @@
-//! When phases take runs, from whom, which episodes they draw, what was promised, and the list of changes.
+//! Phases, admission, commitments, the audit list, tokens and the start of runs.
 
-use crate::fixture::{Arena, TEAM, new_run, phase};
-use avln_episode::TimeLimits;
-use avln_store::{
-    Admission, AuditNote, Member, NewRun, NewToken, Phase, Sample, Sampling, Schedule, StartedRun, Store,
-    StoreError, TokenScope, TokenState, Viewer, Visibility, pool_digest,
+use crate::fixture::{Arena, TEAM, new_run, note, phase};
+use avln_challenge::{
+    Admission, CommitmentValues, MethodInfo, RunState, Sample, Sampling, Schedule, TokenScope, Visibility,
+    pool_digest,
 };
+use avln_episode::{Order, TimeLimits};
+use avln_store::{Member, NewRun, NewToken, Phase, Run, StartedRun, Store, StoreError, TokenState, Viewer};
 use sqlx::{ConnectOptions, sqlite::SqliteConnectOptions};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -16,12 +17,8 @@ async fn start(store: &Store, id: &str, now: i64) -> Result<StartedRun, StoreErr
     store.start_run(&NewRun { id, token: id, ..new_run(&digests) }, now).await
 }
 
-fn note(what: &str) -> AuditNote {
-    AuditNote { actor: "ada".to_owned(), what: what.to_owned(), ..AuditNote::default() }
-}
-
 #[tokio::test]
-async fn runs_start_between_the_dates_and_not_in_a_pause() {
+async fn runs_start_only_in_open_phases() {
     let schedule = Schedule { opens_unix_ms: Some(10), closes_unix_ms: Some(20), ..Schedule::default() };
     let time = TimeLimits { run_s: 1, ..TimeLimits::default() };
     let mut dated = Phase { schedule, time, ..phase("practice", 2) };
@@ -29,17 +26,17 @@ async fn runs_start_between_the_dates_and_not_in_a_pause() {
     let early = start(&arena.store, "run_0", 9).await;
     assert!(matches!(early, Err(StoreError::PhaseNotOpen { opens_unix_ms: 10, .. })), "{early:?}");
     start(&arena.store, "run_1", 10).await.expect("it is open");
-    dated.schedule.paused = Some("the roof leaks".to_owned());
+    dated.schedule.paused = Some("disk replacement".to_owned());
     arena.store.upsert_phase(&dated, 11).await.expect("a pause");
     let paused = start(&arena.store, "run_2", 12).await.expect_err("a pause");
-    assert!(paused.to_string().contains("the roof leaks"), "{paused}");
+    assert!(paused.to_string().contains("disk replacement"), "{paused}");
     assert!(matches!(start(&arena.store, "run_2", 20).await, Err(StoreError::PhaseClosed(_))));
-    // A run that was started in time has its whole wall time.
+    // The wall time continues after the phase closes.
     assert!(arena.assign("run_1", "h").await.is_some());
 }
 
 #[tokio::test]
-async fn a_phase_takes_the_teams_that_it_is_for() {
+async fn only_admitted_teams_start_runs() {
     let admission = Admission { approval: true, deny: vec!["blue".to_owned()], ..Admission::default() };
     let mut closed = Phase { admission, ..phase("practice", 2) };
     let arena = Arena::new(&closed).await;
@@ -55,12 +52,12 @@ async fn a_phase_takes_the_teams_that_it_is_for() {
     closed.admission = Admission { allow: vec!["blue".to_owned()], ..Admission::default() };
     arena.store.upsert_phase(&closed, 16).await.expect("other teams");
     assert!(matches!(start(&arena.store, "run_3", 17).await, Err(StoreError::PhaseNotVisible { .. })));
-    arena.store.start_run(&blue, 18).await.expect("it is for them");
+    arena.store.start_run(&blue, 18).await.expect("the team is allowed");
     assert_eq!(arena.store.audit().await.expect("a list").len(), 2);
 }
 
 #[tokio::test]
-async fn a_phase_for_some_teams_is_shown_to_them_alone() {
+async fn restricted_phase_is_hidden_from_others() {
     let admission = Admission { allow: vec!["blue".to_owned()], ..Admission::default() };
     let arena = Arena::new(&Phase { admission, ..phase("practice", 2) }).await;
     let reader = arena.store.reader();
@@ -74,7 +71,7 @@ async fn a_phase_for_some_teams_is_shown_to_them_alone() {
 }
 
 #[tokio::test]
-async fn a_person_is_in_one_team_of_a_phase() {
+async fn person_has_one_team_per_phase() {
     let arena = Arena::new(&phase("practice", 1)).await;
     arena.store.upsert_phase(&phase("second", 1), 1).await.expect("another phase");
     let member = |phase: &str, team: &str| Member {
@@ -96,7 +93,7 @@ async fn a_person_is_in_one_team_of_a_phase() {
 }
 
 #[tokio::test]
-async fn a_run_plays_the_sample_that_secret_and_run_draw() {
+async fn secret_and_run_determine_sample() {
     let sampling = Sampling { shuffle: true, sample: Some(Sample { episodes: 5, anchors: 2 }) };
     let drawn = Phase { sampling, ..phase("practice", 12) };
     let mut runs = Vec::new();
@@ -117,11 +114,11 @@ async fn a_run_plays_the_sample_that_secret_and_run_draw() {
         assert_eq!(view.expect("the phase").episodes, 5);
         runs.push(episodes);
     }
-    assert_eq!(runs[0], runs[1], "secret and run say it all");
+    assert_eq!(runs[0], runs[1], "secret and run determine the draw");
 }
 
 #[tokio::test]
-async fn a_played_phase_keeps_its_sampling() {
+async fn runs_fix_the_sampling() {
     let mut fixed = Phase { sampling: Sampling { shuffle: true, sample: None }, ..phase("practice", 3) };
     let arena = Arena::new(&fixed).await;
     arena.store.commit_phase("practice", SECRET, "1.0.0", 1).await.expect("a commitment");
@@ -131,13 +128,13 @@ async fn a_played_phase_keeps_its_sampling() {
 }
 
 #[tokio::test]
-async fn a_commitment_holds_and_opens_after_the_phase() {
+async fn commitment_is_revealed_after_closing() {
     let mut promised = phase("practice", 3);
     let arena = Arena::new(&promised).await;
     assert!(arena.store.commit_phase("practice", SECRET, "1.0.0", 1).await.expect("a commitment"));
     let other = SECRET.replace('0', "1");
     assert!(!arena.store.commit_phase("practice", &other, "1.0.0", 2).await.expect("the same episodes"));
-    let promise = arena.store.promise("practice").await.expect("an answer").expect("a promise");
+    let promise = arena.store.commitment("practice").await.expect("an answer").expect("a promise");
     assert_eq!((promise.committed_unix_ms, &promise.revealed), (1, &None));
     let shown = arena.store.reader().phases(&Viewer::Organiser, 3).await.expect("phases");
     assert!(!serde_json::to_string(&shown).expect("JSON").contains(SECRET), "not even to the organiser");
@@ -151,39 +148,39 @@ async fn a_commitment_holds_and_opens_after_the_phase() {
     let ids = promised.episodes.iter().map(|episode| episode.episode.as_str());
     assert_eq!(values.pool, pool_digest("d", ids));
     for wrong in [
-        avln_store::CommitmentValues { secret: other, ..values.clone() },
-        avln_store::CommitmentValues { scorer: "1.0.1".to_owned(), ..values.clone() },
-        avln_store::CommitmentValues { pool: pool_digest("e", ["a"]), ..values.clone() },
+        CommitmentValues { secret: other, ..values.clone() },
+        CommitmentValues { scorer: "1.0.1".to_owned(), ..values.clone() },
+        CommitmentValues { pool: pool_digest("e", ["a"]), ..values.clone() },
     ] {
         assert_ne!(wrong.commitment(), promise.commitment);
     }
-    let public = arena.store.promise("practice").await.expect("an answer").expect("a promise");
+    let public = arena.store.commitment("practice").await.expect("an answer").expect("a promise");
     assert_eq!(public.revealed, Some(values));
 }
 
 #[tokio::test]
-async fn other_episodes_before_the_first_run_are_another_promise() {
+async fn new_episodes_before_first_run_renew_commitment() {
     let arena = Arena::new(&phase("practice", 3)).await;
     arena.store.commit_phase("practice", SECRET, "1.0.0", 1).await.expect("a commitment");
-    let first = arena.store.promise("practice").await.expect("an answer").expect("a promise");
+    let first = arena.store.commitment("practice").await.expect("an answer").expect("a promise");
     arena.store.upsert_phase(&phase("practice", 4), 2).await.expect("no run yet");
     assert!(arena.store.commit_phase("practice", SECRET, "1.0.0", 3).await.expect("other episodes"));
-    let second = arena.store.promise("practice").await.expect("an answer").expect("a promise");
+    let second = arena.store.commitment("practice").await.expect("an answer").expect("a promise");
     assert_ne!(first.commitment, second.commitment);
 }
 
 #[tokio::test]
-async fn changes_and_notes_are_written_together_and_notes_stay() {
+async fn changes_and_audit_lines_are_atomic() {
     let arena = Arena::new(&phase("practice", 2)).await;
-    let before = arena.store.newest_change().await.expect("a number");
+    let before = arena.store.newest_audit_id().await.expect("a number");
     let (good, mut bad) = (Phase { max_slots: 9, ..phase("practice", 2) }, phase("bad", 1));
     bad.split = "nowhere".to_owned();
     let refused = arena.store.change_phases(&[good.clone(), bad], &[note("max_slots")], 3).await;
     assert!(matches!(refused, Err(StoreError::Unknown { what: "split", .. })), "{refused:?}");
     assert_eq!(arena.store.phase("practice").await.expect("the phase").max_slots, 4);
-    assert_eq!(arena.store.newest_change().await.expect("a number"), before);
+    assert_eq!(arena.store.newest_audit_id().await.expect("a number"), before);
     arena.store.change_phases(&[good], &[note("max_slots")], 4).await.expect("a change");
-    assert!(arena.store.newest_change().await.expect("a number") > before);
+    assert!(arena.store.newest_audit_id().await.expect("a number") > before);
     let options = SqliteConnectOptions::new().filename(arena.path());
     let mut other = options.connect().await.expect("a connection");
     for sql in ["DELETE FROM audit", "UPDATE audit SET actor = 'nobody'"] {
@@ -195,7 +192,7 @@ async fn changes_and_notes_are_written_together_and_notes_stay() {
 }
 
 #[tokio::test]
-async fn tokens_are_listed_without_secrets_and_taken_back_one_by_one() {
+async fn tokens_are_listed_without_secrets_and_revoked() {
     let arena = Arena::new(&phase("practice", 1)).await;
     let new = |secret, kind, team| NewToken { secret, kind, name: "laptop", team, expires_unix_ms: None };
     let looking = new("secret-for-looking", TokenScope::ReadOnly, Some(TEAM));
@@ -215,14 +212,133 @@ async fn tokens_are_listed_without_secrets_and_taken_back_one_by_one() {
 }
 
 #[tokio::test]
-async fn a_run_of_a_phase_for_others_is_hidden_from_those_who_may_not_know_it() {
+async fn runs_of_hidden_phases_are_hidden() {
     let mut shown = phase("practice", 1);
     let arena = Arena::new(&shown).await;
-    arena.play("run_1", "walker", avln_episode::Order::Unordered, 1).await;
+    arena.play("run_1", "walker", Order::Unordered, 1).await;
     shown.admission.allow = vec!["green".to_owned()];
     shown.scores = Visibility::Public;
     arena.store.upsert_phase(&shown, 40).await.expect("for one team");
     let reader = arena.store.reader();
     assert!(reader.run(&Viewer::Anonymous, "run_1").await.expect("an answer").is_none());
     assert!(reader.run(&Viewer::Team(TEAM.to_owned()), "run_1").await.expect("an answer").is_some());
+}
+
+#[tokio::test]
+async fn phases_round_trip() {
+    let written = phase("practice", 3);
+    let arena = Arena::new(&written).await;
+    assert_eq!(arena.store.phase("practice").await.expect("the phase"), written);
+    assert!(matches!(arena.store.phase("other").await, Err(StoreError::Unknown { .. })));
+}
+
+#[tokio::test]
+async fn runs_fix_episodes_but_not_state() {
+    let mut changed = phase("practice", 3);
+    let arena = Arena::new(&changed).await;
+    let digests = BTreeMap::new();
+    arena.store.start_run(&new_run(&digests), 10).await.expect("a run");
+    changed.schedule.closed = true;
+    arena.store.upsert_phase(&changed, 11).await.expect("a new state");
+    let late = NewRun { id: "run_2", token: "t2", ..new_run(&digests) };
+    assert!(matches!(arena.store.start_run(&late, 12).await, Err(StoreError::PhaseClosed(_))));
+    changed.episodes.pop();
+    assert!(matches!(arena.store.upsert_phase(&changed, 13).await, Err(StoreError::Taken { .. })));
+}
+
+#[tokio::test]
+async fn sealed_phase_requires_sealed_runs() {
+    let arena = Arena::new(&Phase { sealed: true, ..phase("practice", 1) }).await;
+    let open = BTreeMap::new();
+    let refused = arena.store.start_run(&new_run(&open), 10).await.unwrap_err();
+    assert!(matches!(refused, StoreError::PhaseSealed(_)), "{refused}");
+    let digests = BTreeMap::from([(Run::SEALED.to_owned(), "process: no network".to_owned())]);
+    arena.store.start_run(&new_run(&digests), 11).await.expect("a sealed run");
+    let run = arena.store.run("run_1").await.expect("the run");
+    assert!(run.is_sealed() && run.digests == digests);
+    assert!(arena.store.phase("practice").await.expect("the phase").sealed);
+}
+
+#[tokio::test]
+async fn tokens_are_valid_until_expiry_or_revocation() {
+    let arena = Arena::new(&phase("practice", 1)).await;
+    let secret = "avln-0123456789abcdef";
+    let token = NewToken {
+        secret,
+        kind: TokenScope::Participant,
+        name: "laptop",
+        team: Some(TEAM),
+        expires_unix_ms: Some(100),
+    };
+    arena.store.issue_token(&token, 5).await.expect("a token");
+    let TokenState::Valid(found) = arena.store.find_token(secret, 99).await.expect("an answer") else {
+        panic!("the token is valid")
+    };
+    assert_eq!((found.kind, found.team.as_deref(), found.run), (TokenScope::Participant, Some(TEAM), None));
+    assert_eq!(arena.store.find_token(secret, 100).await.expect("an answer"), TokenState::Expired);
+    assert_eq!(arena.store.find_token("another", 1).await.expect("an answer"), TokenState::Unknown);
+    let viewer = arena.store.reader().viewer(secret, 99).await.expect("an answer");
+    assert_eq!(viewer, Some(Viewer::Team(TEAM.to_owned())));
+    assert_eq!(arena.store.revoke_tokens(TEAM, 50).await.expect("an answer"), 1);
+    assert_eq!(arena.store.find_token(secret, 60).await.expect("an answer"), TokenState::Revoked);
+    let bytes = [std::fs::read(arena.path()), std::fs::read(arena.path().with_extension("db-wal"))];
+    let written = bytes.into_iter().flatten().flatten().collect::<Vec<u8>>();
+    assert!(
+        !written.windows(secret.len()).any(|window| window == secret.as_bytes()),
+        "the secret lies in the file"
+    );
+}
+
+#[tokio::test]
+async fn token_of_unknown_team_is_rejected() {
+    let arena = Arena::new(&phase("practice", 1)).await;
+    let token = NewToken {
+        secret: "s",
+        kind: TokenScope::Participant,
+        name: "laptop",
+        team: Some("nobody"),
+        expires_unix_ms: None,
+    };
+    assert!(matches!(
+        arena.store.issue_token(&token, 5).await,
+        Err(StoreError::Unknown { what: "team", .. })
+    ));
+}
+
+#[tokio::test]
+async fn repeated_request_returns_same_run() {
+    let mut only_two = phase("practice", 2);
+    only_two.quotas.total = Some(2);
+    let arena = Arena::new(&only_two).await;
+    let digests = BTreeMap::from([("split".to_owned(), "d".to_owned())]);
+    let method =
+        MethodInfo { paper_url: "https://example.org/paper".to_owned(), ..MethodInfo::new("walker", "1") };
+    let first = NewRun { client_request_id: Some("r-1"), method: &method, ..new_run(&digests) };
+    let again = NewRun { id: "run_2", token: "second-secret", ..first };
+    let made = arena.store.start_run(&first, 10).await.expect("a run");
+    let found = arena.store.start_run(&again, 11).await.expect("the same run");
+    assert_eq!(
+        (made.is_new, found.is_new, made.quotas[0].remaining, found.quotas[0].remaining),
+        (true, false, Some(1), Some(1))
+    );
+    assert_eq!(made.run, found.run);
+    assert_eq!(made.run.method, method, "the description is stored");
+    assert_eq!((made.run.episodes, made.run.state, &made.run.digests), (2, RunState::Created, &digests));
+    let TokenState::Valid(token) = arena.store.find_token("second-secret", 12).await.expect("an answer")
+    else {
+        panic!("the second token plays the run")
+    };
+    assert_eq!((token.kind, token.run.as_deref()), (TokenScope::Run, Some("run_1")));
+    let other = MethodInfo::new("runner", "1");
+    let different = NewRun { method: &other, ..again };
+    assert!(matches!(arena.store.start_run(&different, 12).await, Err(StoreError::Taken { .. })));
+}
+
+#[tokio::test]
+async fn order_outside_phase_is_rejected() {
+    let mut one_order = phase("practice", 2);
+    one_order.orders = vec![Order::Ordered];
+    let arena = Arena::new(&one_order).await;
+    let started = arena.store.start_run(&new_run(&BTreeMap::new()), 10).await;
+    assert!(matches!(started, Err(StoreError::OrderNotAllowed { order: "unordered", .. })));
 }

@@ -1,0 +1,390 @@
+//! Phases as configured by the organiser.
+
+use crate::{
+    audit::{AuditNote, add_notes},
+    column::Word,
+    database::Store,
+    error::StoreError,
+};
+use avln_challenge::{
+    Admission, PhaseEpisode, PhaseState, QuotaLimits, RunChoice, Sampling, Schedule, Visibility,
+};
+use avln_episode::{Order, Rules, Sensors, TimeLimits};
+use avln_scoring::Key;
+use serde::{Deserialize, Serialize};
+use sqlx::{FromRow, Sqlite, Transaction, types::Json};
+
+/// A playable part of the challenge: missions, rules, limits and result visibility.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Phase {
+    /// Id in URLs and requests.
+    pub id: String,
+    /// Title on pages.
+    pub title: String,
+    /// Text for people; may be empty.
+    pub description: String,
+    /// Position in the organiser's list, from 0.
+    pub position: u32,
+    /// Split name.
+    pub split: String,
+    /// Rules with all options, including the feedback to a Submit.
+    pub rules: Rules,
+    /// Playable mission orders.
+    pub orders: Vec<Order>,
+    /// Available sensors; width and height are maxima.
+    pub sensors: Sensors,
+    /// Score visibility.
+    pub scores: Visibility,
+    /// Visibility of paths, maps and targets.
+    pub replays: Visibility,
+    /// Maximum parallel episodes per run, at least 1.
+    pub max_slots: u32,
+    /// Period in which runs can start.
+    pub schedule: Schedule,
+    /// Run limits per team.
+    pub quotas: QuotaLimits,
+    /// Agent time limits.
+    pub time: TimeLimits,
+    /// Default ranking.
+    pub ranking: Ranking,
+    /// Admitted teams.
+    pub admission: Admission,
+    /// Episode selection and order per run.
+    pub sampling: Sampling,
+    /// True if the phase accepts sealed runs only.
+    pub sealed: bool,
+    /// Episodes; runs play them in this order unless `sampling` changes it.
+    pub episodes: Vec<PhaseEpisode>,
+}
+
+/// A phase's default ranking.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Ranking {
+    /// The metric.
+    pub key: Key,
+    /// Selection rule for a method with several runs.
+    pub entry: RunChoice,
+}
+
+impl Phase {
+    /// Returns a phase without limits: open at any time, for all teams, in both orders, with public results.
+    pub fn new(id: &str, split: &str, rules: Rules, episodes: Vec<PhaseEpisode>) -> Self {
+        Self {
+            id: id.to_owned(),
+            title: id.to_owned(),
+            description: String::new(),
+            position: 0,
+            split: split.to_owned(),
+            rules,
+            orders: vec![Order::Ordered, Order::Unordered],
+            sensors: Sensors::all(512, 512),
+            scores: Visibility::Public,
+            replays: Visibility::Public,
+            max_slots: 16,
+            schedule: Schedule::default(),
+            quotas: QuotaLimits::default(),
+            time: TimeLimits::default(),
+            ranking: Ranking::default(),
+            admission: Admission::default(),
+            sampling: Sampling::default(),
+            sealed: false,
+            episodes,
+        }
+    }
+
+    /// Counts episodes in a run.
+    pub fn episodes_of_run(&self) -> u32 {
+        self.sampling.episodes_of_run(self.episodes.len() as u32)
+    }
+
+    /// Rejects a start at `now_unix_ms` unless the phase is open.
+    pub(crate) fn check_open(&self, now_unix_ms: i64) -> Result<(), StoreError> {
+        let phase = self.id.clone();
+        match self.schedule.state(now_unix_ms) {
+            PhaseState::Open => Ok(()),
+            PhaseState::Closed => Err(StoreError::PhaseClosed(phase)),
+            PhaseState::Upcoming => {
+                let opens_unix_ms = self.schedule.opens_unix_ms.unwrap_or_default();
+                Err(StoreError::PhaseNotOpen { phase, opens_unix_ms })
+            }
+            PhaseState::Paused => {
+                let reason = self.schedule.paused.clone().unwrap_or_default();
+                Err(StoreError::PhasePaused { phase, reason })
+            }
+        }
+    }
+
+    /// Returns whether both phases draw the same episodes under the same rules.
+    fn plays_as(&self, other: &Self) -> bool {
+        self.split == other.split
+            && self.rules == other.rules
+            && self.episodes == other.episodes
+            && self.sampling == other.sampling
+    }
+}
+
+#[derive(FromRow)]
+struct PhaseRow {
+    id: String,
+    title: String,
+    description: String,
+    position: u32,
+    split: String,
+    rules: Json<Rules>,
+    orders: Json<Vec<Order>>,
+    sensors: Json<Sensors>,
+    scores: Word<Visibility>,
+    replays: Word<Visibility>,
+    max_slots: u32,
+    state: String,
+    opens_ms: Option<i64>,
+    closes_ms: Option<i64>,
+    paused: Option<String>,
+    quotas: Json<QuotaLimits>,
+    time: Json<TimeLimits>,
+    ranking: Json<Ranking>,
+    admission: Json<Admission>,
+    sampling: Json<Sampling>,
+    sealed: bool,
+}
+
+impl PhaseRow {
+    fn into_phase(self, episodes: Vec<PhaseEpisode>) -> Phase {
+        Phase {
+            id: self.id,
+            title: self.title,
+            description: self.description,
+            position: self.position,
+            split: self.split,
+            rules: self.rules.0,
+            orders: self.orders.0,
+            sensors: self.sensors.0,
+            scores: self.scores.0,
+            replays: self.replays.0,
+            max_slots: self.max_slots,
+            schedule: Schedule {
+                opens_unix_ms: self.opens_ms,
+                closes_unix_ms: self.closes_ms,
+                paused: self.paused,
+                closed: self.state == CLOSED,
+            },
+            quotas: self.quotas.0,
+            time: self.time.0,
+            ranking: self.ranking.0,
+            admission: self.admission.0,
+            sampling: self.sampling.0,
+            sealed: self.sealed,
+            episodes,
+        }
+    }
+}
+
+/// Words of the column `state`, which stores closing by hand only.
+const OPEN: &str = "open";
+const CLOSED: &str = "closed";
+
+impl Store {
+    /// Adds or changes a phase without an audit line. Runs fix split, rules, episodes and sampling.
+    ///
+    /// # Errors
+    /// If the split or a scene is unknown, runs fix a changed value, or the database fails.
+    pub async fn upsert_phase(&self, phase: &Phase, now_unix_ms: i64) -> Result<(), StoreError> {
+        self.change_phases(std::slice::from_ref(phase), &[], now_unix_ms).await
+    }
+
+    /// Adds or changes phases as [`Store::upsert_phase`] does, with audit lines, in one transaction.
+    ///
+    /// # Errors
+    /// As for [`Store::upsert_phase`].
+    pub async fn change_phases(
+        &self,
+        phases: &[Phase],
+        notes: &[AuditNote],
+        now_unix_ms: i64,
+    ) -> Result<(), StoreError> {
+        let mut tx = self.begin().await?;
+        for phase in phases {
+            change_phase(&mut tx, phase, now_unix_ms).await?;
+        }
+        add_notes(&mut tx, notes, now_unix_ms).await?;
+        Ok(tx.commit().await?)
+    }
+
+    /// Returns the phase called `id`.
+    ///
+    /// # Errors
+    /// If there is none ([`StoreError::Unknown`]) or the database fails.
+    pub async fn phase(&self, id: &str) -> Result<Phase, StoreError> {
+        let mut tx = self.read.begin().await?;
+        read_phases(&mut tx, Some(id)).await?.pop().ok_or_else(|| StoreError::unknown("phase", id))
+    }
+
+    /// Returns all phases in the organiser's order.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn phases(&self) -> Result<Vec<Phase>, StoreError> {
+        let mut tx = self.read.begin().await?;
+        read_phases(&mut tx, None).await
+    }
+
+    /// Returns whether the phase has runs.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn has_runs(&self, phase: &str) -> Result<bool, StoreError> {
+        let mut tx = self.read.begin().await?;
+        has_runs(&mut tx, phase).await
+    }
+}
+
+async fn change_phase(
+    tx: &mut Transaction<'_, Sqlite>,
+    phase: &Phase,
+    now_unix_ms: i64,
+) -> Result<(), StoreError> {
+    check_references(tx, phase).await?;
+    let before = read_phases(tx, Some(&phase.id)).await?.pop();
+    let plays_differently = before.as_ref().is_none_or(|before| !before.plays_as(phase));
+    // Runs before and after such a change could not be compared on one leaderboard.
+    if plays_differently && before.is_some() && has_runs(tx, &phase.id).await? {
+        return Err(StoreError::Taken { what: "phase with runs", name: phase.id.clone() });
+    }
+    write_phase(tx, phase, now_unix_ms).await?;
+    if plays_differently { write_phase_episodes(tx, phase).await } else { Ok(()) }
+}
+
+/// Rejects an unknown split or scene.
+async fn check_references(tx: &mut Transaction<'_, Sqlite>, phase: &Phase) -> Result<(), StoreError> {
+    let split: Option<i64> = sqlx::query_scalar("SELECT 1 FROM splits WHERE name = $1")
+        .bind(&phase.split)
+        .fetch_optional(&mut **tx)
+        .await?;
+    split.ok_or_else(|| StoreError::unknown("split", &phase.split))?;
+    let known: Vec<String> =
+        sqlx::query_scalar("SELECT name FROM scenes ORDER BY name").fetch_all(&mut **tx).await?;
+    let missing = phase.episodes.iter().find(|episode| known.binary_search(&episode.scene).is_err());
+    missing.map_or(Ok(()), |episode| Err(StoreError::unknown("scene", &episode.scene)))
+}
+
+pub(crate) async fn has_runs(tx: &mut Transaction<'_, Sqlite>, phase: &str) -> Result<bool, StoreError> {
+    let select = "SELECT EXISTS (SELECT 1 FROM runs WHERE phase = $1)";
+    Ok(sqlx::query_scalar(select).bind(phase).fetch_one(&mut **tx).await?)
+}
+
+async fn write_phase(
+    tx: &mut Transaction<'_, Sqlite>,
+    phase: &Phase,
+    now_unix_ms: i64,
+) -> Result<(), StoreError> {
+    // `created_ms` is not updated: it orders phases with equal positions.
+    let upsert = "INSERT INTO phases (id, title, description, position, split, rules, orders, sensors, scores, \
+         replays, max_slots, state, opens_ms, closes_ms, paused, quotas, time, ranking, admission, sampling, created_ms, sealed) \
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, $22) \
+         ON CONFLICT (id) DO UPDATE SET title = excluded.title, description = excluded.description, \
+         position = excluded.position, split = excluded.split, \
+         rules = excluded.rules, orders = excluded.orders, sensors = excluded.sensors, scores = excluded.scores, \
+         replays = excluded.replays, max_slots = excluded.max_slots, state = excluded.state, \
+         opens_ms = excluded.opens_ms, closes_ms = excluded.closes_ms, paused = excluded.paused, \
+         quotas = excluded.quotas, time = excluded.time, ranking = excluded.ranking, \
+         admission = excluded.admission, sampling = excluded.sampling, sealed = excluded.sealed";
+    sqlx::query(upsert)
+        .bind(&phase.id)
+        .bind(&phase.title)
+        .bind(&phase.description)
+        .bind(phase.position)
+        .bind(&phase.split)
+        .bind(Json(&phase.rules))
+        .bind(Json(&phase.orders))
+        .bind(Json(&phase.sensors))
+        .bind(phase.scores.as_str())
+        .bind(phase.replays.as_str())
+        .bind(phase.max_slots)
+        .bind(if phase.schedule.closed { CLOSED } else { OPEN })
+        .bind(phase.schedule.opens_unix_ms)
+        .bind(phase.schedule.closes_unix_ms)
+        .bind(&phase.schedule.paused)
+        .bind(Json(&phase.quotas))
+        .bind(Json(&phase.time))
+        .bind(Json(&phase.ranking))
+        .bind(Json(&phase.admission))
+        .bind(Json(&phase.sampling))
+        .bind(now_unix_ms)
+        .bind(phase.sealed)
+        .execute(&mut **tx)
+        .await?;
+    Ok(())
+}
+
+async fn write_phase_episodes(tx: &mut Transaction<'_, Sqlite>, phase: &Phase) -> Result<(), StoreError> {
+    sqlx::query("DELETE FROM phase_episodes WHERE phase = $1").bind(&phase.id).execute(&mut **tx).await?;
+    let insert =
+        "INSERT INTO phase_episodes (phase, ordinal, episode, scene, goals) VALUES ($1, $2, $3, $4, $5)";
+    for (ordinal, episode) in phase.episodes.iter().enumerate() {
+        sqlx::query(insert)
+            .bind(&phase.id)
+            .bind(ordinal as i64)
+            .bind(&episode.episode)
+            .bind(&episode.scene)
+            .bind(Json(&episode.goals))
+            .execute(&mut **tx)
+            .await?;
+    }
+    Ok(())
+}
+
+/// A phase without episodes, for lists and pages.
+#[derive(Clone, Debug)]
+pub(crate) struct PhaseHead {
+    pub(crate) phase: Phase,
+    pub(crate) episodes: u32,
+    pub(crate) scenes: u32,
+}
+
+/// Returns the head for phase `id`, or for all phases.
+pub(crate) async fn read_heads(
+    tx: &mut Transaction<'_, Sqlite>,
+    id: Option<&str>,
+) -> Result<Vec<PhaseHead>, StoreError> {
+    let counts = "SELECT COUNT(*), COUNT(DISTINCT scene) FROM phase_episodes WHERE phase = $1";
+    let rows = read_rows(tx, id).await?;
+    let mut heads = Vec::with_capacity(rows.len());
+    for row in rows {
+        let (episodes, scenes) = sqlx::query_as(counts).bind(&row.id).fetch_one(&mut **tx).await?;
+        heads.push(PhaseHead { phase: row.into_phase(vec![]), episodes, scenes });
+    }
+    Ok(heads)
+}
+
+/// Returns the phase called `id`, or all phases.
+pub(crate) async fn read_phases(
+    tx: &mut Transaction<'_, Sqlite>,
+    id: Option<&str>,
+) -> Result<Vec<Phase>, StoreError> {
+    let rows = read_rows(tx, id).await?;
+    let mut phases = Vec::with_capacity(rows.len());
+    for row in rows {
+        let episodes = read_phase_episodes(tx, &row.id).await?;
+        phases.push(row.into_phase(episodes));
+    }
+    Ok(phases)
+}
+
+async fn read_rows(tx: &mut Transaction<'_, Sqlite>, id: Option<&str>) -> Result<Vec<PhaseRow>, StoreError> {
+    let select = "SELECT id, title, description, position, split, rules, orders, sensors, scores, replays, \
+         max_slots, state, opens_ms, closes_ms, paused, quotas, time, ranking, admission, sampling, sealed \
+         FROM phases WHERE $1 IS NULL OR id = $1 ORDER BY position, created_ms, id";
+    Ok(sqlx::query_as(select).bind(id).fetch_all(&mut **tx).await?)
+}
+
+async fn read_phase_episodes(
+    tx: &mut Transaction<'_, Sqlite>,
+    phase: &str,
+) -> Result<Vec<PhaseEpisode>, StoreError> {
+    let select = "SELECT episode, scene, goals FROM phase_episodes WHERE phase = $1 ORDER BY ordinal";
+    let rows: Vec<(String, String, Json<_>)> =
+        sqlx::query_as(select).bind(phase).fetch_all(&mut **tx).await?;
+    let episode = |(episode, scene, Json(goals))| PhaseEpisode { episode, scene, goals };
+    Ok(rows.into_iter().map(episode).collect())
+}
