@@ -8,6 +8,7 @@ use avln_arena::{
     servers::{Addresses, Security, Servers},
 };
 use avln_grpc::Limits;
+use avln_web::TrustedProxy;
 use std::{
     net::SocketAddr,
     path::{Path, PathBuf},
@@ -54,6 +55,9 @@ pub struct Options {
     /// TLS files
     #[command(flatten)]
     pub tls: TlsArgs,
+    /// Address or network of a reverse proxy, repeatable: its X-Forwarded-For names the client, for the sign-in limit
+    #[arg(long, value_name = "RANGE")]
+    pub trusted_proxy: Vec<TrustedProxy>,
     /// Where the operator asks, on this machine: metrics, avln admin; off for nowhere
     #[arg(long, env = "AVLN_ADMIN", default_value = "127.0.0.1:50052", value_name = "ADDRESS")]
     pub admin: Admin,
@@ -100,6 +104,7 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
     data.limit_cache(options.cache_size)?;
     let security = Security { tls_cert: options.tls.tls_cert, tls_key: options.tls.tls_key };
     let mut doors = Servers::bind_as(&options.addresses.addresses(), security.identity()?).await?;
+    doors = doors.with_trusted_proxies(options.trusted_proxy);
     if let Admin(Some(address)) = options.admin {
         doors = doors.with_admin(address).await?;
     }

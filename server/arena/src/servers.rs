@@ -10,7 +10,7 @@ use avln_grpc::Control;
 pub use avln_grpc::Limits;
 use avln_net::{Identity, Listener, Protocol};
 use avln_store::Reader;
-use avln_web::Site;
+use avln_web::{Site, TrustedProxy};
 use std::{
     net::{Ipv4Addr, SocketAddr, SocketAddrV4},
     path::PathBuf,
@@ -68,6 +68,7 @@ pub struct Servers {
     admin: Option<TcpListener>,
     identity: Option<Identity>,
     limits: Limits,
+    trusted_proxies: Vec<TrustedProxy>,
 }
 
 /// Both doors, open.
@@ -103,7 +104,7 @@ impl Servers {
         }
         let grpc = listen(addresses.grpc, "agents (gRPC)", "--grpc").await?;
         let web = listen(addresses.web, "the leaderboard (web)", "--web").await?;
-        Ok(Self { grpc, web, admin: None, identity, limits: Limits::default() })
+        Ok(Self { grpc, web, admin: None, identity, limits: Limits::default(), trusted_proxies: vec![] })
     }
 
     /// The same with a door for the operator, which is on this machine alone: it stops the server.
@@ -123,6 +124,11 @@ impl Servers {
     /// The same with other limits of the agents' door.
     pub fn with_limits(self, change: impl FnOnce(Limits) -> Limits) -> Self {
         Self { limits: change(self.limits), ..self }
+    }
+
+    /// Reads client addresses from `X-Forwarded-For` in requests from these proxies, for the sign-in limit.
+    pub fn with_trusted_proxies(self, trusted_proxies: Vec<TrustedProxy>) -> Self {
+        Self { trusted_proxies, ..self }
     }
 
     /// Serves the arena through the doors.
@@ -152,7 +158,7 @@ impl Servers {
             replay_renderer: Some(arena.onlooker()),
             live_status: Some(arena.lookout()),
             management: Some(Arc::new(ArenaOffice::new(arena.clone()))),
-            ..Site::default()
+            trusted_proxies: self.trusted_proxies,
         };
         let agents = avln_grpc::serve(agents_door, arena, self.limits, until(stopped.clone()));
         tasks.spawn(async { agents.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });

@@ -1,7 +1,7 @@
-//! Errors of requests, with messages for visitors and programs.
+//! Request errors, with messages for visitors and programs.
 //!
-//! A handler returns a [`RequestError`]. It travels as an extension of a response without a body; [`crate::middleware`] renders it as a
-//! page or as problem details. Details of server faults go to the log, never to the client.
+//! A handler returns a [`RequestError`]. It travels as an extension in a response without a body; [`crate::middleware`] renders it as a
+//! page or as problem details. Details about server faults go to the log, never to the client.
 
 use crate::management::ActionError;
 use avln_store::StoreError;
@@ -82,7 +82,7 @@ impl RequestError {
         }
     }
 
-    /// Returns the code for programs; the names are those of gRPC.
+    /// Returns the code for programs, named as in gRPC.
     pub(crate) fn reason(&self) -> &'static str {
         match self {
             Self::Unknown { .. } | Self::NoPage => "NOT_FOUND",
@@ -97,7 +97,7 @@ impl RequestError {
         }
     }
 
-    /// Returns the heading of the error page.
+    /// Returns the page heading.
     pub(crate) fn title(&self) -> &'static str {
         match self {
             Self::Unknown { .. } | Self::NoPage => "Not found",

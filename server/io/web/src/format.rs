@@ -1,4 +1,4 @@
-//! Texts of numbers, times, enums and addresses on pages.
+//! Page texts for numbers, times, enums and addresses.
 
 pub(crate) use avln_store::calendar::rfc3339;
 
@@ -10,10 +10,10 @@ use avln_store::{
 use serde::Serializer;
 use std::{collections::BTreeMap, fmt::Write};
 
-/// Text of a missing value.
+/// Text for a missing value.
 pub(crate) const NOTHING: &str = "–";
 
-/// Percent-encodes a segment or a query value of an address.
+/// Percent-encodes a path segment or query value.
 pub(crate) fn url_encode(text: &str) -> String {
     askama::filters::urlencode_strict(text).map(|encoded| encoded.to_string()).unwrap_or_default()
 }
@@ -101,7 +101,7 @@ pub(crate) fn better(direction: &Direction) -> &'static str {
     }
 }
 
-/// A mean of a metric with its unit.
+/// A mean with unit.
 pub(crate) fn mean(key: &Key, value: &f64) -> String {
     match key.metric().unit {
         Unit::Metres => metres(value),
@@ -130,7 +130,7 @@ pub(crate) fn difference(difference: &Difference) -> String {
     format!("{} ({} to {})", signed(value), signed(low), signed(high))
 }
 
-/// The verdict of a comparison.
+/// Comparison verdict.
 pub(crate) fn verdict(difference: &Difference) -> &'static str {
     let is_more = difference.estimate.value > 0.0;
     match (difference.is_sure, is_more == (difference.key.direction() == Direction::Higher)) {
@@ -140,8 +140,7 @@ pub(crate) fn verdict(difference: &Difference) -> &'static str {
     }
 }
 
-/// The content of a table cell: the mean and, if available, its interval as text and bar. It contains only digits, so it needs no
-/// escaping.
+/// Table cell content: the mean and, if available, the interval as text and bar. It contains only digits, so it needs no escaping.
 pub(crate) fn cell_html(key: &Key, summary: &Summary) -> String {
     match key.metric().estimate_of(summary) {
         Some(estimate) => estimate_html(&estimate),
@@ -167,7 +166,7 @@ pub(crate) fn estimate_html(estimate: &Estimate) -> String {
     html
 }
 
-/// Name of an order of goals.
+/// Goal order.
 pub(crate) fn order(order: &Order) -> &'static str {
     match order {
         Order::Ordered => "Ordered",
@@ -175,7 +174,7 @@ pub(crate) fn order(order: &Order) -> &'static str {
     }
 }
 
-/// Name of the selected run of a method.
+/// Selected run per method.
 pub(crate) fn pick(pick: &RunChoice) -> &'static str {
     match pick {
         RunChoice::Best => "best",
@@ -183,7 +182,7 @@ pub(crate) fn pick(pick: &RunChoice) -> &'static str {
     }
 }
 
-/// Name of a kind of reference.
+/// Reference kind.
 pub(crate) fn reference(reference: &Reference) -> &'static str {
     match reference {
         Reference::Baseline => "baseline",
@@ -203,13 +202,13 @@ pub(crate) fn rank_html(standing: &Option<Standing>) -> String {
     }
 }
 
-/// The run count of a method, and the median if there are several runs.
+/// A method's run count, and the median for several runs.
 pub(crate) fn runs(row: &LeaderboardRow, key: &Key) -> String {
     let runs = plural(&row.runs_count, "run");
     if row.runs_count < 2 { runs } else { format!("{runs}, median {}", mean(key, &row.median)) }
 }
 
-/// Name of a kind of goal cue.
+/// Goal cue kind.
 pub(crate) fn modality(modality: &Modality) -> &'static str {
     match modality {
         Modality::Category => "category",
@@ -276,7 +275,7 @@ pub(crate) fn visibility(visibility: &Visibility) -> &'static str {
     }
 }
 
-/// End reason of an episode.
+/// Episode end reason.
 pub(crate) fn end(reason: &EndReason) -> &'static str {
     match reason {
         EndReason::Stopped => "stopped",
@@ -289,7 +288,7 @@ pub(crate) fn end(reason: &EndReason) -> &'static str {
     }
 }
 
-/// End reason of an episode, if it has ended.
+/// Episode end reason, if it has ended.
 pub(crate) fn maybe_end(reason: &Option<EndReason>) -> &'static str {
     reason.as_ref().map_or(NOTHING, end)
 }
@@ -313,7 +312,7 @@ pub(crate) fn health(counts: &BTreeMap<&'static str, u32>, server_faults: &u32) 
     if words.is_empty() { NOTHING.to_owned() } else { words.join(", ") }
 }
 
-/// The sensors of an agent, with the encodings other than raw.
+/// An agent's sensors, with encodings other than raw.
 pub(crate) fn sensors(sensors: &Sensors) -> String {
     let Sensors { rgb, depth, audio, width, height, hfov_rad, encodings } = sensors;
     let all = [
@@ -330,7 +329,7 @@ pub(crate) fn sensors(sensors: &Sensors) -> String {
     format!("{}; images of {width} × {height} pixels, {:.0}° field of view", words.join(", "), hfov_rad.to_degrees())
 }
 
-/// A short list of an agent's sensors.
+/// An agent's sensors in short.
 pub(crate) fn sensor_list(sensors: &Option<Sensors>) -> String {
     let Some(Sensors { rgb, depth, audio, .. }) = sensors else { return NOTHING.to_owned() };
     let word = |on: &bool, name: &str| if *on { name.to_owned() } else { format!("no {name}") };

@@ -33,9 +33,9 @@ pub enum FreezeError {
     /// Two addresses have the same file name.
     #[error("{first} and {second} have the same file name")]
     Clash {
-        /// Address of the existing file.
+        /// Address behind the existing file.
         first: String,
-        /// Address of the other page.
+        /// Conflicting address.
         second: String,
     },
     /// A file cannot be written.
@@ -48,17 +48,17 @@ pub enum FreezeError {
     },
 }
 
-/// The content of a copy.
+/// A copy's content.
 struct Scope {
     phases: BTreeMap<String, PhaseView>,
     runs: BTreeMap<String, RunLine>,
-    /// Address of the start page.
+    /// Start page.
     first: String,
-    /// Address of the list of runs.
+    /// List of runs.
     list: String,
 }
 
-/// Copies the public pages of `phase`, or of all phases, as of `now_unix_ms`. Passes name and content of each file to `write`, and
+/// Copies the public pages for `phase`, or for all phases, as of `now_unix_ms`. Passes name and content of each file to `write`, and
 /// returns the file count.
 ///
 /// # Errors
@@ -86,10 +86,10 @@ pub async fn freeze(
     Ok(written.len())
 }
 
-/// Port of the gRPC server in commands on the pages.
+/// gRPC port in commands on the pages.
 const GRPC_PORT: u16 = 50051;
 
-/// Rewrites the links of a page, and adds new addresses to `next`.
+/// Rewrites the links in a page, and adds new addresses to `next`.
 fn page(
     scope: &Scope,
     file: &str,
@@ -109,7 +109,7 @@ fn page(
     rewritten(&html, &mut to_file).into_bytes()
 }
 
-/// Splits the step off a link to a replay: all steps are in the same file, and the script of the page reads the step from the address.
+/// Splits the step off a link to a replay: all steps are in the same file, and the page script reads the step from the address.
 fn split_step(link: &str) -> (&str, &str) {
     match link.find('?') {
         Some(at) if link.contains("/episodes/") => link.split_at(at),
@@ -177,7 +177,7 @@ impl Scope {
         if address == self.first { "index.html".to_owned() } else { file_of(address) }
     }
 
-    /// Returns the canonical address of a link; `None` if its target is not part of the copy.
+    /// Returns a link's canonical address; `None` for targets outside the copy.
     fn within(&self, link: &str) -> Option<String> {
         let (path, query) = link.split_once('?').unwrap_or((link, ""));
         let known = |id: &str| self.phases.contains_key(id);
@@ -203,7 +203,7 @@ impl Scope {
         inside.then(|| link.to_owned())
     }
 
-    /// Returns the address of the list of runs in the API.
+    /// Returns the API address for the list of runs.
     fn table_of_runs(&self, table: &str) -> String {
         self.list.replacen("/runs", &format!("/api/v1/{table}"), 1)
     }
@@ -213,7 +213,7 @@ impl Scope {
         phase.is_some_and(|phase| phase.replays == Visibility::Public)
     }
 
-    /// Returns true if a comparison is between runs of the copy.
+    /// Returns true if both runs are in the copy.
     fn is_pair(&self, query: &str) -> bool {
         let runs = query.split('&').filter_map(|part| part.split_once('='));
         runs.clone().count() == 2 && runs.into_iter().all(|(_, run)| self.shows_replays(run))
@@ -229,7 +229,7 @@ fn is_plain_selection(query: &str) -> bool {
 /// Attributes with addresses.
 const ATTRIBUTES: [&str; 3] = [" href=\"", " src=\"", " action=\""];
 
-/// Returns the file name of an address.
+/// Returns the file name for an address.
 fn file_of(address: &str) -> String {
     let (path, query) = address.split_once('?').unwrap_or((address, ""));
     let path = path.trim_start_matches('/');
@@ -261,7 +261,7 @@ fn relative(from: &str, to: &str) -> String {
     path.join("/")
 }
 
-/// Replaces local links by the results of `to_file`, and removes those without a result. Links to other sites remain.
+/// Replaces local links by the results from `to_file`, and removes links without result. Links to other sites remain.
 fn rewritten(html: &str, to_file: &mut dyn FnMut(&str) -> Option<String>) -> String {
     let mut out = String::with_capacity(html.len());
     let mut rest = html;
@@ -284,7 +284,7 @@ fn first_attribute(html: &str) -> Option<(usize, &'static str)> {
     ATTRIBUTES.iter().filter_map(|name| Some((html.find(name)?, *name))).min()
 }
 
-/// Returns the new value of an attribute; `None` removes it.
+/// Returns the new attribute value; `None` removes the attribute.
 fn new_value(value: &str, to_file: &mut dyn FnMut(&str) -> Option<String>) -> Option<String> {
     let is_elsewhere = !value.starts_with('/') || value.starts_with("//");
     if is_elsewhere {

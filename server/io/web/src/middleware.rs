@@ -1,4 +1,4 @@
-//! Middleware of all responses: access log, limits, headers, caching and error bodies.
+//! Middleware for all responses: access log, limits, headers, caching and error bodies.
 
 use crate::{
     compression::CompressedBodies,
@@ -26,19 +26,19 @@ use tower_http::{
 };
 use tracing::Level;
 
-/// Size limit of an address, bytes.
+/// Size limit for addresses, bytes.
 pub(crate) const MAX_ADDRESS_BYTES: usize = 2048;
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Headers of every response. The referrer policy is not stricter because browsers send the origin of forms only where they may
-/// send referrers.
+/// Headers for every response. The referrer policy is not stricter because browsers send a form's origin only where they may send
+/// referrers.
 const HEADERS: [(HeaderName, &str); 3] = [
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::REFERRER_POLICY, "same-origin"),
     (header::VARY, "authorization, cookie, accept-encoding"),
 ];
 const POLICY: HeaderName = header::CONTENT_SECURITY_POLICY;
-/// Headers of responses that other sites may not show in a frame.
+/// Headers that forbid frames on other sites.
 const UNFRAMED: [(HeaderName, &str); 2] = [
     (
         POLICY,
@@ -46,7 +46,7 @@ const UNFRAMED: [(HeaderName, &str); 2] = [
     ),
     (header::X_FRAME_OPTIONS, "DENY"),
 ];
-/// Headers of pages for frames of other sites. These pages have no forms, and their links open in a new tab.
+/// Headers that allow frames on other sites. Embedded pages have no forms, and links open in a new tab.
 const FRAMED: [(HeaderName, &str); 1] = [(
     POLICY,
     "default-src 'none'; style-src 'self'; img-src 'self'; base-uri 'self'; form-action 'none'; frame-ancestors *",
@@ -56,11 +56,11 @@ const FRAMED: [(HeaderName, &str); 1] = [(
 #[derive(Clone, Copy)]
 pub(crate) struct Streaming;
 
-/// Wraps `router` in all middleware. Pages show the announcement of `live_status`.
+/// Wraps `router` in all middleware. Pages show the announcement from `live_status`.
 pub(crate) fn with_middleware(router: Router, live_status: Option<Arc<dyn LiveStatus>>) -> Router {
     // Sound does not shrink, and a player requests byte ranges of it.
     let is_compressible = DefaultPredicate::new().and(NotForContentType::const_new("audio/"));
-    // The path without its query: search words of visitors do not belong into a log.
+    // The path without its query: search words do not belong into a log.
     let access_log = TraceLayer::new_for_http()
         .make_span_with(|request: &Request| {
             tracing::debug_span!("request", method = %request.method(), path = request.uri().path())
@@ -179,7 +179,7 @@ async fn cache_and_compress(
     Response::from_parts(parts, Body::from(body))
 }
 
-/// Lets caches keep public responses, to be revalidated on each use, and forbids copies of private ones.
+/// Lets caches store public responses, with revalidation, and forbids copies of private responses.
 fn set_caching(headers: &mut HeaderMap, tag: &str, is_private: bool) {
     let control = if is_private { "private, no-store" } else { "public, no-cache" };
     headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static(control));
@@ -203,7 +203,7 @@ mod tests {
     use http_body_util::BodyExt;
     use tower::ServiceExt;
 
-    /// Returns status and body of a response from a router of broken handlers.
+    /// Requests an address from a router with broken handlers.
     async fn ask(address: &str) -> (StatusCode, String) {
         let broken = Router::new()
             .route("/panic", get(async || if true { panic!("a secret reason") } else { "" }))

@@ -1,21 +1,21 @@
-//! Plots as SVG. They use classes of the style sheet, which follow the theme, and never convey information by colour alone.
+//! SVG plots. They use style sheet classes, which follow the theme, and never convey information only by colour.
 
 use std::fmt::Write as _;
 
-/// Plot size, and position of its axes, pixels.
+/// Plot size and axis positions, pixels.
 const SIZE_PX: [f64; 2] = [640.0, 210.0];
 pub(crate) const LEFT_PX: f64 = 84.0;
 pub(crate) const WIDTH_PX: f64 = 520.0;
 const TOP_PX: f64 = 12.0;
 const HEIGHT_PX: f64 = 158.0;
-/// Smallest distance between labels at the ends of curves, pixels.
+/// Smallest distance between curve labels, pixels.
 const LABEL_PX: f64 = 17.0;
 /// Line styles in the style sheet.
 const KINDS: usize = 4;
 
 /// Curves over the steps of an episode, with a cursor that the replay moves.
 pub(crate) struct Curves<'a> {
-    /// Values of the vertical axis with their labels, the lowest first.
+    /// Vertical axis: values and labels, lowest first.
     pub(crate) ticks: Vec<(f64, String)>,
     pub(crate) curves: Vec<Curve<'a>>,
     /// Horizontal lines with their labels.
@@ -28,7 +28,7 @@ pub(crate) struct Curves<'a> {
 
 /// One curve.
 pub(crate) struct Curve<'a> {
-    /// Index of the line style.
+    /// Line style index.
     pub(crate) kind: usize,
     /// Label at the last point.
     pub(crate) label: &'a str,
@@ -46,7 +46,7 @@ pub(crate) fn round_ticks(most: f64) -> Vec<f64> {
     (0..=(most / step - 1e-9).ceil() as u32).map(|index| f64::from(index) * step).collect()
 }
 
-/// Returns the horizontal position of a step, pixels.
+/// Returns a step's horizontal position, pixels.
 fn x_of(step: u32, last: u32) -> f64 {
     LEFT_PX + WIDTH_PX * f64::from(step) / f64::from(last.max(1))
 }
@@ -122,7 +122,7 @@ impl Curves<'_> {
         path
     }
 
-    /// Draws the labels right of the last points, without overlaps.
+    /// Draws labels after the last points, without overlaps.
     fn draw_labels(&self, svg: &mut String) {
         let end = |curve: &Curve<'_>| {
             curve.points.iter().rev().map(|(_, value)| *value).find(|value| value.is_finite())
@@ -139,7 +139,7 @@ impl Curves<'_> {
     }
 }
 
-/// Returns the sample of a line style for a legend.
+/// Returns a line style sample for a legend.
 pub(crate) fn curve_sign(kind: &usize) -> String {
     let kind = kind % KINDS;
     format!(
@@ -147,12 +147,12 @@ pub(crate) fn curve_sign(kind: &usize) -> String {
     )
 }
 
-/// Escapes text for the content of an element.
+/// Escapes text for element content.
 fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
-/// Bar width, and smallest width of a part with a visible count, pixels.
+/// Bar width, and smallest width for a visible count, pixels.
 const BAR_WIDTH_PX: f64 = 600.0;
 const COUNT_WIDTH_PX: f64 = 26.0;
 /// Bar styles in the style sheet.
@@ -196,7 +196,7 @@ pub(crate) fn bar(count: &u32, most: u32) -> String {
     )
 }
 
-/// Returns the sample of a bar style for a legend.
+/// Returns a bar style sample for a legend.
 pub(crate) fn bar_sign(index: &usize) -> String {
     let kind = index % BAR_KINDS;
     format!(

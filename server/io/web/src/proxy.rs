@@ -9,7 +9,7 @@ use std::{
 
 const FORWARDED_FOR: &str = "x-forwarded-for";
 
-/// An address or network of trusted reverse proxies, such as `127.0.0.1` or `10.0.0.0/8`.
+/// An address or network with trusted reverse proxies, such as `127.0.0.1` or `10.0.0.0/8`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TrustedProxy(IpNet);
 
@@ -27,7 +27,7 @@ impl FromStr for TrustedProxy {
     }
 }
 
-/// The origin of a request for rate limits: an IPv4 address or an IPv6 /64 network.
+/// A request's origin for rate limits: an IPv4 address or an IPv6 /64 network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct ClientAddress(IpAddr);
 
@@ -55,7 +55,7 @@ pub(crate) fn client_address(peer: IpAddr, headers: &HeaderMap, trusted: &[Trust
     let values: Vec<&str> =
         headers.get_all(FORWARDED_FOR).iter().filter_map(|value| value.to_str().ok()).collect();
     let mut client = peer;
-    // Each proxy appends the address of its peer. Entries left of the first untrusted address are the client's own claims.
+    // A proxy appends its peer's address. Entries left of the first untrusted address are the client's claims.
     for entry in values.iter().rev().flat_map(|value| value.rsplit(',')) {
         let Ok(address) = entry.trim().parse::<IpAddr>() else { break };
         client = address.to_canonical();

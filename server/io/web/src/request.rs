@@ -13,11 +13,11 @@ use std::{
     time::{SystemTime, UNIX_EPOCH},
 };
 
-/// The viewer of a request, with read access to the store.
+/// A request's viewer, with read access to the store.
 pub(crate) struct RequestContext {
     pub(crate) reader: Reader,
     pub(crate) viewer: Viewer,
-    /// Time of the request, milliseconds since 1970-01-01 UTC.
+    /// Request time, milliseconds since 1970-01-01 UTC.
     pub(crate) now_unix_ms: i64,
 }
 
@@ -38,7 +38,7 @@ impl FromRequestParts<Reader> for RequestContext {
     }
 }
 
-/// Returns the secret of an `Authorization: Bearer` header.
+/// Returns the secret from an `Authorization: Bearer` header.
 fn bearer(value: &str) -> Option<&str> {
     let (scheme, secret) = value.split_once(' ')?;
     (scheme.eq_ignore_ascii_case("bearer") && secret.len() <= 512).then(|| secret.trim())
@@ -57,7 +57,7 @@ pub(crate) struct GrpcEndpoint {
     pub(crate) is_secure: bool,
 }
 
-/// The gRPC server's address for agents of this visitor: the host name of the request with the port of the gRPC server.
+/// The gRPC server's address as seen by this visitor: the request's host name with the gRPC port.
 pub(crate) struct GrpcAddress {
     host: String,
     endpoint: GrpcEndpoint,
@@ -80,7 +80,7 @@ impl<S: Sync> FromRequestParts<S> for GrpcAddress {
     }
 }
 
-/// Returns the host name of a `Host` header. Visitors copy it into a shell, so other characters than those of host names are rejected.
+/// Returns the host name from a `Host` header. Visitors copy it into a shell, so unusual characters are rejected.
 fn host_name(value: &str) -> Option<&str> {
     let name = value.rsplit_once(':').map_or(value, |(name, _)| name);
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || matches!(letter, '.' | '-');
@@ -101,12 +101,12 @@ impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for StrictQuery<T> {
     }
 }
 
-/// The query of an address without parameters.
+/// An empty query.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct NoParameters {}
 
-/// Ids of two runs to compare.
+/// Run ids to compare.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CompareQuery {
@@ -130,13 +130,13 @@ impl CompareQuery {
     }
 }
 
-/// The displayed moment of a replay.
+/// The displayed moment in a replay.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ReplayQuery {
     /// Step; by default the last one.
     pub(crate) t: Option<u32>,
-    /// Storey in front, counted from 1; by default that of the agent.
+    /// Front storey, counted from 1; by default the agent's.
     pub(crate) storey: Option<usize>,
     ears: Option<Ears>,
 }
@@ -148,13 +148,13 @@ enum Ears {
 }
 
 impl ReplayQuery {
-    /// Returns true if the page shows sound levels, for which the server renders the sound of the episode.
+    /// Returns true if the page shows sound levels, which requires rendering.
     pub(crate) fn shows_levels(self) -> bool {
         self.ears == Some(Ears::On)
     }
 }
 
-/// The sensor of a picture.
+/// A picture's sensor.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PictureQuery {
@@ -174,18 +174,18 @@ impl PictureQuery {
     }
 }
 
-/// A page of the list of runs.
+/// A page in the list of runs.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RunsQuery {
     pub(crate) phase: Option<String>,
-    /// Last run of the previous page.
+    /// Last run on the previous page.
     pub(crate) before: Option<String>,
     pub(crate) limit: Option<u32>,
 }
 
 impl RunsQuery {
-    /// Default and maximum of `limit`.
+    /// Default and maximum `limit`.
     pub(crate) const LIMITS: (u32, u32) = (50, 200);
 
     pub(crate) fn limit(&self) -> Result<u32, RequestError> {
@@ -196,7 +196,7 @@ impl RunsQuery {
         }
     }
 
-    /// Returns the query string of the page after the run `before`, or of the first page.
+    /// Returns the query string for the page after `before`, or for the first page.
     pub(crate) fn address(&self, before: Option<&str>) -> String {
         let parameter = |name: &str, value: Option<&str>| {
             value.map_or_else(String::new, |value| format!("{name}={}&", url_encode(value)))
@@ -212,7 +212,7 @@ impl RunsQuery {
     }
 }
 
-/// Parses the index of an episode in its run.
+/// Parses an episode index.
 pub(crate) fn ordinal(text: &str) -> Result<u32, RequestError> {
     text.parse().map_err(|_| RequestError::Unknown { what: "episode", name: text.to_owned() })
 }

@@ -28,13 +28,13 @@ pub struct WebError(#[from] io::Error);
 
 /// Open connections; further clients wait in the system's queue.
 pub(crate) const MAX_CONNECTIONS: usize = 256;
-/// Time limit for a TLS handshake, for the head of a request, and for an idle connection.
+/// Time-out for TLS handshakes, request heads and idle connections.
 const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
 /// Connection lifetime. The client then reconnects, so slow clients cannot occupy all connections.
 const CONNECTION_LIFETIME: Duration = Duration::from_secs(60);
-/// Time limit for the response in progress when a connection is closed.
+/// Time-out for the response in progress when a connection closes.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(10);
-/// Size limit of a request's head, bytes.
+/// Size limit for request heads, bytes.
 const MAX_HEAD_BYTES: usize = 16 * 1024;
 /// Consecutive failures of `accept` before the server gives up.
 const ACCEPT_ATTEMPTS: u32 = 100;
@@ -167,7 +167,7 @@ impl Connection {
         };
         if ended.is_none() {
             connection.as_mut().graceful_shutdown();
-            // A client that is too slow for its last response loses the rest of it.
+            // A client too slow for its last response loses the rest.
             let _ = timeout(SHUTDOWN_TIMEOUT, connection).await;
         }
     }

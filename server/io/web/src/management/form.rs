@@ -1,4 +1,4 @@
-//! Forms of management pages, and their protection against requests from other sites.
+//! Management forms, protected against requests from other sites.
 
 use super::SignedIn;
 use crate::error::RequestError;
@@ -10,12 +10,12 @@ use axum::{
 };
 use std::{collections::BTreeMap, ops::RangeInclusive};
 
-/// Size limit of a form, bytes: a reason of four-byte characters, percent-encoded to three characters a byte, and the other fields.
+/// Form size limit, bytes: a reason in four-byte characters, percent-encoded at three characters per byte, plus the other fields.
 pub(crate) const MAX_FORM_BYTES: usize = 16 << 10;
 const MAX_REASON_CHARS: usize = 500;
 const MAX_NAME_CHARS: usize = 64;
 
-/// A form of a signed-in visitor, sent from a page of the same session.
+/// A signed-in visitor's form, sent from a page in the same session.
 pub(crate) struct SignedForm {
     pub(crate) by: SignedIn,
     pub(crate) fields: FormFields,
@@ -24,7 +24,7 @@ pub(crate) struct SignedForm {
 /// The sign-in form. There is no session yet, so it has no form key.
 pub(crate) struct SignInForm(pub(crate) FormFields);
 
-/// Fields of a form by name.
+/// Form fields by name.
 #[derive(Debug, Default)]
 pub(crate) struct FormFields(BTreeMap<String, String>);
 
@@ -55,7 +55,7 @@ impl<S: Send + Sync> FromRequest<S> for SignedForm {
     }
 }
 
-/// Rejects a form from another site. Browsers send the origin of a form in `Sec-Fetch-Site`, or in `Origin` without TLS; pages
+/// Rejects a form from another site. Browsers send a form's origin in `Sec-Fetch-Site`, or in `Origin` without TLS; pages
 /// cannot change either header.
 fn reject_other_sites(headers: &HeaderMap) -> Result<(), RequestError> {
     let text = |name| headers.get(name).and_then(|value| value.to_str().ok());

@@ -24,7 +24,7 @@ pub struct TeamCredential {
     pub expires_unix_ms: Option<i64>,
 }
 
-/// An action of a team on its own data.
+/// A team's action on its data.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum TeamAction {
     /// Creates a token, which expires no later than the token used to sign in.
@@ -51,18 +51,18 @@ pub enum TeamAction {
 /// The token and the reason behind an organiser action, for the audit log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ActionOrigin {
-    /// Public id of the organiser's token.
+    /// The organiser token's public id.
     pub token: String,
     /// Reason; may be empty unless the action requires one.
     pub reason: String,
 }
 
-/// An action of an organiser.
+/// An organiser's action.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum OrganiserAction {
     /// Admits a team if it is new, and creates an account token for it.
     Admit {
-        /// Public name of the team.
+        /// Public team name.
         team: String,
     },
     /// Approves a team for a phase that requires approval, or withdraws the approval.
@@ -80,7 +80,7 @@ pub enum OrganiserAction {
         team: String,
         /// Phase id.
         phase: String,
-        /// Number of runs, at least 1.
+        /// Run count, at least 1.
         runs: u32,
     },
     /// Stops new runs in a phase for now; requires a reason, which is public.
@@ -89,7 +89,7 @@ pub enum OrganiserAction {
     Resume(String),
     /// Stops new runs in a phase.
     Close(String),
-    /// Publishes the committed secrets of a closed phase.
+    /// Publishes a closed phase's committed secrets.
     Reveal(String),
     /// Marks a run as verified, or removes the mark.
     Verify {
@@ -104,7 +104,7 @@ pub enum OrganiserAction {
     Reinstate(String),
 }
 
-/// The outcome of an action.
+/// Action outcome.
 #[derive(Clone, Default, PartialEq, Eq)]
 pub struct ActionOutcome {
     /// Confirmation for the visitor.
@@ -130,10 +130,10 @@ pub enum ActionError {
     Failed(String),
 }
 
-/// Health of a running server.
+/// A running server's health.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ServerHealth {
-    /// Reason of the drain in progress, if any.
+    /// Drain reason while draining.
     pub draining: Option<String>,
     /// Announcement; empty if there is none.
     pub notice: String,
@@ -141,7 +141,7 @@ pub struct ServerHealth {
     pub slots: Vec<(String, u32, u32)>,
     /// Steps since the server started.
     pub steps: u64,
-    /// Memory of loaded scenes, bytes.
+    /// Memory for loaded scenes, bytes.
     pub scene_bytes: usize,
     /// Simulation threads that hang.
     pub hanging: usize,
@@ -152,7 +152,7 @@ pub struct ServerHealth {
 /// Management actions, implemented by a running arena. Each action writes a line to the audit log.
 #[async_trait::async_trait]
 pub trait Management: fmt::Debug + Send + Sync {
-    /// Executes an action of a team on its own data.
+    /// Executes a team action.
     ///
     /// # Errors
     /// If the action is refused or fails.
@@ -162,7 +162,7 @@ pub trait Management: fmt::Debug + Send + Sync {
         action: TeamAction,
     ) -> Result<ActionOutcome, ActionError>;
 
-    /// Executes an action of an organiser.
+    /// Executes an organiser action.
     ///
     /// # Errors
     /// If the action is refused or fails.
@@ -172,11 +172,11 @@ pub trait Management: fmt::Debug + Send + Sync {
         action: OrganiserAction,
     ) -> Result<ActionOutcome, ActionError>;
 
-    /// Returns the current health of the server.
+    /// Returns the server's current health.
     fn health(&self) -> ServerHealth;
 }
 
-/// Management of this server, with sessions and the sign-in limit.
+/// Management actions with sessions and the sign-in limit.
 #[derive(Debug)]
 pub(crate) struct ManagementState {
     pub(crate) actions: Arc<dyn Management>,

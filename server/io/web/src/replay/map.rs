@@ -55,7 +55,7 @@ pub(crate) struct StoreyTab {
     pub(crate) height_m: f64,
 }
 
-/// A piece of the agent's path.
+/// A path piece.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Piece {
     pub(crate) path: String,
@@ -86,7 +86,7 @@ pub(crate) struct TargetBox {
     pub(crate) height: f32,
     pub(crate) label: String,
     pub(crate) label_at: Spot,
-    /// Whether the label ends at `label_at` instead of starting there.
+    /// Whether the label ends at `label_at`, and does not start there.
     pub(crate) leftwards: bool,
     pub(crate) found: bool,
     pub(crate) storey: usize,

@@ -10,7 +10,7 @@ const APART_M: f32 = 1.5;
 /// Smallest share of the floor area in a storey; stairs and platforms stay below.
 const LEAST_SHARE: f32 = 0.08;
 
-/// A point of the map in metres: +x is right (world +X), +y is down (world +Z).
+/// A map point, metres: +x is right (world +X), +y is down (world +Z).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Spot {
     pub(crate) x: f32,

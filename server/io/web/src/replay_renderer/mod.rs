@@ -1,4 +1,4 @@
-//! Pictures and sound of replays, rendered on request. The arena implements [`ReplayRenderer`]; this module limits the load (one
+//! Pictures and sound for replays, rendered on request. The arena implements [`ReplayRenderer`]; this module limits the load (one
 //! rendering at a time, a short queue) and caches the results.
 
 mod picture;
@@ -15,15 +15,15 @@ use quick_cache::{OptionsBuilder, Weighter, sync::Cache};
 use std::{fmt, future::Future, sync::Arc};
 use tokio::sync::{Mutex, Semaphore};
 
-/// Limit of visitors in the queue, including the one being served.
+/// Queue limit, including the current rendering.
 const MAX_WAITING: usize = 8;
-/// Cache size of pictures, bytes: some hundreds of steps.
+/// Picture cache size, bytes: some hundred steps.
 const PICTURE_BYTES: u64 = 64 << 20;
-/// Estimated number of cached pictures.
+/// Estimated picture count in the cache.
 const PICTURES: usize = 256;
-/// Cache size of sound, bytes: four of the longest episodes.
+/// Sound cache size, bytes: four episodes at maximum length.
 const SOUND_BYTES: u64 = 128 << 20;
-/// Estimated number of cached sounds.
+/// Estimated sound count in the cache.
 const SOUNDS: usize = 16;
 
 /// A camera view to render.
@@ -33,7 +33,7 @@ pub struct ViewRequest {
     pub phase: String,
     /// Scene name.
     pub scene: String,
-    /// Pose of the agent's base.
+    /// The agent's base pose.
     pub pose: Pose,
     /// Width, pixels.
     pub width: u32,
@@ -50,7 +50,7 @@ pub struct RenderedView {
     pub rgb: Vec<u8>,
     /// `height × width` values, metres; 0 for no hit.
     pub depth_m: Vec<f32>,
-    /// Depth range of the sensor, metres.
+    /// Sensor range, metres.
     pub depth_max_m: f32,
 }
 
@@ -61,12 +61,12 @@ pub struct SoundRequest {
     pub phase: String,
     /// Run id.
     pub run: String,
-    /// Index of the episode in the run.
+    /// Episode index in the run.
     pub ordinal: u32,
 }
 
-/// The sound of an episode at both ears, from the observation before the first action to the last, at the sample rate of the sensors
-/// and without padding.
+/// An episode's sound at both ears, from the observation before the first action to the last, at the sensors' sample rate and without
+/// padding.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RenderedSound {
     /// Samples per step and ear.
@@ -77,12 +77,12 @@ pub struct RenderedSound {
     pub right: Vec<f32>,
 }
 
-/// Cause of a failed rendering, for the server's log.
+/// Cause of a failed rendering, for the log.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct RenderError(pub String);
 
-/// A renderer of views and sound, implemented by a running arena. A call may take seconds, on its own threads.
+/// A renderer for views and sound, implemented by a running arena. A call may take seconds, on separate threads.
 #[async_trait::async_trait]
 pub trait ReplayRenderer: fmt::Debug + Send + Sync {
     /// Renders a camera view.
@@ -91,7 +91,7 @@ pub trait ReplayRenderer: fmt::Debug + Send + Sync {
     /// If the phase or the scene is not available.
     async fn render_view(&self, request: ViewRequest) -> Result<RenderedView, RenderError>;
 
-    /// Renders the sound of an episode from its record.
+    /// Renders an episode's sound from the record.
     ///
     /// # Errors
     /// If the record is not available, or its replay differs.
@@ -167,7 +167,7 @@ impl RenderQueue {
         self.find_or_render(|queue| &queue.sounds, key, rendering).await.map(Some)
     }
 
-    /// Returns the cached value of `key`, or renders and caches it.
+    /// Returns the cached value, or renders and caches it.
     async fn find_or_render<T: ByteSize + Send + Sync + 'static>(
         self: Arc<Self>,
         cache: fn(&Self) -> &ByteCache<T>,
@@ -177,7 +177,7 @@ impl RenderQueue {
         if let Some(cached) = cache(&self).get(&key) {
             return Ok(cached);
         }
-        // A task of its own: the rendering is completed and cached even if the visitor leaves.
+        // A separate task: the rendering is completed and cached even if the visitor leaves.
         let task = tokio::spawn(async move {
             let in_turn = async {
                 let _permit = self.waiting.try_acquire().map_err(|_| RequestError::Crowded)?;
@@ -194,7 +194,7 @@ impl RenderQueue {
 }
 
 fn byte_cache<T: ByteSize>(items: usize, bytes: u64) -> ByteCache<T> {
-    // A single shard, because a shard caches only items that fit into its share of the bytes.
+    // A single shard: with several, items above a shard's share would not be cached.
     let options = OptionsBuilder::new().estimated_items_capacity(items).weight_capacity(bytes).shards(1).build();
     match options {
         Ok(options) => Cache::with_options(options, ByteCount, Default::default(), Default::default()),

@@ -1,4 +1,4 @@
-//! Pictures of the agent's view at a step.
+//! Camera pictures by step.
 
 use super::{ByteSize, MaybeRenderQueue, RenderedView, ViewRequest};
 use crate::{
@@ -15,11 +15,11 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-/// Longest side of a picture, pixels.
+/// Longest side, pixels.
 const MAX_SIDE_PX: u32 = 320;
-/// Field of view of runs without recorded sensors, radians.
+/// Field of view for runs without recorded sensors, radians.
 const DEFAULT_HFOV_RAD: f32 = std::f32::consts::FRAC_PI_2;
-/// Colour map of depth from near to far: cividis, which also works for colour-blind visitors.
+/// Depth colour map from near to far: cividis, which also works for colour-blind visitors.
 const DEPTH: [[f32; 3]; 9] = [
     [0.0, 34.0, 78.0],
     [27.0, 53.0, 110.0],
@@ -31,7 +31,7 @@ const DEPTH: [[f32; 3]; 9] = [
     [223.0, 203.0, 88.0],
     [254.0, 232.0, 56.0],
 ];
-/// Colour of pixels without a hit.
+/// Colour for no hit.
 const NO_HIT: [u8; 3] = [0, 0, 0];
 
 /// A rendered view as PNG files.
@@ -56,7 +56,7 @@ impl ByteSize for Pictures {
     }
 }
 
-/// Returns the colour of a depth between 0 and 1, the range of the sensor.
+/// Returns the colour for a depth as a share of the sensor range.
 fn depth_colour(share: f32) -> [u8; 3] {
     if share <= 0.0 || !share.is_finite() {
         return NO_HIT;
@@ -69,7 +69,7 @@ fn depth_colour(share: f32) -> [u8; 3] {
     })
 }
 
-/// Returns the colours of the legend of depth pictures, each with its position in percent.
+/// Returns the legend colours for depth, with positions in percent.
 pub(crate) fn depth_strip() -> Vec<(u32, String)> {
     let colour = |position: u32| {
         let [red, green, blue] = depth_colour((position as f32 + 5.0) / 100.0);
@@ -91,7 +91,7 @@ fn encode_png(pixels: &[u8], width: u32, height: u32) -> Option<Vec<u8>> {
     Some(out)
 }
 
-/// Serves the picture of one step, `STEP.png`.
+/// Serves the picture `STEP.png`.
 pub(crate) async fn picture(
     context: RequestContext,
     Path((run, place, file)): Path<(String, String, String)>,
@@ -127,7 +127,7 @@ fn view_request(view: &EpisodeView, step: usize) -> Option<ViewRequest> {
     })
 }
 
-/// Returns width and height of a replay's pictures, in the aspect ratio of the agent's camera.
+/// Returns width and height in the camera's aspect ratio.
 pub(crate) fn size_px(replay: &Replay) -> [u32; 2] {
     let (width, height) = replay.sensors.as_ref().map_or((1, 1), |sensors| (sensors.width, sensors.height));
     let longest = f64::from(width.max(height).max(1));

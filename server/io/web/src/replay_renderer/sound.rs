@@ -1,4 +1,4 @@
-//! Episode sound: levels by step, and WAV files for the player of the replay page.
+//! Episode sound: levels by step, and WAV files for the replay page.
 
 use super::{ByteSize, MaybeRenderQueue, RenderedSound, SoundRequest};
 use crate::{
@@ -15,27 +15,27 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
-/// Limit of steps in one file: half a minute, 3.8 MB. A file stays in memory during the download, which must end before the
-/// connection's lifetime does.
+/// Step limit per file: half a minute, 3.8 MB. A file stays in memory during its download, which must end within the connection
+/// lifetime.
 pub(crate) const WINDOW_STEPS: u32 = 120;
-/// Sound pressure of 0 dB, pascals. A sample of 1 counts as one pascal, which puts the clips at 67 dB(A) in a distance of one metre.
+/// Sound pressure at 0 dB, pascals. A sample value 1 counts as 1 Pa, which puts the clips at 67 dB(A) at 1 m.
 const REFERENCE_PA: f64 = 20e-6;
-/// Size of the WAV header, bytes.
+/// WAV header size, bytes.
 const HEADER_BYTES: usize = 58;
 const CHANNELS: usize = Sensors::AUDIO_CHANNELS as usize;
 const SAMPLE_BYTES: usize = size_of::<f32>();
 
-/// The sound of an episode, with its levels by step.
+/// An episode's sound, with levels by step.
 #[derive(Debug, PartialEq)]
 pub(crate) struct EpisodeSound {
     sound: RenderedSound,
     levels: Vec<StepLevels>,
 }
 
-/// Sound levels of a step.
+/// A step's sound levels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct StepLevels {
-    /// Root mean square of the pressure at the left and right ear, pascals.
+    /// RMS pressure at the left and right ear, pascals.
     pub(crate) rms: [f64; 2],
 }
 
@@ -53,20 +53,20 @@ impl StepLevels {
         self.rms.map(level_db)
     }
 
-    /// Returns the level of both ears combined, decibels.
+    /// Returns the combined level, decibels.
     pub(crate) fn both_db(&self) -> Option<f64> {
         let [left, right] = self.rms;
         level_db(((left * left + right * right) / 2.0).sqrt())
     }
 }
 
-/// Returns the level of a root mean square; `None` below the threshold of hearing.
+/// Converts RMS pressure to decibels; `None` below the hearing threshold.
 fn level_db(rms: f64) -> Option<f64> {
     Some(20.0 * (rms / REFERENCE_PA).log10()).filter(|level| *level >= 0.0)
 }
 
 impl EpisodeSound {
-    /// Computes the levels; `None` if the ears differ in length or the length is not a whole number of steps.
+    /// Computes the levels; `None` for unequal ears or incomplete steps.
     pub(super) fn new(sound: RenderedSound) -> Option<Self> {
         let RenderedSound { samples_per_step, left, right } = &sound;
         if *samples_per_step == 0 || left.len() != right.len() || left.len() % samples_per_step != 0 {
@@ -82,8 +82,7 @@ impl EpisodeSound {
         &self.levels
     }
 
-    /// Returns the steps `first` to `last` as a WAV file with the exact samples of the observations; `None` if the episode is
-    /// shorter.
+    /// Returns the steps `first` to `last` as a WAV file with the exact samples; `None` if the episode is shorter.
     pub(super) fn wav(&self, first: usize, last: usize) -> Option<Vec<u8>> {
         let RenderedSound { samples_per_step, left, right } = &self.sound;
         let count = last.checked_sub(first)?.checked_add(1)?.checked_mul(*samples_per_step)?;
@@ -108,7 +107,7 @@ impl ByteSize for EpisodeSound {
     }
 }
 
-/// Returns the header of a WAV file with `samples` samples per channel.
+/// Returns a WAV header for `samples` samples per channel.
 fn wav_header(samples: usize) -> Option<Vec<u8>> {
     // Written here and not by the crate hound: hound stores floats as WAVE_FORMAT_EXTENSIBLE without a `fact` chunk. Plain
     // WAVE_FORMAT_IEEE_FLOAT (3) is the older and more widely supported form.
@@ -138,13 +137,13 @@ pub(crate) fn window_of(step: u32, last: u32) -> [u32; 2] {
     [first, last.min(first + WINDOW_STEPS - 1)]
 }
 
-/// Returns the request for the sound of an episode; `None` if the viewer may not hear it.
+/// Returns the sound request; `None` if the viewer may not hear the episode.
 pub(super) fn request_for(view: &EpisodeView) -> Option<SoundRequest> {
     view.replay.as_ref().filter(|replay| replay.hears)?;
     Some(SoundRequest { phase: view.run.phase.clone(), run: view.run.run.clone(), ordinal: view.ordinal })
 }
 
-/// Serves the sound of some steps, `FIRST-LAST.wav`.
+/// Serves the sound file `FIRST-LAST.wav`.
 pub(crate) async fn sound(
     context: RequestContext,
     Path((run, place, file)): Path<(String, String, String)>,
@@ -192,8 +191,7 @@ fn ranged(kind: &'static str, bytes: Vec<u8>, requested: &HeaderMap) -> Response
     response
 }
 
-/// Returns the first and last byte of a request for one range. `None` means the whole file, which is a valid response to all other
-/// ranges.
+/// Returns the first and last requested byte. `None` means the whole file, which is also a valid response to multiple ranges.
 fn byte_range(requested: &HeaderMap, length: usize) -> Option<(usize, usize)> {
     // Our tags are weak, and a weak tag never matches `If-Range`.
     if requested.contains_key(header::IF_RANGE) {

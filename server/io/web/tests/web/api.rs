@@ -41,7 +41,7 @@ async fn responses_match_their_description() {
     }
 }
 
-/// Checks that `value` has exactly the fields of `schema`, at every depth.
+/// Checks that `value` has the fields of `schema` and no others, at every depth.
 fn check(document: &Value, schema: &Value, value: &Value, place: &str) {
     if let Some(reference) = schema["$ref"].as_str() {
         let schema = document.pointer(reference.trim_start_matches('#')).expect("a schema");
@@ -60,15 +60,20 @@ fn check(document: &Value, schema: &Value, value: &Value, place: &str) {
         Some("boolean") => assert!(value.is_boolean(), "{place}: {value}"),
         Some("array") => {
             let items = value.as_array().unwrap_or_else(|| panic!("{place}: {value}"));
-            if schema["items"].is_object() {
-                items.iter().for_each(|item| check(document, &schema["items"], item, place));
-            }
+            assert!(schema["items"].is_object(), "{place}: an array without item type");
+            items.iter().for_each(|item| check(document, &schema["items"], item, place));
         }
         Some("object") => {
             let fields = value.as_object().unwrap_or_else(|| panic!("{place}: {value}"));
-            let Some(properties) = schema["properties"].as_object() else { return };
+            let Some(properties) = schema["properties"].as_object() else {
+                let values = &schema["additionalProperties"];
+                assert!(values.is_object(), "{place}: an object without types");
+                return fields.values().for_each(|field| check(document, values, field, place));
+            };
             let described: Vec<&String> = properties.keys().collect();
-            assert_eq!(fields.keys().collect::<Vec<_>>(), described, "{place}");
+            let required = schema["required"].as_array().expect("required fields");
+            assert!(fields.keys().all(|name| described.contains(&name)), "{place}: {fields:?}");
+            assert!(required.iter().all(|name| fields.contains_key(name.as_str().expect("a name"))), "{place}");
             fields.iter().for_each(|(name, field)| {
                 check(document, &properties[name], field, &format!("{place}.{name}"));
             });

@@ -10,7 +10,14 @@ use axum::{
     body::Body,
     http::{Request, StatusCode, header},
 };
-use std::sync::{Arc, Mutex};
+use std::{
+    net::SocketAddr,
+    sync::{Arc, Mutex},
+};
+use tokio::{
+    io::{AsyncReadExt, AsyncWriteExt},
+    net::{TcpListener, TcpStream},
+};
 
 const READ_ONLY: &str = "a-read-only-token";
 const NEW_SECRET: &str = "avln_account_shown-once";
@@ -474,4 +481,42 @@ async fn sessions_end_with_their_token() {
     site.arena.store.revoke_tokens(RUDE_TEAM, 5).await.expect("a team");
     assert_eq!(browser.get("/me").await.status, StatusCode::SEE_OTHER);
     assert_eq!(browser.get("/runs/run_sealed").await.status, StatusCode::NOT_FOUND);
+}
+
+/// Sends a sign-in with a wrong token through a proxy on this machine, and returns the status line.
+async fn forwarded_sign_in(server: SocketAddr, client: &str) -> String {
+    let body = "token=no-such-token&next=";
+    let request = format!(
+        "POST /sign-in HTTP/1.1\r\nHost: x\r\nSec-Fetch-Site: same-origin\r\nX-Forwarded-For: {client}\r\n\
+         Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
+        body.len()
+    );
+    let mut stream = TcpStream::connect(server).await.expect("a connection");
+    stream.write_all(request.as_bytes()).await.expect("a request");
+    let mut response = String::new();
+    stream.read_to_string(&mut response).await.expect("a response");
+    response.lines().next().unwrap_or_default().to_owned()
+}
+
+#[tokio::test]
+async fn the_sign_in_limit_counts_clients_behind_a_trusted_proxy() {
+    let Site { arena, asked } = Site::new().await;
+    let management: Arc<dyn Management> = Arc::new(FakeManagement { store: arena.store.clone(), asked });
+    let proxy = "127.0.0.1".parse().expect("an address");
+    for (trusted_proxies, other_may_try) in [(vec![proxy], true), (vec![], false)] {
+        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+        let server = listener.local_addr().expect("an address");
+        let site = avln_web::Site {
+            management: Some(management.clone()),
+            trusted_proxies,
+            ..avln_web::Site::default()
+        };
+        tokio::spawn(avln_web::serve(listener, arena.store.reader(), site, std::future::pending()));
+        for _ in 0..10 {
+            assert!(forwarded_sign_in(server, "198.51.100.7").await.contains(" 403 "));
+        }
+        assert!(forwarded_sign_in(server, "198.51.100.7").await.contains(" 429 "));
+        let other = forwarded_sign_in(server, "198.51.100.8").await;
+        assert_eq!(other.contains(" 403 "), other_may_try, "{other}");
+    }
 }
