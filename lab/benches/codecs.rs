@@ -1,8 +1,8 @@
 //! What encodings cost and save on pictures of a procedural house: `cargo bench -p avln-lab --bench codecs`.
 
-use avln_codec::{Encoding, SensorKind, Size, depth, offered, rgb};
 use avln_geom::{Point3, RayMesh, Rng, angle};
 use avln_houses::{HouseOptions, house};
+use avln_proto::wire::{Encoding, SensorKind, Size, depth, offered, rgb};
 use avln_render::{Camera, Frame, Renderer};
 use std::{
     f32::consts::{FRAC_PI_2, PI},

@@ -24,12 +24,11 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("scoring", &["geom", "episode", "truth"]),
     ("store", &["challenge", "episode", "truth", "scoring"]),
     ("proto", &[]),
-    ("codec", &["proto"]),
     ("sandbox", &[]),
     ("net", &[]),
-    ("grpc", &["codec", "net", "proto", "challenge", "episode", "referee"]),
+    ("grpc", &["net", "proto", "challenge", "episode", "referee"]),
     ("web", &["net", "challenge", "episode", "scoring", "store"]),
-    ("client", &["codec", "proto"]),
+    ("client", &["proto"]),
     ("conformance", &["proto"]),
     ("kit", &["client", "perception"]),
     ("perception", &["simd"]),
@@ -65,7 +64,6 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "arena",
             "baselines",
             "client",
-            "codec",
             "dataset",
             "episode",
             "formats",
@@ -74,6 +72,7 @@ const ALLOWED: &[(&str, &[&str])] = &[
             "interchange",
             "kit",
             "pag-nav",
+            "proto",
             "referee",
             "render",
             "scene",
@@ -219,6 +218,6 @@ fn the_clients_tree_holds_no_crate_of_the_server() {
         }
     }
     assert!(lies_in_server("grpc"), "the check sees what lies there");
-    assert_eq!(tree, BTreeSet::from(["client", "codec", "proto"]));
+    assert_eq!(tree, BTreeSet::from(["client", "proto"]));
     assert!(!tree.iter().any(|name| lies_in_server(name)));
 }

@@ -1,5 +1,6 @@
+use half::f16;
+use safetensors::{Dtype, SafeTensors};
 use serde::Deserialize;
-use std::collections::BTreeMap;
 
 /// The network description in a weights file.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -69,41 +70,30 @@ impl ConvLayer {
     }
 }
 
-/// A weights file in the safetensors layout: header length (8 bytes), header (JSON), 16-bit floats.
+/// A weights file: safetensors with 16-bit floats, and the description as metadata.
 pub(crate) struct WeightsFile<'a> {
     pub(crate) info: NetworkInfo,
-    tensors: BTreeMap<String, Tensor>,
-    values: &'a [u8],
-}
-
-#[derive(Deserialize)]
-struct Tensor {
-    dtype: String,
-    shape: Vec<usize>,
-    data_offsets: [usize; 2],
+    tensors: SafeTensors<'a>,
 }
 
 impl<'a> WeightsFile<'a> {
     pub(crate) fn read(bytes: &'a [u8]) -> Result<Self, WeightsError> {
-        let (length, rest) = bytes.split_first_chunk().ok_or_else(|| unusable("the file is truncated"))?;
-        let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
-        let (header, values) =
-            rest.split_at_checked(length).ok_or_else(|| unusable("the file ends inside its header"))?;
-        let malformed = |error: serde_json::Error| unusable(format!("the header is malformed: {error}"));
-        let mut header: BTreeMap<String, serde_json::Value> =
-            serde_json::from_slice(header).map_err(malformed)?;
-        let told = header.remove("__metadata__").unwrap_or_default();
-        let told =
-            told["avln-perception"].as_str().ok_or_else(|| unusable("the header has no description"))?;
-        let info: NetworkInfo = serde_json::from_str(told).map_err(malformed)?;
+        let malformed = |error| unusable(format!("the file is malformed: {error}"));
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
+        // Files from before the crate was renamed have the old key.
+        let keys = ["avln-perception", "avln-eyes"];
+        let metadata = header.metadata().as_ref();
+        let info = metadata.and_then(|metadata| keys.iter().find_map(|key| metadata.get(*key)));
+        let info = info.ok_or_else(|| unusable("the header has no description"))?;
+        let info: NetworkInfo = serde_json::from_str(info)
+            .map_err(|error| unusable(format!("the description is malformed: {error}")))?;
         if info.version != 1 {
             return Err(unusable(format!(
                 "version {} is not supported; this build reads version 1",
                 info.version
             )));
         }
-        let tensors = header.into_iter().map(|(name, value)| Ok((name, serde_json::from_value(value)?)));
-        Ok(Self { info, tensors: tensors.collect::<Result<_, _>>().map_err(malformed)?, values })
+        Ok(Self { info, tensors: SafeTensors::deserialize(bytes).map_err(malformed)? })
     }
 
     /// Reads a convolution with `taps` taps.
@@ -119,22 +109,18 @@ impl<'a> WeightsFile<'a> {
     }
 
     pub(crate) fn has(&self, name: &str) -> bool {
-        self.tensors.contains_key(name)
+        self.tensors.tensor(name).is_ok()
     }
 
     pub(crate) fn tensor(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, WeightsError> {
-        let found = self.tensors.get(name).ok_or_else(|| unusable(format!("tensor `{name}` is missing")))?;
-        if found.dtype != "F16" || found.shape != shape {
-            let (dtype, is) = (&found.dtype, &found.shape);
-            return Err(unusable(format!("tensor `{name}` is {dtype} {is:?}, not F16 {shape:?}")));
+        let tensor = self.tensors.tensor(name);
+        let tensor = tensor.map_err(|_| unusable(format!("tensor `{name}` is missing")))?;
+        if tensor.dtype() != Dtype::F16 || tensor.shape() != shape {
+            let (dtype, is) = (tensor.dtype(), tensor.shape());
+            return Err(unusable(format!("tensor `{name}` is {dtype:?} {is:?}, not F16 {shape:?}")));
         }
-        let [start, end] = found.data_offsets;
-        let bytes = self.values.get(start..end).unwrap_or_default();
-        if bytes.len() != 2 * shape.iter().product::<usize>() {
-            return Err(unusable(format!("tensor `{name}` has {} bytes", bytes.len())));
-        }
-        let (halves, _) = bytes.as_chunks();
-        Ok(halves.iter().map(|half| from_half(u16::from_le_bytes(*half))).collect())
+        let (halves, _) = tensor.data().as_chunks();
+        Ok(halves.iter().map(|half| f16::from_le_bytes(*half).to_f32()).collect())
     }
 }
 
@@ -142,45 +128,17 @@ fn unusable(reason: impl Into<String>) -> WeightsError {
     WeightsError { reason: reason.into() }
 }
 
-/// Converts a 16-bit float (IEEE 754 binary16).
-fn from_half(half: u16) -> f32 {
-    let sign = if half >> 15 == 1 { -1.0 } else { 1.0 };
-    let (exponent, fraction) = (i32::from(half >> 10 & 31), f32::from(half & 1023));
-    sign * match exponent {
-        0 => fraction * 2_f32.powi(-24),
-        31 if fraction == 0.0 => f32::INFINITY,
-        31 => f32::NAN,
-        _ => (1.0 + fraction / 1024.0) * 2_f32.powi(exponent - 15),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn half_floats_follow_the_standard() {
-        for (half, value) in [
-            (0x3c00, 1.0),
-            (0xc000, -2.0),
-            (0x7bff, 65504.0),
-            (0x0400, 6.103_515_6e-5),
-            (0x0001, 5.960_464_5e-8),
-            (0x3555, 0.333_251_95),
-            (0x8000, 0.0),
-        ] {
-            assert_eq!(from_half(half), value, "{half:x}");
-        }
-        assert!(from_half(0x7c00).is_infinite() && from_half(0x7e00).is_nan());
-    }
-
-    #[test]
     fn malformed_files_are_refused() {
         let file = |header: &str| [&(header.len() as u64).to_le_bytes(), header.as_bytes()].concat();
-        let said = |bytes: &[u8]| WeightsFile::read(bytes).err().expect("refused").to_string();
-        assert!(said(b"abc").contains("truncated"));
-        assert!(said(&u64::MAX.to_le_bytes()).contains("inside its header"));
-        assert!(said(&file("{]")).contains("malformed"));
-        assert!(said(&file("{}")).contains("no description"));
+        let error = |bytes: &[u8]| WeightsFile::read(bytes).err().expect("refused").to_string();
+        assert!(error(b"abc").contains("malformed"));
+        assert!(error(&u64::MAX.to_le_bytes()).contains("malformed"));
+        assert!(error(&file("{]")).contains("malformed"));
+        assert!(error(&file("{}")).contains("no description"));
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::output::say;
 use avln_arena::{Failure, FailureKind};
-use avln_formats::{Options as Reading, Report, Unit, Up, glb, open};
+use avln_formats::{ImportOptions, ImportReport, glb, open};
 use avln_scene::{Scene, Summary};
 use clap::{Args, ValueEnum};
 use serde_json::json;
@@ -49,7 +49,7 @@ enum LengthUnit {
 /// # Errors
 /// When the source cannot be read as a scene or the file cannot be written.
 pub fn run(options: &Options) -> Result<(), Failure> {
-    let mut report = Report::default();
+    let mut report = ImportReport::default();
     let scene = open::open_as(&options.source, &reading(options), &mut report)
         .map_err(|error| Failure::new(FailureKind::Scene, error))?;
     let bytes = glb::export(&scene);
@@ -67,17 +67,17 @@ pub fn run(options: &Options) -> Result<(), Failure> {
     Ok(())
 }
 
-fn reading(options: &Options) -> Reading {
+fn reading(options: &Options) -> ImportOptions {
     let up = options.up.map(|up| match up {
-        UpAxis::Y => Up::Y,
-        UpAxis::Z => Up::Z,
+        UpAxis::Y => avln_formats::UpAxis::Y,
+        UpAxis::Z => avln_formats::UpAxis::Z,
     });
     let unit = options.units.map(|unit| match unit {
-        LengthUnit::M => Unit::Metre,
-        LengthUnit::Cm => Unit::Centimetre,
-        LengthUnit::Mm => Unit::Millimetre,
+        LengthUnit::M => avln_formats::LengthUnit::Metre,
+        LengthUnit::Cm => avln_formats::LengthUnit::Centimetre,
+        LengthUnit::Mm => avln_formats::LengthUnit::Millimetre,
     });
-    Reading { up, unit }
+    ImportOptions { up, unit }
 }
 
 /// The scene as the written file gives it, which the report describes.
@@ -86,7 +86,7 @@ fn reopened(scene: &Scene, bytes: &[u8], options: &Options) -> Result<Scene, Fai
     glb::from_bytes(&scene.name, &label, bytes).map_err(|error| Failure::new(FailureKind::Internal, error))
 }
 
-fn as_json(options: &Options, report: &Report, summary: &Summary) -> serde_json::Value {
+fn as_json(options: &Options, report: &ImportReport, summary: &Summary) -> serde_json::Value {
     json!({
         "source": options.source.display().to_string(),
         "out": options.out.display().to_string(),
@@ -97,7 +97,7 @@ fn as_json(options: &Options, report: &Report, summary: &Summary) -> serde_json:
     })
 }
 
-fn print(options: &Options, report: &Report, summary: &Summary, bytes: usize) {
+fn print(options: &Options, report: &ImportReport, summary: &Summary, bytes: usize) {
     let size: [f32; 3] = std::array::from_fn(|axis| summary.max_m[axis] - summary.min_m[axis]);
     say!("{}: {} bytes", options.out.display(), bytes);
     say!("layout     {}", report.layout);

@@ -21,13 +21,13 @@ impl Packing {
 
     /// The encodings to wish for, best first.
     pub(crate) fn wishes(self, kind: SensorKind) -> Vec<Encoding> {
-        let offered = avln_codec::offered(kind).iter().copied();
-        let lossless = offered.clone().filter(|encoding| avln_codec::is_lossless(*encoding));
+        let offered = avln_proto::wire::offered(kind).iter().copied();
+        let lossless = offered.clone().filter(|encoding| avln_proto::wire::is_lossless(*encoding));
         match self {
             Self::Raw => vec![Encoding::Raw],
             Self::Lossless => lossless.collect(),
             Self::Rounded => {
-                offered.filter(|encoding| !avln_codec::is_lossless(*encoding)).chain(lossless).collect()
+                offered.filter(|encoding| !avln_proto::wire::is_lossless(*encoding)).chain(lossless).collect()
             }
         }
     }
@@ -53,7 +53,7 @@ mod tests {
             for packing in [Packing::Raw, Packing::Lossless, Packing::Rounded] {
                 let wishes = packing.wishes(kind);
                 assert!(wishes.contains(&Encoding::Raw), "{kind:?} {packing:?}");
-                let rounds = wishes.iter().any(|encoding| !avln_codec::is_lossless(*encoding));
+                let rounds = wishes.iter().any(|encoding| !avln_proto::wire::is_lossless(*encoding));
                 assert_eq!(
                     rounds,
                     packing == Packing::Rounded && kind != SensorKind::Rgb,

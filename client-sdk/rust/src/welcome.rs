@@ -1,7 +1,7 @@
 //! What Welcome fixes for a connection: the task, and how observations are unpacked.
 
 use crate::{Audio, DepthImage, Error, Feedback, Image, Observation, Packing, Pose, Sensors, TaskSpec};
-use avln_codec::{CodecError, Size, audio, depth, rgb};
+use avln_proto::wire::{CodecError, Size, audio, depth, rgb};
 use avln_proto::{API_MINOR, MAX_MESSAGE_BYTES, v1};
 use std::time::Duration;
 use v1::{Dtype, SensorKind};

@@ -1,21 +1,25 @@
 use super::{
-    Arena, BENCHMARK_VERSION, Stage, now_unix_ms,
+    Arena, BENCHMARK_VERSION, Stage,
+    episode::ArenaEpisode,
+    now_unix_ms,
     refusals::{refusal, token_refusal},
     secret,
     stages::StageList,
-    told::{account_of, phase_info, quota_of, status, viewer},
+    told::{account_of, phase_info, status, viewer},
 };
-use avln_challenge::MethodInfo;
+use avln_challenge::{Account, EpisodeOutcome, PhaseInfo, Quota, RunStatus};
 use avln_episode::Sensors;
 use avln_grpc::{
-    Account, ClientRange, Control, Digests, EpisodeOutcome, Host, Interrupted, OpenRun, PhaseInfo, Quota,
-    Reason, Refusal, RunRequest, RunStatus, RunTicket, Seat, ServerInfo, StoredEnd,
+    ClientRange, Control, Digests, Host, HostedEpisode, Interrupted, OpenRun, Reason, Refusal, RunRequest,
+    RunTicket, ServerInfo, StoredEnd,
 };
 use avln_store::{NewRun, Run, RunState, RunView, StoreError, Token, TokenState, Viewer};
 use std::{collections::BTreeMap, sync::Arc};
 
 #[avln_grpc::async_trait]
 impl Host for Arena {
+    type Episode = ArenaEpisode;
+
     fn info(&self) -> ServerInfo {
         ServerInfo {
             name: "LH-AVLN Arena".to_owned(),
@@ -52,7 +56,7 @@ impl Host for Arena {
             token: &token,
             phase: &request.phase,
             team: &account.team,
-            method: &MethodInfo::new(&request.method, &request.method_version),
+            method: &request.method,
             order: request.order,
             client_request_id: Some(request.client_request_id.as_str()).filter(|id| !id.is_empty()),
             digests: &stage.digests(),
@@ -61,13 +65,13 @@ impl Host for Arena {
         self.look_ahead(&started.run.id, &stage);
         let (episodes, max_slots) = (started.run.episodes, stage.phase.max_slots);
         let scarcest = started.quotas.into_iter().min_by_key(|quota| quota.remaining.unwrap_or(u32::MAX));
-        let (time, quota) = (stage.phase.time, scarcest.map(quota_of));
+        let (time, quota) = (stage.phase.time, scarcest);
         Ok(RunTicket { run: started.run.id, token, episodes, max_slots, time, quota })
     }
 
     async fn quotas(&self, account: &Account, phase: Option<&str>) -> Result<Vec<Quota>, Refusal> {
         let quotas = self.store.quotas(&account.team, phase, now_unix_ms()).await.map_err(refusal)?;
-        Ok(quotas.into_iter().map(quota_of).collect())
+        Ok(quotas)
     }
 
     async fn run(&self, account: &Account, run: &str) -> Result<RunStatus, Refusal> {
@@ -101,11 +105,20 @@ impl Host for Arena {
         self.describe(&self.store.run(&id).await.map_err(refusal)?).await
     }
 
-    async fn next_episode(&self, run: &str, slot: u32, sensors: &Sensors) -> Result<Option<Seat>, Refusal> {
+    async fn next_episode(
+        &self,
+        run: &str,
+        slot: u32,
+        sensors: &Sensors,
+    ) -> Result<Option<HostedEpisode<ArenaEpisode>>, Refusal> {
         self.seat_next(run, slot, sensors).await
     }
 
-    async fn conclude(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal> {
+    async fn conclude(
+        &self,
+        run: &str,
+        seat: HostedEpisode<ArenaEpisode>,
+    ) -> Result<Option<EpisodeOutcome>, Refusal> {
         self.conclude_seat(run, seat).await
     }
 
@@ -117,7 +130,7 @@ impl Host for Arena {
         self.interrupted_runs().await
     }
 
-    async fn restore(&self, run: &str) -> Result<Interrupted, Refusal> {
+    async fn restore(&self, run: &str) -> Result<Interrupted<ArenaEpisode>, Refusal> {
         self.restore_run(run).await
     }
 
@@ -170,8 +183,8 @@ impl Arena {
             time: stage.phase.time,
             deadline_unix_ms: run.deadline_unix_ms,
             over: match run.state {
-                state if !state.is_open() => Some(state.as_str().to_owned()),
-                _ if run.is_overdue(now_unix_ms()) => Some(RunState::Expired.as_str().to_owned()),
+                state if !state.is_open() => Some(state),
+                _ if run.is_overdue(now_unix_ms()) => Some(RunState::Expired),
                 _ => None,
             },
             max_slots: stage.phase.max_slots,

@@ -11,7 +11,7 @@ pub mod cache;
 pub mod challenge;
 pub mod data;
 pub mod dataset;
-mod disturb;
+mod episode;
 mod failure;
 pub mod heads;
 mod heart;
@@ -35,7 +35,6 @@ pub mod sounds;
 pub mod stages;
 mod told;
 mod warm;
-mod watch;
 
 pub use failure::{Failure, FailureKind};
 pub use refusals::fault_count;
@@ -47,7 +46,7 @@ use avln_store::{DowntimeCredit, Store};
 use avln_web::{LiveStatus, ReplayRenderer, SignedLogs};
 use budget::Budget;
 use data::DataFolder;
-use disturb::Disturb;
+use episode::{FaultInjection, Observer};
 use heart::Heart;
 use lookout::ControlStatus;
 use onlooker::SceneRenderer;
@@ -61,7 +60,6 @@ use std::{
 };
 
 use tokio::sync::Semaphore;
-use watch::Watch;
 
 /// Version of the benchmark: it changes whenever a score could change.
 pub const BENCHMARK_VERSION: &str = "1.0.0";
@@ -89,8 +87,8 @@ pub struct Arena {
     onlooker: Arc<SceneRenderer>,
     /// Episodes, by run and handle, that could neither be stored nor taken back.
     owed: Mutex<Owed>,
-    disturb: Option<Disturb>,
-    watch: Option<Watch>,
+    faults: Option<FaultInjection>,
+    observer: Option<Observer>,
 }
 
 type Owed = BTreeSet<(String, String)>;
@@ -129,8 +127,8 @@ impl Arena {
             heart,
             onlooker,
             owed: Mutex::default(),
-            disturb: None,
-            watch: None,
+            faults: None,
+            observer: None,
         })
     }
 
@@ -142,13 +140,13 @@ impl Arena {
     /// The same with a simulator that fails as somebody wishes, so that one can see what that costs: before each step `disturb`
     /// is called on the simulator's thread, with the number of steps that the episode has taken.
     pub fn disturbed(self, disturb: impl Fn(u32) + Send + Sync + 'static) -> Self {
-        Self { disturb: Some(Arc::new(disturb)), ..self }
+        Self { faults: Some(Arc::new(disturb)), ..self }
     }
 
     /// The same with a host that watches: before each observation of an episode is sent, `watch` is called on the simulator's
     /// thread with the episode's handle and referee. What it sees crosses no wire.
     pub fn watched(self, watch: impl Fn(&str, &Referee) + Send + Sync + 'static) -> Self {
-        Self { watch: Some(Arc::new(watch)), ..self }
+        Self { observer: Some(Arc::new(watch)), ..self }
     }
 
     /// Begins nothing new from now on and gives open episodes `patience` to end. What the time until the next server starts takes

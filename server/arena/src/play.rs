@@ -1,12 +1,12 @@
 //! Handing out episodes and taking them back.
 
 use super::{
-    Arena, Owed, Stage, budget::Holding, disturb::Disturbed, now_unix_ms, refusals::refusal, secret,
-    watch::Watched,
+    Arena, Owed, Stage, budget::Holding, episode::ArenaEpisode, now_unix_ms, refusals::refusal, secret,
 };
 use crate::runlog::{Entry, RunLog, SlotLog};
+use avln_challenge::EpisodeOutcome;
 use avln_episode::{EndReason, Order, Sensors};
-use avln_grpc::{EpisodeOutcome, EpisodeRunner, Reason, Refusal, Seat, StoredEnd, TimeSpent};
+use avln_grpc::{HostedEpisode, Reason, Refusal, StoredEnd, TimeSpent};
 use avln_referee::{Referee, RefereeError};
 use avln_scoring::{Metric, Metrics, score};
 use avln_store::{AssignedEpisode, EpisodeResult, EpisodeState, Run, Scene, TimeAccount, Visibility};
@@ -51,7 +51,7 @@ impl Arena {
         run: &str,
         slot: u32,
         sensors: &Sensors,
-    ) -> Result<Option<Seat>, Refusal> {
+    ) -> Result<Option<HostedEpisode<ArenaEpisode>>, Refusal> {
         self.control().check_open()?;
         let row = self.store.run(run).await.map_err(refusal)?;
         let stage = self.stage(&row.phase).await?;
@@ -78,7 +78,7 @@ impl Arena {
         stage: &Arc<Stage>,
         (slot, assigned): (u32, AssignedEpisode),
         sensors: &Sensors,
-    ) -> Result<Seat, Refusal> {
+    ) -> Result<HostedEpisode<ArenaEpisode>, Refusal> {
         let log = self.log_of(run, stage)?;
         let began = Entry::Began {
             slot,
@@ -109,18 +109,21 @@ impl Arena {
     }
 
     /// A seat for the door, whose steps are written down.
-    pub(super) fn seat_of(&self, handle: String, referee: Referee, played: Played) -> Seat {
+    pub(super) fn seat_of(
+        &self,
+        handle: String,
+        referee: Referee,
+        played: Played,
+    ) -> HostedEpisode<ArenaEpisode> {
         let log = Box::new(SlotLog { log: played.log.clone(), slot: played.slot, taken_up: played.taken_up });
         let ticket = self.take_ticket(played);
-        let referee: Box<dyn EpisodeRunner> = match self.watch.clone() {
-            Some(watch) => Box::new(Watched { referee, handle: handle.clone(), watch }),
-            None => Box::new(referee),
+        let episode = ArenaEpisode {
+            referee,
+            handle: handle.clone(),
+            faults: self.faults.clone(),
+            observer: self.observer.clone(),
         };
-        let referee = match &self.disturb {
-            Some(disturb) => Box::new(Disturbed { inner: referee, disturb: disturb.clone() }),
-            None => referee,
-        };
-        Seat { handle, referee, ticket, log, time: TimeSpent::default() }
+        HostedEpisode { handle, episode, ticket, log, time: TimeSpent::default() }
     }
 
     /// A referee for an episode, made on a thread that may hang, within the memory of its session; stores the scene's map when
@@ -163,7 +166,7 @@ impl Arena {
     pub(super) async fn conclude_seat(
         &self,
         run: &str,
-        seat: Seat,
+        seat: HostedEpisode<ArenaEpisode>,
     ) -> Result<Option<EpisodeOutcome>, Refusal> {
         let handle = seat.handle.clone();
         let concluded = self.try_conclude(run, seat).await;
@@ -190,15 +193,19 @@ impl Arena {
         }
     }
 
-    async fn try_conclude(&self, run: &str, seat: Seat) -> Result<Option<EpisodeOutcome>, Refusal> {
+    async fn try_conclude(
+        &self,
+        run: &str,
+        seat: HostedEpisode<ArenaEpisode>,
+    ) -> Result<Option<EpisodeOutcome>, Refusal> {
         let (handle, ticket) = (seat.handle.clone(), seat.ticket);
         let unknown = || Refusal::internal(format!("episode {handle} was never handed out"));
         let Played { stage, log, slot, ended, .. } = self.return_ticket(ticket).ok_or_else(unknown)?;
         let time = account(&seat.time);
-        let referee = seat.into_referee().ok_or_else(|| Refusal::internal("a seat without our referee"))?;
+        let referee = seat.episode.referee;
         let (scoring, name) = (stage.clone(), handle.clone());
         let settled = tokio::task::spawn_blocking(move || {
-            let (truth, record, metrics) = settle(*referee, &scoring);
+            let (truth, record, metrics) = settle(referee, &scoring);
             if !ended {
                 log.write(&Entry::Ended {
                     slot,

@@ -1,6 +1,6 @@
 //! Taking up what a stopped server left: episodes go back to where they were, by their run's log.
 
-use super::{Arena, now_unix_ms, play::Played, refusals::refusal, stages::Stage};
+use super::{Arena, episode::ArenaEpisode, now_unix_ms, play::Played, refusals::refusal, stages::Stage};
 use crate::runlog::{Entry, EpisodeHistory, History};
 use avln_episode::{Action, Observation, Sensors};
 use avln_grpc::{Interrupted, Refusal, Restored};
@@ -48,7 +48,7 @@ impl Arena {
     }
 
     /// Brings the episodes of a run back to where they were.
-    pub(super) async fn restore_run(&self, run: &str) -> Result<Interrupted, Refusal> {
+    pub(super) async fn restore_run(&self, run: &str) -> Result<Interrupted<ArenaEpisode>, Refusal> {
         let row = self.store.run(run).await.map_err(refusal)?;
         let stage = self.stage(&row.phase).await?;
         let (history, mut histories) = self.history(run).await?;
@@ -77,7 +77,7 @@ impl Arena {
         stage: &Arc<Stage>,
         lost: &RunningEpisode,
         history: EpisodeHistory,
-    ) -> Result<Restored, Refusal> {
+    ) -> Result<Restored<ArenaEpisode>, Refusal> {
         if history.deaths() >= MOST_DEATHS {
             let message =
                 format!("the server died {MOST_DEATHS} times while it was brought back or took a step");
@@ -97,7 +97,7 @@ impl Arena {
         let (stage, run) = (stage.clone(), run.id.clone());
         let played = Played { run, holding, stage, log, slot, taken_up: true, ended };
         let seat = self.seat_of(handle, referee, played);
-        Ok(Restored { slot, seat, last, bank_left: bank })
+        Ok(Restored { slot, hosted: seat, last, bank_left: bank })
     }
 }
 

@@ -1,61 +1,35 @@
-//! What the store knows, as the agents' door says it.
+//! Conversion of store types to the domain types that the gRPC server sends.
 
 use super::refusals::token_refusal;
-use avln_grpc::{
-    Account, PhaseInfo, PhaseState, Quota, QuotaWindow, Refusal, Revealed, RunState, RunStatus, Scope,
-    Visibility,
-};
+use avln_challenge::{Account, Charge, PhaseInfo, RunStatus, TokenScope};
+use avln_grpc::Refusal;
 use avln_scoring::{Metric, Summary};
-use avln_store::{Charge, PhaseView, RunView, TokenScope, TokenState, Viewer};
+use avln_store::{PhaseView, RunView, TokenState, Viewer};
 use std::collections::BTreeMap;
 
 pub(super) fn viewer(account: &Account) -> Viewer {
     match account.scope {
-        Scope::Organiser => Viewer::Organiser,
-        Scope::Participant | Scope::ReadOnly => Viewer::Team(account.team.clone()),
+        TokenScope::Organiser => Viewer::Organiser,
+        TokenScope::Participant | TokenScope::ReadOnly | TokenScope::Run => {
+            Viewer::Team(account.team.clone())
+        }
     }
 }
 
-/// Who holds a token.
+/// Returns the account of a token.
 pub(super) fn account_of(state: TokenState) -> Result<Account, Refusal> {
-    let TokenState::Valid(token) = state else { return Err(token_refusal(&state)) };
-    let scope = match token.kind {
-        TokenScope::Participant => Scope::Participant,
-        TokenScope::ReadOnly => Scope::ReadOnly,
-        TokenScope::Organiser => Scope::Organiser,
-        TokenScope::Run => return Err(token_refusal(&TokenState::Valid(token))),
-    };
-    let team = token.team.unwrap_or_default();
-    Ok(Account { team, scope, token_name: token.name, expires_unix_s: seconds(token.expires_unix_ms) })
-}
-
-/// Whole seconds of a moment; 0 where there is none.
-fn seconds(unix_ms: Option<i64>) -> i64 {
-    unix_ms.map_or(0, |ms| ms.div_euclid(1000))
-}
-
-pub(super) fn quota_of(quota: avln_store::Quota) -> Quota {
-    use avln_store::QuotaWindow as Stored;
-    Quota {
-        phase: quota.phase,
-        window: match quota.window {
-            Stored::Day => QuotaWindow::Day,
-            Stored::Month => QuotaWindow::Month,
-            Stored::Total => QuotaWindow::Total,
-            Stored::Concurrent => QuotaWindow::Concurrent,
-            Stored::Uncharged => QuotaWindow::Uncharged,
-        },
-        limit: quota.limit,
-        used: quota.used,
-        remaining: quota.remaining,
-        window_start_unix_s: quota.window_start_unix_ms.div_euclid(1000),
-        next_increase_unix_s: seconds(quota.next_increase_unix_ms),
-        charges: quota.charges.into_iter().map(|charge| (charge.run, charge.reason.to_owned())).collect(),
+    match state {
+        TokenState::Valid(token) if token.kind != TokenScope::Run => Ok(Account {
+            team: token.team.unwrap_or_default(),
+            scope: token.kind,
+            token_name: token.name,
+            expires_unix_ms: token.expires_unix_ms,
+        }),
+        other => Err(token_refusal(&other)),
     }
 }
 
 pub(super) fn phase_info(phase: PhaseView) -> PhaseInfo {
-    let promise = phase.promise;
     PhaseInfo {
         id: phase.id,
         title: phase.title,
@@ -67,31 +41,18 @@ pub(super) fn phase_info(phase: PhaseView) -> PhaseInfo {
         feedback: phase.feedback,
         max_slots: phase.max_slots,
         sensors: phase.sensors,
-        state: match phase.state {
-            avln_store::PhaseState::Upcoming => PhaseState::Upcoming,
-            avln_store::PhaseState::Open => PhaseState::Open,
-            avln_store::PhaseState::Paused => PhaseState::Paused,
-            avln_store::PhaseState::Closed => PhaseState::Closed,
-        },
-        state_reason: phase.state_reason.unwrap_or_default(),
-        opens_unix_s: seconds(phase.opens_unix_ms),
-        closes_unix_s: seconds(phase.closes_unix_ms),
-        results: match phase.scores {
-            avln_store::Visibility::Public => Visibility::Public,
-            avln_store::Visibility::Team => Visibility::Team,
-            avln_store::Visibility::Organiser => Visibility::Organiser,
-        },
+        state: phase.state,
+        state_reason: phase.state_reason,
+        opens_unix_ms: phase.opens_unix_ms,
+        closes_unix_ms: phase.closes_unix_ms,
+        results: phase.scores,
         sealed: phase.sealed,
-        commitment: promise.as_ref().map(|promise| promise.commitment.clone()).unwrap_or_default(),
-        revealed: promise.and_then(|promise| promise.revealed).map(|values| Revealed {
-            pool: values.pool,
-            scorer: values.scorer,
-            secret: values.secret,
-        }),
+        commitment: phase.promise.as_ref().map(|promise| promise.commitment.clone()),
+        revealed: phase.promise.and_then(|promise| promise.revealed),
     }
 }
 
-/// A run as its own team may see it.
+/// Returns the status of a run for its own team.
 pub(super) fn status(view: RunView, charge: Charge) -> RunStatus {
     let sealed = view.digests.contains_key(avln_store::Run::SEALED);
     let line = view.line;
@@ -100,22 +61,13 @@ pub(super) fn status(view: RunView, charge: Charge) -> RunStatus {
     RunStatus {
         url: format!("/runs/{}", line.run),
         sealed,
-        charged: charge.charged,
-        charge_reason: charge.reason.to_owned(),
+        charge,
         deadline_unix_ms: None,
         run: line.run,
         phase: line.phase,
-        method: line.method,
-        method_version: line.version,
+        method: view.method,
         order: line.order,
-        state: match line.state {
-            avln_store::RunState::Created => RunState::Created,
-            avln_store::RunState::Running => RunState::Running,
-            avln_store::RunState::Completed => RunState::Completed,
-            avln_store::RunState::Cancelled => RunState::Cancelled,
-            avln_store::RunState::Failed => RunState::Failed,
-            avln_store::RunState::Expired => RunState::Expired,
-        },
+        state: line.state,
         episodes: line.episodes,
         done: line.done,
         in_flight: playing.count() as u32,

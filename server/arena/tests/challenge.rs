@@ -7,8 +7,9 @@ use avln_arena::{
     data::DataFolder,
     office::deeds,
 };
+use avln_challenge::{Account, MethodInfo, PhaseState, TokenScope};
 use avln_episode::Order;
-use avln_grpc::{Account, Host, PhaseState, Reason, RunRequest, Scope};
+use avln_grpc::{Host, Reason, RunRequest};
 use avln_store::{AuditNote, Schedule, Store};
 use std::path::Path;
 use tempfile::TempDir;
@@ -92,14 +93,18 @@ impl Hall {
 }
 
 fn account() -> Account {
-    Account { team: TEAM.to_owned(), scope: Scope::Participant, token_name: String::new(), expires_unix_s: 0 }
+    Account {
+        team: TEAM.to_owned(),
+        scope: TokenScope::Participant,
+        token_name: String::new(),
+        expires_unix_ms: None,
+    }
 }
 
 fn request(phase: &str) -> RunRequest {
     RunRequest {
         phase: phase.to_owned(),
-        method: "walker".to_owned(),
-        method_version: String::new(),
+        method: MethodInfo::new("walker", ""),
         client_request_id: String::new(),
         order: Order::Unordered,
     }
@@ -192,7 +197,10 @@ async fn a_server_that_runs_sees_what_the_organiser_changes() {
 
     hall.reschedule("practice", |schedule| schedule.paused = Some("the server moves".to_owned())).await;
     let practice = listed().await.remove(0);
-    assert_eq!((practice.state, practice.state_reason.as_str()), (PhaseState::Paused, "the server moves"));
+    assert_eq!(
+        (practice.state, practice.state_reason.as_deref()),
+        (PhaseState::Paused, Some("the server moves"))
+    );
     let refusal = arena.start_run(&account(), request("practice")).await.expect_err("a pause");
     assert_eq!(refusal.reason, Reason::PhasePaused);
     assert!(refusal.message.contains("the server moves"), "{refusal}");
@@ -217,7 +225,8 @@ async fn runs_fix_the_sample_and_the_promise_is_kept() {
     let hall = Hall::new().await;
     hall.apply(FILE).await;
     let arena = Arena::open(&hall.data, hall.store.clone(), SCENE_MEMORY_MIB).await.expect("phases");
-    let promised = Host::phases(&arena, None).await.expect("a list").remove(1).commitment;
+    let promised =
+        Host::phases(&arena, None).await.expect("a list").remove(1).commitment.expect("a commitment");
     assert_eq!(promised.len(), 64);
     arena.start_run(&account(), request("finals")).await.expect("a run");
     let text = FILE.replace("episodes = 2", "episodes = 3");

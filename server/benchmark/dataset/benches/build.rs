@@ -1,5 +1,5 @@
-//! Seconds that a scene of the recipe `paper` takes on one core, stage by stage, next to the limit of half an hour on two
-//! cores for all of them: `cargo bench -p avln-dataset --bench build`.
+//! Seconds per stage for a scene in the recipe `paper` on one core, against half an hour on two cores for the whole
+//! recipe: `cargo bench -p avln-dataset --bench build`.
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 
@@ -32,7 +32,7 @@ fn main() {
     println!("{:>10} {all:7.3} s a scene: {share:.2} of the limit for {scenes} scenes", "all");
 }
 
-/// Builds one scene of the training split and gives back the seconds of each stage.
+/// Builds a training scene; returns seconds per stage.
 fn build(recipe: &Recipe, seed: u64) -> [f64; STAGES.len()] {
     let rules = recipe.rules().expect("known rules");
     let split = recipe.splits.iter().find(|split| split.name == "train").expect("a training split");

@@ -1,6 +1,6 @@
-//! Seconds that the survey of a house takes on one core, and what it finds: `cargo bench -p avln-dataset`.
+//! Seconds for a house survey on one core, and its results: `cargo bench -p avln-dataset`.
 //!
-//! With `-- words` it also prints the sentences of the first house.
+//! `-- words` also prints the sentences for the first house.
 
 #![expect(clippy::disallowed_methods, reason = "a bench reads the clock")]
 

@@ -14,105 +14,105 @@ use avln_world::{Cache, SceneAssets};
 use serde::{Deserialize, Serialize};
 use std::{path::PathBuf, sync::Arc};
 
-/// What a data set is made of: the same recipe gives the same bytes, on any number of threads.
+/// Recipe for a data set. Equal recipes give equal bytes on any thread count.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {
-    /// Name of the data set: 1 to 24 letters, digits, `-` and `_`; scenes and missions are named after it.
+    /// Data set name: 1 to 24 letters, digits, `-` and `_`; prefix for scenes and missions.
     pub name: String,
-    /// Name of the rule set under which regions and references are computed.
+    /// Rule set name for regions and references.
     pub rules: String,
-    /// Seed of everything that is drawn.
+    /// Random seed.
     pub seed: u64,
-    /// What makes a mission worth playing.
+    /// Mission constraints.
     pub missions: MissionRules,
-    /// What counts as recognisable and as told apart; the defaults where a recipe does not say.
+    /// Survey thresholds.
     #[serde(default)]
     pub survey: SurveyOptions,
-    /// The splits, made in this order. No scene is in two of them.
+    /// Splits in build order. Scenes are disjoint.
     pub splits: Vec<SplitRecipe>,
 }
 
-/// What makes a mission worth playing.
+/// Mission constraints.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MissionRules {
-    /// Fewest and most goals, 1 to 8; every number is as likely as the others.
+    /// Minimum and maximum goal count, 1 to 8, uniform.
     pub goals: [usize; 2],
     /// Least walking distance from the start to a success region, metres.
     pub min_start_m: f64,
     /// Least walking distance between two success regions of a mission, metres.
     pub min_separation_m: f64,
-    /// Fewest and most other instances of a target's category in its scene, 0 to 255.
+    /// Minimum and maximum distractor count in the scene, 0 to 255.
     pub distractors: [u8; 2],
-    /// How long missions should be; as they come when there is none.
+    /// Wanted mission length; unconstrained if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steps: Option<StepGoal>,
 }
 
-/// One split of a data set.
+/// Recipe for a split.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SplitRecipe {
-    /// Name of the split: 1 to 24 letters, digits, `-` and `_`.
+    /// Split name: 1 to 24 letters, digits, `-` and `_`.
     pub name: String,
-    /// Where its scenes come from.
+    /// Scene source.
     pub scenes: SceneChoice,
-    /// Missions in each scene, 1 to 9999.
+    /// Missions per scene, 1 to 9999.
     pub missions_per_scene: usize,
-    /// What makes a mission of this split worth playing, where it differs.
+    /// Mission constraints, if different.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub missions: Option<MissionRules>,
 }
 
-/// Where the scenes of a split come from.
+/// Scene source of a split.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum SceneChoice {
-    /// Grown from seeds.
+    /// Procedural houses.
     Houses {
-        /// How many.
+        /// House count.
         count: u32,
-        /// Fewest and most rooms.
+        /// Minimum and maximum rooms.
         rooms: [u8; 2],
-        /// Fewest and most storeys.
+        /// Minimum and maximum storeys.
         storeys: [u8; 2],
-        /// What furniture is drawn from: `train`, `validation` or `test`.
+        /// Furniture pool: `train`, `validation` or `test`.
         pool: String,
     },
-    /// Read from files or folders.
+    /// Files or folders.
     Files(Vec<PathBuf>),
 }
 
 impl Recipe {
-    /// The recipes that come with the program, by name.
+    /// Embedded recipes by name.
     pub const EMBEDDED: [(&str, &str); 2] =
         [("paper", include_str!("../recipes/paper.json")), ("mini", include_str!("../recipes/mini.json"))];
 
-    /// Most scenes of a split.
+    /// Most scenes per split.
     const MAX_SCENES: usize = 100_000;
-    /// Most missions in a scene: their numbers have four digits.
+    /// Most missions per scene: numbers have four digits.
     const MAX_MISSIONS: usize = 9_999;
 
-    /// Reads a recipe, JSON.
+    /// Parses a JSON recipe.
     ///
     /// # Errors
-    /// When it is none, or asks for what cannot be.
+    /// If the JSON is invalid or a value is out of range.
     pub fn from_json(text: &str) -> Result<Self, DatasetError> {
         let recipe: Self = serde_json::from_str(text).map_err(|error| refused(format!("{error}")))?;
         recipe.check()?;
         Ok(recipe)
     }
 
-    /// The rule set of the recipe.
+    /// Returns the rule set.
     ///
     /// # Errors
-    /// When this version does not know it.
+    /// If this version has no such rule set.
     pub fn rules(&self) -> Result<Rules, DatasetError> {
         Rules::named(&self.rules).map_err(|error| refused(format!("`rules`: {error}")))
     }
 
-    /// What makes a mission of `split` worth playing.
+    /// Returns the mission constraints for `split`.
     pub fn mission_rules<'a>(&'a self, split: &'a SplitRecipe) -> &'a MissionRules {
         split.missions.as_ref().unwrap_or(&self.missions)
     }
@@ -140,7 +140,7 @@ impl Recipe {
 }
 
 impl SplitRecipe {
-    /// How many scenes it has.
+    /// Returns the scene count.
     pub fn scene_count(&self) -> usize {
         match &self.scenes {
             SceneChoice::Houses { count, .. } => *count as usize,
@@ -161,7 +161,7 @@ impl SceneChoice {
 }
 
 impl MissionRules {
-    /// The options with which `episodes` missions are drawn.
+    /// Returns the options for `episodes` missions.
     pub fn options(&self, episodes: usize, seed: u64) -> MissionOptions {
         MissionOptions {
             episodes,
@@ -189,33 +189,33 @@ impl MissionRules {
     }
 }
 
-/// One scene to be made: a unit of work that depends on nothing but the recipe.
+/// Build job for a scene, independent of other jobs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Job {
-    /// Which split of the recipe.
+    /// Split index in the recipe.
     pub split: usize,
-    /// Which scene of the split, from 0.
+    /// Scene index in the split.
     pub scene: usize,
 }
 
-/// A finished scene: what is written to disk, and what is counted.
+/// Finished scene: file contents and statistics.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BuiltScene {
-    /// Its line in the list of scenes.
+    /// Line in the scene list.
     pub line: SceneLine,
-    /// What an agent may know: the missions file.
+    /// Missions file (public).
     pub missions: Vec<u8>,
-    /// What it may not: the sealed file.
+    /// Sealed file (hidden).
     pub sealed: Vec<u8>,
-    /// Its numbers.
+    /// Statistics.
     pub statistics: Statistics,
 }
 
 impl Recipe {
-    /// Houses that are drawn for a scene, one after the other, until one holds all missions that are asked for.
+    /// Attempts per scene to draw a house with enough missions.
     pub const HOUSE_DRAWS: u32 = 12;
 
-    /// All scenes to be made, split by split.
+    /// Iterates over all jobs, split by split.
     pub fn jobs(&self) -> impl Iterator<Item = Job> {
         let scenes = |(split, recipe): (usize, &SplitRecipe)| {
             (0..recipe.scene_count()).map(move |scene| Job { split, scene })
@@ -223,29 +223,30 @@ impl Recipe {
         self.splits.iter().enumerate().flat_map(scenes)
     }
 
-    /// Name of a scene: that of the data set, of the split, and a number.
+    /// Returns the scene name: data set, split, number.
     pub fn scene_name(&self, job: Job) -> String {
         format!("{}-{}-{:04}", self.name, self.splits[job.split].name, job.scene)
     }
 
-    /// The house that is drawn for a scene at the `attempt`, from 0; without missions, which may ask for a later one.
+    /// Returns the house for a scene and an attempt, from 0, without missions.
     ///
     /// # Errors
-    /// When the scenes of its split come from files.
+    /// If the split reads scenes from files.
     ///
     /// # Panics
-    /// When the recipe has no such split.
+    /// If the recipe has no such split.
     pub fn house(&self, job: Job, attempt: u32) -> Result<SceneSource, DatasetError> {
         Ok(self.drawn(job, attempt)?.0)
     }
 
-    /// A house, and the seed of the missions in it.
+    /// House with the seed for its missions.
     fn drawn(&self, job: Job, attempt: u32) -> Result<(SceneSource, u64), DatasetError> {
         let split = &self.splits[job.split];
         let SceneChoice::Houses { rooms, storeys, pool, .. } = &split.scenes else {
             let reason = format!("scenes of split '{}' come from files; none of them is drawn", split.name);
             return Err(DatasetError::Recipe { reason });
         };
+        // A generator per attempt: the number of attempts in this scene changes no other scene.
         let mut rng = self.scene_rng(job).fork(&format!("house {attempt}"));
         let source = SceneSource::Procedural {
             seed: rng.next_u64(),
@@ -257,19 +258,20 @@ impl Recipe {
     }
 
     fn scene_rng(&self, job: Job) -> Rng {
+        // Forks by name and number instead of a shared generator: threads may build scenes in any order with equal
+        // bytes.
         Rng::new(self.seed).fork(&self.splits[job.split].name).fork(&format!("scene {}", job.scene))
     }
 }
 
-/// Makes one scene: building, survey, missions, files. A pure function of recipe and job; what pictures are made from is
-/// looked for and kept in `cache`.
+/// Builds a scene: geometry, survey, missions, files. A pure function of recipe and job, apart from the render data
+/// in `cache`.
 ///
 /// # Errors
-/// When the scene cannot be used or holds no mission. Files may hold fewer missions than asked for; houses are drawn
-/// again until one holds all.
+/// If the scene is unusable or has too few missions: files need at least one; houses are redrawn until one has all.
 ///
 /// # Panics
-/// When the recipe has no such split.
+/// If the recipe has no such split.
 pub fn build_scene(
     recipe: &Recipe,
     job: Job,
@@ -281,6 +283,7 @@ pub fn build_scene(
     match &split.scenes {
         SceneChoice::Files(files) => {
             let source = SceneSource::File { path: files[job.scene].clone() };
+            // A file cannot be redrawn, so any mission count above 0 is accepted.
             let missions_seed = recipe.scene_rng(job).fork("missions").next_u64();
             maker.build(&name, source, missions_seed, 1)
         }
@@ -289,6 +292,8 @@ pub fn build_scene(
                 let (source, missions_seed) = recipe.drawn(job, attempt)?;
                 maker.build(&name, source, missions_seed, split.missions_per_scene)
             };
+            // A house can lack instances for all missions, and only the survey can tell. Another draw is cheaper than a
+            // search for the limits of each house.
             let mut last = house(0);
             for attempt in 1..Recipe::HOUSE_DRAWS {
                 if last.is_ok() {
@@ -301,7 +306,7 @@ pub fn build_scene(
     }
 }
 
-/// What the scenes of a split have in common.
+/// Shared state for scenes in a split.
 struct Maker<'a> {
     recipe: &'a Recipe,
     split: &'a SplitRecipe,
@@ -310,7 +315,7 @@ struct Maker<'a> {
 }
 
 impl Maker<'_> {
-    /// Makes the scene of `source`; refuses it when it holds fewer than `least` missions.
+    /// Builds the scene from `source`; fails with fewer than `least` missions.
     fn build(
         &self,
         name: &str,

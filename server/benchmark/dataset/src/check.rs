@@ -1,7 +1,7 @@
-//! Checks missions against their constraints, from what the files say and what the scene is.
+//! Independent check of missions against their constraints, from files and scenes.
 //!
-//! Distances come from plain fields, tours from trying every order: nothing of this is used to draw missions. Cues alone are
-//! held against the survey's own looks, taken again, by the rules by which it accepts them.
+//! Distances come from plain fields and tours from brute force; the sampler uses neither. Cues are checked against
+//! repeated survey looks.
 
 mod fault;
 mod goals;
@@ -13,25 +13,24 @@ pub use fault::{Constraint, Fault};
 use goals::{GoalCheck, SNAP_M, Seen};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// How far lengths may differ from those that are stored, metres.
+/// Tolerance for stored lengths, metres.
 const LENGTH_M: f64 = 1e-3;
-/// Missions of a scene from which on its targets must be asked for about equally often.
+/// Mission count from which targets must be balanced.
 const BALANCED_FROM: usize = 50;
-/// How many times the mean a target may be asked for at most, plus [`REUSE_SLACK`].
+/// Allowed uses per target relative to the mean, plus [`REUSE_SLACK`].
 const REUSE_FACTOR: f64 = 4.0;
 const REUSE_SLACK: f64 = 8.0;
 
-/// How thoroughly to check.
+/// Thoroughness of the check.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Depth<'a> {
-    /// Every so manieth mission has its tours computed again and its pictures rendered; 1 for all of them.
+    /// Interval for missions with recomputed tours and rendered pictures; 1 for all.
     pub every: usize,
-    /// With the options of the survey, its looks are taken again: every sentence must fit its target alone, every
-    /// picture must be told apart from the others of its kind.
+    /// Survey options for repeated looks: sentences and pictures must then be unambiguous.
     pub survey: Option<&'a SurveyOptions>,
 }
 
-/// Checks all missions of one scene.
+/// Checks all missions in a scene.
 pub fn check_scene(
     assets: &SceneAssets,
     rules: &Rules,
@@ -89,7 +88,7 @@ impl SceneCheck<'_> {
         }
     }
 
-    /// Number of goals, modalities, categories.
+    /// Checks goal count, modalities, categories.
     fn composition(&mut self, episode: &EpisodeSpec) {
         let (count, [fewest, most]) = (episode.goals.len(), self.limits.goals);
         if !(fewest..=most).contains(&count) {
@@ -109,7 +108,7 @@ impl SceneCheck<'_> {
         }
     }
 
-    /// Reachability, distances from the start, separation.
+    /// Checks reachability, start distances, separation.
     fn distances(&mut self, episode: &EpisodeSpec, start: &NavPoint) {
         let navmesh = &self.assets.navmesh;
         let from_start = navmesh.field(&[(*start, 0.0)]);
@@ -151,7 +150,7 @@ impl SceneCheck<'_> {
         }
     }
 
-    /// The stored tours: as long as they say, from the start, as many steps as they say.
+    /// Checks stored tours: start, length, steps.
     fn paths(&mut self, episode: &EpisodeSpec) {
         for (name, tour) in [("ordered", &episode.ordered), ("unordered", &episode.unordered)] {
             let walked: f64 = tour.path.windows(2).map(|leg| f64::from((leg[1] - leg[0]).norm())).sum();
@@ -175,7 +174,7 @@ impl SceneCheck<'_> {
         }
     }
 
-    /// The lengths of both tours, computed again.
+    /// Recomputes both tour lengths.
     fn tours(&mut self, episode: &EpisodeSpec, start: NavPoint) {
         let stands: Vec<Vec<NavPoint>> =
             episode.goals.iter().map(|goal| self.goals.stands(goal).to_vec()).collect();
@@ -194,7 +193,7 @@ impl SceneCheck<'_> {
         }
     }
 
-    /// No target is asked for much more often than others.
+    /// Checks that no target is used too often.
     fn reuse(&mut self, episodes: &[EpisodeSpec]) {
         let mut uses: BTreeMap<u32, usize> = BTreeMap::new();
         let goals = episodes.iter().flat_map(|episode| &episode.goals);
@@ -226,7 +225,7 @@ impl<'a> Tours<'a> {
         Self { navmesh, regions }
     }
 
-    /// Length of the tour in the order of the regions, metres; infinite when one is out of reach.
+    /// Length in region order, metres; infinite if unreachable.
     fn ordered_m(&self, start: NavPoint) -> f64 {
         let mut field = self.navmesh.field(&[(start, 0.0)]);
         let mut length_m = f64::INFINITY;
@@ -236,7 +235,7 @@ impl<'a> Tours<'a> {
         length_m
     }
 
-    /// The same for the best of all orders: every order is tried.
+    /// Length in the best order, by brute force.
     fn unordered_m(&self, start: NavPoint) -> f64 {
         let mut best_m = f64::INFINITY;
         let left: Vec<usize> = (0..self.regions.len()).collect();
@@ -259,7 +258,7 @@ impl<'a> Tours<'a> {
         }
     }
 
-    /// Goes on to every point of a region: the distances from there, and the least of them, metres.
+    /// Continues to every point in a region; returns the field from there and the least distance, metres.
     fn visit(&self, field: &DistanceField, region: usize) -> (DistanceField, f64) {
         let points = self.regions[region].iter();
         let seeds: Vec<_> =

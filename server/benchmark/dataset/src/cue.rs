@@ -5,44 +5,43 @@ use avln_truth::Target;
 use avln_world::{Camera, Frame, SceneAssets};
 use serde::{Deserialize, Serialize};
 
-/// Side of a reference picture, pixels.
+/// Reference picture side, pixels.
 const CUE_SIDE_PX: u32 = 256;
 
-/// How one goal is described, as the data set stores it: pictures are rendered when an episode starts.
+/// Stored goal cue. Pictures are rendered at episode start.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CueSpec {
-    /// By the label of the target's category.
+    /// Category label of the target.
     Category,
-    /// By a sentence.
+    /// Sentence.
     Description(Description),
-    /// By the picture that this view shows.
+    /// Picture with this view.
     Image(View),
 }
 
-/// A sentence, and what it claims of its target where that is known: sentences of other data sets claim nothing that could
-/// be checked.
+/// Sentence with the claims. Imported sentences have none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Description {
-    /// The sentence as the agent reads it.
+    /// Sentence for the agent.
     pub text: String,
-    /// What it says.
+    /// Claims, if known.
     pub claims: Option<Claims>,
 }
 
-/// A square picture that can be rendered again at any time.
+/// Square picture, rendered on demand.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct View {
-    /// Where the body stands and looks.
+    /// Body pose.
     pub pose: Pose,
     /// Field of view, radians.
     pub hfov_rad: f32,
-    /// Pixels a side.
+    /// Pixels per side.
     pub side_px: u32,
 }
 
 impl View {
-    /// The picture.
+    /// Renders the picture.
     pub(crate) fn render(&self, assets: &SceneAssets, rules: &Rules) -> Frame {
         let mut eye = self.pose.position;
         eye.y += rules.camera_height_m;
@@ -56,14 +55,14 @@ impl View {
         })
     }
 
-    /// Returns this view with the size of a reference picture.
+    /// Returns this view with the reference picture size.
     pub fn as_cue(&self) -> Self {
         Self { side_px: CUE_SIDE_PX, ..*self }
     }
 }
 
 impl CueSpec {
-    /// Which kind of cue this is.
+    /// Returns the cue kind.
     pub fn modality(&self) -> Modality {
         match self {
             Self::Category => Modality::Category,
@@ -72,7 +71,7 @@ impl CueSpec {
         }
     }
 
-    /// What the agent is given.
+    /// Returns the cue for the agent.
     pub(crate) fn present(&self, assets: &SceneAssets, rules: &Rules, target: &Target) -> GoalCue {
         match self {
             Self::Category => GoalCue::Category(target.category.clone()),

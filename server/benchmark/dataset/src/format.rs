@@ -1,10 +1,10 @@
-//! A data set on disk: lines of JSON, one file pair a scene; what an agent may know apart from what it may not.
+//! Data set files: JSON lines, with a public and a sealed file per scene.
 //!
 //! ```text
 //! DIR/dataset.json                  Manifest: version, recipe, splits with digests
-//! DIR/SPLIT/scenes.jsonl            SceneLine: where a scene comes from, and digests of its two files
+//! DIR/SPLIT/scenes.jsonl            SceneLine: scene source, and digests for both files
 //! DIR/SPLIT/missions/SCENE.jsonl    public: starts and goal cues
-//! DIR/SPLIT/sealed/SCENE.jsonl      hidden: targets, success regions, views of pictures, reference tours
+//! DIR/SPLIT/sealed/SCENE.jsonl      hidden: targets, success regions, picture views, reference tours
 //! ```
 
 mod lines;

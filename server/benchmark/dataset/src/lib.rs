@@ -1,11 +1,10 @@
-//! From instances to cues, from cues to missions, from missions to splits and data sets.
+//! Data set pipeline: scene instances, goal cues, missions, splits.
 //!
-//! The pipeline, in reading order: [`survey()`] finds the instances of a scene that can be targets,
-//! [`sample_missions`] draws missions among them, a [`Split`] holds the missions of several scenes in memory.
-//! [`build_scene`] does all of it for one scene of a [`Recipe`] and gives back files of the [`mod@format`];
-//! [`check_scene`] verifies them again by other means.
+//! In reading order: [`survey()`] finds potential targets in a scene, [`sample_missions`] draws missions, and a [`Split`]
+//! has missions for several scenes in memory. [`build_scene`] runs the pipeline for a scene in a [`Recipe`] and returns
+//! its files in the [`mod@format`]; [`check_scene`] verifies them independently.
 //!
-//! *Never*: depends on a clock or on the order of a hash; tells an agent more than its mission; touches a disk.
+//! *Never*: depends on a clock or on hash order; puts hidden data into public files; touches a disk.
 
 mod build;
 mod check;

@@ -1,4 +1,4 @@
-//! Missions: what one episode asks for, and how missions are drawn among the instances of a house.
+//! Missions and their constraints.
 
 mod draw;
 
@@ -11,58 +11,57 @@ pub use draw::{reference_tours, sample_missions};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
-/// One episode of the data set: it can be played in both orders.
+/// Episode in a data set, playable in both orders.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeSpec {
     /// Id inside the split.
     pub id: String,
     /// Name of the scene.
     pub scene: String,
-    /// Seed of everything that is drawn while the episode runs.
+    /// Seed for random draws at run time.
     pub seed: u64,
-    /// Where the body starts.
+    /// Start pose.
     pub start: Pose,
-    /// The goals, in their order.
+    /// Goals in order.
     pub goals: Vec<GoalSpec>,
-    /// Shortest tour in the order of the goals.
+    /// Shortest tour in goal order.
     pub ordered: ReferenceTour,
     /// Shortest tour in any order.
     pub unordered: ReferenceTour,
 }
 
-/// One goal of an episode.
+/// Goal in an episode.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GoalSpec {
-    /// What must be found.
+    /// Target.
     pub target: Target,
-    /// How the agent is told.
+    /// Cue.
     pub cue: CueSpec,
-    /// Other instances of the target's category in the scene, 255 for more.
+    /// Other instances in the same category, at most 255.
     #[serde(default)]
     pub distractors: u8,
 }
 
-/// The shortest tour from the start through the success regions.
+/// Shortest tour from the start through all success regions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReferenceTour {
-    /// Its length, metres.
+    /// Length, metres.
     pub length_m: f64,
-    /// Actions that it takes: moves, turns and one Submit or Stop a goal; turns are counted between the headings that
-    /// lie nearest to its legs.
+    /// Actions: moves, turns and one claim per goal. Turns connect the headings closest to the legs.
     #[serde(default)]
     pub steps: u32,
-    /// Its corners on the floor.
+    /// Corners on the floor.
     pub path: Vec<Point3<f32>>,
 }
 
 impl EpisodeSpec {
-    /// What the agent is told; pictures are rendered now.
+    /// Returns the mission for the agent; renders the pictures.
     pub fn mission(&self, assets: &SceneAssets, rules: &Rules, order: Order) -> Mission {
         let goals = self.goals.iter().map(|goal| goal.cue.present(assets, rules, &goal.target)).collect();
         Mission { order, goals }
     }
 
-    /// What the agent is not told.
+    /// Returns the hidden truth.
     pub fn truth(&self, order: Order) -> EpisodeTruth {
         let tour = match order {
             Order::Ordered => &self.ordered,
@@ -81,42 +80,42 @@ impl EpisodeSpec {
     }
 }
 
-/// How many missions to draw in a scene, and what makes one worth playing.
+/// Count and constraints for drawn missions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MissionOptions {
-    /// Missions to draw.
+    /// Mission count.
     pub episodes: usize,
-    /// Goals of a mission, 2 to 4 in the paper; every number is as likely as the others.
+    /// Goal count, 2 to 4 in the paper, uniform.
     pub goals: RangeInclusive<usize>,
     /// Least walking distance from the start to a success region, metres.
     pub min_start_m: f64,
     /// Least walking distance between two success regions of a mission, metres.
     pub min_separation_m: f64,
-    /// How many other instances of its category a target may have in the scene.
+    /// Distractor count in the scene.
     pub distractors: RangeInclusive<u8>,
-    /// How long missions should be; as they come when there is none.
+    /// Wanted length; unconstrained if `None`.
     pub steps: Option<StepGoal>,
-    /// Seed of everything that is drawn.
+    /// Random seed.
     pub seed: u64,
 }
 
-/// How many reference steps missions should have, ordered.
+/// Wanted reference steps in ordered missions.
 ///
-/// Each mission is drawn a few times, and the draw nearest to a wanted number is kept. The wanted number is `mean` for
-/// a mission of the middle number of goals, in proportion for others, spread evenly by `spread` to both sides.
+/// Each mission is drawn several times, and the draw closest to a wanted step count is kept. That count is `mean` for
+/// the middle goal count, proportional for others, and uniform within `spread`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StepGoal {
-    /// Wanted mean over all missions, actions.
+    /// Mean over all missions, actions.
     pub mean: f64,
-    /// Half the width of the wanted distribution as a share of the mean, 0 to 1.
+    /// Half the distribution width relative to the mean, 0 to 1.
     pub spread: f64,
-    /// Draws that are compared, at least 1.
+    /// Draws per mission, at least 1.
     pub draws: u32,
 }
 
 impl MissionOptions {
-    /// `episodes` missions of 2 to 4 goals, at least 2 m from the start and 1 m from each other.
+    /// Returns options for 2 to 4 goals, at least 2 m from the start and 1 m apart.
     pub fn new(episodes: usize, seed: u64) -> Self {
         Self {
             episodes,

@@ -1,4 +1,4 @@
-//! Reference tours: the shortest walks from a start through the success regions of a mission.
+//! Reference tours: shortest paths from a start through all success regions.
 
 mod atlas;
 
@@ -8,24 +8,24 @@ use avln_episode::Rules;
 use avln_geom::{Point3, Pose, angle};
 use std::f32::consts::TAU;
 
-/// Legs shorter than this turn nobody, metres.
+/// Shortest leg with a turn, metres.
 const SHORTEST_LEG_M: f32 = 1e-3;
 
-/// A tour before it is written down.
+/// Tour without its step count.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Tour {
-    /// Its length, metres.
+    /// Length, metres.
     pub(crate) length_m: f64,
-    /// Its corners on the floor, the start first.
+    /// Corners on the floor, including the start.
     pub(crate) path: Vec<Point3<f32>>,
 }
 
-/// Cheapest way to every stand of one region, metres; infinite where there is none.
+/// Least cost per point in a region, metres; infinite if unreachable.
 type Costs = Vec<f64>;
 
-/// The shortest tour that visits `regions` as listed; `None` when one is out of reach.
+/// Returns the shortest tour in the given order; `None` if a region is unreachable.
 ///
-/// Exact over the stands of the regions: dynamic programming from region to region.
+/// Exact over the sampled points, by dynamic programming.
 pub(crate) fn ordered(atlas: &Atlas, start: &Departure, regions: &[usize]) -> Option<Tour> {
     let (&first, rest) = regions.split_first()?;
     let mut stages: Vec<Costs> = vec![atlas.depart(start, first)];
@@ -45,7 +45,7 @@ pub(crate) fn ordered(atlas: &Atlas, start: &Departure, regions: &[usize]) -> Op
     Some(Tour { length_m, path: tail })
 }
 
-/// The same for the best of all orders (Bellman 1962, Held and Karp 1962).
+/// Returns the shortest tour over all orders (Bellman 1962, Held and Karp 1962).
 pub(crate) fn unordered(atlas: &Atlas, start: &Departure, regions: &[usize]) -> Option<Tour> {
     let table = Table::fill(atlas, start, regions);
     let mut visited = (1 << regions.len()) - 1;
@@ -70,7 +70,7 @@ pub(crate) fn unordered(atlas: &Atlas, start: &Departure, regions: &[usize]) -> 
     }
 }
 
-/// For each set of visited regions and each last one of them: the cheapest ways to its stands.
+/// Costs per visited set and last region.
 struct Table {
     regions: usize,
     costs: Vec<Costs>,
@@ -79,6 +79,7 @@ struct Table {
 impl Table {
     fn fill(atlas: &Atlas, start: &Departure, regions: &[usize]) -> Self {
         let count = regions.len();
+        // 2^n sets with n ends each. Missions have at most 8 goals, so the table has at most 2,048 rows.
         let mut table = Self { regions: count, costs: vec![Costs::new(); count << count] };
         for visited in 1_usize..1 << count {
             for last in (0..count).filter(|last| visited >> last & 1 == 1) {
@@ -107,13 +108,13 @@ fn least(mut a: Costs, b: Costs) -> Costs {
     a
 }
 
-/// The cheapest stand and its cost, when there is one.
+/// Cheapest point with its cost, if reachable.
 fn cheapest(costs: &Costs) -> Option<(usize, f64)> {
     let best = costs.iter().copied().enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
     best.1.is_finite().then_some(best)
 }
 
-/// The stand of `from` over which the cheapest way to the stand `to` goes.
+/// Predecessor point in `from` on the cheapest path to the point `to`.
 fn arrival(atlas: &Atlas, from: usize, costs: &Costs, to: (usize, usize)) -> Option<(usize, Way)> {
     let ways = atlas.back(to, from);
     let all = ways.into_iter().enumerate();
@@ -122,17 +123,17 @@ fn arrival(atlas: &Atlas, from: usize, costs: &Costs, to: (usize, usize)) -> Opt
     way.distance_m.is_finite().then_some((stand, way))
 }
 
-/// Puts `leg` before `tail`, whose first point is the leg's last.
+/// Prepends `leg` to `tail`; they share a point.
 fn prepend(tail: &mut Vec<Point3<f32>>, mut leg: Vec<Point3<f32>>) {
     leg.append(tail);
     leg.dedup();
     *tail = leg;
 }
 
-/// Actions of a tour: moves, turns and one Submit or Stop a goal.
+/// Returns the action count for a tour: moves, turns, one claim per goal.
 ///
-/// Moves are the length over the length of one move, rounded up once for the whole tour; turns are those from the
-/// heading nearest to one leg to the heading nearest to the next, among the headings that the body can take.
+/// Moves are the tour length over the step length, rounded up once. Turns connect the allowed headings closest to
+/// consecutive legs.
 pub(crate) fn reference_steps(
     rules: &Rules,
     start: &Pose,
@@ -140,6 +141,7 @@ pub(crate) fn reference_steps(
     length_m: f64,
     goals: usize,
 ) -> u32 {
+    // The margin keeps exactly n moves at n although the length is a rounded sum.
     let moves = (length_m / f64::from(rules.forward_m) - 1e-6).ceil().max(0.0) as u32;
     let headings = (360 / rules.turn_deg.max(1)).max(1) as i32;
     let unit_rad = TAU / headings as f32;
@@ -165,9 +167,9 @@ mod tests {
     fn an_l_takes_its_moves_its_turns_and_its_claims() {
         let path = [[0.0, 0.0], [0.0, -1.0], [1.1, -1.0]].map(|[x, z]| Point3::new(x, 0.0, z));
         let start = Pose::new(path[0], 0.0);
-        // 2.1 m are 9 moves, the corner is 3 turns to the right, and there are 2 goals.
+        // 2.1 m are 9 moves, the corner has 3 right turns, and there are 2 goals.
         assert_eq!(reference_steps(&Rules::paper(), &start, &path, 2.1, 2), 9 + 3 + 2);
-        // Looking back at first costs 6 turns; a heading 10 degrees off is none.
+        // A start in the opposite direction costs 6 turns; a heading 10 degrees off costs none.
         let back = Pose::new(path[0], std::f32::consts::PI);
         assert_eq!(reference_steps(&Rules::paper(), &back, &path, 2.1, 2), 6 + 9 + 3 + 2);
         let askew = Pose::new(path[0], 10_f32.to_radians());

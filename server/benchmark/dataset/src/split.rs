@@ -7,132 +7,134 @@ use avln_world::{Body, Cache, Cached, PrepareError, SceneAssets};
 use serde::{Deserialize, Serialize};
 use std::{ops::RangeInclusive, path::PathBuf, sync::Arc};
 
-/// Scenes and the missions in them. Splits are disjoint by scene.
+/// Scenes with their missions. Splits have disjoint scenes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Split {
-    /// Name of the split.
+    /// Split name.
     pub name: String,
-    /// The rules under which success regions and references were computed.
+    /// Rule set name for regions and references.
     pub rules: String,
-    /// The scenes, each with what it takes to make it again.
+    /// Scenes.
     pub scenes: Vec<SceneSpec>,
-    /// The missions, scene by scene.
+    /// Missions, scene by scene.
     pub episodes: Vec<EpisodeSpec>,
 }
 
-/// A scene of a split.
+/// Scene in a split.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneSpec {
-    /// Its name.
+    /// Scene name.
     pub name: String,
-    /// Where it comes from.
+    /// Scene source.
     pub source: SceneSource,
-    /// Digest of its content; checked when it is opened again.
+    /// Content digest, checked on every open.
     pub digest: String,
 }
 
-/// Where a scene comes from.
+/// Scene source.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SceneSource {
-    /// Grown from a seed.
+    /// Procedural house.
     Procedural {
-        /// The seed.
+        /// Seed.
         seed: u64,
-        /// Fewest and most rooms.
+        /// Minimum and maximum rooms.
         rooms: RangeInclusive<u8>,
-        /// Fewest and most storeys; one where a file does not say.
+        /// Minimum and maximum storeys; default 1.
         #[serde(default = "one_storey")]
         storeys: RangeInclusive<u8>,
-        /// What its furniture is drawn from; the training pool where a file does not say.
+        /// Furniture pool; default training.
         #[serde(default)]
         pool: Pool,
     },
-    /// Read from a file or a folder.
+    /// File or folder.
     File {
-        /// Where it lies.
+        /// Path.
         path: PathBuf,
     },
 }
 
-/// Why a split could not be made or used.
+/// Data set error.
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
-    /// A scene could not be read.
+    /// Unreadable scene.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// A scene was read, and no body can move in it.
+    /// Scene without walkable floor.
     #[error("scene {scene}: {source}")]
     Prepare {
-        /// Its name.
+        /// Scene name.
         scene: String,
-        /// What is wrong.
+        /// Cause.
         source: PrepareError,
     },
-    /// A scene holds no mission that the options allow.
+    /// Scene without missions.
     #[error(
-        "scene {scene} holds no mission: {instances} of its {objects} labelled instances can be targets, and no two \
-         or more of them are far enough from a start and from each other; use a larger scene or one with more labels"
+        "scene {scene} has no mission: {instances} out of {objects} labelled instances are potential targets, and no two \
+         are far enough from a start and from each other; use a larger scene or more labels"
     )]
     NoMission {
-        /// Its name.
+        /// Scene name.
         scene: String,
-        /// Instances that can be targets.
+        /// Potential targets.
         instances: usize,
         /// Labelled instances.
         objects: usize,
     },
-    /// A scene is not what it was when the split was made.
+    /// Changed scene.
     #[error(
-        "scene {scene} has digest {found}, the split was made with {expected}; restore the file or make the split again"
+        "scene {scene} has digest {found}, the split expects {expected}; restore the file or rebuild the split"
     )]
     Changed {
-        /// Its name.
+        /// Scene name.
         scene: String,
-        /// Digest now.
+        /// Current digest.
         found: String,
-        /// Digest then.
+        /// Recorded digest.
         expected: String,
     },
-    /// A recipe asks for what cannot be.
-    #[error("recipe cannot be used: {reason}")]
+    /// Invalid recipe.
+    #[error("invalid recipe: {reason}")]
     Recipe {
-        /// Which field, with its value and what is possible.
+        /// Field, value and allowed range.
         reason: String,
     },
-    /// A file of a data set cannot be used.
+    /// Invalid data set file.
     #[error(transparent)]
     Format(#[from] crate::format::FormatError),
-    /// A split file is not one that this version reads.
-    #[error("split file cannot be used: {reason}")]
+    /// Invalid split file.
+    #[error("invalid split file: {reason}")]
     Malformed {
-        /// What is wrong with it.
+        /// Cause.
         reason: String,
     },
 }
 
 impl SceneSpec {
-    /// Makes or reads the scene called `name` and notes its digest.
+    /// Builds or reads the scene `name` and records the digest.
     ///
     /// # Errors
-    /// When its file cannot be read.
+    /// If the file cannot be read.
     pub fn new(name: &str, source: SceneSource) -> Result<(Self, Scene), DatasetError> {
         let scene = source.make(name)?;
+        // Success regions and reference tours depend on the geometry. A changed file must be an error, not a wrong
+        // score.
         Ok((Self { name: name.to_owned(), source, digest: digest(&scene) }, scene))
     }
 
-    /// Makes or reads the scene again and prepares it for bodies of the rules' size.
+    /// Builds or reads the scene again and prepares it for the rules.
     ///
     /// # Errors
-    /// When it cannot be read, has changed, or no body can move in it.
+    /// If it cannot be read, has changed, or has no walkable floor.
     pub fn open(&self, rules: &Rules) -> Result<SceneAssets, DatasetError> {
         self.open_with(rules, None)
     }
 
-    /// [`SceneSpec::open`], with what pictures are made from looked for and kept in `cache` under the scene's digest.
+    /// Opens the scene as [`SceneSpec::open`], with render data cached in `cache` by scene digest.
     ///
     /// # Errors
-    /// When it cannot be read, has changed, or no body can move in it.
+    /// If it cannot be read, has changed, or has no walkable floor.
     pub fn open_with(
         &self,
         rules: &Rules,
@@ -150,7 +152,7 @@ impl SceneSpec {
         self.prepare(scene, rules, cache)
     }
 
-    /// Prepares `scene`, which is the one meant, for bodies of the rules' size.
+    /// Prepares an opened `scene` for the rules.
     pub(crate) fn prepare(
         &self,
         scene: Scene,
@@ -182,16 +184,15 @@ impl SceneSource {
 }
 
 impl Split {
-    /// An empty split.
+    /// Returns an empty split.
     pub fn new(name: &str, rules: &Rules) -> Self {
         Self { name: name.to_owned(), rules: rules.name.clone(), scenes: Vec::new(), episodes: Vec::new() }
     }
 
-    /// Adds a scene and missions drawn in it; gives back the prepared scene. What its pictures are made from is looked for
-    /// and kept in `cache`.
+    /// Adds a scene with drawn missions; returns the prepared scene. Caches render data in `cache`.
     ///
     /// # Errors
-    /// When the scene cannot be used or holds no mission.
+    /// If the scene is unusable or has no mission.
     pub fn add_scene(
         &mut self,
         name: &str,
@@ -217,7 +218,7 @@ impl Split {
         Ok(assets)
     }
 
-    /// The scene that an episode plays in.
+    /// Returns the scene called `name`.
     pub fn scene(&self, name: &str) -> Option<&SceneSpec> {
         self.scenes.iter().find(|scene| scene.name == name)
     }

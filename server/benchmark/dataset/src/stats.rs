@@ -15,10 +15,10 @@ const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;mar
 table{border-collapse:collapse;margin:.5rem 0 1.5rem}td,th{padding:.15rem .6rem;text-align:left;vertical-align:middle}\
 td.n{text-align:right;font-variant-numeric:tabular-nums}.bar{background:#4a7ab5;height:.8rem;display:block}\
 h2{margin-top:2.5rem;border-bottom:1px solid #ccc}";
-/// Length of the longest bar, em.
+/// Longest bar, em.
 const LONGEST_BAR_EM: f64 = 20.0;
 
-/// Counts over scenes and their missions; those of two sets of scenes add up.
+/// Counts over scenes and missions; sums of several scenes are allowed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Statistics {
@@ -26,37 +26,37 @@ pub struct Statistics {
     pub scenes: u64,
     /// Missions.
     pub missions: u64,
-    /// Rooms of a scene.
+    /// Rooms per scene.
     pub regions: Spread,
-    /// Storeys of a scene, and how many scenes have so many.
+    /// Scenes by storey count.
     pub storeys: BTreeMap<u32, u64>,
-    /// Walkable area of a scene, square metres.
+    /// Walkable area per scene, square metres.
     pub area_m2: Spread,
-    /// Objects of a scene that can be targets.
+    /// Potential targets per scene.
     pub instances: Spread,
-    /// Missions by number of goals.
+    /// Missions by goal count.
     pub goals: BTreeMap<usize, u64>,
     /// Goals by modality.
     pub modalities: BTreeMap<String, u64>,
-    /// Missions by the modalities of their goals, without order.
+    /// Missions by unordered modality combination.
     pub mixes: BTreeMap<String, u64>,
-    /// Goals by category of the target.
+    /// Goals by target category.
     pub categories: BTreeMap<String, u64>,
-    /// Goals by other instances of the target's category in the scene.
+    /// Goals by distractor count.
     pub distractors: BTreeMap<u8, u64>,
-    /// Targets by how many missions ask for them.
+    /// Targets by mission count.
     pub uses: BTreeMap<u32, u64>,
-    /// Length of the reference tour in the order of the goals, metres.
+    /// Ordered reference length, metres.
     pub ordered_m: Spread,
-    /// The same in any order.
+    /// Unordered reference length, metres.
     pub unordered_m: Spread,
-    /// Actions of the reference tour in the order of the goals.
+    /// Ordered reference steps.
     pub ordered_steps: Spread,
-    /// The same in any order.
+    /// Unordered reference steps.
     pub unordered_steps: Spread,
     /// Walking distance from the start to a success region, metres.
     pub start_m: Spread,
-    /// Words of a description.
+    /// Words per description.
     pub words: Spread,
 }
 
@@ -86,7 +86,7 @@ impl Default for Statistics {
 }
 
 impl Statistics {
-    /// The numbers of one scene.
+    /// Returns the statistics of a scene.
     pub fn of_scene(facts: Option<SceneFacts>, episodes: &[EpisodeSpec]) -> Self {
         let mut numbers = Self { scenes: 1, missions: episodes.len() as u64, ..Self::default() };
         if let Some(facts) = facts {
@@ -128,7 +128,7 @@ impl Statistics {
         }
     }
 
-    /// Adds the numbers of other scenes.
+    /// Adds statistics from other scenes.
     pub fn add(&mut self, other: &Self) {
         self.scenes += other.scenes;
         self.missions += other.missions;
@@ -167,12 +167,12 @@ impl Statistics {
         ]
     }
 
-    /// Goals in all missions.
+    /// Returns the goal count.
     pub fn goal_count(&self) -> u64 {
         self.modalities.values().sum()
     }
 
-    /// Share of goals in a modality, 0 to 1.
+    /// Returns the goal share with a modality, 0 to 1.
     pub fn share(&self, modality: &str) -> f64 {
         self.modalities.get(modality).copied().unwrap_or(0) as f64 / self.goal_count().max(1) as f64
     }
@@ -184,26 +184,26 @@ fn add<K: Ord + Clone>(mine: &mut BTreeMap<K, u64>, theirs: &BTreeMap<K, u64>) {
     }
 }
 
-/// How values are spread: their number, sum, extremes and a histogram.
+/// Distribution summary: count, sum, extremes, histogram.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Spread {
-    /// How many.
+    /// Value count.
     pub count: u64,
-    /// Their sum.
+    /// Value sum.
     pub sum: f64,
-    /// The least; 0 when there are none.
+    /// Minimum; 0 if empty.
     pub min: f64,
-    /// The greatest; 0 when there are none.
+    /// Maximum; 0 if empty.
     pub max: f64,
-    /// Width of a bin of the histogram.
+    /// Histogram bin width.
     pub bin: f64,
-    /// Values in `[n * bin, (n + 1) * bin)`, by n.
+    /// Counts per bin n, `[n * bin, (n + 1) * bin)`.
     pub bins: BTreeMap<u32, u64>,
 }
 
 impl Spread {
-    /// Nothing, with bins of width `bin`.
+    /// Returns an empty distribution with bin width `bin`.
     pub fn new(bin: f64) -> Self {
         Self { count: 0, sum: 0.0, min: 0.0, max: 0.0, bin, bins: BTreeMap::new() }
     }
@@ -217,7 +217,7 @@ impl Spread {
         *self.bins.entry((value / self.bin).floor().max(0.0) as u32).or_default() += 1;
     }
 
-    /// Adds the values of another spread with bins of the same width.
+    /// Adds another distribution with equal bin width.
     pub fn add(&mut self, other: &Self) {
         if other.count == 0 {
             return;
@@ -231,13 +231,13 @@ impl Spread {
         }
     }
 
-    /// The mean; 0 when there are none.
+    /// Returns the mean; 0 if empty.
     pub fn mean(&self) -> f64 {
         self.sum / self.count.max(1) as f64
     }
 }
 
-/// The statistics page of a data set, HTML; one part for each split.
+/// Returns the HTML statistics page with a section per split.
 pub fn page(name: &str, splits: &[(String, Statistics)]) -> String {
     let name = escaped(name);
     let mut html = format!(
@@ -270,7 +270,7 @@ pub fn page(name: &str, splits: &[(String, Statistics)]) -> String {
     html
 }
 
-/// The main numbers, as label and value.
+/// Returns the main numbers with labels.
 pub fn summary(numbers: &Statistics) -> Vec<(&'static str, String)> {
     let spread = |spread: &Spread, unit: &str| {
         format!("{:.1}{unit} ({:.1} to {:.1})", spread.mean(), spread.min, spread.max)

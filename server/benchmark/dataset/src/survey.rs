@@ -23,32 +23,30 @@ use avln_scene::Object;
 use avln_truth::Target;
 use avln_world::SceneAssets;
 
-/// An instance that can be a target: reachable, and recognisable from where one can stand.
+/// Potential target: reachable and recognisable from its success region.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Instance {
-    /// The target, with a modality that the mission overwrites.
+    /// Target; missions overwrite the modality.
     pub target: Target,
-    /// Views of it, the one that shows it best first; never empty.
+    /// Views, best first; never empty.
     pub views: Vec<View>,
-    /// Sentences that fit this instance of the scene alone; empty when words do not suffice.
+    /// Unambiguous sentences; possibly empty.
     pub sentences: Vec<Description>,
-    /// One to three reference pictures that tell it from its kind, the best first; empty when pictures do not suffice.
+    /// Unambiguous reference pictures, best first, at most three; possibly empty.
     pub images: Vec<View>,
-    /// The least margin by which its reference pictures differ from its kind: 1 when it is the only one of it, 0 without
-    /// pictures.
+    /// Least difference between its pictures and those of its category: 1 for a unique instance, 0 without pictures.
     pub image_margin: f32,
-    /// Other instances of its category in the scene, 255 for more.
+    /// Other instances in the same category, at most 255.
     pub distractors: u8,
 }
 
-/// Finds the instances of the target categories that are reachable from the largest island and can be recognised,
-/// with default options.
+/// Finds potential targets with default options.
 pub fn survey(assets: &SceneAssets, rules: &Rules) -> Vec<Instance> {
     survey_with(assets, rules, &SurveyOptions::default(), &ThresholdsOnly)
 }
 
-/// Finds the instances of the target categories, in the order of their ids, that are reachable from the largest
-/// island, that `options` and `verifier` find recognisable in some picture, and what can be said and shown of each.
+/// Finds instances of target categories, sorted by id: reachable from the largest island, and recognisable by `options`
+/// and `verifier`; with views, sentences and pictures.
 pub fn survey_with(
     assets: &SceneAssets,
     rules: &Rules,

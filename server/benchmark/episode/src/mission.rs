@@ -1,66 +1,68 @@
+//! Missions, goal cues and actions.
+
 use serde::{Deserialize, Serialize};
 use std::{fmt, str::FromStr};
 
-/// Everything that an agent is told at the start of an episode.
+/// Information for the agent at episode start.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mission {
-    /// Whether the goals must be completed in the order given.
+    /// Goal order.
     pub order: Order,
-    /// The goals, 2 to 4; the index of a goal is its place here.
+    /// Goals, 2 to 4, identified by index.
     pub goals: Vec<GoalCue>,
 }
 
-/// Whether goals have an order.
+/// Goal order of a mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Order {
-    /// Goals count in the order of the mission only.
+    /// Goals in mission order only.
     Ordered,
-    /// Goals count in any order.
+    /// Goals in any order.
     Unordered,
 }
 
-/// How a goal is described to the agent.
+/// Kind of a goal cue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Modality {
-    /// By the label of its category.
+    /// Category label.
     Category,
-    /// By a sentence.
+    /// Sentence.
     Description,
-    /// By a picture of the target.
+    /// Picture of the target.
     Image,
 }
 
-/// One goal as the agent sees it.
+/// Goal cue for the agent.
 #[derive(Clone, Debug, PartialEq)]
 pub enum GoalCue {
-    /// The label of the target's category.
+    /// Category label of the target.
     Category(String),
-    /// A sentence that fits the target alone.
+    /// Sentence that fits only the target.
     Description(String),
-    /// A picture of the target.
+    /// Picture of the target.
     Image(RgbImage),
 }
 
 /// A picture: `height × width × 3` bytes, row-major from the top-left pixel, RGB.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RgbImage {
-    /// Pixels in a row.
+    /// Pixels per row.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// The bytes.
+    /// Pixel bytes.
     pub pixels: Vec<u8>,
 }
 
-/// A word that names no order.
+/// Unknown goal order.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("order '{0}' does not exist; use ordered or unordered")]
 pub struct UnknownOrder(pub String);
 
 impl GoalCue {
-    /// Which kind of cue this is.
+    /// Returns the cue kind.
     pub fn modality(&self) -> Modality {
         match self {
             Self::Category(_) => Modality::Category,
@@ -71,7 +73,7 @@ impl GoalCue {
 }
 
 impl Order {
-    /// The word used in files and URLs.
+    /// Returns the name in files and URLs.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Ordered => "ordered",
@@ -99,12 +101,69 @@ impl fmt::Display for Order {
 }
 
 impl Modality {
-    /// The word used in files and URLs.
+    /// Returns the name in files and URLs.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Category => "category",
             Self::Description => "description",
             Self::Image => "image",
         }
+    }
+}
+
+/// Agent action. All five kinds count as steps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Action {
+    /// Walk forward, sliding along walls.
+    MoveForward,
+    /// Turn left on the spot.
+    TurnLeft,
+    /// Turn right on the spot.
+    TurnRight,
+    /// Claim a target here.
+    Submit,
+    /// Claim the last target and end the episode.
+    Stop,
+}
+
+/// An action number outside of 0 to 4.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("action {0} does not exist; use 0 MoveForward, 1 TurnLeft, 2 TurnRight, 3 Submit or 4 Stop")]
+pub struct UnknownAction(pub u32);
+
+impl Action {
+    /// All actions in numeric order.
+    pub const ALL: [Self; 5] = [Self::MoveForward, Self::TurnLeft, Self::TurnRight, Self::Submit, Self::Stop];
+
+    /// Returns the action number for logs and action spaces, 0 to 4.
+    pub fn index(self) -> u8 {
+        self as u8
+    }
+}
+
+impl TryFrom<u32> for Action {
+    type Error = UnknownAction;
+
+    fn try_from(index: u32) -> Result<Self, UnknownAction> {
+        Self::ALL.get(index as usize).copied().ok_or(UnknownAction(index))
+    }
+}
+
+impl fmt::Display for Action {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(self, f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_go_there_and_back() {
+        for action in Action::ALL {
+            assert_eq!(Action::try_from(u32::from(action.index())), Ok(action));
+        }
+        assert_eq!(Action::try_from(5), Err(UnknownAction(5)));
     }
 }

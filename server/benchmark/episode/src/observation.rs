@@ -1,91 +1,91 @@
-use crate::Encodings;
+//! Observations, sensors and end reasons.
+
 use avln_geom::Pose;
 use serde::{Deserialize, Serialize};
 
-/// What the agent's sensors deliver after one step. Sensors that were not asked for are `None`.
+/// Sensor data after a step. Sensors without a subscription are `None`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observation {
-    /// Steps taken so far; 0 is the observation before the first action.
+    /// Steps taken; 0 before the first action.
     pub step: u32,
     /// `height × width × 3` bytes, row-major from the top-left pixel, RGB.
     pub rgb: Option<Vec<u8>>,
-    /// `height × width` metres along the optical axis, row-major from the top-left pixel;
-    /// 0 where nothing was hit within the range.
+    /// `height × width` metres along the optical axis, row-major from the top-left pixel; 0 for no hit within range.
     pub depth: Option<Vec<f32>>,
-    /// `2 × samples_per_step`: the left ear's samples, then the right ear's.
+    /// `2 × samples_per_step`: left ear, then right ear.
     pub audio: Option<Vec<f32>>,
-    /// Base of the body, in the frame that the rules name.
+    /// Base pose in the frame set by the rules.
     pub pose: Pose,
-    /// Steps that are left, this one taken off.
+    /// Remaining steps after this one.
     pub remaining_steps: u32,
-    /// Submits that are left before one is final.
+    /// Remaining Submits before a final one.
     pub remaining_submits: u32,
-    /// What the rules let the agent know about a Submit made in this step.
+    /// Feedback to a Submit in this step, as far as the rules allow.
     pub feedback: Feedback,
 }
 
-/// What the agent learns from a Submit.
+/// Feedback to a Submit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Feedback {
-    /// Nothing: no Submit was made, or the rules are silent.
+    /// No Submit in this step, or no feedback by the rules.
     #[default]
     None,
-    /// The Submit was counted; nothing is said about the match.
+    /// The Submit was counted; the result is hidden.
     Accepted,
-    /// Whether the Submit completed a goal.
+    /// True if the Submit completed a goal.
     Verdict(bool),
 }
 
-/// Which sensors an agent asks for, and how they are set up.
+/// Sensor subscription of an agent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sensors {
-    /// Whether colour pictures are rendered and sent.
+    /// Enables colour pictures.
     pub rgb: bool,
-    /// Whether depth pictures are rendered and sent.
+    /// Enables depth pictures.
     pub depth: bool,
-    /// Whether sound is rendered and sent.
+    /// Enables sound.
     pub audio: bool,
-    /// Pixels in a row, 64 to 1024.
+    /// Pixels per row, 64 to 1024.
     pub width: u32,
     /// Rows, 64 to 1024.
     pub height: u32,
     /// Horizontal field of view, radians.
     pub hfov_rad: f32,
-    /// How the numbers travel. In a phase's sensors: an encoding that changes values may be asked for where one stands here.
+    /// Encodings. In phase sensors, a lossy encoding permits agents to request it.
     #[serde(default)]
     pub encodings: Encodings,
 }
 
-/// A wish for sensors that the limits do not allow.
+/// Sensor subscription outside the limits.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SensorsError {
-    /// The picture's size is outside of the limits.
+    /// Picture size outside the limits.
     #[error("camera of {width} x {height} pixels is outside of {min} to {max} a side; ask for another size", min = Sensors::MIN_SIDE, max = Sensors::MAX_SIDE)]
     Size {
-        /// Pixels in a row, as asked.
+        /// Requested pixels per row.
         width: u32,
-        /// Rows, as asked.
+        /// Requested rows.
         height: u32,
     },
-    /// The field of view is outside of the limits.
+    /// Field of view outside the limits.
     #[error("hfov of {hfov_rad} rad is outside of 0.35 to 2.4 rad (20 to 137 degrees); ask for another")]
     FieldOfView {
-        /// Radians, as asked.
+        /// Requested radians.
         hfov_rad: f32,
     },
 }
 
 impl Sensors {
-    /// Fewest pixels a side.
+    /// Least pixels per side.
     pub const MIN_SIDE: u32 = 64;
-    /// Most pixels a side.
+    /// Most pixels per side.
     pub const MAX_SIDE: u32 = 1024;
-    /// Samples a second of the audio sensor.
+    /// Audio sample rate.
     pub const SAMPLE_RATE_HZ: u32 = 16_000;
-    /// Ears.
+    /// Audio channels: two ears.
     pub const AUDIO_CHANNELS: u32 = 2;
 
-    /// All sensors at `width × height` with 90 degrees of view.
+    /// Returns all sensors at `width × height` with a 90 degree view.
     pub fn all(width: u32, height: u32) -> Self {
         let hfov_rad = std::f32::consts::FRAC_PI_2;
         let encodings = Encodings::default();
@@ -95,7 +95,7 @@ impl Sensors {
     /// Checks the limits.
     ///
     /// # Errors
-    /// When the size or the field of view is outside of them.
+    /// If the size or the field of view is outside the limits.
     pub fn validate(&self) -> Result<(), SensorsError> {
         let side = Self::MIN_SIDE..=Self::MAX_SIDE;
         if !side.contains(&self.width) || !side.contains(&self.height) {
@@ -108,7 +108,7 @@ impl Sensors {
     }
 }
 
-/// Why an episode ended.
+/// Reason for the end of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EndReason {
@@ -116,13 +116,13 @@ pub enum EndReason {
     Stopped,
     /// The agent used its last Submit.
     FinalSubmit,
-    /// The agent took as many steps as the rules allow.
+    /// The agent reached the step limit.
     StepLimit,
-    /// The agent thought for longer than its time allowed, or the wall time of its run was over.
+    /// The agent exceeded its thinking time, or the run its wall time.
     TimeBudget,
-    /// The agent gave the episode up.
+    /// The agent abandoned the episode.
     Abandoned,
-    /// The agent went away and did not come back in time.
+    /// The agent disconnected and did not return in time.
     Disconnected,
     /// The server failed; the episode does not count.
     ServerFault,
@@ -140,12 +140,12 @@ impl EndReason {
         Self::ServerFault,
     ];
 
-    /// Whether the task itself defines this end; otherwise the episode was truncated.
+    /// True if the task defines this end; otherwise the episode was truncated.
     pub fn is_terminated(self) -> bool {
         matches!(self, Self::Stopped | Self::FinalSubmit)
     }
 
-    /// The word used in files and URLs.
+    /// Returns the name in files and URLs.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Stopped => "stopped",
@@ -156,5 +156,85 @@ impl EndReason {
             Self::Disconnected => "disconnected",
             Self::ServerFault => "server_fault",
         }
+    }
+}
+
+/// Encoding of sensor values for transport.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Encoding {
+    /// Uncompressed.
+    #[default]
+    Raw,
+    /// Compressed prediction residuals, lossless.
+    Packed,
+    /// PNG file, lossless.
+    Png,
+    /// QOI file, lossless.
+    Qoi,
+    /// Depth in integer millimetres.
+    Millimetres,
+    /// Depth in integer millimetres, compressed.
+    PackedMillimetres,
+    /// Sound as 16-bit integers.
+    Int16,
+}
+
+impl Encoding {
+    /// True if the encoding is lossless.
+    pub fn is_lossless(self) -> bool {
+        match self {
+            Self::Raw | Self::Packed | Self::Png | Self::Qoi => true,
+            Self::Millimetres | Self::PackedMillimetres | Self::Int16 => false,
+        }
+    }
+
+    /// Returns the display name.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Raw => "raw",
+            Self::Packed => "packed",
+            Self::Png => "PNG",
+            Self::Qoi => "QOI",
+            Self::Millimetres => "whole millimetres",
+            Self::PackedMillimetres => "whole millimetres, packed",
+            Self::Int16 => "16-bit samples",
+        }
+    }
+}
+
+/// Encodings per sensor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Encodings {
+    /// Colours.
+    pub rgb: Encoding,
+    /// Distances.
+    pub depth: Encoding,
+    /// Sound.
+    pub audio: Encoding,
+}
+
+impl Encodings {
+    /// True if all encodings are lossless.
+    pub fn are_lossless(&self) -> bool {
+        [self.rgb, self.depth, self.audio].into_iter().all(Encoding::is_lossless)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sensors_that_were_stored_without_encodings_are_raw() {
+        let stored = r#"{"rgb":true,"depth":false,"audio":true,"width":64,"height":64,"hfov_rad":1.5}"#;
+        let sensors: Sensors = serde_json::from_str(stored).unwrap();
+        assert_eq!(sensors.encodings, Encodings::default());
+        assert!(sensors.encodings.are_lossless());
+        let rounded = Encodings { depth: Encoding::Millimetres, ..Encodings::default() };
+        let again: Encodings = serde_json::from_str(&serde_json::to_string(&rounded).unwrap()).unwrap();
+        assert_eq!(again, rounded);
+        assert!(!again.are_lossless());
     }
 }

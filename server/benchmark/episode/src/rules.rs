@@ -1,6 +1,8 @@
+//! Rule sets and time limits.
+
 use serde::{Deserialize, Serialize};
 
-/// The rules of the task: every disputed point is a named option that each result carries.
+/// Rule set of the task. Every disputed point is a named option, recorded with results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rules {
@@ -8,11 +10,11 @@ pub struct Rules {
     pub name: String,
     /// Length of MoveForward, metres.
     pub forward_m: f32,
-    /// Angle of TurnLeft and TurnRight, degrees; a whole number of them makes 360.
+    /// Angle for TurnLeft and TurnRight, degrees; divides 360.
     pub turn_deg: u32,
-    /// Simulated time of one step, seconds.
+    /// Simulated time of a step, seconds.
     pub step_s: f32,
-    /// Most actions in an episode; all five kinds count.
+    /// Most actions per episode, all five kinds.
     pub max_steps: u32,
     /// Radius of the body, metres.
     pub body_radius_m: f32,
@@ -24,99 +26,99 @@ pub struct Rules {
     pub ear_height_m: f32,
     /// Range of the depth camera, metres; beyond it depth is 0.
     pub depth_max_m: f32,
-    /// What depth is divided by before it is sent.
+    /// Divisor for depth before transport.
     pub depth_divisor: f32,
-    /// Samples of each ear in an observation; what the step does not fill is 0.
+    /// Samples per ear in an observation; the rest after a step's samples is 0.
     pub audio_samples: u32,
-    /// Frame of the pose that the agent is told.
+    /// Pose frame in observations.
     pub pose_frame: PoseFrame,
-    /// Which targets sound, and when.
+    /// Schedule of sounding targets.
     pub sounding: SoundingRule,
-    /// Steps for which one target sounds before the next.
+    /// Steps per sounding target.
     pub sounding_window_steps: u32,
-    /// Height added to a source above the centre of its target, metres.
+    /// Source height above the target centre, metres.
     pub source_lift_m: f32,
-    /// Where the sound itself comes from.
+    /// Choice of the sound clip.
     pub sound_clip: SoundClip,
-    /// What clips are drawn from.
+    /// Clip bank.
     #[serde(default)]
     pub sounds: Sounds,
-    /// Who listens.
+    /// Listener's head.
     #[serde(default, skip_serializing_if = "HeadRule::is_sphere")]
     pub head: HeadRule,
-    /// Radius of success, metres.
+    /// Success radius, metres.
     pub success_radius_m: f32,
-    /// What the radius is measured between.
+    /// Definition of the success distance.
     pub success_distance: DistanceRule,
-    /// What a wrong Submit does in an ordered mission.
+    /// Effect of a wrong Submit in an ordered mission.
     pub wrong_submit: WrongSubmit,
-    /// What the agent learns from a Submit.
+    /// Feedback to Submits.
     pub feedback: FeedbackRule,
-    /// Noise of the depth that the agent sees; the referee judges without.
+    /// Depth noise for the agent. The referee uses exact depth.
     #[serde(default)]
     pub depth_noise: DepthNoise,
-    /// Noise of the colours that the agent sees.
+    /// Colour noise for the agent.
     #[serde(default)]
     pub rgb_noise: RgbNoise,
 }
 
-/// Frame of the pose that the agent is told.
+/// Frame of observed poses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PoseFrame {
-    /// Relative to the pose at the start.
+    /// Relative to the start pose.
     Start,
-    /// The world's frame.
+    /// World frame.
     World,
 }
 
-/// Which targets sound, and when.
+/// Schedule of sounding targets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SoundingRule {
-    /// Unfinished targets in turn, in an order drawn per episode; a found one falls silent at once.
+    /// Unfinished targets in turn, in a drawn order; a found target falls silent at once.
     UnfinishedInDrawnOrder,
-    /// All targets in goal order for ever. It leaks: the time tells a target's number.
+    /// All targets in goal order, forever. Leaks: the time reveals the goal index.
     AllInGoalOrder,
 }
 
-/// Where the sound itself comes from.
+/// Choice of the sound clip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SoundClip {
-    /// One clip for the whole episode, drawn without regard to its targets.
+    /// One random clip per episode, independent of the targets.
     Anonymous,
-    /// Another clip for each target, drawn without regard to it: targets can be told apart by ear, and nothing else.
+    /// Different random clips per target, independent of the target: only identity is audible.
     Distinct,
-    /// A clip chosen by the target's category. It leaks: who has heard it often enough knows the category.
+    /// Clip by target category. Leaks: the sound reveals the category.
     ByCategory,
 }
 
-/// What clips are drawn from.
+/// Clip bank.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Sounds {
-    /// All clips that are made by rule.
+    /// All procedural clips.
     #[default]
     All,
-    /// Those for training.
+    /// Training clips.
     Train,
-    /// Those for validation, of which none is for training.
+    /// Validation clips, disjoint from training.
     Validation,
-    /// Those for tests, of which none is for training or validation.
+    /// Test clips, disjoint from training and validation.
     Test,
-    /// Recordings, by the digest of them all.
+    /// Recordings, identified by their joint digest.
     Own(String),
 }
 
-/// Who listens.
+/// Listener's head.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum HeadRule {
     /// A rigid sphere.
     #[default]
     Sphere,
-    /// A head that was measured, by the digest of its file.
+    /// Measured head, identified by the file digest.
     Measured(String),
 }
 
@@ -126,61 +128,61 @@ impl HeadRule {
     }
 }
 
-/// What the radius of success is measured between, and what must be seen.
+/// Definition of the success distance, with the visibility condition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DistanceRule {
-    /// Camera to the target's box, Euclidean, on the target's floor, with a line of sight at some heading.
+    /// Camera to target box, Euclidean, on the same floor, with a line of sight at some heading.
     CameraToBox,
-    /// Base to the nearest viewpoint along the floor, with a pixel of the target in the picture.
+    /// Base to nearest viewpoint, geodesic, with a visible target pixel.
     BaseToViewpoint,
 }
 
-/// What a wrong Submit does in an ordered mission.
+/// Effect of a wrong Submit in an ordered mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WrongSubmit {
-    /// The Submit is spent, the goal stays next.
+    /// The Submit is used; the goal remains next.
     KeepsGoal,
-    /// The Submit is spent and the goal can no longer be found.
+    /// The Submit is used; the goal becomes impossible.
     SkipsGoal,
 }
 
-/// What the agent learns from a Submit.
+/// Feedback to Submits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FeedbackRule {
-    /// Nothing.
+    /// None.
     None,
-    /// That it was counted.
+    /// Accepted, without a result.
     Accepted,
-    /// Whether it completed a goal.
+    /// True if a goal was completed.
     Verdict,
 }
 
-/// Noise of the depth that the agent sees; `avln_render::DepthNoise` says what each model does.
+/// Depth noise model, defined in `avln_render::DepthNoise`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DepthNoise {
     /// None.
     #[default]
     None,
-    /// A structured-light camera: edges jitter, disparity is rounded and noisy.
+    /// Structured-light camera: edge jitter, quantised and noisy disparity.
     Redwood,
 }
 
-/// Noise of the colours that the agent sees; `avln_render::RgbNoise` says what each model does.
+/// Colour noise model, defined in `avln_render::RgbNoise`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RgbNoise {
     /// None.
     #[default]
     None,
-    /// A normal deviate of 51 grey levels.
+    /// Normal deviates with 51 grey levels.
     Gaussian,
 }
 
-/// A name that no rule set has.
+/// Unknown rule set.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("rule set '{0}' does not exist; use {names}", names = Rules::NAMES.join(", "))]
 pub struct UnknownRules(pub String);
@@ -192,17 +194,17 @@ impl Rules {
     pub const AUTHORS: &str = "lh-avln-authors-v1";
     /// Name of the default rule set with noisy sensors.
     pub const NOISY: &str = "lh-avln-noisy-v1";
-    /// Name of the default rule set with a clip for each target.
+    /// Name of the default rule set with a clip per target.
     pub const DISTINCT: &str = "lh-avln-distinct-v1";
     /// Names of all rule sets.
     pub const NAMES: [&str; 4] = [Self::PAPER, Self::AUTHORS, Self::NOISY, Self::DISTINCT];
-    /// Elevation up and down that counts as in view, radians: a square picture of 90 degrees.
+    /// Half the visible elevation range, radians: a square picture with 90 degrees.
     pub const HALF_VIEW_RAD: f32 = std::f32::consts::FRAC_PI_4;
 
-    /// The rule set called `name`.
+    /// Returns the rule set called `name`.
     ///
     /// # Errors
-    /// When there is none.
+    /// If no rule set has this name.
     pub fn named(name: &str) -> Result<Self, UnknownRules> {
         match name {
             Self::PAPER => Ok(Self::paper()),
@@ -213,7 +215,7 @@ impl Rules {
         }
     }
 
-    /// The rules as the paper states them, made precise.
+    /// Returns the paper's rules with all details fixed.
     pub fn paper() -> Self {
         Self {
             name: Self::PAPER.to_owned(),
@@ -232,6 +234,7 @@ impl Rules {
             sounding: SoundingRule::UnfinishedInDrawnOrder,
             sounding_window_steps: 25,
             source_lift_m: 0.0,
+            // The clip must reveal nothing about its target: docs/decisions/0010.
             sound_clip: SoundClip::Anonymous,
             sounds: Sounds::All,
             head: HeadRule::Sphere,
@@ -244,22 +247,23 @@ impl Rules {
         }
     }
 
-    /// [`Rules::paper`] seen through the sensors of a real robot.
+    /// Returns [`Rules::paper`] with noisy sensors.
     pub fn noisy() -> Self {
         Self {
             name: Self::NOISY.to_owned(),
+            // Noise is drawn per pixel: docs/decisions/0007.
             depth_noise: DepthNoise::Redwood,
             rgb_noise: RgbNoise::Gaussian,
             ..Self::paper()
         }
     }
 
-    /// [`Rules::paper`] with a clip for each target.
+    /// Returns [`Rules::paper`] with a clip per target.
     pub fn distinct() -> Self {
         Self { name: Self::DISTINCT.to_owned(), sound_clip: SoundClip::Distinct, ..Self::paper() }
     }
 
-    /// What the authors' released code effectively does.
+    /// Returns the effective rules in the authors' released code.
     pub fn authors() -> Self {
         Self {
             name: Self::AUTHORS.to_owned(),
@@ -279,18 +283,20 @@ impl Rules {
         }
     }
 
-    /// Whether an episode made for `other` can be played by these rules: they differ in name, noise, clips and head at most.
+    /// True if episodes for `other` are playable with these rules: only name, noise, clips and head may differ.
     pub fn fits_episodes_of(&self, other: &Self) -> bool {
+        // Success regions and reference tours depend on all other fields. A new field counts as a difference until it
+        // is listed here.
         let Self { name, depth_noise, rgb_noise, sound_clip, sounds, head, .. } = self.clone();
         *self == Self { name, depth_noise, rgb_noise, sound_clip, sounds, head, ..other.clone() }
     }
 
-    /// How many clips an episode with so many targets draws.
+    /// Returns the number of clips per episode.
     pub fn clips_of_episode(&self, targets: usize) -> usize {
         if self.sound_clip == SoundClip::Distinct { targets } else { 1 }
     }
 
-    /// What sound tells of the targets beside where they are; nothing by rules that do not leak.
+    /// Describes a leak of target properties through sound; `None` for rules without leaks.
     pub fn leaks(&self) -> Option<&'static str> {
         let (clip, order) = (self.sound_clip, self.sounding);
         match (clip == SoundClip::ByCategory, order == SoundingRule::AllInGoalOrder) {
@@ -301,9 +307,34 @@ impl Rules {
         }
     }
 
-    /// Samples of each ear that one step of simulated time fills.
+    /// Returns samples per ear in a step.
     pub fn samples_per_step(&self) -> u32 {
         (self.step_s * crate::Sensors::SAMPLE_RATE_HZ as f32).round() as u32
+    }
+}
+
+/// Wall time limits for agents. 0 means unlimited, except for `bank_ms`.
+///
+/// An action beyond `step_ms` uses up `bank_ms` of the episode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TimeLimits {
+    /// Free thinking time per action, milliseconds.
+    pub step_ms: u32,
+    /// Extra thinking time per episode, milliseconds.
+    pub bank_ms: u32,
+    /// Longest run, seconds; 0: until the end of the phase.
+    pub run_s: u32,
+    /// Longest single disconnection, seconds; 0: lost episodes end at once.
+    pub disconnect_s: u32,
+    /// Longest disconnection per run in total, seconds.
+    pub disconnect_total_s: u32,
+}
+
+impl Default for TimeLimits {
+    /// One minute per action, for first trials; two minutes per disconnection, ten in total.
+    fn default() -> Self {
+        Self { step_ms: 60_000, bank_ms: 0, run_s: 0, disconnect_s: 120, disconnect_total_s: 600 }
     }
 }
 
@@ -362,5 +393,12 @@ mod tests {
     #[test]
     fn a_step_of_the_paper_fills_four_thousand_samples() {
         assert_eq!(Rules::paper().samples_per_step(), 4000);
+    }
+
+    #[test]
+    fn limits_that_are_left_out_are_the_defaults_and_unknown_ones_are_refused() {
+        let limits: TimeLimits = serde_json::from_str(r#"{"step_ms": 5000, "bank_ms": 60000}"#).unwrap();
+        assert_eq!(limits, TimeLimits { step_ms: 5000, bank_ms: 60_000, ..TimeLimits::default() });
+        assert!(serde_json::from_str::<TimeLimits>(r#"{"steps_ms": 5000}"#).is_err());
     }
 }

@@ -1,4 +1,4 @@
-//! Reader for the data set of the LH-AVLN authors: an index, and a file per scene with episodes and instances.
+//! Reader for the LH-AVLN authors' layout: an index, and a file per scene with episodes and instances.
 
 use crate::{
     InterchangeError,
@@ -10,9 +10,9 @@ use crate::{
 use avln_geom::{Aabb, Point3, Vector3};
 use std::collections::BTreeMap;
 
-/// Default field of view of pictures: the camera of the task, degrees.
+/// Default field of view, the task camera's, degrees.
 const HFOV_DEG: f64 = 90.0;
-/// Height of the camera above a stated base, metres.
+/// Camera height above a stated base, metres.
 const CAMERA_HEIGHT_M: f32 = 1.25;
 
 type Instances<'a> = BTreeMap<&'a str, Cursor<'a>>;
@@ -28,7 +28,7 @@ pub(crate) fn read(root: &Cursor) -> Result<ForeignFile, InterchangeError> {
     Ok(foreign)
 }
 
-/// Records of instances by key. An entry without `semantic_id` is a category with nested records.
+/// Instance records by key. An entry without `semantic_id` is a category with nested records.
 fn instances<'a>(root: &Cursor<'a>) -> Result<Instances<'a>, InterchangeError> {
     let mut found = Instances::new();
     let Some(all) = root.find("instances") else { return Ok(found) };
@@ -73,7 +73,7 @@ fn episode(
     Ok(())
 }
 
-/// Key and modality of a goal, which is a pair or an object.
+/// Key and modality from a pair or an object.
 fn pair<'a>(goal: &Cursor<'a>) -> Result<(&'a str, String), InterchangeError> {
     if goal.is_object() {
         let key = goal.find("instance_key").or_else(|| goal.find("goal"));
@@ -145,7 +145,7 @@ fn cue(
     }
 }
 
-/// Picture number `index`, preferably of the older list.
+/// Picture number `index`, preferably from the older list.
 fn picture(
     record: &Cursor,
     index: usize,
@@ -163,7 +163,7 @@ fn picture(
     Ok(None)
 }
 
-/// Camera of a picture in either layout: `position` is the camera, `agent_state` or `agent_base_position` the base.
+/// Picture camera in either layout: `position` is the camera, `agent_state` or `agent_base_position` the base.
 fn view(view: &Cursor) -> Result<ForeignView, InterchangeError> {
     let state = view.find("agent_state");
     let rotation = match view.find("rotation").or_else(|| state.as_ref()?.find("rotation")) {

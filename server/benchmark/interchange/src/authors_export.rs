@@ -1,4 +1,4 @@
-//! Writer for the data set layout of the LH-AVLN authors.
+//! Writer for the LH-AVLN authors' data set layout.
 
 use crate::{InterchangeError, json::pack};
 use avln_dataset::{CueSpec, EpisodeSpec, GoalSpec, PublicGoal, PublicMission, View};
@@ -7,29 +7,29 @@ use avln_geom::{Point3, Pose, angle};
 use avln_scene::categories::TARGET_CATEGORIES;
 use serde_json::{Map, Value, json};
 
-/// Indices of [`TARGET_CATEGORIES`] in mpcat40.
+/// mpcat40 indices for [`TARGET_CATEGORIES`].
 const MPCAT40: [u32; 21] = [3, 5, 6, 7, 8, 10, 11, 13, 14, 15, 18, 19, 20, 22, 23, 25, 26, 27, 33, 34, 38];
 
-/// A file of an exported data set.
+/// Exported file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExportedFile {
-    /// Path relative to the folder of the data set.
+    /// Path relative to the data set folder.
     pub path: String,
     /// Contents.
     pub bytes: Vec<u8>,
 }
 
-/// Missions of a scene, with or without ground truth.
+/// Missions in a scene, with or without ground truth.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SceneMissions {
-    /// The public part.
+    /// Public part.
     Public(Vec<PublicMission>),
     /// With ground truth.
     Whole(Vec<EpisodeSpec>),
 }
 
 impl SceneMissions {
-    /// Returns the number of missions.
+    /// Returns the mission count.
     pub fn count(&self) -> usize {
         match self {
             Self::Public(missions) => missions.len(),
@@ -38,7 +38,7 @@ impl SceneMissions {
     }
 }
 
-/// Returns the index of a split; [`authors_scene`] returns the files of its scenes.
+/// Returns the index file for a split; [`authors_scene`] returns its scene files.
 ///
 /// # Errors
 /// If the compression fails.
@@ -61,11 +61,11 @@ pub fn authors_index(split: &str) -> Result<ExportedFile, InterchangeError> {
     file(format!("{split}/{split}.json.gz"), &index)
 }
 
-/// Returns the file of a scene.
+/// Returns the file for a scene.
 ///
-/// A record has one sentence, so an instance with two sentences gets two records. Fields unknown to us (sounds, pixel
-/// counts, detections) are omitted; the authors' loader fills them in. Without ground truth every goal has its own record
-/// with its cue and instance 0, which does not exist.
+/// A record has one sentence, so an instance with two sentences gets two records. Unknown fields (sounds, pixel counts,
+/// detections) are omitted; the authors' loader fills them in. Without ground truth every goal has a separate record
+/// with the cue and instance 0, which does not exist.
 ///
 /// # Errors
 /// If the compression fails.
@@ -102,7 +102,7 @@ fn file(path: String, value: &Value) -> Result<ExportedFile, InterchangeError> {
     }
 }
 
-/// Episodes, and records of instances by key.
+/// Episodes, and instance records by key.
 type Content = (Vec<Value>, Map<String, Value>);
 
 fn whole_content(scene: &str, episodes: &[EpisodeSpec], rules: &Rules) -> Content {
@@ -135,7 +135,7 @@ fn public_content(scene: &str, missions: &[PublicMission], rules: &Rules) -> Con
     (episodes, records)
 }
 
-/// Modality and record of a goal without its target.
+/// Modality and record for a goal without its target.
 fn public_record(goal: &PublicGoal) -> (&'static str, Value) {
     match goal {
         PublicGoal::Category(label) => ("object", json!({"semantic_id": 0, "category": label})),
@@ -146,7 +146,7 @@ fn public_record(goal: &PublicGoal) -> (&'static str, Value) {
     }
 }
 
-/// Numbers of episodes: the ends of their ids, else their indices.
+/// Episode numbers from the ends of ids, else indices.
 fn numbers<'a>(scene: &str, ids: impl Iterator<Item = &'a str> + Clone) -> Vec<u64> {
     // The authors' loader requires numbers.
     let own = |id: &str| id.strip_prefix(scene)?.strip_prefix('-')?.parse().ok();
@@ -166,7 +166,7 @@ fn episode(number: u64, scene: &str, start: &Pose, goals: Vec<Value>, rules: &Ru
     }))
 }
 
-/// Fields of an episode that depend on the ground truth.
+/// Episode fields that depend on ground truth.
 fn lengths(episode: &EpisodeSpec) -> Map<String, Value> {
     object(json!({
         "ordered_total_geodesic_distance": episode.ordered.length_m,
@@ -182,7 +182,7 @@ fn object(value: Value) -> Map<String, Value> {
     }
 }
 
-/// Instance records of a scene.
+/// Instance records in a scene.
 struct Records {
     camera_m: f32,
     all: Vec<Record>,
@@ -196,7 +196,7 @@ struct Record {
 }
 
 impl Records {
-    /// Returns key and modality of a goal, and adds a missing record.
+    /// Returns key and modality for a goal, and adds a missing record.
     fn pair(&mut self, goal: &GoalSpec) -> Value {
         let sentence = match &goal.cue {
             CueSpec::Description(sentence) => Some(&sentence.text),
@@ -214,7 +214,7 @@ impl Records {
         json!([record.key, modality])
     }
 
-    /// Returns the first record of the instance without another sentence.
+    /// Returns the instance's first record without another sentence.
     fn record(&mut self, goal: &GoalSpec, sentence: Option<&String>) -> &mut Record {
         let mut number = 1;
         loop {

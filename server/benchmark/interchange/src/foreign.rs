@@ -1,29 +1,29 @@
-//! Types of foreign episodes.
+//! Foreign episodes.
 
 use avln_geom::{Aabb, Point3, Pose};
 use std::collections::BTreeMap;
 
-/// Contents of one foreign file.
+/// Contents of a foreign file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ForeignFile {
     /// Episodes, in file order.
     pub episodes: Vec<ForeignEpisode>,
     /// Goals and episodes that cannot be read.
     pub losses: Vec<Loss>,
-    /// Notes on the conversion with their counts, for example the list of views used.
+    /// Conversion notes with counts, for example the chosen view list.
     pub notes: BTreeMap<String, usize>,
 }
 
-/// A foreign episode.
+/// Foreign episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ForeignEpisode {
     /// Id, unique within the scene.
     pub id: String,
-    /// Name of the scene: its folder or the stem of its file.
+    /// Scene name: folder or file stem.
     pub scene: String,
-    /// Path of the scene file, as stated.
+    /// Stated path to the scene file.
     pub scene_path: String,
-    /// Start pose of the body.
+    /// Start pose.
     pub start: Pose,
     /// Goals in order.
     pub goals: Vec<ForeignGoal>,
@@ -31,47 +31,47 @@ pub struct ForeignEpisode {
     pub stated_m: [Option<f64>; 2],
 }
 
-/// A foreign goal.
+/// Foreign goal.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ForeignGoal {
     /// Name, for reports.
     pub name: String,
-    /// Instances that complete the goal; several if any instance of a category does.
+    /// Instances that complete the goal; several if any instance in a category does.
     pub instances: Vec<ForeignInstance>,
     /// Cue.
     pub cue: ForeignCue,
 }
 
-/// A foreign object instance.
+/// Foreign object instance.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ForeignInstance {
-    /// Number in the semantic layer of the scene.
+    /// Number in the scene's semantic layer.
     pub id: Option<u32>,
-    /// Category name of the data set.
+    /// Category name in the data set.
     pub category: String,
     /// Centre.
     pub center: Option<Point3<f32>>,
     /// Bounding box.
     pub bounds: Option<Aabb>,
-    /// Poses of the body with a view of the instance.
+    /// Poses with a view of the instance.
     pub viewpoints: Vec<Pose>,
 }
 
-/// Cue of a foreign goal.
+/// Foreign goal cue.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ForeignCue {
-    /// A category.
+    /// Category.
     Category,
-    /// A sentence.
+    /// Sentence.
     Description(String),
-    /// A picture.
+    /// Picture.
     Image(ForeignView),
 }
 
-/// Camera of a picture.
+/// Picture camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ForeignView {
-    /// Position of the camera, not of the base.
+    /// Camera position, not the base.
     pub eye: Point3<f32>,
     /// Heading, as in [`Pose`].
     pub heading_rad: f32,
@@ -81,7 +81,7 @@ pub struct ForeignView {
     pub hfov_rad: f32,
 }
 
-/// A goal or an episode that cannot be imported.
+/// Goal or episode that cannot be imported.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Loss {
     /// Scene.
@@ -110,7 +110,7 @@ impl Loss {
         }
     }
 
-    /// Returns the loss of a whole episode.
+    /// Returns the loss for a whole episode.
     pub fn episode(episode: &ForeignEpisode, reason: impl Into<String>) -> Self {
         Self::goal(episode, "", reason)
     }
@@ -126,13 +126,13 @@ impl std::fmt::Display for Loss {
     }
 }
 
-/// Returns the scene name of a path: its folder or the file name up to the first dot.
+/// Returns the scene name for a path: folder, or file name up to the first dot.
 pub(crate) fn scene_name(path: &str) -> String {
     let mut parts = path.rsplit(['/', '\\']).filter(|part| !part.is_empty());
     let file = parts.next().unwrap_or_default();
     let folder = parts.next().unwrap_or_default();
     let stem = file.split('.').next().unwrap_or_default();
-    // Folders of HM3D are `00800-TEEsavR23oF`, folders of MP3D equal the file name; others are unrelated to the scene.
+    // HM3D folders are `00800-TEEsavR23oF`, MP3D folders equal the file name; others are unrelated to the scene.
     if !folder.is_empty() && !stem.is_empty() && folder.ends_with(stem) { folder } else { stem }.to_owned()
 }
 

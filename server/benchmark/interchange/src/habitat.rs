@@ -1,4 +1,4 @@
-//! Readers for the layouts of Habitat: ObjectNav and InstanceImageNav of HM3D, GOAT-Bench, MultiON.
+//! Readers for Habitat layouts: ObjectNav and InstanceImageNav for HM3D, GOAT-Bench, MultiON.
 
 use crate::{
     InterchangeError,
@@ -9,10 +9,10 @@ use crate::{
 };
 use std::collections::BTreeMap;
 
-/// Default field of view of goal pictures, degrees.
+/// Default field of view, degrees.
 const HFOV_DEG: f64 = 42.0;
 
-/// Goals of a file by key: lists of instances, or one instance.
+/// Goals by key: instance lists, or one instance.
 type Goals<'a> = BTreeMap<&'a str, Cursor<'a>>;
 
 fn goals<'a>(root: &Cursor<'a>, key: &str) -> Result<Goals<'a>, InterchangeError> {
@@ -22,7 +22,7 @@ fn goals<'a>(root: &Cursor<'a>, key: &str) -> Result<Goals<'a>, InterchangeError
     }
 }
 
-/// Reads the episodes of a file; `goals_of` adds the goals of an episode.
+/// Reads all episodes; `goals_of` adds goals to an episode.
 fn read(
     root: &Cursor,
     mut goals_of: impl FnMut(&Cursor, &mut ForeignEpisode, &mut ForeignFile) -> Result<(), InterchangeError>,
@@ -44,12 +44,12 @@ fn read(
     Ok(foreign)
 }
 
-/// File name of a scene: the prefix of goal keys.
+/// Scene file name: the prefix for goal keys.
 fn scene_file(path: &str) -> &str {
     path.rsplit(['/', '\\']).next().unwrap_or(path)
 }
 
-/// Reads ObjectNav: any instance of a category is a goal.
+/// Reads ObjectNav: any instance in a category is a goal.
 pub(crate) fn object_nav(root: &Cursor) -> Result<ForeignFile, InterchangeError> {
     let by_category = goals(root, "goals_by_category")?;
     read(root, |cursor, episode, foreign| {
@@ -68,7 +68,7 @@ pub(crate) fn object_nav(root: &Cursor) -> Result<ForeignFile, InterchangeError>
     })
 }
 
-/// Reads InstanceImageNav: one picture of one instance per episode.
+/// Reads InstanceImageNav: one instance picture per episode.
 pub(crate) fn image_nav(root: &Cursor) -> Result<ForeignFile, InterchangeError> {
     let all = goals(root, "goals")?;
     read(root, |cursor, episode, foreign| {
@@ -106,7 +106,7 @@ fn push_image(
     Ok(())
 }
 
-/// Reads GOAT-Bench: sequences of tasks `[category, modality, object id, picture]`.
+/// Reads GOAT-Bench: task lists `[category, modality, object id, picture]`.
 pub(crate) fn goat(root: &Cursor) -> Result<ForeignFile, InterchangeError> {
     let all = goals(root, "goals")?;
     read(root, |cursor, episode, foreign| {
@@ -176,7 +176,7 @@ fn goat_task(
     Ok(())
 }
 
-/// The number in an id: `chair_41` and `41` are the same object.
+/// Number in an id: `chair_41` and `41` are the same object.
 fn number_of(id: &str) -> &str {
     id.rsplit('_').next().unwrap_or(id)
 }

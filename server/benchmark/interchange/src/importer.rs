@@ -1,4 +1,4 @@
-//! Import of foreign episodes: finds their goals in a scene, and computes success regions and reference tours.
+//! Import: finds foreign goals in a scene, and computes success regions and reference tours.
 
 use crate::foreign::{ForeignCue, ForeignEpisode, ForeignGoal, ForeignInstance, ForeignView, Loss};
 use avln_dataset::{CueSpec, Description, EpisodeSpec, GoalSpec, View, reference_tours, target_at};
@@ -9,24 +9,24 @@ use avln_truth::Target;
 use avln_world::{DistanceField, SceneAssets};
 use std::collections::BTreeMap;
 
-/// Most goals of a mission; further goals are reported as losses.
+/// Most goals per mission; further goals are losses.
 pub const MAX_GOALS: usize = 4;
-/// Largest distance of a start from the walkable floor, metres.
+/// Largest distance from a start to the walkable floor, metres.
 const SNAP_M: f32 = 0.5;
-/// Largest pitch of a picture, radians. Our cameras are level: a picture with more pitch shows other things.
+/// Largest picture pitch, radians. Our cameras are level: with more pitch a picture shows other things.
 const MAX_PITCH_RAD: f32 = 0.35;
-/// Pitch above which a note is made, radians.
+/// Pitch with a note, radians.
 const NOTED_PITCH_RAD: f32 = 0.02;
-/// Relative deviation of a stated reference length above which a note is made.
+/// Relative deviation from a stated reference length with a note.
 const NOTED_DEVIATION: f64 = 0.1;
-/// Smallest overlap (shared volume over joint volume) of two boxes of one object, for equal categories.
+/// Least box overlap (shared over joint volume) for equal categories.
 const OVERLAP_SAME_CATEGORY: f32 = 0.25;
-/// The same for unequal categories: data sets name objects differently.
+/// Least box overlap for unequal categories: data sets name objects differently.
 const OVERLAP_ANY_CATEGORY: f32 = 0.6;
-/// Largest distance of a stated centre from the box of its object, metres.
+/// Largest distance from a stated centre to the object's box, metres.
 const NEAR_M: f32 = 0.3;
 
-/// Importer of the foreign episodes of one scene.
+/// Importer for foreign episodes in a scene.
 pub struct Importer<'a> {
     assets: &'a SceneAssets,
     rules: &'a Rules,
@@ -34,25 +34,25 @@ pub struct Importer<'a> {
     targets: BTreeMap<InstanceId, Option<Target>>,
 }
 
-/// Result of importing an episode.
+/// Imported episode.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Imported {
-    /// The mission; `None` if no goal can be imported.
+    /// Mission; `None` if no goal can be imported.
     pub episode: Option<EpisodeSpec>,
     /// Goals that cannot be imported.
     pub losses: Vec<Loss>,
-    /// Notes on the conversion.
+    /// Conversion notes.
     pub notes: Vec<String>,
 }
 
 impl<'a> Importer<'a> {
-    /// Returns an importer for the scene of `assets`. `seed` determines the seeds of the episodes.
+    /// Returns an importer for the scene in `assets`. `seed` determines the episode seeds.
     pub fn new(assets: &'a SceneAssets, rules: &'a Rules, seed: u64) -> Self {
         Self { assets, rules, seed, targets: BTreeMap::new() }
     }
 
-    /// Converts an episode: its start, its cues and the goals found in the scene. The id is `SCENE-ID`, with `_` for
-    /// hyphens in the foreign id. Success regions and reference tours follow the rules, not the lengths stated in the file.
+    /// Converts an episode: start, cues, and goals found in the scene. The id is `SCENE-ID`, with `_` for hyphens in
+    /// the foreign id. Success regions and reference tours follow the rules, not the stated lengths.
     pub fn import(&mut self, foreign: &ForeignEpisode) -> Imported {
         let mut imported = Imported::default();
         match self.mission(foreign, &mut imported) {
@@ -127,10 +127,10 @@ impl<'a> Importer<'a> {
         Ok(GoalSpec { target, cue, distractors })
     }
 
-    /// Returns the target with its distance from the start.
+    /// Returns the target with the start distance.
     ///
     /// # Errors
-    /// If the target is unreachable or belongs to another goal of the mission.
+    /// If the target is unreachable or belongs to another goal in the mission.
     fn reached(
         &self,
         target: Target,
@@ -148,7 +148,7 @@ impl<'a> Importer<'a> {
         Ok(Target { start_distance_m, ..target })
     }
 
-    /// Returns the target for an object, with the category and the viewpoints of the first goal that refers to it.
+    /// Returns the target for an object, with category and viewpoints from the first goal that refers to it.
     fn target(&mut self, object: &Object, named: &ForeignInstance) -> Result<Target, String> {
         let (assets, rules) = (self.assets, self.rules);
         let target = self
@@ -177,26 +177,26 @@ impl<'a> Importer<'a> {
         }
     }
 
-    /// Returns the view from the same eye: the base is below it by the height of our camera.
+    /// Returns the view with the same eye: the base is below it by our camera height.
     fn view(&self, view: &ForeignView) -> View {
         let base: Point3<f32> = view.eye - Vector3::y() * self.rules.camera_height_m;
         View { pose: Pose::new(base, view.heading_rad), hfov_rad: view.hfov_rad, side_px: 0 }.as_cue()
     }
 }
 
-/// Whether a stated length deviates from the computed one by more than the tolerance.
+/// True if a stated length deviates from the computed one by more than the tolerance.
 fn deviates(stated_m: Option<f64>, computed_m: f64) -> bool {
     stated_m.is_some_and(|m| m > 1e-6 && (m - computed_m).abs() > NOTED_DEVIATION * m)
 }
 
-/// Number of other objects of the same category in the scene; 255 for more.
+/// Other objects in the same category, at most 255.
 fn distractors(scene: &Scene, instance: u32) -> u8 {
     let own = scene.objects.iter().find(|object| object.id.0 == instance);
     let same = |other: &&Object| own.is_some_and(|own| own.category == other.category && own.id != other.id);
     u8::try_from(scene.objects.iter().filter(same).count()).unwrap_or(u8::MAX)
 }
 
-/// Finds the object of a foreign instance: by its box, else by its number, else by its centre.
+/// Finds a foreign instance's object: by box, else by number, else by centre.
 ///
 /// # Errors
 /// If no object matches: the reason.
@@ -230,7 +230,7 @@ fn by_box<'a>(scene: &'a Scene, wanted: &ForeignInstance, bounds: &Aabb) -> Resu
     best.ok_or_else(|| format!("the scene has no {} in this box", wanted.category))
 }
 
-/// Whether the category names agree, after normalisation by mpcat40.
+/// True if the category names agree, after normalisation by mpcat40.
 fn is_category(object: &Object, wanted: &ForeignInstance) -> bool {
     let plain = |name: &str| name.to_lowercase().replace('_', " ");
     let category = |name: &str| mpcat40(name).map_or_else(|| plain(name), plain);
@@ -238,7 +238,7 @@ fn is_category(object: &Object, wanted: &ForeignInstance) -> bool {
         || (!object.attributes.noun.is_empty() && plain(&object.attributes.noun) == plain(&wanted.category))
 }
 
-/// Shared volume over joint volume of two boxes.
+/// Shared over joint volume.
 fn overlap(a: &Aabb, b: &Aabb) -> f32 {
     // Pictures and mirrors have boxes without depth: every box is at least 1 cm thick.
     const THIN_M: f32 = 0.005;
@@ -284,7 +284,7 @@ mod tests {
     fn overlap_is_shared_over_joint_volume() {
         let cube = |x: f32| Aabb::new(Point3::new(x, 0.0, 0.0), Point3::new(x + 1.0, 1.0, 1.0));
         assert!((overlap(&cube(0.0), &cube(0.0)) - 1.0).abs() < 1e-5);
-        // Half of each is shared: 0.5 of 1.5.
+        // Half is shared: 0.5 / 1.5.
         assert!((overlap(&cube(0.0), &cube(0.5)) - 1.0 / 3.0).abs() < 0.01);
         assert_eq!(overlap(&cube(0.0), &cube(2.0)), 0.0);
     }

@@ -9,16 +9,16 @@ use std::{
     io::{Read, Write},
 };
 
-/// Most bytes of one file after decompression.
+/// Most bytes per file after decompression.
 const MAX_BYTES: u64 = 1 << 30;
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 
-/// Most entries of one list; published data sets have fewer per file.
+/// Most list entries; published data sets have fewer per file.
 const MAX_ENTRIES: usize = 2_000_000;
-/// Largest deviation of the length of a quaternion from 1.
+/// Largest deviation from unit length in a quaternion.
 const QUATERNION_SLACK: f64 = 0.01;
 
-/// Parses the JSON of a file, gzip or plain.
+/// Parses JSON, gzip or plain.
 pub(crate) fn unpack(file: &str, bytes: &[u8]) -> Result<serde_json::Value, InterchangeError> {
     unpack_within(file, bytes, MAX_BYTES)
 }
@@ -56,7 +56,7 @@ pub(crate) fn pack(bytes: &[u8]) -> Result<Vec<u8>, std::io::Error> {
     writer.finish()
 }
 
-/// A value of a file with its path, for errors.
+/// JSON value with the path, for errors.
 #[derive(Clone, Debug)]
 pub(crate) struct Cursor<'a> {
     file: &'a str,
@@ -65,7 +65,7 @@ pub(crate) struct Cursor<'a> {
 }
 
 impl<'a> Cursor<'a> {
-    /// Returns the top value of `file`.
+    /// Returns the top value.
     pub(crate) fn root(file: &'a str, value: &'a Value) -> Self {
         Self { file, path: String::new(), value }
     }
@@ -85,13 +85,13 @@ impl<'a> Cursor<'a> {
         Self { file: self.file, path: format!("{}{dot}{name}", self.path), value }
     }
 
-    /// Returns the value of a key; `None` if it is missing or null.
+    /// Returns the value for a key; `None` if missing or null.
     pub(crate) fn find(&self, key: &str) -> Option<Self> {
         let value = self.value.get(key).filter(|value| !value.is_null())?;
         Some(self.child(key, value))
     }
 
-    /// Returns the value of a required key.
+    /// Returns the value for a required key.
     pub(crate) fn get(&self, key: &str) -> Result<Self, InterchangeError> {
         self.find(key).ok_or_else(|| self.error(format!("`{key}` is missing")))
     }
@@ -104,7 +104,7 @@ impl<'a> Cursor<'a> {
         self.value.is_array()
     }
 
-    /// Returns the entries of a list.
+    /// Returns list entries.
     pub(crate) fn list(&self) -> Result<Vec<Self>, InterchangeError> {
         let entries = self.value.as_array().ok_or_else(|| self.unexpected("a list"))?;
         if entries.len() > MAX_ENTRIES {
@@ -114,7 +114,7 @@ impl<'a> Cursor<'a> {
         Ok(entries.iter().enumerate().map(child).collect())
     }
 
-    /// Returns the entries of an object by key.
+    /// Returns object entries by key.
     pub(crate) fn entries(&self) -> Result<Vec<(&'a str, Self)>, InterchangeError> {
         let entries: &Map<String, Value> =
             self.value.as_object().ok_or_else(|| self.unexpected("an object"))?;
@@ -168,7 +168,7 @@ impl<'a> Cursor<'a> {
         Ok(Point3::new(x as f32, y as f32, z as f32))
     }
 
-    /// Returns the direction of a quaternion `[x, y, z, w]`.
+    /// Returns the direction for a quaternion `[x, y, z, w]`.
     pub(crate) fn rotation(&self) -> Result<Rotation, InterchangeError> {
         let [x, y, z, w] = self.numbers()?;
         let length = x.mul_add(x, y.mul_add(y, z.mul_add(z, w * w)));
@@ -182,7 +182,7 @@ impl<'a> Cursor<'a> {
         Ok(Rotation { heading_rad: angle::atan2(-right, -back), pitch_rad: angle::atan2(up, level) })
     }
 
-    /// Returns the pose from `position` and `rotation` of this object.
+    /// Returns the pose from `position` and `rotation`.
     pub(crate) fn pose(&self) -> Result<Pose, InterchangeError> {
         let rotation = match self.find("rotation") {
             Some(rotation) => rotation.rotation()?,
@@ -191,13 +191,13 @@ impl<'a> Cursor<'a> {
         Ok(Pose::new(self.get("position")?.point()?, rotation.heading_rad))
     }
 
-    /// Returns a box from the corners `low` and `high` of this object.
+    /// Returns a box from the corners `low` and `high`.
     pub(crate) fn bounds(&self, low: &str, high: &str) -> Result<Option<Aabb>, InterchangeError> {
         let (Some(low), Some(high)) = (self.find(low), self.find(high)) else { return Ok(None) };
         Ok(Some(Aabb::new(low.point()?, high.point()?)))
     }
 
-    /// Returns the episodes of a file; none for an index. Ids must be unique per scene.
+    /// Returns the episodes; none for an index. Ids must be unique per scene.
     pub(crate) fn episodes(&self) -> Result<Vec<Self>, InterchangeError> {
         let episodes = self.get("episodes")?.list()?;
         let mut ids = BTreeSet::new();
@@ -211,13 +211,13 @@ impl<'a> Cursor<'a> {
         Ok(episodes)
     }
 
-    /// Returns the start pose of an episode.
+    /// Returns the start pose.
     pub(crate) fn start(&self) -> Result<Pose, InterchangeError> {
         let rotation = self.get("start_rotation")?.rotation()?;
         Ok(Pose::new(self.get("start_position")?.point()?, rotation.heading_rad))
     }
 
-    /// Returns the viewpoints of an instance: points, objects with `agent_state`, or poses.
+    /// Returns viewpoints: points, objects with `agent_state`, or poses.
     pub(crate) fn viewpoints(&self) -> Result<Vec<Pose>, InterchangeError> {
         let list = self.find("view_points").map(|list| list.list()).transpose()?.unwrap_or_default();
         list.iter().map(Self::viewpoint).collect()
@@ -233,7 +233,7 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// Returns the horizontal field of view in radians; `default_deg` if it is missing.
+    /// Returns the horizontal field of view in radians; `default_deg` if missing.
     pub(crate) fn hfov_rad(&self, default_deg: f64) -> Result<f32, InterchangeError> {
         let hfov_deg = self.find("hfov").map(|hfov| hfov.number()).transpose()?.unwrap_or(default_deg);
         if !(1.0..=179.0).contains(&hfov_deg) {

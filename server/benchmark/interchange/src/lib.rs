@@ -22,7 +22,7 @@ pub use tables::Tables;
 
 use json::Cursor;
 
-/// Format of a foreign data set.
+/// Foreign data set format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// LH-AVLN as published by its authors.
@@ -37,33 +37,33 @@ pub enum Format {
     MultiOn,
 }
 
-/// An error while reading or writing a foreign file.
+/// Error while reading or writing a foreign file.
 #[derive(Debug, thiserror::Error)]
 pub enum InterchangeError {
-    /// A malformed value.
+    /// Malformed value.
     #[error("{file}, at {place}: {cause}")]
     Malformed {
-        /// The file.
+        /// File.
         file: String,
-        /// Path of the value in the file.
+        /// Path to the value.
         place: String,
         /// Cause.
         cause: String,
     },
-    /// An unknown format.
+    /// Unknown format.
     #[error("{file} has no known format: its keys are {keys}; name the format if it is one of {known}")]
     Unknown {
-        /// The file.
+        /// File.
         file: String,
-        /// Keys of the file.
+        /// Keys in the file.
         keys: String,
-        /// Names of the known formats.
+        /// Known formats.
         known: String,
     },
-    /// A file that cannot be written.
+    /// Unwritable file.
     #[error("cannot write {file}: {cause}")]
     Unwritable {
-        /// The file.
+        /// File.
         file: String,
         /// Cause.
         cause: String,
@@ -91,7 +91,7 @@ impl Format {
         Self::ALL.into_iter().find(|format| format.name() == name)
     }
 
-    /// Recognises the format of a file by its keys.
+    /// Recognises the format by the file's keys.
     fn recognise(root: &Cursor) -> Option<Self> {
         let first = root.find("episodes").and_then(|episodes| episodes.list().ok()?.into_iter().next());
         let has = |key: &str| root.find(key).is_some();
@@ -115,12 +115,12 @@ impl Format {
     }
 }
 
-/// Parses one file, named `file` in errors. Without a `format` it is recognised by the keys of the file. An index file,
-/// which only refers to files of scenes, has no episodes.
+/// Parses a file, named `file` in errors. Without a `format` its keys decide. An index file, which only refers to scene
+/// files, has no episodes.
 ///
 /// # Errors
 /// If the file is truncated, is not JSON, has no known format, or has malformed values: wrong types, duplicate ids,
-/// numbers that are not finite. The error names the file, the place and the cause.
+/// numbers that are not finite. The error names file, place and cause.
 pub fn read(
     file: &str,
     bytes: &[u8],

@@ -13,14 +13,14 @@ use parquet::{
 };
 use std::sync::Arc;
 
-/// A named column with its values.
+/// A named column with the values.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Column {
     pub(crate) name: &'static str,
     pub(crate) values: Values,
 }
 
-/// Values of one type.
+/// Values of a type.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Values {
     Text(Vec<String>),

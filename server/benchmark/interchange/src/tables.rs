@@ -11,19 +11,19 @@ use avln_geom::{Point3, Pose};
 use avln_truth::Target;
 use std::collections::BTreeMap;
 
-/// Tables of a split: missions and goals; with ground truth also targets, places and tours. Every scene is a row group.
+/// Tables for a split: missions and goals; with ground truth also targets, places and tours. A scene is a row group.
 pub struct Tables {
     split: String,
     files: BTreeMap<&'static str, ParquetFile>,
 }
 
 impl Tables {
-    /// Returns empty tables of a split.
+    /// Returns empty tables for a split.
     pub fn new(split: &str) -> Self {
         Self { split: split.to_owned(), files: BTreeMap::new() }
     }
 
-    /// Adds the missions of a scene.
+    /// Adds missions in a scene.
     ///
     /// # Errors
     /// If a table cannot be encoded.
@@ -88,7 +88,7 @@ fn double(name: &'static str, values: impl Iterator<Item = f64>) -> Column {
     Column { name, values: Values::Double(values.collect()) }
 }
 
-/// The three columns of points.
+/// Three columns for points.
 fn place(names: [&'static str; 3], places: &[Point3<f32>]) -> [Column; 3] {
     let along = |axis: usize| single(names[axis], places.iter().map(move |place| place[axis]));
     [0, 1, 2].map(along)
@@ -143,7 +143,7 @@ fn lengths(episodes: &[EpisodeSpec]) -> [Column; 4] {
     ]
 }
 
-/// Hidden columns of goals. The camera of a goal without a picture is NaN.
+/// Hidden goal columns. Goals without a picture have a NaN camera.
 fn goal_truth(episodes: &[EpisodeSpec]) -> Vec<Column> {
     let all = || episodes.iter().flat_map(|episode| &episode.goals);
     let view = |goal: &GoalSpec| match goal.cue {
@@ -182,7 +182,7 @@ fn targets(scene: &str, targets: &[&Target]) -> Vec<Column> {
     columns
 }
 
-/// Points of success regions, with NaN as heading, and viewpoints with their headings.
+/// Success region points, with NaN as heading, and viewpoints.
 fn places(scene: &str, targets: &[&Target]) -> Vec<Column> {
     let row = |target: &&Target| {
         let instance = target.instance as usize;
@@ -203,7 +203,7 @@ fn places(scene: &str, targets: &[&Target]) -> Vec<Column> {
     columns
 }
 
-/// Corners of the reference tours.
+/// Reference tour corners.
 fn tours(episodes: &[EpisodeSpec]) -> Vec<Column> {
     let corners = |episode: &EpisodeSpec| {
         let id = episode.id.clone();

@@ -31,7 +31,7 @@ fn parse(value: &Value, format: Option<Format>) -> Result<(Option<Format>, Forei
     read("val.json", value.to_string().as_bytes(), format).map_err(|error| error.to_string())
 }
 
-/// `count` instances of different categories that appear once in the house.
+/// `count` instances with distinct, unique categories.
 fn singles(count: usize) -> Vec<&'static Instance> {
     let singles: Vec<_> =
         HOUSE.instances.iter().filter(|instance| instance.distractors == 0).take(count).collect();
@@ -67,7 +67,7 @@ fn point(point: &avln_episode::Point3<f32>) -> Value {
     json!([point.x, point.y, point.z])
 }
 
-/// A record as the authors' exporter writes it.
+/// A record in the authors' format.
 fn record(instance: &Instance) -> Value {
     let target = &instance.target;
     let eye = [1.0, 1.25, 2.0];
@@ -112,7 +112,7 @@ fn authors_episodes_keep_start_cues_and_order() {
     }
     assert!(episode.ordered.length_m >= episode.unordered.length_m - 1e-6);
     let CueSpec::Image(view) = &episode.goals[0].cue else { panic!("{:?}", episode.goals[0].cue) };
-    // Base 0 and a camera of 1.25 m: our camera of 1 m stands 0.25 m higher to see the same. Half a turn faces +Z.
+    // Base 0 and a camera at 1.25 m: our 1 m camera needs a base at 0.25 m. A half turn faces +Z.
     assert!((view.pose.position.y - 0.25).abs() < 1e-5 && view.pose.position.x == 3.0, "{view:?}");
     assert!((view.pose.heading_rad.abs() - std::f32::consts::PI).abs() < 1e-3, "{view:?}");
 }
@@ -123,7 +123,7 @@ fn older_list_of_views_is_preferred() {
     record["image"] = json!({"render_views": [{
         "position": [5.0, 1.5, 5.0], "rotation": [0.0, 0.0, 0.0, 1.0], "hfov": 79.0, "agent_base_position": [5.0, 0.25, 5.0],
     }]});
-    // Nested by category, as exporters of instances write it.
+    // Nested by category, as in exported instances.
     let file = authors(json!([["a_1", "image"]]), json!({"a": {"a_1": record}}));
     let (_, foreign) = parse(&file, None).unwrap();
     assert_eq!(foreign.notes["pictures taken from image.render_views"], 1);
@@ -208,7 +208,7 @@ fn sequences_end_at_the_goal_limit() {
         goals.insert(format!("house.glb_{category}"), json!([goal]));
         tasks.push(json!([category, "description", format!("{category}_{}", target.instance), null]));
     }
-    // The first again, as a category, and then once more than missions have goals.
+    // The first again, as a category, and then one more than the limit.
     tasks.insert(1, json!([chosen[0].target.category, "object", null]));
     tasks.push(json!([chosen[0].target.category, "object", null]));
     let (format, foreign) =

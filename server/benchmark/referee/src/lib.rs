@@ -1,9 +1,9 @@
-//! Runs one episode: legal actions, budgets, alternation of sounds, and the only place that builds observations.
+//! Referee of an episode: legal actions, budgets, sound schedule. The only place that builds observations.
 //!
-//! Start reading at [`Referee`].
+//! Entry point: [`Referee`].
 //!
-//! *Never*: reads a clock, draws without the episode's seed, or tells the agent more than
-//! [`Observation`](avln_episode::Observation) can hold.
+//! *Never*: reads a clock; draws without the episode's seed; sends agents more than an
+//! [`Observation`](avln_episode::Observation).
 
 mod referee;
 mod schedule;

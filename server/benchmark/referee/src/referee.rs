@@ -14,9 +14,9 @@ use avln_world::{
 };
 use std::sync::Arc;
 
-/// One running episode: the rules applied to a world, from the first observation to the sealed record.
+/// Referee of an episode: applies the rules to a world, from the first observation to the sealed record.
 ///
-/// Synchronous and heavy on the processor: a step moves, renders and listens.
+/// Synchronous and CPU-bound: every step moves, renders images and renders audio.
 pub struct Referee {
     rules: Rules,
     sensors: Sensors,
@@ -42,45 +42,43 @@ enum GoalState {
     Skipped,
 }
 
-/// What one action led to.
+/// Result of an action.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StepOutcome {
-    /// What the agent's sensors say now.
+    /// Observation after the action.
     pub observation: Observation,
-    /// Why the episode is over, when it is.
+    /// End reason, if the episode has ended.
     pub end: Option<EndReason>,
 }
 
-/// Why an episode could not be started or go on.
+/// Error at the start or during an episode.
 #[derive(Debug, thiserror::Error)]
 pub enum RefereeError {
-    /// The episode has ended; no action is possible.
-    #[error("the episode ended after {steps} steps ({}); ask for the next one", reason.as_str())]
+    /// Action after the end of the episode.
+    #[error("the episode ended after {steps} steps ({}); request the next episode", reason.as_str())]
     Over {
-        /// Why.
+        /// End reason.
         reason: EndReason,
         /// Steps taken.
         steps: u32,
     },
-    /// An action of an interrupted episode leads elsewhere than it did when it was taken.
+    /// Different state in a replay.
     #[error(
-        "step {step} led to state {recorded:016x} and leads to {replayed:016x} now; scene, rules or program changed since"
+        "step {step} now leads to state {replayed:016x} instead of {recorded:016x}; the scene, the rules or the program changed"
     )]
     Diverged {
-        /// Number of the step, counted from 1.
+        /// Step number from 1.
         step: u32,
-        /// Hash of the state that it led to when it was taken.
+        /// Recorded state hash.
         recorded: u64,
-        /// Hash of the state that it leads to now.
+        /// Replayed state hash.
         replayed: u64,
     },
-    /// The sensors asked for are outside of the limits.
+    /// Sensors outside the limits.
     #[error(transparent)]
     Sensors(#[from] SensorsError),
-    /// Mission and truth do not belong together.
-    #[error(
-        "episode {episode}: the mission has {goals} goals, its truth {targets} targets (1 to 8 are possible)"
-    )]
+    /// Different goal counts in mission and truth.
+    #[error("episode {episode}: the mission has {goals} goals, its truth {targets} targets (the limit is 8)")]
     Mismatch {
         /// Id of the episode.
         episode: String,
@@ -89,48 +87,48 @@ pub enum RefereeError {
         /// Targets of the truth.
         targets: usize,
     },
-    /// The start pose is not a place where the body can stand.
+    /// Start pose outside the walkable floor.
     #[error("episode {episode}: {source}")]
     Start {
         /// Id of the episode.
         episode: String,
-        /// What the world said.
+        /// Cause.
         source: StartError,
     },
-    /// The bank cannot give what the rules ask for.
+    /// Too few clips in the bank.
     #[error("episode {episode}: {source}")]
     Sounds {
         /// Id of the episode.
         episode: String,
-        /// What is missing.
+        /// Cause.
         source: TooFewClips,
     },
 }
 
-/// What rules name of sound and cannot hold: the clips that are played, and who listens.
+/// Audio assets named by the rules: clip bank and head.
 #[derive(Clone, Debug, Default)]
 pub struct Audio {
-    /// Clips are drawn from it.
+    /// Clip bank.
     pub bank: Bank,
-    /// Who listens.
+    /// Listener's head.
     pub head: Head,
 }
 
 impl From<Bank> for Audio {
-    /// The clips of a bank, heard by a sphere.
+    /// Combines a bank with the spherical head.
     fn from(bank: Bank) -> Self {
         Self { bank, head: Head::default() }
     }
 }
 
 impl Referee {
-    /// Most goals in one mission: one bit each in the record.
+    /// Most goals per mission: the record has one bit per goal.
     const MAX_GOALS: usize = 8;
 
-    /// Sets the body down at the start of the episode. Nothing is rendered yet. `audio` is what the rules name.
+    /// Places the body at the start pose, without rendering.
     ///
     /// # Errors
-    /// When sensors, mission or start pose are not possible, or the bank holds too few clips.
+    /// If sensors, mission or start pose are invalid, or the bank has too few clips.
     pub fn new(
         assets: Arc<SceneAssets>,
         mission: Mission,
@@ -180,42 +178,42 @@ impl Referee {
         Ok(referee)
     }
 
-    /// What the agent is told.
+    /// Returns the mission.
     pub fn mission(&self) -> &Mission {
         &self.mission
     }
 
-    /// The rules in force.
+    /// Returns the rules.
     pub fn rules(&self) -> &Rules {
         &self.rules
     }
 
-    /// The sensors that the agent asked for.
+    /// Returns the subscribed sensors.
     pub fn sensors(&self) -> &Sensors {
         &self.sensors
     }
 
-    /// The goal whose target sounds in the last observation; `None` in silence. Hidden from agents.
+    /// Returns the goal with the sounding target in the last observation; `None` for silence. Hidden from agents.
     pub fn sounding(&self) -> Option<usize> {
         self.sounding
     }
 
-    /// For each goal: whether it can still be found. Hidden from agents.
+    /// Returns per goal whether it is still open. Hidden from agents.
     pub fn is_open(&self) -> Vec<bool> {
         self.goals.iter().map(|&state| state == GoalState::Open).collect()
     }
 
-    /// The world, with the body in it. Hidden from agents.
+    /// Returns the world with the body. Hidden from agents.
     pub fn world(&self) -> &World {
         &self.world
     }
 
-    /// Why the episode is over, when it is.
+    /// Returns the end reason, if the episode has ended.
     pub fn end(&self) -> Option<EndReason> {
         self.end
     }
 
-    /// Bytes that the episode takes for itself at most, apart from the building: ears, pictures of goals, facts of steps.
+    /// Returns the largest memory use of the episode, without the scene: audio state, goal pictures, step facts.
     pub fn most_bytes(&self) -> usize {
         let picture = |cue: &GoalCue| match cue {
             GoalCue::Image(image) => image.pixels.len(),
@@ -225,12 +223,12 @@ impl Referee {
         self.world.most_bytes() + pictures + self.rules.max_steps as usize * size_of::<StepFacts>()
     }
 
-    /// Steps taken.
+    /// Returns the step count.
     pub fn steps(&self) -> u32 {
         self.steps.len() as u32
     }
 
-    /// The observation before the first action; the same again when asked again.
+    /// Returns the first observation; repeated calls return the same one.
     pub fn start(&mut self) -> Observation {
         if let Some(first) = &self.first {
             return first.clone();
@@ -243,21 +241,21 @@ impl Referee {
         first
     }
 
-    /// Carries out one action.
+    /// Performs an action.
     ///
     /// # Errors
-    /// When the episode is over.
+    /// If the episode has ended.
     pub fn step(&mut self, action: Action) -> Result<StepOutcome, RefereeError> {
         let (feedback, sounding) = self.act(action)?;
         let senses = self.world.sense(sounding);
         Ok(StepOutcome { observation: self.observation(senses, feedback), end: self.end })
     }
 
-    /// Carries out the actions of an episode that was interrupted, each with the state hash that it led to then. Leads to
-    /// where [`Referee::step`] led, and to the same observation; pictures in between are not made. `None` for no action.
+    /// Repeats recorded actions of an interrupted episode with their state hashes. Reaches the same state and
+    /// observation as [`Referee::step`], but renders only the last picture. Returns `None` without actions.
     ///
     /// # Errors
-    /// When an action leads to another state than it did, or the episode is over before the last of them.
+    /// If a state differs from the record, or the episode ends before the last action.
     pub fn replay(&mut self, taken: &[(Action, u64)]) -> Result<Option<StepOutcome>, RefereeError> {
         let Some((&(last, after), before)) = taken.split_last() else { return Ok(None) };
         for &(action, state_hash) in before {
@@ -278,7 +276,7 @@ impl Referee {
         Err(RefereeError::Diverged { step: self.steps(), recorded, replayed })
     }
 
-    /// Moves the body and judges; what sounds next is sensed by the caller, in each step once.
+    /// Moves the body and applies the rules. The caller must sense exactly once afterwards.
     fn act(&mut self, action: Action) -> Result<(Feedback, Option<usize>), RefereeError> {
         if let Some(reason) = self.end {
             return Err(RefereeError::Over { reason, steps: self.steps() });
@@ -308,12 +306,12 @@ impl Referee {
         Ok((feedback, sounding))
     }
 
-    /// Ends the episode from outside. Nothing happens when it is over already.
+    /// Ends the episode from outside. No effect after the end.
     pub fn truncate(&mut self, reason: EndReason) {
         self.end.get_or_insert(reason);
     }
 
-    /// The hidden truth and the facts of the episode. One that is still running counts as abandoned.
+    /// Returns truth and record. A running episode ends as abandoned.
     pub fn into_record(mut self) -> (EpisodeTruth, Record) {
         self.truncate(EndReason::Abandoned);
         let goals = self.goals.len();
@@ -329,31 +327,41 @@ impl Referee {
         (self.truth, record)
     }
 
-    /// Judges a Submit or a Stop at the place where the body stands.
+    /// Evaluates a Submit or Stop at the current position.
     fn submit(&mut self, action: Action) -> Feedback {
         let completed = self.matching_goal();
-        let wrong_instance = if completed.is_none() { self.goal_of_a_distractor() } else { None };
-        let skipped = match completed {
-            None if self.skips_on_failure() => self.open_goals().next(),
-            _ => None,
-        };
-        completed.into_iter().for_each(|goal| self.goals[goal] = GoalState::Found);
-        skipped.into_iter().for_each(|goal| self.goals[goal] = GoalState::Skipped);
-        let final_submit = self.submits_used >= self.submit_limit();
-        self.submits_used += u32::from(action == Action::Submit);
-        self.end = match action {
-            Action::Stop => Some(EndReason::Stopped),
-            _ if final_submit => Some(EndReason::FinalSubmit),
-            _ => None,
-        };
+        let mut skipped = None;
+        let mut wrong_instance = None;
+        if let Some(goal) = completed {
+            self.goals[goal] = GoalState::Found;
+        } else {
+            // A claim that completes a goal is not wrong, even with a distractor nearby. The distractor is looked up before
+            // the goal is skipped: the fact is about the goal claimed now.
+            wrong_instance = self.goal_of_a_distractor();
+            if self.skips_on_failure() {
+                skipped = self.open_goals().next();
+            }
+        }
+        if let Some(goal) = skipped {
+            self.goals[goal] = GoalState::Skipped;
+        }
+        // The paper allows N - 1 Submits and a Stop. The N-th Submit ends the episode, and can complete a goal.
+        let is_final = self.submits_used >= self.submit_limit();
+        if action == Action::Submit {
+            self.submits_used += 1;
+        }
+        if action == Action::Stop {
+            self.end = Some(EndReason::Stopped);
+        } else if is_final {
+            self.end = Some(EndReason::FinalSubmit);
+        }
         let as_goal = |goal: usize| goal as u8;
-        let facts = SubmitFacts {
+        self.submits.push(SubmitFacts {
             step: self.steps() + 1,
             completed: completed.map(as_goal),
             skipped: skipped.map(as_goal),
             wrong_instance: wrong_instance.map(as_goal),
-        };
-        self.submits.push(facts);
+        });
         match self.rules.feedback {
             FeedbackRule::None => Feedback::None,
             FeedbackRule::Accepted => Feedback::Accepted,
@@ -361,7 +369,7 @@ impl Referee {
         }
     }
 
-    /// The open goal that a Submit here completes: the next one, or in any order the nearest one.
+    /// Goal completed by a Submit here: the next one, or the nearest in an unordered mission.
     fn matching_goal(&self) -> Option<usize> {
         self.claimable_goals()
             .filter_map(|goal| Some((self.distance_within(goal)?, goal)))
@@ -369,7 +377,7 @@ impl Referee {
             .map(|(_, goal)| goal)
     }
 
-    /// The first goal that a Submit here would complete if a distractor were its target.
+    /// First goal that would match with a distractor as target.
     fn goal_of_a_distractor(&self) -> Option<usize> {
         let targets = &self.truth.targets;
         let at_distractor =
@@ -377,7 +385,7 @@ impl Referee {
         self.claimable_goals().find(at_distractor)
     }
 
-    /// The goals that a Submit can complete now: the next one, or in any order all that are open.
+    /// Goals open to a Submit: the next one, or all open ones in an unordered mission.
     fn claimable_goals(&self) -> impl Iterator<Item = usize> {
         self.open_goals().take(match self.mission.order {
             Order::Ordered => 1,
@@ -406,13 +414,13 @@ impl Referee {
         (0..self.goals.len()).fold(0, |bits, goal| bits | bit(goal))
     }
 
-    /// For each goal: whether its target has fallen silent.
+    /// Per goal: whether its target is silent.
     fn silent(&self) -> Vec<bool> {
         let silences = self.rules.sounding == SoundingRule::UnfinishedInDrawnOrder;
         self.goals.iter().map(|&state| silences && state == GoalState::Found).collect()
     }
 
-    /// Tells this state of body and goals from others: two episodes that agree in it after every step went the same way.
+    /// Returns a hash of body and goal state. Episodes with equal hashes after every step are equal.
     pub fn state_hash(&self) -> u64 {
         let fold = |hash: u64, state: &GoalState| hash.rotate_left(5) ^ (*state as u64 + 1);
         self.goals.iter().fold(self.world.state_hash(), fold)
@@ -485,7 +493,7 @@ fn scaled(mut depth: Vec<f32>, divisor: f32) -> Vec<f32> {
     depth
 }
 
-/// Each ear's samples followed by silence up to `length`.
+/// Appends silence per ear up to `length` samples.
 fn padded(audio: &[f32], length: usize) -> Vec<f32> {
     let samples = audio.len() / Sensors::AUDIO_CHANNELS as usize;
     let mut out = vec![0.0; length.max(samples) * Sensors::AUDIO_CHANNELS as usize];

@@ -1,7 +1,7 @@
 use avln_episode::{Rules, SoundingRule};
 use avln_world::Rng;
 
-/// Which target sounds when: a pure function of the seed, the rules and the steps at which targets fell silent.
+/// Schedule of sounding targets: a function of seed, rules and completion steps.
 #[derive(Clone, Debug)]
 pub(crate) struct Schedule {
     turn: Turn,
@@ -10,9 +10,9 @@ pub(crate) struct Schedule {
 
 #[derive(Clone, Debug)]
 enum Turn {
-    /// Cycles through a drawn order and leaves out what is silent.
+    /// Cycles through a drawn order; skips silent targets.
     Drawn { order: Vec<usize>, place: usize, steps_left: u32 },
-    /// Cycles through the goals in their order, whatever happens; counts moves only.
+    /// Cycles through all goals in order; counts only moves and turns.
     Goals { count: usize, moves: u32 },
 }
 
@@ -30,9 +30,9 @@ impl Schedule {
         Self { turn, window_steps }
     }
 
-    /// The target that sounds in the next observation; `None` when all are silent.
+    /// Returns the sounding target for the next observation; `None` if all are silent.
     ///
-    /// `silent[goal]` says whose sound has ended, `moved` whether the action was a move or a turn.
+    /// `silent[goal]` marks finished sounds; `moved` is true for moves and turns.
     pub(crate) fn next(&mut self, silent: &[bool], moved: bool) -> Option<usize> {
         match &mut self.turn {
             Turn::Drawn { order, place, steps_left } => {
@@ -54,7 +54,7 @@ impl Schedule {
     }
 }
 
-/// The next place in the cycle whose target still sounds; at least one does.
+/// Next place in the cycle with a sounding target; at least one exists.
 fn next_place(order: &[usize], place: usize, silent: &[bool]) -> usize {
     let cycle = (1..=order.len()).map(|ahead| (place + ahead) % order.len());
     cycle.into_iter().find(|&next| !silent[order[next]]).unwrap_or(place)
@@ -101,8 +101,8 @@ mod tests {
         assert_eq!((heard[0], heard[25], heard[26], heard[51]), (0, 0, 1, 2));
     }
 
-    /// Share of observations of many episodes in which the target sounds that sounded most often at the same step of as
-    /// many other episodes; and of how many that is.
+    /// Success rate for guessing the sounding target from the step number, learnt from other episodes; and the episode
+    /// count.
     fn guessed(rules: &Rules) -> (f64, f64) {
         const EPISODES: u64 = 4000;
         const STEPS: usize = 300;

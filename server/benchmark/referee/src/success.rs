@@ -2,17 +2,17 @@ use avln_episode::{DistanceRule, Rules};
 use avln_truth::Target;
 use avln_world::{Camera, DistanceField, InstanceId, NavPoint, SceneAssets, World};
 
-/// Side of the picture in which the authors' rule looks for a pixel of the target.
+/// Picture side for the pixel test in the authors' rule.
 const LOOK_SIDE_PX: u32 = 128;
-/// How far from the mesh a stored place may lie and still be snapped to it, metres.
+/// Largest snap distance from a stored point to the mesh, metres.
 const SNAP_M: f32 = 0.5;
 
-/// Decides whether the body stands in a target's success region.
+/// Test for success regions.
 pub(crate) struct SuccessTest {
     rule: DistanceRule,
-    /// For each target: walking distance to its success region.
+    /// Per target: walking distance to the success region.
     to_region: Vec<DistanceField>,
-    /// For each target: walking distance to its viewpoints.
+    /// Per target: walking distance to the viewpoints.
     to_viewpoint: Vec<DistanceField>,
 }
 
@@ -35,7 +35,7 @@ impl SuccessTest {
         }
     }
 
-    /// How far the body is from goal `goal` by the measure of the rules, when it stands in its success region.
+    /// Returns the distance to `goal` by the rules' measure, if the body is in the success region.
     pub(crate) fn distance_within(
         &self,
         world: &World,
@@ -59,8 +59,8 @@ impl SuccessTest {
         }
     }
 
-    /// Whether the body stands within the radius of success of the box of another instance of the target's category,
-    /// in sight of it. Under every rule set this is measured from the camera to the box.
+    /// True if the body is within the success radius and in sight of another instance in the target's category.
+    /// Measured from camera to box under every rule set.
     pub(crate) fn is_at_distractor(world: &World, target: &Target, rules: &Rules) -> bool {
         let assets = world.assets();
         let base = world.pose().position;
@@ -70,7 +70,7 @@ impl SuccessTest {
             });
         distractors.into_iter().any(|object| {
             let sees = |eye: &_, half_view_rad| assets.sees(eye, object.id, half_view_rad);
-            // Its own floor is not known: what is in sight within the radius is on the floor where the body stands.
+            // Its floor is unknown. Anything visible within the radius is on the body's floor.
             let it = Target {
                 instance: object.id.0,
                 bounds: object.bounds,
@@ -84,7 +84,7 @@ impl SuccessTest {
         })
     }
 
-    /// Walking distance from where the body stands to the success region of goal `goal`, metres.
+    /// Walking distance from the body to the success region of `goal`, metres.
     pub(crate) fn walk_m(&self, world: &World, goal: usize) -> Option<f64> {
         self.to_region[goal].distance_m(&world.assets().navmesh, &world.standing())
     }

@@ -5,15 +5,15 @@ use avln_geom::SplitMix64;
 /// Resamples per interval.
 pub(crate) const RESAMPLES: usize = 1000;
 
-/// Episodes drawn together: the sum of each of `K` columns, and the number of episodes.
+/// Cluster drawn as a whole: sums per column, and the episode count.
 pub(crate) struct Cluster<const K: usize> {
     sums: [f64; K],
     count: usize,
 }
 
-/// Groups rows by scene; rows of a single scene form a cluster each. Rows of a scene must be adjacent.
+/// Groups rows by scene; with a single scene every row is a cluster. Rows with equal scenes must be adjacent.
 pub(crate) fn clusters<const K: usize>(rows: &[(&str, [f64; K])]) -> Vec<Cluster<K>> {
-    // Episodes of a scene are correlated, so scenes are resampled. A single scene leaves only episodes to resample.
+    // Episodes in a scene are correlated, so scenes are resampled. A single scene leaves only episodes to resample.
     let one_scene = rows.windows(2).all(|pair| pair[0].0 == pair[1].0);
     let same = |a: &(&str, [f64; K]), b: &(&str, [f64; K])| !one_scene && a.0 == b.0;
     rows.chunk_by(same).map(total).collect()
@@ -29,7 +29,7 @@ fn total<const K: usize>(rows: &[(&str, [f64; K])]) -> Cluster<K> {
     Cluster { sums, count: rows.len() }
 }
 
-/// Means of clusters drawn with replacement, ascending, for each column.
+/// Sorted means per column over clusters drawn with replacement.
 fn resampled_means<const K: usize>(clusters: &[Cluster<K>], seed: u64) -> [Vec<f64>; K] {
     let mut draw = SplitMix64::new(seed);
     let mut means: [Vec<f64>; K] = std::array::from_fn(|_| Vec::with_capacity(RESAMPLES));
@@ -53,7 +53,7 @@ fn resampled_means<const K: usize>(clusters: &[Cluster<K>], seed: u64) -> [Vec<f
     means
 }
 
-/// Returns the middle 95 % of the resampled means of each column, as (low, high). `clusters` must not be empty.
+/// Returns the middle 95 % of resampled means per column, as (low, high). `clusters` must not be empty.
 pub(crate) fn intervals<const K: usize>(clusters: &[Cluster<K>], seed: u64) -> [(f64, f64); K] {
     let means = resampled_means(clusters, seed);
     std::array::from_fn(|column| {
@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn fair_coin_interval_matches_normal_approximation() {
-        // 100 episodes of one scene, half of them 1: 0.5 ± 1.96 × sqrt(0.25 / 100) = 0.402 to 0.598.
+        // 100 episodes in a scene, half with 1: 0.5 ± 1.96 × sqrt(0.25 / 100) = 0.402 to 0.598.
         let rows: Vec<_> = (0..100).map(|i| ("a", [f64::from(i % 2)])).collect();
         let [(low, high)] = intervals(&clusters(&rows), 9);
         assert!((low - 0.402).abs() < 0.02 && (high - 0.598).abs() < 0.02, "{low} to {high}");

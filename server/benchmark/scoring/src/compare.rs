@@ -11,26 +11,26 @@ use std::collections::BTreeMap;
 /// Paired comparison of two runs over their common episodes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
-    /// Number of common episodes.
+    /// Common episodes.
     pub episodes: u32,
-    /// Number of scenes of these episodes.
+    /// Scenes in these episodes.
     pub scenes: u32,
     /// In the order of [`Key::ALL`].
     pub differences: Vec<Difference>,
 }
 
-/// Difference of two runs in a metric.
+/// Difference between two runs in a metric.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Difference {
     /// The metric.
     pub key: Key,
-    /// Mean of the first run over the common episodes.
+    /// Mean for the first run over the common episodes.
     pub first: f64,
-    /// Mean of the second run.
+    /// Mean for the second run.
     pub second: f64,
-    /// Mean of the differences per episode, first minus second, with its 95 % interval, resampled by scene.
+    /// Mean difference per episode, first minus second, with the 95 % interval, resampled by scene.
     pub estimate: Estimate,
-    /// Whether the interval excludes 0; false with fewer than two episodes.
+    /// True if the interval excludes 0; false with fewer than two episodes.
     pub is_sure: bool,
 }
 
@@ -65,7 +65,7 @@ pub fn compare(first: &[EpisodeScore], second: &[EpisodeScore], seed: u64) -> Op
     })
 }
 
-/// Pairs the scores of common episodes, sorted by scene, episode and order.
+/// Pairs common episodes, sorted by scene, episode and order.
 pub(crate) fn pairs<'a>(
     first: &'a [EpisodeScore],
     second: &'a [EpisodeScore],
@@ -75,7 +75,7 @@ pub(crate) fn pairs<'a>(
     sorted(first).into_iter().filter_map(of_both).collect()
 }
 
-/// Id and goal order: runs of both orders play the same episodes, which are not comparable.
+/// Id and goal order: both orders share episodes, but are not comparable.
 fn identity(score: &EpisodeScore) -> (&str, &str) {
     (&score.episode, score.order.as_str())
 }

@@ -7,24 +7,24 @@ use crate::score::{Estimate, Metrics, Summary};
 use serde::{Deserialize, Serialize};
 use std::{fmt, str::FromStr};
 
-/// Definition of a metric.
+/// Metric definition.
 #[derive(Clone, Copy, Debug)]
 pub struct Metric {
     /// Name in JSON, CSV files, URLs and the database.
     pub id: &'static str,
     /// Column heading.
     pub label: &'static str,
-    /// Explanation in one sentence.
+    /// Explanation in a sentence.
     pub meaning: &'static str,
-    /// Unit of the value.
+    /// Unit.
     pub unit: Unit,
-    /// The better end; `None` for properties of the mission.
+    /// Better end; `None` for mission properties.
     pub direction: Option<Direction>,
     /// True for values that depend on the hidden truth: phases with hidden scores publish them after their reveal only.
     pub hidden_until_reveal: bool,
     /// Prominence in tables.
     pub prominence: Prominence,
-    /// Key for ranking; `None` if boards cannot be sorted by this metric.
+    /// Ranking key; `None` if boards cannot be sorted by this metric.
     pub key: Option<Key>,
     /// Value in an episode.
     pub episode: EpisodeValue,
@@ -32,18 +32,18 @@ pub struct Metric {
     pub summary: SummaryValue,
 }
 
-/// Unit of a metric.
+/// Metric unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
     /// A share in [0, 1].
     Share,
-    /// A number of goals, actions or claims.
+    /// Goals, actions or claims.
     Count,
     /// Metres.
     Metres,
 }
 
-/// The better end of a metric.
+/// Better end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Direction {
@@ -53,7 +53,7 @@ pub enum Direction {
     Lower,
 }
 
-/// Prominence of a metric in tables.
+/// Prominence in tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Prominence {
     /// In every table, and in the messages to agents.
@@ -67,9 +67,9 @@ pub enum Prominence {
 /// Accessor for the value in an episode.
 #[derive(Clone, Copy, Debug)]
 pub enum EpisodeValue {
-    /// One number.
+    /// Single number.
     Number(fn(&Metrics) -> f64),
-    /// One number per goal.
+    /// Number per goal.
     PerGoal(fn(&Metrics) -> Vec<Option<f64>>),
     /// Defined for summaries only.
     None,
@@ -78,17 +78,17 @@ pub enum EpisodeValue {
 /// Accessor for the value in a summary.
 #[derive(Clone, Copy, Debug)]
 pub enum SummaryValue {
-    /// A mean with its interval.
+    /// Mean with an interval.
     Estimate(fn(&Summary) -> Estimate),
-    /// A mean without interval.
+    /// Mean without an interval.
     Mean(fn(&Summary) -> f64),
-    /// A mean over goals, absent if there is no such goal.
+    /// Mean over goals; absent without such goals.
     GoalMean(fn(&Summary) -> Option<f64>),
     /// Defined for episodes only.
     None,
 }
 
-/// All metrics, in the order of JSON fields and CSV columns.
+/// All metrics, in JSON field and CSV column order.
 pub const METRICS: [Metric; 18] = [
     Metric {
         id: "goals",
@@ -258,7 +258,7 @@ pub const METRICS: [Metric; 18] = [
     },
 ];
 
-/// Defaults of a share.
+/// Defaults for shares.
 const SHARE: Metric = Metric {
     id: "",
     label: "",
@@ -271,13 +271,13 @@ const SHARE: Metric = Metric {
     episode: EpisodeValue::None,
     summary: SummaryValue::None,
 };
-/// Defaults of a count.
+/// Defaults for counts.
 const COUNT: Metric = Metric { unit: Unit::Count, direction: Some(Direction::Lower), ..SHARE };
-/// Defaults of a length.
+/// Defaults for lengths.
 const LENGTH: Metric = Metric { unit: Unit::Metres, ..COUNT };
 
 impl Metric {
-    /// Returns the number of an episode; `None` for lists per goal and for values of summaries only.
+    /// Returns the episode's number; `None` for lists per goal and for values defined on summaries only.
     pub fn of(&self, metrics: &Metrics) -> Option<f64> {
         match self.episode {
             EpisodeValue::Number(value) => Some(value(metrics)),
@@ -285,7 +285,7 @@ impl Metric {
         }
     }
 
-    /// Returns the mean over the episodes of a run; `None` if the summary has none.
+    /// Returns the run's mean; `None` if the summary has none.
     pub fn mean_of(&self, summary: &Summary) -> Option<f64> {
         match self.summary {
             SummaryValue::Estimate(estimate) => Some(estimate(summary).value),
@@ -295,7 +295,7 @@ impl Metric {
         }
     }
 
-    /// Returns the mean with its interval, for metrics with an interval.
+    /// Returns the mean with the interval, if the metric has one.
     pub fn estimate_of(&self, summary: &Summary) -> Option<Estimate> {
         match self.summary {
             SummaryValue::Estimate(estimate) => Some(estimate(summary)),
@@ -303,32 +303,32 @@ impl Metric {
         }
     }
 
-    /// Iterates over the metrics of every table and of the messages to agents: SR, ISR, OSR, SPL and SoftSPL.
+    /// Iterates over the metrics in every table and in messages to agents: SR, ISR, OSR, SPL and SoftSPL.
     pub fn headlines() -> impl Iterator<Item = &'static Self> {
         METRICS.iter().filter(|metric| metric.prominence == Prominence::Headline)
     }
 }
 
-/// A metric that boards can be ranked by.
+/// Metric for ranking boards.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Key {
     /// Share of episodes with every goal found.
     #[default]
     Sr,
-    /// Mean share of goals found.
+    /// Mean goal share found.
     Isr,
-    /// Mean share of goals with a visited region.
+    /// Mean goal share with a visited region.
     Osr,
     /// Success weighted by path length.
     Spl,
     /// Goals found weighted by path length.
     SoftSpl,
-    /// Success weighted by number of actions.
+    /// Success weighted by action count.
     Sna,
     /// Actions.
     Steps,
-    /// Length of the path.
+    /// Path length.
     PathM,
     /// Collisions.
     Collisions,
@@ -336,12 +336,12 @@ pub enum Key {
     WrongSubmits,
 }
 
-/// A word that is not a ranking key.
+/// Unknown ranking key.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("cannot rank by the metric '{0}'; use {choices}", choices = choices())]
 pub struct UnknownKey(pub String);
 
-/// "a, b or c": the ids of all keys.
+/// Lists all key ids: "a, b or c".
 fn choices() -> String {
     let [rest @ .., last] = Key::ALL.map(Key::as_str);
     format!("{} or {last}", rest.join(", "))
@@ -351,13 +351,13 @@ impl Key {
     /// All keys, in the order of [`METRICS`].
     pub const ALL: [Self; 10] = ranking_keys();
 
-    /// Returns the definition of the metric.
+    /// Returns the metric definition.
     pub fn metric(self) -> &'static Metric {
         // The table has a row for every key: a test checks it.
         METRICS.iter().find(|metric| metric.key == Some(self)).unwrap_or(&SHARE)
     }
 
-    /// Returns the id of the metric.
+    /// Returns the metric id.
     pub fn as_str(self) -> &'static str {
         self.metric().id
     }
@@ -367,12 +367,12 @@ impl Key {
         self.metric().direction.unwrap_or(Direction::Higher)
     }
 
-    /// Returns the value of an episode.
+    /// Returns the episode's value.
     pub fn of(self, metrics: &Metrics) -> f64 {
         self.metric().of(metrics).unwrap_or(0.0)
     }
 
-    /// Returns the mean over the episodes of a run.
+    /// Returns the run's mean.
     pub fn mean_of(self, summary: &Summary) -> f64 {
         self.metric().mean_of(summary).unwrap_or(0.0)
     }

@@ -1,4 +1,4 @@
-//! Ranks of leaderboard entries: intervals over resampled scenes, and groups of statistically equal entries.
+//! Leaderboard ranks: intervals over resampled scenes, and groups without significant differences.
 
 use crate::{
     bootstrap::{RESAMPLES, clusters, intervals},
@@ -13,18 +13,18 @@ use std::{
     collections::{BTreeMap, BTreeSet},
 };
 
-/// An entry of a leaderboard before ranking.
+/// Leaderboard entry before ranking.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry<'a> {
-    /// Means of the entry.
+    /// Means.
     pub summary: &'a Summary,
-    /// Its episodes, for the paired test.
+    /// Episodes, for the paired test.
     pub scores: &'a [EpisodeScore],
-    /// Whether it competes; other entries are listed among the competitors, without a rank.
+    /// True if it competes. Other entries are listed in between, without a rank.
     pub is_ranked: bool,
 }
 
-/// A row of a ranked leaderboard.
+/// Row in a ranked leaderboard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RankedEntry {
     /// Index of the entry in the ranked slice.
@@ -33,33 +33,33 @@ pub struct RankedEntry {
     pub standing: Option<Standing>,
 }
 
-/// Standing of an entry among the competing ones.
+/// Standing among the competing entries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Standing {
     /// Rank from 1; equal entries share a rank, and the next rank is skipped.
     pub rank: u32,
-    /// Best rank of the middle 95 % over resampled scenes, at most `rank`.
+    /// Best rank in the middle 95 % over resampled scenes, at most `rank`.
     pub rank_low: u32,
-    /// Worst rank of the middle 95 %, at least `rank`.
+    /// Worst rank in the middle 95 %, at least `rank`.
     pub rank_high: u32,
-    /// Number of the tie group, from 1. Entries of a group do not differ significantly from its first entry.
+    /// Tie group from 1. No entry differs significantly from the group's first.
     pub tie_group: u32,
 }
 
-/// Tie breaks between entries with equal keys, in order.
+/// Tie breaks for equal keys, in order.
 const TIE_BREAKS: [Key; 5] = [Key::Sr, Key::Isr, Key::Spl, Key::SoftSpl, Key::Osr];
 
-/// Returns the indices of `summaries` by `key`, best first. Ties are broken by SR, ISR, SPL, SoftSPL and OSR.
+/// Returns indices into `summaries` by `key`, best first. SR, ISR, SPL, SoftSPL and OSR break ties.
 pub fn best_first(summaries: &[&Summary], key: Key) -> Vec<usize> {
     let mut order: Vec<usize> = (0..summaries.len()).collect();
     order.sort_by(|&a, &b| better(summaries[a], summaries[b], key));
     order
 }
 
-/// Sorts `entries` by `key`, best first, and computes the standings of the competing ones.
+/// Sorts `entries` by `key`, best first, with standings for competing entries.
 ///
-/// Entries equal in the key and in SR, ISR, SPL, SoftSPL and OSR share a rank. An entry joins the tie group above
-/// it unless the 95 % interval of its paired difference in `key` to the group's first entry excludes 0.
+/// Entries equal in the key and in SR, ISR, SPL, SoftSPL and OSR share a rank. An entry joins the tie group above it
+/// unless the 95 % interval for its paired difference in `key` to the group's first entry excludes 0.
 pub fn rank(entries: &[Entry<'_>], key: Key, seed: u64) -> Vec<RankedEntry> {
     let summaries: Vec<&Summary> = entries.iter().map(|entry| entry.summary).collect();
     let order = best_first(&summaries, key);
@@ -72,7 +72,7 @@ pub fn rank(entries: &[Entry<'_>], key: Key, seed: u64) -> Vec<RankedEntry> {
     order.into_iter().map(|entry| RankedEntry { entry, standing: standings[entry] }).collect()
 }
 
-/// Standings of entries sorted best first.
+/// Standings for entries sorted best first.
 fn standings_of(sorted: &[Entry<'_>], key: Key, seed: u64) -> Vec<Standing> {
     let scores: Vec<&[EpisodeScore]> = sorted.iter().map(|entry| entry.scores).collect();
     let spans = rank_intervals(&scores, key, seed);
@@ -83,7 +83,7 @@ fn standings_of(sorted: &[Entry<'_>], key: Key, seed: u64) -> Vec<Standing> {
         let mut tie_group = 1;
         if let Some(above) = standings.last() {
             let is_equal = better(sorted[index - 1].summary, entry.summary, key).is_eq();
-            // The test is against the first of the group: a chain of small differences must not span a large one.
+            // Tested against the group's first entry: a chain of small differences must not span a large one.
             let is_apart = !is_equal && differ(&sorted[group_first], entry, key, seed);
             if is_equal {
                 rank = above.rank;
@@ -106,7 +106,7 @@ fn better(a: &Summary, b: &Summary, key: Key) -> Ordering {
     TIE_BREAKS.into_iter().fold(by(key), |ordering, next| ordering.then_with(|| by(next)))
 }
 
-/// Whether the 95 % interval of the paired difference over common episodes excludes 0. Needs at least two pairs.
+/// True if the 95 % interval for the paired difference excludes 0. Needs at least two pairs.
 fn differ(a: &Entry<'_>, b: &Entry<'_>, key: Key, seed: u64) -> bool {
     let pairs = pairs(a.scores, b.scores);
     if pairs.len() < 2 {
@@ -120,8 +120,8 @@ fn differ(a: &Entry<'_>, b: &Entry<'_>, key: Key, seed: u64) -> bool {
     low > 0.0 || high < 0.0
 }
 
-/// The middle 95 % of each entry's ranks over resampled scenes, as (best, worst). All entries share the resamples.
-/// With a single scene episodes are resampled. Entries with equal means share a rank.
+/// Middle 95 % of ranks per entry over resampled scenes, as (best, worst). All entries share the resamples. A single
+/// scene resamples episodes. Equal means share a rank.
 fn rank_intervals(entries: &[&[EpisodeScore]], key: Key, seed: u64) -> Vec<(u32, u32)> {
     let sums = ClusterSums::new(entries, key);
     let mut ranks: Vec<Vec<u32>> = vec![Vec::with_capacity(RESAMPLES); entries.len()];
@@ -139,10 +139,10 @@ fn rank_intervals(entries: &[&[EpisodeScore]], key: Key, seed: u64) -> Vec<(u32,
     ranks.into_iter().map(middle).collect()
 }
 
-/// Sums of the ranking key per entry and cluster of episodes.
+/// Key sums per entry and cluster.
 struct ClusterSums {
     clusters: usize,
-    /// Per entry and cluster: the sum of the key (lower is better) and the number of episodes.
+    /// Per entry and cluster: key sum (lower is better) and episode count.
     sums: Vec<Vec<(f64, u32)>>,
 }
 
@@ -166,7 +166,7 @@ impl ClusterSums {
         Self { clusters: indices.len(), sums: entries.iter().map(sums_of).collect() }
     }
 
-    /// Draws clusters with replacement; returns the number of draws of each.
+    /// Draws clusters with replacement; returns draw counts.
     fn draw(&self, rng: &mut SplitMix64) -> Vec<u32> {
         let mut times = vec![0; self.clusters];
         for _ in 0..self.clusters {
@@ -175,7 +175,7 @@ impl ClusterSums {
         times
     }
 
-    /// Means of the entries over the drawn clusters; infinite for an entry without episodes in them.
+    /// Means over the drawn clusters; infinite for entries without episodes there.
     fn means(&self, times: &[u32]) -> Vec<f64> {
         let mean = |sums: &Vec<(f64, u32)>| {
             let mut total = 0.0;
@@ -200,7 +200,7 @@ fn episode_of(score: &EpisodeScore) -> &str {
     &score.episode
 }
 
-/// Indices of `means` with their ranks, 1 for the smallest; equal means share a rank.
+/// Indices into `means` with their ranks, 1 for the smallest; equal means share a rank.
 fn shared_ranks(means: &[f64]) -> Vec<(usize, u32)> {
     let mut order: Vec<usize> = (0..means.len()).collect();
     order.sort_by(|&a, &b| means[a].total_cmp(&means[b]));

@@ -1,22 +1,22 @@
-//! Formulas: metrics of an episode from its facts, means and intervals of a run from its episodes.
+//! Formulas: episode metrics from facts; run means and intervals from episodes.
 
 use crate::bootstrap::{clusters, intervals};
 use avln_episode::{Order, Point3, Rules};
 use avln_truth::{EpisodeTruth, Record};
 use serde::{Deserialize, Serialize};
 
-/// Metrics of one episode. Shares and rates lie in [0, 1]; `osr >= isr` and `spl <= sr` always.
+/// Episode metrics. Shares and rates are in [0, 1]; `osr >= isr` and `spl <= sr` always.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Metrics {
-    /// Goals of the mission.
+    /// Goals in the mission.
     pub goals: u32,
     /// Goals found.
     pub found: u32,
     /// Success: 1 if every goal was found, else 0.
     pub sr: f64,
-    /// Share of goals found.
+    /// Goal share found.
     pub isr: f64,
-    /// Share of goals found or with a visited success region.
+    /// Goal share found or with a visited success region.
     pub osr: f64,
     /// 1 if `osr` is 1, else 0.
     pub osr_all: f64,
@@ -26,39 +26,39 @@ pub struct Metrics {
     pub soft_spl: f64,
     /// `sr × fewest actions / max(fewest actions, actions)` (Chen et al. 2020).
     pub sna: f64,
-    /// Actions of all five kinds.
+    /// Actions, all five kinds.
     pub steps: u32,
-    /// Length of the base's path in space, metres.
+    /// Path length, metres.
     pub path_m: f64,
-    /// Length of the reference tour, metres.
+    /// Reference tour length, metres.
     pub reference_m: f64,
     /// Actions blocked by an obstacle.
     pub collisions: u32,
     /// Submits and Stops that completed no goal.
     pub wrong_submits: u32,
-    /// Wrong submits at another instance of a goal's category.
+    /// Wrong submits at another instance in a goal's category.
     #[serde(default)]
     pub wrong_instance_submits: u32,
-    /// Number of the step that found each goal, from 1.
+    /// Per goal: step number from 1, if found.
     pub steps_to_goal: Vec<Option<u32>>,
-    /// Walking distance from the last pose to the success region of each goal, metres; `None` if unreachable.
+    /// Per goal: walking distance from the last pose to the success region, metres; `None` if unreachable.
     pub final_distance_m: Vec<Option<f64>>,
 }
 
-/// Metrics of one episode, with its group keys.
+/// Episode metrics with group keys.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeScore {
-    /// Id of the episode inside its split.
+    /// Episode id inside the split.
     pub episode: String,
-    /// Name of the scene.
+    /// Scene name.
     pub scene: String,
-    /// Order of the goals.
+    /// Goal order.
     pub order: Order,
     /// Metrics.
     pub metrics: Metrics,
 }
 
-/// A mean over episodes with its 95 % interval, resampled by scene. `low <= value <= high`.
+/// Mean over episodes with the 95 % interval, resampled by scene. `low <= value <= high`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// The mean.
@@ -69,54 +69,54 @@ pub struct Estimate {
     pub high: f64,
 }
 
-/// Metrics of a set of episodes. Plain numbers are means over episodes.
+/// Metrics for a set of episodes. Plain numbers are means over episodes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
-    /// Number of episodes.
+    /// Episode count.
     pub episodes: u32,
-    /// Number of scenes.
+    /// Scene count.
     pub scenes: u32,
     /// Success rate.
     pub sr: Estimate,
-    /// Share of goals found, mean over episodes.
+    /// Goal share found, mean over episodes.
     pub isr: Estimate,
-    /// Share of goals found, over all goals of all episodes.
+    /// Goal share found, over all goals in all episodes.
     pub isr_by_goal: f64,
-    /// Share of goals with a visited region, mean over episodes.
+    /// Goal share with a visited region, mean over episodes.
     pub osr: Estimate,
-    /// Share of episodes with all regions visited.
+    /// Episode share with all regions visited.
     pub osr_all: f64,
     /// Success weighted by path length.
     pub spl: Estimate,
-    /// Share of goals found, weighted by path length.
+    /// Goal share found, weighted by path length.
     pub soft_spl: Estimate,
-    /// Success weighted by number of actions.
+    /// Success weighted by action count.
     pub sna: Estimate,
     /// Actions.
     pub steps: f64,
-    /// Length of the path, metres.
+    /// Path length, metres.
     pub path_m: f64,
     /// Collisions.
     pub collisions: f64,
     /// Submits and Stops that completed no goal.
     pub wrong_submits: f64,
-    /// Wrong submits at another instance of a goal's category.
+    /// Wrong submits at another instance in a goal's category.
     #[serde(default)]
     pub wrong_instance_submits: f64,
-    /// Steps to a goal, mean over the goals found; `None` if none was found.
+    /// Steps to a goal, mean over found goals; `None` without any.
     pub steps_to_goal: Option<f64>,
-    /// Final distance to a goal, metres, mean over the reachable goals; `None` if none is reachable.
+    /// Final distance to a goal, metres, mean over reachable goals; `None` without any.
     pub final_distance_m: Option<f64>,
 }
 
-/// Computes the metrics of an episode from its facts. An episode without goals scores 0.
+/// Computes episode metrics from facts. An episode without goals scores 0.
 ///
-/// An episode that ended by [`avln_episode::EndReason::ServerFault`] has metrics too; callers exclude them from means.
+/// Episodes with [`avln_episode::EndReason::ServerFault`] have metrics too; callers exclude them from means.
 pub fn score(truth: &EpisodeTruth, record: &Record, rules: &Rules) -> Metrics {
     let goals = truth.targets.len();
     let steps_to_goal = record.found_at(goals);
     let found = steps_to_goal.iter().flatten().count();
-    // A completed goal counts as visited even if the record of regions lacks the visit: isr <= osr always.
+    // A completed goal counts as visited even without a recorded visit: isr <= osr always.
     let is_visited = |&goal: &usize| steps_to_goal[goal].is_some() || entered_region(record, goal);
     let visited = (0..goals).filter(is_visited).count();
     let wrong_submits = record.submits.iter().filter(|submit| submit.completed.is_none());
@@ -158,15 +158,15 @@ fn all(count: usize, goals: usize) -> f64 {
 }
 
 fn entered_region(record: &Record, goal: usize) -> bool {
-    // The record has 8 bits for regions; goals beyond them count as not visited instead of overflowing the shift.
+    // Records have 8 region bits; further goals count as not visited instead of overflowing the shift.
     let bit = u8::try_from(1_u64.checked_shl(goal as u32).unwrap_or(0)).unwrap_or(0);
     let at_start = record.in_region_at_start.get(goal).copied().unwrap_or(false);
     at_start || record.steps.iter().any(|step| step.in_region & bit != 0)
 }
 
-/// Sum of the straight lines between consecutive base positions, metres.
+/// Sum over straight lines between consecutive base positions, metres.
 fn path_length_m(record: &Record) -> f64 {
-    // Poses are f32; the sum of up to 1,000 steps is computed in f64, so that its rounding does not grow with the walk.
+    // Poses are f32. The sum over up to 1,000 steps is f64, so that rounding errors do not add up.
     let mut at = record.start.position;
     let mut length_m = 0.0;
     for step in &record.steps {
@@ -193,22 +193,22 @@ fn efficiency(least: f64, spent: f64) -> f64 {
     if most > 0.0 { least / most } else { 1.0 }
 }
 
-/// Lower bound of the actions of a success: forward steps along the reference tour, and one claim per goal.
+/// Lower bound for actions in a success: forward steps along the reference tour, and one claim per goal.
 fn fewest_actions(reference_m: f64, forward_m: f32, goals: usize) -> f64 {
-    // Turns are left out, so that no success needs fewer actions. The margin keeps a tour of exactly n forward steps
+    // Turns are excluded, so that no success needs fewer actions. The margin keeps a tour with exactly n forward steps
     // at n although its length is a rounded sum.
     (reference_m / f64::from(forward_m) - 1e-6).ceil().max(0.0) + goals as f64
 }
 
-/// Returns the means and intervals over `scores`; `None` for an empty slice.
+/// Returns means and intervals over `scores`; `None` for an empty slice.
 ///
-/// The result depends on the scores and the seed, not on the order of the slice.
+/// The result depends on scores and seed, not on slice order.
 pub fn summarise(scores: &[EpisodeScore], seed: u64) -> Option<Summary> {
     let scores = sorted(scores);
     if scores.is_empty() {
         return None;
     }
-    // All columns share the draws of the bootstrap: a new one at the end leaves the intervals of the others unchanged.
+    // All columns share the bootstrap draws: a new last column leaves the other intervals unchanged.
     let columns: [fn(&Metrics) -> f64; 6] =
         [|m| m.sr, |m| m.isr, |m| m.osr, |m| m.spl, |m| m.soft_spl, |m| m.sna];
     let [sr, isr, osr, spl, soft_spl, sna] = estimates(&scores, columns, seed);
@@ -238,7 +238,7 @@ pub fn summarise(scores: &[EpisodeScore], seed: u64) -> Option<Summary> {
 
 /// Sorts by scene, episode and order.
 pub(crate) fn sorted(scores: &[EpisodeScore]) -> Vec<&EpisodeScore> {
-    // Floating-point sums depend on the order of their terms; episodes arrive in any order.
+    // Floating-point sums depend on term order, and episodes arrive in any order.
     let mut sorted: Vec<&EpisodeScore> = scores.iter().collect();
     sorted.sort_by_key(|s| (&s.scene, &s.episode, s.order.as_str()));
     sorted
@@ -255,7 +255,7 @@ fn estimates<const K: usize>(
     std::array::from_fn(|column| {
         let value = average(rows.iter().map(|(_, values)| values[column])).unwrap_or(0.0);
         let (low, high) = bounds[column];
-        // Rounding can put the mean of equal numbers a last bit outside of its resamples.
+        // Rounding can put the mean of equal numbers a last bit outside its resamples.
         Estimate { value, low: low.min(value), high: high.max(value) }
     })
 }

@@ -1,10 +1,10 @@
-//! What an agent notices of hostile clients: steps over loopback, lock-step, while 100 others attack.
+//! Step latency over loopback while 100 hostile clients attack.
 
-#[allow(dead_code, unused_imports, reason = "the toy house of the tests has more in it")]
-#[path = "../tests/door/common/mod.rs"]
+#[allow(dead_code, unused_imports, reason = "the tests use more of the toy host")]
+#[path = "../tests/all/common/mod.rs"]
 mod common;
 
-use common::{Agent, Attack, House, Plan, Siege};
+use common::{Agent, Attack, Plan, Siege, TestServer};
 use std::time::{Duration, Instant};
 
 const FORWARD: i32 = 1;
@@ -25,10 +25,10 @@ fn main() {
 fn measure(attack: Option<Attack>) -> [f64; 2] {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let house = House::open(Plan { max_steps: WARM_UP + STEPS + 1, ..Plan::plain(1) }).await;
-        let mut agent = Agent::enter_with(&house, 1, 256).await;
+        let server = TestServer::open(Plan { max_steps: WARM_UP + STEPS + 1, ..Plan::plain(1) }).await;
+        let mut agent = Agent::enter_with(&server, 1, 256).await;
         let start = agent.ready(0).await;
-        let siege = attack.map(|attack| Siege::lay(attack, house.address, ATTACKERS));
+        let siege = attack.map(|attack| Siege::lay(attack, server.address, ATTACKERS));
         tokio::time::sleep(Duration::from_millis(500)).await;
         let mut times_us = Vec::new();
         for step in 1..=WARM_UP + STEPS {

@@ -1,10 +1,10 @@
-//! Steps a second through the door over loopback, lock-step, without simulation: what transport costs.
+//! Steps per second over loopback without simulation: the cost of transport.
 
-#[allow(dead_code, unused_imports, reason = "the toy house of the tests has more in it")]
-#[path = "../tests/door/common/mod.rs"]
+#[allow(dead_code, unused_imports, reason = "the tests use more of the toy host")]
+#[path = "../tests/all/common/mod.rs"]
 mod common;
 
-use common::{Agent, House, Plan};
+use common::{Agent, Plan, TestServer};
 use std::time::Instant;
 
 const FORWARD: i32 = 1;
@@ -20,8 +20,8 @@ fn main() {
 }
 
 async fn measure(side: u32) {
-    let house = House::open(Plan { max_steps: WARM_UP + STEPS + 1, ..Plan::plain(1) }).await;
-    let mut agent = Agent::enter_with(&house, 1, side).await;
+    let server = TestServer::open(Plan { max_steps: WARM_UP + STEPS + 1, ..Plan::plain(1) }).await;
+    let mut agent = Agent::enter_with(&server, 1, side).await;
     let start = agent.ready(0).await;
     let mut bytes = 0;
     let mut times_us = Vec::new();

@@ -1,139 +1,146 @@
-//! The operator's hold on the door: what is being played, how long steps take, what is announced, and when to stop.
+//! Operator controls: list live runs, read step times, post announcements, drain the server.
 
-use crate::{refusal::Refusal, seat::TimeSpent, watchdog::Watchdog, wire};
+use crate::{episode::TimeSpent, refusal::Refusal, watchdog::Watchdog};
 use avln_episode::EndReason;
 use avln_proto::v1::Reason;
 use std::{
     collections::BTreeMap,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
-    time::Duration,
+    time::{Duration, SystemTime, UNIX_EPOCH},
 };
 use tokio::{
     sync::{Notify, watch},
     time::{Instant, timeout_at},
 };
 
-/// Seconds that agents are told to wait for when the server is about to stop.
-const COME_BACK_S: u32 = 60;
+/// Retry delay during a drain, seconds.
+const RETRY_AFTER_S: u32 = 60;
 
-/// What the operator sees and says. Clones share it.
+/// Returns the system time, milliseconds since 1970-01-01 UTC.
+pub(crate) fn unix_ms() -> i64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as i64)
+}
+
+/// Operator controls and statistics. Clones share them.
 #[derive(Clone, Debug, Default)]
-pub struct Control(Arc<Inner>);
+pub struct Control(Arc<ControlState>);
 
 #[derive(Debug, Default)]
-struct Inner {
-    book: Mutex<Book>,
-    /// How many slots hold an episode.
+struct ControlState {
+    statistics: Mutex<Statistics>,
+    /// Open episodes.
     busy: watch::Sender<usize>,
     drain: watch::Sender<Option<Drain>>,
-    /// Rung when there are more runs in the book that were left.
-    leaving: Notify,
+    /// Notified when a run is added to `Statistics::cancelled`.
+    cancelling: Notify,
     watchdog: Watchdog,
 }
 
 #[derive(Debug, Default)]
-struct Book {
-    slots: BTreeMap<(String, u32), Held>,
-    /// Runs that are open to be played, and whether somebody listens.
+struct Statistics {
+    slots: BTreeMap<(String, u32), SlotStatistics>,
+    /// Open runs, and whether their client is connected.
     sessions: BTreeMap<String, bool>,
     steps: u64,
     parts: [Histogram; 4],
     ends: BTreeMap<&'static str, u64>,
     notice: String,
-    /// Runs that their teams left by another door, whose sessions are still to end.
-    left: Vec<String>,
+    /// Runs cancelled outside gRPC, with sessions still to end.
+    cancelled: Vec<String>,
 }
 
 #[derive(Debug, Default)]
-struct Held {
+struct SlotStatistics {
     step: u32,
-    /// What the episode took until this step.
+    /// Time accounts up to this step.
     spent: TimeSpent,
-    /// The step at which it was seen first, and when that was.
+    /// First counted step, with time.
     first: Option<(u32, Instant)>,
-    /// When it was seen last, and how long the step before took, from answer to answer.
+    /// Last reply: time, and the step's duration from reply to reply.
     last: Option<(Instant, Option<Duration>)>,
-    /// The same moment by the clock.
+    /// Last reply by the system clock, milliseconds since 1970-01-01 UTC.
     at_unix_ms: i64,
 }
 
-impl Held {
-    /// Another step was answered, or an episode begins.
-    fn mark(&mut self, step: u32) {
+impl SlotStatistics {
+    /// Records the reply to a step, or the start of an episode.
+    fn replied(&mut self, step: u32) {
         let now = Instant::now();
         let took = self.last.map(|(before, _)| now.saturating_duration_since(before));
         self.first.get_or_insert((step, now));
-        (self.last, self.at_unix_ms) = (Some((now, took)), wire::unix_ms());
+        self.last = Some((now, took));
+        self.at_unix_ms = unix_ms();
     }
 
-    /// What a step took in the mean, from answer to answer.
+    /// Returns the mean step duration, from reply to reply.
     fn mean_step(&self) -> Option<Duration> {
-        let ((first, begun), (last, _)) = (self.first?, self.last?);
+        let (first, begun) = self.first?;
+        let (last, _) = self.last?;
         last.saturating_duration_since(begun).checked_div(self.step.checked_sub(first)?)
     }
 }
 
-/// A server that is about to stop.
+/// An announced server stop.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Drain {
-    /// Why, for people.
+    /// Reason, for people.
     pub reason: String,
-    /// When episodes that are still open are cut.
+    /// Time at which open episodes are cut.
     pub until: Instant,
 }
 
-/// A slot that holds an episode.
+/// A slot's live state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SlotState {
-    /// Id of the run.
+    /// Run id.
     pub run: String,
     /// The slot.
     pub slot: u32,
     /// Steps taken.
     pub step: u32,
-    /// How long the last of them took, from answer to answer, the agent's thinking included.
+    /// Last step's duration from reply to reply, including the agent's thinking.
     pub last_step: Option<Duration>,
-    /// How long a step took in the mean.
+    /// Mean step duration.
     pub mean_step: Option<Duration>,
-    /// When the last answer was given, milliseconds since 1970-01-01 UTC. The agent has the word since then.
+    /// Last reply, milliseconds since 1970-01-01 UTC. The agent thinks since then.
     pub at_unix_ms: i64,
 }
 
-/// A run that is open to be played.
+/// An open run's live state.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SessionState {
-    /// Whether its agent is connected.
+    /// Whether the client is connected.
     pub is_there: bool,
-    /// Its slots that hold an episode.
+    /// Slots with an open episode.
     pub slots: Vec<SlotState>,
 }
 
-/// What happened since the server started.
+/// Statistics since server start.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
-    /// Slots that hold an episode, by run and number.
+    /// Slots with an open episode, by run and number.
     pub slots: Vec<SlotState>,
     /// Steps taken.
     pub steps: u64,
-    /// How long each part of a step took, by name.
+    /// Step durations by part.
     pub parts: Vec<(&'static str, Histogram)>,
-    /// Episodes by the word of their end reason.
+    /// Episode count by end reason.
     pub ends: BTreeMap<&'static str, u64>,
-    /// What is announced; empty: nothing.
+    /// Announcement; empty if none.
     pub notice: String,
 }
 
-/// How often something took how long.
+/// A duration histogram.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Histogram {
-    /// How many took no longer than [`Histogram::LIMITS_S`] and longer than the limit before; the last took longer.
+    /// Counts per bucket of [`Histogram::LIMITS_S`]; the last bucket has no limit.
     pub counts: [u64; Histogram::LIMITS_S.len() + 1],
-    /// What all took together, seconds.
+    /// Sum, seconds.
     pub sum_s: f64,
 }
 
 impl Histogram {
-    /// Upper ends of the buckets, seconds.
+    /// Upper bucket limits, seconds.
     pub const LIMITS_S: [f64; 15] =
         [1e-4, 2.5e-4, 5e-4, 1e-3, 2.5e-3, 5e-3, 1e-2, 2.5e-2, 5e-2, 0.1, 0.25, 0.5, 1.0, 10.0, 60.0];
 
@@ -145,104 +152,106 @@ impl Histogram {
 }
 
 impl Control {
-    fn book(&self) -> MutexGuard<'_, Book> {
-        self.0.book.lock().unwrap_or_else(PoisonError::into_inner)
+    fn statistics(&self) -> MutexGuard<'_, Statistics> {
+        self.0.statistics.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Who watches over work that may hang.
+    /// Returns the watchdog over simulations.
     pub fn watchdog(&self) -> &Watchdog {
         &self.0.watchdog
     }
 
-    /// A slot has taken so many steps, which took `spent` in all; at step 0 its episode begins.
+    /// Records a slot's step count and time accounts. Step 0 starts an episode.
     pub(crate) fn stepped(&self, run: &str, slot: u32, step: u32, spent: TimeSpent) {
-        let mut book = self.book();
-        let held = book.slots.entry((run.to_owned(), slot)).or_default();
-        if step > held.step || held.first.is_none() {
-            held.mark(step);
+        let mut statistics = self.statistics();
+        let slot = statistics.slots.entry((run.to_owned(), slot)).or_default();
+        if step > slot.step || slot.first.is_none() {
+            slot.replied(step);
         }
-        let before = if step > held.step { std::mem::take(&mut held.spent) } else { spent };
-        (held.step, held.spent) = (step, spent);
+        let before = if step > slot.step { std::mem::take(&mut slot.spent) } else { spent };
+        slot.step = step;
+        slot.spent = spent;
         if step > 0 && spent != before {
-            book.steps += 1;
-            let parts = |time: TimeSpent| [time.simulation, time.encoding, time.queue, time.thinking];
-            for (histogram, (now, before)) in
-                book.parts.iter_mut().zip(parts(spent).into_iter().zip(parts(before)))
-            {
-                histogram.note(now.saturating_sub(before));
+            statistics.steps += 1;
+            let after = time_parts(spent).into_iter().zip(time_parts(before));
+            for (histogram, (after, before)) in statistics.parts.iter_mut().zip(after) {
+                histogram.note(after.saturating_sub(before));
             }
         }
-        self.0.busy.send_replace(book.slots.len());
+        self.0.busy.send_replace(statistics.slots.len());
     }
 
-    /// The episode of a slot is over.
+    /// Records an episode's end.
     pub(crate) fn ended(&self, run: &str, slot: u32, reason: EndReason) {
-        let mut book = self.book();
-        book.slots.remove(&(run.to_owned(), slot));
-        *book.ends.entry(reason.as_str()).or_default() += 1;
-        self.0.busy.send_replace(book.slots.len());
+        let mut statistics = self.statistics();
+        statistics.slots.remove(&(run.to_owned(), slot));
+        *statistics.ends.entry(reason.as_str()).or_default() += 1;
+        self.0.busy.send_replace(statistics.slots.len());
     }
 
-    /// A run is open to be played, and somebody listens or not.
+    /// Records an open run and the client's connection state.
     pub(crate) fn opened(&self, run: &str, is_there: bool) {
-        self.book().sessions.insert(run.to_owned(), is_there);
+        self.statistics().sessions.insert(run.to_owned(), is_there);
     }
 
-    /// Nobody plays a run any more.
+    /// Records a session's end.
     pub(crate) fn closed(&self, run: &str) {
-        self.book().sessions.remove(run);
+        self.statistics().sessions.remove(run);
     }
 
-    /// How a run is played; `None` while it is not open to be.
+    /// Returns a run's live state; `None` without a session.
     pub fn session(&self, run: &str) -> Option<SessionState> {
-        let book = self.book();
-        let is_there = *book.sessions.get(run)?;
-        let slots = book.slots.range((run.to_owned(), 0)..=(run.to_owned(), u32::MAX));
+        let statistics = self.statistics();
+        let is_there = *statistics.sessions.get(run)?;
+        let slots = statistics.slots.range((run.to_owned(), 0)..=(run.to_owned(), u32::MAX));
         Some(SessionState { is_there, slots: slots.map(slot_state).collect() })
     }
 
-    /// What happened since the server started.
+    /// Returns statistics since server start.
     pub fn snapshot(&self) -> Snapshot {
-        let book = self.book();
+        let statistics = self.statistics();
         let names = ["simulation", "encoding", "queue", "thinking"];
         Snapshot {
-            slots: book.slots.iter().map(slot_state).collect(),
-            steps: book.steps,
-            parts: names.into_iter().zip(book.parts.iter().cloned()).collect(),
-            ends: book.ends.clone(),
-            notice: book.notice.clone(),
+            slots: statistics.slots.iter().map(slot_state).collect(),
+            steps: statistics.steps,
+            parts: names.into_iter().zip(statistics.parts.iter().cloned()).collect(),
+            ends: statistics.ends.clone(),
+            notice: statistics.notice.clone(),
         }
     }
 
-    /// Announces something to agents; an empty text takes it back.
+    /// Sets the announcement to agents; an empty text removes it.
     pub fn announce(&self, text: &str) {
-        self.book().notice = text.to_owned();
+        self.statistics().notice = text.to_owned();
     }
 
-    /// What is announced: why the server stops, where it does, else the notice; empty: nothing.
+    /// Returns the drain's reason or the announcement; empty without either.
     pub fn announcement(&self) -> String {
-        self.draining().map_or_else(|| self.book().notice.clone(), |drain| drain.reason)
+        self.draining().map_or_else(|| self.statistics().notice.clone(), |drain| drain.reason)
     }
 
-    /// The team left a run by another door than the agents': the session that plays it ends. The run is over by then, or one
-    /// whose last episode ends with its session would be completed.
+    /// Ends a run's session after a cancellation outside gRPC.
+    ///
+    /// The caller must have stored the cancellation: if the session ends first with the run's last episode, the run counts as
+    /// completed.
     pub fn leave(&self, run: &str) {
-        self.book().left.push(run.to_owned());
-        self.0.leaving.notify_one();
+        self.statistics().cancelled.push(run.to_owned());
+        self.0.cancelling.notify_one();
     }
 
-    /// Waits until runs were left, and gives them out.
-    pub(crate) async fn left(&self) -> Vec<String> {
+    /// Waits for runs that were cancelled outside gRPC, and returns them.
+    pub(crate) async fn cancelled_runs(&self) -> Vec<String> {
         loop {
-            let left = std::mem::take(&mut self.book().left);
-            if !left.is_empty() {
-                return left;
+            let cancelled = std::mem::take(&mut self.statistics().cancelled);
+            if !cancelled.is_empty() {
+                return cancelled;
             }
-            self.0.leaving.notified().await;
+            self.0.cancelling.notified().await;
         }
     }
 
-    /// From now on no run and no episode begins. Open episodes have `patience` to come to their end. The first call counts.
+    /// Begins a drain: no run and no episode begins any more, and open episodes have `patience` to end. Later calls have no
+    /// effect.
     pub fn drain(&self, reason: &str, patience: Duration) {
         self.0.drain.send_if_modified(|drain| {
             let first = drain.is_none();
@@ -252,12 +261,12 @@ impl Control {
         });
     }
 
-    /// Whether the server is about to stop, and why.
+    /// Returns the drain, if any.
     pub fn draining(&self) -> Option<Drain> {
         self.0.drain.borrow().clone()
     }
 
-    /// Waits until the server is about to stop.
+    /// Waits until a drain begins.
     pub async fn drain_begins(&self) -> Drain {
         let mut drains = self.0.drain.subscribe();
         let begun = drains.wait_for(Option::is_some).await.ok().and_then(|drain| drain.clone());
@@ -268,7 +277,7 @@ impl Control {
         }
     }
 
-    /// Waits until the server is about to stop and no episode is open any more, or their time is up.
+    /// Waits until a drain has begun and no episode is open, or their time is up.
     pub async fn drained(&self) {
         let drain = self.drain_begins().await;
         let mut busy = self.0.busy.subscribe();
@@ -277,25 +286,29 @@ impl Control {
         }
     }
 
-    /// Refuses what would begin while the server is about to stop.
+    /// Refuses new runs and episodes during a drain.
     ///
     /// # Errors
-    /// When it is.
+    /// If a drain has begun.
     pub fn check_open(&self) -> Result<(), Refusal> {
         match self.draining() {
             None => Ok(()),
             Some(drain) => {
                 let message = format!(
-                    "the server is about to stop ({}); nothing new begins, come back later",
+                    "the server is about to stop ({}): no run and no episode begins; try again later",
                     drain.reason
                 );
-                Err(Refusal::new(Reason::Draining, message).retry_after(COME_BACK_S))
+                Err(Refusal::new(Reason::Draining, message).retry_after(RETRY_AFTER_S))
             }
         }
     }
 }
 
-fn slot_state(((run, slot), held): (&(String, u32), &Held)) -> SlotState {
+fn time_parts(time: TimeSpent) -> [Duration; 4] {
+    [time.simulation, time.encoding, time.queue, time.thinking]
+}
+
+fn slot_state(((run, slot), held): (&(String, u32), &SlotStatistics)) -> SlotState {
     SlotState {
         run: run.clone(),
         slot: *slot,
@@ -316,11 +329,11 @@ mod tests {
     }
 
     #[test]
-    fn steps_are_counted_by_what_each_took() {
+    fn steps_are_counted_by_duration() {
         let control = Control::default();
         control.stepped("run_a", 0, 0, spent(100, 0));
         control.stepped("run_a", 0, 1, spent(102, 700));
-        control.stepped("run_a", 0, 1, spent(102, 700)); // asked for again
+        control.stepped("run_a", 0, 1, spent(102, 700)); // repeated
         control.stepped("run_a", 0, 2, spent(104, 710));
         control.stepped("run_b", 1, 0, spent(0, 0));
         let seen = control.snapshot();
@@ -338,7 +351,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_session_tells_who_is_there_and_how_fast_its_slots_are() {
+    async fn a_session_reports_connection_and_speed() {
         let control = Control::default();
         assert_eq!(control.session("run_a"), None);
         control.opened("run_a", false);
@@ -357,7 +370,7 @@ mod tests {
         assert_eq!(
             (ms(slot.last_step), ms(slot.mean_step)),
             (Some(100), Some(200)),
-            "asked for again is no step"
+            "a repeated request is no step"
         );
         control.ended("run_a", 2, EndReason::Stopped);
         assert_eq!(control.session("run_a"), Some(SessionState { is_there: true, slots: vec![] }));
@@ -366,7 +379,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_drain_waits_for_open_episodes_and_for_no_longer_than_it_may() {
+    async fn a_drain_waits_for_open_episodes_within_limit() {
         let control = Control::default();
         control.stepped("run_a", 0, 0, TimeSpent::default());
         assert_eq!(control.check_open(), Ok(()));
@@ -379,12 +392,12 @@ mod tests {
         assert_eq!(begun.elapsed(), Duration::from_secs(60));
         control.ended("run_a", 0, EndReason::Stopped);
         control.drained().await;
-        assert_eq!(begun.elapsed(), Duration::from_secs(60), "nothing is open any more");
+        assert_eq!(begun.elapsed(), Duration::from_secs(60), "no episode is open");
         assert_eq!(control.announcement(), "new disks");
     }
 
     #[test]
-    fn an_announcement_is_taken_back_by_an_empty_one() {
+    fn an_empty_announcement_removes_it() {
         let control = Control::default();
         control.announce("maintenance on Sunday");
         assert_eq!(control.announcement(), "maintenance on Sunday");

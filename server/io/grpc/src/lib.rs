@@ -1,9 +1,11 @@
-//! The agents' door: gRPC services that let agents play episodes, and nothing else.
+//! gRPC server for agents.
 //!
-//! Start reading at [`Host`], which the server implements, and [`serve`]. `PROTOCOL.md` of `avln-proto` tells
-//! what travels; this crate keeps the order of frames, the clocks and the limits.
+//! Start at [`Host`], which the application implements, and [`serve`]. `PROTOCOL.md` of `avln-proto` defines the messages; this
+//! crate implements the order of frames, the clocks and the limits.
 //!
-//! A session is one run that is being played. Each of its slots is a task of its own that owns its episode:
+//! # Slots
+//!
+//! A session is a run in progress. Every slot is a task that owns an episode:
 //!
 //! ```text
 //!         Ready               EpisodeStart                Act
@@ -11,20 +13,51 @@
 //!   ^  (host.next_episode, start)            ^  |                  |  |
 //!   |                                        |  |   Observation    |  |
 //!   |                                        +--|------------------+  |
-//!   |   Ready                                   | Abandon, time up,   | terminated, truncated,
-//!   +--------- Over <---------------------------+ leaving, run over   | simulator fault or hang
+//!   |   Ready                                   | Abandon, timeout,   | terminated, truncated,
+//!   +------- Finished <-------------------------+ end of the session  | simulator fault or hang
 //!               ^                                                     |
 //!               +-----------------------------------------------------+
-//!        every way into Over: truncate where needed, host.conclude, EpisodeEnd
+//!        every path into Finished: truncate if needed, host.conclude, EpisodeEnd
 //! ```
 //!
-//! *Never*: sees hidden truth, builds a message from anything but `avln-episode` types and what its host calls
-//! public, blocks an async thread with simulation, or lets one agent's fault reach another.
+//! # Sessions
 //!
-//! What agents must not see cannot even be named here:
+//! The `SessionRegistry` has at most one entry per run, with the state of the attachment to a client. A stop reason has the same
+//! ending (`StopReason::ending`) for streams, unary calls and detached sessions:
+//!
+//! | event | Admitted | Streaming | Unary | Detached | Closing(r) |
+//! |---|---|---|---|---|---|
+//! | stream attaches | Streaming | | | | Closing(r) |
+//! | unary calls attach | Unary | | | | Closing(r) |
+//! | restored after a restart | Detached | | | | Closing(r) |
+//! | connection lost, Goodbye with `pause` | | Detached | | | Closing(r) |
+//! | Goodbye, nothing left, agent hangs | | Closing | Closing | | Closing(r) |
+//! | no unary call for too long | | | Closing | | Closing(r) |
+//! | not resumed in time | | | | Closing | Closing(r) |
+//! | superseded, resumed, cancelled, expired, draining | Closing | Closing | Closing | Closing | Closing(r) |
+//!
+//! An entry is removed when the ending is complete. A connection that supersedes or resumes the session enters then, as
+//! Admitted.
+//!
+//! | stop reason | open episodes | run |
+//! |---|---|---|
+//! | superseded, unary calls idle, not resumed in time | end: disconnected | stays open |
+//! | connection lost, pause | wait, if the run's time limits allow it | stays open |
+//! | resumed | pass to the new connection | stays open |
+//! | draining | remain in the run log for the next server | stays open |
+//! | cancelled | end: abandoned | is over already |
+//! | Goodbye, nothing left | end: abandoned | is finished |
+//! | expired, agent hangs | end: time budget | is finished |
+//!
+//! # Invariants
+//!
+//! *Never*: has access to ground truth, builds a message from anything but `avln-episode` types and public host values,
+//! blocks an async thread with simulation, or lets an agent's fault reach others.
+//!
+//! Hidden types cannot even be named here:
 //!
 //! ```
-//! use avln_episode as shown; // what agents may know can
+//! use avln_episode as visible; // types that agents may see
 //! ```
 //! ```compile_fail,E0432
 //! use avln_truth as hidden;
@@ -36,41 +69,36 @@
 //! use avln_store as hidden;
 //! ```
 
-mod auth;
-mod away;
+mod admission;
+mod attachment;
+mod context;
 mod control;
-mod crew;
-mod door;
-mod gate;
+mod episode;
+mod fair;
 mod host;
-mod left;
 mod limits;
-mod meter;
 mod outbound;
-mod overdue;
-mod places;
-mod play;
-mod pulse;
+mod play_stream;
+mod reaper;
 mod refusal;
-mod seat;
+mod registry;
 mod serve;
 mod service;
 mod session;
+mod sim_pool;
 mod unary;
 mod watchdog;
 mod wire;
 
 pub use avln_proto::{API_MINOR, v1::Reason};
 pub use control::{Control, Drain, Histogram, SessionState, SlotState, Snapshot};
+pub use episode::{Acted, Episode, EpisodeLog, HostedEpisode, Restored, TimeSpent};
 pub use host::{
-    Account, ClientRange, Digests, EpisodeOutcome, Host, Interrupted, OpenRun, PhaseInfo, PhaseState, Quota,
-    QuotaWindow, Revealed, RunRequest, RunState, RunStatus, RunTicket, Scope, ServerInfo, StoredEnd,
-    Visibility,
+    ClientRange, Digests, Host, Interrupted, OpenRun, RunRequest, RunTicket, ServerInfo, StoredEnd,
 };
 pub use limits::Limits;
 pub use refusal::Refusal;
-pub use seat::{Acted, EpisodeLog, EpisodeRunner, Restored, Seat, TimeSpent};
 pub use serve::{ServeError, serve};
-/// Goes above every implementation of [`Host`].
+/// Attribute for implementations of [`Host`].
 pub use tonic::async_trait;
 pub use watchdog::{Lost, Watchdog};

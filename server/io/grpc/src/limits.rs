@@ -1,62 +1,61 @@
 use avln_episode::{Encodings, Sensors};
 use std::time::Duration;
 
-/// Every limit of the agents' door. The defaults suit a public server; each field says what it protects.
+/// gRPC server limits. The defaults suit a public server.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Open connections at once: each costs a file descriptor and some tens of kilobytes.
+    /// Open connections. A connection costs a file descriptor and some tens of kilobytes.
     pub max_connections: usize,
-    /// Open connections at once from one address, so that one host cannot take all places.
+    /// Open connections per address, so that no host can use all.
     pub max_connections_per_address: usize,
-    /// Play sessions at once: each holds at least one scene alive.
+    /// Sessions. A session occupies the memory of at least one scene.
     pub max_sessions: usize,
-    /// Runs watched at once through WatchRun: each is looked up once a second.
+    /// Calls of WatchRun in progress. A watched run is looked up once per second.
     pub max_watchers: usize,
-    /// Steps simulated at once: more than there are processor cores only makes every step slower.
+    /// Simulation threads. More threads than processor cores only slow every step down.
     pub max_simulations: usize,
-    /// Slots of all sessions together, shared out among the teams that play: each holds an episode, some 10 MiB beside its
-    /// scene. A session has one at least.
+    /// Slots over all sessions, shared between active teams. An episode takes about 10 MiB without the scene. A session has at
+    /// least one slot.
     pub max_slots: u32,
-    /// Simulations that may hang before no run starts any more: each has taken a thread, its memory and maybe a core.
+    /// Hanging simulations at which new runs are refused. A hanging simulation occupies a thread, memory and maybe a core.
     pub max_hanging: usize,
-    /// Longest step of the simulator; a usual one takes milliseconds. One that takes longer hangs: its episode is played again.
+    /// Longest simulator step; typical are milliseconds. A longer step counts as hanging: the episode restarts.
     pub step: Duration,
-    /// Longest first observation, which may have to prepare what a scene is seen and heard by.
+    /// Longest first observation, including scene preparation for rendering and acoustics.
     pub preparation: Duration,
-    /// Bytes in one message of an agent: actions take tens of bytes.
+    /// Bytes per agent message. Actions take tens of bytes.
     pub decode_bytes: usize,
-    /// Bytes in one message to an agent: the largest observation and mission, see [`Limits::frame_bytes`].
+    /// Bytes per message to an agent: the largest observation and mission, see [`Limits::frame_bytes`].
     pub encode_bytes: usize,
-    /// Bytes of an HTTP/2 header block: a token and some metadata.
+    /// Bytes of an HTTP/2 header block: a token and metadata.
     pub header_bytes: u32,
     /// Bytes of an HTTP/2 frame that an agent may send.
     pub http2_frame_bytes: u32,
-    /// Calls at once on one connection.
+    /// Concurrent calls per connection.
     pub http2_streams: u32,
-    /// Time from connecting to the first whole request; afterwards keepalive judges the connection.
+    /// Time from connecting to the first complete request. Later, keepalive supervises the connection.
     pub first_request: Duration,
-    /// Silence after which the transport asks whether the peer still lives.
+    /// Silence after which the transport sends an HTTP/2 ping.
     pub keepalive_interval: Duration,
-    /// Time to answer that; the transport of a busy agent answers for it.
+    /// Time to answer an HTTP/2 ping. The transport of a busy agent answers for it.
     pub keepalive_timeout: Duration,
-    /// Time from opening a Play stream to its Hello.
+    /// Time from opening a Play stream to Hello.
     pub hello: Duration,
-    /// Time between two Pings: they measure the wire, and keep proxies from cutting silent streams.
+    /// Time between Pings. They measure the round trip and keep proxies from closing silent streams.
     pub ping_interval: Duration,
-    /// Most time on the wire, there and back, that is not charged to an agent: a client measures it together with the server and
-    /// could stretch it.
+    /// Longest round trip that is not charged to an agent. The client takes part in the measurement and could stretch it.
     pub wire: Duration,
-    /// Time between two looks for runs whose time is over.
+    /// Time between searches for expired runs.
     pub overdue_interval: Duration,
-    /// Time for which an agent may leave a message unread before it counts as gone.
+    /// Time after which a client with an unread message counts as disconnected.
     pub reader_stall: Duration,
-    /// Episodes in a row that may run out of time before the run ends: the agent hangs.
+    /// Consecutive timeouts after which the agent counts as hanging and the run ends.
     pub timeouts_in_a_row: u32,
-    /// Silence after which a run that is played by unary calls counts as gone.
+    /// Silence after which a unary client counts as disconnected.
     pub unary_idle: Duration,
-    /// Time that a new Play stream waits for the one it supersedes to put its episodes away.
+    /// Time that a new connection waits for the previous session to store open episodes.
     pub handover: Duration,
-    /// Time for running episodes to be put away and connections to close when the server stops.
+    /// Time to end sessions, and the same time to close connections, when the server stops.
     pub drain: Duration,
 }
 
@@ -95,26 +94,24 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// Most slots on one Play stream, whatever a phase allows.
+    /// Slots per session, whatever the phase allows.
     pub const MAX_SLOTS: u32 = 64;
     /// Longest bearer token, bytes.
     pub const MAX_TOKEN_BYTES: usize = 512;
-    /// Longest name, version or id that an agent may send, bytes.
+    /// Longest name, version or id from an agent, bytes.
     pub const MAX_TEXT_BYTES: usize = 200;
-    /// Room in one frame for the cues of a mission: 4 pictures of 1 MiB.
+    /// Space in a frame for the cues of a mission: 4 pictures of 1 MiB.
     const MISSION_BYTES: u64 = 4 << 20;
-    /// Room in one frame for field tags, ids and texts.
+    /// Space in a frame for field tags, ids and texts.
     const ENVELOPE_BYTES: u64 = 64 << 10;
 
-    /// What is left of a text of an agent when it is repeated to it.
+    /// Shortens a text from an agent for use in a message.
     pub(crate) fn shorten(text: &str) -> &str {
         let end = text.floor_char_boundary(Self::MAX_TEXT_BYTES);
         &text[..end]
     }
 
-    /// Size of the largest frame that an agent with these sensors can be sent, bytes.
-    ///
-    /// `audio_samples` counts one ear.
+    /// Returns the largest frame size with these sensors, bytes. `audio_samples` is per ear.
     pub fn frame_bytes(sensors: &Sensors, audio_samples: u32) -> u64 {
         let pixels = u64::from(sensors.width) * u64::from(sensors.height);
         let rgb = if sensors.rgb { pixels * 3 } else { 0 };
@@ -122,7 +119,7 @@ impl Limits {
         let audio = if sensors.audio { u64::from(audio_samples) * 2 * 4 } else { 0 };
         let senses = match sensors.encodings {
             encodings if encodings == Encodings::default() => rgb + depth + audio,
-            _ => avln_codec::most_bytes(rgb) + avln_codec::most_bytes(depth) + audio,
+            _ => avln_proto::wire::most_bytes(rgb) + avln_proto::wire::most_bytes(depth) + audio,
         };
         senses + Self::MISSION_BYTES + Self::ENVELOPE_BYTES
     }
@@ -134,7 +131,7 @@ mod tests {
     use avln_episode::Encoding;
 
     #[test]
-    fn the_largest_frame_is_the_sum_of_its_tensors_and_fits_the_encode_limit() {
+    fn the_largest_frame_fits_the_encode_limit() {
         let sensors = Sensors::all(256, 256);
         let overhead = (4 << 20) + (64 << 10);
         assert_eq!(Limits::frame_bytes(&sensors, 4000), 196_608 + 262_144 + 32_000 + overhead);

@@ -8,38 +8,38 @@ use std::{
 use tonic::{Code, Status, metadata::MetadataValue};
 use tracing::Instrument;
 
-/// The agent asked for something that it cannot have. Its fault, or nobody's; never the server's.
+/// A request that the server refuses.
 ///
-/// With the reasons [`Reason::Internal`] and [`Reason::SimFault`] the message goes to the log and not to the agent.
+/// If the reason is [`Reason::Internal`] or [`Reason::SimFault`], the message is logged and not sent to the agent.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub struct Refusal {
-    /// Why, for programs.
+    /// Reason, for programs.
     pub reason: Reason,
-    /// What was attempted with what value, the limit, and the next step, for people.
+    /// Explanation for people: the attempt with its value, the limit, and the next step.
     pub message: String,
-    /// When trying again makes sense, seconds.
+    /// Delay after which a retry makes sense, seconds.
     pub retry_after_s: Option<u32>,
 }
 
 impl Refusal {
-    /// A refusal that waiting does not cure.
+    /// Creates a refusal without a retry delay.
     pub fn new(reason: Reason, message: impl Into<String>) -> Self {
         Self { reason, message: message.into(), retry_after_s: None }
     }
 
-    /// Says when trying again makes sense, seconds.
+    /// Adds a retry delay, seconds.
     pub fn retry_after(self, seconds: u32) -> Self {
         Self { retry_after_s: Some(seconds), ..self }
     }
 
-    /// A failure of the server itself: `detail` is logged, the agent gets an id to ask about.
+    /// Creates a server failure: `detail` is logged, the agent receives an incident id.
     pub fn internal(detail: impl Display) -> Self {
         Self::new(Reason::Internal, detail.to_string())
     }
 }
 
-/// The server failed. The detail is in its log under the id; the agent sees the id alone.
+/// A server failure. The log has the details under the id; the agent receives only the id.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ServerFault {
     reason: Reason,
@@ -47,12 +47,12 @@ pub(crate) struct ServerFault {
 }
 
 impl ServerFault {
-    /// Logs a failure of anything but the simulator.
+    /// Logs a failure outside the simulator.
     pub(crate) fn log(attempt: &str, detail: impl Display) -> Self {
         Self::record(Reason::Internal, attempt, detail)
     }
 
-    /// Logs a failure of the simulator.
+    /// Logs a simulator failure.
     pub(crate) fn simulator(attempt: &str, detail: impl Display) -> Self {
         Self::record(Reason::SimFault, attempt, detail)
     }
@@ -67,12 +67,12 @@ impl ServerFault {
     fn message(&self) -> String {
         match self.reason {
             Reason::SimFault => format!("the simulator failed ({}); the episode does not count", self.id),
-            _ => format!("the server failed; ask its organiser about {}", self.id),
+            _ => format!("the server failed; report {} to its organiser", self.id),
         }
     }
 }
 
-/// Whose fault it was.
+/// A failed call: the client's or the server's fault.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Failure {
     Refused(Refusal),
@@ -105,12 +105,12 @@ impl Failure {
         }
     }
 
-    /// The frame that tells a stream about it.
-    pub(crate) fn frame(&self, about: About<'_>, recoverable: bool) -> v1::Fault {
+    /// Returns the frame that reports the failure on a stream.
+    pub(crate) fn frame(&self, subject: FaultSubject<'_>, recoverable: bool) -> v1::Fault {
         v1::Fault {
-            slot: about.slot,
-            episode: about.episode.to_owned(),
-            step: about.step,
+            slot: subject.slot,
+            episode: subject.episode.to_owned(),
+            step: subject.step,
             code: self.reason().code() as u32,
             reason: self.reason().into(),
             message: self.message(),
@@ -124,9 +124,9 @@ impl Failure {
     }
 }
 
-/// What a fault concerns; the default is the whole stream.
+/// A fault's subject; the default is the whole stream.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct About<'a> {
+pub(crate) struct FaultSubject<'a> {
     pub(crate) slot: Option<u32>,
     pub(crate) episode: &'a str,
     pub(crate) step: u32,
@@ -162,12 +162,12 @@ impl From<Failure> for Status {
     }
 }
 
-/// Asks the host in a task of its own: a panic there becomes a server fault, and a caller that hangs up
-/// does not leave the work half done.
+/// Calls the host. A panic becomes a server fault.
 pub(crate) async fn ask<T: Send + 'static>(
     attempt: &'static str,
     work: impl Future<Output = Result<T, Refusal>> + Send + 'static,
 ) -> Result<T, Failure> {
+    // In a task, so that a caller that hangs up does not cancel the work halfway.
     match tokio::spawn(work.in_current_span()).await {
         Ok(answer) => answer.map_err(Failure::from),
         Err(broken) => Err(ServerFault::log(attempt, broken).into()),
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn the_detail_of_a_server_fault_stays_inside() {
+    fn details_of_a_server_fault_stay_in_the_log() {
         let status = Status::from(Failure::from(Refusal::internal("target 17 is a sofa")));
         assert_eq!(status.code(), Code::Internal);
         assert!(!status.message().contains("sofa"), "{}", status.message());

@@ -1,13 +1,15 @@
-//! The unary mirror: the same session as a stream's, with one slot, found again by the run of the token.
+//! Unary calls: a session with a single slot, found by the run token.
 
 use crate::{
-    away::Away,
-    door::{Door, Terms},
-    gate::{Pass, Stop},
+    admission::{admit, check},
+    attachment::StopReason,
+    context::ServiceContext,
+    host::Host,
+    reaper,
     refusal::{Failure, ServerFault},
-    session::{Answer, Order, Over, Session},
+    registry::{SessionGuard, UnaryClient},
+    session::{Session, SlotReply, SlotRequest},
 };
-use avln_episode::EndReason;
 use avln_proto::v1::{self, Reason, end_request, end_response, reset_response::Outcome};
 use std::{sync::Arc, time::Duration};
 use tokio::{
@@ -16,168 +18,140 @@ use tokio::{
 };
 use tracing::Instrument;
 
-/// The slot that unary calls play.
+/// Slot that unary calls play.
 const SLOT: u32 = 0;
 
-/// Where unary calls find the session of their run.
-pub(crate) struct Desk {
-    session: Arc<Session>,
-    welcome: v1::Welcome,
-    last_call: watch::Sender<Instant>,
-}
-
-impl Desk {
-    async fn ask(&self, door: &Door, order: Order) -> Result<Answer, Failure> {
-        self.last_call.send_replace(Instant::now());
-        let answer = self.session.ask(SLOT, order).await;
-        self.last_call.send_replace(Instant::now());
-        // What fails while the server stops fails because it stops.
-        answer.map_err(|failure| door.gate.check_open().err().map_or(failure, Failure::from))
-    }
-
-    /// Watches over the session until it is over, then puts it away.
-    async fn keep(self: Arc<Self>, door: Door, mut pass: Pass) {
-        let reason = tokio::select! {
-            stop = pass.stopped() => match stop {
-                Stop::Superseded => EndReason::Disconnected,
-                Stop::Left => EndReason::Abandoned,
-                Stop::Expired => EndReason::TimeBudget,
-                Stop::Draining => return self.session.leave().await,
-                Stop::Resumed => {
-                    self.session.detach().await;
-                    return pass.hand_over(self.session.clone());
-                }
-            },
-            over = self.session.over() => match over {
-                Over::NothingLeft => EndReason::Abandoned,
-                Over::AgentHangs => EndReason::TimeBudget,
-            },
-            () = self.idle(door.limits.unary_idle) => EndReason::Disconnected,
-        };
-        self.session.close(reason).await;
-        if reason == EndReason::TimeBudget
-            && let Err(failure) = door.finish_run(&pass.run).await
-        {
-            tracing::warn!(why = failure.message(), "run not finished");
-        }
-    }
-
-    /// Waits until no call has come for `limit`.
-    async fn idle(&self, limit: Duration) {
-        loop {
-            let end = *self.last_call.borrow() + limit;
-            if end <= Instant::now() {
-                return;
-            }
-            sleep_until(end).await;
-        }
-    }
-}
-
-impl std::fmt::Debug for Desk {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Desk").field("run", &self.welcome.run).finish_non_exhaustive()
-    }
-}
-
-/// Hello and Ready.
-pub(crate) async fn reset(
-    door: &Door,
+/// Handles Reset: Hello and Ready in a single call.
+pub(crate) async fn reset<H: Host>(
+    context: &ServiceContext<H>,
     token: &str,
     request: v1::ResetRequest,
 ) -> Result<v1::ResetResponse, Failure> {
-    door.gate.check_open()?;
+    context.registry.check_open()?;
     let hello = request.hello.unwrap_or_default();
-    let slot = request.ready.unwrap_or_default().slot;
-    only_slot(slot)?;
-    let open = door.open_run(token).await?;
-    let terms = Terms { slots: 1, ..door.terms(&hello, &open)? };
-    let desk = match door.gate.desk(token) {
-        Some(desk) => desk,
-        None => open_desk(door, token, &hello).await?,
+    check_slot(request.ready.unwrap_or_default().slot)?;
+    let client = match context.registry.unary_client(token) {
+        Some(client) => {
+            let (_, agreement) = check(context, token, &hello).await?;
+            client.session.check_sensors(&agreement.sensors)?;
+            client
+        }
+        None => open(context, token, &hello).await?,
     };
-    desk.session.check_sensors(&terms.sensors)?;
-    let welcome = Some(desk.welcome.clone());
-    let order = if hello.resume { Order::GoOn } else { Order::Ready };
-    let outcome = match desk.ask(door, order).await? {
-        Answer::Start(start) => Outcome::EpisodeStart(*start),
-        _ => Outcome::RunEnd(leave(door, &open.run).await?),
+    let request = if hello.resume { SlotRequest::Resume } else { SlotRequest::Ready };
+    let outcome = match send(context, &client, request).await? {
+        SlotReply::Start(start) => Outcome::EpisodeStart(*start),
+        _ => Outcome::RunEnd(leave(context, &client.welcome.run).await?),
     };
-    Ok(v1::ResetResponse { welcome, outcome: Some(outcome) })
+    Ok(v1::ResetResponse { welcome: Some(client.welcome.clone()), outcome: Some(outcome) })
 }
 
-/// Act.
-pub(crate) async fn step(
-    door: &Door,
+/// Handles Step.
+pub(crate) async fn step<H: Host>(
+    context: &ServiceContext<H>,
     token: &str,
     request: v1::StepRequest,
 ) -> Result<v1::StepResponse, Failure> {
     let act = request.act.ok_or_else(|| Failure::new(Reason::BadRequest, "Step needs an Act"))?;
-    only_slot(act.slot)?;
-    match found(door, token).await?.ask(door, Order::Act(act)).await? {
-        Answer::Step(response) => Ok(*response),
-        other => Err(out_of_turn(&other)),
+    check_slot(act.slot)?;
+    let client = find(context, token).await?;
+    match send(context, &client, SlotRequest::Act(act)).await? {
+        SlotReply::Step(response) => Ok(*response),
+        other => Err(unexpected(&other)),
     }
 }
 
-/// Abandon or Goodbye.
-pub(crate) async fn end(
-    door: &Door,
+/// Handles End: Abandon or Goodbye.
+pub(crate) async fn end<H: Host>(
+    context: &ServiceContext<H>,
     token: &str,
     request: v1::EndRequest,
 ) -> Result<v1::EndResponse, Failure> {
     let frame = match request.frame {
         Some(end_request::Frame::Abandon(abandon)) => {
-            only_slot(abandon.slot)?;
-            match found(door, token).await?.ask(door, Order::Abandon(abandon)).await? {
-                Answer::Ended(end) => end_response::Frame::EpisodeEnd(*end),
-                other => return Err(out_of_turn(&other)),
+            check_slot(abandon.slot)?;
+            let client = find(context, token).await?;
+            match send(context, &client, SlotRequest::Abandon(abandon)).await? {
+                SlotReply::Ended(end) => end_response::Frame::EpisodeEnd(*end),
+                other => return Err(unexpected(&other)),
             }
         }
         Some(end_request::Frame::Goodbye(goodbye)) if !goodbye.pause => {
-            let open = door.open_run(token).await?;
-            end_response::Frame::RunEnd(leave(door, &open.run).await?)
+            let open = context.open_run(token).await?;
+            end_response::Frame::RunEnd(leave(context, &open.run).await?)
         }
         Some(end_request::Frame::Goodbye(_)) => {
-            return Err(Failure::new(Reason::Unsupported, "pause is not offered; say Goodbye without it"));
+            return Err(Failure::new(
+                Reason::Unsupported,
+                "unary calls do not support pause; send Goodbye without it",
+            ));
         }
         None => return Err(Failure::new(Reason::BadRequest, "End needs an Abandon or a Goodbye")),
     };
     Ok(v1::EndResponse { frame: Some(frame) })
 }
 
-/// Opens a desk on the run: on its session where `hello` resumes, else on a new one.
-async fn open_desk(door: &Door, token: &str, hello: &v1::Hello) -> Result<Arc<Desk>, Failure> {
-    let run = door.open_run(token).await?.run;
-    let how = if hello.resume { Stop::Resumed } else { Stop::Superseded };
-    let (pass, kept) = door.gate.enter(&run, how).await?;
-    // A session that was superseded has just stored its episodes: ask again how far the run is.
-    let open = door.open_run(token).await?;
-    let terms = Terms { slots: 1, ..door.terms(hello, &open)? };
-    let session = match kept {
-        Some(session) if hello.resume => session,
-        Some(session) => {
-            session.close(EndReason::Disconnected).await;
-            door.session(&open, &terms.sensors)
-        }
-        None => door.session(&open, &terms.sensors),
-    };
-    if let Err(refused) = session.check_sensors(&terms.sensors) {
-        Away::begin(session, pass).await;
-        return Err(refused.into());
-    }
-    session.answer_calls().await;
-    pass.take_slots(&open.team, 1, 1);
-    let welcome = door.welcome(&open, &terms, &session, session.positions().await);
+/// Opens or resumes a session for unary calls.
+async fn open<H: Host>(
+    context: &ServiceContext<H>,
+    token: &str,
+    hello: &v1::Hello,
+) -> Result<Arc<UnaryClient<Session<H>>>, Failure> {
+    let admission = admit(context, token, hello, 1).await?;
+    let session = admission.session;
+    session.attach_unary().await;
     let last_call = watch::Sender::new(Instant::now());
-    let desk = Arc::new(Desk { session, welcome, last_call });
-    pass.open_desk(token, desk.clone());
-    let span = tracing::error_span!("session", run = open.run);
-    tokio::spawn(desk.clone().keep(door.clone(), pass).instrument(span));
-    Ok(desk)
+    let client = Arc::new(UnaryClient { session, welcome: admission.welcome, last_call });
+    admission.guard.attach_unary(token, client.clone());
+    let span = tracing::error_span!("session", run = admission.open.run);
+    tokio::spawn(supervise(context.clone(), client.clone(), admission.guard).instrument(span));
+    Ok(client)
 }
 
-fn only_slot(slot: u32) -> Result<(), Failure> {
+/// Waits for a session's end and carries it out.
+async fn supervise<H: Host>(
+    context: ServiceContext<H>,
+    client: Arc<UnaryClient<Session<H>>>,
+    mut guard: SessionGuard<Session<H>>,
+) {
+    let reason = tokio::select! {
+        biased;
+        reason = guard.stopped() => reason,
+        reason = client.session.over() => reason,
+        () = idle(&client, context.limits.unary_idle) => StopReason::Idle,
+    };
+    let reason = guard.ends(reason);
+    if let Err(failure) = reaper::end(&context, client.session.clone(), guard, reason).await {
+        tracing::warn!(why = failure.message(), "run not finished");
+    }
+}
+
+/// Waits until no call has come for `limit`.
+async fn idle<H: Host>(client: &UnaryClient<Session<H>>, limit: Duration) {
+    loop {
+        let end = *client.last_call.borrow() + limit;
+        if end <= Instant::now() {
+            return;
+        }
+        sleep_until(end).await;
+    }
+}
+
+/// Sends a request to the slot and waits for the reply.
+async fn send<H: Host>(
+    context: &ServiceContext<H>,
+    client: &UnaryClient<Session<H>>,
+    request: SlotRequest,
+) -> Result<SlotReply, Failure> {
+    // Before and after, so that a long step does not count as idle time.
+    client.last_call.send_replace(Instant::now());
+    let reply = client.session.call(SLOT, request).await;
+    client.last_call.send_replace(Instant::now());
+    // After a server stop, the caller must learn of the stop and not of the session's end.
+    reply.map_err(|failure| context.registry.check_open().err().map_or(failure, Failure::from))
+}
+
+fn check_slot(slot: u32) -> Result<(), Failure> {
     if slot == SLOT {
         return Ok(());
     }
@@ -185,24 +159,28 @@ fn only_slot(slot: u32) -> Result<(), Failure> {
     Err(Failure::new(Reason::SlotUnknown, message))
 }
 
-fn out_of_turn(answer: &Answer) -> Failure {
-    ServerFault::log("answer a unary call", format!("{answer:?}")).into()
+fn unexpected(reply: &SlotReply) -> Failure {
+    ServerFault::log("answer a unary call", format!("{reply:?}")).into()
 }
 
-/// The session that the token opened. The host is asked only where there is none: its answer says why.
-async fn found(door: &Door, token: &str) -> Result<Arc<Desk>, Failure> {
-    if let Some(desk) = door.gate.desk(token) {
-        return Ok(desk);
+/// Returns the token's client.
+async fn find<H: Host>(
+    context: &ServiceContext<H>,
+    token: &str,
+) -> Result<Arc<UnaryClient<Session<H>>>, Failure> {
+    if let Some(client) = context.registry.unary_client(token) {
+        return Ok(client);
     }
-    door.gate.check_open()?;
-    let run = door.open_run(token).await?.run;
+    context.registry.check_open()?;
+    // The host is asked only for the reason: a bad token or a finished run is a better answer than a missing episode.
+    let run = context.open_run(token).await?.run;
     let message =
-        format!("run {run} has no open episode here; begin with Reset, whose Hello says resume to go on");
+        format!("run {run} has no open episode here; call Reset first, with resume in its Hello to continue");
     Err(Failure::new(Reason::EpisodeUnknown, message))
 }
 
-/// Ends the run's session, whatever kind it is, and the run with it.
-async fn leave(door: &Door, run: &str) -> Result<v1::RunEnd, Failure> {
-    door.gate.stop(run, Stop::Left).await;
-    door.finish_run(run).await
+/// Ends the run's session and then the run.
+async fn leave<H: Host>(context: &ServiceContext<H>, run: &str) -> Result<v1::RunEnd, Failure> {
+    context.registry.stop(run, StopReason::Cancelled).await;
+    context.finish_run(run).await
 }

@@ -1,5 +1,5 @@
-//! Work that may hang: it runs on threads of the system, outside of the async runtime, and whoever waits for it waits no longer
-//! than a limit. A thread cannot be stopped from outside, so one that hangs is left behind and counted.
+//! Watchdog for work that may hang. The work runs on system threads outside the async runtime, with a time limit. A thread cannot
+//! be stopped from outside, so a thread that hangs is abandoned and counted.
 
 use std::{
     any::Any,
@@ -15,77 +15,78 @@ use std::{
 use tokio::sync::{Notify, oneshot};
 use tracing::Span;
 
-/// Watches work on threads. Clones share it; its own thread ends with the last of them.
+/// A watchdog over threads. Clones share it; the watchdog thread ends with the last clone.
 #[derive(Clone, Debug, Default)]
-pub struct Watchdog(Arc<Kennel>);
+pub struct Watchdog(Arc<WatchdogOwner>);
 
-/// Stops the thread when the last clone goes.
+/// Stops the thread when the last clone is dropped.
 #[derive(Debug, Default)]
-struct Kennel(Arc<Inner>);
+struct WatchdogOwner(Arc<WatchdogState>);
 
 #[derive(Debug, Default)]
-struct Inner {
-    state: Mutex<State>,
+struct WatchdogState {
+    jobs: Mutex<WatchedJobs>,
     changed: Condvar,
     hanging: AtomicUsize,
     given_up: AtomicU64,
 }
 
 #[derive(Debug, Default)]
-struct State {
-    /// Work by the moment when it is given up, and its number.
-    watched: BTreeMap<(Instant, u64), Watched>,
+struct WatchedJobs {
+    /// Jobs by their deadline and number.
+    watched: BTreeMap<(Instant, u64), WatchedJob>,
     next: u64,
     is_running: bool,
     is_closed: bool,
 }
 
-struct Watched {
-    leash: Arc<Leash>,
-    /// Done when the work is given up.
+struct WatchedJob {
+    token: Arc<CancelToken>,
+    /// Called when the job is abandoned.
     then: Box<dyn FnOnce() + Send>,
 }
 
-impl std::fmt::Debug for Watched {
+impl std::fmt::Debug for WatchedJob {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("Watched")
+        f.write_str("WatchedJob")
     }
 }
 
-/// Why work came to nothing.
+/// Error: a job has no result.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Lost {
-    /// It took longer than it may, and may go on for ever.
+    /// The job exceeded its limit and may never end.
     #[error("it took longer than {0:?} and was given up")]
     Hangs(Duration),
-    /// It panicked.
+    /// The job panicked.
     #[error("it panicked: {0}")]
     Panicked(String),
 }
 
-/// Whether somebody still waits for the work.
+/// Job state: running, committed or abandoned.
 #[derive(Debug, Default)]
-pub(crate) struct Leash {
+pub(crate) struct CancelToken {
     state: AtomicU8,
     given_up: Notify,
 }
 
 const RUNNING: u8 = 0;
-const KEPT: u8 = 1;
-const GIVEN_UP: u8 = 2;
+const COMMITTED: u8 = 1;
+const ABANDONED: u8 = 2;
 
-impl Leash {
-    /// From now on the result counts, however long the rest takes; false when the work was given up before. What others see of
-    /// the work may be written after it and not before.
+impl CancelToken {
+    /// Commits the job: the result counts from now on, regardless of the time limit. Returns false if the job was abandoned
+    /// before. Visible effects must come after this call.
     #[must_use]
-    pub(crate) fn keep(&self) -> bool {
-        let before = self.state.compare_exchange(RUNNING, KEPT, Ordering::AcqRel, Ordering::Acquire);
-        matches!(before, Ok(_) | Err(KEPT))
+    pub(crate) fn commit(&self) -> bool {
+        // A single atomic exchange decides the race between job and watchdog, so exactly one side wins.
+        let before = self.state.compare_exchange(RUNNING, COMMITTED, Ordering::AcqRel, Ordering::Acquire);
+        matches!(before, Ok(_) | Err(COMMITTED))
     }
 
     fn give_up(&self) -> bool {
         let done =
-            self.state.compare_exchange(RUNNING, GIVEN_UP, Ordering::AcqRel, Ordering::Acquire).is_ok();
+            self.state.compare_exchange(RUNNING, ABANDONED, Ordering::AcqRel, Ordering::Acquire).is_ok();
         if done {
             self.given_up.notify_one();
         }
@@ -93,38 +94,40 @@ impl Leash {
     }
 
     fn is_given_up(&self) -> bool {
-        self.state.load(Ordering::Acquire) == GIVEN_UP
+        self.state.load(Ordering::Acquire) == ABANDONED
     }
 
-    /// Waits until the work is given up.
+    /// Waits until the job is abandoned.
     pub(crate) async fn given_up(&self) {
         self.given_up.notified().await;
     }
 }
 
 impl Watchdog {
-    /// Threads that were given up and still run.
+    /// Counts abandoned threads that still run.
     pub fn hanging(&self) -> usize {
-        self.inner().hanging.load(Ordering::Relaxed)
+        self.state().hanging.load(Ordering::Relaxed)
     }
 
-    /// How often work was given up.
+    /// Counts abandoned jobs.
     pub fn given_up(&self) -> u64 {
-        self.inner().given_up.load(Ordering::Relaxed)
+        self.state().given_up.load(Ordering::Relaxed)
     }
 
-    /// Does `work` on a thread of its own and waits for it, for `limit` at most.
+    /// Runs `work` on a new thread and waits up to `limit` for the result.
     ///
     /// # Errors
-    /// When it hangs or panics.
+    /// If the work hangs or panics.
     pub async fn run<T: Send + 'static>(
         &self,
         limit: Duration,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, Lost> {
-        let leash = Arc::new(Leash::default());
+        let token = Arc::new(CancelToken::default());
         let (done, result) = oneshot::channel();
-        let (watchdog, held, span) = (self.clone(), leash.clone(), Span::current());
+        let watchdog = self.clone();
+        let held = token.clone();
+        let span = Span::current();
         let body = move || {
             watchdog.watched(
                 limit,
@@ -132,122 +135,124 @@ impl Watchdog {
                 || {},
                 || {
                     let worked = span.in_scope(|| catch_unwind(AssertUnwindSafe(work)));
-                    if held.keep() {
-                        let _ = done.send(worked.map_err(|panic| Lost::Panicked(words(&*panic))));
+                    if held.commit() {
+                        let _ = done.send(worked.map_err(|panic| Lost::Panicked(panic_message(&*panic))));
                     }
                 },
             );
         };
         if let Err(error) = thread::Builder::new().name("avln-work".to_owned()).spawn(body) {
-            return Err(Lost::Panicked(format!("the system has no thread for it: {error}")));
+            return Err(Lost::Panicked(format!("cannot start a thread: {error}")));
         }
-        settle(limit, &leash, result).await
+        settle(limit, &token, result).await
     }
 
-    /// Does `work` on this thread. If that takes longer than `limit` before it is kept, `leash` is given up, which is followed
-    /// by `then` on another thread. False when it was given up: then nobody waits for this thread any more.
+    /// Runs `work` on this thread. If it does not commit within `limit`, it is abandoned, and the watchdog calls `then` on
+    /// another thread. Returns false if the work was abandoned.
     pub(crate) fn watched(
         &self,
         limit: Duration,
-        leash: &Arc<Leash>,
+        token: &Arc<CancelToken>,
         then: impl FnOnce() + Send + 'static,
         work: impl FnOnce(),
     ) -> bool {
-        let ticket =
-            self.enter(Instant::now() + limit, Watched { leash: leash.clone(), then: Box::new(then) });
+        let key =
+            self.enter(Instant::now() + limit, WatchedJob { token: token.clone(), then: Box::new(then) });
         work();
-        self.inner().state().watched.remove(&ticket);
-        let is_alone = leash.is_given_up();
-        if is_alone {
-            self.inner().hanging.fetch_sub(1, Ordering::Relaxed);
-            tracing::warn!("work that had been given up came to its end");
+        self.state().jobs().watched.remove(&key);
+        let was_abandoned = token.is_given_up();
+        if was_abandoned {
+            self.state().hanging.fetch_sub(1, Ordering::Relaxed);
+            tracing::warn!("an abandoned job has ended");
         }
-        !is_alone
+        !was_abandoned
     }
 
-    fn inner(&self) -> &Arc<Inner> {
+    fn state(&self) -> &Arc<WatchdogState> {
         &self.0.0
     }
 
-    fn enter(&self, due: Instant, watched: Watched) -> (Instant, u64) {
-        let mut state = self.inner().state();
-        state.next += 1;
-        let ticket = (due, state.next);
-        state.watched.insert(ticket, watched);
-        if !state.is_running {
-            let inner = self.inner().clone();
-            let watch = thread::Builder::new().name("avln-watchdog".to_owned()).spawn(move || inner.watch());
-            state.is_running = watch.inspect_err(|error| tracing::error!(%error, "no watchdog")).is_ok();
+    fn enter(&self, due: Instant, job: WatchedJob) -> (Instant, u64) {
+        let mut jobs = self.state().jobs();
+        jobs.next += 1;
+        let key = (due, jobs.next);
+        jobs.watched.insert(key, job);
+        if !jobs.is_running {
+            let state = self.state().clone();
+            let watch = thread::Builder::new().name("avln-watchdog".to_owned()).spawn(move || state.watch());
+            jobs.is_running = watch.inspect_err(|error| tracing::error!(%error, "no watchdog")).is_ok();
         }
-        self.inner().changed.notify_one();
-        ticket
+        self.state().changed.notify_one();
+        key
     }
 }
 
-impl Inner {
-    fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+impl WatchdogState {
+    fn jobs(&self) -> MutexGuard<'_, WatchedJobs> {
+        self.jobs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Gives up what is due, until nobody has the watchdog any more.
+    /// Abandons overdue jobs until the last clone of the watchdog is dropped.
     fn watch(&self) {
-        let mut state = self.state();
-        while !state.is_closed {
+        let mut jobs = self.jobs();
+        while !jobs.is_closed {
             let now = Instant::now();
-            match state.watched.first_key_value().map(|(&(due, _), _)| due) {
+            match jobs.watched.first_key_value().map(|(&(due, _), _)| due) {
                 Some(due) if due <= now => {
-                    if let Some((_, watched)) = state.watched.pop_first() {
-                        drop(state);
-                        self.give_up(watched);
-                        state = self.state();
+                    if let Some((_, job)) = jobs.watched.pop_first() {
+                        // `then` runs without the lock: it may take long and use the watchdog itself.
+                        drop(jobs);
+                        self.give_up(job);
+                        jobs = self.jobs();
                     }
                 }
                 Some(due) => {
-                    let waited = self.changed.wait_timeout(state, due - now);
-                    state = waited.unwrap_or_else(PoisonError::into_inner).0;
+                    let waited = self.changed.wait_timeout(jobs, due - now);
+                    jobs = waited.unwrap_or_else(PoisonError::into_inner).0;
                 }
-                None => state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner),
+                None => jobs = self.changed.wait(jobs).unwrap_or_else(PoisonError::into_inner),
             }
         }
     }
 
-    fn give_up(&self, watched: Watched) {
-        // Counted first: the work may come to its end at once.
+    fn give_up(&self, watched: WatchedJob) {
+        // Counted first: afterwards the waiter reads the counters, and the job may end at once and subtract itself.
         self.hanging.fetch_add(1, Ordering::Relaxed);
-        if watched.leash.give_up() {
-            self.given_up.fetch_add(1, Ordering::Relaxed);
+        self.given_up.fetch_add(1, Ordering::Relaxed);
+        if watched.token.give_up() {
             (watched.then)();
         } else {
             self.hanging.fetch_sub(1, Ordering::Relaxed);
+            self.given_up.fetch_sub(1, Ordering::Relaxed);
         }
     }
 }
 
-impl Drop for Kennel {
+impl Drop for WatchdogOwner {
     fn drop(&mut self) {
-        self.0.state().is_closed = true;
+        self.0.jobs().is_closed = true;
         self.0.changed.notify_one();
     }
 }
 
-/// Waits for the result, or until it is given up.
+/// Waits for a job's result, or until the job is abandoned.
 pub(crate) async fn settle<T>(
     limit: Duration,
-    leash: &Leash,
+    token: &CancelToken,
     result: oneshot::Receiver<Result<T, Lost>>,
 ) -> Result<T, Lost> {
     tokio::select! {
         biased;
         result = result => result.unwrap_or(Err(Lost::Hangs(limit))),
-        () = leash.given_up() => Err(Lost::Hangs(limit)),
+        () = token.given_up() => Err(Lost::Hangs(limit)),
     }
 }
 
-/// What a panic says.
-pub(crate) fn words(panic: &(dyn Any + Send)) -> String {
-    let words = panic.downcast_ref::<&str>().copied();
-    let words = words.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
-    words.unwrap_or("panic without words").to_owned()
+/// Returns a panic's message.
+pub(crate) fn panic_message(panic: &(dyn Any + Send)) -> String {
+    let message = panic.downcast_ref::<&str>().copied();
+    let message = message.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
+    message.unwrap_or("panic without a message").to_owned()
 }
 
 #[cfg(test)]
@@ -257,8 +262,8 @@ mod tests {
 
     const SOON: Duration = Duration::from_millis(40);
 
-    /// Waits until no thread hangs any more.
-    fn all_quiet(watchdog: &Watchdog) {
+    /// Waits until no thread hangs.
+    fn wait_until_none_hangs(watchdog: &Watchdog) {
         for _ in 0..500 {
             if watchdog.hanging() == 0 {
                 return;
@@ -269,20 +274,20 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn work_that_hangs_is_left_behind_and_counted_until_it_ends() {
+    async fn hanging_work_is_counted_until_it_ends() {
         let watchdog = Watchdog::default();
-        let (go_on, wait) = mpsc::channel::<()>();
+        let (release, wait) = mpsc::channel::<()>();
         let lost = watchdog.run(SOON, move || wait.recv().is_ok()).await;
         assert_eq!(lost, Err(Lost::Hangs(SOON)));
         assert_eq!((watchdog.hanging(), watchdog.given_up()), (1, 1));
-        assert_eq!(watchdog.run(SOON * 100, || 7).await, Ok(7), "others go on");
-        go_on.send(()).unwrap();
-        all_quiet(&watchdog);
+        assert_eq!(watchdog.run(SOON * 100, || 7).await, Ok(7), "other work continues");
+        release.send(()).unwrap();
+        wait_until_none_hangs(&watchdog);
         assert_eq!(watchdog.given_up(), 1);
     }
 
     #[tokio::test]
-    async fn a_panic_is_told_to_whoever_waits() {
+    async fn a_panic_is_returned_as_an_error() {
         let watchdog = Watchdog::default();
         let lost = watchdog.run(SOON * 100, || panic!("the roof")).await;
         assert_eq!(lost, Err::<(), _>(Lost::Panicked("the roof".to_owned())));
@@ -290,24 +295,24 @@ mod tests {
     }
 
     #[test]
-    fn a_result_is_kept_or_given_up_and_never_both() {
-        let leash = Leash::default();
-        assert!(leash.keep() && leash.keep() && !leash.give_up());
-        let leash = Leash::default();
-        assert!(leash.give_up() && !leash.give_up() && !leash.keep());
+    fn a_job_is_committed_or_abandoned_never_both() {
+        let token = CancelToken::default();
+        assert!(token.commit() && token.commit() && !token.give_up());
+        let token = CancelToken::default();
+        assert!(token.give_up() && !token.give_up() && !token.commit());
     }
 
     #[tokio::test]
-    async fn what_is_kept_may_take_its_time() {
+    async fn committed_work_has_no_limit() {
         let watchdog = Watchdog::default();
-        let leash = Arc::new(Leash::default());
-        let held = leash.clone();
+        let token = Arc::new(CancelToken::default());
+        let held = token.clone();
         let in_time = watchdog.watched(
             SOON,
-            &leash,
-            || panic!("given up"),
+            &token,
+            || panic!("abandoned"),
             || {
-                assert!(held.keep());
+                assert!(held.commit());
                 thread::sleep(SOON * 3);
             },
         );

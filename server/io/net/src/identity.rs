@@ -1,7 +1,11 @@
+//! Certificates and keys, reloaded when the files change.
+
 use crate::Protocol;
 use std::{
+    fs,
     path::{Path, PathBuf},
-    sync::Arc,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant, SystemTime},
 };
 use tokio_rustls::{
     TlsAcceptor,
@@ -10,23 +14,28 @@ use tokio_rustls::{
         client::{WebPkiServerVerifier, danger::ServerCertVerifier},
         crypto::{CryptoProvider, ring},
         pki_types::{CertificateDer, PrivateKeyDer, ServerName, UnixTime, pem, pem::PemObject},
+        server::{ClientHello, ResolvesServerCert},
+        sign::CertifiedKey,
     },
 };
 
-/// Why a server cannot identify itself.
+/// Shortest time between two looks at the files.
+const CHECK_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Certificate or key error.
 #[derive(Debug, thiserror::Error)]
 pub enum TlsError {
     /// A file cannot be read as PEM.
     #[error("{what} {}: {problem}; give a PEM file", path.display())]
     File {
-        /// What should be in it.
+        /// Expected content.
         what: &'static str,
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Problem with it.
         problem: String,
     },
-    /// The key is not the certificate's.
+    /// Certificate and key do not match.
     #[error("the key in {} is not that of the certificate in {}; give the two that were issued together", key.display(), certificate.display())]
     WrongPair {
         /// File of the certificate.
@@ -34,17 +43,17 @@ pub enum TlsError {
         /// File of the key.
         key: PathBuf,
     },
-    /// The certificate is of no use to a server.
+    /// The certificate is unsuitable for a server.
     #[error("the certificate in {}: {problem}; have another issued", certificate.display())]
     Certificate {
-        /// Its file.
+        /// File of the certificate.
         certificate: PathBuf,
-        /// What is wrong with it.
+        /// Problem with it.
         problem: String,
     },
 }
 
-/// By what a server is known: its certificate and the key to it.
+/// TLS identity: certificate and key.
 #[derive(Clone)]
 pub struct Identity {
     config: ServerConfig,
@@ -52,23 +61,24 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// Reads a chain of certificates, the server's own first, and its key, both PEM.
+    /// Reads a certificate chain, the server's own certificate first, and the key, both PEM. Later file changes apply to new
+    /// connections.
     ///
     /// # Errors
-    /// When a file cannot be read or holds no such thing, or the two do not belong together.
+    /// If a file cannot be read or has other content, or certificate and key do not match.
     pub fn read(certificate: &Path, key: &Path) -> Result<Self, TlsError> {
-        let chain = read_chain(certificate)?;
-        let secret = PrivateKeyDer::from_pem_file(key).map_err(|error| not_pem("key", key, &error))?;
-        let warning = out_of_date(&chain)
+        let files = ReloadingFiles::read(certificate, key)?;
+        let warning = out_of_date(&files.loaded().certified.cert)
             .map(|problem| format!("the certificate in {} {problem}", certificate.display()));
         let config = ServerConfig::builder_with_provider(provider())
             .with_safe_default_protocol_versions()
-            .and_then(|builder| builder.with_no_client_auth().with_single_cert(chain, secret))
-            .map_err(|error| unusable(certificate, key, &error))?;
+            .map_err(|error| unusable(certificate, key, &error))?
+            .with_no_client_auth()
+            .with_cert_resolver(Arc::new(files));
         Ok(Self { config, warning })
     }
 
-    /// What clients will complain of, although the server can start.
+    /// Returns a problem that clients will complain about, although the server can start.
     pub fn warning(&self) -> Option<&str> {
         self.warning.as_deref()
     }
@@ -86,8 +96,86 @@ impl std::fmt::Debug for Identity {
     }
 }
 
+/// A certificate and a key, reloaded when the files change.
+#[derive(Debug)]
+struct ReloadingFiles {
+    certificate: PathBuf,
+    key: PathBuf,
+    loaded: Mutex<LoadedPair>,
+}
+
+#[derive(Debug)]
+struct LoadedPair {
+    certified: Arc<CertifiedKey>,
+    versions: [Option<FileVersion>; 2],
+    checked: Instant,
+}
+
+/// A file's modification time and length.
+type FileVersion = (SystemTime, u64);
+
+impl ReloadingFiles {
+    fn read(certificate: &Path, key: &Path) -> Result<Self, TlsError> {
+        // Before the files are read: a change in between is noticed at the first look.
+        let versions = file_versions(certificate, key);
+        let certified = Arc::new(read_pair(certificate, key)?);
+        let loaded = Mutex::new(LoadedPair { certified, versions, checked: Instant::now() });
+        Ok(Self { certificate: certificate.to_owned(), key: key.to_owned(), loaded })
+    }
+
+    fn loaded(&self) -> MutexGuard<'_, LoadedPair> {
+        self.loaded.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Reloads the files if they have changed.
+    fn refresh(&self, loaded: &mut LoadedPair) {
+        let versions = file_versions(&self.certificate, &self.key);
+        if versions == loaded.versions {
+            return;
+        }
+        // Recorded also after a failure, so that a bad file is reported once and not for every connection. Programs write one
+        // file after the other: the pair that does not match yet fails, and the second file's change leads here once more.
+        loaded.versions = versions;
+        match read_pair(&self.certificate, &self.key) {
+            Ok(certified) => {
+                if let Some(problem) = out_of_date(&certified.cert) {
+                    tracing::warn!(certificate = %self.certificate.display(), problem, "new certificate");
+                }
+                tracing::info!(certificate = %self.certificate.display(), "the certificate was reloaded");
+                loaded.certified = Arc::new(certified);
+            }
+            Err(error) => tracing::warn!(%error, "the changed certificate is not used"),
+        }
+    }
+}
+
+impl ResolvesServerCert for ReloadingFiles {
+    fn resolve(&self, _: ClientHello<'_>) -> Option<Arc<CertifiedKey>> {
+        let mut loaded = self.loaded();
+        // Blocking calls in an async task, but short and at most once a second.
+        if loaded.checked.elapsed() >= CHECK_INTERVAL {
+            loaded.checked = Instant::now();
+            self.refresh(&mut loaded);
+        }
+        Some(loaded.certified.clone())
+    }
+}
+
+fn file_versions(certificate: &Path, key: &Path) -> [Option<FileVersion>; 2] {
+    [certificate, key].map(|path| {
+        let metadata = fs::metadata(path).ok()?;
+        Some((metadata.modified().ok()?, metadata.len()))
+    })
+}
+
 fn provider() -> Arc<CryptoProvider> {
     Arc::new(ring::default_provider())
+}
+
+fn read_pair(certificate: &Path, key: &Path) -> Result<CertifiedKey, TlsError> {
+    let chain = read_chain(certificate)?;
+    let secret = PrivateKeyDer::from_pem_file(key).map_err(|error| not_pem("key", key, &error))?;
+    CertifiedKey::from_der(chain, secret, &provider()).map_err(|error| unusable(certificate, key, &error))
 }
 
 fn read_chain(path: &Path) -> Result<Vec<CertificateDer<'static>>, TlsError> {
@@ -121,9 +209,9 @@ fn unusable(certificate: &Path, key: &Path, error: &RustlsError) -> TlsError {
     }
 }
 
-/// Whether clients will find the certificate too old or too young. Only the dates are looked at: who issued it is for
-/// clients to judge.
+/// Returns a problem with the certificate's dates.
 fn out_of_date(chain: &[CertificateDer<'static>]) -> Option<&'static str> {
+    // The chain serves as root too: clients judge the issuer, only the dates matter here.
     let own = chain.first()?;
     let mut roots = RootCertStore::empty();
     roots.add_parsable_certificates(chain.iter().cloned());
@@ -137,5 +225,48 @@ fn out_of_date(chain: &[CertificateDer<'static>]) -> Option<&'static str> {
             CertificateError::NotValidYet | CertificateError::NotValidYetContext { .. },
         )) => Some("is not valid yet; agents will refuse it"),
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rcgen::{CertificateParams, KeyPair};
+
+    /// Writes certificate and key with a modification time. Returns the certificate in DER form.
+    fn write(folder: &Path, names: &[&str], modified: SystemTime) -> Vec<u8> {
+        let params = CertificateParams::new(["localhost".to_owned()]).unwrap();
+        let key = KeyPair::generate().unwrap();
+        let certificate = params.self_signed(&key).unwrap();
+        for (name, text) in [("cert.pem", certificate.pem()), ("key.pem", key.serialize_pem())] {
+            if names.contains(&name) {
+                fs::write(folder.join(name), text).unwrap();
+                let file = fs::File::options().write(true).open(folder.join(name)).unwrap();
+                file.set_modified(modified).unwrap();
+            }
+        }
+        certificate.der().to_vec()
+    }
+
+    #[test]
+    fn changed_files_are_reloaded_when_they_match() {
+        let folder = tempfile::TempDir::new().unwrap();
+        let start = SystemTime::now();
+        let later = |seconds| start + Duration::from_secs(seconds);
+        let first = write(folder.path(), &["cert.pem", "key.pem"], start);
+        let files =
+            ReloadingFiles::read(&folder.path().join("cert.pem"), &folder.path().join("key.pem")).unwrap();
+        let served = || {
+            let mut loaded = files.loaded();
+            files.refresh(&mut loaded);
+            loaded.certified.cert[0].to_vec()
+        };
+        assert_eq!(served(), first);
+        write(folder.path(), &["cert.pem"], later(1));
+        assert_eq!(served(), first, "the key of the new certificate is missing");
+        let second = write(folder.path(), &["cert.pem", "key.pem"], later(2));
+        assert_eq!(served(), second);
+        fs::remove_file(folder.path().join("cert.pem")).unwrap();
+        assert_eq!(served(), second, "a missing file changes nothing");
     }
 }

@@ -1,14 +1,16 @@
-//! Listeners that speak TLS, or plain text where that is safe.
+//! Listeners with TLS, an accept loop with connection limits, and flood detection, shared by the gRPC and the web server.
 //!
-//! Start reading at [`Identity`], which is read from files, and [`Listener`].
+//! Start at [`Identity`], which reads certificates, [`Listener`] and [`AcceptLoop`].
 //!
-//! *Never*: lets a silent client hold a place, for a handshake has a time limit; leaves a client that speaks plain text to a
+//! *Never*: lets a silent client keep a place, since handshakes have a time limit; leaves a client that sends plain text to a
 //! TLS port without an answer.
 
+mod accept;
 mod identity;
 mod listener;
-mod stream;
+mod meter;
 
+pub use accept::{AcceptLimits, AcceptLoop, Closing, Connection, Connections, Place};
 pub use identity::{Identity, TlsError};
-pub use listener::{Greeter, Listener, Protocol, Refused};
-pub use stream::Stream;
+pub use listener::{HandshakeError, Handshaker, Listener, Protocol, Stream};
+pub use meter::{Meter, Metered};

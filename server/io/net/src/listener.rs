@@ -1,13 +1,21 @@
-use crate::{Identity, Stream};
-use std::{io, net::SocketAddr, time::Duration};
+//! Listeners, TLS handshakes and byte streams.
+
+use crate::Identity;
+use std::{
+    io,
+    net::SocketAddr,
+    pin::Pin,
+    task::{Context, Poll},
+    time::Duration,
+};
 use tokio::{
-    io::{AsyncReadExt, AsyncWriteExt, copy, sink},
+    io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadBuf, copy, sink},
     net::{TcpListener, TcpStream},
     time::{error::Elapsed, timeout},
 };
-use tokio_rustls::TlsAcceptor;
+use tokio_rustls::{TlsAcceptor, server::TlsStream};
 
-/// What is spoken inside of TLS.
+/// Application protocol inside TLS.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Protocol {
     /// HTTP/1.1.
@@ -16,14 +24,14 @@ pub enum Protocol {
     Http2,
 }
 
-/// Bytes of plain text that are waited for.
-const MOST_SMALL_TALK: u64 = 64 << 10;
-/// First byte of every TLS connection: a handshake record.
+/// Bytes of plain text that are read before the connection closes.
+const MAX_PLAIN_TEXT: u64 = 64 << 10;
+/// First byte of a TLS connection: the handshake record type.
 const HANDSHAKE: u8 = 0x16;
-const ADVICE: &str = "this port speaks TLS: write https:// in the address";
+const ADVICE: &str = "this port uses TLS: write https:// in the address";
 
 impl Protocol {
-    /// The name by which TLS peers agree on it.
+    /// Returns the ALPN name.
     pub(crate) fn name(self) -> &'static [u8] {
         match self {
             Self::Http1 => b"http/1.1",
@@ -31,8 +39,8 @@ impl Protocol {
         }
     }
 
-    /// What a client that speaks plain text is told: as far as it understands anything, this.
-    fn farewell(self) -> Vec<u8> {
+    /// Returns the answer to plain text, in the client's protocol.
+    fn plain_text_answer(self) -> Vec<u8> {
         match self {
             Self::Http1 => format!(
                 "HTTP/1.1 400 Bad Request\r\ncontent-type: text/plain\r\ncontent-length: {}\r\nconnection: close\r\n\r\n{ADVICE}\n",
@@ -49,70 +57,70 @@ impl Protocol {
     }
 }
 
-/// A place where clients connect.
+/// A TCP listener, with or without TLS.
 #[derive(Debug)]
 pub struct Listener {
     tcp: TcpListener,
-    greeter: Greeter,
+    handshaker: Handshaker,
 }
 
 impl From<TcpListener> for Listener {
-    /// A listener that speaks plain text.
+    /// Creates a listener without TLS.
     fn from(tcp: TcpListener) -> Self {
-        Self { tcp, greeter: Greeter(None) }
+        Self { tcp, handshaker: Handshaker(None) }
     }
 }
 
 impl Listener {
-    /// A listener that speaks TLS where there is an identity, else plain text.
+    /// Creates a listener that uses TLS if there is an identity.
     pub fn new(tcp: TcpListener, identity: Option<&Identity>, protocol: Protocol) -> Self {
         let tls = identity.map(|identity| (identity.acceptor(protocol), protocol));
-        Self { tcp, greeter: Greeter(tls) }
+        Self { tcp, handshaker: Handshaker(tls) }
     }
 
-    /// The next connection, before anything was said.
+    /// Accepts a connection, before the handshake.
     ///
     /// # Errors
-    /// When the system has none to give.
+    /// If the system cannot provide a connection.
     pub async fn accept(&self) -> io::Result<(TcpStream, SocketAddr)> {
         self.tcp.accept().await
     }
 
-    /// Whether TLS is spoken here.
+    /// Returns whether the listener uses TLS.
     pub fn is_secure(&self) -> bool {
-        self.greeter.0.is_some()
+        self.handshaker.0.is_some()
     }
 
-    /// Who greets connections.
-    pub fn greeter(&self) -> Greeter {
-        self.greeter.clone()
+    /// Returns the handshaker for accepted connections.
+    pub fn handshaker(&self) -> Handshaker {
+        self.handshaker.clone()
     }
 }
 
-/// Turns connections into streams of what is spoken.
+/// Performs TLS handshakes.
 #[derive(Clone)]
-pub struct Greeter(Option<(TlsAcceptor, Protocol)>);
+pub struct Handshaker(Option<(TlsAcceptor, Protocol)>);
 
-/// Why a connection did not become a stream.
+/// Handshake error.
 #[derive(Debug, thiserror::Error)]
-pub enum Refused {
-    /// It was silent for too long.
+pub enum HandshakeError {
+    /// The client was silent for too long.
     #[error("no handshake in time")]
     Silent(#[from] Elapsed),
-    /// It speaks plain text where TLS is asked for.
+    /// The client sent plain text to a TLS port.
     #[error("plain text on a TLS port")]
     PlainText,
-    /// The handshake failed.
+    /// The TLS handshake failed.
     #[error("the handshake failed: {0}")]
     Handshake(#[from] io::Error),
 }
 
-impl Greeter {
-    /// Agrees on TLS within `limit`, where this port speaks it.
+impl Handshaker {
+    /// Performs the TLS handshake within `limit`. Without TLS it returns at once.
     ///
     /// # Errors
-    /// When the client does not.
-    pub async fn greet(&self, tcp: TcpStream, limit: Duration) -> Result<Stream, Refused> {
+    /// If the client does not complete the handshake.
+    pub async fn handshake(&self, tcp: TcpStream, limit: Duration) -> Result<Stream, HandshakeError> {
         match &self.0 {
             None => Ok(Stream::Plain(tcp)),
             Some((acceptor, protocol)) => timeout(limit, secure(acceptor, *protocol, tcp)).await?,
@@ -120,21 +128,79 @@ impl Greeter {
     }
 }
 
-async fn secure(acceptor: &TlsAcceptor, protocol: Protocol, mut tcp: TcpStream) -> Result<Stream, Refused> {
+async fn secure(
+    acceptor: &TlsAcceptor,
+    protocol: Protocol,
+    mut tcp: TcpStream,
+) -> Result<Stream, HandshakeError> {
     let mut first = [0];
     let arrived = tcp.peek(&mut first).await?;
     if arrived == 1 && first[0] != HANDSHAKE {
-        tcp.write_all(&protocol.farewell()).await?;
+        tcp.write_all(&protocol.plain_text_answer()).await?;
         tcp.shutdown().await?;
-        // Closing on unread bytes resets the connection, and the client would lose the answer.
-        copy(&mut tcp.take(MOST_SMALL_TALK), &mut sink()).await?;
-        return Err(Refused::PlainText);
+        // Closing with unread bytes resets the connection, and the client would lose the answer.
+        copy(&mut tcp.take(MAX_PLAIN_TEXT), &mut sink()).await?;
+        return Err(HandshakeError::PlainText);
     }
     Ok(Stream::Secure(Box::new(acceptor.accept(tcp).await?)))
 }
 
-impl std::fmt::Debug for Greeter {
+impl std::fmt::Debug for Handshaker {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_tuple("Greeter").field(&self.0.as_ref().map(|(_, protocol)| protocol)).finish()
+        f.debug_tuple("Handshaker").field(&self.0.as_ref().map(|(_, protocol)| protocol)).finish()
+    }
+}
+
+/// A connection's byte stream.
+#[derive(Debug)]
+pub enum Stream {
+    /// Plain text.
+    Plain(TcpStream),
+    /// TLS.
+    Secure(Box<TlsStream<TcpStream>>),
+}
+
+/// Forwards a method call to the variant.
+macro_rules! to_either {
+    ($stream:expr, $method:ident $(, $argument:expr)*) => {
+        match $stream.get_mut() {
+            Stream::Plain(stream) => Pin::new(stream).$method($($argument),*),
+            Stream::Secure(stream) => Pin::new(stream.as_mut()).$method($($argument),*),
+        }
+    };
+}
+
+impl AsyncRead for Stream {
+    fn poll_read(self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        to_either!(self, poll_read, cx, buf)
+    }
+}
+
+impl AsyncWrite for Stream {
+    fn poll_write(self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &[u8]) -> Poll<io::Result<usize>> {
+        to_either!(self, poll_write, cx, buf)
+    }
+
+    fn poll_flush(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        to_either!(self, poll_flush, cx)
+    }
+
+    fn poll_shutdown(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        to_either!(self, poll_shutdown, cx)
+    }
+
+    fn poll_write_vectored(
+        self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        bufs: &[io::IoSlice<'_>],
+    ) -> Poll<io::Result<usize>> {
+        to_either!(self, poll_write_vectored, cx, bufs)
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        match self {
+            Self::Plain(stream) => stream.is_write_vectored(),
+            Self::Secure(stream) => stream.is_write_vectored(),
+        }
     }
 }

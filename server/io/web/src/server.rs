@@ -5,7 +5,7 @@ use crate::{
     proxy::{ClientAddress, TrustedProxy, client_address},
     router_until,
 };
-use avln_net::{Listener, Stream};
+use avln_net::{AcceptLimits, AcceptLoop, Connection, Listener};
 use avln_store::Reader;
 use axum::{Router, http::Request};
 use hyper::{body::Incoming, server::conn::http1};
@@ -13,10 +13,9 @@ use hyper_util::{
     rt::{TokioIo, TokioTimer},
     service::TowerToHyperService,
 };
-use std::{future::Future, io, net::SocketAddr, pin::pin, sync::Arc, time::Duration};
+use std::{future::Future, io, pin::pin, sync::Arc, time::Duration};
 use tokio::{
-    sync::{Semaphore, watch},
-    task::JoinSet,
+    sync::watch,
     time::{sleep, timeout},
 };
 use tower::ServiceExt;
@@ -80,95 +79,47 @@ async fn serve_connections(
     proxies: Vec<TrustedProxy>,
     shutdown: impl Future<Output = ()>,
 ) -> Result<(), WebError> {
-    let (closing, closed) = watch::channel(());
-    let server = Server { listener, router, proxies: proxies.into(), closed };
-    let mut connections = JoinSet::new();
+    let proxies: Arc<[TrustedProxy]> = proxies.into();
+    let limits = AcceptLimits {
+        max_connections: MAX_CONNECTIONS,
+        max_connections_per_address: MAX_CONNECTIONS,
+        // Browsers open several connections at once and show a refused one as an error page.
+        waits_when_full: true,
+        handshake: HEADER_TIMEOUT,
+        failure_pause: ACCEPT_PAUSE,
+        max_failures: Some(ACCEPT_ATTEMPTS),
+    };
+    let mut accept = AcceptLoop::new(listener, limits);
+    let serve = move |connection| serve_connection(connection, router.clone(), proxies.clone());
     let accepted = tokio::select! {
-        failed = server.accept(&mut connections) => failed,
+        failed = accept.run(serve) => Err(failed.into()),
         () = shutdown => Ok(()),
     };
-    // The listener closes first: no connection may arrive during the wait below.
-    drop(server);
-    drop(closing);
-    while connections.join_next().await.is_some() {}
+    accept.stop_listening().close().await;
     accepted
 }
 
-struct Server {
-    listener: Listener,
-    router: Router,
-    proxies: Arc<[TrustedProxy]>,
-    /// Changes when the server shuts down.
-    closed: watch::Receiver<()>,
-}
-
-impl Server {
-    /// Accepts connections; returns only after permanent failure.
-    async fn accept(&self, connections: &mut JoinSet<()>) -> Result<(), WebError> {
-        let permits = Arc::new(Semaphore::new(MAX_CONNECTIONS));
-        let mut failures = 0;
-        loop {
-            let permit = permits.clone().acquire_owned().await;
-            while connections.try_join_next().is_some() {}
-            match self.listener.accept().await {
-                Ok((stream, address)) => {
-                    failures = 0;
-                    let greeter = self.listener.greeter();
-                    let connection = Connection {
-                        address,
-                        router: self.router.clone(),
-                        proxies: self.proxies.clone(),
-                        closed: self.closed.clone(),
-                    };
-                    connections.spawn(async move {
-                        match greeter.greet(stream, HEADER_TIMEOUT).await {
-                            Ok(stream) => connection.serve(stream).await,
-                            Err(refused) => tracing::debug!(%refused, "connection refused"),
-                        }
-                        drop(permit);
-                    });
-                }
-                Err(error) if failures < ACCEPT_ATTEMPTS => {
-                    failures += 1;
-                    tracing::warn!(%error, "cannot accept a connection");
-                    sleep(ACCEPT_PAUSE).await;
-                }
-                Err(error) => return Err(error.into()),
-            }
-        }
-    }
-}
-
-struct Connection {
-    address: SocketAddr,
-    router: Router,
-    proxies: Arc<[TrustedProxy]>,
-    closed: watch::Receiver<()>,
-}
-
-impl Connection {
-    async fn serve(self, stream: Stream) {
-        let Self { address, router, proxies, mut closed } = self;
-        let mut builder = http1::Builder::new();
-        builder.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_header_size(MAX_HEAD_BYTES);
-        let add_client_address = move |mut request: Request<Incoming>| {
-            let client = client_address(address.ip(), request.headers(), &proxies);
-            request.extensions_mut().insert(ClientAddress::new(client));
-            request
-        };
-        let router = ServiceExt::<Request<Incoming>>::map_request(router, add_client_address);
-        let mut connection =
-            pin!(builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router)));
-        let ended = tokio::select! {
-            ended = connection.as_mut() => Some(ended),
-            // The sender never sends: this completes when the sender is dropped.
-            _ = closed.changed() => None,
-            () = sleep(CONNECTION_LIFETIME) => None,
-        };
-        if ended.is_none() {
-            connection.as_mut().graceful_shutdown();
-            // A client too slow for its last response loses the rest.
-            let _ = timeout(SHUTDOWN_TIMEOUT, connection).await;
-        }
+/// Serves requests until the client disconnects, the connection's lifetime ends or the server shuts down.
+async fn serve_connection(connection: Connection, router: Router, proxies: Arc<[TrustedProxy]>) {
+    let Connection { stream, peer, mut closing, place: _place, .. } = connection;
+    let mut builder = http1::Builder::new();
+    builder.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_header_size(MAX_HEAD_BYTES);
+    let add_client_address = move |mut request: Request<Incoming>| {
+        let client = client_address(peer.ip(), request.headers(), &proxies);
+        request.extensions_mut().insert(ClientAddress::new(client));
+        request
+    };
+    let router = ServiceExt::<Request<Incoming>>::map_request(router, add_client_address);
+    let connection = builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
+    let mut connection = pin!(connection);
+    let ended = tokio::select! {
+        ended = connection.as_mut() => Some(ended),
+        () = closing.wait() => None,
+        () = sleep(CONNECTION_LIFETIME) => None,
+    };
+    if ended.is_none() {
+        connection.as_mut().graceful_shutdown();
+        // A client too slow for its last response loses the rest.
+        let _ = timeout(SHUTDOWN_TIMEOUT, connection).await;
     }
 }

@@ -1,33 +1,51 @@
-//! Files as version control and archives leave them: real ones, and stand-ins that only say where the content is.
+//! Files: size limits, neighbouring files, symbolic links and Git LFS pointers.
 
-use crate::Report;
-use crate::glb::read_limited;
+use crate::options::ImportReport;
 use avln_scene::SceneError;
-use std::path::{Path, PathBuf};
+use avln_scene::limits::MAX_ENTRIES;
+use percent_encoding::percent_decode_str;
+use serde::de::{Deserialize, Deserializer, Error, SeqAccess, Visitor};
+use std::fs::File;
+use std::io::Read;
+use std::marker::PhantomData;
+use std::path::{Component, Path, PathBuf};
 
-/// A result whose error is the reason, in words that continue "… is not a usable scene: ".
+/// A result with the reason as its error, in words that continue "… is not a usable scene: ".
 pub(crate) type Checked<T> = Result<T, String>;
 
-/// How the text begins that Git LFS keeps instead of a file.
+/// First words in a Git LFS pointer, the text instead of a file that was not downloaded.
 const LFS_POINTER: &[u8] = b"version https://git-lfs";
-/// A stand-in is at most this long.
+/// Greatest size for a text link or Git LFS pointer.
 const MAX_STAND_IN_BYTES: u64 = 1024;
 const MAX_LINKS: usize = 4;
 
-/// The sentence that `path` is no scene, for `reason`.
+/// Returns the error for an unusable file; `reason` continues "… is not a usable scene: ".
 pub(crate) fn malformed(path: &Path, reason: impl Into<String>) -> SceneError {
     SceneError::Malformed { path: path.display().to_string(), reason: reason.into() }
 }
 
-/// The bytes of a file, at most `limit` of them; follows links as [`resolve`] does.
-pub(crate) fn read(path: &Path, limit: u64, report: &mut Report) -> Result<Vec<u8>, SceneError> {
-    let real = resolve(path, report)?;
-    read_limited(&real, limit).map_err(|source| SceneError::Read { path: real.display().to_string(), source })
+/// Reads a regular file with at most `limit` bytes.
+///
+/// # Errors
+/// [`SceneError::Read`] if it cannot be read, is larger, or is a Git LFS pointer.
+pub(crate) fn read_regular(path: &Path, limit: u64) -> Result<Vec<u8>, SceneError> {
+    read_limited(path, limit).map_err(|source| SceneError::Read { path: path.display().to_string(), source })
 }
 
-/// Where the content of `path` lies. A short text that names a neighbouring file of the same kind is a symbolic link as
-/// systems without them check it out, and is followed; the pointer of Git LFS is an error that says so.
-pub(crate) fn resolve(path: &Path, report: &mut Report) -> Result<PathBuf, SceneError> {
+/// Reads a file with at most `limit` bytes; follows links like [`resolve`].
+pub(crate) fn read(path: &Path, limit: u64, report: &mut ImportReport) -> Result<Vec<u8>, SceneError> {
+    let real = resolve(path, report)?;
+    read_regular(&real, limit)
+}
+
+/// Returns the real file's path.
+///
+/// Version control writes a symbolic link as a short text with the target's name on systems without links: this link is
+/// followed, with a warning.
+///
+/// # Errors
+/// If the file is a Git LFS pointer, or links form a long chain.
+pub(crate) fn resolve(path: &Path, report: &mut ImportReport) -> Result<PathBuf, SceneError> {
     let mut at = path.to_owned();
     for _ in 0..MAX_LINKS {
         let Some(text) = stand_in(&at) else { return Ok(at) };
@@ -39,16 +57,16 @@ pub(crate) fn resolve(path: &Path, report: &mut Report) -> Result<PathBuf, Scene
         }
         let Some(target) = link_target(&at, &text) else { return Ok(at) };
         report.warn(format!(
-            "{} holds only the address of a symbolic link; {} was read in its place",
+            "{} contains only the address of a symbolic link; {} was read in its place",
             at.display(),
             target.display()
         ));
         at = target;
     }
-    Err(malformed(path, format!("more than {MAX_LINKS} links follow each other; put the real file there")))
+    Err(malformed(path, format!("it starts a chain of more than {MAX_LINKS} links; put the real file there")))
 }
 
-/// The content of a file that is short enough to be a stand-in.
+/// A file's content, if it is short enough for a text link or pointer.
 fn stand_in(path: &Path) -> Option<Vec<u8>> {
     read_limited_quietly(path).filter(|bytes| !bytes.is_empty())
 }
@@ -68,41 +86,137 @@ fn link_target(path: &Path, text: &[u8]) -> Option<PathBuf> {
     (target.extension() == path.extension() && target.is_file() && target != path).then_some(target)
 }
 
+/// Reads a regular file with at most `limit` bytes.
+///
+/// # Errors
+/// If it cannot be read, is larger, or is a Git LFS pointer.
+pub(crate) fn read_limited(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> {
+    let refuse = |reason: String| Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, reason));
+    let metadata = std::fs::metadata(path)?;
+    if !metadata.is_file() {
+        return refuse("it is not a regular file".to_owned());
+    }
+    if metadata.len() > limit {
+        return refuse(format!("it has {} bytes, at most {limit} are read", metadata.len()));
+    }
+    // The file may grow after the check of its metadata: `take` enforces the limit while reading.
+    let mut bytes = Vec::with_capacity(metadata.len() as usize);
+    File::open(path)?.take(limit).read_to_end(&mut bytes)?;
+    if bytes.starts_with(LFS_POINTER) {
+        return refuse(
+            "it is a Git LFS pointer in the file's place; run `git lfs pull` in its folder".to_owned(),
+        );
+    }
+    Ok(bytes)
+}
+
+/// Returns the file for a relative URI.
+///
+/// # Errors
+/// If it is outside `folder`.
+pub(crate) fn neighbour(folder: &Path, address: &str) -> Checked<PathBuf> {
+    let outside = || format!("it refers to {address:?} outside its own folder; move that file next to it");
+    let decoded = percent_decode_str(address).decode_utf8().map_err(|_| outside())?;
+    let mut relative = PathBuf::new();
+    for component in Path::new(&*decoded).components() {
+        match component {
+            Component::CurDir => {}
+            Component::Normal(name) => relative.push(name),
+            Component::ParentDir if relative.pop() => {}
+            _ => return Err(outside()),
+        }
+    }
+    if decoded.contains("://") || decoded.contains('\0') || relative.as_os_str().is_empty() {
+        return Err(outside());
+    }
+    Ok(folder.join(relative))
+}
+
+/// Returns the file name up to the first dot, with `_` for characters that scene names cannot have.
+pub(crate) fn scene_name(path: &Path) -> String {
+    let file = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let stem = file.split('.').next().unwrap_or_default();
+    let allowed = |letter: char| letter.is_ascii_alphanumeric() || letter == '-' || letter == '_';
+    let name: String = stem.chars().map(|letter| if allowed(letter) { letter } else { '_' }).collect();
+    if name.is_empty() { "scene".to_owned() } else { name }
+}
+
+/// Reads a list and refuses one with more than [`MAX_ENTRIES`] entries: a short JSON text can name many defaults.
+pub(crate) fn bounded<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+    deserializer: D,
+) -> Result<Vec<T>, D::Error> {
+    deserializer.deserialize_seq(Bounded(PhantomData))
+}
+
+struct Bounded<T>(PhantomData<T>);
+
+impl<'de, T: Deserialize<'de>> Visitor<'de> for Bounded<T> {
+    type Value = Vec<T>;
+
+    fn expecting(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "a list of at most {MAX_ENTRIES} entries")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut entries: A) -> Result<Vec<T>, A::Error> {
+        let mut found = Vec::new();
+        while let Some(entry) = entries.next_element()? {
+            // An entry of three bytes, `{},`, takes several hundred bytes in memory: without a limit, a small file
+            // could exhaust it (docs/decisions/0019).
+            if found.len() == MAX_ENTRIES {
+                return Err(A::Error::custom(format!("a list has more than {MAX_ENTRIES} entries")));
+            }
+            found.push(entry);
+        }
+        Ok(found)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_link_checked_out_as_text_is_followed_and_named() {
+    fn text_links_are_followed_with_a_warning() {
         let folder = tempfile::tempdir().unwrap();
         let [link, real] = ["link.ply", "real.ply"].map(|name| folder.path().join(name));
         std::fs::write(&real, "ply\nformat").unwrap();
         std::fs::write(&link, "real.ply\n").unwrap();
-        let mut report = Report::default();
+        let mut report = ImportReport::default();
         assert_eq!(resolve(&link, &mut report).unwrap(), real);
         assert!(report.warnings[0].contains("real.ply was read"), "{report:?}");
         assert_eq!(read(&link, 100, &mut report).unwrap(), b"ply\nformat");
         std::fs::write(&real, "link.ply").unwrap();
-        assert!(resolve(&link, &mut report).unwrap_err().to_string().contains("links follow each other"));
+        assert!(resolve(&link, &mut report).unwrap_err().to_string().contains("chain of more than"));
     }
 
     #[test]
-    fn a_pointer_of_git_lfs_is_named_with_the_next_step() {
+    fn git_lfs_pointers_are_refused_with_advice() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("mesh.ply");
         std::fs::write(&path, "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 12\n")
             .unwrap();
-        let error = read(&path, 100, &mut Report::default()).unwrap_err().to_string();
+        let error = read(&path, 100, &mut ImportReport::default()).unwrap_err().to_string();
         assert!(error.contains("mesh.ply") && error.contains("git lfs pull"), "{error}");
     }
 
     #[test]
-    fn other_texts_are_left_alone() {
+    fn other_texts_are_no_links() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("scene.obj");
         for text in ["", "v 0 0 0", "/etc/passwd", "absent.obj", "scene.obj"] {
             std::fs::write(&path, text).unwrap();
-            assert_eq!(resolve(&path, &mut Report::default()).unwrap(), path, "{text}");
+            assert_eq!(resolve(&path, &mut ImportReport::default()).unwrap(), path, "{text}");
+        }
+    }
+
+    #[test]
+    fn neighbours_stay_in_the_folder() {
+        let folder = Path::new("scenes");
+        assert_eq!(neighbour(folder, "a%20b/../c.bin").unwrap(), Path::new("scenes/c.bin"));
+        for address in
+            ["../secret", "a/../../secret", "/etc/passwd", "https://example.org/a.bin", "", "%00", "%2e%2e/x"]
+        {
+            assert!(neighbour(folder, address).unwrap_err().contains("its own folder"), "{address}");
         }
     }
 }

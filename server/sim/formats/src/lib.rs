@@ -1,27 +1,28 @@
-//! Scene files: importers of scans and 3D models, exporters to GLB and HM3D.
+//! Scene files: importers for scans and 3D models, exporters to GLB and HM3D.
 //!
-//! Start reading at [`open`].
+//! Start at [`open`].
 //!
-//! *Never*: decides where one can walk, what is seen or what is heard; knows of missions.
+//! *Never*: depends on missions.
 
-mod bake;
+mod basis;
+mod extras;
 mod files;
-mod frame;
 pub mod gibson;
 pub mod glb;
 pub mod habitat;
 pub mod hm3d;
-mod labelled;
+mod images;
+mod labels;
 pub mod mp3d;
+mod named_model;
 pub mod obj;
 pub mod open;
-mod pictures;
+mod options;
 pub mod ply;
 pub mod procthor;
 pub mod replica;
-mod report;
 #[cfg(test)]
 mod testing;
+mod world_frame;
 
-pub use frame::{Options, Unit, Up};
-pub use report::Report;
+pub use options::{ImportOptions, ImportReport, LengthUnit, UpAxis};

@@ -1,44 +1,39 @@
-//! Opens a building in whatever layout it comes.
+//! Scene opening, with layout recognition.
 
-mod layouts;
-#[cfg(test)]
-mod tests;
-
-use crate::frame::Options;
-use crate::{Report, files};
+use crate::options::{ImportOptions, ImportReport};
+use crate::{files, gibson, glb, habitat, hm3d, mp3d, obj, ply, procthor, replica};
 use avln_scene::canonical::canonical;
 use avln_scene::{Scene, SceneError};
-use layouts::{LAYOUTS, Layout};
 use std::path::{Path, PathBuf};
 
-/// [`open_with`] for callers who do not care about warnings.
+/// [`open_with`] without warnings.
 ///
 /// # Errors
-/// Those of [`open_with`].
+/// See [`open_with`].
 pub fn open(path: &Path) -> Result<Scene, SceneError> {
-    open_with(path, &mut Report::default())
+    open_with(path, &mut ImportReport::default())
 }
 
-/// [`open_as`] with axes and units as the layout has them.
+/// [`open_as`] with the layout's axis and unit.
 ///
 /// # Errors
-/// Those of [`open_as`].
-pub fn open_with(path: &Path, report: &mut Report) -> Result<Scene, SceneError> {
-    open_as(path, &Options::default(), report)
+/// See [`open_as`].
+pub fn open_with(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
+    open_as(path, &ImportOptions::default(), report)
 }
 
-/// Opens a folder or a file in the layout that is recognised by what lies there: HM3D, Matterport3D, Replica, Gibson,
-/// Habitat's scene configurations, ProcTHOR, or a plain glTF, OBJ or PLY file. A file of a scan stands for the whole scan,
-/// semantics included; a folder must hold exactly one scene.
+/// Opens a folder or file. The files present select the layout: HM3D, Matterport3D, Replica, Gibson, Habitat's scene
+/// configurations, ProcTHOR, or a plain glTF, OBJ or PLY file. A scan file opens the whole scan with semantics; a folder
+/// must contain a single scene.
 ///
-/// Triangles, materials and textures come in the order of an exported file: its digest is that of the scene.
+/// Triangles, materials and textures are in exported file order, so that both have the same digest.
 ///
-/// The report names the layout, the navmesh that lies beside the scene, and what was guessed or left out.
+/// The report contains the layout, the navmesh next to the scene, guesses and omissions.
 ///
 /// # Errors
-/// Those of the importer chosen; [`SceneError::Malformed`] for a path that leads to no scene or to several, which lists
-/// them, and for `options` on a layout that fixes axes and units.
-pub fn open_as(path: &Path, options: &Options, report: &mut Report) -> Result<Scene, SceneError> {
+/// Importer errors; [`SceneError::Malformed`] if the path has no scene, or several, or if `options` are given for a layout
+/// with fixed axes and units.
+pub fn open_as(path: &Path, options: &ImportOptions, report: &mut ImportReport) -> Result<Scene, SceneError> {
     let path = &existing(path)?;
     let (layout, scene) = recognised(path)?;
     report.layout = layout.name;
@@ -46,7 +41,7 @@ pub fn open_as(path: &Path, options: &Options, report: &mut Report) -> Result<Sc
     (layout.import)(&scene, options, report).map(canonical)
 }
 
-/// The path, which must lead somewhere.
+/// Checks that the path exists.
 fn existing(path: &Path) -> Result<PathBuf, SceneError> {
     match std::fs::metadata(path) {
         Ok(_) => Ok(path.to_owned()),
@@ -56,7 +51,7 @@ fn existing(path: &Path) -> Result<PathBuf, SceneError> {
 
 type Candidate = (&'static Layout, PathBuf);
 
-/// The layout of the one scene that `path` leads to, and the file that stands for it.
+/// Recognises the layout and main file for the only scene at `path`.
 fn recognised(path: &Path) -> Result<Candidate, SceneError> {
     if !path.is_dir() {
         let found = LAYOUTS.iter().find_map(|layout| Some((layout, (layout.scene_of_file)(path)?)));
@@ -66,8 +61,10 @@ fn recognised(path: &Path) -> Result<Candidate, SceneError> {
     for layout in LAYOUTS {
         candidates.extend(in_folder(path, layout)?.into_iter().map(|scene| (layout, scene)));
     }
-    let most = candidates.iter().map(|(layout, _)| layout.tells).max();
-    candidates.retain(|(layout, _)| Some(layout.tells) == most);
+    // The folder of a scan also contains plain meshes and a configuration for Habitat. They are no further scenes: only the
+    // candidates with the most information count.
+    let most = candidates.iter().map(|(layout, _)| layout.detail).max();
+    candidates.retain(|(layout, _)| Some(layout.detail) == most);
     match candidates.len() {
         0 => Err(files::malformed(path, nothing(path))),
         1 => Ok(candidates.swap_remove(0)),
@@ -83,7 +80,11 @@ fn several(candidates: &[Candidate]) -> String {
         .map(|(layout, scene)| format!("{} ({})", scene.display(), layout.name))
         .collect();
     let more = if candidates.len() > SHOWN { ", …" } else { "" };
-    format!("it holds {} scenes; name the file of one of them: {}{more}", candidates.len(), shown.join(", "))
+    format!(
+        "it contains {} scenes; use the file of one of them: {}{more}",
+        candidates.len(),
+        shown.join(", ")
+    )
 }
 
 fn nothing(path: &Path) -> String {
@@ -93,14 +94,12 @@ fn nothing(path: &Path) -> String {
         .collect::<Vec<_>>()
         .join(", ");
     match path.extension().and_then(|extension| extension.to_str()) {
-        Some("navmesh") => {
-            "it is a navigation mesh, without surfaces; name the mesh that lies beside it".to_owned()
-        }
-        _ => format!("no scene of a known layout is there; known are {wanted}"),
+        Some("navmesh") => "it is a navigation mesh, without surfaces; use the mesh next to it".to_owned(),
+        _ => format!("no scene of a known layout is there; known layouts are {wanted}"),
     }
 }
 
-/// The scenes of a layout in a folder, or in a folder of it that the layout has, sorted by name.
+/// Scenes with a layout in a folder or the inner folders, sorted by name.
 fn in_folder(folder: &Path, layout: &Layout) -> Result<Vec<PathBuf>, SceneError> {
     let mut scenes = Vec::new();
     let inner = layout.inner_folders.iter().map(|name| folder.join(name)).filter(|inner| inner.is_dir());
@@ -118,7 +117,7 @@ fn in_folder(folder: &Path, layout: &Layout) -> Result<Vec<PathBuf>, SceneError>
     Ok(scenes)
 }
 
-/// The `.navmesh` that belongs to the file `scene`: that of the same name, else the only one in the folder.
+/// A scene's `.navmesh`: the file with the same name, or the only one in the folder.
 fn navmesh_beside(scene: &Path) -> Option<PathBuf> {
     let stem = scene.file_name()?.to_str()?.split('.').next()?.to_owned();
     let folder = scene.parent()?;
@@ -137,5 +136,284 @@ fn navmesh_beside(scene: &Path) -> Option<PathBuf> {
         Some(index) => Some(found.swap_remove(index)),
         None if found.len() == 1 => found.pop(),
         None => None,
+    }
+}
+
+/// A file layout.
+struct Layout {
+    /// Layout name.
+    name: &'static str,
+    /// Characteristic file, for error messages.
+    sign: &'static str,
+    /// Inner folders with files in this layout.
+    inner_folders: &'static [&'static str],
+    /// Information level; a layout hides lower levels in the same folder.
+    detail: Detail,
+    /// Returns a scene's main file, for a file in a folder.
+    scene_in_folder: fn(&Path) -> Option<PathBuf>,
+    /// Returns a scene's main file, for a file from the caller.
+    scene_of_file: fn(&Path) -> Option<PathBuf>,
+    import: fn(&Path, &ImportOptions, &mut ImportReport) -> Result<Scene, SceneError>,
+}
+
+/// Information in a layout's files, in increasing order.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Detail {
+    /// Surfaces.
+    Mesh,
+    /// Scene composition, or load settings for a scan.
+    Composition,
+    /// Labelled objects.
+    Labels,
+}
+
+const LAYOUTS: &[Layout] = &[
+    Layout {
+        name: "HM3D",
+        sign: "X.semantic.txt next to X.glb",
+        inner_folders: &[],
+        detail: Detail::Labels,
+        scene_in_folder: hm3d_mesh,
+        scene_of_file: |file| hm3d::is_hm3d(file).then(|| file.to_owned()),
+        import: |path, options, report| {
+            fixed(path, options, "HM3D").and_then(|()| hm3d::import(path, report))
+        },
+    },
+    Layout {
+        name: "Habitat scene instance",
+        sign: "X.scene_instance.json in a data set",
+        inner_folders: &[],
+        detail: Detail::Composition,
+        scene_in_folder: |file| ends_with(file, habitat::DATASET_SUFFIX).then(|| file.to_owned()),
+        scene_of_file: |file| habitat::is_habitat(file).then(|| file.to_owned()),
+        import: |path, options, report| {
+            fixed(path, options, "Habitat").and_then(|()| habitat::import(path, report))
+        },
+    },
+    Layout {
+        name: "ProcTHOR house",
+        sign: "X.json",
+        inner_folders: &[],
+        detail: Detail::Labels,
+        scene_in_folder: |file| procthor::is_procthor(file).then(|| file.to_owned()),
+        scene_of_file: |file| procthor::is_procthor(file).then(|| file.to_owned()),
+        import: |path, options, report| {
+            fixed(path, options, "ProcTHOR").and_then(|()| procthor::import(path, report))
+        },
+    },
+    Layout {
+        name: "Matterport3D",
+        sign: "X.house",
+        inner_folders: &[],
+        detail: Detail::Labels,
+        scene_in_folder: |file| ends_with(file, mp3d::TABLE).then(|| file.to_owned()),
+        scene_of_file: |file| companion(file, mp3d::TABLE),
+        import: mp3d::import_as,
+    },
+    Layout {
+        name: "Replica",
+        sign: "habitat/info_semantic.json",
+        inner_folders: &[replica::SEMANTIC_FOLDER],
+        detail: Detail::Labels,
+        scene_in_folder: |file| ends_with(file, replica::TABLE).then(|| file.to_owned()),
+        scene_of_file: replica_table,
+        import: replica::import_as,
+    },
+    Layout {
+        name: "Gibson",
+        sign: "X.scn",
+        inner_folders: &[],
+        detail: Detail::Labels,
+        scene_in_folder: |file| ends_with(file, gibson::TABLE).then(|| file.to_owned()),
+        scene_of_file: |file| companion(file, gibson::TABLE),
+        import: gibson::import_as,
+    },
+    Layout {
+        name: "glTF",
+        sign: "X.glb or X.gltf",
+        inner_folders: &[],
+        detail: Detail::Mesh,
+        scene_in_folder: |file| has_extension(file, &["glb", "gltf"]).then(|| file.to_owned()),
+        scene_of_file: |file| has_extension(file, &["glb", "gltf"]).then(|| file.to_owned()),
+        import: glb::import_as,
+    },
+    Layout {
+        name: "OBJ",
+        sign: "X.obj",
+        inner_folders: &[],
+        detail: Detail::Mesh,
+        scene_in_folder: |file| has_extension(file, &["obj"]).then(|| file.to_owned()),
+        scene_of_file: |file| has_extension(file, &["obj"]).then(|| file.to_owned()),
+        import: obj::import_as,
+    },
+    Layout {
+        name: "PLY",
+        sign: "X.ply",
+        inner_folders: &[],
+        detail: Detail::Mesh,
+        scene_in_folder: |file| has_extension(file, &["ply"]).then(|| file.to_owned()),
+        scene_of_file: |file| has_extension(file, &["ply"]).then(|| file.to_owned()),
+        import: ply::import_as,
+    },
+];
+
+/// Refuses options for a layout with fixed axes and units.
+fn fixed(path: &Path, options: &ImportOptions, layout: &str) -> Result<(), SceneError> {
+    if *options == ImportOptions::default() {
+        return Ok(());
+    }
+    Err(files::malformed(
+        path,
+        format!("the layout {layout} has fixed axes and units; omit --up and --units"),
+    ))
+}
+
+/// The mesh `X.glb` or `X.basis.glb` for an HM3D semantic file.
+fn hm3d_mesh(file: &Path) -> Option<PathBuf> {
+    let name = file.file_name()?.to_str()?;
+    let stem = [".semantic.txt", ".semantic.glb"].iter().find_map(|suffix| name.strip_suffix(suffix))?;
+    let [plain, basis] = [".glb", ".basis.glb"].map(|suffix| file.with_file_name(format!("{stem}{suffix}")));
+    Some(if basis.is_file() && !plain.is_file() { basis } else { plain })
+}
+
+fn has_extension(file: &Path, extensions: &[&str]) -> bool {
+    let extension = file.extension().map(|extension| extension.to_ascii_lowercase());
+    extension.is_some_and(|extension| extensions.iter().any(|known| extension == *known))
+}
+
+fn ends_with(file: &Path, suffix: &str) -> bool {
+    file.file_name().is_some_and(|name| name.to_string_lossy().ends_with(suffix))
+}
+
+/// The common start in a scan's file names.
+fn stem(file: &Path) -> Option<&str> {
+    let stem = file.file_name()?.to_str()?.split('.').next()?;
+    Some(stem.strip_suffix("_semantic").unwrap_or(stem))
+}
+
+/// The table `X<suffix>` in the scan with `file`.
+fn companion(file: &Path, suffix: &str) -> Option<PathBuf> {
+    let is_part = has_extension(file, &["glb", "obj", "ply"]) || ends_with(file, suffix);
+    let table = file.with_file_name(format!("{}{suffix}", stem(file)?));
+    (is_part && table.is_file()).then_some(table)
+}
+
+/// The Replica table for a mesh or table `file`.
+fn replica_table(file: &Path) -> Option<PathBuf> {
+    if ends_with(file, replica::TABLE) {
+        return Some(file.to_owned());
+    }
+    let table = match file.file_name()?.to_str()? {
+        replica::SEMANTIC_MESH => file.with_file_name(replica::TABLE),
+        "mesh.ply" => file.with_file_name(replica::SEMANTIC_FOLDER).join(replica::TABLE),
+        _ => return None,
+    };
+    table.is_file().then_some(table)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{self, write};
+    use crate::{LengthUnit, UpAxis};
+
+    const HOUSE: &str = "ASCII 1.1\nH made - 0 0 0 0 0 1 1 0 0 0 0 0 0 0 0 0 0 0 6 5 3 0 0 0 0 0\nC 0 1 sofa 10 sofa 0 0 0 0 0\n\
+        O 2 -1 0 4 4 1 1 0 0 0 1 0 1 1 1 0 0 0 0 0 0 0 0\n";
+    const REPLICA: &str =
+        r#"{"classes": [{"id": 3, "name": "sofa"}], "objects": [{"id": 2, "class_id": 3}]}"#;
+    const GIBSON: &str = r#"{"objects": [{"id": 2, "class_": "couch"}]}"#;
+
+    fn opened(path: &Path) -> (&'static str, Vec<u32>, Option<PathBuf>) {
+        let mut report = ImportReport::default();
+        let scene = open_with(path, &mut report).unwrap();
+        (report.layout, scene.objects.iter().map(|object| object.id.0).collect(), report.navmesh)
+    }
+
+    fn refusal(path: &Path) -> String {
+        open(path).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn tables_identify_the_layout() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for (scan, name, table, mesh) in [
+            ("mp3d", "made.house", HOUSE, "made_semantic.ply"),
+            ("replica", "habitat/info_semantic.json", REPLICA, "habitat/mesh_semantic.ply"),
+            ("gibson", "made.scn", GIBSON, "made_semantic.ply"),
+        ] {
+            write(&at(scan), name, table);
+            write(&at(scan), mesh, testing::ply("ascii"));
+        }
+        write(&at("mp3d"), "made.navmesh", "TESM");
+        write(&at("plain"), "made.ply", testing::ply("ascii"));
+        let navmesh = Some(at("mp3d/made.navmesh"));
+        assert_eq!(opened(&at("mp3d")), ("Matterport3D", vec![3], navmesh.clone()));
+        assert_eq!(opened(&at("mp3d/made.house")), ("Matterport3D", vec![3], navmesh.clone()));
+        assert_eq!(opened(&at("mp3d/made_semantic.ply")), ("Matterport3D", vec![3], navmesh));
+        assert_eq!(opened(&at("replica")), ("Replica", vec![3], None));
+        assert_eq!(opened(&at("replica/habitat/mesh_semantic.ply")), ("Replica", vec![3], None));
+        assert_eq!(opened(&at("gibson")), ("Gibson", vec![2], None));
+        assert_eq!(opened(&at("plain")), ("PLY", vec![], None));
+        assert_eq!(opened(&at("plain/made.ply")), ("PLY", vec![], None));
+        let error = refusal(&at("mp3d/made.navmesh"));
+        assert!(error.contains("navigation mesh"), "{error}");
+    }
+
+    #[test]
+    fn several_scenes_are_listed() {
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path(), "a.ply", testing::ply("ascii"));
+        write(folder.path(), "b.obj", testing::obj());
+        let error = refusal(folder.path());
+        assert!(
+            error.contains("2 scenes") && error.contains("a.ply (PLY)") && error.contains("b.obj (OBJ)"),
+            "{error}"
+        );
+        // A table selects the mesh.
+        write(folder.path(), "a.scn", GIBSON);
+        write(folder.path(), "a_semantic.ply", testing::ply("ascii"));
+        assert_eq!(opened(folder.path()).0, "Gibson");
+        // Load settings for Habitat are no second scene.
+        write(folder.path(), "a.scene_dataset_config.json", "{}");
+        assert_eq!(opened(folder.path()).0, "Gibson");
+        write(folder.path(), "c.house", HOUSE);
+        let error = refusal(folder.path());
+        assert!(error.contains("c.house (Matterport3D)") && error.contains("a.scn (Gibson)"), "{error}");
+    }
+
+    #[test]
+    fn unknown_layouts_list_the_known_ones() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(refusal(&folder.path().join("absent")).starts_with("cannot read"));
+        write(folder.path(), "notes.txt", "nothing");
+        for path in [folder.path().to_owned(), folder.path().join("notes.txt")] {
+            let error = refusal(&path);
+            assert!(error.contains("Matterport3D (X.house)"), "{error}");
+        }
+    }
+
+    #[test]
+    fn caller_sets_axis_and_unit() {
+        let folder = tempfile::tempdir().unwrap();
+        let small = testing::obj();
+        let big = small.lines().map(|line| match line.strip_prefix("v ") {
+            Some(rest) => {
+                let scaled: Vec<String> =
+                    rest.split(' ').map(|word| (word.parse::<f32>().unwrap() * 1000.0).to_string()).collect();
+                format!("v {}\n", scaled.join(" "))
+            }
+            None => format!("{line}\n"),
+        });
+        write(folder.path(), "big.obj", big.collect::<String>());
+        let error = refusal(folder.path());
+        assert!(error.contains("big.obj") && error.contains("--units mm"), "{error}");
+        let options = ImportOptions { up: Some(UpAxis::Z), unit: Some(LengthUnit::Millimetre) };
+        let scene = open_as(folder.path(), &options, &mut ImportReport::default()).unwrap();
+        let size = scene.bounds().unwrap().size();
+        assert!(
+            (size.x - 6.0).abs() < 1e-4 && (size.y - 0.9).abs() < 1e-4 && (size.z - 5.0).abs() < 1e-4,
+            "{size}"
+        );
     }
 }

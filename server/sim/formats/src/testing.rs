@@ -1,10 +1,10 @@
-//! A small scan in every spelling of PLY and OBJ, and damage for it.
+//! A small scan in all PLY formats and as OBJ, and damage for it.
 
 use avln_geom::Rng;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Quads of a floor (thing 0) of 6 x 5 m, a table (thing 1) and a red sofa (thing 2); Z up, counter-clockwise from outside.
+/// Quads for a floor (thing 0), 6 x 5 m, a table (thing 1) and a red sofa (thing 2); Z up, counter-clockwise from outside.
 pub(crate) fn quads() -> Vec<([[f32; 3]; 4], i32)> {
     let mut quads = vec![([[0.0, 0.0, 0.0], [6.0, 0.0, 0.0], [6.0, 5.0, 0.0], [0.0, 5.0, 0.0]], 0)];
     quads.extend(sides([1.0, 1.0, 0.0], [2.0, 1.5, 0.7]).map(|side| (side, 1)));
@@ -12,7 +12,7 @@ pub(crate) fn quads() -> Vec<([[f32; 3]; 4], i32)> {
     quads
 }
 
-/// The six sides of a box.
+/// A box's six sides.
 fn sides([x0, y0, z0]: [f32; 3], [x1, y1, z1]: [f32; 3]) -> [[[f32; 3]; 4]; 6] {
     [
         [[x0, y0, z1], [x1, y0, z1], [x1, y1, z1], [x0, y1, z1]],
@@ -28,7 +28,7 @@ fn color_of(thing: i32) -> [u8; 3] {
     [[200, 200, 200], [120, 80, 40], [220, 20, 20]][thing as usize]
 }
 
-/// The scan as a PLY file in one of the three formats, with colours and `object_id` on faces.
+/// The scan as a PLY file in a given format, with colours and `object_id` on faces.
 pub(crate) fn ply(format: &str) -> Vec<u8> {
     let quads = quads();
     let mut file = format!(
@@ -106,7 +106,7 @@ pub(crate) fn write(folder: &Path, name: &str, content: impl AsRef<[u8]>) {
     std::fs::write(path, content).expect("a file is written");
 }
 
-/// Calls `try_it` with `rounds` damaged copies of `file`: bytes flipped, replaced by what parsers trip over, moved or cut off.
+/// Calls `try_it` with `rounds` damaged copies: bytes are flipped, replaced by parser traps, moved or cut off.
 pub(crate) fn damaged(file: &[u8], seed: u64, rounds: usize, mut try_it: impl FnMut(&[u8])) {
     const TRAPS: [&[u8]; 12] = [
         b"-1",

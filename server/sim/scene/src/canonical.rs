@@ -1,15 +1,17 @@
-//! One order for the parts of a scene: that in which a file of the arena holds them.
+//! Canonical scene order: the order in an exported file.
 
-use crate::{InstanceId, Material, Mesh, Scene, Texture};
+use crate::scene::{InstanceId, Material, Mesh, Scene, Texture};
 use std::collections::BTreeMap;
 
-/// Triangles by the place of their instance among the objects (behind them for none) and by material.
-type Groups = BTreeMap<(usize, u16), Vec<u32>>;
+/// Triangles by object index (the object count for none) and material.
+type TriangleGroups = BTreeMap<(usize, u16), Vec<u32>>;
 
-/// The same scene in the order that export and import keep, so that it has one digest in every layout and as a file:
-/// triangles by instance and material, each group with vertices of its own; materials and textures by first use, unused ones
-/// left out, and so are triangles that use a vertex twice.
+/// Brings a scene into canonical order: triangles by instance and material, with separate vertices per group; materials and
+/// textures by first use. Unused ones are dropped, and triangles with a repeated vertex.
+///
+/// Export and import keep this order, so that a scene has the same digest in every layout and as a file.
 pub fn canonical(scene: Scene) -> Scene {
+    // Materials are numbered by first use, in old number order within an object.
     let mut number_of: BTreeMap<u16, u16> = BTreeMap::new();
     for &(_, material) in groups(&scene, |material| material).keys() {
         let next = number_of.len() as u16;
@@ -26,10 +28,11 @@ pub fn canonical(scene: Scene) -> Scene {
     Scene { mesh, materials, textures, ..scene }
 }
 
-fn groups(scene: &Scene, number: impl Fn(u16) -> u16) -> Groups {
+fn groups(scene: &Scene, number: impl Fn(u16) -> u16) -> TriangleGroups {
     let mesh = &scene.mesh;
-    let mut groups = Groups::new();
+    let mut groups = TriangleGroups::new();
     for (triangle, [a, b, c]) in mesh.triangles.iter().enumerate() {
+        // Importers drop such triangles too; they have no surface.
         if a == b || b == c || c == a {
             continue;
         }
@@ -40,7 +43,7 @@ fn groups(scene: &Scene, number: impl Fn(u16) -> u16) -> Groups {
     groups
 }
 
-/// Appends triangles with the vertices that they use, in the order of `from`.
+/// Appends triangles and their vertices, in `from` order.
 fn append(from: &Mesh, triangles: &[u32], to: &mut Mesh) {
     let corners = || triangles.iter().map(|&triangle| from.triangles[triangle as usize]);
     let mut used: Vec<u32> = corners().flatten().collect();
@@ -56,7 +59,7 @@ fn append(from: &Mesh, triangles: &[u32], to: &mut Mesh) {
     }
 }
 
-/// The materials with a number, by it, and the textures that they use, by first use.
+/// Returns the numbered materials in number order, and their textures by first use.
 fn looks(
     number_of: &BTreeMap<u16, u16>,
     materials: Vec<Material>,

@@ -1,6 +1,6 @@
-//! Category names: what annotators write, in the vocabulary of mpcat40 (the 40 categories of Matterport3D).
+//! Category names: from annotators' words to the mpcat40 vocabulary (the 40 categories of Matterport3D).
 
-/// The 21 mpcat40 categories that missions may ask for: those of the MP3D object-goal and SAVi tasks.
+/// The 21 mpcat40 target categories in missions, as in the MP3D object-goal and SAVi tasks.
 pub const TARGET_CATEGORIES: [&str; 21] = [
     "chair",
     "table",
@@ -25,23 +25,23 @@ pub const TARGET_CATEGORIES: [&str; 21] = [
     "clothes",
 ];
 
-/// Whether missions may ask for `category`, an mpcat40 name.
+/// Returns whether an mpcat40 category may be a mission target.
 pub fn is_target(category: &str) -> bool {
     TARGET_CATEGORIES.contains(&category)
 }
 
-/// The mpcat40 name of what an annotator called `raw_name`; `None` for words that no table entry covers.
+/// Returns the mpcat40 category for an annotator's words; `None` for unlisted words.
 ///
-/// Case, underscores, hyphens and `#` do not matter. A name that is not listed takes the category of its
-/// longest listed ending (`black leather sofa` is a `sofa`), and a plural that of its singular.
+/// Case, underscores, hyphens and `#` are ignored. An unlisted name has the longest listed ending's category
+/// (`black leather sofa` is a `sofa`), a plural has the singular's category.
 pub fn mpcat40(raw_name: &str) -> Option<&'static str> {
     let name = normalised(raw_name);
     let words: Vec<&str> = name.split(' ').collect();
     (0..words.len()).find_map(|first| listed(&words[first..].join(" ")))
 }
 
-/// What people call the thing where its mpcat40 category is a more general word: `black armchair` is an `armchair`, and
-/// that a `chair`. `None` where the category says it all, or nothing is known.
+/// Returns the everyday noun if it is more specific than the mpcat40 category: `armchair` for `black armchair`, of the category
+/// `chair`. `None` if the category is as specific, or unknown.
 pub fn noun(raw_name: &str) -> Option<&'static str> {
     let name = normalised(raw_name);
     let words: Vec<&str> = name.split(' ').collect();
@@ -50,11 +50,11 @@ pub fn noun(raw_name: &str) -> Option<&'static str> {
     let singular = ending.strip_suffix('s').unwrap_or(&ending);
     let mut listed_names = SYNONYMS.iter().flat_map(|(_, names)| names.iter());
     let noun = *listed_names.find(|name| **name == ending || **name == singular)?;
-    (!SAME_THING.contains(&noun)).then_some(noun)
+    (!SYNONYMS_OF_CATEGORIES.contains(&noun)).then_some(noun)
 }
 
-/// Names that mean no more than their category does.
-const SAME_THING: [&str; 20] = [
+/// Names that are no more specific than their category.
+const SYNONYMS_OF_CATEGORIES: [&str; 20] = [
     "couch",
     "settee",
     "tv",
@@ -91,7 +91,7 @@ fn listed(name: &str) -> Option<&'static str> {
     Some(row.0)
 }
 
-/// Each mpcat40 category with the names, in the singular, that mean it.
+/// The mpcat40 categories with their names, in the singular.
 const SYNONYMS: &[(&str, &[&str])] = &[
     (
         "wall",
@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn the_noun_is_the_more_exact_word() {
+    fn noun_is_the_more_specific_word() {
         for (raw, expected) in [
             ("black leather Armchair", Some("armchair")),
             ("office#desk", Some("desk")),
@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn every_target_means_itself_and_no_name_is_listed_twice() {
+    fn targets_map_to_themselves_and_names_are_unique() {
         for category in TARGET_CATEGORIES {
             assert_eq!(mpcat40(category), Some(category));
             assert!(is_target(category));
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn the_labels_of_a_real_house_get_the_categories_their_annotators_gave() {
+    fn labels_map_to_annotators_categories() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("../../../../shared/scenes/aws_small_house/instances.json");
         let Ok(text) = std::fs::read_to_string(&path) else {

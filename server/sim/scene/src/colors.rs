@@ -1,8 +1,8 @@
-//! The twelve colour words and the way from sRGB bytes to light and back.
+//! The twelve colour words, and conversion between sRGB bytes and linear light.
 
 use std::sync::LazyLock;
 
-/// The colour words of [`Attributes::color`](crate::Attributes::color) with a typical sRGB value of each.
+/// Colour words for [`Attributes::color`](crate::Attributes::color) with a typical sRGB value.
 pub const PALETTE: [(&str, [u8; 3]); 12] = [
     ("red", [196, 36, 34]),
     ("orange", [240, 134, 38]),
@@ -18,7 +18,7 @@ pub const PALETTE: [(&str, [u8; 3]); 12] = [
     ("white", [242, 242, 240]),
 ];
 
-/// Further colours that people call by the same words: dark and light kinds, and the hues of wood.
+/// Further colours with the same words: dark and light variants, and wood hues.
 const VARIANTS: [(&str, [u8; 3]); 15] = [
     ("red", [122, 18, 22]),
     ("yellow", [214, 184, 40]),
@@ -40,7 +40,8 @@ const VARIANTS: [(&str, [u8; 3]); 15] = [
 static LIGHT: LazyLock<[f32; 256]> =
     LazyLock::new(|| std::array::from_fn(|code| linear(code as f32 / 255.0)));
 
-/// `BETWEEN[i]` is the light half-way, in sRGB, from code `i` to code `i + 1`.
+/// `BETWEEN[i]`: the light half-way, in sRGB, between the codes `i` and `i + 1`.
+// Boundaries are half-way between the codes in sRGB, not in light: then every code converts to light and back unchanged.
 static BETWEEN: LazyLock<[f32; 255]> =
     LazyLock::new(|| std::array::from_fn(|code| linear((code as f32 + 0.5) / 255.0)));
 
@@ -48,8 +49,8 @@ static BETWEEN: LazyLock<[f32; 255]> =
 static NAMED: LazyLock<Vec<(&str, [f32; 3])>> =
     LazyLock::new(|| PALETTE.iter().chain(&VARIANTS).map(|&(name, rgb)| (name, lab(rgb))).collect());
 
-/// The colour word of an sRGB colour: that of the known colour at the smallest distance in CIE L\*a\*b\*
-/// (CIE 1976 colour difference). Every colour of [`PALETTE`] has its own word.
+/// Returns the nearest known colour's word by the CIE 1976 difference in L\*a\*b\*. A [`PALETTE`] colour has
+/// that colour's word.
 pub fn name_of(rgb: [u8; 3]) -> &'static str {
     let wanted = lab(rgb);
     let difference = |known: &[f32; 3]| distance_squared(&wanted, known);
@@ -57,17 +58,17 @@ pub fn name_of(rgb: [u8; 3]) -> &'static str {
     nearest.map_or("", |(name, _)| name)
 }
 
-/// Linear light, 0 to 1, of an sRGB byte.
+/// Converts an sRGB byte to linear light, 0 to 1.
 pub fn light_of(code: u8) -> f32 {
     LIGHT[usize::from(code)]
 }
 
-/// The sRGB byte nearest to a linear light; values outside 0 to 1 are clamped, NaN is 0.
+/// Converts linear light to the nearest sRGB byte; values outside 0 to 1 are clamped, NaN is 0.
 pub fn code_of(light: f32) -> u8 {
     BETWEEN.partition_point(|&boundary| boundary <= light) as u8
 }
 
-/// IEC 61966-2-1: linear light of an sRGB value, both 0 to 1.
+/// Converts an sRGB value to linear light, both 0 to 1 (IEC 61966-2-1).
 fn linear(value: f32) -> f32 {
     if value <= 0.040_45 { value / 12.92 } else { libm::powf((value + 0.055) / 1.055, 2.4) }
 }
@@ -81,7 +82,7 @@ fn lab(rgb: [u8; 3]) -> [f32; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// The compressed cube root of CIE 15:2004, linear near 0.
+/// Compressed cube root of CIE 15:2004, linear near 0.
 fn cube_root(value: f32) -> f32 {
     if value > 0.008_856 { libm::cbrtf(value) } else { 7.787 * value + 16.0 / 116.0 }
 }
@@ -102,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn everyday_colours_get_the_word_people_use() {
+    fn everyday_colours_have_their_everyday_word() {
         for (rgb, word) in [
             ([255, 0, 0], "red"),
             ([92, 60, 30], "brown"),

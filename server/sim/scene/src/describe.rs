@@ -1,12 +1,12 @@
-//! What can be said of an instance by looking at its surfaces.
+//! Descriptive words for instances, from labels and surfaces.
 
 use crate::categories::{mpcat40, noun};
 use crate::colors::{code_of, light_of, name_of};
 use crate::limits::MAX_WORD_CHARS;
-use crate::{Attributes, Material, Mesh, Texture};
+use crate::scene::{Attributes, Material, Mesh, Texture};
 use avln_geom::{Aabb, Point2, Vector3};
 
-/// mpcat40 categories of what a building itself consists of: such surfaces are no objects.
+/// Structural mpcat40 categories: these surfaces are no objects.
 const STRUCTURE: [&str; 12] = [
     "void",
     "wall",
@@ -22,40 +22,40 @@ const STRUCTURE: [&str; 12] = [
     "unlabeled",
 ];
 
-/// Room floors that differ by more than this belong to different storeys, metres.
+/// Least height between two storeys' floors, metres.
 const STOREY_STEP_M: f32 = 1.8;
-/// A small thing is nowhere longer than this, metres.
+/// Greatest side for the word `small`, metres.
 const SMALL_M: f32 = 0.35;
-/// A tall thing is at least this high, metres, and [`SLENDER`] times higher than wide.
+/// Least height for the word `tall`, metres; a tall object is also [`SLENDER`] times as high as wide.
 const TALL_M: f32 = 1.6;
-/// A long thing is at least this long, metres, and [`SLENDER`] times longer than deep.
+/// Least length for the word `long`, metres; a long object is also [`SLENDER`] times as long as deep.
 const LONG_M: f32 = 1.5;
 const SLENDER: f32 = 2.0;
-/// A large thing fills at least this box, cubic metres.
+/// Least box volume for the word `large`, cubic metres.
 const LARGE_M3: f32 = 1.5;
 
-/// Whether a category is part of the building and not a thing in it.
+/// Returns whether a category is structural.
 pub fn is_structure(category: &str) -> bool {
     STRUCTURE.contains(&category)
 }
 
-/// What an annotator's words mean.
+/// An annotator's meaning.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Meaning {
-    /// A thing: its category, mpcat40 where there is one, and the noun that people use where that is more exact.
+    /// An object.
     Object {
-        /// Category by its mpcat40 name, or the annotator's words in lower case.
+        /// The mpcat40 category, or the annotator's words in lower case.
         category: String,
-        /// The more exact noun; empty if the category says it all.
+        /// The more exact noun; empty if the category is as exact.
         noun: String,
     },
-    /// A part of the building itself.
+    /// Building structure.
     Structure,
-    /// Nothing is said.
-    Nothing,
+    /// No usable word.
+    Unknown,
 }
 
-/// What `words` mean; words without an mpcat40 category stay as they are, in lower case.
+/// Interprets `words`. Words without an mpcat40 category become a new category, in lower case.
 pub fn meaning(words: &str) -> Meaning {
     if let Some(category) = mpcat40(words) {
         let noun = noun(words).unwrap_or_default().to_owned();
@@ -68,10 +68,10 @@ pub fn meaning(words: &str) -> Meaning {
     let category: String = plain.chars().filter(|letter| !letter.is_control()).take(MAX_WORD_CHARS).collect();
     let is_said = !category.is_empty()
         && !["unknown", "undefined", "unlabeled"].iter().any(|no| category.starts_with(no));
-    if is_said { Meaning::Object { category, noun: String::new() } } else { Meaning::Nothing }
+    if is_said { Meaning::Object { category, noun: String::new() } } else { Meaning::Unknown }
 }
 
-/// The storey of each floor height, metres: a new one begins where the sorted heights jump.
+/// Returns storeys for floor heights in metres. A new storey begins at a jump in the sorted heights.
 pub fn storeys(floors_m: &[f32]) -> Vec<u16> {
     let mut order: Vec<usize> = (0..floors_m.len()).collect();
     order.sort_by(|&a, &b| floors_m[a].total_cmp(&floors_m[b]));
@@ -88,29 +88,30 @@ pub fn storeys(floors_m: &[f32]) -> Vec<u16> {
     storeys
 }
 
-/// Surfaces that can be looked at.
+/// Surfaces and their looks, for descriptions.
 pub struct Surfaces<'a> {
     /// Triangles.
     pub mesh: &'a Mesh,
-    /// Materials of the triangles.
+    /// Materials for the triangles.
     pub materials: &'a [Material],
-    /// Textures of the materials.
+    /// Textures for the materials.
     pub textures: &'a [Texture],
 }
 
 impl Surfaces<'_> {
-    /// Colour and size words of the instance made of `triangles`.
+    /// Returns colour and size words for an instance with these triangles.
     pub fn attributes(&self, triangles: &[u32], bounds: &Aabb) -> Attributes {
         let color = self.mean_color(triangles).map_or("", name_of);
         Attributes { color: color.to_owned(), size: size_word(bounds).to_owned(), ..Attributes::default() }
     }
 
-    /// Mean colour over the area, averaged as light; `None` where nothing can be seen.
+    /// Returns the mean colour over the area, averaged as light; `None` if everything is invisible.
     pub fn mean_color(&self, triangles: &[u32]) -> Option<[u8; 3]> {
         let mut sum = [0.0_f64; 3];
         let mut weight = 0.0_f64;
         for &triangle in triangles {
             let area = f64::from(self.area_m2(triangle as usize));
+            // Light is averaged, not sRGB codes: a chequered surface has the colour that a camera sees from afar.
             for color in self.samples(triangle as usize).into_iter().flatten() {
                 (0..3).for_each(|channel| sum[channel] += area * f64::from(light_of(color[channel])));
                 weight += area;
@@ -125,7 +126,7 @@ impl Surfaces<'_> {
         normal.norm() / 2.0
     }
 
-    /// Colours at the middle and towards the corners of a triangle; `None` where it is cut out.
+    /// Colours at a triangle's centre, and half-way to the corners; `None` for cut-out texels.
     fn samples(&self, triangle: usize) -> [Option<[u8; 3]>; 4] {
         let corners = self.mesh.triangles[triangle];
         let light = corners.map(|corner| self.mesh.colors[corner as usize]);
@@ -144,18 +145,19 @@ impl Surfaces<'_> {
     }
 }
 
-/// The centre of a triangle and the points half-way from there to its corners.
+/// Returns a triangle's centre, and the points half-way between centre and corners.
 pub fn inner_points(corners: &[Point2<f32>; 3]) -> [Point2<f32>; 4] {
     let [a, b, c] = corners.map(|corner| corner.coords);
     let center = (a + b + c) / 3.0;
     [center, (center + a) / 2.0, (center + b) / 2.0, (center + c) / 2.0].map(Point2::from)
 }
 
-/// The texel under a texture coordinate, the texture repeating.
+/// Returns the texel at a texture coordinate; the texture repeats.
 pub fn texel_at(texture: &Texture, uv: &Point2<f32>) -> [u8; 4] {
     let along =
         |share: f32, side: u32| (((share - share.floor()) * side as f32) as u32).min(side - 1) as usize;
-    let (column, row) = (along(uv.x, texture.width), along(uv.y, texture.height));
+    let column = along(uv.x, texture.width);
+    let row = along(uv.y, texture.height);
     let start = 4 * (row * texture.width as usize + column);
     std::array::from_fn(|channel| texture.pixels[start + channel])
 }
@@ -164,10 +166,11 @@ fn scaled(value: u8, by: u8) -> u8 {
     ((u16::from(value) * u16::from(by) + 127) / 255) as u8
 }
 
-/// A size word where the box leaves no doubt, else an empty one.
+/// Size word for a box; empty in doubtful cases.
 fn size_word(bounds: &Aabb) -> &'static str {
     let size = bounds.size();
-    let (long, deep) = (size.x.max(size.z), size.x.min(size.z));
+    let long = size.x.max(size.z);
+    let deep = size.x.min(size.z);
     if size.max() <= SMALL_M {
         "small"
     } else if size.y >= TALL_M && size.y >= SLENDER * long {
@@ -191,18 +194,18 @@ mod tests {
     }
 
     #[test]
-    fn words_mean_things_parts_of_the_building_or_nothing() {
-        let thing =
+    fn words_mean_objects_structure_or_neither() {
+        let object =
             |category: &str, noun: &str| Meaning::Object { category: category.into(), noun: noun.into() };
-        assert_eq!(meaning("Air-conditioner"), thing("appliances", "air conditioner"));
-        assert_eq!(meaning("bed"), thing("bed", ""));
-        assert_eq!(meaning(" Quxotron 7 "), thing("quxotron 7", ""));
+        assert_eq!(meaning("Air-conditioner"), object("appliances", "air conditioner"));
+        assert_eq!(meaning("bed"), object("bed", ""));
+        assert_eq!(meaning(" Quxotron 7 "), object("quxotron 7", ""));
         assert_eq!(meaning("door frame"), Meaning::Structure);
-        assert_eq!([meaning("Unknown"), meaning(" ")], [Meaning::Nothing, Meaning::Nothing]);
+        assert_eq!([meaning("Unknown"), meaning(" ")], [Meaning::Unknown, Meaning::Unknown]);
     }
 
     #[test]
-    fn a_new_storey_begins_where_floors_jump() {
+    fn a_jump_of_floor_heights_begins_a_storey() {
         assert_eq!(storeys(&[2.9, 0.0, 0.3, 6.0, -0.1]), [1, 0, 0, 2, 0]);
         assert!(storeys(&[]).is_empty());
     }
@@ -217,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mean_colour_is_of_the_texels_seen_times_the_material() {
+    fn mean_colour_multiplies_texels_and_material() {
         let texture = Texture { width: 2, height: 1, pixels: vec![255, 255, 255, 255, 9, 9, 9, 255] };
         let material = Material {
             name: String::new(),
@@ -231,7 +234,7 @@ mod tests {
             colors: vec![[255; 3]; 3],
             triangles: vec![[0, 1, 2]],
             material_of: vec![0],
-            instance_of: vec![crate::InstanceId::NONE],
+            instance_of: vec![crate::scene::InstanceId::NONE],
         };
         let (materials, textures) = ([material], [texture]);
         let surfaces = Surfaces { mesh: &mesh, materials: &materials, textures: &textures };

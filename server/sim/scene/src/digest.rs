@@ -1,13 +1,12 @@
-//! One short name for everything that a scene is made of.
+//! Scene content hash.
 
-use crate::{Attributes, InstanceId, Lamp, Lighting, Scene};
+use crate::scene::{Attributes, InstanceId, Lamp, Lighting, Scene};
 use avln_geom::Aabb;
 
-/// The BLAKE3 hash, 64 hexadecimal digits, of all that can change an episode: mesh, materials, textures,
-/// regions, objects and lamps, in their order. The scene's name is not part of it. Equal scenes have equal digests on
-/// every platform.
+/// Returns the BLAKE3 hash, in 64 hexadecimal digits, over all data with an influence on episodes: mesh, materials, textures,
+/// regions, objects and lamps, in order, without the scene's name. Equal scenes have equal digests on every platform.
 pub fn digest(scene: &Scene) -> String {
-    let mut writer = Writer(blake3::Hasher::new());
+    let mut writer = SceneHasher(blake3::Hasher::new());
     writer.text("avln-scene 1");
     writer.mesh(scene);
     writer.looks(scene);
@@ -17,10 +16,10 @@ pub fn digest(scene: &Scene) -> String {
     writer.0.finalize().to_hex().to_string()
 }
 
-/// Feeds values to the hash: little-endian, every list and text after its length.
-struct Writer(blake3::Hasher);
+/// Feeds values to the hash: little-endian, lists and texts after their length.
+struct SceneHasher(blake3::Hasher);
 
-impl Writer {
+impl SceneHasher {
     fn mesh(&mut self, scene: &Scene) {
         let mesh = &scene.mesh;
         self.list(&mesh.positions, |out, point| point.iter().for_each(|&value| out.float(value)));
@@ -67,7 +66,7 @@ impl Writer {
         });
     }
 
-    /// Nothing for a painted scene.
+    // Baked light adds no bytes: scan digests are older than lamps, and must stay.
     fn lighting(&mut self, scene: &Scene) {
         if let Lighting::Lamps(lamps) = &scene.lighting {
             self.list(lamps, |out, Lamp { position, facing, radius_m, strength }| {
@@ -98,6 +97,7 @@ impl Writer {
     }
 
     fn text(&mut self, text: &str) {
+        // The length separates neighbouring texts: `ab`, `c` must differ from `a`, `bc`.
         self.length(text.len());
         self.bytes(text.as_bytes());
     }
@@ -118,7 +118,7 @@ impl Writer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Material, Mesh, Object, Region, Texture};
+    use crate::scene::{Material, Mesh, Object, Region, Texture};
     use avln_geom::{Point2, Point3};
 
     fn scene() -> Scene {
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn the_name_does_not_matter_and_everything_else_does() {
+    fn all_data_but_the_name_changes_the_digest() {
         let original = digest(&scene());
         assert_eq!(original.len(), 64);
         assert_eq!(digest(&Scene { name: "two".into(), ..scene() }), original);

@@ -1,65 +1,92 @@
-//! Polygons as triangles.
+//! Polygon triangulation, by the crate `earcut`.
 
 use avln_geom::{Point3, Vector3};
+use earcut::Earcut;
 
-/// Polygons with more corners are cut as a fan.
-const MAX_EARS: usize = 64;
+/// Largest relative difference between outline area and total triangle area; a larger one means that the outline
+/// crosses itself.
+const MAX_AREA_DIFFERENCE: f64 = 1e-3;
 
-/// Cuts the polygon `corners` (indices into `positions`, which must exist) into triangles of the same winding, by clipping ears;
-/// triangles that use a corner twice are left out.
+/// Cuts the polygon `corners` (indices into `positions`) into triangles with the same winding, and appends them to `triangles`.
+///
+/// Triangles with a repeated corner are left out.
+///
+/// # Panics
+/// If a corner is not an index into `positions`.
 pub fn triangulate(positions: &[Point3<f32>], corners: &[u32], triangles: &mut Vec<[u32; 3]>) {
-    let add = |[a, b, c]: [u32; 3]| {
-        if a != b && b != c && c != a {
-            triangles.push([a, b, c]);
+    let points = corners.iter().map(|&corner| positions[corner as usize].cast::<f64>());
+    let found = match corners.len() {
+        0..3 => Vec::new(),
+        3 => vec![[0, 1, 2]],
+        _ => triangulate_outline(&projected(points)),
+    };
+    let named = found.into_iter().map(|triangle| triangle.map(|index| corners[index as usize]));
+    triangles.extend(named.filter(|[a, b, c]| a != b && b != c && c != a));
+}
+
+/// Cuts a flat outline into triangles with the same winding: indices into `outline`.
+///
+/// A convex outline becomes a fan around the first corner.
+pub fn triangulate_outline(outline: &[[f64; 2]]) -> Vec<[u32; 3]> {
+    // Nearly all scan faces are convex. A fan makes triangle order, and with it the scene's digest, independent
+    // from the library version.
+    if is_convex(outline) {
+        return (2..outline.len() as u32).map(|last| [0, last - 1, last]).collect();
+    }
+    let mut indices: Vec<u32> = Vec::new();
+    Earcut::new().earcut(outline.iter().copied(), &[], &mut indices);
+    // The library turns all triangles the same way, whichever way the outline turns.
+    let winding = signed_area(outline);
+    let mut triangles = indices.as_chunks::<3>().0.to_vec();
+    for triangle in &mut triangles {
+        if signed_area(&triangle.map(|corner| outline[corner as usize])) * winding < 0.0 {
+            triangle.swap(1, 2);
         }
+    }
+    triangles
+}
+
+/// Returns whether `triangles` fill `outline`; they do not if it crosses itself.
+pub fn fills_outline(outline: &[[f64; 2]], triangles: &[[u32; 3]]) -> bool {
+    let area = signed_area(outline).abs();
+    let corners = |triangle: &[u32; 3]| triangle.map(|corner| outline[corner as usize]);
+    let filled: f64 = triangles.iter().map(|triangle| signed_area(&corners(triangle)).abs()).sum();
+    area > 0.0 && (filled - area).abs() <= MAX_AREA_DIFFERENCE * area
+}
+
+/// Signed area, positive if it turns from the first axis to the second.
+pub fn signed_area(outline: &[[f64; 2]]) -> f64 {
+    let edges = outline.iter().zip(outline.iter().cycle().skip(1));
+    edges.map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum::<f64>() / 2.0
+}
+
+/// Coordinates without the normal's main axis, by Newell's formula (M. E. Newell in Sutherland, Sproull and
+/// Schumacker 1974).
+fn projected(points: impl Iterator<Item = Point3<f64>> + Clone) -> Vec<[f64; 2]> {
+    let next = points.clone().cycle().skip(1);
+    let normal =
+        points.clone().zip(next).fold(Vector3::zeros(), |sum, (a, b)| sum + a.coords.cross(&b.coords));
+    let main = normal.abs().imax();
+    let [first, second] = [(main + 1) % 3, (main + 2) % 3];
+    points.map(|point| [point[first], point[second]]).collect()
+}
+
+/// Returns whether all corners turn the same way, in a single turn.
+fn is_convex(outline: &[[f64; 2]]) -> bool {
+    let count = outline.len();
+    let edge = |at: usize| {
+        let [a, b] = [outline[at % count], outline[(at + 1) % count]];
+        [b[0] - a[0], b[1] - a[1]]
     };
-    if corners.len() <= 3 || corners.len() > MAX_EARS {
-        (2..corners.len()).map(|last| [corners[0], corners[last - 1], corners[last]]).for_each(add);
-    } else {
-        clip_ears(positions, corners.to_vec(), add);
-    }
-}
-
-/// Cuts a polygon of at least three corners into triangles, however many there are, in the plane that Newell's formula gives
-/// (M. E. Newell in Sutherland, Sproull and Schumacker 1974).
-pub fn clip_ears(positions: &[Point3<f32>], mut rest: Vec<u32>, mut add: impl FnMut([u32; 3])) {
-    let at = |corner: u32| positions[corner as usize];
-    let normal = newell(rest.iter().map(|&corner| at(corner)));
-    while rest.len() > 3 {
-        let count = rest.len();
-        // The last corner but one first: a convex polygon becomes the fan around its first corner.
-        let ear = (1..=count).find(|&ear| is_ear(&rest, ear % count, &at, &normal)).unwrap_or(1) % count;
-        add(around(&rest, ear));
-        rest.remove(ear);
-    }
-    add([rest[0], rest[1], rest[2]]);
-}
-
-/// The corner `middle` between its neighbours.
-fn around(ring: &[u32], middle: usize) -> [u32; 3] {
-    let count = ring.len();
-    [ring[(middle + count - 1) % count], ring[middle], ring[(middle + 1) % count]]
-}
-
-fn newell(ring: impl Iterator<Item = Point3<f32>> + Clone) -> Vector3<f32> {
-    let next = ring.clone().cycle().skip(1);
-    ring.zip(next).fold(Vector3::zeros(), |sum, (a, b)| sum + a.coords.cross(&b.coords))
-}
-
-/// Whether cutting off `middle` leaves a polygon: the corner points outwards and no other lies in the triangle.
-fn is_ear(ring: &[u32], middle: usize, at: &impl Fn(u32) -> Point3<f32>, normal: &Vector3<f32>) -> bool {
-    let triangle = around(ring, middle);
-    let [a, b, c] = triangle.map(at);
-    let side = |from: Point3<f32>, to: Point3<f32>, point: Point3<f32>| {
-        (to - from).cross(&(point - from)).dot(normal)
-    };
-    if side(a, b, c) <= 0.0 {
-        return false;
-    }
-    let inside =
-        |point: Point3<f32>| side(a, b, point) >= 0.0 && side(b, c, point) >= 0.0 && side(c, a, point) >= 0.0;
-    let others = ring.iter().filter(|corner| !triangle.contains(corner));
-    others.map(|&corner| at(corner)).all(|point| !inside(point))
+    let winding = signed_area(outline);
+    let turns = (0..count).all(|at| {
+        let [before, after] = [edge(at), edge(at + 1)];
+        (before[0] * after[1] - before[1] * after[0]) * winding > 0.0
+    });
+    // A five-pointed star turns the same way everywhere, but changes direction in x more than twice.
+    let goes_right: Vec<bool> = (0..count).map(|at| edge(at)[0] > 0.0).collect();
+    let changes = (0..count).filter(|&at| goes_right[at] != goes_right[(at + 1) % count]).count();
+    turns && changes <= 2
 }
 
 #[cfg(test)]
@@ -76,19 +103,19 @@ mod tests {
             (b - a).cross(&(c - a)).y / 2.0
         };
         let total = triangles.iter().map(|&triangle| area(triangle)).sum();
-        assert!(triangles.iter().all(|&triangle| area(triangle) > 0.0) || points.len() > MAX_EARS);
+        assert!(triangles.iter().all(|&triangle| area(triangle) > 0.0));
         (triangles, total)
     }
 
     #[test]
-    fn a_quad_is_cut_along_the_diagonal_from_its_first_corner() {
+    fn convex_quad_is_cut_from_its_first_corner() {
         let (triangles, area) = cut(&[[0.0, 0.0], [0.0, 2.0], [3.0, 2.0], [3.0, 0.0]]);
         assert_eq!(triangles, [[0, 1, 2], [0, 2, 3]]);
         assert_eq!(area, 6.0);
     }
 
     #[test]
-    fn a_quad_with_an_inward_corner_is_cut_inside() {
+    fn concave_quad_is_cut_inside() {
         // The corner (1, 1) points inwards: only the diagonal through it stays inside.
         let (triangles, area) = cut(&[[0.0, 0.0], [1.0, 1.0], [0.0, 4.0], [4.0, 0.0]]);
         assert_eq!(triangles.len(), 2);
@@ -104,13 +131,34 @@ mod tests {
     }
 
     #[test]
-    fn corners_used_twice_make_no_triangle() {
+    fn large_concave_polygon_preserves_its_area() {
+        let corner = |index: usize| {
+            let (sin, cos) = avln_geom::angle::sin_cos(index as f32 / 100.0 * std::f32::consts::TAU);
+            let radius = if index.is_multiple_of(2) { 4.0 } else { 3.0 };
+            [radius * sin, radius * cos]
+        };
+        let points: Vec<[f32; 2]> = (0..100).map(corner).collect();
+        let exact = signed_area(&points.iter().map(|point| point.map(f64::from)).collect::<Vec<_>>());
+        assert!((f64::from(cut(&points).1) - exact.abs()).abs() < 1e-3);
+    }
+
+    #[test]
+    fn repeated_corners_make_no_triangle() {
         let positions = [Point3::origin(), Point3::new(1.0, 0.0, 0.0), Point3::new(0.0, 1.0, 0.0)];
         let mut triangles = Vec::new();
         triangulate(&positions, &[0, 1, 1], &mut triangles);
         triangulate(&positions, &[0, 1], &mut triangles);
         assert!(triangles.is_empty());
         triangulate(&positions, &[0, 1, 2, 2], &mut triangles);
-        assert_eq!(triangles, [[0, 1, 2]]);
+        assert_eq!(triangles.len(), 1);
+    }
+
+    #[test]
+    fn outlines_that_cross_themselves_are_not_filled() {
+        let star = [[0.0, 3.0], [2.0, -2.0], [-3.0, 1.0], [3.0, 1.0], [-2.0, -2.0]];
+        let bow_tie = [[0.0, 0.0], [3.0, 2.0], [3.0, 0.0], [0.0, 2.0]];
+        for outline in [&star[..], &bow_tie, &[]] {
+            assert!(!fills_outline(outline, &triangulate_outline(outline)), "{outline:?}");
+        }
     }
 }

@@ -1,42 +1,43 @@
-//! Test rooms: a floor plan with straight walls, one height and nothing inside.
+//! Empty test rooms: a floor plan with straight walls, and a height.
 
-use crate::{InstanceId, Lighting, Material, Mesh, Region, Scene, polygon};
+use crate::polygon;
+use crate::scene::{InstanceId, Lighting, Material, Mesh, Region, Scene};
 use avln_geom::{Aabb, Point2, Point3};
 use std::ops::RangeInclusive;
 
-/// Corners of a plan; more of them are a curve that has fewer corners, too.
+/// Corner count; a curve needs no more.
 const CORNERS: RangeInclusive<usize> = 3..=512;
 
-/// Lengths along an axis, metres.
+/// Room length in an axis direction, metres.
 const SIDES_M: RangeInclusive<f32> = 0.1..=200.0;
 
-/// The farthest from the origin that a corner may lie along an axis, metres.
+/// Greatest corner coordinate, metres.
 const REACH_M: f32 = 1000.0;
 
-/// Corners that lie no farther from the line between their neighbours are on a straight wall, metres.
+/// Greatest distance between a corner on a straight wall and the line between the neighbours, metres.
 const STRAIGHT_M: f64 = 1e-4;
 
-/// A room with vertical walls on a floor plan; its floor is at y = 0.
+/// A room with vertical walls on a floor plan; the floor is at y = 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoomPlan {
-    /// Corners as (x, z), metres, so ordered that the floor's normal points up; none lies on a straight wall.
+    /// Corners (x, z), metres, without corners on straight walls; this order turns the floor's normal up.
     corners: Vec<[f32; 2]>,
     height_m: f32,
 }
 
-/// Why a plan is no room.
+/// An invalid room plan.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RoomPlanError {
     /// Too few or too many corners.
     #[error("a plan of {0} corners: write {least} to {most}", least = CORNERS.start(), most = CORNERS.end())]
     Corners(usize),
-    /// A corner that is not a place.
+    /// A corner without usable coordinates.
     #[error("corner {0} is at {1}, {2}: write metres within {REACH_M} of the origin")]
-    Place(usize, f32, f32),
-    /// A side that is too short or too long.
+    Coordinates(usize, f32, f32),
+    /// Too short or too long in an axis direction.
     #[error("the room measures {1} m along {0}: write {least} to {most} m", least = SIDES_M.start(), most = SIDES_M.end())]
     Size(char, f32),
-    /// Walls that meet elsewhere than at the corner between them.
+    /// Two walls that cross, or touch without a common corner.
     #[error(
         "the walls from corner {0} and from corner {1} meet: write the corners once around the room, in order"
     )]
@@ -44,19 +45,18 @@ pub enum RoomPlanError {
 }
 
 impl RoomPlan {
-    /// The room over the plan `corners`, each (x, z) in metres, once around in either direction; the last is followed by
-    /// the first.
+    /// Creates a room from corners (x, z), metres, in order around the room in either direction.
     ///
     /// # Errors
-    /// For less than 3 or more than 512 corners, sides below 0.1 m or above 200 m, numbers that are not finite, and walls
-    /// that cross or touch each other.
+    /// If there are fewer than 3 or more than 512 corners, a side is below 0.1 m or above 200 m, a number is not finite, or
+    /// walls cross or touch.
     pub fn new(corners: &[[f32; 2]], height_m: f32) -> Result<Self, RoomPlanError> {
         if !CORNERS.contains(&corners.len()) {
             return Err(RoomPlanError::Corners(corners.len()));
         }
         let off = |[x, z]: [f32; 2]| !(x.abs() <= REACH_M && z.abs() <= REACH_M);
         if let Some(index) = corners.iter().position(|&corner| off(corner)) {
-            return Err(RoomPlanError::Place(index, corners[index][0], corners[index][1]));
+            return Err(RoomPlanError::Coordinates(index, corners[index][0], corners[index][1]));
         }
         let sides_m = [('x', span(corners, 0)), ('z', span(corners, 1)), ('y', height_m)];
         if let Some((axis, side_m)) = sides_m.into_iter().find(|(_, side_m)| !SIDES_M.contains(side_m)) {
@@ -70,15 +70,15 @@ impl RoomPlan {
         Ok(Self { corners, height_m })
     }
 
-    /// A box with one corner at the origin, metres along x, z and y.
+    /// Creates a box with a corner at the origin, metres in x, z and y.
     ///
     /// # Errors
-    /// For sides below 0.1 m or above 200 m.
+    /// If a side is below 0.1 m or above 200 m.
     pub fn shoebox(x_m: f32, z_m: f32, height_m: f32) -> Result<Self, RoomPlanError> {
         Self::new(&[[0.0, 0.0], [0.0, z_m], [x_m, z_m], [x_m, 0.0]], height_m)
     }
 
-    /// Whether `point`, metres, lies inside.
+    /// Returns whether `point`, metres, is inside.
     pub fn contains(&self, point: &Point3<f32>) -> bool {
         let passed = walls(&self.corners).filter(|(a, b)| {
             let crosses = (a[1] > point.z) != (b[1] > point.z);
@@ -87,12 +87,12 @@ impl RoomPlan {
         0.0 < point.y && point.y < self.height_m && passed.count() % 2 == 1
     }
 
-    /// Volume of the air, cubic metres.
+    /// Returns the air volume, cubic metres.
     pub fn volume_m3(&self) -> f32 {
         (doubled_area(&self.corners).abs() / 2.0) as f32 * self.height_m
     }
 
-    /// The room as a scene: surfaces face the air inside, walls are of material 0, the floor of 1, the ceiling of 2.
+    /// Returns the room as a scene. Surfaces face inwards; materials are 0 for walls, 1 for the floor, 2 for the ceiling.
     pub fn scene(&self) -> Scene {
         let mesh = self.mesh();
         let bounds = Aabb::around(&mesh.positions);
@@ -126,8 +126,8 @@ impl RoomPlan {
         }
         material_of.resize(triangles.len(), 0);
         let ceiling = (count..2 * count).rev().collect::<Vec<_>>();
-        for (material, corners) in [(1, (0..count).collect()), (2, ceiling)] {
-            polygon::clip_ears(&positions, corners, |triangle| triangles.push(triangle));
+        for (material, corners) in [(1, (0..count).collect::<Vec<_>>()), (2, ceiling)] {
+            polygon::triangulate(&positions, &corners, &mut triangles);
             material_of.resize(triangles.len(), material);
         }
         Mesh {
@@ -146,12 +146,12 @@ fn span(corners: &[[f32; 2]], axis: usize) -> f32 {
     along().fold(f32::MIN, f32::max) - along().fold(f32::MAX, f32::min)
 }
 
-/// Each wall from its first to its last corner.
+/// Walls, as corner pairs.
 fn walls(corners: &[[f32; 2]]) -> impl Iterator<Item = ([f32; 2], [f32; 2])> + '_ {
     corners.iter().zip(corners.iter().cycle().skip(1)).map(|(a, b)| (*a, *b))
 }
 
-/// Twice the area of the triangle a, b, c; positive where z is left of x when one walks around it.
+/// Twice the triangle's signed area; positive if it turns from x to z.
 fn turn(a: [f32; 2], b: [f32; 2], c: [f32; 2]) -> f64 {
     let [abx, abz, acx, acz] = [b[0] - a[0], b[1] - a[1], c[0] - a[0], c[1] - a[1]].map(f64::from);
     abx * acz - abz * acx
@@ -178,13 +178,13 @@ fn check_walls(corners: &[[f32; 2]]) -> Result<(), RoomPlanError> {
     Ok(())
 }
 
-/// Whether the wall after `b` runs back along the one before it, or one of them has no length.
+/// Returns whether the wall after `b` runs back over the wall before it, or either has no length.
 fn folds_back(a: [f32; 2], b: [f32; 2], c: [f32; 2]) -> bool {
     let [abx, abz, bcx, bcz] = [b[0] - a[0], b[1] - a[1], c[0] - b[0], c[1] - b[1]].map(f64::from);
     turn(a, b, c) == 0.0 && abx * bcx + abz * bcz <= 0.0
 }
 
-/// Whether two walls that share no corner have a point in common.
+/// Returns whether two walls without a common corner touch.
 fn meet((a, b): ([f32; 2], [f32; 2]), (c, d): ([f32; 2], [f32; 2])) -> bool {
     let sides = [turn(a, b, c), turn(a, b, d), turn(c, d, a), turn(c, d, b)];
     let apart = |one: f64, other: f64| one * other > 0.0;
@@ -217,7 +217,7 @@ mod tests {
 
     const L: [[f32; 2]; 6] = [[0.0, 0.0], [6.0, 0.0], [6.0, 2.0], [2.0, 2.0], [2.0, 5.0], [0.0, 5.0]];
 
-    /// Area and volume of a closed surface that faces inwards.
+    /// Area and volume of a closed surface with inward normals.
     fn area_and_volume(scene: &Scene) -> (f32, f32) {
         let parts = (0..scene.mesh.triangles.len()).map(|triangle| {
             let [a, b, c] = scene.corners(triangle);
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shoebox_is_a_closed_box_from_the_origin() {
+    fn shoebox_is_closed_and_starts_at_origin() {
         let room = RoomPlan::shoebox(6.0, 5.0, 3.0).expect("a room");
         let scene = room.scene();
         let bounds = scene.bounds().expect("surfaces");
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn any_winding_and_corners_on_straight_walls_give_the_same_room() {
+    fn winding_and_extra_corners_change_no_room() {
         let room = RoomPlan::new(&L, 2.5).expect("a room");
         let (area, volume) = area_and_volume(&room.scene());
         assert!((area - (2.0 * 18.0 + 22.0 * 2.5)).abs() < 1e-3, "{area}");
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_from_inside_meet_a_surface_that_faces_them() {
+    fn surfaces_face_inwards() {
         let scene = RoomPlan::new(&L, 2.5).expect("a room").scene();
         let rays = RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles);
         for (x, y, z) in [(1.0, 0.2, 1.0), (0.3, 0.1, -0.9), (-0.7, -0.4, 0.2), (0.1, -1.0, 0.1)] {
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn points_are_inside_or_not() {
+    fn contains_tells_inside_from_outside() {
         let room = RoomPlan::new(&L, 2.5).expect("a room");
         for (point, inside) in [
             ([1.0, 1.0, 4.5], true),
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn a_curve_of_many_corners_keeps_its_volume() {
+    fn curve_of_many_corners_preserves_volume() {
         let corner = |index: usize| {
             let (sin, cos) = avln_geom::angle::sin_cos(index as f32 / 300.0 * std::f32::consts::TAU);
             let radius_m = if index.is_multiple_of(2) { 4.0 } else { 3.0 };
@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn plans_that_are_no_rooms_are_refused_by_name() {
+    fn invalid_plans_are_refused_by_reason() {
         let crossed = [[0.0, 0.0], [4.0, 4.0], [4.0, 0.0], [0.0, 4.0]];
         assert_eq!(RoomPlan::new(&crossed, 2.0), Err(RoomPlanError::Crossing(0, 2)));
         let spike = [[0.0, 0.0], [4.0, 0.0], [2.0, 0.0], [2.0, 4.0]];
@@ -311,7 +311,7 @@ mod tests {
         let height = RoomPlan::shoebox(3.0, 3.0, f32::NAN);
         assert!(matches!(height, Err(RoomPlanError::Size('y', _))), "{height:?}");
         let infinite = RoomPlan::new(&[[0.0, 0.0], [f32::INFINITY, 0.0], [1.0, 1.0]], 2.0);
-        assert_eq!(infinite, Err(RoomPlanError::Place(1, f32::INFINITY, 0.0)));
+        assert_eq!(infinite, Err(RoomPlanError::Coordinates(1, f32::INFINITY, 0.0)));
         assert!(infinite.expect_err("no room").to_string().contains("within 1000 of the origin"));
     }
 }

@@ -1,107 +1,108 @@
-use crate::Lighting;
-use avln_geom::{Aabb, Point2, Point3};
+//! The scene model: surfaces, materials, rooms, labelled instances and lamps.
 
-/// A building, in the world frame of `avln-geom`.
+use avln_geom::{Aabb, Point2, Point3, Vector3};
+
+/// A building, in the `avln-geom` world frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     /// Short name, unique inside a data set: letters, digits, `-` and `_`.
     pub name: String,
     /// All surfaces.
     pub mesh: Mesh,
-    /// What surfaces are made of; [`Mesh::material_of`] points here.
+    /// Materials, indexed by [`Mesh::material_of`].
     pub materials: Vec<Material>,
-    /// Pictures that materials use.
+    /// Material images.
     pub textures: Vec<Texture>,
     /// Rooms.
     pub regions: Vec<Region>,
-    /// Labelled instances, in the order of their ids.
+    /// Labelled instances, sorted by id.
     pub objects: Vec<Object>,
-    /// Where the light on the surfaces comes from.
+    /// Light source.
     pub lighting: Lighting,
 }
 
-/// An indexed triangle mesh. The three per-triangle lists are as long as `triangles`.
+/// An indexed triangle mesh. Per-vertex lists are as long as `positions`, per-triangle lists as long as `triangles`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
-    /// Corners, metres.
+    /// Vertices, metres.
     pub positions: Vec<Point3<f32>>,
-    /// Texture coordinates of each corner, v down from the top row; as long as `positions`.
+    /// Texture coordinates per vertex, v down from the top row.
     pub uvs: Vec<Point2<f32>>,
-    /// Colour of each corner, multiplied into the material's, RGB 0 to 255 (baked light); as long as `positions`.
+    /// Colour per vertex, RGB 0 to 255, multiplied into the material's colour (baked light).
     pub colors: Vec<[u8; 3]>,
-    /// Three indices into `positions` each, counter-clockwise from outside where the source knows it.
+    /// Three indices into `positions` per triangle, counter-clockwise from outside if the source defines it.
     pub triangles: Vec<[u32; 3]>,
-    /// Index of each triangle's material.
+    /// Material index per triangle.
     pub material_of: Vec<u16>,
-    /// Instance of each triangle; [`InstanceId::NONE`] for what belongs to no object.
+    /// Instance per triangle; [`InstanceId::NONE`] for unlabelled surfaces.
     pub instance_of: Vec<InstanceId>,
 }
 
-/// Number of a labelled instance inside its scene.
+/// Instance number, unique within a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct InstanceId(pub u32);
 
 impl InstanceId {
-    /// The largest number that a scene may use: 2^24 - 1, so that ids fit the mantissa of a 32-bit float.
+    /// Largest number: 2^24 - 1, because ids must fit into a 32-bit float's mantissa.
     pub const MAX: u32 = (1 << 24) - 1;
-    /// No instance at all.
+    /// No instance.
     pub const NONE: Self = Self(0);
 }
 
-/// What a surface is made of.
+/// A surface material.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
-    /// A name that acoustics understands (`wood`, `fabric`, `plaster` …) or the importer's own.
+    /// A material name for the acoustics (`wood`, `fabric`, `plaster` …) or the name in the file.
     pub name: String,
-    /// Base colour, RGBA 0 to 255, sRGB; multiplies the texture.
+    /// Base colour, RGBA 0 to 255, sRGB; multiplied with the texture.
     pub base_color: [u8; 4],
     /// Index into [`Scene::textures`].
     pub texture: Option<u16>,
-    /// Texels with less alpha than this are not there, 0 to 255; `None` for opaque surfaces.
+    /// Texels with a smaller alpha are invisible, 0 to 255; `None` for opaque surfaces.
     pub alpha_cutoff: Option<u8>,
 }
 
-/// A picture: `height × width × 4` bytes, row-major from the top-left, RGBA, sRGB; repeats in both directions.
+/// A picture: `height × width × 4` bytes, row-major from the top-left, RGBA, sRGB. It repeats in both directions.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Texture {
-    /// Texels in a row.
+    /// Texels per row.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// The bytes.
+    /// RGBA bytes.
     pub pixels: Vec<u8>,
 }
 
 /// A room.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Region {
-    /// What it is used for: `kitchen`, `bedroom` …; empty when unknown.
+    /// Purpose: `kitchen`, `bedroom` …; empty if unknown.
     pub label: String,
-    /// Box around it.
+    /// Bounding box.
     pub bounds: Aabb,
-    /// Storey, 0 is the lowest.
+    /// Storey; 0 is the lowest.
     pub storey: u16,
 }
 
 /// A labelled instance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Object {
-    /// Its number; not [`InstanceId::NONE`].
+    /// Number, never [`InstanceId::NONE`].
     pub id: InstanceId,
-    /// Category by its mpcat40 name where there is one (`chair`, `tv_monitor`, `chest_of_drawers` …).
+    /// Category: the mpcat40 name if it exists (`chair`, `tv_monitor`, `chest_of_drawers` …).
     pub category: String,
-    /// Box around its triangles.
+    /// Bounding box.
     pub bounds: Aabb,
-    /// Index of its room in [`Scene::regions`].
+    /// Room index in [`Scene::regions`].
     pub region: Option<u16>,
-    /// What can be said of it.
+    /// Descriptive words.
     pub attributes: Attributes,
 }
 
-/// What can be said of an instance in words; empty strings are unknown.
+/// Descriptive words for an instance; empty if unknown.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Attributes {
-    /// What people call it where the category is a more general word: `armchair`, `nightstand`, `refrigerator` …
+    /// Everyday noun, if more specific than the category: `armchair`, `nightstand`, `refrigerator` …
     pub noun: String,
     /// Colour word: `red`, `orange`, `yellow`, `green`, `teal`, `blue`, `purple`, `pink`, `brown`, `black`, `grey`, `white`.
     pub color: String,
@@ -113,44 +114,87 @@ pub struct Attributes {
     pub shape: String,
 }
 
-/// Why a scene could not be read or is not a scene.
+/// A scene that cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
-    /// A file could not be read.
+    /// The file cannot be read.
     #[error("cannot read {path}: {source}")]
     Read {
         /// The file.
         path: String,
-        /// What the system said.
+        /// Operating system error.
         source: std::io::Error,
     },
-    /// A file was read, and does not hold what it should.
+    /// The file's content is not usable.
     #[error("{path} is not a usable scene: {reason}")]
     Malformed {
         /// The file.
         path: String,
-        /// What is wrong with it, and what to do.
+        /// The defect, and a next step.
         reason: String,
     },
 }
 
 impl Scene {
-    /// The object with number `id`.
+    /// Returns the object with the number `id`.
     pub fn object(&self, id: InstanceId) -> Option<&Object> {
         let found = self.objects.binary_search_by_key(&id, |object| object.id).ok()?;
         Some(&self.objects[found])
     }
 
-    /// Box around all surfaces; `None` for an empty scene.
+    /// Returns the bounding box; `None` for an empty scene.
     pub fn bounds(&self) -> Option<Aabb> {
         Aabb::around(&self.mesh.positions)
     }
 
-    /// The three corners of triangle `index`.
+    /// Returns the corners for a triangle index.
     ///
     /// # Panics
-    /// When there is no such triangle.
+    /// If `index` is out of range.
     pub fn corners(&self, index: usize) -> [Point3<f32>; 3] {
         self.mesh.triangles[index].map(|corner| self.mesh.positions[corner as usize])
+    }
+}
+
+/// Light source in a scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Lighting {
+    /// Light baked into textures and vertex colours, as in scans.
+    #[default]
+    Painted,
+    /// Lamps. All triangles are counter-clockwise from their visible side. Vertex colours are an approximate
+    /// light for viewers without ray tracing; a renderer with ray tracing ignores them.
+    Lamps(Vec<Lamp>),
+}
+
+/// A light source: a bulb, or a window pane in daylight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lamp {
+    /// Centre, world frame.
+    pub position: Point3<f32>,
+    /// Unit normal for a flat source, world frame; `None` for a bulb that shines in all directions.
+    pub facing: Option<Vector3<f32>>,
+    /// Radius, metres. Surfaces inside it belong to the lamp and cast no shadow.
+    pub radius_m: f32,
+    /// Red, green and blue light on a surface that faces the lamp from 1 m; 1 equals the indirect light in the middle of a
+    /// room.
+    pub strength: [f32; 3],
+}
+
+impl Lighting {
+    /// Returns the background colour, sRGB: sky around houses with lamps, black around scans.
+    pub fn backdrop_rgb(&self) -> [u8; 3] {
+        match self {
+            Self::Painted => [0; 3],
+            Self::Lamps(_) => [135, 176, 222],
+        }
+    }
+
+    /// Returns the lamps; none for baked light.
+    pub fn lamps(&self) -> &[Lamp] {
+        match self {
+            Self::Painted => &[],
+            Self::Lamps(lamps) => lamps,
+        }
     }
 }

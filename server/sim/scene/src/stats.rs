@@ -1,10 +1,82 @@
-//! What a scene holds, in numbers, next to what real buildings hold.
+//! Scene counts, and a comparison with Matterport3D.
 
-use crate::{InstanceId, Scene};
+use crate::digest::digest;
+use crate::scene::{InstanceId, Scene};
+use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Labelled instances per building of Matterport3D (90 buildings), by mpcat40 category, walls and the like left out.
-/// Counted from the data set's category mapping.
+/// Scene counts and extents.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// Scene name.
+    pub name: String,
+    /// Scene [`digest`].
+    pub digest: String,
+    /// Triangle count.
+    pub triangles: usize,
+    /// Vertex count.
+    pub vertices: usize,
+    /// Labelled triangle count.
+    pub labelled_triangles: usize,
+    /// Material count.
+    pub materials: usize,
+    /// Texture count.
+    pub textures: usize,
+    /// Total texels.
+    pub texels: u64,
+    /// Instance count.
+    pub instances: usize,
+    /// Instances by category.
+    pub instances_by_category: BTreeMap<String, usize>,
+    /// Region count.
+    pub regions: usize,
+    /// Regions by label; the empty label is unknown.
+    pub regions_by_label: BTreeMap<String, usize>,
+    /// Storeys with a region; 1 for a scene without regions.
+    pub storeys: usize,
+    /// Lowest coordinates x, y, z, metres.
+    pub min_m: [f32; 3],
+    /// Highest coordinates x, y, z, metres.
+    pub max_m: [f32; 3],
+}
+
+impl Summary {
+    /// Counts everything in `scene`.
+    pub fn of(scene: &Scene) -> Self {
+        let bounds = scene.bounds();
+        let storeys: BTreeSet<u16> = scene.regions.iter().map(|region| region.storey).collect();
+        Self {
+            name: scene.name.clone(),
+            digest: digest(scene),
+            triangles: scene.mesh.triangles.len(),
+            vertices: scene.mesh.positions.len(),
+            labelled_triangles: scene.mesh.instance_of.iter().filter(|id| id.0 != 0).count(),
+            materials: scene.materials.len(),
+            textures: scene.textures.len(),
+            texels: scene
+                .textures
+                .iter()
+                .map(|texture| u64::from(texture.width) * u64::from(texture.height))
+                .sum(),
+            instances: scene.objects.len(),
+            instances_by_category: counted(scene.objects.iter().map(|object| object.category.as_str())),
+            regions: scene.regions.len(),
+            regions_by_label: counted(scene.regions.iter().map(|region| region.label.as_str())),
+            storeys: storeys.len().max(1),
+            min_m: bounds.map_or([0.0; 3], |bounds| bounds.min.into()),
+            max_m: bounds.map_or([0.0; 3], |bounds| bounds.max.into()),
+        }
+    }
+}
+
+fn counted<'a>(words: impl Iterator<Item = &'a str>) -> BTreeMap<String, usize> {
+    let mut counts = BTreeMap::new();
+    words.for_each(|word| *counts.entry(word.to_owned()).or_default() += 1);
+    counts
+}
+
+/// Mean labelled instances per Matterport3D building (90 buildings), by mpcat40 category, without walls and other
+/// structure. Counted from the data set's category mapping.
 pub const MATTERPORT_PER_BUILDING: [(&str, f64); 26] = [
     ("chair", 32.8),
     ("picture", 30.0),
@@ -34,22 +106,22 @@ pub const MATTERPORT_PER_BUILDING: [(&str, f64); 26] = [
     ("gym_equipment", 0.9),
 ];
 
-/// Counts of what a scene holds.
+/// Room, object and category counts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Census {
-    /// Rooms; a room of two storeys counts on both.
+    /// Room count; a room on two storeys counts twice.
     pub rooms: usize,
-    /// Storeys that rooms lie on; 1 where no room is known.
+    /// Storeys with rooms; 1 for a scene without rooms.
     pub storeys: usize,
     /// Labelled instances other than doors and windows.
     pub objects: usize,
-    /// Triangles of the mesh.
+    /// Triangle count.
     pub triangles: usize,
     /// Labelled instances by category.
     pub categories: BTreeMap<String, usize>,
 }
 
-/// Counts what `scene` holds.
+/// Counts rooms, objects and categories in `scene`.
 pub fn census(scene: &Scene) -> Census {
     let mut categories = BTreeMap::new();
     for object in scene.objects.iter().filter(|object| object.id != InstanceId::NONE) {
@@ -66,10 +138,11 @@ pub fn census(scene: &Scene) -> Census {
     }
 }
 
-/// Kullback-Leibler divergence of Matterport3D's shares of categories ([`MATTERPORT_PER_BUILDING`]) from those of
-/// `counts`, nats: the sum of p ln(p / q), where p is Matterport3D's share and q that of `counts` with one half added to
-/// each count. 0 for equal shares.
+/// Returns the Kullback-Leibler divergence, in nats, between the category shares of Matterport3D
+/// ([`MATTERPORT_PER_BUILDING`]) and those of `counts`: the sum of p ln(p / q) with Matterport3D's share p and the share q
+/// of `counts`. 0 for equal shares.
 pub fn divergence_from_matterport(counts: &BTreeMap<String, usize>) -> f64 {
+    // One half more per category keeps the logarithm finite for missing ones.
     let ours = |category: &str| 0.5 + counts.get(category).copied().unwrap_or(0) as f64;
     let total: f64 = MATTERPORT_PER_BUILDING.iter().map(|(_, count)| count).sum();
     let our_total: f64 = MATTERPORT_PER_BUILDING.iter().map(|(category, _)| ours(category)).sum();
@@ -85,13 +158,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_building_like_matterports_does_not_diverge_and_one_of_chairs_does() {
+    fn divergence_is_zero_for_matterports_shares_only() {
         let like: BTreeMap<String, usize> = MATTERPORT_PER_BUILDING
             .iter()
             .map(|(category, count)| ((*category).to_owned(), (count * 1000.0) as usize))
             .collect();
         assert!(divergence_from_matterport(&like) < 1e-4);
-        // Without any counts all shares are equal: the divergence is what entropy lacks to that of 26 equal shares.
+        // Without counts all shares are equal: the divergence is the entropy of 26 equal shares less that of Matterport3D.
         let even = divergence_from_matterport(&BTreeMap::new());
         let total: f64 = MATTERPORT_PER_BUILDING.iter().map(|(_, count)| count).sum();
         let entropy: f64 = MATTERPORT_PER_BUILDING.iter().map(|(_, c)| -c / total * (c / total).ln()).sum();

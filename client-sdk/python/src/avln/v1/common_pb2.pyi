@@ -53,11 +53,8 @@ class Encoding(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     ENCODING_RAW: _ClassVar[Encoding]
     ENCODING_PNG: _ClassVar[Encoding]
     ENCODING_QOI: _ClassVar[Encoding]
-    ENCODING_ZSTD: _ClassVar[Encoding]
     ENCODING_DEPTH_U16_MM: _ClassVar[Encoding]
-    ENCODING_DEPTH_U16_MM_ZSTD: _ClassVar[Encoding]
     ENCODING_AUDIO_I16: _ClassVar[Encoding]
-    ENCODING_JPEG: _ClassVar[Encoding]
     ENCODING_PACKED: _ClassVar[Encoding]
     ENCODING_DEPTH_U16_MM_PACKED: _ClassVar[Encoding]
 
@@ -131,11 +128,8 @@ ENCODING_UNSPECIFIED: Encoding
 ENCODING_RAW: Encoding
 ENCODING_PNG: Encoding
 ENCODING_QOI: Encoding
-ENCODING_ZSTD: Encoding
 ENCODING_DEPTH_U16_MM: Encoding
-ENCODING_DEPTH_U16_MM_ZSTD: Encoding
 ENCODING_AUDIO_I16: Encoding
-ENCODING_JPEG: Encoding
 ENCODING_PACKED: Encoding
 ENCODING_DEPTH_U16_MM_PACKED: Encoding
 REASON_UNSPECIFIED: Reason

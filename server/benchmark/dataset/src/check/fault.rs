@@ -2,58 +2,58 @@
 
 use std::fmt;
 
-/// A mission that breaks a constraint.
+/// Violated constraint.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fault {
-    /// Id of the mission.
+    /// Mission id.
     pub mission: String,
-    /// What it breaks.
+    /// Constraint.
     pub constraint: Constraint,
-    /// What was found.
+    /// Details.
     pub found: String,
 }
 
-/// What every mission must keep.
+/// Mission constraint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Constraint {
-    /// No id occurs twice.
+    /// Unique ids.
     UniqueIds,
-    /// As many goals as allowed.
+    /// Allowed goal count.
     GoalCount,
     /// At least two modalities.
     Modalities,
-    /// No category twice.
+    /// Distinct categories.
     Categories,
-    /// As many same-category distractors as the file says and the recipe allows.
+    /// Distractor count as stored and allowed.
     Distractors,
-    /// The target is the scene's instance of that number.
+    /// Existing target instance.
     Target,
-    /// The cue fits its target: the sentence is one, the picture shows it.
+    /// Matching cue: a valid sentence, or a picture with the target.
     Cue,
-    /// The sound comes from the target.
+    /// Sound source at the target.
     Source,
-    /// Every place of a success region is one, on the reachable island.
+    /// Valid success region points on the reachable island.
     Region,
-    /// The start is on the reachable island.
+    /// Start on the reachable island.
     Start,
-    /// All targets can be reached.
+    /// Reachable targets.
     Reachable,
-    /// Targets are far enough from the start, and as far as the file says.
+    /// Least start distance, as stored.
     StartDistance,
-    /// Targets are far enough from each other.
+    /// Least distance between targets.
     Separation,
-    /// Stored tours begin at the start and are as long as they say.
+    /// Stored tours from the start with their stated length.
     ReferencePath,
-    /// Stored tours take as many steps as they say.
+    /// Correct step count for stored tours.
     ReferenceSteps,
-    /// Stored tours are the shortest.
+    /// Shortest stored tours.
     ReferenceLength,
-    /// Targets are asked for about equally often.
+    /// Balanced target use.
     Reuse,
 }
 
 impl Constraint {
-    /// Its name in reports.
+    /// Returns the name in reports.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::UniqueIds => "unique-ids",

@@ -16,28 +16,28 @@ use std::collections::{BTreeMap, btree_map::Entry};
 
 /// Largest distance of a stored point from the mesh, metres.
 pub(super) const SNAP_M: f32 = 0.1;
-/// Most words of a description.
+/// Most words per description.
 const MAX_WORDS: usize = 60;
-/// How far a box may differ from the scene's, metres.
+/// Tolerance for boxes, metres.
 const BOX_M: f32 = 1e-3;
 
 type Faults = Vec<(Constraint, String)>;
 
-/// Checks goals one by one; what belongs to the target alone is checked once for each target.
+/// Goal checker with cached results per target.
 pub(super) struct GoalCheck<'a> {
     assets: &'a SceneAssets,
     rules: &'a Rules,
     seen: Option<&'a Seen<'a>>,
     known: BTreeMap<u32, Known>,
-    /// Sentences and pictures that were held against what was seen, by target.
+    /// Checked sentences and pictures per target.
     cues: Vec<(u32, CueSpec)>,
 }
 
-/// A target that was checked.
+/// Checked target.
 struct Known {
     target: Target,
     distractors: u8,
-    /// Its success region on the mesh.
+    /// Success region on the mesh.
     stands: Vec<NavPoint>,
 }
 
@@ -46,12 +46,12 @@ impl<'a> GoalCheck<'a> {
         Self { assets, rules, seen, known: BTreeMap::new(), cues: Vec::new() }
     }
 
-    /// The success region of a goal on the mesh; empty for one that was not checked.
+    /// Returns the success region on the mesh; empty for unchecked goals.
     pub(super) fn stands(&self, goal: &GoalSpec) -> &[NavPoint] {
         self.known.get(&goal.target.instance).map_or(&[], |known| &known.stands)
     }
 
-    /// What is wrong with a goal; pictures are rendered when `thorough`.
+    /// Checks a goal; renders the picture if `thorough`.
     pub(super) fn check(&mut self, goal: &GoalSpec, limits: &MissionRules, thorough: bool) -> Faults {
         let mut faults = Faults::new();
         let target = Target {
@@ -79,7 +79,7 @@ impl<'a> GoalCheck<'a> {
         faults
     }
 
-    /// Why a cue might mean another instance; each cue is looked at once.
+    /// Reason for an ambiguous cue; every cue is checked once.
     fn told_apart(&mut self, goal: &GoalSpec) -> Option<String> {
         let seen = self.seen?;
         let (instance, cue) = (goal.target.instance, &goal.cue);
@@ -120,7 +120,7 @@ impl<'a> GoalCheck<'a> {
     }
 }
 
-/// Checks what a target says of itself; gives back its region on the mesh.
+/// Checks a target's own data; returns the region on the mesh.
 fn inspect(assets: &SceneAssets, rules: &Rules, target: &Target) -> (Vec<NavPoint>, Faults) {
     let mut faults = Faults::new();
     let id = target.instance;
@@ -178,7 +178,7 @@ fn distractors(assets: &SceneAssets, goal: &GoalSpec, limits: &MissionRules) -> 
     faults
 }
 
-/// What was seen when the looks of the survey were taken again.
+/// Repeated survey looks.
 pub(super) struct Seen<'a> {
     assets: &'a SceneAssets,
     options: &'a SurveyOptions,
@@ -192,7 +192,7 @@ impl<'a> Seen<'a> {
         Self { assets, options, sightings, palettes }
     }
 
-    /// What is wrong with a sentence that was said of `instance`.
+    /// Returns the problem with a sentence about `instance`.
     pub(super) fn sentence(&self, instance: u32, said: &Description) -> Option<String> {
         let Some(claims) = &said.claims else {
             return Some("the description comes without its claims".to_owned());
@@ -203,7 +203,7 @@ impl<'a> Seen<'a> {
         (!fits).then(|| format!("'{}' does not fit instance {instance} alone", said.text))
     }
 
-    /// What is wrong with a picture that was taken of `instance`.
+    /// Returns the problem with a picture of `instance`.
     pub(super) fn picture(&self, instance: u32, view: &View) -> Option<String> {
         let objects = &self.assets.scene.objects;
         let sighting = self.sightings.iter().find(|sighting| objects[sighting.index].id.0 == instance);

@@ -1,7 +1,7 @@
-//! Decides for whom a sentence could be meant. It knows nothing of how sentences are made: it takes claims and looks.
+//! Check of sentences, independent of their generation: from claims to matching objects.
 //!
-//! Every claim has two readings. By the plain one it holds for the target; by the generous one, with wide thresholds
-//! and the benefit of every doubt, it must still fail for each rival.
+//! Every claim has two readings. The plain one must hold for the target. The generous one, with wide thresholds and
+//! every benefit of the doubt, must fail for all rivals.
 
 use crate::describe::{
     facts::{Claim, Claims, Facts, Landmark, Relation, SIDES},
@@ -10,23 +10,23 @@ use crate::describe::{
 use avln_geom::{Aabb, Point3};
 use avln_scene::Object;
 
-/// How a claim is read.
+/// Reading of a claim.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Reading {
-    /// As one who says it.
+    /// The speaker's: strict.
     Plain,
-    /// As one who looks for anything that it might fit.
+    /// The searcher's: anything that might fit.
     Generous,
 }
 
 impl Reading {
-    /// The first number for the plain reading, the second for the generous one.
+    /// Returns `plain` or `generous`.
     fn pick<T>(self, plain: T, generous: T) -> T {
         if self == Self::Plain { plain } else { generous }
     }
 }
 
-/// Indices of the objects other than `target` that the sentence might fit.
+/// Indices of other objects that might fit the sentence.
 pub(crate) fn rivals(facts: &Facts, claims: &Claims, target: usize) -> Vec<usize> {
     let named = called(facts, claims, target).into_iter();
     let fits = |index: &usize| {
@@ -35,21 +35,22 @@ pub(crate) fn rivals(facts: &Facts, claims: &Claims, target: usize) -> Vec<usize
     named.filter(fits).collect()
 }
 
-/// Indices of the objects other than `target` that its noun might stand for.
+/// Indices of other objects that might fit the noun.
 pub(crate) fn called(facts: &Facts, claims: &Claims, target: usize) -> Vec<usize> {
     let objects = facts.scene.objects.iter().enumerate();
     let named = objects.filter(|(index, object)| *index != target && may_be_called(object, &claims.head));
     named.map(|(index, _)| index).collect()
 }
 
-/// Whether every claim plainly holds for `target` and the sentence fits no other object.
+/// True if the claims plainly hold for `target` and fit no other object.
 pub(crate) fn fits_only(facts: &Facts, claims: &Claims, target: usize) -> bool {
+    // Strict for the target, generous for rivals: doubtful cases are rejected on both sides.
     may_be_called(&facts.scene.objects[target], &claims.head)
         && claims.list.iter().all(|claim| holds(facts, claim, target, target, Reading::Plain))
         && rivals(facts, claims, target).is_empty()
 }
 
-/// Whether a claim that is made of `target` holds for `index`.
+/// True if a claim about `target` holds for `index`.
 pub(crate) fn holds(facts: &Facts, claim: &Claim, target: usize, index: usize, reading: Reading) -> bool {
     let object = &facts.scene.objects[index];
     let words = &object.attributes;
@@ -66,7 +67,7 @@ pub(crate) fn holds(facts: &Facts, claim: &Claim, target: usize, index: usize, r
 }
 
 fn has_color(facts: &Facts, object: &Object, word: &str, reading: Reading) -> bool {
-    /// Share of the pixels by which a thing might be called so.
+    /// Least pixel share for a possible colour word.
     const SOME: f32 = 0.2;
     let label = object.attributes.color.as_str();
     match (facts.palette(object), reading) {
@@ -80,8 +81,8 @@ fn has_color(facts: &Facts, object: &Object, word: &str, reading: Reading) -> bo
     }
 }
 
-/// A size word holds for a thing that is labelled so, and by a generous reading for whatever is not clearly to the other
-/// side of the target.
+/// True if a size word holds: by label, or, read generously, for any object not clearly on the other side of the
+/// target.
 fn has_size(target: &Object, object: &Object, word: &str, reading: Reading) -> bool {
     const CLEAR: f32 = 1.25;
     if reading == Reading::Plain || object.attributes.size == word {
@@ -102,7 +103,7 @@ fn is_in(facts: &Facts, object: &Object, noun: &str, reading: Reading) -> bool {
     }
 }
 
-/// Whether things that fit the landmarks are where the relation says.
+/// True if matching landmarks satisfy the relation.
 fn is_placed(
     facts: &Facts,
     own: &Object,
@@ -135,7 +136,7 @@ fn is_placed(
     }
 }
 
-/// Whether `own` is in `relation` to `thing`.
+/// True if `own` is in `relation` to `thing`.
 fn stands_to(facts: &Facts, own: &Object, thing: &Object, relation: Relation, reading: Reading) -> bool {
     let (a, b) = (&own.bounds, &thing.bounds);
     match relation {
@@ -158,16 +159,16 @@ fn distance_m(a: &Aabb, b: &Aabb) -> f32 {
     gaps.iter().map(|gap| gap * gap).sum::<f32>().sqrt()
 }
 
-/// Whether the middle of `b` is over or under the floor plan of `a`, or no more than `slack_m` beyond it.
+/// True if the centre of `b` is above or below the floor plan of `a`, with `slack_m` tolerance.
 fn within_plan(a: &Aabb, b: &Aabb, slack_m: f32) -> bool {
     let middle = b.center();
     let inside = |axis: usize| (a.min[axis] - slack_m..=a.max[axis] + slack_m).contains(&middle[axis]);
     inside(0) && inside(2)
 }
 
-/// Whether the lower box carries the upper one, on its top or on its seat.
+/// True if the lower box carries the upper one, on its top or seat.
 fn carries(lower: &Aabb, upper: &Aabb, reading: Reading) -> bool {
-    /// Things stand in a thick rug rather than on it.
+    /// Objects sink into a thick rug.
     const SINKS_IN_M: f32 = 0.03;
     let seat_y = lower.min.y + reading.pick(0.2, 0.1) * lower.size().y - SINKS_IN_M;
     within_plan(lower, upper, reading.pick(0.02, 0.25))
@@ -175,7 +176,7 @@ fn carries(lower: &Aabb, upper: &Aabb, reading: Reading) -> bool {
         && upper.min.y <= lower.max.y + reading.pick(0.08, 0.2)
 }
 
-/// Whether a box stands where another one does, lower than its top.
+/// True if a box is inside another one's floor plan, below its top.
 fn is_below_top(inner: &Aabb, outer: &Aabb, reading: Reading) -> bool {
     within_plan(outer, inner, reading.pick(0.02, 0.4))
         && inner.min.y <= outer.min.y + reading.pick(0.15, 0.5)
@@ -199,7 +200,7 @@ fn lies_between(own: &Aabb, a: &Aabb, b: &Aabb, reading: Reading) -> bool {
     cos <= reading.pick(-0.85, -0.5) && distance_m(own, a) <= reach_m && distance_m(own, b) <= reach_m
 }
 
-/// Which sides of an object have the building's own surface behind them: east, west, south, north.
+/// Sides with the building surface behind them: east, west, south, north.
 fn walls(facts: &Facts, object: &Object, reading: Reading) -> [bool; 4] {
     let (center, half) = (object.bounds.center(), object.bounds.size() / 2.0);
     let reach_m = reading.pick(0.15, 0.5);
@@ -218,7 +219,7 @@ fn walls(facts: &Facts, object: &Object, reading: Reading) -> [bool; 4] {
     })
 }
 
-/// Left or right for somebody who faces a wall that both are at; by a generous reading, any wall that the first is at.
+/// Left or right for a viewer facing a common wall; read generously, any wall of the first object.
 fn is_beside(facts: &Facts, own: &Object, thing: &Object, relation: Relation, reading: Reading) -> bool {
     if distance_m(&own.bounds, &thing.bounds) > reading.pick(1.3, 2.0) {
         return false;
@@ -234,7 +235,7 @@ fn is_beside(facts: &Facts, own: &Object, thing: &Object, relation: Relation, re
     })
 }
 
-/// Whether there is floor between the two and neither is at the other's wall.
+/// True if floor separates both and neither touches the other's wall.
 fn is_across(facts: &Facts, own: &Object, thing: &Object, reading: Reading) -> bool {
     let (a, b) = (&own.bounds, &thing.bounds);
     let gap_m = distance_m(a, b);
@@ -248,7 +249,7 @@ fn is_across(facts: &Facts, own: &Object, thing: &Object, reading: Reading) -> b
     apart && aligned && !other_room && (faces || reading == Reading::Generous)
 }
 
-/// The first word that `claims` need and `text` lacks.
+/// Returns the first word required by `claims` but missing from `text`.
 pub(crate) fn unsaid(text: &str, claims: &Claims) -> Option<String> {
     let text = text.to_lowercase();
     let said = |word: &String| text.contains(word) || text.contains(&lexicon::plural(word));
@@ -257,11 +258,11 @@ pub(crate) fn unsaid(text: &str, claims: &Claims) -> Option<String> {
     words.into_iter().find(|word| !said(word))
 }
 
-/// The words without which a claim is not made.
+/// Required words for a claim.
 fn words(claim: &Claim) -> Vec<String> {
     match claim {
         Claim::Color(word) | Claim::Shape(word) | Claim::Size(word) => vec![word.clone()],
-        // `wool` is in `woollen`, `wood` in `wooden`: said as adjective or as what it is made of.
+        // `wool` is in `woollen`, `wood` in `wooden`: both adjective and noun count.
         Claim::Material(word) => vec![lexicon::substance(word).unwrap_or(word).to_owned()],
         Claim::Room(noun) => vec![noun.clone()],
         Claim::Place(relation, landmarks) => {

@@ -10,13 +10,13 @@ use avln_world::SceneAssets;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Share of the seen pixels that must have a colour before a thing is called by it.
+/// Minimum pixel share for a colour word.
 const CALLED_SHARE: f32 = 0.35;
 
-/// The four ways that the side of a box can face.
+/// Outward normals of box sides, as (x, z).
 pub(crate) const SIDES: [[f32; 2]; 4] = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
 
-/// What was seen of a scene, for those who speak of it and those who check what they say.
+/// Observed scene facts, shared by writer and checker.
 pub(crate) struct Facts<'a> {
     pub(crate) assets: &'a SceneAssets,
     pub(crate) scene: &'a Scene,
@@ -28,13 +28,13 @@ impl<'a> Facts<'a> {
         Self { assets, scene: &assets.scene, palettes }
     }
 
-    /// The colours in which an object was seen, when it was.
+    /// Observed colours of an object, if any.
     pub(crate) fn palette(&self, object: &Object) -> Option<&Palette> {
         const ENOUGH: u64 = 30;
         self.palettes.get(&object.id).filter(|palette| palette.pixels() >= ENOUGH)
     }
 
-    /// The colour that one would call a thing by: that of the mean of what was seen, which its label does not deny.
+    /// Colour word of an object: its mean observed colour, unless the label contradicts.
     pub(crate) fn color_of(&self, object: &Object) -> Option<&'static str> {
         let palette = self.palette(object)?;
         let word = palette.mean_word()?;
@@ -42,17 +42,17 @@ impl<'a> Facts<'a> {
         (palette.share_of(word) >= CALLED_SHARE && (label.is_empty() || label == word)).then_some(word)
     }
 
-    /// The kind of room that an object is in, when it has a name.
+    /// Room noun of an object, if known.
     pub(crate) fn room_of(&self, object: &Object) -> Option<String> {
         room_noun(&self.scene.regions.get(usize::from(object.region?))?.label)
     }
 
-    /// How many rooms are of this kind.
+    /// Number of rooms with this noun.
     pub(crate) fn rooms_called(&self, noun: &str) -> usize {
         self.scene.regions.iter().filter(|region| room_noun(&region.label).as_deref() == Some(noun)).count()
     }
 
-    /// The measure of an object that a size word speaks of, metres, and the word's direction: 1 for more, -1 for less.
+    /// Measure behind a size word, metres, with the direction: 1 for large, -1 for small.
     pub(crate) fn measure(object: &Object, word: &str) -> Option<(f32, f32)> {
         let (_, measure) = SIZES.iter().find(|(known, _)| *known == word)?;
         let size = object.bounds.size();
@@ -65,12 +65,12 @@ impl<'a> Facts<'a> {
         Some((value_m, direction))
     }
 
-    /// How far the building's own surface is from `origin`, through all that stands between, metres.
+    /// Distance to the building surface from `origin`, ignoring furniture, metres.
     pub(crate) fn wall_m(&self, origin: Point3<f32>, [x, z]: [f32; 2], reach_m: f32) -> Option<f32> {
         self.structure_m(&origin, &Vector3::new(x, 0.0, z), reach_m)
     }
 
-    /// Height of the floor under an object: that of its room, or of the building's own surface below it, metres.
+    /// Floor height under an object: its room's, or the building surface below, metres.
     pub(crate) fn floor_y(&self, object: &Object) -> f32 {
         const STOREY_M: f32 = 4.0;
         let region = object.region.and_then(|region| self.scene.regions.get(usize::from(region)));
@@ -82,7 +82,7 @@ impl<'a> Facts<'a> {
         }
     }
 
-    /// How far the building's own surface is along `direction` (of length 1), through all that stands between, metres.
+    /// Distance to the building surface along the unit vector `direction`, ignoring furniture, metres.
     fn structure_m(&self, origin: &Point3<f32>, direction: &Vector3<f32>, reach_m: f32) -> Option<f32> {
         const PAST_M: f32 = 1e-3;
         const THINGS: usize = 24;
@@ -99,17 +99,17 @@ impl<'a> Facts<'a> {
     }
 }
 
-/// What a sentence says of its target, apart from the words.
+/// Machine-readable content of a sentence.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Claims {
-    /// What it is called.
+    /// Target noun.
     pub(crate) head: Name,
-    /// What is said of it.
+    /// Claims about the target.
     pub(crate) list: Vec<Claim>,
 }
 
-/// One thing that is said of a target.
+/// Single claim about a target.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Claim {
@@ -117,50 +117,50 @@ pub(crate) enum Claim {
     Shape(String),
     Color(String),
     Material(String),
-    /// The kind of room that it is in.
+    /// Room noun.
     Room(String),
-    /// Where it is.
+    /// Location relative to landmarks.
     Place(Relation, Vec<Landmark>),
 }
 
-/// Where a thing is, as seen from where one can stand.
+/// Spatial relation, from a viewer on the floor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Relation {
-    /// With something standing or lying on it.
+    /// Carries another object.
     Holds,
-    /// On something.
+    /// Rests on another object.
     On,
-    /// Inside the legs of a table.
+    /// Between table legs.
     Under,
-    /// Hanging over something.
+    /// Hangs above another object.
     Above,
-    /// With something hanging over it.
+    /// Below a hanging object.
     Below,
-    /// On the left of something on the same wall, for somebody who faces the wall.
+    /// Left of a landmark on the same wall, for a viewer facing the wall.
     LeftOf,
-    /// On the right of something on the same wall, for somebody who faces the wall.
+    /// Right of a landmark on the same wall, for a viewer facing the wall.
     RightOf,
-    /// Between two things.
+    /// Between two landmarks.
     Between,
-    /// Hardly an arm's length away.
+    /// Closer than an arm's length.
     NextTo,
     /// Within a step.
     Near,
     /// Across the room, wall to wall.
     Opposite,
-    /// Where two walls meet.
+    /// In a room corner.
     Corner,
-    /// With its back to a wall.
+    /// Back against a wall.
     AgainstWall,
 }
 
-/// A thing that says where another one is.
+/// Landmark in a relation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Landmark {
     pub(crate) name: Name,
     pub(crate) color: Option<String>,
-    /// Whether its room has no other such thing.
+    /// True if the noun is unique in the room.
     pub(crate) only: bool,
 }

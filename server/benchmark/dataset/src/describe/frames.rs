@@ -1,8 +1,8 @@
-//! The shapes of sentences.
+//! Sentence frames.
 
 /// A shape of a sentence: text with slots in braces.
 ///
-/// `{the np}` and `{a np}` are the noun with its adjectives, `{a noun}` and `{the noun}` the bare noun with its adjectives
+/// `{the np}` and `{a np}` are the noun with the adjectives, `{a noun}` and `{the noun}` the bare noun with the adjectives
 /// said by `{be}` (`is` is not part of it); `{r1}` to `{r3}` say a place after a noun (`next to the bed`), `{p1}` to
 /// `{p3}` after *it* or *that* (`stands next to the bed`), `{p12}`, `{p23}` and `{p123}` join some, `{also2}` is
 /// `{p2}` with *also*; `{in}` is the room.
@@ -10,14 +10,14 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Frame {
     pub(crate) text: &'static str,
-    /// Places that it says.
+    /// Location slots.
     pub(crate) places: usize,
-    /// Whether it says the room.
+    /// True if it has a room slot.
     pub(crate) room: bool,
 }
 
 impl Frame {
-    /// Whether adjectives are said after the noun.
+    /// True if adjectives follow the noun.
     pub(crate) fn is_predicative(&self) -> bool {
         self.text.contains("{be}")
     }

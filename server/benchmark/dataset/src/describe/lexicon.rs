@@ -1,9 +1,9 @@
-//! English for what a scene knows: nouns, plurals, articles, rooms and the words for looks.
+//! English nouns, plurals, articles, room names and adjectives.
 
 use avln_scene::Object;
 use serde::{Deserialize, Serialize};
 
-/// What people call a category: the first noun is the usual one. What is not listed is called by its own name.
+/// Nouns per category, most common first. Other categories use their own name.
 const NOUNS: &[(&str, &[&str])] = &[
     ("appliances", &["appliance", "household appliance"]),
     ("bin", &["bin"]),
@@ -30,7 +30,7 @@ const NOUNS: &[(&str, &[&str])] = &[
     ("tv_monitor", &["television", "TV"]),
 ];
 
-/// Categories that one may take for each other when a noun is all that one knows.
+/// Categories with interchangeable nouns.
 const KIN: &[&[&str]] = &[
     &["table", "desk"],
     &["cabinet", "chest_of_drawers"],
@@ -41,7 +41,7 @@ const KIN: &[&[&str]] = &[
     &["curtain", "blinds"],
 ];
 
-/// Categories that are no landmarks: the building itself, and what has no name.
+/// Categories unsuitable as landmarks: building parts and unnamed objects.
 const NAMELESS: &[&str] = &[
     "",
     "void",
@@ -59,7 +59,7 @@ const NAMELESS: &[&str] = &[
     "appliances",
 ];
 
-/// Labels of rooms that say nothing, or of places that one is not *in*.
+/// Room labels without meaning, or without the preposition *in*.
 const NAMELESS_ROOMS: &[&str] = &[
     "",
     "other",
@@ -76,7 +76,7 @@ const NAMELESS_ROOMS: &[&str] = &[
     "balcony",
 ];
 
-/// Size words with the measure that they speak of.
+/// Size words with their measures.
 pub(crate) const SIZES: &[(&str, Measure)] = &[
     ("small", Measure::Diagonal),
     ("large", Measure::Diagonal),
@@ -88,18 +88,18 @@ pub(crate) const SIZES: &[(&str, Measure)] = &[
     ("narrow", Measure::Width),
 ];
 
-/// What a size word compares.
+/// Measure behind a size word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Measure {
-    /// The diagonal of the box.
+    /// Box diagonal.
     Diagonal,
-    /// The height of the box.
+    /// Box height.
     Height,
-    /// The longer side of its floor plan.
+    /// Longer side on the floor plan.
     Width,
 }
 
-/// A noun and the category of what it stands for.
+/// Noun with the category.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Name {
@@ -107,13 +107,13 @@ pub(crate) struct Name {
     pub(crate) category: String,
 }
 
-/// The nouns that fit an object, the most telling one first.
+/// Nouns for an object, most specific first.
 pub(crate) fn names(object: &Object) -> Vec<Name> {
     let nouns = own_noun(object).map_or_else(|| general_nouns(&object.category), |noun| vec![noun]);
     nouns.into_iter().map(|noun| Name { noun, category: object.category.clone() }).collect()
 }
 
-/// What people call this very object, where its source says so.
+/// Noun from the object's source.
 fn own_noun(object: &Object) -> Option<String> {
     clean(&object.attributes.noun).map(|noun| match noun {
         "trousers" | "jeans" | "shorts" | "pyjamas" | "glasses" | "scissors" => format!("pair of {noun}"),
@@ -125,7 +125,7 @@ fn own_noun(object: &Object) -> Option<String> {
     })
 }
 
-/// The nouns for anything of `category`, the usual one first; none for what has no name.
+/// Nouns for a category, most common first; empty for unnamed categories.
 pub(crate) fn general_nouns(category: &str) -> Vec<String> {
     if let Some((_, nouns)) = NOUNS.iter().find(|(name, _)| *name == category) {
         return nouns.iter().map(|&noun| noun.to_owned()).collect();
@@ -134,14 +134,14 @@ pub(crate) fn general_nouns(category: &str) -> Vec<String> {
     clean(&spaced).map(str::to_owned).into_iter().collect()
 }
 
-/// Whether an object of this category can say where another one is.
+/// True if an object can be a landmark.
 pub(crate) fn is_landmark(object: &Object) -> bool {
     const MIN_M: f32 = 0.2;
     let named = !NAMELESS.contains(&object.category.as_str()) || clean(&object.attributes.noun).is_some();
     named && object.bounds.size().max() >= MIN_M
 }
 
-/// Whether somebody might mean `object` by `name`: what is not known of it counts as fitting.
+/// True if `name` could refer to `object`. Unknown properties count as matching.
 pub(crate) fn may_be_called(object: &Object, name: &Name) -> bool {
     if object.category == name.category && general_nouns(&name.category).contains(&name.noun) {
         return true;
@@ -156,14 +156,14 @@ pub(crate) fn may_be_called(object: &Object, name: &Name) -> bool {
     }
 }
 
-/// Lower-case words without digits or signs, three at most, as people write them; `None` for anything else.
+/// Accepts up to three lower-case words without digits or signs.
 pub(crate) fn clean(words: &str) -> Option<&str> {
     let letters = |c: char| c.is_ascii_lowercase() || c == ' ' || c == '-';
     let fits = !words.trim().is_empty() && words.len() <= 32 && words.chars().all(letters);
     (fits && words.split_whitespace().count() <= 4).then(|| words.trim())
 }
 
-/// The name of a room of this label: `living room`; `None` where the label says nothing.
+/// Room noun for a label: `living room`; `None` for meaningless labels.
 pub(crate) fn room_noun(label: &str) -> Option<String> {
     let first = label.split('/').next().unwrap_or_default();
     let spaced = first.to_lowercase().replace('_', " ");
@@ -183,14 +183,14 @@ pub(crate) fn room_noun(label: &str) -> Option<String> {
     known.map(str::to_owned)
 }
 
-/// The material word of an object where it is one that people say.
+/// Material adjective, if common.
 pub(crate) fn material_word(object: &Object) -> Option<&str> {
     let word = clean(&object.attributes.material)?;
     (!word.contains(' ') && word != "painted" && !names(object).iter().any(|name| name.noun.contains(word)))
         .then_some(word)
 }
 
-/// The shape word of an object where it is one that people say: that a wardrobe is rectangular, nobody does.
+/// Shape adjective, if informative: wardrobes are always rectangular.
 pub(crate) fn shape_word(object: &Object) -> Option<&str> {
     const OBLONG: &[&str] = &["table", "desk", "rug", "mirror", "picture", "cushion", "stool"];
     let word = clean(&object.attributes.shape)?;
@@ -198,13 +198,13 @@ pub(crate) fn shape_word(object: &Object) -> Option<&str> {
         .then_some(word)
 }
 
-/// The size word of an object where it is a known one.
+/// Size adjective, if known.
 pub(crate) fn size_word(object: &Object) -> Option<&str> {
     let word = object.attributes.size.as_str();
     SIZES.iter().any(|(known, _)| *known == word).then_some(word)
 }
 
-/// What something of this material is made of: `wood` for `wooden`; `None` where people do not say it so.
+/// Noun for a material adjective: `wood` for `wooden`; `None` if unusual.
 pub(crate) fn substance(material: &str) -> Option<&str> {
     match material {
         "wooden" => Some("wood"),
@@ -224,7 +224,7 @@ pub(crate) fn article(phrase: &str) -> &'static str {
     if vowel { "an" } else { "a" }
 }
 
-/// The plural of a noun: `chests of drawers`, `shelves`, `benches`.
+/// Plural form: `chests of drawers`, `shelves`, `benches`.
 pub(crate) fn plural(noun: &str) -> String {
     if let Some((head, tail)) = noun.split_once(" of ") {
         return format!("{} of {tail}", plural(head));

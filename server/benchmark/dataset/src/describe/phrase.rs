@@ -1,4 +1,4 @@
-//! Claims in words.
+//! Conversion from claims to words.
 
 use crate::describe::{
     facts::{Claim, Landmark, Relation},
@@ -7,21 +7,21 @@ use crate::describe::{
 };
 use avln_geom::Rng;
 
-/// What a frame needs to become a sentence.
+/// Content for a sentence frame.
 pub(crate) struct Words<'a> {
     /// The noun.
     pub(crate) noun: &'a str,
-    /// Size, shape, colour and material claims, in this order.
+    /// Size, shape, colour and material claims, in order.
     pub(crate) looks: Vec<&'a Claim>,
-    /// Places, in the order in which they are said.
+    /// Locations in order.
     pub(crate) places: Vec<&'a Claim>,
-    /// Kind of room, and whether the house has only one of it.
+    /// Room noun, and whether it is unique in the house.
     pub(crate) room: Option<(&'a str, bool)>,
-    /// How the target is where it is: `stands`, `hangs`, `lies` or `is`.
+    /// Verb: `stands`, `hangs`, `lies` or `is`.
     pub(crate) verb: &'static str,
 }
 
-/// A place in words: after a noun, and as verb and rest after *it*.
+/// Location in words: after a noun, and as verb and rest after *it*.
 struct Said {
     after_noun: String,
     verb: &'static str,
@@ -29,7 +29,7 @@ struct Said {
 }
 
 impl Words<'_> {
-    /// The sentence; `rng` chooses among words that mean the same.
+    /// Fills the frame; `rng` chooses between synonyms.
     pub(crate) fn fill(&self, frame: &Frame, rng: &mut Rng) -> String {
         let places: Vec<Said> = self.places.iter().filter_map(|claim| self.place(claim, rng)).collect();
         let room = self.room_phrase(rng);
@@ -39,7 +39,7 @@ impl Words<'_> {
         while let Some((before, after)) = rest.split_once('{') {
             let Some((slot, after)) = after.split_once('}') else { break };
             let said = self.slot(slot, &with_adjectives, &places, &room);
-            // After "it is red and" no second "is" is said.
+            // No second "is" after "it is red and".
             let goes_on = last == "be" && before == " and ";
             text.push_str(before);
             text.push_str(said.strip_prefix("is ").filter(|_| goes_on).unwrap_or(&said));
@@ -71,7 +71,7 @@ impl Words<'_> {
         }
     }
 
-    /// The noun with its adjectives: `large red wooden table`, sometimes `large red table made of wood`.
+    /// The noun with the adjectives: `large red wooden table`, sometimes `large red table made of wood`.
     fn noun_phrase(&self, rng: &mut Rng) -> String {
         let made_of = rng.chance(0.3);
         let mut words: Vec<&str> = Vec::new();
@@ -155,7 +155,7 @@ impl Words<'_> {
     }
 }
 
-/// Landmarks with their articles: `the red sofa`, `a lamp and the door`, `two chairs`.
+/// Landmarks with articles: `the red sofa`, `a lamp and the door`, `two chairs`.
 fn things(landmarks: &[Landmark]) -> String {
     let phrase = |landmark: &Landmark, noun: &str| match &landmark.color {
         Some(color) => format!("{color} {noun}"),
@@ -175,7 +175,7 @@ fn things(landmarks: &[Landmark]) -> String {
     landmarks.iter().map(said).collect::<Vec<_>>().join(" and ")
 }
 
-/// Verb and places, each verb once where it can be: `stands next to the bed and near a window`.
+/// Verbs and locations without repeated verbs: `stands next to the bed and near a window`.
 fn predicate(places: &[&Said]) -> String {
     let groups = places.chunk_by(|a, b| a.verb == b.verb);
     let clause = |group: &[&Said]| {
@@ -202,7 +202,7 @@ fn listed(parts: &[String]) -> String {
     }
 }
 
-/// With a capital where the slot has one.
+/// Capitalises the text if the slot is capitalised.
 fn cased(slot: &str, text: &str) -> String {
     let mut letters = text.chars();
     match letters.next() {

@@ -1,4 +1,4 @@
-//! Finds what can be said of where an object is: only what nobody would dispute.
+//! Spatial relations between objects, restricted to undisputed ones.
 
 use crate::describe::{
     facts::{Claim, Facts, Landmark, Relation, SIDES},
@@ -7,7 +7,7 @@ use crate::describe::{
 use avln_geom::{Aabb, Vector3};
 use avln_scene::Object;
 
-/// Things that can hold others, and those of them whose top is soft and lower than their back.
+/// Objects with a top surface; soft seats lower than their back.
 const HARD_TOPS: &[&str] = &[
     "table",
     "desk",
@@ -21,11 +21,11 @@ const HARD_TOPS: &[&str] = &[
     "rug",
 ];
 const SOFT_TOPS: &[&str] = &["bed", "sofa", "chair", "seating"];
-/// Things that touch what is below them without resting on it.
+/// Objects that touch their support without resting on it.
 const NEVER_RESTS: &[&str] = &["curtain", "blinds", "door", "window", "picture", "mirror", "rug", "radiator"];
-/// Things that one can be under.
+/// Objects with space underneath.
 const ON_LEGS: &[&str] = &["table", "desk"];
-/// Things that stand or hang where they do in every house: that a wall is behind them says nothing.
+/// Objects with a wall behind them in every house: no information.
 const ALWAYS_AT_WALLS: &[&str] = &[
     "picture",
     "mirror",
@@ -46,17 +46,17 @@ const ALWAYS_AT_WALLS: &[&str] = &[
     "clock",
     "rug",
 ];
-/// Things whose colour is that of what is behind or before them.
+/// Objects that show the colour behind or before them.
 const COLORLESS: &[&str] = &["window", "mirror", "door", "shower"];
-/// A thing whose bottom is higher above the floor than this and that stands on nothing hangs, metres.
+/// Minimum bottom height above the floor for hanging objects, metres.
 const HANGING_M: f32 = 0.4;
 
-/// Where the objects of a scene are.
+/// Spatial relations in a scene.
 pub(crate) struct Relater<'a> {
     pub(crate) facts: Facts<'a>,
-    /// For each object, which of its four sides have a wall close behind them.
+    /// Per object: sides with a wall close behind.
     walls: Vec<[bool; 4]>,
-    /// For each object, whether it hangs: it is above the floor and stands on nothing.
+    /// Per object: whether it hangs, above the floor without support.
     hangs: Vec<bool>,
 }
 
@@ -71,7 +71,7 @@ impl<'a> Relater<'a> {
         Self { walls, hangs: hangs.collect(), facts }
     }
 
-    /// Everything that can be said of the place of object `index` by objects that are `seen` with it.
+    /// Returns all relations between object `index` and the `seen` objects.
     pub(crate) fn places(&self, index: usize, seen: &[usize]) -> Vec<Claim> {
         let objects = &self.facts.scene.objects;
         let usable = |other: &&usize| {
@@ -90,7 +90,7 @@ impl<'a> Relater<'a> {
         found.into_iter().flat_map(|(relation, things)| self.variants(relation, &things)).collect()
     }
 
-    /// How object `index` lies to one landmark, by the most telling relation that holds.
+    /// Most specific relation to a landmark.
     fn relation(&self, index: usize, landmark: usize) -> Option<Relation> {
         let objects = &self.facts.scene.objects;
         let (own, other) = (&objects[index], &objects[landmark]);
@@ -120,13 +120,13 @@ impl<'a> Relater<'a> {
         }
     }
 
-    /// Left or right of something at the same wall, as one sees it who faces the wall.
+    /// Left or right on the same wall, for a viewer facing the wall.
     fn side_on_wall(&self, index: usize, landmark: usize) -> Option<Relation> {
         let objects = &self.facts.scene.objects;
         let (a, b) = (&objects[index].bounds, &objects[landmark].bounds);
         let side = (0..4).find(|&side| self.walls[index][side] && self.walls[landmark][side])?;
         let [x, z] = SIDES[side];
-        // Who looks along (x, z) has (-z, x) on the right.
+        // For a viewer looking along (x, z), right is (-z, x).
         let span = |bounds: &Aabb| {
             let ends = [bounds.min, bounds.max].map(|corner| corner.z * x - corner.x * z);
             [ends[0].min(ends[1]), ends[0].max(ends[1])]
@@ -141,12 +141,12 @@ impl<'a> Relater<'a> {
         Some(if own[0] >= other[1] { Relation::RightOf } else { Relation::LeftOf })
     }
 
-    /// Whether an object hangs: it is above the floor and stands on nothing.
+    /// True if an object hangs.
     pub(crate) fn hangs(&self, index: usize) -> bool {
         self.hangs[index]
     }
 
-    /// Whether both stand at opposite walls and look at each other across some floor.
+    /// True if both objects are on opposite walls, facing each other across the floor.
     fn is_opposite(&self, index: usize, landmark: usize) -> bool {
         let objects = &self.facts.scene.objects;
         let (a, b) = (&objects[index].bounds, &objects[landmark].bounds);
@@ -164,7 +164,7 @@ impl<'a> Relater<'a> {
         (1.2..=4.5).contains(&gap_m) && (0..4).any(faces)
     }
 
-    /// The two things that an object stands between most closely.
+    /// Closest pair with the object in between.
     fn between(&self, index: usize, landmarks: &[usize]) -> Option<[usize; 2]> {
         let objects = &self.facts.scene.objects;
         let own = &objects[index].bounds;
@@ -209,7 +209,7 @@ impl<'a> Relater<'a> {
         [east, west, south, north].contains(&true).then_some(Relation::AgainstWall)
     }
 
-    /// The claim with and without the colours of its landmarks.
+    /// The claim with and without landmark colours.
     fn variants(&self, relation: Relation, things: &[usize]) -> Vec<Claim> {
         let plain: Vec<Landmark> = things.iter().map(|&thing| self.landmark(thing, None)).collect();
         let objects = &self.facts.scene.objects;
@@ -238,12 +238,12 @@ impl<'a> Relater<'a> {
     }
 }
 
-/// Whether two objects are said to be in the same room; doors and windows belong to all that is around them.
+/// True if two objects share a room; doors and windows belong to all adjacent rooms.
 fn same_room(a: &Object, b: &Object) -> bool {
     a.region == b.region || ["door", "window"].contains(&b.category.as_str())
 }
 
-/// Horizontal distance between two boxes, metres; not positive when their floor plans overlap.
+/// Horizontal distance between two boxes, metres; not positive for overlapping floor plans.
 fn flat_gap_m(a: &Aabb, b: &Aabb) -> f32 {
     let x = (a.min.x - b.max.x).max(b.min.x - a.max.x);
     let z = (a.min.z - b.max.z).max(b.min.z - a.max.z);
@@ -257,19 +257,19 @@ fn near_m(a: &Aabb, b: &Aabb) -> f32 {
     (flat * flat + y * y).sqrt()
 }
 
-/// How much two spans share.
+/// Overlap between two spans.
 fn overlap_m(a: [f32; 2], b: [f32; 2]) -> f32 {
     a[1].min(b[1]) - a[0].max(b[0])
 }
 
-/// Whether the middle of `upper` lies over or under the floor plan of `lower`, grown by `margin_m`.
+/// True if the centre of `upper` is above or below the floor plan of `lower`, grown by `margin_m`.
 fn is_over(lower: &Aabb, upper: &Aabb, margin_m: f32) -> bool {
     let mut middle = upper.center();
     middle.y = lower.min.y;
     lower.grown(margin_m).contains(&middle)
 }
 
-/// Whether `own` stands or lies on `other`.
+/// True if `own` rests on `other`.
 fn rests_on(own: &Object, other: &Object) -> bool {
     let (a, b) = (&own.bounds, &other.bounds);
     let smaller = a.size().x.max(a.size().z) < 1.05 * b.size().x.max(b.size().z);
@@ -283,18 +283,18 @@ fn rests_on(own: &Object, other: &Object) -> bool {
     on_top || on_seat && SOFT_TOPS.contains(&category)
 }
 
-/// Whether one may speak of what is over or under a thing: a curtain reaches down to the floor.
+/// True if the object has space underneath: curtains reach the floor.
 fn has_an_under(object: &Object) -> bool {
     !["curtain", "door", "rug", "blinds"].contains(&object.category.as_str())
 }
 
-/// Whether `upper` hangs over `lower` with some wall in between.
+/// True if `upper` hangs over `lower` with a gap.
 fn hangs_over(upper: &Aabb, lower: &Aabb) -> bool {
     let gap_m = upper.min.y - lower.max.y;
     (0.03..=1.2).contains(&gap_m) && (is_over(lower, upper, 0.15) && upper.max.y - lower.min.y < 2.6)
 }
 
-/// Which sides of an object have a wall close behind most of them.
+/// Sides with a wall close behind them.
 fn walls_of(facts: &Facts, object: &Object) -> [bool; 4] {
     const INSIDE_M: f32 = 0.1;
     const BEHIND_M: f32 = 0.12;

@@ -16,7 +16,7 @@ use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Regio
 use avln_world::{Body, SceneAssets};
 use std::collections::BTreeMap;
 
-/// A room of 6 × 5 m with walls 0.1 m thick; things are boxes. The wall behind the bed is at z = 0.
+/// A 6 × 5 m room with walls 0.1 m thick; objects are boxes. The wall behind the bed is at z = 0.
 struct Flat {
     scene: Scene,
 }
@@ -64,7 +64,7 @@ impl Flat {
         }
     }
 
-    /// Adds a thing of this colour; its index is that of its turn.
+    /// Adds a coloured object; its index is the insertion order.
     fn with(mut self, category: &str, color: &str, min: [f32; 3], max: [f32; 3]) -> Self {
         let id = InstanceId(self.scene.objects.len() as u32 + 1);
         self.block(min, max, id);
@@ -102,7 +102,7 @@ const CHAIR: usize = 7;
 fn bedroom() -> (SceneAssets, BTreeMap<InstanceId, Palette>) {
     let flat = Flat::new()
         .with("bed", "blue", [2.0, 0.0, 0.02], [3.6, 0.9, 2.0])
-        // To the right of the bed for who looks at the wall z = 0, that is along -z.
+        // Right of the bed for a viewer facing the wall z = 0, along -z.
         .with("chest_of_drawers", "brown", [3.7, 0.0, 0.02], [4.2, 0.5, 0.45])
         .with("lamp", "red", [3.85, 0.5, 0.1], [4.05, 0.9, 0.3])
         .with("picture", "green", [2.4, 1.3, 0.01], [3.2, 1.9, 0.04])
@@ -114,7 +114,7 @@ fn bedroom() -> (SceneAssets, BTreeMap<InstanceId, Palette>) {
     flat.open()
 }
 
-/// Every relation of object `index` to plain landmarks: `Above bed`.
+/// Relations between object `index` and plain landmarks: `Above bed`.
 fn said_of(index: usize) -> Vec<String> {
     let (assets, palettes) = bedroom();
     let relater = Relater::new(Facts::new(&assets, &palettes));
@@ -173,7 +173,7 @@ fn the_checker_agrees_with_all_that_is_said() {
     }
 }
 
-/// Claims of the noun of `index` and one place by the noun of `landmark`.
+/// Claims with the noun for `index` and one location by the noun for `landmark`.
 fn place(facts: &Facts, index: usize, relation: Relation, landmark: usize) -> Claims {
     let name = |index: usize| lexicon::names(&facts.scene.objects[index]).swap_remove(0);
     let mark = crate::describe::facts::Landmark { name: name(landmark), color: None, only: true };

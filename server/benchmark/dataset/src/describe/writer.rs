@@ -15,19 +15,19 @@ use avln_scene::{InstanceId, Object};
 use avln_world::SceneAssets;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Attempts at the sentences of one instance.
+/// Attempts per instance.
 const ATTEMPTS: usize = 40;
-/// Most places in a sentence.
+/// Most locations per sentence.
 const MAX_PLACES: usize = 3;
-/// Share of a picture that a thing fills at least before it is spoken of.
+/// Least pixel share for landmarks.
 const LANDMARK_SHARE: f32 = 0.004;
 
-/// A sentence and what it claims.
+/// Sentence with the claims.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Sentence {
     pub(crate) text: String,
     pub(crate) claims: Claims,
-    /// The frame that it was made with.
+    /// Sentence frame.
     pub(crate) frame: &'static str,
 }
 
@@ -37,24 +37,24 @@ impl From<Sentence> for Description {
     }
 }
 
-/// Writes the sentences of one scene.
+/// Sentence writer for a scene.
 pub(crate) struct Writer<'a> {
     relater: Relater<'a>,
     options: &'a SurveyOptions,
 }
 
-/// What can be said of one target.
+/// Candidate claims for a target.
 struct Pool {
     index: usize,
     names: Vec<Name>,
     candidates: Vec<Claim>,
-    /// For each candidate, the other objects that it might be said of.
+    /// Per claim: other matching objects.
     might_fit: Vec<BTreeSet<usize>>,
     verb: &'static str,
 }
 
 impl<'a> Writer<'a> {
-    /// A writer for the scene of `assets`, in which each instance was seen in the colours of `palettes`.
+    /// Returns a writer for the scene with observed `palettes`.
     pub(crate) fn new(
         assets: &'a SceneAssets,
         palettes: &'a BTreeMap<InstanceId, Palette>,
@@ -63,7 +63,7 @@ impl<'a> Writer<'a> {
         Self { relater: Relater::new(Facts::new(assets, palettes)), options }
     }
 
-    /// Sentences that fit this instance of the scene alone, each with claims and a frame of its own.
+    /// Returns unambiguous sentences for an instance, with different claims and frames.
     pub(crate) fn sentences(&self, sighting: &Sighting, mut rng: Rng) -> Vec<Sentence> {
         let pool = self.pool(sighting);
         let mut said: Vec<Sentence> = Vec::new();
@@ -99,7 +99,7 @@ impl<'a> Writer<'a> {
         Pool { index, names, verb: self.verb(index, &candidates), candidates, might_fit }
     }
 
-    /// Claims about what the object itself looks like, and its room.
+    /// Claims about appearance and room.
     fn looks(&self, object: &Object) -> Vec<Claim> {
         let facts = &self.relater.facts;
         let owned = |word: &str| word.to_owned();
@@ -113,7 +113,7 @@ impl<'a> Writer<'a> {
         claims.into_iter().flatten().collect()
     }
 
-    /// Indices of the objects that show in the pictures of an instance.
+    /// Indices of objects visible in pictures with the instance.
     fn seen_with(&self, sighting: &Sighting) -> Vec<usize> {
         let mut seen = BTreeSet::new();
         for look in &sighting.looks {
@@ -142,7 +142,7 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// One attempt at a sentence: some claims at random, then those that exclude the most rivals until none is left.
+    /// Tries one sentence: random claims, then the most selective ones until no rival remains.
     fn attempt(&self, pool: &Pool, rng: &mut Rng) -> Option<Sentence> {
         let head = if rng.chance(0.7) { pool.names.first() } else { rng.choose(&pool.names) }?.clone();
         let empty = Claims { head: head.clone(), list: Vec::new() };
@@ -151,6 +151,7 @@ impl<'a> Writer<'a> {
         for &claim in &chosen {
             rivals.retain(|rival| pool.might_fit[claim].contains(rival));
         }
+        // Random claims give variety; the greedy rest keeps sentences short.
         while !rivals.is_empty() {
             let next = pool.most_telling(&chosen, &rivals)?;
             rivals.retain(|rival| pool.might_fit[next].contains(rival));
@@ -160,11 +161,12 @@ impl<'a> Writer<'a> {
         let claims: Vec<Claim> = chosen.iter().map(|&claim| pool.candidates[claim].clone()).collect();
         let claims = Claims { head, list: claims };
         let (text, frame) = self.words(pool, &claims, rng)?;
+        // The checker implements relations a second time: an error in either rejects the sentence.
         let checked = check::fits_only(&self.relater.facts, &claims, pool.index);
         checked.then_some(Sentence { text, claims, frame })
     }
 
-    /// The claims in words, in a frame that gives a sentence of the right length.
+    /// Words for the claims, in a frame that gives an allowed length.
     fn words(&self, pool: &Pool, claims: &Claims, rng: &mut Rng) -> Option<(String, &'static str)> {
         let is_place = |claim: &&Claim| matches!(claim, Claim::Place(..));
         let room = claims.list.iter().find_map(|claim| match claim {
@@ -193,7 +195,7 @@ impl<'a> Writer<'a> {
 }
 
 impl Pool {
-    /// Some claims to begin with: one to three places, most of what is known of the looks, the room in half the cases.
+    /// Random initial claims: one to three locations, most of the appearance, the room in half the cases.
     fn draw(&self, rng: &mut Rng) -> Vec<usize> {
         let mut order: Vec<usize> = (0..self.candidates.len()).collect();
         rng.shuffle(&mut order);
@@ -221,7 +223,7 @@ impl Pool {
         chosen.iter().filter(|&&claim| matches!(self.candidates[claim], Claim::Place(..))).count()
     }
 
-    /// Whether a claim can be said beside others: nothing is spoken of twice, and there are not too many places.
+    /// True if a claim is compatible with the chosen ones: no repetition, limited locations.
     fn goes_with(&self, chosen: &[usize], claim: usize) -> bool {
         let Claim::Place(relation, landmarks) = &self.candidates[claim] else {
             return !chosen.contains(&claim);
@@ -237,7 +239,7 @@ impl Pool {
         self.places_in(chosen) < MAX_PLACES && !chosen.iter().any(clashes)
     }
 
-    /// The claim that leaves the fewest rivals; `None` when no claim excludes any.
+    /// Claim that leaves the fewest rivals; `None` if no claim excludes any.
     fn most_telling(&self, chosen: &[usize], rivals: &[usize]) -> Option<usize> {
         let left = |claim: usize| rivals.iter().filter(|rival| self.might_fit[claim].contains(rival)).count();
         let usable = (0..self.candidates.len()).filter(|&claim| self.goes_with(chosen, claim));
@@ -248,7 +250,7 @@ impl Pool {
             .map(|(_, claim)| claim)
     }
 
-    /// The order in which claims are said: size, shape, colour, material, room, then places.
+    /// Claim order: size, shape, colour, material, room, locations.
     fn rank(&self, claim: usize) -> (u8, Option<Relation>) {
         match &self.candidates[claim] {
             Claim::Size(_) => (0, None),
@@ -261,7 +263,7 @@ impl Pool {
     }
 }
 
-/// Whether a relation speaks of a wall: one wall in a sentence is enough.
+/// True if a relation mentions a wall: a sentence has at most one.
 fn is_at_wall(relation: Relation) -> bool {
     use Relation::{AgainstWall, Corner, LeftOf, Opposite, RightOf};
     matches!(relation, LeftOf | RightOf | Opposite | Corner | AgainstWall)

@@ -11,10 +11,10 @@ use avln_geom::Pose;
 use avln_truth::Target;
 use serde::{Deserialize, Serialize};
 
-/// Version of the layout that this code writes and reads.
+/// Layout version written and read by this code.
 pub const DATASET_VERSION: u32 = 1;
 
-/// `dataset.json`: what the data set is.
+/// Contents of `dataset.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
@@ -24,51 +24,51 @@ pub struct Manifest {
     pub version: u32,
     /// Name of the data set.
     pub name: String,
-    /// Name of the rule set under which regions and references were computed.
+    /// Rule set name for regions and references.
     pub rules: String,
-    /// What it was made of, when it was made by recipe.
+    /// Recipe, for data sets built by recipe.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recipe: Option<Recipe>,
-    /// Its splits.
+    /// Splits.
     pub splits: Vec<SplitLine>,
 }
 
-/// A split as `dataset.json` lists it.
+/// Split entry in `dataset.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SplitLine {
-    /// Its name, and that of its folder.
+    /// Split name; also the folder name.
     pub name: String,
-    /// Scenes in it.
+    /// Scene count.
     pub scenes: usize,
-    /// Missions in it.
+    /// Mission count.
     pub missions: usize,
-    /// BLAKE3 of its `scenes.jsonl`, hex; with it, of everything in the split.
+    /// BLAKE3 of `scenes.jsonl`, hex; covers the whole split.
     pub digest: String,
 }
 
-/// A line of `scenes.jsonl`: one scene, what it takes to make it again, and its files.
+/// Line in `scenes.jsonl`: source and digests for a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneLine {
-    /// Its name, and that of its files.
+    /// Scene name; also the file stem.
     pub name: String,
-    /// Where it comes from.
+    /// Scene source.
     pub source: SceneSource,
-    /// Digest of its content; checked when it is opened again.
+    /// Content digest, checked on every open.
     pub digest: String,
-    /// How large it is, when that was noted.
+    /// Size, if recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub facts: Option<SceneFacts>,
-    /// Missions in it.
+    /// Mission count.
     pub missions: usize,
-    /// BLAKE3 of its missions file, hex.
+    /// BLAKE3 of the missions file, hex.
     pub public: String,
-    /// BLAKE3 of its sealed file, hex.
+    /// BLAKE3 of the sealed file, hex.
     pub sealed: String,
 }
 
-/// How large a scene is.
+/// Scene size.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFacts {
@@ -78,37 +78,37 @@ pub struct SceneFacts {
     pub storeys: u32,
     /// Labelled objects.
     pub objects: u32,
-    /// Objects that can be targets.
+    /// Potential targets.
     pub instances: u32,
     /// Walkable area, square metres.
     pub area_m2: f64,
 }
 
-/// What an agent may know of a mission: a line of a missions file.
+/// Public part of a mission: a line in a missions file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PublicMission {
-    /// Id inside the data set: the scene's name and a number.
+    /// Id inside the data set: scene name and number.
     pub id: String,
-    /// Where the body starts.
+    /// Start pose.
     pub start: Pose,
-    /// The goals, in their order.
+    /// Goals in order.
     pub goals: Vec<PublicGoal>,
 }
 
-/// A goal as its agent sees it.
+/// Public part of a goal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PublicGoal {
-    /// The label of a category.
+    /// Category label.
     Category(String),
     /// A sentence.
     Description(String),
-    /// A picture; it is rendered when the episode starts, and where from is sealed.
+    /// Picture, rendered at episode start. The sealed file has the view.
     Image,
 }
 
-/// First line of a missions or a sealed file.
+/// First line of a missions or sealed file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Header {
@@ -117,7 +117,7 @@ pub(super) struct Header {
     pub(super) version: u32,
     pub(super) scene: String,
     pub(super) missions: usize,
-    /// Targets that follow; sealed files only.
+    /// Target count; sealed files only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) targets: Option<usize>,
     /// BLAKE3 of the missions file, hex; sealed files only.
@@ -125,7 +125,7 @@ pub(super) struct Header {
     pub(super) public: Option<String>,
 }
 
-/// A target that missions of a sealed file name: modality and start distance are those of no mission.
+/// Target in a sealed file. Modality and start distance belong to goals and are neutral here.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SealedTarget {
@@ -133,7 +133,7 @@ pub(super) struct SealedTarget {
     pub(super) distractors: u8,
 }
 
-/// What an agent may not know of a mission: a line of a sealed file.
+/// Hidden part of a mission: a line in a sealed file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SealedMission {
@@ -144,125 +144,125 @@ pub(super) struct SealedMission {
     pub(super) unordered: ReferenceTour,
 }
 
-/// The hidden side of a goal.
+/// Hidden part of a goal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SealedGoal {
     /// Instance id of the target.
     pub(super) instance: u32,
-    /// Walking distance from the start to its success region, metres.
+    /// Walking distance from the start to the success region, metres.
     pub(super) start_distance_m: f64,
-    /// Where the reference picture is taken; image goals only.
+    /// View for the reference picture; image goals only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) view: Option<View>,
-    /// What the sentence claims of the target; description goals only.
+    /// Claims in the sentence; description goals only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) claims: Option<Claims>,
 }
 
 impl SceneLine {
-    /// What it takes to make the scene again.
+    /// Returns the scene specification.
     pub fn spec(&self) -> SceneSpec {
         SceneSpec { name: self.name.clone(), source: self.source.clone(), digest: self.digest.clone() }
     }
 }
 
-/// A file of a data set that cannot be used: which, where and why.
+/// Error in a data set file.
 #[derive(Debug, PartialEq, thiserror::Error)]
 #[error("{file}{}: {cause}", line.map(|line| format!(", line {line}")).unwrap_or_default())]
 pub struct FormatError {
-    /// Name of the file.
+    /// File name.
     pub file: String,
-    /// The line, from 1; none when the whole file is meant.
+    /// Line number from 1; `None` for the whole file.
     pub line: Option<usize>,
-    /// What is wrong.
+    /// Cause.
     pub cause: FormatCause,
 }
 
-/// What is wrong with a file of a data set.
+/// Cause of a data set error.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum FormatCause {
-    /// The line is not what belongs there.
+    /// Invalid JSON.
     #[error("{0}")]
     Json(String),
-    /// The file belongs to another layout.
+    /// Unsupported layout version.
     #[error(
-        "it has version {found}, this program reads version {read}; build the data set again or update the program"
+        "version {found} is not supported, this program reads version {read}; rebuild the data set or update the program"
     )]
     Version {
-        /// What it says.
+        /// Version in the file.
         found: u32,
-        /// What is read.
+        /// Supported version.
         read: u32,
     },
-    /// The file is of another kind or scene.
-    #[error("it says {found} where {expected} belongs; was a file renamed?")]
+    /// Wrong file kind or scene.
+    #[error("found {found}, expected {expected}; was a file renamed?")]
     Other {
-        /// What it says.
+        /// Name in the file.
         found: String,
-        /// What belongs there.
+        /// Expected name.
         expected: String,
     },
-    /// The file ends early, or goes on.
+    /// Wrong entry count.
     #[error(
-        "it holds {found} {what}, its first line promises {promised}; the file is truncated or was put together"
+        "{found} {what}, but the header promises {promised}; the file is truncated or was assembled by hand"
     )]
     Count {
-        /// What is counted.
+        /// Entry kind.
         what: &'static str,
-        /// How many there are.
+        /// Actual count.
         found: usize,
-        /// How many there should be.
+        /// Count in the header.
         promised: usize,
     },
-    /// A list is longer than anything sensible.
-    #[error("{found} {what} are more than the {limit} that are read")]
+    /// Too many entries.
+    #[error("{found} {what}, the limit is {limit}")]
     TooMany {
-        /// What is counted.
+        /// Entry kind.
         what: &'static str,
-        /// How many there are.
+        /// Actual count.
         found: usize,
-        /// How many are read.
+        /// Limit.
         limit: usize,
     },
-    /// Two entries have one id.
+    /// Duplicate id.
     #[error("{what} {id} occurs twice")]
     Duplicate {
-        /// What is named.
+        /// Entry kind.
         what: &'static str,
-        /// The id.
+        /// Id.
         id: String,
     },
-    /// An entry names one that is not there.
-    #[error("mission {mission} names {what} {id}, which is not in the file")]
+    /// Reference to a missing entry.
+    #[error("mission {mission} refers to {what} {id}, which is not in the file")]
     Unknown {
-        /// The mission.
+        /// Mission id.
         mission: String,
-        /// What is named.
+        /// Entry kind.
         what: &'static str,
-        /// The id.
+        /// Missing id.
         id: String,
     },
-    /// Public and sealed part of a mission do not fit together.
+    /// Mismatch between public and sealed part.
     #[error("mission {mission}: {what}")]
     Mismatch {
-        /// The mission.
+        /// Mission id.
         mission: String,
-        /// What does not fit.
+        /// Mismatch.
         what: &'static str,
     },
-    /// A number is no number.
+    /// Number that is not finite.
     #[error("{what} is not a finite number")]
     NotFinite {
-        /// Which.
+        /// Field.
         what: &'static str,
     },
-    /// The content is not what the list of files says.
-    #[error("its digest is {found}, the list of scenes says {expected}; restore the file or build it again")]
+    /// Wrong digest.
+    #[error("digest {found}, but the scene list has {expected}; restore the file or rebuild it")]
     Digest {
-        /// What it is.
+        /// Actual digest.
         found: String,
-        /// What it should be.
+        /// Digest in the scene list.
         expected: String,
     },
 }

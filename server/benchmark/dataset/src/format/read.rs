@@ -14,21 +14,21 @@ use avln_truth::Target;
 use serde::de::DeserializeOwned;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Most missions in a scene that are read.
+/// Most missions per scene.
 const MAX_MISSIONS: usize = 100_000;
-/// Most targets of a scene.
+/// Most targets per scene.
 const MAX_TARGETS: usize = 100_000;
-/// Most goals of a mission: one bit each in the record.
+/// Most goals per mission: the record has one bit per goal.
 const MAX_GOALS: usize = 8;
-/// Most scenes of a split.
+/// Most scenes per split.
 const MAX_SCENES: usize = 1_000_000;
 
-/// A file that was read: its name is for messages.
+/// File contents with a name for errors.
 #[derive(Clone, Copy, Debug)]
 pub struct File<'a> {
-    /// What to call it.
+    /// Name in errors.
     pub name: &'a str,
-    /// What it holds.
+    /// Contents.
     pub bytes: &'a [u8],
 }
 
@@ -37,7 +37,7 @@ impl<'a> File<'a> {
         FormatError { file: self.name.to_owned(), line, cause }
     }
 
-    /// Its lines, numbered from 1, without empty ones at the end.
+    /// Lines numbered from 1, without trailing empty ones.
     fn lines(&self) -> impl Iterator<Item = (usize, &'a [u8])> + use<'a> {
         let body = self.bytes.strip_suffix(b"\n").unwrap_or(self.bytes);
         let lines = body.split(|&byte| byte == b'\n').zip(1..).map(|(line, number)| (number, line));
@@ -58,7 +58,7 @@ impl<'a> File<'a> {
         bad.map_or(Ok(()), |what| Err(self.error(Some(line), FormatCause::NotFinite { what })))
     }
 
-    /// Reads the first line and checks what file it is.
+    /// Parses and checks the header line.
     fn header(&self, format: &'static str, scene: &str) -> Result<Header, FormatError> {
         let nothing = || self.error(None, FormatCause::Json("the file is empty".to_owned()));
         let header: Header = self.parse(self.lines().next().ok_or_else(nothing)?)?;
@@ -71,6 +71,7 @@ impl<'a> File<'a> {
             let cause = FormatCause::Other { found: header.scene, expected: scene.to_owned() };
             return Err(self.error(Some(1), cause));
         }
+        // Limits come before any allocation: a damaged header can promise anything.
         self.limit("missions", header.missions, MAX_MISSIONS)?;
         self.limit("targets", header.targets.unwrap_or(0), MAX_TARGETS)?;
         Ok(header)
@@ -95,10 +96,10 @@ impl<'a> File<'a> {
     }
 }
 
-/// Reads `dataset.json`.
+/// Parses `dataset.json`.
 ///
 /// # Errors
-/// When it is none, or of another version.
+/// If the JSON is invalid, or the version is unsupported.
 pub fn read_manifest(file: File) -> Result<Manifest, FormatError> {
     let manifest: Manifest = serde_json::from_slice(file.bytes).map_err(|error| {
         let line = Some(error.line()).filter(|line| *line > 0);
@@ -112,10 +113,10 @@ pub fn read_manifest(file: File) -> Result<Manifest, FormatError> {
     Ok(manifest)
 }
 
-/// Reads `scenes.jsonl`, whose digest is `expected`.
+/// Parses `scenes.jsonl` and checks the digest.
 ///
 /// # Errors
-/// When a line is none, a name occurs twice, or the digest is another.
+/// If a line is invalid, a name occurs twice, or the digest differs.
 pub fn read_scenes(file: File, expected: &str) -> Result<Vec<SceneLine>, FormatError> {
     let (mut scenes, mut names) = (Vec::new(), BTreeSet::new());
     for line in file.lines() {
@@ -127,14 +128,15 @@ pub fn read_scenes(file: File, expected: &str) -> Result<Vec<SceneLine>, FormatE
         scenes.push(scene);
         file.limit("scenes", scenes.len(), MAX_SCENES)?;
     }
+    // The digest is checked last: a parse error names the line, a wrong digest only the file.
     file.tied(expected)?;
     Ok(scenes)
 }
 
-/// Reads the missions file of `scene`: what agents may know.
+/// Parses the public missions file of `scene`.
 ///
 /// # Errors
-/// When it is not that file, truncated, or holds what cannot be.
+/// If the file is truncated, invalid or belongs to another scene.
 pub fn read_missions(file: File, scene: &str) -> Result<Vec<PublicMission>, FormatError> {
     let header = file.header(Header::MISSIONS, scene)?;
     let (mut missions, mut ids) = (Vec::new(), BTreeSet::new());
@@ -156,14 +158,15 @@ pub fn read_missions(file: File, scene: &str) -> Result<Vec<PublicMission>, Form
     Ok(missions)
 }
 
-/// Reads both files of a scene and puts its missions together.
+/// Parses both files of a scene and joins their missions.
 ///
 /// # Errors
-/// When a file is not what the scene's line says, truncated, or the two do not fit together.
+/// If a file is truncated, invalid or has another digest, or if both do not match.
 pub fn read_scene(line: &SceneLine, missions: File, sealed: File) -> Result<Vec<EpisodeSpec>, FormatError> {
     let public = read_missions(missions, &line.name)?;
     missions.tied(&line.public)?;
     let header = sealed.header(Header::SEALED, &line.name)?;
+    // The sealed file names its public file, so that files from two builds are not mixed.
     if header.public.as_deref() != Some(line.public.as_str()) {
         let cause =
             FormatCause::Digest { found: header.public.unwrap_or_default(), expected: line.public.clone() };
@@ -268,18 +271,18 @@ fn goal_of(
 }
 
 impl Header {
-    /// Kind of a missions file.
+    /// File kind of missions files.
     pub(super) const MISSIONS: &str = "avln-missions";
-    /// Kind of a sealed file.
+    /// File kind of sealed files.
     pub(super) const SEALED: &str = "avln-sealed";
 }
 
 impl Manifest {
-    /// Kind of the file `dataset.json`.
+    /// File kind of `dataset.json`.
     pub const FORMAT: &str = "avln-dataset";
 }
 
-/// What serde says, with the column and without the line, which is always 1 here.
+/// Message from serde with the column; its line number is always 1 and is dropped.
 fn json_error(error: &serde_json::Error) -> String {
     let text = error.to_string();
     let place = format!(" at line {} column {}", error.line(), error.column());
@@ -290,13 +293,13 @@ fn json_error(error: &serde_json::Error) -> String {
     format!("{what} (column {})", error.column())
 }
 
-/// Checks for finite numbers: JSON has no infinity, but a number too large for its type becomes one.
+/// Finiteness checks: JSON has no infinity, but numbers too large for their type become infinite.
 mod finite {
     use crate::{cue::View, mission::ReferenceTour};
     use avln_geom::{Point3, Pose};
     use avln_truth::Target;
 
-    /// The first field that is not finite, by name.
+    /// Name of the first field that is not finite.
     pub(super) type Bad = Option<&'static str>;
 
     pub(super) fn point(point: &Point3<f32>, what: &'static str) -> Bad {

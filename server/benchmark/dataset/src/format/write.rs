@@ -12,10 +12,10 @@ use avln_truth::Target;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// The files of one scene.
+/// Files of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WrittenScene {
-    /// Its line in the list of scenes.
+    /// Line in the scene list.
     pub line: SceneLine,
     /// The public file.
     pub missions: Vec<u8>,
@@ -23,15 +23,15 @@ pub struct WrittenScene {
     pub sealed: Vec<u8>,
 }
 
-/// The name under which files refer to bytes: BLAKE3, hex.
+/// Returns the BLAKE3 digest, hex.
 pub fn digest_of(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex().to_string()
 }
 
-/// Writes the missions of one scene: the public file, the sealed file and the line that ties them together.
+/// Encodes missions in a scene: public file, sealed file, and a line with both digests.
 ///
 /// # Errors
-/// When a number in them cannot be written.
+/// If a number is not finite.
 pub fn write_scene(
     spec: &SceneSpec,
     facts: Option<SceneFacts>,
@@ -52,20 +52,20 @@ pub fn write_scene(
     Ok(WrittenScene { line, missions, sealed })
 }
 
-/// The file `scenes.jsonl`.
+/// Encodes `scenes.jsonl`.
 ///
 /// # Errors
-/// When a line cannot be written.
+/// If a line cannot be encoded.
 pub fn scenes_bytes(scenes: &[SceneLine]) -> Result<Vec<u8>, DatasetError> {
     let mut bytes = Vec::new();
     scenes.iter().try_for_each(|line| push(&mut bytes, line))?;
     Ok(bytes)
 }
 
-/// The file `dataset.json`.
+/// Encodes `dataset.json`.
 ///
 /// # Errors
-/// When it cannot be written.
+/// If it cannot be encoded.
 pub fn manifest_bytes(manifest: &Manifest) -> Result<Vec<u8>, DatasetError> {
     let mut bytes = serde_json::to_vec_pretty(manifest).map_err(unwritable)?;
     bytes.push(b'\n');
@@ -88,7 +88,7 @@ fn public_bytes(spec: &SceneSpec, episodes: &[EpisodeSpec]) -> Result<Vec<u8>, D
 }
 
 impl EpisodeSpec {
-    /// What agents may know of it.
+    /// Returns the public part.
     pub fn public(&self) -> PublicMission {
         let goals = self.goals.iter().map(public_goal).collect();
         PublicMission { id: self.id.clone(), start: self.start, goals }
@@ -96,6 +96,8 @@ impl EpisodeSpec {
 }
 
 fn sealed_bytes(spec: &SceneSpec, public: &str, episodes: &[EpisodeSpec]) -> Result<Vec<u8>, DatasetError> {
+    // Missions share targets, and success regions are most of the bytes: every target is written once, sorted by
+    // instance.
     let mut targets: BTreeMap<u32, &GoalSpec> = BTreeMap::new();
     let goals = episodes.iter().flat_map(|episode| &episode.goals);
     targets.extend(goals.map(|goal| (goal.target.instance, goal)));
@@ -110,6 +112,8 @@ fn sealed_bytes(spec: &SceneSpec, public: &str, episodes: &[EpisodeSpec]) -> Res
     };
     push(&mut bytes, &header)?;
     for goal in targets.into_values() {
+        // These two fields belong to goals; fixed values keep the target independent of the mission that is written
+        // first.
         let target = Target { modality: Modality::Category, start_distance_m: 0.0, ..goal.target.clone() };
         push(&mut bytes, &SealedTarget { target, distractors: goal.distractors })?;
     }

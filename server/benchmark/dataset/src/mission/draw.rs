@@ -11,27 +11,26 @@ use avln_geom::{Pose, Rng};
 use avln_truth::Target;
 use avln_world::{NavPoint, SceneAssets};
 
-/// Attempts at a start, and as many at a mission, before the scene is said to hold no more.
+/// Attempts per start and per mission before giving up.
 const ATTEMPTS: usize = 40;
-/// A draw this near to the wanted number of steps is taken at once, as a share of it.
+/// Relative step deviation for immediate acceptance.
 const NEAR_ENOUGH: f64 = 0.04;
-/// How far from the mesh a sampled place of a region may lie, metres.
+/// Largest distance from a sampled point to the mesh, metres.
 const SNAP_M: f32 = 0.1;
 
-/// How far chance may move an instance in the order of use, uses.
+/// Random shift in the use order, uses.
 const CHANCE_USES: f64 = 2.0;
-/// How much more an instance's own use of a modality counts than that of the whole scene.
+/// Weight for an instance's own modality count against the scene total.
 const OWN_WEIGHT: f64 = 4.0;
-/// How far chance may move a choice of modalities.
+/// Random shift in the modality choice.
 const CHANCE_MODALITY: f64 = 3.0;
-/// The modalities in the order in which they are counted.
+/// Modalities in counting order.
 const MODALITIES: [Modality; 3] = [Modality::Category, Modality::Description, Modality::Image];
 
-/// Draws missions among the instances of one scene. Fewer than asked come back when the scene does not hold more.
+/// Draws missions in a scene; fewer than requested if the scene has no more.
 ///
-/// Every mission has at least two modalities and no category twice; its targets are reachable, apart from each
-/// other and from the start; instances and modalities that were used less are preferred. Ids are the scene's name and
-/// the mission's number.
+/// Every mission has at least two modalities and distinct categories. Targets are reachable, and apart from the start
+/// and from each other. Rarely used instances and modalities come first. Ids are `SCENE-NUMBER`.
 pub fn sample_missions(
     assets: &SceneAssets,
     instances: &[Instance],
@@ -42,6 +41,7 @@ pub fn sample_missions(
     let rng = Rng::new(options.seed).fork("missions");
     (0..options.episodes)
         .map_while(|number| {
+            // A generator per mission: a longer list with the same seed begins with the same missions.
             let mut episode = sampler.mission(&mut rng.fork(&format!("mission {number}")))?;
             episode.id = format!("{}-{number:04}", assets.scene.name);
             Some(episode)
@@ -49,7 +49,7 @@ pub fn sample_missions(
         .collect()
 }
 
-/// What the missions of one scene are drawn from.
+/// State for drawing missions in a scene.
 struct Sampler<'a> {
     assets: &'a SceneAssets,
     rules: &'a Rules,
@@ -58,7 +58,7 @@ struct Sampler<'a> {
     pool: CandidatePool<'a>,
 }
 
-/// Start and targets of a mission, with the tour in their order.
+/// Start and targets with the ordered tour.
 struct Draft {
     start: Pose,
     departure: Departure,
@@ -85,12 +85,12 @@ impl<'a> Sampler<'a> {
         Self { assets, rules, options, atlas, pool: CandidatePool::new(instances) }
     }
 
-    /// The next mission; `None` when none was found.
+    /// Draws the next mission; `None` after too many attempts.
     fn mission(&mut self, rng: &mut Rng) -> Option<EpisodeSpec> {
         (0..ATTEMPTS).find_map(|_| self.try_mission(rng))
     }
 
-    /// One mission, unless there are no targets that fit or their cues are all of one kind.
+    /// Draws a mission; `None` without matching targets or with a single modality.
     fn try_mission(&mut self, rng: &mut Rng) -> Option<EpisodeSpec> {
         let goals = &self.options.goals;
         let count = goals.start() + rng.below(goals.end() - goals.start() + 1);
@@ -98,6 +98,7 @@ impl<'a> Sampler<'a> {
             None => self.attempts(count, rng).next(),
             Some(steps) => self.draw_near(steps, count, rng),
         };
+        // A small house may not fit the drawn goal count. Any allowed count is better than a scene without missions.
         let draft = draft.or_else(|| goals.clone().find_map(|count| self.attempts(count, rng).next()))?;
         let modalities = self.pool.modalities(&draft.chosen, rng)?;
         let episode = self.finish(&draft, &modalities, rng)?;
@@ -105,11 +106,13 @@ impl<'a> Sampler<'a> {
         Some(episode)
     }
 
-    /// Of some drafts the one whose steps are nearest to a wanted number.
+    /// Returns the draft closest to the wanted step count.
     fn draw_near(&self, steps: &StepGoal, count: usize, rng: &mut Rng) -> Option<Draft> {
         let goals = &self.options.goals;
         let middle = 0.5 * (goals.start() + goals.end()) as f64;
         let share = 1.0 + steps.spread * (2.0 * rng.unit() - 1.0);
+        // More goals need longer tours: without the proportion, missions with few goals would be rejected again and
+        // again.
         let wanted = steps.mean * share * count as f64 / middle;
         let off = |draft: &Draft| (f64::from(draft.steps) - wanted).abs();
         let mut best: Option<Draft> = None;
@@ -117,6 +120,7 @@ impl<'a> Sampler<'a> {
             if best.as_ref().is_none_or(|best| off(&draft) < off(best)) {
                 best = Some(draft);
             }
+            // Later draws would only cost time: the spread of the wanted counts is much wider than this tolerance.
             if best.as_ref().is_some_and(|best| off(best) < NEAR_ENOUGH * wanted) {
                 break;
             }
@@ -124,7 +128,7 @@ impl<'a> Sampler<'a> {
         best
     }
 
-    /// Drafts of `count` goals, as far as attempts lead to some.
+    /// Drafts with `count` goals.
     fn attempts(&self, count: usize, rng: &mut Rng) -> impl Iterator<Item = Draft> {
         (0..ATTEMPTS).filter_map(move |_| self.attempt(count, rng))
     }
@@ -132,6 +136,7 @@ impl<'a> Sampler<'a> {
     fn attempt(&self, count: usize, rng: &mut Rng) -> Option<Draft> {
         let navmesh = &self.assets.navmesh;
         let point = navmesh.sample(rng, navmesh.largest_island());
+        // Headings are multiples of a turn, so that reference steps count whole turns.
         let turns = rng.below(360 / self.rules.turn_deg.max(1) as usize) as f32;
         let start = Pose::new(point.position(), (turns * self.rules.turn_deg as f32).to_radians());
         let departure = self.atlas.departure(&point);
@@ -196,11 +201,11 @@ pub fn reference_tours(
     Some([ordered, unordered])
 }
 
-/// Instances that may be targets, with what has been asked of them so far.
+/// Candidate targets with their use counts.
 struct CandidatePool<'a> {
     instances: Vec<&'a Instance>,
     uses: Vec<u32>,
-    /// How often each instance was asked for in each modality.
+    /// Uses per instance and modality.
     asked: Vec<[u32; 3]>,
 }
 
@@ -210,7 +215,7 @@ impl<'a> CandidatePool<'a> {
         Self { instances, uses: vec![0; count], asked: vec![[0; 3]; count] }
     }
 
-    /// Notes that a mission asks for `chosen` in `modalities`.
+    /// Counts a mission with `chosen` targets and `modalities`.
     fn note(&mut self, chosen: &[usize], modalities: &[Modality]) {
         for (&index, modality) in chosen.iter().zip(modalities) {
             self.uses[index] += 1;
@@ -218,7 +223,7 @@ impl<'a> CandidatePool<'a> {
         }
     }
 
-    /// Picks `count` targets one after the other: a new category, far enough from the start and from those picked.
+    /// Chooses `count` targets with distinct categories, apart from the start and from each other.
     fn targets(
         &self,
         atlas: &Atlas,
@@ -227,6 +232,7 @@ impl<'a> CandidatePool<'a> {
         count: usize,
         rng: &mut Rng,
     ) -> Option<Vec<usize>> {
+        // Strict order by use would pair the same instances in every mission; the random shift mixes them.
         let uses = self.uses.iter().map(|&uses| f64::from(uses) + CHANCE_USES * rng.unit());
         let mut candidates: Vec<(f64, usize)> = uses.zip(0..).collect();
         candidates.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -242,6 +248,7 @@ impl<'a> CandidatePool<'a> {
                 chosen.push(index);
             }
             if chosen.len() == count {
+                // Choice order follows use; goal order must not.
                 rng.shuffle(&mut chosen);
                 return Some(chosen);
             }
@@ -249,13 +256,14 @@ impl<'a> CandidatePool<'a> {
         None
     }
 
-    /// Gives each target a modality: at least two different ones, the less used ones first.
+    /// Assigns modalities: at least two, rarely used ones first.
     fn modalities(&self, chosen: &[usize], rng: &mut Rng) -> Option<Vec<Modality>> {
         let totals =
             self.asked.iter().fold([0_u32; 3], |sum, asked| std::array::from_fn(|m| sum[m] + asked[m]));
         let least = totals.iter().copied().min().unwrap_or(0);
         let mut best: Option<(f64, Vec<Modality>)> = None;
         for choice in choices(chosen.iter().map(|&index| available(self.instances[index])).collect()) {
+            // The paper requires at least two modalities per mission.
             if choice.iter().all(|modality| *modality == choice[0]) {
                 continue;
             }
@@ -271,7 +279,7 @@ impl<'a> CandidatePool<'a> {
         best.map(|best| best.1)
     }
 
-    /// The cue of `modality` for an instance: one of its sentences or pictures.
+    /// Returns a random cue for an instance.
     fn cue(&self, index: usize, modality: Modality, rng: &mut Rng) -> Option<CueSpec> {
         let instance = self.instances[index];
         match modality {
@@ -282,7 +290,7 @@ impl<'a> CandidatePool<'a> {
     }
 }
 
-/// Whether there is a way, and it is long enough.
+/// True if the distance is finite and long enough.
 fn within(distance_m: f64, least_m: f64) -> bool {
     distance_m.is_finite() && distance_m >= least_m
 }
@@ -304,7 +312,7 @@ fn available(instance: &Instance) -> Vec<Modality> {
     MODALITIES.into_iter().filter(can).collect()
 }
 
-/// All ways to take one of each list.
+/// All combinations with one entry per list.
 fn choices(lists: Vec<Vec<Modality>>) -> Vec<Vec<Modality>> {
     lists.into_iter().fold(vec![Vec::new()], |begun, list| {
         let longer = |begin: &Vec<Modality>| {

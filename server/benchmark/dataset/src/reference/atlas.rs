@@ -4,32 +4,31 @@ use avln_geom::Point3;
 use avln_navmesh::{CornerWays, Exits, NavMesh, NavPoint, Places};
 use std::cell::OnceCell;
 
-/// What the tours of one house need to know of its success regions, looked up once: what each sampled place of a
-/// region sees, and how far the corners of the walls are from each other. A mission is then sums over tables.
+/// Precomputed visibility and distances between success regions and wall corners. Tours become sums over these tables.
 pub(crate) struct Atlas<'a> {
     navmesh: &'a NavMesh,
     regions: Vec<Region>,
-    /// All places of all regions, one region after the other.
+    /// Stands from all regions, region by region.
     places: Places,
-    /// Shortest ways to each corner, made when somebody first asks.
+    /// Shortest paths to each corner, computed on first use.
     ways: Vec<OnceCell<CornerWays>>,
-    /// For each pair of regions, the smaller number first: places in straight reach of each other.
+    /// Per region pair, smaller index first: points in line of sight.
     straight: Vec<Vec<Straight>>,
-    /// For each pair: the shortest way between them, metres.
+    /// Per region pair: shortest distance, metres.
     apart_m: Vec<f64>,
 }
 
-/// Where a tour starts.
+/// Start point with the visible points and corners.
 pub(crate) struct Departure {
     position: Point3<f32>,
     exits: Exits,
 }
 
-/// How one stand is reached from another.
+/// Path between two points.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Way {
     pub(crate) distance_m: f64,
-    /// First and last corner on the way; `None` for a straight one.
+    /// First and last corner; `None` for a straight path.
     corners: Option<(u32, u32)>,
 }
 
@@ -44,9 +43,10 @@ impl Way {
 }
 
 impl<'a> Atlas<'a> {
-    /// Looks around in `regions`. Pairs nearer to each other than `least_apart_m` need no tours between them.
+    /// Computes the tables. Region pairs closer than `least_apart_m` get no tours.
     pub(crate) fn new(navmesh: &'a NavMesh, regions: &[Vec<NavPoint>], least_apart_m: f64) -> Self {
         let found = look_around(navmesh, regions, least_apart_m);
+        // A path tree per corner, but most corners lie on no tour: trees are computed on first use.
         let ways = (0..navmesh.corner_count()).map(|_| OnceCell::new()).collect();
         let Sight { regions, places, straight, straight_m } = found;
         let mut atlas = Self { navmesh, regions, places, ways, straight, apart_m: straight_m };
@@ -54,7 +54,7 @@ impl<'a> Atlas<'a> {
         atlas
     }
 
-    /// Lowers the distances of all pairs to what ways around corners allow.
+    /// Lowers pair distances by paths around corners.
     fn measure(&mut self) {
         let count = self.len();
         for (a, b) in (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))) {
@@ -70,22 +70,22 @@ impl<'a> Atlas<'a> {
         }
     }
 
-    /// How many regions there are.
+    /// Returns the region count.
     pub(crate) fn len(&self) -> usize {
         self.regions.len()
     }
 
-    /// The shortest way between two regions, metres; infinite when there is none.
+    /// Returns the shortest distance between two regions, metres; infinite if disconnected.
     pub(crate) fn apart_m(&self, a: usize, b: usize) -> f64 {
         self.apart_m[a.min(b) * self.len() + a.max(b)]
     }
 
-    /// What a body at `start` sees.
+    /// Returns the start point with the visible points and corners.
     pub(crate) fn departure(&self, start: &NavPoint) -> Departure {
         Departure { position: start.position(), exits: self.navmesh.exits(start, &self.places) }
     }
 
-    /// The shortest way from the start to a region, metres; infinite when there is none.
+    /// Returns the shortest distance from the start to a region, metres; infinite if disconnected.
     pub(crate) fn start_m(&self, start: &Departure, to: usize) -> f64 {
         let region = &self.regions[to];
         let gates = region.gates.iter().zip(&region.near_m);
@@ -94,14 +94,14 @@ impl<'a> Atlas<'a> {
         bent.chain(straight).fold(f64::INFINITY, f64::min)
     }
 
-    /// The shortest way from the start to a corner, metres.
+    /// Shortest distance from the start to a corner, metres.
     fn gate_m(&self, start: &Departure, gate: u32) -> f64 {
         let ways = self.ways_to(gate);
         let exits = start.exits.corners.iter();
         exits.map(|exit| exit.distance_m + ways.distance_m(exit.corner)).fold(f64::INFINITY, f64::min)
     }
 
-    /// Shortest ways from the start to every stand of a region, metres.
+    /// Returns shortest distances from the start to every point in a region, metres.
     pub(crate) fn depart(&self, start: &Departure, to: usize) -> Vec<f64> {
         let region = &self.regions[to];
         let gates: Vec<f64> = region.gates.iter().map(|&gate| self.gate_m(start, gate)).collect();
@@ -112,7 +112,7 @@ impl<'a> Atlas<'a> {
         costs
     }
 
-    /// Cheapest ways to every stand of `to` when the stands of `from` have been reached at `costs`, metres.
+    /// Returns the costs at the points in `to`, given `costs` at the points in `from`, metres.
     pub(crate) fn onward(&self, from: usize, costs: &[f64], to: usize) -> Vec<f64> {
         let (here, there) = (&self.regions[from], &self.regions[to]);
         let left = here.gather(costs);
@@ -128,7 +128,7 @@ impl<'a> Atlas<'a> {
         reached
     }
 
-    /// The ways from every stand of `from` to one stand.
+    /// Returns paths from every point in `from` to one point.
     pub(crate) fn back(&self, to: (usize, usize), from: usize) -> Vec<Way> {
         let (here, there) = (&self.regions[from], &self.regions[to.0]);
         let exits: Vec<_> =
@@ -151,13 +151,13 @@ impl<'a> Atlas<'a> {
         ways
     }
 
-    /// The corners of a way between two stands, both ends included.
+    /// Returns the corners on a path between two points, including both ends.
     pub(crate) fn leg(&self, from: (usize, usize), to: (usize, usize), way: &Way) -> Vec<Point3<f32>> {
         let end = |(region, stand): (usize, usize)| self.regions[region].stands[stand].position;
         self.between(end(from), way, end(to))
     }
 
-    /// The corners of the way from the start to a stand, both ends included.
+    /// Returns the corners on the path from the start to a point, including both ends.
     pub(crate) fn first_leg(&self, start: &Departure, to: (usize, usize)) -> Vec<Point3<f32>> {
         let region = &self.regions[to.0];
         let stand = &region.stands[to.1];
@@ -182,7 +182,7 @@ impl<'a> Atlas<'a> {
         leg
     }
 
-    /// The best way from a corner over one of `exits`.
+    /// Best path from a corner over one of `exits`.
     fn way_out(&self, corner: u32, exits: &[(u32, f64)]) -> Way {
         let mut way = NO_WAY;
         for &(home, distance_m) in exits {
@@ -195,7 +195,7 @@ impl<'a> Atlas<'a> {
         self.ways[corner as usize].get_or_init(|| self.navmesh.corner_ways(corner))
     }
 
-    /// Stands of two regions in straight reach of each other.
+    /// Pairs of points in line of sight between two regions.
     fn straight(&self, from: usize, to: usize) -> impl Iterator<Item = (usize, usize, f64)> {
         let turned = from > to;
         self.straight[from.min(to) * self.len() + from.max(to)].iter().map(move |pair| {
@@ -205,43 +205,43 @@ impl<'a> Atlas<'a> {
     }
 }
 
-/// A success region.
+/// Success region.
 struct Region {
-    /// Number of its first place among the places of all regions.
+    /// Index of its first point among all points.
     first: usize,
     stands: Vec<Stand>,
-    /// Corners by which one can leave it, ascending.
+    /// Exit corners, ascending.
     gates: Vec<u32>,
-    /// For each gate: how far the nearest stand is, metres.
+    /// Per exit corner: distance to the nearest point, metres.
     near_m: Vec<f64>,
 }
 
-/// A sampled place of a region.
+/// Sampled point in a region.
 struct Stand {
     position: Point3<f32>,
-    /// Gates in straight reach, by their index in the region, and how far they are, metres.
+    /// Visible exit corners: index in the region, and distance in metres.
     exits: Vec<(u32, f64)>,
 }
 
-/// Two stands in straight reach of each other.
+/// Two points in line of sight.
 struct Straight {
     from: u32,
     to: u32,
     distance_m: f64,
 }
 
-/// What there is to see. Pairs of regions are numbered `smaller * regions + larger`.
+/// Visibility between regions. Pair index: `smaller * regions + larger`.
 struct Sight {
     regions: Vec<Region>,
-    /// All stands of all regions, one region after the other.
+    /// Stands from all regions, region by region.
     places: Places,
-    /// For each pair of regions: stands in straight reach of each other.
+    /// Per pair: points in line of sight.
     straight: Vec<Vec<Straight>>,
-    /// For each pair: the least of their distances, metres.
+    /// Per pair: least straight distance, metres.
     straight_m: Vec<f64>,
 }
 
-/// Looks around from every point; pairs of regions that turn out to be nearer than `least_apart_m` are not kept.
+/// Computes visibility from every point. Drops pairs closer than `least_apart_m`.
 fn look_around(navmesh: &NavMesh, regions: &[Vec<NavPoint>], least_apart_m: f64) -> Sight {
     let all: Vec<NavPoint> = regions.iter().flatten().copied().collect();
     let place_of: Vec<(usize, u32)> = regions
@@ -277,6 +277,7 @@ fn look_around(navmesh: &NavMesh, regions: &[Vec<NavPoint>], least_apart_m: f64)
 impl Sight {
     fn note(&mut self, pair: usize, straight: Straight, least_apart_m: f64) {
         self.straight_m[pair] = self.straight_m[pair].min(straight.distance_m);
+        // Regions this close are never in the same mission, and their lists of visible pairs would be the longest.
         if self.straight_m[pair] < least_apart_m {
             self.straight[pair] = Vec::new();
         } else {
@@ -304,7 +305,7 @@ impl Region {
         Self { first, stands, gates, near_m }
     }
 
-    /// Costs at the gates from costs at the stands.
+    /// Costs at exit corners from costs at points.
     fn gather(&self, costs: &[f64]) -> Vec<f64> {
         let mut gates = vec![f64::INFINITY; self.gates.len()];
         for (stand, cost) in self.stands.iter().zip(costs) {
@@ -316,7 +317,7 @@ impl Region {
         gates
     }
 
-    /// Costs at the stands from costs at the gates.
+    /// Costs at points from costs at exit corners.
     fn spread(&self, gates: &[f64]) -> Vec<f64> {
         let least = |stand: &Stand| {
             let ways = stand.exits.iter().map(|&(gate, distance_m)| gates[gate as usize] + distance_m);
@@ -325,7 +326,7 @@ impl Region {
         self.stands.iter().map(least).collect()
     }
 
-    /// The stands in straight reach of a start, and how far they are, metres.
+    /// Stands visible from a start, with distances in metres.
     fn seen_from(&self, start: &Departure) -> impl Iterator<Item = (usize, f64)> {
         let places = &start.exits.places;
         let from = places.partition_point(|place| (place.0 as usize) < self.first);

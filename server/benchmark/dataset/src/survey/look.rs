@@ -1,21 +1,21 @@
-//! Measurements of one picture of an object: size, outline, colours.
+//! Measurements of a picture of an object: size, outline, colours.
 
 use crate::{cue::View, survey::options::SurveyOptions};
 use avln_scene::{InstanceId, colors};
 use avln_world::Frame;
 use std::{collections::BTreeMap, sync::LazyLock};
 
-/// Bins of a histogram: 12 hues of 2 saturations and 2 values, and 4 greys.
+/// Histogram bins: 12 hues with 2 saturations and 2 values, and 4 greys.
 const BINS: usize = 52;
-/// Width of the ring around an object with which its colours are compared, as a share of the picture's side.
+/// Ring width around an object for colour comparison, as a share of the picture side.
 const RING_SHARE: f32 = 0.08;
 
-/// Steps of each channel in the table of names.
+/// Steps per channel in the colour name table.
 const STEPS: usize = 32;
 /// Colour words.
 const WORDS: usize = colors::PALETTE.len();
 
-/// Index of the colour word of each cell of the RGB cube.
+/// Colour word index per RGB cell.
 static NAMES: LazyLock<Vec<u8>> = LazyLock::new(|| {
     let middle = |step: usize| (step * 256 / STEPS + 128 / STEPS) as u8;
     let word = |cell: usize| {
@@ -29,7 +29,7 @@ fn word_index(word: &str) -> usize {
     colors::PALETTE.iter().position(|(name, _)| *name == word).unwrap_or(WORDS - 1)
 }
 
-/// Shares of the pixels by hue, saturation and value.
+/// Pixel shares by hue, saturation and value.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Histogram([f32; BINS]);
 
@@ -41,7 +41,7 @@ impl Histogram {
         Self(counts.map(|count| count as f32 / total))
     }
 
-    /// 1 less the intersection of the histograms (Swain and Ballard 1991), 0 to 1.
+    /// Returns 1 minus the histogram intersection (Swain and Ballard 1991), 0 to 1.
     pub(crate) fn distance(&self, other: &Self) -> f32 {
         1.0 - self.0.iter().zip(&other.0).map(|(a, b)| a.min(*b)).sum::<f32>()
     }
@@ -51,6 +51,7 @@ fn bin([r, g, b]: [u8; 3]) -> usize {
     let [r, g, b] = [r, g, b].map(i32::from);
     let (most, least) = (r.max(g).max(b), r.min(g).min(b));
     let chroma = most - least;
+    // Hue is noise for greys and dark pixels; they are binned by brightness.
     if chroma * 6 < most || most < 32 {
         return 48 + (most / 64) as usize;
     }
@@ -64,28 +65,28 @@ fn bin([r, g, b]: [u8; 3]) -> usize {
     hue * 4 + vivid * 2 + usize::from(most >= 128)
 }
 
-/// What one picture shows of one instance.
+/// Measurements of an instance in a picture.
 #[derive(Clone, Debug)]
 pub(crate) struct Look {
     pub(crate) view: View,
-    /// Share of the picture that the instance fills, 0 to 1.
+    /// Pixel share, 0 to 1.
     pub(crate) share: f32,
-    /// Share of its outline on the border of the picture, 0 to 1.
+    /// Outline share on the picture border, 0 to 1.
     pub(crate) truncation: f32,
-    /// Share of its outline that differs from what is beyond it, 0 to 1.
+    /// Outline share with contrast to the surroundings, 0 to 1.
     pub(crate) contrast: f32,
-    /// Distance between its colours and those of the ring around it, 0 to 1.
+    /// Colour distance to the surrounding ring, 0 to 1.
     pub(crate) distinctness: f32,
-    /// Its colours.
+    /// Object colours.
     pub(crate) object: Histogram,
-    /// The colours of all else.
+    /// Background colours.
     pub(crate) context: Histogram,
-    /// Pixels of each other instance in the picture.
+    /// Pixels per other instance.
     pub(crate) beside: BTreeMap<InstanceId, u32>,
 }
 
 impl Look {
-    /// Measures `frame`, which `view` shows; `None` when nothing of `instance` is in it.
+    /// Measures a frame; `None` if `instance` is invisible.
     pub(crate) fn of(
         view: View,
         frame: &Frame,
@@ -108,7 +109,7 @@ impl Look {
         })
     }
 
-    /// Whether one recognises the object in this picture.
+    /// True if the measurements pass all thresholds.
     pub(crate) fn is_good(&self, options: &SurveyOptions) -> bool {
         (options.min_share..=options.max_share).contains(&self.share)
             && self.truncation <= options.max_truncation
@@ -116,14 +117,14 @@ impl Look {
             && self.distinctness >= options.min_distinctness
     }
 
-    /// How well it shows the object, 0 to 1: large, whole and clear of its surroundings.
+    /// Returns the picture quality, 0 to 1: large, whole, clear.
     pub(crate) fn quality(&self) -> f32 {
         const ENOUGH: f32 = 0.2;
         0.5 * (self.share / ENOUGH).min(1.0) + 0.3 * (1.0 - self.truncation) + 0.2 * self.contrast
     }
 }
 
-/// Adds every pixel of the frame to the palette of its instance.
+/// Adds all pixels to the palettes of their instances.
 pub(crate) fn collect_colors(frame: &Frame, palettes: &mut BTreeMap<InstanceId, Palette>) {
     let runs = frame.instances.chunk_by(|a, b| a == b);
     let mut start = 0;
@@ -150,12 +151,12 @@ fn rgb_at(frame: &Frame, pixel: usize) -> [u8; 3] {
     [frame.rgb[3 * pixel], frame.rgb[3 * pixel + 1], frame.rgb[3 * pixel + 2]]
 }
 
-/// The pixels of one instance in a picture.
+/// Pixels of an instance.
 struct Mask<'a> {
     frame: &'a Frame,
     instance: InstanceId,
     count: u32,
-    /// Its box: first and last column, first and last row.
+    /// Bounding box: first and last column, first and last row.
     columns: [usize; 2],
     rows: [usize; 2],
 }
@@ -185,8 +186,7 @@ impl<'a> Mask<'a> {
         (0..self.frame.instances.len()).filter(own).map(|pixel| rgb_at(self.frame, pixel))
     }
 
-    /// Pixels of the outline on the border of the picture, those that differ from a neighbour outside by at least
-    /// `levels`, and all.
+    /// Outline pixel counts: on the picture border, with contrast of at least `levels`, and all.
     fn outline(&self, levels: u8) -> (u32, u32, u32) {
         let (mut border, mut contrasting, mut all) = (0, 0, 0);
         for (row, column) in self.places(0) {
@@ -209,7 +209,7 @@ impl<'a> Mask<'a> {
         (border, contrasting, all)
     }
 
-    /// The four neighbours of a pixel, `None` where the picture ends.
+    /// Four neighbours; `None` outside the picture.
     fn neighbours(&self, column: usize, row: usize) -> [Option<[usize; 2]>; 4] {
         let (width, height) = (self.frame.width as usize, self.frame.height as usize);
         [
@@ -226,7 +226,7 @@ impl<'a> Mask<'a> {
         (0..3).map(|channel| a[channel].abs_diff(b[channel])).max().unwrap_or(0)
     }
 
-    /// Colours around the mask: what is in its box, grown by the width of the ring, and not in the mask.
+    /// Colours in the bounding box, grown by the ring width, without the mask.
     fn ring(&self) -> impl Iterator<Item = [u8; 3]> {
         let width = self.frame.width as usize;
         let margin = ((width as f32 * RING_SHARE) as usize).max(1);
@@ -234,7 +234,7 @@ impl<'a> Mask<'a> {
         outside.map(move |(row, column)| rgb_at(self.frame, row * width + column))
     }
 
-    /// Rows and columns of its box, grown by `margin`.
+    /// Rows and columns in the bounding box, grown by `margin`.
     fn places(&self, margin: usize) -> impl Iterator<Item = (usize, usize)> + use<> {
         let grown = |[low, high]: [usize; 2], size: u32| {
             low.saturating_sub(margin)..(high + margin + 1).min(size as usize)
@@ -245,7 +245,7 @@ impl<'a> Mask<'a> {
     }
 }
 
-/// The colours in which something was seen.
+/// Observed colours.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Palette {
     counts: [u64; WORDS],
@@ -253,25 +253,25 @@ pub(crate) struct Palette {
 }
 
 impl Palette {
-    /// Adds one pixel.
+    /// Adds a pixel.
     pub(crate) fn add(&mut self, rgb: [u8; 3]) {
         let [r, g, b] = rgb.map(|value| usize::from(value) * STEPS / 256);
         self.counts[usize::from(NAMES[(r * STEPS + g) * STEPS + b])] += 1;
         (0..3).for_each(|channel| self.sums[channel] += u64::from(rgb[channel]));
     }
 
-    /// Pixels seen.
+    /// Returns the pixel count.
     pub(crate) fn pixels(&self) -> u64 {
         self.counts.iter().sum()
     }
 
-    /// Share of the pixels that have the colour `word`, 0 to 1; 0 when nothing was seen.
+    /// Returns the pixel share with the colour `word`, 0 to 1.
     pub(crate) fn share_of(&self, word: &str) -> f32 {
         let known = colors::PALETTE.iter().position(|(name, _)| *name == word);
         known.map_or(0.0, |index| self.counts[index] as f32 / self.pixels().max(1) as f32)
     }
 
-    /// The word of the mean colour; `None` when nothing was seen.
+    /// Returns the word for the mean colour; `None` without pixels.
     pub(crate) fn mean_word(&self) -> Option<&'static str> {
         let pixels = self.pixels();
         (pixels > 0).then(|| colors::name_of(self.sums.map(|sum| (sum / pixels) as u8)))
@@ -283,7 +283,7 @@ mod tests {
     use super::*;
     use avln_geom::{Point3, Pose};
 
-    /// A picture of 20 × 20 pixels with a square of instance 7 from `corner`, eight pixels a side.
+    /// 20 × 20 pixels with an 8 × 8 square at `corner`, instance 7.
     fn look(corner: [usize; 2], inside: [u8; 3], outside: [u8; 3]) -> Option<Look> {
         let is_in = |i: usize| {
             (corner[0]..corner[0] + 8).contains(&(i % 20)) && (corner[1]..corner[1] + 8).contains(&(i / 20))
@@ -312,7 +312,7 @@ mod tests {
     #[test]
     fn what_is_cut_off_or_the_colour_of_the_wall_is_not() {
         let options = SurveyOptions::default();
-        // Two sides of eight pixels less their shared corner lie on the border: 15 of the 28 of the outline.
+        // Two 8-pixel sides without their shared corner are on the border: 15 out of 28 outline pixels.
         let cut = look([12, 12], [200, 30, 30], [240, 240, 240]).expect("it is in the picture");
         assert!((cut.truncation - 15.0 / 28.0).abs() < 1e-6 && !cut.is_good(&options));
         let blob = look([6, 6], [240, 240, 240], [236, 238, 240]).expect("it is in the picture");

@@ -1,39 +1,38 @@
 use serde::{Deserialize, Serialize};
 
-/// The thresholds of a survey: what counts as recognisable, and what as told apart. Recorded with a split.
+/// Survey thresholds, recorded with a split.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SurveyOptions {
-    /// Seed of the choice of words.
+    /// Seed for word choice.
     pub seed: u64,
-    /// Side of the pictures that are looked at, pixels.
+    /// Picture side, pixels.
     pub look_px: u32,
-    /// Places from which an object is looked at, at most.
+    /// Most viewpoints tried per object.
     pub looks: usize,
-    /// Viewpoints that are kept, at most.
+    /// Most viewpoints kept.
     pub viewpoints: usize,
-    /// Share of the picture that an object fills at least, 0 to 1.
+    /// Least pixel share, 0 to 1.
     pub min_share: f32,
-    /// Share of the picture that an object fills at most, 0 to 1.
+    /// Largest pixel share, 0 to 1.
     pub max_share: f32,
-    /// Share of an object's outline that may lie on the border of the picture, 0 to 1.
+    /// Largest outline share on the picture border, 0 to 1.
     pub max_truncation: f32,
-    /// Difference to its surroundings, in the strongest of red, green and blue, that makes an outline visible, 0 to 255.
+    /// Least visible contrast in the strongest channel, 0 to 255.
     pub contrast_levels: u8,
-    /// Share of the outline that is visible at least, 0 to 1.
+    /// Least outline share with visible contrast, 0 to 1.
     pub min_contrast: f32,
-    /// Distance at least between the colours of the object and those of a ring around it, 0 to 1
-    /// (1 less the intersection of their histograms).
+    /// Least colour distance to the surrounding ring, 0 to 1 (1 minus the histogram intersection).
     pub min_distinctness: f32,
-    /// Sentences for each instance, at most.
+    /// Most sentences per instance.
     pub sentences: usize,
-    /// Words of a sentence, fewest.
+    /// Least words per sentence.
     pub min_words: usize,
-    /// Words of a sentence, most.
+    /// Most words per sentence.
     pub max_words: usize,
-    /// Reference pictures for each instance, at most.
+    /// Most reference pictures per instance.
     pub images: usize,
-    /// Margin at least by which each reference picture is told from every other instance of the category, 0 to 1.
+    /// Least picture difference to all other instances in the category, 0 to 1.
     pub min_image_margin: f32,
 }
 
@@ -60,7 +59,7 @@ impl Default for SurveyOptions {
 }
 
 impl SurveyOptions {
-    /// Says which option is beyond its limits, when one is.
+    /// Checks the ranges; returns the first violation.
     pub(crate) fn check(&self) -> Result<(), String> {
         let counts = [
             ("look_px", self.look_px as usize, 16, 1024),

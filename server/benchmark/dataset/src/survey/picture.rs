@@ -1,4 +1,4 @@
-//! Reference pictures, and whether they show one instance and no other of its kind.
+//! Choice of unambiguous reference pictures.
 
 use crate::{
     cue::View,
@@ -7,19 +7,19 @@ use crate::{
 use avln_scene::{Object, Scene};
 use std::collections::BTreeSet;
 
-/// How near to the target a thing is that tells its place, metres between boxes.
+/// Largest gap between target and companion, metres between boxes.
 const NEAR_M: f32 = 0.8;
-/// How far from a rival such a thing must be, metres between boxes.
+/// Least gap between companion and rival, metres between boxes.
 const FAR_M: f32 = 1.5;
-/// Share of the picture that such a thing fills at least.
+/// Least pixel share for companions.
 const COMPANION_SHARE: f32 = 0.01;
-/// Places of two reference pictures are this far apart, metres.
+/// Least distance between two picture positions, metres.
 const APART_M: f32 = 0.6;
 
-/// The reference pictures of an instance, the best first, and the least margin among them (0 without any).
+/// Returns the reference pictures, best first, and their least margin (0 without pictures).
 ///
-/// A picture counts when it differs from every look at every other instance of the category by
-/// [`SurveyOptions::min_image_margin`]; none come back when no picture does.
+/// A picture qualifies if it differs by [`SurveyOptions::min_image_margin`] from all looks at other instances in the
+/// category.
 pub(crate) fn choose_pictures(
     scene: &Scene,
     sighting: &Sighting,
@@ -44,17 +44,18 @@ pub(crate) fn choose_pictures(
     (chosen, least.unwrap_or(0.0))
 }
 
-/// By how much `look` differs from a rival, 0 to 1: in its colours, in the room around it, or in what is next to it.
+/// Difference to a rival, 0 to 1: the largest from object colours, room colours, and neighbouring objects.
 fn margin(scene: &Scene, sighting: &Sighting, look: &Look, rival: &Sighting) -> f32 {
     let nearest = |distance: &dyn Fn(&Look) -> f32| rival.looks.iter().map(distance).fold(1.0, f32::min);
     let colors = nearest(&|other| look.object.distance(&other.object));
     let (own, other) = (&scene.objects[sighting.index], &scene.objects[rival.index]);
     let rooms_differ = own.region.is_some() && other.region.is_some() && own.region != other.region;
     let room = if rooms_differ { nearest(&|other| look.context.distance(&other.context)) } else { 0.0 };
+    // One clear difference is enough to tell two instances apart, so the largest counts.
     colors.max(room).max(company(scene, own, look, other))
 }
 
-/// Share of the kinds of thing seen next to `own` that are not near `other`, 0 to 1.
+/// Share of neighbour categories visible with `own` and absent near `other`, 0 to 1.
 fn company(scene: &Scene, own: &Object, look: &Look, other: &Object) -> f32 {
     let enough = COMPANION_SHARE * (look.view.side_px * look.view.side_px) as f32;
     let shown = |thing: &&Object| look.beside.get(&thing.id).is_some_and(|&pixels| pixels as f32 >= enough);
@@ -89,7 +90,7 @@ mod tests {
     const BLUE: [u8; 3] = [30, 30, 200];
     const WHITE: [u8; 3] = [240, 240, 240];
 
-    /// Two sofas 10 m apart, with a lamp next to the first one only.
+    /// Two sofas 10 m apart; a lamp next to the first.
     fn scene(regions: [u16; 2]) -> Scene {
         let object = |id: u32, category: &str, x: f32, region: u16| Object {
             id: InstanceId(id),
@@ -114,7 +115,7 @@ mod tests {
         }
     }
 
-    /// The sofa `index`, seen once in one colour before one other colour, with or without the lamp.
+    /// Sofa `index`, seen in one colour before another, with or without the lamp.
     fn sighting(scene: &Scene, index: usize, color: [u8; 3], around: [u8; 3], lamp: bool) -> Sighting {
         let bounds = scene.objects[index].bounds;
         let view = View { pose: Pose::new(bounds.center(), 0.0), hfov_rad: 1.5, side_px: 96 };
@@ -143,7 +144,7 @@ mod tests {
         Sighting { index, target, looks: vec![look] }
     }
 
-    /// Pictures and margin of the first sofa, which is red before white.
+    /// Pictures and margin for the first sofa, red before white.
     fn chosen(regions: [u16; 2], lamp: bool, color: [u8; 3], around: [u8; 3]) -> (usize, f32) {
         let scene = scene(regions);
         let all = [sighting(&scene, 0, RED, WHITE, lamp), sighting(&scene, 1, color, around, false)];

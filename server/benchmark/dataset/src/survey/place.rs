@@ -17,7 +17,7 @@ const SNAP_M: f32 = 0.5;
 /// Most viewpoints of an imported target.
 const MAX_VIEWPOINTS: usize = 12;
 
-/// Returns the target of an object with its success region, without viewpoints; `None` if the region is too small.
+/// Returns the target for an object with its success region, without viewpoints; `None` if the region is too small.
 pub(crate) fn target_without_views(
     assets: &SceneAssets,
     rules: &Rules,
@@ -39,8 +39,8 @@ pub(crate) fn target_without_views(
     (target.region.len() >= MIN_REGION_POINTS).then_some(target)
 }
 
-/// Returns the target of an object of an imported mission, with the given viewpoints as far as they are on the floor, or
-/// else with viewpoints spread over its success region; `None` if the region is too small.
+/// Returns the target for an imported object. Keeps the given viewpoints near the floor; without any, spreads
+/// viewpoints over the success region. `None` if the region is too small.
 pub fn target_at(
     assets: &SceneAssets,
     rules: &Rules,
@@ -62,10 +62,12 @@ pub fn target_at(
     Some(target)
 }
 
-/// Height of the highest floor of the largest island near the box that is not above its lower half.
+/// Highest floor near the box on the largest island, not above the box centre.
 fn floor_below(assets: &SceneAssets, bounds: &Aabb) -> Option<f32> {
     const SEARCH_M: f32 = 1.5;
     let mut column = bounds.grown(SEARCH_M);
+    // 3 m below reaches the floor under objects on furniture and under ceiling lamps. The centre is the upper limit, so
+    // that no upper storey is chosen.
     column.min.y = bounds.min.y - 3.0;
     column.max.y = bounds.center().y;
     let floors = island_grid(assets, &column).into_iter().map(|point| point.position().y);
@@ -73,12 +75,13 @@ fn floor_below(assets: &SceneAssets, bounds: &Aabb) -> Option<f32> {
 }
 
 fn island_grid(assets: &SceneAssets, bounds: &Aabb) -> Vec<NavPoint> {
+    // Other islands are unreachable: table tops, closed rooms, the roof.
     let island = assets.navmesh.largest_island();
     let points = assets.navmesh.grid(bounds, REGION_SPACING_M);
     points.into_iter().filter(|point| assets.navmesh.island_of(point) == island).collect()
 }
 
-/// The grid points from which a Submit would count.
+/// Grid points with a valid Submit.
 fn success_region(assets: &SceneAssets, rules: &Rules, target: &Target) -> Vec<Point3<f32>> {
     let mut around = target.bounds.grown(rules.success_radius_m);
     (around.min.y, around.max.y) = (target.floor_y_m - 1.0, target.floor_y_m + 1.0);
@@ -91,7 +94,7 @@ fn success_region(assets: &SceneAssets, rules: &Rules, target: &Target) -> Vec<P
         .collect()
 }
 
-/// Up to `count` of `places`, in all directions from `center`, near and far ones in turn.
+/// Chooses up to `count` places in all directions from `center`, near and far in turn.
 pub(crate) fn spread(places: &[Point3<f32>], center: &Point3<f32>, count: usize) -> Vec<Point3<f32>> {
     let sectors = count.max(1);
     let mut around: Vec<Vec<(f32, Point3<f32>)>> = vec![Vec::new(); sectors];
@@ -102,11 +105,11 @@ pub(crate) fn spread(places: &[Point3<f32>], center: &Point3<f32>, count: usize)
         around[sector].push((offset.norm(), *place));
     }
     around.iter_mut().for_each(|sector| sector.sort_by(|a, b| a.0.total_cmp(&b.0)));
-    // The middle of each sector first, then what is farther and what is nearer.
+    // Middle distance per sector first, then farther and nearer.
     let rounds = [(1, 2), (5, 6), (1, 6), (2, 3), (1, 3)];
     let mut chosen: Vec<Point3<f32>> = Vec::new();
     for (over, under) in rounds {
-        // Opposite sectors follow each other, so that a few looks already come from all sides.
+        // Opposite sectors alternate: a few looks already cover all sides.
         for sector in (0..2).flat_map(|half| (half..sectors).step_by(2)).map(|sector| &around[sector]) {
             let Some((_, place)) = sector.get(sector.len() * over / under) else { continue };
             if chosen.len() < count && !chosen.contains(place) {
@@ -117,7 +120,7 @@ pub(crate) fn spread(places: &[Point3<f32>], center: &Point3<f32>, count: usize)
     chosen
 }
 
-/// The pose at `base` that faces `place`.
+/// Returns the pose at `base` facing `place`.
 pub(crate) fn facing(base: &Point3<f32>, place: &Point3<f32>) -> Pose {
     let offset: Vector3<f32> = place - base;
     Pose::new(*base, angle::atan2(-offset.x, -offset.z))

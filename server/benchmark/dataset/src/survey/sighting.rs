@@ -15,16 +15,16 @@ use avln_truth::Target;
 use avln_world::{Frame, SceneAssets};
 use std::collections::BTreeMap;
 
-/// Looks after which an object that none of them shows at all is given up.
+/// Attempts before giving up on an invisible object.
 const HOPELESS_LOOKS: usize = 4;
 
-/// Judges pictures in place of the built-in thresholds, for example with a detector.
+/// Extra recognition check after the built-in thresholds, for example a detector.
 pub trait Verifier: Sync {
-    /// Whether `object` can be recognised in `frame`, which the built-in thresholds already accept.
+    /// True if `object` is recognisable in `frame`, which has passed the built-in thresholds.
     fn recognises(&self, frame: &Frame, object: &Object) -> bool;
 }
 
-/// Accepts what the built-in thresholds accept.
+/// Verifier without extra checks.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ThresholdsOnly;
 
@@ -34,7 +34,7 @@ impl Verifier for ThresholdsOnly {
     }
 }
 
-/// The target objects that were recognised, and the colours in which each instance was seen on the way.
+/// Returns the recognised target objects, and observed colours per instance.
 pub(crate) fn look_around(
     assets: &SceneAssets,
     rules: &Rules,
@@ -48,22 +48,22 @@ pub(crate) fn look_around(
     (sightings, surveyor.palettes)
 }
 
-/// An object that was recognised.
+/// Recognised object.
 pub(crate) struct Sighting {
-    /// Its index in the scene.
+    /// Index in the scene.
     pub(crate) index: usize,
     pub(crate) target: Target,
-    /// The good looks at it, the best first; never empty.
+    /// Good looks, best first; never empty.
     pub(crate) looks: Vec<Look>,
 }
 
-/// Goes through the house and looks at things.
+/// Survey state.
 struct Surveyor<'a> {
     assets: &'a SceneAssets,
     rules: &'a Rules,
     options: &'a SurveyOptions,
     verifier: &'a dyn Verifier,
-    /// The colours in which each instance was seen in all pictures.
+    /// Observed colours per instance over all pictures.
     palettes: BTreeMap<InstanceId, Palette>,
 }
 
@@ -76,12 +76,13 @@ impl Surveyor<'_> {
         (!looks.is_empty()).then_some(Sighting { index, target, looks })
     }
 
-    /// The good looks at an object from places spread over its region, the best first.
+    /// Good looks from places spread over the region, best first.
     fn look_at(&mut self, object: &Object, region: &[Point3<f32>]) -> Vec<Look> {
         let mut good = Vec::new();
         let mut seen = false;
         let places = place::spread(region, &object.bounds.center(), self.options.looks);
         for (number, base) in places.into_iter().enumerate() {
+            // Enclosed objects are never visible, and every look renders a picture.
             if number >= HOPELESS_LOOKS && !seen {
                 break;
             }
@@ -96,7 +97,7 @@ impl Surveyor<'_> {
         looks
     }
 
-    /// One picture, measured, and whether the verifier recognises the object; `None` where it does not show.
+    /// Takes and measures a picture; returns the verifier's result with it, or `None` if the object is invisible.
     fn take(&mut self, object: &Object, pose: Pose) -> Option<(Look, bool)> {
         let view = View { pose, hfov_rad: 2.0 * Rules::HALF_VIEW_RAD, side_px: self.options.look_px };
         let frame = view.render(self.assets, self.rules);

@@ -119,12 +119,12 @@ fn broken_files_name_file_line_and_cause() {
     let half = &text[..text.len() / 2];
     assert!(public(half.to_owned()).starts_with("missions/a.jsonl, line "), "{}", public(half.to_owned()));
     let fewer = text.lines().take(3).map(|line| format!("{line}\n")).collect::<String>();
-    assert!(public(fewer).contains("holds 2 missions, its first line promises 6"));
+    assert!(public(fewer).contains("2 missions, but the header promises 6"));
     assert!(public(String::new()).contains("the file is empty"));
     assert!(public(text.replace("\"version\":1", "\"version\":7")).contains("version 7"));
-    assert!(public(text.replace("mini-val-0000\",\"missions", "other\",\"missions")).contains("says other"));
+    assert!(public(text.replace("mini-val-0000\",\"missions", "other\",\"missions")).contains("found other"));
     assert!(
-        public(text.replacen("\"missions\":6", "\"missions\":9999999", 1)).contains("more than the 100000")
+        public(text.replacen("\"missions\":6", "\"missions\":9999999", 1)).contains("the limit is 100000")
     );
     assert!(
         public(text.replacen("-0001\"", "-0000\"", 1))
@@ -137,8 +137,8 @@ fn broken_files_name_file_line_and_cause() {
     assert!(refused.contains("line 2") && refused.contains("out of range"), "{refused}");
     assert!(public(text.replacen("\"start\"", "\"strat\"", 1)).contains("unknown field `strat`"));
     assert!(said(&text, &hidden[..hidden.len() - 40]).contains("it ends in the middle of a line"));
-    assert!(public(turned("0.123456789")).contains("its digest is"));
-    assert!(said(&text, &text).contains("says avln-missions where avln-sealed belongs"));
+    assert!(public(turned("0.123456789")).contains("but the scene list has"));
+    assert!(said(&text, &text).contains("found avln-missions, expected avln-sealed"));
 }
 
 #[test]
@@ -299,5 +299,5 @@ fn changed_scene_is_rejected() {
     assert!(scene.open(&Rules::paper()).is_ok());
     scene.digest = "0".repeat(64);
     let error = scene.open(&Rules::paper()).err().expect("another digest").to_string();
-    assert!(error.contains("test-house") && error.contains("make the split again"), "{error}");
+    assert!(error.contains("test-house") && error.contains("rebuild the split"), "{error}");
 }

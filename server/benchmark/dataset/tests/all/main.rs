@@ -15,7 +15,7 @@ fn mini() -> Vec<BuiltScene> {
     recipe.jobs().map(|job| build_scene(&recipe, job, None).expect("a scene with missions")).collect()
 }
 
-/// One line per number, then one per scene with the digests of its building and its files.
+/// One line per number, then one per scene with geometry and file digests.
 fn report(scenes: &[BuiltScene]) -> String {
     let mut sum = Statistics::default();
     scenes.iter().for_each(|scene| sum.add(&scene.statistics));

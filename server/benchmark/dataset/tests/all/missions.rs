@@ -93,7 +93,7 @@ fn drawn_steps_are_near_the_wanted_mean() {
     assert!((drawn - wanted).abs() < 0.1 * wanted, "{drawn} for {wanted}; {as_they_come} as they come");
 }
 
-/// The first mission after a change, and what the check says of it.
+/// Changes the first mission; returns the violated constraints.
 fn broken(change: impl FnOnce(&mut EpisodeSpec)) -> Vec<Constraint> {
     let mut mission = HOUSE.missions[0].clone();
     change(&mut mission);
@@ -241,7 +241,7 @@ fn survey_is_deterministic() {
     assert_eq!(found(&ThresholdsOnly), *FOUND);
 }
 
-/// Recognises things of one category.
+/// Recognises objects in one category.
 struct Only(&'static str);
 
 impl Verifier for Only {

@@ -1,6 +1,6 @@
 //! Every rule of the task.
 
-use crate::floor::{AHEAD, ASSETS, BACK, blind, episode, go, quick, record, truth};
+use crate::{AHEAD, ASSETS, BACK, blind, episode, go, quick, record, truth};
 use avln_episode::{
     Action::{self, MoveForward, Stop, Submit, TurnLeft, TurnRight},
     EndReason, Feedback, FeedbackRule, GoalCue, Mission, Observation, Order, Point3, Pose, RgbNoise, Rules,

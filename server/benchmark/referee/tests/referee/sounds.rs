@@ -1,6 +1,6 @@
-//! What is heard, when, and that it tells nothing but where targets are.
+//! Sound content and schedule: no leak beyond target directions.
 
-use crate::floor::{AHEAD, ASSETS, go, mission, truth};
+use crate::{AHEAD, ASSETS, go, mission, truth};
 use avln_episode::{
     Action::{MoveForward, Submit, TurnLeft, TurnRight},
     GoalCue, Modality, Observation, Order, Rules, Sensors, SoundClip, Sounds,
@@ -28,7 +28,7 @@ fn energy(observation: &Observation) -> f32 {
     observation.audio.as_ref().expect("audio was asked for").iter().map(|sample| sample * sample).sum()
 }
 
-/// One clip for each target, of which only one can be heard.
+/// A bank with one audible clip.
 fn one_voice() -> Bank {
     let clip = |name: &str, level: f32| {
         let sample = |n: usize| if n % 40 < 3 { level } else { -0.03 * level };
@@ -37,7 +37,7 @@ fn one_voice() -> Bank {
     Bank::own(vec![clip("ticks", 0.1), clip("nothing", 0.0), clip("silence", 0.0)])
 }
 
-/// An episode whose first sounding target is the one ahead, and the only one that can be heard.
+/// An episode with only the first sounding target ahead audible.
 fn heard_ahead_first() -> Referee {
     let started = |seed| {
         let truth = EpisodeTruth { seed, ..truth(Order::Unordered) };
@@ -89,7 +89,7 @@ fn the_last_open_target_sounds_without_a_pause() {
     assert!(left.iter().all(|&energy| energy > 0.0));
 }
 
-/// All sound of a walk.
+/// All audio on a walk.
 fn walk(rules: &Rules, truth: EpisodeTruth) -> Vec<f32> {
     let mut referee = play(rules, truth, &Bank::default()).expect("a legal episode");
     let mut heard = referee.start().audio.expect("audio was asked for");
@@ -123,7 +123,7 @@ fn what_is_heard_does_not_depend_on_what_targets_are() {
 fn an_observation_has_no_field_for_who_sounds() {
     let mut referee =
         play(&Rules::paper(), truth(Order::Unordered), &Bank::default()).expect("a legal episode");
-    // A new field does not compile here: it has to be shown that it hides what the schedule and the clips are.
+    // A new field does not compile here: a test must show that it hides schedule and clips.
     let Observation { step, rgb, depth, audio, pose: _, remaining_steps, remaining_submits, feedback: _ } =
         referee.start();
     assert_eq!((step, rgb, depth, audio.map(|audio| audio.len())), (0, None, None, Some(8000)));
@@ -142,7 +142,7 @@ fn every_pool_can_be_played_and_a_bank_that_is_too_small_is_refused() {
     assert!(play(&Rules::paper(), truth(Order::Ordered), &two).is_ok());
     let refused =
         play(&Rules::distinct(), truth(Order::Ordered), &two).err().expect("three targets, two clips");
-    assert!(refused.to_string().contains("draw 3 clips for an episode and the bank holds 2"), "{refused}");
+    assert!(refused.to_string().contains("need 3 clips per episode, the bank has 2"), "{refused}");
     assert!(play(&Rules::paper(), truth(Order::Ordered), &Bank::own(Vec::new())).is_err());
 }
 

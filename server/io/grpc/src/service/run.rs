@@ -1,56 +1,68 @@
-use super::WATCH_INTERVAL;
+//! Run service: a team's runs and quotas.
+
+use super::bearer;
 use crate::{
-    auth::bearer,
-    door::Door,
-    gate::Stop,
-    host::{Account, PhaseInfo, RunRequest, RunStatus, Scope},
+    attachment::StopReason,
+    context::ServiceContext,
+    host::{Host, RunRequest},
     limits::Limits,
     refusal::{Failure, Refusal, ask},
     wire,
 };
+use avln_challenge::{Account, MethodInfo, PhaseInfo, RunStatus, TokenScope};
 use avln_episode::Order;
 use avln_proto::v1::{self, Reason, run_service_server::RunService};
+use std::time::Duration;
 use tokio::{sync::mpsc, time::sleep};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, metadata::MetadataMap};
 
-/// Runs that a page holds when the caller does not say.
+/// Time between looks at a watched run.
+const WATCH_INTERVAL: Duration = Duration::from_secs(1);
+/// Default runs per page.
 const PAGE: usize = 50;
-/// Most runs that a page holds.
+/// Maximum runs per page.
 const LARGEST_PAGE: usize = 200;
-/// Longest name of a method, characters.
+/// Longest method name, characters.
 const MAX_METHOD_CHARS: usize = 80;
-/// Longest version of a method, characters.
+/// Longest method version, characters.
 const MAX_VERSION_CHARS: usize = 40;
-/// Longest id of a request, characters.
+/// Longest method description, characters.
+const MAX_DESCRIPTION_CHARS: usize = 2000;
+/// Longest code or paper address, characters.
+const MAX_URL_CHARS: usize = 500;
+/// Longest licence or training data description, characters.
+const MAX_NOTE_CHARS: usize = 500;
+/// Longest request id, characters.
 const MAX_REQUEST_ID_CHARS: usize = 64;
 
 /// A team's runs.
-#[derive(Clone)]
-pub(crate) struct Runs(pub(crate) Door);
+pub(super) struct RunCalls<H: Host>(pub(super) ServiceContext<H>);
 
-impl Runs {
+impl<H: Host> RunCalls<H> {
     async fn account(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
         let token = bearer(metadata)?;
         let host = self.0.host.clone();
         ask("look an account up", async move { host.account(&token).await }).await
     }
 
-    /// The account, if its token is of a team.
+    /// Returns the account, if it belongs to a team.
     async fn team(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
         let account = self.account(metadata).await?;
         match account.scope {
-            Scope::Participant | Scope::ReadOnly => Ok(account),
-            Scope::Organiser => Err(scope_refusal("an organiser's token has no runs; use a token of a team")),
+            TokenScope::Participant | TokenScope::ReadOnly => Ok(account),
+            TokenScope::Organiser | TokenScope::Run => {
+                Err(scope_refusal("an organiser's token has no runs; use a team's token"))
+            }
         }
     }
 
-    /// The account, if its token may begin and end runs.
+    /// Returns the account, if it may start and cancel runs.
     async fn participant(&self, metadata: &MetadataMap) -> Result<Account, Failure> {
         let account = self.team(metadata).await?;
         match account.scope {
-            Scope::Participant => Ok(account),
-            _ => Err(scope_refusal("the token is for looking only; use the team's account token")),
+            TokenScope::Participant => Ok(account),
+            _ => Err(scope_refusal("the token is read-only; use the team's account token")),
         }
     }
 
@@ -59,7 +71,7 @@ impl Runs {
         ask("look a run up", async move { host.run(&account, &run).await }).await
     }
 
-    /// The order that is asked for, or the only one that the phase has.
+    /// Returns the requested order, or the phase's only order.
     async fn order(&self, wanted: v1::Order, account: &Account, phase: &str) -> Result<Order, Failure> {
         match wanted {
             v1::Order::Ordered => return Ok(Order::Ordered),
@@ -73,12 +85,11 @@ impl Runs {
 
     async fn request(&self, account: &Account, start: v1::StartRunRequest) -> Result<RunRequest, Failure> {
         let info = self.0.host.info();
-        wire::client_is_welcome(start.client.as_ref(), &info.clients)?;
+        wire::check_client(start.client.as_ref(), &info.clients)?;
         let method = start.method.clone().unwrap_or_default();
         let phase = checked_id(&start.phase)?;
         Ok(RunRequest {
-            method: text("method.name", method.name.trim(), 1, MAX_METHOD_CHARS)?,
-            method_version: text("method.version", method.version.trim(), 0, MAX_VERSION_CHARS)?,
+            method: checked_method(method)?,
             client_request_id: text("client_request_id", &start.client_request_id, 0, MAX_REQUEST_ID_CHARS)?,
             order: self.order(start.order(), account, &phase).await?,
             phase,
@@ -87,7 +98,7 @@ impl Runs {
 }
 
 #[tonic::async_trait]
-impl RunService for Runs {
+impl<H: Host> RunService for RunCalls<H> {
     type WatchRunStream = ReceiverStream<Result<v1::WatchRunResponse, Status>>;
 
     async fn start_run(
@@ -95,7 +106,7 @@ impl RunService for Runs {
         request: Request<v1::StartRunRequest>,
     ) -> Result<Response<v1::StartRunResponse>, Status> {
         let account = self.participant(request.metadata()).await?;
-        self.0.gate.check_open().map_err(Failure::from)?;
+        self.0.registry.check_open().map_err(Failure::from)?;
         self.0.check_sound().map_err(Failure::from)?;
         let asked = self.request(&account, request.into_inner()).await?;
         let (host, team) = (self.0.host.clone(), account.clone());
@@ -128,7 +139,7 @@ impl RunService for Runs {
         let first = self.status(&account, &run).await?;
         let place = self.0.watch().map_err(Failure::from)?;
         let (updates, stream) = mpsc::channel(1);
-        let runs = self.clone();
+        let runs = Self(self.0.clone());
         tokio::spawn(async move {
             runs.watch(account, first, updates).await;
             drop(place);
@@ -141,12 +152,12 @@ impl RunService for Runs {
         request: Request<v1::CancelRunRequest>,
     ) -> Result<Response<v1::CancelRunResponse>, Status> {
         let account = self.participant(request.metadata()).await?;
-        // Only the run's own team may stop its session. The store hears of it first, or a run whose last episode ends with
-        // the session would be completed.
+        // The lookup comes first: only the run's own team may stop its session. Then the store: if the session ended first, with the
+        // last episode, the run would be completed instead of cancelled.
         let run = self.status(&account, &request.get_ref().run).await?.run;
         let (host, team, id) = (self.0.host.clone(), account.clone(), run.clone());
         ask("cancel a run", async move { host.cancel_run(&team, &id).await }).await?;
-        self.0.gate.stop(&run, Stop::Left).await;
+        self.0.registry.stop(&run, StopReason::Cancelled).await;
         let status = self.status(&account, &run).await?;
         Ok(Response::new(v1::CancelRunResponse { run: Some(wire::run(status)) }))
     }
@@ -183,27 +194,27 @@ impl RunService for Runs {
             team: account.team,
             token_name: account.token_name,
             scope: wire::scope(account.scope).into(),
-            expires_unix_s: account.expires_unix_s,
+            expires_unix_s: wire::seconds(account.expires_unix_ms),
         }))
     }
 }
 
-impl Runs {
-    /// Tells of the run whenever it changed, until it is over, the caller hangs up or the server stops.
+impl<H: Host> RunCalls<H> {
+    /// Sends the run after each change, until it is over, the caller hangs up or the server stops.
     async fn watch(
         self,
         account: Account,
         first: RunStatus,
         updates: mpsc::Sender<Result<v1::WatchRunResponse, Status>>,
     ) {
-        let mut told: Option<v1::Run> = None;
+        let mut sent: Option<v1::Run> = None;
         let run = first.run.clone();
         let mut status = Ok(first);
         loop {
             let update = status.map(wire::run);
             let over = update.as_ref().map_or(true, |run| run.ended_unix_ms != 0);
-            if update.as_ref().ok() != told.as_ref() || over {
-                told = update.as_ref().ok().cloned();
+            if update.as_ref().ok() != sent.as_ref() || over {
+                sent = update.as_ref().ok().cloned();
                 let response = update.map(|run| v1::WatchRunResponse { run: Some(run) });
                 if updates.send(response.map_err(Status::from)).await.is_err() || over {
                     return;
@@ -211,10 +222,10 @@ impl Runs {
             }
             tokio::select! {
                 () = updates.closed() => return,
-                () = self.0.gate.shutting() => {}
+                () = self.0.registry.shutting() => {}
                 () = sleep(WATCH_INTERVAL) => {}
             }
-            status = match self.0.gate.check_open() {
+            status = match self.0.registry.check_open() {
                 Ok(()) => self.status(&account, &run).await,
                 Err(draining) => Err(draining.into()),
             };
@@ -228,7 +239,7 @@ fn scope_refusal(message: &str) -> Failure {
 
 fn only_order(phases: &[PhaseInfo], id: &str) -> Result<Order, Refusal> {
     let Some(phase) = phases.iter().find(|phase| phase.id == id) else {
-        let message = format!("phase '{id}' is unknown; ListPhases tells which there are");
+        let message = format!("phase '{id}' is unknown; list the phases with ListPhases");
         return Err(Refusal::new(Reason::PhaseUnknown, message));
     };
     match phase.orders[..] {
@@ -244,7 +255,38 @@ fn checked_id(id: &str) -> Result<String, Refusal> {
     text("id", id, 1, Limits::MAX_TEXT_BYTES)
 }
 
-/// A text of the agent within its length, counted in characters, and without control characters.
+/// Checks a method description.
+fn checked_method(method: v1::MethodInfo) -> Result<MethodInfo, Refusal> {
+    Ok(MethodInfo {
+        name: text("method.name", method.name.trim(), 1, MAX_METHOD_CHARS)?,
+        version: text("method.version", method.version.trim(), 0, MAX_VERSION_CHARS)?,
+        description: paragraphs("method.description", method.description.trim(), MAX_DESCRIPTION_CHARS)?,
+        code_url: url("method.code_url", method.code_url.trim())?,
+        paper_url: url("method.paper_url", method.paper_url.trim())?,
+        weights_licence: text("method.weights_licence", method.weights_licence.trim(), 0, MAX_NOTE_CHARS)?,
+        external_data: text("method.external_data", method.external_data.trim(), 0, MAX_NOTE_CHARS)?,
+    })
+}
+
+/// Checks an address: empty or http(s).
+fn url(field: &str, value: &str) -> Result<String, Refusal> {
+    // Pages link to it: other schemes, such as javascript, would run in the browsers of visitors.
+    let is_http = value.starts_with("https://") || value.starts_with("http://");
+    if !value.is_empty() && !is_http {
+        let message = format!("{field} is not an address; begin with https:// or leave it empty");
+        return Err(Refusal::new(Reason::BadRequest, message));
+    }
+    text(field, value, 0, MAX_URL_CHARS)
+}
+
+/// Checks a text that may have several lines.
+fn paragraphs(field: &str, value: &str, max: usize) -> Result<String, Refusal> {
+    let lines: String = value.chars().map(|letter| if letter == '\n' { ' ' } else { letter }).collect();
+    text(field, &lines, 0, max)?;
+    Ok(value.to_owned())
+}
+
+/// Checks a text's length, in characters, and refuses control characters.
 fn text(field: &str, value: &str, min: usize, max: usize) -> Result<String, Refusal> {
     let length = value.chars().count();
     if !(min..=max).contains(&length) || value.chars().any(char::is_control) {
@@ -255,7 +297,7 @@ fn text(field: &str, value: &str, min: usize, max: usize) -> Result<String, Refu
     Ok(value.to_owned())
 }
 
-/// One page of the runs; the token of a page is the id of the run before it.
+/// Returns a page of runs. A page token is the id of the run before the page.
 fn page(runs: Vec<RunStatus>, request: &v1::ListRunsRequest) -> Result<v1::ListRunsResponse, Refusal> {
     let size = match request.page_size as usize {
         0 => PAGE,
@@ -266,7 +308,7 @@ fn page(runs: Vec<RunStatus>, request: &v1::ListRunsRequest) -> Result<v1::ListR
     if !request.page_token.is_empty() {
         let last = runs.iter().position(|run| run.run == request.page_token);
         let last = last.ok_or_else(|| {
-            Refusal::new(Reason::BadRequest, "page_token is not one that ListRuns gave; start without it")
+            Refusal::new(Reason::BadRequest, "page_token is not from ListRuns; start without it")
         })?;
         runs.drain(..=last);
     }

@@ -1,32 +1,31 @@
-//! One run that is being played: its slots, each a task of its own, and what they have in common.
+//! Session: the slots of a run, as tasks, and the shared state.
 //!
-//! A session outlives its connection: while nobody listens, its slots keep what they have, for a while.
+//! A session outlives the connection. Without a client, open episodes wait for a limited time.
 
-mod board;
 mod clock;
-mod ending;
-mod listening;
+mod delivery;
 mod playing;
-mod simulate;
+mod progress;
 mod slot;
 
-pub(crate) use board::Over;
-pub(crate) use slot::{Answer, Audience, Order};
+pub(crate) use delivery::stored_end;
+pub(crate) use playing::{SlotReply, SlotRequest};
 
 use crate::{
+    attachment::StopReason,
     control::Control,
-    crew::Crew,
-    host::{Host, OpenRun},
+    episode::Restored,
+    host::{Host, Interrupted},
     limits::Limits,
     outbound::Outbound,
     refusal::{Failure, Refusal, ServerFault},
-    seat::Restored,
+    sim_pool::{SimClient, SimPool},
 };
 use avln_episode::{EndReason, Sensors, TimeLimits};
 use avln_proto::v1::{self, Reason};
-use board::Board;
-use simulate::Share;
-use slot::{Command, Slot};
+use playing::Audience;
+use progress::ProgressTracker;
+use slot::{Slot, SlotCommand};
 use std::{
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
@@ -41,142 +40,141 @@ use tokio::{
 };
 use tracing::Instrument;
 
-/// Frames that may wait for one slot: an action, and one sent too early.
+/// Frames that may wait per slot: an action, and another sent too early.
 const WAITING_FRAMES: usize = 2;
 
-/// What all slots of a run share.
-pub(crate) struct Shared {
-    host: Arc<dyn Host>,
-    share: Share,
+/// State shared by all slots.
+pub(crate) struct SessionContext<H> {
+    host: Arc<H>,
+    simulator: SimClient,
     sensors: Sensors,
     run: String,
     frame_bytes: u64,
     time: TimeLimits,
-    board: Board,
+    progress: ProgressTracker,
 }
 
-/// How the slots of a session end.
+/// End of all slots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Leave {
+enum SlotEnding {
     /// Open episodes end for this reason and are stored.
-    End(EndReason),
-    /// Open episodes stay as they were written down, for the next server to go on with.
-    AsItIs,
+    Close(EndReason),
+    /// Open episodes remain in the run log for the next server.
+    Keep,
 }
 
-/// A run that is being played. When it is dropped without [`Session::close`], its episodes stay as they are.
-pub(crate) struct Session {
-    shared: Arc<Shared>,
-    slots: Vec<mpsc::Sender<Command>>,
-    /// Slots that the present connection was granted.
+/// A run in progress. If dropped without [`Session::close`], open episodes remain in the run log.
+pub(crate) struct Session<H> {
+    state: Arc<SessionContext<H>>,
+    slots: Vec<mpsc::Sender<SlotCommand>>,
+    /// Slots granted to the present connection.
     granted: AtomicU32,
     tasks: Mutex<Vec<JoinHandle<()>>>,
-    leave: watch::Sender<Option<Leave>>,
+    ending: watch::Sender<Option<SlotEnding>>,
     absence: Mutex<Absence>,
 }
 
-/// For how long nobody listened.
+/// Time without a client.
 #[derive(Debug)]
 struct Absence {
     since: Option<Instant>,
-    /// What lost connections took so far of the time that they may be away.
+    /// Used disconnect time.
     used: Duration,
 }
 
-/// What a session is opened with.
-pub(crate) struct Opening<'a> {
-    pub(crate) host: Arc<dyn Host>,
-    pub(crate) crew: Crew,
+/// Parameters of [`Session::open`].
+pub(crate) struct Opening<'a, H: Host> {
+    pub(crate) host: Arc<H>,
+    pub(crate) pool: SimPool,
     pub(crate) limits: &'a Limits,
-    pub(crate) open: &'a OpenRun,
-    pub(crate) sensors: &'a Sensors,
-    /// Episodes that are taken up again.
-    pub(crate) episodes: Vec<Restored>,
-    /// What earlier connections took of the time that they may be away.
-    pub(crate) away: Duration,
+    /// The run, with the episodes to continue.
+    pub(crate) interrupted: Interrupted<H::Episode>,
 }
 
-impl Session {
-    /// Opens the run's slots, with nobody listening.
-    pub(crate) fn open(opening: Opening<'_>) -> Self {
-        let Opening { host, crew, limits, open, sensors, episodes, away } = opening;
-        let board = Board::new(open.episodes, open.done, limits.timeouts_in_a_row);
-        let shared = Arc::new(Shared {
-            frame_bytes: Limits::frame_bytes(sensors, open.rules.audio_samples),
-            sensors: sensors.clone(),
+impl<H: Host> Session<H> {
+    /// Opens the slots of a run, without a client.
+    pub(crate) fn open(opening: Opening<'_, H>) -> Self {
+        let Opening { host, pool, limits, interrupted } = opening;
+        let Interrupted { open, sensors, episodes, away } = interrupted;
+        let state = Arc::new(SessionContext {
+            frame_bytes: Limits::frame_bytes(&sensors, open.rules.audio_samples),
+            sensors,
             run: open.run.clone(),
             time: open.time,
-            share: Share::new(crew, &open.team, limits),
-            board,
+            simulator: SimClient::new(pool, &open.team, limits),
+            progress: ProgressTracker::new(open.episodes, open.done, limits.timeouts_in_a_row),
             host,
         });
-        let leave = watch::Sender::new(None);
-        let count = open.max_slots.clamp(1, Limits::MAX_SLOTS);
+        let ending = watch::Sender::new(None);
+        let count = open.slot_limit();
         let mut episodes: Vec<_> = episodes.into_iter().map(Some).collect();
-        let (mut senders, mut tasks) = (Vec::new(), Vec::new());
+        let mut slots = Vec::new();
+        let mut tasks = Vec::new();
         for id in 0..count {
-            let held = |episode: &&mut Option<Restored>| episode.as_ref().is_some_and(|held| held.slot == id);
+            let held = |episode: &&mut Option<Restored<H::Episode>>| {
+                episode.as_ref().is_some_and(|held| held.slot == id)
+            };
             let restored = episodes.iter_mut().find(held).and_then(Option::take);
             let (sender, commands) = mpsc::channel(WAITING_FRAMES);
-            let slot = Slot::new(id, shared.clone(), restored);
+            let slot = Slot::new(id, state.clone(), restored);
             let span = tracing::error_span!("slot", run = open.run, slot = id);
-            tasks.push(tokio::spawn(slot.run(commands, leave.subscribe()).instrument(span)));
-            senders.push(sender);
+            tasks.push(tokio::spawn(slot.run(commands, ending.subscribe()).instrument(span)));
+            slots.push(sender);
         }
-        let absence = Mutex::new(Absence { since: None, used: away });
         let session = Self {
-            shared,
-            slots: senders,
+            state,
+            slots,
             granted: AtomicU32::new(count),
             tasks: Mutex::new(tasks),
-            leave,
-            absence,
+            ending,
+            absence: Mutex::new(Absence { since: None, used: away }),
         };
-        session.tell(|control, run| control.opened(run, false));
+        session.report(|control, run| control.opened(run, false));
         session
     }
 
-    /// Lets the operator see how the run is played.
-    fn tell(&self, news: impl FnOnce(&Control, &str)) {
-        if let Some(control) = self.shared.host.control() {
-            news(control, &self.shared.run);
+    /// Reports a change to the operator's control.
+    fn report(&self, change: impl FnOnce(&Control, &str)) {
+        if let Some(control) = self.state.host.control() {
+            change(control, &self.state.run);
         }
     }
 
-    /// How far the run is.
+    /// Returns the run's progress.
     pub(crate) fn progress(&self) -> v1::RunProgress {
-        self.shared.board.progress()
+        self.state.progress.progress()
     }
 
-    /// The sensors of a run are those of its first Hello.
+    /// Refuses sensors other than those of the run's first Hello.
     pub(crate) fn check_sensors(&self, wanted: &Sensors) -> Result<(), Refusal> {
-        if self.shared.sensors == *wanted {
+        if self.state.sensors == *wanted {
             return Ok(());
         }
-        let message = "the sensors of a run are fixed by its first Hello; ask for the same ones";
+        let message = "the first Hello of a run fixes its sensors; request the same ones";
         Err(Refusal::new(Reason::SensorNotAllowed, message))
     }
 
-    /// Hands an order to a slot, whose answer goes to the stream.
-    pub(crate) fn order(&self, slot: u32, order: Order) -> Result<(), Failure> {
-        self.sender(slot)?.try_send(Command::Obey(order, None)).map_err(|_| {
+    /// Sends a request to a slot, which replies on the stream.
+    pub(crate) fn send(&self, slot: u32, request: SlotRequest) -> Result<(), Failure> {
+        // Without waiting: the reader of a stream must never block on a busy slot.
+        self.sender(slot)?.try_send(SlotCommand::Handle(request, None)).map_err(|_| {
             let message =
                 format!("slot {slot} has {WAITING_FRAMES} frames waiting; send one per observation");
             Failure::new(Reason::BadRequest, message)
         })
     }
 
-    /// Hands an order to a slot and waits for its answer.
-    pub(crate) async fn ask(&self, slot: u32, order: Order) -> Result<Answer, Failure> {
+    /// Sends a request to a slot and waits for the reply.
+    pub(crate) async fn call(&self, slot: u32, request: SlotRequest) -> Result<SlotReply, Failure> {
         let (reply, answer) = oneshot::channel();
-        let sent = self.sender(slot)?.send(Command::Obey(order, Some(reply))).await;
+        let sent = self.sender(slot)?.send(SlotCommand::Handle(request, Some(reply))).await;
         match (sent, answer.await) {
             (Ok(()), Ok(answer)) => answer,
-            _ => Err(Failure::new(Reason::EpisodeOver, "the session ended meanwhile; Reset begins another")),
+            _ => Err(Failure::new(Reason::EpisodeOver, "the session ended meanwhile; call Reset again")),
         }
     }
 
-    fn sender(&self, slot: u32) -> Result<&mpsc::Sender<Command>, Failure> {
+    fn sender(&self, slot: u32) -> Result<&mpsc::Sender<SlotCommand>, Failure> {
         let granted = self.granted.load(Ordering::Relaxed);
         let known = (slot < granted).then(|| self.slots.get(slot as usize)).flatten();
         known.ok_or_else(|| {
@@ -185,13 +183,12 @@ impl Session {
         })
     }
 
-    /// The slots that hold an episode, and the step of the last observation of each, once they are done with what they
-    /// were asked before.
+    /// Returns the positions of open episodes, after all earlier requests.
     pub(crate) async fn positions(&self) -> Vec<v1::SlotPosition> {
         let mut positions = Vec::new();
         for slot in &self.slots {
             let (reply, position) = oneshot::channel();
-            let sent = slot.send(Command::Tell(reply)).await;
+            let sent = slot.send(SlotCommand::Position(reply)).await;
             if let (Ok(()), Ok(Some(position))) = (sent, position.await) {
                 positions.push(position);
             }
@@ -199,10 +196,9 @@ impl Session {
         positions
     }
 
-    /// From now on this stream, of so many slots, listens: it is sent what it has missed. `known` is what its client
-    /// says it received last.
-    pub(crate) async fn attach(&self, out: &Outbound, slots: u32, known: &[v1::SlotPosition]) {
-        self.tell(|control, run| control.opened(run, true));
+    /// Attaches a stream and sends missed frames. `known` are the positions that the client received last.
+    pub(crate) async fn attach_stream(&self, out: &Outbound, slots: u32, known: &[v1::SlotPosition]) {
+        self.report(|control, run| control.opened(run, true));
         self.granted.store(slots, Ordering::Relaxed);
         let away = self.absence().since.map(|since| since.elapsed()).unwrap_or_default();
         let mut restarted = false;
@@ -212,12 +208,13 @@ impl Session {
         }
         let mut absence = self.absence();
         absence.since = None;
+        // Only an absence that restarted a clock gave the agent time to think, so only that is charged.
         absence.used += if restarted { away } else { Duration::ZERO };
     }
 
-    /// From now on unary calls, of one slot, are answered.
-    pub(crate) async fn answer_calls(&self) {
-        self.tell(|control, run| control.opened(run, true));
+    /// Attaches unary calls, with a single slot.
+    pub(crate) async fn attach_unary(&self) {
+        self.report(|control, run| control.opened(run, true));
         self.granted.store(1, Ordering::Relaxed);
         for slot in &self.slots {
             switch(slot, Audience::Callers, None, Duration::ZERO).await;
@@ -225,64 +222,64 @@ impl Session {
         self.absence().since = None;
     }
 
-    /// From now on nobody listens; says for how long that may last.
+    /// Detaches the client. Returns the time in which it may come back.
     pub(crate) async fn detach(&self) -> Duration {
-        self.tell(|control, run| control.opened(run, false));
+        self.report(|control, run| control.opened(run, false));
         for slot in &self.slots {
             switch(slot, Audience::Nobody, None, Duration::ZERO).await;
         }
-        let seconds = |s: u32| Duration::from_secs(u64::from(s));
-        let time = self.shared.time;
+        let single = Duration::from_secs(u64::from(self.state.time.disconnect_s));
+        let total = Duration::from_secs(u64::from(self.state.time.disconnect_total_s));
         let mut absence = self.absence();
         absence.since = Some(Instant::now());
-        seconds(time.disconnect_s).min(seconds(time.disconnect_total_s).saturating_sub(absence.used))
+        single.min(total.saturating_sub(absence.used))
     }
 
     fn absence(&self) -> MutexGuard<'_, Absence> {
         self.absence.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Waits until there is nothing left to play, or the agent let too many episodes time out.
-    pub(crate) async fn over(&self) -> Over {
-        self.shared.board.over().await
+    /// Waits until no episode is left, or the agent let too many time out.
+    pub(crate) async fn over(&self) -> StopReason {
+        self.state.progress.over().await
     }
 
-    /// Ends open episodes for `reason`, stores them, and waits until that is done.
+    /// Ends open episodes for `reason` and waits until they are stored.
     pub(crate) async fn close(&self, reason: EndReason) {
-        self.end(Leave::End(reason)).await;
+        self.end(SlotEnding::Close(reason)).await;
     }
 
-    /// Leaves open episodes as they were written down, once the slots are done with what they were asked before.
+    /// Ends the session and leaves open episodes in the run log, after all earlier requests.
     pub(crate) async fn leave(&self) {
-        self.end(Leave::AsItIs).await;
+        self.end(SlotEnding::Keep).await;
     }
 
-    async fn end(&self, how: Leave) {
-        self.leave.send_replace(Some(how));
+    async fn end(&self, ending: SlotEnding) {
+        self.ending.send_replace(Some(ending));
         let tasks = std::mem::take(&mut *self.tasks.lock().unwrap_or_else(PoisonError::into_inner));
         for task in tasks {
             if let Err(broken) = task.await {
-                ServerFault::log("put a slot away", broken);
+                ServerFault::log("end a slot", broken);
             }
         }
-        self.tell(Control::closed);
+        self.report(Control::closed);
     }
 }
 
-impl std::fmt::Debug for Session {
+impl<H> std::fmt::Debug for Session<H> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Session").field("run", &self.shared.run).finish_non_exhaustive()
+        f.debug_struct("Session").field("run", &self.state.run).finish_non_exhaustive()
     }
 }
 
-/// Gives a slot another audience; says whether its clock started again.
+/// Changes a slot's audience. Returns whether the clock restarted.
 async fn switch(
-    slot: &mpsc::Sender<Command>,
+    slot: &mpsc::Sender<SlotCommand>,
     audience: Audience,
     known: Option<v1::SlotPosition>,
     away: Duration,
 ) -> bool {
     let (reply, restarted) = oneshot::channel();
-    let sent = slot.send(Command::Switch { audience, known, away, reply }).await;
+    let sent = slot.send(SlotCommand::Switch { audience, known, away, reply }).await;
     sent.is_ok() && restarted.await.unwrap_or(false)
 }

@@ -1,37 +1,69 @@
-//! What a slot holds: an episode that is being played, or one that is over.
+//! Slot requests, replies, and episodes, open or finished.
 
-use super::{Shared, clock::Clock, slot::Answer};
+use super::{SessionContext, clock::ChessClock};
 use crate::{
+    episode::{Episode, HostedEpisode},
     limits::Limits,
-    refusal::{About, Failure},
-    seat::Seat,
+    outbound::Outbound,
+    refusal::{Failure, FaultSubject},
     wire,
 };
 use avln_episode::Action;
 use avln_proto::v1::{self, Reason};
 
-pub(super) struct Playing {
-    pub(super) seat: Seat,
-    /// Which episode of the run it is, counted from 1.
-    pub(super) ordinal: u32,
-    pub(super) last: Last,
-    pub(super) clock: Clock,
+/// Agent request to a slot.
+#[derive(Clone, Debug)]
+pub(crate) enum SlotRequest {
+    Ready,
+    /// Continue the open episode of a unary caller, or begin the next.
+    Resume,
+    Act(v1::Act),
+    Abandon(v1::Abandon),
 }
 
-/// The last observation and the action that led to it: sent again to an agent that asks again.
+/// Slot reply.
+#[derive(Clone, Debug)]
+pub(crate) enum SlotReply {
+    Start(Box<v1::EpisodeStart>),
+    NothingLeft,
+    Step(Box<v1::StepResponse>),
+    Ended(Box<v1::EpisodeEnd>),
+}
+
+/// Receiver for slot replies.
+#[derive(Clone, Debug)]
+pub(crate) enum Audience {
+    Stream(Outbound),
+    /// Unary calls that wait for replies.
+    Callers,
+    /// No client is attached; the last observation is kept.
+    Nobody,
+}
+
+/// Open episode.
+pub(super) struct OpenEpisode<E> {
+    pub(super) hosted: HostedEpisode<E>,
+    /// Number in the run, from 1.
+    pub(super) ordinal: u32,
+    pub(super) last: LastStep,
+    pub(super) clock: ChessClock,
+}
+
+/// Last observation and the action before it, kept to answer repeated requests.
 #[derive(Clone)]
-pub(super) struct Last {
+pub(super) struct LastStep {
     pub(super) action: Option<i32>,
     pub(super) observation: v1::Observation,
 }
 
-pub(super) struct Over {
-    pub(super) last: Last,
+/// Episode that is over and stored.
+pub(super) struct FinishedEpisode {
+    pub(super) last: LastStep,
     pub(super) end: v1::EpisodeEnd,
 }
 
-impl Last {
-    /// The action that is to be carried out now; `None` when `act` asks for this observation again.
+impl LastStep {
+    /// Returns the action to carry out; `None` if `act` is a repetition.
     pub(super) fn due(&self, act: &v1::Act) -> Result<Option<Action>, Failure> {
         let action = wire::action(act.action).ok_or_else(|| unknown_action(act.action))?;
         let taken = self.observation.step;
@@ -46,62 +78,71 @@ impl Last {
         Err(Failure::new(Reason::StepConflict, message))
     }
 
-    /// Whether this observation ended the episode.
+    /// Returns whether this observation ended the episode.
     pub(super) fn is_last(&self) -> bool {
         self.observation.terminated || self.observation.truncated
     }
 }
 
-/// How much of an episode somebody has received.
+/// Received part of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Known {
-    /// Not even that it began.
+pub(super) enum Received {
     Nothing,
-    /// Its mission, and not its last observation.
+    /// The mission, but not the last observation.
     Mission,
-    /// Its last observation.
-    Observation,
+    LastObservation,
 }
 
-impl Playing {
-    /// How much of it is known to somebody who received `known` last.
-    pub(super) fn known_by(&self, known: Option<&v1::SlotPosition>) -> Known {
+impl<E: Episode> OpenEpisode<E> {
+    /// Returns the part that a client with this last position has received.
+    pub(super) fn received_by(&self, known: Option<&v1::SlotPosition>) -> Received {
         match known {
-            Some(known) if known.episode != self.seat.handle => Known::Nothing,
-            Some(known) if known.step == self.last.observation.step => Known::Observation,
-            Some(_) => Known::Mission,
-            None => Known::Nothing,
+            Some(known) if known.episode != self.hosted.handle => Received::Nothing,
+            Some(known) if known.step == self.last.observation.step => Received::LastObservation,
+            Some(_) => Received::Mission,
+            None => Received::Nothing,
         }
     }
 
-    /// Where it is.
     pub(super) fn position(&self, slot: u32) -> v1::SlotPosition {
-        v1::SlotPosition { slot, episode: self.seat.handle.clone(), step: self.last.observation.step }
+        v1::SlotPosition { slot, episode: self.hosted.handle.clone(), step: self.last.observation.step }
     }
 
-    /// The agent has answered, or is not asked any more: its thinking is counted.
+    /// Stops the clock and accounts for the thinking time.
     pub(super) fn stop_clock(&mut self) -> std::time::Duration {
         let thought = self.clock.stop();
-        self.seat.time.thinking += thought;
+        self.hosted.time.thinking += thought;
         thought
+    }
+
+    /// Builds an EpisodeStart with the last observation instead of the first.
+    pub(super) fn start_frame<H>(&self, slot: u32, session: &SessionContext<H>) -> v1::EpisodeStart {
+        v1::EpisodeStart {
+            slot,
+            episode: self.hosted.handle.clone(),
+            mission: Some(wire::mission(self.hosted.episode.mission())),
+            observation: Some(self.last.observation.clone()),
+            ordinal: self.ordinal,
+            progress: Some(session.progress.progress()),
+        }
     }
 }
 
-impl Over {
-    /// The last action again yields the last answer again. An episode that ended while the agent thought is told
-    /// as an end to a unary caller, who had no other way to learn of it.
-    pub(super) fn act(&self, act: &v1::Act, unary: bool) -> Result<Answer, Failure> {
+impl FinishedEpisode {
+    /// Repeats the last reply to a repeated action, and refuses any other.
+    pub(super) fn act(&self, act: &v1::Act, is_unary: bool) -> Result<SlotReply, Failure> {
         same_episode(&self.end.episode, &act.episode)?;
         let taken = &self.last.observation;
         let mut response = v1::StepResponse { observation: None, episode_end: Some(self.end.clone()) };
         let again = act.step == taken.step && self.last.action == Some(act.action);
         if again && self.last.is_last() {
             response.observation = Some(taken.clone());
-            return Ok(Answer::Step(Box::new(response)));
+            return Ok(SlotReply::Step(Box::new(response)));
         }
+        // An episode that ended while the agent was thinking: a stream has received the end, a unary caller learns it only here.
         let cut_short = !self.last.is_last();
-        if unary && cut_short && self.end.reason() != v1::EndReason::Abandoned {
-            return Ok(Answer::Step(Box::new(response)));
+        if is_unary && cut_short && self.end.reason() != v1::EndReason::Abandoned {
+            return Ok(SlotReply::Step(Box::new(response)));
         }
         let ended = self.end.reason().as_str_name();
         let message =
@@ -109,37 +150,25 @@ impl Over {
         Err(Failure::new(Reason::EpisodeOver, message))
     }
 
-    /// What somebody has missed who received `known` last.
-    pub(super) fn missed(&self, known: &v1::SlotPosition) -> Answer {
+    /// Returns the frames that a client with this last position has missed.
+    pub(super) fn missed(&self, known: &v1::SlotPosition) -> SlotReply {
         let unseen = self.last.is_last() && known.step < self.last.observation.step;
-        Answer::Step(Box::new(v1::StepResponse {
+        SlotReply::Step(Box::new(v1::StepResponse {
             observation: unseen.then(|| self.last.observation.clone()),
             episode_end: Some(self.end.clone()),
         }))
     }
 }
 
-/// The frame that tells of an episode from its mission on; its observation is the last one.
-pub(super) fn start_frame(slot: u32, shared: &Shared, playing: &Playing) -> v1::EpisodeStart {
-    v1::EpisodeStart {
-        slot,
-        episode: playing.seat.handle.clone(),
-        mission: Some(wire::mission(playing.seat.referee.mission())),
-        observation: Some(playing.last.observation.clone()),
-        ordinal: playing.ordinal,
-        progress: Some(shared.board.progress()),
-    }
-}
-
-impl super::Order {
-    /// What a fault about this order names.
-    pub(crate) fn about(&self, slot: u32) -> About<'_> {
+impl SlotRequest {
+    /// Returns the subject for faults about this request.
+    pub(crate) fn subject(&self, slot: u32) -> FaultSubject<'_> {
         let (episode, step) = match self {
-            Self::Ready | Self::GoOn => ("", 0),
+            Self::Ready | Self::Resume => ("", 0),
             Self::Act(act) => (act.episode.as_str(), act.step),
             Self::Abandon(abandon) => (abandon.episode.as_str(), abandon.step),
         };
-        About { slot: Some(slot), episode: Limits::shorten(episode), step }
+        FaultSubject { slot: Some(slot), episode: Limits::shorten(episode), step }
     }
 }
 
@@ -155,7 +184,7 @@ pub(super) fn not_ahead(step: u32, latest: u32) -> Result<(), Failure> {
     if step <= latest {
         return Ok(());
     }
-    let message = format!("step {step} lies ahead; {latest} is the latest that is possible");
+    let message = format!("step {step} lies ahead; {latest} is the latest possible");
     Err(Failure::new(Reason::StepAhead, message))
 }
 

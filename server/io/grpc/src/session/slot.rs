@@ -1,13 +1,17 @@
+//! Slot: a task that owns an episode at a time.
+
 use super::{
-    Leave, Shared,
-    clock::Clock,
-    playing::{Last, Over, Playing, not_ahead, same_episode, start_frame},
+    SessionContext, SlotEnding,
+    clock::ChessClock,
+    playing::{
+        Audience, FinishedEpisode, LastStep, OpenEpisode, SlotReply, SlotRequest, not_ahead, same_episode,
+    },
 };
 use crate::{
-    outbound::Outbound,
+    episode::{Acted, Episode, HostedEpisode, Restored},
+    host::Host,
     refusal::{Failure, ServerFault, ask},
-    seat::{Acted, Restored, Seat},
-    watchdog::Leash,
+    watchdog::CancelToken,
     wire,
 };
 use avln_episode::{Action, EndReason};
@@ -20,146 +24,126 @@ use tokio::{
     time::Instant,
 };
 
-/// What an agent wants from a slot.
-#[derive(Clone, Debug)]
-pub(crate) enum Order {
-    Ready,
-    /// Of a unary caller that was away: the episode that the slot plays, or the next.
-    GoOn,
-    Act(v1::Act),
-    Abandon(v1::Abandon),
-}
-
-/// What came of it.
-#[derive(Clone, Debug)]
-pub(crate) enum Answer {
-    Start(Box<v1::EpisodeStart>),
-    NothingLeft,
-    Step(Box<v1::StepResponse>),
-    Ended(Box<v1::EpisodeEnd>),
-}
-
-/// Who listens to a slot.
-#[derive(Clone, Debug)]
-pub(crate) enum Audience {
-    /// A stream, which is sent what happens.
-    Stream(Outbound),
-    /// Unary calls, each of which waits for its answer.
-    Callers,
-    /// The connection is lost: what happens is kept.
-    Nobody,
-}
-
-/// What a session wants from a slot.
-pub(super) enum Command {
-    /// An agent's order, and who waits for the answer; nobody does when it goes to the stream.
-    Obey(Order, Option<oneshot::Sender<Result<Answer, Failure>>>),
-    /// Says where the slot's episode is.
-    Tell(oneshot::Sender<Option<v1::SlotPosition>>),
-    /// Somebody else listens from now on, who received `known` last and was away for so long.
+/// Command of a session to a slot.
+pub(super) enum SlotCommand {
+    /// Handle a request, and reply to the caller, or to the stream if there is none.
+    Handle(SlotRequest, Option<oneshot::Sender<Result<SlotReply, Failure>>>),
+    /// Report the position of the open episode.
+    Position(oneshot::Sender<Option<v1::SlotPosition>>),
+    /// Change the audience.
     Switch {
         audience: Audience,
+        /// Last frame that the new client received.
         known: Option<v1::SlotPosition>,
+        /// Duration of the disconnect.
         away: Duration,
-        /// Told whether the agent's clock started again.
+        /// Receives whether the agent's clock restarted.
         reply: oneshot::Sender<bool>,
     },
 }
 
-/// One slot: idle, playing, or just done. It alone touches its episode, so it needs no lock.
-pub(super) struct Slot {
+/// A slot. The task is the episode's only user, so the episode needs no lock.
+pub(super) struct Slot<H: Host> {
     pub(super) id: u32,
-    pub(super) shared: Arc<Shared>,
+    pub(super) session: Arc<SessionContext<H>>,
     pub(super) audience: Audience,
-    pub(super) state: State,
-    /// How many episodes had gone back to the host when it had none for this slot.
+    pub(super) state: SlotContent<H::Episode>,
+    /// Returned episodes when the host had none for this slot.
     waiting: Option<u32>,
 }
 
-pub(super) enum State {
+pub(super) enum SlotContent<E> {
     Idle,
-    Playing(Box<Playing>),
-    Over(Box<Over>),
+    Playing(Box<OpenEpisode<E>>),
+    Finished(Box<FinishedEpisode>),
 }
 
-impl Slot {
-    /// An idle slot, or one that takes up an episode where it was.
-    pub(super) fn new(id: u32, shared: Arc<Shared>, restored: Option<Restored>) -> Self {
-        let mut slot = Self { id, shared, audience: Audience::Nobody, state: State::Idle, waiting: None };
+impl<H: Host> Slot<H> {
+    /// Creates a slot, idle or with a restored episode.
+    pub(super) fn new(
+        id: u32,
+        session: Arc<SessionContext<H>>,
+        restored: Option<Restored<H::Episode>>,
+    ) -> Self {
+        let mut slot =
+            Self { id, session, audience: Audience::Nobody, state: SlotContent::Idle, waiting: None };
         if let Some(restored) = restored {
-            slot.state = State::Playing(Box::new(slot.taken_up(restored)));
+            slot.state = SlotContent::Playing(Box::new(slot.restored(restored)));
         }
         slot
     }
 
-    fn taken_up(&self, restored: Restored) -> Playing {
-        let Restored { seat, last: (sensed, action), bank_left, .. } = restored;
-        self.shared.board.asking();
-        let ordinal = self.shared.board.started();
-        let clock = Clock::new(&self.shared.time).with_bank(bank_left);
-        let observation = self.observation(&seat, sensed, seat.referee.end(), &clock);
-        let last = Last { action: action.map(wire::action_number), observation };
-        Playing { seat, ordinal, last, clock }
+    fn restored(&self, restored: Restored<H::Episode>) -> OpenEpisode<H::Episode> {
+        let Restored { hosted, last: (sensed, action), bank_left, .. } = restored;
+        self.session.progress.requested();
+        let ordinal = self.session.progress.started();
+        let clock = ChessClock::new(&self.session.time).with_bank(bank_left);
+        let observation = self.observation(&hosted, sensed, hosted.episode.end(), &clock);
+        let last = LastStep { action: action.map(wire::action_number), observation };
+        OpenEpisode { hosted, ordinal, last, clock }
     }
 
-    /// Serves its session until `leave` says how an open episode ends.
+    /// Serves the session until it ends.
     pub(super) async fn run(
         mut self,
-        mut commands: mpsc::Receiver<Command>,
-        mut leave: watch::Receiver<Option<Leave>>,
+        mut commands: mpsc::Receiver<SlotCommand>,
+        mut ending: watch::Receiver<Option<SlotEnding>>,
     ) {
-        self.settle().await;
+        self.store_finished().await;
         loop {
-            let shared = self.shared.clone();
+            let session = self.session.clone();
             tokio::select! {
+                // In this order: the end of the session first, and the clock before requests, so that a flood of requests buys
+                // no time.
                 biased;
-                how = left(&mut leave) => return self.end(how).await,
-                () = expired(self.clock()) => self.put_away_and_tell(EndReason::TimeBudget).await,
+                ending = next_ending(&mut ending) => return self.end(ending).await,
+                () = expired(self.clock()) => self.cut(EndReason::TimeBudget).await,
                 command = commands.recv() => match command {
                     Some(command) => self.serve(command).await,
-                    None => { let how = left(&mut leave).await; return self.end(how).await },
+                    None => { let ending = next_ending(&mut ending).await; return self.end(ending).await },
                 },
-                () = refilled(&shared, self.waiting()) => self.obey(Order::Ready, None).await,
+                () = refilled(&session, self.waiting()) => self.handle(SlotRequest::Ready, None).await,
             }
         }
     }
 
-    /// Stores an episode that had ended when the server stopped.
-    async fn settle(&mut self) {
-        if let State::Playing(playing) = &self.state
+    /// Stores a restored episode that had ended before the server stopped.
+    async fn store_finished(&mut self) {
+        if let SlotContent::Playing(playing) = &self.state
             && playing.last.is_last()
-            && let State::Playing(playing) = std::mem::replace(&mut self.state, State::Idle)
+            && let SlotContent::Playing(playing) = std::mem::replace(&mut self.state, SlotContent::Idle)
         {
-            self.end_with(playing.seat, playing.last).await;
+            self.end_with(playing.hosted, playing.last).await;
         }
     }
 
-    async fn end(&mut self, how: Leave) {
-        match how {
-            Leave::End(reason) => self.put_away_and_tell(reason).await,
-            Leave::AsItIs => {}
+    async fn end(&mut self, ending: SlotEnding) {
+        match ending {
+            SlotEnding::Close(reason) => self.cut(reason).await,
+            SlotEnding::Keep => {}
         }
     }
 
-    /// The clock that may run out. While nobody listens it is not known whether the agent thinks.
-    fn clock(&self) -> Option<Clock> {
+    /// Returns the clock that may expire.
+    fn clock(&self) -> Option<ChessClock> {
         match (&self.state, &self.audience) {
-            (State::Playing(_), Audience::Nobody) => None,
-            (State::Playing(playing), _) => Some(playing.clock.clone()),
+            // Without a client, the server cannot know whether the observation arrived and the agent thinks.
+            (SlotContent::Playing(_), Audience::Nobody) => None,
+            (SlotContent::Playing(playing), _) => Some(playing.clock.clone()),
             _ => None,
         }
     }
 
-    /// A slot asks again by itself only for a stream.
     fn waiting(&self) -> Option<u32> {
+        // Only a stream can receive an episode unasked; unary callers repeat Reset.
         self.waiting.filter(|_| matches!(self.audience, Audience::Stream(_)))
     }
 
-    async fn serve(&mut self, command: Command) {
+    async fn serve(&mut self, command: SlotCommand) {
         match command {
-            Command::Obey(order, reply) => self.obey(order, reply).await,
-            Command::Tell(reply) => drop(reply.send(self.position())),
-            Command::Switch { audience, known, away, reply } => {
+            SlotCommand::Handle(request, reply) => self.handle(request, reply).await,
+            SlotCommand::Position(reply) => drop(reply.send(self.position())),
+            SlotCommand::Switch { audience, known, away, reply } => {
                 self.audience = audience;
                 let restarted = self.catch_up(known, away).await;
                 let _ = reply.send(restarted);
@@ -169,69 +153,76 @@ impl Slot {
 
     fn position(&self) -> Option<v1::SlotPosition> {
         match &self.state {
-            State::Playing(playing) => Some(playing.position(self.id)),
+            SlotContent::Playing(playing) => Some(playing.position(self.id)),
             _ => None,
         }
     }
 
-    async fn obey(&mut self, order: Order, reply: Option<oneshot::Sender<Result<Answer, Failure>>>) {
-        let answer = match &order {
-            Order::Ready => self.begin().await,
-            Order::GoOn => self.go_on().await,
-            Order::Act(act) => self.act(act).await,
-            Order::Abandon(abandon) => self.abandon(abandon).await,
+    async fn handle(
+        &mut self,
+        request: SlotRequest,
+        caller: Option<oneshot::Sender<Result<SlotReply, Failure>>>,
+    ) {
+        let reply = match &request {
+            SlotRequest::Ready => self.begin().await,
+            SlotRequest::Resume => self.resume().await,
+            SlotRequest::Act(act) => self.act(act).await,
+            SlotRequest::Abandon(abandon) => self.abandon(abandon).await,
         };
-        match reply {
-            // A caller that hung up finds the answer when it asks again.
-            Some(reply) => {
-                drop(reply.send(answer));
-                if let State::Playing(playing) = &mut self.state {
+        match caller {
+            Some(caller) => {
+                // A caller that hung up receives the same reply to a repeated request.
+                drop(caller.send(reply));
+                if let SlotContent::Playing(playing) = &mut self.state {
                     playing.clock.handed_over();
                 }
             }
-            None => self.tell(order.about(self.id), answer).await,
+            None => self.deliver(request.subject(self.id), reply).await,
         }
     }
 
-    async fn go_on(&mut self) -> Result<Answer, Failure> {
+    async fn resume(&mut self) -> Result<SlotReply, Failure> {
         match &self.state {
-            State::Playing(playing) => {
-                Ok(Answer::Start(Box::new(start_frame(self.id, &self.shared, playing))))
+            SlotContent::Playing(playing) => {
+                Ok(SlotReply::Start(Box::new(playing.start_frame(self.id, &self.session))))
             }
             _ => self.begin().await,
         }
     }
 
-    /// Asks the host for an episode. A slot of a stream that gets none asks again when one has gone back.
-    async fn begin(&mut self) -> Result<Answer, Failure> {
-        if let State::Playing(playing) = &self.state {
+    /// Requests an episode from the host and starts it.
+    async fn begin(&mut self) -> Result<SlotReply, Failure> {
+        if let SlotContent::Playing(playing) = &self.state {
             return self.already_playing(playing);
         }
         self.waiting = None;
-        let returned = self.shared.board.returned();
-        self.shared.board.asking();
-        let (host, run, id) = (self.shared.host.clone(), self.shared.run.clone(), self.id);
-        let sensors = self.shared.sensors.clone();
-        let seat = ask("next episode", async move { host.next_episode(&run, id, &sensors).await }).await;
-        match seat {
-            Ok(Some(seat)) => self.take(seat).await,
+        // Before the request: an episode that another slot returns meanwhile must wake this slot.
+        let returned = self.session.progress.returned();
+        self.session.progress.requested();
+        let host = self.session.host.clone();
+        let run = self.session.run.clone();
+        let id = self.id;
+        let sensors = self.session.sensors.clone();
+        let hosted = ask("next episode", async move { host.next_episode(&run, id, &sensors).await }).await;
+        match hosted {
+            Ok(Some(hosted)) => self.start(hosted).await,
             Ok(None) => {
                 self.waiting = (!matches!(self.audience, Audience::Callers)).then_some(returned);
-                self.shared.board.refused(true);
-                Ok(Answer::NothingLeft)
+                self.session.progress.refused(true);
+                Ok(SlotReply::NothingLeft)
             }
             Err(failure) => {
-                self.shared.board.refused(false);
+                self.session.progress.refused(false);
                 Err(failure)
             }
         }
     }
 
-    /// A unary Reset that is repeated before the first step finds the same episode; a stream cannot lose frames.
-    fn already_playing(&self, playing: &Playing) -> Result<Answer, Failure> {
+    fn already_playing(&self, playing: &OpenEpisode<H::Episode>) -> Result<SlotReply, Failure> {
         match (&playing.last.action, &self.audience) {
+            // A unary Reset may be repeated until the first step, because the reply can be lost. A stream loses no frames.
             (None, Audience::Callers) => {
-                Ok(Answer::Start(Box::new(start_frame(self.id, &self.shared, playing))))
+                Ok(SlotReply::Start(Box::new(playing.start_frame(self.id, &self.session))))
             }
             _ => {
                 let message = format!("slot {} plays an episode; end it before the next", self.id);
@@ -240,174 +231,188 @@ impl Slot {
         }
     }
 
-    async fn take(&mut self, seat: Seat) -> Result<Answer, Failure> {
-        let ordinal = self.shared.board.started();
-        let (handle, ticket) = (seat.handle.clone(), seat.ticket);
-        let share = &self.shared.share;
-        let begun = share.simulate(seat, share.longest_start, |seat, _| seat.referee.start()).await;
-        let (seat, first) = match begun {
-            Ok(begun) => begun,
+    async fn start(&mut self, hosted: HostedEpisode<H::Episode>) -> Result<SlotReply, Failure> {
+        let ordinal = self.session.progress.started();
+        let handle = hosted.handle.clone();
+        let ticket = hosted.ticket;
+        let simulator = &self.session.simulator;
+        let started =
+            simulator.run(hosted, simulator.longest_start, |hosted, _| hosted.episode.start()).await;
+        let (hosted, first) = match started {
+            Ok(started) => started,
             Err(fault) => {
-                self.lose(&handle, ticket).await;
+                self.mark_lost(&handle, ticket).await;
                 return Err(fault.into());
             }
         };
         let first = match first {
             Ok(first) => first,
-            Err(fault) => return self.stillborn(seat, fault).await,
+            Err(fault) => return self.failed_to_start(hosted, fault).await,
         };
-        let clock = Clock::new(&self.shared.time);
-        let observation = self.observation(&seat, first, None, &clock);
-        let playing = Playing { seat, ordinal, last: Last { action: None, observation }, clock };
-        let start = start_frame(self.id, &self.shared, &playing);
-        if let Err(fault) = self.fits(&start) {
-            return self.stillborn(playing.seat, fault).await;
+        let clock = ChessClock::new(&self.session.time);
+        let observation = self.observation(&hosted, first, None, &clock);
+        let playing = OpenEpisode { hosted, ordinal, last: LastStep { action: None, observation }, clock };
+        let start = playing.start_frame(self.id, &self.session);
+        if let Err(fault) = self.check_size(&start) {
+            return self.failed_to_start(playing.hosted, fault).await;
         }
-        self.note(&playing.seat, 0);
-        self.state = State::Playing(Box::new(playing));
-        Ok(Answer::Start(Box::new(start)))
+        self.report_step(&playing.hosted, 0);
+        self.state = SlotContent::Playing(Box::new(playing));
+        Ok(SlotReply::Start(Box::new(start)))
     }
 
-    /// The agent was told how large frames can be: a larger one is the server's fault.
-    fn fits(&self, start: &v1::EpisodeStart) -> Result<(), ServerFault> {
-        let (bytes, limit) = (start.encoded_len() as u64, self.shared.frame_bytes);
+    fn check_size(&self, start: &v1::EpisodeStart) -> Result<(), ServerFault> {
+        let bytes = start.encoded_len() as u64;
+        let limit = self.session.frame_bytes;
         if bytes <= limit {
             return Ok(());
         }
+        // Welcome announced the limit to the client, which may refuse larger frames: this is a fault of the server.
         Err(ServerFault::log("begin an episode", format!("its first frame has {bytes} of {limit} bytes")))
     }
 
     fn observation(
         &self,
-        seat: &Seat,
+        hosted: &HostedEpisode<H::Episode>,
         sensed: avln_episode::Observation,
         end: Option<EndReason>,
-        clock: &Clock,
+        clock: &ChessClock,
     ) -> v1::Observation {
-        let sensors_and_rules = (&self.shared.sensors, seat.referee.rules());
-        let seen = wire::observation(self.id, &seat.handle, sensed, sensors_and_rules, end);
-        v1::Observation { time: Some(clock.account()), ..seen }
+        let format =
+            wire::ObservationFormat { sensors: &self.session.sensors, rules: hosted.episode.rules() };
+        let frame = wire::observation(self.id, &hosted.handle, sensed, format, end);
+        v1::Observation { time: Some(clock.account()), ..frame }
     }
 
-    async fn act(&mut self, act: &v1::Act) -> Result<Answer, Failure> {
+    async fn act(&mut self, act: &v1::Act) -> Result<SlotReply, Failure> {
         let playing = match &self.state {
-            State::Idle => return Err(self.holds_nothing()),
-            State::Over(over) => return over.act(act, matches!(self.audience, Audience::Callers)),
-            State::Playing(playing) => playing,
+            SlotContent::Idle => return Err(self.no_episode()),
+            SlotContent::Finished(over) => return over.act(act, matches!(self.audience, Audience::Callers)),
+            SlotContent::Playing(playing) => playing,
         };
-        same_episode(&playing.seat.handle, &act.episode)?;
+        same_episode(&playing.hosted.handle, &act.episode)?;
         let Some(action) = playing.last.due(act)? else {
             let observation = Some(playing.last.observation.clone());
-            return Ok(Answer::Step(Box::new(v1::StepResponse { observation, episode_end: None })));
+            return Ok(SlotReply::Step(Box::new(v1::StepResponse { observation, episode_end: None })));
         };
-        match std::mem::replace(&mut self.state, State::Idle) {
-            State::Playing(playing) => self.step(*playing, act, action).await,
+        match std::mem::replace(&mut self.state, SlotContent::Idle) {
+            SlotContent::Playing(playing) => self.step(*playing, act, action).await,
             other => {
                 self.state = other;
-                Err(self.holds_nothing())
+                Err(self.no_episode())
             }
         }
     }
 
-    fn holds_nothing(&self) -> Failure {
-        let message = format!("slot {} holds no episode; send Ready first", self.id);
+    fn no_episode(&self) -> Failure {
+        let message = format!("slot {} has no episode; send Ready first", self.id);
         Failure::new(Reason::SlotUnknown, message)
     }
 
-    /// Carries out an action that is legal and due, and writes it down before anybody learns of its result.
-    async fn step(&mut self, mut playing: Playing, act: &v1::Act, action: Action) -> Result<Answer, Failure> {
+    /// Carries out an action and records it in the run log.
+    async fn step(
+        &mut self,
+        mut playing: OpenEpisode<H::Episode>,
+        act: &v1::Act,
+        action: Action,
+    ) -> Result<SlotReply, Failure> {
         let thought = playing.stop_clock();
-        let Playing { seat, ordinal, last, clock } = playing;
-        let (step, bank_left) = (act.step, clock.bank());
-        let (handle, ticket) = (seat.handle.clone(), seat.ticket);
-        let work = move |seat: &mut Seat, leash: &Leash| {
+        let OpenEpisode { hosted, ordinal, last, clock } = playing;
+        let step = act.step;
+        let bank_left = clock.bank();
+        let handle = hosted.handle.clone();
+        let ticket = hosted.ticket;
+        let work = move |hosted: &mut HostedEpisode<H::Episode>, token: &CancelToken| {
             let unwritten = |error: std::io::Error| format!("write the action down: {error}");
-            seat.log.acting(step).map_err(unwritten)?;
-            let outcome = seat.referee.step(action).map_err(|error| error.to_string())?;
-            let state_hash = seat.referee.state_hash();
+            hosted.log.acting(step).map_err(unwritten)?;
+            let outcome = hosted.episode.step(action).map_err(|error| error.to_string())?;
+            let state_hash = hosted.episode.state_hash();
             let acted = Acted { step, action, state_hash, thought, bank_left };
-            if !leash.keep() {
+            // The log must not contain an abandoned step: the episode restarts.
+            if !token.commit() {
                 return Err("it was given up".to_owned());
             }
-            seat.log.acted(&acted).map_err(unwritten)?;
+            // Before the client receives the result: after a crash the log must lead to every observation that it has seen.
+            hosted.log.acted(&acted).map_err(unwritten)?;
             Ok(outcome)
         };
-        let share = &self.shared.share;
-        let (seat, outcome) = match share.simulate(seat, share.longest_step, work).await {
+        let simulator = &self.session.simulator;
+        let (hosted, outcome) = match simulator.run(hosted, simulator.longest_step, work).await {
             Ok(result) => result,
-            Err(fault) => return Ok(self.hung(&handle, ticket, last, act, fault).await),
+            Err(fault) => return Ok(self.timed_out(&handle, ticket, last, act, fault).await),
         };
         let refused = |error: String| ServerFault::simulator("step", error);
         match outcome.and_then(|outcome| outcome.map_err(refused)) {
-            Ok(outcome) => Ok(self.stepped(seat, ordinal, clock, act.action, outcome).await),
-            Err(fault) => Ok(self.broken(seat, last, act, fault).await),
+            Ok(outcome) => Ok(self.stepped(hosted, ordinal, clock, act.action, outcome).await),
+            Err(fault) => Ok(self.broken(hosted, last, act, fault).await),
         }
     }
 
     async fn stepped(
         &mut self,
-        mut seat: Seat,
+        mut hosted: HostedEpisode<H::Episode>,
         ordinal: u32,
-        clock: Clock,
+        clock: ChessClock,
         action: i32,
         outcome: StepOutcome,
-    ) -> Answer {
+    ) -> SlotReply {
         let StepOutcome { observation, end } = outcome;
         let begun = Instant::now();
-        let observation = self.observation(&seat, observation, end, &clock);
-        seat.time.encoding += begun.elapsed();
-        self.note(&seat, observation.step);
-        let last = Last { action: Some(action), observation: observation.clone() };
+        let observation = self.observation(&hosted, observation, end, &clock);
+        hosted.time.encoding += begun.elapsed();
+        self.report_step(&hosted, observation.step);
+        let last = LastStep { action: Some(action), observation: observation.clone() };
         let mut response = v1::StepResponse { observation: Some(observation), episode_end: None };
         if end.is_some() {
-            response.episode_end = Some(self.end_with(seat, last).await);
+            response.episode_end = Some(self.end_with(hosted, last).await);
         } else {
-            self.state = State::Playing(Box::new(Playing { seat, ordinal, last, clock }));
+            self.state = SlotContent::Playing(Box::new(OpenEpisode { hosted, ordinal, last, clock }));
         }
-        Answer::Step(Box::new(response))
+        SlotReply::Step(Box::new(response))
     }
 
-    /// Lets the operator see how far the slot is.
-    fn note(&self, seat: &Seat, step: u32) {
-        if let Some(control) = self.shared.host.control() {
-            control.stepped(&self.shared.run, self.id, step, seat.time);
+    /// Reports the step to the operator's control.
+    fn report_step(&self, hosted: &HostedEpisode<H::Episode>, step: u32) {
+        if let Some(control) = self.session.host.control() {
+            control.stepped(&self.session.run, self.id, step, hosted.time);
         }
     }
 
-    async fn abandon(&mut self, abandon: &v1::Abandon) -> Result<Answer, Failure> {
+    async fn abandon(&mut self, abandon: &v1::Abandon) -> Result<SlotReply, Failure> {
         match &self.state {
-            State::Idle => return Err(self.holds_nothing()),
-            State::Over(over) => {
+            SlotContent::Idle => return Err(self.no_episode()),
+            SlotContent::Finished(over) => {
                 same_episode(&over.end.episode, &abandon.episode)?;
-                return Ok(Answer::Ended(Box::new(over.end.clone())));
+                return Ok(SlotReply::Ended(Box::new(over.end.clone())));
             }
-            State::Playing(playing) => {
-                same_episode(&playing.seat.handle, &abandon.episode)?;
+            SlotContent::Playing(playing) => {
+                same_episode(&playing.hosted.handle, &abandon.episode)?;
                 not_ahead(abandon.step, playing.last.observation.step)?;
             }
         }
-        let end = self.put_away(EndReason::Abandoned).await;
-        end.map(|end| Answer::Ended(Box::new(end))).ok_or_else(|| self.holds_nothing())
+        let end = self.store_open_episode(EndReason::Abandoned).await;
+        end.map(|end| SlotReply::Ended(Box::new(end))).ok_or_else(|| self.no_episode())
     }
 }
 
-/// Waits for how to leave. A session that broke down leaves its episodes as they are.
-async fn left(leave: &mut watch::Receiver<Option<Leave>>) -> Leave {
-    match leave.wait_for(Option::is_some).await {
-        Ok(how) => how.unwrap_or(Leave::AsItIs),
-        Err(_) => Leave::AsItIs,
+/// Waits for the end of the session.
+async fn next_ending(ending: &mut watch::Receiver<Option<SlotEnding>>) -> SlotEnding {
+    match ending.wait_for(Option::is_some).await {
+        Ok(ending) => ending.unwrap_or(SlotEnding::Keep),
+        // The session was dropped without an end: the run log is the safe place for open episodes.
+        Err(_) => SlotEnding::Keep,
     }
 }
 
-/// Waits until a slot that was told that nothing is left may ask again.
-async fn refilled(shared: &Shared, waiting: Option<u32>) {
+/// Waits for an episode returned to the host.
+async fn refilled<H>(session: &SessionContext<H>, waiting: Option<u32>) {
     match waiting {
-        Some(seen) => shared.board.refilled(seen).await,
+        Some(seen) => session.progress.refilled(seen).await,
         None => std::future::pending().await,
     }
 }
 
-async fn expired(clock: Option<Clock>) {
+async fn expired(clock: Option<ChessClock>) {
     match clock {
         Some(clock) => clock.expired().await,
         None => std::future::pending().await,

@@ -1,15 +1,14 @@
-//! Between the benchmark's types and the wire's. Everything that leaves this crate is built here, from
-//! `avln-episode` types and what the host calls public.
+//! Conversions between benchmark types and messages. All messages of this crate are built here, from `avln-episode` types and
+//! public values of the host.
 
-mod encoding;
-mod hello;
 mod observation;
 mod run;
+mod sensors;
 mod task;
 
-pub(crate) use hello::{client_is_welcome, sensors};
-pub(crate) use observation::{observation, tensor_specs};
-pub(crate) use run::{end_counts, phase, public_metrics, quota, run, scope, server_info, unix_ms};
+pub(crate) use observation::{ObservationFormat, observation, tensor_specs};
+pub(crate) use run::{phase, public_metrics, quota, run, run_end, scope, seconds, server_info};
+pub(crate) use sensors::{check_client, sensors};
 pub(crate) use task::{digests, mission, task_spec, time_limits};
 
 use avln_episode::{Action, EndReason, FeedbackRule, Order};
@@ -42,13 +41,13 @@ pub(crate) fn feedback_rule(rule: FeedbackRule) -> v1::FeedbackRule {
     }
 }
 
-/// The action behind a number on the wire, which is its index plus one.
+/// Returns the action for a wire number: index plus one.
 pub(crate) fn action(number: i32) -> Option<Action> {
     let index = u32::try_from(number).ok()?.checked_sub(1)?;
     Action::try_from(index).ok()
 }
 
-/// The number of an action on the wire.
+/// Returns an action's wire number.
 pub(crate) fn action_number(action: Action) -> i32 {
     action.index() as i32 + 1
 }

@@ -1,4 +1,6 @@
-use super::encoding::{self, Numbers, pack};
+//! Observations and their tensors.
+
+use super::sensors::{SensorValues, encoding, encoding_of, pack};
 use avln_episode::{Encoding, EndReason, Feedback, Observation, Rules, Sensors};
 use avln_proto::v1::{self, Dtype, SensorKind};
 use bytes::Bytes;
@@ -7,7 +9,7 @@ const RGB_ID: u32 = 1;
 const DEPTH_ID: u32 = 2;
 const AUDIO_ID: u32 = 3;
 
-/// What the tensors of an observation look like: rgb, depth, audio, those of them that were asked for.
+/// Returns the requested tensor specifications, in the order rgb, depth, audio.
 pub(crate) fn tensor_specs(sensors: &Sensors, rules: &Rules) -> Vec<v1::TensorSpec> {
     let (width, height) = (sensors.width, sensors.height);
     let mut specs = Vec::with_capacity(3);
@@ -24,7 +26,7 @@ pub(crate) fn tensor_specs(sensors: &Sensors, rules: &Rules) -> Vec<v1::TensorSp
     }
     let mut encodings = sensors.encodings;
     for spec in &mut specs {
-        spec.encoding = encoding::encoding(*encoding::of(&mut encodings, spec.kind())).into();
+        spec.encoding = encoding(*encoding_of(&mut encodings, spec.kind())).into();
     }
     specs
 }
@@ -55,12 +57,19 @@ fn spec(
     }
 }
 
-/// The frame for what the agent senses now, without its time. Pixels and samples that travel raw are moved, not copied.
+/// Format of observations.
+#[derive(Clone, Copy)]
+pub(crate) struct ObservationFormat<'a> {
+    pub(crate) sensors: &'a Sensors,
+    pub(crate) rules: &'a Rules,
+}
+
+/// Builds an observation frame, without the time account. Raw pixels and samples are moved, not copied.
 pub(crate) fn observation(
     slot: u32,
     episode: &str,
     observation: Observation,
-    (sensors, rules): (&Sensors, &Rules),
+    format: ObservationFormat<'_>,
     end: Option<EndReason>,
 ) -> v1::Observation {
     let pose = observation.pose;
@@ -81,27 +90,27 @@ pub(crate) fn observation(
         truncated: end.is_some_and(|reason| !reason.is_terminated()),
         reason: end.map_or(v1::EndReason::Unspecified, super::end_reason).into(),
         time: None,
-        tensors: tensors(observation, sensors, rules.depth_divisor),
+        tensors: tensors(observation, format.sensors, format.rules.depth_divisor),
     }
 }
 
 fn tensors(observation: Observation, sensors: &Sensors, depth_divisor: f32) -> Vec<v1::Tensor> {
     let (width, height, encodings) = (sensors.width, sensors.height, sensors.encodings);
     let mut tensors = Vec::with_capacity(3);
-    let mut push = |id, dtype, shape, numbers, wanted: Encoding| {
-        let (encoding, data) = pack(numbers, wanted, sensors);
+    let mut push = |id, dtype, shape, values, wanted: Encoding| {
+        let (encoding, data) = pack(values, wanted, sensors);
         tensors.push(tensor(id, dtype, shape, encoding, data));
     };
     if let Some(rgb) = observation.rgb {
-        push(RGB_ID, Dtype::U8, vec![height, width, 3], Numbers::Rgb(rgb), encodings.rgb);
+        push(RGB_ID, Dtype::U8, vec![height, width, 3], SensorValues::Rgb(rgb), encodings.rgb);
     }
     if let Some(depth) = observation.depth {
-        let numbers = Numbers::Depth(depth, depth_divisor);
-        push(DEPTH_ID, Dtype::F32, vec![height, width], numbers, encodings.depth);
+        let values = SensorValues::Depth(depth, depth_divisor);
+        push(DEPTH_ID, Dtype::F32, vec![height, width], values, encodings.depth);
     }
     if let Some(audio) = observation.audio {
         let shape = vec![Sensors::AUDIO_CHANNELS, audio.len() as u32 / Sensors::AUDIO_CHANNELS];
-        push(AUDIO_ID, Dtype::F32, shape, Numbers::Audio(audio), encodings.audio);
+        push(AUDIO_ID, Dtype::F32, shape, SensorValues::Audio(audio), encodings.audio);
     }
     tensors
 }
@@ -144,9 +153,15 @@ mod tests {
     }
 
     #[test]
-    fn numbers_arrive_as_they_were() {
+    fn raw_values_arrive_unchanged() {
         let sensors = Sensors::all(64, 64);
-        let sent = observation(2, "ep_x", sensed(), (&sensors, &Rules::paper()), Some(EndReason::StepLimit));
+        let sent = observation(
+            2,
+            "ep_x",
+            sensed(),
+            ObservationFormat { sensors: &sensors, rules: &Rules::paper() },
+            Some(EndReason::StepLimit),
+        );
         let decoded = |tensor: &v1::Tensor| -> Vec<f32> {
             let words = tensor.data.chunks_exact(4);
             words.map(|word| f32::from_le_bytes(word.try_into().unwrap())).collect()
@@ -162,11 +177,17 @@ mod tests {
     }
 
     #[test]
-    fn specs_describe_the_tensors_that_come() {
+    fn specs_describe_the_tensors() {
         let sensors = Sensors { depth: false, ..Sensors::all(64, 64) };
         let mut rules = Rules::paper();
         rules.audio_samples = 2;
-        let sent = observation(0, "e", Observation { depth: None, ..sensed() }, (&sensors, &rules), None);
+        let sent = observation(
+            0,
+            "e",
+            Observation { depth: None, ..sensed() },
+            ObservationFormat { sensors: &sensors, rules: &rules },
+            None,
+        );
         let specs = tensor_specs(&sensors, &rules);
         assert_eq!(specs.len(), sent.tensors.len());
         for (spec, tensor) in specs.iter().zip(&sent.tensors) {
@@ -181,34 +202,41 @@ mod tests {
         sensors.encodings = Encodings { rgb: Encoding::Qoi, depth: Encoding::Packed, audio: Encoding::Int16 };
         let mut rules = Rules::paper();
         rules.audio_samples = 2;
-        let sent = observation(0, "e", sensed(), (&sensors, &rules), None);
+        let sent =
+            observation(0, "e", sensed(), ObservationFormat { sensors: &sensors, rules: &rules }, None);
         for (spec, tensor) in tensor_specs(&sensors, &rules).iter().zip(&sent.tensors) {
             assert_eq!(
                 (spec.encoding, spec.dtype, &spec.shape),
                 (tensor.encoding, tensor.dtype, &tensor.shape)
             );
         }
-        let size = avln_codec::Size { width: 64, height: 64 };
+        let size = avln_proto::wire::Size { width: 64, height: 64 };
         let [rgb, depth, _] = &sent.tensors[..] else { panic!("{} tensors", sent.tensors.len()) };
         assert_eq!(
-            avln_codec::rgb::decode(rgb.encoding(), size, rgb.data.clone()),
+            avln_proto::wire::rgb::decode(rgb.encoding(), size, rgb.data.clone()),
             Ok(sensed().rgb.unwrap())
         );
-        let layout = avln_codec::depth::Layout { size, unit_m: 1.0 };
+        let layout = avln_proto::wire::depth::Layout { size, unit_m: 1.0 };
         assert_eq!(
-            avln_codec::depth::decode(depth.encoding(), layout, &depth.data),
+            avln_proto::wire::depth::decode(depth.encoding(), layout, &depth.data),
             Ok(sensed().depth.unwrap())
         );
     }
 
     #[test]
-    fn numbers_that_cannot_be_packed_travel_raw() {
+    fn unencodable_values_are_sent_raw() {
         let sensors = Sensors {
             encodings: Encodings { rgb: Encoding::Packed, ..Encodings::default() },
             ..Sensors::all(64, 64)
         };
         let broken = Observation { rgb: Some(vec![1, 2, 3]), ..sensed() };
-        let sent = observation(0, "e", broken, (&sensors, &Rules::paper()), None);
+        let sent = observation(
+            0,
+            "e",
+            broken,
+            ObservationFormat { sensors: &sensors, rules: &Rules::paper() },
+            None,
+        );
         assert_eq!(
             (sent.tensors[0].encoding(), &sent.tensors[0].data[..]),
             (v1::Encoding::Raw, &[1, 2, 3][..])

@@ -1,15 +1,11 @@
-use crate::{
-    host::{PhaseInfo, PhaseState, Quota, QuotaWindow, RunState, RunStatus, Scope, ServerInfo, Visibility},
-    limits::Limits,
+//! Server, phases, quotas and runs.
+
+use crate::{control::unix_ms, host::ServerInfo, limits::Limits};
+use avln_challenge::{
+    MethodInfo, PhaseInfo, PhaseState, Quota, QuotaWindow, RunState, RunStatus, TokenScope, Visibility,
 };
 use avln_episode::EndReason;
 use avln_proto::v1::{self, SensorKind};
-use std::time::{SystemTime, UNIX_EPOCH};
-
-/// The server's clock, milliseconds since 1970-01-01 UTC.
-pub(crate) fn unix_ms() -> i64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as i64)
-}
 
 pub(crate) fn server_info(
     info: ServerInfo,
@@ -32,7 +28,7 @@ pub(crate) fn server_info(
         benchmark: info.benchmark,
         digests: None,
         clients: clients.collect(),
-        encodings: super::encoding::offered(),
+        encodings: super::sensors::offered(),
         max_request_bytes: limits.decode_bytes as u32,
         server_time_unix_ms: unix_ms(),
         state: state.into(),
@@ -61,13 +57,13 @@ pub(crate) fn phase(phase: PhaseInfo) -> v1::Phase {
         max_slots: phase.max_slots.min(Limits::MAX_SLOTS),
         feedback: super::feedback_rule(phase.feedback).into(),
         sensors: sensors.into_iter().filter(|(on, _)| *on).map(|(_, kind)| kind.into()).collect(),
-        encodings: super::encoding::offered_in(&phase.sensors),
+        encodings: super::sensors::offered_in(&phase.sensors),
         state: state.into(),
-        state_reason: phase.state_reason,
-        opens_unix_s: phase.opens_unix_s,
-        closes_unix_s: phase.closes_unix_s,
+        state_reason: phase.state_reason.unwrap_or_default(),
+        opens_unix_s: seconds(phase.opens_unix_ms),
+        closes_unix_s: seconds(phase.closes_unix_ms),
         results: visibility(phase.results).into(),
-        commitment: phase.commitment,
+        commitment: phase.commitment.unwrap_or_default(),
         revealed: phase.revealed.map(|values| v1::Revealed {
             pool: values.pool,
             scorer: values.scorer,
@@ -88,12 +84,19 @@ fn visibility(visibility: Visibility) -> v1::Visibility {
     }
 }
 
-pub(crate) fn scope(scope: Scope) -> v1::TokenScope {
+pub(crate) fn scope(scope: TokenScope) -> v1::TokenScope {
     match scope {
-        Scope::Participant => v1::TokenScope::Participant,
-        Scope::ReadOnly => v1::TokenScope::ReadOnly,
-        Scope::Organiser => v1::TokenScope::Organiser,
+        TokenScope::Participant => v1::TokenScope::Participant,
+        TokenScope::ReadOnly => v1::TokenScope::ReadOnly,
+        TokenScope::Organiser => v1::TokenScope::Organiser,
+        // Run tokens have no account, so hosts never return this scope.
+        TokenScope::Run => v1::TokenScope::Unspecified,
     }
+}
+
+/// Returns whole seconds, and 0 if there is no time.
+pub(crate) fn seconds(unix_ms: Option<i64>) -> i64 {
+    unix_ms.map_or(0, |ms| ms.div_euclid(1000))
 }
 
 pub(crate) fn quota(quota: Quota) -> v1::Quota {
@@ -110,30 +113,25 @@ pub(crate) fn quota(quota: Quota) -> v1::Quota {
         limit: quota.limit,
         used: quota.used,
         remaining: quota.remaining,
-        window_start_unix_s: quota.window_start_unix_s,
-        next_increase_unix_s: quota.next_increase_unix_s,
-        charges: quota.charges.into_iter().map(|(run, reason)| v1::Charge { run, reason }).collect(),
+        window_start_unix_s: quota.window_start_unix_ms.div_euclid(1000),
+        next_increase_unix_s: seconds(quota.next_increase_unix_ms),
+        charges: quota
+            .charges
+            .into_iter()
+            .map(|charge| v1::Charge { run: charge.run, reason: charge.reason.to_owned() })
+            .collect(),
     }
 }
 
 pub(crate) fn run(status: RunStatus) -> v1::Run {
     let state = run_state(status.state);
-    let over = !matches!(status.state, RunState::Created | RunState::Running);
-    let progress = v1::RunProgress {
-        total: status.episodes,
-        done: status.done,
-        in_flight: status.in_flight,
-        eta_s: None,
-    };
+    let over = !status.state.is_open();
+    let progress = progress(&status);
     v1::Run {
         id: status.run,
         phase: status.phase,
         order: super::order(status.order).into(),
-        method: Some(v1::MethodInfo {
-            name: status.method,
-            version: status.method_version,
-            ..v1::MethodInfo::default()
-        }),
+        method: Some(method(status.method)),
         state: state.into(),
         state_since_unix_ms: status.updated_unix_ms,
         state_deadline_unix_ms: status.deadline_unix_ms.unwrap_or_default(),
@@ -145,11 +143,34 @@ pub(crate) fn run(status: RunStatus) -> v1::Run {
         ineligible_because: status.ineligible_because,
         metrics: status.metrics.map(|metrics| public_metrics(metrics, status.done)),
         sealed: status.sealed,
-        charged: status.charged,
-        charge_reason: status.charge_reason,
+        charged: status.charge.charged,
+        charge_reason: status.charge.reason.to_owned(),
         url: status.url,
         ..v1::Run::default()
     }
+}
+
+/// Builds the end of a stream.
+pub(crate) fn run_end(status: RunStatus) -> v1::RunEnd {
+    let cut_short = matches!(status.state, RunState::Failed | RunState::Cancelled | RunState::Expired);
+    v1::RunEnd {
+        progress: Some(progress(&status)),
+        run: status.run,
+        ends: end_counts(&status.ends),
+        metrics: status.metrics.map(|metrics| public_metrics(metrics, status.done)),
+        complete: !cut_short && status.done >= status.episodes,
+        url: status.url,
+    }
+}
+
+fn progress(status: &RunStatus) -> v1::RunProgress {
+    v1::RunProgress { total: status.episodes, done: status.done, in_flight: status.in_flight, eta_s: None }
+}
+
+fn method(method: MethodInfo) -> v1::MethodInfo {
+    let MethodInfo { name, version, description, code_url, paper_url, weights_licence, external_data } =
+        method;
+    v1::MethodInfo { name, version, description, code_url, paper_url, weights_licence, external_data }
 }
 
 fn run_state(state: RunState) -> v1::RunState {
@@ -163,12 +184,12 @@ fn run_state(state: RunState) -> v1::RunState {
     }
 }
 
-pub(crate) fn end_counts(ends: &[(EndReason, u32)]) -> Vec<v1::EndCount> {
+fn end_counts(ends: &[(EndReason, u32)]) -> Vec<v1::EndCount> {
     let count = |&(reason, episodes)| v1::EndCount { reason: super::end_reason(reason).into(), episodes };
     ends.iter().map(count).collect()
 }
 
-/// `episodes` is how many the values are taken over; 0 for a single one.
+/// Builds public metrics over a number of episodes; 0 for a single episode.
 pub(crate) fn public_metrics(metrics: Vec<(String, f64)>, episodes: u32) -> v1::PublicMetrics {
     let metric = |(name, value)| v1::Metric { name, value, low: None, high: None, n: episodes };
     v1::PublicMetrics { metrics: metrics.into_iter().map(metric).collect() }

@@ -1,3 +1,5 @@
+//! Task description: rules, missions, digests and time limits.
+
 use super::observation::tensor;
 use crate::host::Digests;
 use avln_episode::{
@@ -7,7 +9,7 @@ use avln_episode::{
 use avln_proto::v1::{self, Dtype, goal::Cue};
 use bytes::Bytes;
 
-/// The facts of the rules and of the sensors.
+/// Describes rules and sensors.
 pub(crate) fn task_spec(rules: &Rules, sensors: &Sensors) -> v1::TaskSpec {
     v1::TaskSpec {
         rules: rules.name.clone(),
@@ -99,7 +101,7 @@ fn sound_clip(clip: SoundClip) -> v1::SoundClip {
     }
 }
 
-/// What the agent is told to find.
+/// Builds a mission.
 pub(crate) fn mission(mission: &Mission) -> v1::Mission {
     let goals = mission.goals.iter().map(|cue| v1::Goal { cue: Some(goal_cue(cue)) });
     v1::Mission { order: super::order(mission.order).into(), goals: goals.collect() }
@@ -116,13 +118,13 @@ fn goal_cue(cue: &GoalCue) -> Cue {
     }
 }
 
-/// What results depend on.
+/// Builds the digests that results depend on.
 pub(crate) fn digests(digests: &Digests) -> v1::Digests {
     let Digests { engine, dataset, scorer, config } = digests.clone();
     v1::Digests { engine, dataset, scorer, config }
 }
 
-/// Time that agents have.
+/// Builds the time limits.
 pub(crate) fn time_limits(time: &TimeLimits) -> v1::TimeLimits {
     v1::TimeLimits {
         step_ms: time.step_ms,
@@ -141,7 +143,7 @@ mod tests {
     #[test]
     fn a_mission_keeps_its_goals_in_order() {
         let image = RgbImage { width: 2, height: 1, pixels: vec![1, 2, 3, 4, 5, 6] };
-        let told = mission(&Mission {
+        let sent = mission(&Mission {
             order: Order::Ordered,
             goals: vec![
                 GoalCue::Category("sofa".into()),
@@ -149,8 +151,8 @@ mod tests {
                 GoalCue::Image(image),
             ],
         });
-        assert_eq!(told.order(), v1::Order::Ordered);
-        let cues: Vec<_> = told.goals.into_iter().map(|goal| goal.cue.unwrap()).collect();
+        assert_eq!(sent.order(), v1::Order::Ordered);
+        let cues: Vec<_> = sent.goals.into_iter().map(|goal| goal.cue.unwrap()).collect();
         assert_eq!(cues[0], Cue::Category("sofa".into()));
         assert_eq!(cues[1], Cue::Description("the red one".into()));
         let Cue::Image(picture) = &cues[2] else { panic!("no picture: {:?}", cues[2]) };
@@ -158,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rule_sets_differ_on_the_wire_where_they_differ() {
+    fn rule_sets_differ_on_the_wire() {
         let sensors = Sensors::all(256, 256);
         let paper = task_spec(&Rules::paper(), &sensors);
         let authors = task_spec(&Rules::authors(), &sensors);

@@ -1,8 +1,8 @@
-//! Typed reading of accessors; nothing is read outside of its buffer view.
+//! Typed access to accessors, checked against their buffer views.
 
-use super::container::{Source, missing};
-use super::schema::{Accessor, Sparse, SparsePart};
 use crate::files::Checked;
+use crate::glb::document::{Accessor, Sparse, SparsePart, missing};
+use crate::glb::source::Source;
 use std::borrow::Cow;
 
 const U8: u32 = 5121;
@@ -12,10 +12,10 @@ const I16: u32 = 5122;
 const U32: u32 = 5125;
 const F32: u32 = 5126;
 
-/// Elements that a sparse or empty accessor may announce: nothing in the file backs them.
+/// Elements in an accessor without data: the file size does not limit them.
 const MAX_UNBACKED: usize = 1 << 22;
 
-/// The elements of one accessor.
+/// An accessor's elements.
 pub(super) struct Elements<'a> {
     bytes: Cow<'a, [u8]>,
     stride: usize,
@@ -27,7 +27,7 @@ pub(super) struct Elements<'a> {
 }
 
 impl<'a> Elements<'a> {
-    /// Finds accessor `index` and checks that all of it lies inside its data.
+    /// Finds accessor `index`, and checks that the data is complete.
     pub(super) fn find(source: &'a Source<'_>, index: usize) -> Checked<Self> {
         let accessor = source.document.accessors.get(index).ok_or_else(|| missing("accessor", index))?;
         let component_bytes = component_bytes(accessor.component_type).ok_or_else(|| {
@@ -68,7 +68,7 @@ impl<'a> Elements<'a> {
         Ok(elements)
     }
 
-    /// Puts the values of a sparse accessor over the others (glTF 2.0, section 3.6.2.3).
+    /// Replaces elements by a sparse accessor's values (glTF 2.0, section 3.6.2.3).
     fn replace(&mut self, source: &Source<'_>, sparse: &Sparse) -> Checked<()> {
         let size = self.component_bytes * self.components;
         let index_bytes = match sparse.indices.component_type {
@@ -87,6 +87,7 @@ impl<'a> Elements<'a> {
         };
         let indices = part(&sparse.indices, index_bytes)?;
         let values = part(&sparse.values, size)?;
+        // The view may be shared with other accessors: the replaced values belong to a copy.
         let mut bytes = std::mem::take(&mut self.bytes).into_owned();
         for (index, value) in indices.chunks_exact(index_bytes).zip(values.chunks_exact(size)) {
             let element = index.iter().rev().fold(0_usize, |word, &byte| word << 8 | usize::from(byte));
@@ -103,7 +104,7 @@ impl<'a> Elements<'a> {
         self.count
     }
 
-    /// The first `N` components of every element as numbers; normalised integers are scaled to 0 to 1 or -1 to 1.
+    /// Returns the first `N` components for every element; normalised integers are scaled to 0 to 1 or -1 to 1.
     pub(super) fn floats<const N: usize>(&self) -> Checked<Vec<[f32; N]>> {
         if self.components < N {
             return Err(format!("an attribute has {} components where {N} are needed", self.components));
@@ -112,7 +113,7 @@ impl<'a> Elements<'a> {
         Ok((0..self.count).map(element).collect())
     }
 
-    /// The elements as vertex numbers.
+    /// Returns the elements as vertex numbers.
     pub(super) fn indices(&self) -> Checked<Vec<u32>> {
         if self.components != 1 {
             return Err("an index list is not a list of single numbers; export the file again".to_owned());
@@ -124,7 +125,7 @@ impl<'a> Elements<'a> {
             _ => None,
         };
         let found: Option<Vec<u32>> = (0..self.count).map(|element| index(self.at(element, 0))).collect();
-        found.ok_or_else(|| "an index list holds neither u8, u16 nor u32; export the file again".to_owned())
+        found.ok_or_else(|| "an index list is neither of u8, u16 nor u32; export the file again".to_owned())
     }
 
     fn at(&self, element: usize, component: usize) -> &[u8] {
@@ -132,7 +133,7 @@ impl<'a> Elements<'a> {
         &self.bytes[start..start + self.component_bytes]
     }
 
-    /// Scaling by glTF 2.0, section 3.6.2.2.
+    /// Converts a component to a number (glTF 2.0, section 3.6.2.2).
     fn float(&self, at: &[u8]) -> f32 {
         let value = match self.component {
             U8 => f32::from(at[0]),
@@ -146,7 +147,7 @@ impl<'a> Elements<'a> {
     }
 }
 
-/// The stored number that a normalised component means 1 by.
+/// Returns the stored number for 1 in a normalised component.
 pub(super) fn full_scale(component: u32) -> f32 {
     match component {
         U8 => 255.0,
@@ -158,7 +159,7 @@ pub(super) fn full_scale(component: u32) -> f32 {
     }
 }
 
-/// The bytes from an accessor's first element on and the step between elements; `None` when they do not suffice.
+/// Bytes from an accessor's first element on, and the stride; `None` if they are too few.
 fn stored<'a>(
     accessor: &Accessor,
     view: &'a [u8],
@@ -189,4 +190,12 @@ fn components(kind: &str) -> Option<usize> {
         "VEC4" => Some(4),
         _ => None,
     }
+}
+
+/// A primitive's vertices.
+pub(super) struct PrimitiveVertices {
+    pub(super) positions: Vec<[f32; 3]>,
+    pub(super) uvs: Option<Vec<[f32; 2]>>,
+    /// Linear light, 0 to 1.
+    pub(super) colors: Option<Vec<[f32; 3]>>,
 }

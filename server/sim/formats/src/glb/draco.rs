@@ -1,27 +1,28 @@
 //! Primitives packed with Draco (`KHR_draco_mesh_compression`).
 
-use super::container::Source;
-use super::schema::Primitive;
-use super::surfaces::Corners;
 use crate::files::Checked;
+use crate::glb::accessor::{PrimitiveVertices, full_scale};
+use crate::glb::document::Primitive;
+use crate::glb::source::Source;
 use avln_scene::limits::{MAX_TRIANGLES, MAX_VERTICES};
 use draco_core::{DecodeLimits, DecoderBuffer, Mesh, MeshDecoder, PointAttribute};
 use serde_json::Value;
 
-/// Name of the extension.
+/// Extension name.
 pub(super) const NAME: &str = "KHR_draco_mesh_compression";
-/// Bytes of one primitive's attributes.
+/// Attribute bytes in a primitive.
 const MAX_DECODED_BYTES: u64 = 1 << 30;
 
-/// The vertices and the triangles' corners of a packed primitive. `set` is the set of texture coordinates asked for.
+/// Decodes a packed primitive: vertices, and triangle corners. `set` is the texture coordinate set.
 pub(super) fn decode(
     source: &Source<'_>,
     primitive: &Primitive,
     packed: &Value,
     set: u32,
-) -> Checked<(Corners, Vec<u32>)> {
+) -> Checked<(PrimitiveVertices, Vec<u32>)> {
     let fail = |reason: &str| format!("a Draco-packed primitive {reason}; export it uncompressed");
-    let view = packed.get("bufferView").and_then(Value::as_u64).ok_or_else(|| fail("names no data"))?;
+    let view = packed.get("bufferView").and_then(Value::as_u64).ok_or_else(|| fail("has no data"))?;
+    // The packed data announces its own sizes, which the accessors need not confirm.
     let limits = DecodeLimits::default()
         .with_max_points(MAX_VERTICES as u64)
         .with_max_faces(MAX_TRIANGLES as u64)
@@ -40,7 +41,7 @@ pub(super) fn decode(
         mesh.attribute_by_unique_id(u32::try_from(id).ok()?)
             .map(|found| (found, scale(source, primitive, name)))
     };
-    let corners = Corners {
+    let corners = PrimitiveVertices {
         positions: read(attribute("POSITION").ok_or_else(|| fail("has no POSITION"))?, points),
         uvs: attribute(&format!("TEXCOORD_{set}")).map(|found| read(found, points)),
         colors: attribute("COLOR_0").map(|found| read(found, points)),
@@ -54,11 +55,11 @@ fn read<const N: usize>((attribute, scale): (&PointAttribute, f32), points: usiz
     values.as_chunks::<N>().0.iter().map(|element| element.map(|value| value * scale)).collect()
 }
 
-/// What one unit of a stored number means, by the accessor that stands for the attribute.
+/// Value for a stored 1, by the attribute's accessor.
 fn scale(source: &Source<'_>, primitive: &Primitive, name: &str) -> f32 {
     let accessor = primitive.attributes.get(name).and_then(|&index| source.document.accessors.get(index));
     match accessor {
-        Some(accessor) if accessor.normalized => 1.0 / super::accessor::full_scale(accessor.component_type),
+        Some(accessor) if accessor.normalized => 1.0 / full_scale(accessor.component_type),
         _ => 1.0,
     }
 }

@@ -1,7 +1,7 @@
-//! A scene as binary glTF 2.0.
+//! Scene export as binary glTF 2.0.
 
-use super::extras;
-use super::image::encode_png;
+use crate::extras;
+use crate::images::encode_png;
 use avln_scene::colors::light_of;
 use avln_scene::{InstanceId, Material, Mesh, Scene};
 use serde_json::{Map, Value, json};
@@ -13,19 +13,18 @@ const U16: u32 = 5123;
 const U32: u32 = 5125;
 const F32: u32 = 5126;
 
-/// Triangles by instance and, inside, by material.
-type Groups = BTreeMap<InstanceId, BTreeMap<u16, Vec<u32>>>;
+/// Triangles by instance and material.
+type SurfaceGroups = BTreeMap<InstanceId, BTreeMap<u16, Vec<u32>>>;
 
-/// The scene as the bytes of a `.glb` file: binary glTF 2.0, Y up, metres, that Blender and Habitat open.
+/// Exports a scene as binary glTF 2.0 (`.glb`), Y up, metres, for Blender, Habitat and other programs.
 ///
-/// One node per object, named `<category>_<id>`, and a node `structure` for what belongs to none. Textures are embedded
-/// PNG files, materials unlit, colours linear as glTF wants them. [`from_bytes`](super::from_bytes) restores
-/// objects, regions and attributes.
+/// Each object is a node `<category>_<id>`; surfaces without an object are the node `structure`. Textures are embedded PNG
+/// files, materials are unlit, colours linear. [`from_bytes`](super::from_bytes) restores objects, regions and attributes.
 ///
 /// # Panics
-/// When the scene's lists do not fit each other (an index points nowhere, a texture has too few pixels).
+/// If the scene is inconsistent: an invalid index, or a texture with too few pixels.
 pub fn export(scene: &Scene) -> Vec<u8> {
-    let mut writer = Writer::default();
+    let mut writer = GlbWriter::default();
     let mut groups = groups(&scene.mesh);
     let mut meshes = Vec::new();
     let mut nodes = Vec::new();
@@ -41,6 +40,7 @@ pub fn export(scene: &Scene) -> Vec<u8> {
         let name = format!("{}_{}", object.category, object.id.0);
         add(name, extras::of_object(object), groups.remove(&object.id));
     }
+    // Triangles of unknown instances are structure too: the export loses no surface.
     let mut rest: BTreeMap<u16, Vec<u32>> = BTreeMap::new();
     for (material, triangles) in groups.into_values().flatten() {
         rest.entry(material).or_default().extend(triangles);
@@ -54,8 +54,8 @@ pub fn export(scene: &Scene) -> Vec<u8> {
     container(&document, &writer.bin)
 }
 
-fn groups(mesh: &Mesh) -> Groups {
-    let mut groups = Groups::new();
+fn groups(mesh: &Mesh) -> SurfaceGroups {
+    let mut groups = SurfaceGroups::new();
     for (triangle, (&instance, &material)) in mesh.instance_of.iter().zip(&mesh.material_of).enumerate() {
         groups.entry(instance).or_default().entry(material).or_default().push(triangle as u32);
     }
@@ -67,7 +67,7 @@ fn document(
     nodes: Vec<Value>,
     meshes: Vec<Value>,
     images: Vec<Value>,
-    writer: &mut Writer,
+    writer: &mut GlbWriter,
 ) -> Value {
     let roots: Vec<usize> = (0..nodes.len()).collect();
     let mut entry = Map::new();
@@ -100,7 +100,7 @@ fn document(
     Value::Object(root)
 }
 
-/// glTF allows no empty lists.
+/// Inserts a list, unless it is empty: glTF allows no empty lists.
 fn insert_list(object: &mut Map<String, Value>, key: &str, list: Vec<Value>) {
     if !list.is_empty() {
         object.insert(key.to_owned(), Value::Array(list));
@@ -130,16 +130,16 @@ fn material(material: &Material) -> Value {
     entry
 }
 
-/// The binary chunk and what describes its parts.
+/// The binary chunk, and descriptions for the parts.
 #[derive(Default)]
-struct Writer {
+struct GlbWriter {
     bin: Vec<u8>,
     views: Vec<Value>,
     accessors: Vec<Value>,
 }
 
-impl Writer {
-    /// One primitive per material, each with the vertices that it uses.
+impl GlbWriter {
+    /// A primitive per material, with separate vertices.
     fn primitives(&mut self, mesh: &Mesh, surfaces: &BTreeMap<u16, Vec<u32>>) -> Vec<Value> {
         surfaces.iter().map(|(&material, triangles)| self.primitive(mesh, material, triangles)).collect()
     }
@@ -185,7 +185,7 @@ impl Writer {
         )
     }
 
-    /// Vertex colours as linear light in 16 bits, which keeps all 256 sRGB codes apart; alpha fills the alignment.
+    // Linear light in 16 bits distinguishes all 256 sRGB codes; alpha is padding.
     fn colors(&mut self, colors: Vec<[u8; 3]>) -> Value {
         let light = |code: u8| (light_of(code) * f32::from(u16::MAX)).round() as u16;
         let rgba = colors.iter().flat_map(|&[r, g, b]| [light(r), light(g), light(b), u16::MAX]);

@@ -1,39 +1,39 @@
-//! Materials and the textures they use, read when the first surface asks for them.
+//! Materials and textures, read at the first use by a surface.
 
-use super::container::{Source, missing};
-use super::image;
-use super::schema::{MaterialEntry, TextureUse};
-use super::uri;
-use crate::Report;
 use crate::files::Checked;
+use crate::glb::document::{MaterialEntry, TextureUse, missing};
+use crate::glb::source::{Source, is_absent, load};
+use crate::images;
+use crate::options::ImportReport;
 use avln_scene::colors::code_of;
 use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXELS};
 use avln_scene::{Material, Texture};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-/// Alpha below which a blended surface counts as see-through.
+/// Alpha below which a blended surface is transparent.
 const BLEND_CUTOFF: u8 = 128;
-/// Alpha cutoff where the file gives none (glTF 2.0, section 3.9.4).
+/// Default alpha cutoff (glTF 2.0, section 3.9.4).
 const DEFAULT_CUTOFF: f32 = 0.5;
-/// Texture extensions whose pictures replace the plain ones.
+/// Texture extensions with other image formats.
 const TEXTURE_EXTENSIONS: [&str; 4] =
     ["GOOGLE_texture_basis", "KHR_texture_basisu", "EXT_texture_webp", "MSFT_texture_dds"];
 
+/// Scene materials and textures, by their numbers in the file.
 pub(super) struct Palette<'a, 'r> {
     source: &'a Source<'a>,
-    report: &'r mut Report,
+    report: &'r mut ImportReport,
     pub(super) materials: Vec<Material>,
     pub(super) textures: Vec<Texture>,
     material_of: BTreeMap<Option<usize>, u16>,
-    /// By image; `None` is the picture that is missing.
+    /// Texture number by image; `None` is the missing image.
     texture_of: BTreeMap<Option<usize>, u16>,
     texels_left: u64,
     bytes_left: u64,
 }
 
 impl<'a, 'r> Palette<'a, 'r> {
-    pub(super) fn new(source: &'a Source<'a>, report: &'r mut Report) -> Self {
+    pub(super) fn new(source: &'a Source<'a>, report: &'r mut ImportReport) -> Self {
         Self {
             source,
             report,
@@ -46,8 +46,9 @@ impl<'a, 'r> Palette<'a, 'r> {
         }
     }
 
-    /// The scene's number of the file's material `index`, `None` being glTF's default one.
+    /// Returns the scene's number for material `index`; `None` is glTF's default material.
     pub(super) fn material(&mut self, index: Option<usize>) -> Checked<u16> {
+        // Materials are read at their first use: unused ones often refer to missing images.
         if let Some(&known) = self.material_of.get(&index) {
             return Ok(known);
         }
@@ -60,7 +61,7 @@ impl<'a, 'r> Palette<'a, 'r> {
         Ok(number)
     }
 
-    /// How material `index` uses its texture.
+    /// Returns material `index`'s texture use.
     pub(super) fn texture_use(&self, index: Option<usize>) -> Checked<Option<TextureUse>> {
         Ok(self.entry(index)?.and_then(MaterialEntry::texture))
     }
@@ -80,8 +81,8 @@ impl<'a, 'r> Palette<'a, 'r> {
             None => {
                 let name = image
                     .map_or_else(|| format!("of texture {}", used.index), |image| self.image_label(image));
-                self.report.warn(format!("texture image {name} is missing; a checker is shown in its place"));
-                image::checker()
+                self.report.warn(format!("texture image {name} is missing; a checker replaces it"));
+                images::checker()
             }
         };
         self.textures.push(texture);
@@ -90,15 +91,15 @@ impl<'a, 'r> Palette<'a, 'r> {
         Ok(number)
     }
 
-    /// The decoded picture of image `index`; `None` when it is not there.
+    /// Decodes image `index`; `None` if it is missing.
     fn picture(&mut self, index: usize) -> Checked<Option<Texture>> {
         let Some(bytes) = self.image_bytes(index)? else { return Ok(None) };
-        let decoded = image::decode(&bytes, &mut self.texels_left);
+        let decoded = images::decode(&bytes, &mut self.texels_left);
         let fail = |reason| format!("its texture image {} cannot be used: {reason}", self.image_label(index));
         decoded.map(Some).map_err(fail)
     }
 
-    /// The image of a texture: its plain one, else the one that an extension offers.
+    /// A texture's image, or an extension's image.
     fn image_of(&self, texture: usize) -> Checked<Option<usize>> {
         let entry = self.source.document.textures.get(texture).ok_or_else(|| missing("texture", texture))?;
         let offered = || {
@@ -115,9 +116,9 @@ impl<'a, 'r> Palette<'a, 'r> {
         let image = source.document.images.get(index).ok_or_else(|| missing("image", index))?;
         match (&image.uri, image.buffer_view) {
             (_, Some(view)) => Ok(Some(Cow::Borrowed(source.view(view)?))),
-            (Some(address), None) if uri::is_absent(address, source.folder) => Ok(None),
+            (Some(address), None) if is_absent(address, source.folder) => Ok(None),
             (Some(address), None) => {
-                uri::load(address, source.folder, &mut self.bytes_left).map(|bytes| Some(Cow::Owned(bytes)))
+                load(address, source.folder, &mut self.bytes_left).map(|bytes| Some(Cow::Owned(bytes)))
             }
             (None, None) => Ok(None),
         }

@@ -1,15 +1,14 @@
-//! From nodes, meshes and primitives to one triangle mesh in the world frame.
+//! Nodes, meshes and primitives as a triangle mesh in the world frame.
 
-use super::accessor::Elements;
-use super::container::{Source, missing};
-use super::draco;
-use super::extras::NodeExtras;
-use super::materials::Palette;
-use super::schema::{Primitive, TextureTransform};
-use super::transform::{Placed, placed_nodes};
-use super::{Model, ModelNode};
-use crate::Report;
+use crate::extras::NodeExtras;
 use crate::files::Checked;
+use crate::glb::accessor::{Elements, PrimitiveVertices};
+use crate::glb::document::{PlacedNode, Primitive, TextureTransform, missing, placed_nodes};
+use crate::glb::draco;
+use crate::glb::materials::Palette;
+use crate::glb::source::Source;
+use crate::named_model::{Model, ModelNode};
+use crate::options::ImportReport;
 use avln_geom::{Point2, Point3};
 use avln_scene::colors::code_of;
 use avln_scene::limits::{MAX_TRIANGLES, MAX_VERTICES};
@@ -19,11 +18,11 @@ use nalgebra::Matrix4;
 const TRIANGLES: u32 = 4;
 const TRIANGLE_STRIP: u32 = 5;
 const TRIANGLE_FAN: u32 = 6;
-/// Texture coordinates beyond this carry no position inside a texel any more.
+/// Texture coordinate limit: beyond it, precision is too low for a position inside a texel.
 const MAX_UV: f32 = 1.0e5;
-/// Primitives that nodes may ask for together.
+/// Primitives in all nodes together.
 const MAX_PRIMITIVES: usize = 1 << 20;
-/// Extensions that may be demanded: they change nothing here, or are understood.
+/// Supported extensions, and extensions without an effect on surfaces.
 const UNDERSTOOD: [&str; 7] = [
     draco::NAME,
     "KHR_mesh_quantization",
@@ -34,17 +33,17 @@ const UNDERSTOOD: [&str; 7] = [
     "EXT_texture_webp",
 ];
 
-/// Reads all surfaces of the default scene.
-pub(super) fn model(source: &Source<'_>, report: &mut Report) -> Checked<Model> {
+/// Reads the default scene's surfaces.
+pub(super) fn model(source: &Source<'_>, report: &mut ImportReport) -> Checked<Model> {
     check_extensions(&source.document.extensions_required)?;
     let placed = placed_nodes(&source.document)?;
     if source.document.scene.is_none() && source.document.scenes.len() > 1 {
         report.warn(format!(
-            "it has {} scenes and none is the default; the first is read",
+            "it has {} scenes and no default; the first is read",
             source.document.scenes.len()
         ));
     }
-    let mut builder = Builder::new(source, report);
+    let mut builder = MeshBuilder::new(source, report);
     for (number, place) in placed.iter().enumerate() {
         builder.add_node(number as u32, place)?;
     }
@@ -63,14 +62,14 @@ fn check_extensions(required: &[String]) -> Checked<()> {
     let understood = |name: &str| name.starts_with("KHR_materials_") || UNDERSTOOD.contains(&name);
     match required.iter().find(|name| !understood(name)) {
         Some(name) => Err(format!(
-            "it needs the glTF extension {name:?}, which is not read; export it without (for example uncompressed)"
+            "it needs the glTF extension {name:?}, which is not supported; export it without (for example uncompressed)"
         )),
         None => Ok(()),
     }
 }
 
-fn nodes(source: &Source<'_>, placed: &[Placed]) -> Checked<Vec<ModelNode>> {
-    let node = |place: &Placed| {
+fn nodes(source: &Source<'_>, placed: &[PlacedNode]) -> Checked<Vec<ModelNode>> {
+    let node = |place: &PlacedNode| {
         let entry = &source.document.nodes[place.node];
         let extras = NodeExtras::read(&entry.extras, &entry.name)?;
         Ok(ModelNode { name: entry.name.clone(), parent: place.parent, extras })
@@ -78,27 +77,19 @@ fn nodes(source: &Source<'_>, placed: &[Placed]) -> Checked<Vec<ModelNode>> {
     placed.iter().map(node).collect()
 }
 
-struct Builder<'a, 'r> {
+struct MeshBuilder<'a, 'r> {
     source: &'a Source<'a>,
     palette: Palette<'a, 'r>,
     mesh: Mesh,
     node_of: Vec<u32>,
-    /// What the file may still ask for, drawn triangles or not.
+    /// Remaining budgets, counted for all primitives.
     vertices_left: usize,
     corners_left: usize,
     primitives_left: usize,
 }
 
-/// What a primitive adds, with its own vertex numbers.
-pub(super) struct Corners {
-    pub(super) positions: Vec<[f32; 3]>,
-    pub(super) uvs: Option<Vec<[f32; 2]>>,
-    /// Linear light, 0 to 1.
-    pub(super) colors: Option<Vec<[f32; 3]>>,
-}
-
-impl<'a, 'r> Builder<'a, 'r> {
-    fn new(source: &'a Source<'a>, report: &'r mut Report) -> Self {
+impl<'a, 'r> MeshBuilder<'a, 'r> {
+    fn new(source: &'a Source<'a>, report: &'r mut ImportReport) -> Self {
         Self {
             source,
             palette: Palette::new(source, report),
@@ -110,7 +101,7 @@ impl<'a, 'r> Builder<'a, 'r> {
         }
     }
 
-    fn add_node(&mut self, number: u32, place: &Placed) -> Checked<()> {
+    fn add_node(&mut self, number: u32, place: &PlacedNode) -> Checked<()> {
         let Some(index) = self.source.document.nodes[place.node].mesh else { return Ok(()) };
         let mesh = self.source.document.meshes.get(index).ok_or_else(|| missing("mesh", index))?;
         for primitive in &mesh.primitives {
@@ -120,10 +111,10 @@ impl<'a, 'r> Builder<'a, 'r> {
         Ok(())
     }
 
-    /// Adds the triangles of a primitive; points and lines are no surfaces and are left out.
+    /// Adds a primitive's triangles; points and lines are no surfaces and are left out.
     fn add_primitive(&mut self, primitive: &Primitive, world_from_node: &Matrix4<f64>) -> Checked<()> {
         self.primitives_left = self.primitives_left.checked_sub(1).ok_or_else(|| {
-            format!("its nodes hold more than {MAX_PRIMITIVES} primitives; join its meshes")
+            format!("its nodes have more than {MAX_PRIMITIVES} primitives; join its meshes")
         })?;
         let mode = primitive.mode.unwrap_or(TRIANGLES);
         if !(TRIANGLES..=TRIANGLE_FAN).contains(&mode) {
@@ -148,8 +139,8 @@ impl<'a, 'r> Builder<'a, 'r> {
         Ok(())
     }
 
-    /// The vertices and triangles of a primitive, decoded where it is packed.
-    fn unpacked(&mut self, primitive: &Primitive, mode: u32) -> Checked<(Corners, Vec<[u32; 3]>)> {
+    /// A primitive's vertices and triangles, decoded if it is packed.
+    fn unpacked(&mut self, primitive: &Primitive, mode: u32) -> Checked<(PrimitiveVertices, Vec<[u32; 3]>)> {
         let packed = primitive.extensions.iter().find(|(name, _)| name.ends_with("_compression"));
         let used = self.palette.texture_use(primitive.material)?;
         let set = used.map_or(0, |used| used.coordinate_set());
@@ -159,7 +150,7 @@ impl<'a, 'r> Builder<'a, 'r> {
             }
             Some((name, _)) => {
                 return Err(format!(
-                    "its meshes are packed with {name:?}, which is not read; export it uncompressed"
+                    "its meshes are packed with {name:?}, which is not supported; export it uncompressed"
                 ));
             }
             None => {
@@ -171,6 +162,7 @@ impl<'a, 'r> Builder<'a, 'r> {
                 (corners, order)
             }
         };
+        // Nodes can share a mesh: its corners count for every node, because each use is copied into the scene.
         self.corners_left = self.corners_left.checked_sub(order.len()).ok_or_else(|| {
             format!("it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor")
         })?;
@@ -181,7 +173,7 @@ impl<'a, 'r> Builder<'a, 'r> {
         Ok((corners, triangles(&order, mode)?))
     }
 
-    fn corners(&mut self, primitive: &Primitive, set: u32) -> Checked<Corners> {
+    fn corners(&mut self, primitive: &Primitive, set: u32) -> Checked<PrimitiveVertices> {
         let find = |name: &str| {
             primitive.attributes.get(name).map(|&index| Elements::find(self.source, index)).transpose()
         };
@@ -201,17 +193,17 @@ impl<'a, 'r> Builder<'a, 'r> {
                 found => Ok(found),
             }
         };
-        Ok(Corners {
+        Ok(PrimitiveVertices {
             uvs: attribute(&format!("TEXCOORD_{set}"))?.map(|elements| elements.floats()).transpose()?,
             colors: attribute("COLOR_0")?.map(|elements| elements.floats()).transpose()?,
             positions: positions.floats()?,
         })
     }
 
-    /// Appends the vertices that `triangles` use and renumbers these.
+    /// Appends the vertices for `triangles`, and renumbers the triangles.
     fn append_vertices(
         &mut self,
-        corners: &Corners,
+        corners: &PrimitiveVertices,
         triangles: &mut [[u32; 3]],
         world_from_node: &Matrix4<f64>,
     ) -> Checked<()> {
@@ -233,6 +225,7 @@ impl<'a, 'r> Builder<'a, 'r> {
 }
 
 fn transformed(world_from_node: &Matrix4<f64>, position: [f32; 3]) -> Checked<Point3<f32>> {
+    // The product of several nodes is taken in 64 bits and rounded once: digests depend on the last bit of each vertex.
     let point = world_from_node.transform_point(&Point3::from(position).cast::<f64>()).cast::<f32>();
     if point.iter().all(|coordinate| coordinate.is_finite()) {
         Ok(point)
@@ -241,7 +234,7 @@ fn transformed(world_from_node: &Matrix4<f64>, position: [f32; 3]) -> Checked<Po
     }
 }
 
-/// Scale, rotation and offset as `KHR_texture_transform` orders them.
+/// Applies scale, rotation and offset, in `KHR_texture_transform` order.
 fn transform_uvs(uvs: &mut [[f32; 2]], transform: &TextureTransform) {
     let TextureTransform { offset, rotation_rad, scale, .. } = *transform;
     let (sine, cosine) = (libm::sinf(rotation_rad), libm::cosf(rotation_rad));
@@ -255,7 +248,7 @@ fn sane_uv(uv: [f32; 2]) -> Point2<f32> {
     Point2::from(uv.map(|value| if value.abs() <= MAX_UV { value } else { 0.0 }))
 }
 
-/// Triangles of a list, strip or fan (glTF 2.0, section 3.7.2.1), without those that use a vertex twice.
+/// Triangles from a list, strip or fan (glTF 2.0, section 3.7.2.1), without those with a repeated vertex.
 fn triangles(order: &[u32], mode: u32) -> Checked<Vec<[u32; 3]>> {
     let all: Vec<[u32; 3]> =
         match mode {

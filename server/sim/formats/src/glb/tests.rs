@@ -1,11 +1,11 @@
 use super::*;
-use crate::Report;
+use crate::images;
 use avln_geom::{Aabb, Point2, Point3, Rng, Vector3};
-use avln_scene::{Attributes, InstanceId, Lighting, Object, Region, Texture};
+use avln_scene::{Attributes, InstanceId, Lighting, Material, Mesh, Object, Region, Texture};
 
 mod formats;
 
-/// Appends a box with a material; the corners of its six sides carry texture coordinates and a shade.
+/// Appends a box with a material; corners carry texture coordinates and a shade.
 fn add_box(mesh: &mut Mesh, bounds: &Aabb, material: u16, instance: InstanceId, shade: [u8; 3]) {
     for axis in 0..3 {
         for side in [0.0, 1.0] {
@@ -105,7 +105,7 @@ fn surfaces(scene: &Scene) -> Vec<Surface> {
 }
 
 #[test]
-fn an_exported_scene_comes_back_whole() {
+fn exported_scene_is_imported_without_loss() {
     let scene = sample();
     let back = from_bytes("sample", "memory", &export(&scene)).unwrap();
     assert_eq!(back.objects, scene.objects);
@@ -141,7 +141,7 @@ fn a_strict_reader_finds_the_export_valid() {
 }
 
 #[test]
-fn damaged_files_are_refused_or_read_but_never_stop_the_program() {
+fn damaged_files_never_panic() {
     let whole = export(&sample());
     let mut rng = Rng::new(41);
     let mut refused = 0;
@@ -187,7 +187,7 @@ fn base64_group(bytes: &[u8]) -> String {
 const TRIANGLE: [[f32; 3]; 3] = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 3.0, 0.0]];
 
 #[test]
-fn transforms_apply_from_the_root_down_and_mirrors_turn_the_winding() {
+fn transforms_compose_and_mirrors_turn_the_winding() {
     let scene = patched(&TRIANGLE, |document| {
         document["nodes"] = serde_json::json!([
             { "children": [1], "translation": [10.0, 0.0, 0.0], "rotation": [0.0, 0.707_106_77, 0.0, 0.707_106_77] },
@@ -234,7 +234,7 @@ fn each_fault_is_named_with_the_next_step() {
 }
 
 #[test]
-fn a_scene_that_cannot_be_in_metres_names_its_size() {
+fn impossible_size_is_refused_with_size() {
     for (factor, size) in [(200.0, "400 x 600 x 0 m"), (0.1, "0.2 x 0.3")] {
         let positions = TRIANGLE.map(|corner| corner.map(|value| value * factor));
         let error = patched(&positions, |_| ()).unwrap_err().to_string();
@@ -245,7 +245,7 @@ fn a_scene_that_cannot_be_in_metres_names_its_size() {
 }
 
 #[test]
-fn pieces_join_where_they_touch_and_doubles_get_their_own_number() {
+fn touching_pieces_join_and_duplicates_are_renumbered() {
     let scene = patched(&TRIANGLE, |document| {
         document["scenes"][0]["nodes"] = serde_json::json!([0, 1, 2, 3, 4]);
         document["nodes"] = serde_json::json!([
@@ -263,16 +263,16 @@ fn pieces_join_where_they_touch_and_doubles_get_their_own_number() {
 }
 
 #[test]
-fn an_external_file_may_not_lie_outside_the_folder() {
+fn external_files_outside_the_folder_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let inside = folder.path().join("inside");
     std::fs::create_dir(&inside).unwrap();
     std::fs::write(folder.path().join("secret.bin"), [0; 36]).unwrap();
     let scene = inside.join("scene.gltf");
     std::fs::write(&scene, r#"{"buffers":[{"byteLength":36,"uri":"../secret.bin"}]}"#).unwrap();
-    let error = import(&scene, &mut Report::default()).unwrap_err().to_string();
+    let error = import(&scene, &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.contains("own folder"), "{error}");
-    let error = import(&inside.join("absent.glb"), &mut Report::default()).unwrap_err().to_string();
+    let error = import(&inside.join("absent.glb"), &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.starts_with("cannot read"), "{error}");
 }
 
@@ -313,9 +313,9 @@ fn a_jpeg_texture_gives_the_surface_its_colour() {
 }
 
 #[test]
-fn damaged_pictures_are_refused_or_read_but_never_stop_the_program() {
-    let jpeg = uri::load(JPEG, None, &mut 1000).unwrap();
-    let png = image::encode_png(&texture(5, 7, 200));
+fn damaged_images_never_panic() {
+    let jpeg = source::load(JPEG, None, &mut 1000).unwrap();
+    let png = images::encode_png(&texture(5, 7, 200));
     let mut rng = Rng::new(3);
     for whole in [jpeg, png] {
         let mut refused = 0;
@@ -324,7 +324,7 @@ fn damaged_pictures_are_refused_or_read_but_never_stop_the_program() {
             let at = rng.below(bytes.len());
             bytes[at] ^= 1 << rng.below(8);
             bytes.truncate(1 + rng.below(2 * whole.len()));
-            refused += u32::from(image::decode(&bytes, &mut 1_000_000).is_err());
+            refused += u32::from(images::decode(&bytes, &mut 1_000_000).is_err());
         }
         assert!(refused > 50, "{refused}");
     }

@@ -1,11 +1,10 @@
-//! The JSON of data sets and scene instances, as far as it says where things are. Names follow habitat-sim's keys.
+//! JSON in data sets and scene instances. Names follow habitat-sim's keys.
 
-use super::files::read_json;
-use super::{Value, malformed, overlaid};
-use crate::glb::bounded;
+use crate::files::{bounded, malformed};
+use crate::habitat::files::read_json;
 use avln_scene::SceneError;
 use serde::Deserialize;
-use serde_json::Map;
+use serde_json::{Map, Value};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -13,12 +12,12 @@ use std::path::{Path, PathBuf};
 pub(super) struct Dataset {
     /// The file.
     pub(super) path: PathBuf,
-    /// Its folder, which all its paths start from.
+    /// Base folder for all paths.
     pub(super) root: PathBuf,
     pub(super) stages: Section,
     pub(super) objects: Section,
     pub(super) scene_instances: Section,
-    /// Names of semantic descriptions with their files, and `paths`.
+    /// Semantic descriptions by name, and `paths`.
     pub(super) semantics: Map<String, Value>,
 }
 
@@ -31,7 +30,7 @@ struct DatasetFile {
     semantic_scene_descriptor_instances: Map<String, Value>,
 }
 
-/// What a data set says of one kind of thing.
+/// A data set section: stages, objects or scene instances.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Section {
@@ -41,7 +40,7 @@ pub(super) struct Section {
     pub(super) configs: Vec<ConfigEntry>,
 }
 
-/// A template that the data set's own file makes or changes.
+/// A template defined or changed in the data set's configuration.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub(super) struct ConfigEntry {
@@ -65,7 +64,7 @@ impl Dataset {
 }
 
 impl Section {
-    /// The patterns for files that end in `extension` (`.json`, `.glb`).
+    /// Returns the path patterns for an extension (`.json`, `.glb`).
     pub(super) fn paths(&self, extension: &str) -> impl Iterator<Item = &str> {
         self.paths.get(extension).into_iter().flatten().map(String::as_str)
     }
@@ -76,18 +75,18 @@ impl Section {
 #[serde(default)]
 pub(super) struct SceneInstance {
     translation_origin: String,
-    pub(super) stage_instance: Instance,
+    pub(super) stage_instance: InstanceEntry,
     #[serde(deserialize_with = "bounded")]
-    pub(super) object_instances: Vec<Instance>,
+    pub(super) object_instances: Vec<InstanceEntry>,
     #[serde(deserialize_with = "bounded")]
     articulated_object_instances: Vec<serde::de::IgnoredAny>,
     pub(super) semantic_scene_instance: String,
 }
 
-/// One thing in a scene.
+/// A placed asset.
 #[derive(Default, Deserialize)]
 #[serde(default)]
-pub(super) struct Instance {
+pub(super) struct InstanceEntry {
     pub(super) template_name: String,
     pub(super) translation: [f64; 3],
     /// Quaternion w, x, y, z.
@@ -98,26 +97,26 @@ pub(super) struct Instance {
     pub(super) user_defined: Map<String, Value>,
 }
 
-/// What an instance's translation moves.
+/// Reference point for an instance's translation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Origin {
-    /// The centre of mass: the one given, else the centre of the box around the asset.
+    /// The given centre of mass, or the asset's box centre.
     CenterOfMass,
-    /// The asset's own origin.
+    /// The asset's origin.
     Asset,
 }
 
 impl SceneInstance {
-    /// Reads the file over the data set's defaults.
+    /// Reads a file over the data set's defaults.
     pub(super) fn read(path: &Path, defaults: &Section) -> Result<Self, SceneError> {
         let own: Map<String, Value> = read_json(path)?;
         let merged = overlaid(&defaults.default_attributes, &own);
         Self::deserialize(Value::Object(merged))
-            .map_err(|error| malformed(path, &format!("it is no scene instance ({error}); correct it")))
+            .map_err(|error| malformed(path, format!("it is no scene instance ({error}); correct it")))
     }
 
-    /// The instance's own origin, else the scene's, else the centre of mass.
-    pub(super) fn origin_of(&self, instance: &Instance) -> Origin {
+    /// Returns the instance's origin; the default is the scene's, then the centre of mass.
+    pub(super) fn origin_of(&self, instance: &InstanceEntry) -> Origin {
         let named = |name: &str| match name.to_ascii_lowercase().as_str() {
             "asset_local" => Some(Origin::Asset),
             "com" => Some(Origin::CenterOfMass),
@@ -131,4 +130,14 @@ impl SceneInstance {
     pub(super) fn articulated_count(&self) -> usize {
         self.articulated_object_instances.len()
     }
+}
+
+/// Returns the entries in `below`, with replacements from `above`.
+pub(super) fn overlaid(
+    below: &serde_json::Map<String, Value>,
+    above: &serde_json::Map<String, Value>,
+) -> serde_json::Map<String, Value> {
+    let mut merged = below.clone();
+    merged.extend(above.iter().map(|(key, value)| (key.clone(), value.clone())));
+    merged
 }

@@ -1,37 +1,34 @@
-//! The files of a data set: listing folders, `*` in names, and staying inside of the data set's folder.
+//! Data set files: folders, `*` in names, and paths inside the data set's folder.
 
-use super::malformed;
-use crate::glb::read_limited;
+use crate::files::{malformed, read_regular};
 use avln_scene::SceneError;
 use serde::de::DeserializeOwned;
 use std::path::{Component, Path, PathBuf};
 
-/// Bytes of one configuration or table.
+/// Bytes in a configuration or table.
 pub(super) const MAX_CONFIG_BYTES: u64 = 64 << 20;
-/// Files that one pattern may match.
+/// Files per pattern.
 const MAX_MATCHES: usize = 1 << 18;
 
 /// Reads a JSON file.
 pub(super) fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, SceneError> {
     let bytes = read(path)?;
-    serde_json::from_slice(&bytes).map_err(|error| {
-        malformed(path, &format!("it is not the JSON that is expected here ({error}); correct it"))
-    })
+    serde_json::from_slice(&bytes)
+        .map_err(|error| malformed(path, format!("it is not the expected JSON ({error}); correct it")))
 }
 
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, SceneError> {
-    read_limited(path, MAX_CONFIG_BYTES)
-        .map_err(|source| SceneError::Read { path: path.display().to_string(), source })
+    read_regular(path, MAX_CONFIG_BYTES)
 }
 
-/// The files of a folder whose names end in `suffix`, sorted.
+/// Lists a folder's files with the suffix, sorted.
 pub(super) fn with_suffix(folder: &Path, suffix: &str) -> Result<Vec<PathBuf>, SceneError> {
     let mut found = entries(folder)?;
     found.retain(|path| path.to_string_lossy().ends_with(suffix) && path.is_file());
     Ok(found)
 }
 
-/// Everything in a folder, sorted; nothing where it is no folder.
+/// Lists a folder, sorted; empty if it is no folder.
 fn entries(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     if !folder.is_dir() {
         return Ok(Vec::new());
@@ -40,15 +37,16 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(read)? {
         found.push(entry.map_err(read)?.path());
+        // A folder can be huge: the limit applies while listing, before sorting.
         if found.len() > MAX_MATCHES {
-            return Err(malformed(folder, &format!("it holds more than {MAX_MATCHES} files; split it")));
+            return Err(malformed(folder, format!("it contains more than {MAX_MATCHES} files; split it")));
         }
     }
     found.sort();
     Ok(found)
 }
 
-/// The files ending in `suffix` that patterns relative to `root` name: a file itself, or those directly in a folder.
+/// Lists the files with the suffix that match patterns relative to `root`: files, and files directly in matching folders.
 pub(super) fn matching<'a>(
     root: &Path,
     patterns: impl Iterator<Item = &'a str>,
@@ -66,7 +64,7 @@ pub(super) fn matching<'a>(
         if found.len() > MAX_MATCHES {
             return Err(malformed(
                 root,
-                &format!(
+                format!(
                     "its path {pattern:?} and others match more than {MAX_MATCHES} files; split the data set"
                 ),
             ));
@@ -77,7 +75,7 @@ pub(super) fn matching<'a>(
     Ok(found)
 }
 
-/// The paths that a pattern with `*` inside of names stands for; none outside of `root`.
+/// Expands a pattern with `*` in names; paths outside `root` are left out.
 fn expanded(root: &Path, pattern: &str) -> Result<Vec<PathBuf>, SceneError> {
     let Some(relative) = normalised(Path::new(pattern)) else { return Ok(Vec::new()) };
     let mut open = vec![root.to_owned()];
@@ -98,7 +96,7 @@ fn expanded(root: &Path, pattern: &str) -> Result<Vec<PathBuf>, SceneError> {
     Ok(open)
 }
 
-/// Whether `name` is `pattern` with each `*` standing for any letters.
+/// Returns whether `name` matches `pattern`; `*` matches any characters.
 fn fits(name: &str, pattern: &str) -> bool {
     let mut parts = pattern.split('*');
     let first = parts.next().unwrap_or_default();
@@ -112,13 +110,13 @@ fn fits(name: &str, pattern: &str) -> bool {
     rest.ends_with(last)
 }
 
-/// `address`, relative to `folder`, as a path; `None` when it lies outside of `root`.
+/// Resolves `address` relative to `folder`; `None` if it is outside `root`.
 pub(super) fn inside(root: &Path, folder: &Path, address: &str) -> Option<PathBuf> {
     let from_root = folder.strip_prefix(root).ok()?.join(address);
     normalised(&from_root).map(|relative| root.join(relative))
 }
 
-/// The path without `.` and `..`; `None` when it leaves its start or has one of its own.
+/// Removes `.` and `..`; `None` if the path leaves the start folder, or is absolute.
 fn normalised(path: &Path) -> Option<PathBuf> {
     let mut plain = PathBuf::new();
     for component in path.components() {
@@ -137,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn stars_stand_for_any_letters_inside_of_a_name() {
+    fn star_matches_any_letters_in_a_name() {
         for (name, pattern, expected) in [
             ("a.glb", "*.glb", true),
             ("a.glb", "*", true),
@@ -153,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_may_climb_up_to_the_root_and_no_further() {
+    fn addresses_stay_inside_the_root() {
         let (root, folder) = (Path::new("set"), Path::new("set/configs/objects"));
         assert_eq!(inside(root, folder, "../../objects/a.glb"), Some(PathBuf::from("set/objects/a.glb")));
         for address in ["../../../a.glb", "/etc/passwd", "x/../../../../a"] {

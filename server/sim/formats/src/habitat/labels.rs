@@ -1,30 +1,33 @@
-//! What instances are: categories from configurations, semantic lexicons and metadata tables.
+//! Instance categories, from configurations, semantic lexicons and metadata tables; rooms from semantic configurations.
 
-use super::config::{Dataset, Instance};
-use super::templates::Template;
-use super::{Value, files, rooms};
-use crate::Report;
-use crate::glb::{bounded, category_of_name};
-use avln_scene::SceneError;
-use avln_scene::describe::{Meaning, meaning};
+use crate::files::bounded;
+use crate::habitat::config::{Dataset, InstanceEntry, SceneInstance};
+use crate::habitat::files;
+use crate::habitat::templates::Template;
+use crate::named_model::category_of_name;
+use crate::options::ImportReport;
+use avln_geom::{Aabb, Point3};
+use avln_scene::describe::{Meaning, meaning, storeys};
+use avln_scene::limits::MAX_WORD_CHARS;
+use avln_scene::{Region, SceneError};
 use serde::Deserialize;
-use serde_json::Map;
+use serde_json::{Map, Value};
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-/// Keys of `user_defined` that hold a category, the most exact words first.
+/// Category keys in `user_defined`, the most specific first.
 const CATEGORY_KEYS: [&str; 5] = ["category", "mpcat40", "class", "class_name", "semantic_class"];
-/// Columns of metadata tables that name a template.
+/// Template name columns in metadata tables.
 const ID_COLUMNS: [&str; 4] = ["id", "template", "template_name", "model_id"];
-/// Columns of metadata tables that hold a category, the most exact first (HSSD has the first two).
+/// Category columns in metadata tables, the most specific first (HSSD has the first two).
 const CATEGORY_COLUMNS: [&str; 4] = ["clean_category", "main_category", "category", "super_category"];
-/// Folders of a data set that may hold metadata tables.
+/// Metadata folders in a data set.
 const TABLE_FOLDERS: [&str; 2] = ["metadata", "semantics"];
-/// Template names may end in this and a number where a model was cut into parts.
+/// Mark before the part number in divided models' template names.
 const PART_MARK: &str = "_part_";
 
-/// Where the data set says what things are.
-pub(super) struct Labels {
+/// Categories in a data set's lexicons and metadata tables.
+pub(super) struct CategorySources {
     class_of: BTreeMap<i64, String>,
     table: BTreeMap<String, String>,
 }
@@ -33,20 +36,20 @@ pub(super) struct Labels {
 #[serde(default)]
 struct Lexicon {
     #[serde(deserialize_with = "bounded")]
-    classes: Vec<Class>,
+    classes: Vec<LexiconClass>,
 }
 
 #[derive(Default, Deserialize)]
 #[serde(default)]
-struct Class {
+struct LexiconClass {
     id: i64,
     name: String,
 }
 
-impl Labels {
-    pub(super) fn read(dataset: &Dataset, report: &mut Report) -> Result<Self, SceneError> {
+impl CategorySources {
+    pub(super) fn read(dataset: &Dataset, report: &mut ImportReport) -> Result<Self, SceneError> {
         let mut labels = Self { class_of: BTreeMap::new(), table: BTreeMap::new() };
-        for file in rooms::named_descriptions(dataset) {
+        for file in named_descriptions(dataset) {
             let lexicon: Lexicon = files::read_json(&file)?;
             labels.class_of.extend(lexicon.classes.into_iter().map(|class| (class.id, class.name)));
         }
@@ -58,7 +61,7 @@ impl Labels {
         Ok(labels)
     }
 
-    fn add_table(&mut self, file: &Path, report: &mut Report) -> Result<(), SceneError> {
+    fn add_table(&mut self, file: &Path, report: &mut ImportReport) -> Result<(), SceneError> {
         let text = String::from_utf8_lossy(&files::read(file)?).into_owned();
         let mut lines = text.lines();
         let header = cells(lines.next().unwrap_or_default());
@@ -68,7 +71,7 @@ impl Labels {
                 .find_map(|name| header.iter().position(|cell| cell.trim().eq_ignore_ascii_case(name)))
         };
         let (Some(id), Some(category)) = (column(&ID_COLUMNS), column(&CATEGORY_COLUMNS)) else {
-            report.warn(format!("{} has no columns of ids and categories; not used", file.display()));
+            report.warn(format!("{} has no columns of ids and categories; it is ignored", file.display()));
             return Ok(());
         };
         for row in lines.map(cells) {
@@ -81,16 +84,17 @@ impl Labels {
         Ok(())
     }
 
-    /// What the instance is, by the first place that says it.
-    pub(super) fn of(&self, instance: &Instance, template: &Template) -> Meaning {
+    /// Returns an instance's meaning, by the first source with a category.
+    pub(super) fn of(&self, instance: &InstanceEntry, template: &Template) -> Meaning {
         let lexicon = || template.semantic_id.and_then(|id| self.class_of.get(&id).cloned());
         let by_name = || category_of_name(&template.name).map(str::to_owned);
-        let words = told(&instance.user_defined)
-            .or_else(|| told(&template.user_defined))
+        // From specific to general: an instance can differ from its template, and a name is only a guess.
+        let words = category_words(&instance.user_defined)
+            .or_else(|| category_words(&template.user_defined))
             .or_else(lexicon)
             .or_else(|| self.in_table(&template.name))
             .or_else(by_name);
-        words.map_or(Meaning::Nothing, |words| meaning(&words))
+        words.map_or(Meaning::Unknown, |words| meaning(&words))
     }
 
     fn in_table(&self, template: &str) -> Option<String> {
@@ -99,12 +103,12 @@ impl Labels {
     }
 }
 
-fn told(user_defined: &Map<String, Value>) -> Option<String> {
+fn category_words(user_defined: &Map<String, Value>) -> Option<String> {
     let words = CATEGORY_KEYS.iter().filter_map(|key| user_defined.get(*key)?.as_str());
     words.map(str::trim).find(|words| !words.is_empty()).map(str::to_owned)
 }
 
-/// The cells of a comma-separated line; quotes around a cell may hold commas, and quotes written twice.
+/// Cells in a comma-separated line; quoted cells may contain commas.
 fn cells(line: &str) -> Vec<String> {
     let mut cells = vec![String::new()];
     let mut quoted = false;
@@ -119,6 +123,125 @@ fn cells(line: &str) -> Vec<String> {
     cells
 }
 
+const SUFFIX: &str = ".semantic_config.json";
+/// Placeholder for the scene's own name.
+const OWN_NAME: &str = "%%CONFIG_NAME_AS_ASSET_FILENAME%%";
+/// Depth below a room's floor that still belongs to it, metres.
+const BELOW_FLOOR_M: f32 = 0.3;
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Description {
+    #[serde(deserialize_with = "bounded")]
+    region_annotations: Vec<RegionAnnotation>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct RegionAnnotation {
+    name: String,
+    label: String,
+    /// Floor corners, metres.
+    #[serde(deserialize_with = "bounded")]
+    poly_loop: Vec<[f32; 3]>,
+    floor_height: f32,
+    extrusion_height: f32,
+    min_bounds: Option<[f32; 3]>,
+    max_bounds: Option<[f32; 3]>,
+}
+
+/// A room with an outline in (x, z).
+pub(super) struct HabitatRoom {
+    pub(super) region: Region,
+    outline: Vec<[f32; 2]>,
+}
+
+impl HabitatRoom {
+    /// Returns whether a point is in the room.
+    pub(super) fn contains(&self, point: &Point3<f32>) -> bool {
+        let bounds = &self.region.bounds;
+        let upright = (bounds.min.y - BELOW_FLOOR_M..=bounds.max.y).contains(&point.y);
+        upright && if self.outline.len() < 3 { bounds.contains(point) } else { self.surrounds(point) }
+    }
+
+    /// Even-odd rule.
+    fn surrounds(&self, point: &Point3<f32>) -> bool {
+        let count = self.outline.len();
+        let crossed = (0..count).filter(|&index| {
+            let ([ax, az], [bx, bz]) = (self.outline[index], self.outline[(index + 1) % count]);
+            (az > point.z) != (bz > point.z) && point.x < ax + (point.z - az) / (bz - az) * (bx - ax)
+        });
+        crossed.count() % 2 == 1
+    }
+}
+
+/// Reads the rooms for the scene `name`; none if the data set has no description.
+pub(super) fn regions(
+    dataset: &Dataset,
+    scene: &SceneInstance,
+    name: &str,
+    report: &mut ImportReport,
+) -> Result<Vec<HabitatRoom>, SceneError> {
+    let Some(file) = description(dataset, scene, name)? else { return Ok(Vec::new()) };
+    let description: Description = files::read_json(&file)?;
+    let mut rooms = Vec::new();
+    for annotation in &description.region_annotations {
+        match room(annotation) {
+            Some(room) if rooms.len() < usize::from(u16::MAX) => rooms.push(room),
+            _ => report.warn(format!(
+                "region {:?} of {} has no outline; left out",
+                annotation.name,
+                file.display()
+            )),
+        }
+    }
+    let floors: Vec<f32> = rooms.iter().map(|room: &HabitatRoom| room.region.bounds.min.y).collect();
+    rooms.iter_mut().zip(storeys(&floors)).for_each(|(room, storey)| room.region.storey = storey);
+    Ok(rooms)
+}
+
+/// File with the rooms: the file in the scene's configuration, or the file with the scene's name.
+fn description(dataset: &Dataset, scene: &SceneInstance, name: &str) -> Result<Option<PathBuf>, SceneError> {
+    let wanted = scene.semantic_scene_instance.replace(OWN_NAME, name);
+    let named = dataset.semantics.get(&wanted).and_then(Value::as_str);
+    if let Some(path) = named.and_then(|file| files::inside(&dataset.root, &dataset.root, file)) {
+        return Ok(path.is_file().then_some(path));
+    }
+    let paths = dataset.semantics.get("paths").and_then(|paths| paths.get(".json")?.as_array());
+    let patterns = paths.into_iter().flatten().filter_map(Value::as_str);
+    let all = files::matching(&dataset.root, patterns, SUFFIX)?;
+    let called = |stem: &str| all.iter().find(|path| path.ends_with(format!("{stem}{SUFFIX}"))).cloned();
+    let stem = wanted.strip_suffix(SUFFIX).unwrap_or(&wanted);
+    Ok(if stem.is_empty() { called(name) } else { called(stem).or_else(|| called(name)) })
+}
+
+/// Semantic description files that the data set lists by name.
+pub(super) fn named_descriptions(dataset: &Dataset) -> Vec<PathBuf> {
+    let named =
+        dataset.semantics.iter().filter(|(key, _)| *key != "paths").filter_map(|(_, file)| file.as_str());
+    named
+        .filter_map(|file| files::inside(&dataset.root, &dataset.root, file))
+        .filter(|path| path.is_file())
+        .collect()
+}
+
+fn room(annotation: &RegionAnnotation) -> Option<HabitatRoom> {
+    let floor = annotation.floor_height;
+    let corner = |&[x, _, z]: &[f32; 3], y| Point3::new(x, y, z);
+    let top = floor + annotation.extrusion_height;
+    let corners: Vec<Point3<f32>> =
+        annotation.poly_loop.iter().flat_map(|at| [corner(at, floor), corner(at, top)]).collect();
+    let stored = || Some(Aabb::new(annotation.min_bounds?.into(), annotation.max_bounds?.into()));
+    let bounds = Aabb::around(&corners).or_else(stored)?;
+    let finite = bounds.min.iter().chain(bounds.max.iter()).all(|coordinate| coordinate.is_finite());
+    let words = if annotation.label.is_empty() { &annotation.name } else { &annotation.label };
+    let label = words.chars().filter(|letter| !letter.is_control()).take(MAX_WORD_CHARS).collect();
+    finite.then(|| HabitatRoom {
+        region: Region { label, bounds, storey: 0 },
+        outline: annotation.poly_loop.iter().map(|&[x, _, z]| [x, z]).collect(),
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -127,5 +250,30 @@ mod tests {
     fn quoted_cells_may_hold_commas() {
         assert_eq!(cells("a,\"b, c\",,d"), ["a", "b, c", "", "d"]);
         assert_eq!(cells(""), [""]);
+    }
+
+    #[test]
+    fn concave_outline_contains_its_inside() {
+        let annotation = RegionAnnotation {
+            label: "kitchen".to_owned(),
+            poly_loop: vec![
+                [0.0; 3],
+                [4.0, 0.0, 0.0],
+                [4.0, 0.0, 2.0],
+                [2.0, 0.0, 2.0],
+                [2.0, 0.0, 4.0],
+                [0.0, 0.0, 4.0],
+            ],
+            floor_height: 3.0,
+            extrusion_height: 2.5,
+            ..RegionAnnotation::default()
+        };
+        let room = room(&annotation).unwrap();
+        assert_eq!(room.region.bounds, Aabb::new(Point3::new(0.0, 3.0, 0.0), Point3::new(4.0, 5.5, 4.0)));
+        for (x, y, z, inside) in
+            [(1.0, 3.5, 3.0, true), (3.0, 3.5, 3.0, false), (3.0, 3.5, 1.0, true), (1.0, 2.0, 1.0, false)]
+        {
+            assert_eq!(room.contains(&Point3::new(x, y, z)), inside, "{x} {y} {z}");
+        }
     }
 }

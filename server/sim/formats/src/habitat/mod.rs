@@ -1,34 +1,35 @@
-//! Scenes that Habitat composes of parts: `X.scene_dataset_config.json` with stages, objects and scene instances, as in
-//! HSSD, ReplicaCAD and ProcTHOR for Habitat.
+//! Habitat's composed scenes: `X.scene_dataset_config.json` with stages, objects and scene instances, as in HSSD, ReplicaCAD
+//! and ProcTHOR for Habitat.
 //!
-//! A scene is named by its `.scene_instance.json`, or by the data set's folder or configuration where that has one scene.
-//! Frames, scales and origins are applied as habitat-sim does; articulated objects (URDF) are left out, with a warning.
+//! A scene's path is a `.scene_instance.json`, or the folder or configuration for a data set with a single scene.
+//! Frames, scales and origins are those of habitat-sim; articulated objects (URDF) are left out, with a warning.
 
 mod assembly;
 mod config;
 mod files;
 mod labels;
-mod placing;
-mod rooms;
 mod templates;
+#[cfg(test)]
+mod tests;
 
-use crate::{Report, glb};
-use assembly::Assembly;
+use crate::files::malformed;
+use crate::files::scene_name;
+use crate::habitat::assembly::Assembly;
+use crate::habitat::config::{Dataset, SceneInstance};
+use crate::habitat::labels::CategorySources;
+use crate::habitat::templates::{TemplateKind, Templates};
+use crate::options::ImportReport;
 use avln_scene::{Scene, SceneError};
-use config::{Dataset, SceneInstance};
-use labels::Labels;
-use serde_json::Value;
 use std::path::{Path, PathBuf};
-use templates::{Kind, Templates};
 
 pub(crate) const DATASET_SUFFIX: &str = ".scene_dataset_config.json";
 const SCENE_SUFFIX: &str = ".scene_instance.json";
-/// Folders above a scene instance that are searched for its data set.
+/// Folders above a scene instance that may contain the data set.
 const MAX_PARENTS: usize = 6;
-/// Scenes that an error names.
+/// Scenes in an error message.
 const NAMED_SCENES: usize = 8;
 
-/// Whether `path` is a scene instance, a data set configuration, or a folder that holds one.
+/// Returns whether `path` is a scene instance, a data set configuration, or a folder with a configuration.
 pub(crate) fn is_habitat(path: &Path) -> bool {
     if path.is_dir() {
         return files::with_suffix(path, DATASET_SUFFIX).is_ok_and(|found| !found.is_empty());
@@ -37,17 +38,17 @@ pub(crate) fn is_habitat(path: &Path) -> bool {
     name.ends_with(DATASET_SUFFIX) || name.ends_with(SCENE_SUFFIX)
 }
 
-/// Imports a `.scene_instance.json`, or a data set (folder or configuration) that has exactly one.
+/// Imports a `.scene_instance.json`, or a data set (folder or configuration) with a single scene.
 ///
-/// Instances take the number that their `user_defined.instance_id` gives, else the next free one. Categories come from
+/// An instance's number is `user_defined.instance_id`, or the next free number. Categories come from
 /// `user_defined`, the semantic lexicon, the data set's metadata tables or the template's name, in this order, and become
-/// mpcat40 names where one is known.
+/// mpcat40 names if possible.
 ///
 /// # Errors
-/// [`SceneError::Read`] for a configuration that cannot be read; [`SceneError::Malformed`] where one says nothing usable,
-/// the stage is missing, an asset is damaged, the scene exceeds one of the [limits](avln_scene::limits) or cannot be in metres.
+/// [`SceneError::Read`] if a configuration cannot be read; [`SceneError::Malformed`] if a configuration is not usable, the
+/// stage is missing, an asset is damaged, or the scene exceeds one of the [limits](avln_scene::limits) or cannot be in metres.
 /// Missing objects are warnings.
-pub fn import(path: &Path, report: &mut Report) -> Result<Scene, SceneError> {
+pub fn import(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
     let (dataset_path, scene_path) = locate(path)?;
     let dataset = Dataset::read(&dataset_path)?;
     let scene_path = match scene_path {
@@ -58,7 +59,7 @@ pub fn import(path: &Path, report: &mut Report) -> Result<Scene, SceneError> {
     build(&dataset, &instance, &scene_path, report)
 }
 
-/// The data set's configuration, and the scene instance where `path` names one.
+/// Returns the data set's configuration, and the scene instance if it is `path`.
 fn locate(path: &Path) -> Result<(PathBuf, Option<PathBuf>), SceneError> {
     if path.is_dir() {
         return Ok((only_dataset(path)?, None));
@@ -74,8 +75,8 @@ fn locate(path: &Path) -> Result<(PathBuf, Option<PathBuf>), SceneError> {
     }
     Err(malformed(
         path,
-        &format!(
-            "no *{DATASET_SUFFIX} lies in the {MAX_PARENTS} folders above it; put the scene into its data set"
+        format!(
+            "no *{DATASET_SUFFIX} is in the {MAX_PARENTS} folders above it; put the scene into its data set"
         ),
     ))
 }
@@ -84,21 +85,23 @@ fn only_dataset(folder: &Path) -> Result<PathBuf, SceneError> {
     let mut found = files::with_suffix(folder, DATASET_SUFFIX)?;
     match found.len() {
         1 => Ok(found.swap_remove(0)),
-        0 => Err(malformed(folder, &format!("it holds no *{DATASET_SUFFIX}; name a data set's folder"))),
+        0 => {
+            Err(malformed(folder, format!("it contains no *{DATASET_SUFFIX}; use the folder of a data set")))
+        }
         _ => Err(malformed(
             folder,
-            &format!("it holds {} data sets; name one of {}", found.len(), listed(&found)),
+            format!("it contains {} data sets; use one of {}", found.len(), listed(&found)),
         )),
     }
 }
 
 fn only_scene(dataset: &Dataset) -> Result<PathBuf, SceneError> {
-    let fail = |reason: String| malformed(&dataset.path, &reason);
+    let fail = |reason: String| malformed(&dataset.path, reason);
     let mut scenes = files::matching(&dataset.root, dataset.scene_instances.paths(".json"), SCENE_SUFFIX)?;
     match scenes.len() {
         1 => Ok(scenes.swap_remove(0)),
-        0 => Err(fail("it lists no scene instance; name a scene's own file or folder".to_owned())),
-        count => Err(fail(format!("it has {count} scenes; name one of them: {}", listed(&scenes)))),
+        0 => Err(fail("it lists no scene instance; use the file or folder of a scene".to_owned())),
+        count => Err(fail(format!("it has {count} scenes; use one of them: {}", listed(&scenes)))),
     }
 }
 
@@ -115,19 +118,22 @@ fn build(
     dataset: &Dataset,
     scene: &SceneInstance,
     path: &Path,
-    report: &mut Report,
+    report: &mut ImportReport,
 ) -> Result<Scene, SceneError> {
-    let fail = |reason: String| malformed(path, &reason);
-    let name = glb::scene_name(path);
+    let fail = |reason: String| malformed(path, reason);
+    let name = scene_name(path);
     let mut assembly = Assembly::new(name.clone());
     let stage_name = &scene.stage_instance.template_name;
-    let stage = Templates::find(dataset, Kind::Stage)?.read(stage_name, report)?.ok_or_else(|| {
-        fail(format!("its stage {stage_name:?} is not in the data set; add it, or correct stage_instance"))
-    })?;
+    let stage =
+        Templates::find(dataset, TemplateKind::Stage)?.read(stage_name, report)?.ok_or_else(|| {
+            fail(format!(
+                "its stage {stage_name:?} is not in the data set; add it, or correct stage_instance"
+            ))
+        })?;
     assembly.add_stage(&stage, &scene.stage_instance, &fail, report)?;
 
-    let objects = Templates::find(dataset, Kind::Object)?;
-    let labels = Labels::read(dataset, report)?;
+    let objects = Templates::find(dataset, TemplateKind::Object)?;
+    let labels = CategorySources::read(dataset, report)?;
     for (number, instance) in scene.object_instances.iter().enumerate() {
         let says = |why: String| fail(format!("its object instance {number} {why}"));
         let Some(template) = objects.read(&instance.template_name, report)? else {
@@ -140,23 +146,6 @@ fn build(
     if scene.articulated_count() > 0 {
         report.warn(format!("{} articulated objects (URDF) are left out", scene.articulated_count()));
     }
-    let regions = rooms::regions(dataset, scene, &name, report)?;
+    let regions = labels::regions(dataset, scene, &name, report)?;
     assembly.finish(regions, report).map_err(fail)
 }
-
-fn malformed(path: &Path, reason: &str) -> SceneError {
-    SceneError::Malformed { path: path.display().to_string(), reason: reason.to_owned() }
-}
-
-/// `value` over `below`: objects entry by entry, anything else as a whole.
-fn overlaid(
-    below: &serde_json::Map<String, Value>,
-    above: &serde_json::Map<String, Value>,
-) -> serde_json::Map<String, Value> {
-    let mut merged = below.clone();
-    merged.extend(above.iter().map(|(key, value)| (key.clone(), value.clone())));
-    merged
-}
-
-#[cfg(test)]
-mod tests;

@@ -1,41 +1,42 @@
-//! Templates of stages and objects: found by name, read when a scene asks for them.
+//! Stage and object templates: found by name, read at the first use.
 
-use super::config::{Dataset, Section};
-use super::{Value, files, malformed, overlaid};
-use crate::Report;
+use crate::files::malformed;
+use crate::habitat::config::{Dataset, Section, overlaid};
+use crate::habitat::files;
+use crate::options::ImportReport;
 use avln_scene::SceneError;
 use serde::Deserialize;
-use serde_json::Map;
+use serde_json::{Map, Value};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Placeholder for the template's own name in file names.
 const OWN_NAME: &str = "%%CONFIG_NAME_AS_ASSET_FILENAME%%";
 
-/// Which section of the data set templates come from.
+/// The templates' section in the data set.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum TemplateKind {
     Stage,
     Object,
 }
 
-/// What a template says of an asset.
+/// An asset's configuration.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(default)]
 pub(super) struct Template {
     #[serde(skip)]
     pub(super) name: String,
-    /// The mesh; `None` where it is not in the data set.
+    /// Mesh path; `None` if it is missing.
     #[serde(skip)]
     pub(super) asset: Option<PathBuf>,
     pub(super) render_asset: String,
-    /// Direction in the asset's frame that is up in the world.
+    /// Upward direction in the asset's frame.
     pub(super) up: [f64; 3],
-    /// Direction in the asset's frame that is forward in the world.
+    /// Forward direction in the asset's frame.
     pub(super) front: [f64; 3],
     pub(super) scale: [f64; 3],
     pub(super) units_to_meters: f64,
-    /// Centre of mass, in the asset's frame turned upright, before scaling.
+    /// Centre of mass, in the asset's upright frame, before scaling.
     #[serde(rename = "COM")]
     pub(super) center_of_mass: Option<[f64; 3]>,
     pub(super) semantic_id: Option<i64>,
@@ -59,31 +60,33 @@ impl Default for Template {
     }
 }
 
-/// Where a template is written.
+/// A template's location.
 #[derive(Clone, Default)]
-struct Entry {
-    /// Its configuration or, for a bare asset, the mesh.
+struct TemplateSource {
+    /// Configuration path, or mesh path for a bare asset.
     file: Option<PathBuf>,
-    /// What the data set's own file says on top.
+    /// Changes in the data set's configuration.
     attributes: Map<String, Value>,
 }
 
-/// The templates of one kind, by the name of their file without folders and endings, or by their handle.
+/// A section's templates, by file name without folders and suffixes, or by handle.
 pub(super) struct Templates<'a> {
     dataset: &'a Dataset,
-    kind: Kind,
-    entries: BTreeMap<String, Entry>,
+    kind: TemplateKind,
+    entries: BTreeMap<String, TemplateSource>,
 }
 
 impl<'a> Templates<'a> {
-    /// Lists them without reading any.
-    pub(super) fn find(dataset: &'a Dataset, kind: Kind) -> Result<Self, SceneError> {
+    /// Lists the templates, without reading them.
+    pub(super) fn find(dataset: &'a Dataset, kind: TemplateKind) -> Result<Self, SceneError> {
         let mut templates = Self { dataset, kind, entries: BTreeMap::new() };
         let section = templates.section();
-        // Configurations win over bare assets of the same name.
+        // Configurations replace bare assets with the same name.
         for (extension, suffix) in [(".glb", ".glb"), (".gltf", ".gltf"), (".json", kind.suffix())] {
             for file in files::matching(&dataset.root, section.paths(extension), suffix)? {
-                templates.entries.insert(stem(&file), Entry { file: Some(file), attributes: Map::new() });
+                templates
+                    .entries
+                    .insert(stem(&file), TemplateSource { file: Some(file), attributes: Map::new() });
             }
         }
         for entry in &section.configs {
@@ -94,21 +97,20 @@ impl<'a> Templates<'a> {
                 (Some(file), true) => stem(file),
                 (None, true) => continue,
             };
-            templates.entries.insert(key, Entry { file, attributes: entry.attributes.clone() });
+            templates.entries.insert(key, TemplateSource { file, attributes: entry.attributes.clone() });
         }
         Ok(templates)
     }
 
     fn section(&self) -> &'a Section {
         match self.kind {
-            Kind::Stage => &self.dataset.stages,
-            Kind::Object => &self.dataset.objects,
+            TemplateKind::Stage => &self.dataset.stages,
+            TemplateKind::Object => &self.dataset.objects,
         }
     }
 
-    /// The template that `name` means: that of this name, else the first whose name contains it, as habitat-sim looks
-    /// them up. `None` when there is none.
-    pub(super) fn read(&self, name: &str, report: &mut Report) -> Result<Option<Template>, SceneError> {
+    /// Reads the template `name`, or the first template that contains `name`, as habitat-sim does; `None` without a match.
+    pub(super) fn read(&self, name: &str, report: &mut ImportReport) -> Result<Option<Template>, SceneError> {
         let wanted = stem(Path::new(name));
         if wanted.is_empty() {
             return Ok(None);
@@ -118,13 +120,15 @@ impl<'a> Templates<'a> {
         let contains = || self.entries.iter().find(|(key, _)| key.to_lowercase().contains(&lower));
         let Some((key, entry)) = exact.or_else(contains) else { return Ok(None) };
         if exact.is_none() {
-            report.warn(format!("template {name:?} is taken to be {key:?}, whose name contains it"));
+            report.warn(format!(
+                "template {name:?} is not in the data set; {key:?} contains its name and is used"
+            ));
         }
         self.template(key, entry).map(Some)
     }
 
-    /// The data set's defaults, then the template's file, then what the data set's file says of it.
-    fn template(&self, key: &str, entry: &Entry) -> Result<Template, SceneError> {
+    /// Reads a template: the data set's defaults, the template's file, and the changes in the data set's configuration.
+    fn template(&self, key: &str, entry: &TemplateSource) -> Result<Template, SceneError> {
         let root = &self.dataset.root;
         let mut merged = self.section().default_attributes.clone();
         let mut asset_folder = root.clone();
@@ -147,7 +151,7 @@ impl<'a> Templates<'a> {
         merged = overlaid(&merged, &entry.attributes);
         let told_by = entry.file.as_deref().unwrap_or(&self.dataset.path);
         let mut template = Template::deserialize(Value::Object(merged)).map_err(|error| {
-            malformed(told_by, &format!("template {key:?} cannot be read ({error}); correct it"))
+            malformed(told_by, format!("template {key:?} cannot be read ({error}); correct it"))
         })?;
         template.name = key.to_owned();
         template.asset = bare.or_else(|| {
@@ -157,16 +161,16 @@ impl<'a> Templates<'a> {
         Ok(template)
     }
 
-    /// A stage without configuration has gravity along -Z, as habitat-sim assumes of every bare `.glb`.
+    /// A stage without configuration has gravity in direction -Z, as habitat-sim assumes for every bare `.glb`.
     fn default_frame(&self, attributes: &mut Map<String, Value>) {
-        if self.kind == Kind::Stage {
+        if self.kind == TemplateKind::Stage {
             attributes.entry("up").or_insert_with(|| serde_json::json!([0, 0, 1]));
             attributes.entry("front").or_insert_with(|| serde_json::json!([0, 1, 0]));
         }
     }
 }
 
-impl Kind {
+impl TemplateKind {
     fn suffix(self) -> &'static str {
         match self {
             Self::Stage => ".stage_config.json",

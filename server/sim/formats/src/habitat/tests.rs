@@ -1,10 +1,11 @@
 use super::*;
+use crate::glb;
 use avln_geom::{Aabb, Point2, Point3, Rng};
 use avln_scene::{InstanceId, Lighting, Material, Mesh};
 use serde_json::json;
 use tempfile::TempDir;
 
-/// A rectangle of `x` by `y` by `z` metres from its front lower left corner at the origin to the opposite one.
+/// A rectangle, `x` by `y` by `z` metres, from the origin to the opposite corner.
 fn sheet(x: f32, y: f32, z: f32) -> Vec<u8> {
     let mesh = Mesh {
         positions: vec![
@@ -106,9 +107,9 @@ fn data_set() -> TempDir {
 }
 
 #[test]
-fn a_scene_instance_places_its_parts() {
+fn scene_instance_places_its_parts() {
     let folder = data_set();
-    let mut report = Report::default();
+    let mut report = ImportReport::default();
     let scene = import(&folder.path().join(SCENE), &mut report).unwrap();
     let found: Vec<_> = scene
         .objects
@@ -131,39 +132,39 @@ fn a_scene_instance_places_its_parts() {
         })
     );
     let bounds = |id| scene.object(InstanceId(id)).unwrap().bounds;
-    // The bench is turned to the left: its length of 2 m points to -Z, its depth of 0.5 m to +X.
+    // The bench is turned to the left: length (2 m) points to -Z, depth (0.5 m) to +X.
     let expected = Aabb::new(Point3::new(3.0, 0.0, -3.0), Point3::new(3.5, 1.0, -1.0));
     assert!(
         (bounds(9).min - expected.min).norm() < 1e-5 && (bounds(9).max - expected.max).norm() < 1e-5,
         "{:?}",
         bounds(9)
     );
-    // The vase, 0.8 m high by its scale, hangs at the centre of its box.
+    // The vase, scaled to 0.8 m, has the box centre as reference point.
     assert!((bounds(1).center() - Point3::new(6.0, 1.0, -3.0)).norm() < 1e-5);
     assert!((bounds(1).size().y - 0.8).abs() < 1e-5);
     assert!((bounds(3).size().y - 2.0).abs() < 1e-5, "the data set's own file scales the tall bench");
-    // The floor lies in the plane y = 0, its far edge at z = -6.
+    // The floor is in the plane y = 0, with an edge at z = -6.
     assert_eq!(scene.bounds().unwrap().min, Point3::new(0.0, 0.0, -6.0));
     assert_eq!(scene.regions.len(), 1);
     assert_eq!(scene.regions[0].label, "hall");
     let warnings = report.warnings.join("\n");
-    for part in ["wardrobe", "articulated", "given twice"] {
-        assert!(warnings.contains(part), "{part} is not in {warnings}");
+    for part in ["wardrobe", "articulated", "instance_id is not unique"] {
+        assert!(warnings.contains(part), "{part}: {warnings}");
     }
 }
 
 #[test]
-fn a_data_set_with_one_scene_is_opened_by_its_folder() {
+fn folder_opens_its_only_scene() {
     let folder = data_set();
-    let by_folder = import(folder.path(), &mut Report::default()).unwrap();
-    assert_eq!(by_folder, import(&folder.path().join(SCENE), &mut Report::default()).unwrap());
+    let by_folder = import(folder.path(), &mut ImportReport::default()).unwrap();
+    assert_eq!(by_folder, import(&folder.path().join(SCENE), &mut ImportReport::default()).unwrap());
     assert!(
         is_habitat(folder.path())
             && is_habitat(&folder.path().join(SCENE))
             && !is_habitat(Path::new("a.glb"))
     );
     write(&folder, "scenes/other.scene_instance.json", "{}");
-    let error = import(folder.path(), &mut Report::default()).unwrap_err().to_string();
+    let error = import(folder.path(), &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.contains("2 scenes") && error.contains("other.scene_instance.json"), "{error}");
 }
 
@@ -190,20 +191,21 @@ fn faults_are_named_with_file_and_cause() {
     for (file, content, expected) in cases {
         let folder = data_set();
         write(&folder, file, content);
-        let error = import(&folder.path().join(SCENE), &mut Report::default()).unwrap_err().to_string();
+        let error = import(&folder.path().join(SCENE), &mut ImportReport::default()).unwrap_err().to_string();
         let name = Path::new(file).file_name().unwrap().to_string_lossy().into_owned();
         let named = error.contains(&name) || file.starts_with("stages");
         assert!(named && error.contains(expected.trim_start_matches("no JSON")), "{expected}: {error}");
     }
     let lonely = tempfile::tempdir().unwrap();
     write(&lonely, "a/b/c/d/e/f/g/x.scene_instance.json", "{}");
-    let error = import(&lonely.path().join("a/b/c/d/e/f/g/x.scene_instance.json"), &mut Report::default())
-        .unwrap_err();
+    let error =
+        import(&lonely.path().join("a/b/c/d/e/f/g/x.scene_instance.json"), &mut ImportReport::default())
+            .unwrap_err();
     assert!(error.to_string().contains("folders above"), "{error}");
 }
 
 #[test]
-fn damaged_configurations_are_refused_or_read_but_never_stop_the_program() {
+fn damaged_configurations_never_panic() {
     let folder = data_set();
     let files = [
         "home.scene_dataset_config.json",
@@ -230,10 +232,10 @@ fn damaged_configurations_are_refused_or_read_but_never_stop_the_program() {
                 bytes.truncate(rng.below(whole.len()));
             }
             write(&folder, file, bytes);
-            refused += u32::from(import(&folder.path().join(SCENE), &mut Report::default()).is_err());
+            refused += u32::from(import(&folder.path().join(SCENE), &mut ImportReport::default()).is_err());
         }
         write(&folder, file, whole);
     }
     assert!(refused > 300, "{refused}");
-    assert!(import(folder.path(), &mut Report::default()).is_ok());
+    assert!(import(folder.path(), &mut ImportReport::default()).is_ok());
 }

@@ -1,33 +1,34 @@
-//! A scene as the files of an HM3D scene with semantics, for Habitat and for tools that read HM3D.
+//! Scene export in HM3D's layout with semantics, for Habitat and other tools.
 
 use crate::glb;
+use crate::hm3d::table::HEADER;
 use avln_geom::{Point2, Point3};
 use avln_scene::describe::{Meaning, meaning};
 use avln_scene::{InstanceId, Lighting, Material, Mesh, Object, Scene, Texture};
 use std::collections::BTreeMap;
 
-/// Odd, so that multiplying by it permutes the 24-bit numbers and scatters neighbours.
+/// Colour factor: odd, so that multiplication permutes the 24-bit numbers and separates neighbours.
 const SCATTER: u32 = 0x9E_37B1;
 /// Palette colours in a row.
 const PALETTE_WIDTH: usize = 64;
 
-/// The contents of `X.glb`, `X.semantic.glb` and `X.semantic.txt`.
+/// Contents for `X.glb`, `X.semantic.glb` and `X.semantic.txt`.
 pub struct Exported {
-    /// The scene as one looks at it, Z up.
+    /// The visible scene, Z up.
     pub render: Vec<u8>,
-    /// The same triangles in the same order, each in its instance's colour, Z up.
+    /// The triangles in `render`, in the same order, in their instances' colours, Z up.
     pub semantic: Vec<u8>,
-    /// Number, colour, category and room of every instance.
+    /// Number, colour, category and room for every instance.
     pub table: String,
 }
 
-/// The scene in HM3D's layout: Z up, every instance painted in a colour of its own, what belongs to none in black.
+/// Exports a scene in HM3D's layout: Z up, every instance in a unique colour, structure in black.
 ///
-/// Instances keep their numbers and rooms theirs; [`import`](super::import) reads them back. Words beyond category and
-/// noun, the labels of rooms, and rooms without instances have no place in the layout.
+/// [`import`](super::import) restores instance and room numbers. The layout has no words except category or noun, no
+/// room labels, and no rooms without instances.
 ///
 /// # Panics
-/// When the scene's lists do not fit each other, as [`glb::export`].
+/// If the scene is inconsistent, like [`glb::export`].
 pub fn export(scene: &Scene) -> Exported {
     let mut mesh = scene.mesh.clone();
     turn_z_up(&mut mesh);
@@ -46,8 +47,8 @@ pub fn export(scene: &Scene) -> Exported {
     Exported { render: glb::export(&render), semantic, table: table(&scene.objects) }
 }
 
-/// The data set configuration with which habitat-sim finds the semantics of one exported scene; `file` is the name of its
-/// render mesh, beside which the configuration and the other files lie. Keys are those of HM3D's own configurations.
+/// Returns the data set configuration for an exported scene in habitat-sim; `file` is the render mesh's name in the same
+/// folder. Keys are as in HM3D's configurations.
 pub fn dataset_config(file: &str) -> String {
     let config = serde_json::json!({
         "stages": {
@@ -69,14 +70,14 @@ pub fn dataset_config(file: &str) -> String {
     format!("{config:#}\n")
 }
 
-/// The world has gravity along -Y, HM3D along -Z: (x, y, z) becomes (x, -z, y).
+/// Converts the world frame to HM3D's frame, with gravity in direction -Z: (x, y, z) becomes (x, -z, y).
 fn turn_z_up(mesh: &mut Mesh) {
     for position in &mut mesh.positions {
         *position = Point3::new(position.x, -position.z, position.y);
     }
 }
 
-/// The order in which a reader finds the triangles: one primitive per material.
+/// Sorts triangles into import order: a primitive per material.
 fn sort_by_material(mesh: &mut Mesh) {
     let mut order: Vec<usize> = (0..mesh.triangles.len()).collect();
     order.sort_by_key(|&triangle| mesh.material_of[triangle]);
@@ -85,13 +86,13 @@ fn sort_by_material(mesh: &mut Mesh) {
     mesh.material_of = order.iter().map(|&triangle| mesh.material_of[triangle]).collect();
 }
 
-/// The colour of an instance: different for different numbers, black for none.
+/// The unique colour for an instance number; black for none.
 fn color(id: InstanceId) -> [u8; 3] {
     let [_, r, g, b] = (id.0.wrapping_mul(SCATTER) & InstanceId::MAX).to_be_bytes();
     [r, g, b]
 }
 
-/// `mesh` with one material, whose texture holds a texel for each instance, the first for none.
+/// The mesh with a single material; the texture has a texel per instance, the first for none.
 fn painted(scene: &Scene, mesh: &Mesh) -> Scene {
     let ids: Vec<InstanceId> =
         std::iter::once(InstanceId::NONE).chain(scene.objects.iter().map(|object| object.id)).collect();
@@ -121,12 +122,13 @@ fn painted(scene: &Scene, mesh: &Mesh) -> Scene {
     }
 }
 
-/// The mesh with the texture coordinates of each triangle's instance; a corner that several instances share is doubled.
+/// The mesh with texture coordinates per instance; shared corners are duplicated.
 fn repainted(mesh: &Mesh, place_of: &BTreeMap<InstanceId, Point2<f32>>) -> Mesh {
     let mut painted = Mesh::default();
     let mut number_of: BTreeMap<(u32, InstanceId), u32> = BTreeMap::new();
     for (triangle, &id) in mesh.triangles.iter().zip(&mesh.instance_of) {
         let corners = triangle.map(|corner| {
+            // A vertex has a single texture coordinate, but neighbouring instances need different colours.
             *number_of.entry((corner, id)).or_insert_with(|| {
                 painted.positions.push(mesh.positions[corner as usize]);
                 painted.uvs.push(place_of.get(&id).copied().unwrap_or_else(|| place_of[&InstanceId::NONE]));
@@ -142,7 +144,7 @@ fn repainted(mesh: &Mesh, place_of: &BTreeMap<InstanceId, Point2<f32>>) -> Mesh 
 }
 
 fn table(objects: &[Object]) -> String {
-    let mut text = format!("{}\n", super::annotations::HEADER);
+    let mut text = format!("{}\n", HEADER);
     for object in objects {
         let [r, g, b] = color(object.id);
         let region = object.region.map_or(-1, i32::from);
@@ -151,7 +153,7 @@ fn table(objects: &[Object]) -> String {
     text
 }
 
-/// The noun, where a reader finds the category from it, else the category.
+/// The noun if an importer finds the category from it, or the category.
 fn words(object: &Object) -> String {
     let noun = &object.attributes.noun;
     let read = Meaning::Object { category: object.category.clone(), noun: noun.clone() };

@@ -50,7 +50,7 @@ fn flat(rectangles: &[[f32; 4]], colors: &[[u8; 3]], pieces: u32) -> Scene {
 const RECTANGLES: [[f32; 4]; 4] =
     [[0.0, 0.0, 2.0, 1.5], [3.0, 0.0, 3.2, 4.0], [5.0, 5.0, 5.3, 5.2], [8.0, 8.0, 8.5, 8.5]];
 
-/// Writes a scene whose render mesh is cut into `pieces` strips and imports it.
+/// Writes a scene with a render mesh in `pieces` strips, and imports it.
 fn imported(pieces: u32) -> Scene {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
@@ -59,7 +59,7 @@ fn imported(pieces: u32) -> Scene {
     let semantic = flat(&RECTANGLES, &[BED, WALL, LAMP, [7, 7, 7]], 1);
     write("00001-made.semantic.glb", &glb::export(&semantic));
     write("00001-made.semantic.txt", TABLE.as_bytes());
-    import(folder.path(), &mut Report::default()).unwrap()
+    import(folder.path(), &mut ImportReport::default()).unwrap()
 }
 
 #[test]
@@ -74,7 +74,7 @@ fn painted_instances_become_objects_and_walls_do_not() {
     assert_eq!(bed.attributes.color, "red");
     assert_eq!((lamp.category.as_str(), lamp.region), ("lighting", None));
     assert_eq!((lamp.attributes.color.as_str(), lamp.attributes.size.as_str()), ("black", "small"));
-    // The room holds the bed and the wall, whose far end lies at z = -4.
+    // The room contains the bed and the wall, which ends at z = -4.
     assert_eq!(scene.regions.len(), 1);
     assert_eq!(scene.regions[0].bounds.min, Point3::new(0.0, 1.0, -4.0));
 }
@@ -97,17 +97,18 @@ fn another_tessellation_takes_the_nearest_label() {
 #[test]
 fn missing_semantics_are_named() {
     let folder = tempfile::tempdir().unwrap();
-    let error = import(folder.path(), &mut Report::default()).unwrap_err().to_string();
+    let error = import(folder.path(), &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.contains("semantic.txt"), "{error}");
     let flat = glb::export(&flat(&RECTANGLES, &[BED; 4], 1));
     std::fs::write(folder.path().join("X.basis.glb"), &flat).unwrap();
     std::fs::write(folder.path().join("X.semantic.glb"), &flat).unwrap();
-    let error = import(&folder.path().join("X.basis.glb"), &mut Report::default()).unwrap_err().to_string();
+    let error =
+        import(&folder.path().join("X.basis.glb"), &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.starts_with("cannot read") && error.contains("X.semantic.txt"), "{error}");
 }
 
 #[test]
-fn colours_and_numbers_without_a_partner_are_reported() {
+fn unmatched_colours_and_numbers_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
     let painted = glb::export(&flat(&RECTANGLES, &[BED, WALL, LAMP, [7, 7, 7]], 1));
@@ -115,38 +116,38 @@ fn colours_and_numbers_without_a_partner_are_reported() {
     write("X.semantic.glb", &painted);
     let table = format!("{TABLE}8,010203,\"chair\",1\n9,0AC81E,\"sofa\",1\n");
     write("X.semantic.txt", table.as_bytes());
-    let mut report = Report::default();
+    let mut report = ImportReport::default();
     let scene = import(folder.path(), &mut report).unwrap();
     assert_eq!(scene.objects.len(), 2);
     let warnings = report.warnings.join("\n");
     for part in [
         "instances 3 and 9",
-        "1 painted colours are not in the table, 070707",
+        "1 painted colours are not in the table, for example 070707",
         "2 instances of the table have no surface",
     ] {
-        assert!(warnings.contains(part), "{part} is not in {warnings}");
+        assert!(warnings.contains(part), "{part}: {warnings}");
     }
 }
 
-/// Writes what [`export`] makes of a scene and imports it.
-fn back(scene: &Scene) -> (Scene, Report) {
+/// Exports a scene and imports it again.
+fn back(scene: &Scene) -> (Scene, ImportReport) {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
     let exported = export(scene);
     write("back.glb", &exported.render);
     write("back.semantic.glb", &exported.semantic);
     write("back.semantic.txt", exported.table.as_bytes());
-    let mut report = Report::default();
+    let mut report = ImportReport::default();
     (import(folder.path(), &mut report).unwrap(), report)
 }
 
 #[test]
-fn an_exported_house_comes_back_with_its_instances() {
+fn exported_house_preserves_its_instances() {
     let scene = avln_houses::house("made", 3, &avln_houses::HouseOptions::default());
     let (back, report) = back(&scene);
     assert_eq!(report.warnings, [""; 0]);
     assert_eq!(back.mesh.triangles.len(), scene.mesh.triangles.len());
-    // A rug is a thing to its maker and a part of the floor to mpcat40.
+    // A rug is an object in the scene, and floor in mpcat40.
     let is_thing = |object: &&Object| matches!(meaning(&object.category), Meaning::Object { .. });
     let things: Vec<&Object> = scene.objects.iter().filter(is_thing).collect();
     assert_eq!(back.objects.len(), things.len());
@@ -164,7 +165,7 @@ fn an_exported_house_comes_back_with_its_instances() {
 }
 
 #[test]
-fn the_table_names_instances_as_hm3d_does() {
+fn exported_table_has_hm3ds_format() {
     let mut scene = flat(&[[0.0, 0.0, 2.0, 1.5]], &[BED], 1);
     let bounds = scene.bounds().unwrap();
     let object = |id: u32, category: &str, noun: &str, region| Object {
@@ -193,7 +194,7 @@ fn the_table_names_instances_as_hm3d_does() {
 }
 
 #[test]
-fn damaged_tables_are_refused_or_read_but_never_stop_the_program() {
+fn damaged_tables_never_panic() {
     let folder = tempfile::tempdir().unwrap();
     let painted = glb::export(&flat(&RECTANGLES, &[BED, WALL, LAMP, [7, 7, 7]], 1));
     std::fs::write(folder.path().join("X.glb"), &painted).unwrap();
@@ -208,7 +209,7 @@ fn damaged_tables_are_refused_or_read_but_never_stop_the_program() {
         }
         bytes.truncate(1 + rng.below(2 * TABLE.len()));
         std::fs::write(folder.path().join("X.semantic.txt"), bytes).unwrap();
-        refused += u32::from(import(folder.path(), &mut Report::default()).is_err());
+        refused += u32::from(import(folder.path(), &mut ImportReport::default()).is_err());
     }
     assert!(refused > 300, "{refused}");
 }

@@ -1,32 +1,32 @@
-//! The table of a house (`.house`, Matterport3D's data organisation, version "ASCII 1.1"): one record a line.
+//! A house's table (`.house`, Matterport3D's data organisation, version "ASCII 1.1"): one record a line.
 
 use crate::files::Checked;
 use std::collections::BTreeMap;
 use std::str::FromStr;
 
 const HEADER: &str = "ASCII 1.1";
-/// Boxes of rooms without surfaces hold numbers beyond this.
+/// Coordinate limit; boxes for rooms without surfaces exceed it.
 const EMPTY_BOX: f32 = 1.0e6;
 
-/// What the table says of levels, rooms and things; all lengths in metres, Z up.
+/// Levels, rooms and objects in the table; lengths in metres, Z up.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct House {
-    pub(super) levels: Vec<Level>,
-    pub(super) regions: Vec<Room>,
+pub(super) struct HouseTable {
+    pub(super) levels: Vec<HouseLevel>,
+    pub(super) regions: Vec<HouseRoom>,
     pub(super) categories: BTreeMap<u32, Category>,
-    pub(super) objects: Vec<Thing>,
-    /// The object of each segment, by the segment's id.
+    pub(super) objects: Vec<HouseObject>,
+    /// Object number by segment id.
     pub(super) object_of_segment: BTreeMap<i64, u32>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Level {
+pub(super) struct HouseLevel {
     pub(super) index: u32,
     pub(super) floor_m: f32,
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Room {
+pub(super) struct HouseRoom {
     pub(super) index: u32,
     pub(super) level: Option<u32>,
     /// A letter.
@@ -37,60 +37,60 @@ pub(super) struct Room {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Category {
-    /// What annotators wrote, with blanks.
+    /// The annotators' words, with blanks.
     pub(super) raw_name: String,
     pub(super) mpcat40_index: Option<u32>,
     pub(super) mpcat40_name: String,
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Thing {
+pub(super) struct HouseObject {
     pub(super) index: u32,
     pub(super) region: Option<u32>,
     pub(super) category: Option<u32>,
 }
 
-/// How many records of a kind the header promises.
+/// Record counts in the header.
 #[derive(Default)]
-struct Promised {
+struct RecordCounts {
     objects: usize,
     categories: usize,
     regions: usize,
     levels: usize,
 }
 
-/// Reads the table; errors name the line.
-pub(super) fn parse(text: &str) -> Checked<House> {
+/// Parses the table; errors name the line.
+pub(super) fn parse(text: &str) -> Checked<HouseTable> {
     let mut lines = text.lines().enumerate();
     let first = lines.next().map(|(_, line)| line.trim()).unwrap_or_default();
     if first != HEADER {
         let start: String = first.chars().take(40).collect();
-        return Err(format!("line 1 is {start:?}, not {HEADER:?}; take the .house file of Matterport3D"));
+        return Err(format!("line 1 is {start:?}, not {HEADER:?}; use the .house file of Matterport3D"));
     }
-    let mut house = House::default();
-    let mut promised = None;
+    let mut house = HouseTable::default();
+    let mut announced = None;
     for (index, line) in lines {
         let record = Record { words: line.split_whitespace().collect() };
         let fail = |reason: String| format!("line {}: {reason}; copy the file again", index + 1);
         match record.words.first().copied().unwrap_or_default() {
-            "H" => promised = Some(record.promised().map_err(fail)?),
+            "H" => announced = Some(record.announced().map_err(fail)?),
             _ => house.add(&record).map_err(fail)?,
         }
     }
-    house.check(&promised.ok_or("it has no header record H; copy the file again")?)?;
+    house.check(&announced.ok_or("it has no header record H; copy the file again")?)?;
     Ok(house)
 }
 
-impl House {
+impl HouseTable {
     fn add(&mut self, record: &Record<'_>) -> Checked<()> {
         match record.words.first().copied().unwrap_or_default() {
             "L" => self.levels.push(record.level()?),
             "R" => self.regions.push(record.room()?),
-            "O" => self.objects.push(record.thing()?),
+            "O" => self.objects.push(record.object()?),
             "C" => {
                 let (index, category) = record.category()?;
                 if self.categories.insert(index, category).is_some() {
-                    return Err(format!("category {index} is there a second time"));
+                    return Err(format!("category {index} is not unique"));
                 }
             }
             "E" => {
@@ -101,34 +101,34 @@ impl House {
             "P" | "S" | "V" | "I" | "" => {}
             other => {
                 let start: String = other.chars().take(20).collect();
-                return Err(format!("{start:?} begins no record (H, L, R, P, S, V, I, C, O, E)"));
+                return Err(format!("{start:?} is no record type (H, L, R, P, S, V, I, C, O, E)"));
             }
         }
         Ok(())
     }
 
-    /// Numbers must be unique, and as many records there as the header says.
-    fn check(&self, promised: &Promised) -> Checked<()> {
+    /// Checks that numbers are unique, and that no record is missing.
+    fn check(&self, announced: &RecordCounts) -> Checked<()> {
         let mut numbers = [
             ("level", self.levels.iter().map(|level| level.index).collect::<Vec<u32>>()),
             ("region", self.regions.iter().map(|room| room.index).collect()),
-            ("object", self.objects.iter().map(|thing| thing.index).collect()),
+            ("object", self.objects.iter().map(|object| object.index).collect()),
         ];
         for (what, numbers) in &mut numbers {
             numbers.sort_unstable();
             if let Some(twice) = numbers.windows(2).find(|pair| pair[0] == pair[1]) {
-                return Err(format!("{what} {} is there a second time; number them anew", twice[0]));
+                return Err(format!("{what} number {} is not unique; renumber them", twice[0]));
             }
         }
-        for (what, found, promised) in [
-            ("levels", self.levels.len(), promised.levels),
-            ("regions", self.regions.len(), promised.regions),
-            ("categories", self.categories.len(), promised.categories),
-            ("objects", self.objects.len(), promised.objects),
+        for (what, found, announced) in [
+            ("levels", self.levels.len(), announced.levels),
+            ("regions", self.regions.len(), announced.regions),
+            ("categories", self.categories.len(), announced.categories),
+            ("objects", self.objects.len(), announced.objects),
         ] {
-            if found < promised {
+            if found < announced {
                 return Err(format!(
-                    "it holds {found} {what} and its header promises {promised}; it is cut short, copy it again"
+                    "it has {found} {what}, its header announces {announced}; it is incomplete, copy it again"
                 ));
             }
         }
@@ -136,7 +136,7 @@ impl House {
     }
 }
 
-/// The words of a line.
+/// A line's words.
 struct Record<'a> {
     words: Vec<&'a str>,
 }
@@ -164,7 +164,7 @@ impl Record<'_> {
         if number.is_finite() { Ok(number) } else { Err(format!("{number} is no {what}")) }
     }
 
-    /// The box whose six numbers begin at `at`; `None` for one turned inside out, as it is written for a room without surfaces.
+    /// Parses the box with six numbers from `at` on; `None` for an inverted box, the mark of a room without surfaces.
     fn bounds(&self, at: usize) -> Checked<Option<[[f32; 3]; 2]>> {
         let mut numbers = [0.0; 6];
         for (offset, number) in numbers.iter_mut().enumerate() {
@@ -180,9 +180,9 @@ impl Record<'_> {
         Ok(Some([[x0, y0, z0], [x1, y1, z1]]))
     }
 
-    fn promised(&self) -> Checked<Promised> {
+    fn announced(&self) -> Checked<RecordCounts> {
         // H name label #images #panoramas #vertices #surfaces #segments #objects #categories #regions #portals #levels
-        Ok(Promised {
+        Ok(RecordCounts {
             objects: self.word(8, "number of objects")?,
             categories: self.word(9, "number of categories")?,
             regions: self.word(10, "number of regions")?,
@@ -190,15 +190,15 @@ impl Record<'_> {
         })
     }
 
-    fn level(&self) -> Checked<Level> {
+    fn level(&self) -> Checked<HouseLevel> {
         // L level_index #regions label px py pz box
         let floor_m = self.bounds(7)?.map_or(0.0, |[low, _]| low[2]);
-        Ok(Level { index: self.word(1, "number of a level")?, floor_m })
+        Ok(HouseLevel { index: self.word(1, "number of a level")?, floor_m })
     }
 
-    fn room(&self) -> Checked<Room> {
+    fn room(&self) -> Checked<HouseRoom> {
         // R region_index level_index 0 0 label px py pz box height
-        Ok(Room {
+        Ok(HouseRoom {
             index: self.word(1, "number of a region")?,
             level: self.optional(2, "number of a level")?,
             label: self.word(5, "label")?,
@@ -217,7 +217,7 @@ impl Record<'_> {
         Ok((self.word(1, "number of a category")?, category))
     }
 
-    fn thing(&self) -> Checked<Thing> {
+    fn object(&self) -> Checked<HouseObject> {
         // O object_index region_index category_index px py pz a0x a0y a0z a1x a1y a1z r0 r1 r2
         for at in 13..16 {
             let radius_m = self.number_m(at, "radius of its box")?;
@@ -225,7 +225,7 @@ impl Record<'_> {
                 return Err(format!("its box has the negative radius {radius_m} m"));
             }
         }
-        Ok(Thing {
+        Ok(HouseObject {
             index: self.word(1, "number of an object")?,
             region: self.optional(2, "number of a region")?,
             category: self.optional(3, "number of a category")?,
@@ -257,13 +257,17 @@ mod tests {
     #[test]
     fn records_are_read() {
         let house = parse(TEXT).unwrap();
-        assert_eq!(house.levels, [Level { index: 0, floor_m: -0.5 }]);
-        let room =
-            Room { index: 3, level: Some(0), label: "k".into(), bounds: Some([[0.0; 3], [4.0, 5.0, 2.5]]) };
+        assert_eq!(house.levels, [HouseLevel { index: 0, floor_m: -0.5 }]);
+        let room = HouseRoom {
+            index: 3,
+            level: Some(0),
+            label: "k".into(),
+            bounds: Some([[0.0; 3], [4.0, 5.0, 2.5]]),
+        };
         assert_eq!(house.regions, [room]);
         assert_eq!(house.categories[&0].raw_name, "office desk");
-        assert_eq!(house.objects[0], Thing { index: 0, region: Some(3), category: Some(0) });
-        assert_eq!(house.objects[1], Thing { index: 1, region: None, category: None });
+        assert_eq!(house.objects[0], HouseObject { index: 0, region: Some(3), category: Some(0) });
+        assert_eq!(house.objects[1], HouseObject { index: 1, region: None, category: None });
         assert_eq!(house.object_of_segment[&3_000_007], 1);
     }
 
@@ -274,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named_with_its_line() {
+    fn errors_name_the_line() {
         for (from, to, expected) in [
             ("ASCII 1.1", "ASCII 1.0", "line 1"),
             ("R 3 0", "R three 0", "line 4: \"three\""),
@@ -282,8 +286,8 @@ mod tests {
             ("0 0 0 4 5 2.5", "0 0 0 4 -5 2.5", "line 4: its box has a negative size"),
             ("0.5 0.5 0.5 0", "0.5 -0.5 0.5 0", "line 7: its box has the negative radius"),
             ("0.5 0.5 0.5 0", "0.5 nan 0.5 0", "line 7"),
-            ("O 1 -1", "O 0 -1", "object 0 is there a second time"),
-            ("O 1 -1 -1", "P 1 -1 -1", "1 objects and its header promises 2"),
+            ("O 1 -1", "O 0 -1", "object number 0 is not unique"),
+            ("O 1 -1 -1", "P 1 -1 -1", "it has 1 objects, its header announces 2"),
             ("E 0 1 3000007", "E 0 1", "line 9"),
             ("P name", "Q name", "line 5: \"Q\""),
             ("H made", "P made", "no header record"),
@@ -292,6 +296,6 @@ mod tests {
             assert!(error.contains(expected), "{to}: {error}");
         }
         let cut = &TEXT[..TEXT.find("\nO 0").unwrap()];
-        assert!(parse(cut).unwrap_err().contains("cut short"));
+        assert!(parse(cut).unwrap_err().contains("is incomplete"));
     }
 }

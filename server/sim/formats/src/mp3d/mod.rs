@@ -1,32 +1,35 @@
-//! Scans of Matterport3D: `X.house` (levels, rooms, things), `X_semantic.ply` (the thing of each face) and `X.glb` (textured;
-//! Z up). Without `X.glb` the coloured `X_semantic.ply` is what is seen; `X.ply` with the segments of the original release
-//! serves in its place.
+//! Matterport3D scans: `X.house` (levels, rooms, objects), `X_semantic.ply` (object numbers per face) and `X.glb`
+//! (textured, Z up). The coloured `X_semantic.ply` replaces a missing `X.glb`; `X.ply` with the segments of the original
+//! release replaces a missing `X_semantic.ply`.
 
 mod house;
-mod rooms;
 #[cfg(test)]
 mod tests;
 
-use crate::frame::{Convention, Frame, Options, Up, check_size};
-use crate::labelled::{self, Label, Surface};
-use crate::ply::{self, Ply};
-use crate::{Report, files, glb, obj};
+use crate::files::Checked;
+use crate::files::scene_name;
+use crate::labels::{ObjectLabel, UnlabelledSurfaces};
+use crate::mp3d::house::{Category, HouseObject, HouseRoom, HouseTable};
+use crate::options::{ImportOptions, ImportReport, UpAxis};
+use crate::ply::Ply;
+use crate::world_frame::{FileFrame, UpConvention, check_size};
+use crate::{files, glb, labels, obj, ply};
+use avln_geom::{Aabb, Point3};
 use avln_scene::describe::is_structure;
 use avln_scene::limits::MAX_WORD_CHARS;
-use avln_scene::{InstanceId, Scene, SceneError, categories};
-use house::{Category, House, Thing};
+use avln_scene::{InstanceId, Region, Scene, SceneError, categories};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// What `X.house` is called.
+/// Table suffix.
 pub(crate) const TABLE: &str = ".house";
-/// The meshes that are shown, in order of preference.
+/// Visible meshes, the preferred first.
 const RENDER_MESHES: [&str; 3] = [".glb", ".basis.glb", ".obj"];
-/// The meshes that bring labels, in order of preference.
+/// Labelled meshes, the preferred first.
 const SEMANTIC_MESHES: [&str; 2] = ["_semantic.ply", ".ply"];
 const MAX_TABLE_BYTES: u64 = 256 << 20;
 
-/// The categories of mpcat40 by their numbers.
+/// mpcat40 categories by number.
 const MPCAT40: [&str; 42] = [
     "void",
     "wall",
@@ -72,21 +75,25 @@ const MPCAT40: [&str; 42] = [
     "unlabeled",
 ];
 
-/// Imports the house whose table is `table` (`X.house`). Things get their number in the table plus one, since no instance
-/// has number 0; walls, floors, doors and the like are no objects.
+/// Imports the house with this table (`X.house`). Instance numbers are the table's numbers plus one, because 0 is no instance;
+/// walls, floors, doors and other structure are no objects.
 ///
 /// # Errors
-/// [`SceneError::Read`] for a file that cannot be read; [`SceneError::Malformed`], with line or byte, for one that does not
-/// hold what it should, and where neither mesh is there.
-pub fn import(table: &Path, report: &mut Report) -> Result<Scene, SceneError> {
-    import_as(table, &Options::default(), report)
+/// [`SceneError::Read`] if a file cannot be read; [`SceneError::Malformed`], with line or byte, if a file is damaged or both
+/// meshes are missing.
+pub fn import(table: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
+    import_as(table, &ImportOptions::default(), report)
 }
 
-/// [`import`] with axes and unit as the caller knows them.
+/// [`import`] with the caller's axis and unit.
 ///
 /// # Errors
-/// Those of [`import`].
-pub fn import_as(table: &Path, options: &Options, report: &mut Report) -> Result<Scene, SceneError> {
+/// See [`import`].
+pub fn import_as(
+    table: &Path,
+    options: &ImportOptions,
+    report: &mut ImportReport,
+) -> Result<Scene, SceneError> {
     let bytes = files::read(table, MAX_TABLE_BYTES, report)?;
     let fail = |reason| files::malformed(table, reason);
     let house = house::parse(&String::from_utf8_lossy(&bytes)).map_err(fail)?;
@@ -96,80 +103,84 @@ pub fn import_as(table: &Path, options: &Options, report: &mut Report) -> Result
     };
     let (surface, label_of, frame) = surfaces(table, semantic, &house, options, report)?;
     check_size(&surface.mesh, report).map_err(fail)?;
-    let (regions, index_of) = rooms::regions(&house, &frame, report).map_err(fail)?;
+    let (regions, index_of) = regions(&house, &frame, report).map_err(fail)?;
     let labels = labels(&house, &index_of).map_err(fail)?;
-    Ok(labelled::scene(glb::scene_name(table), surface, &label_of, &labels, regions, report))
+    Ok(labels::scene(scene_name(table), surface, &label_of, &labels, regions, report))
 }
 
-/// The first of `X<suffix>` that lies beside `X.house`.
+/// The first existing `X<suffix>` next to `X.house`.
 fn beside(table: &Path, suffixes: &[&str]) -> Option<PathBuf> {
     let name = table.file_name()?.to_str()?;
     let stem = name.strip_suffix(TABLE)?;
     suffixes.iter().map(|suffix| table.with_file_name(format!("{stem}{suffix}"))).find(|path| path.is_file())
 }
 
-/// What is seen, and the label of each of its triangles, in the world frame.
+/// Visible surfaces, their labels per triangle, and the file's frame.
 fn surfaces(
     table: &Path,
     semantic: Option<Ply>,
-    house: &House,
-    options: &Options,
-    report: &mut Report,
-) -> Result<(Surface, Vec<u32>, Frame), SceneError> {
+    house: &HouseTable,
+    options: &ImportOptions,
+    report: &mut ImportReport,
+) -> Result<(UnlabelledSurfaces, Vec<u32>, FileFrame), SceneError> {
     let labels = semantic.as_ref().map(|ply| triangle_labels(ply, house, report));
     let render = match beside(table, &RENDER_MESHES) {
         Some(path) => Some(read_render(&path, report)?),
         None => None,
     };
-    let convention = Convention::Fixed(Up::Z);
+    let convention = UpConvention::Fixed(UpAxis::Z);
     match (render, semantic, labels) {
         (Some(mut render), Some(mut ply), Some(labels)) => {
-            let frame = Frame::of(&render.mesh, options, convention, report);
+            let frame = FileFrame::of(&render.mesh, options, convention, report);
             frame.apply(&mut render.mesh);
             frame.apply(&mut ply.mesh);
-            let label_of = labelled::carried(&ply.mesh, &labels, &render.mesh, report);
+            let label_of = labels::carried(&ply.mesh, &labels, &render.mesh, report);
             Ok((render, label_of, frame))
         }
         (Some(mut render), ..) => {
             report.warn(
-                "there is no X_semantic.ply beside X.house: the house has rooms, and no labelled things",
+                "X_semantic.ply is missing next to X.house: the house has rooms, but no labelled objects",
             );
-            let frame = Frame::of(&render.mesh, options, convention, report);
+            let frame = FileFrame::of(&render.mesh, options, convention, report);
             frame.apply(&mut render.mesh);
             let count = render.mesh.triangles.len();
             Ok((render, vec![0; count], frame))
         }
         (None, Some(mut ply), Some(labels)) => {
             report.warn(match ply.is_coloured {
-                true => "there is no X.glb beside X.house: the colours of X_semantic.ply are shown",
-                false => "there is no X.glb beside X.house, and X_semantic.ply has no colours: all is white",
+                true => "X.glb is missing next to X.house: the colours of X_semantic.ply are shown",
+                false => "X.glb is missing next to X.house, and X_semantic.ply has no colours: all is white",
             });
-            let frame = Frame::of(&ply.mesh, options, convention, report);
+            let frame = FileFrame::of(&ply.mesh, options, convention, report);
             frame.apply(&mut ply.mesh);
-            let surface =
-                Surface { mesh: ply.mesh, materials: vec![ply::material(None)], textures: Vec::new() };
+            let surface = UnlabelledSurfaces {
+                mesh: ply.mesh,
+                materials: vec![ply::material(None)],
+                textures: Vec::new(),
+            };
             Ok((surface, labels, frame))
         }
         _ => Err(files::malformed(
             table,
-            "neither X.glb nor X_semantic.ply lies beside it; put the meshes of the house into its folder",
+            "X.glb and X_semantic.ply are missing next to it; put the meshes of the house into its folder",
         )),
     }
 }
 
-fn read_render(path: &Path, report: &mut Report) -> Result<Surface, SceneError> {
+fn read_render(path: &Path, report: &mut ImportReport) -> Result<UnlabelledSurfaces, SceneError> {
     let is_obj = path.extension().is_some_and(|extension| extension == "obj");
     let model = if is_obj {
         obj::read(path, report)?
     } else {
         glb::read_part(&files::resolve(path, report)?, report)?
     };
-    Ok(Surface { mesh: model.mesh, materials: model.materials, textures: model.textures })
+    Ok(UnlabelledSurfaces { mesh: model.mesh, materials: model.materials, textures: model.textures })
 }
 
-/// The label of each triangle, 0 for none: from the thing's number on the face, else from the segment's.
-fn triangle_labels(ply: &Ply, house: &House, report: &mut Report) -> Vec<u32> {
+/// Labels per triangle, 0 for none: by object number, or else by segment.
+fn triangle_labels(ply: &Ply, house: &HouseTable, report: &mut ImportReport) -> Vec<u32> {
     let label = |object: i64| u32::try_from(object + 1).ok().filter(|&id| id <= InstanceId::MAX).unwrap_or(0);
+    // Labels are numbers plus one: number 0 is an object in Matterport3D, and no instance in a scene.
     if let Some(objects) = &ply.object_of {
         return objects.iter().map(|&object| label(object.clamp(-1, i64::from(u32::MAX)))).collect();
     }
@@ -179,31 +190,31 @@ fn triangle_labels(ply: &Ply, house: &House, report: &mut Report) -> Vec<u32> {
         };
         return segments.iter().map(object).collect();
     }
-    report.warn("X_semantic.ply gives its faces no object_id: the house has no labelled things");
+    report.warn("X_semantic.ply has no object_id: the house has no labelled objects");
     vec![0; ply.mesh.triangles.len()]
 }
 
-/// The things of the table by their numbers plus one.
-fn labels(house: &House, index_of: &BTreeMap<u32, u16>) -> Result<Vec<Label>, String> {
-    let label = |thing: &Thing| {
-        let (category, noun) = thing
+/// Labels for the table's objects: their numbers plus one.
+fn labels(house: &HouseTable, index_of: &BTreeMap<u32, u16>) -> Result<Vec<ObjectLabel>, String> {
+    let label = |object: &HouseObject| {
+        let (category, noun) = object
             .category
             .and_then(|index| house.categories.get(&index))
             .map_or((None, String::new()), meaning);
-        if thing.index >= InstanceId::MAX {
+        if object.index >= InstanceId::MAX {
             return Err(format!(
                 "it numbers an object {}, the largest number is {}",
-                thing.index,
+                object.index,
                 InstanceId::MAX - 1
             ));
         }
-        let region = thing.region.and_then(|region| index_of.get(&region).copied());
-        Ok(Label { id: thing.index + 1, category, noun, region })
+        let region = object.region.and_then(|region| index_of.get(&region).copied());
+        Ok(ObjectLabel { id: object.index + 1, category, noun, region })
     };
     house.objects.iter().map(label).collect()
 }
 
-/// Category and noun of a record: by the number in mpcat40, else by its names.
+/// A record's category and noun: by mpcat40 number, or else by name.
 fn meaning(record: &Category) -> (Option<String>, String) {
     let by_number = record.mpcat40_index.and_then(|index| MPCAT40.get(index as usize).copied());
     let category = by_number
@@ -223,5 +234,90 @@ fn meaning(record: &Category) -> (Option<String>, String) {
                 String::new(),
             )
         }
+    }
+}
+
+/// Room labels by letter (Matterport3D's data organisation).
+const LABELS: [(&str, &str); 30] = [
+    ("a", "bathroom"),
+    ("b", "bedroom"),
+    ("c", "closet"),
+    ("d", "dining_room"),
+    ("e", "entryway"),
+    ("f", "family_room"),
+    ("g", "garage"),
+    ("h", "hallway"),
+    ("i", "library"),
+    ("j", "laundry_room"),
+    ("k", "kitchen"),
+    ("l", "living_room"),
+    ("m", "meeting_room"),
+    ("n", "lounge"),
+    ("o", "office"),
+    ("p", "porch"),
+    ("r", "rec_room"),
+    ("s", "stairs"),
+    ("t", "toilet"),
+    ("u", "utility_room"),
+    ("v", "tv_room"),
+    ("w", "gym"),
+    ("x", "outdoor"),
+    ("y", "balcony"),
+    ("z", "other_room"),
+    ("B", "bar"),
+    ("C", "classroom"),
+    ("D", "dining_booth"),
+    ("S", "spa"),
+    ("Z", "junk"),
+];
+
+/// Rooms in table order, and their indices by number. Rooms without surfaces are empty boxes.
+fn regions(
+    house: &HouseTable,
+    frame: &FileFrame,
+    report: &mut ImportReport,
+) -> Checked<(Vec<Region>, BTreeMap<u32, u16>)> {
+    let storey_of = storeys(house);
+    let mut regions = Vec::with_capacity(house.regions.len());
+    let mut index_of = BTreeMap::new();
+    for room in &house.regions {
+        let index = u16::try_from(regions.len()).map_err(|_| "it has more than 65536 regions".to_owned())?;
+        index_of.insert(room.index, index);
+        let storey = room.level.and_then(|level| storey_of.get(&level).copied());
+        if storey.is_none() && !storey_of.is_empty() {
+            report.warn(format!("region {} has no level; it is assigned to the lowest storey", room.index));
+        }
+        regions.push(Region {
+            label: room_label(room, report),
+            bounds: room_bounds(room, frame),
+            storey: storey.unwrap_or(0),
+        });
+    }
+    Ok((regions, index_of))
+}
+
+/// Storeys by level number: levels sorted by floor height.
+fn storeys(house: &HouseTable) -> BTreeMap<u32, u16> {
+    let mut levels: Vec<_> = house.levels.iter().collect();
+    levels.sort_by(|a, b| a.floor_m.total_cmp(&b.floor_m).then(a.index.cmp(&b.index)));
+    (0_u16..).zip(levels).map(|(storey, level)| (level.index, storey)).collect()
+}
+
+fn room_label(room: &HouseRoom, report: &mut ImportReport) -> String {
+    let found = LABELS.iter().find(|(letter, _)| *letter == room.label);
+    if found.is_none() && room.label != "-" {
+        let start: String = room.label.chars().take(20).collect();
+        report.warn(format!(
+            "the label {start:?} of region {} is unknown; the region has no label",
+            room.index
+        ));
+    }
+    found.map_or_else(String::new, |(_, name)| (*name).to_owned())
+}
+
+fn room_bounds(room: &HouseRoom, frame: &FileFrame) -> Aabb {
+    match room.bounds {
+        Some([low, high]) => frame.bounds(low, high),
+        None => Aabb::new(Point3::origin(), Point3::origin()),
     }
 }

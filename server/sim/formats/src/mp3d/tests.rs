@@ -22,7 +22,7 @@ const TABLE_TEXT: &str = "ASCII 1.1\n\
 
 /// The scan with Z up as a textured mesh would be.
 fn render() -> Vec<u8> {
-    let mut ply = ply::parse(&testing::ply("ascii"), &mut Report::default()).unwrap();
+    let mut ply = ply::parse(&testing::ply("ascii"), &mut ImportReport::default()).unwrap();
     // Another order of triangles, so that labels are found by place.
     ply.mesh.triangles.reverse();
     export(&Scene {
@@ -36,11 +36,11 @@ fn render() -> Vec<u8> {
     })
 }
 
-fn imported(files: &[(&str, &[u8])]) -> (Scene, Report) {
+fn imported(files: &[(&str, &[u8])]) -> (Scene, ImportReport) {
     let folder = tempfile::tempdir().unwrap();
     testing::write(folder.path(), "made.house", TABLE_TEXT);
     files.iter().for_each(|(name, content)| testing::write(folder.path(), name, content));
-    let mut report = Report::default();
+    let mut report = ImportReport::default();
     (import(&folder.path().join("made.house"), &mut report).unwrap(), report)
 }
 
@@ -55,7 +55,7 @@ fn check(scene: &Scene) {
     assert_eq!((labelled, scene.mesh.triangles.len()), (24, 26));
     let rooms: Vec<(&str, u16)> =
         scene.regions.iter().map(|room| (room.label.as_str(), room.storey)).collect();
-    assert_eq!(rooms, [("living_room", 1), ("kitchen", 0)], "the second level lies below the first");
+    assert_eq!(rooms, [("living_room", 1), ("kitchen", 0)], "the second level is below the first");
     assert_eq!(scene.regions[0].bounds, Aabb::new(Point3::new(0.0, 0.0, -5.0), Point3::new(6.0, 3.0, 0.0)));
 }
 
@@ -68,23 +68,23 @@ fn labels_are_carried_to_the_textured_mesh() {
 }
 
 #[test]
-fn without_a_textured_mesh_the_labelled_one_is_shown() {
+fn labelled_mesh_replaces_missing_textured_mesh() {
     let (scene, report) = imported(&[("made_semantic.ply", &testing::ply("binary_big_endian"))]);
     check(&scene);
     assert!(report.warnings[0].contains("colours of X_semantic.ply"), "{report:?}");
 }
 
 #[test]
-fn segments_of_the_original_release_lead_to_things() {
+fn segments_of_the_original_release_have_objects() {
     let text = String::from_utf8(testing::ply("ascii")).unwrap().replace("object_id", "face_material");
     let body = text.find("end_header").unwrap();
     let (head, body) = text.split_at(body);
-    // Faces begin with their thing; segments have other numbers.
+    // Faces begin with their object; segments have other numbers.
     let faces: Vec<String> = body
         .lines()
         .map(|line| match line.split_once(" 4 ") {
-            Some((thing, rest)) if line.split(' ').count() == 6 && thing.len() == 1 => {
-                format!("1{thing} 4 {rest}")
+            Some((object, rest)) if line.split(' ').count() == 6 && object.len() == 1 => {
+                format!("1{object} 4 {rest}")
             }
             _ => line.to_owned(),
         })
@@ -95,45 +95,52 @@ fn segments_of_the_original_release_lead_to_things() {
 }
 
 #[test]
-fn a_house_without_labels_keeps_its_rooms() {
+fn house_without_labels_has_rooms() {
     let (scene, report) = imported(&[("made.glb", &render())]);
     assert_eq!((scene.objects.len(), scene.regions.len()), (0, 2));
-    assert!(report.warnings.iter().any(|warning| warning.contains("no labelled things")), "{report:?}");
+    assert!(report.warnings.iter().any(|warning| warning.contains("no labelled objects")), "{report:?}");
 }
 
 #[test]
-fn what_fits_not_together_is_named() {
+fn inconsistent_files_are_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let table = folder.path().join("made.house");
     testing::write(folder.path(), "made.house", TABLE_TEXT);
-    let error = import(&table, &mut Report::default()).unwrap_err().to_string();
-    assert!(error.contains("made.house") && error.contains("neither X.glb"), "{error}");
+    let error = import(&table, &mut ImportReport::default()).unwrap_err().to_string();
+    assert!(
+        error.contains("made.house") && error.contains("X.glb and X_semantic.ply are missing"),
+        "{error}"
+    );
     testing::write(folder.path(), "made_semantic.ply", &testing::ply("ascii")[..900]);
-    let error = import(&table, &mut Report::default()).unwrap_err().to_string();
+    let error = import(&table, &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.contains("made_semantic.ply") && error.contains("line"), "{error}");
-    // One thing more in the table than on the mesh, and one thing less.
+    // One object more in the table than on the mesh, and one object less.
     let more = TABLE_TEXT
         .replace("E 0 0", "O 9 0 2 4 4 1 1 0 0 0 1 0 1 1 1 0 0 0 0 0 0 0 0\nE 0 0")
         .replace("O 1 0", "O 8 0");
     testing::write(folder.path(), "made.house", more);
     testing::write(folder.path(), "made_semantic.ply", testing::ply("ascii"));
-    let mut report = Report::default();
+    let mut report = ImportReport::default();
     assert_eq!(import(&table, &mut report).unwrap().objects.len(), 1);
     let says = |words: &str| report.warnings.iter().any(|warning| warning.contains(words));
-    assert!(says("2 labelled things have no triangles and are left out (numbers 9, 10)"), "{report:?}");
-    assert!(says("1 numbers on the mesh are in no table and belong to no object (numbers 2)"), "{report:?}");
+    assert!(says("2 labelled objects have no triangles and are left out (numbers 9, 10)"), "{report:?}");
+    assert!(says("1 numbers on the mesh are not in the table and have no object (numbers 2)"), "{report:?}");
 }
 
 #[test]
-fn damage_is_an_error_and_never_a_panic() {
+fn damaged_files_never_panic() {
     let mut errors = 0;
     damaged(TABLE_TEXT.as_bytes(), 11, 4000, |bytes| match house::parse(&String::from_utf8_lossy(bytes)) {
         Ok(house) => {
             let _ = labels(&house, &BTreeMap::new());
             let mesh = avln_scene::Mesh::default();
-            let frame =
-                Frame::of(&mesh, &Options::default(), Convention::Fixed(Up::Z), &mut Report::default());
-            let _ = rooms::regions(&house, &frame, &mut Report::default());
+            let frame = FileFrame::of(
+                &mesh,
+                &ImportOptions::default(),
+                UpConvention::Fixed(UpAxis::Z),
+                &mut ImportReport::default(),
+            );
+            let _ = regions(&house, &frame, &mut ImportReport::default());
         }
         Err(_) => errors += 1,
     });

@@ -1,68 +1,73 @@
-//! Wavefront `.obj` files with their material libraries: polygons of any size, colours at vertices, pictures, and objects or
-//! groups whose names say a category (`chair_3`, `KitchenTable_01`), which become instances.
+//! Wavefront `.obj` files with material libraries: polygons, vertex colours and images. Objects or groups with a
+//! category in their name (`chair_3`, `KitchenTable_01`) become instances.
 
-mod lines;
 mod mtl;
-mod surfaces;
 #[cfg(test)]
 mod tests;
 
-use crate::files::Checked;
-use crate::frame::{Convention, Frame, Options, Up, check_size};
-use crate::glb::{Model, named_scene, neighbour, scene_name};
-use crate::pictures::Pictures;
-use crate::{Report, files};
-use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXELS};
-use avln_scene::{Material, Scene, SceneError};
-use mtl::Entry;
+use crate::files;
+use crate::files::{Checked, neighbour, scene_name};
+use crate::images::ImageSet;
+use crate::named_model::{Model, category_of_name, scene_of_named_model};
+use crate::obj::mtl::MtlMaterial;
+use crate::options::{ImportOptions, ImportReport, UpAxis};
+use crate::world_frame::{FileFrame, UpConvention, check_size};
+use avln_geom::{Point2, Point3};
+use avln_scene::limits::{MAX_ENTRIES, MAX_FILE_BYTES, MAX_TEXELS, MAX_TRIANGLES, MAX_VERTICES};
+use avln_scene::{InstanceId, Material, Mesh, Scene, SceneError, polygon};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::path::Path;
-use surfaces::Surfaces;
 
-/// Imports a file; Y is taken for up unless the shape says otherwise.
+/// Imports a file. Y is up, unless the shape of the building contradicts it.
 ///
-/// A missing library or picture is a warning: plain grey or a checker stands in for it.
+/// A missing library or image is replaced by plain grey or a checker, with a warning.
 ///
 /// # Errors
-/// [`SceneError::Read`] when the file itself cannot be read; [`SceneError::Malformed`], with the line, when it is damaged,
-/// holds no surfaces, or cannot be in metres.
-pub fn import(path: &Path, report: &mut Report) -> Result<Scene, SceneError> {
-    import_as(path, &Options::default(), report)
+/// [`SceneError::Read`] if the file cannot be read; [`SceneError::Malformed`], with the line, if it is damaged, has no
+/// surfaces, or cannot be in metres.
+pub fn import(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
+    import_as(path, &ImportOptions::default(), report)
 }
 
-/// [`import`] with axes and unit as the caller knows them.
+/// [`import`] with the caller's axis and unit.
 ///
 /// # Errors
-/// Those of [`import`].
-pub fn import_as(path: &Path, options: &Options, report: &mut Report) -> Result<Scene, SceneError> {
+/// See [`import`].
+pub fn import_as(
+    path: &Path,
+    options: &ImportOptions,
+    report: &mut ImportReport,
+) -> Result<Scene, SceneError> {
     let fail = |reason| files::malformed(path, reason);
     let mut model = read(path, report)?;
-    Frame::of(&model.mesh, options, Convention::Usual(Up::Y), report).apply(&mut model.mesh);
+    FileFrame::of(&model.mesh, options, UpConvention::Usual(UpAxis::Y), report).apply(&mut model.mesh);
     check_size(&model.mesh, report).map_err(fail)?;
-    named_scene(scene_name(path), model).map_err(fail)
+    scene_of_named_model(scene_name(path), model).map_err(fail)
 }
 
-/// Reads a file in its own frame.
-pub(crate) fn read(path: &Path, report: &mut Report) -> Result<Model, SceneError> {
+/// Reads a file in file coordinates.
+pub(crate) fn read(path: &Path, report: &mut ImportReport) -> Result<Model, SceneError> {
     let real = files::resolve(path, report)?;
     let bytes = files::read(&real, MAX_FILE_BYTES, report)?;
     let folder = real.parent().unwrap_or(Path::new(""));
     model(&bytes, folder, report).map_err(|reason| files::malformed(path, reason))
 }
 
-fn model(bytes: &[u8], folder: &Path, report: &mut Report) -> Checked<Model> {
-    let surfaces = surfaces::parse(bytes, report)?;
+fn model(bytes: &[u8], folder: &Path, report: &mut ImportReport) -> Checked<Model> {
+    let surfaces = parse(bytes, report)?;
     let entries = libraries(&surfaces, folder, report);
-    let mut pictures = Pictures::new(folder, MAX_TEXELS);
+    let mut pictures = ImageSet::new(folder, MAX_TEXELS);
     let mut materials = Vec::with_capacity(surfaces.materials.len());
     for name in &surfaces.materials {
         materials.push(material(name, &entries, &mut pictures, report)?);
     }
     let textures = pictures.into_textures();
-    Ok(Model::of_parts(surfaces.mesh, materials, textures, surfaces.part_of, surfaces.parts))
+    Ok(Model::from_named_parts(surfaces.mesh, materials, textures, surfaces.part_of, surfaces.parts))
 }
 
-/// The entries of all material libraries that the file names.
-fn libraries(surfaces: &Surfaces, folder: &Path, report: &mut Report) -> Vec<Entry> {
+/// Materials in all the file's libraries.
+fn libraries(surfaces: &ObjSurfaces, folder: &Path, report: &mut ImportReport) -> Vec<MtlMaterial> {
     let mut entries = Vec::new();
     for name in &surfaces.libraries {
         let text = neighbour(folder, &name.replace('\\', "/"))
@@ -77,13 +82,13 @@ fn libraries(surfaces: &Surfaces, folder: &Path, report: &mut Report) -> Vec<Ent
 
 fn material(
     name: &str,
-    entries: &[Entry],
-    pictures: &mut Pictures,
-    report: &mut Report,
+    entries: &[MtlMaterial],
+    pictures: &mut ImageSet,
+    report: &mut ImportReport,
 ) -> Checked<Material> {
     let Some(entry) = entries.iter().find(|entry| entry.name == name) else {
         if !name.is_empty() {
-            report.warn(format!("material {name:?} is in no library; plain grey is in its place"));
+            report.warn(format!("material {name:?} is in no library; plain grey replaces it"));
         }
         return Ok(mtl::plain(name));
     };
@@ -92,4 +97,264 @@ fn material(
         None => None,
     };
     Ok(entry.material(texture))
+}
+
+/// Coordinate limit; larger ones are damage, in any unit.
+const MAX_COORDINATE: f32 = 1.0e9;
+const MAX_UV: f32 = 1.0e5;
+const MAX_POLYGON: usize = 4096;
+const MAX_LIBRARIES: usize = 64;
+const NONE: u32 = u32::MAX;
+/// Keywords without data for scenes.
+const IGNORED: [&str; 10] = ["vn", "s", "l", "p", "vp", "usemap", "lod", "mg", "bevel", "maplib"];
+/// Keywords for curved surfaces.
+const CURVED: [&str; 5] = ["curv", "curv2", "surf", "cstype", "bmat"];
+
+/// Surfaces in an `.obj` file, in file coordinates.
+#[derive(Default)]
+struct ObjSurfaces {
+    mesh: Mesh,
+    /// Material names in number order; the empty name is no material.
+    materials: Vec<String>,
+    /// Object and group names.
+    parts: Vec<String>,
+    /// Index into `parts` per triangle.
+    part_of: Vec<u32>,
+    /// Material library names.
+    libraries: Vec<String>,
+}
+
+/// Reads a file line by line.
+fn parse(bytes: &[u8], report: &mut ImportReport) -> Checked<ObjSurfaces> {
+    let mut parser = ObjParser::default();
+    for (number, line) in lines(bytes) {
+        parser
+            .line(split(&line), report)
+            .map_err(|reason| format!("line {number}: {reason}; export the file again"))?;
+    }
+    if parser.found.mesh.triangles.is_empty() {
+        return Err("it has no faces; use the file with surfaces".to_owned());
+    }
+    Ok(parser.found)
+}
+
+#[derive(Default)]
+struct ObjParser {
+    found: ObjSurfaces,
+    positions: Vec<Point3<f32>>,
+    colors: Vec<[u8; 3]>,
+    uvs: Vec<Point2<f32>>,
+    /// Linked lists for mesh vertices with the same position: the last vertex per position; per vertex the texture coordinate, and the
+    /// vertex before it.
+    last_vertex: Vec<u32>,
+    vertex_uv: Vec<u32>,
+    vertex_before: Vec<u32>,
+    object: String,
+    group: String,
+    material: u16,
+    material_of: BTreeMap<String, u16>,
+    part: Option<u32>,
+    part_of: BTreeMap<String, u32>,
+}
+
+impl ObjParser {
+    fn line(&mut self, (keyword, rest): (&str, &str), report: &mut ImportReport) -> Checked<()> {
+        match keyword {
+            "v" => self.position(rest)?,
+            "vt" => self.uv(rest)?,
+            "f" | "fo" => self.face(rest)?,
+            "o" => (self.object, self.group, self.part) = (rest.to_owned(), String::new(), None),
+            "g" => (self.group, self.part) = (rest.to_owned(), None),
+            "usemtl" => self.material = self.material_number(rest)?,
+            "mtllib" => self.add_libraries(rest),
+            "" => {}
+            known if IGNORED.contains(&known) => {}
+            curved if CURVED.contains(&curved) => {
+                report.warn("its curved surfaces are left out; convert them to polygons");
+            }
+            other => {
+                let start: String = other.chars().take(20).collect();
+                report.warn(format!("lines that start with {start:?} are not supported and left out"));
+            }
+        }
+        Ok(())
+    }
+
+    fn position(&mut self, text: &str) -> Checked<()> {
+        let (numbers, count) = numbers::<7>(text, 3, MAX_COORDINATE)?;
+        if self.positions.len() >= MAX_VERTICES {
+            return Err(format!("it has more than {MAX_VERTICES} vertices"));
+        }
+        self.positions.push(Point3::new(numbers[0], numbers[1], numbers[2]));
+        let code = |share: f32| (share.clamp(0.0, 1.0) * 255.0).round() as u8;
+        // Six numbers are a position and a colour, seven a weight between them.
+        let first_color = count - 3;
+        let color = std::array::from_fn(|channel| code(numbers[first_color + channel]));
+        self.colors.push(if count >= 6 { color } else { [255; 3] });
+        self.last_vertex.push(NONE);
+        Ok(())
+    }
+
+    // Texture coordinates count from the bottom row in OBJ, from the top row in scenes.
+    fn uv(&mut self, text: &str) -> Checked<()> {
+        let ([u, v], _) = numbers::<2>(text, 1, f32::INFINITY)?;
+        if self.uvs.len() >= MAX_VERTICES {
+            return Err(format!("it has more than {MAX_VERTICES} texture coordinates"));
+        }
+        let sane = |value: f32| if value.abs() <= MAX_UV { value } else { 0.0 };
+        self.uvs.push(Point2::new(sane(u), 1.0 - sane(v)));
+        Ok(())
+    }
+
+    fn face(&mut self, text: &str) -> Checked<()> {
+        let corners: Checked<Vec<u32>> =
+            text.split_whitespace().take(MAX_POLYGON + 1).map(|word| self.corner(word)).collect();
+        let corners = corners?;
+        if !(3..=MAX_POLYGON).contains(&corners.len()) {
+            return Err(format!("a face has {} corners, 3 to {MAX_POLYGON} are read", corners.len()));
+        }
+        let part = self.part()?;
+        let mesh = &mut self.found.mesh;
+        polygon::triangulate(&mesh.positions, &corners, &mut mesh.triangles);
+        let total = mesh.triangles.len();
+        if total > MAX_TRIANGLES {
+            return Err(format!("it has more than {MAX_TRIANGLES} triangles"));
+        }
+        if self.found.materials.is_empty() {
+            self.material = self.material_number("")?;
+        }
+        self.found.mesh.material_of.resize(total, self.material);
+        self.found.mesh.instance_of.resize(total, InstanceId::NONE);
+        self.found.part_of.resize(total, part);
+        Ok(())
+    }
+
+    /// Returns a corner's mesh vertex; creates it at the first use.
+    fn corner(&mut self, word: &str) -> Checked<u32> {
+        let (position, uv) = corner(word, self.positions.len(), self.uvs.len())?;
+        let uv = uv.unwrap_or(NONE);
+        // Linked lists instead of a map: most positions have one or two texture coordinates, and scans have millions of corners.
+        let mut vertex = self.last_vertex[position as usize];
+        while vertex != NONE && self.vertex_uv[vertex as usize] != uv {
+            vertex = self.vertex_before[vertex as usize];
+        }
+        if vertex != NONE {
+            return Ok(vertex);
+        }
+        let mesh = &mut self.found.mesh;
+        if mesh.positions.len() >= MAX_VERTICES {
+            return Err(format!("it has more than {MAX_VERTICES} vertices"));
+        }
+        let made = mesh.positions.len() as u32;
+        mesh.positions.push(self.positions[position as usize]);
+        mesh.colors.push(self.colors[position as usize]);
+        mesh.uvs.push(self.uvs.get(uv as usize).copied().unwrap_or_else(Point2::origin));
+        self.vertex_uv.push(uv);
+        self.vertex_before.push(std::mem::replace(&mut self.last_vertex[position as usize], made));
+        Ok(made)
+    }
+
+    /// Returns the current part's number: a group with a category in the name, or the object, or the group.
+    fn part(&mut self) -> Checked<u32> {
+        if let Some(part) = self.part {
+            return Ok(part);
+        }
+        let says_more = self.object.is_empty() || category_of_name(&self.group).is_some();
+        let name = if says_more { &self.group } else { &self.object };
+        let next = self.found.parts.len();
+        let part = match self.part_of.get(name) {
+            Some(&known) => known,
+            None if next >= MAX_ENTRIES => return Err(format!("it has more than {MAX_ENTRIES} objects")),
+            None => {
+                self.found.parts.push(name.clone());
+                self.part_of.insert(name.clone(), next as u32);
+                next as u32
+            }
+        };
+        self.part = Some(part);
+        Ok(part)
+    }
+
+    fn material_number(&mut self, name: &str) -> Checked<u16> {
+        if let Some(&known) = self.material_of.get(name) {
+            return Ok(known);
+        }
+        let number = u16::try_from(self.found.materials.len())
+            .map_err(|_| "it uses more than 65536 materials".to_owned())?;
+        self.found.materials.push(name.to_owned());
+        self.material_of.insert(name.to_owned(), number);
+        Ok(number)
+    }
+
+    /// Adds library names, separated by blanks; a single name may contain blanks.
+    fn add_libraries(&mut self, text: &str) {
+        let all_are_libraries =
+            text.split_whitespace().all(|name| name.to_ascii_lowercase().ends_with(".mtl"));
+        let names = if all_are_libraries { text.split_whitespace().collect() } else { vec![text] };
+        for name in names {
+            if !self.found.libraries.iter().any(|known| known == name)
+                && self.found.libraries.len() < MAX_LIBRARIES
+            {
+                self.found.libraries.push(name.to_owned());
+            }
+        }
+    }
+}
+
+/// Returns lines with their numbers; a backslash at a line's end joins the next line.
+fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
+    let mut physical = bytes.split(|&byte| byte == b'\n').enumerate();
+    std::iter::from_fn(move || {
+        let (index, first) = physical.next()?;
+        let mut line = String::from_utf8_lossy(first);
+        while let Some(joined) = line.trim_end().strip_suffix('\\') {
+            let joined = joined.to_owned();
+            let Some((_, next)) = physical.next() else { return Some((index + 1, Cow::Owned(joined))) };
+            line = Cow::Owned(format!("{joined} {}", String::from_utf8_lossy(next)));
+        }
+        Some((index + 1, line))
+    })
+}
+
+/// Splits a line into keyword and values, without a comment.
+fn split(line: &str) -> (&str, &str) {
+    let line = line.split('#').next().unwrap_or_default().trim();
+    line.split_once(char::is_whitespace).map_or((line, ""), |(keyword, rest)| (keyword, rest.trim()))
+}
+
+/// Parses up to `N` numbers, and returns their count; at least `least`, all finite and within `limit`.
+fn numbers<const N: usize>(text: &str, least: usize, limit: f32) -> Checked<([f32; N], usize)> {
+    let mut found = [0.0; N];
+    let mut count = 0;
+    for word in text.split_whitespace().take(N) {
+        let number: f32 = word.parse().map_err(|_| format!("{word:?} is not a number"))?;
+        if number.is_nan() || number.abs() > limit {
+            return Err(format!("{word:?} is no usable coordinate"));
+        }
+        found[count] = number;
+        count += 1;
+    }
+    if count < least { Err(format!("{count} numbers, {least} are needed")) } else { Ok((found, count)) }
+}
+
+/// Parses a face's corner such as `3`, `3/1`, `3//2` or `-1/-1/-1`: position and texture coordinate, counted from 0.
+/// `positions` and `uvs` are their numbers so far.
+fn corner(word: &str, positions: usize, uvs: usize) -> Checked<(u32, Option<u32>)> {
+    let mut parts = word.split('/');
+    let position = index(parts.next().unwrap_or_default(), positions, "vertex")?;
+    let uv = match parts.next() {
+        None | Some("") => None,
+        Some(part) => Some(index(part, uvs, "texture coordinate")?),
+    };
+    Ok((position, uv))
+}
+
+/// Parses an index, from 1 on, or backwards from the end if it is negative.
+fn index(word: &str, count: usize, what: &str) -> Checked<u32> {
+    let number: i64 = word.parse().map_err(|_| format!("{word:?} is no number of a {what}"))?;
+    let index = if number < 0 { number.checked_add(count as i64) } else { number.checked_sub(1) };
+    index
+        .filter(|index| (0..count as i64).contains(index))
+        .map(|index| index as u32)
+        .ok_or_else(|| format!("it refers to {what} {number}, there are {count} so far"))
 }

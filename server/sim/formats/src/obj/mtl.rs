@@ -3,11 +3,11 @@
 use avln_scene::Material;
 use avln_scene::limits::MAX_WORD_CHARS;
 
-/// Colour where a library gives none.
+/// Default colour.
 const DEFAULT_DIFFUSE: [f32; 3] = [0.8; 3];
-/// Less opaque surfaces than this do not block the view.
+/// Opacity below which a surface is transparent.
 const SEE_THROUGH: f32 = 0.5;
-/// How many values the options of `map_Kd` take (one to three for the vectors).
+/// Values per `map_Kd` option (one to three for vectors).
 const MAP_OPTIONS: [(&str, usize); 14] = [
     ("-blendu", 1),
     ("-blendv", 1),
@@ -25,24 +25,24 @@ const MAP_OPTIONS: [(&str, usize); 14] = [
     ("-colorspace", 1),
 ];
 
-/// A material with the name of its picture.
+/// A material with an image name.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Entry {
+pub(super) struct MtlMaterial {
     pub(super) name: String,
     diffuse: [f32; 3],
     opacity: f32,
     pub(super) picture: Option<String>,
 }
 
-impl Entry {
+impl MtlMaterial {
     fn new(name: &str) -> Self {
         Self { name: name.to_owned(), diffuse: DEFAULT_DIFFUSE, opacity: 1.0, picture: None }
     }
 
-    /// The material, its picture having number `texture`. Colours are display values, as viewers of this format show them;
-    /// a picture on black would be invisible, so that black counts as white there.
+    /// Returns the material with the image number `texture`. Colours are display values, as in common viewers.
     pub(super) fn material(&self, texture: Option<u16>) -> Material {
         let [r, g, b] = self.diffuse.map(|share| (share.clamp(0.0, 1.0) * 255.0).round() as u8);
+        // An image on black would be invisible: viewers show it as if the colour were white.
         let is_hidden = texture.is_some() && [r, g, b] == [0; 3];
         let alpha = (self.opacity.clamp(0.0, 1.0) * 255.0).round() as u8;
         Material {
@@ -54,19 +54,19 @@ impl Entry {
     }
 }
 
-/// A material of which only the name is known.
+/// Returns the default material with a name.
 pub(super) fn plain(name: &str) -> Material {
-    Entry::new(name).material(None)
+    MtlMaterial::new(name).material(None)
 }
 
-/// The materials of a library. What is not understood is left out: materials change no surface.
-pub(super) fn parse(text: &str) -> Vec<Entry> {
-    let mut entries: Vec<Entry> = Vec::new();
+/// Parses a library; unknown lines are ignored, because materials change no surface.
+pub(super) fn parse(text: &str) -> Vec<MtlMaterial> {
+    let mut entries: Vec<MtlMaterial> = Vec::new();
     for line in text.lines() {
         let line = line.trim();
         let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         if keyword == "newmtl" {
-            entries.push(Entry::new(rest.trim()));
+            entries.push(MtlMaterial::new(rest.trim()));
         }
         let Some(entry) = entries.last_mut() else { continue };
         let number = || rest.split_whitespace().next().and_then(number);
@@ -94,14 +94,14 @@ fn diffuse(text: &str) -> Option<[f32; 3]> {
     }
 }
 
-/// The file name behind the options; it may hold blanks.
+/// The file name after the options; it may contain blanks.
 fn picture(text: &str) -> Option<String> {
     let mut rest = text.trim();
     while let Some(values) = option_values(rest) {
         rest = after_word(rest);
         for index in 0..values {
             let word = rest.split_whitespace().next().unwrap_or_default();
-            // Vectors may be cut short after their first number.
+            // Vectors may end after their first number.
             if index > 0 && number(word).is_none() || rest.is_empty() {
                 break;
             }
@@ -111,7 +111,7 @@ fn picture(text: &str) -> Option<String> {
     (!rest.is_empty()).then(|| rest.to_owned())
 }
 
-/// How many values the option at the front of `text` takes.
+/// Value count for the option at the start.
 fn option_values(text: &str) -> Option<usize> {
     let word = text.split_whitespace().next()?;
     Some(MAP_OPTIONS.iter().find(|(name, _)| *name == word)?.1)
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn options_before_the_name_are_passed_over() {
+    fn options_before_the_name_are_skipped() {
         for (line, expected) in [
             ("-o 0.5 1 oak.png", Some("oak.png")),
             ("-mm 0 1 -blendu off 7.png", Some("7.png")),

@@ -1,60 +1,62 @@
-//! Polygon files of Stanford (PLY 1.0), in text or binary, with vertex colours, texture coordinates and object numbers.
+//! Stanford polygon files (PLY 1.0), text or binary, with vertex colours, texture coordinates and object numbers.
 
-mod body;
-mod header;
 mod tables;
 #[cfg(test)]
 mod tests;
 
-use crate::files::Checked;
-use crate::frame::{Convention, Frame, Options, Up, check_size};
-use crate::glb::scene_name;
-use crate::pictures::Pictures;
-use crate::{Report, files};
+use crate::files;
+use crate::files::{Checked, scene_name};
+use crate::images::ImageSet;
+use crate::options::{ImportOptions, ImportReport, UpAxis};
+use crate::ply::tables::PlyTables;
+use crate::world_frame::{FileFrame, UpConvention, check_size};
 use avln_scene::limits::{MAX_FILE_BYTES, MAX_TEXELS};
 use avln_scene::{InstanceId, Lighting, Material, Mesh, Scene, SceneError, polygon};
 use std::path::Path;
-use tables::Tables;
 
-/// Surfaces in the file's own frame, with what it says of each triangle.
+/// Surfaces in the file's frame, with object and segment numbers.
 pub(crate) struct Ply {
     /// No instances yet.
     pub(crate) mesh: Mesh,
-    /// Whether vertices bring colours.
+    /// Whether vertices have colours.
     pub(crate) is_coloured: bool,
-    /// The number of each triangle's object (`object_id` of its face, else the one that most of its vertices have).
+    /// Object number per triangle: the face's `object_id`, or the vertices' majority.
     pub(crate) object_of: Option<Vec<i64>>,
-    /// The number of each triangle's segment (`face_material` in files of Matterport).
+    /// Segment number per triangle (`face_material` in Matterport files).
     pub(crate) segment_of: Option<Vec<i64>>,
-    /// The picture that its texture coordinates refer to.
+    /// Image for the texture coordinates.
     texture: Option<String>,
 }
 
-/// Imports a file as a scene without instances: a PLY file has no names for them. Z is taken for up unless the shape says
-/// otherwise.
+/// Imports a file as a scene without instances, because PLY files have no names for them. Z is up, unless the shape of the
+/// building contradicts it.
 ///
 /// # Errors
-/// [`SceneError::Read`] when the file cannot be read; [`SceneError::Malformed`], with line or byte, when it is damaged, holds
-/// no surfaces, or cannot be in metres.
-pub fn import(path: &Path, report: &mut Report) -> Result<Scene, SceneError> {
-    import_as(path, &Options::default(), report)
+/// [`SceneError::Read`] if the file cannot be read; [`SceneError::Malformed`], with line or byte, if it is damaged, has no
+/// surfaces, or cannot be in metres.
+pub fn import(path: &Path, report: &mut ImportReport) -> Result<Scene, SceneError> {
+    import_as(path, &ImportOptions::default(), report)
 }
 
-/// [`import`] with axes and unit as the caller knows them.
+/// [`import`] with the caller's axis and unit.
 ///
 /// # Errors
-/// Those of [`import`].
-pub fn import_as(path: &Path, options: &Options, report: &mut Report) -> Result<Scene, SceneError> {
+/// See [`import`].
+pub fn import_as(
+    path: &Path,
+    options: &ImportOptions,
+    report: &mut ImportReport,
+) -> Result<Scene, SceneError> {
     let mut ply = read(path, report)?;
     if ply.object_of.is_some() {
         report.warn(format!(
-            "{} numbers its objects but does not name them; add the .house file or info_semantic.json that does",
+            "{} has numbers of objects but no names; add the .house file or info_semantic.json with the names",
             path.display()
         ));
     }
-    Frame::of(&ply.mesh, options, Convention::Usual(Up::Z), report).apply(&mut ply.mesh);
+    FileFrame::of(&ply.mesh, options, UpConvention::Usual(UpAxis::Z), report).apply(&mut ply.mesh);
     check_size(&ply.mesh, report).map_err(|reason| files::malformed(path, reason))?;
-    let mut pictures = Pictures::new(path.parent().unwrap_or(Path::new("")), MAX_TEXELS);
+    let mut pictures = ImageSet::new(path.parent().unwrap_or(Path::new("")), MAX_TEXELS);
     let texture = match &ply.texture {
         Some(name) => Some(pictures.number(name, report).map_err(|reason| files::malformed(path, reason))?),
         None => None,
@@ -70,21 +72,20 @@ pub fn import_as(path: &Path, options: &Options, report: &mut Report) -> Result<
     })
 }
 
-/// The one material of a PLY file.
+/// Returns the material for PLY files.
 pub(crate) fn material(texture: Option<u16>) -> Material {
     Material { name: "scan".to_owned(), base_color: [255; 4], texture, alpha_cutoff: None }
 }
 
-/// Reads a file in its own frame.
-pub(crate) fn read(path: &Path, report: &mut Report) -> Result<Ply, SceneError> {
+/// Reads a file in file coordinates.
+pub(crate) fn read(path: &Path, report: &mut ImportReport) -> Result<Ply, SceneError> {
     let bytes = files::read(path, MAX_FILE_BYTES, report)?;
     parse(&bytes, report).map_err(|reason| files::malformed(path, reason))
 }
 
-/// Reads the bytes of a file in its own frame.
-pub(crate) fn parse(bytes: &[u8], report: &mut Report) -> Checked<Ply> {
-    let header = header::parse(bytes)?;
-    let mut tables = Tables::read(bytes, &header, report)?;
+/// Parses a file in file coordinates.
+pub(crate) fn parse(bytes: &[u8], report: &mut ImportReport) -> Checked<Ply> {
+    let mut tables = PlyTables::read(bytes, report)?;
     let mut triangles = Vec::new();
     let mut face_of: Vec<u32> = Vec::new();
     for (face, corners) in tables.faces().enumerate() {
@@ -92,7 +93,7 @@ pub(crate) fn parse(bytes: &[u8], report: &mut Report) -> Checked<Ply> {
         face_of.resize(triangles.len(), face as u32);
     }
     if triangles.is_empty() {
-        return Err("it holds no faces; take the file with surfaces, not the cloud of points".to_owned());
+        return Err("it has no faces; use the file with surfaces, not the point cloud".to_owned());
     }
     let by_face = |labels: Vec<i64>| face_of.iter().map(|&face| labels[face as usize]).collect::<Vec<_>>();
     let by_vertex = |labels: Vec<i64>| {
@@ -109,7 +110,7 @@ pub(crate) fn parse(bytes: &[u8], report: &mut Report) -> Checked<Ply> {
         is_coloured,
         object_of,
         segment_of,
-        texture: if tables.has_uvs { header.texture } else { None },
+        texture: tables.texture.take().filter(|_| tables.has_uvs),
         mesh: Mesh {
             positions: tables.positions,
             uvs: tables.uvs,
@@ -121,7 +122,7 @@ pub(crate) fn parse(bytes: &[u8], report: &mut Report) -> Checked<Ply> {
     })
 }
 
-/// The number that two of three have; the first where all differ.
+/// Three numbers' majority; the first if all differ.
 fn most([a, b, c]: [i64; 3]) -> i64 {
     if b == c { b } else { a }
 }

@@ -1,16 +1,24 @@
-//! Vertices and faces, whatever the order of their columns.
+//! Vertices and faces in a PLY file; `ply-rs-bw` reads the header and each row.
 
-use super::body::Body;
-use super::header::{Element, Format, Header, Property};
-use crate::Report;
 use crate::files::Checked;
+use crate::options::ImportReport;
 use avln_geom::{Point2, Point3};
 use avln_scene::limits::{MAX_TRIANGLES, MAX_VERTICES};
+use ply_rs_bw::parser::{ParseError, Parser, Reader};
+use ply_rs_bw::ply::{
+    ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType,
+};
+use std::io::ErrorKind;
 
+const MAX_HEADER_BYTES: usize = 1 << 16;
+/// Bytes in a text row.
+const MAX_LINE_BYTES: usize = 1 << 20;
+const ENDS_EARLY: &str = "the file ends inside its tables; copy it again";
 const MAX_POLYGON: usize = 4096;
-/// Coordinates beyond this are damage, in any unit.
+/// Coordinate limit; larger ones are damage, in any unit.
 const MAX_COORDINATE: f64 = 1.0e9;
-/// Columns of a vertex that are used, under all their names; the place in this list is the place in a row.
+const MAX_UV: f64 = 1.0e5;
+/// Vertex columns in use, with their spellings; the position in this list is the index into a row.
 const VERTEX_COLUMNS: [&[&str]; 9] = [
     &["x"],
     &["y"],
@@ -25,10 +33,14 @@ const VERTEX_COLUMNS: [&[&str]; 9] = [
 const RED: usize = 3;
 const U: usize = 6;
 const OBJECT: usize = 8;
+/// Spellings for a face's corner list, object number and segment number.
+const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
+const OBJECTS: [&str; 2] = ["object_id", "objectId"];
+const SEGMENTS: [&str; 1] = ["face_material"];
 
-/// What the file holds; the lists of vertices are equally long, so are those of faces.
+/// A file's content: lists per vertex and lists per face.
 #[derive(Default)]
-pub(super) struct Tables {
+pub(super) struct PlyTables {
     pub(super) positions: Vec<Point3<f32>>,
     pub(super) uvs: Vec<Point2<f32>>,
     pub(super) colors: Vec<[u8; 3]>,
@@ -37,74 +49,63 @@ pub(super) struct Tables {
     pub(super) vertex_objects: Option<Vec<i64>>,
     pub(super) face_objects: Option<Vec<i64>>,
     pub(super) face_segments: Option<Vec<i64>>,
+    /// Image for the texture coordinates, from MeshLab's comment `TextureFile`.
+    pub(super) texture: Option<String>,
     corners: Vec<u32>,
-    /// Where each face's corners end in `corners`.
+    /// End indices in `corners` per face.
     ends: Vec<u32>,
 }
 
-/// What a column of a face is for.
-#[derive(Clone, Copy, PartialEq)]
-enum FaceColumn {
-    Corners,
-    Object,
-    Segment,
-    Other,
-}
-
-impl Tables {
-    /// Reads all tables in the order of the header.
-    pub(super) fn read(bytes: &[u8], header: &Header, report: &mut Report) -> Checked<Self> {
-        let mut tables = Self::default();
-        let mut body = Body::new(bytes, header.body, header.lines, header.format);
-        for element in &header.elements {
-            check_fits(element, header.format, &body)?;
+impl PlyTables {
+    /// Reads all tables in header order.
+    pub(super) fn read(bytes: &[u8], report: &mut ImportReport) -> Checked<Self> {
+        let (header, mut rows) = read_header(bytes)?;
+        let texture = header.comments.iter().rev().find_map(|comment| comment.strip_prefix("TextureFile"));
+        let mut tables = Self { texture: texture.map(|name| name.trim().to_owned()), ..Self::default() };
+        for element in header.elements.values() {
+            rows.check_fits(element)?;
             match element.name.as_str() {
-                "vertex" if tables.positions.is_empty() => tables.read_vertices(element, &mut body)?,
-                "face" if tables.ends.is_empty() => tables.read_faces(element, &mut body, report)?,
-                _ => skip_rows(element, &mut body)?,
+                "vertex" => tables.read_vertices(element, &mut rows)?,
+                "face" => tables.read_faces(element, &mut rows, report)?,
+                // Rows without columns take no bytes: the file size does not limit their number.
+                _ if element.properties.is_empty() => {}
+                _ => (0..element.count).try_for_each(|_| rows.next::<UnusedRow>(element).map(drop))?,
             }
         }
-        let count = tables.positions.len();
-        match tables.corners.iter().position(|&corner| corner as usize >= count) {
-            Some(at) => Err(format!(
-                "face {} refers to vertex {}, there are {count}; export the file again",
-                tables.ends.partition_point(|&end| end as usize <= at),
-                tables.corners[at]
-            )),
-            None => Ok(tables),
-        }
+        // Faces may precede vertices in a file: corners are checked after all tables.
+        tables.check_corners()?;
+        Ok(tables)
     }
 
-    /// The corners of each face.
+    /// Returns the faces' corner lists.
     pub(super) fn faces(&self) -> impl Iterator<Item = &[u32]> {
         let starts = std::iter::once(0).chain(self.ends.iter().copied());
         starts.zip(&self.ends).map(|(start, &end)| &self.corners[start as usize..end as usize])
     }
 
-    fn read_vertices(&mut self, element: &Element, body: &mut Body<'_>) -> Checked<()> {
-        let columns: Vec<Option<usize>> = element.properties.iter().map(vertex_column).collect();
-        let has = |column: usize| columns.contains(&Some(column));
+    fn read_vertices(&mut self, element: &ElementDef, rows: &mut RowCursor<'_>) -> Checked<()> {
+        let scale_of = |column: usize| {
+            let mut scales = VERTEX_COLUMNS[column].iter().filter_map(|name| scalar(element, name));
+            scales.next().map(full_scale)
+        };
+        let has = |column: usize| scale_of(column).is_some();
         if !(has(0) && has(1) && has(2)) {
             return Err("its vertices have no x, y and z; export the file again".to_owned());
         }
-        (self.is_coloured, self.has_uvs) = ((RED..RED + 3).all(has), has(U) && has(U + 1));
-        let full_scale = |column: usize| {
-            let found = columns.iter().position(|&found| found == Some(column));
-            found.map_or(1.0, |index| element.properties[index].kind.full_scale())
-        };
-        let color_scale: [f64; 3] = std::array::from_fn(|channel| 255.0 / full_scale(RED + channel));
+        self.is_coloured = (RED..RED + 3).all(has);
+        self.has_uvs = has(U) && has(U + 1);
+        let color_scale: [f64; 3] =
+            std::array::from_fn(|channel| 255.0 / scale_of(RED + channel).unwrap_or(1.0));
         let mut objects = has(OBJECT).then(Vec::new);
-        for row in 0..element.count {
-            let place = body.place();
-            let values = vertex_row(element, &columns, body)?;
+        for index in 0..element.count {
+            let place = rows.place();
+            let VertexRow { values } = rows.next(element)?;
             self.positions.push(position(&values).ok_or_else(|| {
-                format!("{place}: vertex {row} has no usable position; repair the mesh in a 3D editor")
+                format!("{place}: vertex {index} has no usable position; repair the mesh in a 3D editor")
             })?);
-            let share = |value: f64| if value.abs() <= 1.0e5 { value as f32 } else { 0.0 };
-            self.uvs.push(Point2::new(
-                share(values[U]),
-                if self.has_uvs { 1.0 - share(values[U + 1]) } else { 0.0 },
-            ));
+            let uv = |value: f64| if value.abs() <= MAX_UV { value as f32 } else { 0.0 };
+            let v = if self.has_uvs { 1.0 - uv(values[U + 1]) } else { 0.0 };
+            self.uvs.push(Point2::new(uv(values[U]), v));
             let color = |channel: usize| (values[RED + channel] * color_scale[channel]).round() as u8;
             self.colors.push(if self.is_coloured { std::array::from_fn(color) } else { [255; 3] });
             if let Some(objects) = &mut objects {
@@ -115,25 +116,36 @@ impl Tables {
         Ok(())
     }
 
-    fn read_faces(&mut self, element: &Element, body: &mut Body<'_>, report: &mut Report) -> Checked<()> {
-        let columns: Vec<FaceColumn> = element.properties.iter().map(face_column).collect();
-        if !columns.contains(&FaceColumn::Corners) {
+    fn read_faces(
+        &mut self,
+        element: &ElementDef,
+        rows: &mut RowCursor<'_>,
+        report: &mut ImportReport,
+    ) -> Checked<()> {
+        let is_whole = |kind: &ScalarType| !matches!(kind, ScalarType::Float | ScalarType::Double);
+        let is_list = |kind: &PropertyType| matches!(kind, PropertyType::List(_, kind) if is_whole(kind));
+        if !CORNERS.iter().any(|name| element.properties.get(*name).is_some_and(|p| is_list(&p.data_type))) {
             return Err("its faces have no list vertex_indices; export the file again".to_owned());
         }
-        let labels = |column: FaceColumn| columns.contains(&column).then(Vec::new);
-        let (mut objects, mut segments) = (labels(FaceColumn::Object), labels(FaceColumn::Segment));
-        let (mut triangles, mut degenerate) = (0, 0);
-        for row in 0..element.count {
-            let first = self.corners.len();
-            for (property, &column) in element.properties.iter().zip(&columns) {
-                match (column, property.length) {
-                    (FaceColumn::Corners, Some(_)) => self.read_corners(property, row, body)?,
-                    (FaceColumn::Object, None) => push(&mut objects, body.number(property.kind)?),
-                    (FaceColumn::Segment, None) => push(&mut segments, body.number(property.kind)?),
-                    _ => skip_property(property, body)?,
-                }
+        let has = |names: &[&str]| names.iter().any(|name| scalar(element, name).is_some());
+        let mut objects = has(&OBJECTS).then(Vec::new);
+        let mut segments = has(&SEGMENTS).then(Vec::new);
+        let mut triangles = 0;
+        let mut degenerate = 0;
+        for index in 0..element.count {
+            let place = rows.place();
+            let row: FaceRow = rows.next(element)?;
+            let corners = row.corners.len();
+            if corners > MAX_POLYGON {
+                return Err(format!(
+                    "{place}: face {index} has {corners} corners, at most {MAX_POLYGON} are read"
+                ));
             }
-            let corners = self.corners.len() - first;
+            if let Some(corner) = row.negative {
+                return Err(format!(
+                    "{place}: face {index} refers to vertex {corner}; export the file again"
+                ));
+            }
             triangles += corners.saturating_sub(2);
             degenerate += usize::from(corners < 3);
             if triangles > MAX_TRIANGLES {
@@ -141,97 +153,285 @@ impl Tables {
                     "it has more than {MAX_TRIANGLES} triangles; decimate it in a 3D editor"
                 ));
             }
+            self.corners.extend(row.corners);
             self.ends.push(self.corners.len() as u32);
+            if let Some(objects) = &mut objects {
+                objects.push(row.object);
+            }
+            if let Some(segments) = &mut segments {
+                segments.push(row.segment);
+            }
         }
         if degenerate > 0 {
             report.warn(format!("{degenerate} faces have fewer than three corners and are left out"));
         }
-        (self.face_objects, self.face_segments) = (objects, segments);
+        self.face_objects = objects;
+        self.face_segments = segments;
         Ok(())
     }
 
-    fn read_corners(&mut self, property: &Property, row: usize, body: &mut Body<'_>) -> Checked<()> {
-        let place = body.place();
-        let length = body.length(property.length.unwrap_or(property.kind))?;
-        if length > MAX_POLYGON {
-            return Err(format!("{place}: face {row} has {length} corners, at most {MAX_POLYGON} are read"));
-        }
-        for _ in 0..length {
-            let corner = body.number(property.kind)?;
-            if !(0.0..f64::from(u32::MAX)).contains(&corner) || corner.fract() != 0.0 {
-                return Err(format!("{place}: face {row} refers to vertex {corner}; export the file again"));
-            }
-            self.corners.push(corner as u32);
-        }
-        Ok(())
+    fn check_corners(&self) -> Checked<()> {
+        let count = self.positions.len();
+        let Some(at) = self.corners.iter().position(|&corner| corner as usize >= count) else {
+            return Ok(());
+        };
+        Err(format!(
+            "face {} refers to vertex {}, there are {count}; export the file again",
+            self.ends.partition_point(|&end| end as usize <= at),
+            self.corners[at]
+        ))
     }
 }
 
-/// Refuses a table that cannot lie in the rest of the file, before anything is reserved for it.
-fn check_fits(element: &Element, format: Format, body: &Body<'_>) -> Checked<()> {
-    let least = element.count.checked_mul(element.least_row_bytes(format));
-    // The last number of a text needs no blank behind it.
-    if least.is_none_or(|least| least > body.bytes_left() + 1) {
+/// Reads the header; returns a cursor over the rows after it.
+fn read_header(bytes: &[u8]) -> Checked<(Header, RowCursor<'_>)> {
+    const END: &[u8] = b"end_header";
+    // The library does not limit line length: a binary file without line ends would be copied as a whole.
+    let start = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
+    if !start.windows(END.len()).any(|window| window == END) {
         return Err(format!(
-            "{}: {} rows of {:?} are announced and {} bytes left; copy the file again",
-            body.place(),
-            element.count,
-            element.name,
-            body.bytes_left()
+            "it is no PLY file, or its header does not end within {MAX_HEADER_BYTES} bytes; export it again"
         ));
     }
-    if element.name == "vertex" && element.count > MAX_VERTICES {
-        return Err(format!("it has more than {MAX_VERTICES} vertices; decimate it in a 3D editor"));
-    }
-    Ok(())
+    let mut reader = Reader::new(bytes);
+    let header = Parser::<UnusedRow>::new()
+        .read_header(&mut reader)
+        .map_err(|error| format!("its header is damaged ({}); export the file again", in_one_line(&error)))?;
+    let line = reader.line();
+    let rows = RowCursor { rest: reader.into_inner(), size: bytes.len(), line, encoding: header.encoding };
+    Ok((header, rows))
 }
 
-fn skip_rows(element: &Element, body: &mut Body<'_>) -> Checked<()> {
-    if element.properties.is_empty() {
-        return Ok(());
-    }
-    (0..element.count)
-        .try_for_each(|_| element.properties.iter().try_for_each(|property| skip_property(property, body)))
+/// A cursor over table rows.
+struct RowCursor<'a> {
+    rest: &'a [u8],
+    /// File size, bytes.
+    size: usize,
+    /// Next line number, in a text file.
+    line: usize,
+    encoding: Encoding,
 }
 
-fn skip_property(property: &Property, body: &mut Body<'_>) -> Checked<()> {
-    let count = property.length.map_or(Ok(1), |kind| body.length(kind))?;
-    body.skip(property.kind, count)
-}
-
-fn vertex_column(property: &Property) -> Option<usize> {
-    let column = VERTEX_COLUMNS.iter().position(|names| names.contains(&property.name.as_str()));
-    column.filter(|_| property.length.is_none())
-}
-
-fn face_column(property: &Property) -> FaceColumn {
-    match (property.name.as_str(), property.length) {
-        ("vertex_indices" | "vertex_index", Some(_)) => FaceColumn::Corners,
-        ("object_id" | "objectId", None) => FaceColumn::Object,
-        ("face_material", None) => FaceColumn::Segment,
-        _ => FaceColumn::Other,
-    }
-}
-
-fn vertex_row(element: &Element, columns: &[Option<usize>], body: &mut Body<'_>) -> Checked<[f64; 9]> {
-    let mut values = [0.0; VERTEX_COLUMNS.len()];
-    for (property, column) in element.properties.iter().zip(columns) {
-        match column {
-            Some(column) => values[*column] = body.number(property.kind)?,
-            None => skip_property(property, body)?,
+impl RowCursor<'_> {
+    fn place(&self) -> RowPlace {
+        match self.encoding {
+            Encoding::Ascii => RowPlace::Line(self.line),
+            _ => RowPlace::Byte(self.size - self.rest.len()),
         }
     }
-    Ok(values)
+
+    fn next<R: PropertyAccess>(&mut self, element: &ElementDef) -> Checked<R> {
+        let start = self.place();
+        let parser = Parser::<R>::new();
+        let row = match self.encoding {
+            Encoding::Ascii => parser.read_ascii_element(self.text_line()?, element),
+            Encoding::BinaryLittleEndian => parser.read_little_endian_element(&mut self.rest, element),
+            Encoding::BinaryBigEndian => parser.read_big_endian_element(&mut self.rest, element),
+        };
+        row.map_err(|error| match error.kind() {
+            ErrorKind::UnexpectedEof => format!("{start}: {ENDS_EARLY}"),
+            _ => format!("{start}: {}; export the file again", in_one_line(&error)),
+        })
+    }
+
+    /// The next line that is not blank.
+    fn text_line(&mut self) -> Checked<&str> {
+        loop {
+            let place = self.line;
+            if self.rest.is_empty() {
+                return Err(format!("line {place}: {ENDS_EARLY}"));
+            }
+            let window = &self.rest[..self.rest.len().min(MAX_LINE_BYTES)];
+            let end = match window.iter().position(|&byte| byte == b'\n') {
+                Some(end) => end + 1,
+                None if window.len() == self.rest.len() => window.len(),
+                None => {
+                    return Err(format!(
+                        "line {place} has more than {MAX_LINE_BYTES} bytes; export the file again"
+                    ));
+                }
+            };
+            let (line, rest) = self.rest.split_at(end);
+            self.rest = rest;
+            self.line += 1;
+            let text = std::str::from_utf8(line)
+                .map_err(|_| format!("line {place} is not text; export the file again"))?;
+            if !text.trim().is_empty() {
+                return Ok(text);
+            }
+        }
+    }
+
+    /// Refuses a table that cannot fit into the remaining bytes, before memory is reserved for it.
+    fn check_fits(&self, element: &ElementDef) -> Checked<()> {
+        let least_bytes = |kind: &PropertyType| match (self.encoding, kind) {
+            // A digit and a blank.
+            (Encoding::Ascii, _) => 2,
+            (_, PropertyType::Scalar(kind) | PropertyType::List(kind, _)) => bytes(kind),
+        };
+        let row: usize = element.properties.values().map(|property| least_bytes(&property.data_type)).sum();
+        // The last number in a text needs no blank after it.
+        if element.count.checked_mul(row).is_none_or(|least| least > self.rest.len() + 1) {
+            return Err(format!(
+                "{}: {} rows of {:?} are announced and {} bytes left; copy the file again",
+                self.place(),
+                element.count,
+                element.name,
+                self.rest.len()
+            ));
+        }
+        if element.name == "vertex" && element.count > MAX_VERTICES {
+            return Err(format!("it has more than {MAX_VERTICES} vertices; decimate it in a 3D editor"));
+        }
+        Ok(())
+    }
 }
 
-fn position(values: &[f64; 9]) -> Option<Point3<f32>> {
+/// Row position, for errors.
+#[derive(Clone, Copy)]
+enum RowPlace {
+    Line(usize),
+    Byte(usize),
+}
+
+impl std::fmt::Display for RowPlace {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Line(number) => write!(formatter, "line {number}"),
+            Self::Byte(offset) => write!(formatter, "byte {offset}"),
+        }
+    }
+}
+
+/// The library's message without line breaks, cut where it quotes a long line.
+fn in_one_line(error: &ParseError) -> String {
+    const MAX_CHARS: usize = 200;
+    let words: Vec<String> = error.to_string().split_whitespace().map(str::to_owned).collect();
+    let text: String = words.join(" ").chars().take(MAX_CHARS).collect();
+    text.trim_end_matches('.').to_owned()
+}
+
+struct UnusedRow;
+
+impl PropertyAccess for UnusedRow {
+    fn new() -> Self {
+        Self
+    }
+}
+
+struct VertexRow {
+    values: [f64; VERTEX_COLUMNS.len()],
+}
+
+impl PropertyAccess for VertexRow {
+    fn new() -> Self {
+        Self { values: [0.0; VERTEX_COLUMNS.len()] }
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        if let (Some(column), Some(value)) = (vertex_column(name), number(&property)) {
+            self.values[column] = value;
+        }
+        PropertyAccessResult::Set
+    }
+}
+
+#[derive(Default)]
+struct FaceRow {
+    corners: Vec<u32>,
+    /// A corner that is no vertex number.
+    negative: Option<i64>,
+    object: i64,
+    segment: i64,
+}
+
+impl PropertyAccess for FaceRow {
+    fn new() -> Self {
+        Self::default()
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        let value = number(&property);
+        if OBJECTS.contains(&name) {
+            self.object = value.map_or(self.object, |value| value as i64);
+        } else if SEGMENTS.contains(&name) {
+            self.segment = value.map_or(self.segment, |value| value as i64);
+        } else if CORNERS.contains(&name) {
+            match property {
+                Property::ListInt(corners) => self.set_corners(corners),
+                Property::ListUInt(corners) => self.set_corners(corners),
+                Property::ListUShort(corners) => self.set_corners(corners),
+                Property::ListShort(corners) => self.set_corners(corners),
+                Property::ListUChar(corners) => self.set_corners(corners),
+                Property::ListChar(corners) => self.set_corners(corners),
+                _ => {}
+            }
+        }
+        PropertyAccessResult::Set
+    }
+}
+
+impl FaceRow {
+    fn set_corners<T: Copy>(&mut self, corners: Vec<T>)
+    where
+        i64: From<T>,
+    {
+        self.negative = corners.iter().map(|&corner| i64::from(corner)).find(|&corner| corner < 0);
+        self.corners = corners.into_iter().map(|corner| i64::from(corner) as u32).collect();
+    }
+}
+
+fn vertex_column(name: &str) -> Option<usize> {
+    VERTEX_COLUMNS.iter().position(|names| names.contains(&name))
+}
+
+/// A scalar column's value; every number type fits a double exactly.
+fn number(property: &Property) -> Option<f64> {
+    Some(match *property {
+        Property::Char(value) => f64::from(value),
+        Property::UChar(value) => f64::from(value),
+        Property::Short(value) => f64::from(value),
+        Property::UShort(value) => f64::from(value),
+        Property::Int(value) => f64::from(value),
+        Property::UInt(value) => f64::from(value),
+        Property::Float(value) => f64::from(value),
+        Property::Double(value) => value,
+        _ => return None,
+    })
+}
+
+/// A scalar column's type.
+fn scalar<'a>(element: &'a ElementDef, name: &str) -> Option<&'a ScalarType> {
+    match &element.properties.get(name)?.data_type {
+        PropertyType::Scalar(kind) => Some(kind),
+        PropertyType::List(..) => None,
+    }
+}
+
+fn bytes(kind: &ScalarType) -> usize {
+    match kind {
+        ScalarType::Char | ScalarType::UChar => 1,
+        ScalarType::Short | ScalarType::UShort => 2,
+        ScalarType::Int | ScalarType::UInt | ScalarType::Float => 4,
+        ScalarType::Double => 8,
+    }
+}
+
+/// The stored number for full colour intensity.
+fn full_scale(kind: &ScalarType) -> f64 {
+    match kind {
+        ScalarType::Char => 127.0,
+        ScalarType::UChar => 255.0,
+        ScalarType::Short => 32_767.0,
+        ScalarType::UShort => 65_535.0,
+        // Colours in wide whole numbers are bytes nevertheless.
+        ScalarType::Int | ScalarType::UInt => 255.0,
+        ScalarType::Float | ScalarType::Double => 1.0,
+    }
+}
+
+fn position(values: &[f64; VERTEX_COLUMNS.len()]) -> Option<Point3<f32>> {
     let position = [values[0], values[1], values[2]];
     let usable = position.iter().all(|value| value.abs() <= MAX_COORDINATE);
     usable.then(|| Point3::from(position.map(|value| value as f32)))
-}
-
-fn push(labels: &mut Option<Vec<i64>>, value: f64) {
-    if let Some(labels) = labels {
-        labels.push(value as i64);
-    }
 }

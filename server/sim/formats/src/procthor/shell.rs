@@ -1,25 +1,25 @@
 //! Floors, ceilings, and walls with holes for doors and windows.
 
-use super::outline::{MAX_CORNERS, holds, triangles};
-use super::schema::{House, MaterialName, Opening, Wall};
-use super::{Builder, finite_box, world};
-use crate::Report;
 use crate::files::Checked;
+use crate::options::ImportReport;
+use crate::procthor::house::{
+    HouseMesh, MaterialName, Opening, ProcthorHouse, RoomEntry, Wall, finite_box, world,
+};
 use avln_geom::{Aabb, Point2, Point3, Vector3};
-use avln_scene::InstanceId;
 use avln_scene::limits::MAX_WORD_CHARS;
+use avln_scene::{InstanceId, polygon};
 
-/// A wall is drawn this far from its line, towards the side it is seen from, so that the two sides of a wall differ; metres.
+/// Distance between wall surface and wall line, towards the visible side, metres. It separates a wall's two sides.
 const HALF_WALL_M: f32 = 0.01;
-/// Height of a room whose walls say none, metres.
+/// Room height without wall heights, metres.
 const COMMON_HEIGHT_M: f32 = 2.5;
-/// Two walls lie on one line when their corners are at most this far from it, metres.
+/// Greatest distance between corners and two walls' common line, metres.
 const SAME_LINE_M: f32 = 0.02;
-/// The mark of walls that are seen from outside.
+/// Mark on outward walls.
 const EXTERIOR: &str = "exterior";
 const GLASS: [u8; 3] = [196, 216, 226];
 const DOOR: [u8; 3] = [120, 84, 54];
-/// Words in the names of Unity materials, with the name that acoustics knows and a colour.
+/// Words in Unity material names, with a material name for the acoustics and a colour.
 const LOOKS: [(&str, &str, [u8; 3]); 9] = [
     ("wood", "wood", [156, 112, 70]),
     ("carpet", "carpet", [150, 140, 130]),
@@ -32,59 +32,64 @@ const LOOKS: [(&str, &str, [u8; 3]); 9] = [
     ("orange", "plaster", [222, 170, 110]),
 ];
 
-/// A room of the house.
-pub(super) struct Room {
+/// A room in the house.
+pub(super) struct ProcthorRoom {
     pub(super) label: String,
     pub(super) bounds: Aabb,
-    /// Seen from above, in (x, z) of the world.
+    /// Outline in world (x, z).
     outline: Vec<Point2<f32>>,
 }
 
-impl Room {
-    pub(super) fn holds(&self, point: &Point3<f32>) -> bool {
+impl ProcthorRoom {
+    pub(super) fn contains(&self, point: &Point3<f32>) -> bool {
         (self.bounds.min.y..=self.bounds.max.y).contains(&point.y)
-            && holds(&self.outline, &Point2::new(point.x, point.z))
+            && outline_contains(&self.outline, &Point2::new(point.x, point.z))
     }
 }
 
-/// A wall as a rectangle that stands on its lower edge.
-struct Panel<'a> {
+/// A wall as a rectangle above a lower edge.
+struct WallPanel<'a> {
     wall: &'a Wall,
     start: Point3<f32>,
-    /// Unit vector along the lower edge.
+    /// Unit vector in edge direction.
     along: Vector3<f32>,
     length_m: f32,
     height_m: f32,
-    /// Unit vector to the side it is seen from.
+    /// Unit vector to the visible side.
     facing: Vector3<f32>,
 }
 
-/// A rectangle on a panel: along its edge and up, metres.
+/// A rectangle on a panel: horizontal and vertical positions, metres.
 #[derive(Clone, Copy)]
-struct Hole {
+struct WallHole {
     from: [f32; 2],
     to: [f32; 2],
 }
 
-/// Adds the building itself; the rooms in the order of the file.
-pub(super) fn build(house: &House, builder: &mut Builder, report: &mut Report) -> Checked<Vec<Room>> {
+/// Adds floors, ceilings and walls; returns the rooms in file order.
+pub(super) fn build(
+    house: &ProcthorHouse,
+    builder: &mut HouseMesh,
+    report: &mut ImportReport,
+) -> Checked<Vec<ProcthorRoom>> {
     let rooms = rooms(house)?;
     for (room, entry) in rooms.iter().zip(&house.rooms) {
         add_level(room, &entry.floor_material, room.bounds.min.y, true, builder)?;
         add_level(room, &house.procedural_parameters.ceiling_material, room.bounds.max.y, false, builder)?;
     }
-    let panels: Checked<Vec<Option<Panel<'_>>>> =
+    let panels: Checked<Vec<Option<WallPanel<'_>>>> =
         house.walls.iter().map(|wall| panel(wall, house, &rooms, report)).collect();
-    let panels: Vec<Panel<'_>> = panels?.into_iter().flatten().collect();
-    let mut holes: Vec<Vec<Hole>> = panels.iter().map(|_| Vec::new()).collect();
+    let panels: Vec<WallPanel<'_>> = panels?.into_iter().flatten().collect();
+    let mut holes: Vec<Vec<WallHole>> = panels.iter().map(|_| Vec::new()).collect();
     let openings =
         house.doors.iter().map(|door| (door, true)).chain(house.windows.iter().map(|window| (window, false)));
     for (opening, is_door) in openings {
         let Some(index) = panels.iter().position(|panel| panel.wall.id == opening.wall0) else {
-            report.warn(format!("{:?} is in no wall; left out", opening.id));
+            report.warn(format!("{:?} has no wall; it is left out", opening.id));
             continue;
         };
         let hole = hole(opening, &panels[index])?;
+        // A door has a hole in the walls of both rooms, and the file mentions only one of them with its position.
         for (panel, holes) in panels.iter().zip(&mut holes) {
             holes.extend(hole_through(panel, &panels[index], &hole));
         }
@@ -96,11 +101,11 @@ pub(super) fn build(house: &House, builder: &mut Builder, report: &mut Report) -
     Ok(rooms)
 }
 
-fn rooms(house: &House) -> Checked<Vec<Room>> {
+fn rooms(house: &ProcthorHouse) -> Checked<Vec<ProcthorRoom>> {
     if house.rooms.is_empty() || house.rooms.len() > usize::from(u16::MAX) {
         return Err(format!("it has {} rooms, 1 to 65535 are read", house.rooms.len()));
     }
-    let room = |entry: &super::schema::RoomEntry| {
+    let room = |entry: &RoomEntry| {
         if entry.floor_polygon.len() < 3 || entry.floor_polygon.len() > MAX_CORNERS {
             return Err(format!(
                 "room {:?} has an outline of {} corners, 3 to {MAX_CORNERS} are read; correct floorPolygon",
@@ -118,12 +123,12 @@ fn rooms(house: &House) -> Checked<Vec<Room>> {
         corners.push(Point3::new(corners[0].x, top_m, corners[0].z));
         let bounds = finite_box(&corners)
             .ok_or_else(|| format!("room {:?} has no finite outline; correct floorPolygon", entry.id))?;
-        Ok(Room { label: label(&entry.room_type), bounds, outline })
+        Ok(ProcthorRoom { label: label(&entry.room_type), bounds, outline })
     };
     house.rooms.iter().map(room).collect()
 }
 
-/// `LivingRoom` as `living room`.
+/// Converts `LivingRoom` to `living room`.
 fn label(room_type: &str) -> String {
     let mut words = String::new();
     for letter in room_type.chars().filter(|letter| !letter.is_control()).take(MAX_WORD_CHARS) {
@@ -135,19 +140,19 @@ fn label(room_type: &str) -> String {
     words
 }
 
-/// A floor, seen from above, or a ceiling, seen from below.
+/// Adds a floor, visible from above, or a ceiling, visible from below.
 fn add_level(
-    room: &Room,
+    room: &ProcthorRoom,
     material: &MaterialName,
     height_m: f32,
     is_floor: bool,
-    builder: &mut Builder,
+    builder: &mut HouseMesh,
 ) -> Checked<()> {
     let mut found = triangles(&room.outline).ok_or_else(|| {
         format!("a {} has an outline that crosses itself; correct floorPolygon", room.label)
     })?;
-    // An outline that turns from x to z, seen from above, runs clockwise: its triangles face down.
-    let faces_down = super::outline::signed_area_m2(&room.outline) > 0.0;
+    // An outline that turns from x to z is clockwise from above: the triangles face down.
+    let faces_down = signed_area_m2(&room.outline) > 0.0;
     if faces_down == is_floor {
         found.iter_mut().for_each(|triangle| triangle.swap(1, 2));
     }
@@ -157,7 +162,7 @@ fn add_level(
     Ok(())
 }
 
-fn look(material: &MaterialName, builder: &mut Builder) -> u16 {
+fn look(material: &MaterialName, builder: &mut HouseMesh) -> u16 {
     let name = material.name.to_lowercase();
     let known = LOOKS.iter().find(|(word, ..)| name.contains(word));
     let (plain, color) = known.map_or(("plaster", [224; 3]), |&(_, plain, color)| (plain, color));
@@ -165,13 +170,13 @@ fn look(material: &MaterialName, builder: &mut Builder) -> u16 {
     builder.material(plain, given.unwrap_or(color))
 }
 
-/// The wall as a panel; one without extent is left out.
+/// Returns a wall's panel; `None` for a wall without extent, with a warning.
 fn panel<'a>(
     wall: &'a Wall,
-    house: &House,
-    rooms: &[Room],
-    report: &mut Report,
-) -> Checked<Option<Panel<'a>>> {
+    house: &ProcthorHouse,
+    rooms: &[ProcthorRoom],
+    report: &mut ImportReport,
+) -> Checked<Option<WallPanel<'a>>> {
     let corners: Vec<Point3<f32>> = wall.polygon.iter().map(world).collect();
     let bounds = finite_box(&corners).filter(|_| corners.len() == 4);
     let bounds = bounds.ok_or_else(|| {
@@ -180,21 +185,22 @@ fn panel<'a>(
     let middle_m = (bounds.min.y + bounds.max.y) / 2.0;
     let lower: Vec<Point3<f32>> = corners.into_iter().filter(|corner| corner.y < middle_m).collect();
     let &[start, end] = lower.as_slice() else {
-        report.warn(format!("wall {:?} has no lower and upper edge; left out", wall.id));
+        report.warn(format!("wall {:?} has no lower and upper edge; it is left out", wall.id));
         return Ok(None);
     };
     let edge = Vector3::new(end.x - start.x, 0.0, end.z - start.z);
     let Some(along) = edge.try_normalize(SAME_LINE_M) else {
-        report.warn(format!("wall {:?} has no length; left out", wall.id));
+        report.warn(format!("wall {:?} has no length; it is left out", wall.id));
         return Ok(None);
     };
     let side = Vector3::new(along.z, 0.0, -along.x);
     let probe = start + edge / 2.0 + side * (5.0 * HALF_WALL_M);
     let room = house.rooms.iter().position(|room| room.id == wall.room_id);
-    let is_inward = room.is_some_and(|room| holds(&rooms[room].outline, &Point2::new(probe.x, probe.z)));
+    let is_inward =
+        room.is_some_and(|room| outline_contains(&rooms[room].outline, &Point2::new(probe.x, probe.z)));
     let is_outside = wall.id.contains(EXTERIOR);
     let facing = if is_inward == is_outside { -side } else { side };
-    Ok(Some(Panel {
+    Ok(Some(WallPanel {
         wall,
         start,
         along,
@@ -204,7 +210,7 @@ fn panel<'a>(
     }))
 }
 
-fn hole(opening: &Opening, panel: &Panel<'_>) -> Checked<Hole> {
+fn hole(opening: &Opening, panel: &WallPanel<'_>) -> Checked<WallHole> {
     let corners: Vec<[f32; 2]> = opening.hole_polygon.iter().map(|corner| [corner.x, corner.y]).collect();
     let bound =
         |axis: usize, pick: fn(f32, f32) -> f32| corners.iter().map(|corner| corner[axis]).reduce(pick);
@@ -215,16 +221,16 @@ fn hole(opening: &Opening, panel: &Panel<'_>) -> Checked<Hole> {
     if !sides.iter().flatten().all(|side| side.is_finite()) {
         return Err(format!("{:?} has no finite holePolygon; correct it", opening.id));
     }
-    Ok(clamped(Hole { from: [left, bottom], to: [right, top] }, panel))
+    Ok(clamped(WallHole { from: [left, bottom], to: [right, top] }, panel))
 }
 
-fn clamped(hole: Hole, panel: &Panel<'_>) -> Hole {
+fn clamped(hole: WallHole, panel: &WallPanel<'_>) -> WallHole {
     let within = |[along, up]: [f32; 2]| [along.clamp(0.0, panel.length_m), up.clamp(0.0, panel.height_m)];
-    Hole { from: within(hole.from), to: within(hole.to) }
+    WallHole { from: within(hole.from), to: within(hole.to) }
 }
 
-/// The part of a hole in `of` that also opens `panel`: where both stand on one line.
-fn hole_through(panel: &Panel<'_>, of: &Panel<'_>, hole: &Hole) -> Option<Hole> {
+/// The part through `panel` for a hole in another panel, if both panels are on the same line.
+fn hole_through(panel: &WallPanel<'_>, of: &WallPanel<'_>, hole: &WallHole) -> Option<WallHole> {
     let ends = [hole.from[0], hole.to[0]].map(|along| of.start + of.along * along);
     let across = Vector3::new(panel.along.z, 0.0, -panel.along.x);
     if ends.iter().any(|end| (end - panel.start).dot(&across).abs() > SAME_LINE_M) {
@@ -232,25 +238,25 @@ fn hole_through(panel: &Panel<'_>, of: &Panel<'_>, hole: &Hole) -> Option<Hole> 
     }
     let [a, b] = ends.map(|end| (end - panel.start).dot(&panel.along));
     let lift_m = of.start.y - panel.start.y;
-    let moved = Hole { from: [a.min(b), hole.from[1] + lift_m], to: [a.max(b), hole.to[1] + lift_m] };
+    let moved = WallHole { from: [a.min(b), hole.from[1] + lift_m], to: [a.max(b), hole.to[1] + lift_m] };
     let opened = clamped(moved, panel);
     (opened.from[0] < opened.to[0] && opened.from[1] < opened.to[1]).then_some(opened)
 }
 
-impl Panel<'_> {
-    /// A point on the panel, `share` half walls towards the side it is seen from.
+impl WallPanel<'_> {
+    /// Returns a point on the panel, `share` half walls towards the visible side.
     fn at(&self, [along, up]: [f32; 2], share: f32) -> Point3<f32> {
         self.start + self.along * along + Vector3::y() * up + self.facing * (share * HALF_WALL_M)
     }
 
-    /// Adds the rectangle between two corners, seen from the panel's side.
+    /// Adds the rectangle between two corners, with the panel's visible side.
     fn add_rectangle(
         &self,
         [left, bottom]: [f32; 2],
         [right, top]: [f32; 2],
         share: f32,
         material: u16,
-        builder: &mut Builder,
+        builder: &mut HouseMesh,
     ) {
         if right <= left || top <= bottom {
             return;
@@ -264,15 +270,15 @@ impl Panel<'_> {
     }
 }
 
-/// The panel without its holes, in upright strips between all their edges, and the reveals of the holes.
-fn add_panel(panel: &Panel<'_>, holes: &[Hole], builder: &mut Builder) {
+/// Adds a panel without holes, in vertical strips between hole edges, and the holes' reveals.
+fn add_panel(panel: &WallPanel<'_>, holes: &[WallHole], builder: &mut HouseMesh) {
     let material = look(&panel.wall.material, builder);
     let mut cuts: Vec<f32> = holes.iter().flat_map(|hole| [hole.from[0], hole.to[0]]).collect();
     cuts.extend([0.0, panel.length_m]);
     cuts.sort_by(f32::total_cmp);
     for strip in cuts.windows(2) {
         let middle = (strip[0] + strip[1]) / 2.0;
-        let mut open: Vec<&Hole> =
+        let mut open: Vec<&WallHole> =
             holes.iter().filter(|hole| hole.from[0] < middle && middle < hole.to[0]).collect();
         open.sort_by(|a, b| a.from[1].total_cmp(&b.from[1]));
         let mut from = 0.0_f32;
@@ -296,11 +302,90 @@ fn add_panel(panel: &Panel<'_>, holes: &[Hole], builder: &mut Builder) {
     }
 }
 
-/// Closes what leads outside: a leaf in doors, a pane in windows. Doors between rooms stay open.
-fn fill(opening: &Opening, is_door: bool, panel: &Panel<'_>, hole: &Hole, builder: &mut Builder) {
+/// Closes openings to the outside: a leaf in doors, a pane in windows. Doors between rooms stay open.
+fn fill(opening: &Opening, is_door: bool, panel: &WallPanel<'_>, hole: &WallHole, builder: &mut HouseMesh) {
     if is_door && !opening.wall1.contains(EXTERIOR) {
         return;
     }
     let material = if is_door { builder.material("wood", DOOR) } else { builder.material("glass", GLASS) };
     panel.add_rectangle(hole.from, hole.to, 0.0, material, builder);
+}
+
+/// Corners in an outline.
+pub(super) const MAX_CORNERS: usize = 256;
+
+/// Triangles for a simple outline, with the same winding; `None` if the outline crosses itself.
+pub(super) fn triangles(outline: &[Point2<f32>]) -> Option<Vec<[u32; 3]>> {
+    // The fan of a convex outline starts at the last corner, its last triangle one corner later. This is the order of the
+    // first version: it preserves the digests of imported houses.
+    let mut points: Vec<[f64; 2]> = outline.iter().map(|point| point.cast::<f64>().into()).collect();
+    let count = points.len() as u32;
+    points.rotate_right(usize::from(count > 0));
+    let mut found = polygon::triangulate_outline(&points);
+    if !polygon::fills_outline(&points, &found) {
+        return None;
+    }
+    found.iter_mut().flatten().for_each(|corner| *corner = (*corner + count - 1) % count);
+    found.last_mut()?.rotate_left(1);
+    Some(found)
+}
+
+/// Signed area, positive if the outline turns from the first axis to the second.
+pub(super) fn signed_area_m2(outline: &[Point2<f32>]) -> f32 {
+    let edges = (0..outline.len()).map(|at| (outline[at], outline[(at + 1) % outline.len()]));
+    edges.map(|(a, b)| a.x * b.y - a.y * b.x).sum::<f32>() / 2.0
+}
+
+/// Returns whether a point is inside (even-odd rule).
+pub(super) fn outline_contains(outline: &[Point2<f32>], point: &Point2<f32>) -> bool {
+    let edges = (0..outline.len()).map(|at| (outline[at], outline[(at + 1) % outline.len()]));
+    let crossed = edges.filter(|(a, b)| {
+        (a.y > point.y) != (b.y > point.y) && point.x < a.x + (point.y - a.y) / (b.y - a.y) * (b.x - a.x)
+    });
+    crossed.count() % 2 == 1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn area(outline: &[Point2<f32>], triangles: &[[u32; 3]]) -> f32 {
+        triangles
+            .iter()
+            .map(|triangle| signed_area_m2(&triangle.map(|corner| outline[corner as usize])))
+            .sum()
+    }
+
+    #[test]
+    fn l_shape_is_filled_in_both_windings() {
+        // 4 x 4 less the 2 x 2 corner, with a corner in the middle of an edge.
+        let mut outline: Vec<Point2<f32>> =
+            [[0.0, 0.0], [2.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0, 4.0], [0.0, 4.0]]
+                .map(Point2::from)
+                .to_vec();
+        for sign in [1.0, -1.0] {
+            let found = triangles(&outline).unwrap();
+            assert_eq!(area(&outline, &found), sign * 12.0);
+            assert_eq!(signed_area_m2(&outline), sign * 12.0);
+            assert!(
+                outline_contains(&outline, &Point2::new(1.0, 3.0))
+                    && !outline_contains(&outline, &Point2::new(3.0, 3.0))
+            );
+            outline.reverse();
+        }
+    }
+
+    #[test]
+    fn convex_outline_has_a_fixed_triangle_order() {
+        let square = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]].map(Point2::from);
+        assert_eq!(triangles(&square).unwrap(), [[3, 0, 1], [1, 2, 3]]);
+    }
+
+    #[test]
+    fn invalid_outlines_have_no_triangles() {
+        assert_eq!(triangles(&[]), None);
+        assert_eq!(triangles(&[Point2::origin(); 2]), None);
+        let bow_tie = [[0.0, 0.0], [3.0, 2.0], [3.0, 0.0], [0.0, 2.0]].map(Point2::from);
+        assert_eq!(triangles(&bow_tie), None);
+    }
 }

@@ -1,5 +1,6 @@
 use super::*;
-use avln_geom::Rng;
+use avln_geom::{Aabb, Point3, Rng};
+use avln_scene::InstanceId;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -43,7 +44,7 @@ fn house() -> Value {
     })
 }
 
-fn imported(house: &Value, with_database: bool, report: &mut Report) -> Result<Scene, SceneError> {
+fn imported(house: &Value, with_database: bool, report: &mut ImportReport) -> Result<Scene, SceneError> {
     let folder: TempDir = tempfile::tempdir().unwrap();
     if with_database {
         let database = json!({ "Sofa": [{ "assetId": "Sofa_1", "boundingBox": at(2.0, 0.8, 1.0) }] });
@@ -55,7 +56,7 @@ fn imported(house: &Value, with_database: bool, report: &mut Report) -> Result<S
     import(&path, report)
 }
 
-/// What a ray from `from` meets first: the distance, metres.
+/// Distance to the first surface on a ray, metres.
 fn hit(scene: &Scene, from: [f32; 3], towards: [f32; 3]) -> Option<f32> {
     let (from, towards) = (Point3::from(from), avln_geom::Vector3::from(towards));
     let distance = |triangle: usize| {
@@ -71,8 +72,8 @@ fn hit(scene: &Scene, from: [f32; 3], towards: [f32; 3]) -> Option<f32> {
 }
 
 #[test]
-fn a_house_has_rooms_walls_with_holes_and_boxes() {
-    let mut report = Report::default();
+fn house_has_rooms_openings_and_boxes() {
+    let mut report = ImportReport::default();
     let scene = imported(&house(), true, &mut report).unwrap();
     let labels: Vec<&str> = scene.regions.iter().map(|region| region.label.as_str()).collect();
     assert_eq!(labels, ["living room", "bathroom"]);
@@ -110,7 +111,7 @@ fn a_house_has_rooms_walls_with_holes_and_boxes() {
 
 #[test]
 fn floors_face_up_and_ceilings_down() {
-    let scene = imported(&house(), true, &mut Report::default()).unwrap();
+    let scene = imported(&house(), true, &mut ImportReport::default()).unwrap();
     let mut levels = [0, 0];
     for triangle in 0..scene.mesh.triangles.len() {
         let [a, b, c] = scene.corners(triangle);
@@ -149,13 +150,14 @@ fn faults_are_named() {
     for (expected, change) in cases {
         let mut house = house();
         change(&mut house);
-        let error = imported(&house, true, &mut Report::default()).map(|_| expected).unwrap_err().to_string();
+        let error =
+            imported(&house, true, &mut ImportReport::default()).map(|_| expected).unwrap_err().to_string();
         assert!(error.contains("house_1.json") && error.contains(expected), "{expected}: {error}");
     }
 }
 
 #[test]
-fn damaged_houses_are_refused_or_read_but_never_stop_the_program() {
+fn damaged_houses_never_panic() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("house.json");
     let whole = house().to_string().into_bytes();
@@ -175,7 +177,7 @@ fn damaged_houses_are_refused_or_read_but_never_stop_the_program() {
             bytes.truncate(rng.below(whole.len()));
         }
         std::fs::write(&path, bytes).unwrap();
-        refused += u32::from(import(&path, &mut Report::default()).is_err());
+        refused += u32::from(import(&path, &mut ImportReport::default()).is_err());
     }
     assert!(refused > 400, "{refused}");
 }

@@ -1,4 +1,4 @@
-//! Every sentence of some procedural houses, against rules that are written here once more and differently.
+//! Sentences in procedural houses, checked by a second implementation of the rules.
 
 use crate::{
     describe::{
@@ -17,7 +17,7 @@ use std::{collections::BTreeSet, sync::LazyLock};
 
 struct Written {
     assets: SceneAssets,
-    /// Index of each object that was recognised, with its sentences.
+    /// Recognised objects by index, with their sentences.
     sentences: Vec<(usize, Vec<Sentence>)>,
 }
 
@@ -126,14 +126,13 @@ fn no_other_thing_of_the_house_fits_a_sentence() {
     assert!(judged >= 100 && judged * 3 >= all, "{judged} of {all} sentences");
 }
 
-/// Whether a claim says something about walls, which labels and boxes do not show: nothing is learnt from another thing that
-/// they do not speak against.
+/// True for claims about walls, invisible in labels and boxes: objects without a contradiction prove nothing.
 fn depends_on_walls(claim: &Claim) -> bool {
     use Relation::{AgainstWall, Corner, LeftOf, Opposite, RightOf};
     matches!(claim, Claim::Place(LeftOf | RightOf | Opposite | Corner | AgainstWall, _))
 }
 
-/// Whether a claim holds, by labels and boxes alone. Whether a thing without a colour of its own may have any is `blank`.
+/// True if a claim holds by labels and boxes only. `blank`: whether an object without a known colour may have any.
 fn fits(scene: &Scene, object: &Object, claim: &Claim, blank: bool) -> bool {
     let words = &object.attributes;
     match claim {
@@ -154,13 +153,13 @@ fn fits(scene: &Scene, object: &Object, claim: &Claim, blank: bool) -> bool {
     }
 }
 
-/// Whether the way from one thing past the object to the other turns by less than 50 degrees.
+/// True if the path between the two objects bends less than 50 degrees at this one.
 fn is_amid(object: &Object, a: &Object, b: &Object) -> bool {
     let flat = |from: &Object, to: &Object| (to.bounds.center() - from.bounds.center()).xz();
     flat(a, object).angle(&flat(object, b)) < 50_f32.to_radians()
 }
 
-/// Whether a sentence's word may mean a thing with this label: `pair of trousers` is said of `trousers`.
+/// True if a word in a sentence may mean an object with this label: `pair of trousers` for `trousers`.
 fn is_called(said: &str, label: &str) -> bool {
     said.to_lowercase().ends_with(&label.to_lowercase())
 }
@@ -184,7 +183,7 @@ fn things<'a>(
     })
 }
 
-/// Only what boxes show; sides and walls are taken for true when the things are close.
+/// Box evidence only; sides and walls count as true for close objects.
 fn is_so(scene: &Scene, relation: Relation, object: &Object, thing: &Object) -> bool {
     let (own, other) = (&object.bounds, &thing.bounds);
     let gap_m = gap_m(object, thing);
@@ -203,7 +202,7 @@ fn is_so(scene: &Scene, relation: Relation, object: &Object, thing: &Object) -> 
     }
 }
 
-/// Whether one thing is to the right of another for somebody who faces a wall at which the backs of both may stand.
+/// True if one object is right of another for a viewer facing a common wall.
 fn may_be_right_of(scene: &Scene, object: &Object, thing: &Object) -> bool {
     const DEEP_M: f32 = 0.25;
     let (own, other) = (&object.bounds, &thing.bounds);
@@ -216,8 +215,8 @@ fn may_be_right_of(scene: &Scene, object: &Object, thing: &Object) -> bool {
     north || south || west || east
 }
 
-/// Whether a thing has its back to a side of its room's box (0 where the axis begins, 1 where it ends) or, when it is at
-/// neither of the two, may have it to an inner wall: then it is wider than deep.
+/// True if an object may have its back to a side of its room's box (0: low end, 1: high end), or, away from both, to an
+/// inner wall: then it is wider than deep.
 fn may_stand_at(scene: &Scene, object: &Object, axis: usize, end: usize) -> bool {
     const CLOSE_M: f32 = 0.3;
     let (own, size) = (&object.bounds, object.bounds.size());

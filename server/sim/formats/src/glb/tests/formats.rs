@@ -1,4 +1,4 @@
-//! What exporters may write beyond plain triangles: packed meshes, other pictures, sparse and quantised numbers.
+//! Files with more than plain triangles: packed meshes, other pictures, sparse and quantised numbers.
 
 use super::*;
 use draco_core::{
@@ -28,7 +28,7 @@ fn data_uri(bytes: &[u8]) -> String {
 }
 
 fn unpacked(coded: &str) -> Vec<u8> {
-    uri::load(&format!("data:;base64,{coded}"), None, &mut 10_000).unwrap()
+    source::load(&format!("data:;base64,{coded}"), None, &mut 10_000).unwrap()
 }
 
 fn bytes_of<const N: usize>(values: &[[f32; N]]) -> Vec<u8> {
@@ -44,16 +44,16 @@ fn quarters(texture: &Texture) -> [[u8; 3]; 4] {
 }
 
 #[test]
-fn basis_pictures_are_decoded_and_turned_where_their_bottom_row_comes_first() {
+fn basis_images_have_the_top_row_first() {
     let expected = [[200, 40, 30], [30, 180, 50], [20, 60, 210], [240, 240, 240]];
     for coded in [ETC1S, UASTC] {
         let mut file = unpacked(coded);
         for bottom_first in [false, true] {
-            // Flags of the header, which its checksum does not have to cover for the picture to be read.
+            // Header flags; the checksum is updated.
             file[21] = if bottom_first { file[21] | 2 } else { file[21] & !2 };
             let header = checksum(&file[8..77]);
             file[6..8].copy_from_slice(&header.to_le_bytes());
-            let texture = image::decode(&file, &mut 1000).unwrap();
+            let texture = images::decode(&file, &mut 1000).unwrap();
             let mut found = quarters(&texture);
             if bottom_first {
                 found = [found[2], found[3], found[0], found[1]];
@@ -61,7 +61,7 @@ fn basis_pictures_are_decoded_and_turned_where_their_bottom_row_comes_first() {
             let off =
                 found.iter().flatten().zip(expected.iter().flatten()).map(|(a, b)| a.abs_diff(*b)).max();
             assert!(off < Some(10), "{found:?}");
-            assert!(image::decode(&file, &mut 100).unwrap_err().contains("resize"));
+            assert!(images::decode(&file, &mut 100).unwrap_err().contains("resize"));
         }
     }
 }
@@ -76,7 +76,7 @@ fn checksum(bytes: &[u8]) -> u16 {
 }
 
 #[test]
-fn damaged_basis_pictures_are_refused_or_read_but_never_stop_the_program() {
+fn damaged_basis_images_never_panic() {
     let mut rng = Rng::new(8);
     for coded in [ETC1S, UASTC] {
         let whole = unpacked(coded);
@@ -93,7 +93,7 @@ fn damaged_basis_pictures_are_refused_or_read_but_never_stop_the_program() {
                 let header = checksum(&bytes[8..77]);
                 bytes[6..8].copy_from_slice(&header.to_le_bytes());
             }
-            refused += u32::from(image::decode(&bytes, &mut 1_000_000).is_err());
+            refused += u32::from(images::decode(&bytes, &mut 1_000_000).is_err());
         }
         assert!(refused > 700, "{refused}");
     }
@@ -129,11 +129,11 @@ fn ktx2(orientation: &str) -> Vec<u8> {
 }
 
 #[test]
-fn ktx2_pictures_are_decoded_the_way_their_metadata_say_they_stand() {
-    let plain = image::decode(&unpacked(UASTC), &mut 1000).unwrap();
-    assert_eq!(image::decode(&ktx2("rd"), &mut 1000).unwrap(), plain);
+fn ktx2_orientation_is_respected() {
+    let plain = images::decode(&unpacked(UASTC), &mut 1000).unwrap();
+    assert_eq!(images::decode(&ktx2("rd"), &mut 1000).unwrap(), plain);
     let [top_left, top_right, bottom_left, bottom_right] = quarters(&plain);
-    let turned = image::decode(&ktx2("ru"), &mut 1000).unwrap();
+    let turned = images::decode(&ktx2("ru"), &mut 1000).unwrap();
     assert_eq!(quarters(&turned), [bottom_left, bottom_right, top_left, top_right]);
     let mut rng = Rng::new(13);
     let mut refused = 0;
@@ -142,7 +142,7 @@ fn ktx2_pictures_are_decoded_the_way_their_metadata_say_they_stand() {
         let at = rng.below(160);
         bytes[at] ^= 1 << rng.below(8);
         bytes.truncate(bytes.len() - rng.below(2) * rng.below(bytes.len()));
-        refused += u32::from(image::decode(&bytes, &mut 1_000_000).is_err());
+        refused += u32::from(images::decode(&bytes, &mut 1_000_000).is_err());
     }
     assert!(refused > 700, "{refused}");
 }
@@ -217,7 +217,7 @@ fn read(document: &Value) -> Result<Scene, SceneError> {
 }
 
 #[test]
-fn draco_meshes_come_back_as_they_were_packed() {
+fn draco_meshes_are_decoded_exactly() {
     for speed in [0, 5, 10] {
         let scene = read(&packed_document(&packed_grid(speed))).unwrap();
         assert_eq!((scene.mesh.triangles.len(), scene.mesh.positions.len()), (18, 16), "speed {speed}");
@@ -237,7 +237,7 @@ fn draco_meshes_come_back_as_they_were_packed() {
 }
 
 #[test]
-fn damaged_draco_meshes_are_refused_or_read_but_never_stop_the_program() {
+fn damaged_draco_meshes_never_panic() {
     let mut rng = Rng::new(21);
     let mut refused = 0;
     for speed in [0, 5, 10] {
@@ -281,7 +281,7 @@ fn sparse_accessors_replace_single_elements() {
     };
     let document = sparse(&[2], &[[0.0, 7.0, 0.0]]);
     assert_eq!(read(&document).unwrap().corners(0)[2], Point3::new(0.0, 7.0, 0.0));
-    // Without a view of its own, the rest is zero.
+    // Without a buffer view, the rest is zero.
     let mut empty = sparse(&[1, 2], &[[5.0, 0.0, 0.0], [0.0, 7.0, 0.0]]);
     empty["accessors"][0].as_object_mut().unwrap().remove("bufferView");
     assert_eq!(
@@ -295,7 +295,7 @@ fn sparse_accessors_replace_single_elements() {
 }
 
 #[test]
-fn quantised_positions_and_moved_textures_are_understood() {
+fn quantised_positions_and_texture_transforms_are_applied() {
     // Positions as normalised i16 under a node that is 10 m large; texture coordinates as u8.
     let positions: Vec<u8> = [[0, 0, 0], [32_767, 0, 0], [0, 0, -32_767_i16]]
         .iter()
@@ -304,7 +304,7 @@ fn quantised_positions_and_moved_textures_are_understood() {
         .collect();
     let mut bytes = positions.clone();
     bytes.extend([0, 0, 255, 0, 0, 255]);
-    let picture = image::encode_png(&texture(2, 2, 255));
+    let picture = images::encode_png(&texture(2, 2, 255));
     let document = json!({
         "extensionsRequired": ["KHR_mesh_quantization", "KHR_texture_transform"],
         "nodes": [{ "mesh": 0, "scale": [10, 10, 10] }],
@@ -337,7 +337,7 @@ fn quantised_positions_and_moved_textures_are_understood() {
 }
 
 #[test]
-fn pictures_with_a_palette_or_sixteen_bits_are_read() {
+fn palette_and_16_bit_images_are_read() {
     let encode = |kind, depth, data: &[u8], palette: Option<&[u8]>| {
         let mut file = Vec::new();
         let mut encoder = png::Encoder::new(&mut file, 2, 1);
@@ -348,7 +348,7 @@ fn pictures_with_a_palette_or_sixteen_bits_are_read() {
             encoder.set_trns(vec![255, 40]);
         }
         encoder.write_header().unwrap().write_image_data(data).unwrap();
-        image::decode(&file, &mut 10).unwrap().pixels
+        images::decode(&file, &mut 10).unwrap().pixels
     };
     let palette =
         encode(png::ColorType::Indexed, png::BitDepth::One, &[0b0100_0000], Some(&[1, 2, 3, 9, 8, 7]));
@@ -358,7 +358,7 @@ fn pictures_with_a_palette_or_sixteen_bits_are_read() {
 }
 
 #[test]
-fn a_missing_picture_is_a_warning_and_a_checker() {
+fn missing_image_is_a_warning_and_checker() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("room one.gltf");
     std::fs::write(folder.path().join("room one.bin"), bytes_of(&TRIANGLE)).unwrap();
@@ -373,21 +373,21 @@ fn a_missing_picture_is_a_warning_and_a_checker() {
         "buffers": [{ "byteLength": 36, "uri": "room%20one.bin" }],
     });
     std::fs::write(&path, document.to_string()).unwrap();
-    let mut report = Report::default();
+    let mut report = ImportReport::default();
     let scene = import(&path, &mut report).unwrap();
-    assert_eq!(scene.textures, [image::checker()]);
+    assert_eq!(scene.textures, [images::checker()]);
     assert!(report.warnings[0].contains("gone/wood.jpg"), "{:?}", report.warnings);
     std::fs::write(
         folder.path().join("room one.bin"),
         "version https://git-lfs.github.com/spec/v1\noid sha256:1\n",
     )
     .unwrap();
-    let error = import(&path, &mut Report::default()).unwrap_err().to_string();
+    let error = import(&path, &mut ImportReport::default()).unwrap_err().to_string();
     assert!(error.contains("git lfs pull"), "{error}");
 }
 
 #[test]
-fn nodes_that_repeat_a_mesh_beyond_reason_are_refused_quickly() {
+fn excessive_mesh_reuse_is_refused_quickly() {
     let nodes: Vec<Value> = (0..2000).map(|_| json!({ "mesh": 0 })).collect();
     let lines: Vec<Value> = (0..2000).map(|_| json!({ "mode": 1, "attributes": {} })).collect();
     let document = json!({ "nodes": nodes, "meshes": [{ "primitives": lines }] });

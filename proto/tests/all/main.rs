@@ -1,0 +1,5 @@
+//! Protocol tests: page, messages and encodings.
+
+mod codec;
+mod messages;
+mod page;

@@ -1,0 +1,150 @@
+//! Agreement of PROTOCOL.md with the .proto files, and conventions of the .proto files.
+
+use avln_proto::v1::Reason;
+use std::{fs, path::Path};
+
+const MARK: &str = "(a test compares it):\n`";
+
+fn folder() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn page() -> String {
+    fs::read_to_string(folder().join("PROTOCOL.md")).unwrap()
+}
+
+/// Names and texts of the .proto files, sorted.
+fn protos() -> Vec<(String, String)> {
+    let entries = fs::read_dir(folder().join("avln/v1")).unwrap();
+    let mut files: Vec<_> = entries
+        .map(|entry| entry.unwrap())
+        .map(|entry| (entry.file_name().into_string().unwrap(), fs::read_to_string(entry.path()).unwrap()))
+        .collect();
+    files.sort();
+    files
+}
+
+fn fingerprint() -> String {
+    let mut hasher = blake3::Hasher::new();
+    for (name, text) in protos() {
+        hasher.update(name.as_bytes()).update(&[0]).update(text.as_bytes()).update(&[0]);
+    }
+    hasher.finalize().to_hex()[..32].to_owned()
+}
+
+/// Words in backticks at the start of table rows, with the cells after them.
+fn rows(page: &str) -> impl Iterator<Item = (&str, Vec<&str>)> {
+    page.lines().filter_map(|line| {
+        let (word, rest) = line.strip_prefix("| `")?.split_once('`')?;
+        Some((word, rest.split('|').map(str::trim).collect()))
+    })
+}
+
+/// Names declared by a keyword.
+fn declared(keyword: &str) -> Vec<String> {
+    let declares = |line: &str| {
+        let rest = line.trim_start().strip_prefix(keyword)?.strip_prefix(' ')?;
+        rest.split([' ', '(']).next().map(str::to_owned)
+    };
+    protos().iter().flat_map(|(_, text)| text.lines().filter_map(declares).collect::<Vec<_>>()).collect()
+}
+
+#[test]
+fn the_page_has_the_fingerprint_of_the_files() {
+    let page = page();
+    let (_, rest) = page.split_once(MARK).expect("PROTOCOL.md has no fingerprint");
+    let written = rest.split('`').next().unwrap();
+    assert_eq!(
+        written,
+        fingerprint(),
+        "the .proto files changed: bring PROTOCOL.md up to date, then write the right value there"
+    );
+}
+
+#[test]
+fn the_table_of_refusals_matches_the_code() {
+    let page = page();
+    let (_, refusals) = page.split_once("## Refusals").unwrap();
+    let listed: Vec<_> = rows(refusals).take_while(|(word, _)| *word != "Fault").collect();
+    for (word, cells) in &listed {
+        let reason = Reason::from_word(word).unwrap_or_else(|| panic!("{word} is not a reason"));
+        let code = format!("{:?}", reason.code()).to_uppercase();
+        assert_eq!(cells[1].replace('_', ""), code, "{word}");
+    }
+    let reasons = (1..).map_while(|number| Reason::try_from(number).ok());
+    let missing: Vec<_> = reasons.filter(|r| !listed.iter().any(|(word, _)| *word == r.word())).collect();
+    assert!(missing.is_empty(), "not in PROTOCOL.md: {missing:?}");
+}
+
+#[test]
+fn every_service_method_and_frame_is_on_the_page() {
+    let page = page();
+    let frames =
+        ["Hello", "Ready", "Act", "Abandon", "Pong", "Goodbye", "Welcome", "EpisodeStart", "Observation"];
+    let more = ["EpisodeEnd", "Ping", "Notice", "Fault", "RunEnd"];
+    for frame in frames.into_iter().chain(more) {
+        assert!(rows(&page).any(|(word, _)| word == frame), "{frame} has no row");
+    }
+    for name in [declared("service"), declared("rpc")].concat() {
+        assert!(page.contains(&format!("`{name}`")), "{name} is not on the page");
+    }
+}
+
+#[test]
+fn what_the_page_names_exists() {
+    let (page, protos) = (page(), protos());
+    let all: String = protos.iter().map(|(_, text)| text.as_str()).collect();
+    let fenceless: String = page.split("```").step_by(2).collect();
+    for quoted in fenceless.split('`').skip(1).step_by(2) {
+        let Some((message, field)) = quoted.split_once('.') else { continue };
+        let known = ["service", "message"].iter().any(|k| declared(k).iter().any(|name| name == message));
+        if known && !field.contains([' ', '/', '.']) {
+            assert!(all.contains(&format!(" {field} =")), "`{quoted}` does not exist");
+        }
+    }
+}
+
+/// `DistanceRule` becomes `DISTANCE_RULE_`.
+fn prefix(name: &str) -> String {
+    let mut prefix = String::new();
+    for (at, letter) in name.char_indices() {
+        if at > 0 && letter.is_uppercase() {
+            prefix.push('_');
+        }
+        prefix.push(letter.to_ascii_uppercase());
+    }
+    prefix + "_"
+}
+
+#[test]
+fn enums_begin_unspecified_and_carry_their_prefix() {
+    for (file, text) in protos() {
+        for declaration in text.split("\nenum ").skip(1) {
+            let (name, body) = declaration.split_once(" {").unwrap();
+            let body = body.split("\n}").next().unwrap();
+            let values: Vec<_> = body
+                .lines()
+                .map(str::trim)
+                .filter(|line| line.contains(" = ") && !line.starts_with("//"))
+                .collect();
+            let prefix = prefix(name);
+            assert_eq!(values[0], format!("{prefix}UNSPECIFIED = 0;"), "{file}");
+            assert!(values.iter().all(|value| value.starts_with(&prefix)), "{file}: {name}");
+        }
+    }
+}
+
+#[test]
+fn every_declaration_has_a_comment() {
+    for (file, text) in protos() {
+        let lines: Vec<_> = text.lines().map(str::trim).collect();
+        for pair in lines.windows(2) {
+            let opens = ["message ", "enum ", "service ", "rpc ", "oneof "]
+                .iter()
+                .any(|word| pair[1].starts_with(word));
+            let field = pair[1].contains(" = ") && pair[1].ends_with(';') && !pair[1].starts_with("syntax");
+            let commented = pair[0].starts_with("//") || pair[1].starts_with("//");
+            assert!(commented || !(opens || field), "{file}: no comment above `{}`", pair[1]);
+        }
+    }
+}

@@ -1,0 +1,183 @@
+//! Attachment states, stop reasons and endings. The transition table is in the crate documentation.
+
+use avln_episode::EndReason;
+use tokio::time::Instant;
+
+/// Attachment of a session to a client.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Attachment {
+    /// The server opens, resumes or restores the session; no client is attached yet.
+    Admitted,
+    /// A Play stream plays the session.
+    Streaming,
+    /// Unary calls play the session.
+    Unary,
+    /// No client is attached. The session waits for a Hello with `resume`.
+    Detached {
+        /// End of the wait.
+        until: Instant,
+    },
+    /// The session ends; open episodes are being stored, kept or handed over.
+    Closing(StopReason),
+}
+
+/// Event that changes an attachment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum AttachmentEvent {
+    StreamAttached,
+    UnaryAttached,
+    Detached { until: Instant },
+    Stopped(StopReason),
+}
+
+/// Reason of an attachment's end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum StopReason {
+    /// Another connection starts over with new episodes.
+    Superseded,
+    /// Another connection resumes the session.
+    Resumed,
+    /// The server stops.
+    Draining,
+    /// The team cancelled the run, or the agent sent Goodbye by a unary call.
+    Cancelled,
+    /// The run's wall time has passed.
+    Expired,
+    /// The stream broke, ended without Goodbye, or was not read.
+    ConnectionLost,
+    /// The client sent Goodbye with `pause`.
+    Paused,
+    /// The client sent Goodbye.
+    Goodbye,
+    /// No episode remains and none is open.
+    NothingLeft,
+    /// Too many episodes in a row ran out of time.
+    AgentHangs,
+    /// No unary call came for too long.
+    Idle,
+    /// A detached session was not resumed in time.
+    AwayTooLong,
+}
+
+/// Treatment of a session after the attachment's end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Ending {
+    /// End and store open episodes.
+    Close(EndReason),
+    /// Pass the session to the connection that resumes it.
+    HandOver,
+    /// Leave open episodes as they are in the run log, for the next server.
+    KeepForRestart,
+    /// Wait for the client, if the run's time limits allow it.
+    Detach,
+}
+
+impl Attachment {
+    /// Returns the state after an event.
+    pub(crate) fn next(self, event: AttachmentEvent) -> Self {
+        match (self, event) {
+            // The first reason wins, because the ending may already be under way (drain during attach). A client that attaches now
+            // learns the reason from `SessionGuard::stopped`, which all loops poll first.
+            (Self::Closing(reason), _) => Self::Closing(reason),
+            (_, AttachmentEvent::Stopped(reason)) => Self::Closing(reason),
+            (_, AttachmentEvent::StreamAttached) => Self::Streaming,
+            (_, AttachmentEvent::UnaryAttached) => Self::Unary,
+            (_, AttachmentEvent::Detached { until }) => Self::Detached { until },
+        }
+    }
+
+    /// Returns the reason if the session ends.
+    pub(crate) fn stop_reason(self) -> Option<StopReason> {
+        match self {
+            Self::Closing(reason) => Some(reason),
+            _ => None,
+        }
+    }
+}
+
+impl StopReason {
+    /// Returns the treatment of the session.
+    pub(crate) fn ending(self) -> Ending {
+        match self {
+            // The client of the new connection never saw the open episodes, so it cannot continue them.
+            Self::Superseded => Ending::Close(EndReason::Disconnected),
+            Self::Resumed => Ending::HandOver,
+            Self::Draining => Ending::KeepForRestart,
+            Self::Cancelled | Self::Goodbye | Self::NothingLeft => Ending::Close(EndReason::Abandoned),
+            Self::Expired | Self::AgentHangs => Ending::Close(EndReason::TimeBudget),
+            Self::ConnectionLost | Self::Paused => Ending::Detach,
+            // Unary clients have no connection to lose: silence is their disconnect.
+            Self::Idle | Self::AwayTooLong => Ending::Close(EndReason::Disconnected),
+        }
+    }
+
+    /// Returns whether the run ends together with the session.
+    pub(crate) fn finishes_run(self) -> bool {
+        matches!(self, Self::Goodbye | Self::NothingLeft | Self::AgentHangs | Self::Expired)
+    }
+
+    /// Returns whether the client may have stopped reading, so that frames must not wait for it.
+    pub(crate) fn cuts_stream(self) -> bool {
+        !matches!(self, Self::Goodbye | Self::Paused | Self::NothingLeft | Self::AgentHangs)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn every_transition_follows_the_table() {
+        use AttachmentEvent::{Detached as Detach, Stopped, StreamAttached, UnaryAttached};
+        use StopReason::{Cancelled, Draining, Expired, Resumed, Superseded};
+        let until = Instant::now();
+        let stops = [Superseded, Resumed, Draining, Cancelled, Expired];
+        let open =
+            [Attachment::Admitted, Attachment::Streaming, Attachment::Unary, Attachment::Detached { until }];
+        for state in open {
+            assert_eq!(state.stop_reason(), None);
+            assert_eq!(state.next(StreamAttached), Attachment::Streaming);
+            assert_eq!(state.next(UnaryAttached), Attachment::Unary);
+            assert_eq!(state.next(Detach { until }), Attachment::Detached { until });
+            for reason in stops {
+                assert_eq!(state.next(Stopped(reason)), Attachment::Closing(reason));
+            }
+        }
+        for first in stops {
+            let closing = Attachment::Closing(first);
+            assert_eq!(closing.stop_reason(), Some(first));
+            for event in [StreamAttached, UnaryAttached, Detach { until }] {
+                assert_eq!(closing.next(event), closing, "{event:?} cannot reopen a session");
+            }
+            for second in stops {
+                assert_eq!(closing.next(Stopped(second)), closing, "{first:?} before {second:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_stop_reason_has_its_ending() {
+        use Ending::{Close, Detach, HandOver, KeepForRestart};
+        let table = [
+            (StopReason::Superseded, Close(EndReason::Disconnected), false, true),
+            (StopReason::Resumed, HandOver, false, true),
+            (StopReason::Draining, KeepForRestart, false, true),
+            (StopReason::Cancelled, Close(EndReason::Abandoned), false, true),
+            (StopReason::Expired, Close(EndReason::TimeBudget), true, true),
+            (StopReason::ConnectionLost, Detach, false, true),
+            (StopReason::Paused, Detach, false, false),
+            (StopReason::Goodbye, Close(EndReason::Abandoned), true, false),
+            (StopReason::NothingLeft, Close(EndReason::Abandoned), true, false),
+            (StopReason::AgentHangs, Close(EndReason::TimeBudget), true, false),
+            (StopReason::Idle, Close(EndReason::Disconnected), false, true),
+            (StopReason::AwayTooLong, Close(EndReason::Disconnected), false, true),
+        ];
+        for (reason, ending, finishes, cuts) in table {
+            assert_eq!(
+                (reason.ending(), reason.finishes_run(), reason.cuts_stream()),
+                (ending, finishes, cuts),
+                "{reason:?}"
+            );
+        }
+    }
+}

@@ -1,0 +1,109 @@
+use crate::{
+    host::{Host, Interrupted, OpenRun},
+    limits::Limits,
+    refusal::{Failure, Refusal, ask},
+    registry::SessionRegistry,
+    session::{Opening, Session},
+    sim_pool::SimPool,
+    watchdog::Watchdog,
+    wire,
+};
+use avln_episode::Sensors;
+use avln_proto::v1::{self, Reason};
+use std::{sync::Arc, time::Duration};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+
+/// State shared by all gRPC services.
+pub(crate) struct ServiceContext<H: Host> {
+    pub(crate) host: Arc<H>,
+    pub(crate) limits: Arc<Limits>,
+    pub(crate) registry: Arc<SessionRegistry<Session<H>>>,
+    pool: SimPool,
+    watchdog: Watchdog,
+    watchers: Arc<Semaphore>,
+}
+
+impl<H: Host> Clone for ServiceContext<H> {
+    fn clone(&self) -> Self {
+        Self {
+            host: self.host.clone(),
+            limits: self.limits.clone(),
+            registry: self.registry.clone(),
+            pool: self.pool.clone(),
+            watchdog: self.watchdog.clone(),
+            watchers: self.watchers.clone(),
+        }
+    }
+}
+
+impl<H: Host> ServiceContext<H> {
+    pub(crate) fn new(host: Arc<H>, limits: Limits) -> Self {
+        let limits = Arc::new(limits);
+        let watchdog = host.control().map(|control| control.watchdog().clone()).unwrap_or_default();
+        let pool = SimPool::new(limits.max_simulations, watchdog.clone());
+        let watchers = Arc::new(Semaphore::new(limits.max_watchers));
+        Self { host, registry: SessionRegistry::new(limits.clone()), limits, pool, watchdog, watchers }
+    }
+
+    /// Refuses new runs while too many simulations hang.
+    pub(crate) fn check_sound(&self) -> Result<(), Refusal> {
+        let hanging = self.watchdog.hanging();
+        if hanging < self.limits.max_hanging.max(1) {
+            return Ok(());
+        }
+        let message = format!(
+            "{hanging} simulations of the server hang, so no run can start; running runs continue. The organiser must restart the server"
+        );
+        Err(Refusal::new(Reason::NoCapacity, message).retry_after(300))
+    }
+
+    /// Takes a place among WatchRun calls, until it is dropped.
+    pub(crate) fn watch(&self) -> Result<OwnedSemaphorePermit, Refusal> {
+        self.watchers.clone().try_acquire_owned().map_err(|_| {
+            let message = format!("{} runs are being watched; use GetRun", self.limits.max_watchers);
+            Refusal::new(Reason::NoCapacity, message).retry_after(60)
+        })
+    }
+
+    /// Returns a run token's open run.
+    pub(crate) async fn open_run(&self, token: &str) -> Result<OpenRun, Failure> {
+        let open = self.any_run(token).await?;
+        let Some(state) = &open.over else { return Ok(open) };
+        let message = format!("run '{}' is {state}; start another run", open.run);
+        Err(Failure::new(Reason::RunOver, message))
+    }
+
+    /// Returns a run token's run, open or over.
+    pub(crate) async fn any_run(&self, token: &str) -> Result<OpenRun, Failure> {
+        let host = self.host.clone();
+        let token = token.to_owned();
+        ask("open a run", async move { host.open_run(&token).await }).await
+    }
+
+    /// Closes the run and returns the status.
+    pub(crate) async fn finish_run(&self, run: &str) -> Result<v1::RunEnd, Failure> {
+        let host = self.host.clone();
+        let run = run.to_owned();
+        ask("finish a run", async move { host.finish_run(&run).await }).await.map(wire::run_end)
+    }
+
+    /// Opens a session.
+    pub(crate) fn open_session(&self, open: &OpenRun, sensors: &Sensors) -> Arc<Session<H>> {
+        self.session(Interrupted {
+            open: open.clone(),
+            sensors: sensors.clone(),
+            episodes: Vec::new(),
+            away: Duration::ZERO,
+        })
+    }
+
+    /// Opens a session with restored episodes.
+    pub(crate) fn session(&self, interrupted: Interrupted<H::Episode>) -> Arc<Session<H>> {
+        Arc::new(Session::open(Opening {
+            host: self.host.clone(),
+            pool: self.pool.clone(),
+            limits: &self.limits,
+            interrupted,
+        }))
+    }
+}

@@ -1,0 +1,305 @@
+//! Play stream: one run, several slots, from Hello to Goodbye.
+
+use crate::{
+    admission::{Admission, admit},
+    attachment::{AttachmentEvent, StopReason},
+    context::ServiceContext,
+    control::{Drain, unix_ms},
+    host::Host,
+    limits::Limits,
+    outbound::{Outbound, PingTimer, RunDeadline},
+    reaper,
+    refusal::{Failure, FaultSubject, Refusal},
+    registry::SessionGuard,
+    session::{Session, SlotRequest, stored_end},
+};
+use avln_proto::v1::{self, Reason, play_request, play_response::Frame};
+use std::{pin::pin, sync::Arc};
+use tokio::time::{Instant, interval_at, timeout};
+use tonic::{Status, Streaming};
+use tracing::Instrument;
+
+/// One Play stream.
+pub(crate) struct PlayStream<H: Host> {
+    pub(crate) context: ServiceContext<H>,
+    pub(crate) token: String,
+    pub(crate) inbound: Streaming<v1::PlayRequest>,
+    pub(crate) out: Outbound,
+}
+
+/// A stream's end, with the client's status if the connection was lost.
+struct StreamEnd {
+    reason: StopReason,
+    failure: Option<Failure>,
+}
+
+impl From<StopReason> for StreamEnd {
+    fn from(reason: StopReason) -> Self {
+        Self { reason, failure: None }
+    }
+}
+
+impl StreamEnd {
+    fn lost(failure: Failure) -> Self {
+        Self { reason: StopReason::ConnectionLost, failure: Some(failure) }
+    }
+}
+
+impl<H: Host> PlayStream<H> {
+    /// Runs the stream until either side ends it. Open episodes are stored, kept or handed over before it returns.
+    pub(crate) async fn run(mut self) {
+        if let Err(failure) = self.play().await {
+            self.out.fail(failure).await;
+        }
+    }
+
+    async fn play(&mut self) -> Result<(), Failure> {
+        let hello = self.hello().await?;
+        match admit(&self.context, &self.token, &hello, Limits::MAX_SLOTS).await {
+            Ok(admission) => {
+                let span = tracing::error_span!("session", run = admission.open.run);
+                self.attach(admission, &hello.known).instrument(span).await
+            }
+            Err(over) if hello.resume && over.reason() == Reason::RunOver => {
+                let run = self.context.any_run(&self.token).await?.run;
+                self.report_results(&run, &hello.known).await
+            }
+            Err(refused) => Err(refused),
+        }
+    }
+
+    async fn hello(&mut self) -> Result<v1::Hello, Failure> {
+        let limit = self.context.limits.hello;
+        let first = timeout(limit, self.inbound.message()).await.map_err(|_| {
+            let message = format!("no Hello within {limit:?} of opening the stream; send it first");
+            Failure::new(Reason::TooSlow, message)
+        })?;
+        match first.map_err(broken)?.and_then(|request| request.frame) {
+            Some(play_request::Frame::Hello(hello)) => Ok(hello),
+            _ => Err(Failure::new(Reason::BadRequest, "the first frame of a stream must be Hello")),
+        }
+    }
+
+    /// Plays the session until the stream ends.
+    async fn attach(&mut self, admission: Admission<H>, known: &[v1::SlotPosition]) -> Result<(), Failure> {
+        let Admission { open, session, mut guard, welcome } = admission;
+        let slots = welcome.slots;
+        let end = match self.out.send(Frame::Welcome(welcome)).await {
+            Ok(_) => {
+                guard.apply(AttachmentEvent::StreamAttached);
+                session.attach_stream(&self.out, slots, known).await;
+                self.read(&session, &mut guard, RunDeadline::of(&open)).await
+            }
+            Err(_) => StreamEnd::lost(unread()),
+        };
+        self.finish(session, guard, end).await
+    }
+
+    /// Reads frames and passes them to the slots.
+    async fn read(
+        &mut self,
+        session: &Session<H>,
+        guard: &mut SessionGuard<Session<H>>,
+        deadline: RunDeadline,
+    ) -> StreamEnd {
+        let out = self.out.clone();
+        let mut unread_for_too_long = pin!(out.gone());
+        let mut over = pin!(session.over());
+        let host = self.context.host.clone();
+        let mut drain = pin!(async {
+            match host.control() {
+                Some(control) => control.drain_begins().await,
+                None => std::future::pending().await,
+            }
+        });
+        let mut announced = false;
+        let mut warned = false;
+        let mut pings = PingTimer::default();
+        // Before any observation, so that the round-trip time is known when the first clock starts.
+        pings.tick(&out, &deadline).await;
+        let every = self.context.limits.ping_interval;
+        let mut ticks = interval_at(Instant::now() + every, every);
+        loop {
+            tokio::select! {
+                // In this order: a stop takes precedence over everything, and a flood of requests delays neither the end of the
+                // run nor notices.
+                biased;
+                reason = guard.stopped() => return reason.into(),
+                () = &mut unread_for_too_long => return StreamEnd::lost(unread()),
+                reason = &mut over => return reason.into(),
+                drain = &mut drain, if !announced => {
+                    announced = true;
+                    let _ = out.send(Frame::Notice(drain_notice(&drain))).await;
+                }
+                () = deadline.runs_low(), if !warned => {
+                    warned = true;
+                    let _ = out.send(Frame::Notice(deadline.notice())).await;
+                }
+                request = self.inbound.message() => match request {
+                    Ok(Some(v1::PlayRequest { frame: Some(play_request::Frame::Pong(pong)) })) => {
+                        pings.answered(pong.nonce, &out, self.context.limits.wire);
+                    }
+                    Ok(Some(request)) => if let Some(reason) = self.receive(session, request).await {
+                        return reason.into();
+                    },
+                    Ok(None) => return StreamEnd::lost(no_goodbye()),
+                    Err(status) => return StreamEnd::lost(broken(status)),
+                },
+                _ = ticks.tick() => pings.tick(&out, &deadline).await,
+            }
+        }
+    }
+
+    /// Handles a frame. Returns a reason if the client ends the stream.
+    async fn receive(&self, session: &Session<H>, request: v1::PlayRequest) -> Option<StopReason> {
+        use play_request::Frame as Request;
+        let (slot, request) = match request.frame {
+            Some(Request::Ready(ready)) => (ready.slot, SlotRequest::Ready),
+            Some(Request::Act(act)) => (act.slot, SlotRequest::Act(act)),
+            Some(Request::Abandon(abandon)) => (abandon.slot, SlotRequest::Abandon(abandon)),
+            Some(Request::Pong(_)) => return None,
+            Some(Request::Goodbye(goodbye)) if goodbye.pause => return Some(StopReason::Paused),
+            Some(Request::Goodbye(_)) => return Some(StopReason::Goodbye),
+            Some(Request::Hello(_)) => {
+                let failure = Failure::new(Reason::BadRequest, "second Hello; send Ready, Act or Goodbye");
+                self.fault(&failure, FaultSubject::default()).await;
+                return None;
+            }
+            None => {
+                let failure = Failure::new(Reason::Unsupported, "the frame is empty or not known here");
+                self.fault(&failure, FaultSubject::default()).await;
+                return None;
+            }
+        };
+        if let Err(failure) = session.send(slot, request.clone()) {
+            self.fault(&failure, request.subject(slot)).await;
+        }
+        None
+    }
+
+    /// Reports a refused frame; the stream continues. A client that does not read it is noticed by `Outbound::gone`.
+    async fn fault(&self, failure: &Failure, subject: FaultSubject<'_>) {
+        let _ = self.out.send(Frame::Fault(failure.frame(subject, true))).await;
+    }
+
+    /// Ends the attachment and reports the end to the client.
+    async fn finish(
+        &self,
+        session: Arc<Session<H>>,
+        guard: SessionGuard<Session<H>>,
+        end: StreamEnd,
+    ) -> Result<(), Failure> {
+        let reason = guard.ends(end.reason);
+        if reason.cuts_stream() {
+            self.out.cut();
+        }
+        // Before the episodes end, so that the client learns the reason first.
+        let notice = match reason {
+            StopReason::Expired => Some(Frame::Notice(expired_notice())),
+            StopReason::Draining => Some(Frame::Notice(stop_notice())),
+            StopReason::AgentHangs => {
+                let failure = agent_hangs(&self.context.limits);
+                Some(Frame::Fault(failure.frame(FaultSubject::default(), false)))
+            }
+            _ => None,
+        };
+        if let Some(notice) = notice {
+            let _ = self.out.send(notice).await;
+        }
+        if let Some(run_end) = reaper::end(&self.context, session, guard, reason).await? {
+            let _ = self.out.send(Frame::RunEnd(run_end)).await;
+            return Ok(());
+        }
+        match (refusal_of(reason), end.failure) {
+            (Some(refusal), _) => {
+                let failure = Failure::from(refusal);
+                let _ = self.out.send(Frame::Fault(failure.frame(FaultSubject::default(), false))).await;
+                Err(failure)
+            }
+            (None, Some(lost)) => Err(lost),
+            (None, None) => Ok(()),
+        }
+    }
+
+    /// Reports to a client that resumes a finished run how the run and the client's last episodes ended.
+    async fn report_results(&self, run: &str, known: &[v1::SlotPosition]) -> Result<(), Failure> {
+        for position in known.iter().take(Limits::MAX_SLOTS as usize) {
+            if let Some(end) = stored_end(&self.context.host, run, position).await? {
+                let _ = self.out.send(Frame::EpisodeEnd(end)).await;
+            }
+        }
+        let run_end = self.context.finish_run(run).await?;
+        let _ = self.out.send(Frame::RunEnd(run_end)).await;
+        Ok(())
+    }
+}
+
+/// Returns the refusal after a stop by another party.
+fn refusal_of(reason: StopReason) -> Option<Refusal> {
+    match reason {
+        StopReason::Superseded => {
+            let message = "another stream took this run over; open episodes were ended and stored";
+            Some(Refusal::new(Reason::Superseded, message))
+        }
+        StopReason::Resumed => {
+            let message = "another stream resumed this run; two cannot play it at once";
+            Some(Refusal::new(Reason::Superseded, message))
+        }
+        StopReason::Cancelled => Some(Refusal::new(Reason::RunOver, "the run was ended by its own team")),
+        StopReason::Draining => {
+            let message =
+                "the server stops; connect again with resume when it is back, and open episodes continue";
+            Some(Refusal::new(Reason::Draining, message).retry_after(5))
+        }
+        _ => None,
+    }
+}
+
+fn agent_hangs(limits: &Limits) -> Failure {
+    let message =
+        format!("{} episodes in a row ran out of time; the run ends here", limits.timeouts_in_a_row);
+    Failure::new(Reason::TooSlow, message)
+}
+
+/// Announces a drain and the cut of open episodes.
+fn drain_notice(drain: &Drain) -> v1::Notice {
+    let remaining = drain.until.saturating_duration_since(Instant::now());
+    v1::Notice {
+        kind: v1::NoticeKind::Draining.into(),
+        message: format!(
+            "the server is about to stop ({}); finish open episodes, no others begin",
+            drain.reason
+        ),
+        effective_unix_ms: unix_ms() + i64::try_from(remaining.as_millis()).unwrap_or(i64::MAX / 2),
+    }
+}
+
+fn expired_notice() -> v1::Notice {
+    v1::Notice {
+        kind: v1::NoticeKind::BudgetLow.into(),
+        message: "the run's wall time is over: open episodes and the run end".to_owned(),
+        effective_unix_ms: unix_ms(),
+    }
+}
+
+fn stop_notice() -> v1::Notice {
+    v1::Notice {
+        kind: v1::NoticeKind::Draining.into(),
+        message: "the server stops now; open episodes continue when it is back".to_owned(),
+        effective_unix_ms: 0,
+    }
+}
+
+fn unread() -> Failure {
+    Failure::new(Reason::TooSlow, "a frame was left unread for too long; read the stream while thinking")
+}
+
+fn no_goodbye() -> Failure {
+    let message = "the stream ended without Goodbye: open episodes wait for a Hello with resume, for a while";
+    Failure::new(Reason::BadRequest, message)
+}
+
+fn broken(status: Status) -> Failure {
+    // Safe to repeat: transport and decoder describe the received bytes, never the server.
+    Failure::new(Reason::BadRequest, format!("the stream broke: {}", Limits::shorten(status.message())))
+}

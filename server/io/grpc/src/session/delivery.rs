@@ -1,0 +1,261 @@
+//! Episode ends, and delivery of replies, also after a lost connection.
+
+use super::{
+    playing::{Audience, FinishedEpisode, LastStep, Received, SlotReply},
+    slot::{Slot, SlotContent},
+};
+use crate::{
+    episode::{Episode, HostedEpisode},
+    host::Host,
+    refusal::{Failure, FaultSubject, ServerFault, ask},
+    sim_pool::truncate,
+    wire,
+};
+use avln_episode::EndReason;
+use avln_proto::v1::{self, Reason, play_response::Frame};
+use std::{sync::Arc, time::Duration};
+
+impl<H: Host> Slot<H> {
+    /// Ends an episode after a failed start.
+    pub(super) async fn failed_to_start(
+        &mut self,
+        mut hosted: HostedEpisode<H::Episode>,
+        fault: ServerFault,
+    ) -> Result<SlotReply, Failure> {
+        truncate(&mut hosted, EndReason::ServerFault);
+        self.conclude(hosted).await;
+        Err(fault.into())
+    }
+
+    /// Ends an episode after a failed step. Other episodes are not affected.
+    pub(super) async fn broken(
+        &mut self,
+        mut hosted: HostedEpisode<H::Episode>,
+        last: LastStep,
+        act: &v1::Act,
+        fault: ServerFault,
+    ) -> SlotReply {
+        self.report_fault(&hosted.handle, act.step, fault).await;
+        truncate(&mut hosted, EndReason::ServerFault);
+        let episode_end = Some(self.end_with(hosted, last).await);
+        SlotReply::Step(Box::new(v1::StepResponse { observation: None, episode_end }))
+    }
+
+    /// Ends an episode after a hanging step. It is lost with the hanging thread.
+    pub(super) async fn timed_out(
+        &mut self,
+        handle: &str,
+        ticket: u64,
+        last: LastStep,
+        act: &v1::Act,
+        fault: ServerFault,
+    ) -> SlotReply {
+        self.report_fault(handle, act.step, fault).await;
+        self.mark_lost(handle, ticket).await;
+        let end = self.end_frame(handle, last.observation.step, EndReason::ServerFault, None);
+        self.state = SlotContent::Finished(Box::new(FinishedEpisode { last, end: end.clone() }));
+        SlotReply::Step(Box::new(v1::StepResponse { observation: None, episode_end: Some(end) }))
+    }
+
+    async fn report_fault(&mut self, episode: &str, step: u32, fault: ServerFault) {
+        if let Audience::Stream(out) = &self.audience {
+            let subject = FaultSubject { slot: Some(self.id), episode, step };
+            let _ = out.send(Frame::Fault(Failure::from(fault).frame(subject, false))).await;
+        }
+    }
+
+    /// Reports a lost episode to the host, which restarts it.
+    pub(super) async fn mark_lost(&mut self, handle: &str, ticket: u64) {
+        let host = self.session.host.clone();
+        let run = self.session.run.clone();
+        let name = handle.to_owned();
+        if let Err(failure) = ask("lose", async move { host.lose(&run, &name, ticket).await }).await {
+            tracing::error!(why = failure.message(), "a hanging episode was not taken back");
+        }
+        self.count_end(EndReason::ServerFault);
+    }
+
+    /// Ends an open episode from outside and stores it.
+    pub(super) async fn store_open_episode(&mut self, reason: EndReason) -> Option<v1::EpisodeEnd> {
+        match std::mem::replace(&mut self.state, SlotContent::Idle) {
+            SlotContent::Playing(mut playing) => {
+                playing.stop_clock();
+                truncate(&mut playing.hosted, reason);
+                Some(self.end_with(playing.hosted, playing.last).await)
+            }
+            other => {
+                self.state = other;
+                None
+            }
+        }
+    }
+
+    /// Ends an open episode and reports the end to the client.
+    pub(super) async fn cut(&mut self, reason: EndReason) {
+        if let Some(end) = self.store_open_episode(reason).await {
+            self.deliver(FaultSubject::default(), Ok(SlotReply::Ended(Box::new(end)))).await;
+        }
+    }
+
+    pub(super) async fn end_with(
+        &mut self,
+        hosted: HostedEpisode<H::Episode>,
+        last: LastStep,
+    ) -> v1::EpisodeEnd {
+        let end = self.conclude(hosted).await;
+        self.state = SlotContent::Finished(Box::new(FinishedEpisode { last, end: end.clone() }));
+        end
+    }
+
+    /// Returns an episode to the host, which stores it.
+    async fn conclude(&mut self, hosted: HostedEpisode<H::Episode>) -> v1::EpisodeEnd {
+        let episode = hosted.handle.clone();
+        let step = hosted.episode.steps();
+        let reason = hosted.episode.end().unwrap_or(EndReason::ServerFault);
+        let host = self.session.host.clone();
+        let run = self.session.run.clone();
+        let stored = ask("conclude", async move { host.conclude(&run, hosted).await }).await;
+        let (reason, outcome) = match stored {
+            Ok(outcome) => (reason, outcome),
+            // An episode without a stored result must not count for the agent.
+            Err(failure) => {
+                tracing::error!(episode, why = failure.message(), "episode not stored");
+                (EndReason::ServerFault, None)
+            }
+        };
+        self.count_end(reason);
+        let metrics = outcome.map(|outcome| wire::public_metrics(outcome.metrics, 0));
+        self.end_frame(&episode, step, reason, metrics)
+    }
+
+    fn count_end(&self, reason: EndReason) {
+        self.session.progress.ended(reason);
+        if let Some(control) = self.session.host.control() {
+            control.ended(&self.session.run, self.id, reason);
+        }
+    }
+
+    fn end_frame(
+        &self,
+        episode: &str,
+        step: u32,
+        reason: EndReason,
+        metrics: Option<v1::PublicMetrics>,
+    ) -> v1::EpisodeEnd {
+        v1::EpisodeEnd {
+            slot: self.id,
+            episode: episode.to_owned(),
+            step,
+            reason: wire::end_reason(reason).into(),
+            terminated: reason.is_terminated(),
+            metrics,
+            progress: Some(self.session.progress.progress()),
+        }
+    }
+
+    /// Sends a reply to the stream, if one is attached.
+    pub(super) async fn deliver(&mut self, subject: FaultSubject<'_>, reply: Result<SlotReply, Failure>) {
+        let Audience::Stream(out) = &self.audience else { return };
+        for frame in frames(subject, reply) {
+            let starts_clock = matches!(frame, Frame::EpisodeStart(_) | Frame::Observation(_));
+            // A client that does not read is noticed by the stream itself.
+            let Ok(departure) = out.send(frame).await else { return };
+            if let SlotContent::Playing(playing) = &mut self.state
+                && starts_clock
+                && !playing.clock.runs()
+            {
+                playing.clock.sent(departure);
+            }
+        }
+    }
+
+    /// Sends missed frames to a new stream. Returns whether the agent's clock restarted because the last observation had not
+    /// arrived.
+    pub(super) async fn catch_up(&mut self, known: Option<v1::SlotPosition>, away: Duration) -> bool {
+        if !matches!(self.audience, Audience::Stream(_)) {
+            return false;
+        }
+        let missed = match (&self.state, &known) {
+            (SlotContent::Playing(playing), known) => {
+                let received = playing.received_by(known.as_ref());
+                return self.catch_up_playing(received, away).await;
+            }
+            (SlotContent::Finished(over), Some(known)) if known.episode == over.end.episode => {
+                Ok(over.missed(known))
+            }
+            (_, Some(known)) => self.earlier_end(known).await,
+            (_, None) => return false,
+        };
+        let known = known.unwrap_or_default();
+        let subject = FaultSubject { slot: Some(self.id), episode: &known.episode, step: known.step };
+        self.deliver(subject, missed).await;
+        false
+    }
+
+    async fn catch_up_playing(&mut self, received: Received, away: Duration) -> bool {
+        let SlotContent::Playing(playing) = &mut self.state else { return false };
+        // The clock of a received observation runs on: the agent could think while it was disconnected.
+        let arrived = received == Received::LastObservation && playing.clock.runs();
+        let frame = match received {
+            Received::Nothing => Frame::EpisodeStart(playing.start_frame(self.id, &self.session)),
+            _ => Frame::Observation(playing.last.observation.clone()),
+        };
+        let Audience::Stream(out) = &self.audience else { return false };
+        if let Ok(departure) = out.send(frame).await
+            && !arrived
+        {
+            playing.clock.sent(departure);
+        }
+        let step = playing.last.observation.step;
+        let restarted = !arrived && !away.is_zero();
+        if restarted && let Err(error) = playing.hosted.log.clock_restarted(step, away) {
+            tracing::error!(run = self.session.run, slot = self.id, %error, "a restarted clock was not recorded");
+        }
+        restarted
+    }
+
+    /// Returns an earlier episode's end.
+    async fn earlier_end(&mut self, known: &v1::SlotPosition) -> Result<SlotReply, Failure> {
+        let Some(end) = stored_end(&self.session.host, &self.session.run, known).await? else {
+            let message = "the episode is not of this run, or will be played again; send Ready";
+            return Err(Failure::new(Reason::EpisodeUnknown, message));
+        };
+        let progress = Some(self.session.progress.progress());
+        Ok(SlotReply::Ended(Box::new(v1::EpisodeEnd { progress, ..end })))
+    }
+}
+
+/// Returns an episode's end, if a result is stored.
+pub(crate) async fn stored_end<H: Host>(
+    host: &Arc<H>,
+    run: &str,
+    known: &v1::SlotPosition,
+) -> Result<Option<v1::EpisodeEnd>, Failure> {
+    let host = host.clone();
+    let run = run.to_owned();
+    let handle = known.episode.clone();
+    let stored = ask("look up an episode", async move { host.ended(&run, &handle).await }).await?;
+    Ok(stored.map(|end| v1::EpisodeEnd {
+        slot: known.slot,
+        episode: known.episode.clone(),
+        step: end.steps,
+        reason: wire::end_reason(end.reason).into(),
+        terminated: end.reason.is_terminated(),
+        metrics: end.outcome.map(|outcome| wire::public_metrics(outcome.metrics, 0)),
+        progress: None,
+    }))
+}
+
+/// Returns a reply's frames.
+fn frames(subject: FaultSubject<'_>, reply: Result<SlotReply, Failure>) -> Vec<Frame> {
+    match reply {
+        Ok(SlotReply::Start(start)) => vec![Frame::EpisodeStart(*start)],
+        Ok(SlotReply::NothingLeft) => vec![],
+        Ok(SlotReply::Ended(end)) => vec![Frame::EpisodeEnd(*end)],
+        Ok(SlotReply::Step(step)) => {
+            let observation = step.observation.map(Frame::Observation);
+            observation.into_iter().chain(step.episode_end.map(Frame::EpisodeEnd)).collect()
+        }
+        Err(failure) => vec![Frame::Fault(failure.frame(subject, true))],
+    }
+}

@@ -1,0 +1,238 @@
+//! Thread pool for simulation.
+
+use crate::{
+    episode::{Episode, HostedEpisode},
+    fair::FairQueue,
+    limits::Limits,
+    refusal::ServerFault,
+    watchdog::{CancelToken, Lost, Watchdog, panic_message, settle},
+};
+use avln_episode::EndReason;
+use std::{
+    panic::{AssertUnwindSafe, catch_unwind},
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
+    thread,
+    time::{Duration, Instant},
+};
+use tokio::sync::oneshot;
+use tracing::Span;
+
+/// A thread pool shared by all runs, scheduled fairly between teams. A thread that hangs is abandoned and replaced.
+///
+/// Clones share the threads, which end with the last clone.
+#[derive(Clone)]
+pub(crate) struct SimPool(Arc<PoolOwner>);
+
+/// Closes the pool when the last clone is dropped.
+struct PoolOwner(Arc<PoolState>);
+
+struct PoolState {
+    queue: Mutex<JobQueue>,
+    changed: Condvar,
+    watchdog: Watchdog,
+}
+
+#[derive(Default)]
+struct JobQueue {
+    jobs: FairQueue<Job>,
+    is_closed: bool,
+}
+
+struct Job {
+    limit: Duration,
+    token: Arc<CancelToken>,
+    body: Box<dyn FnOnce(&CancelToken) + Send>,
+}
+
+impl SimPool {
+    /// Starts `threads` threads, at least one.
+    pub(crate) fn new(threads: usize, watchdog: Watchdog) -> Self {
+        let state = Arc::new(PoolState { queue: Mutex::default(), changed: Condvar::new(), watchdog });
+        for _ in 0..threads.max(1) {
+            state.spawn_worker();
+        }
+        Self(Arc::new(PoolOwner(state)))
+    }
+
+    /// Runs a team's job in turn and waits for the result.
+    ///
+    /// # Errors
+    /// If the job panics, or does not commit within `limit` after the start.
+    pub(crate) async fn run<T: Send + 'static>(
+        &self,
+        team: &str,
+        limit: Duration,
+        work: impl FnOnce(&CancelToken) -> T + Send + 'static,
+    ) -> Result<T, Lost> {
+        let (done, result) = oneshot::channel();
+        let span = Span::current();
+        let body = move |token: &CancelToken| {
+            let worked = span.in_scope(|| catch_unwind(AssertUnwindSafe(|| work(token))));
+            if token.commit() {
+                let _ = done.send(worked.map_err(|panic| Lost::Panicked(panic_message(&*panic))));
+            }
+        };
+        let token = Arc::new(CancelToken::default());
+        let job = Job { limit, token: token.clone(), body: Box::new(body) };
+        let PoolOwner(state) = &*self.0;
+        state.queue().jobs.push(team, job);
+        state.changed.notify_one();
+        settle(limit, &token, result).await
+    }
+}
+
+impl PoolState {
+    fn queue(&self) -> MutexGuard<'_, JobQueue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn spawn_worker(self: &Arc<Self>) {
+        let state = self.clone();
+        let spawned = thread::Builder::new().name("avln-simulate".to_owned()).spawn(move || state.work());
+        if let Err(error) = spawned {
+            tracing::error!(%error, "cannot start a simulation thread");
+        }
+    }
+
+    /// Runs jobs until the pool closes or this thread is abandoned.
+    fn work(self: Arc<Self>) {
+        while let Some((team, Job { limit, token, body })) = self.next() {
+            let begun = Instant::now();
+            let state = self.clone();
+            let abandoned_team = team.clone();
+            let replace = move || {
+                state.queue().jobs.done(&abandoned_team, limit);
+                state.spawn_worker();
+            };
+            // An abandoned thread was already replaced: it must not take another job.
+            if !self.watchdog.watched(limit, &token, replace, || body(&token)) {
+                return;
+            }
+            self.queue().jobs.done(&team, begun.elapsed());
+        }
+    }
+
+    fn next(&self) -> Option<(String, Job)> {
+        let mut queue = self.queue();
+        loop {
+            if queue.is_closed {
+                return None;
+            }
+            match queue.jobs.take() {
+                Some(next) => return Some(next),
+                None => queue = self.changed.wait(queue).unwrap_or_else(PoisonError::into_inner),
+            }
+        }
+    }
+}
+
+impl Drop for PoolOwner {
+    fn drop(&mut self) {
+        self.0.queue().is_closed = true;
+        self.0.changed.notify_all();
+    }
+}
+
+/// A team's access to the pool.
+pub(crate) struct SimClient {
+    pool: SimPool,
+    team: String,
+    /// Limit of the first observation, which may have to prepare the scene.
+    pub(crate) longest_start: Duration,
+    pub(crate) longest_step: Duration,
+}
+
+impl SimClient {
+    pub(crate) fn new(pool: SimPool, team: &str, limits: &Limits) -> Self {
+        let team = team.to_owned();
+        Self { pool, team, longest_start: limits.preparation, longest_step: limits.step }
+    }
+
+    /// Runs simulator work on an episode. A panic is returned as a fault together with the episode.
+    ///
+    /// # Errors
+    /// If the work hangs. The episode is lost with it.
+    pub(crate) async fn run<E: Episode, T: Send + 'static>(
+        &self,
+        mut hosted: HostedEpisode<E>,
+        limit: Duration,
+        work: impl FnOnce(&mut HostedEpisode<E>, &CancelToken) -> T + Send + 'static,
+    ) -> Result<(HostedEpisode<E>, Result<T, ServerFault>), ServerFault> {
+        let queued = Instant::now();
+        let done = self.pool.run(&self.team, limit, move |token| {
+            let begun = Instant::now();
+            // Caught here and not in the pool, so that the episode survives: it must be stored as a server fault.
+            let result = catch_unwind(AssertUnwindSafe(|| work(&mut hosted, token)));
+            let result = result.map_err(|panic| ServerFault::simulator("simulate", panic_message(&*panic)));
+            hosted.time.queue += begun - queued;
+            hosted.time.simulation += begun.elapsed();
+            (hosted, result)
+        });
+        done.await.map_err(|lost| ServerFault::simulator("simulate", lost))
+    }
+}
+
+/// Ends an episode from outside.
+pub(crate) fn truncate<E: Episode>(hosted: &mut HostedEpisode<E>, reason: EndReason) {
+    // After an earlier panic the simulator may be in any state, and this call may panic too.
+    if let Err(panic) = catch_unwind(AssertUnwindSafe(|| hosted.episode.truncate(reason))) {
+        ServerFault::simulator("truncate", panic_message(&*panic));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc;
+
+    const SOON: Duration = Duration::from_millis(40);
+    const LONG: Duration = Duration::from_secs(60);
+
+    #[tokio::test]
+    async fn a_hanging_thread_costs_one_job() {
+        let watchdog = Watchdog::default();
+        let pool = SimPool::new(1, watchdog.clone());
+        let (release, wait) = mpsc::channel::<()>();
+        let lost = pool.run("red", SOON, move |token| wait.recv().is_ok() && token.commit()).await;
+        assert_eq!(lost, Err(Lost::Hangs(SOON)));
+        assert_eq!(watchdog.hanging(), 1);
+        assert_eq!(pool.run("red", LONG, |_| 7).await, Ok(7), "another thread replaced it");
+        let lost = pool.run("red", LONG, |_| panic!("the roof")).await;
+        assert_eq!(lost, Err::<(), _>(Lost::Panicked("the roof".to_owned())));
+        assert_eq!(pool.run("red", LONG, |_| 8).await, Ok(8), "a panic costs no thread");
+        release.send(()).unwrap();
+        for _ in 0..500 {
+            if watchdog.hanging() == 0 {
+                return;
+            }
+            thread::sleep(Duration::from_millis(10));
+        }
+        panic!("the released thread still counts as hanging");
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn teams_share_threads_fairly() {
+        let pool = SimPool::new(1, Watchdog::default());
+        let work = |_: &CancelToken| thread::sleep(Duration::from_millis(2));
+        let player = |team: &'static str| {
+            let pool = pool.clone();
+            tokio::spawn(async move {
+                let begun = Instant::now();
+                let mut steps = 0;
+                while begun.elapsed() < Duration::from_millis(800) {
+                    pool.run(team, LONG, work).await.unwrap();
+                    steps += 1;
+                }
+                steps
+            })
+        };
+        let modest = player("modest");
+        let greedy: Vec<_> = (0..16).map(|_| player("greedy")).collect();
+        let modest = modest.await.unwrap();
+        let mut all = 0;
+        for slot in greedy {
+            all += slot.await.unwrap();
+        }
+        assert!(modest * 3 >= all, "{modest} steps for one slot, {all} for sixteen");
+    }
+}

@@ -1,0 +1,212 @@
+//! Agents that behave: whole runs through the stream.
+
+use crate::common::{Agent, Plan, Quirk, RUN_TOKEN, TestServer, hello};
+use avln_episode::EndReason;
+use avln_proto::v1::{self, goal::Cue, play_request::Frame as Up};
+use std::sync::mpsc;
+
+const FORWARD: i32 = 1;
+const SUBMIT: i32 = 4;
+const STOP: i32 = 5;
+
+#[tokio::test]
+async fn a_whole_run_from_hello_to_run_end() {
+    let server = TestServer::open(Plan::plain(2)).await;
+    let mut agent = Agent::enter(&server, 1).await;
+    let task = agent.welcome.task.clone().unwrap();
+    assert_eq!((task.rules.as_str(), task.max_steps, agent.welcome.slots), ("lh-avln-v1", 10, 1));
+    assert_eq!((task.width, task.height), (64, 64));
+    assert_eq!(agent.welcome.time.unwrap().step_ms, 60_000);
+    assert_eq!(agent.welcome.time.unwrap().disconnect_s, 0, "a lost connection may not come back");
+
+    let start = agent.ready(0).await;
+    assert_eq!((start.ordinal, start.progress.unwrap().in_flight), (1, 1));
+    let cues: Vec<_> = start.mission.unwrap().goals.into_iter().map(|goal| goal.cue.unwrap()).collect();
+    assert_eq!(cues[0], Cue::Category("chair".into()));
+    assert_eq!(start.observation.unwrap().step, 0);
+
+    agent.act(0, &start.episode, 1, FORWARD).await;
+    let walked = agent.observation().await;
+    assert_eq!((walked.step, walked.remaining_steps, walked.terminated), (1, 9, false));
+    assert_eq!(walked.pose.unwrap().z_m, -0.25);
+    assert_eq!(walked.tensors.len(), agent.welcome.tensors.len());
+    for (tensor, spec) in walked.tensors.iter().zip(&agent.welcome.tensors) {
+        assert_eq!((tensor.id, &tensor.shape, tensor.dtype), (spec.id, &spec.shape, spec.dtype));
+        let numbers: u32 = spec.shape.iter().product();
+        let width = if spec.dtype() == v1::Dtype::U8 { 1 } else { 4 };
+        assert_eq!(tensor.data.len() as u32, numbers * width);
+    }
+
+    agent.act(0, &start.episode, 2, STOP).await;
+    let last = agent.observation().await;
+    assert!(last.terminated && !last.truncated);
+    assert_eq!(last.reason(), v1::EndReason::Stopped);
+    let end = agent.episode_end().await;
+    assert_eq!((end.step, end.reason(), end.terminated), (2, v1::EndReason::Stopped, true));
+    assert_eq!(end.metrics.unwrap().metrics[0].name, "isr");
+    assert_eq!(end.progress.unwrap().done, 1);
+
+    let second = agent.ready(0).await;
+    assert_eq!(second.ordinal, 2);
+    for step in 1..=10 {
+        agent.act(0, &second.episode, step, FORWARD).await;
+        assert_eq!(agent.observation().await.truncated, step == 10);
+    }
+    assert_eq!(agent.episode_end().await.reason(), v1::EndReason::StepLimit);
+
+    agent.send(Up::Ready(v1::Ready { slot: 0 })).await;
+    let end = agent.run_end().await;
+    assert!(end.complete && server.host.finished());
+    assert_eq!(end.metrics.unwrap().metrics[0].value, 0.5);
+    assert_eq!(agent.next().await.unwrap(), None, "the stream ends well");
+    assert_eq!(server.host.ends(2).await, [Some(EndReason::Stopped), Some(EndReason::StepLimit)]);
+}
+
+#[tokio::test]
+async fn two_slots_play_at_the_same_time() {
+    let server = TestServer::open(Plan::plain(2)).await;
+    let mut agent = Agent::enter(&server, 2).await;
+    let (left, right) = (agent.ready(0).await, agent.ready(1).await);
+    assert_ne!(left.episode, right.episode);
+    agent.act(0, &left.episode, 1, FORWARD).await;
+    agent.act(1, &right.episode, 1, STOP).await;
+    let mut seen = Vec::new();
+    for _ in 0..3 {
+        match agent.next().await.unwrap().unwrap() {
+            v1::play_response::Frame::Observation(o) => seen.push((o.slot, o.episode, o.terminated)),
+            v1::play_response::Frame::EpisodeEnd(end) => assert_eq!(end.episode, right.episode),
+            other => panic!("{other:?}"),
+        }
+    }
+    seen.sort();
+    assert_eq!(seen, [(0, left.episode.clone(), false), (1, right.episode, true)]);
+    agent.act(0, &left.episode, 2, STOP).await;
+    assert_eq!(agent.observation().await.step, 2);
+    assert_eq!(agent.episode_end().await.slot, 0);
+}
+
+#[tokio::test]
+async fn a_slow_slot_does_not_hold_up_another() {
+    let (word, words) = mpsc::channel();
+    let server = TestServer::open(Plan::odd(vec![Quirk::Slow(words), Quirk::None])).await;
+    let mut agent = Agent::enter(&server, 2).await;
+    let (slow, quick) = (agent.ready(0).await, agent.ready(1).await);
+    agent.act(0, &slow.episode, 1, FORWARD).await;
+    for step in 1..=5 {
+        agent.act(1, &quick.episode, step, FORWARD).await;
+        let observation = agent.observation().await;
+        assert_eq!((observation.slot, observation.step), (1, step));
+    }
+    word.send(()).unwrap();
+    assert_eq!(agent.observation().await.slot, 0);
+}
+
+#[tokio::test]
+async fn ready_waits_for_open_episodes() {
+    let server = TestServer::open(Plan::plain(1)).await;
+    let mut agent = Agent::enter(&server, 2).await;
+    let start = agent.ready(0).await;
+    agent.send(Up::Ready(v1::Ready { slot: 1 })).await;
+    agent.act(0, &start.episode, 1, FORWARD).await;
+    assert_eq!(agent.observation().await.step, 1, "no RunEnd while a slot plays");
+    agent.act(0, &start.episode, 2, STOP).await;
+    agent.observation().await;
+    agent.episode_end().await;
+    assert!(agent.run_end().await.complete);
+}
+
+#[tokio::test]
+async fn a_waiting_slot_gets_a_returned_episode() {
+    let server = TestServer::open(Plan::odd(vec![Quirk::Fragile])).await;
+    let mut agent = Agent::enter(&server, 2).await;
+    let fragile = agent.ready(0).await;
+    agent.send(Up::Ready(v1::Ready { slot: 1 })).await;
+    agent.act(0, &fragile.episode, 1, FORWARD).await;
+    agent.observation().await;
+    server.host.refill();
+    agent.act(0, &fragile.episode, 2, SUBMIT).await;
+    agent.fault().await;
+    assert_eq!(agent.episode_end().await.reason(), v1::EndReason::ServerFault);
+    let again = agent.episode_start().await;
+    assert_eq!(again.slot, 1);
+    agent.act(1, &again.episode, 1, STOP).await;
+    assert!(agent.observation().await.terminated);
+}
+
+#[tokio::test]
+async fn goodbye_gives_up_what_is_open() {
+    let server = TestServer::open(Plan::plain(3)).await;
+    let mut agent = Agent::enter(&server, 1).await;
+    let start = agent.ready(0).await;
+    agent.goodbye().await;
+    let end = agent.episode_end().await;
+    assert_eq!((end.episode.clone(), end.reason()), (start.episode, v1::EndReason::Abandoned));
+    assert!(!agent.run_end().await.complete);
+    assert_eq!(agent.next().await.unwrap(), None);
+    assert_eq!(server.host.ends(1).await, [Some(EndReason::Abandoned)]);
+}
+
+#[tokio::test]
+async fn abandoning_frees_the_slot() {
+    let server = TestServer::open(Plan::plain(2)).await;
+    let mut agent = Agent::enter(&server, 1).await;
+    let start = agent.ready(0).await;
+    let abandon = v1::Abandon { slot: 0, episode: start.episode.clone(), step: 0 };
+    agent.send(Up::Abandon(abandon.clone())).await;
+    assert_eq!(agent.episode_end().await.reason(), v1::EndReason::Abandoned);
+    agent.send(Up::Abandon(abandon)).await;
+    assert_eq!(agent.episode_end().await.episode, start.episode, "saying it twice changes nothing");
+    assert_ne!(agent.ready(0).await.episode, start.episode);
+    assert_eq!(server.host.concluded(1).await.len(), 1);
+}
+
+#[tokio::test]
+async fn a_phase_that_hides_metrics_sends_none() {
+    let server = TestServer::open(Plan { shows_metrics: false, ..Plan::plain(1) }).await;
+    let mut agent = Agent::enter(&server, 1).await;
+    let start = agent.ready(0).await;
+    agent.act(0, &start.episode, 1, STOP).await;
+    agent.observation().await;
+    assert_eq!(agent.episode_end().await.metrics, None);
+    agent.goodbye().await;
+    assert_eq!(agent.run_end().await.metrics, None);
+}
+
+/// Packed pictures decode to the raw values, and
+/// does not come.
+#[tokio::test]
+async fn packed_values_are_exact_and_only_requested_sensors_arrive() {
+    let server = TestServer::open(Plan::plain(1)).await;
+    let wish = |kind: v1::SensorKind, encodings: &[v1::Encoding]| v1::SensorWish {
+        kind: kind.into(),
+        encodings: encodings.iter().map(|&encoding| encoding.into()).collect(),
+    };
+    let mut hello = hello(1);
+    if let Some(sensors) = &mut hello.sensors {
+        sensors.wishes = vec![
+            wish(v1::SensorKind::Rgb, &[v1::Encoding::Packed, v1::Encoding::Raw]),
+            wish(v1::SensorKind::Depth, &[v1::Encoding::DepthU16MmPacked, v1::Encoding::Packed]),
+        ];
+    }
+    let mut agent = Agent::dial(&server, RUN_TOKEN, vec![Up::Hello(hello)]).await.unwrap();
+    let welcome = agent.welcomed().await;
+    let announced: Vec<_> = welcome.tensors.iter().map(|spec| (spec.kind(), spec.encoding())).collect();
+    let (rgb, depth) = (v1::SensorKind::Rgb, v1::SensorKind::Depth);
+    assert_eq!(announced, [(rgb, v1::Encoding::Packed), (depth, v1::Encoding::Packed)]);
+
+    let start = agent.ready(0).await;
+    agent.act(0, &start.episode, 1, FORWARD).await;
+    let seen = agent.observation().await;
+    let [rgb, depth] = &seen.tensors[..] else { panic!("{} tensors", seen.tensors.len()) };
+    let size = avln_proto::wire::Size { width: 64, height: 64 };
+    assert_eq!(
+        avln_proto::wire::rgb::decode(rgb.encoding(), size, rgb.data.clone()),
+        Ok(vec![1; 3 * 64 * 64])
+    );
+    let layout = avln_proto::wire::depth::Layout { size, unit_m: 1.0 };
+    assert_eq!(
+        avln_proto::wire::depth::decode(depth.encoding(), layout, &depth.data),
+        Ok(vec![1.0; 64 * 64])
+    );
+    assert!(rgb.data.len() < 2000 && depth.data.len() < 2000, "{} {}", rgb.data.len(), depth.data.len());
+}

@@ -1,0 +1,262 @@
+//! Accept loop: connection limits, TLS handshakes and orderly shutdown.
+
+use crate::{Listener, Stream};
+use std::{
+    collections::BTreeMap,
+    io,
+    net::{IpAddr, SocketAddr},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::Duration,
+};
+use tokio::{
+    net::TcpStream,
+    sync::{OwnedSemaphorePermit, Semaphore, watch},
+    task::JoinSet,
+    time::{Instant, sleep, sleep_until},
+};
+
+/// Accept loop limits.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AcceptLimits {
+    /// Open connections.
+    pub max_connections: usize,
+    /// Open connections per address.
+    pub max_connections_per_address: usize,
+    /// Whether new connections wait in the system's queue while all places are taken, instead of being closed.
+    pub waits_when_full: bool,
+    /// Time for a TLS handshake.
+    pub handshake: Duration,
+    /// Pause after a failed accept.
+    pub failure_pause: Duration,
+    /// Consecutive failed accepts before the loop ends; `None` if it never does.
+    pub max_failures: Option<u32>,
+}
+
+/// An accept loop.
+#[derive(Debug)]
+pub struct AcceptLoop {
+    listener: Listener,
+    limits: AcceptLimits,
+    limiter: Arc<ConnectionLimiter>,
+    connections: Connections,
+}
+
+/// Open connections.
+#[derive(Debug)]
+pub struct Connections {
+    closing: watch::Sender<bool>,
+    tasks: JoinSet<()>,
+}
+
+/// An accepted connection, after the handshake.
+#[derive(Debug)]
+pub struct Connection {
+    /// Byte stream.
+    pub stream: Stream,
+    /// Address of the peer.
+    pub peer: SocketAddr,
+    /// Start of the handshake.
+    pub opened: Instant,
+    /// Place in the limits.
+    pub place: Arc<Place>,
+    /// Signal that the server stops.
+    pub closing: Closing,
+}
+
+/// Signal that a connection should close.
+#[derive(Debug)]
+pub struct Closing(watch::Receiver<bool>);
+
+impl Closing {
+    /// Waits until the server stops.
+    pub async fn wait(&mut self) {
+        // A dropped sender means that the server has stopped.
+        let _ = self.0.wait_for(|closing| *closing).await;
+    }
+}
+
+impl AcceptLoop {
+    /// Creates a loop for [`AcceptLoop::run`].
+    pub fn new(listener: impl Into<Listener>, limits: AcceptLimits) -> Self {
+        let limiter = ConnectionLimiter::new(limits.max_connections, limits.max_connections_per_address);
+        let connections = Connections { closing: watch::Sender::new(false), tasks: JoinSet::new() };
+        Self { listener: listener.into(), limits, limiter, connections }
+    }
+
+    /// Accepts connections and spawns `handle` for each. Returns after too many failed accepts.
+    pub async fn run<F, T>(&mut self, handle: F) -> io::Error
+    where
+        F: Fn(Connection) -> T + Clone + Send + 'static,
+        T: Future<Output = ()> + Send + 'static,
+    {
+        let mut failures = 0;
+        loop {
+            let permit = if self.limits.waits_when_full { self.limiter.wait().await } else { None };
+            while self.connections.tasks.try_join_next().is_some() {}
+            match self.listener.accept().await {
+                Ok((tcp, peer)) => {
+                    failures = 0;
+                    match self.limiter.take(peer.ip(), permit) {
+                        Some(place) => self.spawn(tcp, peer, place, handle.clone()),
+                        // Closing at once is a clearer answer than a connection that never replies.
+                        None => tracing::warn!(%peer, "connection refused: all places are taken"),
+                    }
+                }
+                Err(error) if self.limits.max_failures.is_none_or(|limit| failures < limit) => {
+                    failures += 1;
+                    tracing::warn!(%error, "cannot accept a connection");
+                    // Without file descriptors every accept fails at once: a loop without a pause would burn a core.
+                    sleep(self.limits.failure_pause).await;
+                }
+                Err(error) => return error,
+            }
+        }
+    }
+
+    fn spawn<F, T>(&mut self, tcp: TcpStream, peer: SocketAddr, place: Place, handle: F)
+    where
+        F: Fn(Connection) -> T + Send + 'static,
+        T: Future<Output = ()> + Send + 'static,
+    {
+        let handshaker = self.listener.handshaker();
+        let limit = self.limits.handshake;
+        let closing = Closing(self.connections.closing.subscribe());
+        self.connections.tasks.spawn(async move {
+            // Without it small frames wait for acknowledgements. A socket that refuses the option still works.
+            let _ = tcp.set_nodelay(true);
+            if let Some(until) = place.delayed_until() {
+                sleep_until(until).await;
+            }
+            let opened = Instant::now();
+            match handshaker.handshake(tcp, limit).await {
+                Ok(stream) => {
+                    // Kept here as well: a handler that moves only the stream out of the connection must not free the place.
+                    let kept = Arc::new(place);
+                    let place = kept.clone();
+                    handle(Connection { stream, peer, opened, place, closing }).await;
+                    drop(kept);
+                }
+                Err(refused) => tracing::debug!(%peer, %refused, "connection closed"),
+            }
+        });
+    }
+
+    /// Closes the listener. Open connections continue.
+    pub fn stop_listening(self) -> Connections {
+        self.connections
+    }
+}
+
+impl Connections {
+    /// Asks all connections to close and waits for their end.
+    pub async fn close(mut self) {
+        self.closing.send_replace(true);
+        while self.tasks.join_next().await.is_some() {}
+    }
+}
+
+/// Connection counts, in total and per address.
+#[derive(Debug)]
+struct ConnectionLimiter {
+    total: Arc<Semaphore>,
+    by_address: Mutex<BTreeMap<IpAddr, usize>>,
+    limit_per_address: usize,
+    /// Ends of penalties by address.
+    delayed: Mutex<BTreeMap<IpAddr, Instant>>,
+}
+
+/// An open connection's place, until it is dropped.
+#[derive(Debug)]
+pub struct Place {
+    limiter: Arc<ConnectionLimiter>,
+    address: IpAddr,
+    _permit: OwnedSemaphorePermit,
+}
+
+impl ConnectionLimiter {
+    fn new(limit: usize, limit_per_address: usize) -> Arc<Self> {
+        let total = Arc::new(Semaphore::new(limit.min(Semaphore::MAX_PERMITS)));
+        Arc::new(Self { total, by_address: Mutex::default(), limit_per_address, delayed: Mutex::default() })
+    }
+
+    /// Waits for a place.
+    async fn wait(&self) -> Option<OwnedSemaphorePermit> {
+        self.total.clone().acquire_owned().await.ok()
+    }
+
+    /// Takes a place for a connection from `address`; `None` if a limit is reached.
+    fn take(self: &Arc<Self>, address: IpAddr, permit: Option<OwnedSemaphorePermit>) -> Option<Place> {
+        let permit = permit.or_else(|| self.total.clone().try_acquire_owned().ok())?;
+        let mut by_address = self.by_address();
+        let here = by_address.get(&address).copied().unwrap_or(0);
+        if here >= self.limit_per_address {
+            return None;
+        }
+        by_address.insert(address, here + 1);
+        Some(Place { limiter: self.clone(), address, _permit: permit })
+    }
+
+    fn by_address(&self) -> MutexGuard<'_, BTreeMap<IpAddr, usize>> {
+        self.by_address.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn delayed(&self) -> MutexGuard<'_, BTreeMap<IpAddr, Instant>> {
+        self.delayed.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Place {
+    /// Delays new connections from this address.
+    pub fn delay_others(&self, until: Instant) {
+        self.limiter.delayed().insert(self.address, until);
+    }
+
+    /// Returns the end of this connection's delay.
+    fn delayed_until(&self) -> Option<Instant> {
+        let mut delayed = self.limiter.delayed();
+        delayed.retain(|_, until| *until > Instant::now());
+        delayed.get(&self.address).copied()
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let mut by_address = self.limiter.by_address();
+        match by_address.get_mut(&self.address) {
+            Some(count) if *count > 1 => *count -= 1,
+            _ => drop(by_address.remove(&self.address)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_limited_in_total_and_per_address() {
+        let limiter = ConnectionLimiter::new(3, 2);
+        let address = |last| IpAddr::from([127, 0, 0, last]);
+        let first = limiter.take(address(1), None).unwrap();
+        let _second = limiter.take(address(1), None).unwrap();
+        assert!(limiter.take(address(1), None).is_none(), "two per address");
+        let _third = limiter.take(address(2), None).unwrap();
+        assert!(limiter.take(address(3), None).is_none(), "three in total");
+        drop(first);
+        assert!(limiter.take(address(3), None).is_some());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_penalty_delays_only_its_address() {
+        let limiter = ConnectionLimiter::new(9, 9);
+        let [first, second] = [1, 2].map(|last| IpAddr::from([127, 0, 0, last]));
+        let place = limiter.take(first, None).unwrap();
+        assert_eq!(place.delayed_until(), None);
+        let until = Instant::now() + Duration::from_secs(1);
+        place.delay_others(until);
+        assert_eq!(limiter.take(first, None).unwrap().delayed_until(), Some(until));
+        assert_eq!(limiter.take(second, None).unwrap().delayed_until(), None);
+        tokio::time::advance(Duration::from_secs(1)).await;
+        assert_eq!(limiter.take(first, None).unwrap().delayed_until(), None);
+    }
+}

@@ -1,0 +1,287 @@
+//! Instances by node name: `KitchenTable_01_002` is a kitchen table.
+
+use crate::extras;
+use crate::extras::NodeExtras;
+use crate::files::Checked;
+use avln_geom::{Aabb, Point3};
+use avln_scene::categories::mpcat40;
+use avln_scene::describe::{Surfaces, is_structure};
+use avln_scene::{InstanceId, Lighting, Material, Mesh, Object, Scene, Texture};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Greatest distance between an instance's pieces.
+const PIECE_GAP_M: f32 = 0.05;
+
+/// A file's surfaces with named nodes, before instances are formed.
+pub(crate) struct Model {
+    /// All instances are [`InstanceId::NONE`](avln_scene::InstanceId::NONE).
+    pub(crate) mesh: Mesh,
+    pub(crate) materials: Vec<Material>,
+    pub(crate) textures: Vec<Texture>,
+    /// Index into `nodes` per triangle.
+    pub(crate) node_of: Vec<u32>,
+    /// Nodes, parents before children.
+    pub(crate) nodes: Vec<ModelNode>,
+    pub(crate) scene_extras: serde_json::Value,
+}
+
+impl Model {
+    /// Creates a model from named parts; `part_of` is the index into `names` per triangle.
+    pub(crate) fn from_named_parts(
+        mesh: Mesh,
+        materials: Vec<Material>,
+        textures: Vec<Texture>,
+        part_of: Vec<u32>,
+        names: Vec<String>,
+    ) -> Self {
+        let node = |name| ModelNode { name, parent: None, extras: None };
+        let nodes = names.into_iter().map(node).collect();
+        Self { mesh, materials, textures, node_of: part_of, nodes, scene_extras: serde_json::Value::Null }
+    }
+}
+
+/// A node in the default scene.
+pub(crate) struct ModelNode {
+    pub(crate) name: String,
+    /// Index into [`Model::nodes`].
+    pub(crate) parent: Option<usize>,
+    pub(crate) extras: Option<NodeExtras>,
+}
+
+/// Role for the surfaces in a node and below.
+#[derive(Clone, Copy)]
+enum NodeClaim<'a> {
+    /// An instance.
+    Instance(InstanceIdentity<'a>),
+    /// Structure, without an instance.
+    Structure,
+}
+
+/// An instance's identity.
+#[derive(Clone, Copy)]
+enum InstanceIdentity<'a> {
+    /// Extras in an exported scene.
+    Marked(&'a NodeExtras),
+    /// The category in the node's name.
+    Named(&'static str),
+}
+
+/// An instance and the triangles.
+struct FoundInstance<'a> {
+    identity: InstanceIdentity<'a>,
+    name: &'a str,
+    triangles: Vec<u32>,
+    bounds: Aabb,
+}
+
+/// Converts a model to a scene: finds and numbers the instances, and describes those without a description.
+pub(crate) fn scene_of_named_model(name: String, model: Model) -> Checked<Scene> {
+    let Model { mut mesh, materials, textures, node_of, nodes, scene_extras } = model;
+    let regions = extras::read_regions(&scene_extras)?;
+    let found = merged(found(&mesh, &node_of, &nodes));
+    let ids = numbers(&found)?;
+    let surfaces = Surfaces { mesh: &mesh, materials: &materials, textures: &textures };
+    let numbered = found.iter().zip(&ids);
+    let mut objects: Vec<Object> =
+        numbered.map(|(instance, &id)| object(instance, id, &surfaces, regions.len())).collect();
+    objects.sort_by_key(|object| object.id);
+    for (instance, &id) in found.iter().zip(&ids) {
+        instance.triangles.iter().for_each(|&triangle| mesh.instance_of[triangle as usize] = id);
+    }
+    Ok(Scene { name, mesh, materials, textures, regions, objects, lighting: Lighting::Painted })
+}
+
+/// Instances in node order.
+fn found<'a>(mesh: &Mesh, node_of: &[u32], nodes: &'a [ModelNode]) -> Vec<FoundInstance<'a>> {
+    let claims: Vec<Option<NodeClaim<'a>>> = nodes.iter().map(claim).collect();
+    let owners = owners(nodes, &claims);
+    let mut triangles_of: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
+    for (triangle, &node) in node_of.iter().enumerate() {
+        if let Some(owner) = owners[node as usize] {
+            triangles_of.entry(owner).or_default().push(triangle as u32);
+        }
+    }
+    let instance = |(node, claim): (usize, Option<NodeClaim<'a>>)| {
+        let Some(NodeClaim::Instance(identity)) = claim else { return None };
+        let triangles = triangles_of.remove(&node).unwrap_or_default();
+        let bounds = Aabb::around(&corners(mesh, &triangles)).or_else(|| stored_bounds(identity))?;
+        Some(FoundInstance { identity, name: &nodes[node].name, triangles, bounds })
+    };
+    claims.into_iter().enumerate().filter_map(instance).collect()
+}
+
+fn corners(mesh: &Mesh, triangles: &[u32]) -> Vec<Point3<f32>> {
+    let corners = triangles.iter().flat_map(|&triangle| mesh.triangles[triangle as usize]);
+    corners.map(|corner| mesh.positions[corner as usize]).collect()
+}
+
+fn stored_bounds(identity: InstanceIdentity<'_>) -> Option<Aabb> {
+    match identity {
+        InstanceIdentity::Marked(extras) => extras.bounds(),
+        InstanceIdentity::Named(_) => None,
+    }
+}
+
+fn claim(node: &ModelNode) -> Option<NodeClaim<'_>> {
+    match &node.extras {
+        Some(extras) if extras.instance == InstanceId::NONE.0 => Some(NodeClaim::Structure),
+        Some(extras) => Some(NodeClaim::Instance(InstanceIdentity::Marked(extras))),
+        None => category_of_name(&node.name).map(|category| {
+            if is_structure(category) {
+                NodeClaim::Structure
+            } else {
+                NodeClaim::Instance(InstanceIdentity::Named(category))
+            }
+        }),
+    }
+}
+
+/// The nearest node with a claim per node: the node itself, or an ancestor.
+fn owners(nodes: &[ModelNode], claims: &[Option<NodeClaim<'_>>]) -> Vec<Option<usize>> {
+    // Parents are before children, so that a single pass finds the owner of every ancestor first.
+    let mut owners: Vec<Option<usize>> = Vec::with_capacity(nodes.len());
+    for (index, node) in nodes.iter().enumerate() {
+        let inherited = || node.parent.and_then(|parent| owners[parent]);
+        let owner = if claims[index].is_some() { Some(index) } else { inherited() };
+        owners.push(owner);
+    }
+    owners
+}
+
+/// Joins touching pieces that an exporter has numbered.
+fn merged(found: Vec<FoundInstance<'_>>) -> Vec<FoundInstance<'_>> {
+    let mut whole_instances: Vec<FoundInstance<'_>> = Vec::new();
+    let mut known: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+    for piece in found {
+        let whole =
+            whole_of_piece(piece.name).filter(|_| matches!(piece.identity, InstanceIdentity::Named(_)));
+        let Some(whole) = whole else {
+            whole_instances.push(piece);
+            continue;
+        };
+        let candidates = known.entry(whole).or_default();
+        let reach = piece.bounds.grown(PIECE_GAP_M);
+        match candidates.iter().find(|&&index| whole_instances[index].bounds.intersects(&reach)) {
+            Some(&index) => {
+                let instance = &mut whole_instances[index];
+                instance.triangles.extend(piece.triangles);
+                instance.bounds = instance.bounds.union(&piece.bounds);
+            }
+            None => {
+                candidates.push(whole_instances.len());
+                whole_instances.push(piece);
+            }
+        }
+    }
+    whole_instances
+}
+
+/// Numbers per instance: the number in the extras if it is free, or the next free number.
+fn numbers(found: &[FoundInstance<'_>]) -> Checked<Vec<InstanceId>> {
+    let mut taken = BTreeSet::new();
+    let own: Vec<Option<u32>> = found
+        .iter()
+        .map(|instance| match instance.identity {
+            // Own numbers are reserved first: free numbers must not take the number of a later instance.
+            InstanceIdentity::Marked(extras) if taken.insert(extras.instance) => Some(extras.instance),
+            _ => None,
+        })
+        .collect();
+    let mut free = (1..=InstanceId::MAX).filter(|number| !taken.contains(number));
+    let number = |own: Option<u32>| own.or_else(|| free.next()).map(InstanceId);
+    let numbers: Option<Vec<InstanceId>> = own.into_iter().map(number).collect();
+    numbers.ok_or_else(|| format!("it has more than {} instances; merge some of them", InstanceId::MAX))
+}
+
+fn object(instance: &FoundInstance<'_>, id: InstanceId, surfaces: &Surfaces<'_>, regions: usize) -> Object {
+    let bounds = instance.bounds;
+    match instance.identity {
+        InstanceIdentity::Marked(extras) => Object {
+            id,
+            category: extras.category.clone(),
+            bounds,
+            region: extras.region.filter(|&region| usize::from(region) < regions),
+            attributes: extras.attributes(),
+        },
+        InstanceIdentity::Named(category) => {
+            let attributes = surfaces.attributes(&instance.triangles, &bounds);
+            Object { id, category: category.to_owned(), bounds, region: None, attributes }
+        }
+    }
+}
+
+/// Returns the mpcat40 category in a node's name; numbers and a variant letter at the end are ignored.
+pub(crate) fn category_of_name(name: &str) -> Option<&'static str> {
+    let phrase = phrase(name);
+    if phrase.is_empty() {
+        return None;
+    }
+    mpcat40(&phrase).or_else(|| {
+        let (rest, variant) = phrase.rsplit_once(' ')?;
+        if variant.chars().count() == 1 { mpcat40(rest) } else { None }
+    })
+}
+
+/// The whole's name for a numbered piece: `Bed_01_001_2` belongs to `Bed_01_001`, in files by exporters with a node per material.
+/// `chair_2` is no piece.
+pub(crate) fn whole_of_piece(name: &str) -> Option<&str> {
+    let whole = without_number(name)?;
+    without_number(whole).map(|_| whole)
+}
+
+fn without_number(name: &str) -> Option<&str> {
+    let (rest, number) = name.rsplit_once(['_', '.'])?;
+    let is_number = !number.is_empty() && number.bytes().all(|digit| digit.is_ascii_digit());
+    is_number.then_some(rest)
+}
+
+/// `KitchenTable_01.002` as `kitchen table`, `TVCabinet` as `tv cabinet`.
+fn phrase(name: &str) -> String {
+    let trimmed = name.trim_end_matches(|letter: char| letter.is_ascii_digit() || "_-. ".contains(letter));
+    let letters: Vec<char> = trimmed.chars().collect();
+    let mut phrase = String::new();
+    for (index, &letter) in letters.iter().enumerate() {
+        let before = index.checked_sub(1).map_or(' ', |before| letters[before]);
+        let is_followed_by_small = letters.get(index + 1).is_some_and(|next| next.is_lowercase());
+        let ends_acronym = before.is_uppercase() && is_followed_by_small;
+        if letter.is_uppercase() && (before.is_lowercase() || before.is_ascii_digit() || ends_acronym) {
+            phrase.push(' ');
+        }
+        let shown = if "_-.".contains(letter) { ' ' } else { letter };
+        phrase.extend(shown.to_lowercase());
+    }
+    phrase.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_common_exporters_have_categories() {
+        for (name, expected) in [
+            ("chair_3", Some("chair")),
+            ("KitchenTable_01_001_26", Some("table")),
+            ("SofaC_01_001_89", Some("sofa")),
+            ("bed.002", Some("bed")),
+            ("TVCabinet_01_001", Some("cabinet")),
+            ("TV_01_001", Some("tv_monitor")),
+            ("CookingBench_01_001_3", Some("counter")),
+            ("AirconditionerA_01_001", Some("appliances")),
+            ("HouseWallB_01_001_36", Some("wall")),
+            ("mesh2057757694", None),
+            ("", None),
+            ("_01", None),
+        ] {
+            assert_eq!(category_of_name(name), expected, "{name}");
+        }
+    }
+
+    #[test]
+    fn only_doubly_numbered_names_are_pieces() {
+        assert_eq!(whole_of_piece("Bed_01_001_2"), Some("Bed_01_001"));
+        assert_eq!(whole_of_piece("PortraitA_01_44"), Some("PortraitA_01"));
+        assert_eq!(whole_of_piece("chair_2"), None);
+        assert_eq!(whole_of_piece("chair"), None);
+    }
+}
