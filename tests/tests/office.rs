@@ -1,6 +1,6 @@
 //! Signing in at the people's door of a real server: what a team does to what is its own, and what the organiser does to all.
 
-use avln_client::{Action, Arena, EndReason, Error, Order, Reason, RunOptions, Sensors};
+use avln_client::{Action, Client, EndReason, Error, Order, Reason, RunOptions, Sensors};
 use avln_store::AuditLine;
 use avln_tests::{
     House, PHASE, Plan, TEAM, http,
@@ -26,7 +26,7 @@ async fn audit(house: &House) -> Vec<AuditLine> {
 }
 
 async fn start(house: &House) -> Result<String, Error> {
-    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     Ok(arena.start_run(RunOptions::new(PHASE, "walker").order(Order::Unordered)).await?.id)
 }
 
@@ -37,7 +37,7 @@ async fn a_team_makes_and_takes_back_tokens_and_cancels_its_runs() {
     let page =
         team.act("/me", &[("action", "issue"), ("name", "laptop"), ("kind", "read_only"), ("days", "2")]).await;
     let token = shown_token(&page);
-    let looking = Arena::connect(house.agents_url(), &token).await.expect("the door is open");
+    let looking = Client::connect(house.agents_url(), &token).await.expect("the door is open");
     let account = looking.whoami().await.expect("an account");
     assert_eq!((account.team.as_str(), account.token_name.as_str()), (TEAM, "laptop"));
     let refused = looking.start_run(RunOptions::new(PHASE, "walker")).await.expect_err("it is for looking");
@@ -73,7 +73,7 @@ async fn a_team_makes_and_takes_back_tokens_and_cancels_its_runs() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_run_that_is_cancelled_on_a_page_is_over_for_the_agent_that_plays_it() {
     let house = House::open(&Plan { houses: 1, missions: 2, ..Plan::default() }).await;
-    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, "walker")).await.expect("a run");
     let blind = Sensors { rgb: false, depth: false, audio: false, width: 64, height: 64, hfov_rad: 1.57 };
     let mut episodes = arena.play(&run, blind).await.expect("a stream").episodes();

@@ -1,6 +1,6 @@
 //! The split that the ladder plays, and the server that hosts it.
 
-use super::{board::Board, results::Key};
+use super::{live_episodes::LiveEpisodes, results::EpisodeKey};
 use crate::dataset::build::Builder;
 use avln_arena::setup::admit;
 use avln_arena::{
@@ -8,7 +8,7 @@ use avln_arena::{
     data::DataFolder,
     dataset::{DatasetFiles, SplitFolder},
     now_unix_ms, register,
-    servers::{Addresses, RunningServers, Servers},
+    servers::RunningServers,
 };
 use avln_dataset::{Recipe, SceneChoice};
 use avln_episode::{Order, Rules, Sounds};
@@ -24,7 +24,7 @@ const TEAM: &str = "ladder";
 
 /// Which split is played, and how large it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Size {
+pub struct SuiteSize {
     /// Houses.
     pub houses: u32,
     /// Missions in each.
@@ -33,14 +33,14 @@ pub struct Size {
     pub practice: bool,
 }
 
-impl Default for Size {
+impl Default for SuiteSize {
     /// 200 missions in 25 houses, furnished from the pool for validation.
     fn default() -> Self {
         Self { houses: 25, missions: 8, practice: false }
     }
 }
 
-impl Size {
+impl SuiteSize {
     /// Name of the split in the recipe.
     fn split(self) -> &'static str {
         if self.practice { "train" } else { "val" }
@@ -48,21 +48,21 @@ impl Size {
 }
 
 /// The folder in which a ladder is played; nobody else plays there meanwhile.
-pub(super) struct Ground {
+pub(super) struct SuiteFolder {
     folder: PathBuf,
     data: DataFolder,
-    size: Size,
+    size: SuiteSize,
     pub(super) split: Arc<SplitFolder>,
     pub(super) rules: Rules,
     _lock: File,
 }
 
 /// An open server over it.
-pub(super) struct Hosted {
+pub(super) struct HostedSuite {
     pub(super) store: Store,
-    pub(super) doors: RunningServers,
+    pub(super) servers: RunningServers,
     pub(super) token: String,
-    pub(super) board: Arc<Board>,
+    pub(super) live: Arc<LiveEpisodes>,
 }
 
 /// One agent's missions in one order: a phase of their own.
@@ -71,9 +71,9 @@ pub(super) struct Batch {
     pub(super) episodes: Vec<PhaseEpisode>,
 }
 
-impl Ground {
+impl SuiteFolder {
     /// Takes the folder, and builds the split in it unless it is there.
-    pub(super) fn open(folder: &Path, size: Size) -> Result<Self, Failure> {
+    pub(super) fn open(folder: &Path, size: SuiteSize) -> Result<Self, Failure> {
         let cannot = |error: std::io::Error| {
             Failure::new(FailureKind::Data, format!("cannot use {}: {error}", folder.display()))
         };
@@ -108,8 +108,8 @@ impl Ground {
     }
 
     /// What tells an episode of this build on this split.
-    pub(super) fn key(&self, agent: &str, order: Order, episode: &str, seed: u64) -> Key {
-        Key {
+    pub(super) fn key(&self, agent: &str, order: Order, episode: &str, seed: u64) -> EpisodeKey {
+        EpisodeKey {
             agent: agent.to_owned(),
             order: order.as_str().to_owned(),
             episode: episode.to_owned(),
@@ -121,7 +121,7 @@ impl Ground {
     }
 
     /// Opens a server with a phase for each batch. Its database begins empty: what was played stands in the results.
-    pub(super) async fn host(&self, batches: &[Batch]) -> Result<Hosted, Failure> {
+    pub(super) async fn host(&self, batches: &[Batch]) -> Result<HostedSuite, Failure> {
         self.forget_runs()?;
         let name = self.data.link_split(&self.folder.join("dataset"), self.size.split())?;
         let store = self.data.store().await?;
@@ -132,13 +132,12 @@ impl Ground {
         let notes = vec![AuditNote::default(); phases.len()];
         store.change_phases(&phases, &notes, now_unix_ms()).await?;
         let token = admit(&store, TEAM, Some(Reference::Baseline)).await?;
-        let board = Arc::new(Board::default());
-        let watching = board.clone();
+        let live = Arc::new(LiveEpisodes::default());
+        let watching = live.clone();
         let arena = Arena::open(&self.data, store.clone(), SCENE_MEMORY_MIB).await?;
         let arena = arena.watched(move |handle, referee| watching.note(handle, referee));
-        let doors = Servers::bind(&Addresses::LOCAL).await?;
-        let doors = doors.open(Arc::new(arena), store.reader())?;
-        Ok(Hosted { store, doors, token, board })
+        let servers = RunningServers::local_for(arena, &store).await?;
+        Ok(HostedSuite { store, servers, token, live })
     }
 
     fn forget_runs(&self) -> Result<(), Failure> {
@@ -158,7 +157,7 @@ pub(super) fn results_path(folder: &Path) -> PathBuf {
     folder.join("results.jsonl")
 }
 
-fn build_split(folder: &Path, data: &DataFolder, size: Size) -> Result<SplitFolder, Failure> {
+fn build_split(folder: &Path, data: &DataFolder, size: SuiteSize) -> Result<SplitFolder, Failure> {
     let mut recipe = Recipe::from_json(RECIPE)?;
     let name = size.split();
     recipe.splits.retain(|split| split.name == name);

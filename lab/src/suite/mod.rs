@@ -4,23 +4,23 @@
 //! agents' door like everyone else. Those that are marked *privileged* are told more than that by hints that never leave the
 //! process.
 
-mod board;
 mod causes;
 mod host;
+mod live_episodes;
 mod oracle;
+mod oracle_runs;
 mod play;
 mod report;
 mod results;
-mod rung;
-mod standard;
 mod traced;
+mod variant;
 pub mod walk;
 
 pub use causes::Cause;
-pub use host::Size;
+pub use host::SuiteSize;
 pub use oracle::Oracle;
-pub use play::{Plan, run};
-pub use report::{Report, report};
-pub use results::{Key, Line, Results};
-pub use rung::Rung;
-pub use standard::play_oracle;
+pub use oracle_runs::play_oracle;
+pub use play::{SuiteOptions, run};
+pub use report::{SuiteReport, report};
+pub use results::{EpisodeKey, ResultLine, Results};
+pub use variant::AgentVariant;

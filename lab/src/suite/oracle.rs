@@ -1,5 +1,5 @@
 use super::{
-    board::{Board, Glimpse, TrueHints},
+    live_episodes::{EpisodeState, LiveEpisodes, TrueHints},
     walk::{PASSED_M, Walker, distance_m},
 };
 use avln_client::{Action, Agent, Mission, Observation, Pose, TaskSpec};
@@ -21,28 +21,28 @@ pub(super) struct ShortestPath {
 
 /// The same beside a referee, without a server between them: it plays one episode.
 pub struct Oracle {
-    board: Arc<Board>,
+    live: Arc<LiveEpisodes>,
     agent: ShortestPath,
     has_begun: bool,
 }
 
 impl Oracle {
-    /// Its name in files: that of the rung.
+    /// Its name in files: that of the variant.
     pub const NAME: &str = "shortest-path";
-    /// What its only episode is called between board and hints.
+    /// What its only episode is called between live and hints.
     const HANDLE: &str = "episode";
 
     /// An oracle for the episode of this truth.
     pub fn new(truth: EpisodeTruth, rules: &Rules) -> Self {
-        let board = Arc::new(Board::default());
-        let hints = TrueHints::new(board.clone(), rules.clone());
+        let live = Arc::new(LiveEpisodes::default());
+        let hints = TrueHints::new(live.clone(), rules.clone());
         hints.follow(Self::HANDLE, truth);
-        Self { board, agent: ShortestPath::new(Arc::new(hints)), has_begun: false }
+        Self { live, agent: ShortestPath::new(Arc::new(hints)), has_begun: false }
     }
 
     /// What to do where the referee's body stands.
     pub fn choose(&mut self, referee: &Referee) -> avln_episode::Action {
-        self.board.note(Self::HANDLE, referee);
+        self.live.note(Self::HANDLE, referee);
         if !self.has_begun {
             self.agent.begin(&TaskSpec::default(), &Mission::default());
             self.has_begun = true;
@@ -70,7 +70,7 @@ impl ShortestPath {
     }
 
     /// The next action towards the goal that the tour visits next.
-    fn walk(&mut self, truth: &EpisodeTruth, now: &Glimpse, seen: &Observation) -> Action {
+    fn walk(&mut self, truth: &EpisodeTruth, now: &EpisodeState, seen: &Observation) -> Action {
         let Some(goal) = visits(truth).into_iter().find(|&goal| now.is_open[goal]) else {
             return Action::Stop;
         };
@@ -120,7 +120,7 @@ impl Agent for ShortestPath {
     }
 }
 
-fn is_in_region(target: &Target, now: &Glimpse, rules: &Rules) -> bool {
+fn is_in_region(target: &Target, now: &EpisodeState, rules: &Rules) -> bool {
     let sees =
         |eye: &Point3<f32>, half_view_rad| now.assets.sees(eye, InstanceId(target.instance), half_view_rad);
     target.distance_within_region(&now.pose.position, rules, sees).is_some()

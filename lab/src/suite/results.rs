@@ -12,8 +12,8 @@ use std::{
 
 /// What tells one played episode from all others.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub struct Key {
-    /// The agent, by [`Rung::name`](super::Rung::name).
+pub struct EpisodeKey {
+    /// The agent, by [`AgentVariant::name`](super::AgentVariant::name).
     pub agent: String,
     /// `ordered` or `unordered`.
     pub order: String,
@@ -31,9 +31,9 @@ pub struct Key {
 
 /// A played episode.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Line {
+pub struct ResultLine {
     /// Which.
-    pub key: Key,
+    pub key: EpisodeKey,
     /// Name of its scene.
     pub scene: String,
     /// How each goal was described.
@@ -50,7 +50,7 @@ pub struct Line {
     pub wall_s: f64,
 }
 
-impl Line {
+impl ResultLine {
     /// How goals counted.
     pub fn order(&self) -> Order {
         self.key.order.parse().unwrap_or(Order::Ordered)
@@ -62,7 +62,7 @@ pub struct Results {
     path: PathBuf,
     file: File,
     /// By key; an episode that was played again counts as it was played last.
-    lines: BTreeMap<Key, Line>,
+    lines: BTreeMap<EpisodeKey, ResultLine>,
 }
 
 impl Results {
@@ -87,7 +87,7 @@ impl Results {
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn add(&mut self, line: Line) -> Result<(), Failure> {
+    pub fn add(&mut self, line: ResultLine) -> Result<(), Failure> {
         let json =
             serde_json::to_string(&line).map_err(|error| Failure::new(FailureKind::Internal, error))?;
         self.file.write_all((json + "\n").as_bytes()).map_err(|error| {
@@ -98,12 +98,12 @@ impl Results {
     }
 
     /// Whether an episode was played.
-    pub fn has(&self, key: &Key) -> bool {
+    pub fn has(&self, key: &EpisodeKey) -> bool {
         self.lines.contains_key(key)
     }
 
     /// All episodes, by agent, order and id.
-    pub fn lines(&self) -> impl Iterator<Item = &Line> {
+    pub fn lines(&self) -> impl Iterator<Item = &ResultLine> {
         self.lines.values()
     }
 }
@@ -112,7 +112,7 @@ impl Results {
 ///
 /// # Errors
 /// When it cannot be read, or holds something else.
-pub(super) fn read(path: &Path) -> Result<BTreeMap<Key, Line>, Failure> {
+pub(super) fn read(path: &Path) -> Result<BTreeMap<EpisodeKey, ResultLine>, Failure> {
     match fs::read_to_string(path) {
         Ok(text) => parse(path, whole(&text)),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(BTreeMap::new()),
@@ -127,9 +127,9 @@ fn whole(text: &str) -> &str {
     &text[..text.rfind('\n').map_or(0, |end| end + 1)]
 }
 
-fn parse(path: &Path, text: &str) -> Result<BTreeMap<Key, Line>, Failure> {
+fn parse(path: &Path, text: &str) -> Result<BTreeMap<EpisodeKey, ResultLine>, Failure> {
     let line = |(number, json): (usize, &str)| {
-        let line: Line = serde_json::from_str(json).map_err(|error| {
+        let line: ResultLine = serde_json::from_str(json).map_err(|error| {
             let message = format!("{}, line {number}: {error}", path.display());
             Failure::new(FailureKind::Data, message)
                 .hinted("remove the line, and its episode is played again")

@@ -1,10 +1,10 @@
-//! Live status of the gRPC server for the web server.
+//! Live status for visitors.
 
 use avln_grpc::{Control, SessionState, SlotState};
 use avln_web::{LiveStatus, LiveSession, LiveSlot};
 use std::time::Duration;
 
-/// Live status from the gRPC server's control.
+/// Live status of the gRPC server.
 #[derive(Clone, Debug)]
 pub(super) struct ControlStatus(pub(super) Control);
 

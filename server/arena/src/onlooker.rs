@@ -1,4 +1,4 @@
-//! Renderer of views and sound for replays. It has its own scene cache, so visitors cannot evict the scenes of agents.
+//! Rendering of images and sound for replays, with separate scenes so that visitors do not slow agents.
 
 use super::{
     play::make_referee,
@@ -9,13 +9,15 @@ use avln_episode::{Observation, Sensors};
 use avln_geom::{Vector3, angle};
 use avln_render::Camera;
 use avln_store::{Facts, Store};
-use avln_web::{RenderError, RenderedSound, RenderedView, ReplayRenderer, SoundRequest, ViewRequest, async_trait};
+use avln_web::{
+    RenderError, RenderedSound, RenderedView, ReplayRenderer, SoundRequest, ViewRequest, async_trait,
+};
 use std::{collections::BTreeMap, fmt, sync::Arc};
 
-/// Memory for scenes that were looked into, bytes; the last one stays even if it takes more.
+/// Memory limit of these scenes, bytes; the last scene always stays.
 const SCENE_BYTES: usize = 512 << 20;
 
-/// Renders views and sound of replays.
+/// Renderer for visitors.
 pub(super) struct SceneRenderer {
     store: Store,
     stages: Arc<Stages>,
@@ -79,7 +81,7 @@ fn check_digests(stage: &Stage, then: &BTreeMap<String, String>) -> Result<(), R
     Err(RenderError(format!("it was played with {name} '{}', which is '{}' now", told(then), told(&now))))
 }
 
-/// Plays the recorded actions again with nothing but ears.
+/// Replays the recorded actions with audio only.
 fn render_sound(stage: &Stage, scenes: &SceneCache, facts: &Facts) -> Result<RenderedSound, RenderError> {
     let ears = Sensors { rgb: false, depth: false, ..Sensors::all(64, 64) };
     let (truth, record) = (&facts.truth, &facts.record);
@@ -98,7 +100,7 @@ fn render_sound(stage: &Stage, scenes: &SceneCache, facts: &Facts) -> Result<Ren
     Ok(sound)
 }
 
-/// Takes the sound of a step, without what it was filled up with.
+/// Appends the sound of a step without padding.
 fn append(sound: &mut RenderedSound, observation: Observation) -> Result<(), RenderError> {
     let audio = observation.audio.unwrap_or_default();
     let (left, right) = audio.split_at(audio.len() / 2);

@@ -1,15 +1,17 @@
-//! What those who sign in at the people's door may have done, and what commands share with it. Every deed of the door leaves a line
-//! in the audit list, with the letters by which lists name the token that asked for it.
+//! Management actions of signed-in users. Every action is in the audit list with the prefix of its token.
 
 pub mod deeds;
 
 use crate::{Arena, admin, fault_count, now_unix_ms};
 use avln_store::{AuditNote, NewGrant, StoreError, TokenScope, calendar::rfc3339};
-use avln_web::{ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction, TeamCredential, async_trait};
+use avln_web::{
+    ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction, TeamCredential,
+    async_trait,
+};
 use deeds::{Wish, note, reschedule};
 use std::{fmt, sync::Arc};
 
-/// Tokens of a team that hold at a time: some for each person of a large one.
+/// Limit of valid tokens per team: several per person of a large team.
 const MOST_TOKENS: usize = 50;
 const DAY_MS: i64 = 86_400_000;
 
@@ -31,11 +33,19 @@ impl fmt::Debug for ArenaOffice {
 
 #[async_trait]
 impl Management for ArenaOffice {
-    async fn team_action(&self, team: TeamCredential, action: TeamAction) -> Result<ActionOutcome, ActionError> {
+    async fn team_action(
+        &self,
+        team: TeamCredential,
+        action: TeamAction,
+    ) -> Result<ActionOutcome, ActionError> {
         Ok(act(&self.0, &team, action).await?)
     }
 
-    async fn organiser_action(&self, origin: ActionOrigin, action: OrganiserAction) -> Result<ActionOutcome, ActionError> {
+    async fn organiser_action(
+        &self,
+        origin: ActionOrigin,
+        action: OrganiserAction,
+    ) -> Result<ActionOutcome, ActionError> {
         Ok(organise(&self.0, &origin, action).await?)
     }
 
@@ -65,7 +75,7 @@ fn done(words: String) -> Answer {
     Ok(ActionOutcome { message: words, secret: None })
 }
 
-/// What a team asks for, of what is its own.
+/// Executes a team action.
 async fn act(arena: &Arena, member: &TeamCredential, deed: TeamAction) -> Answer {
     let actor = format!("token {} of team {}", member.token, member.team);
     match deed {
@@ -126,7 +136,7 @@ async fn cancel(arena: &Arena, member: &TeamCredential, actor: &str, run: &str) 
     done(format!("Run {run} is cancelled."))
 }
 
-/// What the organiser asks for.
+/// Executes an organiser action.
 async fn organise(arena: &Arena, because: &ActionOrigin, deed: OrganiserAction) -> Answer {
     let actor = format!("token {} of the organiser", because.token);
     match deed {
@@ -165,11 +175,13 @@ async fn organise(arena: &Arena, because: &ActionOrigin, deed: OrganiserAction) 
 async fn admit(arena: &Arena, actor: &str, reason: &str, team: &str) -> Answer {
     let (store, now) = (arena.store(), now_unix_ms());
     let secret = deeds::admit(store, team, None, now).await?;
-    store.add_audit_note(note(actor, format!("team {team}"), "admitted, token for account", reason), now).await?;
+    store
+        .add_audit_note(note(actor, format!("team {team}"), "admitted, token for account", reason), now)
+        .await?;
     Ok(ActionOutcome { message: format!("Team {team} is admitted, and has a new account token."), secret: Some(secret) })
 }
 
-/// What commands tell, as pages do.
+/// A message as a sentence for pages.
 fn sentence(words: &str) -> String {
     let mut letters = words.chars();
     let first = letters.next().map(|letter| letter.to_uppercase().to_string()).unwrap_or_default();

@@ -1,8 +1,8 @@
 use crate::{
-    Account, Error, Link, Packing, Phase, Play, Quota, Run, RunOptions, RunStatus, RunWatch, Sensors,
-    ServerInfo,
+    Account, ConnectOptions, Error, Packing, Phase, Play, Quota, Run, RunOptions, RunStatus, RunWatch,
+    Sensors, ServerInfo,
     calls::{TIMEOUT, bearer, persist, plain, signed, unwrap},
-    line::{Dialler, Line, closed},
+    connection::{Connection, Reconnector, closed},
     service::phase_to_practise,
     welcome::Agreement,
 };
@@ -18,7 +18,7 @@ use tokio::{sync::mpsc, time::timeout};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Status, Streaming, transport::Channel};
 
-/// What the tokens of runs begin with.
+/// Prefix of run tokens.
 const RUN_TOKEN: &str = "avln_run_";
 const PLAY: &str = "open the run's stream";
 
@@ -27,81 +27,81 @@ type Runs = RunServiceClient<Channel>;
 
 /// A connection to a server. Clones share it.
 ///
-/// A call whose answer was lost with the connection is made again for ten seconds, or for as long as [`Link::patience`] allows
-/// where that is less; a run that was asked for twice is begun once.
+/// A call without an answer due to a lost connection is retried for ten seconds, or for [`ConnectOptions::patience`] if
+/// shorter; a repeated request starts a run only once.
 #[derive(Clone, Debug)]
-pub struct Arena {
+pub struct Client {
     channel: Channel,
     token: String,
     packing: Packing,
     pub(crate) patience: Option<Duration>,
 }
 
-impl Arena {
-    /// Connects to `server`, like `http://127.0.0.1:50051`, `https://arena.example:50051` or `unix:/run/arena.sock`, and checks that it is one and takes the account's `token`.
-    /// An empty token is good for [`server_info`](Self::server_info), [`phases`](Self::phases) and for playing a
-    /// [`Run::from_token`].
+impl Client {
+    /// Connects to `server`, like `http://127.0.0.1:50051`, `https://arena.example:50051` or
+    /// `unix:/run/arena.sock`, and verifies it with the account `token`. An empty token is sufficient for
+    /// [`server_info`](Self::server_info), [`phases`](Self::phases) and a [`Run::from_token`].
     ///
     /// # Errors
-    /// When the address makes no sense, nothing answers there within ten seconds, what answers is no such server, or
-    /// it refuses the token.
+    /// If the address is invalid, no server answers within ten seconds, the server is of a different kind, or
+    /// it rejects the token.
     pub async fn connect(server: impl AsRef<str>, token: impl Into<String>) -> Result<Self, Error> {
-        Self::connect_with(server, token, &Link::default()).await
+        Self::connect_with(server, token, &ConnectOptions::default()).await
     }
 
-    /// As [`connect`](Self::connect), in another way than by default.
+    /// Connects with options; see [`connect`](Self::connect).
     ///
     /// # Errors
-    /// As for [`connect`](Self::connect), and when the file of authorities is no use.
+    /// As for [`connect`](Self::connect), or if the file of authorities is invalid.
     pub async fn connect_with(
         server: impl AsRef<str>,
         token: impl Into<String>,
-        link: &Link,
+        options: &ConnectOptions,
     ) -> Result<Self, Error> {
         let address = server.as_ref();
-        let (channel, packing) = link.connect(address).await?;
-        let arena = Self { channel, token: token.into(), packing, patience: link.patience };
-        arena.server_info().await.map_err(|error| not_arena(address, error))?;
-        if !arena.token.is_empty() {
-            arena.whoami().await?;
+        let (channel, packing) = options.connect(address).await?;
+        let client = Self { channel, token: token.into(), packing, patience: options.patience };
+        client.server_info().await.map_err(|error| not_arena(address, error))?;
+        if !client.token.is_empty() {
+            client.whoami().await?;
         }
-        Ok(arena)
+        Ok(client)
     }
 
-    /// Connects and begins a run; with a run's own token, takes up that run, whatever `options` say, as in a sealed run where
-    /// the agent never sees the account.
+    /// Connects and starts a run. With a run token it joins that run and ignores `options`, as in a sealed
+    /// run without account access.
     ///
     /// # Errors
     /// As for [`connect_with`](Self::connect_with) and [`start_run`](Self::start_run).
     pub async fn begin(
         server: impl AsRef<str>,
         token: impl Into<String>,
-        link: &Link,
+        connect_options: &ConnectOptions,
         options: RunOptions,
     ) -> Result<(Self, Run), Error> {
         let token = token.into();
         if token.starts_with(RUN_TOKEN) {
-            return Ok((Self::connect_with(server, "", link).await?, Run::from_token(token)));
+            return Ok((Self::connect_with(server, "", connect_options).await?, Run::from_token(token)));
         }
-        let arena = Self::connect_with(server, token, link).await?;
-        let run = arena.start_run(options).await?;
-        Ok((arena, run))
+        let client = Self::connect_with(server, token, connect_options).await?;
+        let run = client.start_run(options).await?;
+        Ok((client, run))
     }
 
-    /// What the server is.
+    /// Returns server information.
     ///
     /// # Errors
-    /// When the connection is lost.
+    /// If the connection is lost.
     pub async fn server_info(&self) -> Result<ServerInfo, Error> {
         let request = plain(v1::GetServerInfoRequest {});
         let answer = InfoServiceClient::new(self.channel.clone()).get_server_info(request).await;
         Ok(ServerInfo::from_wire(unwrap("ask what the server is", answer)?))
     }
 
-    /// The phases that the team may see, in the organiser's order; without a token, those that anyone may see.
+    /// Returns the phases visible to the team, in the organiser's order; without a token, the public phases.
     ///
     /// # Errors
-    /// When the connection is lost.
+    /// If the connection is lost.
     pub async fn phases(&self) -> Result<Vec<Phase>, Error> {
         let team = if self.token.is_empty() { None } else { Some(bearer(&self.token)?) };
         let call = || async {
@@ -116,29 +116,29 @@ impl Arena {
         Ok(answer.phases.into_iter().map(Phase::from_wire).collect())
     }
 
-    /// Id of the phase that is played where none is named: the only open one in which the team's runs are not counted
-    /// or, where there are several, the one called `practice`.
+    /// Returns the default phase: the only open phase with uncounted runs, or among several the phase
+    /// `practice`.
     ///
     /// # Errors
-    /// When there is no such phase, or the connection is lost.
+    /// If no such phase exists, or the connection is lost.
     pub async fn practice_phase(&self) -> Result<String, Error> {
         let (phases, quotas) = (self.phases().await?, self.quota().await?);
         phase_to_practise(&phases, &quotas).map(|phase| phase.id.clone())
     }
 
-    /// Whose token this is.
+    /// Returns the account of the token.
     ///
     /// # Errors
-    /// When the server refuses the token or the connection is lost.
+    /// If the server rejects the token, or the connection is lost.
     pub async fn whoami(&self) -> Result<Account, Error> {
         let ask = |mut runs: Runs, request| async move { runs.who_am_i(request).await };
         Ok(Account::from_wire(self.ask("ask whose token this is", v1::WhoAmIRequest {}, ask).await?))
     }
 
-    /// Begins a run; where `options` name no phase, in [`practice_phase`](Self::practice_phase).
+    /// Starts a run; without a phase in `options`, in [`practice_phase`](Self::practice_phase).
     ///
     /// # Errors
-    /// When the phase is unknown, closed or not for this team, the quota is used up, the server is full, or the
+    /// If the phase is unknown, closed or forbidden, the quota is used up, the server is full, or the
     /// connection is lost.
     pub async fn start_run(&self, options: RunOptions) -> Result<Run, Error> {
         let options = match options.has_phase() {
@@ -150,20 +150,20 @@ impl Arena {
         Run::from_wire(self.ask("start a run", message, ask).await?)
     }
 
-    /// How a run of the team stands.
+    /// Returns the state of a run.
     ///
     /// # Errors
-    /// When there is no such run or the connection is lost.
+    /// If the run is unknown, or the connection is lost.
     pub async fn run(&self, id: &str) -> Result<RunStatus, Error> {
         let ask = |mut runs: Runs, request| async move { runs.get_run(request).await };
         let message = v1::GetRunRequest { run: id.to_owned() };
         RunStatus::from_wire(self.ask("look at a run", message, ask).await?.run)
     }
 
-    /// How a run of the team stands, again whenever it changes, until it is over.
+    /// Watches a run: returns its state after every change until it ends.
     ///
     /// # Errors
-    /// When there is no such run or the connection is lost.
+    /// If the run is unknown, or the connection is lost.
     pub async fn watch(&self, id: &str) -> Result<RunWatch, Error> {
         let mut request = self.request(v1::WatchRunRequest { run: id.to_owned() })?;
         request.metadata_mut().remove("grpc-timeout");
@@ -190,38 +190,37 @@ impl Arena {
         }
     }
 
-    /// Ends a run of the team; its open episodes end as abandoned.
+    /// Cancels a run; open episodes end as abandoned.
     ///
     /// # Errors
-    /// When there is no such run or the connection is lost.
+    /// If the run is unknown, or the connection is lost.
     pub async fn cancel_run(&self, id: &str) -> Result<RunStatus, Error> {
         let ask = |mut runs: Runs, request| async move { runs.cancel_run(request).await };
         let message = v1::CancelRunRequest { run: id.to_owned() };
         RunStatus::from_wire(self.ask("cancel a run", message, ask).await?.run)
     }
 
-    /// What the team has left in every phase that it can see.
+    /// Returns the remaining quota in all visible phases.
     ///
     /// # Errors
-    /// When the connection is lost.
+    /// If the connection is lost.
     pub async fn quota(&self) -> Result<Vec<Quota>, Error> {
         let ask = |mut runs: Runs, request| async move { runs.get_quota(request).await };
         let answer = self.ask("ask for the quota", v1::GetQuotaRequest { phase: String::new() }, ask).await?;
         Ok(answer.quotas.into_iter().map(Quota::from_wire).collect())
     }
 
-    /// Opens the run's stream for one episode at a time.
+    /// Opens the run stream for a single slot.
     ///
     /// # Errors
-    /// When `sensors` are outside of the limits or not allowed, the run is over, the server does not take this
-    /// client's version, breaks the protocol, or the connection is lost.
+    /// If `sensors` are out of range or forbidden, the run has ended, the server rejects this client version
+    /// or violates the protocol, or the connection is lost.
     pub async fn play(&self, run: &Run, sensors: Sensors) -> Result<Play, Error> {
         let slots = self.play_slots(run, sensors, 1).await?;
         slots.into_iter().next().ok_or_else(|| Error::protocol("Welcome grants no slot"))
     }
 
-    /// Opens the run's stream for up to `slots` episodes at the same time; returns as many as the server grants, which
-    /// may be driven from different tasks.
+    /// Opens the run stream for up to `slots` slots. Returns the granted slots, usable from different tasks.
     ///
     /// # Errors
     /// As for [`play`](Self::play).
@@ -242,9 +241,9 @@ impl Arena {
         };
         let mut agreement = Agreement::new(*welcome, &sensors, self.packing)?;
         agreement.slots = agreement.slots.min(wish);
-        let dialler = Dialler { arena: self.clone(), token: run.token.clone(), hello };
-        let (line, receivers) = Line::open(agreement, requests, responses, dialler);
-        Ok((0..).zip(receivers).map(|(slot, events)| Play::new(line.clone(), slot, events)).collect())
+        let reconnector = Reconnector { client: self.clone(), token: run.token.clone(), hello };
+        let (connection, receivers) = Connection::open(agreement, requests, responses, reconnector);
+        Ok((0..).zip(receivers).map(|(slot, events)| Play::new(connection.clone(), slot, events)).collect())
     }
 
     /// Opens a stream with this Hello.
@@ -263,7 +262,7 @@ impl Arena {
         }
     }
 
-    /// Makes a call about runs, again while its answer is lost: all of them may be made twice.
+    /// Makes an idempotent run call, repeated while the answer is lost.
     async fn ask<M: Clone, A, F>(
         &self,
         attempted: &'static str,
@@ -287,14 +286,14 @@ impl Arena {
     }
 }
 
-/// How a server answers a Hello.
+/// Answer to a Hello.
 pub(crate) enum Greeting {
     Welcome {
         requests: mpsc::Sender<v1::PlayRequest>,
         responses: Streaming<v1::PlayResponse>,
         welcome: Box<v1::Welcome>,
     },
-    /// The run that is to go on has ended, and so have episodes that the client still holds.
+    /// The resumed run has ended, including episodes still open at the client.
     RunEnd(Vec<v1::EpisodeEnd>, v1::RunEnd),
 }
 
@@ -332,7 +331,7 @@ async fn await_welcome(responses: &mut Streaming<v1::PlayResponse>) -> Result<Fi
     }
 }
 
-/// Tells a server of another kind from one that merely refused.
+/// Distinguishes a foreign server from a refusal.
 fn not_arena(address: &str, error: Error) -> Error {
     let foreign = |detail: String| Error::NotArena { address: address.to_owned(), detail };
     match error {

@@ -1,7 +1,7 @@
 use avln_client::{Action, Agent, GoalCue, Mission, Observation, TaskSpec};
 
 /// Hashes everything that an agent is told, senses and does.
-pub(super) struct Witness {
+pub(super) struct DigestingAgent {
     agent: Box<dyn Agent + Send>,
     /// Actions after which it stops.
     most_steps: u32,
@@ -9,7 +9,7 @@ pub(super) struct Witness {
     episodes: Vec<blake3::Hasher>,
 }
 
-impl Witness {
+impl DigestingAgent {
     pub(super) fn new(agent: Box<dyn Agent + Send>, most_steps: u32) -> Self {
         Self { agent, most_steps, episodes: Vec::new() }
     }
@@ -20,7 +20,7 @@ impl Witness {
     }
 }
 
-impl Agent for Witness {
+impl Agent for DigestingAgent {
     fn begin(&mut self, task: &TaskSpec, mission: &Mission) {
         let mut hasher = blake3::Hasher::new();
         for goal in &mission.goals {

@@ -1,42 +1,42 @@
-//! Where a camera stands and what it takes, as the command line says it.
+//! Camera arguments: pose, size, field of view, largest depth.
 
 use avln_geom::{Point3, UnitQuaternion, angle};
 use avln_render::Camera;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
-/// Pixels along a side of a picture.
+/// Sides of pictures, pixels.
 pub(super) const SIDES_PX: RangeInclusive<u32> = 1..=4096;
-/// Angles of view, degrees: what a pinhole can draw on a plane.
+/// Fields of view of a pinhole camera, degrees.
 pub(super) const HFOV_DEG: RangeInclusive<f64> = 0.2..=179.8;
-/// The farthest from the origin that a camera may stand along an axis, metres.
+/// Largest camera coordinate, metres.
 pub(super) const REACH_M: f64 = 1e6;
 
-/// Pixels in a row, and rows.
+/// Size of a picture, pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Size {
+pub(super) struct PictureSize {
     pub(super) width: u32,
     pub(super) height: u32,
 }
 
-/// The angle between the left and the right border of a picture.
+/// Horizontal field of view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Hfov {
     pub(super) degrees: f64,
 }
 
-/// A place of the camera and where it looks.
+/// Position and orientation of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Pose {
+pub(super) struct CameraPose {
     pub(super) eye: Point3<f32>,
     pub(super) world_from_camera: UnitQuaternion<f32>,
 }
 
 /// A distance above 0, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Reach(pub(super) f32);
+pub(super) struct MaxDepth(pub(super) f32);
 
-impl Size {
+impl PictureSize {
     pub(super) fn new(width: u32, height: u32) -> Result<Self, String> {
         let (least, most) = (SIDES_PX.start(), SIDES_PX.end());
         for (name, side) in [("width", width), ("height", height)] {
@@ -48,7 +48,7 @@ impl Size {
     }
 }
 
-impl FromStr for Size {
+impl FromStr for PictureSize {
     type Err = String;
 
     fn from_str(words: &str) -> Result<Self, String> {
@@ -77,7 +77,7 @@ impl FromStr for Hfov {
     }
 }
 
-impl FromStr for Reach {
+impl FromStr for MaxDepth {
     type Err = String;
 
     fn from_str(word: &str) -> Result<Self, String> {
@@ -86,7 +86,7 @@ impl FromStr for Reach {
     }
 }
 
-impl FromStr for Pose {
+impl FromStr for CameraPose {
     type Err = String;
 
     fn from_str(words: &str) -> Result<Self, String> {
@@ -118,8 +118,8 @@ pub(super) fn eye(position: [f64; 3]) -> Result<Point3<f32>, String> {
     }
 }
 
-/// The camera at `pose` that sees everything up to `reach`, however far without one.
-pub(super) fn camera(pose: &Pose, size: Size, hfov: Hfov, reach: Option<Reach>) -> Camera {
+/// Returns the camera. Depth is unlimited if `reach` is `None`.
+pub(super) fn camera(pose: &CameraPose, size: PictureSize, hfov: Hfov, reach: Option<MaxDepth>) -> Camera {
     Camera {
         eye: pose.eye,
         world_from_camera: pose.world_from_camera,
@@ -136,7 +136,7 @@ mod tests {
     use avln_geom::Vector3;
 
     fn ahead(words: &str) -> Vector3<f32> {
-        let pose: Pose = words.parse().expect("a pose");
+        let pose: CameraPose = words.parse().expect("a pose");
         pose.world_from_camera * -Vector3::z()
     }
 
@@ -153,7 +153,7 @@ mod tests {
         ] {
             assert!((ahead(words) - Vector3::new(x, y, z)).norm() < 1e-6, "{words}: {:?}", ahead(words));
         }
-        let pose: Pose = "-1,2.5,3,10,20".parse().expect("a pose");
+        let pose: CameraPose = "-1,2.5,3,10,20".parse().expect("a pose");
         assert_eq!(pose.eye, Point3::new(-1.0, 2.5, 3.0));
         assert!((pose.world_from_camera * Vector3::x()).y.abs() < 1e-7, "the horizon is level");
     }
@@ -163,18 +163,18 @@ mod tests {
         for bad in
             ["", "1,2,3", "1,2,3,4,5,6", "1,2,three,4", "1,2,3,NaN", "1,2,3,4,inf", "1e7,0,0,0", "nan,0,0,0"]
         {
-            assert!(bad.parse::<Pose>().is_err(), "{bad}");
+            assert!(bad.parse::<CameraPose>().is_err(), "{bad}");
         }
         for bad in ["", "256", "0x1", "1x0", "4097x2", "2x4097", "-1x2", "1.5x2", "axb", "1x2x3"] {
-            assert!(bad.parse::<Size>().is_err(), "{bad}");
+            assert!(bad.parse::<PictureSize>().is_err(), "{bad}");
         }
         for bad in ["", "0", "0.1", "179.9", "180", "-90", "NaN", "inf", "wide"] {
             assert!(bad.parse::<Hfov>().is_err(), "{bad}");
         }
         for bad in ["", "0", "-1", "NaN", "inf", "far"] {
-            assert!(bad.parse::<Reach>().is_err(), "{bad}");
+            assert!(bad.parse::<MaxDepth>().is_err(), "{bad}");
         }
-        assert_eq!("4096x1".parse(), Ok(Size { width: 4096, height: 1 }));
+        assert_eq!("4096x1".parse(), Ok(PictureSize { width: 4096, height: 1 }));
         assert_eq!("0.2".parse(), Ok(Hfov { degrees: 0.2 }));
     }
 }

@@ -1,4 +1,4 @@
-use super::{board::TrueHints, oracle::ShortestPath, traced::Traced};
+use super::{live_episodes::TrueHints, oracle::ShortestPath, traced::Traced};
 use avln_arena::{Failure, FailureKind};
 use avln_baselines::{Baseline, RandomAgent};
 use avln_client::{Agent, Sensors};
@@ -9,7 +9,7 @@ use std::{path::Path, sync::Arc};
 
 /// The agents of the ladder, in the order of tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
-pub enum Rung {
+pub enum AgentVariant {
     /// Walks at random.
     Random,
     /// Walks ahead and turns where it is blocked.
@@ -42,7 +42,7 @@ pub enum Rung {
     ShortestPath,
 }
 
-impl Rung {
+impl AgentVariant {
     /// All of them.
     pub const ALL: [Self; 15] = [
         Self::Random,
@@ -83,7 +83,7 @@ impl Rung {
 
     /// The agent called `name`.
     pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|rung| rung.name() == name)
+        Self::ALL.into_iter().find(|variant| variant.name() == name)
     }
 
     /// Whether it is told what no agent may know.
@@ -140,7 +140,7 @@ impl Rung {
         })
     }
 
-    /// PAG-Nav as this rung has it.
+    /// PAG-Nav as this variant has it.
     fn pag_nav(self, hints: &Arc<TrueHints>) -> Option<PagNav> {
         let (agent, none) = (PagNav::default, Ablation::default());
         Some(match self {
@@ -174,9 +174,10 @@ mod tests {
 
     #[test]
     fn names_are_those_of_the_command_line_and_nobody_is_left_out() {
-        let values: Vec<_> = Rung::value_variants().iter().filter_map(ValueEnum::to_possible_value).collect();
+        let values: Vec<_> =
+            AgentVariant::value_variants().iter().filter_map(ValueEnum::to_possible_value).collect();
         let names: Vec<_> = values.iter().map(|value| value.get_name().to_owned()).collect();
-        assert_eq!(names, Rung::ALL.map(|rung| rung.name().to_owned()));
-        assert_eq!(Rung::named("pag-nav-no-gate"), Some(Rung::PagNavNoGate));
+        assert_eq!(names, AgentVariant::ALL.map(|variant| variant.name().to_owned()));
+        assert_eq!(AgentVariant::named("pag-nav-no-gate"), Some(AgentVariant::PagNavNoGate));
     }
 }

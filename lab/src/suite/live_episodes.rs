@@ -15,7 +15,7 @@ use std::{
 const IN_VIEW_M: f32 = 6.0;
 
 /// The state of an episode at its last observation.
-pub(super) struct Glimpse {
+pub(super) struct EpisodeState {
     pub(super) pose: Pose,
     pub(super) sounding: Option<usize>,
     /// For each goal: whether it can still be found.
@@ -25,18 +25,18 @@ pub(super) struct Glimpse {
 
 /// The state of every episode that is being played, by handle.
 #[derive(Default)]
-pub(super) struct Board(Mutex<BTreeMap<String, Arc<Glimpse>>>);
+pub(super) struct LiveEpisodes(Mutex<BTreeMap<String, Arc<EpisodeState>>>);
 
-impl Board {
+impl LiveEpisodes {
     /// Notes the state of an episode.
     pub(super) fn note(&self, handle: &str, referee: &Referee) {
-        let glimpse = Glimpse {
+        let state = EpisodeState {
             pose: referee.world().pose(),
             sounding: referee.sounding(),
             is_open: referee.is_open(),
             assets: referee.world().assets().clone(),
         };
-        self.lock().insert(handle.to_owned(), Arc::new(glimpse));
+        self.lock().insert(handle.to_owned(), Arc::new(state));
     }
 
     /// Forgets an episode that is over.
@@ -44,25 +44,25 @@ impl Board {
         self.lock().remove(handle);
     }
 
-    fn last(&self, handle: &str) -> Option<Arc<Glimpse>> {
+    fn last(&self, handle: &str) -> Option<Arc<EpisodeState>> {
         self.lock().get(handle).cloned()
     }
 
-    fn lock(&self) -> MutexGuard<'_, BTreeMap<String, Arc<Glimpse>>> {
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<String, Arc<EpisodeState>>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// What a privileged agent is told of the episode that it plays.
 pub(super) struct TrueHints {
-    board: Arc<Board>,
+    live: Arc<LiveEpisodes>,
     pub(super) rules: Rules,
     episode: Mutex<Option<(String, Arc<EpisodeTruth>)>>,
 }
 
 impl TrueHints {
-    pub(super) fn new(board: Arc<Board>, rules: Rules) -> Self {
-        Self { board, rules, episode: Mutex::default() }
+    pub(super) fn new(live: Arc<LiveEpisodes>, rules: Rules) -> Self {
+        Self { live, rules, episode: Mutex::default() }
     }
 
     /// The agent plays the episode of this handle from now on.
@@ -72,10 +72,10 @@ impl TrueHints {
     }
 
     /// What is hidden of the episode, and its state.
-    pub(super) fn now(&self) -> Option<(Arc<EpisodeTruth>, Arc<Glimpse>)> {
+    pub(super) fn now(&self) -> Option<(Arc<EpisodeTruth>, Arc<EpisodeState>)> {
         let episode = self.episode.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let (handle, truth) = episode?;
-        Some((truth, self.board.last(&handle)?))
+        Some((truth, self.live.last(&handle)?))
     }
 }
 

@@ -1,16 +1,14 @@
 //! The oracle's runs of a phase, for its boards to show what can be reached.
 
 use super::{
-    board::{Board, TrueHints},
+    live_episodes::{LiveEpisodes, TrueHints},
     oracle::ShortestPath,
     play::client_order,
 };
 use avln_arena::setup::admit;
 use avln_arena::{
-    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
-    data::DataFolder,
-    dataset::SplitFolder,
-    servers::{Addresses, Servers},
+    Arena, Failure, FailureKind, SCENE_MEMORY_MIB, data::DataFolder, dataset::SplitFolder,
+    servers::RunningServers,
 };
 use avln_client::{Agent, Play, RunOptions, RunSummary, Sensors};
 use avln_episode::Order;
@@ -37,43 +35,41 @@ pub async fn play_oracle(
             .hinted("list phases with: avln challenge show")
     })?;
     let token = admit(&store, TEAM, Some(Reference::Oracle)).await?;
-    let board = Arc::new(Board::default());
-    let watching = board.clone();
+    let live = Arc::new(LiveEpisodes::default());
+    let watching = live.clone();
     let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await?;
     let arena = arena.watched(move |handle, referee| watching.note(handle, referee));
-    let doors = Servers::bind(&Addresses::LOCAL).await?;
-    let doors = doors.open(Arc::new(arena), store.reader())?;
+    let servers = RunningServers::local_for(arena, &store).await?;
     let orders = phase.orders.clone();
     let split = data.missions(&phase.split)?;
-    let oracle =
-        Oracle { server: format!("http://{}", doors.grpc), token, store: store.clone(), board, phase, split };
+    let oracle = OracleRuns { server: servers.grpc_url(), token, store: store.clone(), live, phase, split };
     for order in orders {
         tell(order, &oracle.run(order).await?);
     }
-    doors.close().await?;
+    servers.close().await?;
     store.close().await;
     Ok(())
 }
 
 /// Who plays where.
-struct Oracle {
+struct OracleRuns {
     server: String,
     token: String,
     store: Store,
-    board: Arc<Board>,
+    live: Arc<LiveEpisodes>,
     phase: Phase,
     split: SplitFolder,
 }
 
-impl Oracle {
+impl OracleRuns {
     async fn run(&self, order: Order) -> Result<RunSummary, Failure> {
         let arena =
-            avln_client::Arena::connect(&self.server, self.token.as_str()).await.map_err(Failure::run)?;
+            avln_client::Client::connect(&self.server, self.token.as_str()).await.map_err(Failure::run)?;
         let method = RunOptions::new(&self.phase.id, METHOD).method_version(env!("CARGO_PKG_VERSION"));
         let run = arena.start_run(method.order(client_order(order))).await.map_err(Failure::run)?;
         let none = Sensors { rgb: false, depth: false, audio: false, ..Sensors::square(64) };
         let mut play = arena.play(&run, none).await.map_err(Failure::run)?;
-        let hints = Arc::new(TrueHints::new(self.board.clone(), self.phase.rules.clone()));
+        let hints = Arc::new(TrueHints::new(self.live.clone(), self.phase.rules.clone()));
         while self.episode(&mut play, &hints, order).await? {}
         play.finish().await.map_err(Failure::run)
     }
@@ -99,7 +95,7 @@ impl Oracle {
             let action = agent.act(episode.observation());
             episode.step(action).await.map_err(Failure::run)?;
         }
-        self.board.forget(&handle);
+        self.live.forget(&handle);
         Ok(true)
     }
 }

@@ -1,7 +1,10 @@
-//! The connection of a run: a task reads its stream, answers pings, hands each frame to its slot, and dials again when the
-//! stream is lost.
+//! The connection of a run: a task reads the stream, answers pings, passes frames to slots, and reconnects
+//! after a loss.
 
-use crate::{Arena, Error, Notice, arena::Greeting, ledger::Ledger, welcome::Agreement};
+use crate::{
+    Client, Error, Notice, backoff::Backoff, client::Greeting, resend_buffer::ResendBuffer,
+    welcome::Agreement,
+};
 use avln_proto::v1::{self, play_request, play_response::Frame};
 use std::{
     mem,
@@ -15,16 +18,14 @@ use tokio::{
 };
 use tonic::{Status, Streaming};
 
-/// Notices that are kept until someone asks for them.
+/// Limit of stored notices.
 const MAX_NOTICES: usize = 64;
-/// Frames that wait for a slot's reader. A slot has one observation in flight, so more is a server's fault.
+/// Queued frames per slot. A slot has a single observation in flight, so more indicates a server fault.
 const SLOT_QUEUE: usize = 8;
-/// For how long a lost server is dialled at least, unless somebody wants otherwise: a server that begins again has scenes to read.
+/// Minimum reconnection time by default: a restarting server has to load scenes.
 const PATIENCE: Duration = Duration::from_secs(180);
-/// Pauses between attempts to dial: after the first, and the longest.
-const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(5));
 
-/// What happens to a slot.
+/// Event of a slot.
 #[derive(Debug)]
 pub(crate) enum Event {
     Start(Box<v1::EpisodeStart>),
@@ -32,13 +33,13 @@ pub(crate) enum Event {
     End(v1::EpisodeEnd),
     Fault(v1::Fault),
     RunEnd(v1::RunEnd),
-    /// Nothing more will come: how the stream ended.
+    /// No further events: end of the stream.
     Closed(Option<Error>),
 }
 
 /// The connection that the slots of a run share. Dropping the last of them closes it without a Goodbye.
 #[derive(Debug)]
-pub(crate) struct Line {
+pub(crate) struct Connection {
     pub(crate) agreement: Agreement,
     state: Arc<Mutex<State>>,
     reader: JoinHandle<()>,
@@ -47,51 +48,51 @@ pub(crate) struct Line {
 #[derive(Debug)]
 struct State {
     requests: mpsc::Sender<v1::PlayRequest>,
-    ledger: Ledger,
+    buffer: ResendBuffer,
     notices: Vec<Notice>,
 }
 
-/// How to come back to a run.
+/// Data for resuming a run.
 #[derive(Debug)]
-pub(crate) struct Dialler {
-    pub(crate) arena: Arena,
+pub(crate) struct Reconnector {
+    pub(crate) client: Client,
     pub(crate) token: String,
     /// The Hello that opened the run's first stream.
     pub(crate) hello: v1::Hello,
 }
 
-impl Drop for Line {
+impl Drop for Connection {
     fn drop(&mut self) {
         self.reader.abort();
     }
 }
 
-impl Line {
-    /// Begins to read `responses`; returns one receiver a slot. A stream that is lost is dialled again where the server says
-    /// that lost connections may come back.
+impl Connection {
+    /// Starts to read `responses`; returns a receiver per slot. A lost stream is reopened if the server
+    /// permits resuming.
     pub(crate) fn open(
         agreement: Agreement,
         requests: mpsc::Sender<v1::PlayRequest>,
         responses: Streaming<v1::PlayResponse>,
-        dialler: Dialler,
+        reconnector: Reconnector,
     ) -> (Arc<Self>, Vec<mpsc::Receiver<Event>>) {
         let (slots, receivers) = (0..agreement.slots).map(|_| mpsc::channel(SLOT_QUEUE)).unzip();
-        let ledger = Ledger::new(agreement.slots);
-        let state = Arc::new(Mutex::new(State { requests, ledger, notices: Vec::new() }));
-        let wanted = dialler.arena.patience;
+        let buffer = ResendBuffer::new(agreement.slots);
+        let state = Arc::new(Mutex::new(State { requests, buffer, notices: Vec::new() }));
+        let wanted = reconnector.client.patience;
         let patience = (!agreement.may_be_away.is_zero())
             .then(|| wanted.unwrap_or_else(|| agreement.may_be_away.max(PATIENCE)));
-        let reader = Reader { state: state.clone(), slots, dialler, patience };
+        let reader = Reader { state: state.clone(), slots, reconnector, patience };
         let reader = tokio::spawn(reader.run(responses));
         (Arc::new(Self { agreement, state, reader }), receivers)
     }
 
-    /// Sends a frame; on a stream that is lost it is sent when the next one is there. A stream that is gone for good is told
-    /// by the receiver's [`Event::Closed`].
+    /// Sends a frame, after a loss on the next stream. A final loss is reported as [`Event::Closed`] to the
+    /// receiver.
     pub(crate) async fn send(&self, frame: play_request::Frame) {
         let requests = {
             let mut state = lock(&self.state);
-            state.ledger.sending(&frame);
+            state.buffer.sending(&frame);
             state.requests.clone()
         };
         let _ = requests.send(v1::PlayRequest { frame: Some(frame) }).await;
@@ -110,8 +111,8 @@ fn lock(state: &Mutex<State>) -> MutexGuard<'_, State> {
 struct Reader {
     state: Arc<Mutex<State>>,
     slots: Vec<mpsc::Sender<Event>>,
-    dialler: Dialler,
-    /// For how long a lost stream is dialled again; `None` for not at all.
+    reconnector: Reconnector,
+    /// Reconnection time; `None` disables reconnection.
     patience: Option<Duration>,
 }
 
@@ -126,7 +127,7 @@ impl Reader {
         }
     }
 
-    /// Reads until the stream ends, and says how: `None` for well.
+    /// Reads until the end of the stream and returns its status: `None` for success.
     async fn read(&self, responses: &mut Streaming<v1::PlayResponse>) -> Option<Status> {
         loop {
             match responses.message().await {
@@ -137,29 +138,28 @@ impl Reader {
         }
     }
 
-    /// Dials until the server answers; gives up with how the stream ended.
+    /// Reconnects until the server answers; returns the original end on failure.
     async fn come_back(&self, end: Option<Status>) -> Result<Streaming<v1::PlayResponse>, Option<Error>> {
         let end = end.map(|status| Error::from_status("play", &status));
-        let lost = end.as_ref().is_none_or(Error::is_passing) && !lock(&self.state).ledger.is_over();
+        let lost = end.as_ref().is_none_or(Error::is_passing) && !lock(&self.state).buffer.is_over();
         let Some(patience) = self.patience.filter(|_| lost) else { return Err(end) };
         let until = Instant::now() + patience;
-        let mut pause = PAUSES.0;
+        let mut backoff = Backoff::new();
         loop {
             match self.dial().await {
                 Ok(Some(responses)) => return Ok(responses),
                 Ok(None) => return Err(end),
                 Err(error) if !error.is_passing() || Instant::now() >= until => return Err(Some(error)),
-                Err(_) => sleep(pause).await,
+                Err(error) => sleep(backoff.after(&error)).await,
             }
-            pause = (2 * pause).min(PAUSES.1);
         }
     }
 
-    /// Opens the next stream and sends what was not answered; `None` when the run has ended meanwhile.
+    /// Opens the next stream and resends unanswered frames; `None` if the run has ended in the meantime.
     async fn dial(&self) -> Result<Option<Streaming<v1::PlayResponse>>, Error> {
-        let known = lock(&self.state).ledger.known();
-        let hello = v1::Hello { resume: true, known, ..self.dialler.hello.clone() };
-        match self.dialler.arena.greet(&self.dialler.token, hello).await? {
+        let known = lock(&self.state).buffer.known();
+        let hello = v1::Hello { resume: true, known, ..self.reconnector.hello.clone() };
+        match self.reconnector.client.greet(&self.reconnector.token, hello).await? {
             Greeting::RunEnd(ends, end) => {
                 for end in ends {
                     self.to(end.slot, Event::End(end)).await;
@@ -171,7 +171,7 @@ impl Reader {
                 let again = {
                     let mut state = lock(&self.state);
                     state.requests = requests.clone();
-                    state.ledger.to_repeat(&welcome.resumed)
+                    state.buffer.to_repeat(&welcome.resumed)
                 };
                 for frame in again {
                     let _ = requests.send(v1::PlayRequest { frame: Some(frame) }).await;
@@ -185,8 +185,8 @@ impl Reader {
         let Some(frame) = response.frame else { return };
         let (gone, is_new) = {
             let mut state = lock(&self.state);
-            let gone = matches!(&frame, Frame::Fault(fault) if state.ledger.is_gone(fault));
-            (gone, state.ledger.arrived(&frame))
+            let gone = matches!(&frame, Frame::Fault(fault) if state.buffer.is_gone(fault));
+            (gone, state.buffer.arrived(&frame))
         };
         match frame {
             Frame::EpisodeStart(start) => self.to(start.slot, Event::Start(Box::new(start))).await,
@@ -198,7 +198,7 @@ impl Reader {
             Frame::RunEnd(end) => self.to_all(|| Event::RunEnd(end.clone())).await,
             Frame::Ping(ping) => self.answer(&ping),
             Frame::Notice(notice) => self.note(notice),
-            // A second Welcome changes nothing, and neither does what arrived before.
+            // A second Welcome and duplicates are ignored.
             Frame::Welcome(_) | Frame::Observation(_) => {}
         }
     }
@@ -208,7 +208,7 @@ impl Reader {
         match fault.slot {
             Some(slot) if gone => self.to(slot, Event::End(lost_by_the_server(fault))).await,
             Some(slot) => self.to(slot, Event::Fault(fault)).await,
-            // The stream's own end tells it, and the next stream goes on.
+            // The end of the stream reports it, and the next stream continues.
             None if passing => {}
             None => self.to_all(|| Event::Fault(fault.clone())).await,
         }
@@ -226,7 +226,7 @@ impl Reader {
         }
     }
 
-    /// A Pong is never needed to stay connected: where the queue is full it is left out.
+    /// A Pong is not required to stay connected, so it is dropped if the queue is full.
     fn answer(&self, ping: &v1::Ping) {
         let frame = play_request::Frame::Pong(v1::Pong { nonce: ping.nonce });
         let _ = lock(&self.state).requests.try_send(v1::PlayRequest { frame: Some(frame) });
@@ -240,7 +240,7 @@ impl Reader {
     }
 }
 
-/// The end of an episode that the server could not bring back: it is played again.
+/// End of an episode that the server could not restore; it is reissued.
 fn lost_by_the_server(fault: v1::Fault) -> v1::EpisodeEnd {
     v1::EpisodeEnd {
         slot: fault.slot.unwrap_or_default(),
@@ -251,7 +251,7 @@ fn lost_by_the_server(fault: v1::Fault) -> v1::EpisodeEnd {
     }
 }
 
-/// How the end of a stream reads to the one who waited for something.
+/// Turns the end of the stream into the error of the pending call.
 pub(crate) fn closed(attempted: &'static str, end: Option<Error>) -> Error {
     match end {
         Some(error) => error.while_attempting(attempted),

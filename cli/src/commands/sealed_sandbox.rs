@@ -1,6 +1,6 @@
-//! The organiser's side of a cell: its folder, its sockets, and the process or container inside.
+//! The outer side of a sandbox: its folder, its sockets, and the process or container inside.
 
-use super::sealed::Run;
+use super::sealed::SealedRunArgs;
 use avln_arena::{Failure, FailureKind, data::DataFolder};
 use avln_sandbox::{Container, Engine, Plan, Report};
 use std::{
@@ -20,32 +20,32 @@ use tokio::{
     time::timeout,
 };
 
-/// What is shut in, and how.
-pub(super) enum Way {
-    /// A process; `folder` of the plan is still to be made.
+/// The kind of sandbox.
+pub(super) enum SandboxKind {
+    /// A process. `folder` of the plan is not yet set.
     Process(Plan),
-    /// A container; its name and folder are still to be made.
+    /// A container. Its name and folder are not yet set.
     Container(Engine, Container),
 }
 
-/// How an agent ended.
-pub(super) enum Ended {
+/// The exit of an agent.
+pub(super) enum AgentExit {
     /// With exit code 0.
     Well,
-    /// In another way, in words.
+    /// With a failure, described in words.
     Badly(String),
 }
 
-/// Where an agent is shut in.
-pub(super) struct Cell {
+/// A prepared or running sandbox.
+pub(super) struct Sandbox {
     folder: TempDir,
     inside: Inside,
-    /// Passes bytes between the cell's socket and the server; ends with the cell.
+    /// Proxy between the sandbox's socket and the server; dropped with the sandbox.
     _passage: JoinSet<()>,
 }
 
 enum Inside {
-    /// The porter, before and after it was started.
+    /// The supervisor process; `running` is set once it has started.
     Process {
         control: UnixListener,
         plan: PathBuf,
@@ -58,37 +58,37 @@ fn failed(what: &str, error: impl std::fmt::Display) -> Failure {
     Failure::new(FailureKind::Run, format!("{what}: {error}"))
 }
 
-impl Way {
-    /// What the command line asks for.
-    pub(super) fn choose(data: &DataFolder, options: &Run) -> Result<Self, Failure> {
+impl SandboxKind {
+    /// Returns the kind for the arguments.
+    pub(super) fn choose(data: &DataFolder, args: &SealedRunArgs) -> Result<Self, Failure> {
         let nowhere = PathBuf::new();
-        let Some(image) = &options.image else {
-            let workplace = std::env::current_dir().map_err(|error| failed("the present folder", error))?;
+        let Some(image) = &args.image else {
+            let workplace = std::env::current_dir().map_err(|error| failed("the current folder", error))?;
             return Ok(Self::Process(Plan {
                 folder: nowhere,
-                command: options.command.clone(),
+                command: args.command.clone(),
                 workplace,
                 hidden: data.root().to_owned(),
-                readable: options.read.iter().map(|path| checked(path)).collect::<Result<_, _>>()?,
-                devices: options.device.iter().map(|path| checked(path)).collect::<Result<_, _>>()?,
-                memory_mib: options.memory_mib,
-                variables: options.env.clone(),
+                readable: args.read.iter().map(|path| checked(path)).collect::<Result<_, _>>()?,
+                devices: args.device.iter().map(|path| checked(path)).collect::<Result<_, _>>()?,
+                memory_mib: args.memory_mib,
+                variables: args.env.clone(),
             }));
         };
         let engine = Engine::find(&std::env::var_os("PATH").unwrap_or_default()).ok_or_else(|| {
             Failure::new(FailureKind::Run, "neither podman nor docker is installed, so no image can be run")
-                .hinted("install one of them, or run the agent as a process: leave --image away")
+                .hinted("install one of them, or omit --image to run the agent as a process")
         })?;
         Ok(Self::Container(
             engine,
             Container {
                 image: image.clone(),
-                command: options.command.clone(),
+                command: args.command.clone(),
                 name: String::new(),
                 folder: nowhere,
                 owner: (0, 0),
-                memory_mib: options.memory_mib,
-                devices: options.device.clone(),
+                memory_mib: args.memory_mib,
+                devices: args.device.clone(),
             },
         ))
     }
@@ -98,22 +98,22 @@ fn checked(path: &std::path::Path) -> Result<PathBuf, Failure> {
     path.canonicalize().map_err(|error| failed(&format!("cannot use {}", path.display()), error))
 }
 
-impl Cell {
-    /// Makes the cell's folder and opens its sockets; who connects from inside gets to the server at `server`.
-    pub(super) async fn prepare(way: &Way, server: SocketAddr) -> Result<Self, Failure> {
-        let unusable = |error: io::Error| failed("cannot make a folder for the cell", error);
+impl Sandbox {
+    /// Creates the folder and the sockets. Connections from inside are forwarded to `server`.
+    pub(super) async fn prepare(kind: &SandboxKind, server: SocketAddr) -> Result<Self, Failure> {
+        let unusable = |error: io::Error| failed("cannot create a folder for the sandbox", error);
         let folder = tempfile::Builder::new().prefix("avln-sandbox-").tempdir().map_err(unusable)?;
         let place = folder.path().canonicalize().map_err(unusable)?;
         let mut passage = JoinSet::new();
         passage.spawn(pass(listen(Plan::server_socket(&place))?, server));
-        let inside = match way {
-            Way::Process(plan) => {
+        let inside = match kind {
+            SandboxKind::Process(plan) => {
                 let control = listen(Plan::control_socket(&place))?;
                 let plan = Plan { folder: place, ..plan.clone() };
                 let plan = plan.write().map_err(|error| Failure::new(FailureKind::Run, error))?;
                 Inside::Process { control, plan, running: None }
             }
-            Way::Container(engine, container) => {
+            SandboxKind::Container(engine, container) => {
                 let owner = std::fs::metadata(&place).map_err(unusable)?;
                 let owner = (owner.uid(), owner.gid());
                 Inside::Container(*engine, Container { folder: place, owner, ..container.clone() })
@@ -122,7 +122,7 @@ impl Cell {
         Ok(Self { folder, inside, _passage: passage })
     }
 
-    /// In a word, for the run's facts.
+    /// A word for the facts of the run.
     pub(super) fn kind(&self) -> &'static str {
         match &self.inside {
             Inside::Process { .. } => "process",
@@ -130,22 +130,26 @@ impl Cell {
         }
     }
 
-    /// Shuts the process in and says what holds; it waits for its run. A container is not started before its run.
+    /// Starts the sandboxed process, which waits for its run, and returns the enforced restrictions. A container starts only with its
+    /// run.
     pub(super) async fn enter(&mut self) -> Result<Report, Failure> {
         match &mut self.inside {
             Inside::Process { control, plan, running } => {
-                let mut porter = spawn_porter(plan)?;
-                let mut inmate = tokio::select! {
-                    accepted = control.accept() => BufReader::new(accepted.map_err(|error| failed("the cell", error))?.0),
-                    _ = porter.wait() => return Err(Failure::new(FailureKind::Run, "the agent could not be shut in")),
+                let mut supervisor = spawn_supervisor(plan)?;
+                let mut child_socket = tokio::select! {
+                    accepted = control.accept() => BufReader::new(accepted.map_err(|error| failed("the sandbox", error))?.0),
+                    _ = supervisor.wait() => return Err(Failure::new(FailureKind::Run, "the sandbox could not be started")),
                 };
                 let mut line = String::new();
-                let read = inmate.read_line(&mut line).await;
-                read.map_err(|error| failed("the cell did not report", error))?;
+                let read = child_socket.read_line(&mut line).await;
+                read.map_err(|error| failed("the sandbox did not report", error))?;
                 let report = serde_json::from_str(&line).map_err(|_| {
-                    Failure::new(FailureKind::Run, "the agent could not be shut in; the reason stands above")
+                    Failure::new(
+                        FailureKind::Run,
+                        "the sandbox could not be started; the reason is printed above",
+                    )
                 })?;
-                *running = Some(Box::new((porter, inmate)));
+                *running = Some(Box::new((supervisor, child_socket)));
                 Ok(report)
             }
             Inside::Container(..) => {
@@ -154,28 +158,28 @@ impl Cell {
         }
     }
 
-    /// Lets the agent go without a run.
+    /// Stops the agent without a run.
     pub(super) async fn abandon(self) {
         if let Inside::Process { running: Some(running), .. } = self.inside {
-            let (mut porter, inmate) = *running;
-            let _ = porter.kill().await;
-            drop(inmate);
+            let (mut supervisor, child_socket) = *running;
+            let _ = supervisor.kill().await;
+            drop(child_socket);
         }
     }
 
-    /// Has the agent play the run, for `wall_s` seconds at most.
-    pub(super) async fn play(self, run: &str, token: &str, wall_s: u64) -> Result<Ended, Failure> {
+    /// Plays the run, for at most `wall_s` seconds.
+    pub(super) async fn play(self, run: &str, token: &str, wall_s: u64) -> Result<AgentExit, Failure> {
         let limit = Duration::from_secs(wall_s);
         let (mut child, container) = match self.inside {
             Inside::Process { running: Some(running), .. } => {
-                let (porter, mut inmate) = *running;
+                let (supervisor, mut child_socket) = *running;
                 let line = format!("{token}\n");
-                let told = inmate.get_mut().write_all(line.as_bytes()).await;
+                let told = child_socket.get_mut().write_all(line.as_bytes()).await;
                 told.map_err(|error| failed("the agent left before its run", error))?;
-                (porter, None)
+                (supervisor, None)
             }
             Inside::Process { .. } => {
-                return Err(Failure::new(FailureKind::Internal, "nobody is in the cell"));
+                return Err(Failure::new(FailureKind::Internal, "the sandbox is empty"));
             }
             Inside::Container(engine, container) => {
                 let container = Container { name: format!("avln-{run}"), ..container };
@@ -186,7 +190,7 @@ impl Cell {
             Ok(status) => ended(status.map_err(|error| failed("the agent", error))?),
             Err(_) => {
                 stop(&mut child, container).await;
-                Ended::Badly(format!("the agent was stopped after {wall_s} s (--wall-s)"))
+                AgentExit::Badly(format!("the agent was stopped after {wall_s} s (--wall-s)"))
             }
         };
         drop(self.folder);
@@ -194,8 +198,8 @@ impl Cell {
     }
 }
 
-fn ended(status: ExitStatus) -> Ended {
-    if status.success() { Ended::Well } else { Ended::Badly(format!("the agent failed ({status})")) }
+fn ended(status: ExitStatus) -> AgentExit {
+    if status.success() { AgentExit::Well } else { AgentExit::Badly(format!("the agent failed ({status})")) }
 }
 
 async fn stop(child: &mut Child, container: Option<(Engine, String)>) {
@@ -205,7 +209,7 @@ async fn stop(child: &mut Child, container: Option<(Engine, String)>) {
     let _ = child.kill().await;
 }
 
-fn spawn_porter(plan: &std::path::Path) -> Result<Child, Failure> {
+fn spawn_supervisor(plan: &std::path::Path) -> Result<Child, Failure> {
     let program = std::env::current_exe().map_err(|error| failed("cannot find this program", error))?;
     Command::new(program)
         .args(["challenge", "sealed", "enter"])
@@ -213,7 +217,7 @@ fn spawn_porter(plan: &std::path::Path) -> Result<Child, Failure> {
         .stdin(Stdio::null())
         .kill_on_drop(true)
         .spawn()
-        .map_err(|error| failed("cannot start the cell", error))
+        .map_err(|error| failed("cannot start the sandbox", error))
 }
 
 fn spawn_container(engine: Engine, container: &Container, token: &str) -> Result<Child, Failure> {
@@ -228,12 +232,12 @@ fn spawn_container(engine: Engine, container: &Container, token: &str) -> Result
 
 fn listen(path: PathBuf) -> Result<UnixListener, Failure> {
     UnixListener::bind(&path).map_err(|error| {
-        failed(&format!("cannot make the socket {}", path.display()), error)
-            .hinted("name a folder with a short path in TMPDIR")
+        failed(&format!("cannot create the socket {}", path.display()), error)
+            .hinted("set TMPDIR to a folder with a short path")
     })
 }
 
-/// Passes bytes between whoever connects and the server.
+/// Forwards connections to the server.
 async fn pass(listener: UnixListener, server: SocketAddr) {
     let mut connections = JoinSet::new();
     loop {
@@ -241,7 +245,7 @@ async fn pass(listener: UnixListener, server: SocketAddr) {
         connections.spawn(async move {
             let Ok(mut outside) = TcpStream::connect(server).await else { return };
             let _ = outside.set_nodelay(true);
-            // Either side may go at any time; the other sees the end.
+            // Either side may close at any time; the error is of no interest, because the other side sees the end of the stream.
             let _ = copy_bidirectional(&mut inside, &mut outside).await;
         });
         while connections.try_join_next().is_some() {}

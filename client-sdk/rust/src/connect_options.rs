@@ -1,4 +1,4 @@
-//! The way to a server: its address, and TLS.
+//! Connection settings: address and TLS.
 
 use crate::{Error, Packing, error::chain};
 use std::{
@@ -13,27 +13,26 @@ const KEEP_ALIVE: Duration = Duration::from_secs(30);
 const KEEP_ALIVE_TIMEOUT: Duration = Duration::from_secs(20);
 const STREAM_WINDOW: u32 = 2 << 20;
 const CONNECTION_WINDOW: u32 = 16 << 20;
-/// What came of a message before its length was known is moved once more: not much of it.
+/// Kept small: bytes received before the message length is known are copied once more.
 const FRAME_BYTES: u32 = 64 << 10;
 const USER_AGENT: &str = concat!("avln-client/", env!("CARGO_PKG_VERSION"));
 
-/// What addresses of Unix sockets begin with; an absolute path follows.
+/// Prefix of Unix socket addresses; an absolute path follows.
 const UNIX: &str = "unix:";
 
-/// How to connect, where the defaults do not do.
+/// Connection options.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Link {
-    /// PEM file of the authorities that an `https://` server's certificate may come from, in place of those of the system.
+pub struct ConnectOptions {
+    /// PEM file with authorities for `https://` servers, instead of the system store.
     pub ca: Option<PathBuf>,
-    /// How pictures and sound travel; `None`: raw from this machine, lossless from others.
+    /// Encoding of images and sound; `None`: raw on this machine, lossless otherwise.
     pub packing: Option<Packing>,
-    /// For how long a server that is lost is dialled again; `None`: for as long as it lets its agents be away, and three
-    /// minutes at least.
+    /// Reconnection time after a loss; `None`: as permitted by the server, at least three minutes.
     pub patience: Option<Duration>,
 }
 
-impl Link {
-    /// Connects; says how numbers are to travel.
+impl ConnectOptions {
+    /// Connects; returns the channel and the encoding.
     pub(crate) async fn connect(&self, address: &str) -> Result<(Channel, Packing), Error> {
         let endpoint = self.endpoint(address)?;
         let is_local = address.starts_with(UNIX);
@@ -99,7 +98,7 @@ fn authorities(file: &Path) -> Result<Certificate, String> {
 
 const BEGIN: &[u8] = b"-----BEGIN CERTIFICATE-----";
 
-/// What the network said, with the next step where the words tell what is wrong.
+/// Network error with a next step for known causes.
 fn unreachable(address: &str, detail: String) -> Error {
     let advice = [
         ("InvalidContentType", "nothing there speaks TLS; write http:// in the address"),
@@ -130,7 +129,7 @@ fn unreachable(address: &str, detail: String) -> Error {
 mod tests {
     use super::*;
 
-    fn problem(link: &Link, address: &str) -> String {
+    fn problem(link: &ConnectOptions, address: &str) -> String {
         link.endpoint(address).unwrap_err().to_string()
     }
 
@@ -138,21 +137,23 @@ mod tests {
     fn addresses_that_cannot_work_say_how_to_write_them() {
         for address in ["localhost:50051", "ftp://x", "http://", "http://a b", "unix:", "unix:relative.sock"]
         {
-            let text = problem(&Link::default(), address);
+            let text = problem(&ConnectOptions::default(), address);
             assert!(text.contains(address) && text.contains("http://127.0.0.1:50051"), "{text}");
         }
         for address in ["http://localhost:50051", "unix:/run/arena.sock", "unix:///run/arena.sock"] {
-            assert!(Link::default().endpoint(address).is_ok(), "{address}");
+            assert!(ConnectOptions::default().endpoint(address).is_ok(), "{address}");
         }
     }
 
     #[test]
     fn files_of_authorities_that_are_no_use_are_named() {
-        let missing = Link { ca: Some("no-such-file.pem".into()), ..Link::default() };
+        let missing = ConnectOptions { ca: Some("no-such-file.pem".into()), ..ConnectOptions::default() };
         let text = problem(&missing, "https://arena.example");
         assert!(text.contains("no-such-file.pem") && text.contains("cannot read"), "{text}");
-        let wrong =
-            Link { ca: Some(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml").into()), ..Link::default() };
+        let wrong = ConnectOptions {
+            ca: Some(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml").into()),
+            ..ConnectOptions::default()
+        };
         let text = problem(&wrong, "https://arena.example");
         assert!(text.contains("Cargo.toml") && text.contains("no certificate"), "{text}");
     }

@@ -1,31 +1,31 @@
-//! What was sent and what arrived, slot by slot: enough to go on when a connection is lost.
+//! Sent and received frames per slot, for resuming after a lost connection.
 
 use avln_proto::v1::{self, play_request::Frame as Sent, play_response::Frame as Arrived};
 
-/// The slots of a run, as the client knows them.
+/// The slots of a run from the client's perspective.
 #[derive(Debug, Default)]
-pub(crate) struct Ledger {
-    slots: Vec<SlotLedger>,
+pub(crate) struct ResendBuffer {
+    slots: Vec<SlotBuffer>,
     /// Goodbye was said.
     goodbye: bool,
-    /// RunEnd arrived: nothing more will come.
+    /// RunEnd was received: the run is complete.
     over: bool,
 }
 
 #[derive(Debug, Default)]
-struct SlotLedger {
-    /// The episode that it holds, and the step of the last observation that arrived.
+struct SlotBuffer {
+    /// Open episode, and the step of the last received observation.
     holds: Option<(String, u32)>,
-    /// What was sent and not answered.
+    /// Unanswered frame.
     open: Option<Sent>,
 }
 
-impl Ledger {
+impl ResendBuffer {
     pub(crate) fn new(slots: u32) -> Self {
-        Self { slots: (0..slots).map(|_| SlotLedger::default()).collect(), goodbye: false, over: false }
+        Self { slots: (0..slots).map(|_| SlotBuffer::default()).collect(), goodbye: false, over: false }
     }
 
-    fn slot(&mut self, slot: u32) -> Option<&mut SlotLedger> {
+    fn slot(&mut self, slot: u32) -> Option<&mut SlotBuffer> {
         self.slots.get_mut(usize::try_from(slot).ok()?)
     }
 
@@ -52,7 +52,7 @@ impl Ledger {
             Arrived::EpisodeStart(start) => {
                 let Some(slot) = self.slot(start.slot) else { return true };
                 let step = start.observation.as_ref().map_or(0, |seen| seen.step);
-                *slot = SlotLedger { holds: Some((start.episode.clone(), step)), open: None };
+                *slot = SlotBuffer { holds: Some((start.episode.clone(), step)), open: None };
                 true
             }
             Arrived::Observation(seen) => {
@@ -61,7 +61,7 @@ impl Ledger {
             }
             Arrived::EpisodeEnd(end) => {
                 if let Some(slot) = self.slot(end.slot).filter(|slot| slot.holds_episode(&end.episode)) {
-                    *slot = SlotLedger::default();
+                    *slot = SlotBuffer::default();
                 }
                 true
             }
@@ -79,25 +79,25 @@ impl Ledger {
         }
     }
 
-    /// Whether the run has ended.
+    /// Returns true if the run has ended.
     pub(crate) fn is_over(&self) -> bool {
         self.over
     }
 
-    /// What Hello says was received last.
+    /// Last received steps for Hello.
     pub(crate) fn known(&self) -> Vec<v1::SlotPosition> {
-        let position = |(slot, ledger): (u32, &SlotLedger)| {
-            let (episode, step) = ledger.holds.clone()?;
+        let position = |(slot, buffer): (u32, &SlotBuffer)| {
+            let (episode, step) = buffer.holds.clone()?;
             Some(v1::SlotPosition { slot, episode, step })
         };
         (0..).zip(&self.slots).filter_map(position).collect()
     }
 
-    /// What must be sent again to a server that says where the slots are.
+    /// Frames to resend, given the slot positions of the server.
     pub(crate) fn to_repeat(&self, resumed: &[v1::SlotPosition]) -> Vec<Sent> {
-        let again = |(slot, ledger): (u32, &SlotLedger)| {
+        let again = |(slot, buffer): (u32, &SlotBuffer)| {
             let there = resumed.iter().find(|position| position.slot == slot);
-            ledger.open.clone().filter(|open| match (open, there) {
+            buffer.open.clone().filter(|open| match (open, there) {
                 (Sent::Ready(_), there) => there.is_none(),
                 (Sent::Act(act), Some(there)) => act.episode == there.episode && act.step == there.step + 1,
                 (_, there) => there.is_some(),
@@ -107,7 +107,7 @@ impl Ledger {
         (0..).zip(&self.slots).filter_map(again).chain(goodbye).collect()
     }
 
-    /// Whether `fault` says that an episode which a slot holds is gone.
+    /// Returns true if `fault` reports the loss of a slot's episode.
     pub(crate) fn is_gone(&self, fault: &v1::Fault) -> bool {
         let slot = fault.slot.and_then(|slot| self.slots.get(slot as usize));
         fault.reason() == v1::Reason::EpisodeUnknown
@@ -115,7 +115,7 @@ impl Ledger {
     }
 }
 
-impl SlotLedger {
+impl SlotBuffer {
     fn holds_episode(&self, episode: &str) -> bool {
         self.holds.as_ref().is_some_and(|(held, _)| held == episode)
     }
@@ -150,51 +150,51 @@ mod tests {
         vec![v1::SlotPosition { slot: 0, episode: "ep_a".into(), step }]
     }
 
-    fn begun() -> Ledger {
-        let mut ledger = Ledger::new(2);
-        ledger.sending(&Sent::Ready(v1::Ready { slot: 0 }));
-        ledger.arrived(&Arrived::EpisodeStart(v1::EpisodeStart {
+    fn begun() -> ResendBuffer {
+        let mut buffer = ResendBuffer::new(2);
+        buffer.sending(&Sent::Ready(v1::Ready { slot: 0 }));
+        buffer.arrived(&Arrived::EpisodeStart(v1::EpisodeStart {
             episode: "ep_a".into(),
             ..v1::EpisodeStart::default()
         }));
-        ledger
+        buffer
     }
 
     #[test]
     fn an_action_is_sent_again_only_where_it_was_not_taken() {
-        let mut ledger = begun();
-        assert!(ledger.to_repeat(&at(0)).is_empty());
-        ledger.sending(&act(1));
-        assert_eq!(ledger.to_repeat(&at(0)), [act(1)]);
-        assert!(ledger.to_repeat(&at(1)).is_empty(), "its result is on its way");
-        assert!(ledger.to_repeat(&[]).is_empty(), "the episode is over, and its end on its way");
-        assert!(ledger.arrived(&seen(1)));
-        assert!(ledger.to_repeat(&at(1)).is_empty());
-        assert_eq!(ledger.known(), at(1));
+        let mut buffer = begun();
+        assert!(buffer.to_repeat(&at(0)).is_empty());
+        buffer.sending(&act(1));
+        assert_eq!(buffer.to_repeat(&at(0)), [act(1)]);
+        assert!(buffer.to_repeat(&at(1)).is_empty(), "its result is on its way");
+        assert!(buffer.to_repeat(&[]).is_empty(), "the episode is over, and its end on its way");
+        assert!(buffer.arrived(&seen(1)));
+        assert!(buffer.to_repeat(&at(1)).is_empty());
+        assert_eq!(buffer.known(), at(1));
     }
 
     #[test]
     fn what_arrived_before_is_told_from_what_is_new() {
-        let mut ledger = begun();
-        assert!(!ledger.arrived(&seen(0)));
-        assert!(ledger.arrived(&seen(1)));
-        assert!(!ledger.arrived(&seen(1)));
+        let mut buffer = begun();
+        assert!(!buffer.arrived(&seen(0)));
+        assert!(buffer.arrived(&seen(1)));
+        assert!(!buffer.arrived(&seen(1)));
     }
 
     #[test]
     fn ready_is_sent_again_where_no_episode_began() {
         let ready = Sent::Ready(v1::Ready { slot: 1 });
-        let mut ledger = begun();
-        ledger.sending(&ready);
-        assert_eq!(ledger.to_repeat(&at(0)), [ready]);
+        let mut buffer = begun();
+        buffer.sending(&ready);
+        assert_eq!(buffer.to_repeat(&at(0)), [ready]);
         let both = [at(0), vec![v1::SlotPosition { slot: 1, episode: "ep_b".into(), step: 0 }]].concat();
-        assert!(ledger.to_repeat(&both).is_empty());
+        assert!(buffer.to_repeat(&both).is_empty());
     }
 
     #[test]
     fn goodbye_is_said_again() {
-        let mut ledger = begun();
-        ledger.sending(&Sent::Goodbye(v1::Goodbye { pause: false }));
-        assert_eq!(ledger.to_repeat(&at(0)), [Sent::Goodbye(v1::Goodbye { pause: false })]);
+        let mut buffer = begun();
+        buffer.sending(&Sent::Goodbye(v1::Goodbye { pause: false }));
+        assert_eq!(buffer.to_repeat(&at(0)), [Sent::Goodbye(v1::Goodbye { pause: false })]);
     }
 }
