@@ -34,8 +34,9 @@ async fn start(house: &House) -> Result<String, Error> {
 async fn a_team_makes_and_takes_back_tokens_and_cancels_its_runs() {
     let house = House::open(&Plan::default()).await;
     let team = Visitor::sign_in(house.doors.web, &house.token).await;
-    let page =
-        team.act("/me", &[("action", "issue"), ("name", "laptop"), ("kind", "read_only"), ("days", "2")]).await;
+    let page = team
+        .act("/me", &[("action", "issue"), ("name", "laptop"), ("kind", "read_only"), ("days", "2")])
+        .await;
     let token = shown_token(&page);
     let looking = Client::connect(house.agents_url(), &token).await.expect("the door is open");
     let account = looking.whoami().await.expect("an account");

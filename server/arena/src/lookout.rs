@@ -1,7 +1,7 @@
 //! Live status for visitors.
 
 use avln_grpc::{Control, SessionState, SlotState};
-use avln_web::{LiveStatus, LiveSession, LiveSlot};
+use avln_web::{LiveSession, LiveSlot, LiveStatus};
 use std::time::Duration;
 
 /// Live status of the gRPC server.

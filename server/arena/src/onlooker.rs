@@ -113,7 +113,11 @@ fn append(sound: &mut RenderedSound, observation: Observation) -> Result<(), Ren
     Ok(())
 }
 
-fn render_view(stage: &Stage, scenes: &SceneCache, request: &ViewRequest) -> Result<RenderedView, RenderError> {
+fn render_view(
+    stage: &Stage,
+    scenes: &SceneCache,
+    request: &ViewRequest,
+) -> Result<RenderedView, RenderError> {
     let (assets, _) = stage.scene(&request.scene, scenes).map_err(render_error)?;
     let rules = stage.rules();
     let camera = Camera {

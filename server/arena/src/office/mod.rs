@@ -5,8 +5,8 @@ pub mod deeds;
 use crate::{Arena, admin, fault_count, now_unix_ms};
 use avln_store::{AuditNote, NewGrant, StoreError, TokenScope, calendar::rfc3339};
 use avln_web::{
-    ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction, TeamCredential,
-    async_trait,
+    ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction,
+    TeamCredential, async_trait,
 };
 use deeds::{Wish, note, reschedule};
 use std::{fmt, sync::Arc};
@@ -178,7 +178,10 @@ async fn admit(arena: &Arena, actor: &str, reason: &str, team: &str) -> Answer {
     store
         .add_audit_note(note(actor, format!("team {team}"), "admitted, token for account", reason), now)
         .await?;
-    Ok(ActionOutcome { message: format!("Team {team} is admitted, and has a new account token."), secret: Some(secret) })
+    Ok(ActionOutcome {
+        message: format!("Team {team} is admitted, and has a new account token."),
+        secret: Some(secret),
+    })
 }
 
 /// A message as a sentence for pages.

@@ -326,7 +326,11 @@ pub(crate) fn sensors(sensors: &Sensors) -> String {
         words.push("pose only".to_owned());
     }
     words.extend(all.iter().filter(|(on, ..)| !*on).map(|(_, name, _)| format!("no {name}")));
-    format!("{}; images of {width} × {height} pixels, {:.0}° field of view", words.join(", "), hfov_rad.to_degrees())
+    format!(
+        "{}; images of {width} × {height} pixels, {:.0}° field of view",
+        words.join(", "),
+        hfov_rad.to_degrees()
+    )
 }
 
 /// An agent's sensors in short.
@@ -365,7 +369,10 @@ mod tests {
         let estimate = |value, low, high| Estimate { value, low, high };
         let of = |key, estimate, is_sure| Difference { key, first: 0.0, second: 0.0, estimate, is_sure };
         let sr = of(Key::Sr, estimate(0.123, -0.0001, 0.25), false);
-        assert_eq!((difference(&sr).as_str(), verdict(&sr)), ("+12.3 (0.0 to +25.0)", "≈ no clear difference"));
+        assert_eq!(
+            (difference(&sr).as_str(), verdict(&sr)),
+            ("+12.3 (0.0 to +25.0)", "≈ no clear difference")
+        );
         let steps = of(Key::Steps, estimate(-31.0, -40.0, -22.0), true);
         assert_eq!(
             (difference(&steps).as_str(), verdict(&steps)),

@@ -128,7 +128,12 @@ impl LeaderboardParams {
         self.orders.unwrap_or(usual)
     }
 
-    pub(crate) fn query<'a>(&self, phase: &'a PhaseView, order: Order, now_unix_ms: i64) -> LeaderboardQuery<'a> {
+    pub(crate) fn query<'a>(
+        &self,
+        phase: &'a PhaseView,
+        order: Order,
+        now_unix_ms: i64,
+    ) -> LeaderboardQuery<'a> {
         LeaderboardQuery {
             phase: &phase.id,
             order,
@@ -150,8 +155,9 @@ impl LeaderboardParams {
 
     /// Returns the table metrics, including the ranking key.
     pub(crate) fn shown_columns(&self, key: Key) -> Vec<Key> {
-        let is_shown =
-            |column: &Key| if self.columns.is_empty() { is_default(*column) } else { self.columns.contains(column) };
+        let is_shown = |column: &Key| {
+            if self.columns.is_empty() { is_default(*column) } else { self.columns.contains(column) }
+        };
         Key::ALL.into_iter().filter(|column| *column == key || is_shown(column)).collect()
     }
 
@@ -367,7 +373,10 @@ mod tests {
     #[test]
     fn empty_form_fields_are_ignored() {
         let query = params("order=&sort=&q=&team=&audio=&as_of=&column=spl").expect("a query");
-        assert_eq!(query, LeaderboardParams { columns: vec![Key::Spl], has_blanks: true, ..LeaderboardParams::default() });
+        assert_eq!(
+            query,
+            LeaderboardParams { columns: vec![Key::Spl], has_blanks: true, ..LeaderboardParams::default() }
+        );
         assert!(!query.is_filtered());
         assert_eq!(query.shown_columns(Key::Sr), [Key::Sr, Key::Spl]);
         assert_eq!(LeaderboardParams::default().shown_columns(Key::Sna).len(), 10);
@@ -394,5 +403,4 @@ mod tests {
         assert_eq!(query.as_of_unix_ms, Some(2 * 86_400_000 - 1));
         assert_eq!(day(2 * 86_400_000 - 1), "1970-01-02");
     }
-
 }

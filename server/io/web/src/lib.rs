@@ -31,7 +31,8 @@ pub use async_trait::async_trait;
 pub use freeze::{FreezeError, freeze};
 pub use live::{LiveSession, LiveSlot, LiveStatus};
 pub use management::{
-    ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction, TeamCredential,
+    ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction,
+    TeamCredential,
 };
 pub use proxy::{ProxyRangeError, TrustedProxy};
 pub use replay_renderer::{

@@ -174,8 +174,11 @@ async fn cache_and_compress(
         return Response::from_parts(parts, Body::empty());
     }
     // Private bodies must not stay in memory: `CompressionLayer` compresses them while they are sent.
-    let body =
-        if is_private { body } else { compressed.compress(hash, body, accepted.as_ref(), &mut parts.headers) };
+    let body = if is_private {
+        body
+    } else {
+        compressed.compress(hash, body, accepted.as_ref(), &mut parts.headers)
+    };
     Response::from_parts(parts, Body::from(body))
 }
 

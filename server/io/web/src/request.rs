@@ -125,7 +125,9 @@ impl CompareQuery {
             Some(Err(Incomparable::Hidden)) => Err(RequestError::Invalid(format!(
                 "the runs '{first}' and '{second}' cannot be compared: their phase hides the scores of single episodes"
             ))),
-            None => Err(RequestError::Unknown { what: "pair of runs", name: format!("{first} and {second}") }),
+            None => {
+                Err(RequestError::Unknown { what: "pair of runs", name: format!("{first} and {second}") })
+            }
         }
     }
 }

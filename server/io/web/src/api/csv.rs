@@ -1,8 +1,6 @@
 //! CSV tables by RFC 4180: a header row, CRLF, and numbers in full precision.
 
-use super::json::{
-    find_episode, find_leaderboard, find_leaderboards, find_missions, find_phase, find_run,
-};
+use super::json::{find_episode, find_leaderboard, find_leaderboards, find_missions, find_phase, find_run};
 use crate::{
     error::RequestError,
     format,
@@ -65,9 +63,9 @@ impl<T> Row<T> {
             writer.flush()?;
             csv::Result::Ok(())
         })();
-        let table = written.map_err(|error| error.to_string()).and_then(|()| {
-            writer.into_inner().map_err(|error| error.to_string())
-        });
+        let table = written
+            .map_err(|error| error.to_string())
+            .and_then(|()| writer.into_inner().map_err(|error| error.to_string()));
         let table = table.map_err(|error| {
             tracing::error!(error, "cannot write a CSV table");
             RequestError::Internal
@@ -124,7 +122,8 @@ fn leaderboard_table(views: Vec<LeaderboardView>) -> Result<Response, RequestErr
 }
 
 fn leaderboard_columns() -> Row<OrderedRow> {
-    let standing = |value: fn(&Standing) -> u32| move |r: &OrderedRow| maybe(r.row.standing.as_ref().map(value));
+    let standing =
+        |value: fn(&Standing) -> u32| move |r: &OrderedRow| maybe(r.row.standing.as_ref().map(value));
     let sensor = |value: fn(&Sensors) -> bool| move |r: &OrderedRow| maybe(r.row.sensors.as_ref().map(value));
     Row::<OrderedRow>::new()
         .value("rank", standing(|s| s.rank))

@@ -183,7 +183,10 @@ pub(super) async fn find_missions(
     phase: &str,
 ) -> Result<MissionsView, RequestError> {
     let view = context.reader.missions(&context.viewer, phase).await?;
-    view.ok_or_else(|| RequestError::Unknown { what: "public list of missions of phase", name: phase.to_owned() })
+    view.ok_or_else(|| RequestError::Unknown {
+        what: "public list of missions of phase",
+        name: phase.to_owned(),
+    })
 }
 
 pub(super) async fn find_leaderboard(

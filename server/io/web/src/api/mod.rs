@@ -66,13 +66,7 @@ fn endpoints() -> Vec<Endpoint> {
 fn of_phases() -> Vec<Endpoint> {
     use Answer::{Csv, Json};
     vec![
-        endpoint(
-            "/status",
-            "Name, version and state of the server.",
-            &[],
-            Json("Status"),
-            get(json::status),
-        ),
+        endpoint("/status", "Name, version and state of the server.", &[], Json("Status"), get(json::status)),
         endpoint("/phases", "All phases.", &[], Json("Phases"), get(json::phases)),
         endpoint("/phases/{phase}", "A phase with its rules.", &[], Json("PhaseAnswer"), get(json::phase)),
         endpoint(
@@ -82,7 +76,13 @@ fn of_phases() -> Vec<Endpoint> {
             Json("MissionsAnswer"),
             get(json::missions),
         ),
-        endpoint("/phases/{phase}/missions.csv", "The same statistics as a table.", &[], Csv, get(csv::missions)),
+        endpoint(
+            "/phases/{phase}/missions.csv",
+            "The same statistics as a table.",
+            &[],
+            Csv,
+            get(csv::missions),
+        ),
         endpoint(
             "/phases/{phase}/leaderboard",
             "A leaderboard, best entry first. Entries of a tie_group do not differ significantly from its first entry; references have no rank.",

@@ -231,12 +231,27 @@ fn schemas() -> Value {
         };
         Some((metric.id, kind))
     });
-    schemas.insert("Summary".to_owned(), object(summary.chain([("episodes", "integer"), ("scenes", "integer")])));
+    schemas.insert(
+        "Summary".to_owned(),
+        object(summary.chain([("episodes", "integer"), ("scenes", "integer")])),
+    );
     let metrics = METRICS.iter().filter_map(|metric| {
         let is_count = metric.unit == Unit::Count;
         let kind = match metric.episode {
-            EpisodeValue::Number(_) => if is_count { "integer" } else { "number" },
-            EpisodeValue::PerGoal(_) => if is_count { "[integer?]" } else { "[number?]" },
+            EpisodeValue::Number(_) => {
+                if is_count {
+                    "integer"
+                } else {
+                    "number"
+                }
+            }
+            EpisodeValue::PerGoal(_) => {
+                if is_count {
+                    "[integer?]"
+                } else {
+                    "[number?]"
+                }
+            }
             EpisodeValue::None => return None,
         };
         Some((metric.id, kind))

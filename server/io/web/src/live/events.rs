@@ -48,10 +48,7 @@ pub(crate) struct LiveFeed {
 }
 
 impl LiveFeed {
-    pub(crate) fn new(
-        live_status: Option<Arc<dyn LiveStatus>>,
-        closed: Option<watch::Receiver<()>>,
-    ) -> Self {
+    pub(crate) fn new(live_status: Option<Arc<dyn LiveStatus>>, closed: Option<watch::Receiver<()>>) -> Self {
         Self { live_status, permits: Arc::new(Semaphore::new(MAX_SUBSCRIBERS)), closed }
     }
 

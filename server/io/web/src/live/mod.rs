@@ -274,6 +274,9 @@ mod tests {
         assert_eq!((text.episodes, text.pace.as_str()), (shown.episodes, NOTHING));
         assert_eq!(text.waits, "none: episodes are in progress");
         let json = serde_json::to_value(hidden.json()).expect("JSON");
-        assert_eq!((&json["slots"], &json["steps_per_s"]), (&serde_json::json!([]), &serde_json::Value::Null));
+        assert_eq!(
+            (&json["slots"], &json["steps_per_s"]),
+            (&serde_json::json!([]), &serde_json::Value::Null)
+        );
     }
 }

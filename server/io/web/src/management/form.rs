@@ -135,7 +135,9 @@ fn printable(what: &str, text: &str, max_chars: usize) -> Result<String, Request
     if text.chars().count() <= max_chars && !text.chars().any(char::is_control) {
         return Ok(text.to_owned());
     }
-    Err(RequestError::Invalid(format!("{what} must be a single line of at most {max_chars} printable characters")))
+    Err(RequestError::Invalid(format!(
+        "{what} must be a single line of at most {max_chars} printable characters"
+    )))
 }
 
 #[cfg(test)]

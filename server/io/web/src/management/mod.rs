@@ -7,7 +7,8 @@ mod sign_in_limit;
 
 pub(crate) use form::{FormFields, MAX_FORM_BYTES, SignInForm, SignedForm};
 pub(crate) use sessions::{
-    Organiser, Sessions, SignedIn, expired_cookie, has_session_cookie, identify, is_management_page, session_cookie,
+    Organiser, Sessions, SignedIn, expired_cookie, has_session_cookie, identify, is_management_page,
+    session_cookie,
 };
 pub(crate) use sign_in_limit::SignInLimiter;
 

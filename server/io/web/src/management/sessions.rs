@@ -56,7 +56,8 @@ impl SignedIn {
     pub(crate) fn team(&self) -> Result<TeamCredential, RequestError> {
         let Viewer::Team(team) = &self.holder.viewer else { return Err(RequestError::NoPage) };
         if self.holder.read_only {
-            let message = "a read-only token cannot change anything; sign in with an account token of the team";
+            let message =
+                "a read-only token cannot change anything; sign in with an account token of the team";
             return Err(RequestError::Refused(message.to_owned()));
         }
         let Holder { token, expires_unix_ms, .. } = self.holder.clone();

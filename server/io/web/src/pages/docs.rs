@@ -5,8 +5,8 @@ mod markdown;
 use super::{Page, PageShell, SiteSection, render};
 use crate::{
     error::RequestError,
-    request::{StrictQuery, GrpcAddress, NoParameters},
     format,
+    request::{GrpcAddress, NoParameters, StrictQuery},
 };
 use askama::Template;
 use avln_scoring::Key;
@@ -159,5 +159,4 @@ mod tests {
         let titles: BTreeSet<&str> = DOCUMENTS.iter().map(|document| document.title.as_str()).collect();
         assert!(titles.len() == DOCUMENTS.len() && !titles.contains(""), "{titles:?}");
     }
-
 }

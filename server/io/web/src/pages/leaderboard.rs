@@ -95,8 +95,7 @@ pub(super) async fn embedded(
 ) -> Result<Response, RequestError> {
     let phase = find_phase(&context, &id).await?;
     let order = params.order(&phase)?;
-    let page =
-        LeaderboardPage::new(read_leaderboard(&context, &phase, &params, order).await?, &params);
+    let page = LeaderboardPage::new(read_leaderboard(&context, &phase, &params, order).await?, &params);
     let address = page.controls.path() + &page.controls.query_string();
     let LeaderboardPage { shell, caption, view, .. } = page;
     let page = EmbeddedLeaderboard { title: shell.title, caption, address, view, columns: headline_keys() };
@@ -269,8 +268,7 @@ fn entry_count(view: &LeaderboardView) -> String {
 }
 
 fn as_of(view: &LeaderboardView) -> String {
-    view.as_of_unix_ms
-        .map_or_else(String::new, |moment| format!(", as of the end of {} UTC", day(moment)))
+    view.as_of_unix_ms.map_or_else(String::new, |moment| format!(", as of the end of {} UTC", day(moment)))
 }
 
 /// Returns a sentence with the benchmark versions that scored the entries.

@@ -45,7 +45,10 @@ pub(crate) fn router() -> Router<Reader> {
         .route("/assets/replay.js", get(async || script(include_str!("../../assets/replay.js"))))
         .route("/assets/sound.js", get(async || script(include_str!("../../assets/sound.js"))))
         .route("/assets/live.js", get(async || script(include_str!("../../assets/live.js"))))
-        .route("/assets/icon.svg", get(async || asset("image/svg+xml", include_str!("../../assets/icon.svg"))))
+        .route(
+            "/assets/icon.svg",
+            get(async || asset("image/svg+xml", include_str!("../../assets/icon.svg"))),
+        )
 }
 
 fn script(text: &'static str) -> impl IntoResponse {

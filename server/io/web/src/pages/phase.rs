@@ -36,9 +36,15 @@ struct PhasePage {
 /// A table row: name and meaning.
 type Row = (&'static str, String);
 
-pub(super) async fn page(context: RequestContext, grpc_address: GrpcAddress, Path(id): Path<String>, _: StrictQuery<NoParameters>) -> Page {
+pub(super) async fn page(
+    context: RequestContext,
+    grpc_address: GrpcAddress,
+    Path(id): Path<String>,
+    _: StrictQuery<NoParameters>,
+) -> Page {
     let phase = find_phase(&context, &id).await?;
-    let shell = PageShell::new(phase.title.clone(), SiteSection::Leaderboards).below("Leaderboards", "/leaderboard");
+    let shell =
+        PageShell::new(phase.title.clone(), SiteSection::Leaderboards).below("Leaderboards", "/leaderboard");
     let missions = context.reader.missions(&context.viewer, &phase.id).await?;
     render(&PhasePage { shell, grpc_address, phase, missions })
 }
@@ -47,7 +53,9 @@ impl PhasePage {
     fn actions(&self) -> [Row; 4] {
         let Rules { forward_m, turn_deg, wrong_submit, .. } = self.phase.rules;
         let wrong = match wrong_submit {
-            WrongSubmit::KeepsGoal => "in ordered missions, the goal remains the next one after a wrong Submit",
+            WrongSubmit::KeepsGoal => {
+                "in ordered missions, the goal remains the next one after a wrong Submit"
+            }
             WrongSubmit::SkipsGoal => "in ordered missions, a wrong Submit skips the goal",
         };
         [
@@ -81,11 +89,7 @@ impl PhasePage {
             format!("up to {width} × {height} pixels from {} m above the floor", rules.camera_height_m);
         let all = [
             (sensors.rgb, "Colour", format!("{picture}; red, green and blue from 0 to 255")),
-            (
-                sensors.depth,
-                "Depth",
-                format!("{picture}; metres up to {}, 0 for no hit", rules.depth_max_m),
-            ),
+            (sensors.depth, "Depth", format!("{picture}; metres up to {}, 0 for no hit", rules.depth_max_m)),
             (sensors.audio, "Sound", sound),
             (true, "Pose", pose.to_owned()),
             (true, "Budget", "remaining steps, Submits and time".to_owned()),
@@ -110,7 +114,10 @@ impl PhasePage {
                 rules.sounding_window_steps
             ),
             SoundingRule::AllInGoalOrder => {
-                format!("all targets sound in the order of the goals, {} steps each", rules.sounding_window_steps)
+                format!(
+                    "all targets sound in the order of the goals, {} steps each",
+                    rules.sounding_window_steps
+                )
             }
         };
         let clip = match rules.sound_clip {
@@ -225,7 +232,9 @@ fn counted<K>(counts: &BTreeMap<K, u32>, name: impl Fn(&K) -> String) -> Vec<(St
 fn modalities(missions: &MissionsView) -> Vec<(String, u32)> {
     let all = [Modality::Category, Modality::Description, Modality::Image];
     let count = |modality: &Modality| missions.modalities.get(modality.as_str()).copied();
-    all.iter().filter_map(|modality| Some((format::modality(modality).to_owned(), count(modality)?))).collect()
+    all.iter()
+        .filter_map(|modality| Some((format::modality(modality).to_owned(), count(modality)?)))
+        .collect()
 }
 
 fn lengths(reference_m: &[f64]) -> Vec<(String, u32)> {

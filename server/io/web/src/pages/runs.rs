@@ -165,10 +165,7 @@ struct OutcomeGroup {
     pairs: Vec<PairView>,
 }
 
-pub(super) async fn compare(
-    context: RequestContext,
-    StrictQuery(query): StrictQuery<CompareQuery>,
-) -> Page {
+pub(super) async fn compare(context: RequestContext, StrictQuery(query): StrictQuery<CompareQuery>) -> Page {
     let view = query.view(&context).await?;
     let [first, second] = [&view.first, &view.second].map(|line| format!("{} {}", line.method, line.version));
     let shell = PageShell::new(format!("{first} and {second}"), SiteSection::Leaderboards)

@@ -6,9 +6,9 @@ mod sound;
 mod storeys;
 mod timeline;
 
-pub(crate) use sound::{SoundView, level_words};
 pub(crate) use map::{MapView, colour, plan};
 pub(crate) use plots::{Plots, plots};
+pub(crate) use sound::{SoundView, level_words};
 pub(crate) use timeline::{Moment, ReplayEvent, moments};
 
 use avln_store::EpisodeView;

@@ -2,8 +2,8 @@
 
 use super::timeline::Moment;
 use crate::{
-    plot::{Curve, Curves, round_ticks},
     format,
+    plot::{Curve, Curves, round_ticks},
 };
 use avln_store::{EpisodeView, Replay};
 
@@ -52,7 +52,8 @@ fn distances(replay: &Replay, moments: &[Moment], last: u32, step: u32) -> Plot 
     let lines: Vec<Curve<'_>> = LABELS.iter().take(replay.targets.len()).enumerate().map(line).collect();
     let radius_m = f64::from(replay.rules.success_radius_m);
     let most = lines.iter().flat_map(|line| &line.points).map(|(_, value)| *value).fold(radius_m, f64::max);
-    let svg = Curves { ticks: ticks(most), curves: lines, levels: vec![(radius_m, "success")], last, step }.svg();
+    let svg =
+        Curves { ticks: ticks(most), curves: lines, levels: vec![(radius_m, "success")], last, step }.svg();
     Plot { svg, words: nearest_words(moments, replay.targets.len()) }
 }
 
@@ -105,8 +106,7 @@ fn walk(view: &EpisodeView, moments: &[Moment], last: u32, step: u32) -> Plot {
     let lines = vec![Curve { kind: 0, label: "", points }];
     let most = walked_m.max(reference.unwrap_or(0.0));
     let svg = Curves { ticks: ticks(most), curves: lines, levels, last, step }.svg();
-    let tour =
-        reference.map_or_else(String::new, |m| format!(", reference tour {}", format::metres(&m)));
+    let tour = reference.map_or_else(String::new, |m| format!(", reference tour {}", format::metres(&m)));
     Plot { svg, words: format!("Path length {}{tour}.", format::metres(&walked_m)) }
 }
 

@@ -2,8 +2,8 @@
 
 use super::{plots::Plot, timeline::Moment};
 use crate::{
-    replay_renderer::{StepLevels, EpisodeSound, window_of},
     plot::{Curve, Curves, round_ticks},
+    replay_renderer::{EpisodeSound, StepLevels, window_of},
 };
 use avln_store::Replay;
 use serde_json::json;

@@ -124,7 +124,8 @@ mod tests {
         let storeys = Storeys(vec![0.0, 3.0]);
         let points = [[0.0, 0.0, 0.0], [1.0, 0.5, 0.0], [2.0, 2.9, 0.0], [3.0, 3.0, 0.0]];
         let pieces = by_storey(&points, &storeys);
-        let lengths: Vec<(usize, usize)> = pieces.iter().map(|(storey, spots)| (*storey, spots.len())).collect();
+        let lengths: Vec<(usize, usize)> =
+            pieces.iter().map(|(storey, spots)| (*storey, spots.len())).collect();
         assert_eq!(lengths, [(0, 2), (1, 3)]);
         assert_eq!(pieces[0].1[1], pieces[1].1[0]);
     }

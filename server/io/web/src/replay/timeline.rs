@@ -87,9 +87,7 @@ impl Moment {
 
     pub(crate) fn action_words(&self) -> String {
         let collided = if self.collided { ", collided" } else { "" };
-        self.action
-            .as_ref()
-            .map_or_else(|| "none yet".to_owned(), |action| action.clone() + collided)
+        self.action.as_ref().map_or_else(|| "none yet".to_owned(), |action| action.clone() + collided)
     }
 
     pub(crate) fn sounding_words(&self) -> String {

@@ -195,7 +195,8 @@ impl RenderQueue {
 
 fn byte_cache<T: ByteSize>(items: usize, bytes: u64) -> ByteCache<T> {
     // A single shard: with several, items above a shard's share would not be cached.
-    let options = OptionsBuilder::new().estimated_items_capacity(items).weight_capacity(bytes).shards(1).build();
+    let options =
+        OptionsBuilder::new().estimated_items_capacity(items).weight_capacity(bytes).shards(1).build();
     match options {
         Ok(options) => Cache::with_options(options, ByteCount, Default::default(), Default::default()),
         Err(_) => Cache::with_weighter(items, bytes, ByteCount),

@@ -222,7 +222,8 @@ mod tests {
 
     #[test]
     fn levels_follow_sound_pressure() {
-        let rounded = |levels: &StepLevels| levels.ears_db().map(|level| level.map(|level| level.round() as i32));
+        let rounded =
+            |levels: &StepLevels| levels.ears_db().map(|level| level.map(|level| level.round() as i32));
         let levels: Vec<_> = sound().levels().iter().map(rounded).collect();
         assert_eq!(levels, [[Some(88), None], [Some(60), Some(40)], [None, None]]);
         let both = sound().levels()[1].both_db().expect("audible");

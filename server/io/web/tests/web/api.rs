@@ -73,7 +73,10 @@ fn check(document: &Value, schema: &Value, value: &Value, place: &str) {
             let described: Vec<&String> = properties.keys().collect();
             let required = schema["required"].as_array().expect("required fields");
             assert!(fields.keys().all(|name| described.contains(&name)), "{place}: {fields:?}");
-            assert!(required.iter().all(|name| fields.contains_key(name.as_str().expect("a name"))), "{place}");
+            assert!(
+                required.iter().all(|name| fields.contains_key(name.as_str().expect("a name"))),
+                "{place}"
+            );
             fields.iter().for_each(|(name, field)| {
                 check(document, &properties[name], field, &format!("{place}.{name}"));
             });

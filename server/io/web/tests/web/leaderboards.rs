@@ -76,10 +76,7 @@ async fn forms_redirect_to_canonical_addresses() {
         page.contains("href=\"/leaderboard/open?order=unordered&#38;sort=spl&#38;column=sr&#38;column=spl\""),
         "{page}"
     );
-    assert!(
-        page.contains("leaderboard.csv?order=unordered&#38;sort=isr\""),
-        "CSV has all columns: {page}"
-    );
+    assert!(page.contains("leaderboard.csv?order=unordered&#38;sort=isr\""), "CSV has all columns: {page}");
     for wrong in ["as_of=yesterday", "audio=yes", "q=a&colour=red", "column=fame"] {
         let page = arena.get(&format!("/leaderboard/open?{wrong}")).await;
         assert_eq!(page.status, StatusCode::BAD_REQUEST, "{wrong}");

@@ -3,8 +3,8 @@
 use crate::fixture::{Answer, Arena, FORMULA_TEAM, ORGANISER, RUDE_TEAM, TOKEN};
 use avln_store::{AuditNote, Store, TokenScope};
 use avln_web::{
-    ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction, TeamCredential,
-    async_trait,
+    ActionError, ActionOrigin, ActionOutcome, Management, OrganiserAction, ServerHealth, TeamAction,
+    TeamCredential, async_trait,
 };
 use axum::{
     body::Body,
@@ -93,7 +93,8 @@ struct Site {
 impl Site {
     async fn new() -> Self {
         let asked = Arc::<Mutex<Vec<String>>>::default();
-        let management = |store| Arc::new(FakeManagement { store, asked: asked.clone() }) as Arc<dyn Management>;
+        let management =
+            |store| Arc::new(FakeManagement { store, asked: asked.clone() }) as Arc<dyn Management>;
         let arena = Arena::with_management(management).await;
         arena.issue(READ_ONLY, TokenScope::ReadOnly, Some(RUDE_TEAM)).await;
         Self { arena, asked }

@@ -24,7 +24,10 @@ fn shown<'a>(page: &'a str, name: &str) -> &'a str {
 async fn steps_need_no_script() {
     let arena = Arena::new().await;
     let end = arena.get(EPISODE).await.body;
-    assert_eq!([shown(&end, "step"), shown(&end, "action"), shown(&end, "submits-left")], ["6", "Submit", "0"]);
+    assert_eq!(
+        [shown(&end, "step"), shown(&end, "action"), shown(&end, "submits-left")],
+        ["6", "Submit", "0"]
+    );
     assert!(!end.contains(" later"), "no later steps at the end");
     let third = arena.get(&format!("{EPISODE}?t=3")).await.body;
     assert_eq!([shown(&third, "step"), shown(&third, "action")], ["3", "MoveForward, collided"]);
@@ -52,8 +55,7 @@ async fn events_are_ordered_and_link_to_steps() {
     let arena = Arena::new().await;
     let page = arena.get(&format!("{EPISODE}?t=5")).await.body;
     let place = |words: &str| page.find(words).unwrap_or_else(|| panic!("{words} in {page}"));
-    let order =
-        ["</span> Submit, right: goal 1 (chair) found", "</span> Submit, wrong", "End: last submit"];
+    let order = ["</span> Submit, right: goal 1 (chair) found", "</span> Submit, wrong", "End: last submit"];
     let places: Vec<usize> = ["Start</td>", "Goal 1 sounds"].into_iter().chain(order).map(place).collect();
     assert!(places.is_sorted(), "{places:?}");
     assert!(page.contains("<tr data-event=\"5\" aria-current=\"true\">"), "{page}");
@@ -400,6 +402,10 @@ async fn pages_work_without_levels() {
     let arena = arena_with_sound(renderer).await;
     let page = arena.get(&format!("{REPLAY}&ears=on")).await;
     assert_eq!(page.status, StatusCode::OK);
-    assert!(page.body.contains("The sound levels are not ready yet") && !page.body.contains("secret"), "{}", page.body);
+    assert!(
+        page.body.contains("The sound levels are not ready yet") && !page.body.contains("secret"),
+        "{}",
+        page.body
+    );
     assert_eq!(arena.get(SOUND).await.status, StatusCode::INTERNAL_SERVER_ERROR);
 }

@@ -95,12 +95,7 @@ impl OrganiserTab {
 }
 
 /// Stores the confirmation and redirects to a page, so that a reload does not repeat the action.
-fn redirect_after(
-    management: &ManagementState,
-    by: &SignedIn,
-    outcome: ActionOutcome,
-    to: &str,
-) -> Response {
+fn redirect_after(management: &ManagementState, by: &SignedIn, outcome: ActionOutcome, to: &str) -> Response {
     management.sessions.set_message(&by.id, outcome.message);
     Redirect::to(to).into_response()
 }

@@ -1,7 +1,8 @@
 //! The organiser's pages: phases, runs and teams.
 
 use super::{
-    FormContext, OrganiserTab, Page, PageShell, SiteSection, find_phase, redirect_after, render, unknown_action,
+    FormContext, OrganiserTab, Page, PageShell, SiteSection, find_phase, redirect_after, render,
+    unknown_action,
 };
 use crate::{
     error::RequestError,
