@@ -64,12 +64,12 @@ impl AgentArgs {
     }
 }
 
-/// Name, version and sensors of an agent.
+/// An agent's name, version and sensors.
 #[derive(Clone, Debug)]
 pub struct Method {
     /// Name on the leaderboard.
     pub name: String,
-    /// Version of the agent.
+    /// Agent version.
     pub version: &'static str,
     /// Requested sensors.
     pub sensors: Sensors,
@@ -103,7 +103,7 @@ pub fn run_for<T>(slots: u32, work: impl Future<Output = T>) -> io::Result<T> {
     Ok(runtime?.block_on(work))
 }
 
-/// Prints the end of an episode to standard error.
+/// Prints an episode's end to standard error.
 pub fn report(end: &EpisodeEnd) {
     let progress = end.progress;
     eprintln!("episode {} of {}: {} after {} steps", progress.done, progress.total, end.reason, end.steps);
