@@ -22,7 +22,7 @@ pub struct Cli {
     pub log: String,
     /// Command to run
     #[command(subcommand)]
-    pub command: Command,
+    pub command: TopCommand,
 }
 
 /// The exit codes, as `avln --help` prints them.
@@ -51,19 +51,19 @@ pub(crate) fn data_option() -> Arg {
 
 /// The top-level commands and groups.
 #[derive(Debug, Subcommand)]
-pub enum Command {
+pub enum TopCommand {
     /// Build houses and missions, run two agents over gRPC, show the leaderboard
     #[command(arg(data_option()))]
-    Demo(demo::Options),
+    Demo(demo::DemoArgs),
     /// Host the phases of the data folder for remote agents
     #[command(arg(data_option()))]
-    Serve(serve::Options),
+    Serve(serve::ServeArgs),
     /// Inspect, notify or drain a running server
     #[command(subcommand)]
-    Admin(admin::Command),
+    Admin(admin::AdminCommand),
     /// Run one of the bundled agents against a server
     #[command(subcommand)]
-    Agent(agent::Agent),
+    Agent(agent::AgentCommand),
     /// Manage a challenge: phases, teams, tokens, rulings, leaderboards
     #[command(subcommand, arg(data_option()))]
     Challenge(ChallengeCommand),
@@ -78,13 +78,13 @@ pub enum Command {
     Lab(LabCommand),
     /// Inspect, measure, draw, import and export scenes
     #[command(subcommand)]
-    Scene(scene::Command),
+    Scene(scene::SceneCommand),
     /// Compute distances, paths, pictures and sounds in a scene, as Habitat would
     #[command(subcommand)]
-    Sim(sim::Command),
+    Sim(sim::SimCommand),
     /// Write man pages, and completions for Bash, Zsh and Fish
     #[command(hide = true)]
-    Manual(manual::Options),
+    Manual(manual::ManualArgs),
     /// A spelling of version 0.1
     #[command(flatten)]
     Old(OldCommand),
@@ -95,25 +95,25 @@ pub enum Command {
 pub enum ChallengeCommand {
     /// A command on the challenge file
     #[command(flatten)]
-    File(challenge::Command),
+    File(challenge::ChallengeFileCommand),
     /// Open, pause, resume and close phases
     #[command(subcommand)]
-    Phase(phase::Command),
+    Phase(phase::PhaseCommand),
     /// Admit teams, enter members, grant runs
     #[command(subcommand)]
-    Team(team::Command),
+    Team(team::TeamCommand),
     /// Issue, list and revoke tokens
     #[command(subcommand)]
-    Token(token::Command),
+    Token(token::TokenCommand),
     /// Verify or disqualify runs
     #[command(subcommand)]
-    Ruling(ruling::Command),
+    Ruling(ruling::RulingCommand),
     /// Run an agent in a sandbox that reaches only the server
     #[command(subcommand)]
-    Sealed(sealed::Command),
+    Sealed(sealed::SealedCommand),
     /// Freeze leaderboards as static pages, check a frozen copy, add the oracle
     #[command(subcommand)]
-    Leaderboard(board::Command),
+    Leaderboard(leaderboard::LeaderboardCommand),
 }
 
 /// Commands on splits, data sets and the data folder.
@@ -121,22 +121,22 @@ pub enum ChallengeCommand {
 pub enum DataCommand {
     /// Make, prepare, export and seal splits
     #[command(subcommand)]
-    Split(split::Command),
+    Split(split::SplitCommand),
     /// Build, import, count and check data sets
     #[command(subcommand)]
-    Dataset(dataset::Command),
+    Dataset(dataset::DatasetCommand),
     /// Back up, restore and prune the data folder
     #[command(subcommand)]
-    Db(db::Command),
+    Db(db::DbCommand),
 }
 
 /// Commands on runs.
 #[derive(Debug, Subcommand)]
 pub enum RunCommand {
     /// Verify a run log: its hash chain, its replay, and its score
-    Verify(verify::Options),
+    Verify(verify::VerifyArgs),
     /// Score runs again with the scorer of this build, keep both scores, show the differences
-    Rescore(rescore::Options),
+    Rescore(rescore::RescoreArgs),
 }
 
 /// Commands that use the arena for experiments and checks.
@@ -144,17 +144,17 @@ pub enum RunCommand {
 pub enum LabCommand {
     /// Run the baseline suite: all bundled agents on one split, with a report
     #[command(subcommand)]
-    Baselines(ladder::Command),
+    Baselines(baselines::BaselinesCommand),
     /// Prove that a server scores like the published one, bit for bit
     #[command(arg(data_option()))]
-    Calibrate(calibrate::Options),
+    Calibrate(calibrate::CalibrateArgs),
     /// Record demonstrations of the oracle on a training split
     #[command(arg(data_option()))]
-    Rollout(rollout::Options),
+    Rollout(rollout::RolloutArgs),
     /// Check before a run that it will succeed: token, clock, versions, speed, and practice episodes
-    Doctor(doctor::Options),
+    Doctor(doctor::DoctorArgs),
     /// Check that a server or a client follows the protocol
-    Conformance(conformance::Options),
+    Conformance(conformance::ConformanceArgs),
 }
 
 /// The spellings of version 0.1, hidden; they will be removed after one version.
@@ -162,55 +162,55 @@ pub enum LabCommand {
 pub enum OldCommand {
     /// Same as avln challenge phase
     #[command(subcommand, hide = true)]
-    Phase(phase::Command),
+    Phase(phase::PhaseCommand),
     /// Same as avln challenge team
     #[command(subcommand, hide = true)]
-    Team(team::Command),
+    Team(team::TeamCommand),
     /// Same as avln challenge token
     #[command(subcommand, hide = true)]
-    Token(token::Command),
+    Token(token::TokenCommand),
     /// Same as avln challenge ruling
     #[command(subcommand, hide = true)]
-    Ruling(ruling::Command),
+    Ruling(ruling::RulingCommand),
     /// Same as avln challenge sealed
     #[command(subcommand, hide = true)]
-    Sealed(sealed::Command),
+    Sealed(sealed::SealedCommand),
     /// Same as avln challenge leaderboard
     #[command(subcommand, hide = true)]
-    Board(board::Command),
+    Board(leaderboard::LeaderboardCommand),
     /// Same as avln data split
     #[command(subcommand, hide = true)]
-    Split(split::Command),
+    Split(split::SplitCommand),
     /// Same as avln data dataset
     #[command(subcommand, hide = true)]
-    Dataset(dataset::Command),
+    Dataset(dataset::DatasetCommand),
     /// Same as avln data db
     #[command(subcommand, hide = true)]
-    Db(db::Command),
+    Db(db::DbCommand),
     /// Same as avln run verify
     #[command(hide = true)]
-    Verify(verify::Options),
+    Verify(verify::VerifyArgs),
     /// Same as avln run rescore
     #[command(hide = true)]
-    Rescore(rescore::Options),
+    Rescore(rescore::RescoreArgs),
     /// Same as avln lab baselines
     #[command(subcommand, hide = true)]
-    Ladder(ladder::Command),
+    Ladder(baselines::BaselinesCommand),
     /// Same as avln lab calibrate
     #[command(hide = true)]
-    Calibrate(calibrate::Options),
+    Calibrate(calibrate::CalibrateArgs),
     /// Same as avln lab rollout
     #[command(hide = true)]
-    Rollout(rollout::Options),
+    Rollout(rollout::RolloutArgs),
     /// Same as avln lab doctor
     #[command(hide = true)]
-    Doctor(doctor::Options),
+    Doctor(doctor::DoctorArgs),
     /// Same as avln lab conformance
     #[command(hide = true)]
-    Conformance(conformance::Options),
+    Conformance(conformance::ConformanceArgs),
 }
 
-impl From<OldCommand> for Command {
+impl From<OldCommand> for TopCommand {
     fn from(old: OldCommand) -> Self {
         match old {
             OldCommand::Phase(command) => Self::Challenge(ChallengeCommand::Phase(command)),
@@ -222,13 +222,13 @@ impl From<OldCommand> for Command {
             OldCommand::Split(command) => Self::Data(DataCommand::Split(command)),
             OldCommand::Dataset(command) => Self::Data(DataCommand::Dataset(command)),
             OldCommand::Db(command) => Self::Data(DataCommand::Db(command)),
-            OldCommand::Verify(options) => Self::Run(RunCommand::Verify(options)),
-            OldCommand::Rescore(options) => Self::Run(RunCommand::Rescore(options)),
+            OldCommand::Verify(args) => Self::Run(RunCommand::Verify(args)),
+            OldCommand::Rescore(args) => Self::Run(RunCommand::Rescore(args)),
             OldCommand::Ladder(command) => Self::Lab(LabCommand::Baselines(command)),
-            OldCommand::Calibrate(options) => Self::Lab(LabCommand::Calibrate(options)),
-            OldCommand::Rollout(options) => Self::Lab(LabCommand::Rollout(options)),
-            OldCommand::Doctor(options) => Self::Lab(LabCommand::Doctor(options)),
-            OldCommand::Conformance(options) => Self::Lab(LabCommand::Conformance(options)),
+            OldCommand::Calibrate(args) => Self::Lab(LabCommand::Calibrate(args)),
+            OldCommand::Rollout(args) => Self::Lab(LabCommand::Rollout(args)),
+            OldCommand::Doctor(args) => Self::Lab(LabCommand::Doctor(args)),
+            OldCommand::Conformance(args) => Self::Lab(LabCommand::Conformance(args)),
         }
     }
 }
@@ -252,21 +252,21 @@ pub fn run(cli: Cli) -> Result<(), Failure> {
     start_log(&cli.log)?;
     let data = cli.data.as_path();
     match cli.command {
-        Command::Demo(options) => block_on(demo::run(data, options)),
-        Command::Serve(options) => block_on(serve::run(data, options)),
-        Command::Admin(command) => block_on(admin::run(command)),
-        Command::Agent(agent) => play(agent),
-        Command::Challenge(command) => run_challenge(data, command),
-        Command::Data(DataCommand::Split(command)) => block_on(split::run(data, command)),
-        Command::Data(DataCommand::Dataset(command)) => dataset::run(data, command),
-        Command::Data(DataCommand::Db(command)) => block_on(db::run(data, command)),
-        Command::Run(RunCommand::Verify(options)) => block_on(verify::run(data, options)),
-        Command::Run(RunCommand::Rescore(options)) => block_on(rescore::run(data, options)),
-        Command::Lab(command) => block_on(run_lab(data, command)),
-        Command::Scene(command) => scene::run(data, command),
-        Command::Sim(command) => sim::run(data, command),
-        Command::Manual(options) => manual::run(&options),
-        Command::Old(old) => run(Cli { command: old.into(), ..cli }),
+        TopCommand::Demo(args) => block_on(demo::run(data, args)),
+        TopCommand::Serve(args) => block_on(serve::run(data, args)),
+        TopCommand::Admin(command) => block_on(admin::run(command)),
+        TopCommand::Agent(agent) => play(agent),
+        TopCommand::Challenge(command) => run_challenge(data, command),
+        TopCommand::Data(DataCommand::Split(command)) => block_on(split::run(data, command)),
+        TopCommand::Data(DataCommand::Dataset(command)) => dataset::run(data, command),
+        TopCommand::Data(DataCommand::Db(command)) => block_on(db::run(data, command)),
+        TopCommand::Run(RunCommand::Verify(args)) => block_on(verify::run(data, args)),
+        TopCommand::Run(RunCommand::Rescore(args)) => block_on(rescore::run(data, args)),
+        TopCommand::Lab(command) => block_on(run_lab(data, command)),
+        TopCommand::Scene(command) => scene::run(data, command),
+        TopCommand::Sim(command) => sim::run(data, command),
+        TopCommand::Manual(args) => manual::run(&args),
+        TopCommand::Old(old) => run(Cli { command: old.into(), ..cli }),
     }
 }
 
@@ -278,19 +278,19 @@ fn run_challenge(data: &Path, command: ChallengeCommand) -> Result<(), Failure> 
         ChallengeCommand::Token(command) => block_on(token::run(data, command)),
         ChallengeCommand::Ruling(command) => block_on(ruling::run(data, command)),
         // The sandbox is entered before any thread starts: namespaces apply to the calling thread alone.
-        ChallengeCommand::Sealed(sealed::Command::Enter(step)) => step.take(),
+        ChallengeCommand::Sealed(sealed::SealedCommand::Enter(step)) => step.take(),
         ChallengeCommand::Sealed(command) => block_on(sealed::run(data, command)),
-        ChallengeCommand::Leaderboard(command) => block_on(board::run(data, command)),
+        ChallengeCommand::Leaderboard(command) => block_on(leaderboard::run(data, command)),
     }
 }
 
 async fn run_lab(data: &Path, command: LabCommand) -> Result<(), Failure> {
     match command {
-        LabCommand::Baselines(command) => ladder::run(command).await,
-        LabCommand::Calibrate(options) => calibrate::run(data, options).await,
-        LabCommand::Rollout(options) => rollout::run(data, options).await,
-        LabCommand::Doctor(options) => doctor::run(options).await,
-        LabCommand::Conformance(options) => conformance::run(options).await,
+        LabCommand::Baselines(command) => baselines::run(command).await,
+        LabCommand::Calibrate(args) => calibrate::run(data, args).await,
+        LabCommand::Rollout(args) => rollout::run(data, args).await,
+        LabCommand::Doctor(args) => doctor::run(args).await,
+        LabCommand::Conformance(args) => conformance::run(args).await,
     }
 }
 
@@ -307,7 +307,7 @@ fn start_log(filter: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-fn play(agent: agent::Agent) -> Result<(), Failure> {
+fn play(agent: agent::AgentCommand) -> Result<(), Failure> {
     let no_threads = |error| Failure::new(FailureKind::Internal, format!("cannot start threads: {error}"));
     run_for(agent.slots(), agent::run(agent)).map_err(no_threads)?
 }
@@ -320,14 +320,15 @@ async fn block_on(command: impl Future<Output = Result<(), Failure>>) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::CommandFactory;
 
     fn parsed(words: &str) -> Cli {
         Cli::try_parse_from(words.split_whitespace()).unwrap_or_else(|error| panic!("{words}: {error}"))
     }
 
-    fn current(command: Command) -> String {
+    fn current(command: TopCommand) -> String {
         match command {
-            Command::Old(old) => format!("{:?}", Command::from(old)),
+            TopCommand::Old(old) => format!("{:?}", TopCommand::from(old)),
             command => format!("{command:?}"),
         }
     }
@@ -387,7 +388,7 @@ mod tests {
 
     #[test]
     fn help_hides_old_spellings() {
-        let help = <Cli as clap::CommandFactory>::command().render_long_help().to_string();
+        let help = Cli::command().render_long_help().to_string();
         for word in ["  team ", "  board ", "  ladder ", "--data"] {
             assert!(!help.contains(word), "{word} in {help}");
         }

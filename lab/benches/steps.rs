@@ -10,7 +10,7 @@ use avln_arena::{
     data::DataFolder,
     servers::{Addresses, RunningServers, Servers},
 };
-use avln_client::{Arena as Client, RunOptions};
+use avln_client::{Client, RunOptions};
 use avln_episode::{Action, Order, Rules, Sensors};
 use avln_geom::Rng;
 use avln_referee::{Audio, Referee};

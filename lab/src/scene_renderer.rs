@@ -7,7 +7,7 @@ use avln_world::Cache;
 use std::sync::Arc;
 
 /// A scene that is ready to be drawn.
-pub struct Studio {
+pub struct SceneRenderer {
     /// The scene, without textures: the renderer has them.
     pub scene: Arc<Scene>,
     /// Its triangles.
@@ -16,7 +16,7 @@ pub struct Studio {
     pub renderer: Renderer,
 }
 
-impl Studio {
+impl SceneRenderer {
     /// Gets `scene` ready; what pictures are made from is looked for and kept in `cache`.
     pub fn new(mut scene: Scene, cache: Option<Arc<dyn Cache>>) -> Self {
         let place = cache.map(|cache| Place { shelf: cache as Arc<dyn Shelf>, name: digest(&scene) });

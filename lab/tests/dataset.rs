@@ -12,7 +12,7 @@ use avln_episode::{Rules, SoundClip, Sounds};
 use avln_interchange::{ForeignFile, Importer, read};
 use avln_lab::dataset::{
     build::Builder,
-    check::{self, Report, Scope},
+    check::{self, CheckReport, CheckScope},
     export::Export,
     openness::Openness,
 };
@@ -85,8 +85,8 @@ fn copy() -> TempDir {
     folder
 }
 
-fn checked(folder: &Path) -> Result<Report, avln_arena::Failure> {
-    let scope = Scope { split: None, scenes: None, every: 1, cues: true, threads: Some(2) };
+fn checked(folder: &Path) -> Result<CheckReport, avln_arena::Failure> {
+    let scope = CheckScope { split: None, scenes: None, every: 1, cues: true, threads: Some(2) };
     check::run(&DatasetFiles::at(folder), &scope, None, |_, _| {})
 }
 

@@ -4,7 +4,7 @@
 
 use avln_arena::data::DataFolder;
 use avln_arena::setup::admit;
-use avln_client::{Action, Arena, Order, Play, RunOptions, Sensors};
+use avln_client::{Action, Client, Order, Play, RunOptions, Sensors};
 use avln_tests::{PHASE, Plan, furnish, server::Server};
 use std::{
     net::SocketAddr,
@@ -112,7 +112,7 @@ fn report_memory(resident: &[u64]) {
 
 /// Plays run after run until the time is over.
 async fn play_for(url: &str, token: &str, length: Duration) {
-    let arena = Arena::connect(url, token).await.expect("the door is open");
+    let arena = Client::connect(url, token).await.expect("the door is open");
     let (steps, episodes) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
     let over = Arc::new(AtomicBool::new(false));
     let bell = over.clone();
@@ -129,7 +129,7 @@ async fn play_for(url: &str, token: &str, length: Duration) {
     println!("{} {}", steps.load(Ordering::Relaxed), episodes.load(Ordering::Relaxed));
 }
 
-async fn play_run(arena: &Arena, over: &Arc<AtomicBool>, counts: [&Arc<AtomicU64>; 2]) {
+async fn play_run(arena: &Client, over: &Arc<AtomicBool>, counts: [&Arc<AtomicU64>; 2]) {
     let options = RunOptions::new(PHASE, "load").order(Order::Unordered);
     let run = arena.start_run(options).await.expect("a run");
     let mut players = JoinSet::new();

@@ -2,7 +2,7 @@
 //!
 //! `cargo bench -p avln-tests --bench slots`. Agents sense nothing, so that the way alone is measured, or all senses.
 
-use avln_client::{Action, Arena, Order, Play, RunOptions, Sensors};
+use avln_client::{Action, Client, Order, Play, RunOptions, Sensors};
 use avln_tests::{House, PHASE, Plan, scissors::Scissors};
 use std::time::{Duration, Instant};
 use tokio::task::JoinSet;
@@ -23,7 +23,7 @@ async fn main() {
     for (senses, sensors) in [("none", BLIND), ("all, 128 x 128", ALL)] {
         for delay in [Duration::ZERO, FAR] {
             let wire = Scissors::far(house.doors.grpc, delay).await;
-            let arena = Arena::connect(wire.url(), &house.token).await.expect("the door is open");
+            let arena = Client::connect(wire.url(), &house.token).await.expect("the door is open");
             for slots in [1, 16] {
                 let rate = rate(&arena, sensors.clone(), slots).await;
                 println!("{senses:>16} {:>7} ms {slots:>8} {rate:>10.0}", 2 * delay.as_millis());
@@ -33,7 +33,7 @@ async fn main() {
 }
 
 /// Steps a second of all slots together.
-async fn rate(arena: &Arena, sensors: Sensors, slots: u32) -> f64 {
+async fn rate(arena: &Client, sensors: Sensors, slots: u32) -> f64 {
     let options = RunOptions::new(PHASE, "slots").order(Order::Unordered);
     let run = arena.start_run(options).await.expect("a run");
     let mut plays = arena.play_slots(&run, sensors, slots).await.expect("a stream");

@@ -19,7 +19,7 @@ trap 'kill ${HOSTING:-} 2>/dev/null || true' EXIT
 avln() {
     case " $* " in
         " demo "* | *" serve "*) host "$@" ;;
-        " team add "* | *" token new --team "*)
+        *" team add "* | *" token new --team "*)
             "$AVLN_BIN" "$@" | tee token.txt
             TOKEN=$(grep -o 'avln_[A-Za-z0-9_]*' token.txt)
             ;;

@@ -1,7 +1,7 @@
 //! A run that is played by heart.
 
 use crate::PHASE;
-use avln_client::{Action, Arena, Observation, Order, RunOptions, Sensors};
+use avln_client::{Action, Client, Observation, Order, RunOptions, Sensors};
 
 /// No senses but its pose.
 pub const BLIND: Sensors =
@@ -25,7 +25,7 @@ pub async fn stroll_with(
     sensors: Sensors,
     mut sense: impl FnMut(u32, &Observation),
 ) -> String {
-    let arena = Arena::connect(url, token).await.expect("the door is open");
+    let arena = Client::connect(url, token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, method).order(Order::Unordered)).await.expect("a run");
     let mut play = arena.play(&run, sensors).await.expect("a stream");
     while let Some(mut episode) = play.next_episode().await.expect("a stream") {

@@ -1,7 +1,7 @@
 //! A backup of a server that is being played on makes the same server elsewhere: the same board, the same logs, and a run
 //! that goes on where it was.
 
-use avln_client::{Action, Arena, Observation, Order, Play, RunOptions};
+use avln_client::{Action, Client, Observation, Order, Play, RunOptions};
 use avln_tests::{
     PHASE, Plan, furnish, http,
     scissors::Scissors,
@@ -90,7 +90,7 @@ async fn play_slot(mut play: Play, pace: &Pace) -> Play {
 
 /// Plays a whole run in several slots; gives back its id.
 async fn play_run(url: String, token: String, method: &str, pace: &'static Pace) -> String {
-    let arena = Arena::connect(url, &token).await.expect("the door is open");
+    let arena = Client::connect(url, &token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, method).order(Order::Unordered)).await.expect("a run");
     let mut players = JoinSet::new();
     for play in arena.play_slots(&run, BLIND, SLOTS).await.expect("a stream") {

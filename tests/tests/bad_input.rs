@@ -1,6 +1,6 @@
 //! What an agent can do wrong is answered in words, and takes neither the server down nor a score away.
 
-use avln_client::{Action, Arena, EndReason, Error, Reason, Run, RunOptions, RunState, Sensors};
+use avln_client::{Action, Client, EndReason, Error, Reason, Run, RunOptions, RunState, Sensors};
 use avln_tests::{House, PHASE, Plan, http, tap, tap::Tap};
 use std::{net::SocketAddr, time::Duration};
 use tokio::{
@@ -14,13 +14,13 @@ const BLIND: Sensors =
 /// Long enough for a busy machine; only a test that fails waits for so long.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-async fn start(house: &House) -> (Arena, Run) {
-    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+async fn start(house: &House) -> (Client, Run) {
+    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
     (arena, run)
 }
 
-async fn play_one(arena: &Arena, run: &Run) -> avln_client::EpisodeEnd {
+async fn play_one(arena: &Client, run: &Run) -> avln_client::EpisodeEnd {
     let mut play = arena.play(run, BLIND).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("the run goes on").expect("an episode is left");
     episode.step(Action::MoveForward).await.expect("a legal step");
@@ -31,12 +31,12 @@ async fn play_one(arena: &Arena, run: &Run) -> avln_client::EpisodeEnd {
 #[tokio::test(flavor = "multi_thread")]
 async fn tokens_that_open_nothing_are_refused_with_the_next_step() {
     let house = House::open(&Plan::default()).await;
-    let refused = Arena::connect(house.agents_url(), "avln_account_wrong").await.expect_err("a wrong token");
+    let refused = Client::connect(house.agents_url(), "avln_account_wrong").await.expect_err("a wrong token");
     assert!(matches!(&refused, Error::Token { reason: Reason::TokenMalformed, .. }), "{refused}");
     assert!(refused.to_string().contains("--token"), "{refused}");
 
     let nobody =
-        Arena::connect(house.agents_url(), "").await.expect("asking what a server is needs no token");
+        Client::connect(house.agents_url(), "").await.expect("asking what a server is needs no token");
     let refused = nobody.start_run(RunOptions::new(PHASE, "clumsy")).await.expect_err("a missing token");
     assert!(matches!(refused, Error::Token { .. }), "{refused}");
 
@@ -49,7 +49,7 @@ async fn tokens_that_open_nothing_are_refused_with_the_next_step() {
 #[tokio::test(flavor = "multi_thread")]
 async fn an_unknown_phase_is_refused_with_the_names_of_the_known_ones() {
     let house = House::open(&Plan::default()).await;
-    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     let refused = arena.start_run(RunOptions::new("finals", "clumsy")).await.expect_err("no such phase");
     assert_eq!(refused.reason(), Some(Reason::PhaseUnknown), "{refused}");
     assert!(refused.to_string().contains("'finals'") && refused.to_string().contains(PHASE), "{refused}");
@@ -76,7 +76,7 @@ async fn sensors_outside_of_the_limits_are_refused_and_the_run_can_still_be_play
 async fn an_illegal_action_and_a_step_out_of_order_are_refused_and_the_episode_goes_on() {
     let house = House::open(&Plan::default()).await;
     let tap = Tap::open(house.doors.grpc).await;
-    let arena = Arena::connect(tap.url(), &house.token).await.expect("the door is open");
+    let arena = Client::connect(tap.url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
     let mut play = arena.play(&run, BLIND).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
@@ -99,7 +99,7 @@ async fn an_illegal_action_and_a_step_out_of_order_are_refused_and_the_episode_g
 async fn a_client_that_vanishes_loses_one_episode_and_the_run_goes_on() {
     let house = House::open(&Plan::default()).await;
     let tap = Tap::open(house.doors.grpc).await;
-    let vanishing = Arena::connect(tap.url(), &house.token).await.expect("the door is open");
+    let vanishing = Client::connect(tap.url(), &house.token).await.expect("the door is open");
     let run = vanishing.start_run(RunOptions::new(PHASE, "clumsy")).await.expect("a run");
     let mut play = vanishing.play(&run, BLIND).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
@@ -108,7 +108,7 @@ async fn a_client_that_vanishes_loses_one_episode_and_the_run_goes_on() {
     tap.cut();
     drop(play);
 
-    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     let end = timeout(PATIENCE, play_one(&arena, &run)).await.expect("the next episode");
     assert_ne!(end.episode, lost);
     let status = arena.run(&run.id).await.expect("the run");
@@ -162,7 +162,7 @@ async fn a_restarted_server_keeps_results_and_goes_on_with_the_run() {
     let first = play_one(&arena, &run).await;
     drop(arena);
     let house = timeout(PATIENCE, house.reopen()).await.expect("the doors close in time");
-    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open again");
+    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open again");
     assert_eq!(arena.run(&run.id).await.expect("the run").progress.done, 1);
     let second = play_one(&arena, &run).await;
     assert_ne!(first.episode, second.episode);
@@ -172,7 +172,7 @@ async fn a_restarted_server_keeps_results_and_goes_on_with_the_run() {
     assert!(scored.as_ref().is_some_and(|metrics| !metrics.is_empty()), "a public phase shows metrics");
     drop(arena);
     let house = timeout(PATIENCE, house.reopen()).await.expect("the doors close in time");
-    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open again");
+    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open again");
     let kept = arena.run(&run.id).await.expect("the run");
     assert_eq!((kept.state, kept.progress.done), (RunState::Completed, 2));
     assert_eq!(kept.metrics, scored);

@@ -1,6 +1,6 @@
 //! The Rust client's stream of episodes, and its calls while a server is away.
 
-use avln_client::{Action, Arena, EndReason, Episode, Error, Order, RunOptions, Sensors};
+use avln_client::{Action, Client, EndReason, Episode, Error, Order, RunOptions, Sensors};
 use avln_tests::{House, PHASE, Plan, scissors::Scissors};
 use std::{net::SocketAddr, time::Duration};
 use tokio::time::{sleep, timeout};
@@ -27,7 +27,7 @@ async fn play(mut episode: Episode<'static>) -> Result<EndReason, Error> {
 #[tokio::test(flavor = "multi_thread")]
 async fn episodes_are_a_stream_that_ends_with_the_run() {
     let house = house(3).await;
-    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(options()).await.expect("a run");
     let mut episodes = arena.play(&run, BLIND).await.expect("a stream").episodes();
     assert_eq!(episodes.task().rules, "lh-avln-v1");
@@ -45,7 +45,7 @@ async fn episodes_are_a_stream_that_ends_with_the_run() {
 #[tokio::test(flavor = "multi_thread")]
 async fn the_next_episode_waits_for_the_one_before_and_gives_it_up_where_it_is_open() {
     let house = house(2).await;
-    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(options()).await.expect("a run");
     let mut episodes = arena.play(&run, BLIND).await.expect("a stream").episodes();
     let first = episodes.try_next().await.expect("an answer").expect("an episode");
@@ -63,7 +63,7 @@ async fn the_next_episode_waits_for_the_one_before_and_gives_it_up_where_it_is_o
 async fn a_stream_goes_on_over_a_lost_connection_and_ends_after_an_error() {
     let house = house(2).await;
     let wire = Scissors::open(house.doors.grpc).await;
-    let arena = Arena::connect(wire.url(), &house.token).await.expect("the door is open");
+    let arena = Client::connect(wire.url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(options()).await.expect("a run");
     let mut episodes = arena.play(&run, BLIND).await.expect("a stream").episodes();
     let mut first = episodes.try_next().await.expect("an answer").expect("an episode");
@@ -83,7 +83,7 @@ async fn a_stream_goes_on_over_a_lost_connection_and_ends_after_an_error() {
 async fn calls_wait_for_a_server_that_is_away_for_a_while_and_begin_one_run() {
     let house = house(1).await;
     let wire = Scissors::open(house.doors.grpc).await;
-    let arena = Arena::connect(wire.url(), &house.token).await.expect("the door is open");
+    let arena = Client::connect(wire.url(), &house.token).await.expect("the door is open");
     let nowhere = SocketAddr::from(([127, 0, 0, 1], 9));
     for call in 0..2 {
         wire.lead_to(nowhere);

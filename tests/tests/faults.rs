@@ -2,7 +2,7 @@
 //! a run of the quota or not. Each fault happens for real: panics, hanging threads, dead wires, full disks, locked databases.
 
 use avln_arena::{budget::Budget, data::DataFolder, servers::Limits};
-use avln_client::{Action, Arena, EndReason, Episode, Error, Order, Play, Reason, Run, RunOptions, Sensors};
+use avln_client::{Action, Client, EndReason, Episode, Error, Order, Play, Reason, Run, RunOptions, Sensors};
 use avln_store::{Phase, RunState, Viewer};
 use avln_tests::{
     House, PHASE, Plan, disk::Disk, furnish, rule, scissors::Scissors, server::Server, store, tap,
@@ -42,7 +42,7 @@ async fn house(change: impl FnOnce(&mut Phase)) -> House {
 }
 
 async fn begin(url: &str, token: &str) -> (Run, Play) {
-    let arena = Arena::connect(url, token).await.expect("the door is open");
+    let arena = Client::connect(url, token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, "m").order(Order::Unordered)).await.expect("a run");
     let play = arena.play(&run, BLIND).await.expect("a stream");
     (run, play)
@@ -141,7 +141,7 @@ async fn agent_that_gives_up_abandons_its_episode_and_cancels_for_nothing_before
     let (run, mut play) = begin(&house.agents_url(), &house.token).await;
     play.next_episode().await.expect("an answer").expect("an episode");
     play.finish().await.expect("a summary");
-    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     arena.cancel_run(&run.id).await.expect("it is its own");
     let expected = expect("abandoned -", RunState::Cancelled, false);
     assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
@@ -155,7 +155,7 @@ async fn agent_whose_team_cancels_abandons_the_last_episode_and_does_not_complet
     first.step(Action::Stop).await.expect("in time");
     let mut last = play.next_episode().await.expect("an answer").expect("an episode");
     last.step(Action::TurnLeft).await.expect("in time");
-    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     let told = arena.cancel_run(&run.id).await.expect("it is its own");
     assert_eq!((told.state, told.progress.in_flight), (avln_client::RunState::Cancelled, 0));
     let expected = expect("stopped abandoned", RunState::Cancelled, true);
@@ -207,7 +207,7 @@ async fn time_that_is_over_ends_a_run_with_what_it_has() {
     assert!(!play.finish().await.expect("a summary").complete);
     let expected = expect("stopped time_budget", RunState::Expired, true);
     assert_eq!(verdict(house.folder.path(), &run.id).await, expected);
-    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     let idle = arena.start_run(RunOptions::new(PHASE, "idle").order(Order::Unordered)).await.expect("a run");
     sleep(Duration::from_millis(4500)).await;
     let expected = expect("- -", RunState::Expired, false);

@@ -45,7 +45,7 @@ async fn what_is_done_to_a_copy_is_found() {
         avln(elsewhere.path(), &[&["challenge", "leaderboard", "check", place.as_str()], more].concat())
     };
     let (content, told) = check(&["--key", &key]);
-    assert!(content && told.contains(", as asked for"), "{told}");
+    assert!(content && told.contains(", as expected"), "{told}");
     let (content, told) = check(&[]);
     assert!(content && told.contains(&key), "{told}");
     let (content, told) = check(&["--key", "0123"]);

@@ -40,9 +40,10 @@ const PARTICIPANT: Journey = Journey {
     before: "mkdir -p path/to && avln scene export --seed 7 path/to/house.glb
 avln data split make few --houses 1 --missions 2 && avln challenge phase open practice --split few",
     instead: &[
+        // First: the entries below produce `avln demo` with options of their own.
+        ("avln demo", "avln demo --houses 1 --missions 2"),
         ("cargo run --release -- demo --scene", "avln demo --missions 1 --scene"),
         ("cargo run --release -- demo", "avln demo --houses 1 --missions 2"),
-        ("target/release/avln demo", "avln demo --houses 1 --missions 2"),
         ("--houses 10 --missions 20", "--houses 1 --missions 2"),
         ("--episodes 2 --steps 900", "--episodes 1 --steps 9"),
         ("http://127.0.0.1:50051", "$AVLN_SERVER"),
@@ -51,7 +52,6 @@ avln data split make few --houses 1 --missions 2 && avln challenge phase open pr
         ("https://arena.example:8443", "http://$AVLN_WEB"),
         ("avln_account_…", "$TOKEN"),
         ("AVLN_TOKEN=…", "AVLN_TOKEN=$TOKEN"),
-        ("--token TOKEN", "--token $TOKEN"),
         ("/RUN/", "/$RUN/"),
         ("RUN.log", "$RUN.log"),
         ("--key KEY", "--key $(log_key)"),
@@ -59,6 +59,8 @@ avln data split make few --houses 1 --missions 2 && avln challenge phase open pr
     not_typed: &[
         ("cargo test", "it is what runs this"),
         ("cargo build", "the program of this build stands for it"),
+        ("cargo install", "the program of this build is used"),
+        ("git clone", "the tests run in the repository"),
         ("docker", "there may be no engine"),
         ("pip install", "what Python needs is there, or its lines are left out"),
         ("cargo new", "the example is compiled with all tests"),
@@ -160,7 +162,8 @@ const DEPLOYER: Journey = Journey {
 const JOURNEYS: [&Journey; 4] = [&PARTICIPANT, &ORGANISER, &RESEARCHER, &DEPLOYER];
 
 /// Documents that nobody follows here, and why.
-const NOT_FOLLOWED: [(&str, &str); 3] = [
+const NOT_FOLLOWED: [(&str, &str); 4] = [
+    ("CONTRIBUTING.md", "its commands run these tests"),
     ("agents/perception/training/README.md", "it takes hours of training"),
     (
         "client-sdk/python/README.md",

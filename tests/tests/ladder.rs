@@ -1,7 +1,7 @@
 //! The ladder end to end: agents play through the door, a second call goes on where the first one stopped, and the page tells
 //! what was reached.
 
-use avln_lab::suite::{self, Plan, Results, Rung, Size};
+use avln_lab::suite::{self, AgentVariant, Results, SuiteOptions, SuiteSize};
 use std::{fs, path::Path};
 
 fn lines(folder: &Path) -> Vec<String> {
@@ -14,9 +14,9 @@ async fn agents_play_what_they_have_not_played_and_a_page_is_written() {
     let place = tempfile::tempdir().expect("a folder");
     let folder = place.path();
     assert!(suite::report(folder).is_err(), "nothing was played");
-    let size = Size { houses: 1, missions: 2, practice: false };
-    let agents = vec![Rung::Random, Rung::ShortestPath];
-    let plan = |episodes| Plan { agents: agents.clone(), episodes, size, ..Plan::default() };
+    let size = SuiteSize { houses: 1, missions: 2, practice: false };
+    let agents = vec![AgentVariant::Random, AgentVariant::ShortestPath];
+    let plan = |episodes| SuiteOptions { agents: agents.clone(), episodes, size, ..SuiteOptions::default() };
 
     assert_eq!(suite::run(folder, &plan(1)).await.expect("one mission"), 4);
     let first = lines(folder);
@@ -30,11 +30,11 @@ async fn agents_play_what_they_have_not_played_and_a_page_is_written() {
     fs::write(folder.join("results.jsonl"), cut).expect("the file");
     assert_eq!(suite::run(folder, &plan(2)).await.expect("the last one"), 1);
     let results = Results::open(&folder.join("results.jsonl")).expect("results");
-    let before: suite::Line = serde_json::from_str(&all[7]).expect("a line");
+    let before: suite::ResultLine = serde_json::from_str(&all[7]).expect("a line");
     let after = results.lines().find(|line| line.key == before.key).expect("it was played");
     assert_eq!((&after.metrics, &after.wrong, after.end), (&before.metrics, &before.wrong, before.end));
 
-    let suite::Report { page, episodes } = suite::report(folder).expect("a page");
+    let suite::SuiteReport { page, episodes } = suite::report(folder).expect("a page");
     assert_eq!(episodes.lines().count(), 9, "{episodes}");
     let oracle = episodes.lines().find(|line| line.starts_with("shortest-path,unordered,")).expect("a row");
     assert!(oracle.contains(",1,1.0000,1.0000,") && oracle.ends_with(",stopped"), "{oracle}");
@@ -49,6 +49,6 @@ async fn two_ladders_cannot_be_played_in_one_folder() {
     let place = tempfile::tempdir().expect("a folder");
     let lock = fs::File::create(place.path().join("lock")).expect("the lock");
     lock.lock().expect("it is free");
-    let refused = suite::run(place.path(), &Plan::default()).await.expect_err("it is taken");
+    let refused = suite::run(place.path(), &SuiteOptions::default()).await.expect_err("it is taken");
     assert!(refused.to_string().contains("another ladder is played"), "{refused}");
 }

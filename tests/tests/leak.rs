@@ -2,7 +2,7 @@
 //! visitor receives of a phase whose results are the organiser's alone. The same search finds it in a public phase.
 
 use avln_arena::{data::DataFolder, register};
-use avln_client::{Action, Arena, Episode, Error, Order, Run, RunOptions, Sensors};
+use avln_client::{Action, Client, Episode, Error, Order, Run, RunOptions, Sensors};
 use avln_store::Visibility;
 use avln_tests::{
     House, PHASE, Plan,
@@ -126,7 +126,7 @@ struct Received {
 }
 
 /// Plays an episode with all senses: wrong claims, refused steps, and then gives it up.
-async fn fumble(tap: &Tap, arena: &Arena, run: &Run) {
+async fn fumble(tap: &Tap, arena: &Client, run: &Run) {
     let mut play = arena.play(run, Sensors::square(64)).await.expect("a stream");
     let mut episode = play.next_episode().await.expect("a stream").expect("an episode");
     for action in
@@ -143,7 +143,7 @@ async fn fumble(tap: &Tap, arena: &Arena, run: &Run) {
 }
 
 /// Plays the rest of a run without senses: the first target of each episode is claimed, then a wrong place.
-async fn claim(house: &House, arena: &Arena, run: &Run, order: Order) -> Vec<(String, f64)> {
+async fn claim(house: &House, arena: &Client, run: &Run, order: Order) -> Vec<(String, f64)> {
     let mut play = arena.play(run, BLIND).await.expect("a stream");
     while let Some(mut episode) = play.next_episode().await.expect("a stream") {
         claim_first_target(house, &mut episode, order).await;
@@ -158,7 +158,7 @@ async fn claim(house: &House, arena: &Arena, run: &Run, order: Order) -> Vec<(St
 }
 
 /// Plays one step through the unary mirror, gives episode and run up, and asks for health and reflection.
-async fn go_unary(tap: &Tap, arena: &Arena) -> String {
+async fn go_unary(tap: &Tap, arena: &Client) -> String {
     let run = arena.start_run(RunOptions::new(PHASE, "mirror")).await.expect("a run");
     let mut caller = Caller::connect(&tap.url(), &run.token).await;
     caller.play(&[MOVE_FORWARD, SUBMIT], true).await.expect("legal calls");
@@ -170,13 +170,13 @@ async fn go_unary(tap: &Tap, arena: &Arena) -> String {
 }
 
 /// Watches a run until it is over.
-async fn watch(arena: &Arena, run: &str) {
+async fn watch(arena: &Client, run: &str) {
     let mut states = arena.watch(run).await.expect("a stream");
     while states.next().await.expect("a state").is_some() {}
 }
 
 /// Asks for everything else that the agents' door answers.
-async fn ask_around(house: &House, tap: &Tap, arena: &Arena) {
+async fn ask_around(house: &House, tap: &Tap, arena: &Client) {
     arena.server_info().await.expect("an answer");
     arena.phases().await.expect("an answer");
     arena.quota().await.expect("an answer");
@@ -184,7 +184,7 @@ async fn ask_around(house: &House, tap: &Tap, arena: &Arena) {
     arena.whoami().await.expect("an answer");
     arena.run("run_of_nobody").await.expect_err("no such run");
     arena.start_run(RunOptions::new("finals", "curious")).await.expect_err("no such phase");
-    Arena::connect(tap.url(), "wrong").await.expect_err("no such token");
+    Client::connect(tap.url(), "wrong").await.expect_err("no such token");
     let own = Run::from_token(&house.token);
     arena.play(&own, BLIND).await.expect_err("no token of a run");
 }
@@ -202,8 +202,8 @@ async fn follow(house: &House, run: &str) -> Vec<(String, http::Answer)> {
 
 async fn receive(house: &House) -> Received {
     let (noisy, plain) = (Tap::open(house.doors.grpc).await, Tap::open(house.doors.grpc).await);
-    let curious = Arena::connect(noisy.url(), &house.token).await.expect("the door is open");
-    let sober = Arena::connect(plain.url(), &house.token).await.expect("the door is open");
+    let curious = Client::connect(noisy.url(), &house.token).await.expect("the door is open");
+    let sober = Client::connect(plain.url(), &house.token).await.expect("the door is open");
     let (mut metrics, mut runs) = (Vec::new(), Vec::new());
     let mut followed = Vec::new();
     for order in ORDERS {

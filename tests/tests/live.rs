@@ -1,6 +1,6 @@
 //! Who follows a run over the people's door sees it advance, and why it does not.
 
-use avln_client::{Action, Arena, RunOptions};
+use avln_client::{Action, Client, RunOptions};
 use avln_tests::{House, PHASE, Plan, http, stroll::BLIND};
 use serde_json::Value;
 use std::time::Duration;
@@ -15,7 +15,7 @@ fn events(answer: &http::Answer) -> Vec<Value> {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_run_is_seen_to_advance_and_to_wait() {
     let house = House::open(&Plan::default()).await;
-    let arena = Arena::connect(house.agents_url(), &house.token).await.expect("the door is open");
+    let arena = Client::connect(house.agents_url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, "walker")).await.expect("a run");
     let (web, path) = (house.doors.web, format!("/api/v1/runs/{}/events", run.id));
     let before = events(&http::overhear(web, &path, Duration::from_millis(500)).await);
@@ -49,11 +49,11 @@ async fn a_run_is_seen_to_advance_and_to_wait() {
     let list = events(&http::overhear(web, "/api/v1/runs/events", Duration::from_millis(500)).await);
     assert_eq!(list[0]["runs"][0]["run"], run.id.as_str());
     let page = http::get(web, "/runs").await.body;
-    assert!(page.contains("1 run under way.") && page.contains("steps a second"), "{page}");
+    assert!(page.contains("1 open run.") && page.contains("steps per second"), "{page}");
 
     drop(episode);
     drop(play);
     drop(arena);
     let lost = http::overhear(web, &path, Duration::from_millis(2500)).await;
-    assert!(lost.body.contains("waits for its agent to come back"), "{}", lost.body);
+    assert!(lost.body.contains("waits for its agent to reconnect"), "{}", lost.body);
 }

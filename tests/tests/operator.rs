@@ -5,7 +5,7 @@ use avln_arena::{
     data::DataFolder,
     now_unix_ms,
 };
-use avln_client::{Action, Arena, Error, Link, Reason, RunOptions, Sensors};
+use avln_client::{Action, Client, ConnectOptions, Error, Reason, RunOptions, Sensors};
 use avln_store::AuditNote;
 use avln_tests::{House, PHASE, Plan, http};
 use serde::Serialize;
@@ -47,7 +47,7 @@ impl Operator {
 async fn the_operator_sees_what_is_played_and_nobody_else_does() {
     let house = House::open_with_admin(&Plan::default()).await;
     let operator = Operator::of(&house).await;
-    let arena = Arena::connect(house.agents_url(), &house.token).await.unwrap();
+    let arena = Client::connect(house.agents_url(), &house.token).await.unwrap();
     let run = arena.start_run(RunOptions::new(PHASE, "secretive method")).await.unwrap();
     let mut play = arena.play(&run, BLIND).await.unwrap();
     let mut episode = play.next_episode().await.unwrap().unwrap();
@@ -88,8 +88,8 @@ async fn the_operator_sees_what_is_played_and_nobody_else_does() {
 async fn a_drain_begins_nothing_new_and_lets_open_episodes_end() {
     let house = House::open_with_admin(&Plan::default()).await;
     let operator = Operator::of(&house).await;
-    let link = Link { patience: Some(Duration::from_secs(2)), ..Link::default() };
-    let arena = Arena::connect_with(house.agents_url(), &house.token, &link).await.unwrap();
+    let link = ConnectOptions { patience: Some(Duration::from_secs(2)), ..ConnectOptions::default() };
+    let arena = Client::connect_with(house.agents_url(), &house.token, &link).await.unwrap();
     let run = arena.start_run(RunOptions::new(PHASE, "patient")).await.unwrap();
     let mut play = arena.play(&run, BLIND).await.unwrap();
     let mut episode = play.next_episode().await.unwrap().unwrap();

@@ -2,14 +2,14 @@
 //! proves that every mission can be solved and that rules, references and regions agree with each other.
 
 use avln_arena::data::DataFolder;
-use avln_lab::suite::{self, Line, Plan, Results, Rung, Size};
+use avln_lab::suite::{self, AgentVariant, ResultLine, Results, SuiteOptions, SuiteSize};
 use avln_tests::{PHASE, http};
 
 /// Plays missions of three houses with the oracle in both orders.
-async fn play() -> Vec<Line> {
+async fn play() -> Vec<ResultLine> {
     let folder = tempfile::tempdir().expect("a folder");
-    let size = Size { houses: 3, missions: 4, practice: false };
-    let plan = Plan { agents: vec![Rung::ShortestPath], size, ..Plan::default() };
+    let size = SuiteSize { houses: 3, missions: 4, practice: false };
+    let plan = SuiteOptions { agents: vec![AgentVariant::ShortestPath], size, ..SuiteOptions::default() };
     suite::run(folder.path(), &plan).await.expect("a ladder");
     let results = Results::open(&folder.path().join("results.jsonl")).expect("results");
     results.lines().cloned().collect()

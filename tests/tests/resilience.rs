@@ -1,7 +1,7 @@
 //! A run cannot be lost: neither connections that break at any step nor servers that die at any moment change a bit of
 //! what its episodes were worth, lose an episode or count one twice.
 
-use avln_client::{Action, Arena, Episode, Error, Observation, Order, Play, Run, RunOptions, Sensors};
+use avln_client::{Action, Client, Episode, Error, Observation, Order, Play, Run, RunOptions, Sensors};
 use avln_tests::{House, PHASE, Plan, furnish, http, scissors::Scissors, server::Server};
 use serde_json::Value;
 use std::{
@@ -51,14 +51,14 @@ async fn wander_on(episode: &mut Episode<'_>, steps: &AtomicU32) -> Result<(), E
 
 /// Plays a whole run over `url` in several slots; gives back its id.
 async fn play_run(url: String, token: String, slots: u32, steps: &'static AtomicU32) -> String {
-    let arena = Arena::connect(url, &token).await.expect("the door is open");
+    let arena = Client::connect(url, &token).await.expect("the door is open");
     let run =
         arena.start_run(RunOptions::new(PHASE, "wanderer").order(Order::Unordered)).await.expect("a run");
     play_on(&arena, &run, slots, steps).await;
     run.id
 }
 
-async fn play_on(arena: &Arena, run: &Run, slots: u32, steps: &'static AtomicU32) {
+async fn play_on(arena: &Client, run: &Run, slots: u32, steps: &'static AtomicU32) {
     let mut players = JoinSet::new();
     for play in arena.play_slots(run, BLIND, slots).await.expect("a stream") {
         players.spawn(play_slot(play, steps));

@@ -1,7 +1,7 @@
 //! Sealed runs: the same score as by dialling in, and nothing to be reached but the server.
 #![cfg(target_os = "linux")]
 
-use avln_client::{Arena, Metric, RunStatus};
+use avln_client::{Client, Metric, RunStatus};
 use avln_tests::{House, PHASE, Plan, TEAM, furnish, http};
 use std::{
     net::TcpListener,
@@ -48,7 +48,7 @@ fn text(bytes: &[u8]) -> String {
 }
 
 async fn status(house: &House, method: &str) -> RunStatus {
-    let arena = Arena::connect(house.agents_url(), &house.token).await.unwrap();
+    let arena = Client::connect(house.agents_url(), &house.token).await.unwrap();
     arena.runs().await.unwrap().into_iter().find(|run| run.method == method).expect("its run")
 }
 

@@ -2,7 +2,7 @@
 
 use avln_arena::servers::Limits;
 use avln_arena::setup::admit;
-use avln_client::{Action, Arena, EndReason, Error, Order, RunOptions, Sensors};
+use avln_client::{Action, Client, EndReason, Error, Order, RunOptions, Sensors};
 use avln_tests::{House, PHASE, Plan, furnish, rule, scissors::Scissors, store};
 use std::{
     sync::{
@@ -17,7 +17,12 @@ use tokio::{sync::Mutex, task::JoinSet, time::sleep};
 static ALONE: Mutex<()> = Mutex::const_new(());
 
 /// Turns on the spot in every slot until `enough`.
-async fn turn(arena: Arena, slots: u32, steps: Arc<AtomicU32>, enough: Arc<AtomicBool>) -> Result<(), Error> {
+async fn turn(
+    arena: Client,
+    slots: u32,
+    steps: Arc<AtomicU32>,
+    enough: Arc<AtomicBool>,
+) -> Result<(), Error> {
     let run = arena.start_run(RunOptions::new(PHASE, "dervish").order(Order::Unordered)).await?;
     let mut players = JoinSet::new();
     for mut play in arena.play_slots(&run, Sensors::default(), slots).await? {
@@ -56,7 +61,7 @@ async fn a_team_of_one_slot_steps_as_often_as_one_of_sixteen() {
     let steps: [Arc<AtomicU32>; 2] = Default::default();
     let mut teams = JoinSet::new();
     for (token, slots, steps) in [(&house.token, 16, &steps[0]), (&modest, 1, &steps[1])] {
-        let arena = Arena::connect(house.agents_url(), token).await.expect("the door is open");
+        let arena = Client::connect(house.agents_url(), token).await.expect("the door is open");
         teams.spawn(turn(arena, slots, steps.clone(), enough.clone()));
     }
     while steps.iter().any(|steps| steps.load(Ordering::Relaxed) < 20) {
@@ -81,7 +86,7 @@ async fn fifty_milliseconds_away_costs_no_time() {
     rule(folder.path(), |phase| (phase.time.step_ms, phase.time.bank_ms) = (80, 1000)).await;
     let house = House::open_odd(folder, token, |arena| arena, |limits| limits).await;
     let wire = Scissors::far(house.doors.grpc, Duration::from_millis(50)).await;
-    let arena = Arena::connect(wire.url(), &house.token).await.expect("the door is open");
+    let arena = Client::connect(wire.url(), &house.token).await.expect("the door is open");
     let run = arena.start_run(RunOptions::new(PHASE, "far").order(Order::Unordered)).await.expect("a run");
     let blind = Sensors { rgb: false, depth: false, audio: false, ..Sensors::default() };
     let mut play = arena.play(&run, blind).await.expect("a stream");

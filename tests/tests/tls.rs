@@ -1,7 +1,7 @@
 //! Both doors over TLS, with certificates that the test itself issues.
 
 use avln_arena::servers::Security;
-use avln_client::{Action, Arena, Error, Link, Observation, Packing, RunOptions, Sensors};
+use avln_client::{Action, Client, ConnectOptions, Error, Observation, Packing, RunOptions, Sensors};
 use avln_tests::{House, PHASE, Plan, http};
 use rcgen::{BasicConstraints, CertificateParams, IsCa, Issuer, KeyPair};
 use std::path::PathBuf;
@@ -38,14 +38,14 @@ impl Authority {
         Security { tls_cert: Some(self.file("cert.pem")), tls_key: Some(self.file("key.pem")) }
     }
 
-    fn link(&self, packing: Packing) -> Link {
-        Link { ca: Some(self.file("ca.pem")), packing: Some(packing), ..Link::default() }
+    fn link(&self, packing: Packing) -> ConnectOptions {
+        ConnectOptions { ca: Some(self.file("ca.pem")), packing: Some(packing), ..ConnectOptions::default() }
     }
 }
 
 /// What an agent sees on its first steps.
-async fn look(house: &House, link: &Link) -> Vec<Observation> {
-    let arena = Arena::connect_with(house.agents_url(), &house.token, link).await.unwrap();
+async fn look(house: &House, link: &ConnectOptions) -> Vec<Observation> {
+    let arena = Client::connect_with(house.agents_url(), &house.token, link).await.unwrap();
     let run = arena.start_run(RunOptions::new(PHASE, "looker")).await.unwrap();
     let mut play = arena.play(&run, Sensors::square(64)).await.unwrap();
     let mut episode = play.next_episode().await.unwrap().unwrap();
@@ -67,7 +67,7 @@ async fn episodes_are_played_over_tls_and_look_the_same_however_they_are_packed(
     assert_eq!(raw, packed);
 
     let refused =
-        Arena::connect_with(house.agents_url(), "", &stranger.link(Packing::Raw)).await.unwrap_err();
+        Client::connect_with(house.agents_url(), "", &stranger.link(Packing::Raw)).await.unwrap_err();
     let text = refused.to_string();
     assert!(
         matches!(refused, Error::Tls { .. }) && text.contains("--ca") && text.contains("authority"),
@@ -75,7 +75,7 @@ async fn episodes_are_played_over_tls_and_look_the_same_however_they_are_packed(
     );
 
     let plain = format!("http://{}", house.doors.grpc);
-    let text = Arena::connect(plain, "").await.unwrap_err().to_string();
+    let text = Client::connect(plain, "").await.unwrap_err().to_string();
     assert!(text.contains("https://"), "{text}");
 
     let page = http::get(house.doors.web, "/").await;
@@ -87,7 +87,7 @@ async fn tls_where_plain_text_is_spoken_is_told_apart() {
     let authority = Authority::new();
     let house = House::open(&Plan::default()).await;
     let secure = format!("https://{}", house.doors.grpc);
-    let refused = Arena::connect_with(secure, "", &authority.link(Packing::Raw)).await.unwrap_err();
+    let refused = Client::connect_with(secure, "", &authority.link(Packing::Raw)).await.unwrap_err();
     let text = refused.to_string();
     assert!(matches!(refused, Error::Tls { .. }) && text.contains("write http://"), "{text}");
 }

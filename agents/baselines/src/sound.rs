@@ -13,7 +13,7 @@ const CERTAIN: f32 = 0.5;
 const LOUD_M: f32 = 0.8;
 /// Distance to the estimated source at which a path ends, metres.
 const REACH_M: f32 = 0.4;
-/// Steps of sound over which the level is averaged before a Submit.
+/// Sound steps over which the level is averaged before a Submit.
 const RECENT: usize = 3;
 /// Level share after a Submit below which the source counts as silent: the target was found.
 const FOUND_LEVEL: f32 = 0.5;

@@ -59,7 +59,7 @@ const WORTH: f32 = 0.55;
 /// Decrease in a view's value per metre.
 const PER_M: f32 = 0.01;
 
-/// An agent that keeps a few views that together cover every seen object, and chooses between the view that fits a
+/// An agent that remembers a few views that together cover every seen object, and chooses between the view that fits a
 /// goal best and the nearest frontier. It does not hear.
 ///
 /// The memory follows 3D-Mem (Yang et al. 2025): memory snapshots cover all detected objects, each object in one

@@ -24,7 +24,7 @@ pub(crate) struct PendingRequest {
     pub(crate) answer: oneshot::Sender<Vec<u8>>,
 }
 
-/// Plays a run. An episode starts, with its clock, when the person asks for it.
+/// Plays a run. An episode starts, with its clock, on the person's request.
 pub(crate) async fn play(
     mut play: Play,
     mut requests: mpsc::Receiver<PendingRequest>,

@@ -44,7 +44,7 @@ pub enum HumanError {
     Page {
         /// Requested address.
         address: SocketAddr,
-        /// Error of the system.
+        /// System error.
         error: io::Error,
     },
 }

@@ -23,7 +23,7 @@ pub struct MotionController {
 }
 
 impl MotionController {
-    /// Creates the controller of a body at rest.
+    /// Creates the controller for a body at rest.
     pub fn new(task: &TaskSpec) -> Self {
         Self {
             forward_m: task.forward_m,
@@ -127,7 +127,7 @@ impl Explorer {
         self.motion.record(action, &self.pose);
     }
 
-    /// Returns the pose of the body.
+    /// Returns the body's pose.
     pub fn pose(&self) -> Pose2d {
         self.pose
     }

@@ -32,7 +32,7 @@ impl FloorPoint {
 /// A pose on the floor plan.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Pose2d {
-    /// Position of the body.
+    /// Body position.
     pub place: FloorPoint,
     sin: f32,
     cos: f32,
@@ -77,7 +77,7 @@ impl Pose2d {
     }
 }
 
-/// The pinhole camera of a run.
+/// A run's pinhole camera.
 #[derive(Clone, Copy, Debug)]
 pub struct PinholeCamera {
     /// Pixels in a row.
@@ -94,14 +94,14 @@ pub struct PinholeCamera {
 pub struct SurfacePoint {
     /// Position on the floor plan.
     pub place: FloorPoint,
-    /// Height above the base of the body, metres.
+    /// Height above the body's base, metres.
     pub height_m: f32,
     /// Distance on the floor plan from the camera, metres.
     pub range_m: f32,
 }
 
 impl PinholeCamera {
-    /// Creates the camera of a task.
+    /// Creates a task's camera.
     pub fn new(task: &TaskSpec) -> Self {
         let focal_px = 0.5 * task.width as f32 / (0.5 * task.hfov_rad).tan();
         Self {

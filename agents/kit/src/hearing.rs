@@ -10,7 +10,7 @@ use std::sync::Arc;
 const POINTS: usize = 8192;
 /// Largest interaural delay, seconds.
 const MAX_ITD_S: f32 = 0.000_8;
-/// Band of the correlation, hertz.
+/// Correlation band, hertz.
 const BAND_HZ: [f32; 2] = [150.0, 6000.0];
 /// Lower levels are silence.
 const SILENCE: f32 = 1e-5;
@@ -30,7 +30,7 @@ pub fn itd_s(bearing_rad: f32) -> f32 {
     delay_s.copysign(bearing_rad)
 }
 
-/// Returns the interaural delay for a source below the ears, `length_m` metres away on the floor, in seconds. The
+/// Returns the interaural delay for a source below the ears, `length_m` metres apart on the floor, in seconds. The
 /// slope moves it towards the median plane: all directions on a cone around the interaural axis have equal delays.
 pub fn sloped_itd_s(bearing_rad: f32, length_m: f32) -> f32 {
     let across = bearing_rad.sin() * length_m / length_m.hypot(LOWER_M);
@@ -44,7 +44,7 @@ pub fn sloped_itd_s(bearing_rad: f32, length_m: f32) -> f32 {
 pub struct HeardSound {
     /// Interaural delay, seconds; positive if the left ear heard first.
     pub itd_s: f32,
-    /// Root mean square of the sound pressure over both ears.
+    /// Root mean square over both ears.
     pub level: f32,
 }
 
@@ -90,7 +90,7 @@ impl Ear {
     fn correlate(&mut self, rate_hz: f32) -> Option<()> {
         let band = BAND_HZ.map(|hz| ((hz / rate_hz * POINTS as f32) as usize).clamp(1, POINTS / 2 - 1));
         let [left, right] = &mut self.spectra;
-        // The phase transform gives all bins equal weight: without a floor, bins without energy would add noise.
+        // The phase transform weights all bins equally: without a floor, silent bins would add noise.
         let floor = 1e-4 * left.iter().zip(&*right).map(|(l, r)| (l * r).norm()).fold(0.0, f32::max);
         let mut weight = 0.0;
         for (bin, (l, r)) in left.iter_mut().zip(&*right).enumerate() {

@@ -5,14 +5,14 @@ use crate::map::occupancy::{CELL_M, Cell, Occupancy};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Cells between nodes of the search.
+/// Cells between search nodes.
 const STRIDE: i32 = 2;
 /// Cost per metre near obstacles and through unknown cells, in metres on open floor.
 const TIGHT: f32 = 2.5;
 const UNKNOWN: f32 = 1.3;
 /// Additional cost per blocked step in the cell.
 const BUMP: f32 = 6.0;
-/// Node limit of a search.
+/// Node limit per search.
 const MOST_NODES: usize = 40_000;
 const SIDES: [(i32, i32); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)];
 
@@ -23,7 +23,7 @@ pub struct Path {
     pub places: Vec<FloorPoint>,
     /// Distance from the last point to the goal, metres.
     pub left_m: f32,
-    /// Cost in metres of open floor.
+    /// Cost in metres on open floor.
     pub cost_m: f32,
 }
 
@@ -76,7 +76,7 @@ impl Nodes {
         Self::index(cell).map_or(0.0, |index| self.cost_m[index])
     }
 
-    /// Returns the predecessor of a cell.
+    /// Returns a cell's predecessor.
     fn before(&self, cell: Cell) -> Option<Cell> {
         let (dc, dr) = SIDES[usize::from(self.before[Self::index(cell)?] & !Self::CLOSED)];
         Some(cell.moved(-dc * STRIDE, -dr * STRIDE))
@@ -166,7 +166,7 @@ impl Path {
     }
 }
 
-/// Steps for which the end of a path stays the target.
+/// Steps for which a path's end stays the target.
 const KEPT_STEPS: u32 = 40;
 /// Goals within this distance count as equal, metres.
 const SAME_M: f32 = 0.5;

@@ -1,7 +1,8 @@
 //! Command-line arguments, run loop and console output of agent programs.
 
 use avln_client::{
-    Agent, Arena, EpisodeEnd, Error, Link, Order, Run, RunOptions, RunSummary, Sensors, evaluate_slots,
+    Agent, Client, ConnectOptions, EpisodeEnd, Error, Order, Run, RunOptions, RunSummary, Sensors,
+    evaluate_slots,
 };
 use clap::{Args, value_parser};
 use std::{fmt::Display, future::Future, io, iter, path::PathBuf, process::ExitCode, thread};
@@ -32,10 +33,10 @@ impl RunArgs {
     ///
     /// # Errors
     /// If the server cannot be reached or refuses the run.
-    pub async fn begin(self, method: &str, version: &str) -> Result<(Arena, Run), Error> {
-        let link = Link { ca: self.ca, ..Link::default() };
+    pub async fn begin(self, method: &str, version: &str) -> Result<(Client, Run), Error> {
+        let connect_options = ConnectOptions { ca: self.ca, ..ConnectOptions::default() };
         let options = RunOptions::new(self.phase, method).method_version(version).order(self.order);
-        Arena::begin(&self.server, self.token, &link, options).await
+        Client::begin(&self.server, self.token, &connect_options, options).await
     }
 }
 
@@ -63,12 +64,12 @@ impl AgentArgs {
     }
 }
 
-/// Name, version and sensors of an agent.
+/// An agent's name, version and sensors.
 #[derive(Clone, Debug)]
 pub struct Method {
     /// Name on the leaderboard.
     pub name: String,
-    /// Version of the agent.
+    /// Agent version.
     pub version: &'static str,
     /// Requested sensors.
     pub sensors: Sensors,
@@ -102,7 +103,7 @@ pub fn run_for<T>(slots: u32, work: impl Future<Output = T>) -> io::Result<T> {
     Ok(runtime?.block_on(work))
 }
 
-/// Prints the end of an episode to standard error.
+/// Prints an episode's end to standard error.
 pub fn report(end: &EpisodeEnd) {
     let progress = end.progress;
     eprintln!("episode {} of {}: {} after {} steps", progress.done, progress.total, end.reason, end.steps);

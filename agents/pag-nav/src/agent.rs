@@ -16,7 +16,7 @@ use std::{mem, sync::Arc};
 
 /// Margin around the seen area in which sources may be, metres.
 const AROUND_M: f32 = 1.5;
-/// Steps of sound over which the level is averaged.
+/// Sound steps over which the level is averaged.
 const RECENT: usize = 3;
 
 /// The paper's reference agent (section 4): it localises targets by sound, maps the surroundings, compares objects
@@ -126,7 +126,7 @@ impl PagNav {
         Self { perception: Box::new(perception), ..self }
     }
 
-    /// Supplies the true position of the sounding source, for privileged variants.
+    /// Supplies the sounding source's true position, for privileged variants.
     pub fn hinted(self, hints: Arc<dyn Hints>) -> Self {
         Self { hints: Some(hints), ..self }
     }
@@ -226,7 +226,7 @@ impl PagNav {
         self.look_at_sources(pose);
     }
 
-    /// Applies the outcome of the pending Submit, once it is known.
+    /// Applies the pending Submit's outcome, once it is known.
     fn settle(&mut self, feedback: Feedback, heard: Option<&HeardSound>, here: FloorPoint) {
         let Some(pending) = &mut self.pending else { return };
         let outcome = pending.outcome.update(feedback, heard, self.weights.found_level);
@@ -252,7 +252,7 @@ impl PagNav {
         }
     }
 
-    /// Forgets unsuccessful Submits of ordered missions: they were for the previous goal.
+    /// Forgets unsuccessful Submits in ordered missions: they were for the previous goal.
     fn forget_misses(&mut self) {
         if self.goals.is_ordered() {
             for source in &mut self.sources {
@@ -311,7 +311,7 @@ impl PagNav {
         fits.fold(0.0, f32::max)
     }
 
-    /// Returns the support of rooms and neighbouring objects for a goal at a position, 0 to 1.
+    /// Returns the support from rooms and neighbouring objects for a goal at a position, 0 to 1.
     pub(crate) fn context(&self, place: FloorPoint, goal: usize) -> f32 {
         const NEUTRAL: f32 = 0.5;
         if self.ablation.no_priors { NEUTRAL } else { self.objects.context(place, &self.queries[goal]) }

@@ -96,7 +96,7 @@ impl Stage {
 /// The demand of visual-semantic verification.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct VerificationDemand {
-    /// Number of near views.
+    /// Near views.
     pub(crate) looks: u32,
     /// Fit with the goal, 0 to 1.
     pub(crate) fit: f32,

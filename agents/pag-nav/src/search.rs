@@ -132,7 +132,7 @@ impl PagNav {
         scored.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).map(|(score, place)| (place, score))
     }
 
-    /// Returns the support of rooms and objects around a frontier for the active goals (P_room and P_obj), 0 to 1.
+    /// Returns the support from rooms and objects around a frontier for the active goals (P_room and P_obj), 0 to 1.
     fn expects(&self, place: FloorPoint) -> f32 {
         let fits = self.goals.active().map(|goal| self.context(place, goal));
         fits.fold(0.0, f32::max)

@@ -6,7 +6,7 @@ use avln_kit::geometry::{FloorPoint, Pose2d};
 use avln_kit::map::{ClimbPath, Elevation};
 use std::f32::consts::TAU;
 
-/// Least height of stairs, metres.
+/// Least stair height, metres.
 const FLIGHT_M: f32 = 0.9;
 /// Preferred rise to the next target on stairs, metres; otherwise a single step within `NEAR_M`.
 const RISE_M: f32 = 0.4;

@@ -298,7 +298,7 @@ mod tests {
         map
     }
 
-    /// Reference implementation of the convolution.
+    /// Reference convolution.
     fn plain(
         input: &FeatureMap,
         (weights, bias): (&[f32], &[f32]),

@@ -120,7 +120,7 @@ impl UNet {
         output
     }
 
-    /// Returns the output of the last [`UNet::run`].
+    /// Returns the last output.
     pub(crate) fn output(&mut self) -> &mut FeatureMap {
         &mut self.memory.output
     }

@@ -29,7 +29,7 @@ pub struct CameraModel {
     pub hfov_rad: f32,
     /// Height above the body's floor, metres.
     pub height_m: f32,
-    /// Elevation of the viewing direction, radians.
+    /// Camera elevation, radians.
     pub pitch_rad: f32,
 }
 
@@ -69,7 +69,7 @@ impl CameraModel {
     }
 }
 
-/// Smallest and largest side of an image, pixels.
+/// Smallest and largest image side, pixels.
 const SIDES_PX: [usize; 2] = [8, 4096];
 
 impl Picture<'_> {

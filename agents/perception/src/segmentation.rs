@@ -48,7 +48,7 @@ impl Segmentation {
         (best.1 > 0.0).then_some(best.0)
     }
 
-    /// Returns the weight of a segment's pixels in the middle.
+    /// Returns a segment's pixel weight in the middle.
     fn middle_weight(&self, segment: &Segment) -> f32 {
         let reach = MIDDLE_SHARE * self.width as f32;
         let from_middle = |at: usize, side: usize| (at as f32 + 0.5 - 0.5 * side as f32) / reach;

@@ -6,13 +6,13 @@ use crate::network::UNet;
 use crate::picture::Picture;
 use crate::segmentation::{Histogram, PixelBox, Segment, Segmentation};
 
-/// Fewest pixels of an instance.
+/// Fewest pixels per instance.
 const LEAST_PX: usize = 12;
 /// Radius around predicted centres within an instance, map pixels.
 const SPREAD_PX: usize = 5;
 /// Least vote share for a centre in a stretch.
 const LEAST_SHARE: f32 = 0.12;
-/// Limit of parts per stretch.
+/// Part limit per stretch.
 const MOST_PARTS: usize = 16;
 /// Distance between mean centres below which two stretches are a partly occluded instance, pixels.
 const TOGETHER_PX: f32 = 4.0;
@@ -103,7 +103,7 @@ impl InstanceCenters {
         Self { places: (0..width * height).map(place).collect(), width, height }
     }
 
-    /// Returns the nearest pixel of a position.
+    /// Returns a position's nearest pixel.
     fn cell(&self, [x, y]: [f32; 2]) -> [usize; 2] {
         let inside = |at: f32, side: usize| at.round().clamp(0.0, (side - 1) as f32) as usize;
         [inside(x, self.width), inside(y, self.height)]
@@ -176,7 +176,7 @@ impl InstanceCenters {
         whole.into_iter().map(|(_, _, pixels)| pixels).collect()
     }
 
-    /// Returns the mean predicted centre of pixels.
+    /// Returns the mean predicted centre.
     fn mean(&self, pixels: &[u32]) -> [f32; 2] {
         let places = pixels.iter().map(|pixel| self.places[*pixel as usize]);
         let [x, y] = places.fold([0.0; 2], |[x, y], place| [x + place[0], y + place[1]]);
@@ -190,7 +190,7 @@ fn apart2(a: [f32; 2], b: [f32; 2]) -> f32 {
 
 /// Builds a segment from pixels.
 fn segment(mut mask: Vec<u32>, output: &FeatureMap, kinds: usize, picture: &Picture) -> Option<Segment> {
-    // A fixed order of summation keeps results reproducible.
+    // A fixed summation order makes results reproducible.
     mask.sort_unstable();
     let bounds = PixelBox::around(&mask, output.width)?;
     let mut sums = vec![0.0; output.channels];

@@ -7,7 +7,7 @@ use crate::weights::{WeightsError, WeightsFile};
 /// Shape features; the log-probabilities follow them.
 const SHAPE: usize = 14;
 const HIDDEN: usize = 64;
-/// Offsets of lengths and probabilities before the logarithm.
+/// Offsets for lengths and probabilities before the logarithm.
 const LENGTH_M: f32 = 0.05;
 const LIKELIHOOD: f32 = 1e-3;
 

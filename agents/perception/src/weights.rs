@@ -5,13 +5,13 @@ use serde::Deserialize;
 /// The network description in a weights file.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct NetworkInfo {
-    /// Version of the layout: 1.
+    /// Layout version: 1.
     pub version: u32,
     /// Category names; mpcat40's where possible.
     pub categories: Vec<String>,
     /// Number of leading categories for the building itself, without instances.
     pub building: usize,
-    /// Length of an embedding.
+    /// Embedding length.
     pub embedding: usize,
     /// Unit for centre offsets, output pixels.
     pub offset_px: f32,
@@ -21,14 +21,14 @@ pub struct NetworkInfo {
     pub training: TrainingInfo,
 }
 
-/// The training data of a network.
+/// A network's training data.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct TrainingInfo {
-    /// Recipe of the houses.
+    /// House recipe.
     pub recipe: String,
-    /// Split of the recipe.
+    /// Recipe split.
     pub split: String,
-    /// Seeds of the houses.
+    /// House seeds.
     pub seeds: Vec<u64>,
     /// Images per house.
     pub views: u32,

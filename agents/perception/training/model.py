@@ -46,7 +46,7 @@ class VisionNetwork(nn.Module):
         two = self.level_2(self.down_2(one))
         three = self.level_3(self.down_3(two))
         four = self.level_4(self.down_4(three))
-        # The mean over the image gives context to its parts.
+        # The mean over the image adds context to all parts.
         four = four + self.whole(four.mean((2, 3), keepdim=True))
         three = self.back_3(twice(self.lift_3(four)) + three)
         two = self.back_2(twice(self.lift_2(three)) + two)

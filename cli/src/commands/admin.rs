@@ -1,4 +1,4 @@
-//! Asks a running server what is going on, announces things, and lets it come to its end.
+//! Inspects, notifies and drains a running server.
 
 use crate::output::say;
 use avln_arena::{
@@ -10,84 +10,88 @@ use serde::Serialize;
 
 /// Commands to a running server.
 #[derive(Debug, Subcommand)]
-pub enum Command {
-    /// Tell by the exit code whether the server is up; needs no token
-    Health(Door),
-    /// Tell what is being played
-    Status(Server),
-    /// Begin nothing new, give open episodes time to end, then stop
+pub enum AdminCommand {
+    /// Exit with code 0 if the server is up; needs no token
+    Health(AdminAddress),
+    /// Print the state of the server and the running episodes
+    Status(AdminAccess),
+    /// Start no more runs, let open episodes finish, then stop the server
     Drain {
-        /// Where the server is
+        /// Address and token
         #[command(flatten)]
-        server: Server,
-        /// Why, for agents and people
+        server: AdminAccess,
+        /// Reason, shown to agents and visitors
+        /// Reason, for the audit list
         #[arg(long, value_name = "TEXT")]
         reason: String,
-        /// For how long open episodes may go on
+        /// Time for open episodes
+        /// Reason, for the audit list
         #[arg(long, default_value_t = 10, value_name = "MINUTES")]
         minutes: u32,
     },
-    /// Announce something to agents and people
+    /// Announce a text to agents and visitors
     Notice {
-        /// Where the server is
+        /// Address and token
         #[command(flatten)]
-        server: Server,
-        /// The text, on one line; an empty one takes the last back
+        server: AdminAccess,
+        /// One line of text; an empty text removes the announcement
         text: String,
     },
 }
 
-/// Where the server is.
+/// Address of the admin server.
 #[derive(Clone, Debug, Args)]
-pub struct Door {
-    /// Address of the operator's door, which is on the server's own machine
+pub struct AdminAddress {
+    /// URL of the admin server, on the server's own machine
     #[arg(long, default_value = "http://127.0.0.1:50052", value_name = "URL")]
     pub server: String,
 }
 
-/// Where the server is, and who asks.
+/// Address and token for the admin server.
 #[derive(Clone, Debug, Args)]
-pub struct Server {
-    /// Where it is
+pub struct AdminAccess {
+    /// Address
     #[command(flatten)]
-    pub door: Door,
-    /// Token of an organiser
+    pub address: AdminAddress,
+    /// Organiser token
     #[arg(long, env = "AVLN_TOKEN", hide_env_values = true, value_name = "TOKEN")]
     pub token: String,
 }
 
-/// Carries out a command.
+/// Runs a command on a running server.
 ///
 /// # Errors
-/// When the server does not answer or refuses.
-pub async fn run(command: Command) -> Result<(), Failure> {
+/// If the server does not answer or refuses.
+pub async fn run(command: AdminCommand) -> Result<(), Failure> {
     let status = match command {
-        Command::Health(door) => return health(&door).await,
-        Command::Status(server) => request(&server, "/v1/status", None::<&()>).await?,
-        Command::Drain { server, reason, minutes } => {
+        AdminCommand::Health(address) => return health(&address).await,
+        AdminCommand::Status(server) => request(&server, "/v1/status", None::<&()>).await?,
+        AdminCommand::Drain { server, reason, minutes } => {
             request(&server, "/v1/drain", Some(&Drain { reason, minutes })).await?
         }
-        Command::Notice { server, text } => request(&server, "/v1/notice", Some(&Notice { text })).await?,
+        AdminCommand::Notice { server, text } => {
+            request(&server, "/v1/notice", Some(&Notice { text })).await?
+        }
     };
     show(&status);
     Ok(())
 }
 
-/// The metrics are counted in the database, so that a server that answers with them can do its work.
-async fn health(door: &Door) -> Result<(), Failure> {
-    let answer = ask(&door.server, "/metrics", "", None).await?;
+// The metrics page is the check: its counts come from the database, so a server that returns it can work.
+async fn health(address: &AdminAddress) -> Result<(), Failure> {
+    let answer = ask(&address.server, "/metrics", "", None).await?;
     if !answer.status.is_success() {
-        let message = format!("the server is not well: it answered {}", answer.status.as_u16());
+        let message = format!("the server is not healthy: it answered {}", answer.status.as_u16());
         return Err(Failure::new(FailureKind::Run, message));
     }
     say!("up");
     Ok(())
 }
 
-async fn request(server: &Server, path: &str, body: Option<&impl Serialize>) -> Result<Status, Failure> {
+async fn request(server: &AdminAccess, path: &str, body: Option<&impl Serialize>) -> Result<Status, Failure> {
     let internal = |error: serde_json::Error| Failure::new(FailureKind::Internal, error);
     let body = body.map(serde_json::to_vec).transpose().map_err(internal)?;
-    let answer = ask(&server.door.server, path, &server.token, body).await?;
+    let answer = ask(&server.address.server, path, &server.token, body).await?;
     if answer.status.is_success() {
         return serde_json::from_slice(&answer.body).map_err(internal);
     }
@@ -108,7 +112,7 @@ fn show(status: &Status) {
     say!("steps    {}", status.steps);
     say!("scenes   {} MiB", status.scene_bytes >> 20);
     if status.hanging > 0 {
-        say!("hanging  {} simulations; start the server again when it suits", status.hanging);
+        say!("hanging  {} simulations; restart the server when convenient", status.hanging);
     }
     say!("playing  {} episodes", status.slots.len());
     for slot in &status.slots {

@@ -1,25 +1,25 @@
-//! Runs the agents that come with the arena.
+//! The bundled agents.
 
 use crate::output::say;
 use avln_arena::{Failure, FailureKind};
 use avln_human::HumanError;
 use clap::Subcommand;
 
-/// The agents that come with the arena; each connects as a client like everyone else.
+/// The bundled agents; they connect as any other client.
 #[derive(Debug, Subcommand)]
-pub enum Agent {
-    /// Walk at random: the floor of every leaderboard
+pub enum AgentCommand {
+    /// Walk at random: the lower bound of every leaderboard
     Random(avln_baselines::RandomArgs),
-    /// Simple agents that others are compared with
+    /// Run a simple agent for comparison
     Baseline(avln_baselines::BaselineArgs),
-    /// PAG-Nav, the reference agent
+    /// Run PAG-Nav, the reference agent
     PagNav(avln_pag_nav::PagNavArgs),
-    /// A person in a browser on this machine, who senses and may do what agents do
+    /// Play in a browser on this machine, with the senses and actions of an agent
     Human(avln_human::HumanArgs),
 }
 
-impl Agent {
-    /// How many episodes it plays side by side.
+impl AgentCommand {
+    /// Number of parallel episodes.
     pub fn slots(&self) -> u32 {
         match self {
             Self::Random(_) | Self::Human(_) => 1,
@@ -29,16 +29,16 @@ impl Agent {
     }
 }
 
-/// Runs an agent to the end of its run.
+/// Plays a run with an agent.
 ///
 /// # Errors
-/// When the run fails.
-pub async fn run(agent: Agent) -> Result<(), Failure> {
+/// If the run fails.
+pub async fn run(agent: AgentCommand) -> Result<(), Failure> {
     let summary = match agent {
-        Agent::Random(options) => avln_baselines::run_random(options).await.map_err(Failure::run)?,
-        Agent::Baseline(options) => avln_baselines::run(options).await.map_err(Failure::run)?,
-        Agent::PagNav(options) => avln_pag_nav::run(options).await.map_err(Failure::run)?,
-        Agent::Human(options) => avln_human::run(options).await.map_err(human_failure)?,
+        AgentCommand::Random(options) => avln_baselines::run_random(options).await.map_err(Failure::run)?,
+        AgentCommand::Baseline(options) => avln_baselines::run(options).await.map_err(Failure::run)?,
+        AgentCommand::PagNav(options) => avln_pag_nav::run(options).await.map_err(Failure::run)?,
+        AgentCommand::Human(options) => avln_human::run(options).await.map_err(human_failure)?,
     };
     say!("{summary}");
     Ok(())

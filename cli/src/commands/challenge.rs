@@ -1,6 +1,6 @@
-//! The organiser's file, and the audit list of what it changed.
+//! The challenge file, the audit list, and the commitment of hidden phases.
 
-use crate::output::say;
+use crate::output::{print_json, say};
 use avln_arena::{
     Failure, FailureKind,
     challenge::{ChallengeFile, PhaseFile, Plan, Planner, Unplanned, actor, json as as_json},
@@ -13,60 +13,63 @@ use clap::{Args, Subcommand};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Commands about the challenge as a whole.
+/// Commands on the challenge as a whole.
 #[derive(Debug, Subcommand)]
-pub enum Command {
-    /// Say what a file would change, or what is wrong with it; docs/challenge.toml is an example
+pub enum ChallengeFileCommand {
+    /// Show the changes that a challenge file would make, or its errors; docs/challenge.toml is an example
     Check {
-        /// The file
+        /// Challenge file
         file: PathBuf,
     },
-    /// Make the phases as a file has them; a server that runs sees it at once
+    /// Create and change phases as in a challenge file; a running server applies them at once
     Apply {
-        /// The file
+        /// Challenge file
         file: PathBuf,
-        /// Why, for the audit list
+        /// Reason, for the audit list
+        /// Reason, for the audit list
         #[arg(long, default_value = "", value_name = "TEXT")]
         reason: String,
     },
-    /// Print the file that is in force: to apply it changes nothing
+    /// Print all phases as a challenge file
     Show {
-        /// As JSON
+        /// Print JSON
+        /// Reason, for the audit list
         #[arg(long)]
         json: bool,
     },
-    /// Print the audit list: what was changed, when, by whom and why
+    /// Print the audit list: changes with time, actor and reason
     Audit {
-        /// As JSON
+        /// Print JSON
+        /// Reason, for the audit list
         #[arg(long)]
         json: bool,
     },
-    /// Publish what a closed phase had committed to: its episodes, the scorer and the secret of its draws
+    /// Publish the committed values of a closed phase: episodes, scorer, and the secret of its draws
     Reveal {
         /// Id of the phase
         phase: String,
     },
-    /// Check published values, as `avln challenge reveal` prints them, against their commitment
-    VerifyReveal(Verify),
+    /// Check the output of `avln challenge reveal` against the commitment
+    VerifyReveal(VerifyRevealArgs),
 }
 
-/// What is checked.
+/// Arguments of `verify-reveal`.
 #[derive(Clone, Debug, Args)]
-pub struct Verify {
-    /// A file with what `avln challenge reveal` printed
+pub struct VerifyRevealArgs {
+    /// File with the output of `avln challenge reveal`
     pub file: PathBuf,
-    /// Also check the episodes: the folder of the data set
+    /// Folder of the data set, to check the episodes too
     #[arg(long, value_name = "DIR", requires = "split")]
     pub dataset: Option<PathBuf>,
-    /// The split of --dataset
+    /// Split of --dataset
     #[arg(long, requires = "dataset")]
     pub split: Option<String>,
 }
 
-/// What a phase had committed to, as it is published.
+/// The published commitment of a phase and its values.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Published {
+struct PublishedCommitment {
     phase: String,
     commitment: String,
     committed_at: String,
@@ -81,18 +84,18 @@ struct PublishedValues {
     secret: String,
 }
 
-/// Carries out a command about the challenge.
+/// Runs a command on the challenge.
 ///
 /// # Errors
-/// When a file is wrong, values do not fit their commitment, or the database refuses.
-pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
+/// If a file is wrong, values do not fit their commitment, or the database fails.
+pub async fn run(data: &Path, command: ChallengeFileCommand) -> Result<(), Failure> {
     match command {
-        Command::Check { file } => check(data, &file).await,
-        Command::Apply { file, reason } => apply(data, &file, &reason).await,
-        Command::Show { json } => show(data, json).await,
-        Command::Audit { json } => audit(data, json).await,
-        Command::Reveal { phase } => reveal(data, &phase).await,
-        Command::VerifyReveal(options) => verify(&options),
+        ChallengeFileCommand::Check { file } => check(data, &file).await,
+        ChallengeFileCommand::Apply { file, reason } => apply(data, &file, &reason).await,
+        ChallengeFileCommand::Show { json } => show(data, json).await,
+        ChallengeFileCommand::Audit { json } => audit(data, json).await,
+        ChallengeFileCommand::Reveal { phase } => reveal(data, &phase).await,
+        ChallengeFileCommand::VerifyReveal(args) => verify(&args),
     }
 }
 
@@ -118,7 +121,7 @@ fn folder_of(path: &Path) -> &Path {
     path.parent().unwrap_or(Path::new(""))
 }
 
-/// Largest file that is read, bytes: thousands of phases.
+/// Largest accepted file, bytes: thousands of phases.
 const LARGEST_FILE: u64 = 4 << 20;
 
 async fn plan(planner: &Planner<'_>, path: &Path) -> Result<Plan, Failure> {
@@ -151,7 +154,7 @@ fn tell(plan: &Plan, verb: &str) {
         say!("nothing to change");
     }
     for phase in &plan.left_out {
-        say!("phase {phase} is not in the file and stays as it is");
+        say!("phase {phase} is not in the file and stays unchanged");
     }
 }
 
@@ -159,7 +162,7 @@ async fn show(data: &Path, json: bool) -> Result<(), Failure> {
     let store = DataFolder::open(data)?.store().await?;
     let file = ChallengeFile::of(&store.phases().await?);
     if json {
-        say!("{}", pretty(&as_json(&file))?);
+        print_json(&as_json(&file))?;
     } else {
         say!("{}", file.text().map_err(|error| Failure::new(FailureKind::Internal, error))?.trim_end());
         for PhaseFile { id, .. } in &file.phases {
@@ -170,16 +173,11 @@ async fn show(data: &Path, json: bool) -> Result<(), Failure> {
     Ok(())
 }
 
-fn pretty(value: &impl Serialize) -> Result<String, Failure> {
-    serde_json::to_string_pretty(value).map_err(|error| Failure::new(FailureKind::Internal, error))
-}
-
 async fn audit(data: &Path, json: bool) -> Result<(), Failure> {
     let store = DataFolder::open(data)?.store().await?;
     let lines = store.audit().await?;
     if json {
-        say!("{}", pretty(&lines)?);
-        return Ok(());
+        return print_json(&lines);
     }
     for AuditLine { id, at_ms, actor, subject, what, before, after, reason } in lines {
         let words = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
@@ -204,39 +202,36 @@ async fn reveal(data: &Path, phase: &str) -> Result<(), Failure> {
     };
     let (promise, values) = store.reveal_phase(phase, note, now_unix_ms()).await?;
     let CommitmentValues { pool, scorer, secret } = values;
-    say!(
-        "{}",
-        pretty(&Published {
-            phase: phase.to_owned(),
-            commitment: promise.commitment,
-            committed_at: rfc3339(promise.committed_unix_ms),
-            values: PublishedValues { pool, scorer, secret },
-        })?
-    );
-    Ok(())
+    print_json(&PublishedCommitment {
+        phase: phase.to_owned(),
+        commitment: promise.commitment,
+        committed_at: rfc3339(promise.committed_unix_ms),
+        values: PublishedValues { pool, scorer, secret },
+    })
 }
 
-fn verify(options: &Verify) -> Result<(), Failure> {
+fn verify(args: &VerifyRevealArgs) -> Result<(), Failure> {
     let unfit = |message: String| {
         Failure::new(FailureKind::Data, message)
             .hinted("ask the organiser; keep the commitment that was published first")
     };
-    let text = read(&options.file)?;
-    let published: Published = serde_json::from_str(&text).map_err(|error| {
+    let text = read(&args.file)?;
+    let published: PublishedCommitment = serde_json::from_str(&text).map_err(|error| {
         Failure::new(
             FailureKind::Data,
-            format!("{} is not what was published: {error}", options.file.display()),
+            format!("{} is not a published commitment: {error}", args.file.display()),
         )
-        .hinted("save what this prints: avln challenge reveal PHASE")
+        .hinted("save the output of: avln challenge reveal PHASE")
     })?;
-    let Published { phase, commitment, values: PublishedValues { pool, scorer, secret }, .. } = published;
+    let PublishedCommitment { phase, commitment, values: PublishedValues { pool, scorer, secret }, .. } =
+        published;
     let values = CommitmentValues { pool, scorer, secret };
     if values.commitment() != commitment {
         return Err(unfit(format!(
             "pool, scorer and secret of phase '{phase}' do not give its commitment {commitment}"
         )));
     }
-    if let (Some(dataset), Some(split)) = (&options.dataset, &options.split) {
+    if let (Some(dataset), Some(split)) = (&args.dataset, &args.split) {
         let found = digest_of(dataset, split)?;
         if found != values.pool {
             return Err(unfit(format!(
@@ -250,7 +245,7 @@ fn verify(options: &Verify) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The digest of a split as the pool of a phase.
+/// Returns the digest of a split as the pool of a phase.
 fn digest_of(dataset: &Path, split: &str) -> Result<String, Failure> {
     let folder = SplitFolder::open(dataset, split)?;
     let episodes = avln_arena::register::phase_episodes(&folder)?;

@@ -1,20 +1,20 @@
-//! Checks whether a server or a client keeps the protocol.
+//! Checks that a server or a client follows the protocol.
 
 use crate::output::say;
 use avln_arena::{Failure, FailureKind};
 use avln_conformance::{Check, Host, Outcome, Site, check};
 use std::{net::SocketAddr, path::PathBuf};
 
-/// Which server to check, or where a client comes to be checked.
+/// Arguments of `avln lab conformance`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Options {
-    /// Address of its gRPC port: http:// or https://
+pub struct ConformanceArgs {
+    /// URL of the gRPC server: http:// or https://
     #[arg(long, env = "AVLN_SERVER", default_value = "http://127.0.0.1:50051", value_name = "URL")]
     pub server: String,
-    /// PEM file of the authorities that an https server's certificate may come from, instead of those of the system
+    /// PEM file of trusted certificate authorities, instead of those of the system
     #[arg(long, env = "AVLN_CA", value_name = "FILE")]
     pub ca: Option<PathBuf>,
-    /// Token of an account there
+    /// Account token
     #[arg(
         long,
         env = "AVLN_TOKEN",
@@ -23,26 +23,26 @@ pub struct Options {
         required_unless_present = "client"
     )]
     pub token: Option<String>,
-    /// Phase in which a run is begun for the checks; it plays about ten episodes, some steps each
+    /// Phase for the test run, which plays a few steps of about ten episodes
     #[arg(long, required_unless_present = "client")]
     pub phase: Option<String>,
-    /// Check a client instead: listen here, take the first run that comes with any token in any phase, break streams, lose
-    /// answers and more, and tell what the client made of it
+    /// Check a client instead: listen at this address, accept the first run with any token and phase, inject faults such as
+    /// broken streams and lost replies, and report the client's reactions
     #[arg(long, value_name = "ADDRESS")]
     pub client: Option<SocketAddr>,
 }
 
-/// Makes all checks and prints what came of each.
+/// Runs all checks and prints their results.
 ///
 /// # Errors
-/// When the server cannot be reached, begins no run, or breaks a rule; when the address is taken or the client breaks one.
-pub async fn run(options: Options) -> Result<(), Failure> {
-    let checks = match options.client {
+/// If the server cannot be reached or starts no run, the address is taken, or a rule is broken.
+pub async fn run(args: ConformanceArgs) -> Result<(), Failure> {
+    let checks = match args.client {
         Some(address) => host(address).await?,
         None => {
-            let (token, phase) = (options.token.unwrap_or_default(), options.phase.unwrap_or_default());
-            let ca = options.ca.map(read).transpose()?;
-            let site = Site { server: &options.server, ca: ca.as_deref() };
+            let (token, phase) = (args.token.unwrap_or_default(), args.phase.unwrap_or_default());
+            let ca = args.ca.map(read).transpose()?;
+            let site = Site { server: &args.server, ca: ca.as_deref() };
             let checks = check(&site, &token, &phase).await;
             checks.map_err(|trouble| Failure::new(FailureKind::Run, trouble))?
         }
@@ -60,7 +60,7 @@ fn read(file: PathBuf) -> Result<String, Failure> {
 async fn host(address: SocketAddr) -> Result<Vec<Check>, Failure> {
     let host = Host::bind(address).await.map_err(|error| {
         Failure::new(FailureKind::Address, format!("cannot listen at {address}: {error}"))
-            .hinted("--client takes an address of this machine with a free port, like 127.0.0.1:50052")
+            .hinted("use an address of this machine with a free port, such as --client 127.0.0.1:50052")
     })?;
     say!("waiting for a client at http://{}", host.address);
     Ok(host.check().await)
@@ -85,7 +85,7 @@ fn show(checks: &[Check]) -> Result<(), Failure> {
         }
         broken => {
             Err(Failure::new(FailureKind::Run, format!("{broken} of {} rules are broken", checks.len()))
-                .hinted("proto/PROTOCOL.md tells each of them"))
+                .hinted("the rules are in proto/PROTOCOL.md"))
         }
     }
 }

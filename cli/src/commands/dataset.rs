@@ -1,109 +1,108 @@
-//! Builds data sets by recipe, counts them and checks them.
+//! Data sets: building, statistics, checks, labelled frames and imports.
 
-use crate::{
-    commands::{dataset_frames, dataset_import},
-    output::say,
-};
+use crate::output::{progress_bar, say};
 use avln_arena::{Failure, FailureKind, cache::CacheFolder, dataset::DatasetFiles};
 use avln_dataset::{Recipe, SceneChoice, Statistics, summary};
+use avln_episode::Rules;
+use avln_interchange::{Format, Loss};
 use avln_lab::dataset::{
-    build::{Builder, Progress},
-    check::{self, Scope},
+    build::{BuildProgress, Builder},
+    check::{self, CheckScope},
+    frames::{self, FrameOptions, Purpose},
+    import::Import,
 };
 use clap::{Args, Subcommand};
-use indicatif::{ProgressBar, ProgressStyle};
 use std::path::{Path, PathBuf};
 
-/// Faults that are printed one by one.
+/// Largest number of printed faults.
 const SHOWN_FAULTS: usize = 50;
 
-/// Commands about data sets.
+/// Commands on data sets.
 #[derive(Debug, Subcommand)]
-pub enum Command {
-    /// Build scenes and missions by recipe; a build that was stopped goes on where it was
-    Build(Build),
-    /// Count a data set again, print the main numbers and write its statistics page
+pub enum DatasetCommand {
+    /// Build scenes and missions by a recipe; an interrupted build continues
+    Build(BuildArgs),
+    /// Count the missions, print the main numbers and write the statistics page
     Stats {
-        /// The folder of the data set
+        /// Folder of the data set        /// Reason, for the audit list
         #[arg(value_name = "DIR")]
         folder: PathBuf,
     },
-    /// Take pictures in houses of a split, with what every pixel shows, to train perception on
-    Frames(dataset_frames::Options),
-    /// Verify every mission against its constraints, from the files and the scenes alone
-    Check(Check),
-    /// Take in missions of another data set: LH-AVLN as its authors publish it, GOAT-Bench, ObjectNav, InstanceImageNav, MultiON
-    Import(dataset_import::Options),
+    /// Render labelled pictures in houses of a split, to train perception
+    Frames(FramesArgs),
+    /// Verify the constraints of all missions, from the files and scenes alone
+    Check(CheckArgs),
+    /// Import missions of another data set: LH-AVLN of its authors, GOAT-Bench, ObjectNav, InstanceImageNav, MultiON
+    Import(ImportArgs),
 }
 
-/// What to build, and where.
+/// Arguments of `build`.
 #[derive(Debug, Args)]
-pub struct Build {
-    /// The recipe: a JSON file as docs/DATASET.md says, or the name of one that comes with avln: paper, mini
+pub struct BuildArgs {
+    /// Recipe: a JSON file (see docs/DATASET.md), or a built-in name: paper, mini
     #[arg(value_name = "CONFIG")]
     pub config: String,
     /// Folder of the data set; dataset-NAME by default
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Threads; one for each processor by default. The bytes are the same for any number
+    /// Threads, one per processor by default; files do not depend on it
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
 }
 
-/// What to check, and how thoroughly.
+/// Arguments of `check`.
 #[derive(Debug, Args)]
-pub struct Check {
-    /// The folder of the data set
+pub struct CheckArgs {
+    /// Folder of the data set
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
-    /// One split; all by default
+    /// Split; all by default
     #[arg(long)]
     pub split: Option<String>,
-    /// Check about so many scenes of each split, spread evenly; all by default
+    /// Approximate number of checked scenes per split, spread evenly; all by default
     #[arg(long, value_name = "COUNT")]
     pub scenes: Option<usize>,
-    /// Compute the tours of one mission in so many again, and render its pictures
+    /// Recompute tours and render pictures of every COUNT-th mission
     #[arg(long, value_name = "COUNT", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
     pub every: u32,
-    /// Do so for every mission, and hold every sentence and picture against a survey of the scene
+    /// Recompute all missions, and compare all sentences and pictures with a survey of the scene
     #[arg(long, conflicts_with = "every")]
     pub full: bool,
-    /// Threads; one for each processor by default
+    /// Threads; one per processor by default
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
 }
 
-/// Carries out a command about data sets.
+/// Runs a command on data sets.
 ///
 /// # Errors
-/// When a recipe, a scene or a file cannot be used, or when a check finds faults.
-pub fn run(data: &Path, command: Command) -> Result<(), Failure> {
+/// If a recipe, a scene or a file cannot be used, or a check finds faults.
+pub fn run(data: &Path, command: DatasetCommand) -> Result<(), Failure> {
     match command {
-        Command::Build(options) => build(data, &options),
-        Command::Stats { folder } => stats(&DatasetFiles::at(&folder)),
-        Command::Frames(options) => dataset_frames::run(&options),
-        Command::Check(options) => check(data, &options),
-        Command::Import(options) => dataset_import::run(&options),
+        DatasetCommand::Build(args) => build(data, &args),
+        DatasetCommand::Stats { folder } => stats(&DatasetFiles::at(&folder)),
+        DatasetCommand::Frames(args) => take_frames(&args),
+        DatasetCommand::Check(args) => check(data, &args),
+        DatasetCommand::Import(args) => import(&args),
     }
 }
 
-fn build(data: &Path, options: &Build) -> Result<(), Failure> {
-    let recipe = recipe(&options.config)?;
-    let folder = options.out.clone().unwrap_or_else(|| PathBuf::from(format!("dataset-{}", recipe.name)));
+fn build(data: &Path, args: &BuildArgs) -> Result<(), Failure> {
+    let recipe = recipe(&args.config)?;
+    let folder = args.out.clone().unwrap_or_else(|| PathBuf::from(format!("dataset-{}", recipe.name)));
     let files = DatasetFiles::at(&folder);
     let builder = Builder::open(files.clone(), recipe)?;
-    let bar = bar("{bar:30} {pos}/{len} missions, {elapsed} gone, {eta} left");
-    let watch = |progress: Progress| {
+    let bar = progress_bar("missions", 0);
+    let watch = |progress: BuildProgress| {
         if bar.length() != Some(progress.missions as u64) {
-            // What an earlier build did says nothing about the speed of this one.
+            // Missions of an earlier, interrupted build would distort the estimated time.
             bar.set_length(progress.missions as u64);
             bar.set_position(progress.done as u64);
             bar.reset_eta();
         }
         bar.set_position(progress.done as u64);
     };
-    let numbers =
-        builder.run(options.threads.map(usize::from), CacheFolder::of_data(data).as_ref(), watch)?;
+    let numbers = builder.run(args.threads.map(usize::from), CacheFolder::of_data(data).as_ref(), watch)?;
     bar.finish_and_clear();
     print_numbers(&numbers);
     say!("\nData set     {}", folder.display());
@@ -113,8 +112,8 @@ fn build(data: &Path, options: &Build) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The recipe of a name or a file; scene files named in it lie beside it.
-pub(super) fn recipe(config: &str) -> Result<Recipe, Failure> {
+/// Returns the recipe of a name or a file. Paths of scene files are relative to the file.
+fn recipe(config: &str) -> Result<Recipe, Failure> {
     if let Some((_, text)) = Recipe::EMBEDDED.iter().find(|(name, _)| *name == config) {
         return Ok(Recipe::from_json(text)?);
     }
@@ -124,7 +123,7 @@ pub(super) fn recipe(config: &str) -> Result<Recipe, Failure> {
             .hinted(format!("name a JSON file, or one of: {}", names.join(", ")))
     })?;
     let mut recipe = Recipe::from_json(&text).map_err(|error| {
-        Failure::from(error).hinted(format!("correct {config}; docs/DATASET.md tells the fields"))
+        Failure::from(error).hinted(format!("correct {config}; docs/DATASET.md lists the fields"))
     })?;
     let beside = Path::new(config).parent().unwrap_or(Path::new("."));
     for split in &mut recipe.splits {
@@ -148,16 +147,16 @@ fn stats(files: &DatasetFiles) -> Result<(), Failure> {
     Ok(())
 }
 
-fn check(data: &Path, options: &Check) -> Result<(), Failure> {
-    let scope = Scope {
-        split: options.split.as_deref(),
-        scenes: options.scenes,
-        every: if options.full { 1 } else { options.every as usize },
-        cues: options.full,
-        threads: options.threads.map(usize::from),
+fn check(data: &Path, args: &CheckArgs) -> Result<(), Failure> {
+    let scope = CheckScope {
+        split: args.split.as_deref(),
+        scenes: args.scenes,
+        every: if args.full { 1 } else { args.every as usize },
+        cues: args.full,
+        threads: args.threads.map(usize::from),
     };
-    let bar = bar("{bar:30} {pos}/{len} scenes, {elapsed} gone, {eta} left");
-    let (files, cache) = (DatasetFiles::at(&options.folder), CacheFolder::of_data(data));
+    let bar = progress_bar("scenes", 0);
+    let (files, cache) = (DatasetFiles::at(&args.folder), CacheFolder::of_data(data));
     let report = check::run(&files, &scope, cache.as_ref(), |done, of| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
@@ -169,14 +168,9 @@ fn check(data: &Path, options: &Check) -> Result<(), Failure> {
         return Ok(());
     }
     report.faults.iter().take(SHOWN_FAULTS).for_each(|fault| say!("  {fault}"));
-    let message = format!("{} faults in {}", report.faults.len(), options.folder.display());
+    let message = format!("{} faults in {}", report.faults.len(), args.folder.display());
     Err(Failure::new(FailureKind::Scene, message)
-        .hinted("each line names mission, constraint and what was found; build the data set again"))
-}
-
-pub(super) fn bar(template: &str) -> ProgressBar {
-    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::new(0).with_style(style)
+        .hinted("each line names the mission, the constraint and the finding; build the data set again"))
 }
 
 fn print_numbers(numbers: &[(String, Statistics)]) {
@@ -186,4 +180,134 @@ fn print_numbers(numbers: &[(String, Statistics)]) {
             say!("  {label:<30} {value}");
         }
     }
+}
+
+/// Arguments of `frames`.
+#[derive(Debug, Args)]
+pub struct FramesArgs {
+    /// Recipe of the houses: a JSON file, or a built-in name: paper, mini
+    #[arg(long, value_name = "CONFIG", default_value = "paper")]
+    recipe: String,
+    /// Split with furniture of the training pool
+    #[arg(long, default_value = "train")]
+    split: String,
+    /// Render measurement pictures from a split of the validation pool; training refuses these files
+    #[arg(long)]
+    measure: bool,
+    /// Number of houses, from the first one of the split
+    #[arg(long, value_name = "COUNT", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..))]
+    houses: u32,
+    /// Pictures per house
+    #[arg(long, value_name = "COUNT", default_value_t = 80, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    views: u32,
+    /// Side of pictures in pixels, 16 to 1024
+    #[arg(long, value_name = "PIXELS", default_value_t = 192, value_parser = clap::value_parser!(u32).range(16..=1024))]
+    size: u32,
+    /// Folder for frames.json and one .npy file of records per house; existing houses are skipped
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Threads, one per processor by default; files do not depend on it
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+}
+
+fn take_frames(args: &FramesArgs) -> Result<(), Failure> {
+    let wanted = FrameOptions {
+        recipe: recipe(&args.recipe)?,
+        split: args.split.clone(),
+        purpose: if args.measure { Purpose::Measurement } else { Purpose::Training },
+        houses: args.houses as usize,
+        views: args.views as usize,
+        side_px: args.size,
+        threads: args.threads.map(usize::from),
+    };
+    let bar = progress_bar("houses", args.houses as usize);
+    frames::take(&wanted, &args.out, || bar.inc(1))?;
+    bar.finish_and_clear();
+    say!("{} pictures in {}", args.houses * args.views, args.out.display());
+    Ok(())
+}
+
+/// Largest number of printed losses.
+const SHOWN_LOSSES: usize = 20;
+
+/// Arguments of `import`.
+#[derive(Debug, Args)]
+pub struct ImportArgs {
+    /// auto, authors, goat, objectnav, instanceimagenav or multion
+    #[arg(value_name = "FORMAT", value_parser = foreign_format)]
+    pub format: ForeignFormat,
+    /// A .json or .json.gz file next to its folder content, or a folder of such files
+    #[arg(value_name = "SRC")]
+    pub source: PathBuf,
+    /// Folder of the scenes
+    #[arg(long, value_name = "DIR")]
+    pub scenes: PathBuf,
+    /// Folder for the data set
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Name of the new split
+    #[arg(long, default_value = "val")]
+    pub split: String,
+    /// Rule set for success regions and reference tours
+    #[arg(long, default_value = Rules::PAPER)]
+    pub rules: String,
+    /// Seed of the draws in episodes
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// A format; `None` to detect it from the keys of the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ForeignFormat(Option<Format>);
+
+fn import(args: &ImportArgs) -> Result<(), Failure> {
+    let rules = Rules::named(&args.rules).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    let import = Import {
+        format: args.format.0,
+        source: &args.source,
+        scenes: &args.scenes,
+        out: &args.out,
+        split: &args.split,
+        rules: &rules,
+        seed: args.seed,
+    };
+    let account = import.run(|scene| say!("scene {scene}"))?;
+    let (read, kept) = (account.episodes, account.missions);
+    say!(
+        "read {read} episodes in {} files, kept {kept} missions in {} scenes",
+        account.files,
+        account.scenes
+    );
+    account.notes.iter().for_each(|(note, times)| say!("  {times} x {note}"));
+    show_losses(&account.losses);
+    if !account.losses.is_empty() {
+        say!("All of it      {}", import.report_path().display());
+    }
+    say!("Data set       {}", args.out.display());
+    say!(
+        "Play it        avln challenge phase open ID --dataset {} --split {}",
+        args.out.display(),
+        args.split
+    );
+    Ok(())
+}
+
+fn show_losses(losses: &[Loss]) {
+    let goals = losses.iter().filter(|loss| !loss.goal.is_empty()).count();
+    if losses.is_empty() {
+        return;
+    }
+    say!("left out {} goals and {} whole episodes:", goals, losses.len() - goals);
+    losses.iter().take(SHOWN_LOSSES).for_each(|loss| say!("  {loss}"));
+}
+
+fn foreign_format(name: &str) -> Result<ForeignFormat, String> {
+    if name == "auto" {
+        return Ok(ForeignFormat(None));
+    }
+    let known = Format::ALL.map(Format::name).join(", ");
+    Format::from_name(name)
+        .map(|format| ForeignFormat(Some(format)))
+        .ok_or_else(|| format!("use auto or one of: {known}"))
 }

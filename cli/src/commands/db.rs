@@ -1,4 +1,4 @@
-//! The data folder as a whole: backups, and what need not be kept for ever.
+//! Backup, restore and pruning of the data folder.
 
 use crate::output::say;
 use avln_arena::{
@@ -10,40 +10,42 @@ use avln_store::calendar::rfc3339;
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 
-/// Commands about the data folder as a whole.
+/// Commands on the data folder.
 #[derive(Debug, Subcommand)]
-pub enum Command {
-    /// Write database, run logs, signing key, splits, recordings and heads into one file, while a server may host them
+pub enum DbCommand {
+    /// Write database, run logs, signing key, splits, recordings and heads to a file; a server may be running
     Backup {
-        /// The file, which must not exist
+        /// New file
+        /// Reason, for the audit list
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },
-    /// Make the data folder out of a backup; the folder must not exist, or be empty
+    /// Create the data folder from a backup; it must be new or empty
     Restore {
-        /// A file that avln data db backup wrote
+        /// File written by avln data db backup
+        /// Reason, for the audit list
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },
-    /// Let go of the logs of runs that ended long ago, and on demand of their records; scores stay
-    Prune(Prune),
+    /// Delete old run logs, and on request old records; scores remain
+    PruneArgs(PruneArgs),
 }
 
-/// What is old.
+/// Arguments of `prune`.
 #[derive(Clone, Debug, Args)]
-pub struct Prune {
-    /// Days since a run ended, such as 90d
+pub struct PruneArgs {
+    /// Minimum age since the end of the run, such as 90d
     #[arg(long, value_name = "DAYS", value_parser = days)]
     pub older_than: u32,
-    /// Records and ground truth too: replays of these runs are shown no more, and they cannot be scored again
+    /// Delete records and ground truth too: these runs can no longer be replayed or rescored
     #[arg(long)]
     pub records: bool,
-    /// Tell what would go, and leave it
+    /// Only print what would be deleted
     #[arg(long)]
     pub dry_run: bool,
 }
 
-/// A number of days, written as 90d.
+/// Parses a number of days such as 90d.
 fn days(text: &str) -> Result<u32, String> {
     const MOST: u32 = 36_500;
     let days = text.strip_suffix('d').and_then(|days| days.parse().ok());
@@ -51,36 +53,36 @@ fn days(text: &str) -> Result<u32, String> {
         .ok_or_else(|| format!("write days such as 90d, 1d to {MOST}d"))
 }
 
-/// Carries out a command about the data folder.
+/// Runs a command on the data folder.
 ///
 /// # Errors
-/// When something would be written over, cannot be read or written, or is damaged.
-pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
+/// If a file exists, cannot be read or written, or is damaged.
+pub async fn run(data: &Path, command: DbCommand) -> Result<(), Failure> {
     match command {
-        Command::Backup { file } => {
+        DbCommand::Backup { file } => {
             let made = backup::make(data, &file).await?;
             say!("backup    {}", file.display());
             show(&made);
-            say!("It holds the signing key and ground truth: keep it where nobody else reads it.");
+            say!("It contains the signing key and ground truth: keep it private.");
         }
-        Command::Restore { file } => {
+        DbCommand::Restore { file } => {
             let restored = backup::restore(&file, data).await?;
             say!("data      {}", data.display());
             say!("as of     {}", rfc3339(restored.manifest.made_ms));
             show(&restored);
             say!("host it with: avln --data {} serve", data.display());
         }
-        Command::Prune(options) => {
+        DbCommand::PruneArgs(args) => {
             let now = now_unix_ms();
-            let rule = PruneOptions::from(&options);
+            let rule = PruneOptions::from(&args);
             let Pruned { runs, logs, bytes, records } = backup::prune(data, &rule, now).await?;
-            let would = if options.dry_run { "would go" } else { "gone" };
+            let would = if args.dry_run { "would be deleted" } else { "deleted" };
             say!("{runs} runs ended before {}", rfc3339(rule.cutoff_ms(now)));
             say!("run logs  {logs} {would}, {:.1} MiB", bytes as f64 / f64::from(1 << 20));
-            if options.records {
+            if args.records {
                 say!("records   {records} {would}");
             }
-            say!("scores    all stay");
+            say!("scores    unchanged");
         }
     }
     Ok(())
@@ -103,13 +105,13 @@ fn show(contents: &Contents) {
         manifest.files.len()
     );
     for path in left_out {
-        let state = if path.exists() { "" } else { ", which is not here" };
+        let state = if path.exists() { "" } else { ", which does not exist" };
         say!("not in it {}{state}", path.display());
     }
 }
 
-impl From<&Prune> for PruneOptions {
-    fn from(prune: &Prune) -> Self {
+impl From<&PruneArgs> for PruneOptions {
+    fn from(prune: &PruneArgs) -> Self {
         Self { older_than_days: prune.older_than, records: prune.records, dry_run: prune.dry_run }
     }
 }

@@ -24,66 +24,66 @@ use std::{
 };
 use tokio::process::{Child, Command};
 
-/// What to show.
+/// Arguments of `avln demo`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Options {
+pub struct DemoArgs {
     /// Addresses
     #[command(flatten)]
     pub addresses: AddressArgs,
-    /// A real scene instead of procedural houses: a file or a folder in any layout that `avln scene import` reads
+    /// Scene file or folder instead of procedural houses, in any layout that `avln scene import` reads
     #[arg(long, value_name = "PATH")]
     pub scene: Option<PathBuf>,
-    /// Procedural houses to build
+    /// Number of procedural houses
     #[arg(long, default_value_t = 3)]
     pub houses: u32,
-    /// Missions to draw in each scene
+    /// Missions per scene
     #[arg(long, default_value_t = 4)]
     pub missions: usize,
     /// Seed of houses and missions
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Exit after the table instead of keeping the leaderboard up
+    /// Exit after the table instead of keeping the servers running
     #[arg(long)]
     pub once: bool,
 }
 
-/// The team under which the arena's own agents play.
+/// Team of the bundled agents.
 const TEAM: &str = "LH-AVLN Arena";
-/// The agents that play, as `avln agent` knows them.
+/// The agents, by their names in `avln agent`.
 const AGENTS: [&str; 2] = ["random", "pag-nav"];
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
-/// Runs that play at the same time.
+/// Number of parallel runs.
 const RUNS_AT_ONCE: usize = 2;
 
-/// Builds houses and missions, runs two agents over gRPC, prints the table and keeps the leaderboard up.
+/// Builds houses and missions, runs two agents over gRPC, prints the table and keeps the servers running.
 ///
 /// # Errors
-/// When a scene cannot be used, an address is taken, the data folder cannot be written or an agent fails.
-pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
+/// If a scene cannot be used, an address is taken, the data folder cannot be written or an agent fails.
+pub async fn run(data: &Path, args: DemoArgs) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
-    let doors = Servers::bind(&options.addresses.addresses()).await?;
+    let doors = Servers::bind(&args.addresses.addresses()).await?;
     let store = data.store().await?;
-    let phase = prepare(&data, &store, &options).await?;
+    let phase = prepare(&data, &store, &args).await?;
     let arena = Arena::open(&data, store.clone(), SCENE_MEMORY_MIB).await?;
     let token = admit(&store, TEAM, Some(Reference::Baseline)).await?;
     let open = doors.open(Arc::new(arena), store.reader())?;
     play(&store, &open, &phase, &token).await?;
     print_table(&store, &phase).await?;
-    print_outlook(&data, &open, &phase, &options);
-    let ended = if options.once { open.close().await } else { open.wait().await };
+    print_outlook(&data, &open, &phase, &args);
+    let ended = if args.once { open.close().await } else { open.wait().await };
     store.close().await;
     ended
 }
 
-/// Makes the demo's phase, or finds the one that an earlier demo made; its id names what it was made of.
-async fn prepare(data: &DataFolder, store: &Store, options: &Options) -> Result<String, Failure> {
-    let name = match &options.scene {
-        None => format!("practice-{}x{}-seed{}", options.houses, options.missions, options.seed),
+/// Returns the id of the demo's phase, which is made from the arguments; an existing phase is reused.
+async fn prepare(data: &DataFolder, store: &Store, args: &DemoArgs) -> Result<String, Failure> {
+    let name = match &args.scene {
+        None => format!("practice-{}x{}-seed{}", args.houses, args.missions, args.seed),
         Some(path) => {
             let stem = path.file_stem().unwrap_or_default().to_string_lossy();
             let fits = |letter: &char| letter.is_ascii_alphanumeric() || matches!(letter, '-' | '_');
             let stem: String = stem.chars().filter(fits).take(24).collect();
-            format!("scene-{stem}-{}-seed{}", options.missions, options.seed)
+            format!("scene-{stem}-{}-seed{}", args.missions, args.seed)
         }
     };
     if store.phases().await?.iter().any(|phase| phase.id == name) {
@@ -93,10 +93,10 @@ async fn prepare(data: &DataFolder, store: &Store, options: &Options) -> Result<
     say!("Building scenes and missions");
     let make = NewSplit {
         name: name.clone(),
-        houses: options.houses,
-        scenes: options.scene.iter().cloned().collect(),
-        missions: if options.scene.is_some() { options.missions * 2 } else { options.missions },
-        seed: options.seed,
+        houses: args.houses,
+        scenes: args.scene.iter().cloned().collect(),
+        missions: if args.scene.is_some() { args.missions * 2 } else { args.missions },
+        seed: args.seed,
         rules: Rules::PAPER.to_owned(),
     };
     let split = make_split(data, store, make, |line| say!("{line}")).await?;
@@ -109,7 +109,7 @@ async fn prepare(data: &DataFolder, store: &Store, options: &Options) -> Result<
     Ok(name)
 }
 
-/// Lets each agent play both orders, unless an earlier demo saw it finish.
+/// Plays both orders with all agents, except for runs that an earlier demo completed.
 async fn play(store: &Store, open: &RunningServers, phase: &str, token: &str) -> Result<(), Failure> {
     let before = runs(store, phase).await?;
     let method_of = |agent: &str| if agent == "random" { "random" } else { "PAG-Nav" };
@@ -124,7 +124,7 @@ async fn play(store: &Store, open: &RunningServers, phase: &str, token: &str) ->
         return Ok(());
     }
     say!("Running {} agents over gRPC: {} runs", AGENTS.len(), waiting.len());
-    let mut watch = Watch::new(store, phase, before, waiting.len() as u64).await?;
+    let mut watch = DemoProgress::new(store, phase, before, waiting.len() as u64).await?;
     let mut playing: Vec<Child> = Vec::new();
     while !waiting.is_empty() || !playing.is_empty() {
         while playing.len() < RUNS_AT_ONCE
@@ -141,7 +141,7 @@ async fn play(store: &Store, open: &RunningServers, phase: &str, token: &str) ->
     Ok(())
 }
 
-/// Starts an agent as a process of its own. The token travels in its environment.
+/// Starts an agent as a child process. The token is passed in its environment, because arguments are public.
 fn spawn(
     agent: &str,
     order: Order,
@@ -163,7 +163,7 @@ fn spawn(
         .map_err(failed)
 }
 
-/// Takes out the agents that have ended; one that failed fails the demo with its own words.
+/// Removes the agents that have exited. Fails with the message of a failed agent.
 async fn reap(playing: &mut Vec<Child>) -> Result<(), Failure> {
     let mut index = 0;
     while index < playing.len() {
@@ -189,13 +189,13 @@ async fn runs(store: &Store, phase: &str) -> Result<Vec<RunLine>, Failure> {
     Ok(store.reader().runs(&Viewer::Organiser, Some(phase), 1000).await?)
 }
 
-/// The progress bar: episodes done, time left, share of goals found so far.
-struct Watch {
+/// A progress bar with the ISR of the finished episodes.
+struct DemoProgress {
     bar: ProgressBar,
     before: Vec<RunLine>,
 }
 
-impl Watch {
+impl DemoProgress {
     async fn new(store: &Store, phase: &str, before: Vec<RunLine>, runs: u64) -> Result<Self, Failure> {
         let episodes = store.phase(phase).await?.episodes.len() as u64;
         let style = ProgressStyle::with_template("{bar:30} {pos}/{len} episodes, {eta} left  {msg}")
@@ -250,14 +250,14 @@ fn print_cells(rank: &str, method: &str, numbers: Vec<String>) {
     say!("{rank:>4}  {method:<12} {}", numbers.join(" "));
 }
 
-fn print_outlook(data: &DataFolder, open: &RunningServers, phase: &str, options: &Options) {
-    say!("\nData lies in  {}", data.root().display());
-    if options.once {
+fn print_outlook(data: &DataFolder, open: &RunningServers, phase: &str, args: &DemoArgs) {
+    say!("\nData folder   {}", data.root().display());
+    if args.once {
         return;
     }
     say!("Leaderboard   http://{}", open.web);
     say!("Agents        http://{}", open.grpc);
-    say!("Stop with     Ctrl-C; the next start finds its data again");
+    say!("Stop with     Ctrl-C; the next start continues with the same data");
     say!("Try next      avln challenge team add \"My team\"");
     say!("              avln agent random --server http://{} --phase {phase} --token TOKEN", open.grpc);
     say!("              avln demo --scene PATH/TO/HOUSE.glb");

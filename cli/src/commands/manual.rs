@@ -1,4 +1,4 @@
-//! Writes what packages hold beside the program: pages for man and completions for shells.
+//! Man pages and shell completions, for packages.
 
 use crate::{Cli, output::say};
 use avln_arena::{Failure, FailureKind};
@@ -9,22 +9,22 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Where to write.
+/// Arguments of `avln manual`.
 #[derive(Clone, Debug, Args)]
-pub struct Options {
-    /// The folder; it gets one folder for each kind
+pub struct ManualArgs {
+    /// Folder; man1 and completions are created in it
     #[arg(value_name = "FOLDER")]
     pub out: PathBuf,
 }
 
 const SHELLS: [Shell; 3] = [Shell::Bash, Shell::Zsh, Shell::Fish];
 
-/// Writes them.
+/// Writes man pages and completions.
 ///
 /// # Errors
-/// When the folder cannot be written.
-pub fn run(options: &Options) -> Result<(), Failure> {
-    let out = &options.out;
+/// If the folder cannot be written.
+pub fn run(args: &ManualArgs) -> Result<(), Failure> {
+    let out = &args.out;
     write(out).map_err(|error| {
         Failure::new(FailureKind::Data, format!("cannot write into {}: {error}", out.display()))
     })?;

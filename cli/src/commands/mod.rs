@@ -1,35 +1,28 @@
-//! One file for each command: its options, whose documentation is the help text, and what it does.
+//! The commands, one file each. The documentation of arguments is the help text.
 
 pub mod admin;
 pub mod agent;
-pub mod board;
+pub mod baselines;
 pub mod calibrate;
 pub mod challenge;
 pub mod conformance;
 pub mod dataset;
-pub mod dataset_frames;
-pub mod dataset_import;
 pub mod db;
 pub mod demo;
 pub mod doctor;
-pub mod ladder;
+pub mod leaderboard;
 pub mod manual;
 pub mod phase;
 pub mod rescore;
 pub mod rollout;
 pub mod ruling;
 pub mod scene;
-pub mod scene_export;
-pub mod scene_import;
-pub mod scene_preview;
 pub mod scene_stats;
 pub mod sealed;
-mod sealed_cell;
+mod sealed_sandbox;
 pub mod serve;
 pub mod sim;
 pub mod split;
-mod split_export;
-mod split_prepare;
 pub mod team;
 pub mod token;
 pub mod verify;

@@ -1,4 +1,4 @@
-//! Phases: what can be played, and who may see the results.
+//! Phases: opening, pausing and closing.
 
 use crate::output::say;
 use avln_arena::{
@@ -13,130 +13,130 @@ use avln_store::{Phase, Schedule, Store, Visibility};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::{Path, PathBuf};
 
-/// Commands about phases.
+/// Commands on phases.
 #[derive(Debug, Subcommand)]
-pub enum Command {
-    /// Open a phase on a split, or change one
-    Open(Open),
-    /// Let no more runs start in a phase
+pub enum PhaseCommand {
+    /// Open a phase on a split, or change its settings
+    Open(OpenPhaseArgs),
+    /// Close a phase: no more runs can start
     Close {
         /// Id of the phase
         id: String,
     },
-    /// Let no run start in a phase for now; runs that were started go on
+    /// Pause a phase: no runs can start, started runs continue
     Pause {
         /// Id of the phase
         id: String,
-        /// Why, for everybody to read
+        /// Reason, public
+        /// Reason, for the audit list
         #[arg(long, value_name = "TEXT")]
         reason: String,
     },
-    /// Let runs start again in a phase that was paused or closed by hand; its dates still hold
+    /// Reopen a paused or closed phase, within its dates
     Resume {
         /// Id of the phase
         id: String,
     },
 }
 
-/// How a phase is set up.
+/// Arguments of `open`.
 #[derive(Clone, Debug, Args)]
-pub struct Open {
-    /// Id, used in URLs and by agents
+pub struct OpenPhaseArgs {
+    /// Id of the phase, for URLs and agents
     pub id: String,
-    /// The split that is played: one of the data folder, or one of the data set of --dataset
+    /// Name of the split, in the data folder or in the data set of --dataset
     #[arg(long)]
     pub split: String,
-    /// The folder of a data set, as avln data dataset build makes it
+    /// Folder of a data set made by avln data dataset build
     #[arg(long, value_name = "DIR")]
     pub dataset: Option<PathBuf>,
-    /// Heading on pages; the id by default
+    /// Title on pages; the id by default
     #[arg(long)]
     pub title: Option<String>,
-    /// Who may see scores
-    #[arg(long, value_enum, default_value_t = Who::Public)]
-    pub scores: Who,
-    /// Who may see paths, maps and targets
-    #[arg(long, value_enum, default_value_t = Who::Public)]
-    pub replays: Who,
-    /// The rule set that is played; the split's by default. Another must differ from it in noise and clips alone: a split
-    /// made for lh-avln-v1 can be played by lh-avln-noisy-v1 and lh-avln-distinct-v1
+    /// Visibility of scores
+    #[arg(long, value_enum, default_value_t = VisibleTo::Public)]
+    pub scores: VisibleTo,
+    /// Visibility of paths, maps and targets
+    #[arg(long, value_enum, default_value_t = VisibleTo::Public)]
+    pub replays: VisibleTo,
+    /// Rule set; that of the split by default. It may differ only in noise and clips: a split for lh-avln-v1 can be played with
+    /// lh-avln-noisy-v1 and lh-avln-distinct-v1
     #[arg(long)]
     pub rules: Option<String>,
-    /// What targets play: a share of the clips made by rule (all, train, validation or test), or a folder with WAV and FLAC
-    /// files of 1 to 60 s, which the data folder keeps a copy of. By default the share of the pool that the split's houses
-    /// are furnished from, and all clips in scenes that were read from files
+    /// Sound clips of targets: a share of the synthetic clips (all, train, validation or test), or a folder of WAV and FLAC files
+    /// of 1 to 60 s, which are copied to the data folder. By default the share of the houses' furniture pool; all clips for
+    /// scenes from files
     #[arg(long, value_name = "WHAT")]
     pub sounds: Option<String>,
-    /// Hear with a measured head instead of a sphere: a SOFA file of head-related impulse responses, which the data folder
-    /// keeps a copy of
+    /// SOFA file of a measured head, instead of a sphere; it is copied to the data folder
     #[arg(long, value_name = "FILE.sofa")]
     pub head: Option<PathBuf>,
-    /// What an agent learns from a Submit; the rule set says it by default
+    /// Feedback to a Submit; that of the rule set by default
     #[arg(long, value_enum)]
-    pub feedback: Option<Told>,
-    /// Runs that a team may start; any number by default
+    pub feedback: Option<FeedbackLevel>,
+    /// Largest number of runs per team; unlimited by default
     #[arg(long, value_name = "RUNS")]
     pub quota: Option<u32>,
-    /// Episodes that a run may play side by side
+    /// Largest number of parallel episodes per run
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=64))]
     pub max_slots: u32,
-    /// Largest side of a picture that an agent may ask for, pixels
+    /// Largest side of pictures in pixels
     #[arg(long, default_value_t = 512, value_parser = clap::value_parser!(u32).range(64..=1024))]
     pub max_side: u32,
 }
 
-/// Who may see something.
+/// The audience of scores or replays.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum Who {
-    /// Everybody.
+pub enum VisibleTo {
+    /// Everyone.
     Public,
-    /// The team whose run it is.
+    /// The run's team.
     Team,
-    /// The organiser alone.
+    /// The organiser.
     Organiser,
 }
 
-/// What an agent learns from a Submit.
+/// Feedback to a Submit.
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum Told {
+pub enum FeedbackLevel {
     /// Nothing.
     None,
-    /// That it was counted.
+    /// Confirmation that it was counted.
     Accepted,
-    /// Whether it completed a goal.
+    /// Success or failure.
     Verdict,
 }
 
-/// Carries out a command about phases.
+/// Runs a command on phases.
 ///
 /// # Errors
-/// When the split is unknown or the database refuses.
-pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
+/// If the split is unknown or the database fails.
+pub async fn run(data: &Path, command: PhaseCommand) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     let store = data.store().await?;
     match command {
-        Command::Open(options) => {
-            let phase = open_phase(&data, &store, &options.into()).await?;
+        PhaseCommand::Open(args) => {
+            let phase = open_phase(&data, &store, &args.into()).await?;
             say!("phase {} is open: {} episodes under {}", phase.id, phase.episodes.len(), phase.rules.name);
             if let Some(leak) = phase.rules.leaks() {
                 say!("its sound leaks: {leak}");
             }
             say!("host it with: avln serve");
         }
-        Command::Close { id } => {
+        PhaseCommand::Close { id } => {
             reschedule(&store, &id, "", |schedule| schedule.closed = true).await?;
-            say!("phase {id} is closed; its results stay");
+            say!("phase {id} is closed; its results remain");
         }
-        Command::Pause { id, reason } => {
+        PhaseCommand::Pause { id, reason } => {
             let words = reason.trim().to_owned();
             if words.is_empty() {
                 return Err(Failure::new(FailureKind::Data, "--reason is empty")
-                    .hinted("say why, for everybody to read: --reason \"the server moves\""));
+                    .hinted("say why; visitors can read it: --reason \"the server moves\""));
             }
             reschedule(&store, &id, &reason, |schedule| schedule.paused = Some(words)).await?;
-            say!("phase {id} is paused; runs that were started go on");
+            say!("phase {id} is paused; started runs continue");
         }
-        Command::Resume { id } => {
+        PhaseCommand::Resume { id } => {
             let phase = reschedule(&store, &id, "", |schedule| {
                 (schedule.paused, schedule.closed) = (None, false);
             });
@@ -147,7 +147,7 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Changes when runs may start in a phase, with a note in the audit list.
+/// Changes the schedule of a phase, with an entry in the audit list.
 async fn reschedule(
     store: &Store,
     id: &str,
@@ -157,8 +157,8 @@ async fn reschedule(
     Ok(deeds::reschedule(store, id, (&challenge::actor(), reason), change).await?)
 }
 
-impl From<Open> for NewPhase {
-    fn from(open: Open) -> Self {
+impl From<OpenPhaseArgs> for NewPhase {
+    fn from(open: OpenPhaseArgs) -> Self {
         Self {
             id: open.id,
             split: open.split,
@@ -177,22 +177,22 @@ impl From<Open> for NewPhase {
     }
 }
 
-impl From<Who> for Visibility {
-    fn from(who: Who) -> Self {
+impl From<VisibleTo> for Visibility {
+    fn from(who: VisibleTo) -> Self {
         match who {
-            Who::Public => Self::Public,
-            Who::Team => Self::Team,
-            Who::Organiser => Self::Organiser,
+            VisibleTo::Public => Self::Public,
+            VisibleTo::Team => Self::Team,
+            VisibleTo::Organiser => Self::Organiser,
         }
     }
 }
 
-impl From<Told> for FeedbackRule {
-    fn from(told: Told) -> Self {
+impl From<FeedbackLevel> for FeedbackRule {
+    fn from(told: FeedbackLevel) -> Self {
         match told {
-            Told::None => Self::None,
-            Told::Accepted => Self::Accepted,
-            Told::Verdict => Self::Verdict,
+            FeedbackLevel::None => Self::None,
+            FeedbackLevel::Accepted => Self::Accepted,
+            FeedbackLevel::Verdict => Self::Verdict,
         }
     }
 }

@@ -1,6 +1,6 @@
-//! Scores runs again and shows what changed.
+//! Rescoring of runs with the scorer of this build.
 
-use crate::output::say;
+use crate::output::{counted, print_json, say};
 use avln_arena::{
     Failure, FailureKind,
     data::DataFolder,
@@ -11,28 +11,28 @@ use avln_scoring::{Key, Summary};
 use avln_store::Run;
 use std::path::Path;
 
-/// Which runs.
+/// Arguments of `avln run rescore`.
 #[derive(Clone, Debug, clap::Args)]
 #[command(group(clap::ArgGroup::new("which").required(true).args(["run", "phase"])))]
-pub struct Options {
+pub struct RescoreArgs {
     /// Id of the run
     #[arg(value_name = "RUN")]
     pub run: Option<String>,
-    /// All completed runs of a phase
+    /// Id of a phase: all of its completed runs
     #[arg(long, value_name = "PHASE")]
     pub phase: Option<String>,
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     pub json: bool,
 }
 
-/// Scores the runs again with the scorer of this build; the first scores stay.
+/// Scores runs again with the scorer of this build and keeps both scores.
 ///
 /// # Errors
-/// When a run is unknown, its records were pruned, or this build's scorer contradicts what the same version said before.
-pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
+/// If a run is unknown, its records were pruned, or the scorer contradicts earlier scores of the same version.
+pub async fn run(data: &Path, args: RescoreArgs) -> Result<(), Failure> {
     let store = DataFolder::open(data)?.store().await?;
-    let runs: Vec<Run> = match (&options.run, &options.phase) {
+    let runs: Vec<Run> = match (&args.run, &args.phase) {
         (Some(run), _) => vec![store.run(run).await?],
         (None, Some(phase)) => {
             store.phase(phase).await?;
@@ -45,32 +45,27 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
         comparisons.push(rescore(&store, run, &Scorer::OURS, now_unix_ms()).await?);
     }
     store.close().await;
-    if options.json {
-        let json = serde_json::to_string_pretty(&comparisons);
-        say!("{}", json.map_err(|error| Failure::new(FailureKind::Internal, error))?);
+    if args.json {
+        print_json(&comparisons)?;
     } else {
         comparisons.iter().for_each(show);
-        say!("{} scored by benchmark {}", plural(comparisons.len(), "run"), Scorer::OURS.version);
+        say!("{} scored by benchmark {}", counted(comparisons.len(), "run"), Scorer::OURS.version);
     }
     match comparisons.iter().find(|comparison| comparison.contradicts()) {
         Some(Comparison { run, scorer_before, .. }) => Err(Failure::new(
             FailureKind::Run,
-            format!("run {run} was scored by benchmark {scorer_before}, and this build of {scorer_before} scores it otherwise"),
+            format!("run {run} was scored by benchmark {scorer_before}, but this build of {scorer_before} gives other scores"),
         )
-        .hinted("this build's scorer is not the one that its version names, or the database was changed by hand")),
+        .hinted("the scorer was changed without a new version, or the database was edited")),
         None => Ok(()),
     }
 }
 
-fn plural(count: usize, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
-}
-
 fn show(comparison: &Comparison) {
     let Comparison { run, method, scorer_before, scorer_after, episodes, changed, .. } = comparison;
-    say!("{run}  {method}  {}", plural(*episodes, "episode"));
+    say!("{run}  {method}  {}", counted(*episodes, "episode"));
     if changed.is_empty() {
-        say!("  nothing changed: {scorer_after} gives each episode what {scorer_before} gave it\n");
+        say!("  nothing changed: {scorer_after} and {scorer_before} agree on all episodes\n");
         return;
     }
     say!("  {:<24} {:>12} {:>12} {:>12}", "mean", scorer_before, scorer_after, "change");
@@ -78,7 +73,7 @@ fn show(comparison: &Comparison) {
         Key::ALL.into_iter().for_each(|key| show_mean(key, before, after));
     }
     let kept = if comparison.is_kept { "both are kept" } else { "nothing was stored" };
-    say!("  {} worth something else; {kept}\n", plural(changed.len(), "episode"));
+    say!("  {} with other scores; {kept}\n", counted(changed.len(), "episode"));
 }
 
 fn show_mean(key: Key, before: &Summary, after: &Summary) {

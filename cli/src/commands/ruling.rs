@@ -1,4 +1,4 @@
-//! What the organiser rules on runs.
+//! The organiser's rulings on runs.
 
 use crate::output::say;
 use avln_arena::{
@@ -10,46 +10,46 @@ use avln_arena::{
 use clap::{Args, Subcommand};
 use std::path::Path;
 
-/// Commands about runs that were looked at.
+/// Commands on reviewed runs.
 #[derive(Debug, Subcommand)]
-pub enum Command {
-    /// Mark a run that is over as verified: boards and its page say that you vouch for it
-    Verified(Ruling),
-    /// Take a run off all boards; its page stays, and tells the reason to everybody
-    Disqualified(Ruling),
+pub enum RulingCommand {
+    /// Mark a finished run as verified on leaderboards and on its page
+    Verified(RulingArgs),
+    /// Remove a run from all leaderboards; its page remains, with the reason
+    Disqualified(RulingArgs),
 }
 
-/// Which run, and why.
+/// Arguments of a ruling.
 #[derive(Clone, Debug, Args)]
-pub struct Ruling {
+pub struct RulingArgs {
     /// Id of the run
     pub run: String,
-    /// Why
+    /// Reason
     #[arg(long, value_name = "TEXT")]
     pub reason: String,
-    /// Take the ruling back
+    /// Withdraw the ruling
     #[arg(long)]
     pub withdraw: bool,
 }
 
-/// Carries out a command about runs.
+/// Runs a ruling.
 ///
 /// # Errors
-/// When there is no such run, there is no reason, or the database refuses.
-pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
+/// If there is no such run, the reason is empty, or the database fails.
+pub async fn run(data: &Path, command: RulingCommand) -> Result<(), Failure> {
     let store = DataFolder::open(data)?.store().await?;
-    let (Command::Verified(ruling) | Command::Disqualified(ruling)) = &command;
-    let Ruling { run, reason, withdraw } = ruling;
+    let (RulingCommand::Verified(ruling) | RulingCommand::Disqualified(ruling)) = &command;
+    let RulingArgs { run, reason, withdraw } = ruling;
     let reason = reason.trim();
     if reason.is_empty() || reason.chars().any(char::is_control) {
-        return Err(Failure::new(FailureKind::Data, "--reason is no line of text")
+        return Err(Failure::new(FailureKind::Data, "--reason is empty or not a single line")
             .hinted("say why, on one line: --reason \"it read the map\""));
     }
     let actor = actor();
     let because = (actor.as_str(), reason);
     let words = match command {
-        Command::Verified(_) => verify(&store, run, !withdraw, because).await?,
-        Command::Disqualified(_) => disqualify(&store, run, !withdraw, because).await?,
+        RulingCommand::Verified(_) => verify(&store, run, !withdraw, because).await?,
+        RulingCommand::Disqualified(_) => disqualify(&store, run, !withdraw, because).await?,
     };
     say!("{words}");
     Ok(())

@@ -1,50 +1,57 @@
-//! Looks at scenes and exports them.
+//! Scenes: information, export, import and pictures.
 
-use super::scene_export::{Semantics, export};
-use super::scene_import;
-use crate::output::say;
-use avln_arena::{Failure, FailureKind};
-use avln_formats::open;
+use super::scene_stats;
+use crate::{args::data_option, output::say};
+use avln_arena::{Failure, FailureKind, cache::CacheFolder};
+use avln_formats::{ImportOptions, ImportReport, LengthUnit, UpAxis, glb, hm3d, open};
 use avln_houses::Pool;
-use avln_scene::Scene;
-use clap::{Args, Subcommand};
-use std::path::{Path, PathBuf};
+use avln_lab::preview::{Picture, Viewer, indoors, storeys};
+use avln_scene::{Scene, Summary};
+use clap::{Args, Subcommand, ValueEnum};
+use serde_json::json;
+use std::{
+    collections::BTreeMap,
+    fmt::Display,
+    path::{Path, PathBuf},
+};
 
-/// Commands about scenes.
+/// Commands on scenes.
 #[derive(Debug, Subcommand)]
-pub enum Command {
+pub enum SceneCommand {
     /// Write a scene as a standard GLB file, for Blender or Habitat
     Export {
-        /// The scene to export
+        /// Scene
         #[command(flatten)]
-        scene: Choice,
+        scene: SceneArgs,
         /// The file to write
+        /// Reason, for the audit list
         #[arg(value_name = "OUT.glb")]
         out: PathBuf,
-        /// Also write what instances are, in files beside OUT.glb: hm3d, as Habitat loads them
+        /// Also write the labels of instances, in files next to OUT.glb: hm3d, the layout that Habitat loads
+        /// Reason, for the audit list
         #[arg(long, value_name = "LAYOUT", hide_possible_values = true)]
         semantics: Option<Semantics>,
     },
-    /// Read a scan in whatever layout it comes and write it as a scene of the arena
-    Import(scene_import::Options),
-    /// Measure scenes: size, clutter, how hard they are to walk in, next to real buildings
-    Stats(super::scene_stats::Options),
-    /// Print what a scene holds
+    /// Convert a scan of any supported layout to a scene of the arena
+    Import(ImportSceneArgs),
+    /// Measure size, clutter and navigation complexity of scenes, next to real buildings
+    Stats(scene_stats::SceneStatsArgs),
+    /// Print the contents of a scene
     Info {
-        /// The scene to look at
+        /// Scene
         #[command(flatten)]
-        scene: Choice,
+        scene: SceneArgs,
     },
-    #[command(arg(crate::args::data_option()))]
-    /// Draw a scene: each storey from above, and views from inside its rooms
-    Preview(super::scene_preview::Options),
+    #[command(arg(data_option()))]
+    /// Draw all storeys from above, and views inside of rooms
+    Preview(PreviewArgs),
 }
 
-/// A scene from a file, or grown from a seed.
+/// A scene from a file, or a procedural house.
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
-pub struct Choice {
-    /// A scene file or folder, in any layout that `avln scene import` reads
+pub struct SceneArgs {
+    /// Scene file or folder, in any layout that `avln scene import` reads
     #[arg(long, value_name = "PATH")]
     scene: Option<PathBuf>,
     /// Seed of a procedural house
@@ -52,27 +59,27 @@ pub struct Choice {
     seed: Option<u64>,
 }
 
-/// A scene, and the furniture of one that is grown.
+/// A scene, and the furniture pool of a procedural house.
 #[derive(Debug, Args)]
-pub struct Furnished {
-    /// The scene
+pub struct FurnishedSceneArgs {
+    /// Scene
     #[command(flatten)]
-    choice: Choice,
-    /// Which furniture a house from a seed shows: train, validation or test
+    scene: SceneArgs,
+    /// Furniture pool of a procedural house: train, validation or test
     #[arg(long, default_value = "train", value_parser = pool)]
     pool: Pool,
 }
 
-impl Furnished {
-    /// Reads or grows the scene.
+impl FurnishedSceneArgs {
+    /// Opens or builds the scene.
     pub(super) fn load(&self) -> Result<Scene, Failure> {
-        load_from(&self.choice, self.pool)
+        load_from(&self.scene, self.pool)
     }
 
     /// The house of `seed`.
     #[cfg(test)]
     pub(super) fn grown(seed: u64) -> Self {
-        Self { choice: Choice { scene: None, seed: Some(seed) }, pool: Pool::default() }
+        Self { scene: SceneArgs { scene: None, seed: Some(seed) }, pool: Pool::default() }
     }
 }
 
@@ -80,30 +87,30 @@ fn pool(name: &str) -> Result<Pool, String> {
     Pool::from_name(name).ok_or_else(|| format!("no pool is called `{name}`; use train, validation or test"))
 }
 
-/// Carries out a command about scenes.
+/// Runs a command on scenes.
 ///
 /// # Errors
-/// When the scene cannot be read or the file cannot be written.
-pub fn run(data: &Path, command: Command) -> Result<(), Failure> {
+/// If the scene cannot be read or the file cannot be written.
+pub fn run(data: &Path, command: SceneCommand) -> Result<(), Failure> {
     match command {
-        Command::Export { scene, out, semantics } => export(&load(&scene)?, &out, semantics),
-        Command::Import(options) => scene_import::run(&options),
-        Command::Stats(options) => super::scene_stats::run(&options),
-        Command::Info { scene } => {
+        SceneCommand::Export { scene, out, semantics } => export(&load(&scene)?, &out, semantics),
+        SceneCommand::Import(args) => import(&args),
+        SceneCommand::Stats(args) => scene_stats::run(&args),
+        SceneCommand::Info { scene } => {
             print_info(&load(&scene)?);
             Ok(())
         }
-        Command::Preview(options) => super::scene_preview::run(data, &options),
+        SceneCommand::Preview(args) => preview(data, &args),
     }
 }
 
-fn load(choice: &Choice) -> Result<Scene, Failure> {
-    load_from(choice, Pool::default())
+fn load(scene: &SceneArgs) -> Result<Scene, Failure> {
+    load_from(scene, Pool::default())
 }
 
-/// The scene of `choice`; a house from a seed shows the furniture of `pool`.
-fn load_from(choice: &Choice, pool: Pool) -> Result<Scene, Failure> {
-    match (&choice.scene, choice.seed) {
+/// Opens a scene. A procedural house has the furniture of `pool`.
+fn load_from(scene: &SceneArgs, pool: Pool) -> Result<Scene, Failure> {
+    match (&scene.scene, scene.seed) {
         (Some(path), _) => open::open(path).map_err(|error| Failure::new(FailureKind::Scene, error)),
         (None, seed) => {
             let seed = seed.unwrap_or_default();
@@ -137,4 +144,195 @@ fn print_info(scene: &Scene) {
             looks.join(" ")
         );
     }
+}
+
+/// Layout of instance labels in exported files.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Semantics {
+    /// As in HM3D: Z up, next to OUT.semantic.glb, OUT.semantic.txt and OUT.scene_dataset_config.json
+    Hm3d,
+}
+
+/// Writes a scene and, on request, its instance labels.
+fn export(scene: &Scene, out: &Path, semantics: Option<Semantics>) -> Result<(), Failure> {
+    match semantics {
+        None => write_file(out, &glb::export(scene))?,
+        Some(Semantics::Hm3d) => export_hm3d(scene, out)?,
+    }
+    say!("{} triangles, {} instances", scene.mesh.triangles.len(), scene.objects.len());
+    Ok(())
+}
+
+fn export_hm3d(scene: &Scene, out: &Path) -> Result<(), Failure> {
+    let name = out.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    let Some(stem) = name.strip_suffix(".glb").filter(|stem| !stem.is_empty()) else {
+        return Err(Failure::new(
+            FailureKind::Data,
+            format!("{} does not end in .glb, which Habitat needs to find the labels", out.display()),
+        ));
+    };
+    let beside = |suffix: &str| -> PathBuf { out.with_file_name(format!("{stem}{suffix}")) };
+    let files = hm3d::export(scene);
+    write_file(out, &files.render)?;
+    write_file(&beside(".semantic.glb"), &files.semantic)?;
+    write_file(&beside(".semantic.txt"), files.table.as_bytes())?;
+    write_file(&beside(".scene_dataset_config.json"), hm3d::dataset_config(name).as_bytes())
+}
+
+fn write_file(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    std::fs::write(path, bytes).map_err(|error| {
+        Failure::new(FailureKind::Data, format!("cannot write {}: {error}", path.display()))
+            .hinted("name a file in a folder that exists and has room")
+    })?;
+    say!("{}: {} bytes", path.display(), bytes.len());
+    Ok(())
+}
+
+/// ImportSceneArgs of `avln scene import`.
+#[derive(Debug, Args)]
+pub struct ImportSceneArgs {
+    /// Folder or file in the layout of HM3D, Matterport3D, Replica, Gibson, HSSD or ReplicaCAD, or plain glTF, OBJ or PLY
+    #[arg(value_name = "SRC")]
+    source: PathBuf,
+    /// GLB file to write; all commands open it as a scene
+    #[arg(long, value_name = "S.glb")]
+    out: PathBuf,
+    /// Up axis of SRC, if the layout does not define it or is wrong
+    #[arg(long, value_enum)]
+    up: Option<UpArg>,
+    /// Unit of SRC, if it is not the metre
+    #[arg(long, value_enum)]
+    units: Option<UnitArg>,
+    /// Print the report as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// An up axis.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum UpArg {
+    Y,
+    Z,
+}
+
+/// A unit of length.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum UnitArg {
+    M,
+    Cm,
+    Mm,
+}
+
+fn import(args: &ImportSceneArgs) -> Result<(), Failure> {
+    let mut report = ImportReport::default();
+    let scene = open::open_as(&args.source, &import_options(args), &mut report)
+        .map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    let bytes = glb::export(&scene);
+    std::fs::write(&args.out, &bytes).map_err(|error| {
+        Failure::new(FailureKind::Data, format!("cannot write {}: {error}", args.out.display()))
+            .hinted("name a file in a folder that exists and has room")
+    })?;
+    let cached = reopened(&scene, &bytes, args)?;
+    let summary = Summary::of(&cached);
+    if args.json {
+        say!("{}", as_json(args, &report, &summary));
+    } else {
+        print_report(args, &report, &summary, bytes.len());
+    }
+    Ok(())
+}
+
+fn import_options(args: &ImportSceneArgs) -> ImportOptions {
+    let up = args.up.map(|up| match up {
+        UpArg::Y => UpAxis::Y,
+        UpArg::Z => UpAxis::Z,
+    });
+    let unit = args.units.map(|unit| match unit {
+        UnitArg::M => LengthUnit::Metre,
+        UnitArg::Cm => LengthUnit::Centimetre,
+        UnitArg::Mm => LengthUnit::Millimetre,
+    });
+    ImportOptions { up, unit }
+}
+
+/// Reopens the written file, so that the report describes its contents.
+fn reopened(scene: &Scene, bytes: &[u8], args: &ImportSceneArgs) -> Result<Scene, Failure> {
+    let label = args.out.display().to_string();
+    glb::from_bytes(&scene.name, &label, bytes).map_err(|error| Failure::new(FailureKind::Internal, error))
+}
+
+fn as_json(args: &ImportSceneArgs, report: &ImportReport, summary: &Summary) -> serde_json::Value {
+    json!({
+        "source": args.source.display().to_string(),
+        "out": args.out.display().to_string(),
+        "layout": report.layout,
+        "navmesh": report.navmesh.as_ref().map(|path| path.display().to_string()),
+        "scene": summary,
+        "warnings": report.warnings,
+    })
+}
+
+fn print_report(args: &ImportSceneArgs, report: &ImportReport, summary: &Summary, bytes: usize) {
+    let size: [f32; 3] = std::array::from_fn(|axis| summary.max_m[axis] - summary.min_m[axis]);
+    say!("{}: {} bytes", args.out.display(), bytes);
+    say!("layout     {}", report.layout);
+    if let Some(navmesh) = &report.navmesh {
+        say!("navmesh    {} (the arena builds its own)", navmesh.display());
+    }
+    say!("scene      {}", summary.name);
+    say!("digest     {}", summary.digest);
+    say!("triangles  {}, {} of them labelled", summary.triangles, summary.labelled_triangles);
+    say!("materials  {}", summary.materials);
+    say!("textures   {}, {:.1} million texels", summary.textures, summary.texels as f64 / 1.0e6);
+    say!("extent     {:.2} x {:.2} x {:.2} m, floor at {:.2} m", size[0], size[1], size[2], summary.min_m[1]);
+    say!("storeys    {}", summary.storeys);
+    say!("regions    {}{}", summary.regions, listed(&summary.regions_by_label));
+    say!("instances  {}{}", summary.instances, listed(&summary.instances_by_category));
+    for warning in &report.warnings {
+        say!("warning    {warning}");
+    }
+}
+
+/// Formats counts, such as `: bed 2, chair 5`.
+fn listed(counts: &BTreeMap<String, usize>) -> String {
+    let name = |label: &str| if label.is_empty() { "unnamed".to_owned() } else { label.to_owned() };
+    let words: Vec<String> = counts.iter().map(|(label, count)| format!("{} {count}", name(label))).collect();
+    if words.is_empty() { String::new() } else { format!(": {}", words.join(", ")) }
+}
+
+/// Arguments of `preview`.
+#[derive(Debug, Args)]
+pub struct PreviewArgs {
+    /// Scene
+    #[command(flatten)]
+    scene: FurnishedSceneArgs,
+    /// Folder for the pictures; created if missing
+    #[arg(long, value_name = "FOLDER")]
+    out: PathBuf,
+    /// Number of views inside of rooms
+    #[arg(long, default_value_t = 8)]
+    views: usize,
+}
+
+fn preview(data: &Path, args: &PreviewArgs) -> Result<(), Failure> {
+    let scene = args.scene.load()?;
+    std::fs::create_dir_all(&args.out).map_err(|error| cannot_write(&args.out, error))?;
+    let mut pictures = storeys(&scene);
+    let name = scene.name.clone();
+    pictures.extend(indoors(&Viewer::new(scene, CacheFolder::of_data(data)), args.views));
+    for picture in &pictures {
+        write_picture(picture, &args.out.join(format!("{}.png", picture.name)))?;
+    }
+    let names: Vec<&str> = pictures.iter().map(|picture| picture.name.as_str()).collect();
+    say!("{name}: {} pictures in {}: {}", pictures.len(), args.out.display(), names.join(" "));
+    Ok(())
+}
+
+fn write_picture(picture: &Picture, path: &Path) -> Result<(), Failure> {
+    let file = std::fs::File::create(path).map_err(|error| cannot_write(path, error))?;
+    picture.write_png(std::io::BufWriter::new(file)).map_err(|error| cannot_write(path, error))
+}
+
+fn cannot_write(path: &Path, error: impl Display) -> Failure {
+    Failure::new(FailureKind::Data, format!("cannot write_picture {}: {error}", path.display()))
 }

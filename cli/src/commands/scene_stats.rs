@@ -1,4 +1,4 @@
-//! Measures scenes and prints the numbers next to those of real buildings.
+//! Measures of scenes, next to those of real buildings.
 
 use crate::output::say;
 use avln_arena::{Failure, FailureKind};
@@ -10,35 +10,35 @@ use clap::Args;
 use serde_json::json;
 use std::{collections::BTreeMap, path::PathBuf};
 
-/// Which scenes to measure, and how to print it.
+/// Arguments of `avln scene stats`.
 #[derive(Debug, Args)]
-pub struct Options {
-    /// A scene to measure: a file or a folder (can be repeated)
+pub struct SceneStatsArgs {
+    /// Scene file or folder (can be repeated)
     #[arg(long, value_name = "PATH")]
     scene: Vec<PathBuf>,
-    /// Seed of a procedural house to measure (can be repeated)
+    /// Seed of a procedural house (can be repeated)
     #[arg(long)]
     seed: Vec<u64>,
-    /// Procedural houses of the seeds from A to B, B not included
+    /// Procedural houses with seeds from A to B, excluding B
     #[arg(long, value_name = "A..B", value_parser = seeds)]
     seeds: Option<std::ops::Range<u64>>,
     /// Print JSON instead of a table
     #[arg(long)]
     json: bool,
-    /// Fail when a number lies outside its band
+    /// Fail if a number is outside its band
     #[arg(long)]
     check: bool,
 }
 
-/// What is measured of one scene.
-struct Measured {
+/// The measures of a scene.
+struct MeasuredScene {
     name: String,
     census: Census,
     walk: WalkStats,
 }
 
-/// A number of a scene, the band that it should lie in, and what real buildings have.
-struct Line {
+/// A number, its band, and the values of real buildings.
+struct BandedNumber {
     name: &'static str,
     value: f64,
     band: [f64; 2],
@@ -48,21 +48,20 @@ struct Line {
 /// Measures the scenes.
 ///
 /// # Errors
-/// When there is nothing to measure, when a scene cannot be read or walked in, or with `--check` when a number lies
-/// outside its band.
-pub fn run(options: &Options) -> Result<(), Failure> {
-    let seeds = options.seed.iter().copied().chain(options.seeds.clone().into_iter().flatten());
+/// If there is no scene, a scene cannot be read or has no floor, or with `--check` if a number is outside its band.
+pub fn run(args: &SceneStatsArgs) -> Result<(), Failure> {
+    let seeds = args.seed.iter().copied().chain(args.seeds.clone().into_iter().flatten());
     let houses = seeds.map(|seed| {
         Ok(avln_houses::house(&format!("house-{seed}"), seed, &avln_houses::HouseOptions::default()))
     });
-    let files = options
+    let files = args
         .scene
         .iter()
         .map(|path| open::open(path).map_err(|error| Failure::new(FailureKind::Scene, error)));
     let mut all = Vec::new();
     for scene in files.chain(houses) {
         let measured = measure(&scene?)?;
-        if !options.json {
+        if !args.json {
             print(&measured);
         }
         all.push(measured);
@@ -71,33 +70,35 @@ pub fn run(options: &Options) -> Result<(), Failure> {
         let hint = "name one with --scene, --seed or --seeds";
         return Err(Failure::new(FailureKind::Scene, "there is no scene to measure").hinted(hint));
     }
-    if options.json {
+    if args.json {
         let scenes: Vec<_> = all.iter().map(as_json).collect();
         say!("{}", json!({ "scenes": scenes, "summary": summary(&all) }));
     } else if all.len() > 1 {
         print_summary(&all);
     }
-    verdict(options, &all)
+    verdict(args, &all)
 }
 
 fn seeds(text: &str) -> Result<std::ops::Range<u64>, String> {
     let parsed =
         text.split_once("..").and_then(|(a, b)| Some(a.trim().parse().ok()?..b.trim().parse().ok()?));
     parsed.filter(|range: &std::ops::Range<u64>| !range.is_empty()).ok_or_else(|| {
-        format!("'{text}' is no range of seeds; write the first and the one after the last, as in 0..100")
+        format!(
+            "'{text}' is not a range of seeds; use the first seed and the one after the last, such as 0..100"
+        )
     })
 }
 
-fn measure(scene: &Scene) -> Result<Measured, Failure> {
+fn measure(scene: &Scene) -> Result<MeasuredScene, Failure> {
     let walk = walk_stats(scene, 0).map_err(|error| Failure::new(FailureKind::Scene, error))?;
-    Ok(Measured { name: scene.name.clone(), census: census(scene), walk })
+    Ok(MeasuredScene { name: scene.name.clone(), census: census(scene), walk })
 }
 
 /// The numbers of a scene. Real numbers: Matterport3D (90 buildings), HM3D paper, Gibson (572 spaces).
-fn lines(measured: &Measured) -> Vec<Line> {
-    let Measured { census, walk, .. } = measured;
+fn lines(measured: &MeasuredScene) -> Vec<BandedNumber> {
+    let MeasuredScene { census, walk, .. } = measured;
     let most = f64::INFINITY;
-    let line = |name, value, band, real| Line { name, value, band, real };
+    let line = |name, value, band, real| BandedNumber { name, value, band, real };
     vec![
         line("rooms", census.rooms as f64, [6.0, 24.0], "MP3D 24.5, Gibson 15.5, HM3D 14.4"),
         line("storeys", census.storeys as f64, [1.0, 2.0], "MP3D 2.0, Gibson 2.8"),
@@ -114,25 +115,25 @@ fn lines(measured: &Measured) -> Vec<Line> {
     ]
 }
 
-fn divergence_line(value: f64) -> Line {
-    Line { name: "categories KL", value, band: [0.0, 1.0], real: "0 is Matterport3D" }
+fn divergence_line(value: f64) -> BandedNumber {
+    BandedNumber { name: "categories KL", value, band: [0.0, 1.0], real: "0 is Matterport3D" }
 }
 
-fn per_100_m2(measured: &Measured) -> f64 {
+fn per_100_m2(measured: &MeasuredScene) -> f64 {
     100.0 * measured.census.objects as f64 / measured.walk.floor_m2.max(1.0)
 }
 
-fn inside(line: &Line) -> bool {
+fn inside(line: &BandedNumber) -> bool {
     (line.band[0]..=line.band[1]).contains(&line.value)
 }
 
-fn print(measured: &Measured) {
+fn print(measured: &MeasuredScene) {
     say!("{}", measured.name);
     lines(measured).iter().for_each(print_line);
 }
 
-/// A number, whether it lies in its band, the band, and what real buildings have.
-fn print_line(line: &Line) {
+/// Prints a number with its band and the values of real buildings.
+fn print_line(line: &BandedNumber) {
     let band = match line.band[1].is_finite() {
         true => format!("{} to {}", line.band[0], line.band[1]),
         false => format!("{} or more", line.band[0]),
@@ -141,7 +142,7 @@ fn print_line(line: &Line) {
     say!("  {:<24} {:>8.2}  {:<4} {:<14} {}", line.name, line.value, mark, band, line.real);
 }
 
-fn as_json(measured: &Measured) -> serde_json::Value {
+fn as_json(measured: &MeasuredScene) -> serde_json::Value {
     let numbers: BTreeMap<&str, serde_json::Value> = lines(measured)
         .iter()
         .map(|line| (line.name, json!({ "value": line.value, "band": line.band, "inside": inside(line) })))
@@ -149,26 +150,26 @@ fn as_json(measured: &Measured) -> serde_json::Value {
     json!({ "scene": measured.name, "numbers": numbers, "categories": measured.census.categories })
 }
 
-/// Medians of all numbers, and the categories of all scenes together.
-fn summary(all: &[Measured]) -> serde_json::Value {
+/// Medians of all numbers, and total counts of categories.
+fn summary(all: &[MeasuredScene]) -> serde_json::Value {
     let medians: BTreeMap<&str, f64> = medians(all).iter().map(|line| (line.name, line.value)).collect();
     let categories = together(all);
     let divergence = divergence_from_matterport(&categories);
     json!({ "median": medians, "categories": categories, "divergence_from_matterport": divergence })
 }
 
-/// The lines of the first scene with the median over all scenes in place of its own numbers.
-fn medians(all: &[Measured]) -> Vec<Line> {
-    let every: Vec<Vec<Line>> = all.iter().map(lines).collect();
-    let median = |(index, line): (usize, Line)| {
+/// Medians over all scenes.
+fn medians(all: &[MeasuredScene]) -> Vec<BandedNumber> {
+    let every: Vec<Vec<BandedNumber>> = all.iter().map(lines).collect();
+    let median = |(index, line): (usize, BandedNumber)| {
         let mut values: Vec<f64> = every.iter().map(|lines| lines[index].value).collect();
         values.sort_by(f64::total_cmp);
-        Line { value: values[values.len() / 2], ..line }
+        BandedNumber { value: values[values.len() / 2], ..line }
     };
     all.first().map(lines).unwrap_or_default().into_iter().enumerate().map(median).collect()
 }
 
-fn together(all: &[Measured]) -> BTreeMap<String, usize> {
+fn together(all: &[MeasuredScene]) -> BTreeMap<String, usize> {
     let mut categories = BTreeMap::new();
     for (category, count) in all.iter().flat_map(|measured| &measured.census.categories) {
         *categories.entry(category.clone()).or_default() += count;
@@ -176,7 +177,7 @@ fn together(all: &[Measured]) -> BTreeMap<String, usize> {
     categories
 }
 
-fn print_summary(all: &[Measured]) {
+fn print_summary(all: &[MeasuredScene]) {
     say!("{} scenes, medians", all.len());
     medians(all).iter().for_each(print_line);
     let categories = together(all);
@@ -189,19 +190,19 @@ fn print_summary(all: &[Measured]) {
     print_line(&divergence_line(value));
 }
 
-fn verdict(options: &Options, all: &[Measured]) -> Result<(), Failure> {
-    let outside = |measured: &Measured| -> Vec<String> {
+fn verdict(args: &SceneStatsArgs, all: &[MeasuredScene]) -> Result<(), Failure> {
+    let outside = |measured: &MeasuredScene| -> Vec<String> {
         let out = lines(measured).into_iter().filter(|line| !inside(line));
         out.map(|line| format!("{}: {} is {:.2}", measured.name, line.name, line.value)).collect()
     };
     let out: Vec<String> = all.iter().flat_map(outside).collect();
-    if !options.check || out.is_empty() {
+    if !args.check || out.is_empty() {
         return Ok(());
     }
     let (count, first) = (out.len(), &out[0]);
     Err(Failure::new(
         FailureKind::Scene,
-        format!("{count} numbers lie outside their bands, the first of them: {first}"),
+        format!("{count} numbers are outside their bands, the first one: {first}"),
     ))
 }
 

@@ -1,13 +1,13 @@
-//! Sealed runs: the organiser runs an agent that reaches nothing but the server.
+//! Sealed runs: the organiser runs an agent that can reach only the server.
 
-use super::sealed_cell::{Cell, Ended, Way};
+use super::sealed_sandbox::{AgentExit, Sandbox, SandboxKind};
 use crate::output::say;
 use avln_arena::{
-    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
+    Failure, FailureKind,
     data::DataFolder,
     now_unix_ms,
     sealed::{Wanted, start},
-    servers::{Addresses, RunningServers, Servers},
+    servers::RunningServers,
 };
 use avln_episode::Order;
 use avln_sandbox::Report;
@@ -17,76 +17,75 @@ use std::{
     net::SocketAddr,
     path::{Path, PathBuf},
     process,
-    sync::Arc,
 };
 
-/// Commands about sealed runs.
+/// Commands on sealed runs.
 #[derive(Debug, Subcommand)]
-pub enum Command {
-    /// Run an agent as a process or in a container, without network but the server's socket, and play one run of a team
-    Run(Box<Run>),
-    /// What the program calls itself with, to shut an agent in
+pub enum SealedCommand {
+    /// Play a run of a team with an agent in a sandboxed process or container, whose only connection is the server's socket
+    Run(Box<SealedRunArgs>),
+    /// Internal: start the sandbox
     #[command(hide = true)]
-    Enter(Enter),
+    Enter(EnterArgs),
 }
 
-/// Who plays what, and what it may use.
+/// Arguments of `run`.
 #[derive(Clone, Debug, Args)]
-pub struct Run {
-    /// Phase to play in
+pub struct SealedRunArgs {
+    /// Id of the phase
     #[arg(long, value_name = "ID")]
     pub phase: String,
-    /// The team whose run it is
+    /// Name of the team
     #[arg(long)]
     pub team: String,
-    /// Name of the method on the board
+    /// Name of the method on leaderboards
     #[arg(long, value_name = "NAME")]
     pub method: String,
     /// Version of the method
     #[arg(long, default_value = "", value_name = "VERSION")]
     pub method_version: String,
-    /// Order of the missions: ordered or unordered
+    /// Order of goals: ordered or unordered
     #[arg(long, default_value = "unordered", value_parser = order)]
     pub order: Order,
-    /// Agents' door of a server that hosts this data folder in plain text; by default the command hosts it by itself, and no
-    /// other server may
+    /// gRPC address of a server that hosts this data folder in plain text; by default the command hosts the folder itself, and no
+    /// other server may run
     #[arg(long, value_name = "ADDRESS")]
     pub server: Option<SocketAddr>,
-    /// Run a container of this image by Podman or Docker, instead of a process; COMMAND may then be left out
+    /// Image of a container for Podman or Docker, instead of a process; COMMAND is then optional
     #[arg(long, value_name = "IMAGE")]
     pub image: Option<String>,
-    /// Seconds after which the agent is stopped
+    /// Time limit in seconds
     #[arg(long, default_value_t = 86_400, value_parser = clap::value_parser!(u64).range(1..=2_592_000), value_name = "S")]
     pub wall_s: u64,
-    /// MiB that the container may use, or that each process may map; any by default
+    /// Memory limit of the container or of each process in MiB; unlimited by default
     #[arg(long, value_parser = clap::value_parser!(u32).range(16..), value_name = "MIB")]
     pub memory_mib: Option<u32>,
-    /// Let the process read this too, beside the system's programs, the present folder and all below it
+    /// Additional readable path of the process, besides system programs and the current folder
     #[arg(long, value_name = "PATH", conflicts_with = "image")]
     pub read: Vec<PathBuf>,
-    /// Let the agent use this device, such as /dev/nvidia0
+    /// Device for the agent, such as /dev/nvidia0
     #[arg(long, value_name = "PATH")]
     pub device: Vec<PathBuf>,
-    /// Give the process this variable of the environment
+    /// Environment variable to pass to the process
     #[arg(long, value_name = "NAME", conflicts_with = "image")]
     pub env: Vec<String>,
-    /// Refuse to run where the system cannot enforce everything
+    /// Fail if the system cannot enforce all restrictions
     #[arg(long)]
     pub require_all: bool,
-    /// The agent's program and its arguments. It finds the server's address in AVLN_SERVER and its run's token in AVLN_TOKEN
+    /// Command of the agent, with AVLN_SERVER (address) and AVLN_TOKEN (token of the run) in its environment
     #[arg(last = true, required_unless_present = "image", value_name = "COMMAND")]
     pub command: Vec<String>,
 }
 
-/// A step into the cell.
+/// Arguments of the internal command `enter`.
 #[derive(Clone, Debug, Args)]
-pub struct Enter {
-    /// Plan of the cell
+pub struct EnterArgs {
+    /// File with the sandbox plan
     plan: PathBuf,
-    /// The second step, inside
+    /// Second step, in the new namespaces
     #[arg(long)]
     inmate: bool,
-    /// Why the second step is not inside
+    /// Reason for a second step outside of namespaces
     #[arg(long, requires = "inmate")]
     outside: Option<String>,
 }
@@ -98,11 +97,11 @@ fn order(word: &str) -> Result<Order, String> {
         .ok_or_else(|| "use ordered or unordered".to_owned())
 }
 
-impl Enter {
-    /// Takes the step; comes back only from the first one, to leave with the agent's exit code, and when it failed.
+impl EnterArgs {
+    /// Runs the step. The first step exits the process with the agent's exit code.
     ///
     /// # Errors
-    /// When the agent cannot be shut in or started.
+    /// If the sandbox or the agent cannot be started.
     pub fn take(self) -> Result<(), Failure> {
         let failed = |error: avln_sandbox::CellError| Failure::new(FailureKind::Run, error);
         if self.inmate {
@@ -116,24 +115,24 @@ impl Enter {
     }
 }
 
-/// Carries out a command about sealed runs.
+/// Runs a command on sealed runs.
 ///
 /// # Errors
-/// When the agent cannot be shut in, its run cannot be started, or it did not play it to the end.
-pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
+/// If the sandbox or the run cannot be started, or the agent did not complete the run.
+pub async fn run(data: &Path, command: SealedCommand) -> Result<(), Failure> {
     match command {
-        Command::Run(options) => play(data, *options).await,
-        Command::Enter(step) => step.take(),
+        SealedCommand::Run(args) => play(data, *args).await,
+        SealedCommand::Enter(step) => step.take(),
     }
 }
 
-async fn play(data: &Path, options: Run) -> Result<(), Failure> {
+async fn play(data: &Path, args: SealedRunArgs) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
     let store = data.store().await?;
-    let way = Way::choose(&data, &options)?;
-    let host = Host::open(&data, &store, options.server).await?;
-    let played = match Cell::prepare(&way, host.address()).await {
-        Ok(cell) => play_in(cell, &data, &store, &options).await,
+    let kind = SandboxKind::choose(&data, &args)?;
+    let host = SealedHost::open(&data, &store, args.server).await?;
+    let played = match Sandbox::prepare(&kind, host.address()).await {
+        Ok(sandbox) => play_in(sandbox, &data, &store, &args).await,
         Err(failure) => Err(failure),
     };
     host.close().await?;
@@ -141,31 +140,36 @@ async fn play(data: &Path, options: Run) -> Result<(), Failure> {
     played
 }
 
-async fn play_in(mut cell: Cell, data: &DataFolder, store: &Store, options: &Run) -> Result<(), Failure> {
-    let report = cell.enter().await?;
+async fn play_in(
+    mut sandbox: Sandbox,
+    data: &DataFolder,
+    store: &Store,
+    args: &SealedRunArgs,
+) -> Result<(), Failure> {
+    let report = sandbox.enter().await?;
     tell(&report);
-    if options.require_all && !report.missing.is_empty() {
-        cell.abandon().await;
+    if args.require_all && !report.missing.is_empty() {
+        sandbox.abandon().await;
         return Err(Failure::new(
             FailureKind::Run,
             "this system cannot enforce everything; no run was started",
         )
-        .hinted("use a newer Linux, or leave --require-all away"));
+        .hinted("use a newer Linux, or omit --require-all"));
     }
-    let Run { phase, team, method, method_version, order, .. } = options;
+    let SealedRunArgs { phase, team, method, method_version, order, .. } = args;
     let wanted = Wanted { phase, team, method, version: method_version, order: *order };
     let missing: Vec<_> = report.missing.iter().map(|gap| format!("{}: {}", gap.what, gap.why)).collect();
-    let enforced = format!("{}: {}", cell.kind(), report.enforced.join("; "));
+    let enforced = format!("{}: {}", sandbox.kind(), report.enforced.join("; "));
     let started = start(data, store, &wanted, enforced, missing.join("; ")).await;
     let ticket = match started {
         Ok(ticket) => ticket,
         Err(failure) => {
-            cell.abandon().await;
+            sandbox.abandon().await;
             return Err(failure);
         }
     };
     say!("run      {}", ticket.run);
-    let ended = cell.play(&ticket.run, &ticket.token, options.wall_s).await;
+    let ended = sandbox.play(&ticket.run, &ticket.token, args.wall_s).await;
     conclude(store, &ticket.run, ended).await
 }
 
@@ -176,8 +180,8 @@ fn tell(report: &Report) {
     }
 }
 
-/// Ends a run that its agent left, and says how it went.
-async fn conclude(store: &Store, run: &str, ended: Result<Ended, Failure>) -> Result<(), Failure> {
+/// Cancels an unfinished run and reports the result.
+async fn conclude(store: &Store, run: &str, ended: Result<AgentExit, Failure>) -> Result<(), Failure> {
     let mut found = store.run(run).await?;
     if found.state.is_open() {
         found = store.cancel_run(run, now_unix_ms()).await?;
@@ -185,50 +189,49 @@ async fn conclude(store: &Store, run: &str, ended: Result<Ended, Failure>) -> Re
     let how = ended?;
     say!("played   {} of {} episodes", found.done, found.episodes);
     match (found.state, how) {
-        (RunState::Completed, Ended::Well) => Ok(()),
-        (_, Ended::Well) => {
+        (RunState::Completed, AgentExit::Well) => Ok(()),
+        (_, AgentExit::Well) => {
             let message = format!("the agent left after {} of {} episodes", found.done, found.episodes);
-            Err(Failure::new(FailureKind::Run, message).hinted("the run is cancelled; what was scored stays"))
+            Err(Failure::new(FailureKind::Run, message)
+                .hinted("the run is cancelled; its scored episodes remain"))
         }
-        (state, Ended::Badly(why)) => {
+        (state, AgentExit::Badly(why)) => {
             Err(Failure::new(FailureKind::Run, format!("{why}; the run is {}", state.as_str())))
         }
     }
 }
 
-/// Who hosts the data folder while the agent plays.
-enum Host {
+/// The host of the data folder during the run.
+enum SealedHost {
     Own(Box<RunningServers>),
     Other(SocketAddr),
 }
 
-impl Host {
+impl SealedHost {
     async fn open(data: &DataFolder, store: &Store, server: Option<SocketAddr>) -> Result<Self, Failure> {
         if let Some(address) = server {
-            avln_client::Arena::connect(format!("http://{address}"), "").await.map_err(Failure::run)?;
+            avln_client::Client::connect(format!("http://{address}"), "").await.map_err(Failure::run)?;
             return Ok(Self::Other(address));
         }
         if store.open_runs().await?.iter().any(|run| run.state == RunState::Running) {
             let message = "runs of this data folder are being played, so a server may be hosting it";
             return Err(Failure::new(FailureKind::Data, message).hinted(
-                "name its agents' door with --server 127.0.0.1:50051, or start it with: avln serve",
+                "name its gRPC address with --server 127.0.0.1:50051, or start it with: avln serve",
             ));
         }
-        let doors = Servers::bind(&Addresses::LOCAL).await?;
-        let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await?;
-        Ok(Self::Own(Box::new(doors.open(Arc::new(arena), store.reader())?)))
+        Ok(Self::Own(Box::new(RunningServers::local(data, store).await?)))
     }
 
     fn address(&self) -> SocketAddr {
         match self {
-            Self::Own(doors) => doors.grpc,
+            Self::Own(servers) => servers.grpc,
             Self::Other(address) => *address,
         }
     }
 
     async fn close(self) -> Result<(), Failure> {
         match self {
-            Self::Own(doors) => doors.close().await,
+            Self::Own(servers) => servers.close().await,
             Self::Other(_) => Ok(()),
         }
     }

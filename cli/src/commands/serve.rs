@@ -1,4 +1,4 @@
-//! Hosts the phases of a data folder.
+//! The servers of a data folder.
 
 use crate::output::say;
 use avln_arena::{
@@ -8,6 +8,7 @@ use avln_arena::{
     servers::{Addresses, Security, Servers},
 };
 use avln_grpc::Limits;
+use avln_web::TrustedProxy;
 use std::{
     net::SocketAddr,
     path::{Path, PathBuf},
@@ -45,40 +46,43 @@ pub struct TlsArgs {
     pub tls_key: Option<PathBuf>,
 }
 
-/// How to host.
+/// Arguments of `avln serve`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Options {
+pub struct ServeArgs {
     /// Addresses
     #[command(flatten)]
     pub addresses: AddressArgs,
     /// TLS files
     #[command(flatten)]
     pub tls: TlsArgs,
-    /// Where the operator asks, on this machine: metrics, avln admin; off for nowhere
+    /// Address or network of a reverse proxy, repeatable: its X-Forwarded-For names the client, for the sign-in limit
+    #[arg(long, value_name = "RANGE")]
+    pub trusted_proxy: Vec<TrustedProxy>,
+    /// Address of the admin server on this machine, for metrics and avln admin; off to disable it
     #[arg(long, env = "AVLN_ADMIN", default_value = "127.0.0.1:50052", value_name = "ADDRESS")]
-    pub admin: Admin,
-    /// Memory for scenes that are ready, MiB; those that are being played stay even if they take more
+    pub admin: AdminListener,
+    /// Memory for cached scenes in MiB; scenes in use may exceed it
     #[arg(long, value_name = "MIB", default_value_t = SCENE_MEMORY_MIB)]
     pub scene_memory: u32,
-    /// Memory for the open episodes of one session, MiB: their scenes, ears and frames; an episode that would take more counts as the server's fault
+    /// Memory for the open episodes of one session in MiB: scenes, ears and frames; larger episodes are reported as server faults
     #[arg(long, value_name = "MIB", default_value_t = SESSION_MEMORY_MIB, value_parser = clap::value_parser!(u32).range(1..))]
     pub session_memory: u32,
-    /// Seconds that a step of the simulator may take; one that takes longer hangs, and its episode is played again
+    /// Time limit of a simulator step in seconds; the episode is repeated if it is exceeded
     #[arg(long, value_name = "S", default_value_t = 120, value_parser = clap::value_parser!(u32).range(1..=86400))]
     pub step_limit: u32,
-    /// Seconds that it may take to get an episode ready
+    /// Time limit for the preparation of an episode in seconds
     #[arg(long, value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u32).range(1..=86400))]
     pub preparation_limit: u32,
-    /// GiB on disk that prepared scenes and sounds may take, from now on and for all commands [default: 4]
+    /// Size of the disk cache for scenes and sounds in GiB; stored for all commands [default: 4]
     #[arg(long, value_name = "GIB", value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub cache_size: Option<u32>,
 }
 
-/// Where the operator's door is; `None` for nowhere.
+/// The address of the admin server; `None` if it is off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Admin(pub Option<SocketAddr>);
+pub struct AdminListener(pub Option<SocketAddr>);
 
-impl FromStr for Admin {
+impl FromStr for AdminListener {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -91,24 +95,25 @@ impl FromStr for Admin {
     }
 }
 
-/// Hosts the phases of the data folder until it is stopped.
+/// Hosts the phases of the data folder until a signal or a drain.
 ///
 /// # Errors
-/// When the data folder cannot be used or an address is taken.
-pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
+/// If the data folder cannot be used or an address is taken.
+pub async fn run(data: &Path, args: ServeArgs) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
-    data.limit_cache(options.cache_size)?;
-    let security = Security { tls_cert: options.tls.tls_cert, tls_key: options.tls.tls_key };
-    let mut doors = Servers::bind_as(&options.addresses.addresses(), security.identity()?).await?;
-    if let Admin(Some(address)) = options.admin {
+    data.limit_cache(args.cache_size)?;
+    let security = Security { tls_cert: args.tls.tls_cert, tls_key: args.tls.tls_key };
+    let mut doors = Servers::bind_as(&args.addresses.addresses(), security.identity()?).await?;
+    doors = doors.with_trusted_proxies(args.trusted_proxy);
+    if let AdminListener(Some(address)) = args.admin {
         doors = doors.with_admin(address).await?;
     }
     let store = data.store().await?;
     let seconds = |s: u32| Duration::from_secs(u64::from(s));
-    let (step, preparation) = (seconds(options.step_limit), seconds(options.preparation_limit));
+    let (step, preparation) = (seconds(args.step_limit), seconds(args.preparation_limit));
     let doors = doors.with_limits(|limits| Limits { step, preparation, ..limits });
-    let budget = Budget { session_memory_mib: options.session_memory, preparation };
-    let arena = Arena::open(&data, store.clone(), options.scene_memory).await?.with_budget(budget);
+    let budget = Budget { session_memory_mib: args.session_memory, preparation };
+    let arena = Arena::open(&data, store.clone(), args.scene_memory).await?.with_budget(budget);
     let named = |(id, episodes)| format!("{id} ({episodes} episodes)");
     let phases: Vec<_> = arena.phases().await?.into_iter().map(named).collect();
     if phases.is_empty() {

@@ -1,94 +1,148 @@
-//! Asks the simulator of a scene: how far it is to walk and where actions lead, by Habitat's rules, what a camera sees and
-//! what ears hear.
+//! Simulator queries: distances and paths by Habitat's rules, pictures and sounds.
 
 mod bench;
-mod ground;
+mod camera;
 mod hall;
 mod listen;
-mod listener;
 mod render;
 mod rir;
-mod shot;
 mod walk;
-mod wav;
 
 use crate::output::say;
 use avln_arena::{Failure, FailureKind};
+use avln_formats::open;
 use avln_geom::Point3;
-use avln_navmesh::NavMesh;
-use clap::Subcommand;
-use ground::Ground;
+use avln_navmesh::{Body, NavMesh, NavMeshSettings};
+use clap::{Args, Subcommand};
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
-use walk::{Motion, Start};
+use walk::{MotionArgs, Start};
 
-/// Commands about walking, seeing and hearing in a scene. Positions are in metres in Habitat's frame: Y up, heading 0 looks along
-/// -Z, left turns are positive.
+/// Commands on a simulated scene. Positions are in metres in Habitat's frame: Y up, heading 0 is -Z, left turns are positive.
 #[derive(Debug, Subcommand)]
-pub enum Command {
-    /// Print how far it is to walk between pairs of points
+pub enum SimCommand {
+    /// Print geodesic distances between pairs of points
     Geodesic {
-        /// Where to walk
+        /// Navmesh
         #[command(flatten)]
-        ground: Ground,
-        /// A JSON array of pairs [[x,y,z],[x,y,z]], metres
+        ground: GroundArgs,
+        /// JSON array of pairs [[x,y,z],[x,y,z]] in metres
+        /// Reason, for the audit list
         #[arg(long, value_name = "FILE.json")]
         pairs: PathBuf,
-        /// Measure the shortest of all paths; Habitat's own, pulled through one chain of polygons, can be longer
+        /// Use the shortest of all paths; Habitat's path through one chain of polygons can be longer
+        /// Reason, for the audit list
         #[arg(long)]
         exact: bool,
-        /// Print a JSON array of metres, null where there is no way
+        /// Print a JSON array of metres; null if there is no path
+        /// Reason, for the audit list
         #[arg(long)]
         json: bool,
     },
-    /// Print where a sequence of actions leads
+    /// Print the poses after a sequence of actions
     Walk {
-        /// Where to walk
+        /// Navmesh
         #[command(flatten)]
-        ground: Ground,
-        /// Where to begin: x,y,z in metres and the heading in degrees
+        ground: GroundArgs,
+        /// Start pose: x,y,z in metres and the heading in degrees
+        /// Reason, for the audit list
         #[arg(long, value_name = "X,Y,Z,HEADING", allow_hyphen_values = true)]
         start: Start,
-        /// A JSON array of actions: MoveForward, TurnLeft, TurnRight or move_forward, turn_left, turn_right
+        /// JSON array of actions: MoveForward, TurnLeft, TurnRight or move_forward, turn_left, turn_right
+        /// Reason, for the audit list
         #[arg(long, value_name = "FILE.json")]
         actions: PathBuf,
-        /// How the body moves
+        /// Motion
         #[command(flatten)]
-        motion: Motion,
-        /// Print {"poses": [[x,y,z,heading],...], "collided": [...]}: one of each for every action, after it
+        motion: MotionArgs,
+        /// Print {"poses": [[x,y,z,heading],...], "collided": [...]}, with one entry per action
+        /// Reason, for the audit list
         #[arg(long)]
         json: bool,
     },
-    /// Take pictures: colours, depth and the numbers of instances
+    /// Render pictures: colours, depth and instance ids
     #[command(arg(crate::args::data_option()))]
-    Render(Box<render::Options>),
-    /// Measure how many pictures a second one core takes
-    Bench(bench::Options),
-    /// Compute the impulse response from a source to a listener, and measure it
-    Rir(Box<rir::Options>),
-    /// Render what is heard on a walk past sounding sources, step by step as in an episode
-    Listen(Box<listen::Options>),
+    Render(Box<render::RenderArgs>),
+    /// Measure the frame rate of one core
+    Bench(bench::BenchArgs),
+    /// Compute and measure the impulse response from a source to a listener
+    Rir(Box<rir::RirArgs>),
+    /// Render the sound at the ears along a walk, step by step as in an episode
+    Listen(Box<listen::ListenArgs>),
 }
 
-/// Carries out a command about walking, seeing or hearing.
+/// Runs a simulator query.
 ///
 /// # Errors
-/// When the scene, the navmesh or the file of points, actions or poses cannot be used, or a picture or a sound
-/// cannot be written.
-pub fn run(data: &Path, command: Command) -> Result<(), Failure> {
+/// If the scene, the navmesh or the input file cannot be used, or the output cannot be written.
+pub fn run(data: &Path, command: SimCommand) -> Result<(), Failure> {
     match command {
-        Command::Geodesic { ground, pairs, exact, json } => geodesic(&ground, &pairs, exact, json),
-        Command::Walk { ground, start, actions, motion, json } => {
+        SimCommand::Geodesic { ground, pairs, exact, json } => geodesic(&ground, &pairs, exact, json),
+        SimCommand::Walk { ground, start, actions, motion, json } => {
             walk::run(&ground, &start, &actions, &motion, json)
         }
-        Command::Render(options) => render::run(data, &options),
-        Command::Bench(options) => bench::run(&options),
-        Command::Rir(options) => rir::run(&options),
-        Command::Listen(options) => listen::run(&options),
+        SimCommand::Render(args) => render::run(data, &args),
+        SimCommand::Bench(args) => bench::run(&args),
+        SimCommand::Rir(args) => rir::run(&args),
+        SimCommand::Listen(args) => listen::run(&args),
     }
 }
 
-fn geodesic(ground: &Ground, file: &Path, exact: bool, json: bool) -> Result<(), Failure> {
+/// A navmesh, built from a scene with Habitat's settings or read from a Habitat file.
+#[derive(Debug, Args)]
+pub struct GroundArgs {
+    /// Scene file or folder, in any supported layout
+    #[arg(long, value_name = "PATH", required_unless_present = "navmesh")]
+    scene: Option<PathBuf>,
+    /// Habitat .navmesh file, instead of building one
+    #[arg(long, value_name = "FILE.navmesh")]
+    navmesh: Option<PathBuf>,
+    /// Radius of the body, metres
+    #[arg(long, value_name = "METRES", default_value_t = 0.1)]
+    agent_radius: f32,
+    /// Height of the body, metres
+    #[arg(long, value_name = "METRES", default_value_t = 1.5)]
+    agent_height: f32,
+    /// Highest step, metres
+    #[arg(long, value_name = "METRES", default_value_t = 0.2)]
+    max_climb: f32,
+    /// Steepest slope, degrees
+    #[arg(long, value_name = "DEGREES", default_value_t = 45.0)]
+    max_slope: f32,
+    /// Width of voxels, metres
+    #[arg(long, value_name = "METRES", default_value_t = 0.05)]
+    cell_size: f32,
+    /// Height of voxels, metres
+    #[arg(long, value_name = "METRES", default_value_t = 0.2)]
+    cell_height: f32,
+}
+
+impl GroundArgs {
+    /// Reads or builds the navmesh.
+    fn mesh(&self) -> Result<NavMesh, Failure> {
+        let failed = |error: &dyn std::fmt::Display| Failure::new(FailureKind::Scene, error);
+        if let Some(file) = &self.navmesh {
+            let named = |error: &dyn std::fmt::Display| failed(&format!("{}: {error}", file.display()));
+            let bytes = std::fs::read(file).map_err(|error| named(&error))?;
+            return NavMesh::from_detour(&bytes).map_err(|error| named(&error));
+        }
+        let path = self.scene.clone().unwrap_or_default();
+        let scene = open::open(&path).map_err(|error| failed(&error))?;
+        NavMesh::build_with(&scene, &self.settings()).map_err(|error| failed(&error))
+    }
+
+    fn settings(&self) -> NavMeshSettings {
+        let body = Body {
+            radius_m: self.agent_radius,
+            height_m: self.agent_height,
+            climb_m: self.max_climb,
+            slope_deg: self.max_slope,
+        };
+        NavMeshSettings { body, cell_m: self.cell_size, level_m: self.cell_height, ..Default::default() }
+    }
+}
+
+fn geodesic(ground: &GroundArgs, file: &Path, exact: bool, json: bool) -> Result<(), Failure> {
     let pairs: Vec<[[f32; 3]; 2]> = read(file, "an array of [[x,y,z],[x,y,z]]")?;
     if let Some(index) = pairs.iter().position(|pair| !pair.as_flattened().iter().all(|v| v.is_finite())) {
         return Err(unusable(file, format!("pair {index} is not finite"), "write metres"));
@@ -110,10 +164,11 @@ fn geodesic(ground: &Ground, file: &Path, exact: bool, json: bool) -> Result<(),
     Ok(())
 }
 
-/// Reads a JSON file that holds `what`.
+/// Reads a JSON file; `what` describes the expected contents.
 fn read<T: DeserializeOwned>(file: &Path, what: &str) -> Result<T, Failure> {
     let bytes = std::fs::read(file).map_err(|error| unusable(file, error, "check the path"))?;
-    serde_json::from_slice(&bytes).map_err(|error| unusable(file, error, format!("the file holds {what}")))
+    serde_json::from_slice(&bytes)
+        .map_err(|error| unusable(file, error, format!("the file must contain {what}")))
 }
 
 fn unusable(file: &Path, why: impl std::fmt::Display, hint: impl std::fmt::Display) -> Failure {

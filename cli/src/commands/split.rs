@@ -1,93 +1,173 @@
-//! Makes splits of scenes and missions.
+//! Splits: scenes with missions.
 
-use super::{
-    split_export::{self, Export},
-    split_prepare::{self, Prepare},
-};
-use crate::output::say;
+use crate::output::{counted, progress_bar, say};
 use avln_arena::{
     Failure, FailureKind,
     data::DataFolder,
-    dataset::{DatasetFiles, Passphrase, Sealed},
+    dataset::{DatasetFiles, Passphrase, Sealed, SplitFolder},
     setup::{NewSplit, make_split},
 };
+use avln_dataset::SceneLine;
 use avln_episode::Rules;
-use clap::{Args, Subcommand};
-use std::path::{Path, PathBuf};
+use avln_geom::Point3;
+use avln_lab::dataset::{
+    export::Export,
+    openness::{Openness, phases_of},
+};
+use avln_referee::source_positions;
+use avln_world::{Cache, SceneAssets};
+use clap::{Args, Subcommand, ValueEnum};
+use indicatif::ProgressBar;
+use std::{
+    collections::BTreeMap,
+    num::NonZero,
+    path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicUsize, Ordering},
+    },
+    thread,
+};
 
-/// Commands about splits.
+/// Commands on splits.
 #[derive(Debug, Subcommand)]
-pub enum Command {
+pub enum SplitCommand {
     /// Build scenes, find targets in them, draw missions
-    Make(Make),
-    /// Work out ahead of time what takes long in its episodes: light and textures, and how each target sounds everywhere
-    Prepare(Prepare),
-    /// Write the missions of a split as others read them: the layout of the LH-AVLN authors, and tables in Parquet
-    Export(Export),
-    /// Encrypt the files of a split in their places; the server opens them in memory, by AVLN_SEAL_KEY_FILE or AVLN_SEAL_KEY
-    Seal(Seal),
+    Make(MakeSplitArgs),
+    /// Precompute light, textures and sound of all scenes of a split, so that the first episodes start at once
+    Prepare(PrepareArgs),
+    /// Write the missions of a split in the layout of the LH-AVLN authors, and as Parquet tables
+    Export(ExportArgs),
+    /// Encrypt the files of a split in place; the server decrypts them in memory with AVLN_SEAL_KEY_FILE or AVLN_SEAL_KEY
+    Seal(SealArgs),
 }
 
-/// What is encrypted, and under which passphrase.
+/// Arguments of `make`.
 #[derive(Clone, Debug, Args)]
-pub struct Seal {
-    /// Name of the split, one of the data folder or, with --dataset, of a data set
-    pub name: String,
-    /// The folder of a data set, as avln data dataset build makes it
-    #[arg(long, value_name = "DIR")]
-    pub dataset: Option<PathBuf>,
-    /// A file that holds the passphrase; by default AVLN_SEAL_KEY_FILE names it, or AVLN_SEAL_KEY is it
-    #[arg(long, value_name = "FILE")]
-    pub key_file: Option<PathBuf>,
-}
-
-/// What to make a split of.
-#[derive(Clone, Debug, Args)]
-pub struct Make {
+pub struct MakeSplitArgs {
     /// Name of the split
     pub name: String,
-    /// Procedural houses to build
+    /// Number of procedural houses
     #[arg(long, default_value_t = 2, conflicts_with = "scene")]
     pub houses: u32,
-    /// A scene to use: a file or a folder in any layout that `avln scene import` reads (can be repeated)
+    /// Scene file or folder, in any layout that `avln scene import` reads (can be repeated)
     #[arg(long, value_name = "PATH")]
     pub scene: Vec<PathBuf>,
-    /// Missions to draw in each scene
+    /// Missions per scene
     #[arg(long, default_value_t = 4)]
     pub missions: usize,
     /// Seed of houses and missions
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// The rule set: lh-avln-v1, lh-avln-authors-v1, lh-avln-noisy-v1 or lh-avln-distinct-v1
+    /// Rule set: lh-avln-v1, lh-avln-authors-v1, lh-avln-noisy-v1 or lh-avln-distinct-v1
     #[arg(long, default_value = Rules::PAPER)]
     pub rules: String,
 }
 
-/// Carries out a command about splits.
+/// Arguments of `prepare`.
+#[derive(Clone, Debug, Args)]
+pub struct PrepareArgs {
+    /// Name of the split
+    pub name: String,
+    /// Rule set of the phase; that of the split by default
+    #[arg(long)]
+    pub rules: Option<String>,
+    /// Threads; one per processor by default
+    #[arg(long)]
+    pub threads: Option<NonZero<usize>>,
+    /// Size of the disk cache for scenes and sounds in GiB; stored for all commands [default: 4]
+    #[arg(long, value_name = "GIB", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub cache_size: Option<u32>,
+}
+
+/// Arguments of `export`.
+#[derive(Clone, Debug, Args)]
+pub struct ExportArgs {
+    /// Name of the split, in the data folder or in the data set of --dataset
+    pub name: String,
+    #[command(flatten)]
+    origin: SplitOrigin,
+    /// Formats
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [ExportFormat::Authors, ExportFormat::Parquet], value_name = "LIST")]
+    pub format: Vec<ExportFormat>,
+    /// Folder for the files
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+/// A format of exported splits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ExportFormat {
+    /// Gzipped JSON in the layout of the LH-AVLN authors
+    Authors,
+    /// Parquet tables of plain columns
+    Parquet,
+}
+
+/// The data set of a split, and the permission to publish its ground truth.
+#[derive(Clone, Debug, Args)]
+pub(super) struct SplitOrigin {
+    /// Folder of a data set made by avln data dataset build
+    #[arg(long, value_name = "DIR")]
+    dataset: Option<PathBuf>,
+    /// Treat scenes from files as training scenes, whose ground truth may be published
+    #[arg(long)]
+    training: bool,
+}
+
+/// Arguments of `seal`.
+#[derive(Clone, Debug, Args)]
+pub struct SealArgs {
+    /// Name of the split, in the data folder or in the data set of --dataset
+    pub name: String,
+    /// Folder of a data set made by avln data dataset build
+    #[arg(long, value_name = "DIR")]
+    pub dataset: Option<PathBuf>,
+    /// File with the passphrase; by default AVLN_SEAL_KEY_FILE names the file, or AVLN_SEAL_KEY contains the passphrase
+    #[arg(long, value_name = "FILE")]
+    pub key_file: Option<PathBuf>,
+}
+
+/// Runs a command on splits.
 ///
 /// # Errors
-/// When a scene cannot be used or the data folder cannot be written.
-pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
+/// If there is no such split, a scene cannot be used or a folder cannot be written.
+pub async fn run(data: &Path, command: SplitCommand) -> Result<(), Failure> {
     let data = DataFolder::open(data)?;
-    let options = match command {
-        Command::Make(options) => options,
-        Command::Seal(options) => return seal(&data, &options),
-        Command::Export(options) => return split_export::run(&data, options).await,
-        Command::Prepare(options) => {
-            let done = tokio::task::spawn_blocking(move || split_prepare::run(&data, &options)).await;
-            return done.map_err(|error| Failure::new(FailureKind::Internal, error))?;
+    match command {
+        SplitCommand::Make(args) => make(&data, args).await,
+        SplitCommand::Seal(args) => seal(&data, &args),
+        SplitCommand::Export(args) => {
+            let (split, openness) = args.origin.open(&data, &args.name).await?;
+            on_thread(move || export(&args, &split, openness)).await
         }
-    };
+        SplitCommand::Prepare(args) => on_thread(move || prepare(&data, &args)).await,
+    }
+}
+
+async fn on_thread(work: impl FnOnce() -> Result<(), Failure> + Send + 'static) -> Result<(), Failure> {
+    let done = tokio::task::spawn_blocking(work).await;
+    done.map_err(|error| Failure::new(FailureKind::Internal, error))?
+}
+
+async fn make(data: &DataFolder, args: MakeSplitArgs) -> Result<(), Failure> {
     let store = data.store().await?;
-    let split = make_split(&data, &store, options.into(), |line| say!("{line}")).await?;
+    let new = NewSplit {
+        name: args.name,
+        houses: args.houses,
+        scenes: args.scene,
+        missions: args.missions,
+        seed: args.seed,
+        rules: args.rules,
+    };
+    let split = make_split(data, &store, new, |line| say!("{line}")).await?;
     say!("split {}: {} scenes, {} missions", split.name, split.scenes.len(), split.episodes.len());
     say!("open a phase on it with: avln challenge phase open ID --split {}", split.name);
     Ok(())
 }
 
-/// Encrypts the files of a split.
-fn seal(data: &DataFolder, options: &Seal) -> Result<(), Failure> {
-    let passphrase = match &options.key_file {
+fn seal(data: &DataFolder, args: &SealArgs) -> Result<(), Failure> {
+    let passphrase = match &args.key_file {
         Some(path) => Some(Passphrase::of_file(path)?),
         None => Passphrase::of_environment()?,
     };
@@ -96,28 +176,148 @@ fn seal(data: &DataFolder, options: &Seal) -> Result<(), Failure> {
             "write one into a file of its own: head -c 24 /dev/urandom | base64 > FILE, then --key-file FILE",
         )
     })?;
-    let files = match &options.dataset {
+    let files = match &args.dataset {
         Some(folder) => DatasetFiles::at(folder),
-        None => DatasetFiles::at(&data.own_split(&options.name)?),
+        None => DatasetFiles::at(&data.own_split(&args.name)?),
     };
-    let Sealed { now, before } = files.seal(&options.name, passphrase)?;
-    say!("split {}: {now} files are sealed now, {before} were before", options.name);
-    say!(
-        "what was kept of it elsewhere is not: copies, backups, the database and {}/cache",
-        data.root().display()
-    );
+    let Sealed { now, before } = files.seal(&args.name, passphrase)?;
+    say!("split {}: {now} files are sealed now, {before} were before", args.name);
+    let cache = data.root().join("cache");
+    say!("other copies are not sealed: backups, the database and {}", cache.display());
     Ok(())
 }
 
-impl From<Make> for NewSplit {
-    fn from(make: Make) -> Self {
-        Self {
-            name: make.name,
-            houses: make.houses,
-            scenes: make.scene,
-            missions: make.missions,
-            seed: make.seed,
-            rules: make.rules,
+impl SplitOrigin {
+    /// Opens the split and determines which part of it may be published.
+    ///
+    /// # Errors
+    /// If there is no such split, or it is hidden.
+    pub(super) async fn open(
+        &self,
+        data: &DataFolder,
+        name: &str,
+    ) -> Result<(SplitFolder, Openness), Failure> {
+        let split = match &self.dataset {
+            Some(dataset) => SplitFolder::open(dataset, name)?,
+            None => data.missions(name)?,
+        };
+        let phases = phases_of(data, &split).await?;
+        let openness = Openness::of(&split, &phases, self.training)?;
+        Ok((split, openness))
+    }
+}
+
+fn export(args: &ExportArgs, split: &SplitFolder, openness: Openness) -> Result<(), Failure> {
+    let bar = progress_bar("scenes", split.scenes().len());
+    let authors = args.format.contains(&ExportFormat::Authors);
+    let parquet = args.format.contains(&ExportFormat::Parquet);
+    let missions = Export { split, openness, authors, parquet }.run(&args.out, || bar.inc(1))?;
+    bar.finish_and_clear();
+    let with = match openness {
+        Openness::Training => "with ground truth",
+        Openness::Public => "without ground truth, which only training splits publish",
+    };
+    say!("wrote {missions} missions to {}, {with}", args.out.join(split.name()).display());
+    Ok(())
+}
+
+/// Approximate size of a scene without large textures in the cache, bytes.
+const SCENE_BYTES: u64 = 4_000_000;
+
+/// Approximate size of a sound source in the cache, bytes.
+const SOURCE_BYTES: u64 = 1_200_000;
+
+/// A scene and the positions of its sound sources.
+struct PreparedScene {
+    scene: SceneLine,
+    positions: Vec<Point3<f32>>,
+}
+
+/// Fills the cache with all scenes and sound sources of a split.
+fn prepare(data: &DataFolder, args: &PrepareArgs) -> Result<(), Failure> {
+    let split = data.missions(&args.name)?;
+    let rules = args.rules.as_deref().unwrap_or(split.rules());
+    let rules = Rules::named(rules).map_err(|error| Failure::new(FailureKind::Scene, error))?;
+    let threads = args.threads.or_else(|| thread::available_parallelism().ok()).map_or(1, NonZero::get);
+    data.limit_cache(args.cache_size)?;
+    let scenes = split.scenes().iter().map(|scene| sources_of(&split, scene, &rules));
+    let scenes = scenes.collect::<Result<Vec<_>, _>>()?;
+    let sources = scenes.iter().map(|scene| scene.positions.len()).sum();
+    if let Some(warning) = cache_warning(scenes.len(), sources, data.cache_folder().budget_bytes()) {
+        say!("split {}: {warning}", args.name);
+    }
+    let cache: Arc<dyn Cache> = data.cache();
+    let bar = progress_bar("scenes and sources", scenes.len() + sources);
+    for PreparedScene { scene, positions } in &scenes {
+        let assets = scene.spec().open_with(&rules, Some(&cache))?;
+        assets.prepare_pictures();
+        bar.inc(1);
+        prepare_sources(&assets, positions, threads, &bar);
+    }
+    bar.finish_and_clear();
+    let ready = format!("{} and {}", counted(scenes.len(), "scene"), counted(sources, "source"));
+    say!("split {}: {ready} of sound are ready", args.name);
+    Ok(())
+}
+
+fn sources_of(split: &SplitFolder, scene: &SceneLine, rules: &Rules) -> Result<PreparedScene, Failure> {
+    let episodes = split.episodes(scene)?;
+    let goals = episodes.iter().flat_map(|episode| &episode.goals);
+    let targets: Vec<_> = goals.map(|goal| goal.target.clone()).collect();
+    Ok(PreparedScene { scene: scene.clone(), positions: distinct(source_positions(rules, &targets)) })
+}
+
+/// Returns a warning if the cache is too small for the split: it would drop the first entries to store the last.
+fn cache_warning(scenes: usize, sources: usize, budget_bytes: u64) -> Option<String> {
+    let bytes = scenes as u64 * SCENE_BYTES + sources as u64 * SOURCE_BYTES;
+    if bytes <= budget_bytes {
+        return None;
+    }
+    let gib = |bytes: u64| bytes as f64 / (1_u64 << 30) as f64;
+    Some(format!(
+        "{} and {} of sound take about {:.1} GiB, but the cache holds {:.0}, so the first entries would be dropped. \
+         Stop with Ctrl-C and add --cache-size {}",
+        counted(scenes, "scene"),
+        counted(sources, "source"),
+        gib(bytes),
+        gib(budget_bytes),
+        (gib(bytes) * 1.25).ceil()
+    ))
+}
+
+/// Removes duplicate positions.
+fn distinct(positions: Vec<Point3<f32>>) -> Vec<Point3<f32>> {
+    let bits = |position: &Point3<f32>| [0, 1, 2].map(|axis| position[axis].to_bits());
+    let by_bits: BTreeMap<_, _> = positions.into_iter().map(|position| (bits(&position), position)).collect();
+    by_bits.into_values().collect()
+}
+
+fn prepare_sources(assets: &SceneAssets, positions: &[Point3<f32>], threads: usize, bar: &ProgressBar) {
+    let next = AtomicUsize::new(0);
+    let work = || {
+        while let Some(position) = positions.get(next.fetch_add(1, Ordering::Relaxed)) {
+            assets.prepare_sound(position);
+            bar.inc(1);
         }
+    };
+    thread::scope(|scope| {
+        for _ in 0..threads.min(positions.len()) {
+            scope.spawn(work);
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cache_warning_names_a_sufficient_size() {
+        assert_eq!(cache_warning(100, 3000, 4 << 30), None);
+        let warning = cache_warning(1, 8000, 4 << 30).expect("twice as much");
+        for part in ["1 scene and", "8000 sources", "8.9 GiB", "holds 4", "--cache-size 12"] {
+            assert!(warning.contains(part), "{part} in: {warning}");
+        }
+        assert_eq!(cache_warning(1, 8000, 12 << 30), None);
     }
 }

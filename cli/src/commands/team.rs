@@ -1,4 +1,4 @@
-//! Admits teams and issues tokens.
+//! Teams, their members and their grants.
 
 use crate::output::say;
 use avln_arena::{Failure, FailureKind, challenge::actor, data::DataFolder, now_unix_ms, setup::admit};
@@ -6,58 +6,65 @@ use avln_store::{AuditNote, Member, NewGrant, Reference, Store};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::Path;
 
-/// Commands about teams.
+/// Commands on teams.
 #[derive(Debug, Subcommand)]
-pub enum Command {
-    /// Admit a team, or an admitted one again, and print a new account token once
+pub enum TeamCommand {
+    /// Admit a team and print a new account token, once
     Add {
-        /// Public name of the team
+        /// Name of the team
         name: String,
-        /// Show its runs among the others for comparison, without a rank
+        /// Show its runs for comparison, without a rank
+        /// Reason, for the audit list
         #[arg(long, value_enum, value_name = "KIND")]
         reference: Option<ReferenceKind>,
     },
-    /// Take back all tokens of a team
+    /// Revoke all tokens of a team
     Revoke {
-        /// Public name of the team
+        /// Name of the team
         name: String,
     },
-    /// Let a team play in a phase that asks for approval
+    /// Approve a team for a phase that requires approval
     Approve {
-        /// Public name of the team
+        /// Name of the team
         name: String,
         /// Id of the phase
+        /// Reason, for the audit list
         #[arg(long)]
         phase: String,
-        /// Take the approval back; runs that were started go on
+        /// Withdraw the approval; started runs continue
+        /// Reason, for the audit list
         #[arg(long)]
         withdraw: bool,
     },
-    /// Give a team runs beyond its quota
+    /// Grant a team runs beyond its quota
     Grant {
-        /// Public name of the team
+        /// Name of the team
         name: String,
         /// Id of the phase
+        /// Reason, for the audit list
         #[arg(long)]
         phase: String,
-        /// How many
+        /// Number of runs
+        /// Why, for the audit list
+        /// Reason, for the audit list
         #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1000))]
         runs: u32,
-        /// Why, for the audit list
+        /// Reason, for the audit list
+        /// Reason, for the audit list
         #[arg(long, value_name = "TEXT")]
         reason: String,
     },
-    /// Enter people into teams; a person is in one team of a phase at most
+    /// Manage the members of a team; a person can be in only one team of a phase
     #[command(subcommand)]
     Member(MemberCommand),
 }
 
-/// What a team's runs are shown for.
+/// The purpose of a reference team.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ReferenceKind {
-    /// An agent that others are compared with
+    /// A baseline agent
     Baseline,
-    /// People, who play with avln agent human
+    /// People, playing with avln agent human
     Human,
 }
 
@@ -70,52 +77,52 @@ impl From<ReferenceKind> for Reference {
     }
 }
 
-/// Commands about people in teams.
+/// Commands on team members.
 #[derive(Debug, Subcommand)]
 pub enum MemberCommand {
-    /// Enter a person into a team of a phase
-    Add(Who),
-    /// Take a person out of a team of a phase
-    Remove(Who),
-    /// List the people of a team
+    /// Add a person to a team of a phase
+    Add(MemberArgs),
+    /// Remove a person from a team of a phase
+    Remove(MemberArgs),
+    /// List the members of a team
     List {
-        /// Public name of the team
+        /// Name of the team
         team: String,
     },
 }
 
 /// A person in a team of a phase.
 #[derive(Clone, Debug, Args)]
-pub struct Who {
-    /// Public name of the team
+pub struct MemberArgs {
+    /// Name of the team
     pub team: String,
-    /// The person, by an address such as ada@example.org
+    /// Email address of the person, such as ada@example.org
     pub person: String,
     /// Id of the phase
     #[arg(long)]
     pub phase: String,
 }
 
-/// Carries out a command about teams.
+/// Runs a command on teams.
 ///
 /// # Errors
-/// When the database refuses.
-pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
+/// If the database fails.
+pub async fn run(data: &Path, command: TeamCommand) -> Result<(), Failure> {
     let store = DataFolder::open(data)?.store().await?;
     match command {
-        Command::Add { name, reference } => {
+        TeamCommand::Add { name, reference } => {
             let token = admit(&store, &name, reference.map(Reference::from)).await?;
             say!("team   {name}");
             say!("token  {token}");
-            say!("The token is shown this once. Agents take it with --token or from AVLN_TOKEN.");
+            say!("The token is shown only once. Agents read it from --token or AVLN_TOKEN.");
         }
-        Command::Revoke { name } => {
+        TeamCommand::Revoke { name } => {
             let count = store.revoke_tokens(&name, now_unix_ms()).await?;
             store.add_audit_note(note(&name, format!("{count} tokens revoked")), now_unix_ms()).await?;
-            say!("{count} tokens of team {name} are void now");
+            say!("{count} tokens of team {name} are revoked");
         }
-        Command::Approve { name, phase, withdraw } => approve(&store, &name, &phase, !withdraw).await?,
-        Command::Grant { name, phase, runs, reason } => {
+        TeamCommand::Approve { name, phase, withdraw } => approve(&store, &name, &phase, !withdraw).await?,
+        TeamCommand::Grant { name, phase, runs, reason } => {
             let grant = NewGrant { phase: &phase, team: &name, runs, reason: &reason };
             let after = Some(format!("{runs} runs"));
             let note = AuditNote {
@@ -124,9 +131,9 @@ pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
                 ..note(&name, format!("granted in phase {phase}"))
             };
             store.grant(&grant, note, now_unix_ms()).await?;
-            say!("team {name} has {runs} runs more in phase {phase}");
+            say!("team {name} has {runs} more runs in phase {phase}");
         }
-        Command::Member(command) => member(&store, command).await?,
+        TeamCommand::Member(command) => member(&store, command).await?,
     }
     Ok(())
 }
@@ -155,10 +162,10 @@ async fn member(store: &Store, command: MemberCommand) -> Result<(), Failure> {
             return Ok(());
         }
     };
-    let Who { team, person, phase } = who;
+    let MemberArgs { team, person, phase } = who;
     let member = Member { person: address(&person)?, team, phase };
     let Member { phase, team, person } = &member;
-    // The list of changes outlives memberships: it does not name people.
+    // The audit list is never deleted, so it must not name people.
     let deed = if enters { "member entered" } else { "member taken out" };
     let note = note(team, format!("{deed} in phase {phase}"));
     let (changed, word) = match enters {
@@ -170,7 +177,7 @@ async fn member(store: &Store, command: MemberCommand) -> Result<(), Failure> {
     Ok(())
 }
 
-/// An address of e-mail in small letters, so that one person is not two.
+/// Checks an email address and converts it to lower case, so that a person has only one spelling.
 fn address(words: &str) -> Result<String, Failure> {
     let small = words.trim().to_lowercase();
     let plain =
@@ -179,7 +186,7 @@ fn address(words: &str) -> Result<String, Failure> {
     if plain && !name.is_empty() && host.contains('.') && !host.contains('@') {
         return Ok(small);
     }
-    Err(Failure::new(FailureKind::Data, format!("'{}' is no address of a person", words.escape_debug()))
+    Err(Failure::new(FailureKind::Data, format!("'{}' is not an email address", words.escape_debug()))
         .hinted("use one such as ada@example.org"))
 }
 

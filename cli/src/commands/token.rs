@@ -1,6 +1,6 @@
-//! Tokens: what opens the doors, for whom and for how long.
+//! Tokens of teams and organisers.
 
-use crate::output::say;
+use crate::output::{print_json, say};
 use avln_arena::{
     Failure, FailureKind,
     challenge::{actor, moment_of},
@@ -12,84 +12,85 @@ use avln_store::{Store, TokenLine, TokenScope, calendar::rfc3339};
 use clap::{Args, Subcommand};
 use std::path::Path;
 
-/// Commands about tokens.
+/// Commands on tokens.
 #[derive(Debug, Subcommand)]
-pub enum Command {
-    /// Issue a token and print it once
-    New(New),
-    /// List the tokens of teams and organisers, without their secrets
+pub enum TokenCommand {
+    /// Issue a token and print it, once
+    New(NewTokenArgs),
+    /// List all tokens, without their secrets
     List {
-        /// As JSON
+        /// Print JSON
+        /// Reason, for the audit list
         #[arg(long)]
         json: bool,
     },
-    /// Take back one token
+    /// Revoke a token
     Revoke {
-        /// Id of the token, as avln challenge token list tells it
+        /// Id of the token, from avln challenge token list
         id: String,
     },
 }
 
-/// Whose token, and what it is good for.
+/// Arguments of `new`.
 #[derive(Clone, Debug, Args)]
-pub struct New {
-    /// For a team that was admitted: starts its runs and sees its results
+pub struct NewTokenArgs {
+    /// Account token of this team: starts runs and reads the team's results
     #[arg(long, value_name = "TEAM", required_unless_present = "organiser")]
     pub team: Option<String>,
-    /// For an organiser: sees everything
+    /// Organiser token: full access
     #[arg(long, conflicts_with = "team")]
     pub organiser: bool,
-    /// For looking only: sees the team's results and starts nothing
+    /// Read-only token: reads the team's results, starts no runs
     #[arg(long, requires = "team")]
     pub read_only: bool,
-    /// What to call it, so that lists tell it from others
+    /// Name of the token in lists
     #[arg(long, default_value = "", value_name = "TEXT")]
     pub name: String,
-    /// When it ends: a moment such as 2026-09-01T00:00:00Z, or a number of days such as 30d; never by default
+    /// Expiry: a time such as 2026-09-01T00:00:00Z, or a number of days such as 30d; never by default
     #[arg(long, value_name = "WHEN")]
     pub expires: Option<String>,
 }
 
-/// Carries out a command about tokens.
+/// Runs a command on tokens.
 ///
 /// # Errors
-/// When the team or the token is unknown, or the database refuses.
-pub async fn run(data: &Path, command: Command) -> Result<(), Failure> {
+/// If the team or the token is unknown, or the database fails.
+pub async fn run(data: &Path, command: TokenCommand) -> Result<(), Failure> {
     let store = DataFolder::open(data)?.store().await?;
     match command {
-        Command::New(options) => issue(&store, &options).await,
-        Command::List { json } => list(&store, json).await,
-        Command::Revoke { id } => {
+        TokenCommand::New(args) => issue(&store, &args).await,
+        TokenCommand::List { json } => list(&store, json).await,
+        TokenCommand::Revoke { id } => {
             let revoked = note(&actor(), format!("token {id}"), "revoked", "");
             store.revoke_token(&id, revoked, now_unix_ms()).await?;
-            say!("token {id} is void now");
+            say!("token {id} is revoked");
             Ok(())
         }
     }
 }
 
-async fn issue(store: &Store, options: &New) -> Result<(), Failure> {
+async fn issue(store: &Store, args: &NewTokenArgs) -> Result<(), Failure> {
     let now = now_unix_ms();
-    let expires = options.expires.as_deref().map(|words| expiry(words, now)).transpose()?;
+    let expires = args.expires.as_deref().map(|words| expiry(words, now)).transpose()?;
     let wish = Wish {
-        kind: match (options.organiser, options.read_only) {
+        kind: match (args.organiser, args.read_only) {
             (true, _) => TokenScope::Organiser,
             (false, true) => TokenScope::ReadOnly,
             (false, false) => TokenScope::Participant,
         },
-        name: &options.name,
-        team: options.team.as_deref(),
+        name: &args.name,
+        team: args.team.as_deref(),
         expires_unix_ms: expires,
     };
     let secret = deeds::issue(store, &wish, &actor(), now).await?;
-    say!("for      {}", options.team.as_deref().unwrap_or("organiser"));
+    say!("for      {}", args.team.as_deref().unwrap_or("organiser"));
     say!("token    {secret}");
     say!("expires  {}", expires.map_or_else(|| "never".to_owned(), rfc3339));
-    say!("The token is shown this once.");
+    say!("The token is shown only once.");
     Ok(())
 }
 
-/// The moment that `words` tell; it lies ahead.
+/// Parses an expiry time, which must be in the future; Unix milliseconds.
 fn expiry(words: &str, now_unix_ms: i64) -> Result<i64, Failure> {
     const DAY_MS: i64 = 86_400_000;
     const MOST_DAYS: u32 = 36_500;
@@ -99,17 +100,15 @@ fn expiry(words: &str, now_unix_ms: i64) -> Result<i64, Failure> {
         None => moment_of(words),
     };
     found.filter(|&moment| moment > now_unix_ms).ok_or_else(|| {
-        Failure::new(FailureKind::Data, format!("--expires '{}' is no moment ahead", words.escape_debug()))
-            .hinted("use a moment such as 2026-09-01T00:00:00Z, or days such as 30d, at most 36500d")
+        Failure::new(FailureKind::Data, format!("--expires '{}' is not a future time", words.escape_debug()))
+            .hinted("use a time such as 2026-09-01T00:00:00Z, or days such as 30d, at most 36500d")
     })
 }
 
 async fn list(store: &Store, json: bool) -> Result<(), Failure> {
     let tokens = store.tokens().await?;
     if json {
-        let text = serde_json::to_string_pretty(&tokens);
-        say!("{}", text.map_err(|error| Failure::new(FailureKind::Internal, error))?);
-        return Ok(());
+        return print_json(&tokens);
     }
     for token in tokens {
         let TokenLine { id, kind, name, team, created_ms, expires_ms, revoked_ms } = token;

@@ -1,4 +1,4 @@
-//! Checks a run by its log: chain, signature, every state and every metric.
+//! Verification of run logs: hash chain, signature, states and metrics.
 
 use crate::output::say;
 use avln_arena::{
@@ -16,36 +16,36 @@ use std::{
     thread,
 };
 
-/// What to check.
+/// Arguments of `avln run verify`.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Options {
-    /// The log of a run: DATA/runs/RUN.log, or what the server gives out at /api/v1/runs/RUN/log
+pub struct VerifyArgs {
+    /// Run log: DATA/runs/RUN.log, or a download from /api/v1/runs/RUN/log
     #[arg(value_name = "LOG")]
     pub file: PathBuf,
-    /// Public key of the server that signed it, hexadecimal, as /api/v1/status tells it in log_key; by default any signature
-    /// that fits is taken, and its key told
+    /// Expected public key of the server, hexadecimal, as log_key in /api/v1/status; by default any valid signature is accepted and
+    /// its key printed
     #[arg(long, value_name = "KEY")]
     pub key: Option<String>,
-    /// Check lines and signature only, which takes nothing but the file; so it is where the data folder holds no database
+    /// Check only the hash chain and the signature, which needs no data folder; the default if the data folder has no database
     #[arg(long)]
     pub log_only: bool,
 }
 
-/// Checks the log's chain and signature, plays every episode again and computes every metric again.
+/// Checks the hash chain and the signature, replays all episodes and recomputes all metrics.
 ///
 /// # Errors
-/// When the log is not as the server wrote it, or an episode leads elsewhere or is worth something else.
-pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
-    let history = History::read(&options.file).map_err(refused)?;
-    let key = check_signature(&history, options.key.as_deref())?;
+/// If the log was changed, or a replayed state or metric differs.
+pub async fn run(data: &Path, args: VerifyArgs) -> Result<(), Failure> {
+    let history = History::read(&args.file).map_err(refused)?;
+    let key = check_signature(&history, args.key.as_deref())?;
     let wrong =
-        |(line, what): (usize, String)| refused(format!("{}, line {line}: {what}", options.file.display()));
+        |(line, what): (usize, String)| refused(format!("{}, line {line}: {what}", args.file.display()));
     let episodes = history.episodes().map_err(wrong)?;
     let Some(Entry::Run { run, phase, order, digests, .. }) = history.entries.first() else {
-        return Err(refused(format!("{} is empty", options.file.display())));
+        return Err(refused(format!("{} is empty", args.file.display())));
     };
-    let why_not = match (options.log_only, data.join("avln.db").is_file()) {
-        (true, _) => Some("as asked for".to_owned()),
+    let why_not = match (args.log_only, data.join("avln.db").is_file()) {
+        (true, _) => Some("as requested".to_owned()),
         (false, false) => Some(format!("there is no data folder at {}", data.display())),
         (false, true) => None,
     };
@@ -60,10 +60,10 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
     };
     say!("run        {run}");
     say!("lines      {}, none changed, left out or put in", history.entries.len());
-    match (&key, &options.key) {
-        (None, _) => say!("signature  none: the run is not over"),
-        (Some(key), Some(_)) => say!("signature  {key}, as asked for"),
-        (Some(key), None) => say!("signature  {key}; whose key that is, the server's /api/v1/status tells"),
+    match (&key, &args.key) {
+        (None, _) => say!("signature  none: the run is still open"),
+        (Some(key), Some(_)) => say!("signature  {key}, as expected"),
+        (Some(key), None) => say!("signature  {key}; compare it with log_key in the server's /api/v1/status"),
     }
     show(&replayed, &episodes);
     Ok(())
@@ -72,16 +72,14 @@ pub async fn run(data: &Path, options: Options) -> Result<(), Failure> {
 fn show(replayed: &Result<Replayed, String>, episodes: &BTreeMap<String, EpisodeHistory>) {
     match replayed {
         Ok(Replayed { episodes, actions, scored }) => {
-            say!("episodes   {episodes} played again: each of {actions} actions led to the same state");
-            say!("metrics    {scored} computed again, bit for bit the same");
+            say!("episodes   {episodes} played again: all {actions} actions led to the recorded states");
+            say!("metrics    {scored} recomputed, identical bit for bit");
         }
         Err(why) => {
             let actions: usize = episodes.values().map(|episode| episode.taken.len()).sum();
             say!("episodes   {} with {actions} actions, not played again: {why}", episodes.len());
-            say!("metrics    not computed again");
-            say!(
-                "What actions led to and were worth can be checked with the organiser's data folder: --data FOLDER"
-            );
+            say!("metrics    not recomputed");
+            say!("States and metrics can be checked with the organiser's data folder: --data FOLDER");
         }
     }
 }
@@ -90,20 +88,21 @@ fn refused(what: impl std::fmt::Display) -> Failure {
     Failure::new(FailureKind::Run, what)
 }
 
-/// The key under the log, when the run is over. Whoever has the file can make a chain that fits; the signature cannot be made.
+/// Returns the key that signed the log; `None` for a log without a signature.
 fn check_signature(history: &History, wanted: Option<&str>) -> Result<Option<String>, Failure> {
     let is_signature = |entry: &Entry| matches!(entry, Entry::Signed { .. });
     let (key, signature, head) = match history.entries.last() {
         Some(Entry::Signed { head, key, signature }) => (key, signature, head),
         _ if history.entries.iter().any(is_signature) => {
-            return Err(refused("lines come after the signature, which nobody signed")
-                .hinted("a server signs again what it adds: ask for the log once more"));
+            return Err(refused("lines come after the signature, so they are not signed")
+                .hinted("a server signs lines that it adds: download the log again"));
         }
         _ => {
             return match wanted {
                 None => Ok(None),
-                Some(wanted) => Err(refused(format!("the log is not signed, least of all by {wanted}"))
-                    .hinted("logs are signed when their run is over; leave --key away to check an open one")),
+                Some(wanted) => Err(refused(format!("the log is not signed by {wanted}")).hinted(
+                    "logs are signed at the end of the run; omit --key to check the log of an open run",
+                )),
             };
         }
     };
@@ -118,7 +117,7 @@ fn check_signature(history: &History, wanted: Option<&str>) -> Result<Option<Str
     }
 }
 
-/// What was played again.
+/// Numbers of replayed and rescored items.
 #[derive(Default)]
 struct Replayed {
     episodes: usize,
@@ -126,7 +125,7 @@ struct Replayed {
     scored: usize,
 }
 
-/// Plays all episodes again, as many at a time as there are cores.
+/// Replays all episodes, one per core in parallel.
 fn replay_all(replayer: &Replayer, episodes: &BTreeMap<String, EpisodeHistory>) -> Result<Replayed, Failure> {
     let bar = ProgressBar::new(episodes.len() as u64);
     let left = Mutex::new(episodes.iter());

@@ -1,4 +1,4 @@
-//! What a client did, trial by trial.
+//! Record of a client's behaviour per trial.
 
 use crate::{
     Check, Outcome,
@@ -8,7 +8,7 @@ use avln_proto::v1;
 
 /// Steps after which an episode ends when the client does not stop it.
 pub(crate) const STEPS: u32 = 6;
-/// Step at which things go wrong.
+/// Step of the fault.
 pub(crate) const TRICKED_STEP: u32 = 2;
 /// The Ping that a client must answer.
 pub(crate) const NONCE: u64 = 41;
@@ -18,16 +18,16 @@ pub(crate) const NONCE: u64 = 41;
 pub(crate) struct Book {
     /// Number of the trial that is played, or begins next.
     trial: usize,
-    /// The episode that the slot holds.
+    /// Open episode of the slot.
     pub(crate) open: Option<Open>,
-    /// What was wrong, by trial.
+    /// Violations by trial.
     wrong: Vec<(usize, String)>,
     /// A stream was lost, and the client has not come back.
     lost: bool,
     greeted: bool,
-    /// Streams to refuse before the next one is taken.
+    /// Number of streams to refuse.
     pub(crate) refuse: u32,
-    /// What the client senses.
+    /// Sensors of the client.
     pub(crate) sensors: v1::SensorSubscription,
     /// RunEnd was sent.
     pub(crate) is_over: bool,
@@ -41,7 +41,7 @@ pub(crate) struct Open {
     actions: Vec<i32>,
     /// Step of the last observation that was sent; `None` before EpisodeStart was.
     pub(crate) told: Option<u32>,
-    /// Why it is over, where it is.
+    /// End reason, if ended.
     pub(crate) over: Option<v1::EndReason>,
     tricked: bool,
     asked: bool,
@@ -106,7 +106,7 @@ impl Book {
         });
     }
 
-    /// Whether the trick of this trial is due now, once.
+    /// Returns true once when the fault of this trial is due.
     pub(crate) fn tricks(&mut self, step: u32) -> bool {
         let Some(open) = self.open.as_mut().filter(|open| !open.tricked && open.step() == step) else {
             return false;
@@ -115,7 +115,7 @@ impl Book {
         true
     }
 
-    /// Takes an action; what is wrong with it is answered by a Fault for this reason.
+    /// Handles an action; an invalid action is answered with a Fault for the returned reason.
     pub(crate) fn act(&mut self, act: &v1::Act) -> Result<(), v1::Reason> {
         let judged = self.judge(act);
         if let Err((reason, what)) = judged {
@@ -173,7 +173,7 @@ impl Book {
         self.lost = true;
     }
 
-    /// The episode is over, and the client was told.
+    /// Marks the episode as ended and reported.
     pub(crate) fn close(&mut self) {
         let open = self.open.take();
         if open.as_ref().is_some_and(|open| open.asked) {
@@ -186,7 +186,7 @@ impl Book {
         self.trial += 1;
     }
 
-    /// What came of each trial. `late` says that the client was waited for in vain.
+    /// Results of all trials. `late` contains the timeout, if the client did not answer.
     pub(crate) fn checks(&self, late: Option<String>) -> Vec<Check> {
         let check = |(number, trial): (usize, &crate::trials::Trial)| {
             let mut wrong: Vec<_> =

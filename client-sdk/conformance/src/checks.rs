@@ -5,23 +5,23 @@ use avln_proto::v1::{
 };
 use tonic::Code;
 
-/// One rule of the protocol, and whether the server keeps it.
+/// A protocol rule and its result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Check {
-    /// What must hold, in the words of `PROTOCOL.md`.
+    /// Rule, in the words of `PROTOCOL.md`.
     pub rule: &'static str,
-    /// Whether it does.
+    /// Result.
     pub outcome: Outcome,
 }
 
-/// What came of a check.
+/// Result of a check.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// The server keeps the rule.
+    /// The server follows the rule.
     Kept,
-    /// It does not: what was due and what came.
+    /// The server violates the rule: expected and actual behaviour.
     Broken(String),
-    /// It says that it does not offer this.
+    /// The server reports the feature as unsupported.
     NotOffered,
 }
 
@@ -31,10 +31,10 @@ const STOP: i32 = v1::Action::Stop as i32;
 
 type Found = Result<(), String>;
 
-/// Makes all checks, one after the other, in one run of `phase`; `token` is an account's.
+/// Runs all checks in a run of `phase`; `token` is an account token.
 ///
 /// # Errors
-/// When the server cannot be reached or begins no run.
+/// If the server is unreachable or starts no run.
 pub async fn check(site: &Site<'_>, token: &str, phase: &str) -> Result<Vec<Check>, Trouble> {
     let talk = Talk::open(site, token, phase).await?;
     let mut checks = Vec::new();

@@ -1,4 +1,4 @@
-//! What a server without houses says.
+//! Frames of a test server without scenes.
 
 use crate::book::{Book, Open, STEPS};
 use crate::trials::TRIALS;

@@ -1,4 +1,4 @@
-//! A server for clients to be checked: it keeps the protocol, and goes wrong in the ways that the protocol allows.
+//! A test server for clients: it follows the protocol and injects permitted faults.
 
 use crate::{
     Check,
@@ -19,38 +19,38 @@ use tokio::{
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
 use tonic::{Request, Response, Status, Streaming, transport::Server};
 
-/// For how long a client may be silent.
+/// Longest silence of a client.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// How late an observation comes.
+/// Delay of a late observation.
 const LATE: Duration = Duration::from_secs(3);
-/// Streams that are refused while nobody is there.
+/// Number of refused streams while the server is unreachable.
 const REFUSED: u32 = 3;
 /// Frames that wait to be sent.
 const WAITING_FRAMES: usize = 16;
 /// Time for the last frames to leave.
 const FAREWELL: Duration = Duration::from_millis(500);
 
-/// Where a client can come to be checked.
+/// A listening test server.
 #[derive(Debug)]
 pub struct Host {
     listener: TcpListener,
-    /// Where it listens.
+    /// Listening address.
     pub address: SocketAddr,
 }
 
 impl Host {
-    /// Listens at `address`; port 0 is any free one.
+    /// Listens at `address`; port 0 selects a free port.
     ///
     /// # Errors
-    /// When the address cannot be had.
+    /// If the address is unavailable.
     pub async fn bind(address: SocketAddr) -> io::Result<Self> {
         let listener = TcpListener::bind(address).await?;
         let address = listener.local_addr()?;
         Ok(Self { listener, address })
     }
 
-    /// Hosts one run of the first client that comes, with any token in any phase, and says what it made of each trial. Waits for the
-    /// client to come for as long as it takes, and then for a minute at a time.
+    /// Hosts a run for the first client, with any token and phase, and returns the results of all trials.
+    /// Waits for the client without limit, then a minute per answer.
     pub async fn check(self) -> Vec<Check> {
         let (beat, mut beats) = watch::channel(0_u64);
         let book = Arc::new(Mutex::new(Book::default()));
@@ -77,7 +77,7 @@ impl Host {
 #[derive(Clone)]
 struct Fake {
     book: Arc<Mutex<Book>>,
-    /// Changes whenever the client says something.
+    /// Changes with every client frame.
     beat: Arc<watch::Sender<u64>>,
 }
 
@@ -91,13 +91,13 @@ impl Fake {
     }
 }
 
-/// Whether the stream goes on.
+/// Continue with the stream, or stop.
 type Goes = Result<(), Gone>;
 
 /// The stream is over: with a status, or without.
 struct Gone(Option<Status>);
 
-/// One stream.
+/// A stream.
 struct Stage {
     fake: Fake,
     asked: Streaming<v1::PlayRequest>,
@@ -140,7 +140,7 @@ impl Stage {
         }
     }
 
-    /// Welcomes, and tells what was missed.
+    /// Sends Welcome and the missed frames.
     async fn greet(&self, hello: &v1::Hello) {
         let mut book = self.fake.book.lock().await;
         book.hello(hello);

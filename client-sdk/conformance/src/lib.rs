@@ -1,10 +1,10 @@
-//! Checks whether a server keeps `avln.v1`, by talking to it as an agent would: what it must answer, refuse and remember. And
-//! whether a client does, by hosting it a run in which everything goes wrong that may.
+//! Conformance tests for servers and clients of `avln.v1`.
 //!
-//! Start reading at [`check`], and at [`Host`] for clients. Each [`Check`] names the rule of `PROTOCOL.md` that it is about. It plays some episodes of one
-//! run in a phase of the server's, which counts like any other.
+//! [`check`] tests a server as a client: required answers, refusals and state. [`Host`] tests a client with a
+//! run full of faults. A [`Check`] names a rule of `PROTOCOL.md`. The server test plays some episodes of a
+//! run, which counts like any other.
 //!
-//! *Never*: needs to know anything about the server but its address, an account token and a phase.
+//! *Never*: depends on server knowledge beyond address, account token and phase.
 
 mod book;
 mod checks;

@@ -13,7 +13,7 @@ use tonic::{
     transport::{Certificate, Channel, ClientTlsConfig, Endpoint},
 };
 
-/// For how long an answer may take: scenes may have to be read.
+/// Longest time for an answer: the server may have to load scenes.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// Frames that wait to be sent.
 const WAITING_FRAMES: usize = 64;
@@ -21,14 +21,14 @@ const WAITING_FRAMES: usize = 64;
 /// Why the checks could not be made at all.
 #[derive(Debug, thiserror::Error)]
 pub enum Trouble {
-    /// Nothing answers.
+    /// The server does not answer.
     #[error(
         "cannot reach {address}: {detail}; give the address of the server's gRPC port like http://127.0.0.1:50051"
     )]
     Unreachable {
-        /// As given.
+        /// Given address.
         address: String,
-        /// What the network said.
+        /// Network error.
         detail: String,
     },
     /// The run for the checks was refused.
@@ -36,17 +36,17 @@ pub enum Trouble {
     NoRun {
         /// The phase.
         phase: String,
-        /// What the server said.
+        /// Server message.
         detail: String,
     },
 }
 
-/// Where a server is.
+/// Location of a server.
 #[derive(Clone, Copy, Debug)]
 pub struct Site<'a> {
-    /// Its address: `http://`, or `https://`.
+    /// Address: `http://`, or `https://`.
     pub server: &'a str,
-    /// PEM text of the authorities that an `https://` server's certificate may come from, in place of those of the system.
+    /// PEM certificates of authorities for an `https://` server, instead of the system store.
     pub ca: Option<&'a str>,
 }
 
@@ -64,7 +64,7 @@ impl Site<'_> {
     }
 }
 
-/// What an error says, and what lies behind it.
+/// Message of an error with all its sources.
 fn chain(error: &dyn std::error::Error) -> String {
     let behind = std::iter::successors(error.source(), |error| error.source());
     behind.fold(error.to_string(), |said, error| format!("{said}: {error}"))
@@ -124,7 +124,7 @@ impl Talk {
     }
 }
 
-/// One Play stream.
+/// A Play stream.
 pub(crate) struct Stream {
     up: mpsc::Sender<v1::PlayRequest>,
     down: Streaming<v1::PlayResponse>,
@@ -151,7 +151,7 @@ impl Stream {
         }
     }
 
-    /// What comes next, be it the end of the stream.
+    /// Next frame, or the end of the stream.
     pub(crate) async fn next_or_end(&mut self) -> Result<Result<Option<Down>, Status>, String> {
         let next = timeout(PATIENCE, self.down.message()).await;
         let next = next.map_err(|_| format!("nothing came for {PATIENCE:?}"))?;

@@ -1,12 +1,12 @@
-//! What goes wrong while a client is watched.
+//! Faults injected into a client run.
 
-/// How one episode is disturbed.
+/// Fault of an episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Trick {
     Nothing,
     /// A Notice and a Ping come before an observation.
     Interrupt,
-    /// A frame comes that no client of this version knows.
+    /// A frame unknown to all clients of this version.
     Mumble,
     /// An observation comes late.
     Dawdle,
@@ -14,7 +14,7 @@ pub(crate) enum Trick {
     Cut,
     /// The stream ends after an observation, without a word.
     Hush,
-    /// The stream breaks after an observation, and nobody is there at first.
+    /// The stream breaks after an observation, and the server is unreachable at first.
     Leave,
     /// The stream breaks before EpisodeStart.
     LoseStart,
@@ -26,7 +26,7 @@ pub(crate) enum Trick {
     Break,
 }
 
-/// One episode, and what a client does that keeps the protocol.
+/// An episode with the expected client behaviour.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Trial {
     pub(crate) trick: Trick,

@@ -1,4 +1,4 @@
-"""Turns towards what it hears and walks there, round obstacles that depth shows; submits where it is loud.
+"""Turns towards the sound and walks there, around obstacles in the depth image; submits at loud positions.
 
 python examples/audio_follower.py --token TOKEN
 """
@@ -25,7 +25,7 @@ UPSAMPLING = 8
 
 
 def delay_s(audio: NDArray[np.float32], sample_rate_hz: int) -> float:
-    """By how much the left ear hears later than the right, seconds: the peak of GCC-PHAT within what a head allows."""
+    """Returns the delay at the left ear, seconds: the GCC-PHAT peak within the head's range."""
     samples = audio.shape[1]
     left, right = np.fft.rfft(audio, 2 * samples)
     cross = left * np.conj(right)
@@ -37,7 +37,7 @@ def delay_s(audio: NDArray[np.float32], sample_rate_hz: int) -> float:
 
 
 def bearing_rad(audio: NDArray[np.float32], sample_rate_hz: int) -> float:
-    """Where sound comes from, radians, -pi/2 to pi/2, positive to the left; what is behind is folded to the front."""
+    """Returns the sound bearing, radians, -pi/2 to pi/2, left positive; rear directions are folded to the front."""
     lead_s = -delay_s(audio, sample_rate_hz)
     # Woodworth: a sphere's ears hear with a difference of r / c (angle + sin angle).
     angles = np.linspace(-math.pi / 2, math.pi / 2, 181)
@@ -46,7 +46,7 @@ def bearing_rad(audio: NDArray[np.float32], sample_rate_hz: int) -> float:
 
 
 class AudioFollower:
-    """Follows its ears."""
+    """An agent that follows the sound."""
 
     sensors = avln.Sensors.square(64)
 
@@ -58,7 +58,7 @@ class AudioFollower:
         self.goals_left = len(mission.goals)
 
     def act(self, seen: avln.Observation) -> avln.Action:
-        """Submits where it has not become louder for a while, else goes on."""
+        """Submits if the sound has not become louder for a while, otherwise continues."""
         assert seen.audio is not None
         assert seen.depth is not None
         if seen.remaining_steps == 1:
@@ -70,12 +70,12 @@ class AudioFollower:
         return self.walk(bearing_rad(seen.audio, self.task.sample_rate_hz), seen.depth)
 
     def listen(self, level: float) -> None:
-        """Counts for how long it has not become louder."""
+        """Counts the steps without a louder sound."""
         self.steps_since_louder = 0 if level > self.loudest else self.steps_since_louder + 1
         self.loudest = max(level, self.loudest)
 
     def walk(self, bearing: float, depth: NDArray[np.float32]) -> avln.Action:
-        """Towards the bearing, or to the freer side where something stands in the way."""
+        """Moves towards the bearing, or to the freer side of an obstacle."""
         middle = depth[len(depth) // 3 : 2 * len(depth) // 3]
         room = np.where(middle > 0, middle, self.task.depth_max_m).min(axis=0)
         left, ahead, right = (part.min() for part in np.array_split(room, 3))

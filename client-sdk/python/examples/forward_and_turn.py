@@ -1,4 +1,4 @@
-"""Walks ahead and turns right where it is blocked; submits after equal shares of its steps. Senses its pose alone.
+"""Moves forward and turns right at obstacles; submits at regular intervals. Uses the pose only.
 
 python examples/forward_and_turn.py --token TOKEN
 """
@@ -12,7 +12,7 @@ from shell import main
 import avln
 
 BLOCKED = 0.5
-"""A step forward that moved by less than this share of its length hit something."""
+"""Collision threshold: share of the forward distance."""
 
 
 class ForwardAndTurn:
@@ -28,7 +28,7 @@ class ForwardAndTurn:
         self.walked_from: avln.Pose | None = None
 
     def act(self, seen: avln.Observation) -> avln.Action:
-        """Stop as the last step, a Submit where one is due, else onward."""
+        """Returns Stop for the last step, Submit when due, otherwise a move."""
         if seen.remaining_steps <= 1:
             return avln.Action.STOP
         is_due = seen.step + 1 >= (self.submits + 1) * self.share_steps and seen.remaining_submits > 0

@@ -1,4 +1,4 @@
-"""Goes to the nearest place that it has not seen, on a map that it draws from depth and pose; knows no goal.
+"""Explores the nearest unseen area on a map from depth and pose; ignores the goals.
 
 python examples/frontier.py --token TOKEN
 """
@@ -21,14 +21,14 @@ CELL_M = 0.1
 SIDE_CELLS = 600
 UNKNOWN, FREE, BLOCKED = 0, 1, 2
 LOW_M, HIGH_M = 0.15, 1.4
-"""What stands between these heights above the base is in the way."""
+"""Height range of obstacles above the base."""
 REACH_CELLS = 2
 NEIGHBOURS = [(-1, 0), (1, 0), (0, -1), (0, 1)]
 Cell = tuple[int, int]
 
 
 class Map:
-    """Cells of 10 cm around the start: rows along +Z, columns along +X."""
+    """A grid of 10 cm cells around the start: rows in +Z, columns in +X."""
 
     def __init__(self, task: avln.TaskSpec) -> None:
         self.task = task
@@ -43,7 +43,7 @@ class Map:
         return round(z_m / CELL_M) + middle, round(x_m / CELL_M) + middle
 
     def see(self, pose: avln.Pose, depth: NDArray[np.float32]) -> None:
-        """Draws what depth shows: free along each ray, blocked where it ends at the height of the body."""
+        """Updates the map from depth: free on the ray, blocked at hits within body height."""
         height_m = self.task.camera_height_m - self.down[:, None] * depth
         is_obstacle = (depth > 0) & (height_m > LOW_M) & (height_m < HIGH_M)
         near_m = np.where(is_obstacle, depth, np.inf).min(axis=0)
@@ -68,7 +68,7 @@ class Map:
         self.cells[rows, columns] = np.where((what == FREE) & (here == BLOCKED), here, what)
 
     def path_to_frontier(self, start: Cell) -> list[Cell]:
-        """The shortest way over free cells to one beside the unknown; empty where there is none."""
+        """Returns the shortest path over free cells to an unknown cell; empty if there is none."""
         came_from: dict[Cell, Cell] = {start: start}
         queue = deque([start])
         while queue:
@@ -105,7 +105,7 @@ class Frontier:
         self.last: tuple[avln.Action, avln.Pose] | None = None
 
     def act(self, seen: avln.Observation) -> avln.Action:
-        """One step along the way to the nearest frontier."""
+        """Takes a step on the path to the nearest frontier."""
         assert seen.depth is not None
         if seen.remaining_steps == 1:
             return avln.Action.STOP
@@ -116,7 +116,7 @@ class Frontier:
         return action
 
     def note_bump(self, pose: avln.Pose) -> None:
-        """What a step forward ran into is in the way."""
+        """Marks the obstacle of a blocked step."""
         if self.last is None or self.last[0] is not avln.Action.MOVE_FORWARD:
             return
         before = self.last[1]
@@ -126,7 +126,7 @@ class Frontier:
             self.map.cells[self.map.cell(pose.x_m + x_m, pose.z_m + z_m)] = BLOCKED
 
     def follow(self, pose: avln.Pose) -> avln.Action:
-        """Turns to a cell of the way, walks when it faces it, and looks around where there is no way."""
+        """Turns to the next cell and walks, or looks around without a path."""
         here = self.map.cell(pose.x_m, pose.z_m)
         way = self.map.path_to_frontier(here)
         if not way:

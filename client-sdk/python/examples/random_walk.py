@@ -16,7 +16,7 @@ SUBMIT_CHANCE = 0.01
 
 
 class RandomWalk:
-    """Walks ahead most of the time, turns now and then, submits rarely and stops with its last step."""
+    """An agent that mostly moves forward, sometimes turns, rarely submits, and stops with the last step."""
 
     sensors = avln.Sensors(rgb=False, depth=False, audio=False)
 
@@ -24,10 +24,10 @@ class RandomWalk:
         self.rng = random.Random(seed)
 
     def begin(self, task: avln.TaskSpec, mission: avln.Mission) -> None:
-        """Nothing to forget."""
+        """Does nothing: the agent has no state."""
 
     def act(self, seen: avln.Observation) -> avln.Action:
-        """A draw, as long as there are steps and Submits."""
+        """Draws an action within the remaining steps and Submits."""
         if seen.remaining_steps == 1:
             return avln.Action.STOP
         if seen.remaining_submits and self.rng.random() < SUBMIT_CHANCE:

@@ -1,8 +1,8 @@
-"""Trains PPO of Stable-Baselines3 on a practice phase, on the processor.
+"""Trains PPO of Stable-Baselines3 on a practice phase, on the CPU.
 
 python examples/sb3_ppo.py --token TOKEN --steps 2000
 
-Its reward is for new ground alone, so that it learns to walk about; nothing that the server hides is needed for it.
+The reward is new ground only, so the agent learns to move; it needs no hidden data.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class NewGround:
 
 
 def train(server: str, token: str, phase: str, steps: int, **options: Any) -> BaseAlgorithm:
-    """Trains for so many steps; `options` are those of the environment."""
+    """Trains for `steps` steps; `options` are environment arguments."""
     env = gymnasium.make(
         avln.gym.ENV_ID,
         server=server,

@@ -1,4 +1,4 @@
-"""What the examples share: their command line."""
+"""Command line of the examples."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from avln.options import add_connection, add_run, link, parser
 
 
 def main(agent: Callable[[], Any]) -> None:
-    """Plays one run with an agent and prints its summary; `agent.sensors` says what it senses."""
+    """Plays a run with an agent and prints the summary; `agent.sensors` selects the sensors."""
     name = agent.__name__.lower()
     program = parser(name, agent.__doc__ or "")
     add_connection(program)

@@ -1,4 +1,4 @@
-"""A PyTorch policy that looks at all slots of a run in one batch: the place to put a network of your own.
+"""A PyTorch policy over all slots of a run in a batch: a template for custom networks.
 
 python examples/torch_policy.py --token TOKEN --slots 4
 """
@@ -38,7 +38,7 @@ class Policy(nn.Module):
 
 
 def batch(episodes: list[Episode]) -> torch.Tensor:
-    """Red, green, blue and depth from 0 to 1, one picture a slot."""
+    """Returns red, green, blue and depth from 0 to 1, an image per slot."""
     pictures = []
     for episode in episodes:
         seen, far_m = episode.observation, episode.task.depth_max_m
@@ -58,7 +58,7 @@ def choose(policy: Policy, episodes: list[Episode], generator: torch.Generator) 
 
 
 def play_slots(plays: list[Play], policy: Policy, seed: int = 0) -> avln.RunSummary:
-    """Plays a run: all slots send an action before any waits for what comes of it."""
+    """Plays a run: all slots send an action before any result is awaited."""
     generator = torch.Generator().manual_seed(seed)
     idle = list(plays)
     while True:
@@ -74,7 +74,7 @@ def play_slots(plays: list[Play], policy: Policy, seed: int = 0) -> avln.RunSumm
 
 
 def begin_episodes(idle: list[Play]) -> None:
-    """Begins as many episodes as the run has left."""
+    """Starts as many episodes as remain."""
     asking = idle[: idle[0].progress.waiting] if idle else []
     for play in asking:
         play.request_episode()

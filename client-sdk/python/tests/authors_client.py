@@ -10,7 +10,7 @@ import zmq
 
 
 class AuthorsClient:
-    """Asks over a REQ socket and expects of answers what the authors' own client does."""
+    """A REQ socket client with the expectations of the authors' client."""
 
     def __init__(self, context: zmq.Context[Any], address: str) -> None:
         self.socket = context.socket(zmq.REQ)
@@ -32,7 +32,7 @@ class AuthorsClient:
         return [self._decode(entry, frames) for entry in value] if isinstance(value, list) else value
 
     def play(self, actions: list[int]) -> list[dict[str, Any]]:
-        """Plays all episodes with the same actions; gives back the last answer of each."""
+        """Plays all episodes with the same actions; returns the last answer of every episode."""
         lasts: list[dict[str, Any]] = []
         while True:
             started = self.ask("reset")

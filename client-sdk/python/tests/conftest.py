@@ -1,4 +1,4 @@
-"""What the tests share: one furnished data folder, and one server for all that do not kill it."""
+"""Shared fixtures: a furnished data folder, and a server for tests that do not kill it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Where AVLN_SKIP is `never`, tests that lack what they need are failures."""
+    """With AVLN_SKIP=never, skipped tests are failures."""
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
     if os.environ.get("AVLN_SKIP") == "never" and reporter is not None and reporter.stats.get("skipped"):
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
@@ -34,7 +34,7 @@ class Door:
 
 
 class Furnished:
-    """A data folder that no server runs on, and the token of its team."""
+    """A data folder without a running server, and its team token."""
 
     def __init__(self, binary: Path, folder: Path) -> None:
         self.binary, self.folder = binary, folder

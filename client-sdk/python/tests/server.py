@@ -1,4 +1,4 @@
-"""The server's program over a data folder of its own."""
+"""The server program with a private data folder."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CHALLENGE = "challenge"
 
 
 def program() -> Path | None:
-    """The server's program: AVLN_BIN, else what was built in this repository."""
+    """The server program: AVLN_BIN, otherwise the build of this repository."""
     if "AVLN_BIN" in os.environ:
         return Path(os.environ["AVLN_BIN"])
     built = (REPOSITORY / "target" / profile / "avln" for profile in ("release", "debug"))
@@ -26,7 +26,7 @@ def program() -> Path | None:
 
 
 def free_port() -> int:
-    """A free port below those that systems give to connections, so that none takes it before the server does."""
+    """A free port below the ephemeral range, so that no connection takes it before the server does."""
     for port in random.sample(range(10_000, 32_000), 100):
         with contextlib.suppress(OSError), socket.socket() as door:
             door.bind(("127.0.0.1", port))
@@ -47,18 +47,22 @@ class Server:
         return f"http://127.0.0.1:{self.grpc}"
 
     def furnish(self, *, houses: int = 1, missions: int = 3) -> str:
-        """Makes scenes and missions, opens the phases; gives back a team's token."""
-        self.command("data", "split", "make", "trial", "--houses", str(houses), "--missions", str(missions), "--seed", "5")
+        """Creates scenes and missions, opens the phases and returns a team token."""
+        self.command(
+            "data", "split", "make", "trial", "--houses", str(houses), "--missions", str(missions), "--seed", "5"
+        )
         self.command("data", "split", "prepare", "trial")
         self.command("challenge", "phase", "open", PHASE, "--split", "trial", "--max-slots", "4")
-        self.command("challenge", "phase", "open", CHALLENGE, "--split", "trial", "--scores", "organiser", "--quota", "50")
+        self.command(
+            "challenge", "phase", "open", CHALLENGE, "--split", "trial", "--scores", "organiser", "--quota", "50"
+        )
         told = self.command("challenge", "team", "add", "Python")
         found = re.search(r"avln_\S+", told)
         assert found, told
         return found.group()
 
     def command(self, *arguments: str) -> str:
-        """Runs a command of the program; gives back what it printed."""
+        """Runs a command of the program and returns its output."""
         command = [str(self.binary), "--data", str(self.folder), *arguments]
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=280)
         assert done.returncode == 0, f"{command}: {done.stderr}"

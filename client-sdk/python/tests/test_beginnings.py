@@ -1,4 +1,4 @@
-"""Runs begin once, whatever becomes of the answer, and none is left behind that nobody can play."""
+"""Runs start once despite lost answers, and no unusable run remains."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A client of the authors' protocol plays over the bridge, and is told nothing that is hidden."""
+"""A client of the authors' protocol plays over the bridge without hidden data."""
 
 from __future__ import annotations
 

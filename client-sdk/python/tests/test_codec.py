@@ -1,4 +1,4 @@
-"""Bytes become the numbers that PROTOCOL.md says."""
+"""Decoding as defined in PROTOCOL.md."""
 
 from __future__ import annotations
 

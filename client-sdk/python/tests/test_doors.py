@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def pipe(source: socket.socket, sink: socket.socket) -> None:
-    """Hands on what comes until nothing comes."""
+    """Forwards bytes until the end."""
     try:
         while data := source.recv(1 << 16):
             sink.sendall(data)

@@ -1,4 +1,4 @@
-"""The examples play, and hear and draw what they should."""
+"""The examples play, and their maps and bearings are right."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_an_example_plays_a_run(arena: avln.Arena, agent: Any) -> None:
 
 
 def heard(lead_samples: int) -> Any:
-    """Noise that reaches the left ear so many samples before the right."""
+    """Noise with a lead at the left ear, in samples."""
     noise = np.random.default_rng(1).normal(size=4100).astype(np.float32)
     return np.stack([noise[50 + lead_samples : 4050 + lead_samples], noise[50:4050]])
 
@@ -59,7 +59,7 @@ def test_the_map_of_a_corridor_is_free_ahead_and_blocked_at_its_end() -> None:
     task = avln.TaskSpec(width=64, height=64)
     drawn = Map(task)
     drawn.see(avln.Pose(heading_rad=math.pi / 2), np.full((64, 64), 2.0, np.float32))
-    # It looks along -X at a wall two metres away.
+    # The agent faces -X, with a wall two metres ahead.
     assert drawn.cells[drawn.cell(-1.0, 0.0)] == FREE
     assert drawn.cells[drawn.cell(-2.0, 0.0)] != FREE
     assert drawn.cells[drawn.cell(1.0, 0.0)] == 0

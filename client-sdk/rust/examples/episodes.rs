@@ -1,6 +1,7 @@
-//! Plays one run as a stream of episodes: `cargo run -p avln-client --example episodes -- TOKEN [http://127.0.0.1:50051] [PHASE]`.
+//! Plays a run as a stream of episodes: `cargo run -p avln-client --example episodes -- TOKEN
+//! [http://127.0.0.1:50051] [PHASE]`.
 
-use avln_client::{Action, Arena, Episode, Error, RunOptions, Sensors};
+use avln_client::{Action, Client, Episode, Error, RunOptions, Sensors};
 use tokio_stream::StreamExt;
 
 /// Steps after which an episode is given up.
@@ -29,9 +30,9 @@ async fn main() -> Result<(), Error> {
     let server = arguments.next().unwrap_or_else(|| "http://127.0.0.1:50051".to_owned());
     let phase = arguments.next().unwrap_or_default();
 
-    let arena = Arena::connect(server, token).await?;
-    let run = arena.start_run(RunOptions::new(phase, "example-episodes")).await?;
-    let mut episodes = arena.play(&run, Sensors::square(128)).await?.episodes();
+    let client = Client::connect(server, token).await?;
+    let run = client.start_run(RunOptions::new(phase, "example-episodes")).await?;
+    let mut episodes = client.play(&run, Sensors::square(128)).await?.episodes();
     while let Some(episode) = episodes.try_next().await? {
         play(episode).await?;
     }

@@ -1,10 +1,11 @@
-//! Plays one run at random: `cargo run -p avln-client --example random -- TOKEN [http://127.0.0.1:50051] [PHASE]`.
+//! Plays a run at random: `cargo run -p avln-client --example random -- TOKEN [http://127.0.0.1:50051]
+//! [PHASE]`.
 
 use avln_client::{
-    Action, Agent, Arena, Error, Mission, Observation, RunOptions, Sensors, TaskSpec, evaluate,
+    Action, Agent, Client, Error, Mission, Observation, RunOptions, Sensors, TaskSpec, evaluate,
 };
 
-/// Walks ahead, turns now and then, stops with its last step.
+/// Moves forward, turns now and then, stops with the last step.
 struct Random {
     state: u64,
 }
@@ -50,9 +51,9 @@ async fn main() -> Result<(), Error> {
     let server = arguments.next().unwrap_or_else(|| "http://127.0.0.1:50051".to_owned());
     let phase = arguments.next().unwrap_or_default();
 
-    let arena = Arena::connect(server, token).await?;
-    let run = arena.start_run(RunOptions::new(phase, "example-random")).await?;
-    let summary = evaluate(&arena, &run, Sensors::square(128), &mut Random { state: 42 }).await?;
+    let client = Client::connect(server, token).await?;
+    let run = client.start_run(RunOptions::new(phase, "example-random")).await?;
+    let summary = evaluate(&client, &run, Sensors::square(128), &mut Random { state: 42 }).await?;
     println!("{summary}");
     Ok(())
 }

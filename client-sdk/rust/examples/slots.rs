@@ -1,7 +1,7 @@
-//! Plays one run with four episodes side by side, each slot on a task of its own:
-//! `cargo run -p avln-client --example slots -- TOKEN [http://127.0.0.1:50051] [PHASE]`.
+//! Plays a run with four parallel episodes, a task per slot: `cargo run -p avln-client --example slots --
+//! TOKEN [http://127.0.0.1:50051] [PHASE]`.
 
-use avln_client::{Action, Arena, Error, Play, RunOptions, Sensors};
+use avln_client::{Action, Client, Error, Play, RunOptions, Sensors};
 use tokio::task::JoinSet;
 
 const SLOTS: u32 = 4;
@@ -25,10 +25,10 @@ async fn main() -> Result<(), Error> {
     let server = arguments.next().unwrap_or_else(|| "http://127.0.0.1:50051".to_owned());
     let phase = arguments.next().unwrap_or_default();
 
-    let arena = Arena::connect(server, token).await?;
-    let run = arena.start_run(RunOptions::new(phase, "example-slots")).await?;
+    let client = Client::connect(server, token).await?;
+    let run = client.start_run(RunOptions::new(phase, "example-slots")).await?;
     let mut slots = JoinSet::new();
-    for play in arena.play_slots(&run, Sensors::square(128), SLOTS).await? {
+    for play in client.play_slots(&run, Sensors::square(128), SLOTS).await? {
         slots.spawn(turn_around(play));
     }
     let mut last = None;

@@ -1,10 +1,10 @@
 use avln_proto::v1;
 use std::{fmt, str::FromStr};
 
-/// What an agent can do in one step. Every action counts as one of the episode's steps.
+/// Actions of an agent. Every action uses a step of the episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Action {
-    /// Walk forward, sliding along walls.
+    /// Move forward, sliding at walls.
     MoveForward,
     /// Turn left on the spot.
     TurnLeft,
@@ -37,7 +37,7 @@ impl fmt::Display for Action {
     }
 }
 
-/// Whether the goals of a mission have an order.
+/// Order of the goals of a mission.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Order {
     /// Goals count in the order of the mission only.
@@ -95,15 +95,15 @@ impl fmt::Display for Order {
 pub enum EndReason {
     /// The agent chose Stop.
     Stopped,
-    /// The agent used its last Submit.
+    /// The agent used the final Submit.
     FinalSubmit,
-    /// The agent took as many steps as the rules allow.
+    /// The step limit of the rules was reached.
     StepLimit,
-    /// The agent thought for longer than its time allowed.
+    /// The time budget was used up.
     TimeBudget,
     /// The agent gave the episode up.
     Abandoned,
-    /// The agent went away and did not come back in time.
+    /// The agent disconnected and did not resume in time.
     Disconnected,
     /// The server failed; the episode does not count.
     ServerFault,

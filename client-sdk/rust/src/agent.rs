@@ -1,5 +1,5 @@
 use crate::{
-    Action, Arena, EpisodeEnd, Error, Mission, Observation, Play, Run, RunSummary, Sensors, TaskSpec,
+    Action, Client, EpisodeEnd, Error, Mission, Observation, Play, Run, RunSummary, Sensors, TaskSpec,
 };
 use tokio::{
     runtime::{Handle, RuntimeFlavor},
@@ -7,15 +7,16 @@ use tokio::{
     task::{self, JoinSet},
 };
 
-/// Something that plays. One agent plays one episode at a time.
+/// A policy. An agent plays a single episode at a time.
 pub trait Agent {
-    /// An episode is about to [`begin`](Self::begin): its handle, good for this run only, for agents that write things down.
+    /// Called before [`begin`](Self::begin) with the episode handle, valid for this run only, for agents that
+    /// keep records.
     fn enter(&mut self, _episode: &str) {}
 
-    /// An episode begins: forget the last one.
+    /// Starts an episode; forget the previous one.
     fn begin(&mut self, task: &TaskSpec, mission: &Mission);
 
-    /// What to do, seeing this.
+    /// Selects an action for an observation.
     fn act(&mut self, observation: &Observation) -> Action;
 }
 
@@ -33,19 +34,19 @@ impl<A: Agent + ?Sized> Agent for Box<A> {
     }
 }
 
-/// Plays a run to its end with one agent and says Goodbye.
+/// Plays a whole run with a single agent and finishes it.
 ///
-/// The agent thinks on the calling task; on a multi-thread runtime other tasks go on meanwhile.
+/// The agent runs on the calling task; on a multi-thread runtime other tasks continue.
 ///
 /// # Errors
-/// When the server refuses something, breaks the protocol or the connection is lost.
+/// If the server refuses a request or violates the protocol, or if the connection is lost.
 pub async fn evaluate(
-    arena: &Arena,
+    client: &Client,
     run: &Run,
     sensors: Sensors,
     agent: &mut (dyn Agent + Send),
 ) -> Result<RunSummary, Error> {
-    evaluate_with(arena, run, sensors, agent, &mut |_| {}).await
+    evaluate_with(client, run, sensors, agent, &mut |_| {}).await
 }
 
 /// As [`evaluate`], telling `on_end` about every episode that ended.
@@ -53,34 +54,34 @@ pub async fn evaluate(
 /// # Errors
 /// As for [`evaluate`].
 pub async fn evaluate_with(
-    arena: &Arena,
+    client: &Client,
     run: &Run,
     sensors: Sensors,
     agent: &mut (dyn Agent + Send),
     on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
 ) -> Result<RunSummary, Error> {
-    let mut play = arena.play(run, sensors).await?;
+    let mut play = client.play(run, sensors).await?;
     play_all(&mut play, agent, on_end).await?;
     play.finish().await
 }
 
-/// Plays a run with as many episodes at the same time as there are agents, or fewer where the server grants fewer slots,
-/// telling `on_end` about every episode that ended. `agents` must not be empty; but for one that panicked, all are there
-/// afterwards, in any order.
+/// Plays a run with an episode per agent in parallel, or fewer if the server grants fewer slots. Calls
+/// `on_end` for every ended episode. `agents` must not be empty; afterwards it contains all agents except a
+/// panicked one, in any order.
 ///
-/// Each slot is a task of its own: agents think at the same time on a multi-thread runtime, and in turn on one thread.
+/// A slot is a task: agents run in parallel on a multi-thread runtime, and in turn on a single thread.
 ///
 /// # Errors
 /// As for [`evaluate`].
 pub async fn evaluate_slots<A: Agent + Send + 'static>(
-    arena: &Arena,
+    client: &Client,
     run: &Run,
     sensors: Sensors,
     agents: &mut Vec<A>,
     on_end: &mut (dyn FnMut(&EpisodeEnd) + Send),
 ) -> Result<RunSummary, Error> {
     let wish = u32::try_from(agents.len()).unwrap_or(u32::MAX);
-    let plays = arena.play_slots(run, sensors, wish).await?;
+    let plays = client.play_slots(run, sensors, wish).await?;
     let (tell, mut ended) = mpsc::unbounded_channel();
     let mut players = JoinSet::new();
     for mut play in plays {
@@ -99,7 +100,7 @@ pub async fn evaluate_slots<A: Agent + Send + 'static>(
     gather(players, agents).await?.finish().await
 }
 
-/// Waits for all slots; gives back one of their plays.
+/// Waits for all slots; returns a remaining play handle.
 async fn gather<A: 'static>(
     mut players: JoinSet<(A, Result<Play, Error>)>,
     agents: &mut Vec<A>,
@@ -144,7 +145,7 @@ async fn play_all(
     Ok(())
 }
 
-/// Lets other tasks go on while an agent thinks, where the runtime can.
+/// Runs agent code without blocking other tasks, if the runtime supports it.
 fn undisturbed<T>(think: impl FnOnce() -> T) -> T {
     match Handle::current().runtime_flavor() {
         RuntimeFlavor::MultiThread => task::block_in_place(think),

@@ -1,25 +1,20 @@
-//! Calls that are not a run's stream: how they are made, and made again when their answer was lost.
+//! Unary calls with retries after a lost answer.
 
-use crate::{Error, RunOptions};
+use crate::{Error, RunOptions, backoff::Backoff};
 use avln_proto::v1;
-use std::{
-    hash::{BuildHasher, Hasher, RandomState},
-    time::Duration,
-};
+use std::time::Duration;
 use tokio::time::{Instant, sleep};
 use tonic::{
     Request, Response, Status,
     metadata::{Ascii, MetadataValue},
 };
 
-/// How long the server may take to answer.
+/// Longest time for an answer.
 pub(crate) const TIMEOUT: Duration = Duration::from_secs(30);
-/// For how long a call whose answer was lost is made again, unless somebody wants less.
+/// Default retry time of a call with a lost answer.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// Pauses between attempts: after the first, and the longest.
-const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(2));
 
-/// Makes a call, again and again while the connection is lost; for calls that may be made twice.
+/// Makes an idempotent call, repeated while the connection is lost.
 pub(crate) async fn persist<A, F>(
     attempted: &'static str,
     patience: Option<Duration>,
@@ -29,13 +24,15 @@ where
     F: Future<Output = Result<Response<A>, Status>>,
 {
     let until = Instant::now() + patience.unwrap_or(PATIENCE).min(PATIENCE);
-    let mut pause = PAUSES.0;
+    let mut backoff = Backoff::new();
     loop {
-        match unwrap(attempted, call().await) {
-            Err(Error::Lost { .. }) if Instant::now() + pause < until => sleep(pause).await,
-            answered => return answered,
+        let answer = unwrap(attempted, call().await);
+        let Err(error @ Error::Lost { .. }) = &answer else { return answer };
+        let pause = backoff.after(error);
+        if Instant::now() + pause >= until {
+            return answer;
         }
-        pause = (2 * pause).min(PAUSES.1);
+        sleep(pause).await;
     }
 }
 
@@ -49,14 +46,14 @@ pub(crate) fn plain<T>(message: T) -> Request<T> {
     request
 }
 
-/// What tells a server whose call it is.
+/// Authorisation metadata of a call.
 pub(crate) type Bearer = MetadataValue<Ascii>;
 
 pub(crate) fn bearer(token: &str) -> Result<Bearer, Error> {
     format!("Bearer {token}").parse().map_err(|_| Error::Token {
         attempted: "send the token",
         reason: v1::Reason::TokenMalformed,
-        message: "it holds characters that no token has".to_owned(),
+        message: "it contains characters that are not allowed in tokens".to_owned(),
     })
 }
 
@@ -66,16 +63,18 @@ pub(crate) fn signed<T>(mut request: Request<T>, bearer: &Bearer) -> Request<T> 
 }
 
 impl RunOptions {
-    /// With a name for the request where it has none, so that asking twice begins one run.
+    /// Adds a request id if missing, so that a repeated request starts a single run.
     pub(crate) fn named(self) -> Self {
         if self.has_request_id() { self } else { self.request_id(random_name()) }
     }
 }
 
-/// A name that nobody else takes: hashers are keyed at random.
+/// A random request id of 32 hexadecimal digits.
+///
+/// Without a random source the id is empty, and the server starts a new run for every request.
 fn random_name() -> String {
-    let word = || RandomState::new().build_hasher().finish();
-    format!("{:016x}{:016x}", word(), word())
+    let words = getrandom::u64().and_then(|first| Ok((first, getrandom::u64()?)));
+    words.map_or_else(|_| String::new(), |(first, second)| format!("{first:016x}{second:016x}"))
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 use crate::{
     Action, EpisodeEnd, Error, Mission, Observation, Play, Progress,
-    line::{Event, Line, closed},
+    connection::{Connection, Event, closed},
 };
 use avln_proto::v1::{self, play_request::Frame};
 use std::{
@@ -9,14 +9,14 @@ use std::{
 };
 use tokio::sync::{OwnedMutexGuard, mpsc};
 
-/// An episode that is being played: lent by [`Play::next_episode`], or one of a stream, [`Play::episodes`], which borrows
-/// nothing.
+/// An episode in progress: borrowed from [`Play::next_episode`], or an owned item of the stream
+/// [`Play::episodes`].
 #[derive(Debug)]
 pub struct Episode<'play> {
     play: Hold<'play>,
 }
 
-/// How an episode has the slot that it is played on.
+/// Access of an episode to its slot.
 #[derive(Debug)]
 enum Hold<'play> {
     Lent(&'play mut Play),
@@ -43,12 +43,12 @@ impl DerefMut for Hold<'_> {
     }
 }
 
-/// Time that an agent has for its next action.
+/// Remaining time for the next action.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TimeLeft {
-    /// Thinking time that costs nothing; `None`: unlimited.
+    /// Free thinking time; `None`: unlimited.
     pub step: Option<Duration>,
-    /// What the episode may still overrun `step` by in total.
+    /// Remaining bank of the episode beyond `step`.
     pub bank: Duration,
 }
 
@@ -67,78 +67,78 @@ impl Episode<'static> {
 impl Episode<'_> {
     /// Random handle of the episode, good for this run only.
     pub fn id(&self) -> &str {
-        &self.play.seat.id
+        &self.play.state.id
     }
 
-    /// Which episode of the run this is, counted in order of start from 1.
+    /// Number of the episode in start order, from 1.
     pub fn ordinal(&self) -> u32 {
-        self.play.seat.ordinal
+        self.play.state.ordinal
     }
 
-    /// What to find.
+    /// The mission.
     pub fn mission(&self) -> &Mission {
-        &self.play.seat.mission
+        &self.play.state.mission
     }
 
-    /// What the agent senses now: at the start, or after its last step.
+    /// The latest observation: at the start, or after the last step.
     pub fn observation(&self) -> &Observation {
-        &self.play.seat.observation
+        &self.play.state.observation
     }
 
     /// Time for the next action.
     pub fn time_left(&self) -> TimeLeft {
-        self.play.seat.time
+        self.play.state.time
     }
 
-    /// How far the run is.
+    /// Progress of the run.
     pub fn progress(&self) -> Progress {
         self.play.progress()
     }
 
-    /// Whether the episode has ended: [`end`](Self::end) says how.
+    /// Returns true if the episode has ended; see [`end`](Self::end).
     pub fn is_over(&self) -> bool {
-        self.play.seat.is_over()
+        self.play.state.is_over()
     }
 
-    /// How the episode ended; `None` while it goes on.
+    /// Result of the episode; `None` before its end.
     pub fn end(&self) -> Option<&EpisodeEnd> {
-        self.play.seat.end()
+        self.play.state.end()
     }
 
-    /// What failed on the server when the episode ended with [`EndReason::ServerFault`](crate::EndReason::ServerFault).
+    /// The server failure behind [`EndReason::ServerFault`](crate::EndReason::ServerFault).
     pub fn fault(&self) -> Option<&Error> {
-        self.play.seat.fault.as_ref()
+        self.play.state.fault.as_ref()
     }
 
-    /// Takes one step. A limit may end the episode before the step is taken: ask [`is_over`](Self::is_over).
+    /// Takes a step. A limit may end the episode before the step: check [`is_over`](Self::is_over).
     ///
     /// # Errors
-    /// [`Error::EpisodeOver`] after the end; [`Error::Refused`] when the server refuses the step and the episode goes
-    /// on; otherwise when the protocol is broken or the connection is lost.
+    /// [`Error::EpisodeOver`] after the end; [`Error::Refused`] if the server refuses the step and the
+    /// episode continues; otherwise if the protocol is violated or the connection is lost.
     pub async fn step(&mut self, action: Action) -> Result<&Observation, Error> {
         let play = &mut *self.play;
-        play.seat.step(&play.line, action).await?;
+        play.state.step(&play.connection, action).await?;
         play.note_progress();
-        Ok(&play.seat.observation)
+        Ok(&play.state.observation)
     }
 
-    /// Gives the episode up: it ends as abandoned and counts as it stands. Nothing happens after the end.
+    /// Abandons the episode: it is scored up to the last step. No effect after the end.
     ///
     /// # Errors
-    /// When the protocol is broken or the connection is lost.
+    /// If the protocol is violated, or the connection is lost.
     pub async fn abandon(&mut self) -> Result<(), Error> {
         let play = &mut *self.play;
-        if !play.seat.is_over() {
-            play.seat.abandon(&play.line).await?;
+        if !play.state.is_over() {
+            play.state.abandon(&play.connection).await?;
         }
         play.note_progress();
         Ok(())
     }
 }
 
-/// What a slot holds: the episode, as the server last told it.
+/// State of a slot: its episode as last reported by the server.
 #[derive(Debug)]
-pub(crate) struct Seat {
+pub(crate) struct SlotState {
     slot: u32,
     events: mpsc::Receiver<Event>,
     id: String,
@@ -147,17 +147,17 @@ pub(crate) struct Seat {
     observation: Observation,
     time: TimeLeft,
     fault: Option<Error>,
-    phase: Phase,
+    phase: SlotPhase,
 }
 
 #[derive(Debug)]
-enum Phase {
+enum SlotPhase {
     Idle,
     Playing,
     Over(EpisodeEnd),
 }
 
-/// What came of Ready.
+/// Answer to Ready.
 pub(crate) enum Begun {
     Episode(Progress),
     RunEnd(v1::RunEnd),
@@ -167,7 +167,7 @@ const BEGIN: &str = "begin an episode";
 const STEP: &str = "take a step";
 const ABANDON: &str = "give an episode up";
 
-impl Seat {
+impl SlotState {
     pub(crate) fn new(slot: u32, events: mpsc::Receiver<Event>) -> Self {
         Self {
             slot,
@@ -178,31 +178,31 @@ impl Seat {
             observation: Observation::default(),
             time: TimeLeft::default(),
             fault: None,
-            phase: Phase::Idle,
+            phase: SlotPhase::Idle,
         }
     }
 
     pub(crate) fn is_over(&self) -> bool {
-        !matches!(self.phase, Phase::Playing)
+        !matches!(self.phase, SlotPhase::Playing)
     }
 
     pub(crate) fn end(&self) -> Option<&EpisodeEnd> {
         match &self.phase {
-            Phase::Over(end) => Some(end),
-            Phase::Idle | Phase::Playing => None,
+            SlotPhase::Over(end) => Some(end),
+            SlotPhase::Idle | SlotPhase::Playing => None,
         }
     }
 
-    /// The next thing that happens to the slot.
+    /// Waits for the next event of the slot.
     pub(crate) async fn next(&mut self) -> Event {
         self.events.recv().await.unwrap_or(Event::Closed(None))
     }
 
     /// Waits for the answer to Ready.
-    pub(crate) async fn begin(&mut self, line: &Line) -> Result<Begun, Error> {
+    pub(crate) async fn begin(&mut self, connection: &Connection) -> Result<Begun, Error> {
         loop {
             match self.next().await {
-                Event::Start(start) => return self.start(line, *start).map(Begun::Episode),
+                Event::Start(start) => return self.start(connection, *start).map(Begun::Episode),
                 Event::RunEnd(end) => return Ok(Begun::RunEnd(end)),
                 Event::Fault(fault) if fault.episode.is_empty() => {
                     return Err(Error::from_fault(BEGIN, &fault));
@@ -213,33 +213,33 @@ impl Seat {
         }
     }
 
-    fn start(&mut self, line: &Line, start: v1::EpisodeStart) -> Result<Progress, Error> {
+    fn start(&mut self, connection: &Connection, start: v1::EpisodeStart) -> Result<Progress, Error> {
         let first =
             start.observation.ok_or_else(|| Error::protocol("an episode began without an observation"))?;
         self.id = start.episode;
         self.ordinal = start.ordinal;
         self.mission = Mission::from_wire(start.mission)?;
         self.time = time_left(first.time);
-        self.observation = line.agreement.unpack(first)?;
+        self.observation = connection.agreement.unpack(first)?;
         self.fault = None;
-        self.phase = Phase::Playing;
+        self.phase = SlotPhase::Playing;
         Ok(Progress::from_wire(start.progress))
     }
 
-    /// Sends one action and waits for what comes of it.
-    pub(crate) async fn step(&mut self, line: &Line, action: Action) -> Result<(), Error> {
+    /// Sends an action and waits for the result.
+    pub(crate) async fn step(&mut self, connection: &Connection, action: Action) -> Result<(), Error> {
         if self.is_over() {
             return Err(Error::EpisodeOver);
         }
         let step = self.observation.step + 1;
         let act =
             v1::Act { slot: self.slot, episode: self.id.clone(), step, action: action.to_wire() as i32 };
-        line.send(Frame::Act(act)).await;
+        connection.send(Frame::Act(act)).await;
         loop {
             match self.next().await {
                 Event::Observation(seen) if seen.episode == self.id => {
                     let last = seen.terminated || seen.truncated;
-                    self.see(line, *seen, step)?;
+                    self.see(connection, *seen, step)?;
                     return if last { self.await_end(STEP).await } else { Ok(()) };
                 }
                 other => {
@@ -251,9 +251,9 @@ impl Seat {
         }
     }
 
-    pub(crate) async fn abandon(&mut self, line: &Line) -> Result<(), Error> {
+    pub(crate) async fn abandon(&mut self, connection: &Connection) -> Result<(), Error> {
         let abandon = v1::Abandon { slot: self.slot, episode: self.id.clone(), step: self.observation.step };
-        line.send(Frame::Abandon(abandon)).await;
+        connection.send(Frame::Abandon(abandon)).await;
         self.await_end(ABANDON).await
     }
 
@@ -270,7 +270,7 @@ impl Seat {
     fn settle(&mut self, attempted: &'static str, event: Event) -> Result<bool, Error> {
         match event {
             Event::End(end) if end.episode == self.id => {
-                self.phase = Phase::Over(EpisodeEnd::from_wire(end));
+                self.phase = SlotPhase::Over(EpisodeEnd::from_wire(end));
                 return Ok(true);
             }
             Event::Fault(fault) => self.weigh(attempted, &fault)?,
@@ -282,7 +282,8 @@ impl Seat {
         Ok(false)
     }
 
-    /// A fault that ends the episode is kept, for EpisodeEnd follows; one of another episode is stale.
+    /// Stores a fault that ends the episode, because EpisodeEnd follows; faults of other episodes are
+    /// outdated.
     fn weigh(&mut self, attempted: &'static str, fault: &v1::Fault) -> Result<(), Error> {
         let stale = !fault.episode.is_empty() && fault.episode != self.id;
         if stale {
@@ -296,7 +297,7 @@ impl Seat {
         Ok(())
     }
 
-    fn see(&mut self, line: &Line, seen: v1::Observation, step: u32) -> Result<(), Error> {
+    fn see(&mut self, connection: &Connection, seen: v1::Observation, step: u32) -> Result<(), Error> {
         if seen.step != step {
             return Err(Error::protocol(format!(
                 "step {step} was answered by the observation of step {}",
@@ -304,7 +305,7 @@ impl Seat {
             )));
         }
         self.time = time_left(seen.time);
-        self.observation = line.agreement.unpack(seen)?;
+        self.observation = connection.agreement.unpack(seen)?;
         Ok(())
     }
 }

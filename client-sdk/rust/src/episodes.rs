@@ -1,4 +1,4 @@
-//! The episodes of a slot, one after the other, as a stream.
+//! A slot's episodes as a stream.
 
 use crate::{Episode, Error, Play, RunSummary, TaskSpec};
 use std::{
@@ -10,7 +10,7 @@ use std::{
 use tokio::sync::Mutex;
 use tokio_stream::Stream;
 
-/// What the server says when the next episode is asked for.
+/// Answer to the request for the next episode.
 type Next = Pin<Box<dyn Future<Output = Option<Result<Episode<'static>, Error>>> + Send>>;
 
 /// The episodes of a slot as a [`Stream`], which is that of `futures-core`: [`Play::episodes`] makes it.
@@ -19,12 +19,12 @@ type Next = Pin<Box<dyn Future<Output = Option<Result<Episode<'static>, Error>>>
 /// dropped; one that was dropped before its end is given up first.
 ///
 /// ```no_run
-/// use avln_client::{Action, Arena, Error, RunOptions, Sensors};
+/// use avln_client::{Action, Client, Error, RunOptions, Sensors};
 /// use tokio_stream::StreamExt;
 ///
-/// # async fn play(arena: Arena) -> Result<(), Error> {
-/// let run = arena.start_run(RunOptions::new("practice", "my-method")).await?;
-/// let mut episodes = arena.play(&run, Sensors::default()).await?.episodes();
+/// # async fn play(client: Client) -> Result<(), Error> {
+/// let run = client.start_run(RunOptions::new("practice", "my-method")).await?;
+/// let mut episodes = client.play(&run, Sensors::default()).await?.episodes();
 /// while let Some(mut episode) = episodes.try_next().await? {
 ///     while !episode.is_over() {
 ///         episode.step(Action::MoveForward).await?;
@@ -55,7 +55,7 @@ impl Episodes {
         &self.task
     }
 
-    /// Says Goodbye, as [`Play::finish`] does; waits until the last episode was dropped.
+    /// Finishes the run like [`Play::finish`], after the last episode was dropped.
     ///
     /// # Errors
     /// As for [`Play::finish`].
@@ -87,7 +87,7 @@ impl fmt::Debug for Episodes {
     }
 }
 
-/// Waits until nobody plays on the slot, and begins the next episode there.
+/// Waits until the slot is idle, then starts the next episode.
 async fn begin(play: Arc<Mutex<Play>>) -> Option<Result<Episode<'static>, Error>> {
     let mut play = play.lock_owned().await;
     match play.begin_next().await {

@@ -3,34 +3,34 @@ use std::{error::Error as StdError, fmt::Write};
 use tonic::{Code, Status};
 use v1::Reason;
 
-/// What can go wrong between an agent and its server. Every text says what was attempted and what to do next.
+/// Errors between an agent and its server. Every message contains the attempted operation and the next step.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum Error {
     /// The server's address makes no sense.
     #[error("server address '{address}': {problem}; write it like http://127.0.0.1:50051")]
     Address {
-        /// As given.
+        /// Given address.
         address: String,
-        /// What is wrong with it.
+        /// Problem.
         problem: String,
     },
-    /// Nothing answers at the server's address.
+    /// No answer at the server address.
     #[error(
         "cannot reach {address}: {detail}; is the server running there, and is this its gRPC port? \
          Set the address with --server"
     )]
     Unreachable {
-        /// As given.
+        /// Given address.
         address: String,
-        /// What the network said.
+        /// Network error.
         detail: String,
     },
     /// The server cannot be spoken to in private.
     #[error("{address}: {problem}")]
     Tls {
-        /// As given.
+        /// Given address.
         address: String,
-        /// What is wrong, and what to do.
+        /// Problem and next step.
         problem: String,
     },
     /// Something answers, but not in `avln.v1`.
@@ -39,15 +39,15 @@ pub enum Error {
          use its gRPC port, not that of its web pages, and https:// where it speaks TLS"
     )]
     NotArena {
-        /// As given.
+        /// Given address.
         address: String,
-        /// What came back.
+        /// Answer.
         detail: String,
     },
     /// The server does not take the token.
     #[error("{attempted}: the server refused the token ({word}): {message}{}", token_hint(*reason), word = reason.word())]
     Token {
-        /// What was attempted.
+        /// Attempted operation.
         attempted: &'static str,
         /// Why, from a closed list.
         reason: Reason,
@@ -57,32 +57,32 @@ pub enum Error {
     /// The server refused something.
     #[error("{attempted}: refused ({word}): {message}{}", retry_hint(*retry_after_s), word = reason.word())]
     Refused {
-        /// What was attempted.
+        /// Attempted operation.
         attempted: &'static str,
         /// Why, from a closed list.
         reason: Reason,
         /// Why, in the server's words.
         message: String,
-        /// When trying again makes sense, seconds.
+        /// Delay before a retry, seconds.
         retry_after_s: Option<u32>,
     },
-    /// The connection is gone: what the server stored stays, open episodes end as disconnected.
+    /// The connection is lost: stored results remain, open episodes end as disconnected.
     #[error(
         "{attempted}: the connection to the server was lost ({detail}); stored episodes are safe, play the run again for the others"
     )]
     Lost {
-        /// What was attempted.
+        /// Attempted operation.
         attempted: &'static str,
-        /// What is known about it.
+        /// Known details.
         detail: String,
     },
     /// The server said something that `avln.v1` does not allow.
     #[error("the server broke the protocol: {detail}; client {version} and the server may not fit together", version = env!("CARGO_PKG_VERSION"))]
     Protocol {
-        /// What it said.
+        /// Message.
         detail: String,
     },
-    /// The sensors asked for are outside of what any server offers.
+    /// The requested sensors are out of range for any server.
     #[error(
         "camera of {width} x {height} pixels with hfov {hfov_rad} rad: sides go from 64 to 1024 pixels, hfov from 0.35 to 2.4 rad"
     )]
@@ -94,12 +94,12 @@ pub enum Error {
         /// Radians, as asked.
         hfov_rad: f32,
     },
-    /// No phase was named, and none is there to practise in, or several are.
+    /// No phase was given, and there is no or no unique default phase.
     #[error("start a run without naming a phase: {}; name one with --phase", what_phases(.free, .known))]
     Phase {
         /// Open ones in which runs are not counted.
         free: Vec<String>,
-        /// All that the team may see.
+        /// All phases visible to the team.
         known: Vec<String>,
     },
     /// A step was asked for in an episode that is over.
@@ -108,10 +108,18 @@ pub enum Error {
 }
 
 impl Error {
-    /// The server's reason, where it gave one.
+    /// The server's reason, if any.
     pub fn reason(&self) -> Option<Reason> {
         match self {
             Self::Token { reason, .. } | Self::Refused { reason, .. } => Some(*reason),
+            _ => None,
+        }
+    }
+
+    /// The delay requested by the server before a retry, seconds.
+    pub(crate) fn retry_after_s(&self) -> Option<u32> {
+        match self {
+            Self::Refused { retry_after_s, .. } => *retry_after_s,
             _ => None,
         }
     }
@@ -129,7 +137,7 @@ impl Error {
             status.code(),
             Code::Unavailable | Code::Cancelled | Code::Unknown | Code::DeadlineExceeded
         );
-        // What has a source was found here and not said by the server, such as a stream that a proxy reset.
+        // An error with a source was detected locally, for example a stream reset by a proxy.
         let lost = lost || status.source().is_some();
         if reason == Reason::Unspecified && lost {
             return Self::Lost { attempted, detail: chain(status) };
@@ -137,7 +145,7 @@ impl Error {
         Self::refused(attempted, status.code(), reason, status.message(), retry_after_s)
     }
 
-    /// Whether it passes by waiting: the connection is lost, or the server is about to begin again.
+    /// Returns true for temporary errors: a lost connection, or a restarting server.
     pub(crate) fn is_passing(&self) -> bool {
         match self {
             Self::Lost { .. } | Self::Unreachable { .. } => true,
@@ -148,7 +156,7 @@ impl Error {
         }
     }
 
-    /// The same, told to someone who attempted something else.
+    /// The error with a different attempted operation.
     pub(crate) fn while_attempting(self, now: &'static str) -> Self {
         match self {
             Self::Lost { detail, .. } => Self::Lost { attempted: now, detail },
@@ -170,7 +178,7 @@ impl Error {
         Self::refused(attempted, code, fault.reason(), &message, fault.retry_after_s)
     }
 
-    fn refused(
+    pub(crate) fn refused(
         attempted: &'static str,
         code: Code,
         reason: Reason,
@@ -187,7 +195,7 @@ impl Error {
     }
 }
 
-/// All sources of an error in one line, outermost first, without repetition.
+/// All sources of an error in a line, outermost first, without repetition.
 pub(crate) fn chain(error: &dyn StdError) -> String {
     let mut text = String::new();
     let mut next = Some(error);

@@ -4,7 +4,7 @@
 //!
 //! | layer | what it is | start with |
 //! |---|---|---|
-//! | connection | what a server is, whose token this is, phases, quotas, runs | [`Arena`], [`Link`], [`Run`] |
+//! | connection | what a server is, whose token this is, phases, quotas, runs | [`Client`], [`ConnectOptions`], [`Run`] |
 //! | episodes | the slots of a run, an episode after the other, step by step | [`Play`], [`Episode`], [`Episodes`] |
 //! | agents | a type that chooses; who plays it is no longer its business | [`Agent`], [`evaluate`] |
 //!
@@ -14,7 +14,7 @@
 //!
 //! ```no_run
 //! use avln_client::{
-//!     Action, Agent, Arena, Error, Mission, Observation, RunOptions, Sensors, TaskSpec, evaluate,
+//!     Action, Agent, Client, Error, Mission, Observation, RunOptions, Sensors, TaskSpec, evaluate,
 //! };
 //!
 //! /// Walks until something is near, then turns.
@@ -38,9 +38,9 @@
 //!
 //! # #[tokio::main]
 //! # async fn main() -> Result<(), Error> {
-//! let arena = Arena::connect("http://127.0.0.1:50051", "my-account-token").await?;
-//! let run = arena.start_run(RunOptions::new("practice", "careful")).await?;
-//! println!("{}", evaluate(&arena, &run, Sensors::square(128), &mut Careful).await?);
+//! let client = Client::connect("http://127.0.0.1:50051", "my-account-token").await?;
+//! let run = client.start_run(RunOptions::new("practice", "careful")).await?;
+//! println!("{}", evaluate(&client, &run, Sensors::square(128), &mut Careful).await?);
 //! # Ok(())
 //! # }
 //! ```
@@ -51,13 +51,13 @@
 //! episodes borrow nothing, so that they can be sent to other tasks.
 //!
 //! ```no_run
-//! use avln_client::{Action, Arena, Error, Order, RunOptions, Sensors};
+//! use avln_client::{Action, Client, Error, Order, RunOptions, Sensors};
 //!
 //! # #[tokio::main]
 //! # async fn main() -> Result<(), Error> {
-//! let arena = Arena::connect("http://127.0.0.1:50051", "my-account-token").await?;
-//! let run = arena.start_run(RunOptions::new("practice", "my-method").order(Order::Unordered)).await?;
-//! let mut play = arena.play(&run, Sensors::default()).await?;
+//! let client = Client::connect("http://127.0.0.1:50051", "my-account-token").await?;
+//! let run = client.start_run(RunOptions::new("practice", "my-method").order(Order::Unordered)).await?;
+//! let mut play = client.play(&run, Sensors::default()).await?;
 //! while let Some(mut episode) = play.next_episode().await? {
 //!     println!("{} goals", episode.mission().goals.len());
 //!     while !episode.is_over() {
@@ -73,22 +73,22 @@
 //! # }
 //! ```
 //!
-//! [`Arena::play_slots`] opens several slots, each of which is driven by a task of its own (`examples/slots.rs`).
+//! [`Client::play_slots`] opens several slots, each of which is driven by a task of its own (`examples/slots.rs`).
 //!
 //! # Connection
 //!
 //! ```no_run
-//! use avln_client::{Arena, Error, Link};
+//! use avln_client::{Client, ConnectOptions, Error};
 //! use std::time::Duration;
 //!
 //! # #[tokio::main]
 //! # async fn main() -> Result<(), Error> {
-//! let link = Link { ca: Some("authority.pem".into()), patience: Some(Duration::from_secs(600)), ..Link::default() };
-//! let arena = Arena::connect_with("https://arena.example:50051", "my-account-token", &link).await?;
-//! for phase in arena.phases().await? {
+//! let options = ConnectOptions { ca: Some("authority.pem".into()), patience: Some(Duration::from_secs(600)), ..ConnectOptions::default() };
+//! let client = Client::connect_with("https://arena.example:50051", "my-account-token", &options).await?;
+//! for phase in client.phases().await? {
 //!     println!("{}: {}", phase.id, phase.title);
 //! }
-//! for quota in arena.quota().await? {
+//! for quota in client.quota().await? {
 //!     println!("{}: {} runs used", quota.phase, quota.used);
 //! }
 //! # Ok(())
@@ -98,7 +98,7 @@
 //! # What breaks
 //!
 //! - A stream that is lost is dialled again, and every open episode goes on at the step that it was at: [`Episode::step`]
-//!   takes longer, and nothing else is seen of it. [`Link::patience`] says for how long.
+//!   takes longer, and nothing else is seen of it. [`ConnectOptions::patience`] says for how long.
 //! - A call whose answer was lost is made again for some seconds; a run that was asked for twice is begun once.
 //! - What the server refuses is an [`Error::Refused`] with its [`Reason`]; [`Error::Lost`] says that patience was over. Errors
 //!   tell what was attempted and what to do next.
@@ -113,18 +113,19 @@
 
 mod action;
 mod agent;
-mod arena;
+mod backoff;
 mod calls;
+mod client;
+mod connect_options;
+mod connection;
 mod episode;
 mod episodes;
 mod error;
-mod ledger;
-mod line;
-mod link;
 mod mission;
 mod observation;
 mod packing;
 mod play;
+mod resend_buffer;
 mod service;
 mod summary;
 mod task;
@@ -132,18 +133,19 @@ mod welcome;
 
 pub use action::{Action, EndReason, Order, UnknownOrder};
 pub use agent::{Agent, evaluate, evaluate_slots, evaluate_with};
-pub use arena::Arena;
 pub use avln_proto::v1::Reason;
+pub use client::Client;
+pub use connect_options::ConnectOptions;
 pub use episode::{Episode, TimeLeft};
 pub use episodes::Episodes;
 pub use error::Error;
-pub use link::Link;
 pub use mission::{GoalCue, Image, Mission, RgbImage};
 pub use observation::{Audio, DepthImage, Feedback, Observation, Pose};
 pub use packing::Packing;
 pub use play::Play;
 pub use service::{
-    Account, Phase, PhaseState, Quota, Run, RunOptions, RunState, RunStatus, RunWatch, ServerInfo, Window,
+    Account, Phase, PhaseState, Quota, QuotaWindow, Run, RunOptions, RunState, RunStatus, RunWatch,
+    ServerInfo,
 };
 pub use summary::{EpisodeEnd, Metric, Notice, Progress, RunSummary};
 pub use task::{

@@ -2,21 +2,21 @@ use crate::{Error, Order};
 use avln_proto::v1;
 use std::fmt;
 
-/// Everything that an agent is told at the start of an episode.
+/// The mission of an episode.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Mission {
-    /// Whether the goals must be completed in the order given.
+    /// Order of the goals.
     pub order: Order,
-    /// The goals, 2 to 4; the index of a goal is its place here.
+    /// The goals, 2 to 4.
     pub goals: Vec<GoalCue>,
 }
 
-/// One goal, described in one way.
+/// A goal cue.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum GoalCue {
     /// The label of the target's category.
     Category(String),
-    /// A sentence that fits the target alone.
+    /// A sentence that matches only the target.
     Description(String),
     /// A picture of the target.
     Image(RgbImage),

@@ -1,18 +1,19 @@
 use avln_proto::v1::{Encoding, SensorKind};
 
-/// How pictures and sound travel.
+/// Encoding of images and sound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Packing {
-    /// As they are: the quickest on one machine.
+    /// Raw: fastest on the same machine.
     Raw,
     /// In fewer bytes, and the same numbers: the quickest across a network.
     Lossless,
-    /// Distances rounded to millimetres and sound to 16 bits where the phase allows it, else [`Lossless`](Packing::Lossless).
+    /// Depth rounded to millimetres and sound to 16 bits if the phase permits it, otherwise
+    /// [`Lossless`](Packing::Lossless).
     Rounded,
 }
 
 impl Packing {
-    /// What suits a server's address: raw on this machine, else lossless.
+    /// Default for a server address: raw on this machine, otherwise lossless.
     pub(crate) fn of_host(host: &str) -> Self {
         let address = host.trim_start_matches('[').trim_end_matches(']').parse::<std::net::IpAddr>();
         let is_here = address.map_or(host == "localhost", |address| address.is_loopback());

@@ -1,42 +1,42 @@
 use crate::{
     Episode, Error, Notice, Progress, RunSummary, TaskSpec,
-    episode::{Begun, Seat},
-    line::{Event, Line, closed},
+    connection::{Connection, Event, closed},
+    episode::{Begun, SlotState},
 };
 use avln_proto::v1::{self, play_request::Frame};
 use std::{sync::Arc, time::Duration};
 use tokio::{sync::mpsc, time};
 
-/// How long [`Play::finish`] waits for the run's summary.
+/// Longest wait of [`Play::finish`] for the summary.
 const FAREWELL: Duration = Duration::from_secs(60);
 
-/// One slot of a run: it plays episodes one after the other.
+/// A slot of a run, which plays episodes in sequence.
 ///
-/// A lost connection is dialled again, and its episodes go on, for as long as the server allows. Dropped before
-/// [`finish`](Self::finish), an open episode ends as disconnected, when that time is over.
+/// A lost connection is reopened and episodes continue, as long as the server permits. If dropped before
+/// [`finish`](Self::finish), an open episode ends as disconnected after that time.
 #[derive(Debug)]
 pub struct Play {
-    pub(crate) line: Arc<Line>,
-    pub(crate) seat: Seat,
+    pub(crate) connection: Arc<Connection>,
+    pub(crate) state: SlotState,
     slot: u32,
     progress: Progress,
     summary: Option<RunSummary>,
 }
 
 impl Play {
-    pub(crate) fn new(line: Arc<Line>, slot: u32, events: mpsc::Receiver<Event>) -> Self {
-        let progress = Progress::from_wire(Some(line.agreement.progress));
-        Self { seat: Seat::new(slot, events), line, slot, progress, summary: None }
+    pub(crate) fn new(connection: Arc<Connection>, slot: u32, events: mpsc::Receiver<Event>) -> Self {
+        let progress = Progress::from_wire(Some(connection.agreement.progress));
+        Self { state: SlotState::new(slot, events), connection, slot, progress, summary: None }
     }
 
     /// The facts of the rules.
     pub fn task(&self) -> &TaskSpec {
-        &self.line.agreement.task
+        &self.connection.agreement.task
     }
 
     /// Id of the run.
     pub fn run(&self) -> &str {
-        &self.line.agreement.run
+        &self.connection.agreement.run
     }
 
     /// Number of this slot, 0 or more.
@@ -44,22 +44,22 @@ impl Play {
         self.slot
     }
 
-    /// How far the run is, as last heard of on this slot.
+    /// Latest progress of the run on this slot.
     pub fn progress(&self) -> Progress {
         self.progress
     }
 
     /// Takes the server's notices that arrived since the last call; at most 64 are kept.
     pub fn take_notices(&mut self) -> Vec<Notice> {
-        self.line.take_notices()
+        self.connection.take_notices()
     }
 
-    /// Begins the next episode; `None` when the run has none left. An episode that was left open is given up first.
+    /// Starts the next episode; `None` if no episode remains. An open episode is abandoned first.
     ///
-    /// The clock of its first action starts now: load models before.
+    /// The clock of the first action starts now: load models before.
     ///
     /// # Errors
-    /// When the server refuses, breaks the protocol or the connection is lost.
+    /// If the server refuses or violates the protocol, or the connection is lost.
     pub async fn next_episode(&mut self) -> Result<Option<Episode<'_>>, Error> {
         Ok(self.begin_next().await?.then(|| Episode::lent(self)))
     }
@@ -70,8 +70,8 @@ impl Play {
             return Ok(false);
         }
         self.give_up_open_episode().await?;
-        self.line.send(Frame::Ready(v1::Ready { slot: self.slot })).await;
-        match self.seat.begin(&self.line).await? {
+        self.connection.send(Frame::Ready(v1::Ready { slot: self.slot })).await;
+        match self.state.begin(&self.connection).await? {
             Begun::Episode(progress) => {
                 self.progress = progress;
                 Ok(true)
@@ -83,16 +83,16 @@ impl Play {
         }
     }
 
-    /// Says Goodbye: the run ends, on all of its slots, and open episodes end as abandoned.
+    /// Sends Goodbye: the run ends on all slots, and open episodes end as abandoned.
     ///
     /// # Errors
-    /// When the connection is lost or the server does not answer within a minute.
+    /// If the connection is lost, or the server does not answer within a minute.
     pub async fn finish(mut self) -> Result<RunSummary, Error> {
         self.farewell().await
     }
 
     pub(crate) async fn farewell(&mut self) -> Result<RunSummary, Error> {
-        self.line.send(Frame::Goodbye(v1::Goodbye { pause: false })).await;
+        self.connection.send(Frame::Goodbye(v1::Goodbye { pause: false })).await;
         if let Some(summary) = &self.summary {
             return Ok(summary.clone());
         }
@@ -107,7 +107,7 @@ impl Play {
 
     async fn await_run_end(&mut self) -> Result<RunSummary, Error> {
         loop {
-            match self.seat.next().await {
+            match self.state.next().await {
                 Event::RunEnd(end) => return Ok(RunSummary::from_wire(end)),
                 Event::Closed(end) => return Err(closed("finish the run", end)),
                 Event::Fault(fault) if fault.slot.is_none() && !fault.recoverable => {
@@ -119,15 +119,15 @@ impl Play {
     }
 
     async fn give_up_open_episode(&mut self) -> Result<(), Error> {
-        if !self.seat.is_over() {
-            self.seat.abandon(&self.line).await?;
+        if !self.state.is_over() {
+            self.state.abandon(&self.connection).await?;
         }
         self.note_progress();
         Ok(())
     }
 
     pub(crate) fn note_progress(&mut self) {
-        if let Some(end) = self.seat.end() {
+        if let Some(end) = self.state.end() {
             self.progress = end.progress;
         }
     }

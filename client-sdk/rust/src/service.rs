@@ -1,10 +1,10 @@
-//! What surrounds playing: phases, runs, quota, account.
+//! Phases, runs, quota and account.
 
 use crate::{EndReason, Error, FeedbackRule, Metric, Order, Progress, summary};
 use avln_proto::v1;
 use tonic::Streaming;
 
-/// What the server is.
+/// Server information.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ServerInfo {
     /// Name that the organiser gave it.
@@ -15,7 +15,7 @@ pub struct ServerInfo {
     pub api_minor: u32,
     /// Version of the benchmark: changes whenever a score could change.
     pub benchmark: String,
-    /// Whether it is about to stop and begins no runs.
+    /// True if the server is stopping and accepts no new runs.
     pub draining: bool,
     /// Announcement for people; empty: none.
     pub notice: String,
@@ -38,23 +38,23 @@ pub struct Phase {
     pub episodes: u32,
     /// Most slots of a run.
     pub max_slots: u32,
-    /// What agents learn from a Submit.
+    /// Feedback to a Submit.
     pub feedback: FeedbackRule,
-    /// Whether runs can begin.
+    /// Acceptance of new runs.
     pub state: PhaseState,
-    /// Why it is in that state, for people; empty: no more to say.
+    /// Reason for the state, for people; may be empty.
     pub state_reason: String,
-    /// When it opens, seconds since 1970 UTC; 0: it always was.
+    /// Opening time, seconds since 1970 UTC; 0: always open.
     pub opens_unix_s: i64,
-    /// When it closes, seconds since 1970 UTC; 0: never.
+    /// Closing time, seconds since 1970 UTC; 0: never.
     pub closes_unix_s: i64,
-    /// What the organiser promised before the phase; empty: nothing yet.
+    /// Commitment of the organiser before the phase; may be empty.
     pub commitment: String,
     /// Name and version of the rule set.
     pub rules: String,
 }
 
-/// Whether runs of a phase can begin.
+/// Acceptance of new runs in a phase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PhaseState {
     /// It has not begun.
@@ -69,7 +69,7 @@ pub enum PhaseState {
     Other,
 }
 
-/// What a run is to be.
+/// Properties of a new run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RunOptions {
     phase: String,
@@ -79,8 +79,8 @@ pub struct RunOptions {
 }
 
 impl RunOptions {
-    /// A run of `method`, its name on the leaderboard, in `phase`, or in [`Arena::practice_phase`](crate::Arena::practice_phase)
-    /// if that is empty; unordered missions.
+    /// A run of `method`, the name on the leaderboard, in `phase`, or if empty in
+    /// [`Client::practice_phase`](crate::Client::practice_phase); unordered.
     pub fn new(phase: impl Into<String>, method: impl Into<String>) -> Self {
         let method = v1::MethodInfo { name: method.into(), ..v1::MethodInfo::default() };
         Self { phase: phase.into(), method, order: Order::default(), request_id: String::new() }
@@ -104,14 +104,14 @@ impl RunOptions {
         self
     }
 
-    /// Where the method's code is: an http(s) address.
+    /// Address of the method's code, http(s).
     pub fn code_url(mut self, url: impl Into<String>) -> Self {
         self.method.code_url = url.into();
         self
     }
 
-    /// A name for this request, at most 64 characters: starting again under the same name yields the same run. Without one
-    /// the request gets a name that nobody else takes, so that a lost answer does not begin a second run.
+    /// Idempotency key, at most 64 characters: a repeated key returns the same run. The default is a unique
+    /// key, so a lost answer does not start a second run.
     pub fn request_id(mut self, id: impl Into<String>) -> Self {
         self.request_id = id.into();
         self
@@ -145,7 +145,7 @@ impl RunOptions {
 pub struct Run {
     /// Id; empty when only the token is known.
     pub id: String,
-    /// Good for playing this run, and for nothing else.
+    /// Token for this run only.
     pub token: String,
     /// Episodes of the run; 0 when only the token is known.
     pub episodes: u32,
@@ -187,7 +187,7 @@ pub enum RunState {
     Other,
 }
 
-/// How a run stands.
+/// State of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunStatus {
     /// Id.
@@ -200,23 +200,23 @@ pub struct RunStatus {
     pub state: RunState,
     /// Why it is in that state, for people.
     pub state_reason: String,
-    /// How far it is.
+    /// Progress.
     pub progress: Progress,
-    /// How its episodes ended, and how many of them.
+    /// Episode count by end reason.
     pub ends: Vec<(EndReason, u32)>,
-    /// Its metrics; `None` where the phase shows none.
+    /// Metrics; `None` if the phase hides them.
     pub metrics: Option<Vec<Metric>>,
-    /// Whether it counts against the team's quota.
+    /// True if the run counts against the quota.
     pub charged: bool,
     /// Why it does or does not, for people.
     pub charge_reason: String,
-    /// Where people find it; empty: nowhere.
+    /// Web page; empty: none.
     pub url: String,
 }
 
-/// How a quota fills up again.
+/// Window of a quota.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Window {
+pub enum QuotaWindow {
     /// Calendar day, UTC.
     Day,
     /// Calendar month, UTC.
@@ -231,36 +231,36 @@ pub enum Window {
     Other,
 }
 
-/// What a team has left.
+/// Remaining quota of a team.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Quota {
     /// Phase.
     pub phase: String,
-    /// How it fills up again.
-    pub window: Window,
+    /// Window.
+    pub window: QuotaWindow,
     /// Runs granted in the window; `None`: unlimited.
     pub limit: Option<u32>,
     /// Runs counted in the window.
     pub used: u32,
     /// Runs left; `None`: unlimited.
     pub remaining: Option<u32>,
-    /// When `remaining` next grows, seconds since 1970 UTC; 0: never by waiting.
+    /// Time of the next increase of `remaining`, seconds since 1970 UTC; 0: never.
     pub next_increase_unix_s: i64,
     /// The runs that were counted and why, the oldest first.
     pub charges: Vec<(String, String)>,
 }
 
 impl Quota {
-    /// Whether it limits how many runs the team can ever begin, or in a time, whatever is left.
+    /// Returns true if it limits the number of started runs, in total or per time.
     pub fn is_counted(&self) -> bool {
-        self.limit.is_some() && !matches!(self.window, Window::Concurrent | Window::Uncharged)
+        self.limit.is_some() && !matches!(self.window, QuotaWindow::Concurrent | QuotaWindow::Uncharged)
     }
 }
 
-/// The phase that a team practises in, where it does not say.
+/// Returns the default phase.
 ///
 /// # Errors
-/// When there is none, or no one of them is meant.
+/// If there is no or no unique default phase.
 pub(crate) fn phase_to_practise<'a>(phases: &'a [Phase], quotas: &[Quota]) -> Result<&'a Phase, Error> {
     let is_counted = |phase: &Phase| quotas.iter().any(|quota| quota.phase == phase.id && quota.is_counted());
     let open = phases.iter().filter(|phase| phase.state == PhaseState::Open);
@@ -275,14 +275,14 @@ pub(crate) fn phase_to_practise<'a>(phases: &'a [Phase], quotas: &[Quota]) -> Re
     }
 }
 
-/// Whose token it is.
+/// Owner of a token.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Account {
     /// Name of the team.
     pub team: String,
-    /// Name of the token, as its maker called it.
+    /// Name of the token.
     pub token_name: String,
-    /// When the token expires, seconds since 1970 UTC; 0: never.
+    /// Expiry time, seconds since 1970 UTC; 0: never.
     pub expires_unix_s: i64,
 }
 
@@ -291,10 +291,10 @@ pub struct Account {
 pub struct RunWatch(pub(crate) Streaming<v1::WatchRunResponse>);
 
 impl RunWatch {
-    /// The next state; `None` after one that is over.
+    /// Returns the next state; `None` after an end state.
     ///
     /// # Errors
-    /// When the connection is lost or the server refuses.
+    /// If the connection is lost, or the server refuses.
     pub async fn next(&mut self) -> Result<Option<RunStatus>, Error> {
         let next = self.0.message().await.map_err(|status| Error::from_status("watch a run", &status))?;
         next.map(|response| RunStatus::from_wire(response.run)).transpose()
@@ -368,7 +368,7 @@ impl RunStatus {
 }
 
 impl RunState {
-    /// Whether the run can no longer be played.
+    /// Returns true if the run has ended.
     pub fn is_over(self) -> bool {
         matches!(self, Self::Completed | Self::Failed | Self::Cancelled | Self::Expired)
     }
@@ -390,12 +390,12 @@ impl RunState {
 impl Quota {
     pub(crate) fn from_wire(quota: v1::Quota) -> Self {
         let window = match quota.window() {
-            v1::QuotaWindow::Day => Window::Day,
-            v1::QuotaWindow::Month => Window::Month,
-            v1::QuotaWindow::Total => Window::Total,
-            v1::QuotaWindow::Concurrent => Window::Concurrent,
-            v1::QuotaWindow::Uncharged => Window::Uncharged,
-            v1::QuotaWindow::Unspecified => Window::Other,
+            v1::QuotaWindow::Day => QuotaWindow::Day,
+            v1::QuotaWindow::Month => QuotaWindow::Month,
+            v1::QuotaWindow::Total => QuotaWindow::Total,
+            v1::QuotaWindow::Concurrent => QuotaWindow::Concurrent,
+            v1::QuotaWindow::Uncharged => QuotaWindow::Uncharged,
+            v1::QuotaWindow::Unspecified => QuotaWindow::Other,
         };
         Self {
             window,

@@ -2,7 +2,7 @@ use crate::EndReason;
 use avln_proto::v1;
 use std::fmt;
 
-/// How far a run is, in episodes.
+/// Progress of a run in episodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Progress {
     /// Episodes of the run.
@@ -20,43 +20,43 @@ pub struct Progress {
 pub struct Metric {
     /// Name, lower snake case: `sr`, `isr`, `osr`, `spl`, `soft_spl` …
     pub name: String,
-    /// Value, in the unit that the name ends in, else without unit.
+    /// Value, in the unit at the end of the name; otherwise without unit.
     pub value: f64,
-    /// Both ends of the 95 % interval, where there is one.
+    /// 95 % interval, if known.
     pub interval: Option<(f64, f64)>,
 }
 
-/// How an episode ended.
+/// End of an episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EpisodeEnd {
     /// Random handle of the episode, good for this run only.
     pub episode: String,
     /// Why it ended.
     pub reason: EndReason,
-    /// Whether the task itself ended it; otherwise it was truncated.
+    /// True if the task ended the episode; otherwise it was truncated.
     pub terminated: bool,
     /// Steps taken.
     pub steps: u32,
-    /// Its metrics; `None` where the phase shows none.
+    /// Metrics; `None` if the phase hides them.
     pub metrics: Option<Vec<Metric>>,
-    /// How far the run is now.
+    /// Progress of the run.
     pub progress: Progress,
 }
 
-/// How a run ended.
+/// End of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunSummary {
     /// Id of the run.
     pub run: String,
-    /// How far it came.
+    /// Final progress.
     pub progress: Progress,
-    /// Whether every episode was played.
+    /// True if every episode was played.
     pub complete: bool,
-    /// How its episodes ended, and how many of them.
+    /// Episode count by end reason.
     pub ends: Vec<(EndReason, u32)>,
-    /// Its metrics; `None` where the phase shows none.
+    /// Metrics; `None` if the phase hides them.
     pub metrics: Option<Vec<Metric>>,
-    /// Where people find the result; empty: nowhere.
+    /// Web page of the result; empty: none.
     pub url: String,
 }
 
@@ -65,12 +65,12 @@ pub struct RunSummary {
 pub struct Notice {
     /// The text.
     pub message: String,
-    /// When it takes effect, milliseconds since 1970 UTC; 0: now.
+    /// Effective time, milliseconds since 1970 UTC; 0: now.
     pub effective_unix_ms: i64,
 }
 
 impl RunSummary {
-    /// The metric called `name`, where the phase shows it.
+    /// The metric `name`, if public.
     pub fn metric(&self, name: &str) -> Option<&Metric> {
         self.metrics.iter().flatten().find(|metric| metric.name == name)
     }

@@ -2,14 +2,14 @@ use crate::{Error, Packing};
 use avln_proto::v1;
 use std::f32::consts::{FRAC_PI_2, PI};
 
-/// Which sensors an agent asks for, and how they are set up. What is not asked for is neither rendered nor sent.
+/// Requested sensors and their settings. Other sensors are not rendered or sent.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensors {
-    /// Whether colour pictures are wanted.
+    /// True to request colour images.
     pub rgb: bool,
-    /// Whether depth pictures are wanted.
+    /// True to request depth images.
     pub depth: bool,
-    /// Whether sound is wanted.
+    /// True to request sound.
     pub audio: bool,
     /// Pixels in a row, 64 to 1024.
     pub width: u32,
@@ -74,7 +74,7 @@ macro_rules! rule {
 }
 
 rule! {
-    /// Frame of the pose that the agent is told.
+    /// Frame of the pose.
     PoseFrame {
         /// Relative to the pose at the start: the first pose is all zeros.
         Start,
@@ -83,16 +83,16 @@ rule! {
     }
 }
 rule! {
-    /// What the radius of success is measured between, and what must be seen.
+    /// Definition of the success distance and visibility.
     DistanceRule {
         /// Camera to the target's box, Euclidean, on the target's floor, with a line of sight at some heading.
         CameraToBox,
-        /// Base to the nearest viewpoint along the floor, with a pixel of the target in the picture.
+        /// Base to the nearest viewpoint, geodesic, with a visible pixel of the target.
         BaseToViewpoint,
     }
 }
 rule! {
-    /// What a wrong Submit does in an ordered mission.
+    /// Effect of a wrong Submit in an ordered mission.
     WrongSubmit {
         /// The Submit is spent, the goal stays next.
         KeepsGoal,
@@ -101,49 +101,49 @@ rule! {
     }
 }
 rule! {
-    /// What the agent learns from a Submit.
+    /// Feedback to a Submit.
     FeedbackRule {
-        /// Nothing.
+        /// No feedback.
         None,
         /// That it was counted.
         Accepted,
-        /// Whether it completed a goal.
+        /// Right or wrong.
         Verdict,
     }
 }
 rule! {
-    /// Which targets sound, and when.
+    /// Schedule of the sounding targets.
     SoundingRule {
-        /// Unfinished targets in turn, in an order drawn per episode; a found one falls silent at once.
+        /// Unfinished targets in turn, in an order drawn per episode; a found target falls silent at once.
         UnfinishedInDrawnOrder,
-        /// All targets in goal order for ever. It leaks: the time tells a target's number.
+        /// All targets in goal order, repeated. Leaks: the time reveals the goal index.
         AllInGoalOrder,
     }
 }
 rule! {
-    /// Where the sound itself comes from.
+    /// Assignment of sound clips.
     SoundClip {
-        /// One clip for the whole episode, drawn without regard to its targets.
+        /// A single clip per episode, drawn independently of the targets.
         Anonymous,
         /// Another clip for each target, drawn without regard to it.
         Distinct,
-        /// A clip chosen by the target's category. It leaks: who knows the clips knows the category.
+        /// A clip per category. Leaks: the clip reveals the category.
         ByCategory,
     }
 }
 
 rule! {
-    /// Noise of the depth that is sent; a server that does not know of noise is [`Other`](DepthNoise::Other) and has none.
+    /// Depth noise; [`Other`](DepthNoise::Other) for servers without noise support, which send exact depth.
     DepthNoise {
         /// None.
         None,
-        /// A structured-light camera (Choi, Zhou and Koltun 2015): edges jitter by 0.25 pixels and lie on every other
-        /// pixel; disparity, 35.13 pixels at 1 m, has a deviation of 1/36 pixel and comes in steps of 1/8.
+        /// A structured-light camera (Choi, Zhou and Koltun 2015): edges jitter by 0.25 pixels on every other
+        /// pixel; disparity, 35.13 pixels at 1 m, has a deviation of 1/36 pixel and steps of 1/8.
         Redwood,
     }
 }
 rule! {
-    /// Noise of the colours that are sent; a server that does not know of noise is [`Other`](RgbNoise::Other) and has none.
+    /// Colour noise; [`Other`](RgbNoise::Other) for servers without noise support, which send exact colours.
     RgbNoise {
         /// None.
         None,
@@ -163,7 +163,7 @@ pub struct TaskSpec {
     pub turn_rad: f32,
     /// Angle of TurnLeft and TurnRight, degrees; divides 360.
     pub turn_deg: u32,
-    /// Simulated time of one step, seconds.
+    /// Simulated time per step, seconds.
     pub step_s: f32,
     /// Most actions in an episode; all five kinds count.
     pub max_steps: u32,
@@ -187,32 +187,32 @@ pub struct TaskSpec {
     pub sample_rate_hz: u32,
     /// Samples of each ear in an observation.
     pub audio_samples: u32,
-    /// Samples of each ear that one step of simulated time fills; the rest is 0.
+    /// Samples per ear and step of simulated time; the rest is 0.
     pub samples_per_step: u32,
     /// Frame of the pose.
     pub pose_frame: PoseFrame,
     /// Radius of success, metres.
     pub success_radius_m: f32,
-    /// What the radius is measured between.
+    /// Definition of the success distance.
     pub success_distance: DistanceRule,
-    /// What a wrong Submit does in an ordered mission.
+    /// Effect of a wrong Submit in an ordered mission.
     pub wrong_submit: WrongSubmit,
-    /// What the agent learns from a Submit.
+    /// Feedback to a Submit.
     pub feedback: FeedbackRule,
-    /// Which targets sound, and when.
+    /// Schedule of the sounding targets.
     pub sounding: SoundingRule,
-    /// Steps for which one target sounds before the next.
+    /// Sounding steps per target and turn.
     pub sounding_window_steps: u32,
-    /// Where the sound itself comes from.
+    /// Assignment of sound clips.
     pub sound_clip: SoundClip,
-    /// Height of a source above the centre of its target, metres.
+    /// Height of a source above the target centre, metres.
     pub source_lift_m: f32,
     /// Noise of depth. The server judges without noise, and pictures of goals have none.
     pub depth_noise: DepthNoise,
     /// Noise of colours.
     pub rgb_noise: RgbNoise,
-    /// Who listens: `None` for a rigid sphere with a radius of 8.75 cm and ears at 100 degrees from straight ahead, else the
-    /// BLAKE3 hash of the SOFA file of a measured head, hexadecimal.
+    /// Head model: `None` for a rigid sphere with a radius of 8.75 cm and ears at 100 degrees from straight
+    /// ahead, otherwise the hexadecimal BLAKE3 hash of a measured head's SOFA file.
     pub head: Option<String>,
 }
 

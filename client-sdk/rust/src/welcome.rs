@@ -1,4 +1,4 @@
-//! What Welcome fixes for a connection: the task, and how observations are unpacked.
+//! Connection agreement from Welcome: task and observation decoding.
 
 use crate::{Audio, DepthImage, Error, Feedback, Image, Observation, Packing, Pose, Sensors, TaskSpec};
 use avln_proto::wire::{CodecError, Size, audio, depth, rgb};
@@ -6,21 +6,21 @@ use avln_proto::{API_MINOR, MAX_MESSAGE_BYTES, v1};
 use std::time::Duration;
 use v1::{Dtype, SensorKind};
 
-/// The agreement of one connection.
+/// Agreement of a connection.
 #[derive(Debug)]
 pub(crate) struct Agreement {
     pub(crate) task: TaskSpec,
     pub(crate) run: String,
     pub(crate) slots: u32,
     pub(crate) progress: v1::RunProgress,
-    /// For how long a lost connection may be away.
+    /// Longest permitted disconnection.
     pub(crate) may_be_away: Duration,
     depth_divisor: f32,
     tensors: Vec<v1::TensorSpec>,
 }
 
 impl Agreement {
-    /// Checks that Welcome delivers what `wanted` asks for and that this client can read it.
+    /// Checks that Welcome provides the `wanted` sensors in decodable form.
     pub(crate) fn new(welcome: v1::Welcome, wanted: &Sensors, packing: Packing) -> Result<Self, Error> {
         let wire = welcome.task.as_ref().ok_or_else(|| Error::protocol("Welcome has no task"))?;
         let task = TaskSpec::from_wire(wire)?;

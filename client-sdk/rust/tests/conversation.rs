@@ -3,7 +3,7 @@
 mod fake;
 
 use avln_client::{
-    Action, Agent, Arena, EndReason, Error, GoalCue, Mission, Observation, Order, Play, Reason, Run,
+    Action, Agent, Client, EndReason, Error, GoalCue, Mission, Observation, Order, Play, Reason, Run,
     RunOptions, Sensors, TaskSpec, evaluate, evaluate_slots,
 };
 use avln_proto::v1::{self, play_request::Frame as Asked, play_response::Frame as Told};
@@ -17,11 +17,11 @@ where
     F: Fn(Stage) -> S + Send + Sync + 'static,
     S: Future<Output = ()> + Send + 'static,
 {
-    let arena = Arena::connect(serve(script).await, "").await?;
-    arena.play(&Run::from_token(RUN_TOKEN), Sensors::square(SIDE)).await
+    let client = Client::connect(serve(script).await, "").await?;
+    client.play(&Run::from_token(RUN_TOKEN), Sensors::square(SIDE)).await
 }
 
-/// Greets and begins one episode.
+/// Greets and starts an episode.
 async fn one_episode(stage: &mut Stage) {
     stage.greet().await;
     stage.hear_ready().await;
@@ -64,11 +64,11 @@ impl Agent for Walker {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_whole_run_is_evaluated() {
-    let arena = Arena::connect(serve(two_episodes).await, fake::TOKEN).await.unwrap();
-    let run = arena.start_run(RunOptions::new("practice", "walker").order(Order::Unordered)).await.unwrap();
+    let client = Client::connect(serve(two_episodes).await, fake::TOKEN).await.unwrap();
+    let run = client.start_run(RunOptions::new("practice", "walker").order(Order::Unordered)).await.unwrap();
     assert_eq!((run.id.as_str(), run.episodes, run.max_slots), ("run_1", 2, 2));
     let mut walker = Walker { steps: 3, entered: vec![], begun: 0 };
-    let summary = evaluate(&arena, &run, Sensors::square(SIDE), &mut walker).await.unwrap();
+    let summary = evaluate(&client, &run, Sensors::square(SIDE), &mut walker).await.unwrap();
     assert_eq!((walker.begun, walker.entered), (2, vec!["ep_a".to_owned(), "ep_b".to_owned()]));
     assert!(summary.complete);
     assert_eq!((summary.progress.done, summary.progress.total), (2, 2));
@@ -281,7 +281,7 @@ async fn an_old_client_is_told_what_to_install() {
     assert!(error.to_string().contains("install avln-client 2.0"), "{error}");
 }
 
-/// What the client says to a Welcome that was spoilt.
+/// Client error for a modified Welcome.
 async fn complaint(spoil: impl Fn(&mut v1::Welcome) + Clone + Send + Sync + 'static) -> String {
     let opened = open(move |mut stage| {
         let spoil = spoil.clone();
@@ -339,8 +339,8 @@ async fn observations_that_break_the_agreement_are_refused() {
 
 #[tokio::test]
 async fn a_wrong_run_token_is_an_error_about_tokens() {
-    let arena = Arena::connect(serve(two_episodes).await, "").await.unwrap();
-    let error = arena.play(&Run::from_token("bad"), Sensors::square(SIDE)).await.unwrap_err();
+    let client = Client::connect(serve(two_episodes).await, "").await.unwrap();
+    let error = client.play(&Run::from_token("bad"), Sensors::square(SIDE)).await.unwrap_err();
     assert_eq!(error.reason(), Some(Reason::TokenMalformed));
 }
 
@@ -357,7 +357,7 @@ async fn a_status_without_a_reason_keeps_its_text() {
     assert!(error.to_string().contains("id 7"), "{error}");
 }
 
-/// Plays one episode in each of two slots, step by step in turn: both are open at the same time.
+/// Plays an episode in each of two slots, step by step in turn.
 async fn two_slots(mut stage: Stage) {
     assert_eq!(stage.greet().await.slots, 2);
     for slot in [stage.hear_ready().await.slot, stage.hear_ready().await.slot] {
@@ -384,12 +384,12 @@ async fn two_slots(mut stage: Stage) {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn two_agents_play_two_slots_of_one_run() {
-    let arena = Arena::connect(serve(two_slots).await, "").await.unwrap();
+    let client = Client::connect(serve(two_slots).await, "").await.unwrap();
     let walker = |steps| Box::new(Walker { steps, entered: vec![], begun: 0 }) as Box<dyn Agent + Send>;
     let run = Run::from_token(RUN_TOKEN);
     let (mut agents, mut ended) = (vec![walker(2), walker(9)], 0);
     let summary =
-        evaluate_slots(&arena, &run, Sensors::square(SIDE), &mut agents, &mut |_| ended += 1).await.unwrap();
+        evaluate_slots(&client, &run, Sensors::square(SIDE), &mut agents, &mut |_| ended += 1).await.unwrap();
     assert!(summary.complete);
     assert_eq!((agents.len(), ended), (2, summary.progress.done));
 }

@@ -2,18 +2,18 @@
 
 mod fake;
 
-use avln_client::{Arena, Error, Order, PhaseState, Reason, RunOptions, RunState, Window};
+use avln_client::{Client, Error, Order, PhaseState, QuotaWindow, Reason, RunOptions, RunState};
 use fake::{TOKEN, serve};
 use std::io::{Read, Write};
 
-async fn arena() -> Arena {
-    Arena::connect(serve(|_| async {}).await, TOKEN).await.unwrap()
+async fn connect() -> Client {
+    Client::connect(serve(|_| async {}).await, TOKEN).await.unwrap()
 }
 
 #[tokio::test]
 async fn a_bad_token_fails_at_once_and_names_the_flag() {
     let address = serve(|_| async {}).await;
-    let error = Arena::connect(&address, "bad").await.unwrap_err();
+    let error = Client::connect(&address, "bad").await.unwrap_err();
     assert_eq!(error.reason(), Some(Reason::TokenMalformed));
     assert!(error.to_string().contains("--token"), "{error}");
 }
@@ -21,7 +21,7 @@ async fn a_bad_token_fails_at_once_and_names_the_flag() {
 #[tokio::test]
 async fn a_closed_port_is_unreachable_and_names_the_flag() {
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    let error = Arena::connect(format!("http://127.0.0.1:{port}"), TOKEN).await.unwrap_err();
+    let error = Client::connect(format!("http://127.0.0.1:{port}"), TOKEN).await.unwrap_err();
     assert!(matches!(error, Error::Unreachable { .. }), "{error}");
     assert!(error.to_string().contains("--server"), "{error}");
 }
@@ -35,16 +35,16 @@ async fn a_web_port_is_recognised() {
         let _ = peer.read(&mut [0; 1024]);
         let _ = peer.write_all(b"HTTP/1.1 400 Bad Request\r\nconnection: close\r\n\r\n");
     });
-    let error = Arena::connect(&address, TOKEN).await.unwrap_err();
+    let error = Client::connect(&address, TOKEN).await.unwrap_err();
     assert!(matches!(error, Error::NotArena { .. }), "{error}");
     assert!(error.to_string().contains("not that of its web pages"), "{error}");
 }
 
 #[tokio::test]
 async fn anyone_sees_the_server_and_its_phases() {
-    let arena = Arena::connect(serve(|_| async {}).await, "").await.unwrap();
-    assert_eq!(arena.server_info().await.unwrap().name, "fake");
-    let phases = arena.phases().await.unwrap();
+    let client = Client::connect(serve(|_| async {}).await, "").await.unwrap();
+    assert_eq!(client.server_info().await.unwrap().name, "fake");
+    let phases = client.phases().await.unwrap();
     assert_eq!(
         (phases[0].id.as_str(), phases[0].state, phases[0].episodes),
         ("practice", PhaseState::Open, 2)
@@ -54,26 +54,26 @@ async fn anyone_sees_the_server_and_its_phases() {
 
 #[tokio::test]
 async fn an_unknown_phase_is_refused_with_its_reason() {
-    let error = arena().await.start_run(RunOptions::new("moon", "walker")).await.unwrap_err();
+    let error = connect().await.start_run(RunOptions::new("moon", "walker")).await.unwrap_err();
     assert_eq!(error.reason(), Some(Reason::PhaseUnknown));
     assert!(error.to_string().starts_with("start a run"), "{error}");
 }
 
 #[tokio::test]
 async fn a_team_sees_its_runs_and_what_it_has_left() {
-    let arena = arena().await;
-    assert_eq!(arena.whoami().await.unwrap().team, "red");
-    assert_eq!(arena.run("run_9").await.unwrap().id, "run_9");
-    let ids: Vec<_> = arena.runs().await.unwrap().into_iter().map(|run| run.id).collect();
+    let client = connect().await;
+    assert_eq!(client.whoami().await.unwrap().team, "red");
+    assert_eq!(client.run("run_9").await.unwrap().id, "run_9");
+    let ids: Vec<_> = client.runs().await.unwrap().into_iter().map(|run| run.id).collect();
     assert_eq!(ids, ["run_2", "run_1"]);
-    assert_eq!(arena.cancel_run("run_1").await.unwrap().state, RunState::Cancelled);
-    let quota = &arena.quota().await.unwrap()[0];
-    assert_eq!((quota.window, quota.used, quota.limit), (Window::Day, 3, None));
+    assert_eq!(client.cancel_run("run_1").await.unwrap().state, RunState::Cancelled);
+    let quota = &client.quota().await.unwrap()[0];
+    assert_eq!((quota.window, quota.used, quota.limit), (QuotaWindow::Day, 3, None));
 }
 
 #[tokio::test]
 async fn a_run_is_watched_until_it_is_over() {
-    let mut watch = arena().await.watch("run_1").await.unwrap();
+    let mut watch = connect().await.watch("run_1").await.unwrap();
     let mut states = Vec::new();
     while let Some(run) = watch.next().await.unwrap() {
         states.push(run.state);

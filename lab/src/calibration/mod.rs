@@ -1,18 +1,18 @@
 //! Calibration: three procedural houses that every build can grow, missions in them, and what the reference agents sense and
 //! reach there, to the last bit. A server where they sense and reach the same scores as the published one does.
 
-mod witness;
+mod digesting_agent;
 
 use avln_arena::setup::{NewPhase, NewSplit, make_split, open_phase};
 use avln_arena::{BENCHMARK_VERSION, Failure, FailureKind, data::DataFolder};
 use avln_baselines::RandomAgent;
-use avln_client::{Agent, Arena, EpisodeEnd, Link, Order, RunOptions, Sensors, evaluate_with};
+use avln_client::{Agent, Client, ConnectOptions, EpisodeEnd, Order, RunOptions, Sensors, evaluate_with};
 use avln_episode::Rules;
 use avln_pag_nav::PagNav;
 use avln_store::Store;
+use digesting_agent::DigestingAgent;
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
-use witness::Witness;
 
 /// Id of the calibration phase and of its split.
 pub const PHASE: &str = "calibration";
@@ -34,19 +34,19 @@ pub struct Calibration {
     /// Version of the benchmark.
     pub benchmark: String,
     /// The runs of the reference agents.
-    pub runs: Vec<Played>,
+    pub runs: Vec<CalibrationRun>,
 }
 
 /// A run of a reference agent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Played {
+pub struct CalibrationRun {
     /// The agent.
     pub agent: String,
     /// How goals count.
     pub order: String,
     /// Its episodes, in playing order.
-    pub episodes: Vec<Episode>,
+    pub episodes: Vec<CalibrationEpisode>,
     /// Means over them.
     pub means: BTreeMap<String, f64>,
 }
@@ -54,27 +54,27 @@ pub struct Played {
 /// An episode of a reference agent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Episode {
+pub struct CalibrationEpisode {
     /// BLAKE3 of mission, observations and actions, hexadecimal.
     pub sensed: String,
-    /// Why it ended.
+    /// End reason.
     pub end: String,
     /// Steps taken.
     pub steps: u32,
-    /// What it was worth.
+    /// Metrics.
     pub metrics: BTreeMap<String, f64>,
 }
 
 /// A reference agent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Reference {
+pub enum ReferenceAgent {
     /// Walks at random for 100 steps.
     Random,
     /// PAG-Nav.
     PagNav,
 }
 
-impl Reference {
+impl ReferenceAgent {
     /// All of them.
     pub const ALL: [Self; 2] = [Self::Random, Self::PagNav];
 
@@ -102,10 +102,10 @@ impl Reference {
 
 /// Where to play, and as whom.
 #[derive(Clone, Debug)]
-pub struct Place {
-    /// Address of the agents' door.
-    pub server: String,
-    /// Authorities to trust instead of the system's.
+pub struct CalibrationServer {
+    /// URL of the gRPC server.
+    pub url: String,
+    /// File of trusted authorities, instead of those of the system.
     pub ca: Option<PathBuf>,
     /// Token of an account.
     pub token: String,
@@ -146,13 +146,13 @@ pub async fn open(data: &DataFolder, store: &Store) -> Result<(), Failure> {
 /// # Errors
 /// When the server does not host it, does not tell metrics, or a run fails.
 pub async fn play(
-    place: &Place,
-    agents: &[Reference],
-    tell: &mut (dyn FnMut(Reference, &EpisodeEnd) + Send),
+    server: &CalibrationServer,
+    agents: &[ReferenceAgent],
+    tell: &mut (dyn FnMut(ReferenceAgent, &EpisodeEnd) + Send),
 ) -> Result<Calibration, Failure> {
-    let link = Link { ca: place.ca.clone(), ..Link::default() };
+    let link = ConnectOptions { ca: server.ca.clone(), ..ConnectOptions::default() };
     let arena =
-        Arena::connect_with(&place.server, place.token.as_str(), &link).await.map_err(Failure::run)?;
+        Client::connect_with(&server.url, server.token.as_str(), &link).await.map_err(Failure::run)?;
     let benchmark = arena.server_info().await.map_err(Failure::run)?.benchmark;
     let mut runs = Vec::with_capacity(agents.len());
     for &agent in agents {
@@ -162,39 +162,44 @@ pub async fn play(
 }
 
 async fn play_one(
-    arena: &Arena,
-    reference: Reference,
-    tell: &mut (dyn FnMut(Reference, &EpisodeEnd) + Send),
-) -> Result<Played, Failure> {
+    arena: &Client,
+    reference: ReferenceAgent,
+    tell: &mut (dyn FnMut(ReferenceAgent, &EpisodeEnd) + Send),
+) -> Result<CalibrationRun, Failure> {
     let options = RunOptions::new(PHASE, format!("{} (calibration)", reference.name()));
     let options = options.method_version(env!("CARGO_PKG_VERSION")).order(reference.order());
     let run = arena.start_run(options).await.map_err(Failure::run)?;
     let (agent, most_steps) = reference.agent();
-    let mut witness = Witness::new(agent, most_steps);
+    let mut digesting_agent = DigestingAgent::new(agent, most_steps);
     let mut ends = Vec::new();
     let mut on_end = |end: &EpisodeEnd| {
         tell(reference, end);
         ends.push(end.clone());
     };
-    evaluate_with(arena, &run, Sensors::square(SIDE), &mut witness, &mut on_end)
+    evaluate_with(arena, &run, Sensors::square(SIDE), &mut digesting_agent, &mut on_end)
         .await
         .map_err(Failure::run)?;
-    let episodes: Vec<Episode> = ends.iter().zip(witness.digests()).map(episode).collect();
+    let episodes: Vec<CalibrationEpisode> = ends.iter().zip(digesting_agent.digests()).map(episode).collect();
     if episodes.iter().any(|episode| episode.metrics.is_empty()) {
         let message = "the server does not tell what episodes were worth";
         return Err(Failure::new(FailureKind::Run, message)
             .hinted("its organiser can open the phase as it is published: avln lab calibrate --open"));
     }
     let means = means(&episodes);
-    Ok(Played { agent: reference.name().to_owned(), order: reference.order().to_string(), episodes, means })
+    Ok(CalibrationRun {
+        agent: reference.name().to_owned(),
+        order: reference.order().to_string(),
+        episodes,
+        means,
+    })
 }
 
-fn episode((end, sensed): (&EpisodeEnd, String)) -> Episode {
+fn episode((end, sensed): (&EpisodeEnd, String)) -> CalibrationEpisode {
     let metrics = end.metrics.iter().flatten().map(|metric| (metric.name.clone(), metric.value)).collect();
-    Episode { sensed, end: end.reason.to_string(), steps: end.steps, metrics }
+    CalibrationEpisode { sensed, end: end.reason.to_string(), steps: end.steps, metrics }
 }
 
-fn means(episodes: &[Episode]) -> BTreeMap<String, f64> {
+fn means(episodes: &[CalibrationEpisode]) -> BTreeMap<String, f64> {
     let mut sums: BTreeMap<String, f64> = BTreeMap::new();
     for (name, value) in episodes.iter().flat_map(|episode| &episode.metrics) {
         *sums.entry(name.clone()).or_default() += value;
@@ -234,7 +239,7 @@ pub fn differences(found: &Calibration, published: &Calibration) -> Vec<String> 
 }
 
 /// The first thing in which an episode differs.
-fn difference(found: &Episode, expected: &Episode) -> Option<String> {
+fn difference(found: &CalibrationEpisode, expected: &CalibrationEpisode) -> Option<String> {
     let bits = |metrics: &BTreeMap<String, f64>| {
         metrics.iter().map(|(name, value)| (name.clone(), value.to_bits())).collect::<Vec<_>>()
     };
@@ -268,7 +273,7 @@ mod tests {
             "publish anew: AVLN_BLESS=1 cargo test -p avln-tests --test calibration"
         );
         let agents: Vec<_> = published.runs.iter().map(|run| run.agent.as_str()).collect();
-        assert_eq!(agents, Reference::ALL.map(Reference::name));
+        assert_eq!(agents, ReferenceAgent::ALL.map(ReferenceAgent::name));
         assert!(published.runs.iter().all(|run| run.episodes.len() == HOUSES as usize * MISSIONS));
         assert_eq!(differences(&published, &published), Vec::<String>::new());
     }

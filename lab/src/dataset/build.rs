@@ -13,7 +13,7 @@ use std::{path::PathBuf, sync::Arc};
 
 /// What is kept of a scene whose files are written.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-struct Done {
+struct FinishedScene {
     line: SceneLine,
     statistics: Statistics,
 }
@@ -26,7 +26,7 @@ pub struct Builder {
 
 /// How far a build is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Progress {
+pub struct BuildProgress {
     /// Missions in all.
     pub missions: usize,
     /// Missions of scenes that are done.
@@ -60,7 +60,7 @@ impl Builder {
         &self,
         threads: Option<usize>,
         cache: Option<&Arc<dyn Cache>>,
-        mut watch: impl FnMut(Progress),
+        mut watch: impl FnMut(BuildProgress),
     ) -> Result<Vec<(String, Statistics)>, Failure> {
         if self.files.is_complete() {
             return self.recount();
@@ -68,7 +68,7 @@ impl Builder {
         let missions = |job: &Job| self.recipe.splits[job.split].missions_per_scene;
         let (done, left): (Vec<Job>, Vec<Job>) =
             self.recipe.jobs().partition(|&job| self.done(job).is_some());
-        let mut progress = Progress {
+        let mut progress = BuildProgress {
             missions: self.recipe.jobs().map(|job| missions(&job)).sum(),
             done: done.iter().map(missions).sum(),
         };
@@ -89,14 +89,14 @@ impl Builder {
         let (split, scene) = (&self.recipe.splits[job.split].name, &built.line.name);
         files::write_whole(&self.files.missions_path(split, scene), &built.missions)?;
         files::write_whole(&self.files.sealed_path(split, scene), &built.sealed)?;
-        let done = Done { line: built.line, statistics: built.statistics };
+        let done = FinishedScene { line: built.line, statistics: built.statistics };
         files::write_whole(&self.note_path(job), &json(&done)?)
     }
 
     /// What is kept of a scene, when it is done and its files are there.
-    fn done(&self, job: Job) -> Option<Done> {
+    fn done(&self, job: Job) -> Option<FinishedScene> {
         let split = &self.recipe.splits[job.split].name;
-        let done: Done = serde_json::from_slice(&files::read(&self.note_path(job)).ok()?).ok()?;
+        let done: FinishedScene = serde_json::from_slice(&files::read(&self.note_path(job)).ok()?).ok()?;
         let same =
             |path: PathBuf, digest: &str| files::read(&path).is_ok_and(|bytes| digest_of(&bytes) == digest);
         let whole = same(self.files.missions_path(split, &done.line.name), &done.line.public)

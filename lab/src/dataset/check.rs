@@ -15,7 +15,7 @@ const THIRDS: std::ops::RangeInclusive<f64> = 0.28..=0.39;
 
 /// How much to check.
 #[derive(Clone, Copy, Debug)]
-pub struct Scope<'a> {
+pub struct CheckScope<'a> {
     /// One split, or all.
     pub split: Option<&'a str>,
     /// Scenes of each split that are checked, spread evenly; all when none.
@@ -30,7 +30,7 @@ pub struct Scope<'a> {
 
 /// What a check found.
 #[derive(Clone, Debug, Default)]
-pub struct Report {
+pub struct CheckReport {
     /// Scenes that were checked.
     pub scenes: usize,
     /// Missions that were checked.
@@ -46,13 +46,13 @@ pub struct Report {
 /// When a file cannot be used or a scene cannot be made again.
 pub fn run(
     files: &DatasetFiles,
-    scope: &Scope,
+    scope: &CheckScope,
     cache: Option<&Arc<dyn Cache>>,
     mut watch: impl FnMut(usize, usize),
-) -> Result<Report, Failure> {
+) -> Result<CheckReport, Failure> {
     let manifest = files.manifest()?;
     let rules = Rules::named(&manifest.rules).map_err(|error| Failure::new(FailureKind::Scene, error))?;
-    let mut report = Report { faults: shared_scenes(files, &manifest)?, ..Report::default() };
+    let mut report = CheckReport { faults: shared_scenes(files, &manifest)?, ..CheckReport::default() };
     let wanted = |name: &str| scope.split.is_none_or(|split| split == name);
     let mut work = Vec::new();
     for line in manifest.splits.iter().filter(|line| wanted(&line.name)) {
@@ -118,7 +118,7 @@ fn shared_scenes(files: &DatasetFiles, manifest: &Manifest) -> Result<Vec<String
 }
 
 /// Splits whose modalities are far from thirds.
-fn unbalanced(files: &DatasetFiles, manifest: &Manifest, scope: &Scope) -> Result<Vec<String>, Failure> {
+fn unbalanced(files: &DatasetFiles, manifest: &Manifest, scope: &CheckScope) -> Result<Vec<String>, Failure> {
     let mut faults = Vec::new();
     if manifest.recipe.is_none() {
         return Ok(faults);

@@ -52,7 +52,7 @@ pub struct FrameOptions {
 
 /// What `frames.json` says.
 #[derive(Debug, Serialize)]
-struct Manifest<'a> {
+struct FramesManifest<'a> {
     /// `avln-frames`.
     format: &'static str,
     version: u32,
@@ -65,12 +65,12 @@ struct Manifest<'a> {
     categories: &'static [&'static str],
     /// The number of pixels that show none of them.
     unknown: u8,
-    houses: Vec<House>,
+    houses: Vec<LabelledHouse>,
 }
 
 /// One house and its files.
 #[derive(Debug, Serialize)]
-struct House {
+struct LabelledHouse {
     /// The records of its pictures.
     file: String,
     /// The sentences about its instances.
@@ -120,10 +120,10 @@ impl Purpose {
 pub fn take(options: &FrameOptions, folder: &Path, mut done: impl FnMut()) -> Result<(), Failure> {
     let split = allowed_split(options)?;
     std::fs::create_dir_all(folder).map_err(|error| cannot("make", folder, &error))?;
-    let houses: Vec<House> =
+    let houses: Vec<LabelledHouse> =
         (0..options.houses).map(|scene| house(options, Job { split, scene })).collect::<Result<_, _>>()?;
     let rules = options.recipe.rules()?;
-    let visit = |house: &House| -> Result<(), Failure> {
+    let visit = |house: &LabelledHouse| -> Result<(), Failure> {
         let (path, sentences_path) = (folder.join(&house.file), folder.join(&house.sentences));
         if path.exists() && sentences_path.exists() {
             return Ok(());
@@ -139,8 +139,8 @@ pub fn take(options: &FrameOptions, folder: &Path, mut done: impl FnMut()) -> Re
     parallel::share(&manifest.houses, parallel::threads(options.threads), visit, |_, ()| done())
 }
 
-fn manifest(options: &FrameOptions, houses: Vec<House>) -> Manifest<'_> {
-    Manifest {
+fn manifest(options: &FrameOptions, houses: Vec<LabelledHouse>) -> FramesManifest<'_> {
+    FramesManifest {
         format: "avln-frames",
         version: 1,
         purpose: options.purpose,
@@ -183,13 +183,13 @@ fn allowed_split(options: &FrameOptions) -> Result<usize, Failure> {
     Ok(found)
 }
 
-fn house(options: &FrameOptions, job: Job) -> Result<House, Failure> {
+fn house(options: &FrameOptions, job: Job) -> Result<LabelledHouse, Failure> {
     let name = format!("{}-{:04}", options.purpose.word(), job.scene);
     let source = options.recipe.house(job, 0)?;
-    Ok(House { file: format!("{name}.npy"), sentences: format!("{name}.json"), source })
+    Ok(LabelledHouse { file: format!("{name}.npy"), sentences: format!("{name}.json"), source })
 }
 
-fn assets(house: &House, rules: &Rules) -> Result<SceneAssets, Failure> {
+fn assets(house: &LabelledHouse, rules: &Rules) -> Result<SceneAssets, Failure> {
     let (_, scene) = SceneSpec::new("house", house.source.clone())?;
     let body = Body { radius_m: rules.body_radius_m, height_m: rules.body_height_m, ..Body::default() };
     SceneAssets::prepare(scene, &body).map_err(|error| Failure::new(FailureKind::Scene, error))
@@ -210,7 +210,7 @@ fn sentences(assets: &SceneAssets, rules: &Rules) -> Result<Vec<u8>, Failure> {
 }
 
 /// The file of the pictures of a house.
-fn records(house: &House, assets: &SceneAssets, options: &FrameOptions) -> Result<Vec<u8>, Failure> {
+fn records(house: &LabelledHouse, assets: &SceneAssets, options: &FrameOptions) -> Result<Vec<u8>, Failure> {
     let mut rng = Rng::new(options.recipe.seed).fork(&house.file).fork("frames");
     let shots = shot::shots(assets, &mut rng, options.views, options.side_px);
     let labels = record::Labels::of(&assets.scene);

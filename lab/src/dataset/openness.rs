@@ -1,7 +1,6 @@
 //! What may be handed out of a split: agents that are measured must not have been told.
 
-use avln_arena::dataset::SplitFolder;
-use avln_arena::{Failure, FailureKind};
+use avln_arena::{Failure, FailureKind, data::DataFolder, dataset::SplitFolder};
 use avln_dataset::{SceneLine, SceneSource};
 use avln_houses::Pool;
 use avln_store::{Phase, Visibility};
@@ -62,4 +61,23 @@ fn hidden(split: &SplitFolder, phases: &[Phase]) -> Option<String> {
     }
     let phase = phases.iter().find(|phase| phase.replays != Visibility::Public)?;
     Some(format!("phase '{}' plays it and does not show targets to everybody", phase.id))
+}
+
+/// Returns the phases of the data folder whose split has the digest of `split`; the name may differ.
+///
+/// # Errors
+/// If the database cannot be read.
+pub async fn phases_of(data: &DataFolder, split: &SplitFolder) -> Result<Vec<Phase>, Failure> {
+    if !data.root().join("avln.db").is_file() {
+        return Ok(Vec::new());
+    }
+    let store = data.store().await?;
+    let mut phases = Vec::new();
+    for phase in store.phases().await? {
+        if store.split_digest(&phase.split).await?.as_deref() == Some(split.digest()) {
+            phases.push(phase);
+        }
+    }
+    store.close().await;
+    Ok(phases)
 }

@@ -1,27 +1,27 @@
-//! Looks at a server as an agent meets it, before a run that counts: can it be played, and how long will it take?
+//! The check before a counted run: reachability, permissions and expected duration.
 
 mod practice;
 mod report;
 
-pub use report::{Check, Measured, Report, Spread, Verdict};
+pub use report::{Check, DoctorReport, Measured, Spread, Verdict};
 
 use avln_arena::{BENCHMARK_VERSION, now_unix_ms};
-use avln_client::{Arena, Error, Link, Order, Phase, PhaseState, Quota, Sensors, ServerInfo};
+use avln_client::{Client, ConnectOptions, Error, Order, Phase, PhaseState, Quota, Sensors, ServerInfo};
 use std::{path::PathBuf, time::Instant};
 
-/// Questions by which the round trip is measured.
+/// Number of requests for the round-trip time.
 const ROUND_TRIPS: usize = 20;
-/// Clocks may differ by this much before somebody should know, seconds.
+/// Clock difference for a warning, seconds.
 const CLOCK_S: f64 = 2.0;
-/// Tokens that end sooner are worth a word, seconds.
+/// Remaining lifetime of a token for a warning, seconds.
 const SOON_S: i64 = 7 * 86_400;
 
-/// What to look at.
+/// Settings of the check.
 #[derive(Clone, Debug)]
-pub struct Patient {
-    /// Address of the agents' door.
+pub struct DoctorOptions {
+    /// URL of the gRPC server.
     pub server: String,
-    /// Authorities to trust instead of the system's.
+    /// File of trusted authorities, instead of those of the system.
     pub ca: Option<PathBuf>,
     /// Token of an account.
     pub token: String,
@@ -38,22 +38,22 @@ pub struct Patient {
 }
 
 /// Makes all checks, as far as one can be made after the other.
-pub async fn examine(patient: &Patient) -> Report {
-    let mut report = Report::default();
-    let link = Link { ca: patient.ca.clone(), ..Link::default() };
-    let connected = match Arena::connect_with(&patient.server, "", &link).await {
+pub async fn examine(options: &DoctorOptions) -> DoctorReport {
+    let mut report = DoctorReport::default();
+    let link = ConnectOptions { ca: options.ca.clone(), ..ConnectOptions::default() };
+    let connected = match Client::connect_with(&options.server, "", &link).await {
         Ok(arena) => arena.server_info().await.map(|info| (arena, info)),
         Err(error) => Err(error),
     };
     match connected {
         Ok((arena, info)) => {
-            report.ok("server", format!("{} answers at {}", info.name, patient.server));
+            report.ok("server", format!("{} answers at {}", info.name, options.server));
             versions(&mut report, &info);
             let reached = round_trips(&mut report, &arena).await;
             if let Err(error) = reached {
                 report.failed("round trip", error, "the connection does not hold: look at the network");
             }
-            account(&mut report, patient, &link).await;
+            account(&mut report, options, &link).await;
         }
         Err(error) => report.failed(
             "server",
@@ -64,7 +64,7 @@ pub async fn examine(patient: &Patient) -> Report {
     report
 }
 
-fn versions(report: &mut Report, info: &ServerInfo) {
+fn versions(report: &mut DoctorReport, info: &ServerInfo) {
     let own = env!("CARGO_PKG_VERSION");
     let found = format!(
         "server {} with benchmark {}, this program {own} with {BENCHMARK_VERSION}",
@@ -89,7 +89,7 @@ fn versions(report: &mut Report, info: &ServerInfo) {
     }
 }
 
-async fn round_trips(report: &mut Report, arena: &Arena) -> Result<(), Error> {
+async fn round_trips(report: &mut DoctorReport, arena: &Client) -> Result<(), Error> {
     let mut trips = Vec::with_capacity(ROUND_TRIPS);
     let mut best = (f64::INFINITY, 0.0);
     for _ in 0..ROUND_TRIPS {
@@ -129,8 +129,8 @@ fn ms(seconds: f64) -> String {
     format!("{:.1} ms", seconds * 1000.0)
 }
 
-async fn account(report: &mut Report, patient: &Patient, link: &Link) {
-    let known = match Arena::connect_with(&patient.server, patient.token.as_str(), link).await {
+async fn account(report: &mut DoctorReport, options: &DoctorOptions, link: &ConnectOptions) {
+    let known = match Client::connect_with(&options.server, options.token.as_str(), link).await {
         Ok(arena) => arena.whoami().await.map(|account| (arena, account)),
         Err(error) => Err(error),
     };
@@ -153,8 +153,8 @@ async fn account(report: &mut Report, patient: &Patient, link: &Link) {
             "ask the organiser for a new one in time",
         ),
     }
-    match phase(report, patient, &arena).await {
-        Ok(Some((phase, quotas))) => practice::check(report, patient, &arena, &phase, &quotas).await,
+    match phase(report, options, &arena).await {
+        Ok(Some((phase, quotas))) => practice::check(report, options, &arena, &phase, &quotas).await,
         Ok(None) => {}
         Err(error @ Error::Phase { .. }) => report.failed("phase", error, ""),
         Err(error) => report.failed("phase", error, "the connection does not hold: look at the network"),
@@ -163,11 +163,11 @@ async fn account(report: &mut Report, patient: &Patient, link: &Link) {
 
 /// The phase that is to be played, and what is left in all phases.
 async fn phase(
-    report: &mut Report,
-    patient: &Patient,
-    arena: &Arena,
+    report: &mut DoctorReport,
+    options: &DoctorOptions,
+    arena: &Client,
 ) -> Result<Option<(Phase, Vec<Quota>)>, Error> {
-    let wanted = match patient.phase.as_str() {
+    let wanted = match options.phase.as_str() {
         "" => arena.practice_phase().await?,
         named => named.to_owned(),
     };
@@ -195,7 +195,7 @@ async fn phase(
     Ok(Some((phase, quotas)))
 }
 
-fn quota(report: &mut Report, phase: &Phase, quotas: &[Quota]) {
+fn quota(report: &mut DoctorReport, phase: &Phase, quotas: &[Quota]) {
     let limited = quotas.iter().filter(|quota| quota.phase == phase.id && quota.limit.is_some());
     let scarcest = limited.min_by_key(|quota| quota.remaining);
     let Some(scarcest) = scarcest else { return report.ok("quota", "any number of runs") };

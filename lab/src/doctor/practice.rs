@@ -1,8 +1,8 @@
 //! Some episodes of practice with an agent that does not think, to measure what a run takes.
 
-use super::{Patient, Report, Spread, Verdict, is_free, ms, order};
+use super::{DoctorOptions, DoctorReport, Spread, Verdict, is_free, ms, order};
 use avln_baselines::RandomAgent;
-use avln_client::{Action, Agent, Arena, Error, Observation, Phase, Quota, RunOptions};
+use avln_client::{Action, Agent, Client, Error, Observation, Phase, Quota, RunOptions};
 use std::time::Instant;
 
 /// The name under which practice runs are shown.
@@ -10,13 +10,13 @@ const METHOD: &str = "doctor";
 
 /// Plays, unless that would cost the team a run, and says how long the phase will take.
 pub(super) async fn check(
-    report: &mut Report,
-    patient: &Patient,
-    arena: &Arena,
+    report: &mut DoctorReport,
+    options: &DoctorOptions,
+    arena: &Client,
     phase: &Phase,
     quotas: &[Quota],
 ) {
-    let place = patient.practice.as_deref().unwrap_or(&phase.id);
+    let place = options.practice.as_deref().unwrap_or(&phase.id);
     if !is_free(place, quotas) {
         let found = format!("phase '{place}' counts runs, and none is spent on practice");
         let next = "name a phase without quotas with --practice PHASE";
@@ -33,7 +33,7 @@ pub(super) async fn check(
                 "name another phase with --practice PHASE",
             );
         }
-        Ok(Some(place)) => play(patient, arena, &place).await,
+        Ok(Some(place)) => play(options, arena, &place).await,
         Ok(None) => {
             return report.failed("practice", format!("there is no phase '{place}'"), "see --practice");
         }
@@ -47,7 +47,7 @@ pub(super) async fn check(
 
 /// What was seen of some episodes. Times are seconds.
 #[derive(Debug, Default)]
-struct Played {
+struct PracticeResult {
     begins_s: Vec<f64>,
     steps_s: Vec<f64>,
     observation_bytes: usize,
@@ -55,23 +55,27 @@ struct Played {
 }
 
 /// Plays the first episodes of a run and gives the run up, whatever happens.
-async fn play(patient: &Patient, arena: &Arena, place: &Phase) -> Result<Played, Error> {
-    let options =
+async fn play(options: &DoctorOptions, arena: &Client, place: &Phase) -> Result<PracticeResult, Error> {
+    let run =
         RunOptions::new(&place.id, METHOD).method_version(env!("CARGO_PKG_VERSION")).order(order(place));
-    let run = arena.start_run(options).await?;
-    let played = play_some(patient, arena, &run).await;
+    let run = arena.start_run(run).await?;
+    let played = play_some(options, arena, &run).await;
     let given_up = arena.cancel_run(&run.id).await;
     played.and_then(|played| given_up.map(|_| played))
 }
 
-async fn play_some(patient: &Patient, arena: &Arena, run: &avln_client::Run) -> Result<Played, Error> {
-    let mut play = arena.play(run, patient.sensors.clone()).await?;
+async fn play_some(
+    options: &DoctorOptions,
+    arena: &Client,
+    run: &avln_client::Run,
+) -> Result<PracticeResult, Error> {
+    let mut play = arena.play(run, options.sensors.clone()).await?;
     let task = play.task().clone();
-    let steps = patient.steps.min(task.max_steps.saturating_sub(1));
+    let steps = options.steps.min(task.max_steps.saturating_sub(1));
     let mut agent = RandomAgent::new(0);
-    let mut played = Played { max_steps: task.max_steps, ..Played::default() };
+    let mut played = PracticeResult { max_steps: task.max_steps, ..PracticeResult::default() };
     // One is always left, so that the run is never complete: practice stands on no board.
-    for _ in 0..patient.episodes.min(run.episodes.saturating_sub(1)) {
+    for _ in 0..options.episodes.min(run.episodes.saturating_sub(1)) {
         let before = Instant::now();
         let Some(mut episode) = play.next_episode().await? else { break };
         played.begins_s.push(before.elapsed().as_secs_f64());
@@ -99,8 +103,8 @@ fn bytes(seen: &Observation) -> usize {
     rgb + depth + audio
 }
 
-fn tell(report: &mut Report, phase: &Phase, played: Played) {
-    let Played { begins_s, steps_s, observation_bytes, max_steps } = played;
+fn tell(report: &mut DoctorReport, phase: &Phase, played: PracticeResult) {
+    let PracticeResult { begins_s, steps_s, observation_bytes, max_steps } = played;
     let sum_s: f64 = steps_s.iter().sum();
     let (Some(begin), Some(step)) = (Spread::of(begins_s), Spread::of(steps_s)) else {
         return report.failed("practice", "there was no episode to play", "see --practice");

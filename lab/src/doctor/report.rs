@@ -2,7 +2,7 @@ use serde::Serialize;
 
 /// What came of an examination.
 #[derive(Clone, Debug, Default, Serialize)]
-pub struct Report {
+pub struct DoctorReport {
     /// The checks, in the order in which they were made.
     pub checks: Vec<Check>,
     /// What was measured, as far as the checks came.
@@ -90,7 +90,7 @@ impl Spread {
     }
 }
 
-impl Report {
+impl DoctorReport {
     /// Whether nothing failed.
     pub fn is_well(&self) -> bool {
         self.checks.iter().all(|check| check.verdict != Verdict::Failed)
@@ -123,7 +123,7 @@ mod tests {
 
     #[test]
     fn what_fails_is_not_well_and_warnings_are() {
-        let mut report = Report::default();
+        let mut report = DoctorReport::default();
         report.add("clock", Verdict::Warning, "2 s ahead", "set it");
         assert!(report.is_well());
         report.failed("token", "refused", "ask for another");

@@ -1,5 +1,5 @@
 use super::{Picture, rooms};
-use crate::scene_renderer::Studio;
+use crate::scene_renderer::SceneRenderer;
 use avln_geom::{Aabb, Point3, RayMesh, Vector3, angle};
 use avln_render::{Camera, Frame, Renderer};
 use avln_scene::{InstanceId, Scene};
@@ -33,7 +33,7 @@ pub struct Viewer {
 }
 
 /// A view and how much there is to see.
-struct View {
+struct RoomView {
     eye: Point3<f32>,
     heading_rad: f32,
     score: f32,
@@ -42,7 +42,7 @@ struct View {
 impl Viewer {
     /// A viewer of `scene`; what pictures are made from is looked for and kept in `cache`.
     pub fn new(scene: Scene, cache: Option<Arc<dyn Cache>>) -> Self {
-        let Studio { scene, rays, renderer } = Studio::new(scene, cache);
+        let SceneRenderer { scene, rays, renderer } = SceneRenderer::new(scene, cache);
         Self { renderer, scene, rays }
     }
 
@@ -55,20 +55,20 @@ impl Viewer {
     }
 
     /// Views of a room, those that show most first, each from another side than the ones before.
-    fn views_of(&self, room: &Aabb) -> Vec<View> {
-        let mut views: Vec<View> = Vec::new();
+    fn views_of(&self, room: &Aabb) -> Vec<RoomView> {
+        let mut views: Vec<RoomView> = Vec::new();
         for eye in self.places_in(room) {
             for direction in 0..DIRECTIONS {
                 let heading_rad = TAU * (direction as f32 + 0.5) / DIRECTIONS as f32;
                 let score = interest(&self.look(eye, heading_rad, 64));
-                views.push(View { eye, heading_rad, score });
+                views.push(RoomView { eye, heading_rad, score });
             }
         }
         views.sort_by(|a, b| b.score.total_cmp(&a.score));
-        let mut kept: Vec<View> = Vec::new();
+        let mut kept: Vec<RoomView> = Vec::new();
         for view in views {
             let other =
-                |kept: &View| angle::wrap(kept.heading_rad - view.heading_rad).abs() >= FRAC_PI_2 - 0.01;
+                |kept: &RoomView| angle::wrap(kept.heading_rad - view.heading_rad).abs() >= FRAC_PI_2 - 0.01;
             if kept.iter().all(other) {
                 kept.push(view);
             }
@@ -128,7 +128,7 @@ pub fn indoors(viewer: &Viewer, count: usize) -> Vec<Picture> {
     }
     order.sort();
     let chosen: Vec<usize> = order.into_iter().map(|(_, index)| index).take(count).collect();
-    let views: Vec<(usize, Vec<View>)> =
+    let views: Vec<(usize, Vec<RoomView>)> =
         chosen.into_iter().map(|index| (index, viewer.views_of(&rooms[index].1))).collect();
     let turns =
         (0..DIRECTIONS).flat_map(|turn| views.iter().map(move |(room, views)| (*room, views.get(turn))));

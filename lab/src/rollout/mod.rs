@@ -1,6 +1,6 @@
 //! Demonstrations to learn from: what the oracle did, and what an agent would have sensed before each of its actions.
 //!
-//! Start reading at [`Plan::run`]. A folder holds `rollouts.json`, which tells what its episodes have in common, and
+//! Start reading at [`RolloutOptions::run`]. A folder holds `rollouts.json`, which tells what its episodes have in common, and
 //! `episodes/ID.npz` for each episode. The same split and plan give the same bytes, on any number of threads.
 
 mod archive;
@@ -44,7 +44,7 @@ pub enum Sense {
 }
 
 /// What is recorded.
-pub struct Plan<'a> {
+pub struct RolloutOptions<'a> {
     /// The split; one that is there to learn from.
     pub split: &'a SplitFolder,
     /// The rules that it is played by.
@@ -67,7 +67,7 @@ pub struct Plan<'a> {
 
 /// How much was recorded.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tally {
+pub struct RolloutTally {
     /// Episodes that were there already.
     pub before: usize,
     /// Episodes that were played now.
@@ -78,7 +78,7 @@ pub struct Tally {
 
 /// What `rollouts.json` says.
 #[derive(Serialize)]
-struct Manifest<'a> {
+struct RolloutManifest<'a> {
     /// `avln-rollouts`.
     format: &'static str,
     version: u32,
@@ -98,19 +98,19 @@ struct Manifest<'a> {
     rules: &'a Rules,
 }
 
-impl Plan<'_> {
+impl RolloutOptions<'_> {
     /// Plays what `folder` does not hold yet. It can be stopped at any time; the next call goes on. `watch` hears of each
     /// episode, played now or before.
     ///
     /// # Errors
     /// When the folder holds other rollouts or cannot be written, or a scene cannot be used. What was recorded stays.
-    pub fn run(&self, folder: &Path, watch: impl Fn() + Sync) -> Result<Tally, Failure> {
+    pub fn run(&self, folder: &Path, watch: impl Fn() + Sync) -> Result<RolloutTally, Failure> {
         self.check_rules()?;
         self.claim(folder)?;
         let visits = self.visits();
-        let mut tally = Tally::default();
+        let mut tally = RolloutTally::default();
         let visit = |&(scene, count): &(usize, usize)| self.visit(scene, count, folder, &watch);
-        parallel::share(&visits, parallel::threads(self.threads), visit, |_, part: Tally| {
+        parallel::share(&visits, parallel::threads(self.threads), visit, |_, part: RolloutTally| {
             tally.before += part.before;
             tally.now += part.now;
             tally.incomplete += part.incomplete;
@@ -150,8 +150,8 @@ impl Plan<'_> {
         }
     }
 
-    fn manifest(&self) -> Manifest<'_> {
-        Manifest {
+    fn manifest(&self) -> RolloutManifest<'_> {
+        RolloutManifest {
             format: "avln-rollouts",
             version: 1,
             agent: Oracle::NAME,
@@ -197,7 +197,7 @@ impl Plan<'_> {
         count: usize,
         folder: &Path,
         watch: &(impl Fn() + Sync),
-    ) -> Result<Tally, Failure> {
+    ) -> Result<RolloutTally, Failure> {
         let scene = &self.split.scenes()[scene];
         let mut missing = Vec::new();
         for episode in self.split.episodes(scene)?.into_iter().take(count) {
@@ -206,7 +206,7 @@ impl Plan<'_> {
                 missing.push((episode, path));
             }
         }
-        let mut tally = Tally { before: count - missing.len(), ..Tally::default() };
+        let mut tally = RolloutTally { before: count - missing.len(), ..RolloutTally::default() };
         (0..tally.before).for_each(|_| watch());
         if missing.is_empty() {
             return Ok(tally);

@@ -1,7 +1,7 @@
 //! One episode: the oracle plays it, and all of it is written into an archive.
 
 use super::{
-    M_PER_MM, Plan, Sense,
+    M_PER_MM, RolloutOptions, Sense,
     archive::{Archive, Array},
 };
 use crate::suite::Oracle;
@@ -23,7 +23,7 @@ pub(super) struct Recorded {
 
 /// What `episode.json` says.
 #[derive(Serialize)]
-struct Facts<'a> {
+struct EpisodeFacts<'a> {
     episode: &'a str,
     scene: &'a str,
     order: Order,
@@ -46,7 +46,7 @@ enum Goal<'a> {
 
 /// Plays an episode to its end.
 pub(super) fn record(
-    plan: &Plan,
+    plan: &RolloutOptions,
     assets: &Arc<SceneAssets>,
     episode: &EpisodeSpec,
 ) -> Result<Recorded, Failure> {
@@ -75,13 +75,18 @@ pub(super) fn record(
     Ok(Recorded { bytes, is_complete: metrics.found == metrics.goals })
 }
 
-fn facts<'a>(episode: &'a EpisodeSpec, mission: &'a Mission, end: EndReason, metrics: &Metrics) -> Facts<'a> {
+fn facts<'a>(
+    episode: &'a EpisodeSpec,
+    mission: &'a Mission,
+    end: EndReason,
+    metrics: &Metrics,
+) -> EpisodeFacts<'a> {
     let goal = |(index, cue): (usize, &'a GoalCue)| match cue {
         GoalCue::Category(label) => Goal::Category(label),
         GoalCue::Description(sentence) => Goal::Description(sentence),
         GoalCue::Image(_) => Goal::Image(picture_name(index)),
     };
-    Facts {
+    EpisodeFacts {
         episode: &episode.id,
         scene: &episode.scene,
         order: mission.order,
@@ -111,7 +116,7 @@ struct Tape {
 }
 
 impl Tape {
-    fn new(plan: &Plan) -> Self {
+    fn new(plan: &RolloutOptions) -> Self {
         let side = plan.side_px as usize;
         let wanted = |sense: Sense, name: &str, kind: &'static str, item: &[usize]| {
             plan.senses.contains(&sense).then(|| Array::new(name, kind, item))
@@ -149,7 +154,7 @@ impl Tape {
         Ok(())
     }
 
-    fn finish(self, facts: &Facts, mission: &Mission) -> io::Result<Vec<u8>> {
+    fn finish(self, facts: &EpisodeFacts, mission: &Mission) -> io::Result<Vec<u8>> {
         let mut archive = Archive::default();
         archive.add_file("episode.json", &serde_json::to_vec_pretty(facts)?)?;
         for (index, goal) in mission.goals.iter().enumerate() {

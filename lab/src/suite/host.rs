@@ -1,6 +1,6 @@
-//! The split that the ladder plays, and the server that hosts it.
+//! The split of the baseline suite, and its server.
 
-use super::{board::Board, results::Key};
+use super::{live_episodes::LiveEpisodes, results::EpisodeKey};
 use crate::dataset::build::Builder;
 use avln_arena::setup::admit;
 use avln_arena::{
@@ -8,7 +8,7 @@ use avln_arena::{
     data::DataFolder,
     dataset::{DatasetFiles, SplitFolder},
     now_unix_ms, register,
-    servers::{Addresses, RunningServers, Servers},
+    servers::RunningServers,
 };
 use avln_dataset::{Recipe, SceneChoice};
 use avln_episode::{Order, Rules, Sounds};
@@ -22,58 +22,58 @@ use std::{
 const RECIPE: &str = include_str!("recipe.json");
 const TEAM: &str = "ladder";
 
-/// Which split is played, and how large it is.
+/// Size and pool of the split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Size {
+pub struct SuiteSize {
     /// Houses.
     pub houses: u32,
-    /// Missions in each.
+    /// Missions per house.
     pub missions: usize,
-    /// Whether they are houses of the training pool, in which agents may be tuned.
+    /// Uses houses of the training pool, to tune agents.
     pub practice: bool,
 }
 
-impl Default for Size {
-    /// 200 missions in 25 houses, furnished from the pool for validation.
+impl Default for SuiteSize {
+    /// 200 missions in 25 houses of the validation pool.
     fn default() -> Self {
         Self { houses: 25, missions: 8, practice: false }
     }
 }
 
-impl Size {
+impl SuiteSize {
     /// Name of the split in the recipe.
     fn split(self) -> &'static str {
         if self.practice { "train" } else { "val" }
     }
 }
 
-/// The folder in which a ladder is played; nobody else plays there meanwhile.
-pub(super) struct Ground {
+/// The locked folder of a suite.
+pub(super) struct SuiteFolder {
     folder: PathBuf,
     data: DataFolder,
-    size: Size,
+    size: SuiteSize,
     pub(super) split: Arc<SplitFolder>,
     pub(super) rules: Rules,
     _lock: File,
 }
 
-/// An open server over it.
-pub(super) struct Hosted {
+/// A running server for the suite.
+pub(super) struct HostedSuite {
     pub(super) store: Store,
-    pub(super) doors: RunningServers,
+    pub(super) servers: RunningServers,
     pub(super) token: String,
-    pub(super) board: Arc<Board>,
+    pub(super) live: Arc<LiveEpisodes>,
 }
 
-/// One agent's missions in one order: a phase of their own.
+/// The missions of an agent in one order, hosted as a phase.
 pub(super) struct Batch {
     pub(super) phase: String,
     pub(super) episodes: Vec<PhaseEpisode>,
 }
 
-impl Ground {
-    /// Takes the folder, and builds the split in it unless it is there.
-    pub(super) fn open(folder: &Path, size: Size) -> Result<Self, Failure> {
+impl SuiteFolder {
+    /// Locks the folder and builds the split if it is missing.
+    pub(super) fn open(folder: &Path, size: SuiteSize) -> Result<Self, Failure> {
         let cannot = |error: std::io::Error| {
             Failure::new(FailureKind::Data, format!("cannot use {}: {error}", folder.display()))
         };
@@ -98,7 +98,7 @@ impl Ground {
         results_path(&self.folder)
     }
 
-    /// All missions: first one of each house, then the second of each, and so on.
+    /// Returns all missions: the first one of every house, then the second one, and so on.
     pub(super) fn episodes(&self) -> Result<Vec<PhaseEpisode>, Failure> {
         let mut episodes = register::phase_episodes(&self.split)?;
         let number =
@@ -107,9 +107,9 @@ impl Ground {
         Ok(episodes)
     }
 
-    /// What tells an episode of this build on this split.
-    pub(super) fn key(&self, agent: &str, order: Order, episode: &str, seed: u64) -> Key {
-        Key {
+    /// Returns the key of an episode for this build and split.
+    pub(super) fn key(&self, agent: &str, order: Order, episode: &str, seed: u64) -> EpisodeKey {
+        EpisodeKey {
             agent: agent.to_owned(),
             order: order.as_str().to_owned(),
             episode: episode.to_owned(),
@@ -120,8 +120,8 @@ impl Ground {
         }
     }
 
-    /// Opens a server with a phase for each batch. Its database begins empty: what was played stands in the results.
-    pub(super) async fn host(&self, batches: &[Batch]) -> Result<Hosted, Failure> {
+    /// Starts a server with one phase per batch and an empty database; earlier episodes are in the results file.
+    pub(super) async fn host(&self, batches: &[Batch]) -> Result<HostedSuite, Failure> {
         self.forget_runs()?;
         let name = self.data.link_split(&self.folder.join("dataset"), self.size.split())?;
         let store = self.data.store().await?;
@@ -132,13 +132,12 @@ impl Ground {
         let notes = vec![AuditNote::default(); phases.len()];
         store.change_phases(&phases, &notes, now_unix_ms()).await?;
         let token = admit(&store, TEAM, Some(Reference::Baseline)).await?;
-        let board = Arc::new(Board::default());
-        let watching = board.clone();
+        let live = Arc::new(LiveEpisodes::default());
+        let watching = live.clone();
         let arena = Arena::open(&self.data, store.clone(), SCENE_MEMORY_MIB).await?;
         let arena = arena.watched(move |handle, referee| watching.note(handle, referee));
-        let doors = Servers::bind(&Addresses::LOCAL).await?;
-        let doors = doors.open(Arc::new(arena), store.reader())?;
-        Ok(Hosted { store, doors, token, board })
+        let servers = RunningServers::local_for(arena, &store).await?;
+        Ok(HostedSuite { store, servers, token, live })
     }
 
     fn forget_runs(&self) -> Result<(), Failure> {
@@ -153,12 +152,12 @@ impl Ground {
     }
 }
 
-/// Where a ladder's results lie.
+/// Path of the results file.
 pub(super) fn results_path(folder: &Path) -> PathBuf {
     folder.join("results.jsonl")
 }
 
-fn build_split(folder: &Path, data: &DataFolder, size: Size) -> Result<SplitFolder, Failure> {
+fn build_split(folder: &Path, data: &DataFolder, size: SuiteSize) -> Result<SplitFolder, Failure> {
     let mut recipe = Recipe::from_json(RECIPE)?;
     let name = size.split();
     recipe.splits.retain(|split| split.name == name);

@@ -1,5 +1,5 @@
 use super::{
-    board::{Board, Glimpse, TrueHints},
+    live_episodes::{EpisodeState, LiveEpisodes, TrueHints},
     walk::{PASSED_M, Walker, distance_m},
 };
 use avln_client::{Action, Agent, Mission, Observation, Pose, TaskSpec};
@@ -10,39 +10,39 @@ use avln_truth::{EpisodeTruth, Target};
 use avln_world::InstanceId;
 use std::sync::Arc;
 
-/// Knows everything, walks the reference tour and claims each target where its region begins. It must succeed: this proves
-/// that a mission can be solved and that rules, references and regions agree with each other.
+/// An oracle that walks the reference tour and submits at the border of every success region. Its success proves that missions are
+/// solvable and that rules, reference tours and regions are consistent.
 pub(super) struct ShortestPath {
     hints: Arc<TrueHints>,
     walker: Walker,
-    /// Places of regions that were reached and were not enough, by goal.
+    /// Tried positions per goal that were not accepted.
     tried: Vec<(usize, Point3<f32>)>,
 }
 
-/// The same beside a referee, without a server between them: it plays one episode.
+/// The oracle for a single episode, without a server.
 pub struct Oracle {
-    board: Arc<Board>,
+    live: Arc<LiveEpisodes>,
     agent: ShortestPath,
     has_begun: bool,
 }
 
 impl Oracle {
-    /// Its name in files: that of the rung.
+    /// Name of the variant, for files.
     pub const NAME: &str = "shortest-path";
-    /// What its only episode is called between board and hints.
+    /// What its only episode is called between live and hints.
     const HANDLE: &str = "episode";
 
     /// An oracle for the episode of this truth.
     pub fn new(truth: EpisodeTruth, rules: &Rules) -> Self {
-        let board = Arc::new(Board::default());
-        let hints = TrueHints::new(board.clone(), rules.clone());
+        let live = Arc::new(LiveEpisodes::default());
+        let hints = TrueHints::new(live.clone(), rules.clone());
         hints.follow(Self::HANDLE, truth);
-        Self { board, agent: ShortestPath::new(Arc::new(hints)), has_begun: false }
+        Self { live, agent: ShortestPath::new(Arc::new(hints)), has_begun: false }
     }
 
-    /// What to do where the referee's body stands.
+    /// Returns the next action for the referee's current pose.
     pub fn choose(&mut self, referee: &Referee) -> avln_episode::Action {
-        self.board.note(Self::HANDLE, referee);
+        self.live.note(Self::HANDLE, referee);
         if !self.has_begun {
             self.agent.begin(&TaskSpec::default(), &Mission::default());
             self.has_begun = true;
@@ -69,8 +69,8 @@ impl ShortestPath {
         Self { hints, walker: Walker::new([0.0; 2], 0.0), tried: Vec::new() }
     }
 
-    /// The next action towards the goal that the tour visits next.
-    fn walk(&mut self, truth: &EpisodeTruth, now: &Glimpse, seen: &Observation) -> Action {
+    /// Returns the next action towards the next goal of the tour.
+    fn walk(&mut self, truth: &EpisodeTruth, now: &EpisodeState, seen: &Observation) -> Action {
         let Some(goal) = visits(truth).into_iter().find(|&goal| now.is_open[goal]) else {
             return Action::Stop;
         };
@@ -84,7 +84,7 @@ impl ShortestPath {
         self.walker.step(&seen.pose, &leg.iter().map(flat).collect::<Vec<_>>())
     }
 
-    /// Where the tour visits a goal; then, where that was not enough, the nearest place of its region that was not tried.
+    /// Returns the position of a goal on the tour; after a rejected Submit, the nearest untried position of its region.
     fn aim(&mut self, truth: &EpisodeTruth, goal: usize, here: &Point3<f32>) -> Option<Point3<f32>> {
         let corner = tour_corner(truth, goal).map(|corner| truth.reference_path[corner]);
         let places: Vec<_> = corner.iter().chain(&truth.targets[goal].region).copied().collect();
@@ -120,13 +120,13 @@ impl Agent for ShortestPath {
     }
 }
 
-fn is_in_region(target: &Target, now: &Glimpse, rules: &Rules) -> bool {
+fn is_in_region(target: &Target, now: &EpisodeState, rules: &Rules) -> bool {
     let sees =
         |eye: &Point3<f32>, half_view_rad| now.assets.sees(eye, InstanceId(target.instance), half_view_rad);
     target.distance_within_region(&now.pose.position, rules, sees).is_some()
 }
 
-/// The goals in the order in which the reference tour visits them.
+/// Returns the goals in the order of the reference tour.
 fn visits(truth: &EpisodeTruth) -> Vec<usize> {
     let mut goals: Vec<usize> = (0..truth.targets.len()).collect();
     if truth.order == Order::Unordered {
@@ -135,7 +135,7 @@ fn visits(truth: &EpisodeTruth) -> Vec<usize> {
     goals
 }
 
-/// The corner of the reference tour that lies in the region of a goal.
+/// Returns the corner of the reference tour in the region of a goal.
 fn tour_corner(truth: &EpisodeTruth, goal: usize) -> Option<usize> {
     let region = &truth.targets[goal].region;
     let is_in =

@@ -1,11 +1,11 @@
-//! Every agent plays what it has not played yet.
+//! Runs of the baseline suite.
 
 use super::{
-    Line, Results, Rung, Size,
-    board::TrueHints,
+    AgentVariant, ResultLine, Results, SuiteSize,
     causes::causes,
-    host::{Batch, Ground, Hosted},
-    results::Key,
+    host::{Batch, HostedSuite, SuiteFolder},
+    live_episodes::TrueHints,
+    results::EpisodeKey,
 };
 use avln_arena::{Failure, FailureKind};
 use avln_client::{Action, Play, RunOptions};
@@ -19,58 +19,56 @@ use std::{
 };
 use tokio::task::{JoinSet, block_in_place};
 
-/// How often progress is told, seconds.
+/// Interval between progress messages, seconds.
 const TELL_EVERY: Duration = Duration::from_secs(5);
 
-/// What is played.
+/// Settings of a suite run.
 #[derive(Clone, Debug)]
-pub struct Plan {
-    /// Who plays, one after the other.
-    pub agents: Vec<Rung>,
-    /// In which orders.
+pub struct SuiteOptions {
+    /// Agents, in playing order.
+    pub agents: Vec<AgentVariant>,
+    /// Orders of goals.
     pub orders: Vec<Order>,
-    /// How many missions of the split at most: an equal share of each house.
+    /// Largest number of missions, spread evenly over the houses.
     pub episodes: usize,
-    /// Episodes side by side.
+    /// Number of parallel episodes.
     pub slots: u32,
-    /// Seed of agents that draw.
+    /// Seed of random agents.
     pub seed: u64,
-    /// Pixels a side of the pictures.
+    /// Side of pictures, pixels.
     pub side: u32,
-    /// Whether episodes that were played are played again.
+    /// Repeats finished episodes if `true`.
     pub again: bool,
-    /// Which split, and how large.
-    pub size: Size,
+    /// Size of the split.
+    pub size: SuiteSize,
     /// Folder for traces of PAG-Nav and its variants.
     pub trace: Option<PathBuf>,
 }
 
-impl Default for Plan {
+impl Default for SuiteOptions {
     /// All agents on the whole split in both orders.
     fn default() -> Self {
         Self {
-            agents: Rung::ALL.to_vec(),
+            agents: AgentVariant::ALL.to_vec(),
             orders: vec![Order::Ordered, Order::Unordered],
             episodes: usize::MAX,
             slots: 2,
             seed: 0,
             side: 128,
             again: false,
-            size: Size::default(),
+            size: SuiteSize::default(),
             trace: None,
         }
     }
 }
 
-/// Plays what `folder` holds no results of. It can be stopped at any time; the next call goes on.
-///
-/// Gives back how many episodes were played.
+/// Plays the missions without results in `folder` and returns their number. An interrupted call can be repeated.
 ///
 /// # Errors
-/// When the folder cannot be used or a run fails. What was played stays.
-pub async fn run(folder: &Path, plan: &Plan) -> Result<usize, Failure> {
+/// If the folder cannot be used or a run fails. Finished episodes remain.
+pub async fn run(folder: &Path, plan: &SuiteOptions) -> Result<usize, Failure> {
     let (path, size) = (folder.to_owned(), plan.size);
-    let ground = tokio::task::spawn_blocking(move || Ground::open(&path, size)).await;
+    let ground = tokio::task::spawn_blocking(move || SuiteFolder::open(&path, size)).await;
     let ground = ground.map_err(|error| Failure::new(FailureKind::Internal, error))??;
     let results = Results::open(&ground.results())?;
     let todo = todo(&ground, &results, plan)?;
@@ -80,37 +78,41 @@ pub async fn run(folder: &Path, plan: &Plan) -> Result<usize, Failure> {
     }
     let batches: Vec<Batch> = todo.iter().map(|(_, _, batch)| batch.copy()).collect();
     let hosted = ground.host(&batches).await?;
-    let tally = Tally::new(results, batches.iter().map(|batch| batch.episodes.len()).sum());
-    let table = Arc::new(Table { ground, hosted, plan: plan.clone(), tally: Mutex::new(tally) });
+    let progress = SuiteProgress::new(results, batches.iter().map(|batch| batch.episodes.len()).sum());
+    let table = Arc::new(SuiteRun { ground, hosted, plan: plan.clone(), progress: Mutex::new(progress) });
     let mut played = Ok(());
-    for (rung, order, batch) in todo {
-        played = table.play(rung, order, batch).await;
+    for (variant, order, batch) in todo {
+        played = table.play(variant, order, batch).await;
         if played.is_err() {
             break;
         }
     }
-    let count = table.tally().played;
-    if let Ok(Table { hosted, .. }) = Arc::try_unwrap(table).map_err(|_| ()) {
-        hosted.doors.close().await?;
+    let count = table.progress().played;
+    if let Ok(SuiteRun { hosted, .. }) = Arc::try_unwrap(table).map_err(|_| ()) {
+        hosted.servers.close().await?;
         hosted.store.close().await;
     }
     played.map(|()| count)
 }
 
-/// What has not been played, agent by agent.
-fn todo(ground: &Ground, results: &Results, plan: &Plan) -> Result<Vec<(Rung, Order, Batch)>, Failure> {
+/// Returns the missing missions per agent and order.
+fn todo(
+    ground: &SuiteFolder,
+    results: &Results,
+    plan: &SuiteOptions,
+) -> Result<Vec<(AgentVariant, Order, Batch)>, Failure> {
     let mut all = ground.episodes()?;
     all.truncate(plan.episodes);
     let mut todo = Vec::new();
-    for &rung in &plan.agents {
+    for &variant in &plan.agents {
         for &order in &plan.orders {
             let is_left = |episode: &str| {
-                plan.again || !results.has(&ground.key(rung.name(), order, episode, plan.seed))
+                plan.again || !results.has(&ground.key(variant.name(), order, episode, plan.seed))
             };
             let episodes: Vec<_> = all.iter().filter(|episode| is_left(&episode.episode)).cloned().collect();
             if !episodes.is_empty() {
-                let phase = format!("{}-{}", rung.name(), order.as_str());
-                todo.push((rung, order, Batch { phase, episodes }));
+                let phase = format!("{}-{}", variant.name(), order.as_str());
+                todo.push((variant, order, Batch { phase, episodes }));
             }
         }
     }
@@ -123,34 +125,39 @@ impl Batch {
     }
 }
 
-/// Where everybody plays.
-struct Table {
-    ground: Ground,
-    hosted: Hosted,
-    plan: Plan,
-    tally: Mutex<Tally>,
+/// The state shared by all runs.
+struct SuiteRun {
+    ground: SuiteFolder,
+    hosted: HostedSuite,
+    plan: SuiteOptions,
+    progress: Mutex<SuiteProgress>,
 }
 
-/// A run that is being played.
-struct Run {
-    rung: Rung,
+/// A running run.
+struct VariantRun {
+    variant: AgentVariant,
     order: Order,
     batch: Batch,
     id: String,
 }
 
-impl Table {
-    async fn play(self: &Arc<Self>, rung: Rung, order: Order, batch: Batch) -> Result<(), Failure> {
-        let url = format!("http://{}", self.hosted.doors.grpc);
+impl SuiteRun {
+    async fn play(
+        self: &Arc<Self>,
+        variant: AgentVariant,
+        order: Order,
+        batch: Batch,
+    ) -> Result<(), Failure> {
+        let url = self.hosted.servers.grpc_url();
         let arena =
-            avln_client::Arena::connect(url, self.hosted.token.as_str()).await.map_err(Failure::run)?;
-        let method = RunOptions::new(&batch.phase, rung.name()).method_version(env!("CARGO_PKG_VERSION"));
+            avln_client::Client::connect(url, self.hosted.token.as_str()).await.map_err(Failure::run)?;
+        let method = RunOptions::new(&batch.phase, variant.name()).method_version(env!("CARGO_PKG_VERSION"));
         let run = arena.start_run(method.order(client_order(order))).await.map_err(Failure::run)?;
         let plays = arena
-            .play_slots(&run, rung.sensors(self.plan.side), self.plan.slots)
+            .play_slots(&run, variant.sensors(self.plan.side), self.plan.slots)
             .await
             .map_err(Failure::run)?;
-        let here = Arc::new(Run { rung, order, batch, id: run.id.clone() });
+        let here = Arc::new(VariantRun { variant, order, batch, id: run.id.clone() });
         let mut slots = JoinSet::new();
         for play in plays {
             let (table, run) = (self.clone(), here.clone());
@@ -166,16 +173,16 @@ impl Table {
         }
     }
 
-    async fn play_slot(&self, run: &Run, mut play: Play) -> Result<Play, Failure> {
+    async fn play_slot(&self, run: &VariantRun, mut play: Play) -> Result<Play, Failure> {
         let task = play.task().clone();
-        let hints = Arc::new(TrueHints::new(self.hosted.board.clone(), self.ground.rules.clone()));
+        let hints = Arc::new(TrueHints::new(self.hosted.live.clone(), self.ground.rules.clone()));
         while let Some(mut episode) = play.next_episode().await.map_err(Failure::run)? {
             let (began, handle) = (Instant::now(), episode.id().to_owned());
             let id = self.episode_of(run, &handle).await?;
             let spec = self.ground.split.episode(&id)?.ok_or_else(|| unknown(&id))?;
             hints.follow(&handle, spec.truth(run.order));
             let traces = self.plan.trace.as_ref().map(|folder| folder.join(&run.batch.phase));
-            let mut agent = run.rung.agent(seed_of(self.plan.seed, &id), &hints, traces.as_deref())?;
+            let mut agent = run.variant.agent(seed_of(self.plan.seed, &id), &hints, traces.as_deref())?;
             let mut thought = Duration::ZERO;
             agent.enter(&id);
             timed(&mut thought, || agent.begin(&task, episode.mission()));
@@ -183,21 +190,27 @@ impl Table {
                 let action: Action = timed(&mut thought, || agent.act(episode.observation()));
                 episode.step(action).await.map_err(Failure::run)?;
             }
-            self.hosted.board.forget(&handle);
+            self.hosted.live.forget(&handle);
             self.keep(run, &id, thought, began.elapsed()).await?;
         }
         Ok(play)
     }
 
-    /// The mission that is played under a handle.
-    async fn episode_of(&self, run: &Run, handle: &str) -> Result<String, Failure> {
+    /// Returns the mission of a handle.
+    async fn episode_of(&self, run: &VariantRun, handle: &str) -> Result<String, Failure> {
         let open = self.hosted.store.running_episodes().await?;
         let found = open.into_iter().find(|open| open.run == run.id && open.handle == handle);
         found.map(|open| open.episode).ok_or_else(|| unknown(handle))
     }
 
-    /// Writes down what an episode was worth; one that was lost is played again, by the server or by the next call.
-    async fn keep(&self, run: &Run, id: &str, thought: Duration, wall: Duration) -> Result<(), Failure> {
+    /// Stores the result of an episode. A lost episode is repeated by the server or by the next call.
+    async fn keep(
+        &self,
+        run: &VariantRun,
+        id: &str,
+        thought: Duration,
+        wall: Duration,
+    ) -> Result<(), Failure> {
         let place = run.batch.episodes.iter().position(|episode| episode.episode == id);
         let facts = match place {
             Some(place) => self.hosted.store.facts(&run.id, place as u32).await?,
@@ -214,7 +227,7 @@ impl Table {
             *wrong.entry(cause).or_default() += 1;
         }
         let metrics = score(&facts.truth, &facts.record, &self.ground.rules);
-        let line = Line {
+        let line = ResultLine {
             key: self.key(run, id),
             scene: facts.truth.scene,
             modalities: facts.truth.targets.iter().map(|target| target.modality).collect(),
@@ -224,20 +237,20 @@ impl Table {
             metrics,
             wrong,
         };
-        self.tally().add(line)
+        self.progress().add(line)
     }
 
-    fn key(&self, run: &Run, id: &str) -> Key {
-        self.ground.key(run.rung.name(), run.order, id, self.plan.seed)
+    fn key(&self, run: &VariantRun, id: &str) -> EpisodeKey {
+        self.ground.key(run.variant.name(), run.order, id, self.plan.seed)
     }
 
-    fn tally(&self) -> std::sync::MutexGuard<'_, Tally> {
-        self.tally.lock().unwrap_or_else(PoisonError::into_inner)
+    fn progress(&self) -> std::sync::MutexGuard<'_, SuiteProgress> {
+        self.progress.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Results, and what is told of them while they grow.
-struct Tally {
+/// The results file and the progress messages.
+struct SuiteProgress {
     results: Results,
     played: usize,
     to_play: usize,
@@ -245,12 +258,12 @@ struct Tally {
     told: Option<Instant>,
 }
 
-impl Tally {
+impl SuiteProgress {
     fn new(results: Results, to_play: usize) -> Self {
         Self { results, played: 0, to_play, began: Instant::now(), told: None }
     }
 
-    fn add(&mut self, line: Line) -> Result<(), Failure> {
+    fn add(&mut self, line: ResultLine) -> Result<(), Failure> {
         self.played += 1;
         let is_last = self.played == self.to_play;
         if is_last || self.told.is_none_or(|told| told.elapsed() >= TELL_EVERY) {
@@ -260,10 +273,10 @@ impl Tally {
         self.results.add(line)
     }
 
-    fn tell(&self, line: &Line) {
+    fn tell(&self, line: &ResultLine) {
         let rest =
             self.began.elapsed().as_secs_f64() / self.played as f64 * (self.to_play - self.played) as f64;
-        let (minutes, Key { agent, order, .. }) = ((rest / 60.0).ceil(), &line.key);
+        let (minutes, EpisodeKey { agent, order, .. }) = ((rest / 60.0).ceil(), &line.key);
         eprintln!(
             "{} of {} episodes, about {minutes} min left: {agent} {order}, {} of {} goals in {} steps, {:.0} ms each to think",
             self.played,
@@ -276,7 +289,7 @@ impl Tally {
     }
 }
 
-/// Seed of an agent's choices in one episode.
+/// Returns the seed of an agent in an episode.
 fn seed_of(seed: u64, episode: &str) -> u64 {
     let hash = blake3::Hasher::new().update(&seed.to_le_bytes()).update(episode.as_bytes()).finalize();
     let mut first = [0; 8];

@@ -3,13 +3,13 @@
 use avln_client::{Action, Pose};
 
 /// A place on the floor: x and z in the world, metres.
-pub type Place = [f32; 2];
+pub type FloorPoint = [f32; 2];
 
 /// Walks along paths; knows where the body is from the start pose and what the agent is told.
 pub struct Walker {
-    start: Place,
+    start: FloorPoint,
     start_heading_rad: f32,
-    before: Place,
+    before: FloorPoint,
     last: Action,
     /// Moves that lead out of a place where one is stuck, the next one last.
     way_out: Vec<Action>,
@@ -20,18 +20,18 @@ pub const PASSED_M: f32 = 0.15;
 const HALF_TURN_RAD: f32 = 15.0 * std::f32::consts::PI / 180.0;
 
 /// Distance between two places, metres.
-pub fn distance_m(a: Place, b: Place) -> f32 {
+pub fn distance_m(a: FloorPoint, b: FloorPoint) -> f32 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
 impl Walker {
     /// A walker at `start`, looking along `heading_rad`.
-    pub fn new(start: Place, start_heading_rad: f32) -> Self {
+    pub fn new(start: FloorPoint, start_heading_rad: f32) -> Self {
         Self { start, start_heading_rad, before: [f32::MAX; 2], last: Action::TurnLeft, way_out: vec![] }
     }
 
     /// The told pose in the world: place and heading.
-    pub fn locate(&self, told: &Pose) -> (Place, f32) {
+    pub fn locate(&self, told: &Pose) -> (FloorPoint, f32) {
         let (sin, cos) = self.start_heading_rad.sin_cos();
         let [x, _, z] = told.position;
         let place = [self.start[0] + x * cos + z * sin, self.start[1] - x * sin + z * cos];
@@ -39,7 +39,7 @@ impl Walker {
     }
 
     /// The next move along `leg`, the shortest path to the aim. A body that is stuck turns once and goes on.
-    pub fn step(&mut self, told: &Pose, leg: &[Place]) -> Action {
+    pub fn step(&mut self, told: &Pose, leg: &[FloorPoint]) -> Action {
         let (place, heading_rad) = self.locate(told);
         let ahead = leg.iter().copied().find(|corner| distance_m(*corner, place) >= PASSED_M);
         let aim = ahead.or(leg.last().copied()).unwrap_or(place);

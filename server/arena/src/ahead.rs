@@ -1,4 +1,4 @@
-//! Gets the next episode of a run ready while the current one is played, so that its agent need not wait.
+//! Prefetching: prepares the next episode of a run during the present one.
 
 use super::{Arena, Stage, scenes::SceneCache};
 use crate::{Failure, FailureKind};
@@ -7,7 +7,7 @@ use avln_store::Scene;
 use std::sync::Arc;
 
 impl Arena {
-    /// Has the episode that `run` plays next prepared in the background, after what others asked for before.
+    /// Prepares the next episode of `run` in the background, in request order.
     pub(super) fn look_ahead(&self, run: &str, stage: &Arc<Stage>) {
         let (run, stage, store) = (run.to_owned(), stage.clone(), self.store.clone());
         let (scenes, turns) = (self.scenes.clone(), self.ahead.clone());
@@ -30,7 +30,7 @@ impl Arena {
     }
 }
 
-/// Works out what takes long in an episode; gives back the scene's map if the scene was made for it.
+/// Prepares the expensive parts of an episode; returns the scene map if the scene was created for it.
 fn get_ready(stage: &Stage, scenes: &SceneCache, episode: &str) -> Result<Option<Scene>, Failure> {
     let spec = stage.episode(episode)?;
     let (assets, map) = stage.scene(&spec.scene, scenes)?;

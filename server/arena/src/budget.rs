@@ -1,4 +1,4 @@
-//! What one session may take of the server.
+//! Resource limits per session.
 
 use super::Arena;
 use avln_episode::Sensors;
@@ -10,19 +10,19 @@ use std::{
     time::Duration,
 };
 
-/// Memory for the open episodes of one session, MiB, unless somebody says otherwise: sixteen scans, or a hundred houses.
+/// Default memory for open episodes of a session, MiB: sixteen scans, or a hundred houses.
 pub const SESSION_MEMORY_MIB: u32 = 4096;
 
-/// Bytes that a pixel takes on its way from the renderer to the wire: colour, depth and instance as they are drawn, as they are
-/// sensed, as they are packed and as they wait to be sent.
+/// Bytes per pixel from renderer to wire: colour, depth and instance as rendered, observed, encoded and
+/// queued.
 const BYTES_PER_PIXEL: usize = 40;
 
-/// What one session may take.
+/// Resource limits of a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Memory for its open episodes, MiB: their scenes, each once, with sources of sound, ears and frames.
+    /// Memory for its open episodes, MiB: scenes (counted once), sound sources, ears and frames.
     pub session_memory_mib: u32,
-    /// Longest time to get an episode ready; one that takes longer hangs.
+    /// Longest preparation of an episode; longer ones count as hanging.
     pub preparation: Duration,
 }
 
@@ -37,7 +37,7 @@ impl Budget {
         (self.session_memory_mib as usize).saturating_mul(1 << 20)
     }
 
-    /// Refuses what one session would hold beyond its memory.
+    /// Rejects a memory use above the limit.
     fn check(&self, bytes: usize) -> Result<(), Refusal> {
         if bytes <= self.session_bytes() {
             return Ok(());
@@ -49,13 +49,13 @@ impl Budget {
         Err(Refusal::new(Reason::SimFault, message))
     }
 
-    /// Refuses a scene whose file alone is beyond the memory, before it is read.
+    /// Rejects a scene file larger than the limit before it is read.
     pub(super) fn check_file(&self, bytes: u64) -> Result<(), Refusal> {
         self.check(usize::try_from(bytes).unwrap_or(usize::MAX))
     }
 }
 
-/// What an open episode holds.
+/// Memory of an open episode.
 #[derive(Clone)]
 pub(super) struct Holding {
     pub(super) scene: Arc<SceneAssets>,
@@ -71,7 +71,7 @@ impl Holding {
 }
 
 impl Arena {
-    /// Refuses an episode that would take its session beyond its memory.
+    /// Rejects an episode that would exceed the memory of its session.
     pub(super) fn check_memory(&self, run: &str, new: &Holding) -> Result<(), Refusal> {
         let playing = self.playing.lock().unwrap_or_else(PoisonError::into_inner);
         let held = playing.of_run(run).cloned().chain([new.clone()]).collect();

@@ -1,7 +1,6 @@
-//! What takes long to work out, kept in a folder: models of scenes and sources of sound. The next run need not make them
-//! again, and processes that draw the same scene share its model's memory.
+//! Disk cache of render models and sound sources, shared by runs and processes.
 //!
-//! Everything in the folder can be made anew. Whatever is wrong with it is a warning and never an error.
+//! All files can be recomputed, so every problem is a warning, never an error.
 
 use crate::{Failure, FailureKind, secret};
 use avln_render::{Model, Shelf};
@@ -18,31 +17,30 @@ use std::{
     time::SystemTime,
 };
 
-/// GiB of all files together, at most, unless somebody says otherwise: some hundred scans, a thousand procedural houses or 3,500
-/// sources of sound.
+/// Default size limit, GiB: a hundred scans, a thousand procedural houses or 3,500 sound sources.
 const BUDGET_GIB: u32 = 4;
 
-/// The file that holds another limit, GiB in digits.
+/// File with a different limit, GiB in digits.
 const LIMIT_FILE: &str = "limit_gib";
 
-/// Bytes of a hash at the beginning of files that have none of their own.
+/// Hash prefix of files without an internal hash, bytes.
 const HASH_BYTES: usize = 32;
 
-/// A folder of models and sources of sound. A file is written under another name, moved into place when it is complete, and
-/// never written again.
+/// A folder of render models and sound sources. A file is written under a temporary name, moved into place
+/// when complete, and never modified.
 pub struct CacheFolder {
     folder: PathBuf,
     budget_bytes: u64,
-    /// Whether somebody was told that files cannot be written.
+    /// True after the first warning about unwritable files.
     complained: AtomicBool,
 }
 
 impl CacheFolder {
-    /// Where the cache of a data folder lies in it.
+    /// Path of the cache in a data folder.
     pub const IN_DATA: &str = "cache/scenes";
 
-    /// The cache in `folder`, which is made when something is first kept; 4 GiB at most unless [`CacheFolder::limit`] said
-    /// otherwise, and what nobody asked for longest makes room for what is new.
+    /// Creates the cache in `folder` (created on first use) with the limit of [`CacheFolder::limit`], by
+    /// default 4 GiB. The least recently used files are evicted first.
     pub fn at(folder: &Path) -> Self {
         Self::with_budget(folder, u64::from(limit_gib(folder)) << 30)
     }
@@ -70,12 +68,12 @@ impl CacheFolder {
         Self { folder: folder.to_owned(), budget_bytes, complained: AtomicBool::new(false) }
     }
 
-    /// The cache of the data folder at `data`, where that is there: commands that can do without do not make it.
+    /// The cache of an existing data folder; optional commands do not create it.
     pub fn of_data(data: &Path) -> Option<Arc<dyn Cache>> {
         data.is_dir().then(|| Arc::new(Self::at(&data.join(Self::IN_DATA))) as Arc<dyn Cache>)
     }
 
-    /// Where the model called `name` lies. Another version of the program has files of its own.
+    /// Path of the model `name`. Program versions have separate files.
     fn model_path(&self, name: &str) -> PathBuf {
         self.folder.join(format!("{name}-{}.model", Model::VERSION))
     }
@@ -84,7 +82,7 @@ impl CacheFolder {
         self.folder.join(format!("{name}.sound"))
     }
 
-    /// Makes the file at `path`, of so many bytes.
+    /// Writes the file `path` with `bytes` bytes.
     fn write(&self, path: &Path, bytes: u64, content: impl FnOnce(File) -> io::Result<()>) -> io::Result<()> {
         fs::create_dir_all(&self.folder)?;
         self.make_room(bytes)?;
@@ -107,7 +105,7 @@ impl CacheFolder {
             if sum <= self.budget_bytes {
                 break;
             }
-            // Somebody else may have deleted it.
+            // Another process may have deleted it.
             let _ = fs::remove_file(&file.path);
             sum -= file.bytes;
         }
@@ -123,7 +121,7 @@ impl CacheFolder {
         Ok(paths.filter(is_ours).filter_map(Kept::at).collect())
     }
 
-    /// Says once that nothing is kept.
+    /// Warns once that nothing is cached.
     fn complain(&self, error: &io::Error) {
         if !self.complained.swap(true, Ordering::Relaxed) {
             let folder = self.folder.display();
@@ -221,12 +219,12 @@ impl SoundShelf for CacheFolder {
     }
 }
 
-/// Notes that a file was used. Where that is not allowed it may be deleted before others: no result depends on it.
+/// Updates the access time. If that fails, the file may be evicted earlier, which affects no result.
 fn touch(path: &Path) {
     let _ = File::open(path).and_then(|file| file.set_modified(SystemTime::now()));
 }
 
-/// Deletes a file that is not what its name says.
+/// Deletes a damaged file.
 fn discard(path: &Path, error: &str) {
     let file = path.display();
     tracing::warn!(%file, %error, "a file of the cache cannot be used; it is deleted and made anew");

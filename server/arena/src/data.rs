@@ -1,4 +1,4 @@
-//! The folder that holds everything the server keeps.
+//! The data folder of a server.
 
 use crate::{
     Failure, FailureKind,
@@ -20,18 +20,18 @@ use std::{
     sync::Arc,
 };
 
-/// The folder that holds everything the server keeps: `avln.db`, `splits/`, `sounds/`, `heads/` and `runs/`, and `cache/`, which
-/// can be made anew.
+/// The data folder of a server: `avln.db`, `splits/`, `sounds/`, `heads/`, `runs/`, and the reproducible
+/// `cache/`.
 #[derive(Clone, Debug)]
 pub struct DataFolder {
     root: PathBuf,
 }
 
 impl DataFolder {
-    /// Opens the folder, and makes it when it is not there.
+    /// Opens the folder, or creates it.
     ///
     /// # Errors
-    /// When it cannot be made or written to.
+    /// If it cannot be created or written.
     pub fn open(root: &Path) -> Result<Self, Failure> {
         let failed = |error: io::Error| {
             Failure::new(
@@ -46,15 +46,15 @@ impl DataFolder {
         Ok(Self { root })
     }
 
-    /// Where the folder lies.
+    /// Path of the folder.
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// The clips that `sounds` names.
+    /// The clips of `sounds`.
     ///
     /// # Errors
-    /// When they are recordings that the folder does not hold.
+    /// If the recordings are missing.
     pub fn bank(&self, sounds: &Sounds) -> Result<Bank, Failure> {
         match sounds {
             Sounds::Own(digest) => self.sounds().bank(digest),
@@ -62,10 +62,10 @@ impl DataFolder {
         }
     }
 
-    /// The clips and the head that `rules` name.
+    /// The clips and the head of `rules`.
     ///
     /// # Errors
-    /// When the folder does not hold them.
+    /// If they are missing.
     pub fn audio(&self, rules: &Rules) -> Result<Audio, Failure> {
         let head = match &rules.head {
             HeadRule::Sphere => Head::Sphere,
@@ -74,25 +74,25 @@ impl DataFolder {
         Ok(Audio { bank: self.bank(&rules.sounds)?, head })
     }
 
-    /// The measured heads that it keeps.
+    /// Measured heads.
     pub fn heads(&self) -> HeadFolder {
         HeadFolder::at(&self.root.join("heads"))
     }
 
-    /// The recordings that it keeps.
+    /// Recordings.
     pub fn sounds(&self) -> SoundFolder {
         SoundFolder::at(&self.root.join("sounds"))
     }
 
-    /// The logs of runs that it keeps.
+    /// Run logs.
     pub fn run_logs(&self) -> RunLogs {
         RunLogs::at(&self.root.join("runs"))
     }
 
-    /// What the server signs with; made when it is not there.
+    /// The signing key of the server, created if missing.
     ///
     /// # Errors
-    /// When it cannot be read or made.
+    /// If it cannot be read or created.
     pub fn signing_key(&self) -> Result<SigningKey, Failure> {
         let path = self.root.join("signing.key");
         SigningKey::at(&path).map_err(|error| {
@@ -102,7 +102,7 @@ impl DataFolder {
         })
     }
 
-    /// The cache of scenes that it keeps.
+    /// Scene cache.
     pub fn cache(&self) -> Arc<dyn Cache> {
         Arc::new(self.cache_folder())
     }
@@ -112,26 +112,26 @@ impl DataFolder {
         CacheFolder::at(&self.root.join(CacheFolder::IN_DATA))
     }
 
-    /// Lets the cache take so many GiB from now on; leaves it as it is for `None`.
+    /// Sets the cache limit in GiB; `None` changes nothing.
     ///
     /// # Errors
-    /// When that cannot be noted down.
+    /// If the limit cannot be stored.
     pub fn limit_cache(&self, gib: Option<u32>) -> Result<(), Failure> {
         gib.map_or(Ok(()), |gib| CacheFolder::limit(&self.root.join(CacheFolder::IN_DATA), gib))
     }
 
-    /// Opens its database, and makes it when it is not there.
+    /// Opens the database, or creates it.
     ///
     /// # Errors
-    /// When it is not a database of this or an older version, or cannot be written to.
+    /// If it is of a newer version, invalid or not writable.
     pub async fn store(&self) -> Result<Store, Failure> {
         Ok(Store::open(&self.root.join("avln.db")).await?)
     }
 
-    /// Writes a split as a data set of its own; its name must be free.
+    /// Stores a split as a data set under a free name.
     ///
     /// # Errors
-    /// When there is one of that name with other missions, or it cannot be written.
+    /// If the name is used by other missions, or the folder is not writable.
     pub fn save_split(&self, split: &Split) -> Result<(), Failure> {
         let folder = self.split_folder(&split.name)?;
         if self.knows(&split.name)? && self.split(&split.name)? != *split {
@@ -140,10 +140,10 @@ impl DataFolder {
         DatasetFiles::at(&folder).write_split(split)
     }
 
-    /// Makes a split of a data set elsewhere known under a name of its own; gives back the name.
+    /// Links a split of an external data set under a derived name and returns the name.
     ///
     /// # Errors
-    /// When there is no such split, or the name is taken by another one.
+    /// If the split is unknown, or the name is used by another split.
     pub fn link_split(&self, dataset: &Path, split: &str) -> Result<String, Failure> {
         let root = dataset.canonicalize().map_err(|error| {
             Failure::new(FailureKind::Data, format!("cannot find data set {}: {error}", dataset.display()))
@@ -153,10 +153,10 @@ impl DataFolder {
         Ok(name)
     }
 
-    /// Makes a split of a data set elsewhere known as `name`.
+    /// Links a split of an external data set as `name`.
     ///
     /// # Errors
-    /// When there is no such split, or the name is taken by another one.
+    /// If the split is unknown, or the name is used by another split.
     pub fn link_split_as(&self, name: &str, dataset: &Path, split: &str) -> Result<(), Failure> {
         let root = dataset.canonicalize().map_err(|error| {
             Failure::new(FailureKind::Data, format!("cannot find data set {}: {error}", dataset.display()))
@@ -172,10 +172,10 @@ impl DataFolder {
         })
     }
 
-    /// The split called `name`; its missions stay on disk until somebody asks.
+    /// The split `name`; missions are loaded on demand.
     ///
     /// # Errors
-    /// When there is none, or its files cannot be used.
+    /// If it is unknown, or its files are invalid.
     pub fn missions(&self, name: &str) -> Result<SplitFolder, Failure> {
         let (folder, path) = (self.split_folder(name)?, self.link_path(name)?);
         if folder.is_dir() {
@@ -193,10 +193,10 @@ impl DataFolder {
         SplitFolder::open(&link.dataset, &link.split)
     }
 
-    /// The folder of a split that lies in the data folder itself.
+    /// Folder of a split inside the data folder.
     ///
     /// # Errors
-    /// When there is none, or it lies elsewhere.
+    /// If it is unknown or linked.
     pub fn own_split(&self, name: &str) -> Result<PathBuf, Failure> {
         let folder = self.split_folder(name)?;
         if folder.is_dir() {
@@ -206,10 +206,10 @@ impl DataFolder {
             .hinted("name the data set that it lies in with --dataset"))
     }
 
-    /// The split called `name`, with all missions in memory.
+    /// The split `name` with all missions in memory.
     ///
     /// # Errors
-    /// When there is none, or its files cannot be used.
+    /// If it is unknown, or its files are invalid.
     pub fn split(&self, name: &str) -> Result<Split, Failure> {
         Ok(Split { name: name.to_owned(), ..self.missions(name)?.load()? })
     }
@@ -229,7 +229,7 @@ impl DataFolder {
     }
 }
 
-/// Where a split lies that is not in the data folder.
+/// Location of a linked split.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Link {
@@ -256,7 +256,8 @@ pub fn check_name(what: &str, name: &str) -> Result<(), Failure> {
         .hinted(format!("use 1 to {LONGEST} letters, digits, - and _")))
 }
 
-/// Writes a file and takes it away again, which another program that opens the folder just now may have done before.
+/// Checks that the folder is writable by creating and deleting a file. A concurrent check may delete it
+/// first; that is not an error.
 fn probe(file: &Path) -> io::Result<()> {
     std::fs::write(file, b"")?;
     match std::fs::remove_file(file) {
@@ -265,8 +266,7 @@ fn probe(file: &Path) -> io::Result<()> {
     }
 }
 
-/// Makes a folder, and those above it, where there is none: nobody else on the machine may look into it, for it holds ground
-/// truth.
+/// Creates a folder and its parents, private to the owner, because it contains ground truth.
 fn private_folder(folder: &Path) -> io::Result<()> {
     let mut builder = std::fs::DirBuilder::new();
     #[cfg(unix)]

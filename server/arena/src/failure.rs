@@ -1,6 +1,6 @@
 use std::{fmt, process::ExitCode};
 
-/// Why a command failed: one line for the user, the next step, and the exit code.
+/// A failure of a command: message, next step, and exit code.
 #[derive(Debug)]
 pub struct Failure {
     kind: FailureKind,
@@ -8,12 +8,12 @@ pub struct Failure {
     hint: Option<String>,
 }
 
-/// The kinds of failure, each with an exit code of its own.
+/// Kinds of failure with their exit codes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FailureKind {
     /// An internal error.
     Internal = 1,
-    /// The data folder or its database cannot be used.
+    /// The data folder or its database is unusable.
     Data = 3,
     /// An address cannot be listened on.
     Address = 4,
@@ -24,7 +24,7 @@ pub enum FailureKind {
 }
 
 impl Failure {
-    /// A failure of `kind` that says `message`.
+    /// A failure of `kind` with `message`.
     pub fn new(kind: FailureKind, message: impl fmt::Display) -> Self {
         Self { kind, message: message.to_string(), hint: None }
     }
@@ -34,7 +34,7 @@ impl Failure {
         Self::new(FailureKind::Run, message)
     }
 
-    /// The same with the user's next step.
+    /// Adds the next step.
     pub fn hinted(self, hint: impl fmt::Display) -> Self {
         Self { hint: Some(hint.to_string()), ..self }
     }
@@ -44,7 +44,7 @@ impl Failure {
         ExitCode::from(self.kind as u8)
     }
 
-    /// Which kind it is.
+    /// Kind of the failure.
     pub fn kind(&self) -> FailureKind {
         self.kind
     }

@@ -11,21 +11,21 @@ use std::{
 /// Largest file that is read: ten times a fine-grained set of responses.
 const MOST_BYTES: u64 = 256 << 20;
 
-/// Heads, each in a file that is called by the digest of its bytes.
+/// A folder of heads, named by digest.
 pub struct HeadFolder {
     folder: PathBuf,
 }
 
 impl HeadFolder {
-    /// The heads in `folder`, which is made when the first one is kept.
+    /// The heads in `folder`, which is created on first use.
     pub fn at(folder: &Path) -> Self {
         Self { folder: folder.to_owned() }
     }
 
-    /// Keeps the head in the SOFA file `source`, which is needed no longer; gives back its digest.
+    /// Copies the head in the SOFA file `source` and returns its digest.
     ///
     /// # Errors
-    /// When the file holds no head, or cannot be copied.
+    /// If the file is not a head, or cannot be copied.
     pub fn adopt(&self, source: &Path) -> Result<String, Failure> {
         let (bytes, _) = read(source)?;
         let digest = digest(&bytes);
@@ -41,7 +41,7 @@ impl HeadFolder {
     /// The head with this digest.
     ///
     /// # Errors
-    /// When it is not there or not what it was.
+    /// If it is missing or modified.
     pub fn head(&self, wanted: &str) -> Result<Head, Failure> {
         let path = self.path(wanted);
         let hint = "restore the file from a backup, or open the phase again with --head FILE.sofa";
@@ -69,10 +69,10 @@ impl HeadFolder {
     }
 }
 
-/// The head in a SOFA file, and the file's bytes.
+/// The head in a SOFA file, and the file bytes.
 ///
 /// # Errors
-/// When it cannot be read, is too large, or holds no head.
+/// If the file is unreadable, too large, or not a head.
 pub fn read(path: &Path) -> Result<(Vec<u8>, Head), Failure> {
     let bytes = bytes_of(path).map_err(|error| unusable(path, error, "check the path"))?;
     let hint = "the sphere, without --head, needs no file";

@@ -1,4 +1,4 @@
-//! The server's sign of life, and what it makes of a clock that was set.
+//! Heartbeat of the server, and correction of deadlines after clock changes.
 
 use super::{Arena, now_unix_ms, refusals::refusal};
 use avln_grpc::Refusal;
@@ -7,12 +7,12 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Time between two signs of life: what the death of the server takes from runs is known to this.
+/// Heartbeat interval: the precision of downtime.
 const EVERY: Duration = Duration::from_secs(10);
-/// The clock may differ from the time that passes by so much, milliseconds, before it counts as set.
+/// Tolerance between wall clock and elapsed time before a clock change is assumed, milliseconds.
 const SLACK_MS: i64 = 2000;
 
-/// What the clock said last.
+/// Last clock reading.
 pub(super) struct Heart {
     born: Instant,
     last: Mutex<Option<Beat>>,
@@ -23,15 +23,15 @@ struct Beat {
     now_unix_ms: i64,
     /// Time since the server started, which no clock can change.
     age: Duration,
-    /// When the last sign of life was given.
+    /// Time of the last heartbeat.
     noted: Duration,
 }
 
-/// What is to be done at a beat.
+/// Actions due at a heartbeat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Due {
     note_alive: bool,
-    /// By how much the clock was set, milliseconds.
+    /// Clock change, milliseconds.
     clock_set_by_ms: i64,
 }
 
@@ -56,16 +56,16 @@ impl Heart {
 }
 
 impl Arena {
-    /// The open runs whose time is over now.
+    /// Open runs past their deadline.
     pub(super) async fn overdue_now(&self) -> Result<Vec<String>, Refusal> {
         self.overdue_at(now_unix_ms(), self.heart.born.elapsed()).await
     }
 
-    /// The open runs whose time is over when the clock says `now_unix_ms` and the server has run for `age`. A clock that was set
-    /// since it was asked last takes nothing from runs and gives them nothing.
+    /// Open runs past their deadline at wall clock `now_unix_ms` and uptime `age`. Deadlines follow a clock
+    /// change since the last call.
     ///
     /// # Errors
-    /// When the database fails.
+    /// If the database fails.
     pub async fn overdue_at(&self, now_unix_ms: i64, age: Duration) -> Result<Vec<String>, Refusal> {
         let due = self.heart.beat(now_unix_ms, age);
         if due.clock_set_by_ms != 0 {

@@ -159,14 +159,14 @@ impl Host for Arena {
 }
 
 impl Arena {
-    /// Gives a run up and signs its log. Episodes that are being played may still be recorded.
+    /// Cancels a run and signs its log. Running episodes may still be recorded.
     pub(crate) async fn cancel(&self, run: &str) -> Result<(), StoreError> {
         let cancelled = self.store.cancel_run(run, now_unix_ms()).await?;
         self.sign_if_over(&cancelled).await;
         Ok(())
     }
 
-    /// A run as its own team may see it.
+    /// Status of a run for its own team.
     async fn status(&self, view: RunView) -> Result<RunStatus, Refusal> {
         let charge = self.store.charge(&view.line.run).await.map_err(refusal)?;
         let run = self.store.run(&view.line.run).await.map_err(refusal)?;
@@ -174,7 +174,7 @@ impl Arena {
         Ok(RunStatus { deadline_unix_ms, ..status(view, charge) })
     }
 
-    /// What whoever plays the run may know of it.
+    /// Run description for its player.
     pub(super) async fn describe(&self, run: &Run) -> Result<OpenRun, Refusal> {
         let stage = self.stage(&run.phase).await?;
         Ok(OpenRun {
@@ -213,7 +213,7 @@ impl Arena {
         found.ok_or_else(|| Refusal::internal(format!("phase '{phase}' is not hosted")))
     }
 
-    /// The phase that a team asks for.
+    /// The phase requested by a team.
     async fn stage_for(&self, phase: &str, account: &Account) -> Result<Arc<Stage>, Refusal> {
         if let Some(stage) = self.now().await?.iter().find(|stage| stage.phase.id == phase) {
             return Ok(stage.clone());
@@ -226,7 +226,7 @@ impl Arena {
 }
 
 impl Stage {
-    /// What was in force, for the record of a run.
+    /// Digests for the record of a run.
     pub(super) fn digests(&self) -> BTreeMap<String, String> {
         let digests = [
             ("benchmark", BENCHMARK_VERSION.to_owned()),

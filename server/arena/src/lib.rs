@@ -43,13 +43,13 @@ pub use replayer::Replayer;
 use avln_grpc::Control;
 use avln_referee::Referee;
 use avln_store::{DowntimeCredit, Store};
-use avln_web::{Lookout, Onlooker, SignedLogs};
+use avln_web::{LiveStatus, ReplayRenderer, SignedLogs};
 use budget::Budget;
 use data::DataFolder;
 use episode::{FaultInjection, Observer};
 use heart::Heart;
-use lookout::DoorLookout;
-use onlooker::SceneOnlooker;
+use lookout::ControlStatus;
+use onlooker::SceneRenderer;
 use runlog::{RunLogs, SigningKey};
 use scenes::SceneCache;
 use stages::{Stage, Stages};
@@ -64,27 +64,27 @@ use tokio::sync::Semaphore;
 /// Version of the benchmark: it changes whenever a score could change.
 pub const BENCHMARK_VERSION: &str = "1.0.0";
 
-/// Memory for scenes that are ready, MiB, unless somebody says otherwise: some tens of scans or two hundred houses.
+/// Default memory for loaded scenes, MiB: tens of scans or two hundred houses.
 pub const SCENE_MEMORY_MIB: u32 = 2048;
 
-/// What hosts the phases of a data folder.
+/// The host of all phases of a data folder.
 pub struct Arena {
     store: Store,
     stages: Arc<Stages>,
     scenes: Arc<SceneCache>,
-    /// What is being played, by ticket.
+    /// Episodes in play by ticket.
     playing: Mutex<play::Playing>,
-    /// Where runs are written down.
+    /// Run logs.
     logs: Arc<RunLogs>,
-    /// What the logs of runs that are over are signed with.
+    /// Signing key for logs of ended runs.
     key: Arc<SigningKey>,
-    /// Who prepares an episode ahead of time: one after the other, so that the others can play.
+    /// Limits prefetching to a single episode at a time, so that running episodes have priority.
     ahead: Arc<Semaphore>,
     control: Control,
     budget: Budget,
     heart: Heart,
-    /// Who looks into scenes for visitors.
-    onlooker: Arc<SceneOnlooker>,
+    /// Renderer of replays for visitors.
+    onlooker: Arc<SceneRenderer>,
     /// Episodes, by run and handle, that could neither be stored nor taken back.
     owed: Mutex<Owed>,
     faults: Option<FaultInjection>,
@@ -101,7 +101,7 @@ impl Arena {
     /// When the database or a split cannot be read.
     pub async fn open(data: &DataFolder, store: Store, scene_memory_mib: u32) -> Result<Self, Failure> {
         let stages = Arc::new(Stages::open(data, &store).await?);
-        let onlooker = Arc::new(SceneOnlooker::new(store.clone(), stages.clone(), data.cache()));
+        let onlooker = Arc::new(SceneRenderer::new(store.clone(), stages.clone(), data.cache()));
         let budget_bytes = (scene_memory_mib as usize).saturating_mul(1 << 20);
         let scenes = Arc::new(SceneCache::new(budget_bytes, data.cache()));
         let logs = Arc::new(data.run_logs());
@@ -132,52 +132,52 @@ impl Arena {
         })
     }
 
-    /// The same with another budget for each session.
+    /// Sets the session budget.
     pub fn with_budget(self, budget: Budget) -> Self {
         Self { budget, ..self }
     }
 
-    /// The same with a simulator that fails as somebody wishes, so that one can see what that costs: before each step `disturb`
-    /// is called on the simulator's thread, with the number of steps that the episode has taken.
+    /// Injects faults, for tests: calls `disturb` on the simulator thread before every step with the number
+    /// of steps taken.
     pub fn disturbed(self, disturb: impl Fn(u32) + Send + Sync + 'static) -> Self {
         Self { faults: Some(Arc::new(disturb)), ..self }
     }
 
-    /// The same with a host that watches: before each observation of an episode is sent, `watch` is called on the simulator's
-    /// thread with the episode's handle and referee. What it sees crosses no wire.
+    /// Adds an observer, for tests and tools: calls `watch` on the simulator thread before every observation
+    /// with the episode handle and referee. The data stays in the process.
     pub fn watched(self, watch: impl Fn(&str, &Referee) + Send + Sync + 'static) -> Self {
         Self { observer: Some(Arc::new(watch)), ..self }
     }
 
-    /// Begins nothing new from now on and gives open episodes `patience` to end. What the time until the next server starts takes
-    /// from runs and phases is given back then.
+    /// Stops new runs and gives open episodes `patience` to end. The next server extends deadlines by the
+    /// downtime.
     ///
     /// # Errors
-    /// When the database fails; then the server goes on.
+    /// If the database fails; the server then continues.
     pub async fn drain(&self, reason: &str, patience: Duration) -> Result<(), Failure> {
         self.store.record_drain(reason, now_unix_ms()).await?;
         self.control.drain(reason, patience);
         Ok(())
     }
 
-    /// The operator's hold on what is played.
+    /// Control of live runs.
     pub fn control(&self) -> &Control {
         &self.control
     }
 
-    /// Where the logs of runs lie, and by which key they are signed.
+    /// Run logs and their signing key.
     pub fn signed_logs(&self) -> SignedLogs {
         SignedLogs { folder: self.logs.folder().to_owned(), key: self.key.public() }
     }
 
-    /// Who looks and listens in scenes for those who watch replays.
-    pub fn onlooker(&self) -> Arc<dyn Onlooker> {
+    /// Renderer of replays.
+    pub fn onlooker(&self) -> Arc<dyn ReplayRenderer> {
         self.onlooker.clone()
     }
 
-    /// Who tells those who watch runs what is played at this moment.
-    pub fn lookout(&self) -> Arc<dyn Lookout> {
-        Arc::new(DoorLookout(self.control.clone()))
+    /// Live status for visitors.
+    pub fn lookout(&self) -> Arc<dyn LiveStatus> {
+        Arc::new(ControlStatus(self.control.clone()))
     }
 
     /// The database, with the right to write.
@@ -190,20 +190,20 @@ impl Arena {
         self.scenes.bytes()
     }
 
-    /// Ids of the phases, and how many episodes a run of each has.
+    /// Phase ids with the episode count of a run.
     ///
     /// # Errors
-    /// When the phases cannot be read.
+    /// If the phases are unreadable.
     pub async fn phases(&self) -> Result<Vec<(String, u32)>, Failure> {
         let stages = self.stages.now(&self.store).await?;
         Ok(stages.iter().map(|stage| (stage.phase.id.clone(), stage.phase.episodes_of_run())).collect())
     }
 }
 
-/// How long lines of run logs may wait for the disk: what a power cut can cost is played again.
+/// Longest delay of a log sync: steps lost in a power failure are repeated.
 const SYNC_EVERY: Duration = Duration::from_secs(1);
 
-/// Has the disk take what is written in run logs, as long as somebody holds them.
+/// Syncs run logs to disk periodically, as long as they are in use.
 fn keep_safe(logs: &Arc<RunLogs>) {
     let logs = Arc::downgrade(logs);
     tokio::spawn(async move {

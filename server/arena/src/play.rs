@@ -24,21 +24,21 @@ pub(super) struct Playing {
     played: BTreeMap<u64, Played>,
 }
 
-/// What is known of an episode that was handed out.
+/// An issued episode.
 pub(super) struct Played {
     pub(super) run: String,
     pub(super) holding: Holding,
     pub(super) stage: Arc<Stage>,
     pub(super) log: Arc<RunLog>,
     pub(super) slot: u32,
-    /// Whether it is one that a stopped server left.
+    /// True if restored after a server stop.
     pub(super) taken_up: bool,
-    /// Whether its end is written in the log.
+    /// True if its end is in the log.
     pub(super) ended: bool,
 }
 
 impl Playing {
-    /// What the open episodes of a run hold.
+    /// Memory of the open episodes of a run.
     pub(super) fn of_run(&self, run: &str) -> impl Iterator<Item = &Holding> {
         self.played.values().filter(move |played| played.run == run).map(|played| &played.holding)
     }
@@ -71,7 +71,7 @@ impl Arena {
         seated.map(Some)
     }
 
-    /// Writes down that an episode begins, before the work that this takes, and makes its seat.
+    /// Logs the start of an episode before the preparation, and creates its slot state.
     async fn begin(
         &self,
         run: &Run,
@@ -108,7 +108,7 @@ impl Arena {
         self.logs.open(&run.id, first).map_err(Refusal::internal)
     }
 
-    /// A seat for the door, whose steps are written down.
+    /// Slot state with logging of steps.
     pub(super) fn seat_of(
         &self,
         handle: String,
@@ -126,8 +126,8 @@ impl Arena {
         HostedEpisode { handle, episode, ticket, log, time: TimeSpent::default() }
     }
 
-    /// A referee for an episode, made on a thread that may hang, within the memory of its session; stores the scene's map when
-    /// the scene was made for it.
+    /// Creates the referee of an episode on a watched thread, within the session memory; stores the scene map
+    /// if the scene was created for it.
     pub(super) async fn seat(
         &self,
         run: &Run,
@@ -156,13 +156,14 @@ impl Arena {
         Ok((referee, holding))
     }
 
-    /// Takes back an episode that hangs: it is played again.
+    /// Returns a hanging episode to the queue.
     pub(super) async fn lose_seat(&self, run: &str, handle: &str, ticket: u64) -> Result<(), Refusal> {
         self.return_ticket(ticket);
         self.store.reopen_episode(run, handle, now_unix_ms()).await.map_err(refusal).map(drop)
     }
 
-    /// Scores what happened, writes it down and stores it in one transaction. What cannot be stored is played again.
+    /// Scores an episode, logs it and stores it in a transaction. An episode that cannot be stored is
+    /// reissued.
     pub(super) async fn conclude_seat(
         &self,
         run: &str,
@@ -183,7 +184,7 @@ impl Arena {
         self.owed.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes back what could not be taken back before.
+    /// Retries pending returns of episodes.
     pub(super) async fn settle_debts(&self) -> Result<(), Refusal> {
         loop {
             let Some(first) = self.owed().first().cloned() else { return Ok(()) };
@@ -232,7 +233,7 @@ impl Arena {
         Ok((recorded.counts && stage.shows_metrics()).then(|| outcome(&metrics)))
     }
 
-    /// Signs the log of a run that is over. A log that cannot be signed is still a log.
+    /// Signs the log of an ended run. An unsigned log is still valid.
     pub(super) async fn sign_if_over(&self, run: &Run) {
         if run.state.is_open() {
             return;
@@ -244,7 +245,7 @@ impl Arena {
         }
     }
 
-    /// How an episode ended whose result is stored; one that the server lost is told as its fault.
+    /// End of a stored episode; a lost episode is reported as a server fault.
     pub(super) async fn stored_end(&self, run: &str, handle: &str) -> Result<Option<StoredEnd>, Refusal> {
         let Some(found) = self.store.episode_status(run, handle).await.map_err(refusal)? else {
             return Ok(None);
@@ -274,8 +275,8 @@ impl Arena {
 }
 
 impl Stage {
-    /// Whether agents are told what an episode was worth. Its lengths tell where its targets are, so its numbers are shown
-    /// where its replay is.
+    /// Returns true if agents receive metrics. Lengths reveal target positions, so metrics are public only if
+    /// replays are.
     fn shows_metrics(&self) -> bool {
         ![self.phase.scores, self.phase.replays].contains(&Visibility::Organiser)
     }

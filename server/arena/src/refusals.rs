@@ -1,19 +1,19 @@
-//! What the store refuses, as the agents' door says it.
+//! Conversion of store errors to gRPC refusals.
 
 use super::now_unix_ms;
 use avln_grpc::{Reason, Refusal};
 use avln_store::{QuotaWindow, StoreError, TokenState};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Failures of the store, of all arenas of the process.
+/// Store failures of all arenas in the process.
 static FAULTS: AtomicU64 = AtomicU64::new(0);
 
-/// How often the store failed since the process started.
+/// Number of store failures since the start of the process.
 pub fn fault_count() -> u64 {
     FAULTS.load(Ordering::Relaxed)
 }
 
-/// Tells the agent what it can mend; everything else is the server's own fault.
+/// Converts a store error: agent faults become refusals, others server faults.
 pub(super) fn refusal(error: StoreError) -> Refusal {
     let reason = match &error {
         StoreError::Unknown { what: "phase", .. } => Reason::PhaseUnknown,
@@ -62,7 +62,7 @@ fn seconds_until(moment_unix_ms: i64, now_unix_ms: i64) -> u32 {
     u32::try_from(seconds).unwrap_or(u32::MAX)
 }
 
-/// Why a token opens nothing.
+/// Refusal for an unusable token.
 pub(super) fn token_refusal(state: &TokenState) -> Refusal {
     let renew = "ask the organiser for a new one (avln challenge team add NAME)";
     match state {

@@ -1,4 +1,4 @@
-//! Makes splits known to the database: what pages and runs need of them.
+//! Registration of splits in the database for pages and runs.
 
 use crate::{Failure, FailureKind, dataset::SplitFolder};
 use avln_dataset::{PublicGoal, PublicMission};
@@ -6,10 +6,10 @@ use avln_episode::{Modality, Rules};
 use avln_store::{GoalText, PhaseEpisode, Scene, SceneMap, Store};
 use avln_world::SceneAssets;
 
-/// Stores a split and its scenes; a scene without a map gets one when it is first played.
+/// Stores a split and its scenes; missing maps are added when a scene is first played.
 ///
 /// # Errors
-/// When the database refuses.
+/// If the database fails.
 pub async fn register_split(
     store: &Store,
     name: &str,

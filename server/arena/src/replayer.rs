@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 /// Memory for scenes while runs are checked, bytes.
 const SCENE_BYTES: usize = 1 << 30;
 
-/// Plays the episodes of a phase again, without senses, which change nothing of what happens.
+/// Replays episodes of a phase without sensors, which do not affect the outcome.
 pub struct Replayer {
     stage: Stage,
     scenes: SceneCache,
@@ -15,10 +15,10 @@ pub struct Replayer {
 }
 
 impl Replayer {
-    /// For runs of this order in the phase called `phase` of a data folder.
+    /// Opens a phase with an order for replay.
     ///
     /// # Errors
-    /// When there is no such phase, or its split cannot be read.
+    /// If the phase is unknown, or its split is unreadable.
     pub async fn open(data: &DataFolder, phase: &str, order: Order) -> Result<Self, Failure> {
         let store = data.store().await?;
         let phase = store.phase(phase).await?;
@@ -30,10 +30,10 @@ impl Replayer {
         })
     }
 
-    /// Compares what was in force when a run was played with what is now.
+    /// Compares the digests of a run with the present ones.
     ///
     /// # Errors
-    /// When something that decides scores differs: names it.
+    /// If a digest that affects scores differs; names it.
     pub fn check_digests(&self, then: &BTreeMap<String, String>) -> Result<(), Failure> {
         let now = self.stage.digests();
         let differs = |name: &&str| then.get(*name) != now.get(*name);
@@ -44,10 +44,10 @@ impl Replayer {
             .hinted("check it with the data folder and the version of the server that hosted it"))
     }
 
-    /// Plays an episode again; what it was worth, if it is over and counts.
+    /// Replays an episode; returns its metrics if it ended and counts.
     ///
     /// # Errors
-    /// When an action leads elsewhere than it did.
+    /// If a state differs from the log.
     pub fn replay(&self, history: &EpisodeHistory) -> Result<Option<Metrics>, String> {
         let blind = Sensors { rgb: false, depth: false, audio: false, ..Sensors::all(64, 64) };
         let referee = make_referee(&self.stage, &self.scenes, &history.episode, self.order, blind);

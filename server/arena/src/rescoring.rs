@@ -1,4 +1,4 @@
-//! Scoring runs again, from the facts that were recorded when they were played.
+//! Rescoring of runs from recorded facts.
 
 use crate::{BENCHMARK_VERSION, Failure, FailureKind};
 use avln_episode::Rules;
@@ -8,17 +8,17 @@ use avln_truth::{EpisodeTruth, Record};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// What turns facts into metrics.
+/// A scoring function with its version.
 #[derive(Clone, Copy, Debug)]
 pub struct Scorer {
-    /// Version of the benchmark; another version may give other scores, the same one never.
+    /// Benchmark version; equal versions give equal scores.
     pub version: &'static str,
     /// Scores an episode.
     pub score: fn(&EpisodeTruth, &Record, &Rules) -> Metrics,
 }
 
 impl Scorer {
-    /// The one of this build.
+    /// The scorer of this build.
     pub const OURS: Self = Self { version: BENCHMARK_VERSION, score };
 }
 
@@ -27,36 +27,36 @@ impl Scorer {
 pub struct Comparison {
     /// The run.
     pub run: String,
-    /// Its method.
+    /// Method.
     pub method: String,
     /// Version of the benchmark that scored it when it was played.
     pub scorer_before: String,
-    /// The one that scored it now.
+    /// Scorer of the new metrics.
     pub scorer_after: String,
     /// Episodes that count.
     pub episodes: usize,
-    /// Those that are worth something else now, by place.
+    /// Changed episodes by position.
     pub changed: Vec<u32>,
-    /// What the run was worth; `None` when no episode counts.
+    /// Original summary; `None` without counted episodes.
     pub before: Option<Summary>,
-    /// What it is worth now.
+    /// New summary.
     pub after: Option<Summary>,
-    /// Whether the scores of now were stored beside the first.
+    /// True if the new scores were stored.
     pub is_kept: bool,
 }
 
 impl Comparison {
-    /// Whether one version of the benchmark said two things: something that it does not know of has changed.
+    /// Returns true if a benchmark version gave two results, which indicates an unknown change.
     pub fn contradicts(&self) -> bool {
         self.scorer_before == self.scorer_after && !self.changed.is_empty()
     }
 }
 
-/// Scores a run again. What it was worth stays; other scores are stored beside it, by the scorer's version, unless that is
-/// the version that scored it first.
+/// Rescores a run. The original scores stay; new scores are stored by scorer version, unless that version
+/// scored the run first.
 ///
 /// # Errors
-/// When facts of the run were pruned, its phase is unknown, or the database fails.
+/// If facts were pruned, the phase is unknown, or the database fails.
 pub async fn rescore(
     store: &Store,
     run: &Run,

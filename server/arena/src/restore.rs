@@ -1,4 +1,4 @@
-//! Taking up what a stopped server left: episodes go back to where they were, by their run's log.
+//! Restoration of open episodes from run logs after a server stop.
 
 use super::{Arena, episode::ArenaEpisode, now_unix_ms, play::Played, refusals::refusal, stages::Stage};
 use crate::runlog::{Entry, EpisodeHistory, History};
@@ -13,11 +13,11 @@ use std::{
 };
 use tokio::task::spawn_blocking;
 
-/// Times that the server may die of an episode before it is played anew.
+/// Server crashes during an episode before it is reissued.
 const MOST_DEATHS: u32 = 5;
 
 impl Arena {
-    /// The runs that can go on. Episodes whose runs cannot are played anew.
+    /// Resumable runs. Episodes of other runs are reissued.
     pub(super) async fn interrupted_runs(&self) -> Result<Vec<String>, Refusal> {
         let mut runs = BTreeSet::new();
         for lost in self.store.running_episodes().await.map_err(refusal)? {
@@ -29,7 +29,7 @@ impl Arena {
         Ok(runs.into_iter().collect())
     }
 
-    /// What the log of a run tells.
+    /// History of a run from its log.
     async fn history(&self, run: &str) -> Result<(History, BTreeMap<String, EpisodeHistory>), Refusal> {
         let (logs, run) = (self.logs.clone(), run.to_owned());
         let read = spawn_blocking(move || {
@@ -47,7 +47,7 @@ impl Arena {
         self.store.reopen_episode(&lost.run, &lost.handle, now_unix_ms()).await.map_err(refusal).map(drop)
     }
 
-    /// Brings the episodes of a run back to where they were.
+    /// Restores the episodes of a run.
     pub(super) async fn restore_run(&self, run: &str) -> Result<Interrupted<ArenaEpisode>, Refusal> {
         let row = self.store.run(run).await.map_err(refusal)?;
         let stage = self.stage(&row.phase).await?;
@@ -101,7 +101,7 @@ impl Arena {
     }
 }
 
-/// The referee where the log ends, and what the agent sensed last.
+/// Replays a log; returns the referee and the last observation.
 fn replay(
     mut referee: Referee,
     history: &EpisodeHistory,

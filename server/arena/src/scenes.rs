@@ -12,7 +12,7 @@ pub(super) struct SceneCache {
 }
 
 impl SceneCache {
-    /// Keeps scenes of `budget_bytes` in memory; what their pictures are made from is kept in `cache`.
+    /// Creates a cache with `budget_bytes` of memory; render data is stored in `cache`.
     pub(super) fn new(budget_bytes: usize, cache: Arc<dyn Cache>) -> Self {
         Self { warm: Warm::new(budget_bytes, SceneAssets::resident_bytes), cache }
     }

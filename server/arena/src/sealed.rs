@@ -15,29 +15,30 @@ use avln_store::{NewRun, Run, Store};
 pub struct Wanted<'a> {
     /// Id of the phase.
     pub phase: &'a str,
-    /// The team whose run it is.
+    /// Team of the run.
     pub team: &'a str,
     /// Name of the method on the board.
     pub method: &'a str,
     /// Version of the method, may be empty.
     pub version: &'a str,
-    /// How goals count.
+    /// Order of the goals.
     pub order: Order,
 }
 
-/// A run and what plays it.
+/// A run with its token.
 #[derive(Clone, Debug)]
 pub struct Ticket {
     /// Id of the run.
     pub run: String,
-    /// Bearer token that plays this run and nothing else.
+    /// Token for this run only.
     pub token: String,
 }
 
-/// Starts a run that remembers what is enforced while it is played, and what is not; `missing` may be empty.
+/// Starts a run with a record of enforced and missing restrictions; `missing` may be empty.
 ///
 /// # Errors
-/// When the phase is not hosted or not open, the team may not play, its quota is used up, or the database fails.
+/// If the phase is not hosted or not open, the team is not allowed, its quota is used up, or the database
+/// fails.
 pub async fn start(
     data: &DataFolder,
     store: &Store,

@@ -1,4 +1,4 @@
-//! What must not be guessed: tokens and handles, drawn from the system's randomness.
+//! Tokens and handles from the system's random source.
 
 /// 128 random bits in hexadecimal.
 ///
@@ -10,10 +10,10 @@ pub fn random_hex() -> Result<String, getrandom::Error> {
     Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-/// A new secret whose first letters say what it opens: `avln_account_…`, `avln_run_…`.
+/// A new token with a prefix for its kind: `avln_account_…`, `avln_run_…`.
 ///
 /// # Errors
-/// When the system has no randomness to give.
+/// Without a random source.
 pub fn new_token(kind: &str) -> Result<String, getrandom::Error> {
     Ok(format!("avln_{kind}_{}{}", random_hex()?, random_hex()?))
 }

@@ -1,16 +1,17 @@
 //! The gRPC server for agents, the web server for visitors, and the admin server for the operator.
 
 use crate::{
-    Arena, Failure, FailureKind,
+    Arena, Failure, FailureKind, SCENE_MEMORY_MIB,
     admin::{self, Desk},
+    data::DataFolder,
     office::ArenaOffice,
 };
 use avln_grpc::Control;
-/// What [`Servers::with_limits`] changes.
+/// Limits changed by [`Servers::with_limits`].
 pub use avln_grpc::Limits;
 use avln_net::{Identity, Listener, Protocol};
-use avln_store::Reader;
-use avln_web::Site;
+use avln_store::{Reader, Store};
+use avln_web::{Site, TrustedProxy};
 use std::{
     net::{Ipv4Addr, SocketAddr, SocketAddrV4},
     path::PathBuf,
@@ -38,17 +39,18 @@ impl Addresses {
 /// Files of the TLS certificate; none for plain text.
 #[derive(Clone, Debug, Default)]
 pub struct Security {
-    /// PEM file of the certificate, followed by its intermediates.
+    /// PEM file with the certificate and its intermediates.
     pub tls_cert: Option<PathBuf>,
     /// PEM file of the private key.
     pub tls_key: Option<PathBuf>,
 }
 
 impl Security {
-    /// Reads the files, where there are any. A certificate that agents will refuse is told on standard error.
+    /// Reads the certificate files, if any. A certificate that agents would reject is reported on standard
+    /// error.
     ///
     /// # Errors
-    /// When they are no use.
+    /// If the certificates are invalid.
     pub fn identity(&self) -> Result<Option<Identity>, Failure> {
         let (Some(certificate), Some(key)) = (&self.tls_cert, &self.tls_key) else { return Ok(None) };
         let identity = Identity::read(certificate, key).map_err(|error| {
@@ -68,15 +70,16 @@ pub struct Servers {
     admin: Option<TcpListener>,
     identity: Option<Identity>,
     limits: Limits,
+    trusted_proxies: Vec<TrustedProxy>,
 }
 
 /// Both doors, open.
 pub struct RunningServers {
-    /// Where agents connect.
+    /// Address of the gRPC server.
     pub grpc: SocketAddr,
-    /// Where people look.
+    /// Address of the web server.
     pub web: SocketAddr,
-    /// Where the operator asks, if anywhere.
+    /// Address of the admin server, if any.
     pub admin: Option<SocketAddr>,
     is_secure: bool,
     control: Control,
@@ -85,15 +88,15 @@ pub struct RunningServers {
 }
 
 impl Servers {
-    /// Takes both addresses.
+    /// Binds both addresses.
     ///
     /// # Errors
-    /// When one is taken or cannot be had.
+    /// If an address is used or unavailable.
     pub async fn bind(addresses: &Addresses) -> Result<Self, Failure> {
         Self::bind_as(addresses, None).await
     }
 
-    /// The same, to speak TLS where there is an identity.
+    /// Binds both addresses, with TLS if there is an identity.
     ///
     /// # Errors
     /// As for [`Servers::bind`].
@@ -103,13 +106,13 @@ impl Servers {
         }
         let grpc = listen(addresses.grpc, "agents (gRPC)", "--grpc").await?;
         let web = listen(addresses.web, "the leaderboard (web)", "--web").await?;
-        Ok(Self { grpc, web, admin: None, identity, limits: Limits::default() })
+        Ok(Self { grpc, web, admin: None, identity, limits: Limits::default(), trusted_proxies: vec![] })
     }
 
-    /// The same with a door for the operator, which is on this machine alone: it stops the server.
+    /// Adds the admin server, on this machine only, because it can stop the server.
     ///
     /// # Errors
-    /// When other machines could reach the address, or it is taken.
+    /// If the address is reachable from other machines, or used.
     pub async fn with_admin(self, address: SocketAddr) -> Result<Self, Failure> {
         if !address.ip().is_loopback() {
             let message = format!("{address} can be reached from other machines; the operator's door cannot");
@@ -120,9 +123,14 @@ impl Servers {
         Ok(Self { admin: Some(admin), ..self })
     }
 
-    /// The same with other limits of the agents' door.
+    /// Changes limits of the gRPC server.
     pub fn with_limits(self, change: impl FnOnce(Limits) -> Limits) -> Self {
         Self { limits: change(self.limits), ..self }
+    }
+
+    /// Reads client addresses from `X-Forwarded-For` in requests from these proxies, for the sign-in limit.
+    pub fn with_trusted_proxies(self, trusted_proxies: Vec<TrustedProxy>) -> Self {
+        Self { trusted_proxies, ..self }
     }
 
     /// Serves the arena through the doors.
@@ -147,11 +155,12 @@ impl Servers {
         }
         let control = arena.control().clone();
         let site = Site {
-            agents_port: grpc.port(),
+            grpc_port: grpc.port(),
             logs: Some(arena.signed_logs()),
-            onlooker: Some(arena.onlooker()),
-            lookout: Some(arena.lookout()),
-            office: Some(Arc::new(ArenaOffice::new(arena.clone()))),
+            replay_renderer: Some(arena.onlooker()),
+            live_status: Some(arena.lookout()),
+            management: Some(Arc::new(ArenaOffice::new(arena.clone()))),
+            trusted_proxies: self.trusted_proxies,
         };
         let agents = avln_grpc::serve(agents_door, arena, self.limits, until(stopped.clone()));
         tasks.spawn(async { agents.await.map_err(|error| Failure::new(FailureKind::Internal, error)) });
@@ -162,7 +171,29 @@ impl Servers {
 }
 
 impl RunningServers {
-    /// What addresses begin with: `https` where TLS is spoken, else `http`.
+    /// Hosts the phases of a data folder at free ports of this machine.
+    ///
+    /// # Errors
+    /// If a phase cannot be read or there is no free port.
+    pub async fn local(data: &DataFolder, store: &Store) -> Result<Self, Failure> {
+        let arena = Arena::open(data, store.clone(), SCENE_MEMORY_MIB).await?;
+        Self::local_for(arena, store).await
+    }
+
+    /// Serves an arena at free ports of this machine.
+    ///
+    /// # Errors
+    /// If there is no free port.
+    pub async fn local_for(arena: Arena, store: &Store) -> Result<Self, Failure> {
+        Servers::bind(&Addresses::LOCAL).await?.open(Arc::new(arena), store.reader())
+    }
+
+    /// URL of the gRPC server.
+    pub fn grpc_url(&self) -> String {
+        format!("{}://{}", self.scheme(), self.grpc)
+    }
+
+    /// URL scheme: `https` with TLS, otherwise `http`.
     pub fn scheme(&self) -> &'static str {
         if self.is_secure { "https" } else { "http" }
     }
@@ -179,10 +210,10 @@ impl RunningServers {
         }
     }
 
-    /// Lets nobody in any more, lets running work end, and closes.
+    /// Stops accepting connections, waits for running work, then closes.
     ///
     /// # Errors
-    /// When a door failed.
+    /// If a server failed.
     pub async fn close(mut self) -> Result<(), Failure> {
         let _ = self.stop.send(true);
         while let Some(ended) = self.tasks.join_next().await {
@@ -220,7 +251,7 @@ async fn listen(address: SocketAddr, what: &str, flag: &str) -> Result<TcpListen
     })
 }
 
-/// Waits until the operator has let the server come to its end.
+/// Waits for the end of a drain.
 async fn drained(control: Control) {
     control.drained().await;
 }

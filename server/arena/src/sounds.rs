@@ -18,10 +18,10 @@ const MOST_FILES: usize = 1000;
 /// Most seconds of all files of a bank together: 115 MB in memory.
 const MOST_SECONDS: usize = 30 * 60;
 
-/// Reads all `.wav` and `.flac` files in `folder`, in the order of their names. Two channels are mixed into one.
+/// Reads all `.wav` and `.flac` files in `folder`, sorted by name. Stereo is mixed to mono.
 ///
 /// # Errors
-/// When it holds none, too many or too long ones, or one of them cannot be a clip.
+/// If there are none, too many or too long ones, or a file is not a valid clip.
 pub fn read_folder(folder: &Path) -> Result<Vec<Clip>, Failure> {
     let paths = recordings(folder)?;
     let mut clips = Vec::with_capacity(paths.len());

@@ -1,4 +1,4 @@
-//! The phases that are hosted. They are read again when the organiser changed something.
+//! Hosted phases, reloaded after changes by the organiser.
 
 use super::{BENCHMARK_VERSION, data::DataFolder, now_unix_ms, register, scenes::SceneCache, secret};
 use crate::{Failure, FailureKind, dataset::SplitFolder};
@@ -10,7 +10,7 @@ use avln_world::SceneAssets;
 use std::sync::Arc;
 use tokio::sync::Mutex;
 
-/// A phase, the missions that are played in it, the clips that they draw from, and who listens.
+/// A phase with its missions, clips and head model.
 pub(super) struct Stage {
     pub(super) phase: Phase,
     pub(super) split: Arc<SplitFolder>,
@@ -38,7 +38,7 @@ impl Stages {
         Ok(Self { data: data.clone(), read: Mutex::new((change, Arc::new(stages))) })
     }
 
-    /// The phases as they are now. One that cannot be hosted as the organiser changed it stays as it was.
+    /// The present phases. A phase whose change cannot be hosted stays as before.
     pub(super) async fn now(&self, store: &Store) -> Result<StageList, Failure> {
         let mut read = self.read.lock().await;
         let change = store.newest_audit_id().await?;
@@ -75,10 +75,10 @@ fn reread(data: &DataFolder, phase: Phase, before: &[Arc<Stage>]) -> Option<Arc<
     }
 }
 
-/// Commits a phase to its episodes, the scorer and a secret of its own, unless it is.
+/// Commits a phase to its episodes, scorer and a secret, unless already committed.
 ///
 /// # Errors
-/// When the system has no randomness or the database fails.
+/// Without a random source, or if the database fails.
 pub async fn commit(store: &Store, phase: &str) -> Result<(), Failure> {
     let random = || secret::random_hex().map_err(|error| Failure::new(FailureKind::Internal, error));
     let new_secret = random()? + &random()?;
@@ -87,7 +87,7 @@ pub async fn commit(store: &Store, phase: &str) -> Result<(), Failure> {
 }
 
 impl Stage {
-    /// Reads what a phase needs; the split is taken from `before` where a stage has it open.
+    /// Reads a phase; open splits are reused from `before`.
     pub(super) fn read(data: &DataFolder, phase: Phase, before: &[Arc<Self>]) -> Result<Self, Failure> {
         let open = before.iter().find(|stage| stage.phase.split == phase.split);
         let split = match open {
@@ -108,14 +108,14 @@ impl Stage {
         Ok(Self { phase, split, audio })
     }
 
-    /// The mission called `id`. Reads the files of its scene when they are not at hand.
+    /// The mission `id`, read from the files of its scene if not cached.
     pub(super) fn episode(&self, id: &str) -> Result<EpisodeSpec, Failure> {
         let missing =
             || Failure::new(FailureKind::Scene, format!("no episode {id} in split '{}'", self.phase.split));
         self.split.episode(id)?.ok_or_else(missing)
     }
 
-    /// Bytes of the file that the scene of an episode is read from; 0 where there is none, or where it cannot be looked at.
+    /// Size of the scene file of an episode, bytes; 0 if missing or not accessible.
     pub(super) fn scene_file_bytes(&self, episode: &str) -> Result<u64, Failure> {
         let scene = self.episode(episode)?.scene;
         let source = self.split.scene(&scene).map(|spec| spec.source);
@@ -123,7 +123,7 @@ impl Stage {
         Ok(std::fs::metadata(path).map_or(0, |file| file.len()))
     }
 
-    /// The scene called `name`, ready for the phase's rules, and its map if it was made now.
+    /// The scene `name`, ready for the rules of the phase, and its map if newly created.
     pub(super) fn scene(
         &self,
         name: &str,

@@ -3,16 +3,15 @@ use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError},
 };
 
-/// Things that take long to make, shared by all who ask for them. What nobody uses goes, the one that was not asked for
-/// longest first, when all together take more than a number of bytes.
+/// An LRU cache of shared values with a byte budget. Values in use are never evicted.
 pub(super) struct Warm<K, T> {
     budget_bytes: usize,
     bytes_of: fn(&T) -> usize,
-    /// The one that was asked for last comes first.
+    /// Most recently used first.
     shelf: Mutex<VecDeque<Seat<K, T>>>,
 }
 
-/// Filled by the first who needs the thing while the others wait.
+/// Filled by the first user while others wait.
 type Thing<T> = Arc<Mutex<Option<Arc<T>>>>;
 
 struct Seat<K, T> {
@@ -21,13 +20,13 @@ struct Seat<K, T> {
 }
 
 impl<K: PartialEq, T> Warm<K, T> {
-    /// Keeps things of `budget_bytes` by `bytes_of`, which is asked again each time, as things grow.
+    /// Creates a cache with `budget_bytes`; `bytes_of` is evaluated on every access, because values grow.
     pub(super) fn new(budget_bytes: usize, bytes_of: fn(&T) -> usize) -> Self {
         Self { budget_bytes, bytes_of, shelf: Mutex::default() }
     }
 
-    /// The thing of `key`, and whether it was made now. The last one asked for always stays; things in use stay too, and
-    /// count.
+    /// Returns the value of `key`, and true if it was created now. The last value always stays; values in use
+    /// stay and count.
     pub(super) fn get<E>(&self, key: K, make: impl FnOnce() -> Result<T, E>) -> Result<(Arc<T>, bool), E> {
         let thing = self.to_front(key);
         let found = fill(&mut lock(&thing), make);
@@ -36,7 +35,7 @@ impl<K: PartialEq, T> Warm<K, T> {
         found
     }
 
-    /// Bytes of all things together; those that are being made do not count yet.
+    /// Total bytes; values in creation do not count yet.
     pub(super) fn bytes(&self) -> usize {
         lock(&self.shelf).iter().map(|seat| seat.bytes(self.bytes_of)).sum()
     }
@@ -68,18 +67,18 @@ impl<K: PartialEq, T> Warm<K, T> {
 }
 
 impl<K, T> Seat<K, T> {
-    /// Whether nothing could be made, and nobody tries.
+    /// Returns true if creation failed and no thread is retrying.
     fn is_empty(&self) -> bool {
         Arc::strong_count(&self.thing) == 1 && lock(&self.thing).is_none()
     }
 
-    /// Whether nobody but the shelf has the thing or waits for it.
+    /// Returns true if only the cache references the value.
     fn is_idle(&self) -> bool {
         let unused = |thing: &Arc<T>| Arc::strong_count(thing) == 1;
         Arc::strong_count(&self.thing) == 1 && lock(&self.thing).as_ref().is_none_or(unused)
     }
 
-    /// Bytes of the thing; 0 while it is being made.
+    /// Bytes of the value; 0 during creation.
     fn bytes(&self, bytes_of: fn(&T) -> usize) -> usize {
         let thing = match self.thing.try_lock() {
             Ok(thing) => thing,
@@ -90,7 +89,7 @@ impl<K, T> Seat<K, T> {
     }
 }
 
-/// What is there, or else what `make` gives.
+/// The existing value, or the result of `make`.
 fn fill<T, E>(thing: &mut Option<Arc<T>>, make: impl FnOnce() -> Result<T, E>) -> Result<(Arc<T>, bool), E> {
     if let Some(ready) = thing {
         return Ok((ready.clone(), false));
@@ -117,7 +116,7 @@ mod tests {
         Warm::new(budget_bytes, |size| size.load(Ordering::Relaxed))
     }
 
-    /// Asks for a thing of `bytes`; whether it had to be made.
+    /// Requests a value of `bytes`; returns true if it was created.
     fn ask(warm: &Sizes, key: &'static str, bytes: usize) -> (Arc<AtomicUsize>, bool) {
         let made: Result<_, Infallible> = warm.get(key, || Ok(AtomicUsize::new(bytes)));
         made.unwrap_or_else(|never| match never {})

@@ -1,4 +1,4 @@
-//! A challenge from its file: checked, applied, shown, played by a server that runs, and revealed.
+//! A challenge from its file: checked, applied, shown, played on a running server, and revealed.
 
 use avln_arena::setup::{NewSplit, admit, make_split};
 use avln_arena::{

@@ -1,7 +1,8 @@
-//! Files as they should not be: each file of `corpus/` is read as it is, and again and again with bytes changed, cut off and
-//! put in. Readers may refuse or accept; they neither panic nor take much memory.
+//! Damaged files: every file of `corpus/` is read as is, and with random changes, cuts and insertions.
+//! Readers may reject or accept, but must not panic or use much memory.
 //!
-//! Files that once did harm are kept in `corpus/` beside the sound ones. `AVLN_MANGLE=100` tries a hundred times as many.
+//! Files of past defects are in `corpus/` next to valid ones. `AVLN_MANGLE=100` multiplies the number of
+//! tries by a hundred.
 
 use avln_arena::{challenge::ChallengeFile, runlog::History, sounds};
 use avln_geom::Rng;
@@ -9,10 +10,10 @@ use std::path::{Path, PathBuf};
 
 /// Copies of each file that are tried.
 const COPIES: usize = 400;
-/// What all readers together may take, MiB: files of the corpus are a thousandth of it.
+/// Memory limit of all readers, MiB; files of the corpus are a thousandth of it.
 const MOST_MIB: u64 = 256;
 
-/// What readers trip over.
+/// Typical traps for readers.
 const TRAPS: [&[u8]; 14] = [
     b"-1",
     b"nan",
@@ -41,7 +42,7 @@ fn corpus(kind: &str) -> Vec<PathBuf> {
     files
 }
 
-/// Changes one place of `bytes`.
+/// Changes a position of `bytes`.
 fn mangle(bytes: &mut Vec<u8>, rng: &mut Rng) {
     let at = rng.below(bytes.len() + 1);
     let end = (at + rng.below(24)).min(bytes.len());
@@ -83,7 +84,7 @@ fn try_all(kind: &str, seed: u64, mut read: impl FnMut(&Path, &[u8])) {
     }
 }
 
-/// Begins to measure anew how much memory this process takes at most, where the system does that.
+/// Resets the peak memory of this process, if supported.
 fn forget_most() {
     let _ = std::fs::write("/proc/self/clear_refs", "5");
 }
@@ -119,7 +120,7 @@ fn run_logs() {
     });
 }
 
-/// The lines with hashes that fit, as one who has no key can write them.
+/// Lines with valid hashes, as an attacker without the key can write them.
 fn chained(bytes: &[u8]) -> Vec<u8> {
     let (mut head, mut text) = (String::new(), String::new());
     for line in String::from_utf8_lossy(bytes).lines() {

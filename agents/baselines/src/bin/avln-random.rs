@@ -8,13 +8,13 @@ use std::process::ExitCode;
 /// Play one run of LH-AVLN Arena with the random agent, the lower bound of every leaderboard
 #[derive(Parser)]
 #[command(name = "avln-random", version)]
-struct Cli {
+struct RandomCli {
     #[command(flatten)]
     args: RandomArgs,
 }
 
 fn main() -> ExitCode {
-    let Cli { args } = Cli::parse();
+    let RandomCli { args } = RandomCli::parse();
     let played = run_for(1, run_random_with(args, &mut report));
     played.map_or_else(|error| conclude(Err(error)), conclude)
 }

@@ -8,14 +8,14 @@ use std::collections::{BinaryHeap, HashMap};
 const BAND_M: f32 = 1.5;
 /// Farther surfaces are ignored, metres.
 const FAR_M: f32 = 6.0;
-/// Highest step of the body with a margin for depth noise, metres.
+/// Highest step with a margin for depth noise, metres.
 const STEP_M: f32 = 0.22;
 /// Longest unseen stretch that the body crosses, metres: only a step's riser is visible from a distance, not the
 /// tread.
 const UNSEEN_M: f32 = 0.3;
-/// Cells between nodes of the search.
+/// Cells between search nodes.
 const STRIDE: i32 = 2;
-/// Node limit of a search.
+/// Node limit per search.
 const MOST_NODES: usize = 20_000;
 /// Radius around the body's middle in which heights must differ by less than a step, cells.
 const BODY: i32 = 2;
@@ -31,16 +31,16 @@ pub struct Elevation {
 pub struct ClimbPath {
     /// Points about 0.1 m apart, starting at the body.
     pub places: Vec<FloorPoint>,
-    /// Height of the end above the start, metres.
+    /// Height at the end above the start, metres.
     pub height_m: f32,
 }
 
-/// A node of the search.
+/// A search node.
 #[derive(Clone, Copy)]
 struct ClimbNode {
     before: Cell,
     cost_m: f32,
-    /// Height of the last seen surface on the path, metres, and the distance since.
+    /// Height at the last seen surface on the path, metres, and the distance since.
     height_m: f32,
     unseen_m: f32,
 }
@@ -91,7 +91,7 @@ impl Elevation {
         *top_m = if is_of_another_storey { height_m } else { top_m.max(height_m) };
     }
 
-    /// Returns the height of the highest seen surface in a cell, metres above the start.
+    /// Returns the highest seen surface in a cell, metres above the start.
     fn top_m(&self, cell: Cell) -> Option<f32> {
         cell.index().map(|index| self.tops_m[index]).filter(|top_m| top_m.is_finite())
     }
@@ -134,7 +134,7 @@ impl Elevation {
         None
     }
 
-    /// Returns the node of a step; `None` if the body cannot take it.
+    /// Returns the node after a step; `None` if the body cannot take it.
     fn step(&self, cell: Cell, next: Cell, here: &ClimbNode) -> Option<ClimbNode> {
         let length_m = cell.center().distance_m(next.center());
         let (cost_m, unseen_m) = (here.cost_m + length_m, here.unseen_m + length_m);
@@ -171,19 +171,19 @@ fn millimetres(metres: f32) -> u32 {
 
 /// Smallest height between storeys, metres: a landing between two flights counts as a storey.
 const APART_M: f32 = 1.2;
-/// Limit of remembered storeys, including landings.
+/// Storey limit, including landings.
 const MOST_STOREYS: usize = 8;
 
 /// The memories for other storeys. Maps have no height: a map applies to a single storey.
 pub struct Storeys<M> {
     /// Body height above the start, metres.
     height_m: f32,
-    /// Memories of other storeys, by height.
+    /// Memories for other storeys, by height.
     away: Vec<(f32, M)>,
 }
 
 impl<M> Default for Storeys<M> {
-    /// Creates the storey of the start.
+    /// Creates the start's storey.
     fn default() -> Self {
         Self { height_m: 0.0, away: Vec::new() }
     }

@@ -3,7 +3,7 @@ use crate::perception::category::likeness;
 use crate::perception::cue::{CueWords, Query};
 use crate::perception::objects::DetectedObject;
 
-/// Limit of hypotheses.
+/// Hypothesis limit.
 const MOST: usize = 400;
 /// Radius for nearby objects, and a room's radius, metres.
 const NEAR_M: f32 = 1.2;
@@ -12,7 +12,7 @@ const ROOM_M: f32 = 3.0;
 const SUPPOSED_M: f32 = 1.0;
 /// Context for goals without surroundings in their cue.
 const NEUTRAL: f32 = 0.5;
-/// Typical objects of rooms.
+/// Typical objects by room.
 const ROOMS: [(&str, &[&str]); 7] = [
     ("bathroom", &["toilet", "bathtub", "shower", "towel"]),
     ("bedroom", &["bed", "chest_of_drawers", "clothes"]),
@@ -35,7 +35,7 @@ pub struct ObjectMemory {
 pub struct ObjectHypothesis {
     /// Position, extent and appearance.
     pub detection: DetectedObject,
-    /// Number of near views.
+    /// Near views.
     pub looks: u32,
     /// Unsuccessful Submits at the hypothesis.
     pub wrong_submits: i32,

@@ -1,11 +1,11 @@
 use crate::geometry::{FloorPoint, PinholeCamera, Pose2d};
 use avln_client::DepthImage;
 
-/// Side of a cell, metres.
+/// Cell side, metres.
 pub const CELL_M: f32 = 0.05;
 /// Cells per side: a square of 50 m around the start.
 const SIDE: i32 = 1000;
-/// Heights of obstacles, metres: the body steps onto lower surfaces and passes below higher ones.
+/// Obstacle heights, metres: the body steps onto lower surfaces and passes below higher ones.
 const OBSTACLE_M: [f32; 2] = [0.22, 1.5];
 /// Heights at which surfaces block sound, metres; door lintels are higher.
 const WALL_M: [f32; 2] = [1.25, 1.9];
@@ -16,7 +16,7 @@ const HARD_M: f32 = 0.13;
 /// Preferred distance to obstacles, metres.
 const SOFT_M: f32 = 0.3;
 
-/// A cell of the floor plan.
+/// A cell on the floor plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Cell {
     /// Index in x.
@@ -26,18 +26,18 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Cells per row of the map.
+    /// Cells per map row.
     pub(crate) const COLUMNS: i32 = SIDE;
-    /// Cells of the map.
+    /// Cells in the map.
     pub(crate) const COUNT: usize = (SIDE * SIDE) as usize;
 
-    /// Returns the index in row-major order; `None` outside of the map.
+    /// Returns the index in row-major order; `None` outside the map.
     pub(crate) fn index(self) -> Option<usize> {
         let inside = (0..SIDE).contains(&self.column) && (0..SIDE).contains(&self.row);
         inside.then_some((self.row * SIDE + self.column) as usize)
     }
 
-    /// Returns the cell of a point.
+    /// Returns a point's cell.
     pub fn at(place: FloorPoint) -> Self {
         let index = |coordinate: f32| (coordinate / CELL_M).floor() as i32 + SIDE / 2;
         Self { column: index(place.x), row: index(place.z) }
@@ -55,7 +55,7 @@ impl Cell {
     }
 }
 
-/// An occupancy map of free floor, obstacles and unknown cells.
+/// An occupancy map with free floor, obstacles and unknown cells.
 pub struct Occupancy {
     /// Evidence: positive for obstacles, negative for free floor, 0 for unknown.
     evidence: Vec<i8>,
@@ -65,7 +65,7 @@ pub struct Occupancy {
     walls: Vec<bool>,
     /// Corners around all seen surfaces.
     seen: [FloorPoint; 2],
-    /// Number of obstacles within [`HARD_M`] and within [`SOFT_M`].
+    /// Obstacle count within [`HARD_M`] and within [`SOFT_M`].
     hard: Vec<u16>,
     soft: Vec<u16>,
     disks: [Vec<(i32, i32)>; 2],
@@ -92,7 +92,7 @@ impl Occupancy {
     const HIT: i8 = 3;
     const LIMIT: i8 = 12;
 
-    /// Adds the floor and obstacles of a depth image.
+    /// Adds a depth image's floor and obstacles.
     pub fn see(&mut self, view: &PinholeCamera, pose: &Pose2d, depth: &DepthImage) {
         let mut hits = Vec::new();
         for column in 0..view.width {
@@ -162,7 +162,7 @@ impl Occupancy {
         ]
     }
 
-    /// Returns the distance of a point to the seen area, metres; 0 inside.
+    /// Returns a point's distance to the seen area, metres; 0 inside.
     pub fn outside_m(&self, place: FloorPoint) -> f32 {
         let [low, high] = self.seen;
         let dx = (low.x - place.x).max(place.x - high.x).max(0.0);
@@ -189,7 +189,7 @@ impl Occupancy {
         }
     }
 
-    /// Returns the number of blocked steps in a cell.
+    /// Returns the blocked steps in a cell.
     pub fn bumps(&self, cell: Cell) -> u8 {
         cell.index().map_or(0, |index| self.bumps[index])
     }
@@ -228,7 +228,7 @@ impl Occupancy {
         cell.index().is_some_and(|index| self.evidence[index] < 0)
     }
 
-    /// Returns true for an obstacle, or outside of the map.
+    /// Returns true for an obstacle, or outside the map.
     pub fn is_obstacle(&self, cell: Cell) -> bool {
         cell.index().is_none_or(|index| self.evidence[index] > 0)
     }
@@ -295,7 +295,7 @@ impl Occupancy {
     }
 }
 
-/// Returns the offsets of the cells within a radius.
+/// Returns cell offsets within a radius.
 fn disk(radius_m: f32) -> Vec<(i32, i32)> {
     let reach = (radius_m / CELL_M).ceil() as i32;
     let offsets = (-reach..=reach).flat_map(|dc| (-reach..=reach).map(move |dr| (dc, dr)));

@@ -3,14 +3,14 @@ use crate::map::occupancy::{Cell, Occupancy};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Side of a cell, metres.
+/// Cell side, metres.
 pub(crate) const STEP_M: f32 = 0.25;
 /// Cells per side: a square of 40 m around the start.
 pub(crate) const SIDE: usize = 160;
 /// Radius around the listener in which walls do not stop sound, metres: the listener may touch one.
 const NEAR_M: f32 = 0.5;
 
-/// A path of sound from a possible source to the listener: around known walls, straight through the unknown.
+/// A sound path from a possible source to the listener: around known walls, straight through the unknown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SoundRay {
     /// Apparent origin: the source, or the last corner on the path.
@@ -25,11 +25,11 @@ pub struct SoundField {
     listener: FloorPoint,
 }
 
-/// A visited cell of the search.
+/// A visited search cell.
 #[derive(Clone, Copy)]
 struct ReachedCell {
     ray: SoundRay,
-    /// Last bend of the path from the listener, and the length up to it.
+    /// Last bend on the path from the listener, and the length up to it.
     bend: FloorPoint,
     bend_m: f32,
     /// Closed flag, and whether sound continues beyond the cell.
@@ -75,7 +75,7 @@ impl SoundField {
         self.listener
     }
 
-    /// Returns the path from cell `index`; `None` outside of the area.
+    /// Returns the path from cell `index`; `None` outside the area.
     pub fn ray(&self, index: usize) -> Option<SoundRay> {
         self.rays.get(index).copied().flatten()
     }
@@ -125,7 +125,7 @@ fn is_wall(map: &Occupancy, place: FloorPoint) -> bool {
     map.is_wall(Cell::at(place))
 }
 
-/// Returns the centre of a cell.
+/// Returns a cell's centre.
 pub(crate) fn center(index: usize) -> FloorPoint {
     let coordinate = |index: usize| (index as f32 + 0.5 - 0.5 * SIDE as f32) * STEP_M;
     FloorPoint::new(coordinate(index % SIDE), coordinate(index / SIDE))

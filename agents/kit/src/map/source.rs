@@ -12,7 +12,7 @@ const ITD_SIGMA_PER_M_S: f32 = 8e-6;
 /// around corners, which lose level even on short detours.
 const STRAIGHT: [f32; 2] = [0.0, 0.45];
 const BENT: [f32; 2] = [1.2, 0.9];
-/// Log-likelihood of furniture between a source and a listener without a wall between them.
+/// Log-likelihood for furniture between a source and a listener without a wall between them.
 const HIDDEN: f32 = -2.5;
 /// Lower bounds for a sound's log-likelihood: by delay in view, by delay around corners, and by level.
 const WORST_STRAIGHT: f32 = -6.0;
@@ -40,7 +40,7 @@ pub struct SourceBelief {
     scores: Vec<f32>,
 }
 
-/// An estimate of a source's position.
+/// A source's estimated position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SourceEstimate {
     /// Position.
@@ -175,10 +175,10 @@ impl IntensityMemory {
 /// faster between rooms.
 const CURVE: [[f32; 2]; 8] =
     [[0.5, 3.4], [1.25, 2.0], [2.25, 1.55], [3.25, 1.3], [4.5, 0.8], [7.0, 0.3], [9.5, 0.17], [15.0, 0.06]];
-/// Free-field level of a source at 1 m.
+/// Free-field level at 1 m.
 const LEVEL_AT_1_M: f32 = 0.05;
 
-/// Returns the expected level of a visible source at `distance_m`.
+/// Returns the expected level for a visible source at `distance_m`.
 pub fn expected_level(distance_m: f32) -> f32 {
     let logs = CURVE.map(|[distance_m, level]| [distance_m.ln(), level.ln()]);
     LEVEL_AT_1_M * between(&logs, distance_m.max(0.05).ln()).exp()

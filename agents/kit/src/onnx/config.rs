@@ -10,7 +10,7 @@ const SIDES_PX: [usize; 2] = [8, 2048];
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Models {
-    /// Path of the ONNX Runtime library.
+    /// ONNX Runtime library path.
     pub(crate) runtime: PathBuf,
     pub(crate) detector: Detector,
     pub(crate) encoder: Encoder,
@@ -22,7 +22,7 @@ pub(crate) struct Models {
 pub(crate) struct Detector {
     #[serde(flatten)]
     pub(crate) model: ModelFile,
-    /// Least score of a detection.
+    /// Least detection score.
     pub(crate) least_score: f32,
 }
 
@@ -58,7 +58,7 @@ pub enum ModelsError {
     Unreadable {
         /// File.
         path: PathBuf,
-        /// Error of the system.
+        /// System error.
         error: io::Error,
     },
     /// A file is malformed.
@@ -78,7 +78,7 @@ pub enum ModelsError {
     Runtime {
         /// Library.
         path: PathBuf,
-        /// Error of the system.
+        /// System error.
         problem: String,
     },
     /// A model cannot be loaded, or an output is invalid.

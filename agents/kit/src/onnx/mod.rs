@@ -24,7 +24,7 @@ use std::sync::{Arc, OnceLock};
 /// median.
 const DEEP_M: f32 = 0.35;
 const DEEP_SHARE: f32 = 0.1;
-/// Limit of detections per image: the best ones.
+/// Detection limit per image: the best ones.
 const MOST_THINGS: usize = 24;
 /// Smaller probabilities are dropped.
 const UNLIKELY: f32 = 0.003;
@@ -42,12 +42,12 @@ pub struct OnnxRecognition {
     view: PinholeCamera,
     goals: Vec<OnnxGoal>,
     layout: Layout,
-    /// Pose of the last processed image.
+    /// Pose at the last processed image.
     last: Option<Pose2d>,
     failure: SharedFailure,
 }
 
-/// The first failure of a model after loading; clones share it. A failed image counts as empty.
+/// The first model failure after loading; clones share it. A failed image counts as empty.
 pub type SharedFailure = Arc<OnceLock<ModelsError>>;
 
 /// A goal: the parsed cue, and the embedding from a reference image's middle.
@@ -92,7 +92,7 @@ impl OnnxRecognition {
         looked.map_err(|error| _ = self.failure.set(error)).ok()
     }
 
-    /// Returns the boxes of the detections, best first.
+    /// Returns the detected boxes, best first.
     fn detect(&mut self, image: &Image) -> Result<Vec<CropBox>, ModelsError> {
         let [boxes, scores] = self.detector.run(image, CropBox::ALL)?;
         let found = detections(&boxes, &scores).map_err(|problem| self.detector.wrong(problem))?;
@@ -102,7 +102,7 @@ impl OnnxRecognition {
         Ok(found.into_iter().filter_map(|(frame, _)| frame.inside()).take(MOST_THINGS).collect())
     }
 
-    /// Returns the unit embedding of a crop.
+    /// Returns a crop's unit embedding.
     fn encode(&mut self, image: &Image, frame: CropBox) -> Result<Vec<f32>, ModelsError> {
         let [(_, numbers)] = self.encoder.run(image, frame)?;
         let length = self.words.first().map_or(0, |(_, embedding)| embedding.len());
@@ -114,7 +114,7 @@ impl OnnxRecognition {
         Ok(unit(&numbers))
     }
 
-    /// Returns the words of an embedding with their probabilities: softmax over all words.
+    /// Returns an embedding's words with their probabilities: softmax over all words.
     fn kinds(&self, embedding: &[f32]) -> Vec<(String, f32)> {
         let scores: Vec<f32> =
             self.words.iter().map(|(_, word)| self.scale * cosine(word, embedding)).collect();

@@ -20,18 +20,18 @@ impl CropBox {
         (left < right && top < bottom).then_some(Self([left, top, right, bottom]))
     }
 
-    /// Returns the pixel range between two shares of a side.
+    /// Returns the pixel range between two shares.
     fn span(from: f32, to: f32, pixels: usize) -> std::ops::Range<usize> {
         let first = ((from * pixels as f32) as usize).min(pixels.saturating_sub(1));
         first..((to * pixels as f32).ceil() as usize).clamp(first + 1, pixels.max(first + 1))
     }
 
-    /// Returns the columns in an image of this width.
+    /// Returns the columns at this image width.
     pub(crate) fn columns(self, width: usize) -> std::ops::Range<usize> {
         Self::span(self.0[0], self.0[2], width)
     }
 
-    /// Returns the rows in an image of this height.
+    /// Returns the rows at this image height.
     pub(crate) fn rows(self, height: usize) -> std::ops::Range<usize> {
         Self::span(self.0[1], self.0[3], height)
     }
@@ -81,7 +81,7 @@ pub(crate) struct Model {
     session: Session,
 }
 
-/// Shape and values of an output.
+/// An output's shape and values.
 pub(crate) type Numbers = (Vec<usize>, Vec<f32>);
 
 impl Model {

@@ -62,7 +62,7 @@ const PRIORS: &[Prior] = &[
     prior("door", [0.7, 1.1], [1.9, 2.3], [0.0, 0.1], &[]),
 ];
 
-/// Synonyms of the names in [`PRIORS`].
+/// Synonyms for the names in [`PRIORS`].
 const SYNONYMS: &[(&str, &str)] = &[
     ("couch", "sofa"),
     ("loveseat", "sofa"),

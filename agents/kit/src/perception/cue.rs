@@ -4,7 +4,7 @@ use crate::perception::palette::{Palette, is_color};
 use avln_client::{GoalCue, Image, RgbImage};
 use std::ops::Range;
 
-/// Fields per side of a layout.
+/// Fields per side in a layout.
 const LAYOUT: usize = 3;
 
 /// A goal's appearance, parsed from the cue.
@@ -21,7 +21,7 @@ pub enum Query {
     },
 }
 
-/// The content of a sentence.
+/// A parsed sentence.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CueWords {
     /// Category.
@@ -32,11 +32,11 @@ pub struct CueWords {
     pub traits: Vec<String>,
     /// Room.
     pub room: Option<String>,
-    /// Category of a neighbouring object.
+    /// Neighbour's category.
     pub near: Option<String>,
 }
 
-/// Names of rooms.
+/// Room names.
 const ROOMS: [&str; 12] = [
     "living room",
     "dining room",
@@ -162,7 +162,7 @@ fn looks<'a>(words: &[&'a str], span: &Range<usize>) -> Vec<&'a str> {
 pub struct Layout(Vec<Palette>);
 
 impl Layout {
-    /// Computes the layout of an image.
+    /// Computes an image's layout.
     pub fn of(image: &Image) -> Self {
         let (width, height) = (image.width as usize, image.height as usize);
         let field = |i: usize| {
@@ -173,7 +173,7 @@ impl Layout {
         Self((0..LAYOUT * LAYOUT).map(field).collect())
     }
 
-    /// Returns the similarity of two images, 0 to 1.
+    /// Compares two images, 0 to 1.
     pub fn likeness(&self, other: &Self) -> f32 {
         let fields = self.0.iter().zip(&other.0);
         fields.map(|(a, b)| a.likeness(b)).sum::<f32>() / (LAYOUT * LAYOUT) as f32

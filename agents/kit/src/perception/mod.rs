@@ -87,7 +87,7 @@ pub trait Hints: Send + Sync {
 /// A target in view.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TargetHint {
-    /// Index of the goal.
+    /// Goal index.
     pub goal: usize,
     /// Lowest box corner, metres; y is the height above the body's floor.
     pub min_m: [f32; 3],

@@ -38,7 +38,7 @@ pub struct NetworkRecognition {
     camera: CameraModel,
     goals: Vec<GoalMatcher>,
     layout: Layout,
-    /// Pose of the last processed image.
+    /// Pose at the last processed image.
     last: Option<Pose2d>,
 }
 
@@ -96,7 +96,7 @@ impl NetworkRecognition {
         Some(DetectedObject { embedding: look(segment), kinds, ..detection })
     }
 
-    /// Returns the category probabilities of a segment, by appearance and shape.
+    /// Returns a segment's category probabilities, by appearance and shape.
     fn judged(
         &self,
         segment: &Segment,
@@ -158,7 +158,7 @@ impl Recognition for NetworkRecognition {
     }
 }
 
-/// Returns the similarity of two descriptors, 0 to 1.
+/// Compares two descriptors, 0 to 1.
 fn alike(a: &[f32], b: &[f32]) -> f32 {
     let [low, high] = ALIKE;
     ((cosine(a, b) - low) / (high - low)).clamp(0.0, 1.0)
@@ -172,7 +172,7 @@ fn picture(image: &RgbImage) -> Picture<'_> {
     Picture { width: image.width as usize, height: image.height as usize, rgb: &image.pixels }
 }
 
-/// Returns the descriptor of a segment: embedding and category probabilities, equally weighted.
+/// Returns a segment's descriptor: embedding and category probabilities, equally weighted.
 fn look(segment: &Segment) -> Vec<f32> {
     let length = segment.categories.iter().map(|p| p * p).sum::<f32>().sqrt().max(f32::EPSILON);
     let categories = segment.categories.iter().map(|p| p / length);

@@ -5,7 +5,7 @@ use avln_perception::extent;
 
 /// Grid nodes per image row.
 const NODES: usize = 64;
-/// Heights of objects, metres: below is floor, above ceiling.
+/// Object heights, metres: below is floor, above ceiling.
 const HEIGHTS_M: [f32; 2] = [0.05, 2.3];
 /// Farther objects are too coarse, metres.
 const FAR_M: f32 = 6.0;
@@ -16,7 +16,7 @@ const STEP_SHARE: f32 = 0.04;
 /// separates.
 const FREE_CONTRAST: f32 = 0.4;
 const WALL_CONTRAST: f32 = 0.07;
-/// Fewest nodes and greatest length, metres, of an object.
+/// Fewest nodes and greatest length in an object, metres.
 const FEWEST_NODES: usize = 10;
 const LONGEST_M: f32 = 3.2;
 
@@ -37,7 +37,7 @@ pub struct DetectedObject {
     pub embedding: Vec<f32>,
     /// Categories and probabilities; empty if the recognition has none.
     pub kinds: Vec<(String, f32)>,
-    /// Number of images.
+    /// Image count.
     pub views: u32,
 }
 
@@ -82,12 +82,12 @@ impl DetectedObject {
         (self.max.x - self.min.x).min(self.max.z - self.min.z)
     }
 
-    /// Returns the nearest point of the box on the floor plan.
+    /// Returns the box's nearest point on the floor plan.
     pub fn nearest(&self, place: FloorPoint) -> FloorPoint {
         FloorPoint::new(place.x.clamp(self.min.x, self.max.x), place.z.clamp(self.min.z, self.max.z))
     }
 
-    /// Returns the distance of a point to the box on the floor plan, metres.
+    /// Returns the distance between a point and the box on the floor plan, metres.
     pub fn distance_m(&self, place: FloorPoint) -> f32 {
         self.nearest(place).distance_m(place)
     }
@@ -97,7 +97,7 @@ impl DetectedObject {
         self.min.toward(self.max, 0.5)
     }
 
-    /// Returns true for a stretch of wall: thin, long and tall.
+    /// Returns true for a wall: thin, long and tall.
     fn is_wall(&self) -> bool {
         self.high_m - self.low_m > 1.7 && self.long_m() > 1.2 && self.short_m() < 0.2
     }
@@ -118,7 +118,7 @@ impl DetectedObject {
         !apart(self, other) && !apart(other, self) && alike()
     }
 
-    /// Merges another view of the object.
+    /// Merges another view.
     pub fn merge(&mut self, other: &Self) {
         self.min = FloorPoint::new(self.min.x.min(other.min.x), self.min.z.min(other.min.z));
         self.max = FloorPoint::new(self.max.x.max(other.max.x), self.max.z.max(other.max.z));
@@ -130,7 +130,7 @@ impl DetectedObject {
         self.views += other.views;
     }
 
-    /// Returns the probability of a category, 0 to 1; `None` without probabilities.
+    /// Returns a category's probability, 0 to 1; `None` without probabilities.
     pub fn is_a(&self, category: &str) -> Option<f32> {
         let told =
             self.kinds.iter().filter(|(kind, _)| kind == category).map(|(_, probability)| probability).sum();
@@ -166,7 +166,7 @@ fn mix(mean: &mut Vec<f32>, others: &[f32], share: f32) {
     mean.iter_mut().zip(others).for_each(|(mean, other)| *mean += share * (other - *mean));
 }
 
-/// A node of the grid.
+/// A grid node.
 #[derive(Clone, Copy)]
 struct GridNode {
     seen: SurfacePoint,

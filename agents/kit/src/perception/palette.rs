@@ -4,7 +4,7 @@ const HUES: usize = 12;
 /// Saturation below which a pixel is grey.
 const GREY: f32 = 0.18;
 
-/// Colour words of cues, with examples.
+/// Colour words, with examples.
 const NAMED: [(&str, [u8; 3]); 13] = [
     ("red", [200, 40, 40]),
     ("orange", [240, 140, 30]),
@@ -29,7 +29,7 @@ pub struct Palette {
 }
 
 impl Palette {
-    /// Builds the palette of pixels.
+    /// Builds a palette from pixels.
     pub fn of(pixels: impl Iterator<Item = [u8; 3]>) -> Self {
         let mut palette = Self::default();
         for rgb in pixels {
@@ -41,7 +41,7 @@ impl Palette {
         palette
     }
 
-    /// Adds the pixels of another view.
+    /// Adds another view's pixels.
     pub fn merge(&mut self, other: &Self) {
         let all = (self.pixels + other.pixels).max(1.0);
         for (share, more) in self.shares.iter_mut().zip(&other.shares) {
@@ -81,7 +81,7 @@ pub(crate) fn is_color(word: &str) -> bool {
     NAMED.iter().any(|(name, _)| *name == word)
 }
 
-/// Returns the difference of two colours, 0 to about 1; brightness counts less than hue.
+/// Returns the difference between two colours, 0 to about 1; brightness counts less than hue.
 pub(crate) fn contrast(a: [u8; 3], b: [u8; 3]) -> f32 {
     let chroma = |rgb: [u8; 3]| {
         let [r, g, b] = rgb.map(|value| f32::from(value) / 255.0);

@@ -9,7 +9,7 @@ use avln_kit::perception::DetectedObject;
 use serde::Serialize;
 use std::fmt::Write;
 
-/// Version of the format.
+/// Format version.
 const FORMAT: u32 = 1;
 /// Words per object in a map line.
 const WORDS: usize = 3;
@@ -20,7 +20,7 @@ pub(crate) struct TraceInput<'a> {
     pub(crate) ablation: Ablation,
     pub(crate) map: &'a Occupancy,
     pub(crate) objects: &'a ObjectMemory,
-    /// Number of goals.
+    /// Goal count.
     pub(crate) goals: usize,
     pub(crate) sources: &'a [SourceMemory],
     pub(crate) schedule: &'a SoundSchedule,
@@ -29,7 +29,7 @@ pub(crate) struct TraceInput<'a> {
     pub(crate) decision: &'a Decision,
 }
 
-/// A line of a trace.
+/// A trace line.
 #[derive(Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub(crate) enum TraceLine<'a> {
@@ -232,7 +232,7 @@ impl BoxLine {
     }
 }
 
-/// Returns x and z of a point.
+/// Returns a point's x and z.
 pub(crate) fn xz(place: FloorPoint) -> [f32; 2] {
     [place.x, place.z]
 }
@@ -250,7 +250,7 @@ pub(crate) struct MapLine {
 #[derive(Serialize)]
 pub(crate) struct MapGrid {
     cell_m: f32,
-    /// Lowest corner of the first cell.
+    /// The first cell's lowest corner.
     min_m: [f32; 2],
     pub(crate) columns: u32,
     pub(crate) rows: u32,
@@ -316,7 +316,7 @@ impl ObjectLine {
     }
 }
 
-/// Returns the letter of a cell: wall, lower obstacle, free floor or unknown.
+/// Returns a cell's letter: wall, lower obstacle, free floor or unknown.
 fn state(map: &Occupancy, cell: Cell) -> char {
     match cell {
         cell if map.is_wall(cell) => 'w',
@@ -350,7 +350,7 @@ pub(crate) struct TracedState {
     located: Vec<bool>,
 }
 
-/// A change of [`TracedState`].
+/// A change in [`TracedState`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub(crate) enum TraceEvent {

@@ -23,7 +23,7 @@ pub struct Recorder {
     folder: PathBuf,
     file: Option<TraceFile>,
     before: TracedState,
-    /// Last written step, and step of the last map line.
+    /// Last written step, and step at the last map line.
     last_step: Option<u32>,
     map_step: Option<u32>,
     failure: Option<TraceError>,
@@ -43,7 +43,7 @@ pub enum TraceError {
     Folder {
         /// Folder as given.
         folder: PathBuf,
-        /// Error of the system.
+        /// System error.
         problem: io::Error,
     },
     /// A file is incomplete.
@@ -51,7 +51,7 @@ pub enum TraceError {
     File {
         /// The file.
         path: PathBuf,
-        /// Error of the system.
+        /// System error.
         problem: io::Error,
     },
     /// An episode's handle is not a valid file name.
@@ -133,7 +133,7 @@ impl Recorder {
         self.file = None;
     }
 
-    /// Returns the first failure of all episodes.
+    /// Returns the first failure in any episode.
     pub(crate) fn conclude(self) -> Result<(), TraceError> {
         self.failure.map_or(Ok(()), Err)
     }

@@ -47,7 +47,7 @@ fn mission() -> Mission {
     Mission { order: Order::Unordered, goals }
 }
 
-/// Observation of a body that stands 3 m in front of a wall; the source falls silent after the first Submit.
+/// Observation at rest, 3 m before a wall; the source falls silent after the first Submit.
 fn observation(step: u32, is_silent: bool) -> Observation {
     let depth_m = |row: u32| match (row as f32 + 0.5 - 32.0) / 32.0 {
         down if down > 0.0 => (1.0 / down).min(3.02),

@@ -1,6 +1,6 @@
-use super::shot::{Hfov, Pose, Size, camera};
+use super::camera::{CameraPose, Hfov, PictureSize, camera};
 use super::text;
-use crate::commands::scene::Furnished;
+use crate::commands::scene::FurnishedSceneArgs;
 use crate::output::say;
 use avln_arena::{Failure, FailureKind};
 use avln_geom::{Point3, RayMesh, Rng, Vector3, angle};
@@ -16,26 +16,26 @@ use std::time::Instant;
 
 /// Height of the eye above the floor, metres.
 const EYE_M: f32 = 1.0;
-/// Every picture is taken so often; its fastest time counts.
+/// Repetitions per picture; the fastest one counts.
 const ROUNDS: usize = 5;
-/// Sides of the pictures where none are asked for, pixels.
+/// Default sides of pictures, pixels.
 const SIDES_PX: [u32; 3] = [128, 256, 512];
-/// Of the places and headings.
+/// Seed of positions and headings.
 const SEED: u64 = 1;
 
-/// What to take pictures of, and how many.
+/// Arguments of `avln sim bench`.
 #[derive(Debug, Args)]
-pub struct Options {
-    /// The scene to take pictures of
+pub struct BenchArgs {
+    /// Scene
     #[command(flatten)]
-    scene: Furnished,
-    /// Pixels in a row and rows, 1 to 4096 each; 128x128, 256x256 and 512x512 unless given
+    scene: FurnishedSceneArgs,
+    /// Width and height in pixels, 1 to 4096; 128x128, 256x256 and 512x512 by default
     #[arg(long, value_name = "WxH")]
-    size: Option<Size>,
-    /// Pictures of each size, from places and headings drawn on the scene's floor, 1 to 10000
+    size: Option<PictureSize>,
+    /// Pictures per size, from random positions and headings on the floor, 1 to 10000
     #[arg(long, value_name = "COUNT", default_value_t = 48, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     frames: u16,
-    /// Angle between left and right border, degrees from 0.2 to 179.8
+    /// Horizontal field of view, degrees from 0.2 to 179.8
     #[arg(long, value_name = "DEGREES", default_value = "90")]
     hfov: Hfov,
     /// Print one JSON object
@@ -43,19 +43,19 @@ pub struct Options {
     json: bool,
 }
 
-/// What was measured.
+/// The results of the benchmark.
 #[derive(Debug, Serialize)]
-struct Report {
+struct BenchReport {
     scene: String,
     triangles: usize,
     textures: usize,
-    /// Bytes of the textures as the scene holds them, RGBA.
+    /// Size of the RGBA textures, bytes.
     texture_bytes: usize,
-    /// Seconds from the scene in memory to its first picture, of one pixel.
+    /// Time from the loaded scene to the first picture, of one pixel, seconds.
     prepare_s: f64,
-    /// Bytes that the renderer keeps, textures included.
+    /// Memory of the renderer including textures, bytes.
     resident_bytes: usize,
-    /// Of these, bytes of triangles and the tree over them, for each triangle that is drawn.
+    /// Memory of triangles and their search tree per triangle, bytes.
     geometry_bytes_per_triangle: f64,
     eyes: &'static str,
     frames: usize,
@@ -72,9 +72,9 @@ struct Rate {
     mean_ms: f64,
 }
 
-pub(super) fn run(options: &Options) -> Result<(), Failure> {
-    let report = measure(options)?;
-    if options.json {
+pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
+    let report = measure(args)?;
+    if args.json {
         say!("{}", text(&report)?);
         return Ok(());
     }
@@ -101,24 +101,24 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     Ok(())
 }
 
-fn measure(options: &Options) -> Result<Report, Failure> {
-    let scene = Arc::new(options.scene.load()?);
-    let (poses, eyes) = poses(&scene, usize::from(options.frames))?;
+fn measure(args: &BenchArgs) -> Result<BenchReport, Failure> {
+    let scene = Arc::new(args.scene.load()?);
+    let (poses, eyes) = poses(&scene, usize::from(args.frames))?;
     let start = Instant::now();
     let rays = Arc::new(RayMesh::new(&scene.mesh.positions, &scene.mesh.triangles));
     let renderer = Renderer::new(Arc::clone(&scene), rays);
-    black_box(renderer.render(&camera(&poses[0], Size { width: 1, height: 1 }, options.hfov, None)));
+    black_box(renderer.render(&camera(&poses[0], PictureSize { width: 1, height: 1 }, args.hfov, None)));
     let prepare_s = start.elapsed().as_secs_f64();
-    let sizes = match options.size {
+    let sizes = match args.size {
         Some(size) => vec![size],
-        None => SIDES_PX.map(|side| Size { width: side, height: side }).to_vec(),
+        None => SIDES_PX.map(|side| PictureSize { width: side, height: side }).to_vec(),
     };
-    let rate = |size: Size| {
-        let cameras = poses.iter().map(|pose| camera(pose, size, options.hfov, None));
+    let rate = |size: PictureSize| {
+        let cameras = poses.iter().map(|pose| camera(pose, size, args.hfov, None));
         rate(&renderer, size, &cameras.collect::<Vec<_>>())
     };
     let model = renderer.model();
-    Ok(Report {
+    Ok(BenchReport {
         scene: scene.name.clone(),
         triangles: scene.mesh.triangles.len(),
         textures: scene.textures.len(),
@@ -128,14 +128,14 @@ fn measure(options: &Options) -> Result<Report, Failure> {
         geometry_bytes_per_triangle: model.geometry_bytes() as f64 / model.triangle_count().max(1) as f64,
         eyes,
         frames: poses.len(),
-        hfov_deg: options.hfov.degrees,
+        hfov_deg: args.hfov.degrees,
         clock: "wall time, the fastest of 5 rounds for each picture",
         sizes: sizes.into_iter().map(rate).collect(),
     })
 }
 
 /// Takes all pictures in turn, several times; a picture's fastest time is the one that nothing else disturbed.
-fn rate(renderer: &Renderer, size: Size, cameras: &[Camera]) -> Rate {
+fn rate(renderer: &Renderer, size: PictureSize, cameras: &[Camera]) -> Rate {
     let mut fastest_s = vec![f64::INFINITY; cameras.len()];
     for _ in 0..ROUNDS {
         for (camera, fastest_s) in cameras.iter().zip(&mut fastest_s) {
@@ -148,8 +148,8 @@ fn rate(renderer: &Renderer, size: Size, cameras: &[Camera]) -> Rate {
     Rate { width: size.width, height: size.height, frames_per_s: 1.0 / mean_s, mean_ms: mean_s * 1e3 }
 }
 
-/// Level cameras with drawn headings, and where they stand in words.
-fn poses(scene: &Scene, count: usize) -> Result<(Vec<Pose>, &'static str), Failure> {
+/// Random level cameras, and a description of their positions.
+fn poses(scene: &Scene, count: usize) -> Result<(Vec<CameraPose>, &'static str), Failure> {
     let middle = scene.bounds().map(|bounds| bounds.center()).ok_or_else(|| {
         Failure::new(FailureKind::Scene, format!("scene '{}' has no triangle to see", scene.name))
     })?;
@@ -158,7 +158,7 @@ fn poses(scene: &Scene, count: usize) -> Result<(Vec<Pose>, &'static str), Failu
     let mut pose = || {
         let on_floor = navmesh.as_ref().map(|mesh| mesh.sample(&mut rng, mesh.largest_island()).position());
         let eye = on_floor.map_or(middle, |floor: Point3<f32>| floor + Vector3::y() * EYE_M);
-        Pose { eye, world_from_camera: angle::about_up(rng.range(-PI, PI)) }
+        CameraPose { eye, world_from_camera: angle::about_up(rng.range(-PI, PI)) }
     };
     let poses = (0..count).map(|_| pose()).collect();
     let words = match navmesh {
@@ -172,14 +172,14 @@ fn poses(scene: &Scene, count: usize) -> Result<(Vec<Pose>, &'static str), Failu
 mod tests {
     use super::*;
 
-    fn options(size: Option<Size>) -> Options {
+    fn args(size: Option<PictureSize>) -> BenchArgs {
         let hfov = Hfov::new(90.0).expect("an angle");
-        Options { scene: Furnished::grown(3), size, frames: 2, hfov, json: true }
+        BenchArgs { scene: FurnishedSceneArgs::grown(3), size, frames: 2, hfov, json: true }
     }
 
     #[test]
     fn three_sizes_are_measured_unless_one_is_asked_for() {
-        let report = measure(&options(None)).expect("a report");
+        let report = measure(&args(None)).expect("a report");
         let sides: Vec<_> = report.sizes.iter().map(|rate| (rate.width, rate.height)).collect();
         assert_eq!(sides, [(128, 128), (256, 256), (512, 512)]);
         assert!(report.resident_bytes > 10 * report.triangles);
@@ -187,13 +187,13 @@ mod tests {
         for rate in &report.sizes {
             assert!((rate.frames_per_s * rate.mean_ms - 1e3).abs() < 1e-6 && rate.mean_ms > 0.0, "{rate:?}");
         }
-        let one = measure(&options(Some(Size { width: 8, height: 4 }))).expect("a report");
+        let one = measure(&args(Some(PictureSize { width: 8, height: 4 }))).expect("a report");
         assert_eq!(one.sizes.iter().map(|rate| (rate.width, rate.height)).collect::<Vec<_>>(), [(8, 4)]);
     }
 
     #[test]
     fn a_scene_without_a_floor_is_seen_from_its_middle() {
-        let mut scene = Furnished::grown(3).load().expect("a house");
+        let mut scene = FurnishedSceneArgs::grown(3).load().expect("a house");
         let (walked, words) = poses(&scene, 20).expect("poses");
         assert!(
             words.contains("navmesh")

@@ -1,4 +1,4 @@
-//! Where one listens: a building or a test room, and what its surfaces do to sound.
+//! Surroundings of a listener: a building or a test room, with acoustic surfaces.
 
 use super::{read, unusable};
 use avln_acoustics::{Acoustics, SURFACE_BANDS, Settings, Surface, Surfaces, expected_reverberation_s};
@@ -13,44 +13,43 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::Arc;
 
-/// What comes back from surfaces whose absorption or scattering is not given.
+/// Default absorption and scattering of surfaces.
 const USUAL_ABSORPTION: f32 = 0.1;
 const USUAL_SCATTERING: f32 = 0.1;
 
-/// The shortest and the longest response that is chosen, seconds.
+/// Bounds of the default response length, seconds.
 const SHORTEST_S: f32 = 0.5;
 const LONGEST_S: f32 = 10.0;
 
 /// The building and its surfaces.
 #[derive(Debug, Args)]
-pub(super) struct Surroundings {
+pub(super) struct SurroundingsArgs {
     #[command(flatten)]
-    choice: Choice,
-    /// Energy that surfaces absorb, 0 to 1: one share, or six for 125, 250, 500, 1000, 2000 and 4000 Hz. All surfaces are
-    /// alike then, in place of what the materials of a scene say [default of test rooms: 0.1]
+    choice: SurroundingsChoice,
+    /// Absorbed share of energy for all surfaces, instead of the materials of the scene: one value from 0 to 1, or six for 125,
+    /// 250, 500, 1000, 2000 and 4000 Hz [default of test rooms: 0.1]
     #[arg(long, value_name = "A[,...]")]
     absorption: Option<Shares>,
-    /// Of what surfaces do not absorb: thrown in all directions (Lambert), 0 to 1; one share or six. The rest is mirrored.
-    /// All surfaces are alike then [default of test rooms: 0.1]
+    /// Scattered share (Lambert) of the reflected energy for all surfaces, one value or six; the rest is mirrored
+    /// [default of test rooms: 0.1]
     #[arg(long, value_name = "S[,...]")]
     scattering: Option<Shares>,
 }
 
-/// One of the ways to name a building.
+/// The choice of a building or a test room.
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
-struct Choice {
-    /// A scene in any layout that can be opened: a file or a folder
+struct SurroundingsChoice {
+    /// Scene file or folder, in any supported layout
     #[arg(long, value_name = "PATH")]
     scene: Option<PathBuf>,
     /// Seed of a procedural house
     #[arg(long)]
     seed: Option<u64>,
-    /// A box-shaped test room with one corner at the origin: metres along x, z and y
+    /// Box-shaped test room from the origin: metres along x, z and y
     #[arg(long, value_name = "LxWxH")]
-    shoebox: Option<Box3>,
-    /// A test room with vertical walls, floor at y = 0: {"vertices": [[x,z],...], "height_m": 2.7}, metres, corners once
-    /// around
+    shoebox: Option<Shoebox>,
+    /// Test room with vertical walls and the floor at y = 0: {"vertices": [[x,z],...], "height_m": 2.7} in metres, corners in order
     #[arg(long, value_name = "FILE.json")]
     polygon: Option<PathBuf>,
 }
@@ -61,7 +60,7 @@ struct Shares([f32; SURFACE_BANDS]);
 
 /// Lengths along x, z and y, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Box3([f32; 3]);
+struct Shoebox([f32; 3]);
 
 /// A file of a test room.
 #[derive(Deserialize)]
@@ -71,16 +70,16 @@ struct Polygon {
     height_m: f32,
 }
 
-/// A building that can be listened in.
+/// A building or a test room with its surfaces.
 pub(super) struct Hall {
     scene: Scene,
     surfaces: Surfaces,
-    /// The plan of a test room.
+    /// Plan of a test room; `None` for a building.
     plan: Option<RoomPlan>,
 }
 
-impl Surroundings {
-    /// Opens, grows or builds it.
+impl SurroundingsArgs {
+    /// Opens or builds the surroundings.
     pub(super) fn open(&self) -> Result<Hall, Failure> {
         let plan = self.choice.plan()?;
         let scene = match &plan {
@@ -95,7 +94,7 @@ impl Surroundings {
         Ok(Hall { scene, surfaces, plan })
     }
 
-    /// The one kind of all surfaces.
+    /// The uniform surface.
     fn surface(&self) -> Surface {
         let shares = |given: Option<Shares>, usual| given.map_or([usual; SURFACE_BANDS], |shares| shares.0);
         Surface {
@@ -106,10 +105,10 @@ impl Surroundings {
     }
 }
 
-impl Choice {
-    /// The plan of a test room, if it is one.
+impl SurroundingsChoice {
+    /// Reads the plan of a test room, if one is chosen.
     fn plan(&self) -> Result<Option<RoomPlan>, Failure> {
-        if let Some(Box3([x_m, z_m, y_m])) = self.shoebox {
+        if let Some(Shoebox([x_m, z_m, y_m])) = self.shoebox {
             let named = |error| Failure::new(FailureKind::Scene, format!("--shoebox: {error}"));
             return RoomPlan::shoebox(x_m, z_m, y_m).map(Some).map_err(named);
         }
@@ -133,12 +132,12 @@ impl Choice {
 }
 
 impl Hall {
-    /// Seconds after which next to nothing is heard, as far as surfaces tell.
+    /// Expected reverberation time, seconds.
     pub(super) fn response_s(&self) -> f32 {
         expected_reverberation_s(&self.scene, &self.surfaces).clamp(SHORTEST_S, LONGEST_S)
     }
 
-    /// Refuses a place outside of a test room. `what` names it.
+    /// Rejects a position outside of a test room. `what` is its name in the message.
     pub(super) fn check(&self, what: &str, place: &Point3<f32>) -> Result<(), Failure> {
         if self.plan.as_ref().is_none_or(|plan| plan.contains(place)) {
             return Ok(());
@@ -149,7 +148,7 @@ impl Hall {
         Err(Failure::new(FailureKind::Scene, message).hinted(hint))
     }
 
-    /// What is known of its sound.
+    /// The acoustic model.
     pub(super) fn acoustics(&self, settings: Settings) -> Acoustics {
         let rays = Arc::new(RayMesh::new(&self.scene.mesh.positions, &self.scene.mesh.triangles));
         Acoustics::new(&self.scene, rays, self.surfaces.clone(), settings)
@@ -176,7 +175,7 @@ impl FromStr for Shares {
     }
 }
 
-impl FromStr for Box3 {
+impl FromStr for Shoebox {
     type Err = String;
 
     fn from_str(words: &str) -> Result<Self, String> {
@@ -205,9 +204,9 @@ mod tests {
 
     #[test]
     fn boxes_are_three_lengths() {
-        assert_eq!("6x5X3".parse(), Ok(Box3([6.0, 5.0, 3.0])));
+        assert_eq!("6x5X3".parse(), Ok(Shoebox([6.0, 5.0, 3.0])));
         for bad in ["6x5", "6x5x3x1", "6,5,3", "axbxc", ""] {
-            assert!(bad.parse::<Box3>().is_err(), "{bad}");
+            assert!(bad.parse::<Shoebox>().is_err(), "{bad}");
         }
     }
 }

@@ -1,7 +1,8 @@
-use super::hall::Surroundings;
-use super::listener::{Hearing, Place, listener};
+use super::hall::SurroundingsArgs;
+use super::listen::write_wav;
+use super::listen::{HearingArgs, Position, listener};
+use super::text;
 use super::walk::Start;
-use super::{text, wav};
 use crate::output::say;
 use avln_acoustics::{BandMeasures, ImpulseResponse, Measures, SURFACE_BANDS, Source, interaural_delay_s};
 use avln_arena::Failure;
@@ -13,31 +14,31 @@ use std::path::PathBuf;
 /// Octave bands, hertz.
 const BANDS: [&str; SURFACE_BANDS] = ["125", "250", "500", "1000", "2000", "4000"];
 
-/// Where it sounds, who listens, and what to write.
+/// Arguments of `avln sim rir`.
 #[derive(Debug, Args)]
-pub struct Options {
+pub struct RirArgs {
     #[command(flatten)]
-    surroundings: Surroundings,
-    /// The source, a point that sounds alike in all directions: x,y,z in metres
+    surroundings: SurroundingsArgs,
+    /// Omnidirectional point source: x,y,z in metres
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
-    source: Place,
+    source: Position,
     /// The centre of the head: x,y,z in metres and the heading in degrees; 0 looks along -Z, left is positive
     #[arg(long, value_name = "X,Y,Z,HEADING", allow_hyphen_values = true)]
     listener: Start,
     #[command(flatten)]
-    hearing: Hearing,
+    hearing: HearingArgs,
     /// Write the response: 16 kHz, 32-bit float, left and right ear; one channel with --omni. Sample 0 is when the source
     /// sounds, and its pressure 1 m away, without walls, is a pulse of height 1
     #[arg(long, value_name = "RIR.wav")]
     out: Option<PathBuf>,
-    /// Print the measures as JSON, null for what does not exist
+    /// Print the measures as JSON; null for undefined values
     #[arg(long)]
     json: bool,
 }
 
-/// What is said of a response.
+/// Measures of an impulse response.
 #[derive(Debug, Serialize)]
-struct Report {
+struct RirReport {
     /// Until the first wave passes the head's centre.
     direct_delay_s: Option<f64>,
     drr_db: Option<f64>,
@@ -55,7 +56,7 @@ struct Report {
     length_s: f32,
 }
 
-/// A number for each octave band.
+/// A number per octave band.
 #[derive(Debug)]
 struct ByBand([Option<f64>; SURFACE_BANDS]);
 
@@ -69,28 +70,28 @@ impl Serialize for ByBand {
     }
 }
 
-pub(super) fn run(options: &Options) -> Result<(), Failure> {
-    let hall = options.surroundings.open()?;
-    let listener = listener(&options.listener);
-    hall.check("the source", &options.source.0)?;
+pub(super) fn run(args: &RirArgs) -> Result<(), Failure> {
+    let hall = args.surroundings.open()?;
+    let listener = listener(&args.listener);
+    hall.check("the source", &args.source.0)?;
     hall.check("the listener", &listener.position)?;
-    let settings = options.hearing.settings(hall.response_s())?;
+    let settings = args.hearing.settings(hall.response_s())?;
     let length_s = settings.response_s;
-    let source = hall.acoustics(settings).source(&options.source.0);
+    let source = hall.acoustics(settings).source(&args.source.0);
     let response = source.impulse_response(&listener);
-    if let Some(file) = &options.out {
+    if let Some(file) = &args.out {
         let channels: [&[f32]; 2] = [&response.left, &response.right];
-        wav::write(file, &channels[..usize::from(options.hearing.channels())])?;
+        write_wav(file, &channels[..usize::from(args.hearing.channels())])?;
     }
-    let report = Report::new(&source, &listener, &response, length_s);
-    match options.json {
+    let report = RirReport::new(&source, &listener, &response, length_s);
+    match args.json {
         true => say!("{}", text(&report)?),
         false => report.print(),
     }
     Ok(())
 }
 
-impl Report {
+impl RirReport {
     fn new(
         source: &Source,
         listener: &avln_acoustics::Listener,

@@ -1,4 +1,4 @@
-use super::{Ground, read, text, unusable};
+use super::{GroundArgs, read, text, unusable};
 use crate::output::say;
 use avln_arena::Failure;
 use avln_geom::{Point3, Vector3, angle};
@@ -8,13 +8,12 @@ use serde::Serialize;
 use std::path::Path;
 use std::str::FromStr;
 
-/// A step that falls short of what was asked by more than this has collided, square metres (habitat-sim,
-/// `object_controls.py`).
+/// A step that is shorter than requested by more than this is a collision, square metres (habitat-sim, `object_controls.py`).
 const COLLIDED_M2: f32 = 1e-5;
 
-/// How the body moves.
+/// Arguments of the body's motion.
 #[derive(Debug, Args)]
-pub struct Motion {
+pub struct MotionArgs {
     /// Length of a step forward, metres
     #[arg(long, value_name = "METRES", default_value_t = 0.25)]
     forward: f32,
@@ -26,7 +25,7 @@ pub struct Motion {
     no_sliding: bool,
 }
 
-/// Where a walk begins: a place and a heading.
+/// Start pose of a walk.
 #[derive(Clone, Debug)]
 pub struct Start {
     pub(super) position: Point3<f32>,
@@ -50,24 +49,24 @@ impl FromStr for Start {
     }
 }
 
-/// What a walk was.
+/// The result of a walk.
 #[derive(Debug, Default, Serialize)]
-struct Walked {
+struct WalkResult {
     /// After each action: x, y, z in metres, heading in degrees from -180 (excluded) to 180.
     poses: Vec<(f32, f32, f32, f64)>,
-    /// Whether each action ended short of what it asked for.
+    /// Collision flag per action.
     collided: Vec<bool>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Action {
+enum BodyAction {
     Forward,
     Left,
     Right,
     Stay,
 }
 
-impl Action {
+impl BodyAction {
     fn from_name(name: &str) -> Option<Self> {
         match name {
             "MoveForward" | "move_forward" => Some(Self::Forward),
@@ -80,15 +79,15 @@ impl Action {
 }
 
 pub(super) fn run(
-    ground: &Ground,
+    ground: &GroundArgs,
     start: &Start,
     file: &Path,
-    motion: &Motion,
+    motion: &MotionArgs,
     json: bool,
 ) -> Result<(), Failure> {
     let names: Vec<String> = read(file, "an array of action names")?;
     let action = |(index, name): (usize, &String)| {
-        Action::from_name(name).ok_or_else(|| {
+        BodyAction::from_name(name).ok_or_else(|| {
             let hint = "use MoveForward, TurnLeft, TurnRight, Submit or Stop";
             unusable(file, format!("action {index} is '{name}'"), hint)
         })
@@ -105,16 +104,16 @@ pub(super) fn run(
     Ok(())
 }
 
-fn walk(mesh: &NavMesh, start: &Start, actions: &[Action], motion: &Motion) -> Walked {
+fn walk(mesh: &NavMesh, start: &Start, actions: &[BodyAction], motion: &MotionArgs) -> WalkResult {
     let (mut at, mut heading_deg) = (start.position, start.heading_deg);
-    let mut walked = Walked::default();
+    let mut walked = WalkResult::default();
     for action in actions {
         let mut collided = false;
         match action {
-            Action::Forward => (at, collided) = step(mesh, &at, heading_deg, motion),
-            Action::Left => heading_deg += motion.turn,
-            Action::Right => heading_deg -= motion.turn,
-            Action::Stay => {}
+            BodyAction::Forward => (at, collided) = step(mesh, &at, heading_deg, motion),
+            BodyAction::Left => heading_deg += motion.turn,
+            BodyAction::Right => heading_deg -= motion.turn,
+            BodyAction::Stay => {}
         }
         heading_deg = wrapped(heading_deg);
         walked.poses.push((at.x, at.y, at.z, heading_deg));
@@ -124,7 +123,7 @@ fn walk(mesh: &NavMesh, start: &Start, actions: &[Action], motion: &Motion) -> W
 }
 
 /// A step forward, and whether it collided.
-fn step(mesh: &NavMesh, at: &Point3<f32>, heading_deg: f64, motion: &Motion) -> (Point3<f32>, bool) {
+fn step(mesh: &NavMesh, at: &Point3<f32>, heading_deg: f64, motion: &MotionArgs) -> (Point3<f32>, bool) {
     let (sin, cos) = angle::sin_cos(heading_deg.to_radians() as f32);
     let asked = Vector3::new(-sin, 0.0, -cos) * motion.forward;
     let end = mesh.try_step(at, &(at + asked), !motion.no_sliding);
@@ -132,7 +131,7 @@ fn step(mesh: &NavMesh, at: &Point3<f32>, heading_deg: f64, motion: &Motion) -> 
     (end, collided)
 }
 
-/// The same heading above -180 degrees and up to 180.
+/// Wraps a heading to (-180, 180] degrees.
 fn wrapped(heading_deg: f64) -> f64 {
     let turned = heading_deg.rem_euclid(360.0);
     if turned > 180.0 { turned - 360.0 } else { turned }
@@ -157,9 +156,10 @@ mod tests {
         let mesh = NavMesh::build_with(&scene, &Default::default()).expect("a house to walk in");
         let on_floor = mesh.sample(&mut avln_geom::Rng::new(2), mesh.largest_island());
         let start = Start { position: on_floor.position(), heading_deg: 170.0 };
-        let motion = Motion { forward: 0.25, turn: 30.0, no_sliding: false };
+        let motion = MotionArgs { forward: 0.25, turn: 30.0, no_sliding: false };
         // Straight on for longer than the house is: in the end nothing is left of a step.
-        let actions = [vec![Action::Left], vec![Action::Forward; 200], vec![Action::Stay; 2]].concat();
+        let actions =
+            [vec![BodyAction::Left], vec![BodyAction::Forward; 200], vec![BodyAction::Stay; 2]].concat();
         let walked = walk(&mesh, &start, &actions, &motion);
         assert_eq!((walked.poses.len(), walked.collided.len()), (203, 203));
         assert_eq!((walked.poses[0].3, walked.collided[0]), (-160.0, false));
@@ -182,8 +182,8 @@ mod tests {
 
     #[test]
     fn actions_have_two_spellings() {
-        assert_eq!(Action::from_name("MoveForward"), Action::from_name("move_forward"));
-        assert_eq!(Action::from_name("turn_left"), Some(Action::Left));
-        assert_eq!(Action::from_name("fly"), None);
+        assert_eq!(BodyAction::from_name("MoveForward"), BodyAction::from_name("move_forward"));
+        assert_eq!(BodyAction::from_name("turn_left"), Some(BodyAction::Left));
+        assert_eq!(BodyAction::from_name("fly"), None);
     }
 }

@@ -9,26 +9,26 @@ from avln.v1 import common_pb2 as v1
 
 
 class Action(enum.IntEnum):
-    """What an agent can do in one step; the value is its index in action spaces. Every action is one of the steps."""
+    """Actions of an agent; the value is the index in action spaces. Every action uses a step."""
 
     MOVE_FORWARD = 0
-    """Walk `TaskSpec.forward_m` forward, sliding along walls."""
+    """Move forward by `TaskSpec.forward_m`, sliding at walls."""
     TURN_LEFT = 1
     """Turn left by `TaskSpec.turn_rad` on the spot."""
     TURN_RIGHT = 2
     """Turn right by `TaskSpec.turn_rad` on the spot."""
     SUBMIT = 3
-    """Claim that a target is here. The last one that a mission grants is final."""
+    """Claim that a target is here. The last Submit of a mission is final."""
     STOP = 4
     """Claim the last target and end the episode."""
 
     def to_wire(self) -> v1.Action:
-        """The number on the wire: the index plus one."""
+        """Returns the wire number: the index plus 1."""
         return cast("v1.Action", v1.Action.Value(f"ACTION_{self.name}"))
 
 
 class Order(enum.Enum):
-    """Whether the goals of a mission have an order."""
+    """Order of the goals of a mission."""
 
     ORDERED = "ordered"
     """Goals count in the order of the mission only."""
@@ -46,15 +46,15 @@ class EndReason(enum.Enum):
     STOPPED = "stopped"
     """The agent chose Stop."""
     FINAL_SUBMIT = "final submit"
-    """The agent used its last Submit."""
+    """The agent used the final Submit."""
     STEP_LIMIT = "step limit"
-    """The agent took as many steps as the rules allow."""
+    """The step limit of the rules was reached."""
     TIME_BUDGET = "time budget"
-    """The agent thought for longer than its time allowed, or the wall time of its run was over."""
+    """The time budget or the wall time of the run was used up."""
     ABANDONED = "abandoned"
     """The agent gave the episode up."""
     DISCONNECTED = "disconnected"
-    """The agent went away and did not come back in time."""
+    """The agent disconnected and did not resume in time."""
     SERVER_FAULT = "server fault"
     """The server failed; the episode does not count."""
     OTHER = "another reason"

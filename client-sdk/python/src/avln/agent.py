@@ -18,26 +18,26 @@ if TYPE_CHECKING:
     from avln.task import Sensors, TaskSpec
 
 OnEnd = Callable[["EpisodeEnd"], None]
-"""Told about every episode that ended."""
+"""Callback for every ended episode."""
 
 
 class Agent(Protocol):
-    """Something that plays. One agent plays one episode at a time."""
+    """A policy. An agent plays a single episode at a time."""
 
     def begin(self, task: TaskSpec, mission: Mission) -> None:
-        """An episode begins: forget the last one."""
+        """Starts an episode; forget the previous one."""
 
     def act(self, observation: Observation) -> Action:
-        """What to do, seeing this."""
+        """Selects an action for an observation."""
 
 
 def evaluate(
     arena: Arena, run: Run, agent: Agent, sensors: Sensors | None = None, on_end: OnEnd | None = None
 ) -> RunSummary:
-    """Plays a run to its end with one agent and says Goodbye.
+    """Plays a whole run with a single agent and finishes it.
 
     Raises:
-        Error: when the server refuses something, breaks the protocol or the connection is lost.
+        Error: if the server refuses a request or violates the protocol, or the connection is lost.
     """
     return evaluate_slots(arena, run, [agent], sensors, on_end)
 
@@ -49,12 +49,12 @@ def evaluate_slots(
     sensors: Sensors | None = None,
     on_end: OnEnd | None = None,
 ) -> RunSummary:
-    """Plays a run with as many episodes at the same time as there are agents, or fewer where fewer slots are granted.
+    """Plays a run with an episode per agent in parallel, or fewer if the server grants fewer slots.
 
-    Each agent has a thread of its own; `on_end` is called from one thread at a time.
+    Every agent has a thread; `on_end` is called from a single thread at a time.
 
     Raises:
-        Error: when the server refuses something, breaks the protocol or the connection is lost.
+        Error: if the server refuses a request or violates the protocol, or the connection is lost.
     """
     plays = arena.play_slots(run, len(agents), sensors)
     crew = _Crew(on_end)
@@ -71,16 +71,16 @@ def evaluate_slots(
 
 
 class _Crew:
-    """The threads that play the slots of one run."""
+    """The threads that play the slots of a run."""
 
     def __init__(self, on_end: OnEnd | None) -> None:
         self._on_end = on_end
         self._lock = threading.Lock()
         self.failed: BaseException | None = None
-        """What the first that failed raised."""
+        """Exception of the first failed thread."""
 
     def play(self, play: Play, agent: Agent) -> None:
-        """Plays until no episode is left, or until one of the crew has failed."""
+        """Plays until no episode remains or a thread has failed."""
         try:
             self._play(play, agent)
         except BaseException as error:

@@ -1,4 +1,4 @@
-"""What Welcome fixes for a connection: the task, and how observations are unpacked."""
+"""Connection agreement from Welcome: task and observation decoding."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _DTYPES = {v1.SENSOR_KIND_RGB: v1.DTYPE_U8, v1.SENSOR_KIND_DEPTH: v1.DTYPE_F32, 
 
 
 class Agreement:
-    """The agreement of one connection."""
+    """Agreement of a connection."""
 
     def __init__(self, welcome: play_pb2.Welcome, wanted: Sensors, packing: Packing) -> None:
-        """Checks that Welcome delivers what `wanted` asks for and that this client can read it.
+        """Checks that Welcome provides the `wanted` sensors in decodable form.
 
         Raises:
-            ProtocolError: when it does not.
+            ProtocolError: if it does not.
         """
         self.task = TaskSpec.from_wire(welcome.task)
         self.run = welcome.run
@@ -47,10 +47,10 @@ class Agreement:
         self._tensors = {spec.id: spec for spec in _wanted_tensors(welcome, wanted, packing, self.task)}
 
     def unpack(self, seen: play_pb2.Observation) -> Observation:
-        """The observation of a message.
+        """Decodes an observation message.
 
         Raises:
-            ProtocolError: when it is not what was agreed.
+            ProtocolError: if it violates the agreement.
         """
         if not seen.HasField("pose"):
             raise ProtocolError(f"observation {seen.step} came without a pose")

@@ -1,4 +1,4 @@
-"""A connection to a server: what is asked of it, and the way to its runs."""
+"""Server connections and run management."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import grpc
 
 from avln.action import Order
 from avln.agreement import Agreement
+from avln.backoff import Backoff
 from avln.errors import Error, LostError, NotArenaError, ProtocolError, TokenError, from_call
 from avln.line import CALL_TIMEOUT_S, Dialler, Line
 from avln.link import CONNECT_TIMEOUT_S, Link, open_channel, parse_address, unreachable
@@ -28,10 +29,9 @@ if TYPE_CHECKING:
     from google.protobuf.message import Message
 
 RUN_TOKEN = "avln_run_"
-"""What the tokens of runs begin with."""
+"""Prefix of run tokens."""
 _PATIENCE_S = 10.0
-"""For how long a call whose answer was lost is made again, unless the link says less."""
-_PAUSES_S = (0.05, 2.0)
+"""Retry time of a call with a lost answer, unless the link has less patience."""
 _ANSWERS: dict[str, Any] = {
     "InfoService/GetServerInfo": info_pb2.GetServerInfoResponse,
     "InfoService/ListPhases": info_pb2.ListPhasesResponse,
@@ -45,7 +45,7 @@ _ANSWERS: dict[str, Any] = {
 
 
 class Arena:
-    """A connection to a server. `connect` makes one; as a context it closes at the end of its block."""
+    """A connection to a server, created by `connect`; a context manager that closes it."""
 
     def __init__(self, channel: grpc.Channel, token: str, packing: Packing, patience_s: float | None) -> None:
         self._channel = channel
@@ -55,18 +55,18 @@ class Arena:
 
     @classmethod
     def connect(cls, server: str, token: str = "", link: Link | None = None) -> Arena:
-        """Connects and checks that the server is one and takes the account's token.
+        """Connects to a server and verifies the server and the account token.
 
         Args:
             server: address like `http://127.0.0.1:50051`, `https://arena.example:50051` or `unix:/run/arena.sock`.
-            token: the account's. Empty is good for `server_info`, `phases` and for playing a `Run.from_token`.
-            link: how to connect, where the defaults do not do.
+            token: account token. Empty is sufficient for `server_info`, `phases` and a `Run.from_token`.
+            link: connection options.
 
         Raises:
-            AddressError: when the address makes no sense.
-            UnreachableError: when nothing answers there within ten seconds.
-            NotArenaError: when what answers is no such server.
-            TokenError: when the server refuses the token.
+            AddressError: if the address is invalid.
+            UnreachableError: if no server answers within ten seconds.
+            NotArenaError: if the server is of a different kind.
+            TokenError: if the server rejects the token.
         """
         link = link or Link()
         address = parse_address(server)
@@ -92,41 +92,40 @@ class Arena:
             self.whoami()
 
     def server_info(self) -> ServerInfo:
-        """What the server is.
+        """Returns server information.
 
         Raises:
-            Error: when the connection is lost.
+            Error: if the connection is lost.
         """
         answer = self._ask("ask what the server is", "InfoService/GetServerInfo", info_pb2.GetServerInfoRequest())
         return ServerInfo.from_wire(answer)
 
     def phases(self) -> list[Phase]:
-        """The phases that the team may see, in the organiser's order; without a token, those that anyone may see.
+        """Returns the phases visible to the team, in the organiser's order; without a token, the public phases.
 
         Raises:
-            Error: when the connection is lost.
+            Error: if the connection is lost.
         """
         answer = self._ask("list phases", "InfoService/ListPhases", info_pb2.ListPhasesRequest())
         return [Phase.from_wire(phase) for phase in answer.phases]
 
     def practice_phase(self) -> str:
-        """Id of the phase that is played where none is named.
+        """Returns the id of the default phase.
 
-        It is the only open one in which the team's runs are not counted or, where there are several, the one called
-        `practice`.
+        It is the only open phase with uncounted runs, or among several the phase `practice`.
 
         Raises:
-            PhaseError: when there is no such phase.
-            Error: when the connection is lost.
+            PhaseError: if no such phase exists.
+            Error: if the connection is lost.
         """
         return phase_to_practise(self.phases(), self.quota())
 
     def whoami(self) -> Account:
-        """Whose token this is.
+        """Returns the account of the token.
 
         Raises:
-            TokenError: when the server refuses the token.
-            Error: when the connection is lost.
+            TokenError: if the server rejects the token.
+            Error: if the connection is lost.
         """
         answer = self._ask("ask whose token this is", "RunService/WhoAmI", run_pb2.WhoAmIRequest())
         return Account.from_wire(answer)
@@ -142,21 +141,21 @@ class Arena:
         code_url: str = "",
         request_id: str = "",
     ) -> Run:
-        """Begins a run.
+        """Starts a run.
 
         Args:
             phase: id of the phase; empty for `practice_phase`.
             method: name on the leaderboard, 1 to 80 characters.
-            order: order of its missions.
-            version: the method's, at most 40 characters.
+            order: order of the goals.
+            version: version of the method, at most 40 characters.
             description: text for people, at most 2000 characters.
-            code_url: where the method's code is, an http(s) address.
-            request_id: at most 64 characters; starting again under the same one yields the same run. One is drawn where
-                there is none, so that a lost answer begins no second run.
+            code_url: http(s) address of the code.
+            request_id: idempotency key, at most 64 characters; a repeated key returns the same run. The default is a
+                random key, so a lost answer does not start a second run.
 
         Raises:
-            RefusedError: when the phase is unknown, closed or not for this team, the quota used up, or the server full.
-            Error: when the connection is lost.
+            RefusedError: if the phase is unknown, closed or forbidden, the quota is used up, or the server is full.
+            Error: if the connection is lost.
         """
         info = run_pb2.MethodInfo(name=method, version=version, description=description, code_url=code_url)
         request = run_pb2.StartRunRequest(
@@ -172,21 +171,21 @@ class Arena:
         return Run.from_wire(answer)
 
     def run(self, run: str) -> RunStatus:
-        """How a run of the team stands.
+        """Returns the state of a run.
 
         Raises:
-            RefusedError: when there is no such run.
-            Error: when the connection is lost.
+            RefusedError: if the run is unknown.
+            Error: if the connection is lost.
         """
         answer = self._ask("look at a run", "RunService/GetRun", run_pb2.GetRunRequest(run=run))
         return RunStatus.from_wire(answer.run)
 
     def watch(self, run: str) -> Iterator[RunStatus]:
-        """How a run of the team stands, again whenever it changes, until it is over.
+        """Yields the state of a run after every change, until it ends.
 
         Raises:
-            RefusedError: when there is no such run.
-            Error: when the connection is lost.
+            RefusedError: if the run is unknown.
+            Error: if the connection is lost.
         """
         call = self._channel.unary_stream(
             "/avln.v1.RunService/WatchRun",
@@ -200,10 +199,10 @@ class Arena:
             raise from_call("watch a run", error) from None
 
     def runs(self, phase: str = "") -> list[RunStatus]:
-        """The team's runs, newest first; of one phase where it is named.
+        """Returns the team's runs, newest first, optionally of a single phase.
 
         Raises:
-            Error: when the connection is lost.
+            Error: if the connection is lost.
         """
         runs: list[RunStatus] = []
         page = ""
@@ -216,38 +215,38 @@ class Arena:
                 return runs
 
     def cancel_run(self, run: str) -> RunStatus:
-        """Ends a run of the team; its open episodes end as abandoned.
+        """Cancels a run; open episodes end as abandoned.
 
         Raises:
-            RefusedError: when there is no such run.
-            Error: when the connection is lost.
+            RefusedError: if the run is unknown.
+            Error: if the connection is lost.
         """
         answer = self._ask("cancel a run", "RunService/CancelRun", run_pb2.CancelRunRequest(run=run))
         return RunStatus.from_wire(answer.run)
 
     def quota(self, phase: str = "") -> list[Quota]:
-        """What the team has left in every phase that it can see, or in one.
+        """Returns the remaining quota in all visible phases, or in a single phase.
 
         Raises:
-            Error: when the connection is lost.
+            Error: if the connection is lost.
         """
         answer = self._ask("ask for the quota", "RunService/GetQuota", run_pb2.GetQuotaRequest(phase=phase))
         return [Quota.from_wire(quota) for quota in answer.quotas]
 
     def play(self, run: Run, sensors: Sensors | None = None) -> Play:
-        """Opens the run's stream for one episode at a time.
+        """Opens the run stream for a single slot.
 
         Raises:
-            SensorsError: when `sensors` are outside of the limits.
-            RefusedError: when they are not allowed, the run is over, or the server does not take this client's version.
-            Error: when the protocol is broken or the connection is lost.
+            SensorsError: if `sensors` are out of range.
+            RefusedError: if they are forbidden, the run has ended, or the server rejects this client version.
+            Error: if the protocol is violated or the connection is lost.
         """
         return self.play_slots(run, 1, sensors)[0]
 
     def play_slots(self, run: Run, slots: int, sensors: Sensors | None = None) -> list[Play]:
-        """Opens the run's stream for up to `slots` episodes at the same time; gives as many as the server grants.
+        """Opens the run stream for up to `slots` slots; returns the granted slots.
 
-        Slots may be driven from different threads, each from one at a time.
+        Slots may be used from different threads, a slot from a single thread at a time.
 
         Raises:
             Error: as for `play`.
@@ -294,18 +293,18 @@ class Arena:
         (sensors or Sensors()).to_wire(self._packing)
 
     def _ask(self, attempted: str, method: str, request: Message) -> Any:
-        """Makes a call, again and again while its answer is lost: each may be made twice."""
+        """Makes an idempotent call, repeated while its answer is lost."""
         patience_s = _PATIENCE_S if self._patience_s is None else min(self._patience_s, _PATIENCE_S)
         until = time.monotonic() + patience_s
-        pause_s = _PAUSES_S[0]
+        backoff = Backoff()
         while True:
             try:
                 return self._ask_once(attempted, method, request)
-            except LostError:
+            except LostError as failure:
+                pause_s = backoff.after(failure)
                 if time.monotonic() + pause_s >= until:
                     raise
             time.sleep(pause_s)
-            pause_s = min(2 * pause_s, _PAUSES_S[1])
 
     def _ask_once(self, attempted: str, method: str, request: Message) -> Any:
         try:

@@ -28,7 +28,7 @@ WOULD_FAIL = 6
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the program; gives back its exit code."""
+    """Runs the program and returns the exit code."""
     options = _parser().parse_args(arguments)
     try:
         return int(options.command(options))
@@ -41,7 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def bridge() -> int:
-    """Runs the program `avln-bridge`, which needs more than the others; gives back its exit code."""
+    """Runs `avln-bridge`, which has extra dependencies, and returns the exit code."""
     try:
         from avln.bridge import main as program  # noqa: PLC0415
     except ModuleNotFoundError as error:
@@ -153,7 +153,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _sensors(agent: Any, options: argparse.Namespace) -> Sensors:
-    """What the agent asks for, where it does; a size that was given counts before its own."""
+    """Sensors of the agent, if any; a given size has priority."""
     wanted: Sensors | None = getattr(agent, "sensors", None)
     if wanted is None:
         return sensors(options)

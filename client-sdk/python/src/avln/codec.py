@@ -1,6 +1,6 @@
-"""How the numbers of a sensor are had back from the bytes on the wire; PROTOCOL.md gives the layouts.
+"""Decoding of sensor data; PROTOCOL.md defines the layouts.
 
-Arrays of RAW tensors are views of the message that brought them, and read-only.
+Arrays of RAW tensors are read-only views of the received message.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ _FULL_SCALE = np.float32(32_767.0)
 
 
 class CodecError(ValueError):
-    """Bytes that are not what their encoding says."""
+    """Bytes that do not match their encoding."""
 
 
 def decode_rgb(encoding: int, data: bytes, height: int, width: int) -> NDArray[np.uint8]:
-    """Colours, u8 [height, width, 3], RGB, first row on top.
+    """Decodes colours, u8 [height, width, 3], RGB, first row on top.
 
     Raises:
-        CodecError: when `data` is not such a picture in this encoding.
+        CodecError: if `data` is not a valid image in this encoding.
     """
     shape = (height, width, 3)
     if encoding == v1.ENCODING_RAW:
@@ -38,10 +38,10 @@ def decode_rgb(encoding: int, data: bytes, height: int, width: int) -> NDArray[n
 
 
 def decode_depth(encoding: int, data: bytes, height: int, width: int, unit_m: float = 1.0) -> NDArray[np.float32]:
-    """Distances, f32 [height, width], first row on top, in units of `unit_m` metres; 0: nothing within range.
+    """Decodes depth, f32 [height, width], first row on top, in units of `unit_m` metres; 0: no hit in range.
 
     Raises:
-        CodecError: when `data` is not such a picture in this encoding.
+        CodecError: if `data` is not a valid image in this encoding.
     """
     shape = (height, width)
     if encoding == v1.ENCODING_RAW:
@@ -58,10 +58,10 @@ def decode_depth(encoding: int, data: bytes, height: int, width: int, unit_m: fl
 
 
 def decode_audio(encoding: int, data: bytes, samples: int) -> NDArray[np.float32]:
-    """Sound pressure, f32 [2, samples], the left ear's first.
+    """Decodes sound pressure, f32 [2, samples], left ear first.
 
     Raises:
-        CodecError: when `data` is not so many samples in this encoding.
+        CodecError: if `data` has a different sample count in this encoding.
     """
     if encoding == v1.ENCODING_RAW:
         return _view(data, _F32, (2, samples))
@@ -84,10 +84,10 @@ def _view(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[
 
 
 def unpack_blocks(data: bytes, count: int, most_bits: int) -> NDArray[np.uint32]:
-    """Numbers in blocks of 16, each block as wide as its widest: `count` numbers of at most `most_bits` bits each.
+    """Unpacks blocks of 16 numbers with a bit width per block: `count` numbers of at most `most_bits` bits.
 
     Raises:
-        CodecError: when `data` does not hold them, or holds more.
+        CodecError: if `data` has a different length.
     """
     blocks = -(-count // _BLOCK)
     packed = np.frombuffer(data, _U8)
@@ -103,7 +103,7 @@ def unpack_blocks(data: bytes, count: int, most_bits: int) -> NDArray[np.uint32]
 
 
 def _pull(widths: NDArray[np.intp], body: NDArray[np.uint8]) -> NDArray[np.uint32]:
-    """The numbers of all blocks; each lies in the 64 bits from the 32-bit word that holds its lowest bit."""
+    """Numbers of all blocks; each is in the 64 bits from the 32-bit word of its lowest bit."""
     padded = np.zeros(len(body) // 4 * 4 + 12, _U8)
     padded[: len(body)] = body
     words = padded.view(_U32).astype(np.uint64)
@@ -118,7 +118,7 @@ def _pull(widths: NDArray[np.intp], body: NDArray[np.uint8]) -> NDArray[np.uint3
 
 
 def _unfold(folded: NDArray[Any]) -> NDArray[Any]:
-    """Differences from numbers that are small where they are near zero, modulo the range of their type."""
+    """Unfolds signed differences modulo the range of their type."""
     one = folded.dtype.type(1)
     differences: NDArray[Any] = (folded >> one) ^ -(folded & one)
     return differences

@@ -1,4 +1,4 @@
-"""Whether a run will go well: server, clock, token, phase, quota, speed."""
+"""Checks before a run: server, clock, token, phase, quota, speed."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ _SOON_S = 7 * _DAY_S
 
 @dataclass(frozen=True)
 class Check:
-    """What was found out."""
+    """A check and its result."""
 
     name: str
-    """What was looked at."""
+    """Subject."""
     verdict: str
     """`ok`, `warning`, or `failure`: a run would fail."""
     found: str
-    """What was found."""
+    """Finding."""
     next: str = ""
-    """What to do about it; empty: nothing."""
+    """Next step; may be empty."""
 
     def as_dict(self) -> dict[str, str]:
         """For programs."""
@@ -50,7 +50,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Tries:
-    """What is tried."""
+    """Settings of the practice run."""
 
     episodes: int
     steps: int
@@ -59,7 +59,7 @@ class Tries:
 
 @dataclass
 class Played:
-    """What was seen of it."""
+    """Measurements of the practice run."""
 
     max_steps: int
     begins_s: list[float] = field(default_factory=list)
@@ -77,7 +77,7 @@ def examine(
     steps: int,
     sensors: Sensors,
 ) -> Iterator[Check]:
-    """Looks at a server before a run, and plays some episodes of `practice` where it counts no runs.
+    """Checks a server before a run, and plays some episodes of `practice` if it counts no runs.
 
     An empty `phase` is `Arena.practice_phase`; without `practice` the phase itself is played.
     """
@@ -195,7 +195,7 @@ def _play(arena: Arena, phase: str, order: Order, tries: Tries) -> Played:
 
 def _played(play: Play, tries: Tries) -> Played:
     played = Played(play.task.max_steps)
-    # One is always left, so that the run is never complete.
+    # An episode always remains, so that the run is never complete.
     few = min(tries.episodes, play.progress.total - 1)
     before_s = time.monotonic()
     for episode in play:
@@ -230,7 +230,7 @@ def _told(played: Played, phase: Phase | None) -> Iterator[Check]:
 
 
 def _span(seconds: float) -> str:
-    """A length of time as people say it."""
+    """Formats a duration for people."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"

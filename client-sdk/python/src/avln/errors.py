@@ -1,4 +1,4 @@
-"""What can go wrong between an agent and its server. Every text says what was attempted and what to do next."""
+"""Errors between an agent and its server. Every message contains the attempted operation and the next step."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LOST_CODES = {
     grpc.StatusCode.DEADLINE_EXCEEDED,
 }
 _RESET = "RST_STREAM"
-"""What gRPC says where a proxy gave a stream up whose server is gone."""
+"""gRPC message of a stream reset by a proxy after its server stopped."""
 _PASSING = {"DRAINING", "NO_CAPACITY", "RATE_LIMIT"}
 _NEW_TOKEN = {"TOKEN_EXPIRED", "TOKEN_REVOKED"}
 
@@ -29,9 +29,9 @@ class Error(Exception):
     """Whatever this package raises by itself."""
 
     reason: str = ""
-    """The server's reason from the closed list of PROTOCOL.md, such as `QUOTA_DAY`; empty where it gave none."""
+    """Reason from the closed list of PROTOCOL.md, such as `QUOTA_DAY`; may be empty."""
     retry_after_s: int | None = None
-    """When trying again makes sense, seconds; None: not by waiting."""
+    """Delay before a retry, seconds; None: waiting does not help."""
 
 
 class AddressError(Error):
@@ -42,7 +42,7 @@ class AddressError(Error):
 
 
 class UnreachableError(Error):
-    """Nothing answers at the server's address."""
+    """No answer at the server address."""
 
     def __init__(self, address: str, detail: str) -> None:
         super().__init__(
@@ -69,7 +69,7 @@ class NotArenaError(Error):
 
 
 class LostError(Error):
-    """The connection is gone: what the server stored stays, open episodes end as disconnected."""
+    """The connection is lost: stored results remain, open episodes end as disconnected."""
 
     def __init__(self, attempted: str, detail: str) -> None:
         super().__init__(
@@ -89,7 +89,7 @@ class ProtocolError(Error):
 
 
 class SensorsError(Error, ValueError):
-    """The sensors asked for are outside of what any server offers."""
+    """The requested sensors are out of range for any server."""
 
     def __init__(self, width: int, height: int, hfov_rad: float) -> None:
         super().__init__(
@@ -99,7 +99,7 @@ class SensorsError(Error, ValueError):
 
 
 class PhaseError(Error):
-    """No phase was named, and none is there to practise in, or several are."""
+    """No phase was given, and there is no or no unique default phase."""
 
     def __init__(self, free: list[str], known: list[str]) -> None:
         if free:
@@ -127,7 +127,7 @@ class RunOverError(Error):
 
 
 class RefusedError(Error):
-    """The server refused something: `reason` says why."""
+    """A refusal by the server; see `reason`."""
 
     def __init__(self, attempted: str, reason: str, message: str, retry_after_s: int | None = None) -> None:
         hint = "" if retry_after_s is None else f"; try again in {retry_after_s} s"
@@ -137,7 +137,7 @@ class RefusedError(Error):
 
 
 class TokenError(Error):
-    """The server does not take the token: `reason` says why."""
+    """The server rejects the token; see `reason`."""
 
     def __init__(self, attempted: str, reason: str, message: str) -> None:
         super().__init__(f"{attempted}: the server refused the token ({reason}): {message}{_token_hint(reason)}")
@@ -160,12 +160,12 @@ def _token_hint(reason: str) -> str:
 
 
 def is_passing(error: Error) -> bool:
-    """Whether it passes by waiting: the connection is lost, or the server is about to begin again."""
+    """Returns True for temporary errors: a lost connection, or a restarting server."""
     return isinstance(error, (LostError, UnreachableError)) or error.reason in _PASSING
 
 
 def reason_word(number: int) -> str:
-    """The word of a `common_pb2.Reason`, without its prefix; empty for none and for those of newer servers."""
+    """Word of a `common_pb2.Reason` without prefix; empty for unknown reasons."""
     if number == common_pb2.REASON_UNSPECIFIED or number not in common_pb2.Reason.values():
         return ""
     return str(common_pb2.Reason.Name(cast("common_pb2.Reason", number))).replace("REASON_", "", 1)

@@ -33,18 +33,18 @@ if TYPE_CHECKING:
 EVALUATION_ACTIONS = (Action.STOP, Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT, Action.SUBMIT)
 """Numbers of actions in the authors' evaluation, and of Habitat's own first four."""
 TRAINING_ACTIONS = (Action.STOP, Action.SUBMIT, Action.MOVE_FORWARD, Action.TURN_LEFT, Action.TURN_RIGHT)
-"""Numbers of actions in the authors' training, where they follow the order of their configuration."""
+"""Action numbers in the authors' training, in the order of their configuration."""
 _NAMES = {**{action.name: action for action in Action}, "LIFELONG_SUBMIT": Action.SUBMIT}
 
 
 class HabitatAgent(Protocol):
-    """What `habitat.Agent` looks like."""
+    """Interface of `habitat.Agent`."""
 
     def reset(self) -> Any:
         """An episode begins."""
 
     def act(self, observations: dict[str, Any]) -> Any:
-        """What to do: a number, a name, or a dictionary with the key `action`."""
+        """Returns an action: a number, a name, or a dictionary with the key `action`."""
 
 
 @dataclass(frozen=True)
@@ -69,15 +69,15 @@ class Senses:
     keys: tuple[str, ...]
     """The entries that are wanted."""
     min_depth_m: float = 0.0
-    """What becomes 0."""
+    """Depth mapped to 0."""
     max_depth_m: float = 10.0
-    """What becomes 1, with all that is farther or out of the server's range."""
+    """Depth mapped to 1, like all larger or missing depths."""
     normalize_depth: bool = True
-    """Whether depth goes from 0 to 1, as Habitat's does unless told otherwise."""
+    """True for depth from 0 to 1, the default in Habitat."""
     audio_samples: int = 0
-    """Samples of `audiogoal`; 0: those of one second, as in SoundSpaces."""
+    """Samples of `audiogoal`; 0: a second, as in SoundSpaces."""
     padding: Padding = "reflect"
-    """What spectrograms take to lie before the first and after the last sample."""
+    """Padding of spectrograms at both ends."""
 
     def __post_init__(self) -> None:
         """Checks the keys.
@@ -90,7 +90,7 @@ class Senses:
             raise ValueError(f"give the agent {unknown}: there are {sorted(_ENTRIES)}; choose keys among them")
 
     def observations(self, seen: Observation, start: Pose, mission: Mission) -> dict[str, Any]:
-        """One observation; `start` is the pose at the episode's start."""
+        """Returns an observation; `start` is the start pose of the episode."""
         view = _View(self, seen, start, mission)
         return {key: _ENTRIES[key](view) for key in self.keys}
 
@@ -180,7 +180,7 @@ def _sensed(array: Any, sensor: str) -> Any:
 
 
 def goal_input(goal: Goal) -> dict[str, Any]:
-    """A goal as the authors' evaluation tells it."""
+    """A goal in the format of the authors' evaluation."""
     if goal.modality is Modality.CATEGORY:
         return {"modality": "object", "category": goal.text}
     if goal.modality is Modality.DESCRIPTION:
@@ -217,20 +217,20 @@ def play(
     on_end: Callable[[EpisodeEnd], None] | None = None,
     **senses: Any,
 ) -> None:
-    """Plays all episodes of a run with an agent that was written for Habitat.
+    """Plays all episodes of a run with a Habitat agent.
 
     Args:
-        run: a slot, as `avln.begin` gives it.
-        agent: has `reset()` and `act(observations)`.
-        keys: which entries observations have.
-        actions: what the numbers mean that the agent gives.
-        stop_submits: whether its STOP is a Submit, for agents that know one goal alone; the last ends the episode.
-        on_end: told about every episode that ended.
-        **senses: more of `Senses`, such as `min_depth_m=0.5`.
+        run: a slot from `avln.begin`.
+        agent: object with `reset()` and `act(observations)`.
+        keys: entries of observations.
+        actions: meaning of the agent's action numbers.
+        stop_submits: True to treat STOP as a Submit, for single-goal agents; the last one ends the episode.
+        on_end: callback for every ended episode.
+        **senses: further `Senses` arguments, such as `min_depth_m=0.5`.
 
     Raises:
-        Error: when the server refuses, breaks the protocol or the connection is lost.
-        ValueError: when a key is no entry or its sensor was not asked for.
+        Error: if the server refuses, violates the protocol or the connection is lost.
+        ValueError: if a key is unknown or its sensor was not requested.
     """
     view = Senses(run.task, tuple(keys), **senses)
     for episode in run:

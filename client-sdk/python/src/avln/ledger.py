@@ -1,4 +1,4 @@
-"""What was sent and what arrived, slot by slot: enough to go on when a connection is lost."""
+"""Sent and received frames per slot, for resuming after a lost connection."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ Arrived = Union[play_pb2.EpisodeStart, play_pb2.Observation, play_pb2.EpisodeEnd
 
 @dataclass
 class _Slot:
-    """One slot, as the client knows it."""
+    """A slot from the client's perspective."""
 
     episode: str = ""
-    """The episode that it holds; empty: none."""
+    """Open episode; may be empty."""
     step: int = 0
     """Step of the last observation that arrived."""
     open: Sent | None = None
-    """What was sent and not answered."""
+    """Unanswered frame."""
 
 
 class Ledger:
-    """The slots of a run, as the client knows them."""
+    """The slots of a run from the client's perspective."""
 
     def __init__(self, slots: int) -> None:
         self._slots = [_Slot() for _ in range(slots)]
         self.is_over = False
-        """Whether the run has ended."""
+        """True if the run has ended."""
         self.said_goodbye = False
-        """Whether the client ended it."""
+        """True if the client ended it."""
 
     def sending(self, frame: Sent) -> None:
         """Notes a frame that is about to be sent."""
@@ -61,7 +61,7 @@ class Ledger:
         return True
 
     def known(self) -> list[play_pb2.SlotPosition]:
-        """What Hello says was received last."""
+        """Returns the last received steps for Hello."""
         return [
             play_pb2.SlotPosition(slot=number, episode=slot.episode, step=slot.step)
             for number, slot in enumerate(self._slots)
@@ -69,7 +69,7 @@ class Ledger:
         ]
 
     def to_repeat(self, resumed: Iterable[play_pb2.SlotPosition]) -> list[Sent]:
-        """What must be sent again to a server that says where the slots are."""
+        """Returns the frames to resend, given the slot positions of the server."""
         there = {position.slot: position for position in resumed}
         return [
             slot.open
@@ -78,7 +78,7 @@ class Ledger:
         ]
 
     def is_gone(self, fault: play_pb2.Fault) -> bool:
-        """Whether a fault says that an episode which a slot holds is gone."""
+        """Returns True if a fault reports the loss of a slot's episode."""
         slot = self._slot(fault)
         is_unknown = fault.reason == common_pb2.REASON_EPISODE_UNKNOWN
         return is_unknown and slot is not None and bool(slot.episode) and slot.episode == fault.episode

@@ -1,6 +1,6 @@
-"""The raw connection of a run.
+"""The connection of a run.
 
-A thread reads its stream, answers pings, hands each frame to its slot, and dials again when the stream is lost.
+A thread reads the stream, answers pings, passes frames to slots, and reconnects after a loss.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from weakref import WeakSet
 
 import grpc
 
+from avln.backoff import Backoff
 from avln.errors import Error, LostError, from_call, is_passing
 from avln.ledger import Arrived, Ledger, Sent
 from avln.summary import Notice, Progress
@@ -27,39 +28,38 @@ CALL_TIMEOUT_S = 30.0
 PLAY = "open the run's stream"
 _MAX_NOTICES = 64
 _PATIENCE_S = 180.0
-_PAUSES_S = (0.05, 5.0)
 
 
 @dataclass(frozen=True)
 class Closed:
-    """Nothing more will come."""
+    """No further frames."""
 
     error: Error | None
-    """How the stream ended; None for well."""
+    """End of the stream; None for success."""
 
     def because(self, attempted: str) -> Error:
-        """How it reads to the one who waited for something."""
+        """Returns the error of the pending call."""
         if self.error is not None:
             return self.error
         return LostError(attempted, "the server ended the stream without a reason")
 
 
 Event = Union[Arrived, Closed]
-"""What happens to a slot: a frame, or the end of all frames."""
+"""Event of a slot: a frame, or the end of all frames."""
 
 
 @dataclass
 class Stream:
-    """One open stream of a run."""
+    """An open stream of a run."""
 
     call: Any
     """The gRPC call, which yields `play_pb2.PlayResponse`; None once it is forgotten."""
     requests: SimpleQueue[play_pb2.PlayRequest | None]
-    """What is to be sent; None ends it."""
+    """Frames to send; None ends the stream."""
     welcome: play_pb2.Welcome | None = None
-    """The server's answer; None where the run has ended."""
+    """Answer of the server; None if the run has ended."""
     first: tuple[Arrived, ...] = ()
-    """What arrived instead of a Welcome."""
+    """Frames received instead of a Welcome."""
 
     def close(self) -> None:
         """Cancels it, without a Goodbye."""
@@ -68,10 +68,10 @@ class Stream:
             self.call.cancel()
 
     def forget(self) -> None:
-        """Lets go of the call, once nobody reads it.
+        """Releases the call when it has no reader.
 
-        A call that lives on to the interpreter's end waits there for a lock, which a thread of gRPC may have died with.
-        As the error that it also is, it is held by the frames that it was raised through.
+        A call that survives until interpreter exit waits for a lock of a possibly dead gRPC
+        thread. As an exception it is also referenced by the frames of its traceback.
         """
         if isinstance(self.call, grpc.RpcError):
             self.call.__traceback__ = None
@@ -80,22 +80,22 @@ class Stream:
 
 @dataclass(frozen=True)
 class Dialler:
-    """How to come to a run, again and again."""
+    """Data for resuming a run."""
 
     open_call: Callable[..., Any]
     """`PlayService.Play` of a channel."""
     token: str
     """The run's."""
     hello: play_pb2.Hello
-    """What opens the run's first stream."""
+    """Hello of the first stream."""
     patience_s: float | None = None
-    """For how long a lost stream is dialled again; None: as long as the server allows, three minutes at least."""
+    """Reconnection time; None: as permitted by the server, at least three minutes."""
 
     def dial(self, *, known: list[play_pb2.SlotPosition] | None = None) -> Stream:
-        """Opens a stream and waits for Welcome; with `known` goes on where an earlier one was lost.
+        """Opens a stream and waits for Welcome; with `known` it resumes a lost stream.
 
         Raises:
-            Error: when the server refuses, does not answer within 30 seconds, or the connection is lost.
+            Error: if the server refuses, does not answer within 30 seconds, or the connection is lost.
         """
         hello = play_pb2.Hello()
         hello.CopyFrom(self.hello)
@@ -151,9 +151,9 @@ class Line:
         self._notices: list[Notice] = []
         self._closing = threading.Event()
         self.progress: Progress = progress
-        """How far the run is, as last heard of on any slot."""
+        """Latest progress of the run on any slot."""
         self.on_close: Callable[[], None] = lambda: None
-        """Called when the line was closed: closes what it stands on."""
+        """Callback that closes the underlying channel."""
         self._patience_s = _patience_s(dialler.patience_s, may_be_away_s)
         self._reader = threading.Thread(target=self._read, name="avln-reader", daemon=True)
         self._reader.start()
@@ -161,13 +161,13 @@ class Line:
 
     @property
     def token(self) -> str:
-        """The run's: whoever holds it plays the run."""
+        """Token of the run."""
         return self._dialler.token
 
     def send(self, frame: Sent | play_pb2.Goodbye) -> None:
-        """Sends a frame; on a stream that is lost it is sent when the next one is there.
+        """Sends a frame, after a loss on the next stream.
 
-        A stream that is gone for good is told by `Closed` from `next`.
+        A final loss is reported by `next` as `Closed`.
         """
         request = _request(frame)
         with self._lock:
@@ -178,10 +178,10 @@ class Line:
             self._stream.requests.put(request)
 
     def next(self, slot: int, timeout_s: float | None = None) -> Event:
-        """The next thing that happens to a slot; waits for it. After the end it is `Closed`, however often one asks.
+        """Waits for the next event of a slot. After the end it is always `Closed`.
 
         Raises:
-            LostError: when nothing happens for `timeout_s` seconds.
+            LostError: if there is no event for `timeout_s` seconds.
         """
         queue = self._queues[slot]
         try:
@@ -210,7 +210,7 @@ class Line:
         self.on_close()
 
     def _read(self) -> None:
-        """Reads to the end. Whatever it is, those who wait are told of it: nobody else would tell them."""
+        """Reads to the end. Every failure must reach the waiting callers, because no other thread reports it."""
         try:
             self._read_streams()
         except Exception as unforeseen:
@@ -227,7 +227,7 @@ class Line:
                 return self._to_all(Closed(final))
 
     def _read_stream(self) -> Error | None:
-        """Reads until the stream ends, and says how: None for well."""
+        """Reads until the end of the stream and returns the error: None for success."""
         try:
             for frame in _frames(self._stream.call):
                 self._deliver(frame)
@@ -236,24 +236,24 @@ class Line:
         return None
 
     def _come_back(self, error: Error | None) -> bool:
-        """Dials until the server answers; False when there is no reason to."""
+        """Reconnects until the server answers; False if there is no reason to."""
         is_lost = (error is None or is_passing(error)) and not self._ledger.is_over
         if self._patience_s is None or not is_lost:
             return False
         until = time.monotonic() + self._patience_s
-        pause_s = _PAUSES_S[0]
+        backoff = Backoff()
         while not self._closing.is_set():
             try:
                 return self._dial()
-            except Error as again:
-                if not is_passing(again) or time.monotonic() >= until:
+            except Error as failure:
+                if not is_passing(failure) or time.monotonic() >= until:
                     raise
+                pause_s = backoff.after(failure)
             self._closing.wait(pause_s)
-            pause_s = min(2 * pause_s, _PAUSES_S[1])
         return False
 
     def _dial(self) -> bool:
-        """Opens the next stream and sends what was not answered; False when the run has ended meanwhile."""
+        """Opens the next stream and resends unanswered frames; False if the run has ended in the meantime."""
         with self._lock:
             known = self._ledger.known()
         stream = self._dialler.dial(known=known)
@@ -293,7 +293,8 @@ class Line:
         if isinstance(frame, play_pb2.RunEnd):
             self._to_all(frame)
         elif isinstance(frame, play_pb2.Fault) and not frame.HasField("slot"):
-            # Of a server that stops, the stream's own end tells it, and the next stream goes on.
+            # For a stopping server, the end of the stream reports it, and the next stream
+            # continues.
             if frame.reason != common_pb2.REASON_DRAINING or self._patience_s is None:
                 self._to_all(frame)
         elif isinstance(frame, play_pb2.Fault) and is_gone:
@@ -320,13 +321,13 @@ _open_lines: WeakSet[Line] = WeakSet()
 
 @atexit.register
 def _close_lines() -> None:
-    """Closes what was left open while the threads that it takes still run."""
+    """Closes open connections while their threads still run."""
     for line in list(_open_lines):
         line.close()
 
 
 def _patience_s(wanted_s: float | None, may_be_away_s: float) -> float | None:
-    """For how long a lost stream is dialled again; None for not at all."""
+    """Reconnection time of a lost stream; None disables reconnection."""
     if may_be_away_s == 0:
         return None
     return max(may_be_away_s, _PATIENCE_S) if wanted_s is None else wanted_s
@@ -343,7 +344,7 @@ def _request(frame: Sent | play_pb2.Goodbye) -> play_pb2.PlayRequest:
 
 
 def _lost_by_the_server(fault: play_pb2.Fault) -> play_pb2.EpisodeEnd:
-    """The end of an episode that the server could not bring back: it is played again."""
+    """End of an episode that the server could not restore; it is reissued."""
     return play_pb2.EpisodeEnd(
         slot=fault.slot, episode=fault.episode, step=fault.step, reason=common_pb2.END_REASON_SERVER_FAULT
     )

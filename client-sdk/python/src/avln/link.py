@@ -1,4 +1,4 @@
-"""The way to a server: its address, TLS, and how its connection is set up."""
+"""Connection settings: address, TLS, channel options."""
 
 from __future__ import annotations
 
@@ -28,15 +28,16 @@ _BEGIN = b"-----BEGIN CERTIFICATE-----"
 
 @dataclass(frozen=True)
 class Link:
-    """How to connect, where the defaults do not do."""
+    """Connection options."""
 
     ca: str | Path | None = None
     """PEM file of the authorities that an `https://` server's certificate may come from; None: those of the system."""
     packing: Packing | None = None
-    """How pictures and sound travel; None: raw from this machine, lossless from others."""
+    """Encoding of images and sound; None: raw on this machine, lossless otherwise."""
     patience_s: float | None = None
-    """For how long a server that is lost is dialled again, seconds; None: for as long as it lets its agents be away,
-    and three minutes at least."""
+    """Reconnection time after a loss, seconds; None: as permitted by the server, at least three
+    minutes.
+    """
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Address:
 
     text: str
     target: str
-    """As gRPC takes it: `host:port` or `unix:/path`."""
+    """gRPC target: `host:port` or `unix:/path`."""
     is_secure: bool
     is_local: bool
 
@@ -82,10 +83,10 @@ def _host_address(text: str, *, is_secure: bool) -> Address:
 
 
 def open_channel(address: Address, link: Link) -> grpc.Channel:
-    """Makes a channel, which connects with its first call.
+    """Creates a channel, which connects with its first call.
 
     Raises:
-        TlsError: when the file of authorities is no use.
+        TlsError: if the file of authorities is invalid.
     """
     options = _options(address)
     if address.is_secure:
@@ -97,7 +98,7 @@ def open_channel(address: Address, link: Link) -> grpc.Channel:
 
 
 def unreachable(address: str, detail: str) -> Error:
-    """What the network said, with the next step where its words tell what is wrong."""
+    """Network error with a next step for known causes."""
     for word, advice in _ADVICE.items():
         if word in detail:
             return TlsError(address, f"{advice} ({detail})")
@@ -132,7 +133,7 @@ def _options(address: Address) -> list[tuple[str, Any]]:
 
 
 def _authorities(address: Address, link: Link) -> bytes | None:
-    """Certificates of authorities; None for those that come with gRPC, where the system has none."""
+    """Certificates of authorities; None for those of gRPC, if the system has none."""
     if link.ca is None:
         system = ssl.get_default_verify_paths().cafile
         return Path(system).read_bytes() if system and Path(system).is_file() else None

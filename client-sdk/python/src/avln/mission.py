@@ -1,4 +1,4 @@
-"""What an agent is told at the start of an episode."""
+"""The mission of an episode."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ _ORDERS = {common_pb2.ORDER_ORDERED: Order.ORDERED, common_pb2.ORDER_UNORDERED: 
 
 
 class Modality(enum.IntEnum):
-    """How a goal is described."""
+    """Modality of a goal cue."""
 
     CATEGORY = 1
     """By the label of the target's category."""
     DESCRIPTION = 2
-    """By a sentence that fits the target alone."""
+    """A sentence that matches only the target."""
     IMAGE = 3
     """By a picture of the target."""
 
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """One thing to find."""
+    """A goal with its cue."""
 
     modality: Modality
-    """How it is described."""
+    """Modality of the cue."""
     text: str = ""
     """The category's label or the sentence; empty for a picture."""
     image: NDArray[np.uint8] | None = None
@@ -44,10 +44,10 @@ class Goal:
 
     @classmethod
     def from_wire(cls, goal: task_pb2.Goal) -> Goal:
-        """The goal of a message.
+        """Converts a goal message.
 
         Raises:
-            ProtocolError: when its cue is not one that this client knows.
+            ProtocolError: if its cue is unknown to this client.
         """
         cue = goal.WhichOneof("cue")
         if cue == "category":
@@ -61,19 +61,19 @@ class Goal:
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """Everything that an agent is told at the start of an episode."""
+    """The mission of an episode."""
 
     order: Order = Order.UNORDERED
-    """Whether the goals must be completed in the order given."""
+    """Order of the goals."""
     goals: list[Goal] = field(default_factory=list)
-    """The goals, 2 to 4; the index of a goal is its place here."""
+    """The goals, 2 to 4."""
 
     @classmethod
     def from_wire(cls, mission: task_pb2.Mission) -> Mission:
-        """The mission of a message.
+        """Converts a mission message.
 
         Raises:
-            ProtocolError: when its order or a goal's cue is not one that this client knows.
+            ProtocolError: if its order or a goal cue is unknown to this client.
         """
         if mission.order not in _ORDERS:
             raise ProtocolError(f"order {mission.order} does not exist")

@@ -1,4 +1,4 @@
-"""What the sensors deliver after a step."""
+"""Sensor readings after a step."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Pose:
-    """Place and heading of the base of the body. Right-handed, Y up; at heading 0 the agent looks along -Z."""
+    """Position and heading of the body base. Right-handed, Y up; heading 0 looks along -Z."""
 
     x_m: float = 0.0
     """Metres to the right of the frame's origin."""
@@ -28,12 +28,12 @@ class Pose:
 
 
 class Feedback(enum.IntEnum):
-    """What the agent learns from a Submit."""
+    """Feedback to a Submit."""
 
     NONE = 0
-    """Nothing: no Submit was made, or the rules are silent."""
+    """No Submit, or no feedback by the rules."""
     ACCEPTED = 1
-    """The Submit was counted; nothing is said about the match."""
+    """The Submit was counted; the verdict is hidden."""
     CORRECT = 2
     """It completed a goal."""
     WRONG = 3
@@ -41,20 +41,20 @@ class Feedback(enum.IntEnum):
 
     @classmethod
     def from_wire(cls, number: int) -> Feedback:
-        """The feedback of a number on the wire; NONE where this client does not know it."""
+        """Feedback of a wire number; NONE if unknown."""
         return cls(number) if number in play_pb2.SubmitFeedback.values() else cls.NONE
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What the agent senses after a step. Sensors that were not asked for are None; arrays may be read-only."""
+    """Sensor readings after a step. Sensors not requested are None; arrays may be read-only."""
 
     step: int = 0
-    """Steps taken so far; 0 is the observation before the first action."""
+    """Number of steps taken; 0 before the first action."""
     rgb: NDArray[np.uint8] | None = None
     """Colours, u8 [height, width, 3], RGB, first row on top."""
     depth: NDArray[np.float32] | None = None
-    """Distances along the optical axis, f32 [height, width], metres, first row on top; 0 where nothing is in range."""
+    """Planar depth, f32 [height, width], metres, first row on top; 0 without a hit in range."""
     audio: NDArray[np.float32] | None = None
     """Sound pressure during the step, f32 [2, `TaskSpec.audio_samples`], the left ear's first."""
     pose: Pose = Pose()
@@ -62,6 +62,6 @@ class Observation:
     remaining_steps: int = 0
     """Steps that are left."""
     remaining_submits: int = 0
-    """Submits that are left before one is final."""
+    """Remaining Submits before the final Submit."""
     feedback: Feedback = Feedback.NONE
-    """What the rules let the agent know about a Submit made in this step."""
+    """Feedback to a Submit in this step."""

@@ -12,7 +12,7 @@ from avln.task import Sensors
 from avln.version import VERSION
 
 PRACTICE = "[the one to practise in, where runs are not counted]"
-"""What programs do where no phase is named."""
+"""Default of `--phase` in help texts."""
 
 
 def parser(name: str, about: str) -> argparse.ArgumentParser:
@@ -23,7 +23,7 @@ def parser(name: str, about: str) -> argparse.ArgumentParser:
 
 
 def add_connection(to: argparse.ArgumentParser, *, needs_token: bool = True) -> None:
-    """Where the server is, and who asks."""
+    """Adds the options for server and token."""
     server = os.environ.get("AVLN_SERVER", "http://127.0.0.1:50051")
     to.add_argument("--server", default=server, help="address of the server's gRPC port [AVLN_SERVER]")
     token = os.environ.get("AVLN_TOKEN", "")
@@ -36,20 +36,20 @@ def add_connection(to: argparse.ArgumentParser, *, needs_token: bool = True) -> 
 
 
 def add_run(to: argparse.ArgumentParser, *, method: str) -> None:
-    """Which run is begun."""
+    """Adds the options for the run."""
     to.add_argument("--phase", default="", help=f"phase to play in {PRACTICE}")
     to.add_argument("--order", type=Order, default=Order.UNORDERED, help="ordered or unordered [unordered]")
     to.add_argument("--method", default=method, help=f"name on the leaderboard [{method}]")
 
 
 def add_camera(to: argparse.ArgumentParser, *, size: int) -> None:
-    """What the agent sees."""
+    """Adds the options for the camera."""
     to.set_defaults(usual_size=size)
     to.add_argument("--size", type=int, help=f"pixels a side of the pictures, 64 to 1024 [{size}]")
 
 
 def link(options: argparse.Namespace) -> Link:
-    """How to connect."""
+    """Returns the connection options."""
     return Link(ca=options.ca, packing=Packing(options.packing) if options.packing else None)
 
 

@@ -1,4 +1,4 @@
-"""How pictures and sound travel."""
+"""Encoding of images and sound."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _ROUNDED = {
 
 
 class Packing(enum.Enum):
-    """How pictures and sound travel."""
+    """Encoding of images and sound."""
 
     RAW = "raw"
-    """As they are: the quickest on one machine."""
+    """Raw: fastest on the same machine."""
     LOSSLESS = "lossless"
     """In fewer bytes, and the same numbers: the quickest across a network."""
     ROUNDED = "rounded"
-    """Distances in millimetres and sound in 16 bits where the phase allows it, else as LOSSLESS."""
+    """Depth in millimetres and sound in 16 bits if the phase permits it, otherwise LOSSLESS."""
 
     def wishes(self, kind: v1.SensorKind) -> list[v1.Encoding]:
         """The encodings to wish for, best first; RAW is always among them."""
@@ -39,7 +39,7 @@ class Packing(enum.Enum):
 
 
 def is_this_machine(host: str) -> bool:
-    """Whether a host's name is this machine's own."""
+    """Returns True if a host name is this machine."""
     try:
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:

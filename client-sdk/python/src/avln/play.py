@@ -38,18 +38,19 @@ _BEGIN, _STEP, _ABANDON, _FINISH = (
 
 @dataclass(frozen=True)
 class TimeLeft:
-    """Time that an agent has for its next action."""
+    """Remaining time for the next action."""
 
     step_s: float | None
-    """Thinking time that costs nothing, seconds; None: unlimited."""
+    """Free thinking time, seconds; None: unlimited."""
     bank_s: float
-    """What the episode may still overrun `step_s` by in total, seconds."""
+    """Remaining bank of the episode beyond `step_s`, seconds."""
 
 
 class Episode:
-    """An episode that is being played. Iterating yields each observation until the episode is over.
+    """An episode in progress. Iterating yields observations until the end.
 
-    The body of the loop takes one action: `for observation in episode: episode.act(policy(observation))`.
+    The body of the loop takes one action: `for observation in episode:
+    episode.act(policy(observation))`.
     """
 
     def __init__(self, play: Play, start: play_pb2.EpisodeStart) -> None:
@@ -62,11 +63,11 @@ class Episode:
         self.id: str = start.episode
         """Random handle, good for this run only."""
         self.ordinal: int = start.ordinal
-        """Which episode of the run this is, counted in order of start from 1."""
+        """Number of the episode in start order, from 1."""
         self.mission: Mission = Mission.from_wire(start.mission)
-        """What to find."""
+        """The mission."""
         self.observation: Observation = Observation()
-        """What the agent senses now: at the start, or after its last step."""
+        """Latest observation: at the start, or after the last step."""
         self.end: EpisodeEnd | None = None
         """How the episode ended; None while it goes on."""
         self.fault: Error | None = None

@@ -32,21 +32,21 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FORMAT = "avln-rollouts"
-"""What a folder's `rollouts.json` says it is."""
+"""Value of `format` in `rollouts.json`."""
 VERSION = 1
 """The version of the layout that is read."""
 
 
 _DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
-"""What reading an archive fails by."""
+"""Exceptions of a damaged archive."""
 
 
 class RolloutsError(Error):
-    """A folder or a file is not what `avln lab rollout` writes."""
+    """A folder or file not written by `avln lab rollout`."""
 
 
 class Rollout:
-    """One episode: what was sensed before each action, and the action."""
+    """An episode: the observation before every action, and the action."""
 
     def __init__(self, path: Path, manifest: dict[str, Any]) -> None:
         self.path = path
@@ -66,17 +66,17 @@ class Rollout:
 
     @property
     def scene(self) -> str:
-        """Name of its scene."""
+        """Scene name."""
         return str(self._facts["scene"])
 
     @property
     def is_complete(self) -> bool:
-        """Whether every goal was found."""
+        """True if every goal was found."""
         return int(self._facts["found"]) == len(self._facts["goals"])
 
     @functools.cached_property
     def mission(self) -> Mission:
-        """What an agent is told at the start."""
+        """The mission."""
         return Mission(Order(self._facts["order"]), [self._goal(goal) for goal in self._facts["goals"]])
 
     @functools.cached_property
@@ -86,22 +86,22 @@ class Rollout:
 
     @functools.cached_property
     def rgb(self) -> NDArray[np.uint8] | None:
-        """Colours before each action, u8 [steps, height, width, 3]; None where they were not recorded."""
+        """Colours before every action, u8 [steps, height, width, 3]; None if not recorded."""
         return self._sense("rgb")
 
     @functools.cached_property
     def depth_mm(self) -> NDArray[np.uint16] | None:
-        """Distances before each action, u16 [steps, height, width], millimetres; None where they were not recorded."""
+        """Depth before every action, u16 [steps, height, width], millimetres; None if not recorded."""
         return self._sense("depth_mm")
 
     @functools.cached_property
     def pose(self) -> NDArray[np.float32] | None:
-        """Told poses before each action, f32 [steps, 4]: x, y, z in metres and heading in radians; None without."""
+        """Poses before every action, f32 [steps, 4]: x, y, z in metres and heading in radians; None if not recorded."""
         return self._sense("pose")
 
     @functools.cached_property
     def audio(self) -> NDArray[np.float32] | None:
-        """Sound before each action, f32 [steps, 2, samples]; None where it was not recorded."""
+        """Sound before every action, f32 [steps, 2, samples]; None if not recorded."""
         return self._sense("audio")
 
     def __len__(self) -> int:
@@ -149,15 +149,15 @@ class Rollouts(Sequence[Rollout]):
     """The episodes of a folder by the names of their files."""
 
     def __init__(self, folder: str | os.PathLike[str], *, complete_only: bool = True) -> None:
-        """Looks what is there; without `complete_only`, episodes in which a goal was not found are read too.
+        """Lists the recordings; `complete_only=False` includes episodes with missed goals.
 
         Raises:
-            RolloutsError: when the folder is not one that `avln lab rollout` made, or a file is damaged.
+            RolloutsError: if the folder was not written by `avln lab rollout`, or a file is damaged.
         """
         self.folder = Path(folder)
-        """Where they lie."""
+        """Folder of the recordings."""
         self.manifest = _manifest(self.folder / "rollouts.json")
-        """What `rollouts.json` says: split, order, sensors, rules."""
+        """Content of `rollouts.json`: split, order, sensors, rules."""
         paths = sorted((self.folder / "episodes").glob("*.npz"))
         read = (Rollout(path, self.manifest) for path in paths)
         self._paths = [rollout.path for rollout in read if rollout.is_complete or not complete_only]
@@ -180,7 +180,9 @@ def _manifest(path: Path) -> dict[str, Any]:
     try:
         manifest: dict[str, Any] = json.loads(path.read_text())
     except (OSError, ValueError) as error:
-        raise RolloutsError(f"read {path}: {error}; record one with: avln lab rollout --split SPLIT --out DIR") from None
+        raise RolloutsError(
+            f"read {path}: {error}; record one with: avln lab rollout --split SPLIT --out DIR"
+        ) from None
     told = (manifest.get("format"), manifest.get("version"))
     if told != (FORMAT, VERSION):
         raise RolloutsError(

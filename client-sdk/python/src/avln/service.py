@@ -1,4 +1,4 @@
-"""What surrounds playing: server, phases, runs, quota, account."""
+"""Server, phases, runs, quota and account."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _UNCOUNTED = {"concurrent", "uncharged"}
 
 @dataclass(frozen=True)
 class ServerInfo:
-    """What the server is."""
+    """Server information."""
 
     name: str
     """Name that the organiser gave it."""
@@ -31,7 +31,7 @@ class ServerInfo:
     benchmark: str
     """Version of the benchmark: changes whenever a score could change."""
     draining: bool
-    """Whether it is about to stop and begins no runs."""
+    """True if the server is stopping and accepts no new runs."""
     notice: str
     """Announcement for people; empty: none."""
     time_unix_ms: int
@@ -71,11 +71,11 @@ class Phase:
     max_side: int
     """Most pixels a side of RGB and depth."""
     feedback: str
-    """What agents learn from a Submit: `none`, `accepted` or `verdict`."""
+    """Feedback to a Submit: `none`, `accepted` or `verdict`."""
     state: str
-    """Whether runs can begin: `upcoming`, `open`, `paused` or `closed`."""
+    """Acceptance of new runs: `upcoming`, `open`, `paused` or `closed`."""
     state_reason: str
-    """Why it is in that state, for people; empty: no more to say."""
+    """Reason for the state, for people; may be empty."""
     rules: str
     """Name and version of the rule set."""
 
@@ -109,7 +109,7 @@ class Run:
     id: str
     """Id; empty when only the token is known."""
     token: str
-    """Good for playing this run, and for nothing else."""
+    """Token for this run only."""
     episodes: int = 0
     """Episodes of the run; 0 when only the token is known."""
     max_slots: int = 0
@@ -134,7 +134,7 @@ class Run:
 
 @dataclass(frozen=True)
 class RunStatus:
-    """How a run stands."""
+    """State of a run."""
 
     id: str
     """Id."""
@@ -147,21 +147,21 @@ class RunStatus:
     state_reason: str
     """Why it is in that state, for people."""
     progress: Progress
-    """How far it is."""
+    """Progress."""
     ends: list[tuple[EndReason, int]]
-    """How its episodes ended, and how many of them."""
+    """Episode count by end reason."""
     metrics: list[Metric] | None
-    """Its metrics; None where the phase shows none."""
+    """Metrics; None if the phase hides them."""
     charged: bool
-    """Whether it counts against the team's quota."""
+    """True if the run counts against the quota."""
     charge_reason: str
     """Why it does or does not, for people."""
     url: str
-    """Where people find it; empty: nowhere."""
+    """Web page; may be empty."""
 
     @property
     def is_over(self) -> bool:
-        """Whether the run can no longer be played."""
+        """True if the run has ended."""
         return self.state in _OVER
 
     @classmethod
@@ -184,12 +184,12 @@ class RunStatus:
 
 @dataclass(frozen=True)
 class Quota:
-    """What a team has left."""
+    """Remaining quota of a team."""
 
     phase: str
     """Phase."""
     window: str
-    """How it fills up again: `day`, `month`, `total`, `concurrent` or `uncharged`."""
+    """Window: `day`, `month`, `total`, `concurrent` or `uncharged`."""
     limit: int | None
     """Runs granted in the window; None: unlimited."""
     used: int
@@ -197,13 +197,13 @@ class Quota:
     remaining: int | None
     """Runs left; None: unlimited."""
     next_increase_unix_s: int
-    """When `remaining` next grows, seconds since 1970 UTC; 0: never by waiting."""
+    """Time of the next increase of `remaining`, seconds since 1970 UTC; 0: never."""
     charges: list[tuple[str, str]]
     """The runs that were counted and why, the oldest first."""
 
     @property
     def is_counted(self) -> bool:
-        """Whether it limits how many runs the team can ever begin, or in a time, whatever is left."""
+        """True if it limits the number of started runs, in total or per time."""
         return self.limit is not None and self.window not in _UNCOUNTED
 
     @classmethod
@@ -222,16 +222,16 @@ class Quota:
 
 @dataclass(frozen=True)
 class Account:
-    """Whose token it is."""
+    """Owner of a token."""
 
     team: str
     """Name of the team."""
     token_name: str
-    """Name of the token, as its maker called it."""
+    """Name of the token."""
     scope: str
-    """What it is good for: `participant`, `read_only`, `organiser` or `run`."""
+    """Scope: `participant`, `read_only`, `organiser` or `run`."""
     expires_unix_s: int
-    """When the token expires, seconds since 1970 UTC; 0: never."""
+    """Expiry time, seconds since 1970 UTC; 0: never."""
 
     @classmethod
     def from_wire(cls, answer: run_pb2.WhoAmIResponse) -> Account:
@@ -241,10 +241,10 @@ class Account:
 
 
 def phase_to_practise(phases: list[Phase], quotas: list[Quota]) -> str:
-    """Id of the phase that a team practises in, where it does not say.
+    """Returns the id of the default phase.
 
     Raises:
-        PhaseError: when there is none, or no one of them is meant.
+        PhaseError: if there is no or no unique default phase.
     """
     counted = {quota.phase for quota in quotas if quota.is_counted}
     free = [phase.id for phase in phases if phase.state == "open" and phase.id not in counted]

@@ -20,19 +20,19 @@ if TYPE_CHECKING:
 
 
 class Policy(Protocol):
-    """What an actor-critic of SoundSpaces looks like."""
+    """Interface of a SoundSpaces actor-critic."""
 
     net: Any
-    """Its network, which has `num_recurrent_layers`."""
+    """Network with `num_recurrent_layers`."""
 
     def act(self, observations: Any, hidden: Any, previous: Any, masks: Any, *, deterministic: bool) -> tuple[Any, ...]:
-        """Gives back values, actions, log-probabilities and hidden states, and maybe more."""
+        """Returns values, actions, log-probabilities and hidden states, possibly more."""
 
 
 class PolicyAgent:
-    """Plays with a recurrent policy, one episode at a time: it keeps what the policy's `act` wants to have back.
+    """An agent with a recurrent policy; it stores the state between calls of `act`.
 
-    Observations become tensors of 32-bit floats with one row, as SoundSpaces batches them.
+    Observations become float32 tensors with a single row, as in SoundSpaces batches.
     """
 
     def __init__(
@@ -41,10 +41,10 @@ class PolicyAgent:
         """Wraps a policy.
 
         Args:
-            policy: an actor-critic of SoundSpaces, its weights loaded.
-            hidden_size: numbers of its recurrent state.
-            deterministic: whether it takes its best action, or draws by its scores.
-            device: where it is.
+            policy: a SoundSpaces actor-critic with loaded weights.
+            hidden_size: size of the recurrent state.
+            deterministic: True for the best action, False to sample.
+            device: torch device.
         """
         self._policy = policy
         self._deterministic = deterministic

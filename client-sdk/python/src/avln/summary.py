@@ -1,4 +1,4 @@
-"""How episodes and runs stand and end."""
+"""Progress and results of episodes and runs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is."""
+    """Progress of a run."""
 
     total: int = 0
     """Episodes of the run."""
@@ -24,7 +24,7 @@ class Progress:
     in_flight: int = 0
     """Episodes that are being played."""
     eta_s: int | None = None
-    """Estimated seconds to the end; None until one episode has ended."""
+    """Estimated seconds to the end; None until an episode has ended."""
 
     @property
     def waiting(self) -> int:
@@ -45,9 +45,9 @@ class Metric:
     name: str
     """Name, lower snake case: sr, isr, osr, spl, soft_spl …"""
     value: float
-    """Value, in the unit that the name ends in, else without unit."""
+    """Value, in the unit at the end of the name; otherwise without unit."""
     interval: tuple[float, float] | None = None
-    """Both ends of the 95 % interval, where there is one."""
+    """95 % interval, if known."""
 
     def __str__(self) -> str:
         text = f"{self.name} {self.value:.3f}"
@@ -56,20 +56,20 @@ class Metric:
 
 @dataclass(frozen=True)
 class EpisodeEnd:
-    """How an episode ended."""
+    """End of an episode."""
 
     episode: str
     """Random handle of the episode, good for this run only."""
     reason: EndReason
     """Why it ended."""
     terminated: bool
-    """Whether the task itself ended it; otherwise it was truncated."""
+    """True if the task ended the episode; otherwise it was truncated."""
     steps: int
     """Steps taken."""
     metrics: list[Metric] | None
-    """Its metrics; None where the phase shows none."""
+    """Metrics; None if the phase hides them."""
     progress: Progress
-    """How far the run is now."""
+    """Progress of the run."""
 
     @classmethod
     def from_wire(cls, end: play_pb2.EpisodeEnd) -> EpisodeEnd:
@@ -81,23 +81,23 @@ class EpisodeEnd:
 
 @dataclass(frozen=True)
 class RunSummary:
-    """How a run ended; `print` shows it."""
+    """End of a run, printable."""
 
     run: str = ""
     """Id of the run."""
     progress: Progress = Progress()
-    """How far it came."""
+    """Final progress."""
     complete: bool = False
-    """Whether every episode was played."""
+    """True if every episode was played."""
     ends: list[tuple[EndReason, int]] = field(default_factory=list)
-    """How its episodes ended, and how many of them."""
+    """Episode count by end reason."""
     metrics: list[Metric] | None = None
-    """Its metrics; None where the phase shows none."""
+    """Metrics; None if the phase hides them."""
     url: str = ""
-    """Where people find the result; empty: nowhere."""
+    """Web page of the result; may be empty."""
 
     def metric(self, name: str) -> Metric | None:
-        """The metric called `name`, where the phase shows it."""
+        """The metric `name`, if public."""
         return next((metric for metric in self.metrics or () if metric.name == name), None)
 
     @classmethod
@@ -121,7 +121,7 @@ class Notice:
     message: str
     """The text."""
     effective_unix_ms: int
-    """When it takes effect, milliseconds since 1970 UTC; 0: now."""
+    """Effective time, milliseconds since 1970 UTC; 0: now."""
 
 
 def metrics(shown: common_pb2.PublicMetrics) -> list[Metric]:
@@ -134,5 +134,5 @@ def _interval(metric: common_pb2.Metric) -> tuple[float, float] | None:
 
 
 def ends(counts: Iterable[play_pb2.EndCount]) -> list[tuple[EndReason, int]]:
-    """How episodes ended, and how many of them."""
+    """Episode count by end reason."""
     return [(EndReason.from_wire(count.reason), count.episodes) for count in counts]

@@ -1,4 +1,4 @@
-"""Which sensors an agent asks for, and the facts of the rules that it is told."""
+"""Sensors of an agent, and the rules of the task."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _POSITIVE = (
 
 @dataclass(frozen=True)
 class Sensors:
-    """Which sensors an agent asks for. What is not asked for is neither rendered nor sent; the pose always comes."""
+    """Requested sensors. Other sensors are not rendered or sent; the pose is always included."""
 
     rgb: bool = True
-    """Whether colour pictures are wanted."""
+    """True to request colour images."""
     depth: bool = True
-    """Whether depth pictures are wanted."""
+    """True to request depth images."""
     audio: bool = True
-    """Whether sound is wanted."""
+    """True to request sound."""
     width: int = 256
     """Pixels in a row, 64 to 1024."""
     height: int = 256
@@ -58,10 +58,10 @@ class Sensors:
         return [kind for is_wanted, kind in wanted if is_wanted]
 
     def to_wire(self, packing: Packing) -> task_pb2.SensorSubscription:
-        """The subscription that is sent.
+        """Returns the subscription message.
 
         Raises:
-            SensorsError: when the camera is outside of what any server offers.
+            SensorsError: if the camera is out of range for any server.
         """
         sides_fit = self.width in _SIDES and self.height in _SIDES
         if not (sides_fit and _HFOV_RAD[0] <= self.hfov_rad <= _HFOV_RAD[1]):
@@ -72,10 +72,10 @@ class Sensors:
 
 @dataclass(frozen=True)
 class TaskSpec:
-    """The facts of the rules, the same for every episode of a run.
+    """Rules, fixed for a run.
 
-    Rules with names hold the word of `avln/v1/task.proto` in lower case, such as `start` or `camera_to_box`;
-    `unspecified` where the server did not say, and `other` where this client does not know the word.
+    Named rules contain the lower-case word of `avln/v1/task.proto`, such as `start` or
+    `camera_to_box`; `unspecified` if missing, `other` if unknown to this client.
     """
 
     rules: str = "lh-avln-v1"
@@ -85,7 +85,7 @@ class TaskSpec:
     turn_deg: int = 30
     """Angle of TURN_LEFT and TURN_RIGHT, degrees; divides 360."""
     step_s: float = 0.25
-    """Simulated time of one step, seconds."""
+    """Simulated time per step, seconds."""
     max_steps: int = 1000
     """Most actions in an episode; all five kinds count."""
     body_radius_m: float = 0.1
@@ -109,32 +109,33 @@ class TaskSpec:
     audio_samples: int = 4000
     """Samples of each ear in an observation."""
     samples_per_step: int = 4000
-    """Samples of each ear that one step of simulated time fills; the rest is 0."""
+    """Samples per ear and step of simulated time; the rest is 0."""
     pose_frame: str = "start"
-    """Frame of the pose: `start`, where the first pose is all zeros, or `world`, the scene's own."""
+    """Pose frame: `start`, with a zero first pose, or `world`, the scene frame."""
     success_radius_m: float = 2.0
     """Radius of success, metres."""
     success_distance: str = "camera_to_box"
-    """What the radius is measured between: `camera_to_box` or `base_to_viewpoint`."""
+    """Definition of the success distance: `camera_to_box` or `base_to_viewpoint`."""
     wrong_submit: str = "keeps_goal"
-    """What a wrong Submit does in an ordered mission: `keeps_goal` or `skips_goal`."""
+    """Effect of a wrong Submit in an ordered mission: `keeps_goal` or `skips_goal`."""
     feedback: str = "none"
-    """What the agent learns from a Submit: `none`, `accepted` or `verdict`."""
+    """Feedback to a Submit: `none`, `accepted` or `verdict`."""
     sounding: str = "unfinished_in_drawn_order"
-    """Which targets sound, and when: `unfinished_in_drawn_order` or `all_in_goal_order`."""
+    """Schedule of the sounding targets: `unfinished_in_drawn_order` or `all_in_goal_order`."""
     sounding_window_steps: int = 25
-    """Steps for which one target sounds before the next."""
+    """Sounding steps per target and turn."""
     sound_clip: str = "anonymous"
-    """Where the sound itself comes from: `anonymous`, `by_category` or `distinct`."""
+    """Assignment of sound clips: `anonymous`, `by_category` or `distinct`."""
     source_lift_m: float = 0.0
-    """Height of a source above the centre of its target, metres."""
+    """Height of a source above the target centre, metres."""
     depth_noise: str = "none"
     """Noise of depth: `none` or `redwood`. The server judges without noise, and pictures of goals have none."""
     rgb_noise: str = "none"
     """Noise of colours: `none` or `gaussian`."""
     head: str = ""
-    """Who listens: empty for a rigid sphere with a radius of 8.75 cm and ears at 100 degrees from straight ahead, else
-    the BLAKE3 hash of the SOFA file of a measured head, hexadecimal."""
+    """Head model: empty for a rigid sphere with a radius of 8.75 cm and ears at 100 degrees from
+    straight ahead, otherwise the hexadecimal BLAKE3 hash of a measured head's SOFA file.
+    """
 
     @property
     def turn_rad(self) -> float:
@@ -143,10 +144,10 @@ class TaskSpec:
 
     @classmethod
     def from_wire(cls, task: task_pb2.TaskSpec) -> TaskSpec:
-        """The facts of a message.
+        """Converts a task message.
 
         Raises:
-            ProtocolError: when a number is one with which no agent could calculate.
+            ProtocolError: if a number is unusable.
         """
         for name in (*_POSITIVE, "depth_divisor"):
             value = float(getattr(task, name))
@@ -174,7 +175,7 @@ def _fact(task: task_pb2.TaskSpec, name: str) -> object:
 
 
 def word(enum: object, number: int) -> str:
-    """The word of an enum's number in lower case without its prefix; `other` where this client does not know it."""
+    """Lower-case word of an enum number without prefix; `other` if unknown."""
     values = {value: name for name, value in enum.items()}  # type: ignore[attr-defined]
     prefix = values[0][: -len("UNSPECIFIED")]
     return values[number][len(prefix) :].lower() if number in values else "other"

@@ -1,4 +1,4 @@
-"""Which client this is."""
+"""Client version."""
 
 from __future__ import annotations
 
@@ -11,5 +11,5 @@ API_MINOR = 0
 
 
 def client_info() -> common_pb2.ClientInfo:
-    """How this client introduces itself."""
+    """Client information for the server."""
     return common_pb2.ClientInfo(name="avln-python", version=VERSION, api_minor=API_MINOR)

@@ -1,4 +1,4 @@
-//! A server that says what a test tells it to say.
+//! A scripted server.
 
 #![allow(dead_code, unreachable_pub, missing_docs, reason = "each test file uses a part of it")]
 
@@ -26,7 +26,7 @@ pub const SAMPLES: u32 = 8;
 type Scene = Pin<Box<dyn Future<Output = ()> + Send>>;
 type Script = Arc<dyn Fn(Stage) -> Scene + Send + Sync>;
 
-/// Starts a server whose Play stream is `script`; returns its address.
+/// Starts a server with `script` as its Play stream; returns its address.
 pub async fn serve<F, S>(script: F) -> String
 where
     F: Fn(Stage) -> S + Send + Sync + 'static,
@@ -43,14 +43,14 @@ where
     address
 }
 
-/// One stream, seen from the server.
+/// The server side of a stream.
 pub struct Stage {
     asked: Streaming<v1::PlayRequest>,
     told: mpsc::Sender<Result<v1::PlayResponse, Status>>,
 }
 
 impl Stage {
-    /// The next frame of the client; `None` when its stream has ended.
+    /// Next client frame; `None` at the end of the stream.
     pub async fn hear(&mut self) -> Option<Asked> {
         self.asked.message().await.ok().flatten().and_then(|request| request.frame)
     }
@@ -59,7 +59,7 @@ impl Stage {
         let _ = self.told.send(Ok(v1::PlayResponse { frame: Some(frame) })).await;
     }
 
-    /// A frame that no client of this version knows.
+    /// Sends a frame unknown to all clients of this version.
     pub async fn mumble(&self) {
         let _ = self.told.send(Ok(v1::PlayResponse { frame: None })).await;
     }
@@ -69,7 +69,7 @@ impl Stage {
         let _ = self.told.send(Err(status)).await;
     }
 
-    /// Hears Hello and welcomes with as many slots as asked for.
+    /// Reads Hello and grants the requested slots.
     pub async fn greet(&mut self) -> v1::Hello {
         let Some(Asked::Hello(hello)) = self.hear().await else { panic!("no Hello") };
         self.tell(Told::Welcome(welcome(hello.slots))).await;
@@ -219,7 +219,8 @@ fn mission() -> v1::Mission {
     v1::Mission { order: v1::Order::Unordered as i32, goals }
 }
 
-/// Colour counts the step, depth is 0.5 before division, the left ear hears the step and the right its negative.
+/// Colour counts the step, depth is 0.5 before division, the left ear contains the step and the right ear its
+/// negative.
 pub fn observation(slot: u32, episode: &str, step: u32) -> v1::Observation {
     let pixels = (SIDE * SIDE) as usize;
     let floats = |values: Vec<f32>| values.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<u8>>();
@@ -338,7 +339,7 @@ impl runs::RunService for Fake {
         Ok(Response::new(v1::CancelRunResponse { run: Some(run) }))
     }
 
-    /// Two pages of one run each.
+    /// Two pages with a run each.
     async fn list_runs(&self, request: Request<v1::ListRunsRequest>) -> Answer<v1::ListRunsResponse> {
         check_token(&request, TOKEN)?;
         let first = request.get_ref().page_token.is_empty();

@@ -1,13 +1,13 @@
 //! The table of all episodes (CSV).
 
-use crate::suite::Line;
+use crate::suite::ResultLine;
 use avln_scoring::{EpisodeValue, METRICS, Metric, Unit};
 
 /// Metrics left out, to keep the columns of the published docs/results.csv.
 const OMITTED: [&str; 3] = ["osr_all", "sna", "wrong_instance_submits"];
 
 /// Returns a header and a row per episode, in the order of `lines`. No cell needs quotes: names are ids.
-pub(super) fn table(lines: &[&Line]) -> String {
+pub(super) fn table(lines: &[&ResultLine]) -> String {
     let ids = METRICS.iter().filter(|metric| is_column(metric)).map(|metric| metric.id);
     let header: Vec<&str> = ["agent", "order", "episode", "scene"]
         .into_iter()
@@ -25,8 +25,8 @@ fn is_column(metric: &Metric) -> bool {
     matches!(metric.episode, EpisodeValue::Number(_)) && !OMITTED.contains(&metric.id)
 }
 
-fn cells(line: &Line) -> Vec<String> {
-    let Line { key, scene, metrics, end, .. } = line;
+fn cells(line: &ResultLine) -> Vec<String> {
+    let ResultLine { key, scene, metrics, end, .. } = line;
     let mut cells = vec![key.agent.clone(), key.order.clone(), key.episode.clone(), scene.clone()];
     for metric in METRICS.iter().filter(|metric| is_column(metric)) {
         cells.extend(metric.of(metrics).map(|value| number(metric, value)));

@@ -1,7 +1,7 @@
 //! The numbers behind the tables.
 
 use super::paired::{Paired, sign_flip};
-use crate::suite::{Line, Rung, results::Key};
+use crate::suite::{AgentVariant, ResultLine, results::EpisodeKey};
 use avln_episode::{Modality, Order};
 use avln_scoring::{EpisodeScore, Summary, summarise};
 use std::collections::BTreeMap;
@@ -10,19 +10,19 @@ use std::collections::BTreeMap;
 pub(super) const SEED: u64 = 1;
 
 /// All lines of one agent in one order.
-pub(super) struct Played<'a> {
-    pub(super) lines: Vec<&'a Line>,
+pub(super) struct VariantResults<'a> {
+    pub(super) lines: Vec<&'a ResultLine>,
 }
 
-impl<'a> Played<'a> {
-    pub(super) fn of(lines: &[&'a Line], rung: Rung, order: Order) -> Self {
-        let own = |line: &&&Line| line.key.agent == rung.name() && line.order() == order;
+impl<'a> VariantResults<'a> {
+    pub(super) fn of(lines: &[&'a ResultLine], variant: AgentVariant, order: Order) -> Self {
+        let own = |line: &&&ResultLine| line.key.agent == variant.name() && line.order() == order;
         Self { lines: lines.iter().filter(own).copied().collect() }
     }
 
     /// Means with intervals resampled by scene; `None` when nothing was played.
     pub(super) fn summary(&self) -> Option<Summary> {
-        let score = |line: &&Line| EpisodeScore {
+        let score = |line: &&ResultLine| EpisodeScore {
             episode: line.key.episode.clone(),
             scene: line.scene.clone(),
             order: line.order(),
@@ -66,8 +66,12 @@ pub(super) fn mean(values: impl Iterator<Item = f64>) -> (f64, usize) {
 }
 
 /// Differences of one agent to another in a number, over the episodes that both played.
-pub(super) fn compare(a: &Played<'_>, b: &Played<'_>, number: impl Fn(&Line) -> f64) -> Option<Paired> {
-    let others: BTreeMap<&str, &Line> =
+pub(super) fn compare(
+    a: &VariantResults<'_>,
+    b: &VariantResults<'_>,
+    number: impl Fn(&ResultLine) -> f64,
+) -> Option<Paired> {
+    let others: BTreeMap<&str, &ResultLine> =
         b.lines.iter().map(|line| (line.key.episode.as_str(), *line)).collect();
     let differences: Vec<(&str, f64)> = a
         .lines
@@ -81,15 +85,16 @@ pub(super) fn compare(a: &Played<'_>, b: &Played<'_>, number: impl Fn(&Line) -> 
 }
 
 /// Steps until the first goal was found; all that an episode may take where none was.
-pub(super) fn steps_to_first(line: &Line) -> f64 {
+pub(super) fn steps_to_first(line: &ResultLine) -> f64 {
     const MAX_STEPS: f64 = 1000.0;
     line.metrics.steps_to_goal.iter().flatten().min().map_or(MAX_STEPS, |&step| f64::from(step))
 }
 
 /// The lines of the build, split and seed that most lines are of: only those can be compared with each other.
-pub(super) fn comparable<'a>(lines: impl Iterator<Item = &'a Line>) -> Vec<&'a Line> {
-    let lines: Vec<&Line> = lines.collect();
-    let edition = |key: &Key| (key.benchmark.clone(), key.program.clone(), key.split.clone(), key.seed);
+pub(super) fn comparable<'a>(lines: impl Iterator<Item = &'a ResultLine>) -> Vec<&'a ResultLine> {
+    let lines: Vec<&ResultLine> = lines.collect();
+    let edition =
+        |key: &EpisodeKey| (key.benchmark.clone(), key.program.clone(), key.split.clone(), key.seed);
     let mut counts = BTreeMap::<_, usize>::new();
     lines.iter().for_each(|line| *counts.entry(edition(&line.key)).or_default() += 1);
     let Some((most, _)) = counts.into_iter().max_by_key(|(_, count)| *count) else { return Vec::new() };

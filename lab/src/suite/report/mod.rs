@@ -5,18 +5,18 @@ mod facts;
 mod paired;
 mod paper;
 
-use super::{Cause, Line, Rung, host::results_path, results};
+use super::{AgentVariant, Cause, ResultLine, host::results_path, results};
 use avln_arena::{Failure, FailureKind};
 use avln_episode::{EndReason, Modality, Order};
 use avln_scoring::{Estimate, Metric, Summary};
-use facts::{Played, comparable, compare, mean, steps_to_first};
+use facts::{VariantResults, comparable, compare, mean, steps_to_first};
 use paired::Paired;
 use std::{fmt::Write as _, path::Path};
 
 const ORDERS: [Order; 2] = [Order::Ordered, Order::Unordered];
 
 /// What was played in a folder.
-pub struct Report {
+pub struct SuiteReport {
     /// A page of tables, Markdown. It links to `results.csv` beside it.
     pub page: String,
     /// A table of all episodes, CSV.
@@ -27,7 +27,7 @@ pub struct Report {
 ///
 /// # Errors
 /// When nothing was played there, or the results cannot be read.
-pub fn report(folder: &Path) -> Result<Report, Failure> {
+pub fn report(folder: &Path) -> Result<SuiteReport, Failure> {
     let path = results_path(folder);
     let nothing = || {
         Failure::new(FailureKind::Data, format!("nothing was played in {}", folder.display()))
@@ -36,7 +36,7 @@ pub fn report(folder: &Path) -> Result<Report, Failure> {
     let played = results::read(&path)?;
     let lines = comparable(played.values());
     let Some(first) = lines.first() else { return Err(nothing()) };
-    let page = Page { lines: &lines, first };
+    let page = ReportPage { lines: &lines, first };
     let sections = [
         page.head(),
         page.main(),
@@ -46,22 +46,24 @@ pub fn report(folder: &Path) -> Result<Report, Failure> {
         page.shares(),
         page.failures(),
     ];
-    Ok(Report { page: sections.join("\n"), episodes: episodes::table(&lines) })
+    Ok(SuiteReport { page: sections.join("\n"), episodes: episodes::table(&lines) })
 }
 
-struct Page<'a> {
-    lines: &'a [&'a Line],
-    first: &'a Line,
+struct ReportPage<'a> {
+    lines: &'a [&'a ResultLine],
+    first: &'a ResultLine,
 }
 
-impl Page<'_> {
-    fn of(&self, rung: Rung, order: Order) -> Played<'_> {
-        Played::of(self.lines, rung, order)
+impl ReportPage<'_> {
+    fn of(&self, variant: AgentVariant, order: Order) -> VariantResults<'_> {
+        VariantResults::of(self.lines, variant, order)
     }
 
     /// The agents that played, in the order of tables.
-    fn rungs(&self) -> impl Iterator<Item = Rung> {
-        Rung::ALL.into_iter().filter(|rung| self.lines.iter().any(|line| line.key.agent == rung.name()))
+    fn rungs(&self) -> impl Iterator<Item = AgentVariant> {
+        AgentVariant::ALL
+            .into_iter()
+            .filter(|variant| self.lines.iter().any(|line| line.key.agent == variant.name()))
     }
 
     fn head(&self) -> String {
@@ -95,13 +97,13 @@ impl Page<'_> {
         let mut text = String::from("## All agents\n");
         for order in ORDERS {
             let _ = write!(text, "\n### {}\n\n{}", heading(order), header(&["ms a step", "hours"]));
-            for rung in self.rungs().filter(|rung| !rung.is_variant() || rung.is_privileged()) {
-                let played = self.of(rung, order);
+            for variant in self.rungs().filter(|variant| !variant.is_variant() || variant.is_privileged()) {
+                let played = self.of(variant, order);
                 let Some(summary) = played.summary() else { continue };
                 let _ = writeln!(
                     text,
                     "{} {:.1} | {:.2} |",
-                    row(rung, &summary),
+                    row(variant, &summary),
                     played.think_ms(),
                     played.wall_h()
                 );
@@ -130,14 +132,17 @@ impl Page<'_> {
         let mut text = String::from("## What parts of PAG-Nav are worth\n");
         for order in ORDERS {
             let _ = write!(text, "\n### {}\n\n{}", heading(order), header(&["ISR less than PAG-Nav's"]));
-            let whole = self.of(Rung::PagNav, order);
-            for rung in self.rungs().filter(|&rung| rung == Rung::PagNav || rung.is_variant()) {
-                let played = self.of(rung, order);
+            let whole = self.of(AgentVariant::PagNav, order);
+            for variant in
+                self.rungs().filter(|&variant| variant == AgentVariant::PagNav || variant.is_variant())
+            {
+                let played = self.of(variant, order);
                 let Some(summary) = played.summary() else { continue };
-                let test = compare(&whole, &played, |line| line.metrics.isr).filter(|_| rung != Rung::PagNav);
+                let test = compare(&whole, &played, |line| line.metrics.isr)
+                    .filter(|_| variant != AgentVariant::PagNav);
                 let less = test
                     .map_or("-".to_owned(), |test| format!("{:.1}, {}", 100.0 * test.difference, p(test)));
-                let _ = writeln!(text, "{} {less} |", row(rung, &summary));
+                let _ = writeln!(text, "{} {less} |", row(variant, &summary));
             }
         }
         text
@@ -151,7 +156,8 @@ impl Page<'_> {
              counts as 1000 steps to the first.\n\n| order | pairs | OSR | | steps to the first goal | |\n|---|---|---|---|---|---|\n",
         );
         for order in ORDERS {
-            let (with, without) = (self.of(Rung::PagNav, order), self.of(Rung::PagNavNoAudio, order));
+            let (with, without) =
+                (self.of(AgentVariant::PagNav, order), self.of(AgentVariant::PagNavNoAudio, order));
             let osr = compare(&with, &without, |line| 100.0 * line.metrics.osr);
             let (Some(osr), Some(steps)) = (osr, compare(&with, &without, steps_to_first)) else { continue };
             let (by, slower) = (osr.difference, steps.difference);
@@ -176,8 +182,8 @@ impl Page<'_> {
                 "\n### {}\n\n| agent | category | description | image | 2 goals | 3 goals | 4 goals |\n|---|---|---|---|---|---|---|\n",
                 heading(order)
             );
-            for rung in self.rungs() {
-                let played = self.of(rung, order);
+            for variant in self.rungs() {
+                let played = self.of(variant, order);
                 if played.lines.is_empty() {
                     continue;
                 }
@@ -186,7 +192,7 @@ impl Page<'_> {
                 let shares = shares.into_iter().chain([2, 3, 4].map(|goals| played.by_goals(goals)));
                 let cells: Vec<_> =
                     shares.map(|(share, count)| format!("{:.1} ({count})", 100.0 * share)).collect();
-                let _ = writeln!(text, "| {} | {} |", name(rung), cells.join(" | "));
+                let _ = writeln!(text, "| {} | {} |", name(variant), cells.join(" | "));
             }
         }
         text
@@ -212,8 +218,8 @@ impl Page<'_> {
                 head.join(" | "),
                 causes.join(" | ")
             );
-            for rung in self.rungs() {
-                let lines = self.of(rung, order).lines;
+            for variant in self.rungs() {
+                let lines = self.of(variant, order).lines;
                 if lines.is_empty() {
                     continue;
                 }
@@ -229,7 +235,7 @@ impl Page<'_> {
                 let ends = ENDS.map(|end| format!("{:.0}", share(end)));
                 let causes = Cause::ALL.iter().map(|cause| format!("{:.2}", count(cause)));
                 let cells: Vec<_> = ends.into_iter().chain(causes).collect();
-                let _ = writeln!(text, "| {} | {} |", name(rung), cells.join(" | "));
+                let _ = writeln!(text, "| {} | {} |", name(variant), cells.join(" | "));
             }
         }
         text
@@ -243,8 +249,8 @@ fn heading(order: Order) -> &'static str {
     }
 }
 
-fn name(rung: Rung) -> String {
-    format!("{}{}", rung.name(), if rung.is_privileged() { " †" } else { "" })
+fn name(variant: AgentVariant) -> String {
+    format!("{}{}", variant.name(), if variant.is_privileged() { " †" } else { "" })
 }
 
 fn yes(is: bool) -> &'static str {
@@ -260,12 +266,12 @@ fn header(more: &[&str]) -> String {
 }
 
 /// First cells of a row in every table of agents.
-fn row(rung: Rung, summary: &Summary) -> String {
+fn row(variant: AgentVariant, summary: &Summary) -> String {
     let percent =
         |e: Estimate| format!("{:.1} [{:.1}, {:.1}]", 100.0 * e.value, 100.0 * e.low, 100.0 * e.high);
     let estimates = Metric::headlines().filter_map(|metric| metric.estimate_of(summary));
     let cells = estimates.map(percent).collect::<Vec<_>>().join(" | ");
-    format!("| {} | {} | {} | {cells} |", name(rung), yes(rung.hears()), summary.episodes)
+    format!("| {} | {} | {} | {cells} |", name(variant), yes(variant.hears()), summary.episodes)
 }
 
 fn p(test: Paired) -> String {

@@ -11,18 +11,18 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// Largest answer, bytes.
 const MAX_ANSWER_BYTES: usize = 4 << 20;
 
-/// What the operator's door answered.
+/// Answer of the admin server.
 pub struct Answer {
-    /// Whether it did what it was asked.
+    /// HTTP status.
     pub status: StatusCode,
     /// The words.
     pub body: Bytes,
 }
 
-/// Asks the operator's door at `server`, like `http://127.0.0.1:50052`, for `path`; sends `body` where there is one.
+/// Requests `path` from the admin server at `server`, like `http://127.0.0.1:50052`, with an optional `body`.
 ///
 /// # Errors
-/// When nothing answers there.
+/// If the server does not answer.
 pub async fn ask(server: &str, path: &str, token: &str, body: Option<Vec<u8>>) -> Result<Answer, Failure> {
     let failed = |problem: String| {
         Failure::new(FailureKind::Run, format!("{server}{path}: {problem}"))

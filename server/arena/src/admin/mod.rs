@@ -1,5 +1,5 @@
-//! The operator's door: metrics, what is going on, announcements, stopping. It has a listener of its own, on this machine
-//! alone, and nothing of it is on the agents' or the people's door.
+//! The admin server: metrics, live status, announcements, drain. It has a separate listener on this machine
+//! only.
 
 mod ask;
 mod metrics;
@@ -27,12 +27,12 @@ const MAX_TEXT_CHARS: usize = 500;
 /// Most minutes that open episodes can be given.
 const MAX_DRAIN_MINUTES: u32 = 24 * 60;
 
-/// What the operator's door works on.
+/// State of the admin server.
 #[derive(Clone)]
 pub struct Desk {
-    /// Who is playing.
+    /// Hosted phases and live runs.
     pub arena: Arc<Arena>,
-    /// What is stored.
+    /// Read access to the store.
     pub reader: Reader,
 }
 
@@ -42,24 +42,24 @@ impl Desk {
     }
 }
 
-/// What is going on.
+/// Live status.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Status {
-    /// Whether the server is about to stop, and why.
+    /// Reason of a drain, if draining.
     pub draining: Option<String>,
-    /// What is announced; empty: nothing.
+    /// Announcement; may be empty.
     pub notice: String,
-    /// Slots that hold an episode.
+    /// Slots with an episode.
     pub slots: Vec<Slot>,
     /// Steps since the server started.
     pub steps: u64,
     /// Bytes of scenes that are ready.
     pub scene_bytes: usize,
-    /// Threads that simulate something without end; no run starts while there are several.
+    /// Hanging simulator threads; several of them block new runs.
     pub hanging: usize,
 }
 
-/// A slot that holds an episode.
+/// A slot with an episode.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Slot {
     /// Id of the run.
@@ -76,7 +76,7 @@ pub struct Slot {
 pub struct Drain {
     /// Why, for agents and people.
     pub reason: String,
-    /// For how long open episodes may go on.
+    /// Grace period for open episodes.
     pub minutes: u32,
 }
 
@@ -88,7 +88,7 @@ pub struct Notice {
     pub text: String,
 }
 
-/// Everything that the operator's door answers. All but `/metrics` asks for an organiser's token.
+/// Routes of the admin server. All except `/metrics` require an organiser token.
 pub fn router(desk: Desk) -> Router {
     let guarded = Router::new()
         .route("/v1/status", get(status))
@@ -154,7 +154,7 @@ async fn status(State(desk): State<Desk>) -> Json<Status> {
     Json(status_of(&desk.arena))
 }
 
-/// What is going on in a server.
+/// Returns the live status.
 pub fn status_of(arena: &Arena) -> Status {
     let control = arena.control();
     let seen = control.snapshot();
@@ -185,7 +185,6 @@ async fn drain(
         .drain(&reason, patience)
         .await
         .map_err(|failure| Refused(StatusCode::INTERNAL_SERVER_ERROR, failure.to_string()))?;
-    avln_web::announce(&desk.control().announcement());
     tracing::warn!(reason, minutes, "draining");
     Ok(Json(status_of(&desk.arena)))
 }
@@ -196,7 +195,6 @@ async fn notice(
 ) -> Result<Json<Status>, Refused> {
     let Json(Notice { text }) = body?;
     desk.control().announce(&printable("text", text.trim())?);
-    avln_web::announce(&desk.control().announcement());
     Ok(Json(status_of(&desk.arena)))
 }
 

@@ -1,4 +1,4 @@
-//! A backup as a file: a tar archive whose last member is a manifest with the digest of every other.
+//! Backup file format: a tar archive with a final manifest of all digests.
 
 use serde::{Deserialize, Serialize};
 use std::{
@@ -15,7 +15,7 @@ const MANIFEST: &str = "manifest.json";
 /// Largest manifest that is read, bytes: a million files.
 const MAX_MANIFEST_BYTES: u64 = 256 << 20;
 
-/// What a backup holds.
+/// Content list of a backup.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
@@ -25,9 +25,9 @@ pub struct Manifest {
     pub server: String,
     /// Version of the database's schema.
     pub schema: i64,
-    /// When it was begun, milliseconds since 1970-01-01 UTC.
+    /// Start time, milliseconds since 1970-01-01 UTC.
     pub made_ms: i64,
-    /// Its files by path.
+    /// Files by path.
     pub files: BTreeMap<String, Kept>,
 }
 
@@ -35,9 +35,9 @@ pub struct Manifest {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Kept {
-    /// Its length.
+    /// Size in bytes.
     pub bytes: u64,
-    /// BLAKE3 of its bytes, hexadecimal.
+    /// BLAKE3 digest, hexadecimal.
     pub digest: String,
 }
 
@@ -76,7 +76,7 @@ impl<W: Write> Writer<W> {
         Ok(())
     }
 
-    /// Adds the manifest, and gives back what was written to.
+    /// Adds the manifest and returns the writer.
     pub(super) fn finish(mut self) -> io::Result<(W, Manifest)> {
         let json = serde_json::to_vec_pretty(&self.manifest)?;
         self.archive.append_data(&mut self.header(json.len() as u64), MANIFEST, json.as_slice())?;
@@ -92,11 +92,11 @@ impl<W: Write> Writer<W> {
     }
 }
 
-/// Goes through an archive: `take` is given each file with its path, which leads nowhere else. Gives back the manifest once
-/// everything came as it says.
+/// Reads an archive: calls `take` for every file with its validated relative path. Returns the manifest after
+/// verification.
 ///
 /// # Errors
-/// When the archive is no backup, was changed or cut off, or `take` fails.
+/// If the archive is not a backup, is modified or truncated, or `take` fails.
 pub(super) fn go_through(
     from: impl Read,
     mut take: impl FnMut(&Path, &mut dyn Read) -> io::Result<()>,
@@ -130,7 +130,7 @@ pub(super) fn go_through(
     }
 }
 
-/// Reads an archive to its end without keeping anything.
+/// Verifies an archive without storing its content.
 pub(super) fn check(from: &File) -> io::Result<Manifest> {
     go_through(io::BufReader::new(from), |_, _| Ok(()))
 }
@@ -164,7 +164,7 @@ fn read_manifest(entry: impl Read) -> io::Result<Manifest> {
     }
 }
 
-/// Counts and hashes what is read.
+/// A reader that counts and hashes bytes.
 struct Hashed<R> {
     from: R,
     bytes: u64,
@@ -223,7 +223,7 @@ mod tests {
             let mut bytes = whole.clone();
             bytes[at] ^= 0x10;
             if let Ok(manifest) = go_through(bytes.as_slice(), |_, _| Ok(())) {
-                // Owner, time and padding are no part of what is kept.
+                // Owner, time and padding are not part of the content.
                 assert_eq!(manifest.files.len(), 2, "byte {at}");
                 let mut contents = Vec::new();
                 let read = go_through(bytes.as_slice(), |_, from| from.read_to_end(&mut contents).map(drop));

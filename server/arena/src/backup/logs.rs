@@ -1,4 +1,4 @@
-//! Run logs in a backup: each as far as the copy of the database knows of it.
+//! Run logs in a backup, truncated to the state of the database copy.
 
 use super::{Out, unread};
 use crate::{
@@ -8,7 +8,7 @@ use crate::{
 use avln_store::KeptRun;
 use std::{collections::BTreeMap, fs, fs::File, io, path::Path};
 
-/// Adds the logs of `runs` that lie in `folder`.
+/// Adds the logs of `runs` from `folder`.
 pub(super) fn add(writer: &mut Out<'_>, folder: &Path, runs: &[KeptRun]) -> Result<(), Failure> {
     for run in runs {
         let path = folder.join(format!("{}.log", run.id));
@@ -31,10 +31,10 @@ pub(super) fn add(writer: &mut Out<'_>, folder: &Path, runs: &[KeptRun]) -> Resu
     Ok(())
 }
 
-/// How many bytes of a log come before the first episode that was handed out after the database was copied.
+/// Length of a log before the first episode issued after the database copy.
 ///
-/// The log is read after the database, so that it tells at least as much; of episodes that both know of it may tell more,
-/// as after a crash. One that the database does not know of would begin twice once the server hands it out again.
+/// The log is read after the database, so it is at least as new. Known episodes may have more steps, as after
+/// a crash. An unknown episode would start twice after the server issues it again.
 fn known_bytes(log: &[u8], attempts: &BTreeMap<u32, u32>) -> Result<usize, (usize, String)> {
     let history = History::parse(log)?;
     let (mut left, mut known) = (attempts.clone(), 0);

@@ -1,7 +1,7 @@
-//! Backups of a data folder, made while a server hosts it, and data folders made of backups.
+//! Backup and restore of data folders, also while a server runs.
 //!
-//! A backup holds what makes a server the same server: the database, run logs, the signing key, splits, recordings and heads.
-//! What can be made anew (`cache/`) and what lies outside of the folder (data sets, scene files) is not in it.
+//! A backup contains the identity of a server: database, run logs, signing key, splits, recordings and heads.
+//! Reproducible data (`cache/`) and data outside the folder (data sets, scene files) are excluded.
 
 mod archive;
 mod logs;
@@ -21,29 +21,29 @@ use std::{
 
 /// The database in a data folder.
 const DATABASE: &str = "avln.db";
-/// Single files that are kept beside it, where they exist.
+/// Single files in a backup, if present.
 const FILES: [&str; 1] = ["signing.key"];
-/// Folders that are kept with all that is in them.
+/// Folders in a backup, with their content.
 const FOLDERS: [&str; 3] = ["splits", "sounds", "heads"];
-/// What a data folder has besides, which is not kept as it lies.
+/// Other content of a data folder, not copied as is.
 const OTHERS: [&str; 5] = ["avln.db-wal", "avln.db-shm", "runs", "cache", ".writable"];
 
-/// What a backup has, or what came out of one.
+/// Content of a backup.
 #[derive(Debug)]
 pub struct Contents {
-    /// Its files.
+    /// File list.
     pub manifest: Manifest,
-    /// What its database holds.
+    /// Database statistics.
     pub inventory: Inventory,
-    /// What the data folder refers to and the backup does not hold: paths of data sets and files.
+    /// Referenced but excluded paths: data sets and files.
     pub left_out: Vec<PathBuf>,
 }
 
-/// Writes the data folder `data` into the new file `to`, as it is at one moment, and reads that back. A server may host the
-/// folder meanwhile.
+/// Writes a snapshot of the data folder `data` to the new file `to` and verifies it. A server may run
+/// meanwhile.
 ///
 /// # Errors
-/// When there is no data folder, `to` exists, something cannot be read or written, or is damaged.
+/// If the data folder is missing, `to` exists, or a file is unreadable, unwritable or damaged.
 pub async fn make(data: &Path, to: &Path) -> Result<Contents, Failure> {
     let database = data.join(DATABASE);
     if !database.is_file() {
@@ -78,7 +78,7 @@ fn parent(path: &Path) -> &Path {
     path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// A folder for unfinished things beside their place, its owner's alone.
+/// A private temporary folder next to the target.
 fn workplace(prefix: &str, folder: &Path) -> io::Result<tempfile::TempDir> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(prefix);
@@ -87,7 +87,7 @@ fn workplace(prefix: &str, folder: &Path) -> io::Result<tempfile::TempDir> {
     builder.tempdir_in(folder)
 }
 
-/// Writes the archive beside its place, reads it back and puts it there.
+/// Writes the archive next to its target, verifies it and moves it into place.
 fn write(
     data: &Path,
     copy: &Path,
@@ -123,7 +123,7 @@ fn write(
 
 type Out<'a> = Writer<BufWriter<&'a File>>;
 
-/// Says which file a failure is about.
+/// Adds the file name to an I/O error.
 fn unread(path: &Path) -> impl Fn(io::Error) -> Failure + '_ {
     move |error| Failure::new(FailureKind::Data, format!("cannot back up {}: {error}", path.display()))
 }
@@ -156,11 +156,11 @@ fn add_folder(writer: &mut Out<'_>, name: &str, path: &Path) -> Result<(), Failu
     Ok(())
 }
 
-/// Makes the data folder `to` out of the backup `from`. It is there as a whole or not at all; an empty folder that is there
-/// already, such as a volume of a container, gets its database last.
+/// Creates the data folder `to` from the backup `from`, completely or not at all. In an existing empty
+/// folder, such as a container volume, the database is written last.
 ///
 /// # Errors
-/// When `to` holds anything, the backup is damaged or from a newer program, or the folder cannot be written.
+/// If `to` is not empty, the backup is damaged or too new, or the folder is not writable.
 pub async fn restore(from: &Path, to: &Path) -> Result<Contents, Failure> {
     let failed = |error: io::Error| {
         Failure::new(FailureKind::Data, format!("cannot restore to {}: {error}", to.display()))
@@ -171,7 +171,7 @@ pub async fn restore(from: &Path, to: &Path) -> Result<Contents, Failure> {
             "name a new folder with --data FOLDER; start the server on it, and keep the old one until that is content",
         ));
     }
-    // Nothing may be written beside a volume, nor can it be replaced.
+    // The parent of a volume is not writable, and a volume cannot be replaced.
     let place = if to.is_dir() { to } else { parent(to) };
     fs::create_dir_all(place).map_err(failed)?;
     let work = workplace(".avln-restore-", place).map_err(failed)?;
@@ -187,7 +187,7 @@ pub async fn restore(from: &Path, to: &Path) -> Result<Contents, Failure> {
     Ok(Contents { manifest, inventory, left_out: left_out(to) })
 }
 
-/// Puts what was unpacked into its place.
+/// Moves the unpacked files into place.
 fn put(work: tempfile::TempDir, to: &Path) -> io::Result<()> {
     if !to.is_dir() {
         fs::rename(work.path(), to)?;
@@ -223,7 +223,7 @@ fn unpack(from: &Path, to: &Path) -> Result<Manifest, Failure> {
         .map_err(failed)
 }
 
-/// Files are their owner's alone: truth, tokens' hashes and the signing key are among them.
+/// Files are private to their owner: they contain ground truth, token hashes and the signing key.
 fn unpack_file(path: &Path, from: &mut dyn Read) -> io::Result<()> {
     fs::create_dir_all(parent(path))?;
     let mut options = OpenOptions::new();
@@ -235,12 +235,12 @@ fn unpack_file(path: &Path, from: &mut dyn Read) -> io::Result<()> {
     file.sync_all()
 }
 
-/// Has the disk take the names in a folder, where the system can.
+/// Syncs the names in a folder to disk, if supported.
 fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
 }
 
-/// What a data folder refers to and a backup does not hold.
+/// Referenced data outside the backup.
 fn left_out(data: &Path) -> Vec<PathBuf> {
     let names =
         |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());

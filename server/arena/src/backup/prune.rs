@@ -74,7 +74,7 @@ pub async fn prune(data: &Path, options: &PruneOptions, now_unix_ms: i64) -> Res
     Ok(pruned)
 }
 
-/// Removes a file, or in a dry run only measures it. Returns its length in bytes; `None` if there is no file.
+/// Removes a file, or only measures it in a dry run. Returns its size in bytes; `None` if missing.
 fn remove(path: &Path, dry_run: bool) -> io::Result<Option<u64>> {
     match path.metadata() {
         Ok(file) if dry_run => Ok(Some(file.len())),

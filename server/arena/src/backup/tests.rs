@@ -2,7 +2,7 @@ use super::*;
 use crate::data::DataFolder;
 use tempfile::TempDir;
 
-/// A data folder with a team, a key, a split and a link to one elsewhere.
+/// A data folder with a team, a key, a split and a linked split.
 async fn furnished() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let data = DataFolder::open(folder.path()).unwrap();

@@ -8,7 +8,7 @@ use std::time::Duration;
 use tempfile::TempDir;
 
 static HOUSE: LazyLock<Scene> = LazyLock::new(|| house("kept", 3, &HouseOptions::small()));
-/// The house's pictures from a model that nobody kept.
+/// Images of the house from an uncached model.
 static PLAIN: LazyLock<Vec<Vec<u8>>> = LazyLock::new(|| pictures(None));
 
 fn folder() -> TempDir {

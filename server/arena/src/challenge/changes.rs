@@ -1,17 +1,17 @@
-//! What differs between two versions of a phase, setting by setting, for the audit list.
+//! Differences between two versions of a phase, per setting, for the audit list.
 
 use super::{PhaseFile, json};
 use avln_store::{AuditNote, Phase};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// Who speaks on the command line, for the audit list.
+/// Actor of the command line for the audit list.
 pub fn actor() -> String {
     let user = std::env::var("USER").ok().filter(|user| !user.trim().is_empty());
     user.map_or_else(|| "command line".to_owned(), |user| format!("{user} at the command line"))
 }
 
-/// Notes on all that differs between a phase before and after a change by `actor`; none when nothing does.
+/// Audit notes on a phase change by `actor`; empty without differences.
 pub fn notes(actor: &str, before: Option<&Phase>, after: &Phase, reason: &str) -> Vec<AuditNote> {
     let subject = format!("phase {}", after.id);
     let note = |what: &str, before: Option<String>, after: Option<String>| AuditNote {
@@ -36,7 +36,7 @@ pub fn notes(actor: &str, before: Option<&Phase>, after: &Phase, reason: &str) -
     notes
 }
 
-/// Every setting of a phase by its key; what is not set is left out.
+/// Settings of a phase by key, without unset ones.
 fn settings(phase: &Phase) -> BTreeMap<String, String> {
     let mut settings = BTreeMap::new();
     flatten("", &json(&PhaseFile::of(phase)), &mut settings);
@@ -48,7 +48,7 @@ fn settings(phase: &Phase) -> BTreeMap<String, String> {
     settings
 }
 
-/// What tells one list of episodes from another.
+/// Digest of the episode list.
 fn episode_digest(phase: &Phase) -> String {
     let ids = phase.episodes.iter().map(|episode| episode.episode.as_str());
     avln_store::pool_digest(&phase.split, ids)[..16].to_owned()

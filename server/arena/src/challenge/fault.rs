@@ -1,4 +1,4 @@
-//! What is wrong with a challenge file, and where: line, key, value and a line that would be accepted.
+//! Faults of a challenge file: line, key, value and a valid example.
 
 use crate::{Failure, FailureKind};
 use std::{fmt, ops::Range, path::Path};
@@ -55,7 +55,7 @@ pub(super) const EXAMPLES: [(&str, &str); 47] = [
     ("deny", "teams = { deny = [\"last year's winner\"] }"),
 ];
 
-/// What is wrong with a file.
+/// A fault of the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fault {
     /// Bytes of the text that are wrong; `None` while only `path` is known.
@@ -81,7 +81,7 @@ impl Place<'_> {
 }
 
 impl Fault {
-    /// What the TOML reader found.
+    /// Converts a TOML error.
     pub(super) fn of_toml(text: &str, error: &toml::de::Error) -> Self {
         let span = error.span().unwrap_or(0..text.len().min(1));
         Self { span: Some(span), path: Vec::new(), said: error.message().trim().to_owned() }
@@ -94,7 +94,7 @@ impl Fault {
         before.matches('\n').count() + 1
     }
 
-    /// The fault for people: file, line, what stands there, what is wrong, and a line that would be accepted.
+    /// Message for people: file, line, value, problem and a valid example.
     pub fn explain(&self, file: &Path, text: &str) -> Failure {
         const SHOWN: usize = 120;
         let line = self.line(text);
@@ -121,7 +121,7 @@ fn example_in(words: &str) -> Option<&'static str> {
     assigned.into_iter().chain(quoted).find_map(example)
 }
 
-/// Where a key or, when it was left out, what it belongs to stands in the text.
+/// Position of a key, or of its parent if missing.
 fn find(text: &str, path: &[String]) -> Option<Range<usize>> {
     let table = DeTable::parse(text).ok()?;
     let mut span = None;

@@ -18,7 +18,7 @@ pub struct ChallengeFile {
     pub phases: Vec<PhaseFile>,
 }
 
-/// Where a split lies that is not in the data folder.
+/// Location of a split outside the data folder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SplitSource {
@@ -28,7 +28,7 @@ pub struct SplitSource {
     pub split: String,
 }
 
-/// A phase of the file. What may be left out has the default that its type or [`Phase::new`] has.
+/// A phase of the file. Defaults are those of the types or of [`Phase::new`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PhaseFile {
@@ -45,13 +45,13 @@ pub struct PhaseFile {
     /// The rule set; the split's by default.
     #[serde(default)]
     pub rules: Option<String>,
-    /// What targets play: `all`, `train`, `validation`, `test`, `kept:DIGEST` or a folder of recordings.
+    /// Sound bank: `all`, `train`, `validation`, `test`, `kept:DIGEST` or a folder of recordings.
     #[serde(default)]
     pub sounds: Option<String>,
-    /// Who listens: `sphere`, `kept:DIGEST` or a SOFA file; a sphere by default.
+    /// Head model: `sphere` (default), `kept:DIGEST` or a SOFA file.
     #[serde(default)]
     pub head: Option<String>,
-    /// What agents learn from a Submit; the rule set says it by default.
+    /// Feedback to a Submit; by default that of the rule set.
     #[serde(default)]
     pub feedback: Option<FeedbackRule>,
     /// Orders that a run may choose; both by default.
@@ -147,7 +147,7 @@ pub fn json(value: &impl Serialize) -> Value {
     json
 }
 
-/// The TOML library serialises a moment as an object of one field of this name.
+/// Field name of a datetime serialised by the TOML library.
 const MOMENT: &str = "$__toml_private_datetime";
 
 fn name_moments(value: &mut Value) {
@@ -162,7 +162,7 @@ fn name_moments(value: &mut Value) {
 }
 
 impl PhaseFile {
-    /// The entry that has this phase and leaves nothing out.
+    /// The complete entry of this phase.
     pub fn of(phase: &Phase) -> Self {
         let Sensors { rgb, depth, audio, width, height, encodings, .. } = phase.sensors;
         let sensors = [(rgb, Sensor::Rgb), (depth, Sensor::Depth), (audio, Sensor::Audio)];
@@ -220,7 +220,7 @@ fn datetime(unix_ms: i64) -> Option<Datetime> {
     calendar::rfc3339(unix_ms).parse().ok()
 }
 
-/// The moment that a text by RFC 3339 tells, milliseconds since 1970-01-01 UTC; `None` when it is none.
+/// Milliseconds since 1970-01-01 UTC of an RFC 3339 text; `None` if invalid.
 pub fn moment_of(text: &str) -> Option<i64> {
     let Datetime { date: Some(date), time: Some(time), offset: Some(offset) } = text.parse().ok()? else {
         return None;
@@ -228,7 +228,7 @@ pub fn moment_of(text: &str) -> Option<i64> {
     moment(date, time, offset)
 }
 
-/// The moment that a key of the file tells.
+/// Time of a key in the file.
 pub(super) fn unix_ms(written: Option<&Datetime>, place: Place<'_>) -> Result<Option<i64>, Fault> {
     let Some(written) = written else { return Ok(None) };
     let Datetime { date: Some(date), time: Some(time), offset: Some(offset) } = written else {

@@ -1,6 +1,6 @@
-//! The organiser's file: splits and phases with their dates, quotas, budgets and who sees what.
+//! The challenge file: splits and phases with dates, quotas, budgets and visibility.
 //!
-//! Start reading at [`ChallengeFile`], which is the file, and [`plan`], which turns it into what is changed.
+//! Start reading at [`ChallengeFile`], the file, and [`plan`], which computes the changes.
 
 mod changes;
 mod fault;

@@ -22,33 +22,33 @@ use std::{
 pub struct Planner<'a> {
     /// The data folder.
     pub data: &'a DataFolder,
-    /// Its database.
+    /// Database.
     pub store: &'a Store,
-    /// Folder of the file, from which its relative paths start.
+    /// Base folder of relative paths.
     pub base: &'a Path,
     /// Why it is changed, for the audit list; may be empty.
     pub reason: &'a str,
 }
 
-/// What a file changes.
+/// Changes by a file.
 #[derive(Debug, Default)]
 pub struct Plan {
     /// Splits to be taken in: name and source.
     splits: Vec<(String, SplitSource)>,
     /// Phases that are new or differ.
     phases: Vec<Phase>,
-    /// What differs.
+    /// Audit notes on the differences.
     pub notes: Vec<AuditNote>,
     /// Phases of the data folder that the file leaves out; they stay as they are.
     pub left_out: Vec<String>,
 }
 
-/// What could not be planned.
+/// Errors of planning.
 #[derive(Debug)]
 pub enum Unplanned {
     /// Something in the file is wrong.
     File(Fault),
-    /// Something else is.
+    /// Any other failure.
     Other(Failure),
 }
 
@@ -71,10 +71,10 @@ impl From<avln_store::StoreError> for Unplanned {
 }
 
 impl Planner<'_> {
-    /// What the file changes. Nothing is written but recordings that the file names, which the data folder keeps.
+    /// Computes the changes by a file. Only recordings named in the file are written, to the data folder.
     ///
     /// # Errors
-    /// When a value of the file cannot be used, or the data folder cannot be read.
+    /// If a value is invalid, or the data folder is unreadable.
     pub async fn plan(&self, file: &ChallengeFile) -> Result<Plan, Unplanned> {
         let before = self.store.phases().await?;
         let splits = self.splits(file)?;
@@ -131,7 +131,7 @@ impl Planner<'_> {
         Ok(open)
     }
 
-    /// Runs fix what they are drawn from and judged by.
+    /// Rejects changes of settings fixed by existing runs.
     async fn refuse_fixed(&self, desk: &Desk<'_>, old: Option<&Phase>, new: &Phase) -> Result<(), Unplanned> {
         let Some(old) = old else { return Ok(()) };
         let key = if old.split != new.split || old.episodes != new.episodes {
@@ -162,10 +162,10 @@ impl Planner<'_> {
     }
 }
 
-/// One entry of the file while it becomes a phase.
+/// Conversion of a file entry to a phase.
 struct Desk<'a> {
     planner: &'a Planner<'a>,
-    /// Its place in the file, from 0.
+    /// Index in the file, from 0.
     index: &'a str,
     entry: &'a PhaseFile,
 }
@@ -177,7 +177,7 @@ impl Desk<'_> {
         Place { path: &path }.fault(said)
     }
 
-    /// The phase of the entry; when it may start by hand is taken from what it was.
+    /// The phase of the entry; a manual start is taken from the previous version.
     fn phase(&self, splits: &BTreeMap<String, SplitFolder>, old: Option<&Phase>) -> Result<Phase, Unplanned> {
         let entry = self.entry;
         check_name("phase", &entry.id).map_err(|failure| self.fault("id", one_line(&failure)))?;
@@ -372,7 +372,7 @@ fn refuse_repeated(file: &ChallengeFile) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Places of the file's phases: those that they have while their order is the file's, else counted from 0.
+/// Positions of the phases: unchanged if the order is equal, otherwise counted from 0.
 fn positions(file: &ChallengeFile, before: &[Phase]) -> Vec<u32> {
     let place = |id: &str| before.iter().position(|phase| phase.id == id);
     let known: Vec<usize> = file.phases.iter().map_while(|entry| place(&entry.id)).collect();
@@ -386,7 +386,7 @@ fn positions(file: &ChallengeFile, before: &[Phase]) -> Vec<u32> {
     old.chain((next..).take(new.len())).collect()
 }
 
-/// A failure and its hint in one line.
+/// A failure and its hint in a line.
 fn one_line(failure: &Failure) -> String {
     failure.to_string().replace('\n', "; ")
 }

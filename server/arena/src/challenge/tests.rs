@@ -23,7 +23,7 @@ fn the_example_of_the_documentation_has_three_phases_and_every_key() {
     }
 }
 
-/// A phase in which nothing is left out.
+/// A phase with all settings.
 fn every_setting() -> Phase {
     let mut phase = Phase::new("every", "val", Rules::paper(), vec![]);
     phase.schedule.opens_unix_ms = Some(1_767_225_600_000);

@@ -12,22 +12,22 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Largest file of a data set that is read, bytes: one scene's missions take some megabytes.
+/// Size limit of a data set file, bytes: missions of a scene take some megabytes.
 const MAX_FILE_BYTES: u64 = 1 << 30;
 
-/// Where the files of a data set lie.
+/// File locations of a data set.
 #[derive(Clone, Debug)]
 pub struct DatasetFiles {
     root: PathBuf,
 }
 
 impl DatasetFiles {
-    /// The data set in `root`, whether it is there or not.
+    /// The data set in `root`, existing or not.
     pub fn at(root: &Path) -> Self {
         Self { root: root.to_owned() }
     }
 
-    /// Its folder.
+    /// Root folder.
     pub fn root(&self) -> &Path {
         &self.root
     }
@@ -52,15 +52,15 @@ impl DatasetFiles {
         self.root.join(split).join("sealed").join(format!("{scene}.jsonl"))
     }
 
-    /// Whether a complete data set lies here.
+    /// Returns true if the data set is complete.
     pub fn is_complete(&self) -> bool {
         self.manifest_path().is_file()
     }
 
-    /// Reads what the data set is.
+    /// Reads the manifest.
     ///
     /// # Errors
-    /// When there is none, or it is of another version.
+    /// If it is missing, or of another version.
     pub fn manifest(&self) -> Result<Manifest, Failure> {
         let path = self.manifest_path();
         let bytes = read(&path).map_err(|failure| {
@@ -70,10 +70,10 @@ impl DatasetFiles {
             .map_err(DatasetError::from)?)
     }
 
-    /// Reads the list of scenes of a split.
+    /// Reads the scene list of a split.
     ///
     /// # Errors
-    /// When it cannot be read or is not the one that the manifest names.
+    /// If it is unreadable, or differs from the manifest digest.
     pub fn scenes(&self, split: &SplitLine) -> Result<Vec<SceneLine>, Failure> {
         check_plain(&split.name)?;
         self.scenes_in(split, &read(&self.scenes_path(&split.name))?)
@@ -129,10 +129,10 @@ impl DatasetFiles {
         Ok(page)
     }
 
-    /// Seals the missions, the truth and the list of scenes of a split, each in its place. Files that are sealed stay so.
+    /// Seals missions, truth and scene list of a split in place. Already sealed files stay unchanged.
     ///
     /// # Errors
-    /// When there is no such split, a file is sealed under another passphrase, or one cannot be written.
+    /// If the split is unknown, a file is sealed with another passphrase, or a file is not writable.
     pub fn seal(&self, split: &str, passphrase: Passphrase) -> Result<Sealed, Failure> {
         let manifest = self.manifest()?;
         let line = manifest.splits.iter().find(|line| line.name == split).ok_or_else(|| {
@@ -160,10 +160,10 @@ impl DatasetFiles {
         Ok(sealed)
     }
 
-    /// Writes a split that was put together in memory as a data set of its own.
+    /// Writes an in-memory split as a data set.
     ///
     /// # Errors
-    /// When the folder cannot be written.
+    /// If the folder is not writable.
     pub fn write_split(&self, split: &Split) -> Result<(), Failure> {
         let mut lines = Vec::new();
         for scene in &split.scenes {
@@ -186,7 +186,7 @@ impl DatasetFiles {
     }
 }
 
-/// How many files of a split were sealed now, and how many were before.
+/// Counts of newly and previously sealed files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sealed {
     /// Sealed now.
@@ -218,7 +218,7 @@ pub fn read(path: &Path) -> Result<Vec<u8>, Failure> {
     seal::opened(path, read_as_is(path)?)
 }
 
-/// Reads a file as it lies there.
+/// Reads a file without decryption.
 fn read_as_is(path: &Path) -> Result<Vec<u8>, Failure> {
     let mut bytes = Vec::new();
     let limited = |file: std::fs::File| file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes);

@@ -10,13 +10,13 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-/// Scenes whose missions are kept in memory.
+/// Number of scenes with cached missions.
 const SHELF: usize = 16;
 
-/// A split on disk: the list of its scenes is in memory, missions are read scene by scene when somebody asks.
+/// A split on disk: the scene list is in memory, missions are read per scene on demand.
 pub struct SplitFolder {
     files: DatasetFiles,
-    /// Name of the split inside its data set.
+    /// Name of the split in its data set.
     split: String,
     rules: String,
     digest: String,
@@ -28,10 +28,10 @@ pub struct SplitFolder {
 }
 
 impl SplitFolder {
-    /// Opens a split of the data set in `root`. Reads its list of scenes and no missions.
+    /// Opens a split of the data set in `root` and reads the scene list.
     ///
     /// # Errors
-    /// When there is no such data set or split, or its files are not what the manifest says.
+    /// If the data set or split is missing, or its files differ from the manifest.
     pub fn open(root: &Path, split: &str) -> Result<Self, Failure> {
         let files = DatasetFiles::at(root);
         let manifest = files.manifest()?;
@@ -66,50 +66,50 @@ impl SplitFolder {
         &self.digest
     }
 
-    /// Name of the split inside its data set.
+    /// Name of the split in its data set.
     pub fn name(&self) -> &str {
         &self.split
     }
 
-    /// Whether its files can be read by the holders of a passphrase alone.
+    /// Returns true if its files need a passphrase.
     pub fn is_sealed(&self) -> bool {
         self.is_sealed
     }
 
-    /// How many missions it has.
+    /// Mission count.
     pub fn mission_count(&self) -> usize {
         self.missions
     }
 
-    /// Its scenes.
+    /// Scenes.
     pub fn scenes(&self) -> &[SceneLine] {
         &self.scenes
     }
 
-    /// What it takes to make a scene again.
+    /// Specification of the scene `name`.
     pub fn scene(&self, name: &str) -> Option<SceneSpec> {
         self.by_name.get(name).map(|&index| self.scenes[index].spec())
     }
 
-    /// Whether `id` can be a mission of the scene called `scene`: files are not read.
+    /// Returns true if `id` can be a mission of `scene`, without reading files.
     pub fn may_hold(&self, scene: &str, id: &str) -> bool {
         self.by_name.contains_key(scene) && scene_of(id) == Some(scene)
     }
 
-    /// What agents may know of the missions of one scene.
+    /// Public part of the missions of a scene.
     ///
     /// # Errors
-    /// When its file cannot be used.
+    /// If its file is invalid.
     pub fn public(&self, scene: &SceneLine) -> Result<Vec<PublicMission>, Failure> {
         let path = self.files.missions_path(&self.split, &scene.name);
         let (name, bytes) = (path.display().to_string(), files::read(&path)?);
         Ok(read_missions(File { name: &name, bytes: &bytes }, &scene.name).map_err(DatasetError::from)?)
     }
 
-    /// The missions of one scene, both parts.
+    /// Missions of a scene, both parts.
     ///
     /// # Errors
-    /// When its files cannot be used.
+    /// If its files are invalid.
     pub fn episodes(&self, scene: &SceneLine) -> Result<Vec<EpisodeSpec>, Failure> {
         let public = self.files.missions_path(&self.split, &scene.name);
         let sealed = self.files.sealed_path(&self.split, &scene.name);
@@ -120,10 +120,10 @@ impl SplitFolder {
         Ok(read_scene(scene, public, sealed).map_err(DatasetError::from)?)
     }
 
-    /// One mission; `None` when there is none of that id.
+    /// The mission `id`; `None` if unknown.
     ///
     /// # Errors
-    /// When the files of its scene cannot be used.
+    /// If the files of its scene are invalid.
     pub fn episode(&self, id: &str) -> Result<Option<EpisodeSpec>, Failure> {
         let Some(&index) = scene_of(id).and_then(|scene| self.by_name.get(scene)) else { return Ok(None) };
         let episodes = self.shelved(index)?;

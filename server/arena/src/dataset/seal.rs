@@ -1,8 +1,8 @@
-//! Files of a split that only the holder of a passphrase can read.
+//! Encryption of split files with a passphrase.
 //!
-//! A sealed file lies where the plain one lay: [`MAGIC`], 16 bytes of salt, 24 of nonce, and the text under
-//! XChaCha20-Poly1305, bound to the file's name and folder. The key is Argon2id of the passphrase and the salt, which all
-//! files of one sealing share. Plain text is made in memory and nowhere else.
+//! A sealed file replaces the plain file: [`MAGIC`], 16 bytes of salt, 24 of nonce, and the text under
+//! XChaCha20-Poly1305, bound to the name and folder of the file. The key is Argon2id of passphrase and salt,
+//! shared by all files of a sealing. Plain text exists only in memory.
 
 use crate::{Failure, FailureKind};
 use argon2::{Algorithm, Argon2, Params, Version};
@@ -16,18 +16,18 @@ use std::{
     sync::{Mutex, OnceLock, PoisonError},
 };
 
-/// What a sealed file begins with.
+/// Prefix of a sealed file.
 const MAGIC: &[u8] = b"avln sealed 1\n";
 const SALT_BYTES: usize = 16;
 const NONCE_BYTES: usize = 24;
-/// Memory, passes and lanes of Argon2id: more than RFC 9106 asks of machines with little memory.
+/// Memory, passes and lanes of Argon2id: above the RFC 9106 values for small machines.
 const MEMORY_KIB: u32 = 64 * 1024;
 const PASSES: u32 = 3;
 const LANES: u32 = 4;
 /// Fewest letters of a passphrase, and fewest different ones.
 const LEAST_LETTERS: usize = 16;
 const LEAST_DIFFERENT: usize = 8;
-/// What people write where a secret should be.
+/// Common placeholders instead of a secret.
 const LISTED: [&str; 12] = [
     "password",
     "passphrase",
@@ -43,7 +43,7 @@ const LISTED: [&str; 12] = [
     "test",
 ];
 
-/// Where the passphrase is looked for.
+/// Environment variable of the passphrase file.
 const KEY_FILE: &str = "AVLN_SEAL_KEY_FILE";
 const KEY: &str = "AVLN_SEAL_KEY";
 
@@ -82,10 +82,10 @@ impl Passphrase {
         Ok(Self(words.to_owned()))
     }
 
-    /// Reads a file that holds it.
+    /// Reads a passphrase file.
     ///
     /// # Errors
-    /// When the file cannot be read or the passphrase is weak.
+    /// If the file is unreadable or the passphrase is weak.
     pub fn of_file(path: &Path) -> Result<Self, Failure> {
         const LONGEST_BYTES: usize = 4096;
         let text =
@@ -99,10 +99,10 @@ impl Passphrase {
         Self::new(&text)
     }
 
-    /// The passphrase of the file that `AVLN_SEAL_KEY_FILE` names, or that of `AVLN_SEAL_KEY`; `None` without either.
+    /// The passphrase from `AVLN_SEAL_KEY_FILE` or `AVLN_SEAL_KEY`; `None` without either.
     ///
     /// # Errors
-    /// When the file cannot be read or the passphrase is weak.
+    /// If the file is unreadable or the passphrase is weak.
     pub fn of_environment() -> Result<Option<Self>, Failure> {
         if let Some(path) = std::env::var_os(KEY_FILE) {
             return Self::of_file(&PathBuf::from(path)).map(Some);
@@ -121,22 +121,22 @@ impl Passphrase {
     }
 }
 
-/// Whether a text is a shorter one over and over.
+/// Returns true if the text repeats a shorter one.
 fn is_repeated(words: &str) -> bool {
     let letters: Vec<char> = words.chars().collect();
     (1..=letters.len() / 2).any(|period| letters.iter().zip(&letters[period..]).all(|(a, b)| a == b))
 }
 
-/// What seals and opens files under one passphrase.
+/// Keys for sealing and opening files with a passphrase.
 pub(super) struct Keyring {
-    /// Where it came from, `None` when nobody told any.
+    /// The passphrase, if known.
     passphrase: Option<Passphrase>,
     /// The key for each salt that was met.
     keys: Mutex<BTreeMap<Vec<u8>, Key>>,
 }
 
 impl Keyring {
-    /// The keys of one passphrase.
+    /// Keys of a passphrase.
     pub(super) fn new(passphrase: Option<Passphrase>) -> Self {
         Self { passphrase, keys: Mutex::default() }
     }
@@ -182,10 +182,10 @@ impl Keyring {
         plain.map_err(|_| refused("the passphrase is another one, or the file was changed"))
     }
 
-    /// `plain` as the sealed file at `path`, under a salt that is shared by one sealing.
+    /// Encrypts `plain` as the file `path` with the salt of a sealing.
     ///
     /// # Errors
-    /// When there is no passphrase, or no randomness.
+    /// Without a passphrase or random source.
     pub(super) fn seal(&self, salt: &Salt, path: &Path, plain: &[u8]) -> Result<Vec<u8>, Failure> {
         let key = self.key(&salt.0)?;
         let key =
@@ -200,11 +200,11 @@ impl Keyring {
     }
 }
 
-/// What makes the keys of one sealing its own.
+/// Salt of a sealing.
 pub(super) struct Salt([u8; SALT_BYTES]);
 
 impl Salt {
-    /// A random one.
+    /// A random salt.
     pub(super) fn random() -> Result<Self, Failure> {
         let mut salt = [0; SALT_BYTES];
         fill(&mut salt)?;
@@ -216,7 +216,7 @@ fn fill(bytes: &mut [u8]) -> Result<(), Failure> {
     getrandom::fill(bytes).map_err(|error| Failure::new(FailureKind::Internal, error))
 }
 
-/// What a sealed file is bound to: its name and the folder that it lies in.
+/// Context of a sealed file: name and folder.
 fn place(path: &Path) -> String {
     let name = |path: Option<&Path>| {
         path.and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
@@ -224,7 +224,7 @@ fn place(path: &Path) -> String {
     format!("{}/{}", name(path.parent()), name(Some(path)))
 }
 
-/// Whether these are the bytes of a sealed file.
+/// Returns true for the bytes of a sealed file.
 pub(super) fn is_sealed(bytes: &[u8]) -> bool {
     bytes.starts_with(MAGIC)
 }

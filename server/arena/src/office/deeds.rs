@@ -1,4 +1,4 @@
-//! What the organiser does by commands and by pages alike.
+//! Organiser actions shared by commands and pages.
 
 use crate::{Failure, FailureKind, challenge, now_unix_ms, secret::new_token};
 use avln_store::{
@@ -12,7 +12,7 @@ pub enum Undone {
     Refused {
         /// Why.
         words: String,
-        /// What to do instead; may be empty.
+        /// Alternative; may be empty.
         hint: &'static str,
     },
     /// The store refused, or failed.
@@ -52,23 +52,23 @@ pub fn note(actor: &str, subject: String, what: &str, reason: &str) -> AuditNote
     AuditNote { actor, subject, what, reason, ..AuditNote::default() }
 }
 
-/// A token that somebody wants.
+/// A token request.
 #[derive(Clone, Copy, Debug)]
 pub struct Wish<'a> {
-    /// Which door it opens; not a run's.
+    /// Scope; not a run token.
     pub kind: TokenScope,
-    /// What to call it; may be empty.
+    /// Name; may be empty.
     pub name: &'a str,
-    /// Whose it is; `None` for an organiser.
+    /// Team; `None` for an organiser.
     pub team: Option<&'a str>,
     /// From when it is void; `None` for never.
     pub expires_unix_ms: Option<i64>,
 }
 
-/// Admits a team, or an admitted one again, and makes an account token for it.
+/// Admits a team, or an admitted team again, and creates an account token.
 ///
 /// # Errors
-/// When the name cannot be used or the database refuses.
+/// If the name is invalid, or the database fails.
 pub async fn admit(
     store: &Store,
     name: &str,
@@ -112,7 +112,7 @@ pub async fn issue(store: &Store, wish: &Wish<'_>, actor: &str, now_unix_ms: i64
     Ok(secret)
 }
 
-/// What a token is for, in its first letters and in the audit list.
+/// Word for a scope, in token prefixes and the audit list.
 fn word(kind: TokenScope) -> &'static str {
     match kind {
         TokenScope::Participant => "account",
@@ -146,10 +146,10 @@ pub async fn reschedule(
     Ok(after)
 }
 
-/// Marks a run as verified by the organiser, or no more; tells what became of it.
+/// Sets or removes the verified mark of a run; returns a message.
 ///
 /// # Errors
-/// When the run is unknown or not over, or the database refuses.
+/// If the run is unknown or open, or the database fails.
 pub async fn verify(
     store: &Store,
     run: &str,
@@ -162,10 +162,10 @@ pub async fn verify(
     Ok(format!("run {run} is {word}{}", as_before(changed)))
 }
 
-/// Takes a run off all boards for a reason that everybody may read, or puts it back; tells what became of it.
+/// Disqualifies a run with a public reason, or reinstates it; returns a message.
 ///
 /// # Errors
-/// When the run is unknown or the database refuses.
+/// If the run is unknown, or the database fails.
 pub async fn disqualify(
     store: &Store,
     run: &str,
@@ -185,7 +185,7 @@ fn as_before(changed: bool) -> &'static str {
     if changed { "" } else { ", as before" }
 }
 
-/// Whether runs may start, after a phase was opened again.
+/// Word for the state of a reopened phase.
 pub fn state_word(state: PhaseState) -> &'static str {
     match state {
         PhaseState::Upcoming => "not open before its date",

@@ -3,7 +3,8 @@ use avln_scoring::Metrics;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// One line of a run log. Times are milliseconds since 1970-01-01 UTC (`_ms`) or lengths (`_us`, microseconds).
+/// A line of a run log. Times are milliseconds since 1970-01-01 UTC (`_ms`) or durations in microseconds
+/// (`_us`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Entry {

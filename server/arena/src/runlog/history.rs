@@ -123,20 +123,20 @@ impl History {
         Ok(episodes)
     }
 
-    /// For how long connections were away at the expense of the run.
+    /// Total disconnection time charged to the run.
     pub fn away(&self) -> Duration {
         let away = |entry: &Entry| match entry {
             Entry::ClockRestarted { away_us, at_ms, .. } => Some((*at_ms, *away_us)),
             _ => None,
         };
-        // Several slots whose clocks began again at once were away together.
+        // Slots with a simultaneous clock restart were disconnected together.
         let mut each: Vec<_> = self.entries.iter().filter_map(away).collect();
         each.dedup_by(|b, a| b.0.abs_diff(a.0) <= 1000 && b.1.abs_diff(a.1) <= 1_000_000);
         Duration::from_micros(each.iter().fold(0, |sum, (_, away_us)| sum.saturating_add(*away_us)))
     }
 }
 
-/// What the server was doing with an episode that it had taken up.
+/// Activity of the server with a restored episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Danger {
     None,
@@ -145,14 +145,14 @@ enum Danger {
 }
 
 impl EpisodeHistory {
-    /// How often in a row the server died in the same part of taking it up, as far as one can tell.
+    /// Consecutive server crashes in the same phase of a restoration, as far as known.
     pub fn deaths(&self) -> u32 {
         let mut now = self.clone();
         now.survive();
         now.deaths_on_the_way.max(now.deaths_in_a_step)
     }
 
-    /// Another server has come after one that died.
+    /// A new server has started after a crash.
     fn survive(&mut self) {
         match self.danger {
             Danger::None => {}

@@ -1,8 +1,9 @@
-//! Run logs: what happens in a run, written down as it happens, so that a run outlives the server and can be checked later.
+//! Run logs: append-only records of runs, for restart and verification.
 //!
-//! `DATA/runs/<run>.log` is text, one line an [`Entry`]: 32 hexadecimal digits, a blank, and the entry as JSON. The digits are
-//! the first 16 bytes of a BLAKE3 hash over the digits of the line before and this line's JSON: a line that was changed, left
-//! out or put in shows. A last line that is not whole was being written when the server died, and counts for nothing.
+//! `DATA/runs/<run>.log` is text with a line per [`Entry`]: 32 hexadecimal digits, a space, and the entry as
+//! JSON. The digits are the first 16 bytes of a BLAKE3 hash over the digits of the previous line and the JSON
+//! of this line, so changed, removed or inserted lines are detectable. An incomplete last line was
+//! interrupted by a crash and is ignored.
 
 mod entry;
 mod history;

@@ -14,10 +14,10 @@ const SEED_BYTES: usize = 32;
 pub struct SigningKey(Ed25519KeyPair);
 
 impl SigningKey {
-    /// The key whose secret lies in the file at `path`, which is made when it is not there, readable by its owner alone.
+    /// The key in the file `path`, created if missing, readable by the owner only.
     ///
     /// # Errors
-    /// When the file cannot be read or made, or holds anything but 32 bytes.
+    /// If the file cannot be read or created, or does not contain exactly 32 bytes.
     pub fn at(path: &Path) -> io::Result<Self> {
         match std::fs::read(path) {
             Ok(seed) => Self::from_seed(&seed),
@@ -26,12 +26,12 @@ impl SigningKey {
         }
     }
 
-    /// Makes a key, whole or not at all. Where another program makes one at the same time, the first counts.
+    /// Creates a key atomically. If another program creates a key at the same time, the first one wins.
     fn make(path: &Path) -> io::Result<Self> {
         let mut seed = [0; SEED_BYTES];
         getrandom::fill(&mut seed).map_err(io::Error::other)?;
         let folder = path.parent().unwrap_or(Path::new("."));
-        // Such a file is readable by its owner alone.
+        // Temporary files are readable by their owner only.
         let mut file = NamedTempFile::new_in(folder)?;
         file.write_all(&seed)?;
         file.as_file().sync_all()?;
@@ -65,7 +65,7 @@ impl std::fmt::Debug for SigningKey {
     }
 }
 
-/// Whether `signature` is that of `public` over `head`; key and signature hexadecimal.
+/// Returns true if `signature` of `public` over `head` is valid; key and signature are hexadecimal.
 pub fn is_signed(public: &str, head: &str, signature: &str) -> bool {
     let (Some(public), Some(signature)) = (bytes(public), bytes(signature)) else { return false };
     UnparsedPublicKey::new(&ED25519, public).verify(head.as_bytes(), &signature).is_ok()

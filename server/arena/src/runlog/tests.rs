@@ -25,7 +25,7 @@ fn acted(step: u32, action: Action) -> Acted {
     Acted { step, action, state_hash: u64::from(step) << 60 | 5, thought, bank_left }
 }
 
-/// A log of two slots: one took two steps, the other one.
+/// A log with two slots: two steps and one step.
 fn written(folder: &Path) -> RunLogs {
     let logs = RunLogs::at(folder);
     let log = logs.open("run_1", first).unwrap();

@@ -20,16 +20,16 @@ pub struct RunLogs {
     open: Mutex<BTreeMap<String, Arc<RunLog>>>,
 }
 
-/// The log of one run, open to be written on.
+/// The log of a run, open for writing.
 #[derive(Debug)]
 pub struct RunLog {
     path: PathBuf,
     end: Mutex<End>,
-    /// Whether lines were written that the disk may not have yet.
+    /// True if lines may not be on disk yet.
     dirty: AtomicBool,
 }
 
-/// Where the next line goes.
+/// Position of the next line.
 #[derive(Debug)]
 struct End {
     file: File,
@@ -43,29 +43,29 @@ impl RunLogs {
         Self { folder: folder.to_owned(), open: Mutex::default() }
     }
 
-    /// Where they lie.
+    /// Folder of the logs.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Where the log of `run` lies.
+    /// Path of the log of `run`.
     pub fn path(&self, run: &str) -> PathBuf {
         self.folder.join(format!("{run}.log"))
     }
 
-    /// What the log of `run` tells; `None` where there is none.
+    /// History of `run`; `None` without a log.
     ///
     /// # Errors
-    /// When it cannot be read, or is not as it was written.
+    /// If the log is unreadable or modified.
     pub fn history(&self, run: &str) -> Result<Option<History>, LogError> {
         let path = self.path(run);
         if path.exists() { History::read(&path).map(Some) } else { Ok(None) }
     }
 
-    /// The log of `run`, opened to be written on; `first` is its first entry if it is new.
+    /// Opens the log of `run` for writing; `first` creates the first entry of a new log.
     ///
     /// # Errors
-    /// When it cannot be read or written.
+    /// If it cannot be read or written.
     pub fn open(&self, run: &str, first: impl FnOnce() -> Entry) -> Result<Arc<RunLog>, LogError> {
         let mut open = self.opened();
         if let Some(log) = open.get(run) {
@@ -76,10 +76,10 @@ impl RunLogs {
         Ok(log)
     }
 
-    /// Signs the log of `run`, unless that was done and nothing was written since, or there is none.
+    /// Signs the log of `run`, if it exists and has changed since the last signature.
     ///
     /// # Errors
-    /// When it cannot be read or written: says so.
+    /// If it cannot be read or written, with the reason.
     pub fn sign(&self, run: &str, key: &SigningKey) -> Result<(), String> {
         let Some(history) = self.history(run).map_err(|error| error.to_string())? else { return Ok(()) };
         let (Some(first), Some(last)) = (history.entries.first(), history.entries.last()) else {
@@ -92,7 +92,7 @@ impl RunLogs {
         log.sign(key).map_err(|error| error.to_string())
     }
 
-    /// Has the disk take what was written, and lets go of logs that nobody writes on.
+    /// Syncs logs to disk and closes unused ones.
     pub fn sync(&self) {
         let mut open = self.opened();
         open.retain(|_, log| Arc::strong_count(log) > 1 || log.dirty.load(Ordering::Acquire));
@@ -133,7 +133,7 @@ impl RunLog {
     /// Signs the lines so far.
     ///
     /// # Errors
-    /// When the signature cannot be written or the disk does not take it.
+    /// If the signature cannot be written or synced.
     pub fn sign(&self, key: &SigningKey) -> io::Result<()> {
         let head = self.end.lock().unwrap_or_else(PoisonError::into_inner).head.clone();
         let signature = key.sign(&head);
@@ -163,10 +163,10 @@ impl RunLog {
         Ok(())
     }
 
-    /// Has the disk take what was written.
+    /// Syncs to disk.
     ///
     /// # Errors
-    /// When it does not.
+    /// If the sync fails.
     pub fn sync(&self) -> io::Result<()> {
         if !self.dirty.swap(false, Ordering::AcqRel) {
             return Ok(());
@@ -176,14 +176,14 @@ impl RunLog {
     }
 }
 
-/// Writes down what happens in one slot.
+/// Log of a slot.
 #[derive(Debug)]
 pub struct SlotLog {
     /// The run's log.
     pub log: Arc<RunLog>,
     /// The slot.
     pub slot: u32,
-    /// Whether the episode was taken up and has not acted since.
+    /// True if the episode was restored and has had no action since.
     pub taken_up: bool,
 }
 

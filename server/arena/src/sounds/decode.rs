@@ -5,7 +5,7 @@ use std::{io, path::Path};
 /// Most seconds that are read of a file: more than a clip may have.
 const MOST_SECONDS: usize = 61;
 
-/// A recording, mixed into one channel.
+/// A recording, mixed to mono.
 pub(super) struct Recording {
     pub(super) samples: Vec<f32>,
     pub(super) rate_hz: u32,
@@ -26,7 +26,7 @@ pub(super) enum DecodeError {
     Torn,
 }
 
-/// Whether `path` is called like a file that can be decoded.
+/// Returns true for the file names of supported formats.
 pub(super) fn is_recording(path: &Path) -> bool {
     path.is_file() && (has_ending(path, "wav") || has_ending(path, "flac"))
 }
@@ -74,7 +74,7 @@ fn most_samples(rate_hz: u32, channels: usize) -> usize {
     (rate_hz as usize).saturating_mul(MOST_SECONDS * channels)
 }
 
-/// What the smallest step of samples of `bits` is worth.
+/// Value of the smallest sample step at `bits` bits.
 fn unit(bits: u32) -> f32 {
     1.0 / (1_u64 << bits.clamp(1, 32).saturating_sub(1)) as f32
 }

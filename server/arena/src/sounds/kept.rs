@@ -7,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Banks of recordings as they are played, each in a folder that is called by the digest of its samples.
+/// A folder of recorded sound banks, named by sample digest.
 pub struct SoundFolder {
     folder: PathBuf,
 }
@@ -21,15 +21,15 @@ const SPEC: WavSpec = WavSpec {
 };
 
 impl SoundFolder {
-    /// The banks in `folder`, which is made when the first one is kept.
+    /// The banks in `folder`, which is created on first use.
     pub fn at(folder: &Path) -> Self {
         Self { folder: folder.to_owned() }
     }
 
-    /// Makes the recordings in `source` a bank and keeps it; gives back its digest. `source` is needed no longer.
+    /// Imports the recordings in `source` as a bank and returns its digest.
     ///
     /// # Errors
-    /// When a recording cannot be a clip, or the bank cannot be written.
+    /// If a recording is not a valid clip, or the bank is not writable.
     pub fn adopt(&self, source: &Path) -> Result<String, Failure> {
         let clips = read_folder(source)?;
         let digest = digest(&clips);
@@ -48,7 +48,7 @@ impl SoundFolder {
     /// The bank with this digest.
     ///
     /// # Errors
-    /// When it is not there or not what it was.
+    /// If it is missing or modified.
     pub fn bank(&self, wanted: &str) -> Result<Bank, Failure> {
         let path = self.folder.join(wanted);
         let failed = |error: String| {

@@ -16,7 +16,7 @@ fn tones(rate_hz: u32) -> Vec<f32> {
     (0..rate_hz as usize * 3 / 2).map(sample).collect()
 }
 
-/// Both channels the same, or one.
+/// Mono, or two equal channels.
 fn wav(path: &Path, rate_hz: u32, channels: u16, bits: u16) {
     let sample_format = if bits == 32 { SampleFormat::Float } else { SampleFormat::Int };
     let spec = WavSpec { channels, sample_rate: rate_hz, bits_per_sample: bits, sample_format };
@@ -69,7 +69,7 @@ fn the_same_sound_in_any_file_is_the_same_clip() {
     }
 }
 
-/// What is said of a folder with this one file.
+/// Error for a folder with this file only.
 fn refusal(name: &str, bytes: &[u8]) -> String {
     let folder = folder();
     fs::write(folder.path().join(name), bytes).expect("written");

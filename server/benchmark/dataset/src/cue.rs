@@ -17,7 +17,7 @@ pub enum CueSpec {
     /// Sentence.
     Description(Description),
     /// Picture with this view.
-    Image(View),
+    Image(CueView),
 }
 
 /// Sentence with the claims. Imported sentences have none.
@@ -31,7 +31,7 @@ pub struct Description {
 
 /// Square picture, rendered on demand.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct View {
+pub struct CueView {
     /// Body pose.
     pub pose: Pose,
     /// Field of view, radians.
@@ -40,7 +40,7 @@ pub struct View {
     pub side_px: u32,
 }
 
-impl View {
+impl CueView {
     /// Renders the picture.
     pub(crate) fn render(&self, assets: &SceneAssets, rules: &Rules) -> Frame {
         let mut eye = self.pose.position;

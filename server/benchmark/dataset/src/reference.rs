@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_l_takes_its_moves_its_turns_and_its_claims() {
+    fn steps_count_moves_turns_and_claims() {
         let path = [[0.0, 0.0], [0.0, -1.0], [1.1, -1.0]].map(|[x, z]| Point3::new(x, 0.0, z));
         let start = Pose::new(path[0], 0.0);
         // 2.1 m are 9 moves, the corner has 3 right turns, and there are 2 goals.

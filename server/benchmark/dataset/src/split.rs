@@ -123,7 +123,7 @@ impl SceneSpec {
         Ok((Self { name: name.to_owned(), source, digest: digest(&scene) }, scene))
     }
 
-    /// Builds or reads the scene again and prepares it for the rules.
+    /// Rebuilds or rereads the scene and prepares it for the rules.
     ///
     /// # Errors
     /// If it cannot be read, has changed, or has no walkable floor.

@@ -14,7 +14,7 @@ pub(crate) use sighting::{Sighting, look_around};
 pub use sighting::{ThresholdsOnly, Verifier};
 
 use crate::{
-    cue::{Description, View},
+    cue::{Description, CueView},
     describe::Writer,
 };
 use avln_episode::Rules;
@@ -29,11 +29,11 @@ pub struct Instance {
     /// Target; missions overwrite the modality.
     pub target: Target,
     /// Views, best first; never empty.
-    pub views: Vec<View>,
+    pub views: Vec<CueView>,
     /// Unambiguous sentences; possibly empty.
     pub sentences: Vec<Description>,
     /// Unambiguous reference pictures, best first, at most three; possibly empty.
-    pub images: Vec<View>,
+    pub images: Vec<CueView>,
     /// Least difference between its pictures and those of its category: 1 for a unique instance, 0 without pictures.
     pub image_margin: f32,
     /// Other instances in the same category, at most 255.

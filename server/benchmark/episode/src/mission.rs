@@ -160,7 +160,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_go_there_and_back() {
+    fn action_numbers_round_trip() {
         for action in Action::ALL {
             assert_eq!(Action::try_from(u32::from(action.index())), Ok(action));
         }

@@ -227,7 +227,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sensors_that_were_stored_without_encodings_are_raw() {
+    fn stored_sensors_without_encodings_are_raw() {
         let stored = r#"{"rgb":true,"depth":false,"audio":true,"width":64,"height":64,"hfov_rad":1.5}"#;
         let sensors: Sensors = serde_json::from_str(stored).unwrap();
         assert_eq!(sensors.encodings, Encodings::default());

@@ -343,7 +343,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rule_sets_have_names_and_an_unknown_one_is_refused() {
+    fn unknown_rule_sets_are_rejected() {
         for name in Rules::NAMES {
             assert_eq!(Rules::named(name).map(|rules| rules.name), Ok(name.to_owned()));
         }
@@ -353,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_noisy_rules_have_noise_and_they_fit_the_episodes_of_the_paper() {
+    fn only_noisy_rules_have_noise() {
         for rules in [Rules::paper(), Rules::authors()] {
             assert_eq!((rules.depth_noise, rules.rgb_noise), (DepthNoise::None, RgbNoise::None));
         }
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_authors_rules_leak_and_distinct_ones_fit_the_episodes_of_the_paper() {
+    fn only_authors_rules_leak() {
         let leaks = |name: &str| Rules::named(name).expect("a rule set").leaks().is_some();
         assert_eq!(Rules::NAMES.map(leaks), [false, true, false, false]);
         let (distinct, own) = (Rules::distinct(), Sounds::Own("c0ffee".to_owned()));
@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn rules_that_were_stored_before_there_was_noise_have_none_and_all_sounds() {
+    fn old_stored_rules_have_no_noise_and_all_sounds() {
         let mut stored = serde_json::to_value(Rules::paper()).expect("JSON");
         let fields = stored.as_object_mut().expect("an object");
         assert_eq!(fields.remove("depth_noise"), Some("none".into()));
@@ -391,12 +391,12 @@ mod tests {
     }
 
     #[test]
-    fn a_step_of_the_paper_fills_four_thousand_samples() {
+    fn paper_step_has_4000_samples() {
         assert_eq!(Rules::paper().samples_per_step(), 4000);
     }
 
     #[test]
-    fn limits_that_are_left_out_are_the_defaults_and_unknown_ones_are_refused() {
+    fn missing_limits_default_and_unknown_are_rejected() {
         let limits: TimeLimits = serde_json::from_str(r#"{"step_ms": 5000, "bank_ms": 60000}"#).unwrap();
         assert_eq!(limits, TimeLimits { step_ms: 5000, bank_ms: 60_000, ..TimeLimits::default() });
         assert!(serde_json::from_str::<TimeLimits>(r#"{"steps_ms": 5000}"#).is_err());

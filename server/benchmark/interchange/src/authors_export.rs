@@ -1,7 +1,7 @@
 //! Writer for the LH-AVLN authors' data set layout.
 
 use crate::{InterchangeError, json::pack};
-use avln_dataset::{CueSpec, EpisodeSpec, GoalSpec, PublicGoal, PublicMission, View};
+use avln_dataset::{CueSpec, EpisodeSpec, GoalSpec, PublicGoal, PublicMission, CueView};
 use avln_episode::Rules;
 use avln_geom::{Point3, Pose, angle};
 use avln_scene::categories::TARGET_CATEGORIES;
@@ -192,7 +192,7 @@ struct Record {
     key: String,
     fields: Map<String, Value>,
     description: Option<String>,
-    pictures: Vec<View>,
+    pictures: Vec<CueView>,
 }
 
 impl Records {
@@ -241,7 +241,7 @@ impl Records {
 }
 
 impl Record {
-    fn picture(&mut self, view: &View) -> usize {
+    fn picture(&mut self, view: &CueView) -> usize {
         let known = self.pictures.iter().position(|picture| picture == view);
         known.unwrap_or_else(|| {
             self.pictures.push(*view);
@@ -284,7 +284,7 @@ fn fields(goal: &GoalSpec) -> Map<String, Value> {
     }))
 }
 
-fn picture(view: &View, camera_m: f32) -> Value {
+fn picture(view: &CueView, camera_m: f32) -> Value {
     let mut eye = view.pose.position;
     eye.y += camera_m;
     json!({

@@ -1,7 +1,7 @@
 //! Import: finds foreign goals in a scene, and computes success regions and reference tours.
 
 use crate::foreign::{ForeignCue, ForeignEpisode, ForeignGoal, ForeignInstance, ForeignView, Loss};
-use avln_dataset::{CueSpec, Description, EpisodeSpec, GoalSpec, View, reference_tours, target_at};
+use avln_dataset::{CueSpec, Description, EpisodeSpec, GoalSpec, CueView, reference_tours, target_at};
 use avln_episode::Rules;
 use avln_geom::{Aabb, Point3, Pose, Rng, Vector3};
 use avln_scene::{InstanceId, Object, Scene, categories::mpcat40};
@@ -178,9 +178,9 @@ impl<'a> Importer<'a> {
     }
 
     /// Returns the view with the same eye: the base is below it by our camera height.
-    fn view(&self, view: &ForeignView) -> View {
+    fn view(&self, view: &ForeignView) -> CueView {
         let base: Point3<f32> = view.eye - Vector3::y() * self.rules.camera_height_m;
-        View { pose: Pose::new(base, view.heading_rad), hfov_rad: view.hfov_rad, side_px: 0 }.as_cue()
+        CueView { pose: Pose::new(base, view.heading_rad), hfov_rad: view.hfov_rad, side_px: 0 }.as_cue()
     }
 }
 

@@ -5,7 +5,7 @@ use crate::{
     authors_export::{ExportedFile, SceneMissions},
     parquet::{Column, ParquetFile, Values},
 };
-use avln_dataset::{CueSpec, EpisodeSpec, GoalSpec, PublicGoal, PublicMission, ReferenceTour, View};
+use avln_dataset::{CueSpec, EpisodeSpec, GoalSpec, PublicGoal, PublicMission, ReferenceTour, CueView};
 use avln_episode::Modality;
 use avln_geom::{Point3, Pose};
 use avln_truth::Target;
@@ -162,9 +162,9 @@ fn goal_truth(episodes: &[EpisodeSpec]) -> Vec<Column> {
     columns
 }
 
-fn no_view() -> View {
+fn no_view() -> CueView {
     let pose = Pose { position: Point3::new(f32::NAN, f32::NAN, f32::NAN), heading_rad: f32::NAN };
-    View { pose, hfov_rad: f32::NAN, side_px: 0 }
+    CueView { pose, hfov_rad: f32::NAN, side_px: 0 }
 }
 
 fn targets(scene: &str, targets: &[&Target]) -> Vec<Column> {

@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn a_found_target_is_silent_from_the_same_step() {
+    fn found_target_falls_silent_in_the_same_step() {
         let first = run(&Rules::paper(), [u32::MAX; 3], 1)[0];
         let mut silent_from = [u32::MAX; 3];
         silent_from[first] = 10;
@@ -91,12 +91,12 @@ mod tests {
     }
 
     #[test]
-    fn nobody_sounds_when_all_are_found() {
+    fn silence_after_all_targets_are_found() {
         assert_eq!(run(&Rules::paper(), [5; 3], 30).len(), 5);
     }
 
     #[test]
-    fn the_authors_schedule_switches_at_the_26th_observation() {
+    fn authors_schedule_switches_at_observation_26() {
         let heard = run(&Rules::authors(), [0; 3], 52);
         assert_eq!((heard[0], heard[25], heard[26], heard[51]), (0, 0, 1, 2));
     }
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn the_step_does_not_tell_which_target_sounds() {
+    fn step_number_reveals_no_sounding_target() {
         let (right, episodes) = guessed(&Rules::paper());
         let chance: f64 = 1.0 / 3.0;
         let deviation = (chance * (1.0 - chance) / episodes).sqrt();
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_target_is_drawn_evenly() {
+    fn first_target_is_uniform() {
         let first = |seed| {
             Schedule::new(&Rules::paper(), 4, &mut Rng::new(seed).fork("schedule")).next(&[false; 4], false)
         };

@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn clips_do_not_depend_on_any_hidden_fact() {
+    fn clips_are_independent_of_hidden_facts() {
         for mode in [SoundClip::Anonymous, SoundClip::Distinct] {
             let heard = heard(mode);
             for (name, values, fact) in FACTS {
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn clips_of_an_episode_are_the_same_or_all_different_as_the_rules_say() {
+    fn clips_are_equal_or_distinct_by_the_rules() {
         let mut rng = Rng::new(3);
         for _ in 0..1000 {
             let truth = episode(&mut rng);
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn all_sources_of_an_episode_begin_at_the_same_place() {
+    fn sources_share_one_clip_offset() {
         let truth = episode(&mut Rng::new(4));
         let bank = Bank::default();
         for rules in [Rules::paper(), Rules::authors(), Rules::distinct()] {
@@ -306,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_can_guess_a_hidden_fact_from_the_dry_sound() {
+    fn dry_sound_reveals_no_hidden_fact() {
         for mode in [SoundClip::Anonymous, SoundClip::Distinct] {
             let heard = heard(mode);
             for (name, values, fact) in FACTS {

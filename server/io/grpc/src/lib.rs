@@ -74,7 +74,6 @@ mod attachment;
 mod context;
 mod control;
 mod episode;
-mod fair;
 mod host;
 mod limits;
 mod outbound;

@@ -9,18 +9,18 @@ pub enum Engine {
     Docker,
 }
 
-/// An agent in a container of its own.
+/// A containerised agent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Container {
     /// The image.
     pub image: String,
-    /// The agent's program and its arguments; empty: what the image starts by itself.
+    /// Program and arguments of the agent; empty: the default of the image.
     pub command: Vec<String>,
     /// Name for the container.
     pub name: String,
     /// Folder with the server's socket.
     pub folder: PathBuf,
-    /// User and group of whoever owns the folder.
+    /// User and group that own the folder.
     pub owner: (u32, u32),
     /// Memory for all of the agent, MiB; `None`: any.
     pub memory_mib: Option<u32>,
@@ -28,16 +28,16 @@ pub struct Container {
     pub devices: Vec<PathBuf>,
 }
 
-/// Where the folder is inside.
+/// Path of the folder inside the container.
 const INSIDE: &str = "/avln";
 /// Most processes and threads.
 const PROCESSES: u32 = 4096;
 
 impl Engine {
-    /// The engines, the preferred one first.
+    /// Supported engines, preferred first.
     pub const ALL: [Self; 2] = [Self::Podman, Self::Docker];
 
-    /// What its program is called.
+    /// Name of the engine program.
     pub fn program(self) -> &'static str {
         match self {
             Self::Podman => "podman",
@@ -59,7 +59,7 @@ impl Engine {
 }
 
 impl Container {
-    /// What the cell enforces, in words for people.
+    /// Enforced restrictions, for people.
     pub const ENFORCED: [&'static str; 6] = [
         "no network",
         "read-only root",
@@ -101,7 +101,7 @@ impl Container {
         arguments
     }
 
-    /// Where the server's socket is inside.
+    /// Path of the server socket inside the container.
     fn socket() -> PathBuf {
         crate::Plan::server_socket(Path::new(INSIDE))
     }

@@ -35,7 +35,7 @@ pub(crate) fn shut(plan: &Path, outside: Option<&str>) -> Result<Infallible, Cel
     }
 }
 
-/// Gives away everything; what comes last is what the other steps need.
+/// Drops all privileges, in the order required by the remaining steps.
 fn restrict(plan: &Plan, outside: Option<&str>) -> Result<Report, CellError> {
     let mut report = Report::default();
     for what in NAMESPACES {
@@ -64,7 +64,7 @@ fn has_no_capabilities() -> Result<(), String> {
     if held.bytes().all(|digit| digit == b'0') { Ok(()) } else { Err(format!("it holds {held}")) }
 }
 
-/// Ground truth is worth more than a run: where neither mounts nor Landlock hide it, there is none.
+/// Refuses a run if neither mounts nor Landlock hide the ground truth.
 fn refuse_exposure(plan: &Plan, report: &Report) -> Result<(), CellError> {
     if report.holds(mounts::HIDDEN) {
         return Ok(());

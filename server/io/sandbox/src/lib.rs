@@ -1,10 +1,11 @@
-//! Where the agent of a sealed run is shut in: namespaces, Landlock, seccomp and limits, or a container.
+//! The sandbox of a sealed agent: namespaces, Landlock, seccomp and limits, or a container.
 //!
-//! Start reading at [`Plan`], then [`enter`] and [`shut`]: the program runs itself again as the *porter*, which takes
-//! namespaces of its own, and once more as the *inmate*, which gives everything else away, reports what holds, waits for
-//! the run's token and becomes the agent.
+//! Start reading at [`Plan`], then [`enter`] and [`shut`]: the program re-executes itself as the
+//! *supervisor*, which creates namespaces, and again as the *child*, which drops all privileges, reports the
+//! restrictions, waits for the run token and becomes the agent.
 //!
-//! *Never*: gives the agent a token before the report was read; says that something holds which the kernel did not confirm.
+//! *Never*: passes a token to the agent before the report was read; reports restrictions not confirmed by the
+//! kernel.
 
 mod container;
 #[cfg(target_os = "linux")]
@@ -22,13 +23,13 @@ mod restrict;
 pub use container::{Container, Engine};
 pub use plan::{CellError, Missing, Plan, Report};
 
-/// The porter's part: takes namespaces, runs `program` with `inmate_arguments` inside and waits for its end. It is called
-/// before any thread is started.
+/// Supervisor: creates namespaces, runs `program` with `inmate_arguments` inside and waits for its end. Must
+/// be called before any thread starts.
 ///
-/// Returns the exit code of the agent, 128 and the number of the signal where one ended it.
+/// Returns the exit code of the agent, or 128 plus the signal number.
 ///
 /// # Errors
-/// When the plan cannot be read or the inmate cannot be started.
+/// If the plan cannot be read, or the child cannot be started.
 pub fn enter(
     plan: &std::path::Path,
     program: &std::path::Path,
@@ -43,12 +44,12 @@ pub fn enter(
     }
 }
 
-/// The inmate's part: restricts this process, reports, waits for the token and becomes the agent. `outside` tells why there
-/// are no namespaces; `None` where there are.
+/// Child: restricts this process, reports, waits for the token and becomes the agent. `outside` is the reason
+/// for missing namespaces; `None` if they exist.
 ///
 /// # Errors
-/// When the plan cannot be read, nothing would keep the agent from the data folder, the run was not started, or the
-/// agent's program cannot be started. It returns in no other case.
+/// If the plan cannot be read, the data folder would stay accessible, the run was not started, or the agent
+/// cannot be started. Does not return otherwise.
 pub fn shut(plan: &std::path::Path, outside: Option<&str>) -> Result<std::convert::Infallible, CellError> {
     #[cfg(target_os = "linux")]
     return inmate::shut(plan, outside);

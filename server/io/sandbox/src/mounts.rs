@@ -1,4 +1,4 @@
-//! What the agent sees of the disk.
+//! File system view of the agent.
 
 use crate::{Plan, Report};
 use nix::mount::{MsFlags, mount};
@@ -12,7 +12,8 @@ const SCRATCH: &str = "scratch folder of 1 GiB in memory";
 const SCRATCH_SIZE: &str = "size=1g,mode=700";
 const NONE: Option<&str> = None;
 
-/// Makes everything read-only but the scratch folder and hides the data folder. The process has a mount namespace of its own.
+/// Makes everything except the scratch folder read-only and hides the data folder, in a private mount
+/// namespace.
 pub(crate) fn arrange(plan: &Plan, report: &mut Report) {
     report.note(READ_ONLY, own().and_then(|()| read_only()));
     let plain = MsFlags::MS_NOSUID | MsFlags::MS_NODEV;
@@ -22,7 +23,7 @@ pub(crate) fn arrange(plan: &Plan, report: &mut Report) {
     report.note(SCRATCH, put("tmpfs", &Plan::scratch(&plan.folder), plain, Some(SCRATCH_SIZE)));
 }
 
-/// What is mounted from now on stays in here, and what is mounted outside does not come in.
+/// Separates mount propagation in both directions.
 fn own() -> Result<(), String> {
     let flags = MsFlags::MS_REC | MsFlags::MS_PRIVATE;
     mount(NONE, "/", NONE, flags, NONE)
@@ -44,7 +45,7 @@ fn read_only() -> Result<(), String> {
     Ok(())
 }
 
-/// Where a line of mountinfo says that something is mounted, and the flags that a remount must not drop.
+/// Mount point and flags of a mountinfo line; a remount must preserve the flags.
 fn mounted(line: &str) -> Option<(String, MsFlags)> {
     let mut fields = line.split(' ').skip(4);
     let (place, options) = (fields.next()?, fields.next()?);
@@ -63,7 +64,7 @@ fn flag(option: &str) -> Option<MsFlags> {
     })
 }
 
-/// Spaces and the like stand as `\040` in the table.
+/// Decodes spaces and similar characters, escaped as `\040`.
 fn unescape(place: &str) -> String {
     [("\\040", " "), ("\\011", "\t"), ("\\012", "\n"), ("\\134", "\\")]
         .iter()

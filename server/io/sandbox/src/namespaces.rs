@@ -1,4 +1,4 @@
-//! Namespaces: a machine of one's own, as far as the kernel tells.
+//! Namespaces of the sandbox.
 
 use nix::{
     sched::{CloneFlags, unshare},
@@ -6,12 +6,12 @@ use nix::{
 };
 use std::fs;
 
-/// Who the inmate is while it arranges its mounts.
+/// User id during the mount setup.
 const ROOT: u32 = 0;
-/// Who the agent is: nobody in particular.
+/// User id of the agent.
 const NOBODY: u32 = 1000;
 
-/// Takes namespaces of every kind; what is started from now on is root in them, and alone.
+/// Creates all kinds of namespaces; later processes are root inside them.
 pub(crate) fn take() -> Result<(), String> {
     let all = CloneFlags::CLONE_NEWUSER
         | CloneFlags::CLONE_NEWNS
@@ -22,8 +22,7 @@ pub(crate) fn take() -> Result<(), String> {
     become_in(all, ROOT)
 }
 
-/// Takes one more user namespace, in which it is nobody: what it may do there reaches no mount and no network, and exec takes
-/// even that away.
+/// Creates a further user namespace without privileges over mounts and network; exec drops the rest.
 pub(crate) fn drop_root() -> Result<(), String> {
     become_in(CloneFlags::CLONE_NEWUSER, NOBODY)
 }

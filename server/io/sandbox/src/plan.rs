@@ -4,20 +4,20 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What the cell of one agent is like.
+/// Settings of a sandbox.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Plan {
-    /// Folder of the cell's own, which only its organiser can enter: sockets, this plan, and where the agent may write.
+    /// Private folder, accessible to the organiser only: sockets, this plan, and the scratch folder.
     pub folder: PathBuf,
-    /// The agent's program and its arguments.
+    /// Program and arguments of the agent.
     pub command: Vec<String>,
-    /// Where the agent starts.
+    /// Working directory of the agent.
     pub workplace: PathBuf,
-    /// What the agent must never see: the data folder.
+    /// The data folder, hidden from the agent.
     pub hidden: PathBuf,
-    /// What the agent may read beside the system's programs and libraries.
+    /// Readable paths in addition to system programs and libraries.
     pub readable: Vec<PathBuf>,
-    /// Devices that the agent may use, such as those of a graphics card.
+    /// Permitted devices, such as graphics cards.
     pub devices: Vec<PathBuf>,
     /// Memory that each process of the agent may map, MiB; `None`: any.
     pub memory_mib: Option<u32>,
@@ -25,36 +25,36 @@ pub struct Plan {
     pub variables: Vec<String>,
 }
 
-/// What holds in a cell, and what does not.
+/// Enforced and missing restrictions.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Report {
-    /// What is enforced, in words for people.
+    /// Enforced restrictions, for people.
     pub enforced: Vec<String>,
-    /// What is not.
+    /// Missing restrictions.
     pub missing: Vec<Missing>,
 }
 
 /// Something that a cell should enforce and does not.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Missing {
-    /// What it is.
+    /// Restriction.
     pub what: String,
     /// Why it is missing.
     pub why: String,
 }
 
-/// Why there is no cell.
+/// Errors of a sandbox.
 #[derive(Debug, thiserror::Error)]
 pub enum CellError {
     /// The plan cannot be read or written.
     #[error("plan of the cell {path}: {problem}")]
     Plan {
-        /// Where it lies.
+        /// Path.
         path: PathBuf,
-        /// What is wrong.
+        /// Problem.
         problem: String,
     },
-    /// Nothing keeps the agent from the ground truth.
+    /// The ground truth would be accessible to the agent.
     #[error(
         "nothing here keeps an agent from reading {hidden}, which holds ground truth: {why}; use another machine, or move the \
          data folder out of what the agent may read"
@@ -62,7 +62,7 @@ pub enum CellError {
     Exposed {
         /// The data folder.
         hidden: PathBuf,
-        /// What is missing.
+        /// Missing features.
         why: String,
     },
     /// The other side of the cell's door is gone.
@@ -73,12 +73,12 @@ pub enum CellError {
         "cannot start the agent '{program}': {problem}; check the command after --, and name folders that it needs with --read"
     )]
     Command {
-        /// What was to be started.
+        /// Program to start.
         program: String,
-        /// What the system said.
+        /// System error.
         problem: String,
     },
-    /// The system has nothing of what a cell is made of.
+    /// The system supports no sandbox feature.
     #[error("sealed runs need Linux; play sealed runs on a machine that has it")]
     Unsupported,
 }
@@ -94,15 +94,15 @@ impl Plan {
         folder.join("control.sock")
     }
 
-    /// Where the agent may write; what it writes goes with it.
+    /// Scratch folder of the agent, deleted afterwards.
     pub fn scratch(folder: &Path) -> PathBuf {
         folder.join("scratch")
     }
 
-    /// Writes the plan into its folder and makes what the agent may write to; returns where it lies.
+    /// Writes the plan into its folder and creates the scratch folder; returns the path.
     ///
     /// # Errors
-    /// When the folder cannot be written.
+    /// If the folder cannot be written.
     pub fn write(&self) -> Result<PathBuf, CellError> {
         let path = self.folder.join("plan.json");
         let wrong = |problem: String| CellError::Plan { path: path.clone(), problem };
@@ -112,10 +112,10 @@ impl Plan {
         Ok(path)
     }
 
-    /// Reads a plan that was written.
+    /// Reads a plan.
     ///
     /// # Errors
-    /// When there is none or it is damaged.
+    /// If it is missing or damaged.
     pub fn read(path: &Path) -> Result<Self, CellError> {
         let wrong = |problem: String| CellError::Plan { path: path.to_owned(), problem };
         let text = fs::read(path).map_err(|error| wrong(error.to_string()))?;
@@ -124,7 +124,7 @@ impl Plan {
 }
 
 impl Report {
-    /// Notes whether something holds.
+    /// Records the result of a restriction.
     pub fn note(&mut self, what: &str, result: Result<(), impl ToString>) {
         match result {
             Ok(()) => self.enforced.push(what.to_owned()),
@@ -132,12 +132,12 @@ impl Report {
         }
     }
 
-    /// Whether `what` is enforced.
+    /// Returns true if `what` is enforced.
     pub fn holds(&self, what: &str) -> bool {
         self.enforced.iter().any(|held| held == what)
     }
 
-    /// Why `what` is missing, where it is.
+    /// Reason for a missing restriction.
     pub fn why(&self, what: &str) -> Option<&str> {
         self.missing.iter().find(|gap| gap.what == what).map(|gap| gap.why.as_str())
     }

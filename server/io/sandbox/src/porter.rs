@@ -13,7 +13,7 @@ pub(crate) fn enter(plan: &Path, program: &Path, inmate_arguments: &[String]) ->
     if let Err(why) = namespaces::take() {
         inmate.arg("--outside").arg(why);
     }
-    // Who kills the porter kills the agent, and with it all that it started.
+    // If the supervisor is killed, the agent and all its processes die as well.
     let _ = set_pdeathsig(Signal::SIGKILL);
     let status = inmate.status().map_err(|error| CellError::Command {
         program: program.display().to_string(),

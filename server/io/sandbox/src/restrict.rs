@@ -1,4 +1,4 @@
-//! What the agent may ask the kernel for.
+//! System call and file restrictions of the agent.
 
 use crate::Plan;
 use landlock::{
@@ -12,25 +12,25 @@ use seccompiler::{
 };
 use std::{collections::BTreeMap, path::PathBuf};
 
-/// What every program needs to start.
+/// Paths required by every program.
 const SYSTEM: [&str; 10] =
     ["/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/opt", "/etc", "/proc", "/sys/devices/system"];
 const HARMLESS_DEVICES: [&str; 5] = ["/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/urandom"];
 
 /// Most processes and threads of the agent.
 const PROCESSES: u64 = 4096;
-/// Most files that one process may hold open.
+/// Limit of open files per process.
 const FILES: u64 = 4096;
-/// Largest file that it may write, bytes: that of the scratch folder.
+/// Limit of a written file, bytes: the size of the scratch folder.
 const FILE_BYTES: u64 = 1 << 30;
 
-/// What the agent may read, seen from the root.
+/// Readable paths of the agent.
 pub(crate) fn readable(plan: &Plan) -> Vec<PathBuf> {
     let own = [plan.workplace.clone(), plan.folder.clone()];
     SYSTEM.iter().map(PathBuf::from).chain(own).chain(plan.readable.clone()).collect()
 }
 
-/// Lets the agent reach what it may read, its scratch folder and its devices; no TCP, and no process outside.
+/// Limits the agent to readable paths, the scratch folder and devices; no TCP, and no outside processes.
 pub(crate) fn landlock(plan: &Plan) -> Result<(), String> {
     const FILES: ABI = ABI::V5;
     let build = || {
@@ -70,7 +70,7 @@ pub(crate) fn limits(plan: &Plan) -> Result<(), String> {
     Ok(())
 }
 
-/// System calls that no agent needs and that reach beyond its process.
+/// Denied system calls, which reach beyond the process and are not needed by agents.
 #[rustfmt::skip]
 const DENIED: &[i64] = &[
     libc::SYS_ptrace, libc::SYS_process_vm_readv, libc::SYS_process_vm_writev, libc::SYS_kcmp, libc::SYS_pidfd_getfd,
@@ -96,14 +96,15 @@ const NAMESPACES: [i32; 7] = [
     libc::CLONE_NEWCGROUP,
 ];
 
-/// Requests of `ioctl` that put keystrokes into a terminal, TIOCSTI and TIOCLINUX; libc gives them a type for each C library.
+/// `ioctl` requests that inject keystrokes into a terminal, TIOCSTI and TIOCLINUX; their type depends on the
+/// C library.
 const KEYSTROKES: [u64; 2] = [0x5412, 0x541C];
 
 type Rules = BTreeMap<i64, Vec<SeccompRule>>;
 
 /// No socket but Unix ones, no call that reaches beyond the process, no keystroke put into the organiser's terminal.
 pub(crate) fn seccomp() -> Result<(), String> {
-    // The C library falls back to clone, whose flags can be looked at, where clone3 is not there.
+    // Without clone3 the C library uses clone, with flags that seccomp can inspect.
     let absent = BTreeMap::from([(libc::SYS_clone3, Vec::new())]);
     let wrong = |error: seccompiler::Error| error.to_string();
     let rules = denied().map_err(|error| error.to_string())?;

@@ -5,8 +5,8 @@ use crate::{
     error::StoreError,
 };
 use sqlx::{
+    FromRow,
     sqlite::{SqlitePool, SqlitePoolOptions},
-    types::Json,
 };
 use std::{collections::BTreeMap, path::Path};
 
@@ -26,13 +26,14 @@ pub struct Inventory {
 }
 
 /// A run in a copy.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, FromRow)]
 pub struct KeptRun {
     /// Run id.
     pub id: String,
     /// True if the run cannot change any more.
     pub is_settled: bool,
     /// Attempts by episode ordinal; empty if the run is settled.
+    #[sqlx(json)]
     pub attempts: BTreeMap<u32, u32>,
 }
 
@@ -94,12 +95,10 @@ async fn inspect(pool: &SqlitePool, path: &Path) -> Result<Inventory, StoreError
 }
 
 async fn read_kept_runs(pool: &SqlitePool) -> Result<Vec<KeptRun>, StoreError> {
-    let select = "SELECT id, settled, (SELECT json_group_object(ordinal, attempts) FROM episodes e \
+    let select = "SELECT id, settled AS is_settled, (SELECT json_group_object(ordinal, attempts) FROM episodes e \
                   WHERE e.run = id AND NOT settled) AS attempts \
                   FROM (SELECT id, state NOT IN ('created', 'running') AND NOT EXISTS \
                   (SELECT 1 FROM episodes e WHERE e.run = r.id AND e.state = 'running') AS settled FROM runs r) \
                   ORDER BY id";
-    let rows: Vec<(String, bool, Json<BTreeMap<u32, u32>>)> = sqlx::query_as(select).fetch_all(pool).await?;
-    let run = |(id, is_settled, Json(attempts))| KeptRun { id, is_settled, attempts };
-    Ok(rows.into_iter().map(run).collect())
+    Ok(sqlx::query_as(select).fetch_all(pool).await?)
 }

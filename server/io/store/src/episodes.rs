@@ -89,6 +89,13 @@ pub(crate) struct WrittenResult {
 }
 
 #[derive(FromRow)]
+struct StatusRow {
+    state: Word<EpisodeState>,
+    end_reason: Option<Word<EndReason>>,
+    metrics: Option<Json<Metrics>>,
+}
+
+#[derive(FromRow)]
 struct AttemptRow {
     ordinal: i64,
     state: Word<EpisodeState>,
@@ -186,11 +193,13 @@ impl Store {
     /// If the database fails.
     pub async fn episode_status(&self, run: &str, handle: &str) -> Result<Option<EpisodeStatus>, StoreError> {
         let select = "SELECT state, end_reason, metrics FROM episodes WHERE run = $1 AND handle = $2";
-        let row: Option<(Word<EpisodeState>, Option<Word<EndReason>>, Option<Json<Metrics>>)> =
+        let row: Option<StatusRow> =
             sqlx::query_as(select).bind(run).bind(handle).fetch_optional(&self.read).await?;
-        let Some((state, end, metrics)) = row else { return Ok(None) };
-        let metrics = metrics.map(|Json(metrics)| metrics);
-        Ok(Some(EpisodeStatus { state: state.0, end: value(end), metrics }))
+        Ok(row.map(|row| EpisodeStatus {
+            state: row.state.0,
+            end: value(row.end_reason),
+            metrics: row.metrics.map(|Json(metrics)| metrics),
+        }))
     }
 
     /// Returns an attempt lost by the server to the pending episodes; after three attempts the episode is abandoned. Returns

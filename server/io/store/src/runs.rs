@@ -1,9 +1,9 @@
 use crate::{
+    admission::read_charge,
     audit::{AuditNote, add_notes},
     column::Word,
     database::Store,
     error::StoreError,
-    quota::read_charge,
 };
 use avln_challenge::{Charge, MethodInfo, Ruling, RunState};
 use avln_episode::{Order, Sensors};

@@ -2,12 +2,11 @@
 
 use crate::{
     accounts::{NewToken, insert_token},
-    admission::check_admission,
+    admission::{check_admission, check_quotas, read_quotas},
     commitment::read_key,
     database::Store,
     error::StoreError,
     phases::{Phase, read_phases},
-    quota::{check_quotas, read_quotas},
     runs::{Run, read_run},
 };
 use avln_challenge::{MethodInfo, PhaseEpisode, Quota, Sampling, TokenScope, draw};

@@ -24,7 +24,7 @@ pub(super) struct Assembly {
     texture_of: BTreeMap<Pattern, u16>,
 }
 
-/// A piece of furniture in its own frame, and what can be said of it.
+/// A piece of furniture in its own frame, with its attributes.
 #[derive(Clone, Debug)]
 pub(super) struct Piece {
     pub(super) category: &'static str,
@@ -37,7 +37,7 @@ impl Piece {
         Self { category, model, attributes }
     }
 
-    /// Edge lengths along x, y, z.
+    /// Edge lengths in x, y, z.
     pub(super) fn size(&self) -> Vector3<f32> {
         self.model.bounds().size()
     }
@@ -49,12 +49,12 @@ impl Assembly {
         self.floor_m = floor_m;
     }
 
-    /// Adds what belongs to no object; `light` gives the brightness, 0 to 1, of a corner.
+    /// Adds geometry without an object; `light` returns the corner brightness, 0 to 1.
     pub(super) fn add_shell(&mut self, model: &Model, light: impl Fn(&Corner) -> f32) {
         self.add(model, InstanceId::NONE, light);
     }
 
-    /// Adds an object, its model already where it belongs, heights from the floor; returns its box in the same frame.
+    /// Adds a placed object with heights above the floor; returns its box in the same frame.
     pub(super) fn add_object(&mut self, piece: &Piece, region: usize) -> Aabb {
         let id = InstanceId(self.objects.len() as u32 + 1);
         let first = self.mesh.triangles.len();
@@ -71,12 +71,12 @@ impl Assembly {
         bounds
     }
 
-    /// What has been added so far, in the order of its ids.
+    /// Objects added so far, in id order.
     pub(super) fn objects(&self) -> &[Object] {
         &self.objects
     }
 
-    /// Takes objects away again; those after them get smaller ids.
+    /// Removes objects; later objects move to smaller ids.
     pub(super) fn remove(&mut self, unwanted: impl Fn(&Object) -> bool) {
         let kept: Vec<bool> = self.objects.iter().map(|object| !unwanted(object)).collect();
         let new_id = |id: InstanceId| match id {
@@ -100,8 +100,8 @@ impl Assembly {
         }
     }
 
-    /// The piece's attributes; no colour where the mean colour of its triangles, those from `first` on, goes by
-    /// another word.
+    /// Attributes of the piece, without a colour if the mean triangle colour from `first` has a different
+    /// word.
     fn truthful(&self, piece: &Piece, first: usize) -> Attributes {
         let triangles: Vec<u32> = (first as u32..self.mesh.triangles.len() as u32).collect();
         let surfaces = Surfaces { mesh: &self.mesh, materials: &self.materials, textures: &self.textures };
@@ -174,13 +174,13 @@ impl Assembly {
     }
 }
 
-/// How much of its shadows a surface keeps: bright ones light their surroundings and so themselves.
+/// Shadow strength of a surface: bright surfaces light their surroundings and themselves.
 fn soften(paint: &Paint) -> f32 {
     1.0 - 0.45 * ((paint.brightness() - 0.5) / 0.5).clamp(0.0, 1.0)
 }
 
-/// Brightness of a surface by the direction that it faces: daylight from above and one side, so that
-/// neighbouring faces of a box differ; the floor throws some of it back up. 0.76 to 1.
+/// Brightness by surface direction, 0.76 to 1: daylight from above and one side, so that adjacent box faces
+/// differ, plus floor reflection.
 pub(super) fn facing_light(normal: &Vector3<f32>) -> f32 {
     let above = if normal.y > 0.0 { 0.80 } else { 0.40 };
     0.85 + 0.15 * normal.dot(&Vector3::new(0.27, above, 0.53))
@@ -192,7 +192,7 @@ fn furniture_light(corner: &Corner) -> f32 {
     facing_light(&corner.normal) * (0.93 + 0.07 * lift)
 }
 
-/// Light in the corners of a room: 1 in the open, darker where `distance_m` to the nearest surface is small.
+/// Light in room corners: 1 in the open, darker at a small `distance_m` to the nearest surface.
 pub(super) fn corner_light(distance_m: f32, reach_m: f32, darkest: f32) -> f32 {
     let t = (distance_m / reach_m).clamp(0.0, 1.0);
     darkest + (1.0 - darkest) * t * (2.0 - t)

@@ -1,4 +1,4 @@
-//! Puts furniture into rooms: groups first, then single things until the room is full, then what hangs and lies.
+//! Furnishing of rooms: groups first, then single pieces, then wall, ceiling and small objects.
 
 mod bathroom;
 mod bedroom;
@@ -21,7 +21,7 @@ use super::space::{Claim, Patch, Space};
 use super::taste::Taste;
 use avln_geom::{Aabb, Point3, Rng, Vector3};
 
-/// One room that is being furnished.
+/// A room in progress.
 pub(super) struct Decorator<'a> {
     assembly: &'a mut Assembly,
     taste: &'a mut Taste,
@@ -29,51 +29,51 @@ pub(super) struct Decorator<'a> {
     plan: &'a Plan,
     index: usize,
     space: Space,
-    /// How many of the free zones belong to doors.
+    /// Number of free zones that belong to doors.
     doors: usize,
-    /// What stands on the floor.
+    /// Footprints on the floor.
     covered: Vec<Rect>,
     /// Rugs.
     rugs: Vec<Rect>,
-    /// What lies on other things.
+    /// Objects on top of others.
     laid: Vec<Aabb>,
 }
 
-/// Where a piece ended up.
+/// Final position of a piece.
 #[derive(Clone, Copy, Debug)]
 struct Spot {
-    /// Where the origin of the piece's own frame lies.
+    /// Origin of the piece frame.
     origin: Vector3<f32>,
-    /// The wall that its back is turned to.
+    /// Wall behind the piece.
     side: Side,
     bounds: Aabb,
-    /// Its top has no corners.
+    /// True for a round top.
     round: bool,
 }
 
-/// Which place along the walls a piece prefers.
+/// Preferred wall position of a piece.
 #[derive(Clone, Copy, Debug)]
 enum Wish {
     Anywhere,
     Corner,
     Middle,
-    /// On this wall and no other, near this place along it.
+    /// Only on this wall, near this position.
     Facing(Side, f32),
 }
 
-/// Distance that furniture keeps from walls and from other furniture at its side, metres.
+/// Gap between furniture and walls or lateral neighbours, metres.
 const GAP_M: f32 = 0.015;
 
 /// No camera is lower, metres.
 const LOWEST_EYE_M: f32 = 0.5;
 
-/// Depth of floor that stays free before the rest of a room that goes on there, metres: in its main part, and elsewhere.
+/// Free depth before another part of the room, metres: in the main part, and elsewhere.
 const PASSAGE_M: [f32; 2] = [0.8, 0.5];
 
-/// Width of what stays free there, metres.
+/// Free width there, metres.
 const PASSAGE_WIDTH_M: f32 = 1.0;
 
-/// Furnishes one room and returns what stands on its floor.
+/// Furnishes a room and returns the footprints on its floor.
 pub(super) fn furnish(
     assembly: &mut Assembly,
     taste: &mut Taste,
@@ -99,7 +99,7 @@ pub(super) fn furnish(
     covered
 }
 
-/// The part `number` of a room with nothing in it, its doors kept free, and how many free zones those take.
+/// Empty part `number` of a room with free doors, and the number of their free zones.
 fn empty(plan: &Plan, index: usize, parts: &[Rect], number: usize) -> (Space, usize) {
     let part = parts[number];
     let passage_m = PASSAGE_M[number.min(1)];
@@ -124,7 +124,7 @@ fn empty(plan: &Plan, index: usize, parts: &[Rect], number: usize) -> (Space, us
     (space, doors)
 }
 
-/// Where other parts of the room go on behind one side of the part `number`.
+/// Openings to other parts of the room on a side of part `number`.
 fn seams(parts: &[Rect], number: usize, side: Side) -> Vec<[f32; 2]> {
     let part = &parts[number];
     let seam = |other: &Rect| {
@@ -160,7 +160,7 @@ impl Decorator<'_> {
         self.ceiling_lamps();
     }
 
-    /// What stands in the smaller parts of a room that is no rectangle.
+    /// Furnishes the smaller parts of a non-rectangular room.
     fn fit_out_rest(&mut self, kind: RoomKind) {
         self.entrance();
         self.windows(kind);
@@ -178,12 +178,12 @@ impl Decorator<'_> {
         }
     }
 
-    /// Whether the house has a room of this kind.
+    /// Returns true if the house has a room of this kind.
     fn house_has(&self, kind: RoomKind) -> bool {
         self.plan.rooms.iter().any(|room| room.kind == kind)
     }
 
-    /// Whether something of a category is in this room.
+    /// Returns true if the room contains the category.
     fn has(&self, category: &str) -> bool {
         let here = Some(self.index as u16);
         self.assembly.objects().iter().any(|object| object.region == here && object.category == category)
@@ -205,19 +205,19 @@ impl Decorator<'_> {
         x * z
     }
 
-    /// Stands a piece of a make with its back to a wall, `front_m` of floor before it free.
+    /// Places a piece with its back to a wall and `front_m` of free floor in front.
     fn put(&mut self, make: &Make, wish: Wish, front_m: f32) -> Option<Spot> {
         let piece = make.any(self.taste);
         self.stand(&piece, wish, front_m)
     }
 
-    /// The same for a piece of about a wished width, height and depth.
+    /// Places a piece with an approximate width, height and depth.
     fn put_sized(&mut self, make: &Make, size: [f32; 3], wish: Wish, front_m: f32) -> Option<Spot> {
         let piece = make.sized(self.taste, size);
         self.stand(&piece, wish, front_m)
     }
 
-    /// Stands a piece with its back to a wall, `front_m` of floor before it free.
+    /// Places a piece with its back to a wall and `front_m` of free floor in front.
     fn stand(&mut self, piece: &Piece, wish: Wish, front_m: f32) -> Option<Spot> {
         let size = piece.size();
         let mut places = self.wall_places(size.x, wish);
@@ -232,7 +232,7 @@ impl Decorator<'_> {
         Some(self.set(piece, side, &claim.rect, 0.0))
     }
 
-    /// Every 5 cm of every wall: the side, where the piece starts, and a cost that is least where it is wished.
+    /// Wall positions every 5 cm: side, start, and a cost that is lowest at the preferred position.
     fn wall_places(&mut self, length_m: f32, wish: Wish) -> Vec<(Side, f32, f32)> {
         const STEP_M: f32 = 0.05;
         let mut places = Vec::new();
@@ -267,7 +267,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Stands a piece beside another one along the same wall; `hand` is -1 or 1.
+    /// Places a piece next to another at the same wall; `hand` is -1 or 1.
     fn beside(&mut self, piece: &Piece, other: &Spot, hand: f32) -> Option<Spot> {
         let size = piece.size();
         let span = other.side.span(&Rect::of(&other.bounds));
@@ -283,7 +283,7 @@ impl Decorator<'_> {
         Some(self.set(piece, other.side, &claim.rect, 0.0))
     }
 
-    /// Stands a piece away from walls, around `rect`'s middle, if nothing but a free front is there.
+    /// Places a piece at `center`, off the walls, if only free fronts are there.
     fn stand_at(&mut self, piece: &Piece, side: Side, center: [f32; 2]) -> Option<Spot> {
         let size = piece.size();
         let size_xz = if side.runs_along_x() { [size.x, size.z] } else { [size.z, size.x] };
@@ -295,8 +295,8 @@ impl Decorator<'_> {
         Some(self.set(piece, side, &claim.rect, 0.0))
     }
 
-    /// The middle of a free rectangle of the given size, as near to the middle of the room as possible; if need
-    /// be in front of furniture, as long as one still gets there.
+    /// Centre of a free rectangle of the given size, closest to the room centre; if necessary in front of
+    /// accessible furniture.
     fn open_floor(&self, size: [f32; 2]) -> Option<[f32; 2]> {
         const STEP_M: f32 = 0.1;
         let room = self.space.room;
@@ -320,14 +320,14 @@ impl Decorator<'_> {
         clear.or_else(|| close().copied()).map(|claim| claim.rect.center())
     }
 
-    /// Lays a piece on top of another one; `offset` is in the other's own frame.
+    /// Places a piece on top of another; `offset` is in the frame of the other.
     fn lay(&mut self, piece: &Piece, other: &Spot, offset: [f32; 3]) {
         let [x, z] = turned(other.side.quarter(), [offset[0], offset[2]]);
         let origin = other.origin + Vector3::new(x, offset[1], z);
         self.add(piece, other.side, origin);
     }
 
-    /// Lays a rug on the floor around `center`, wide along `side`, if the room holds it.
+    /// Places a rug around `center`, wide in the direction of `side`, if it fits.
     fn lay_rug(&mut self, [width, depth]: [f32; 2], side: Side, center: [f32; 2]) {
         let rug = super::furniture::floor::RUG.sized(self.taste, [width, 0.0, depth]);
         let size = rug.size();
@@ -340,7 +340,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Sets a piece so that its footprint begins at `rect`'s smallest corner and its base is at `base_m`.
+    /// Adds a piece with the smallest footprint corner at `rect` and its base at `base_m`.
     fn set(&mut self, piece: &Piece, side: Side, rect: &Rect, base_m: f32) -> Spot {
         let bounds = piece.model.moved(side.quarter(), Vector3::zeros()).bounds();
         let lift = base_m - bounds.min.y;
@@ -360,8 +360,7 @@ impl Decorator<'_> {
         Spot { origin, side, bounds, round }
     }
 
-    /// A placed model without the faces that walls, floor and ceiling hide, those inside of it, and undersides that no
-    /// eye is low enough to see.
+    /// Removes faces hidden by walls, floor and ceiling, interior faces, and undersides below eye level.
     fn shown(&self, model: Model) -> Model {
         let floor = self.plan.rooms[self.index].floor();
         let inside = |point: &Point3<f32>| {
@@ -387,7 +386,7 @@ impl Spot {
         if self.side.runs_along_x() { [x, front] } else { [front, z] }
     }
 
-    /// The middle along the wall behind.
+    /// Centre on the wall behind.
     fn along(&self) -> f32 {
         let span = self.side.span(&Rect::of(&self.bounds));
         (span[0] + span[1]) / 2.0

@@ -1,5 +1,5 @@
-//! Furniture: each function draws one piece, in its own frame (base on y = 0 unless it hangs, front towards +z),
-//! with words that fit what it looks like.
+//! Furniture. Every function draws a piece in its own frame (base at y = 0 unless it hangs, front towards +z)
+//! and returns matching words.
 
 pub(super) mod appliances;
 pub(super) mod baths;
@@ -41,23 +41,23 @@ use super::texture::Pattern;
 use avln_geom::{Point3, Rng, Vector3, angle};
 use avln_scene::Attributes;
 
-/// A kind of furniture: what it is called, which looks it comes in, and how it is drawn.
+/// A furniture kind: names, variants, and drawing function.
 pub(super) struct Make {
-    /// mpcat40 name where there is one.
+    /// Category name, from mpcat40 if possible.
     pub(super) category: &'static str,
-    /// What people call it where the category is a more general word; empty otherwise.
+    /// Common name if the category is more general; otherwise empty.
     pub(super) noun: &'static str,
-    /// How many shapes `draw` knows.
+    /// Number of shapes in `draw`.
     pub(super) styles: usize,
     /// The likelier ones first.
     pub(super) substances: &'static [Substance],
     /// Colour words, the likelier ones first.
     pub(super) colors: &'static [&'static str],
-    /// Draws the style that the draft asks for; says size and shape.
+    /// Draws the style of the draft; returns size and shape words.
     pub(super) draw: fn(&mut Draft) -> Words,
 }
 
-/// Size word and shape word; empty where nothing is to be said.
+/// Size word and shape word; may be empty.
 pub(super) type Words = [&'static str; 2];
 
 /// A piece of furniture that is being drawn.
@@ -67,11 +67,11 @@ pub(super) struct Draft {
     pub(super) style: usize,
     pub(super) tint: Tint,
     pub(super) substance: Substance,
-    /// The paint of what one notices first.
+    /// Main paint.
     pub(super) p: Paint,
     /// The paint of legs, frames and handles.
     pub(super) trim: Paint,
-    /// Wished width, height and depth, metres; 0 where it does not matter.
+    /// Requested width, height and depth, metres; 0 for any.
     pub(super) wish: [f32; 3],
     /// Instead of the make's noun.
     pub(super) noun: &'static str,
@@ -85,30 +85,30 @@ impl Draft {
         (self.rng.range(low, high) * 100.0).round() / 100.0
     }
 
-    /// The wished width, or one in the range.
+    /// The requested width, or a random width in the range.
     pub(super) fn width(&mut self, low: f32, high: f32) -> f32 {
         let drawn = self.len(low, high);
         if self.wish[0] > 0.0 { self.wish[0] } else { drawn }
     }
 
-    /// The wished height, or one in the range.
+    /// The requested height, or a random height in the range.
     pub(super) fn height(&mut self, low: f32, high: f32) -> f32 {
         let drawn = self.len(low, high);
         if self.wish[1] > 0.0 { self.wish[1] } else { drawn }
     }
 
-    /// The wished depth, or one in the range.
+    /// The requested depth, or a random depth in the range.
     pub(super) fn depth(&mut self, low: f32, high: f32) -> f32 {
         let drawn = self.len(low, high);
         if self.wish[2] > 0.0 { self.wish[2] } else { drawn }
     }
 
-    /// Whether its main part is stuffed or draped.
+    /// Returns true if the main part is upholstered or draped.
     pub(super) fn soft(&self) -> bool {
         self.substance.is_soft()
     }
 
-    /// Whether it is so dark that bright parts would outshine its colour.
+    /// Returns true for a dark paint, which bright parts would dominate.
     pub(super) fn dark(&self) -> bool {
         self.p.brightness() < 0.3
     }
@@ -118,7 +118,7 @@ impl Draft {
         if self.dark() { Paint::CHROME.times(0.4) } else { Paint::CHROME }
     }
 
-    /// A box of the main paint: stuffed where the substance is, with fine bevels otherwise.
+    /// A box in the main paint: upholstered for soft substances, otherwise with fine bevels.
     pub(super) fn pad(&mut self, x: Span, y: Span, z: Span) {
         let bevel = if self.soft() { 0.035 } else { 0.006 };
         self.m.soft(x, y, z, bevel, self.p);
@@ -130,7 +130,7 @@ impl Draft {
     }
 }
 
-/// All choices that pieces of one set share.
+/// Common choices of a furniture set.
 #[derive(Clone)]
 pub(super) struct Look {
     pub(super) rng: Rng,
@@ -140,7 +140,7 @@ pub(super) struct Look {
     pub(super) trim: Paint,
 }
 
-/// A paint for legs and frames that does not outshine or dim what they carry.
+/// A paint for legs and frames that matches the brightness of the main paint.
 fn trim(rng: &mut Rng, main: Paint) -> Paint {
     let paints: &[Paint] = match main.brightness() {
         dark if dark < 0.3 => &[Paint::WALNUT, Paint::DARK_METAL],
@@ -164,7 +164,7 @@ impl Make {
         self.sized(taste, [0.0; 3])
     }
 
-    /// A piece of about the given width, height and depth, where they are not 0 and the make heeds them.
+    /// A piece with an approximate width, height and depth; zeros are free.
     pub(super) fn sized(&self, taste: &mut Taste, wish: [f32; 3]) -> Piece {
         let look = self.look(taste);
         self.drawn(&look, wish)

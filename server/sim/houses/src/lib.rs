@@ -1,8 +1,8 @@
-//! Furnished houses from a seed: hallways with rooms on both sides, small rooms in the corners of large ones, one or two
-//! storeys.
+//! Furnished procedural houses: hallways with rooms on both sides, small rooms in corners of large ones, one
+//! or two storeys.
 //!
-//! The same name, seed and options give the same bits on every platform. Every room can be reached by a body of
-//! 0.25 m radius that climbs 0.2 m; furniture leaves the doors free.
+//! Equal name, seed and options give equal bits on every platform. Every room is reachable by a body of 0.25
+//! m radius with a 0.2 m climb; furniture leaves the doors free.
 
 mod assembly;
 mod furnish;
@@ -30,15 +30,15 @@ use shell::Finish;
 use std::ops::RangeInclusive;
 use taste::Taste;
 
-/// What a house should be like.
+/// Properties of a house.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HouseOptions {
-    /// How many rooms it has, hallways, entryway and stairs (one a storey) among them; drawn from this range, as small,
-    /// medium and large houses where it is wide. At least one and at most 24 rooms are built.
+    /// Range of the room count, including hallways, entryway and stairs (one per storey); wide ranges are
+    /// divided into small, medium and large houses. Houses have 1 to 24 rooms.
     pub rooms: RangeInclusive<u8>,
-    /// How many storeys it has, 1 or 2; drawn from this range. Houses of fewer than 11 rooms have one.
+    /// Range of the storey count, 1 or 2. Houses below 11 rooms have a single storey.
     pub storeys: RangeInclusive<u8>,
-    /// Which palettes, shapes and part combinations its furniture is drawn from.
+    /// Pool of palettes, shapes and combinations for the furniture.
     pub pool: Pool,
 }
 
@@ -46,21 +46,21 @@ pub struct HouseOptions {
 const MOST_ROOMS: u8 = 24;
 
 impl HouseOptions {
-    /// Small houses on one storey, quick to build and to walk: six to nine rooms.
+    /// Small houses on a single storey, quick to build: six to nine rooms.
     pub fn small() -> Self {
         Self { rooms: 6..=9, storeys: 1..=1, ..Self::default() }
     }
 }
 
 impl Default for HouseOptions {
-    /// Six to 24 rooms on one or two storeys, furniture of the training pool.
+    /// Six to 24 rooms on one or two storeys, furniture from the training pool.
     fn default() -> Self {
         Self { rooms: 6..=MOST_ROOMS, storeys: 1..=2, pool: Pool::Train }
     }
 }
 
-/// A share of the palettes, shapes and part combinations of furniture; the shares are disjoint, so that a split can
-/// show things that no other split shows.
+/// A share of the palettes, shapes and combinations of furniture. The shares are disjoint, so a split can
+/// have objects unseen in other splits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Pool {
@@ -77,7 +77,7 @@ impl Pool {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Train, Self::Validation, Self::Test];
 
-    /// Its name: `train`, `validation` or `test`.
+    /// Name: `train`, `validation` or `test`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Train => "train",
@@ -86,15 +86,14 @@ impl Pool {
         }
     }
 
-    /// The pool called `name`; `None` when there is none.
+    /// The pool `name`; `None` if unknown.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|pool| pool.name() == name)
     }
 }
 
-/// Builds the house of `seed`. The lowest floor lies on y = 0, its ceiling at 2.6 m, the next floor at 3.12 m, the middle
-/// of the house near the origin. Houses of five rooms or more have a hallway, a living room, a kitchen, a bedroom and a
-/// bathroom.
+/// Builds the house of `seed`, centred near the origin. Floors are at y = 0 and 3.12 m, ceilings 2.6 m above.
+/// Houses with five or more rooms have a hallway, living room, kitchen, bedroom and bathroom.
 pub fn house(name: &str, seed: u64, options: &HouseOptions) -> Scene {
     let rng = Rng::new(seed).fork("house");
     let (rooms, storeys) = size(&mut rng.fork("size"), options);
@@ -102,10 +101,10 @@ pub fn house(name: &str, seed: u64, options: &HouseOptions) -> Scene {
     assembly.into_scene(name, regions(&plan))
 }
 
-/// How often a house is drawn until a body gets everywhere.
+/// Largest number of draws until every room is reachable.
 const DRAWS: u32 = 8;
 
-/// The first draw of a house in which a body gets everywhere, or else the last one.
+/// Returns the first fully reachable draw of a house, otherwise the last.
 fn sound(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly) {
     let mut draw = 0;
     loop {
@@ -119,7 +118,7 @@ fn sound(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly
     }
 }
 
-/// One draw of a house.
+/// A single draw of a house.
 fn build(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly) {
     let plan = Plan::draw(&rng.fork("plan"), rooms, storeys);
     let mut finish_rng = rng.fork("finish");
@@ -144,7 +143,7 @@ fn build(rng: &Rng, rooms: usize, storeys: usize, pool: Pool) -> (Plan, Assembly
     (plan, assembly)
 }
 
-/// The facade, what is inside the openings, and the stairs.
+/// Adds the facade, the door and window contents, and the stairs.
 fn add_building(assembly: &mut Assembly, plan: &Plan, finishes: &[Finish]) {
     for storey in 0..plan.storeys() {
         assembly.on_floor_at(floor_m(storey));
@@ -160,16 +159,16 @@ fn add_building(assembly: &mut Assembly, plan: &Plan, finishes: &[Finish]) {
     }
 }
 
-/// Radius of the body that gets through every door, and of the one whose floor is one piece, metres.
+/// Radius of the body that must pass every door, and of the body with a connected floor, metres.
 const BODIES_M: [f32; 2] = [0.25 + RASTER_M, 0.1 + RASTER_M];
 
-/// What a lattice of 5 cm takes of a gap at each side, when a navmesh is cut from it, metres.
+/// Loss per side of a gap on the 5 cm navmesh lattice, metres.
 const RASTER_M: f32 = 0.075;
 
-/// Share of the floor that must be one piece.
+/// Required connected share of the floor.
 const ONE_PIECE: f32 = 0.95;
 
-/// Takes away what stands in front of doors that a body cannot pass; `false` when that is not enough.
+/// Removes furniture in front of blocked doors; returns `false` if doors stay blocked.
 fn repair(plan: &Plan, assembly: &mut Assembly) -> bool {
     let reach = Reach::of(plan, assembly.objects(), BODIES_M[0]);
     let blocked = reach.blocked(plan, BODIES_M[0]);
@@ -189,11 +188,10 @@ fn repair(plan: &Plan, assembly: &mut Assembly) -> bool {
     wide.sealed().is_empty() && wide.blocked(plan, BODIES_M[0]).is_empty() && slim.share() >= ONE_PIECE
 }
 
-/// Numbers of rooms of small, medium and large houses, and how likely each class is.
+/// Room count ranges of small, medium and large houses, with probabilities.
 const SIZES: [(RangeInclusive<u8>, f32); 3] = [(6..=9, 0.3), (10..=15, 0.4), (16..=24, 0.3)];
 
-/// How likely a house that may have one or two storeys and enough rooms for two has two; about a third of all houses
-/// have too few.
+/// Probability of a second storey in houses with enough rooms; about a third of the houses are too small.
 const TWO_STOREYS: f64 = 0.43;
 
 /// Numbers of rooms and of storeys within the options.
@@ -225,7 +223,7 @@ fn regions(plan: &Plan) -> Vec<Region> {
     plan.rooms.iter().map(region).collect()
 }
 
-/// Height of the floor of a storey above that of the lowest, metres.
+/// Floor height of a storey above the lowest, metres.
 fn floor_m(storey: usize) -> f32 {
     storey as f32 * STOREY_M
 }

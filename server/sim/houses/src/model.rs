@@ -19,18 +19,18 @@ pub(super) struct Corner {
     pub(super) uv: Point2<f32>,
 }
 
-/// A shape: triangles, each with its paint.
+/// A shape of painted triangles.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Model {
     pub(super) corners: Vec<Corner>,
     pub(super) triangles: Vec<([u32; 3], Paint)>,
-    /// Boxes that are part of the shape: what lies inside of them is not seen.
+    /// Solid boxes of the shape; their inside is invisible.
     solids: Vec<Aabb>,
-    /// What shines.
+    /// Light sources.
     pub(super) lamps: Vec<Lamp>,
 }
 
-/// A range along one axis, metres.
+/// A range on an axis, metres.
 pub(super) type Span = [f32; 2];
 
 /// The range of length `length` around `center`.
@@ -69,13 +69,13 @@ impl Model {
         self.solids.push(Aabb::new(corner(0), corner(1)));
     }
 
-    /// The same box mirrored to -x, both sides of the furniture.
+    /// Adds the box and its mirror image in -x.
     pub(super) fn pair(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
         self.block(x, y, z, paint);
         self.block([-x[1], -x[0]], y, z, paint);
     }
 
-    /// A flat face with its corners counter-clockwise from the side that one sees.
+    /// A flat face with corners counter-clockwise from the visible side.
     pub(super) fn quad(&mut self, points: [Point3<f32>; 4], paint: Paint) {
         let normal = (points[1] - points[0]).cross(&(points[3] - points[0]));
         let normal = normal.try_normalize(1e-12).unwrap_or_else(Vector3::y);
@@ -85,7 +85,7 @@ impl Model {
         self.face(corners, paint);
     }
 
-    /// A flat face over which its paint's picture is stretched once, the first corner at the bottom left.
+    /// A flat face with its picture stretched once, first corner at the bottom left.
     pub(super) fn picture(&mut self, points: [Point3<f32>; 4], paint: Paint) {
         let normal = (points[1] - points[0]).cross(&(points[3] - points[0])).normalize();
         let uvs = [(0.0, 1.0), (1.0, 1.0), (1.0, 0.0), (0.0, 0.0)];
@@ -93,7 +93,7 @@ impl Model {
         self.face([corner(0), corner(1), corner(2), corner(3)], paint);
     }
 
-    /// A face with corners of its own making.
+    /// A face with explicit corners.
     pub(super) fn face(&mut self, corners: [Corner; 4], paint: Paint) {
         let first = self.corners.len() as u32;
         self.corners.extend(corners);
@@ -141,7 +141,7 @@ impl Model {
 }
 
 impl Model {
-    /// This model leant back by 70 degrees: what lay on its base stands on its front edge.
+    /// The model tilted back by 70 degrees onto its front edge.
     pub(super) fn leaning(&self) -> Model {
         let (sin, cos) = angle::sin_cos(1.22);
         let lean = |v: Vector3<f32>| Vector3::new(v.x, v.y * cos - v.z * sin, v.y * sin + v.z * cos);
@@ -159,7 +159,7 @@ impl Model {
     }
 }
 
-/// Texture coordinates of a point on a flat face: metres along the face's own axes, in tiles of the pattern.
+/// Texture coordinates on a flat face: metres on the face axes, in tiles.
 pub(super) fn flat_uv(point: &Point3<f32>, normal: &Vector3<f32>, paint: Paint) -> Point2<f32> {
     let tile_m = paint.pattern.and_then(|pattern| pattern.tile_m()).unwrap_or(1.0);
     let size = normal.abs();
@@ -188,7 +188,7 @@ mod tests {
         model.triangles.iter().map(wedge).sum()
     }
 
-    /// Checks the volume of a convex shape, and that all its faces and normals look away from its middle.
+    /// Checks the volume of a convex shape, and outward faces and normals.
     fn check(name: &str, draw: impl Fn(&mut Model), expected_m3: f32, tolerance_m3: f32) {
         let mut model = Model::new();
         draw(&mut model);
@@ -211,7 +211,7 @@ mod tests {
         check("cylinder", |m| m.cylinder([1.0, 2.0], [1.0, 3.0], 0.5, 64, PAINT), FRAC_PI_2, 0.01);
         check("cone", |m| m.lathe([0.0, 0.0], &[[1.0, 0.0], [0.0, 3.0]], 64, PAINT), PI, 0.02);
         check("oval", |m| m.oval([0.0, 0.0], [2.0, 1.0], &[[1.0, 0.0], [1.0, 1.0]], 64, PAINT), TAU, 0.02);
-        // Along each axis the mean height over five cells is 0.7729 of the full one.
+        // On every axis the mean height over five cells is 0.7729 of the full height.
         check("pillow", |m| m.pillow(x, y, z, PAINT), 3.0 * 0.7729 * 0.7729, 0.02);
         let square = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
         check("prism along z", |m| m.prism_z(&square, [0.0, 3.0], PAINT), 12.0, 1e-4);

@@ -1,4 +1,4 @@
-//! Colours with names, and what surfaces are painted with.
+//! Named colours and surface paints.
 
 use super::texture::Pattern;
 
@@ -13,7 +13,7 @@ fn byte(value: f32) -> u8 {
     value.round().clamp(0.0, 255.0) as u8
 }
 
-/// What a surface is painted with.
+/// Paint of a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Paint {
     /// The substance, in words that acoustics understands.
@@ -43,13 +43,13 @@ impl Paint {
         Self { material, rgb, pattern: None }
     }
 
-    /// How bright the base colour looks, 0 to 1 (ITU-R BT.601 weights).
+    /// Perceived brightness of the base colour, 0 to 1 (ITU-R BT.601 weights).
     pub(super) fn brightness(&self) -> f32 {
         let [r, g, b] = self.rgb.map(f32::from);
         (0.299 * r + 0.587 * g + 0.114 * b) / 255.0
     }
 
-    /// The same surface, lighter (above 1) or darker.
+    /// The paint scaled in brightness.
     pub(super) fn times(self, factor: f32) -> Self {
         Self { rgb: self.rgb.map(|value| byte(f32::from(value) * factor)), ..self }
     }

@@ -1,4 +1,4 @@
-//! The floor plan: which rooms there are, where they lie and how one walks between them.
+//! Floor plan: rooms, their positions, and their connections.
 
 mod deal;
 mod detours;
@@ -17,20 +17,20 @@ pub(super) use outline::{Face, Outline};
 /// Thickness of every wall, metres.
 pub(super) const WALL_M: f32 = 0.12;
 
-/// Height of every ceiling above its floor, metres.
+/// Ceiling height, metres.
 pub(super) const CEILING_M: f32 = 2.6;
 
 /// Height of a floor above the floor of the storey below, metres.
 pub(super) const STOREY_M: f32 = 3.12;
 
-/// How often a plan is drawn before the one with the shortest detours is taken.
+/// Number of drawn plans; the plan with the shortest detours is used.
 const DRAWS: usize = 10;
 
-/// No place is so many times farther to walk to than it lies away, furniture aside. With furniture it becomes up to an
-/// eighth more; 10 is asked for.
+/// Largest ratio of geodesic to straight distance without furniture. Furniture adds up to an eighth; the
+/// requirement is 10.
 const LONGEST_DETOUR: f32 = 8.5;
 
-/// What a room is used for.
+/// Use of a room.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum RoomKind {
     Hallway,
@@ -73,26 +73,26 @@ impl RoomKind {
         }
     }
 
-    /// Whether the room is there to be walked through.
+    /// Returns true for circulation rooms.
     pub(super) fn is_passage(self) -> bool {
         matches!(self, Self::Hallway | Self::Entryway | Self::Stairs)
     }
 }
 
-/// A room: one rectangle, or several that touch (an L or a T).
+/// A room: one rectangle, or several adjacent ones (L or T).
 #[derive(Clone, Debug)]
 pub(super) struct Room {
     pub(super) kind: RoomKind,
-    /// 0 is the lowest. Heights inside a room count from its own floor.
+    /// Storey, 0 is the lowest. Heights inside a room are relative to its floor.
     pub(super) storey: usize,
-    /// Rectangles without overlap whose union reaches to the middle of the room's walls.
+    /// Disjoint rectangles up to the wall centres.
     pub(super) cells: Vec<Rect>,
-    /// The room that this one is entered through, for a small room in a corner of a larger one.
+    /// Host room of a small corner room, which contains its door.
     pub(super) host: Option<usize>,
 }
 
 impl Room {
-    /// The largest rectangle of floor between the walls; only part of its edge may be walls ([`Plan::gaps`]).
+    /// The largest floor rectangle between the walls; parts of its edge may be open ([`Plan::gaps`]).
     pub(super) fn interior(&self) -> Rect {
         self.outline().largest().expect("a room is wider than its walls are thick")
     }
@@ -147,11 +147,11 @@ pub(super) fn around(rects: &[Rect]) -> Rect {
 pub(super) struct Opening {
     /// Indices into [`Plan::rooms`].
     pub(super) rooms: [usize; 2],
-    /// Whether the wall runs along x.
+    /// True if the wall is parallel to x.
     pub(super) along_x: bool,
     /// The middle of the wall on the axis across it.
     pub(super) line_m: f32,
-    /// The hole on the axis along the wall.
+    /// Range of the hole on the wall axis.
     pub(super) along: [f32; 2],
     /// Height of the lintel's lower edge above the floor.
     pub(super) height_m: f32,
@@ -162,11 +162,11 @@ pub(super) struct Opening {
 pub(super) struct Window {
     /// Index into [`Plan::rooms`].
     pub(super) room: usize,
-    /// The side of the room that the wall stands on.
+    /// Side of the room with the wall.
     pub(super) side: Side,
     /// The inner surface of the wall, on the axis across it.
     pub(super) line_m: f32,
-    /// The hole on the axis along the wall.
+    /// Range of the hole on the wall axis.
     pub(super) along: [f32; 2],
     /// The hole's lower and upper edge above the floor.
     pub(super) y: [f32; 2],
@@ -183,7 +183,7 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// A plan with `count` rooms (at least 1) on one or two storeys, the middle of the house near the origin.
+    /// Draws a plan with `count` rooms (at least 1) on one or two storeys, centred near the origin.
     pub(super) fn draw(rng: &Rng, count: usize, storeys: usize) -> Self {
         let mut best = Self::draw_once(rng, count, storeys);
         let mut longest = detours::longest(&best);
@@ -206,18 +206,18 @@ impl Plan {
         Self { rooms, openings, windows, entrance }
     }
 
-    /// Whether a room is where stairs begin.
+    /// Returns true if stairs start in the room.
     pub(super) fn begins_stairs(&self, index: usize) -> bool {
         let room = &self.rooms[index];
         room.kind == RoomKind::Stairs && room.storey + 1 < self.storeys()
     }
 
-    /// How many storeys there are.
+    /// Storey count.
     pub(super) fn storeys(&self) -> usize {
         self.rooms.iter().map(|room| room.storey + 1).max().unwrap_or(0)
     }
 
-    /// The openings in the wall on one side of a part of a room's floor.
+    /// Openings in the wall on a side of a room part.
     pub(super) fn openings_on(
         &self,
         index: usize,
@@ -234,7 +234,7 @@ impl Plan {
         self.openings.iter().filter(on_side)
     }
 
-    /// The windows that lie wholly in the wall on one side of a part of a room's floor.
+    /// Windows completely in the wall on a side of a room part.
     pub(super) fn windows_on(&self, index: usize, part: &Rect, side: Side) -> impl Iterator<Item = &Window> {
         let part = *part;
         let on_side =
@@ -242,7 +242,7 @@ impl Plan {
         self.windows.iter().filter(on_side)
     }
 
-    /// The stretches of one side of a part of a room's floor that have no wall: the room goes on behind them.
+    /// Open stretches on a side of a room part, where the room continues.
     pub(super) fn gaps(&self, index: usize, part: &Rect, side: Side) -> Vec<[f32; 2]> {
         let on_side = |face: &&Face| face.side == side && (face.line_m - side.line_m(part)).abs() < 1e-3;
         let faces = self.rooms[index].faces();
@@ -251,7 +251,7 @@ impl Plan {
 }
 
 impl Window {
-    /// Whether the whole of it lies in the wall of a part of its room's floor.
+    /// Returns true if it is completely in the wall of a room part.
     pub(super) fn is_on(&self, part: &Rect) -> bool {
         let span = self.side.span(part);
         let within = span[0] <= self.along[0] && self.along[1] <= span[1];
@@ -259,7 +259,7 @@ impl Window {
     }
 }
 
-/// What `taken` leaves of `span`, in order; pieces shorter than a millimetre are none.
+/// Remainder of `span` without `taken`, in order; pieces below a millimetre are dropped.
 pub(super) fn remainder(span: [f32; 2], taken: impl Iterator<Item = [f32; 2]>) -> Vec<[f32; 2]> {
     let mut taken: Vec<[f32; 2]> = taken.filter(|other| common(*other, span) > 1e-3).collect();
     taken.sort_by(|a, b| a[0].total_cmp(&b[0]));

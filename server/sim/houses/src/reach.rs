@@ -1,22 +1,22 @@
-//! Whether a body gets everywhere: free floor on a lattice, before anybody builds a navmesh.
+//! Reachability of rooms on a lattice of free floor, without a navmesh.
 
 use super::plan::{Opening, Plan, RoomKind, WALL_M};
 use super::rect::Rect;
 use super::{floor_m, shell};
 use avln_scene::Object;
 
-/// What reaches from below this height to above it stands in the way of a body, metres above the floor.
+/// Height range of obstacles above the floor, metres.
 const BODY_M: [f32; 2] = [0.2, 1.5];
 
 /// Edge of a lattice cell, metres.
 const CELL_M: f32 = 0.1;
 
-/// Which floor a body of one radius can stand on, and what of it is one piece.
+/// Standing area of a body and its connected parts.
 pub(super) struct Reach {
-    /// Cells of one room each, by room.
+    /// Cells by room.
     rooms: Vec<Vec<Cell>>,
     lattice: Lattice,
-    /// By cell: the piece that it belongs to; `None` where nobody can stand.
+    /// Part per cell; `None` for blocked cells.
     piece_of: Vec<Option<usize>>,
     /// Cells of each piece.
     sizes: Vec<usize>,
@@ -57,7 +57,7 @@ impl Reach {
         most as f32 / self.sizes.iter().sum::<usize>().max(1) as f32
     }
 
-    /// The rooms in which nobody from the largest piece can stand.
+    /// Rooms not reachable from the largest part.
     pub(super) fn sealed(&self) -> Vec<usize> {
         let largest = self.largest();
         let entered = |cells: &Vec<Cell>| cells.iter().any(|&cell| self.piece_of[cell] == largest);
@@ -76,7 +76,7 @@ impl Reach {
     }
 }
 
-/// The floor inside an opening where a body touches neither jamb, a little beyond the wall on both sides.
+/// Passable floor inside an opening, slightly beyond the wall on both sides.
 fn through(opening: &Opening, radius_m: f32) -> Rect {
     let beyond = WALL_M / 2.0 + radius_m + CELL_M;
     let across = [opening.line_m - beyond, opening.line_m + beyond];
@@ -90,7 +90,7 @@ pub(super) fn doorstep(opening: &Opening, depth_m: f32) -> Rect {
     if opening.along_x { Rect::new(opening.along, across) } else { Rect::new(across, opening.along) }
 }
 
-/// What stands in a body's way in one room, seen from above.
+/// Obstacles in a room, seen from above.
 fn obstacles(plan: &Plan, objects: &[Object], index: usize) -> Vec<Rect> {
     let floor_m = floor_m(plan.rooms[index].storey);
     let in_room = objects.iter().filter(|object| object.region == Some(index as u16));
@@ -100,7 +100,7 @@ fn obstacles(plan: &Plan, objects: &[Object], index: usize) -> Vec<Rect> {
     solid.map(|object| Rect::of(&object.bounds)).collect()
 }
 
-/// The cells of a room where a body can stand.
+/// Standing cells of a room.
 fn standing(plan: &Plan, lattice: &Lattice, index: usize, obstacles: &[Rect], radius_m: f32) -> Vec<Cell> {
     let room = &plan.rooms[index];
     let walls = room.faces();
@@ -139,7 +139,7 @@ impl Lattice {
         [at(self.origin[0], column), at(self.origin[1], row)]
     }
 
-    /// The cells of a storey whose middle lies in `rect`.
+    /// Cells of a storey with centres in `rect`.
     fn cells_in(&self, storey: usize, rect: Rect) -> impl Iterator<Item = Cell> + use<> {
         let range = |span: [f32; 2], origin: f32, count: usize| {
             let index =
@@ -152,8 +152,8 @@ impl Lattice {
         rows.flat_map(move |row| columns.clone().map(move |column| (storey * height + row) * width + column))
     }
 
-    /// The connected pieces of the free cells: by cell its piece, and the sizes of the pieces. The cells of all `joined`
-    /// groups, those of stairs, count as neighbours of each other.
+    /// Connected parts of the free cells: part per cell, and part sizes. Cells in a `joined` group (stairs)
+    /// count as neighbours.
     fn pieces(&self, free: &[bool], joined: &[&[Cell]]) -> (Vec<Option<usize>>, Vec<usize>) {
         let mut is_joined = vec![false; free.len()];
         joined.iter().flat_map(|group| group.iter()).for_each(|&cell| is_joined[cell] = true);

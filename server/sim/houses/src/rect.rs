@@ -40,7 +40,7 @@ impl Rect {
         Self { x: shrink(self.x), z: shrink(self.z) }
     }
 
-    /// Whether the two share more than an edge.
+    /// Returns true if the two share more than an edge.
     pub(super) fn overlaps(&self, other: &Self) -> bool {
         common(self.x, other.x) > 1e-4 && common(self.z, other.z) > 1e-4
     }
@@ -64,7 +64,7 @@ impl Rect {
     }
 }
 
-/// Length that two ranges share; negative when there is a gap between them.
+/// Common length of two ranges; negative for a gap.
 pub(super) fn common(a: [f32; 2], b: [f32; 2]) -> f32 {
     a[1].min(b[1]) - a[0].max(b[0])
 }
@@ -73,7 +73,7 @@ fn sorted([a, b]: [f32; 2]) -> [f32; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// A side of a room, named by the direction from which its wall looks into the room.
+/// A side of a room, named by the inward direction of its wall.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Side {
     /// The wall at the smallest z; it faces +z.
@@ -98,12 +98,12 @@ impl Side {
         Self::ALL[(self as usize + 2) % 4]
     }
 
-    /// Whether the wall runs along x (otherwise along z).
+    /// Returns true if the wall is parallel to x (otherwise z).
     pub(super) fn runs_along_x(self) -> bool {
         matches!(self, Self::North | Self::South)
     }
 
-    /// Where the wall stands, on the axis across it.
+    /// Position of the wall on the perpendicular axis.
     pub(super) fn line_m(self, room: &Rect) -> f32 {
         match self {
             Self::North => room.z[0],
@@ -113,22 +113,22 @@ impl Side {
         }
     }
 
-    /// The range that the wall covers on the axis along it.
+    /// Range of the wall on its axis.
     pub(super) fn span(self, room: &Rect) -> [f32; 2] {
         if self.runs_along_x() { room.x } else { room.z }
     }
 
-    /// 1 where the room lies on the larger side of the wall, -1 otherwise.
+    /// 1 if the room is on the larger side of the wall, otherwise -1.
     pub(super) fn inward(self) -> f32 {
         if matches!(self, Self::North | Self::West) { 1.0 } else { -1.0 }
     }
 
-    /// The rectangle that touches this wall of `room` along `along` and reaches `depth_m` inwards.
+    /// The rectangle at this wall of `room` over the range `along`, `depth_m` deep.
     pub(super) fn strip(self, room: &Rect, along: [f32; 2], depth_m: f32) -> Rect {
         self.band(room, along, [0.0, depth_m])
     }
 
-    /// The rectangle along `along` between two distances from this wall of `room`.
+    /// The rectangle over the range `along` between two distances from this wall of `room`.
     pub(super) fn band(self, room: &Rect, along: [f32; 2], depths_m: [f32; 2]) -> Rect {
         let across = depths_m.map(|depth| self.line_m(room) + self.inward() * depth);
         if self.runs_along_x() { Rect::new(along, across) } else { Rect::new(across, along) }

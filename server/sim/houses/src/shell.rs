@@ -11,12 +11,12 @@ use super::rect::{Rect, Side, common};
 use super::texture::Pattern;
 use avln_geom::{Aabb, Point3, Rng, Vector3};
 
-/// What the surfaces of a room are painted with.
+/// Paints of a room.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Finish {
     floor: Paint,
     wall: Paint,
-    /// One wall of a room may differ.
+    /// An optional accent wall.
     accent: (Side, Paint),
     skirting: Paint,
     skirting_m: f32,
@@ -46,7 +46,7 @@ impl Finish {
         }
     }
 
-    /// The same paints farther up in the same room: without a skirting board.
+    /// Paints for the upper part of a room, without skirting board.
     pub(super) fn above(&self) -> Self {
         Self { skirting_m: 0.0, ..*self }
     }
@@ -124,7 +124,7 @@ fn floor_paint(rng: &mut Rng, kind: RoomKind) -> Paint {
     }
 }
 
-/// Walls and ceiling of one room, with a hole for each opening.
+/// Adds walls and ceiling of a room, with holes for openings.
 pub(super) fn add_room(assembly: &mut Assembly, plan: &Plan, index: usize, finish: &Finish) {
     let faces = plan.rooms[index].faces();
     let mut model = Model::new();
@@ -164,13 +164,13 @@ pub(super) fn floor_of(plan: &Plan, index: usize) -> Vec<Rect> {
     }
 }
 
-/// Light on the walls and the ceiling of a room: darker where surfaces meet.
+/// Light on walls and ceiling: darker at adjacent surfaces.
 fn room_light(corner: &Corner, faces: &[Face]) -> f32 {
     let base = if corner.normal.y < -0.5 { 0.95 } else { 0.08 + facing_light(&corner.normal) };
     base * corner_light(gap_m(corner, faces), 0.5, 0.82)
 }
 
-/// Distance from a corner to the nearest floor, ceiling or wall other than the one that it lies on.
+/// Distance from a corner to the nearest other floor, ceiling or wall.
 fn gap_m(corner: &Corner, faces: &[Face]) -> f32 {
     let level = corner.normal.y.abs() > 0.5;
     let place = [corner.position.x, corner.position.z];
@@ -182,7 +182,7 @@ fn gap_m(corner: &Corner, faces: &[Face]) -> f32 {
     if level { walls } else { walls.min(corner.position.y).min(CEILING_M - corner.position.y) }.max(0.0)
 }
 
-/// The floor of a room, darker along its walls and under `covered`, the furniture that stands on it.
+/// Adds the floor of a room, darker at walls and under the furniture `covered`.
 pub(super) fn add_floor(
     assembly: &mut Assembly,
     plan: &Plan,
@@ -212,7 +212,7 @@ fn flat(x: [f32; 2], z: [f32; 2], y: f32) -> [Point3<f32>; 4] {
     [(0, 1), (1, 1), (1, 0), (0, 0)].map(|(i, k)| Point3::new(x[i], y, z[k]))
 }
 
-/// Increasing values that start and end with `span`, hold those of `extra` inside it, and are at most `step` apart.
+/// Increasing values from start to end of `span`, including `extra` inside it, at most `step` apart.
 fn grid_lines(span: [f32; 2], extra: &[f32], step: f32) -> Vec<f32> {
     let inside = extra.iter().copied().filter(|value| span[0] + 1e-3 < *value && *value < span[1] - 1e-3);
     let mut fixed: Vec<f32> = inside.chain(span).collect();
@@ -258,7 +258,7 @@ impl Hole {
     }
 }
 
-/// A wall between two heights with holes in it; `paint` gives its paint by height.
+/// A wall between two heights with holes; `paint` returns the paint by height.
 fn wall(model: &mut Model, face: &Face, y: [f32; 2], holes: &[Hole], paint: impl Fn(f32) -> Paint) {
     let edges = holes.iter().flat_map(|hole| hole.along).chain([face.along[0] + 0.3, face.along[1] - 0.3]);
     let columns = grid_lines(face.along, &edges.collect::<Vec<_>>(), 1.2);
@@ -275,7 +275,7 @@ fn wall(model: &mut Model, face: &Face, y: [f32; 2], holes: &[Hole], paint: impl
     }
 }
 
-/// The openings in one wall of a room.
+/// Openings in a wall of a room.
 fn doors_in<'a>(plan: &'a Plan, index: usize, face: &'a Face) -> impl Iterator<Item = &'a Opening> {
     let line = face.line_m - face.side.inward() * WALL_M / 2.0;
     plan.openings.iter().filter(move |opening| {
@@ -286,7 +286,7 @@ fn doors_in<'a>(plan: &'a Plan, index: usize, face: &'a Face) -> impl Iterator<I
     })
 }
 
-/// The outer faces of one storey of the house.
+/// Adds the outer faces of a storey.
 pub(super) fn add_facade(assembly: &mut Assembly, plan: &Plan, storey: usize) {
     let paint = Paint::plain("plaster", [216, 208, 194]).with(Pattern::Plaster);
     let rooms = plan.rooms.iter().filter(|room| room.storey == storey);
@@ -298,7 +298,7 @@ pub(super) fn add_facade(assembly: &mut Assembly, plan: &Plan, storey: usize) {
     assembly.add_shell(&model, |corner| facing_light(&corner.normal));
 }
 
-/// The windows of a room that are in the walls of none of its [`super::plan::Room::parts`], which are furnished.
+/// Adds room windows outside the walls of all furnished [`super::plan::Room::parts`].
 pub(super) fn add_far_windows(assembly: &mut Assembly, plan: &Plan, index: usize) {
     let parts = plan.rooms[index].parts();
     let near = |window: &Window| parts.iter().any(|part| window.is_on(part));
@@ -319,7 +319,7 @@ pub(super) fn add_far_windows(assembly: &mut Assembly, plan: &Plan, index: usize
     }
 }
 
-/// Where a model's origin lies so that its back touches the wall.
+/// Origin of a model with its back at the wall.
 fn wall_origin(side: Side, [x, y, z]: [f32; 3], bounds: &Aabb, line_m: f32) -> Vector3<f32> {
     const GAP_M: f32 = 0.002;
     match side {

@@ -1,4 +1,4 @@
-//! Which parts of a room are taken, and where a piece of furniture still fits.
+//! Used and free parts of a room.
 
 use super::plan::CEILING_M;
 use super::rect::{Rect, Side, common};
@@ -9,26 +9,26 @@ pub(super) const DOOR_CLEAR_M: f32 = 0.9;
 /// Half the width of the aisles that furniture leaves, metres.
 const AISLE_RADIUS_M: f32 = 0.33;
 
-/// What reaches lower than this blocks a walking body, metres.
+/// Objects reaching below this height block a walking body, metres.
 const BODY_HEIGHT_M: f32 = 1.5;
 
 /// Furniture this near to a wall hides the wall behind it, metres.
 const NEAR_WALL_M: f32 = 0.3;
 
-/// The floor and the walls of one room, and what is taken of them.
+/// Floor and walls of a room with their used parts.
 pub(super) struct Space {
     pub(super) room: Rect,
-    /// What stands on the floor or hangs low.
+    /// Footprints on the floor or hanging low.
     solids: Vec<Rect>,
-    /// Where nothing may stand: in front of doors and of furniture.
+    /// Zones kept free: in front of doors and furniture.
     free: Vec<Rect>,
-    /// Places that one must be able to walk to.
+    /// Zones that must be reachable.
     goals: Vec<Rect>,
     /// Taken parts of the four walls, in the order of [`Side::ALL`].
     patches: [Vec<Patch>; 4],
 }
 
-/// A rectangle on a wall: a range along it and a range of heights.
+/// A wall rectangle: a horizontal range and a height range.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patch {
     pub(super) along: [f32; 2],
@@ -41,7 +41,7 @@ impl Patch {
     }
 }
 
-/// A place for something with the range of heights that it takes and the floor in front of it that stays free.
+/// A position for a piece, its height range, and the free floor in front.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Claim {
     pub(super) rect: Rect,
@@ -60,12 +60,12 @@ impl Space {
         self.take_wall(side, Patch { along: [along[0] - 0.08, along[1] + 0.08], y: [0.0, height_m + 0.08] });
     }
 
-    /// How many zones are kept free.
+    /// Number of free zones.
     pub(super) fn zones(&self) -> usize {
         self.free.len()
     }
 
-    /// Keeps the floor free on which one enters through one side.
+    /// Keeps the floor at an entry side free.
     pub(super) fn keep_free(&mut self, side: Side, along: [f32; 2], depth_m: f32) {
         let zone = side.strip(&self.room, along, depth_m.min(self.depth_m(side)));
         self.free.push(zone);
@@ -77,20 +77,20 @@ impl Space {
         self.patches[side as usize].push(patch);
     }
 
-    /// Whether a part of a wall is free.
+    /// Returns true if a part of a wall is free.
     pub(super) fn wall_is_free(&self, side: Side, patch: &Patch) -> bool {
         let span = side.span(&self.room);
         let inside = span[0] <= patch.along[0] && patch.along[1] <= span[1] && patch.y[1] <= CEILING_M;
         inside && !self.patches[side as usize].iter().any(|taken| taken.overlaps(patch))
     }
 
-    /// Whether a piece may stand there: inside, off the free zones, its wall not taken, and all doors and
-    /// fronts still within reach of each other.
+    /// Returns true if a piece fits: inside, off the free zones, at a free wall, with all doors and fronts
+    /// still connected.
     pub(super) fn fits(&self, claim: &Claim) -> bool {
         self.stands(claim) && self.still_connected(claim)
     }
 
-    /// Like [`Space::fits`], but the piece may stand in the free floor in front of furniture (not of doors).
+    /// Like [`Space::fits`], but the piece may use the free floor in front of furniture (not of doors).
     pub(super) fn fits_in_front(&self, claim: &Claim, doors: usize) -> bool {
         let clear = |rect: &Rect| !self.solids.iter().any(|solid| solid.overlaps(rect));
         self.room.holds(&claim.rect)
@@ -106,8 +106,7 @@ impl Space {
         !self.free[doors..].iter().any(blocked) && self.fits_in_front(claim, doors)
     }
 
-    /// The first of `claims` that fits; only some of those that could stand are tried, as each costs a walk
-    /// through the room.
+    /// The first of `claims` that fits; only some candidates are tried, because every test is a flood fill.
     pub(super) fn first_fit(&self, claims: impl Iterator<Item = Claim>) -> Option<Claim> {
         const TRIES: usize = 40;
         claims.filter(|claim| self.stands(claim)).take(TRIES).find(|claim| self.still_connected(claim))
@@ -147,12 +146,12 @@ impl Space {
         Side::ALL.into_iter().filter_map(near).collect()
     }
 
-    /// How far the room reaches from the wall on `side`.
+    /// Depth of the room from the wall on `side`.
     pub(super) fn depth_m(&self, side: Side) -> f32 {
         self.room.size()[usize::from(side.runs_along_x())]
     }
 
-    /// Whether a body of the aisles' width could still walk between all doors and fronts.
+    /// Returns true if a body of aisle width can still reach all doors and fronts.
     fn still_connected(&self, claim: &Claim) -> bool {
         if claim.y[0] >= BODY_HEIGHT_M {
             return true;
@@ -164,11 +163,11 @@ impl Space {
     }
 }
 
-/// Share of the free floor that must stay one piece.
+/// Required connected share of the free floor.
 const WHOLE_FLOOR: f32 = 0.92;
 
-/// Whether a disc of radius `radius_m` can move inside `room`, around `solids`, between all `goals`, and nearly
-/// everywhere else.
+/// Returns true if a disc of radius `radius_m` can move in `room` around `solids` between all `goals` and
+/// almost everywhere else.
 fn connected(room: &Rect, solids: &[Rect], goals: &[Rect], radius_m: f32) -> bool {
     let grid = Grid::new(room, solids, radius_m);
     let Some(first) = goals.first() else { return true };
@@ -210,7 +209,7 @@ impl Grid {
         (0..self.free.len()).filter(move |&cell| self.free[cell] && zone.distance_m(self.center(cell)) == 0.0)
     }
 
-    /// The cells that can be reached from the first free one in `zone`.
+    /// Cells reachable from the first free cell in `zone`.
     fn flood(&self, zone: &Rect) -> Vec<bool> {
         let mut reached = vec![false; self.free.len()];
         let mut open: Vec<usize> = self.cells_in(zone).take(1).collect();

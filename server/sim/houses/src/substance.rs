@@ -1,4 +1,4 @@
-//! What things are made of: the word for it, how it sounds, how it looks.
+//! Materials of objects: word, acoustics, look.
 
 use super::paint::{Paint, Tint};
 use super::texture::Pattern;
@@ -12,7 +12,7 @@ static MEANS: LazyLock<BTreeMap<Pattern, f32>> = LazyLock::new(|| {
     patterns.map(|pattern| (pattern, pattern.mean())).collect()
 });
 
-/// A material that one can tell by looking.
+/// A visually recognisable material.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Substance {
     Wood,
@@ -102,7 +102,7 @@ impl Substance {
         }
     }
 
-    /// The name of its surfaces' material, in words that acoustics understands.
+    /// Material name of its surfaces, in words known to the acoustics.
     pub(super) fn surface(self) -> &'static str {
         match self {
             Self::Wood | Self::Bamboo | Self::Wicker => "wood",
@@ -148,7 +148,7 @@ impl Substance {
         })
     }
 
-    /// Whether its pattern, in the mean light of a room, leaves a colour its word.
+    /// Returns true if its pattern preserves the colour word in mean room light.
     pub(super) fn keeps(self, tint: Tint) -> bool {
         let paint = self.paint(tint);
         let light = 0.85 + 0.07 * paint.brightness();
@@ -157,7 +157,7 @@ impl Substance {
         lit(seen) == tint.word && lit(seen * 0.94) == tint.word
     }
 
-    /// Whether it is cloth or leather, that is stuffed or draped.
+    /// Returns true for cloth and leather.
     pub(super) fn is_soft(self) -> bool {
         matches!(self.surface(), "fabric" | "leather" | "carpet")
     }

@@ -18,7 +18,7 @@ pub(super) const WOOD: &[&str] = &[
     "pink",
 ];
 
-/// Colours of what is bought for a bathroom.
+/// Colours of bathroom furniture.
 pub(super) const SANITARY: &[&str] = &[
     "white", "white", "white", "grey", "pink", "teal", "black", "green", "yellow", "blue", "brown", "purple",
     "red", "orange",
@@ -42,7 +42,7 @@ pub(super) const GREENERY: &[&str] = &[
     "brown", "grey", "black",
 ];
 
-/// Draws styles, materials, sizes and colours for the furniture of one house.
+/// Random styles, materials, sizes and colours for the furniture of a house.
 pub(super) struct Taste {
     pub(super) rng: Rng,
     pool: Pool,
@@ -54,7 +54,7 @@ impl Taste {
         Self { rng, pool, used: BTreeMap::new() }
     }
 
-    /// One of `words`; earlier ones are likelier, those that `category` has used already less so.
+    /// Draws a word, with preference for earlier words and words not yet used for `category`.
     pub(super) fn tint(&mut self, category: &'static str, words: &[&'static str]) -> Tint {
         let weight = |(place, word): (usize, &&'static str)| {
             let used = self.used.get(&(category, *word)).copied().unwrap_or(0);
@@ -72,7 +72,7 @@ impl Taste {
         Tint { word, rgb }
     }
 
-    /// One of a make's materials, the first ones likelier.
+    /// Draws a material, with preference for the first.
     pub(super) fn substance(&mut self, substances: &[Substance]) -> Substance {
         let weights: Vec<f32> = (0..substances.len()).map(|place| 1.0 / (1.2 + place as f32)).collect();
         substances[self.weighted(&weights)]
@@ -97,10 +97,10 @@ impl Taste {
         (substances[0], self.shade(words[0]))
     }
 
-    /// A number below `count`: a style that this pool may show.
+    /// Draws a style below `count` that this pool may show.
     ///
-    /// Of all styles the one before the last is only for validation and the last only for test (the last two of
-    /// every eight where there are more); those pools show theirs every other time.
+    /// The second-last style is reserved for validation and the last for test (the last two of every eight in
+    /// larger sets); those pools show their styles every other time.
     pub(super) fn style(&mut self, count: usize) -> usize {
         let own = match self.pool {
             Pool::Train => None,
@@ -125,7 +125,7 @@ impl Taste {
     }
 }
 
-/// The only pool that shows style number `style` of `count`; `None` for what all pools show.
+/// The only pool with style `style` of `count`; `None` for shared styles.
 pub(super) fn owner(style: usize, count: usize) -> Option<Pool> {
     if count < 4 {
         return None;
@@ -138,7 +138,7 @@ pub(super) fn owner(style: usize, count: usize) -> Option<Pool> {
     }
 }
 
-/// The only pool that shows a style in this material and colour; `None` for what all pools show: four of five.
+/// The only pool with a style in this material and colour; `None` for shared combinations: four of five.
 pub(super) fn combination_owner(style: usize, substance: Substance, word: &str) -> Option<Pool> {
     let place = CLOTH.iter().position(|known| *known == word).unwrap_or(0);
     match (style * 3 + substance as usize * 7 + place) % 10 {
@@ -148,7 +148,7 @@ pub(super) fn combination_owner(style: usize, substance: Substance, word: &str) 
     }
 }
 
-/// The first word where `value` is below `low`, the second where it is above `high`, nothing in between.
+/// The first word below `low`, the second above `high`, otherwise empty.
 pub(super) fn size_word(value: f32, low: f32, high: f32, words: [&'static str; 2]) -> &'static str {
     if value < low {
         words[0]

@@ -10,14 +10,14 @@ pub(super) use art::{Art, Medium, Motif};
 use avln_scene::Texture;
 use noise::{Noise, SIZE};
 
-/// A picture that a house can use; all but art and books are shades of grey that a base colour multiplies.
+/// A texture pattern; all except art and books are grey and multiplied with a base colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Pattern {
-    /// Floor boards along u, four in a tile.
+    /// Floor boards in u direction, four per tile.
     Planks,
     /// Herringbone-like short floor boards.
     Parquet,
-    /// Grain of one board.
+    /// Grain of a single board.
     Grain,
     /// Canes with rings.
     Bamboo,
@@ -51,7 +51,7 @@ pub(super) enum Pattern {
     Velvet,
     /// Pebbled skin.
     Leather,
-    /// Ribs along v.
+    /// Ribs in v direction.
     Ribs,
     /// Rows of stitches.
     Knit,
@@ -59,13 +59,13 @@ pub(super) enum Pattern {
     Twill,
     /// Stitched diamonds.
     Quilt,
-    /// Stripes of cloth along v.
+    /// Cloth stripes in v direction.
     ClothStripes,
     /// Crossing stripes.
     Gingham,
     /// Spots.
     Dots,
-    /// Broad stripes of wallpaper along v.
+    /// Broad wallpaper stripes in v direction.
     Stripes,
     /// Wallpaper with ornaments.
     Damask,
@@ -75,12 +75,12 @@ pub(super) enum Pattern {
     Trellis,
     /// The spines of a row of books, in their own colours.
     Books(u8),
-    /// A picture for a wall, in its own colours.
+    /// A coloured wall picture.
     Art(Art),
 }
 
 impl Pattern {
-    /// Edge length in the world of one repetition, metres; `None` for pictures that are stretched over a face.
+    /// Size of a repetition, metres; `None` for stretched pictures.
     pub(super) fn tile_m(self) -> Option<f32> {
         Some(match self {
             Self::Planks | Self::Checker => 0.8,

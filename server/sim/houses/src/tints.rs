@@ -2,10 +2,10 @@
 
 use super::Pool;
 
-/// A colour word with its shades (sRGB) for training, for validation and for test.
+/// A colour word with its sRGB shades for training, validation and test.
 type Shades = (&'static str, &'static [[u8; 3]], &'static [[u8; 3]], &'static [[u8; 3]]);
 
-/// Each shade goes by its word in the full light and in the shade of a room.
+/// Every shade matches its word in full light and in room shade.
 const SHADES: [Shades; 12] = [
     (
         "red",

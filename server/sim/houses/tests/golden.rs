@@ -1,6 +1,6 @@
-//! Some procedural houses in numbers and digests. They may change with the generator, never by accident: every split made
-//! before has to be made again. `AVLN_BLESS=1 cargo test -p avln-houses --test golden` writes them anew, and the changelog
-//! says why.
+//! Numbers and digests of some procedural houses. A change of the generator invalidates all earlier splits
+//! and must be deliberate. `AVLN_BLESS=1 cargo test -p avln-houses --test golden` rewrites them; state the
+//! reason in the changelog.
 
 use avln_houses::{HouseOptions, Pool, house};
 use avln_scene::{digest::digest, stats::census};

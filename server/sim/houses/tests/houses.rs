@@ -1,4 +1,4 @@
-//! What every procedural house must be.
+//! Invariants of procedural houses.
 
 use avln_geom::{Aabb, Point3};
 use avln_houses::{HouseOptions, house};
@@ -94,7 +94,7 @@ fn furniture_on_the_floor_does_not_overlap() {
     }
 }
 
-/// Whether something upright of the building itself lies at a box.
+/// Returns true if an upright building surface touches a box.
 fn touches_wall(scene: &Scene, bounds: &Aabb) -> bool {
     let around = bounds.grown(0.05);
     let structure =
@@ -103,7 +103,7 @@ fn touches_wall(scene: &Scene, bounds: &Aabb) -> bool {
     boxes.any(|wall| wall.size().y > 0.3 && wall.intersects(&around))
 }
 
-/// Height of an object's base above the floor of its room.
+/// Base height of an object above its room floor.
 fn above_floor(scene: &Scene, object: &Object) -> f32 {
     object.bounds.min.y - scene.regions[usize::from(object.region.expect("a room"))].bounds.min.y
 }
@@ -215,7 +215,7 @@ fn all_rooms_are_one_floor_for_a_walking_body() {
     }
 }
 
-/// Cells of 5 cm where a disc may stand: floor below, nothing from 0.2 m to 1.5 m within its radius.
+/// Free 5 cm cells for a disc: floor below, no obstacle from 0.2 m to 1.5 m within its radius.
 struct WalkableFloor {
     origin: Point3<f32>,
     columns: usize,
@@ -240,7 +240,7 @@ impl WalkableFloor {
         floor
     }
 
-    /// Blocks what is nearer than `radius_m` to the box of a triangle (axis-aligned surfaces: the surface itself).
+    /// Blocks cells closer than `radius_m` to a triangle box (axis-aligned surfaces: the surface itself).
     fn block(&mut self, around: &Aabb, radius_m: f32) {
         for cell in self.cells_in(&around.grown(radius_m)) {
             let mut place = self.center(cell);
@@ -255,7 +255,7 @@ impl WalkableFloor {
         Point3::new(self.origin.x + offset(i), 0.0, self.origin.z + offset(k))
     }
 
-    /// The free cells whose middle lies in `bounds`, seen from above.
+    /// Free cells with centres in `bounds`, seen from above.
     fn cells_in(&self, bounds: &Aabb) -> Vec<usize> {
         let range = |low: f32, high: f32, count: usize| {
             let index = |value: f32| (value / CELL_M).clamp(0.0, count as f32) as usize;

@@ -10,10 +10,10 @@ use tempfile::TempDir;
 #[derive(Parser)]
 struct Program {
     #[command(flatten)]
-    options: Options,
+    options: RenderArgs,
 }
 
-fn called(words: &[&str]) -> Result<Options, clap::Error> {
+fn called(words: &[&str]) -> Result<RenderArgs, clap::Error> {
     Program::try_parse_from([&["render"], words].concat()).map(|program| program.options)
 }
 
@@ -75,7 +75,7 @@ fn one_pose_and_many_poses_take_the_same_picture() {
     let lens = ["--size", "40x30", "--hfov", "75", "--max-depth", "2"];
     render(&[&pose[..], &lens, &["--out", &rgb, "--depth", &depth, "--ids", &numbers]].concat())
         .expect("a picture");
-    let pose: Pose = pose[3].parse().expect("a pose");
+    let pose: CameraPose = pose[3].parse().expect("a pose");
     let rotation = <[f32; 4]>::from(pose.world_from_camera.coords);
     let other =
         json!({"position": [0.0, 1.0, 0.0], "rotation": [0.3, 0.1, -0.2, 0.5], "width": 9, "height": 5});
@@ -279,4 +279,55 @@ fn numbers_of_pictures_have_three_digits_and_more_where_there_are_more_than_a_th
     fs::write(at("poses.json"), "[]").expect("a file");
     render(&["--seed", "4", "--poses", &at("poses.json"), "--out-dir", &at("none")]).expect("no pictures");
     assert_eq!(fs::read_dir(at("none")).expect("a folder").count(), 0);
+}
+
+#[test]
+fn a_pose_needs_a_place_and_a_rotation_and_the_rest_has_defaults() {
+    let entry = json!({"position": [1, 2.5, -3], "rotation": [0, 2, 0, 2]});
+    let wanted = PoseEntry::from_json(&entry).expect("a pose");
+    assert_eq!((wanted.size.width, wanted.size.height, wanted.hfov.degrees), (256, 256, 90.0));
+    let spoken: CameraPose = "1,2.5,-3,90".parse().expect("a pose");
+    assert_eq!(wanted.pose.eye, spoken.eye);
+    let ahead = |pose: &CameraPose| pose.world_from_camera * -Vector3::z();
+    assert!((ahead(&wanted.pose) - ahead(&spoken)).norm() < 1e-6);
+    let entry =
+        json!({"position": [0, 0, 0], "rotation": [0, 0, 0, 1], "hfov_deg": 60, "width": 7, "height": 9});
+    let wanted = PoseEntry::from_json(&entry).expect("a pose");
+    assert_eq!((wanted.size.width, wanted.size.height, wanted.hfov.degrees), (7, 9, 60.0));
+}
+
+#[test]
+fn what_is_wrong_with_a_pose_is_named() {
+    let good = json!({"position": [0, 0, 0], "rotation": [0, 0, 0, 1]});
+    assert!(PoseEntry::from_json(&good).is_ok());
+    for (field, value) in [
+        ("position", json!([0, 0])),
+        ("position", json!([0, 0, "x"])),
+        ("position", json!([0, 0, 1e7])),
+        ("rotation", json!([0, 0, 0, 0])),
+        ("rotation", json!([0, 0, 0])),
+        ("hfov_deg", json!("wide")),
+        ("hfov", json!(90)),
+        ("width", json!(0)),
+        ("width", json!(-1)),
+        ("height", json!(4097)),
+        ("height", json!(1.5)),
+        ("pitch", json!(0)),
+    ] {
+        let mut bad = good.clone();
+        bad[field] = value.clone();
+        let refused = PoseEntry::from_json(&bad).expect_err("a bad field");
+        assert!(refused.contains(field), "{field} {value}: {refused}");
+    }
+    for (missing, entry) in
+        [("position", json!({"rotation": [0, 0, 0, 1]})), ("rotation", json!({"position": [0, 0, 0]}))]
+    {
+        assert!(PoseEntry::from_json(&entry).is_err_and(|refused| refused.contains(missing)));
+    }
+    for hfov_deg in [0.0, 180.0, -5.0] {
+        let mut bad = good.clone();
+        bad["hfov_deg"] = json!(hfov_deg);
+        assert!(PoseEntry::from_json(&bad).is_err_and(|refused| refused.contains("hfov")), "{hfov_deg}");
+    }
+    assert!(PoseEntry::from_json(&json!([1, 2])).is_err());
 }

@@ -1,4 +1,4 @@
-"""What the authors' requests mean, and how they are answered."""
+"""Interpretation of the authors' requests."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Desk:
         self._start = Pose()
         self._submits = 0
         self.is_closed = False
-        """Whether the client said that it is done."""
+        """True after the client has closed the session."""
 
     def answer(self, request: Any) -> dict[str, Any]:
         """The answer to a request."""
@@ -79,7 +79,7 @@ class Desk:
         }
 
     def _told(self, episode: Episode) -> dict[str, Any]:
-        """What is told of an episode: their keys, opaque where they would name a scene."""
+        """Fields of an episode in the authors' format; scene names are opaque."""
         pose = self._senses.observations(episode.observation, self._start, episode.mission)["full_pose_sensor"]
         return {
             "episode_id": episode.id,
@@ -152,12 +152,12 @@ def _goal(goal: Goal) -> dict[str, Any]:
 
 
 def _verdict(feedback: Feedback) -> bool | None:
-    """Whether a Submit completed a goal; None where the rules do not tell."""
+    """True if a Submit completed a goal; None if the rules hide it."""
     return feedback is Feedback.CORRECT if feedback in (Feedback.CORRECT, Feedback.WRONG) else None
 
 
 def _metrics(episode: Episode) -> dict[str, Any]:
-    """The metrics that the phase shows, by the authors' names; empty where it shows none."""
+    """Public metrics by the authors' names; empty if the phase hides them."""
     shown = (episode.end.metrics if episode.end else None) or []
     named = {_METRICS[metric.name]: metric.value for metric in shown if metric.name in _METRICS}
     found = next((metric.value for metric in shown if metric.name == "isr"), None)

@@ -14,17 +14,17 @@ _MARK = "__ndarray__"
 
 
 def pack(message: dict[str, Any]) -> list[bytes]:
-    """The frames of a message; arrays may lie anywhere in it."""
+    """Returns the frames of a message with arrays at any depth."""
     arrays: list[bytes] = []
     tree = _without_arrays(message, arrays)
     return [msgpack.packb(tree, use_bin_type=True), *arrays]
 
 
 def unpack(frames: Sequence[bytes]) -> Any:
-    """The message of frames; its arrays are read-only views of them.
+    """Returns the message of frames; its arrays are read-only views.
 
     Raises:
-        ValueError: when the frames are no such message.
+        ValueError: if the frames are not a valid message.
     """
     try:
         tree = msgpack.unpackb(frames[0], raw=False)

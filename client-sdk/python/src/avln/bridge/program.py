@@ -20,7 +20,7 @@ _LOOK_UP_MS = 200
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the program; gives back its exit code."""
+    """Runs the program and returns the exit code."""
     options = _parser().parse_args(arguments)
     try:
         run = begin(
@@ -67,7 +67,7 @@ def _serve(run: Play, address: str) -> int:
 
 
 def answer_all(desk: Desk, socket: zmq.Socket[bytes]) -> None:
-    """Answers requests until the client says that it is done."""
+    """Answers requests until the client closes the session."""
     while not desk.is_closed:
         if socket.poll(_LOOK_UP_MS):
             socket.send_multipart(pack(_answer(desk, socket.recv_multipart())))

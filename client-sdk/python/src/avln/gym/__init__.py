@@ -1,8 +1,8 @@
 """Episodes as Gymnasium environments; `pip install 'avln[gym]'`.
 
-`import avln` registers `"avln/LHAVLN-v1"` where Gymnasium is installed, for `gymnasium.make("avln/LHAVLN-v1", server=…,
-token=…)` and for `gymnasium.make_vec` with `vectorization_mode="vector_entry_point"`, which plays several slots of one
-run at once.
+`import avln` registers `"avln/LHAVLN-v1"` if Gymnasium is installed, for
+`gymnasium.make("avln/LHAVLN-v1", server=…, token=…)` and for `gymnasium.make_vec` with
+`vectorization_mode="vector_entry_point"`, which plays several slots of a run in parallel.
 """
 
 try:
@@ -15,7 +15,7 @@ from avln.gym.spaces import GOAL_TEXT_BYTES, MAX_GOALS, ObservationSpace
 from avln.gym.vector import LHAVLNVectorEnv
 
 ENV_ID = "avln/LHAVLN-v1"
-"""What the environment is registered as."""
+"""Registered name of the environment."""
 
 if ENV_ID not in gymnasium.registry:
     gymnasium.register(

@@ -1,4 +1,4 @@
-"""One slot as a Gymnasium environment."""
+"""A slot as a Gymnasium environment."""
 
 from __future__ import annotations
 
@@ -25,23 +25,25 @@ if TYPE_CHECKING:
     from avln.play import Episode
 
 Reward = Callable[[Observation, Action, Observation], float]
-"""What a step is worth: the observation before it, the action, the observation after it."""
+"""Reward function: observation before the step, action, observation after it."""
 
 
 def no_reward(_before: Observation, _action: Action, _after: Observation) -> float:
-    """Every step is worth 0: scores are the server's, and it tells none while an episode goes on."""
+    """Returns 0 for every step: the server hides scores during an episode."""
     return 0.0
 
 
 class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
-    """One slot of a run.
+    """A slot of a run.
 
-    Actions are `avln.Action`'s values, 0 to 4; observations are as `ObservationSpace` has them. `terminated` says that
-    the task itself ended the episode (Stop, the last Submit), `truncated` that anything else did.
+    Actions are the values of `avln.Action`, 0 to 4; observations follow `ObservationSpace`.
+    `terminated` means that the task ended the episode (Stop, final Submit), `truncated` any
+    other end.
 
-    `reset` begins the next episode of the run. Where the phase limits how many runs a team has, that is all: an
-    explicit seed is refused, and so is a reset after the last episode. Elsewhere, as in practice, `reset(seed=…)`
-    begins the run anew, so that the same episodes come in the same order, and runs follow one another without end.
+    `reset` starts the next episode of the run. If the phase limits the number of runs, an
+    explicit seed and a reset after the last episode are refused. Otherwise, as in practice,
+    `reset(seed=…)` restarts the run with the same episodes in the same order, and runs follow
+    each other without end.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012, as its base has it
@@ -61,24 +63,24 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
         link: Link | None = None,
         render_mode: str | None = None,
     ) -> None:
-        """Connects and begins a run.
+        """Connects and starts a run.
 
         Args:
             server: address like `http://127.0.0.1:50051`.
-            token: the account's, or one run's.
+            token: account token or run token.
             phase: id of the phase; empty for `Arena.practice_phase`.
             method: name on the leaderboard.
             order: `avln.Order`, or its word.
-            sensors: which sensors, and how; by default all at 256 x 256 pixels.
-            keys: which entries observations have; by default all.
-            goal_side: pixels a side of the pictures of goals.
-            reward: what a step is worth; by default nothing.
-            link: how to connect, where the defaults do not do.
+            sensors: sensors and their settings; by default all at 256 x 256 pixels.
+            keys: entries of observations; by default all.
+            goal_side: side of goal images, pixels.
+            reward: reward function; by default 0.
+            link: connection options.
             render_mode: `rgb_array`, or None.
 
         Raises:
-            Error: when the server refuses or the connection is lost.
-            ValueError: when a key is no entry.
+            Error: if the server refuses or the connection is lost.
+            ValueError: if a key is unknown.
         """
         sensors = sensors or Sensors()
         self._runs = Runs(server, token, phase, method, Order(order), sensors=sensors, link=link)
@@ -92,19 +94,19 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
 
     @property
     def episode(self) -> Episode | None:
-        """The episode that is being played, with its mission, time and end; None before the first reset."""
+        """The present episode with mission, time and end; None before the first reset."""
         return self._episode
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Begins the next episode, or with a seed the first one of another run.
+        """Starts the next episode, or with a seed the first episode of another run.
 
-        The info holds the mission: its order, and of each goal its modality with words or picture.
+        The info contains the mission: order, and per goal the modality with words or image.
 
         Raises:
-            RunOverError: where runs are counted, when no episode is left or a seed is given.
-            ValueError: when there are options, of which there are none.
+            RunOverError: in counted runs, if no episode remains or a seed is given.
+            ValueError: if options are given.
         """
         super().reset(seed=seed)
         refuse_options(options)
@@ -125,13 +127,13 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
         return play.receive_episode()
 
     def step(self, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Takes one step.
+        """Takes a step.
 
-        The info of an episode's last step holds its end reason, and metrics where the phase shows them.
+        The info of the last step contains the end reason, and metrics if the phase shows them.
 
         Raises:
             EpisodeOverError: after the end, or before the first reset.
-            Error: when the server refuses or the connection is lost.
+            Error: if the server refuses or the connection is lost.
         """
         episode = self._episode
         if episode is None:
@@ -146,7 +148,7 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
         return self._layout.observation(episode.observation, self._mission)
 
     def render(self) -> NDArray[np.uint8] | None:
-        """What the agent sees, u8 [height, width, 3]; None without a colour picture or a render mode."""
+        """Returns the agent's view, u8 [height, width, 3]; None without a colour image or render mode."""
         return self._episode.observation.rgb if self._episode and self.render_mode else None
 
     def close(self) -> None:
@@ -159,12 +161,12 @@ class LHAVLNEnv(gymnasium.Env[dict[str, Any], Any]):
 
 
 def ended(episode: Episode) -> tuple[bool, bool]:
-    """Whether an episode is terminated, and whether it is truncated."""
+    """Returns the flags terminated and truncated."""
     return (False, False) if episode.end is None else (episode.end.terminated, not episode.end.terminated)
 
 
 def end_info(episode: Episode) -> dict[str, Any]:
-    """What the info of a step tells: nothing before an episode's end."""
+    """Returns the info of a step: empty before the end of the episode."""
     if episode.end is None:
         return {}
     shown = {metric.name: metric.value for metric in episode.end.metrics or ()}
@@ -172,7 +174,7 @@ def end_info(episode: Episode) -> dict[str, Any]:
 
 
 def mission_info(mission: Mission) -> dict[str, Any]:
-    """What the info of a reset tells: the mission in words and pictures of their own sizes."""
+    """Returns the info of a reset: the mission with words and unscaled images."""
     goals = [
         {"modality": goal.modality.name.lower()}
         | ({"image": goal.image} if goal.modality is Modality.IMAGE else {"text": goal.text})
@@ -182,10 +184,10 @@ def mission_info(mission: Mission) -> dict[str, Any]:
 
 
 def refuse_options(options: dict[str, Any] | None) -> None:
-    """Refuses options of `reset`.
+    """Rejects options of `reset`.
 
     Raises:
-        ValueError: when there are any.
+        ValueError: if there are any.
     """
     if options:
         raise ValueError(f"reset with options {sorted(options)}: there are none; leave them out")

@@ -1,4 +1,4 @@
-"""Runs that are begun one after the other."""
+"""Consecutive runs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Runs:
-    """Runs of one method in one phase: as many as are asked for where runs are not counted, else one."""
+    """Runs of a method in a phase: unlimited if runs are not counted, otherwise a single run."""
 
     def __init__(
         self,
@@ -38,19 +38,19 @@ class Runs:
         is_given = token.startswith(RUN_TOKEN)
         with undone_on_error(self._arena, self._run, is_own=not is_given):
             self.phase = self._run.phase or phase
-            """The phase; empty where a run's own token was given and no phase."""
+            """The phase; empty with a run token and no phase."""
             self.is_counted = is_given or any(quota.is_counted for quota in self._arena.quota(self.phase))
-            """Whether the phase limits how many runs a team has."""
+            """True if the phase limits the number of runs."""
             self.plays = self._open()
             """The slots of the open run."""
         self.is_fresh = True
-        """Whether no episode of the open run has begun."""
+        """True if no episode of the open run has started."""
 
     def lay_out(self, keys: Sequence[str] | None, goal_side: int) -> ObservationSpace:
-        """How observations of these runs are laid out.
+        """Returns the observation layout of these runs.
 
         Raises:
-            ValueError: when a key is no entry; the run ends.
+            ValueError: if a key is unknown; the run ends.
         """
         try:
             return ObservationSpace(self.plays[0].task, self._sensors, keys, goal_side)
@@ -59,15 +59,15 @@ class Runs:
             raise
 
     def begin_episode_of(self, play: Play) -> None:
-        """Notes that a slot asks for an episode."""
+        """Records that a slot requests an episode."""
         play.request_episode()
         self.is_fresh = False
 
     def begin_anew(self, because: str) -> None:
-        """Ends the open run and begins another.
+        """Ends the open run and starts another.
 
         Raises:
-            RunOverError: where runs are counted.
+            RunOverError: if runs are counted.
         """
         if self.is_fresh:
             return

@@ -61,7 +61,7 @@ class ObservationSpace:
         if unknown:
             raise ValueError(f"observe {unknown}: these sensors deliver {sorted(known)}; choose keys among them")
         self.space = spaces.Dict({key: known[key] for key in wanted})
-        """The space that observations lie in; every bound is finite."""
+        """Space of observations; every bound is finite."""
 
     def mission(self, mission: Mission) -> dict[str, Any]:
         """The entries that stay the same during an episode."""
@@ -80,7 +80,7 @@ class ObservationSpace:
         return entries
 
     def observation(self, seen: Observation, mission: dict[str, Any]) -> dict[str, Any]:
-        """An observation, with a copy of what `mission` gave; arrays of sensors may be read-only."""
+        """Returns an observation with a copy of the `mission` entries; sensor arrays may be read-only."""
         pose = seen.pose
         entries = {
             "rgb": seen.rgb,

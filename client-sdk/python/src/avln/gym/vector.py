@@ -1,4 +1,4 @@
-"""Several slots of one run as a Gymnasium vector environment."""
+"""Several slots of a run as a Gymnasium vector environment."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Stepped = tuple[Arrays, "NDArray[np.float64]", "NDArray[np.bool_]", "NDArray[np.
 
 
 class _Seat:
-    """One slot, between two steps."""
+    """A slot between two steps."""
 
     def __init__(self, play: Play, layout: ObservationSpace) -> None:
         self.play = play
@@ -38,14 +38,14 @@ class _Seat:
         self.mission: Arrays = {}
         self.observation: Arrays = {key: np.zeros(s.shape, s.dtype) for key, s in layout.space.spaces.items()}
         self.asked = False
-        """Whether the next episode was asked for."""
+        """True if the next episode was requested."""
 
     @property
     def is_playing(self) -> bool:
         return self.episode is not None and not self.episode.is_over
 
     def begin(self) -> Arrays:
-        """Receives the episode that was asked for; gives what the info tells of it."""
+        """Receives the requested episode; returns its info."""
         self.asked = False
         episode = self.play.receive_episode()
         if episode is None:
@@ -56,12 +56,13 @@ class _Seat:
 
 
 class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
-    """The slots of one run: all of them take a step, and the server works on them at the same time.
+    """The slots of a run: all take a step, and the server works in parallel.
 
-    Episodes follow one another by `AutoresetMode.NEXT_STEP`: the step after an episode's end ignores its action and
-    gives the first observation of the next. A slot for which the run has no episode left is idle: `info["idle"]` is
-    True, its action is ignored and its observation stays. When all are idle, the next step begins another run where the
-    phase does not limit how many a team has, and raises `RunOverError` elsewhere. Arguments are those of `LHAVLNEnv`.
+    Episodes follow each other by `AutoresetMode.NEXT_STEP`: the step after an end ignores its
+    action and returns the first observation of the next episode. A slot without a remaining
+    episode is idle: `info["idle"]` is True, its action is ignored and its observation stays. If
+    all slots are idle, the next step starts another run if the phase does not limit them, and
+    raises `RunOverError` otherwise. Arguments are those of `LHAVLNEnv`.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012, as its base has it
@@ -103,7 +104,7 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
 
     @property
     def episodes(self) -> list[Episode | None]:
-        """The episode of each slot, with its mission, time and end."""
+        """The episode per slot, with mission, time and end."""
         return [seat.episode for seat in self._seats]
 
     def _seat(self) -> list[_Seat]:
@@ -112,11 +113,11 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Arrays, Arrays]:
-        """Begins the next episode in each slot, or with a seed the first ones of another run.
+        """Starts the next episode in every slot, or with a seed the first episodes of another run.
 
         Raises:
-            RunOverError: where runs are counted, when no episode is left or a seed is given.
-            ValueError: when there are options, of which there are none.
+            RunOverError: in counted runs, if no episode remains or a seed is given.
+            ValueError: if options are given.
         """
         refuse_options(options)
         if seed is not None:
@@ -142,11 +143,11 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
         return self._stacked(), infos
 
     def step(self, actions: Any) -> Stepped:
-        """Takes a step in each slot; begins the next episode where the last one is over.
+        """Takes a step in every slot; starts the next episode after an end.
 
         Raises:
-            RunOverError: where runs are counted, when no episode is left.
-            Error: when the server refuses or the connection is lost.
+            RunOverError: in counted runs, if no episode remains.
+            Error: if the server refuses or the connection is lost.
         """
         waiting = self._runs.plays[0].progress.waiting
         if waiting == 0 and not any(seat.is_playing for seat in self._seats):
@@ -160,7 +161,7 @@ class LHAVLNVectorEnv(VectorEnv[Arrays, Any, Any]):
         return self._received(taken, acting)
 
     def _ask_for_episodes(self) -> None:
-        """Asks for as many episodes as wait, in slots that play none: one too many would not be answered for long."""
+        """Requests the remaining episodes in idle slots; an excess request would stay unanswered for a long time."""
         waiting = self._runs.plays[0].progress.waiting
         idle = [seat for seat in self._seats if not seat.is_playing]
         for seat in idle[:waiting]:

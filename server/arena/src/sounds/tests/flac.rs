@@ -1,4 +1,4 @@
-//! A writer of FLAC files (RFC 9639) that stores samples as they are: one channel, constant blocks, no prediction.
+//! A writer of FLAC files (RFC 9639) without compression: mono, constant blocks, no prediction.
 
 /// Samples of a block.
 const BLOCK: usize = 4096;
@@ -6,7 +6,7 @@ const BLOCK: usize = 4096;
 /// The file of `samples`, -1 to 1, in `bits` of 16 or 24.
 pub(super) fn encoded(samples: &[f32], rate_hz: u32, bits: u32) -> Vec<u8> {
     let mut file = b"fLaC".to_vec();
-    // The last block of metadata, the only one: facts of the stream, 34 bytes.
+    // The only and last metadata block: stream info, 34 bytes.
     file.extend([0x80, 0, 0, 34]);
     let mut facts = Bits::default();
     facts.put(BLOCK as u64, 16);
@@ -27,7 +27,7 @@ pub(super) fn encoded(samples: &[f32], rate_hz: u32, bits: u32) -> Vec<u8> {
 fn frame(number: usize, samples: &[f32], bits: u32) -> Vec<u8> {
     let mut frame = Bits::default();
     frame.put(0xfff8, 16);
-    // Length of the block in 16 bits at the end of the header; rate as the stream says.
+    // Block size in 16 bits at the end of the header; rate from the stream info.
     frame.put(0b0111_0000, 8);
     frame.put(0, 4);
     frame.put(if bits == 16 { 0b100 } else { 0b110 }, 3);

@@ -3,7 +3,7 @@
 use crate::{
     build::MissionRules,
     check::fault::Constraint,
-    cue::{CueSpec, Description, View},
+    cue::{CueSpec, Description, CueView},
     describe::{Facts, fits_only, unsaid},
     mission::GoalSpec,
     survey::{Palette, Sighting, SurveyOptions, ThresholdsOnly, choose_pictures, look_around},
@@ -204,7 +204,7 @@ impl<'a> Seen<'a> {
     }
 
     /// Returns the problem with a picture of `instance`.
-    pub(super) fn picture(&self, instance: u32, view: &View) -> Option<String> {
+    pub(super) fn picture(&self, instance: u32, view: &CueView) -> Option<String> {
         let objects = &self.assets.scene.objects;
         let sighting = self.sightings.iter().find(|sighting| objects[sighting.index].id.0 == instance);
         let known = sighting.is_some_and(|sighting| {

@@ -1,6 +1,6 @@
 //! Check of sentences, independent of their generation: from claims to matching objects.
 //!
-//! Every claim has two readings. The plain one must hold for the target. The generous one, with wide thresholds and
+//! Every claim has two readings. The plain one must be true for the target. The generous one, with wide thresholds and
 //! every benefit of the doubt, must fail for all rivals.
 
 use crate::describe::{
@@ -50,7 +50,7 @@ pub(crate) fn fits_only(facts: &Facts, claims: &Claims, target: usize) -> bool {
         && rivals(facts, claims, target).is_empty()
 }
 
-/// True if a claim about `target` holds for `index`.
+/// True if a claim about `target` is true for `index`.
 pub(crate) fn holds(facts: &Facts, claim: &Claim, target: usize, index: usize, reading: Reading) -> bool {
     let object = &facts.scene.objects[index];
     let words = &object.attributes;
@@ -81,7 +81,7 @@ fn has_color(facts: &Facts, object: &Object, word: &str, reading: Reading) -> bo
     }
 }
 
-/// True if a size word holds: by label, or, read generously, for any object not clearly on the other side of the
+/// True if a size word applies: by label, or, read generously, for any object not clearly on the other side of the
 /// target.
 fn has_size(target: &Object, object: &Object, word: &str, reading: Reading) -> bool {
     const CLEAR: f32 = 1.25;

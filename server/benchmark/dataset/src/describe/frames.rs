@@ -125,7 +125,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     #[test]
-    fn there_are_enough_frames_and_each_says_what_it_promises() {
+    fn frames_are_complete_and_numerous() {
         let frames: Vec<Frame> = Frame::all().collect();
         let texts: BTreeSet<_> = frames.iter().map(|frame| frame.text).collect();
         assert!(texts.len() >= 40 && texts.len() == frames.len());

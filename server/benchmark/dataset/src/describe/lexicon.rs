@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn no_category_is_said_as_an_identifier() {
+    fn categories_are_written_as_words() {
         for category in avln_scene::categories::TARGET_CATEGORIES {
             let nouns = general_nouns(category);
             assert!(!nouns.is_empty(), "{category}");
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn a_general_noun_means_all_of_a_category_and_a_telling_one_few() {
+    fn general_noun_fits_the_whole_category() {
         let name = |noun: &str, category: &str| Name { noun: noun.into(), category: category.into() };
         let (armchair, chair) = (object("chair", "armchair"), object("chair", ""));
         assert!(may_be_called(&armchair, &name("chair", "chair")));

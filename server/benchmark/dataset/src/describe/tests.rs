@@ -130,7 +130,7 @@ fn said_of(index: usize) -> Vec<String> {
 }
 
 #[test]
-fn each_thing_is_placed_as_one_sees_it() {
+fn relations_follow_the_view_of_a_visitor() {
     let expected: [(usize, &[&str]); 8] = [
         (
             BED,
@@ -160,7 +160,7 @@ fn each_thing_is_placed_as_one_sees_it() {
 }
 
 #[test]
-fn the_checker_agrees_with_all_that_is_said() {
+fn checker_accepts_all_written_claims() {
     let (assets, palettes) = bedroom();
     let relater = Relater::new(Facts::new(&assets, &palettes));
     let everything: Vec<usize> = (0..assets.scene.objects.len()).collect();
@@ -181,7 +181,7 @@ fn place(facts: &Facts, index: usize, relation: Relation, landmark: usize) -> Cl
 }
 
 #[test]
-fn the_checker_refuses_what_is_not_so() {
+fn checker_rejects_false_claims() {
     let (assets, palettes) = bedroom();
     let facts = Facts::new(&assets, &palettes);
     for (index, relation, landmark) in [
@@ -202,7 +202,7 @@ fn the_checker_refuses_what_is_not_so() {
 }
 
 #[test]
-fn a_twin_nearby_is_a_rival_and_one_of_another_colour_is_not() {
+fn same_coloured_twin_is_a_rival() {
     let twins = |color: &str| {
         let flat = Flat::new()
             .with("table", "brown", [2.0, 0.0, 2.0], [3.0, 0.7, 3.0])

@@ -2,7 +2,7 @@
 
 use crate::{
     build::Recipe,
-    cue::View,
+    cue::CueView,
     describe::Claims,
     mission::ReferenceTour,
     split::{SceneSource, SceneSpec},
@@ -154,7 +154,7 @@ pub(super) struct SealedGoal {
     pub(super) start_distance_m: f64,
     /// View for the reference picture; image goals only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) view: Option<View>,
+    pub(super) view: Option<CueView>,
     /// Claims in the sentence; description goals only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) claims: Option<Claims>,

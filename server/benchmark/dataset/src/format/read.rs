@@ -295,7 +295,7 @@ fn json_error(error: &serde_json::Error) -> String {
 
 /// Finiteness checks: JSON has no infinity, but numbers too large for their type become infinite.
 mod finite {
-    use crate::{cue::View, mission::ReferenceTour};
+    use crate::{cue::CueView, mission::ReferenceTour};
     use avln_geom::{Point3, Pose};
     use avln_truth::Target;
 
@@ -324,7 +324,7 @@ mod finite {
             .or_else(|| target.viewpoints.iter().find_map(|place| pose(place, "target.viewpoints")))
     }
 
-    pub(super) fn view(view: &View) -> Bad {
+    pub(super) fn view(view: &CueView) -> Bad {
         pose(&view.pose, "goals.view").or_else(|| number(f64::from(view.hfov_rad), "goals.view"))
     }
 

@@ -111,8 +111,7 @@ impl<'a> Sampler<'a> {
         let goals = &self.options.goals;
         let middle = 0.5 * (goals.start() + goals.end()) as f64;
         let share = 1.0 + steps.spread * (2.0 * rng.unit() - 1.0);
-        // More goals need longer tours: without the proportion, missions with few goals would be rejected again and
-        // again.
+        // More goals need longer tours: without the proportion, missions with few goals would rarely match.
         let wanted = steps.mean * share * count as f64 / middle;
         let off = |draft: &Draft| (f64::from(draft.steps) - wanted).abs();
         let mut best: Option<Draft> = None;

@@ -1,6 +1,6 @@
 //! Measurements of a picture of an object: size, outline, colours.
 
-use crate::{cue::View, survey::options::SurveyOptions};
+use crate::{cue::CueView, survey::options::SurveyOptions};
 use avln_scene::{InstanceId, colors};
 use avln_world::Frame;
 use std::{collections::BTreeMap, sync::LazyLock};
@@ -68,7 +68,7 @@ fn bin([r, g, b]: [u8; 3]) -> usize {
 /// Measurements of an instance in a picture.
 #[derive(Clone, Debug)]
 pub(crate) struct Look {
-    pub(crate) view: View,
+    pub(crate) view: CueView,
     /// Pixel share, 0 to 1.
     pub(crate) share: f32,
     /// Outline share on the picture border, 0 to 1.
@@ -88,7 +88,7 @@ pub(crate) struct Look {
 impl Look {
     /// Measures a frame; `None` if `instance` is invisible.
     pub(crate) fn of(
-        view: View,
+        view: CueView,
         frame: &Frame,
         instance: InstanceId,
         options: &SurveyOptions,
@@ -296,12 +296,12 @@ mod tests {
             depth: vec![1.0; 400],
             instances: ids.collect(),
         };
-        let view = View { pose: Pose::new(Point3::origin(), 0.0), hfov_rad: 1.5, side_px: 20 };
+        let view = CueView { pose: Pose::new(Point3::origin(), 0.0), hfov_rad: 1.5, side_px: 20 };
         Look::of(view, &frame, InstanceId(7), &SurveyOptions::default())
     }
 
     #[test]
-    fn a_clear_picture_is_good() {
+    fn clear_picture_is_good() {
         let look = look([6, 6], [200, 30, 30], [240, 240, 240]).expect("it is in the picture");
         assert!((look.share - 64.0 / 400.0).abs() < 1e-6);
         assert_eq!((look.truncation, look.contrast, look.distinctness), (0.0, 1.0, 1.0));
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_off_or_the_colour_of_the_wall_is_not() {
+    fn truncated_or_camouflaged_object_is_not_good() {
         let options = SurveyOptions::default();
         // Two 8-pixel sides without their shared corner are on the border: 15 out of 28 outline pixels.
         let cut = look([12, 12], [200, 30, 30], [240, 240, 240]).expect("it is in the picture");
@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn a_palette_counts_words_and_names_the_mean() {
+    fn palette_counts_words_and_names_the_mean() {
         let mut palette = Palette::default();
         assert_eq!((palette.mean_word(), palette.share_of("red")), (None, 0.0));
         (0..3).for_each(|_| palette.add([200, 30, 30]));
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_agrees_with_the_names() {
+    fn color_table_agrees_with_names() {
         for (word, rgb) in colors::PALETTE {
             let mut palette = Palette::default();
             palette.add(rgb);

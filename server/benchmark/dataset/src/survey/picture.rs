@@ -1,7 +1,7 @@
 //! Choice of unambiguous reference pictures.
 
 use crate::{
-    cue::View,
+    cue::CueView,
     survey::{look::Look, options::SurveyOptions, sighting::Sighting},
 };
 use avln_scene::{Object, Scene};
@@ -25,17 +25,17 @@ pub(crate) fn choose_pictures(
     sighting: &Sighting,
     all: &[Sighting],
     options: &SurveyOptions,
-) -> (Vec<View>, f32) {
+) -> (Vec<CueView>, f32) {
     let category = &sighting.target.category;
     let rivals: Vec<&Sighting> = all
         .iter()
         .filter(|other| other.target.category == *category && other.index != sighting.index)
         .collect();
-    let mut chosen: Vec<View> = Vec::new();
+    let mut chosen: Vec<CueView> = Vec::new();
     let mut least: Option<f32> = None;
     for look in &sighting.looks {
         let margin = rivals.iter().map(|rival| margin(scene, sighting, look, rival)).fold(1.0, f32::min);
-        let apart = |other: &View| (other.pose.position - look.view.pose.position).norm() >= APART_M;
+        let apart = |other: &CueView| (other.pose.position - look.view.pose.position).norm() >= APART_M;
         if chosen.len() < options.images && margin >= options.min_image_margin && chosen.iter().all(apart) {
             chosen.push(look.view.as_cue());
             least = Some(least.map_or(margin, |least| least.min(margin)));
@@ -118,7 +118,7 @@ mod tests {
     /// Sofa `index`, seen in one colour before another, with or without the lamp.
     fn sighting(scene: &Scene, index: usize, color: [u8; 3], around: [u8; 3], lamp: bool) -> Sighting {
         let bounds = scene.objects[index].bounds;
-        let view = View { pose: Pose::new(bounds.center(), 0.0), hfov_rad: 1.5, side_px: 96 };
+        let view = CueView { pose: Pose::new(bounds.center(), 0.0), hfov_rad: 1.5, side_px: 96 };
         let of = |rgb: [u8; 3]| Histogram::of(std::iter::once(rgb));
         let look = Look {
             view,
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn a_twin_in_the_same_room_rules_pictures_out() {
+    fn twin_in_the_same_room_excludes_pictures() {
         assert_eq!(
             chosen([0, 0], false, RED, BLUE),
             (0, 0.0),
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_company_and_another_room_tell_apart() {
+    fn colours_company_or_room_distinguish_instances() {
         assert_eq!(chosen([0, 0], false, BLUE, WHITE), (1, 1.0));
         assert_eq!(chosen([0, 0], true, RED, WHITE), (1, 1.0), "only the first one has a lamp next to it");
         assert_eq!(chosen([0, 1], false, RED, BLUE), (1, 1.0));
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn the_only_one_of_its_kind_is_told_apart() {
+    fn unique_instance_has_full_margin() {
         let scene = scene([0, 0]);
         let all = [sighting(&scene, 0, RED, WHITE, false)];
         let (views, margin) = choose_pictures(&scene, &all[0], &all, &SurveyOptions::default());

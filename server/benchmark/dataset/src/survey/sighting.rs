@@ -1,7 +1,7 @@
 //! Sightings: pictures of the target objects of a scene from their success regions.
 
 use crate::{
-    cue::View,
+    cue::CueView,
     survey::{
         look::{Look, Palette, collect_colors},
         options::SurveyOptions,
@@ -99,7 +99,7 @@ impl Surveyor<'_> {
 
     /// Takes and measures a picture; returns the verifier's result with it, or `None` if the object is invisible.
     fn take(&mut self, object: &Object, pose: Pose) -> Option<(Look, bool)> {
-        let view = View { pose, hfov_rad: 2.0 * Rules::HALF_VIEW_RAD, side_px: self.options.look_px };
+        let view = CueView { pose, hfov_rad: 2.0 * Rules::HALF_VIEW_RAD, side_px: self.options.look_px };
         let frame = view.render(self.assets, self.rules);
         collect_colors(&frame, &mut self.palettes);
         let look = Look::of(view, &frame, object.id, self.options)?;

@@ -2,7 +2,7 @@
 
 use avln_dataset::{
     Constraint, CueSpec, Depth, Description, EpisodeSpec, Fault, Instance, MissionRules, SceneSource,
-    SceneSpec, StepGoal, SurveyOptions, ThresholdsOnly, Verifier, View, check_scene, sample_missions, survey,
+    SceneSpec, StepGoal, SurveyOptions, ThresholdsOnly, Verifier, CueView, check_scene, sample_missions, survey,
     survey_with,
 };
 use avln_episode::{Modality, Rules};
@@ -193,7 +193,7 @@ fn found(verifier: &dyn Verifier) -> Vec<Instance> {
     survey_with(&ASSETS, &Rules::paper(), &SurveyOptions::default(), verifier)
 }
 
-fn render(view: &View, side_px: u32) -> Frame {
+fn render(view: &CueView, side_px: u32) -> Frame {
     let rules = Rules::paper();
     let mut eye = view.pose.position;
     eye.y += rules.camera_height_m;

@@ -170,7 +170,7 @@ fn step(referee: &mut Referee, action: Action) -> (Action, u64) {
 }
 
 #[test]
-fn every_sense_goes_on_bit_by_bit_wherever_it_was_interrupted() {
+fn replay_continues_bit_by_bit_from_any_step() {
     let mut whole = noisy();
     whole.start();
     let outcomes: Vec<_> = WALK.iter().map(|&action| whole.step(action).expect("still running")).collect();
@@ -188,7 +188,7 @@ fn every_sense_goes_on_bit_by_bit_wherever_it_was_interrupted() {
 }
 
 #[test]
-fn the_facts_are_those_of_an_episode_that_was_not_interrupted() {
+fn replayed_episode_has_equal_facts() {
     let mut whole = noisy();
     let taken: Vec<_> = WALK.iter().map(|&action| step(&mut whole, action)).collect();
     let mut resumed = noisy();
@@ -197,7 +197,7 @@ fn the_facts_are_those_of_an_episode_that_was_not_interrupted() {
 }
 
 #[test]
-fn another_world_is_told_by_its_step() {
+fn divergence_names_the_step() {
     let mut referee = quick(Order::Ordered);
     let mut taken: Vec<_> = WALK[..4].iter().map(|&action| step(&mut referee, action)).collect();
     taken[2].1 ^= 1;

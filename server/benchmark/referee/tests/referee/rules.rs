@@ -11,7 +11,7 @@ use avln_truth::{EpisodeTruth, Record};
 use std::f32::consts::FRAC_PI_2;
 
 #[test]
-fn success_reaches_two_metres_from_the_camera_to_the_box() {
+fn success_radius_is_two_metres_from_camera_to_box() {
     // The box's near face is at z = -4.75 and lower than the camera of 1 m only at its rim: 2 m away is z = -2.75.
     let mut referee = quick(Order::Unordered);
     go(&mut referee, &[(MoveForward, 10)]);
@@ -26,7 +26,7 @@ fn success_reaches_two_metres_from_the_camera_to_the_box() {
 }
 
 #[test]
-fn ordered_missions_take_the_next_goal_only_and_a_wrong_submit_keeps_it() {
+fn ordered_mission_accepts_the_next_goal_only() {
     let mut referee = quick(Order::Ordered);
     // To the second target first: it does not count yet.
     go(&mut referee, &[(TurnLeft, 3), (MoveForward, 12), (Submit, 1)]);
@@ -38,7 +38,7 @@ fn ordered_missions_take_the_next_goal_only_and_a_wrong_submit_keeps_it() {
 }
 
 #[test]
-fn a_claim_at_another_thing_of_the_right_category_is_told_apart() {
+fn claim_at_distractor_is_recorded() {
     const TO_DISTRACTOR: [(Action, usize); 4] =
         [(TurnLeft, 6), (MoveForward, 24), (TurnLeft, 3), (MoveForward, 16)];
     for order in [Order::Ordered, Order::Unordered] {
@@ -62,7 +62,7 @@ fn a_claim_at_another_thing_of_the_right_category_is_told_apart() {
 }
 
 #[test]
-fn the_authors_rules_skip_a_goal_after_a_wrong_submit() {
+fn authors_rules_skip_a_goal_after_a_wrong_submit() {
     let mut referee = episode(Order::Ordered, Rules::authors(), blind());
     go(&mut referee, &[(Submit, 1)]);
     let facts = record(referee);
@@ -70,7 +70,7 @@ fn the_authors_rules_skip_a_goal_after_a_wrong_submit() {
 }
 
 #[test]
-fn the_last_submit_is_final_and_may_complete_a_goal() {
+fn last_submit_is_final_and_can_complete_a_goal() {
     let mut referee = quick(Order::Unordered);
     let first = go(&mut referee, &[(Submit, 1)]);
     assert_eq!((first.observation.remaining_submits, first.end), (1, None));
@@ -81,7 +81,7 @@ fn the_last_submit_is_final_and_may_complete_a_goal() {
 }
 
 #[test]
-fn stop_ends_the_episode_at_once_and_nothing_can_follow() {
+fn stop_ends_the_episode() {
     let mut referee = quick(Order::Unordered);
     assert_eq!(go(&mut referee, &[(Stop, 1)]).end, Some(EndReason::Stopped));
     let error = referee.step(MoveForward).expect_err("it is over");
@@ -91,7 +91,7 @@ fn stop_ends_the_episode_at_once_and_nothing_can_follow() {
 }
 
 #[test]
-fn a_whole_mission_can_be_completed() {
+fn whole_mission_can_be_completed() {
     let mut referee = quick(Order::Ordered);
     go(&mut referee, &AHEAD);
     go(&mut referee, &[(Submit, 1)]);
@@ -102,7 +102,7 @@ fn a_whole_mission_can_be_completed() {
 }
 
 #[test]
-fn all_five_actions_count_as_steps_and_the_last_one_is_carried_out() {
+fn all_five_actions_count_as_steps() {
     let rules = Rules { max_steps: 13, ..Rules::paper() };
     let mut referee = episode(Order::Unordered, rules, blind());
     let before = go(&mut referee, &AHEAD);
@@ -113,7 +113,7 @@ fn all_five_actions_count_as_steps_and_the_last_one_is_carried_out() {
 }
 
 #[test]
-fn the_pose_is_told_relative_to_the_start() {
+fn pose_is_relative_to_the_start() {
     let mut referee = quick(Order::Unordered);
     let told = go(&mut referee, &[(TurnLeft, 3), (MoveForward, 4)]).observation.pose;
     assert!((told.position - Point3::new(-1.0, 0.0, 0.0)).norm() < 0.02, "{told:?}");
@@ -121,7 +121,7 @@ fn the_pose_is_told_relative_to_the_start() {
 }
 
 #[test]
-fn a_found_target_falls_silent_and_the_others_take_turns() {
+fn found_target_falls_silent_and_others_alternate() {
     let sensors = Sensors { rgb: false, depth: false, ..Sensors::all(64, 64) };
     let mut referee = episode(Order::Unordered, Rules::paper(), sensors);
     go(&mut referee, &AHEAD);
@@ -136,7 +136,7 @@ fn a_found_target_falls_silent_and_the_others_take_turns() {
 }
 
 #[test]
-fn feedback_is_what_the_rules_allow() {
+fn feedback_follows_the_rules() {
     for (rule, right, wrong) in [
         (FeedbackRule::None, Feedback::None, Feedback::None),
         (FeedbackRule::Accepted, Feedback::Accepted, Feedback::Accepted),
@@ -150,7 +150,7 @@ fn feedback_is_what_the_rules_allow() {
 }
 
 #[test]
-fn the_same_actions_give_the_same_observations_and_hashes() {
+fn equal_actions_give_equal_observations_and_hashes() {
     let walk = [(MoveForward, 3), (TurnRight, 2), (MoveForward, 5), (Submit, 1), (TurnLeft, 1)];
     let play = || {
         let mut referee = episode(Order::Unordered, Rules::paper(), Sensors::all(64, 64));
@@ -178,7 +178,7 @@ fn asking_for_the_start_again_changes_nothing() {
 }
 
 #[test]
-fn the_authors_rules_pad_the_sound_and_divide_the_depth() {
+fn authors_rules_pad_audio_and_divide_depth() {
     let paper = episode(Order::Unordered, Rules::paper(), Sensors::all(64, 64)).start();
     let raised = Rules { camera_height_m: 1.0, ..Rules::authors() };
     let authors = episode(Order::Unordered, raised, Sensors::all(64, 64)).start();

@@ -54,7 +54,7 @@ fn heard_ahead_first() -> Referee {
 }
 
 #[test]
-fn a_found_target_stops_at_once_and_rings_out() {
+fn found_target_stops_and_rings_out() {
     let mut referee = heard_ahead_first();
     let mut sounding = Vec::new();
     for _ in 0..AHEAD[0].1 {
@@ -73,7 +73,7 @@ fn a_found_target_stops_at_once_and_rings_out() {
 }
 
 #[test]
-fn the_last_open_target_sounds_without_a_pause() {
+fn last_open_target_sounds_without_pause() {
     let mut referee =
         play(&Rules::paper(), truth(Order::Unordered), &Bank::default()).expect("a legal episode");
     go(&mut referee, &AHEAD);
@@ -103,7 +103,7 @@ fn walk(rules: &Rules, truth: EpisodeTruth) -> Vec<f32> {
 }
 
 #[test]
-fn what_is_heard_does_not_depend_on_what_targets_are() {
+fn audio_is_independent_of_target_identity() {
     let renamed = || {
         let mut truth = truth(Order::Unordered);
         for (target, category) in truth.targets.iter_mut().zip(["tv_monitor", "cushion", "sofa"]) {
@@ -120,7 +120,7 @@ fn what_is_heard_does_not_depend_on_what_targets_are() {
 }
 
 #[test]
-fn an_observation_has_no_field_for_who_sounds() {
+fn observation_has_no_field_for_the_sounding_target() {
     let mut referee =
         play(&Rules::paper(), truth(Order::Unordered), &Bank::default()).expect("a legal episode");
     // A new field does not compile here: a test must show that it hides schedule and clips.

@@ -117,13 +117,7 @@ fn episode_without_goals_scores_zero() {
 }
 
 /// A truth with `goals` identical targets and a reference tour of `reference_m`.
-fn truth(
-    episode: &str,
-    scene: &str,
-    order: Order,
-    goals: usize,
-    reference_m: f64,
-) -> EpisodeTruth {
+fn truth(episode: &str, scene: &str, order: Order, goals: usize, reference_m: f64) -> EpisodeTruth {
     let target = json!({
         "instance": 1, "category": "chair", "modality": "category",
         "bounds": { "min": [0.0, 0.0, 0.0], "max": [1.0, 1.0, 1.0] },

@@ -4,8 +4,8 @@
 use crate::{Did, record, truth};
 use avln_episode::{Action, EndReason, Order, Rules};
 use avln_scoring::{
-    Direction, Entry, EpisodeScore, EpisodeValue, Estimate, Key, METRICS, Metric, Metrics, Prominence, RankedEntry,
-    Summary, SummaryValue, rank, score, summarise,
+    Direction, Entry, EpisodeScore, EpisodeValue, Estimate, Key, METRICS, Metric, Metrics, Prominence,
+    RankedEntry, Summary, SummaryValue, rank, score, summarise,
 };
 use serde_json::{Value, json};
 

@@ -263,6 +263,15 @@ struct Representative {
     episodes: ScoredEpisodes,
 }
 
+#[derive(FromRow)]
+struct ChosenEpisode {
+    run: String,
+    episode: String,
+    scene: String,
+    end_reason: Option<Word<EndReason>>,
+    metrics: Option<Json<Metrics>>,
+}
+
 #[derive(Default)]
 struct ScoredEpisodes {
     scores: Vec<EpisodeScore>,
@@ -341,12 +350,11 @@ async fn read_episodes(
     let select = "SELECT run, episode, scene, end_reason, metrics FROM episodes \
                   WHERE run IN (SELECT value FROM json_each($1)) ORDER BY run, ordinal";
     let runs: Vec<&str> = chosen.iter().map(|entry| entry.candidate.run.as_str()).collect();
-    let rows: Vec<(String, String, String, Option<Word<EndReason>>, Option<Json<Metrics>>)> =
-        sqlx::query_as(select).bind(Json(runs)).fetch_all(&mut **tx).await?;
+    let rows: Vec<ChosenEpisode> = sqlx::query_as(select).bind(Json(runs)).fetch_all(&mut **tx).await?;
     let mut episodes: BTreeMap<String, ScoredEpisodes> = BTreeMap::new();
-    for (run, episode, scene, end, metrics) in rows {
+    for ChosenEpisode { run, episode, scene, end_reason, metrics } in rows {
         let of_run = episodes.entry(run).or_default();
-        if let Some(Word(end)) = end {
+        if let Some(Word(end)) = end_reason {
             *of_run.health.entry(end.as_str()).or_default() += 1;
         }
         if let Some(Json(metrics)) = metrics {

@@ -9,7 +9,11 @@ pub(crate) mod phase;
 pub(crate) mod run;
 pub(crate) mod run_list;
 
-use crate::{cache::ViewCache, database::Store, error::StoreError, phases::Phase};
+use crate::{
+    database::{Store, ViewCache},
+    error::StoreError,
+    phases::Phase,
+};
 use avln_challenge::Visibility;
 use sqlx::{Sqlite, SqlitePool, Transaction};
 

@@ -1,11 +1,11 @@
 //! Phase and mission pages.
 
 use crate::{
+    admission::read_quotas,
     catalog::SceneMap,
     commitment::{Commitment, read_commitment},
     error::StoreError,
     phases::{PhaseHead, Ranking, read_heads},
-    quota::read_quotas,
     views::{Reader, Viewer},
 };
 use avln_challenge::{GoalText, PhaseState, Quota, QuotaLimits, Visibility};

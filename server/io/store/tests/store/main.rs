@@ -7,5 +7,4 @@ mod opening;
 mod phases;
 mod play;
 mod quota;
-mod statements;
 mod visibility;

@@ -113,9 +113,10 @@ impl Assembly {
         let model = glb::read_part(path, report)?;
         let fail = |reason: &str| malformed(path, reason);
         let texels: u64 = model.textures.iter().map(|texture| texture.pixels.len() as u64 / 4).sum();
-        self.texels_left = self.texels_left.checked_sub(texels).ok_or_else(|| {
-            fail("with it, the textures exceed the texel limit; resize them")
-        })?;
+        self.texels_left = self
+            .texels_left
+            .checked_sub(texels)
+            .ok_or_else(|| fail("with it, the textures exceed the texel limit; resize them"))?;
         let (first_material, first_texture) = (self.materials.len(), self.textures.len());
         let count = (first_material + model.materials.len()).max(first_texture + model.textures.len());
         if count > usize::from(u16::MAX) {

@@ -3,7 +3,7 @@
 use super::super::furniture::{beds, cabinets, chairs, chests, clothes, screens, sofas, stools};
 use super::*;
 
-/// How many narrow beds are tried where a wide one has no room: low ones fit below windows.
+/// Number of narrow beds tried instead of a wide one: low beds fit below windows.
 const NARROW_BEDS: usize = 5;
 
 impl Decorator<'_> {
@@ -31,7 +31,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// What the main part of a bedroom had no room for, and a place to read.
+    /// Adds the furniture missing in the main part of a bedroom, and a reading corner.
     pub(super) fn bedroom_corner(&mut self) {
         if !self.has("bed") {
             self.bed_group();
@@ -51,7 +51,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Stands a bed with its long side to a wall; the spot's own back is its head.
+    /// Places a bed with its long side at a wall; the back of the spot is the head.
     fn stand_along_wall(&mut self, bed: &Piece) -> Option<Spot> {
         const TURN: u8 = 1;
         let turned = Piece { model: bed.model.moved(TURN, Vector3::zeros()), ..bed.clone() };

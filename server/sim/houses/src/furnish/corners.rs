@@ -4,7 +4,7 @@ use super::super::furniture::{cabinets, lights, plants, shelves, tables};
 use super::*;
 
 impl Decorator<'_> {
-    /// A place to read: an armchair, a lamp or a small table beside it, a shelf.
+    /// A reading corner: an armchair, a lamp or small table, a shelf.
     pub(super) fn corner(&mut self) {
         if let Some(chair) = self.armchair(Wish::Corner) {
             let table = tables::SIDE_TABLE.any(self.taste);
@@ -28,7 +28,7 @@ impl Decorator<'_> {
         self.put(&cabinets::TALL_CABINET, Wish::Anywhere, 0.4);
     }
 
-    /// A place for what one needs at table.
+    /// A place for tableware.
     pub(super) fn pantry(&mut self) {
         let make = if self.maybe(0.5) { &cabinets::SIDEBOARD } else { &cabinets::TALL_CABINET };
         if let Some(cabinet) = self.put(make, Wish::Anywhere, 0.5)

@@ -4,7 +4,7 @@ use super::super::furniture::{chairs, decor, plants, tables};
 use super::*;
 
 impl Decorator<'_> {
-    /// A table with chairs around it; smaller ones are tried where the wished one has no room.
+    /// A table with chairs; smaller tables are tried if necessary.
     pub(super) fn dining_set(&mut self, chairs: usize) {
         let round = self.maybe(0.3);
         for wanted in [8, 6, 4, 2].into_iter().filter(|&wanted| wanted <= chairs) {
@@ -55,8 +55,8 @@ impl Decorator<'_> {
         }
     }
 
-    /// An open place for something `width` by `depth` and the side to turn its back to; its width along the
-    /// room's longer edge if possible.
+    /// Free position for a piece of `width` by `depth` and its back side, preferably wide in the longer room
+    /// direction.
     pub(super) fn place_for(&self, [width, depth]: [f32; 2]) -> Option<(Side, [f32; 2])> {
         let room = self.space.room.size();
         let mut turns = [(Side::North, [width, depth]), (Side::West, [depth, width])];
@@ -67,7 +67,7 @@ impl Decorator<'_> {
     }
 }
 
-/// A place moved by an offset in the frame of a piece with its back to `side`.
+/// A position moved by an offset in the frame of a piece with its back to `side`.
 pub(super) fn shifted(side: Side, center: [f32; 2], offset: [f32; 2]) -> [f32; 2] {
     let [x, z] = turned(side.quarter(), offset);
     [center[0] + x, center[1] + z]

@@ -1,14 +1,14 @@
-//! Single things, drawn by weights that depend on the room, until it is as full as homes are.
+//! Single pieces, drawn with room-dependent weights up to a realistic density.
 
 use super::super::furniture::*;
 use super::*;
 
-/// How a single thing is put up.
+/// Placement of a single piece.
 #[derive(Clone, Copy)]
 enum Way {
-    /// With its back to a wall, so much floor before it free, metres.
+    /// With its back to a wall and free floor in front, metres.
     Stand(Wish, f32),
-    /// On a wall, its middle so high, metres.
+    /// On a wall, with the centre at this height, metres.
     Hang(f32),
     /// A picture of a drawn format, at eye height.
     Picture,
@@ -20,7 +20,7 @@ enum Way {
 use Way::*;
 use Wish::*;
 
-/// A make, how likely it is, and how it is put up.
+/// A furniture kind, its weight, and its placement.
 type Extra = (&'static Make, f32, Way);
 
 const PICTURE: Extra = (&pictures::PICTURE, 2.60, Picture);
@@ -47,7 +47,7 @@ const COAT: Extra = (&clothes::HANGING, 0.10, Coat);
 const RADIATOR: Extra = (&hearths::RADIATOR, 0.25, Stand(Anywhere, 0.0));
 const BOARD: Extra = (&boards::BOARD, 0.5, Hang(1.5));
 
-/// What may be added to a room of a kind.
+/// Permitted extras for a room kind.
 fn choice(kind: RoomKind) -> &'static [Extra] {
     match kind {
         RoomKind::Hallway | RoomKind::Entryway => {
@@ -76,7 +76,7 @@ fn choice(kind: RoomKind) -> &'static [Extra] {
 }
 
 impl Decorator<'_> {
-    /// Adds single things, more where there is more floor, and `least` at least.
+    /// Adds single pieces by floor area, at least `least`.
     pub(super) fn extras(&mut self, kind: RoomKind, least: f32) {
         let choice = choice(kind);
         let weights: Vec<f32> = choice.iter().map(|(_, weight, _)| *weight).collect();

@@ -5,7 +5,7 @@ use super::super::furniture::{appliances, cabinets, chests, counters, plants, si
 use super::dining::shifted;
 use super::*;
 
-/// One piece of a row along a wall.
+/// A piece in a row at a wall.
 #[derive(Clone, Copy, PartialEq)]
 enum Unit {
     Counter(f32),
@@ -44,7 +44,8 @@ impl Decorator<'_> {
         }
     }
 
-    /// Counters and machines side by side along a wall, cabinets and a hood above; whether there was room.
+    /// Adds counters and machines in a row at a wall, with cabinets and a hood above. Returns true if there
+    /// was room.
     fn row_of(&mut self, units: &[Unit], look: &Look) -> bool {
         let pieces: Vec<Piece> = units.iter().map(|unit| self.unit(*unit, look)).collect();
         let total: f32 = pieces.iter().map(|piece| piece.size().x + GAP_M).sum();
@@ -67,7 +68,7 @@ impl Decorator<'_> {
         true
     }
 
-    /// Whether no window is behind a refrigerator.
+    /// Returns true if no window is behind a refrigerator.
     fn tall_ones_fit(&self, units: &[Unit], pieces: &[Piece], side: Side, start: f32) -> bool {
         let mut at = start;
         units.iter().zip(pieces).all(|(unit, piece)| {
@@ -129,7 +130,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// A cabinet above a counter, if there are to be any.
+    /// Adds a cabinet above a counter, if the kitchen has wall cabinets.
     fn above(&mut self, look: Option<&Look>, width: f32, side: Side, middle: f32) {
         if let Some(look) = look {
             let cabinet = cabinets::WALL_CABINET.drawn(look, [width * 0.95, 0.65, 0.33]);
@@ -137,7 +138,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// An island with stools before it; whether there was room.
+    /// Adds an island with stools. Returns true if there was room.
     fn island(&mut self, look: &Look) -> bool {
         let width = self.taste.rng.range(1.1, 1.6);
         let Some((side, center)) = self.place_for([width, 0.7 + 0.5]) else { return false };

@@ -82,7 +82,7 @@ impl Decorator<'_> {
         Some(spot)
     }
 
-    /// A television on a stand or above it, or on the bare wall; where `wish` says if possible.
+    /// Adds a television on a stand or on the wall, preferably at `wish`.
     pub(super) fn television(&mut self, wish: Wish) {
         let width = self.taste.rng.range(0.95, 1.25);
         let Some(stand) = self.put_sized(&cabinets::TV_STAND, [width + 0.3, 0.0, 0.0], wish, 0.6) else {
@@ -148,7 +148,7 @@ impl Decorator<'_> {
         self.lay_rug([1.8, 0.7], side, room.center());
     }
 
-    /// Curtains at both sides of a window, or a blind before its upper part, or a radiator below it.
+    /// Adds curtains at a window, a blind in its upper part, or a radiator below.
     pub(super) fn dress_window(
         &mut self,
         side: Side,
@@ -173,7 +173,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// A picture of about the given width and height, its middle at `eye_m`.
+    /// Adds a picture with an approximate size and its centre at `eye_m`.
     pub(super) fn picture_sized(
         &mut self,
         [width, height]: [f32; 2],
@@ -184,7 +184,7 @@ impl Decorator<'_> {
         self.hang(&picture, eye_m - picture.size().y / 2.0, wish)
     }
 
-    /// A mirror, if there is room for it.
+    /// Adds a mirror, if there is room.
     pub(super) fn mirror(&mut self, [width, height]: [f32; 2], wish: Wish) {
         let mirror = pictures::MIRROR.sized(self.taste, [width, height, 0.0]);
         self.hang(&mirror, 1.5 - mirror.size().y / 2.0, wish);

@@ -1,11 +1,11 @@
-//! What lies or stands on other things.
+//! Objects on top of furniture.
 
 use super::super::furniture::{beds, clothes, decor, lights, plants, towels};
 use super::*;
 
 impl Decorator<'_> {
-    /// Stands a piece of `make` on top of another one. `place` is from -1 to 1 across its width and its depth; whether
-    /// there was room for it.
+    /// Places a piece of `make` on top of another. `place` is -1 to 1 over width and depth. Returns true if
+    /// there was room.
     pub(super) fn on_top(&mut self, make: &Make, spot: &Spot, place: [f32; 2]) -> bool {
         let piece = make.any(self.taste);
         self.piece_on_top(&piece, spot, place)
@@ -30,7 +30,7 @@ impl Decorator<'_> {
         self.add_if_free(&without_base(piece), spot.side, origin)
     }
 
-    /// Adds a piece unless it meets another that lies there already.
+    /// Adds a piece unless it intersects another on the same top.
     fn add_if_free(&mut self, piece: &Piece, side: Side, origin: Vector3<f32>) -> bool {
         let bounds = piece.model.moved(side.quarter(), origin).bounds();
         let meets = self.laid.iter().any(|other| other.grown(-0.002).intersects(&bounds));
@@ -41,7 +41,7 @@ impl Decorator<'_> {
         !meets
     }
 
-    /// A few small things on a table, a chest or a cabinet.
+    /// Adds small objects on a table, chest or cabinet.
     pub(super) fn clutter(&mut self, spot: &Spot, most: usize) {
         const THINGS: [(&Make, f32); 7] = [
             (&decor::VASE, 2.0),
@@ -65,8 +65,8 @@ impl Decorator<'_> {
         self.on_top(&lights::TABLE_LAMP, table, [place, -0.3]);
     }
 
-    /// Cushions that lean against something, in the frame of `spot`: their lower edge at the height `seat_m` and
-    /// `back_m` behind its middle.
+    /// Adds leaning cushions in the frame of `spot`: lower edge at height `seat_m`, `back_m` behind the
+    /// centre.
     pub(super) fn lean_cushions(
         &mut self,
         spot: &Spot,
@@ -100,7 +100,8 @@ impl Decorator<'_> {
         piece
     }
 
-    /// A piece that lies flat on a bed or a bench, at `place` metres from the middle in its own frame, `height_m` up.
+    /// Adds a flat piece on a bed or bench, `place` metres from the centre in its frame, at height
+    /// `height_m`.
     pub(super) fn lay_flat(&mut self, make: &Make, spot: &Spot, place: [f32; 2], height_m: f32) {
         let piece = make.any(self.taste);
         let [x, z] = turned(spot.side.quarter(), place);
@@ -109,7 +110,7 @@ impl Decorator<'_> {
     }
 }
 
-/// A piece without what it rests on.
+/// A piece without its underside.
 fn without_base(piece: &Piece) -> Piece {
     let base_m = piece.model.bounds().min.y;
     let model = piece.model.without(|face| face.is_underside(base_m + 0.001));
@@ -117,7 +118,7 @@ fn without_base(piece: &Piece) -> Piece {
 }
 
 impl Spot {
-    /// Width and depth in its own frame.
+    /// Width and depth in the piece frame.
     pub(super) fn footprint(&self) -> [f32; 2] {
         let size = self.bounds.size();
         if self.side.runs_along_x() { [size.x, size.z] } else { [size.z, size.x] }

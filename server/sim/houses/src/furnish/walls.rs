@@ -1,4 +1,4 @@
-//! What hangs on walls and ceilings: windows, the front door, pictures, towels, coats, lamps.
+//! Objects on walls and ceilings: windows, front door, pictures, towels, coats, lamps.
 
 use super::super::furniture::{clothes, lights, openings, towels};
 use super::super::plan::Window;
@@ -37,7 +37,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Fixes a piece to a wall if that is free there; the wall is taken then if `take` says so.
+    /// Fixes a piece to a free wall area; `take` marks the area as used.
     pub(super) fn fix_if_free(&mut self, piece: &Piece, side: Side, middle: f32, base_m: f32, take: bool) {
         let size = piece.size();
         let patch = Patch { along: about(middle, size.x), y: [base_m, base_m + size.y] };
@@ -61,7 +61,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Hangs a shallow piece somewhere on a wall, its lower edge at `base_m`.
+    /// Hangs a shallow piece on a wall with its lower edge at `base_m`.
     pub(super) fn hang(&mut self, piece: &Piece, base_m: f32, wish: Wish) -> Option<Spot> {
         const MARGIN_M: f32 = 0.07;
         let size = piece.size();
@@ -100,7 +100,7 @@ impl Decorator<'_> {
         spot
     }
 
-    /// Hangs a deep piece where the wall and the floor below are free.
+    /// Hangs a deep piece at a free wall above free floor.
     pub(super) fn hang_somewhere(&mut self, piece: &Piece, base_m: f32) -> Option<Spot> {
         let size = piece.size();
         let mut places = self.wall_places(size.x, Wish::Anywhere);
@@ -113,7 +113,7 @@ impl Decorator<'_> {
         self.hang_deep(piece, base_m, side, start + size.x / 2.0)
     }
 
-    /// Pictures of one format side by side at eye height.
+    /// Adds a row of equal pictures at eye height.
     pub(super) fn pictures(&mut self, count: usize) {
         let format =
             [[0.45, 0.6], [0.6, 0.45], [0.9, 0.6], [0.5, 0.5], [0.7, 0.95], [1.1, 0.7], [0.35, 0.45]];
@@ -152,7 +152,7 @@ impl Decorator<'_> {
         }
     }
 
-    /// Lamps under the ceiling, one for every 16 square metres.
+    /// Adds ceiling lamps, one per 16 square metres.
     pub(super) fn ceiling_lamps(&mut self) {
         let lamp = lights::PENDANT.any(self.taste);
         let room = self.space.room;

@@ -37,7 +37,7 @@ pub(crate) const SMALL: Make = Make {
     draw: small,
 };
 
-/// A hood over a cooker; its base is on y = 0, its back on the wall.
+/// A cooker hood; base at y = 0, back at the wall.
 pub(crate) const HOOD: Make = Make {
     category: "appliances",
     noun: "range hood",

@@ -4,7 +4,7 @@ use super::parts::*;
 use super::*;
 use Substance::*;
 
-/// A toilet with its cistern against the wall.
+/// A toilet with its cistern at the wall.
 pub(crate) const TOILET: Make = Make {
     category: "toilet",
     noun: "",
@@ -14,7 +14,7 @@ pub(crate) const TOILET: Make = Make {
     draw: toilet,
 };
 
-/// A bathtub, its long side along x.
+/// A bathtub, long in x.
 pub(crate) const BATHTUB: Make = Make {
     category: "bathtub",
     noun: "",
@@ -162,7 +162,7 @@ fn shower(k: &mut Draft) -> Words {
     words(["square", "open", "rounded", "walled", "open", "flat", "rounded", "walled"][k.style])
 }
 
-/// Posts and rails where the glass is.
+/// Posts and rails of the glass.
 fn frame(k: &mut Draft, half: f32) {
     if matches!(k.style, 1 | 4 | 5) {
         return;

@@ -4,7 +4,7 @@ use super::parts::*;
 use super::*;
 use Substance::*;
 
-/// A bed as wide as wished, its head towards -z.
+/// A bed with a given width and its head towards -z.
 pub(crate) const BED: Make = Make {
     category: "bed",
     noun: "",
@@ -14,7 +14,7 @@ pub(crate) const BED: Make = Make {
     draw: bed,
 };
 
-/// A cushion that lies flat.
+/// A flat cushion.
 pub(crate) const CUSHION: Make = Make {
     category: "cushion",
     noun: "",
@@ -24,7 +24,7 @@ pub(crate) const CUSHION: Make = Make {
     draw: cushion,
 };
 
-/// Height on which a bed's things lie, metres.
+/// Height of objects on a bed, metres.
 pub(crate) const COVER_M: f32 = 0.55;
 
 fn bed(k: &mut Draft) -> Words {

@@ -26,7 +26,7 @@ pub(crate) const SIDEBOARD: Make = Make {
     draw: sideboard,
 };
 
-/// A stand for a television.
+/// A television stand.
 pub(crate) const TV_STAND: Make = Make {
     category: "cabinet",
     noun: "tv stand",
@@ -36,7 +36,7 @@ pub(crate) const TV_STAND: Make = Make {
     draw: tv_stand,
 };
 
-/// A cabinet that hangs on a wall; its base is on y = 0.
+/// A wall cabinet; base at y = 0.
 pub(crate) const WALL_CABINET: Make = Make {
     category: "cabinet",
     noun: "wall cabinet",

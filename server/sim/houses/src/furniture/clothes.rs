@@ -5,7 +5,7 @@ use Substance::*;
 
 const CLOTHS: &[Substance] = &[Fabric, Denim, Knit, Checked, Striped, Leather, Velvet, Dotted];
 
-/// Something to wear on a hook; its hem is on y = 0.
+/// Clothing on a hook; hem at y = 0.
 pub(crate) const HANGING: Make = Make {
     category: "clothes",
     noun: "coat",

@@ -12,7 +12,7 @@ pub(crate) const COUNTER_DEPTH_M: f32 = 0.62;
 
 const FACES: &[Substance] = &[Wood, Wood, Plastic, Metal, Bamboo, Concrete, Marble];
 
-/// A length of counter as wide as wished; a wished depth of 1 asks for a hole for a sink.
+/// A counter of a given width; depth 1 requests a sink cut-out.
 pub(crate) const COUNTER: Make =
     Make { category: "counter", noun: "", styles: 8, substances: FACES, colors: taste::WOOD, draw: counter };
 

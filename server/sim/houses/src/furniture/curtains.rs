@@ -3,7 +3,7 @@
 use super::*;
 use Substance::*;
 
-/// One half of a pair of curtains, as wide and high as wished.
+/// Half of a pair of curtains of a given width and height.
 pub(crate) const CURTAIN: Make = Make {
     category: "curtain",
     noun: "",
@@ -26,7 +26,7 @@ pub(crate) const BLIND: Make = Make {
     draw: blind,
 };
 
-/// A wavy sheet between two heights; its width at a height is `width_at` of the share of the height.
+/// A wavy sheet between two heights; `width_at` returns the width at a relative height.
 fn folds(k: &mut Draft, count: usize, [low, high]: Span, width_at: impl Fn(f32) -> f32) {
     const ROWS: usize = 2;
     let point = |i: usize, row: usize| {

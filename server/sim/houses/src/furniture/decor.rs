@@ -1,4 +1,4 @@
-//! Small things that stand about: vases, figures, books, baskets, bins.
+//! Small decoration: vases, figures, books, baskets, bins.
 
 use super::parts::*;
 use super::*;

@@ -37,7 +37,7 @@ pub(crate) const TABLE_LAMP: Make = Make {
     draw: table_lamp,
 };
 
-/// A lamp on a wall; its lower edge is on y = 0, its back on z = 0.
+/// A wall lamp; lower edge at y = 0, back at z = 0.
 pub(crate) const SCONCE: Make = Make {
     category: "lighting",
     noun: "wall lamp",
@@ -57,7 +57,7 @@ const PROFILES: [&[[f32; 2]]; 4] = [
 
 const SHAPES: [&str; 4] = ["conical", "cylindrical", "bell-shaped", "spherical"];
 
-/// How much light a lamp gives for each metre of its shade's radius; see [`Lamp::strength`].
+/// Lamp strength per metre of shade radius; see [`Lamp::strength`].
 const STRENGTH_PER_M: f32 = 11.0;
 
 /// The colour of a lamp: a little warm.

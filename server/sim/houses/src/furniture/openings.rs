@@ -22,7 +22,7 @@ pub(crate) fn door(taste: &mut Taste) -> Piece {
     DOOR.any(taste)
 }
 
-/// A window; its lower edge is on y = 0, its back on z = 0.
+/// A window; lower edge at y = 0, back at z = 0.
 pub(crate) fn window(width: f32, height: f32) -> Piece {
     let frame = Paint::plain("wood", [240, 238, 232]);
     let pane = Paint::plain("glass", [176, 208, 232]).with(Pattern::Sheen);

@@ -1,8 +1,8 @@
-//! Parts that many pieces share: legs, fronts with doors and drawers, wheels.
+//! Shared parts: legs, fronts with doors and drawers, wheels.
 
 use super::*;
 
-/// Four square legs under a top of the given size, `inset` from its edges.
+/// Four square legs under a top, `inset` from its edges.
 pub(super) fn legs(
     m: &mut Model,
     [width, depth]: [f32; 2],
@@ -41,7 +41,7 @@ pub(super) fn pedestal(m: &mut Model, radius: f32, height: f32, paint: Paint) {
     m.lathe([0.0, 0.0], &profile, 12, paint);
 }
 
-/// Two crossed bars at each end along x.
+/// Two crossed bars at both ends in x.
 pub(super) fn crossed_legs(m: &mut Model, [w, d]: [f32; 2], height: f32, radius: f32, paint: Paint) {
     for x in [-w / 2.0 + radius, w / 2.0 - radius] {
         let z = d / 2.0 - radius;
@@ -50,12 +50,12 @@ pub(super) fn crossed_legs(m: &mut Model, [w, d]: [f32; 2], height: f32, radius:
     }
 }
 
-/// How doors and drawers look.
+/// Style of doors and drawers.
 #[derive(Clone, Copy)]
 pub(super) struct Fronts {
     pub(super) panel: Paint,
     pub(super) handle: Paint,
-    /// Doors have an upright handle at one side, drawers a level one in the middle.
+    /// Doors have a vertical handle at a side, drawers a horizontal handle in the centre.
     pub(super) doors: bool,
 }
 
@@ -122,7 +122,7 @@ pub(super) fn handle(k: &mut Draft) -> Paint {
     if k.dark() { some.times(0.7) } else { some }
 }
 
-/// A round pad or top of `radius` between two heights, its edge rounded.
+/// A round pad or top between two heights with a rounded edge.
 pub(super) fn round_pad(m: &mut Model, radius: f32, [low, high]: Span, sides: usize, paint: Paint) {
     let edge = ((high - low) * 0.3).min(0.03);
     let profile = [[radius - edge, low], [radius, low + edge], [radius, high - edge], [radius - edge, high]];
@@ -148,7 +148,7 @@ pub(super) fn oval([cx, cy]: [f32; 2], [rx, ry]: [f32; 2], sides: usize) -> Vec<
     (0..sides).map(corner).collect()
 }
 
-/// A rectangle with a half-round top, counter-clockwise; its base is `base` high.
+/// A rectangle of height `base` with a semicircular top, counter-clockwise.
 pub(super) fn arch(width: f32, base: f32, height: f32) -> Vec<[f32; 2]> {
     let radius = width / 2.0;
     let rise = (height - base).min(radius);

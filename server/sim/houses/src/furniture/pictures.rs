@@ -15,7 +15,7 @@ pub(crate) const PICTURE: Make = Make {
     draw: picture,
 };
 
-/// A mirror of the wished width and height; its colour and material are those of the frame.
+/// A mirror of a given size; colour and material are those of the frame.
 pub(crate) const MIRROR: Make = Make {
     category: "mirror",
     noun: "",
@@ -28,7 +28,7 @@ pub(crate) const MIRROR: Make = Make {
     draw: mirror,
 };
 
-/// A bar along each side of an outline, `bar` wide, between the wall and `front`.
+/// A frame of `bar` width around an outline, between the wall and `front`.
 fn frame(m: &mut Model, outline: &[[f32; 2]], bar: f32, front: f32, paint: Paint) {
     let count = outline.len();
     let middle = outline.iter().fold([0.0; 2], |sum, p| [sum[0] + p[0], sum[1] + p[1]]);

@@ -5,7 +5,7 @@ use Substance::*;
 
 const POTS: &[Substance] = &[Ceramic, Wicker, Concrete, Plastic, Metal, Wood, Terrazzo];
 
-/// A plant for the floor; the colour is that of its leaves, the material that of its pot.
+/// A floor plant with the colour of its leaves and the material of its pot.
 pub(crate) const FLOOR_PLANT: Make = Make {
     category: "plant",
     noun: "",

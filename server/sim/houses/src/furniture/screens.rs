@@ -16,7 +16,7 @@ pub(crate) const TV: Make = Make {
     draw: tv,
 };
 
-/// A flat television for a wall; its lower edge is on y = 0, its back on z = 0.
+/// A wall television; lower edge at y = 0, back at z = 0.
 pub(crate) const WALL_TV: Make = Make {
     category: "tv_monitor",
     noun: "television",
@@ -36,7 +36,7 @@ pub(crate) const MONITOR: Make = Make {
     draw: monitor,
 };
 
-/// A case with a screen in it; `bar` is the width of its frame.
+/// A case with a screen; `bar` is the frame width.
 fn screen(k: &mut Draft, w: f32, y: Span, z: Span, bar: f32) {
     k.m.soft(about(0.0, w), y, z, 0.008, k.p);
     let (x, inner) = (about(0.0, w - 2.0 * bar), [y[0] + 1.4 * bar, y[1] - bar]);

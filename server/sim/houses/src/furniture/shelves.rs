@@ -1,4 +1,4 @@
-//! Shelves and what stands in them.
+//! Shelves and their contents.
 
 use super::parts::*;
 use super::*;
@@ -14,7 +14,7 @@ pub(crate) const BOOKCASE: Make = Make {
     draw: bookcase,
 };
 
-/// A board on a wall; its base is on y = 0.
+/// A wall shelf; base at y = 0.
 pub(crate) const WALL_SHELF: Make = Make {
     category: "shelving",
     noun: "wall shelf",
@@ -24,7 +24,7 @@ pub(crate) const WALL_SHELF: Make = Make {
     draw: wall_shelf,
 };
 
-/// A row of books or another thing on a board.
+/// A row of books or another object on a board.
 fn filled(k: &mut Draft, x: Span, y: f32, z: Span) {
     let room = x[1] - x[0];
     match k.rng.below(5) {
@@ -51,7 +51,7 @@ fn filled(k: &mut Draft, x: Span, y: f32, z: Span) {
     }
 }
 
-/// Books as one block with their spines drawn on it.
+/// Books as a single block with drawn spines.
 fn books_row(k: &mut Draft, x: Span, y: f32, z: Span) {
     let height = k.len(0.19, 0.25);
     let spines = Paint::plain("paper", [255; 3]).with(Pattern::Books(k.rng.below(12) as u8));

@@ -17,7 +17,7 @@ pub(crate) const PEDESTAL_SINK: Make = Make {
     draw: pedestal_sink,
 };
 
-/// A basin to stand on a cabinet.
+/// A basin on top of a cabinet.
 pub(crate) const VESSEL_SINK: Make = Make {
     category: "sink",
     noun: "",
@@ -72,7 +72,7 @@ fn vessel_sink(k: &mut Draft) -> Words {
     [size, ["oval", "square", "round", "rectangular", "conical"][k.style]]
 }
 
-/// A hollow basin between two heights, a tap at its back.
+/// A hollow basin between two heights, with a tap at the back.
 fn basin(k: &mut Draft, [w, d]: [f32; 2], [low, high]: Span, round: bool) {
     let p = k.p;
     let m = &mut k.m;

@@ -14,7 +14,7 @@ pub(crate) const SOFA: Make = Make {
     draw: sofa,
 };
 
-/// How the upholstery is cut.
+/// Upholstery style.
 pub(super) struct Upholstery {
     arm: f32,
     arm_top: f32,
@@ -22,7 +22,7 @@ pub(super) struct Upholstery {
     bevel: f32,
     /// Arms are rolled cylinders.
     rolled: bool,
-    /// The back is one piece with deep stitching.
+    /// True for a single back with deep stitching.
     tufted: bool,
     pub(super) shape: &'static str,
 }
@@ -100,7 +100,7 @@ fn sofa(k: &mut Draft) -> Words {
     [size_word(w, 1.65, 2.05, ["small", "large"]), shape]
 }
 
-/// A padded bench with one arm and a low back over half of it.
+/// A padded bench with a single arm and a low back over one half.
 fn daybed(k: &mut Draft, [w, top, d]: [f32; 3]) -> &'static str {
     legs(&mut k.m, [w, d], 0.14, 0.06, 0.04, k.trim);
     k.pad(about(0.0, w), [0.14, 0.3], about(0.0, d));

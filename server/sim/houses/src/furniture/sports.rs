@@ -37,7 +37,7 @@ fn machine(k: &mut Draft) -> Words {
     }
 }
 
-/// One walks towards -z.
+/// A treadmill, used towards -z.
 fn treadmill(k: &mut Draft) -> Words {
     k.noun = "treadmill";
     let p = k.p;

@@ -34,7 +34,7 @@ pub(crate) const FOOTSTOOL: Make = Make {
     draw: footstool,
 };
 
-/// A bench, a pouf or another seat for more than one or for none in particular.
+/// A bench, pouf or similar seat.
 pub(crate) const SEATING: Make = Make {
     category: "seating",
     noun: "bench",

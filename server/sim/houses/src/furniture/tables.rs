@@ -56,7 +56,7 @@ pub(crate) const DESK: Make = Make {
     draw: desk,
 };
 
-/// Whether a dining table of style `style` wants chairs all around.
+/// Returns true if a dining table of this style has chairs all around.
 fn is_round(style: usize) -> bool {
     matches!(style, 3 | 4)
 }

@@ -1,4 +1,4 @@
-//! What every piece of furniture must be.
+//! Invariants of furniture.
 
 use super::*;
 use crate::Pool;

@@ -4,7 +4,7 @@ use super::parts::*;
 use super::*;
 use Substance::*;
 
-/// A towel on a rail or a hook; its lower edge is on y = 0.
+/// A towel on a rail or hook; lower edge at y = 0.
 pub(crate) const TOWEL: Make = Make {
     category: "towel",
     noun: "",

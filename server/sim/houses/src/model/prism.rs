@@ -1,11 +1,11 @@
-//! Outlines pulled along an axis: boards, discs, arches.
+//! Extruded outlines: boards, discs, arches.
 
 use super::{Model, Span};
 use crate::paint::Paint;
 use avln_geom::Point3;
 
 impl Model {
-    /// A convex outline in x and y, counter-clockwise from +z, pulled along z.
+    /// Extrudes a convex outline in x and y, counter-clockwise from +z, in z.
     pub(crate) fn prism_z(&mut self, outline: &[[f32; 2]], z: Span, paint: Paint) {
         self.prism(outline, z, paint, |[x, y], z| Point3::new(x, y, z));
     }
@@ -15,7 +15,7 @@ impl Model {
         self.prism(outline, y, paint, |[x, back], y| Point3::new(x, y, -back));
     }
 
-    /// A convex outline in -z and y, counter-clockwise from +x, pulled along x.
+    /// Extrudes a convex outline in -z and y, counter-clockwise from +x, in x.
     pub(crate) fn prism_x(&mut self, outline: &[[f32; 2]], x: Span, paint: Paint) {
         self.prism(outline, x, paint, |[back, y], x| Point3::new(x, y, -back));
     }
@@ -39,7 +39,7 @@ impl Model {
         }
     }
 
-    /// A box on something behind it: its back is left out.
+    /// A box without its back face.
     pub(crate) fn lid(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
         self.solid(x, y, z);
         let p = |i: usize, j: usize, k: usize| Point3::new(x[i], y[j], z[k]);
@@ -50,7 +50,7 @@ impl Model {
         self.quad([p(0, 0, 0), p(1, 0, 0), p(1, 0, 1), p(0, 0, 1)], paint);
     }
 
-    /// A box on something below it: its underside is left out.
+    /// A box without its underside.
     pub(crate) fn slab(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
         self.solid(x, y, z);
         self.rim(x, y, z, paint);
@@ -67,7 +67,7 @@ impl Model {
         self.quad([p(0, 0, 0), p(0, 0, 1), p(0, 1, 1), p(0, 1, 0)], paint);
     }
 
-    /// An outline in x and y seen from +z, with a picture stretched over its box.
+    /// An outline in x and y seen from +z, with a picture stretched over its bounds.
     pub(crate) fn pictured(&mut self, outline: &[[f32; 2]], z: f32, paint: Paint) {
         let range = |axis: usize| {
             outline.iter().fold([f32::MAX, f32::MIN], |[low, high], p| [low.min(p[axis]), high.max(p[axis])])

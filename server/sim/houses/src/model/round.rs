@@ -6,13 +6,13 @@ use avln_geom::{Point3, Vector3, angle};
 use std::f32::consts::TAU;
 
 impl Model {
-    /// A solid of revolution about the vertical through `center` (x, z). `profile` goes from its lower to its
-    /// upper end in (radius, height); ends that are not on the axis are closed by discs.
+    /// A solid of revolution about the vertical axis at `center` (x, z). `profile` is (radius, height) from
+    /// bottom to top; open ends are closed by discs.
     pub(crate) fn lathe(&mut self, center: [f32; 2], profile: &[[f32; 2]], sides: usize, paint: Paint) {
         self.oval(center, [1.0, 1.0], profile, sides, paint);
     }
 
-    /// Like [`Model::lathe`], stretched by `stretch` along x and z.
+    /// Like [`Model::lathe`], scaled by `stretch` in x and z.
     pub(crate) fn oval(
         &mut self,
         center: [f32; 2],
@@ -93,7 +93,7 @@ impl Model {
     }
 }
 
-/// Where the corners of a turned shape lie.
+/// Corners of a turned shape.
 struct Ring {
     center: [f32; 2],
     stretch: [f32; 2],

@@ -1,13 +1,13 @@
-//! Faces that nobody sees are left out: they cost time, and real scans have none.
+//! Removal of invisible faces: they cost time, and real scans have none.
 
 use super::{Corner, Model};
 use avln_geom::{Aabb, Point3, Vector3};
 
-/// How far before a face something must be solid for nobody to see it, metres.
+/// Distance in front of a face that must be solid to hide it, metres.
 const BEFORE_M: f32 = 0.002;
 
 impl Model {
-    /// This model without the faces that lie inside of its own boxes.
+    /// The model without faces inside its own boxes.
     pub(crate) fn seen(&self) -> Model {
         let boxes: Vec<Aabb> = self.solids.iter().map(|solid| solid.grown(1e-4)).collect();
         self.without(|face| {
@@ -16,7 +16,7 @@ impl Model {
         })
     }
 
-    /// This model without the triangles for which `hidden` holds.
+    /// The model without `hidden` triangles.
     pub(crate) fn without(&self, hidden: impl Fn(&Facet) -> bool) -> Model {
         let mut model = Model { solids: self.solids.clone(), lamps: self.lamps.clone(), ..Model::default() };
         let mut moved: Vec<Option<u32>> = vec![None; self.corners.len()];
@@ -47,12 +47,12 @@ impl Facet {
         Some(Self { points, normal })
     }
 
-    /// Its corners, each `distance_m` towards whoever looks at it.
+    /// Corners moved by `distance_m` towards the visible side.
     pub(crate) fn moved(&self, distance_m: f32) -> [Point3<f32>; 3] {
         self.points.map(|point| point + self.normal * distance_m)
     }
 
-    /// Whether it looks straight down from below `height_m`.
+    /// Returns true if the face points straight down below `height_m`.
     pub(crate) fn is_underside(&self, height_m: f32) -> bool {
         self.normal.y < -0.99 && self.points.iter().all(|point| point.y < height_m)
     }

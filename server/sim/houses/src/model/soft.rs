@@ -5,7 +5,7 @@ use crate::paint::Paint;
 use avln_geom::{Point3, Vector3};
 
 impl Model {
-    /// A box whose edges are cut off by `bevel` metres and shaded round.
+    /// A box with edges cut by `bevel` metres and smooth shading.
     pub(crate) fn soft(&mut self, x: Span, y: Span, z: Span, bevel: f32, paint: Paint) {
         self.solid(x, y, z);
         let spans = [x, y, z];
@@ -47,7 +47,7 @@ impl Model {
         }
     }
 
-    /// The slanted edge that leaves the corner `at` along `axis`.
+    /// The bevelled edge at corner `at` in direction `axis`.
     fn soft_edge(&mut self, spans: &[Span; 3], at: [usize; 3], axis: usize, bevel: f32, paint: Paint) {
         let mut far = at;
         far[axis] = 1;
@@ -58,7 +58,7 @@ impl Model {
         self.quad(if flip { [points[3], points[2], points[1], points[0]] } else { points }, paint);
     }
 
-    /// A flat triangle, counter-clockwise from the side that one sees.
+    /// A flat triangle, counter-clockwise from the visible side.
     pub(crate) fn triangle(&mut self, points: [Point3<f32>; 3], paint: Paint) {
         let normal = (points[1] - points[0]).cross(&(points[2] - points[0]));
         let normal = normal.try_normalize(1e-12).unwrap_or_else(Vector3::y);
@@ -69,7 +69,7 @@ impl Model {
         self.triangles.push(([first, first + 1, first + 2], paint));
     }
 
-    /// A stuffed pillow that lies on y = `y[0]`: thick in the middle, thin at its seam.
+    /// A pillow on y = `y[0]`: thick in the centre, thin at the seam.
     pub(crate) fn pillow(&mut self, x: Span, y: Span, z: Span, paint: Paint) {
         const CELLS: usize = 5;
         let half = (y[1] - y[0]) / 2.0;
@@ -99,7 +99,7 @@ fn inner(span: Span, end: usize, bevel: f32) -> f32 {
     if end == 0 { span[0] + bevel } else { span[1] - bevel }
 }
 
-/// The point near the corner `at` of the box that lies on the flat side across `axis`.
+/// The point near box corner `at` on the flat side perpendicular to `axis`.
 fn soft_tip(spans: &[Span; 3], at: [usize; 3], axis: usize, bevel: f32) -> Point3<f32> {
     let coordinate = |i: usize| if i == axis { spans[i][at[i]] } else { inner(spans[i], at[i], bevel) };
     Point3::new(coordinate(0), coordinate(1), coordinate(2))

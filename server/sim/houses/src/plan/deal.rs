@@ -7,16 +7,16 @@ use super::skeleton::Block;
 use crate::rect::{Rect, Side, common};
 use avln_geom::Rng;
 
-/// Which units lie in each block, in their order along the hallway.
+/// Units per block, in order on the hallway.
 type Deal = Vec<Vec<usize>>;
 
-/// Wall along the hallway that a room needs for its door, metres.
+/// Hallway frontage required by a room door, metres.
 const FRONTAGE_M: f32 = 1.4;
 
 /// Least width of a closet's or bathroom's cell, metres.
 const NARROW_M: f32 = 1.72;
 
-/// The best of many deals, found by annealing.
+/// The best assignment found by annealing.
 pub(super) fn deal(rng: &mut Rng, blocks: &[Block], units: &[Unit]) -> Deal {
     const MOVES: i32 = 2500;
     let mut deal: Deal = vec![vec![]; blocks.len()];
@@ -39,7 +39,7 @@ pub(super) fn deal(rng: &mut Rng, blocks: &[Block], units: &[Unit]) -> Deal {
     deal
 }
 
-/// A deal with one unit moved or two exchanged, and the two blocks that differ.
+/// An assignment with a unit moved or two swapped, and the two changed blocks.
 fn changed(rng: &mut Rng, deal: &Deal) -> Option<(Deal, [usize; 2])> {
     let mut changed = deal.clone();
     let from = rng.below(deal.len());
@@ -60,7 +60,7 @@ fn changed(rng: &mut Rng, deal: &Deal) -> Option<(Deal, [usize; 2])> {
     Some((changed, [from, to]))
 }
 
-/// How ill the units suit a block.
+/// Cost of the units in a block.
 fn block_cost(block: &Block, members: &[usize], units: &[Unit]) -> f32 {
     if members.is_empty() {
         return 20.0 + block.rect.area_m2();
@@ -95,7 +95,7 @@ fn least_width_m(unit: &Unit) -> f32 {
     own + if beside { NARROW_M } else { 0.0 }
 }
 
-/// Rooms across the end of a hallway are large and stand alone.
+/// Cost of rooms at the end of a hallway, which are large and single.
 fn closing_cost(members: &[usize], units: &[Unit]) -> f32 {
     let unit = &units[members[0]];
     let suits = matches!(unit.kind, LivingRoom | GameRoom | Garage | DiningRoom | Kitchen | Gym | Library)
@@ -103,7 +103,7 @@ fn closing_cost(members: &[usize], units: &[Unit]) -> f32 {
     6.0 * (members.len() - 1) as f32 + if suits { 0.0 } else { 3.0 }
 }
 
-/// How well two neighbours suit each other, 0 or 1.
+/// Affinity of two neighbours, 0 or 1.
 pub(super) fn friendship(a: RoomKind, b: RoomKind) -> f32 {
     const FRIENDS: [[RoomKind; 2]; 12] = [
         [Kitchen, DiningRoom],
@@ -122,7 +122,7 @@ pub(super) fn friendship(a: RoomKind, b: RoomKind) -> f32 {
     f32::from(u8::from(FRIENDS.iter().any(|pair| *pair == [a, b] || *pair == [b, a])))
 }
 
-/// Length along the hallway and depth away from it.
+/// Length on the hallway and depth from it.
 fn measures(block: &Block) -> [f32; 2] {
     let [x, z] = block.rect.size();
     if block.hall.runs_along_x() { [x, z] } else { [z, x] }
@@ -133,11 +133,11 @@ fn measures(block: &Block) -> [f32; 2] {
 pub(super) struct Piece {
     pub(super) kind: RoomKind,
     pub(super) cells: Vec<Rect>,
-    /// How many places before this piece the room comes that one enters it through; 0 for the hallway.
+    /// Distance back in the list to the host room; 0 for the hallway.
     pub(super) host: usize,
 }
 
-/// Cuts a block into its units, each host before its annexes.
+/// Cuts a block into its units, hosts before annexes.
 pub(super) fn cut(rng: &mut Rng, block: &Block, members: &[usize], units: &[Unit]) -> Vec<Piece> {
     let span = block.hall.span(&block.rect);
     let [length, depth] = measures(block);
@@ -155,7 +155,7 @@ pub(super) fn cut(rng: &mut Rng, block: &Block, members: &[usize], units: &[Unit
     pieces
 }
 
-/// A unit's host and annexes inside its slot.
+/// The host and annexes of a unit inside its slot.
 fn split(rng: &mut Rng, slot: Rect, hall: Side, unit: &Unit) -> Vec<Piece> {
     let holes = match unit.annexes.as_slice() {
         [] => vec![],
@@ -170,17 +170,18 @@ fn split(rng: &mut Rng, slot: Rect, hall: Side, unit: &Unit) -> Vec<Piece> {
     pieces
 }
 
-/// Least width of what a closet leaves of its room beside it, metres.
+/// Smallest remaining width next to a closet, metres.
 const BESIDE_M: f32 = 1.4;
 
-/// The place of one annex: closets beside the hallway, what has a window at the outer wall.
+/// Position of an annex: closets at the hallway, rooms with windows at the outer wall.
 fn corner(rng: &mut Rng, slot: &Rect, hall: Side, annex: &Annex) -> Rect {
     let span = hall.span(slot);
     let (width, depth) = (span[1] - span[0], slot.area_m2() / (span[1] - span[0]));
     let wanted = annex.area_m2 * rng.range(0.8, 1.3);
     let mut along = libm::sqrtf(wanted).max(NARROW_M).min(width);
     let rest = width - along;
-    // What is left beside it must be wide enough to stand in, else it takes the whole width, away from the hallway.
+    // The remainder must be wide enough to stand in, otherwise the annex uses the whole width, off the
+    // hallway.
     let at_hall = annex.kind == Closet && rest >= BESIDE_M;
     if !at_hall && rest < NARROW_M {
         along = width;
@@ -192,7 +193,7 @@ fn corner(rng: &mut Rng, slot: &Rect, hall: Side, annex: &Annex) -> Rect {
     snapped(slot, hall.band(slot, along, depths))
 }
 
-/// The places of two annexes: a column at one side of the slot, closets at the hallway.
+/// Positions of two annexes: a column at a side of the slot, closets at the hallway.
 fn column(rng: &mut Rng, slot: &Rect, hall: Side, annexes: [&Annex; 2]) -> Vec<Rect> {
     let span = hall.span(slot);
     let depth = slot.area_m2() / (span[1] - span[0]);

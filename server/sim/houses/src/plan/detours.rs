@@ -1,4 +1,4 @@
-//! How far one walks around walls, before there is any furniture.
+//! Detours around walls, before furniture.
 
 use super::{Opening, Plan, Room};
 use crate::rect::Rect;
@@ -6,11 +6,10 @@ use crate::rect::Rect;
 /// Distance between the places that are compared, metres.
 const SPACING_M: f32 = 0.7;
 
-/// Places are compared that lie between these distances of each other as the crow flies, metres. Nearer ones tell how
-/// thick the walls are.
+/// Straight distances of compared positions, metres. Closer pairs only measure wall thickness.
 const APART_M: [f32; 2] = [2.0, 3.2];
 
-/// The largest ratio of walking to straight distance of places on one storey; inside of a room one walks straight.
+/// Largest ratio of geodesic to straight distance on a storey; paths inside a room are straight.
 pub(super) fn longest(plan: &Plan) -> f32 {
     let ways = Ways::of(plan);
     let places = places(plan);
@@ -50,7 +49,7 @@ fn places(plan: &Plan) -> Vec<Place> {
     places
 }
 
-/// Where somebody can stand beside the walls.
+/// Standing area next to the walls.
 fn floor(room: &Room) -> impl Iterator<Item = Rect> {
     const BODY_M: f32 = 0.1;
     room.floor()
@@ -115,7 +114,7 @@ mod tests {
     use super::*;
     use crate::plan::RoomKind;
 
-    /// Rooms of 4 m by 4 m in a row, a door at the far end of each wall between them.
+    /// Rooms of 4 m by 4 m in a row, with doors at alternate ends.
     fn row(doors: &[f32]) -> Plan {
         let room = |index: usize| Room {
             kind: RoomKind::Office,

@@ -1,4 +1,4 @@
-//! Where rooms lie: storeys of arms around hallways, or a row of rooms in the smallest houses.
+//! Room positions: storeys of arms around hallways, or a single row in the smallest houses.
 
 use super::deal::{self, Piece};
 use super::programme::{self, Unit};
@@ -15,7 +15,7 @@ const ENTRYWAY_FROM: usize = 8;
 /// The fewest rooms of a house with two storeys.
 pub(crate) const STAIRS_FROM: usize = 11;
 
-/// Floor area that the rooms of one storey take at least and at most, hallways not counted, square metres.
+/// Smallest and largest floor area of the rooms on a storey without hallways, square metres.
 const STOREY_M2: [f32; 2] = [46.0, 202.0];
 
 /// Lays out `count` rooms (at least 1) on up to `storeys` storeys; the best of several draws.
@@ -39,7 +39,7 @@ pub(super) fn lay_out(rng: &Rng, count: usize, storeys: usize) -> Vec<Room> {
     best.map_or_else(|| row(&mut rng.fork("row"), count), |(_, rooms)| rooms)
 }
 
-/// Houses without a hallway: one row of rooms.
+/// Houses without a hallway: a single row of rooms.
 fn row(rng: &mut Rng, count: usize) -> Vec<Room> {
     let kinds = programme::programme(rng, count);
     let depth_m = rng.range(4.0, 4.8);
@@ -77,7 +77,7 @@ fn arms(rng: &mut Rng, count: usize, storeys: usize) -> Option<Vec<Room>> {
     fit_together(&rooms).then_some(rooms)
 }
 
-/// Whether every room has a floor and none lies inside another.
+/// Returns true if every room has a floor and no room is inside another.
 fn fit_together(rooms: &[Room]) -> bool {
     let apart = |index: usize, room: &Room| {
         let others = rooms[index + 1..].iter().filter(|other| other.storey == room.storey);
@@ -97,7 +97,7 @@ fn wing_count(rng: &mut Rng, count: usize, storeys: usize) -> usize {
     }
 }
 
-/// Adds the rooms of one storey; `None` when there are too few of them to go round.
+/// Adds the rooms of a storey; `None` if there are too few.
 fn fill(
     rng: &mut Rng,
     rooms: &mut Vec<Room>,
@@ -121,7 +121,7 @@ fn fill(
     deal.iter().all(|members| !members.is_empty()).then_some(())
 }
 
-/// How much is wrong with the shapes of the rooms; 0 is good.
+/// Shape faults of the rooms; 0 is good.
 fn faults(rooms: &[Room]) -> f32 {
     let storey_m2 = |storey: usize| {
         let cells = rooms.iter().filter(|room| room.storey == storey).flat_map(|room| &room.cells);

@@ -5,7 +5,7 @@ use super::{Opening, Rect, Room, RoomKind, WALL_M};
 use crate::rect::common;
 use avln_geom::Rng;
 
-/// Distance that a door keeps from the corners of a room, metres.
+/// Distance of a door from room corners, metres.
 const CORNER_M: f32 = 0.12;
 /// Widths of doors between their jambs, metres.
 const DOOR_M: [f32; 2] = [0.85, 0.95];
@@ -15,7 +15,7 @@ const ARCH_HEIGHT_M: f32 = 2.25;
 /// Share of the tree's doors that are added to make loops.
 const LOOPS: [f32; 2] = [0.15, 0.25];
 
-/// Openings that make all of `rooms` one connected floor.
+/// Openings that connect all `rooms`.
 pub(super) fn connect(rng: &mut Rng, rooms: &[Room]) -> Vec<Opening> {
     let mut walls = shared_walls(rooms);
     rng.shuffle(&mut walls);
@@ -33,7 +33,7 @@ struct SharedWall {
     rooms: [usize; 2],
     along_x: bool,
     line_m: f32,
-    /// Where a door may be, on the axis along the wall.
+    /// Possible door range on the wall axis.
     along: [f32; 2],
 }
 
@@ -91,13 +91,13 @@ fn kinds(rooms: &[Room], wall: &SharedWall) -> [RoomKind; 2] {
     wall.rooms.map(|room| rooms[room].kind)
 }
 
-/// Whether one of the two rooms is entered through the other.
+/// Returns true if one of the rooms is entered through the other.
 fn belong(rooms: &[Room], [a, b]: [usize; 2]) -> bool {
     rooms[a].host == Some(b) || rooms[b].host == Some(a)
 }
 
-/// How unwelcome a door in this wall is: least between passages and into annexes, then from passages, then between
-/// rooms that suit each other.
+/// Cost of a door in this wall: lowest between passages and into annexes, then from passages, then between
+/// related rooms.
 fn price(rng: &mut Rng, rooms: &[Room], wall: &SharedWall) -> f32 {
     let [a, b] = kinds(rooms, wall);
     let annexed = wall.rooms.into_iter().any(|room| rooms[room].host.is_some());
@@ -135,7 +135,7 @@ fn spanning_tree(rooms: &[Room], walls: Vec<SharedWall>) -> (Vec<SharedWall>, Ve
     })
 }
 
-/// Some of the walls that the tree left, those between rooms that suit each other first.
+/// Some remaining walls, related rooms first.
 fn loops(rng: &mut Rng, rooms: &[Room], tree: usize, rest: Vec<SharedWall>) -> Vec<SharedWall> {
     let wanted = (tree as f32 * rng.range(LOOPS[0], LOOPS[1])).round().max(1.0) as usize;
     let taste = |wall: &SharedWall| {
@@ -175,14 +175,14 @@ fn opening(rng: &mut Rng, rooms: &[Room], wall: &SharedWall) -> Opening {
     Opening { rooms: wall.rooms, along_x: wall.along_x, line_m: wall.line_m, along, height_m }
 }
 
-/// Whether two rooms get an open arch between them.
+/// Returns true for an open arch between two rooms.
 fn open(rng: &mut Rng, [a, b]: [RoomKind; 2]) -> bool {
     let suits = is_public(a) && is_public(b)
         || [a, b].contains(&RoomKind::GameRoom) && (is_public(a) || is_public(b));
     suits && rng.chance(0.75)
 }
 
-/// Whether open arches suit a room.
+/// Returns true if a room may have open arches.
 fn is_public(kind: RoomKind) -> bool {
     use RoomKind::*;
     matches!(kind, Hallway | Entryway | LivingRoom | Kitchen | DiningRoom)

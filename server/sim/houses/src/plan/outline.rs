@@ -1,15 +1,15 @@
-//! From the rectangles of a room to its floor and its walls.
+//! Floor and walls of a room from its rectangles.
 
 use crate::rect::{Rect, Side};
 
-/// A straight piece of wall as one sees it from inside.
+/// A straight wall face seen from inside.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Face {
-    /// Which way it looks.
+    /// Facing direction.
     pub(crate) side: Side,
-    /// Where it stands, on the axis across it.
+    /// Position on the perpendicular axis.
     pub(crate) line_m: f32,
-    /// What it covers on the axis along it.
+    /// Range on the wall axis.
     pub(crate) along: [f32; 2],
 }
 
@@ -23,7 +23,7 @@ impl Face {
     }
 }
 
-/// A shape with right angles: a grid of lines, and which of its cells belong to the shape.
+/// A rectilinear shape: grid lines and inside cells.
 pub(crate) struct Outline {
     x: Vec<f32>,
     z: Vec<f32>,
@@ -32,8 +32,8 @@ pub(crate) struct Outline {
 }
 
 impl Outline {
-    /// The union of `rects`, every edge of it moved inwards by `margin_m` (outwards when that is negative). Parts of
-    /// the union are wider than twice the margin.
+    /// The union of `rects` shrunk by `margin_m` (grown if negative). Parts must be wider than twice the
+    /// margin.
     pub(crate) fn inset(rects: &[Rect], margin_m: f32) -> Self {
         let lines = |axis: fn(&Rect) -> [f32; 2]| {
             let both = rects.iter().flat_map(&axis).flat_map(|v| [v - margin_m, v + margin_m]);
@@ -48,7 +48,7 @@ impl Outline {
         })
     }
 
-    /// What remains of `rect` without `holes`.
+    /// `rect` without `holes`.
     pub(crate) fn without(rect: &Rect, holes: &[Rect]) -> Self {
         let lines = |axis: fn(&Rect) -> [f32; 2]| {
             let [low, high] = axis(rect);
@@ -60,7 +60,7 @@ impl Outline {
         })
     }
 
-    /// What remains without `rect`, whose edges lie on the grid.
+    /// The shape without `rect`, whose edges are on the grid.
     pub(crate) fn less(&self, rect: &Rect) -> Self {
         Self::filled(self.x.clone(), self.z.clone(), |place| {
             rect.distance_m(place) > 0.0 && self.contains(place)
@@ -103,7 +103,7 @@ impl Outline {
         rects
     }
 
-    /// The columns of one row that lie inside, as ranges of lines.
+    /// Inside columns of a row, as line ranges.
     fn runs(&self, row: usize) -> Vec<[usize; 2]> {
         let mut runs: Vec<[usize; 2]> = Vec::new();
         for column in 0..self.x.len() - 1 {
@@ -161,7 +161,7 @@ impl Outline {
     }
 }
 
-/// Adds one side of a cell to the faces, as a longer face where it continues one.
+/// Adds a cell side to the faces, extending an existing face if possible.
 fn join(faces: &mut Vec<Face>, side: Side, cell: &Rect) {
     let (line_m, along) = (side.line_m(cell), side.span(cell));
     let continued = |face: &&mut Face| {

@@ -1,9 +1,9 @@
-//! Which rooms a house has, how large they should be, and which of them belong together.
+//! Room programme: kinds, sizes and groups.
 
 use super::RoomKind::{self, *};
 use avln_geom::Rng;
 
-/// A room that borders the hallway, and the small rooms in its corners.
+/// A room at the hallway with small rooms in its corners.
 #[derive(Clone, Debug)]
 pub(super) struct Unit {
     pub(super) kind: RoomKind,
@@ -11,7 +11,7 @@ pub(super) struct Unit {
     pub(super) annexes: Vec<Annex>,
 }
 
-/// A small room in a corner of another one.
+/// A small room in a corner of another.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Annex {
     pub(super) kind: RoomKind,
@@ -25,7 +25,7 @@ impl Unit {
     }
 }
 
-/// How many of a kind a house has at most, and how likely the next one is.
+/// Largest number per kind, and the probability of the next.
 const EXTRAS: [(RoomKind, usize, f32); 12] = [
     (DiningRoom, 1, 4.0),
     (Bedroom, 5, 3.0),
@@ -116,7 +116,7 @@ pub(super) fn units(rng: &mut Rng, kinds: &[RoomKind]) -> Vec<Unit> {
     units
 }
 
-/// The room whose corner suits a small room best.
+/// The best host for a small room.
 fn host(units: &mut [Unit], kind: RoomKind) -> Option<&mut Unit> {
     let hosts: &[RoomKind] = match kind {
         Closet => &[Bedroom, Office, Gym, GameRoom],
@@ -141,7 +141,7 @@ pub(super) fn fit(units: &mut [Unit], most_m2: f32) {
     }
 }
 
-/// Deals the rooms to two storeys: what guests see and what makes noise below, bedrooms above.
+/// Divides the rooms between two storeys: public and noisy rooms below, bedrooms above.
 pub(super) fn by_storey(rng: &mut Rng, units: Vec<Unit>) -> [Vec<Unit>; 2] {
     let total: f32 = units.iter().map(Unit::total_m2).sum();
     let mut bathrooms = 0;

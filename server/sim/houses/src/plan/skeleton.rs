@@ -1,27 +1,27 @@
-//! The shape of a storey: arms of rooms on both sides of a hallway, and where the stairs are.
+//! Storey shape: arms of rooms on both sides of a hallway, and the stairs.
 //!
-//! All of this is in the frame of the main hallway, which runs along x from 0; rows of rooms lie at smaller z (row 0)
-//! and larger z (row 1).
+//! Coordinates are in the frame of the main hallway, which starts at x = 0; rows of rooms are at smaller z
+//! (row 0) and larger z (row 1).
 
 use super::RoomKind;
 use crate::rect::{Rect, Side};
 use avln_geom::Rng;
 
-/// Width of the stairs' cell, and its least depth, metres.
+/// Width and smallest depth of the stair cell, metres.
 const STAIRS_M: [f32; 2] = [2.24, 4.37];
 
-/// The shortest stretch beside a hallway that is worth a room, metres.
+/// Smallest frontage of a room, metres.
 const LEAST_M: f32 = 2.6;
 
-/// A rectangle that rooms are cut from, side by side along its hallway.
+/// A rectangle to be divided into rooms on its hallway.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Block {
     pub(super) rect: Rect,
-    /// The side that the hallway runs along.
+    /// Side of the hallway.
     pub(super) hall: Side,
-    /// The part of that side that the hallway reaches.
+    /// Part of that side on the hallway.
     pub(super) frontage: [f32; 2],
-    /// Whether it closes the end of a hallway and is one room.
+    /// True for a single room at the end of a hallway.
     pub(super) closes: bool,
 }
 
@@ -32,33 +32,33 @@ pub(super) struct Skeleton {
     pub(super) blocks: Vec<Block>,
 }
 
-/// The measures of a house that its storeys share, metres.
+/// Common dimensions of the storeys, metres.
 #[derive(Clone, Debug)]
 pub(super) struct Frame {
     hall: f32,
     rows: [f32; 2],
     length: f32,
-    /// Where the entryway ends; 0 when there is none.
+    /// End of the entryway; 0 without.
     entry: f32,
-    /// Where the main hallway stops short of the end, a room of row 1 across it.
+    /// End of the main hallway, if a room of row 1 is across it.
     stop: f32,
-    /// Where the stairs begin along row 0.
+    /// Start of the stairs in row 0.
     stairs: Option<f32>,
     pub(super) wings: Vec<Wing>,
 }
 
-/// An arm across the main one.
+/// A perpendicular arm.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wing {
-    /// The row that its hallway cuts through.
+    /// Row cut by its hallway.
     row: usize,
-    /// Where its hallway lies along the main one.
+    /// Position of its hallway on the main hallway.
     start: f32,
     hall: f32,
     /// Depths of the rooms at smaller and larger x; 0 when that side has none.
     sides: [f32; 2],
     length: f32,
-    /// Length of the room across its end; 0 when there is none.
+    /// Length of the room across its end; 0 without.
     end: f32,
 }
 
@@ -76,7 +76,7 @@ impl Wing {
     }
 }
 
-/// What a frame is drawn for.
+/// Requirements of a frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wanted {
     /// Floor area of all rooms but the passages, square metres.
@@ -123,7 +123,7 @@ impl Frame {
         self
     }
 
-    /// The storey with the first `wings` wings; the lowest one has the entryway.
+    /// The storey with the first `wings` wings; the lowest has the entryway.
     pub(super) fn storey(&self, wings: usize, lowest: bool) -> Skeleton {
         let mut skeleton = Skeleton::default();
         self.main_hall(&mut skeleton, lowest);
@@ -173,7 +173,7 @@ impl Frame {
     }
 
     fn add_wing(&self, skeleton: &mut Skeleton, wing: &Wing) {
-        // z grows away from the main hallway; wings of row 0 are mirrored at the end.
+        // z grows from the main hallway; wings of row 0 are mirrored at the end.
         let outer = if wing.row == 1 { self.row_z(1)[1] } else { self.hall + self.rows[0] };
         let mirrored = |rect: Rect| match wing.row {
             1 => rect,
@@ -183,7 +183,7 @@ impl Frame {
         let hall_x = [wing.start, wing.start + wing.hall];
         let stop = far - wing.end;
         skeleton.passages.push((RoomKind::Hallway, mirrored(Rect::new(hall_x, [self.hall, stop]))));
-        // The room across the end takes one side of the hallway, the other side's row goes on beside it.
+        // The end room takes one side of the hallway; the row of the other side continues next to it.
         let across = usize::from(wing.sides[1] > wing.sides[0]);
         for (side, x, hall) in [(0, [low, hall_x[0]], Side::East), (1, [hall_x[1], high], Side::West)] {
             if wing.sides[side] > 0.0 {
@@ -206,7 +206,7 @@ fn wing(rng: &mut Rng, wanted: Wanted, index: usize) -> Wing {
     let share = if wanted.wings == 1 { rng.range(0.3, 0.42) } else { rng.range(0.22, 0.3) };
     let depths = [rng.range(3.4, 4.4), rng.range(3.4, 4.4)];
     let area = share * wanted.rooms_m2;
-    // Arms with few rooms have them on one side of the hallway only.
+    // Small arms have rooms on a single side of the hallway.
     let sides = match (area < 34.0 || rng.chance(0.25), rng.chance(0.5)) {
         (true, true) => [depths[0], 0.0],
         (true, false) => [0.0, depths[1]],
@@ -219,7 +219,7 @@ fn wing(rng: &mut Rng, wanted: Wanted, index: usize) -> Wing {
     Wing { row, start: 0.0, hall, sides, length, end }
 }
 
-/// Finds places for the wings along the main arm: flush with an end of it, or in between.
+/// Positions wings on the main arm: flush with an end, or in between.
 fn place(rng: &mut Rng, wings: &mut [Wing], length: f32) -> Option<()> {
     for index in 0..wings.len() {
         let wing = wings[index];
@@ -243,12 +243,12 @@ fn place(rng: &mut Rng, wings: &mut [Wing], length: f32) -> Option<()> {
     Some(())
 }
 
-/// Whether a wing has its hallway in a range of the main one.
+/// Returns true if a wing hallway is in a range of the main hallway.
 fn blocked(wings: &[Wing], from: f32, to: f32) -> bool {
     wings.iter().any(|wing| wing.start + wing.hall > from && wing.start < to)
 }
 
-/// Where the stairs may begin: where they leave no stretch beside them that is too short for a room.
+/// Start of the stairs without leaving a stretch too short for a room.
 fn stairs_start(rng: &mut Rng, length: f32, stop: f32) -> Option<f32> {
     let last = length - stop - STAIRS_M[0];
     let free = rng.range(LEAST_M, last.max(LEAST_M + 0.1));

@@ -1,14 +1,14 @@
-//! What outer walls have: windows and the front door.
+//! Outer walls: windows and the front door.
 
 use super::{CEILING_M, Face, Rect, Room, RoomKind, WALL_M, Window, remainder};
 use crate::model::about;
 use avln_geom::Rng;
 
-/// Width of the front door with its frame, and the height of its frame, metres.
+/// Width of the front door and height of its frame, metres.
 const DOOR_M: [f32; 2] = [1.1, 2.1];
 
-/// Where the front door is: in the middle of the shortest outer wall of the entryway, or else of the first room of the
-/// lowest storey that has one.
+/// Front door position: centre of the shortest outer wall of the entryway, otherwise of the first room with
+/// an outer wall on the lowest storey.
 pub(super) fn entrance(rooms: &[Room]) -> Option<Window> {
     let first = rooms.iter().position(|room| room.kind == RoomKind::Entryway);
     let mut order: Vec<usize> = first.into_iter().chain(0..rooms.len()).collect();
@@ -40,7 +40,7 @@ pub(super) fn draw(rng: &mut Rng, rooms: &[Room], entrance: Option<Window>) -> V
     windows
 }
 
-/// Sill, head and greatest width of the windows of a room; `None` where there are none.
+/// Sill, head and largest width of room windows; `None` without windows.
 fn kind_of_window(room: &Room) -> Option<[f32; 3]> {
     match room.kind {
         RoomKind::Closet => None,
@@ -53,7 +53,7 @@ fn kind_of_window(room: &Room) -> Option<[f32; 3]> {
     }
 }
 
-/// One or two windows in one piece of outer wall, if it is long enough.
+/// One or two windows in an outer wall, if it is long enough.
 fn row(rng: &mut Rng, of: &Room, room: usize, wall: Face) -> Vec<Window> {
     let Some([sill, head, widest]) = kind_of_window(of) else { return vec![] };
     let length = wall.along[1] - wall.along[0];

@@ -1,7 +1,7 @@
-//! Stairs between two storeys: two flights side by side, a half landing, a wall between the flights.
+//! Stairs between two storeys: two parallel flights, a half landing, a wall between the flights.
 //!
-//! Both storeys enter the stairs from the same side. All of this is in the frame of the stairs: `along` runs away from
-//! that side, `across` from the flight that one takes first to the other one, heights from the lower floor.
+//! Both storeys enter from the same side. In the frame of the stairs, `along` points from that side, `across`
+//! from the first to the second flight, and heights start at the lower floor.
 
 use super::{Finish, facing_light, flat, upright};
 use crate::assembly::Assembly;
@@ -10,7 +10,7 @@ use crate::paint::Paint;
 use crate::plan::{CEILING_M, Plan, STOREY_M};
 use crate::rect::{Rect, Side};
 
-/// Steps of each flight; the last one of each is a landing.
+/// Steps per flight; the last is a landing.
 const STEPS: usize = 9;
 
 /// Height of a step, metres.
@@ -22,10 +22,10 @@ const TREAD_M: f32 = 0.25;
 /// Depth of the landings at the doors, metres.
 const LANDING_M: f32 = 1.1;
 
-/// Width of the wall between the flights, and its height above the steps and the upper floor, metres.
+/// Width of the wall between the flights, and its height above steps and upper floor, metres.
 const SPINE_M: [f32; 2] = [0.1, 0.95];
 
-/// The floor of a stairwell and the side that one enters it from.
+/// Floor of a stairwell and its entry side.
 #[derive(Clone, Copy)]
 struct Well {
     floor: Rect,
@@ -50,7 +50,7 @@ impl Well {
         self.floor.area_m2() / self.width_m()
     }
 
-    /// What the first and the second flight take across.
+    /// Ranges of the first and second flight across.
     fn flights(&self) -> [[f32; 2]; 2] {
         let (width, flight) = (self.width_m(), (self.width_m() - SPINE_M[0]) / 2.0);
         [[0.0, flight], [width - flight, width]]
@@ -66,7 +66,7 @@ impl Well {
         model.quad(flat(rect.x, rect.z, y), paint);
     }
 
-    /// An upright face at `along` that looks back to the door or away from it.
+    /// A vertical face at `along`, towards the door or away from it.
     fn riser(&self, model: &mut Model, along: f32, across: [f32; 2], y: [f32; 2], back: bool, paint: Paint) {
         let rect = self.rect([0.0, along], across);
         let far = self.door.opposite();
@@ -93,7 +93,7 @@ pub(crate) fn landing(plan: &Plan, index: usize) -> Option<Rect> {
     Some(well.rect([0.0, LANDING_M], [0.0, well.width_m()]))
 }
 
-/// Builds the stairs that begin in the room `lower`; heights count from its floor.
+/// Adds the stairs that start in room `lower`, with heights from its floor.
 pub(crate) fn add_stairs(assembly: &mut Assembly, plan: &Plan, lower: usize, finish: &Finish) {
     let Some(well) = Well::of(plan, lower) else { return };
     let mut model = Model::new();
@@ -134,10 +134,10 @@ fn second_flight(model: &mut Model, well: &Well, finish: &Finish) {
     well.riser(model, LANDING_M, beside, [CEILING_M, STOREY_M], false, finish.ceiling);
 }
 
-/// Thickness of the rail on the wall between the flights, and how far it stands out at each side, metres.
+/// Thickness and overhang of the rail on the wall between the flights, metres.
 const RAIL_M: [f32; 2] = [0.05, 0.025];
 
-/// The wall between the flights, as high above the second one as a banister, and the railing of the upper floor.
+/// Adds the banister wall between the flights, and the railing of the upper floor.
 fn banisters(model: &mut Model, well: &Well) {
     let paint = Paint::plain("wood", [224, 218, 206]);
     let [first, second] = well.flights();

@@ -1,4 +1,4 @@
-//! Pictures for walls: each has a ground in a colour of its own and a motif on less than half of it.
+//! Wall pictures: a coloured ground with a motif on less than half of it.
 
 use super::Texture;
 use avln_geom::{Rng, angle};
@@ -15,7 +15,7 @@ pub(crate) struct Art {
     pub(crate) seed: u32,
 }
 
-/// What a picture shows.
+/// Motif of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Motif {
     Circles,
@@ -28,7 +28,7 @@ pub(crate) enum Motif {
     Rays,
 }
 
-/// What a picture is made with.
+/// Technique of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Medium {
     Oil,
@@ -128,7 +128,7 @@ fn length([x, y]: Place) -> f32 {
     (x * x + y * y).sqrt()
 }
 
-/// A range of peaks along the lower edge, with a sun.
+/// Peaks at the lower edge, with a sun.
 fn mountains(shift: f32, size: f32) -> Box<dyn Fn(Place) -> bool> {
     Box::new(move |[x, y]| {
         let peak = |at: f32, height: f32| y < height - (x - at).abs() * 1.1 - 1.0;
@@ -137,7 +137,7 @@ fn mountains(shift: f32, size: f32) -> Box<dyn Fn(Place) -> bool> {
     })
 }
 
-/// A darker or lighter kind of `ground`, now and then another colour of its brightness.
+/// A darker or lighter variant of `ground`, sometimes another colour of equal brightness.
 fn tone(rng: &mut Rng, ground: [u8; 3]) -> [u8; 3] {
     let mixed = |to: f32, share: f32| {
         ground.map(|value| (f32::from(value) * (1.0 - share) + to * share).round() as u8)
@@ -155,7 +155,7 @@ fn tone(rng: &mut Rng, ground: [u8; 3]) -> [u8; 3] {
 }
 
 impl Medium {
-    /// The word for what is made with it.
+    /// Word for the technique.
     pub(crate) fn word(self) -> &'static str {
         match self {
             Self::Oil => "painted",
@@ -167,7 +167,7 @@ impl Medium {
         }
     }
 
-    /// The material that acoustics knows it by.
+    /// Acoustic material.
     pub(crate) fn surface(self) -> &'static str {
         match self {
             Self::Oil | Self::Weaving => "fabric",
@@ -181,7 +181,7 @@ impl Medium {
     pub(crate) const ALL: [Medium; 6] =
         [Self::Oil, Self::Print, Self::Weaving, Self::Panel, Self::Plate, Self::Glaze];
 
-    /// The colour of a texel on its surface, RGBA.
+    /// RGBA colour of a texel.
     fn textured(self, index: u32, rgb: [u8; 3]) -> [u8; 4] {
         let (x, y) = (index % SIZE, index / SIZE);
         let shade = match self {

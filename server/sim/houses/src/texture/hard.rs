@@ -2,7 +2,7 @@
 
 use super::noise::{Noise, SIZE};
 
-/// Boards of `width` rows and `length` columns, each in its own tone, with dark gaps.
+/// Boards of `width` rows and `length` columns with individual tones and dark gaps.
 pub(super) fn boards(noise: &Noise, x: u32, y: u32, width: u32, length: u32) -> f32 {
     let row = y / width;
     let along = x + row * length * 5 / 8;
@@ -12,14 +12,14 @@ pub(super) fn boards(noise: &Noise, x: u32, y: u32, width: u32, length: u32) -> 
     if gap { 0.6 } else { tone - 0.08 * noise.smooth(x, y, 32, 2) }
 }
 
-/// Long wavy lines along u.
+/// Long wavy lines in u direction.
 pub(super) fn grain(noise: &Noise, x: u32, y: u32) -> f32 {
     let bent = y as f32 + 5.0 * noise.smooth(x, y, 32, 32);
     let ring = (bent / 5.0).fract();
     0.98 - 0.12 * noise.smooth(x, y, 32, 2) - if ring < 0.22 { 0.05 } else { 0.0 }
 }
 
-/// Canes along v with a ring every so often.
+/// Canes in v direction with rings.
 pub(super) fn bamboo(noise: &Noise, x: u32, y: u32) -> f32 {
     let across = (x % 8) as f32 / 7.0 * 2.0 - 1.0;
     let ring = (y + (x / 8) * 23) % SIZE < 2;

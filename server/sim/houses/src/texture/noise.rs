@@ -1,6 +1,6 @@
 use avln_geom::Rng;
 
-/// Texels along each side of a pattern.
+/// Texels per side of a pattern.
 pub(super) const SIZE: u32 = 64;
 
 /// Repeatable noise on the texel grid, 0 to 1, that repeats with the picture.

@@ -46,7 +46,7 @@ fn each_sentence(mut check: impl FnMut(&Scene, usize, &Sentence)) {
 }
 
 #[test]
-fn most_things_can_be_told_in_words_and_few_need_many_tries() {
+fn most_objects_have_sentences() {
     let all: Vec<usize> =
         HOUSES.iter().flat_map(|house| &house.sentences).map(|(_, sentences)| sentences.len()).collect();
     let told = all.iter().filter(|&&count| count > 0).count();
@@ -55,7 +55,7 @@ fn most_things_can_be_told_in_words_and_few_need_many_tries() {
 }
 
 #[test]
-fn sentences_are_english_of_the_right_length() {
+fn sentences_have_valid_form_and_length() {
     each_sentence(|_, _, sentence| {
         let text = &sentence.text;
         let words: Vec<&str> = text.split_whitespace().collect();
@@ -75,7 +75,7 @@ fn sentences_are_english_of_the_right_length() {
 }
 
 #[test]
-fn the_words_of_every_claim_are_in_its_sentence() {
+fn sentences_contain_the_words_of_their_claims() {
     each_sentence(|_, _, sentence| {
         assert_eq!(unsaid(&sentence.text, &sentence.claims), None, "{}", sentence.text);
         let places = sentence.claims.list.iter().filter(|claim| matches!(claim, Claim::Place(..))).count();
@@ -93,12 +93,12 @@ fn more_than_forty_frames_are_in_use() {
 }
 
 #[test]
-fn the_same_seed_writes_the_same_sentences() {
+fn equal_seeds_write_equal_sentences() {
     assert_eq!(write(0).sentences, HOUSES[0].sentences);
 }
 
 #[test]
-fn every_sentence_fits_its_own_thing() {
+fn sentences_fit_their_own_object() {
     each_sentence(|scene, index, sentence| {
         let target = &scene.objects[index];
         let own = |claim: &Claim| fits(scene, target, claim, true);
@@ -107,7 +107,7 @@ fn every_sentence_fits_its_own_thing() {
 }
 
 #[test]
-fn no_other_thing_of_the_house_fits_a_sentence() {
+fn sentences_fit_no_other_object() {
     let (mut all, mut judged) = (0, 0);
     each_sentence(|scene, index, sentence| {
         all += 1;

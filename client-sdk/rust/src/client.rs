@@ -1,0 +1,342 @@
+use crate::{
+    Account, ConnectOptions, Error, Packing, Phase, Play, Quota, Run, RunOptions, RunStatus, RunWatch,
+    Sensors, ServerInfo,
+    calls::{TIMEOUT, bearer, persist, plain, signed, unwrap},
+    connection::{Connection, Reconnector, closed},
+    service::phase_to_practise,
+    welcome::Agreement,
+};
+use avln_proto::{
+    API_MINOR, MAX_MESSAGE_BYTES,
+    v1::{
+        self, info_service_client::InfoServiceClient, play_request, play_response::Frame,
+        play_service_client::PlayServiceClient, run_service_client::RunServiceClient,
+    },
+};
+use std::time::Duration;
+use tokio::{sync::mpsc, time::timeout};
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::{Request, Status, Streaming, transport::Channel};
+
+/// Prefix of run tokens.
+const RUN_TOKEN: &str = "avln_run_";
+const PLAY: &str = "open the run's stream";
+
+/// Calls about runs.
+type Runs = RunServiceClient<Channel>;
+
+/// A connection to a server. Clones share it.
+///
+/// A call without an answer due to a lost connection is retried for ten seconds, or for [`ConnectOptions::patience`] if
+/// shorter; a repeated request starts a run only once.
+#[derive(Clone, Debug)]
+pub struct Client {
+    channel: Channel,
+    token: String,
+    packing: Packing,
+    pub(crate) patience: Option<Duration>,
+}
+
+impl Client {
+    /// Connects to `server`, like `http://127.0.0.1:50051`, `https://arena.example:50051` or
+    /// `unix:/run/arena.sock`, and verifies it with the account `token`. An empty token is sufficient for
+    /// [`server_info`](Self::server_info), [`phases`](Self::phases) and a [`Run::from_token`].
+    ///
+    /// # Errors
+    /// If the address is invalid, no server answers within ten seconds, the server is of a different kind, or
+    /// it rejects the token.
+    pub async fn connect(server: impl AsRef<str>, token: impl Into<String>) -> Result<Self, Error> {
+        Self::connect_with(server, token, &ConnectOptions::default()).await
+    }
+
+    /// Connects with options; see [`connect`](Self::connect).
+    ///
+    /// # Errors
+    /// As for [`connect`](Self::connect), or if the file of authorities is invalid.
+    pub async fn connect_with(
+        server: impl AsRef<str>,
+        token: impl Into<String>,
+        options: &ConnectOptions,
+    ) -> Result<Self, Error> {
+        let address = server.as_ref();
+        let (channel, packing) = options.connect(address).await?;
+        let client = Self { channel, token: token.into(), packing, patience: options.patience };
+        client.server_info().await.map_err(|error| not_arena(address, error))?;
+        if !client.token.is_empty() {
+            client.whoami().await?;
+        }
+        Ok(client)
+    }
+
+    /// Connects and starts a run. With a run token it joins that run and ignores `options`, as in a sealed
+    /// run without account access.
+    ///
+    /// # Errors
+    /// As for [`connect_with`](Self::connect_with) and [`start_run`](Self::start_run).
+    pub async fn begin(
+        server: impl AsRef<str>,
+        token: impl Into<String>,
+        connect_options: &ConnectOptions,
+        options: RunOptions,
+    ) -> Result<(Self, Run), Error> {
+        let token = token.into();
+        if token.starts_with(RUN_TOKEN) {
+            return Ok((Self::connect_with(server, "", connect_options).await?, Run::from_token(token)));
+        }
+        let client = Self::connect_with(server, token, connect_options).await?;
+        let run = client.start_run(options).await?;
+        Ok((client, run))
+    }
+
+    /// Returns server information.
+    ///
+    /// # Errors
+    /// If the connection is lost.
+    pub async fn server_info(&self) -> Result<ServerInfo, Error> {
+        let request = plain(v1::GetServerInfoRequest {});
+        let answer = InfoServiceClient::new(self.channel.clone()).get_server_info(request).await;
+        Ok(ServerInfo::from_wire(unwrap("ask what the server is", answer)?))
+    }
+
+    /// Returns the phases visible to the team, in the organiser's order; without a token, the public phases.
+    ///
+    /// # Errors
+    /// If the connection is lost.
+    pub async fn phases(&self) -> Result<Vec<Phase>, Error> {
+        let team = if self.token.is_empty() { None } else { Some(bearer(&self.token)?) };
+        let call = || async {
+            let request = plain(v1::ListPhasesRequest {});
+            let request = match &team {
+                Some(team) => signed(request, team),
+                None => request,
+            };
+            InfoServiceClient::new(self.channel.clone()).list_phases(request).await
+        };
+        let answer = persist("list phases", self.patience, call).await?;
+        Ok(answer.phases.into_iter().map(Phase::from_wire).collect())
+    }
+
+    /// Returns the default phase: the only open phase with uncounted runs, or among several the phase
+    /// `practice`.
+    ///
+    /// # Errors
+    /// If no such phase exists, or the connection is lost.
+    pub async fn practice_phase(&self) -> Result<String, Error> {
+        let (phases, quotas) = (self.phases().await?, self.quota().await?);
+        phase_to_practise(&phases, &quotas).map(|phase| phase.id.clone())
+    }
+
+    /// Returns the account of the token.
+    ///
+    /// # Errors
+    /// If the server rejects the token, or the connection is lost.
+    pub async fn whoami(&self) -> Result<Account, Error> {
+        let ask = |mut runs: Runs, request| async move { runs.who_am_i(request).await };
+        Ok(Account::from_wire(self.ask("ask whose token this is", v1::WhoAmIRequest {}, ask).await?))
+    }
+
+    /// Starts a run; without a phase in `options`, in [`practice_phase`](Self::practice_phase).
+    ///
+    /// # Errors
+    /// If the phase is unknown, closed or forbidden, the quota is used up, the server is full, or the
+    /// connection is lost.
+    pub async fn start_run(&self, options: RunOptions) -> Result<Run, Error> {
+        let options = match options.has_phase() {
+            true => options,
+            false => options.in_phase(self.practice_phase().await?),
+        };
+        let message = options.named().into_wire(client_info());
+        let ask = |mut runs: Runs, request| async move { runs.start_run(request).await };
+        Run::from_wire(self.ask("start a run", message, ask).await?)
+    }
+
+    /// Returns the state of a run.
+    ///
+    /// # Errors
+    /// If the run is unknown, or the connection is lost.
+    pub async fn run(&self, id: &str) -> Result<RunStatus, Error> {
+        let ask = |mut runs: Runs, request| async move { runs.get_run(request).await };
+        let message = v1::GetRunRequest { run: id.to_owned() };
+        RunStatus::from_wire(self.ask("look at a run", message, ask).await?.run)
+    }
+
+    /// Watches a run: returns its state after every change until it ends.
+    ///
+    /// # Errors
+    /// If the run is unknown, or the connection is lost.
+    pub async fn watch(&self, id: &str) -> Result<RunWatch, Error> {
+        let mut request = self.request(v1::WatchRunRequest { run: id.to_owned() })?;
+        request.metadata_mut().remove("grpc-timeout");
+        Ok(RunWatch(unwrap("watch a run", self.runs_client().watch_run(request).await)?))
+    }
+
+    /// The team's runs, newest first.
+    ///
+    /// # Errors
+    /// When the connection is lost.
+    pub async fn runs(&self) -> Result<Vec<RunStatus>, Error> {
+        let ask = |mut runs: Runs, request| async move { runs.list_runs(request).await };
+        let (mut runs, mut page_token) = (Vec::new(), String::new());
+        loop {
+            let message = v1::ListRunsRequest { phase: String::new(), page_size: 200, page_token };
+            let page = self.ask("list runs", message, ask).await?;
+            for run in page.runs {
+                runs.push(RunStatus::from_wire(Some(run))?);
+            }
+            if page.next_page_token.is_empty() {
+                return Ok(runs);
+            }
+            page_token = page.next_page_token;
+        }
+    }
+
+    /// Cancels a run; open episodes end as abandoned.
+    ///
+    /// # Errors
+    /// If the run is unknown, or the connection is lost.
+    pub async fn cancel_run(&self, id: &str) -> Result<RunStatus, Error> {
+        let ask = |mut runs: Runs, request| async move { runs.cancel_run(request).await };
+        let message = v1::CancelRunRequest { run: id.to_owned() };
+        RunStatus::from_wire(self.ask("cancel a run", message, ask).await?.run)
+    }
+
+    /// Returns the remaining quota in all visible phases.
+    ///
+    /// # Errors
+    /// If the connection is lost.
+    pub async fn quota(&self) -> Result<Vec<Quota>, Error> {
+        let ask = |mut runs: Runs, request| async move { runs.get_quota(request).await };
+        let answer = self.ask("ask for the quota", v1::GetQuotaRequest { phase: String::new() }, ask).await?;
+        Ok(answer.quotas.into_iter().map(Quota::from_wire).collect())
+    }
+
+    /// Opens the run stream for a single slot.
+    ///
+    /// # Errors
+    /// If `sensors` are out of range or forbidden, the run has ended, the server rejects this client version
+    /// or violates the protocol, or the connection is lost.
+    pub async fn play(&self, run: &Run, sensors: Sensors) -> Result<Play, Error> {
+        let slots = self.play_slots(run, sensors, 1).await?;
+        slots.into_iter().next().ok_or_else(|| Error::protocol("Welcome grants no slot"))
+    }
+
+    /// Opens the run stream for up to `slots` slots. Returns the granted slots, usable from different tasks.
+    ///
+    /// # Errors
+    /// As for [`play`](Self::play).
+    pub async fn play_slots(&self, run: &Run, sensors: Sensors, slots: u32) -> Result<Vec<Play>, Error> {
+        let wish = slots.max(1);
+        let hello = v1::Hello {
+            run: run.id.clone(),
+            client: Some(client_info()),
+            slots: wish,
+            sensors: Some(sensors.to_wire(self.packing)?),
+            resume: false,
+            known: Vec::new(),
+        };
+        let Greeting::Welcome { requests, responses, welcome } =
+            self.greet(&run.token, hello.clone()).await?
+        else {
+            return Err(Error::protocol("the run ended before it was welcomed"));
+        };
+        let mut agreement = Agreement::new(*welcome, &sensors, self.packing)?;
+        agreement.slots = agreement.slots.min(wish);
+        let reconnector = Reconnector { client: self.clone(), token: run.token.clone(), hello };
+        let (connection, receivers) = Connection::open(agreement, requests, responses, reconnector);
+        Ok((0..).zip(receivers).map(|(slot, events)| Play::new(connection.clone(), slot, events)).collect())
+    }
+
+    /// Opens a stream with this Hello.
+    pub(crate) async fn greet(&self, token: &str, hello: v1::Hello) -> Result<Greeting, Error> {
+        let (requests, outbound) = mpsc::channel(2 * hello.slots.min(64) as usize + 4);
+        let _ = requests.try_send(v1::PlayRequest { frame: Some(play_request::Frame::Hello(hello)) });
+        let request = signed(Request::new(ReceiverStream::new(outbound)), &bearer(token)?);
+        let mut client = PlayServiceClient::new(self.channel.clone())
+            .max_decoding_message_size(MAX_MESSAGE_BYTES)
+            .max_encoding_message_size(MAX_MESSAGE_BYTES);
+        let mut responses = unwrap(PLAY, client.play(request).await)?;
+        let waited = timeout(TIMEOUT, await_welcome(&mut responses)).await;
+        match waited.unwrap_or_else(|_| Err(silent()))? {
+            First::Welcome(welcome) => Ok(Greeting::Welcome { requests, responses, welcome }),
+            First::RunEnd(ends, end) => Ok(Greeting::RunEnd(ends, end)),
+        }
+    }
+
+    /// Makes an idempotent run call, repeated while the answer is lost.
+    async fn ask<M: Clone, A, F>(
+        &self,
+        attempted: &'static str,
+        message: M,
+        call: impl Fn(Runs, Request<M>) -> F,
+    ) -> Result<A, Error>
+    where
+        F: Future<Output = Result<tonic::Response<A>, Status>>,
+    {
+        let team = bearer(&self.token)?;
+        let again = || call(self.runs_client(), signed(plain(message.clone()), &team));
+        persist(attempted, self.patience, again).await
+    }
+
+    fn runs_client(&self) -> Runs {
+        RunServiceClient::new(self.channel.clone())
+    }
+
+    fn request<T>(&self, message: T) -> Result<Request<T>, Error> {
+        Ok(signed(plain(message), &bearer(&self.token)?))
+    }
+}
+
+/// Answer to a Hello.
+pub(crate) enum Greeting {
+    Welcome {
+        requests: mpsc::Sender<v1::PlayRequest>,
+        responses: Streaming<v1::PlayResponse>,
+        welcome: Box<v1::Welcome>,
+    },
+    /// The resumed run has ended, including episodes still open at the client.
+    RunEnd(Vec<v1::EpisodeEnd>, v1::RunEnd),
+}
+
+enum First {
+    Welcome(Box<v1::Welcome>),
+    RunEnd(Vec<v1::EpisodeEnd>, v1::RunEnd),
+}
+
+fn silent() -> Error {
+    let detail = format!("no Welcome within {TIMEOUT:?}");
+    Error::Lost { attempted: PLAY, detail }
+}
+
+fn client_info() -> v1::ClientInfo {
+    v1::ClientInfo {
+        name: "avln-client".to_owned(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        api_minor: API_MINOR,
+    }
+}
+
+async fn await_welcome(responses: &mut Streaming<v1::PlayResponse>) -> Result<First, Error> {
+    let mut ends = Vec::new();
+    loop {
+        let next = responses.message().await.map_err(|status| Error::from_status(PLAY, &status))?;
+        let Some(response) = next else { return Err(closed(PLAY, None)) };
+        match response.frame {
+            Some(Frame::Welcome(welcome)) => return Ok(First::Welcome(Box::new(welcome))),
+            Some(Frame::EpisodeEnd(end)) => ends.push(end),
+            Some(Frame::RunEnd(end)) => return Ok(First::RunEnd(ends, end)),
+            Some(Frame::Fault(fault)) => return Err(Error::from_fault(PLAY, &fault)),
+            Some(Frame::Ping(_) | Frame::Notice(_)) | None => {}
+            Some(_) => return Err(Error::protocol("the first frame was not Welcome")),
+        }
+    }
+}
+
+/// Distinguishes a foreign server from a refusal.
+fn not_arena(address: &str, error: Error) -> Error {
+    let foreign = |detail: String| Error::NotArena { address: address.to_owned(), detail };
+    match error {
+        Error::Refused { reason: v1::Reason::Unspecified, message, .. } => foreign(message),
+        Error::Lost { detail, .. } => foreign(detail),
+        other => other,
+    }
+}

@@ -1,0 +1,160 @@
+//! Connection settings: address and TLS.
+
+use crate::{Error, Packing, error::chain};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint};
+
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
+const KEEP_ALIVE: Duration = Duration::from_secs(30);
+const KEEP_ALIVE_TIMEOUT: Duration = Duration::from_secs(20);
+const STREAM_WINDOW: u32 = 2 << 20;
+const CONNECTION_WINDOW: u32 = 16 << 20;
+/// Kept small: bytes received before the message length is known are copied once more.
+const FRAME_BYTES: u32 = 64 << 10;
+const USER_AGENT: &str = concat!("avln-client/", env!("CARGO_PKG_VERSION"));
+
+/// Prefix of Unix socket addresses; an absolute path follows.
+const UNIX: &str = "unix:";
+
+/// Connection options.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ConnectOptions {
+    /// PEM file with authorities for `https://` servers, instead of the system store.
+    pub ca: Option<PathBuf>,
+    /// Encoding of images and sound; `None`: raw on this machine, lossless otherwise.
+    pub packing: Option<Packing>,
+    /// Reconnection time after a loss; `None`: as permitted by the server, at least three minutes.
+    pub patience: Option<Duration>,
+}
+
+impl ConnectOptions {
+    /// Connects; returns the channel and the encoding.
+    pub(crate) async fn connect(&self, address: &str) -> Result<(Channel, Packing), Error> {
+        let endpoint = self.endpoint(address)?;
+        let is_local = address.starts_with(UNIX);
+        let here =
+            if is_local { Packing::Raw } else { Packing::of_host(endpoint.uri().host().unwrap_or_default()) };
+        let channel = endpoint.connect().await.map_err(|error| unreachable(address, chain(&error)))?;
+        Ok((channel, self.packing.unwrap_or(here)))
+    }
+
+    fn endpoint(&self, address: &str) -> Result<Endpoint, Error> {
+        let wrong =
+            |problem: &str| Error::Address { address: address.to_owned(), problem: problem.to_owned() };
+        let secure = match address.split_once("://") {
+            Some(("http", _)) => false,
+            Some(("https", _)) => true,
+            _ if address.strip_prefix(UNIX).is_some_and(|path| path.starts_with('/')) => false,
+            Some((scheme, _)) => {
+                return Err(wrong(&format!("the scheme '{scheme}' is not one that it knows")));
+            }
+            None => return Err(wrong("the scheme is missing")),
+        };
+        let endpoint = Endpoint::from_shared(address.to_owned()).map_err(|error| wrong(&chain(&error)))?;
+        let endpoint = endpoint
+            .user_agent(USER_AGENT)
+            .map_err(|error| wrong(&chain(&error)))?
+            .connect_timeout(CONNECT_TIMEOUT)
+            .tcp_nodelay(true)
+            .initial_stream_window_size(STREAM_WINDOW)
+            .initial_connection_window_size(CONNECTION_WINDOW)
+            .max_frame_size(FRAME_BYTES)
+            .http2_keep_alive_interval(KEEP_ALIVE)
+            .keep_alive_timeout(KEEP_ALIVE_TIMEOUT);
+        if secure { self.secure(address, endpoint) } else { Ok(endpoint) }
+    }
+
+    fn secure(&self, address: &str, endpoint: Endpoint) -> Result<Endpoint, Error> {
+        let refused = |problem| Error::Tls { address: address.to_owned(), problem };
+        let config = match &self.ca {
+            Some(file) => ClientTlsConfig::new().ca_certificate(authorities(file).map_err(refused)?),
+            None => ClientTlsConfig::new().with_native_roots(),
+        };
+        endpoint.tls_config(config).map_err(|error| {
+            let from =
+                self.ca.as_ref().map_or("of the system".to_owned(), |file| format!("in {}", file.display()));
+            refused(format!(
+                "the authorities {from} are no use: {}; give a PEM file with --ca or AVLN_CA",
+                chain(&error)
+            ))
+        })
+    }
+}
+
+fn authorities(file: &Path) -> Result<Certificate, String> {
+    let pem = fs::read(file)
+        .map_err(|error| format!("cannot read the authorities in {}: {error}", file.display()))?;
+    let holds_one = pem.windows(BEGIN.len()).any(|words| words == BEGIN);
+    if holds_one {
+        Ok(Certificate::from_pem(pem))
+    } else {
+        Err(format!("{} holds no certificate; give a PEM file", file.display()))
+    }
+}
+
+const BEGIN: &[u8] = b"-----BEGIN CERTIFICATE-----";
+
+/// Network error with a next step for known causes.
+fn unreachable(address: &str, detail: String) -> Error {
+    let advice = [
+        ("InvalidContentType", "nothing there speaks TLS; write http:// in the address"),
+        (
+            "UnknownIssuer",
+            "its certificate comes from an authority that is not known here; give that authority's PEM file with --ca or AVLN_CA",
+        ),
+        ("CaUsedAsEndEntity", "its certificate is that of an authority; have one issued for the server"),
+        (
+            "not valid for name",
+            "its certificate is for another name; write the name that it was issued for in the address",
+        ),
+        ("Expired", "its certificate has expired; tell its organiser"),
+        ("NotValidYet", "its certificate is not valid yet; check this machine's clock"),
+        (
+            "BadSignature",
+            "its certificate is not signed by an authority that is known here; give that authority's PEM file with --ca or AVLN_CA",
+        ),
+    ];
+    let address = address.to_owned();
+    match advice.iter().find(|(word, _)| detail.contains(word)) {
+        Some((_, advice)) => Error::Tls { address, problem: format!("{advice} ({detail})") },
+        None => Error::Unreachable { address, detail },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn problem(link: &ConnectOptions, address: &str) -> String {
+        link.endpoint(address).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn addresses_that_cannot_work_say_how_to_write_them() {
+        for address in ["localhost:50051", "ftp://x", "http://", "http://a b", "unix:", "unix:relative.sock"]
+        {
+            let text = problem(&ConnectOptions::default(), address);
+            assert!(text.contains(address) && text.contains("http://127.0.0.1:50051"), "{text}");
+        }
+        for address in ["http://localhost:50051", "unix:/run/arena.sock", "unix:///run/arena.sock"] {
+            assert!(ConnectOptions::default().endpoint(address).is_ok(), "{address}");
+        }
+    }
+
+    #[test]
+    fn files_of_authorities_that_are_no_use_are_named() {
+        let missing = ConnectOptions { ca: Some("no-such-file.pem".into()), ..ConnectOptions::default() };
+        let text = problem(&missing, "https://arena.example");
+        assert!(text.contains("no-such-file.pem") && text.contains("cannot read"), "{text}");
+        let wrong = ConnectOptions {
+            ca: Some(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml").into()),
+            ..ConnectOptions::default()
+        };
+        let text = problem(&wrong, "https://arena.example");
+        assert!(text.contains("Cargo.toml") && text.contains("no certificate"), "{text}");
+    }
+}

@@ -1,0 +1,260 @@
+//! The connection of a run: a task reads the stream, answers pings, passes frames to slots, and reconnects
+//! after a loss.
+
+use crate::{
+    Client, Error, Notice, backoff::Backoff, client::Greeting, resend_buffer::ResendBuffer,
+    welcome::Agreement,
+};
+use avln_proto::v1::{self, play_request, play_response::Frame};
+use std::{
+    mem,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::Duration,
+};
+use tokio::{
+    sync::mpsc,
+    task::JoinHandle,
+    time::{Instant, sleep},
+};
+use tonic::{Status, Streaming};
+
+/// Limit of stored notices.
+const MAX_NOTICES: usize = 64;
+/// Queued frames per slot. A slot has a single observation in flight, so more indicates a server fault.
+const SLOT_QUEUE: usize = 8;
+/// Minimum reconnection time by default: a restarting server has to load scenes.
+const PATIENCE: Duration = Duration::from_secs(180);
+
+/// Event of a slot.
+#[derive(Debug)]
+pub(crate) enum Event {
+    Start(Box<v1::EpisodeStart>),
+    Observation(Box<v1::Observation>),
+    End(v1::EpisodeEnd),
+    Fault(v1::Fault),
+    RunEnd(v1::RunEnd),
+    /// No further events: end of the stream.
+    Closed(Option<Error>),
+}
+
+/// The connection that the slots of a run share. Dropping the last of them closes it without a Goodbye.
+#[derive(Debug)]
+pub(crate) struct Connection {
+    pub(crate) agreement: Agreement,
+    state: Arc<Mutex<State>>,
+    reader: JoinHandle<()>,
+}
+
+#[derive(Debug)]
+struct State {
+    requests: mpsc::Sender<v1::PlayRequest>,
+    buffer: ResendBuffer,
+    notices: Vec<Notice>,
+}
+
+/// Data for resuming a run.
+#[derive(Debug)]
+pub(crate) struct Reconnector {
+    pub(crate) client: Client,
+    pub(crate) token: String,
+    /// The Hello that opened the run's first stream.
+    pub(crate) hello: v1::Hello,
+}
+
+impl Drop for Connection {
+    fn drop(&mut self) {
+        self.reader.abort();
+    }
+}
+
+impl Connection {
+    /// Starts to read `responses`; returns a receiver per slot. A lost stream is reopened if the server
+    /// permits resuming.
+    pub(crate) fn open(
+        agreement: Agreement,
+        requests: mpsc::Sender<v1::PlayRequest>,
+        responses: Streaming<v1::PlayResponse>,
+        reconnector: Reconnector,
+    ) -> (Arc<Self>, Vec<mpsc::Receiver<Event>>) {
+        let (slots, receivers) = (0..agreement.slots).map(|_| mpsc::channel(SLOT_QUEUE)).unzip();
+        let buffer = ResendBuffer::new(agreement.slots);
+        let state = Arc::new(Mutex::new(State { requests, buffer, notices: Vec::new() }));
+        let wanted = reconnector.client.patience;
+        let patience = (!agreement.may_be_away.is_zero())
+            .then(|| wanted.unwrap_or_else(|| agreement.may_be_away.max(PATIENCE)));
+        let reader = Reader { state: state.clone(), slots, reconnector, patience };
+        let reader = tokio::spawn(reader.run(responses));
+        (Arc::new(Self { agreement, state, reader }), receivers)
+    }
+
+    /// Sends a frame, after a loss on the next stream. A final loss is reported as [`Event::Closed`] to the
+    /// receiver.
+    pub(crate) async fn send(&self, frame: play_request::Frame) {
+        let requests = {
+            let mut state = lock(&self.state);
+            state.buffer.sending(&frame);
+            state.requests.clone()
+        };
+        let _ = requests.send(v1::PlayRequest { frame: Some(frame) }).await;
+    }
+
+    /// Takes the notices that arrived since the last call.
+    pub(crate) fn take_notices(&self) -> Vec<Notice> {
+        mem::take(&mut lock(&self.state).notices)
+    }
+}
+
+fn lock(state: &Mutex<State>) -> MutexGuard<'_, State> {
+    state.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+struct Reader {
+    state: Arc<Mutex<State>>,
+    slots: Vec<mpsc::Sender<Event>>,
+    reconnector: Reconnector,
+    /// Reconnection time; `None` disables reconnection.
+    patience: Option<Duration>,
+}
+
+impl Reader {
+    async fn run(self, mut responses: Streaming<v1::PlayResponse>) {
+        loop {
+            let end = self.read(&mut responses).await;
+            match self.come_back(end).await {
+                Ok(again) => responses = again,
+                Err(end) => return self.to_all(|| Event::Closed(end.clone())).await,
+            }
+        }
+    }
+
+    /// Reads until the end of the stream and returns its status: `None` for success.
+    async fn read(&self, responses: &mut Streaming<v1::PlayResponse>) -> Option<Status> {
+        loop {
+            match responses.message().await {
+                Ok(Some(response)) => self.deliver(response).await,
+                Ok(None) => return None,
+                Err(status) => return Some(status),
+            }
+        }
+    }
+
+    /// Reconnects until the server answers; returns the original end on failure.
+    async fn come_back(&self, end: Option<Status>) -> Result<Streaming<v1::PlayResponse>, Option<Error>> {
+        let end = end.map(|status| Error::from_status("play", &status));
+        let lost = end.as_ref().is_none_or(Error::is_passing) && !lock(&self.state).buffer.is_over();
+        let Some(patience) = self.patience.filter(|_| lost) else { return Err(end) };
+        let until = Instant::now() + patience;
+        let mut backoff = Backoff::new();
+        loop {
+            match self.dial().await {
+                Ok(Some(responses)) => return Ok(responses),
+                Ok(None) => return Err(end),
+                Err(error) if !error.is_passing() || Instant::now() >= until => return Err(Some(error)),
+                Err(error) => sleep(backoff.after(&error)).await,
+            }
+        }
+    }
+
+    /// Opens the next stream and resends unanswered frames; `None` if the run has ended in the meantime.
+    async fn dial(&self) -> Result<Option<Streaming<v1::PlayResponse>>, Error> {
+        let known = lock(&self.state).buffer.known();
+        let hello = v1::Hello { resume: true, known, ..self.reconnector.hello.clone() };
+        match self.reconnector.client.greet(&self.reconnector.token, hello).await? {
+            Greeting::RunEnd(ends, end) => {
+                for end in ends {
+                    self.to(end.slot, Event::End(end)).await;
+                }
+                self.to_all(|| Event::RunEnd(end.clone())).await;
+                Ok(None)
+            }
+            Greeting::Welcome { requests, responses, welcome } => {
+                let again = {
+                    let mut state = lock(&self.state);
+                    state.requests = requests.clone();
+                    state.buffer.to_repeat(&welcome.resumed)
+                };
+                for frame in again {
+                    let _ = requests.send(v1::PlayRequest { frame: Some(frame) }).await;
+                }
+                Ok(Some(responses))
+            }
+        }
+    }
+
+    async fn deliver(&self, response: v1::PlayResponse) {
+        let Some(frame) = response.frame else { return };
+        let (gone, is_new) = {
+            let mut state = lock(&self.state);
+            let gone = matches!(&frame, Frame::Fault(fault) if state.buffer.is_gone(fault));
+            (gone, state.buffer.arrived(&frame))
+        };
+        match frame {
+            Frame::EpisodeStart(start) => self.to(start.slot, Event::Start(Box::new(start))).await,
+            Frame::Observation(seen) if is_new => {
+                self.to(seen.slot, Event::Observation(Box::new(seen))).await;
+            }
+            Frame::EpisodeEnd(end) => self.to(end.slot, Event::End(end)).await,
+            Frame::Fault(fault) => self.deliver_fault(fault, gone).await,
+            Frame::RunEnd(end) => self.to_all(|| Event::RunEnd(end.clone())).await,
+            Frame::Ping(ping) => self.answer(&ping),
+            Frame::Notice(notice) => self.note(notice),
+            // A second Welcome and duplicates are ignored.
+            Frame::Welcome(_) | Frame::Observation(_) => {}
+        }
+    }
+
+    async fn deliver_fault(&self, fault: v1::Fault, gone: bool) {
+        let passing = fault.reason() == v1::Reason::Draining && self.patience.is_some();
+        match fault.slot {
+            Some(slot) if gone => self.to(slot, Event::End(lost_by_the_server(fault))).await,
+            Some(slot) => self.to(slot, Event::Fault(fault)).await,
+            // The end of the stream reports it, and the next stream continues.
+            None if passing => {}
+            None => self.to_all(|| Event::Fault(fault.clone())).await,
+        }
+    }
+
+    async fn to(&self, slot: u32, event: Event) {
+        if let Some(sender) = self.slots.get(slot as usize) {
+            let _ = sender.send(event).await; // a slot that nobody reads any more misses nothing
+        }
+    }
+
+    async fn to_all(&self, event: impl Fn() -> Event) {
+        for sender in &self.slots {
+            let _ = sender.send(event()).await;
+        }
+    }
+
+    /// A Pong is not required to stay connected, so it is dropped if the queue is full.
+    fn answer(&self, ping: &v1::Ping) {
+        let frame = play_request::Frame::Pong(v1::Pong { nonce: ping.nonce });
+        let _ = lock(&self.state).requests.try_send(v1::PlayRequest { frame: Some(frame) });
+    }
+
+    fn note(&self, notice: v1::Notice) {
+        let notices = &mut lock(&self.state).notices;
+        if notices.len() < MAX_NOTICES {
+            notices.push(Notice { message: notice.message, effective_unix_ms: notice.effective_unix_ms });
+        }
+    }
+}
+
+/// End of an episode that the server could not restore; it is reissued.
+fn lost_by_the_server(fault: v1::Fault) -> v1::EpisodeEnd {
+    v1::EpisodeEnd {
+        slot: fault.slot.unwrap_or_default(),
+        episode: fault.episode,
+        step: fault.step,
+        reason: v1::EndReason::ServerFault.into(),
+        ..v1::EpisodeEnd::default()
+    }
+}
+
+/// Turns the end of the stream into the error of the pending call.
+pub(crate) fn closed(attempted: &'static str, end: Option<Error>) -> Error {
+    match end {
+        Some(error) => error.while_attempting(attempted),
+        None => Error::Lost { attempted, detail: "the server ended the stream without a reason".to_owned() },
+    }
+}
